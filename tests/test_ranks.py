@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -98,11 +99,62 @@ def test_the_command_on_ranks(tmp_path):
 
 def test_a_mistake_is_one_line(tmp_path):
     gb.write(tmp_path / "a.npz", cube(4))
-    run = mpirun(2, *COMMAND, "a.npz", "-o", "a.png", "--preset", "water", cwd=tmp_path)
+    words = [*COMMAND, "a.npz", "-o", "a.png", "--preset", "water", "--ranks", "pieces"]
+    run = mpirun(2, *words, cwd=tmp_path)
     assert run.returncode != 0
     assert run.stderr.count("globule: error: ") == 1
     assert "--preset" in run.stderr
     assert not (tmp_path / "a.png").exists()
+
+
+def test_light_that_turns_is_replicated(tmp_path):
+    """By itself; the same file as one rank writes."""
+    gb.write(tmp_path / "a.npz", cube(5))
+    words = [*COMMAND, "a.npz", "--size", "140x100", "--support", "0.3", "--threads", "1",
+             "--shadows", "--reflection", "0.3", "--ambient-rays", "1"]  # fmt: skip
+    assert mpirun(1, *words, "-o", "one.png", cwd=tmp_path).returncode == 0
+    run = mpirun(3, *words, "-o", "many.png", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("many.png") == 1
+    assert "pieces" not in run.stderr
+    assert (tmp_path / "one.png").read_bytes() == (tmp_path / "many.png").read_bytes()
+
+
+def test_images_of_a_sequence_are_dealt(tmp_path):
+    """The first file has no particles: support and camera come from the second, on every rank."""
+    particles = cube(5)
+    for k in range(6):
+        moved = gb.Particles(particles.positions * (1 + 0.05 * k) if k else np.empty((0, 3)))
+        gb.write(tmp_path / f"f_{k}.npz", moved)
+    words = [*COMMAND, "f_*.npz", "--size", "60x40", "--color-by", "x", "--threads", "1"]
+    assert mpirun(1, *words, "-o", "one_%d.png", cwd=tmp_path).returncode == 0
+    run = mpirun(3, *words, "-o", "many_%d.png", "--json", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    report = json.loads(run.stdout)
+    assert report["images"] == [f"many_{k}.png" for k in range(6)]
+    for k in range(6):
+        one, many = (tmp_path / f"{name}_{k}.png" for name in ("one", "many"))
+        assert one.read_bytes() == many.read_bytes()
+    (tmp_path / "many_3.png").unlink()
+    times = {k: (tmp_path / f"many_{k}.png").stat().st_mtime_ns for k in (1, 5)}
+    run = mpirun(3, *words, "-o", "many_%d.png", "--resume", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert (tmp_path / "many_3.png").read_bytes() == (tmp_path / "one_3.png").read_bytes()
+    assert all((tmp_path / f"many_{k}.png").stat().st_mtime_ns == t for k, t in times.items())
+
+
+def test_a_movie_of_ranks(tmp_path):
+    pytest.importorskip("av")
+    for k in range(4):
+        gb.write(tmp_path / f"f_{k}.npz", gb.Particles(cube(4).positions * (1 + 0.1 * k)))
+    words = [*COMMAND, "f_*.npz", "--size", "60x40", "--support", "0.5", "--threads", "1"]
+    run = mpirun(2, *words, "-o", "a.mp4", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("a.mp4: 4 frames") == 1
+    from globule.formats.pictures.video import movie_facts
+
+    assert movie_facts(tmp_path / "a.mp4")[0] == 4
+    assert not (tmp_path / "a.mp4.frames").exists()
 
 
 def test_a_rank_that_fails_ends_the_run(tmp_path):

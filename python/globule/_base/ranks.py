@@ -6,7 +6,8 @@ All three have the same methods; all ranks must call each of them.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -187,6 +188,45 @@ def ranks_of(comm: Any) -> Alone:
     if comm is None:
         return Alone()
     return comm if isinstance(comm, Alone) else Ranks(comm)
+
+
+def dealt(comm: Any, n: int) -> Iterator[int]:
+    """0 to n - 1, dealt to the ranks of an mpi4py communicator: each gets the next number when it
+    asks for it. All ranks must go on to the end."""
+    from mpi4py import MPI
+
+    if MPI.Query_thread() < MPI.THREAD_MULTIPLE:  # nobody can deal while rank 0 works
+        yield from range(comm.Get_rank(), n, comm.Get_size())
+        return
+    own, numbers, lock = comm.Dup(), iter(range(n)), threading.Lock()
+
+    def following() -> int | None:
+        with lock:
+            return next(numbers, None)
+
+    def deal() -> None:
+        status, asking = MPI.Status(), own.Get_size() - 1
+        while asking:
+            if not own.Iprobe(status=status):
+                time.sleep(0.002)  # no busy loop beside rank 0's own work
+                continue
+            own.recv(source=status.source)
+            number = following()
+            own.send(number, status.source)
+            asking -= number is None
+
+    dealer = None
+    if own.Get_rank() == 0:
+        dealer = threading.Thread(target=deal, name="deal", daemon=True)
+        dealer.start()
+    while True:
+        number = following() if dealer else own.sendrecv(None, 0, source=0)
+        if number is None:
+            break
+        yield number
+    if dealer:
+        dealer.join()
+    own.Free()
 
 
 def local_rank(comm: Any) -> int:

@@ -50,8 +50,10 @@ def picture(
     image: str,
     aov: str | None,
     cameras: Callable[[Any, Any], list[Camera]],
+    comm: Any = None,
 ) -> dict[str, Any] | None:
-    """Make the image of one file, and return its report; None if the image is there already.
+    """Make the image of one file, and return its report; None if the image is there already, or
+    another rank of comm has it.
 
     cameras: of a scene and the points around, those of all views.
     """
@@ -72,7 +74,9 @@ def picture(
         views = series.cameras(i, scene, cameras)
     if series.finished(image, aov):
         return None
-    frames, trace_seconds = _traced(options, lit, notes, progress, path, scene, views, thesis)
+    frames, trace_seconds = _traced(options, lit, notes, progress, path, scene, views, thesis, comm)
+    if comm is not None and comm.rank:
+        return None
     hits = sum(int(frame.mask.sum()) for frame in frames)
     messages += lit.messages + _notices(options, lit, thesis, subject, hits)
     progress.step(f"writing {image}")
@@ -209,6 +213,7 @@ def _traced(
     scene: Scene | Mesh,
     views: Sequence[Camera],
     thesis: Thesis | None,
+    comm: Any,
 ) -> tuple[list[Frame], float]:
     """A frame for each view of a scene with all that the options put beside it, and the device's
     seconds."""
@@ -219,11 +224,16 @@ def _traced(
         if settings.samples > 1:
             first = dataclasses.replace(first, edge_samples=0)
         layers = lit.layers(scene)
-        frames = [render(layers, view, notes.size, first, thesis=thesis) for view in views]
+        frames = [
+            render(layers, view, notes.size, first, thesis=thesis, comm=comm) for view in views
+        ]
         seconds = sum(frame.trace_seconds for frame in frames)
         for k in range(2, settings.samples + 1):  # one by one, for progress and Ctrl-C
             progress.show(f"tracing {path}: sample {k} of {settings.samples}")
             seconds += sum(frame.refine().trace_seconds for frame in frames)
+        if comm is not None and settings.transparent:
+            for frame in frames:
+                frame.alpha  # noqa: B018  found by all ranks together
     return frames, seconds
 
 

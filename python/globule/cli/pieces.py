@@ -6,7 +6,6 @@ import argparse
 import contextlib
 import os
 import re
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -44,20 +43,6 @@ def memory(text: str) -> float:
     return value
 
 
-def communicator() -> Any:
-    """The ranks that mpiexec or srun has started this process as one of; None: it is alone."""
-    names = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "PMIX_SIZE", "MPI_LOCALNRANKS")
-    if max((int(os.environ.get(n, "1")) for n in names), default=1) < 2:
-        return None
-    try:
-        from mpi4py import MPI
-    except ImportError:
-        raise UserError(
-            'several ranks: expected mpi4py, which is not installed; pip install "globule[mpi]"'
-        ) from None
-    return MPI.COMM_WORLD if MPI.COMM_WORLD.size > 1 else None
-
-
 def wanted(options: argparse.Namespace) -> bool:
     """Whether the image is made of pieces: on several ranks, or where memory does not suffice."""
     if options.memory is None or len(options.particles) > 1:
@@ -77,33 +62,6 @@ def wanted(options: argparse.Namespace) -> bool:
         n = ranges(path).n
     # Smooth surfaces take most; the file's own arrays are read besides.
     return resident_bytes() + held + n * BYTES["smooth"] > options.memory
-
-
-@contextlib.contextmanager
-def together(comm: Any) -> Iterator[None]:
-    """One line for a mistake on the ranks: of all ranks, rank 0 says it; of one, this rank names
-    itself and ends the run."""
-    if comm is None:
-        yield
-        return
-    own = comm.Dup()
-    try:
-        yield
-    except (Exception, KeyboardInterrupt) as error:
-        request = own.Ibarrier()
-        until = time.monotonic() + 3.0
-        while time.monotonic() < until:
-            if request.Test():  # every rank has failed: nobody waits for anybody
-                if comm.rank == 0:
-                    say(f"error: {str(error) or type(error).__name__}")
-                    sys.stderr.flush()
-                own.Barrier()  # the launcher ends all ranks as soon as the first one leaves
-                os._exit(2)
-            time.sleep(0.02)
-        say(f"error: rank {comm.rank}: {str(error) or type(error).__name__}")
-        sys.stderr.flush()
-        own.Abort(2)
-    # Where others fail after this rank is done, they end the run.
 
 
 def _share(path: str, comm: Any) -> Source:
@@ -196,9 +154,3 @@ def _camera(
         return Camera(options.eye, middle, options.up, towards["fov"], options.ortho)
     base = fit(pieces, size, **towards)
     return Camera(base.eye, base.look_at, options.up, towards["fov"], options.ortho)
-
-
-def uses(comm: Any, options: argparse.Namespace) -> bool:
-    """Whether the ranks share one image, rather than the images of a sequence."""
-    path = options.particles[0]
-    return comm is not None and len(options.particles) == 1 and kind_of(path).kind == "particles"

@@ -17,8 +17,8 @@ particles of all files, and --color-by covers the values of all files. For both,
 reads every file once more beforehand; --eye and --range avoid this. A movie needs PyAV:
 pip install "globule[video]" (its wheel contains FFmpeg with x264, under the GPL).
 
-`mpiexec -n 4 globule render huge.h5 -o huge.png` makes one image on four ranks; it needs
-pip install "globule[mpi]".
+`mpiexec -n 4 globule render huge.h5 -o huge.png` makes one image on four ranks; several files are
+dealt to the ranks one by one. It needs pip install "globule[mpi]".
 
 --camera-path reads key frames in TOML:
   [[key]]
@@ -47,7 +47,7 @@ from ..render.views import view_cameras
 from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
-from . import annotation, flags, light, look, meshes, pieces, sequence, state, tracing
+from . import annotation, flags, light, look, meshes, pieces, ranks, sequence, state, tracing
 from .image import picture
 from .parser import Parser
 from .shared import (
@@ -194,6 +194,14 @@ def add_arguments(parser: Parser) -> None:
     machine = parser.add_argument_group("machine")
     flags.add_device(machine)
     machine.add_argument(
+        "--ranks",
+        choices=ranks.MODES,
+        metavar="NAME",
+        help="what each rank of mpiexec has of one image: replicate (all particles, and some of "
+        "the pixels) or pieces (a part of the particles; light makes no turns) (default: pieces, "
+        "or replicate where light turns)",
+    )
+    machine.add_argument(
         "--memory",
         type=pieces.memory,
         metavar="SIZE",
@@ -206,8 +214,8 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run `globule render`."""
-    comm = pieces.communicator()
-    with pieces.together(comm):
+    comm = ranks.communicator()
+    with ranks.together(comm):
         _run(options, comm)
 
 
@@ -218,19 +226,19 @@ def _run(options: argparse.Namespace, comm: Any) -> None:
     if options.look_at and not options.eye:
         raise UserError("--look-at: expected --eye beside --look-at, got none")
     notes = annotation.Notes(options)
-    series = sequence.Series(options)
+    series = sequence.Series(options, comm)
     with mistakes():
         # Mistakes in everything but the particles show before any work.
         lit = light.Light(options)
         thesis = tracing.settle(options)
         camera(options, None, notes)
-    if comm is not None and len(options.particles) > 1:
-        raise UserError(
-            f"several ranks: expected one file for one image, got {len(options.particles)}"
-        )
     images, arrays = outputs(options, series.images())
+    if comm is not None:
+        ranks.settle(options, comm)
     check_device(options)
-    if pieces.uses(comm, options) or pieces.wanted(options):
+    together = comm if len(images) == 1 else None  # on one image, not on images of their own
+    split = together is not None and not ranks.replicates(options, lit)
+    if split or (comm is None and pieces.wanted(options)):
         towards = _towards(options, None)
         pieces.run(options, lit, notes, images[0], arrays[0], comm, towards)
         return
@@ -240,8 +248,12 @@ def _run(options: argparse.Namespace, comm: Any) -> None:
         for i, path, image, aov in series.pictures(images, arrays):
             look_at = functools.partial(cameras, options, lit, notes)
             job = options, lit, notes, thesis, progress, series
-            report = picture(*job, i, path, image, aov, look_at)
+            report = picture(*job, i, path, image, aov, look_at, together)
             reports += [report] if report else []
+        if comm is not None and not together:
+            reports = sequence.of_all_ranks(comm, reports)
+        if comm is not None and comm.rank:
+            return
         series.finish(progress)
     if series.movie or not reports:
         series.report(images, reports, time.perf_counter() - start)

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from .._base.ranks import dealt
 from ..formats.pictures.video import need_av
 from ..render.camera import Camera
 from ..render.camera_path import CameraPath, orbit
-from ..render.sequence import KeptScene, MovieFrames, find_files, is_whole, read_ahead
+from ..render.sequence import KeptScene, MovieFrames, find_files, is_whole, natural, read_ahead
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
@@ -58,11 +59,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 class Series:
     """The images of one run: files read ahead, and one scene, camera and color range for all.
 
-    `options.particles` becomes the list of files, one per image.
+    `options.particles` becomes the list of files, one per image. On the ranks of `comm` the images
+    are dealt one by one.
     """
 
-    def __init__(self, options: argparse.Namespace):
-        self.options = options
+    def __init__(self, options: argparse.Namespace, comm: Any = None):
+        self.options, self.comm = options, comm
+        self._looking = False  # at a file that another rank may draw
         self.path: CameraPath | None = None
         self.movie: MovieFrames | None = None
         self._kept = KeptScene()
@@ -109,6 +112,8 @@ class Series:
         if len(files) == 1 or not (fit or span):
             return
         lows, highs, values = [], [], [np.inf, -np.inf]
+        if self.comm is not None:
+            files = files[self.comm.rank :: self.comm.size]
         found = read_ahead(_try_to_read(path, options) for path in files)
         for path, particles in zip(files, found, strict=True):
             progress.show(f"looking at {path}")
@@ -126,6 +131,10 @@ class Series:
                     continue
                 known = known[np.isfinite(known) & _finite(points)]
                 values = [known.min(initial=values[0]), known.max(initial=values[1])]
+        if self.comm is not None:
+            everyone = self.comm.allgather((lows, highs, values))
+            lows, highs = ([one for part in everyone for one in part[k]] for k in (0, 1))
+            values = [min(v[2][0] for v in everyone), max(v[2][1] for v in everyone)]
         if fit and lows:
             box = np.min(lows, axis=0), np.max(highs, axis=0)
             self.box = np.array(np.meshgrid(*zip(*box, strict=True))).reshape(3, -1).T
@@ -143,6 +152,9 @@ class Series:
         todo = [i for i in range(len(files)) if not self.finished(images[i], arrays[i])]
         if not todo:
             return
+        if self.comm is not None and len(files) > 1:
+            yield from self._dealt(todo, images, arrays)
+            return
         todo = sorted({0, *todo})
         if len(set(files)) == 1:
             self._ahead = itertools.repeat(_read(files[0], self.options))
@@ -151,12 +163,39 @@ class Series:
         for i in todo:
             yield i, files[i], images[i], arrays[i]
 
+    def _dealt(
+        self, todo: list[int], images: list[str], arrays: list[str | None]
+    ) -> Iterator[tuple[int, str, str, str | None]]:
+        """This rank's images, of those to do."""
+        files = self.options.particles
+
+        def one(i: int) -> tuple[int, str, str, str | None]:
+            self._ahead = (_read(path, self.options) for path in files[i : i + 1])
+            return i, files[i], images[i], arrays[i]
+
+        # Support and camera come from the first file that has particles, on every rank.
+        self._looking = True
+        for i in range(len(files)):
+            yield one(i)
+            if self._kept.scene is None or self._kept.settled:
+                break
+        self._looking = False
+        if self.comm.rank == 0:
+            self.prepare()
+        self.comm.Barrier()
+        if self.movie:
+            self.movie.keep()
+        for k in dealt(self.comm, len(todo)):
+            yield one(todo[k])
+
     def read(self) -> tuple[Particles | Mesh, list[str]]:
         """The particles or the mesh of the current image, and messages about them."""
         return next(self._ahead)
 
     def finished(self, image: str, aov: str | None) -> bool:
-        """Whether --resume is given and an earlier run has finished this image."""
+        """Whether this run need not make the image: --resume is given and an earlier one has."""
+        if self._looking:
+            return True
         if not self.options.resume or not is_whole(image, self.options.size):
             return False
         return aov is None or zipfile.is_zipfile(aov)
@@ -225,6 +264,12 @@ class Series:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind and self.movie and (n := len(self.movie.finished())):
             say(f"note: {n} finished images are in {self.movie.folder}; --resume continues")
+
+
+def of_all_ranks(comm: Any, reports: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The reports of all ranks' images, on rank 0, in the images' order."""
+    found = [one for part in comm.gather(reports) or [] for one in part]
+    return sorted(found, key=lambda report: natural(report["images"][0]))
 
 
 def _camera_path(options: argparse.Namespace) -> CameraPath:

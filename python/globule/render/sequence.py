@@ -148,14 +148,16 @@ class KeptScene:
     def __init__(self) -> None:
         self.scene: Scene | None = None
         self.first = True  # whether the scene was made for the frame that it shows now
+        self.settled = False  # whether a frame with particles has made it
 
     def show(self, particles: Particles, make: Callable[[Particles], Scene]) -> Scene:
         """The scene with these particles: made at the first frame that has any, updated after."""
         # Without particles no support could be measured, and no camera found.
         scene = self.scene
-        self.first = scene is None or scene.octree.n_inside == 0
+        self.first = not self.settled
         if scene is None or self.first:
             self.scene = scene = make(particles)
+            self.settled = scene.octree.n_inside > 0
         else:
             scene.update(particles)
         return scene
@@ -199,6 +201,10 @@ class MovieFrames:
             os.unlink(file)
         if os.path.isdir(self.folder) and not os.listdir(self.folder):
             os.rmdir(self.folder)
+
+    def keep(self) -> None:
+        """Keep the images that are there: another process has opened the folder."""
+        self._stale = False
 
     def open(self) -> None:
         """Make the folder; late, so that a mistake in the first file changes nothing."""

@@ -1,0 +1,122 @@
+"""The ranks of mpiexec or srun: how `globule render` shares out its work among them."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import os
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from .._base.device import choose, of_rank
+from .._base.memory import free_bytes
+from ..formats.kind import kind_of
+from ..formats.ranges import has_ranges, ranges
+from ..pieces.scene import BYTES
+from ..pieces.shading import check
+from ..render.settings import RenderSettings
+from . import light
+from .pieces import NOT_WITH_PIECES
+from .shared import UserError, mistakes, say
+
+MODES = ("replicate", "pieces")
+LIGHT_BYTES = 120  # a particle: the cells that light needs, measured on a CPU
+
+
+def communicator() -> Any:
+    """The ranks that mpiexec or srun has started this process as one of; None: it is alone."""
+    names = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "PMIX_SIZE", "MPI_LOCALNRANKS")
+    if max((int(os.environ.get(n, "1")) for n in names), default=1) < 2:
+        return None
+    try:
+        from mpi4py import MPI
+    except ImportError:
+        raise UserError(
+            'several ranks: expected mpi4py, which is not installed; pip install "globule[mpi]"'
+        ) from None
+    return MPI.COMM_WORLD if MPI.COMM_WORLD.size > 1 else None
+
+
+@contextlib.contextmanager
+def together(comm: Any) -> Iterator[None]:
+    """One line for a mistake on the ranks: of all ranks, rank 0 says it; of one, this rank names
+    itself and ends the run."""
+    if comm is None:
+        yield
+        return
+    own = comm.Dup()
+    try:
+        yield
+    except (Exception, KeyboardInterrupt) as error:
+        request = own.Ibarrier()
+        until = time.monotonic() + 3.0
+        while time.monotonic() < until:
+            if request.Test():  # every rank has failed: nobody waits for anybody
+                if comm.rank == 0:
+                    say(f"error: {str(error) or type(error).__name__}")
+                    sys.stderr.flush()
+                own.Barrier()  # the launcher ends all ranks as soon as the first one leaves
+                os._exit(2)
+            time.sleep(0.02)
+        say(f"error: rank {comm.rank}: {str(error) or type(error).__name__}")
+        sys.stderr.flush()
+        own.Abort(2)
+    # Where others fail after this rank is done, they end the run.
+
+
+def settle(options: argparse.Namespace, comm: Any) -> None:
+    """Each rank its device: the GPUs of a computer in turn, or its share of the cores."""
+    from mpi4py import MPI
+
+    local = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    options.device = of_rank(options.device, local.rank)
+    cores = frozenset(os.sched_getaffinity(0))
+    if not options.threads:  # a launcher may have given each rank cores of its own
+        options.threads = max(1, len(cores) // local.allgather(cores).count(cores))
+    options.ranks_here = local.size
+    local.Free()
+
+
+def replicates(options: argparse.Namespace, lit: light.Light) -> bool:
+    """Whether every rank has all particles and traces some of the pixels; else each has a piece.
+
+    By itself: where light turns or something else needs all particles in one scene. Raises
+    UserError where they do not fit.
+    """
+    path = options.particles[0]
+    particles = kind_of(path).kind == "particles"
+    if options.ranks == "pieces" and not particles:
+        raise UserError(f"--ranks: expected particles for pieces, got {path}")
+    if options.ranks == "pieces" or not (
+        options.ranks or not particles or _needs_all(options, lit)
+    ):
+        return False
+    if particles and has_ranges(path) and choose(options.device).backend != "cuda":
+        with mistakes():
+            n = ranges(path).n
+        here = options.ranks_here
+        need, free = here * n * (BYTES["smooth"] + LIGHT_BYTES), free_bytes()
+        if free and need > free:
+            raise UserError(
+                f"--ranks: expected {need / 1e9:.3g} GB for all particles on each of {here} ranks "
+                f"of a computer, got {free / 1e9:.3g} GB; start fewer ranks on each, or leave out "
+                "what makes light turn"
+            )
+    return True
+
+
+def _needs_all(options: argparse.Namespace, lit: light.Light) -> bool:
+    if any(getattr(options, k, v) not in (v, None, []) for k, v in NOT_WITH_PIECES.items()):
+        return True
+    if options.ground not in (None, "none"):
+        return True
+    material = dataclasses.replace(RenderSettings().material, **lit._matter)
+    settings = dataclasses.replace(RenderSettings(), material=material, **lit._own)
+    try:
+        check(settings, [material])
+    except ValueError:
+        return True
+    return False

@@ -1,0 +1,135 @@
+"""Images shared out among ranks that all have the scene: the same bits as one rank's."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from globule._base.device import of_rank
+from globule._base.ranks import run_threads
+from globule.pieces.whole_images import nearest_image
+
+SIZE = (210, 150)
+RNG = np.random.default_rng(1)
+LATTICE = np.stack(np.meshgrid(*[np.arange(10)] * 3, indexing="ij"), -1).reshape(-1, 3)
+POSITIONS = (LATTICE + RNG.uniform(-0.25, 0.25, LATTICE.shape)).astype(np.float32)
+COLOR = RNG.random(POSITIONS.shape).astype(np.float32)
+CAMERA = gb.Camera.fit(POSITIONS, size=SIZE, margin=1)
+GLASS = gb.Material(reflection=0.3, transmission=0.5, index=1.3)
+SMOOTH = {"surface": "smooth", "spacing": 1.0}
+CASES = {
+    "plain": ({}, {}),
+    "edges": ({}, SMOOTH),
+    "light": ({"material": GLASS, "shadows": True, "ambient_rays": 2, "ground": gb.Ground(-1)}, {}),
+    "light and edges": ({"material": GLASS, "bounces": 2, "sky": gb.Sky()}, SMOOTH),
+    "samples": ({"samples": 2, "transparent": True, "shadows": True}, {}),
+}
+ARRAYS = ("image", "color", "distance", "normal", "albedo", "position", "mask", "_layer")
+
+
+def shared(n, work, backend):
+    """What rank 0 of n threads has."""
+
+    def one(ranks):
+        return work({**backend, **({} if backend["device"] == "cuda" else {"threads": 1})}, ranks)
+
+    return run_threads(n, one)[0]
+
+
+@pytest.mark.parametrize(
+    ("case", "n"),
+    [*(("plain", n) for n in (1, 2, 3, 4, 7)), ("edges", 2), ("edges", 7), ("light", 2),
+     ("light", 7), ("light and edges", 3), ("samples", 4)],
+)  # fmt: skip
+def test_ranks_give_the_bits_of_one(case, n, backend):
+    settings, options = CASES[case]
+    particles = gb.Particles(POSITIONS, color=COLOR)
+
+    def work(device, ranks):
+        scene = gb.Scene(particles, **options, **device)
+        return gb.render(scene, CAMERA, SIZE, settings, comm=ranks)
+
+    one, many = work(backend, None), shared(n, work, backend)
+    assert one.mask.mean() > 0.1
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(many, name), err_msg=name)
+    if settings.get("transparent"):
+        np.testing.assert_array_equal(one.alpha, many.alpha)
+
+
+def test_refined_and_other_ranks_frames(backend):
+    settings = {"shadows": True}
+
+    def work(device, ranks):
+        scene = gb.Scene(POSITIONS, **device)
+        frame = gb.render(scene, CAMERA, SIZE, settings, comm=ranks).refine(2)
+        if ranks is not None and ranks.rank:
+            assert not frame.mask.any()
+            assert not frame.image.any()
+        return frame
+
+    one, many = work(backend, None), shared(2, work, backend)
+    assert many.samples == 3
+    np.testing.assert_array_equal(one.image, many.image)
+    with pytest.raises(ValueError, match=r"^alpha: expected settings with transparent"):
+        many.alpha  # noqa: B018
+
+
+def test_only_the_image(backend):
+    def work(device, ranks):
+        ranks.only_image = True
+        frame = gb.render(gb.Scene(POSITIONS, **device), CAMERA, SIZE, comm=ranks)
+        return frame.image, frame.mask
+
+    image, mask = shared(3, work, backend)
+    np.testing.assert_array_equal(
+        image, gb.render(gb.Scene(POSITIONS, **backend), CAMERA, SIZE).image
+    )
+    assert not mask.any()
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_the_nearest_of_shaded_pieces(n, backend):
+    """Slabs with a halo of one support: hits the same, colors within a level."""
+    edges = np.linspace(-1, 11, n + 1)
+    particles = gb.Particles(POSITIONS, color=COLOR)
+
+    def work(device, ranks):
+        x, (low, high) = POSITIONS[:, 0], edges[ranks.rank : ranks.rank + 2]
+        mine = np.flatnonzero((x > low - 2.01) & (x < high + 2.01))
+        assert len(mine) < len(POSITIONS)
+        frame = gb.render(gb.Scene(particles[mine], support=2.0, **device), CAMERA, SIZE)
+        return nearest_image(ranks, frame.distance, frame.image)
+
+    one = gb.render(gb.Scene(particles, support=2.0, **backend), CAMERA, SIZE)
+    depth, image = shared(n, work, backend)
+    np.testing.assert_array_equal(one.mask, np.isfinite(depth))
+    np.testing.assert_allclose(one.distance[one.mask], depth[one.mask], atol=2e-4)
+    assert np.abs(one.image.astype(int) - image.astype(int)).max() <= 1
+
+
+def test_a_thread_that_fails_ends_all():
+    def work(ranks):
+        if ranks.rank == 1:
+            raise ValueError("no such disk")
+        ranks.all(0)
+
+    with pytest.raises(ValueError, match="no such disk"):
+        run_threads(3, work)
+
+
+def test_what_cannot_be_shared():
+    scene = gb.Scene(POSITIONS, device="cpu", octree="dense")
+    with pytest.raises(ValueError, match=r"^comm: "):
+        run_threads(1, lambda r: gb.render(scene, CAMERA, SIZE, thesis=gb.Thesis(), comm=r))
+    pieces = gb.Pieces(POSITIONS, 2, support=2.0, device="cpu")
+    with pytest.raises(ValueError, match=r"^comm: "):
+        run_threads(1, lambda r: gb.render(pieces, CAMERA, SIZE, comm=r))
+    with pytest.raises(TypeError, match=r"^comm: "):
+        gb.render(scene, CAMERA, SIZE, comm=3)
+
+
+def test_devices_are_dealt():
+    assert of_rank("cpu", 3) == "cpu"
+    assert of_rank("cuda:1", 0) == "cuda:1"
+    assert of_rank("auto", 0) in ("auto", "cuda:0")
