@@ -11,8 +11,8 @@ sweeps are simulated.
 Gaussian of the distance, as wide as the distance of the nearest frame asks for (adaptive Gaussian,
 convolution by distance), a Catmull-Rom spline through four frames along the path (B-spline), and
 biharmonic radial basis functions with a linear part through 3x3 pixels of both neighboring frames
-(Rohling, Gee, Berman 1999). They are evaluated at the pixels themselves, without a volume. Errors
-are of every third row and column.
+(Rohling, Gee, Berman 1999). They are evaluated at the pixels themselves, without a volume, and so
+is `linear`, the interpolation of `frames`. Errors are of every third row and column.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from globule.ultrasound.neighbors import FramePath
 from globule.volumes.slices import reslice_frame
 
 METHODS = ("frames", "bezier", "vvn-om", "pvn-om")
-LITERATURE = ("cubic", "gaussian", "rbf")
+LITERATURE = ("linear", "cubic", "gaussian", "rbf")
 STEP = 3  # between pixels that are compared
 
 
@@ -72,6 +72,8 @@ def literature(sweep: Any, rest: Any, f: int, spacing: float) -> dict[str, np.nd
     known &= weights > 1e-6
     found["gaussian"][known] = (total / np.maximum(weights, 1e-12))[known]
     between = (d0 < 0) != (d1 < 0)
+    one = path.between(a, b, points)
+    found["linear"][one.known] = one.value[one.known]
     found["rbf"][between] = radial(path, (a, b), points[between])
     return {name: values.reshape(rows.shape) for name, values in found.items()}
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +21,8 @@ from globule import formats
 from globule.cli.shared import UserError
 from globule.cli.state import read_state
 from globule.formats.pictures.exr import write_exr
+from globule.formats.sweeps.transforms import format_matrix
+from globule.formats.volumes import nrrd
 from globule.sim.scene_file import as_dict, read_scene
 from globule.ultrasound.marks import read_marks, read_tracked
 from globule.ultrasound.plus.config import read_plus_config
@@ -235,7 +238,8 @@ def _dicom() -> list[str]:
     image = sitk.GetImageFromArray(np.arange(2 * 8 * 9, dtype=np.uint8).reshape(2, 8, 9))
     sitk.WriteImage(image, "two.dcm")
     sitk.WriteImage(image[:, :, 0], "one.dcm")
-    return ["two.dcm", "one.dcm"]
+    gb.write_volume("own.dcm", gb.Volume(np.ones((3, 8, 9), np.uint8), np.eye(4)))
+    return ["two.dcm", "one.dcm", "own.dcm"]
 
 
 def _read_volume(path: str) -> None:
@@ -257,7 +261,41 @@ def _sweeps() -> list[str]:
     for name in names:
         gb.write_sweep(name, small_sweep())
     np.save("stack.npy", small_sweep().frames)
-    return names
+    return [*names, _bundle(), _stradwin()]
+
+
+def _bundle() -> str:
+    """A scene of 3D Slicer."""
+    sweep = small_sweep()
+    times = " ".join(str(i / 10) for i in range(len(sweep)))
+    fields = {
+        "kinds": "domain domain domain list", "labels": '"" "" "" "time"',
+        "axis 3 index values:=": times, "space": "right-anterior-superior",
+        "space directions": "(1,0,0) (0,1,0) (0,0,1) none", "space origin": "(0,0,0)",
+    }  # fmt: skip
+    nrrd.write("items.nrrd", sweep.frames[:, None], fields)
+    lines = [
+        f"Seq_Frame{i:04d}_ImageToReferenceTransform ={format_matrix(pose)}\n"
+        f"Seq_Frame{i:04d}_Timestamp = {i / 10}\n"
+        for i, pose in enumerate(sweep.world_from_image)
+    ]
+    with zipfile.ZipFile("own.mrb", "w") as archive:
+        archive.writestr("S/S.mrml", '<MRML><LinearTransform name="A"/></MRML>')
+        archive.write("items.nrrd", "S/Data/Image.seq.nrrd")
+        archive.writestr("S/Data/T.seq.mha", "".join(lines) + "ElementDataFile = LOCAL")
+    return "own.mrb"
+
+
+def _stradwin() -> str:
+    sweep = small_sweep()
+    n, height, width = sweep.frames.shape
+    Path("own.sxi").write_bytes(sweep.frames.tobytes())
+    Path("own.sw").write_text(
+        f"RES_BUF_FRAMES {n}\nRES_BUF_WIDTH {width}\nRES_BUF_HEIGHT {height}\n"
+        "RES_POS_REC true\nRES_BIN_IM_FILENAME own.sxi\nRES_XSCALE 0.02\nRES_YSCALE 0.02\n"
+        + "".join(f"IM {i / 10} 1 2 {i} 10 20 30\n" for i in range(n)), encoding="utf-8"
+    )  # fmt: skip
+    return "own.sw"
 
 
 def _parts_of_sweeps() -> list[str]:

@@ -14,6 +14,7 @@ import pytest
 from cli_helpers import run_json
 from globule.cli import main
 from globule.formats.sweeps import messages
+from globule.ultrasound import live_output
 from globule.ultrasound.broadcast import Broadcaster
 from globule.ultrasound.calibration import Calibration
 from globule.ultrasound.live import LiveCounts, LiveFrame, receive_sweep
@@ -177,6 +178,29 @@ def test_a_receiver_shows_the_blob_at_its_ras_place():
             client.stop()
     finally:
         output.close()
+        server.close()
+
+
+def test_frames_go_before_volumes(monkeypatch):
+    """While messages wait for their use, no volume delays them; the last frame is always shown."""
+    monkeypatch.setattr(live_output, "_LONGEST", 3600.0)
+    volume, server = blob_volume(), Broadcaster()
+    frame = LiveFrame(7.0, np.zeros((30, 20), np.uint8), some_matrix(), "Reference")
+    output = LiveOutput(server, lambda: volume, refresh=0.0, level=100.0)
+    try:
+        output.frame(1, frame)
+        until(lambda: output.n_volumes == 1)
+        output.frame(2, frame, waiting=9)
+        output.frame(3, frame, waiting=0)
+        until(lambda: output.n_frames == 3)
+        n_volumes = output.n_volumes  # frame 2 has none of its own
+        output.frame(4, frame, waiting=9)
+        monkeypatch.setattr(live_output, "_LONGEST", 0.0)
+        output.close()
+        assert output.n_frames == 4
+        assert (n_volumes, output.n_volumes) == (2, 3)
+        assert output.error is None
+    finally:
         server.close()
 
 

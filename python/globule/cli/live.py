@@ -262,7 +262,7 @@ class Live:
             self.output = LiveOutput(self.server, volume, self.options.refresh)
         c = self.counts
         words = f"{self.n_frames} frames of {c.images} images{self._lost()}"
-        self.output.frame(self.n_frames, frame, words)
+        self.output.frame(self.n_frames, frame, words, c.waiting)
 
     def _draw(self) -> None:
         """Draw the current volume; a thread writes the file while frames come."""

@@ -57,6 +57,7 @@ class LiveCounts:
         without_pose: images whose pose never came.
         useless: frames whose pose is no regular finite matrix.
         repeated: frames that a restarted server sent again.
+        waiting: messages that waited behind the newest one when it was taken.
         clock_difference: s that the stamps of the tracker's server are moved by.
     """
 
@@ -64,6 +65,7 @@ class LiveCounts:
         self.images = self.frames = self.without_pose = self.useless = self.repeated = 0
         self.connected = [0, 0]
         self.clock_difference = 0.0
+        self.waiting = 0
         self._times: list[float] = []
         self._transform_times: dict[str, list[float]] = {}
 
@@ -257,6 +259,7 @@ class _Assembler:
         self._held: list[tuple[tuple[str, str], float, np.ndarray]] = []
 
     def take(self, arrived: Arrived) -> Iterator[LiveFrame]:
+        self.counts.waiting = arrived.waiting
         message, kind = arrived.message, getattr(arrived.message, "message_type", "")
         if kind not in ("IMAGE", "TRANSFORM"):
             return

@@ -26,6 +26,8 @@ from .broadcast import Broadcaster
 from .live import LiveFrame
 
 _SLICE = 192  # pixels along the longer side of a slice, at most
+_BEHIND = 3  # messages that wait; from there on, frames go before volumes
+_LONGEST = 1.0  # s without a volume, while frames go before
 _COARSE = 128  # voxels along the longest axis of the volume whose surface is taken
 
 
@@ -58,7 +60,7 @@ class LiveOutput:
         self._changed = threading.Condition()
         self._newest: tuple[LiveFrame, int, str] | None = None  # a frame that no volume shows
         self._shown: tuple[Volume, float, str] | None = None  # a volume without its surface
-        self._ended = self._last_is_shown = False
+        self._ended = self._last_is_shown = self._behind = False
         self.n_volumes = self.n_frames = 0
         self.error: Exception | None = None
         self._threads = [
@@ -68,12 +70,13 @@ class LiveOutput:
         for thread in self._threads:
             thread.start()
 
-    def frame(self, n: int, frame: LiveFrame, counts: str = "") -> None:
-        """The volume has this frame, its n-th."""
+    def frame(self, n: int, frame: LiveFrame, counts: str = "", waiting: int = 0) -> None:
+        """The volume has this frame, its n-th. While messages wait for their use, volumes are
+        made rarely: they would delay the frames, and show old ones."""
         name = f"LiveImageTo{frame.world}"[:20]
         self._server.send(messages.transform(name, _with_normal(frame), frame.time))
         with self._changed:
-            self._newest = (frame, n, counts)
+            self._newest, self._behind = (frame, n, counts), waiting > _BEHIND
             self._changed.notify_all()
 
     def close(self) -> None:
@@ -95,10 +98,15 @@ class LiveOutput:
                 self._changed.notify_all()
 
     def _send_volumes(self) -> None:
+        begun = -np.inf
         while True:
             with self._changed:
-                while self._newest is None and not self._ended:
-                    self._changed.wait()
+                while not self._ended and (self._newest is None or self._behind):
+                    left = begun + _LONGEST - time.monotonic()
+                    if self._newest is not None and left <= 0:
+                        break
+                    self._changed.wait(left if left > 0 else None)
+                begun = time.monotonic()
                 newest, self._newest = self._newest, None
             if newest is None:
                 return

@@ -20,11 +20,13 @@ _FIRST = 0.5  # s of messages before the difference is used
 
 
 class Arrived(NamedTuple):
-    """A message, the number of its server, and when it came, s, of this machine's clock."""
+    """A message, the number of its server, when it came, s, of this machine's clock, and how many
+    messages wait behind it."""
 
     server: int
     message: Any
     when: float
+    waiting: int = 0
 
 
 def arrivals(
@@ -60,7 +62,7 @@ def arrivals(
                 raise item
             if item is None:
                 return
-            yield item
+            yield item._replace(waiting=came.qsize())
     finally:
         stop.set()
 
