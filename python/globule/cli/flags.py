@@ -201,7 +201,7 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--max-clients": {
         "type": at_least_one,
         "metavar": "N",
-        "help": "browsers that are shown images at a time",
+        "help": "number of browsers that are shown images at a time",
     },
 }
 

@@ -325,7 +325,8 @@
       if (words) part.setAttribute("aria-label", part.inputMode ? `${words}, value` : words);
     }
     document.querySelectorAll("#root button:not([aria-label])").forEach((part) => {
-      if (!part.textContent.trim() && part.querySelector("svg")) {
+      if (part.className.includes("Notification-closeButton")) part.setAttribute("aria-label", "Close the note");
+      else if (!part.textContent.trim() && part.querySelector("svg")) {
         const first = part.previousElementSibling?.tagName !== "BUTTON";
         part.setAttribute("aria-label", first ? "All commands" : "Settings of the page");
       }
