@@ -245,8 +245,7 @@ def main() -> None:
             page = chromium.new_page(viewport=SIZE)
             page.goto(viewer.address)
             page.get_by_text("Help (H)").wait_for()
-            close = page.locator(".mantine-Notification-closeButton")  # of viser's own note
-            close.first.click()
+            page.get_by_role("button", name="Skip").click()  # the hints
             while not settled(viewer, 1):
                 time.sleep(0.1)
             act(page, viewer)

@@ -195,6 +195,9 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
         desk.get_by_label("Position in time").focus()
         page.keyboard.press("End")
         until(lambda: watched.viewer.source.frame == 2)
+        with page.expect_download() as got:
+            press("Save the view")
+        assert 'by = "speed"' in got.value.path().read_text()
         press("Play or pause")
         until(lambda: state.time.playing)
         press("Play or pause")

@@ -162,6 +162,7 @@ class Desk:
             "tool": lambda browser, value: page.tools.hands[browser.client_id].use(value),
             "fit": lambda browser, value: panels["View"].fit(browser),
             "picture": lambda browser, value: panels["Save"].picture(browser),
+            "state": lambda browser, value: panels["Save"].save_state(browser),
             "record": lambda browser, value: panels["Save"].record(browser),
             "range": lambda browser, value: panels["Color"].take_range(browser),
             "play": lambda browser, value: play.toggle(),

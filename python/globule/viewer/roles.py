@@ -17,7 +17,7 @@ MOST_CLIENTS = 16
 LOOKING = "You are looking; only a browser that steers changes the settings."
 REPEAT = 3.0  # s before a browser is told again
 # Actions of the toolbar that change nothing for others.
-PRIVATE_ACTIONS = {"tool", "fit", "picture", "dark", "wide", "series"}
+PRIVATE_ACTIONS = {"tool", "fit", "picture", "state", "dark", "wide", "series"}
 
 
 @dataclass

@@ -17,6 +17,7 @@
     help: "M9 9a3 3 0 1 1 4 3c-1 .6-1 1-1 2M12 18v.1",
     play: "M7 4l13 8-13 8z", pause: "M8 5v14M16 5v14", back: "M17 5 8 12l9 7zM6 5v14",
     next: "M7 5l9 7-9 7zM18 5v14", loop: "M4 12a7 7 0 0 1 12-5l3 3M20 12a7 7 0 0 1-12 5l-3-3M19 5v5h-5M5 19v-5h5",
+    disk: "M5 4h11l4 4v12H4V4zM8 4v5h7V4M8 20v-6h8v6",
     close: "M6 6l12 12M18 6 6 18",
     reset: "M5 5v6h6M5 11a8 8 0 1 1 2 6", eye: "M2 12s4-7 10-7 10 7 10 7-4 7-10 7S2 12 2 12M12 9a3 3 0 1 0 0 6 3 3 0 1 0 0-6",
     sliders: "M4 7h9M17 7h3M15 4v6M4 17h3M11 17h9M9 14v6",
@@ -72,6 +73,7 @@
     undo: button("undo", "Revert the last setting", () => say("undo"), "Undo the last change of a setting (Ctrl+Z)"),
     redo: button("redo", "Restore the setting", () => say("redo"), "Redo (Ctrl+Shift+Z)"),
     camera: button("camera", "Screenshot", () => say("picture"), "Download a screenshot (key P); its size is set in Save and record"),
+    disk: button("disk", "Save the view", () => say("state"), "Download all settings and the camera as a file; Load settings opens it again"),
     film: button("film", "Movie", () => say("record"), "Record a movie; press again to stop and download it (key R)"),
     layers: button("layers", "Layers", () => open(layers.hidden), "List of layers: color, surface, material"),
     moon: button("moon", "Dark or light", () => paint(!desk.classList.contains("dark"), true), "Dark or light page"),
@@ -86,7 +88,7 @@
       choices[name] = button(first in ICONS ? first : "Rotate", first, () => say("tool", name), hints[first]);
     }
     const gap = () => make("hr", { "aria-hidden": "true" });
-    tools.replaceChildren(...Object.values(choices), of.plane, gap(), of.fit, of.undo, of.redo, gap(), of.camera, of.film, gap(), of.layers, of.sliders, of.moon, of.help);
+    tools.replaceChildren(...Object.values(choices), of.plane, gap(), of.fit, of.undo, of.redo, gap(), of.camera, of.film, of.disk, gap(), of.layers, of.sliders, of.moon, of.help);
     of.sliders.classList.add("only-narrow");
   };
 
@@ -323,7 +325,8 @@
       if (words) part.setAttribute("aria-label", part.inputMode ? `${words}, value` : words);
     }
     document.querySelectorAll("#root button:not([aria-label])").forEach((part) => {
-      if (!part.textContent.trim() && part.querySelector("svg")) {
+      if (part.className.includes("Notification-closeButton")) part.setAttribute("aria-label", "Close the note");
+      else if (!part.textContent.trim() && part.querySelector("svg")) {
         const first = part.previousElementSibling?.tagName !== "BUTTON";
         part.setAttribute("aria-label", first ? "All commands" : "Settings of the page");
       }
@@ -341,6 +344,7 @@
     named();
     for (const part of narrow.matches ? document.querySelectorAll("#root .mantine-Paper-root:not(.globule-panel)") : [])
       if (getComputedStyle(part).position === "fixed") part.classList.add("globule-panel");
+    document.documentElement.style.setProperty("--globule-left", layers.hidden || narrow.matches ? "10px" : `${layers.offsetLeft + layers.offsetWidth + 9}px`);
     layers.style.top = `${tools.offsetTop + tools.offsetHeight + 9}px`;
     Object.assign(desk.style, { left: `${box.left}px`, top: `${box.top}px`, width: `${box.width}px`, height: `${box.height}px` });
   };
