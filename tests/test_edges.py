@@ -19,6 +19,7 @@ def scenes(name: str, backend: dict) -> tuple[list, dict]:
     shadows = {"lights": [SUN], "shadows": True, "ground": gb.Ground(-9, color=0.4)}
     glass = gb.Material(transmission=1.0, index=1.4, absorption=(0.1, 0.02, 0.01))
     return {
+        "plain": ([fluid], {}),
         "shadows": ([fluid], shadows),
         "soft ambient": ([fluid], {"ambient_rays": 3}),
         "mirror": ([gb.Layer(fluid.scene, gb.Material(reflection=0.6))], {"sky": gb.Sky()}),
@@ -31,7 +32,7 @@ def scenes(name: str, backend: dict) -> tuple[list, dict]:
 
 
 NAMES = (
-    "shadows", "soft ambient", "mirror", "glass", "cut", "layers", "mesh", "mesh alone"
+    "plain", "shadows", "soft ambient", "mirror", "glass", "cut", "layers", "mesh", "mesh alone"
 )  # fmt: skip
 
 
@@ -63,6 +64,22 @@ def test_edges_have_all_samples_and_other_pixels_one(backend, name):
     assert (changed | same)[jump].all()
     smooth = any(isinstance(layer.scene, gb.Scene) for layer in layers)
     assert (image().color == (edges if smooth else one).color).all()
+
+
+@pytest.mark.parametrize(
+    ("size", "samples"), [((97, 61), 2), ((61, 9), 5), ((41, 3), 64), ((3, 50), 7)]
+)
+def test_images_of_any_size_have_all_samples_at_edges(backend, size, samples):
+    """Their rays are traced by bands of rows, which do not always divide the image."""
+    scene = smooth(ball(1500), **backend)
+    one, edges, all_ = (
+        gb.render(scene, CAMERA, size, settings=gb.RenderSettings(**more))
+        for more in ({"edge_samples": 0}, {"edge_samples": samples}, {"samples": 1 + samples})
+    )
+    changed = (one.color != edges.color).any(axis=2)
+    assert changed.any()
+    assert np.abs(edges.color - all_.color)[changed].max() < 2e-5
+    assert np.abs(edges.image.astype(int) - all_.image)[changed].max() <= 1
 
 
 def test_a_frame_with_edges_is_refined_as_one_without(backend):
