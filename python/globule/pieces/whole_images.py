@@ -25,13 +25,17 @@ def nearest_image(
         return depth, picture
     n = depth.size
     bounds = n * np.arange(ranks.size + 1) // ranks.size
-    t = [part.view(np.float32) for part in ranks.swap(_bytes(depth), 4 * bounds)]
-    light = [part.reshape(-1, 3) for part in ranks.swap(_bytes(picture), 3 * bounds)]
-    best, shown = t[0].copy(), light[0].copy()
-    for other, of_other in zip(t[1:], light[1:], strict=True):
-        nearer = other < best
-        np.copyto(shown, of_other, where=nearer[:, None])
-        np.copyto(best, other, where=nearer)
+    t = ranks.swap(_bytes(depth), 4 * bounds)
+    light = ranks.swap(_bytes(picture), 3 * bounds)
+    best, winner = t[0].view(np.float32).copy(), np.zeros(len(t[0]) // 4, np.intp)
+    for k, part in enumerate(t[1:], 1):
+        other = part.view(np.float32)
+        np.copyto(winner, k, where=other < best)
+        np.minimum(best, other, out=best)
+    pixel = np.dtype("V3")
+    winner *= len(best)
+    winner += np.arange(len(best))
+    shown = np.concatenate([part.view(pixel) for part in light]).take(winner)
     pixels = np.diff(bounds)
     found = [
         ranks.gather(_bytes(a), (pixels * size).tolist()) for a, size in ((best, 4), (shown, 3))
