@@ -74,7 +74,8 @@ private:
                 part = -1;
                 continue;
             }
-            const std::uint32_t alike = n < 0 ? kUnlisted : classify(g, scratch, size, n);
+            std::uint32_t alike = n < 0 ? kUnlisted : classify(g, scratch, size, n);
+            if (alike == kListed) alike = look_closer(g, scratch, size, n);
             if (size == kBrick && alike <= kFull) return alike;
             if (place == kUnlisted) place = kListed + take(g, &grid->n_lists, 1);
             if (place - kListed >= max_lists) return kUnlisted;
@@ -89,7 +90,7 @@ private:
     GB_FN void write_cells(Group& g, Scratch<Group>& scratch, CellList* first, int size, int n) const {
         for (int c = 0; c < cube(size); ++c) {
             const CellList found = n < 0 ? CellList{kUnlisted, 0, 0, 0} : scratch.cell[c];
-            const CellList written = found.first == kListed ? list(g, scratch, size, c, n, found.n) : CellList{found.first, 0, 0, 0};
+            const CellList written = found.first == kListed ? list(g, scratch, size, c, n, found) : CellList{found.first, 0, 0, 0};
             const int x = c % size, y = c / size % size, z = c / (size * size);
             if (g.is_first()) first[(z * kBrick + y) * kBrick + x] = written;
         }
@@ -175,13 +176,13 @@ private:
         return all_empty ? kEmpty : all_full ? kFull : kListed;
     }
 
-    /// Writes cell c's particles to blocks of their own.
+    /// Writes cell c's particles to blocks of their own; found: as look_closer() left it.
     template <class Group>
-    GB_FN CellList list(Group& g, Scratch<Group>& scratch, int size, int c, int n, std::uint32_t wanted) const {
+    GB_FN CellList list(Group& g, Scratch<Group>& scratch, int size, int c, int n, const CellList& found) const {
         using F = typename Group::F;
         using B = typename Group::B;
         constexpr int W = Lanes::width;
-        const std::uint32_t n_blocks = ceil_div<std::uint32_t>(wanted, W * Lanes::list_unit) * Lanes::list_unit;
+        const std::uint32_t wanted = found.n, n_blocks = ceil_div<std::uint32_t>(wanted, W * Lanes::list_unit) * Lanes::list_unit;
         const std::uint32_t first = take(g, &grid->n_blocks, n_blocks);
         if (first + n_blocks > max_blocks || wanted == 0) return {kUnlisted, 0, 0, 0};
         float* to = blocks + std::size_t(first) * (W * kStride);
@@ -234,33 +235,53 @@ private:
                 for (int c = 0; c < 6; ++c) block[(6 + c) * W] = c < 3 ? 1.0f : 0.0f;
         }
         if (filled == 0) return {kEmpty, 0, 0, 0};
-        CellList made{first, std::uint32_t(filled), 0, 0};
-        octants(g, to, edge, made);
-        return made;
+        return {first, std::uint32_t(filled), found.empty, found.full};
     }
 
-    /// Bounds the field in the octants of a listed cell.
+    /// Bounds the field in the octants of the cells that classify() left listed.  A cell of eight full octants needs no list, nor
+    /// one of eight empty ones: bounds over a whole cell cannot tell that where the field inside is only twice the threshold.
+    /// Returns what classify() does.
     template <class Group>
-    GB_FN void octants(Group& g, const float* of, float edge, CellList& made) const {
+    GB_FN std::uint32_t look_closer(Group& g, Scratch<Group>& scratch, int size, int n) const {
         using F = typename Group::F;
-        constexpr int W = Lanes::width;
-        const float quarter = 0.25f * edge, margin = 1e-4f * (tau + 1.0f);
-        g.sync();
-        for (int first = 0; first < 8; first += Group::width) {
-            const F cx = g.map([&](int lane) { return (first + lane) & 1 ? quarter : -quarter; });
-            const F cy = g.map([&](int lane) { return (first + lane) & 2 ? quarter : -quarter; });
-            const F cz = g.map([&](int lane) { return (first + lane) & 4 ? quarter : -quarter; });
-            F low(0.0f), high(0.0f);
-            for (int j = 0; j < int(made.n); ++j) {
-                const float* block = of + std::size_t(j / W) * (W * kStride);
-                const float* p = block + j % W;
-                bound(low, high, F(p[0]) - cx, F(p[W]) - cy, F(p[2 * W]) - cz, quarter, PerParticle ? p[4 * W] : 1.0f,
-                      PerParticle ? p[5 * W] : 1.0f, Lanes::slot(block, j % W));
+        constexpr int at_once = Group::width < 8 ? 1 : Group::width / 8;  // cells
+        const float edge = grid->edge / tree.header->typical_support, quarter = 0.25f * edge, margin = 1e-4f * (tau + 1.0f);
+        for (int c = 0; c < cube(size);) {
+            int which[at_once], found = 0;
+            for (; c < cube(size) && found < at_once; ++c)
+                if (scratch.cell[c].first == kListed) which[found++] = c;
+            for (int first = 0; first < 8 * found; first += Group::width) {
+                F cx(0.0f), cy(0.0f), cz(0.0f), low(0.0f), high(0.0f);
+                g.for_lanes([&](int lane) {
+                    const int o = first + g.lane_number(lane), at = which[min(o / 8, found - 1)];
+                    const auto centre = [&](int cell, int upper) { return (float(cell) + 0.5f - 0.5f * size) * edge + (upper ? quarter : -quarter); };
+                    Group::put(cx, lane, centre(at % size, o & 1));
+                    Group::put(cy, lane, centre(at / size % size, o & 2));
+                    Group::put(cz, lane, centre(at / (size * size), o & 4));
+                });
+                for (int j = 0; j < n; ++j) {
+                    const float3 q = scratch.list.point(j);
+                    bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, quarter, scratch.shape[j].inverse_a2, scratch.shape[j].weight,
+                          scratch.list.number(j));
+                }
+                const std::uint32_t empty = g.set_of(high < F(tau - margin)), full = g.set_of(low > F(tau + margin));
+                for (int i = first / 8; g.is_first() && i < found && 8 * i < first + Group::width; ++i) {
+                    const int from = 8 * i - first;  // less than 0: the group's lanes are the second half of a cell's octants
+                    CellList& cell = scratch.cell[which[i]];
+                    cell.empty |= (from < 0 ? empty << -from : empty >> from) & 0xff;
+                    cell.full |= (from < 0 ? full << -from : full >> from) & 0xff;
+                    if (cell.empty == 0xff) cell.first = kEmpty;
+                    if (cell.full == 0xff) cell.first = kFull;
+                }
             }
-            const typename Group::B eight = g.first_lanes(8 - first);
-            made.empty |= g.set_of(eight & (high < F(tau - margin))) << first;
-            made.full |= g.set_of(eight & (low > F(tau + margin))) << first;
         }
+        g.sync();
+        bool all_empty = true, all_full = true;
+        for (int c = 0; c < cube(size); ++c) {
+            all_empty = all_empty && scratch.cell[c].first == kEmpty;
+            all_full = all_full && scratch.cell[c].first == kFull;
+        }
+        return all_empty ? kEmpty : all_full ? kFull : kListed;
     }
 
     /// Adds one particle's bounds over cubes, it being (x, y, z) away from their centres; returns how near they come, in supports squared.
