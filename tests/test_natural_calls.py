@@ -85,12 +85,16 @@ def test_settings_as_a_dict(scene):
     look = {"shadows": True, "samples": 2, "background": 0.5}
     expected = gb.render(scene, SIZE, settings=gb.RenderSettings(**look))
     same(gb.render(scene, SIZE, settings=look), expected)
+    same(gb.render(scene, SIZE, look), expected)
+    same(gb.render(scene, None, SIZE, look), expected)
 
 
 MISTAKES = [
     (lambda s: gb.render(s, 640, 480), TypeError, "camera: expected Camera or a size"),
     (lambda s: gb.render(s, gb.RenderSettings()), TypeError, "write settings=... for"),
     (lambda s: gb.render(s, {"samples": 2}), TypeError, "got settings"),
+    (lambda s: gb.render(s, (64, 48), (5, 5)), TypeError, r"size: expected one, got \(64, 48\)"),
+    (lambda s: gb.render(s, (64, 48), {"sample": 1}), TypeError, "samples.*, got 'sample'"),
     (lambda s: gb.render(s, samples=4), TypeError, r"samples belongs to .* settings=\{'samples'"),
     (lambda s: gb.render(s, threshold=1), TypeError, r"threshold belongs .* globule\.Scene\("),
     (lambda s: gb.render(s, fov=30), TypeError, r"fov belongs to the camera: .*globule\.Camera\("),

@@ -42,6 +42,7 @@ from .share import Share
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+SIZE = (1024, 782)  # of an image, where none is asked for
 MAX_LAYERS = 4
 # How scenes in pieces are rendered; the room `pieces`, which comes after this one, puts it here.
 beyond: list[Callable[..., Any]] = []
@@ -356,7 +357,7 @@ def _write_png(file: Any, image: np.ndarray) -> None:
 def render(
     scene: Any,
     camera: Camera | tuple[int, int] | None = None,
-    size: tuple[int, int] | Camera = (1024, 782),
+    size: tuple[int, int] | Camera | RenderSettings | Mapping[str, Any] = SIZE,
     settings: RenderSettings | Mapping[str, Any] | None = None,
     clips: Sequence[ClipPlane | ClipBox | ClipSphere] = (),
     thesis: Thesis | None = None,
@@ -382,7 +383,7 @@ def render(
             are shown as spheres of half a spacing, in flat colors where the settings leave the
             lights at their default.
         camera: default: `Camera.fit` of the first scene; of 2-D data from above, orthographic. A
-            size may replace the camera.
+            size may replace the camera; settings may follow it.
         size: (width, height) pixels.
         settings: `RenderSettings`, or a dict of its fields.
         clips: cuts through every scene.
@@ -408,6 +409,8 @@ def render(
     """
     if others:
         raise TypeError(f"render: {_instead(next(iter(others)))}")
+    if settings is None and isinstance(size, (RenderSettings, Mapping)):
+        settings, size = size, SIZE  # after a size in the camera's place
     camera, total = camera_and_size(camera, size)
     size = traced_size(annotate, total)
     settings = as_settings(settings)
@@ -555,8 +558,10 @@ def _device_of(layers: Sequence[Layer]) -> Device:
 def camera_and_size(camera: Any, size: Any) -> tuple[Camera | None, tuple[int, int]]:
     """Both, checked, in whichever order they come; the size may stand in the camera's place."""
     if isinstance(size, Camera):
-        camera, size = size, (1024, 782) if camera is None else camera
+        camera, size = size, SIZE if camera is None else camera
     elif isinstance(camera, (tuple, list)) and len(camera) == 2:
+        if size != SIZE:
+            raise TypeError(f"size: expected one, got {shown(camera)} and {shown(size)}")
         camera, size = None, camera
     if isinstance(camera, (RenderSettings, Mapping)):
         raise TypeError("camera: expected Camera, got settings; write settings=... for settings")
