@@ -6,7 +6,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 python=$(cd "$(dirname "$(command -v "$1")")" && pwd)/$(basename "$1")  # its folder goes onto the path
 export GLOBULE_LEVELS=${GLOBULE_LEVELS:-all}
-settings=(-C build-dir=build/wheel-build)
+settings=(--config-settings=build-dir=build/wheel-build)
 if [ "${GLOBULE_CUDA:-AUTO}" = AUTO ]; then
   command -v nvcc > /dev/null && GLOBULE_CUDA=ON || GLOBULE_CUDA=OFF
 fi
@@ -18,7 +18,7 @@ if [ "$GLOBULE_CUDA" = ON ]; then
   for number in 75 80 86 89 90 100 120; do
     if grep -q "^sm_$number\$" <<< "$known"; then architectures+="$number-real;" last=$number; fi
   done
-  settings+=(-C "cmake.define.CMAKE_CUDA_ARCHITECTURES=${CUDA_ARCHITECTURES:-$architectures$last-virtual}")
+  settings+=("--config-settings=cmake.define.CMAKE_CUDA_ARCHITECTURES=${CUDA_ARCHITECTURES:-$architectures$last-virtual}")
 fi
 rm -rf build/wheel && mkdir -p build/wheel dist
 "$python" -m pip --disable-pip-version-check wheel . --no-deps -w build/wheel "${settings[@]}" ${WHEEL_OPTIONS:-}

@@ -9,6 +9,8 @@
 
 namespace globule::core {
 
+inline constexpr std::uint32_t kAlmostFull = kListed + 1;  ///< of classify(), until look_closer()
+inline constexpr float kAlmost = 0.4f;      ///< bounds over a whole cell give so much of the threshold
 inline constexpr float kCloseBy = 0.2f;     ///< in supports: particles no farther away tell a full brick (docs/design/cells.md)
 
 template <class Lanes, class Tree, class Kernel, bool PerParticle>
@@ -166,7 +168,10 @@ private:
             }
             const B empty = cells & (high < F(tau - margin)), full = cells & (low > F(tau + margin));
             g.per_lane(cells, [&](int lane) {
-                const std::uint32_t state = Group::get(empty, lane) ? kEmpty : Group::get(full, lane) ? kFull : kListed;
+                const std::uint32_t state = Group::get(empty, lane)                      ? kEmpty
+                                            : Group::get(full, lane)                     ? kFull
+                                            : Group::get(low, lane) > kAlmost * tau ? kAlmostFull
+                                                                                         : kListed;
                 scratch.cell[first + g.lane_number(lane)] = {state, std::uint32_t(Group::get(count, lane)), 0, 0};
             });
             all_empty = all_empty && !g.any(cells & !empty);
@@ -176,7 +181,7 @@ private:
         return all_empty ? kEmpty : all_full ? kFull : kListed;
     }
 
-    /// Writes cell c's particles to blocks of their own; found: as look_closer() left it.
+    /// Writes cell c's particles to blocks of their own; found: as classify() counted them.
     template <class Group>
     GB_FN CellList list(Group& g, Scratch<Group>& scratch, int size, int c, int n, const CellList& found) const {
         using F = typename Group::F;
@@ -235,21 +240,52 @@ private:
                 for (int c = 0; c < 6; ++c) block[(6 + c) * W] = c < 3 ? 1.0f : 0.0f;
         }
         if (filled == 0) return {kEmpty, 0, 0, 0};
-        return {first, std::uint32_t(filled), found.empty, found.full};
+        CellList made{first, std::uint32_t(filled), 0, 0};
+        octants(g, to, edge, made);
+        return made;
     }
 
-    /// Bounds the field in the octants of the cells that classify() left listed.  A cell of eight full octants needs no list, nor
-    /// one of eight empty ones: bounds over a whole cell cannot tell that where the field inside is only twice the threshold.
-    /// Returns what classify() does.
+    /// Bounds the field in the octants of a listed cell.
+    template <class Group>
+    GB_FN void octants(Group& g, const float* of, float edge, CellList& made) const {
+        using F = typename Group::F;
+        constexpr int W = Lanes::width;
+        const float quarter = 0.25f * edge, margin = 1e-4f * (tau + 1.0f);
+        g.sync();
+        for (int first = 0; first < 8; first += Group::width) {
+            const F cx = g.map([&](int lane) { return (first + lane) & 1 ? quarter : -quarter; });
+            const F cy = g.map([&](int lane) { return (first + lane) & 2 ? quarter : -quarter; });
+            const F cz = g.map([&](int lane) { return (first + lane) & 4 ? quarter : -quarter; });
+            F low(0.0f), high(0.0f);
+            for (int j = 0; j < int(made.n); ++j) {
+                const float* block = of + std::size_t(j / W) * (W * kStride);
+                const float* p = block + j % W;
+                bound(low, high, F(p[0]) - cx, F(p[W]) - cy, F(p[2 * W]) - cz, quarter, PerParticle ? p[4 * W] : 1.0f,
+                      PerParticle ? p[5 * W] : 1.0f, Lanes::slot(block, j % W));
+            }
+            const typename Group::B eight = g.first_lanes(8 - first);
+            made.empty |= g.set_of(eight & (high < F(tau - margin))) << first;
+            made.full |= g.set_of(eight & (low > F(tau + margin))) << first;
+        }
+    }
+
+    /// Whether the octants of cells that classify() found almost full are full, so that they need no list: bounds over a whole cell
+    /// cannot tell where the field inside is only twice the threshold, as a fluid's is.  Returns what classify() does.
     template <class Group>
     GB_FN std::uint32_t look_closer(Group& g, Scratch<Group>& scratch, int size, int n) const {
         using F = typename Group::F;
         constexpr int at_once = Group::width < 8 ? 1 : Group::width / 8;  // cells
         const float edge = grid->edge / tree.header->typical_support, quarter = 0.25f * edge, margin = 1e-4f * (tau + 1.0f);
+        bool rises = true;  // the field, by each particle
+        for (int j = 0; PerParticle && j < n; ++j) rises = rises && scratch.shape[j].weight >= 0.0f;
         for (int c = 0; c < cube(size);) {
             int which[at_once], found = 0;
-            for (; c < cube(size) && found < at_once; ++c)
-                if (scratch.cell[c].first == kListed) which[found++] = c;
+            bool full[at_once];
+            for (; c < cube(size) && found < at_once; ++c) {
+                if (scratch.cell[c].first != kAlmostFull) continue;
+                which[found] = c;
+                full[found++] = true;
+            }
             for (int first = 0; first < 8 * found; first += Group::width) {
                 F cx(0.0f), cy(0.0f), cz(0.0f), low(0.0f), high(0.0f);
                 g.for_lanes([&](int lane) {
@@ -259,29 +295,26 @@ private:
                     Group::put(cy, lane, centre(at / size % size, o & 2));
                     Group::put(cz, lane, centre(at / (size * size), o & 4));
                 });
-                for (int j = 0; j < n; ++j) {
-                    const float3 q = scratch.list.point(j);
-                    bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, quarter, scratch.shape[j].inverse_a2, scratch.shape[j].weight,
-                          scratch.list.number(j));
+                const auto octants = g.first_lanes(min(8 * found - first, int(Group::width)));
+                for (int turn = 0; turn < 8; ++turn) {
+                    for (int j = turn; j < n; j += 8) {
+                        const float3 q = scratch.list.point(j);
+                        bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, quarter, scratch.shape[j].inverse_a2, scratch.shape[j].weight,
+                              scratch.list.number(j));
+                    }
+                    if (rises && !g.any(octants & (low <= F(tau + margin)))) break;
                 }
-                const std::uint32_t empty = g.set_of(high < F(tau - margin)), full = g.set_of(low > F(tau + margin));
-                for (int i = first / 8; g.is_first() && i < found && 8 * i < first + Group::width; ++i) {
-                    const int from = 8 * i - first;  // less than 0: the group's lanes are the second half of a cell's octants
-                    CellList& cell = scratch.cell[which[i]];
-                    cell.empty |= (from < 0 ? empty << -from : empty >> from) & 0xff;
-                    cell.full |= (from < 0 ? full << -from : full >> from) & 0xff;
-                    if (cell.empty == 0xff) cell.first = kEmpty;
-                    if (cell.full == 0xff) cell.first = kFull;
-                }
+                const std::uint32_t not_full = g.set_of(octants & (low <= F(tau + margin)));
+                for (int i = first / 8; i < found && 8 * i < first + Group::width; ++i)  // of a group of 4 lanes half a cell
+                    full[i] = full[i] && (Group::width < 8 ? not_full : not_full >> (8 * i - first) & 0xff) == 0;
             }
+            g.sync();
+            for (int i = 0; g.is_first() && i < found; ++i) scratch.cell[which[i]].first = full[i] ? kFull : kListed;
         }
         g.sync();
-        bool all_empty = true, all_full = true;
-        for (int c = 0; c < cube(size); ++c) {
-            all_empty = all_empty && scratch.cell[c].first == kEmpty;
-            all_full = all_full && scratch.cell[c].first == kFull;
-        }
-        return all_empty ? kEmpty : all_full ? kFull : kListed;
+        bool all = true;
+        for (int c = 0; c < cube(size); ++c) all = all && scratch.cell[c].first == kFull;
+        return all ? kFull : kListed;
     }
 
     /// Adds one particle's bounds over cubes, it being (x, y, z) away from their centres; returns how near they come, in supports squared.
@@ -291,7 +324,7 @@ private:
         const F nx = max(dx - F(half), F(0.0f)), ny = max(dy - F(half), F(0.0f)), nz = max(dz - F(half), F(0.0f));
         const F fx = dx + F(half), fy = dy + F(half), fz = dz + F(half);
         F near = (nx * nx + ny * ny + nz * nz) * F(i2), far = (fx * fx + fy * fy + fz * fz) * F(i2);
-        if constexpr (Kernel::stretched) range_in_cube(kernel.template matrix<F>(slot), {x, y, z}, half, near, far);
+        if constexpr (Kernel::stretched) range_in_cube(kernel.template matrix<float>(slot), Vec3<F>{x, y, z}, half, near, far);
         F most_b, least_b;
         kernel.range(min(near, F(1.0f)), min(far, F(1.0f)), least_b, most_b);
         low += F(c) * (c > 0.0f ? least_b : most_b);

@@ -22,12 +22,13 @@ struct StretchedKernel : Base {
     }
 };
 
-/// Bounds of |G w|^2 over all w in the cube of half edge `half` around v.
-template <class F>
-GB_FN void range_in_cube(const Sym3<F>& m, const Vec3<F>& v, float half, F& near, F& far) {
-    const F x = abs(m.xx) + abs(m.xy) + abs(m.xz), y = abs(m.xy) + abs(m.yy) + abs(m.yz),
+/// Bounds of |G w|^2 over all w in the cube of half edge `half` around v; one matrix for all lanes, or one in each.
+template <class M, class F>
+GB_FN void range_in_cube(const Sym3<M>& m, const Vec3<F>& v, float half, F& near, F& far) {
+    const M x = abs(m.xx) + abs(m.xy) + abs(m.xz), y = abs(m.xy) + abs(m.yy) + abs(m.yz),
             z = abs(m.xz) + abs(m.yz) + abs(m.zz);
-    const F reach = F(1.0001f * half) * sqrt(x * x + y * y + z * z), middle = length(m * v);
+    const F reach(M(1.0001f * half) * sqrt(x * x + y * y + z * z));
+    const F middle = length(Sym3<F>{F(m.xx), F(m.yy), F(m.zz), F(m.xy), F(m.xz), F(m.yz)} * v);
     near = max(middle - reach, F(0.0f));
     near = near * near;
     far = (middle + reach) * (middle + reach);
