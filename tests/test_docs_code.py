@@ -14,7 +14,7 @@ from pathlib import Path
 import globule as gb
 import pytest
 from docs_blocks import Block, blocks
-from globule._demo.data import dam_break
+from globule._demo.data import dam_break_particles
 from globule.cli import build_parser
 from globule.cli.shared import UserError, join_negative
 
@@ -41,14 +41,11 @@ def name(path: Path) -> str:
 def data(tmp_path_factory):
     """Files that pages may begin with, and `globule` as a program."""
     folder = tmp_path_factory.mktemp("data")
-    positions, color, spacing = dam_break()
-    splash = gb.Particles(positions, color=color, support=2 * spacing)
-    splash.attributes["speed"] = color[:, 0].copy()
+    splash, spacing = dam_break_particles()
     gb.write(folder / "splash.vtk", splash)
     gb.write(folder / "splash.npz", splash)
     for i in range(3):
-        few = gb.Particles(positions[i::3] + i * spacing, support=3 * spacing)
-        few.attributes["speed"] = color[i::3, 0].copy()
+        few = gb.Particles(splash.positions[i::3] + i * spacing, support=3 * spacing)
         gb.write(folder / f"frame_{i:04d}.vtk", few)
     (folder / "demo").mkdir()
     gb.write(folder / "demo" / "splash.npz", splash)
