@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -148,3 +149,25 @@ def test_a_block_that_fails_is_named(environment, tmp_path):
         [sys.executable, helper, str(page)], env=environment, capture_output=True, text=True
     )
     assert "page.md:2: exit status 2" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "path",
+    [*sorted(DOCS.glob("how-to/measure-*.md")), DOCS / "start" / "first-image.md"],
+    ids=name,
+)
+def test_python_shows_the_surface_of_the_commands(path):
+    """A scene beside commands says which surface it has: alone, it would be balls."""
+    for block in blocks(path):
+        if block.language == "python":
+            for call in re.findall(r"gb\.Scene\((.*)\)", block.code):
+                assert "surface=" in call or "support=" in call, call
+
+
+def test_pages_agree_about_the_speed_of_simulations():
+    rows = []
+    for page in (ROOT / "README.md", DOCS / "index.md"):
+        table = page.read_text(encoding="utf-8").split("| simulation")[1]
+        row = next(line for line in table.splitlines() if line.startswith("| NVIDIA H200"))
+        rows.append(re.findall(r"[\d,]+", row.replace("H200", "").replace("1 %", "")))
+    assert rows[0] == [number for number in rows[1] if number != ","] != []
