@@ -245,6 +245,8 @@ def test_demo_and_what_it_says_to_type_next(folder):
     for line in following:
         subprocess.run(line, shell=True, check=True, stdout=subprocess.DEVNULL, timeout=100)
     assert sorted(os.listdir("demo")) == ["near.png", "splash.npz", "splash.png", "water.png"]
+    speed = gb.read("demo/splash.npz").attributes["speed"]  # that of the pages that color by it
+    assert speed.max() == pytest.approx(5.888, abs=1e-3)  # m/s
 
 
 def test_demo_mistakes(folder, capsys):

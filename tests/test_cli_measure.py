@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+from pathlib import Path
 
 import globule as gb
 import numpy as np
@@ -13,6 +14,7 @@ from globule.cli import main
 from PIL import Image
 
 pytest.importorskip("skimage", reason="pip install 'globule[measure]'")
+SHARED = Path(__file__).resolve().parents[2] / "shared/data"
 CPU = ["--device", "cpu"]
 
 
@@ -222,3 +224,78 @@ def test_without_packages(particles, capsys, monkeypatch):
     assert "globule[figures]" in refused(capsys, *words)
     monkeypatch.setitem(modules, "skimage.measure", None)
     assert "globule[measure]" in refused(capsys, "mesh", particles, "-o", "a.ply", *CPU)
+
+
+def ball(spacing: float = 0.1) -> gb.Particles:
+    """A ball of one fluid, with a jitter, of radius 1."""
+    axis = np.arange(-1, 1, spacing) + spacing / 2
+    p = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+    p = p[(p**2).sum(axis=1) < 1]
+    return gb.Particles(p + np.random.default_rng(0).uniform(-0.01, 0.01, p.shape))
+
+
+def test_one_surface_and_one_spacing_for_all(folder, capsys):
+    """info, render, mesh, gauge and project speak of the same spacing, that of the fluid's volume,
+    and giving it again changes nothing."""
+    p = ball()
+    gb.write("ball.npz", p)
+    scene = gb.Scene(p, surface="smooth", device="cpu")
+    spacing = run_json(capsys, "info", "ball.npz")["spacing"]
+    assert spacing == scene.spacing == pytest.approx(0.1, rel=0.02)
+    facts = run_json(capsys, "render", "ball.npz", "-o", "a.png", "--size", "40x30", *CPU)
+    assert facts["surface"] == "smooth"
+    assert facts["spacing"] == spacing
+    again = ["--particle-spacing", repr(spacing)]
+    first = run_json(capsys, "mesh", "ball.npz", "-o", "a.stl", *CPU)
+    assert first["volume"] == pytest.approx(len(p) * 0.1**3, rel=0.03)
+    for more in ([], again, ["--surface", "smooth"]):
+        facts = run_json(capsys, "mesh", "ball.npz", "-o", "a.stl", *more, *CPU)
+        assert facts["volume"] == pytest.approx(gb.measure_surface(scene).volume, rel=1e-6)
+        facts = run_json(capsys, "gauge", "ball.npz", "--at", "0,0", "-o", "g.csv", *more, *CPU)
+        assert facts["height_0"][0] == pytest.approx(float(gb.gauge(scene, (0, 0))), abs=1e-5)
+    for command in (["slice", "ball.npz", "--grid"], ["track", "ball.npz"], ["mesh", "ball.npz"],
+                    ["gauge", "ball.npz", "--at", "0,0"]):  # fmt: skip
+        out = ["-o", "a.stl" if command[0] == "mesh" else "a.csv", *CPU]
+        smooth, balls = (
+            run_json(capsys, *command, *out, *CPU, "--surface", name)
+            for name in ("smooth", "balls")
+        )
+        assert smooth != balls
+    total = len(p) * spacing**3
+    for more in ([], again):
+        facts = run_json(capsys, "project", "ball.npz", "-o", "a.npz", *more, *CPU)
+        assert facts["total"]["thickness"] == pytest.approx(total, rel=1e-3)
+
+
+def test_a_torn_splash_has_one_spacing(capsys, folder):
+    """Neighbors are further apart than the cube root of a particle's volume says."""
+    path = SHARED / "particles" / "double_dam_break_frame_26_4732_particles.vtk"
+    if not path.exists():
+        pytest.skip(f"needs {path}")
+    scene = gb.Scene(gb.read(path), surface="smooth", device="cpu")
+    assert run_json(capsys, "info", str(path))["spacing"] == scene.spacing
+    facts = run_json(capsys, "project", str(path), "-o", "a.npz", "--value", "thickness", *CPU)
+    assert facts["total"]["thickness"] == pytest.approx(4732 * scene.spacing**3, rel=1e-3)
+    assert scene.spacing < 0.9 * gb.Scene(gb.read(path), device="cpu").spacing
+
+
+def test_refusals_of_mesh_and_project(folder, capsys):
+    gb.write("ball.npz", ball())
+    err = refused(capsys, "mesh", "ball.npz", "--sample-spacing", "5", "-o", "a.stl", *CPU)
+    assert "--sample-spacing: expected one that meets the surface, got 5" in err
+    assert "try 0.0" in err
+    err = refused(capsys, "mesh", "ball.npz", "--threshold", "1e6", "-o", "a.stl", *CPU)
+    assert "expected a surface, got none" in err
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.box().export("box.stl")
+    err = refused(capsys, "mesh", "box.stl", "-o", "a.stl", *CPU)
+    assert "box.stl: expected particles or a volume, got a mesh" in err
+    assert main(["mesh", "box.stl", "--resample", "0.1", "-o", "a.stl", *CPU]) == 0
+    capsys.readouterr()
+    gb.write("zero.npz", gb.Particles(np.empty((0, 3))))
+    err = [
+        refused(capsys, *words, "-o", "b.npz", *CPU)
+        for words in (["project", "zero.npz"], ["slice", "zero.npz", "--grid"])
+    ]
+    assert err[0] == err[1]
+    assert "zero.npz: expected particles, got none" in err[0]

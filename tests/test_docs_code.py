@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -14,7 +15,7 @@ from pathlib import Path
 import globule as gb
 import pytest
 from docs_blocks import Block, blocks
-from globule._demo.data import dam_break
+from globule._demo.data import dam_break_particles
 from globule.cli import build_parser
 from globule.cli.shared import UserError, join_negative
 
@@ -41,14 +42,11 @@ def name(path: Path) -> str:
 def data(tmp_path_factory):
     """Files that pages may begin with, and `globule` as a program."""
     folder = tmp_path_factory.mktemp("data")
-    positions, color, spacing = dam_break()
-    splash = gb.Particles(positions, color=color, support=2 * spacing)
-    splash.attributes["speed"] = color[:, 0].copy()
+    splash, spacing = dam_break_particles()
     gb.write(folder / "splash.vtk", splash)
     gb.write(folder / "splash.npz", splash)
     for i in range(3):
-        few = gb.Particles(positions[i::3] + i * spacing, support=3 * spacing)
-        few.attributes["speed"] = color[i::3, 0].copy()
+        few = gb.Particles(splash.positions[i::3] + i * spacing, support=3 * spacing)
         gb.write(folder / f"frame_{i:04d}.vtk", few)
     (folder / "demo").mkdir()
     gb.write(folder / "demo" / "splash.npz", splash)
@@ -151,3 +149,25 @@ def test_a_block_that_fails_is_named(environment, tmp_path):
         [sys.executable, helper, str(page)], env=environment, capture_output=True, text=True
     )
     assert "page.md:2: exit status 2" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "path",
+    [*sorted(DOCS.glob("how-to/measure-*.md")), DOCS / "start" / "first-image.md"],
+    ids=name,
+)
+def test_python_shows_the_surface_of_the_commands(path):
+    """A scene beside commands says which surface it has: alone, it would be balls."""
+    for block in blocks(path):
+        if block.language == "python":
+            for call in re.findall(r"gb\.Scene\((.*)\)", block.code):
+                assert "surface=" in call or "support=" in call, call
+
+
+def test_pages_agree_about_the_speed_of_simulations():
+    rows = []
+    for page in (ROOT / "README.md", DOCS / "index.md"):
+        table = page.read_text(encoding="utf-8").split("| simulation")[1]
+        row = next(line for line in table.splitlines() if line.startswith("| NVIDIA H200"))
+        rows.append(re.findall(r"[\d,]+", row.replace("H200", "").replace("1 %", "")))
+    assert rows[0] == [number for number in rows[1] if number != ","] != []

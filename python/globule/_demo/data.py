@@ -19,6 +19,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from ..scene.particles import Particles
+
 DEPTH = 0.13  # of the water at rest; its surface is y = 0
 CROWN_RADIUS = 0.44
 CROWN_HEIGHT = 0.33
@@ -56,6 +58,18 @@ def dam_break() -> tuple[np.ndarray, np.ndarray, float]:
         fast = np.sqrt(file["speed"] / 255)
     color = np.stack([np.interp(fast, np.linspace(0, 1, 4), SPEEDS[:, c]) for c in range(3)], 1)
     return positions.astype(np.float32), color.astype(np.float32), spacing
+
+
+def dam_break_particles() -> tuple[Particles, float]:
+    """The particles of `dam_break` as `globule demo` writes them, with the attribute speed, m/s;
+    and their spacing, m."""
+    from ..scene.particles import Particles
+
+    positions, color, spacing = dam_break()
+    with np.load(Path(__file__).with_name("dam_break.npz")) as file:
+        speed = (file["speed"] / 255 * file["top_speed"]).astype(np.float32)
+    found = Particles(positions, color=color, support=2 * spacing, attributes={"speed": speed})
+    return found, spacing
 
 
 def splash(n_target: int = 60_000) -> tuple[np.ndarray, np.ndarray, float]:

@@ -32,11 +32,10 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run `globule demo`."""
-    from .._demo.data import dam_break
+    from .._demo.data import dam_break_particles
     from ..formats import write
     from ..render.camera import Camera
     from ..render.frame import render
-    from ..scene.particles import Particles
     from ..scene.scene import Scene
 
     check_device(options)
@@ -46,8 +45,7 @@ def run(options: argparse.Namespace) -> None:
     start = time.perf_counter()
     with Progress(4) as progress:
         progress.step("unpacking particles")
-        positions, color, spacing = dam_break()
-        particles = Particles(positions, color=color, support=2 * spacing)
+        particles, spacing = dam_break_particles()
         progress.step("building the octree")
         with mistakes():
             scene = Scene(

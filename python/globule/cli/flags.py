@@ -96,8 +96,7 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--particle-spacing": {
         "type": positive,
         "metavar": "LENGTH",
-        "help": "spacing of the particles of a smooth surface, the cube root of a particle's "
-        "volume, world units",
+        "help": "spacing of a fluid's particles, the cube root of a particle's volume, world units",
     },
     "--support": {
         "type": positive,

@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> None:
             if options.map:
                 if i:
                     raise UserError("--map: expected one file, got several")
-                measuring.need_surface(path, scene)
+                measuring.need_particles(path, scene.octree.n_inside)
                 with mistakes():
                     found = height_map(scene, options.spacing, options.up)
                 rows.append(found["height"].ravel())

@@ -16,12 +16,11 @@ from ..formats.kind import kind_of
 from ..render.annotate import Colors
 from ..render.camera import Camera
 from ..render.frame import Frame, render, save_png, values_of
-from ..scene.fluid import shown_scene
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
-from . import annotation, light, look, sequence, tracing
+from . import annotation, light, look, sequence, surfaces, tracing
 from .shared import Progress, count, mistakes
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
@@ -241,21 +240,15 @@ def _scene(
     options: argparse.Namespace, support: float | None, depth: int | None, particles: Particles
 ) -> Scene:
     """The scene of the particles, as the options ask for."""
-    surface, spacing = options.surface, options.particle_spacing
     volume = any(kind_of(path).kind == "volume" for path in options.particles)
-    if surface == "auto" and (volume or options.preset == "thesis"):  # voxels; the source's balls
-        surface = "balls"
-    elif surface == "auto" and spacing:
-        surface = "smooth"
+    as_balls = volume or options.preset == "thesis"  # voxels; the source's balls
     asked = {
         "kernel": options.kernel, "threshold": options.threshold, "support": support,
         "key_bits": options.key_bits, "level": depth, "octree": options.octree,
         "device": options.device, "threads": options.threads,
     }  # fmt: skip
     with tracing.octree_mistakes():
-        if surface == "auto":
-            return shown_scene(particles, **asked)
-        return Scene(particles, surface=surface, spacing=spacing, **asked)
+        return surfaces.scene_of(options, particles, as_balls, **asked)
 
 
 def _one_number(support: Any) -> Any:

@@ -107,9 +107,10 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
             else:
                 scene = Scene(particles.positions, device="cpu")
         facts["bounds"] = {"lo": lo, "hi": hi}
-        facts["spacing"] = scene.spacing or None
-        facts["default_support"] = scene.support
         facts["surface"], facts["why_surface"] = _surface(path, particles)
+        smooth = facts["surface"] == "smooth"
+        facts["spacing"] = (scene.fluid_spacing() if smooth else scene.spacing) or None
+        facts["default_support"] = scene.support
     facts["fields"] = {"positions": _range(particles.positions)}
     for name in (*SCALAR_FIELDS, "color"):
         value = getattr(particles, name)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import functools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from .._base.checks import missing
-from ..measure.surface import surface_scene
+from ..formats.kind import kind_of
 from ..render.sequence import KeptScene, find_files, read_ahead
 from ..scene.particles import Particles
 from ..scene.scene import Scene
-from . import flags, look
+from . import flags, look, surfaces
 from .parser import Parser
 from .shared import (
     Progress,
@@ -35,6 +36,7 @@ def add_surface(parser: Parser) -> None:
     flags.add(surface, "--kernel", "default: murakami", default="murakami")
     flags.add(surface, "--support", "default: the file's, else two spacings")
     flags.add(surface, "--threshold", "default: by kernel")
+    surfaces.add_arguments(surface)
     surface.add_argument(
         "--anisotropic",
         action="store_true",
@@ -90,7 +92,7 @@ def scenes(
             progress.clear()
             warn(message)
         with mistakes():
-            scene = kept.show(particles, lambda p: _scene(options, p))
+            scene = kept.show(particles, functools.partial(_scene, options, path))
         yield i, path, scene
 
 
@@ -105,9 +107,11 @@ def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]
     return particles, messages
 
 
-def _scene(options: argparse.Namespace, particles: Particles) -> Scene:
-    return surface_scene(
+def _scene(options: argparse.Namespace, path: str, particles: Particles) -> Scene:
+    return surfaces.scene_of(
+        options,
         particles,
+        kind_of(path).kind == "volume",
         kernel=options.kernel,
         threshold=options.threshold,
         support=None if options.anisotropic else options.support,
@@ -116,9 +120,9 @@ def _scene(options: argparse.Namespace, particles: Particles) -> Scene:
     )
 
 
-def need_surface(path: str, scene: Scene) -> None:
-    """Refuse a file without particles: it has no place to measure at."""
-    if not scene.octree.n_inside:
+def need_particles(path: str, n: int) -> None:
+    """Refuse a file without particles that have a place: there is nowhere to measure."""
+    if not n:
         raise UserError(f"{path}: expected particles, got none with a finite position")
 
 

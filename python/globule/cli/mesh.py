@@ -9,10 +9,13 @@ from __future__ import annotations
 import argparse
 
 from ..formats.mesh_files import EXTENSIONS
+from ..formats.triangles import has_faces
 from ..measure.mesh import measured, surface_mesh
+from ..measure.surface import default_spacing
+from ..scene.scene import Scene
 from . import flags, measuring
 from .parser import Parser
-from .shared import Progress, check_output, count, mistakes, print_json
+from .shared import Progress, UserError, check_output, count, mistakes, print_json
 
 SUMMARY = "the surface as triangles, with its volume and area"
 USAGE = "FILE -o PATH"
@@ -34,11 +37,18 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run `globule mesh`."""
     check_output("-o", options.output, EXTENSIONS)
+    if not options.resample and has_faces(options.file):
+        raise UserError(
+            f"{options.file}: expected particles or a volume, got a mesh, which is triangles "
+            "already; --resample LENGTH makes metaballs all over it"
+        )
     with Progress(1) as progress:
         for _, path, scene in measuring.scenes(options, [options.file], progress):
-            measuring.need_surface(path, scene)
+            measuring.need_particles(path, scene.octree.n_inside)
             with mistakes():
                 mesh = surface_mesh(scene, options.spacing, options.values or ())
+                if not len(mesh.faces):
+                    raise UserError(_why_empty(options, path, scene, mesh.spacing))
                 found = measured(scene, mesh)
                 mesh.save(options.output)
     if options.json:
@@ -50,4 +60,18 @@ def run(options: argparse.Namespace) -> None:
         f"{options.output}: {count(len(mesh.faces), 'triangle')}, "
         f"volume {found.volume:.6g} ± {found.volume_error:.2g}, "
         f"area {found.area:.6g} ± {found.area_error:.2g}"
+    )
+
+
+def _why_empty(options: argparse.Namespace, path: str, scene: Scene, spacing: float) -> str:
+    """Why a mesh has no triangles, and what to take instead."""
+    usual = default_spacing(scene)
+    if options.spacing and spacing > usual:
+        return (
+            f"--sample-spacing: expected one that meets the surface, got {spacing:g}, whose cells "
+            f"miss it all; try {usual:.3g}, half the particles' spacing"
+        )
+    return (
+        f"{path}: expected a surface, got none: no field reaches the threshold "
+        f"{scene.threshold:g}; try a lower --threshold or a larger --support"
     )

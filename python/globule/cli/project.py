@@ -51,7 +51,8 @@ def add_arguments(parser: Parser) -> None:
     )
     measuring.add_values(parser, "density if the file has one, else thickness")
     measuring.add_sample_spacing(parser)
-    parser.add_argument(
+    volume = parser.add_mutually_exclusive_group()
+    volume.add_argument(
         "--particle-volume",
         dest="volume",
         type=positive,
@@ -59,6 +60,7 @@ def add_arguments(parser: Parser) -> None:
         help="volume of every particle, world units cubed (default: mass over density, else the "
         "spacing cubed)",
     )
+    flags.add(volume, "--particle-spacing", "default: measured")
     image = parser.add_argument_group("image")
     image.add_argument("--log", action="store_true", help="color by the decimal logarithm")
     flags.add(image, "--colormap", "default: viridis", default="viridis")
@@ -83,14 +85,18 @@ def run(options: argparse.Namespace) -> None:
     with Progress(1) as progress:
         progress.step(options.file)
         particles = read_particles(options.file, **reading(options))
+        finite = np.isfinite(particles.positions).all(axis=1)
+        measuring.need_particles(options.file, int(finite.sum()))
         names = options.values
         if not names:
             known = {"density", "densities", "rho", "mass", "masses"} & {*particles.attributes}
             names = ["density" if known else "thickness"]
         with mistakes():
             plane = SamplePlane(options.axis, 0.0, options.spacing)
+            spacing = options.particle_spacing
+            volume = spacing**3 if spacing else options.volume
             found = project(
-                particles, plane, names[:1] if image else names, volume=options.volume,
+                particles, plane, names[:1] if image else names, volume=volume,
                 kernel=options.kernel, support=options.support, device=options.device,
                 threads=options.threads,
             )  # fmt: skip

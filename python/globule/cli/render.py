@@ -47,7 +47,19 @@ from ..render.views import view_cameras
 from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
-from . import annotation, flags, light, look, meshes, pieces, ranks, sequence, state, tracing
+from . import (
+    annotation,
+    flags,
+    light,
+    look,
+    meshes,
+    pieces,
+    ranks,
+    sequence,
+    state,
+    surfaces,
+    tracing,
+)
 from .image import picture
 from .parser import Parser
 from .shared import (
@@ -115,8 +127,7 @@ def add_arguments(parser: Parser) -> None:
     flags.add(surface, "--kernel", "default: murakami", default="murakami")
     flags.add(surface, "--support", "default: the file's, else two spacings")
     flags.add(surface, "--threshold", "default: by kernel")
-    flags.add(surface, "--surface", "default: auto", default="auto")
-    flags.add(surface, "--particle-spacing", "default: measured")
+    surfaces.add_arguments(surface)
     surface.add_argument(
         "--anisotropic",
         action="store_true",

@@ -104,7 +104,7 @@ def run(options: argparse.Namespace) -> None:
             raise UserError(f"--{name}: expected a .png beside --{name}, got {options.output}")
     with Progress(1) as progress:
         for _, path, scene in measuring.scenes(options, [options.file], progress):
-            measuring.need_surface(path, scene)
+            measuring.need_particles(path, scene.octree.n_inside)
             with mistakes():
                 names = options.values
                 if image:

@@ -14,6 +14,7 @@ from .._base.checks import image_size, shown, unit
 from ..render.camera import Camera
 from ..scene import oracle
 from ..scene.attributes import attribute_values
+from ..scene.fluid import fluid_like
 from ..scene.particles import FARTHEST, Particles
 from ..scene.scene import Scene
 from ..scene.sources import as_particles
@@ -58,9 +59,10 @@ def project(
         size: (width, height) of a camera's image in pixels. Parallel lines are half a particle
             spacing apart unless a SamplePlane says otherwise.
         volume: of the particles, world units cubed: a number or (N,). Default: an attribute mass
-            (mass, masses or m) over density (density, densities or rho), else one over the sum of
-            the kernels at each particle. Where all supports are alike, the median of these sums
-            stands for all: at a fluid's surface they are too small.
+            (mass, masses or m) over density (density, densities or rho); else, of particles of one
+            fluid (`fluid_like`), the cube of the spacing of their smooth surface; else one over the
+            sum of the kernels at each particle. Where all supports are alike, the median of these
+            sums stands for all: at a fluid's surface they are too small.
         kernel: one of `globule.scene.scene.KERNELS`.
         support: of all particles, world units; default: the particles' or the scene's own, else the
             kernel's default. For parallel lines, supports below two of their distances are widened
@@ -82,9 +84,13 @@ def project(
         raise ValueError("values: expected at least one name, got none")
     names = list(dict.fromkeys(names))
     own: Any = None
-    if isinstance(particles, Scene):
-        own, particles = particles.support, particles.particles
-    particles = replace(as_particles("particles", particles), weight=None)
+    made = particles if isinstance(particles, Scene) else None
+    if made is not None:
+        own, particles = made.support, made.particles
+    particles = as_particles("particles", particles)
+    if volume is None:
+        volume = _fluid_volume(made, particles)
+    particles = replace(particles, weight=None)
     if own is not None and particles.anisotropy is None and support is None:
         particles = replace(particles, support=own)
     options: dict[str, Any] = {"kernel": kernel, "device": device, "threads": threads}
@@ -118,6 +124,17 @@ def kernel_volume(kernel: str) -> float:
         b, _ = oracle.field(np.zeros((1, 3)), 1.0, 1.0, kernel, points)
         total += (hi - lo) / 2 * float(np.sum(weight * b * 4 * np.pi * q * q))
     return total
+
+
+def _fluid_volume(scene: Scene | None, particles: Particles) -> float | None:
+    """The volume of a particle of a fluid without masses and densities; None of all others."""
+    if all(_first(particles, known) is not None for known in (_MASSES, _DENSITIES)):
+        return None
+    if scene is None or scene.surface == "balls":
+        if not fluid_like(particles).yes:
+            return None
+        scene = Scene(to_host(particles.positions), device="cpu")
+    return scene.fluid_spacing() ** 3 or None if scene.surface != "spheres" else None
 
 
 def _volumes(scene: Scene, volume: Any, options: dict[str, Any]) -> np.ndarray:

@@ -203,7 +203,7 @@ class Scene:
     def become_smooth(self) -> None:
         """Draw the smooth surface of the same particles, with the spacing that was measured."""
         with self._lock:
-            self._spacing = self._spacing or _fluid_spacing(self._scene) or None
+            self._spacing = self._spacing or self.fluid_spacing() or None
             self.surface, self._support = "smooth", None
             self.threshold = SMOOTH_THRESHOLD
             self._build(self.particles)
@@ -306,11 +306,20 @@ class Scene:
 
     @property
     def spacing(self) -> float:
-        """Median spacing of the particles, world units, measured around up to 1024 particles; 0 if
-        the scene has too few particles. Of spheres, the spacing that they were made with."""
-        if self.surface == "spheres" and self._spacing:
+        """Spacing of the particles, world units; 0 if the scene has too few particles. Of balls,
+        the median over up to 1024 particles, from their nearest neighbors. Of the smooth surface,
+        the cube root of a particle's volume, given or measured; of spheres, the one they were made
+        with."""
+        if self.surface != "balls" and self._spacing:
             return self._spacing
         return self._scene.spacing()
+
+    def fluid_spacing(self) -> float:
+        """The spacing that a smooth surface of these particles has, world units: the cube root of a
+        particle's volume, measured around up to 1024 particles; 0 if they are too few."""
+        if self.surface == "smooth" and self._spacing:
+            return self._spacing
+        return _fluid_spacing(self._scene)
 
     @property
     def octree(self) -> Octree:

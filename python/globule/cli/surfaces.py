@@ -1,0 +1,31 @@
+"""Which surface --surface and --particle-spacing ask for; `render` and what measures agree."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ..scene.fluid import shown_scene
+from ..scene.particles import Particles
+from ..scene.scene import Scene
+from . import flags
+
+
+def add_arguments(group: Any) -> None:
+    """--surface and --particle-spacing."""
+    flags.add(group, "--surface", "default: auto", default="auto")
+    flags.add(group, "--particle-spacing", "default: measured")
+
+
+def scene_of(
+    options: argparse.Namespace, particles: Particles, as_balls: bool, **asked: Any
+) -> Scene:
+    """The scene of the particles. as_balls: auto is balls, as for voxels; asked: for `Scene`."""
+    surface, spacing = options.surface, options.particle_spacing
+    if surface == "auto" and as_balls:
+        surface = "balls"
+    elif surface == "auto" and spacing:
+        surface = "smooth"
+    if surface == "auto":
+        return shown_scene(particles, **asked)
+    return Scene(particles, surface=surface, spacing=spacing, **asked)
