@@ -21,7 +21,7 @@ from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
-from . import annotation, light, look, sequence, tracing
+from . import annotation, camera_facts, light, look, sequence, tracing
 from .shared import Progress, count, mistakes
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
@@ -106,6 +106,8 @@ def picture(
         "samples": frames[0].samples, "times": times, "warnings": messages,
         **_facts(options, subject, hits),
     }  # fmt: skip
+    seen = [camera_facts.facts(view) for view in views]
+    report |= {"cameras": seen} if options.views else {"camera": seen[0]}
     if options.pick:
         report["picked"] = lit.picked(frames[0], subject.kept)
     return report
