@@ -49,4 +49,5 @@ def test_each_view_has_its_camera(tmp_path, monkeypatch, capsys):
     gb.write("a.npz", cube())
     words = ["render", "a.npz", "-o", "a.png", "--size", "300x150", "--views", "front,iso"]
     front, iso = run_json(capsys, *words)["cameras"]
-    assert "height" in front and "fov" in iso
+    assert "height" in front
+    assert "fov" in iso
