@@ -18,11 +18,11 @@ from ..render.camera import Camera
 from ..render.frame import Frame, render, save_png, values_of
 from ..scene.fluid import shown_scene
 from ..scene.mesh import Mesh
-from ..scene.particles import Particles
+from ..scene.particles import FARTHEST, Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
 from . import annotation, camera_facts, light, look, sequence, tracing
-from .shared import Progress, count, mistakes
+from .shared import Progress, UserError, count, mistakes
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
 FEW = 0.005  # share of the pixels below which a fitted image shows almost nothing
@@ -132,6 +132,10 @@ def _particles(
         left_out = "have" if n_lost > 1 else "has"
         messages.append(f"{n_lost:,} of {count(n)} {left_out} no finite position, left out")
         particles = particles[finite]
+    n_far = len(particles) - len(particles.finite_positions())
+    if n_far > len(particles) / 2:
+        what = f"got farther ones of {n_far:,} of {count(n)}; scale the positions"
+        raise UserError(f"{path}: expected coordinates up to {FARTHEST:g}, {what}")
     ends = None
     if options.color_by:
         particles.color, ends = look.color_by(options, path, particles, messages)
