@@ -10,10 +10,11 @@ import numpy as np
 
 from ..render.annotate import Annotation, Colors, bounds_of, traced_size
 from ..render.camera import Camera
+from ..render.canvas import LEAST_SIDE
 from ..render.frame import Frame
 from ..render.legend import POSITIONS
 from ..render.views import VIEWS, Grid, draw_views
-from .shared import UserError, mistakes, number
+from .shared import UserError, count, mistakes, number
 
 
 def start_and_step(text: str) -> tuple[float, float]:
@@ -148,6 +149,12 @@ class Notes:
             whole = options.size
             traced = traced_size(self.annotation, whole, len(self.names) > 1)
             self._grid = Grid(len(self.names), traced)
+            if options.views and min(self._grid.cell) < LEAST_SIDE:
+                got = f"{whole[0]}x{whole[1]}"
+                raise UserError(
+                    f"--size: expected at least {LEAST_SIDE} pixels a side for each of "
+                    f"{count(len(self.names), 'view')}, got {got}"
+                )
         self.size = self._grid.cell
         self._strip, self._header = whole[0] - traced[0], whole[1] - traced[1]
 

@@ -17,13 +17,15 @@ from ..render.annotate import Colors
 from ..render.camera import Camera
 from ..render.frame import Frame, render, save_png, values_of
 from ..scene.mesh import Mesh
-from ..scene.particles import Particles
+from ..scene.particles import FARTHEST, Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
-from . import annotation, light, look, sequence, surfaces, tracing
-from .shared import Progress, count, mistakes
+from . import annotation, camera_facts, light, look, sequence, surfaces, tracing
+from .shared import Progress, UserError, count, mistakes
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
+FEW = 0.005  # share of the pixels below which a fitted image shows almost nothing
+APART = 0.2  # size of the box of 99 % of the particles by that of all, where some lie far away
 
 
 class Subject(NamedTuple):
@@ -77,7 +79,8 @@ def picture(
     if comm is not None and comm.rank:
         return None
     hits = sum(int(frame.mask.sum()) for frame in frames)
-    messages += lit.messages + _notices(options, lit, thesis, subject, hits)
+    n_pixels = sum(frame.mask.size for frame in frames)
+    messages += lit.messages + _notices(options, lit, thesis, subject, hits, n_pixels)
     progress.step(f"writing {image}")
     written = time.perf_counter()
     with mistakes():
@@ -105,6 +108,8 @@ def picture(
         "samples": frames[0].samples, "times": times, "warnings": messages,
         **_facts(options, subject, hits),
     }  # fmt: skip
+    seen = [camera_facts.facts(view) for view in views]
+    report |= {"cameras": seen} if options.views else {"camera": seen[0]}
     if options.pick:
         report["picked"] = lit.picked(frames[0], subject.kept)
     return report
@@ -126,6 +131,10 @@ def _particles(
         left_out = "have" if n_lost > 1 else "has"
         messages.append(f"{n_lost:,} of {count(n)} {left_out} no finite position, left out")
         particles = particles[finite]
+    n_far = len(particles) - len(particles.finite_positions())
+    if n_far > len(particles) / 2:
+        what = f"got farther ones of {n_far:,} of {count(n)}; scale the positions"
+        raise UserError(f"{path}: expected coordinates up to {FARTHEST:g}, {what}")
     ends = None
     if options.color_by:
         particles.color, ends = look.color_by(options, path, particles, messages)
@@ -154,6 +163,7 @@ def _notices(
     thesis: Thesis | None,
     subject: Subject,
     hits: int,
+    n_pixels: int,
 ) -> list[str]:
     """What a user should know about the image."""
     scene, particles = subject.scene, subject.particles
@@ -165,8 +175,11 @@ def _notices(
     n_inside = scene.octree.n_inside
     if n_outside := len(particles) - n_inside:
         found.append(f"{n_outside:,} of {count(subject.n)} outside the octree, left out")
+    fits = not (options.eye or options.camera_path)
     if n_inside and not hits:
-        found.append(why_empty(scene, lit.clips))
+        found.append(why_empty(scene, lit.clips, fits))
+    elif n_inside and fits and not lit.clips and hits < FEW * n_pixels:
+        found.append(spread(scene))
     return [message for message in found if message]
 
 
@@ -258,7 +271,26 @@ def _one_number(support: Any) -> Any:
     return [float(support.min()), float(support.max())] if len(support) else None
 
 
-def why_empty(scene: Scene, clips: Sequence[Any]) -> str:
+def spread(scene: Scene) -> str:
+    """What to say where a few particles far away make the others small in a fitted image; "" where
+    none are."""
+    positions = scene.particles.finite_positions().astype(np.float64)
+    lo, hi = positions.min(axis=0), positions.max(axis=0)
+    inner_lo = np.percentile(positions, 1 / 6, axis=0, method="higher")
+    inner_hi = np.percentile(positions, 100 - 1 / 6, axis=0, method="lower")
+    size = float((inner_hi - inner_lo).max())
+    if not size < APART * float((hi - lo).max()):
+        return ""
+    within = ((positions >= inner_lo) & (positions <= inner_hi)).all(axis=1).mean()
+    room = 0.05 * size + 1e-6 * float(np.abs(inner_hi).max())
+    crop = ",".join(f"{v:.6g}" for v in (*(inner_lo - room), *(inner_hi + room)))
+    return (
+        f"almost nothing shows: the particles spread over {float((hi - lo).max()):.4g}, "
+        f"but {100 * within:.4g} % of them lie in a box of {size:.4g}; try --crop={crop}"
+    )
+
+
+def why_empty(scene: Scene, clips: Sequence[Any], fits: bool = False) -> str:
     """Why the image shows no surface, and how to fix that."""
     from ..scene.query import field
 
@@ -271,7 +303,10 @@ def why_empty(scene: Scene, clips: Sequence[Any]) -> str:
     values = field(scene, positions[:: 1 + len(positions) // SAMPLES])
     highest = float(values.max())
     if highest > scene.threshold:
-        return "no pixel hits the surface: the camera looks past it, try --fit"
+        if not fits:
+            return "no pixel hits the surface: the camera looks past it, try --fit"
+        small = "no pixel hits the surface: it is smaller than a pixel; try --eye and --look-at"
+        return (not clips and spread(scene)) or small
     problem = (
         f"no pixel hits the surface: threshold {scene.threshold:g} is above the highest field "
         f"at the particles, {highest:.3g}"

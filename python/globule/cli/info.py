@@ -1,8 +1,8 @@
 """Print the contents of a file of particles, a tracked sweep or a volume.
 
 `globule info` prints the number of particles, frames or voxels, their bounds and spacing, and the
-range of every field. A mesh is described as particles, and so is a volume with --level or
---label."""
+range of every field, and for particles the camera that shows all of them, in flags of
+`globule render`. A mesh is described as particles, and so is a volume with --level or --label."""
 
 from __future__ import annotations
 
@@ -15,9 +15,13 @@ import numpy as np
 from ..formats import READABLE
 from ..formats.kind import kind_of
 from ..formats.registry import FORMATS
+from ..formats.triangles import has_faces
+from ..render.camera import Camera
+from ..render.frame import fitted
 from ..scene.fluid import fluid_like, is_flat, shown_scene
 from ..scene.particles import SCALAR_FIELDS, Particles
-from . import flags, medical
+from ..scene.scene import Scene
+from . import camera_facts, flags, medical
 from . import medical as medical_files
 from .parser import Parser
 from .shared import (
@@ -36,6 +40,7 @@ EXAMPLES = """\
   globule info sweep.igs.mha --json
   globule info head.nii.gz --level 90"""
 
+SIZE = (1024, 782)  # of an image of `globule render`
 _FORMATS = {
     **{ending: form.about for form in FORMATS for ending in form.endings},
     ".bgeo.gz": "Houdini classic geometry, gzipped",
@@ -81,8 +86,6 @@ def run(options: argparse.Namespace) -> None:
 
 def describe(path: str, particles: Particles) -> dict[str, Any]:
     """All facts about the particles of a file, for JSON."""
-    from ..scene.scene import Scene
-
     finite = np.isfinite(particles.positions).all(axis=1)
     facts: dict[str, Any] = {
         "file": path,
@@ -95,6 +98,7 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
         "default_support": None,
         "surface": "balls",
         "why_surface": "no particles",
+        "camera": None,
     }
     if kind_of(path).kind == "volume":
         volume = medical.describe(path, "volume")
@@ -107,10 +111,13 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
             else:
                 scene = Scene(particles.positions, device="cpu")
         facts["bounds"] = {"lo": lo, "hi": hi}
-        facts["surface"], facts["why_surface"] = _surface(path, particles)
+        facts["surface"], facts["why_surface"] = _surface(path, particles, scene)
         smooth = facts["surface"] == "smooth"
         facts["spacing"] = (scene.fluid_spacing() if smooth else scene.spacing) or None
         facts["default_support"] = scene.support
+        with mistakes():
+            camera = _camera(path, particles[finite], scene, facts["surface"])
+        facts["camera"] = camera and camera_facts.facts(camera)
     facts["fields"] = {"positions": _range(particles.positions)}
     for name in (*SCALAR_FIELDS, "color"):
         value = getattr(particles, name)
@@ -120,14 +127,28 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
     return facts
 
 
-def _surface(path: str, particles: Particles) -> tuple[str, str]:
+def _surface(path: str, particles: Particles, scene: Scene) -> tuple[str, str]:
     """What `globule render` draws, and why."""
     if kind_of(path).kind == "volume":
         return "balls", "voxels"
     if is_flat(particles):
         return "spheres", "2-D: one z"
-    found = fluid_like(particles)
+    found = fluid_like(particles, scene)
     return "smooth" if found.yes else "balls", found.why
+
+
+def _camera(path: str, particles: Particles, scene: Scene, surface: str) -> Camera | None:
+    """The camera that `globule render` fits at its default size; None for a volume, whose image
+    shows a surface. scene: of the positions alone; it becomes smooth."""
+    if kind_of(path).kind == "volume":
+        return None
+    if has_faces(path):
+        return Camera.fit(np.array(np.meshgrid(*np.transpose(particles.bounds()))).reshape(3, -1).T)
+    if surface == "smooth":
+        scene.become_smooth()
+    elif particles.support is not None or particles.anisotropy is not None:
+        scene = shown_scene(particles, device="cpu")
+    return fitted(scene, SIZE, None)
 
 
 def _format_name(path: str) -> str:
@@ -178,6 +199,8 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         )
         lines.append(f"  spacing    {text}")
         lines.append(f"  surface    {facts['surface']} ({facts['why_surface']})")
+    if facts["camera"]:
+        lines.append(f"  camera     {facts['camera']['flags']}")
     for kind in ("fields", "attributes"):
         for name, about in facts[kind].items():
             shape = "x".join(map(str, about["shape"])) or "one for all"

@@ -13,6 +13,7 @@ from .._base.colormaps import categorical
 from ..formats import FormatError
 from ..formats.pictures.environment import read_environment
 from ..formats.rigid_bodies import RigidBodies
+from ..render.clips import ClipBox
 from ..render.frame import MAX_LAYERS, Frame, Layer, corners_of
 from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
@@ -160,7 +161,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--crop",
         type=functools.partial(box, keep=True),
         metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="keep only the inside of a box, world units (default: all)",
+        help="keep only the inside of a box, and show that, world units (default: all)",
     )
     add(
         "--crop-sphere",
@@ -253,8 +254,10 @@ class Light:
         meshes.place(self._moving, path, i)
 
     def around(self, scene: Scene | Mesh, box: Any) -> Any:
-        """Points (M, 3) that the fitted camera shows: those of `box`, or the scene's, and --mesh;
-        None: the scene's alone."""
+        """Points (M, 3) that the fitted camera shows: those of `box`, or the scene's, inside of
+        --crop, and --mesh; None: the scene's alone."""
+        if self.options.crop:
+            box = _inside(self.options.crop, scene, box)
         shown = [x.scene for x in self.layers(scene)[1:] if isinstance(x.scene, Mesh)]
         if not shown:
             return box
@@ -292,6 +295,23 @@ class Light:
             files = [*(path for path, _ in self.options.beside), *meshes.files(self.options)]
             return facts | {"file": files[seen.layer - 1]}
         return facts | ({} if seen.particle is None else {"particle": int(kept[seen.particle])})
+
+
+def _inside(crop: ClipBox, scene: Scene | Mesh, box: Any) -> Any:
+    """The corners (8, 3) of the part of a box of points, or of the scene's, that a crop keeps; the
+    box itself where it keeps nothing."""
+    points = box
+    if points is None:
+        owner = scene if isinstance(scene, Mesh) else scene.particles
+        try:
+            points = np.array(owner.bounds())
+        except ValueError:  # no finite position
+            return box
+    lo = np.maximum(points.min(axis=0), crop.lo)
+    hi = np.minimum(points.max(axis=0), crop.hi)
+    if (lo > hi).any():
+        return box
+    return np.array(np.meshgrid(*np.transpose((lo, hi)))).reshape(3, -1).T
 
 
 def say_picked(options: argparse.Namespace, seen: dict[str, Any] | None) -> str:

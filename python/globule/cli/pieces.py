@@ -22,7 +22,7 @@ from ..pieces.store import Source, source_of
 from ..render.annotate import Colors
 from ..render.camera import Camera
 from ..render.frame import Layer, render, save_png
-from . import annotation, light
+from . import annotation, camera_facts, light
 from .shared import UserError, count, mistakes, print_json, read_particles, say
 
 # Flags that need all particles in one scene; with the values that leave them out.
@@ -130,7 +130,7 @@ def run(
         "device": pieces.device.description, "kernel": pieces.kernel,
         "threshold": pieces.threshold, "surface": pieces.surface, "support": pieces.support,
         "spacing": pieces.spacing, "ranks": comm.size if comm else 1,
-        "memory": {"limit": options.memory},
+        "memory": {"limit": options.memory}, "camera": camera_facts.facts(camera),
         "counts": {"particles": len(pieces), "pieces": n, "hits": hits},
     })  # fmt: skip
 

@@ -69,7 +69,9 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
 def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
     """The corners of a file's triangles as vertices, three a triangle, with colors, and the
     triangles (F, 3); no triangles where the file has none."""
-    found = _parts(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of points: they are not what is asked for
+        found = _parts(path)
     if isinstance(found, Particles):
         return found, np.empty((0, 3), np.int64)
     corners, colors = found
@@ -154,6 +156,8 @@ def _points(name: str, parts: list[Any]) -> Particles:
     """What a file without triangles has: points, as near or far from each other as they are."""
     found = [np.asarray(part.vertices) for part in parts if len(part.vertices)]
     if not found:
+        if name.lower().endswith(".stl"):
+            _check_stl(name)
         raise bad(name, "", "expected a mesh with vertices, got none")
     positions = np.concatenate(found).astype(np.float32)
     shown = f"its {len(positions):,} vertices are shown as points"
@@ -192,6 +196,18 @@ def _check_obj(path: str, file: IO[bytes]) -> None:
         raise bad(path, "last vertex", f"expected {words - 1} numbers, got {len(last) - 1}")
     if last[:1] == [b"f"] and len(last) < 4:
         raise bad(path, "last face", f"expected at least 3 corners, got {len(last) - 1}")
+
+
+def _check_stl(path: str) -> None:
+    """Refuse a binary file that is shorter than its number of triangles: trimesh reads none."""
+    with open(path, "rb") as file:
+        size, head = os.fstat(file.fileno()).st_size, file.read(84)
+    if head.startswith(b"solid") or len(head) < 84:
+        return
+    n = int.from_bytes(head[80:], "little")
+    if size < 84 + 50 * n:
+        expected = f"expected {84 + 50 * n:,} bytes for the {n:,} triangles of its header"
+        raise bad(path, "", f"{expected}, got {size:,}: the file is cut off")
 
 
 def _check_glb(path: str, file: IO[bytes]) -> None:

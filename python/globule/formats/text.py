@@ -44,7 +44,7 @@ def read(path: str | os.PathLike[str]) -> Particles:
         got = rows[row, column]
         raise bad(path, where, f"expected {expected} for {_COLUMNS[column]}, got {got:g}")
     return Particles(
-        values[:, :3],
+        rows[:, :3],
         color=values[:, 3:6],
         reflection=values[:, 6],
         refraction=values[:, 7],

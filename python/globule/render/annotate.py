@@ -274,7 +274,10 @@ def draw_sheet(
         size = round(_TITLE * canvas.font)
         used = canvas.text_width(", ".join(words)) + margin if words else 0.0
         title = canvas.shortened(annotation.title, canvas.width - 2 * (margin + used), size)
-        canvas.text((canvas.width / 2, margin), title, "ma", size)
+        # In the middle of the whole image, to which the legend's strip is added below.
+        half = canvas.text_width(title, size) / 2
+        middle = min((canvas.width + strip) / 2, canvas.width - margin - half)
+        canvas.text((middle, margin), title, "ma", size)
     if not annotation.legend or colors is None:
         return canvas.pixels
     place = "lower-right" if annotation.legend is True else str(annotation.legend)

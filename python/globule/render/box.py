@@ -153,11 +153,11 @@ def _draw_ticks(
         "a" if out[1] > 0.5 else "d" if out[1] < -0.5 else "m"
     )
     for place, text in zip(places, texts, strict=True):
-        canvas.text(tuple(place + 1.7 * tick * out), text, anchor, inks=inks)
+        canvas.text(tuple(place + 1.7 * tick * out), text, anchor, inks=inks, inside=True)
     widest = max((canvas.text_width(text) for text in texts), default=0.0)
     far = 2.6 * tick + abs(out[0]) * widest + abs(out[1]) * canvas.text_height()
     name = "xyz"[axis] + (f", {unit}" if unit else "")
-    canvas.text(tuple(line.mean(axis=0) + far * out), name, anchor, inks=inks)
+    canvas.text(tuple(line.mean(axis=0) + far * out), name, anchor, inks=inks, inside=True)
 
 
 def round_values(lo: float, hi: float, most: int) -> list[float]:

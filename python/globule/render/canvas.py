@@ -125,13 +125,22 @@ class Canvas:
         anchor: str = "ls",
         size: int | None = None,
         inks: tuple[Color, Color] | None = None,
+        inside: bool = False,
     ) -> None:
-        """Draw one line of text with a rim. anchor: as Pillow names them: l m r, then a m s d."""
+        """Draw one line of text with a rim. anchor: as Pillow names them: l m r, then a m s d.
+        inside: moves what would stand out of the image into it."""
         from PIL import Image, ImageDraw
 
         font, place = self._font(size), (round(place[0]), round(place[1]))  # whole: text is crisp
         probe = ImageDraw.Draw(Image.new("L", (1, 1)))
         box = probe.textbbox(place, text, font, anchor=anchor, stroke_width=self.line)
+        if inside and np.isfinite(box).all():
+            moved = [
+                max(0, -math.floor(box[i])) or min(0, most - math.ceil(box[i + 2]))
+                for i, most in enumerate((self.width, self.height))
+            ]
+            place = place[0] + moved[0], place[1] + moved[1]
+            box = probe.textbbox(place, text, font, anchor=anchor, stroke_width=self.line)
         x, y = max(0, math.floor(box[0])), max(0, math.floor(box[1]))
         right, bottom = min(self.width, math.ceil(box[2])), min(self.height, math.ceil(box[3]))
         if not text or right <= x or bottom <= y:

@@ -66,7 +66,9 @@ def fluid_like(particles: Particles, scene: Scene | None = None) -> Likeness:
     if len(inside) < FEWEST:
         return Likeness(False, f"fewer than {FEWEST} finite positions")
     size = np.ptp(inside, axis=0)
-    if size.min() <= FLAT * size.max():
+    if size.max() == 0:
+        return Likeness(False, "all at one place")
+    if _is_thin(inside, int(np.argmin(size))):
         return Likeness(False, "particles in a plane")
     scene = scene or Scene(Particles(inside), device="cpu")
     spacing = scene.spacing
@@ -87,8 +89,19 @@ def is_flat(particles: Particles) -> bool:
     inside = _inside(particles)
     if len(inside) < FEWEST:
         return False
-    size = np.ptp(inside, axis=0)
-    return bool(size[2] <= FLAT * size.max() and size.max() > 0)
+    return bool(np.ptp(inside, axis=0).max() > 0) and _is_thin(inside, 2)
+
+
+def _is_thin(positions: np.ndarray, axis: int) -> bool:
+    """Whether positions (N, 3) lie in a plane across an axis. One particle far away does not make
+    the others flat: their distance from the middle counts."""
+    size = np.ptp(positions, axis=0)
+    if size[axis] > FLAT * size.max():
+        return False
+    if size[axis] == 0:
+        return True
+    away = np.median(np.abs(positions - np.median(positions, axis=0)), axis=0)
+    return bool(size[axis] <= FLAT * 4 * away.max())
 
 
 def flat_spacing(particles: Particles) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,6 +18,7 @@ FIELDS = ("positions", *SCALAR_FIELDS, "color", "anisotropy")
 
 
 FARTHEST = np.float32(1e18)  # past it a coordinate's square overflows float32
+MOST_ROUNDING = 0.2  # step of float32 by the spacing of particles: half of it moves them
 
 
 class Attributes(dict[str, Any]):
@@ -202,7 +204,36 @@ def _positions(value: Any) -> Any:
         array = np.concatenate([array, np.zeros((len(array), 1), array.dtype)], axis=1)
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"positions: expected shape (N, 3), got {array.shape}")
+    if array.itemsize > 4 and (lost := lost_precision(array)):
+        warnings.warn(lost, stacklevel=5)
     return _float32(array)
+
+
+def lost_precision(positions: np.ndarray) -> str:
+    """What to say of positions (N, 3) float64 so far from the origin that float32 cannot tell them
+    apart, or moves them by a good part of their distance; "" where float32 keeps them."""
+    some = positions[:: 1 + len(positions) // 100_000]
+    some = some[(np.abs(some) <= FARTHEST).all(axis=1)]
+    if len(some) < 9:  # corners of a box, and what tells no spacing
+        return ""
+    lo, hi = np.percentile(some, (2, 98), axis=0)  # without strays
+    extent = np.sort(hi - lo)[::-1]
+    # As many particles a length, an area or a volume, whichever they fill.
+    spacing = max(
+        float(np.exp(np.log(np.maximum(extent[:d], 1e-300)).mean()) / len(positions) ** (1 / d))
+        for d in (1, 2, 3)
+    )
+    farthest = float(max(np.abs(lo).max(), np.abs(hi).max()))
+    step = float(np.spacing(np.float32(farthest)))
+    if not extent[0] > 0 or step <= MOST_ROUNDING * spacing:
+        return ""
+    power = 10.0 ** math.floor(math.log10(extent[0]))
+    origin = ",".join(f"{v + 0.0:.15g}" for v in np.floor(lo / power) * power)
+    return (
+        f"positions: near {farthest:.6g} float32 has steps of {step:.3g}, and the particles are "
+        f"about {spacing:.2g} apart: it cannot tell them apart; subtract an origin, such as "
+        f"{origin}, from the float64 positions"
+    )
 
 
 def _scalar_field(name: str, value: Any, n: int) -> Any:

@@ -268,6 +268,12 @@ class Scene:
         elif support is ABSENT:
             one_support = positive("support", one_support)
         if one_support is not None and one_support > MAX_SUPPORT:
+            if support is ABSENT and not self._support and p.support is None:  # it was measured
+                lo, hi = p.bounds()
+                raise ValueError(
+                    "positions: expected particles 1e-18 to 1e18 apart, whose squares float32 "
+                    f"holds, got all within {float(np.max(hi - lo)):.3g}; scale the positions"
+                )
             raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {one_support:g}")
         checked = support is ABSENT or support.owner is self._known.get("support")
         if not checked and support.device == HOST:

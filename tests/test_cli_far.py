@@ -1,0 +1,87 @@
+"""Particles far from the origin or from each other: what is lost is said."""
+
+from __future__ import annotations
+
+import warnings
+
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import run_json
+from globule.cli import main
+from globule.scene.fluid import is_flat
+
+MACHINE = ["--device", "cpu", "--size", "160x120"]
+
+
+def lattice(n: int = 10, spacing: float = 0.05) -> np.ndarray:
+    return np.stack(np.mgrid[:n, :n, :n], -1).reshape(-1, 3) * spacing
+
+
+def test_far_coordinates_are_said_with_an_origin_that_helps():
+    far = lattice() + (450_000, 5_400_000, 100)
+    with pytest.warns(UserWarning, match=r"steps of 0\.5, .* 0\.04\d* apart") as said:
+        gb.Particles(far)
+    origin = str(said[0].message).split("such as ")[1].split(", from")[0]
+    near = far - [float(v) for v in origin.split(",")]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gb.Particles(near)
+        gb.Particles(far.astype("f4"))  # lost before
+        gb.Particles(lattice(10, 1e-30))
+        gb.Particles(lattice() + 1000)  # a thousandth of the spacing
+        gb.Particles(np.ones((500, 3)))
+        gb.Particles(np.full((500, 3), np.nan))
+        sheet = lattice()[:, :2] + 50
+        gb.Particles(np.c_[sheet, 1e-9 * np.sin(np.arange(len(sheet)))])
+    with pytest.warns(UserWarning, match="steps of 64"):
+        gb.Particles(lattice() + 1e9)
+    with pytest.warns(UserWarning, match=r"steps of 0\.5"):
+        gb.Particles(np.r_[far, [[0, 0, 0]]])  # a stray does not hide it
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.npy", "a.csv", "a.txt"])
+def test_every_reader_says_it(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    far = lattice() + (450_000, 5_400_000, 100)
+    if name == "a.npz":
+        np.savez(name, positions=far)
+    elif name == "a.npy":
+        np.save(name, far)
+    elif name == "a.csv":
+        np.savetxt(name, far, delimiter=",", header="x,y,z", comments="", fmt="%.9g")
+    else:
+        rows = np.c_[far, np.full((len(far), 3), 0.5), np.zeros((len(far), 3))]
+        np.savetxt(name, rows, header=str(len(far)), comments="", fmt="%.9g")
+    assert main(["render", name, "-o", "a.png", *MACHINE]) == 0
+    said = [line for line in capsys.readouterr().err.splitlines() if "float32" in line]
+    assert len(said) == 1, said
+    assert said[0].startswith("globule: warning: positions: near 5.4e+06"), said
+
+
+@pytest.mark.parametrize("away", [30.0, 300.0, 1e4, 1e6])
+def test_a_stray_particle_is_named_and_left_out(away, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    points = np.r_[lattice(8, 0.1), [[away, 0.3, 0.3]]].astype("f4")
+    gb.write("a.npz", gb.Particles(points))
+    said = run_json(capsys, "render", "a.npz", "-o", "a.png", *MACHINE)
+    (message,) = said["warnings"]
+    assert f"spread over {away:.4g}" in message
+    assert "99.8" in message
+    assert "--fit" not in message
+    crop = message.split("try ")[1]
+    said = run_json(capsys, "render", "a.npz", "-o", "b.png", *MACHINE, crop)
+    assert said["counts"]["hits"] > 0.15 * 160 * 120, said["warnings"]
+
+
+def test_a_cube_with_a_stray_particle_is_not_flat():
+    points = np.r_[lattice(8, 0.1), [[1e6, 0.3, 0.3]]]
+    assert not is_flat(gb.Particles(points.astype("f4")))
+    sheet = points * (1, 1, 0) + (0, 0, 3)
+    assert is_flat(gb.Particles(sheet.astype("f4")))
+
+
+def test_equal_particles_are_not_in_a_plane(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    gb.write("a.npz", gb.Particles(np.ones((500, 3), "f4")))
+    assert run_json(capsys, "info", "a.npz")["why_surface"] == "all at one place"

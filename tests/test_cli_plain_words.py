@@ -1,0 +1,68 @@
+"""Mistakes are answered with what is wrong; annotations stay in the image."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import refused
+from globule.cli import main
+from globule.render.annotate import Annotation, draw_sheet
+from globule.render.canvas import Canvas
+
+
+def test_sizes_that_float32_cannot_square_are_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    lattice = np.stack(np.mgrid[:8, :8, :8], -1).reshape(-1, 3)
+    for size, expected in ((1e-30, "1e-18 to 1e18 apart"), (1e30, "coordinates up to 1e+18")):
+        gb.write("a.npz", gb.Particles(lattice * size))
+        said = refused(capsys, "render", "a.npz", "-o", "a.png", "--device", "cpu")
+        assert expected in said
+        assert "scale the positions" in said
+
+
+def test_a_cut_off_stl_is_named(tmp_path, monkeypatch, capsys):
+    trimesh = pytest.importorskip("trimesh")
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.box().export("box.stl")
+    whole = (tmp_path / "box.stl").read_bytes()
+    (tmp_path / "box.stl").write_bytes(whole[:300])
+    said = refused(capsys, "render", "box.stl", "-o", "a.png", "--device", "cpu")
+    assert "expected 684 bytes for the 12 triangles of its header, got 300" in said
+
+
+def test_a_label_stays_inside_of_the_image():
+    blank = np.full((100, 120, 3), 255, np.uint8)
+    drawn = {}
+    for place in ((40.0, 50.0), (-30.0, 50.0), (200.0, 50.0), (60.0, -20.0), (60.0, 300.0)):
+        canvas = Canvas(blank)
+        canvas.text(place, "y, m", "mm", inks=((0, 0, 0), (255, 255, 255)), inside=True)
+        drawn[place] = int((canvas.pixels < 128).sum())
+    assert len(set(drawn.values())) == 1, drawn
+    assert drawn[40.0, 50.0] > 20
+
+
+def test_a_title_is_in_the_middle_of_image_and_legend():
+    blank = np.full((200, 300, 3), 255, np.uint8)
+    for strip in (0, 60):
+        image = draw_sheet(blank, Annotation(title="Title"), None, strip)
+        columns = np.flatnonzero((image < 128).any(axis=(0, 2)))
+        assert (columns[0] + columns[-1]) / 2 == pytest.approx((300 + strip) / 2, abs=3)
+
+
+def test_small_views_name_the_size(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    gb.write("a.npz", gb.Particles(np.random.default_rng(0).random((200, 3))))
+    words = ["render", "a.npz", "-o", "a.png", "--views", "front", "--size", "3x3"]
+    assert "--size: expected at least 64" in refused(capsys, *words)
+
+
+def test_a_mesh_without_faces_is_not_said_to_be_shown(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("trimesh")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "n.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
+    gb.write("a.npz", gb.Particles(np.random.default_rng(0).random((200, 3))))
+    assert main(["render", "a.npz", "-o", "a.png", "--mesh", "n.obj", "--device", "cpu"]) == 2
+    said = capsys.readouterr().err
+    assert "got none" in said
+    assert "shown as points" not in said
