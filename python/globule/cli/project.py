@@ -23,12 +23,14 @@ from .shared import (
     check_device,
     check_input,
     check_output,
+    count,
     direction,
     mistakes,
     positive,
     print_json,
     read_particles,
     reading,
+    warn,
 )
 
 SUMMARY = "column density along lines of sight"
@@ -83,6 +85,9 @@ def run(options: argparse.Namespace) -> None:
     with Progress(1) as progress:
         progress.step(options.file)
         particles = read_particles(options.file, **reading(options))
+        if n_lost := int((~np.isfinite(particles.positions).all(axis=1)).sum()):
+            have = "have" if n_lost > 1 else "has"
+            warn(f"{n_lost:,} of {count(len(particles))} {have} no finite position, left out")
         names = options.values
         if not names:
             known = {"density", "densities", "rho", "mass", "masses"} & {*particles.attributes}
