@@ -5,7 +5,7 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused
+from cli_helpers import SMALL, refused
 from globule.cli import main
 from globule.render.annotate import Annotation, draw_sheet
 from globule.render.canvas import Canvas
@@ -66,3 +66,38 @@ def test_a_mesh_without_faces_is_not_said_to_be_shown(tmp_path, monkeypatch, cap
     said = capsys.readouterr().err
     assert "got none" in said
     assert "shown as points" not in said
+
+
+def test_flags_that_would_be_ignored_are_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    gb.write("a.npz", gb.Particles(np.random.default_rng(0).random((200, 3))))
+    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    for words in (["--preset", "water", "--flat"], ["--flat", "--preset", "water"]):
+        said = refused(capsys, "render", "a.npz", "-o", "a.png", *words)
+        assert "expected one look" in said
+        assert "water" in said
+    assert main(["render", "a.npz", "-o", "a.png", *SMALL, "--flat", "--preset", "flat"]) == 0
+    capsys.readouterr()
+    said = refused(capsys, "render", "m.obj", "-o", "a.png", *SMALL, "--surface", "smooth")
+    assert "--surface: expected particles" in said
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_the_threads_said_are_those_asked_for(n, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    gb.write("a.npz", gb.Particles(np.random.default_rng(0).random((200, 3))))
+    assert main(["render", "a.npz", "-o", "a.png", *SMALL, "--threads", str(n)]) == 0
+    assert f" {n} thread{'s' * (n > 1)}," in capsys.readouterr().out
+
+
+def test_particles_left_out_are_said_everywhere(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    points = np.random.default_rng(0).random((200, 3))
+    gb.write("a.npz", gb.Particles(points))
+    points[3] = np.nan
+    gb.write("n.npz", gb.Particles(points))
+    line = "no finite position, left out"
+    assert main(["project", "n.npz", "-o", "p.npz", "--device", "cpu"]) == 0
+    assert f"1 of 200 particles has {line}" in capsys.readouterr().err
+    assert main(["render", "a.npz", "-o", "a.png", *SMALL, "--spheres", "n.npz:0.1"]) == 0
+    assert f"1 of 200 particles of n.npz has {line}" in capsys.readouterr().err

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
+import re
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -188,13 +189,13 @@ def _facts(options: argparse.Namespace, subject: Subject, hits: int) -> dict[str
     scene = subject.scene
     if isinstance(scene, Mesh):
         return {
-            "device": choose(options.device).description,
+            "device": _said_threads(choose(options.device).description, options.threads),
             "closed": scene.closed,
             "counts": {"triangles": len(scene), "hits": hits},
         }
     tree = scene.octree
     facts: dict[str, Any] = {
-        "device": scene.device.description,
+        "device": _said_threads(scene.device.description, options.threads),
         "root": options.root,
         "kernel": scene.kernel,
         "threshold": scene.threshold,
@@ -214,6 +215,11 @@ def _facts(options: argparse.Namespace, subject: Subject, hits: int) -> dict[str
     if options.json:
         facts["hashes"] = {"key_hash": tree.key_hash, "node_hash": tree.node_hash}
     return facts
+
+
+def _said_threads(device: str, threads: int) -> str:
+    """A CPU's description with the number of threads that --threads gives."""
+    return re.sub(r"\d+ threads?", count(threads, "thread"), device) if threads else device
 
 
 def _traced(

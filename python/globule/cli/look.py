@@ -67,6 +67,19 @@ def light(text: str) -> Headlight | DirectionalLight | PointLight:
         raise argparse.ArgumentTypeError(f"{error} in {text!r}") from None
 
 
+class OneLook(argparse.Action):
+    """--preset NAME, or a flag without a value that stands for one: both at once are refused."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option: str | None = None) -> None:
+        """Store the name."""
+        name = self.const if self.nargs == 0 else values
+        before = vars(namespace).get("_look", name)
+        if before != name:
+            parser.error(f"{option}: expected one look, got {before} and {name}")
+        namespace._look = name
+        setattr(namespace, self.dest, name)
+
+
 def given(options: argparse.Namespace) -> dict[str, Any]:
     """The fields of RenderSettings that --light, --ambient and --background set."""
     fields: dict[str, Any] = {}

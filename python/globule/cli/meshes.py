@@ -24,7 +24,7 @@ from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from . import look
-from .shared import UserError, check_input, mistakes, read_particles, stem
+from .shared import UserError, check_input, count, mistakes, read_particles, stem, warn
 
 _THIN = 1 / 400  # default radius of lines, of their box's diagonal
 _SAMPLES = 1000  # particles at which a mesh is tested for whether it surrounds them
@@ -112,6 +112,11 @@ def is_mesh(path: str, options: argparse.Namespace) -> bool:
 def check_mesh(path: str, options: argparse.Namespace) -> None:
     """Refuse the flags that a mesh does not have, before any work."""
     thesis = options.root != "exact"
+    if options.surface != "auto":
+        raise UserError(
+            f"--surface: expected particles beside --surface {options.surface}, got the mesh "
+            f"{path}; --as-particles draws its vertices as metaballs"
+        )
     for name, flag in (*_OF_PARTICLES.items(), *([("root", "--root")] if thesis else [])):
         if getattr(options, name):
             raise UserError(
@@ -179,7 +184,11 @@ def files(options: argparse.Namespace) -> list[str]:
 def _capsules(options: argparse.Namespace, kind: str, path: str, radius: float | None) -> Mesh:
     """The spheres or the line of a file."""
     particles = read_particles(path)
-    particles = particles[np.isfinite(particles.positions).all(axis=1)]
+    finite = np.isfinite(particles.positions).all(axis=1)
+    if n_lost := int((~finite).sum()):
+        have = "have" if n_lost > 1 else "has"
+        warn(f"{n_lost:,} of {count(len(finite))} of {path} {have} no finite position, left out")
+        particles = particles[finite]
     machine: dict[str, Any] = {"device": options.device, "threads": options.threads}
     positions, color = particles.positions, particles.color
     if kind == "lines":

@@ -23,12 +23,14 @@ from .shared import (
     check_device,
     check_input,
     check_output,
+    count,
     direction,
     mistakes,
     positive,
     print_json,
     read_particles,
     reading,
+    warn,
 )
 
 SUMMARY = "column density along lines of sight"
@@ -86,6 +88,9 @@ def run(options: argparse.Namespace) -> None:
         progress.step(options.file)
         particles = read_particles(options.file, **reading(options))
         finite = np.isfinite(particles.positions).all(axis=1)
+        if n_lost := int((~finite).sum()):
+            have = "have" if n_lost > 1 else "has"
+            warn(f"{n_lost:,} of {count(len(particles))} {have} no finite position, left out")
         measuring.need_particles(options.file, int(finite.sum()))
         names = options.values
         if not names:

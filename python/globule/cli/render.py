@@ -164,7 +164,8 @@ def add_arguments(parser: Parser) -> None:
     colors.add_argument(
         "--flat",
         dest="preset",
-        action="store_const",
+        action=look.OneLook,
+        nargs=0,
         const="flat",
         help="no light: a pixel has exactly the color of its value; the same as --preset flat",
     )

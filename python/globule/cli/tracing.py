@@ -13,7 +13,7 @@ from ..render import presets as looks
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support, fitting_level
-from . import flags
+from . import flags, look
 from .shared import UserError, mistakes, positive
 
 # Options that a preset sets if no flag does; looks set fields of RenderSettings instead.
@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         group,
         "--preset",
         "or thesis; default: none",
+        action=look.OneLook,
         choices=tuple(PRESETS),
     )
 
