@@ -697,10 +697,8 @@ def fitted(
     if strip and camera.height is not None:  # 2-D data fill the image: a legend stands beside them
         aside = -1 if str(legend).endswith("left") else 1
         right = camera.frame((1, 1))[2] * aside * strip / size[1]
-        places = {
-            name: tuple((getattr(camera, name) + right).tolist()) for name in ("eye", "look_at")
-        }
-        camera = replace(camera, **places)
+        eye, middle = (tuple((v + right).tolist()) for v in (camera.eye, camera.look_at))
+        camera = replace(camera, eye=eye, look_at=middle)
     if camera.height is not None:
         return replace(camera, height=more * camera.height)
     eye = camera.look_at + more * np.subtract(camera.eye, camera.look_at)
