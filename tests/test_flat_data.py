@@ -91,3 +91,19 @@ def test_commands_say_it(capsys, tmp_path):
     assert done["support"] == pytest.approx(0.5 * 0.5 / 0.94868, rel=0.02)
     balls = run_json(capsys, "render", path, "-o", out, *SMALL, "--surface", "balls")
     assert balls["surface"] == "balls"
+
+
+@pytest.mark.parametrize(("place", "side"), [(True, 1), ("lower-right", 1), ("upper-left", -1)])
+def test_a_legend_leaves_room_beside_flat_data(place, side):
+    from globule.render.annotate import Annotation
+    from globule.render.frame import fitted
+    from globule.render.legend import strip_width
+
+    size = (320, 240)
+    scene = shown_scene(gb.Particles(plane(20, 0.5) * (1.5, 1, 1)), device="cpu")
+    camera = fitted(scene, size, Annotation(legend=place))
+    columns = camera.project(scene.particles.positions, size)[:, 0]
+    free = size[0] - columns.max() if side > 0 else columns.min()
+    assert free > strip_width(size)
+    assert columns.min() > 0
+    assert columns.max() < size[0]

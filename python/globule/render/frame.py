@@ -27,6 +27,7 @@ from .annotate import Annotation, corners_to_fit, drawing, room, traced_size
 from .camera import Camera
 from .clips import ClipBox, ClipPlane, ClipSphere
 from .display import displayed, straight, with_values
+from .legend import strip_width
 from .materials import Material
 from .settings import (
     MAX_SAMPLES,
@@ -695,7 +696,14 @@ def fitted(
 ) -> Camera:
     """`fit_camera` with room for an annotation and its box."""
     around = corners_to_fit(annotation, scene, around)
-    camera, more = fit_camera(scene, size, around, **options), room(annotation)
+    legend, more = annotation and annotation.legend, room(annotation)
+    strip = strip_width(size) if legend and legend != "outside" and shows_flat(scene) else 0
+    camera = fit_camera(scene, (max(1, size[0] - strip), size[1]), around, **options)
+    if strip and camera.height is not None:  # 2-D data fill the image: a legend stands beside them
+        aside = -1 if str(legend).endswith("left") else 1
+        right = camera.frame((1, 1))[2] * aside * strip / size[1]
+        eye, middle = (tuple((v + right).tolist()) for v in (camera.eye, camera.look_at))
+        camera = replace(camera, eye=eye, look_at=middle)
     if camera.height is not None:
         return replace(camera, height=more * camera.height)
     eye = camera.look_at + more * np.subtract(camera.eye, camera.look_at)
