@@ -133,7 +133,7 @@ class View:
         width: int,
         height: int,
         orthographic: bool,
-        share: tuple[int, int, int, int, bool] = (0, 1, 64, 1, False),
+        share: tuple[int, int, int, int, bool] = ...,
     ) -> None: ...
 
 class Clip:
@@ -156,7 +156,7 @@ class Thesis:
         /,
     ) -> None: ...
 
-version: str = "0.2.0"
+version: str = ...
 
 def cpu_backends() -> list[str]: ...
 def dlpack_view(arg: Annotated[NDArray, dict(writable=False)], /) -> tuple: ...
