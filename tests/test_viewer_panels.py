@@ -435,7 +435,7 @@ def test_statistics_and_help_are_shown(watched):
     page.mouse.click(330, 700)
     page.keyboard.press("h")
     page.get_by_text("fly forwards").last.wait_for()
-    page.get_by_role("button", name="Close").click()
+    page.get_by_role("button", name="Close", exact=True).click()
 
 
 def test_seen_is_what_the_panels_say(watched):
