@@ -23,7 +23,7 @@ from .pieces import NOT_WITH_PIECES
 from .shared import UserError, mistakes, say
 
 MODES = ("replicate", "pieces")
-LIGHT_BYTES = 120  # a particle: the cells that light needs, measured on a CPU
+LIGHT_BYTES = 1470  # a particle of a pool of a million: the cells that light needs, on a CPU
 
 
 def communicator() -> Any:
@@ -98,7 +98,8 @@ def replicates(options: argparse.Namespace, lit: light.Light) -> bool:
         with mistakes():
             n = ranges(path).n
         here = options.ranks_here
-        need, free = here * n * (BYTES["smooth"] + LIGHT_BYTES), free_bytes()
+        light_bytes = LIGHT_BYTES * (1e6 / max(n, 1)) ** (1 / 3)  # cells lie at the surface
+        need, free = here * n * (BYTES["smooth"] + light_bytes), free_bytes()
         if free and need > free:
             raise UserError(
                 f"--ranks: expected {need / 1e9:.3g} GB for all particles on each of {here} ranks "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from functools import partialmethod
 from math import gcd
 from typing import Any
 
@@ -113,30 +114,10 @@ class Whole:
         nothing = {"depth": np.inf, "position": np.nan, "layer": 255}.get(name, 0)
         return np.full(shape, nothing, kind)
 
-    def picture(self, height: int, width: int) -> np.ndarray:
-        """(H, W, 3) uint8, sRGB."""
-        return self._take("picture", height, width)
-
-    def layer(self, height: int, width: int) -> np.ndarray:
-        """(H, W) uint8."""
-        return self._take("layer", height, width)
-
-    def depth(self, height: int, width: int) -> np.ndarray:
-        """(H, W) float32, world units."""
-        return self._take("depth", height, width)
-
-    def normal(self, height: int, width: int) -> np.ndarray:
-        """(H, W, 3) float32."""
-        return self._take("normal", height, width)
-
-    def albedo(self, height: int, width: int) -> np.ndarray:
-        """(H, W, 3) float32, linear."""
-        return self._take("albedo", height, width)
-
-    def color(self, height: int, width: int) -> np.ndarray:
-        """(H, W, 3) float32, linear."""
-        return self._take("color", height, width)
-
-    def position(self, height: int, width: int) -> np.ndarray:
-        """(H, W, 3) float32, world."""
-        return self._take("position", height, width)
+    picture = partialmethod(_take, "picture")
+    layer = partialmethod(_take, "layer")
+    depth = partialmethod(_take, "depth")
+    normal = partialmethod(_take, "normal")
+    albedo = partialmethod(_take, "albedo")
+    color = partialmethod(_take, "color")
+    position = partialmethod(_take, "position")
