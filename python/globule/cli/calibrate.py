@@ -485,6 +485,12 @@ def _lines(report: dict[str, Any]) -> list[str]:
         lines.append(line)
         if found["skew"] is not None:
             lines.append(f"  last column of the echo {found['skew']:+.3f} s beside the first")
+        if found.get("beat_extent") is not None:
+            lines.append(
+                f"  the offset varies by {found['beat_extent']:.3f} s in a sawtooth of "
+                f"{found['beat_period']:.1f} s: images are recorded at another rate than the "
+                "scanner makes them"
+            )
     if report["output"]:
         lines.append(f"{report['output']}: written")
     return lines

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .beat import find_beat
 from .lines import find_lines
 
 METHODS = ("auto", "line", "speckle")
@@ -43,6 +44,8 @@ class TemporalOffset(NamedTuple):
                   scanner that needs this long for an image; None for speckle
     doubt         why the offset is not certain, or ""
     curves        the two motions
+    beat_extent   s, from the least to the greatest offset, if it is a sawtooth of the time; or None
+    beat_period   s, of this sawtooth, or None
     """
 
     offset: float
@@ -53,6 +56,8 @@ class TemporalOffset(NamedTuple):
     skew: float | None = None
     doubt: str = ""
     curves: Curves | None = None
+    beat_extent: float | None = None
+    beat_period: float | None = None
 
 
 def temporal_offset(
@@ -77,7 +82,9 @@ def temporal_offset(
     is that of offsets from the recording without each of 12 parts (jackknife). An offset is certain
     if chance is at most 0.05, the correlation at least 0.5 and the deviation at most 0.02 s;
     otherwise `doubt` says what is not so. The depth is taken at the middle of the echo's columns,
-    because a scanner acquires columns one after the other.
+    because a scanner acquires columns one after the other. If the offset of the line is a sawtooth
+    of the time (`find_beat`: the recorder takes images at another rate than the scanner makes
+    them), `offset` is its mean over a period, and `beat_extent` and `beat_period` describe it.
 
     The probe must change its speed during the recording. For speckle, the probe must move less
     between two frames than speckle is wide. Raises ValueError if image or probe never moves, if no
@@ -127,7 +134,27 @@ def _by_line(
         _compared(times, lines.at(c)[found], pose_times, places, most, "line", c == at[1])
         for c in at
     )
-    return middle._replace(skew=2 * (right.offset - left.offset))
+    skew = 2 * (right.offset - left.offset)
+    return _with_beat(middle, pose_times, places)._replace(skew=skew)
+
+
+def _with_beat(found: TemporalOffset, pose_times: np.ndarray, places: np.ndarray) -> TemporalOffset:
+    """The offset with its sawtooth, if it has one."""
+    curves = found.curves
+    if curves is None or not np.isfinite(found.uncertainty):
+        return found
+    times, motion = curves.times, curves.image
+    order = np.argsort(pose_times, kind="stable")
+    beat = find_beat(times, motion, pose_times[order], places[order], found.offset, _BLOCKS)
+    if beat is None:
+        return found
+    probe = _centred(beat.probe)
+    correlation = float(np.mean(motion * probe))
+    return found._replace(
+        offset=beat.offset, uncertainty=beat.uncertainty, correlation=correlation,
+        curves=curves._replace(probe=probe), beat_extent=beat.extent, beat_period=beat.period,
+        doubt=_doubt(found.chance, correlation, beat.uncertainty),
+    )  # fmt: skip
 
 
 def _compared(
