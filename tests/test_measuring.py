@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+
 import globule as gb
 import numpy as np
 import pytest
+from globule.cli import main
 from globule.ultrasound import phantoms
 from globule.ultrasound.measuring import (
     _variance,
@@ -12,7 +15,9 @@ from globule.ultrasound.measuring import (
     measure_distance,
     measure_volume,
 )
+from globule.ultrasound.wires import read_phantom
 from globule.volumes.volume import FAR
+from sweep_helpers import calibration_data
 
 RADIUS = 6.0
 SPACING = 0.8
@@ -113,13 +118,76 @@ def test_parts_without_data_are_told():
         measure_distance(volume, (0, 14, -9), (0, 14, 9), 1.0)
 
 
+def wires(*places: float) -> gb.Volume:
+    """Bright wires along y at these x, 14 mm deep."""
+    points = grid()
+    away = [(points[..., 0] - x) ** 2 + points[..., 2] ** 2 for x in places]
+    values = sum((90 * np.exp(-0.5 * r / 0.8**2) for r in away), np.full(points.shape[:3], 10.0))
+    return known(values, np.full(values.shape, 6, np.float32))
+
+
+def test_two_echoes():
+    volume = wires(-3.2, 2.0)
+    found = measure_distance(volume, (-8, 14, 0), (8, 14, 0), 1.0)
+    assert found.between == "echoes"
+    assert found.distance == pytest.approx(5.2, abs=0.03)
+    assert 0.01 < found.std < 0.2
+    assert np.allclose(found.edges[:, 0], (-3.2, 2.0), atol=0.03)
+    assert found.levels == pytest.approx((90, 10, 90), abs=12)
+    with pytest.raises(ValueError, match=r"a third is at \(6"):
+        measure_distance(wires(-6.0, 2.0, 7.0), (-8.5, 14, 0), (9, 14, 0), 1.0)
+    with pytest.raises(ValueError, match="clear edges or bright echoes"):
+        measure_distance(wires(), (-8, 14, 0), (8, 14, 0), 1.0)
+
+
+def test_echoes_against_errors_of_a_known_kind():
+    rng = np.random.default_rng(3)
+    truth = wires(-3.2, 2.0).values
+    found = []
+    for _ in range(120):
+        noise = np.kron(rng.normal(0, 6, (13, 13, 13)), np.ones((2, 2, 2)))
+        volume = known(truth + noise, np.full(truth.shape, 6, np.float32))
+        found.append(measure_distance(volume, (-8, 14, 0.1), (8, 14, 0.1), 2 * SPACING))
+    distances = np.array([one.distance for one in found])
+    assert distances.mean() == pytest.approx(5.2, abs=0.03)
+    assert np.mean([one.std for one in found]) == pytest.approx(distances.std(), rel=0.4)
+
+
+@pytest.mark.slow
+def test_wires_of_a_phantom(tmp_path, capsys):
+    """Wires of PLUS's N-wire phantom, 5 and 7.07 mm apart by its definition, in its validation
+    sweep. The probe is calibrated with the other sweep, to an expected error of 0.4 mm."""
+    folder, probe = calibration_data(), str(tmp_path / "probe.toml")
+    sweeps = [str(folder / f"fCal_Test_{n}_3NWires.igs.mha") for n in ("Calibration", "Validation")]
+    phantom = folder / "spatial_calibration_1.2.xml"
+    words = ["--n-wire", str(phantom), "--delay", "-o", probe]
+    assert main(["calibrate", "--sweep", sweeps[0], *words]) == 0
+    place = read_phantom(phantom).reference_from_phantom
+    words = []
+    pairs = [(20, 10, 20, 5), (20, 5, 20, 0), (45, 10, 50, 5), (50, 5, 50, 0)]
+    for x0, z0, x1, z1 in pairs:
+        ends = np.array([[x0, 20, z0, 1.0], [x1, 20, z1, 1.0]])
+        apart = ends[1] - ends[0]
+        outside = ends + np.outer((-2, 2), apart / np.linalg.norm(apart))
+        line = (outside @ place.T)[:, :3].ravel()
+        words.append("--distance=" + ",".join(f"{v:.3f}" for v in line))
+    capsys.readouterr()
+    options = ["--calibration", probe, "--voxel-size", "0.3", "--width", "1.5", "--json"]
+    assert main(["measure", sweeps[1], *words, *options]) == 0
+    found = json.loads(capsys.readouterr().out)["distances"]
+    for one, (x0, z0, x1, z1) in zip(found, pairs, strict=True):
+        assert one["between"] == "echoes"
+        assert one["distance"] == pytest.approx(np.hypot(x1 - x0, z1 - z0), abs=0.25)
+        assert 0.01 < one["std"] < 0.1
+
+
 def test_mistakes():
     volume = known(np.full((26, 26, 26), 50.0), np.full((26, 26, 26), 5, np.float32))
     with pytest.raises(ValueError, match=r"^above: expected one of above and below"):
         measure_volume(volume, 1.0)
     with pytest.raises(ValueError, match=r"^correlation: "):
         measure_volume(volume, 0.0, above=3)
-    with pytest.raises(ValueError, match="crosses two clear edges"):
+    with pytest.raises(ValueError, match="two clear edges or bright"):
         measure_distance(volume, (-8, 14, 0), (8, 14, 0), 1.0)
     with pytest.raises(ValueError, match=r"^end: expected a line of"):
         measure_distance(volume, (0, 14, 0), (1, 14, 0), 1.0)

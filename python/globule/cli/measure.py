@@ -5,8 +5,9 @@ frames left out, gives the standard deviation of each result. It does not contai
 calibration or of the tracker's scale.
 
 --distance takes two points outside of an object, on both sides: the command fits the two edges
-between them. --above and --below count the voxels on one side of a gray level; --within limits them
-to a ball, which should leave room around the object and not much more."""
+between them. Points outside of two bright echoes, as of wires or walls, give the distance of their
+peaks; what fits better decides. --above and --below count the voxels on one side of a gray level;
+--within limits them to a ball, which should leave room around the object and not much more."""
 
 from __future__ import annotations
 
@@ -53,8 +54,8 @@ def add_arguments(parser: Parser) -> None:
         action="append",
         default=[],
         metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="distance of the two edges on the line between these points, mm, world; may be "
-        "repeated (default: none)",
+        help="distance of the two edges or bright echoes on the line between these points, mm, "
+        "world; may be repeated (default: none)",
     )
     add(
         "--width",
@@ -135,9 +136,11 @@ def run(options: argparse.Namespace) -> None:
         print_json(report)
         return
     for one in report["distances"]:
-        print(f"distance {one['distance']:.2f} mm, standard deviation {one['std']:.2f} mm")
+        size = f"distance {one['distance']:.2f} mm, standard deviation {one['std']:.2f} mm"
+        print(f"{size}, between two {one['between']}")
+        word = {"edges": "edge", "echoes": "echo"}[one["between"]]
         for edge, std in zip(one["edges"], one["edge_std"], strict=True):
-            print(f"  edge at {edge[0]:.2f}, {edge[1]:.2f}, {edge[2]:.2f} ± {std:.2f} mm")
+            print(f"  {word} at {edge[0]:.2f}, {edge[1]:.2f}, {edge[2]:.2f} ± {std:.2f} mm")
     if level is not None:
         one = report["volume"]
         print(

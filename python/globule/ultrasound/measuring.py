@@ -15,12 +15,11 @@ from .._base.checks import positive
 from ..volumes.slices import sample
 from ..volumes.volume import FAR, Volume
 from .neighbors import FramePath, usual_step
+from .profiles import fit_profile
 from .sweep import Sweep
 
 _TESTED, _SIDE = 4, 160  # frames whose errors are correlated, and pixels of each side
 _FEWEST = 12  # samples of a line
-_STEPS = 200
-_SHARPEST = 0.5  # voxels: the least width of an edge
 
 
 class MeasuredVolume(NamedTuple):
@@ -41,14 +40,16 @@ class MeasuredVolume(NamedTuple):
 
 
 class MeasuredDistance(NamedTuple):
-    """The distance of two edges along a line.
+    """The distance of two edges, or of two bright echoes, along a line.
 
     distance     mm
     std          mm: standard deviation by the errors of the gray values
-    edges        (2, 3) mm, world: where the profile is halfway between both sides
-    edge_std     (2,) mm: of each edge
-    levels       gray levels before, between and behind the edges
-    residual     gray levels: rms of the profile against the fitted edges
+    edges        (2, 3) mm, world: where the profile is halfway between both sides, or a peak
+    edge_std     (2,) mm: of each edge or peak
+    levels       gray levels before, between and behind the edges, or at the first peak, between the
+                 peaks, and at the second peak
+    residual     gray levels: rms of the profile against the fitted one
+    between      "edges" or "echoes"
     """
 
     distance: float
@@ -57,6 +58,7 @@ class MeasuredDistance(NamedTuple):
     edge_std: np.ndarray
     levels: tuple[float, float, float]
     residual: float
+    between: str = "edges"
 
 
 def error_length(sweep: Sweep, spacing: float) -> float:
@@ -183,17 +185,20 @@ def _variance(chance: np.ndarray, cells: np.ndarray) -> float:
 def measure_distance(
     volume: Volume, start: Any, end: Any, correlation: float, width: float = 0.0
 ) -> MeasuredDistance:
-    """The distance of the two edges that a line crosses, and how well it is known.
+    """The distance of the two edges or the two bright echoes that a line crosses, and how well it
+    is known.
 
     The profile of gray values along the line is fitted by three levels with edges
-    (1 + tanh((t - t_k) / w)) / 2 between them. With J the derivatives by the six parameters, S the
+    (1 + tanh((t - t_k) / w)) / 2 between them, as of an object, and by two peaks
+    exp(-((t - t_k) / w)^2 / 2) over one level, as of wires or walls; the smaller residual decides.
+    With J the derivatives by the six parameters, S the
     covariance of the profile and H = (J'J)^-1, their covariance is H J' S J H. S has the trust
     map's errors, correlated as a triangle of the length `correlation`; they are enlarged to the
     residuals if these are larger, as of speckle.
 
     Args:
         volume: with the map `uncertainty` (method `frames`).
-        start, end: (3,) mm, world: points outside of the object, on both sides.
+        start, end: (3,) mm, world: points outside of the object or of the echoes, on both sides.
         correlation: mm, see `error_length`.
         width: mm, diameter of the disc across the line over which the profile is averaged.
 
@@ -209,28 +214,35 @@ def measure_distance(
         raise ValueError(f"end: expected a line of {least:.3g} mm or more, got {length:.3g}")
     t = np.linspace(0, length, n)
     profile, error = _profile(volume, a, (b - a) / length, t, width, correlation)
-    fitted = _fit(t, profile, float(volume.spacing.min()))
-    residual = profile - _edges(fitted, t)
-    slopes = _slopes(fitted, t)
-    inverse = np.linalg.pinv(slopes)
+    fitted = fit_profile(t, profile, float(volume.spacing.min()))
+    residual = profile - fitted.values
+    inverse = np.linalg.pinv(fitted.slopes)
     independent = n * min(1.0, t[1] / correlation)
     free = max(independent - 6, 1.0) / independent
     rms = float(np.sqrt((residual**2).mean()))
     enlarged = max(1.0, rms**2 / free / max(float((error**2).mean()), 1e-12))
     shared = np.clip(1 - np.abs(t[:, None] - t) / correlation, 0, None)
     covariance = inverse @ (np.outer(error, error) * shared * enlarged) @ inverse.T
-    t1, t2 = fitted[3:5]
+    t1, t2 = fitted.places
     variance = covariance[3, 3] + covariance[4, 4] - 2 * covariance[3, 4]
     std = math.sqrt(max(float(variance), 0.0))
-    contrast = np.abs(np.diff(fitted[:3])).min()
+    contrast = np.abs(np.diff(fitted.levels)).min()
     unclear = contrast <= max(rms, float(error.mean()), 1e-9) or std > 0.5 * (t2 - t1)
     if unclear or not 0 < t1 < t2 < length:
         got = f"steps of {contrast:.3g} gray levels at the least, residual {rms:.3g}"
-        raise ValueError(f"start: expected a line that crosses two clear edges, got {got}")
+        raise ValueError(f"start: expected two clear edges or bright echoes on the line, got {got}")
+    if fitted.between == "echoes":
+        far = np.abs(t[:, None] - fitted.places).min(axis=1) > 3 * fitted.width
+        third = int(np.argmax(np.where(far, profile, -np.inf)))
+        if far[third] and profile[third] - fitted.levels[1] > 0.5 * contrast:
+            at = ", ".join(f"{v:.4g}" for v in a + t[third] * (b - a) / length)
+            raise ValueError(f"start: expected two bright echoes on the line, a third is at ({at})")
     edges = a + np.outer([t1, t2], (b - a) / length)
-    levels = float(fitted[0]), float(fitted[1]), float(fitted[2])
+    before, middle, behind = (float(v) for v in fitted.levels)
     edge_std = np.sqrt(np.maximum(np.diag(covariance)[3:5], 0))
-    return MeasuredDistance(float(t2 - t1), std, edges, edge_std, levels, rms)
+    return MeasuredDistance(
+        float(t2 - t1), std, edges, edge_std, (before, middle, behind), rms, fitted.between
+    )
 
 
 def _profile(
@@ -265,59 +277,6 @@ def _profile(
         squares += sample(error_map, volume.radius, places, False)[0].astype(np.float64) ** 2
     independent = max(1.0, len(offsets) * edge**2 / correlation**2)
     return total / len(offsets), np.sqrt(squares / len(offsets) / independent)
-
-
-def _edges(q: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Three levels q0, q1, q2 with edges at q3 and q4, as wide as q5."""
-    first, second = ((1 + np.tanh((t - place) / q[5])) / 2 for place in q[3:5])
-    return q[0] + (q[1] - q[0]) * first + (q[2] - q[1]) * second
-
-
-def _slopes(q: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """(N, 6): derivatives of `_edges` by q."""
-    s1, s2 = (np.tanh((t - place) / q[5]) for place in q[3:5])
-    steep = [(1 - s**2) / (2 * q[5]) for s in (s1, s2)]
-    first, second = -(q[1] - q[0]) * steep[0], -(q[2] - q[1]) * steep[1]
-    wide = (first * (t - q[3]) + second * (t - q[4])) / q[5]
-    return np.column_stack(
-        [1 - (1 + s1) / 2, (1 + s1) / 2 - (1 + s2) / 2, (1 + s2) / 2, first, second, wide]
-    )
-
-
-def _fit(t: np.ndarray, profile: np.ndarray, edge: float) -> np.ndarray:
-    """The parameters of `_edges` of least squares (Levenberg and Marquardt), from the best three
-    constant pieces."""
-    n = len(t)
-    sums = np.r_[0, np.cumsum(profile)]
-    i, j = np.triu_indices(n, 2)
-    keep = (i >= 2) & (j <= n - 2)
-    i, j = i[keep], j[keep]
-    gain = (
-        sums[i] ** 2 / i + (sums[j] - sums[i]) ** 2 / (j - i) + (sums[n] - sums[j]) ** 2 / (n - j)
-    )
-    k = int(np.argmax(gain))
-    a, b = int(i[k]), int(j[k])
-    levels = [profile[:a].mean(), profile[a:b].mean(), profile[b:].mean()]
-    q = np.array([*levels, t[a] - t[1] / 2, t[b] - t[1] / 2, edge])
-    damping, best = 1e-3, float(((profile - _edges(q, t)) ** 2).sum())
-    for _ in range(_STEPS):
-        slopes = _slopes(q, t)
-        normal = slopes.T @ slopes
-        normal += np.diag(damping * np.diag(normal) + 1e-12)
-        step = np.linalg.solve(normal, slopes.T @ (profile - _edges(q, t)))
-        tried = q + step
-        tried[5] = np.clip(tried[5], _SHARPEST * edge, t[-1])
-        error = float(((profile - _edges(tried, t)) ** 2).sum())
-        if error < best:
-            done = best - error < 1e-9 * best
-            q, best, damping = tried, error, damping / 5
-            if done:
-                break
-        else:
-            damping *= 5
-            if damping > 1e9:
-                break
-    return q
 
 
 def _ball(volume: Volume, center: np.ndarray, radius: float) -> np.ndarray:
