@@ -191,3 +191,35 @@ def test_mistakes():
         measure_distance(volume, (-8, 14, 0), (8, 14, 0), 1.0)
     with pytest.raises(ValueError, match=r"^end: expected a line of"):
         measure_distance(volume, (0, 14, 0), (1, 14, 0), 1.0)
+
+
+def test_the_command(tmp_path, capsys):
+    path = str(tmp_path / "ball.npz")
+    gb.write_sweep(path, scanned(0))
+    words = ["measure", path, "--voxel-size", "1", "--device", "cpu"]
+    for more, what in [
+        (["--distance", "0,0,0,0,0,0"], "--distance: expected a line of"),
+        (["--distance", "0,14,0,0,900,0"], "--distance: expected data along the line"),
+        (["--within", "0,14,0,8"], "--within: expected --above or --below"),
+        (["--below", "100", "--within", "0,14,0,-8"], "--within: expected a radius"),
+        (["--below", "100", "--within", "900,14,0,8"], "--within: expected voxels with data"),
+        (["--below", "100", "--voxel-size", "1e6"], "--voxel-size: expected voxels smaller than"),
+    ]:
+        assert main([*words, *more]) == 2
+        error = capsys.readouterr().err
+        assert what in error
+        assert error.count("\n") == 1
+    assert main([*words, "--above", "1000"]) == 0
+    captured = capsys.readouterr()
+    assert "the level 1000 separates no voxels" in captured.err
+    assert "volume 0 mm^3" in captured.out
+    assert main([*words, "--above", "1000", "--json"]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert "separates no voxels" in json.loads(captured.out)["warnings"][0]
+
+
+def test_transposed_poses():
+    poses = scanned(0).world_from_image[:3]
+    with pytest.raises(ValueError, match="probably transposed"):
+        gb.Sweep(np.zeros((3, 8, 8), np.uint8), poses.swapaxes(1, 2))

@@ -12,19 +12,24 @@ peaks; what fits better decides. --above and --below count the voxels on one sid
 from __future__ import annotations
 
 import argparse
+import contextlib
+from collections.abc import Iterator
 from typing import Any
 
+from ..volumes.volume import FAR
 from . import flags
 from .parser import Parser
 from .shared import (
     Progress,
     UserError,
     check_device,
+    check_voxel_size,
     mistakes,
     number,
     positive,
     print_json,
     read_sweep_file,
+    warn,
 )
 
 SUMMARY = "distances and volumes in a sweep, with their uncertainty"
@@ -93,13 +98,36 @@ def add_arguments(parser: Parser) -> None:
     flags.add_device(parser.add_argument_group("machine"))
 
 
+@contextlib.contextmanager
+def _mistakes(flag: str) -> Iterator[None]:
+    """`mistakes`, with the name of the flag instead of the argument's."""
+    try:
+        yield
+    except ValueError as error:
+        raise UserError(f"{flag}: {str(error).partition(': ')[2]}") from error
+
+
+def _warnings(volume: Any, level: float, found: float, silent: bool) -> list[str]:
+    """What is unusual about a volume of voxels on one side of a level."""
+    values = volume.values[volume.radius != FAR]
+    low, high = float(values.min()), float(values.max())
+    if found and low <= level <= high:
+        return []
+    message = f"the level {level:g} separates no voxels; the values are {low:g} to {high:g}"
+    if not silent:
+        warn(message)
+    return [message]
+
+
 def run(options: argparse.Namespace) -> None:
     """Run `globule measure`."""
     from ..ultrasound.measuring import error_length, measure_distance, measure_volume
     from ..ultrasound.reconstruct import reconstruct
 
     level = options.above if options.above is not None else options.below
-    if not options.distance and level is None:
+    if options.within and options.within[3] <= 0:
+        raise UserError(f"--within: expected a radius above 0, got {options.within[3]:g}")
+    if not options.distance and level is None and not options.within:
         raise UserError("--distance: expected --distance, --above or --below, got none")
     if options.within and level is None:
         raise UserError("--within: expected --above or --below beside --within, got none")
@@ -109,6 +137,7 @@ def run(options: argparse.Namespace) -> None:
     with Progress(3) as progress:
         progress.step(f"reading {options.sweep}")
         sweep = read_sweep_file(options.sweep, calibration=options.calibration, plus=options.plus)
+        check_voxel_size(options.spacing, sweep)
         progress.step("reconstructing")
         try:
             with mistakes():
@@ -121,17 +150,18 @@ def run(options: argparse.Namespace) -> None:
         progress.step("measuring")
         report: dict[str, Any] = {"input": options.sweep, "error_length": length, "distances": []}
         for line in options.distance:
-            with mistakes():
+            with _mistakes("--distance"):
                 found = measure_distance(volume, line[:3], line[3:], length, options.width or 0.0)
             report["distances"].append(found._asdict())
         if level is not None:
             ball = options.within or (None,) * 4
             center = ball[:3] if options.within else None
-            with mistakes():
+            with _mistakes("--within"):
                 counted = measure_volume(
                     volume, length, options.above, options.below, center, ball[3]
                 )
             report["volume"] = counted._asdict()
+            report["warnings"] = _warnings(volume, level, counted.volume, options.json)
     if options.json:
         print_json(report)
         return

@@ -34,6 +34,7 @@ from .shared import (
     UserError,
     check_device,
     check_output,
+    check_voxel_size,
     count,
     mistakes,
     number,
@@ -223,6 +224,7 @@ def run(options: argparse.Namespace) -> None:
         progress.step(f"reading {options.sweep or options.live}")
         stream = live.Live(options, progress, _growing(options)) if options.live else None
         sweep = stream.sweep() if stream else _sweep(options)
+        check_voxel_size(None if options.region else options.spacing, sweep)
         read_seconds = time.perf_counter() - start
         outliers, findings = _without_outliers(sweep, options, messages)
         n_lost = len(sweep) - sweep.n_valid - len(outliers)
@@ -468,6 +470,9 @@ def _cross_validate(
 ) -> dict[str, Any]:
     from ..ultrasound.trust import compare_methods
 
+    if sweep.n_valid < 2 * options.cross_validate:
+        most = f"expected at most half of the {sweep.n_valid} valid frames"
+        raise UserError(f"--cross-validate: {most}, got {options.cross_validate}")
     methods = (options.method,) if options.method else COMPARED
     failures: dict[str, str] = {}
     with _fitting():

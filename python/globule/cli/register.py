@@ -24,6 +24,7 @@ from .shared import (
     UserError,
     check_device,
     check_output,
+    check_voxel_size,
     count,
     mistakes,
     positive,
@@ -81,6 +82,7 @@ def run(options: argparse.Namespace) -> None:
         for name in names:
             progress.step(f"reading {name}")
             sweeps.append(read_sweep_file(name, calibration=options.calibration, plus=options.plus))
+            check_voxel_size(options.spacing, sweeps[-1])
         with _naming(names), mistakes():
             join_sweeps(sweeps, [None] * len(sweeps))  # whether they can be joined
         for name, sweep in zip(names[1:], sweeps[1:], strict=True):

@@ -196,6 +196,18 @@ def read_sweep_file(path: str, **options: Any) -> Any:
         raise UserError(f"{name}: cannot be read: {error.strerror or error}") from error
 
 
+def check_voxel_size(spacing: float | None, sweep: Any) -> None:
+    """Refuse voxels larger than the whole sweep: of another unit, or a mistyped number."""
+    if spacing is None or not sweep.n_valid:
+        return
+    low, high = sweep.bounds()
+    if spacing > (high - low).max():
+        box = " x ".join(f"{v:.3g}" for v in high - low)
+        raise UserError(
+            f"--voxel-size: expected voxels smaller than the sweep of {box} mm, got {spacing:g} mm"
+        )
+
+
 def read_volume_file(path: str) -> Any:
     """The volume of a file. Raises UserError if the volume cannot be read."""
     from ..volumes.files import read_volume

@@ -34,15 +34,8 @@ from .sweep import Sweep, checked_frames
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-EXTENSIONS = (
-    *igs.EXTENSIONS,
-    ".npz",
-    ".npy",
-    ".h5",
-    ".mrb",
-    ".sw",
-    *stack.DICOM,
-)  # usual ones; the content counts
+# Usual ones; the content counts.
+EXTENSIONS = (*igs.EXTENSIONS, ".npz", ".npy", ".h5", ".mrb", ".sw", *stack.DICOM)
 WRITABLE = (".igs.mha", ".mha", ".igs.nrrd", ".nrrd", ".npz")
 _POSES_BESIDE = "poses.csv"  # of a folder of pictures
 _STACKS = {"hdf5": stack.read_h5, "tiff": stack.read_tiff, "video": stack.read_video}
@@ -280,7 +273,8 @@ def _assembled(
     placed = chain(edges, way, n)
     valid = placed.ok & recording.ok
     if not valid.any():
-        raise bad(path, "poses", f"expected a frame with image and pose OK, got none in {n}")
+        got = f"none in {n}" + (f" with a temporal offset of {offset:+g} s" if offset else "")
+        raise bad(path, "poses", f"expected a frame with image and pose OK, got {got}")
     matrices = np.where(placed.ok[:, None, None], placed.matrices, np.nan)
     # What writing needs: the way, and the transforms on it that no frame holds.
     metadata |= {

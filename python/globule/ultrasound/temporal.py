@@ -165,7 +165,7 @@ def _compared(
     inside = (times >= times[0] + most) & (times <= times[-1] - most)
     n_parts = min(_BLOCKS, int(inside.sum()) // 2)
     if n_parts < 4:
-        problem = f"expected 8 or more between the first and the last {most:g} s"
+        problem = f"expected 8 images or more without the first and the last {most:g} s"
         raise ValueError(f"frame_times: {problem}, got {int(inside.sum())}")
     times, motion = times[inside], _normal("frames", motion[inside])
     step = min(np.median(np.diff(times)), np.median(np.diff(np.unique(pose_times)))) / 4
