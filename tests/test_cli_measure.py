@@ -151,6 +151,12 @@ def test_track_of_an_empty_frame_and_plot(sequence, capsys):
     assert Image.open("t.png").size[0] > 300
 
 
+def test_track_with_cells_that_miss_the_surface(sequence, capsys):
+    error = refused(capsys, "track", sequence, "-o", "t.csv", "--sample-spacing", "50", *CPU)
+    assert "frame_0.npz: --sample-spacing: expected one that meets the surface, got 50" in error
+    assert not Path("t.csv").exists()
+
+
 def test_project(folder, capsys):
     p = cube(10, support=0.25)
     p.attributes = {"mass": np.full(1000, 2.0), "density": np.full(1000, 2000.0)}

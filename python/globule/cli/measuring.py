@@ -11,6 +11,7 @@ import numpy as np
 
 from .._base.checks import missing
 from ..formats.kind import kind_of
+from ..measure.surface import default_spacing
 from ..render.sequence import KeptScene, find_files, read_ahead
 from ..scene.particles import Particles
 from ..scene.scene import Scene
@@ -124,6 +125,17 @@ def need_particles(path: str, n: int) -> None:
     """Refuse a file without particles that have a place: there is nowhere to measure."""
     if not n:
         raise UserError(f"{path}: expected particles, got none with a finite position")
+
+
+def too_coarse(options: argparse.Namespace, scene: Scene) -> str:
+    """What is wrong with --sample-spacing if a mesh has no triangles, or ""."""
+    usual = default_spacing(scene)
+    if not options.spacing or options.spacing <= usual:
+        return ""
+    return (
+        f"--sample-spacing: expected one that meets the surface, got {options.spacing:g}, whose "
+        f"cells miss it all; try {usual:.3g}, half the particles' spacing"
+    )
 
 
 def times(options: argparse.Namespace, n: int) -> dict[str, Any]:

@@ -11,7 +11,6 @@ import argparse
 from ..formats.mesh_files import EXTENSIONS
 from ..formats.triangles import has_faces
 from ..measure.mesh import measured, surface_mesh
-from ..measure.surface import default_spacing
 from ..scene.scene import Scene
 from . import flags, measuring
 from .parser import Parser
@@ -48,7 +47,7 @@ def run(options: argparse.Namespace) -> None:
             with mistakes():
                 mesh = surface_mesh(scene, options.spacing, options.values or ())
                 if not len(mesh.faces):
-                    raise UserError(_why_empty(options, path, scene, mesh.spacing))
+                    raise UserError(_why_empty(options, path, scene))
                 found = measured(scene, mesh)
                 mesh.save(options.output)
     if options.json:
@@ -63,15 +62,9 @@ def run(options: argparse.Namespace) -> None:
     )
 
 
-def _why_empty(options: argparse.Namespace, path: str, scene: Scene, spacing: float) -> str:
+def _why_empty(options: argparse.Namespace, path: str, scene: Scene) -> str:
     """Why a mesh has no triangles, and what to take instead."""
-    usual = default_spacing(scene)
-    if options.spacing and spacing > usual:
-        return (
-            f"--sample-spacing: expected one that meets the surface, got {spacing:g}, whose cells "
-            f"miss it all; try {usual:.3g}, half the particles' spacing"
-        )
-    return (
+    return measuring.too_coarse(options, scene) or (
         f"{path}: expected a surface, got none: no field reaches the threshold "
         f"{scene.threshold:g}; try a lower --threshold or a larger --support"
     )

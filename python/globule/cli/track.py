@@ -18,7 +18,7 @@ from ..measure.surface import default_spacing
 from ..measure.track import facts
 from . import flags, measuring
 from .parser import Parser
-from .shared import Progress, check_output, count, mistakes, print_json
+from .shared import Progress, UserError, check_output, count, mistakes, print_json
 
 SUMMARY = "front, height, volume and area over a sequence"
 USAGE = "FILE [FILE ...] -o PATH"
@@ -62,7 +62,11 @@ def run(options: argparse.Namespace) -> None:
             with mistakes():
                 if spacing is None and scene.octree.n_inside:
                     spacing = default_spacing(scene)
-                rows.append(facts(scene, surface_mesh(scene, spacing)))
+                mesh = surface_mesh(scene, spacing)
+                wrong = scene.octree.n_inside and not len(mesh.faces)
+                if wrong and (why := measuring.too_coarse(options, scene)):
+                    raise UserError(f"{path}: {why}")
+                rows.append(facts(scene, mesh))
             names.append(path)
     table: dict[str, Any] = {**measuring.times(options, len(rows)), "file": np.array(names)}
     table |= {name: np.array([row[name] for row in rows]) for name in rows[0]}
