@@ -267,7 +267,10 @@ def _assembled(
     if world is None or way is None:
         names = " ".join(sorted(f"{a}To{b}" for a, b in edges)) or "no transform"
         problem = f"expected a way from {image} to {' or '.join(wanted)}, got {names}"
-        raise bad(path, "poses", f"{problem}; give a calibration, PLUS configuration or poses")
+        hint = "give a calibration, PLUS configuration or poses"
+        if set(edges) == {(image, "Probe")}:
+            hint = "the file holds no poses of a probe; give --poses, or leave out the calibration"
+        raise bad(path, "poses", f"{problem}; {hint}")
     if offset:
         edges = _shifted(path, recording, edges, way, offset)
     placed = chain(edges, way, n)
