@@ -187,3 +187,14 @@ def test_a_mirrored_reading_looks_different(volume, expected):
     turned = Volume(volume.values[:, ::-1].copy(), volume.world_from_voxel)
     changed = np.abs(image_of(turned).astype(int) - expected).max(axis=2) > 4
     assert changed.mean() > 0.02
+
+
+def test_a_place_that_no_scanner_has(tmp_path):
+    path = tmp_path / "far.mha"
+    gb.write_volume(path, gb.Volume(np.ones((3, 3, 3), np.uint8), np.eye(4)))
+    data = path.read_bytes()
+    spacing = b"ElementSpacing = 1.0 1.0 1.0"
+    assert spacing in data
+    path.write_bytes(data.replace(spacing, b"ElementSpacing = 1e300 1 1"))
+    with pytest.raises(ValueError, match=r"far\.mha: geometry: expected voxels and places up to"):
+        gb.read_volume(path)

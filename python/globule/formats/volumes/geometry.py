@@ -12,6 +12,7 @@ from ..errors import bad
 
 SPACES = ("LPS", "RAS")
 LPS_FROM_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])  # its own inverse
+_FARTHEST = 1e12  # largest number of a place: more is damage, and overflows
 
 
 class VolumeData(NamedTuple):
@@ -72,6 +73,10 @@ def checked(path: Any, data: VolumeData) -> VolumeData:
     matrix = matrix.astype(np.float64)
     if abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
         raise bad(path, "geometry", "expected axes that span space, got a singular matrix")
+    farthest = float(np.abs(matrix).max())
+    if farthest > _FARTHEST:
+        expected = f"voxels and places up to {_FARTHEST:g}"
+        raise bad(path, "geometry", f"expected {expected}, got {farthest:g}")
     for name, array in data.maps.items():
         if array.shape != values.shape:
             expected = f"shape {values.shape} as the values"
