@@ -27,7 +27,7 @@ from ..scene.scene import (
     SURFACES,
     Scene,
 )
-from .partition import Partition, cells_of, codes_of, histogram, space_around
+from .partition import Partition, box_of, cells_of, codes_of, histogram, space_around
 from .store import Files, Layout, Source, layout_of, source_of
 
 # Bytes that a piece takes for each of its particles while it is read, built and traced, measured:
@@ -118,9 +118,8 @@ class Pieces:
             n += len(some)
             if not len(some):
                 continue
-            positions = to_host(some.positions)
-            low = np.minimum(low, positions.min(0))
-            high = np.maximum(high, positions.max(0))
+            lowest, highest = box_of(to_host(some.positions))
+            low, high = np.minimum(low, lowest), np.maximum(high, highest)
             found = layout_of(some, self.support)
             layout = found if layout is None else _both(layout, found)
             if some.weight is not None:
@@ -246,7 +245,7 @@ class Pieces:
                 for some in source.chunks():
                     rows, piece = self._placed(some)
                     ends = np.searchsorted(piece, np.arange(self.partition.n + 1))
-                    for k in np.unique(piece):
+                    for k in np.flatnonzero(np.diff(ends)):
                         files.add(int(k), rows[ends[k] : ends[k + 1]])
             except BaseException:
                 files.close()
