@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -198,10 +199,14 @@ class Job:
             elif scene.negative or self._inside(scene, clips, o, d).any():
                 hits.put(pixels, *in_turn(scene, o, d, clips), k)
             else:
-                for piece, part in scene.visit():
-                    found = self._frame(part, clips)
-                    hits.put(*owned(scene, piece, pixels, o, d, *found), k)
+                self.ranks.together(partial(self._put_centers, hits, layer, o, d, k))
         return nearest(self.ranks, hits)
+
+    def _put_centers(self, hits: Hits, layer: Layer, o: Any, d: Any, k: int) -> None:
+        pixels = np.arange(len(o))
+        for piece, part in layer.scene.visit():
+            found = self._frame(part, layer.clips)
+            hits.put(*owned(layer.scene, piece, pixels, o, d, *found), k)
 
     def _frame(self, scene: Scene, clips: Sequence[Any]) -> tuple[Any, Any, Any]:
         frame = render([Layer(scene, None, clips)], self.camera, self.size, light_of())

@@ -44,6 +44,7 @@ def space_around(low: np.ndarray, high: np.ndarray, typical: float, largest: flo
     # The low corner, not the middle: a long, thin body is then cut across, not along.
     return Space(low - room, extent, level, margin)
 
+
 def box_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(lowest, highest) corner (3,) of points (N, 3), N > 0."""
     many = len(points) // 64 * 64  # rows of 64 points: NumPy is slow along short ones
@@ -161,8 +162,8 @@ class Partition:
         if len(near):
             ends = [_SPREAD.take(v[near]) << np.arange(3) for v in (low, cell, high)]
             owners = np.empty((27, len(near)), self.owners.dtype)
-            for k, (x, y, z) in enumerate(np.ndindex(3, 3, 3)):
-                owners[k] = self.owners[ends[x][:, 0] | ends[y][:, 1] | ends[z][:, 2]]
+            for which, (x, y, z) in enumerate(np.ndindex(3, 3, 3)):
+                owners[which] = self.owners[ends[x][:, 0] | ends[y][:, 1] | ends[z][:, 2]]
             mixed = np.flatnonzero((owners != owners[0]).any(axis=0))
             owners = np.sort(owners[:, mixed], axis=0)
             first = np.ones(owners.shape, bool)
