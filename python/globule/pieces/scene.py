@@ -339,14 +339,15 @@ class Pieces:
         ranks = self.ranks
 
         def sorted_rows() -> tuple[np.ndarray, np.ndarray]:
-            parts, pieces = [np.empty((0, self._layout.width), np.float32)], [np.empty(0, int)]
+            parts, pieces = [np.empty((0, self._layout.width), np.float32)], [np.empty(0, np.int16)]
             for some in source.chunks():
                 rows, piece = self._placed(some)
                 parts.append(rows)
-                pieces.append(piece.astype(np.int32))
-            piece = np.concatenate(pieces)
+                pieces.append(piece.astype(np.int16 if ranks.size < 1 << 15 else np.int32))
+            rows, piece = np.concatenate(parts), np.concatenate(pieces)
+            parts.clear()  # before the rows are copied once more
             order = np.argsort(piece, kind="stable")
-            return np.concatenate(parts)[order], np.bincount(piece, minlength=ranks.size)
+            return rows[order], np.bincount(piece, minlength=ranks.size)
 
         came = ranks.exchange(*ranks.together(sorted_rows))
 
