@@ -44,7 +44,10 @@ def built(tmp_path_factory):
         project += f'add_subdirectory("{ROOT / name / "cpp"}" {name})\n'
     (folder / "CMakeLists.txt").write_text(project)
     ninja = ["-G", "Ninja"] if shutil.which("ninja") else []
-    done = run(CMAKE, "-S", folder, "-B", folder / "build", *ninja, f"-Dglobule_DIR={config}")
+    # MPI's compiler may be a package's: beside Python.
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = run(CMAKE, "-S", folder, "-B", folder / "build", *ninja, f"-Dglobule_DIR={config}",
+               env={**os.environ, "PATH": path})  # fmt: skip
     if done.returncode != 0 and "CMAKE_MAKE_PROGRAM" in done.stderr:
         pytest.skip("neither ninja nor make is there: sudo apt-get install make")
     assert done.returncode == 0, done.stderr
@@ -309,6 +312,31 @@ def test_toy_sph_cuda(built, tmp_path):
     camera = gb.Camera((0.5, 0.9, 2.2), (0.5, 0.3, 0.25))
     expected = gb.render(gb.Scene(particles, device="cuda"), camera, (640, 480)).picture
     assert np.array_equal(ppm(tmp_path / "toy_sph_cuda.ppm"), expected)
+
+
+@pytest.mark.slow
+def test_insitu_mpi(built, tmp_path):
+    """A simulation on ranks draws the same bits on any number of them; and what one scene shows."""
+    if "insitu_mpi" not in targets(built):
+        pytest.skip("no MPI was found")
+    mpiexec = shutil.which("mpiexec", path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    if mpiexec is None:
+        pytest.skip("no mpiexec")
+    build(built, "insitu_mpi")
+    images = []
+    for n in (1, 3, 4):
+        done = run(mpiexec, "-n", n, built / "examples" / "insitu_mpi", 40, 0.05, 20, "cpu",
+                   cwd=tmp_path)  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert f"2560 particles on {n} ranks, 40 steps" in done.stdout
+        images.append(ppm(tmp_path / "insitu_mpi.ppm"))
+    assert images[0].shape == (400, 640, 3)
+    assert images[0].std() > 5
+    for image in images[1:]:
+        assert np.array_equal(images[0], image)
+    done = run(mpiexec, "-n", 3, built / "examples" / "insitu_mpi", 2, 0.05, 1, "gpu", cwd=tmp_path)
+    assert done.returncode != 0
+    assert done.stderr.count("device: expected auto, cpu") == 1
 
 
 def test_volume_from_sweep(built, tmp_path):

@@ -41,6 +41,7 @@ from .render.lights import (  # noqa: E402
 from .render.materials import Material  # noqa: E402
 from .render.settings import RenderSettings  # noqa: E402
 from .scene import mesh as _mesh  # noqa: E402
+from .scene import scene as _scene  # noqa: E402
 from .scene import sources as _sources  # noqa: E402
 from .scene.attributes import color_by  # noqa: E402
 from .scene.mesh import Mesh  # noqa: E402
@@ -152,6 +153,7 @@ _sources.readers.append(lambda path: __getattr__("read")(path))
 _sources.converters.append(
     lambda value: _import_module(".formats.objects", __name__).particles_of(value)
 )
+_scene.on_ranks.append(lambda: _import_module(".pieces.on_ranks", __name__).SceneOnRanks)
 _mesh.readers.append(lambda path: _import_module(".formats.triangles", __name__).read(path))
 
 __version__ = _core.version

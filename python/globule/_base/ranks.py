@@ -42,6 +42,29 @@ class Alone:
         """Rank 0's value."""
         return self.all(value)[0]
 
+    def local(self) -> tuple[int, int]:
+        """This rank's number among those on the same computer, and how many these are."""
+        return self.rank, self.size
+
+    def together(self, work: Callable[[], Any]) -> Any:
+        """What `work` returns, on every rank. Where it fails on some, all raise the error of the
+        first of them, with its rank: nobody waits for a rank that has given up."""
+        value, error = None, None
+        try:
+            value = work()
+        except Exception as own:
+            if self.size == 1:
+                raise
+            error = own
+        kinds = (ValueError, TypeError, MemoryError, OSError, RuntimeError)
+        kind = next((k for k in kinds if isinstance(error, k)), RuntimeError)
+        text = None if error is None else str(error) or type(error).__name__
+        for rank, found in enumerate(self.all((kind, text))):
+            if found[1] is not None:
+                cause = error if rank == self.rank else None
+                raise found[0](f"rank {rank}: {found[1]}") from cause
+        return value
+
     def exchange(self, rows: np.ndarray, counts: np.ndarray) -> np.ndarray:
         """Rows (N, K) of float32 to their ranks, counts (size,) to each in order; what came, in
         the order of the ranks."""
@@ -49,6 +72,11 @@ class Alone:
         parts = self.all([rows[e - c : e] for e, c in zip(ends, counts, strict=True)])
         self.sent += 4 * rows.shape[1] * int(np.sum(counts) - counts[self.rank])
         return np.concatenate([part[self.rank] for part in parts])
+
+    def concatenated(self, rows: np.ndarray) -> np.ndarray:
+        """Every rank's rows (N, K) of float32, one rank's after the other's."""
+        self.sent += rows.nbytes * (self.size - 1)
+        return np.concatenate(self.all(rows))
 
     def swap(self, data: np.ndarray, bounds: np.ndarray) -> list[np.ndarray]:
         """Of every rank's bytes (N,), those from bounds[rank] to bounds[rank + 1]."""
@@ -118,6 +146,13 @@ class Ranks(Alone):
         self._comm, self._mpi = comm, MPI
         self.rank, self.size = comm.Get_rank(), comm.Get_size()
 
+    def local(self) -> tuple[int, int]:
+        """This rank's number among those on the same computer, and how many these are."""
+        local = self._comm.Split_type(self._mpi.COMM_TYPE_SHARED)
+        found = local.Get_rank(), local.Get_size()
+        local.Free()
+        return found
+
     def _reduced(self, value: Any, how: Any) -> Any:
         array = np.array(value)
         out = np.empty_like(array)
@@ -158,6 +193,18 @@ class Ranks(Alone):
         )
         row.Free()
         self.sent += 4 * width * int(np.sum(counts) - counts[self.rank])
+        return out
+
+    def concatenated(self, rows: np.ndarray) -> np.ndarray:
+        """Every rank's rows (N, K) of float32, one rank's after the other's."""
+        counts = np.array(self._comm.allgather(len(rows)))
+        width = rows.shape[1]
+        row = self._mpi.FLOAT.Create_contiguous(max(width, 1)).Commit()
+        out = np.empty((int(counts.sum()), width), np.float32)
+        own = np.ascontiguousarray(rows, np.float32)
+        self._comm.Allgatherv([own, len(own), row], [out, (counts, _starts(counts)), row])
+        row.Free()
+        self.sent += own.nbytes * (self.size - 1)
         return out
 
     def swap(self, data: np.ndarray, bounds: np.ndarray) -> list[np.ndarray]:

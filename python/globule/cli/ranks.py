@@ -15,7 +15,7 @@ from .._base.device import choose, of_rank
 from .._base.memory import free_bytes
 from ..formats.kind import kind_of
 from ..formats.ranges import has_ranges, ranges
-from ..pieces.scene import BYTES
+from ..pieces.on_ranks import replicated_bytes
 from ..pieces.shading import check
 from ..render.settings import RenderSettings
 from . import light
@@ -23,7 +23,6 @@ from .pieces import NOT_WITH_PIECES
 from .shared import UserError, mistakes, say
 
 MODES = ("replicate", "pieces")
-LIGHT_BYTES = 1470  # a particle of a pool of a million: the cells that light needs, on a CPU
 
 
 def communicator() -> Any:
@@ -98,8 +97,7 @@ def replicates(options: argparse.Namespace, lit: light.Light) -> bool:
         with mistakes():
             n = ranges(path).n
         here = options.ranks_here
-        light_bytes = LIGHT_BYTES * (1e6 / max(n, 1)) ** (1 / 3)  # cells lie at the surface
-        need, free = here * n * (BYTES["smooth"] + light_bytes), free_bytes()
+        need, free = here * replicated_bytes(n, "smooth"), free_bytes()
         if free and need > free:
             raise UserError(
                 f"--ranks: expected {need / 1e9:.3g} GB for all particles on each of {here} ranks "

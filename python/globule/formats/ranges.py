@@ -6,6 +6,7 @@ compression, and HDF5.
 
 from __future__ import annotations
 
+import mmap
 import os
 import zipfile
 from collections.abc import Callable, Mapping
@@ -89,7 +90,16 @@ def _mapped(path: Any, name: str, file_name: Any, offset: int) -> np.ndarray:
 def _of_array(path: Any, array: np.ndarray) -> Ranges:
     if array.ndim != 2:
         raise bad(path, "array", f"expected numbers of shape (N, 3) or wider, got {array.shape}")
-    return Ranges(len(array), lambda first, last: _from_columns(path, np.array(array[first:last])))
+    return Ranges(len(array), lambda first, last: _from_columns(path, _rows(array, first, last)))
+
+
+def _rows(array: np.ndarray, first: int, last: int) -> np.ndarray:
+    """A copy of rows; the file's pages do not stay in this process's memory."""
+    rows = np.array(array[first:last])
+    mapped = getattr(array, "_mmap", None)
+    if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
+        mapped.madvise(mmap.MADV_DONTNEED)
+    return rows
 
 
 def _members(path: Any) -> dict[str, np.ndarray]:
@@ -132,7 +142,7 @@ def _of_arrays(path: Any, arrays: Mapping[str, np.ndarray]) -> Ranges:
         some = {}
         for name, array in arrays.items():
             of_each = array.ndim > 0 and len(array) == n
-            some[name] = np.array(array[first:last] if of_each else array)
+            some[name] = _rows(array, first, last) if of_each else np.array(array)
         placed = _with_places(some)
         found = find_positions(placed)
         rows = {k: a.reshape(len(a), -1) if a.ndim > 2 else a

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -198,10 +199,14 @@ class Job:
             elif scene.negative or self._inside(scene, clips, o, d).any():
                 hits.put(pixels, *in_turn(scene, o, d, clips), k)
             else:
-                for piece, part in scene.visit():
-                    found = self._frame(part, clips)
-                    hits.put(*owned(scene, piece, pixels, o, d, *found), k)
+                self.ranks.together(partial(self._put_centers, hits, layer, o, d, k))
         return nearest(self.ranks, hits)
+
+    def _put_centers(self, hits: Hits, layer: Layer, o: Any, d: Any, k: int) -> None:
+        pixels = np.arange(len(o))
+        for piece, part in layer.scene.visit():
+            found = self._frame(part, layer.clips)
+            hits.put(*owned(layer.scene, piece, pixels, o, d, *found), k)
 
     def _frame(self, scene: Scene, clips: Sequence[Any]) -> tuple[Any, Any, Any]:
         frame = render([Layer(scene, None, clips)], self.camera, self.size, light_of())
@@ -232,7 +237,8 @@ class Job:
     def _inside(self, scene: Pieces, clips: Sequence[Any], o: Any, d: Any) -> np.ndarray:
         """Which rays begin inside what the clips keep of the medium."""
         inside = np.zeros(len(o), bool)
-        starts, which = np.unique(o, axis=0, return_inverse=True)
+        one_eye = len(o) > 0 and bool((o == o[0]).all())
+        starts = o[:1] if one_eye else o
         space = scene.space
         near = ((starts >= space.low) & (starts <= space.low + space.extent)).all(axis=1)
         for clip in clips:
@@ -245,7 +251,8 @@ class Job:
             mine = np.flatnonzero(near & (owner == piece))
             if len(mine):
                 field[mine] = part.field(starts[mine])
-        return (scene.ranks.most(field) > scene.threshold)[which.ravel()]
+        found = scene.ranks.most(field) > scene.threshold
+        return np.broadcast_to(found, len(o)) if one_eye else found
 
 
 def owned(

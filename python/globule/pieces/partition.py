@@ -45,23 +45,44 @@ def space_around(low: np.ndarray, high: np.ndarray, typical: float, largest: flo
     return Space(low - room, extent, level, margin)
 
 
+def box_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(lowest, highest) corner (3,) of points (N, 3), N > 0."""
+    many = len(points) // 64 * 64  # rows of 64 points: NumPy is slow along short ones
+    parts = [points[many:]]
+    if many:
+        rows = np.ascontiguousarray(points[:many]).reshape(-1, 192)
+        parts += [rows.min(0).reshape(64, 3), rows.max(0).reshape(64, 3)]
+    few = np.concatenate(parts)
+    return few.min(0), few.max(0)
+
+
 def cells_of(space: Space, points: np.ndarray) -> np.ndarray:
     """The cells (N, 3) int64 that points (N, 3) lie in; outside of the space, the nearest ones."""
     n = 1 << space.level
-    at = (np.asarray(points, np.float64) - space.low) * (n / space.extent)
-    return np.clip(np.nan_to_num(at, nan=0.0), 0, n - 1).astype(np.int64)
+    at = np.array(points, np.float64)
+    at -= space.low
+    at *= n / space.extent
+    np.fmax(at, 0, out=at)  # NaN, too
+    np.minimum(at, n - 1, out=at)
+    return at.astype(np.int64)
 
 
 def codes_of(cells: np.ndarray) -> np.ndarray:
     """Morton codes (...,) int64 of cells (..., 3): bits of z y x in turn, x least significant."""
-    code = np.zeros(cells.shape[:-1], np.int64)
-    for axis in range(3):
-        v = cells[..., axis]
-        v = (v | v << 8) & 0x00F00F
-        v = (v | v << 4) & 0x0C30C3
-        v = (v | v << 2) & 0x249249
-        code |= v << axis
+    code = _SPREAD.take(cells[..., 0])
+    code |= _SPREAD.take(cells[..., 1]) << 1
+    code |= _SPREAD.take(cells[..., 2]) << 2
     return code
+
+
+def _spread(v: np.ndarray) -> np.ndarray:
+    """The bits of cell numbers, each with two zeros behind it."""
+    v = (v | v << 8) & 0x00F00F
+    v = (v | v << 4) & 0x0C30C3
+    return (v | v << 2) & 0x249249
+
+
+_SPREAD = _spread(np.arange(1 << FINEST))
 
 
 def histogram(space: Space, points: np.ndarray) -> np.ndarray:
@@ -82,20 +103,24 @@ class Partition:
         self.space, self.n = space, n
         before = np.cumsum(counts) - counts
         middle = (before + counts / 2) / max(int(counts.sum()), 1)
-        self.owners = np.minimum((n * middle).astype(np.int32), n - 1)  # by Morton code
+        # By Morton code; 16 bits are sorted in one pass.
+        kind = np.int16 if n <= 1 << 15 else np.int32
+        self.owners = np.minimum((n * middle).astype(np.int64), n - 1).astype(kind)
         # Cells whose neighbors all belong to the same piece: most of them.
         side = 1 << space.level
-        grid = self.owners[codes_of(np.moveaxis(np.indices((side,) * 3), 0, -1))]
+        codes = codes_of(np.moveaxis(np.indices((side,) * 3), 0, -1))
+        grid = self.owners[codes]
         least = most = grid
         for axis in range(3):
             pad = [(1, 1) if k == axis else (0, 0) for k in range(3)]
             parts = [np.pad(v, pad, mode="edge") for v in (least, most)]
             some = [[np.take(v, range(i, i + side), axis) for i in range(3)] for v in parts]
             least, most = np.minimum.reduce(some[0]), np.maximum.reduce(some[1])
-        self._lonely = least == most
+        self._lonely = np.empty(len(self.owners), bool)
+        self._lonely[codes] = least == most
 
     def owner(self, points: np.ndarray) -> np.ndarray:
-        """The piece (N,) int32 that owns each point (N, 3)."""
+        """The piece (N,) integers that owns each point (N, 3)."""
         return self.owners[codes_of(cells_of(self.space, points))]
 
     def knows(self, piece: int, points: np.ndarray) -> np.ndarray:
@@ -120,34 +145,44 @@ class Partition:
             points: (N, 3) positions.
             reach: how far each particle changes the field, world units: one number or (N,).
         """
-        wide = (np.asarray(reach, np.float64) + 2 * self.space.margin)[..., None]
-        points = np.asarray(points, np.float64)
-        low, high = cells_of(self.space, points - wide), cells_of(self.space, points + wide)
+        wide = np.asarray(reach, np.float64) + 2 * self.space.margin
+        edge = self.space.extent / (1 << self.space.level)
         cell = cells_of(self.space, points)
-        home = self.owners[codes_of(cell)]
-        rows, pieces = [np.arange(len(points))], [home.astype(np.int64)]
+        code = codes_of(cell)
+        home = self.owners[code]
+        rows, pieces = [np.arange(len(points))], [home]
+        # Kernels no wider than a cell stay in the cells around; most have those to themselves.
+        far = np.flatnonzero(~self._lonely[code] | (wide > edge))
+        wide = np.broadcast_to(wide, (len(points),))[far, None]
+        at = np.asarray(points, np.float64)[far]
+        low, high = cells_of(self.space, at - wide), cells_of(self.space, at + wide)
+        cell, home = cell[far], home[far]
         wide_ones = ((low < cell - 1) | (high > cell + 1)).any(axis=1)
-        near = np.flatnonzero(~self._lonely[tuple(cell.T)] & ~wide_ones)
+        near = np.flatnonzero(~wide_ones)
         if len(near):
-            ends = np.stack([low[near], cell[near], high[near]], axis=1)  # (K, 3, 3)
-            cells = np.stack([ends[:, which, range(3)] for which in np.ndindex(3, 3, 3)], axis=1)
-            owners = np.sort(self.owners[codes_of(cells)], axis=1)
+            ends = [_SPREAD.take(v[near]) << np.arange(3) for v in (low, cell, high)]
+            owners = np.empty((27, len(near)), self.owners.dtype)
+            for which, (x, y, z) in enumerate(np.ndindex(3, 3, 3)):
+                owners[which] = self.owners[ends[x][:, 0] | ends[y][:, 1] | ends[z][:, 2]]
+            mixed = np.flatnonzero((owners != owners[0]).any(axis=0))
+            owners = np.sort(owners[:, mixed], axis=0)
             first = np.ones(owners.shape, bool)
-            first[:, 1:] = owners[:, 1:] != owners[:, :-1]
-            k, corner = np.nonzero(first & (owners != home[near, None]))
-            rows.append(near[k])
-            pieces.append(owners[k, corner].astype(np.int64))
+            first[1:] = owners[1:] != owners[:-1]
+            near = near[mixed]
+            corner, k = np.nonzero(first & (owners != home[near]))
+            rows.append(far[near[k]])
+            pieces.append(owners[corner, k])
         for i in np.flatnonzero(wide_ones):  # kernels wider than a cell
             box = np.stack(
                 np.meshgrid(*(np.arange(low[i, k], high[i, k] + 1) for k in range(3))), axis=-1
             )
             others = np.unique(self.owners[codes_of(box)])
             others = others[others != home[i]]
-            rows.append(np.full(len(others), i))
-            pieces.append(others.astype(np.int64))
+            rows.append(np.full(len(others), far[i]))
+            pieces.append(others)
         row, piece = np.concatenate(rows), np.concatenate(pieces)
-        order = np.lexsort((row, piece))
-        return row[order], piece[order]
+        order = np.argsort(piece, kind="stable")
+        return row[order], piece[order].astype(np.int64)
 
     def leave(self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Where rays leave the cells of the piece that owns them at `start`: distances (M,)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from .._base.arrays import to_host
 from .._base.checks import choice, positive, whole
 from .._base.device import choose
 from .._base.memory import resident_bytes
-from .._base.ranks import Alone, ranks_of
+from .._base.ranks import ranks_of
 from ..render.frame import REACH
 from ..scene.attributes import attribute_values, checked_range, color_by
 from ..scene.fluid import fluid_like
@@ -27,7 +27,7 @@ from ..scene.scene import (
     SURFACES,
     Scene,
 )
-from .partition import Partition, cells_of, codes_of, histogram, space_around
+from .partition import Partition, Space, box_of, cells_of, codes_of, histogram, space_around
 from .store import Files, Layout, Source, layout_of, source_of
 
 # Bytes that a piece takes for each of its particles while it is read, built and traced, measured:
@@ -37,6 +37,8 @@ OVERHEAD = 160_000_000  # bytes of the chunk that is being dealt out, or of an i
 SMOOTH_REACH = 3.375  # spacings: of a smooth kernel, and of the neighbors that shape it
 SAMPLE = 40_000  # particles at which spacing and surface are measured
 MOST_PIECES = 4096
+IMBALANCE = 1.25  # most particles of a rank over the mean; past it all are divided anew
+SLACK = 0.125  # of the extent, on each side, for particles that have left the space once
 
 
 class Pieces:
@@ -57,8 +59,8 @@ class Pieces:
         comm: an mpi4py communicator; all its ranks make the same calls. The particles may be
             anywhere at first; each goes to the rank that owns it, and as a copy to those beside.
         color_by, colormap, range: as for `render`.
-        kernel, threshold, support, surface, spacing, device, threads: as for `Scene`; surface may
-            be "auto". What is not given is measured where the particles are densest.
+        kernel, threshold, support, surface, spacing, device, threads, key_bits: as for `Scene`;
+            surface may be "auto". What is not given is measured where the particles are densest.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
@@ -86,6 +88,7 @@ class Pieces:
         spacing: float | None = None,
         device: str = "auto",
         threads: int = 0,
+        key_bits: int = 32,
     ):
         choice("kernel", kernel, KERNELS)
         choice("surface", surface, (*SURFACES, "auto"))
@@ -95,6 +98,7 @@ class Pieces:
         self.spacing = None if spacing is None else positive("spacing", spacing)
         self._color = (color_by, colormap, None if range is None else checked_range(range))
         self._options: dict[str, Any] = {"device": device, "threads": threads}
+        self._options["key_bits"] = key_bits
         self._memory = None if memory is None else positive("memory", memory)
         self._base = resident_bytes() + OVERHEAD
         self._scenes: dict[int, Scene] = {}
@@ -105,36 +109,39 @@ class Pieces:
         self._settle(source, threshold)
         if n is not None:
             whole("n", n, 1, MOST_PIECES)
-        self._divide(source, self.ranks.size if comm is not None else n)
+        self.space = self._space(0.0)
+        if self._on_ranks:
+            self.partition, self._best = self._balanced(source)
+            self.divisions = 1  # how often the particles have been divided
+            self._to_ranks(source)
+        else:
+            self._divide(source, n)
+
+    def update(self, particles: Any) -> None:
+        """The next frame of pieces on ranks: this rank's particles, as many as it has now.
+
+        Ranks keep their parts of space until one has 1.25 times the mean number of particles, or
+        particles have left the space; then all is divided anew. What was measured stays.
+
+        Raises ValueError without `comm`, and as the constructor does.
+        """
+        if not self._on_ranks:
+            raise ValueError("update: expected pieces on ranks, got pieces one after the other")
+        source = self.ranks.together(lambda: source_of(particles))
+        self._survey(source)
+        self._kernels()
+        most = max(IMBALANCE, 1.1 * self._best)
+        if not self._in_space() or self._imbalance(source) > most:
+            self.space = self._space(SLACK)
+            self.partition, self._best = self._balanced(source)
+            self.divisions += 1
+        self._to_ranks(source)
 
     def _survey(self, source: Source) -> None:
         """What must be known of all particles before they are divided."""
-        low: np.ndarray = np.full(3, np.inf)
-        high: np.ndarray = np.full(3, -np.inf)
-        values, reach = np.array([np.inf, -np.inf]), [0.0, 0.0]
-        weight, n, factors = np.inf, 0, 0.0
-        layout: Layout | None = None
-        for some in source.chunks():
-            n += len(some)
-            if not len(some):
-                continue
-            positions = to_host(some.positions)
-            low = np.minimum(low, positions.min(0))
-            high = np.maximum(high, positions.max(0))
-            found = layout_of(some, self.support)
-            layout = found if layout is None else _both(layout, found)
-            if some.weight is not None:
-                weight = min(weight, float(np.min(to_host(some.weight))))
-            for factor in (some.reflection, some.refraction):
-                factors = max(factors, 0.0 if factor is None else float(np.max(to_host(factor))))
-            axes = _reach(some, self.support)
-            if axes is not None:
-                reach = [max(reach[0], float(np.median(axes))), max(reach[1], float(np.max(axes)))]
-            if self._color[0] is not None and self._color[2] is None:
-                found_values = attribute_values(some, self._color[0])
-                known = found_values[np.isfinite(found_values)]
-                if known.size:
-                    values = np.array([min(values[0], known.min()), max(values[1], known.max())])
+        low, high, values, reach, weight, n, factors, layout = self.ranks.together(
+            lambda: self._own_survey(source)
+        )
         ranks = self.ranks
         self.n_particles = int(ranks.total(np.int64(n)))
         lows, highs = ranks.least(low), ranks.most(high)
@@ -151,11 +158,42 @@ class Pieces:
             known_ends = (float(ends[0]), float(ends[1])) if np.isfinite(ends).all() else (0.0, 1.0)
             self._color = name, colormap, own or known_ends
         layouts = [one for one in ranks.all(layout) if one is not None] or [Layout((), {})]
+        check_reach(layouts)
         for one in layouts[1:]:
             layouts[0] = _both(layouts[0], one)
         self._layout = layouts[0]
         if self._color[0] is not None:
             self._layout = self._layout.with_each("color")
+
+    def _own_survey(self, source: Source) -> tuple[Any, ...]:
+        """This rank's box, values' ends, typical and largest reach, smallest weight, number of
+        particles, largest factor of reflection or refraction, and layout."""
+        low: np.ndarray = np.full(3, np.inf)
+        high: np.ndarray = np.full(3, -np.inf)
+        values, reach = np.array([np.inf, -np.inf]), [0.0, 0.0]
+        weight, n, factors = np.inf, 0, 0.0
+        layout: Layout | None = None
+        for some in source.chunks():
+            n += len(some)
+            if not len(some):
+                continue
+            lowest, highest = box_of(to_host(some.positions))
+            low, high = np.minimum(low, lowest), np.maximum(high, highest)
+            found = layout_of(some, self.support)
+            layout = found if layout is None else _both(layout, found)
+            if some.weight is not None:
+                weight = min(weight, float(np.min(to_host(some.weight))))
+            for factor in (some.reflection, some.refraction):
+                factors = max(factors, 0.0 if factor is None else float(np.max(to_host(factor))))
+            axes = _reach(some, self.support)
+            if axes is not None:
+                reach = [max(reach[0], float(np.median(axes))), max(reach[1], float(np.max(axes)))]
+            if self._color[0] is not None and self._color[2] is None:
+                found_values = attribute_values(some, self._color[0])
+                known = found_values[np.isfinite(found_values)]
+                if known.size:
+                    values = np.array([min(values[0], known.min()), max(values[1], known.max())])
+        return low, high, values, reach, weight, n, factors, layout
 
     @property
     def range(self) -> tuple[float, float] | None:
@@ -183,22 +221,37 @@ class Pieces:
         unknown = self.spacing is None if self.surface != "balls" else not own
         if auto or unknown:
             self._measure(source, auto)
+        usual = {"smooth": SMOOTH_THRESHOLD, "spheres": SPHERE_THRESHOLD}
+        default = usual.get(self.surface, DEFAULTS[self.kernel][1])
+        self.threshold = default if threshold is None else positive("threshold", threshold)
+        self._kernels()
+
+    def _kernels(self) -> None:
+        """How far kernels reach, and what their particles' rows have."""
         if self.surface == "smooth":
             assert self.spacing is not None
             self._layout = self._layout.with_each("weight")
             self.support = SMOOTH_SUPPORT * self.spacing
-            self.reach = 2 * SMOOTH_REACH * self.spacing
-            typical = self.reach
+            self._typical = self.reach = 2 * SMOOTH_REACH * self.spacing
         elif self.surface == "spheres":
             assert self.spacing is not None
-            self.support = self.reach = typical = SPHERE_SUPPORT * self.spacing
+            self.support = self.reach = self._typical = SPHERE_SUPPORT * self.spacing
         else:
             one = self.support
-            typical, self.reach = (one, one) if one else (float(v) for v in self._reach)
-        usual = {"smooth": SMOOTH_THRESHOLD, "spheres": SPHERE_THRESHOLD}
-        default = usual.get(self.surface, DEFAULTS[self.kernel][1])
-        self.threshold = default if threshold is None else positive("threshold", threshold)
-        self.space = space_around(self.low, self.high, 1.001 * typical, 1.001 * self.reach)
+            self._typical, self.reach = (one, one) if one else (float(v) for v in self._reach)
+
+    def _space(self, slack: float) -> Space:
+        """The cells around all particles, and so much of their extent on each side."""
+        more = slack * float((self.high - self.low).max())
+        typical, largest = 1.001 * self._typical, 1.001 * self.reach
+        return space_around(self.low - more, self.high + more, typical, largest)
+
+    def _in_space(self) -> bool:
+        """Whether the cells still hold all that kernels reach, with a wide enough margin."""
+        space = self.space
+        room = 1.0005 * self.reach + 2 * space.margin
+        within = (self.low - room >= space.low) & (self.high + room <= space.low + space.extent)
+        return bool(within.all()) and self._space(0.0).margin <= space.margin
 
     def _measure(self, source: Source, auto: bool) -> None:
         """Spacing, and which surface, of the particles in the fullest cube and around it."""
@@ -228,25 +281,42 @@ class Pieces:
             scene.become_smooth()
             self.spacing = float(scene.support) / SMOOTH_SUPPORT
 
-    def _divide(self, source: Source, n: int | None) -> None:
-        """Every particle to its piece, and to those beside that it reaches."""
+    def _counts(self, source: Source) -> np.ndarray:
+        """Particles of all ranks in each cell."""
         counts = np.zeros(8**self.space.level, np.int64)
         for some in source.chunks():
             counts += histogram(self.space, to_host(some.positions))
-        counts = self.ranks.total(counts)
+        return self.ranks.total(counts)
+
+    def _balanced(self, source: Source) -> tuple[Partition, float]:
+        """As many particles for each rank, and the imbalance that is left."""
+        counts, n = self._counts(source), self.ranks.size
+        partition = Partition(self.space, counts, n)
+        own = np.bincount(partition.owners, counts, n)
+        return partition, float(own.max() * n / max(own.sum(), 1))
+
+    def _imbalance(self, source: Source) -> float:
+        """Most particles that a rank owns, over the mean."""
+        own: np.ndarray = np.zeros(self.ranks.size, np.int64)
+        for some in source.chunks():
+            owner = self.partition.owner(to_host(some.positions))
+            own += np.bincount(owner, minlength=len(own))
+        own = self.ranks.total(own)
+        return float(own.max() * len(own) / max(own.sum(), 1))
+
+    def _divide(self, source: Source, n: int | None) -> None:
+        """Every particle to its piece, and to those beside that it reaches."""
+        counts = self._counts(source)
         most = self._most_particles()
         wanted = n or min(max(1, math.ceil(1.1 * self.n_particles / most)), MOST_PIECES)
         self.partition = Partition(self.space, counts, wanted)
-        if self._on_ranks:
-            self._to_ranks(source, self.ranks)
-            return
         while True:
             files = Files(self.partition.n, self._layout.width)
             try:
                 for some in source.chunks():
                     rows, piece = self._placed(some)
                     ends = np.searchsorted(piece, np.arange(self.partition.n + 1))
-                    for k in np.unique(piece):
+                    for k in np.flatnonzero(np.diff(ends)):
                         files.add(int(k), rows[ends[k] : ends[k + 1]])
             except BaseException:
                 files.close()
@@ -264,17 +334,31 @@ class Pieces:
                 )
             self.partition = Partition(self.space, counts, more)
 
-    def _to_ranks(self, source: Source, ranks: Alone) -> None:
-        parts, pieces = [np.empty((0, self._layout.width), np.float32)], [np.empty(0, np.int64)]
-        for some in source.chunks():
-            rows, piece = self._placed(some)
-            parts.append(rows)
-            pieces.append(piece)
-        piece = np.concatenate(pieces)
-        order = np.argsort(piece, kind="stable")
-        counts = np.bincount(piece, minlength=ranks.size)
-        rows = ranks.exchange(np.concatenate(parts)[order], counts)
-        self._scenes[ranks.rank] = self._built(rows)
+    def _to_ranks(self, source: Source) -> None:
+        """Every particle to the rank that owns it, and to those beside that it reaches."""
+        ranks = self.ranks
+
+        def sorted_rows() -> tuple[np.ndarray, np.ndarray]:
+            parts, pieces = [np.empty((0, self._layout.width), np.float32)], [np.empty(0, np.int16)]
+            for some in source.chunks():
+                rows, piece = self._placed(some)
+                parts.append(rows)
+                pieces.append(piece.astype(np.int16 if ranks.size < 1 << 15 else np.int32))
+            rows, piece = np.concatenate(parts), np.concatenate(pieces)
+            parts.clear()  # before the rows are copied once more
+            order = np.argsort(piece, kind="stable")
+            return rows[order], np.bincount(piece, minlength=ranks.size)
+
+        came = ranks.exchange(*ranks.together(sorted_rows))
+
+        def build() -> Scene:
+            scene = self._scenes.get(ranks.rank)
+            if scene is None:
+                return self._built(came)
+            scene.update(self._layout.particles(came))
+            return scene
+
+        self._scenes[ranks.rank] = ranks.together(build)
 
     def _placed(self, some: Particles) -> tuple[np.ndarray, np.ndarray]:
         """The rows (M, width) of the pieces, and whose they are (M,), in order."""
@@ -354,6 +438,14 @@ def _reach(particles: Particles, support: float | None) -> Any:
     if particles.anisotropy is not None:
         return 1 / np.linalg.eigvalsh(particles.anisotropy.astype(np.float64))[:, 0]
     return support if support else None if particles.support is None else to_host(particles.support)
+
+
+def check_reach(layouts: Sequence[Layout]) -> None:
+    """Raise ValueError where some particles say how far their kernels reach and others do not."""
+    for name in ("support", "anisotropy"):
+        held = [name in x.each or name in x.one for x in layouts]
+        if any(held) and not all(held):
+            raise ValueError(f"{name}: expected it of all particles or of none, got some without")
 
 
 def _both(a: Layout, b: Layout) -> Layout:

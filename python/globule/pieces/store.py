@@ -12,10 +12,13 @@ import numpy as np
 from .._base.arrays import to_host
 from ..formats.ranges import ranges
 from ..scene.particles import FARTHEST, Particles
+from ..scene.scene import DEFAULT_COLOR
 from ..scene.sources import as_particles
 
 CHUNK = 1 << 17  # particles that are in memory at a time while they are dealt out
-COLUMNS = {"positions": 3, "support": 1, "weight": 1, "color": 3, "anisotropy": 9}
+COLUMNS = {"positions": 3, "support": 1, "weight": 1, "color": 3, "anisotropy": 9,
+           "reflection": 1, "refraction": 1}  # fmt: skip
+USUAL = {"color": DEFAULT_COLOR, "reflection": 0.0, "refraction": 0.0}  # of what is missing; else 1
 
 
 class Source(NamedTuple):
@@ -34,8 +37,9 @@ class Source(NamedTuple):
         """All particles that have a position, range by range."""
         for first in range(0, self.n, self.size):
             some = self.read(first, min(first + self.size, self.n))
-            finite = (np.abs(to_host(some.positions)) <= FARTHEST).all(axis=1)
-            yield some if finite.all() else some[finite]
+            size = np.abs(to_host(some.positions))
+            near = not len(some) or size.max() <= FARTHEST  # no NaN either
+            yield some if near else some[(size <= FARTHEST).all(axis=1)]
 
 
 def source_of(value: Any) -> Source:
@@ -79,7 +83,8 @@ class Layout(NamedTuple):
         parts = [to_host(particles.positions)]
         for name in self.each:
             own = getattr(particles, name)
-            value = np.asarray(1.0 if own is None else to_host(own), np.float32)  # a weight
+            own = USUAL.get(name, 1.0) if own is None else to_host(own)
+            value = np.asarray(own, np.float32)
             if value.ndim < (2 if name == "color" else 1):  # one value in this range alone
                 value = np.broadcast_to(value, (n, COLUMNS[name]))
             parts.append(value.reshape(n, COLUMNS[name]))

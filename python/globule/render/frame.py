@@ -401,7 +401,7 @@ def render(
         comm: an mpi4py communicator whose ranks all have this scene and make this call: each
             traces its share of the pixels, and rank 0 has the image, with the same bits as one rank
             alone. Other ranks' frames have no hits. All ranks call `refine`, and `alpha` after it.
-            (`Pieces` is for particles that no rank can have all of.)
+            (`Scene(..., comm=...)` is for particles that are distributed over the ranks.)
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
@@ -416,6 +416,13 @@ def render(
     size = traced_size(annotate, total)
     settings = as_settings(settings)
     layers = _layers(scene, clips, (color_by, colormap, range))
+    spread = next((x.scene for x in layers if hasattr(x.scene, "settled")), None)
+    if spread is not None:
+        if color_by is not None:
+            if annotate is not None:
+                raise ValueError("annotate: expected no color_by with it for a scene on ranks")
+            settings, color_by = for_values(settings), None
+        layers, comm = spread.settled(layers, settings, comm, annotate is not None)
     first = layers[0].scene
     if any(_in_pieces(layer.scene) for layer in layers):
         if thesis is not None or annotate is not None or color_by is not None:
@@ -641,13 +648,12 @@ def _colored(item: Any, color: tuple) -> Scene | Mesh:
             raise ValueError(f"{prefix}{error}") from None
         return mesh
     own = _own_scene(item)
+    if own is not None and own is item:
+        own._color_by(*color)
+        return own
     particles = attributes.color_by(as_particles("scene", own or item), *color)
-    if own is None:
-        return shown_scene(particles)
-    if own is not item:  # a simulation's, which nobody else updates
-        return scene_like(own, particles)
-    own.update(particles)
-    return own
+    # A simulation's scene is updated by nobody else.
+    return shown_scene(particles) if own is None else scene_like(own, particles)
 
 
 def scene_like(scene: Scene, particles: Particles) -> Scene:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from .._base.arrays import ABSENT, HOST, View, address, on_gpu, unit_vectors, vi
 from .._base.checks import choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
 from .._base.old_names import renamed
+from .attributes import color_by
 from .octree import Octree
 from .particles import FIELDS, Particles
 from .sources import as_particles
@@ -44,6 +46,9 @@ DEFAULT_COLOR = (0.28, 0.52, 0.80)
 MAX_PARTICLES = 2**31 - 64
 MAX_SUPPORT = 1e18  # past it squares overflow float32
 MAX_RATIO = 1e6  # between the largest and the smallest support
+
+# The class of scenes whose particles lie on the ranks of MPI, by a room after this one.
+on_ranks: list[Callable[[], type[Scene]]] = []
 
 
 class Intersections(NamedTuple):
@@ -86,6 +91,13 @@ class Scene:
             support of its own. `surface_of` tells which one `render` takes.
         spacing: of the particles for "smooth", world units: the cube root of a particle's volume.
             Default: the scene measures the spacing at its first build and keeps it.
+        comm: an mpi4py communicator. The particles are then those that this rank has, anywhere
+            in space; all ranks make this call, every `update` and every `render`, and rank 0 has
+            the image. Each rank has a device of its own. Fields are not evaluated across ranks.
+        ranks: what `render` does with `comm`. "pieces": each rank traces the particles in its part
+            of space. "replicate": each rank gets all particles and traces its share of the pixels.
+            "auto": pieces, but replicate where the image needs it (shadows, ambient rays,
+            reflection, transmission, sky, ground, meshes, annotations) and the memory suffices.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
@@ -115,7 +127,12 @@ class Scene:
         bounds: ArrayLike | None = None,
         surface: str = "balls",
         spacing: float | None = None,
+        *,
+        comm: Any = None,
+        ranks: str = "auto",
     ):
+        if ranks != "auto":
+            raise ValueError(f"ranks: expected comm with it, got {shown(ranks)} without")
         choice("kernel", kernel, KERNELS)
         choice("surface", surface, SURFACES)
         particles = as_particles("particles", particles)
@@ -151,6 +168,14 @@ class Scene:
         self._spacing = None if spacing is None else positive("spacing", spacing)
         self._known: dict[str, Any] = {}  # the particles' fields when the octree was built
         self._build(particles)
+
+    def __new__(cls, *args: Any, **options: Any) -> Scene:
+        """A scene; with `comm` one on ranks."""
+        if cls is Scene and options.get("comm") is not None:
+            return object.__new__(on_ranks[0]())
+        return object.__new__(cls)
+
+    __new__.__wrapped__ = __init__  # type: ignore[attr-defined]  # has its signature
 
     def update(
         self, particles: Particles | ArrayLike | str | os.PathLike[str] | None = None, **fields: Any
@@ -199,6 +224,10 @@ class Scene:
             "spheres": (SPHERE_SUPPORT, SPHERE_THRESHOLD),
         }
         return own.get(self.surface, DEFAULTS[self.kernel])
+
+    def _color_by(self, name: str, colormap: str, range: tuple[float, float] | None) -> None:
+        """Color the particles by a value, from the next image on."""
+        self.update(color_by(self.particles, name, colormap, range))
 
     def become_smooth(self) -> None:
         """Draw the smooth surface of the same particles, with the spacing that was measured."""

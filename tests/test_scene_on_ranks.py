@@ -1,0 +1,292 @@
+"""`Scene(..., comm=...)`: particles on any rank, the image of one device; frame after frame."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from globule._base.ranks import run_threads
+from globule.pieces import on_ranks
+from scenes import KERNELS
+from test_ranks import mpirun
+
+SIZE = (96, 72)
+RNG = np.random.default_rng(5)
+LATTICE = np.stack(np.meshgrid(*[np.arange(12)] * 3, indexing="ij"), -1).reshape(-1, 3)
+POSITIONS = (LATTICE + RNG.uniform(-0.25, 0.25, LATTICE.shape)).astype(np.float32)
+N = len(POSITIONS)
+COLOR = RNG.random(POSITIONS.shape).astype(np.float32)
+CAMERA = gb.Camera.fit(POSITIONS, size=SIZE, margin=1)
+CUT = gb.ClipPlane((1, 0.2, 0), 6.0)
+GLASS = gb.Material(reflection=0.3, transmission=0.5, index=1.3)
+
+
+def on(n, work, backend):
+    """What each of n ranks returns, threads of this process."""
+
+    def one(ranks):
+        return work({**backend, **({} if backend["device"] == "cuda" else {"threads": 1})}, ranks)
+
+    return run_threads(n, one)
+
+
+def mine(particles, ranks):
+    return particles[np.arange(ranks.rank, len(particles), ranks.size)]
+
+
+def same(one, many, least=0.03):
+    """0 pixels of hit or miss differ, colors by at most a level."""
+    assert one.mask.mean() > least
+    np.testing.assert_array_equal(one.mask, many.mask)
+    assert np.abs(one.image.astype(int) - many.image.astype(int)).max() <= 1
+
+
+def check(particles, n, backend, camera=CAMERA, clips=(), settings=None, **options):
+    def work(device, ranks):
+        scene = gb.Scene(mine(particles, ranks), comm=ranks, **options, **device)
+        assert isinstance(scene, gb.Scene)
+        assert len(scene) == len(particles)
+        return gb.render(scene, camera, SIZE, settings, clips)
+
+    scene = gb.Scene(particles, **options, **backend)
+    same(gb.render(scene, camera, SIZE, settings, clips), on(n, work, backend)[0])
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 7])
+def test_ranks_and_cuts(n, backend):
+    check(gb.Particles(POSITIONS, color=COLOR), n, backend, clips=[CUT], support=2.0)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_every_kernel(kernel, backend):
+    support = 3.2 if kernel == "blinn" else 2.5
+    check(gb.Particles(POSITIONS, color=COLOR), 3, backend, kernel=kernel, support=support)
+
+
+def test_smooth_surfaces(backend):
+    check(gb.Particles(POSITIONS), 2, backend, surface="smooth", spacing=1.0, key_bits=64)
+
+
+def test_kernels_of_their_own(backend):
+    weight = np.where(np.arange(N) % 5 == 0, -0.6, 1.0).astype(np.float32)
+    check(gb.Particles(POSITIONS, weight=weight), 3, backend, clips=[CUT], support=2.0)
+    support = RNG.uniform(1.2, 2.2, N).astype(np.float32)
+    support[700] = 30  # one particle over all pieces
+    check(gb.Particles(POSITIONS, support=support), 4, backend, threshold=1.0)
+    skew = RNG.normal(size=(N, 3, 3)) * 0.08 + 0.6 * np.eye(3)
+    matrices = ((skew + skew.transpose(0, 2, 1)) / 2).astype(np.float32)
+    check(gb.Particles(POSITIONS, anisotropy=matrices), 3, backend)
+
+
+def test_an_eye_inside(backend):
+    camera = gb.Camera((5.5, 5.5, 5.5), (11, 9, 6))
+    cave = POSITIONS[np.linalg.norm(POSITIONS - 5.5, axis=1) >= 3]
+    check(gb.Particles(cave), 3, backend, camera, support=2.0)
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_light_is_replicated_by_itself(n, backend):
+    settings = {"material": GLASS, "shadows": True, "ambient_rays": 2, "ground": gb.Ground(-1)}
+    check(gb.Particles(POSITIONS, color=COLOR), n, backend, settings=settings, support=2.0)
+    glossy = gb.Particles(POSITIONS, reflection=np.linspace(0, 0.6, N, dtype=np.float32))
+    check(glossy, n, backend, support=2.0)
+
+
+def test_replication_can_be_forced_and_refused(backend, monkeypatch):
+    particles = gb.Particles(POSITIONS, color=COLOR)
+    check(particles, 3, backend, support=2.0, ranks="auto")
+
+    def work(device, ranks):
+        scene = gb.Scene(mine(particles, ranks), support=2.0, comm=ranks, ranks="replicate",
+                         **device)  # fmt: skip
+        frame = gb.render(scene, CAMERA, SIZE)
+        assert scene.whole() is scene.used(True)
+        pieces = gb.Scene(mine(particles, ranks), support=2.0, comm=ranks, ranks="pieces", **device)
+        with pytest.raises(ValueError, match=r"^shadows: expected none with a scene in pieces"):
+            gb.render(pieces, CAMERA, SIZE, {"shadows": True})
+        auto = gb.Scene(mine(particles, ranks), support=2.0, comm=ranks, **device)
+        monkeypatch.setattr(on_ranks.SceneOnRanks, "_room", lambda self: 1e3)
+        with pytest.raises(MemoryError, match=r"^scene: expected memory for all .*, got 1e-06 GB"):
+            gb.render(auto, CAMERA, SIZE, {"shadows": True})
+        return frame
+
+    same(gb.render(gb.Scene(particles, support=2.0, **backend), CAMERA, SIZE),
+         on(2, work, backend)[0])  # fmt: skip
+
+
+def test_colors_by_a_value_of_all_ranks(backend):
+    particles = gb.Particles(POSITIONS, attributes={"speed": POSITIONS[:, 0] ** 2})
+
+    def work(device, ranks):
+        scene = gb.Scene(mine(particles, ranks), support=2.0, comm=ranks, **device)
+        return gb.render(scene, CAMERA, SIZE, color_by="speed")
+
+    one = gb.render(gb.Scene(particles, support=2.0, **backend), CAMERA, SIZE, color_by="speed")
+    same(one, on(3, work, backend)[0])
+
+
+def test_updates_keep_the_partition_until_it_is_out_of_balance(backend):
+    """Particles that tremble; then half of them go to one end; then all spread."""
+    frames = [POSITIONS + 0.05 * k for k in range(3)]
+    pushed = POSITIONS * (1, 1, 1)
+    pushed[: N // 2] = pushed[: N // 2] * 0.5
+    frames += [pushed.astype(np.float32), (POSITIONS * 1.6).astype(np.float32)]
+
+    def work(device, ranks):
+        scene = gb.Scene(mine(gb.Particles(frames[0]), ranks), support=2.0, comm=ranks, **device)
+        images, divisions = [], []
+        for positions in frames:
+            scene.update(positions=positions[ranks.rank :: ranks.size])
+            images.append(gb.render(scene, CAMERA, SIZE))
+            divisions.append(scene.pieces().divisions)
+        # Fewer than before, all on one rank; and with light, as many as before.
+        scene.update(frames[0][: N // 3] if ranks.rank else np.empty((0, 3), np.float32))
+        images.append(gb.render(scene, CAMERA, SIZE))
+        assert len(scene) == (ranks.size - 1) * (N // 3)
+        scene.update(mine(gb.Particles(frames[0]), ranks))
+        images.append(gb.render(scene, CAMERA, SIZE, {"shadows": True}))
+        return images, divisions
+
+    images, divisions = on(2, work, backend)[0]
+    assert divisions[0] == 1
+    assert divisions[2] <= 2
+    assert divisions == sorted(divisions)
+    assert divisions[4] > divisions[2]
+    scene = gb.Scene(frames[0], support=2.0, **backend)
+    for positions, many in zip([*frames, frames[0][: N // 3]], images[:-1], strict=True):
+        scene.update(positions=positions)
+        same(gb.render(scene, CAMERA, SIZE), many)
+    scene.update(positions=frames[0])
+    same(gb.render(scene, CAMERA, SIZE, {"shadows": True}), images[-1])
+
+
+def test_a_balanced_partition_is_kept_and_moves_each_particle_once():
+    def work(device, ranks):
+        own = np.array_split(POSITIONS, ranks.size)[ranks.rank]
+        scene = gb.Scene(own, support=2.0, comm=ranks, **device)
+        start = ranks.sent
+        scene.update(positions=own)
+        pieces = scene.pieces()
+        held = sum(len(s) for _, s in pieces.visit())
+        return pieces.divisions, ranks.sent - start, held, len(own)
+
+    found = on(4, work, {"device": "cpu"})
+    assert all(f[0] == 1 for f in found)
+    assert sum(f[1] for f in found) <= 12 * sum(f[2] for f in found)  # 12 bytes a particle
+
+
+def test_the_same_bits_again():
+    def work(device, ranks):
+        scene = gb.Scene(mine(gb.Particles(POSITIONS), ranks), support=2.0, comm=ranks, **device)
+        return gb.render(scene, CAMERA, SIZE).color.tobytes()
+
+    runs = [on(3, work, {"device": "cpu"})[0] for _ in "ab"]
+    assert runs[0] == runs[1]
+
+
+def test_the_threshold_of_all_ranks(backend):
+    def work(device, ranks):
+        scene = gb.Scene(mine(gb.Particles(POSITIONS), ranks), support=2.0, comm=ranks, **device)
+        scene.threshold = 1.2
+        return gb.render(scene, CAMERA, SIZE)
+
+    one = gb.Scene(POSITIONS, support=2.0, threshold=1.2, **backend)
+    same(gb.render(one, CAMERA, SIZE), on(2, work, backend)[0])
+
+
+@pytest.mark.parametrize("case", ["one rank has all", "more ranks than particles", "none"])
+def test_ranks_without_particles(case, backend):
+    n = {"one rank has all": 3, "more ranks than particles": 5, "none": 2}[case]
+    count = {"one rank has all": N, "more ranks than particles": 2, "none": 0}[case]
+
+    def work(device, ranks):
+        own = POSITIONS[:count] if ranks.rank == n - 1 else POSITIONS[:0]
+        color = COLOR[: len(own)]
+        scene = gb.Scene(gb.Particles(own, color=color), support=2.0, comm=ranks, **device)
+        return [gb.render(scene, CAMERA, SIZE, s) for s in ({}, {"shadows": True})]
+
+    found = on(n, work, backend)[0]
+    particles = gb.Particles(POSITIONS[:count], color=COLOR[:count])
+    scene = gb.Scene(particles, support=2.0, **backend)
+    for frame, settings in zip(found, ({}, {"shadows": True}), strict=True):
+        same(gb.render(scene, CAMERA, SIZE, settings), frame, -1)
+
+
+def test_a_rank_that_fails_is_named_on_all():
+    def work(device, ranks):
+        bad = np.zeros((4, 2, 2)) if ranks.rank == 1 else POSITIONS
+        with pytest.raises(ValueError, match=r"^rank 1: positions: expected shape \(N, 3\)"):
+            gb.Scene(bad, support=2.0, comm=ranks, **device)
+        scene = gb.Scene(POSITIONS, support=2.0, comm=ranks, **device)
+        with pytest.raises(TypeError, match=r"^rank 2: update: unknown field 'place'"):
+            scene.update(**({"place": 1} if ranks.rank == 2 else {"positions": POSITIONS}))
+        support = None if ranks.rank else np.ones(N, np.float32)
+        with pytest.raises(ValueError, match=r"^support: expected it of all particles or of none"):
+            gb.Scene(gb.Particles(POSITIONS, support=support), comm=ranks, **device)
+        return gb.render(scene, CAMERA, SIZE).mask.any()  # as before the failed update
+
+    assert on(3, work, {"device": "cpu"})[0]
+
+
+def test_a_rank_that_fails_to_draw_is_named(monkeypatch):
+    def work(device, ranks):
+        scene = gb.Scene(mine(gb.Particles(POSITIONS), ranks), support=2.0, comm=ranks, **device)
+        if ranks.rank == 1:
+            monkeypatch.setattr(scene.pieces(), "visit", lambda: 1 / 0)
+        with pytest.raises(RuntimeError, match=r"^rank 1: division by zero"):
+            gb.render(scene, CAMERA, SIZE)
+
+    on(2, work, {"device": "cpu"})
+
+
+def test_mistakes():
+    def work(device, ranks):
+        for options, word in (
+            ({"octree": "dense"}, "octree"), ({"level": 3}, "level"), ({"ranks": "some"}, "ranks"),
+            ({"bounds": ((0, 0, 0), (1, 1, 1))}, "bounds"), ({"kernel": "cone"}, "kernel"),
+        ):  # fmt: skip
+            with pytest.raises(ValueError, match=rf"^{word}: "):
+                gb.Scene(POSITIONS, comm=ranks, **options, **device)
+        scene = gb.Scene(POSITIONS, support=2.0, comm=ranks, **device)
+        with pytest.raises(ValueError, match=r"^scene: expected a scene in one process"):
+            scene.field(POSITIONS[:1])
+        with pytest.raises(ValueError, match=r"^comm: expected None with a scene on ranks"):
+            gb.render(scene, CAMERA, SIZE, comm=ranks)
+
+    on(1, work, {"device": "cpu"})
+    with pytest.raises(ValueError, match=r"^ranks: "):
+        gb.Scene(POSITIONS, ranks="pieces")
+    with pytest.raises(TypeError, match=r"^comm: expected an mpi4py communicator"):
+        gb.Scene(POSITIONS, comm=3)
+
+
+PROGRAM = """
+import globule as gb, numpy as np
+from mpi4py import MPI
+
+comm, data = MPI.COMM_WORLD, np.load("data.npz")
+own = {k: data[k][comm.rank::comm.size] for k in ("positions", "color")}
+scene = gb.Scene(gb.Particles(**own), support=2.0, comm=comm, device="cpu")
+camera = gb.Camera.fit(data["positions"], size=(96, 72), margin=1)
+images = []
+for k in range(3):
+    scene.update(positions=own["positions"] * (1 + 0.1 * k))
+    for settings in ({}, {"shadows": True}):
+        images.append(gb.render(scene, camera, (96, 72), settings).image)
+if comm.rank == 0:
+    np.save("images.npy", images)
+"""
+
+
+def test_through_mpiexec(tmp_path):
+    np.savez(tmp_path / "data.npz", positions=POSITIONS, color=COLOR)
+    (tmp_path / "program.py").write_text(PROGRAM)
+    run = mpirun(3, "program.py", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr[-2000:]
+    found = np.load(tmp_path / "images.npy").astype(int)
+    scene = gb.Scene(gb.Particles(POSITIONS, color=COLOR), support=2.0, device="cpu")
+    for k in range(3):
+        scene.update(positions=POSITIONS * np.float32(1 + 0.1 * k))
+        for j, settings in enumerate(({}, {"shadows": True})):
+            one = gb.render(scene, CAMERA, SIZE, settings)
+            assert np.abs(one.image.astype(int) - found[2 * k + j]).max() <= 1
