@@ -145,11 +145,9 @@ def run(options: argparse.Namespace, ranks: Alone, local: int) -> dict[str, Any]
     gpu = device.index if device.backend == "cuda" else None
     size = tuple(int(v) for v in options.size.split("x"))
     threads = options.threads or max(1, len(os.sched_getaffinity(0)) // ranks.size)
-    key_bits = 64
     if options.pool:
         positions, spacing = pool(int(options.particles))
         n, camera, support = len(positions), gb.Camera.fit(positions, size=size), 2 * spacing
-        key_bits = 32
         if gpu is not None:
             import cupy
 
@@ -163,7 +161,7 @@ def run(options: argparse.Namespace, ranks: Alone, local: int) -> dict[str, Any]
             begin, end = (lattice.across * k // ranks.size for k in (ranks.rank, ranks.rank + 1))
             begin, end = begin - HALO, end + HALO
         positions = lattice.slab(begin, end, gpu)
-    scene = gb.Scene(gb.Particles(positions, support=support), threshold=0.6, key_bits=key_bits,
+    scene = gb.Scene(gb.Particles(positions, support=support), threshold=0.6,
                      device=device.name, threads=threads)  # fmt: skip
     ranks.only_image = True
     rows = []

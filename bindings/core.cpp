@@ -12,6 +12,7 @@
 #include "oracle/field.hpp"
 #include "oracle/mesh.hpp"
 #include "picture.hpp"
+#include "pixels.hpp"
 
 using namespace globule::core;
 
@@ -67,6 +68,7 @@ NB_MODULE(_core, m) {
     bind_sweep(m);
     bind_tissue(m);
     bind_picture(m);
+    bind_pixels(m);
     m.attr("version") = globule::version();
     m.def("cpu_backends", &cpu_backends);
     m.def("dlpack_view", &dlpack_view);

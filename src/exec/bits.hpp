@@ -145,7 +145,7 @@ GB_FN float read_fresh(const float* p) {
 }
 
 /// Flags that several threads may raise and look at.
-GB_FN void raise_flag(std::uint32_t* flag) { AtomicRef<std::uint32_t>(*flag).store(1u, kRelaxed); }
+GB_FN void raise_flag(std::uint32_t* flag, std::uint32_t raised = 1) { AtomicRef<std::uint32_t>(*flag).store(raised, kRelaxed); }
 GB_FN void raise_flag(std::uint8_t* flag) {
 #if defined(__CUDA_ARCH__)
     *static_cast<volatile std::uint8_t*>(flag) = 1;

@@ -45,13 +45,15 @@ void make_frame(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field
     if (lighting.edge_samples > 0 && !field.thesis) smooth_edges(exec, scene, field, lighting, frame);
 }
 
+/// Whether a material's share of light, or that of the particles, is more than nothing.
+inline bool acts(float of_material, const Attribute& own) {
+    return of_material > 0.0f || (of_material < 0.0f && (own.data || own.uniform > 0.0f));
+}
+
 /// Whether light makes no more than one turn in a picture.
 inline bool is_plain(const PictureRequest& request, const Attributes& attributes) {
     const Lighting& l = request.lighting;
     const Material& m = l.materials[0];
-    const auto acts = [](float of_material, const Attribute& own) {
-        return of_material > 0.0f || (of_material < 0.0f && (own.data || own.uniform > 0.0f));
-    };
     return request.layers.size() == 1 && request.layers[0].clips.empty() && !acts(m.reflection, attributes.reflection) &&
            !acts(m.transmission, attributes.refraction) && m.index == 0.0f && l.n_visibilities() == 0 && !l.sky_light && !l.show_sky &&
            !l.ground.present;

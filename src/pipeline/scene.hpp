@@ -190,11 +190,17 @@ private:
     void make_picture(const PictureRequest& request, FrameImages<Exec>& images, int passes) {
         Lighting lighting = request.lighting;
         std::vector<PictureLayer<Exec>> layers;
+        bool inside = request.camera.orthographic;  // whose rays may begin there
+        for (std::size_t k = 0; k < request.layers.size(); ++k) {
+            const LayerRequest& layer = request.layers[k];
+            const Attributes& attributes = static_cast<SceneImpl*>(layer.scene)->builder_.now().attributes;
+            inside = inside || !layer.clips.empty() || acts(lighting.materials[k].transmission, attributes.refraction);
+        }
         for (std::size_t k = 0; k < request.layers.size(); ++k) {
             const LayerRequest& layer = request.layers[k];
             SceneImpl& scene = *static_cast<SceneImpl*>(layer.scene);
             layers.push_back({scene.traced(), layer.field, pictures_.bring_clips(k, layer.clips)});
-            scene.traced().prepare_cells(*scene.exec_, layer.field);
+            scene.traced().prepare_cells(*scene.exec_, layer.field, inside, request.camera.eye);
             if (scene.mesh_.is_there()) (scene.mesh_.is_closed() ? lighting.closed : lighting.sheets) |= 1u << k;
             if (&scene != this) exec_->follow(*scene.exec_);
         }

@@ -84,10 +84,11 @@ struct Traced {
             fn(CellTracer<typename Exec::Lanes, Tree, Kernel, PerParticle>{tree, p, kernel, scaled_threshold(field, p, PerParticle), cells.view()});
         });
     }
-    void prepare_cells(Exec& exec, const FieldRequest& field) const {
+    /// everywhere: light goes inside, or clips open it; eye: see CellStore.
+    void prepare_cells(Exec& exec, const FieldRequest& field, bool everywhere, const float3& eye) const {
         if (mesh.is_there()) return;
         const typename Exec::Stage stage("cells");
-        with_tracer(field, [&](const auto& tracer) { cells.prepare(exec, field, tracer, octree().max_nodes()); });
+        with_tracer(field, [&](const auto& tracer) { cells.prepare(exec, field, tracer, octree().max_nodes(), octree().size(), everywhere, eye); });
     }
     /// Distances to the first crossing of rays that light sent on, through the cells.
     void march(Exec& exec, const FieldRequest& field, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found, bool alone) const {

@@ -27,13 +27,15 @@ struct BuildCells {
     float tau;               ///< over the common weight unless PerParticle
     CellGrid* grid;
     std::uint32_t* bricks;
+    const std::uint32_t* next;   ///< bricks to be looked at
     CellList* lists;
     float* blocks;
     std::uint32_t max_lists, max_blocks;
 
     template <class Group>
-    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t brick) const {
-        if (brick >= grid->n_bricks || bricks[brick] == kEmpty) return;  // not marked
+    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t i) const {
+        if (i >= grid->n_next) return;
+        const std::uint32_t brick = next[i];
         g.sync();
         const float3 lo = corner(brick);
         const std::uint32_t state = is_deep_inside(g, scratch, lo) ? kFull : lay_out(g, scratch, lo);

@@ -8,7 +8,7 @@ namespace globule::core {
 
 inline constexpr int kBrick = 4;                       ///< cells a side
 inline constexpr int kBrickCells = kBrick * kBrick * kBrick;
-inline constexpr std::uint32_t kMaxBricks = 1u << 21;  ///< where space is larger, cells are larger
+inline constexpr std::uint32_t kMaxBricks = 1u << 21;  ///< and one for every 16 particles; where space is larger, cells are larger
 
 struct CellGrid {
     float3 lo;
@@ -18,12 +18,20 @@ struct CellGrid {
     std::uint32_t n_bricks;
     std::uint32_t n_lists;    ///< bricks with lists wanted so far
     std::uint32_t n_blocks;   ///< blocks of particles wanted so far
+    std::uint32_t n_next;     ///< bricks to be looked at next
+    bool everywhere;          ///< also bricks that no ray from outside can reach
+
+    GB_FN bool holds(const float3& p) const {
+        const float brick = kBrick * edge;
+        return p.x >= lo.x && p.x <= lo.x + brick * nx && p.y >= lo.y && p.y <= lo.y + brick * ny && p.z >= lo.z && p.z <= lo.z + brick * nz;
+    }
 };
 
 /// What a cell, or a whole brick, holds.
 inline constexpr std::uint32_t kEmpty = 0, kFull = 1;
 inline constexpr std::uint32_t kUnlisted = 2;          ///< a surface, but no room for its particles
 inline constexpr std::uint32_t kListed = 3;            ///< brick: kListed + number of its lists
+inline constexpr std::uint32_t kUnseen = 0xffffffff;   ///< brick: something reaches it; while cells are made
 
 /// Floats a particle in a block; four at a time, as a GPU loads them.
 GB_FN constexpr int block_stride(bool per_particle, bool stretched) { return stretched ? 12 : per_particle ? 8 : 4; }

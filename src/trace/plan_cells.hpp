@@ -15,6 +15,9 @@ template <class Tree>
 struct PlanCells {
     Tree tree;
     bool stretched;
+    float most_bricks;
+    bool everywhere;   ///< else only what rays from outside can reach, if the eye is outside
+    float3 eye;
     CellGrid* grid;
     GB_FN void operator()(std::size_t) const {
         CellGrid g{};
@@ -27,7 +30,7 @@ struct PlanCells {
             for (;; g.edge *= 1.25f) {
                 const float per = 1.0f / (g.edge * kBrick);
                 const float bricks = ceilf(size.x * per + 0.01f) * ceilf(size.y * per + 0.01f) * ceilf(size.z * per + 0.01f);
-                if (!(bricks <= float(kMaxBricks))) continue;
+                if (!(bricks <= most_bricks)) continue;
                 g.nx = int(ceilf(size.x * per + 0.01f));
                 g.ny = int(ceilf(size.y * per + 0.01f));
                 g.nz = int(ceilf(size.z * per + 0.01f));
@@ -37,6 +40,7 @@ struct PlanCells {
             g.per = 1.0f / g.edge;
             g.scale = 1.0f / tree.header->typical_support;
             g.n_bricks = std::uint32_t(g.nx) * g.ny * g.nz;
+            g.everywhere = everywhere || g.holds(eye);
         }
         *grid = g;
     }
@@ -59,13 +63,52 @@ struct MarkBricks {
         const int z0 = place(node.lo.z - grid->lo.z, per, -1, grid->nz), z1 = place(node.hi.z - grid->lo.z, per, 1, grid->nz);
         for (int z = z0; z <= z1; ++z)
             for (int y = y0; y <= y1; ++y)
-                for (int x = x0; x <= x1; ++x) raise_flag(bricks + (std::size_t(z) * grid->ny + y) * grid->nx + x);
+                for (int x = x0; x <= x1; ++x) raise_flag(bricks + (std::size_t(z) * grid->ny + y) * grid->nx + x, kUnseen);
     }
 
 private:
     /// A brick's number along one axis, a little further on to `side`.
     GB_FN static int place(float v, float per, int side, int n) {
         return int(max(0.0f, min(floorf(v * per + 1e-3f * side), float(n - 1))));
+    }
+};
+
+/// Begins a list of bricks.
+struct BeginBricks {
+    CellGrid* grid;
+    GB_FN void operator()(std::size_t) const { grid->n_next = 0; }
+};
+
+/// Lists the bricks that nobody has looked at yet and that a ray can enter: beside them there is one that is not full.
+struct ListBricks {
+    CellGrid* grid;
+    const std::uint32_t* bricks;
+    std::uint32_t* next;
+    GB_FN void operator()(std::size_t i) const {
+        if (i >= grid->n_bricks || bricks[i] != kUnseen) return;
+        if (grid->everywhere || is_open(i)) next[atomic_take(&grid->n_next, 1)] = std::uint32_t(i);
+    }
+
+private:
+    GB_FN bool is_open(std::size_t i) const {
+        const int x = int(i % grid->nx), y = int(i / grid->nx % grid->ny), z = int(i / grid->nx / grid->ny);
+        if (x == 0 || y == 0 || z == 0 || x + 1 == grid->nx || y + 1 == grid->ny || z + 1 == grid->nz) return true;
+        for (int dz = -1; dz <= 1; ++dz)
+            for (int dy = -1; dy <= 1; ++dy)
+                for (int dx = -1; dx <= 1; ++dx) {
+                    const std::uint32_t state = bricks[(std::size_t(z + dz) * grid->ny + (y + dy)) * grid->nx + (x + dx)];
+                    if (state != kFull && state != kUnseen) return true;
+                }
+        return false;
+    }
+};
+
+/// Bricks that no ray can enter are as good as full.
+struct CloseBricks {
+    const CellGrid* grid;
+    std::uint32_t* bricks;
+    GB_FN void operator()(std::size_t i) const {
+        if (i < grid->n_bricks && bricks[i] == kUnseen) bricks[i] = kFull;
     }
 };
 

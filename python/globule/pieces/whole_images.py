@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .. import _core
 from .._base.ranks import Alone
 
 
@@ -27,16 +28,10 @@ def nearest_image(
     bounds = n * np.arange(ranks.size + 1) // ranks.size
     t = ranks.swap(_bytes(depth), 4 * bounds)
     light = ranks.swap(_bytes(picture), 3 * bounds)
-    best, winner = t[0].view(np.float32).copy(), np.zeros(len(t[0]) // 4, np.intp)
-    for k, part in enumerate(t[1:], 1):
-        other = part.view(np.float32)
-        np.copyto(winner, k, where=other < best)
-        np.minimum(best, other, out=best)
-    pixel = np.dtype("V3")
-    winner *= len(best)
-    winner += np.arange(len(best))
-    shown = np.concatenate([part.view(pixel) for part in light]).take(winner)
     pixels = np.diff(bounds)
+    best = np.empty(pixels[ranks.rank], np.float32)
+    shown = np.empty(3 * len(best), np.uint8)
+    _core.nearest_pixels([part.view(np.float32) for part in t], light, best, shown)
     found = [
         ranks.gather(_bytes(a), (pixels * size).tolist()) for a, size in ((best, 4), (shown, 3))
     ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from functools import partialmethod
 from math import gcd
 from typing import Any
@@ -44,21 +43,23 @@ class Share:
         n = self.ranks.size
         # A step without a common factor deals each column of squares evenly too.
         step = next(s for s in range(max(1, round(0.618 * n)), 2 * n + 1) if gcd(s, n) == 1)
+        width, height = size
         across, down = (-(-pixels // self.square) for pixels in size)
         rows, columns = np.arange(down)[:, None], np.arange(across)[None, :]
-        self.owner = (columns + rows * step) % n
-        own = (self.ranks.rank, n, self.square, step, edges)
+        owner = (columns + rows * step) % n
         frame = camera.frame(size).ravel().tolist()
-        self.view = _core.View(frame, *size, camera.height is not None, own)
-
-    def squares(self, rank: int) -> Iterator[tuple[slice, slice]]:
-        """Rows and columns of a rank's squares."""
-        width, height = self.size
-        for row, column in self.square * np.argwhere(self.owner == rank):
-            yield (
-                slice(int(row), min(int(row) + self.square, height)),
-                slice(int(column), min(int(column) + self.square, width)),
-            )
+        orthographic = camera.height is not None
+        self.views = [
+            _core.View(frame, *size, orthographic, (rank, n, self.square, step, edges))
+            for rank in range(n)
+        ]
+        self.view = self.views[self.ranks.rank]
+        ends = [
+            np.minimum(self.square * np.arange(k + 1), m)
+            for k, m in ((down, height), (across, width))
+        ]
+        area = np.outer(np.diff(ends[0]), np.diff(ends[1]))
+        self.pixels = [int(area[owner == rank].sum()) for rank in range(n)]
 
     def whole(self, own: Any) -> Whole:
         """The frame of all ranks, of each rank's own; without hits on other ranks than 0."""
@@ -75,25 +76,17 @@ class Whole:
         start = time.perf_counter()
         root = share.ranks.rank == 0
         self._arrays: dict[str, np.ndarray] = {}
-        pixels = [
-            sum((r.stop - r.start) * (c.stop - c.start) for r, c in share.squares(rank))
-            for rank in range(share.ranks.size)
-        ]
         for name in share.arrays:
             each, kind = ARRAYS[name]
             mine = getattr(own, name)(height, width)
-            parts = [mine[square].reshape(-1) for square in share.squares(share.ranks.rank)]
-            packed = np.concatenate(parts or [np.empty(0, kind)]).view(np.uint8)
-            counts = [n * each * np.dtype(kind).itemsize for n in pixels]
+            counts = [n * each * np.dtype(kind).itemsize for n in share.pixels]
+            packed, image = np.empty(counts[share.ranks.rank], np.uint8), mine.reshape(-1)
+            _core.pack_squares(share.view, image.view(np.uint8), packed)
             found = share.ranks.gather(packed, counts)
             if not root:
                 continue
             for rank in range(1, share.ranks.size):  # rank 0's squares are there
-                values, at = found[rank].view(kind), 0
-                for square in share.squares(rank):
-                    place = mine[square]
-                    place[...] = values[at : at + place.size].reshape(place.shape)
-                    at += place.size
+                _core.unpack_squares(share.views[rank], found[rank], image.view(np.uint8))
             self._arrays[name] = mine
         self._passes = own.passes()
         self.composite_seconds = time.perf_counter() - start
