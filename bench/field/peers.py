@@ -321,10 +321,10 @@ class VtkSpheres(Window):
 
 
 class Newton(Meshed):
-    """A mesh of anisotropic kernels, made on a GPU; drawn by VTK."""
+    """A mesh of anisotropic kernels, made by Warp on a GPU, or on one core; drawn by VTK."""
 
     SETTINGS = "anisotropic kernels of radius three spacings, voxels of half a spacing"
-    PACKAGES, INSTALL = ("newton", "warp", "pyvista"), "pip install newton pyvista, and a CUDA GPU"
+    PACKAGES, INSTALL = ("newton", "warp", "pyvista"), "pip install newton pyvista"
 
     def __init__(self, case: Case, size: tuple[int, int]):
         super().__init__(case, size)
@@ -332,18 +332,6 @@ class Newton(Meshed):
 
     def mesh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return self.make(self.positions)
-
-    @classmethod
-    def missing(cls) -> bool:
-        if super().missing():
-            return True
-        import ctypes
-
-        try:
-            ctypes.CDLL("libcuda.so.1")
-        except OSError:
-            return True
-        return False
 
 
 class Ovito(Peer):
