@@ -1,12 +1,14 @@
 """Mutated files of every kind, each opened in a process of its own with limits: `make fuzz`.
 
     python tests/fuzz.py [-n 20000] [--seed 0] [--only KIND] [--keep FOLDER]
+    python tests/fuzz.py --each 2000 [--only KIND]
     python tests/fuzz.py --open tests/corpus
     python tests/fuzz.py --damage
 
 A mutant is refused in one line that names the file, or loads. Everything else is a fault: another
 error, a crash, more than SECONDS of the processor's time, more memory than the limit. The file of
 each fault is kept in the folder, as KIND@NUMBER@NAME; once mended, it belongs to tests/corpus.
+`--each` damages every file so many times, one reader after the other, and counts by file.
 `--open` opens such files again; `--damage` damages every array of a checkpoint in every way.
 """
 
@@ -15,9 +17,11 @@ from __future__ import annotations
 import argparse
 import collections
 import contextlib
+import gc
 import importlib
 import io
 import os
+import pkgutil
 import resource
 import select
 import shutil
@@ -28,15 +32,19 @@ import tempfile
 import time
 import traceback
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from random import Random
+from types import SimpleNamespace
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import globule as gb
 from fuzz_files import KINDS
+from fuzz_forks import Forked
 from fuzz_mutations import damaged_arrays, mutate
-from globule import cli
+from globule import cli, formats
+from globule.formats import guarded
 
 SECONDS = 10  # of the processor, for one file
 PATIENCE = 90  # s, until a process that does nothing is ended
@@ -171,14 +179,27 @@ class Fuzzer:
         self.kinds = list(self.files)
         self.weights = [KINDS[kind].weight for kind in self.kinds]
 
-    def mutant(self, seed: int, number: int) -> tuple[str, str, bytes, bool]:
-        """Kind, name and content of a mutant, and whether a command opens it."""
-        random = Random(f"{seed} {number}")
-        kind = random.choices(self.kinds, self.weights)[0]
-        path, content = random.choice(self.files[kind])
+    def mutants(self, seed: int, numbers: range) -> Iterator[tuple[str, str, str, bytes, bool]]:
+        """Number, kind, name and content of mutants, and whether a command opens each."""
+        for number in numbers:
+            random = Random(f"{seed} {number}")
+            kind = random.choices(self.kinds, self.weights)[0]
+            path, content = random.choice(self.files[kind])
+            yield (f"{seed}.{number}", kind, path, *self._damaged(random, kind, content))
+
+    def mutants_of_each(
+        self, seed: int, numbers: range
+    ) -> Iterator[tuple[str, str, str, bytes, bool]]:
+        """The same, for each file as many."""
+        for kind in self.kinds:
+            for path, content in self.files[kind]:
+                for number in numbers:
+                    random = Random(f"{seed} {path} {number}")
+                    yield (f"{seed}.{number}", kind, path, *self._damaged(random, kind, content))
+
+    def _damaged(self, random: Random, kind: str, content: bytes) -> tuple[bytes, bool]:
         content = mutate(random, content, [other for _, other in self.files[kind]])
-        by_command = bool(KINDS[kind].command) and random.random() < SHARE_OF_COMMANDS
-        return kind, path, content, by_command
+        return content, bool(KINDS[kind].command) and random.random() < SHARE_OF_COMMANDS
 
     def open(self, kind: str, path: str, content: bytes, by_command: bool) -> str:
         """What becomes of a mutant."""
@@ -214,7 +235,7 @@ class Report:
         for kind in dict.fromkeys(kind for kind, _ in self.counts):
             found = {what: self.counts[kind, what] for what in ("refused", "loaded", "fault")}
             total.update(found)
-            print(f"{kind:16}", "  ".join(f"{what} {k}" for what, k in found.items()))
+            print(f"{kind:24}", "  ".join(f"{what} {k}" for what, k in found.items()))
         told = ", ".join(f"{total[what]} {what}" for what in ("refused", "loaded"))
         seconds = f"{time.monotonic() - self.begin:.0f} s"
         print(f"{sum(total.values())} files in {seconds}: {told}, {total['fault']} faults")
@@ -249,22 +270,21 @@ def damage() -> int:
     return report.close()
 
 
-def run(first: int, n: int, seed: int, only: str, keep: str) -> int:
-    """Open n mutants; prints the counts of each kind and the faults. Returns how many faults."""
+def run(numbers: range, seed: int, only: str, keep: str, each: bool) -> int:
+    """Open mutants; prints the counts of each kind and the faults. Returns how many faults."""
     report, faults = Report(), 0
     keep = os.path.abspath(keep)
     os.makedirs(keep, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         fuzzer = Fuzzer(folder, only)
+        mutants = (fuzzer.mutants_of_each if each else fuzzer.mutants)(seed, numbers)
         with contextlib.suppress(KeyboardInterrupt):  # the counts so far
-            for number in range(first, first + n):
-                kind, path, content, by_command = fuzzer.mutant(seed, number)
+            for done, (number, kind, path, content, by_command) in enumerate(mutants, 1):
                 verdict = fuzzer.open(kind, path, content, by_command)
-                kept = f"{kind.replace(' ', '_')}@{seed}.{number}@{os.path.basename(path)}"
-                if report.add(kind, kept, verdict):
+                kept = f"{kind.replace(' ', '_')}@{number}@{os.path.basename(path)}"
+                if report.add(f"{kind}: {path}" if each else kind, kept, verdict):
                     Path(keep, kept).write_bytes(content)
                     faults += 1
-                done = number + 1 - first
                 if done % 1000 == 0:
                     seconds = time.monotonic() - report.begin
                     print(f"{done} in {seconds:.0f} s: {faults} faults", flush=True)
@@ -273,11 +293,18 @@ def run(first: int, n: int, seed: int, only: str, keep: str) -> int:
 
 def preload() -> None:
     """Import what readers import when they are first used: here once, not in each process."""
-    for name in ("nibabel", "networkx", "PIL.Image", "scipy.sparse", "scipy.spatial", "trimesh",
-                 "trimesh.exchange.load", "trimesh.path", "globule.sim.simulation",
-                 "globule.viewer.state"):  # fmt: skip
+    guarded.subprocess = SimpleNamespace(Popen=Forked, PIPE=None, DEVNULL=None)
+    own = [m.name for m in pkgutil.walk_packages(formats.__path__, "globule.formats.")]
+    for name in (
+        "h5py", "pyarrow.feather", "pyarrow.parquet", "pxr.UsdGeom", "nibabel", "networkx",
+        "PIL.Image", "scipy.sparse", "scipy.spatial", "trimesh", "trimesh.exchange.load",
+        "trimesh.path", "globule.sim.simulation", "globule.viewer.state", *own,
+    ):  # fmt: skip
         with contextlib.suppress(ImportError):
             importlib.import_module(name)
+    formats.registry.formats()  # looks through all installed packages
+    gc.collect()
+    gc.freeze()  # a collection would copy what forks share
 
 
 def make(kind: str, folder: str) -> None:
@@ -291,6 +318,7 @@ def main() -> int:
     """Run the command line of this file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-n", type=int, default=20_000)
+    parser.add_argument("--each", type=int, metavar="N", help="damage every file N times")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
     parser.add_argument("--only", default="", choices=["", *KINDS])
@@ -307,7 +335,9 @@ def main() -> int:
         return 1 if open_kept(options.open) else 0
     if options.damage:
         return 1 if damage() else 0
-    return 1 if run(options.first, options.n, options.seed, options.only, options.keep) else 0
+    numbers = range(options.first, options.first + (options.each or options.n))
+    found = run(numbers, options.seed, options.only, options.keep, options.each is not None)
+    return 1 if found else 0
 
 
 if __name__ == "__main__":

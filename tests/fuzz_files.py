@@ -126,7 +126,21 @@ def _simulators() -> list[str]:
     )
     for name, content in made.TABLES.items():
         Path(f"{name}.csv").write_text(content, encoding="utf-8")
+    block = '<DataSet index="0" file="sub/part0.vtp"/>'
+    Path("a.vtm").write_text(
+        f'<VTKFile type="vtkMultiBlockDataSet"><vtkMultiBlockDataSet><Block index="0">{block}'
+        "</Block></vtkMultiBlockDataSet></VTKFile>",
+        encoding="utf-8",
+    )
+    made.write_parts(here, ".vtu")
+    for kind, ending in (("PPolyData", "p"), ("PUnstructuredGrid", "u")):
+        piece = f'<Piece Source="sub/part0.vt{ending}"/>'
+        Path(f"a.pvt{ending}").write_text(
+            f'<VTKFile type="{kind}"><{kind} GhostLevel="0">{piece}</{kind}></VTKFile>',
+            encoding="utf-8",
+        )
     names = ["a.xdmf", "a.dump", "a.bi4", "a.pvd", "a.vtp.series", "a.extxyz", "a.lmp"]
+    names += ["a.vtm", "a.pvtp", "a.pvtu"]
     names += [f"{name}.csv" for name in made.TABLES]
     return [*names, *_by_libraries()]
 

@@ -76,6 +76,32 @@ def test_judge_knows_balls_and_counts_what_is_wrong(field):
     assert t[0] == pytest.approx(5 - 2 * (1 - 0.6**0.5) ** 0.5, abs=1e-6)
 
 
+@pytest.mark.parametrize("stretched", [False, True])
+def test_a_square_is_judged_by_the_particles_near_it_alone(field, stretched):
+    """The hits are those of all particles, of which most are left out."""
+    judging, cases = field
+    rng = np.random.default_rng(9)
+    x = rng.random((400, 3)).astype(np.float32)
+    support = 0.05 + 0.1 * rng.random(len(x))
+    if stretched:
+        frames, _ = np.linalg.qr(rng.normal(size=(len(x), 3, 3)))
+        lengths = np.exp(rng.uniform(-0.7, 0.7, (len(x), 3))) / support[:, None]
+        support = np.einsum("nij,nj,nkj->nik", frames, lengths, frames)
+    surface = judging.Surface(x, support, 1.0, "murakami", 0.3)
+    size = (80, 64)
+    camera = cases.cameras(cases.Case(x, 0.1), size, 1)[0]
+    rays = [np.asarray(a.reshape(-1, 3), float) for a in camera.rays(size)]
+    parts = judging.squares(size, len(x))
+    assert np.array_equal(np.sort(np.concatenate(parts)), np.arange(80 * 64))
+    for part in parts:
+        o, d = (a[part] for a in rays)
+        near = surface.near(o, d)
+        got, expected = near.first_hit(o, d), surface.first_hit(o, d)
+        assert np.array_equal(got[0], expected[0])
+        assert np.allclose(got[1], expected[1], atol=1e-9)
+        assert len(near.positions) < 0.7 * len(x)
+
+
 def test_one_command(tmp_path):
     """globule draws its surfaces without a wrong pixel; a name that is not known is one line."""
     command = [sys.executable, str(FIELD), "--size", "64x48", "--particles", "500", "-o", "out"]

@@ -38,7 +38,8 @@ def test_example(path, tmp_path):
         cwd=tmp_path, env={**os.environ, **ours}, capture_output=True, text=True, timeout=50,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+    said = [line for line in done.stderr.splitlines() if "Warp CUDA warning" not in line]
+    assert said == []  # Warp says that it finds no driver
     if done.stdout.startswith("skipped: "):
         pytest.skip(done.stdout.strip())
     assert done.stdout.strip()

@@ -369,7 +369,13 @@ def test_a_reader_of_another_package(tmp_path, monkeypatch):
     (tmp_path / "their_reader.py").write_text(module)
     (tmp_path / "theirs-1.0.dist-info").mkdir()
     (tmp_path / "theirs-1.0.dist-info/METADATA").write_text("Name: theirs\nVersion: 1.0\n")
-    points = "[globule.readers]\nmine = their_reader:FORMAT\nbroken = no_such_module:FORMAT\n"
+    (tmp_path / "their_tables.py").write_text(
+        module.replace("'mine'", "'rows'").replace("('.mine',), rb'MINE'", "('.rows',)")
+    )
+    points = (
+        "[globule.readers]\nmine = their_reader:FORMAT\nbroken = no_such_module:FORMAT\n"
+        "rows = their_tables:FORMAT\n"
+    )
     (tmp_path / "theirs-1.0.dist-info/entry_points.txt").write_text(points)
     monkeypatch.syspath_prepend(tmp_path)
     registry.formats.cache_clear()
@@ -380,5 +386,7 @@ def test_a_reader_of_another_package(tmp_path, monkeypatch):
             first = gb.read(tmp_path / "a.mine")
         assert np.array_equal(first.positions, [[1, 2, 3]])
         assert np.array_equal(gb.read(tmp_path / "no_ending").positions, [[1, 2, 3]])
+        (tmp_path / "a.rows").write_text("9 9 9\n1 2 3\n")  # looks like a table of globule's own
+        assert np.array_equal(gb.read(tmp_path / "a.rows").positions, [[1, 2, 3]])
     finally:
         registry.formats.cache_clear()

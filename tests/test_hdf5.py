@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
+from globule import cli
 from globule.formats import FormatError, read_contents
 
 h5py = pytest.importorskip("h5py")
@@ -284,3 +286,26 @@ def test_a_scene_of_a_snapshot(tmp_path):
     scene = gb.Scene(str(tmp_path / "snapshot.hdf5"), device="cpu", threads=1)
     assert np.array_equal(scene.particles.support, H)
     assert gb.render(scene, (40, 30)).image.shape[:2] == (30, 40)
+
+
+def test_info_lists_what_a_file_holds_and_no_option_is_ignored(tmp_path, capsys):
+    path = tmp_path / "run.hdf5"
+    gadget(path)
+    assert read_contents(path).species == ("PartType0", "PartType1")
+    assert cli.main(["info", str(path)]) == 0
+    told = capsys.readouterr().out
+    assert "species    PartType0, PartType1: --species NAME" in told
+    assert "  box        from 0 0 0, edges 1 0 0  0 1 0  0 0 1, periodic along xyz" in told
+    assert "  time       " in told
+    with pytest.raises(ValueError, match=r"frame: expected -1 to 0 for .*run\.hdf5, got 3"):
+        gb.read(path, frame=3)
+    with pytest.raises(ValueError, match="species: expected none beside columns"):
+        gb.read(path, species="PartType0", columns={"positions": "PartType0/Coordinates"})
+    with h5py.File(tmp_path / "run.h5part", "w") as file:
+        for i in range(2):
+            for k, axis in enumerate("xyz"):
+                file[f"Step#{i}/{axis}"] = POSITIONS[:, k]
+    with pytest.raises(ValueError, match=r"species: expected none for .*h5part, which has no"):
+        gb.read(tmp_path / "run.h5part", species="gas")
+    assert cli.main(["info", str(tmp_path / "run.h5part"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == 2

@@ -23,6 +23,29 @@ def test_particles_convert_once_and_do_not_copy():
     assert len(Particles([])) == 0
 
 
+def test_numpy_protocols_come_before_dlpack():
+    """A DLPack capsule of Warp that outlives Warp ends the process with a crash."""
+    positions = np.random.default_rng(1).random((4, 3), np.float32)
+
+    class Foreign:
+        __array_interface__ = positions.__array_interface__
+
+        def __dlpack__(self, **_):
+            raise AssertionError("DLPack was used")
+
+        def __dlpack_device__(self):
+            return 1, 0
+
+    p = Particles(Foreign(), attributes={"a": Foreign()})
+    assert np.shares_memory(p.positions, positions)
+    assert np.shares_memory(p.attributes["a"], positions)
+
+    class Dlpack:  # JAX-like: nothing else
+        __dlpack__, __dlpack_device__ = positions.__dlpack__, positions.__dlpack_device__
+
+    assert np.shares_memory(Particles(Dlpack()).positions, positions)
+
+
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [

@@ -60,7 +60,7 @@ def timed(work) -> tuple:
 
 def run_one(scene: str, program: str, options: argparse.Namespace, out: Path) -> dict:
     """Time one program on one scene, in this process, and judge what it drew."""
-    from judging import compare, pixels
+    from judging import compare, squares
     from PIL import Image
 
     case = case_of(scene, options.particles)
@@ -85,17 +85,20 @@ def run_one(scene: str, program: str, options: argparse.Namespace, out: Path) ->
         found[f"{name}_s"], found[f"{name}_cpu_s"] = np.median(times, axis=0)
     peer.move(frames[0])
     mask, normals = peer.judged(views[0])
-    origins, directions = (a.reshape(-1, 3) for a in views[0].rays(options.size))
+    rays = [a.reshape(-1, 3) for a in views[0].rays(options.size)]
     surface = peer.surface()
-    n = len(case.positions)
-    chosen = pixels(options.size, surface, n)
-    o, d = (np.asarray(a[chosen], np.float64) for a in (origins, directions))
+    parts = squares(options.size, len(case.positions))
+    chosen = np.concatenate(parts)
+    by_part = [[np.asarray(a[part], np.float64) for a in rays] for part in parts]
+    directions = np.concatenate([d for _, d in by_part])
     found["judged"] = len(chosen)
-    for name, hits in (("own", surface and surface.first_hit), ("truth", case.truth)):
+    truths = {"own": surface and (lambda o, d: surface.near(o, d).first_hit(o, d)),
+              "truth": case.truth}  # fmt: skip
+    for name, hits in truths.items():
         if hits is None:
             continue
-        expected = hits(o, d)
-        got = compare(mask, normals, chosen, expected, d)
+        expected = [np.concatenate(a) for a in zip(*(hits(*part) for part in by_part), strict=True)]
+        got = compare(mask, normals, chosen, expected, directions)
         found |= {f"{name}_wrong": got["wrong"], f"{name}_hit": got["hit"]}
         if "normal" in got:
             found |= {f"{name}_normal_deg": got["normal"],

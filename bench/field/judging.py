@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from globule.scene import oracle
 
-PAIRS = 2e8  # of rays and particles that the brute force tests for a surface of balls
-PAIRS_STRETCHED = 2e7  # for kernels with matrices, which take longer
+TILE = 16  # pixels: an edge of the squares that are judged together
+WORK = 1e8  # particles looked at for all squares of an image
+PARTICLES = 100_000  # that a square costs at least, in particles looked at
 
 
 @dataclass
@@ -30,7 +31,32 @@ class Surface:
     kernel: str
     threshold: float
 
+    def __post_init__(self) -> None:
+        reach = np.asarray(self.support, np.float64)
+        if reach.ndim == 3:  # a kernel ends where |G x| = 1
+            reach = 1 / np.linalg.svd(reach, compute_uv=False)[:, -1]
+        self.reach = np.broadcast_to(reach, len(self.positions))
+
+    def near(self, origins: np.ndarray, directions: np.ndarray) -> Surface:
+        """The particles alone that these rays may meet: all that reach into a cone about them."""
+        o, axis = origins.mean(0), directions.mean(0)
+        axis /= np.linalg.norm(axis)
+        along = directions @ axis
+        slope = 1.01 * (np.linalg.norm(directions - along[:, None] * axis, axis=1) / along).max()
+        wide = 1.01 * np.linalg.norm(origins - o, axis=1).max()
+        to = self.positions - o
+        far = to @ axis
+        apart = np.sqrt(np.maximum((to**2).sum(1) - far**2, 0))
+        kept = apart <= wide + slope * np.maximum(far + self.reach, 0) + 1.01 * self.reach
+        cut = (
+            np.broadcast_to(a, (len(kept), *np.shape(a)[1:]))[kept]
+            for a in (self.support, self.weight)
+        )
+        return Surface(self.positions[kept], *cut, self.kernel, self.threshold)
+
     def first_hit(self, origins: np.ndarray, directions: np.ndarray) -> tuple:
+        if not len(self.positions):
+            return np.full(len(origins), np.inf), np.zeros_like(directions)
         if self.kernel == "union":
             return _balls(self.positions, self.support, origins, directions)
         field = (self.positions, self.support, self.weight, self.kernel)
@@ -64,14 +90,20 @@ def _balls(x: np.ndarray, radii: np.ndarray, origins: np.ndarray, directions: np
     return t, normals
 
 
-def pixels(size: tuple[int, int], surface: Surface | None, n: int) -> np.ndarray:
-    """The pixels that are judged: all, or a fixed random choice where all would take too long."""
-    count = size[0] * size[1]
-    stretched = surface is not None and np.ndim(surface.support) == 3
-    most = int((PAIRS_STRETCHED if stretched else PAIRS) / max(n, 1))
-    if count <= most:
-        return np.arange(count)
-    return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
+def squares(size: tuple[int, int], n: int) -> list[np.ndarray]:
+    """The pixels that are judged, square by square: all of them, or a fixed random choice of
+    squares where all would take too long for `n` particles."""
+    numbers = np.arange(size[0] * size[1]).reshape(size[1], size[0])
+    found = [
+        numbers[y : y + TILE, x : x + TILE].ravel()
+        for y in range(0, size[1], TILE)
+        for x in range(0, size[0], TILE)
+    ]
+    most = max(int(WORK / (n + PARTICLES)), 1)
+    if len(found) > most:
+        chosen = np.random.default_rng(0).choice(len(found), most, replace=False)
+        found = [found[k] for k in np.sort(chosen)]
+    return found
 
 
 def compare(mask: np.ndarray, normals: np.ndarray | None, chosen: np.ndarray, expected: tuple,

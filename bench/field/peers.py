@@ -321,10 +321,10 @@ class VtkSpheres(Window):
 
 
 class Newton(Meshed):
-    """A mesh of anisotropic kernels, made on a GPU; drawn by VTK."""
+    """A mesh of anisotropic kernels, made by Warp on a GPU, or on one core; drawn by VTK."""
 
     SETTINGS = "anisotropic kernels of radius three spacings, voxels of half a spacing"
-    PACKAGES, INSTALL = ("newton", "warp", "pyvista"), "pip install newton pyvista, and a CUDA GPU"
+    PACKAGES, INSTALL = ("newton", "warp", "pyvista"), "pip install newton pyvista"
 
     def __init__(self, case: Case, size: tuple[int, int]):
         super().__init__(case, size)
@@ -332,18 +332,6 @@ class Newton(Meshed):
 
     def mesh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return self.make(self.positions)
-
-    @classmethod
-    def missing(cls) -> bool:
-        if super().missing():
-            return True
-        import ctypes
-
-        try:
-            ctypes.CDLL("libcuda.so.1")
-        except OSError:
-            return True
-        return False
 
 
 class Ovito(Peer):
@@ -396,8 +384,8 @@ class Mitsuba(Peer):
     """The shape `ellipsoids`: a ball with the radius of half a spacing at each particle."""
 
     SETTINGS = (
-        "shape ellipsoids, radius half a spacing, extent 1; integrator direct, one sample; "
-        "variant scalar_rgb, on all cores"
+        "shape ellipsoids, radius half a spacing, extent 1; lengths in spacings, since smaller "
+        "ellipsoids lose their shape; integrator direct, one sample; variant scalar_rgb"
     )
     PACKAGES, INSTALL = ("mitsuba",), "pip install mitsuba"
 
@@ -410,25 +398,29 @@ class Mitsuba(Peer):
 
     def move(self, positions: np.ndarray) -> None:
         mi, self.positions = self.mi, positions
-        n = len(positions)
-        scales = np.repeat(self.case.radius().astype(np.float32)[:, None], 3, axis=1)
+        n, unit = len(positions), self.case.spacing
+        centers = positions / np.float32(unit)
+        radius = (self.case.radius() / unit).astype(np.float32)
+        scales = np.repeat(radius[:, None], 3, axis=1)
         turns = np.tile(np.array([0, 0, 0, 1], np.float32), (n, 1))
         self.scene = mi.load_dict({
             "type": "scene",
             "light": {"type": "directional", "direction": [-0.3, -1, -0.5],
                       "irradiance": {"type": "rgb", "value": [2.0] * 3}},
-            "balls": {"type": "ellipsoids", "centers": mi.TensorXf(positions), "extent": 1.0,
+            "balls": {"type": "ellipsoids", "centers": mi.TensorXf(centers),
+                      "extent": 1.0,
                       "scales": mi.TensorXf(scales), "quaternions": mi.TensorXf(turns),
                       "bsdf": {"type": "twosided", "inner": {"type": "diffuse", "reflectance":
                                {"type": "rgb", "value": list(LINEAR)}}}},
         })  # fmt: skip
 
     def _sensor(self, camera: Any) -> Any:
-        mi = self.mi
+        mi, unit = self.mi, self.case.spacing
+        eye, target = np.divide(camera.eye, unit), np.divide(camera.look_at, unit)
         world = mi.ScalarTransform4f().look_at(
-            origin=list(camera.eye), target=list(camera.look_at), up=list(camera.up)
+            origin=eye.tolist(), target=target.tolist(), up=list(camera.up)
         )
-        reach = float(np.linalg.norm(np.subtract(camera.look_at, camera.eye)))
+        reach = float(np.linalg.norm(target - eye))
         return mi.load_dict({
             "type": "perspective", "fov": float(camera.fov), "fov_axis": "y", "to_world": world,
             "near_clip": 1e-4 * reach, "far_clip": 100 * reach,
@@ -445,7 +437,8 @@ class Mitsuba(Peer):
 
     def judged(self, camera: Any) -> tuple[np.ndarray, np.ndarray | None]:
         mi = self.mi
-        origins, directions = (a.reshape(-1, 3).tolist() for a in camera.rays(self.size))
+        origins, directions = (a.reshape(-1, 3) for a in camera.rays(self.size))
+        origins, directions = (origins / self.case.spacing).tolist(), directions.tolist()
         mask, normals = np.zeros(len(origins), bool), np.zeros((len(origins), 3), np.float32)
         for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
             found = self.scene.ray_intersect(mi.Ray3f(o, d))

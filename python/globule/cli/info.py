@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..formats import READABLE
+from ..formats.contents import Contents
 from ..formats.kind import kind_of
 from ..formats.registry import FORMATS
 from ..formats.triangles import has_faces
@@ -29,7 +30,7 @@ from .shared import (
     count,
     mistakes,
     print_json,
-    read_particles,
+    read_file,
     reading,
 )
 
@@ -77,15 +78,16 @@ def run(options: argparse.Namespace) -> None:
             print("\n".join(medical.lines(facts)))
         return
     check_input(options.file, list(given))
-    facts = describe(options.file, read_particles(options.file, **given))
+    facts = describe(options.file, read_file(options.file, **given))
     if options.json:
         print_json(facts)
     else:
         print("\n".join(_lines(facts)))
 
 
-def describe(path: str, particles: Particles) -> dict[str, Any]:
+def describe(path: str, contents: Contents) -> dict[str, Any]:
     """All facts about the particles of a file, for JSON."""
+    particles, box = contents.particles, contents.box
     finite = np.isfinite(particles.positions).all(axis=1)
     facts: dict[str, Any] = {
         "file": path,
@@ -93,6 +95,16 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
         "bytes": _size(path),
         "particles": len(particles),
         "not_finite": int((~finite).sum()),
+        "frames": contents.n_frames,
+        "time": contents.time,
+        "species": list(contents.species),
+        "units": dict(contents.units),
+        "box": box
+        and {
+            "origin": box.origin.tolist(),
+            "edges": box.edges.tolist(),
+            "periodic": list(box.periodic),
+        },
         "bounds": None,
         "spacing": None,
         "default_support": None,
@@ -178,6 +190,27 @@ def _range(array: np.ndarray) -> dict[str, Any]:
     }
 
 
+def _contents_lines(facts: dict[str, Any]) -> list[str]:
+    """What a file of a simulation program says beside the particles."""
+    lines = []
+    if facts["frames"] > 1:
+        lines.append(f"  frames     {facts['frames']:,}: --frame 0 to {facts['frames'] - 1}")
+    if facts["time"] is not None:
+        lines.append(f"  time       {facts['time']:.6g}")
+    if len(facts["species"]) > 1:
+        lines.append(f"  species    {', '.join(facts['species'])}: --species NAME")
+    if facts["box"]:
+        box = facts["box"]
+        edges = "  ".join(" ".join(f"{v:.6g}" for v in edge) for edge in box["edges"])
+        origin = " ".join(f"{v:.6g}" for v in box["origin"])
+        periodic = "".join(
+            axis for axis, is_so in zip("xyz", box["periodic"], strict=True) if is_so
+        )
+        lines.append(f"  box        from {origin}, edges {edges}")
+        lines[-1] += f", periodic along {periodic}" if periodic else ""
+    return lines
+
+
 def _lines(facts: dict[str, Any]) -> list[str]:
     lines = [
         f"{facts['file']}: {facts['format']}, {count(facts['bytes'], 'byte')}",
@@ -190,6 +223,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         lines.insert(1, f"  volume     {size} voxels of {edges} mm, {volume['dtype']}")
     if facts["not_finite"]:
         lines[-1] += f", {facts['not_finite']:,} without a finite position"
+    lines += _contents_lines(facts)
     if facts["bounds"]:
         lo, hi = (" ".join(f"{v:.6g}" for v in facts["bounds"][end]) for end in ("lo", "hi"))
         lines.append(f"  bounds     {lo}  to  {hi}")
@@ -204,9 +238,11 @@ def _lines(facts: dict[str, Any]) -> list[str]:
     for kind in ("fields", "attributes"):
         for name, about in facts[kind].items():
             shape = "x".join(map(str, about["shape"])) or "one for all"
+            unit = facts["units"].get(name, "")
             text = f"  {kind[:-1]:<9}  {name}: {about['dtype']} {shape}"
             if about["min"] is not None:
                 text += f", {about['min']:.6g} to {about['max']:.6g}"
+            text += f" [{unit}]" if unit else ""
             for bad in ("nan", "inf"):
                 if about[bad]:
                     text += f", {about[bad]:,} {bad}"

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import MissingPackageError
-from ..formats import FormatError, read
+from ..formats import FormatError, read_contents
+from ..formats.contents import Contents
 from ..formats.kind import kind_of
 from ..formats.registry import format_named, formats
 from ..scene.particles import Particles
@@ -149,21 +150,29 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
 
 
 def read_particles(path: str, may_be_empty: bool = False, **given: Any) -> Particles:
-    """The particles of a file.
+    """The particles of a file; `read_file` without the rest."""
+    return read_file(path, may_be_empty, **given).particles
+
+
+def read_file(path: str, may_be_empty: bool = False, **given: Any) -> Contents:
+    """The particles of a file, with its box, units, time, frames and species.
 
     Raises UserError for a file that cannot be read, and for a level or label that no voxel has,
     unless the file may be empty.
     """
     try:
         volume = kind_of(path).kind == "volume"
-        particles = tomography_particles(path, **given) if volume else read(path, **given)
+        if volume:
+            contents = Contents(tomography_particles(path, **given))
+        else:
+            contents = read_contents(path, **given)
     except (FormatError, MissingPackageError) as error:
         raise UserError(str(error)) from error
     except ValueError as error:
         raise UserError(f"{path}: {error}") from error
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
-    if not len(particles) and not may_be_empty:
+    if not len(contents.particles) and not may_be_empty:
         if "level" in given:
             raise UserError(
                 f"{path}: --level: expected an iso-value that voxels reach, got {given['level']:g}"
@@ -171,7 +180,7 @@ def read_particles(path: str, may_be_empty: bool = False, **given: Any) -> Parti
         if "labels" in given:
             labels = ", ".join(map(str, given["labels"]))
             raise UserError(f"{path}: --label: expected a value that voxels have, got {labels}")
-    return particles
+    return contents
 
 
 def stem(path: str) -> str:

@@ -71,6 +71,8 @@ class Contents:
     units      name of a field or attribute -> unit as the file writes it; "positions" is a name
     time       in the file's unit of time, or None
     n_frames   how many frames the file holds; `read_contents(path, frame=i)` reads each of them
+    species    names of its groups of particles, of which `read_contents(path, species=…)` reads
+               one; empty if the format has no groups
     """
 
     particles: Particles
@@ -78,6 +80,7 @@ class Contents:
     units: Mapping[str, str] = field(default_factory=dict)
     time: float | None = None
     n_frames: int = 1
+    species: tuple[str, ...] = ()
 
 
 def frame_index(path: Any, frame: Any, n: int) -> int:

@@ -120,7 +120,7 @@ class _Gsd:
         box = self.box(frame)
         wrapped = positions if box is None else box.wrap(positions)
         step = self.chunk(frame, "configuration/step")
-        time = float(step[0]) if step is not None and step.size else None
+        time = float(step[0]) if step is not None and step.shape == (1,) else None
         particles = particles_from(self.path, wrapped, arrays)
         return Contents(particles, box, {}, time, self.n_frames)
 

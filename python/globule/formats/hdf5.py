@@ -18,7 +18,7 @@ from .contents import Contents, frame_index
 from .errors import bad, shown
 from .fields import particles_from
 from .guarded import decode, need
-from .hdf5_layouts import LAYOUTS, Layout, Source, Tree, named
+from .hdf5_layouts import LAYOUTS, Layout, Source, Tree, named, plain
 from .size import bytes_of
 
 _WHAT = "an HDF5 file"
@@ -122,10 +122,16 @@ def _read(path: Any, layout_of: Callable[[Tree], Layout]) -> tuple[Layout, dict[
 
 def _layout(tree: Tree, frame: int, species: str | None, columns: Any) -> Layout:
     if columns is not None:
+        frame_index(tree.path, frame, 1)
+        if species is not None:
+            raise ValueError("species: expected none beside columns, which name data sets")
         return named(tree, columns)
     for known in LAYOUTS:
         layout = known(tree, species, lambda n: frame_index(tree.path, frame, n))
         if layout is not None:
+            frame_index(tree.path, frame, layout.n_frames)
+            if species is not None and not layout.species and known is not plain:
+                raise ValueError(f"species: expected none for {tree.path}, which has no groups")
             return layout
     found = ", ".join(list(tree)[1:]) or "nothing"
     raise bad(tree.path, "", f"expected particles in a known layout, got {shown(found)}; {_ADVICE}")
@@ -177,4 +183,4 @@ def _contents(path: Any, layout: Layout, arrays: dict[str, np.ndarray]) -> Conte
             arrays[name] = array.reshape(len(positions), -1)
     particles = particles_from(path, positions, arrays, layout.support_per_h)
     units = {name: unit for name, unit in layout.units.items() if unit}
-    return Contents(particles, layout.box, units, layout.time, layout.n_frames)
+    return Contents(particles, layout.box, units, layout.time, layout.n_frames, layout.species)

@@ -54,6 +54,7 @@ class Layout:
     units: dict[str, str] = field(default_factory=dict)
     time: float | None = None
     n_frames: int = 1
+    species: tuple[str, ...] = ()
     support_per_h: float = 2.0
     extra: tuple[str, ...] = ()
     tree: Any = None
@@ -151,7 +152,8 @@ def gadget(tree: Tree, species: str | None, _: PickFrame) -> Layout | None:
         unit = about.get("Expression for physical CGS units", about.get("Description", ""))
         units[name] = unit if isinstance(unit, str) and "Expression for" in str(about) else ""
     box = _box(np.zeros(3), sizes, [periodic != 0] * 3)
-    return Layout(arrays, box, units, _time(header.get("Time")), support_per_h=gamma)
+    time = _time(header.get("Time"))
+    return Layout(arrays, box, units, time, species=tuple(groups), support_per_h=gamma)
 
 
 def h5part(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:
@@ -178,7 +180,8 @@ def pysph(tree: Tree, species: str | None, _: PickFrame) -> Layout | None:
     arrays = tree.arrays(f"/particles/{chosen}/arrays")
     if not arrays:
         raise tree.bad(f"/particles/{chosen}/arrays", "expected data sets x, y and z, got none")
-    return Layout(arrays, time=_time(tree.attributes("/solver_data").get("t")))
+    time = _time(tree.attributes("/solver_data").get("t"))
+    return Layout(arrays, time=time, species=tuple(groups))
 
 
 def openpmd(tree: Tree, species: str | None, pick: PickFrame) -> Layout | None:
@@ -223,7 +226,7 @@ def openpmd(tree: Tree, species: str | None, pick: PickFrame) -> Layout | None:
     about = tree.attributes(base)
     time = _number(about.get("time"), math.nan) * _number(about.get("timeUnitSI"), 1.0)
     units = {"positions": "m"} | {name: "SI" for name in arrays if name not in ("positions", "id")}
-    return Layout(arrays, None, units, _time(time), len(iterations), extra=extra)
+    return Layout(arrays, None, units, _time(time), len(iterations), tuple(groups), extra=extra)
 
 
 def vtkhdf(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:

@@ -158,7 +158,7 @@ def _by_content(path: str | os.PathLike[str], wanted: str | None) -> Kind | None
         return _in_archive(path, wanted)
     if head[:2] == b"\x1f\x8b":
         head, size = _unpacked(head), -1  # how many bytes it unpacks to is not known
-    found = _by_magic(head, size) or _registered(head, FORMATS)
+    found = _by_magic(head, size) or _registered(head, formats())
     if found:
         return found
     text = head.removeprefix(b"\xef\xbb\xbf").decode("utf-8", "replace")
@@ -166,8 +166,12 @@ def _by_content(path: str | os.PathLike[str], wanted: str | None) -> Kind | None
         vtk = re.search(r"<VTKFile\b[^>]*?\btype *= *[\"'](\w+)", text)
         known = _XML.get(vtk[1]) if vtk else None
     else:
-        known = None if "\0" in text[:4096] else _in_text(text, _by_ending(path))
-    return known or _registered(head, formats())
+        ending = _by_ending(path)
+        theirs = {form.name for form in formats()[len(FORMATS) :] if not form.content}
+        if ending and ending.format in theirs:
+            return ending  # a table of numbers, in the eyes of globule, may be more to its reader
+        known = None if "\0" in text[:4096] else _in_text(text, ending)
+    return known
 
 
 def _registered(head: bytes, known: tuple[Format, ...]) -> Kind | None:

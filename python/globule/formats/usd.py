@@ -78,6 +78,7 @@ def read(path: str | os.PathLike[str], frame: int = 0, species: str | None = Non
         units={"positions": "m" if unit == 1 else f"{unit:g} m"},
         time=None if time is None else time / rate,
         n_frames=max(len(about["times"]), 1),
+        species=tuple(about["prims"]),
     )
 
 

@@ -296,9 +296,13 @@ def _attribute(name: Any, value: Any, n: int) -> Any:
     return array
 
 
+_NUMPY_READS = ("__array__", "__array_interface__", "__array_struct__")
+
+
 def _numbers(name: str, value: Any) -> np.ndarray:
     """A host array of real numbers, in whatever dtype it came."""
-    if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
+    # Warp's DLPack capsules must not outlive Warp at the interpreter's end, so that DLPack is last.
+    if hasattr(value, "__dlpack__") and not any(hasattr(value, name) for name in _NUMPY_READS):
         array = np.from_dlpack(value)
     else:
         try:
