@@ -73,7 +73,7 @@ def _root(path: Any, *kinds: str) -> Any:
 def _time(value: Any) -> float | None:
     try:
         time = float(value)
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         return None
     return time if math.isfinite(time) else None
 
