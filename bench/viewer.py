@@ -27,6 +27,7 @@ from globule.render.camera_path import orbit
 from globule.render.frame import fit_camera
 from globule.viewer.encode import jpeg
 from globule.viewer.engine import Client, Engine
+from globule.viewer.picture import trace
 from globule.viewer.source import SceneSource
 from globule.viewer.state import State
 from throttle import Throttle
@@ -199,6 +200,42 @@ def of_rate(options: argparse.Namespace) -> list[tuple[str, str]]:
     return rows
 
 
+def of_still(options: argparse.Namespace) -> list[tuple[str, str]]:
+    """A first image of full size of the view at rest, from the camera to the bytes of its JPEG."""
+    source, state, size = (
+        SceneSource("bench", cloud(options.particles), options.device),
+        State(),
+        options.still,
+    )
+    with source.lock:
+        scene = source.layers(state)[0].scene
+    cameras = orbit(fit_camera(scene, size), n=24)
+    rows: dict[str, list[float]] = {"trace": [], "fetch": [], "encode": [], "all": []}
+    for camera in [*cameras[:4], *cameras]:
+        times = [time.perf_counter()]
+        with source.lock:
+            frame = trace(source, state, camera, size, (0.0, 1.0, 0.0))
+            times.append(time.perf_counter())
+            picture = frame.picture
+        times.append(time.perf_counter())
+        data = jpeg(picture, state.quality.sharpness, sharp=True)
+        times.append(time.perf_counter())
+        for name, seconds in zip(rows, [*np.diff(times), times[-1] - times[0]], strict=True):
+            rows[name].append(seconds)
+    words = {name: f"{_ms(v[4:])}, at most {1e3 * max(v[4:]):.2f} ms" for name, v in rows.items()}
+    source.close()
+    return [
+        ("device", scene.device.description),
+        ("particles", f"{len(scene.particles):,}"),
+        (
+            "size",
+            f"{size[0]}x{size[1]}, {state.quality.sharpness} % quality, a color for each pixel",
+        ),
+        *words.items(),
+        ("bytes", f"{len(data):,}"),
+    ]
+
+
 def of_transfer(options: argparse.Namespace) -> list[tuple[str, str]]:
     """Encoding and transfer alone, at 720p."""
     scene = gb.Scene(cloud(options.particles), device=options.device)
@@ -355,11 +392,17 @@ def _ms(values: object) -> str:
 
 PARTS = {
     "rate": of_rate,
+    "still": of_still,
     "transfer": of_transfer,
     "link": of_slow_link,
     "browser": of_browser,
     "soak": of_soak,
 }
+
+
+def pixels(text: str) -> tuple[int, ...]:
+    """Width and height of "1280x720"."""
+    return tuple(int(n) for n in text.split("x"))
 
 
 def main() -> None:
@@ -368,9 +411,8 @@ def main() -> None:
     )
     parser.add_argument("--device", default="auto")
     parser.add_argument("--particles", type=int, default=25_000)
-    parser.add_argument(
-        "--size", default="1280x720", type=lambda text: tuple(int(n) for n in text.split("x"))
-    )
+    parser.add_argument("--size", default="1280x720", type=pixels)
+    parser.add_argument("--still", default="3840x2160", type=pixels, help="of the view at rest")
     parser.add_argument("--rate", type=float, default=20.0, help="pictures per second aimed at")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--link-seconds", type=float, default=60.0)

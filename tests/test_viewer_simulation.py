@@ -160,7 +160,11 @@ def test_a_shallow_stroke_leaves_one_piece(block):
     page.get_by_text("Draw a line across the surface to cut it.", exact=True).wait_for()
     where = outline(block, page)
     middle = where.mean(axis=0)
-    stroke(page, (middle[0], where[:, 1].min() - 40), (middle[0], where[:, 1].max() + 40))
+    ends = (middle[0], where[:, 1].min() - 40), (middle[0], where[:, 1].max() + 40)
+    drag_along(page, np.linspace(*ends, 13))
+    until(lambda: [m.text for m in page.client.marks] == ["12 mm deep"], "for the depth")
+    assert source.n_cut == 0  # a preview: the button is still down
+    page.mouse.up()
     until(lambda: source.n_cut > 0, "for the cut")
     assert source.simulation.tissue.n_pieces == 1
 

@@ -31,7 +31,7 @@ public:
         std::uint32_t *bricks = bricks_.reserve(most), *next = next_.reserve(most);
         const auto list = [&] {
             exec.for_each(1, BeginBricks{grid});
-            exec.for_each(most, ListBricks{grid, bricks, next});
+            exec.for_each(Exec::on_device ? most : grid->n_bricks, ListBricks{grid, bricks, next});
         };
         for (;;) {
             exec.for_each(1, PlanCells<Tree>{tracer.tree, Tracer::Kernel::stretched, float(most), everywhere, eye, grid});
@@ -52,7 +52,7 @@ public:
             lists_.reserve(std::size_t(made_.n_lists + made_.n_lists / 4 + 16) * kBrickCells);
             blocks_.reserve(std::size_t(made_.n_blocks + made_.n_blocks / 4 + 64) * block);
         }
-        exec.for_each(most, CloseBricks{grid, bricks});
+        exec.for_each(made_.n_bricks, CloseBricks{grid, bricks});
         kernel_ = field.kernel;
         threshold_ = field.threshold;
         known_ = true;

@@ -142,7 +142,12 @@ def _particles(
     support, depth = tracing.support_and_depth(options, particles)
     if options.anisotropic:
         particles, support = look.stretched(options, particles), None
-    scene = series.scene(particles, functools.partial(_scene, options, support, depth))
+    try:
+        scene = series.scene(particles, functools.partial(_scene, options, support, depth))
+    except UserError as error:
+        if options.support is None and str(error).startswith("support:"):  # the file's own
+            raise UserError(f"{path}: {error}") from error
+        raise
     kept = np.flatnonzero(finite)
     return Subject(scene, kept, particles, ends, n, lambda: scene.octree.build_seconds)
 

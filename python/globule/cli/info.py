@@ -26,6 +26,7 @@ from . import camera_facts, flags, medical
 from . import medical as medical_files
 from .parser import Parser
 from .shared import (
+    UserError,
     check_input,
     count,
     mistakes,
@@ -127,8 +128,10 @@ def describe(path: str, contents: Contents) -> dict[str, Any]:
         smooth = facts["surface"] == "smooth"
         facts["spacing"] = (scene.fluid_spacing() if smooth else scene.spacing) or None
         facts["default_support"] = scene.support
-        with mistakes():
+        try:
             camera = _camera(path, particles[finite], scene, facts["surface"])
+        except ValueError as error:
+            raise UserError(f"{path}: {error}") from error
         facts["camera"] = camera and camera_facts.facts(camera)
     facts["fields"] = {"positions": _range(particles.positions)}
     for name in (*SCALAR_FIELDS, "color"):

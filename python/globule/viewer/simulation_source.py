@@ -291,6 +291,12 @@ class SimulationSource(Source):
 
     # Instruments
 
+    def cut_words(self) -> str:
+        """The depth that a stroke will cut, for its label while it is drawn."""
+        if not self.has_tissue:
+            return ""
+        return "all through" if self.cut_depth is None else f"{1e3 * self.cut_depth:.3g} mm deep"
+
     def cut_along(self, points: list, camera: Camera) -> str:
         """Cut tissue along a stroke, to `cut_depth`, away from the eye.
 

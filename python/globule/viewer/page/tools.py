@@ -238,7 +238,8 @@ class Hand:
             self.viewer.source.suck(self, phase, here)
             return
         if phase != "end":
-            self.client.mark([Mark(tuple(self.along_stroke()), "", RED)])
+            label = getattr(self.viewer.source, "cut_words", str)()
+            self.client.mark([Mark(tuple(self.along_stroke()), label, RED)])
             return
         points, self.stroke = self.along_stroke(), []
         self.client.mark([])
