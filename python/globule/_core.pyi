@@ -156,6 +156,35 @@ class Thesis:
         /,
     ) -> None: ...
 
+def pack_squares(
+    arg0: View,
+    arg1: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu")],
+    arg2: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu")],
+    /,
+) -> None:
+    """
+    The squares of an image that the view's rank has made, one after the other.
+    """
+
+def unpack_squares(
+    arg0: View,
+    arg1: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu")],
+    arg2: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu")],
+    /,
+) -> None:
+    """The reverse."""
+
+def nearest_pixels(
+    arg0: Sequence[Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")]],
+    arg1: Sequence[Annotated[NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu")]],
+    arg2: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")],
+    arg3: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu")],
+    /,
+) -> None:
+    """
+    Of each pixel the nearest of several images: (n,) depths, (3 n,) bytes of light; the first of equals.
+    """
+
 version: str = ...
 
 def cpu_backends() -> list[str]: ...
