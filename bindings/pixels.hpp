@@ -58,7 +58,7 @@ inline void bind_pixels(nb::module_& m) {
             best[i] = d[winner][i];
             std::memcpy(shown + 3 * i, c[winner] + 3 * i, 3);
         }
-    }, "Of each pixel the nearest of several images: (n,) depths, (3 n,) bytes of light; the first of equals.");
+    }, "Of each pixel the nearest of several images: (n,) depths, (3 n,) bytes; the first of equals.");
 }
 
 }  // namespace globule::core

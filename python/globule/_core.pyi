@@ -182,7 +182,7 @@ def nearest_pixels(
     /,
 ) -> None:
     """
-    Of each pixel the nearest of several images: (n,) depths, (3 n,) bytes of light; the first of equals.
+    Of each pixel the nearest of several images: (n,) depths, (3 n,) bytes; the first of equals.
     """
 
 version: str = ...

@@ -83,10 +83,10 @@ class Alone:
         first, last = bounds[self.rank], bounds[self.rank + 1]
         return [part[first:last] for part in self.all(data)]
 
-    def gather(self, data: np.ndarray, counts: Sequence[int]) -> list[np.ndarray]:
-        """Every rank's bytes (counts[rank],) on rank 0; nothing elsewhere."""
+    def gather(self, data: np.ndarray, counts: Sequence[int]) -> np.ndarray | None:
+        """Every rank's bytes (counts[rank],), one rank's after the other's, on rank 0."""
         parts = self.all(data)
-        return [] if self.rank else parts
+        return None if self.rank else np.concatenate(parts)
 
 
 class Threads(Alone):
@@ -218,16 +218,15 @@ class Ranks(Alone):
         self.sent += len(data) - n
         return list(out)
 
-    def gather(self, data: np.ndarray, counts: Sequence[int]) -> list[np.ndarray]:
-        """Every rank's bytes (counts[rank],) on rank 0; nothing elsewhere."""
+    def gather(self, data: np.ndarray, counts: Sequence[int]) -> np.ndarray | None:
+        """Every rank's bytes (counts[rank],), one rank's after the other's, on rank 0."""
         if self.rank:
             self._comm.Gatherv(data, None)
             self.sent += data.nbytes
-            return []
-        starts = _starts(np.asarray(counts))
+            return None
         out = np.empty(sum(counts), np.uint8)
-        self._comm.Gatherv(data, [out, (counts, starts), self._mpi.BYTE])
-        return [out[s : s + c] for s, c in zip(starts, counts, strict=True)]
+        self._comm.Gatherv(data, [out, (counts, _starts(np.asarray(counts))), self._mpi.BYTE])
+        return out
 
 
 def ranks_of(comm: Any) -> Alone:

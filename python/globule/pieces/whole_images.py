@@ -32,13 +32,11 @@ def nearest_image(
     best = np.empty(pixels[ranks.rank], np.float32)
     shown = np.empty(3 * len(best), np.uint8)
     _core.nearest_pixels([part.view(np.float32) for part in t], light, best, shown)
-    found = [
-        ranks.gather(_bytes(a), (pixels * size).tolist()) for a, size in ((best, 4), (shown, 3))
-    ]
-    if ranks.rank:
+    t_whole = ranks.gather(_bytes(best), (4 * pixels).tolist())
+    light_whole = ranks.gather(shown, (3 * pixels).tolist())
+    if t_whole is None or light_whole is None:
         return None
-    whole = [np.concatenate(parts) for parts in found]
-    return whole[0].view(np.float32).reshape(depth.shape), whole[1].reshape(picture.shape)
+    return t_whole.view(np.float32).reshape(depth.shape), light_whole.reshape(picture.shape)
 
 
 def _bytes(image: np.ndarray) -> np.ndarray:

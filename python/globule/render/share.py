@@ -74,19 +74,21 @@ class Whole:
         width, height = share.size
         self.seconds: list[float] = share.ranks.all(own.trace_seconds())
         start = time.perf_counter()
-        root = share.ranks.rank == 0
         self._arrays: dict[str, np.ndarray] = {}
         for name in share.arrays:
             each, kind = ARRAYS[name]
             mine = getattr(own, name)(height, width)
+            image = mine.reshape(-1).view(np.uint8)
             counts = [n * each * np.dtype(kind).itemsize for n in share.pixels]
-            packed, image = np.empty(counts[share.ranks.rank], np.uint8), mine.reshape(-1)
-            _core.pack_squares(share.view, image.view(np.uint8), packed)
+            packed = np.empty(counts[share.ranks.rank], np.uint8)
+            _core.pack_squares(share.view, image, packed)
             found = share.ranks.gather(packed, counts)
-            if not root:
+            if found is None:
                 continue
+            ends = np.cumsum(counts)
             for rank in range(1, share.ranks.size):  # rank 0's squares are there
-                _core.unpack_squares(share.views[rank], found[rank], image.view(np.uint8))
+                squares = found[ends[rank - 1] : ends[rank]]
+                _core.unpack_squares(share.views[rank], squares, image)
             self._arrays[name] = mine
         self._passes = own.passes()
         self.composite_seconds = time.perf_counter() - start
