@@ -114,3 +114,12 @@ def test_gpu_arrays_stay_where_they_are():
         Particles(OnGpu((4, 3), strides=(4, 16)))
     with pytest.raises(ValueError, match="support: expected shape"):
         Particles(positions, support=OnGpu((5,)))
+
+
+@pytest.mark.parametrize("n", [1, 255, 256, 257, 1000])
+def test_bounds_of_any_number(n):
+    points = np.random.default_rng(n).normal(size=(n, 3)).astype(np.float32)
+    lost = np.concatenate([points, [[np.nan, 0, 0], [0, 2e18, 0]]]).astype(np.float32)
+    expected = np.stack([points.min(axis=0), points.max(axis=0)])
+    for positions in (points, lost):
+        np.testing.assert_array_equal(Particles(positions).bounds(), expected)

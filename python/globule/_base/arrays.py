@@ -199,3 +199,14 @@ def address(array: np.ndarray) -> int:
 def located(array: np.ndarray | DeviceArray) -> tuple[int, int, int]:
     """Address, device and stream of an array's data."""
     return array.place if isinstance(array, DeviceArray) else (address(array), HOST, 0)
+
+
+def extent(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(lowest, highest) coordinates of points (N, 3), N > 0; NaN where one is NaN."""
+    rows = 256  # side by side: NumPy takes twenty times as long for rows of three
+    n = len(points) // rows * rows
+    if n == 0 or not points.flags.c_contiguous:
+        return points.min(axis=0), points.max(axis=0)
+    wide, rest = points[:n].reshape(-1, 3 * rows), points[n:]
+    lo = np.concatenate([wide.min(axis=0).reshape(rows, 3), rest]).min(axis=0)
+    return lo, np.concatenate([wide.max(axis=0).reshape(rows, 3), rest]).max(axis=0)

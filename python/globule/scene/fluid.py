@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._base.arrays import on_gpu, to_host
-from .particles import FARTHEST, Particles
+from .._base.arrays import extent, on_gpu, to_host
+from .particles import Particles
 from .scene import Scene
 
 FEWEST = 100
@@ -62,10 +62,10 @@ def fluid_like(particles: Particles, scene: Scene | None = None) -> Likeness:
     for name in ("phase", "phases"):
         if name in particles.attributes and len(np.unique(particles.attributes[name])) > 1:
             return Likeness(False, "several phases")
-    inside = _inside(particles)
+    inside = particles.finite_positions()
     if len(inside) < FEWEST:
         return Likeness(False, f"fewer than {FEWEST} finite positions")
-    size = np.ptp(inside, axis=0)
+    size = _size(inside)
     if size.max() == 0:
         return Likeness(False, "all at one place")
     if _is_thin(inside, int(np.argmin(size))):
@@ -86,16 +86,16 @@ def is_flat(particles: Particles) -> bool:
     """Whether particles are 2-D data: at least 100, all finite ones at the same z."""
     if len(particles) < FEWEST or particles.anisotropy is not None:
         return False
-    inside = _inside(particles)
+    inside = particles.finite_positions()
     if len(inside) < FEWEST:
         return False
-    return bool(np.ptp(inside, axis=0).max() > 0) and _is_thin(inside, 2)
+    return bool(_size(inside).max() > 0) and _is_thin(inside, 2)
 
 
 def _is_thin(positions: np.ndarray, axis: int) -> bool:
     """Whether positions (N, 3) lie in a plane across an axis. One particle far away does not make
     the others flat: their distance from the middle counts."""
-    size = np.ptp(positions, axis=0)
+    size = _size(positions)
     if size[axis] > FLAT * size.max():
         return False
     if size[axis] == 0:
@@ -108,7 +108,7 @@ def flat_spacing(particles: Particles) -> float | None:
     """The spacing of 2-D data, world units: the square root of the area of a particle, from the
     density where three quarters of the particles are sparser (others lie at an edge); None where
     that is nothing."""
-    inside = _inside(particles)
+    inside = particles.finite_positions()
     scene = Scene(Particles(inside), device="cpu")
     radius = 2 * scene.spacing
     if not radius > 0:
@@ -160,10 +160,9 @@ def _plain(options: dict[str, Any]) -> bool:
     return plain and options.get("octree") in (None, "sparse")
 
 
-def _inside(particles: Particles) -> np.ndarray:
-    """Positions on the host that are finite and not too far away."""
-    positions = to_host(particles.positions)
-    return positions[(np.abs(positions) <= FARTHEST).all(axis=1)]
+def _size(positions: np.ndarray) -> np.ndarray:
+    lo, hi = extent(positions)
+    return hi - lo
 
 
 def _nearest(scene: Scene, points: np.ndarray, radius: float) -> np.ndarray:

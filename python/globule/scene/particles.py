@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import dtype_name, on_gpu, to_host
+from .._base.arrays import dtype_name, extent, on_gpu, to_host
 from .._base.checks import shown
 
 SCALAR_FIELDS = ("support", "weight", "reflection", "refraction", "rigidity")
@@ -184,11 +184,14 @@ class Particles:
         finite = self.finite_positions()
         if len(finite) == 0:
             raise ValueError(f"bounds: expected a finite position, got none in {len(self)}")
-        return finite.min(axis=0), finite.max(axis=0)
+        return extent(finite)
 
     def finite_positions(self) -> np.ndarray:
-        """The positions inside the octree: (M, 3) float32, M <= N, a NumPy array."""
+        """The positions inside the octree: (M, 3) float32, M <= N, a NumPy array; where all are
+        inside, the particles' own."""
         positions = to_host(self.positions)
+        if len(positions) and (np.abs(extent(positions)) <= FARTHEST).all():
+            return positions
         return positions[(np.abs(positions) <= FARTHEST).all(axis=1)]
 
 
