@@ -47,7 +47,11 @@ def heard(connection, wanted):
 def test_the_page_has_the_controls_behind_the_same_rules(viewer):
     with urllib.request.urlopen(viewer.address) as answer:
         assert b"globule/desk.js" in answer.read()
-    for name, kind in (("desk.js", "application/javascript"), ("desk.css", "text/css")):
+    for name, kind in (
+        ("desk.js", "application/javascript"),
+        ("gamepad.js", "application/javascript"),
+        ("desk.css", "text/css"),
+    ):
         with urllib.request.urlopen(f"{viewer.address}globule/{name}") as answer:
             assert answer.headers["Content-Type"].startswith(kind)
             assert "default-src 'self'" in answer.headers["Content-Security-Policy"]

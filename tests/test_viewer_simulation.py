@@ -12,6 +12,7 @@ from viewer_helpers import (
     choose,
     differs,
     drag_along,
+    next_frame,
     open_folder,
     seen,
     stroke,
@@ -344,3 +345,55 @@ def test_suction_follows_its_handle(pool):
     until(lambda: sim.record.n_removed > 20, "for water to go")
     page.get_by_label("Move sucker by hand", exact=True).uncheck()
     until(lambda: sim.tools["sucker"].pose[2, 3] > 0.25)
+
+
+GAMEPAD = """() => {
+  const buttons = Array.from({ length: 17 }, () => ({ pressed: false }));
+  window.pad = { connected: true, axes: [0, 0, 0, 0], buttons };
+  navigator.getGamepads = () => [window.pad];
+  dispatchEvent(new Event("gamepadconnected"));
+}"""
+CROSS = """() => {
+  const s = document.getElementById("globule-pad")?.style;
+  return s && [parseFloat(s.left), parseFloat(s.top)];
+}"""
+
+
+def push(page, stick: int, value: float) -> None:
+    page.evaluate("([i, v]) => { window.pad.axes[i] = v; }", [stick, value])
+    next_frame(page)
+
+
+def hold(page, pressed: bool) -> None:
+    page.evaluate("on => { window.pad.buttons[0].pressed = on; }", pressed)
+    next_frame(page)
+
+
+def steer(page, to) -> None:
+    """Push the left stick until the cross is at a place in the window."""
+    for axis in (0, 1):
+        push(page, axis, 0.2)
+        page.wait_for_function("() => document.getElementById('globule-pad')")
+        for _ in range(400):
+            away = float(to[axis]) - page.evaluate(CROSS)[axis]
+            if abs(away) < 4:
+                break
+            push(page, axis, np.sign(away) * min(1.0, max(0.17, abs(away) / 80)))
+        push(page, axis, 0)
+
+
+def test_a_gamepad_cuts_and_turns(block):
+    page, source = block.page(), block.viewer.source
+    take_tool(page, "Cut")
+    page.evaluate(GAMEPAD)
+    where = outline(block, page)
+    middle = where.mean(axis=0)
+    steer(page, (middle[0], where[:, 1].min() - 40))
+    hold(page, True)
+    steer(page, (middle[0], where[:, 1].max() + 40))
+    hold(page, False)
+    until(lambda: source.n_cut > 20, "for the cut")
+    eye = np.array(page.client.camera.eye)
+    push(page, 2, 1.0)
+    until(lambda: np.linalg.norm(page.client.camera.eye - eye) > 0.01, "for the camera to turn")
+    push(page, 2, 0)
