@@ -26,16 +26,16 @@ public:
         using Lanes = typename Exec::Lanes;
         constexpr std::size_t block = Lanes::width * block_stride(Tracer::PerParticle, Tracer::Kernel::stretched);
         constexpr int kRounds = 3;  // between two looks whether there are more: fluids have no others
-        const std::size_t most = max(std::size_t(kMaxBricks), n / 16);
+        const std::size_t most = max(std::size_t(kMaxBricks), n / 16), room = most + most / 128;  // float32 rounds numbers past 2^24
         CellGrid* grid = grid_.reserve(1);
-        std::uint32_t *bricks = bricks_.reserve(most), *next = next_.reserve(most);
+        std::uint32_t *bricks = bricks_.reserve(room), *next = next_.reserve(room);
         const auto list = [&] {
             exec.for_each(1, BeginBricks{grid});
-            exec.for_each(Exec::on_device ? most : grid->n_bricks, ListBricks{grid, bricks, next});
+            exec.for_each(Exec::on_device ? room : grid->n_bricks, ListBricks{grid, bricks, next});
         };
         for (;;) {
             exec.for_each(1, PlanCells<Tree>{tracer.tree, Tracer::Kernel::stretched, float(most), everywhere, eye, grid});
-            exec.clear(bricks, most * sizeof *bricks);
+            exec.clear(bricks, room * sizeof *bricks);
             exec.for_each(max_nodes, MarkBricks<Tree>{tracer.tree, max_nodes, grid, bricks});
             list();
             do {

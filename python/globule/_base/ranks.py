@@ -277,12 +277,7 @@ def dealt(comm: Any, n: int) -> Iterator[int]:
 
 def local_rank(comm: Any) -> int:
     """This rank's number among those of an mpi4py communicator on the same computer."""
-    from mpi4py import MPI
-
-    local = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    rank = local.Get_rank()
-    local.Free()
-    return rank
+    return Ranks(comm).local()[0]
 
 
 def _starts(counts: Any) -> np.ndarray:
