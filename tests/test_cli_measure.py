@@ -305,3 +305,16 @@ def test_refusals_of_mesh_and_project(folder, capsys):
     ]
     assert err[0] == err[1]
     assert "zero.npz: expected particles, got none" in err[0]
+
+
+@pytest.mark.parametrize("command", ["slice", "gauge", "mesh", "track", "project"])
+def test_a_mesh_is_no_particles(command, tmp_path, monkeypatch, capsys):
+    """Balls around the vertices of a hull are not the hull: nobody measures them by mistake."""
+    monkeypatch.chdir(tmp_path)
+    Path("hull.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")
+    more = {"slice": ["--grid"], "gauge": ["--at", "0,0"]}.get(command, [])
+    output = "a.ply" if command == "mesh" else "a.csv"
+    assert main([command, "hull.obj", *more, "-o", output, *CPU]) == 2
+    assert "expected particles or a volume, got a mesh" in capsys.readouterr().err
+    assert not Path(output).exists()
+    assert main([command, "hull.obj", "--resample", "0.1", *more, "-o", output, *CPU]) == 0

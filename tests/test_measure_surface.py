@@ -344,3 +344,14 @@ def test_without_scikit_image(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "skimage.measure", None)
     with pytest.raises(MissingPackageError, match=r"globule\[measure\]"):
         gb.surface_mesh(ball(device="cpu"))
+
+
+def test_a_mesh_file_is_no_particles(tmp_path):
+    path = tmp_path / "hull.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")
+    plane = gb.SamplePlane((0, 0, 1), 0.1)
+    works = (gb.measure_surface, lambda p: gb.gauge(p, (0, 0)), lambda p: gb.sample(p, plane))
+    for work in (*works, gb.project, lambda p: gb.track_surface([p])):
+        with pytest.raises(ValueError, match="expected particles or a volume, got the mesh"):
+            work(path)
+    assert gb.measure_surface(gb.read(path, spacing=0.1), device="cpu").volume > 0

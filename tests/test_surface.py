@@ -113,6 +113,24 @@ def test_kernels_equal_the_reference(backend, jitter):
     np.testing.assert_allclose(weight, expected.weight, atol=1e-4)
 
 
+@pytest.mark.slow
+def test_many_particles_have_the_kernels_of_few(backend):
+    """From 524,288 particles on, a first pass finds those that are deep inside: the same ones."""
+    rng = np.random.default_rng(8)
+    points = block(84, 84, 84)
+    points = (points + rng.normal(0, 0.05, points.shape)).astype("f4")
+    part = points[:, 2] < 40
+    G, weight = smooth(points, **backend).surface_kernels()
+    few_G, few_weight = smooth(points[part], **backend).surface_kernels()
+    there = points[part, 2] < 36  # whose neighbors are all in the part
+    # Sums in another order: one on the limit may be on its other side.
+    same = np.abs(G[part] - few_G).max(axis=(1, 2)) < 1e-4
+    assert np.mean(same[there]) > 0.9999
+    np.testing.assert_allclose(weight[part][there & same], few_weight[there & same], atol=1e-4)
+    round_ones = np.abs(G - np.eye(3) / 2.25).max(axis=(1, 2)) < 1e-6
+    assert 0.83 < np.mean(round_ones) < 0.88  # 86 % are two spacings and more from a face
+
+
 def test_hits_equal_the_references(backend):
     """Hit or miss as float64 says for the same kernels: 20,000 rays, half of them within 0.02
     spacings of a silhouette."""

@@ -38,7 +38,7 @@ struct FluidSpacing {
     GB_FN void operator()(std::size_t s) const {
         const float3 p = particles.position(begin + s * stride);
         const float r = surface::kRadius * guess;
-        surface::Moments<float> moments = surface::Moments<float>::none();
+        surface::Moments<float> moments;
         for_each_touching(tree, {p.x - r, p.y - r, p.z - r}, {p.x + r, p.y + r, p.z + r}, [&](std::uint32_t j) {
             const float3 v = (particles.position(j) - p) * (1.0f / r);
             const float d2 = dot(v, v);

@@ -4,6 +4,7 @@
 //   covariance of the neighbours   Yu and Turk 2013, eq. 9, weights 1 - (r / radius)^4
 //   axes                           as wide across the surface as inside, wider along it: with sqrt(2) as the ratio of the
 //                                  two the curvature of the surface does not move it; narrow across a sheet of one layer
+//                                  a particle too deep inside for the surface to feel its kernel is round
 //   weight                         kernels of mass 1; where a particle is almost alone, its own field is raised to that of
 //                                  a particle in a flat face, or in a sheet as thin as its particles are apart
 #pragma once
@@ -23,6 +24,7 @@ inline constexpr float kFlat = 0.3f, kInside = 1.0f;  ///< eigenvalue across a f
 inline constexpr float kFace = 0.73f;            ///< field at a particle in a flat face
 inline constexpr float kDroplet = 0.12f, kCrowd = 0.36f;    ///< share of the neighbourhood that is filled: weights are raised below
 inline constexpr float kAlone = 0.04f, kSome = 0.2f;        ///< the same: kernels are round below
+inline constexpr float kFull = 0.85f, kEven = 0.02f;  ///< the same, and how far off the neighbours' mean may be: inside, round
 inline constexpr float kMass = 1.0444544f;       ///< 1 over the integral of (1 - r^2)^2 over the unit ball
 inline constexpr float kThreshold = 0.5f;
 inline constexpr float kMostStretch = 2.26f;     ///< ratio of axes, (kAxis + (kAlong - 1) kAxis) / kThin at most
@@ -35,28 +37,34 @@ GB_FN F smooth_step(const F& x, float from, float to) {
 
 /// What the neighbours add up to, with weights 1 - (r / radius)^4, distances over the radius.
 template <class F>
-struct Moments {
-    F sum;
-    Vec3<F> first;
-    Sym3<F> second;
+struct Mean {
+    F sum = F(0.0f);
+    Vec3<F> first{F(0.0f), F(0.0f), F(0.0f)};
 
-    GB_FN static Moments none() {
-        const F z = F(0.0f);
-        return {z, {z, z, z}, {z, z, z, z, z, z}};
-    }
     GB_FN void add(const F& w, const Vec3<F>& v) {
-        const Vec3<F> t = v * w;
         sum = sum + w;
-        first = first + t;
-        second = {second.xx + t.x * v.x, second.yy + t.y * v.y, second.zz + t.z * v.z,
-                  second.xy + t.x * v.y, second.xz + t.x * v.z, second.yz + t.y * v.z};
+        first = first + v * w;
     }
     /// Share of the radius's ball that is filled: in an endless lattice the sum is 16 pi / 21 kRadius^3.
     GB_FN F filled() const { return sum * F(1.0f / (2.3935946f * kRadius * kRadius * kRadius)); }
+    /// Too deep inside for its kernel to reach the surface.
+    GB_FN auto inside() const { return (filled() >= F(kFull)) & (dot(first, first) <= F(kEven * kEven) * (sum * sum)); }
+};
+template <class F>
+struct Moments : Mean<F> {
+    Sym3<F> second{F(0.0f), F(0.0f), F(0.0f), F(0.0f), F(0.0f), F(0.0f)};
+
+    GB_FN void add(const F& w, const Vec3<F>& v) {
+        const Vec3<F> t = v * w;
+        this->sum = this->sum + w;
+        this->first = this->first + t;
+        second = {second.xx + t.x * v.x, second.yy + t.y * v.y, second.zz + t.z * v.z,
+                  second.xy + t.x * v.y, second.xz + t.x * v.z, second.yz + t.y * v.z};
+    }
     /// 1 along each axis in an endless lattice.
     GB_FN Sym3<F> covariance() const {
-        const F by = F(1.0f) / sum, s = F(45.0f / 7.0f);
-        const Vec3<F> m = first * by;
+        const F by = F(1.0f) / this->sum, s = F(45.0f / 7.0f);
+        const Vec3<F> m = this->first * by;
         return {(second.xx * by - m.x * m.x) * s, (second.yy * by - m.y * m.y) * s, (second.zz * by - m.z * m.z) * s,
                 (second.xy * by - m.x * m.y) * s, (second.xz * by - m.x * m.z) * s, (second.yz * by - m.y * m.z) * s};
     }
@@ -69,6 +77,18 @@ struct Shape {
     F longest, shortest;  ///< axes, in spacings
     F mass;     ///< factor that makes the kernel's integral one particle's volume
     F sheet;    ///< 1 in a sheet of one layer, 0 in a body or a droplet
+
+    /// Where nothing but fluid is near.
+    GB_FN static Shape inside() {
+        const F round = F(kRadius / kAxis), none = F(0.0f);
+        return {{round, round, round, none, none, none}, F(kAxis), F(kAxis), F(kMass / (kAxis * kAxis * kAxis)), none};
+    }
+    template <class B>
+    GB_FN Shape where(const B& m, const Shape& other) const {
+        const Sym3<F>&a = matrix, &b = other.matrix;
+        return {{select(m, a.xx, b.xx), select(m, a.yy, b.yy), select(m, a.zz, b.zz), select(m, a.xy, b.xy), select(m, a.xz, b.xz), select(m, a.yz, b.yz)},
+                select(m, longest, other.longest), select(m, shortest, other.shortest), select(m, mass, other.mass), select(m, sheet, other.sheet)};
+    }
 };
 template <class F>
 GB_FN Shape<F> shape(const Moments<F>& moments, const F& filled) {
@@ -108,6 +128,7 @@ GB_FN F raised(const F& own, const F& filled, const F& sheet) {
 template <class Tree>
 struct FindSurfaceKernels {
     static constexpr int kNear = 320;        ///< at once; there may be more
+    static constexpr std::size_t kMany = 1 << 19;  ///< most are deep inside, which fewer sums tell
     static constexpr int tile_blocks = 6;    ///< at one time on a GPU's processor
     static constexpr float kSpread = 2.0f;   ///< of a bunch from its first row, in radii
     template <class Group>
@@ -131,18 +152,32 @@ struct FindSurfaceKernels {
             const std::size_t slot = first + g.lane_number(lane);
             Group::put(present, lane, slot >= outside && slot < n);
         });
-        surface::Moments<V> moments = surface::Moments<V>::none();
-        for_all(g, near, at, present, [&](const Vec3<V>& own, int n_near) {
-            for (int k = 0; k < n_near; ++k) {
-                const Vec3<float> q = near.point(k);
-                const Vec3<V> v{V(q.x) - own.x, V(q.y) - own.y, V(q.z) - own.z};
-                const V d2 = dot(v, v);
-                moments.add(max(V(1.0f) - d2 * d2, V(0.0f)), v);
-            }
-        });
-        moments.sum = select(present, moments.sum, V(1.0f));
-        const V filled = moments.filled();
-        const surface::Shape<V> shape = surface::shape(moments, filled);
+        const auto add_up = [&](auto& sums, const B& rows) {
+            for_all(g, near, at, rows, [&](const Vec3<V>& own, int n_near) {
+                for (int k = 0; k < n_near; ++k) {
+                    const Vec3<float> q = near.point(k);
+                    const Vec3<V> v{V(q.x) - own.x, V(q.y) - own.y, V(q.z) - own.z};
+                    const V d2 = dot(v, v);
+                    sums.add(max(V(1.0f) - d2 * d2, V(0.0f)), v);
+                }
+            });
+        };
+        B open = present;  // not known to be deep inside
+        if (n >= kMany) {
+            surface::Mean<V> mean;
+            add_up(mean, present);
+            open = open & !mean.inside();
+        }
+        surface::Shape<V> shape = surface::Shape<V>::inside();
+        V filled = V(1.0f);
+        if (g.any(open)) {
+            surface::Moments<V> moments;
+            add_up(moments, open);
+            moments.sum = select(open, moments.sum, V(1.0f));
+            open = open & !moments.inside();
+            filled = select(open, moments.filled(), filled);
+            shape = surface::shape(moments, filled).where(open, shape);
+        }
         const B alone = present & (filled < V(surface::kCrowd));
         V factor = V(1.0f);
         if (g.any(alone)) {

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._base.checks import missing
 from ..formats.kind import kind_of
+from ..formats.triangles import has_faces
 from ..measure.surface import default_spacing
 from ..render.sequence import KeptScene, find_files, read_ahead
 from ..scene.particles import Particles
@@ -79,6 +80,7 @@ def scenes(
     with mistakes():
         files = find_files(names)
     for path in dict.fromkeys(files):
+        need_no_faces(path, options)
         if is_surface(path, options):
             check_surface(path, options)
         else:
@@ -119,6 +121,15 @@ def _scene(options: argparse.Namespace, path: str, particles: Particles) -> Scen
         device=options.device,
         threads=options.threads,
     )
+
+
+def need_no_faces(path: str, options: argparse.Namespace) -> None:
+    """Refuse a mesh of triangles: balls around its vertices are not what its file says."""
+    if not options.resample and has_faces(path):
+        raise UserError(
+            f"{path}: expected particles or a volume, got a mesh, which is triangles already; "
+            "--resample LENGTH makes metaballs all over it"
+        )
 
 
 def need_particles(path: str, n: int) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 
 from ..formats.mesh_files import EXTENSIONS
-from ..formats.triangles import has_faces
 from ..measure.mesh import measured, surface_mesh
 from ..scene.scene import Scene
 from . import flags, measuring
@@ -36,11 +35,6 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run `globule mesh`."""
     check_output("-o", options.output, EXTENSIONS)
-    if not options.resample and has_faces(options.file):
-        raise UserError(
-            f"{options.file}: expected particles or a volume, got a mesh, which is triangles "
-            "already; --resample LENGTH makes metaballs all over it"
-        )
     with Progress(1) as progress:
         for _, path, scene in measuring.scenes(options, [options.file], progress):
             measuring.need_particles(path, scene.octree.n_inside)

@@ -83,6 +83,7 @@ def run(options: argparse.Namespace) -> None:
         if getattr(options, name) and not image:
             raise UserError(f"--{name}: expected a .png beside --{name}, got {options.output}")
     check_device(options)
+    measuring.need_no_faces(options.file, options)
     check_input(options.file, list(reading(options)))
     with Progress(1) as progress:
         progress.step(options.file)

@@ -17,10 +17,9 @@ from ..scene.attributes import attribute_values
 from ..scene.fluid import fluid_like
 from ..scene.particles import FARTHEST, Particles
 from ..scene.scene import Scene
-from ..scene.sources import as_particles
 from .places import SamplePlane
 from .samples import Samples
-from .surface import box_of, default_spacing, in_blocks
+from .surface import box_of, default_spacing, in_blocks, measured_particles
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -87,7 +86,7 @@ def project(
     made = particles if isinstance(particles, Scene) else None
     if made is not None:
         own, particles = made.support, made.particles
-    particles = as_particles("particles", particles)
+    particles = measured_particles("particles", particles)
     if volume is None:
         volume = _fluid_volume(made, particles)
     particles = replace(particles, weight=None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.checks import shown
 from ..scene.fluid import shown_scene
+from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.sources import as_particles
 
@@ -30,9 +32,24 @@ def surface_scene(source: Any, **options: Any) -> Scene:
     Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not isinstance(source, Scene):
-        particles = as_particles("particles", source)
-        return shown_scene(particles, **options)
+        return shown_scene(measured_particles("particles", source), **options)
     return source
+
+
+def measured_particles(name: str, source: Any) -> Particles:
+    """Particles, as `as_particles` makes them, but not of the vertices of a mesh's file.
+
+    Raises TypeError and ValueError naming the argument, the expected and the given value.
+    """
+    if isinstance(source, str | os.PathLike):
+        from ..formats.triangles import has_faces  # formats are loaded when they are needed
+
+        if has_faces(source):
+            raise ValueError(
+                f"{name}: expected particles or a volume, got the mesh {os.fspath(source)}; "
+                "globule.read(path, spacing=...) makes particles all over it"
+            )
+    return as_particles(name, source)
 
 
 def box_of(scene: Scene, margin: float = 1.0) -> tuple[np.ndarray, np.ndarray]:

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..render.sequence import KeptScene, find_files
-from ..scene.sources import as_particles
 from .mesh import SurfaceMesh, measured, surface_mesh
-from .surface import default_spacing, surface_scene
+from .surface import default_spacing, measured_particles, surface_scene
 
 
 def track_surface(
@@ -45,7 +44,7 @@ def track_surface(
     scenes = KeptScene()
     rows = []
     for number, frame in enumerate(frames):
-        particles = as_particles("frames", frame)
+        particles = measured_particles("frames", frame)
         scene = scenes.show(particles, lambda p: surface_scene(p, device=device, threads=threads))
         if spacing is None and scene.octree.n_inside:
             spacing = default_spacing(scene)

@@ -164,6 +164,7 @@ FLAT, INSIDE = 0.3, 1.0  # eigenvalue across a face, and inside
 FACE = 0.73  # field at a particle in a flat face
 DROPLET, CROWD = 0.12, 0.36  # share of the neighborhood that is filled: weights are raised below
 ALONE, SOME = 0.04, 0.2  # the same: kernels are round below
+FULL, EVEN = 0.85, 0.02  # the same, and how far off the neighbors' mean may be: inside, round
 MASS = 105 / (32 * np.pi)  # 1 / integral of (1 - r²)² over the unit ball
 
 
@@ -200,7 +201,7 @@ def surface_kernels(
         return SurfaceKernels(G, weight)
     scene = Scene(positions, support=radius, device="cpu")
     for rows, offsets, index in _neighbor_blocks(scene, positions, radius, progress):
-        _, covariance = _moments(positions, rows, offsets, index, radius, power=4)
+        mean, covariance = _moments(positions, rows, offsets, index, radius, power=4)
         values, axes = np.linalg.eigh(covariance / (7 / 45 * radius**2))
         own = np.repeat(np.arange(len(rows)), np.diff(offsets))
         away = positions[index].astype(np.float64) - positions[rows][own]
@@ -214,6 +215,8 @@ def surface_kernels(
         wide = across + (ALONG - 1) * AXIS * along
         company = _smooth_step(filled, ALONE, SOME)
         length = THIN + company[:, None] * (wide - THIN)  # of the axes, in spacings
+        deep = (filled >= FULL) & (np.einsum("ni,ni->n", mean, mean) <= (EVEN * radius) ** 2)
+        length[deep] = AXIS
         G[rows] = np.einsum("mik,mk,mjk->mij", axes, 1 / (length * spacing), axes)
         mass = MASS / length.prod(axis=1)
 
