@@ -176,6 +176,9 @@ public:
         for_each_uneven(n, Steps<Walk>{walk});
     }
 
+    template <class Functor>
+    void for_each_sparse(std::size_t n, const Functor& functor) { for_each_uneven(n, functor); }
+
     /// One group of lanes a tile, as many tiles as *n says.
     template <class Functor>
     void for_each_tile_of(const std::uint32_t* n, const Functor& functor) { for_each_tile(*n, functor); }

@@ -65,6 +65,15 @@ __global__ void __launch_bounds__(128) run_uneven(std::size_t n, Functor functor
     if (i < n) functor(i);
 }
 
+/// Few items a warp: where they differ much, what one lane does the others wait for (docs/design/meshes.md).
+inline constexpr int kSparse = 8;
+template <class Functor>
+__global__ void __launch_bounds__(128) run_sparse(std::size_t n, Functor functor) {
+    const int lane = threadIdx.x & 31;
+    const std::size_t i = (std::size_t(blockIdx.x) * 4 + threadIdx.x / 32) * kSparse + lane;
+    if (lane < kSparse && i < n) functor(i);
+}
+
 /// Lanes that are done with their item take the next ones, some at a time, so that a warp stays full
 /// whatever the items' lengths (Aila & Laine 2009).  All lanes advance together, active or not.
 template <class Walk>
@@ -342,6 +351,13 @@ public:
         interrupt_->check();
         if (n == 0) return;
         run_uneven<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, functor);
+        check(cudaGetLastError());
+    }
+    template <class Functor>
+    void for_each_sparse(std::size_t n, const Functor& functor) {
+        interrupt_->check();
+        if (n == 0) return;
+        run_sparse<<<unsigned(ceil_div<std::size_t>(n, 4 * kSparse)), 128, 0, stream_>>>(n, functor);
         check(cudaGetLastError());
     }
     template <class Walk>

@@ -154,7 +154,7 @@ public:
 
     void march(Exec& exec, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found) const {
         with_solid([&]<class Items>(const SolidShape<Items>& solid) {
-            exec.for_each_uneven(rays.source.n_items(), MarchSolid<Items>{solid, clips, rays, layer, found});
+            exec.for_each_sparse(rays.source.n_items(), MarchSolid<Items>{solid, clips, rays, layer, found});
         });
     }
     void keep(Exec& exec, const Clips& clips, const WaveRays& rays, int layer, const LayerHits& found, const WaveHits& hits) const {
@@ -165,7 +165,7 @@ public:
     void occlude(Exec& exec, const Clips& clips, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer,
                  float* visibility) const {
         with_solid([&]<class Items>(const SolidShape<Items>& solid) {
-            exec.for_each_uneven(rays.source.n_items() * lighting.n_visibilities(), OccludeSolid<Items>{solid, clips, lighting, rays, hits, layer, visibility});
+            exec.for_each_sparse(rays.source.n_items() * lighting.n_visibilities(), OccludeSolid<Items>{solid, clips, lighting, rays, hits, layer, visibility});
         });
     }
 
