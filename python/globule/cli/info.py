@@ -26,7 +26,6 @@ from . import camera_facts, flags, medical
 from . import medical as medical_files
 from .parser import Parser
 from .shared import (
-    UserError,
     check_input,
     count,
     mistakes,
@@ -118,7 +117,7 @@ def describe(path: str, contents: Contents) -> dict[str, Any]:
         facts["volume"] = {name: volume[name] for name in ("size", "spacing", "dtype", "space")}
     if finite.any():
         lo, hi = particles.bounds()
-        with mistakes():
+        with mistakes(path):
             if is_flat(particles):
                 scene = shown_scene(Particles(particles.positions), device="cpu")
             else:
@@ -128,10 +127,8 @@ def describe(path: str, contents: Contents) -> dict[str, Any]:
         smooth = facts["surface"] == "smooth"
         facts["spacing"] = (scene.fluid_spacing() if smooth else scene.spacing) or None
         facts["default_support"] = scene.support
-        try:
+        with mistakes(path):
             camera = _camera(path, particles[finite], scene, facts["surface"])
-        except ValueError as error:
-            raise UserError(f"{path}: {error}") from error
         facts["camera"] = camera and camera_facts.facts(camera)
     facts["fields"] = {"positions": _range(particles.positions)}
     for name in (*SCALAR_FIELDS, "color"):

@@ -94,7 +94,7 @@ def scenes(
         for message in messages:
             progress.clear()
             warn(message)
-        with mistakes():
+        with mistakes(path):
             scene = kept.show(particles, functools.partial(_scene, options, path))
         yield i, path, scene
 

@@ -29,12 +29,12 @@ class UserError(Exception):
 
 
 @contextmanager
-def mistakes() -> Iterator[None]:
-    """Turn what the library refuses in this block into a UserError."""
+def mistakes(path: str = "") -> Iterator[None]:
+    """Turn what the library refuses in this block into a UserError, which names the file."""
     try:
         yield
     except (TypeError, ValueError, MissingPackageError) as error:
-        raise UserError(str(error)) from error
+        raise UserError(f"{path}: {error}" if path else str(error)) from error
 
 
 def say(message: str) -> None:
