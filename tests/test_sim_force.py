@@ -44,7 +44,7 @@ def test_a_hanging_column_weighs_what_it_weighs(backend, model):
 
 @pytest.mark.parametrize(("model", "share"), [("solid", 1.0), ("bonds", 0.83)])
 def test_a_pulled_column_pulls_with_its_modulus(backend, model, share):
-    """E A strain of the middle; a lattice of springs has 0.83 of its modulus at 4 across (5: 0.86)."""
+    """E A strain of the middle; a lattice of springs has 0.83 of its modulus (5 across: 0.86)."""
     x = lattice(4, 4, 12)
     z = layers(x)
     tissue = tissue_of(x, model, fixed=z == 0, damping=30.0, **backend)

@@ -115,8 +115,8 @@ class Tool(Steered):
 
     @property
     def force(self) -> np.ndarray:
-        """What a grasper feels of the tissue, (3,) N in world axes: the mean of the last step, as of
-        `Tools.grasp_force`. 0 for other instruments: a blade cuts without resistance."""
+        """What a grasper feels of the tissue, (3,) N in world axes, as of `Tools.grasp_force`: the
+        mean of the last step. 0 for other instruments: a blade cuts without resistance."""
         return self._felt()[0]
 
     @property
@@ -248,8 +248,8 @@ class Tools(Named):
         """What a grasp feels: force (3,) N and torque (3,) N m about its center, world axes, as the
         mean of the last step.
 
-        The sum of all substeps: what the bonds do to the held tissue, its weight, and the pressure of
-        fluid and free tissue. The held tissue's inertia is not in it. 0 while nothing is held.
+        The sum of all substeps: what the bonds do to the held tissue, its weight, and the pressure
+        of fluid and free tissue. The held tissue's inertia is not in it. 0 while nothing is held.
 
         Raises:
             ValueError: another number than 0 to 7.
