@@ -53,19 +53,23 @@ def test_pressure_in_a_drop(row):
     assert found.ok, found
 
 
-@pytest.mark.parametrize("cells", [6, pytest.param(10, marks=pytest.mark.slow)])
-def test_drops_of_other_sizes_swing_as_fast(cells):
-    for row in physics.oscillation(cells=cells):
+@pytest.mark.slow
+def test_a_larger_drop_swings_as_fast():
+    for row in physics.oscillation(cells=10):
         assert row.ok, row
 
 
-def test_the_surface_of_a_drop_at_rest_does_not_boil():
-    """A fluid with tension has a least viscosity; the particles' own is lower here."""
-    d = 0.001
-    sim = physics.drop(6 * d, d, 0.07, 0.0, "cpu", 0)
-    sim.run(0.08)
-    speed = np.linalg.norm(sim.velocities, axis=1)
-    assert np.sqrt((speed**2).mean()) < 0.045
+def test_a_fluid_with_tension_has_a_least_viscosity():
+    """Without it, the surface of a drop boils."""
+    d, sigma, found = 0.001, 0.07, []
+    least = float(0.0075 * np.sqrt(1000.0 * sigma * d))
+    for mu in (0.0, 0.9 * least, 2 * least):
+        sim = physics.drop(5 * d, d, sigma, mu, "cpu", 0)
+        for _ in range(10):
+            sim.step(5e-4)
+        found.append(sim.velocities)
+    np.testing.assert_array_equal(found[0], found[1])
+    assert np.linalg.norm(found[2]) < 0.995 * np.linalg.norm(found[0])
 
 
 @pytest.mark.slow
