@@ -91,6 +91,7 @@ void bind_tissue(nb::module_& m) {
             const tissue::Shape r = shape(region);
             return call<&Tissue::remove>(s.core, r);
         })
+        .def("felt", [](PyTissue& s) { return call<&Tissue::felt>(s.core); })
         .def("n", [](PyTissue& s) { return call<&Tissue::n>(s.core); })
         .def("n_bonds", [](PyTissue& s) { return call<&Tissue::n_bonds>(s.core); })
         .def("elastic_energy", [](PyTissue& s) { return call<&Tissue::elastic_energy>(s.core); })

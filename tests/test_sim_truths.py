@@ -5,6 +5,7 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
+from globule.bench import physics_bodies as bodies
 from globule.bench import physics_flows as flows
 from globule.bench.physics_fluid import lattice
 
@@ -17,6 +18,8 @@ from globule.bench.physics_fluid import lattice
         flows.sloshing,
         flows.pipe_poiseuille,
         flows.torricelli,
+        bodies.floating_box,
+        pytest.param(bodies.kleefsman, marks=pytest.mark.slow),
         pytest.param(flows.rotating_bucket, marks=pytest.mark.slow),
     ],
 )
@@ -32,6 +35,37 @@ def test_an_ellipse_keeps_its_area_and_energy():
     speed = (flows.ellipse(t + h, rate) - flows.ellipse(t - h, rate)) / (2 * h)
     a, rate_now = 1 / b, speed / b
     assert rate_now**2 * (a * a + b * b) == pytest.approx(2 * rate**2, rel=1e-4)
+
+
+def test_the_reference_of_heave_settles_with_its_grid():
+    """And at high frequencies, in a tank much wider and deeper, a box is slower the wider it is."""
+    coarse, fine = (bodies.heave(1.0, 0.5, 0.4, 0.2, cells) for cells in (8, 16))
+    assert coarse == pytest.approx(fine, rel=0.005)
+    # A piston that fills its tank: the water below only rises and falls with it.
+    free = np.sqrt(9.81 / 0.2)
+    assert fine < free
+    assert bodies.heave(1.0, 0.5, 0.2, 0.2, 8) > coarse
+
+
+def test_a_body_crosses_a_periodic_boundary(backend):
+    """Its particles are on both sides; no speed comes of that."""
+    d = 0.05
+    scene = {
+        "spacing": d, "domain": {"lo": (0, 0, 0), "hi": (1, 1, 0.5), "periodic": ["x"]},
+        "gravity": (0, 0, 0), "fluids": [{"name": "water", "viscosity": 0.0}],
+    }  # fmt: skip
+    sim = gb.Simulation(scene, **backend)
+    sim.add_phase(gb.Phase("raft", kind="rigid"))
+    at = lattice((0.7, 0.4, 0.2), (0.9, 0.6, 0.4), d)
+    raft = sim.add(at, "raft")
+    sim.steer.make_rigid("raft", 500.0, velocity=(1.0, 0, 0))
+    for _ in range(40):
+        sim.step(0.01)
+        speed = np.linalg.norm(sim.velocities[raft], axis=1)
+        assert speed.max() < 1.001
+    np.testing.assert_allclose(sim.steer.body("raft")["velocity"], (1, 0, 0), atol=1e-6)
+    moved = (at[:, 0] + 0.4) % 1.0
+    np.testing.assert_allclose(sim.positions[raft, 0], moved, atol=1e-4)
 
 
 def turning(backend, spin):

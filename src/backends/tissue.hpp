@@ -65,6 +65,8 @@ struct Tissue : Object {
     virtual std::uint32_t pieces() = 0;
     virtual void grasp(const float3& center, float radius, int number) = 0;
     virtual std::uint32_t remove(const tissue::Shape& region) = 0;
+    /// Of the last step's mean: force (N) and moment (N m) on each grasp, about its center, then on each shape, about its point a: 6 each.
+    virtual std::vector<double> felt() = 0;
     virtual std::uint32_t n() = 0;                           ///< with the places that are nobody's
     virtual std::uint32_t n_bonds() = 0;                     ///< whole ones
     virtual double elastic_energy() = 0;                     ///< J, of whole bonds
@@ -83,7 +85,7 @@ struct Tissue : Object {
 };
 
 using TissueEntries = EntryTable<&Tissue::add, &Tissue::set_materials, &Tissue::set_instruments, &Tissue::advance, &Tissue::tear, &Tissue::follow,
-                                 &Tissue::cut, &Tissue::pieces, &Tissue::grasp, &Tissue::remove, &Tissue::n, &Tissue::n_bonds,
+                                 &Tissue::cut, &Tissue::pieces, &Tissue::grasp, &Tissue::remove, &Tissue::felt, &Tissue::n, &Tissue::n_bonds,
                                  &Tissue::elastic_energy, &Tissue::substeps, &Tissue::get, &Tissue::set, &Tissue::accelerate,
                                  &Tissue::set_vessel, &Tissue::vessels, &Tissue::arrays, &Tissue::read, &Tissue::write>;
 

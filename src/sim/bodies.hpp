@@ -68,7 +68,7 @@ public:
     /// Boundaries get the velocities that lead them to their next poses; whether there are any.
     bool carry(float dt) {
         for (const auto& [phase, pose] : next_poses_)
-            exec_.for_each(state_.n, sim::Carry{state_.view(), std::uint8_t(phase), pose, home_.data(), dt});
+            exec_.for_each(state_.n, sim::Carry{state_.view(), std::uint8_t(phase), pose, home_.data(), state_.period(), dt});
         return !next_poses_.empty();
     }
 
@@ -94,7 +94,7 @@ public:
                 body.meet(t, dt);
             }
             body.advance(dt);
-            exec_.for_each(state_.n, sim::Carry{s, std::uint8_t(phase), body.pose(), home_.data(), dt});
+            exec_.for_each(state_.n, sim::Carry{s, std::uint8_t(phase), body.pose(), home_.data(), state_.period(), dt});
         }
     }
 

@@ -47,6 +47,30 @@ struct Materials {
     float creep_rate[kMaxPhases] = {};    ///< 1/s, share of the strain beyond the yield that becomes permanent
 };
 
+/// Where particles add up what instruments feel of them; the first of the arrays (2, n) is for grasps, then one for each shape.
+struct Felt {
+    float3* felt = nullptr;  ///< null: nobody asks
+    std::uint32_t n = 0;
+    float3 gravity{0, 0, 0};
+    GB_FN void add(int which, std::uint32_t t, const float3& impulse, const float3& arm) const {
+        float3* own = felt + std::size_t(which) * 2 * n + t;
+        own[0] = own[0] + impulse;
+        own[n] = own[n] + cross(arm, impulse);
+    }
+    /// `impulse`: of the bonds.
+    GB_FN void add_held(std::uint32_t t, std::uint8_t hold, const float3& x, const float3& impulse, float inverse_mass, float dt, const Motions& motions) const {
+        if (!felt || hold < kGrasped) return;
+        const float3 weight = inverse_mass > 0.0f ? gravity * (dt / inverse_mass) : float3{0, 0, 0};
+        add(0, t, impulse + weight, x - motions.center[hold - kGrasped]);
+    }
+    /// x and u leave the shapes, which feel it.
+    GB_FN void keep_out(const Shapes& shapes, std::uint32_t t, float3& x, float3& u, float inverse_mass) const {
+        shapes.keep_out(x, u, [&](int s, const float3& change) {
+            if (felt && inverse_mass > 0.0f) add(1 + s, t, change * (-1.0f / inverse_mass), x - shapes.shape[s].a);
+        });
+    }
+};
+
 /// One iteration over all bonds: λ of each from the same positions, positions and velocities from all λ.
 ///
 /// With one iteration from λ = 0, XPBD's Δλ = -C / (Σw + α̃) acts like a compliance of α̃ + Σw: too soft by
@@ -67,6 +91,7 @@ struct Relax {
     Materials materials;
     Motions motions;
     Shapes shapes;
+    Felt felt;
     float dt, contact;      ///< contact: distance that cut faces keep
     bool is_first, is_last; ///< iteration of the substep
     bool predicts;          ///< another substep follows
@@ -76,12 +101,12 @@ struct Relax {
         using F = typename Packet::F;
         std::uint32_t own[Packet::width];  // rows side by side; those past the end do the last one's work again
         for (int lane = 0; lane < Packet::width; ++lane) own[lane] = min(std::uint32_t(row) + lane, bonds.n - 1);
-        bool any_free = false;
-        for (int lane = 0; lane < Packet::width; ++lane) any_free |= hold[own[lane]] == kFree;
+        bool any_asks = false;
+        for (int lane = 0; lane < Packet::width; ++lane) any_asks |= hold[own[lane]] == kFree || (felt.felt && hold[own[lane]] >= kGrasped);
         const Four<F> here = Packet::gather(at, own);
         const F zero = F(0.0f), one = F(1.0f), k_to_step = F(dt * dt), touching = F(contact);
         F x = zero, y = zero, z = zero;
-        const std::uint32_t end = any_free ? bonds.end(std::uint32_t(row)) : 0;  // what is held goes where it is led
+        const std::uint32_t end = any_asks ? bonds.end(std::uint32_t(row)) : 0;  // what is held goes where it is led
         for (std::uint32_t e = bonds.begin(std::uint32_t(row)); e < end; e += kBlock) {
             const F l = Packet::load(bonds.length + e), k = Packet::load(bonds.stiffness + e) * k_to_step;
             const Four<F> there = Packet::gather(at, bonds.other + e);
@@ -113,13 +138,14 @@ struct Relax {
         const Quad here = at[t], v = velocity[t];
         float3 x = here.xyz(), u = v.xyz();
         if (hold[t] != kFree) {
+            felt.add_held(t, hold[t], x, push * (1.0f / dt), v.w, is_last ? dt : 0.0f, motions);
             u = motions.velocity_at(hold[t], x, u);
             if (is_last && predicts) x = x + u * dt;
         } else {
             u = u + push * (v.w / dt);
             x = x + push * v.w;
             if (is_last) {
-                shapes.keep_out(x, u);
+                felt.keep_out(shapes, t, x, u, v.w);
                 const float damping = materials.damping[phase[t]];
                 if (damping > 0.0f) u = u * exp(-damping * dt);
                 if (predicts) {

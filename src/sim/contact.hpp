@@ -36,15 +36,18 @@ struct Shapes {
     Shape shape[kMaxShapes] = {};
     int n = 0;
 
-    /// Moves x out of every shape; u loses what of it goes in.
-    GB_FN void keep_out(float3& x, float3& u) const {
+    /// Moves x out of every shape; u loses what of it goes in: met(shape, its change).
+    template <class Met>
+    GB_FN void keep_out(float3& x, float3& u, const Met& met) const {
         for (int s = 0; s < n; ++s) {
             float3 out;
             const float depth = shape[s].distance(x, out);
             if (depth >= 0.0f) continue;
             x = x - out * depth;
             const float into = dot(u - shape[s].velocity, out);
-            if (into < 0.0f) u = u - out * into;
+            if (!(into < 0.0f)) continue;
+            u = u - out * into;
+            met(s, out * (0.0f - into));
         }
     }
     /// Where the shapes are after dt.

@@ -4,6 +4,7 @@
 #include "exec/bits.hpp"
 #include "sim/bonds.hpp"
 #include "sim/neighbors.hpp"
+#include "sim/spline.hpp"
 #include "sim/state.hpp"
 
 namespace globule::core::tissue {
@@ -138,6 +139,38 @@ struct Veto {
                 if (lists.index[lists.at(row, k)] == other) found = k;
             if (found < n) lists.index[lists.at(row, found)] = lists.n;
         }
+    }
+};
+
+/// Pairs of one solid body leave its lists: the body's stress acts between them, and the density solve would act once more.  What they
+/// are of the density stays, as at rest, so that others meet a body of full density.
+template <class Packet>
+struct LeaveOut {
+    sim::Lists<Packet> lists;
+    sim::State state;
+    Members members;
+    const Quad* rest;
+    const std::uint32_t* body;
+    sim::Spline spline;
+    float volume, reach2;       ///< squared, at rest
+    float* within;              ///< density, per row
+    GB_FN void operator()(std::size_t row) const {
+        const std::uint32_t t = members(state.id[lists.rows[row]]);
+        if (t == kNobody) return;
+        float sum = 0.0f;
+        const float3 here = rest[t].xyz();
+        for (std::uint32_t k = 0, n = lists.count[row]; k < n; ++k) {
+            std::uint32_t& j = lists.index[lists.at(row, k)];
+            if (j >= lists.n) continue;
+            const std::uint32_t o = members(state.id[j]);
+            if (o == kNobody || body[o] != body[t]) continue;
+            const float3 r = rest[o].xyz() - here;
+            const float r2 = dot(r, r);
+            if (!(r2 < reach2)) continue;
+            sum += volume * spline(sqrt(r2));
+            j = lists.n;
+        }
+        within[row] = sum;
     }
 };
 

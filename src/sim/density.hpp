@@ -36,12 +36,13 @@ struct Densities {
     Period period;
     float volume;
     float lattice_squares;   ///< sum of |g h|^2 in the lattice
+    const float* within;     ///< density that is there without the lists, per row; null: none
     template <class Packet>
     GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         const Four<F> mine = Packet::gather(place, lists.rows + row);
         const F zero = F(0.0f), h = F(spline.support), own = F(volume);
-        F density = own * spline(zero), gx = zero, gy = zero, gz = zero, squares = zero, nearest = h;
+        F density = within ? own * spline(zero) + Packet::load(within + row) : own * spline(zero), gx = zero, gy = zero, gz = zero, squares = zero, nearest = h;
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t at = lists.at(row);
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {

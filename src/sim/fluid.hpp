@@ -68,6 +68,9 @@ public:
         lists_.gz = g + 2 * room;
     }
 
+    /// Density of the rows that their lists do not tell of, or null.
+    void set_within(const float* within) { within_ = within; }
+
     /// The lists as compressed rows of slots.
     void read_lists(std::vector<std::uint32_t>& rows, Neighbors& out) {
         const std::size_t n = state_.n_rows, room = list_index_.capacity();
@@ -213,7 +216,7 @@ private:
         reserve_rows();
         const Quad* place = state_.view().place;
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
-            exec_.for_each_packet(state_.n_rows, sim::Densities<Packet, periodic>{lists_, place, rows_, state_.spline(), state_.period(), state_.volume(), state_.lattice_squares()});
+            exec_.for_each_packet(state_.n_rows, sim::Densities<Packet, periodic>{lists_, place, rows_, state_.spline(), state_.period(), state_.volume(), state_.lattice_squares(), within_});
         });
     }
     std::size_t padded_rows() const { return ceil_div<std::size_t>(state_.n_rows, 64) * 64; }
@@ -372,6 +375,7 @@ private:
     Lists lists_{};
     sim::Rows rows_{};
     std::uint32_t places_ = 64, longest_list_ = 0;
+    const float* within_ = nullptr;
     bool filled_ = false, started_ = false;
     int divergence_took_ = 1, density_took_ = 1;
     Buffer<std::uint32_t, Exec> list_counts_, list_index_;

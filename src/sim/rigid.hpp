@@ -34,11 +34,12 @@ struct Carry {
     std::uint8_t phase;
     Pose pose;
     const Quad* home;
+    Period period;  ///< a particle may be on the domain's other side
     float dt;
     GB_FN void operator()(std::size_t i) const {
         if (state.phase[i] != phase) return;
         const Quad at = state.place[i];
-        const float3 v = (pose.to_world(home[state.id[i]].xyz()) - at.xyz()) * (1.0f / dt);
+        const float3 v = period.template shortest<true>(pose.to_world(home[state.id[i]].xyz()) - at.xyz()) * (1.0f / dt);
         state.velocity[i] = {v.x, v.y, v.z, state.velocity[i].w};
     }
 };

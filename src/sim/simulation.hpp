@@ -56,7 +56,9 @@ public:
         state_.configure(settings);
         tissue_.set_spacing(settings.spacing);
     }
-    void set_phase(int which, const sim::Phase& phase) override {
+    void set_phase(int which, const sim::Phase& given) override {
+        sim::Phase phase = given;
+        if (phase.kind == sim::Kind::fluid) phase.viscosity = std::max(phase.viscosity, sim::least_viscosity(phase, settings_.spacing));
         state_.set_phase(which, phase);
         stale_ = true;
         disturbed();
@@ -146,6 +148,7 @@ public:
             if (settings_.weakly_compressible) {
                 push(dt, r);
                 fluid_.push_by_density(dt);
+                feel_pressure(dt);
                 mark("pressure");
             } else if (tissue_.n() == 0 && fluid_.fills_its_space()) {
                 push(dt, r);
@@ -163,6 +166,7 @@ public:
                     fluid_.keep_kicked();
                     const sim::Progress divergence = fluid_.correct_divergence(dt);
                     mark("divergence");
+                    feel_pressure(dt);
                     tissue_.hold_on(state_.view(), dt);
                     bodies_.turn(fluid_, dt);
                     contact(dt);
@@ -331,7 +335,7 @@ private:
     }
     void find_lists() {
         fluid_.find_lists();
-        tissue_.veto(fluid_.lists(), state_.view());
+        fluid_.set_within(tissue_.veto(fluid_.lists(), state_.view(), state_.spline(), state_.volume()));
     }
     /// What acts on velocities beside pressure: forces, then bonds.
     void push(float dt, StepReport& r) {
@@ -339,8 +343,12 @@ private:
         r.viscosity_iterations = fluid_.forces(dt, has_forces_ ? forces_.data() : nullptr);
         has_forces_ = false;
         mark("forces");
-        tissue_.push(state_.view(), dt);
+        tissue_.push(state_.view(), dt, settings_.gravity);
         mark("tissue");
+    }
+
+    void feel_pressure(float dt) {
+        tissue_.feel_pressure(fluid_.lists(), state_.view(), fluid_.rows().boundary, state_.period(), state_.volume(), state_.spline().support, dt, fluid_.flux());
     }
 
     void gather_tissue() {

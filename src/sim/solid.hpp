@@ -135,6 +135,7 @@ struct Push {
     Materials materials;
     Motions motions;
     Shapes shapes;
+    Felt felt;
     float dt;
 
     template <class Packet>
@@ -142,14 +143,14 @@ struct Push {
         using F = typename Packet::F;
         std::uint32_t own[Packet::width];
         for (int lane = 0; lane < Packet::width; ++lane) own[lane] = min(std::uint32_t(row) + lane, bonds.n - 1);
-        bool any_free = false;
-        for (int lane = 0; lane < Packet::width; ++lane) any_free |= hold[own[lane]] == kFree;
+        bool any_asks = false;
+        for (int lane = 0; lane < Packet::width; ++lane) any_asks |= hold[own[lane]] == kFree || (felt.felt && hold[own[lane]] >= kGrasped);
         const std::size_t n = solid.stride;
         const Quad *rows0 = solid.rows, *rows1 = solid.rows + n, *rows2 = solid.rows + 2 * n;
         const Four<F> x = Packet::gather(at, own), q0 = Packet::gather(rows0, own), q1 = Packet::gather(rows1, own), q2 = Packet::gather(rows2, own);
         const F zero = F(0.0f), half = F(0.5f), per_d = F(1.0f / solid.spacing), touching = F(solid.spacing);
         F f0 = zero, f1 = zero, f2 = zero;
-        const std::uint32_t end = any_free ? bonds.end(std::uint32_t(row)) : 0;
+        const std::uint32_t end = any_asks ? bonds.end(std::uint32_t(row)) : 0;
         for (std::uint32_t e = bonds.begin(std::uint32_t(row)); e < end; e += kBlock) {
             const F l = Packet::load(bonds.length + e), k = Packet::load(bonds.stiffness + e);
             const Four<F> y = Packet::gather(at, bonds.other + e), p0 = Packet::gather(rows0, bonds.other + e);
@@ -174,6 +175,7 @@ struct Push {
         const Quad here = at[t], v = velocity[t];
         float3 x = here.xyz(), u = v.xyz();
         if (hold[t] != kFree) {
+            felt.add_held(t, hold[t], x, force * dt, v.w, dt, motions);
             u = motions.velocity_at(hold[t], x, u);
             x = x + u * dt;
         } else {
@@ -181,7 +183,7 @@ struct Push {
             const float damping = materials.damping[phase[t]];
             if (damping > 0.0f) u = u * exp(-damping * dt);
             x = x + u * dt;
-            shapes.keep_out(x, u);
+            felt.keep_out(shapes, t, x, u, v.w);
         }
         velocity[t] = {u.x, u.y, u.z, v.w};
         next[t] = {x.x, x.y, x.z, here.w};

@@ -20,6 +20,12 @@ inline constexpr float kSurfaceGradient = 0.1f;  ///< of the density, per spacin
 /// Spacings from the outermost particles to the surface: with this one, facets enclose the fluid's volume (within 1 %
 /// in drops of 5 to 10 spacings), for the density solve packs particles closer at the surface than inside.
 inline constexpr float kSurfaceOffset = 0.69f;
+/// Least viscosity of a fluid with tension, in sqrt(density tension spacing).  Facets come and go as particles move, which is work that
+/// no energy knows of: with less viscosity, the outermost particles boil, drops swell and swing too slowly.
+inline constexpr float kLeastViscosity = 0.0075f;
+inline float least_viscosity(const Phase& phase, float spacing) {
+    return phase.tension > 0.0f ? kLeastViscosity * std::sqrt(phase.density * phase.tension * spacing) : 0.0f;
+}
 inline constexpr float kJitter = 1e-3f;       ///< spacings: four of a lattice lie on one ball
 
 /// Spacings from fluid to what is not: fluid that lies against a wall is nearer, and one that is not yet there is not drawn to it.

@@ -10,6 +10,7 @@
 #include "sim/pieces.hpp"
 #include "sim/pressure.hpp"
 #include "sim/bond_blocks.hpp"
+#include "sim/felt.hpp"
 #include "sim/solid.hpp"
 
 namespace globule::core {
@@ -22,7 +23,7 @@ public:
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
           vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), rest_at_(exec), rows_(exec),
-          lame_(exec), correction_(exec), frequency_(exec) {}
+          lame_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
     Interrupt* whole() noexcept override { return &exec_.interrupt(); }
@@ -69,6 +70,7 @@ public:
         n_ = before + in.n;
         n_entries_ += std::uint32_t(blocks.other.size());
         make_room();
+        if (is_solid_) find_bodies();
         follow();
     }
 
@@ -88,7 +90,7 @@ public:
         if (n_ == 0) return 0;
         if (is_solid_ && step.iterations != 1) throw Refused("iterations: expected 1 for a solid, got " + std::to_string(step.iterations));
         exec_.for_each(n_, tissue::Accelerate{acceleration_.data(), pulled_ ? pull_.data() : nullptr, step.gravity});
-        return take_substeps(step.dt, step.substeps, step.iterations);
+        return take_substeps(step.dt, step.substeps, step.iterations, step.gravity);
     }
 
     std::uint32_t tear(float dt) override {
@@ -112,14 +114,7 @@ public:
     std::uint32_t pieces() override {
         if (pieces_known_) return n_pieces_;
         std::uint32_t* label = label_.reserve(n_);
-        exec_.for_each(n_, tissue::OwnLabel{label});
-        for (std::uint32_t changed = n_ > 0; changed;) {
-            std::uint32_t* flag = count_.reserve(1);
-            exec_.clear(flag, sizeof *flag);
-            exec_.for_each(n_, tissue::Hook{bonds(), label, flag});
-            exec_.for_each(n_, tissue::Jump{label});
-            exec_.download(&changed, flag, sizeof changed);
-        }
+        find_labels(label);
         std::uint32_t* least_id = least_id_.reserve(n_);
         exec_.for_each(n_, sim::Fill{least_id, ~0u});
         n_pieces_ = count([&](std::uint32_t* n) {
@@ -131,7 +126,11 @@ public:
     }
 
     void grasp(const float3& center, float radius, int number) override {
+        if (number < 0 || number >= tissue::kMaxGrasps)
+            throw Refused("number: expected 0 to " + std::to_string(tissue::kMaxGrasps - 1) + ", got " + std::to_string(number));
         disturbed();
+        const std::uint32_t bit = 1u << number;
+        grasped_ = radius > 0.0f ? grasped_ | bit : grasped_ & ~bit;
         exec_.for_each(n_, tissue::Grasp<Quad>{at_.data(), hold_.data(), center, radius, std::uint8_t(number)});
     }
 
@@ -143,6 +142,26 @@ public:
         });
         if (n_removed) exec_.for_each(n_, tissue::DropBonds{bonds(), hold_.data()});
         return n_removed;
+    }
+
+    std::vector<double> felt() override {
+        std::vector<double> out(6 * std::size_t(tissue::kMaxGrasps + felt_shapes_), 0.0);
+        if (!feels_ || !(felt_dt_ > 0.0f)) return out;
+        for (int i = 0; i < tissue::kMaxGrasps + felt_shapes_; ++i) {
+            const bool holds = i < tissue::kMaxGrasps;
+            if (holds && !(grasped_ >> i & 1u)) continue;
+            sim::Impulse all[2], *sum = felt_sum_.reserve(1);
+            const std::size_t first = holds ? 0 : 2 * std::size_t(1 + i - tissue::kMaxGrasps) * n_;
+            exec_.reduce_in_order(n_, tissue::FeltOf{felt_.data() + first, holds ? hold_.data() : nullptr, std::uint8_t(tissue::kGrasped + i), n_},
+                                  sim::AddImpulse{}, sim::Impulse{}, sum);
+            exec_.download(&all[0], sum, sizeof *sum);
+            if (holds) exec_.download(&all[1], pressed_.data() + i, sizeof *sum);
+            for (int k = 0; k < 3; ++k) {
+                out[6 * i + k] = (all[0].p[k] + all[1].p[k]) / felt_dt_;
+                out[6 * i + 3 + k] = (all[0].l[k] + all[1].l[k]) / felt_dt_;
+            }
+        }
+        return out;
     }
 
     std::uint32_t n() override { return n_; }
@@ -209,6 +228,11 @@ public:
         if (name == "other") n_entries_ = std::uint32_t(bytes / 4);
         if (name == "hold") is_solid_ = false;
         if (name == "rest") is_solid_ = bytes > 0;
+        if (name == "hold") {
+            grasped_ = 0;
+            for (std::size_t t = 0; t < bytes; ++t)
+                if (const int g = static_cast<const std::uint8_t*>(in)[t] - tissue::kGrasped; g >= 0 && g < tissue::kMaxGrasps) grasped_ |= 1u << g;
+        }
         each_array([&](const char* its, auto& buffer, std::size_t n) {
             if (name != its) return;
             const std::size_t wanted = n * sizeof *buffer.data();
@@ -245,10 +269,28 @@ public:
         if (n[0]) exec_.for_each(n_, tissue::DropBonds{bonds(), hold_.data()});
         return n[1] > 0;
     }
-    /// No density across cuts.
+    /// No density across cuts, nor within solids; the density of the rows that is there without their lists, or null.
     template <class Packet>
-    void veto(const sim::Lists<Packet>& lists, const sim::State& state) {
-        if (n_ > 0 && n_scars_ > 0) exec_.for_each(lists.n_rows, tissue::Veto<Packet>{lists, state, members(), bonds(), slot_.data()});
+    const float* veto(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Spline& spline, float volume) {
+        if (n_ == 0) return nullptr;
+        if (n_scars_ > 0) exec_.for_each(lists.n_rows, tissue::Veto<Packet>{lists, state, members(), bonds(), slot_.data()});
+        if (!is_solid_) return nullptr;
+        float* within = within_.reserve(lists.n_rows + 64);
+        exec_.clear(within, (lists.n_rows + 64) * sizeof *within);
+        const float reach = kWithin * contact_;
+        exec_.for_each(lists.n_rows, tissue::LeaveOut<Packet>{lists, state, members(), rest_at_.data(), body_.data(), spline, volume, reach * reach, within});
+        return within;
+    }
+    /// What the pressure that led to these velocities does to what is held; after push.
+    template <class Packet>
+    void feel_pressure(const sim::Lists<Packet>& lists, const sim::State& state, const float* nearest, const sim::Period& period, float volume, float support,
+                       float dt, float flux) {
+        for (int g = 0; g < tissue::kMaxGrasps && n_ > 0 && feels_; ++g) {
+            if (!(grasped_ >> g & 1u)) continue;
+            const tissue::PressureOnHeld<Packet> pressure{lists, state, nearest, members(), hold_.data(), std::uint8_t(tissue::kGrasped + g), period, volume, support,
+                                                          dt, flux, motions_.center[g]};
+            exec_.reduce_in_order(lists.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, pressed_.data() + g);
+        }
     }
     /// What happens to tissue once a step, while its particles stand: it tears, and gets wet.
     template <class Packet>
@@ -269,10 +311,10 @@ public:
         exec_.for_each(n_, tissue::TakeVelocity{state, slot_.data(), hold_.data(), velocity_.data()});
     }
     /// After the forces: the bonds' substeps, into the state's velocities.
-    void push(const sim::State& state, float dt) {
+    void push(const sim::State& state, float dt, const float3& gravity) {
         if (n_ == 0) return;
         exec_.for_each(n_, tissue::TakeAcceleration{state, slot_.data(), velocity_.data(), 1.0f / dt, acceleration_.data()});
-        take_substeps(dt, 0, 1);
+        take_substeps(dt, 0, 1, gravity);
         exec_.for_each(n_, tissue::GiveVelocity{state, slot_.data(), at_.data(), velocity_.data(), 1.0f / dt, rest_.data()});
     }
     /// After the density solve, before particles move.
@@ -330,6 +372,7 @@ public:
     }
 
 private:
+    static constexpr float kWithin = 2.6f;             ///< spacings at rest: a solid's pairs that are closer are its stress's, not the density solve's
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
     static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
 
@@ -365,35 +408,62 @@ private:
         exec_.for_each(n_, tissue::Correct{bonds(), solid(), at_.data()});
     }
 
+    /// The least member of each particle's piece.
+    void find_labels(std::uint32_t* label) {
+        exec_.for_each(n_, tissue::OwnLabel{label});
+        for (std::uint32_t changed = n_ > 0; changed;) {
+            std::uint32_t* flag = count_.reserve(1);
+            exec_.clear(flag, sizeof *flag);
+            exec_.for_each(n_, tissue::Hook{bonds(), label, flag});
+            exec_.for_each(n_, tissue::Jump{label});
+            exec_.download(&changed, flag, sizeof changed);
+        }
+    }
+    void find_bodies() { find_labels(body_.reserve(n_)); }
+
+    /// Nothing is felt yet; where the substeps of a step add it up.
+    tissue::Felt begin_felt(float dt, const float3& gravity) {
+        felt_dt_ = dt;
+        felt_shapes_ = shapes_.n;
+        feels_ = grasped_ != 0 || shapes_.n > 0;
+        if (!feels_) return {};
+        const std::size_t size = 2 * std::size_t(1 + shapes_.n) * n_;
+        exec_.clear(felt_.reserve(size), size * sizeof(float3));
+        exec_.clear(pressed_.reserve(tissue::kMaxGrasps), tissue::kMaxGrasps * sizeof(sim::Impulse));
+        return {felt_.data(), n_, gravity};
+    }
+
     /// Symplectic: exact at rest, and energy neither grows nor decays.
-    int take_solid_substeps(float whole_dt, int asked) {
+    int take_solid_substeps(float whole_dt, int asked, const float3& gravity) {
         moved();
         const int n_substeps = asked > 0 ? asked : substeps(whole_dt);
         const float dt = whole_dt / float(n_substeps);
         correct();
+        const tissue::Felt felt = begin_felt(whole_dt, gravity);
         Quad *at = at_.data(), *next = next_.data();
         for (int s = 0; s < n_substeps; ++s) {
             shapes_.move(dt);
             exec_.for_each_packet(n_, tissue::Strain{bonds(), solid(), at});
             exec_.for_each_packet(n_, tissue::Push{bonds(), solid(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
-                                                   materials_, motions_, shapes_, dt});
+                                                   materials_, motions_, shapes_, felt, dt});
             std::swap(at, next);
         }
         if (at != at_.data()) at_.swap(next_);
         return n_substeps;
     }
 
-    int take_substeps(float whole_dt, int asked, int iterations) {
-        if (is_solid_) return take_solid_substeps(whole_dt, asked);
+    int take_substeps(float whole_dt, int asked, int iterations, const float3& gravity) {
+        if (is_solid_) return take_solid_substeps(whole_dt, asked, gravity);
         moved();
         const int n_substeps = asked > 0 ? asked : substeps(whole_dt);
         const float dt = whole_dt / float(n_substeps);
         exec_.for_each(n_, tissue::Predict{at_.data(), velocity_.data(), acceleration_.data(), hold_.data(), motions_, dt});
+        const tissue::Felt felt = begin_felt(whole_dt, gravity);
         float* lambda = iterations > 1 ? lambda_.reserve(n_entries_) : nullptr;
         Quad *at = at_.data(), *next = next_.data();
         const auto relax = [&]<bool single>(std::bool_constant<single>, int s, int k) {
             exec_.for_each_packet(n_, tissue::Relax<single>{bonds(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
-                                                         lambda, materials_, motions_, shapes_, dt, contact_, k == 0, k + 1 == iterations,
+                                                         lambda, materials_, motions_, shapes_, felt, dt, contact_, k == 0, k + 1 == iterations,
                                                          s + 1 < n_substeps});
             std::swap(at, next);
         };
@@ -460,6 +530,7 @@ private:
         fn("rest", rest_at_, is_solid_ ? n_ : 0);
         fn("lame", lame_, is_solid_ ? 2 * stride() : 0);
         fn("frequency", frequency_, is_solid_ ? 1 : 0);
+        fn("body", body_, is_solid_ ? n_ : 0);
         fn("at", at_, n_);
         fn("velocity", velocity_, n_);
         fn("phase", phase_, n_);
@@ -490,7 +561,7 @@ private:
             if (ids[t] != tissue::kNobody) of_id[ids[t]] = t;
         put(of_id_, of_id.data(), of_id.size());
         exec_.synchronize();
-        pieces_known_ = pulled_ = corrected_ = false;
+        pieces_known_ = pulled_ = corrected_ = feels_ = false;
         if (!is_solid_) {
             fastest_ = fastest_bond();
             return;
@@ -575,6 +646,14 @@ private:
     bool is_solid_ = false, corrected_ = false;  ///< not bonds alone; no bond went since the corrections
     Buffer<Quad, Exec> rest_at_, rows_;
     Buffer<float, Exec> lame_, correction_, frequency_;
+    Buffer<std::uint32_t, Exec> body_;           ///< a solid's bodies, as they were made: the least member
+    Buffer<float, Exec> within_;
+    std::uint32_t grasped_ = 0;                  ///< bits of the grasps that hold
+    bool feels_ = false;
+    int felt_shapes_ = 0;
+    float felt_dt_ = 0.0f;                       ///< of the last step
+    Buffer<float3, Exec> felt_;
+    Buffer<sim::Impulse, Exec> felt_sum_, pressed_;
 };
 
 /// Tissue alone, with its own means.

@@ -13,7 +13,7 @@ import numpy as np
 from .._base.device import choose
 from .._base.files import atomic_write
 from ..sim.simulation import Simulation
-from . import physics_flows, physics_fluid, physics_solid, physics_tissue
+from . import physics_bodies, physics_flows, physics_fluid, physics_solid, physics_tissue
 from .report import machine, write_csv
 from .table import shown
 
@@ -21,8 +21,8 @@ PAGE = """\
 # Physics, checked
 
 Made by `globule bench physics -o docs`: {n} truths, {n_met} met; {machine}.
-The experiments are `globule.bench.physics_fluid`, `physics_flows`, `physics_tissue` and
-`physics_solid`; the tests run the small ones.
+The experiments are `globule.bench.physics_fluid`, `physics_flows`, `physics_bodies`,
+`physics_tissue` and `physics_solid`; the tests run the small ones.
 A truth with a limit instead of a value (compression, drift) lists the limit as expected.
 
 {table}
@@ -72,6 +72,7 @@ def experiments(quick: bool) -> Iterator[Callable[[str, int], Any]]:
     yield from physics_fluid.EXPERIMENTS
     yield partial(physics_fluid.poiseuille, implicit=True)
     yield from physics_flows.EXPERIMENTS
+    yield from physics_bodies.EXPERIMENTS
     yield partial(physics_tissue.run, quick=quick)
     yield partial(physics_solid.run, quick=quick)
 

@@ -15,6 +15,7 @@ from .solids import POISSON, check_model, elasticity
 
 FREE, FIXED, GONE, GRASPED = 0, 1, 2, 3
 BALL, CAPSULE, HALF_SPACE = 0, 1, 2
+MOST_GRASPS = 8
 
 
 class Tissue:
@@ -115,6 +116,19 @@ class Tissue:
     def grasp(self, center: Any, radius: float, number: int = 0) -> None:
         """Hold the free particles within a ball (m), and release the old grasp `number`."""
         self._core.grasp([float(v) for v in center], radius, number)
+
+    def grasp_force(self, number: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """What a grasp feels, as `Tools.grasp_force`: force (3,) N, torque (3,) N m about its
+        center."""
+        return self._felt(number)
+
+    def shape_force(self, number: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """What a shape of `instruments` feels: force (3,) N, torque (3,) N m about its point a."""
+        return self._felt(MOST_GRASPS + number)
+
+    def _felt(self, which: int) -> tuple[np.ndarray, np.ndarray]:
+        own = np.asarray(self._core.felt()).reshape(-1, 6)[which]
+        return own[:3], own[3:]
 
     def remove(self, center: Any, radius: float) -> int:
         """Remove the particles within a ball (m); returns their number."""

@@ -15,12 +15,12 @@ from .blade import Knife, check_rigid, scalpel
 from .instruments import Instrument
 from .schema import switch
 from .steered import Named, Steered, checks_of
-from .tissue import BALL, HALF_SPACE
+from .tissue import BALL, HALF_SPACE, MOST_GRASPS
 
 if TYPE_CHECKING:
     from .simulation import Simulation
 
-MOST_GRASPS = MOST_PUSHERS = 8
+MOST_PUSHERS = 8
 _AT_REST = ((0.0,) * 3,) * 3
 
 BELLY = 0.3  # of a scalpel's length: how far its edge stands below the tip
@@ -46,6 +46,7 @@ class Tool(Steered):
         self._wanted: np.ndarray | None = None
         self._on: bool | None = None
         self._holds = False
+        self._tools: Tools | None = None
         self.knife: Knife | None = None
         if table.kind == "scalpel":
             if table.edge:
@@ -113,6 +114,23 @@ class Tool(Steered):
         self._wanted = wanted
 
     @property
+    def force(self) -> np.ndarray:
+        """What a grasper feels of the tissue, (3,) N in world axes, as of `Tools.grasp_force`: the
+        mean of the last step. 0 for other instruments: a blade cuts without resistance."""
+        return self._felt()[0]
+
+    @property
+    def torque(self) -> np.ndarray:
+        """The torque of `force` about the instrument's tip at the beginning of the last step, (3,)
+        N m."""
+        return self._felt()[1]
+
+    def _felt(self) -> tuple[np.ndarray, np.ndarray]:
+        if self.kind != "grasper" or self._tools is None or not self._holds:
+            return np.zeros(3), np.zeros(3)
+        return self._tools.grasp_force(self._number)
+
+    @property
     def on(self) -> bool | None:
         """Whether the instrument works; None: the key frames decide."""
         return self._on
@@ -130,6 +148,7 @@ class Tool(Steered):
     def prepare(self, sim: Simulation, dt: float) -> None:
         """Before a step of dt seconds: decide the motion of the instrument and the held tissue."""
         time = sim.time
+        self._tools = sim.tools
         self._next = self._motion.pose(time + dt) if self._wanted is None else self._wanted
         if self.kind != "grasper":
             return
@@ -225,6 +244,35 @@ class Tools(Named):
             self._send()
 
     @whole
+    def grasp_force(self, number: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """What a grasp feels: force (3,) N and torque (3,) N m about its center, world axes, as the
+        mean of the last step.
+
+        The sum of all substeps: what the bonds do to the held tissue, its weight, and the pressure
+        of fluid and free tissue. The held tissue's inertia is not in it. 0 while nothing is held.
+
+        Raises:
+            ValueError: another number than 0 to 7.
+        """
+        return _force(self._sim._core.tissue().felt(), _grasp_number(number))
+
+    @whole
+    def pusher_force(self, number: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """What a pusher of `set_pushers` feels of the tissue that meets it: force (3,) N and torque
+        (3,) N m about its point `a`, world axes, as the mean of the last step. No friction.
+
+        Raises:
+            ValueError: a pusher that there is not.
+        """
+        if not 0 <= number < len(self._pushers):
+            raise ValueError(
+                f"number: expected a pusher from 0 to {len(self._pushers) - 1}, got {number}"
+                if self._pushers
+                else f"number: expected pushers first, got {number}"
+            )
+        return _force(self._sim._core.tissue().felt(), MOST_GRASPS + number)
+
+    @whole
     def set_pushers(self, shapes: Any) -> None:
         """Replace the solid shapes that tissue cannot enter.
 
@@ -267,6 +315,13 @@ class Tools(Named):
             raise ValueError(f"motions: expected three vectors of {MOST_GRASPS} grasps, got others")
         self._motions = motions
         self.set_pushers(by_hand["pushers"])
+
+
+def _force(felt: list[float], which: int) -> tuple[np.ndarray, np.ndarray]:
+    """Force and torque of one instrument among those of all; 0 before the first step with it."""
+    all_of_them = np.asarray(felt).reshape(-1, 6)
+    own = all_of_them[which] if which < len(all_of_them) else np.zeros(6)
+    return own[:3].copy(), own[3:].copy()
 
 
 def _shifted(point: list[float], velocity: list[float], dt: float) -> list[float]:

@@ -1,0 +1,206 @@
+"""Fluids that meet bodies, each with a known answer: floating, falling, and a box that is hit.
+
+As in `physics_fluid`, each experiment takes a device and a number of threads, and returns rows
+(truth, expected, measured, ok).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..sim.sampling import BEHIND
+from ..sim.settings import Phase
+from .physics_fluid import GRAVITY, Row, at_most, ball, lattice, near, tank
+
+# Kleefsman et al. 2005, the experiment of SPHERIC's test 2: time in s, depths in m at the gauges
+# H2 and H4, 0.992 and 2.638 m from the wall; and when the water reaches the box, 0.8245 m from it.
+KLEEFSMAN = np.array(
+    [
+        (0.41, 0.053, 0.456),
+        (0.45, 0.077, 0.443),
+        (0.80, 0.147, 0.332),
+        (0.87, 0.161, 0.312),
+        (1.20, 0.195, 0.233),
+        (1.26, 0.204, 0.222),
+    ]
+)
+KLEEFSMAN_ARRIVAL, KLEEFSMAN_DEPTH = 0.408, 0.55
+
+
+def heave(length: float, depth: float, wide: float, draft: float, cells: int = 10) -> float:
+    """Frequency, rad/s, at which a floating box heaves amid a tank: linear potential flow.
+
+    Half of the tank on a grid of `cells` to the draft. The potential at the surface and the box's
+    speed determine the flow (Laplace's equation by finite differences); the pressure on the box's
+    bottom and the surface's rise then make an eigenvalue problem, whose mode that moves the box
+    most is taken. All lengths in m; the box has the density of the water that it displaces.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.linalg import splu
+
+    s = draft / cells
+    nx, ny, nb = round(length / 2 / s), round(depth / s), round(wide / 2 / s)
+    number = np.full((nx, ny), -1)
+    fluid = np.ones((nx, ny), bool)
+    fluid[:nb, ny - cells :] = False
+    n = int(fluid.sum())
+    number[fluid] = np.arange(n)
+    ends = []
+    for a, b in ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:])):
+        both = (a >= 0) & (b >= 0)
+        ends.append(np.stack([a[both], b[both]]))
+    first, other = np.concatenate(ends, 1)
+    diagonal = np.bincount(np.concatenate([first, other]), minlength=n).astype(float)
+    top, bottom = number[nb:, -1], number[:nb, ny - cells - 1]
+    diagonal[top] += 2  # half a cell below the surface
+    values = np.concatenate([-np.ones(2 * len(first)), diagonal])
+    rows = np.concatenate([first, other, np.arange(n)])
+    columns = np.concatenate([other, first, np.arange(n)])
+    laplace = splu(coo_matrix((values, (rows, columns))).tocsc())
+    # Unknowns: potentials of the surface's cells, then the box's speed.
+    m = len(top)
+    given = np.zeros((n, m + 1))
+    given[top, np.arange(m)] = 2.0
+    given[bottom, m] = s
+    potential = laplace.solve(given)
+    rise = (np.eye(m) - potential[top, :m]) * 2 / s
+    by_box = -potential[top, m] * 2 / s
+    under = potential[bottom].sum(0) * s
+    added = under[m] + s / 2 * nb * s
+    mass, stiff = np.eye(m + 1), np.zeros((m + 1, m + 1))
+    mass[:m, m], mass[m, m] = -by_box, wide / 2 * draft + added
+    stiff[:m, :m], stiff[m, :m] = GRAVITY * rise, -GRAVITY * under[:m]
+    stiff[m, m] = GRAVITY * wide / 2
+    squares, modes = np.linalg.eig(np.linalg.solve(mass, stiff))
+    start = np.zeros(m + 1)
+    start[m] = 1.0
+    share = np.where(squares.real > 1e-6, np.abs(modes[m] * np.linalg.solve(modes, start)), 0.0)
+    return float(np.sqrt(squares.real[share.argmax()]))
+
+
+def floating_box(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[Row]:
+    """A box half as dense as water floats half under water, and heaves as linear theory says.
+
+    Fluid comes a quarter of a spacing nearer to a body than to a lattice's wall: the draft may be
+    0.3 spacings too large.
+    """
+    length, depth, wide, high = 1.0, 0.5, 0.4, 0.4
+    d, draft, lift = wide / cells, high / 2, 0.04
+    water = {"name": "water", "viscosity": 0.0}
+    sim = tank(d, (length, 1.0, 8 * d), water, device, threads, "z", True)
+    sim.add_phase(Phase("box", "rigid"))
+    at = lattice((0, 0, 0), (length, depth, 8 * d), d)
+    left, bottom = (length - wide) / 2, depth - draft + lift
+    aside = np.abs(at[:, 0] - length / 2) > wide / 2
+    ids = sim.add(at[aside | (at[:, 1] < bottom)], "water")
+    box = lattice((left, bottom, 0), (left + wide, bottom + high, 8 * d), d)
+    sim.add(box, "box")
+    sim.steer.make_rigid("box", 500.0)
+    times, heights, drafts = [], [], []
+    omega = heave(length, depth, wide, draft)
+    while sim.time < 3.0 * 2 * np.pi / omega:
+        sim.step()
+        p, center = sim.positions[ids], sim.steer.body("box")["center"][1]
+        strip = np.abs(p[:, 0] - length / 2) > wide / 2 + d
+        level = strip.sum() * d**3 / ((length - wide - 2 * d) * 8 * d)
+        times.append(sim.time)
+        heights.append(center)
+        drafts.append(level - center + high / 2)
+    from .physics_flows import swing_of
+
+    t, y = np.array(times), np.array(heights)
+    measured, _ = swing_of(t, y - y.mean(), omega)
+    whole = t > t[-1] - 2 * 2 * np.pi / omega
+    return [
+        near(
+            "floating box: draft, m",
+            draft,
+            float(np.mean(np.array(drafts)[whole])),
+            0.3 * d / draft,
+        ),
+        near("floating box: frequency of heave, rad/s", omega, measured, 0.08),
+    ]
+
+
+def falling_sphere(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[Row]:
+    """A sphere twice as dense as the water around it begins to fall at g / (2 + C).
+
+    C, its added mass over that of the displaced water, is 1/2 without bounds (Lamb 1932, section
+    92); in a vessel whose walls are b from the center about (b³ + 2 a³) / (2 (b³ - a³)), a: radius.
+    """
+    diameter, size = 0.2, 0.7
+    d, a = diameter / cells, diameter / 2
+    water = {"name": "water", "viscosity": 0.0}
+    sim = tank(d, (size, size + 4 * d, size), water, device, threads, "", True)
+    sim.add_phase(Phase("stone", "rigid"))
+    center = np.full(3, size / 2)
+    at = lattice((0, 0, 0), (size, size, size), d)
+    sim.add(at[np.linalg.norm(at - center, axis=1) > a], "water")
+    stone = ball(a, d) + center
+    sim.add(stone, "stone")
+    sim.steer.make_rigid("stone", 2000.0)
+    times, speeds = [], []
+    while sim.time < 0.12:
+        sim.step(0.002)
+        times.append(sim.time)
+        speeds.append(-sim.steer.body("stone")["velocity"][1])
+    begun = np.array(times) > 0.02
+    measured = np.polyfit(np.array(times)[begun], np.array(speeds)[begun], 1)[0]
+    b = size / 2
+    added = (b**3 + 2 * a**3) / (2 * (b**3 - a**3))
+    return [near("falling sphere: acceleration, m/s²", GRAVITY / (2 + added), float(measured), 0.1)]
+
+
+def kleefsman(device: str = "cpu", threads: int = 0, spacing: float = 0.04025) -> list[Row]:
+    """SPHERIC's test 2: a column of water falls and hits a box (Kleefsman et al. 2005)."""
+    d = spacing
+    size, back = (3.22, 1.0, 1.0), 3.22
+    sim = tank(d, size, {"name": "water", "viscosity": 0.0}, device, threads)
+    sim.add_phase(Phase("box", "boundary"))
+    sim.add(shell((0.6635, 0.0, 0.2955), (0.8245, 0.161, 0.6985), d), "box")
+    at = lattice((1.992, 0, 0), (back, KLEEFSMAN_DEPTH, 1.0), d)
+    ids = sim.add(at - (at[:, 0].max() + d / 2 - back, 0, 0), "water")
+    times, depths, arrival = [], [], 0.0
+    while sim.time < KLEEFSMAN[-1, 0] + 0.02:
+        report = sim.step()
+        p = sim.positions[ids]
+        times.append(sim.time)
+        depths.append([depth_at(p, x, d) for x in (0.992, 2.638)])
+        if not arrival and p[:, 0].min() < 0.8245 + 0.6 * d:
+            arrival = sim.time
+    t, found = np.array(times), np.array(depths)
+    rows = []
+    for k, name in enumerate(("H2", "H4")):
+        means = [found[np.abs(t - when) < 0.02, k].mean() for when in KLEEFSMAN[:, 0]]
+        worst = np.abs(np.array(means) - KLEEFSMAN[:, 1 + k]).max() / KLEEFSMAN_DEPTH
+        rows.append(
+            at_most(f"Kleefsman: depth at {name}, largest error over 0.55 m", 0.05, float(worst))
+        )
+    return [
+        near("Kleefsman: water reaches the box, s", KLEEFSMAN_ARRIVAL, arrival, 0.05),
+        *rows,
+        at_most("Kleefsman: particles lost", 0, report.n_escaped),
+    ]
+
+
+def depth_at(p: np.ndarray, x: float, d: float) -> float:
+    """Depth of water (M, 3) m around a gauge amid the tank, by its volume, m."""
+    near_it = (np.abs(p[:, 0] - x) < 0.06) & (np.abs(p[:, 2] - 0.5) < 0.2)
+    return float(near_it.sum() * d**3 / (0.12 * 0.4))
+
+
+def shell(lo: tuple, hi: tuple, d: float) -> np.ndarray:
+    """The sides and the top of a box on the floor as a boundary, (M, 3) m."""
+    b = BEHIND * d
+    inner_lo = np.array(lo) + (b, d / 2, b)
+    inner_hi = np.array(hi) - b
+    axes = [
+        np.linspace(one, two, max(2, round((two - one) / d) + 1))
+        for one, two in zip(inner_lo, inner_hi, strict=True)
+    ]
+    at = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    outside = np.isclose(at[:, [0, 2]], inner_lo[[0, 2]]) | np.isclose(at, inner_hi)[:, [0, 2]]
+    return at[outside.any(1) | np.isclose(at[:, 1], inner_hi[1])]
+
+
+EXPERIMENTS = (floating_box, falling_sphere, kleefsman)
