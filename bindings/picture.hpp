@@ -97,10 +97,11 @@ bool asked(const Fn& fn) {
         return false;
     }
 }
+/// The core's own memory as an array, for as long as the call takes.
 template <class T>
-nb::ndarray<nb::numpy, T> borrowed(T* data, std::size_t rows, std::size_t columns = 0) {
+nb::object borrowed(T* data, std::size_t rows, std::size_t columns = 0) {
     const std::size_t shape[] = {rows, columns};
-    return {data, std::size_t(columns ? 2 : 1), shape, nb::handle()};
+    return nb::cast(nb::ndarray<nb::numpy, T>(data, std::size_t(columns ? 2 : 1), shape, nb::handle()), nb::rv_policy::reference);
 }
 
 inline Remote remote(const nb::object& who) {
