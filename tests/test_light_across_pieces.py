@@ -137,7 +137,7 @@ def test_layers_and_meshes(backend):
     same(gb.render(layers(one), CAMERA, SIZE, {"shadows": True}), on(3, work, backend))
 
 
-@pytest.mark.parametrize("n", [1, 3, 8])
+@pytest.mark.parametrize("n", [1, 3, pytest.param(8, marks=pytest.mark.slow)])
 def test_pieces_one_after_the_other(n, backend):
     pieces = gb.Pieces(PARTICLES, n, support=2.0, **backend)
     try:
@@ -157,6 +157,8 @@ def test_frame_after_frame(backend):
         scene = gb.Scene(mine(PARTICLES, ranks), support=2.0, comm=ranks, ranks="pieces", **device)
         images = [gb.render(scene, CAMERA, SIZE, ALL)]
         scene.update(positions=1.1 * mine(PARTICLES, ranks).positions)
+        with pytest.raises(ValueError, match=r"^refine: expected the scene as it was rendered"):
+            images[0].refine()
         return [*images, gb.render(scene, CAMERA, SIZE, ALL)]
 
     scene = gb.Scene(PARTICLES, support=2.0, **backend)

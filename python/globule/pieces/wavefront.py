@@ -63,12 +63,21 @@ class Wavefront:
         self._waiting: dict[tuple[int, int], list[np.ndarray]] = {}  # by layer and piece, here
         self._out: dict[int, list[np.ndarray]] = {}  # by rank
         self._pending, self._told = 0, False
+        self._builds: list[int] | None = None  # of this rank's scenes when the image was made
         self._found: np.ndarray = np.empty((0, WIDTH), np.float32)
 
     def run(self, make: Callable[[], Any]) -> Any:
         """What `make` makes of this rank's pixels; meanwhile, and until all ranks are done, this
         rank traces others' rays. An error of one rank is raised on all."""
         self._waiting, self._out, self._told = {}, {}, False
+        scenes = [list(spread.pieces._scenes.values()) for spread in self.layers.values()]
+        builds = [scene.builds for part in scenes for scene in part]
+        if self._builds not in (None, builds):
+            raise ValueError(
+                "refine: expected the scene as it was rendered, but it was updated since: "
+                "render it again"
+            )
+        self._builds = builds
         try:
             made = make()
             while self.ranks.size > 1 and not self._turn(True):
