@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -172,10 +173,13 @@ class Wavefront:
         while self._waiting:
             for layer in sorted({layer for layer, _ in self._waiting}):
                 pieces = self.layers[layer].pieces
-                for piece, scene in pieces.visit(lambda k, of=layer: (of, k) in self._waiting):
+                for piece, scene in pieces.visit(partial(self._waits, layer)):
                     rows = self._waiting.pop((layer, piece), None)
                     if rows is not None:
                         self._trace(layer, scene, joined(rows))
+
+    def _waits(self, layer: int, piece: int) -> bool:
+        return (layer, piece) in self._waiting
 
     def _trace(self, layer: int, scene: Scene, rows: np.ndarray) -> None:
         spread = self.layers[layer]
