@@ -46,6 +46,12 @@ FieldRequest field_of(int kernel, float threshold = 0.0f, const ThesisRequest* t
     return {KernelName(kernel), threshold, thesis ? std::optional(*thesis) : std::nullopt};
 }
 
+std::vector<Clip> copies(const std::vector<Clip*>& clips) {
+    std::vector<Clip> out;
+    for (const Clip* clip : clips) out.push_back(*clip);
+    return out;
+}
+
 /// Address, shape, bytes an item and type code of any DLPack array, and the object that keeps it alive.
 nb::tuple dlpack_view(nb::ndarray<nb::ro> a) {
     nb::list shape, strides;
@@ -227,6 +233,22 @@ NB_MODULE(_core, m) {
             });
         }, nb::arg("kernel"), nb::arg("threshold"), nb::arg("thesis").none(), nb::arg("n"), nb::arg("origins"), nb::arg("directions"), nb::arg("t"),
            nb::arg("normal"), nb::arg("albedo"))
+        .def("march_parts", [](PyScene& s, int kernel, float threshold, const std::vector<Clip*>& clips, std::size_t n, Address ray, Address from, Address to,
+                               Address side, Address t, Address cap, Address looks) {
+            work([&] {
+                s.core.call<&Scene::march_parts>(field_of(kernel, threshold), copies(clips), RayParts{n, at<float>(ray), at<float>(from), at<float>(to), at<std::int8_t>(side)},
+                                                 at<float>(t), at<std::int32_t>(cap), at<float>(looks));
+            });
+        })
+        .def("occlude_parts", [](PyScene& s, int kernel, float threshold, const std::vector<Clip*>& clips, const Material& material, std::size_t n, Address ray,
+                                 Address from, Address to, Address side, Address distance, Address left, Address on, Address crossings, Address test) {
+            work([&] {
+                s.core.call<&Scene::occlude_parts>(field_of(kernel, threshold), copies(clips), material,
+                                                   RayParts{n, at<float>(ray), at<float>(from), at<float>(to), at<std::int8_t>(side)},
+                                                   ShadowParts{at<float>(distance), at<float>(left), at<float>(on), at<std::int32_t>(crossings),
+                                                               at<std::int8_t>(test)});
+            });
+        })
         .def("evaluate", [](PyScene& s, int kernel, std::size_t n, Array points, Address value, Address gradient) {
             work([&] {
                 Arrays all(s.core.device());

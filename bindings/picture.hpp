@@ -81,16 +81,54 @@ inline CameraRays view(const std::vector<float>& v, int width, int height, bool 
     return {part(0), part(1), part(2), part(3), width, height, orthographic};
 }
 
-/// What Python passes for one scene of a picture: the scene, its kernel and threshold, material, cuts.
-using Layer = std::tuple<PyScene*, int, float, Material*, std::vector<Clip*>>;
+/// What Python passes for one scene of a picture: the scene, its kernel and threshold, material, cuts, and who answers for it where
+/// its particles lie elsewhere (None: itself).
+using Layer = std::tuple<PyScene*, int, float, Material*, std::vector<Clip*>, nb::object>;
+
+/// A call of Python within the core's work; false: Python's error is set, and `raise` finds it.
+template <class Fn>
+bool asked(const Fn& fn) {
+    nb::gil_scoped_acquire gil;
+    try {
+        fn();
+        return true;
+    } catch (nb::python_error& e) {
+        e.restore();
+        return false;
+    }
+}
+/// The core's own memory as an array, for as long as the call takes.
+template <class T>
+nb::object borrowed(T* data, std::size_t rows, std::size_t columns = 0) {
+    const std::size_t shape[] = {rows, columns};
+    return nb::cast(nb::ndarray<nb::numpy, T>(data, std::size_t(columns ? 2 : 1), shape, nb::handle()), nb::rv_policy::reference);
+}
+
+inline Remote remote(const nb::object& who) {
+    if (who.is_none()) return {};
+    return {who.ptr(),
+            [](void* who, const RemoteRays& in, const RemoteHits& out) {
+                return asked([&] {
+                    nb::handle(static_cast<PyObject*>(who))
+                        .attr("march")(borrowed(in.ray, in.n, 6), borrowed(out.side, in.n), borrowed(out.t, in.n), borrowed(out.cap, in.n),
+                                       borrowed(out.looks, in.n, 8));
+                });
+            },
+            [](void* who, const RemoteRays& in, float* left) {
+                return asked([&] {
+                    nb::handle(static_cast<PyObject*>(who))
+                        .attr("occlude")(borrowed(in.ray, in.n, 6), borrowed(in.distance, in.n), borrowed(in.side, in.n), borrowed(left, in.n));
+                });
+            }};
+}
 
 inline PictureRequest picture(const std::vector<Layer>& layers, const CameraRays& view, const Look& look, const ThesisRequest* thesis, int passes) {
     PictureRequest request{{}, view, look.lighting, look.sky_image, look.sky_id, passes};
-    for (const auto& [scene, kernel, threshold, of_layer, clips] : layers) {
+    for (const auto& [scene, kernel, threshold, of_layer, clips, answers] : layers) {
         Material& material = request.lighting.materials[request.layers.size()] = *of_layer;
         if (material.specular < 0.0f) material.specular = look.specular;
         if (material.shininess < 0.0f) material.shininess = look.shininess;
-        LayerRequest layer{scene->core.object().get(), {KernelName(kernel), threshold, thesis ? std::optional(*thesis) : std::nullopt}, {}};
+        LayerRequest layer{scene->core.object().get(), {KernelName(kernel), threshold, thesis ? std::optional(*thesis) : std::nullopt}, {}, remote(answers)};
         for (const Clip* clip : clips) layer.clips.push_back(*clip);
         request.layers.push_back(std::move(layer));
     }

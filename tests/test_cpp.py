@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import globule as gb
+import launcher
 import numpy as np
 import pytest
 from globule._base.device import choose
@@ -319,14 +320,12 @@ def test_insitu_mpi(built, tmp_path):
     """A simulation on ranks draws the same bits on any number of them; and what one scene shows."""
     if "insitu_mpi" not in targets(built):
         pytest.skip("no MPI was found")
-    mpiexec = shutil.which("mpiexec", path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
-    if mpiexec is None:
-        pytest.skip("no mpiexec")
+    start = launcher.mpiexec()
     build(built, "insitu_mpi")
     images = []
     for n in (1, 3, 4):
-        done = run(mpiexec, "-n", n, built / "examples" / "insitu_mpi", 40, 0.05, 20, "cpu",
-                   cwd=tmp_path)  # fmt: skip
+        done = run(start, "-n", n, built / "examples" / "insitu_mpi", 40, 0.05, 20, "cpu",
+                   cwd=tmp_path, env=launcher.ENV)  # fmt: skip
         assert done.returncode == 0, done.stderr
         assert f"2560 particles on {n} ranks, 40 steps" in done.stdout
         images.append(ppm(tmp_path / "insitu_mpi.ppm"))
@@ -334,7 +333,8 @@ def test_insitu_mpi(built, tmp_path):
     assert images[0].std() > 5
     for image in images[1:]:
         assert np.array_equal(images[0], image)
-    done = run(mpiexec, "-n", 3, built / "examples" / "insitu_mpi", 2, 0.05, 1, "gpu", cwd=tmp_path)
+    done = run(start, "-n", 3, built / "examples" / "insitu_mpi", 2, 0.05, 1, "gpu",
+               cwd=tmp_path, env=launcher.ENV)  # fmt: skip
     assert done.returncode != 0
     assert done.stderr.count("device: expected auto, cpu") == 1
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import tracemalloc
 
 import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import refused, run_json
+from globule._base.ranks import Alone
 from globule.cli import main
 from globule.pieces.partition import Partition, histogram, space_around
+from globule.pieces.store import source_of
 from scenes import KERNELS
 
 SIZE = (96, 72)
@@ -158,18 +161,6 @@ def test_where_rays_leave_a_piece():
             assert partition.owner(o[i : i + 1] + (leave[i] + 1e-9) * d[i : i + 1]) != owner[i]
 
 
-@pytest.mark.parametrize(
-    ("settings", "word"),
-    [({"shadows": True}, "shadows"), ({"ambient_rays": 4}, "ambient_rays"),
-     ({"sky": gb.Sky()}, "sky"), ({"ground": gb.Ground(0)}, "ground"),
-     ({"material": gb.Material(reflection=0.5)}, "material")],
-)  # fmt: skip
-def test_light_that_turns_is_refused(settings, word):
-    pieces = gb.Pieces(POSITIONS, 2, support=2.0)
-    with pytest.raises(ValueError, match=rf"^{word}: expected .* pieces"):
-        gb.render(pieces, CAMERA, SIZE, settings)
-
-
 def test_mistakes():
     with pytest.raises(ValueError, match=r"^n: "):
         gb.Pieces(POSITIONS, 0)
@@ -177,9 +168,26 @@ def test_mistakes():
         gb.Pieces(POSITIONS, 2, surface="smooth", support=1.0)
     with pytest.raises(MemoryError, match=r"^memory: expected more than"):
         gb.Pieces(POSITIONS, memory=1e6)
-    glossy = gb.Pieces(gb.Particles(POSITIONS, reflection=0.5), 2, support=2.0)
-    with pytest.raises(ValueError, match="reflection"):
-        gb.render(glossy, CAMERA, SIZE)
+
+
+def test_a_rank_takes_little_more_than_its_share(monkeypatch):
+    """What Python holds while particles go to their ranks, in the share's own bytes."""
+    from globule.pieces import scene
+
+    monkeypatch.setattr(scene, "CHUNK", 1 << 12)
+    points = RNG.random((200_000, 3), np.float32)
+    tracemalloc.start()
+    try:
+        pieces = gb.Pieces(points, comm=Alone(), support=0.02, device="cpu", threads=1)
+        tracemalloc.reset_peak()
+        before = tracemalloc.get_traced_memory()[0]
+        pieces._to_ranks(source_of(points))
+        peak = tracemalloc.get_traced_memory()[1] - before
+    finally:
+        tracemalloc.stop()
+    held = sum(len(s) for _, s in pieces.visit())
+    assert held == len(points)
+    assert peak < 1.6 * points.nbytes
 
 
 def test_files_are_removed():

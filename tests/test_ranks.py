@@ -3,29 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import subprocess
-import sys
 
 import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import cube
+from launcher import mpirun
 
-MPIEXEC = shutil.which("mpiexec", path=f"{os.path.dirname(sys.executable)}:{os.environ['PATH']}")
 SIZE = (96, 72)
-
-
-def mpirun(n: int, *words: str, **options) -> subprocess.CompletedProcess:
-    pytest.importorskip("mpi4py")
-    if MPIEXEC is None:
-        pytest.skip("no mpiexec")
-    env = {**os.environ, "OMP_NUM_THREADS": "1"}
-    return subprocess.run(
-        [MPIEXEC, "-n", str(n), sys.executable, *words],
-        capture_output=True, text=True, timeout=110, env=env, **options,
-    )  # fmt: skip
 
 
 PROGRAM = """

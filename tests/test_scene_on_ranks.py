@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from globule._base.ranks import run_threads
 from globule.pieces import on_ranks
+from launcher import mpirun
 from scenes import KERNELS
-from test_ranks import mpirun
 
 SIZE = (96, 72)
 RNG = np.random.default_rng(5)
@@ -101,13 +101,10 @@ def test_replication_can_be_forced_and_refused(backend, monkeypatch):
                          **device)  # fmt: skip
         frame = gb.render(scene, CAMERA, SIZE)
         assert scene.whole() is scene.used(True)
-        pieces = gb.Scene(mine(particles, ranks), support=2.0, comm=ranks, ranks="pieces", **device)
-        with pytest.raises(ValueError, match=r"^shadows: expected none with a scene in pieces"):
-            gb.render(pieces, CAMERA, SIZE, {"shadows": True})
         auto = gb.Scene(mine(particles, ranks), support=2.0, comm=ranks, **device)
         monkeypatch.setattr(on_ranks.SceneOnRanks, "_room", lambda self: 1e3)
         with pytest.raises(MemoryError, match=r"^scene: expected memory for all .*, got 1e-06 GB"):
-            gb.render(auto, CAMERA, SIZE, {"shadows": True})
+            gb.render(auto, CAMERA, SIZE, annotate=gb.Annotation())
         return frame
 
     same(gb.render(gb.Scene(particles, support=2.0, **backend), CAMERA, SIZE),

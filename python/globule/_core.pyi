@@ -309,7 +309,7 @@ class Scene:
     def surface_kernels(self, arg0: int, arg1: int, /) -> None: ...
     def render(
         self,
-        layers: Sequence[tuple[Scene, int, float, Material, Sequence[Clip]]],
+        layers: Sequence[tuple[Scene, int, float, Material, Sequence[Clip], object]],
         view: View,
         look: Look,
         thesis: Thesis | None,
@@ -327,6 +327,39 @@ class Scene:
         t: int,
         normal: int,
         albedo: int,
+    ) -> None: ...
+    def march_parts(
+        self,
+        arg0: int,
+        arg1: float,
+        arg2: Sequence[Clip],
+        arg3: int,
+        arg4: int,
+        arg5: int,
+        arg6: int,
+        arg7: int,
+        arg8: int,
+        arg9: int,
+        arg10: int,
+        /,
+    ) -> None: ...
+    def occlude_parts(
+        self,
+        arg0: int,
+        arg1: float,
+        arg2: Sequence[Clip],
+        arg3: Material,
+        arg4: int,
+        arg5: int,
+        arg6: int,
+        arg7: int,
+        arg8: int,
+        arg9: int,
+        arg10: int,
+        arg11: int,
+        arg12: int,
+        arg13: int,
+        /,
     ) -> None: ...
     def evaluate(
         self, arg0: int, arg1: int, arg2: tuple[int, int, int], arg3: int, arg4: int, /

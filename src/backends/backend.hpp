@@ -94,11 +94,49 @@ struct Frame : Object {
 
 struct Scene;
 
+/// Rays, in host memory, as the scenes of a picture ask others about them.
+struct RemoteRays {
+    std::size_t n;
+    const float* ray;         ///< (n, 6) origin, unit direction
+    const float* distance;    ///< (n,) of shadow rays: how far they look; null: rays to what they meet first
+    const std::int8_t* side;  ///< (n,) +1: outside of the medium, -1: inside, 0: not known
+};
+/// What they meet.
+struct RemoteHits {
+    float* t;            ///< (n,) infinite: nothing
+    std::int8_t* side;   ///< (n,) before t: +1, -1; unknown sides alone are read
+    std::int32_t* cap;   ///< (n,) of a cut face its clip, else -1
+    float* looks;        ///< (n, 8) normal, colour, reflection, refraction
+};
+/// Who answers for a scene whose particles lie elsewhere.  False: the caller's thread has the reason.
+struct Remote {
+    void* who = nullptr;
+    bool (*march)(void* who, const RemoteRays& rays, const RemoteHits& hits) = nullptr;
+    bool (*occlude)(void* who, const RemoteRays& rays, float* left) = nullptr;  ///< left: (n,) share of the light
+    explicit operator bool() const { return march != nullptr; }
+};
+
 /// One scene of a picture.
 struct LayerRequest {
     Scene* scene;
     FieldRequest field;
     std::vector<Clip> clips;
+    Remote remote{};   ///< where the scene itself is empty
+};
+
+/// Parts of rays through a scene that is one piece of several, in host memory; all (n,) but the first.
+struct RayParts {
+    std::size_t n;
+    const float* ray;          ///< (n, 6) origin, unit direction
+    const float *from, *to;    ///< along the ray; from below 0: from the surface on
+    std::int8_t* side;         ///< in and out
+};
+/// Of shadow rays: see trace/segment.hpp.
+struct ShadowParts {
+    const float* distance;
+    float *left, *on;
+    std::int32_t* crossings;
+    std::int8_t* test;
 };
 
 struct PictureRequest {
@@ -137,6 +175,10 @@ struct Scene : Object {
                            const FloatArray& values, std::size_t n_rows, int channels, float* out) = 0;
     virtual Neighbors neighbors(std::size_t n, const FloatArray& points, float radius) = 0;
     virtual void synchronize() = 0;
+    /// Where parts of rays meet the surface first: t (infinite: not in the part), cap, looks as RemoteHits.
+    virtual void march_parts(const FieldRequest& field, const std::vector<Clip>& clips, const RayParts& parts, float* t, std::int32_t* cap, float* looks) = 0;
+    virtual void occlude_parts(const FieldRequest& field, const std::vector<Clip>& clips, const Material& material, const RayParts& parts,
+                               const ShadowParts& shadow) = 0;
     /// For a simulation that works on this scene's octree.
     virtual SceneAccess share() = 0;
     /// Of the n rays traced last, by a request that counts.
@@ -145,7 +187,7 @@ struct Scene : Object {
 
 using SceneEntries = EntryTable<&Scene::build, &Scene::build_mesh, &Scene::place_mesh, &Scene::intersect_mesh, &Scene::extent, &Scene::facts, &Scene::spacing, &Scene::fluid_spacing,
                                 &Scene::sorted, &Scene::surface_kernels, &Scene::render, &Scene::intersect, &Scene::evaluate,
-                                &Scene::blend, &Scene::integrate, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work>;
+                                &Scene::blend, &Scene::integrate, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work, &Scene::march_parts, &Scene::occlude_parts>;
 using FrameEntries = EntryTable<&Frame::read, &Frame::trace_seconds, &Frame::passes>;
 
 /// Exported by every backend library as "globule_backend".

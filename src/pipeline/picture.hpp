@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "pipeline/frame_pool.hpp"
+#include "pipeline/remote.hpp"
 #include "pipeline/trace.hpp"
 #include "pipeline/waves.hpp"
 #include "trace/edges.hpp"
@@ -16,6 +17,7 @@ struct PictureLayer {
     Traced<Exec> scene;
     FieldRequest field;
     Clips clips;
+    RemoteScene<Exec>* remote = nullptr;  ///< instead of the scene, where there is one
 };
 
 /// What pictures of one scene keep from frame to frame.
@@ -30,6 +32,13 @@ public:
         Clip* room = clips_[k].reserve(clips.size() + 1);
         if (!clips.empty()) exec_->upload(room, clips.data(), clips.size() * sizeof(Clip));
         return {room, int(clips.size())};
+    }
+    /// The scene of layer k that others answer for.
+    RemoteScene<Exec>* remote(std::size_t k, const Remote& who) {
+        if (!who) return nullptr;
+        while (remotes_.size() <= k) remotes_.emplace_back(*exec_);
+        remotes_[k].ask(who);
+        return &remotes_[k];
     }
     /// The sky's image, sent once.
     const float* bring_sky(const PictureRequest& request) {
@@ -133,12 +142,15 @@ private:
         waves.trace(
             lighting, n_layers,
             [&](Exec& exec, const WaveRays& rays, int k, LayerHits& found) {
+                if (layers[k].remote) return layers[k].remote->march(exec, rays, k, found);
                 layers[k].scene.march(exec, layers[k].field, layers[k].clips, rays, k, found, n_layers == 1);
             },
             [&](Exec& exec, const WaveRays& rays, int k, const LayerHits& found, const WaveHits& hits) {
+                if (layers[k].remote) return layers[k].remote->keep(exec, layers[k].clips, rays, k, found, hits);
                 layers[k].scene.keep(exec, layers[k].field, layers[k].clips, rays, k, found, hits);
             },
             [&](Exec& exec, const WaveRays& rays, const WaveHits& hits, int k, float* visibility) {
+                if (layers[k].remote) return layers[k].remote->occlude(exec, lighting, rays, hits, k, visibility);
                 layers[k].scene.occlude(exec, layers[k].field, layers[k].clips, lighting, rays, hits, k, visibility);
             });
     }
@@ -152,6 +164,7 @@ private:
     std::shared_ptr<Exec> exec_;
     std::deque<Waves<Exec>> waves_;  ///< one a stream
     std::deque<Buffer<Clip, Exec>> clips_;
+    std::deque<RemoteScene<Exec>> remotes_;
     Buffer<float, Exec> sky_, spare_;
     std::uint64_t sky_id_ = 0;
 };

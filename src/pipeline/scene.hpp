@@ -7,6 +7,7 @@
 #include <functional>
 
 #include "pipeline/frame.hpp"
+#include "pipeline/parts.hpp"
 #include "pipeline/picture.hpp"
 #include "pipeline/questions.hpp"
 
@@ -87,6 +88,18 @@ public:
         return questions_.neighbors(octree(), n, points, radius);
     }
 
+    void march_parts(const FieldRequest& field, const std::vector<Clip>& clips, const RayParts& parts, float* t, std::int32_t* cap, float* looks) override {
+        octree();
+        traced().prepare_cells(*exec_, field, true, {0, 0, 0});
+        parts_.march(*exec_, traced(), field, pictures_.bring_clips(0, clips), parts, t, cap, looks);
+    }
+    void occlude_parts(const FieldRequest& field, const std::vector<Clip>& clips, const Material& material, const RayParts& parts,
+                       const ShadowParts& shadow) override {
+        octree();
+        traced().prepare_cells(*exec_, field, true, {0, 0, 0});
+        parts_.occlude(*exec_, traced(), field, pictures_.bring_clips(0, clips), material, parts, shadow);
+    }
+
     std::shared_ptr<Frame> render(const PictureRequest& request, const std::shared_ptr<Frame>& before) override {
         auto frame = std::make_shared<FinishedFrame<Exec>>(frames_, device());
         FrameImages<Exec>& images = frame->images();
@@ -142,7 +155,7 @@ public:
 
 private:
     explicit SceneImpl(std::shared_ptr<Exec> exec)
-        : exec_(std::move(exec)), builder_(exec_), cells_(*exec_), mesh_(*exec_), near_(*exec_), work_(*exec_), questions_(*exec_), pictures_(exec_),
+        : exec_(std::move(exec)), builder_(exec_), cells_(*exec_), mesh_(*exec_), near_(*exec_), work_(*exec_), questions_(*exec_), parts_(*exec_), pictures_(exec_),
           frames_(std::make_shared<FramePool<Exec>>(exec_)) {}
 
     Octree<Exec>& octree() const {
@@ -199,7 +212,8 @@ private:
         for (std::size_t k = 0; k < request.layers.size(); ++k) {
             const LayerRequest& layer = request.layers[k];
             SceneImpl& scene = *static_cast<SceneImpl*>(layer.scene);
-            layers.push_back({scene.traced(), layer.field, pictures_.bring_clips(k, layer.clips)});
+            layers.push_back({scene.traced(), layer.field, pictures_.bring_clips(k, layer.clips), pictures_.remote(k, layer.remote)});
+            if (layer.remote) continue;
             scene.traced().prepare_cells(*scene.exec_, layer.field, inside, request.camera.eye);
             if (scene.mesh_.is_there()) (scene.mesh_.is_closed() ? lighting.closed : lighting.sheets) |= 1u << k;
             if (&scene != this) exec_->follow(*scene.exec_);
@@ -220,6 +234,7 @@ private:
     Buffer<std::uint8_t, Exec> near_;
     Buffer<ThesisWork, Exec> work_;
     Questions<Exec> questions_;
+    PartTracer<Exec> parts_;
     PictureMaker<Exec> pictures_;
     std::shared_ptr<FramePool<Exec>> frames_;
     std::function<void()> before_use_;

@@ -86,14 +86,21 @@ struct Occlude {
         const Way way = cut.advance(s.of, active && s.way == Way::on);
         if (!active) return false;
         if (s.way == Way::on) s.way = way;
-        if (s.way == Way::on) return true;
+        return s.way == Way::on || settle(s);
+    }
+    GB_FN void end(const State& s) const { *s.out *= s.left; }
+
+    static constexpr float kDoubt = 0.05f;  ///< in typical supports: so much further float32 tells which side a ray is on
+protected:
+    /// At a crossing, in doubt or at the end; whether the ray goes on.
+    GB_FN bool settle(State& s) const {
         const CellRay& ray = s.of.ray;
         const float3 o = ray.o, l = ray.walk.d;
         const float typical = cut.tracer.tree.header->typical_support;
         const float sign = ray.sign;
         float t = ray.t;
         if (s.way == Way::doubtful) {  // a graze, or a cell without a list
-            t += 0.05f * typical;
+            t += kDoubt * typical;
             if (cut.holds_by_tree(o + l * t) == (sign < 0.0f)) return go_on(s, o, l, t, sign);
         }
         const bool ends = s.way == Way::missed || !(t < s.distance);
@@ -110,11 +117,11 @@ struct Occlude {
         }
         return go_on(s, o, l, t + kStart * typical, -sign);
     }
-    GB_FN void end(const State& s) const { *s.out *= s.left; }
 
 private:
     GB_FN bool go_on(State& s, const float3& o, const float3& l, float from, float sign) const {
         s.from = from;
+        s.of.ray.sign = sign;
         if (++s.crossings > kMaxCrossings) return false;
         s.way = from < s.distance ? cut.start(s.of, o, l, from, s.distance, sign) : Way::missed;
         return s.way != Way::missed;

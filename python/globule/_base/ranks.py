@@ -56,14 +56,19 @@ class Alone:
             if self.size == 1:
                 raise
             error = own
+        self.agreed(error)
+        return value
+
+    def agreed(self, error: BaseException | None, value: Any = None) -> list[Any]:
+        """Every rank's value. Where some have an error, all raise the first of these."""
         kinds = (ValueError, TypeError, MemoryError, OSError, RuntimeError)
         kind = next((k for k in kinds if isinstance(error, k)), RuntimeError)
         text = None if error is None else str(error) or type(error).__name__
-        for rank, found in enumerate(self.all((kind, text))):
-            if found[1] is not None:
-                cause = error if rank == self.rank else None
-                raise found[0](f"rank {rank}: {found[1]}") from cause
-        return value
+        states = self.all((kind, text, value))
+        for rank, (its_kind, its_text, _) in enumerate(states):
+            if its_text is not None:
+                raise its_kind(f"rank {rank}: {its_text}") from error if rank == self.rank else None
+        return [own for _, _, own in states]
 
     def exchange(self, rows: np.ndarray, counts: np.ndarray) -> np.ndarray:
         """Rows (N, K) of float32 to their ranks, counts (size,) to each in order; what came, in

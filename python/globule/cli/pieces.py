@@ -34,6 +34,12 @@ NOT_WITH_PIECES: dict[str, Any] = {
 _SIZES = {"": 1, "K": 1e3, "M": 1e6, "G": GIGABYTE, "T": 1e12}
 
 
+def ground_needs_all(options: argparse.Namespace) -> bool:
+    """Whether the ground lies where the surface ends, which pieces do not tell."""
+    given = options.ground
+    return given not in (None, "none") and (isinstance(given, str) or not np.isfinite(given))
+
+
 def memory(text: str) -> float:
     """Bytes: a number with K, M, G or T behind, of 1000 each."""
     match = re.fullmatch(r"(\d+(?:\.\d+)?) ?([KMGT]?)B?", text.strip(), re.IGNORECASE)
@@ -85,6 +91,8 @@ def run(
         if getattr(options, name, usual) not in (usual, None, []):
             flag = {"beside": "with", "depth": "octree-level"}.get(name, name.replace("_", "-"))
             raise UserError(f"--{flag}: expected none with a scene in pieces, got one")
+    if ground_needs_all(options):
+        raise UserError("--ground: expected a height with a scene in pieces, got none")
     start, path = time.perf_counter(), options.particles[0]
     root = comm is None or comm.rank == 0
     with mistakes(), _memory(options):

@@ -15,11 +15,11 @@ from .._base.device import choose, of_rank
 from .._base.memory import free_bytes
 from ..formats.kind import kind_of
 from ..formats.ranges import has_ranges, ranges
+from ..pieces.light import turns
 from ..pieces.on_ranks import replicated_bytes
-from ..pieces.shading import check
 from ..render.settings import RenderSettings
 from . import light
-from .pieces import NOT_WITH_PIECES
+from .pieces import NOT_WITH_PIECES, ground_needs_all
 from .shared import UserError, mistakes, say
 
 MODES = ("replicate", "pieces")
@@ -82,16 +82,15 @@ def settle(options: argparse.Namespace, comm: Any) -> None:
 def replicates(options: argparse.Namespace, lit: light.Light) -> bool:
     """Whether every rank has all particles and traces some of the pixels; else each has a piece.
 
-    By itself: where light turns or something else needs all particles in one scene. Raises
-    UserError where they do not fit.
+    By itself: where something needs all particles in one scene, or light turns and all particles
+    fit on every rank. Raises UserError where they do not fit and have to.
     """
     path = options.particles[0]
     particles = kind_of(path).kind == "particles"
     if options.ranks == "pieces" and not particles:
         raise UserError(f"--ranks: expected particles for pieces, got {path}")
-    if options.ranks == "pieces" or not (
-        options.ranks or not particles or _needs_all(options, lit)
-    ):
+    forced = options.ranks == "replicate" or not particles or _needs_all(options)
+    if options.ranks == "pieces" or not (forced or _turns(lit)):
         return False
     if particles and has_ranges(path) and choose(options.device).backend != "cuda":
         with mistakes():
@@ -99,23 +98,26 @@ def replicates(options: argparse.Namespace, lit: light.Light) -> bool:
         here = options.ranks_here
         need, free = here * replicated_bytes(n, "smooth"), free_bytes()
         if free and need > free:
+            if not forced:
+                return False
             raise UserError(
                 f"--ranks: expected {need / 1e9:.3g} GB for all particles on each of {here} ranks "
                 f"of a computer, got {free / 1e9:.3g} GB; start fewer ranks on each, or leave out "
-                "what makes light turn"
+                "what needs all particles in one scene"
             )
     return True
 
 
-def _needs_all(options: argparse.Namespace, lit: light.Light) -> bool:
+def _needs_all(options: argparse.Namespace) -> bool:
+    """Whether an option is not for pieces."""
     if any(getattr(options, k, v) not in (v, None, []) for k, v in NOT_WITH_PIECES.items()):
         return True
-    if options.ground not in (None, "none"):
-        return True
+    return ground_needs_all(options)
+
+
+def _turns(lit: light.Light) -> bool:
+    """Whether light turns; particles' own factors are not known yet."""
     material = dataclasses.replace(RenderSettings().material, **lit._matter)
-    settings = dataclasses.replace(RenderSettings(), material=material, **lit._own)
-    try:
-        check(settings, [material])
-    except ValueError:
-        return True
-    return False
+    return turns([], dataclasses.replace(RenderSettings(), material=material, **lit._own)) or bool(
+        material.reflection or material.transmission or (material.index or 1) != 1
+    )

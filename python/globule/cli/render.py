@@ -210,8 +210,8 @@ def add_arguments(parser: Parser) -> None:
         choices=ranks.MODES,
         metavar="NAME",
         help="what each rank of mpiexec has of one image: replicate (all particles, and some of "
-        "the pixels) or pieces (a part of the particles; light makes no turns) (default: pieces, "
-        "or replicate where light turns)",
+        "the pixels) or pieces (a part of the particles; rays of light go from rank to rank) "
+        "(default: pieces, or replicate where light turns and all particles fit)",
     )
     machine.add_argument(
         "--memory",

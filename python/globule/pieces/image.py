@@ -15,8 +15,10 @@ from ..render.materials import Material
 from ..render.settings import SMOOTH_EDGES, RenderSettings
 from ..scene.scene import Scene
 from .hits import NOTHING, Hits, first_hits, nearest
+from .light import render_light, turns
 from .scene import Pieces
-from .shading import check, edges, finished, light_of, rays_of, shade
+from .shading import edges, finished, light_of, rays_of, shade
+from .wavefront import skip_empty
 
 __all__ = ["Pieces", "PiecesFrame", "fit", "render_pieces"]
 
@@ -107,19 +109,8 @@ def render_pieces(
     """The image of layers of which some are `Pieces`; as `render`, to which it belongs."""
     job = Job(layers, camera, size, settings)
     materials = job.materials
-    check(settings, materials)
-    for k, layer in enumerate(layers):
-        if isinstance(layer.scene, Pieces):
-            own = materials[k].reflection, materials[k].transmission
-            if layer.scene.factors > 0 and None in own:
-                raise ValueError(
-                    "particles: expected no reflection and refraction with a scene in pieces, "
-                    f"got up to {layer.scene.factors:g}; set those of the material to 0"
-                )
-        elif not isinstance(layer.scene, Scene):
-            raise ValueError(
-                "scene: expected pieces or scenes of particles beside pieces, got a mesh"
-            )
+    if turns(layers, settings):
+        return render_light(layers, job.camera, size, settings, job.ranks, progress)
     n, root = size[0] * size[1], job.ranks.rank == 0
     everything = np.arange(n)
     hits = job.nearest_centers()
@@ -176,9 +167,9 @@ class Job:
         if any(p.ranks.size != self.ranks.size for p in pieces):
             raise ValueError("scene: expected all pieces on the same ranks")
         first = layers[0].scene
-        self.camera = camera or fit(pieces[0] if isinstance(first, Scene) else first, size)
+        self.camera = camera or fit(first if isinstance(first, Pieces) else pieces[0], size)
         self.materials: list[Material] = [x.material or settings.material for x in layers]
-        smooth = any(x.scene.surface != "balls" for x in layers)
+        smooth = any(getattr(x.scene, "surface", "balls") != "balls" for x in layers)
         own = settings.edge_samples
         self.edge_samples = (SMOOTH_EDGES if smooth else 0) if own is None else own
 
@@ -224,12 +215,12 @@ class Job:
                         hits.put(np.arange(len(o)), *first_hits(scene, o, d, clips), k)
                 continue
             hard = [scene.negative or self._inside(scene, clips, o, d).any() for o, d in rays]
-            for hits, (o, d), turns in zip(found, rays, hard, strict=True):
-                if turns:
+            for hits, (o, d), inside in zip(found, rays, hard, strict=True):
+                if inside:
                     hits.put(np.arange(len(o)), *in_turn(scene, o, d, clips), k)
             for piece, part in scene.visit() if not all(hard) else ():
-                for hits, (o, d), turns in zip(found, rays, hard, strict=True):
-                    if not turns:
+                for hits, (o, d), inside in zip(found, rays, hard, strict=True):
+                    if not inside:
                         mine = first_hits(part, o, d, clips)
                         hits.put(*owned(scene, piece, np.arange(len(o)), o, d, *mine), k)
         return [nearest(self.ranks, hits) for hits in found]
@@ -280,7 +271,7 @@ def in_turn(
     start, last = partition.enter(o, d)
     waiting = np.where(start <= last, partition.owner(o + start[:, None] * d), -1)
     margin = partition.space.margin
-    waiting = _skip_empty(partition, scene.held, o, d, start, last, waiting)
+    skip_empty(partition, scene.held, o, d, start, last, waiting)
     while (waiting >= 0).any():
         moved: list[tuple[np.ndarray, np.ndarray]] = []
         for piece, part in scene.visit():
@@ -306,22 +297,8 @@ def in_turn(
             for parts in scene.ranks.all(moved):
                 for rays, rows in parts:
                     start[rays], waiting[rays] = rows[:, 0], rows[:, 1].astype(waiting.dtype)
-        waiting = _skip_empty(partition, scene.held, o, d, start, last, waiting)
+        skip_empty(partition, scene.held, o, d, start, last, waiting)
     return t, normal, albedo
-
-
-def _skip_empty(
-    partition: Any, held: np.ndarray, o: Any, d: Any, start: Any, last: Any, waiting: np.ndarray
-) -> np.ndarray:
-    """Rays that wait for pieces without particles go on to the next one."""
-    while True:
-        k = np.flatnonzero((waiting >= 0) & ~held[waiting])
-        if not len(k):
-            return waiting
-        start[k] = partition.leave(o[k], d[k], start[k]) + partition.space.margin / 4
-        waiting[k] = -1
-        k = k[np.isfinite(start[k]) & (start[k] <= last[k])]
-        waiting[k] = partition.owner(o[k] + start[k, None] * d[k])
 
 
 def fit(scene: Pieces, size: tuple[int, int], **options: Any) -> Camera:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import threading
 from collections.abc import Sequence
@@ -22,10 +23,11 @@ from ..scene.particles import FIELDS, Particles
 from ..scene.scene import KERNELS, SURFACES, Scene
 from ..scene.sources import as_particles
 from .image import Pieces
+from .light import turns
 from .scene import BYTES, check_reach
-from .shading import check
 from .store import COLUMNS, Layout
 
+ARGUMENTS = inspect.signature(Scene.__init__)
 MODES = ("auto", "pieces", "replicate")
 LIGHT_BYTES = 1470  # a particle of a pool of a million: the cells that light needs, on a CPU
 FACTORS = ("reflection", "refraction")
@@ -40,53 +42,38 @@ class SceneOnRanks(Scene):
     """What `Scene(..., comm=...)` makes: `Pieces` on the ranks, or a scene of all particles on
     each, whichever an image needs. Both are made when they are first needed."""
 
-    def __init__(
-        self,
-        particles: Any,
-        kernel: str = "murakami",
-        threshold: float | None = None,
-        support: float | None = None,
-        key_bits: int = 32,
-        level: int | None = None,
-        octree: str = "sparse",
-        device: str = "auto",
-        threads: int = 0,
-        bounds: Any = None,
-        surface: str = "balls",
-        spacing: float | None = None,
-        *,
-        comm: Any = None,
-        ranks: str = "auto",
-    ):
-        choice("kernel", kernel, KERNELS)
-        choice("surface", surface, SURFACES)
-        choice("ranks", ranks, MODES)
-        for name, value, usual in (("level", level, None), ("octree", octree, "sparse"),
-                                   ("bounds", bounds, None)):  # fmt: skip
+    def __init__(self, *given: Any, **named: Any):
+        arguments = ARGUMENTS.bind(self, *given, **named)
+        arguments.apply_defaults()
+        o = arguments.arguments
+        choice("kernel", o["kernel"], KERNELS)
+        choice("surface", o["surface"], SURFACES)
+        choice("ranks", o["ranks"], MODES)
+        for name in ("level", "octree", "bounds"):
+            value, usual = o[name], ARGUMENTS.parameters[name].default
             if not isinstance(value, type(usual)) or (usual and value != usual):
                 raise ValueError(f"{name}: expected none with comm, got {shown(value)}")
-        self.ranks, self.mode = ranks_of(comm), ranks
+        self.ranks, self.mode = ranks_of(o["comm"]), o["ranks"]
         self._lock = threading.RLock()
-        self.kernel, self.surface = kernel, surface
-        self._kernel = KERNELS.index(kernel)
+        self.kernel, self.surface = o["kernel"], o["surface"]
+        self._kernel = KERNELS.index(self.kernel)
         local, here = self.ranks.local()
         self._here = here
-        if not thread_count(threads):
-            threads = max(1, len(os.sched_getaffinity(0)) // here)
         # Every rank of a computer has a GPU of its own, or its share of the cores.
-        self.device = self.ranks.together(lambda: choose(of_rank(device, local)))
+        threads = thread_count(o["threads"]) or max(1, len(os.sched_getaffinity(0)) // here)
+        self.device = self.ranks.together(lambda: choose(of_rank(o["device"], local)))
         self._options: dict[str, Any] = {
-            "kernel": kernel, "support": support, "surface": surface, "spacing": spacing,
-            "key_bits": key_bits, "device": self.device.name, "threads": threads,
-        }  # fmt: skip
-        self._iso = None if threshold is None else positive("threshold", threshold)
+            name: o[name] for name in ("kernel", "support", "surface", "spacing", "key_bits")
+        } | {"device": self.device.name, "threads": threads}
+        iso = o["threshold"]
+        self._iso = None if iso is None else positive("threshold", iso)
         self._pieces: Pieces | None = None
         self._whole: Scene | None = None
         self._old = {"pieces": True, "whole": True}  # whether they have other particles
         self.builds = 0
-        self.particles = self.ranks.together(lambda: as_particles("particles", particles))
+        self.particles = self.ranks.together(lambda: as_particles("particles", o["particles"]))
         self._known = dict(vars(self.particles))
-        self._used: Any = self.whole if ranks == "replicate" else self.pieces
+        self._used: Any = self.whole if self.mode == "replicate" else self.pieces
         self._used()
 
     def update(self, particles: Any = None, **fields: Any) -> None:
@@ -159,17 +146,17 @@ class SceneOnRanks(Scene):
         if any(x.scene.ranks.size != self.ranks.size for x in layers
                if isinstance(x.scene, SceneOnRanks)):  # fmt: skip
             raise ValueError("scene: expected all layers on the same ranks")
-        replicate = self.mode == "replicate"
-        if self.mode == "auto" and (whole or self._turns(layers, settings)):
+        replicate = self.mode == "replicate" or (whole and self.mode == "auto")
+        if self.mode == "auto" and (whole or turns(layers, settings)):
             need = sum(replicated_bytes(len(scene), scene.surface) for scene in own)
             free = float(self.ranks.least(np.float64(self._room())))
-            if need > free:
+            if whole and need > free:
                 raise MemoryError(
-                    "scene: expected memory for all particles on every rank, which this light "
-                    f"needs, {need / 1e9:.3g} GB, got {free / 1e9:.3g} GB; leave out what makes "
-                    "light turn, or start fewer ranks on each computer"
+                    "scene: expected memory for all particles on every rank, which annotations "
+                    f"need, {need / 1e9:.3g} GB, got {free / 1e9:.3g} GB; leave them out, or "
+                    "start fewer ranks on each computer"
                 )
-            replicate = True
+            replicate = need <= free
         found = [x if not isinstance(x.scene, SceneOnRanks) else
                  Layer(x.scene.used(replicate), x.material, x.clips) for x in layers]  # fmt: skip
         return tuple(found), self.ranks if replicate else None
@@ -179,21 +166,10 @@ class SceneOnRanks(Scene):
         self._used = self.whole if replicate else self.pieces
         return self._used()
 
-    def _turns(self, layers: Sequence[Layer], settings: RenderSettings) -> bool:
-        """Whether the light of an image needs all particles on every rank."""
-        materials = [x.material or settings.material for x in layers]
-        try:
-            check(settings, materials)
-        except ValueError:
-            return True
-        for layer, material in zip(layers, materials, strict=True):
-            scene = layer.scene
-            if not isinstance(scene, Scene):
-                return True  # a mesh
-            own = material.reflection, material.transmission
-            if isinstance(scene, SceneOnRanks) and None in own and scene.pieces().factors > 0:
-                return True
-        return False
+    @property
+    def factors(self) -> float:
+        """The largest factor of reflection or refraction of all ranks' particles."""
+        return self.pieces().factors
 
     def _room(self) -> float:
         """Bytes that this rank can take for a scene."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from ..scene.scene import (
     Scene,
 )
 from .partition import Partition, Space, box_of, cells_of, codes_of, histogram, space_around
-from .store import Files, Layout, Source, layout_of, source_of
+from .store import CHUNK, Files, Layout, Source, layout_of, source_of
 
 # Bytes that a piece takes for each of its particles while it is read, built and traced, measured:
 # 58 and 95 on a CPU, with the rows themselves.
@@ -38,6 +39,7 @@ SMOOTH_REACH = 3.375  # spacings: of a smooth kernel, and of the neighbors that 
 SAMPLE = 40_000  # particles at which spacing and surface are measured
 MOST_PIECES = 4096
 IMBALANCE = 1.25  # most particles of a rank over the mean; past it all are divided anew
+ROUNDS = 16  # at most, in which particles go to other ranks
 SLACK = 0.125  # of the extent, on each side, for particles that have left the space once
 
 
@@ -48,8 +50,9 @@ class Pieces:
         render(Pieces("huge.npy", memory=8e9, support=0.02)).save("huge.png")
         render(Pieces(local_particles, comm=MPI.COMM_WORLD))  # on every rank; the image is rank 0's
 
-    The image is that of one scene with all particles (docs/design/pieces.md). Light makes no
-    turns: no shadows, ambient rays, reflection, transmission, sky or ground.
+    The image is that of one scene with all particles (docs/design/pieces.md). Rays of light go from
+    piece to piece: images with shadows, ambient rays, reflection or transmission visit each piece
+    several times.
 
     Args:
         particles: the name of a file whose ranges can be read (.npy, .npz without compression,
@@ -335,21 +338,20 @@ class Pieces:
             self.partition = Partition(self.space, counts, more)
 
     def _to_ranks(self, source: Source) -> None:
-        """Every particle to the rank that owns it, and to those beside that it reaches."""
+        """Every particle to the rank that owns it, and to those beside that it reaches; some at a
+        time, so that what is sent and what has come are not both in memory."""
         ranks = self.ranks
-
-        def sorted_rows() -> tuple[np.ndarray, np.ndarray]:
-            parts, pieces = [np.empty((0, self._layout.width), np.float32)], [np.empty(0, np.int16)]
-            for some in source.chunks():
-                rows, piece = self._placed(some)
-                parts.append(rows)
-                pieces.append(piece.astype(np.int16 if ranks.size < 1 << 15 else np.int32))
-            rows, piece = np.concatenate(parts), np.concatenate(pieces)
-            parts.clear()  # before the rows are copied once more
-            order = np.argsort(piece, kind="stable")
-            return rows[order], np.bincount(piece, minlength=ranks.size)
-
-        came = ranks.exchange(*ranks.together(sorted_rows))
+        rounds = int(np.clip(ranks.most(np.int64(source.n)) // CHUNK, 1, ROUNDS))
+        n, came = 0, np.empty((0, self._layout.width), np.float32)
+        for k in range(rounds):
+            first, last = (source.n * i // rounds for i in (k, k + 1))
+            some = ranks.exchange(*ranks.together(partial(self._sorted_rows, source, first, last)))
+            if n + len(some) > len(came):  # large arrays grow by pages, without a copy
+                whole = (n + len(some)) * rounds // (k + 1)
+                came.resize((max(whole, n + len(some)), came.shape[1]), refcheck=False)
+            came[n : n + len(some)] = some
+            n += len(some)
+        came.resize((n, came.shape[1]), refcheck=False)
 
         def build() -> Scene:
             scene = self._scenes.get(ranks.rank)
@@ -359,6 +361,18 @@ class Pieces:
             return scene
 
         self._scenes[ranks.rank] = ranks.together(build)
+
+    def _sorted_rows(self, source: Source, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """The rows of some particles, by the rank they go to, and how many go to each."""
+        n = self.ranks.size
+        parts, pieces = [np.empty((0, self._layout.width), np.float32)], [np.empty(0, np.int16)]
+        for some in source.chunks(first, last):
+            rows, piece = self._placed(some)
+            parts.append(rows)
+            pieces.append(piece.astype(np.int16 if n < 1 << 15 else np.int32))
+        rows, piece = np.concatenate(parts), np.concatenate(pieces)
+        parts.clear()  # before the rows are copied once more
+        return rows[np.argsort(piece, kind="stable")], np.bincount(piece, minlength=n)
 
     def _placed(self, some: Particles) -> tuple[np.ndarray, np.ndarray]:
         """The rows (M, width) of the pieces, and whose they are (M,), in order."""
@@ -397,13 +411,13 @@ class Pieces:
         n = self.partition.n
         return np.ones(n, bool) if self._files is None else np.array(self._files.counts) > 0
 
-    def visit(self) -> Iterator[tuple[int, Scene]]:
-        """The pieces of this process, one after the other, each with its scene."""
+    def visit(self, wanted: Callable[[int], bool] | None = None) -> Iterator[tuple[int, Scene]]:
+        """The pieces of this process, or those wanted, one after the other, each with its scene."""
         if self._files is None:
             yield from self._scenes.items()
             return
         for k, count in enumerate(self._files.counts):
-            if count:
+            if count and (wanted is None or wanted(k)):
                 yield k, self._built(self._files.read(k))
 
     def _built(self, rows: np.ndarray) -> Scene:

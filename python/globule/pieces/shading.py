@@ -18,30 +18,6 @@ from .hits import NOTHING, Hits
 CREASE, JUMP, CONTRAST = 0.6, 2.0, 24  # as in src/trace/edges.hpp
 
 
-def check(settings: RenderSettings, materials: Sequence[Material]) -> None:
-    """Refuse what needs rays from one piece to another.
-
-    Raises ValueError naming the field, what was expected and what came.
-    """
-    s = settings
-    wrong = None
-    if s.shadows:
-        wrong = "shadows: expected none"
-    elif s.ambient_rays:
-        wrong = "ambient_rays: expected 0"
-    elif s.sky is not None or isinstance(s.ambient, str):
-        wrong = "sky: expected none"
-    elif s.ground is not None:
-        wrong = "ground: expected none"
-    elif any(m.transmission or m.reflection or (m.index or 1) != 1 for m in materials):
-        wrong = "material: expected no reflection and no transmission"
-    if wrong:
-        raise ValueError(
-            f"{wrong} with a scene in pieces, whose light makes no turns; "
-            "give the memory for all particles at once"
-        )
-
-
 def rays_of(
     camera: Camera, size: tuple[int, int], pixels: np.ndarray, sample: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -200,5 +176,6 @@ def _shuffled(k: np.ndarray, seed: np.ndarray) -> np.ndarray:
 def light_of() -> RenderSettings:
     """Settings that make the core trace the pixels' centers and nothing else."""
     return RenderSettings(
-        lights=(), ambient=0.0, background=0.0, samples=1, edge_samples=0, bounces=0
-    )
+        lights=(), ambient=0.0, background=0.0, samples=1, edge_samples=0, bounces=0,
+        material=Material(reflection=0.0, transmission=0.0),
+    )  # fmt: skip

@@ -33,10 +33,11 @@ class Source(NamedTuple):
     read: Callable[[int, int], Particles]
     size: int = CHUNK
 
-    def chunks(self) -> Iterator[Particles]:
-        """All particles that have a position, range by range."""
-        for first in range(0, self.n, self.size):
-            some = self.read(first, min(first + self.size, self.n))
+    def chunks(self, first: int = 0, last: int | None = None) -> Iterator[Particles]:
+        """All particles that have a position, or those from `first` to `last`, range by range."""
+        last = self.n if last is None else last
+        for begin in range(first, last, self.size):
+            some = self.read(begin, min(begin + self.size, last))
             size = np.abs(to_host(some.positions))
             near = not len(some) or size.max() <= FARTHEST  # no NaN either
             yield some if near else some[(size <= FARTHEST).all(axis=1)]
@@ -105,7 +106,7 @@ class Layout(NamedTuple):
 def layout_of(particles: Particles, support: float | None) -> Layout:
     """The layout for particles like these. support: in place of theirs."""
     each, one = [], {}
-    for name in ("support", "weight", "color", "anisotropy"):
+    for name in list(COLUMNS)[1:]:
         value = getattr(particles, name)
         if value is None or (name == "support" and (support or particles.anisotropy is not None)):
             continue

@@ -469,19 +469,27 @@ def render(
         return [(s._kernel, s.threshold) if isinstance(s, Scene) else (0, 1.0) for s in scenes]
 
     rendered = surfaces()
+    # Of scenes whose particles lie in pieces others say what rays meet.
+    answers = [getattr(layer.scene, "answers", None) for layer in layers]
+    wavefront = next((a.wavefront for a in answers if a is not None), None)
 
     def trace(passes: int, before: Any, look: Any = look) -> Any:
         if before and rendered != surfaces():
             raise ValueError("refine: expected the scene as it was rendered, got another threshold")
         scenes = [_core_scene(layer.scene, device) for layer in layers]
         packed = [
-            (scene, *surface, *kind)
-            for scene, surface, kind in zip(scenes, surfaces(), kinds, strict=True)
+            (scene, *surface, *kind, who)
+            for scene, surface, kind, who in zip(scenes, surfaces(), kinds, answers, strict=True)
         ]
         core = packed[0][0]
-        if share is None:
+        if share is not None and before:
+            before = before.own
+
+        def made() -> Any:
             return core.render(packed, view, look, way, passes, before)
-        return share.whole(core.render(packed, view, look, way, passes, before and before.own))
+
+        own = made() if wavefront is None else wavefront.run(made)
+        return own if share is None else share.whole(own)
 
     def behind(light: float, passes: int) -> Any:
         """The same rays in front of another light."""

@@ -96,8 +96,9 @@ class Scene:
             the image. Each rank has a device of its own. Fields are not evaluated across ranks.
         ranks: what `render` does with `comm`. "pieces": each rank traces the particles in its part
             of space. "replicate": each rank gets all particles and traces its share of the pixels.
-            "auto": pieces, but replicate where the image needs it (shadows, ambient rays,
-            reflection, transmission, sky, ground, meshes, annotations) and the memory suffices.
+            "auto": pieces, but replicate where light turns (shadows, ambient rays, reflection,
+            transmission, sky, ground, meshes) or annotations are drawn, if the memory suffices.
+            In pieces, rays that turn go from rank to rank.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.

@@ -1,0 +1,272 @@
+"""Light that turns, through particles that no rank has all of: rays go from piece to piece."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import cube, run_json
+from globule._base.ranks import run_threads
+from globule.pieces import on_ranks, wavefront
+from launcher import mpirun
+from scenes import KERNELS
+
+SIZE = (96, 72)
+RNG = np.random.default_rng(5)
+LATTICE = np.stack(np.meshgrid(*[np.arange(12)] * 3, indexing="ij"), -1).reshape(-1, 3)
+POSITIONS = (LATTICE + RNG.uniform(-0.25, 0.25, LATTICE.shape)).astype(np.float32)
+N = len(POSITIONS)
+COLOR = RNG.random(POSITIONS.shape).astype(np.float32)
+PARTICLES = gb.Particles(POSITIONS, color=COLOR)
+CAMERA = gb.Camera.fit(POSITIONS, size=SIZE, margin=1)
+CUT = gb.ClipPlane((1, 0.2, 0), 6.0)
+GLASS = gb.Material(reflection=0.2, transmission=0.6, index=1.3)
+ALL = {"material": GLASS, "shadows": True, "ambient_rays": 2}
+LAMP = gb.PointLight((16, 20, 17), radius=1.5)
+
+
+def on(n, work, backend):
+    """What rank 0 of n threads returns."""
+
+    def one(ranks):
+        return work({**backend, **({} if backend["device"] == "cuda" else {"threads": 1})}, ranks)
+
+    return run_threads(n, one)[0]
+
+
+def mine(particles, ranks):
+    return particles[np.arange(ranks.rank, len(particles), ranks.size)]
+
+
+def same(one, many, least=0.03):
+    """0 pixels of hit or miss differ, colors by at most a level."""
+    assert one.mask.mean() > least
+    np.testing.assert_array_equal(one.mask, many.mask)
+    np.testing.assert_array_equal(one._layer, many._layer)
+    assert np.abs(one.image.astype(int) - many.image.astype(int)).max() <= 1
+
+
+def check(particles, n, backend, settings, camera=CAMERA, clips=(), **options):
+    def work(device, ranks):
+        scene = gb.Scene(mine(particles, ranks), comm=ranks, ranks="pieces", **options, **device)
+        frame = gb.render(scene, camera, SIZE, settings, clips)
+        assert scene._whole is None
+        return frame
+
+    scene = gb.Scene(particles, **options, **backend)
+    same(gb.render(scene, camera, SIZE, settings, clips), on(n, work, backend))
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 7])
+def test_ranks_give_the_light_of_one_device(n, backend):
+    check(PARTICLES, n, backend, ALL, support=2.0)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"shadows": True, "lights": [LAMP], "ground": gb.Ground(-1.5, reflection=0.3)},
+        {"sky": gb.Sky(), "ambient": "sky", "ambient_rays": 4},
+        {"material": gb.Material(transmission=0.9, index=1.2, absorption=(0.1, 0.2, 0.3)),
+         "shadows": True, "bounces": 8},
+        {"material": gb.Material(reflection=0.6, roughness=0.4), "samples": 3,
+         "transparent": True},
+    ],
+)  # fmt: skip
+def test_every_light(settings, backend):
+    check(PARTICLES, 3, backend, settings, support=2.0)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_every_kernel(kernel, backend):
+    support = 3.2 if kernel == "blinn" else 2.5
+    check(PARTICLES, 3, backend, ALL | {"ambient_rays": 1}, kernel=kernel, support=support)
+
+
+def test_cuts(backend):
+    for clip in (CUT, gb.ClipSphere((8, 8, 10), 5.0), gb.ClipBox((0, 0, 0), (11, 8, 9), True)):
+        check(PARTICLES, 3, backend, ALL, clips=[clip], support=2.0)
+
+
+def test_smooth_surfaces_with_samples_at_edges(backend):
+    check(PARTICLES, 3, backend, ALL, surface="smooth", spacing=1.0)
+
+
+def test_particles_of_their_own(backend):
+    own = {"reflection": np.linspace(0, 0.6, N), "refraction": RNG.uniform(0, 0.8, N)}
+    check(gb.Particles(POSITIONS, color=COLOR, **own), 3, backend, {"shadows": True}, support=2.0)
+    weight = np.where(np.arange(N) % 5 == 0, -0.6, 1.0)
+    # More bounces between such bumps make a level of rounding alone: of one scene, too.
+    once = ALL | {"bounces": 1}
+    check(gb.Particles(POSITIONS, weight=weight), 3, backend, once, support=2.0)
+    support = RNG.uniform(1.2, 2.2, N)
+    support[700] = 30  # over all pieces
+    check(gb.Particles(POSITIONS, support=support), 4, backend, {"shadows": True}, threshold=1.0)
+
+
+def test_eyes_inside_and_parallel_rays(backend):
+    cave = gb.Particles(POSITIONS[np.linalg.norm(POSITIONS - 5.5, axis=1) >= 3])
+    inside = gb.Camera((5.5, 5.5, 5.5), (11, 9, 6))
+    for particles in (cave, PARTICLES):
+        check(particles, 3, backend, ALL, inside, support=2.0)
+    far = gb.Camera.fit(POSITIONS, size=SIZE, margin=1, orthographic=True)
+    check(PARTICLES, 3, backend, ALL, far, support=2.0)
+
+
+def test_a_far_eye(backend, monkeypatch):
+    """Its rays begin at the space; here, those of a near eye do."""
+    monkeypatch.setattr(wavefront, "FAR", 0.0)
+    check(PARTICLES, 3, backend, {"shadows": True, "lights": [LAMP]}, support=2.0)
+
+
+def test_layers_and_meshes(backend):
+    low, high = PARTICLES[POSITIONS[:, 1] < 6], PARTICLES[POSITIONS[:, 1] > 5]
+    corners = np.array([[-2, 3, -2], [14, 3, -2], [14, 3, 14], [-2, 3, 14]], np.float32)
+    red = gb.Material(color=(0.8, 0.1, 0.1), reflection=0.3)
+
+    def layers(scenes):
+        plate = gb.Mesh(corners, [[0, 1, 2], [0, 2, 3]])
+        return [gb.Layer(scenes[0], red), gb.Layer(scenes[1], GLASS, [CUT]), gb.Layer(plate)]
+
+    def work(device, ranks):
+        of_ranks = [gb.Scene(mine(p, ranks), support=2.0, comm=ranks, ranks="pieces", **device)
+                    for p in (low, high)]  # fmt: skip
+        return gb.render(layers(of_ranks), CAMERA, SIZE, {"shadows": True})
+
+    one = [gb.Scene(p, support=2.0, **backend) for p in (low, high)]
+    same(gb.render(layers(one), CAMERA, SIZE, {"shadows": True}), on(3, work, backend))
+
+
+@pytest.mark.parametrize("n", [1, 3, pytest.param(8, marks=pytest.mark.slow)])
+def test_pieces_one_after_the_other(n, backend):
+    pieces = gb.Pieces(PARTICLES, n, support=2.0, **backend)
+    try:
+        many = gb.render(pieces, CAMERA, SIZE, ALL)
+        one = gb.render(gb.Scene(PARTICLES, support=2.0, **backend), CAMERA, SIZE, ALL)
+        same(one, many)
+        with pytest.raises(ValueError, match=r"^pick: expected one scene, got pieces"):
+            many.pick(48, 36)
+        many.refine(1)
+        same(one.refine(1), many)
+    finally:
+        pieces.close()
+
+
+def test_frame_after_frame(backend):
+    def work(device, ranks):
+        scene = gb.Scene(mine(PARTICLES, ranks), support=2.0, comm=ranks, ranks="pieces", **device)
+        images = [gb.render(scene, CAMERA, SIZE, ALL)]
+        scene.update(positions=1.1 * mine(PARTICLES, ranks).positions)
+        with pytest.raises(ValueError, match=r"^refine: expected the scene as it was rendered"):
+            images[0].refine()
+        return [*images, gb.render(scene, CAMERA, SIZE, ALL)]
+
+    scene = gb.Scene(PARTICLES, support=2.0, **backend)
+    found = on(3, work, backend)
+    same(gb.render(scene, CAMERA, SIZE, ALL), found[0])
+    scene.update(positions=np.float32(1.1) * POSITIONS)
+    same(gb.render(scene, CAMERA, SIZE, ALL), found[1])
+
+
+def test_the_same_bits_again():
+    def work(device, ranks):
+        scene = gb.Scene(mine(PARTICLES, ranks), support=2.0, comm=ranks, ranks="pieces", **device)
+        return gb.render(scene, CAMERA, SIZE, ALL).color.tobytes()
+
+    runs = [on(3, work, {"device": "cpu"}) for _ in "ab"]
+    assert runs[0] == runs[1]
+
+
+@pytest.mark.parametrize("case", ["one rank has all", "more ranks than particles", "none"])
+def test_ranks_without_particles(case, backend):
+    n = {"one rank has all": 3, "more ranks than particles": 5, "none": 2}[case]
+    count = {"one rank has all": N, "more ranks than particles": 2, "none": 0}[case]
+
+    def work(device, ranks):
+        own = PARTICLES[slice(count if ranks.rank == n - 1 else 0)]
+        scene = gb.Scene(own, support=2.0, comm=ranks, ranks="pieces", **device)
+        return gb.render(scene, CAMERA, SIZE, ALL)
+
+    scene = gb.Scene(PARTICLES[slice(count)], support=2.0, **backend)
+    same(gb.render(scene, CAMERA, SIZE, ALL), on(n, work, backend), -1)
+
+
+def test_pieces_where_the_memory_does_not_suffice(backend, monkeypatch):
+    """By itself: all particles on every rank, or else rays from rank to rank."""
+    one = gb.render(gb.Scene(PARTICLES, support=2.0, **backend), CAMERA, SIZE, ALL)
+    for room, whole in ((1e12, True), (1e3, False)):
+        monkeypatch.setattr(on_ranks.SceneOnRanks, "_room", lambda self, room=room: room)
+
+        def work(device, ranks, whole=whole):
+            scene = gb.Scene(mine(PARTICLES, ranks), support=2.0, comm=ranks, **device)
+            frame = gb.render(scene, CAMERA, SIZE, ALL)
+            assert (scene._whole is not None) == whole
+            return frame
+
+        same(one, on(2, work, backend))
+
+
+@pytest.mark.parametrize("where", ["march_part", "occlude_part"])
+def test_a_rank_that_fails_is_named_on_all(where, monkeypatch):
+    own = getattr(wavefront, where)
+
+    def fails(spread, *rest):
+        if spread.pieces.ranks.rank == 1:
+            raise OSError("no such disk")
+        return own(spread, *rest)
+
+    monkeypatch.setattr(wavefront, where, fails)
+
+    def work(device, ranks):
+        scene = gb.Scene(mine(PARTICLES, ranks), support=2.0, comm=ranks, ranks="pieces", **device)
+        with pytest.raises(OSError, match=r"^rank 1: no such disk"):
+            gb.render(scene, CAMERA, SIZE, ALL)
+        monkeypatch.setattr(wavefront, where, own)
+        ranks.all(None)
+        return gb.render(scene, CAMERA, SIZE, ALL)
+
+    scene = gb.Scene(PARTICLES, support=2.0, device="cpu")
+    same(gb.render(scene, CAMERA, SIZE, ALL), on(3, work, {"device": "cpu"}))
+
+
+PROGRAM = """
+import globule as gb, numpy as np
+from mpi4py import MPI
+
+comm, data = MPI.COMM_WORLD, np.load("data.npz")
+own = {k: data[k][comm.rank::comm.size] for k in ("positions", "color")}
+scene = gb.Scene(gb.Particles(**own), support=2.0, comm=comm, ranks="pieces", device="cpu")
+camera = gb.Camera.fit(data["positions"], size=(96, 72), margin=1)
+glass = gb.Material(reflection=0.2, transmission=0.6, index=1.3)
+settings = {"material": glass, "shadows": True, "ambient_rays": 2}
+images = [gb.render(scene, camera, (96, 72), settings).image for _ in "ab"]
+if comm.rank == 0:
+    np.save("images.npy", images)
+"""
+
+
+def test_through_mpiexec(tmp_path):
+    np.savez(tmp_path / "data.npz", positions=POSITIONS, color=COLOR)
+    (tmp_path / "program.py").write_text(PROGRAM)
+    run = mpirun(3, "program.py", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr[-2000:]
+    found = np.load(tmp_path / "images.npy")
+    np.testing.assert_array_equal(*found)
+    one = gb.render(gb.Scene(PARTICLES, support=2.0, device="cpu"), CAMERA, SIZE, ALL).image
+    assert np.abs(one.astype(int) - found[0]).max() <= 1
+
+
+def test_the_command(tmp_path, monkeypatch, capsys):
+    from PIL import Image
+
+    monkeypatch.chdir(tmp_path)
+    gb.write("a.npz", cube(6))
+    words = ["a.npz", "--size", "90x60", "--support", "0.3", "--threads", "1", "--shadows",
+             "--reflection", "0.3", "--ambient-rays", "1", "--ground", "-0.5"]  # fmt: skip
+    run_json(capsys, "render", *words, "-o", "one.png")
+    command = ["-m", "globule", "render", *words, "--ranks", "pieces", "-o", "many.png"]
+    run = mpirun(3, *command, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert "in 3 pieces" in run.stderr
+    one, many = (np.asarray(Image.open(name)).astype(int) for name in ("one.png", "many.png"))
+    assert np.abs(one - many).max() <= 1
