@@ -192,7 +192,7 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
         until(lambda: next(iter(watched.viewer.page.tools.hands.values())).tool == "Measure")
         press("Cutting plane")
         until(lambda: state.cuts.plane)
-        press("Undo the last setting")
+        press("Undo the last change")
         until(lambda: not state.cuts.plane)
         press("Redo the setting")
         until(lambda: state.cuts.plane)

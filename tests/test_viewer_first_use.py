@@ -84,6 +84,43 @@ def test_a_stroke_says_what_it_did_and_is_undone(block):
     assert sim.hash() == before
 
 
+def test_one_undo_for_settings_and_cuts():
+    viewer = gb.view("cut-block", port=0, block=False, browser=False)
+    try:
+        source, state = viewer.source, viewer.state
+        source.cut_depth = 0.01
+        page = viewer.page
+        assert not page.cut_is_newest
+        state.set(look__preset="plain")
+        viewer.cut_along(*across(0.025))
+        bonds = source.simulation.tissue.n_bonds
+        state.set(surface__threshold=0.7)
+        assert source.n_cut > 10
+        assert not page.cut_is_newest
+        page.undo(None)
+        assert state.surface.threshold is None
+        assert page.cut_is_newest
+        page.undo(None)
+        assert source.simulation.tissue.n_bonds == bonds + source.n_cut
+        assert not page.cut_is_newest
+        page.undo(None)
+        assert state.look.preset == "tissue"
+    finally:
+        viewer.close()
+
+
+def test_the_page_does_not_wait_for_a_step(block):
+    block.reset()
+    names = block.color_names()
+    block.particles()
+    block.version += 1  # after a cut; a step in progress would hold up a new copy
+    kept, block.simulation = block.simulation, None
+    try:
+        assert block.color_names() == names
+    finally:
+        block.simulation = kept
+
+
 def test_only_so_many_strokes_are_kept(block):
     block.cut_depth = 0.01
     for i in range(7):

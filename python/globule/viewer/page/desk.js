@@ -70,7 +70,7 @@
   const of = {
     plane: button("plane", "Cutting plane", () => set({ cuts__plane: !model.plane }), "Cutting plane on or off; drag its handles (key C)"),
     fit: button("fit", "Fit the whole scene", () => say("fit"), "Show the whole scene (key F)"),
-    undo: button("undo", "Undo the last setting", () => say("undo"), "Undo the last change of a setting (Ctrl+Z)"),
+    undo: button("undo", "Undo the last change", () => say("undo"), "Undo the last change of a setting, or the last cut of tissue (Ctrl+Z)"),
     redo: button("redo", "Redo the setting", () => say("redo"), "Redo (Ctrl+Shift+Z)"),
     camera: button("camera", "Screenshot", () => say("picture"), "Download a screenshot (key P); its size is set in Save and record"),
     disk: button("disk", "Save the view", () => say("state"), "Download all settings and the camera as a file; Load settings opens it again"),
