@@ -165,6 +165,21 @@ def test_the_first_view_shows_all_of_a_scene(name, aspect):
         assert around[:, 2].max() < 0.7
 
 
+@pytest.mark.parametrize("aspect", [0.6, 1.2, 2.5])
+def test_no_surface_is_cut_off_by_the_window(aspect):
+    viewer = gb.view(blob(), port=0, block=False, browser=False)  # the support is a tenth of it
+    try:
+        camera = for_window(viewer.first_camera, aspect, viewer._outline)
+        scene = viewer.source.layers(viewer.state)[0].scene
+        seen = gb.render(scene, camera, size=(round(200 * aspect), 200)).mask
+    finally:
+        viewer.close()
+    assert not seen[[0, -1]].any()
+    assert not seen[:, [0, -1]].any()
+    rows, columns = np.nonzero(seen)
+    assert max(np.ptp(rows) / seen.shape[0], np.ptp(columns) / seen.shape[1]) > 0.7
+
+
 def test_a_sequence_is_fitted_to_its_ends():
     base = np.random.default_rng(1).uniform(0, 1, (50, 3))
     frames = [gb.Particles(base + (0.5 * i, 0, 0), support=0.3) for i in range(5)]

@@ -89,7 +89,7 @@ class Viewer:
             scene = source.layers(self.state.snapshot())[0].scene
             self.warnings = left_out(scene)
             around = source.outline()
-            self._outline = outermost(source) if around is None else around
+            self._outline = outermost(source, scene) if around is None else around
         self._camera_given = camera is not None
         self.first_camera = camera or first_camera(scene, self.up, around, source.camera)
         self._asked_port = port
