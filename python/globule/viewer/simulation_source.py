@@ -353,12 +353,12 @@ class SimulationSource(Source):
             del sizes[0], self._before[0]
 
     def note_settings(self, n: int) -> None:
-        """Note after a cut how many changes of settings came before it."""
+        """As for every source."""
         if self._before:
             self._before[-1].setdefault("settings", n)
 
     def cut_is_newest(self, n: int) -> bool:
-        """Whether a cut can be undone that came after the last of n changes of settings."""
+        """As for every source."""
         return bool(self._before) and self._before[-1].get("settings", n) >= n
 
     def undo(self) -> str:

@@ -115,8 +115,7 @@ class Page:
     @property
     def cut_is_newest(self) -> bool:
         """Whether `undo` takes back a cut of tissue."""
-        newest = getattr(self.viewer.source, "cut_is_newest", None)
-        return newest is not None and newest(self.viewer.state.history.lengths[0])
+        return self.viewer.source.cut_is_newest(self.viewer.state.history.lengths[0])
 
     def undo(self, browser: Any) -> None:
         """Take back the last setting or the last cut of tissue, whichever is newer."""
