@@ -33,7 +33,7 @@ def outermost(source: Source, scene: Any) -> np.ndarray:
     directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
     far = points[[int(np.argmax(points @ towards)) for towards in directions]]
     reach = 0.0 if isinstance(scene, Mesh) else surface_reach(scene)
-    return 1.02 * far + reach * directions + (lo + hi) / 2
+    return 1.06 * far + reach * directions + (lo + hi) / 2
 
 
 def left_out(scene: Any) -> list[str]:
