@@ -31,7 +31,7 @@ TEXT = """\
 | R | start and stop a recording |
 | T | next tool |
 | U | undo the last cut of tissue |
-| Ctrl-Z | undo the last setting or cut; with Shift: redo |
+| Ctrl-Z | undo; with Shift: redo |
 | H | this help |
 | Ctrl-K | all commands |
 
