@@ -3,6 +3,7 @@
     python bench/viewer.py                                         # this machine's processor
     python bench/viewer.py --device cuda --particles 300000 --size 1920x1080 --only rate
     python bench/viewer.py --only browser                          # through a real browser
+    python bench/viewer.py --only frames --soak-seconds 28800      # 8 hours of 10,000 files
 
 Needs neither viser nor a browser but for the last: pictures go through a socket to a thread that
 answers each. Prints a table and writes viewer.csv with --output.
@@ -11,12 +12,9 @@ answers each. Prints a table and writes viewer.csv with --output.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import csv
 import os
 import shutil
-import socket
-import struct
 import threading
 import time
 from collections.abc import Callable
@@ -26,70 +24,13 @@ import numpy as np
 from globule.render.camera_path import orbit
 from globule.render.frame import fit_camera
 from globule.viewer.encode import jpeg
-from globule.viewer.engine import Client, Engine
+from globule.viewer.engine import Engine
 from globule.viewer.picture import trace
 from globule.viewer.source import SceneSource
 from globule.viewer.state import State
+from socket_sink import SocketSink
 from throttle import Throttle
-
-HEAD = struct.Struct("<II")  # number of the picture, bytes
-
-
-class SocketSink:
-    """Pictures through a socket. Whoever reads them answers with each one's number."""
-
-    def __init__(self, through: Callable[[int], int] = lambda port: port):
-        listening = socket.create_server(("127.0.0.1", 0))
-        port = through(listening.getsockname()[1])
-        self.theirs = socket.create_connection(("127.0.0.1", port))
-        self.ours, _ = listening.accept()
-        for end in (self.ours, self.theirs):
-            end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        listening.close()
-        self.client: Client | None = None
-        for work in (self._answer, self._listen):
-            threading.Thread(target=work, daemon=True).start()
-
-    def send(self, number: int, data: bytes, plan: object) -> None:
-        try:
-            self.ours.sendall(HEAD.pack(number, len(data)) + data)
-        except OSError as error:  # closed by this end already
-            raise ConnectionError(str(error)) from error
-
-    def error(self, message: str) -> None:
-        raise SystemExit(message)
-
-    def _answer(self) -> None:
-        """The other end: takes each picture in and says so."""
-        with self.theirs:
-            while head := _read(self.theirs, HEAD.size):
-                number, size = HEAD.unpack(head)
-                if _read(self.theirs, size) is None:
-                    return
-                self.theirs.sendall(struct.pack("<I", number))
-
-    def _listen(self) -> None:
-        while answer := _read(self.ours, 4):
-            self.client.acknowledge(struct.unpack("<I", answer)[0])
-
-    def close(self) -> None:
-        for end in (self.ours, self.theirs):
-            with contextlib.suppress(OSError):  # closed already
-                end.shutdown(socket.SHUT_RDWR)
-            end.close()
-
-
-def _read(end: socket.socket, n: int) -> bytes | None:
-    data = bytearray()
-    while len(data) < n:
-        try:
-            part = end.recv(n - len(data))
-        except OSError:
-            return None
-        if not part:
-            return None
-        data += part
-    return bytes(data)
+from viewer_long import of_frames, of_soak
 
 
 class Session:
@@ -344,48 +285,6 @@ def of_browser(options: argparse.Namespace) -> list[tuple[str, str]]:
     return rows
 
 
-def of_soak(options: argparse.Namespace) -> list[tuple[str, str]]:
-    """The dam break, again and again, with a client that comes and goes."""
-    from globule._base.memory import resident_bytes
-    from globule.viewer.simulation_source import SimulationSource
-
-    simulation = gb.Simulation("dam-break", device=options.device)
-    source = SimulationSource("dam-break", simulation, options.device)
-    engine = Engine(source, State(), source.up)
-    engine.on_error = lambda message: errors.append(message)
-    errors: list[str] = []
-    began, sizes, visits, steps = time.monotonic(), [], 0, 0
-    source.play(True)
-    while time.monotonic() - began < options.soak_seconds:
-        sink = SocketSink()
-        client = engine.add(sink, source.camera)
-        sink.client = client
-        client.look(source.camera, (960, 540))
-        time.sleep(min(20.0, options.soak_seconds / 10))
-        if simulation.time > 2.0:
-            steps += simulation.n_steps
-            source.reset()
-            source.play(True)
-        if visits % 2:
-            sink.close()  # the client dies first
-        engine.remove(client)
-        sink.close()
-        visits += 1
-        sizes.append(resident_bytes() / 1e6)
-    threads = threading.active_count()
-    engine.close()
-    warm = sizes[len(sizes) // 5]
-    return [
-        ("seconds", f"{options.soak_seconds:g}"),
-        ("visits", str(visits)),
-        ("steps", f"{steps + simulation.n_steps:,}"),
-        ("memory at a fifth", f"{warm:.0f} MB"),
-        ("memory at the end", f"{sizes[-1]:.0f} MB"),
-        ("threads at the end", str(threads)),
-        ("errors", "; ".join(errors) or "none"),
-    ]
-
-
 def _ms(values: object) -> str:
     return f"{1e3 * float(np.median(values)):.2f} ms" if len(values) else "-"
 
@@ -397,6 +296,7 @@ PARTS = {
     "link": of_slow_link,
     "browser": of_browser,
     "soak": of_soak,
+    "frames": of_frames,
 }
 
 
@@ -416,7 +316,10 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=20.0, help="pictures per second aimed at")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--link-seconds", type=float, default=60.0)
-    parser.add_argument("--soak-seconds", type=float, default=3600.0)
+    parser.add_argument("--soak-seconds", type=float, default=3600.0, help="of soak and frames")
+    parser.add_argument("--frames", type=int, default=10_000, help="files of the sequence")
+    parser.add_argument("--frame-particles", type=int, default=1000, help="in each file")
+    parser.add_argument("--kept-mb", type=int, default=1074, help="of a sequence, in memory")
     parser.add_argument("--only", choices=PARTS, action="append")
     parser.add_argument("--output", metavar="FOLDER", help="write viewer.csv there")
     options = parser.parse_args()

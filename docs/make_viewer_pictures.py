@@ -243,6 +243,7 @@ def main() -> None:
             viewer = gb.view(what(), port=0, browser=False, block=False)
             viewer.state.set(quality__samples=4)
             page = chromium.new_page(viewport=SIZE)
+            page.set_default_timeout(240_000)  # a busy machine
             page.goto(viewer.address)
             page.get_by_text("Help (H)").wait_for()
             page.get_by_role("button", name="Skip").click()  # the hints

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from viewer_helpers import Watched, blob, open_folder, until
+from viewer_helpers import PATIENCE, Watched, blob, open_folder, until
 
 BROWSERS = True  # see hang_guard
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -35,6 +35,7 @@ def opened(watched, width, height, **more):
     context = watched.opened.new_context(viewport={"width": width, "height": height}, **more)
     watched.pages.append(context)
     page = context.new_page()
+    page.set_default_timeout(1000 * PATIENCE)
     page.goto(watched.viewer.address)
     desk = page.locator("#globule-desk")
     desk.get_by_role("button", name="Skip").click()

@@ -84,6 +84,43 @@ def test_a_stroke_says_what_it_did_and_is_undone(block):
     assert sim.hash() == before
 
 
+def test_one_undo_for_settings_and_cuts():
+    viewer = gb.view("cut-block", port=0, block=False, browser=False)
+    try:
+        source, state = viewer.source, viewer.state
+        source.cut_depth = 0.01
+        page = viewer.page
+        assert not page.cut_is_newest
+        state.set(look__preset="plain")
+        viewer.cut_along(*across(0.025))
+        bonds = source.simulation.tissue.n_bonds
+        state.set(surface__threshold=0.7)
+        assert source.n_cut > 10
+        assert not page.cut_is_newest
+        page.undo(None)
+        assert state.surface.threshold is None
+        assert page.cut_is_newest
+        page.undo(None)
+        assert source.simulation.tissue.n_bonds == bonds + source.n_cut
+        assert not page.cut_is_newest
+        page.undo(None)
+        assert state.look.preset == "tissue"
+    finally:
+        viewer.close()
+
+
+def test_the_page_does_not_wait_for_a_step(block):
+    block.reset()
+    names = block.color_names()
+    block.particles()
+    block.version += 1  # after a cut; a step in progress would hold up a new copy
+    kept, block.simulation = block.simulation, None
+    try:
+        assert block.color_names() == names
+    finally:
+        block.simulation = kept
+
+
 def test_only_so_many_strokes_are_kept(block):
     block.cut_depth = 0.01
     for i in range(7):
@@ -126,6 +163,21 @@ def test_the_first_view_shows_all_of_a_scene(name, aspect):
     if name == "dam-break":  # the dry floor, but not the air above the water
         assert around[:, 0].max() > 1.5
         assert around[:, 2].max() < 0.7
+
+
+@pytest.mark.parametrize("aspect", [0.6, 1.2, 2.5])
+def test_no_surface_is_cut_off_by_the_window(aspect):
+    viewer = gb.view(blob(), port=0, block=False, browser=False)  # the support is a tenth of it
+    try:
+        camera = for_window(viewer.first_camera, aspect, viewer._outline)
+        scene = viewer.source.layers(viewer.state)[0].scene
+        seen = gb.render(scene, camera, size=(round(200 * aspect), 200)).mask
+    finally:
+        viewer.close()
+    assert not seen[[0, -1]].any()
+    assert not seen[:, [0, -1]].any()
+    rows, columns = np.nonzero(seen)
+    assert max(np.ptp(rows) / seen.shape[0], np.ptp(columns) / seen.shape[1]) > 0.7
 
 
 def test_a_sequence_is_fitted_to_its_ends():

@@ -9,6 +9,8 @@ from viewer_helpers import blob, until
 
 pytest.importorskip("viser")
 
+from globule.viewer import sequence_source
+from globule.viewer.state import State
 from viewer_program import CAMERA, Program
 
 
@@ -76,3 +78,39 @@ def test_a_click_does_not_wait_for_a_long_image(opened, lost):
     assert np.dot(ray, towards) / np.linalg.norm(ray) / np.linalg.norm(towards) > 0.99
     program.say(dict(CAMERA, image_width=60, image_height=45))  # for a quick end
     until(lambda: client.pacer.full[0] == 60)
+
+
+def test_a_long_sequence_keeps_only_so_many_frames(tmp_path, monkeypatch):
+    frame = gb.Particles(np.zeros((1000, 3)), support=0.1)
+    read, broken = [], {"7.npz"}
+
+    def read_frame(name):
+        read.append(name)
+        if name in broken:
+            raise ValueError(f"{name}: damaged")
+        return frame[:]
+
+    one = sequence_source._bytes(frame)
+    monkeypatch.setattr(sequence_source, "KEPT_BYTES", 10 * one)
+    source = sequence_source.SequenceSource(
+        "long", [f"{i}.npz" for i in range(200)], read_frame=read_frame
+    )
+    try:
+        state = State()
+        for i in [*range(1, 60), *range(150, 40, -1)]:
+            state.set(time__frame=i)
+            if i == 7:
+                with pytest.raises(ValueError, match="damaged"):
+                    source.advance(state)
+                broken.clear()  # the file is whole again
+            assert source.advance(state) is not None
+            assert source.frame == i
+            assert len(source._kept) <= 13  # one is shown, one is read ahead
+            assert source._total == sum(source._sizes.values()) <= 11 * one
+        before = len(read)
+        state.set(time__frame=42)
+        source.advance(state)
+        assert len(read) <= before + 1  # at most the one behind it: 42 itself is kept
+        assert set(source._sizes) | source._unsized == set(source._kept)
+    finally:
+        source.close()

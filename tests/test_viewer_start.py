@@ -88,6 +88,22 @@ def test_an_upload_is_opened_and_its_copy_removed(start, tmp_path):
     assert not os.path.exists(folder)
 
 
+def test_two_uploads_are_compared(start, tmp_path):
+    data = (tmp_path / "known.npz").read_bytes()
+    with talk(start) as connection:
+        for name in ("before.npz", "after.npz"):
+            asked = {"do": "upload", "name": name, "size": len(data), "compare": name[0] == "b"}
+            connection.send(json.dumps(asked))
+            connection.send(data)
+            if asked["compare"]:
+                assert heard(connection, "kept") == name
+                assert start.source is None
+        assert heard(connection, "opened")
+    source = start.wait()
+    assert source.kind == "compare"
+    assert source.name == "before.npz | after.npz"
+
+
 def test_uploads_that_are_refused(start, tmp_path):
     mha = b"ObjectType = Image\nNDims = 3\nElementDataFile = /etc/passwd\n"
     nrrd = b"NRRD0004\ntype: uchar\ndimension: 1\nsizes: 9\ndata file: /etc/passwd\n\n"

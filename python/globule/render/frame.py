@@ -688,11 +688,16 @@ def fit_camera(
     """`Camera.fit` with room for the surface around the particles, or around the points (M, 3)."""
     if isinstance(scene, Mesh):
         return Camera.fit(corners_of(scene) if around is None else around, size=size, **options)
-    margin = REACH[scene.kernel] * float(np.max(to_host(scene.support), initial=0.0))
     if shows_flat(scene):
         options = FROM_ABOVE | options
     seen = scene.particles if around is None else around
-    return Camera.fit(seen, size=size, margin=margin if np.isfinite(margin) else 0.0, **options)
+    return Camera.fit(seen, size=size, margin=surface_reach(scene), **options)
+
+
+def surface_reach(scene: Scene) -> float:
+    """How far the surface may be from the outermost particles, world units."""
+    reach = REACH[scene.kernel] * float(np.max(to_host(scene.support), initial=0.0))
+    return reach if np.isfinite(reach) else 0.0
 
 
 def corners_of(mesh: Mesh) -> np.ndarray:

@@ -89,7 +89,7 @@ class Viewer:
             scene = source.layers(self.state.snapshot())[0].scene
             self.warnings = left_out(scene)
             around = source.outline()
-            self._outline = outermost(source) if around is None else around
+            self._outline = outermost(source, scene) if around is None else around
         self._camera_given = camera is not None
         self.first_camera = camera or first_camera(scene, self.up, around, source.camera)
         self._asked_port = port
@@ -315,7 +315,9 @@ class Viewer:
             ValueError: the stroke is a single point.
         """
         if self.source.has_tissue:
-            return self.source.cut_along(points, camera)
+            said = self.source.cut_along(points, camera)
+            self.source.note_settings(self.state.history.lengths[0])
+            return said
         first, last = (np.asarray(p, float) for p in (points[0], points[-1]))
         normal = np.cross(last - first, camera.towards([first])[0])
         if not np.linalg.norm(normal) > 0:
@@ -328,7 +330,7 @@ class Viewer:
             cuts__normal=tuple(normal.tolist()),
             cuts__point=tuple(((first + last) / 2).tolist()),
         )
-        return "Added a cutting plane along the stroke. *Remove all cuts* in *Cut* removes it."
+        return "Added a cutting plane along the stroke. *Plane* in the toolbar removes it."
 
     def screenshot(
         self,

@@ -159,7 +159,7 @@ class Desk:
         play: Any = panels.get("Play")
         return {
             "set": lambda browser, value: self._set(browser, value),
-            "undo": lambda browser, value: state.history.undo(),
+            "undo": lambda browser, value: page.undo(browser),
             "redo": lambda browser, value: state.history.redo(),
             "tool": lambda browser, value: page.tools.hands[browser.client_id].use(value),
             "fit": lambda browser, value: panels["View"].fit(browser),

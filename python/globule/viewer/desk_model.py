@@ -44,7 +44,7 @@ class Model:
             "role": client.role if client else STEER,
             "people": [len(self.viewer.clients), self.viewer.most_clients],
             "tool": hand.tool if hand else page.tools.choices[0],
-            "undo": undo,
+            "undo": undo + page.cut_is_newest,
             "redo": redo,
             "plane": state.cuts.plane,
             "recording": browser.client_id in saving._recorders,

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._base.arrays import on_gpu
 from ..render.camera import Camera
-from ..render.frame import fit_camera
+from ..render.frame import fit_camera, surface_reach
 from ..scene.mesh import Mesh
 from .source import Source, box_corners
 
@@ -16,8 +16,8 @@ FIRST_SIZE = (1280, 720)
 MOST_POINTS, N_DIRECTIONS = 200_000, 96  # that the first camera is fitted to
 
 
-def outermost(source: Source) -> np.ndarray:
-    """The outermost particles (M, 3) in many directions, with some room for the surface.
+def outermost(source: Source, scene: Any) -> np.ndarray:
+    """Points (M, 3) outside of the outermost particles in many directions, as far as their surface.
 
     For particles on a GPU: the corners of their box.
     """
@@ -31,8 +31,9 @@ def outermost(source: Source) -> np.ndarray:
     height, turn = 1 - 2 * i / N_DIRECTIONS, np.pi * (1 + 5**0.5) * i  # evenly over a sphere
     flat = np.sqrt(1 - height**2)
     directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
-    far = [int(np.argmax(points @ towards)) for towards in directions]
-    return 1.06 * points[np.unique(far)] + (lo + hi) / 2
+    far = points[[int(np.argmax(points @ towards)) for towards in directions]]
+    reach = 0.0 if isinstance(scene, Mesh) else surface_reach(scene)
+    return 1.06 * far + reach * directions + (lo + hi) / 2
 
 
 def left_out(scene: Any) -> list[str]:

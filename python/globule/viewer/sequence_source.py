@@ -50,6 +50,9 @@ class SequenceSource(Source):
         self.n_frames = len(self._frames)
         self.maker = SceneMaker(device, threads)
         self._kept: OrderedDict[int, Future] = OrderedDict()
+        self._sizes: dict[int, int] = {}  # bytes of the kept frames that have been read
+        self._unsized: set[int] = set()  # kept, still being read when last looked at
+        self._total = 0  # of `_sizes`
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="globule read")
         self.frame = 0
         self._now = self._fetch(0).result()
@@ -122,16 +125,21 @@ class SequenceSource(Source):
             return found
         self._forget()
         self._kept[i] = self._pool.submit(self._read, item)
+        self._total -= self._sizes.pop(i, 0)
+        self._unsized.add(i)
         return self._kept[i]
 
     def _forget(self) -> None:
-        """Free memory, oldest frames first."""
-        done = [f for f in self._kept.values() if f.done() and f.exception() is None]
-        total = sum(_bytes(f.result()) for f in done)
-        while total > KEPT_BYTES and len(self._kept) > 2:
-            _, gone = self._kept.popitem(last=False)
-            if gone.done() and gone.exception() is None:
-                total -= _bytes(gone.result())
+        """Free memory, oldest frames first. Looks at new frames only: there may be thousands."""
+        for i in [i for i in self._unsized if self._kept[i].done()]:
+            self._unsized.remove(i)
+            failed = self._kept[i].exception() is not None
+            self._sizes[i] = 0 if failed else _bytes(self._kept[i].result())
+            self._total += self._sizes[i]
+        while self._total > KEPT_BYTES and len(self._kept) > 2:
+            i, _ = self._kept.popitem(last=False)
+            self._total -= self._sizes.pop(i, 0)
+            self._unsized.discard(i)
 
 
 def _bytes(particles: Particles) -> int:

@@ -15,7 +15,7 @@ from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .overlay import STEEL, Mark
-from .scenes import SceneMaker
+from .scenes import SceneMaker, color_names
 from .source import Origin, Source, box_corners
 from .state import State
 
@@ -107,6 +107,10 @@ class SimulationSource(Source):
         if self._own_version != self.version or self._own is None:
             self._own, self._own_version = self.simulation.particles, self.version
         return self._own
+
+    def color_names(self) -> list[str]:
+        """As for every source, of the last copy: the page must not wait for a step in progress."""
+        return color_names(self.particles() if self._own is None else self._own)
 
     def layers(self, state: State) -> list[Layer]:
         """The simulation's own scene if the settings allow. The caller holds `lock`."""
@@ -347,6 +351,15 @@ class SimulationSource(Source):
         sizes = [sum(a.nbytes for a in one["arrays"].values()) for one in self._before]
         while sum(sizes) > UNDO_BYTES:
             del sizes[0], self._before[0]
+
+    def note_settings(self, n: int) -> None:
+        """As for every source."""
+        if self._before:
+            self._before[-1].setdefault("settings", n)
+
+    def cut_is_newest(self, n: int) -> bool:
+        """As for every source."""
+        return bool(self._before) and self._before[-1].get("settings", n) >= n
 
     def undo(self) -> str:
         """Go back to the state before the last cut; returns a sentence for the page.

@@ -209,6 +209,13 @@ class Source:
         """
         return None
 
+    def note_settings(self, n: int) -> None:
+        """Note after a cut how many changes of settings came before it."""
+
+    def cut_is_newest(self, n: int) -> bool:
+        """Whether a cut can be undone that came after the last of n changes of settings."""
+        return False
+
     def cut_along(self, points: list, camera: Camera) -> str:
         """Cut tissue along a stroke; returns a sentence for the page. Called with `has_tissue`."""
         raise NotImplementedError

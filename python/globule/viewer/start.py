@@ -1,7 +1,8 @@
-"""The start page of `globule view` without a file: shipped scenes, recent files, a dropped file.
+"""The start page of `globule view` without a file: scenes, recent files, one or two dropped files.
 
 The page never sends a path: a scene by its name, a recent file by its number, or the bytes of a
-file. When the choice has been opened, the start page's server ends and the viewer takes its port.
+file. Two dropped files are compared. When the choice has been opened, the start page's server ends
+and the viewer takes its port.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from typing import Any
 
 from .._base.files import atomic_write
 from ..sim.scene_file import SHIPPED
+from .compare_source import CompareSource
 from .guard import Guard, answer
 from .source import Source
 
@@ -141,6 +143,7 @@ class Start:
 
         scenes = [[name, words] for name, words in SCENES.items()]
         recent = [[Path(path).name, str(Path(path).parent)] for path in self._recent]
+        first: list[str] = []  # of two files to compare
         with contextlib.suppress(ConnectionClosed):
             hello = {"scenes": scenes, "recent": recent, "endings": ENDINGS, "most": MOST_UPLOAD}
             await connection.send(json.dumps(hello))
@@ -148,13 +151,15 @@ class Start:
                 if isinstance(text, bytes):  # the rest of an upload that was refused
                     continue
                 try:
-                    await self._do(connection, text)
+                    await self._do(connection, text, first)
                 except Exception as error:
+                    first.clear()
                     words = str(error) or type(error).__name__
                     words = words.replace(self._folder + os.sep, "")
                     await connection.send(json.dumps({"error": words}))
 
-    async def _do(self, connection: Any, text: str | bytes) -> None:
+    async def _do(self, connection: Any, text: str | bytes, first: list[str]) -> None:
+        """Do what a browser asks for; an upload with another to come is kept in `first`."""
         asked = json.loads(text)
         what = asked.get("do") if isinstance(asked, dict) else None
         if what == "scene" and asked.get("name") in SCENES:
@@ -163,19 +168,24 @@ class Start:
             name = self._recent[asked["number"]]
         elif what == "upload":
             name = await self._receive(connection, str(asked.get("name")), asked.get("size"))
+            if asked.get("compare") and not first:
+                first.append(name)
+                await connection.send(json.dumps({"kept": os.path.basename(name)}))
+                return
         else:
             raise ValueError("start page: expected the name of a scene, a recent file or a file")
         await connection.send(json.dumps({"opening": os.path.basename(name)}))
-        await asyncio.get_running_loop().run_in_executor(None, self._take, name)
+        await asyncio.get_running_loop().run_in_executor(None, self._take, [*first, name])
         await connection.send(json.dumps({"opened": True}))
         await asyncio.sleep(0.2)  # until it is there
         self._chosen.set()
 
-    def _take(self, name: str) -> None:
+    def _take(self, names: list[str]) -> None:
         with self._busy:
             if self.source is not None:
                 return
-            self.source = self._open(name)
+            sources = [self._open(name) for name in names]
+            self.source = sources[0] if len(sources) == 1 else CompareSource(*sources)
 
     async def _receive(self, connection: Any, name: str, size: Any) -> str:
         """Receive a file of a browser; returns the path of the copy."""

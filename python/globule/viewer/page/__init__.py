@@ -8,9 +8,21 @@ from typing import Any
 from ..desk import Desk
 from ..log import log
 from ..roles import Roles
-from . import color, cuts, help, look, notes, play, save, statistics, surface, tools, volume
+from . import (
+    color,
+    cuts,
+    help,
+    look,
+    notes,
+    play,
+    save,
+    statistics,
+    surface,
+    tools,
+    volume,
+    widgets,
+)
 from . import view as view_panel
-from .widgets import Binder
 
 WELCOME = (
     "**Drag** to rotate, **wheel** to zoom, **right-drag** to pan.  \n"
@@ -41,7 +53,7 @@ class Page:
         server.scene.set_up_direction(viewer.up)
         server.scene.world_axes.visible = False
         self._first_camera()
-        self.binder = Binder(server.gui, viewer.state, self.complain)
+        self.binder = widgets.Binder(server.gui, viewer.state, self.complain)
         server.gui.add_markdown(WELCOME)
         for line in viewer.warnings:
             server.gui.add_markdown(f"**{line}**")
@@ -60,10 +72,10 @@ class Page:
             help.Help(self),
         ]
         self.desk = Desk(viewer)
-        for hotkey, label, way in (("cmd/ctrl", "Undo the last setting", "undo"),
-                                   ("cmd/ctrl+shift", "Redo the setting", "redo")):  # fmt: skip
-            command = server.gui.add_command(label, hotkey="Z", modifier=hotkey)
-            command.on_trigger(lambda event, way=way: getattr(viewer.state.history, way)())
+        undo = server.gui.add_command("Undo the last change", hotkey="Z", modifier="cmd/ctrl")
+        undo.on_trigger(widgets.safe(self)(lambda event: self.undo(event.client)))
+        redo = server.gui.add_command("Redo the setting", hotkey="Z", modifier="cmd/ctrl+shift")
+        redo.on_trigger(lambda event: viewer.state.history.redo())
         threading.Thread(target=self._keep_ticking, name="globule page", daemon=True).start()
 
     def paint(self, gui: Any, dark: bool = False) -> None:
@@ -99,6 +111,21 @@ class Page:
         self.desk.disconnected(browser)
         for panel in self.panels:
             panel.disconnected(browser)
+
+    @property
+    def cut_is_newest(self) -> bool:
+        """Whether `undo` takes back a cut of tissue."""
+        return self.viewer.source.cut_is_newest(self.viewer.state.history.lengths[0])
+
+    def undo(self, browser: Any) -> None:
+        """Take back the last setting or the last cut of tissue, whichever is newer."""
+        if not self.cut_is_newest:
+            self.viewer.state.history.undo()
+            return
+        said = self.viewer.source.undo()
+        self.viewer.engine.notify()
+        if browser is not None and browser.client_id in self.tools.hands:
+            self.tools.hands[browser.client_id].text.content = said
 
     def complain(self, browser: Any, message: str) -> None:
         """Show an error to the browser that caused it (None: to all) and log it."""

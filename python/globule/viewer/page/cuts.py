@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..._base.rotations import matrix
+from ..roles import STEER
+from .cut_handles import CutHandles
 from .panel import Panel
 
-HANDLE = 0.45  # page units
 FACES = "Set the plane across an axis or the view, or turn it around"
 
 
@@ -20,6 +20,7 @@ class CutPanel(Panel):
 
     def build(self) -> None:
         """Make the widgets."""
+        self.handles: dict[int, CutHandles] = {}  # by browser
         extent = self.viewer.placement.extent
         cuts, plain = self.state.cuts, type(self.state.cuts)()
         if cuts == plain:  # no file was loaded
@@ -48,14 +49,15 @@ class CutPanel(Panel):
             "C",
             lambda browser: self.state.set(cuts__plane=not self.state.cuts.plane),
         )
-        self._handles()
         self.state.listen(self._follow)
-        self._follow({"cuts."})
 
     def _begin(self) -> None:
         """Start plane, box and sphere in the middle of the scene."""
         with self.viewer.source.lock:
+            around = self.viewer.source.outline()
             lo, hi = self.viewer.source.bounds()
+        if around is not None:  # of a simulation: what is seen, not the whole domain
+            lo, hi = around.min(axis=0), around.max(axis=0)
         extent = self.viewer.placement.extent
         middle = tuple(((lo + hi) / 2).tolist())
         near, far = (lo + hi) / 2, hi + 0.05 * extent
@@ -90,57 +92,23 @@ class CutPanel(Panel):
             normal = tuple(float(axis == name) for axis in "xyz")
         self.state.set(cuts__normal=normal, cuts__plane=True)
 
-    def _handles(self) -> None:
-        add = self.page.server.scene.add_transform_controls
-        plain = {"scale": HANDLE, "depth_test": False, "visible": False}
-        self.plane = add("/cut/plane", **plain)
-        self.lo = add("/cut/low corner", disable_rotations=True, **plain)
-        self.hi = add("/cut/high corner", disable_rotations=True, **plain)
-        self.ball = add("/cut/ball", disable_rotations=True, **plain)
+    # Handles: each browser that steers has its own
 
-        place = self.viewer.placement
+    def connected(self, browser: Any, client: Any) -> None:
+        """Add the handles of a browser."""
+        if client.role == STEER:
+            self.handles[browser.client_id] = CutHandles(self, browser)
 
-        def follow(handle: Any, **names: str) -> None:
-            @handle.on_update
-            def _(event: Any) -> None:
-                changes = {f"cuts__{names['at']}": tuple(place.to_world(handle.position).tolist())}
-                if "normal" in names:
-                    changes["cuts__normal"] = tuple(matrix(handle.wxyz)[:, 0].tolist())
-                try:
-                    self.state.set(**changes)
-                except ValueError as error:
-                    self.page.complain(event.client, str(error))
+    def disconnected(self, browser: Any) -> None:
+        """Forget the handles of a browser that has left."""
+        self.handles.pop(browser.client_id, None)
 
-        follow(self.plane, at="point", normal="normal")
-        follow(self.lo, at="lo")
-        follow(self.hi, at="hi")
-        follow(self.ball, at="center")
+    def took(self, browser: Any) -> None:
+        """Show or hide the handles of a browser that has taken another tool."""
+        if browser.client_id in self.handles:
+            self.handles[browser.client_id].follow()
 
     def _follow(self, changed: set[str]) -> None:
-        """Move the handles to their settings."""
-        if not any(name.startswith("cuts.") for name in changed):
-            return
-        cuts, place = self.state.cuts, self.viewer.placement.to_page
-        for handle, on, at in (
-            (self.plane, cuts.plane, cuts.point),
-            (self.lo, cuts.box, cuts.lo),
-            (self.hi, cuts.box, cuts.hi),
-            (self.ball, cuts.sphere, cuts.center),
-        ):
-            if handle.visible != on:
-                handle.visible = on
-            if not np.allclose(handle.position, place(at), atol=1e-6):
-                handle.position = place(at)
-        normal = np.asarray(cuts.normal) / (np.linalg.norm(cuts.normal) or 1)
-        if any(cuts.normal) and not np.allclose(matrix(self.plane.wxyz)[:, 0], normal, atol=1e-5):
-            self.plane.wxyz = turn_to(normal)
-
-
-def turn_to(normal: np.ndarray) -> tuple[float, float, float, float]:
-    """The rotation (w, x, y, z) that turns the x axis to a unit vector (3,)."""
-    w = 1 + float(normal[0])
-    if w < 1e-6:
-        return 0.0, 0.0, 1.0, 0.0
-    quaternion = np.array([w, 0.0, -normal[2], normal[1]])
-    w, x, y, z = (quaternion / np.linalg.norm(quaternion)).tolist()
-    return w, x, y, z
+        if any(name.startswith("cuts.") for name in changed):
+            for handles in list(self.handles.values()):
+                handles.follow()

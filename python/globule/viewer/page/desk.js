@@ -6,12 +6,12 @@
     Cut: "M6 6l12 12M18 6 6 18M4 19a2.5 2.5 0 1 0 4 0 2.5 2.5 0 1 0-4 0M16 19a2.5 2.5 0 1 0 4 0 2.5 2.5 0 1 0-4 0",
     Grasp: "M7 12V6a2 2 0 0 1 4 0v5V4a2 2 0 0 1 4 0v7V6a2 2 0 0 1 4 0v8a7 7 0 0 1-13 3l-3-5z",
     Suction: "M6 3v10a6 6 0 0 0 12 0V3M12 13v8",
-    plane: "M3 8l9-5 9 5-9 5zM3 16l9 5 9-5",
+    plane: "M12 3 4 7v10l8 4 8-4V7zM2 19 22 5",
     fit: "M4 9V4h5M15 4h5v5M20 15v5h-5M9 20H4v-5",
     undo: "M9 14 4 9l5-5M4 9h10a6 6 0 0 1 0 12h-3",
     redo: "M15 14l5-5-5-5M20 9H10a6 6 0 0 0 0 12h3",
     camera: "M4 8h3l2-3h6l2 3h3v11H4zM12 10a3.5 3.5 0 1 0 0 7 3.5 3.5 0 1 0 0-7",
-    film: "M12 6a6 6 0 1 0 0 12 6 6 0 1 0 0-12",
+    film: "M3 7h12v10H3zM15 11l6-3v8l-6-3",
     layers: "M12 3 3 8l9 5 9-5zM3 12l9 5 9-5M3 16l9 5 9-5",
     moon: "M20 14A8 8 0 1 1 10 4a6.5 6.5 0 0 0 10 10",
     help: "M9 9a3 3 0 1 1 4 3c-1 .6-1 1-1 2M12 18v.1",
@@ -69,9 +69,9 @@
 
   const of = {
     plane: button("plane", "Cutting plane", () => set({ cuts__plane: !model.plane }), "Cutting plane on or off; drag its handles (key C)"),
-    fit: button("fit", "Whole scene", () => say("fit"), "Show the whole scene (key F)"),
-    undo: button("undo", "Revert the last setting", () => say("undo"), "Undo the last change of a setting (Ctrl+Z)"),
-    redo: button("redo", "Restore the setting", () => say("redo"), "Redo (Ctrl+Shift+Z)"),
+    fit: button("fit", "Fit the whole scene", () => say("fit"), "Show the whole scene (key F)"),
+    undo: button("undo", "Undo the last change", () => say("undo"), "Undo the last change of a setting, or the last cut of tissue (Ctrl+Z)"),
+    redo: button("redo", "Redo the setting", () => say("redo"), "Redo (Ctrl+Shift+Z)"),
     camera: button("camera", "Screenshot", () => say("picture"), "Download a screenshot (key P); its size is set in Save and record"),
     disk: button("disk", "Save the view", () => say("state"), "Download all settings and the camera as a file; Load settings opens it again"),
     film: button("film", "Movie", () => say("record"), "Record a movie; press again to stop and download it (key R)"),
@@ -90,6 +90,10 @@
     const gap = () => make("hr", { "aria-hidden": "true" });
     tools.replaceChildren(...Object.values(choices), of.plane, gap(), of.fit, of.undo, of.redo, gap(), of.camera, of.film, of.disk, gap(), of.layers, of.sliders, of.moon, of.help);
     of.sliders.classList.add("only-narrow");
+    // Names below the icons, where the window is wide enough; the buttons' own names contain them
+    const words = { plane: "Plane", fit: "Fit", undo: "Undo", redo: "Redo", camera: "Screenshot", film: "Movie", disk: "Save", layers: "Layers", sliders: "Settings", moon: "Dark", help: "Hints" };
+    const labels = [...Object.entries(choices).map(([name, made]) => [made, name.split(",")[0]]), ...Object.entries(words).map(([key, word]) => [of[key], word])];
+    for (const [made, word] of labels) made.append(make("span", { class: "word", "aria-hidden": "true" }, word));
   };
 
   // The list of layers

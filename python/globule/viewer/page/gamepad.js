@@ -19,7 +19,7 @@
     document.dispatchEvent(new KeyboardEvent(pressed ? "keydown" : "keyup", { key: name, code: name, bubbles: true }));
   };
   const press = (label) => document.querySelector(`#globule-desk button[aria-label="${label}"]:not(:disabled)`)?.click();
-  const BUTTONS = { 1: "Revert the last setting", 3: "Whole scene", 9: "Play or pause" };
+  const BUTTONS = { 1: "Undo the last change", 3: "Fit the whole scene", 9: "Play or pause" };
 
   const look = (now) => {
     const pad = [...navigator.getGamepads()].find((one) => one?.connected), box = image()?.getBoundingClientRect();

@@ -31,6 +31,7 @@ TEXT = """\
 | R | start and stop a recording |
 | T | next tool |
 | U | undo the last cut of tissue |
+| Ctrl-Z | undo; with Shift: redo |
 | H | this help |
 | Ctrl-K | all commands |
 

@@ -62,6 +62,9 @@ class Panel:
     def connected(self, browser: Any, client: Any) -> None:
         """React to a new browser."""
 
+    def took(self, browser: Any) -> None:
+        """React to a browser that has taken another mouse tool."""
+
     def disconnected(self, browser: Any) -> None:
         """React to a browser that has left."""
 

@@ -120,6 +120,8 @@ class Hand:
             self._catcher = None
         if tool in DRAGGED:
             self._catch()
+        for panel in self.page.panels:
+            panel.took(self.browser)
 
     # Clicks
 
