@@ -12,7 +12,7 @@ from .._base.files import atomic_write
 from .._base.structured import parse_json
 from ..formats.numpy_format import read_archive
 
-VERSION = 5
+VERSION = 6
 
 
 def path_of(name: str | os.PathLike[str]) -> str:

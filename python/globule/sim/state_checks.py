@@ -119,6 +119,7 @@ def check_tissue(
 def _check_solid(state: Mapping[str, np.ndarray], n: int, longest: float) -> None:
     """What a solid has beside its bonds."""
     _check_length("rest", _numbers(state, "rest", "4f4"), n)
+    _check_length("body", _numbers(state, "body", "u4"), n)
     lame, frequency = _numbers(state, "lame", "f4"), _numbers(state, "frequency", "f4")
     _check_length("lame", lame, 2 * _BLOCK * -(-n // _BLOCK))
     _check_length("frequency", frequency, 1)
