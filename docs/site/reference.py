@@ -263,7 +263,12 @@ def header_pages() -> dict[str, str]:
         pages[f"reference/headers/{path.stem}.md"] = "\n".join(lines)
         rows.append(f"| [`globule/{path.name}`]({path.stem}.md) | {_cell(about)} |")
     pages["reference/headers/index.md"] = "\n".join(
-        ["# C++ headers", "", "`#include <globule/globule.hpp>` includes all of them but `mpi.hpp`, which needs MPI.", ""]
+        [
+            "# C++ headers",
+            "",
+            "`#include <globule/globule.hpp>` includes all but `mpi.hpp`, which needs MPI.",
+            "",
+        ]
         + ["| header | what it holds |", "|---|---|", *rows, ""]
     )
     return pages
