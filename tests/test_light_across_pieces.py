@@ -93,13 +93,14 @@ def test_smooth_surfaces_with_samples_at_edges(backend):
 
 
 def test_particles_of_their_own(backend):
-    own = {"reflection": np.linspace(0, 0.6, N), "refraction": RNG.uniform(0, 0.8, N)}
+    rng = np.random.default_rng(6)
+    own = {"reflection": np.linspace(0, 0.6, N), "refraction": rng.uniform(0, 0.8, N)}
     check(gb.Particles(POSITIONS, color=COLOR, **own), 3, backend, {"shadows": True}, support=2.0)
     weight = np.where(np.arange(N) % 5 == 0, -0.6, 1.0)
     # More bounces between such bumps make a level of rounding alone: of one scene, too.
     once = ALL | {"bounces": 1}
     check(gb.Particles(POSITIONS, weight=weight), 3, backend, once, support=2.0)
-    support = RNG.uniform(1.2, 2.2, N)
+    support = rng.uniform(1.2, 2.2, N)
     support[700] = 30  # over all pieces
     check(gb.Particles(POSITIONS, support=support), 4, backend, {"shadows": True}, threshold=1.0)
 

@@ -226,6 +226,11 @@ def run(options: argparse.Namespace) -> None:
         sweep = stream.sweep() if stream else _sweep(options)
         check_voxel_size(None if options.region else options.spacing, sweep)
         read_seconds = time.perf_counter() - start
+        if not stream and not sweep.n_valid:
+            raise UserError(
+                f"{options.sweep}: expected at least one frame with a valid pose, got none among "
+                f"{len(sweep):,}; the calibration may be what places them nowhere"
+            )
         outliers, findings = _without_outliers(sweep, options, messages)
         n_lost = len(sweep) - sweep.n_valid - len(outliers)
         if n_lost:

@@ -50,7 +50,8 @@ def defaults(parser: argparse.ArgumentParser, options: argparse.Namespace) -> di
         volumes = [path for path in find_files(options.particles) if is_surface(path, options)]
     up = options.up if camera is None else camera.up
     unsaid = ("threshold", "support") if volumes else ()
-    words = render_words(state, camera, up, _no_sky(state, up), unsaid)
+    with mistakes(options.state):
+        words = render_words(state, camera, up, _no_sky(state, up), unsaid)
     if volumes:
         if state.slices.level:
             words += ["--level", repr(state.slices.level)]

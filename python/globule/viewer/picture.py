@@ -165,8 +165,9 @@ def _ground(look: Look, base: RenderSettings, scene: Scene | Mesh, up: Any) -> G
 def clips_of(cuts: Cuts) -> list[ClipPlane | ClipBox | ClipSphere]:
     """The clips of the cuts that are switched on."""
     clips: list[ClipPlane | ClipBox | ClipSphere] = []
-    if cuts.plane and any(cuts.normal):
-        normal = np.asarray(cuts.normal) / np.linalg.norm(cuts.normal)
+    length = np.linalg.norm(cuts.normal)
+    if cuts.plane and length > 1e-150:  # whose square is not 0
+        normal = np.asarray(cuts.normal) / length
         clips.append(ClipPlane(tuple(normal.tolist()), float(normal @ cuts.point)))
     if cuts.box:
         lo, hi = np.minimum(cuts.lo, cuts.hi), np.maximum(cuts.lo, cuts.hi)

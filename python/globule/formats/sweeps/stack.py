@@ -21,6 +21,7 @@ from . import igs
 DICOM = (".dcm", ".dicom")
 MASK = "mask.png"  # of a folder: not a frame
 _TISSUE, _CM = 1, 3  # Region Spatial Format 2D; Physical Units cm
+_DAMAGED = (OSError, SyntaxError, ValueError, MemoryError)  # what Pillow raises
 
 
 class Stack(NamedTuple):
@@ -58,8 +59,10 @@ def read_folder(path: str | os.PathLike[str], progress: Progress = None) -> Stac
                 picture = np.asarray(image.convert("RGB") if colored else image)
         except FormatError:
             raise
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-            raise bad(path, name, f"expected a picture, got {error}") from None
+        except (*_DAMAGED, Image.DecompressionBombError) as error:
+            raise bad(
+                path, name, f"expected a picture, got {str(error) or 'too large a one'}"
+            ) from None
         if picture.ndim == 3:
             picture = igs.to_grey(picture[..., :3])
         if picture.dtype == np.int32:  # Pillow's mode I: 16-bit PNG
@@ -97,8 +100,9 @@ def read_tiff(path: str | os.PathLike[str]) -> Stack:
                 frames.append(picture)
     except FormatError:
         raise
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise bad(path, f"page {len(frames)}", f"expected an image, got {error}") from None
+    except (*_DAMAGED, Image.DecompressionBombError) as error:
+        page_name, got = f"page {len(frames)}", str(error) or "too large a one"
+        raise bad(path, page_name, f"expected an image, got {got}") from None
     return Stack(np.stack(frames), None, {})
 
 
