@@ -39,11 +39,14 @@ def mine(particles, ranks):
 
 
 def same(one, many, least=0.03):
-    """0 pixels of hit or miss differ, colors by at most a level."""
+    """0 pixels of hit or miss differ, colors by at most a level; rounding that grows from bounce
+    to bounce may make it two at a pixel in a thousand (docs/design/pieces.md)."""
     assert one.mask.mean() > least
     np.testing.assert_array_equal(one.mask, many.mask)
     np.testing.assert_array_equal(one._layer, many._layer)
-    assert np.abs(one.image.astype(int) - many.image.astype(int)).max() <= 1
+    levels = np.abs(one.image.astype(int) - many.image.astype(int)).max(axis=-1)
+    assert levels.max() <= 2
+    assert np.mean(levels > 1) <= 1e-3
 
 
 def check(particles, n, backend, settings, camera=CAMERA, clips=(), **options):

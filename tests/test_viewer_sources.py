@@ -138,7 +138,7 @@ def test_a_sweep_comes_in_and_is_undone(chromium):
         page.get_by_role("button", name="Start", exact=True).click()
         until(lambda: not source.running and source._reconstructor.n_frames == 12)
         full = watched.still(page, differs(empty, 1))
-        page.get_by_role("button", name="Undo").click()
+        page.get_by_role("button", name="Undo", exact=True).click()
         until(lambda: source._reconstructor.n_frames == 11)
         watched.still(page, lambda p: not np.array_equal(p, full))
         choose(page, "Method", "vvn")
@@ -217,7 +217,7 @@ def test_a_live_scanner_from_the_command_line(chromium):
         ).wait_for()
         page.get_by_role("button", name="Stop", exact=True).click()
         until(lambda: np.ptp(seen(page)[250:500, 200:450].mean(axis=2)) > 60, "for the slices")
-        page.get_by_role("button", name="Undo").click()
+        page.get_by_role("button", name="Undo", exact=True).click()
         page.get_by_role("cell", name="images", exact=True).locator(
             "xpath=following-sibling::td[text()='19']"
         ).wait_for()
