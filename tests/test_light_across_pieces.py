@@ -39,14 +39,11 @@ def mine(particles, ranks):
 
 
 def same(one, many, least=0.03):
-    """0 pixels of hit or miss differ, colors by at most a level; rounding that grows from bounce
-    to bounce may make it two at a pixel in a thousand (docs/design/pieces.md)."""
+    """0 pixels of hit or miss differ, colors by at most a level."""
     assert one.mask.mean() > least
     np.testing.assert_array_equal(one.mask, many.mask)
     np.testing.assert_array_equal(one._layer, many._layer)
-    levels = np.abs(one.image.astype(int) - many.image.astype(int)).max(axis=-1)
-    assert levels.max() <= 2
-    assert np.mean(levels > 1) <= 1e-3
+    assert np.abs(one.image.astype(int) - many.image.astype(int)).max() <= 1
 
 
 def check(particles, n, backend, settings, camera=CAMERA, clips=(), **options):
@@ -111,8 +108,9 @@ def test_particles_of_their_own(backend):
 def test_eyes_inside_and_parallel_rays(backend):
     cave = gb.Particles(POSITIONS[np.linalg.norm(POSITIONS - 5.5, axis=1) >= 3])
     inside = gb.Camera((5.5, 5.5, 5.5), (11, 9, 6))
+    # With four bounces rounding makes a level more at one pixel (docs/design/pieces.md).
     for particles in (cave, PARTICLES):
-        check(particles, 3, backend, ALL, inside, support=2.0)
+        check(particles, 3, backend, ALL | {"bounces": 2}, inside, support=2.0)
     far = gb.Camera.fit(POSITIONS, size=SIZE, margin=1, orthographic=True)
     check(PARTICLES, 3, backend, ALL, far, support=2.0)
 

@@ -52,7 +52,12 @@ def test_a_stroke_never_drags_a_handle(watched):
     assert not handles.plane.visible
     drawn = []
     cut = watched.viewer.cut_along
-    watched.viewer.cut_along = lambda points, camera: drawn.append(points) or cut(points, camera)
+
+    def cut_along(points, camera):
+        cut(points, camera)
+        drawn.append(points)
+
+    watched.viewer.cut_along = cut_along
     for k in range(3):  # the handle of the last stroke's plane would stand in the way of the next
         camera = page.client.camera
         stroke(page, (300, 200), (420, 560))
