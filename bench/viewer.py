@@ -22,7 +22,7 @@ from collections.abc import Callable
 import globule as gb
 import numpy as np
 from globule.render.camera_path import orbit
-from globule.render.frame import fit_camera
+from globule.render.fit import fit_camera
 from globule.viewer.encode import jpeg
 from globule.viewer.engine import Engine
 from globule.viewer.picture import trace

@@ -4,7 +4,7 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import SMALL, cube, refused, run_json
-from globule.render.frame import corners_of
+from globule.render.fit import corners_of
 from test_light_cuts import CAMERAS
 from test_surface import ball, smooth
 

@@ -14,7 +14,7 @@ import launcher
 import numpy as np
 import pytest
 from globule._base.device import choose
-from globule.render.frame import fit_camera
+from globule.render.fit import fit_camera
 from globule.scene.scene import KERNELS
 
 ROOT = Path(__file__).resolve().parents[1]

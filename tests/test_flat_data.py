@@ -96,7 +96,7 @@ def test_commands_say_it(capsys, tmp_path):
 @pytest.mark.parametrize(("place", "side"), [(True, 1), ("lower-right", 1), ("upper-left", -1)])
 def test_a_legend_leaves_room_beside_flat_data(place, side):
     from globule.render.annotate import Annotation
-    from globule.render.frame import fitted
+    from globule.render.fit import fitted
     from globule.render.legend import strip_width
 
     size = (320, 240)

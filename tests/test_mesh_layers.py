@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from globule import _core
 from globule._base.arrays import address
-from globule.render.frame import corners_of
+from globule.render.fit import corners_of
 from light import (
     CENTRE,
     MIRROR,

@@ -458,7 +458,7 @@ def test_import_is_short():
 
 
 def test_what_is_imported_later():
-    assert {"globule.sim.simulation", "globule.render.frame"} <= loaded(
+    assert {"globule.sim.simulation", "globule.render.render"} <= loaded(
         "import globule as gb\ngb.Simulation; assert callable(gb.render)"
     )
     assert {*gb.__all__, "__version__"} <= set(dir(gb))

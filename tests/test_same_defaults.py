@@ -6,7 +6,7 @@ from pathlib import Path
 
 import globule as gb
 import pytest
-from globule.render import frame, lights, settings
+from globule.render import fit, layers, lights, settings
 from globule.scene import scene
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -69,7 +69,7 @@ def test_kernels_and_limits():
     assert tuple(name for *_, name in rows) == scene.KERNELS
     for spacings, threshold, reach, name in rows:
         assert scene.DEFAULTS[name] == (float(spacings), float(threshold))
-        assert float(reach) == frame.REACH[name]
+        assert float(reach) == fit.REACH[name]
     limits = dict(re.findall(r"constexpr (?:double|int) (k\w+) = ([\w.]+);", text))
     assert float(limits["kMaxSupport"]) == scene.MAX_SUPPORT
     assert float(limits["kMaxRatio"]) == scene.MAX_RATIO
@@ -78,4 +78,4 @@ def test_kernels_and_limits():
     assert scene.MAX_PARTICLES == 2**31 - 64
     core = "".join(path.read_text() for path in (ROOT / "src").rglob("*.hpp"))
     assert int(re.search(r"kMaxLights = (\d+)", core)[1]) == lights.MAX_LIGHTS
-    assert int(re.search(r"kMaxLayers = (\d+)", core)[1]) == frame.MAX_LAYERS
+    assert int(re.search(r"kMaxLayers = (\d+)", core)[1]) == layers.MAX_LAYERS

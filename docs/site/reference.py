@@ -50,7 +50,7 @@ AREAS = {
         "The folders of the installed C++ library, and definitions that all areas share.",
     ),
 }
-FULL = {"render": "globule.render.frame.render"}  # `globule.render` is a package, too
+FULL = {"render": "globule.render.render.render"}  # `globule.render` is a package, too
 ELSEWHERE = {
     "colorize": "render",
     "Pieces": "scene",

@@ -29,7 +29,8 @@ from ._base.memory import set_limits  # noqa: E402
 from .render.annotate import Annotation  # noqa: E402
 from .render.camera import Camera  # noqa: E402
 from .render.clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
-from .render.frame import Frame, Layer, Picked, render, save_png  # noqa: E402
+from .render.frame import Frame, Picked, save_png  # noqa: E402
+from .render.layers import Layer, layers_by  # noqa: E402
 from .render.lights import (  # noqa: E402
     DirectionalLight,
     Environment,
@@ -39,6 +40,7 @@ from .render.lights import (  # noqa: E402
     Sky,
 )
 from .render.materials import Material  # noqa: E402
+from .render.render import render  # noqa: E402
 from .render.settings import RenderSettings  # noqa: E402
 from .scene import mesh as _mesh  # noqa: E402
 from .scene import scene as _scene  # noqa: E402
@@ -63,7 +65,6 @@ if _TYPE_CHECKING:
     from .measure.track import track_surface
     from .pieces.image import Pieces
     from .render.camera_path import CameraPath, orbit
-    from .render.layers import layers_by
     from .render.legend import add_legend
     from .render.presets import preset
     from .render.sequence import read_ahead, render_sequence, value_range
@@ -102,7 +103,6 @@ _LATER = {
     "measure.track": "track_surface",
     "pieces.image": "Pieces",
     "render.camera_path": "CameraPath orbit",
-    "render.layers": "layers_by",
     "render.legend": "add_legend",
     "render.presets": "preset",
     "render.sequence": "read_ahead render_sequence value_range",

@@ -14,7 +14,8 @@ import numpy as np
 
 from ._base.checks import missing
 from .render.camera import Camera
-from .render.frame import Frame, render
+from .render.frame import Frame
+from .render.render import render
 from .render.settings import RenderSettings
 from .scene.scene import Scene
 

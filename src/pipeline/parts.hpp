@@ -28,7 +28,7 @@ public:
         scene.with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
             using Tree = std::decay_t<decltype(tracer.tree)>;
-            exec.for_each_walk(n, MarchPart<Tracer>{{tracer, clips}, parts, found});
+            exec.for_each_walk(n, MarchPart<Tracer>{{{tracer, clips}, found}, parts});
             exec.for_each(n, SplitRays{parts.ray, origins, directions});
             const RaySource source{{}, origins, directions, n};
             exec.for_each_tile_of(undecided, ResolveRays<Tree, Tracer::PerParticle>{

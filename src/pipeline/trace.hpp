@@ -105,7 +105,7 @@ struct Traced {
             using Tracer = std::decay_t<decltype(tracer)>;
             exec.clear(found.undecided.n, sizeof *found.undecided.n);
             with_clips(clips, [&]<bool clipped>(std::bool_constant<clipped>) {
-                exec.for_each_walk(rays.source.n_items(), March<Tracer, clipped>{{tracer, clips}, rays, layer, found});
+                exec.for_each_walk(rays.source.n_items(), March<Tracer, clipped>{{{tracer, clips}, found}, rays, layer});
             });
             using Tree = std::decay_t<decltype(tracer.tree)>;
             const ResolveRays<Tree, Tracer::PerParticle> rest{tracer.tree, octree().particles(), {field.kernel}, field.threshold, nullptr, {},

@@ -58,13 +58,20 @@ struct AddImpulse {
     }
 };
 
-/// What the pressure of one row's fluid does to a body: V P g of each pair, at the body's particle.
-template <class Packet>
+/// The particles of a body.
+struct OfPhase {
+    const std::uint8_t* phases;
+    std::uint8_t phase;
+    GB_FN bool operator()(std::uint32_t j) const { return phases[j] == phase; }
+};
+
+/// What the pressure of one row's fluid does to the particles that `Feels` takes: V P g of each pair, at those.
+template <class Packet, class Feels>
 struct PressureImpulse {
     Lists<Packet> lists;
     State state;
     const float* nearest;
-    std::uint8_t phase;
+    Feels feels;
     Period period;
     float volume, support, dt, flux;
     float3 center;
@@ -78,16 +85,11 @@ struct PressureImpulse {
         for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
             const std::size_t at = lists.at(row, k);
             const std::uint32_t j = lists.index[at];
-            if (state.phase[j] != phase || j >= state.n) continue;
-            const float3 g{Packet::one(lists.gx + at), Packet::one(lists.gy + at), Packet::one(lists.gz + at)};
-            const float3 f = g * s;
-            const float3 arm = period.template shortest<true>(state.place[j].xyz() - center), l = cross(arm, f);
-            sum.p[0] += f.x;
-            sum.p[1] += f.y;
-            sum.p[2] += f.z;
-            sum.l[0] += l.x;
-            sum.l[1] += l.y;
-            sum.l[2] += l.z;
+            if (j >= state.n || !feels(j)) continue;
+            const float3 f = float3{Packet::one(lists.gx + at), Packet::one(lists.gy + at), Packet::one(lists.gz + at)} * s;
+            const float3 l = cross(period.template shortest<true>(state.place[j].xyz() - center), f);
+            sum.p[0] += f.x, sum.p[1] += f.y, sum.p[2] += f.z;
+            sum.l[0] += l.x, sum.l[1] += l.y, sum.l[2] += l.z;
         }
         return sum;
     }

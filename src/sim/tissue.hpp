@@ -287,8 +287,8 @@ public:
                        float dt, float flux) {
         for (int g = 0; g < tissue::kMaxGrasps && n_ > 0 && feels_; ++g) {
             if (!(grasped_ >> g & 1u)) continue;
-            const tissue::PressureOnHeld<Packet> pressure{lists, state, nearest, members(), hold_.data(), std::uint8_t(tissue::kGrasped + g), period, volume, support,
-                                                          dt, flux, motions_.center[g]};
+            const tissue::Held held{members(), state.id, hold_.data(), std::uint8_t(tissue::kGrasped + g)};
+            const sim::PressureImpulse<Packet, tissue::Held> pressure{lists, state, nearest, held, period, volume, support, dt, flux, motions_.center[g]};
             exec_.reduce_in_order(lists.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, pressed_.data() + g);
         }
     }

@@ -6,28 +6,16 @@
 
 namespace globule::core {
 
-/// Rays to their first crossing of one layer.
+/// Rays to their first crossing of one layer. A work that begins with `cut.start`.
 template <class Tracer, bool clipped>
-struct March {
+struct ToCrossing {
     Cut<Tracer, clipped> cut;
-    WaveRays rays;
-    int layer;
     LayerHits out;
     struct State {
         typename Cut<Tracer, clipped>::State of;
         Way way;
         std::size_t i;
     };
-    GB_FN bool begin(std::size_t k, State& s) const {
-        s.i = rays.source.swizzled(k);
-        if (s.i >= rays.source.n) return false;
-        float3 o, d;
-        rays.source.get(s.i, o, d);
-        const float sign = rays.primary() ? 0.0f : rays.inside[s.i] >> layer & 1 ? -1.0f : 1.0f;
-        s.of.ray.sign = 1.0f;
-        s.way = cut.start(s.of, o, d, rays.primary() ? 0.0f : kStart * cut.tracer.tree.header->typical_support, infinity(), sign);
-        return true;
-    }
     GB_FN bool advance(State& s, bool active) const {
         const Way way = cut.advance(s.of, active && s.way == Way::on);
         if (active && s.way == Way::on) s.way = way;
@@ -39,6 +27,24 @@ struct March {
         if (s.way == Way::doubtful) out.undecided.add(s.i);
         out.cap[s.i] = s.way == Way::crossed ? s.of.cap : -1;
         out.sign[s.i] = std::int8_t((s.of.ray.sign > 0.0f) - (s.of.ray.sign < 0.0f));
+    }
+};
+
+/// The rays of a wave.
+template <class Tracer, bool clipped>
+struct March : ToCrossing<Tracer, clipped> {
+    WaveRays rays;
+    int layer;
+    using State = typename ToCrossing<Tracer, clipped>::State;
+    GB_FN bool begin(std::size_t k, State& s) const {
+        s.i = rays.source.swizzled(k);
+        if (s.i >= rays.source.n) return false;
+        float3 o, d;
+        rays.source.get(s.i, o, d);
+        const float sign = rays.primary() ? 0.0f : rays.inside[s.i] >> layer & 1 ? -1.0f : 1.0f;
+        s.of.ray.sign = 1.0f;
+        s.way = this->cut.start(s.of, o, d, rays.primary() ? 0.0f : kStart * this->cut.tracer.tree.header->typical_support, infinity(), sign);
+        return true;
     }
 };
 

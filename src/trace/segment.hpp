@@ -96,34 +96,16 @@ struct SplitRays {
 
 /// To the first crossing in each part.
 template <class Tracer>
-struct MarchPart {
-    Cut<Tracer, true> cut;
+struct MarchPart : ToCrossing<Tracer, true> {
     Parts parts;
-    LayerHits out;
-    struct State {
-        typename Cut<Tracer, true>::State of;
-        Way way;
-        std::size_t i;
-    };
+    using State = typename ToCrossing<Tracer, true>::State;
     GB_FN bool begin(std::size_t i, State& s) const {
         s.i = i;
         float3 o, d;
         parts.get(i, o, d);
         s.of.ray.sign = 1.0f;
-        s.way = cut.start(s.of, o, d, parts.begin(i, cut.tracer.tree.header->typical_support), parts.to[i], float(parts.side[i]));
+        s.way = this->cut.start(s.of, o, d, parts.begin(i, this->cut.tracer.tree.header->typical_support), parts.to[i], float(parts.side[i]));
         return true;
-    }
-    GB_FN bool advance(State& s, bool active) const {
-        const Way way = cut.advance(s.of, active && s.way == Way::on);
-        if (active && s.way == Way::on) s.way = way;
-        return active && s.way == Way::on;
-    }
-    GB_FN void end(const State& s) const {
-        const float t = s.of.ray.t;
-        out.t[s.i] = s.way == Way::missed ? infinity() : s.way == Way::doubtful ? undecided(t) : t;
-        if (s.way == Way::doubtful) out.undecided.add(s.i);
-        out.cap[s.i] = s.way == Way::crossed ? s.of.cap : -1;
-        out.sign[s.i] = std::int8_t((s.of.ray.sign > 0.0f) - (s.of.ray.sign < 0.0f));
     }
 };
 

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from ..render.camera import Camera
-from ..render.frame import Frame, render
+from ..render.frame import Frame
+from ..render.render import render
 from ..scene.octree import Octree
 from ..scene.particles import Particles
 from ..scene.scene import Scene

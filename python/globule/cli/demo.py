@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> None:
     from .._demo.data import dam_break_particles
     from ..formats import write
     from ..render.camera import Camera
-    from ..render.frame import render
+    from ..render.render import render
     from ..scene.scene import Scene
 
     check_device(options)

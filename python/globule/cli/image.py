@@ -16,7 +16,8 @@ from .._base.device import choose
 from ..formats.kind import kind_of
 from ..render.annotate import Colors
 from ..render.camera import Camera
-from ..render.frame import Frame, render, save_png, values_of
+from ..render.frame import Frame, save_png
+from ..render.render import render, values_of
 from ..scene.mesh import Mesh
 from ..scene.particles import FARTHEST, Particles
 from ..scene.scene import Scene

@@ -18,7 +18,7 @@ from ..formats.kind import kind_of
 from ..formats.registry import FORMATS
 from ..formats.triangles import has_faces
 from ..render.camera import Camera
-from ..render.frame import fitted
+from ..render.fit import fitted
 from ..scene.fluid import fluid_like, is_flat, shown_scene
 from ..scene.particles import SCALAR_FIELDS, Particles
 from ..scene.scene import Scene

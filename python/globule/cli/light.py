@@ -14,7 +14,9 @@ from ..formats import FormatError
 from ..formats.pictures.environment import read_environment
 from ..formats.rigid_bodies import RigidBodies
 from ..render.clips import ClipBox
-from ..render.frame import MAX_LAYERS, Frame, Layer, corners_of
+from ..render.fit import corners_of
+from ..render.frame import Frame
+from ..render.layers import MAX_LAYERS, Layer
 from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
 from ..render.presets import GROUNDS, PRESETS, ground_height, preset

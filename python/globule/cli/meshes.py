@@ -15,7 +15,7 @@ from ..formats import FormatError
 from ..formats.rigid_bodies import RigidBodies
 from ..formats.triangles import has_faces
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
-from ..render.frame import Layer
+from ..render.layers import Layer
 from ..render.materials import Material
 from ..render.presets import PRESETS, preset
 from ..scene.capsules import Lines, Spheres

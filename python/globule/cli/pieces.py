@@ -21,7 +21,9 @@ from ..pieces.scene import BYTES
 from ..pieces.store import Source, source_of
 from ..render.annotate import Colors
 from ..render.camera import Camera
-from ..render.frame import Layer, render, save_png
+from ..render.frame import save_png
+from ..render.layers import Layer
+from ..render.render import render
 from . import annotation, camera_facts, light
 from .shared import UserError, count, mistakes, print_json, read_particles, say
 

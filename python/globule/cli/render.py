@@ -42,7 +42,7 @@ import numpy as np
 
 from ..render.camera import Camera, view_axes
 from ..render.camera_path import round_camera
-from ..render.frame import fitted
+from ..render.fit import fitted
 from ..render.views import view_cameras
 from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh

@@ -13,8 +13,9 @@ import numpy as np
 
 from .._base.colormaps import colorize
 from ..render.clips import ClipBox
-from ..render.frame import fit_camera, render
+from ..render.fit import fit_camera
 from ..render.presets import preset
+from ..render.render import render
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.surface import vertex_particles

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..render.camera import Camera
-from ..render.frame import fit_camera, render
+from ..render.fit import fit_camera
 from ..render.lights import DirectionalLight, Headlight
+from ..render.render import render
 from ..render.settings import RenderSettings
 from ..scene.particles import Particles
 from ..scene.scene import Scene

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..render.camera import Camera
-from ..render.frame import render
+from ..render.render import render
 from ..render.settings import RenderSettings
 from ..scene.particles import Particles
 from ..scene.query import field

@@ -8,8 +8,9 @@ import numpy as np
 
 from .._base.colormaps import colorize
 from ..render.camera import Camera
-from ..render.frame import fit_camera, render
+from ..render.fit import fit_camera
 from ..render.lights import DirectionalLight, Headlight
+from ..render.render import render
 from ..render.settings import RenderSettings
 from ..scene.particles import Particles
 from ..scene.scene import Scene

@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..render.camera import Camera
-from ..render.frame import FROM_ABOVE, Frame, Layer, beyond, render
+from ..render.fit import FROM_ABOVE
+from ..render.frame import Frame
+from ..render.layers import Layer
 from ..render.materials import Material
+from ..render.render import beyond, render
 from ..render.settings import SMOOTH_EDGES, RenderSettings
 from ..scene.scene import Scene
 from .hits import NOTHING, Hits, first_hits, nearest

@@ -10,8 +10,10 @@ import numpy as np
 
 from .._base.ranks import Alone
 from ..render.camera import Camera
-from ..render.frame import Frame, Layer, render
+from ..render.frame import Frame
+from ..render.layers import Layer
 from ..render.materials import Material
+from ..render.render import render
 from ..render.settings import RenderSettings
 from ..scene.mesh import Mesh
 from ..scene.scene import KERNELS, Scene

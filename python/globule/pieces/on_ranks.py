@@ -16,7 +16,7 @@ from .._base.checks import choice, positive, shown, thread_count
 from .._base.device import choose, of_rank
 from .._base.memory import free_bytes
 from .._base.ranks import Alone, ranks_of
-from ..render.frame import Layer
+from ..render.layers import Layer
 from ..render.settings import RenderSettings
 from ..scene.attributes import attribute_values, checked_range, color_by
 from ..scene.particles import FIELDS, Particles

@@ -14,7 +14,7 @@ from .._base.checks import choice, positive, whole
 from .._base.device import choose
 from .._base.memory import resident_bytes
 from .._base.ranks import ranks_of
-from ..render.frame import REACH
+from ..render.fit import REACH
 from ..scene.attributes import attribute_values, checked_range, color_by
 from ..scene.fluid import fluid_like
 from ..scene.particles import Particles

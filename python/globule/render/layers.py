@@ -1,17 +1,56 @@
-"""One image of several phases, each with its own material."""
+"""The layers of an image: scenes, each with its own material and cuts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from .._base.arrays import to_host
+from .._base.arrays import on_gpu, to_host
+from .._base.checks import shown
+from .._base.device import Device
+from ..scene import attributes
+from ..scene.fluid import shown_scene
+from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
-from .frame import MAX_LAYERS, Layer
+from ..scene.sources import as_particles
+from .clips import ClipBox, ClipPlane, ClipSphere
 from .materials import Material
+from .settings import items
+
+MAX_LAYERS = 4
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One of several scenes in an image, with its own material and clips.
+
+    A ray may be inside several layers at once: vessels in translucent tissue, each its own scene.
+    Where a solid mesh and a fluid overlap, the mesh counts: water whose particles reach into the
+    glass of a tank touches the glass without a gap.
+
+    Args:
+        scene: a `Scene` or a `Mesh`; or an argument of `Scene`: `Particles`, positions or a file's
+            name.
+        material: default: the material of the settings.
+        clips: cuts through this layer alone.
+
+    Raises TypeError and ValueError naming the field, the expected and the given value.
+    """
+
+    scene: Any  # a Scene or a Mesh
+    material: Material | None = None
+    clips: Sequence[ClipPlane | ClipBox | ClipSphere] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scene", as_scene(self.scene))
+        if not isinstance(self.material, (Material, type(None))):
+            raise TypeError(f"material: expected Material, got {shown(self.material)}")
+        object.__setattr__(self, "clips", _clips(self.clips))
 
 
 def layers_by(
@@ -49,3 +88,124 @@ def layers_by(
         options = {**options, "support": Scene(particles, **options).support}
     parts = ((particles[np.flatnonzero(values == value)], m) for value, m in materials.items())
     return [Layer(Scene(part, **options), material) for part, material in parts]
+
+
+def as_scene(value: Any) -> Scene | Mesh:
+    """The scene that `value` stands for: a `Scene` or `Mesh`, an object with a scene, what `Scene`
+    takes, or the name of a file with faces."""
+    if in_pieces(value):
+        return value
+    mesh = _mesh_of(value)
+    if mesh is not None:
+        return mesh
+    own = _own_scene(value)
+    return shown_scene(as_particles("scene", value)) if own is None else own
+
+
+def _mesh_of(value: Any) -> Mesh | None:
+    """A mesh, or that of a file with faces."""
+    if isinstance(value, (str, os.PathLike)):
+        from ..formats.triangles import has_faces  # formats are loaded when they are needed
+
+        return Mesh(value) if has_faces(value) else None
+    return value if isinstance(value, Mesh) else None
+
+
+def in_pieces(value: Any) -> bool:
+    """Whether particles of which no process has all."""
+    return getattr(value, "in_pieces", False) is True
+
+
+def core_scene(scene: Scene | Mesh, device: Device) -> Any:
+    """The core's own object."""
+    return scene.build(device) if isinstance(scene, Mesh) else scene._scene
+
+
+def device_of(layers: Sequence[Layer]) -> Device:
+    """The device of the particles; of meshes alone, that of the first one."""
+    scenes = [x.scene for x in layers]
+    return next((s for s in scenes if isinstance(s, Scene)), scenes[0]).device
+
+
+def layers_of(scene: Any, clips: Any, color: tuple) -> tuple[Layer, ...]:
+    """Layers of an image, each with its own clips and those of all."""
+    given, everywhere = _several(scene), _clips(clips)
+    if not 1 <= len(given) <= MAX_LAYERS:
+        raise ValueError(f"scene: expected 1 to {MAX_LAYERS} layers, got {len(given)}")
+    if color[0] is not None and len(given) > 1:
+        raise ValueError(
+            f"color_by: expected one scene, got {len(given)} layers; "
+            "globule.color_by(particles, name) colors the particles of one"
+        )
+    layers: list[Layer] = []
+    for item in given:
+        own = item if isinstance(item, Layer) else Layer(_colored(item, color))
+        if own is item and color[0] is not None:
+            _colored(own.scene, color)
+        if isinstance(own.scene, Scene) and own.scene.device != device_of(layers or [own]):
+            scenes = [x.scene for x in layers if isinstance(x.scene, Scene)]
+            if scenes:
+                raise ValueError(
+                    f"scene: expected all layers on {scenes[0].device.name}, "
+                    f"got {own.scene.device.name}"
+                )
+        layers.append(Layer(own.scene, own.material, (*own.clips, *everywhere)))
+    return tuple(layers)
+
+
+_ONE = (str, os.PathLike, Layer, Scene, Mesh, Particles)
+
+
+def _several(scene: Any) -> tuple:
+    """The scenes of a list of them, or the one scene."""
+    single = isinstance(scene, (*_ONE, Mapping, np.ndarray)) or in_pieces(scene)
+    if single or on_gpu(scene) or hasattr(scene, "particles") or not hasattr(scene, "__iter__"):
+        return (scene,)
+    given = tuple(scene)
+    named = given and (isinstance(given[0], _ONE) or in_pieces(given[0]))
+    positions = given and not named and hasattr(given[0], "__len__")
+    return (given,) if positions else given
+
+
+def _own_scene(item: Any) -> Scene | None:
+    own = item if isinstance(item, Scene) else getattr(item, "scene", None)
+    return own if isinstance(own, Scene) else None
+
+
+def _colored(item: Any, color: tuple) -> Scene | Mesh:
+    """The scene of an item, colored by (name, colormap, range) where a name is given."""
+    if color[0] is None:
+        return as_scene(item)
+    mesh = _mesh_of(item)
+    if mesh is not None:
+        try:
+            mesh.color_by(*color)
+        except ValueError as error:
+            prefix = "color_by: " if str(error).startswith("expected") else ""
+            raise ValueError(f"{prefix}{error}") from None
+        return mesh
+    own = _own_scene(item)
+    if own is not None and own is item:
+        own._color_by(*color)
+        return own
+    particles = attributes.color_by(as_particles("scene", own or item), *color)
+    # A simulation's scene is updated by nobody else.
+    return shown_scene(particles) if own is None else scene_like(own, particles)
+
+
+def scene_like(scene: Scene, particles: Particles) -> Scene:
+    """A new scene of these particles with the surface of another one."""
+    options: dict[str, Any] = {"device": scene.device.name}
+    if scene.surface == "smooth":
+        if particles.weight is not None and np.ndim(particles.weight):
+            particles = particles[np.flatnonzero(to_host(particles.weight) > 0)]
+        options |= {"surface": "smooth", "spacing": scene.spacing}
+    return Scene(particles, scene.kernel, scene.threshold, **options)
+
+
+def _clips(clips: Any) -> tuple[ClipPlane | ClipBox | ClipSphere, ...]:
+    found = items("clips", clips, "a list of ClipPlane, ClipBox or ClipSphere")
+    for clip in found:
+        if not isinstance(clip, (ClipPlane, ClipBox, ClipSphere)):
+            raise TypeError(f"clips: expected ClipPlane, ClipBox or ClipSphere, got {shown(clip)}")
+    return found

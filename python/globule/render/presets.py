@@ -10,7 +10,7 @@ from .._base.arrays import to_host
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .camera import view_axes
-from .frame import REACH, corners_of
+from .fit import REACH, corners_of
 from .lights import DirectionalLight, Ground, Headlight, Sky
 from .materials import Material
 from .settings import RenderSettings, extent_of

@@ -30,7 +30,9 @@ from .annotate import Annotation, bounds_of, drawing, traced_size
 from .camera import Camera
 from .camera_path import CameraPath
 from .clips import ClipBox, ClipPlane, ClipSphere
-from .frame import camera_and_size, fitted, render, save_png, values_of
+from .fit import fitted
+from .frame import save_png
+from .render import camera_and_size, render, values_of
 from .settings import RenderSettings, as_settings, for_values
 
 

@@ -25,7 +25,10 @@ from .annotate import (
 )
 from .camera import Camera, view_axes
 from .clips import ClipBox, ClipPlane, ClipSphere
-from .frame import Frame, _layers, fitted, points_of, render, save_png, values_of
+from .fit import fitted
+from .frame import Frame, save_png
+from .layers import layers_of
+from .render import points_of, render, values_of
 from .settings import RenderSettings, as_settings, for_flat_data, for_values
 
 VIEWS = ("front", "back", "left", "right", "side", "top", "bottom", "iso")
@@ -231,7 +234,7 @@ def render_views(
     grid = Grid(len(chosen), traced)
     names = ["" if isinstance(view, Camera) else view for view in chosen]
     settings = as_settings(settings)
-    layers = _layers(scene, clips, (color_by, colormap, range))
+    layers = layers_of(scene, clips, (color_by, colormap, range))
     first, colors = layers[0].scene, None
     if shows_flat(first):
         settings = for_flat_data(settings)

@@ -11,8 +11,11 @@ import numpy as np
 from .._base.colormaps import colorize
 from ..formats.pictures.video import need_av
 from ..render.camera import Camera
-from ..render.frame import Frame, fit_camera, render, scene_like
+from ..render.fit import fit_camera
+from ..render.frame import Frame
+from ..render.layers import scene_like
 from ..render.presets import preset
+from ..render.render import render
 from ..render.sequence import KeptScene, MovieFrames
 from ..render.settings import RenderSettings, for_values
 from ..scene.scene import Scene

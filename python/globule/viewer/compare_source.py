@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..render.frame import Frame, Layer, Picked
+from ..render.frame import Frame, Picked
+from ..render.layers import Layer
 from ..scene.attributes import attribute_values
 from ..scene.particles import Particles
 from .source import Origin, Source, box_corners

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._base.arrays import on_gpu
 from ..render.camera import Camera
-from ..render.frame import fit_camera, surface_reach
+from ..render.fit import fit_camera, surface_reach
 from ..scene.mesh import Mesh
 from .source import Source, box_corners
 

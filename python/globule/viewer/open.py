@@ -11,7 +11,7 @@ import numpy as np
 from .._base.arrays import on_gpu, to_host
 from ..formats import read
 from ..formats.triangles import has_faces
-from ..render.frame import Layer
+from ..render.layers import Layer
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene

@@ -10,9 +10,10 @@ import numpy as np
 
 from ..render.camera import Camera, view_axes
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
-from ..render.frame import Frame, render, values_of
+from ..render.frame import Frame
 from ..render.lights import DirectionalLight, Ground, Headlight, Sky
 from ..render.presets import GROUNDS, ground_height
+from ..render.render import render, values_of
 from ..render.settings import RenderSettings, extent_of, for_values
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..formats import read
-from ..render.frame import Layer
+from ..render.layers import Layer
 from ..scene.particles import Particles
 from .scenes import SceneMaker
 from .source import Origin, Source, box_corners

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._base.arrays import on_gpu
 from ..render.camera import Camera
-from ..render.frame import Layer
+from ..render.layers import Layer
 from ..render.settings import RenderSettings
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles

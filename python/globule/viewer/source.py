@@ -11,7 +11,7 @@ import numpy as np
 
 from ..render.annotate import bounds_of
 from ..render.camera import Camera
-from ..render.frame import Layer
+from ..render.layers import Layer
 from ..render.presets import preset
 from ..render.settings import RenderSettings
 from ..scene.mesh import Mesh

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..render.camera import Camera, view_axes
 from ..render.clips import ClipBox
-from ..render.frame import Layer
+from ..render.layers import Layer
 from ..scene.particles import Particles
 from ..ultrasound.sweep import Sweep
 from ..volumes.iso_surface import default_level, iso_surface

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._base.checks import number
 from ..render.camera import Camera
-from ..render.frame import render
+from ..render.render import render
 from ..scene.particles import Particles
 from ..scene.query import field
 from ..scene.scene import KERNELS, Scene

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...render.camera import Camera, view_axes
-from ...render.frame import fit_camera
+from ...render.fit import fit_camera
 from ..state import MOST_BOOKMARKS
 from .panel import Panel
 

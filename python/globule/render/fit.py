@@ -1,0 +1,81 @@
+"""Cameras that show a whole scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._base.arrays import to_host
+from ..scene.fluid import shows_flat
+from ..scene.mesh import Mesh
+from ..scene.scene import Scene
+from .annotate import Annotation, corners_to_fit, room
+from .camera import Camera
+from .legend import strip_width
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+# How far from a particle, in supports, the surface may lie: where b is an eighth of the default
+# threshold, so that it takes eight particles at one place to reach that.
+REACH = {
+    "murakami": 0.85,
+    "nishimura": 0.78,
+    "wyvill": 0.82,
+    "blinn": 0.47,
+    "cubic_spline": 0.67,
+    "wendland_c2": 0.62,
+    "solid": 0.69,
+}
+
+
+FROM_ABOVE: dict[str, Any] = {"direction": (0, 0, 1), "up": (0, 1, 0), "orthographic": True}
+
+
+def fit_camera(
+    scene: Scene | Mesh, size: tuple[int, int], around: ArrayLike | None = None, **options: Any
+) -> Camera:
+    """`Camera.fit` with room for the surface around the particles, or around the points (M, 3)."""
+    if isinstance(scene, Mesh):
+        return Camera.fit(corners_of(scene) if around is None else around, size=size, **options)
+    if shows_flat(scene):
+        options = FROM_ABOVE | options
+    seen = scene.particles if around is None else around
+    return Camera.fit(seen, size=size, margin=surface_reach(scene), **options)
+
+
+def surface_reach(scene: Scene) -> float:
+    """How far the surface may be from the outermost particles, world units."""
+    reach = REACH[scene.kernel] * float(np.max(to_host(scene.support), initial=0.0))
+    return reach if np.isfinite(reach) else 0.0
+
+
+def corners_of(mesh: Mesh) -> np.ndarray:
+    """(8, 3), the corners of the mesh's box, world."""
+    lo, hi = mesh.bounds()
+    return np.array([[(lo, hi)[i >> k & 1][k] for k in range(3)] for i in range(8)])
+
+
+def fitted(
+    scene: Scene | Mesh,
+    size: tuple[int, int],
+    annotation: Annotation | None,
+    around: ArrayLike | None = None,
+    **options: Any,
+) -> Camera:
+    """`fit_camera` with room for an annotation and its box."""
+    around = corners_to_fit(annotation, scene, around)
+    legend, more = annotation and annotation.legend, room(annotation)
+    strip = strip_width(size) if legend and legend != "outside" and shows_flat(scene) else 0
+    camera = fit_camera(scene, (max(1, size[0] - strip), size[1]), around, **options)
+    if strip and camera.height is not None:  # 2-D data fill the image: a legend stands beside them
+        aside = -1 if str(legend).endswith("left") else 1
+        right = camera.frame((1, 1))[2] * aside * strip / size[1]
+        eye, middle = (tuple((v + right).tolist()) for v in (camera.eye, camera.look_at))
+        camera = replace(camera, eye=eye, look_at=middle)
+    if camera.height is not None:
+        return replace(camera, height=more * camera.height)
+    eye = camera.look_at + more * np.subtract(camera.eye, camera.look_at)
+    return replace(camera, eye=tuple(eye.tolist()))
