@@ -3,7 +3,9 @@
 
 A jittered lattice, made on each rank from a seed. --mode pieces: each rank has a slab of it with a
 halo, and the nearest of all ranks' hits is the image. --mode replicate: each rank has all of it and
-traces its share of the pixels. Every frame builds the octree again, unless --still.
+traces its share of the pixels. Every frame builds the octree again, unless --still. --mode shares,
+on one device: it traces the shares of 2 and of 4 devices, one after the other. This says what each
+of so many devices would take, without their compositing.
 
 Times are medians over the frames, of the slowest rank: build and trace on the device, composite
 from the ranks' finished frames to the image on rank 0, frame in all. Prints a table, and with
@@ -108,7 +110,7 @@ class Lattice:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
-    add("--mode", choices=("pieces", "replicate"), default="pieces")
+    add("--mode", choices=("pieces", "replicate", "shares"), default="pieces")
     add("--particles", type=float, default=1e6)
     add("--pool", action="store_true", help="the pool of particles in place of the lattice")
     add("--light", choices=tuple(LIGHT), default="plain")
@@ -122,6 +124,8 @@ def main() -> None:
     add("--json", action="store_true")
     add("--save", help="PNG of the image")
     options = parser.parse_args()
+    if options.mode == "shares":
+        return shares(options)
     if options.threads_of_one:
         facts = run_threads(options.threads_of_one, lambda r: run(options, r, r.rank))[0]
     else:
@@ -139,8 +143,44 @@ def _mpi() -> tuple[Alone, int]:
     return Ranks(MPI.COMM_WORLD), local_rank(MPI.COMM_WORLD)
 
 
-def run(options: argparse.Namespace, ranks: Alone, local: int) -> dict[str, Any]:
-    """One rank's work; rank 0 has the facts."""
+class OneOf(Alone):
+    """One of n ranks, whose others are not there."""
+
+    only_image = True
+
+    def __init__(self, rank: int, size: int):
+        self.rank, self.size = rank, size
+
+    def all(self, value: Any) -> list[Any]:
+        """This rank's value in the place of all."""
+        return [value] * self.size
+
+    def gather(self, *_: Any) -> None:
+        """Nothing: no image is put together."""
+
+
+def shares(options: argparse.Namespace) -> None:
+    """Print what each of 1, 2 and 4 devices would take for its share of the image."""
+    scene, camera, size, positions = made(options, Alone(), 0)[:4]
+    for n in (1, 2, 4):
+        medians = []
+        for rank in range(n):
+            comm, times = OneOf(rank, n) if n > 1 else None, []
+            for k in range(options.frames + 2):
+                if not options.still:
+                    scene.update(positions=positions)
+                frame = gb.render(scene, camera, size, LIGHT[options.light], comm=comm)
+                if k >= 2:
+                    times.append((frame.trace_seconds, scene.octree.build_seconds))
+            medians.append(1e3 * np.median(times, axis=0))
+        trace, build = np.array(medians).T
+        each = ", ".join(f"{t:.2f}" for t in trace)
+        print(f"{len(scene):,} particles, {options.light}, {options.size}, {n} devices: build "
+              f"{build.max():.2f} ms, traces {each} ms", flush=True)  # fmt: skip
+
+
+def made(options: argparse.Namespace, ranks: Alone, local: int) -> tuple:
+    """A rank's scene, the camera, the image's size, positions; device and particles in all."""
     device = choose(of_rank(options.device, local))
     gpu = device.index if device.backend == "cuda" else None
     size = tuple(int(v) for v in options.size.split("x"))
@@ -163,6 +203,12 @@ def run(options: argparse.Namespace, ranks: Alone, local: int) -> dict[str, Any]
         positions = lattice.slab(begin, end, gpu)
     scene = gb.Scene(gb.Particles(positions, support=support), threshold=0.6,
                      device=device.name, threads=threads)  # fmt: skip
+    return scene, camera, size, positions, device, n
+
+
+def run(options: argparse.Namespace, ranks: Alone, local: int) -> dict[str, Any]:
+    """One rank's work; rank 0 has the facts."""
+    scene, camera, size, positions, device, n = made(options, ranks, local)
     ranks.only_image = True
     rows = []
     for k in range(options.frames + 2):
