@@ -317,6 +317,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--link-seconds", type=float, default=60.0)
     parser.add_argument("--soak-seconds", type=float, default=3600.0, help="of soak and frames")
+    parser.add_argument("--visit-seconds", type=float, default=20.0, help="that a client stays")
     parser.add_argument("--frames", type=int, default=10_000, help="files of the sequence")
     parser.add_argument("--frame-particles", type=int, default=1000, help="in each file")
     parser.add_argument("--kept-mb", type=int, default=1074, help="of a sequence, in memory")

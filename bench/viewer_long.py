@@ -21,7 +21,6 @@ from globule.viewer.simulation_source import SimulationSource
 from globule.viewer.state import State
 from socket_sink import SocketSink
 
-VISIT = 20.0  # s that a client stays, at most
 N_TURNS = 240
 FLAGS = [
     "--headless=new",
@@ -71,7 +70,7 @@ def of_soak(options: argparse.Namespace) -> list[tuple[str, str]]:
         client = engine.add(sink, source.camera)
         sink.client = client
         client.look(source.camera, (960, 540))
-        time.sleep(min(VISIT, options.soak_seconds / 10))
+        time.sleep(min(options.visit_seconds, options.soak_seconds / 10))
         if simulation.time > 2.0:
             steps += simulation.n_steps
             source.reset()
@@ -135,7 +134,7 @@ def _watched(viewer: Any, options: argparse.Namespace) -> list[tuple[str, str]]:
         sink = SocketSink()
         client = engine.add(sink, viewer.first_camera)
         sink.client = client
-        left = time.monotonic() + min(VISIT, options.soak_seconds / 10)
+        left = time.monotonic() + min(options.visit_seconds, options.soak_seconds / 10)
         scrubs = visits % 3 == 2
         state.set(time__playing=not scrubs)
         while time.monotonic() < left:
