@@ -7,8 +7,8 @@ damaged file may end the fork, which ends this program, and nothing else. A line
 the task, the path, bytes of memory for the header and for all, seconds.
 
 A task prints a line of JSON with the size that the file claims, waits for a line with a request (an
-empty one refuses the claim), then prints a line of JSON with facts and the arrays' types, and the
-arrays. What goes wrong is a line {"error": …}.
+empty one refuses the claim; the answer is {}), then prints a line of JSON with facts and the
+arrays' types, and the arrays. What goes wrong is a line {"error": …}.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
     def ask(claim: int, **facts: object) -> Any:
         tell({"claim": claim, **facts})
         request = sys.stdin.readline()
-        if not request.strip():  # the claim is refused
+        if not request.strip():  # the claim is refused; the next line is for the next task
+            tell({})
             os._exit(_DONE)
         if memory:
             _limit("RLIMIT_DATA", memory, memory)

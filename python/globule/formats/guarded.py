@@ -66,6 +66,7 @@ def decode(
     seconds = _SECONDS + held // _BYTES_A_SECOND
     header = _LIBRARIES + 4 * held
     process, answered = lend(task), False
+    assert process.stdout
     try:
         _tell(process, json.dumps([task, os.path.abspath(path), header, memory, seconds]))
         claim = _line(path, what, process)
@@ -79,7 +80,7 @@ def decode(
                 check_size(path, "header", size, held, _PEAK)
             except ValueError:
                 _tell(process, "")
-                answered = True
+                answered = process.stdout.readline() == b"{}\n"
                 raise
             _tell(process, json.dumps(request))
             facts = _line(path, what, process)
