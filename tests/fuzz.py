@@ -35,13 +35,12 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from random import Random
-from types import SimpleNamespace
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import globule as gb
 from fuzz_files import KINDS
-from fuzz_forks import Forked
+from fuzz_forks import lend, take_back
 from fuzz_mutations import damaged_arrays, mutate
 from globule import cli, formats
 from globule.formats import guarded
@@ -293,7 +292,7 @@ def run(numbers: range, seed: int, only: str, keep: str, each: bool) -> int:
 
 def preload() -> None:
     """Import what readers import when they are first used: here once, not in each process."""
-    guarded.subprocess = SimpleNamespace(Popen=Forked, PIPE=None, DEVNULL=None)
+    guarded.lend, guarded.take_back = lend, take_back
     own = [m.name for m in pkgutil.walk_packages(formats.__path__, "globule.formats.")]
     for name in (
         "h5py", "pyarrow.feather", "pyarrow.parquet", "pxr.UsdGeom", "nibabel", "networkx",

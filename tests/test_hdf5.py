@@ -10,7 +10,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule import cli
-from globule.formats import FormatError, read_contents
+from globule.formats import FormatError, hdf5, read_contents
 
 h5py = pytest.importorskip("h5py")
 N = 50
@@ -271,6 +271,21 @@ def test_other_files_are_not_opened(tmp_path):
         file.create_virtual_dataset("Coordinates", layout)
     with pytest.raises(FormatError, match=r"link\.hdf5: expected particles .* got 'nothing'"):
         gb.read(tmp_path / "link.hdf5")
+
+
+def test_large_arrays_are_read_in_pieces(tmp_path, monkeypatch):
+    path = tmp_path / "snapshot.hdf5"
+    gadget(path)
+    whole = gb.read(path)
+    monkeypatch.setattr(hdf5, "_PIECE", 56)  # the last piece is shorter
+    pieces = gb.read(path)
+    assert np.array_equal(pieces.positions, whole.positions)
+    assert np.array_equal(pieces.attributes["velocity"], VELOCITY)
+    with open(path, "rb") as file:
+        memory = memoryview(bytearray(200))
+        size = os.fstat(file.fileno()).st_size
+        assert hdf5._fill(memory, file.fileno(), size - 200)
+        assert not hdf5._fill(memory, file.fileno(), size - 199)
 
 
 def test_a_claim_without_data_is_refused(tmp_path):

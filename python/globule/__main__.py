@@ -21,6 +21,9 @@ def main() -> int:
     try:
         signal.signal(signal.SIGTERM, terminate)
         usual_interrupts()
+        from .formats.workers import prepare
+
+        prepare(sys.argv[1:])  # while the commands are loaded
         from .cli import main as run  # slow enough for a Ctrl-C
 
         status = run()

@@ -1,17 +1,20 @@
 """A program of its own that opens files with libraries of others: SimpleITK, OpenEXR, h5py,
 pyarrow, usd-core.
 
-`guarded.py` starts it, with limits of memory and time: a damaged file may end this program and
-nothing else. It knows nothing of globule. Words: the task, the path, bytes of memory for the
-header and for all, seconds.
+`workers.py` starts it. It knows nothing of globule. It loads the library that its word names, then
+runs a task for each line of standard input, in a fork of its own with limits of memory and time: a
+damaged file may end the fork, which ends this program, and nothing else. A line is a list in JSON:
+the task, the path, bytes of memory for the header and for all, seconds.
 
-It prints a line of JSON with the size that the file claims, waits for a line with a request, then
-prints a line of JSON with facts and the arrays' types, and the arrays. What goes wrong is a line
-{"error": …}.
+A task prints a line of JSON with the size that the file claims, waits for a line with a request (an
+empty one refuses the claim; the answer is {}), then prints a line of JSON with facts and the
+arrays' types, and the arrays. What goes wrong is a line {"error": …}.
 """
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import json
 import math
 import os
@@ -19,13 +22,38 @@ import re
 import sys
 from typing import Any
 
+_DONE = 77  # exit status of a task that has answered; a library may exit with others, 0 included
+
+
+def serve(library: str) -> None:
+    """Run the tasks of standard input, until it is closed or a task ends otherwise than it should:
+    this process then ends as the task did."""
+    _limit("RLIMIT_CORE", 0, 0)
+    with contextlib.suppress(ImportError):  # the task tells it
+        importlib.import_module(library)
+    # Unbuffered: what follows the line is for the task.
+    with open(0, "rb", buffering=0, closefd=False) as lines:
+        while line := lines.readline():
+            task = os.fork()
+            if task == 0:
+                status = 1
+                try:
+                    main(*json.loads(line))
+                    status = _DONE
+                finally:
+                    os._exit(status)
+            status = os.waitstatus_to_exitcode(os.waitpid(task, 0)[1])
+            if status < 0:
+                os.kill(os.getpid(), -status)
+            if status != _DONE:
+                os._exit(status)
+
 
 def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
-    """Run one task."""
+    """Run one task, with limits that last."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
     _limit("RLIMIT_CPU", seconds, seconds + 5)
-    _limit("RLIMIT_CORE", 0, 0)
     if memory:  # less as long as only the header is read
         _limit("RLIMIT_DATA", min(header, memory), memory)
 
@@ -36,8 +64,9 @@ def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
     def ask(claim: int, **facts: object) -> Any:
         tell({"claim": claim, **facts})
         request = sys.stdin.readline()
-        if not request:
-            os._exit(0)
+        if not request.strip():  # the claim is refused; the next line is for the next task
+            tell({})
+            os._exit(_DONE)
         if memory:
             _limit("RLIMIT_DATA", memory, memory)
         return json.loads(request)
@@ -480,4 +509,4 @@ def _without_links(Sdf: Any, layer: Any) -> None:
 
 if __name__ == "__main__":
     del sys.path[0]  # this folder: its modules are not those of others with the same name
-    main(sys.argv[1], sys.argv[2], *map(int, sys.argv[3:]))
+    serve(sys.argv[1])

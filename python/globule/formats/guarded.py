@@ -1,8 +1,8 @@
 """Files that only a library can read are read by a process of their own, with limits.
 
 Libraries for DICOM, OpenEXR and HDF5 are large and old, and a damaged file may crash them. `decode`
-runs `decoder.py`: its crash is a FormatError here. The size that the file claims is checked here,
-before anything is decoded.
+lets a worker (see `workers`) open the file: its crash is a FormatError here. The size that the file
+claims is checked here, before anything is decoded.
 """
 
 from __future__ import annotations
@@ -13,9 +13,7 @@ import json
 import math
 import os
 import subprocess
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +22,7 @@ from .._base.checks import missing
 from .._base.memory import room
 from .errors import bad
 from .size import bytes_of, check_size
+from .workers import lend, take_back
 
 _LIBRARIES = 2**28  # bytes that they take by themselves
 _SECONDS, _BYTES_A_SECOND = 30, 1_000_000  # of the processor: at least, and for a file's length
@@ -65,43 +64,54 @@ def decode(
     free = room()
     memory = 0 if math.isinf(free) else int(free) + _LIBRARIES
     seconds = _SECONDS + held // _BYTES_A_SECOND
-    script = Path(__file__).with_name("decoder.py")
     header = _LIBRARIES + 4 * held
-    words = [sys.executable, script, task, os.path.abspath(path), header, memory, seconds]
-    folders = os.pathsep.join(folder for folder in sys.path if folder)
-    with subprocess.Popen(
-        [str(word) for word in words], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL, env={**os.environ, "PYTHONPATH": folders,
-                                        "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-    ) as process:  # fmt: skip
-        try:
-            assert process.stdin
-            claim = _line(path, what, process)
-            if most and "sizes" in claim and math.prod(claim["sizes"]) > most:
-                got = "x".join(map(str, claim["sizes"]))
-                raise bad(path, "header", f"expected at most {most:,} pixels, got {got}")
-            held = claim.get("held", held)
-            size, request = choose(claim) if choose else (claim["claim"], None)
-            check_size(path, "header", size, held, _PEAK)
-            with contextlib.suppress(BrokenPipeError):  # the next line says what happened
-                process.stdin.write(json.dumps(request).encode() + b"\n")
-                process.stdin.flush()
+    process, answered = lend(task), False
+    assert process.stdout
+    try:
+        _tell(process, json.dumps([task, os.path.abspath(path), header, memory, seconds]))
+        claim = _line(path, what, process)
+        if "error" not in claim:
+            try:
+                if most and "sizes" in claim and math.prod(claim["sizes"]) > most:
+                    got = "x".join(map(str, claim["sizes"]))
+                    raise bad(path, "header", f"expected at most {most:,} pixels, got {got}")
+                held = claim.get("held", held)
+                size, request = choose(claim) if choose else (claim["claim"], None)
+                check_size(path, "header", size, held, _PEAK)
+            except ValueError:
+                _tell(process, "")
+                answered = process.stdout.readline() == b"{}\n"
+                raise
+            _tell(process, json.dumps(request))
             facts = _line(path, what, process)
-            arrays = [_array(path, what, process, *about) for about in facts.pop("arrays")]
-            return facts, arrays
-        finally:
-            process.kill()
+        else:
+            facts = claim
+        if "error" in facts:
+            answered = True
+            raise bad(path, "", f"expected {what}, got {facts['error']}")
+        arrays = [_array(path, what, process, *about) for about in facts.pop("arrays")]
+        answered = True
+        return facts, arrays
+    finally:
+        take_back(task, process, answered)
+
+
+def _tell(process: subprocess.Popen, line: str) -> None:
+    assert process.stdin
+    with contextlib.suppress(BrokenPipeError):  # its next line says what happened
+        process.stdin.write(line.encode() + b"\n")
+        process.stdin.flush()
 
 
 def _line(path: Any, what: str, process: subprocess.Popen) -> dict[str, Any]:
     assert process.stdout
     line = process.stdout.readline(_LONGEST_LINE)
+    if len(line) == _LONGEST_LINE:
+        problem = f"got a description of more than {_LONGEST_LINE >> 20} MiB"
+        raise bad(path, "header", f"expected {what}, {problem}")
     if not line.endswith(b"\n"):
         raise _ended(path, what, process)
-    facts = json.loads(line)
-    if "error" in facts:
-        raise bad(path, "", f"expected {what}, got {facts['error']}")
-    return facts
+    return json.loads(line)
 
 
 def _array(path: Any, what: str, process: subprocess.Popen, dtype: str, shape: Any) -> np.ndarray:

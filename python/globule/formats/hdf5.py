@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from .hdf5_layouts import LAYOUTS, Layout, Source, Tree, named, plain
 from .size import bytes_of
 
 _WHAT = "an HDF5 file"
+_PIECE, _THREADS = 1 << 23, 4  # bytes; threads that read large arrays
 _ADVICE = "read it with h5py and pass gb.Particles(positions)"
 
 
@@ -162,10 +164,29 @@ def _from_file(tree: Tree, source: Source, offset: int, file: Any) -> np.ndarray
         problem = f"expected {size:,} bytes at offset {offset:,}, got {max(held - offset, 0):,}"
         raise bad(tree.path, source.place, problem)
     array = np.empty(_shape(tree, source), dtype)
-    file.seek(offset)
-    if array.size and file.readinto(bytes_of(array)) < size:
+    if array.size and not _fill(bytes_of(array), file.fileno(), offset):
         raise bad(tree.path, source.place, f"expected {size:,} bytes, got fewer")
     return array.astype(dtype.newbyteorder("="), copy=False)
+
+
+def _fill(memory: memoryview, file: int, offset: int) -> bool:
+    """Read a file into memory from an offset on, large pieces in several threads: most of the time
+    goes into new pages of memory. False: the file has fewer bytes."""
+
+    def piece(first: int) -> bool:
+        last = min(first + _PIECE, len(memory))
+        while first < last:
+            got = os.preadv(file, [memory[first:last]], offset + first)
+            if not got:
+                return False
+            first += got
+        return True
+
+    firsts = range(0, len(memory), _PIECE)
+    if len(firsts) == 1:
+        return piece(0)
+    with ThreadPoolExecutor(_THREADS) as threads:
+        return all(list(threads.map(piece, firsts)))
 
 
 def _contents(path: Any, layout: Layout, arrays: dict[str, np.ndarray]) -> Contents:
