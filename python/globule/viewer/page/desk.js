@@ -65,7 +65,8 @@
   const split = make("div", { class: "split", role: "slider", tabindex: "0", "aria-label": "Divider between the two data sets", "aria-valuemin": "0", "aria-valuemax": "100", hidden: "" });
   const plots = make("section", { class: "bar plots", "aria-label": "Plots", hidden: "" });
   const people = make("div", { class: "card people", role: "status", hidden: "" });
-  desk.append(tools, layers, time, plots, hint, split, people);
+  const force = make("div", { class: "force", "aria-hidden": "true", hidden: "" });
+  desk.append(tools, layers, time, plots, hint, split, people, force);
 
   const of = {
     plane: button("plane", "Cutting plane", () => set({ cuts__plane: !model.plane }), "Cutting plane on or off; drag its handles (key C)"),
@@ -254,6 +255,17 @@
     if (way) divide(Math.min(1, Math.max(0, model.compare + way)));
   });
 
+  // The force on a hand that holds tissue, beside its pointer; the server says it, "" for none
+  let pulls = false;
+  const feel = (words) => {
+    if (words !== undefined) force.textContent = words;
+    force.hidden = !pulls || !force.textContent;
+  };
+  const follow = (e) => Object.assign(force.style, { left: `${e.clientX - desk.offsetLeft}px`, top: `${e.clientY - desk.offsetTop}px` });
+  addEventListener("pointerdown", (e) => { pulls = model?.tool === "Grasp" && e.target.tagName === "CANVAS" && !desk.contains(e.target); follow(e); feel(); }, true);
+  addEventListener("pointermove", (e) => { if (pulls) follow(e); }, true);
+  for (const end of ["pointerup", "pointercancel", "blur"]) addEventListener(end, () => { pulls = false; feel(); }, true);
+
   const paint = (dark, chosen) => {
     desk.classList.toggle("dark", dark);
     if (chosen) keep("dark", dark ? "1" : "0");
@@ -364,8 +376,13 @@
       wait = 500; paint(desk.classList.contains("dark"));
       if (matchMedia("(min-width: 2560px)").matches) say("wide");
     };
-    own.onmessage = (event) => { if (own === socket) { model = JSON.parse(event.data); show(); place(); } };
-    own.onclose = () => { if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
+    own.onmessage = (event) => {
+      if (own !== socket) return;
+      const told = JSON.parse(event.data);
+      if ("pull" in told) feel(told.pull);
+      else { model = told; show(); place(); }
+    };
+    own.onclose = () => { feel(""); if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
   };
 
   addEventListener("DOMContentLoaded", () => {
