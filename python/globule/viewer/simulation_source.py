@@ -304,12 +304,10 @@ class SimulationSource(Source):
         """The depth that a stroke will cut, for its label while it is drawn."""
         if not self.has_tissue:
             return ""
+        if self.cut_depth is None:
+            return "all through"
         factor, unit = self.shown_unit()
-        return (
-            "all through"
-            if self.cut_depth is None
-            else f"{factor * self.cut_depth:.3g} {unit} deep"
-        )
+        return f"{factor * self.cut_depth:.3g} {unit} deep"
 
     def shown_unit(self) -> tuple[float, str]:
         """The unit in which the page says lengths of cuts, and what a meter is in it."""
@@ -485,16 +483,14 @@ class SimulationSource(Source):
 
     def _feel(self) -> None:
         """After a step: note what the hand feels of tissue. The caller holds `lock`."""
-        if not self.has_tissue:
-            return
-        sim, holds = self.simulation, self._held is not None
-        force = float(np.linalg.norm(sim.tools.grasp_force(GRASP)[0])) if holds else 0.0
-        sim.record.diagnostics[-1][PULL] = force
-        self._pulled = force if holds else None
+        if self.has_tissue:
+            held, tools = self._held is not None, self.simulation.tools
+            force = float(np.linalg.norm(tools.grasp_force(GRASP)[0])) if held else 0.0
+            self.simulation.record.diagnostics[-1][PULL] = force
+            self._pulled = force if held else None
 
     def pull_words(self) -> str:
-        """The force on the hand in the last step, for its label; "" while it holds no tissue.
-        Never waits for `lock`."""
+        """The force on the hand in the last step, or "" without tissue; never waits for `lock`."""
         force = self._pulled
         return "" if force is None or self._target is None else newtons(force)
 

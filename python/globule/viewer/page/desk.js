@@ -262,9 +262,9 @@
     force.hidden = !pulls || !force.textContent;
   };
   const follow = (e) => Object.assign(force.style, { left: `${e.clientX - desk.offsetLeft}px`, top: `${e.clientY - desk.offsetTop}px` });
-  addEventListener("pointerdown", (e) => { pulls = model?.tool === "Grasp" && e.target.tagName === "CANVAS" && !desk.contains(e.target); follow(e); feel(); }, true);
+  addEventListener("pointerdown", (e) => { pulls = model?.tool === "Grasp" && !e.target.closest("#globule-desk, .mantine-Paper-root"); follow(e); feel(); }, true);
   addEventListener("pointermove", (e) => { if (pulls) follow(e); }, true);
-  for (const end of ["pointerup", "pointercancel", "blur"]) addEventListener(end, () => { pulls = false; feel(); }, true);
+  for (const end of ["pointerup", "pointercancel"]) addEventListener(end, () => { pulls = false; feel(); }, true);
 
   const paint = (dark, chosen) => {
     desk.classList.toggle("dark", dark);
