@@ -349,6 +349,20 @@
     });
   };
 
+  // viser forgets which folders of its panel are open
+  const folders = (() => { try { return JSON.parse(kept("folders", "{}")); } catch { return {}; } })();
+  const known = new WeakMap();
+  const remember = () => {
+    for (const arrow of document.querySelectorAll("#root svg.tabler-icon-chevron-up, #root svg.tabler-icon-chevron-down")) {
+      const head = arrow.parentElement, title = head.textContent;
+      if (!head.matches(".mantine-Paper-root") || getComputedStyle(arrow).display === "none") continue;
+      const opened = arrow.matches(".tabler-icon-chevron-up"), wanted = folders[title] ?? opened;
+      if (known.has(head) && known.get(head) !== opened) { folders[title] = opened; keep("folders", JSON.stringify(folders)); }
+      else if (!known.has(head) && wanted !== opened) { head.click(); known.set(head, wanted); continue; }
+      known.set(head, opened);
+    }
+  };
+
   // Over the image, wherever viser puts it
   const place = () => {
     // The image comes from the server: a browser without a GPU shows it just as fast.
@@ -358,6 +372,7 @@
     if (!image) return;
     const box = image.getBoundingClientRect();
     named();
+    remember();
     for (const part of narrow.matches ? document.querySelectorAll("#root .mantine-Paper-root:not(.globule-panel)") : [])
       if (getComputedStyle(part).position === "fixed") part.classList.add("globule-panel");
     document.documentElement.style.setProperty("--globule-left", layers.hidden || narrow.matches ? "10px" : `${layers.offsetLeft + layers.offsetWidth + 9}px`);
