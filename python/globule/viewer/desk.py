@@ -19,7 +19,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from .desk_model import Model
-from .plots import OVER_TIME
+from .plots import over_time
 from .roles import LOOK, LOOKING, PRIVATE_ACTIONS
 
 PATH = "/globule/desk"
@@ -34,6 +34,7 @@ HEAD = (
     b'<script defer src="globule/gamepad.js"></script></head>'
 )
 TICK = 0.3  # s between two looks at what changes by itself
+FEEL = 0.1  # s between two readings of the force beside the pointer
 MOST_ACTION = 4096  # bytes
 WIDE_PANEL = 490.0  # pixels, in a 4K window with larger letters
 # Settings that the script may change; the panels change all others.
@@ -102,7 +103,11 @@ class Desk:
             await connection.close(1008, "unknown browser")
             return
         event = self._changed[connection] = asyncio.Event()
-        works = self._tell(connection, browser, event), self._hear(connection, browser)
+        works = (
+            self._tell(connection, browser, event),
+            self._feel(connection),
+            self._hear(connection, browser),
+        )
         talk = [asyncio.create_task(work) for work in works]
         try:
             await asyncio.wait(talk, return_when=asyncio.FIRST_COMPLETED)
@@ -126,6 +131,16 @@ class Desk:
                 sent = text
             with contextlib.suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(event.wait(), TICK)
+
+    async def _feel(self, connection: Any) -> None:
+        """Send the force on a hand that holds tissue, apart from the larger model."""
+        sent = ""
+        while True:
+            words = self.model.pull()
+            if words != sent:
+                await connection.send(json.dumps({"pull": words}))
+                sent = words
+            await asyncio.sleep(FEEL)
 
     async def _hear(self, connection: Any, browser: Any) -> None:
         """Do what the script asks for."""
@@ -194,7 +209,8 @@ class Desk:
 
     def _watch(self, browser: Any, value: Any) -> None:
         """Choose what a browser plots over time."""
-        if value not in (name for name, *_ in OVER_TIME):
+        plot = over_time(self.viewer.source)
+        if value not in (plot["names"] if plot else []):
             raise ValueError(f"plot: expected a quantity, got {str(value)[:40]}")
         self.model.series[browser.client_id] = value
 

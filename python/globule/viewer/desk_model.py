@@ -65,6 +65,10 @@ class Model:
             "compare": state.compare.at if self.viewer.source.kind == "compare" else None,
         }
 
+    def pull(self) -> str:
+        """The force for the label beside a pointer that holds tissue; "": none is held."""
+        return getattr(self.viewer.source, "pull_words", str)()
+
     def _line(self, client: Any) -> dict[str, Any] | None:
         """The values along the measured line, with the unit of lengths."""
         profile = client.profile if client else None

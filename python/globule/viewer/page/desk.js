@@ -65,7 +65,8 @@
   const split = make("div", { class: "split", role: "slider", tabindex: "0", "aria-label": "Divider between the two data sets", "aria-valuemin": "0", "aria-valuemax": "100", hidden: "" });
   const plots = make("section", { class: "bar plots", "aria-label": "Plots", hidden: "" });
   const people = make("div", { class: "card people", role: "status", hidden: "" });
-  desk.append(tools, layers, time, plots, hint, split, people);
+  const force = make("div", { class: "force", "aria-hidden": "true", hidden: "" });
+  desk.append(tools, layers, time, plots, hint, split, people, force);
 
   const of = {
     plane: button("plane", "Cutting plane", () => set({ cuts__plane: !model.plane }), "Cutting plane on or off; drag its handles (key C)"),
@@ -254,6 +255,17 @@
     if (way) divide(Math.min(1, Math.max(0, model.compare + way)));
   });
 
+  // The force on a hand that holds tissue, beside its pointer; the server says it, "" for none
+  let pulls = false;
+  const feel = (words) => {
+    if (words !== undefined) force.textContent = words;
+    force.hidden = !pulls || !force.textContent;
+  };
+  const follow = (e) => Object.assign(force.style, { left: `${e.clientX - desk.offsetLeft}px`, top: `${e.clientY - desk.offsetTop}px` });
+  addEventListener("pointerdown", (e) => { pulls = model?.tool === "Grasp" && !e.target.closest("#globule-desk, .mantine-Paper-root"); follow(e); feel(); }, true);
+  addEventListener("pointermove", (e) => { if (pulls) follow(e); }, true);
+  for (const end of ["pointerup", "pointercancel"]) addEventListener(end, () => { pulls = false; feel(); }, true);
+
   const paint = (dark, chosen) => {
     desk.classList.toggle("dark", dark);
     if (chosen) keep("dark", dark ? "1" : "0");
@@ -337,6 +349,20 @@
     });
   };
 
+  // viser forgets which folders of its panel are open
+  const folders = (() => { try { return JSON.parse(kept("folders", "{}")); } catch { return {}; } })();
+  const known = new WeakMap();
+  const remember = () => {
+    for (const arrow of document.querySelectorAll("#root svg.tabler-icon-chevron-up, #root svg.tabler-icon-chevron-down")) {
+      const head = arrow.parentElement, title = head.textContent;
+      if (!head.matches(".mantine-Paper-root") || getComputedStyle(arrow).display === "none") continue;
+      const opened = arrow.matches(".tabler-icon-chevron-up"), wanted = folders[title] ?? opened;
+      if (known.has(head) && known.get(head) !== opened) { folders[title] = opened; keep("folders", JSON.stringify(folders)); }
+      else if (!known.has(head) && wanted !== opened) { head.click(); known.set(head, wanted); continue; }
+      known.set(head, opened);
+    }
+  };
+
   // Over the image, wherever viser puts it
   const place = () => {
     // The image comes from the server: a browser without a GPU shows it just as fast.
@@ -346,6 +372,7 @@
     if (!image) return;
     const box = image.getBoundingClientRect();
     named();
+    remember();
     for (const part of narrow.matches ? document.querySelectorAll("#root .mantine-Paper-root:not(.globule-panel)") : [])
       if (getComputedStyle(part).position === "fixed") part.classList.add("globule-panel");
     document.documentElement.style.setProperty("--globule-left", layers.hidden || narrow.matches ? "10px" : `${layers.offsetLeft + layers.offsetWidth + 9}px`);
@@ -364,8 +391,13 @@
       wait = 500; paint(desk.classList.contains("dark"));
       if (matchMedia("(min-width: 2560px)").matches) say("wide");
     };
-    own.onmessage = (event) => { if (own === socket) { model = JSON.parse(event.data); show(); place(); } };
-    own.onclose = () => { if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
+    own.onmessage = (event) => {
+      if (own !== socket) return;
+      const told = JSON.parse(event.data);
+      if ("pull" in told) feel(told.pull);
+      else { model = told; show(); place(); }
+    };
+    own.onclose = () => { feel(""); if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
   };
 
   addEventListener("DOMContentLoaded", () => {
