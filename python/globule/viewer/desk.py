@@ -19,7 +19,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from .desk_model import Model
-from .plots import OVER_TIME
+from .plots import over_time
 from .roles import LOOK, LOOKING, PRIVATE_ACTIONS
 
 PATH = "/globule/desk"
@@ -194,7 +194,8 @@ class Desk:
 
     def _watch(self, browser: Any, value: Any) -> None:
         """Choose what a browser plots over time."""
-        if value not in (name for name, *_ in OVER_TIME):
+        plot = over_time(self.viewer.source)
+        if value not in (plot["names"] if plot else []):
             raise ValueError(f"plot: expected a quantity, got {str(value)[:40]}")
         self.model.series[browser.client_id] = value
 

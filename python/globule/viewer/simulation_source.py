@@ -14,10 +14,12 @@ from ..render.settings import RenderSettings
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
+from .forces import PULL, newtons
 from .overlay import STEEL, Mark
 from .scenes import SceneMaker, color_names
 from .source import Origin, Source, box_corners
 from .state import State
+from .stroke import ribbon
 
 LONGEST_PAUSE = 0.25  # s between two steps in slow motion
 PULL_TIME = 0.05  # s in which held matter reaches the pointer
@@ -64,6 +66,7 @@ class SimulationSource(Source):
         self._hold = np.zeros(3)  # place of the held matter, world
         self._held: np.ndarray | None = None  # its ids
         self._target: np.ndarray | None = None  # place of the pointer, world
+        self._pulled: float | None = None  # N, that the hand felt in the last step
         self._ground: float | None = None  # height, if the scene has one
         self.maker = SceneMaker(device, threads)
         self.has_tissue = self._has_bonds()
@@ -263,6 +266,7 @@ class SimulationSource(Source):
             try:
                 self._pull()
                 self.report = self.simulation.step()
+                self._feel()
                 self._note()
                 self.version += 1
             finally:
@@ -290,6 +294,7 @@ class SimulationSource(Source):
             self.by_hand = False
             self.simulation.reset()
             self._before.clear()
+            self._held = self._target = self._pulled = None
             self._note()
             self.version += 1
 
@@ -299,7 +304,14 @@ class SimulationSource(Source):
         """The depth that a stroke will cut, for its label while it is drawn."""
         if not self.has_tissue:
             return ""
-        return "all through" if self.cut_depth is None else f"{1e3 * self.cut_depth:.3g} mm deep"
+        if self.cut_depth is None:
+            return "all through"
+        factor, unit = self.shown_unit()
+        return f"{factor * self.cut_depth:.3g} {unit} deep"
+
+    def shown_unit(self) -> tuple[float, str]:
+        """The unit in which the page says lengths of cuts, and what a meter is in it."""
+        return (1e3, "mm") if self._extent() < 1.0 else (1.0, "m")
 
     def cut_along(self, points: list, camera: Camera) -> str:
         """Cut tissue along a stroke, to `cut_depth`, away from the eye.
@@ -380,7 +392,7 @@ class SimulationSource(Source):
                 tool.start(sim.time)
             for name, (emitted, volume) in state["emitters"].items():
                 sim.emitters[name]._emitted, sim.emitters[name]._volume = emitted, volume
-            self._held = self._target = None
+            self._held = self._target = self._pulled = None
             self._note()
             self.version += 1
             return f"Undone: the simulation is at {sim.time:.4f} s, before the cut."
@@ -469,29 +481,19 @@ class SimulationSource(Source):
         force = mass * (away / PULL_TIME - speed) / PULL_TIME
         sim.steer.apply_force(np.broadcast_to(force, (len(ids), 3)).astype(np.float32), ids=ids)
 
+    def _feel(self) -> None:
+        """After a step: note what the hand feels of tissue. The caller holds `lock`."""
+        if self.has_tissue:
+            held, tools = self._held is not None, self.simulation.tools
+            force = float(np.linalg.norm(tools.grasp_force(GRASP)[0])) if held else 0.0
+            self.simulation.record.diagnostics[-1][PULL] = force
+            self._pulled = force if held else None
+
+    def pull_words(self) -> str:
+        """The force on the hand in the last step, or "" without tissue; never waits for `lock`."""
+        force = self._pulled
+        return "" if force is None or self._target is None else newtons(force)
+
     def _extent(self) -> float:
         lo, hi = self.bounds()
         return float(np.max(hi - lo))
-
-
-def ribbon(points: list, camera: Camera, depth: float, above: float) -> np.ndarray:
-    """The swept surface of a blade as triangles (M, 3, 3), world.
-
-    Args:
-        points: (x, y, z) each, world: the stroke on the surface.
-        camera: along whose rays the stroke is swept.
-        depth: below the stroke, world units.
-        above: above the stroke, world units.
-
-    Raises:
-        ValueError: the stroke is a single point.
-    """
-    line = np.asarray(points, np.float64)
-    keep = np.append(True, np.linalg.norm(np.diff(line, axis=0), axis=1) > 0)
-    line = line[keep]
-    if len(line) < 2:
-        raise ValueError("cut: expected a stroke between two points, got one point")
-    away = camera.towards(line)
-    top, bottom = line - above * away, line + depth * away
-    a, b, c, d = top[:-1], top[1:], bottom[:-1], bottom[1:]
-    return np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)]).astype(np.float32)
