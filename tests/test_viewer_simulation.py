@@ -76,7 +76,7 @@ def test_colours_of_values_follow_the_simulation(dam):
     page = dam.page()
     plain = dam.still(page)
     open_folder(page, "Color by value")
-    choose(page, "Color by", "velocity")
+    choose(page, "Color by", "speed")
     dam.viewer.source.play(True)
     dam.viewer.engine.notify()
     until(lambda: dam.viewer.source.simulation.time > 0.1)
@@ -183,7 +183,7 @@ def test_grasping_pulls_tissue(block):
 
     def steps(page) -> None:
         at = sim.n_steps
-        until(lambda: sim.n_steps > at + 2, "for the simulation to go on")
+        until(lambda: sim.n_steps > at, "for the simulation to go on")
 
     middle = where.mean(axis=0)
     drag_along(page, np.linspace(middle, middle - (0, 130), 14), each=steps)

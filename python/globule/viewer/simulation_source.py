@@ -88,7 +88,7 @@ class SimulationSource(Source):
             if view.speeds is not None:
                 low, high = view.speeds
                 self.settings = {
-                    "color__by": "velocity",
+                    "color__by": "speed",
                     "color__automatic": False,
                     "color__low": low,
                     "color__high": high,
