@@ -131,7 +131,7 @@ def test_instruments_have_their_force_in_record_panel_and_plot():
         for n in range(1, 4):
             source.step()
             viewer.engine.notify()
-            until(lambda n=n: sim.n_steps == n)
+            until(lambda n=n: source.place == (n, n))
         row = sim.record.diagnostics[-1]
         grip, pusher = (np.linalg.norm(f) for f in (sim.tools["grip"].force,
                                                     sim.tools.pusher_force()[0]))  # fmt: skip

@@ -92,7 +92,10 @@ class Model:
             }
         if source.kind in ("simulation", "sweep"):
             words = source.status().replace("**", "").replace("  \n", " · ")
-            return {"kind": source.kind, "running": source.running, "words": words}
+            told = {"kind": source.kind, "running": source.running, "words": words}
+            if source.kind == "simulation":
+                told["frame"], told["frames"] = source.place
+            return told
         return None
 
     def _layers(self) -> list[dict[str, Any]]:

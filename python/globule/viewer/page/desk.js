@@ -226,10 +226,10 @@
 
   // The timeline
   const run = button("play", "Play or pause", () => say("play"), "Play or pause (space bar)");
-  const goto = (i) => set({ time__playing: false, time__frame: Math.min(model.time.frames - 1, Math.max(0, i)) });
+  const goto = (i) => (model.time.kind === "simulation" ? say("time", i) : set({ time__playing: false, time__frame: Math.min(model.time.frames - 1, Math.max(0, i)) }));
   const back = button("back", "Previous frame", () => goto(model.time.frame - 1));
   const next = button("next", "Next frame", () => (model.time.kind === "sequence" ? goto(model.time.frame + 1) : say("step")), "One frame or step forward");
-  const scrub = make("input", { type: "range", min: "0", "aria-label": "Position in time", title: "Drag to any frame", oninput: () => { sent = Date.now(); goto(Number(scrub.value)); } });
+  const scrub = make("input", { type: "range", min: "0", "aria-label": "Position in time", title: "Drag to any time that has passed", oninput: () => { sent = Date.now(); goto(Number(scrub.value)); } });
   const again = button("loop", "Repeat", () => set({ time__loop: !model.time.loop }), "Begin again after the last frame");
   const reset = button("reset", "From the beginning", () => say("reset"), "Start the simulation again");
   const words = make("span");
@@ -315,14 +315,15 @@
     if (t) {
       draw(run, t.running ? "pause" : "play");
       run.setAttribute("aria-pressed", String(t.running));
-      const frames = t.kind === "sequence";
-      back.hidden = scrub.hidden = again.hidden = !frames;
+      const frames = t.kind === "sequence", ran = t.kind === "simulation" && t.frames > 0;
+      back.hidden = again.hidden = !frames;
+      scrub.hidden = !frames && !ran;
       reset.hidden = t.kind !== "simulation"; next.hidden = t.kind === "sweep";
       words.className = frames ? "" : "wide"; words.textContent = t.words;
-      if (frames) {
-        scrub.max = String(t.frames - 1);
+      if (frames || ran) {
+        scrub.max = String(ran ? t.frames : t.frames - 1);
         if (Date.now() - sent > 700) scrub.value = String(t.frame);
-        scrub.setAttribute("aria-valuetext", `frame ${t.words}`);
+        scrub.setAttribute("aria-valuetext", ran ? t.words : `frame ${t.words}`);
         again.setAttribute("aria-pressed", String(t.loop));
       }
     }
