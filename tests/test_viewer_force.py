@@ -178,7 +178,7 @@ def test_forces_cost_the_panel_no_update_more(held, monkeypatch):
         assert Widget.updates == n
         force = forces(source.simulation)["hand"]
         assert (force > 0) == held
-        assert f"hand: {newtons(force)}" in panel.status.content
+        assert (f"hand: {newtons(force)}" in panel.status.content) == held
         panel.tick()
         assert Widget.updates == n
 

@@ -35,5 +35,6 @@ def by_name(row: dict[str, float]) -> dict[str, str]:
 
 
 def force_words(felt: dict[str, float]) -> str:
-    """Forces (N) by name as a line for the panel."""
-    return "**Force** · " + " · ".join(f"{name}: {newtons(force)}" for name, force in felt.items())
+    """Forces (N) by name as a line for the panel, without a hand that holds nothing; "": none."""
+    shown = [f"{name}: {newtons(force)}" for name, force in felt.items() if force or name != "hand"]
+    return " · ".join(["**Force**", *shown]) if shown else ""

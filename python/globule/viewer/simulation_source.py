@@ -229,7 +229,7 @@ class SimulationSource(Source):
             name = "running"
         else:
             name = "running, first step …"
-        return f"**{name}** · {time:.4f} s · {steps:,} steps"
+        return f"**{name}** · {time:.4f} s · {steps:,} {'step' if steps == 1 else 'steps'}"
 
     def facts(self) -> dict[str, Any]:
         """Time, steps and the report of the last step."""

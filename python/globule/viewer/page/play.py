@@ -55,8 +55,8 @@ class Play(Panel):
         if self.run_button.label != label:
             self.run_button.label, self.run_button.color = label, color
         words = source.status()
-        if source.kind == "simulation" and (felt := forces(source.simulation)):
-            words += "  \n" + force_words(felt)  # one text: a browser draws each of them anew
+        if source.kind == "simulation" and (felt := force_words(forces(source.simulation))):
+            words += "  \n" + felt  # one text: a browser draws each of them anew
         if self.status.content != words:
             self.status.content = words
 
