@@ -315,15 +315,20 @@ def make(kind: str, folder: str) -> None:
 
 def main() -> int:
     """Run the command line of this file."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-n", type=int, default=20_000)
-    parser.add_argument("--each", type=int, metavar="N", help="damage every file N times")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
-    parser.add_argument("--only", default="", choices=["", *KINDS])
-    parser.add_argument("--keep", default="build/fuzz", metavar="FOLDER")
-    parser.add_argument("--open", metavar="FOLDER", help="open the files of a corpus")
-    parser.add_argument("--damage", action="store_true", help="damage the arrays of a checkpoint")
+    parser = argparse.ArgumentParser(
+        description="Damage files of every kind, and open each in a process with limits.",
+        epilog='example: make fuzz FUZZ="-n 1000 --seed 7 --only volumes"',
+    )
+    add = parser.add_argument
+    add("-n", type=int, default=20_000, help="damaged files (default: %(default)s)")
+    add("--each", type=int, metavar="N", help="damage every file N times, in the place of -n")
+    add("--seed", type=int, default=0, help="of the damage; the same files again (default: 0)")
+    add("--first", type=int, default=0, metavar="N", help="start with damaged file N (default: 0)")
+    add("--only", default="", choices=KINDS, metavar="KIND", help="one of " + ", ".join(KINDS))
+    add("--keep", default="build/fuzz", metavar="FOLDER",
+        help="what is found is kept there (default: %(default)s)")  # fmt: skip
+    add("--open", metavar="FOLDER", help="open the files of a folder, such as tests/corpus")
+    add("--damage", action="store_true", help="damage every array of a simulation's checkpoint")
     parser.add_argument("--make", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.make:

@@ -169,7 +169,7 @@ def test_a_simulation_looks_as_its_scene_says(served, tmp_path):
     assert main(["view", "poiseuille", "--no-browser", "--port", "0"]) == 0
     (viewer,) = served
     color = viewer.state.color
-    assert (color.by, color.automatic, color.low, color.high) == ("velocity", False, 0.0, 0.125)
+    assert (color.by, color.automatic, color.low, color.high) == ("speed", False, 0.0, 0.125)
     import globule as gb
     from globule.sim.pictures import Eye
     from globule.viewer.recording import Shot

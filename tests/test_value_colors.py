@@ -198,3 +198,19 @@ def test_a_frame_that_was_refined_twice_knows_what_it_shows(particles):
         again = frame.attribute(particles.attributes["x0"])
         assert np.array_equal(again, first, equal_nan=True)
         assert frame.pick(40, 30).layer == 0
+
+
+def test_speed_is_the_length_of_velocity(particles):
+    from globule.scene.attributes import attribute_names, attribute_values
+
+    rng = np.random.default_rng(2)
+    velocity = rng.normal(size=(400, 3))
+    moving = gb.Particles(particles.positions, support=0.4, attributes={"velocity": velocity})
+    assert attribute_names(moving) == ["x", "y", "z", "support", "speed", "velocity"]
+    expected = np.linalg.norm(velocity, axis=1)
+    np.testing.assert_allclose(attribute_values(moving, "speed"), expected, rtol=1e-12)
+    moving.attributes["speed"] = expected + 1.0  # a file's own is taken as it is
+    assert attribute_names(moving).count("speed") == 1
+    np.testing.assert_allclose(attribute_values(moving, "speed"), expected + 1.0, rtol=1e-12)
+    with pytest.raises(ValueError, match="expected one of x, y, z, support, got speed"):
+        attribute_values(gb.Particles(particles.positions, support=0.4), "speed")

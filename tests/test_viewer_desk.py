@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import urllib.request
 from types import SimpleNamespace
 
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, blob, until
+from viewer_helpers import Watched, blob, open_folder, until
 from waiting import PATIENCE
 
 pytest.importorskip("viser")
@@ -181,6 +182,10 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
         def press(name):
             desk.get_by_role("button", name=name, exact=True).click()
 
+        def folder(title, arrow):
+            heads = page.locator("#root .mantine-Paper-root", has_text=re.compile(f"^{title}$"))
+            return heads.locator(f"> svg.tabler-icon-chevron-{arrow}")
+
         press("Next hint")
         press("Next hint")
         press("Done")
@@ -211,7 +216,13 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
             " || e.innerText)"
         )
         assert all(name and name.strip() for name in names)
-        page.reload()  # the list stays open, and the hints do not come again
+        for title, arrow in (("View", "down"), ("Annotations", "up")):
+            open_folder(page, title)
+            folder(title, arrow).wait_for()
+        page.wait_for_function("JSON.parse(localStorage['globule-folders'] ?? '{}').Annotations")
+        page.reload()  # the list and folders stay as they are, and the hints do not come again
+        folder("View", "down").wait_for()
+        folder("Annotations", "up").wait_for()
         desk.get_by_label("Color by").wait_for()
         assert not desk.get_by_role("button", name="Next hint").count()
     finally:

@@ -76,7 +76,7 @@ def test_colours_of_values_follow_the_simulation(dam):
     page = dam.page()
     plain = dam.still(page)
     open_folder(page, "Color by value")
-    choose(page, "Color by", "velocity")
+    choose(page, "Color by", "speed")
     dam.viewer.source.play(True)
     dam.viewer.engine.notify()
     until(lambda: dam.viewer.source.simulation.time > 0.1)

@@ -37,7 +37,7 @@ def attribute_names(particles: Particles) -> list[str]:
 
 def attribute_values(particles: Particles, name: str) -> np.ndarray:
     """The values (N,) float64 that `name` stands for: x y z, a field, an attribute (a vector's
-    length), or NAME:0 … for a component.
+    length), speed (the length of the attribute velocity), or NAME:0 … for a component.
 
     Raises TypeError for a name that is no text, ValueError that says which names there are.
     """
@@ -85,8 +85,8 @@ def color_by(
 
     Args:
         particles: N particles.
-        name: x, y, z, a field (support), an attribute (a vector's length), or NAME:0 … for a
-            component.
+        name: x, y, z, a field (support), an attribute (a vector's length), speed (the length of
+            the attribute velocity), or NAME:0 … for a component.
         colormap: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
         range: (lo, hi), values of the map's first and last color; lo may be above hi. Default: the
             lowest and highest finite value. Values outside have the color of the nearest end; NaN
@@ -124,7 +124,12 @@ def _arrays(particles: Particles) -> dict[str, Any]:
         value = getattr(particles, field)
         if value is not None:
             arrays[field] = np.broadcast_to(to_host(value), len(particles))
-    return arrays | particles.attributes
+    arrays |= particles.attributes
+    if "speed" not in arrays and getattr(arrays.get("velocity"), "ndim", 0) == 2:
+        at = list(arrays).index("velocity")
+        pairs = list(arrays.items())
+        arrays = dict([*pairs[:at], ("speed", arrays["velocity"]), *pairs[at:]])
+    return arrays
 
 
 def _lengths(array: np.ndarray) -> np.ndarray:

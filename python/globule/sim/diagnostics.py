@@ -48,7 +48,8 @@ def plot(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], title: st
     except ImportError:
         return False
     panels = []
-    for label, names in PANELS:
+    felt = tuple(dict.fromkeys(name for row in rows for name in row if name.startswith("force_")))
+    for label, names in (*PANELS, ("force, N", felt)):
         # Energies are in the rows of frames only.
         curves = {name: [(r["time"], r[name]) for r in rows if name in r] for name in names}
         curves = {name: points for name, points in curves.items() if any(v for _, v in points)}

@@ -22,7 +22,8 @@ class Record(Part):
     """The record of a simulation's run: diagnostics, counts, times and energies.
 
     Attributes:
-        diagnostics: one dict per step: time, dt, iterations, errors, compression, counts.
+        diagnostics: one dict per step: time, dt, iterations, errors, compression, counts, and
+            the force on each grasper and pusher, N (`force_` and its name).
         seconds: wall time of each stage of the solver.
         n_removed: particles that sinks, suction, ablation or `remove` removed.
         n_cut: bonds that the scene's instruments cut.
@@ -53,6 +54,7 @@ class Record(Part):
             "max_speed": report.most_speed,
             "n": report.n, "n_escaped": report.n_escaped, "n_removed": self.n_removed,
             "n_cut": self.n_cut,
+            **{f"force_{name}": force for name, force in self._sim.tools._forces().items()},
         })  # fmt: skip
         if len(self.diagnostics) > MOST_ROWS:
             del self.diagnostics[1::2]

@@ -272,6 +272,16 @@ class Tools(Named):
             )
         return _force(self._sim._core.tissue().felt(), MOST_GRASPS + number)
 
+    def _forces(self) -> dict[str, float]:
+        """What graspers and pushers felt in the last step, N, by name."""
+        numbers = {name: tool._number for name, tool in self.items() if tool.kind == "grasper"}
+        numbers |= {f"pusher {i}": MOST_GRASPS + i for i in range(len(self._pushers))}
+        if not numbers:
+            return {}
+        felt = self._sim._core.tissue().felt()
+        found = {name: _force(felt, number)[0] for name, number in numbers.items()}
+        return {name: float(np.linalg.norm(force)) for name, force in found.items()}
+
     @whole
     def set_pushers(self, shapes: Any) -> None:
         """Replace the solid shapes that tissue cannot enter.

@@ -19,7 +19,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from .desk_model import Model
-from .plots import OVER_TIME
+from .plots import over_time
 from .roles import LOOK, LOOKING, PRIVATE_ACTIONS
 
 PATH = "/globule/desk"
@@ -170,6 +170,7 @@ class Desk:
             "play": lambda browser, value: play.toggle(),
             "step": lambda browser, value: source.step(),
             "reset": lambda browser, value: source.reset(),
+            "time": lambda browser, value: self._go(value),
             "series": lambda browser, value: self._watch(browser, value),
             "wide": lambda browser, value: browser.gui.main_panel.set_width(WIDE_PANEL),
             "dark": lambda browser, value: page.paint(browser.gui, bool(value)),
@@ -192,9 +193,18 @@ class Desk:
             more = opaque(self.viewer, value["color__by"]) if "color__by" in value else {}
             self.viewer.state.set(**value, **more)
 
+    def _go(self, value: Any) -> None:
+        """Go to a step of a simulation."""
+        go_to = getattr(self.viewer.source, "go_to", None)
+        if go_to is None or type(value) is not int or value < 0:
+            raise ValueError(f"page: expected a step of a simulation, got {str(value)[:40]}")
+        go_to(value)
+        self.viewer.engine.notify()
+
     def _watch(self, browser: Any, value: Any) -> None:
         """Choose what a browser plots over time."""
-        if value not in (name for name, *_ in OVER_TIME):
+        plot = over_time(self.viewer.source)
+        if value not in (plot["names"] if plot else []):
             raise ValueError(f"plot: expected a quantity, got {str(value)[:40]}")
         self.model.series[browser.client_id] = value
 

@@ -49,6 +49,7 @@ class Model:
             "plane": state.cuts.plane,
             "recording": browser.client_id in saving._recorders,
             "time": self._time(),
+            "pull": self.pull(),
             "layers": self._layers(),
             "color": {
                 "by": state.color.by,
@@ -64,6 +65,10 @@ class Model:
             "series": over_time(self.viewer.source, self.series.get(browser.client_id, "")),
             "compare": state.compare.at if self.viewer.source.kind == "compare" else None,
         }
+
+    def pull(self) -> str:
+        """The force for the label beside a pointer that holds tissue; "": none is held."""
+        return getattr(self.viewer.source, "pull_words", str)()
 
     def _line(self, client: Any) -> dict[str, Any] | None:
         """The values along the measured line, with the unit of lengths."""
@@ -87,7 +92,10 @@ class Model:
             }
         if source.kind in ("simulation", "sweep"):
             words = source.status().replace("**", "").replace("  \n", " · ")
-            return {"kind": source.kind, "running": source.running, "words": words}
+            told = {"kind": source.kind, "running": source.running, "words": words}
+            if source.kind == "simulation":
+                told["frame"], told["frames"] = source.place
+            return told
         return None
 
     def _layers(self) -> list[dict[str, Any]]:

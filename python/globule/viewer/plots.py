@@ -9,6 +9,7 @@ import numpy as np
 from .._base.arrays import to_host
 from ..scene.attributes import attribute_values
 from ..scene.mesh import Mesh
+from .forces import by_name
 from .overlay import AMBER, Mark
 from .state import State
 
@@ -82,7 +83,7 @@ def over_time(source: Any, chosen: str = "") -> dict[str, Any] | None:
 
     Args:
         source: of the viewer.
-        chosen: a name in `OVER_TIME`; any other: the first.
+        chosen: one of `names`; any other: the first.
 
     Returns:
         name, unit, names (to choose from), x (time, s) and y, for JSON; None: there is no record.
@@ -91,7 +92,8 @@ def over_time(source: Any, chosen: str = "") -> dict[str, Any] | None:
     rows = list(getattr(record, "diagnostics", ()))
     if len(rows) < 2:
         return None
-    known = {name: rest for name, *rest in OVER_TIME if rest[0] in rows[0]}
+    known = {name: tuple(rest) for name, *rest in OVER_TIME if rest[0] in rows[-1]}
+    known |= {f"force of {name}": (column, 1.0, "N") for name, column in by_name(rows[-1]).items()}
     name = chosen if chosen in known else next(iter(known))
     column, factor, unit = known[name]
     last, step = rows[-1], 1 + len(rows) // MOST_POINTS

@@ -14,16 +14,18 @@ from ..render.settings import RenderSettings
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
+from .forces import PULL, newtons
 from .overlay import STEEL, Mark
+from .past import Past, Strokes, forget_rows, restore, taken
 from .scenes import SceneMaker, color_names
+from .simulation_facts import facts_of
 from .source import Origin, Source, box_corners
 from .state import State
+from .stroke import ribbon
 
 LONGEST_PAUSE = 0.25  # s between two steps in slow motion
 PULL_TIME = 0.05  # s in which held matter reaches the pointer
 FASTEST = 2.0  # of held matter, extents of the domain per second
-MOST_UNDONE = 5  # strokes that can be undone
-UNDO_BYTES = 1 << 30  # of the states for undo
 GRASP = 7  # the number of the pointer's grasp; instruments count from 0
 
 
@@ -52,7 +54,10 @@ class SimulationSource(Source):
         self._device, self._threads = device, threads
         self.running, self.speed = False, 1.0
         self.cut_depth: float | None = None
-        self._before: list[dict[str, Any]] = []  # states before the last strokes
+        self._strokes = Strokes()
+        self._past = Past()
+        self._wanted_place: int | None = None  # step to go to
+        self._behind = False  # it has gone back, and not on since
         self._stepping = False
         self.report: Any = None
         self.n_cut = 0
@@ -64,6 +69,7 @@ class SimulationSource(Source):
         self._hold = np.zeros(3)  # place of the held matter, world
         self._held: np.ndarray | None = None  # its ids
         self._target: np.ndarray | None = None  # place of the pointer, world
+        self._pulled: float | None = None  # N, that the hand felt in the last step
         self._ground: float | None = None  # height, if the scene has one
         self.maker = SceneMaker(device, threads)
         self.has_tissue = self._has_bonds()
@@ -85,7 +91,7 @@ class SimulationSource(Source):
             if view.speeds is not None:
                 low, high = view.speeds
                 self.settings = {
-                    "color__by": "velocity",
+                    "color__by": "speed",
                     "color__automatic": False,
                     "color__low": low,
                     "color__high": high,
@@ -209,6 +215,11 @@ class SimulationSource(Source):
         sim = self.simulation
         self._noted = float(getattr(sim, "time", 0.0)), int(getattr(sim, "n_steps", 0))
 
+    @property
+    def place(self) -> tuple[int, int]:
+        """The step of now, and the last step that `go_to` can reach; never waits for `lock`."""
+        return self._noted[1], max(self._noted[1], self._past.last)
+
     def status(self) -> str:
         """Running or paused, time and steps."""
         time, steps = self._noted
@@ -218,41 +229,19 @@ class SimulationSource(Source):
             name = "running"
         else:
             name = "running, first step …"
-        return f"**{name}** · {time:.4f} s · {steps:,} steps"
+        return f"**{name}** · {time:.4f} s · {steps:,} {'step' if steps == 1 else 'steps'}"
 
     def facts(self) -> dict[str, Any]:
         """Time, steps and the report of the last step."""
         with self.lock:
-            return self._facts()
-
-    def _facts(self) -> dict[str, Any]:
-        sim, facts = self.simulation, {"running": "yes" if self.running else "no"}
-        for label, name, form in (
-            ("time", "time", "{:.4f} s"),
-            ("steps", "n_steps", "{:,}"),
-            ("time step", "dt", "{:.3g} s"),
-        ):
-            value = getattr(sim, name, None)
-            if value is not None:
-                facts[label] = form.format(value)
-        if (tissue := getattr(sim, "tissue", None)) is not None:
-            facts["pieces"] = f"{tissue.n_pieces:,}"
-        for label, name in (
-            ("iterations", "iterations"),
-            ("compression", "compression"),
-            ("bonds", "n_bonds"),
-            ("cut", "n_cut"),
-            ("escaped", "n_escaped"),
-        ):
-            value = getattr(self.report, name, None)
-            if value is not None:
-                facts[label] = f"{value:.3g}" if isinstance(value, float) else str(value)
-        return facts
+            return facts_of(self.simulation, self.report, self.running)
 
     # Time
 
     def advance(self, state: State) -> float | None:
-        """Take one step if the simulation runs or `step` was called."""
+        """Take one step if the simulation runs or `step` was called; or go where `go_to` says."""
+        if self._wanted_place is not None:
+            return self._go()
         if not self.running and not self._wanted_steps:
             return None
         with self.lock:
@@ -261,8 +250,11 @@ class SimulationSource(Source):
             before = float(getattr(self.simulation, "time", 0.0))
             self._stepping = True
             try:
+                self._past.note(self.simulation)
+                self._go_on()
                 self._pull()
                 self.report = self.simulation.step()
+                self._feel()
                 self._note()
                 self.version += 1
             finally:
@@ -283,13 +275,47 @@ class SimulationSource(Source):
         """Take one step and pause."""
         self.running, self._wanted_steps = False, 1
 
+    def go_to(self, steps: int) -> None:
+        """Pause, and go to the kept state that is nearest to a step."""
+        self.stand_still()
+        self._wanted_place = steps
+
+    def _go(self) -> float:
+        """Do what `go_to` asked for last."""
+        with self.lock:
+            steps, self._wanted_place = self._wanted_place, None
+            if steps is None or not self._past.last:  # after a reset
+                return 0.0
+            if self.simulation.n_steps > self._past.last:
+                self._past.note(self.simulation, always=True)
+            self._restore(self._past.near(steps))
+            self._behind = True
+        return 0.0
+
+    def _go_on(self) -> None:
+        """From a state gone back to: what came after it is no longer true. Holds `lock`."""
+        if self._behind:
+            forget_rows(self.simulation)
+            self._strokes.forget_after(self.simulation.n_steps)
+            self._behind = False
+
+    def _restore(self, state: dict[str, Any]) -> None:
+        """Go to a state that was taken. The caller holds `lock`."""
+        restore(self.simulation, state)
+        self._held = self._target = self._pulled = None
+        self._note()
+        self.version += 1
+
     def reset(self) -> None:
         """Go back to the start and pause."""
         with self.lock:
             self.stand_still()
             self.by_hand = False
             self.simulation.reset()
-            self._before.clear()
+            self._strokes.clear()
+            self._past.clear()
+            self._wanted_place, self._behind = None, False
+            self._held = self._target = self._pulled = None
             self._note()
             self.version += 1
 
@@ -299,7 +325,14 @@ class SimulationSource(Source):
         """The depth that a stroke will cut, for its label while it is drawn."""
         if not self.has_tissue:
             return ""
-        return "all through" if self.cut_depth is None else f"{1e3 * self.cut_depth:.3g} mm deep"
+        if self.cut_depth is None:
+            return "all through"
+        factor, unit = self.shown_unit()
+        return f"{factor * self.cut_depth:.3g} {unit} deep"
+
+    def shown_unit(self) -> tuple[float, str]:
+        """The unit in which the page says lengths of cuts, and what a meter is in it."""
+        return (1e3, "mm") if self._extent() < 1.0 else (1.0, "m")
 
     def cut_along(self, points: list, camera: Camera) -> str:
         """Cut tissue along a stroke, to `cut_depth`, away from the eye.
@@ -318,11 +351,13 @@ class SimulationSource(Source):
         through = float(np.linalg.norm(hi - lo))
         with self.lock:
             blade = ribbon(points, camera, self.cut_depth or through, 0.05 * through)
-            before = self._state()
+            before = taken(self.simulation)
             self.n_cut = self.simulation.tissue.cut(blade)
             if not self.n_cut:
                 return "The stroke met no tissue."
-            self._keep(before)
+            self._go_on()
+            self._strokes.keep(before)
+            self._past.note(self.simulation, always=True)
             self.by_hand = True
             self.version += 1
             pieces = self.simulation.tissue.n_pieces
@@ -331,35 +366,13 @@ class SimulationSource(Source):
             + ("" if self.running else " Press Run to see it open.")
         )
 
-    def _state(self) -> dict[str, Any]:
-        """The state that `undo` restores."""
-        sim = self.simulation
-        if not hasattr(sim, "arrays"):
-            return {}
-        emitters = {
-            name: (e.emitted, e._volume) for name, e in getattr(sim, "emitters", {}).items()
-        }
-        return {
-            "arrays": sim.arrays.state(),
-            "rows": len(sim.record.diagnostics),
-            "emitters": emitters,
-            "counts": (sim.record.n_removed, sim.record.n_cut),
-        }
-
-    def _keep(self, state: dict[str, Any]) -> None:
-        self._before = [*self._before, state][-MOST_UNDONE:] if state else []
-        sizes = [sum(a.nbytes for a in one["arrays"].values()) for one in self._before]
-        while sum(sizes) > UNDO_BYTES:
-            del sizes[0], self._before[0]
-
     def note_settings(self, n: int) -> None:
         """As for every source."""
-        if self._before:
-            self._before[-1].setdefault("settings", n)
+        self._strokes.note_settings(n)
 
     def cut_is_newest(self, n: int) -> bool:
         """As for every source."""
-        return bool(self._before) and self._before[-1].get("settings", n) >= n
+        return self._strokes.is_newest(n)
 
     def undo(self) -> str:
         """Go back to the state before the last cut; returns a sentence for the page.
@@ -368,22 +381,11 @@ class SimulationSource(Source):
             ValueError: there is no cut to undo.
         """
         with self.lock:
-            if not self._before:
-                raise ValueError(
-                    "undo: expected a cut with the tool Cut, got none (the last 5 can be undone)"
-                )
-            state, sim = self._before.pop(), self.simulation
-            sim.arrays.set_state(state["arrays"])
-            del sim.record.diagnostics[state["rows"] :]
-            sim.record.n_removed, sim.record.n_cut = state["counts"]
-            for tool in sim.tools.values():
-                tool.start(sim.time)
-            for name, (emitted, volume) in state["emitters"].items():
-                sim.emitters[name]._emitted, sim.emitters[name]._volume = emitted, volume
-            self._held = self._target = None
-            self._note()
-            self.version += 1
-            return f"Undone: the simulation is at {sim.time:.4f} s, before the cut."
+            self._restore(self._strokes.pop())
+            self._behind = True
+            self._go_on()
+            self._past.note(self.simulation, always=True)
+            return f"Undone: the simulation is at {self.simulation.time:.4f} s, before the cut."
 
     def move(self, name: str, pose: np.ndarray) -> None:
         """Move an instrument in the next step.
@@ -469,29 +471,19 @@ class SimulationSource(Source):
         force = mass * (away / PULL_TIME - speed) / PULL_TIME
         sim.steer.apply_force(np.broadcast_to(force, (len(ids), 3)).astype(np.float32), ids=ids)
 
+    def _feel(self) -> None:
+        """After a step: note what the hand feels of tissue. The caller holds `lock`."""
+        if self.has_tissue:
+            held, tools = self._held is not None, self.simulation.tools
+            force = float(np.linalg.norm(tools.grasp_force(GRASP)[0])) if held else 0.0
+            self.simulation.record.diagnostics[-1][PULL] = force
+            self._pulled = force if held else None
+
+    def pull_words(self) -> str:
+        """The force on the hand in the last step, or "" without tissue; never waits for `lock`."""
+        force = self._pulled
+        return "" if force is None or self._target is None else newtons(force)
+
     def _extent(self) -> float:
         lo, hi = self.bounds()
         return float(np.max(hi - lo))
-
-
-def ribbon(points: list, camera: Camera, depth: float, above: float) -> np.ndarray:
-    """The swept surface of a blade as triangles (M, 3, 3), world.
-
-    Args:
-        points: (x, y, z) each, world: the stroke on the surface.
-        camera: along whose rays the stroke is swept.
-        depth: below the stroke, world units.
-        above: above the stroke, world units.
-
-    Raises:
-        ValueError: the stroke is a single point.
-    """
-    line = np.asarray(points, np.float64)
-    keep = np.append(True, np.linalg.norm(np.diff(line, axis=0), axis=1) > 0)
-    line = line[keep]
-    if len(line) < 2:
-        raise ValueError("cut: expected a stroke between two points, got one point")
-    away = camera.towards(line)
-    top, bottom = line - above * away, line + depth * away
-    a, b, c, d = top[:-1], top[1:], bottom[:-1], bottom[1:]
-    return np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)]).astype(np.float32)

@@ -65,7 +65,8 @@
   const split = make("div", { class: "split", role: "slider", tabindex: "0", "aria-label": "Divider between the two data sets", "aria-valuemin": "0", "aria-valuemax": "100", hidden: "" });
   const plots = make("section", { class: "bar plots", "aria-label": "Plots", hidden: "" });
   const people = make("div", { class: "card people", role: "status", hidden: "" });
-  desk.append(tools, layers, time, plots, hint, split, people);
+  const force = make("div", { class: "force", "aria-hidden": "true", hidden: "" });
+  desk.append(tools, layers, time, plots, hint, split, people, force);
 
   const of = {
     plane: button("plane", "Cutting plane", () => set({ cuts__plane: !model.plane }), "Cutting plane on or off; drag its handles (key C)"),
@@ -225,10 +226,10 @@
 
   // The timeline
   const run = button("play", "Play or pause", () => say("play"), "Play or pause (space bar)");
-  const goto = (i) => set({ time__playing: false, time__frame: Math.min(model.time.frames - 1, Math.max(0, i)) });
+  const goto = (i) => (model.time.kind === "simulation" ? say("time", i) : set({ time__playing: false, time__frame: Math.min(model.time.frames - 1, Math.max(0, i)) }));
   const back = button("back", "Previous frame", () => goto(model.time.frame - 1));
   const next = button("next", "Next frame", () => (model.time.kind === "sequence" ? goto(model.time.frame + 1) : say("step")), "One frame or step forward");
-  const scrub = make("input", { type: "range", min: "0", "aria-label": "Position in time", title: "Drag to any frame", oninput: () => { sent = Date.now(); goto(Number(scrub.value)); } });
+  const scrub = make("input", { type: "range", min: "0", "aria-label": "Position in time", title: "Drag to any time that has passed", oninput: () => { sent = Date.now(); goto(Number(scrub.value)); } });
   const again = button("loop", "Repeat", () => set({ time__loop: !model.time.loop }), "Begin again after the last frame");
   const reset = button("reset", "From the beginning", () => say("reset"), "Start the simulation again");
   const words = make("span");
@@ -253,6 +254,17 @@
     const way = { ArrowLeft: -0.02, ArrowRight: 0.02 }[e.key];
     if (way) divide(Math.min(1, Math.max(0, model.compare + way)));
   });
+
+  // The force on a hand that holds tissue, beside its pointer; the server says it, "" for none
+  let pulls = false, corner;
+  const feel = (words) => {
+    if (force.textContent !== words) force.textContent = words;
+    force.hidden = !pulls || !words;
+  };
+  const follow = (e) => { force.style.translate = `${e.clientX - corner.left}px ${e.clientY - corner.top}px`; };  // without a new layout
+  addEventListener("pointerdown", (e) => { pulls = model?.tool === "Grasp" && !e.target.closest("#globule-desk, .mantine-Paper-root"); if (pulls) { corner = desk.getBoundingClientRect(); follow(e); } feel(model?.pull ?? ""); }, true);
+  addEventListener("pointermove", (e) => { if (pulls) follow(e); }, true);
+  for (const end of ["pointerup", "pointercancel"]) addEventListener(end, () => { if (pulls) { pulls = false; feel(""); } }, true);
 
   const paint = (dark, chosen) => {
     desk.classList.toggle("dark", dark);
@@ -303,17 +315,19 @@
     if (t) {
       draw(run, t.running ? "pause" : "play");
       run.setAttribute("aria-pressed", String(t.running));
-      const frames = t.kind === "sequence";
-      back.hidden = scrub.hidden = again.hidden = !frames;
+      const frames = t.kind === "sequence", ran = t.kind === "simulation" && t.frames > 0;
+      back.hidden = again.hidden = !frames;
+      scrub.hidden = !frames && !ran;
       reset.hidden = t.kind !== "simulation"; next.hidden = t.kind === "sweep";
       words.className = frames ? "" : "wide"; words.textContent = t.words;
-      if (frames) {
-        scrub.max = String(t.frames - 1);
+      if (frames || ran) {
+        scrub.max = String(ran ? t.frames : t.frames - 1);
         if (Date.now() - sent > 700) scrub.value = String(t.frame);
-        scrub.setAttribute("aria-valuetext", `frame ${t.words}`);
+        scrub.setAttribute("aria-valuetext", ran ? t.words : `frame ${t.words}`);
         again.setAttribute("aria-pressed", String(t.loop));
       }
     }
+    feel(model.pull);
     split.hidden = model.compare === null;
     if (model.compare !== null && Date.now() - sent > 700) split.style.left = `${100 * model.compare}%`;
     split.setAttribute("aria-valuenow", String(Math.round(100 * (model.compare ?? 0))));
@@ -337,6 +351,20 @@
     });
   };
 
+  // viser forgets which folders of its panel are open
+  const folders = (() => { try { return JSON.parse(kept("folders", "{}")); } catch { return {}; } })();
+  const known = new WeakMap();
+  const remember = () => {
+    for (const arrow of document.querySelectorAll("#root svg.tabler-icon-chevron-up, #root svg.tabler-icon-chevron-down")) {
+      const head = arrow.parentElement, title = head.textContent;
+      if (!head.matches(".mantine-Paper-root") || getComputedStyle(arrow).display === "none") continue;
+      const opened = arrow.matches(".tabler-icon-chevron-up"), wanted = folders[title] ?? opened;
+      if (known.has(head) && known.get(head) !== opened) { folders[title] = opened; keep("folders", JSON.stringify(folders)); }
+      else if (!known.has(head) && wanted !== opened) { head.click(); known.set(head, wanted); continue; }
+      known.set(head, opened);
+    }
+  };
+
   // Over the image, wherever viser puts it
   const place = () => {
     // The image comes from the server: a browser without a GPU shows it just as fast.
@@ -345,7 +373,6 @@
     const image = document.querySelector("#root canvas");
     if (!image) return;
     const box = image.getBoundingClientRect();
-    named();
     for (const part of narrow.matches ? document.querySelectorAll("#root .mantine-Paper-root:not(.globule-panel)") : [])
       if (getComputedStyle(part).position === "fixed") part.classList.add("globule-panel");
     document.documentElement.style.setProperty("--globule-left", layers.hidden || narrow.matches ? "10px" : `${layers.offsetLeft + layers.offsetWidth + 9}px`);
@@ -365,7 +392,7 @@
       if (matchMedia("(min-width: 2560px)").matches) say("wide");
     };
     own.onmessage = (event) => { if (own === socket) { model = JSON.parse(event.data); show(); place(); } };
-    own.onclose = () => { if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
+    own.onclose = () => { feel(""); if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
   };
 
   addEventListener("DOMContentLoaded", () => {
@@ -378,7 +405,7 @@
     desk.classList.toggle("dark", kept("dark", matchMedia("(prefers-color-scheme: dark)").matches ? "1" : "0") === "1");
     open(kept("layers", innerWidth >= 1200 ? "1" : "0") === "1");
     if (kept("hints", "") !== "seen") tour(0);
-    setInterval(place, 400);
+    setInterval(() => { place(); named(); remember(); }, 400);
     addEventListener("resize", place);
     addEventListener("globule", connect);
     connect();

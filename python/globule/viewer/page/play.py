@@ -10,6 +10,7 @@ import numpy as np
 
 from ..._base.rotations import matrix
 from ...formats.sweeps.poses import quaternion
+from ..forces import force_words, forces
 from ..sweep_source import COMPOUNDING
 from .panel import Panel
 from .widgets import bounded
@@ -53,8 +54,11 @@ class Play(Panel):
             label = "Stop" if source.running else "Start"
         if self.run_button.label != label:
             self.run_button.label, self.run_button.color = label, color
-        if self.status.content != source.status():
-            self.status.content = source.status()
+        words = source.status()
+        if source.kind == "simulation" and (felt := force_words(forces(source.simulation))):
+            words += "  \n" + felt  # one text: a browser draws each of them anew
+        if self.status.content != words:
+            self.status.content = words
 
     def toggle(self) -> None:
         """Run, or pause."""
@@ -104,28 +108,8 @@ class Play(Panel):
             hint="Simulated seconds per second, if the machine is fast enough",
         )
         speed.on_update(self.safe(lambda event: setattr(source, "speed", bounded(speed))))
-        longest = float(f"{source.tissue_extent():.2g}")
-        if longest:
-            gui.add_markdown("**Cut**: choose the tool *Cut* and draw on the surface.")
-            step = longest / 50
-            source.cut_depth = source.cut_depth or 10 * step
-            depth = gui.add_slider(
-                "Cut depth, m",
-                step,
-                longest,
-                step,
-                source.cut_depth,
-                hint="Depth below the surface, m; the right end cuts all through",
-            )
-            depth.on_update(
-                self.safe(
-                    lambda event: setattr(
-                        source,
-                        "cut_depth",
-                        bounded(depth) if bounded(depth) < 0.99 * longest else None,
-                    )
-                )
-            )
+        if source.has_tissue:
+            self._cut_depth()
             self.button(
                 "Undo the cut",
                 self._undo,
@@ -136,6 +120,29 @@ class Play(Panel):
             self._switch(f"Emitter {name}", emitter, partial(getattr, emitter, "on"))
         for name, instrument in _named(sim, "tools"):
             self._instrument(name, instrument)
+
+    def _cut_depth(self) -> None:
+        """The slider of the depth, in the unit of the label beside a stroke."""
+        gui, source = self.gui, self.viewer.source
+        gui.add_markdown("**Cut**: choose the tool *Cut* and draw on the surface.")
+        factor, unit = source.shown_unit()
+        longest = float(f"{factor * source.tissue_extent():.2g}")
+        step = longest / 50
+        source.cut_depth = source.cut_depth or 10 * step / factor
+        depth = gui.add_slider(
+            f"Cut depth, {unit}",
+            step,
+            longest,
+            step,
+            factor * source.cut_depth,
+            hint=f"Depth below the surface, {unit}; the right end cuts all through",
+        )
+
+        def changed(event: Any) -> None:
+            asked = bounded(depth)
+            source.cut_depth = asked / factor if asked < 0.99 * longest else None
+
+        depth.on_update(self.safe(changed))
 
     def _run_and_status(self, label: str) -> None:
         self.run_button = self.button(label, lambda browser: self.toggle(), "Key: space bar")

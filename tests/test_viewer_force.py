@@ -1,0 +1,289 @@
+"""What a hand and instruments feel, on the viewer's page."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import threading
+from types import SimpleNamespace
+
+import globule as gb
+import numpy as np
+import pytest
+from test_sim_force import scene_with_grasper
+from viewer_helpers import Watched, drag_along, next_frame, take_tool, until
+from waiting import PATIENCE
+
+pytest.importorskip("viser")
+
+from globule.sim.tissue import BALL
+from globule.viewer.desk_model import Model
+from globule.viewer.forces import force_words, forces, newtons
+from globule.viewer.open import open_source
+from globule.viewer.page.play import Play
+from globule.viewer.plots import over_time
+from globule.viewer.simulation_source import GRASP
+from globule.viewer.state import State
+
+BROWSERS = True  # see hang_guard
+
+
+def test_forces_have_two_digits_and_a_unit():
+    said = {
+        123.0: "120 N", 12.34: "12 N", 1.0: "1.0 N", 0.5: "0.50 N", 0.0123: "0.012 N",
+        0.00994: "9.9 mN", 0.00999: "10 mN", 0.00072: "0.72 mN", 0.0: "0 mN",
+    }  # fmt: skip
+    assert {force: newtons(force) for force in said} == said
+
+
+def hand_at(point) -> SimpleNamespace:
+    """A hand over a point of the surface, which looks at it along -x."""
+    camera = gb.Camera(tuple(np.add(point, (0.3, 0, 0))), tuple(point), (0, 0, 1))
+    frame = SimpleNamespace(size=(100, 100))
+    client = SimpleNamespace(camera=camera, frame=frame)
+    return SimpleNamespace(client=client, on_surface=lambda screens: [tuple(point)])
+
+
+def held_block():
+    """A block on a fixed foot, and the hand that holds its top."""
+    scene = scene_with_grasper("bonds")
+    del scene["instruments"]
+    scene["solids"][0]["fixed"] = [{"box": {"lo": [-1, -1, -1], "hi": [1, 1, 0.006]}}]
+    return open_source(gb.Simulation(scene, device="cpu")), hand_at((0.008, 0.0, 0.028))
+
+
+def steps(source, n: int) -> None:
+    for _ in range(n):
+        source.step()
+        source.advance(State())
+
+
+MIDDLE, ABOVE = (0.5, 0.5), (0.5, 0.46)
+
+
+def test_a_hand_that_pulls_is_said_its_force():
+    source, hand = held_block()
+    sim = source.simulation
+    assert source.pull_words() == ""
+    steps(source, 2)
+    assert source.pull_words() == ""
+    source.grasp(hand, "start", MIDDLE, MIDDLE)
+    assert source.pull_words() == ""  # until a step has held it
+    steps(source, 20)
+    rest = np.linalg.norm(sim.tools.grasp_force(GRASP)[0])
+    assert source.pull_words() == newtons(rest)
+    source.grasp(hand, "move", MIDDLE, ABOVE)
+    steps(source, 40)
+    force = sim.tools.grasp_force(GRASP)[0]
+    assert source.pull_words() == newtons(np.linalg.norm(force))
+    assert force[2] < -5 * rest  # the tissue pulls the hand down
+    assert forces(sim)["hand"] == np.linalg.norm(force)
+    source.grasp(hand, "end", MIDDLE, ABOVE)
+    assert source.pull_words() == ""  # before any further step
+    steps(source, 1)
+    assert forces(sim)["hand"] == 0.0
+    plot = over_time(source, "force of hand")
+    assert (plot["name"], plot["unit"]) == ("force of hand", "N")
+    assert max(plot["y"]) == pytest.approx(np.linalg.norm(force), rel=1e-4)
+    source.grasp(hand, "start", MIDDLE, MIDDLE)
+    steps(source, 2)
+    assert source.pull_words()
+    source.reset()
+    assert source.pull_words() == ""
+
+
+def test_no_word_waits_for_a_running_step():
+    source, hand = held_block()
+    source.grasp(hand, "start", MIDDLE, MIDDLE)
+    steps(source, 2)
+    model = Model(SimpleNamespace(source=source))
+    inside, go_on = (threading.Event() for _ in range(2))
+    step = source.simulation.step
+
+    def slow():
+        inside.set()
+        assert go_on.wait(PATIENCE)
+        return step()
+
+    source.simulation.step = slow
+    thread = threading.Thread(target=steps, args=(source, 1))
+    thread.start()
+    try:
+        assert inside.wait(PATIENCE)
+        before = model.pull()
+        assert before.endswith("N")
+        assert "hand: " + before in force_words(forces(source.simulation))
+    finally:
+        go_on.set()
+        thread.join()
+
+
+def test_instruments_have_their_force_in_record_panel_and_plot():
+    viewer = gb.view(
+        gb.Simulation(scene_with_grasper("bonds"), device="cpu"),
+        port=0, browser=False, block=False,
+    )  # fmt: skip
+    try:
+        source, panel = viewer.source, viewer.page.panels[0]
+        sim = source.simulation
+        assert "Force" not in panel.status.content
+        sim.tools.set_pushers([(BALL, (0, 0, 0.002), (0, 0, 0.002), 0.004, (0, 0, 0))])
+        for n in range(1, 4):
+            source.step()
+            viewer.engine.notify()
+            until(lambda n=n: source.place == (n, n))
+        row = sim.record.diagnostics[-1]
+        grip, pusher = (np.linalg.norm(f) for f in (sim.tools["grip"].force,
+                                                    sim.tools.pusher_force()[0]))  # fmt: skip
+        assert (row["force_grip"], row["force_pusher 0"]) == (grip, pusher)
+        assert grip > 0
+        assert pusher > 0
+        words = f"grip: {newtons(grip)} · pusher 0: {newtons(pusher)}"
+        until(lambda: words in panel.status.content)
+        browser = SimpleNamespace(client_id=-1)
+        assert "force of grip" in viewer.page.desk.model.of(browser)["series"]["names"]
+        viewer.page.desk._watch(browser, "force of grip")
+        assert viewer.page.desk.model.of(browser)["series"]["y"][-1] == pytest.approx(
+            grip, rel=1e-4
+        )
+        with pytest.raises(ValueError, match="plot: expected a quantity"):
+            viewer.page.desk._watch(browser, "force of nobody")
+    finally:
+        viewer.close()
+
+
+class Widget:
+    """A widget that counts its updates, each of which every browser draws."""
+
+    updates = 0
+    label, color, content = "Run", None, ""
+
+    def __setattr__(self, name, value):
+        super().__setattr__(name, value)
+        type(self).updates += 1
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_forces_cost_the_panel_no_update_more(held, monkeypatch):
+    monkeypatch.setattr(Widget, "updates", 0)
+    source, hand = held_block()
+    if held:
+        source.grasp(hand, "start", MIDDLE, ABOVE)
+    panel = object.__new__(Play)
+    panel.viewer = SimpleNamespace(source=source)
+    panel.run_button, panel.status = Widget(), Widget()
+    for n in range(1, 6):
+        steps(source, 1)
+        panel.tick()
+        assert Widget.updates == n
+        force = forces(source.simulation)["hand"]
+        assert (force > 0) == held
+        assert (f"hand: {newtons(force)}" in panel.status.content) == held
+        panel.tick()
+        assert Widget.updates == n
+
+
+def test_the_page_hears_the_force():
+    from websockets.sync.client import connect
+
+    source, hand = held_block()
+    viewer = gb.view(source.simulation, port=0, browser=False, block=False)
+    try:
+        source = viewer.source
+        viewer.page.desk._browsers["known"] = SimpleNamespace(client_id=-1)
+        address = f"ws://127.0.0.1:{viewer.port}/globule/desk?word=known"
+        with connect(address, max_size=None) as connection:
+            last = [""]
+
+            def heard() -> str:
+                """The next force that is another than the last; it comes with all the rest."""
+                for _ in itertools.count():
+                    told = json.loads(connection.recv(timeout=PATIENCE))
+                    assert {"title", "time", "pull"} <= set(told)
+                    if told["pull"] != last[0]:
+                        last[0] = told["pull"]
+                        return told["pull"]
+
+            source.grasp(hand, "start", MIDDLE, ABOVE)
+            source.step()
+            viewer.engine.notify()
+            said = heard()
+            assert said == newtons(np.linalg.norm(source.simulation.tools.grasp_force(GRASP)[0]))
+            source.grasp(hand, "end", MIDDLE, ABOVE)
+            assert heard() == ""
+    finally:
+        viewer.close()
+
+
+@pytest.mark.parametrize(("scene", "unit", "factor"), [("small", "mm", 1e3), ("large", "m", 1.0)])
+def test_slider_and_label_say_the_depth_in_one_unit(scene, unit, factor):
+    table = scene_with_grasper("bonds")
+    if scene == "large":
+        table["domain"] = {"lo": [-1] * 3, "hi": [1] * 3}
+    viewer = gb.view(gb.Simulation(table, device="cpu"), port=0, browser=False, block=False)
+    try:
+        source, gui = viewer.source, viewer.server.gui
+        slider = next(
+            handle for handle in gui._gui_input_handle_from_uuid.values()
+            if (handle._impl.props.label or "").startswith("Cut depth")
+        )  # fmt: skip
+        assert slider.label == f"Cut depth, {unit}"
+        assert slider._impl.props.hint.startswith(f"Depth below the surface, {unit};")
+        longest = source.tissue_extent()
+        assert slider.max == pytest.approx(factor * longest, rel=0.05)
+        assert slider.value == pytest.approx(factor * source.cut_depth)
+        assert source.cut_words() == f"{slider.value:.3g} {unit} deep"
+        slider.value = 0.5 * slider.max
+        until(lambda: source.cut_depth == pytest.approx(0.5 * slider.max / factor))
+        assert source.cut_words() == f"{0.5 * slider.max:.3g} {unit} deep"
+        slider.value = slider.max
+        until(lambda: source.cut_words() == "all through")
+    finally:
+        viewer.close()
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+def test_a_label_says_the_force_while_a_hand_pulls(chromium):
+    watched = Watched(gb.Simulation("cut-block", spacing=0.005), chromium)
+    try:
+        page, source = watched.page(), watched.viewer.source
+        desk = page.locator("#globule-desk")
+        desk.get_by_role("button", name="Skip").click()
+        label = desk.locator(".force")
+        take_tool(page, "Grasp")
+        desk.get_by_role("button", name="Grasp", pressed=True).wait_for()
+        box = page.locator("canvas").first.bounding_box()
+        middle = np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
+        pointer = middle - (0, 90)
+        drag_along(page, np.linspace(middle, pointer, 5))
+        assert not label.is_visible()  # nothing is held before a step
+        until(lambda: source._target is not None, "for the drag to arrive")
+        for n in range(1, 5):
+            source.step()
+            watched.viewer.engine.notify()
+            until(lambda n=n: source.simulation.n_steps == n)
+        until(lambda: label.is_visible() and label.text_content() == source.pull_words())
+        assert label.text_content().endswith("N")
+        at = label.bounding_box()
+        assert 0 < at["x"] - pointer[0] < 30  # beside the pointer
+        assert -30 < at["y"] + at["height"] - pointer[1] < 10
+        meter = page.context.new_cdp_session(page)
+        meter.send("Performance.enable")
+
+        def layouts() -> int:
+            told = meter.send("Performance.getMetrics")["metrics"]
+            return next(one["value"] for one in told if one["name"] == "LayoutCount")
+
+        before = layouts()
+        for way in np.linspace(0, 30, 31):
+            page.mouse.move(*(pointer + (way, 0)))
+            next_frame(page)
+        assert layouts() - before < 15  # the label follows without a new layout
+        page.mouse.up()
+        label.wait_for(state="hidden")
+        until(lambda: source.pull_words() == "")
+        page.mouse.move(*middle)
+        assert not label.is_visible()
+    finally:
+        watched.close()

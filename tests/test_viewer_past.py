@@ -1,0 +1,148 @@
+"""The timeline of a running simulation: back, forth, and on from there."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import globule as gb
+import numpy as np
+import pytest
+from viewer_helpers import Watched, until
+
+pytest.importorskip("viser")
+
+from globule.viewer import past
+from globule.viewer.open import open_source
+from globule.viewer.state import State
+
+BROWSERS = True  # see hang_guard
+
+
+def opened(name: str = "dam-break", spacing: float = 0.1):
+    return open_source(gb.Simulation(name, spacing=spacing, device="cpu"))
+
+
+def steps(source, n: int) -> list[str]:
+    """Take steps; the state's hash after each."""
+    hashes = []
+    for _ in range(n):
+        source.step()
+        source.advance(State())
+        hashes.append(source.simulation.hash())
+    return hashes
+
+
+def go(source, to: int) -> str:
+    source.go_to(to)
+    source.advance(State())
+    return source.simulation.hash()
+
+
+def test_back_forth_and_on_again_are_the_same_bits():
+    source = opened()
+    sim = source.simulation
+    begin, after = sim.hash(), steps(source, 9)
+    rows = [row["time"] for row in sim.record.diagnostics]
+    version = source.version
+    assert source.place == (9, 9)
+    assert go(source, 4) == after[3]
+    assert source.place == (4, 9)
+    assert source.version > version
+    assert not source.running
+    assert len(sim.record.diagnostics) == 9  # the plot over time still shows all of it
+    assert go(source, 0) == begin
+    assert go(source, 9) == after[8]
+    assert go(source, 4) == after[3]
+    assert steps(source, 3) == after[4:7]
+    assert source.place == (7, 7)  # what came later is another story now
+    assert [row["time"] for row in sim.record.diagnostics] == rows[:7]
+    source.reset()
+    assert source.place == (0, 0)
+    assert go(source, 5) == begin
+
+
+def test_states_are_few_small_and_even(monkeypatch):
+    monkeypatch.setattr(past, "MOST", 8)
+    source = opened()
+    after = [source.simulation.hash(), *steps(source, 40)]
+    kept = [state["steps"] for state in source._past._kept]
+    assert len(kept) <= 8
+    assert kept[0] == 0
+    assert max(np.diff(kept)) <= 2 * min(np.diff(kept)[:-1])
+    nearest = min([*kept, 40], key=lambda k: abs(k - 21))
+    assert go(source, 21) == after[nearest]
+    assert go(source, 40) == after[40]
+    monkeypatch.setattr(past, "BYTES", 3 * source._past._kept[0]["bytes"])
+    steps(source, 30)
+    assert 2 <= len(source._past._kept) <= 3
+    assert go(source, 0) == after[0]
+
+
+def test_a_cut_belongs_to_its_time():
+    from test_viewer_first_use import across
+
+    source = opened("cut-block", 0.004)
+    sim = source.simulation
+    steps(source, 2)
+    bonds = sim.tissue.n_bonds
+    source.cut_depth = None
+    source.cut_along(*across(0.02))
+    assert sim.tissue.n_bonds < bonds
+    steps(source, 2)
+    cut = sim.tissue.n_bonds
+    go(source, 1)
+    assert sim.tissue.n_bonds == bonds
+    go(source, 2)
+    assert sim.tissue.n_bonds == cut  # as it was left at this time
+    source.undo()
+    assert sim.tissue.n_bonds == bonds
+    assert source.place == (2, 2)
+    source.cut_along(*across(0.02))
+    go(source, 0)
+    steps(source, 1)  # without the cut
+    assert sim.tissue.n_bonds == bonds
+    with pytest.raises(ValueError, match="undo: expected a cut"):
+        source.undo()
+
+
+def test_the_page_goes_to_a_step_and_refuses_others():
+    viewer = gb.view(
+        gb.Simulation("dam-break", spacing=0.1, device="cpu"), port=0, browser=False, block=False
+    )
+    try:
+        source, desk = viewer.source, viewer.page.desk
+        for n in range(1, 4):
+            source.step()
+            viewer.engine.notify()
+            until(lambda n=n: source.place == (n, n))
+        browser = SimpleNamespace(client_id=-1)
+        desk._actions()["time"](browser, 1)
+        until(lambda: source.place == (1, 3))
+        time = desk.model.of(browser)["time"]
+        assert (time["frame"], time["frames"], time["running"]) == (1, 3, False)
+        for wrong in (-1, 1.5, True, "1", None):
+            with pytest.raises(ValueError, match="page: expected a step of a simulation"):
+                desk._actions()["time"](browser, wrong)
+    finally:
+        viewer.close()
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+def test_the_slider_goes_back_in_time(chromium):
+    watched = Watched(gb.Simulation("dam-break", spacing=0.1), chromium)
+    try:
+        page, source = watched.page(), watched.viewer.source
+        desk = page.locator("#globule-desk")
+        slider = desk.get_by_label("Position in time")
+        assert not slider.is_visible()  # nothing has passed
+        desk.get_by_role("button", name="Play or pause", exact=True).click()
+        until(lambda: source.place[0] > 8)
+        desk.get_by_role("button", name="Play or pause", exact=True).click()
+        until(lambda: not source.running)
+        slider.wait_for()
+        slider.fill("2")
+        until(lambda: source.place[0] == 2)
+        assert source.place[1] > 8
+    finally:
+        watched.close()
