@@ -85,6 +85,10 @@ ALSO = {
         "sim.steer.Steer",
         "sim.record.Record",
         "sim.emitter.Emitter",
+        "sim.haptics.HapticLoop",
+        "sim.haptics.Device",
+        "sim.coupling.Coupling",
+        "sim.hand.Hand",
     ],
     "viewer": ["viewer.app.Viewer"],
 }

@@ -27,6 +27,7 @@ NOBODY = 0xFFFFFFFF
 MOST_VESSELS = 32
 # Blood leaves a cut end at this speed a pascal: 2 kPa drive it at 5 cm/s.
 CONDUCTANCE = 2.5e-5  # m/(s Pa)
+CLOSE = 1.5  # rest lengths: ends of sutured bonds are not farther apart
 
 
 class BondedTissue(Part):
@@ -147,6 +148,66 @@ class BondedTissue(Part):
         return gone
 
     @whole
+    def suture(self, center: Any, radius: float) -> int:
+        """Join cut tissue again: bonds within a ball that were cut or torn become whole.
+
+        The lips must lie together (hold them with graspers): bonds whose ends are more than
+        `CLOSE` rest lengths apart stay cut. A sutured bond has its former length and stiffness, may
+        tear, and no longer bleeds. There is no thread.
+
+        Args:
+            center: (3,) m.
+            radius: m; the ball that the bonds' middles lie in.
+
+        Returns:
+            the number of bonds that became whole.
+
+        Raises:
+            ValueError: numbers that are not finite.
+        """
+        ball = vector("center", center), number("radius", radius, 0.0)
+        core = self._core
+        if core.n() == 0:
+            return 0
+        arrays = self._arrays()
+        length = arrays["length"].view(np.float32)
+        entries, apart = _within(arrays, core.n(), np.flatnonzero(length < 0), *ball)
+        joined = entries[apart <= CLOSE * -length[entries]]
+        if len(joined):
+            length[joined] *= -1
+            core.write("length", address(length), length.nbytes)
+            core.write(
+                "id", address(arrays["id"]), arrays["id"].nbytes
+            )  # what follows is made anew
+        return len(joined) // 2  # each stands at both of its ends
+
+    @whole
+    def cauterize(self, center: Any, radius: float) -> int:
+        """Close the vessels within a ball: their bonds bleed neither now nor when cut later.
+
+        Args:
+            center: (3,) m.
+            radius: m; the ball that the bonds' middles lie in.
+
+        Returns:
+            the number of bonds that belonged to a vessel.
+
+        Raises:
+            ValueError: numbers that are not finite.
+        """
+        ball = vector("center", center), number("radius", radius, 0.0)
+        core = self._core
+        if core.n() == 0:
+            return 0
+        arrays = self._arrays()
+        tag, length = arrays["vessel"], arrays["length"].view(np.float32)
+        entries, _ = _within(arrays, core.n(), np.flatnonzero((tag != 0) & (length != 0)), *ball)
+        if len(entries):
+            tag[entries] = 0
+            core.write("vessel", address(tag), tag.nbytes)
+        return len(entries) // 2
+
+    @whole
     def add_vessel(self, vessel: Vessel) -> int:
         """Add a vessel to the tissue that has bonds.
 
@@ -256,6 +317,18 @@ def phases_of(sim: Simulation, phase: np.ndarray) -> list[Any]:
     """The phases that occur among these numbers."""
     phases = list(sim.phases.values())
     return [phases[k] for k in np.unique(phase)]
+
+
+def _within(
+    arrays: dict[str, np.ndarray], n: int, entries: np.ndarray, center: Any, radius: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Those of the entries of n particles' bonds whose middles lie in a ball; how far apart their
+    ends are, m."""
+    at = arrays["at"].view(np.float32).reshape(-1, 4)[:, :3].astype(np.float64)
+    a = at[_first_ends(arrays["first"], n)[entries]]
+    b = at[arrays["other"].view(np.uint32)[entries]]
+    near = ((0.5 * (a + b) - center) ** 2).sum(1) <= radius**2
+    return entries[near], np.linalg.norm(b - a, axis=1)[near]
 
 
 def _first_ends(first: np.ndarray, n: int) -> np.ndarray:
