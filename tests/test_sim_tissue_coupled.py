@@ -301,3 +301,22 @@ def test_steps_read_only_what_was_written():
         for _ in range(2):
             sim.step(0.004)
         assert np.isfinite(sim.velocities).all()
+
+
+@pytest.mark.parametrize("model", ["bonds", "solid"])
+def test_tissue_that_has_left_the_domain_holds_nothing(backend, model):
+    d = 0.004
+    scene = {
+        "spacing": d, "domain": {"lo": [-0.02, -0.02, -0.02], "hi": [0.04, 0.04, 0.06]},
+        "solids": [{"name": "block", "model": model, "young": 20000.0,
+                    "box": {"lo": [0, 0, 0], "hi": [4 * d, 4 * d, 10 * d]}}],
+    }  # fmt: skip
+    sim = gb.Simulation(scene, **backend)
+    n, parts = len(sim), set()
+    while (report := sim.step()).n_escaped < n:
+        parts.add(report.n_escaped)
+        falls = 9.81 * sim.time
+        assert sim.record.diagnostics[-1]["max_speed"] == pytest.approx(falls, rel=0.03)
+        assert sim.time < 0.15
+    assert len(parts) > 3  # it left in parts
+    assert sim.tissue.n_bonds == 0

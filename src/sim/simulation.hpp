@@ -352,9 +352,26 @@ private:
     }
 
     void gather_tissue() {
+        take_tissue();
+        if (state_.summary.n_outside > n_outside_ && tissue_.n() > 0) {
+            let_go();
+            take_tissue();
+        }
+        n_outside_ = state_.summary.n_outside;
+    }
+    void take_tissue() {
         if (tissue_.gather(state_.view(), state_.phases(), state_.slot_of(), state_.volume())) {
             state_.find_rows();
             fluid_.forget_lists();
+        }
+    }
+    /// Who has left the domain rests there: bonds to it would hold and shake the tissue that goes on.
+    void let_go() {
+        const float3 period = state_.period().length, axes[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+        for (int k = 0; k < 3; ++k) {
+            if ((&period.x)[k] > 0.0f) continue;
+            tissue_.remove({tissue::Shape::half_space, settings_.lo, axes[k], 0.0f, {}});
+            tissue_.remove({tissue::Shape::half_space, settings_.hi, axes[k] * -1.0f, 0.0f, {}});
         }
     }
 
@@ -467,6 +484,7 @@ private:
     Buffer<float, Exec> color_, reflection_, weight_, shown_;
     Buffer<std::uint32_t, Exec> rank_, ids_;
     bool smooth_ = false, stale_ = true, has_forces_ = false, broken_ = false;
+    std::uint32_t n_outside_ = 0;  ///< of the domain, when tissue was last taken out of the state
     double time_ = 0.0;
     std::uint64_t n_steps_ = 0;
     int n_marks_ = 0;
