@@ -137,8 +137,8 @@ def scalpel(page: Any, viewer: Any) -> None:
     page.mouse.up()
     page.wait_for_timeout(1500)
     page.get_by_role("button", name="Run", exact=True).click()
-    while viewer.source.simulation.time < 0.3:
-        page.wait_for_timeout(200)
+    while viewer.source.simulation.time < 0.07:
+        page.wait_for_timeout(50)
     page.get_by_role("button", name="Pause", exact=True).click()
 
 

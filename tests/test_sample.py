@@ -204,7 +204,7 @@ def test_without_xarray(monkeypatch):
         ([1, 2, 3], None, "where: expected a SamplePlane"),
         ("plane", None, "where: expected a SamplePlane"),
         ([[0, 0, np.nan]], None, "where: expected finite points"),
-        ([[0, 0, 0]], "speed", "values: expected one of field, inside, gradient, x,.*got speed"),
+        ([[0, 0, 0]], "warmth", "values: expected one of field, inside, gradient, x,.*got warmth"),
         ([[0, 0, 0]], "velocity:2", "values: expected velocity:0 to velocity:1"),
         ([[0, 0, 0]], [], "values: expected at least one name"),
         ([[0, 0, 0]], 3, "values: expected names, got 3"),
