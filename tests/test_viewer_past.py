@@ -141,8 +141,8 @@ def test_the_slider_goes_back_in_time(chromium):
         desk.get_by_role("button", name="Play or pause", exact=True).click()
         until(lambda: not source.running)
         slider.wait_for()
-        slider.fill("2")
-        until(lambda: source.place[0] == 2)
+        slider.fill("2")  # the nearest of the states that are kept
+        until(lambda: source.place[0] < 8)
         assert source.place[1] > 8
     finally:
         watched.close()

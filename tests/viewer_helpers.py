@@ -167,8 +167,13 @@ def seen(page: Any) -> np.ndarray:
 
 
 def open_folder(page: Any, title: str) -> None:
-    heading = f"xpath=//*[not(self::em) and normalize-space(text())='{title}']"
-    page.locator(heading).first.click()
+    """Open a folder of the panel, unless it is; it stays as an earlier page left it."""
+    heading = page.locator(f"xpath=//*[not(self::em) and normalize-space(text())='{title}']").first
+    heading.wait_for()
+    page.wait_for_timeout(500)  # the page puts folders as they were
+    head = heading.locator("xpath=ancestor-or-self::*[contains(@class,'mantine-Paper-root')][1]")
+    if not head.locator(".tabler-icon-chevron-up:visible").count():
+        heading.click()
 
 
 def check(page: Any, label: str, on: bool = True) -> None:
