@@ -139,13 +139,18 @@ class BondedTissue(Part):
         """
         center, radius = vector("center", center), number("radius", radius, 0.0)
         core = self._core
+        before = self._gone()  # those that left the domain are still in the simulation
         if core.remove((BALL, center, center, radius, [0.0] * 3)) == 0:
             return np.empty(0, np.uint32)
-        hold, ids = np.empty(core.n(), np.uint8), np.empty(core.n(), np.uint32)
-        core.get(0, 0, 0, address(hold), address(ids))
-        gone = np.intersect1d(ids[hold == GONE], self._sim.ids)
+        gone = np.setdiff1d(self._gone(), before)
         self._sim.remove(gone)
         return gone
+
+    def _gone(self) -> np.ndarray:
+        """Ids of tissue that was removed or has left the domain."""
+        hold, ids = np.empty(self._core.n(), np.uint8), np.empty(self._core.n(), np.uint32)
+        self._core.get(0, 0, 0, address(hold), address(ids))
+        return ids[hold == GONE]
 
     @whole
     def suture(self, center: Any, radius: float) -> int:
@@ -176,9 +181,8 @@ class BondedTissue(Part):
         if len(joined):
             length[joined] *= -1
             core.write("length", address(length), length.nbytes)
-            core.write(
-                "id", address(arrays["id"]), arrays["id"].nbytes
-            )  # what follows is made anew
+            ids = arrays["id"]
+            core.write("id", address(ids), ids.nbytes)  # what follows from bonds is made anew
         return len(joined) // 2  # each stands at both of its ends
 
     @whole
