@@ -116,6 +116,15 @@ def test_gpu_arrays_stay_where_they_are():
         Particles(positions, support=OnGpu((5,)))
 
 
+def test_vectors_of_warp_on_a_gpu():
+    """wp.array(dtype=wp.vec3) has the shape (N,), and (N, 3) for other libraries."""
+    positions, velocity = OnGpu((4, 3)), OnGpu((4, 3))
+    positions.shape = velocity.shape = (4,)
+    p = Particles(positions, color=velocity, attributes={"velocity": velocity})
+    assert p.positions is positions
+    assert len(p) == 4
+
+
 @pytest.mark.parametrize("n", [1, 255, 256, 257, 1000])
 def test_bounds_of_any_number(n):
     points = np.random.default_rng(n).normal(size=(n, 3)).astype(np.float32)

@@ -47,6 +47,12 @@ def on_gpu(array: Any) -> bool:
     return int(array.__dlpack_device__()[0]) not in (_CPU, _PINNED)
 
 
+def gpu_shape(array: Any) -> tuple[int, ...]:
+    """The shape of an array on a GPU as numbers: Warp leaves out the 3 of its vectors."""
+    interface = getattr(array, "__cuda_array_interface__", None)
+    return tuple(array.shape if interface is None else interface["shape"])
+
+
 def to_host(array: Any) -> np.ndarray:
     """The array as NumPy, copied from the GPU if it is there."""
     if not on_gpu(array):

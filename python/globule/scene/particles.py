@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import dtype_name, extent, on_gpu, to_host
+from .._base.arrays import dtype_name, extent, gpu_shape, on_gpu, to_host
 from .._base.checks import shown
 
 SCALAR_FIELDS = ("support", "weight", "reflection", "refraction", "rigidity")
@@ -197,9 +197,10 @@ class Particles:
 
 def _positions(value: Any) -> Any:
     if on_gpu(value):
-        if len(value.shape) != 2 or value.shape[1] != 3:
-            raise ValueError(f"positions: expected shape (N, 3), got {tuple(value.shape)}")
-        return _checked_on_gpu("positions", value, tuple(value.shape))
+        shape = gpu_shape(value)
+        if len(shape) != 2 or shape[1] != 3:
+            raise ValueError(f"positions: expected shape (N, 3), got {shape}")
+        return _checked_on_gpu("positions", value, shape)
     array = _numbers("positions", value)
     if array.shape == (0,):
         array = array.reshape(0, 3)
@@ -290,7 +291,7 @@ def _attribute(name: Any, value: Any, n: int) -> Any:
     if name in FIELDS or not name:
         raise ValueError(f"attributes: expected a name of its own, got {name!r}")
     array = value if on_gpu(value) else _numbers(f"attributes[{name!r}]", value)
-    shape = tuple(array.shape)
+    shape = gpu_shape(array)
     n = shape[0] if n < 0 and shape else n  # of no particles in particular
     if len(shape) not in (1, 2) or shape[0] != n or 0 in shape[1:]:
         raise ValueError(f"attributes[{name!r}]: expected shape ({n},) or ({n}, k), got {shape}")
@@ -347,8 +348,8 @@ def _checked_on_gpu(name: str, array: Any, shape: tuple[int, ...]) -> Any:
         dtype, strides = dtype_name(interface["typestr"]), interface.get("strides")
     if not dtype.endswith("float32"):
         raise TypeError(f"{name}: expected float32 on the GPU, got {dtype}")
-    if tuple(array.shape) != shape:
-        raise ValueError(f"{name}: expected shape {shape}, got {tuple(array.shape)}")
+    if (found := gpu_shape(array)) != shape:
+        raise ValueError(f"{name}: expected shape {shape}, got {found}")
     packed = (12, 4) if len(shape) == 2 else (4,)
     if strides is not None and tuple(strides) != packed and 0 not in shape:
         raise TypeError(f"{name}: expected a C-contiguous array on the GPU, got strides {strides}")
