@@ -26,7 +26,7 @@ public:
         using Lanes = typename Exec::Lanes;
         constexpr std::size_t block = Lanes::width * block_stride(Tracer::PerParticle, Tracer::Kernel::stretched);
         constexpr int kRounds = 3;  // between two looks whether there are more: fluids have no others
-        const std::size_t most = max(std::size_t(kMaxBricks), n / 16), room = most + most / 128;  // float32 rounds numbers past 2^24
+        const std::size_t most = max(std::size_t(kMaxBricks), n / 2), room = most + most / 128;  // float32 rounds numbers past 2^24
         CellGrid* grid = grid_.reserve(1);
         std::uint32_t *bricks = bricks_.reserve(room), *next = next_.reserve(room);
         const auto list = [&] {
