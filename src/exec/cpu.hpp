@@ -138,6 +138,9 @@ public:
         interrupt_->check();
     }
 
+    template <class Functor>
+    void for_each_packet_team(std::size_t n, const Functor& functor) { for_each_packet(n, functor); }
+
     /// As for_each, for items of very different length.
     template <class Functor>
     void for_each_uneven(std::size_t n, const Functor& functor) {
@@ -234,6 +237,13 @@ public:
         for (const T& p : partial) all = combine(all, p);
         *out = all;
         interrupt_->check();
+    }
+    /// And `then`, unless it is over.
+    template <class T, class Map, class Combine, class Then>
+    void reduce_in_order(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out, const Then& then) {
+        if (then.is_over()) return;
+        reduce_in_order(n, map, combine, identity, out);
+        then(0);
     }
 
     template <class T>

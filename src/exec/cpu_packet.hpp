@@ -14,6 +14,13 @@ struct CpuPacket {
     using F = WideF;
     using B = WideB;
 
+    // Who goes through a row's list: one here, several warps on a GPU (CudaTeam).
+    static constexpr std::uint32_t team = 1;
+    GB_FN static std::uint32_t member() { return 0; }
+    GB_FN static const F& own(const F& v) { return v; }
+    template <class... T>
+    GB_FN static bool add_up(T&...) { return true; }
+
     GB_FN static F load(const float* p) {
         F r;
         std::memcpy(&r.v, p, sizeof r.v);

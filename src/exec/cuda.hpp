@@ -1,5 +1,6 @@
 // The GPU backend's means: one stream, CUB for sort, scan and reduce, a warp for a tile's group.
 #pragma once
+#include <cub/block/block_reduce.cuh>
 #include <cub/device/device_radix_sort.cuh>
 #include <cub/device/device_reduce.cuh>
 #include <cub/device/device_scan.cuh>
@@ -29,6 +30,43 @@ template <class Functor>
 __global__ void __launch_bounds__(128) run_packets(std::size_t n, Functor functor) {
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i < n) functor.template run<CudaPacket>(i);
+}
+
+/// Rows past n have no writer: their threads leave after the team's only meeting (CudaTeam::add_up).
+template <int kTeam, class Functor>
+__global__ void __launch_bounds__(32 * kTeam) run_teams(std::size_t n, Functor functor) {
+    const std::size_t row = std::size_t(blockIdx.x) * 32 + threadIdx.x % 32;
+    if (row < n) functor.template run<CudaTeam<kTeam>>(row);
+}
+
+/// The sum of all items and what follows from it, in one launch: blocks add up a thousand items each, and the block that
+/// ends last adds these sums.  The order is that of the items.
+inline constexpr int kSumThreads = 256, kSumItems = 1024;
+template <class T, class Map, class Combine, class Then>
+__global__ void __launch_bounds__(kSumThreads) run_sum(std::size_t n, Map map, Combine combine, T identity, T* parts, unsigned* arrived, T* out, Then then) {
+    using Block = cub::BlockReduce<T, kSumThreads>;
+    __shared__ typename Block::TempStorage room;
+    __shared__ bool is_last;
+    if (then.is_over()) return;
+    const std::size_t begin = std::size_t(blockIdx.x) * kSumItems, end = min(n, begin + kSumItems);
+    T sum = identity;
+    for (std::size_t i = begin + threadIdx.x; i < end; i += kSumThreads) sum = combine(sum, map(i));
+    sum = Block(room).Reduce(sum, combine);
+    if (threadIdx.x == 0) {
+        parts[blockIdx.x] = sum;
+        __threadfence();
+        is_last = atomicAdd(arrived, 1u) == gridDim.x - 1;
+        __threadfence();
+    }
+    __syncthreads();
+    if (!is_last) return;
+    sum = identity;
+    for (unsigned i = threadIdx.x; i < gridDim.x; i += kSumThreads) sum = combine(sum, parts[i]);
+    sum = Block(room).Reduce(sum, combine);
+    if (threadIdx.x > 0) return;
+    *arrived = 0;
+    *out = sum;
+    then(0);
 }
 
 inline constexpr int kWarpsPerBlock = 4;
@@ -386,10 +424,31 @@ public:
         check(cudaGetLastError());
     }
 
+    /// The same for functors that know teams: few rows are shared by several warps.
+    template <class Functor>
+    void for_each_packet_team(std::size_t n, const Functor& functor) {
+        constexpr int kTeam = 4;
+        constexpr std::size_t kFull = 1 << 19;  ///< rows that keep a GPU busy by themselves
+        if (n == 0 || n >= kFull) return for_each_packet(n, functor);
+        interrupt_->check();
+        run_teams<kTeam><<<unsigned(ceil_div<std::size_t>(n, 32)), 32 * kTeam, 0, stream_>>>(n, functor);
+        check(cudaGetLastError());
+    }
+
     /// CUB combines in an order that is the same from run to run.
     template <class T, class Map, class Combine>
     void reduce_in_order(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
         reduce(n, map, combine, identity, out);
+    }
+    /// And `then`, unless it is over.
+    template <class T, class Map, class Combine, class Then>
+    void reduce_in_order(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out, const Then& then) {
+        interrupt_->check();
+        const std::size_t blocks = max<std::size_t>(ceil_div<std::size_t>(n, kSumItems), 1);
+        if (!arrived_.data()) clear(arrived_.reserve(1), sizeof(unsigned));
+        T* parts = reinterpret_cast<T*>(parts_.reserve(blocks * sizeof(T)));
+        run_sum<<<unsigned(blocks), kSumThreads, 0, stream_>>>(n, map, combine, identity, parts, arrived_.data(), out, then);
+        check(cudaGetLastError());
     }
     template <class T, class Map, class Combine>
     void reduce(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
@@ -421,7 +480,7 @@ public:
 
 private:
     Cuda(int device, std::shared_ptr<Interrupt> interrupt, bool urgent = false)
-        : device_(device), interrupt_(std::move(interrupt)), temporary_(*this), next_(*this) {
+        : device_(device), interrupt_(std::move(interrupt)), temporary_(*this), next_(*this), parts_(*this), arrived_(*this) {
         const DeviceScope scope(device_);
         check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
         set_pool();
@@ -469,6 +528,8 @@ private:
     Staging staging_;
     Buffer<char, Cuda> temporary_;
     Buffer<unsigned long long, Cuda> next_;
+    Buffer<char, Cuda> parts_;
+    Buffer<unsigned, Cuda> arrived_;
 };
 
 }  // namespace globule::core

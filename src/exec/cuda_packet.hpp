@@ -12,6 +12,11 @@ struct CudaPacket {
     using F = float;
     using B = bool;
     using Short = __half;
+    static constexpr std::uint32_t team = 1;
+    __device__ static std::uint32_t member() { return 0; }
+    __device__ static F own(F v) { return v; }
+    template <class... T>
+    __device__ static bool add_up(T&...) { return true; }
 
     __device__ static F load(const float* p) { return *p; }
     __device__ static void store(float* p, F v) { *p = v; }
@@ -38,6 +43,28 @@ struct CudaPacket {
     template <class Fn>
     __device__ static F map(const Fn& fn) { return fn(0); }
     __device__ static float get(F v, int) { return v; }
+};
+
+/// Several warps to 32 rows: each takes every team-th neighbor, and the first one adds up, in order.  A GPU that rows alone
+/// do not fill waits for memory less.
+template <int kTeam>
+struct CudaTeam : CudaPacket {
+    static constexpr std::uint32_t team = kTeam;
+    __device__ static std::uint32_t member() { return threadIdx.x / 32; }
+    /// A row's own share of a sum: once.
+    __device__ static F own(F v) { return member() == 0 ? v : 0.0f; }
+    /// The sums of the whole team, where true; the others have done their work.
+    template <class... T>
+    __device__ static bool add_up(T&... sums) {
+        __shared__ float parts[kTeam - 1][sizeof...(T)][32];
+        const std::uint32_t lane = threadIdx.x % 32, m = member();
+        int i = 0;
+        if (m > 0) ((parts[m - 1][i++][lane] = sums), ...);
+        __syncthreads();
+        if (m > 0) return false;
+        for (int k = 0; k < kTeam - 1; ++k) i = 0, ((sums += parts[k][i++][lane]), ...);
+        return true;
+    }
 };
 
 }  // namespace globule::core

@@ -292,11 +292,10 @@ private:
         bool pushes = aim.share > 0.0f;  // else P is 0 yet
         do {
             for (int i = 0; i < at_once; ++i) {
-                if (pushes) exec_.for_each_packet(n, push);
+                if (pushes) exec_.for_each_packet_team(n, push);
                 pushes = true;
-                exec_.for_each_packet(n, relax);
-                exec_.reduce_in_order(n, residuals, sim::AddResiduals{}, sim::Residuals{}, found);
-                exec_.for_each(1, judge);
+                exec_.for_each_packet_team(n, relax);
+                exec_.reduce_in_order(n, residuals, sim::AddResiduals{}, sim::Residuals{}, found, judge);
             }
             exec_.download(&out, outcome, sizeof out);
             at_once = max(1, int(p.iterations) / 4);

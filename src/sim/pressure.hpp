@@ -40,16 +40,17 @@ struct Push {
         using F = typename Packet::F;
         if (progress->done) return;
         const std::uint32_t* slot = lists.rows + row;
-        const F p = Packet::gather(change, slot);
+        const F p = Packet::own(Packet::gather(change, slot));
         F x = p * Packet::load(rows.gx + row), y = p * Packet::load(rows.gy + row), z = p * Packet::load(rows.gz + row);
         const std::uint32_t n = Packet::longest(lists.count + row);
-        std::size_t at = lists.at(row);
-        for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
+        for (std::uint32_t k = Packet::member(); k < n; k += Packet::team) {
+            const std::size_t at = lists.at(row, k);
             const F q = Packet::gather(change, lists.index + at);
             x += q * Packet::load(lists.gx + at);
             y += q * Packet::load(lists.gy + at);
             z += q * Packet::load(lists.gz + at);
         }
+        if (!Packet::add_up(x, y, z)) return;
         const F s = Packet::load(rows.inverse_rho + row) * F(inverse_support);
         Four<F> v = Packet::gather(velocity, slot);
         v.x -= s * x;
@@ -83,13 +84,14 @@ struct Relax {
         if (progress->done) return;
         const std::uint32_t* slot = lists.rows + row;
         const Four<F> v = Packet::gather(velocity, slot);
-        F sum = v.x * Packet::load(rows.gx + row) + v.y * Packet::load(rows.gy + row) + v.z * Packet::load(rows.gz + row);
+        F sum = Packet::own(v.x * Packet::load(rows.gx + row) + v.y * Packet::load(rows.gy + row) + v.z * Packet::load(rows.gz + row));
         const std::uint32_t n = Packet::longest(lists.count + row);
-        std::size_t at = lists.at(row);
-        for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
+        for (std::uint32_t k = Packet::member(); k < n; k += Packet::team) {
+            const std::size_t at = lists.at(row, k);
             const Four<F> u = Packet::gather(velocity, lists.index + at);
             sum -= u.x * Packet::load(lists.gx + at) + u.y * Packet::load(lists.gy + at) + u.z * Packet::load(lists.gz + at);
         }
+        if (!Packet::add_up(sum)) return;
         const F zero = F(0.0f), a = Packet::load(alpha + row);
         const F excess = max(min(Packet::load(rows.density + row) - F(1.0f), F(most_excess)), F(least_excess));
         const F least = bulk ? select(Packet::load(bulk + row) > zero, F(least_impulse), zero) : F(least_impulse);
@@ -174,8 +176,8 @@ struct Judge {
     const Compression* there;  ///< of what is to become velocities, or null: more than is allowed asks for smaller errors
     double allowed;
     Progress* progress;
+    GB_FN bool is_over() const { return progress->done; }
     GB_FN void operator()(std::size_t) const {
-        if (progress->done) return;
         progress->error = found->sum * dt / n;
         progress->most = found->most * dt;
         progress->over = found->n_over / n;

@@ -57,11 +57,11 @@ def to_host(array: Any) -> np.ndarray:
     """The array as NumPy, copied from the GPU if it is there."""
     if not on_gpu(array):
         return np.asarray(array)
-    for method in ("cpu", "get"):  # torch and cupy
+    for method in ("cpu", "get", "numpy"):  # torch, cupy and warp
         if hasattr(array, method):
             return np.asarray(getattr(array, method)())
     try:
-        return np.asarray(array)  # jax and warp copy by themselves
+        return np.asarray(array)  # jax copies by itself
     except (TypeError, ValueError):
         return np.from_dlpack(array, device="cpu", copy=True)
 
