@@ -114,7 +114,8 @@ def test_held_still_energy_falls_to_that_of_the_part_that_lasts(backend):
         tissue.advance(dt, substeps=1)
         energies.append(tissue.elastic_energy)
     steps = np.diff(energies)
-    assert (steps < 1e-7 * energies[0]).all() and (steps[:50] < 0).all()
+    assert (steps < 1e-7 * energies[0]).all()
+    assert (steps[:50] < 0).all()
     bonds = build_bonds(rest, D, MODULUS)
     material = solids.elasticity(MODULUS, 0.3, len(rest), ((0.6, 1e-3),))
     F = solids.gradients(tissue.positions, rest, bonds, D)
@@ -134,7 +135,8 @@ def test_times_far_from_the_substep_are_stable(backend, time):
     for _ in range(50):
         relaxing.advance(0.01, GRAVITY)
         energies.append(relaxing.elastic_energy)
-    assert np.isfinite(energies).all() and max(energies) < 0.5 * MASS * (v**2).sum()
+    assert np.isfinite(energies).all()
+    assert max(energies) < 0.5 * MASS * (v**2).sum()
     if time > 1:
         elastic = solid(x, 0.0, **backend)
         elastic.velocities = v
@@ -154,22 +156,22 @@ def test_crushed_and_inverted_bodies_stay_finite(backend):
         tissue.velocities = np.zeros_like(x)
         for _ in range(10):
             tissue.advance(0.005)
-        assert np.isfinite(tissue.positions).all() and np.isfinite(tissue.elastic_energy)
+        assert np.isfinite(tissue.positions).all()
+        assert np.isfinite(tissue.elastic_energy)
 
 
 def test_flow_is_that_of_principal_stretches(backend):
     """The oracle returns in principal logarithmic stretches."""
     rest, dt, steps = jittered((3, 3, 4)), 1e-5, 100
     bonds = build_bonds(rest, D, MODULUS)
-    x = deformed(rest, 0.1)
+    F = np.eye(3) + 0.2 * np.random.default_rng(4).normal(size=(3, 3))
+    x = (rest @ (F / np.cbrt(np.linalg.det(F))).T).astype("f4")
     F = solids.gradients(x, rest, bonds, D)
     material = solids.elasticity(MODULUS, 0.4, len(rest))
     G = np.broadcast_to(np.eye(3), F.shape)
     for _ in range(steps):
         G = solids.yielded(G, F, material, 0.03, 1000.0, dt)
-    tissue = solid(
-        rest, 0.4, fixed=np.ones(len(rest), bool), plastic=0.03, creep=1000.0, **backend
-    )
+    tissue = solid(rest, 0.4, fixed=np.ones(len(rest), bool), plastic=0.03, creep=1000.0, **backend)
     tissue.positions = x
     full = tissue.elastic_energy
     tissue.advance(steps * dt, substeps=steps)
@@ -235,7 +237,8 @@ def test_bodies_with_and_without_a_past_beside_each_other(backend):
     rows = 32 * -(-len(x) // 32)
 
     def terms():
-        return sim.arrays.state()["tissue_terms"].view("f4").reshape(-1, 8, sim.tissue._core.n() // 32 * 32 + 32)
+        state = sim.arrays.state()["tissue_terms"].view("f4")
+        return state.reshape(-1, 8, 32 * -(-sim.tissue._core.n() // 32))
 
     sim.tissue.bond(sim.add(x, "a", v), 2500.0, model="solid")
     assert "tissue_terms" not in sim.arrays.state()
@@ -243,7 +246,8 @@ def test_bodies_with_and_without_a_past_beside_each_other(backend):
     sim.tissue.bond(sim.add(at, "b", v), 2500.0, model="solid", relaxation=[(0.5, 0.01)])
     sim.step()
     before = terms()[0]
-    assert not before[:, :rows].any() and before[2:, rows : rows + len(x)].any()
+    assert not before[:, :rows].any()
+    assert before[2:, rows : rows + len(x)].any()
     at = x + np.float32([0.2, 0, 0])
     sim.tissue.bond(sim.add(at, "c", v), 2500.0, model="solid", relaxation=TWO)
     after = terms()
@@ -271,7 +275,7 @@ def test_states_without_memory_have_no_arrays_of_it():
     ("change", "message"),
     [
         ({"relaxation": [(0.5, 0.1)] * 3}, "relaxation: expected up to 2 pairs"),
-        ({"relaxation": [(0.5, 0.1), (0.5, 1.0)]}, "expected shares of at most 0.999 together, got 1"),
+        ({"relaxation": [(0.5, 0.1), (0.5, 1.0)]}, "expected shares of at most 0.999 .* got 1"),
         ({"relaxation": [(0.0, 0.1)]}, "expected shares between 0 and 1, got 0"),
         ({"relaxation": [(0.5, 0.0)]}, "expected times from 1e-06 to 1e\\+06 s, got 0"),
         ({"relaxation": [(0.5, np.nan)]}, "expected times .* got nan"),

@@ -13,6 +13,8 @@ namespace globule::core::tissue {
 /// Energy that holds each neighbor at the place that F gives it, per volume, in shear moduli.  The outermost particles' F is that of a
 /// place inside of them; without this share, bending would be too soft.
 inline constexpr float kSteadiness = 4.5f;
+/// The least of it that bodies keep whose shear modulus relaxes: theirs is that of the part that lasts.
+inline constexpr double kLeastSteady = 0.1;
 /// Particles whose gradient is less certain than this, in 1/spacings, have springs instead of a deformation gradient.
 inline constexpr float kSteepest = 4.0f;
 
@@ -38,8 +40,12 @@ struct Correct {
     Bonds bonds;
     Solid solid;
     Quad* at;  ///< w: b
+    const float* terms;  ///< as in Memory
+    std::uint32_t n_terms;
     GB_FN void operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
+        double lasting = 1.0;
+        for (std::uint32_t k = 0; k < n_terms; ++k) lasting -= terms[k * std::size_t(kTermRows) * solid.stride + t];
         const double per_d = 1.0 / solid.spacing;
         const float3 here = solid.rest[t].xyz();
         double m[6] = {}, sum = 0.0;
@@ -68,7 +74,7 @@ struct Correct {
             certain = steep < kSteepest;
         }
         for (int a = 0; a < 6; ++a) solid.correction[a * std::size_t(solid.stride) + t] = certain ? float(k[a] * per_d * per_d) : 0.0f;
-        at[t].w = certain ? float(kSteadiness * solid.lame[t] / sum * per_d * per_d) : -1.0f;
+        at[t].w = certain ? float(kSteadiness * solid.lame[t] / sum * per_d * per_d * max(lasting, kLeastSteady)) : -1.0f;
     }
 };
 

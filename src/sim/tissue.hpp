@@ -424,7 +424,7 @@ private:
     void correct() {
         if (corrected_) return;
         corrected_ = true;
-        exec_.for_each(n_, tissue::Correct{bonds(), solid(), at_.data()});
+        exec_.for_each(n_, tissue::Correct{bonds(), solid(), at_.data(), terms_.data(), n_terms_});
     }
 
     /// The least member of each particle's piece.

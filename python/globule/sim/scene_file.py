@@ -170,7 +170,7 @@ class Solid(Table):
     rigidity: float | None = key(number(above=0.0, most=0.999), None)
     model: str = key(choice(*MODELS), "bonds")
     poisson: float | None = key(number(0.0, MOST_POISSON), None)  # of a solid; None: POISSON
-    relaxation: list = key(each(Relaxation), [])  # Prony series of a solid
+    relaxation: list | None = key(each(Relaxation), None)  # Prony series of a solid
     viscosity: float = key(number(0.0, 1e9), 0.0)  # Pa s
     implicit: bool | None = key(switch, None)
     surface_tension: float = key(number(0.0, 1e3), 0.0)  # N/m: fluids stick to it
@@ -194,13 +194,13 @@ class Solid(Table):
             raise ValueError("expected young or rigidity, got both")
         if self.model != "solid" and self.poisson is not None:
             raise ValueError('poisson: expected model = "solid" beside it, got "bonds"')
-        check_model(self.model, self.relaxation)
+        check_model(self.model, self.pairs)
         prony_series(self.pairs)
 
     @property
     def pairs(self) -> list[tuple[float, float]]:
         """(share, time) of each part that relaxes."""
-        return [(term.share, term.time) for term in self.relaxation]
+        return [(term.share, term.time) for term in self.relaxation or ()]
 
 
 @dataclass(kw_only=True)

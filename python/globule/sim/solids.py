@@ -19,6 +19,7 @@ MOST_TERMS = 2  # of a Prony series; src/sim/memory.hpp has the same
 MOST_SHARE = 0.999  # of the shear modulus that relaxes: a solid stays one
 SHORTEST, LONGEST = 1e-6, 1e6  # relaxation times, s
 STEADINESS = 4.5  # energy against zero-energy modes, shear moduli; src/sim/solid.hpp has the same
+LEAST_STEADY = 0.1  # of it, however much of the shear modulus relaxes; as there
 # Stiffest motions of blocks of a lattice: density (frequency spacing)² <= 6 λ + 11.1 μ.
 _STIFFEST_LAME, _STIFFEST_SHEAR = 6.0, 11.1
 
@@ -202,7 +203,8 @@ def forces(
         P += share * mu[:, None, None] * F @ (G - np.eye(3))
         strain = np.einsum("nab,nac,nbc->n", F, F, G - np.eye(3))
         memory += share * mu / 2 * (strain - np.log(np.linalg.det(G)))
-    b = STEADINESS * volume * mu / np.trace(shape, axis1=1, axis2=2)
+    lasting = max(1 - sum(share for share, _ in material.relaxation), LEAST_STEADY)
+    b = STEADINESS * lasting * volume * mu / np.trace(shape, axis1=1, axis2=2)
     off = r - np.einsum("nab,nb->na", F[i], R)
     energy = volume * (
         mu / 2 * ((F**2).sum((1, 2)) - 3) - mu * (J - 1) + (lam + mu) / 2 * (J - 1) ** 2 + memory

@@ -151,7 +151,8 @@ def _check_metric(name: str, less_one: np.ndarray) -> None:
     xx, xy, xz, yy, yz, zz = less_one.astype(np.float64) + [[1], [0], [0], [1], [0], [1]]
     G = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], 1).reshape(-1, 3, 3)
     if (np.linalg.eigvalsh(G) <= 0).any() or (xx + yy + zz > _MOST_TRACE).any():
-        raise ValueError(f"tissue_{name}: expected positive metrics of traces up to {_MOST_TRACE:g}")
+        expected = f"expected positive metrics of traces up to {_MOST_TRACE:g}"
+        raise ValueError(f"tissue_{name}: {expected}")
 
 
 def _check_ends(n: int, first: np.ndarray, other: np.ndarray, length: np.ndarray) -> None:
