@@ -75,10 +75,10 @@ GB_FN Symmetric<F> yielded(const Symmetric<F>& d, const Symmetric<F>& metric, co
     const Symmetric<F> g = d.and_one(one), other = g.cofactor();  // det G = 1: its inverse
     const F known = max(J, F(kFlattest)), square_of_J = known * known;
     F y = F(3.0f) / (one + known + known);  // J^(-2/3)
-    for (int k = 0; k < 2; ++k) y = y * (F(4.0f) - square_of_J * y * y * y) * third;
+    for (int k = 0; k < 4; ++k) y = y * (F(4.0f) - square_of_J * y * y * y) * third;
     const F i1 = y * metric.dot(g), across = inverse.dot(other), i2 = across / y;
-    const F m = max(F(0.5f) * (i1 + i2) - F(3.0f), zero);              // Σ cosh 2h - 1
-    const F h2 = F(0.5f) * m * (one - m * F(1.0f / 12.0f));            // Σ h²
+    const F m = max(F(0.5f) * (i1 + i2) - F(3.0f), zero);              // Σ (cosh 2h - 1)
+    const F h2 = F(0.5f) * m / (one + m * F(1.0f / 12.0f));            // Σ h²: m = 2 Σh² + (Σh²)²/3 + ...
     const F stretch = F(2.0f) * (lambda + mu) / (F(3.0f) * lambda + F(2.0f) * mu);  // 1 / (1 + ν)
     const F strain = max(sqrt(max(F(1.5f) * h2, zero)) * stretch, F(1e-9f));
     const F keep = one - max(one - yield / strain, zero) * decay(rate * F(1.5f * dt) * stretch);
@@ -140,7 +140,7 @@ struct Memory {
 
 /// What the memory of particle t adds to its elastic energy: Σ μ_k/2 [tr C (G_k - 1) - ln det G_k].
 GB_FN double energy_of_memory(const float* terms, std::uint32_t n_terms, const float* stays, std::uint32_t stride, std::size_t t, const double* f,
-                                     double mu) {
+                                double mu) {
     const Symmetric<double> metric = square(f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8]);
     const auto load = [&](const float* p) {
         const std::size_t n = stride;
