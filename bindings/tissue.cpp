@@ -46,6 +46,8 @@ void bind_tissue(nb::module_& m) {
             if (d.contains("lame")) {
                 a.lame = at<const float>(item<Address>(d, "lame"));
                 a.frequency = item<float>(d, "frequency");
+                a.relaxation = at<const float>(item<Address>(d, "relaxation"));
+                a.n_terms = item<std::uint32_t>(d, "n_terms");
             }
             call<&Tissue::add>(s.core, a);
         })

@@ -207,7 +207,6 @@ def test_a_checkpoint_goes_on_as_if_never_left(tmp_path):
         ({"poisson": 0.5}, "poisson: expected 0 to 0.49"),
         ({"poisson": -0.1}, "poisson: expected 0 to 0.49"),
         ({"young": 0.0}, "young"),
-        ({"plastic": 0.1}, "plastic"),
     ],
 )
 def test_wrong_solids_are_named(change, message):

@@ -94,7 +94,8 @@ CASES = {
             ("velocity", [0, 0, -1]), *IMAGE[:3], ("shown", False), ("model", "solid"),
         ]
     } | {
-        "poisson": {"solids": [near(SOLID, "poisson", 0.3)[0] | {"model": "solid"}]}
+        k: {"solids": [near(SOLID, k, v)[0] | {"model": "solid"}]}
+        for k, v in [("poisson", 0.3), ("relaxation", [{"share": 0.5, "time": 1.0}])]
     } | {
         k: {"solids": [{"name": "jelly", k: v}]}
         for k, v in {"box": BOX, "sphere": BALL, "cylinder": ROLL, "mesh": "mesh",
@@ -163,6 +164,12 @@ CASES = {
             "time": {"time": 0.25}, "position": {"position": [0.1, 0, 0]},
             "axis": {"axis": [0, 0, 1], "angle": 30.0}, "angle": {"axis": [0, 0, 1], "angle": 60.0},
             "on": {"on": False},
+        }.items()
+    },
+    "Relaxation": {
+        k: {"solids": [{**SOLID, "model": "solid", "relaxation": [term]}]}
+        for k, term in {
+            "share": {"share": 0.5, "time": 2.0}, "time": {"share": 0.4, "time": 1.0},
         }.items()
     },
     "Shape": {

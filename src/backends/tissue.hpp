@@ -29,6 +29,8 @@ struct TissueArrays {
     float contact;                       ///< m, distance that cut faces keep: the spacing
     const float* lame = nullptr;         ///< (2, n) volume times μ and volume times λ, J, of a solid (sim/solid.hpp); null: bonds alone
     float frequency = 0.0f;              ///< 1/s, of the solid's stiffest motion
+    const float* relaxation = nullptr;   ///< (n_terms, 2) share of μ that relaxes, and its rate, 1/s
+    std::uint32_t n_terms = 0;           ///< up to tissue::kMostTerms
 };
 
 struct TissueStep {

@@ -6,13 +6,15 @@
 //   f_i = Σ_j c_ij [(Q_i + Q_j) X_ij + (b_i + b_j) x_ij],  Q = V P(F) C - b F.
 // Linear and angular momentum are conserved, as the energy knows neither place nor orientation.
 #pragma once
-#include "sim/bonds.hpp"
+#include "sim/memory.hpp"
 
 namespace globule::core::tissue {
 
 /// Energy that holds each neighbor at the place that F gives it, per volume, in shear moduli.  The outermost particles' F is that of a
 /// place inside of them; without this share, bending would be too soft.
 inline constexpr float kSteadiness = 4.5f;
+/// The least of it that bodies keep whose shear modulus relaxes: theirs is that of the part that lasts.
+inline constexpr double kLeastSteady = 0.1;
 /// Particles whose gradient is less certain than this, in 1/spacings, have springs instead of a deformation gradient.
 inline constexpr float kSteepest = 4.0f;
 
@@ -38,8 +40,12 @@ struct Correct {
     Bonds bonds;
     Solid solid;
     Quad* at;  ///< w: b
+    const float* terms;  ///< as in Memory
+    std::uint32_t n_terms;
     GB_FN void operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
+        double lasting = 1.0;
+        for (std::uint32_t k = 0; k < n_terms; ++k) lasting -= terms[k * std::size_t(kTermRows) * solid.stride + t];
         const double per_d = 1.0 / solid.spacing;
         const float3 here = solid.rest[t].xyz();
         double m[6] = {}, sum = 0.0;
@@ -68,15 +74,17 @@ struct Correct {
             certain = steep < kSteepest;
         }
         for (int a = 0; a < 6; ++a) solid.correction[a * std::size_t(solid.stride) + t] = certain ? float(k[a] * per_d * per_d) : 0.0f;
-        at[t].w = certain ? float(kSteadiness * solid.lame[t] / sum * per_d * per_d) : -1.0f;
+        at[t].w = certain ? float(kSteadiness * solid.lame[t] / sum * per_d * per_d * max(lasting, kLeastSteady)) : -1.0f;
     }
 };
 
-/// F of each particle, and from it Q.
+/// F of each particle, and from it Q.  With a memory, it goes on by a substep.
+template <class Memory>
 struct Strain {
     Bonds bonds;
     Solid solid;
     const Quad* at;
+    [[no_unique_address]] Memory memory;
 
     template <class Packet>
     GB_FN void run(std::size_t row) const {
@@ -110,8 +118,19 @@ struct Strain {
         const F J = f00 * k00 + f01 * k01 + f02 * k02;
         const F mu = Packet::load(solid.lame + row), lambda = Packet::load(solid.lame + n + row), b = max(x.w, zero);
         const F s = (lambda + mu) * (J - one) - mu;
+        [[maybe_unused]] Symmetric<F> past{};  // P = F (μ + past) + ...
+        if constexpr (Memory::any) {
+            const F known = max(J, F(kFlattest));
+            const Symmetric<F> inverse = square(k00, k01, k02, k10, k11, k12, k20, k21, k22).times(one / (known * known));
+            past = memory.template go_on<Packet>(row, square(f00, f01, f02, f10, f11, f12, f20, f21, f22), inverse, J, mu, lambda);
+        }
         const auto line = [&](const F& f0, const F& f1, const F& f2, const F& k0, const F& k1, const F& k2, const F& place, int a) {
-            const F p0 = mu * f0 + s * k0, p1 = mu * f1 + s * k1, p2 = mu * f2 + s * k2;
+            F p0 = mu * f0 + s * k0, p1 = mu * f1 + s * k1, p2 = mu * f2 + s * k2;
+            if constexpr (Memory::any) {
+                p0 = p0 + f0 * past.xx + f1 * past.xy + f2 * past.xz;
+                p1 = p1 + f0 * past.xy + f1 * past.yy + f2 * past.yz;
+                p2 = p2 + f0 * past.xz + f1 * past.yz + f2 * past.zz;
+            }
             const F q0 = p0 * c00 + p1 * c01 + p2 * c02 - b * f0, q1 = p0 * c01 + p1 * c11 + p2 * c12 - b * f1;
             const F q2 = p0 * c02 + p1 * c12 + p2 * c22 - b * f2;
             Packet::scatter_rows(solid.rows + a * n, row, {q0, q1, q2, place});
@@ -195,6 +214,8 @@ struct SolidEnergy {
     Bonds bonds;
     Solid solid;
     const Quad* at;
+    const float *terms, *stays;  ///< as in Memory
+    std::uint32_t n_terms;
     GB_FN double operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
         const float3 here = at[t].xyz(), rest = solid.rest[t].xyz();
@@ -216,11 +237,11 @@ struct SolidEnergy {
         if (b < 0.0) return springs;
         const auto C = [&](int a) { return double(solid.correction[a * std::size_t(solid.stride) + t]); };
         const double c[9] = {C(0), C(1), C(2), C(1), C(3), C(4), C(2), C(4), C(5)};
-        double square = 0.0, steady = 0.0;
+        double squares = 0.0, steady = 0.0;
         for (int a = 0; a < 9; ++a) {
             f[a] = 0.0;
             for (int k = 0; k < 3; ++k) f[a] += d[a / 3 * 3 + k] * c[3 * k + a % 3];
-            square += f[a] * f[a];
+            squares += f[a] * f[a];
         }
         each([&](std::uint32_t, double w, const double* x, const double* X) {
             for (int a = 0; a < 3; ++a) {
@@ -230,7 +251,8 @@ struct SolidEnergy {
         });
         const double J = f[0] * (f[4] * f[8] - f[5] * f[7]) - f[1] * (f[3] * f[8] - f[5] * f[6]) + f[2] * (f[3] * f[7] - f[4] * f[6]);
         const double mu = solid.lame[t], lambda = solid.lame[solid.stride + t];
-        return 0.5 * mu * (square - 3.0) - mu * (J - 1.0) + 0.5 * (lambda + mu) * (J - 1.0) * (J - 1.0) + 0.5 * b * steady;
+        const double energy = 0.5 * mu * (squares - 3.0) - mu * (J - 1.0) + 0.5 * (lambda + mu) * (J - 1.0) * (J - 1.0) + 0.5 * b * steady;
+        return n_terms || stays ? energy + energy_of_memory(terms, n_terms, stays, solid.stride, t, f, mu) : energy;
     }
 };
 

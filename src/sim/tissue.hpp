@@ -23,7 +23,7 @@ public:
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
           vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), rest_at_(exec), rows_(exec),
-          lame_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec) {}
+          lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
     Interrupt* whole() noexcept override { return &exec_.interrupt(); }
@@ -76,8 +76,11 @@ public:
 
     void set_materials(const tissue::Materials& materials) override {
         materials_ = materials;
-        tears_ = false;
-        for (int k = 0; k < tissue::kMaxPhases; ++k) tears_ |= materials.tear_strain[k] > 0.0f || materials.yield_strain[k] > 0.0f;
+        tears_ = yields_ = false;
+        for (int k = 0; k < tissue::kMaxPhases; ++k) {
+            tears_ |= materials.tear_strain[k] > 0.0f || materials.yield_strain[k] > 0.0f;
+            yields_ |= materials.yield_strain[k] > 0.0f;
+        }
     }
     void set_instruments(const tissue::Motions& motions, const tissue::Shapes& shapes) override {
         motions_ = motions;
@@ -94,8 +97,10 @@ public:
     }
 
     std::uint32_t tear(float dt) override {
+        tissue::Materials materials = materials_;
+        if (is_solid_) std::fill_n(materials.yield_strain, tissue::kMaxPhases, 0.0f);  // solids yield in their substeps
         return counted([&](std::uint32_t* n_torn) {
-            exec_.for_each(n_, tissue::TearAndCreep{bonds(), at_.data(), phase_.data(), materials_, dt, n_torn});
+            exec_.for_each(n_, tissue::TearAndCreep{bonds(), at_.data(), phase_.data(), materials, dt, n_torn});
         });
     }
 
@@ -174,7 +179,7 @@ public:
         double sum, *out = energy_.reserve(1);
         if (is_solid_) {
             correct();
-            exec_.reduce_in_order(n_, tissue::SolidEnergy{bonds(), solid(), at_.data()}, sim::AddDouble{}, 0.0, out);
+            exec_.reduce_in_order(n_, tissue::SolidEnergy{bonds(), solid(), at_.data(), terms_.data(), yielded_ ? stays_.data() : nullptr, n_terms_}, sim::AddDouble{}, 0.0, out);
         } else {
             exec_.reduce_in_order(n_, tissue::EnergyOf{bonds(), at_.data()}, sim::AddDouble{}, 0.0, out);
         }
@@ -226,8 +231,10 @@ public:
         disturbed();
         if (name == "hold") n_ = std::uint32_t(bytes);
         if (name == "other") n_entries_ = std::uint32_t(bytes / 4);
-        if (name == "hold") is_solid_ = false;
+        if (name == "hold") is_solid_ = yielded_ = false, n_terms_ = 0;
         if (name == "rest") is_solid_ = bytes > 0;
+        if (name == "terms" && n_) n_terms_ = std::uint32_t(std::min<std::size_t>(bytes / (sizeof(float) * tissue::kTermRows * stride()), tissue::kMostTerms));
+        if (name == "stays") yielded_ = bytes > 0;
         if (name == "hold") {
             grasped_ = 0;
             for (std::size_t t = 0; t < bytes; ++t)
@@ -388,24 +395,36 @@ private:
     void add_solid(const TissueArrays& in, std::uint32_t old, std::uint32_t before, const std::vector<Quad>& at) {
         extend(rest_at_, old, before, at.data(), in.n, Quad{0, 0, 0, 0});
         const std::uint32_t all = before + ceil_div<std::uint32_t>(in.n, tissue::kBlock) * tissue::kBlock, was = stride();
-        std::vector<float> lame(2 * std::size_t(all), 0.0f), earlier(2 * std::size_t(was));
-        if (was) exec_.download(earlier.data(), lame_.data(), earlier.size() * sizeof(float));
-        for (int k = 0; k < 2; ++k) {
-            std::copy_n(earlier.data() + k * std::size_t(was), was, lame.data() + k * std::size_t(all));
-            std::copy_n(in.lame + k * std::size_t(in.n), in.n, lame.data() + k * std::size_t(all) + before);
-        }
+        std::vector<float> lame = widened(lame_, 2, was, 2, all);
+        for (int k = 0; k < 2; ++k) std::copy_n(in.lame + k * std::size_t(in.n), in.n, lame.data() + k * std::size_t(all) + before);
         put(lame_, lame.data(), lame.size());
+        const std::uint32_t n_terms = std::max(n_terms_, in.n_terms);
+        std::vector<float> terms = widened(terms_, tissue::kTermRows * n_terms_, was, tissue::kTermRows * n_terms, all);
+        for (std::uint32_t k = 0; k < in.n_terms; ++k)
+            for (int a = 0; a < 2; ++a)
+                std::fill_n(terms.data() + (tissue::kTermRows * k + a) * std::size_t(all) + before, in.n, in.relaxation[2 * k + a]);
+        put(terms_, terms.data(), terms.size());
+        n_terms_ = n_terms;
+        const std::vector<float> stays = yielded_ ? widened(stays_, 6, was, 6, all) : std::vector<float>();
+        put(stays_, stays.data(), stays.size());
         float most = in.frequency, other = 0.0f;
         if (was) exec_.download(&other, frequency_.data(), sizeof other);
         most = std::max(most, other);
         put(frequency_, &most, 1);
         exec_.synchronize();
     }
+    /// Rows of `was` items each become `rows` of `all`; what is new is 0.
+    std::vector<float> widened(const Buffer<float, Exec>& buffer, std::uint32_t rows_were, std::uint32_t was, std::uint32_t rows, std::uint32_t all) {
+        std::vector<float> out(rows * std::size_t(all), 0.0f), earlier(rows_were * std::size_t(was));
+        if (!earlier.empty()) exec_.download(earlier.data(), buffer.data(), earlier.size() * sizeof(float));
+        for (std::uint32_t k = 0; k < rows_were; ++k) std::copy_n(earlier.data() + k * std::size_t(was), was, out.data() + k * std::size_t(all));
+        return out;
+    }
     /// After bonds went, what is made of the whole ones.
     void correct() {
         if (corrected_) return;
         corrected_ = true;
-        exec_.for_each(n_, tissue::Correct{bonds(), solid(), at_.data()});
+        exec_.for_each(n_, tissue::Correct{bonds(), solid(), at_.data(), terms_.data(), n_terms_});
     }
 
     /// The least member of each particle's piece.
@@ -439,11 +458,21 @@ private:
         const int n_substeps = asked > 0 ? asked : substeps(whole_dt);
         const float dt = whole_dt / float(n_substeps);
         correct();
+        if (yields_ && !yielded_) {
+            const std::size_t size = 6 * std::size_t(stride());
+            exec_.clear(stays_.reserve(size), size * sizeof(float));
+            yielded_ = true;
+        }
         const tissue::Felt felt = begin_felt(whole_dt, gravity);
         Quad *at = at_.data(), *next = next_.data();
         for (int s = 0; s < n_substeps; ++s) {
             shapes_.move(dt);
-            exec_.for_each_packet(n_, tissue::Strain{bonds(), solid(), at});
+            if (n_terms_ || yielded_) {
+                const tissue::Memory memory{terms_.data(), yielded_ ? stays_.data() : nullptr, phase_.data(), materials_, n_terms_, stride(), n_, dt};
+                exec_.for_each_packet(n_, tissue::Strain<tissue::Memory>{bonds(), solid(), at, memory});
+            } else {
+                exec_.for_each_packet(n_, tissue::Strain<tissue::NoMemory>{bonds(), solid(), at, {}});
+            }
             exec_.for_each_packet(n_, tissue::Push{bonds(), solid(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
                                                    materials_, motions_, shapes_, felt, dt});
             std::swap(at, next);
@@ -529,6 +558,8 @@ private:
         fn("other", other_, n_entries_);
         fn("rest", rest_at_, is_solid_ ? n_ : 0);
         fn("lame", lame_, is_solid_ ? 2 * stride() : 0);
+        fn("terms", terms_, n_terms_ * std::size_t(tissue::kTermRows) * stride());
+        fn("stays", stays_, yielded_ ? 6 * std::size_t(stride()) : 0);
         fn("frequency", frequency_, is_solid_ ? 1 : 0);
         fn("body", body_, is_solid_ ? n_ : 0);
         fn("at", at_, n_);
@@ -621,7 +652,7 @@ private:
     std::uint64_t n_scars_ = 0;  ///< bonds that went; 0: none
     float contact_ = 0.0f;
     double fastest_ = 0.0;       ///< 1/s: substeps a second
-    bool pieces_known_ = false, pulled_ = false, tears_ = false, bleeds_ = false;
+    bool pieces_known_ = false, pulled_ = false, tears_ = false, yields_ = false, bleeds_ = false;
     bool gathered_ = false, settled_ = false;  ///< as the state has the particles; nobody since a gather has changed who is held
     tissue::Materials materials_;
     tissue::Motions motions_;
@@ -645,7 +676,9 @@ private:
     bool broken_ = false;
     bool is_solid_ = false, corrected_ = false;  ///< not bonds alone; no bond went since the corrections
     Buffer<Quad, Exec> rest_at_, rows_;
-    Buffer<float, Exec> lame_, correction_, frequency_;
+    Buffer<float, Exec> lame_, terms_, stays_, correction_, frequency_;
+    std::uint32_t n_terms_ = 0;                  ///< of Prony series, the most that a body has
+    bool yielded_ = false;                       ///< stays_ is there
     Buffer<std::uint32_t, Exec> body_;           ///< a solid's bodies, as they were made: the least member
     Buffer<float, Exec> within_;
     std::uint32_t grasped_ = 0;                  ///< bits of the grasps that hold

@@ -13,7 +13,14 @@ import numpy as np
 from .._base.device import choose
 from .._base.files import atomic_write
 from ..sim.simulation import Simulation
-from . import physics_bodies, physics_flows, physics_fluid, physics_solid, physics_tissue
+from . import (
+    physics_bodies,
+    physics_flows,
+    physics_fluid,
+    physics_memory,
+    physics_solid,
+    physics_tissue,
+)
 from .report import machine, write_csv
 from .table import shown
 
@@ -22,7 +29,7 @@ PAGE = """\
 
 Made by `globule bench physics -o docs`: {n} truths, {n_met} met; {machine}.
 The experiments are `globule.bench.physics_fluid`, `physics_flows`, `physics_bodies`,
-`physics_tissue` and `physics_solid`; the tests run the small ones.
+`physics_tissue`, `physics_solid` and `physics_memory`; the tests run the small ones.
 A truth with a limit instead of a value (compression, drift) lists the limit as expected.
 
 {table}
@@ -75,6 +82,7 @@ def experiments(quick: bool) -> Iterator[Callable[[str, int], Any]]:
     yield from physics_bodies.EXPERIMENTS
     yield partial(physics_tissue.run, quick=quick)
     yield partial(physics_solid.run, quick=quick)
+    yield physics_memory.run
 
 
 def neighbors(device: str = "cpu", threads: int = 0) -> list[physics_fluid.Row]:

@@ -102,10 +102,10 @@ def cantilever(
     return [row(truth, 1.0, measured, abs(measured - 1) < (0.06 if across < 9 else 0.03))]
 
 
-def turns(device: str, threads: int = 0) -> list[Row]:
+def turns(device: str, threads: int = 0, kind: str = "solid", **how: Any) -> list[Row]:
     """A free body that turns ten times keeps its shape: springs of no centrifugal force."""
     x = lattice(5, 5, 9)
-    tissue = solid(x, device=device, threads=threads)
+    tissue = solid(x, device=device, threads=threads, **how)
     middle, rate = x.mean(0, dtype="f8"), 2.0  # rad/s
     r = x - middle
     tissue.velocities = rate * np.stack([-r[:, 1], r[:, 0], 0 * r[:, 0]], 1)
@@ -120,9 +120,10 @@ def turns(device: str, threads: int = 0) -> list[Row]:
     stretch = DENSITY * rate**2 * (r[:, :2] ** 2).sum(1).max() / MODULUS
     energy = tissue.elastic_energy / (MODULUS * len(x) * SPACING**3)
     return [
-        row("solid after 10 turns: change of shape / size", 0.0, off, off < 1e-3),
-        row("solid after 10 turns: elastic energy / E V", 0.0, energy, energy < stretch**2 + 1e-8),
-    ]
+        row(f"{kind} after 10 turns: change of shape / size", 0.0, off, off < 1e-3),
+        row(f"{kind} after 10 turns: elastic energy / E V", 0.0, energy,
+            energy < stretch**2 + 1e-8),
+    ]  # fmt: skip
 
 
 def squeeze(device: str, threads: int = 0) -> list[Row]:

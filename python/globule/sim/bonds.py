@@ -161,4 +161,7 @@ def add_body(
     numbers: dict[str, Any] = {"n": n, "contact": spacing}
     if solid is not None:
         arrays["lame"], numbers["frequency"] = solid.arrays(mass, spacing)
+        pairs = [(share, 1 / time) for share, time in solid.relaxation]
+        arrays["relaxation"] = np.array(pairs, np.float32).reshape(-1, 2)
+        numbers["n_terms"] = len(pairs)
     core.add({**numbers, **{k: address(a) for k, a in arrays.items()}})

@@ -45,7 +45,7 @@ class BondedTissue(Part):
     @whole
     def bond(
         self, ids: Any, young: Any = None, fixed: Any = None, model: str = "bonds",
-        poisson: Any = None,
+        poisson: Any = None, relaxation: Any = (),
     ) -> None:  # fmt: skip
         """Make one elastic body: bonds connect all particles closer than 1.5 spacings.
 
@@ -56,13 +56,14 @@ class BondedTissue(Part):
             fixed: (M,) bool; whether a particle is fixed.
             model: "bonds" or "solid" (`globule.sim.tissue.Tissue`); the same of all bodies.
             poisson: Poisson's ratio of a solid, 0 to 0.49, one or (M,); None: 0.45.
+            relaxation: (share, time) pairs of a solid, as of `globule.sim.tissue.Tissue`.
 
         Raises:
             ValueError: unknown ids; a modulus that is not positive; particles that nearly coincide;
                 another model, or another than that of the simulation's bodies; a Poisson ratio
-                outside of its range or of bonds; a solid of a phase whose strain stays.
+                outside of its range or of bonds; relaxation outside of its range or of bonds.
         """
-        check_model(model)
+        check_model(model, relaxation)
         if poisson is not None and model != "solid":
             raise ValueError('poisson: expected model "solid", got "bonds" (whose ratio is 1/4)')
         sim = self._sim
@@ -89,14 +90,13 @@ class BondedTissue(Part):
         if fixed is not None:
             hold[np.asarray(fixed, bool)] = FIXED
         density = np.array([p.density for p in sim.phases.values()])[phase]
-        if model == "solid" and any(p.plastic for p in phases_of(sim, phase)):
-            raise ValueError('plastic: expected 0 of model "solid", whose strain never stays')
         material = None
         if model == "solid":
             nu = np.asarray(POISSON if poisson is None else poisson, np.float64)
             if nu.shape not in ((), ids.shape):
                 raise ValueError(f"poisson: expected one number or {ids.shape}, got {nu.shape}")
-            material = elasticity(each[order], nu[order] if nu.ndim else nu, len(ids))
+            nu = nu[order] if nu.ndim else nu
+            material = elasticity(each[order], nu, len(ids), relaxation)
         bonds = build_bonds(positions[order], d, each[order])
         add_body(
             self._core, positions[order], ids[order], bonds, hold[order], phase[order],
@@ -315,12 +315,6 @@ class BondedTissue(Part):
             vessel = self.vessels[k - 1]
             which = self._sim._phase(vessel.fluid)
             core.set_vessel(k, vessel.pressure * CONDUCTANCE, float(pool), which)
-
-
-def phases_of(sim: Simulation, phase: np.ndarray) -> list[Any]:
-    """The phases that occur among these numbers."""
-    phases = list(sim.phases.values())
-    return [phases[k] for k in np.unique(phase)]
 
 
 def _within(

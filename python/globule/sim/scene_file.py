@@ -42,7 +42,15 @@ from .schema import (
     whole,
 )
 from .shapes import Box, Cylinder, Plane, Sphere
-from .solids import MODELS, MOST_POISSON
+from .solids import (
+    LONGEST,
+    MODELS,
+    MOST_POISSON,
+    MOST_SHARE,
+    SHORTEST,
+    check_model,
+    prony_series,
+)
 from .sources import DistanceFile, MeshFile, ParticleFile, Tomography, check_files
 from .toml_lines import key_lines
 
@@ -139,6 +147,14 @@ class Fluid(Table):
 
 
 @dataclass(kw_only=True)
+class Relaxation(Table):
+    """A part of a solid's shear modulus that relaxes."""
+
+    share: float = key(number(above=0.0, most=MOST_SHARE))
+    time: float = key(number(SHORTEST, LONGEST))  # s
+
+
+@dataclass(kw_only=True)
 class Solid(Table):
     """Elastic tissue: particles with bonds."""
 
@@ -154,6 +170,7 @@ class Solid(Table):
     rigidity: float | None = key(number(above=0.0, most=0.999), None)
     model: str = key(choice(*MODELS), "bonds")
     poisson: float | None = key(number(0.0, MOST_POISSON), None)  # of a solid; None: POISSON
+    relaxation: list | None = key(each(Relaxation), None)  # Prony series of a solid
     viscosity: float = key(number(0.0, 1e9), 0.0)  # Pa s
     implicit: bool | None = key(switch, None)
     surface_tension: float = key(number(0.0, 1e3), 0.0)  # N/m: fluids stick to it
@@ -177,8 +194,13 @@ class Solid(Table):
             raise ValueError("expected young or rigidity, got both")
         if self.model != "solid" and self.poisson is not None:
             raise ValueError('poisson: expected model = "solid" beside it, got "bonds"')
-        if self.model == "solid" and self.plastic:
-            raise ValueError(f'plastic: expected 0 of model "solid", got {self.plastic:g}')
+        check_model(self.model, self.pairs)
+        prony_series(self.pairs)
+
+    @property
+    def pairs(self) -> list[tuple[float, float]]:
+        """(share, time) of each part that relaxes."""
+        return [(term.share, term.time) for term in self.relaxation or ()]
 
 
 @dataclass(kw_only=True)

@@ -136,7 +136,9 @@ class Simulation:
         for body, ids in added:
             if body.kind == "tissue":
                 table = body.table
-                self.tissue.bond(ids, body.young, body.fixed, table.model, table.poisson)
+                self.tissue.bond(
+                    ids, body.young, body.fixed, table.model, table.poisson, table.pairs
+                )
         for vessel in scene.vessels:
             self.tissue.add_vessel(vessel)
         empty = {body.name for body, ids in added if not len(ids)}

@@ -9,12 +9,15 @@ import numpy as np
 
 from .._base.memory import room
 from .settings import MAX_PHASES
+from .solids import MOST_TERMS
 
 MOST_IN_A_CELL = 4096  # particles in a cube of the spacing: their pairs would fill the memory
 MOST_SUBSTEPS = 100_000  # of tissue in the longest step
 _BYTES_OF_AN_ID = 16  # that each id ever given takes
 _BLOCK = 32  # particles of tissue whose bonds lie interleaved (sim/bonds.hpp)
 _NOBODY = 0xFFFFFFFF
+_TERM_ROWS = 8  # of a Prony term: share, rate, six of a metric (sim/memory.hpp)
+_MOST_TRACE = 6.01  # of a metric, with what rounding adds
 _MOST_HOLD = 10  # FREE, FIXED, GONE and eight grasps
 # The arrays of tissue, whose bytes are uint8: how many a particle, or a bond's entry, has of each.
 _OF_PARTICLES = {"at": "4f4", "velocity": "4f4", "phase": "u1", "scarred": "u1", "volume": "f4",
@@ -126,6 +129,30 @@ def _check_solid(state: Mapping[str, np.ndarray], n: int, longest: float) -> Non
     if (lame < 0).any() or not 0 < longest * frequency[0] <= MOST_SUBSTEPS:
         expected = f"expected positive moduli and at most {MOST_SUBSTEPS:,} substeps a step"
         raise ValueError(f"tissue_lame: {expected}")
+    rows = _BLOCK * -(-n // _BLOCK)
+    if "tissue_terms" in state:
+        terms = _numbers(state, "terms", "f4")
+        if len(terms) not in [_TERM_ROWS * rows * k for k in range(1, MOST_TERMS + 1)]:
+            raise ValueError(f"tissue_terms: expected 1 to {MOST_TERMS} terms of each particle")
+        terms = terms.reshape(-1, _TERM_ROWS, rows)
+        shares, rates = terms[:, 0], terms[:, 1]
+        if (shares < 0).any() or (shares.sum(0) >= 1).any() or (rates < 0).any():
+            raise ValueError("tissue_terms: expected shares from 0 to 1 and rates of at least 0")
+        for metric in terms[:, 2:]:
+            _check_metric("terms", metric)
+    if "tissue_stays" in state:
+        stays = _numbers(state, "stays", "f4")
+        _check_length("stays", stays, 6 * rows)
+        _check_metric("stays", stays.reshape(6, rows))
+
+
+def _check_metric(name: str, less_one: np.ndarray) -> None:
+    """(6, N) xx xy xz yy yz zz of G - 1: G is that of a shape that there can be."""
+    xx, xy, xz, yy, yz, zz = less_one.astype(np.float64) + [[1], [0], [0], [1], [0], [1]]
+    G = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], 1).reshape(-1, 3, 3)
+    if (np.linalg.eigvalsh(G) <= 0).any() or (xx + yy + zz > _MOST_TRACE).any():
+        expected = f"expected positive metrics of traces up to {_MOST_TRACE:g}"
+        raise ValueError(f"tissue_{name}: {expected}")
 
 
 def _check_ends(n: int, first: np.ndarray, other: np.ndarray, length: np.ndarray) -> None:

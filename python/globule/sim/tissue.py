@@ -29,17 +29,20 @@ class Tissue:
         fixed: (N,) bool; whether a particle is fixed.
         damping: 1/s; velocities fall by exp(-damping t).
         tear: strain beyond which bonds break; 0: never.
-        plastic: strain beyond which a part of the strain is permanent; 0: never.
+        plastic: strain beyond which a part of the strain is permanent; 0: never. Of a solid: the
+            elastic strain of a bar that is pulled, and its equivalent in other motions.
         creep: rate at which the excess strain becomes permanent, 1/s.
         body: (N,) numbers; particles of different bodies are not bonded.
         device, threads: as of `Simulation`.
         model: "bonds": springs along the bonds, Poisson's ratio 1/4; "solid": total-Lagrangian SPH
             with the neighbors that bonds connect, stable neo-Hookean stress.
         poisson: Poisson's ratio of a solid, 0 to 0.49, one or (N,).
+        relaxation: up to two pairs (share, time) of a solid: that share of the shear modulus
+            relaxes in this time, s (Prony series); young is the modulus of sudden motion.
 
     Raises:
         ValueError: particles that nearly coincide; a modulus that is not positive; another model;
-            a Poisson ratio outside of its range; creep of a solid.
+            a Poisson ratio outside of its range; shares or times outside of theirs.
     """
 
     def __init__(
@@ -58,10 +61,9 @@ class Tissue:
         threads: int = 0,
         model: str = "bonds",
         poisson: Any = POISSON,
+        relaxation: Any = (),
     ):
-        check_model(model)
-        if model == "solid" and plastic:
-            raise ValueError('plastic: expected 0 of model "solid", whose strain never stays')
+        check_model(model, relaxation)
         positions = np.ascontiguousarray(positions, np.float32)
         n = self._n = len(positions)
         self.order = morton_order(positions, spacing)
@@ -77,7 +79,8 @@ class Tissue:
         add_body(
             self._core, positions[self.order], self.order, bonds, hold, np.zeros(n),
             density * spacing**3, spacing,
-            elasticity(young, _arranged(poisson, self.order), n) if model == "solid" else None,
+            elasticity(young, _arranged(poisson, self.order), n, relaxation)
+            if model == "solid" else None,
         )  # fmt: skip
         self._core.materials([damping], [tear], [plastic], [creep])
 

@@ -1,0 +1,348 @@
+"""Solids that relax or yield: against closed forms and a float64 reference, on every backend."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from globule.bench import physics_memory as truths
+from globule.bench.physics_solid import solid
+from globule.bench.physics_tissue import DENSITY, GRAVITY, MODULUS, SPACING, lattice
+from globule.sim import solids
+from globule.sim.bonds import build_bonds
+from globule.sim.tissue import Tissue
+
+D = SPACING
+MASS = DENSITY * D**3
+TWO = truths.SERIES[1]
+
+
+def check(rows):
+    assert rows
+    for row in rows:
+        assert row["ok"], row
+
+
+@pytest.mark.parametrize("experiment", ["held", "creeping", "cycles", "decays", "turned", "stays"])
+def test_truths(backend, experiment):
+    check(getattr(truths, experiment)(**backend))
+
+
+def jittered(shape=(4, 5, 6)):
+    rng = np.random.default_rng(0)
+    return (lattice(*shape) + rng.uniform(-0.1, 0.1, (np.prod(shape), 3)) * D).astype("f4")
+
+
+def deformed(rest, by=0.2):
+    x = rest.astype("f8") - rest.mean(0)
+    return (x @ (np.eye(3) + by * np.random.default_rng(4).normal(size=(3, 3)))).astype("f4")
+
+
+def turn():
+    q, _ = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))
+    return q * np.sign(np.linalg.det(q))
+
+
+def forces(tissue, positions, dt):
+    """One substep from these positions at rest."""
+    tissue.positions = positions
+    tissue.velocities = np.zeros_like(positions)
+    tissue.advance(dt, substeps=1)
+    return tissue.velocities.astype("f8") / dt * MASS
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.45])
+def test_forces_and_energy_are_the_references(backend, poisson):
+    rest, dt = jittered(), 1e-5
+    series = ((0.5, 2e-4), (0.3, 1e-3))
+    bonds = build_bonds(rest, D, MODULUS)
+    material = solids.elasticity(MODULUS, poisson, len(rest), series)
+    tissue = solid(rest, poisson, relaxation=series, **backend)
+    past = np.broadcast_to(np.eye(3), (2, len(rest), 3, 3))
+    for by in (0.1, 0.2, 0.15):
+        x = deformed(rest, by)
+        F = solids.gradients(x, rest, bonds, D)
+        for _ in range(3):
+            past = solids.relaxed(past, F, material, dt)
+            found = forces(tissue, x, dt)
+        energy, expected = solids.forces(x, rest, bonds, material, D, past)
+        assert np.abs(found - expected).max() < 2e-5 * np.abs(expected).max()
+        tissue.positions = x
+        assert abs(tissue.elastic_energy / energy - 1) < 1e-4
+
+
+def test_the_reference_with_a_past_is_its_energys_derivative():
+    rest = jittered((4, 4, 4))
+    x = deformed(rest, 0.1).astype("f8")
+    bonds = build_bonds(rest, D, MODULUS)
+    material = solids.elasticity(MODULUS, 0.4, len(rest), TWO)
+    F = solids.gradients(deformed(rest), rest, bonds, D)
+    past = solids.relaxed(np.broadcast_to(np.eye(3), (2, 64, 3, 3)), F, material, 0.1)
+    _, force = solids.forces(x, rest, bonds, material, D, past)
+    h = 1e-5 * D
+    for i, axis in ((0, 0), (21, 1), (63, 2)):
+        ends = []
+        for sign in (1, -1):
+            y = x.copy()
+            y[i, axis] += sign * h
+            ends.append(solids.forces(y, rest, bonds, material, D, past)[0])
+        assert abs((ends[1] - ends[0]) / (2 * h) - force[i, axis]) < 1e-6 * np.abs(force).max()
+
+
+@pytest.mark.parametrize(
+    "how", [{"relaxation": ((0.5, 2e-4), (0.3, 1e-3))}, {"plastic": 0.02, "creep": 2000.0}]
+)
+def test_turned_bodies_have_turned_forces_and_no_less_memory(backend, how):
+    """Half way through its relaxation or flow one of two bodies is turned."""
+    rest, dt, q = jittered(), 1e-5, turn()
+    one, other = (solid(rest, 0.4, **how, **backend) for _ in range(2))
+    x = deformed(rest, 0.1)
+    fresh = forces(one, x, dt)
+    forces(other, x, dt)
+    for _ in range(30):
+        before = forces(one, x, dt)
+        after = forces(other, x @ q.T, dt)
+    assert np.abs(before - fresh).max() > 0.05 * np.abs(fresh).max()
+    assert np.abs(after - before @ q.T).max() < 1e-4 * np.abs(before).max()
+
+
+def test_held_still_energy_of_what_yields_only_falls(backend):
+    rest = jittered()
+    tissue = solid(
+        rest, 0.3, fixed=np.ones(len(rest), bool), plastic=0.02, creep=1000.0, **backend
+    )  # fmt: skip
+    for by in (0.2, 0.3, 0.1):
+        tissue.positions = deformed(rest, by)
+        energies = [tissue.elastic_energy]
+        for _ in range(50):
+            tissue.advance(1e-4, substeps=1)
+            energies.append(tissue.elastic_energy)
+        assert (np.diff(energies) < 1e-6 * energies[0]).all()
+        assert energies[-1] < 0.98 * energies[0]
+
+
+def test_held_still_energy_falls_to_that_of_the_part_that_lasts(backend):
+    rest, dt = jittered(), 1e-4
+    tissue = solid(rest, 0.3, fixed=np.ones(len(rest), bool), relaxation=((0.6, 1e-3),), **backend)
+    tissue.positions = deformed(rest)
+    energies = []
+    for _ in range(100):
+        tissue.advance(dt, substeps=1)
+        energies.append(tissue.elastic_energy)
+    steps = np.diff(energies)
+    assert (steps < 1e-7 * energies[0]).all()
+    assert (steps[:50] < 0).all()
+    bonds = build_bonds(rest, D, MODULUS)
+    material = solids.elasticity(MODULUS, 0.3, len(rest), ((0.6, 1e-3),))
+    F = solids.gradients(tissue.positions, rest, bonds, D)
+    past = solids.relaxed(np.broadcast_to(np.eye(3), (1, len(rest), 3, 3)), F, material, 1.0)
+    last, _ = solids.forces(tissue.positions, rest, bonds, material, D, past)
+    assert abs(energies[-1] / last - 1) < 1e-3
+
+
+@pytest.mark.parametrize("time", [1e-6, 1e6])
+def test_times_far_from_the_substep_are_stable(backend, time):
+    """Below the substep: a solid of the lasting modulus.  Far above: one that does not relax."""
+    x = lattice(4, 4, 8)
+    v = np.random.default_rng(1).normal(0, 0.02, x.shape)
+    relaxing = solid(x, 0.0, relaxation=((0.75, time),), **backend)
+    relaxing.velocities = v
+    energies = []
+    for _ in range(50):
+        relaxing.advance(0.01, GRAVITY)
+        energies.append(relaxing.elastic_energy)
+    assert np.isfinite(energies).all()
+    assert max(energies) < 0.5 * MASS * (v**2).sum()
+    x = lattice(4, 4, 4)
+    sheared = (x @ np.array([[1, 0, 0], [0.2, 1, 0], [0, 0, 1]])).astype("f4")
+    fixed = np.ones(len(x), bool)
+    elastic = solid(x, 0.3, **backend)
+    relaxing = solid(x, 0.3, fixed=fixed, relaxation=((0.75, time),), **backend)
+    elastic.positions = relaxing.positions = sheared
+    relaxing.advance(0.001)
+    left = relaxing.elastic_energy / elastic.elastic_energy
+    assert abs(left - (0.25 if time < 1 else 1.0)) < 1e-4
+
+
+def test_crushed_and_inverted_bodies_stay_finite(backend):
+    """And come back: nothing of them is lost."""
+    x = lattice(5, 5, 5)
+    tissue = solid(x, 0.3, damping=30.0, relaxation=TWO, plastic=0.1, creep=50.0, **backend)
+    for squash in ((0.05, 1, 1), (1, -0.5, 1), (2.5, 0.2, 0.2), (0, 1, 1)):
+        tissue.positions = x * np.float32(squash)
+        tissue.velocities = np.zeros_like(x)
+        for _ in range(10):
+            tissue.advance(0.005)
+        assert np.isfinite(tissue.positions).all()
+        assert np.isfinite(tissue.elastic_energy)
+
+
+def test_flow_is_that_of_principal_stretches(backend):
+    """The oracle returns in principal logarithmic stretches."""
+    rest, dt, steps = jittered((3, 3, 4)), 1e-5, 100
+    bonds = build_bonds(rest, D, MODULUS)
+    F = np.eye(3) + 0.2 * np.random.default_rng(4).normal(size=(3, 3))
+    x = (rest @ (F / np.cbrt(np.linalg.det(F))).T).astype("f4")
+    F = solids.gradients(x, rest, bonds, D)
+    material = solids.elasticity(MODULUS, 0.4, len(rest))
+    G = np.broadcast_to(np.eye(3), F.shape)
+    for _ in range(steps):
+        G = solids.yielded(G, F, material, 0.03, 1000.0, dt)
+    tissue = solid(rest, 0.4, fixed=np.ones(len(rest), bool), plastic=0.03, creep=1000.0, **backend)
+    tissue.positions = x
+    full = tissue.elastic_energy
+    tissue.advance(steps * dt, substeps=steps)
+    flown, _ = solids.forces(x, rest, bonds, material, D, stays=G)
+    assert flown < 0.8 * full
+    assert abs(tissue.elastic_energy - flown) < 0.01 * (full - flown)
+    assert np.allclose(np.linalg.det(G), 1)
+
+
+def scene(**solid_keys):
+    return {
+        "spacing": 0.005,
+        "domain": {"lo": [-0.05, -0.05, -0.05], "hi": [0.1, 0.1, 0.1]},
+        "solids": [{
+            "name": "block", "box": {"lo": [0, 0, 0], "hi": [0.03, 0.03, 0.05]}, "young": 5000,
+            "model": "solid", "poisson": 0.4, "damping": 2.0,
+            "fixed": [{"box": {"lo": [-0.01] * 3, "hi": [0.04, 0.04, 0.006]}}], **solid_keys,
+        }],
+    }  # fmt: skip
+
+
+SERIES = [{"share": 0.3, "time": 0.01}, {"share": 0.2, "time": 0.1}]
+
+
+@pytest.mark.parametrize("keys", [{"relaxation": SERIES}, {"plastic": 0.002, "creep": 50.0}])
+def test_checkpoints_cuts_and_sutures_keep_the_memory(tmp_path, keys):
+    import globule as gb
+
+    sim = gb.Simulation(scene(**keys), device="cpu")
+    for _ in range(4):
+        sim.step()
+    name = "tissue_terms" if "relaxation" in keys else "tissue_stays"
+    before = sim.arrays.state()[name].copy()
+    assert before.view("f4").any()
+    first = sim.arrays.state()
+    sim.tissue.cut(np.array([[[-1, 0.015, 0.03], [1, 0.015, 0.03], [0, 0.015, 1]]]))
+    assert sim.tissue.suture([0.015, 0.015, 0.04], 0.005) > 0
+    assert len(sim.tissue.ablate([0.03, 0.03, 0.05], 0.006)) > 0
+    assert np.array_equal(sim.arrays.state()[name], before)
+    sim.step()
+    path = tmp_path / "state.npz"
+    sim.save(path)
+    other = gb.Simulation.load(path, device="cpu")
+    for _ in range(3):
+        sim.step()
+        other.step()
+    assert np.array_equal(sim.positions, other.positions)
+    assert np.array_equal(sim.arrays.state()[name], other.arrays.state()[name])
+    assert sim.tissue.elastic_energy == other.tissue.elastic_energy > 0
+    assert np.array_equal(first[name], before)
+
+
+def test_bodies_with_and_without_a_past_beside_each_other(backend):
+    """Added one after the other, a body keeps what it remembers; elastic bodies have none."""
+    import globule as gb
+
+    sim = gb.Simulation(
+        spacing=D, domain={"lo": [-0.5] * 3, "hi": [0.5] * 3}, gravity=(0, 0, 0),
+        solids=[{"name": "a"}, {"name": "b"}, {"name": "c"}], **backend,
+    )  # fmt: skip
+    x = lattice(3, 3, 5)
+    v = 0.1 * (x - x.mean(0)) / D * [0, 0, 1]
+    rows = 32 * -(-len(x) // 32)
+
+    def terms():
+        state = sim.arrays.state()["tissue_terms"].view("f4")
+        return state.reshape(-1, 8, 32 * -(-sim.tissue._core.n() // 32))
+
+    sim.tissue.bond(sim.add(x, "a", v), 2500.0, model="solid")
+    assert "tissue_terms" not in sim.arrays.state()
+    at = x + np.float32([0.1, 0, 0])
+    sim.tissue.bond(sim.add(at, "b", v), 2500.0, model="solid", relaxation=[(0.5, 0.01)])
+    sim.step()
+    before = terms()[0]
+    assert not before[:, :rows].any()
+    assert before[2:, rows : rows + len(x)].any()
+    at = x + np.float32([0.2, 0, 0])
+    sim.tissue.bond(sim.add(at, "c", v), 2500.0, model="solid", relaxation=TWO)
+    after = terms()
+    assert np.array_equal(after[0][:, : 2 * rows], before[:, : 2 * rows])
+    assert (after[:, 0, 2 * rows] == np.float32([0.4, 0.3])).all()
+    sim.step()
+
+
+def test_states_without_memory_have_no_arrays_of_it():
+    import globule as gb
+
+    sim = gb.Simulation(scene(), device="cpu")
+    sim.step()
+    assert not {"tissue_terms", "tissue_stays"} & set(sim.arrays.state())
+    # Strain stays from the moment that the phase yields, and is forgotten by going back.
+    first = sim.arrays.state()
+    sim.phases["block"].plastic = 0.001
+    sim.step()
+    assert "tissue_stays" in sim.arrays.state()
+    sim.arrays.set_state(first)
+    assert not {"tissue_terms", "tissue_stays"} & set(sim.arrays.state())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"relaxation": [(0.5, 0.1)] * 3}, "relaxation: expected up to 2 pairs"),
+        ({"relaxation": [(0.5, 0.1), (0.5, 1.0)]}, "expected shares of at most 0.999 .* got 1"),
+        ({"relaxation": [(0.0, 0.1)]}, "expected shares between 0 and 1, got 0"),
+        ({"relaxation": [(0.5, 0.0)]}, "expected times from 1e-06 to 1e\\+06 s, got 0"),
+        ({"relaxation": [(0.5, np.nan)]}, "expected times .* got nan"),
+        ({"relaxation": [0.5, 0.1]}, "relaxation: expected up to 2 pairs"),
+        ({"relaxation": [(0.5, 0.1)], "model": "bonds"}, 'relaxation: expected model = "solid"'),
+    ],
+)
+def test_wrong_series_are_named(change, message):
+    good = {"positions": lattice(2, 2, 2), "spacing": D, "young": 2500.0, "model": "solid"}
+    with pytest.raises(ValueError, match=message):
+        Tissue(**{**good, **change})
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"relaxation": [{"share": 0.5}]}, "relaxation"),
+        ({"relaxation": [{"share": 1.5, "time": 1}]}, "share: expected"),
+        ({"relaxation": [*SERIES, SERIES[0]]}, "relaxation: expected up to 2"),
+        ({"relaxation": SERIES, "model": "bonds", "poisson": None}, "relaxation: expected model"),
+    ],
+)
+def test_wrong_scenes_are_named(keys, message):
+    import globule as gb
+
+    wrong = scene(**keys)
+    wrong["solids"][0] = {k: v for k, v in wrong["solids"][0].items() if v is not None}
+    with pytest.raises(ValueError, match=message):
+        gb.Simulation(wrong, device="cpu")
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("tissue_terms", lambda t: t[:-8], "tissue_terms: expected 1 to 2 terms"),
+        ("tissue_terms", lambda t: t * np.float32(-1), "tissue_terms: expected shares from 0 to 1"),
+        ("tissue_terms", lambda t: t + np.float32(0.4), "tissue_terms: expected shares|positive"),
+        ("tissue_stays", lambda t: t[:-6], "tissue_stays: expected"),
+        ("tissue_stays", lambda t: t - 1, "tissue_stays: expected positive metrics"),
+        ("tissue_stays", lambda t: t + 4, "tissue_stays: expected positive metrics"),
+        ("tissue_stays", lambda t: t * np.float32(np.nan), "tissue_stays: expected finite"),
+    ],
+)
+def test_states_that_cannot_be_are_refused(name, change, message):
+    import globule as gb
+
+    sim = gb.Simulation(scene(relaxation=SERIES, plastic=0.01), device="cpu")
+    sim.step()
+    state = sim.arrays.state()
+    wrong = change(state[name].view("f4")).astype("f4")
+    with pytest.raises(ValueError, match=message):
+        sim.arrays.set_state({**state, name: wrong.view("u1")})
+    sim.arrays.set_state(state)
+    sim.step()
