@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import tracemalloc
 
 import globule as gb
@@ -185,9 +186,11 @@ def test_a_rank_takes_little_more_than_its_share(monkeypatch):
         peak = tracemalloc.get_traced_memory()[1] - before
     finally:
         tracemalloc.stop()
-    held = sum(len(s) for _, s in pieces.visit())
-    assert held == len(points)
-    assert peak < 1.6 * points.nbytes
+    (scene,) = pieces.here().values()
+    assert len(scene) == len(points)
+    assert peak < 1.3 * points.nbytes
+    if sys.platform == "linux":  # the octree has them, and their own pages are gone
+        assert np.mean(scene.particles.positions == 0) > 0.95
 
 
 def test_files_are_removed():
