@@ -107,7 +107,8 @@ def run(
                 device=options.device, threads=options.threads,
             )  # fmt: skip
         except (FormatError, OSError) as error:
-            raise UserError(f"{path}: {error}") from error
+            text = str(error)
+            raise UserError(text if path in text else f"{path}: {text}") from error
     with contextlib.closing(pieces):
         built = time.perf_counter()
         n, where = pieces.partition.n, "on as many ranks" if comm else "one after the other"

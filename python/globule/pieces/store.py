@@ -153,8 +153,14 @@ class Files:
 
     def add(self, piece: int, rows: np.ndarray) -> None:
         """Append rows (K, width) float32."""
-        with open(self._path(piece), "ab") as file:
-            file.write(np.ascontiguousarray(rows, np.float32).data)
+        try:
+            with open(self._path(piece), "ab") as file:
+                file.write(np.ascontiguousarray(rows, np.float32).data)
+        except OSError as error:
+            raise MemoryError(
+                f"memory: expected room for temporary files in {tempfile.gettempdir()}, which "
+                f"TMPDIR names, got: {error.strerror}"
+            ) from error
         self.counts[piece] += len(rows)
 
     def read(self, piece: int) -> np.ndarray:
