@@ -268,6 +268,21 @@ def test_memory_that_suffices_makes_no_pieces(files, capsys):
     assert "pieces" not in run_json(capsys, *words, "--memory", "8G")["counts"]
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is full")
+def test_no_room_for_temporary_files(files, capsys, monkeypatch):
+    from globule.pieces import scene, store
+
+    monkeypatch.setattr(scene, "resident_bytes", lambda: 0)
+    monkeypatch.setattr(scene, "OVERHEAD", 0)
+    monkeypatch.setattr(store.Files, "_path", lambda *_: "/dev/full")
+    words = ["render", "a.npz", "-o", "full.png", "--support", "2", "--memory", "100000"]
+    error = refused(capsys, *words)
+    assert "--memory: expected room for temporary files in" in error
+    assert "TMPDIR" in error
+    assert "No space left on device" in error
+    assert not os.path.exists("full.png")
+
+
 def test_memory_mistakes(files, capsys):
     common = ["render", "a.npy", "-o", "a.png"]
     assert "8G" in refused(capsys, *common, "--memory", "much")
