@@ -62,8 +62,8 @@ def wanted(options: argparse.Namespace) -> bool:
     if not has_ranges(path):
         if 3 * held > options.memory:
             raise UserError(
-                f"--memory: expected .npy, .npz or HDF5, whose ranges can be read, got {path}; "
-                "globule convert writes .npz"
+                "--memory: expected .npy, .npz, HDF5 or raw appended .vtu, whose ranges can be "
+                f"read, got {path}; globule convert writes .npz"
             )
         return False
     with mistakes():
