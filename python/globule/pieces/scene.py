@@ -137,6 +137,7 @@ class Pieces:
         """
         if not self._on_ranks:
             raise ValueError("update: expected pieces on ranks, got pieces one after the other")
+        trim()  # what an image has left
         source = self.ranks.together(lambda: source_of(particles))
         self._survey(source)
         self._kernels()
