@@ -149,7 +149,8 @@ NB_MODULE(_core, m) {
         })
         .def("build", [](PyScene& s, std::size_t n, Array positions, Array support, float one_support, Array weight,
                          float one_weight, Array color, std::vector<float> one_color, Array reflection, float one_reflection,
-                         Array refraction, float one_refraction, Array stretch, float most_stretch, float spacing, int key_bits, int depth, bool dense, std::vector<float> space) {
+                         Array refraction, float one_refraction, Array stretch, float most_stretch, float spacing, int key_bits, int depth, bool dense, std::vector<float> space,
+                         bool given_up) {
             TreeRequest request{key_bits, depth, dense, !space.empty(), {}, {}};
             if (!space.empty()) {
                 request.lo = {space.at(0), space.at(1), space.at(2)};
@@ -162,7 +163,7 @@ NB_MODULE(_core, m) {
                                          all.reach("weight", array(weight), n), held->reach("color", array(color), 3 * n),
                                          held->reach("reflection", array(reflection), n), held->reach("refraction", array(refraction), n),
                                          all.reach("anisotropy", array(stretch), 6 * n), most_stretch, one_support, one_weight, spacing, vec(one_color),
-                                         one_reflection, one_refraction};
+                                         one_reflection, one_refraction, given_up};
                 s.core.call<&Scene::build>(arrays, request);
                 s.held = std::move(held);
             });

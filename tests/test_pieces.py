@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import tracemalloc
 
 import globule as gb
@@ -185,9 +186,11 @@ def test_a_rank_takes_little_more_than_its_share(monkeypatch):
         peak = tracemalloc.get_traced_memory()[1] - before
     finally:
         tracemalloc.stop()
-    held = sum(len(s) for _, s in pieces.visit())
-    assert held == len(points)
-    assert peak < 1.6 * points.nbytes
+    (scene,) = pieces.here().values()
+    assert len(scene) == len(points)
+    assert peak < 1.3 * points.nbytes
+    if sys.platform == "linux":  # the octree has them, and their own pages are gone
+        assert np.mean(scene.particles.positions == 0) > 0.95
 
 
 def test_files_are_removed():
@@ -212,7 +215,9 @@ def files(tmp_path, monkeypatch):
     return speed
 
 
-@pytest.mark.parametrize("name", ["a.npy", "a.npz", "own.npz", "a.h5"])
+@pytest.mark.parametrize(
+    "name", ["a.npy", "a.npz", "own.npz", "a.h5", "a.vtu", "a.vtp", "big_endian.vtu"]
+)
 def test_ranges_of_files(name, files):
     from globule.formats.ranges import ranges
 
@@ -220,6 +225,11 @@ def test_ranges_of_files(name, files):
         h5py = pytest.importorskip("h5py")
         with h5py.File(name, "w") as file:
             file["positions"], file["speed"] = POSITIONS, files
+    elif name.startswith("a.vt"):
+        gb.write(name, gb.Particles(POSITIONS, attributes={"speed": files}))
+    elif name == "big_endian.vtu":
+        with open(name, "wb") as file:
+            file.write(vtu(POSITIONS.astype(">f4"), files.astype(">f8")))
     found, whole = ranges(name), gb.read(name)
     assert found.n == len(whole)
     some = found.read(100, 300)
@@ -229,8 +239,35 @@ def test_ranges_of_files(name, files):
         np.testing.assert_array_equal(values, whole.attributes[key][100:300])
 
 
+def vtu(positions, speed):
+    """As other programs write it: another byte order, sizes of 32 bits."""
+    n, kinds = len(positions), ("Float32", "Float64")
+    blocks = [np.array(a.nbytes, ">u4").tobytes() + a.tobytes() for a in (positions, speed)]
+    arrays = [f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{k}" '
+              f'format="appended" offset="{at}"/>'
+              for kind, name, k, at in zip(kinds, ("Points", "speed"), (3, 1),
+                                           (0, len(blocks[0])), strict=True)]  # fmt: skip
+    return (
+        '<VTKFile type="UnstructuredGrid" byte_order="BigEndian" header_type="UInt32">'
+        f'<UnstructuredGrid><Piece NumberOfPoints="{n}" NumberOfCells="0">'
+        f"<Points>{arrays[0]}</Points><PointData>{arrays[1]}</PointData></Piece>"
+        '</UnstructuredGrid><AppendedData encoding="raw">_'
+    ).encode() + b"".join(blocks) + b"</AppendedData></VTKFile>"  # fmt: skip
+
+
 def test_ranges_refuse_other_files(files):
-    from globule.formats.ranges import ranges
+    from globule.formats.ranges import has_ranges, ranges
+
+    whole = vtu(POSITIONS.astype(">f4"), files.astype(">f8"))
+    longer = whole.replace(b'="2744"', b'="2745"')
+    for name, data, match in (("cut.vtu", whole[:5000], "<Appended"), ("n.vtu", longer, "bytes")):
+        with open(name, "wb") as file:
+            file.write(data)
+        with pytest.raises(gb.FormatError, match=match):
+            ranges(name)
+    with open("text.vtu", "wb") as file:
+        file.write(whole.replace(b"<PointData>", b'<PointData><DataArray format="ascii"/>'))
+    assert not has_ranges("text.vtu")
 
     np.savez_compressed("small.npz", positions=POSITIONS)
     with pytest.raises(gb.FormatError, match="without compression"):
@@ -263,6 +300,21 @@ def test_render_with_memory(files, capsys, monkeypatch):
 def test_memory_that_suffices_makes_no_pieces(files, capsys):
     words = ["render", "a.npy", "-o", "a.png", "--size", "40x30", "--device", "cpu"]
     assert "pieces" not in run_json(capsys, *words, "--memory", "8G")["counts"]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is full")
+def test_no_room_for_temporary_files(files, capsys, monkeypatch):
+    from globule.pieces import scene, store
+
+    monkeypatch.setattr(scene, "resident_bytes", lambda: 0)
+    monkeypatch.setattr(scene, "OVERHEAD", 0)
+    monkeypatch.setattr(store.Files, "_path", lambda *_: "/dev/full")
+    words = ["render", "a.npz", "-o", "full.png", "--support", "2", "--memory", "100000"]
+    error = refused(capsys, *words)
+    assert "--memory: expected room for temporary files in" in error
+    assert "TMPDIR" in error
+    assert "No space left on device" in error
+    assert not os.path.exists("full.png")
 
 
 def test_memory_mistakes(files, capsys):

@@ -159,3 +159,22 @@ def test_a_rank_that_fails_ends_the_run(tmp_path):
     assert run.stderr.count("globule: error: rank 1: a.npz: no such disk") == 1
     assert run.stderr.count("globule: error:") == 1
     assert not (tmp_path / "a.png").exists()
+
+
+@pytest.mark.parametrize("interrupted", ["all", "one"])
+def test_an_interrupt_is_one_line(interrupted, tmp_path):
+    gb.write(tmp_path / "a.npz", cube(6))
+    program = (
+        "import sys\nfrom globule.cli import main, pieces\n"
+        "def share(path, comm):\n"
+        "    if comm.rank == 1 or sys.argv[1] == 'all':\n        raise KeyboardInterrupt\n"
+        "    return own(path, comm)\n"
+        "own, pieces._share = pieces._share, share\n"
+        "sys.exit(main(['render', 'a.npz', '-o', 'a.png', '--support', '0.4']))\n"
+    )
+    (tmp_path / "program.py").write_text(program)
+    run = mpirun(2, "program.py", interrupted, cwd=tmp_path)
+    line = "globule: interrupted" if interrupted == "all" else "globule: error: rank 1: interrupted"
+    assert run.returncode != 0
+    assert [x for x in run.stderr.splitlines() if x.startswith("globule")] == [line]
+    assert not (tmp_path / "a.png").exists()

@@ -225,6 +225,33 @@ def test_a_rank_that_fails_is_named_on_all():
     assert on(3, work, {"device": "cpu"})[0]
 
 
+def test_an_update_that_fails_on_the_way_leaves_no_other_particles():
+    """On a CPU the old octree is gone by then. The next image tries the same particles again."""
+    moved = gb.Particles(POSITIONS + 0.05, color=COLOR)
+
+    def work(device, ranks):
+        scene = gb.Scene(mine(gb.Particles(POSITIONS), ranks), support=2.0, comm=ranks, **device)
+        pieces = scene.pieces()
+        if ranks.rank == 1:
+            pieces._built = broken
+        for draw in (lambda: scene.update(mine(moved, ranks)),
+                     lambda: gb.render(scene, CAMERA, SIZE)):  # fmt: skip
+            with pytest.raises(MemoryError, match=r"^rank 1: full"):
+                draw()
+        for settings in ({}, {"shadows": True}):
+            with pytest.raises(ValueError, match="pieces: expected particles"):
+                gb.render(pieces, CAMERA, SIZE, settings)
+        if ranks.rank == 1:
+            del pieces._built
+        return gb.render(scene, CAMERA, SIZE)
+
+    def broken(_):
+        raise MemoryError("full")
+
+    frame = on(2, work, {"device": "cpu"})[0]
+    same(gb.render(gb.Scene(moved, support=2.0, device="cpu"), CAMERA, SIZE), frame)
+
+
 def test_a_rank_that_fails_to_draw_is_named(monkeypatch):
     def work(device, ranks):
         scene = gb.Scene(mine(gb.Particles(POSITIONS), ranks), support=2.0, comm=ranks, **device)

@@ -186,6 +186,35 @@ def nearest_pixels(
     Of each pixel the nearest of several images: (n,) depths, (3 n,) bytes; the first of equals.
     """
 
+def pack_hits(
+    arg0: Annotated[
+        NDArray[numpy.int64], dict(shape=(None,), order="C", device="cpu", writable=False)
+    ],
+    arg1: int,
+    arg2: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")],
+    arg3: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")],
+    arg4: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")],
+    arg5: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu")],
+    arg6: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")],
+    /,
+) -> None:
+    """
+    Rows of 9 for rays (K,): the number as an int32's bits, t, normal, albedo, layer.
+    """
+
+def put_hits(
+    arg0: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")],
+    arg1: int,
+    arg2: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")],
+    arg3: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")],
+    arg4: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")],
+    arg5: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu")],
+    /,
+) -> None:
+    """
+    What `pack_hits` has packed, where it is nearer than what is there; the first of equals.
+    """
+
 version: str = ...
 
 def cpu_backends() -> list[str]: ...
@@ -269,6 +298,7 @@ class Scene:
         arg16: int,
         arg17: bool,
         arg18: Sequence[float],
+        arg19: bool,
         /,
     ) -> None: ...
     def build_mesh(

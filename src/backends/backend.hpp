@@ -37,6 +37,7 @@ struct SceneArrays {
     float spacing = 0.0f;                 // of particles that make one smooth surface, in place of supports; 0: balls or ellipsoids as given
     float3 one_color{0, 0, 0};
     float one_reflection = 0.0f, one_refraction = 0.0f;
+    bool given_up = false;                // the host's pages of `positions` may go as soon as they are read
 };
 
 /// A triangle mesh, or capsules, which rays meet instead of a field.

@@ -4,6 +4,7 @@
 #include <omp.h>
 #ifdef __linux__
 #include <sys/mman.h>
+#include <unistd.h>
 #endif
 
 #include <algorithm>
@@ -55,6 +56,14 @@ public:
         return p;
     }
     void release(void* p) { std::free(p); }
+    /// Whole pages of an array that nobody reads again go back to the system; what is read there later is 0.
+    void give_up(const void* p, std::size_t bytes) {
+#ifdef __linux__
+        const std::size_t page = std::size_t(sysconf(_SC_PAGESIZE));
+        const std::size_t begin = ceil_div(reinterpret_cast<std::size_t>(p), page) * page, end = (reinterpret_cast<std::size_t>(p) + bytes) / page * page;
+        if (begin < end) madvise(reinterpret_cast<void*>(begin), end - begin, MADV_DONTNEED);
+#endif
+    }
     /// More room, perhaps at another place, with what was there. Of large arrays the system moves pages, not bytes.
     void* extend(void* p, std::size_t, std::size_t bytes) {
         void* moved = std::realloc(p, bytes);

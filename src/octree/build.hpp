@@ -25,6 +25,7 @@ struct ParticleInput {
     Attribute weight;
     const float* stretch = nullptr;    ///< (n, 6): SortedParticles
     float most_stretch = 1.0f;
+    bool given_up = false;             ///< `positions` may be emptied once they are sorted
 };
 
 struct TreeParams {
@@ -495,6 +496,9 @@ private:
         float* weight = in.weight.data ? weight_.reserve(padded) : nullptr;
         float* stretch = in.stretch ? stretch_.reserve(6 * padded) : nullptr;
         exec_.for_each(n, Gather<Key>{in, keys, &header->n_outside, index, x, x + padded, x + 2 * padded, support, weight, stretch});
+        if constexpr (!Exec::on_device) {
+            if (in.given_up) exec_.give_up(in.positions, 3 * n * sizeof(float));
+        }
         sorted_ = {x, x + padded, x + 2 * padded, index, {support, in.support.uniform}, {weight, in.weight.uniform}, stretch, in.most_stretch};
         build_nodes(keys, n, space);
     }

@@ -58,6 +58,7 @@ public:
         input.weight = {bring(exec, weight_, in.weight, in.n), in.one_weight};
         input.stretch = bring(exec, stretch_, in.stretch, 6 * in.n);
         input.most_stretch = in.most_stretch;
+        input.given_up = in.given_up;
         Built<Exec>& b = now();
         b.attributes.color = bring(exec, b.color, in.color, 3 * in.n);
         b.attributes.one_color = in.one_color;

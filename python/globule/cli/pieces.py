@@ -62,8 +62,8 @@ def wanted(options: argparse.Namespace) -> bool:
     if not has_ranges(path):
         if 3 * held > options.memory:
             raise UserError(
-                f"--memory: expected .npy, .npz or HDF5, whose ranges can be read, got {path}; "
-                "globule convert writes .npz"
+                "--memory: expected .npy, .npz, HDF5 or raw appended .vtu, whose ranges can be "
+                f"read, got {path}; globule convert writes .npz"
             )
         return False
     with mistakes():
@@ -107,7 +107,8 @@ def run(
                 device=options.device, threads=options.threads,
             )  # fmt: skip
         except (FormatError, OSError) as error:
-            raise UserError(f"{path}: {error}") from error
+            text = str(error)
+            raise UserError(text if path in text else f"{path}: {text}") from error
     with contextlib.closing(pieces):
         built = time.perf_counter()
         n, where = pieces.partition.n, "on as many ranks" if comm else "one after the other"

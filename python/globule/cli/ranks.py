@@ -50,19 +50,22 @@ def together(comm: Any) -> Iterator[None]:
     try:
         yield
     except (Exception, KeyboardInterrupt) as error:
+        stopped = isinstance(error, KeyboardInterrupt)
+        text = "interrupted" if stopped else str(error) or type(error).__name__
+        status = 130 if stopped else 2
         request = own.Ibarrier()
         until = time.monotonic() + 3.0
         while time.monotonic() < until:
             if request.Test():  # every rank has failed: nobody waits for anybody
                 if comm.rank == 0:
-                    say(f"error: {str(error) or type(error).__name__}")
+                    say(text if stopped else f"error: {text}")
                     sys.stderr.flush()
                 own.Barrier()  # the launcher ends all ranks as soon as the first one leaves
-                os._exit(2)
+                os._exit(status)
             time.sleep(0.02)
-        say(f"error: rank {comm.rank}: {str(error) or type(error).__name__}")
+        say(f"error: rank {comm.rank}: {text}")
         sys.stderr.flush()
-        own.Abort(2)
+        own.Abort(status)
     # Where others fail after this rank is done, they end the run.
 
 

@@ -218,7 +218,7 @@ def add_arguments(parser: Parser) -> None:
         type=pieces.memory,
         metavar="SIZE",
         help="number of bytes that the command may take, such as 8G: particles that need more are "
-        "read, built and traced in pieces (.npy, .npz without compression, HDF5) "
+        "read, built and traced in pieces (.npy, .npz without compression, HDF5, raw .vtu) "
         "(default: no limit)",
     )
     parser.set_defaults(prepare=functools.partial(state.defaults, parser))

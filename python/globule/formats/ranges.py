@@ -1,5 +1,5 @@
 """Ranges of particles of a file, for data sets that are larger than the memory: .npy, .npz without
-compression, and HDF5.
+compression, HDF5, and .vtu and .vtp whose one piece is appended raw.
 
 `Ranges.read(first, last)` returns what `read` would for these rows alone.
 """
@@ -19,8 +19,10 @@ from .errors import FormatError, bad
 from .fields import find_positions, particles_from
 from .kind import kind_of
 from .numpy_format import _from_columns, _with_places
+from .vtk_xml import MappedVtk, is_mappable
 
 FORMATS = ("npy", "npz", "hdf5")
+VTK = ("vtu", "vtp")
 _LOCAL_HEADER = 30  # bytes before a zip member's name and extra field
 
 
@@ -37,7 +39,8 @@ class Ranges(NamedTuple):
 
 def has_ranges(path: str | os.PathLike[str]) -> bool:
     """Whether the format of a file allows ranges."""
-    return kind_of(path, "particles").format in FORMATS
+    kind = kind_of(path, "particles").format
+    return kind in FORMATS or (kind in VTK and is_mappable(path))
 
 
 def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
@@ -61,10 +64,29 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
         return Ranges(
             n, lambda first, last: hdf5.read(path, rows=(first, last), **options).particles
         )
+    if kind.format in VTK and is_mappable(path):
+        return _of_vtk(path)
     raise FormatError(
-        f"{path}: expected .npy, .npz or HDF5, whose ranges can be read, got {kind.format}; "
-        "globule convert writes .npz"
+        f"{path}: expected .npy, .npz, HDF5 or raw appended .vtu, whose ranges can be read, "
+        f"got {kind.format}; globule convert writes .npz"
     )
+
+
+def _of_vtk(path: Any) -> Ranges:
+    file = MappedVtk(path)
+    element = file.root.find(f"{file.root.get('type')}/Piece")
+    if element is None:
+        raise file.bad("VTKFile", "expected a <Piece>, got none")
+    arrays = file.piece(element)
+    positions = arrays.pop(("", 3))
+
+    def read(first: int, last: int) -> Particles:
+        rows = [_rows(a, first, last).astype(a.dtype.newbyteorder("="), copy=False)
+                for a in (positions, *arrays.values())]  # fmt: skip
+        names = [name for name, _ in arrays]
+        return particles_from(path, rows[0], dict(zip(names, rows[1:], strict=True)))
+
+    return Ranges(len(positions), read)
 
 
 def _mapped(path: Any, name: str, file_name: Any, offset: int) -> np.ndarray:

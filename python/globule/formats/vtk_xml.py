@@ -7,6 +7,7 @@ binary (base64), or appended (raw or base64), plain or compressed with zlib, lz4
 
 from __future__ import annotations
 
+import mmap
 import os
 import re
 from typing import Any
@@ -36,6 +37,7 @@ TYPES = {
     "Float32": "f4",
     "Float64": "f8",
 }
+_APPENDED = re.compile(rb"<AppendedData\b([^>]*)>\s*")
 _WRITTEN = {code: name for name, code in TYPES.items()} | {"b1": "UInt8"}
 
 
@@ -129,7 +131,7 @@ class VtkXml:
 
     def cut_appended(self, data: bytes) -> bytes:
         """Set the appended data aside: raw bytes are no XML. Returns the rest."""
-        tag = re.search(rb"<AppendedData\b([^>]*)>\s*", data)
+        tag = _APPENDED.search(data)
         if tag is None:
             return data
         end = data.rfind(b"</AppendedData")
@@ -208,12 +210,7 @@ class VtkXml:
 
     def array(self, element: Any, n: int) -> np.ndarray:
         """A data array, (n,) or (n, k), in native byte order and memory of its own."""
-        name = f"DataArray {element.get('Name', '')}"
-        k = self.count(element, "NumberOfComponents", "1")
-        kind = element.get("type", "")
-        if k == 0 or kind not in TYPES:
-            raise self.bad(name, f"expected numbers, got {k} components of type {shown(kind)}")
-        dtype = np.dtype(TYPES[kind])
+        name, k, dtype = self.numbers(element)
         self.claimed += n * k * dtype.itemsize  # all together: arrays may share their bytes
         check_size(self.path, f"<{name}>", self.claimed, self.held, 3.0)
         encoding = element.get("format", "ascii")
@@ -234,6 +231,15 @@ class VtkXml:
         else:
             raise self.bad(name, f"expected format ascii, binary or appended, got {encoding!r}")
         return values if k == 1 else values.reshape(n, k)
+
+    def numbers(self, element: Any) -> tuple[str, int, np.dtype]:
+        """A data array's name in messages, components and type."""
+        name = f"DataArray {element.get('Name', '')}"
+        k = self.count(element, "NumberOfComponents", "1")
+        kind = element.get("type", "")
+        if k == 0 or kind not in TYPES:
+            raise self.bad(name, f"expected numbers, got {k} components of type {shown(kind)}")
+        return name, k, np.dtype(TYPES[kind])
 
     def _ascii(self, element: Any, name: str, n: int, dtype: np.dtype) -> np.ndarray:
         try:
@@ -266,6 +272,48 @@ class VtkXml:
             raise stream.bad(f"expected {expected} bytes, got blocks of {sum(sizes)}")
         packed = stream.rest(sum(packed_sizes))
         return _unpack(self.compressed, packed, packed_sizes, sizes, stream)
+
+
+class MappedVtk(VtkXml):
+    """A file whose arrays are appended raw, mapped into memory: rows are read when they are used.
+
+    Raises FormatError for another file.
+    """
+
+    def __init__(self, path: Any) -> None:
+        with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            tag, self.end = _APPENDED.search(data), data.rfind(b"</AppendedData")
+            if tag is None or self.end <= tag.end():
+                raise bad(path, "<AppendedData>", "expected it, got none")
+            self.begin = tag.end() + 1
+            super().__init__(path, data[: self.begin] + data[self.end :])
+
+    def array(self, element: Any, n: int) -> np.ndarray:
+        """A data array, (n,) or (n, k), in the file's byte order."""
+        name, k, dtype = self.numbers(element)
+        shape = n if k == 1 else (n, k)
+        if n == 0:
+            return np.empty(shape, dtype)
+        start, width = self.begin + self.count(element, "offset"), self.header_dtype.itemsize
+        size = n * k * dtype.itemsize
+        if element.get("format") != "appended" or start + width + size > self.end:
+            raise self.bad(name, f"expected {size} bytes of appended data, got fewer")
+        (held,) = np.fromfile(self.path, self.header_dtype, 1, offset=start).tolist()
+        if held != size:
+            raise self.bad(name, f"expected {size} bytes, got {held}")
+        own = dtype.newbyteorder(self.order)
+        return np.memmap(self.path, own, "r", start + width, shape)
+
+
+def is_mappable(path: str | os.PathLike[str]) -> bool:
+    """Whether a file has one piece, and all its arrays appended raw, without compression."""
+    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        tag = _APPENDED.search(data)
+        if tag is None or b"raw" not in tag[1]:
+            return False
+        head = data[: tag.end()]
+    elsewhere = re.search(rb"""\bcompressor\s*=|format\s*=\s*["'](ascii|binary)""", head)
+    return elsewhere is None and head.count(b"<Piece") == 1
 
 
 def _text(element: Any) -> str:

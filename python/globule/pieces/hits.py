@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import _core
 from .._base.ranks import Alone
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
 from ..scene.scene import Scene
@@ -36,42 +37,43 @@ class Hits:
         self.t[at], self.normal[at], self.albedo[at] = t[nearer], normal[nearer], albedo[nearer]
         self.layer[at] = layer if np.ndim(layer) == 0 else layer[nearer]
 
-    def packed(self) -> tuple[np.ndarray, np.ndarray]:
-        """The rays that hit, (K,) int64, and their t, normal, albedo, layer: (K, 8) float32."""
+    def packed(self, first: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """The rays that hit, (K,) int64, and rows (K, 9) float32: the ray's number, counted from
+        `first`, as the bits of an int32; t, normal, albedo, layer."""
         rays = np.flatnonzero(self.t < np.inf)
-        columns = [self.t[rays, None], self.normal[rays], self.albedo[rays]]
-        return rays, np.concatenate([*columns, self.layer[rays, None].astype(np.float32)], axis=1)
+        rows = np.empty((len(rays), 9), np.float32)
+        t, normal, albedo, layer = self._flat()
+        _core.pack_hits(rays, first, t, normal, albedo, layer, rows.reshape(-1))
+        return rays, rows
 
-    def put_all(self, rays: np.ndarray, rows: np.ndarray) -> None:
-        """`put` for what `packed` returns; a ray may come several times."""
-        order = np.lexsort((np.arange(len(rays)), rows[:, 0], rays))
-        rays, rows = rays[order], rows[order]
-        first = np.ones(len(rays), bool)
-        first[1:] = rays[1:] != rays[:-1]
-        rows = rows[first]
-        self.put(rays[first], rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7].astype(np.uint8))
+    def put_rows(self, rows: np.ndarray, first: int = 0) -> None:
+        """`put` for what `packed` has made, once or several times, one after the other."""
+        _core.put_hits(rows.reshape(-1), first, *self._flat())
+
+    def _flat(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        return self.t, self.normal.reshape(-1), self.albedo.reshape(-1), self.layer
 
 
 def nearest(ranks: Alone, hits: Hits) -> Hits:
-    """The nearest of all ranks' hits, on rank 0: each rank sends its hits in a stripe of the
-    image to the stripe's rank (direct-send), which keeps the nearest and sends them on."""
+    """The nearest of all ranks' hits, on rank 0, added to its own; elsewhere none. Each rank sends
+    its hits in a stripe of the image to the stripe's rank (direct-send), which keeps the nearest
+    and sends them on."""
     if ranks.size == 1:
         return hits
     n = len(hits.t)
     bounds = n * np.arange(ranks.size + 1) // ranks.size
     rays, rows = hits.packed()
-    best = _received(ranks, n, rays, rows, np.diff(np.searchsorted(rays, bounds)))
-    rays, rows = best.packed()
+    rows = ranks.exchange(rows, np.diff(np.searchsorted(rays, bounds)))
+    begin = int(bounds[ranks.rank])
+    best = Hits(int(bounds[ranks.rank + 1]) - begin)
+    best.put_rows(rows, begin)
+    rays, rows = best.packed(begin)
     everything = np.zeros(ranks.size, np.int64)
     everything[0] = len(rays)
-    return _received(ranks, n, rays, rows, everything)
-
-
-def _received(ranks: Alone, n: int, rays: np.ndarray, rows: np.ndarray, counts: np.ndarray) -> Hits:
-    numbers = rays.astype(np.int32).view(np.float32)
-    found = ranks.exchange(np.column_stack([numbers, rows]).astype(np.float32, copy=False), counts)
-    hits = Hits(n)
-    hits.put_all(np.ascontiguousarray(found[:, 0]).view(np.int32), found[:, 1:])
+    rows = ranks.exchange(rows, everything)
+    if ranks.rank:
+        return Hits(n)
+    hits.put_rows(rows)
     return hits
 
 

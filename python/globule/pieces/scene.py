@@ -12,7 +12,7 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.checks import choice, positive, whole
 from .._base.device import choose
-from .._base.memory import resident_bytes
+from .._base.memory import resident_bytes, trim
 from .._base.ranks import ranks_of
 from ..render.fit import REACH
 from ..scene.attributes import attribute_values, checked_range, color_by
@@ -29,7 +29,7 @@ from ..scene.scene import (
     Scene,
 )
 from .partition import Partition, Space, box_of, cells_of, codes_of, histogram, space_around
-from .store import CHUNK, Files, Layout, Source, layout_of, source_of
+from .store import CHUNK, Columns, Files, Layout, Source, layout_of, source_of
 
 # Bytes that a piece takes for each of its particles while it is read, built and traced, measured:
 # 58 and 95 on a CPU, with the rows themselves.
@@ -39,8 +39,13 @@ SMOOTH_REACH = 3.375  # spacings: of a smooth kernel, and of the neighbors that 
 SAMPLE = 40_000  # particles at which spacing and surface are measured
 MOST_PIECES = 4096
 IMBALANCE = 1.25  # most particles of a rank over the mean; past it all are divided anew
-ROUNDS = 16  # at most, in which particles go to other ranks
 SLACK = 0.125  # of the extent, on each side, for particles that have left the space once
+
+
+class Piece(Scene):
+    """The scene of a piece. Its own copy of the positions is empty when the octree is there."""
+
+    _gives_up = True
 
 
 class Pieces:
@@ -105,6 +110,7 @@ class Pieces:
         self._memory = None if memory is None else positive("memory", memory)
         self._base = resident_bytes() + OVERHEAD
         self._scenes: dict[int, Scene] = {}
+        self._updates = 0
         self._files: Files | None = None
         source = source_of(particles)
         self._survey(source)
@@ -126,10 +132,12 @@ class Pieces:
         Ranks keep their parts of space until one has 1.25 times the mean number of particles, or
         particles have left the space; then all is divided anew. What was measured stays.
 
-        Raises ValueError without `comm`, and as the constructor does.
+        Raises ValueError without `comm`, and as the constructor does. After an error while
+        particles are on their way, there are none: update again.
         """
         if not self._on_ranks:
             raise ValueError("update: expected pieces on ranks, got pieces one after the other")
+        trim()  # what an image has left
         source = self.ranks.together(lambda: source_of(particles))
         self._survey(source)
         self._kernels()
@@ -341,38 +349,33 @@ class Pieces:
         """Every particle to the rank that owns it, and to those beside that it reaches; some at a
         time, so that what is sent and what has come are not both in memory."""
         ranks = self.ranks
-        rounds = int(np.clip(ranks.most(np.int64(source.n)) // CHUNK, 1, ROUNDS))
-        n, came = 0, np.empty((0, self._layout.width), np.float32)
+        if self.device.backend != "cuda":
+            self._scenes.clear()  # the new rows take the place of the old octree
+        rounds = max(1, math.ceil(ranks.most(np.int64(source.n)) / CHUNK))
+        came = Columns(self._layout)
         for k in range(rounds):
             first, last = (source.n * i // rounds for i in (k, k + 1))
-            some = ranks.exchange(*ranks.together(partial(self._sorted_rows, source, first, last)))
-            if n + len(some) > len(came):  # large arrays grow by pages, without a copy
-                whole = (n + len(some)) * rounds // (k + 1)
-                came.resize((max(whole, n + len(some)), came.shape[1]), refcheck=False)
-            came[n : n + len(some)] = some
-            n += len(some)
-        came.resize((n, came.shape[1]), refcheck=False)
+            came.add(ranks.exchange(*ranks.together(partial(self._dealt, source, first, last))))
+        self._updates += 1
+        trim()
 
         def build() -> Scene:
             scene = self._scenes.get(ranks.rank)
             if scene is None:
-                return self._built(came)
-            scene.update(self._layout.particles(came))
+                scene = self._built(came.particles())
+            else:
+                scene.update(came.particles())
+            scene.builds = self._updates
             return scene
 
         self._scenes[ranks.rank] = ranks.together(build)
 
-    def _sorted_rows(self, source: Source, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+    def _dealt(self, source: Source, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         """The rows of some particles, by the rank they go to, and how many go to each."""
-        n = self.ranks.size
-        parts, pieces = [np.empty((0, self._layout.width), np.float32)], [np.empty(0, np.int16)]
-        for some in source.chunks(first, last):
+        rows, piece = np.empty((0, self._layout.width), np.float32), np.empty(0, np.int64)
+        for some in source.chunks(first, last):  # one chunk, or none
             rows, piece = self._placed(some)
-            parts.append(rows)
-            pieces.append(piece.astype(np.int16 if n < 1 << 15 else np.int32))
-        rows, piece = np.concatenate(parts), np.concatenate(pieces)
-        parts.clear()  # before the rows are copied once more
-        return rows[np.argsort(piece, kind="stable")], np.bincount(piece, minlength=n)
+        return rows, np.bincount(piece, minlength=self.ranks.size)
 
     def _placed(self, some: Particles) -> tuple[np.ndarray, np.ndarray]:
         """The rows (M, width) of the pieces, and whose they are (M,), in order."""
@@ -414,17 +417,22 @@ class Pieces:
     def visit(self, wanted: Callable[[int], bool] | None = None) -> Iterator[tuple[int, Scene]]:
         """The pieces of this process, or those wanted, one after the other, each with its scene."""
         if self._files is None:
-            yield from self._scenes.items()
+            yield from self.here().items()
             return
         for k, count in enumerate(self._files.counts):
             if count and (wanted is None or wanted(k)):
-                yield k, self._built(self._files.read(k))
+                yield k, self._built(self._layout.particles(self._files.read(k)))
 
-    def _built(self, rows: np.ndarray) -> Scene:
-        particles = self._layout.particles(rows)
+    def here(self) -> dict[int, Scene]:
+        """This rank's piece and its scene."""
+        if self._on_ranks and not self._scenes:
+            raise ValueError("pieces: expected particles, got none since an update failed: update")
+        return self._scenes
+
+    def _built(self, particles: Particles) -> Scene:
         if self.surface == "balls":
-            return Scene(particles, self.kernel, self.threshold, self.support, **self._options)
-        return Scene(particles, threshold=self.threshold, surface=self.surface,
+            return Piece(particles, self.kernel, self.threshold, self.support, **self._options)
+        return Piece(particles, threshold=self.threshold, surface=self.surface,
                      spacing=self.spacing, **self._options)  # fmt: skip
 
     def close(self) -> None:

@@ -16,6 +16,7 @@ from ..render.settings import RenderSettings
 from .hits import NOTHING, Hits
 
 CREASE, JUMP, CONTRAST = 0.6, 2.0, 24  # as in src/trace/edges.hpp
+SOME = 1 << 14  # pixels at a time: in float64 their rays take a hundred bytes each
 
 
 def rays_of(
@@ -23,6 +24,17 @@ def rays_of(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Origins and unit directions (K, 3) float32 of pixels' rays: through the centers, or a later
     sample anywhere in the pixel, at the same place as in the core (src/trace/camera.hpp)."""
+    origins, directions = (np.empty((len(pixels), 3), np.float32) for _ in range(2))
+    for k in range(0, len(pixels), SOME):
+        some = slice(k, k + SOME)
+        origins[some], directions[some] = _exact_rays(camera, size, pixels[some], sample)
+    return origins, directions
+
+
+def _exact_rays(
+    camera: Camera, size: tuple[int, int], pixels: np.ndarray, sample: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """`rays_of` in float64."""
     width, height = size
     column, row = (pixels % width).astype(np.float64), (pixels // width).astype(np.float64)
     if sample:
@@ -33,12 +45,9 @@ def rays_of(
     y = 1 - (row + 0.5) * 2 / height
     across = x[:, None] * right + y[:, None] * up
     if camera.height is not None:
-        origins, ahead = eye + across, np.broadcast_to(forward, across.shape)
-    else:
-        ahead = forward + across
-        ahead = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
-        origins = np.broadcast_to(eye, ahead.shape)
-    return origins.astype(np.float32), ahead.astype(np.float32)
+        return eye + across, forward
+    ahead = forward + across
+    return eye, ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
 
 
 def shade(

@@ -67,7 +67,7 @@ class Layout(NamedTuple):
     @property
     def width(self) -> int:
         """Columns of a row."""
-        return 3 + sum(COLUMNS[name] for name in self.each)
+        return sum(self.widths)
 
     def place(self, name: str) -> int:
         """The column where a field begins."""
@@ -91,16 +91,43 @@ class Layout(NamedTuple):
             parts.append(value.reshape(n, COLUMNS[name]))
         return np.concatenate(parts, axis=1)
 
+    @property
+    def widths(self) -> list[int]:
+        """Columns of the positions and of each field."""
+        return [3, *(COLUMNS[name] for name in self.each)]
+
     def particles(self, rows: np.ndarray) -> Particles:
         """The particles of rows (N, width)."""
-        fields, at = dict(self.one), 3
-        for name in self.each:
-            width = COLUMNS[name]
-            value = rows[:, at : at + width]
-            shape = {1: (-1,), 3: (-1, 3), 9: (-1, 3, 3)}[width]
-            fields[name] = np.ascontiguousarray(value).reshape(shape)
-            at += width
-        return Particles(np.ascontiguousarray(rows[:, :3]), **fields)
+        parts = np.split(rows, np.cumsum(self.widths)[:-1], axis=1)
+        return self.of([np.ascontiguousarray(part) for part in parts])
+
+    def of(self, columns: list[np.ndarray]) -> Particles:
+        """The particles of positions and fields, (N, widths[k]) each, not copied."""
+        shapes = {1: (-1,), 3: (-1, 3), 9: (-1, 3, 3)}
+        each = [column.reshape(shapes[column.shape[1]]) for column in columns]
+        fields: dict[str, Any] = dict(zip(self.each, each[1:], strict=True))
+        return Particles(each[0], **self.one, **fields)
+
+
+class Columns:
+    """The positions and fields of rows that come some at a time."""
+
+    def __init__(self, layout: Layout):
+        self._layout = layout
+        self._columns = [np.empty((0, width), np.float32) for width in layout.widths]
+
+    def add(self, rows: np.ndarray) -> None:
+        """Append rows (N, width)."""
+        parts = np.split(rows, np.cumsum(self._layout.widths)[:-1], axis=1)
+        for column, part in zip(self._columns, parts, strict=True):
+            n = len(column)
+            # Where arrays are large, the system moves their pages, not their bytes.
+            column.resize((n + len(part), part.shape[1]), refcheck=False)
+            column[n:] = part
+
+    def particles(self) -> Particles:
+        """All particles."""
+        return self._layout.of(self._columns)
 
 
 def layout_of(particles: Particles, support: float | None) -> Layout:
@@ -126,8 +153,14 @@ class Files:
 
     def add(self, piece: int, rows: np.ndarray) -> None:
         """Append rows (K, width) float32."""
-        with open(self._path(piece), "ab") as file:
-            file.write(np.ascontiguousarray(rows, np.float32).data)
+        try:
+            with open(self._path(piece), "ab") as file:
+                file.write(np.ascontiguousarray(rows, np.float32).data)
+        except OSError as error:
+            raise MemoryError(
+                f"memory: expected room for temporary files in {tempfile.gettempdir()}, which "
+                f"TMPDIR names, got: {error.strerror}"
+            ) from error
         self.counts[piece] += len(rows)
 
     def read(self, piece: int) -> np.ndarray:

@@ -71,7 +71,7 @@ class Wavefront:
         """What `make` makes of this rank's pixels; meanwhile, and until all ranks are done, this
         rank traces others' rays. An error of one rank is raised on all."""
         self._waiting, self._out, self._told = {}, {}, False
-        scenes = [list(spread.pieces._scenes.values()) for spread in self.layers.values()]
+        scenes = [list(spread.pieces.here().values()) for spread in self.layers.values()]
         builds = [scene.builds for part in scenes for scene in part]
         if self._builds not in (None, builds):
             raise ValueError(

@@ -170,6 +170,8 @@ class Scene:
         self._known: dict[str, Any] = {}  # the particles' fields when the octree was built
         self._build(particles)
 
+    _gives_up = False  # whether the build may empty the positions once it has read them
+
     def __new__(cls, *args: Any, **options: Any) -> Scene:
         """A scene; with `comm` one on ranks."""
         if cls is Scene and options.get("comm") is not None:
@@ -285,6 +287,7 @@ class Scene:
                 most_stretch,
                 one / SMOOTH_SUPPORT if smooth else 0.0,
                 *self._tree,
+                self._gives_up and one > 0,  # 0: another build follows
             )
 
         if support is ABSENT and one_support is None:
