@@ -21,6 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +33,10 @@ from playwright.sync_api import sync_playwright
 FLAGS = ["--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 MOST = 60.0  # s, for a task
 # The image, then all controls over it: left, top, right, bottom, pixels.
-BOXES = """() => [document.querySelector("#root canvas"),
-    ...document.querySelectorAll("#globule-desk > *, .mantine-Paper-root, .mantine-Notification-root")]
-  .map((part) => part.getBoundingClientRect()).map((b) => [b.left, b.top, b.right, b.bottom].map(Math.round))
+BOXES = """() => [document.querySelector("#root canvas"), ...document.querySelectorAll(
+    "#globule-desk > *, .mantine-Paper-root, .mantine-Notification-root")]
+  .map((part) => part.getBoundingClientRect())
+  .map((b) => [b.left, b.top, b.right, b.bottom].map(Math.round))
   .filter(([left, top, right, bottom]) => right > left && bottom > top)"""
 PAUSE = 0.15  # s between two moves of a mouse in a drag
 
@@ -47,12 +49,15 @@ class Person:
     """
 
     def __init__(self, page: Any):
-        self.page, self.clicks = page, 0
+        self.page, self.clicks, self.looked = page, 0, 0.0
 
     def see(self) -> np.ndarray:
-        """The window's pixels, (H, W, 3)."""
+        """The window's pixels, (H, W, 3). The time that this takes is not the person's."""
+        begin = time.monotonic()
         with Image.open(io.BytesIO(self.page.screenshot())) as image:
-            return np.asarray(image.convert("RGB")).astype(int)
+            pixels = np.asarray(image.convert("RGB")).astype(int)
+        self.looked += time.monotonic() - begin
+        return pixels
 
     def press(self, words: str) -> None:
         """Press the button that says these words; the toolbar is seen first."""
@@ -242,7 +247,7 @@ def grasp(person: Person) -> str:
     person.page.get_by_role("button", name="Play or pause").click()
     person.clicks += 1
     person.page.wait_for_timeout(500)
-    x, y = person.thing((0.8, 0.3), red=True)
+    x, y = person.thing((0.2, 0.3), red=True)
     person.drag((x, y), (x - 60, y - 60), hold=True)
     force = person.page.locator("#globule-desk .force:visible")
     try:
@@ -278,15 +283,17 @@ def start_page(folder: Path) -> Iterator[str]:
 
 def timed(person: Person, name: str, does: Callable[[], str], folder: Path) -> bool:
     """Do a task, print what came of it, keep what is seen; whether it was done within a minute."""
-    person.clicks, begin = 0, time.monotonic()
+    person.clicks, person.looked, begin = 0, 0.0, time.monotonic()
     try:
         said, done = does(), True
     except Exception as error:
         said, done = f"{type(error).__name__}: {str(error).splitlines()[0]}", False
-    seconds = time.monotonic() - begin
+    seconds = time.monotonic() - begin - person.looked
     done &= seconds < MOST
-    print(f"{name:28} {'done' if done else 'NOT DONE':8} {seconds:5.1f} s {person.clicks} clicks  {said}",
-          flush=True)  # fmt: skip
+    told = (
+        f"{name:24} {'done' if done else 'NOT DONE':8} {seconds:5.1f} s and {person.looked:.1f} s"
+    )
+    print(f"{told} of looking, {person.clicks} clicks: {said}", flush=True)
     person.page.screenshot(path=folder / f"{name.replace(' ', '-')}.png")
     return done
 
@@ -315,14 +322,12 @@ def main() -> int:
                 page.goto(address)
                 person = Person(page)
                 if title:
-                    does = lambda person=person, title=title: open_scene(person, title)
-                    failed += not timed(person, f"open {title}", does, options.output)
+                    opens = partial(open_scene, person, title)
+                    failed += not timed(person, f"open {title}", opens, options.output)
                 for task in wanted:
-                    more = (Path(folder),) if task is compare else ()
-                    does = lambda task=task, person=person, more=more: task(person, *more)
-                    failed += not timed(
-                        person, task.__name__.replace("_", " "), does, options.output
-                    )
+                    does = partial(task, person, *((Path(folder),) if task is compare else ()))
+                    name = task.__name__.replace("_", " ")
+                    failed += not timed(person, name, does, options.output)
                 page.close()
         browser.close()
     return failed

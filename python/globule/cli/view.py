@@ -17,7 +17,6 @@ import numpy as np
 from ..formats import FormatError
 from ..render.camera import Camera
 from ..render.presets import PRESETS
-from ..scene.particles import Particles
 from . import flags
 from .parser import Parser
 from .shared import UserError, check_device, mistakes
