@@ -57,7 +57,7 @@
   const draw = (made, name) => { if (made.dataset.icon !== name) { made.dataset.icon = name; made.replaceChildren(icon(name)); } };
 
   // What stands where
-  const desk = make("div", { id: "globule-desk", role: "region", "aria-label": "Tools, layers and time" });
+  const desk = make("div", { id: "globule-desk", role: "region", "aria-label": "Tools, layers and time", hidden: "" });
   const tools = make("div", { class: "bar tools", role: "toolbar", "aria-label": "Tools" });
   const layers = make("section", { class: "bar layers", "aria-label": "Layers" });
   const time = make("div", { class: "bar time", role: "group", "aria-label": "Timeline", hidden: "" });
@@ -286,7 +286,11 @@
   };
 
   const show = () => {
-    if (!tools.childElementCount) row();
+    if (desk.hidden) {  // a browser for which there is no place gets none of this
+      row();
+      desk.hidden = false;
+      if (kept("hints", "") !== "seen") tour(0);
+    }
     for (const [name, made] of Object.entries(choices)) made.setAttribute("aria-pressed", String(name === model.tool));
     of.plane.setAttribute("aria-pressed", String(model.plane));
     const looks = model.role === "look", [here, most] = model.people;
@@ -341,7 +345,7 @@
       }
     }
     feel(model.pull);
-    said.hidden = !model.said;
+    said.hidden = !model.said || (narrow.matches && !layers.hidden);
     if (said.dataset.words !== model.said) said.replaceChildren(...model.said.split("\n").map((line) => make("div", {}, line.trim())));
     said.dataset.words = model.said;
     split.hidden = model.compare === null;
@@ -424,7 +428,6 @@
     desk.addEventListener("keydown", (e) => { if (/^(Arrow|Home|End|Enter| )/.test(e.key)) e.stopPropagation(); });
     desk.classList.toggle("dark", kept("dark", matchMedia("(prefers-color-scheme: dark)").matches ? "1" : "0") === "1");
     open(kept("layers", innerWidth >= 1200 ? "1" : "0") === "1");
-    if (kept("hints", "") !== "seen") tour(0);
     setInterval(() => { place(); named(); remember(); }, 400);
     addEventListener("resize", place);
     addEventListener("globule", connect);
