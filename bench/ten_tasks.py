@@ -54,7 +54,7 @@ class Person:
     def see(self) -> np.ndarray:
         """The window's pixels, (H, W, 3). The time that this takes is not the person's."""
         begin = time.monotonic()
-        with Image.open(io.BytesIO(self.page.screenshot())) as image:
+        with Image.open(io.BytesIO(self.page.screenshot(timeout=1000 * MOST))) as image:
             pixels = np.asarray(image.convert("RGB")).astype(int)
         self.looked += time.monotonic() - begin
         return pixels
@@ -244,10 +244,9 @@ def cut_tissue(person: Person) -> str:
 
 def grasp(person: Person) -> str:
     person.press("Grasp")
+    x, y = person.thing((0.2, 0.3), red=True)
     person.page.get_by_role("button", name="Play or pause").click()
     person.clicks += 1
-    person.page.wait_for_timeout(500)
-    x, y = person.thing((0.2, 0.3), red=True)
     person.drag((x, y), (x - 60, y - 60), hold=True)
     force = person.page.locator("#globule-desk .force:visible")
     try:
@@ -294,7 +293,7 @@ def timed(person: Person, name: str, does: Callable[[], str], folder: Path) -> b
         f"{name:24} {'done' if done else 'NOT DONE':8} {seconds:5.1f} s and {person.looked:.1f} s"
     )
     print(f"{told} of looking, {person.clicks} clicks: {said}", flush=True)
-    person.page.screenshot(path=folder / f"{name.replace(' ', '-')}.png")
+    person.page.screenshot(path=folder / f"{name.replace(' ', '-')}.png", timeout=1000 * MOST)
     return done
 
 
