@@ -320,9 +320,9 @@ def _parts_of_sweeps() -> list[str]:
             for t in range(8)
         ) + "]}", encoding="utf-8"
     )  # fmt: skip
-    _real("ultrasound", "*.xml")
+    real = _real("ultrasound", "LNMEAN.xml")
     return ["poses.csv", "poses.json", "probe.toml", "config.xml", "frames/frame_0002.png",
-            "LNMEAN.xml", "marks.csv"]  # fmt: skip
+            *real, "marks.csv"]  # fmt: skip
 
 
 def _read_part(path: str) -> None:

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, blob, open_folder, until
+from viewer_helpers import Watched, blob, drag_along, open_folder, until
 from waiting import PATIENCE
 
 pytest.importorskip("viser")
@@ -192,7 +192,20 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
         press("Layers")
         desk.get_by_label("Color by").select_option("speed")
         until(lambda: state.color.by == "speed")
-        desk.get_by_role("img", name="Histogram of speed").wait_for()
+        histogram = desk.get_by_role("img", name="Histogram of speed")
+        histogram.wait_for()
+        box = histogram.bounding_box()
+        ends = [(box["x"] + share * box["width"], box["y"] + 20) for share in (0.25, 0.75)]
+        drag_along(page, ends)
+        page.mouse.up()
+        until(lambda: not state.color.automatic)
+        lowest, highest = (f(watched.viewer.source.particles().attributes["speed"])
+                           for f in (np.min, np.max))  # fmt: skip
+        asked = np.array([state.color.low, state.color.high])
+        shares = (asked - lowest) / (highest - lowest)
+        assert np.allclose(shares, [0.25, 0.75], atol=0.02)
+        press("Whole range")
+        until(lambda: state.color.automatic)
         press("Measure")
         until(lambda: next(iter(watched.viewer.page.tools.hands.values())).tool == "Measure")
         press("Cutting plane")

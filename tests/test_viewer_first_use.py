@@ -18,6 +18,7 @@ from globule.viewer.guard import Guard
 from globule.viewer.open import open_source
 from globule.viewer.overlay import Mark, draw_marks, finish, free_below, project
 from globule.viewer.page import LONGEST_NAME, shortened
+from globule.viewer.page.tools import Hand
 from globule.viewer.simulation_source import SimulationSource
 from globule.viewer.state import State
 from viewer_helpers import Watched, blob, choose, open_folder, until
@@ -37,6 +38,19 @@ def test_names_and_legend_are_as_sharp_in_a_moving_picture():
     assert np.array_equal(*seen)
     assert (seen[0] != large).any()
     assert finish(small, state, CAMERA, [], [], None, (0.0, 1.0)).shape == small.shape
+
+
+def test_a_click_beside_the_surface_takes_the_nearest():
+    frame = SimpleNamespace(size=(200, 100))
+    depth = np.full((100, 200), np.inf)
+    depth[50, 80], depth[51, 82] = 1.0, 0.5
+    hand = SimpleNamespace(_depth=lambda frame: depth)
+    nearest = Hand._nearest
+    assert nearest(hand, frame, 79, 50) == (80, 50)
+    assert nearest(hand, frame, 83, 51) == (82, 51)
+    assert nearest(hand, frame, 78, 50) is None  # 2 of 100 rows away
+    assert nearest(hand, frame, 0, 0) is None
+    assert nearest(hand, frame, 199, 99) is None
 
 
 def test_no_name_covers_another():

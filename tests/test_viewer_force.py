@@ -92,6 +92,16 @@ def test_a_hand_that_pulls_is_said_its_force():
     assert source.pull_words() == ""
 
 
+def test_a_hand_beside_the_tissue_is_said_that_it_holds_nothing():
+    source, _ = held_block()
+    source.grasp(hand_at((0.03, 0.03, 0.03)), "start", MIDDLE, MIDDLE)
+    assert source.pull_words() == ""  # until a step has looked
+    steps(source, 2)
+    assert source.pull_words() == "nothing to hold here"
+    source.grasp(hand_at((0.03, 0.03, 0.03)), "end", MIDDLE, MIDDLE)
+    assert source.pull_words() == ""
+
+
 def test_no_word_waits_for_a_running_step():
     source, hand = held_block()
     source.grasp(hand, "start", MIDDLE, MIDDLE)

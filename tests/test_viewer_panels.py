@@ -208,7 +208,7 @@ def test_a_stroke_with_the_tool_cut_cuts(watched):
     page = watched.pages[0]
     before = watched.still(page)
     take_tool(page, "Cut")
-    page.get_by_text("Draw a line across the surface to cut it.", exact=True).wait_for()
+    page.get_by_text("Draw a line across the surface to cut it.", exact=True).first.wait_for()
     camera = page.client.camera
     stroke(page, (150, 300), (535, 465))
     until(lambda: watched.viewer.state.cuts.plane, "for the cutting plane")
@@ -239,8 +239,13 @@ def test_click_says_what_is_there_and_two_clicks_measure(watched):
     choose(page, "Mouse tool", "Measure")
     page.mouse.click(300, 380)
     until(lambda: len(hand.picked) == 1)
+    note = page.locator("#globule-desk .said")
+    note.get_by_text("Click the second point.").wait_for()
+    page.mouse.click(30, 700)  # beside the surface: the first point stays
+    note.get_by_text("There is no surface here.").wait_for()
     page.mouse.click(400, 450)
-    page.get_by_text(re.compile("Distance")).wait_for()
+    note.get_by_text(re.compile("Distance")).wait_for()
+    page.get_by_text(re.compile("Distance")).first.wait_for()
     a, b = (p.position.astype(float) for p in hand.picked)
     assert f"{np.linalg.norm(b - a):.6g}" in hand.text.content
     measured = watched.still(page, lambda p: not np.array_equal(p, marked))

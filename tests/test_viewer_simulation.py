@@ -145,7 +145,7 @@ def test_a_scalpel_stroke_leaves_two_pieces(block):
     assert sim.tissue.n_pieces == 1
     block.viewer.source.cut_depth = None  # all through
     take_tool(page, "Cut")
-    page.get_by_text("Draw a line across the surface to cut it.", exact=True).wait_for()
+    page.get_by_text("Draw a line across the surface to cut it.", exact=True).first.wait_for()
     where = outline(block, page)
     middle = where.mean(axis=0)
     stroke(page, (middle[0], where[:, 1].min() - 40), (middle[0], where[:, 1].max() + 40))
@@ -158,7 +158,7 @@ def test_a_shallow_stroke_leaves_one_piece(block):
     page, source = block.page(), block.viewer.source
     source.cut_depth = 0.012
     take_tool(page, "Cut")
-    page.get_by_text("Draw a line across the surface to cut it.", exact=True).wait_for()
+    page.get_by_text("Draw a line across the surface to cut it.", exact=True).first.wait_for()
     where = outline(block, page)
     middle = where.mean(axis=0)
     ends = (middle[0], where[:, 1].min() - 40), (middle[0], where[:, 1].max() + 40)
@@ -174,7 +174,9 @@ def test_grasping_pulls_tissue(block):
     page, source = block.page(), block.viewer.source
     sim = source.simulation
     take_tool(page, "Grasp")
-    page.get_by_text("Drag a part of the surface while the simulation runs.", exact=True).wait_for()
+    page.get_by_text(
+        "Run the simulation, then drag a part of the surface.", exact=True
+    ).first.wait_for()
     phase = list(sim.phases).index("block")
     before = sim.positions[sim.arrays.phase == phase]
     where = outline(block, page)
@@ -299,8 +301,8 @@ def test_suction_follows_a_stroke_on_the_surface(pool):
     page, source = pool.page(), pool.viewer.source
     sim = source.simulation
     take_tool(page, "Suction")
-    text = "Drag over the fluid to remove it while the simulation runs."
-    page.get_by_text(text, exact=True).wait_for()
+    text = "Run the simulation, then drag over the fluid to remove it."
+    page.get_by_text(text, exact=True).first.wait_for()
     press(page, "Run")
     until(lambda: sim.n_steps > 3)
     assert sim.record.n_removed == 0

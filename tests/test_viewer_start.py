@@ -117,7 +117,9 @@ def test_uploads_that_are_refused(start, tmp_path):
             ("a.npz", b"no archive", None, "a.npz"),
         ):
             send(connection, name, data, size)
-            assert why in heard(connection, "error")
+            said = heard(connection, "error")
+            assert why in said
+            assert said.startswith(f"{name}: ")  # without the folder of the copy
     assert start.source is None
 
 

@@ -17,7 +17,6 @@ import numpy as np
 from ..formats import FormatError
 from ..render.camera import Camera
 from ..render.presets import PRESETS
-from ..scene.particles import Particles
 from . import flags
 from .parser import Parser
 from .shared import UserError, check_device, mistakes
@@ -134,15 +133,14 @@ def run(options: argparse.Namespace) -> None:
 
 def start_page(options: argparse.Namespace, given: dict[str, Any]) -> tuple[Start, Source]:
     """Wait until a person has chosen on the start page what to show."""
-    from .._demo.data import dam_break
+    from .._demo.data import dam_break_particles
     from ..viewer.open import open_source
     from ..viewer.source import SceneSource
     from ..viewer.start import LOCAL, SPLASH, Start
 
     def chosen(name: str) -> Source:
         if name == SPLASH:
-            positions, color, _ = dam_break()
-            return SceneSource(SPLASH, Particles(positions, color=color))
+            return SceneSource(SPLASH, dam_break_particles()[0])
         return open_source(name, options.device, options.threads, **given)
 
     start = Start(chosen, options.host, options.port, options.demand_token)

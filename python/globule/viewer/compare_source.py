@@ -42,6 +42,11 @@ class CompareSource(Source):
         self.reading, self.beside = first.reading, first.beside
 
     @property
+    def sides(self) -> list[str]:
+        """The names left and right of the divider."""
+        return [self.first.name, self.second.name]
+
+    @property
     def is_mesh(self) -> bool:
         """Whether the first layer is a mesh."""
         return getattr(self.first, "is_mesh", False)

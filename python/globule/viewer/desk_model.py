@@ -50,6 +50,7 @@ class Model:
             "recording": browser.client_id in saving._recorders,
             "time": self._time(),
             "pull": self.pull(),
+            "said": hand.said if hand else "",
             "layers": self._layers(),
             "color": {
                 "by": state.color.by,
@@ -64,6 +65,7 @@ class Model:
             "line": self._line(client),
             "series": over_time(self.viewer.source, self.series.get(browser.client_id, "")),
             "compare": state.compare.at if self.viewer.source.kind == "compare" else None,
+            "sides": getattr(self.viewer.source, "sides", []),
         }
 
     def pull(self) -> str:

@@ -481,7 +481,9 @@ class SimulationSource(Source):
 
     def pull_words(self) -> str:
         """The force on the hand in the last step, or "" without tissue; never waits for `lock`."""
-        force = self._pulled
+        force, held = self._pulled, self._held
+        if self._target is not None and held is not None and not len(held):
+            return "nothing to hold here"
         return "" if force is None or self._target is None else newtons(force)
 
     def _extent(self) -> float:

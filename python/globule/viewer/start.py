@@ -155,7 +155,9 @@ class Start:
                 except Exception as error:
                     first.clear()
                     words = str(error) or type(error).__name__
-                    words = words.replace(self._folder + os.sep, "")
+                    words = re.sub(
+                        re.escape(self._folder + os.sep) + f"[^{os.sep}]+{os.sep}", "", words
+                    )
                     await connection.send(json.dumps({"error": words}))
 
     async def _do(self, connection: Any, text: str | bytes, first: list[str]) -> None:

@@ -57,7 +57,7 @@
   const draw = (made, name) => { if (made.dataset.icon !== name) { made.dataset.icon = name; made.replaceChildren(icon(name)); } };
 
   // What stands where
-  const desk = make("div", { id: "globule-desk", role: "region", "aria-label": "Tools, layers and time" });
+  const desk = make("div", { id: "globule-desk", role: "region", "aria-label": "Tools, layers and time", hidden: "" });
   const tools = make("div", { class: "bar tools", role: "toolbar", "aria-label": "Tools" });
   const layers = make("section", { class: "bar layers", "aria-label": "Layers" });
   const time = make("div", { class: "bar time", role: "group", "aria-label": "Timeline", hidden: "" });
@@ -65,8 +65,9 @@
   const split = make("div", { class: "split", role: "slider", tabindex: "0", "aria-label": "Divider between the two data sets", "aria-valuemin": "0", "aria-valuemax": "100", hidden: "" });
   const plots = make("section", { class: "bar plots", "aria-label": "Plots", hidden: "" });
   const people = make("div", { class: "card people", role: "status", hidden: "" });
+  const said = make("div", { class: "card said", role: "status", hidden: "" });
   const force = make("div", { class: "force", "aria-hidden": "true", hidden: "" });
-  desk.append(tools, layers, time, plots, hint, split, people, force);
+  desk.append(tools, layers, time, plots, hint, split, people, said, force);
 
   const of = {
     plane: button("plane", "Cutting plane", () => set({ cuts__plane: !model.plane }), "Cutting plane on or off; drag its handles (key C)"),
@@ -236,7 +237,10 @@
   time.append(run, back, scrub, next, words, again, reset);
 
   // Hints
+  let shown = HINTS.length;
+  const done = (i) => { if (shown === i) tour(i + 1); };  // a person has done what the hint says
   const tour = (i) => {
+    shown = i;
     hint.hidden = i >= HINTS.length;
     if (hint.hidden) { keep("hints", "seen"); return; }
     const last = i === HINTS.length - 1;
@@ -245,6 +249,15 @@
       make("button", { type: "button", class: "text", onclick: () => tour(i + 1) }, last ? "Done" : "Next hint"),
       ...(last ? [] : [" ", make("button", { type: "button", class: "text", onclick: () => tour(HINTS.length) }, "Skip")]));
   };
+
+  let pressed = null;  // where a mouse went down on the image
+  addEventListener("pointerdown", (e) => { pressed = e.target.closest("#globule-desk, .mantine-Paper-root") ? null : [e.clientX, e.clientY]; }, true);
+  addEventListener("pointerup", (e) => {
+    if (pressed) done(Math.hypot(e.clientX - pressed[0], e.clientY - pressed[1]) > 8 ? 0 : 1);
+    pressed = null;
+  }, true);
+  tools.addEventListener("click", (e) => { if (e.target.closest("button") !== of.help) done(1); });
+  layers.addEventListener("change", () => done(2));
 
   // Two data sets side by side
   const divide = (share) => { if (model.role === "look") return; sent = Date.now(); split.style.left = `${100 * share}%`; set({ compare__at: Math.min(1, Math.max(0, share)) }); };
@@ -273,7 +286,11 @@
   };
 
   const show = () => {
-    if (!tools.childElementCount) row();
+    if (desk.hidden) {  // a browser for which there is no place gets none of this
+      row();
+      desk.hidden = false;
+      if (kept("hints", "") !== "seen") tour(0);
+    }
     for (const [name, made] of Object.entries(choices)) made.setAttribute("aria-pressed", String(name === model.tool));
     of.plane.setAttribute("aria-pressed", String(model.plane));
     const looks = model.role === "look", [here, most] = model.people;
@@ -328,7 +345,14 @@
       }
     }
     feel(model.pull);
+    said.hidden = !model.said || (narrow.matches && !layers.hidden);
+    if (said.dataset.words !== model.said) said.replaceChildren(...model.said.split("\n").map((line) => make("div", {}, line.trim())));
+    said.dataset.words = model.said;
     split.hidden = model.compare === null;
+    if (split.dataset.sides !== model.sides.join("\n")) {
+      split.dataset.sides = model.sides.join("\n");
+      split.replaceChildren(...model.sides.map((name) => make("span", {}, name)));
+    }
     if (model.compare !== null && Date.now() - sent > 700) split.style.left = `${100 * model.compare}%`;
     split.setAttribute("aria-valuenow", String(Math.round(100 * (model.compare ?? 0))));
   };
@@ -376,7 +400,7 @@
     for (const part of narrow.matches ? document.querySelectorAll("#root .mantine-Paper-root:not(.globule-panel)") : [])
       if (getComputedStyle(part).position === "fixed") part.classList.add("globule-panel");
     document.documentElement.style.setProperty("--globule-left", layers.hidden || narrow.matches ? "10px" : `${layers.offsetLeft + layers.offsetWidth + 9}px`);
-    layers.style.top = `${tools.offsetTop + tools.offsetHeight + 9}px`;
+    layers.style.top = said.style.top = `${tools.offsetTop + tools.offsetHeight + 9}px`;
     Object.assign(desk.style, { left: `${box.left}px`, top: `${box.top}px`, width: `${box.width}px`, height: `${box.height}px` });
   };
 
@@ -404,7 +428,6 @@
     desk.addEventListener("keydown", (e) => { if (/^(Arrow|Home|End|Enter| )/.test(e.key)) e.stopPropagation(); });
     desk.classList.toggle("dark", kept("dark", matchMedia("(prefers-color-scheme: dark)").matches ? "1" : "0") === "1");
     open(kept("layers", innerWidth >= 1200 ? "1" : "0") === "1");
-    if (kept("hints", "") !== "seen") tour(0);
     setInterval(() => { place(); named(); remember(); }, 400);
     addEventListener("resize", place);
     addEventListener("globule", connect);

@@ -20,6 +20,7 @@ GRASP, SUCTION = "Grasp", "Suction"
 DRAGGED = (CUT, GRASP, SUCTION)  # tools with which a drag does not rotate the view
 HINT = "*Cut* cuts along a line that you draw. *Measure* gives the distance of two clicks."
 MOST_POINTS = 400  # of a stroke
+MISSED = 0.01  # of the image's height, by which a click may miss the surface
 STAYS = 4.0  # s that a stroke is shown
 WOUND = (60, 8, 12)
 LONGEST = 12  # attributes in the panel
@@ -87,6 +88,15 @@ class Hand:
         """The name of the current tool."""
         return self.choice.value
 
+    @property
+    def said(self) -> str:
+        """What the tool asks for or has found, for a note below the toolbar; without the values of
+        a picked point, which are a table."""
+        text = self.text.content
+        if self.tool == MEASURE and text.startswith("|"):
+            return "Click the second point."
+        return "" if text == HINT or text.startswith("|") else text.replace("*", "")
+
     def next_tool(self) -> None:
         """Select the next tool."""
         at = self.choices.index(self.tool)
@@ -110,10 +120,10 @@ class Hand:
         self.client.mark([])
         self.text.content = {
             ROTATE: HINT,
-            MEASURE: "Click two points.",
+            MEASURE: "Click two points of the surface.",
             CUT: "Draw a line across the surface to cut it.",
-            GRASP: "Drag a part of the surface while the simulation runs.",
-            SUCTION: "Drag over the fluid to remove it while the simulation runs.",
+            GRASP: "Run the simulation, then drag a part of the surface.",
+            SUCTION: "Run the simulation, then drag over the fluid to remove it.",
         }[tool]
         if self._catcher is not None:
             self._catcher.remove()
@@ -130,9 +140,10 @@ class Hand:
             return
         found = self.pick(event.screen_pos)
         if found is None:
-            self.picked = []
-            self.client.mark([])
-            self.text.content = "There is no surface."
+            if self.tool != MEASURE:  # whose first point stays
+                self.picked = []
+                self.client.mark([])
+            self.text.content = "There is no surface here."
             return
         self.picked = [*self.picked, found][-2:] if self.tool == MEASURE else [found]
         if self.tool == MEASURE and len(self.picked) == 2:
@@ -169,6 +180,8 @@ class Hand:
         self.viewer.engine.interrupt()  # a person waits
         with self.viewer.source.lock:
             found = frame.pick(column, row)
+            if found is None and (near := self._nearest(frame, column, row)) is not None:
+                found = frame.pick(*near)
             before = self.viewer.source.probe(
                 self.viewer.state.snapshot(),
                 self.client.camera,
@@ -177,6 +190,18 @@ class Hand:
                 np.inf if found is None else found.distance,
             )
             return before or found
+
+    def _nearest(self, frame: Any, column: int, row: int) -> tuple[int, int] | None:
+        """The pixel with a surface that is nearest to another, if it is within `MISSED`."""
+        reach = max(1, round(MISSED * frame.size[1]))
+        left, top = max(0, column - reach), max(0, row - reach)
+        near = self._depth(frame)[top : row + reach + 1, left : column + reach + 1]
+        rows, columns = np.nonzero(np.isfinite(near))
+        far = np.hypot(columns + left - column, rows + top - row)
+        if not far.size or far.min() > reach:
+            return None
+        i = int(far.argmin())
+        return left + int(columns[i]), top + int(rows[i])
 
     @staticmethod
     def _pixel(frame: Any, screen: tuple[float, float]) -> tuple[int, int]:
