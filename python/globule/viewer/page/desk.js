@@ -346,8 +346,7 @@
     }
     feel(model.pull);
     said.hidden = !model.said || (narrow.matches && !layers.hidden);
-    if (said.dataset.words !== model.said) said.replaceChildren(...model.said.split("\n").map((line) => make("div", {}, line.trim())));
-    said.dataset.words = model.said;
+    if (said.textContent !== model.said) said.textContent = model.said;
     split.hidden = model.compare === null;
     if (split.dataset.sides !== model.sides.join("\n")) {
       split.dataset.sides = model.sides.join("\n");

@@ -90,9 +90,9 @@ class Hand:
 
     @property
     def said(self) -> str:
-        """What the tool asks for or has found, for a note below the toolbar; without the values of
-        a picked point, which are a table."""
-        text = self.text.content
+        """What the tool asks for or has found, for a note below the toolbar: the first line;
+        without the values of a picked point, which are a table."""
+        text = self.text.content.partition("\n")[0].strip()
         if self.tool == MEASURE and text.startswith("|"):
             return "Click the second point."
         return "" if text == HINT or text.startswith("|") else text.replace("*", "")
