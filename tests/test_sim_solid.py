@@ -147,6 +147,27 @@ def test_random_cuts_leave_finite_numbers_and_every_particle(backend):
     assert tissue.n_pieces >= 1
 
 
+@pytest.mark.parametrize("seed", [9, 10])
+def test_strained_tissue_gets_shorter_substeps(backend, seed):
+    """Dragged about between cuts; with the substeps of rest these two explode."""
+    rng = np.random.default_rng(seed)
+    x = lattice(8, 8, 8)
+    tissue = truths.solid(x, 0.45, fixed=x[:, 2] < D / 2, damping=2.0, tear=0.7, **backend)
+    substeps = []
+    for k in range(100):
+        p, q = rng.uniform(-1, 8, (2, 3)) * D
+        w, c, u = rng.normal(size=3) * 2 * D, rng.uniform(0, 8, 3) * D, rng.normal(0, 0.02, 3)
+        if k % 5 == 0:
+            tissue.cut(np.array([[p, q, p + w]]))
+        if k % 7 == 0:
+            tissue.grasp(c, 2 * D, 0)
+            tissue.instruments([(u, (0, 0, 0), (0, 0, 0))])
+        substeps.append(tissue.advance(1 / 60, GRAVITY))
+        tissue.tear(1 / 60)
+    assert np.linalg.norm(tissue.velocities, axis=1).max() < 20
+    assert min(substeps) < 70 < 90 < max(substeps)
+
+
 def test_same_bits_whatever_the_threads():
     x = lattice(15, 15, 15)
     found = []

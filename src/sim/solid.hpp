@@ -209,6 +209,70 @@ struct Push {
     }
 };
 
+/// Σ_j c_ij x_ij ⊗ X_ij C_i, row by row.
+GB_FN void gradient(const Bonds& bonds, const Solid& solid, const Quad* at, std::uint32_t t, double f[9]) {
+    const float3 here = at[t].xyz(), rest = solid.rest[t].xyz();
+    double d[9] = {};
+    for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+        if (!(bonds.length[e] > 0.0f)) continue;
+        const float3 r = at[bonds.other[e]].xyz() - here, R = solid.rest[bonds.other[e]].xyz() - rest;
+        const double c = solid_weight(bonds.length[e] / solid.spacing), x[3] = {r.x, r.y, r.z}, X[3] = {R.x, R.y, R.z};
+        for (int a = 0; a < 9; ++a) d[a] += c * x[a / 3] * X[a % 3];
+    }
+    const auto C = [&](int a) { return double(solid.correction[a * std::size_t(solid.stride) + t]); };
+    const double c[9] = {C(0), C(1), C(2), C(1), C(3), C(4), C(2), C(4), C(5)};
+    for (int a = 0; a < 9; ++a) {
+        f[a] = 0.0;
+        for (int k = 0; k < 3; ++k) f[a] += d[a / 3 * 3 + k] * c[3 * k + a % 3];
+    }
+}
+/// Σ_j c_ij |C_i X_ij|, in 1/m.
+GB_FN double steepness(const Bonds& bonds, const Solid& solid, std::uint32_t t) {
+    const float3 rest = solid.rest[t].xyz();
+    const auto C = [&](int a) { return solid.correction[a * std::size_t(solid.stride) + t]; };
+    double sum = 0.0;
+    for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+        if (!(bonds.length[e] > 0.0f)) continue;
+        const float3 R = solid.rest[bonds.other[e]].xyz() - rest;
+        const float3 g{C(0) * R.x + C(1) * R.y + C(2) * R.z, C(1) * R.x + C(3) * R.y + C(4) * R.z, C(2) * R.x + C(4) * R.y + C(5) * R.z};
+        sum += solid_weight(bonds.length[e] / solid.spacing) * length(g);
+    }
+    return sum;
+}
+/// cof F; returns J.
+GB_FN double cofactor(const double f[9], double k[9]) {
+    for (int a = 0; a < 9; ++a) {
+        const int i = a / 3, j = a % 3, i1 = (i + 1) % 3, i2 = (i + 2) % 3, j1 = (j + 1) % 3, j2 = (j + 2) % 3;
+        k[a] = f[3 * i1 + j1] * f[3 * i2 + j2] - f[3 * i1 + j2] * f[3 * i2 + j1];
+    }
+    return f[0] * k[0] + f[1] * k[1] + f[2] * k[2];
+}
+
+/// How many times as stiff as in a block at rest a particle may be.  Strained: ∂P/∂F = μ + (λ + μ) cof F ⊗ cof F + ((λ + μ)(J - 1) - μ) ∂cof F/∂F,
+/// whose last factor is at most |F|.  With few neighbors on one side: F follows each of them more steeply than in the corner of a block.
+inline constexpr double kSteepCorner = 3.0;  ///< Σ c |C X|, 1/spacings
+struct Stiffening {
+    Bonds bonds;
+    Solid solid;
+    const Quad* at;
+    const float* stays;  ///< as in Memory: a yielded shape's metric G multiplies μ
+    GB_FN double operator()(std::size_t i) const {
+        const std::uint32_t t = std::uint32_t(i);
+        if (!(at[t].w > 0.0f)) return 1.0;  // springs
+        double f[9], k[9], squares = 0.0, area = 0.0;
+        gradient(bonds, solid, at, t, f);
+        const double J = cofactor(f, k), mu = solid.lame[t], lambda = solid.lame[solid.stride + t];
+        for (int a = 0; a < 9; ++a) squares += f[a] * f[a], area += k[a] * k[a];
+        const double yielded = stays ? max(double(stays[t]) + stays[3 * std::size_t(solid.stride) + t] + stays[5 * std::size_t(solid.stride) + t], 0.0) : 0.0;
+        const double s = (lambda + mu) * (J - 1.0) - mu, strained = (mu * (1.0 + yielded) + (lambda + mu) * area + max(s, -s) * sqrt(squares)) / (5.0 * mu + 3.0 * lambda);
+        const double steep = steepness(bonds, solid, t) * solid.spacing / kSteepCorner;
+        return strained * max(steep * steep, 1.0);
+    }
+};
+struct Largest {
+    GB_FN double operator()(double a, double b) const { return a > b ? a : b; }
+};
+
 /// Energy of each particle, J; springs stand with half at either end.
 struct SolidEnergy {
     Bonds bonds;
@@ -220,7 +284,7 @@ struct SolidEnergy {
         const std::uint32_t t = std::uint32_t(i);
         const float3 here = at[t].xyz(), rest = solid.rest[t].xyz();
         const double b = at[t].w;
-        double d[9] = {}, f[9], springs = 0.0;
+        double f[9], k[9], springs = 0.0, squares = 0.0, steady = 0.0;
         const auto each = [&](const auto& fn) {
             for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
                 if (!(bonds.length[e] > 0.0f)) continue;
@@ -229,27 +293,22 @@ struct SolidEnergy {
                 fn(e, double(solid_weight(bonds.length[e] / solid.spacing)), x, X);
             }
         };
-        each([&](std::uint32_t e, double c, const double* x, const double* X) {
-            for (int a = 0; a < 9; ++a) d[a] += c * x[a / 3] * X[a % 3];
-            const double stretch = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) - bonds.length[e];
-            if (b < 0.0) springs += 0.25 * bonds.stiffness[e] * stretch * stretch;
-        });
-        if (b < 0.0) return springs;
-        const auto C = [&](int a) { return double(solid.correction[a * std::size_t(solid.stride) + t]); };
-        const double c[9] = {C(0), C(1), C(2), C(1), C(3), C(4), C(2), C(4), C(5)};
-        double squares = 0.0, steady = 0.0;
-        for (int a = 0; a < 9; ++a) {
-            f[a] = 0.0;
-            for (int k = 0; k < 3; ++k) f[a] += d[a / 3 * 3 + k] * c[3 * k + a % 3];
-            squares += f[a] * f[a];
+        if (b < 0.0) {
+            each([&](std::uint32_t e, double, const double* x, const double*) {
+                const double stretch = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) - bonds.length[e];
+                springs += 0.25 * bonds.stiffness[e] * stretch * stretch;
+            });
+            return springs;
         }
+        gradient(bonds, solid, at, t, f);
+        const double J = cofactor(f, k);
+        for (const double v : f) squares += v * v;
         each([&](std::uint32_t, double w, const double* x, const double* X) {
             for (int a = 0; a < 3; ++a) {
                 const double off = x[a] - f[3 * a] * X[0] - f[3 * a + 1] * X[1] - f[3 * a + 2] * X[2];
                 steady += w * off * off;
             }
         });
-        const double J = f[0] * (f[4] * f[8] - f[5] * f[7]) - f[1] * (f[3] * f[8] - f[5] * f[6]) + f[2] * (f[3] * f[7] - f[4] * f[6]);
         const double mu = solid.lame[t], lambda = solid.lame[solid.stride + t];
         const double energy = 0.5 * mu * (squares - 3.0) - mu * (J - 1.0) + 0.5 * (lambda + mu) * (J - 1.0) * (J - 1.0) + 0.5 * b * steady;
         return n_terms || stays ? energy + energy_of_memory(terms, n_terms, stays, solid.stride, t, f, mu) : energy;

@@ -380,6 +380,8 @@ public:
 
 private:
     static constexpr float kWithin = 2.6f;             ///< spacings at rest: a solid's pairs that are closer are its stress's, not the density solve's
+    static constexpr double kBorne = 1.5, kMostStiffening = 64.0;
+    static constexpr int kSubstepsOfPart = 16;         ///< after as many the strain is looked at again
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
     static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
 
@@ -452,11 +454,16 @@ private:
         return {felt_.data(), n_, gravity};
     }
 
-    /// Symplectic: exact at rest, and energy neither grows nor decays.
+    /// Of the solid's stiffest particle, over what substeps bear by themselves: they are stable up to four times the stiffness at rest.
+    double stiffening(const Quad* at) {
+        double most, *out = energy_.reserve(1);
+        exec_.reduce_in_order(n_, tissue::Stiffening{bonds(), solid(), at, yielded_ ? stays_.data() : nullptr}, tissue::Largest{}, 1.0, out);
+        exec_.download(&most, out, sizeof most);
+        return std::min(std::max(1.0, most / kBorne), kMostStiffening);  // 1 where it is no number
+    }
+    /// Symplectic: exact at rest, and energy neither grows nor decays.  Strain changes within a step, and with it the substeps.
     int take_solid_substeps(float whole_dt, int asked, const float3& gravity) {
         moved();
-        const int n_substeps = asked > 0 ? asked : substeps(whole_dt);
-        const float dt = whole_dt / float(n_substeps);
         correct();
         if (yields_ && !yielded_) {
             const std::size_t size = 6 * std::size_t(stride());
@@ -465,20 +472,28 @@ private:
         }
         const tissue::Felt felt = begin_felt(whole_dt, gravity);
         Quad *at = at_.data(), *next = next_.data();
-        for (int s = 0; s < n_substeps; ++s) {
-            shapes_.move(dt);
-            if (n_terms_ || yielded_) {
-                const tissue::Memory memory{terms_.data(), yielded_ ? stays_.data() : nullptr, phase_.data(), materials_, n_terms_, stride(), n_, dt};
-                exec_.for_each_packet(n_, tissue::Strain<tissue::Memory>{bonds(), solid(), at, memory});
-            } else {
-                exec_.for_each_packet(n_, tissue::Strain<tissue::NoMemory>{bonds(), solid(), at, {}});
+        const int n_parts = asked > 0 ? 1 : ceil_div(substeps(whole_dt), kSubstepsOfPart);
+        const float part_dt = whole_dt / float(n_parts);
+        int n_done = 0;
+        for (int part = 0; part < n_parts; ++part) {
+            const int n_substeps = asked > 0 ? asked : substeps(part_dt * float(std::sqrt(stiffening(at))));
+            const float dt = part_dt / float(n_substeps);
+            for (int s = 0; s < n_substeps; ++s) {
+                shapes_.move(dt);
+                if (n_terms_ || yielded_) {
+                    const tissue::Memory memory{terms_.data(), yielded_ ? stays_.data() : nullptr, phase_.data(), materials_, n_terms_, stride(), n_, dt};
+                    exec_.for_each_packet(n_, tissue::Strain<tissue::Memory>{bonds(), solid(), at, memory});
+                } else {
+                    exec_.for_each_packet(n_, tissue::Strain<tissue::NoMemory>{bonds(), solid(), at, {}});
+                }
+                exec_.for_each_packet(n_, tissue::Push{bonds(), solid(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
+                                                       materials_, motions_, shapes_, felt, dt});
+                std::swap(at, next);
             }
-            exec_.for_each_packet(n_, tissue::Push{bonds(), solid(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
-                                                   materials_, motions_, shapes_, felt, dt});
-            std::swap(at, next);
+            n_done += n_substeps;
         }
         if (at != at_.data()) at_.swap(next_);
-        return n_substeps;
+        return n_done;
     }
 
     int take_substeps(float whole_dt, int asked, int iterations, const float3& gravity) {
