@@ -57,6 +57,21 @@ def test_gsd(tmp_path):
     assert close(got.box.edges, [[1, 0, 0], [0.2, 1, 0], [0, 0, 1]])
 
 
+@pytest.mark.interop
+def test_gsd_with_the_box_that_is_not_written(tmp_path):
+    """HOOMD leaves out what is the default of its schema: a periodic box with edges of 1."""
+    hoomd = pytest.importorskip("gsd.hoomd")
+    with hoomd.open(tmp_path / "run.gsd", "w") as file:
+        frame = hoomd.Frame()
+        frame.configuration.box = [1, 1, 1, 0, 0, 0]
+        frame.particles.N, frame.particles.position = 1, [[0.75, 0, 0]]
+        file.append(frame)
+    got = read_contents(tmp_path / "run.gsd")
+    assert got.box.periodic == (True, True, True)
+    assert np.array_equal(got.box.edges, np.eye(3))
+    assert close(got.particles.positions, [[-0.25, 0, 0]])
+
+
 # LAMMPS
 
 DUMP = """ITEM: TIME
@@ -316,6 +331,7 @@ TABLES = {
     "tabs": "x\ty\tz\trho (kg/m3)\n1\t2\t3\t1000\n# half\n4\t5\t6\t1001\n",
     "blanks": "% x y z rho\n1 2 3 1000\n4 5 6 1001\n",
     "commas": "x,y,z,rho\n1,2,3,1000\n4,5,6,1001\n",
+    "bars": "x|y|z|rho\n1|2|3|1000\n4|5|6|1001\n",
     "comment": "# time = 0.5\n# x, y, z, rho\n1,2,3,1000\n4,5,6,1001\n",
 }
 
@@ -388,5 +404,8 @@ def test_a_reader_of_another_package(tmp_path, monkeypatch):
         assert np.array_equal(gb.read(tmp_path / "no_ending").positions, [[1, 2, 3]])
         (tmp_path / "a.rows").write_text("9 9 9\n1 2 3\n")  # looks like a table of globule's own
         assert np.array_equal(gb.read(tmp_path / "a.rows").positions, [[1, 2, 3]])
+        (tmp_path / "a.rows").write_text("damaged\n1 2 three\n")
+        with pytest.raises(FormatError, match=r"a\.rows: reader .rows. .their_reader.: ValueE"):
+            gb.read(tmp_path / "a.rows")
     finally:
         registry.formats.cache_clear()

@@ -1,5 +1,5 @@
-"""Tables of numbers: .xyz (blank-separated) and .csv (separated by commas, semicolons, tabs or
-blanks).
+"""Tables of numbers: .xyz (blank-separated) and .csv (separated by commas, semicolons, tabs,
+bars or blanks).
 
 .xyz  columns x y z [more]; a comment `# x y z name...` as the first line names them. A count and
       a title before the rows, and an element symbol before each row (XMol), are passed over.
@@ -114,9 +114,9 @@ def _is_row(line: str) -> bool:
 
 
 def _separator(line: str) -> str | None:
-    """Semicolon, comma, tab, or None for blanks; quoted text does not count."""
+    """Semicolon, comma, tab, bar, or None for blanks; quoted text does not count."""
     plain = re.sub(r'"[^"]*"', "", line)
-    for mark in (";", ",", "\t"):
+    for mark in (";", ",", "\t", "|"):
         if mark in plain:
             return mark
     return None if len(plain.split()) > 1 else ","
