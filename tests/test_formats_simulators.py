@@ -308,7 +308,8 @@ def test_blocks_and_pieces_by_vtk(tmp_path):
     vtk = pytest.importorskip("vtk")
     blocks = vtk.vtkMultiBlockDataSet()
     blocks.SetBlock(0, vtk_cloud())
-    blocks.SetBlock(1, vtk_cloud())
+    blocks.SetBlock(2, vtk_cloud())  # block 1 is empty
+    blocks.GetMetaData(1).Set(vtk.vtkCompositeDataSet.NAME(), "none")
     writer = vtk.vtkXMLMultiBlockDataWriter()
     writer.SetFileName(str(tmp_path / "a.vtm"))
     writer.SetInputData(blocks)
@@ -346,6 +347,19 @@ def test_tables(tmp_path, name):
         assert got.units == {"positions": "m", "rho": "kg/m3"}
 
 
+def test_missing_numbers_of_a_table(tmp_path):
+    """As pandas writes NaN: nothing between two commas. A position is never missing."""
+    table = tmp_path / "a.csv"
+    table.write_text("x,y,z,t,name,u\n1,2,3,,a,1\n4,5,6,7,,\n7,8,9,,c,3\n")
+    particles = gb.read(table)
+    assert np.array_equal(particles.attributes["t"], [np.nan, 7, np.nan], equal_nan=True)
+    assert np.array_equal(particles.attributes["u"], [1, np.nan, 3], equal_nan=True)
+    assert "name" not in particles.attributes
+    table.write_text("x,y,z,t\n1,2,3,4\n,2,3,\n")
+    with pytest.raises(FormatError, match=r"a\.csv: line 3, column 1: expected a number, got ''"):
+        gb.read(table)
+
+
 def test_a_column_map(tmp_path):
     (tmp_path / "a.csv").write_text("a,b,c,size,other\n1,2,3,0.5,9\n4,5,6,0.25,9\n")
     columns = {"x": "a", "y": "b", "z": "c", "radius": "size"}
@@ -355,6 +369,8 @@ def test_a_column_map(tmp_path):
     assert "other" not in particles.attributes
     with pytest.raises(FormatError, match=r"a\.csv: line 1: expected the column 'd'"):
         gb.read(tmp_path / "a.csv", columns={**columns, "z": "d"})
+    with pytest.raises(TypeError, match="columns: expected names by name, a dict, got str"):
+        gb.read(tmp_path / "a.csv", columns="a")
 
 
 def test_two_dimensions(tmp_path):

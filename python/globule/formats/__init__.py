@@ -13,7 +13,7 @@ from __future__ import annotations
 import importlib
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from ..scene import sources
@@ -74,6 +74,9 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
         if name not in form.options:
             raise ValueError(f"{name}: expected no such option for {os.fspath(path)}, "
                              f"which holds {kind.kind} ({kind.format}), got one")  # fmt: skip
+    columns = options.get("columns")
+    if columns is not None and not isinstance(columns, Mapping):
+        raise TypeError(f"columns: expected names by name, a dict, got {type(columns).__name__}")
     if form in FORMATS:
         found = function_of(form)(path, **options)
     else:
