@@ -85,3 +85,11 @@ def test_equal_particles_are_not_in_a_plane(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     gb.write("a.npz", gb.Particles(np.ones((500, 3), "f4")))
     assert run_json(capsys, "info", "a.npz")["why_surface"] == "all at one place"
+
+
+def test_info_of_coordinates_that_are_all_too_far(tmp_path, capsys):
+    """Beyond 1e18 no position counts: refused with the file's name."""
+    file = tmp_path / "far.csv"
+    file.write_text("x,y,z\n1e19,0,0\n2e19,0,0\n")
+    assert main(["info", str(file)]) == 2
+    assert f"{file}: bounds: expected a finite position, got none in 2" in capsys.readouterr().err

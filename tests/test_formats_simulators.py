@@ -57,6 +57,21 @@ def test_gsd(tmp_path):
     assert close(got.box.edges, [[1, 0, 0], [0.2, 1, 0], [0, 0, 1]])
 
 
+@pytest.mark.interop
+def test_gsd_with_the_box_that_is_not_written(tmp_path):
+    """HOOMD leaves out what is the default of its schema: a periodic box with edges of 1."""
+    hoomd = pytest.importorskip("gsd.hoomd")
+    with hoomd.open(tmp_path / "run.gsd", "w") as file:
+        frame = hoomd.Frame()
+        frame.configuration.box = [1, 1, 1, 0, 0, 0]
+        frame.particles.N, frame.particles.position = 1, [[0.75, 0, 0]]
+        file.append(frame)
+    got = read_contents(tmp_path / "run.gsd")
+    assert got.box.periodic == (True, True, True)
+    assert np.array_equal(got.box.edges, np.eye(3))
+    assert close(got.particles.positions, [[-0.25, 0, 0]])
+
+
 # LAMMPS
 
 DUMP = """ITEM: TIME
@@ -293,7 +308,8 @@ def test_blocks_and_pieces_by_vtk(tmp_path):
     vtk = pytest.importorskip("vtk")
     blocks = vtk.vtkMultiBlockDataSet()
     blocks.SetBlock(0, vtk_cloud())
-    blocks.SetBlock(1, vtk_cloud())
+    blocks.SetBlock(2, vtk_cloud())  # block 1 is empty
+    blocks.GetMetaData(1).Set(vtk.vtkCompositeDataSet.NAME(), "none")
     writer = vtk.vtkXMLMultiBlockDataWriter()
     writer.SetFileName(str(tmp_path / "a.vtm"))
     writer.SetInputData(blocks)
@@ -316,6 +332,7 @@ TABLES = {
     "tabs": "x\ty\tz\trho (kg/m3)\n1\t2\t3\t1000\n# half\n4\t5\t6\t1001\n",
     "blanks": "% x y z rho\n1 2 3 1000\n4 5 6 1001\n",
     "commas": "x,y,z,rho\n1,2,3,1000\n4,5,6,1001\n",
+    "bars": "x|y|z|rho\n1|2|3|1000\n4|5|6|1001\n",
     "comment": "# time = 0.5\n# x, y, z, rho\n1,2,3,1000\n4,5,6,1001\n",
 }
 
@@ -330,6 +347,19 @@ def test_tables(tmp_path, name):
         assert got.units == {"positions": "m", "rho": "kg/m3"}
 
 
+def test_missing_numbers_of_a_table(tmp_path):
+    """As pandas writes NaN: nothing between two commas. A position is never missing."""
+    table = tmp_path / "a.csv"
+    table.write_text("x,y,z,t,name,u\n1,2,3,,a,1\n4,5,6,7,,\n7,8,9,,c,3\n")
+    particles = gb.read(table)
+    assert np.array_equal(particles.attributes["t"], [np.nan, 7, np.nan], equal_nan=True)
+    assert np.array_equal(particles.attributes["u"], [1, np.nan, 3], equal_nan=True)
+    assert "name" not in particles.attributes
+    table.write_text("x,y,z,t\n1,2,3,4\n,2,3,\n")
+    with pytest.raises(FormatError, match=r"a\.csv: line 3, column 1: expected a number, got ''"):
+        gb.read(table)
+
+
 def test_a_column_map(tmp_path):
     (tmp_path / "a.csv").write_text("a,b,c,size,other\n1,2,3,0.5,9\n4,5,6,0.25,9\n")
     columns = {"x": "a", "y": "b", "z": "c", "radius": "size"}
@@ -339,6 +369,8 @@ def test_a_column_map(tmp_path):
     assert "other" not in particles.attributes
     with pytest.raises(FormatError, match=r"a\.csv: line 1: expected the column 'd'"):
         gb.read(tmp_path / "a.csv", columns={**columns, "z": "d"})
+    with pytest.raises(TypeError, match="columns: expected names by name, a dict, got str"):
+        gb.read(tmp_path / "a.csv", columns="a")
 
 
 def test_two_dimensions(tmp_path):
@@ -388,5 +420,8 @@ def test_a_reader_of_another_package(tmp_path, monkeypatch):
         assert np.array_equal(gb.read(tmp_path / "no_ending").positions, [[1, 2, 3]])
         (tmp_path / "a.rows").write_text("9 9 9\n1 2 3\n")  # looks like a table of globule's own
         assert np.array_equal(gb.read(tmp_path / "a.rows").positions, [[1, 2, 3]])
+        (tmp_path / "a.rows").write_text("damaged\n1 2 three\n")
+        with pytest.raises(FormatError, match=r"a\.rows: reader .rows. .their_reader.: ValueE"):
+            gb.read(tmp_path / "a.rows")
     finally:
         registry.formats.cache_clear()

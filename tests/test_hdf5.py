@@ -55,6 +55,30 @@ def test_gadget(tmp_path, options):
         gb.read(path, species="gas")
 
 
+@pytest.mark.parametrize("mass", [0.02, 0.0])
+def test_gadget_with_one_mass_in_the_header(tmp_path, mass):
+    """MassTable holds the mass of a kind whose particles are all alike; 0 where they are not."""
+    path = tmp_path / "snapshot.hdf5"
+    gadget(path)
+    with h5py.File(path, "a") as file:
+        del file["PartType0/Masses"]
+        file["Header"].attrs["MassTable"] = np.array([mass, 3.0, 0, 0, 0, 0])
+    gas = gb.read(path)
+    assert ("mass" in gas.attributes) == (mass > 0)
+    if mass:
+        assert np.array_equal(gas.attributes["mass"], MASS)
+        assert np.allclose(gas.weight, 8 * MASS / (DENSITY * H.astype(float) ** 3), rtol=1e-6)
+    assert gb.read(path, species="PartType1").attributes["mass"].tolist() == [3.0] * 7
+
+
+def test_one_file_of_several_says_so(tmp_path):
+    gadget(tmp_path / "snapshot.0.hdf5")
+    with h5py.File(tmp_path / "snapshot.0.hdf5", "a") as file:
+        file["Header"].attrs["NumFilesPerSnapshot"] = 4
+    with pytest.warns(UserWarning, match=r"snapshot\.0\.hdf5: one of 4 files of this snapshot"):
+        assert len(gb.read(tmp_path / "snapshot.0.hdf5")) == N
+
+
 def test_half_the_support_as_spacing_has_weight_one(tmp_path):
     """Equal particles with a support of two spacings: the weight is that of the default."""
     with h5py.File(tmp_path / "a.h5", "w") as file:

@@ -8,6 +8,7 @@ import sys
 import globule as gb
 import numpy as np
 import pytest
+from globule.formats.extxyz import RADII
 
 N = 20
 POSITIONS = np.random.default_rng(5).random((N, 3))
@@ -28,6 +29,7 @@ def test_vtk_and_pyvista(kind):
     cloud = pyvista.PolyData(POSITIONS)
     cloud["h"], cloud["velocity"] = H, POSITIONS
     cloud["rgb"] = np.full((N, 3), 255, np.uint8)
+    cloud["name"] = ["a"] * N  # texts are left out
     if kind == "UnstructuredGrid":
         cloud = cloud.cast_to_unstructured_grid()
     particles = assert_positions(cloud)
@@ -37,6 +39,9 @@ def test_vtk_and_pyvista(kind):
     vtk = pytest.importorskip("vtk")
     plain = vtk.vtkPolyData()
     assert len(gb.Scene(plain, device="cpu").particles) == 0
+    with pytest.raises(TypeError, match="got ImageData") as refused:
+        gb.Scene(pyvista.ImageData(dimensions=(2, 2, 2)), device="cpu")
+    assert "\n" not in str(refused.value)
     plain.ShallowCopy(cloud) if kind == "PolyData" else None
     if kind == "PolyData":
         assert_positions(plain)
@@ -48,6 +53,14 @@ def test_ase():
     particles = assert_positions(atoms)
     assert np.allclose(particles.support[:2], [4 * 0.76, 4 * 0.31])
     assert np.allclose(particles.attributes["mass"][:2], [12.011, 1.008])
+
+
+def test_the_covalent_radii_are_those_of_ase():
+    """Of all 96 elements of the table of Cordero et al."""
+    data = pytest.importorskip("ase.data")
+    theirs = zip(data.chemical_symbols[1:97], data.covalent_radii[1:97], strict=True)
+    for symbol, radius in theirs:
+        assert RADII[symbol] == pytest.approx(radius)
 
 
 def test_mdanalysis():
@@ -95,6 +108,9 @@ def test_tables():
     assert len(plane) == N
     with pytest.raises(ValueError, match="DataFrame: expected columns x, y and z, got a"):
         gb.Scene(pandas.DataFrame({"a": [1.0]}))
+    texts = pandas.DataFrame(POSITIONS.astype(str), columns=list("xyz"))
+    with pytest.raises(ValueError, match=r"got x \(no numbers\), y \(no numbers\), z"):
+        gb.Scene(texts)
 
 
 def test_xarray_and_arrow():
@@ -104,8 +120,13 @@ def test_xarray_and_arrow():
     )
     assert np.array_equal(assert_positions(data).support, 2 * H)
     assert_positions(xarray.DataArray(POSITIONS))
+    axes = {a: np.arange(3.0) for a in "xyz"}  # of a grid, not three particles
+    with pytest.raises(ValueError, match="got the axes of a grid"):
+        gb.Scene(xarray.Dataset({"t": (("x", "y", "z"), np.zeros((3, 3, 3)))}, coords=axes))
     arrow = pytest.importorskip("pyarrow")
     assert_positions(arrow.table(dict(zip("xyz", POSITIONS.T, strict=True))))
+    lists = arrow.FixedSizeListArray.from_arrays(arrow.array(POSITIONS.ravel()), 3)
+    assert_positions(arrow.table({"positions": lists}).slice(2), POSITIONS[2:])
 
 
 def test_none_of_them_is_imported():

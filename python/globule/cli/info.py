@@ -116,12 +116,12 @@ def describe(path: str, contents: Contents) -> dict[str, Any]:
         volume = medical.describe(path, "volume")
         facts["volume"] = {name: volume[name] for name in ("size", "spacing", "dtype", "space")}
     if finite.any():
-        lo, hi = particles.bounds()
         with mistakes(path):
             if is_flat(particles):
                 scene = shown_scene(Particles(particles.positions), device="cpu")
             else:
                 scene = Scene(particles.positions, device="cpu")
+            lo, hi = particles.bounds()
         facts["bounds"] = {"lo": lo, "hi": hi}
         facts["surface"], facts["why_surface"] = _surface(path, particles, scene)
         smooth = facts["surface"] == "smooth"

@@ -13,13 +13,13 @@ from __future__ import annotations
 import importlib
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from ..scene import sources
 from ..scene.particles import Particles
 from .contents import Box, Contents
-from .errors import FormatError
+from .errors import FormatError, bad
 from .kind import Kind, kind_of, wrong_kind
 from .mesh import mesh_particles
 from .registry import FORMATS, Format, format_named, formats, function_of
@@ -74,8 +74,28 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
         if name not in form.options:
             raise ValueError(f"{name}: expected no such option for {os.fspath(path)}, "
                              f"which holds {kind.kind} ({kind.format}), got one")  # fmt: skip
-    found = function_of(form)(path, **options)
+    columns = options.get("columns")
+    if columns is not None and not isinstance(columns, Mapping):
+        raise TypeError(f"columns: expected names by name, a dict, got {type(columns).__name__}")
+    if form in FORMATS:
+        found = function_of(form)(path, **options)
+    else:
+        found = _by_others(form, path, options)
     return found if isinstance(found, Contents) else Contents(found)
+
+
+def _by_others(form: Format, path: Any, options: dict[str, Any]) -> Contents | Particles:
+    """What the reader of another package returns; whatever it raises is a FormatError."""
+    where = f"reader {form.name!r} ({form.module})"
+    try:
+        found = function_of(form)(path, **options)
+    except (FormatError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        raise bad(path, where, f"{type(error).__name__}: {error}") from error
+    if not isinstance(found, (Contents, Particles)):
+        raise bad(path, where, f"expected Particles or Contents, got {type(found).__name__}")
+    return found
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:

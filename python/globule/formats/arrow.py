@@ -58,7 +58,7 @@ def read(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None)
     arrays |= {name: a for name, a in found.items() if a.ndim > 1}
     positions = find_positions(arrays)
     if positions is None:
-        got = shown(" ".join(about["columns"]) or "none")
+        got = shown(" ".join(about["columns"])) if about["columns"] else "no column of numbers"
         advice = 'gb.read(path, columns={"x": "…", "y": "…", "z": "…"}) takes others'
         raise bad(path, "", f"expected columns x, y and z, got {got}; {advice}")
     unit = units.pop("x", units.pop("positions", None))

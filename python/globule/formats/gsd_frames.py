@@ -127,7 +127,9 @@ class _Gsd:
     def box(self, frame: int) -> Box | None:
         """The box [Lx, Ly, Lz, xy, xz, yz], around the origin; Lz = 0 stands for two dimensions."""
         values = self.chunk(frame, "configuration/box")
-        if values is None or values.shape != (6,) or not np.isfinite(values).all():
+        if values is None:  # the schema's default
+            values = np.array([1.0, 1, 1, 0, 0, 0])
+        if values.shape != (6,) or not np.isfinite(values).all():
             return None
         x, y, z, xy, xz, yz = map(float, values)
         edges = np.array([[x, 0, 0], [xy * y, y, 0], [xz * z, yz * z, z]])

@@ -202,6 +202,7 @@ def _contents(path: Any, layout: Layout, arrays: dict[str, np.ndarray]) -> Conte
     for name, array in arrays.items():
         if array.ndim > 2 and len(array) == len(positions) and array.size:
             arrays[name] = array.reshape(len(positions), -1)
+    arrays |= {name: np.full(len(positions), value) for name, value in layout.constants.items()}
     particles = particles_from(path, positions, arrays, layout.support_per_h)
     units = {name: unit for name, unit in layout.units.items() if unit}
     return Contents(particles, layout.box, units, layout.time, layout.n_frames, layout.species)

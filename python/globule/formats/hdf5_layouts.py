@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -57,6 +58,7 @@ class Layout:
     species: tuple[str, ...] = ()
     support_per_h: float = 2.0
     extra: tuple[str, ...] = ()
+    constants: dict[str, float] = field(default_factory=dict)  # one value for all particles
     tree: Any = None
 
     def sources(self) -> Iterator[Source]:
@@ -153,7 +155,18 @@ def gadget(tree: Tree, species: str | None, _: PickFrame) -> Layout | None:
         units[name] = unit if isinstance(unit, str) and "Expression for" in str(about) else ""
     box = _box(np.zeros(3), sizes, [periodic != 0] * 3)
     time = _time(header.get("Time"))
-    return Layout(arrays, box, units, time, species=tuple(groups), support_per_h=gamma)
+    kind = chosen.removeprefix("PartType")
+    table = header.get("MassTable")
+    constants = {}
+    if "mass" not in arrays and isinstance(table, list) and kind.isdigit():
+        mass = _number(table[int(kind)]) if int(kind) < len(table) else 0.0
+        constants = {"mass": mass} if mass > 0 else {}  # 0: the masses differ
+    n_files = _number(header.get("NumFilesPerSnapshot"), 1.0)
+    if n_files > 1:
+        message = f"{tree.path}: one of {n_files:.0f} files of this snapshot; it is read alone"
+        warnings.warn(message, stacklevel=2)
+    return Layout(arrays, box, units, time, species=tuple(groups), support_per_h=gamma,
+                  constants=constants)  # fmt: skip
 
 
 def h5part(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:

@@ -65,7 +65,7 @@ def _vtk_array(array: Any) -> np.ndarray | None:
     n, k = array.GetNumberOfTuples(), array.GetNumberOfComponents()
     try:
         raw = memoryview(array)
-    except (TypeError, BufferError):
+    except (TypeError, ValueError, BufferError):
         return None
     values = np.array(raw).reshape(n, k)
     return values[:, 0] if k == 1 else values
@@ -133,6 +133,10 @@ def _of_pynbody(value: Any) -> Particles:
 
 
 def _of_xarray(value: Any) -> Particles:
+    axes = [a for name, a in value.variables.items() if str(name).lower() in ("x", "y", "z")]
+    if len({a.dims for a in axes}) > 1:
+        raise ValueError("Dataset: expected x, y and z along one dimension of particles, got the "
+                         "axes of a grid; gb.Volume takes a grid")  # fmt: skip
     return _of_columns(value, {str(name): value[name] for name in value.variables})
 
 
@@ -141,7 +145,15 @@ def _of_frame(value: Any) -> Particles:
 
 
 def _of_arrow(value: Any) -> Particles:
-    return _of_columns(value, {name: value.column(name) for name in value.column_names})
+    return _of_columns(value, {name: _of_list(value.column(name)) for name in value.column_names})
+
+
+def _of_list(column: Any) -> Any:
+    """A column of lists of k numbers as (N, k); any other as it is."""
+    k = getattr(column.type, "list_size", None)
+    if k is None or column.null_count:
+        return column
+    return np.asarray(column.combine_chunks().flatten()).reshape(-1, k)
 
 
 def _of_columns(value: Any, columns: dict[str, Any]) -> Particles:
@@ -156,7 +168,10 @@ def _of_columns(value: Any, columns: dict[str, Any]) -> Particles:
     arrays |= {k: a for k, a in found.items() if a.ndim > 1}
     positions = find_positions(arrays)
     if positions is None:
-        kind, names = type(value).__name__, ", ".join(list(columns)[:20])
+        kind = type(value).__name__
+        names = ", ".join(
+            name if name in found else f"{name} (no numbers)" for name in list(columns)[:20]
+        )
         raise ValueError(f"{kind}: expected columns x, y and z, got {names or 'none'}; "
                          "gb.Particles(table[[…]].to_numpy()) takes others")  # fmt: skip
     return _from(value, positions, arrays)

@@ -1,11 +1,11 @@
-"""Tables of numbers: .xyz (blank-separated) and .csv (separated by commas, semicolons, tabs or
-blanks).
+"""Tables of numbers: .xyz (blank-separated) and .csv (separated by commas, semicolons, tabs,
+bars or blanks).
 
 .xyz  columns x y z [more]; a comment `# x y z name...` as the first line names them. A count and
       a title before the rows, and an element symbol before each row (XMol), are passed over.
 .csv  the first line may name the columns, with units: `x [m]`, `rho (kg/m3)`; columns that are not
       numbers are left out. Lines that begin with # or % are comments; the last of them before the
-      rows names the columns where no other line does.
+      rows names the columns where no other line does. A missing number of an attribute is NaN.
 
 Two columns x and y without z lie in the plane z = 0.
 
@@ -26,8 +26,10 @@ from .._base.files import atomic_write
 from ..scene.particles import Particles
 from .asciinum import format_rows, parse_rows, text_lines
 from .contents import Contents
-from .errors import bad, shown
+from .errors import FormatError, bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns
+
+_MOST_BLANK = 10_000  # rows in which the first word of a column is looked for
 
 
 def read_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None) -> Contents:
@@ -95,6 +97,8 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     if len(words) != len(names):
         raise bad(path, f"line {start + 1}", f"expected {len(names)} columns, got {len(words)}")
     rows = lines[start:]
+    if first is not None and separator is not None and not all(words):
+        _fill_words(path, names, words, lines[first + 1 : first + _MOST_BLANK], separator)
     if any(row.lstrip()[:1] in ("#", "%") for row in rows if row):
         rows = ["" if row.lstrip()[:1] in ("#", "%") else row for row in rows]
     names, units = _units(names)
@@ -114,9 +118,9 @@ def _is_row(line: str) -> bool:
 
 
 def _separator(line: str) -> str | None:
-    """Semicolon, comma, tab, or None for blanks; quoted text does not count."""
+    """Semicolon, comma, tab, bar, or None for blanks; quoted text does not count."""
     plain = re.sub(r'"[^"]*"', "", line)
-    for mark in (";", ",", "\t"):
+    for mark in (";", ",", "\t", "|"):
         if mark in plain:
             return mark
     return None if len(plain.split()) > 1 else ","
@@ -155,6 +159,20 @@ def _csv_words(path: Any, line: str, i: int, separator: str | None) -> list[str]
         return [word.strip() for word in next(csv.reader([line], delimiter=separator), [])]
     except csv.Error as error:
         raise bad(path, f"line {i + 1}", f"expected separated values, got {error}") from None
+
+
+def _fill_words(
+    path: Any, names: list[str], words: list[str], lines: list[str], separator: str
+) -> None:
+    """For named columns that are empty in the first row, the first word of a later row."""
+    blank = [i for i, word in enumerate(words) if not word and names[i]]
+    for line in lines:
+        if not blank:
+            return
+        row = _csv_words(path, line, 0, separator) if _is_row(line) else []
+        for i in [i for i in blank if i < len(row) and row[i]]:
+            words[i] = row[i]
+            blank.remove(i)
 
 
 def _read_xyz(path: Any, lines: list[str]) -> Particles:
@@ -217,7 +235,16 @@ def _assemble(
         options["quotechar"] = '"'
     if len(numeric) < len(words):
         options["usecols"] = numeric
-    rows = parse_rows(path, lines, first_line, len(numeric), **options)
+    try:
+        rows = parse_rows(path, lines, first_line, len(numeric), **options)
+    except FormatError:  # a missing number of an attribute is NaN; a missing position is a mistake
+        filled = [] if separator is None else _with_nan(lines, separator)
+        if filled in ([], lines):
+            raise
+        rows = parse_rows(path, filled, first_line, len(numeric), **options)
+        places = [k for k, i in enumerate(numeric) if names[i].lower() in ("x", "y", "z")]
+        if np.isnan(rows[:, places or [0, 1, 2]]).any():
+            raise
     columns: dict[str, np.ndarray] = {}
     for column, i in enumerate(numeric):
         name = names[i] or f"column{i + 1}"
@@ -232,6 +259,13 @@ def _assemble(
     if points is None:
         raise no_positions
     return particles_from(path, points, arrays)
+
+
+def _with_nan(lines: list[str], separator: str) -> list[str]:
+    """Lines with nan where there is nothing between two separators."""
+    mark = re.escape(separator)
+    nothing = re.compile(rf"(^|{mark}) *(?={mark}|$)")
+    return [nothing.sub(r"\1nan", line) if line.strip() else line for line in lines]
 
 
 def whole_numbers(column: np.ndarray, first_word: str) -> np.ndarray:

@@ -59,7 +59,8 @@ def read_pieces(path: str | os.PathLike[str]) -> Contents:
 def read_blocks(path: str | os.PathLike[str]) -> Contents:
     """Read all blocks of a .vtm. Raises FormatError."""
     root = _root(path, "vtkMultiBlockDataSet")
-    return Contents(_joined(path, [e.get("file", "") for e in root.iter("DataSet")], 2))
+    files = [e.get("file") for e in root.iter("DataSet")]  # an empty block has none
+    return Contents(_joined(path, [name for name in files if name is not None], 2))
 
 
 def _root(path: Any, *kinds: str) -> Any:

@@ -53,7 +53,7 @@ def as_particles(name: str, value: Any) -> Particles:
     kind = type(value).__name__
     array = hasattr(value, "__len__") or hasattr(value, "__array__") or on_gpu(value)
     if kind in _INSTEAD or not array:
-        got = kind if kind in _INSTEAD else repr(value)[:80]
+        got = kind if kind in _INSTEAD else " ".join(repr(value)[:80].split())
         raise TypeError(f"{name}: expected {_EXPECTED}, got {got}{_INSTEAD.get(kind, '')}")
     return Particles(value)
 
