@@ -93,8 +93,10 @@ def _read_particles(path: str) -> None:
 def _simulators() -> list[str]:
     """Files of simulation programs, as the tests have them."""
     import test_formats_simulators as made
+    import test_pysph_npz
 
     here = Path()
+    test_pysph_npz.written(here / "pysph.npz")
     made.dump(here / "a.dump", "xu yu zu", made.OUTSIDE)
     Path("a.bi4").write_bytes(made.bi4())
     made.write_parts(here, ".vtp")
@@ -140,7 +142,7 @@ def _simulators() -> list[str]:
             encoding="utf-8",
         )
     names = ["a.xdmf", "a.dump", "a.bi4", "a.pvd", "a.vtp.series", "a.extxyz", "a.lmp"]
-    names += ["a.vtm", "a.pvtp", "a.pvtu"]
+    names += ["a.vtm", "a.pvtp", "a.pvtu", "pysph.npz"]
     names += [f"{name}.csv" for name in made.TABLES]
     return [*names, *_by_libraries()]
 

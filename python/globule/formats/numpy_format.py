@@ -1,6 +1,6 @@
 """NumPy files: .npz with arrays named like the fields of Particles, .npy with positions only.
 
-Pickled objects are never loaded.
+Pickled objects are never loaded; those of PySPH are read by `pysph_npz`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.files import atomic_write
 from ..scene.particles import SCALAR_FIELDS, Particles
+from . import pysph_npz
+from .contents import Contents
 from .errors import bad, shown
 from .fields import check_lengths, find_positions, particles_from
 from .size import bytes_of, check_size
@@ -31,13 +33,21 @@ def read_npy(path: str | os.PathLike[str]) -> Particles:
         return _from_columns(path, read_array(path, "array", file, size))
 
 
-def read_npz(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None) -> Particles:
+def read_npz(
+    path: str | os.PathLike[str],
+    columns: Mapping[str, str] | None = None,
+    species: str | None = None,
+) -> Particles | Contents:
     """Read .npz: positions (N, 3) or (N, 2), or x, y, z; fields per particle or as scalars;
-    attributes (N, ...).
+    attributes (N, ...). Of PySPH's: the group `species`, or "fluid".
 
     Other arrays that do not belong to N particles are left out. `columns` is field or attribute ->
     name of an array. Raises FormatError.
     """
+    if (contents := _read_pysph(path, species)) is not None:
+        return contents
+    if species is not None:
+        raise ValueError(f"species: expected none for {path}, which has no groups")
     arrays = read_archive(path)
     if columns is not None:
         arrays = {name: _named(path, arrays, column) for name, column in columns.items()}
@@ -54,6 +64,21 @@ def read_npz(path: str | os.PathLike[str], columns: Mapping[str, str] | None = N
         if array.ndim > 2 and len(array) == n and array.size:
             arrays[name] = array.reshape(n, -1)
     return particles_from(path, positions, arrays)
+
+
+def _read_pysph(path: str | os.PathLike[str], species: str | None) -> Contents | None:
+    """What PySPH wrote; None for other archives, also for damaged ones."""
+    import zipfile
+
+    try:
+        with open(path, "rb") as file, zipfile.ZipFile(file) as archive:
+            if not {*pysph_npz.MEMBERS} <= {*archive.namelist()}:
+                return None
+            sizes = [archive.getinfo(name).file_size for name in pysph_npz.MEMBERS]
+            check_size(path, "archive", sum(sizes), os.fstat(file.fileno()).st_size, 3.0)
+            return pysph_npz.read(path, archive, species)
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError, UnicodeError):
+        return None
 
 
 def _named(path: Any, arrays: dict[str, np.ndarray], column: str) -> np.ndarray:

@@ -62,7 +62,7 @@ FORMATS = (
     Format("csv", ".table", (".csv",), function="read_csv", writes=True, options=("columns",),
            about="table, comma-separated"),
     Format("npz", ".numpy_format", (".npz",), function="read_npz", writes=True,
-           options=("columns",), about="NumPy archive"),
+           options=("columns", "species"), about="NumPy archive"),
     Format("npy", ".numpy_format", (".npy",), function="read_npy", writes=True,
            about="NumPy array"),
     Format("obj", ".mesh", (".obj",), kind="mesh", options=("spacing",), about="Wavefront mesh"),
