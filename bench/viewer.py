@@ -141,6 +141,38 @@ def of_rate(options: argparse.Namespace) -> list[tuple[str, str]]:
     return rows
 
 
+def of_click(options: argparse.Namespace) -> list[tuple[str, str]]:
+    """How long a click on the surface waits for its answer, as `Tools.pick` asks for it: while the
+    camera turns, and while a still image is refined."""
+    rows = []
+    for name, refined in (("while moving", False), ("while a still image is refined", True)):
+        session = Session(cloud(options.particles), options.size, options.device)
+        engine, client, waits = session.engine, session.client, []
+        engine.state.set(quality__samples=64)
+        session.turn(2.0)
+        end = time.monotonic() + options.seconds
+        turning = threading.Thread(target=lambda s=session: s.turn(options.seconds + 1.0))
+        if not refined:
+            turning.start()
+        while time.monotonic() < end:
+            if refined:
+                session.i += 7
+                client.look(session.cameras[session.i % len(session.cameras)], session.size)
+            time.sleep(0.1 + 0.3 * np.random.default_rng(len(waits)).random())
+            began, frame = time.perf_counter(), client.frame
+            engine.interrupt()
+            with engine.source.lock:
+                frame.pick(frame.size[0] // 2, frame.size[1] // 2)
+            waits.append(time.perf_counter() - began)
+        if not refined:
+            turning.join()
+        session.close()
+        most = 1e3 * np.percentile(waits, [50, 90, 100])
+        words = "{:.0f} ms, 90 % below {:.0f}, at most {:.0f}".format(*most)
+        rows.append((f"{name}: {len(waits)} clicks", words))
+    return rows
+
+
 def of_still(options: argparse.Namespace) -> list[tuple[str, str]]:
     """A first image of full size of the view at rest, from the camera to the bytes of its JPEG."""
     source, state, size = (
@@ -292,6 +324,7 @@ def _ms(values: object) -> str:
 PARTS = {
     "rate": of_rate,
     "still": of_still,
+    "click": of_click,
     "transfer": of_transfer,
     "link": of_slow_link,
     "browser": of_browser,
