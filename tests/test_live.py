@@ -333,6 +333,22 @@ def test_frames_with_a_useless_pose_do_not_end_the_stream(sweep):
     assert np.array_equal(live.frames, sweep.frames[good])
 
 
+def test_ctrl_c_waits_for_the_end_of_a_frame(sweep):
+    """In the middle of a frame locks are held, and files half written."""
+    server = Server(sweep)
+    server.serve(slice(None))
+    whole = []
+
+    def each(n: int, frame: LiveFrame) -> None:
+        if n == 10:
+            signal.raise_signal(signal.SIGINT)
+        whole.append(n)
+
+    live = receive_sweep(server.address, idle=5.0, each=each)
+    assert len(live) == 10
+    assert whole == list(range(1, 11))
+
+
 def test_a_jump_that_cannot_fit_leaves_the_frames(sweep, capsys):
     sweep.world_from_image[10, :3, 3] += 1e6
     server = Server(sweep)

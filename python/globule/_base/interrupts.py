@@ -22,13 +22,13 @@ def whole(method: _Method) -> _Method:
 
     @functools.wraps(method)
     def call(self: Any, *args: Any, **kwargs: Any) -> Any:
-        with _Later(), self._lock:
+        with Later(), self._lock:
             return method(self, *args, **kwargs)
 
     return call  # type: ignore[return-value]  # `wraps` keeps the signature
 
 
-class _Later:
+class Later:
     """Signals that come meanwhile are handled at the end. Only the main thread handles any."""
 
     _inside = False
@@ -38,7 +38,7 @@ class _Later:
         self._came: list[tuple[int, Any]] = []
 
     def __enter__(self) -> None:
-        if _Later._inside or threading.current_thread() is not threading.main_thread():
+        if Later._inside or threading.current_thread() is not threading.main_thread():
             return
         try:
             for number in _SIGNALS:
@@ -46,7 +46,7 @@ class _Later:
                 if callable(handler):
                     self._handlers.append((number, handler))
                     signal.signal(number, self._note)
-            _Later._inside = bool(self._handlers)  # __exit__ has nothing to restore without any
+            Later._inside = bool(self._handlers)  # __exit__ has nothing to restore without any
         except BaseException:  # a handler ran before it was replaced
             self._restore()
             raise
@@ -54,7 +54,7 @@ class _Later:
     def __exit__(self, *_: Any) -> None:
         if not self._handlers:
             return
-        _Later._inside = False
+        Later._inside = False
         self._restore()
         for number, frame in self._came:
             handler: Any = signal.getsignal(number)  # can be called, as `__enter__` saw

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.checks import missing
+from .._base.interrupts import Later
 from ..formats.sweeps.transforms import Edges, split_name
 from .matching import MOST_GAP, Matcher
 from .senders import Arrived, Clocks, arrivals
@@ -215,22 +216,27 @@ def receive_sweep(
     stream = receive(address, setup.edges, idle, space, offset, wait, counts, tracker)
     frames: list[LiveFrame] = []
     known: set[tuple[float, int, bytes]] = set()
+
+    def take(frame: LiveFrame) -> None:
+        if frames and frame.image.shape != frames[0].image.shape:
+            expected, got = frames[0].image.shape, frame.image.shape
+            raise ValueError(f"live: expected images of {expected} as the first, got {got}")
+        if not usable(frame.world_from_image):
+            counts.useless += 1
+            return
+        key = (frame.time, zlib.crc32(frame.image.data), frame.world_from_image.tobytes())
+        if key in known:
+            counts.repeated += 1
+            return
+        known.add(key)
+        frames.append(frame)
+        if each:
+            each(len(frames), frame)
+
     try:
         for frame in itertools.chain(earlier, stream):
-            if frames and frame.image.shape != frames[0].image.shape:
-                expected, got = frames[0].image.shape, frame.image.shape
-                raise ValueError(f"live: expected images of {expected} as the first, got {got}")
-            if not usable(frame.world_from_image):
-                counts.useless += 1
-                continue
-            key = (frame.time, zlib.crc32(frame.image.data), frame.world_from_image.tobytes())
-            if key in known:
-                counts.repeated += 1
-                continue
-            known.add(key)
-            frames.append(frame)
-            if each:
-                each(len(frames), frame)
+            with Later():  # Ctrl-C in the middle of a frame would leave locks and files half done
+                take(frame)
     except KeyboardInterrupt:
         if not frames:
             raise
