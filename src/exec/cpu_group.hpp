@@ -13,7 +13,6 @@ struct CpuGroup {
     static constexpr int vectors = 64 / kWidth;
     static constexpr int list_capacity = 2048, ellipsoid_capacity = 2048;
     static constexpr int stack_capacity = 512;
-    using Place = std::uint16_t;  ///< in a list of ellipsoids
     using F = WideF;
     using B = WideB;
     struct U {
@@ -129,13 +128,10 @@ struct CpuGroup {
     };
 
     struct LaneOf {};
-    /// Flags that any lane may set, cleared before.
-    static void clear(std::uint8_t*, int) {}
-    static void mark(std::uint8_t& flag, const B& m) { flag = globule::core::any(m); }
     /// As on the GPU, each lane with its own ray alone.
     template <bool, class Sum, class Part>
-    static void share_rays(LaneOf&, const B& active, const Vec3<F>& p, const Vec3<F>& d, const F& sign, Sum& sum, const Part& part) {
-        part(p, d, sign, active, 0, 1, sum);
+    static void share_rays(LaneOf&, const B&, const Vec3<F>& p, const Vec3<F>& d, const F& sign, Sum& sum, const Part& part) {
+        part(p, d, sign, 0, 1, sum);
     }
 
     /// Runs of up to 8 siblings side by side in the lanes.

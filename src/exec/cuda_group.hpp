@@ -11,7 +11,6 @@ struct CudaGroup {
     static constexpr int vectors = 1;
     static constexpr int list_capacity = 416, ellipsoid_capacity = 224;
     static constexpr int stack_capacity = 224;
-    using Place = std::uint8_t;
     using F = float;
     using B = bool;
     using U = std::uint32_t;
@@ -116,19 +115,12 @@ struct CudaGroup {
     __device__ static void for_lanes(const Fn& fn) { fn(0); }
     __device__ int lane_number(int) const { return lane(); }
     using LaneOf = std::uint8_t[width];
-    __device__ void clear(std::uint8_t* flags, int n) const {
-        for (int i = lane(); i < n; i += width) flags[i] = 0;
-        __syncwarp();
-    }
-    __device__ static void mark(std::uint8_t& flag, B m) {
-        if (m) flag = 1;
-    }
-    /// part(p, d, sign, on, first, stride, sum) adds every stride-th item from the first on to a ray's sum; on: lanes whose ray is
-    /// active.  Where no more than half of the lanes are, two to eight of them share out each active lane's ray.
+    /// part(p, d, sign, first, stride, sum) adds every stride-th item from the first on to a ray's sum.  Where no more than
+    /// half of the lanes are active, two to eight of them share out each active lane's ray.
     template <bool Bounds, class Sum, class Part>
     __device__ void share_rays(LaneOf& lane_of, B active, const Vec3<float>& p, const Vec3<float>& d, float sign, Sum& sum, const Part& part) const {
         const RanksInWarp rays(active);
-        if (rays.n > width / 2) return part(p, d, sign, active, 0, 1, sum);
+        if (rays.n > width / 2) return part(p, d, sign, 0, 1, sum);
         const WarpTeams teams{rays.n > 8 ? 1 : rays.n > 4 ? 2 : 3, 0};
         if (active) lane_of[rays.rank] = std::uint8_t(lane());
         __syncwarp();
@@ -136,7 +128,7 @@ struct CudaGroup {
         const int from = busy ? lane_of[teams.ray()] : 0;
         const Vec3<float> of_p = teams.pick(p, from), of_d = teams.pick(d, from);
         const float of_sign = pick(sign, from);
-        if (busy) part(of_p, of_d, of_sign, true, teams.member(), teams.size(), sum);
+        if (busy) part(of_p, of_d, of_sign, teams.member(), teams.size(), sum);
         __syncwarp();
         sum = teams.template total<Bounds>(sum, rays.rank);
     }

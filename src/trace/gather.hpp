@@ -40,8 +40,6 @@ struct TileScratch {
     /// Particles relative to the axis point, scaled, with their slots in the sorted arrays.
     typename Group::template List<capacity + Group::width> list;
     Candidate shape[Candidate::per_particle ? capacity : 1];
-    std::uint8_t met[Candidate::ellipsoid ? capacity : 1];  ///< of ListSource, like `picked`
-    typename Group::Place picked[Candidate::ellipsoid ? capacity : 1];
     Siblings stack[Group::stack_capacity];
     typename Group::LaneOf lane_of;
     std::uint32_t marked[Group::width * Group::vectors];  ///< of TileLayout

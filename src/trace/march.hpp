@@ -36,9 +36,8 @@ struct Limits {
 
 /// Adds one particle at (r/a)^2 = x, u past its point nearest to the ray, i2 = 1/a^2, c its weight (both 1 unless
 /// PerParticle).  Tight: the bound from inside, too, heeds where the window lies; it pays where rays begin inside.
-/// With Bounds: whether the window meets the support.
 template <bool PerParticle, bool Bounds, bool Tight, class F, class Kernel>
-GB_FN auto add_along(Along<F>& sum, const Kernel& kernel, F x, F u, F i2, F c, const Limits<F>& lim) {
+GB_FN void add_along(Along<F>& sum, const Kernel& kernel, F x, F u, F i2, F c, const Limits<F>& lim) {
     F b, db;
     kernel(min(x, F(1)), b, db);
     if constexpr (PerParticle) {
@@ -67,7 +66,6 @@ GB_FN auto add_along(Along<F>& sum, const Kernel& kernel, F x, F u, F i2, F c, c
             sum.rise += select(apart, F(0), rise);
             sum.fall += select(apart, F(0), A);
         }
-        return !apart;
     }
 }
 
@@ -88,34 +86,31 @@ GB_FN void add_stretched(Along<F>& sum, const Kernel& kernel, const Sym3<F>& m, 
 
 /// As add_stretched, from the square of the matrix; c: its weight.
 template <bool Bounds, bool Tight, class F, class Kernel>
-GB_FN auto add_ellipsoid(Along<F>& sum, const Kernel& kernel, const Sym3<F>& form, const F& c, const Vec3<F>& v, const Vec3<F>& d, const Limits<F>& lim) {
+GB_FN void add_ellipsoid(Along<F>& sum, const Kernel& kernel, const Sym3<F>& form, const F& c, const Vec3<F>& v, const Vec3<F>& d, const Limits<F>& lim) {
     const Vec3<F> w = form * v;
     const F x = dot(v, w), along = dot(d, w);
     if constexpr (Bounds && (Tight || !Kernel::linear_rise)) {
         const F speed2 = dot(d, form * d);
-        return add_along<true, true, Tight>(sum, kernel, x, quick_quotient(along, speed2), speed2, c, lim);
-    } else {
-        F b, db;
-        kernel(min(x, F(1)), b, db);
-        sum.f += c * b;
-        sum.slope += c * db * along;
-        if constexpr (Bounds) {  // as in add_along, u and A times the speed: no division
-            const F speed2 = dot(d, form * d), end = along + speed2 * lim.window;
-            const F near = max(max(along, -end), F(0)), A = speed2 * (F(1) - x) + along * along;
-            const F rise = kernel.rise(max(along * along, end * end), A), most = speed2 * F(kernel.max_fall());
-            const auto apart = near * near >= A;
-            const F weight = select(apart, F(0), abs(c));
-            sum.rise += weight * select(c * lim.sign > F(0), rise, most);
-            sum.fall += weight * speed2;
-            return !apart;
-        }
+        add_along<true, true, Tight>(sum, kernel, x, quick_quotient(along, speed2), speed2, c, lim);
+        return;
+    }
+    F b, db;
+    kernel(min(x, F(1)), b, db);
+    sum.f += c * b;
+    sum.slope += c * db * along;
+    if constexpr (Bounds) {  // as in add_along, u and A times the speed: no division
+        const F speed2 = dot(d, form * d), end = along + speed2 * lim.window;
+        const F near = max(max(along, -end), F(0)), A = speed2 * (F(1) - x) + along * along;
+        const F rise = kernel.rise(max(along * along, end * end), A), most = speed2 * F(kernel.max_fall());
+        const F weight = select(near * near >= A, F(0), abs(c));
+        sum.rise += weight * select(c * lim.sign > F(0), rise, most);
+        sum.fall += weight * speed2;
     }
 }
 
-/// Candidates from the tile's list.  Of ellipsoids, between two evaluations with Bounds, those alone that a ray meets in its window.
+/// Candidates from the tile's list.
 template <class Candidate, class Group, class Kernel>
 struct ListSource {
-    static constexpr bool kPicks = Candidate::ellipsoid;
     using F = typename Group::F;
     using B = typename Group::B;
     Group& g;
@@ -123,55 +118,33 @@ struct ListSource {
     int n;
     Kernel kernel;
     Vec3<F> p0, d;
-    mutable int n_picked = 0;
 
     GB_FN bool any(const B& lanes) const { return g.any(lanes); }
     template <bool Bounds>
     GB_FN Along<F> at(F t, const Limits<F>& lim, const B& active) const {
         Along<F> sum{F(0), F(0), F(0), F(0)};
-        if constexpr (kPicks && Bounds) g.clear(scratch.met, n);
         g.template share_rays<Bounds>(scratch.lane_of, active, p0 + d * t, d, lim.sign, sum,
-                     [&](const Vec3<F>& p, const Vec3<F>& along, const F& sign, const B& on, int first, int stride, Along<F>& mine) {
+                     [&](const Vec3<F>& p, const Vec3<F>& along, const F& sign, int first, int stride, Along<F>& mine) {
             Limits<F> of_ray = lim;
             of_ray.sign = sign;
-            const int count = kPicks && !Bounds ? n_picked : n;
-            for (int k = first; k < count; k += stride) {
-                const int j = kPicks && !Bounds ? scratch.picked[k] : k;
+            for (int j = first; j < n; j += stride) {
                 const float3 q = scratch.list.point(j);
                 const Vec3<F> v{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
                 if constexpr (Candidate::ellipsoid) {
                     const EllipsoidCandidate of = scratch.shape[j];
-                    const auto form = of.template form_as<F>();
-                    if constexpr (Bounds) g.mark(scratch.met[j], on & add_ellipsoid<true, false>(mine, kernel, form, F(of.weight), v, along, of_ray));
-                    else add_ellipsoid<false, false>(mine, kernel, form, F(of.weight), v, along, of_ray);
+                    add_ellipsoid<Bounds, false>(mine, kernel, of.template form_as<F>(), F(of.weight), v, along, of_ray);
                 } else if constexpr (Candidate::per_particle)
                     add<true, Bounds, false>(mine, kernel, v, along, F(scratch.shape[j].inverse_a2), F(scratch.shape[j].weight), of_ray);
                 else
                     add<false, Bounds, false>(mine, kernel, v, along, F(1), F(1), of_ray);
             }
         });
-        if constexpr (kPicks && Bounds) pick();
         sum.slope = F(2) * sum.slope;
         // 8: b falls at most so much per unit A, and no faster where the window leaves it.
         if constexpr (Bounds && (!Candidate::per_particle || (Candidate::ellipsoid && Kernel::linear_rise)))
             sum.fall = F(max(8.0f, kernel.max_fall())) * sum.fall;
         if constexpr (Bounds && !Candidate::per_particle) sum.rise = select(lim.sign > F(0), sum.rise, sum.fall);
         return sum;
-    }
-
-private:
-    GB_FN void pick() const {
-        g.sync();
-        n_picked = 0;
-        for (int first = 0; first < n; first += Group::width) {
-            B met = g.none();
-            Group::for_lanes([&](int lane) {
-                const int j = first + g.lane_number(lane);
-                Group::put(met, lane, j < n && scratch.met[j]);
-            });
-            n_picked = g.append(met, n_picked, [&](int lane, int place) { scratch.picked[place] = typename Group::Place(first + lane); });
-        }
-        g.sync();
     }
 };
 

@@ -119,7 +119,7 @@ private:
         F t = max((tile.t[v] - F(slab.z)) * F(scale), F(0.0f));
         const B unknown = tile.fresh[v] & active;
         if (g.any(unknown)) {
-            const Along<F> s = source.template at<true>(t, lim, unknown);
+            const Along<F> s = source.template at<false>(t, lim, unknown);
             tile.sign[v] = select(unknown & (s.f > F(tau)), F(-1.0f), tile.sign[v]);
             tile.fresh[v] = tile.fresh[v] & !active;
         }
