@@ -16,7 +16,7 @@ namespace mesh_build {
 
 using Key = std::uint64_t;
 inline constexpr std::uint32_t kLeaf = 1u << 31;   ///< of a binary node's child: a sorted item
-inline constexpr std::uint32_t kLeafItems = 4;     ///< a subtree with no more items is a leaf of the wide tree
+inline constexpr std::uint32_t kLeafItems = WideNode::most_of_leaf;  ///< a subtree with no more items is a leaf of the wide tree
 
 struct Bounds {
     Box all, centers;

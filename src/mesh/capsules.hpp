@@ -71,6 +71,7 @@ struct Capsules {
         inside.unite(from, to);
         return inside;
     }
+    GB_FN bool may_meet(const Ray&, std::uint32_t) const { return true; }
     /// Capsule k against what was found so far, as for triangles.
     GB_FN bool meet(const Ray& r, std::uint32_t k, std::uint32_t index, const RayRange& range, bool found, ItemHit& hit) const {
         const Inside inside = cross(r, k);

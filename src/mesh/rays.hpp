@@ -1,5 +1,6 @@
 // Rays through a hierarchy of boxes: what they meet first, and whether they meet anything.
 #pragma once
+#include "exec/bits.hpp"
 #include "mesh/types.hpp"
 
 namespace globule::core {
@@ -21,7 +22,8 @@ struct ItemHit {
 };
 
 /// The nearest item, ties to the lower index; with `any` the first that is found.
-/// items.prepare(o, d) gives what one ray needs; items.meet(prepared, slot, range, hit) improves hit.
+/// items.prepare(o, d) gives what one ray needs; items.meet(prepared, slot, range, hit) improves hit, and does so only where
+/// items.may_meet(prepared, slot).
 template <bool any, class Items>
 GB_FN ItemHit walk_boxes(const BoxTree& tree, const Items& items, const RayRange& range) {
     ItemHit hit;
@@ -30,11 +32,18 @@ GB_FN ItemHit walk_boxes(const BoxTree& tree, const Items& items, const RayRange
     const auto ray = items.prepare(range.o, range.d);
     const auto safe = [](float v) { return 1.0f / (abs(v) > 1e-18f ? v : v < 0.0f ? -1e-18f : 1e-18f); };
     const float3 inv{safe(range.d.x), safe(range.d.y), safe(range.d.z)};
+    // A leaf's items are tested side by side, without a branch: one after the other, each would wait for its own loads.
     const auto look = [&](std::uint32_t first, std::uint32_t n) {
-        for (std::uint32_t k = first; k < first + n; ++k) {
+        std::uint32_t met = 0;
+        GB_UNROLL for (std::uint32_t j = 0; j < WideNode::most_of_leaf; ++j)
+            met |= std::uint32_t(items.may_meet(ray, first + min(j, n - 1))) << j;
+        for (met &= (1u << n) - 1; met && !(any && found); met &= met - 1) {
+            const std::uint32_t k = first + std::uint32_t(trailing_zeros(met));
             if (items.meet(ray, k, tree.index[k], range, found, hit)) found = true;
-            if (any && found) return;
         }
+    };
+    const auto look_at_all = [&](std::uint32_t first, std::uint32_t last) {
+        for (std::uint32_t k = first; k <= last; ++k) look(k, 1);
     };
     struct Entry {
         std::uint32_t child;
@@ -76,7 +85,7 @@ GB_FN ItemHit walk_boxes(const BoxTree& tree, const Items& items, const RayRange
             if (!(t[k] < infinity())) continue;
             if (top < room) stack[top++] = {child[k], t[k]};
             else if (child[k] & WideNode::leaf) look(WideNode::first_of(child[k]), WideNode::count_of(child[k]));
-            else look(tree.first[child[k]], tree.last[child[k]] - tree.first[child[k]] + 1);  // deeper than any sensible tree
+            else look_at_all(tree.first[child[k]], tree.last[child[k]]);  // deeper than any sensible tree
         }
         for (;;) {
             if (any && found) return hit;

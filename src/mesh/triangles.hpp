@@ -41,6 +41,16 @@ struct Triangles {
         r.sz = 1.0f / along;
         return r;
     }
+    /// Whether the ray's line crosses triangle k.
+    GB_FN bool may_meet(const Ray& r, std::uint32_t k) const {
+        const Quad* c = corners + std::size_t(3) * k;
+        float ax, ay, az, bx, by, bz, cx, cy, cz;
+        r.turn(c[0], ax, ay, az);
+        r.turn(c[1], bx, by, bz);
+        r.turn(c[2], cx, cy, cz);
+        const double u = double(cx) * by - double(cy) * bx, v = double(ax) * cy - double(ay) * cx, w = double(bx) * ay - double(by) * ax;
+        return !(bool(u < 0) | bool(v < 0) | bool(w < 0)) | !(bool(u > 0) | bool(v > 0) | bool(w > 0));
+    }
     /// Triangle k against what was found so far, in hit.t (range.to where nothing was); true: it is what counts now.
     GB_FN bool meet(const Ray& r, std::uint32_t k, std::uint32_t index, const RayRange& range, bool found, ItemHit& hit) const {
         const Quad* c = corners + std::size_t(3) * k;

@@ -29,7 +29,7 @@ struct Box {
 struct alignas(64) WideNode {
     static constexpr int width = 4;
     static constexpr std::uint32_t leaf = 1u << 31, none = 0xffffffffu;
-    static constexpr std::uint32_t max_items = 1u << 29;
+    static constexpr std::uint32_t max_items = 1u << 29, most_of_leaf = 4;
 
     float lo[3][width], hi[3][width];
     std::uint32_t child[width];
