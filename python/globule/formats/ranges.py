@@ -14,7 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..scene.particles import Particles
+from .._base.checks import MissingPackageError
+from .._base.memory import largest_ratio
+from ..scene.fitting import always_fits
+from ..scene.particles import FIELDS, Particles
 from .errors import FormatError, bad
 from .fields import find_positions, particles_from
 from .kind import kind_of
@@ -23,6 +26,7 @@ from .vtk_xml import MappedVtk, is_mappable
 
 FORMATS = ("npy", "npz", "hdf5")
 VTK = ("vtu", "vtp")
+MOST_BYTES = 64.0  # that a scene takes for one byte of a file without compression
 _LOCAL_HEADER = 30  # bytes before a zip member's name and extra field
 
 
@@ -70,6 +74,21 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
         f"{path}: expected .npy, .npz, HDF5 or raw appended .vtu, whose ranges can be read, "
         f"got {kind.format}; globule convert writes .npz"
     )
+
+
+def counted_rows(path: str) -> tuple[int, float] | None:
+    """The number of particles in a file, and the bytes that one takes when it is read; None for a
+    file that is read whole, cannot be read, or is so small that it fits whatever it has."""
+    try:
+        most = os.path.getsize(path) * max(largest_ratio(), MOST_BYTES)
+        if always_fits(most) or not has_ranges(path):
+            return None
+        n, read = ranges(path)
+        first = read(0, min(n, 1))
+    except (ValueError, TypeError, OSError, MissingPackageError):
+        return None  # who reads it says what is wrong
+    arrays = [getattr(first, name) for name in FIELDS] + list(first.attributes.values())
+    return n, float(sum(getattr(array, "nbytes", 0) for array in arrays))
 
 
 def _of_vtk(path: Any) -> Ranges:

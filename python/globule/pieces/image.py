@@ -48,7 +48,9 @@ class PiecesFrame(Frame):
 
     def pick(self, column: int, row: int) -> Any:
         """Not for scenes in pieces."""
-        raise ValueError("pick: expected one scene, got pieces")
+        raise ValueError(
+            "pick: expected one scene, got pieces; frame.position has the places of the hits"
+        )
 
     def attribute(self, values: Any) -> np.ndarray:
         """Not for scenes in pieces: give `color_by` to `Pieces`."""
