@@ -16,7 +16,7 @@ from .._base.device import choose
 from .._base.memory import GIGABYTE, resident_bytes, room
 from ..formats import FormatError
 from ..formats.kind import kind_of
-from ..formats.ranges import counted_rows, has_ranges, ranges
+from ..formats.ranges import NAMES, counted_rows, has_ranges, ranges
 from ..pieces.image import Pieces, fit
 from ..pieces.scene import BYTES
 from ..pieces.store import Source, source_of
@@ -76,8 +76,8 @@ def wanted(options: argparse.Namespace) -> bool:
     if not has_ranges(path):
         if 3 * held > options.memory:
             raise UserError(
-                "--memory: expected .npy, .npz, HDF5 or raw appended .vtu, whose ranges can be "
-                f"read, got {path}; globule convert writes .npz"
+                f"--memory: expected {NAMES}, whose ranges can be read, got {path}; "
+                "globule convert writes .npz"
             )
         return False
     with mistakes():

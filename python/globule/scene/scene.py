@@ -80,8 +80,8 @@ class Scene:
     Particles that the device's free memory, or the limit of `set_limits`, does not hold are kept in
     pieces in temporary files, and a warning says so. `render` reads, builds and traces the pieces
     one after the other. Such a scene answers no questions about the field and has no `particles`.
-    Of a file whose ranges can be read (.npy, .npz without compression, HDF5, raw .vtu, .bgeo), the
-    particles are never all in memory. With `level`, `bounds` or a dense octree, it stays in one.
+    The particles of a file whose ranges can be read (HDF5, raw .vtu; .npy, .npz and .bgeo without
+    compression) are never all in memory. With `level`, `bounds` or a dense octree, it stays in one.
 
     Args:
         particles: `Particles`; (N, 3) positions, world units; or the name of a file, which
