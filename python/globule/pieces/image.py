@@ -20,7 +20,7 @@ from ..scene.scene import Scene
 from .hits import NOTHING, Hits, first_hits, nearest
 from .light import render_light, turns
 from .scene import Pieces
-from .shading import edges, finished, light_of, rays_of, shade
+from .shading import SOME, edges, finished, light_of, rays_of, shade
 from .wavefront import skip_empty
 
 __all__ = ["Pieces", "PiecesFrame", "fit", "render_pieces"]
@@ -86,7 +86,7 @@ class Images:
 
     def position(self, height: int, width: int) -> np.ndarray:
         """(H, W, 3) float32, world."""
-        o, d = self._rays
+        o, d = self._rays()
         with np.errstate(invalid="ignore"):
             at = np.where(np.isfinite(self._hits.t)[:, None], o + self._hits.t[:, None] * d, np.nan)
         return at.astype(np.float32).reshape(height, width, 3)
@@ -113,14 +113,15 @@ def render_pieces(
 ) -> Frame:
     """The image of layers of which some are `Pieces`; as `render`, to which it belongs."""
     job = Job(layers, camera, size, settings)
-    materials = job.materials
     if turns(layers, settings):
         return render_light(layers, job.camera, size, settings, job.ranks, progress)
     n, root = size[0] * size[1], job.ranks.rank == 0
     everything = np.arange(n)
     hits = job.nearest_centers()
-    o, d = job.rays(everything, 0)
-    color, shown = shade(hits, o, d, settings, materials) if root else _nothing(n)
+    if root:
+        color, shown = job.shaded(hits, everything, 0)
+    else:
+        color, shown = (np.zeros((n, 3), np.float32) for _ in "ab")
     alpha = (hits.layer != NOTHING).astype(np.float32)
     if progress is not None:
         progress(1, settings.samples)
@@ -139,7 +140,7 @@ def render_pieces(
         found = job.nearest([job.rays(pixels, k) for k in some])
         for k, one in zip(some, found, strict=True):
             if root:
-                light, displayed = shade(one, *job.rays(pixels, k), settings, materials)
+                light, displayed = job.shaded(one, pixels, k)
                 color[pixels] += light
                 shown[pixels] += displayed
                 alpha[pixels] += one.layer != NOTHING
@@ -148,12 +149,9 @@ def render_pieces(
     if len(pixels):
         for array in (color, shown, alpha):
             array[pixels] /= np.float32(more + 1)
-    images = Images(hits, (o, d), color, finished(shown), settings.samples)
+    picture = finished(shown) if root else np.zeros((n, 3), np.uint8)
+    images = Images(hits, partial(job.rays, everything, 0), color, picture, settings.samples)
     return PiecesFrame(size, images, tuple(layers), None, settings, _alpha=alpha)
-
-
-def _nothing(n: int) -> tuple[np.ndarray, np.ndarray]:
-    return np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32)
 
 
 class Job:
@@ -182,6 +180,16 @@ class Job:
         """Origins and directions of a sample of pixels."""
         return rays_of(self.camera, self.size, pixels, sample)
 
+    def shaded(self, hits: Hits, pixels: np.ndarray, sample: int) -> tuple[np.ndarray, np.ndarray]:
+        """`shade` of hits of a sample of pixels."""
+        n = len(pixels)
+        color, shown = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
+        for first in range(0, n, SOME):
+            some = slice(first, first + SOME)
+            rays = self.rays(pixels[some], sample)
+            color[some], shown[some] = shade(hits[some], *rays, self.settings, self.materials)
+        return color, shown
+
     def nearest_centers(self) -> Hits:
         """What the rays through the pixels' centers meet, on rank 0: the core makes them."""
         n = self.size[0] * self.size[1]
@@ -199,10 +207,8 @@ class Job:
         return nearest(self.ranks, hits)
 
     def _put_centers(self, hits: Hits, layer: Layer, o: Any, d: Any, k: int) -> None:
-        pixels = np.arange(len(o))
         for piece, part in layer.scene.visit():
-            found = self._frame(part, layer.clips)
-            hits.put(*owned(layer.scene, piece, pixels, o, d, *found), k)
+            put_owned(hits, layer.scene, piece, o, d, self._frame(part, layer.clips), k)
 
     def _frame(self, scene: Scene, clips: Sequence[Any]) -> tuple[Any, Any, Any]:
         frame = render([Layer(scene, None, clips)], self.camera, self.size, light_of())
@@ -226,8 +232,7 @@ class Job:
             for piece, part in scene.visit() if not all(hard) else ():
                 for hits, (o, d), inside in zip(found, rays, hard, strict=True):
                     if not inside:
-                        mine = first_hits(part, o, d, clips)
-                        hits.put(*owned(scene, piece, np.arange(len(o)), o, d, *mine), k)
+                        put_owned(hits, scene, piece, o, d, first_hits(part, o, d, clips), k)
         return [nearest(self.ranks, hits) for hits in found]
 
     def _inside(self, scene: Pieces, clips: Sequence[Any], o: Any, d: Any) -> np.ndarray:
@@ -251,14 +256,16 @@ class Job:
         return np.broadcast_to(found, len(o)) if one_eye else found
 
 
-def owned(
-    scene: Pieces, piece: int, rays: Any, o: Any, d: Any, t: Any, normal: Any, albedo: Any
-) -> tuple[Any, Any, Any, Any]:
-    """A piece's hits in its own cells, with their rays; for rays that begin outside of the medium
-    and weights of at least 0 the first of all pieces' is the whole scene's."""
-    hit = np.flatnonzero(np.isfinite(t))
-    mine = hit[scene.partition.knows(piece, o[hit] + t[hit, None] * d[hit])]
-    return rays[mine], t[mine], normal[mine], albedo[mine]
+def put_owned(
+    hits: Hits, scene: Pieces, piece: int, o: Any, d: Any, found: tuple[Any, Any, Any], layer: int
+) -> None:
+    """Keep a piece's hits in its own cells: for rays that begin outside of the medium and weights
+    of at least 0 the first of all pieces' is the whole scene's."""
+    t, normal, albedo = found
+    for first in range(0, len(t), SOME):  # a hit's cell takes a hundred bytes while it is found
+        hit = first + np.flatnonzero(np.isfinite(t[first : first + SOME]))
+        mine = hit[scene.partition.knows(piece, o[hit] + t[hit, None] * d[hit])]
+        hits.put(mine, t[mine], normal[mine], albedo[mine], layer)
 
 
 def in_turn(
