@@ -116,20 +116,19 @@ def render_pieces(
     if turns(layers, settings):
         return render_light(layers, job.camera, size, settings, job.ranks, progress)
     n, root = size[0] * size[1], job.ranks.rank == 0
-    everything = np.arange(n)
     hits = job.nearest_centers()
     if root:
-        color, shown = job.shaded(hits, everything, 0)
+        color, shown = job.shaded(hits, np.arange(n), 0)
     else:
         color, shown = (np.zeros((n, 3), np.float32) for _ in "ab")
     alpha = (hits.layer != NOTHING).astype(np.float32)
     if progress is not None:
         progress(1, settings.samples)
     if settings.samples > 1:
-        pixels, more = everything, settings.samples - 1
+        pixels, more = np.arange(n), settings.samples - 1
     else:
         more = job.edge_samples
-        pixels = everything[:0]
+        pixels = np.empty(0, np.int64)
         if more and root:
             plain = len(layers) == 1 and not layers[0].clips
             contrast = not plain and not settings.transparent
@@ -150,7 +149,7 @@ def render_pieces(
         for array in (color, shown, alpha):
             array[pixels] /= np.float32(more + 1)
     picture = finished(shown) if root else np.zeros((n, 3), np.uint8)
-    images = Images(hits, partial(job.rays, everything, 0), color, picture, settings.samples)
+    images = Images(hits, lambda: job.rays(np.arange(n), 0), color, picture, settings.samples)
     return PiecesFrame(size, images, tuple(layers), None, settings, _alpha=alpha)
 
 
@@ -193,15 +192,15 @@ class Job:
     def nearest_centers(self) -> Hits:
         """What the rays through the pixels' centers meet, on rank 0: the core makes them."""
         n = self.size[0] * self.size[1]
-        hits, pixels = Hits(n), np.arange(n)
-        o, d = self.rays(pixels, 0)
+        hits = Hits(n)
+        o, d = self.rays(np.arange(n), 0)
         for k, layer in enumerate(self.layers):
             scene, clips = layer.scene, layer.clips
             if isinstance(scene, Scene):
                 if self.ranks.rank == 0:
-                    hits.put(pixels, *self._frame(scene, clips), k)
+                    hits.put(np.arange(n), *self._frame(scene, clips), k)
             elif scene.negative or self._inside(scene, clips, o, d).any():
-                hits.put(pixels, *in_turn(scene, o, d, clips), k)
+                hits.put(np.arange(n), *in_turn(scene, o, d, clips), k)
             else:
                 self.ranks.together(partial(self._put_centers, hits, layer, o, d, k))
         return nearest(self.ranks, hits)

@@ -376,6 +376,7 @@ class Pieces:
             return scene
 
         self._scenes[ranks.rank] = ranks.together(build)
+        trim()
 
     def _dealt(self, source: Source, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         """The rows of some particles, by the rank they go to, and how many go to each."""
