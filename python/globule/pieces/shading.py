@@ -154,8 +154,11 @@ def _differ(hits: Hits, o: np.ndarray, d: np.ndarray, i: np.ndarray, j: np.ndarr
 
 
 def finished(shown: np.ndarray) -> np.ndarray:
-    """sRGB (…) uint8 of light as displayed."""
-    return displayed(np.maximum(shown, 0).astype(np.float32))
+    """sRGB (N, 3) uint8 of light as displayed."""
+    out = np.empty(shown.shape, np.uint8)
+    for k in range(0, len(shown), SOME):
+        out[k : k + SOME] = displayed(np.maximum(shown[k : k + SOME], 0).astype(np.float32))
+    return out
 
 
 def _sample(pixel: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
