@@ -203,6 +203,7 @@ class Job:
                 hits.put(np.arange(n), *in_turn(scene, o, d, clips), k)
             else:
                 self.ranks.together(partial(self._put_centers, hits, layer, o, d, k))
+        del o, d  # before others' hits come
         return nearest(self.ranks, hits)
 
     def _put_centers(self, hits: Hits, layer: Layer, o: Any, d: Any, k: int) -> None:

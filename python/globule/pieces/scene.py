@@ -63,7 +63,7 @@ class Pieces:
 
     Args:
         particles: the name of a file whose ranges can be read (HDF5, raw .vtu; .npy, .npz and
-            .bgeo without compression), or what `Scene` takes. With `comm`, this rank's share of them.
+            .bgeo without compression), or what `Scene` takes. With `comm`, this rank's share.
         n: number of pieces; default: as `memory` asks for. With `comm`, one a rank.
         memory: bytes that this process may take; default: no limit.
         comm: an mpi4py communicator; all its ranks make the same calls. The particles may be

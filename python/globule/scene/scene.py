@@ -152,6 +152,7 @@ class Scene:
             raise ValueError(f"ranks: expected comm with it, got {shown(ranks)} without")
         choice("kernel", kernel, KERNELS)
         choice("surface", surface, SURFACES)
+        choice("octree", octree, ("sparse", "dense"))
         choice("key_bits", key_bits, (32, 64))
         self.device = choose(device)
         particles, n, to_read = counted("particles", particles)
@@ -175,7 +176,6 @@ class Scene:
             )
         if spacing is not None and not own:
             raise ValueError("spacing: expected surface='smooth' with it, got 'balls'")
-        choice("octree", octree, ("sparse", "dense"))
         if octree == "dense" and key_bits != 32:
             raise ValueError("key_bits: the dense octree uses 32-bit keys, got 64")
         deepest = 8 if octree == "dense" else 10 if key_bits == 32 else 21
