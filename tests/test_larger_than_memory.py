@@ -99,6 +99,12 @@ def test_colors_by_a_value(little, backend):
     for _ in "ab":
         same(*(gb.render(s, CAMERA, SIZE, color_by="speed") for s in (one, many)))
     assert many.builds == 2  # divided for the colors, once
+    for s in (one, many):
+        s.update(POSITIONS)
+    same(*(gb.render(s, CAMERA, SIZE, color_by="x", range=[2, 9]) for s in (one, many)))
+    with pytest.raises(ValueError, match=r"expected one of .*, got speed"):
+        gb.render(many, CAMERA, SIZE, color_by="speed")
+    same(*(gb.render(s, CAMERA, SIZE, color_by="x", range=[2, 9]) for s in (one, many)))
 
 
 def test_updates(little, backend):
@@ -131,16 +137,18 @@ def test_files(name, little, tmp_path, monkeypatch):
             file["positions"] = POSITIONS
     else:
         gb.write(name, gb.Particles(POSITIONS))
-    if name != "a.vtk":
-        monkeypatch.setattr("globule.formats.read_contents", lambda *_, **__: 1 / 0)
-    with pytest.warns(UserWarning, match=LINE):
-        many = gb.Scene(name, support=2.0, device="cpu")
-    monkeypatch.undo()
+    with monkeypatch.context() as change:
+        if name != "a.vtk":
+            change.setattr("globule.formats.read_contents", lambda *_, **__: 1 / 0)
+        with pytest.warns(UserWarning, match=LINE):
+            many = gb.Scene(name, support=2.0, device="cpu")
     one = gb.Scene(POSITIONS, support=2.0, device="cpu", level=10)
     same(*(gb.render(s, CAMERA, SIZE) for s in (one, many)))
     if name != "a.vtk":
         with pytest.raises(ValueError, match=r"^update: expected particles or a file's name"):
             many.update(color=COLOR)
+    many.update(name)
+    same(*(gb.render(s, CAMERA, SIZE) for s in (one, many)))
 
 
 def test_arrays_that_are_mapped_are_not_copied(little, tmp_path):

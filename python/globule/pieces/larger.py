@@ -17,6 +17,8 @@ from .._base.device import Device
 from .._base.memory import resident_bytes, room
 from ..render.layers import Layer
 from ..render.settings import RenderSettings
+from ..scene.attributes import checked_range
+from ..scene.fitting import counted
 from ..scene.particles import FIELDS, Particles
 from ..scene.scene import KERNELS, Scene
 from ..scene.sources import as_particles
@@ -67,7 +69,8 @@ class SceneInPieces(Scene):
 
     def update(self, particles: Any = None, **fields: Any) -> None:
         """The next frame: other particles, or other arrays for fields of those that were given as
-        arrays. They are divided again, and stay in pieces. A measured support stays."""
+        arrays. They are divided again, and stay in pieces. A measured support stays; colors by a
+        value do not."""
         if particles is None:
             unknown = fields.keys() - set(FIELDS)
             if unknown:
@@ -82,10 +85,8 @@ class SceneInPieces(Scene):
             particles = as_particles("particles", self._given)._with(fields, {})
         elif fields:
             raise TypeError("update: expected particles or fields, got both")
-        elif not isinstance(particles, (str, os.PathLike, np.ndarray)):
-            particles = as_particles("particles", particles)
         with self._lock:
-            self._make(particles, self._color)
+            self._make(counted("particles", particles)[0], None)
 
     def settled(
         self, layers: Sequence[Layer], settings: RenderSettings, comm: Any, whole: bool
@@ -111,7 +112,7 @@ class SceneInPieces(Scene):
         return self._pieces.bounds()
 
     def _color_by(self, name: str, colormap: str, range: tuple[float, float] | None) -> None:
-        color = name, colormap, range
+        color = name, colormap, None if range is None else checked_range(range)
         if color != self._color:
             with self._lock:
                 self._make(self._given, color)
