@@ -235,7 +235,7 @@ def test_ranges_of_files(name, files):
     elif name == "b.bgeo":  # of SPlisHSPlasH, unpacked
         real = DATA / "dam_break_frame_23_24389_particles.bgeo"
         if not real.exists():
-            pytest.skip("needs the real files")
+            pytest.skip(f"no {real}")
         with open(name, "wb") as file:
             file.write(gzip.decompress(real.read_bytes()))
     found, whole = ranges(name), gb.read(name)

@@ -346,6 +346,11 @@ class Pieces:
             more = math.ceil(1.1 * self.partition.n * largest / most)
             if more > MOST_PIECES or self.partition.n >= 8**self.space.level:
                 need = largest * self._bytes() + self._base
+                if need <= (self._memory or math.inf):
+                    raise MemoryError(
+                        f"memory: expected room on {self.device.name} for the smallest possible "
+                        f"piece, {largest:,} particles, got room for {most:,.0f}"
+                    )
                 raise MemoryError(
                     f"memory: expected at least {need / 1e9:.2g} GB for the smallest possible "
                     f"piece, {largest:,} particles, got {(self._memory or 0) / 1e9:.2g} GB"
