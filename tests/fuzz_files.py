@@ -21,6 +21,7 @@ from globule import formats
 from globule.cli.shared import UserError
 from globule.cli.state import read_state
 from globule.formats.pictures.exr import write_exr
+from globule.formats.ranges import has_ranges, ranges
 from globule.formats.sweeps.transforms import format_matrix
 from globule.formats.volumes import nrrd
 from globule.sim.scene_file import as_dict, read_scene
@@ -88,6 +89,21 @@ def _read_particles(path: str) -> None:
     assert particles.positions.dtype == np.float32
     assert particles.positions.shape[1:] == (3,)
     assert all(len(a) == len(particles) for a in particles.attributes.values())
+
+
+def _with_ranges() -> list[str]:
+    names = [f"own.{e}" for e in ("npy", "npz", "vtu", "vtp", "bgeo")]
+    for name in names:
+        formats.write(name, sample())
+    return names
+
+
+def _read_ranges(path: str) -> None:
+    if not has_ranges(path):
+        raise formats.FormatError(f"{path}: expected ranges, got none")
+    n, read = ranges(path)
+    for first, last in ((0, n // 2), (n // 2, n)):
+        assert len(read(first, last)) == last - first
 
 
 def _simulators() -> list[str]:
@@ -498,6 +514,7 @@ def _info(path: str) -> list[str]:
 
 KINDS = {
     "particles": Kind(_particles, _read_particles, _info, 5.0),
+    "ranges": Kind(_with_ranges, _read_ranges, None, 1.0),
     "simulators": Kind(_simulators, _read_particles, _info, 4.0),
     "hdf5": Kind(_hdf5, _read_particles, None, 0.3),
     "tables": Kind(_by_packages, _read_particles, None, 0.2),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import sys
 import tracemalloc
@@ -10,8 +11,10 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import refused, run_json
+from format_helpers import DATA
 from globule._base.ranks import Alone
 from globule.cli import main
+from globule.formats.ranges import counted_rows, has_ranges, ranges
 from globule.pieces.partition import Partition, histogram, space_around
 from globule.pieces.store import source_of
 from scenes import KERNELS
@@ -216,20 +219,25 @@ def files(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "name", ["a.npy", "a.npz", "own.npz", "a.h5", "a.vtu", "a.vtp", "big_endian.vtu"]
+    "name",
+    ["a.npy", "a.npz", "own.npz", "a.h5", "a.vtu", "a.vtp", "big_endian.vtu", "a.bgeo", "b.bgeo"],
 )
 def test_ranges_of_files(name, files):
-    from globule.formats.ranges import ranges
-
     if name == "a.h5":
         h5py = pytest.importorskip("h5py")
         with h5py.File(name, "w") as file:
             file["positions"], file["speed"] = POSITIONS, files
-    elif name.startswith("a.vt"):
+    elif name in ("a.vtu", "a.vtp", "a.bgeo"):
         gb.write(name, gb.Particles(POSITIONS, attributes={"speed": files}))
     elif name == "big_endian.vtu":
         with open(name, "wb") as file:
             file.write(vtu(POSITIONS.astype(">f4"), files.astype(">f8")))
+    elif name == "b.bgeo":  # of SPlisHSPlasH, unpacked
+        real = DATA / "dam_break_frame_23_24389_particles.bgeo"
+        if not real.exists():
+            pytest.skip(f"no {real}")
+        with open(name, "wb") as file:
+            file.write(gzip.decompress(real.read_bytes()))
     found, whole = ranges(name), gb.read(name)
     assert found.n == len(whole)
     some = found.read(100, 300)
@@ -256,8 +264,6 @@ def vtu(positions, speed):
 
 
 def test_ranges_refuse_other_files(files):
-    from globule.formats.ranges import has_ranges, ranges
-
     whole = vtu(POSITIONS.astype(">f4"), files.astype(">f8"))
     longer = whole.replace(b'="2744"', b'="2745"')
     for name, data, match in (("cut.vtu", whole[:5000], "<Appended"), ("n.vtu", longer, "bytes")):
@@ -272,9 +278,45 @@ def test_ranges_refuse_other_files(files):
     np.savez_compressed("small.npz", positions=POSITIONS)
     with pytest.raises(gb.FormatError, match="without compression"):
         ranges("small.npz")
-    gb.write("a.ply", gb.Particles(POSITIONS))
+    for name in ("a.ply", "a.bgeo.gz"):
+        gb.write(name, gb.Particles(POSITIONS))
+        assert not has_ranges(name)
+    with pytest.raises(gb.FormatError, match=r"expected .*, \.bgeo without compression .* bgeo;"):
+        ranges("a.bgeo.gz")
     with pytest.raises(gb.FormatError, match="globule convert"):
         ranges("a.ply")
+
+
+@pytest.mark.parametrize("name", ["a.npy", "own.npz", "a.vtu", "a.bgeo"])
+def test_ranges_of_damaged_files(name, files):
+    """One line that names the file, or particles; cut off, and with other bytes in the header."""
+    if name.startswith("a.") and name != "a.npy":
+        gb.write(name, gb.Particles(POSITIONS[:40], attributes={"speed": files[:40]}))
+    whole = np.fromfile(name, np.uint8)
+    header = min(len(whole), 600)
+    damaged = [whole[:n] for n in (*range(0, header, 7), len(whole) // 2, len(whole) - 3)]
+    for _ in range(300):
+        mutant = whole.copy()
+        at = RNG.integers(0, header, RNG.integers(1, 4))
+        mutant[at] = RNG.choice([0, 1, 127, 128, 255, 32, 57], len(at))
+        damaged.append(mutant)
+    refused = 0
+    for data in damaged:
+        data.tofile(name)
+        try:
+            if not has_ranges(name):
+                continue
+            found = ranges(name)
+            some = found.read(found.n // 3, found.n)
+            assert some.positions.shape == (found.n - found.n // 3, 3)
+        except gb.FormatError as error:
+            refused += 1
+            text = str(error)
+            assert name in text
+            assert "\n" not in text
+            assert len(text) < 500
+            assert counted_rows(name) is None or "expected" in text
+    assert refused > 20
 
 
 def test_render_with_memory(files, capsys, monkeypatch):

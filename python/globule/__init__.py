@@ -42,6 +42,7 @@ from .render.lights import (  # noqa: E402
 from .render.materials import Material  # noqa: E402
 from .render.render import render  # noqa: E402
 from .render.settings import RenderSettings  # noqa: E402
+from .scene import fitting as _fitting  # noqa: E402
 from .scene import mesh as _mesh  # noqa: E402
 from .scene import scene as _scene  # noqa: E402
 from .scene import sources as _sources  # noqa: E402
@@ -154,6 +155,10 @@ _sources.converters.append(
     lambda value: _import_module(".formats.objects", __name__).particles_of(value)
 )
 _scene.on_ranks.append(lambda: _import_module(".pieces.on_ranks", __name__).SceneOnRanks)
+_scene.in_pieces.append(lambda: _import_module(".pieces.larger", __name__).SceneInPieces)
+_fitting.counters.append(
+    lambda path: _import_module(".formats.ranges", __name__).counted_rows(path)
+)
 _mesh.readers.append(lambda path: _import_module(".formats.triangles", __name__).read(path))
 
 __version__ = _core.version

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from .._base.memory import GIGABYTE, resident_bytes
+from .._base.device import choose
+from .._base.memory import GIGABYTE, resident_bytes, room
 from ..formats import FormatError
 from ..formats.kind import kind_of
-from ..formats.ranges import has_ranges, ranges
+from ..formats.ranges import NAMES, counted_rows, has_ranges, ranges
 from ..pieces.image import Pieces, fit
 from ..pieces.scene import BYTES
 from ..pieces.store import Source, source_of
@@ -24,6 +25,7 @@ from ..render.camera import Camera
 from ..render.frame import save_png
 from ..render.layers import Layer
 from ..render.render import render
+from ..scene.fitting import lacking
 from . import annotation, camera_facts, light
 from .shared import UserError, count, mistakes, print_json, read_particles, say
 
@@ -42,6 +44,13 @@ def ground_needs_all(options: argparse.Namespace) -> bool:
     return given not in (None, "none") and (isinstance(given, str) or not np.isfinite(given))
 
 
+def needs_all(options: argparse.Namespace) -> bool:
+    """Whether an option is not for pieces."""
+    if any(getattr(options, k, v) not in (v, None, []) for k, v in NOT_WITH_PIECES.items()):
+        return True
+    return ground_needs_all(options)
+
+
 def memory(text: str) -> float:
     """Bytes: a number with K, M, G or T behind, of 1000 each."""
     match = re.fullmatch(r"(\d+(?:\.\d+)?) ?([KMGT]?)B?", text.strip(), re.IGNORECASE)
@@ -52,18 +61,23 @@ def memory(text: str) -> float:
 
 
 def wanted(options: argparse.Namespace) -> bool:
-    """Whether the image is made of pieces: on several ranks, or where memory does not suffice."""
-    if options.memory is None or len(options.particles) > 1:
-        return False
+    """Whether the image is made of pieces since memory does not suffice for one scene."""
     path = options.particles[0]
-    if kind_of(path).kind != "particles":
+    if len(options.particles) > 1 or kind_of(path).kind != "particles":
         return False
+    if options.memory is None:
+        found = None if needs_all(options) else counted_rows(path)
+        if found is None:
+            return False
+        surface = options.surface if options.surface in BYTES else "smooth"
+        n, row = found
+        return lacking(n, n * row, surface, 32, choose(options.device)) is not None
     held = os.path.getsize(path)
     if not has_ranges(path):
         if 3 * held > options.memory:
             raise UserError(
-                "--memory: expected .npy, .npz, HDF5 or raw appended .vtu, whose ranges can be "
-                f"read, got {path}; globule convert writes .npz"
+                f"--memory: expected {NAMES}, whose ranges can be read, got {path}; "
+                "globule convert writes .npz"
             )
         return False
     with mistakes():
@@ -97,10 +111,11 @@ def run(
         raise UserError("--ground: expected a height with a scene in pieces, got none")
     start, path = time.perf_counter(), options.particles[0]
     root = comm is None or comm.rank == 0
+    limit = None if comm else options.memory or resident_bytes() + room()
     with mistakes(), _memory(options):
         try:
             pieces = Pieces(
-                _share(path, comm), memory=None if comm else options.memory, comm=comm,
+                _share(path, comm), memory=limit, comm=comm,
                 color_by=options.color_by, colormap=options.colormap, range=options.range,
                 kernel=options.kernel, threshold=options.threshold, support=options.support,
                 surface=options.surface, spacing=options.particle_spacing,
@@ -141,7 +156,7 @@ def run(
         "device": pieces.device.description, "kernel": pieces.kernel,
         "threshold": pieces.threshold, "surface": pieces.surface, "support": pieces.support,
         "spacing": pieces.spacing, "ranks": comm.size if comm else 1,
-        "memory": {"limit": options.memory}, "camera": camera_facts.facts(camera),
+        "memory": {"limit": limit}, "camera": camera_facts.facts(camera),
         "counts": {"particles": len(pieces), "pieces": n, "hits": hits},
     })  # fmt: skip
 

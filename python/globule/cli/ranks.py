@@ -19,7 +19,7 @@ from ..pieces.light import turns
 from ..pieces.on_ranks import replicated_bytes
 from ..render.settings import RenderSettings
 from . import light
-from .pieces import NOT_WITH_PIECES, ground_needs_all
+from .pieces import needs_all
 from .shared import UserError, mistakes, say
 
 MODES = ("replicate", "pieces")
@@ -92,7 +92,7 @@ def replicates(options: argparse.Namespace, lit: light.Light) -> bool:
     particles = kind_of(path).kind == "particles"
     if options.ranks == "pieces" and not particles:
         raise UserError(f"--ranks: expected particles for pieces, got {path}")
-    forced = options.ranks == "replicate" or not particles or _needs_all(options)
+    forced = options.ranks == "replicate" or not particles or needs_all(options)
     if options.ranks == "pieces" or not (forced or _turns(lit)):
         return False
     if particles and has_ranges(path) and choose(options.device).backend != "cuda":
@@ -109,13 +109,6 @@ def replicates(options: argparse.Namespace, lit: light.Light) -> bool:
                 "what needs all particles in one scene"
             )
     return True
-
-
-def _needs_all(options: argparse.Namespace) -> bool:
-    """Whether an option is not for pieces."""
-    if any(getattr(options, k, v) not in (v, None, []) for k, v in NOT_WITH_PIECES.items()):
-        return True
-    return ground_needs_all(options)
 
 
 def _turns(lit: light.Light) -> bool:

@@ -218,8 +218,8 @@ def add_arguments(parser: Parser) -> None:
         type=pieces.memory,
         metavar="SIZE",
         help="number of bytes that the command may take, such as 8G: particles that need more are "
-        "read, built and traced in pieces (.npy, .npz without compression, HDF5, raw .vtu) "
-        "(default: no limit)",
+        "read, built and traced in pieces (HDF5, raw .vtu; .npy, .npz and .bgeo without "
+        "compression) (default: what is free)",
     )
     parser.set_defaults(prepare=functools.partial(state.defaults, parser))
 

@@ -119,7 +119,53 @@ class _Stream:
         return struct.unpack(form, self.take(struct.calcsize(form)))
 
 
+class MappedBgeo:
+    """A file without compression, mapped into memory: rows are read when they are used.
+
+    Raises FormatError for a damaged file and for another one.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = path
+        with open(path, "rb") as file:
+            held = os.fstat(file.fileno()).st_size
+            stream = _Stream(path, file, held, held)
+            n, width, self._columns = _head(stream)
+            if 4 * n * width > held - stream.position:
+                raise stream.bad(
+                    f"expected {4 * n * width} bytes, got {held - stream.position} more"
+                )
+            self.words = np.empty((0, width), ">u4")
+            if n:
+                self.words = np.memmap(path, ">u4", "r", stream.position, (n, width))
+
+    def particles(self, rows: np.ndarray) -> Particles:
+        """The particles of some rows of `words`, copied."""
+        return _particles(self.path, rows.astype(np.uint32), self._columns)
+
+
+def is_mappable(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is one of version 5 without compression."""
+    with open(path, "rb") as file:
+        return file.read(4) == b"Bgeo"
+
+
+_Columns = list[tuple[str, int, int, int]]  # name, type, first and last word
+
+
 def _read(stream: _Stream) -> Particles:
+    n_points, n_words, columns = _head(stream)
+    check_size(stream.path, f"byte {stream.position}", 4 * n_words * n_points, stream.held, 4.0)
+    raw = stream.take(4 * n_words * n_points)
+    words = np.frombuffer(raw, ">u4").astype(np.uint32).reshape(n_points, n_words)
+    del raw
+    if isinstance(stream.file, Inflated):
+        stream.file.finish()
+    return _particles(stream.path, words, columns)
+
+
+def _head(stream: _Stream) -> tuple[int, int, _Columns]:
+    """Points, words of each, and its attributes; the points follow."""
     magic = stream.take(4)
     if magic == b"\x7fNSJ":
         raise stream.bad("expected classic .bgeo (version 5), got Houdini's newer JSON format")
@@ -130,7 +176,7 @@ def _read(stream: _Stream) -> Particles:
         raise stream.bad(f"expected version V5, got {shown(letter)} {version}")
     if n_points < 0 or n_attributes < 0:
         raise stream.bad(f"expected counts, got {n_points} points, {n_attributes} attributes")
-    columns: list[tuple[str, int, int, int]] = []  # name, type, first and last word
+    columns: _Columns = []
     n_words = 4
     for _ in range(n_attributes):
         name, kind, size = _attribute(stream)
@@ -140,19 +186,18 @@ def _read(stream: _Stream) -> Particles:
             raise stream.bad(f"expected at most {_MOST_WORDS} words a point, got {n_words}")
         if stream.position > _LONGEST_HEADER:
             raise stream.bad(f"expected attributes within {_LONGEST_HEADER} bytes, got more")
-    check_size(stream.path, f"byte {stream.position}", 4 * n_words * n_points, stream.held, 4.0)
-    raw = stream.take(4 * n_words * n_points)
-    words = np.frombuffer(raw, ">u4").astype(np.uint32).reshape(n_points, n_words)
-    del raw
-    if isinstance(stream.file, Inflated):
-        stream.file.finish()
+    return n_points, n_words, columns
+
+
+def _particles(path: Any, words: np.ndarray, columns: _Columns) -> Particles:
+    """The particles of points (N, n_words) uint32."""
     arrays = {}
     for name, kind, begin, end in columns:
         integer = kind in (_INT, _INDEXED_STRING)
         values = np.ascontiguousarray(words[:, begin:end]).view(np.int32 if integer else np.float32)
         arrays[name] = values[:, 0] if end - begin == 1 else values
     positions = np.ascontiguousarray(words[:, :3]).view(np.float32)
-    return particles_from(stream.path, positions, arrays)
+    return particles_from(path, positions, arrays)
 
 
 def _attribute(stream: _Stream) -> tuple[str, int, int]:

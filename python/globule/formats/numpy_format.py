@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 import os
+import zipfile
+import zlib
 from collections.abc import Mapping
 from typing import IO, Any
 
@@ -22,6 +24,16 @@ from .fields import check_lengths, find_positions, particles_from
 from .size import bytes_of, check_size
 
 _PIECE = 1 << 22  # bytes that are read at once
+DAMAGED = (  # what a damaged archive raises
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    NotImplementedError,  # an unknown compression method
+    RuntimeError,  # encrypted
+    OSError,  # seeks to nonsense offsets
+    OverflowError,
+    UnicodeError,
+)
 
 
 def read_npy(path: str | os.PathLike[str]) -> Particles:
@@ -68,8 +80,6 @@ def read_npz(
 
 def _read_pysph(path: str | os.PathLike[str], species: str | None) -> Contents | None:
     """What PySPH wrote; None for other archives, also for damaged ones."""
-    import zipfile
-
     try:
         with open(path, "rb") as file, zipfile.ZipFile(file) as archive:
             if not {*pysph_npz.MEMBERS} <= {*archive.namelist()}:
@@ -109,8 +119,6 @@ def _with_places(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write .npz with everything, or .npy with the positions alone."""
-    import zipfile
-
     positions = to_host(particles.positions)
     with atomic_write(path) as file:
         if not _is_npz(path):
@@ -135,9 +143,6 @@ def _is_npz(path: str | os.PathLike[str]) -> bool:
 
 def read_archive(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     """The numeric arrays of an .npz by name. Raises FormatError naming the array."""
-    import zipfile
-    import zlib
-
     arrays = {}
     name = "archive"
     try:
@@ -152,22 +157,17 @@ def read_archive(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
                 with archive.open(info) as member:
                     arrays[name] = read_array(path, name, member, info.file_size)
                     member.read(1)  # the end, where the checksum is
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        EOFError,
-        NotImplementedError,  # an unknown compression method
-        RuntimeError,  # encrypted
-        OSError,  # seeks to nonsense offsets
-        OverflowError,
-        UnicodeError,
-    ) as error:
+    except DAMAGED as error:
         raise bad(path, name, f"expected an .npz archive, got {error}") from None
     return arrays
 
 
-def read_array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndarray:
-    """One .npy stream of `file_size` bytes, checked before memory is taken. Raises FormatError."""
+def read_header(
+    path: Any, name: str, file: IO[bytes], file_size: int
+) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Shape, Fortran's order and type of an .npy stream of `file_size` bytes, which holds all
+    numbers of that shape. Raises FormatError."""
+    begin = file.tell()
     try:
         version = np.lib.format.read_magic(file)
         if version == (1, 0):
@@ -176,7 +176,7 @@ def read_array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndar
             shape, fortran, dtype = np.lib.format.read_array_header_2_0(file)
         else:
             raise ValueError(f"version {version}")
-        header_size = file.tell()
+        header_size = file.tell() - begin
     except Exception as error:  # the header is parsed as Python text, which fails in many ways
         raise bad(path, name, f"expected an .npy header, got {error}") from None
     if dtype.hasobject or dtype.fields is not None:
@@ -189,6 +189,14 @@ def read_array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndar
     if not lengths_fit or size > file_size - header_size:
         problem = f"expected {dtype} {shape} in {file_size - header_size} bytes"
         raise bad(path, name, f"{problem}, got a header that announces {size}")
+    return shape, fortran, dtype
+
+
+def read_array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndarray:
+    """One .npy stream of `file_size` bytes, checked before memory is taken. Raises FormatError."""
+    shape, fortran, dtype = read_header(path, name, file, file_size)
+    count = math.prod(shape)
+    size = count * dtype.itemsize
     array = np.empty(count, dtype)
     if size:
         view, n = bytes_of(array), 0

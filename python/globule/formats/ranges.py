@@ -1,5 +1,5 @@
 """Ranges of particles of a file, for data sets that are larger than the memory: .npy, .npz without
-compression, HDF5, and .vtu and .vtp whose one piece is appended raw.
+compression, HDF5, .bgeo without compression, and .vtu and .vtp whose one piece is appended raw.
 
 `Ranges.read(first, last)` returns what `read` would for these rows alone.
 """
@@ -10,19 +10,27 @@ import mmap
 import os
 import zipfile
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ..scene.particles import Particles
+from .._base.checks import MissingPackageError
+from .._base.memory import largest_ratio
+from ..scene.fitting import always_fits
+from ..scene.particles import FIELDS, Particles
+from .bgeo import MappedBgeo
+from .bgeo import is_mappable as bgeo_is_mappable
 from .errors import FormatError, bad
 from .fields import find_positions, particles_from
 from .kind import kind_of
-from .numpy_format import _from_columns, _with_places
-from .vtk_xml import MappedVtk, is_mappable
+from .numpy_format import DAMAGED, _from_columns, _with_places, read_header
+from .vtk_xml import MappedVtk
+from .vtk_xml import is_mappable as vtk_is_mappable
 
 FORMATS = ("npy", "npz", "hdf5")
-VTK = ("vtu", "vtp")
+MAPPABLE = {"vtu": vtk_is_mappable, "vtp": vtk_is_mappable, "bgeo": bgeo_is_mappable}
+NAMES = ".npy, .npz, HDF5, .bgeo without compression or raw appended .vtu"  # for messages
+MOST_BYTES = 64.0  # that a scene takes for one byte of a file without compression
 _LOCAL_HEADER = 30  # bytes before a zip member's name and extra field
 
 
@@ -40,7 +48,8 @@ class Ranges(NamedTuple):
 def has_ranges(path: str | os.PathLike[str]) -> bool:
     """Whether the format of a file allows ranges."""
     kind = kind_of(path, "particles").format
-    return kind in FORMATS or (kind in VTK and is_mappable(path))
+    mappable = MAPPABLE.get(kind)
+    return kind in FORMATS or (mappable is not None and mappable(path))
 
 
 def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
@@ -54,7 +63,7 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
     """
     kind = kind_of(path, "particles")
     if kind.format == "npy":
-        return _of_array(path, _mapped(path, "array", path, 0))
+        return _of_array(path, _mapped(path, "array", 0))
     if kind.format == "npz":
         return _of_arrays(path, _members(path))
     if kind.format == "hdf5":
@@ -64,20 +73,32 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
         return Ranges(
             n, lambda first, last: hdf5.read(path, rows=(first, last), **options).particles
         )
-    if kind.format in VTK and is_mappable(path):
-        return _of_vtk(path)
+    if has_ranges(path):
+        return _of_bgeo(path) if kind.format == "bgeo" else _of_vtk(path)
     raise FormatError(
-        f"{path}: expected .npy, .npz, HDF5 or raw appended .vtu, whose ranges can be read, "
-        f"got {kind.format}; globule convert writes .npz"
+        f"{path}: expected {NAMES}, whose ranges can be read, got {kind.format}; "
+        "globule convert writes .npz"
     )
+
+
+def counted_rows(path: str) -> tuple[int, float] | None:
+    """The number of particles in a file, and the bytes that one takes when it is read; None for a
+    file that is read whole, cannot be read, or is so small that it fits whatever it has."""
+    try:
+        most = os.path.getsize(path) * max(largest_ratio(), MOST_BYTES)
+        if always_fits(most) or not has_ranges(path):
+            return None
+        n, read = ranges(path)
+        first = read(0, min(n, 1))
+    except (ValueError, TypeError, OSError, MissingPackageError):
+        return None  # who reads it says what is wrong
+    arrays = [getattr(first, name) for name in FIELDS] + list(first.attributes.values())
+    return n, float(sum(getattr(array, "nbytes", 0) for array in arrays))
 
 
 def _of_vtk(path: Any) -> Ranges:
     file = MappedVtk(path)
-    element = file.root.find(f"{file.root.get('type')}/Piece")
-    if element is None:
-        raise file.bad("VTKFile", "expected a <Piece>, got none")
-    arrays = file.piece(element)
+    arrays = file.piece(file.pieces()[0])
     positions = arrays.pop(("", 3))
 
     def read(first: int, last: int) -> Particles:
@@ -89,24 +110,26 @@ def _of_vtk(path: Any) -> Ranges:
     return Ranges(len(positions), read)
 
 
-def _mapped(path: Any, name: str, file_name: Any, offset: int) -> np.ndarray:
+def _of_bgeo(path: Any) -> Ranges:
+    file = MappedBgeo(path)
+
+    def read(first: int, last: int) -> Particles:
+        return file.particles(_rows(file.words, first, last))
+
+    return Ranges(len(file.words), read)
+
+
+def _mapped(path: Any, name: str, offset: int) -> np.ndarray:
     """The .npy stream at an offset of a file, mapped into memory."""
-    try:
-        with open(file_name, "rb") as file:
-            file.seek(offset)
-            version = np.lib.format.read_magic(file)
-            read = {(1, 0): np.lib.format.read_array_header_1_0,
-                    (2, 0): np.lib.format.read_array_header_2_0}[version]  # fmt: skip
-            shape, fortran, dtype = read(file)
-            start = file.tell()
-        if dtype.hasobject or dtype.fields is not None:
-            raise ValueError(f"dtype {dtype}")
-        if not np.prod(shape):
-            return np.empty(shape, dtype)
-        order = "F" if fortran else "C"
-        return np.memmap(file_name, dtype, "r", start, shape, order)  # type: ignore[call-overload]
-    except (ValueError, KeyError, TypeError, OverflowError) as error:
-        raise bad(path, name, f"expected an array of numbers (.npy), got {error}") from None
+    with open(path, "rb") as file:
+        held = os.fstat(file.fileno()).st_size
+        file.seek(offset)
+        shape, fortran, dtype = read_header(path, name, file, held - offset)
+        start = file.tell()
+    if not np.prod(shape):
+        return np.empty(shape, dtype)
+    order: Literal["F", "C"] = "F" if fortran else "C"
+    return np.memmap(path, dtype, "r", start, shape, order)
 
 
 def _of_array(path: Any, array: np.ndarray) -> Ranges:
@@ -141,8 +164,8 @@ def _members(path: Any) -> dict[str, np.ndarray]:
                 behind = int.from_bytes(header[26:28], "little")
                 behind += int.from_bytes(header[28:30], "little")
                 offset = info.header_offset + _LOCAL_HEADER + behind
-                found[name] = _mapped(path, name, path, offset)
-    except (zipfile.BadZipFile, OSError) as error:
+                found[name] = _mapped(path, name, offset)
+    except DAMAGED as error:
         raise bad(path, "archive", f"expected an .npz archive, got {error}") from None
     return found
 

@@ -141,17 +141,22 @@ class VtkXml:
         self.appended_is_base64 = b"raw" not in tag[1]
         return data[: tag.end()] + data[end:]
 
-    def particles(self) -> Particles:
-        """The points and point data of PolyData or UnstructuredGrid, all pieces together."""
+    def pieces(self) -> list[Any]:
+        """The pieces of PolyData or UnstructuredGrid, at least one."""
         kind = self.root.get("type", "")
         grid = self.root.find(kind) if kind in ("PolyData", "UnstructuredGrid") else None
         if grid is None:
             problem = f"expected PolyData or UnstructuredGrid, got {shown(kind)}"
             raise self.bad("VTKFile", problem)
-        pieces = [self.piece(element) for element in grid.findall("Piece")]
-        filled = [piece for piece in pieces if len(piece["", 3])] or pieces[:1]
-        if not filled:
+        found = grid.findall("Piece")
+        if not found:
             raise self.bad(kind, "expected a <Piece>, got none")
+        return found
+
+    def particles(self) -> Particles:
+        """The points and point data of all pieces together."""
+        pieces = [self.piece(element) for element in self.pieces()]
+        filled = [piece for piece in pieces if len(piece["", 3])] or pieces[:1]
         arrays = {}
         for key in filled[0]:
             if all(key in piece for piece in filled):
@@ -307,6 +312,8 @@ class MappedVtk(VtkXml):
 
 def is_mappable(path: str | os.PathLike[str]) -> bool:
     """Whether a file has one piece, and all its arrays appended raw, without compression."""
+    if not os.path.getsize(path):
+        return False
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         tag = _APPENDED.search(data)
         if tag is None or b"raw" not in tag[1]:

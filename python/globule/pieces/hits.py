@@ -30,6 +30,13 @@ class Hits:
         self.albedo = np.zeros((n, 3), np.float32)
         self.layer = np.full(n, NOTHING, np.uint8)
 
+    def __getitem__(self, some: slice) -> Hits:
+        """Those of some rays: the same memory."""
+        part = object.__new__(Hits)
+        part.t, part.normal = self.t[some], self.normal[some]
+        part.albedo, part.layer = self.albedo[some], self.layer[some]
+        return part
+
     def put(self, rays: np.ndarray, t: Any, normal: Any, albedo: Any, layer: Any) -> None:
         """Keep hits of rays (K,) that are nearer than those so far; of equal ones the first."""
         nearer = t < self.t[rays]

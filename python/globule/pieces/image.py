@@ -20,7 +20,7 @@ from ..scene.scene import Scene
 from .hits import NOTHING, Hits, first_hits, nearest
 from .light import render_light, turns
 from .scene import Pieces
-from .shading import edges, finished, light_of, rays_of, shade
+from .shading import SOME, edges, finished, light_of, rays_of, shade
 from .wavefront import skip_empty
 
 __all__ = ["Pieces", "PiecesFrame", "fit", "render_pieces"]
@@ -48,7 +48,9 @@ class PiecesFrame(Frame):
 
     def pick(self, column: int, row: int) -> Any:
         """Not for scenes in pieces."""
-        raise ValueError("pick: expected one scene, got pieces")
+        raise ValueError(
+            "pick: expected one scene, got pieces; frame.position has the places of the hits"
+        )
 
     def attribute(self, values: Any) -> np.ndarray:
         """Not for scenes in pieces: give `color_by` to `Pieces`."""
@@ -84,7 +86,7 @@ class Images:
 
     def position(self, height: int, width: int) -> np.ndarray:
         """(H, W, 3) float32, world."""
-        o, d = self._rays
+        o, d = self._rays()
         with np.errstate(invalid="ignore"):
             at = np.where(np.isfinite(self._hits.t)[:, None], o + self._hits.t[:, None] * d, np.nan)
         return at.astype(np.float32).reshape(height, width, 3)
@@ -111,22 +113,22 @@ def render_pieces(
 ) -> Frame:
     """The image of layers of which some are `Pieces`; as `render`, to which it belongs."""
     job = Job(layers, camera, size, settings)
-    materials = job.materials
     if turns(layers, settings):
         return render_light(layers, job.camera, size, settings, job.ranks, progress)
     n, root = size[0] * size[1], job.ranks.rank == 0
-    everything = np.arange(n)
     hits = job.nearest_centers()
-    o, d = job.rays(everything, 0)
-    color, shown = shade(hits, o, d, settings, materials) if root else _nothing(n)
+    if root:
+        color, shown = job.shaded(hits, np.arange(n), 0)
+    else:
+        color, shown = (np.zeros((n, 3), np.float32) for _ in "ab")
     alpha = (hits.layer != NOTHING).astype(np.float32)
     if progress is not None:
         progress(1, settings.samples)
     if settings.samples > 1:
-        pixels, more = everything, settings.samples - 1
+        pixels, more = np.arange(n), settings.samples - 1
     else:
         more = job.edge_samples
-        pixels = everything[:0]
+        pixels = np.empty(0, np.int64)
         if more and root:
             plain = len(layers) == 1 and not layers[0].clips
             contrast = not plain and not settings.transparent
@@ -137,7 +139,7 @@ def render_pieces(
         found = job.nearest([job.rays(pixels, k) for k in some])
         for k, one in zip(some, found, strict=True):
             if root:
-                light, displayed = shade(one, *job.rays(pixels, k), settings, materials)
+                light, displayed = job.shaded(one, pixels, k)
                 color[pixels] += light
                 shown[pixels] += displayed
                 alpha[pixels] += one.layer != NOTHING
@@ -146,12 +148,9 @@ def render_pieces(
     if len(pixels):
         for array in (color, shown, alpha):
             array[pixels] /= np.float32(more + 1)
-    images = Images(hits, (o, d), color, finished(shown), settings.samples)
+    picture = finished(shown) if root else np.zeros((n, 3), np.uint8)
+    images = Images(hits, lambda: job.rays(np.arange(n), 0), color, picture, settings.samples)
     return PiecesFrame(size, images, tuple(layers), None, settings, _alpha=alpha)
-
-
-def _nothing(n: int) -> tuple[np.ndarray, np.ndarray]:
-    return np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32)
 
 
 class Job:
@@ -180,27 +179,36 @@ class Job:
         """Origins and directions of a sample of pixels."""
         return rays_of(self.camera, self.size, pixels, sample)
 
+    def shaded(self, hits: Hits, pixels: np.ndarray, sample: int) -> tuple[np.ndarray, np.ndarray]:
+        """`shade` of hits of a sample of pixels."""
+        n = len(pixels)
+        color, shown = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
+        for first in range(0, n, SOME):
+            some = slice(first, first + SOME)
+            rays = self.rays(pixels[some], sample)
+            color[some], shown[some] = shade(hits[some], *rays, self.settings, self.materials)
+        return color, shown
+
     def nearest_centers(self) -> Hits:
         """What the rays through the pixels' centers meet, on rank 0: the core makes them."""
         n = self.size[0] * self.size[1]
-        hits, pixels = Hits(n), np.arange(n)
-        o, d = self.rays(pixels, 0)
+        hits = Hits(n)
+        o, d = self.rays(np.arange(n), 0)
         for k, layer in enumerate(self.layers):
             scene, clips = layer.scene, layer.clips
             if isinstance(scene, Scene):
                 if self.ranks.rank == 0:
-                    hits.put(pixels, *self._frame(scene, clips), k)
+                    hits.put(np.arange(n), *self._frame(scene, clips), k)
             elif scene.negative or self._inside(scene, clips, o, d).any():
-                hits.put(pixels, *in_turn(scene, o, d, clips), k)
+                hits.put(np.arange(n), *in_turn(scene, o, d, clips), k)
             else:
                 self.ranks.together(partial(self._put_centers, hits, layer, o, d, k))
+        del o, d  # before others' hits come
         return nearest(self.ranks, hits)
 
     def _put_centers(self, hits: Hits, layer: Layer, o: Any, d: Any, k: int) -> None:
-        pixels = np.arange(len(o))
         for piece, part in layer.scene.visit():
-            found = self._frame(part, layer.clips)
-            hits.put(*owned(layer.scene, piece, pixels, o, d, *found), k)
+            put_owned(hits, layer.scene, piece, o, d, self._frame(part, layer.clips), k)
 
     def _frame(self, scene: Scene, clips: Sequence[Any]) -> tuple[Any, Any, Any]:
         frame = render([Layer(scene, None, clips)], self.camera, self.size, light_of())
@@ -224,8 +232,7 @@ class Job:
             for piece, part in scene.visit() if not all(hard) else ():
                 for hits, (o, d), inside in zip(found, rays, hard, strict=True):
                     if not inside:
-                        mine = first_hits(part, o, d, clips)
-                        hits.put(*owned(scene, piece, np.arange(len(o)), o, d, *mine), k)
+                        put_owned(hits, scene, piece, o, d, first_hits(part, o, d, clips), k)
         return [nearest(self.ranks, hits) for hits in found]
 
     def _inside(self, scene: Pieces, clips: Sequence[Any], o: Any, d: Any) -> np.ndarray:
@@ -249,14 +256,16 @@ class Job:
         return np.broadcast_to(found, len(o)) if one_eye else found
 
 
-def owned(
-    scene: Pieces, piece: int, rays: Any, o: Any, d: Any, t: Any, normal: Any, albedo: Any
-) -> tuple[Any, Any, Any, Any]:
-    """A piece's hits in its own cells, with their rays; for rays that begin outside of the medium
-    and weights of at least 0 the first of all pieces' is the whole scene's."""
-    hit = np.flatnonzero(np.isfinite(t))
-    mine = hit[scene.partition.knows(piece, o[hit] + t[hit, None] * d[hit])]
-    return rays[mine], t[mine], normal[mine], albedo[mine]
+def put_owned(
+    hits: Hits, scene: Pieces, piece: int, o: Any, d: Any, found: tuple[Any, Any, Any], layer: int
+) -> None:
+    """Keep a piece's hits in its own cells: for rays that begin outside of the medium and weights
+    of at least 0 the first of all pieces' is the whole scene's."""
+    t, normal, albedo = found
+    for first in range(0, len(t), SOME):  # a hit's cell takes a hundred bytes while it is found
+        hit = first + np.flatnonzero(np.isfinite(t[first : first + SOME]))
+        mine = hit[scene.partition.knows(piece, o[hit] + t[hit, None] * d[hit])]
+        hits.put(mine, t[mine], normal[mine], albedo[mine], layer)
 
 
 def in_turn(

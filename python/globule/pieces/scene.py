@@ -16,6 +16,7 @@ from .._base.memory import resident_bytes, trim
 from .._base.ranks import ranks_of
 from ..render.fit import REACH
 from ..scene.attributes import attribute_values, checked_range, color_by
+from ..scene.fitting import octree_bytes, room_on
 from ..scene.fluid import fluid_like
 from ..scene.particles import Particles
 from ..scene.scene import (
@@ -34,6 +35,7 @@ from .store import CHUNK, Columns, Files, Layout, Source, layout_of, source_of
 # Bytes that a piece takes for each of its particles while it is read, built and traced, measured:
 # 58 and 95 on a CPU, with the rows themselves.
 BYTES = {"balls": 80, "spheres": 80, "smooth": 125}
+DEVICE_SHARE = 0.8  # of the memory that a GPU has free, for a piece and its image
 OVERHEAD = 160_000_000  # bytes of the chunk that is being dealt out, or of an image
 SMOOTH_REACH = 3.375  # spacings: of a smooth kernel, and of the neighbors that shape it
 SAMPLE = 40_000  # particles at which spacing and surface are measured
@@ -60,8 +62,8 @@ class Pieces:
     several times.
 
     Args:
-        particles: the name of a file whose ranges can be read (.npy, .npz without compression,
-            HDF5), or what `Scene` takes. With `comm`, this rank's share of them.
+        particles: the name of a file whose ranges can be read (HDF5, raw .vtu; .npy, .npz and
+            .bgeo without compression), or what `Scene` takes. With `comm`, this rank's share.
         n: number of pieces; default: as `memory` asks for. With `comm`, one a rank.
         memory: bytes that this process may take; default: no limit.
         comm: an mpi4py communicator; all its ranks make the same calls. The particles may be
@@ -211,6 +213,10 @@ class Pieces:
         """Values at the ends of the color map."""
         return self._color[2]
 
+    def one(self, name: str) -> Any:
+        """The value that a field has for all particles; None where it has several, or none."""
+        return self._layout.one.get(name)
+
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """(lowest, highest) corner of the particles: (3,) float64 each, world."""
         return self.low, self.high
@@ -283,7 +289,8 @@ class Pieces:
         near = np.concatenate([a for part in self.ranks.all(found) for a in part] or
                               [np.empty((0, 3), np.float32)])  # fmt: skip
         sample = Particles(near[np.lexsort(near.T)])
-        scene = Scene(sample, device="cpu", threads=self._options["threads"])
+        # A level keeps it in one scene, however little memory there is.
+        scene = Scene(sample, level=10, device="cpu", threads=self._options["threads"])
         if auto:
             self.surface = "smooth" if fluid_like(sample, scene).yes else "balls"
         if self.surface == "balls":
@@ -339,6 +346,11 @@ class Pieces:
             more = math.ceil(1.1 * self.partition.n * largest / most)
             if more > MOST_PIECES or self.partition.n >= 8**self.space.level:
                 need = largest * self._bytes() + self._base
+                if need <= (self._memory or math.inf):
+                    raise MemoryError(
+                        f"memory: expected room on {self.device.name} for the smallest possible "
+                        f"piece, {largest:,} particles, got room for {most:,.0f}"
+                    )
                 raise MemoryError(
                     f"memory: expected at least {need / 1e9:.2g} GB for the smallest possible "
                     f"piece, {largest:,} particles, got {(self._memory or 0) / 1e9:.2g} GB"
@@ -369,6 +381,7 @@ class Pieces:
             return scene
 
         self._scenes[ranks.rank] = ranks.together(build)
+        trim()
 
     def _dealt(self, source: Source, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         """The rows of some particles, by the rank they go to, and how many go to each."""
@@ -398,15 +411,19 @@ class Pieces:
 
     def _most_particles(self) -> float:
         """Particles that a piece may have."""
+        most = math.inf
+        if self.device.backend == "cuda" and not self._on_ranks:
+            each = octree_bytes(1, self.surface, self._options["key_bits"])
+            most = DEVICE_SHARE * room_on(self.device) / (each + 4 * self._layout.width)
         if self._memory is None:
-            return math.inf
+            return most
         room = self._memory - self._base
         if room <= 0:
             raise MemoryError(
                 f"memory: expected more than the {self._base / 1e9:.2g} GB that the program "
                 f"itself takes, got {self._memory / 1e9:.2g} GB"
             )
-        return room / self._bytes()
+        return min(most, room / self._bytes())
 
     @property
     def held(self) -> np.ndarray:

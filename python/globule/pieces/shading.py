@@ -16,7 +16,7 @@ from ..render.settings import RenderSettings
 from .hits import NOTHING, Hits
 
 CREASE, JUMP, CONTRAST = 0.6, 2.0, 24  # as in src/trace/edges.hpp
-SOME = 1 << 14  # pixels at a time: in float64 their rays take a hundred bytes each
+SOME = 1 << 13  # pixels at a time: in float64 their rays take a hundred bytes each
 
 
 def rays_of(
@@ -24,10 +24,17 @@ def rays_of(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Origins and unit directions (K, 3) float32 of pixels' rays: through the centers, or a later
     sample anywhere in the pixel, at the same place as in the core (src/trace/camera.hpp)."""
-    origins, directions = (np.empty((len(pixels), 3), np.float32) for _ in range(2))
+    directions = np.empty((len(pixels), 3), np.float32)
+    if camera.height is None:  # all from the eye
+        eye = camera.frame(size)[0].astype(np.float32)
+        origins = np.broadcast_to(eye, directions.shape)
+    else:
+        origins = np.empty_like(directions)
     for k in range(0, len(pixels), SOME):
         some = slice(k, k + SOME)
-        origins[some], directions[some] = _exact_rays(camera, size, pixels[some], sample)
+        begin, directions[some] = _exact_rays(camera, size, pixels[some], sample)
+        if camera.height is not None:
+            origins[some] = begin
     return origins, directions
 
 
@@ -147,8 +154,11 @@ def _differ(hits: Hits, o: np.ndarray, d: np.ndarray, i: np.ndarray, j: np.ndarr
 
 
 def finished(shown: np.ndarray) -> np.ndarray:
-    """sRGB (…) uint8 of light as displayed."""
-    return displayed(np.maximum(shown, 0).astype(np.float32))
+    """sRGB (N, 3) uint8 of light as displayed."""
+    out = np.empty(shown.shape, np.uint8)
+    for k in range(0, len(shown), SOME):
+        out[k : k + SOME] = displayed(np.maximum(shown[k : k + SOME], 0).astype(np.float32))
+    return out
 
 
 def _sample(pixel: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:

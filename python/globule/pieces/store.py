@@ -11,6 +11,7 @@ import numpy as np
 
 from .._base.arrays import to_host
 from ..formats.ranges import ranges
+from ..scene.fitting import is_positions
 from ..scene.particles import FARTHEST, Particles
 from ..scene.scene import DEFAULT_COLOR
 from ..scene.sources import as_particles
@@ -50,6 +51,8 @@ def source_of(value: Any) -> Source:
     if isinstance(value, (str, os.PathLike)):
         n, read = ranges(value)
         return Source(n, read)
+    if is_positions(value):  # of a file mapped into memory, perhaps: never all of them
+        return Source(len(value), lambda first, last: Particles(value[first:last]))
     particles = as_particles("particles", value)
     return Source(len(particles), lambda first, last: particles[first:last])
 

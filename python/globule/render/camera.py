@@ -236,13 +236,14 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _outline(particles: Any) -> tuple[np.ndarray, np.ndarray]:
     """Points that stand for all particles, relative to the middle of their box, and that middle:
     the positions, or the box's corners where they are many or on a GPU."""
-    owner = as_particles("particles", particles)
+    in_pieces = getattr(particles, "in_pieces", False) is True
+    owner = particles if in_pieces else as_particles("particles", particles)
     try:
         lo, hi = (v.astype(np.float64) for v in owner.bounds())
     except ValueError:  # no finite position
         return np.zeros((1, 3)), np.zeros(3)
     middle = (lo + hi) / 2
-    if on_gpu(owner.positions) or len(owner) > 1_000_000:
+    if in_pieces or on_gpu(owner.positions) or len(owner) > 1_000_000:
         corners = np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T
         return corners - middle, middle
     return owner.finite_positions() - middle, middle

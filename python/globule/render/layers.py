@@ -13,7 +13,7 @@ from .._base.arrays import on_gpu, to_host
 from .._base.checks import shown
 from .._base.device import Device
 from ..scene import attributes
-from ..scene.fluid import shown_scene
+from ..scene.fluid import shown_scene, unless_divided
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
@@ -99,7 +99,7 @@ def as_scene(value: Any) -> Scene | Mesh:
     if mesh is not None:
         return mesh
     own = _own_scene(value)
-    return shown_scene(as_particles("scene", value)) if own is None else own
+    return shown_scene(value) if own is None else own
 
 
 def _mesh_of(value: Any) -> Mesh | None:
@@ -188,6 +188,10 @@ def _colored(item: Any, color: tuple) -> Scene | Mesh:
     if own is not None and own is item:
         own._color_by(*color)
         return own
+    if own is None:
+        item, divided = unless_divided(item, color)
+        if divided is not None:
+            return divided
     particles = attributes.color_by(as_particles("scene", own or item), *color)
     # A simulation's scene is updated by nobody else.
     return shown_scene(particles) if own is None else scene_like(own, particles)

@@ -95,7 +95,9 @@ def render(
     if spread is not None:
         if color_by is not None:
             if annotate is not None:
-                raise ValueError("annotate: expected no color_by with it for a scene on ranks")
+                raise ValueError(
+                    "annotate: expected no color_by with it for a scene on ranks or in pieces"
+                )
             settings, color_by = for_values(settings), None
         layers, comm = spread.settled(layers, settings, comm, annotate is not None)
     first = layers[0].scene

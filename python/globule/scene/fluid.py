@@ -13,8 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.arrays import extent, on_gpu, to_host
+from .._base.device import choose
+from .fitting import counted, lacking
 from .particles import Particles
-from .scene import Scene
+from .scene import Scene, scene_in_pieces
+from .sources import as_particles
 
 FEWEST = 100
 # Distances to the nearest particle: the one that 90 % reach over the one that 10 % reach. 1.3 in a
@@ -141,9 +144,16 @@ def shows_flat(scene: object) -> bool:
     return isinstance(scene, Scene) and scene.surface == "spheres" and is_flat(scene.particles)
 
 
-def shown_scene(particles: Particles, **options: Any) -> Scene:
-    """The scene with the surface of `surface_of`; its own octree tells which one that is."""
-    if "surface" in options or not _plain(options) or len(particles) < FEWEST:
+def shown_scene(value: Any, **options: Any) -> Scene:
+    """The scene, with the surface of `surface_of`, of particles or what stands for them; its own
+    octree tells which one that is."""
+    if "surface" in options or not _plain(options):
+        return Scene(as_particles("scene", value), **options)
+    value, divided = unless_divided(value, **options)
+    if divided is not None:
+        return divided
+    particles = as_particles("scene", value)
+    if len(particles) < FEWEST:
         return Scene(particles, **options)
     if is_flat(particles):
         return Scene(particles, surface="spheres", spacing=flat_spacing(particles), **options)
@@ -151,6 +161,24 @@ def shown_scene(particles: Particles, **options: Any) -> Scene:
     if fluid_like(particles, scene).yes:
         scene.become_smooth()
     return scene
+
+
+def unless_divided(
+    value: Any, color: tuple[Any, Any, Any] | None = None, **options: Any
+) -> tuple[Any, Scene | None]:
+    """What stands for particles, read where only that tells how many there are, and their scene in
+    pieces if they do not fit into the memory as one.
+
+    color: the arguments of `color_by`.
+    """
+    value, n, to_read = counted("scene", value)
+    device = choose(options.pop("device", "auto"))
+    if all(options.pop(name, None) is None for name in ("level", "bounds")):
+        options.pop("octree", None)
+        lack = lacking(n, to_read, "smooth", options.get("key_bits", 32), device)
+        if lack is not None:
+            return value, scene_in_pieces(value, lack, device, color, surface="auto", **options)
+    return value, None
 
 
 def _plain(options: dict[str, Any]) -> bool:

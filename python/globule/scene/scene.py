@@ -15,6 +15,7 @@ from .._base.checks import choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
 from .._base.old_names import renamed
 from .attributes import color_by
+from .fitting import counted, lacking
 from .octree import Octree
 from .particles import FIELDS, Particles
 from .sources import as_particles
@@ -47,8 +48,17 @@ MAX_PARTICLES = 2**31 - 64
 MAX_SUPPORT = 1e18  # past it squares overflow float32
 MAX_RATIO = 1e6  # between the largest and the smallest support
 
-# The class of scenes whose particles lie on the ranks of MPI, by a room after this one.
+# Classes of a room after this one: of scenes whose particles lie on the ranks of MPI, and of those
+# whose particles do not fit into the memory.
 on_ranks: list[Callable[[], type[Scene]]] = []
+in_pieces: list[Callable[[], type[Scene]]] = []
+
+
+def scene_in_pieces(value: Any, *args: Any, **options: Any) -> Scene:
+    """A scene in pieces of particles that do not fit into the memory."""
+    scene: Any = object.__new__(in_pieces[0]())
+    scene._divide(value, *args, **options)
+    return scene
 
 
 class Intersections(NamedTuple):
@@ -66,6 +76,12 @@ class Intersections(NamedTuple):
 
 class Scene:
     """Particles sorted into an octree, ready to be traced.
+
+    Particles that the device's free memory, or the limit of `set_limits`, does not hold are kept in
+    pieces in temporary files, and a warning says so. `render` reads, builds and traces the pieces
+    one after the other. Such a scene answers no questions about the field and has no `particles`.
+    The particles of a file whose ranges can be read (HDF5, raw .vtu; .npy, .npz and .bgeo without
+    compression) are never all in memory. With `level`, `bounds` or a dense octree, it stays in one.
 
     Args:
         particles: `Particles`; (N, 3) positions, world units; or the name of a file, which
@@ -136,6 +152,21 @@ class Scene:
             raise ValueError(f"ranks: expected comm with it, got {shown(ranks)} without")
         choice("kernel", kernel, KERNELS)
         choice("surface", surface, SURFACES)
+        choice("octree", octree, ("sparse", "dense"))
+        choice("key_bits", key_bits, (32, 64))
+        self.device = choose(device)
+        particles, n, to_read = counted("particles", particles)
+        if type(self) is Scene and octree == "sparse" and level is None and bounds is None:
+            lack = lacking(n, to_read, surface, key_bits, self.device)
+            if lack is not None:
+                # Only here, with the particles counted, is it known which kind of scene this is.
+                self.__class__ = in_pieces[0]()
+                self._divide(  # type: ignore[attr-defined]
+                    particles, lack, self.device, None, kernel=kernel, threshold=threshold,
+                    support=support, surface=surface, spacing=spacing, key_bits=key_bits,
+                    threads=threads,
+                )  # fmt: skip
+                return
         particles = as_particles("particles", particles)
         own = surface != "balls"
         if own and (kernel, octree, support) != ("murakami", "sparse", None):
@@ -145,8 +176,6 @@ class Scene:
             )
         if spacing is not None and not own:
             raise ValueError("spacing: expected surface='smooth' with it, got 'balls'")
-        choice("octree", octree, ("sparse", "dense"))
-        choice("key_bits", key_bits, (32, 64))
         if octree == "dense" and key_bits != 32:
             raise ValueError("key_bits: the dense octree uses 32-bit keys, got 64")
         deepest = 8 if octree == "dense" else 10 if key_bits == 32 else 21
@@ -158,7 +187,6 @@ class Scene:
         self.kernel = kernel
         self.surface = surface
         self.threshold = self._defaults[1] if threshold is None else threshold
-        self.device = choose(device)
         self.builds = 0
         self._kernel = KERNELS.index(kernel)
         self._tree = (key_bits, int(level), octree == "dense", _space(bounds))
