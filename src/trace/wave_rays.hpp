@@ -26,7 +26,7 @@ struct WaveRays {
 struct WaveHits {
     float* t;
     float *normal, *albedo;           ///< (n, 3)
-    float *reflection, *refraction;   ///< (n,) blended factors
+    float *reflection, *refraction, *wetness;  ///< (n,) blended factors
     std::uint32_t* layer;             ///< kMissed, kGround, or the layer
 };
 

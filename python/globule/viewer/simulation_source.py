@@ -122,11 +122,10 @@ class SimulationSource(Source):
         """The simulation's own scene if the settings allow. The caller holds `lock`."""
         surface = state.surface
         scene = getattr(self.simulation, "scene", None)
-        plain = surface.support is None and surface.root == "exact" and not state.color.by
+        plain = (surface.support, surface.root, surface.threshold) == (None, "exact", None)
+        plain = plain and not state.color.by and not (self.has_tissue and surface.shape == "balls")
         if scene is None or not plain or surface.kernel != scene.kernel or self.is_smooth(state):
             return [Layer(self.maker.scene(self._drawn(state), state))]
-        if surface.threshold is not None:
-            scene.threshold = surface.threshold
         self.maker.show(scene)
         return [Layer(scene)]
 
