@@ -199,3 +199,39 @@ def test_colors_by_value_and_speed(backend):
     eye.picture(sim)
     assert eye._shown(sim).surface == "smooth"
     assert gb.render(sim, CAMERA, SIZE).pick(*np.argwhere(plain.mask)[9][::-1]).particle is not None
+
+
+def test_white_matter_is_of_the_same_body(tmp_path, backend):
+    """A ball of 60 mm whose inner 35 mm are brighter."""
+    far = np.linalg.norm(np.mgrid[-8:9, -8:9, -8:9], axis=0) * 5.0
+    head = np.where(far < 17.5, 200.0, np.where(far < 30.0, 100.0, 0.0)).astype(np.float32)
+    gb.write_volume(tmp_path / "head.nrrd", gb.Volume(head, np.diag([5.0, 5.0, 5.0, 1.0])))
+    source = {"file": str(tmp_path / "head.nrrd"), "level": 50.0}
+
+    def made(**keys):
+        solid = {"name": "brain", "tomography": source | keys, "color": [0.4, 0.3, 0.2]}
+        return gb.Simulation(
+            {"spacing": 0.005, "domain": {"lo": [-0.1] * 3, "hi": [0.1] * 3}, "solids": [solid]},
+            **backend,
+        )
+
+    sim = made(white=[0.9, 0.9, 0.8], white_level=150.0)
+    assert list(sim.phases) == ["brain", "brain white matter"]
+    white = sim.arrays.phase == 1
+    distance = np.linalg.norm(sim.positions, axis=1)
+    assert (white == (distance < 0.0175)).all()
+    assert 0 < white.sum() < len(sim) / 2
+    plain = made()
+    assert list(plain.phases) == ["brain"]
+    assert sim.tissue.n_bonds == plain.tissue.n_bonds  # one body
+    camera = gb.Camera((0, -0.3, 0), (0, 0, 0), (0, 0, 1), 20)
+    frame = gb.render(sim, camera, (48, 48), clips=[gb.ClipPlane((0, -1, 0))])
+    middle, rim = frame.albedo[24, 24], frame.albedo[24, 12]
+    assert middle == pytest.approx([0.9, 0.9, 0.8], abs=0.02)
+    assert rim == pytest.approx([0.4, 0.3, 0.2], abs=0.05)
+    for keys, message in (
+        ({"white": [1, 1, 1]}, "expected white and white_level of a file, got one of them"),
+        ({"white_level": 150.0}, "expected white and white_level of a file, got one of them"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            made(**keys)

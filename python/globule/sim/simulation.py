@@ -65,7 +65,8 @@ class Simulation:
 
     Attributes:
         scene: a `gb.Scene` of the same memory, with the current particles: one smooth surface where
-            a fluid is shown and no tissue, else the particles' balls (`scene.surface`).
+            a fluid is shown and no tissue; the smooth surface of tissue, with fluids and what else
+            is shown as scenes `beside`, which images show as further layers.
         settings: `Settings`: gravity, and the steps of the solver.
         phases: the materials, `Phase`s by name.
         emitters: `Emitter`s by name.
