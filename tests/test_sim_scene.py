@@ -110,6 +110,7 @@ def test_tissue_fluids_and_the_rest_are_layers(backend):
     assert (sim.scene.surface, sim.scene.threshold) == ("smooth", 0.5)
     assert [scene.surface for scene in sim.scene.beside] == ["smooth", "balls"]
     assert [scene.threshold for scene in sim.scene.beside] == [0.5, 0.6]
+    assert sim.scene.beside[0].octree.n_inside == np.count_nonzero(sim.arrays.phase == 0)
     settings = {"shadows": True, "specular": 0.0}
     a, b = (gb.render(x, CAMERA, SIZE, settings) for x in (sim, by_kind(sim, **backend)))
     assert (a.mask == b.mask).all()

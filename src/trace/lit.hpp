@@ -57,13 +57,7 @@ private:
     GB_FN float3 matte(const Point& h, std::size_t i) const {
         const std::size_t n = rays.source.n;
         const std::uint32_t pixel = rays.pixel_of(i);
-        const bool ground = hits.layer[i] == kGround;
         const float share = h.split.matte;
-        float specular = ground ? 0.0f : h.material->specular, shininess = h.material->shininess;
-        if (specular > 0.0f) {  // a film of liquid is smooth
-            specular += hits.wetness[i] * max(kWetSpecular - specular, 0.0f);
-            shininess += hits.wetness[i] * max(kWetShininess - shininess, 0.0f);
-        }
         float3 c{0, 0, 0};
         int which = 0;
         if (lighting.ambient_rays == 0) c = (lighting.sky_light ? lighting.sky.blurred(h.normal) : lighting.ambient) * h.albedo * share;
@@ -83,7 +77,7 @@ private:
                 l = camera.orthographic ? camera.forward * -1.0f : normalize(camera.eye - h.p);
             }
             if (lighting.casts(k)) seen = visibility[which++ * n + i];
-            c = c + reflected_light(h.albedo * share, specular, shininess, h.normal, h.d, l, lighting.lights[k].radiance) * seen;
+            c = c + reflected_light(h.albedo * share, h.specular, h.shininess, h.normal, h.d, l, lighting.lights[k].radiance) * seen;
         }
         return c;
     }

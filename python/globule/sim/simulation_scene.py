@@ -108,11 +108,12 @@ class SceneBeside(SimulationScene):
     def __init__(self, tissue: SimulationScene, which: int):
         self._simulation, self.device = tissue._simulation, tissue.device
         self.kernel, self._kernel, self._chosen = tissue.kernel, tissue._kernel, None
-        self._which = which
+        self._tissue, self._which = tissue, which
         self._own = tissue._own.beside(which)
 
     @property
     def _scene(self) -> Any:
+        self._tissue._scene  # noqa: B018  says what is drawn
         return self._own
 
     @property
