@@ -53,7 +53,8 @@ def main() -> int:
         if share >= 1:
             break
         sim.run(BETWEEN_CUTS)  # a NaN raises here
-        tissue = sim.positions[sim.arrays.phase == list(sim.phases).index("brain")]
+        solid = [phase.kind == "tissue" for phase in sim.phases.values()]
+        tissue = sim.positions[np.array(solid)[sim.arrays.phase]]
         tissue = tissue[np.isfinite(tissue).all(axis=1)]
         n_bonds_cut += sim.tissue.cut(stroke(rng, tissue))
         n_cuts += 1

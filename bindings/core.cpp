@@ -212,6 +212,9 @@ NB_MODULE(_core, m) {
         })
         .def("spacing", [](PyScene& s) { return call<&Scene::spacing>(s.core); })
         .def("fluid_spacing", [](PyScene& s) { return call<&Scene::fluid_spacing>(s.core); })
+        .def("beside", [](PyScene& s, int which) {
+            return PyScene{Handle<Scene>(s.core.backend(), {s.core.object(), call<&Scene::beside>(s.core, which)}, s.core.gate())};
+        })
         .def("sorted", [](PyScene& s, Address keys, Address index) {
             call<&Scene::sorted>(s.core, at<std::uint64_t>(keys), at<std::uint32_t>(index));
         })

@@ -151,7 +151,7 @@ void bind_simulation(nb::module_& m) {
         })
         .def("step", &step)
         .def("next_dt", &plain<&Simulation::next_dt>)
-        .def("draw_smooth", [](PySimulation& s, bool smooth) { call<&Simulation::draw_smooth>(s.core, smooth); })
+        .def("draw", [](PySimulation& s, int what) { call<&Simulation::draw>(s.core, sim::Drawn(what)); })
         .def("size", &plain<&Simulation::size>)
         .def("time", &plain<&Simulation::time>)
         .def("n_steps", &plain<&Simulation::n_steps>)

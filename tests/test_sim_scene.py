@@ -83,15 +83,100 @@ def test_what_else_is_shown_decides(backend):
     assert not gb.render(sim, CAMERA, SIZE).mask.any()
 
 
-def test_tissue_keeps_its_balls(backend):
-    block = {"name": "tissue", "box": {"lo": [0.3, 0, 0], "hi": [0.45, 0.2, 0.1]}}
-    sim = simulation(backend, solids=[block])
-    assert sim.scene.surface == "balls"
-    assert (sim.scene.threshold, sim.scene.support) == (0.6, pytest.approx(0.05))
-    own = gb.Scene(gb.Particles(sim.shown_particles.positions, support=0.05), **backend)
-    a, b = (gb.render(scene, CAMERA, SIZE).distance for scene in (sim, own))
-    assert (np.isfinite(a) == np.isfinite(b)).all()
-    assert np.abs(a - b)[np.isfinite(a)].max() < 1e-5
+BLOCK = {"name": "tissue", "box": {"lo": [0.3, 0, 0], "hi": [0.45, 0.2, 0.1]}, "color": "#d0a090"}
+POST = {"name": "post", "box": {"lo": [0.46, 0, 0], "hi": [0.5, 0.2, 0.3]}, "shown": True}
+
+
+def by_kind(sim, **backend) -> list[gb.Scene]:
+    """Scenes of a simulation's tissue and fluids, smooth, and of the rest, as balls."""
+    kinds = np.array([phase.kind for phase in sim.phases.values()])[sim.arrays.phase]
+    particles = sim.particles
+    scenes = []
+    for kind in ("tissue", "fluid", "boundary"):
+        some = np.isin(np.arange(len(sim)), np.flatnonzero(kinds == kind))
+        some &= np.array([phase.shown for phase in sim.phases.values()])[sim.arrays.phase]
+        options = {"surface": "smooth", "spacing": 0.025} if kind != "boundary" else {}
+        part = gb.Particles(
+            particles.positions[some], support=None if options else 0.05,
+            color=particles.color[some],
+        )  # fmt: skip
+        scenes.append(gb.Scene(part, **options, **backend))
+    return scenes
+
+
+def test_tissue_fluids_and_the_rest_are_layers(backend):
+    sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
+    sim.run(0.1)
+    assert (sim.scene.surface, sim.scene.threshold) == ("smooth", 0.5)
+    assert [scene.surface for scene in sim.scene.beside] == ["smooth", "balls"]
+    assert [scene.threshold for scene in sim.scene.beside] == [0.5, 0.6]
+    assert sim.scene.beside[0].octree.n_inside == np.count_nonzero(sim.arrays.phase == 0)
+    settings = {"shadows": True, "specular": 0.0}
+    a, b = (gb.render(x, CAMERA, SIZE, settings) for x in (sim, by_kind(sim, **backend)))
+    assert (a.mask == b.mask).all()
+    assert (a._layer == b._layer)[a.mask].all()
+    assert set(np.unique(a._layer[a.mask])) == {0, 1, 2}
+    assert np.abs(a.distance - b.distance)[a.mask].max() < 1e-5
+    assert np.abs(a.albedo - b.albedo)[a.mask].max() < 1e-6
+    assert np.abs(a.image.astype(int) - b.image).max() <= 1
+
+
+def test_layers_come_and_go_with_what_is_shown(backend):
+    sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
+    everything = gb.render(sim, CAMERA, SIZE)
+    sim.phases["water"].shown = sim.phases["post"].shown = False
+    sim.step()
+    assert sim.scene.beside == ()
+    tissue = gb.render(sim, CAMERA, SIZE)
+    assert 0 < tissue.mask.sum() < everything.mask.sum()
+    sim.phases["tissue"].shown, sim.phases["water"].shown = False, True
+    sim.step()
+    assert (sim.scene.surface, sim.scene.beside) == ("smooth", ())
+    fluid = gb.render(sim, CAMERA, SIZE)
+    assert (fluid.mask & ~tissue.mask).any()
+    sim.phases["tissue"].shown = sim.phases["post"].shown = True
+    sim.step()
+    assert len(sim.scene.beside) == 2
+    again = gb.render(sim, CAMERA, SIZE)
+    assert (again.mask == everything.mask).mean() > 0.98  # two steps later
+
+
+def test_a_fluid_without_particles_is_no_hindrance(backend):
+    scene = tank(solids=[BLOCK], fluids=[{"name": "water"}])
+    sim = gb.Simulation(scene, **backend)
+    assert len(sim.scene.beside) == 1
+    before = gb.render(sim, CAMERA, SIZE)
+    sim.phases["water"].shown = False
+    sim.step(1e-6)
+    assert (gb.render(sim, CAMERA, SIZE).mask == before.mask).all()
+    sim.phases["water"].shown = True
+    sim.add([[0.1, 0.1, 0.1]], "water")
+    assert gb.render(sim, CAMERA, SIZE).mask.sum() > before.mask.sum()
+
+
+def test_layers_of_a_simulation_count(backend):
+    sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
+    meshes = [gb.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]) for _ in range(2)]
+    frame = gb.render([gb.Layer(sim), meshes[0]], CAMERA, SIZE)
+    assert set(np.unique(frame._layer[frame.mask])) <= {0, 1, 2, 3}
+    with pytest.raises(ValueError, match="at most 4 layers, got 5"):
+        gb.render([gb.Layer(sim), *meshes], CAMERA, SIZE)
+
+
+def test_fluids_beside_tissue_shine(backend):
+    """A film of liquid is smooth: sharper and brighter highlights than the material's own."""
+    sim = simulation(backend, solids=[BLOCK])
+    light = {"lights": [gb.Headlight(0.3)], "ambient": 0.0, "tone": False}
+    light |= {"specular": 0.3, "background": (0, 0, 0), "edge_samples": 0}
+    own = gb.render(by_kind(sim, **backend)[:2], CAMERA, SIZE, light)
+    shines = gb.render(sim, CAMERA, SIZE, light)
+    water, tissue = (own._layer == k for k in (1, 0))
+    assert (own._layer == shines._layer)[own.mask].all()
+    assert shines.color[water].max() > own.color[water].max() + 0.03
+    assert np.abs(shines.color - own.color)[tissue].max() < 1e-5
+    dull = light | {"specular": 0.0}  # as for colors that stand for values
+    a, b = (gb.render(x, CAMERA, SIZE, dull) for x in (sim, by_kind(sim, **backend)[:2]))
+    assert np.abs(a.color - b.color).max() < 1e-5
 
 
 def test_a_threshold_of_ones_own_stays(backend):
@@ -115,3 +200,39 @@ def test_colors_by_value_and_speed(backend):
     eye.picture(sim)
     assert eye._shown(sim).surface == "smooth"
     assert gb.render(sim, CAMERA, SIZE).pick(*np.argwhere(plain.mask)[9][::-1]).particle is not None
+
+
+def test_white_matter_is_of_the_same_body(tmp_path, backend):
+    """A ball of 60 mm whose inner 35 mm are brighter."""
+    far = np.linalg.norm(np.mgrid[-8:9, -8:9, -8:9], axis=0) * 5.0
+    head = np.where(far < 17.5, 200.0, np.where(far < 30.0, 100.0, 0.0)).astype(np.float32)
+    gb.write_volume(tmp_path / "head.nrrd", gb.Volume(head, np.diag([5.0, 5.0, 5.0, 1.0])))
+    source = {"file": str(tmp_path / "head.nrrd"), "level": 50.0}
+
+    def made(**keys):
+        solid = {"name": "brain", "tomography": source | keys, "color": [0.4, 0.3, 0.2]}
+        return gb.Simulation(
+            {"spacing": 0.005, "domain": {"lo": [-0.1] * 3, "hi": [0.1] * 3}, "solids": [solid]},
+            **backend,
+        )
+
+    sim = made(white=[0.9, 0.9, 0.8], white_level=150.0)
+    assert list(sim.phases) == ["brain", "brain white matter"]
+    white = sim.arrays.phase == 1
+    distance = np.linalg.norm(sim.positions, axis=1)
+    assert (white == (distance < 0.0175)).all()
+    assert 0 < white.sum() < len(sim) / 2
+    plain = made()
+    assert list(plain.phases) == ["brain"]
+    assert sim.tissue.n_bonds == plain.tissue.n_bonds  # one body
+    camera = gb.Camera((0, -0.3, 0), (0, 0, 0), (0, 0, 1), 20)
+    frame = gb.render(sim, camera, (48, 48), clips=[gb.ClipPlane((0, -1, 0))])
+    middle, rim = frame.albedo[24, 24], frame.albedo[24, 12]
+    assert middle == pytest.approx([0.9, 0.9, 0.8], abs=0.02)
+    assert rim == pytest.approx([0.4, 0.3, 0.2], abs=0.05)
+    for keys, message in (
+        ({"white": [1, 1, 1]}, "expected white and white_level of a file, got one of them"),
+        ({"white_level": 150.0}, "expected white and white_level of a file, got one of them"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            made(**keys)

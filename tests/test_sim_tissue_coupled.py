@@ -224,6 +224,30 @@ def test_blood_stains_tissue(backend):
     assert change[:, 2].min() < -0.1
 
 
+def test_wet_tissue_is_darker_and_shines(backend):
+    x = block(8, 8, 3)
+    sim = make(backend, x, fixed=np.ones(len(x), bool), color=(0.5, 0.5, 0.5))
+    sim.tissue.add_vessel(vessel([[0, 0, 0], [D, 0, 0]], 0.1 * D, 2000.0, 1e-6))
+    sim.phases["blood"].color = (0.2, 0.0, 0.0)
+    sim.phases["blood"].shown = False
+    middle = [3.5 * D, 3.5 * D]
+    look = (gb.Camera((*middle, 0.1), (*middle, 0)), (48, 48))
+    dull = {"lights": (), "ambient": 1.0, "specular": 0.0, "tone": False}
+    shiny = {"lights": [gb.Headlight(0.3)], "ambient": 0.0, "background": (0, 0, 0)}
+    dry = [gb.render(sim, *look, settings) for settings in (dull, shiny)]
+    sim.add(block(6, 6, 1) + [D, D, 3.0 * D], "blood")
+    for _ in range(50):
+        sim.step(0.005)
+    wet = [gb.render(sim, *look, settings) for settings in (dull, shiny)]
+    some = dry[0].mask & wet[0].mask
+    darker = (dry[0].color - wet[0].color)[some].mean(axis=1)
+    assert darker.max() > 0.3  # 0.5 to nearly the film's 0.07
+    assert darker.min() > -1e-3
+    # The highlight is the film's: brighter, though the tissue under it is darker.
+    assert wet[1].color[..., 2].max() > dry[1].color[..., 2].max()
+    assert wet[0].color[some][darker.argmax()] == pytest.approx([0.245, 0.075, 0.075], abs=0.05)
+
+
 def test_free_fall_does_not_shorten_steps_but_landing_does(backend):
     """One drop at 2 m/s: steps by its speed alone would take 0.8 ms."""
     x = block(8, 8, 3)

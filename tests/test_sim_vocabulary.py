@@ -207,6 +207,11 @@ CASES = {
         k: {"solids": [{"name": "jelly", "tomography": ("tomography", {k: v})}]}
         for k, v in {"file": None, "atlas": "mni152", "level": 0.4, "labels": [1], "scale": 0.002,
                      "center": [0.2, 0.2, 0.1]}.items()
+    } | {
+        k: {"solids": [{"name": "jelly", "tomography": ("tomography", {
+            "white": [1, 1, 0.9], "white_level": 0.5,
+        })}]}
+        for k in ("white", "white_level")
     },
 }  # fmt: skip
 TABLES = {

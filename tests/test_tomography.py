@@ -142,8 +142,8 @@ def test_resampling():
     fine = image(ball(48), (0.5, 0.5, 1.0))
     coarse = gb.tomography_particles(fine, level=500, spacing=2.0)
     assert coarse.support == pytest.approx(2 * surfaces.VOXELS["murakami"])
-    coarse = tissue_voxels(fine, level=500, spacing=2.0)
-    exact = tissue_voxels(fine, level=500)
+    coarse = tissue_voxels(fine, level=500, spacing=2.0)[0]
+    exact = tissue_voxels(fine, level=500)[0]
     assert 8 * len(coarse) == pytest.approx(0.25 * len(exact), rel=0.1)  # the volume in mm³
     assert np.allclose(coarse.mean(axis=0), exact.mean(axis=0), atol=0.3)
     labels = gb.tomography_particles(fine, labels=1000, spacing=0.4)
@@ -361,7 +361,7 @@ def test_tomography_and_iso_surface_agree(shift, tmp_path):
     frame = gb.render(scene, gb.Camera(middle + [0, 0, 60], middle, height=14), (60, 60))
     radius = np.linalg.norm(frame.position[frame.mask] - middle, axis=1)
     assert np.median(radius) == pytest.approx(5, abs=0.15)
-    assert tissue_voxels(volume, level).shape[0] == (volume.values >= level).sum()
+    assert tissue_voxels(volume, level)[0].shape[0] == (volume.values >= level).sum()
     turned = volume.in_space("RAS")
     again = gb.tomography_particles(turned, level)
     assert np.array_equal(again.positions, particles.positions)

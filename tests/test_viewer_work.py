@@ -12,6 +12,8 @@ from waiting import until
 pytest.importorskip("viser")
 
 from globule.viewer.engine import Engine
+from globule.viewer.equivalent import python_code
+from globule.viewer.first_view import left_out
 from globule.viewer.open import open_source
 from globule.viewer.picture import trace
 from globule.viewer.recording import Shot
@@ -212,3 +214,24 @@ def test_a_failed_thread_begins_again_and_says_so(shown, monkeypatch):
     until(lambda: shown.plans and shown.plans[-1].samples == 4, "for an image")
     assert failing.is_set()
     assert any("restarted" in error and "out of order" in error for error in shown.errors)
+
+
+def test_a_simulation_with_tissue_shows_its_own_scene():
+    sim = gb.Simulation("cut-block", spacing=0.005, device="cpu")
+    assert scene_of(sim) is sim.scene
+    for asked in ({"surface__shape": "balls"}, {"surface__threshold": 0.6}, {"color__by": "z"}):
+        shown = scene_of(sim, **asked)
+        assert shown is not sim.scene
+        assert (shown.surface, shown.threshold) == ("balls", 0.6)
+    source = open_source(sim)
+    code = python_code(source, State(), gb.Camera((0, -1, 0), (0, 0, 0)), (64, 48), (0, 0, 1))
+    assert "scene = simulation.scene\n" in code
+
+
+def test_what_stands_beside_tissue_is_not_missing():
+    """Its scene has the tissue alone; that is no mistake in the particles."""
+    sim = gb.Simulation("cut-block", spacing=0.005, device="cpu")
+    assert sim.scene.octree.n_inside < len(sim)
+    assert left_out(sim.scene) == []
+    broken = gb.Particles([[0, 0, 0], [np.nan, 0, 0], [1, 0, 0]], support=1.0)
+    assert "1 of 3 particles is not shown" in left_out(gb.Scene(broken))[0]

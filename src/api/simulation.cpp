@@ -320,7 +320,7 @@ Scene Simulation::scene() const {
     // What is shown of a fluid has a smooth surface; here is no tissue.
     scene->smooth = std::ranges::any_of(s.phases, [](const Phase& p) { return p.kind == PhaseKind::fluid && p.shown.value_or(true); });
     const core::Gates inside = s.gates();
-    s.call<&core::Simulation::draw_smooth>(inside, scene->smooth);
+    s.call<&core::Simulation::draw>(inside, scene->smooth ? core::sim::Drawn::smooth : core::sim::Drawn::balls);
     scene->threshold = scene->smooth ? double(core::surface::kThreshold) : defaults_of(scene->kernel).threshold;
     scene->support = scene->largest_support = (scene->smooth ? double(core::surface::kAxis) : 2.0) * s.settings.spacing;
     scene->n_of_owner = {impl_, &s.n};

@@ -182,13 +182,15 @@ struct Scene : Object {
                                const ShadowParts& shadow) = 0;
     /// For a simulation that works on this scene's octree.
     virtual SceneAccess share() = 0;
+    /// What its pictures show beside tissue as layers of their own: fluids (0), boundaries and rigid bodies (1). Owned by this scene.
+    virtual Scene* beside(int which) = 0;
     /// Of the n rays traced last, by a request that counts.
     virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
 };
 
 using SceneEntries = EntryTable<&Scene::build, &Scene::build_mesh, &Scene::place_mesh, &Scene::intersect_mesh, &Scene::extent, &Scene::facts, &Scene::spacing, &Scene::fluid_spacing,
                                 &Scene::sorted, &Scene::surface_kernels, &Scene::render, &Scene::intersect, &Scene::evaluate,
-                                &Scene::blend, &Scene::integrate, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work, &Scene::march_parts, &Scene::occlude_parts>;
+                                &Scene::blend, &Scene::integrate, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work, &Scene::march_parts, &Scene::occlude_parts, &Scene::beside>;
 using FrameEntries = EntryTable<&Frame::read, &Frame::trace_seconds, &Frame::passes>;
 
 /// Exported by every backend library as "globule_backend".

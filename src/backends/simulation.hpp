@@ -97,8 +97,8 @@ struct Simulation : Object {
     virtual void neighbors(std::vector<std::uint32_t>& rows, Neighbors& out) = 0;
     /// Densities over rest density (n), and vorticities (n, 3), 1/s, by slot.
     virtual void flow(float* density, float* vorticity) = 0;
-    /// Whether the scene draws one smooth surface around the particles that are shown, or their balls, which is the default.
-    virtual void draw_smooth(bool smooth) = 0;
+    /// What the scene draws from now on; balls at first.
+    virtual void draw(sim::Drawn what) = 0;
     /// The tissue, as the particles are now.
     virtual Tissue* tissue() = 0;
     virtual double time() = 0;
@@ -110,7 +110,7 @@ using SimulationEntries = EntryTable<&Simulation::configure, &Simulation::set_ph
                                      &Simulation::set_sinks, &Simulation::capture, &Simulation::move_to, &Simulation::make_body, &Simulation::body,
                                      &Simulation::motion, &Simulation::set_motion, &Simulation::totals, &Simulation::step, &Simulation::next_dt,
                                      &Simulation::size, &Simulation::read, &Simulation::write, &Simulation::resize, &Simulation::settle,
-                                     &Simulation::set_forces, &Simulation::neighbors, &Simulation::flow, &Simulation::draw_smooth, &Simulation::tissue, &Simulation::time, &Simulation::n_steps,
+                                     &Simulation::set_forces, &Simulation::neighbors, &Simulation::flow, &Simulation::draw, &Simulation::tissue, &Simulation::time, &Simulation::n_steps,
                                      &Simulation::next_id>;
 
 /// A simulation whose octree is the scene's.

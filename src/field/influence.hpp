@@ -48,6 +48,8 @@ GB_FN Influence<F> influence(const Kernel& kernel, const Shape& shape, const Vec
     return {c * b, shape.half_gradient(v, slope, c)};
 }
 
+inline constexpr float kWetShare = 0.85f;  ///< of a film's colour, in what is wet
+
 /// Colours blended by influence: sum w v / sum w, w = max(c b, 0) (§6.0.2).
 template <class F>
 struct BlendedColor {

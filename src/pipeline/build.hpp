@@ -92,8 +92,8 @@ public:
         shared_ = whole_ = true;
         return now().octree;
     }
-    /// Instead of the shared tree, one smooth surface around particles of one spacing is drawn; those at NaN are left out.
-    void draw_smooth(std::size_t n, const float* positions, float spacing) {
+    /// Instead of the shared tree, one smooth surface around particles of one spacing is drawn, or their balls; those at NaN are left out.
+    void draw_own(std::size_t n, const float* positions, float spacing, bool smooth = true) {
         const typename Exec::Stage stage("build");
         Exec& exec = *lanes_[0];
         if (!built_[1]) built_[1] = std::make_unique<Built<Exec>>(exec);
@@ -102,10 +102,11 @@ public:
         ParticleInput input;
         input.n = n;
         input.positions = positions;
-        input.support = {nullptr, surface::kAxis * spacing};
+        input.support = {nullptr, (smooth ? surface::kAxis : kBall) * spacing};
         input.weight = {nullptr, 1.0f};
         now().octree.build(input, {});
-        if (n) make_smooth(exec, now().octree, spacing);
+        if (n && smooth) make_smooth(exec, now().octree, spacing);
+        whole_ = true;
         exec.mark(1);
     }
     void draw_shared() { now_ = 0; }
@@ -134,6 +135,7 @@ private:
         }
     }
 
+    static constexpr float kBall = 2.0f;  ///< support, spacings
     static constexpr int kTrees = 3;
     static constexpr int kRead = 4;  ///< and the marks behind, one a tree; marks 0 and 1: build
 

@@ -54,7 +54,7 @@ inline bool acts(float of_material, const Attribute& own) {
 inline bool is_plain(const PictureRequest& request, const Attributes& attributes) {
     const Lighting& l = request.lighting;
     const Material& m = l.materials[0];
-    return request.layers.size() == 1 && request.layers[0].clips.empty() && !request.layers[0].remote && !acts(m.reflection, attributes.reflection) &&
+    return request.layers.size() == 1 && request.layers[0].clips.empty() && !request.layers[0].remote && !acts(-1.0f, attributes.wetness) && !acts(m.reflection, attributes.reflection) &&
            !acts(m.transmission, attributes.refraction) && m.index == 0.0f && l.n_visibilities() == 0 && !l.sky_light && !l.show_sky &&
            !l.ground.present;
 }

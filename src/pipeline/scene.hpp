@@ -133,19 +133,31 @@ public:
         shared_ = true;
         return {exec_.get(), &builder_.share(),
                 [this](const SceneAccess::Shown& s) {
-                    if (s.smooth) builder_.draw_smooth(s.n, s.smooth, s.spacing);
+                    if (s.smooth) builder_.draw_own(s.n, s.smooth, s.spacing);
                     else builder_.draw_shared();
-                    Attributes& a = builder_.now().attributes;
-                    a.color = s.color;
-                    a.reflection = {s.reflection, 0.0f};
-                    a.refraction = {s.refraction, 0.0f};
-                    cells_.forget();
-                    ++state_;
+                    look_like(s, {s.wetness, 0.0f});
+                    const float* positions[2] = {s.fluids, s.things};
+                    for (int k = 0; k < 2; ++k) {
+                        if (!positions[k] || !beside_[k]) continue;
+                        beside_[k]->builder_.draw_own(s.n, positions[k], s.spacing, k == 0);
+                        beside_[k]->look_like(s, {nullptr, k == 0 ? 1.0f : 0.0f});
+                    }
                 },
                 [this](std::function<void()> before_use) {
                     if (before_use) before_use_ = std::move(before_use);
                     else before_use_ = [] { throw Stale("scene: its simulation is gone"); };
                 }};
+    }
+
+    Scene* beside(int which) override {
+        if (!beside_[which]) {
+            beside_[which].reset(new SceneImpl(exec_));
+            beside_[which]->shared_ = true;
+            beside_[which]->before_use_ = [this] {
+                if (before_use_) before_use_();
+            };
+        }
+        return beside_[which].get();
     }
 
     void thesis_work(std::size_t n, ThesisWork* out) override {
@@ -161,6 +173,17 @@ private:
     Octree<Exec>& octree() const {
         if (!builder_.is_whole()) throw Stale("scene: its octree was not finished: update the scene first");
         return builder_.now().octree;
+    }
+    /// Colours and factors of a simulation's particles.
+    void look_like(const SceneAccess::Shown& s, const Attribute& wetness) {
+        Attributes& a = builder_.now().attributes;
+        a.color = s.color;
+        a.reflection = {s.reflection, 0.0f};
+        a.refraction = {s.refraction, 0.0f};
+        a.wetness = wetness;
+        a.wet = s.wet;
+        cells_.forget();
+        ++state_;
     }
     Traced<Exec> traced() { return {builder_, cells_, near_, work_, mesh_}; }
 
@@ -216,12 +239,12 @@ private:
             if (layer.remote) continue;
             scene.traced().prepare_cells(*scene.exec_, layer.field, inside, request.camera.eye);
             if (scene.mesh_.is_there()) (scene.mesh_.is_closed() ? lighting.closed : lighting.sheets) |= 1u << k;
-            if (&scene != this) exec_->follow(*scene.exec_);
+            if (scene.exec_ != exec_) exec_->follow(*scene.exec_);
         }
         lighting.sky.image = pictures_.bring_sky(request);
         pictures_.add_passes(layers, lighting, images, passes);
         for (const LayerRequest& layer : request.layers)  // no scene must change before the picture is made
-            if (layer.scene != this) static_cast<SceneImpl*>(layer.scene)->exec_->follow(*exec_);
+            if (auto& exec = static_cast<SceneImpl*>(layer.scene)->exec_; exec != exec_) exec->follow(*exec_);
     }
 
     static constexpr std::size_t kMaxParticles = (std::size_t(1) << 31) - 64;
@@ -238,6 +261,7 @@ private:
     PictureMaker<Exec> pictures_;
     std::shared_ptr<FramePool<Exec>> frames_;
     std::function<void()> before_use_;
+    std::unique_ptr<SceneImpl> beside_[2];  ///< fluids; boundaries and bodies
     std::uint64_t state_ = 0;  ///< counts what changes the picture
     bool shared_ = false;
 };

@@ -28,8 +28,8 @@ public:
         other_ = &sides_[1];
         rays_ = {{camera, nullptr, nullptr, n_pixels, first_row, pass, only}, nullptr, nullptr, side_->ids.reserve(2 * n_pixels)};
         std::uint32_t* layer = layer_.reserve(n_pixels);
-        float* more = first_.reserve(2 * n_pixels);
-        hits_now_ = first_hits_ = {first.t, first.normal, first.albedo, more, more + n_pixels, layer};
+        float* more = first_.reserve(3 * n_pixels);
+        hits_now_ = first_hits_ = {first.t, first.normal, first.albedo, more, more + n_pixels, more + 2 * n_pixels, layer};
         generation_ = 0;
     }
 
@@ -72,8 +72,8 @@ public:
         exec_->for_each(items, Spawn{lighting, rays_, hits_now_, generation_, place, next, block, block + 3 * n});
         rays_ = next;
         std::swap(side_, other_);
-        float* hits = hits_.reserve(10 * n);
-        hits_now_ = {hits, hits + n, hits + 4 * n, hits + 7 * n, hits + 8 * n, reinterpret_cast<std::uint32_t*>(hits + 9 * n)};
+        float* hits = hits_.reserve(11 * n);
+        hits_now_ = {hits, hits + n, hits + 4 * n, hits + 7 * n, hits + 8 * n, hits + 9 * n, reinterpret_cast<std::uint32_t*>(hits + 10 * n)};
         ++generation_;
         return true;
     }

@@ -153,11 +153,12 @@ struct Stain {
     const std::uint32_t *id, *slot_of, *rank;
     const float* wetness;
     float3 blood;
-    float* color;
+    float *color, *shown_wetness;
     GB_FN void operator()(std::size_t t) const {
         if (id[t] == kNobody || slot_of[id[t]] == sim::kGone || wetness[t] <= 0.0f) return;
+        shown_wetness[rank[id[t]]] = wetness[t];
         float* c = color + 3 * std::size_t(rank[id[t]]);
-        const float share = 0.85f * wetness[t];
+        const float share = kWetShare * wetness[t];
         c[0] += share * (blood.x - c[0]);
         c[1] += share * (blood.y - c[1]);
         c[2] += share * (blood.z - c[2]);

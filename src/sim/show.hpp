@@ -17,7 +17,8 @@ struct Show {
     const std::uint32_t* rank;    ///< of each id
     std::uint32_t* index;         ///< per slot
     float* weight;                ///< per slot; null: all are shown
-    float* smooth;                ///< by rank (n, 3): places of those that are shown, NaN for the others; null: not asked for
+    float *smooth, *fluids, *things;  ///< by rank (n, 3): places of those that a surface is of, NaN for the others; null: not asked for
+    bool apart;                   ///< fluids and things are not in `smooth`
     float* color;                 ///< by rank
     float *reflection, *refraction;
     GB_FN void operator()(std::size_t i) const {
@@ -27,9 +28,15 @@ struct Show {
         if (weight) weight[i] = p.shown ? 1.0f : 0.0f;
         const Quad& at = state.place[i];
         const float place[3] = {at.x, at.y, at.z};
+        const bool fluid = p.kind == Kind::fluid, thing = !fluid && p.kind != Kind::tissue;
         for (int k = 0; k < 3; ++k) {
             color[3 * std::size_t(r) + k] = p.color[k];
-            if (smooth) smooth[3 * std::size_t(r) + k] = p.shown ? place[k] : NAN;
+            const auto put = [&](float* places, bool is_of) {
+                if (places) places[3 * std::size_t(r) + k] = p.shown && is_of ? place[k] : NAN;
+            };
+            put(smooth, !apart || p.kind == Kind::tissue);
+            put(fluids, fluid);
+            put(things, thing);
         }
         if (reflection) {
             reflection[r] = p.reflection;

@@ -32,7 +32,7 @@ public:
     explicit SimulationImpl(std::shared_ptr<Scene> scene)
         : scene_(std::move(scene)), access_(scene_->share()), exec_(*static_cast<Exec*>(access_.exec)),
           state_(exec_, *static_cast<Octree<Exec>*>(access_.octree)), fluid_(exec_, state_, settings_), bodies_(exec_, state_, settings_),
-          tissue_(exec_), forces_(exec_), sinks_(exec_), totals_(exec_), color_(exec_), reflection_(exec_), weight_(exec_), shown_(exec_),
+          tissue_(exec_), forces_(exec_), sinks_(exec_), totals_(exec_), color_(exec_), reflection_(exec_), weight_(exec_), shown_(exec_), wetness_(exec_),
           rank_(exec_), ids_(exec_) {
         access_.before_use([this] { show(); });
         tissue_.before_use([this] {
@@ -260,9 +260,9 @@ public:
         fluid_.flow(density, vorticity);
     }
 
-    void draw_smooth(bool smooth) override {
-        if (smooth_ == smooth) return;
-        smooth_ = smooth;
+    void draw(sim::Drawn what) override {
+        if (drawn_ == what) return;
+        drawn_ = what;
         stale_ = true;
     }
 
@@ -284,19 +284,28 @@ private:
         std::uint32_t* index = rank + state_.next_id + 1;
         exec_.for_each(state_.next_id + 1, sim::IsThere{state_.slot_of(), state_.next_id, rank});
         exec_.exclusive_scan(std::size_t(state_.next_id) + 1, rank);
-        bool all_shown = true, mirrors = false;
+        bool all_shown = true, mirrors = false, fluids = false, things = false;
         for (const sim::Phase& p : state_.phase_table) {
+            if (p.shown) (p.kind == sim::Kind::fluid ? fluids : things) |= p.kind != sim::Kind::tissue;
             all_shown &= p.shown != 0;
             mirrors |= p.reflection > 0.0f || p.refraction > 0.0f;
         }
-        float* weight = all_shown || smooth_ ? nullptr : weight_.reserve(n + 64);
-        float* smooth = smooth_ ? shown_.reserve(3 * n) : nullptr;
+        const bool balls = drawn_ == sim::Drawn::balls, apart = drawn_ == sim::Drawn::tissue;
+        float* weight = all_shown || !balls ? nullptr : weight_.reserve(n + 64);
+        float* places = balls ? nullptr : shown_.reserve((apart ? 9 : 3) * n);
+        float *of_fluids = apart && fluids ? places + 3 * n : nullptr, *of_things = apart && things ? places + 6 * n : nullptr;
         float* reflection = mirrors ? reflection_.reserve(2 * n) : nullptr;
-        exec_.for_each(n, sim::Show{state_.view(), state_.phases(), rank, index, weight, smooth, color_.reserve(3 * n), reflection,
+        exec_.for_each(n, sim::Show{state_.view(), state_.phases(), rank, index, weight, places, of_fluids, of_things, apart, color_.reserve(3 * n), reflection,
                                     reflection ? reflection + n : nullptr});
-        if (tissue_.has_vessels()) tissue_.stain(rank, state_.slot_of(), state_.phase_table[tissue_.phase_of_blood(1)].color, color_.data());
+        float* wetness = tissue_.has_vessels() ? wetness_.reserve(n) : nullptr;
+        const float* blood = state_.phase_table[wetness ? tissue_.phase_of_blood(1) : 0].color;
+        if (wetness) {
+            exec_.clear(wetness, n * sizeof(float));
+            tissue_.stain(rank, state_.slot_of(), blood, color_.data(), wetness);
+        }
         state_.tree().relabel(index, {weight, 1.0f});
-        access_.rebuilt({n, smooth, settings_.spacing, color_.data(), reflection, reflection ? reflection + n : nullptr});
+        access_.rebuilt({n, places, of_fluids, of_things, settings_.spacing, color_.data(), reflection, reflection ? reflection + n : nullptr, wetness,
+                          {blood[0], blood[1], blood[2]}});
         stale_ = false;
     }
 
@@ -481,9 +490,10 @@ private:
     Buffer<sim::Totals, Exec> totals_;
     std::vector<Emitted> emitted_;
     int n_sinks_ = 0;
-    Buffer<float, Exec> color_, reflection_, weight_, shown_;
+    Buffer<float, Exec> color_, reflection_, weight_, shown_, wetness_;
     Buffer<std::uint32_t, Exec> rank_, ids_;
-    bool smooth_ = false, stale_ = true, has_forces_ = false, broken_ = false;
+    sim::Drawn drawn_ = sim::Drawn::balls;
+    bool stale_ = true, has_forces_ = false, broken_ = false;
     std::uint32_t n_outside_ = 0;  ///< of the domain, when tissue was last taken out of the state
     double time_ = 0.0;
     std::uint64_t n_steps_ = 0;

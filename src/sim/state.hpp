@@ -12,6 +12,9 @@ enum class Kind : std::int32_t {
     boundary,  ///< at rest, or moved by key frames
     rigid      ///< particles of a rigid body, moved by what meets it
 };
+/// What the scene of a simulation draws: balls of all that is shown, one smooth surface around all, or a smooth surface of
+/// tissue, beside which fluids and other things are scenes of their own.
+enum class Drawn : std::int32_t { balls, smooth, tissue };
 inline constexpr int kMaxPhases = 32;
 inline constexpr std::uint32_t kGone = 0xffffffffu;
 

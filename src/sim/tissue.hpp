@@ -373,9 +373,9 @@ public:
     }
     int phase_of_blood(std::uint32_t vessel) const { return vessels_[vessel - 1].phase; }
 
-    /// Blood shows on what it wetted; colours by rank of the ids.
-    void stain(const std::uint32_t* rank, const std::uint32_t* slot_of, const float* blood, float* color) {
-        exec_.for_each(n_, tissue::Stain{id_.data(), slot_of, rank, wetness_.data(), {blood[0], blood[1], blood[2]}, color});
+    /// Blood shows on what it wetted; colours and wetness by rank of the ids.
+    void stain(const std::uint32_t* rank, const std::uint32_t* slot_of, const float* blood, float* color, float* wetness) {
+        exec_.for_each(n_, tissue::Stain{id_.data(), slot_of, rank, wetness_.data(), {blood[0], blood[1], blood[2]}, color, wetness});
     }
 
 private:

@@ -5,6 +5,7 @@
 namespace globule::core {
 
 inline constexpr int kMaxLights = 8;
+inline constexpr float kWetSpecular = 1.0f, kWetShininess = 250.0f;  ///< highlight of what is wet, where dry matter has one
 enum class LightKind : int { head, directional, point };
 
 struct Light {

@@ -57,8 +57,7 @@ private:
     GB_FN float3 matte(const Point& h, std::size_t i) const {
         const std::size_t n = rays.source.n;
         const std::uint32_t pixel = rays.pixel_of(i);
-        const bool ground = hits.layer[i] == kGround;
-        const float specular = ground ? 0.0f : h.material->specular, share = h.split.matte;
+        const float share = h.split.matte;
         float3 c{0, 0, 0};
         int which = 0;
         if (lighting.ambient_rays == 0) c = (lighting.sky_light ? lighting.sky.blurred(h.normal) : lighting.ambient) * h.albedo * share;
@@ -78,7 +77,7 @@ private:
                 l = camera.orthographic ? camera.forward * -1.0f : normalize(camera.eye - h.p);
             }
             if (lighting.casts(k)) seen = visibility[which++ * n + i];
-            c = c + reflected_light(h.albedo * share, specular, h.material->shininess, h.normal, h.d, l, lighting.lights[k].radiance) * seen;
+            c = c + reflected_light(h.albedo * share, h.specular, h.shininess, h.normal, h.d, l, lighting.lights[k].radiance) * seen;
         }
         return c;
     }

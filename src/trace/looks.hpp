@@ -10,32 +10,42 @@ struct Attributes {
     const float* color;       ///< (n, 3)
     float3 one_color;
     Attribute reflection, refraction;
-    GB_FN bool uniform() const { return !color && !reflection.data && !refraction.data; }
+    Attribute wetness;          ///< 0 to 1: under a film of liquid where it is 1
+    float3 wet;                 ///< the film's colour, which is in `color` already
+    GB_FN bool uniform() const { return !color && !reflection.data && !refraction.data && !wetness.data; }
 };
 
 /// At a point: half the gradient of the field, over 1 / typical support or the world's unit of length, and attributes
 /// blended by influence.
 struct Looks {
     float3 gradient{0, 0, 0}, color{0, 0, 0};
-    float reflection = 0, refraction = 0;
+    float reflection = 0, refraction = 0, wetness = 0;
 };
 
 /// The sums that give a point's attributes.
 struct BlendedAttributes {
     const Attributes& of;
     BlendedColor<float> color;
-    float reflection = 0, refraction = 0;
+    float reflection = 0, refraction = 0, wetness = 0;
 
     GB_FN explicit BlendedAttributes(const Attributes& attributes) : of(attributes) {}
     GB_FN void add(std::uint32_t particle, float w) {
         color.add(of.color, particle, w);
         if (of.reflection.data) reflection += w * of.reflection.data[particle];
         if (of.refraction.data) refraction += w * of.refraction.data[particle];
+        if (of.wetness.data) wetness += w * of.wetness.data[particle];
     }
     GB_FN Looks with(const float3& gradient) const {
         const float scale = color.scale();
-        return {gradient, of.color ? color.sum * scale : of.one_color, of.reflection.data ? reflection * scale : of.reflection.uniform,
-                of.refraction.data ? refraction * scale : of.refraction.uniform};
+        Looks looks{gradient, of.color ? color.sum * scale : of.one_color, of.reflection.data ? reflection * scale : of.reflection.uniform,
+                    of.refraction.data ? refraction * scale : of.refraction.uniform, of.wetness.uniform};
+        if (of.wetness.data) {
+            // At a surface its own layer, the one that gets wet, has about half of the influence.
+            const float inside = min(wetness * scale, 1.0f);
+            looks.wetness = min(2.0f * inside, 1.0f);
+            looks.color = of.wet + (looks.color - of.wet) * ((1.0f - kWetShare * looks.wetness) / (1.0f - kWetShare * inside));
+        }
+        return looks;
     }
 };
 

@@ -96,6 +96,7 @@ struct Keep {
         write3(out.albedo, i, looks.color);
         out.reflection[i] = looks.reflection;
         out.refraction[i] = looks.refraction;
+        out.wetness[i] = looks.wetness;
     }
 };
 
@@ -122,6 +123,7 @@ struct MeetGround {
         write3(out.albedo, i, odd ? ground.other : ground.color);
         out.reflection[i] = ground.reflection;
         out.refraction[i] = 0.0f;
+        out.wetness[i] = 0.0f;
     }
 };
 

@@ -37,8 +37,7 @@ struct ShadowRay {
                 if (lighting.casts(light) && which-- == 0) break;
             lighting.towards(light, h.p, sample(pixel, stream, rays.source.pass), d, distance);
             // From behind, or too little to matter even in full view.
-            const float specular = hits.layer[i] == kGround ? 0.0f : h.material->specular;
-            const float3 full = rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, specular, h.material->shininess,
+            const float3 full = rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, h.specular, h.shininess,
                                                                         h.normal, h.d, d, lighting.lights[light].radiance);
             if (largest(full) * lighting.exposure < 0.125f * lighting.cutoff) return false;
         }

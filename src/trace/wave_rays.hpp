@@ -26,7 +26,7 @@ struct WaveRays {
 struct WaveHits {
     float* t;
     float *normal, *albedo;           ///< (n, 3)
-    float *reflection, *refraction;   ///< (n,) blended factors
+    float *reflection, *refraction, *wetness;  ///< (n,) blended factors
     std::uint32_t* layer;             ///< kMissed, kGround, or the layer
 };
 
@@ -37,6 +37,7 @@ struct Point {
     float3 albedo;
     Split split;
     const Material* material;
+    float specular, shininess;  ///< of the lights' highlight
 };
 GB_FN Point point_of(const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, std::size_t i) {
     Point h;
@@ -52,7 +53,15 @@ GB_FN Point point_of(const Lighting& lighting, const WaveRays& rays, const WaveH
     const float cosine = min(abs(dot(h.normal, h.d)), 1.0f);
     if (layer == kGround) {
         h.split = {hits.reflection[i], {0, 0, 0}, 1.0f - hits.reflection[i], 1.0f};
+        h.specular = 0.0f;
+        h.shininess = 1.0f;
     } else {
+        h.specular = h.material->specular;
+        h.shininess = h.material->shininess;
+        if (h.specular > 0.0f) {  // a film of liquid is smooth
+            h.specular += hits.wetness[i] * max(kWetSpecular - h.specular, 0.0f);
+            h.shininess += hits.wetness[i] * max(kWetShininess - h.shininess, 0.0f);
+        }
         if (h.material->color.x >= 0.0f) h.albedo = h.material->color;
         float around;
         const Border border = lighting.border(layer, rays.inside[i], around);

@@ -150,7 +150,19 @@ def layers_of(scene: Any, clips: Any, color: tuple) -> tuple[Layer, ...]:
                     f"got {own.scene.device.name}"
                 )
         layers.append(Layer(own.scene, own.material, (*own.clips, *everywhere)))
+    # Last, so that the layers that were given keep their numbers.
+    layers += [Layer(s, x.material, x.clips) for x in layers for s in beside(x.scene)]
+    if len(layers) > MAX_LAYERS:
+        raise ValueError(
+            f"scene: expected at most {MAX_LAYERS} layers, got {len(layers)}: a simulation's "
+            "tissue, fluids and other things that are shown are one each"
+        )
     return tuple(layers)
+
+
+def beside(scene: Any) -> tuple[Scene, ...]:
+    """What a simulation shows in scenes of their own; nothing of other scenes."""
+    return getattr(scene, "beside", ())
 
 
 _ONE = (str, os.PathLike, Layer, Scene, Mesh, Particles)
@@ -200,6 +212,8 @@ def _colored(item: Any, color: tuple) -> Scene | Mesh:
 def scene_like(scene: Scene, particles: Particles) -> Scene:
     """A new scene of these particles with the surface of another one."""
     options: dict[str, Any] = {"device": scene.device.name}
+    if beside(scene):  # of different things no one surface is smooth
+        return Scene(particles, scene.kernel, **options)
     if scene.surface == "smooth":
         if particles.weight is not None and np.ndim(particles.weight):
             particles = particles[np.flatnonzero(to_host(particles.weight) > 0)]

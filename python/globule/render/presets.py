@@ -11,6 +11,7 @@ from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .camera import view_axes
 from .fit import REACH, corners_of
+from .layers import beside
 from .lights import DirectionalLight, Ground, Headlight, Sky
 from .materials import Material
 from .settings import RenderSettings, extent_of
@@ -66,7 +67,8 @@ def ground_height(scene: Scene | Mesh, up: ArrayLike = (0.0, 1.0, 0.0)) -> float
     support = float(np.max(to_host(scene.support), initial=0.0))
     heights = positions @ up
     lowest = float(heights.min()) if len(positions) else 0.0
-    if scene.surface == "smooth" and len(positions):  # where the lowest particles' surface ends
+    one = scene.surface == "smooth" and not beside(scene)
+    if one and len(positions):  # where the lowest particles' surface ends
         near = positions[np.argsort(heights)[:LOWEST]]
         below = (near - 2 * support * up).astype(np.float32)
         upwards = np.tile(up.astype(np.float32), (len(below), 1))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,12 +17,13 @@ from .room import check_room
 from .sampling import FACES, fill, surface
 from .scene_file import Boundary, SceneFile
 from .schema import SceneError
+from .settings import Phase, phase_of
 from .shapes import Box
 
 
 @dataclass(kw_only=True)
 class Body:
-    """Particles of one phase.
+    """Particles of one phase, or tissue of two.
 
     Attributes:
         name: of the phase.
@@ -32,6 +33,7 @@ class Body:
         velocities: (N, 3) float64, m/s.
         young: (N,) Pa, of tissue, else None.
         fixed: (N,) bool, of tissue: what stays where it is, else None.
+        n_white: how many of the last ones are white matter, a phase of its own.
     """
 
     name: str
@@ -41,6 +43,15 @@ class Body:
     velocities: np.ndarray
     young: np.ndarray | None = None
     fixed: np.ndarray | None = None
+    n_white: int = 0
+
+    def phases(self) -> list[tuple[Phase, slice]]:
+        """Each phase and which particles are of it."""
+        first = phase_of(self.kind, self.table)
+        if not self.n_white:
+            return [(first, slice(None))]
+        white = replace(first, name=f"{self.name} white matter", color=self.table.tomography.white)
+        return [(first, slice(None, -self.n_white)), (white, slice(-self.n_white, None))]
 
 
 BRAIN = 0.35  # default rigidity of tissue
@@ -116,17 +127,19 @@ def _empty(table: Any, maker: Any) -> Body:
 def _solid(scene: SceneFile, table: Any, shape: Any) -> list[Body]:
     young = table.young or float(young_of_rigidity(table.rigidity or BRAIN))
     velocities = rigidity = None
+    n_white = 0
     if table.particles:
         positions, velocities, rigidity = table.particles.load()
     elif table.tomography:
-        positions = table.tomography.load(scene.spacing)
+        positions, white = table.tomography.load(scene.spacing)
+        positions, n_white = positions[np.argsort(white, kind="stable")], int(white.sum())
     else:
         positions = fill(shape, scene.spacing)
     body = _body(scene, table, "tissue", positions, velocities)
     fixed = np.zeros(len(positions), bool)
     for region in table.fixed:
         fixed |= region.shape.distance(positions) <= 1e-6 * scene.spacing
-    body.young, body.fixed = np.full(len(positions), young), fixed
+    body.young, body.fixed, body.n_white = np.full(len(positions), young), fixed, n_white
     if rigidity is None:
         return [body]
     return _by_rigidity(scene, body, rigidity)

@@ -13,7 +13,7 @@ from ..formats.pictures.video import need_av
 from ..render.camera import Camera
 from ..render.fit import fit_camera
 from ..render.frame import Frame
-from ..render.layers import scene_like
+from ..render.layers import beside, scene_like
 from ..render.presets import preset
 from ..render.render import render
 from ..render.sequence import KeptScene, MovieFrames
@@ -58,7 +58,7 @@ class Eye:
 
     def _shown(self, sim: Any) -> Scene:
         scene = sim.scene if self.view.speeds is None else self._by_speed(sim)
-        if self._settings is None and scene.octree.n_inside > 0:
+        if self._settings is None and any(s.octree.n_inside for s in (scene, *beside(scene))):
             light = self._light(scene)
             self._settings = light if self.view.speeds is None else for_values(light)
             self._camera = self._camera or fit_camera(scene, self.size)

@@ -28,7 +28,7 @@ from .old_words import OLD_NAMES, renamed, with_old_keys
 from .operate import BondedTissue
 from .record import Record
 from .scene_file import SceneFile, as_dict, errors_of, read_scene
-from .settings import MAX_PHASES, SETTINGS, Phase, StepReport, phase_of, settings_of
+from .settings import MAX_PHASES, SETTINGS, Phase, StepReport, settings_of
 from .simulation_scene import SimulationScene
 from .steer import Steer
 from .steered import Kept, Named
@@ -65,7 +65,8 @@ class Simulation:
 
     Attributes:
         scene: a `gb.Scene` of the same memory, with the current particles: one smooth surface where
-            a fluid is shown and no tissue, else the particles' balls (`scene.surface`).
+            a fluid is shown and no tissue; the smooth surface of tissue, with fluids and what else
+            is shown as scenes `beside`, which images show as further layers.
         settings: `Settings`: gravity, and the steps of the solver.
         phases: the materials, `Phase`s by name.
         emitters: `Emitter`s by name.
@@ -122,13 +123,21 @@ class Simulation:
         self.steer: Steer = Steer(self)
         self.record: Record = Record(self)
         for body in found:
-            if body.name not in self.phases:
-                self.add_phase(phase_of(body.kind, body.table))
+            for phase, _ in body.phases():
+                if phase.name not in self.phases:
+                    self.add_phase(phase)
         self._send()
-        added = [(body, self.add(body.positions, body.name, body.velocities)) for body in found]
+        added = [(body, self._add_body(body)) for body in found]
         if fluid is not None:
             self.add(fluid.positions, "fluid", fluid.attributes.get("velocity", 0.0))
         self._set_up(added)
+
+    def _add_body(self, body: Body) -> np.ndarray:
+        """Add a body's particles; returns their ids."""
+        return np.concatenate([
+            self.add(body.positions[rows], phase.name, body.velocities[rows])
+            for phase, rows in body.phases()
+        ])  # fmt: skip
 
     def _set_up(self, added: list[tuple[Body, np.ndarray]]) -> None:
         """Everything of the scene but its particles, which are added already, with these ids."""

@@ -13,13 +13,18 @@ if TYPE_CHECKING:
     from .simulation import Simulation
 
 
+BALLS, SMOOTH, TISSUE = 0, 1, 2  # what the scene draws: `Drawn` in src/sim/state.hpp
+FLUIDS, THINGS = 0, 1
+
+
 class SimulationScene(Scene):
     """The particles of a simulation as they are now; the octree is brought up to date when it is
     traced.
 
-    Where images show a fluid and no tissue, the scene has the smooth surface of particles of the
-    simulation's spacing, around all that is shown; else each particle's ball. The threshold
-    follows the surface until a program assigns one.
+    Where images show tissue, the scene has the smooth surface of the tissue, and what else is shown
+    has scenes `beside`. Where images show a fluid and no tissue, the scene has the smooth surface
+    around all that is shown; else each particle's ball. Smooth surfaces have the simulation's
+    spacing. The threshold follows the surface until a program assigns one.
     """
 
     def __init__(self, simulation: Simulation, device: Any, threads: int):
@@ -29,17 +34,33 @@ class SimulationScene(Scene):
         self.kernel = "murakami"
         self._kernel = KERNELS.index(self.kernel)
         self._chosen: float | None = None  # threshold
+        self._beside = (SceneBeside(self, FLUIDS), SceneBeside(self, THINGS))
 
     @property
     def _scene(self) -> Any:
-        self._simulation._core.draw_smooth(self.surface == "smooth")
+        shown = self._shown_kinds
+        drawn = TISSUE if "tissue" in shown else SMOOTH if "fluid" in shown else BALLS
+        self._simulation._core.draw(drawn)
         return self._own
+
+    @property
+    def _shown_kinds(self) -> set[str]:
+        return {phase.kind for phase in self._simulation.phases.values() if phase.shown}
 
     @property
     def surface(self) -> str:  # type: ignore[override]  # read-only here
         """ "smooth" or "balls"."""
-        kinds = {phase.kind for phase in self._simulation.phases.values() if phase.shown}
-        return "smooth" if "fluid" in kinds and "tissue" not in kinds else "balls"
+        return "smooth" if self._shown_kinds & {"fluid", "tissue"} else "balls"
+
+    @property
+    def beside(self) -> tuple[Scene, ...]:
+        """What images show beside tissue, as layers of their own: the smooth surface of the fluids,
+        which is wet, and balls of boundaries and rigid bodies."""
+        kinds = self._shown_kinds
+        if "tissue" not in kinds:
+            return ()
+        fluids, things = self._beside
+        return (fluids,) * ("fluid" in kinds) + (things,) * bool(kinds - {"tissue", "fluid"})
 
     @property
     def support(self) -> float:  # read-only here
@@ -79,3 +100,28 @@ class SimulationScene(Scene):
     def update(self, *_: Any, **__: Any) -> None:
         """Refused: raises TypeError."""
         raise TypeError("update: the scene of a simulation follows its particles")
+
+
+class SceneBeside(SimulationScene):
+    """A part of what a simulation's images show beside its tissue: FLUIDS or THINGS."""
+
+    def __init__(self, tissue: SimulationScene, which: int):
+        self._simulation, self.device = tissue._simulation, tissue.device
+        self.kernel, self._kernel, self._chosen = tissue.kernel, tissue._kernel, None
+        self._tissue, self._which = tissue, which
+        self._own = tissue._own.beside(which)
+
+    @property
+    def _scene(self) -> Any:
+        self._tissue._scene  # noqa: B018  says what is drawn
+        return self._own
+
+    @property
+    def surface(self) -> str:  # type: ignore[override]  # read-only here
+        """ "smooth" or "balls"."""
+        return "smooth" if self._which == FLUIDS else "balls"
+
+    @property
+    def beside(self) -> tuple[Scene, ...]:
+        """None."""
+        return ()

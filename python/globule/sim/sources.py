@@ -13,7 +13,7 @@ from ..formats import read
 from ..formats.mesh import _load, _trimesh
 from ..volumes.files import read_volume
 from .sampling import MOST_PARTICLES
-from .schema import Problem, Table, choice, each, key, number, place, positive, text, whole
+from .schema import Problem, Table, choice, color, each, key, number, place, positive, text, whole
 from .shapes import Grid, Mesh
 
 ATLASES = ("mni152",)
@@ -98,33 +98,48 @@ class Tomography(Table):
     labels: list | None = key(each(whole(-(2**31), 2**31)), None)
     scale: float = key(positive, 0.001)  # m per unit of the file: mm
     center: tuple = key(place, (0.0, 0.0, 0.0))  # m: where the middle of the tissue goes
+    white: tuple | None = key(color, None)  # of white matter; None: as the rest
+    white_level: float | None = key(number(), None)  # of a file: white matter's least intensity
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.file is None) == (self.atlas is None):
             raise ValueError("expected file or atlas, got both or none")
+        if self.file and (self.white is None) != (self.white_level is None):
+            raise ValueError("expected white and white_level of a file, got one of them")
+        if self.atlas and self.white_level is not None:
+            raise ValueError("white_level: expected none of an atlas, which knows its white matter")
+        if self.labels is not None and self.white is not None:
+            raise ValueError("white: expected none with labels, which have no intensity")
 
-    def load(self, spacing: float) -> np.ndarray:
-        """Positions (N, 3) m on a cubic lattice of the spacing, m.
+    def load(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (N, 3) m on a cubic lattice of the spacing, m, and which are white matter,
+        (N,) bool.
 
         Raises:
             ValueError: no voxel of tissue.
             MissingPackageError: an atlas without nilearn.
         """
         if self.atlas:
-            positions = _atlas(spacing / self.scale)
+            positions, white = _atlas(spacing / self.scale)
         else:
             from ..volumes.tomography import tissue_voxels
 
-            positions = tissue_voxels(self.file, self.level, self.labels, spacing / self.scale)
+            positions, values = tissue_voxels(
+                self.file, self.level, self.labels, spacing / self.scale
+            )
+            least = np.inf if self.white_level is None else self.white_level
+            white = values >= least
         if not len(positions):
             raise ValueError(f"{self.file or self.atlas}: expected tissue, got no voxel of it")
         middle = (positions.min(axis=0) + positions.max(axis=0)) / 2
-        return (positions - middle) * self.scale + np.asarray(self.center)
+        white = white & (self.white is not None)
+        return (positions - middle) * self.scale + np.asarray(self.center), white
 
 
-def _atlas(millimeters: float) -> np.ndarray:
-    """The MNI152 brain, where gray and white matter together are most of a voxel: mm, LPS."""
+def _atlas(millimeters: float) -> tuple[np.ndarray, np.ndarray]:
+    """The MNI152 brain, where gray and white matter together are most of a voxel: mm, LPS; and
+    where there is more white than gray matter."""
     try:
         from nilearn import datasets, image
     except ImportError:
@@ -134,14 +149,20 @@ def _atlas(millimeters: float) -> np.ndarray:
         raise ValueError(f"atlas: expected at least {least:.2g} mm, got {millimeters:g} mm")
     gray = datasets.load_mni152_gm_template(resolution=1)
     white = datasets.load_mni152_wm_template(resolution=1)
-    both = image.math_img("a + b", a=gray, b=white)
-    if millimeters > 1:  # means of the voxels that a larger one covers
-        both = image.smooth_img(both, millimeters / 2)
-    both = image.resample_img(
-        both, np.diag([millimeters] * 3), force_resample=True, copy_header=True
-    )
-    index = np.argwhere(both.get_fdata() > 0.5)
-    return (index @ both.affine[:3, :3].T + both.affine[:3, 3]) * (-1, -1, 1)  # RAS to LPS
+    parts = []
+    for part in (gray, white):
+        if millimeters > 1:  # means of the voxels that a larger one covers
+            part = image.smooth_img(part, millimeters / 2)
+        parts.append(
+            image.resample_img(
+                part, np.diag([millimeters] * 3), force_resample=True, copy_header=True
+            )
+        )
+    share, inner = (part.get_fdata() for part in parts)
+    index = np.argwhere(share + inner > 0.5)
+    affine = parts[0].affine
+    positions = (index @ affine[:3, :3].T + affine[:3, 3]) * (-1, -1, 1)  # RAS to LPS
+    return positions, (inner > share)[tuple(index.T)]
 
 
 def check_files(table: Any, folder: str) -> None:

@@ -10,6 +10,7 @@ from .._base.arrays import on_gpu
 from ..render.camera import Camera
 from ..render.fit import fit_camera, surface_reach
 from ..scene.mesh import Mesh
+from ..sim.simulation_scene import SimulationScene
 from .source import Source, box_corners
 
 FIRST_SIZE = (1280, 720)
@@ -38,7 +39,7 @@ def outermost(source: Source, scene: Any) -> np.ndarray:
 
 def left_out(scene: Any) -> list[str]:
     """Warnings about particles that cannot be shown."""
-    if isinstance(scene, Mesh):
+    if isinstance(scene, (Mesh, SimulationScene)):  # a simulation shows some on purpose
         return []
     n_lost = len(scene) - scene.octree.n_inside
     if not n_lost:

@@ -120,18 +120,27 @@ class SimulationSource(Source):
 
     def layers(self, state: State) -> list[Layer]:
         """The simulation's own scene if the settings allow. The caller holds `lock`."""
-        surface = state.surface
-        scene = getattr(self.simulation, "scene", None)
-        plain = surface.support is None and surface.root == "exact" and not state.color.by
-        if scene is None or not plain or surface.kernel != scene.kernel or self.is_smooth(state):
+        if not self._shows_own(state):
             return [Layer(self.maker.scene(self._drawn(state), state))]
-        if surface.threshold is not None:
-            scene.threshold = surface.threshold
+        scene = self.simulation.scene
         self.maker.show(scene)
         return [Layer(scene)]
 
+    def _shows_own(self, state: State) -> bool:
+        """Whether the settings allow the simulation's own scene."""
+        surface = state.surface
+        scene = getattr(self.simulation, "scene", None)
+        plain = (surface.support, surface.root, surface.threshold) == (None, "exact", None)
+        plain = plain and not state.color.by and not (self.has_tissue and surface.shape == "balls")
+        return (
+            scene is not None
+            and plain
+            and surface.kernel == scene.kernel
+            and not self.is_smooth(state)
+        )
+
     def is_smooth(self, state: State) -> bool:
-        """Whether the fluid gets a smooth surface; tissue and what stands beside it do not."""
+        """Whether one smooth surface is around a copy of all that is shown."""
         if state.surface.shape != "auto":
             return state.surface.shape == "smooth"
         return not self.has_tissue and self.maker.shape(self._shown(), state) == "smooth"
@@ -159,6 +168,8 @@ class SimulationSource(Source):
             code += [f"for _ in range({n}):", "    simulation.step()"]
             passed = [f"the simulated {self.simulation.time:.4g} s"]
         left = ["changes by hand"] if self.by_hand else []
+        if self._shows_own(state):
+            return Origin([name], code, left=passed + left, lives=True, scene="simulation.scene")
         return Origin(
             [name], [*code, f"particles = simulation.{particles}"], left=passed + left, lives=True
         )

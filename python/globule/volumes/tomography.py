@@ -100,8 +100,9 @@ def tissue_voxels(
     level: float | None = None,
     labels: int | Iterable[int] | None = None,
     spacing: float | None = None,
-) -> np.ndarray:
-    """Middles of the voxels at or above a level, or of given labels: (N, 3) float64, mm, LPS.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Middles of the voxels at or above a level, or of given labels: (N, 3) float64, mm, LPS; and
+    their values (N,).
 
     Arguments and errors are those of `tomography_particles`.
     """
@@ -113,7 +114,7 @@ def tissue_voxels(
             shown = volume.values >= (default_level(volume) if level is None else level)
             shown &= ~volume.empty
         check_count(volume, int(np.count_nonzero(shown)))
-        return _voxels(volume, shown)[0]
+        return _voxels(volume, shown)
 
 
 def _volume(
