@@ -154,6 +154,7 @@ struct Push {
     Materials materials;
     Motions motions;
     Shapes shapes;
+    Walls walls;
     Felt felt;
     float dt;
 
@@ -203,6 +204,7 @@ struct Push {
             if (damping > 0.0f) u = u * exp(-damping * dt);
             x = x + u * dt;
             felt.keep_out(shapes, t, x, u, v.w);
+            walls.keep_out(t, x, u);
         }
         velocity[t] = {u.x, u.y, u.z, v.w};
         next[t] = {x.x, x.y, x.z, here.w};

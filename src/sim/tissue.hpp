@@ -23,7 +23,7 @@ public:
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
           vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), rest_at_(exec), rows_(exec),
-          lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec) {}
+          lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec), plane_(exec), plane_speed_(exec), beside_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
     Interrupt* whole() noexcept override { return &exec_.interrupt(); }
@@ -70,7 +70,7 @@ public:
         n_ = before + in.n;
         n_entries_ += std::uint32_t(blocks.other.size());
         make_room();
-        if (is_solid_) find_bodies();
+        find_bodies();
         follow();
     }
 
@@ -235,6 +235,7 @@ public:
         if (name == "rest") is_solid_ = bytes > 0;
         if (name == "terms" && n_) n_terms_ = std::uint32_t(std::min<std::size_t>(bytes / (sizeof(float) * tissue::kTermRows * stride()), tissue::kMostTerms));
         if (name == "stays") yielded_ = bytes > 0;
+        if (name == "hold" || name == "body") bodies_known_ = name == "body" && bytes > 0;
         if (name == "hold") {
             grasped_ = 0;
             for (std::size_t t = 0; t < bytes; ++t)
@@ -250,6 +251,7 @@ public:
         exec_.synchronize();
         if (name == "id") {
             make_room();
+            if (!bodies_known_) find_bodies();  // of a version that saved those of solids alone
             n_scars_ = 1;  // as if there were some
         }
     }
@@ -312,6 +314,24 @@ public:
         exec_.clear(touched, n_);
         exec_.for_each(lists.n_rows, tissue::Touch<Packet>{lists, state, members(), stains, 1.3f * contact_, touched});
         exec_.for_each(n_, tissue::Wet{touched, dt, wetness_.data()});
+    }
+    /// What tissue meets: walls, which the substeps keep it out of, and others.
+    template <class Packet>
+    void find_contacts(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases, const sim::Period& period) {
+        if (n_ == 0) return;
+        Quad* plane = plane_.reserve(n_);
+        float* speed = plane_speed_.reserve(n_);
+        std::uint8_t* beside = beside_.reserve(n_);
+        exec_.clear(plane, n_ * sizeof *plane);
+        exec_.clear(speed, n_ * sizeof *speed);
+        exec_.clear(beside, n_);
+        exec_.for_each(lists.n_rows, tissue::FindContacts<Packet>{lists, state, phases, members(), body_.data(), period, contact_, plane, speed, beside});
+        walls_ = {plane, speed};
+    }
+    /// After a step whose next one is chosen by speeds alone: `far` is how far a particle may move in it.
+    void count_as(const sim::State& state, float far) {
+        const float substep = far * float(fastest_);
+        exec_.for_each(n_, tissue::CountAs{state, slot_.data(), beside_.data(), {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByOthers}});
     }
     /// Before the forces.
     void take_velocities(const sim::State& state) {
@@ -381,6 +401,7 @@ public:
 private:
     static constexpr float kWithin = 2.6f;             ///< spacings at rest: a solid's pairs that are closer are its stress's, not the density solve's
     static constexpr double kBorne = 1.5, kMostStiffening = 64.0;
+    static constexpr float kSubstepsByFluid = 4.0f, kSubstepsByOthers = 2.0f;  ///< of a step, where tissue is beside these
     static constexpr int kSubstepsOfPart = 16;         ///< after as many the strain is looked at again
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
     static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
@@ -440,7 +461,10 @@ private:
             exec_.download(&changed, flag, sizeof changed);
         }
     }
-    void find_bodies() { find_labels(body_.reserve(n_)); }
+    void find_bodies() {
+        find_labels(body_.reserve(n_));
+        bodies_known_ = true;
+    }
 
     /// Nothing is felt yet; where the substeps of a step add it up.
     tissue::Felt begin_felt(float dt, const float3& gravity) {
@@ -480,6 +504,7 @@ private:
             const float dt = part_dt / float(n_substeps);
             for (int s = 0; s < n_substeps; ++s) {
                 shapes_.move(dt);
+                walls_.elapsed += dt;
                 if (n_terms_ || yielded_) {
                     const tissue::Memory memory{terms_.data(), yielded_ ? stays_.data() : nullptr, phase_.data(), materials_, n_terms_, stride(), n_, dt};
                     exec_.for_each_packet(n_, tissue::Strain<tissue::Memory>{bonds(), solid(), at, memory});
@@ -487,7 +512,7 @@ private:
                     exec_.for_each_packet(n_, tissue::Strain<tissue::NoMemory>{bonds(), solid(), at, {}});
                 }
                 exec_.for_each_packet(n_, tissue::Push{bonds(), solid(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
-                                                       materials_, motions_, shapes_, felt, dt});
+                                                       materials_, motions_, shapes_, walls_, felt, dt});
                 std::swap(at, next);
             }
             n_done += n_substeps;
@@ -507,12 +532,13 @@ private:
         Quad *at = at_.data(), *next = next_.data();
         const auto relax = [&]<bool single>(std::bool_constant<single>, int s, int k) {
             exec_.for_each_packet(n_, tissue::Relax<single>{bonds(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
-                                                         lambda, materials_, motions_, shapes_, felt, dt, contact_, k == 0, k + 1 == iterations,
+                                                         lambda, materials_, motions_, shapes_, walls_, felt, dt, contact_, k == 0, k + 1 == iterations,
                                                          s + 1 < n_substeps});
             std::swap(at, next);
         };
         for (int s = 0; s < n_substeps; ++s) {
             shapes_.move(dt);
+            walls_.elapsed += dt;
             if (iterations == 1) relax(std::true_type{}, s, 0);
             else
                 for (int k = 0; k < iterations; ++k) relax(std::false_type{}, s, k);
@@ -576,7 +602,7 @@ private:
         fn("terms", terms_, n_terms_ * std::size_t(tissue::kTermRows) * stride());
         fn("stays", stays_, yielded_ ? 6 * std::size_t(stride()) : 0);
         fn("frequency", frequency_, is_solid_ ? 1 : 0);
-        fn("body", body_, is_solid_ ? n_ : 0);
+        fn("body", body_, n_);
         fn("at", at_, n_);
         fn("velocity", velocity_, n_);
         fn("phase", phase_, n_);
@@ -672,6 +698,7 @@ private:
     tissue::Materials materials_;
     tissue::Motions motions_;
     tissue::Shapes shapes_;
+    tissue::Walls walls_;
     std::vector<BloodVessel> vessels_;
     Buffer<Quad, Exec> at_, next_, velocity_;
     Buffer<float3, Exec> acceleration_, pull_, before_, rest_;
@@ -694,7 +721,9 @@ private:
     Buffer<float, Exec> lame_, terms_, stays_, correction_, frequency_;
     std::uint32_t n_terms_ = 0;                  ///< of Prony series, the most that a body has
     bool yielded_ = false;                       ///< stays_ is there
-    Buffer<std::uint32_t, Exec> body_;           ///< a solid's bodies, as they were made: the least member
+    Buffer<std::uint32_t, Exec> body_;           ///< bodies, as they were made: the least member
+    bool bodies_known_ = false;
+    Buffer<std::uint8_t, Exec> beside_;
     Buffer<float, Exec> within_;
     std::uint32_t grasped_ = 0;                  ///< bits of the grasps that hold
     bool feels_ = false;
@@ -702,6 +731,8 @@ private:
     float felt_dt_ = 0.0f;                       ///< of the last step
     Buffer<float3, Exec> felt_;
     Buffer<sim::Impulse, Exec> felt_sum_, pressed_;
+    Buffer<Quad, Exec> plane_;                   ///< of the wall before each particle
+    Buffer<float, Exec> plane_speed_;
 };
 
 /// Tissue alone, with its own means.
