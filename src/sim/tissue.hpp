@@ -22,7 +22,7 @@ public:
         : exec_(exec), at_(exec), next_(exec), velocity_(exec), acceleration_(exec), pull_(exec), before_(exec), rest_(exec), id_(exec),
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
-          vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), rest_at_(exec), rows_(exec),
+          vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), strained_(exec), rest_at_(exec), rows_(exec),
           lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec), plane_(exec), plane_speed_(exec), beside_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
@@ -401,6 +401,7 @@ public:
 private:
     static constexpr float kWithin = 2.6f;             ///< spacings at rest: a solid's pairs that are closer are its stress's, not the density solve's
     static constexpr double kBorne = 1.5, kMostStiffening = 64.0;
+    static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
     static constexpr float kSubstepsByFluid = 4.0f, kSubstepsByOthers = 2.0f;  ///< of a step, where tissue is beside these
     static constexpr int kSubstepsOfPart = 16;         ///< after as many the strain is looked at again
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
@@ -478,12 +479,14 @@ private:
         return {felt_.data(), n_, gravity};
     }
 
-    /// Of the solid's stiffest particle, over what substeps bear by themselves: they are stable up to four times the stiffness at rest.
-    double stiffening(const Quad* at) {
-        double most, *out = energy_.reserve(1);
-        exec_.reduce_in_order(n_, tissue::Stiffening{bonds(), solid(), at, yielded_ ? stays_.data() : nullptr}, tissue::Largest{}, 1.0, out);
+    /// How many times as many substeps as at rest the next ones of `dt` seconds need.  They are stable up to four times the stiffness at rest; the
+    /// stiffest particle tells how much more there is, and the pair that strains fastest how much may come until this is asked again.
+    double hurry(const Quad* at, float dt) {
+        tissue::Strained most, *out = strained_.reserve(1);
+        exec_.reduce_in_order(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr}, tissue::MostStrained{}, tissue::Strained{1.0, 0.0}, out);
         exec_.download(&most, out, sizeof most);
-        return std::min(std::max(1.0, most / kBorne), kMostStiffening);  // 1 where it is no number
+        return std::sqrt(std::min(std::max(1.0, most.stiffness / kBorne), kMostStiffening)) *  // 1 where it is no number
+               std::min(std::max(1.0, most.rate * dt / kStrainOfPart), kMostByStrain);
     }
     /// Symplectic: exact at rest, and energy neither grows nor decays.  Strain changes within a step, and with it the substeps.
     int take_solid_substeps(float whole_dt, int asked, const float3& gravity) {
@@ -500,7 +503,7 @@ private:
         const float part_dt = whole_dt / float(n_parts);
         int n_done = 0;
         for (int part = 0; part < n_parts; ++part) {
-            const int n_substeps = asked > 0 ? asked : substeps(part_dt * float(std::sqrt(stiffening(at))));
+            const int n_substeps = asked > 0 ? asked : substeps(part_dt * float(hurry(at, part_dt)));
             const float dt = part_dt / float(n_substeps);
             for (int s = 0; s < n_substeps; ++s) {
                 shapes_.move(dt);
@@ -714,6 +717,7 @@ private:
     Buffer<tissue::Drop, Exec> asking_, found_;  ///< the first of found: how many are found (t) and ask (vessel)
     Buffer<std::uint32_t, Exec> spent_;
     Buffer<double, Exec> energy_;
+    Buffer<tissue::Strained, Exec> strained_;
     std::function<void()> before_use_;
     bool broken_ = false;
     bool is_solid_ = false, corrected_ = false;  ///< not bonds alone; no bond went since the corrections
