@@ -251,7 +251,7 @@ public:
         exec_.synchronize();
         if (name == "id") {
             make_room();
-            if (!bodies_known_) find_bodies();  // of a version that saved those of solids alone
+            if (!bodies_known_) exec_.clear(body_.reserve(n_), n_ * sizeof *body_.data());  // earlier versions saved those of solids alone
             n_scars_ = 1;  // as if there were some
         }
     }
@@ -462,10 +462,7 @@ private:
             exec_.download(&changed, flag, sizeof changed);
         }
     }
-    void find_bodies() {
-        find_labels(body_.reserve(n_));
-        bodies_known_ = true;
-    }
+    void find_bodies() { find_labels(body_.reserve(n_)); }
 
     /// Nothing is felt yet; where the substeps of a step add it up.
     tissue::Felt begin_felt(float dt, const float3& gravity) {
