@@ -25,8 +25,10 @@ struct OwnSpeed {
     GB_FN void operator()(std::size_t i) const {
         const float3 v = state.velocity[i].xyz();
         const float slow = ahead.far / ahead.dt;
-        speed2[i] = dot(v, v);
-        if (speed2[i] > slow * slow && phases[state.phase[i]].kind == Kind::fluid) fast[atomic_take(n_fast, 1)] = std::uint32_t(i);
+        const Kind kind = phases[state.phase[i]].kind;
+        const float as = kind == Kind::tissue ? state.growth[i] : 0.0f;
+        speed2[i] = max(dot(v, v), as * as);
+        if (speed2[i] > slow * slow && kind == Kind::fluid) fast[atomic_take(n_fast, 1)] = std::uint32_t(i);
     }
 };
 

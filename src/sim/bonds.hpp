@@ -91,6 +91,7 @@ struct Relax {
     Materials materials;
     Motions motions;
     Shapes shapes;
+    Walls walls;
     Felt felt;
     float dt, contact;      ///< contact: distance that cut faces keep
     bool is_first, is_last; ///< iteration of the substep
@@ -146,6 +147,7 @@ struct Relax {
             x = x + push * v.w;
             if (is_last) {
                 felt.keep_out(shapes, t, x, u, v.w);
+                walls.keep_out(t, x, u);
                 const float damping = materials.damping[phase[t]];
                 if (damping > 0.0f) u = u * exp(-damping * dt);
                 if (predicts) {

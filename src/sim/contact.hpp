@@ -1,5 +1,6 @@
 // Instruments that tissue cannot enter: balls, capsules, half-spaces.  No friction.
 #pragma once
+#include "base/quad.hpp"
 #include "base/vec.hpp"
 
 namespace globule::core::tissue {
@@ -56,6 +57,23 @@ struct Shapes {
             shape[s].a = shape[s].a + shape[s].velocity * dt;
             if (shape[s].kind == Shape::capsule) shape[s].b = shape[s].b + shape[s].velocity * dt;
         }
+    }
+};
+
+/// Walls that a step's particles stand before, as planes, while the substeps last.
+struct Walls {
+    const Quad* plane = nullptr;  ///< per particle: normal, and how far along it the particle may go at the step's start; null: no walls
+    const float* speed = nullptr; ///< of the plane along its normal
+    float elapsed = 0.0f;
+
+    /// Moves x out; u loses what of it goes in.
+    GB_FN void keep_out(std::uint32_t t, float3& x, float3& u) const {
+        if (!plane) return;
+        const float3 out = plane[t].xyz();
+        const float depth = plane[t].w + speed[t] * elapsed - dot(x, out);
+        if (!(depth > 0.0f)) return;
+        x = x + out * depth;
+        u = u + out * max(speed[t] - dot(u, out), 0.0f);
     }
 };
 

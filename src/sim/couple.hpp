@@ -10,6 +10,7 @@
 namespace globule::core::tissue {
 
 inline constexpr std::uint32_t kNobody = 0xffffffffu;
+inline constexpr float kWallHeight = 1.1f;  ///< above a wall's particles, spacings, a little more than where it leaves a lattice at rest (1.055)
 
 /// Finds each tissue particle's slot, position and velocity.  Who has left the simulation is gone.  What is
 /// held stands in the density solve like a boundary: it pushes, and is not pushed.
@@ -139,6 +140,67 @@ struct Veto {
                 if (lists.index[lists.at(row, k)] == other) found = k;
             if (found < n) lists.index[lists.at(row, found)] = lists.n;
         }
+    }
+};
+
+/// What each free particle is near to, within the lists' reach.
+enum Beside : std::uint8_t { kAlone, kFluid, kOther };  ///< kOther: of another body
+
+/// What stands before each free particle.  Pressure acts once a step, on tissue whose substeps have not felt it.  Walls are therefore planes
+/// that the substeps know: no particle comes nearer than it is, or than it would be at rest.  What else it meets shortens the steps.
+template <class Packet>
+struct FindContacts {
+    sim::Lists<Packet> lists;
+    sim::State state;
+    const sim::Phase* phases;
+    Members members;
+    const std::uint32_t* body;
+    sim::Period period;
+    float spacing;
+    Quad* plane;
+    float* speed;
+    std::uint8_t* beside;
+    GB_FN void operator()(std::size_t row) const {
+        const std::uint32_t slot = lists.rows[row], t = members(state.id[slot]);
+        if (t == kNobody) return;
+        const float3 here = state.place[slot].xyz();
+        float3 sum{0, 0, 0}, velocity{0, 0, 0};
+        float total = 0.0f;
+        std::uint8_t near = kAlone;
+        for (std::uint32_t k = 0, n = lists.count[row]; k < n; ++k) {
+            const std::uint32_t j = lists.index[lists.at(row, k)];
+            if (j >= lists.n) continue;
+            const sim::Kind kind = phases[state.phase[j]].kind;
+            if (kind != sim::Kind::boundary) {
+                if (kind == sim::Kind::fluid) near = max(near, std::uint8_t(kFluid));
+                else if (kind == sim::Kind::rigid || other_body(t, members(state.id[j]))) near = kOther;
+                continue;
+            }
+            const Quad q = state.place[j];
+            const float3 away = period.template shortest<true>(here - q.xyz());
+            const float d2 = dot(away, away) / (spacing * spacing), s = q.w / (d2 * d2 + 1e-3f);  // as in sim::Contact
+            sum = sum + away * s;
+            velocity = velocity + state.velocity[j].xyz() * s;
+            total += s;
+        }
+        beside[t] = near;
+        if (!(total > 0.0f)) return;
+        const float3 out = normalize(sum);
+        const float height = dot(sum, out) / total;
+        plane[t] = {out.x, out.y, out.z, dot(here, out) + min(kWallHeight * spacing - height, 0.0f)};
+        speed[t] = dot(velocity, out) / total;
+    }
+    GB_FN bool other_body(std::uint32_t t, std::uint32_t o) const { return o != kNobody && body[o] != body[t]; }
+};
+
+/// Tissue beside others counts as faster than it is in the choice of the next step.
+struct CountAs {
+    sim::State state;
+    const std::uint32_t* slot;
+    const std::uint8_t* beside;
+    float speed[3];  ///< by what it is beside, m/s
+    GB_FN void operator()(std::size_t t) const {
+        if (slot[t] != sim::kGone) state.growth[slot[t]] = speed[beside[t]];
     }
 };
 

@@ -73,7 +73,8 @@ struct Densities {
         Packet::store(out.alpha + row, alpha);
         Packet::store(out.boundary + row, nearest);
         const float free = 2.0f * kFreeGradient;  // per support
-        const auto inside = (gx * gx + gy * gy + gz * gz < F(free * free)) & (density > F(kLeastDensity));
+        auto inside = (gx * gx + gy * gy + gz * gz < F(free * free)) & (density > F(kLeastDensity));
+        if (within) inside = inside & (Packet::load(within + row) <= zero);  // no neighbors in the lists: nothing that could pull
         Packet::store(out.bulk + row, select(inside, F(1.0f), zero));
     }
 };

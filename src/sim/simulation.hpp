@@ -142,6 +142,7 @@ public:
         bool split = false;
         if (state_.n_rows > 0) {
             tissue_.change(fluid_.lists(), state_.view(), dt);
+            tissue_.find_contacts(fluid_.lists(), state_.view(), state_.phases(), state_.period());
             mark("neighbors");
             fluid_.densities();
             mark("density");
@@ -330,11 +331,11 @@ private:
         }
         return dt;
     }
+    bool by_approach() { return tissue_.n() > 0 && !settings_.weakly_compressible && !state_.period().any(); }
     /// Beside tissue, whose every step is dear, a fluid in free fall does not shorten the steps.
     void summarize(const sim::Compression* compression = nullptr) {
         const sim::Ahead ahead{float(longest_step()), float(farthest_move())};
-        const bool by_approach = tissue_.n() > 0 && !settings_.weakly_compressible && !state_.period().any();
-        state_.summarize(by_approach ? &ahead : nullptr, length(settings_.gravity), float(farthest_move()), compression);
+        state_.summarize(by_approach() ? &ahead : nullptr, length(settings_.gravity), float(farthest_move()), compression);
     }
 
     /// Somebody other than a step changed something: what is known of the particles may be wrong.
@@ -421,6 +422,7 @@ private:
         fluid_.end_shift();
         if (split) fluid_.end_split(dt);
         if (state_.n_rows > 0) tissue_.add_rest(state_.view());
+        if (state_.n_rows > 0 && by_approach()) tissue_.count_as(state_.view(), float(farthest_move()));
     }
 
     /// `earlier`: seconds that the step's lists had taken before it began.

@@ -154,6 +154,7 @@ struct Push {
     Materials materials;
     Motions motions;
     Shapes shapes;
+    Walls walls;
     Felt felt;
     float dt;
 
@@ -203,6 +204,7 @@ struct Push {
             if (damping > 0.0f) u = u * exp(-damping * dt);
             x = x + u * dt;
             felt.keep_out(shapes, t, x, u, v.w);
+            walls.keep_out(t, x, u);
         }
         velocity[t] = {u.x, u.y, u.z, v.w};
         next[t] = {x.x, x.y, x.z, here.w};
@@ -251,13 +253,29 @@ GB_FN double cofactor(const double f[9], double k[9]) {
 /// How many times as stiff as in a block at rest a particle may be.  Strained: ∂P/∂F = μ + (λ + μ) cof F ⊗ cof F + ((λ + μ)(J - 1) - μ) ∂cof F/∂F,
 /// whose last factor is at most |F|.  With few neighbors on one side: F follows each of them more steeply than in the corner of a block.
 inline constexpr double kSteepCorner = 3.0;  ///< Σ c |C X|, 1/spacings
+struct Strained {
+    double stiffness, rate;  ///< over that of a block at rest; 1/s, at which the lengths of pairs change, or their directions
+};
 struct Stiffening {
     Bonds bonds;
     Solid solid;
-    const Quad* at;
+    const Quad *at, *velocity;
     const float* stays;  ///< as in Memory: a yielded shape's metric G multiplies μ
-    GB_FN double operator()(std::size_t i) const {
+    GB_FN Strained operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
+        return {stiffness(t), rate(t)};
+    }
+    GB_FN double rate(std::uint32_t t) const {
+        if (!(at[t].w > 0.0f)) return 0.0;  // springs
+        const float3 own = velocity[t].xyz();
+        float most = 0.0f;
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+            const float l = bonds.length[e];
+            if (l > 0.0f) most = max(most, length(velocity[bonds.other[e]].xyz() - own) / l);
+        }
+        return most;
+    }
+    GB_FN double stiffness(std::uint32_t t) const {
         if (!(at[t].w > 0.0f)) return 1.0;  // springs
         double f[9], k[9], squares = 0.0, area = 0.0;
         gradient(bonds, solid, at, t, f);
@@ -269,8 +287,10 @@ struct Stiffening {
         return strained * max(steep * steep, 1.0);
     }
 };
-struct Largest {
-    GB_FN double operator()(double a, double b) const { return a > b ? a : b; }
+struct MostStrained {
+    GB_FN Strained operator()(const Strained& a, const Strained& b) const {
+        return {a.stiffness > b.stiffness ? a.stiffness : b.stiffness, a.rate > b.rate ? a.rate : b.rate};
+    }
 };
 
 /// Energy of each particle, J; springs stand with half at either end.

@@ -44,7 +44,7 @@ struct State {
     std::uint32_t* id;
     std::uint8_t* phase;
     float* pressure;             ///< of the last step, Pa
-    float* growth;               ///< how much faster it became in the last step, m/s^2
+    float* growth;               ///< how much faster it became in the last step, m/s^2; of tissue whose steps go by approach, the least speed that it counts as, m/s
     float* divergence_impulse;   ///< pressure of the solve for velocities, from which the next one starts
 };
 

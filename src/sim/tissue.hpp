@@ -22,8 +22,8 @@ public:
         : exec_(exec), at_(exec), next_(exec), velocity_(exec), acceleration_(exec), pull_(exec), before_(exec), rest_(exec), id_(exec),
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
-          vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), rest_at_(exec), rows_(exec),
-          lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec) {}
+          vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), strained_(exec), rest_at_(exec), rows_(exec),
+          lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec), plane_(exec), plane_speed_(exec), beside_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
     Interrupt* whole() noexcept override { return &exec_.interrupt(); }
@@ -70,7 +70,7 @@ public:
         n_ = before + in.n;
         n_entries_ += std::uint32_t(blocks.other.size());
         make_room();
-        if (is_solid_) find_bodies();
+        find_bodies();
         follow();
     }
 
@@ -235,6 +235,7 @@ public:
         if (name == "rest") is_solid_ = bytes > 0;
         if (name == "terms" && n_) n_terms_ = std::uint32_t(std::min<std::size_t>(bytes / (sizeof(float) * tissue::kTermRows * stride()), tissue::kMostTerms));
         if (name == "stays") yielded_ = bytes > 0;
+        if (name == "hold" || name == "body") bodies_known_ = name == "body" && bytes > 0;
         if (name == "hold") {
             grasped_ = 0;
             for (std::size_t t = 0; t < bytes; ++t)
@@ -250,6 +251,7 @@ public:
         exec_.synchronize();
         if (name == "id") {
             make_room();
+            if (!bodies_known_) exec_.clear(body_.reserve(n_), n_ * sizeof *body_.data());  // earlier versions saved those of solids alone
             n_scars_ = 1;  // as if there were some
         }
     }
@@ -312,6 +314,24 @@ public:
         exec_.clear(touched, n_);
         exec_.for_each(lists.n_rows, tissue::Touch<Packet>{lists, state, members(), stains, 1.3f * contact_, touched});
         exec_.for_each(n_, tissue::Wet{touched, dt, wetness_.data()});
+    }
+    /// What tissue meets: walls, which the substeps keep it out of, and others.
+    template <class Packet>
+    void find_contacts(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases, const sim::Period& period) {
+        if (n_ == 0) return;
+        Quad* plane = plane_.reserve(n_);
+        float* speed = plane_speed_.reserve(n_);
+        std::uint8_t* beside = beside_.reserve(n_);
+        exec_.clear(plane, n_ * sizeof *plane);
+        exec_.clear(speed, n_ * sizeof *speed);
+        exec_.clear(beside, n_);
+        exec_.for_each(lists.n_rows, tissue::FindContacts<Packet>{lists, state, phases, members(), body_.data(), period, contact_, plane, speed, beside});
+        walls_ = {plane, speed};
+    }
+    /// After a step whose next one is chosen by speeds alone: `far` is how far a particle may move in it.
+    void count_as(const sim::State& state, float far) {
+        const float substep = far * float(fastest_);
+        exec_.for_each(n_, tissue::CountAs{state, slot_.data(), beside_.data(), {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByOthers}});
     }
     /// Before the forces.
     void take_velocities(const sim::State& state) {
@@ -381,6 +401,8 @@ public:
 private:
     static constexpr float kWithin = 2.6f;             ///< spacings at rest: a solid's pairs that are closer are its stress's, not the density solve's
     static constexpr double kBorne = 1.5, kMostStiffening = 64.0;
+    static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
+    static constexpr float kSubstepsByFluid = 4.0f, kSubstepsByOthers = 2.0f;  ///< of a step, where tissue is beside these
     static constexpr int kSubstepsOfPart = 16;         ///< after as many the strain is looked at again
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
     static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
@@ -454,12 +476,14 @@ private:
         return {felt_.data(), n_, gravity};
     }
 
-    /// Of the solid's stiffest particle, over what substeps bear by themselves: they are stable up to four times the stiffness at rest.
-    double stiffening(const Quad* at) {
-        double most, *out = energy_.reserve(1);
-        exec_.reduce_in_order(n_, tissue::Stiffening{bonds(), solid(), at, yielded_ ? stays_.data() : nullptr}, tissue::Largest{}, 1.0, out);
+    /// How many times as many substeps as at rest the next ones of `dt` seconds need.  They are stable up to four times the stiffness at rest; the
+    /// stiffest particle tells how much more there is, and the pair that strains fastest how much may come until this is asked again.
+    double hurry(const Quad* at, float dt) {
+        tissue::Strained most, *out = strained_.reserve(1);
+        exec_.reduce_in_order(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr}, tissue::MostStrained{}, tissue::Strained{1.0, 0.0}, out);
         exec_.download(&most, out, sizeof most);
-        return std::min(std::max(1.0, most / kBorne), kMostStiffening);  // 1 where it is no number
+        return std::sqrt(std::min(std::max(1.0, most.stiffness / kBorne), kMostStiffening)) *  // 1 where it is no number
+               std::min(std::max(1.0, most.rate * dt / kStrainOfPart), kMostByStrain);
     }
     /// Symplectic: exact at rest, and energy neither grows nor decays.  Strain changes within a step, and with it the substeps.
     int take_solid_substeps(float whole_dt, int asked, const float3& gravity) {
@@ -476,10 +500,11 @@ private:
         const float part_dt = whole_dt / float(n_parts);
         int n_done = 0;
         for (int part = 0; part < n_parts; ++part) {
-            const int n_substeps = asked > 0 ? asked : substeps(part_dt * float(std::sqrt(stiffening(at))));
+            const int n_substeps = asked > 0 ? asked : substeps(part_dt * float(hurry(at, part_dt)));
             const float dt = part_dt / float(n_substeps);
             for (int s = 0; s < n_substeps; ++s) {
                 shapes_.move(dt);
+                walls_.elapsed += dt;
                 if (n_terms_ || yielded_) {
                     const tissue::Memory memory{terms_.data(), yielded_ ? stays_.data() : nullptr, phase_.data(), materials_, n_terms_, stride(), n_, dt};
                     exec_.for_each_packet(n_, tissue::Strain<tissue::Memory>{bonds(), solid(), at, memory});
@@ -487,7 +512,7 @@ private:
                     exec_.for_each_packet(n_, tissue::Strain<tissue::NoMemory>{bonds(), solid(), at, {}});
                 }
                 exec_.for_each_packet(n_, tissue::Push{bonds(), solid(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
-                                                       materials_, motions_, shapes_, felt, dt});
+                                                       materials_, motions_, shapes_, walls_, felt, dt});
                 std::swap(at, next);
             }
             n_done += n_substeps;
@@ -507,12 +532,13 @@ private:
         Quad *at = at_.data(), *next = next_.data();
         const auto relax = [&]<bool single>(std::bool_constant<single>, int s, int k) {
             exec_.for_each_packet(n_, tissue::Relax<single>{bonds(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
-                                                         lambda, materials_, motions_, shapes_, felt, dt, contact_, k == 0, k + 1 == iterations,
+                                                         lambda, materials_, motions_, shapes_, walls_, felt, dt, contact_, k == 0, k + 1 == iterations,
                                                          s + 1 < n_substeps});
             std::swap(at, next);
         };
         for (int s = 0; s < n_substeps; ++s) {
             shapes_.move(dt);
+            walls_.elapsed += dt;
             if (iterations == 1) relax(std::true_type{}, s, 0);
             else
                 for (int k = 0; k < iterations; ++k) relax(std::false_type{}, s, k);
@@ -576,7 +602,7 @@ private:
         fn("terms", terms_, n_terms_ * std::size_t(tissue::kTermRows) * stride());
         fn("stays", stays_, yielded_ ? 6 * std::size_t(stride()) : 0);
         fn("frequency", frequency_, is_solid_ ? 1 : 0);
-        fn("body", body_, is_solid_ ? n_ : 0);
+        fn("body", body_, n_);
         fn("at", at_, n_);
         fn("velocity", velocity_, n_);
         fn("phase", phase_, n_);
@@ -672,6 +698,7 @@ private:
     tissue::Materials materials_;
     tissue::Motions motions_;
     tissue::Shapes shapes_;
+    tissue::Walls walls_;
     std::vector<BloodVessel> vessels_;
     Buffer<Quad, Exec> at_, next_, velocity_;
     Buffer<float3, Exec> acceleration_, pull_, before_, rest_;
@@ -687,6 +714,7 @@ private:
     Buffer<tissue::Drop, Exec> asking_, found_;  ///< the first of found: how many are found (t) and ask (vessel)
     Buffer<std::uint32_t, Exec> spent_;
     Buffer<double, Exec> energy_;
+    Buffer<tissue::Strained, Exec> strained_;
     std::function<void()> before_use_;
     bool broken_ = false;
     bool is_solid_ = false, corrected_ = false;  ///< not bonds alone; no bond went since the corrections
@@ -694,7 +722,9 @@ private:
     Buffer<float, Exec> lame_, terms_, stays_, correction_, frequency_;
     std::uint32_t n_terms_ = 0;                  ///< of Prony series, the most that a body has
     bool yielded_ = false;                       ///< stays_ is there
-    Buffer<std::uint32_t, Exec> body_;           ///< a solid's bodies, as they were made: the least member
+    Buffer<std::uint32_t, Exec> body_;           ///< bodies, as they were made: the least member
+    bool bodies_known_ = false;
+    Buffer<std::uint8_t, Exec> beside_;
     Buffer<float, Exec> within_;
     std::uint32_t grasped_ = 0;                  ///< bits of the grasps that hold
     bool feels_ = false;
@@ -702,6 +732,8 @@ private:
     float felt_dt_ = 0.0f;                       ///< of the last step
     Buffer<float3, Exec> felt_;
     Buffer<sim::Impulse, Exec> felt_sum_, pressed_;
+    Buffer<Quad, Exec> plane_;                   ///< of the wall before each particle
+    Buffer<float, Exec> plane_speed_;
 };
 
 /// Tissue alone, with its own means.

@@ -103,6 +103,8 @@ def check_tissue(
     if first[0] != 0 or first[-1] != len(other) or (steps < 0).any() or (steps % _BLOCK).any():
         raise ValueError("tissue_first: expected blocks of bonds one after the other")
     _check_ends(n, first, other, bonds["length"])
+    if "tissue_body" in state or "tissue_rest" in state:  # earlier versions: of solids
+        _check_length("body", _numbers(state, "body", "u4"), n)
     ends = np.repeat(np.arange(len(steps)), steps)  # blocks; at.w is the inverse of the mass
     lane = (np.arange(len(other)) - first[ends]) % _BLOCK
     if "tissue_rest" in state:
@@ -122,7 +124,6 @@ def check_tissue(
 def _check_solid(state: Mapping[str, np.ndarray], n: int, longest: float) -> None:
     """What a solid has beside its bonds."""
     _check_length("rest", _numbers(state, "rest", "4f4"), n)
-    _check_length("body", _numbers(state, "body", "u4"), n)
     lame, frequency = _numbers(state, "lame", "f4"), _numbers(state, "frequency", "f4")
     _check_length("lame", lame, 2 * _BLOCK * -(-n // _BLOCK))
     _check_length("frequency", frequency, 1)
