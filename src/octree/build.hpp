@@ -533,7 +533,7 @@ private:
         std::uint32_t wanted;
         exec_.download(&wanted, counts + (params_.depth + 1) * n_chunks, sizeof wanted);
         if (wanted > kMaxNodes) throw Refused("octree: expected at most 2^29 nodes, got " + std::to_string(wanted) + ": lower `depth`");
-        if (wanted > capacity_ || wanted < capacity_ / 4) {
+        if (capacity_ == 0 || wanted > capacity_ || wanted < capacity_ / 4) {
             const std::size_t room = ceil_div<std::size_t>(wanted + wanted / 4, 64) * 64 + 64;
             capacity_ = 0;
             nodes_.reserve(8 * room + 64);  // siblings are loaded as vectors, past the last too
