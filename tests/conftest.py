@@ -12,6 +12,7 @@ import faulthandler
 import functools
 import locale
 import os
+import signal
 
 # Threads that wait should not spin: beside another busy process that costs ten times the time.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
@@ -125,7 +126,10 @@ UNEXPECTED = pytest.StashKey[list[str]]()
 
 
 def pytest_configure(config):
-    """Old names are an error in our own code; tests of them expect the warning."""
+    """Old names are an error in our own code; tests of them expect the warning. A shell that starts
+    the tests with & has them, and all programs that they start, ignore Ctrl-C."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("filterwarnings", "error:globule:DeprecationWarning")
 
 

@@ -121,6 +121,23 @@ def test_tissue_fluids_and_the_rest_are_layers(backend):
     assert np.abs(a.image.astype(int) - b.image).max() <= 1
 
 
+def test_a_program_may_want_balls(backend):
+    sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
+    smooth = gb.render(sim, CAMERA, SIZE)
+    sim.scene.surface = "balls"
+    assert (sim.scene.surface, sim.scene.threshold, sim.scene.beside) == ("balls", 0.6, ())
+    p = sim.shown_particles
+    balls = gb.render(sim, CAMERA, SIZE)
+    expected = gb.render(gb.Scene(p, **backend), CAMERA, SIZE)
+    assert (balls.mask == expected.mask).all()
+    assert balls.mask.sum() > smooth.mask.sum()
+    sim.scene.surface = "smooth"
+    again = gb.render(sim, CAMERA, SIZE)
+    assert (again.mask == smooth.mask).all()
+    with pytest.raises(ValueError, match="surface: expected smooth or balls, got 'spheres'"):
+        sim.scene.surface = "spheres"
+
+
 def test_layers_come_and_go_with_what_is_shown(backend):
     sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
     everything = gb.render(sim, CAMERA, SIZE)
@@ -204,6 +221,7 @@ def test_colors_by_value_and_speed(backend):
 
 def test_white_matter_is_of_the_same_body(tmp_path, backend):
     """A ball of 60 mm whose inner 35 mm are brighter."""
+    pytest.importorskip("SimpleITK", reason="the tomography's file needs SimpleITK")
     far = np.linalg.norm(np.mgrid[-8:9, -8:9, -8:9], axis=0) * 5.0
     head = np.where(far < 17.5, 200.0, np.where(far < 30.0, 100.0, 0.0)).astype(np.float32)
     gb.write_volume(tmp_path / "head.nrrd", gb.Volume(head, np.diag([5.0, 5.0, 5.0, 1.0])))

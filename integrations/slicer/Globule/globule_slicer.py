@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -106,14 +105,10 @@ class LiveRun:
     def stop(self, patience: float = 60.0) -> str:
         """End the run; the last volume is written. Returns what the command printed.
 
-        On Windows a process cannot be interrupted alike: it is ended, and the frames are in the
-        folder `record`.
+        On Windows a process ends at once: the frames are in the folder `record`.
         """
         if self.running:
-            if os.name == "nt":
-                self.process.terminate()
-            else:
-                self.process.send_signal(signal.SIGINT)
+            self.process.terminate()  # Ctrl-C's signal is ignored where a shell started Slicer with &
         try:
             return self.process.communicate(timeout=patience)[0]
         except subprocess.TimeoutExpired:
