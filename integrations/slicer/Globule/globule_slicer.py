@@ -108,7 +108,8 @@ class LiveRun:
         On Windows a process ends at once: the frames are in the folder `record`.
         """
         if self.running:
-            self.process.terminate()  # Ctrl-C's signal is ignored where a shell started Slicer with &
+            # Not Ctrl-C's signal, which is ignored where a shell started Slicer with &.
+            self.process.terminate()
         try:
             return self.process.communicate(timeout=patience)[0]
         except subprocess.TimeoutExpired:
