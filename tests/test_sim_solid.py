@@ -272,11 +272,11 @@ def test_one_model_a_simulation():
         solids=[{"name": "a"}, {"name": "b"}],
     )  # fmt: skip
     x = lattice(3, 3, 3)
-    sim.tissue.bond(sim.add(x, "a"), 2500.0)
+    sim.tissue.bond(sim.add(x, "a"), 2500.0, model="bonds")
     with pytest.raises(ValueError, match="one model"):
         sim.tissue.bond(sim.add(x + np.float32(0.1), "b"), 2500.0, model="solid")
     with pytest.raises(ValueError, match="poisson"):
-        sim.tissue.bond([0], 2500.0, poisson=0.3)
+        sim.tissue.bond([0], 2500.0, model="bonds", poisson=0.3)
 
 
 def in_a_simulation(backend, gravity, **solver):

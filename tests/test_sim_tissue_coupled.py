@@ -13,7 +13,9 @@ from globule.sim.scene_file import Vessel
 D = 0.004
 
 
-def make(backend, positions, modulus=2500.0, fixed=None, gravity=(0, 0, -9.81), **tissue):
+def make(
+    backend, positions, modulus=2500.0, fixed=None, gravity=(0, 0, -9.81), model="solid", **tissue
+):
     sim = gb.Simulation(
         {
             "spacing": D, "domain": {"lo": (-0.1, -0.1, -0.1), "hi": (0.1, 0.1, 0.1)},
@@ -24,7 +26,8 @@ def make(backend, positions, modulus=2500.0, fixed=None, gravity=(0, 0, -9.81), 
         **backend,
     )  # fmt: skip
     ids = sim.add(positions, "tissue")
-    sim.tissue.bond(ids, modulus, fixed)
+    if modulus is not None:
+        sim.tissue.bond(ids, modulus, fixed, model)
     return sim
 
 
@@ -82,7 +85,7 @@ def test_momentum_stays_through_steps_and_cuts(backend):
 
 def test_cut_pairs_leave_the_neighbour_lists(backend):
     x = block(4, 4, 8)
-    sim = make(backend, x, gravity=(0, 0, 0))
+    sim = make(backend, x, gravity=(0, 0, 0), model="bonds")  # a solid's own pairs are in no list
 
     def across():
         rows, offsets, other = sim.arrays.neighbors()
@@ -115,10 +118,13 @@ def test_tissue_on_a_boundary_that_moves(backend):
     """Fixed parts may belong to a boundary, and go where it goes."""
     x = block(4, 4, 6)
     low = x[:, 2] < 0.5 * D
-    sim = make(backend, x[~low], gravity=(0, 0, 0), damping=5.0)
+    sim = make(backend, x[~low], None, gravity=(0, 0, 0), damping=5.0)
     sim.add_phase(gb.Phase("plate", kind="boundary"))
     plate = sim.add(x[low], "plate")
-    sim.tissue.bond(np.concatenate([plate, np.arange(80)]), 2500.0)
+    both = np.concatenate([plate, np.arange(80)])
+    sim.tissue.bond(both, 2500.0)
+    with pytest.raises(ValueError, match="of no body yet, got 96 of another"):
+        sim.tissue.bond(both, 2500.0)
     pose = np.eye(4)
     sim.steer.move_boundary("plate", pose)
     for k in range(40):

@@ -1,4 +1,4 @@
-"""Experiments on tissue and the knife with known answers.
+"""Experiments on the lattice of springs and the knife with known answers.
 
 Every experiment takes a device and a number of threads, and returns rows (truth, expected,
 measured, ok). The tests run the small experiments, `globule bench physics` runs all.
@@ -35,6 +35,11 @@ def lattice(nx: int, ny: int, nz: int, spacing: float = SPACING) -> np.ndarray:
     return (np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3) * spacing).astype("f4")
 
 
+def springs(*args: Any, **how: Any) -> Tissue:
+    """A `Tissue` of bonds."""
+    return Tissue(*args, model="bonds", **how)
+
+
 def layers(positions: np.ndarray) -> np.ndarray:
     """Layer along z of each particle of a lattice, (N,) int."""
     return np.rint(positions[:, 2] / SPACING).astype(int)
@@ -51,7 +56,7 @@ def column(device: str, threads: int = 0, across: int = 5, **how: Any) -> list[R
     """A column pulled at its end has the strain of its modulus, measured in its middle third."""
     x = lattice(across, across, 6 * across)
     z, strain = layers(x), 0.003
-    tissue = Tissue(
+    tissue = springs(
         x, SPACING, MODULUS, DENSITY, fixed=z == z.max(), damping=25.0, device=device,
         threads=threads,
     )  # fmt: skip
@@ -83,7 +88,7 @@ def cantilever_tip(device: str, threads: int, across: int, seconds: float, **how
     z = layers(x)
     thick, length = across * SPACING, (8 * across - 0.5) * SPACING
     slowest = 3.516 * thick / np.sqrt(12) * _SPEED / length**2
-    tissue = Tissue(
+    tissue = springs(
         x, SPACING, MODULUS, DENSITY, fixed=z == 0, damping=1.5 * slowest, device=device,
         threads=threads,
     )  # fmt: skip
@@ -110,7 +115,7 @@ def stiffness(device: str, threads: int = 0) -> list[Row]:
     z = layers(x)
     sags = {}
     for substeps, iterations in ((0, 1), (0, 2), (0, 5), (64, 1), (128, 1), (64, 3)):
-        tissue = Tissue(
+        tissue = springs(
             x, SPACING, MODULUS, DENSITY, fixed=z == z.max(), damping=30.0, device=device,
             threads=threads,
         )  # fmt: skip
@@ -130,7 +135,7 @@ def stiffness(device: str, threads: int = 0) -> list[Row]:
 def plane_cut(device: str, threads: int = 0, across: int = 5, height: float = 9.5) -> list[Row]:
     """A plane through a lattice column breaks 5n² - 4n bonds and leaves two pieces."""
     x = lattice(across, across, 20)
-    tissue = Tissue(x, SPACING, MODULUS, DENSITY, device=device, threads=threads)
+    tissue = springs(x, SPACING, MODULUS, DENSITY, device=device, threads=threads)
     n_before = tissue.n_bonds
     n_cut = tissue.cut(blade.sweep(*_stroke(height, -1, 2 * across)))
     expected = 5 * across**2 - 4 * across
@@ -145,7 +150,7 @@ def plane_cut(device: str, threads: int = 0, across: int = 5, height: float = 9.
 def partial_cut(device: str, threads: int = 0) -> list[Row]:
     """Half a cut leaves one piece, its second half two, and no bond is cut twice or missed."""
     across, height = 6, 9.0
-    tissue = Tissue(lattice(across, across, 20), SPACING, MODULUS, device=device, threads=threads)
+    tissue = springs(lattice(across, across, 20), SPACING, MODULUS, device=device, threads=threads)
     first = tissue.cut(blade.sweep(*_stroke(height, -1, 2.5)))
     half = tissue.n_pieces
     second = tissue.cut(blade.sweep(*_stroke(height, 2.5, 7)))
@@ -167,7 +172,7 @@ def _stroke(height: float, start: float, end: float) -> tuple[np.ndarray, np.nda
 def momentum(device: str, threads: int = 0) -> list[Row]:
     """Bonds and cuts keep the momentum of a trembling body without gravity."""
     x = lattice(8, 8, 16)
-    tissue = Tissue(x, SPACING, MODULUS, DENSITY, device=device, threads=threads)
+    tissue = springs(x, SPACING, MODULUS, DENSITY, device=device, threads=threads)
     rng = np.random.default_rng(3)
     v = rng.normal(0, 0.05, x.shape)
     tissue.velocities = v - v.mean(0) + [0.02, 0.0, 0.01]
@@ -185,7 +190,7 @@ def free_fall(device: str, threads: int = 0) -> list[Row]:
     """The piece that a cut frees falls g t² / 2; the hanging part stays one piece."""
     x = lattice(5, 5, 16)
     z = layers(x)
-    tissue = Tissue(x, SPACING, 1e4, DENSITY, fixed=z == z.max(), device=device, threads=threads)
+    tissue = springs(x, SPACING, 1e4, DENSITY, fixed=z == z.max(), device=device, threads=threads)
     tissue.cut(blade.sweep(*_stroke(7.5, -5, 20)))
     free = tissue.piece == tissue.piece[z == 0][0]
     start = tissue.positions[free].mean(0, dtype="f8")
@@ -208,7 +213,7 @@ def thin_fast(device: str, threads: int = 0) -> list[Row]:
     rows = []
     for n_sweeps in (1, 7, 50):
         x = lattice(across, across, 20)
-        tissue = Tissue(x, SPACING, MODULUS, DENSITY, device=device, threads=threads)
+        tissue = springs(x, SPACING, MODULUS, DENSITY, device=device, threads=threads)
         drift = np.array([0.3, 0.0, 0.1])  # m/s
         tissue.velocities = drift
         dt = 1 / 6000 / n_sweeps
@@ -236,7 +241,7 @@ def tearing(device: str, threads: int = 0) -> list[Row]:
     rows = []
     for strain, torn in ((0.19, False), (0.21, True)):
         x = lattice(3, 3, 10)
-        tissue = Tissue(x, SPACING, MODULUS, tear=0.2, device=device, threads=threads)
+        tissue = springs(x, SPACING, MODULUS, tear=0.2, device=device, threads=threads)
         tissue.positions = x * [1, 1, 1 + strain]
         n_torn = tissue.tear(0.01)
         # Only the bonds along z reach the whole strain: 9 of them a layer.
@@ -251,7 +256,7 @@ def creep(device: str, threads: int = 0) -> list[Row]:
     """Beyond the yield strain, a share of the strain stays; below it none."""
     rows = []
     for strain, kept in ((0.04, 0.0), (0.25, (0.25 - 0.05) * (1 - np.exp(-2.0)))):
-        tissue = Tissue(
+        tissue = springs(
             np.array([[0, 0, 0], [0, 0, SPACING]]), SPACING, MODULUS, plastic=0.05,
             creep=10.0, damping=50.0, device=device, threads=threads,
         )  # fmt: skip
@@ -268,7 +273,7 @@ def contact(device: str, threads: int = 0) -> list[Row]:
     """Cut faces do not pull, and bounce off each other instead of passing through."""
     x = lattice(4, 4, 12)
     upper = layers(x) > 5
-    tissue = Tissue(x, SPACING, MODULUS, DENSITY, device=device, threads=threads)
+    tissue = springs(x, SPACING, MODULUS, DENSITY, device=device, threads=threads)
     tissue.cut(blade.sweep(*_stroke(5.5, -5, 20)))
     speed = 0.05  # m/s
     tissue.velocities = np.where(upper, 1.0, -1.0)[:, None] * np.array([0, 0, speed])

@@ -17,7 +17,7 @@ from .bonds import add_body, along, build_bonds, morton_order
 from .part import Part
 from .rigidity import young_of_rigidity
 from .scene_file import Vessel, as_dict
-from .solids import POISSON, check_model, elasticity
+from .solids import MODEL, POISSON, check_model, elasticity
 from .tissue import BALL, FIXED, FREE, GONE, cut
 
 if TYPE_CHECKING:
@@ -44,23 +44,23 @@ class BondedTissue(Part):
 
     @whole
     def bond(
-        self, ids: Any, young: Any = None, fixed: Any = None, model: str = "bonds",
+        self, ids: Any, young: Any = None, fixed: Any = None, model: str = MODEL,
         poisson: Any = None, relaxation: Any = (),
     ) -> None:  # fmt: skip
         """Make one elastic body: bonds connect all particles closer than 1.5 spacings.
 
         Args:
-            ids: (M,) that `add` returned, of a phase of kind "tissue"; particles of a boundary are
-                fixed, and move with the boundary.
+            ids: (M,) that `add` returned, of a phase of kind "tissue" and of no body yet;
+                particles of a boundary are fixed, and move with the boundary.
             young: Young's modulus, Pa, one or (M,); None: brain, 2.5 kPa.
             fixed: (M,) bool; whether a particle is fixed.
-            model: "bonds" or "solid" (`globule.sim.tissue.Tissue`); the same of all bodies.
+            model: "solid" or "bonds" (`globule.sim.tissue.Tissue`); the same of all bodies.
             poisson: Poisson's ratio of a solid, 0 to 0.49, one or (M,); None: 0.45.
             relaxation: (share, time) pairs of a solid, as of `globule.sim.tissue.Tissue`.
 
         Raises:
-            ValueError: unknown ids; a modulus that is not positive; particles that nearly coincide;
-                another model, or another than that of the simulation's bodies; a Poisson ratio
+            ValueError: unknown ids, or of another body; a modulus that is not positive; particles
+                that nearly coincide; another model, or another than that of the simulation's bodies; a Poisson ratio
                 outside of its range or of bonds; relaxation outside of its range or of bonds.
         """
         check_model(model, relaxation)
@@ -76,6 +76,10 @@ class BondedTissue(Part):
         if (at >= len(known)).any() or (known[np.minimum(at, len(known) - 1)] != ids).any():
             raise ValueError("ids: expected particles of this simulation, got others")
         ids = ids.astype(np.uint32)
+        bonded = np.empty(self._core.n(), np.uint32)
+        self._core.get(0, 0, 0, 0, address(bonded))
+        if n_bonded := int(np.isin(ids, bonded).sum()):
+            raise ValueError(f"ids: expected particles of no body yet, got {n_bonded} of another")
         positions, phase = sim.positions[at], sim.arrays.phase[at]
         kinds = np.array([p.kind for p in sim.phases.values()])[phase]
         d = float(sim.settings.spacing)

@@ -44,6 +44,7 @@ from .schema import (
 from .shapes import Box, Cylinder, Plane, Sphere
 from .solids import (
     LONGEST,
+    MODEL,
     MODELS,
     MOST_POISSON,
     MOST_SHARE,
@@ -156,7 +157,7 @@ class Relaxation(Table):
 
 @dataclass(kw_only=True)
 class Solid(Table):
-    """Elastic tissue: particles with bonds."""
+    """Elastic tissue."""
 
     name: str = key(text)
     box: Box | None = key(Box, None)
@@ -168,13 +169,13 @@ class Solid(Table):
     density: float = key(density, 1040.0)
     young: float | None = key(number(1e-3, 1e13), None)  # Pa
     rigidity: float | None = key(number(above=0.0, most=0.999), None)
-    model: str = key(choice(*MODELS), "bonds")
+    model: str = key(choice(*MODELS), MODEL)
     poisson: float | None = key(number(0.0, MOST_POISSON), None)  # of a solid; None: POISSON
     relaxation: list | None = key(each(Relaxation), None)  # Prony series of a solid
     viscosity: float = key(number(0.0, 1e9), 0.0)  # Pa s
     implicit: bool | None = key(switch, None)
     surface_tension: float = key(number(0.0, 1e3), 0.0)  # N/m: fluids stick to it
-    damping: float = key(number(0.0, 1e6), 0.0)  # of the bonds, 1/s
+    damping: float = key(number(0.0, 1e6), 0.0)  # of its motion, 1/s
     tear: float = key(number(0.0, 1e6), 0.0)  # strain at which a bond breaks; 0: never
     plastic: float = key(number(0.0, 1e6), 0.0)  # strain beyond which some stays; 0: never
     creep: float = key(number(above=0.0, most=1e6), 1.0)  # share of that strain that stays, 1/s

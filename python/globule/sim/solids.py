@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .bonds import Bonds
 
 MODELS = ("bonds", "solid")
+MODEL = "solid"  # default
 POISSON = 0.45  # default of solids
 MOST_POISSON = 0.49
 MOST_TERMS = 2  # of a Prony series; src/sim/memory.hpp has the same

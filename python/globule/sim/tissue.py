@@ -11,7 +11,7 @@ from .._base.arrays import address
 from .._base.device import choose
 from .blade import Blade, as_blade
 from .bonds import add_body, build_bonds, morton_order
-from .solids import POISSON, check_model, elasticity
+from .solids import MODEL, POISSON, check_model, elasticity
 
 FREE, FIXED, GONE, GRASPED = 0, 1, 2, 3
 BALL, CAPSULE, HALF_SPACE = 0, 1, 2
@@ -34,8 +34,8 @@ class Tissue:
         creep: rate at which the excess strain becomes permanent, 1/s.
         body: (N,) numbers; particles of different bodies are not bonded.
         device, threads: as of `Simulation`.
-        model: "bonds": springs along the bonds, Poisson's ratio 1/4; "solid": total-Lagrangian SPH
-            with the neighbors that bonds connect, stable neo-Hookean stress.
+        model: "solid": total-Lagrangian SPH with the neighbors that bonds connect, stable
+            neo-Hookean stress; "bonds": springs along the bonds, Poisson's ratio 1/4.
         poisson: Poisson's ratio of a solid, 0 to 0.49, one or (N,).
         relaxation: up to two pairs (share, time) of a solid: that share of the shear modulus
             relaxes in this time, s (Prony series); young is the modulus of sudden motion.
@@ -59,7 +59,7 @@ class Tissue:
         body: Any = None,
         device: str = "auto",
         threads: int = 0,
-        model: str = "bonds",
+        model: str = MODEL,
         poisson: Any = POISSON,
         relaxation: Any = (),
     ):
