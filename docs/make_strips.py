@@ -25,7 +25,7 @@ def strip(name: str) -> None:
     """Six pictures in two rows."""
     seconds, fps, frames = MOMENTS[name]
     with tempfile.TemporaryDirectory() as folder:
-        words = ["simulate", name, "-o", folder, "--no-frames", "--pictures", folder]
+        words = ["simulate", name, "-o", folder, "--no-frames", "--images", folder]
         words += ["--seconds", str(seconds), "--fps", str(fps), "--size", "320x240"]
         subprocess.run([sys.executable, "-m", "globule", *words], check=True)
         shown = [np.asarray(Image.open(f"{folder}/{k:05d}.png")) for k in frames]
