@@ -244,6 +244,32 @@ def test_a_checkpoint_goes_on_as_if_never_left(tmp_path):
     assert sim.tissue.elastic_energy == other.tissue.elastic_energy > 0
 
 
+def test_a_checkpoint_from_before_solids_stays_one_of_springs(tmp_path):
+    import globule as gb
+    from globule.sim import checkpoint
+
+    scene = {
+        "spacing": D, "domain": {"lo": [-1] * 3, "hi": [1] * 3},
+        "solids": [{"name": "a", "box": {"lo": [0] * 3, "hi": [4 * D] * 3}, "model": "bonds"}],
+    }  # fmt: skip
+    sim = gb.Simulation(scene, device="cpu")
+    start = sim.hash()
+    sim.step()
+    sim.save(tmp_path / "new")
+    arrays, facts = checkpoint.load(tmp_path / "new")
+    del facts["scene"]["solids"][0]["model"]
+    checkpoint.save(tmp_path / "old", dict(arrays), facts)
+    old = gb.Simulation.load(tmp_path / "old", device="cpu")
+    assert old.hash() == sim.hash()
+    old.reset()
+    assert old.file.solids[0].model == "bonds"
+    assert old.hash() == start
+    sim.reset()
+    old.run(0.02)
+    sim.run(0.02)
+    assert old.hash() == sim.hash()
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -521,6 +521,9 @@ class Simulation:
         """
         arrays, facts = checkpoint.load(name)
         try:
+            if "tissue_hold" in arrays and "tissue_rest" not in arrays:
+                for solid in facts["scene"]["solids"]:  # of a version that had springs alone
+                    solid.setdefault("model", "bonds")
             sim = cls(facts["scene"], device=device, threads=threads)
             sim._take_up(facts["by_hand"])
             sim.arrays.set_state(arrays)
