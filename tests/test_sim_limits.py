@@ -74,6 +74,16 @@ rate = 0.01
          "direction = [0, 1, 2]", r":10: emitters\[0\].direction: expected a way into the domain, "
          r"got \(0, 0.447214, 0.894427\), into its wall \+z, 0.01 m away"),
         ("domain", "domain.periodic = ['x', 'x']\ndomain", r"periodic\[1\]: expected each once"),
+        (BOX, BOX + f'\n[[solids]]\nname = "s"\nbox = {BOX}\nyoung = 1e13\npoisson = 0.49\n'
+         "density = 0.1", r":9: solids\[0\].young: expected at most 100,000 substeps in a step of "
+         "0.005 s, got a modulus that needs .*; lower it"),
+        (BOX, BOX + f'\n[[solids]]\nname = "s"\nbox = {BOX}\nyoung = 1e13\nmodel = "bonds"\n'
+         "density = 0.1", r":9: solids\[0\].young: expected at most 100,000 substeps in a step"),
+        ("domain", f"solids = [{{name = 's', box = {BOX}, young = 1e13, density = 0.1}}]\n"
+         "solver.max_dt = 0.0001\ndomain",
+         r"young: expected at most 1,000,000 substeps in a frame of 0.0333 s"),
+        (BOX, BOX + f'\n[[solids]]\nname = "s"\nbox = {BOX}\n[[solids]]\nname = "t"\nbox = {BOX}'
+         '\nmodel = "bonds"', r":12: solids\[1\].model: expected 'solid' as of solids\[0\]"),
         ("0.05", "1e-7", r":1: spacing: expected at least 7.63e-06 in a domain up to 1 m from the"),
     ],
 )  # fmt: skip

@@ -244,6 +244,32 @@ def test_a_checkpoint_goes_on_as_if_never_left(tmp_path):
     assert sim.tissue.elastic_energy == other.tissue.elastic_energy > 0
 
 
+def test_a_checkpoint_from_before_solids_stays_one_of_springs(tmp_path):
+    import globule as gb
+    from globule.sim import checkpoint
+
+    scene = {
+        "spacing": D, "domain": {"lo": [-1] * 3, "hi": [1] * 3},
+        "solids": [{"name": "a", "box": {"lo": [0] * 3, "hi": [4 * D] * 3}, "model": "bonds"}],
+    }  # fmt: skip
+    sim = gb.Simulation(scene, device="cpu")
+    start = sim.hash()
+    sim.step()
+    sim.save(tmp_path / "new")
+    arrays, facts = checkpoint.load(tmp_path / "new")
+    del facts["scene"]["solids"][0]["model"]
+    checkpoint.save(tmp_path / "old", dict(arrays), facts)
+    old = gb.Simulation.load(tmp_path / "old", device="cpu")
+    assert old.hash() == sim.hash()
+    old.reset()
+    assert old.file.solids[0].model == "bonds"
+    assert old.hash() == start
+    sim.reset()
+    old.run(0.02)
+    sim.run(0.02)
+    assert old.hash() == sim.hash()
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -277,6 +303,63 @@ def test_one_model_a_simulation():
         sim.tissue.bond(sim.add(x + np.float32(0.1), "b"), 2500.0, model="solid")
     with pytest.raises(ValueError, match="poisson"):
         sim.tissue.bond([0], 2500.0, model="bonds", poisson=0.3)
+
+
+@pytest.mark.parametrize(
+    ("ids", "how", "message"),
+    [
+        ([*range(27), 3], {}, "ids: expected each particle once, got 1 again"),
+        ([0, 1, 27], {}, "ids: expected particles of tissue or of boundaries, got 1 of others"),
+        (range(27), {"young": 1e20}, "young: expected at most 100,000 substeps in a step of 0.005"),
+        (range(27), {"young": 1e20, "model": "bonds"}, "young: expected at most 100,000 substeps"),
+        (range(27), {"fixed": [True, False]}, r"fixed: expected \(27,\) bool, got \(2,\)"),
+        (range(27), {"poisson": "a"}, r"poisson: expected one number or \(27,\), got 'a'"),
+        (range(27), {"poisson": [0.3] * 26 + [0.6]}, "poisson: expected 0 to 0.49, got 0.6"),
+    ],
+)
+def test_bodies_made_by_hand_name_what_is_wrong(ids, how, message):
+    import globule as gb
+
+    sim = gb.Simulation(
+        spacing=D, domain={"lo": [-1, -1, -1], "hi": [1, 1, 1]}, device="cpu",
+        solids=[{"name": "a"}], fluids=[{"name": "water"}],
+    )  # fmt: skip
+    x = lattice(3, 3, 3)
+    sim.add(x, "a")
+    sim.add(x + np.float32(0.1), "water")
+    with pytest.raises(ValueError, match=message):
+        sim.tissue.bond(list(ids), **how)
+    assert sim.tissue.n_bonds == 0
+    sim.tissue.bond(range(27))
+    assert sim.tissue.n_bonds > 0
+
+
+@pytest.mark.parametrize("speed", [10.0, 50.0])
+def test_steps_are_as_short_as_fast_instruments_and_boundaries_need(speed):
+    """What is pulled 25 spacings in a step leaves it with 1e14 m/s."""
+    import globule as gb
+
+    away = [{"time": 0.03, "position": [0.04, 0.01, 0.01]},
+            {"time": 0.03 + 0.1 / speed, "position": [0.14, 0.01, 0.01]}]  # fmt: skip
+    scene = {
+        "spacing": 0.004, "domain": {"lo": [-0.1] * 3, "hi": [0.2] * 3},
+        "solids": [{
+            "name": "block", "box": {"lo": [0, 0, 0], "hi": [0.04, 0.02, 0.02]}, "tear": 0.5,
+            "fixed": [{"box": {"lo": [0, 0, 0], "hi": [0.004, 0.02, 0.02]}}],
+        }],
+    }  # fmt: skip
+    pulled = {"instruments": [{"name": "grip", "kind": "grasper", "radius": 0.012,
+                               "keys": [{**away[0], "time": 0}, *away]}]}  # fmt: skip
+    struck = {"boundaries": [{"name": "plate", "box": {"lo": [-0.05, -0.05, -0.02],
+                                                       "hi": [0.07, 0.07, -0.001]},
+                              "keys": [{"time": 0}, {"time": 0.1 / speed,
+                                                     "position": [0, 0, 0.1]}]}]}  # fmt: skip
+    for more in (pulled, struck):
+        sim = gb.Simulation({**scene, **more}, device="cpu")
+        fastest = []
+        sim.run(0.06, stop=lambda s=sim, f=fastest: f.append(np.abs(s.velocities).max()))
+        assert max(fastest) < 4 * speed
+        assert np.isfinite(sim.positions).all()
 
 
 def in_a_simulation(backend, gravity, **solver):

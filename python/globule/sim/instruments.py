@@ -88,6 +88,15 @@ class Motion:
         pose[:3, :3] = matrix(slerp(self.turns[i], self.turns[j], share))
         return pose
 
+    def way(self, start: float, end: float, reach: float) -> float:
+        """How far a point moves, m, between two times, s; reach: from the point turned about, m."""
+        if start >= self.times[-1] or end <= self.times[0]:
+            return 0.0
+        before, after = self.pose(start), self.pose(end)
+        turn = np.trace(before[:3, :3].T @ after[:3, :3])
+        angle = math.acos(min(1.0, max(-1.0, 0.5 * (turn - 1))))
+        return float(np.linalg.norm(after[:3, 3] - before[:3, 3])) + reach * angle
+
     def on(self, time: float) -> bool:
         """Whether the instrument works at a time, s, by the previous key frame; off before the
         first."""

@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from .rigidity import young_of_rigidity
 from .sampling import FACES
 from .schema import Problem
+from .solids import MOST_SUBSTEPS, substep_rate
 from .toml_lines import Path
 
 MOST_REACH = 2**17  # spacings from the origin: there a float32 tells 1/128 of one
@@ -53,6 +55,15 @@ def check(scene: Any) -> None:
         _check_way(("emitters", i, "direction"), emitter, scene)
     for path, step in _steps(scene):
         _check_step(path, step, frame)
+    for i, solid in enumerate(scene.solids):
+        if solid.model != (model := scene.solids[0].model):
+            expected = f"expected {model!r} as of solids[0], since all tissue has one model"
+            raise Problem(("solids", i, "model"), f"{expected}, got {solid.model!r}")
+        key = "young" if solid.young is not None else "rigidity"
+        if (given := getattr(solid, key)) is not None:
+            young = float(given if key == "young" else young_of_rigidity(given))
+            rate = substep_rate(young, solid.poisson, solid.density, scene.spacing, solid.model)
+            check_substeps(("solids", i, key), rate, scene.solver.max_dt, frame)
     check_densities({
         (kind, i, "density"): table.density
         for kind in ("fluids", "solids")
@@ -76,6 +87,16 @@ def _check_step(path: Path, step: float, frame: float) -> None:
         expected = f"expected steps of at least {least:.3g} s, a millionth of a frame"
         remedy = _REMEDIES.get(path[-1], "lower it")
         raise Problem(path, f"{expected}, got a value that needs {step:.3g} s; {remedy}")
+
+
+def check_substeps(path: Path, rate: float, longest: float, frame: float) -> None:
+    """Raise Problem where a modulus needs so many substeps, `rate` a second, that a run would not
+    end or that no checkpoint of it could be read. longest: step, s; frame: s between two images."""
+    for what, seconds, most in (("step", longest, MOST_SUBSTEPS), ("frame", frame, MOST_STEPS)):
+        if rate * seconds > most:
+            expected = f"expected at most {most:,} substeps in a {what} of {seconds:.3g} s"
+            got = f"got a modulus that needs {rate * seconds:.3g}"
+            raise Problem(path, f"{expected}, {got}; lower it, or take a larger spacing")
 
 
 def check_material(phase: Any, spacing: float, frame: float) -> None:

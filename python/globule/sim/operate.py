@@ -14,10 +14,11 @@ from .arrays import ids_of, vector
 from .blade import as_blade
 from .bodies import BRAIN
 from .bonds import add_body, along, build_bonds, morton_order
+from .limits import check_substeps
 from .part import Part
 from .rigidity import young_of_rigidity
 from .scene_file import Vessel, as_dict
-from .solids import MODEL, POISSON, check_model, elasticity
+from .solids import MODEL, POISSON, check_model, elasticity, substep_rate
 from .tissue import BALL, FIXED, FREE, GONE, cut
 
 if TYPE_CHECKING:
@@ -47,7 +48,8 @@ class BondedTissue(Part):
         self, ids: Any, young: Any = None, fixed: Any = None, model: str = MODEL,
         poisson: Any = None, relaxation: Any = (),
     ) -> None:  # fmt: skip
-        """Make one elastic body: bonds connect all particles closer than 1.5 spacings.
+        """Make one elastic body: a solid, or springs. Bonds, which a blade cuts, connect all
+        particles closer than 1.5 spacings.
 
         Args:
             ids: (M,) that `add` returned, of a phase of kind "tissue" and of no body yet;
@@ -59,8 +61,9 @@ class BondedTissue(Part):
             relaxation: (share, time) pairs of a solid, as of `globule.sim.tissue.Tissue`.
 
         Raises:
-            ValueError: unknown ids, or of another body; a modulus that is not positive; particles
-                that nearly coincide; another model, or another than that of the simulation's bodies; a Poisson ratio
+            ValueError: unknown ids, ids of fluids or of another body, or an id twice; a modulus
+                that is not positive or needs too many substeps; particles that nearly coincide;
+                another model, or another than that of the simulation's bodies; a Poisson ratio
                 outside of its range or of bonds; relaxation outside of its range or of bonds.
         """
         check_model(model, relaxation)
@@ -76,6 +79,8 @@ class BondedTissue(Part):
         if (at >= len(known)).any() or (known[np.minimum(at, len(known) - 1)] != ids).any():
             raise ValueError("ids: expected particles of this simulation, got others")
         ids = ids.astype(np.uint32)
+        if n_again := len(ids) - len(np.unique(ids)):
+            raise ValueError(f"ids: expected each particle once, got {n_again} again")
         bonded = np.empty(self._core.n(), np.uint32)
         self._core.get(0, 0, 0, 0, address(bonded))
         if n_bonded := int(np.isin(ids, bonded).sum()):
@@ -90,18 +95,31 @@ class BondedTissue(Part):
         except (TypeError, ValueError):
             expected = f"expected one number of Pa or {ids.shape}"
             raise ValueError(f"young: {expected}, got {shown(young)}") from None
+        if n_others := int((~np.isin(kinds, ("tissue", "boundary"))).sum()):
+            expected = "expected particles of tissue or of boundaries"
+            raise ValueError(f"ids: {expected}, got {n_others} of others")
         hold = np.where(kinds == "tissue", FREE, FIXED).astype(np.uint8)
         if fixed is not None:
-            hold[np.asarray(fixed, bool)] = FIXED
+            if np.shape(fixed) not in ((), ids.shape):
+                raise ValueError(f"fixed: expected {ids.shape} bool, got {np.shape(fixed)}")
+            hold[np.broadcast_to(np.asarray(fixed, bool), ids.shape)] = FIXED
         density = np.array([p.density for p in sim.phases.values()])[phase]
         material = None
         if model == "solid":
-            nu = np.asarray(POISSON if poisson is None else poisson, np.float64)
+            try:
+                nu = np.asarray(POISSON if poisson is None else poisson, np.float64)
+            except (TypeError, ValueError):
+                expected = f"poisson: expected one number or {ids.shape}"
+                raise ValueError(f"{expected}, got {shown(poisson)}") from None
             if nu.shape not in ((), ids.shape):
                 raise ValueError(f"poisson: expected one number or {ids.shape}, got {nu.shape}")
             nu = nu[order] if nu.ndim else nu
             material = elasticity(each[order], nu, len(ids), relaxation)
         bonds = build_bonds(positions[order], d, each[order])
+        most = float(np.max(POISSON if poisson is None else poisson))
+        rate = substep_rate(float(each.max()), most, float(density.min()), d, model)
+        frame = 1 / sim.file.output.fps
+        check_substeps(("young",), rate, sim.settings.max_dt, frame)
         add_body(
             self._core, positions[order], ids[order], bonds, hold[order], phase[order],
             (density * d**3)[order], d, material,
@@ -260,7 +278,7 @@ class BondedTissue(Part):
 
     @property
     def elastic_energy(self) -> float:
-        """Elastic energy of the whole bonds, J."""
+        """Elastic energy of the tissue, J."""
         return self._core.elastic_energy()
 
     @property

@@ -157,7 +157,7 @@ class Relaxation(Table):
 
 @dataclass(kw_only=True)
 class Solid(Table):
-    """Elastic tissue."""
+    """Elastic tissue: a solid, or springs (`model = "bonds"`)."""
 
     name: str = key(text)
     box: Box | None = key(Box, None)

@@ -52,7 +52,7 @@ class Phase(Steered):
         color: linear RGB from 0 to 1, or "#rrggbb" in sRGB.
         reflection, refraction: shares of light from 0 to 1, as in `Particles`.
         shown: whether images show the phase.
-        damping: 1/s, of tissue's bonds.
+        damping: 1/s, of the motion of tissue.
         tear: strain at which a bond breaks; 0: never.
         plastic: strain beyond which a part of the strain is permanent; 0: never.
         creep: rate at which the excess strain becomes permanent, 1/s.

@@ -23,7 +23,7 @@ from . import checkpoint
 from .arrays import Arrays, check_finite, ids_of
 from .bodies import Body, bodies, scene_of_particles
 from .emitter import Emitter
-from .limits import check_densities, check_emitter, check_material
+from .limits import check_densities, check_emitter, check_material, shape_of
 from .old_words import OLD_NAMES, renamed, with_old_keys
 from .operate import BondedTissue
 from .record import Record
@@ -385,7 +385,7 @@ class Simulation:
         return self._next_dt()
 
     def _next_dt(self) -> float:
-        dt = self._core.next_dt()
+        dt = self._within_reach(self._core.next_dt())
         if not self.time + dt > self.time:
             gravity = math.hypot(*self.settings.gravity)
             speed = np.linalg.norm(self.velocities.astype(float), axis=1).max(initial=0)
@@ -393,6 +393,22 @@ class Simulation:
                 f"the steps come to {dt:g} s at {self.time:g} s: expected less gravity "
                 f"(it is {gravity:g} m/s²), lower speeds (up to {speed:g} m/s), or other materials"
             )
+        return dt
+
+    def _within_reach(self, dt: float) -> float:
+        """A step of at most dt seconds in which nothing moves farther along its key frames than the
+        fluid may: the core knows how fast particles are, not how fast a boundary or the tissue in a
+        grasper will be. What goes through others in one step leaves them with any speed."""
+        time, far = self.time, 0.4 * self.settings.cfl * self.settings.spacing
+        moved = [
+            (table.motion, _reach(table)) for table in self.file.boundaries if table.motion
+        ]  # fmt: skip
+        for tool in self.tools.values():
+            if tool.kind == "grasper" and tool.works(time) and tool._wanted is None:
+                moved.append((tool._motion, tool._reach))
+        for motion, reach in moved:
+            while (way := motion.way(time, time + dt, reach)) > far * (1 + 1e-6):
+                dt *= max(far / way, 0.5)  # half: what begins late in the step may be fast
         return dt
 
     def __len__(self) -> int:
@@ -505,6 +521,9 @@ class Simulation:
         """
         arrays, facts = checkpoint.load(name)
         try:
+            if "tissue_hold" in arrays and "tissue_rest" not in arrays:
+                for solid in facts["scene"]["solids"]:  # of a version that had springs alone
+                    solid.setdefault("model", "bonds")
             sim = cls(facts["scene"], device=device, threads=threads)
             sim._take_up(facts["by_hand"])
             sim.arrays.set_state(arrays)
@@ -567,6 +586,14 @@ class Simulation:
         self.tissue._take_up(by_hand)
         self.tools._take_up(by_hand)
         self._send()
+
+
+def _reach(table: Any) -> float:
+    """How far a boundary's particles are from the point that it turns about, m; 0: not known."""
+    _, shape = shape_of(table)
+    if not hasattr(shape, "bounds"):
+        return 0.0
+    return float(np.linalg.norm(np.abs(shape.bounds()).max(axis=0)))
 
 
 def _values(phase: Phase) -> dict[str, Any]:

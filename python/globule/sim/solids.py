@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +20,12 @@ MOST_POISSON = 0.49
 MOST_TERMS = 2  # of a Prony series; src/sim/memory.hpp has the same
 MOST_SHARE = 0.999  # of the shear modulus that relaxes: a solid stays one
 SHORTEST, LONGEST = 1e-6, 1e6  # relaxation times, s
+MOST_SUBSTEPS = 100_000  # of tissue in the longest step
 STEADINESS = 4.5  # energy against zero-energy modes, shear moduli; src/sim/solid.hpp has the same
 LEAST_STEADY = 0.1  # of it, however much of the shear modulus relaxes; as there
 # Stiffest motions of blocks of a lattice: density (frequency spacing)² <= 6 λ + 11.1 μ.
 _STIFFEST_LAME, _STIFFEST_SHEAR = 6.0, 11.1
+_STIFFEST_SPRINGS = 2.45  # substeps of bonds in the time that sound takes for a spacing
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,16 @@ class Elasticity:
         return volumes, frequency
 
 
+def substep_rate(
+    young: float, poisson: float | None, density: float, spacing: float, model: str
+) -> float:
+    """Substeps a second that tissue at rest takes: young Pa, density kg/m³, spacing m."""
+    if model != "solid":
+        return _STIFFEST_SPRINGS * math.sqrt(young / density) / spacing
+    material = elasticity(young, POISSON if poisson is None else poisson, 1)
+    return material.arrays(density * spacing**3, spacing)[1]
+
+
 def check_model(model: str, relaxation: Any = ()) -> None:
     """Raise ValueError unless `model` is one of MODELS, and a solid if it relaxes."""
     if model not in MODELS:
@@ -83,7 +96,8 @@ def elasticity(young: Any, poisson: Any, n: int, relaxation: Any = ()) -> Elasti
     if not (np.isfinite(young).all() and (young > 0).all()):
         raise ValueError("young: expected positive numbers of Pa")
     if not ((nu >= 0).all() and (nu <= MOST_POISSON).all()):
-        raise ValueError(f"poisson: expected 0 to {MOST_POISSON:g}, got {shown(poisson)}")
+        wrong = nu[~((nu >= 0) & (nu <= MOST_POISSON))][0]
+        raise ValueError(f"poisson: expected 0 to {MOST_POISSON:g}, got {wrong:g}")
     shear, lame = young / (2 * (1 + nu)), young * nu / ((1 + nu) * (1 - 2 * nu))
     return Elasticity(shear, lame, prony_series(relaxation))
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from .._base.memory import room
 from .settings import MAX_PHASES
-from .solids import MOST_TERMS
+from .solids import MOST_SUBSTEPS, MOST_TERMS
 
 MOST_IN_A_CELL = 4096  # particles in a cube of the spacing: their pairs would fill the memory
-MOST_SUBSTEPS = 100_000  # of tissue in the longest step
 _BYTES_OF_AN_ID = 16  # that each id ever given takes
 _BLOCK = 32  # particles of tissue whose bonds lie interleaved (sim/bonds.hpp)
 _NOBODY = 0xFFFFFFFF

@@ -145,7 +145,7 @@ class Tissue:
 
     @property
     def elastic_energy(self) -> float:
-        """J, of the whole bonds."""
+        """Elastic energy, J."""
         return self._core.elastic_energy()
 
     @property

@@ -100,7 +100,8 @@ class Tool(Steered):
         self._holds = time > 0 and self.kind == "grasper" and self._motion.on(time)
 
     def move_to(self, pose: Any) -> None:
-        """Set the pose at the end of the next step. The instrument stays at this pose.
+        """Set the pose at the end of the next step. The instrument stays at this pose. Tissue in a
+        grasper makes the whole way in that step; jumps of more than two spacings may tear it away.
 
         Args:
             pose: (4, 4) world_from_instrument, m; or a position (3,), which keeps the rotation.
@@ -248,7 +249,7 @@ class Tools(Named):
         """What a grasp feels: force (3,) N and torque (3,) N m about its center, world axes, as the
         mean of the last step.
 
-        The sum of all substeps: what the bonds do to the held tissue, its weight, and the pressure
+        The sum of all substeps: the elastic force on the held tissue, its weight, and the pressure
         of fluid and free tissue. The held tissue's inertia is not in it. 0 while nothing is held.
 
         Raises:
