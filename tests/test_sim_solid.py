@@ -334,6 +334,26 @@ def test_bodies_made_by_hand_name_what_is_wrong(ids, how, message):
     assert sim.tissue.n_bonds > 0
 
 
+@pytest.mark.parametrize("jump", [2, 12, 50])
+def test_a_grasp_that_jumps_throws_nothing_away(backend, jump):
+    import globule as gb
+
+    d = 0.004
+    sim = gb.Simulation({
+        "spacing": d, "domain": {"lo": [-0.3] * 3, "hi": [0.4] * 3},
+        "solids": [{"name": "a", "young": 5000, "box": {"lo": [0] * 3, "hi": [0.04, 0.02, 0.02]},
+                    "fixed": [{"box": {"lo": [0] * 3, "hi": [d, 0.02, 0.02]}}]}],
+        "instruments": [{"name": "grip", "kind": "grasper", "radius": 0.012,
+                         "keys": [{"time": 0, "position": [0.04, 0.01, 0.01]}]}],
+    }, **backend)  # fmt: skip
+    sim.run(0.03)
+    sim.tools["grip"].move_to((0.04 + jump * d, 0.01, 0.01))
+    speed = jump * d / sim.step().dt
+    for _ in range(10):
+        assert np.abs(sim.velocities).max() < 2.5 * speed + 0.5
+        sim.step()
+
+
 @pytest.mark.parametrize("speed", [10.0, 50.0])
 def test_steps_are_as_short_as_fast_instruments_and_boundaries_need(speed):
     """What is pulled 25 spacings in a step leaves it with 1e14 m/s."""

@@ -403,6 +403,7 @@ private:
     static constexpr double kBorne = 1.5, kMostStiffening = 64.0;
     static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
     static constexpr float kSubstepsByFluid = 4.0f, kSubstepsByOthers = 2.0f;  ///< of a step, where tissue is beside these
+    static constexpr float kJumpOfPart = 0.5f, kReachOfGrasp = 8.0f, kMostJumps = 4096.0f;  ///< spacings that a grasp moves; that what it holds is from its center
     static constexpr int kSubstepsOfPart = 16;         ///< after as many the strain is looked at again
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
     static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
@@ -485,6 +486,13 @@ private:
         return std::sqrt(std::min(std::max(1.0, most.stiffness / kBorne), kMostStiffening)) *  // 1 where it is no number
                std::min(std::max(1.0, most.rate * dt / kStrainOfPart), kMostByStrain);
     }
+    /// In how many parts a step's strain is looked at, so that what grasps hold does not jump away from its neighbors before.
+    int jumps(float dt) const {
+        float fastest = 0.0f;
+        for (int g = 0; g < tissue::kMaxGrasps; ++g)
+            if (grasped_ >> g & 1u) fastest = std::max(fastest, length(motions_.velocity[g]) + length(motions_.spin[g]) * kReachOfGrasp * contact_);
+        return int(std::min(std::ceil(fastest * dt / (kJumpOfPart * contact_)), kMostJumps));
+    }
     /// Symplectic: exact at rest, and energy neither grows nor decays.  Strain changes within a step, and with it the substeps.
     int take_solid_substeps(float whole_dt, int asked, const float3& gravity) {
         moved();
@@ -496,7 +504,7 @@ private:
         }
         const tissue::Felt felt = begin_felt(whole_dt, gravity);
         Quad *at = at_.data(), *next = next_.data();
-        const int n_parts = asked > 0 ? 1 : ceil_div(substeps(whole_dt), kSubstepsOfPart);
+        const int n_parts = asked > 0 ? 1 : std::max(ceil_div(substeps(whole_dt), kSubstepsOfPart), jumps(whole_dt));
         const float part_dt = whole_dt / float(n_parts);
         int n_done = 0;
         for (int part = 0; part < n_parts; ++part) {

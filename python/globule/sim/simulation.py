@@ -401,8 +401,10 @@ class Simulation:
         grasper will be. What goes through others in one step leaves them with any speed."""
         time, far = self.time, 0.4 * self.settings.cfl * self.settings.spacing
         moved = [
-            (table.motion, _reach(table)) for table in self.file.boundaries if table.motion
-        ]  # fmt: skip
+            (table.motion, _reach(table, self.file.domain))
+            for table in self.file.boundaries
+            if table.motion
+        ]
         for tool in self.tools.values():
             if tool.kind == "grasper" and tool.works(time) and tool._wanted is None:
                 moved.append((tool._motion, tool._reach))
@@ -588,12 +590,13 @@ class Simulation:
         self._send()
 
 
-def _reach(table: Any) -> float:
+def _reach(table: Any, domain: Any) -> float:
     """How far a boundary's particles are from the point that it turns about, m; 0: not known."""
     _, shape = shape_of(table)
     if not hasattr(shape, "bounds"):
         return 0.0
-    return float(np.linalg.norm(np.abs(shape.bounds()).max(axis=0)))
+    corners = np.clip(shape.bounds(), *domain.bounds())  # a plane has no end
+    return float(np.linalg.norm(np.abs(corners).max(axis=0)))
 
 
 def _values(phase: Phase) -> dict[str, Any]:

@@ -101,7 +101,7 @@ class Tool(Steered):
 
     def move_to(self, pose: Any) -> None:
         """Set the pose at the end of the next step. The instrument stays at this pose. Tissue in a
-        grasper makes the whole way in that step; jumps of more than two spacings may tear it away.
+        grasper makes the whole way in that step.
 
         Args:
             pose: (4, 4) world_from_instrument, m; or a position (3,), which keeps the rotation.
