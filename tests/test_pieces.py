@@ -319,6 +319,32 @@ def test_ranges_of_damaged_files(name, files):
     assert refused > 20
 
 
+@pytest.mark.parametrize("name", ["a.npy", "fortran.npy", "own.npz", "a.vtu", "a.bgeo", "a.h5"])
+def test_a_file_that_changes_while_it_is_read(name, files):
+    """Shorter, with other rows, and gone: an error, not a signal that ends the program."""
+
+    def write(positions):
+        if name == "fortran.npy":
+            np.save(name, np.asfortranarray(positions))
+        elif name == "a.h5":
+            with pytest.importorskip("h5py").File(name, "w") as file:
+                file["positions"] = positions
+        else:
+            gb.write(name, gb.Particles(positions))
+
+    write(POSITIONS)
+    found = ranges(name)
+    np.testing.assert_array_equal(found.read(100, 300).positions, POSITIONS[100:300])
+    changes = (lambda: os.truncate(name, 700), lambda: write(POSITIONS[::-1]),
+               lambda: os.unlink(name))  # fmt: skip
+    for change in changes:
+        write(POSITIONS)
+        found = ranges(name)
+        change()
+        with pytest.raises(gb.FormatError, match=f"{name}: .* got one that changed while"):
+            found.read(2000, 2500)
+
+
 def test_render_with_memory(files, capsys, monkeypatch):
     from globule.pieces import scene
     from PIL import Image
