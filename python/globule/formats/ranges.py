@@ -167,14 +167,14 @@ def _rows(array: np.ndarray, first: int, last: int) -> np.ndarray:
     """A copy of rows, read from the file: a mapped page ends the program where the file has become
     shorter, and stays in this process's memory."""
     rows = array[first:last]
-    mapped = getattr(array, "_mmap", None)
-    if mapped is None or not rows.size:
+    if not isinstance(array, np.memmap) or not rows.size:
         return np.array(rows)
     if not rows.flags.c_contiguous:  # columns one after the other, as Fortran has them
         return np.stack([_rows(column, first, last) for column in np.moveaxis(array, -1, 0)], -1)
-    begin = np.frombuffer(mapped, np.uint8).ctypes.data  # the mapping begins at a whole page
+    # The mapping begins at a whole page.
+    begin = np.frombuffer(array._mmap, np.uint8).ctypes.data  # type: ignore[attr-defined]
     place = array.offset - array.offset % mmap.ALLOCATIONGRANULARITY + rows.ctypes.data - begin
-    found = np.fromfile(array.filename, rows.dtype, rows.size, offset=place)
+    found = np.fromfile(str(array.filename), rows.dtype, rows.size, offset=place)
     if found.size < rows.size:
         raise bad(array.filename, "", f"expected {rows.nbytes} bytes at byte {place}, got "
                   f"{found.nbytes}")  # fmt: skip
