@@ -10,7 +10,7 @@ import tracemalloc
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused, run_json
+from cli_helpers import SMALL, refused, run_json
 from format_helpers import DATA
 from globule._base.ranks import Alone
 from globule.cli import main
@@ -385,8 +385,40 @@ def test_no_room_for_temporary_files(files, capsys, monkeypatch):
     assert not os.path.exists("full.png")
 
 
+def test_a_missing_file_is_missing(files, capsys):
+    for name in ("gone.npy", "gone.npz"):
+        error = refused(capsys, "render", name, "-o", "a.png", "--support", "2")
+        assert f"{name}: expected a file to read" in error
+
+
 def test_memory_mistakes(files, capsys):
     common = ["render", "a.npy", "-o", "a.png"]
     assert "8G" in refused(capsys, *common, "--memory", "much")
     assert "more than" in refused(capsys, *common, "--memory", "1M")
     assert "--preset" in refused(capsys, *common, "--memory", "1M", "--preset", "water")
+    np.savez("b.npz", positions=POSITIONS)
+    series = ["render", "a.npz", "b.npz", "-o", "c_%d.png", "--support", "2", *SMALL]
+    error = refused(capsys, *series, "--memory", "1M")
+    assert "--memory: expected one image where a file is read in pieces, as a.npz" in error
+    assert main([*series, "--memory", "8G"]) == 0
+
+
+def test_particles_without_a_place_are_counted(files, capsys, monkeypatch):
+    """In pieces as in one scene; and a file without particles."""
+    from globule.pieces import scene
+
+    monkeypatch.setattr(scene, "resident_bytes", lambda: 0)
+    monkeypatch.setattr(scene, "OVERHEAD", 0)
+    lost = POSITIONS.copy()
+    lost[100:103] = np.nan
+    np.save("lost.npy", lost)
+    np.save("none.npy", POSITIONS[:0])
+    words = ["-o", "a.png", "--support", "2", "--threads", "1", "--memory", "100K", *SMALL]
+    assert main(["render", "lost.npy", *words]) == 0
+    out, err = capsys.readouterr()
+    assert "warning: 3 of 2,744 particles have no finite position" in err
+    assert "CPU, 1 thread," in out
+    assert main(["render", "none.npy", *words]) == 0
+    assert [x for x in capsys.readouterr().err.splitlines() if "warning" in x] == [
+        "globule: warning: none.npy holds no particles: the image is all background"
+    ]
