@@ -128,7 +128,7 @@ def test_a_terminal_gets_a_progress_bar(particles):
         (
             OSError(28, "No space left on device", "a.png"),
             1,
-            "globule: error: [Errno 28] No space left on device: 'a.png'\n",
+            "globule: error: a.png: No space left on device\n",
         ),
         (KeyboardInterrupt(), 130, "globule: interrupted\n"),
     ],
@@ -161,7 +161,7 @@ def test_a_file_that_finds_no_room_is_named(folder, words, name):
     gb.write("many.npz", cube(20, color=np.random.default_rng(1).random((8000, 3))))
     ended = run(*words, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (999, 999)))
     assert ended.returncode == 1
-    assert ended.stderr == f"globule: error: [Errno 27] File too large: '{name}'\n"
+    assert ended.stderr == f"globule: error: {name}: File too large\n"
     assert not [file for _, _, files in os.walk(".") for file in files if file != "many.npz"]
 
 

@@ -10,7 +10,7 @@ import tracemalloc
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused, run_json
+from cli_helpers import SMALL, refused, run_json
 from format_helpers import DATA
 from globule._base.ranks import Alone
 from globule.cli import main
@@ -319,6 +319,32 @@ def test_ranges_of_damaged_files(name, files):
     assert refused > 20
 
 
+@pytest.mark.parametrize("name", ["a.npy", "fortran.npy", "own.npz", "a.vtu", "a.bgeo", "a.h5"])
+def test_a_file_that_changes_while_it_is_read(name, files):
+    """Shorter, with other rows, and gone: an error, not a signal that ends the program."""
+
+    def write(positions):
+        if name == "fortran.npy":
+            np.save(name, np.asfortranarray(positions))
+        elif name == "a.h5":
+            with pytest.importorskip("h5py").File(name, "w") as file:
+                file["positions"] = positions
+        else:
+            gb.write(name, gb.Particles(positions))
+
+    write(POSITIONS)
+    found = ranges(name)
+    np.testing.assert_array_equal(found.read(100, 300).positions, POSITIONS[100:300])
+    changes = (lambda: os.truncate(name, 700), lambda: write(POSITIONS[::-1]),
+               lambda: os.unlink(name))  # fmt: skip
+    for change in changes:
+        write(POSITIONS)
+        found = ranges(name)
+        change()
+        with pytest.raises(gb.FormatError, match=f"{name}: .* got one that changed while"):
+            found.read(2000, 2500)
+
+
 def test_render_with_memory(files, capsys, monkeypatch):
     from globule.pieces import scene
     from PIL import Image
@@ -359,8 +385,40 @@ def test_no_room_for_temporary_files(files, capsys, monkeypatch):
     assert not os.path.exists("full.png")
 
 
+def test_a_missing_file_is_missing(files, capsys):
+    for name in ("gone.npy", "gone.npz"):
+        error = refused(capsys, "render", name, "-o", "a.png", "--support", "2")
+        assert f"{name}: expected a file to read" in error
+
+
 def test_memory_mistakes(files, capsys):
     common = ["render", "a.npy", "-o", "a.png"]
     assert "8G" in refused(capsys, *common, "--memory", "much")
     assert "more than" in refused(capsys, *common, "--memory", "1M")
     assert "--preset" in refused(capsys, *common, "--memory", "1M", "--preset", "water")
+    np.savez("b.npz", positions=POSITIONS)
+    series = ["render", "a.npz", "b.npz", "-o", "c_%d.png", "--support", "2", *SMALL]
+    error = refused(capsys, *series, "--memory", "1M")
+    assert "--memory: expected one image where a file is read in pieces, as a.npz" in error
+    assert main([*series, "--memory", "8G"]) == 0
+
+
+def test_particles_without_a_place_are_counted(files, capsys, monkeypatch):
+    """In pieces as in one scene; and a file without particles."""
+    from globule.pieces import scene
+
+    monkeypatch.setattr(scene, "resident_bytes", lambda: 0)
+    monkeypatch.setattr(scene, "OVERHEAD", 0)
+    lost = POSITIONS.copy()
+    lost[100:103] = np.nan
+    np.save("lost.npy", lost)
+    np.save("none.npy", POSITIONS[:0])
+    words = ["-o", "a.png", "--support", "2", "--threads", "1", "--memory", "100K", *SMALL]
+    assert main(["render", "lost.npy", *words]) == 0
+    out, err = capsys.readouterr()
+    assert "warning: 3 of 2,744 particles have no finite position" in err
+    assert "CPU, 1 thread," in out
+    assert main(["render", "none.npy", *words]) == 0
+    assert [x for x in capsys.readouterr().err.splitlines() if "warning" in x] == [
+        "globule: warning: none.npy holds no particles: the image is all background"
+    ]

@@ -92,6 +92,28 @@ def test_a_mistake_is_one_line(tmp_path):
     assert not (tmp_path / "a.png").exists()
 
 
+def test_memory_is_not_for_ranks(tmp_path):
+    gb.write(tmp_path / "a.npz", cube(4))
+    run = mpirun(2, *COMMAND, "a.npz", "-o", "a.png", "--memory", "1K", cwd=tmp_path)
+    assert run.returncode != 0
+    assert run.stderr.count("globule: error: --memory: expected none on several ranks") == 1
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_an_interrupted_movie_is_noted_once(tmp_path):
+    """One frame is damaged, and every rank needs it first."""
+    pytest.importorskip("av")
+    gb.write(tmp_path / "f_0.npz", cube(4))
+    (tmp_path / "f_1.npz").write_bytes(b"PK")
+    words = [*COMMAND, "f_*.npz", "--size", "60x40", "--support", "0.5", "--threads", "1"]
+    run = mpirun(2, *words, "-o", "a.mp4", cwd=tmp_path)
+    assert run.returncode != 0
+    lines = [x for x in run.stderr.splitlines() if x.startswith("globule")]
+    assert [x for x in lines if "f_1.npz" in x and "rank" in x] == lines[:1]
+    assert lines[1:] == ["globule: note: 1 finished image is in a.mp4.frames; --resume continues"]
+    assert not (tmp_path / "a.mp4").exists()
+
+
 def test_light_that_turns_is_replicated(tmp_path):
     """By itself; the same file as one rank writes."""
     gb.write(tmp_path / "a.npz", cube(5))

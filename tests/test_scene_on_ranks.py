@@ -263,6 +263,19 @@ def test_a_rank_that_fails_to_draw_is_named(monkeypatch):
     on(2, work, {"device": "cpu"})
 
 
+def test_what_differs_between_ranks_is_named():
+    def work(device, ranks):
+        own = "on rank 0 and .* on rank 1$"
+        with pytest.raises(ValueError, match=f"^support: expected the same on all ranks, .* {own}"):
+            gb.Scene(POSITIONS, support=2.0 + ranks.rank, comm=ranks, **device)
+        scene = gb.Scene(mine(gb.Particles(POSITIONS), ranks), support=2.0, comm=ranks, **device)
+        for settings in ({}, {"shadows": True}):
+            with pytest.raises(ValueError, match=f"^size: expected the same .* {own}"):
+                gb.render(scene, CAMERA, (96, 72 + ranks.rank), settings)
+
+    on(2, work, {"device": "cpu"})
+
+
 def test_mistakes():
     def work(device, ranks):
         for options, word in (

@@ -70,6 +70,17 @@ class Alone:
                 raise its_kind(f"rank {rank}: {its_text}") from error if rank == self.rank else None
         return [own for _, _, own in states]
 
+    def same(self, **named: Any) -> None:
+        """Raise ValueError on all ranks where one has another value than rank 0."""
+        first, *others = self.all(named)
+        for rank, own in enumerate(others, 1):
+            for name, value in own.items():
+                if value != first[name]:
+                    raise ValueError(
+                        f"{name}: expected the same on all ranks, got {first[name]} on rank 0 "
+                        f"and {value} on rank {rank}"
+                    )
+
     def exchange(self, rows: np.ndarray, counts: np.ndarray) -> np.ndarray:
         """Rows (N, K) of float32 to their ranks, counts (size,) to each in order; what came, in
         the order of the ranks."""

@@ -36,7 +36,7 @@ from . import (
 )
 from .completion import SHELLS, script
 from .parser import Parser
-from .shared import UserError, join_negative, say, warn
+from .shared import UserError, join_negative, say, text_of, warn
 
 # Who uses them: the title in `globule --help`, and the commands' modules.
 GROUPS = {
@@ -127,7 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError as error:
         return _fail(1, f"not enough memory{f': {error}' if str(error) else ''}")
     except Exception as error:
-        return _fail(1, str(error) or type(error).__name__)
+        return _fail(1, text_of(error))
 
 
 def _run(argv: list[str]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
-import re
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -23,7 +22,7 @@ from ..scene.particles import FARTHEST, Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
 from . import annotation, camera_facts, light, look, sequence, surfaces, tracing
-from .shared import Progress, UserError, count, mistakes
+from .shared import Progress, UserError, count, mistakes, said_threads
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
 FEW = 0.005  # share of the pixels below which a fitted image shows almost nothing
@@ -195,13 +194,13 @@ def _facts(options: argparse.Namespace, subject: Subject, hits: int) -> dict[str
     scene = subject.scene
     if isinstance(scene, Mesh):
         return {
-            "device": _said_threads(choose(options.device).description, options.threads),
+            "device": said_threads(choose(options.device).description, options.threads),
             "closed": scene.closed,
             "counts": {"triangles": len(scene), "hits": hits},
         }
     tree = scene.octree
     facts: dict[str, Any] = {
-        "device": _said_threads(scene.device.description, options.threads),
+        "device": said_threads(scene.device.description, options.threads),
         "root": options.root,
         "kernel": scene.kernel,
         "threshold": scene.threshold,
@@ -221,11 +220,6 @@ def _facts(options: argparse.Namespace, subject: Subject, hits: int) -> dict[str
     if options.json:
         facts["hashes"] = {"key_hash": tree.key_hash, "node_hash": tree.node_hash}
     return facts
-
-
-def _said_threads(device: str, threads: int) -> str:
-    """A CPU's description with the number of threads that --threads gives."""
-    return re.sub(r"\d+ threads?", count(threads, "thread"), device) if threads else device
 
 
 def _traced(

@@ -7,11 +7,12 @@ import contextlib
 import os
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from .._base.checks import MissingPackageError
 from .._base.device import choose
 from .._base.memory import GIGABYTE, resident_bytes, room
 from ..formats import FormatError
@@ -26,8 +27,9 @@ from ..render.frame import save_png
 from ..render.layers import Layer
 from ..render.render import render
 from ..scene.fitting import lacking
+from ..scene.particles import FARTHEST
 from . import annotation, camera_facts, light
-from .shared import UserError, count, mistakes, print_json, read_particles, say
+from .shared import UserError, count, mistakes, print_json, read_particles, said_threads, say, warn
 
 # Flags that need all particles in one scene; with the values that leave them out.
 NOT_WITH_PIECES: dict[str, Any] = {
@@ -62,8 +64,29 @@ def memory(text: str) -> float:
 
 def wanted(options: argparse.Namespace) -> bool:
     """Whether the image is made of pieces since memory does not suffice for one scene."""
-    path = options.particles[0]
-    if len(options.particles) > 1 or kind_of(path).kind != "particles":
+    if len(options.particles) == 1:
+        return _wanted(options, options.particles[0])
+    if options.memory is not None:
+        for path in dict.fromkeys(options.particles):
+            if _is_whole(path) and _wanted(options, path):
+                n = count(len(options.particles), "image")
+                raise UserError(
+                    f"--memory: expected one image where a file is read in pieces, as {path} "
+                    f"would be, got {n}; make them one by one, or give more memory"
+                )
+    return False
+
+
+def _is_whole(path: str) -> bool:
+    """Whether a file can be read; what is wrong with an image's file shows when its turn comes."""
+    try:
+        return not has_ranges(path) or ranges(path).n >= 0
+    except (ValueError, OSError, MissingPackageError):
+        return False
+
+
+def _wanted(options: argparse.Namespace, path: str) -> bool:
+    if kind_of(path).kind != "particles":
         return False
     if options.memory is None:
         found = None if needs_all(options) else counted_rows(path)
@@ -111,11 +134,13 @@ def run(
         raise UserError("--ground: expected a height with a scene in pieces, got none")
     start, path = time.perf_counter(), options.particles[0]
     root = comm is None or comm.rank == 0
+    said: Callable[[str], None] = warn if root else (lambda _: None)
     limit = None if comm else options.memory or resident_bytes() + room()
     with mistakes(), _memory(options):
         try:
+            source = _share(path, comm)
             pieces = Pieces(
-                _share(path, comm), memory=limit, comm=comm,
+                source, memory=limit, comm=comm,
                 color_by=options.color_by, colormap=options.colormap, range=options.range,
                 kernel=options.kernel, threshold=options.threshold, support=options.support,
                 surface=options.surface, spacing=options.particle_spacing,
@@ -126,6 +151,12 @@ def run(
             raise UserError(text if path in text else f"{path}: {text}") from error
     with contextlib.closing(pieces):
         built = time.perf_counter()
+        given = sum(comm.allgather(source.n)) if comm else source.n
+        if not given:
+            said(f"{path} holds no particles: the image is all background")
+        elif n_lost := given - len(pieces):
+            has = f"{'have' if n_lost > 1 else 'has'} no finite position up to {FARTHEST:g}"
+            said(f"{n_lost:,} of {count(given)} {has}, left out")
         n, where = pieces.partition.n, "on as many ranks" if comm else "one after the other"
         if root and not options.json:
             say(f"{count(len(pieces))} in {n} pieces, {where}")
@@ -144,16 +175,17 @@ def run(
             save_png(image, notes.picture(0, [frame], [camera], colors, None))
     end = time.perf_counter()
     hits = int(frame.mask.sum())
-    if not hits:
-        say("warning: no pixel hits the surface: the camera looks past it, or try --threshold")
+    if not hits and len(pieces):
+        said("no pixel hits the surface: the camera looks past it, or try --threshold")
+    device = said_threads(pieces.device.description, options.threads)
     if not options.json:
         print(f"{image}: {count(len(pieces))}, read in {built - start:.2f} s, "
-              f"{end - start:.2f} s in all on {pieces.device.description}")  # fmt: skip
+              f"{end - start:.2f} s in all on {device}")  # fmt: skip
         return
     print_json({
         "input": path, "images": [image], "aov": aov, "size": options.size,
         "samples": frame.samples, "times": {"read": built - start, "total": end - start},
-        "device": pieces.device.description, "kernel": pieces.kernel,
+        "device": device, "kernel": pieces.kernel,
         "threshold": pieces.threshold, "surface": pieces.surface, "support": pieces.support,
         "spacing": pieces.spacing, "ranks": comm.size if comm else 1,
         "memory": {"limit": limit}, "camera": camera_facts.facts(camera),

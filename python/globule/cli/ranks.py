@@ -20,7 +20,7 @@ from ..pieces.on_ranks import replicated_bytes
 from ..render.settings import RenderSettings
 from . import light
 from .pieces import needs_all
-from .shared import UserError, mistakes, say
+from .shared import UserError, mistakes, say, text_of
 
 MODES = ("replicate", "pieces")
 
@@ -51,7 +51,8 @@ def together(comm: Any) -> Iterator[None]:
         yield
     except (Exception, KeyboardInterrupt) as error:
         stopped = isinstance(error, KeyboardInterrupt)
-        text = "interrupted" if stopped else str(error) or type(error).__name__
+        text = "interrupted" if stopped else text_of(error)
+        note = getattr(error, "note", lambda: "")  # counts what other ranks still finish
         status = 130 if stopped else 2
         request = own.Ibarrier()
         until = time.monotonic() + 3.0
@@ -59,11 +60,15 @@ def together(comm: Any) -> Iterator[None]:
             if request.Test():  # every rank has failed: nobody waits for anybody
                 if comm.rank == 0:
                     say(text if stopped else f"error: {text}")
+                    if note():
+                        say(note())
                     sys.stderr.flush()
                 own.Barrier()  # the launcher ends all ranks as soon as the first one leaves
                 os._exit(status)
             time.sleep(0.02)
         say(f"error: rank {comm.rank}: {text}")
+        if note():
+            say(note())
         sys.stderr.flush()
         own.Abort(status)
     # Where others fail after this rank is done, they end the run.

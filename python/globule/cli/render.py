@@ -246,6 +246,11 @@ def _run(options: argparse.Namespace, comm: Any) -> None:
         camera(options, None, notes)
     images, arrays = outputs(options, series.images())
     if comm is not None:
+        if options.memory is not None:
+            raise UserError(
+                f"--memory: expected none on several ranks, got {options.memory / 1e6:,g} MB; "
+                "start more ranks for less memory on each"
+            )
         ranks.settle(options, comm)
     check_device(options)
     together = comm if len(images) == 1 else None  # on one image, not on images of their own

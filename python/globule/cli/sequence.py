@@ -261,9 +261,21 @@ class Series:
     def __enter__(self) -> Series:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind and self.movie and (n := len(self.movie.finished())):
-            say(f"note: {n} finished images are in {self.movie.folder}; --resume continues")
+    def __exit__(self, kind: Any, error: BaseException | None, _: object) -> None:
+        if error is None or not self.movie:
+            return
+        if self.comm is None:
+            if note := self._note():
+                say(note)
+        else:  # of all ranks, one says it
+            error.note = self._note  # type: ignore[attr-defined]
+
+    def _note(self) -> str:
+        """What an interrupted run has finished."""
+        if not self.movie or not (n := len(self.movie.finished())):
+            return ""
+        are = "image is" if n == 1 else "images are"
+        return f"note: {n:,} finished {are} in {self.movie.folder}; --resume continues"
 
 
 def of_all_ranks(comm: Any, reports: list[dict[str, Any]]) -> list[dict[str, Any]]:

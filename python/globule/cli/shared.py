@@ -43,6 +43,13 @@ def say(message: str) -> None:
         print("globule:", " ".join(message.split("\n")), file=sys.stderr)
 
 
+def text_of(error: BaseException) -> str:
+    """What an error says; the system's without its number, and with the file first."""
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return str(error) or type(error).__name__
+
+
 def warn(message: str) -> None:
     """One line on stderr that begins with "warning"."""
     say(f"warning: {message}")
@@ -271,6 +278,11 @@ def _check_place(option: str, path: str, folder: str) -> None:
     except OSError as error:
         expected = "expected a place that may be written"
         raise UserError(f"{option}: {expected}, got {path}: {error.strerror}") from error
+
+
+def said_threads(device: str, threads: int) -> str:
+    """A CPU's description with the number of threads that --threads gives."""
+    return re.sub(r"\d+ threads?", count(threads, "thread"), device) if threads else device
 
 
 def count(n: int, noun: str = "particle") -> str:

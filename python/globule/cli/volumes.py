@@ -28,9 +28,6 @@ def is_surface(path: str, options: argparse.Namespace) -> bool:
 
 def check_surface(path: str, options: argparse.Namespace) -> None:
     """Refuse the flags that an iso-surface does not have, before any work."""
-    for name in ("threshold", "support"):
-        if getattr(options, name) is not None:
-            raise UserError(f"--{name}: expected --level for the volume {path}, got --{name}")
     from ..ultrasound.files import is_sweep
 
     try:
@@ -40,6 +37,9 @@ def check_surface(path: str, options: argparse.Namespace) -> None:
         tracked = is_sweep(path)
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
+    for name in ("threshold", "support"):
+        if getattr(options, name) is not None:
+            raise UserError(f"--{name}: expected --level for the volume {path}, got --{name}")
     if tracked:
         raise UserError(
             f"{path}: expected a volume, got a sweep; globule reconstruct makes a volume of it"

@@ -59,8 +59,33 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
         path: of the file.
         options: those of the format's reader, as for `read`.
 
-    Raises FormatError for a damaged file or another format.
+    Raises FormatError for a damaged file or another format; `read` also for a file that has changed
+    since.
     """
+    before, (n, read) = _state(path), _ranges(path, **options)
+
+    def unchanged(first: int, last: int) -> Particles:
+        # Other contents may also look damaged: what has changed comes first.
+        try:
+            return read(first, last)
+        finally:
+            if _state(path) != before:
+                raise bad(path, "", "expected a file that stays as it is, got one that changed "
+                          "while it was read")  # fmt: skip
+
+    return Ranges(n, unchanged)
+
+
+def _state(path: str | os.PathLike[str]) -> tuple[int, ...] | None:
+    """What tells a file from the same one after a change; None where there is none."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def _ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
     kind = kind_of(path, "particles")
     if kind.format == "npy":
         return _of_array(path, _mapped(path, "array", 0))
@@ -139,12 +164,21 @@ def _of_array(path: Any, array: np.ndarray) -> Ranges:
 
 
 def _rows(array: np.ndarray, first: int, last: int) -> np.ndarray:
-    """A copy of rows; the file's pages do not stay in this process's memory."""
-    rows = np.array(array[first:last])
-    mapped = getattr(array, "_mmap", None)
-    if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
-        mapped.madvise(mmap.MADV_DONTNEED)
-    return rows
+    """A copy of rows, read from the file: a mapped page ends the program where the file has become
+    shorter, and stays in this process's memory."""
+    rows = array[first:last]
+    if not isinstance(array, np.memmap) or not rows.size:
+        return np.array(rows)
+    if not rows.flags.c_contiguous:  # columns one after the other, as Fortran has them
+        return np.stack([_rows(column, first, last) for column in np.moveaxis(array, -1, 0)], -1)
+    # The mapping begins at a whole page.
+    begin = np.frombuffer(array._mmap, np.uint8).ctypes.data  # type: ignore[attr-defined]
+    place = array.offset - array.offset % mmap.ALLOCATIONGRANULARITY + rows.ctypes.data - begin
+    found = np.fromfile(str(array.filename), rows.dtype, rows.size, offset=place)
+    if found.size < rows.size:
+        raise bad(array.filename, "", f"expected {rows.nbytes} bytes at byte {place}, got "
+                  f"{found.nbytes}")  # fmt: skip
+    return found.reshape(rows.shape)
 
 
 def _members(path: Any) -> dict[str, np.ndarray]:
@@ -187,7 +221,8 @@ def _of_arrays(path: Any, arrays: Mapping[str, np.ndarray]) -> Ranges:
         some = {}
         for name, array in arrays.items():
             of_each = array.ndim > 0 and len(array) == n
-            some[name] = _rows(array, first, last) if of_each else np.array(array)
+            here = (first, last) if of_each else (0, len(array) if array.ndim else 0)
+            some[name] = _rows(array, *here) if array.ndim else np.array(array)
         placed = _with_places(some)
         found = find_positions(placed)
         rows = {k: a.reshape(len(a), -1) if a.ndim > 2 else a

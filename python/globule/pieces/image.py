@@ -168,6 +168,7 @@ class Job:
         self.ranks = next((p.ranks for p in pieces if p.ranks.size > 1), pieces[0].ranks)
         if any(p.ranks.size != self.ranks.size for p in pieces):
             raise ValueError("scene: expected all pieces on the same ranks")
+        self.ranks.same(size=tuple(size))
         first = layers[0].scene
         self.camera = camera or fit(first if isinstance(first, Pieces) else pieces[0], size)
         self.materials: list[Material] = [x.material or settings.material for x in layers]

@@ -111,6 +111,8 @@ class Pieces:
         self._options["key_bits"] = key_bits
         self._memory = None if memory is None else positive("memory", memory)
         self._base = resident_bytes() + OVERHEAD
+        self.ranks.same(kernel=kernel, surface=surface, support=self.support,
+                        spacing=self.spacing, threshold=threshold)  # fmt: skip
         self._scenes: dict[int, Scene] = {}
         self._updates = 0
         self._files: Files | None = None
@@ -420,8 +422,8 @@ class Pieces:
         room = self._memory - self._base
         if room <= 0:
             raise MemoryError(
-                f"memory: expected more than the {self._base / 1e9:.2g} GB that the program "
-                f"itself takes, got {self._memory / 1e9:.2g} GB"
+                f"memory: expected more than the {self._base / 1e6:,.0f} MB that the program, an "
+                f"image and a range of the file take, got {self._memory / 1e6:,.6g} MB"
             )
         return min(most, room / self._bytes())
 

@@ -38,6 +38,7 @@ class Share:
         edges: bool,
     ):
         self.ranks, self.size = ranks_of(comm), size
+        self.ranks.same(size=tuple(size))
         self.arrays = ["picture"] if self.ranks.only_image else list(ARRAYS)
         self.square = WITH_EDGES if edges else SQUARE
         n = self.ranks.size
