@@ -55,6 +55,22 @@ def test_what_players_need(tmp_path, fps):
 
 
 @needs_av
+def test_the_same_pictures_make_the_same_bytes(tmp_path):
+    """With B-frames, 20 movies of these pictures were up to 8 different files."""
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:242, :322]
+    wave = [128 + 100 * np.sin((x + 3 * k) / 17) * np.cos((y - 2 * k) / 23) for k in range(12)]
+    pictures = [
+        np.clip(w[..., None] + rng.normal(0, 3, (242, 322, 3)), 0, 255).astype(np.uint8)
+        for w in wave
+    ]
+    made = set()
+    for _ in range(20):
+        write_movie(tmp_path / "a.mp4", pictures, 12)
+        made.add((tmp_path / "a.mp4").read_bytes())
+    assert len(made) == 1
+
+
 def test_no_half_movies(tmp_path):
     def broken():
         yield from pictures(2, 32, 32)
