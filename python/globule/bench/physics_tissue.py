@@ -35,9 +35,9 @@ def lattice(nx: int, ny: int, nz: int, spacing: float = SPACING) -> np.ndarray:
     return (np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3) * spacing).astype("f4")
 
 
-def springs(*args: Any, **how: Any) -> Tissue:
+def springs(x: Any, spacing: float, young: Any, density: float = 1000.0, **how: Any) -> Tissue:
     """A `Tissue` of bonds."""
-    return Tissue(*args, model="bonds", **how)
+    return Tissue(x, spacing, young, density, model="bonds", **how)
 
 
 def layers(positions: np.ndarray) -> np.ndarray:
