@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import warnings
 
 import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import cube, refused
 from globule.cli import main
-from globule.render import annotate
+from globule.render import annotate, canvas
 from globule.render.annotate import draw_view, round_length, scale_bar
 from globule.render.box import round_values, visible_parts
 from globule.render.canvas import Canvas, sizes
@@ -90,6 +91,8 @@ def test_round_values():
     assert round_values(-1.2, 1.2, 5) == pytest.approx([-1, -0.5, 0, 0.5, 1])
     assert round_values(0, 1, 5) == pytest.approx([0, 0.2, 0.4, 0.6, 0.8, 1])
     assert round_values(3, 3, 5) == [3]
+    assert round_values(-1.515, 1.515, 2) == [-1, 0, 1]  # one value alone is no scale
+    assert len(round_values(0.9, 3.1, 2)) >= 2
     for lo, hi in ((0.013, 7.3), (-1e9, 2e8), (1e-12, 3e-12)):
         values = round_values(lo, hi, 6)
         assert 2 <= len(values) <= 7
@@ -249,6 +252,28 @@ def test_an_outside_legend_keeps_the_size():
         assert frame.image.shape == (size[1], size[0], 3)
         assert frame.size[0] < size[0] - 40
         assert frame.distance.shape == frame.size[::-1]
+
+
+def test_letters_beyond_ascii(monkeypatch):
+    """Units such as kg/m³ and µm: Pillow's own font draws one box for all such letters."""
+    pytest.importorskip("matplotlib")  # brings a font
+    blank = np.full((80, 200, 3), 255, np.uint8)
+
+    def drawn(text):
+        sheet = Canvas(blank)
+        sheet.text((20, 40), text)
+        return sheet.pixels
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert not np.array_equal(drawn("m²"), drawn("m³"))
+        assert not np.array_equal(drawn("µm"), drawn("Ωm"))
+        assert Canvas(blank).text_width("ßßßß") > Canvas(blank).text_width("ß")
+    monkeypatch.setattr(canvas, "_font_files", lambda: ["no-such-font.ttf"])
+    canvas._font_file.cache_clear()
+    with pytest.warns(UserWarning, match="m³: expected letters of a font of this machine, got ³"):
+        drawn("m³")
+    canvas._font_file.cache_clear()
 
 
 def test_text_on_transparent_pixels():

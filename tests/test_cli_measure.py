@@ -213,6 +213,42 @@ def test_refused(particles, capsys, words, message):
     assert message in refused(capsys, *words, *CPU)
 
 
+COMMANDS = [
+    ["slice", "--plane", "0,0,1,2"],
+    ["gauge", "--at", "2,2"],
+    ["mesh"],
+    ["track"],
+    ["project", "--axis", "0,0,1"],
+]
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[0])
+def test_particles_that_are_left_out_are_named(words, folder, capsys):
+    positions = cube(5).positions.astype(np.float64)
+    positions[3], positions[4:6] = np.nan, 1e25
+    np.savez("lost.npz", positions=positions)
+    out = "a.ply" if words[0] == "mesh" else "a.csv"
+    more = [*words[1:], "-o", out, *CPU]
+    assert main([words[0], "lost.npz", *more]) == 0
+    err = capsys.readouterr().err
+    assert "lost.npz: 1 of 125 particles has no finite position, left out" in err
+    assert "lost.npz: 2 of 125 particles have a coordinate beyond 1e+18, left out" in err
+    positions[:100] = 1e25
+    np.savez("lost.npz", positions=positions)
+    os.remove(out)
+    assert refused(capsys, words[0], "lost.npz", *more).startswith(
+        "globule: error: lost.npz: expected coordinates up to 1e+18, got farther ones of 100 of 125"
+    )
+    assert not os.path.exists(out)
+
+
+def test_a_slice_beside_all_particles(particles, capsys):
+    assert main(["slice", particles, "--plane", "0,0,1,99", "-o", "a.csv", *CPU]) == 0
+    out = capsys.readouterr().out
+    assert "speed nowhere" in out
+    assert "nan" not in out
+
+
 def test_files_without_particles(folder, capsys):
     gb.write("none.npz", gb.Particles(np.empty((0, 3))))
     for words in (

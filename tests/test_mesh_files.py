@@ -130,6 +130,14 @@ def test_objects_of_meshio_and_pyvista():
     assert gb.Mesh(surface).solid
 
 
+def test_a_vertex_without_a_place_names_its_file(tmp_path):
+    pytest.importorskip("trimesh")
+    path = tmp_path / "hole.obj"
+    path.write_text("v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(ValueError, match=r"hole\.obj: vertices: expected finite .*\(vertex 1\)"):
+        gb.Mesh(path)
+
+
 def test_a_file_with_faces_is_drawn_as_its_triangles(tmp_path):
     ply(tmp_path / "ball.ply", *BALL)
     camera = gb.Camera((0, 0, 4), (0, 0, 0), fov=30)

@@ -18,11 +18,11 @@ from ..render.camera import Camera
 from ..render.frame import Frame, save_png
 from ..render.render import render, values_of
 from ..scene.mesh import Mesh
-from ..scene.particles import FARTHEST, Particles
+from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
 from . import annotation, camera_facts, light, look, sequence, surfaces, tracing
-from .shared import Progress, UserError, count, mistakes, said_threads
+from .shared import Progress, UserError, count, left_out, mistakes, said_threads
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
 FEW = 0.005  # share of the pixels below which a fitted image shows almost nothing
@@ -125,17 +125,12 @@ def _particles(
 ) -> Subject:
     """The scene of a file's particles that have a position, in their colors."""
     finite = np.isfinite(particles.positions).all(axis=1)
-    n, n_lost = len(particles), int((~finite).sum())
+    n = len(particles)
     if n == 0:
         messages.append(f"{path} holds no particles: the image is all background")
-    if n_lost:
-        left_out = "have" if n_lost > 1 else "has"
-        messages.append(f"{n_lost:,} of {count(n)} {left_out} no finite position, left out")
+    messages += left_out(path, particles, far=False)  # the octree tells those
+    if not finite.all():
         particles = particles[finite]
-    n_far = len(particles) - len(particles.finite_positions())
-    if n_far > len(particles) / 2:
-        what = f"got farther ones of {n_far:,} of {count(n)}; scale the positions"
-        raise UserError(f"{path}: expected coordinates up to {FARTHEST:g}, {what}")
     ends = None
     if options.color_by:
         particles.color, ends = look.color_by(options, path, particles, messages)

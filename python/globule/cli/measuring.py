@@ -23,6 +23,7 @@ from .shared import (
     UserError,
     check_device,
     check_input,
+    left_out,
     mistakes,
     positive,
     read_particles,
@@ -104,6 +105,7 @@ def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]
         particles, messages = read_surface(path, options)
     else:
         particles, messages = read_particles(path, True, **reading(options)), []
+    messages = [*messages, *left_out(path, particles)]
     if options.anisotropic:
         with mistakes():
             particles = look.stretched(options, particles)

@@ -23,8 +23,8 @@ from .shared import (
     check_device,
     check_input,
     check_output,
-    count,
     direction,
+    left_out,
     mistakes,
     positive,
     print_json,
@@ -89,9 +89,8 @@ def run(options: argparse.Namespace) -> None:
         progress.step(options.file)
         particles = read_particles(options.file, **reading(options))
         finite = np.isfinite(particles.positions).all(axis=1)
-        if n_lost := int((~finite).sum()):
-            have = "have" if n_lost > 1 else "has"
-            warn(f"{n_lost:,} of {count(len(particles))} {have} no finite position, left out")
+        for message in left_out(options.file, particles):
+            warn(message)
         measuring.need_particles(options.file, int(finite.sum()))
         names = options.values
         if not names:

@@ -20,7 +20,7 @@ from ..formats import FormatError, read_contents
 from ..formats.contents import Contents
 from ..formats.kind import kind_of
 from ..formats.registry import format_named, formats
-from ..scene.particles import Particles
+from ..scene.particles import FARTHEST, Particles
 from ..volumes.tomography import tomography_particles
 
 
@@ -35,6 +35,27 @@ def mistakes(path: str = "") -> Iterator[None]:
         yield
     except (TypeError, ValueError, MissingPackageError) as error:
         raise UserError(f"{path}: {error}" if path else str(error)) from error
+
+
+def left_out(path: str, particles: Particles, far: bool = True) -> list[str]:
+    """Messages about particles without a finite position, and with far about those that lie so
+    far that no surface has them.
+
+    Raises UserError where most lie farther than float32 can square.
+    """
+    n, n_finite = len(particles), int(np.isfinite(particles.positions).all(axis=1).sum())
+    n_far = n_finite - len(particles.finite_positions())
+    if n_far > n_finite / 2:
+        what = f"got farther ones of {n_far:,} of {count(n)}; scale the positions"
+        raise UserError(f"{path}: expected coordinates up to {FARTHEST:g}, {what}")
+    found = [(n - n_finite, "no finite position")]
+    if far:
+        found.append((n_far, f"a coordinate beyond {FARTHEST:g}"))
+    return [
+        f"{path}: {k:,} of {count(n)} {'have' if k > 1 else 'has'} {what}, left out"
+        for k, what in found
+        if k
+    ]
 
 
 def say(message: str) -> None:

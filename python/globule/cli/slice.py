@@ -122,7 +122,8 @@ def run(options: argparse.Namespace) -> None:
         return
     text = f"{options.output}: {count(int(np.prod(found.shape)), 'place')}"
     for name, (low, high) in facts.items():
-        text += f", {name} {low:.4g} to {high:.4g}" if name != "inside" else ""
+        ends = f"{low:.4g} to {high:.4g}" if np.isfinite(low) else "nowhere"
+        text += f", {name} {ends}" if name != "inside" else ""
     print(text + "".join(f", {100 * share:.1f} % {name}" for name, share in inside.items()))
 
 

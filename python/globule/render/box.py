@@ -161,13 +161,17 @@ def _draw_ticks(
 
 
 def round_values(lo: float, hi: float, most: int) -> list[float]:
-    """Multiples of 1, 2 or 5 times a power of ten in [lo, hi], about `most` of them at most."""
+    """Multiples of 1, 2 or 5 times a power of ten in [lo, hi], about `most` of them, at least 2."""
     if not hi > lo:
         return [lo]
     span = (hi - lo) / most
     power = 10.0 ** math.floor(math.log10(span))
-    step = next(f * power for f in (1, 2, 5, 10) if f * power >= span * (1 - 1e-9))
-    first, last = math.ceil(lo / step - 1e-9), math.floor(hi / step + 1e-9)
+    coarsest = next(f for f in (1, 2, 5, 10) if f * power >= span * (1 - 1e-9))
+    for factor in (10, 5, 2, 1, 0.5, 0.2):
+        step = factor * power
+        first, last = math.ceil(lo / step - 1e-9), math.floor(hi / step + 1e-9)
+        if factor <= coarsest and last > first:  # one value alone says nothing about the length
+            break
     return [i * step for i in range(first, last + 1)]
 
 

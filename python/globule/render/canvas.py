@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+import importlib.util
 import math
+import os
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -131,7 +135,8 @@ class Canvas:
         inside: moves what would stand out of the image into it."""
         from PIL import Image, ImageDraw
 
-        font, place = self._font(size), (round(place[0]), round(place[1]))  # whole: text is crisp
+        font = self._font(size, text)
+        place = round(place[0]), round(place[1])  # whole: text is crisp
         probe = ImageDraw.Draw(Image.new("L", (1, 1)))
         box = probe.textbbox(place, text, font, anchor=anchor, stroke_width=self.line)
         if inside and np.isfinite(box).all():
@@ -154,7 +159,7 @@ class Canvas:
 
     def text_width(self, text: str, size: int | None = None) -> float:
         """Width of one line of text, pixels."""
-        return self._font(size).getlength(text)
+        return self._font(size, text).getlength(text)
 
     def text_height(self, size: int | None = None) -> int:
         """Height of one line of text, pixels."""
@@ -169,10 +174,12 @@ class Canvas:
             text = text[:-1]
         return text + "…" if text else ""
 
-    def _font(self, size: int | None) -> Any:
+    def _font(self, size: int | None, text: str = "") -> Any:
         from PIL import ImageFont
 
-        return ImageFont.load_default(size=size or self.font)
+        file = _font_file(text)
+        size = size or self.font
+        return ImageFont.truetype(file, size) if file else ImageFont.load_default(size=size)
 
     def _over(self, share: np.ndarray, color: Color, x: int, y: int) -> None:
         """Cover the share (h, w), 0 to 1, of the pixels from (x, y) on with a color."""
@@ -187,6 +194,58 @@ class Canvas:
         mixed /= np.maximum(alpha, 1e-6)
         part[..., :3] = np.where(alpha > 0, np.rint(mixed), part[..., :3])
         part[..., 3:] = np.rint(255 * alpha)
+
+
+@functools.lru_cache(256)
+def _font_file(text: str) -> str | None:
+    """A font that has all letters of the text; None for Pillow's own, which has few but ASCII.
+
+    Warns where no font has them.
+    """
+    from PIL import ImageFont
+
+    text = "".join(text.split())
+    if text.isascii() or not (lost := _missing(ImageFont.load_default(size=16), text)):
+        return None
+    best, found = lost, None
+    for file in _font_files():
+        try:
+            left = _missing(ImageFont.truetype(file, 16), text)
+        except OSError:  # not on this machine
+            continue
+        if len(left) < len(best):
+            best, found = left, file
+        if not best:
+            return found
+    letters = ", ".join(dict.fromkeys(best))
+    warnings.warn(
+        f"{text[:40]}: expected letters of a font of this machine, got {letters}: drawn as boxes; "
+        "install DejaVu or Noto fonts, or write it with other letters",
+        stacklevel=2,
+    )
+    return found
+
+
+def _font_files() -> list[str]:
+    """Fonts of many letters, by name where the system finds them; Matplotlib brings one."""
+    names = ["DejaVuSans.ttf", "NotoSans-Regular.ttf", "NotoSansCJK-Regular.ttc"]
+    names += ["Arial Unicode.ttf", "arial.ttf", "Arial.ttf", "LiberationSans-Regular.ttf"]
+    matplotlib = importlib.util.find_spec("matplotlib")
+    if matplotlib and matplotlib.origin:
+        folder = os.path.join(os.path.dirname(matplotlib.origin), "mpl-data", "fonts", "ttf")
+        names.insert(1, os.path.join(folder, "DejaVuSans.ttf"))
+    return names
+
+
+def _missing(font: Any, text: str) -> str:
+    """The letters of a text for which a font draws its box."""
+
+    def drawn(letter: str) -> tuple[Any, bytes]:
+        mask = font.getmask(letter)
+        return mask.size, bytes(mask)
+
+    box = drawn("\uffff")
+    return "".join(letter for letter in text if drawn(letter) == box)
 
 
 def sizes(side: float) -> tuple[int, int, int]:

@@ -115,7 +115,8 @@ class Mesh:
         if color is not None and face_color is not None:
             raise ValueError("face_color: expected no color beside face_color, got both")
         found = _triangles(vertices, faces)
-        self._vertices = _checked_vertices(found.vertices)
+        file = f"{os.fspath(vertices)}: " if isinstance(vertices, (str, os.PathLike)) else ""
+        self._vertices = _checked_vertices(found.vertices, file)
         n = self._vertices.shape[0]
         self.vertices = self._vertices.owner
         self.faces = _checked_faces(found.faces, n)
@@ -321,7 +322,7 @@ def _triangles(vertices: Any, faces: Any) -> Triangles:
     )
 
 
-def _checked_vertices(vertices: Any) -> View:
+def _checked_vertices(vertices: Any, file: str = "") -> View:
     found = view("vertices", vertices, 3)
     if isinstance(found.owner, np.ndarray):
         if found.owner.base is not None or found.owner is vertices:
@@ -330,7 +331,7 @@ def _checked_vertices(vertices: Any) -> View:
         if wrong.any():
             i = int(np.argmax(wrong))
             got = f"{found.owner[i].tolist()} (vertex {i})"
-            raise ValueError(f"vertices: expected finite coordinates up to 1e18, got {got}")
+            raise ValueError(f"{file}vertices: expected finite coordinates up to 1e18, got {got}")
     return found
 
 
