@@ -18,6 +18,7 @@ def test_which_particles_are_flat():
     assert (gb.Particles(plane()[:, :2]).positions == plane().astype("f4")).all()
     assert not is_flat(gb.Particles(plane(9)))  # fewer than 100
     assert not is_flat(gb.Particles(plane()[:, [0, 2, 1]]))  # another plane
+    assert not is_flat(gb.Particles(plane() * [1, 0, 0]))  # a line
     bent = plane()
     bent[7, 2] = 0.01
     assert not is_flat(gb.Particles(bent))

@@ -86,13 +86,16 @@ def fluid_like(particles: Particles, scene: Scene | None = None) -> Likeness:
 
 
 def is_flat(particles: Particles) -> bool:
-    """Whether particles are 2-D data: at least 100, all finite ones at the same z."""
+    """Whether particles are 2-D data: at least 100, all finite ones at the same z, not in a line
+    along an axis."""
     if len(particles) < FEWEST or particles.anisotropy is not None:
         return False
     inside = particles.finite_positions()
     if len(inside) < FEWEST:
         return False
-    return bool(_size(inside).max() > 0) and _is_thin(inside, 2)
+    if not _size(inside).max() > 0 or not _is_thin(inside, 2):
+        return False
+    return not (_is_thin(inside, 0) or _is_thin(inside, 1))
 
 
 def _is_thin(positions: np.ndarray, axis: int) -> bool:
