@@ -50,6 +50,14 @@ GB_FN Influence<F> influence(const Kernel& kernel, const Shape& shape, const Vec
 
 inline constexpr float kWetShare = 0.85f;  ///< of a film's colour, in what is wet
 
+/// How wet a point of the surface is, 0 to 1, and its colour under the film, where particles' wetness blends to `blended`.  At a
+/// surface its own layer, the one that gets wet, has about half of the influence.  The film's colour is in theirs already.
+GB_FN float under_film(float blended, const float3& film, float3& color) {
+    const float inside = min(blended, 1.0f), wetness = min(2.0f * inside, 1.0f);
+    color = film + (color - film) * ((1.0f - kWetShare * wetness) / (1.0f - kWetShare * inside));
+    return wetness;
+}
+
 /// Colours blended by influence: sum w v / sum w, w = max(c b, 0) (§6.0.2).
 template <class F>
 struct BlendedColor {

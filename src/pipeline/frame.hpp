@@ -50,6 +50,12 @@ inline bool acts(float of_material, const Attribute& own) {
     return of_material > 0.0f || (of_material < 0.0f && (own.data || own.uniform > 0.0f));
 }
 
+/// Whether what light does at a layer's surface ends there: it lets none through, and sends none on that is followed.
+inline bool ends_light(const Lighting& lighting, const Material& m, const Attributes& attributes) {
+    if (attributes.reflection.data || acts(m.transmission, attributes.refraction)) return false;
+    return lighting.bounces == 0 || !(acts(m.reflection, attributes.reflection) || m.index != 0.0f);
+}
+
 /// Whether light makes no more than one turn in a picture.
 inline bool is_plain(const PictureRequest& request, const Attributes& attributes) {
     const Lighting& l = request.lighting;

@@ -52,8 +52,10 @@ public:
         return sky_.data();
     }
 
-    void add_passes(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame, int passes) {
+    /// by_tiles: light makes no turns but shadows, and nothing is cut (trace/seen.hpp); else layers have their cells.
+    void add_passes(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame, int passes, bool by_tiles) {
         const typename Exec::Stage stage("frame of waves");
+        by_tiles_ = by_tiles;
         const std::size_t n = frame.rays.n;
         frame.sums.reserve(frame.floats_of_sums(n));
         // Some bands at once, so that one works while another's last rays are on their way.
@@ -138,21 +140,45 @@ private:
         return std::uint32_t(max(kRows, min(most_rows / kRows, ceil_div<std::size_t>(share, kRows)) * kRows));
     }
 
-    static void trace(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, Waves<Exec>& waves, int n_layers) {
+    void trace(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, Waves<Exec>& waves, int n_layers) const {
+        const auto by_tiles = [&](int k) { return by_tiles_ && !layers[k].scene.mesh.is_there(); };
         waves.trace(
-            lighting, n_layers,
+            lighting, n_layers, by_tiles_ ? Share::kTile : 1,
             [&](Exec& exec, const WaveRays& rays, int k, LayerHits& found) {
+                if (by_tiles(k)) return layers[k].scene.see(exec, layers[k].field, rays.source, waves.seen(found));
                 if (layers[k].remote) return layers[k].remote->march(exec, rays, k, found);
                 layers[k].scene.march(exec, layers[k].field, layers[k].clips, rays, k, found, n_layers == 1);
             },
             [&](Exec& exec, const WaveRays& rays, int k, const LayerHits& found, const WaveHits& hits) {
+                if (by_tiles(k)) return exec.for_each(rays.source.n, KeepSeen{layers[k].scene.attributes(), rays, k, waves.seen(found), hits});
                 if (layers[k].remote) return layers[k].remote->keep(exec, layers[k].clips, rays, k, found, hits);
                 layers[k].scene.keep(exec, layers[k].field, layers[k].clips, rays, k, found, hits);
             },
             [&](Exec& exec, const WaveRays& rays, const WaveHits& hits, int k, float* visibility) {
+                if (by_tiles(k)) return cast_shadows(exec, layers[k], lighting, waves, rays, hits, k, visibility);
                 if (layers[k].remote) return layers[k].remote->occlude(exec, lighting, rays, hits, k, visibility);
                 layers[k].scene.occlude(exec, layers[k].field, layers[k].clips, lighting, rays, hits, k, visibility);
             });
+    }
+    /// Of an opaque layer, light by light.
+    static void cast_shadows(Exec& exec, const PictureLayer<Exec>& layer, const Lighting& lighting, Waves<Exec>& waves, const WaveRays& rays, const WaveHits& hits,
+                             int k, float* visibility) {
+        const typename Exec::Stage stage("shadows");
+        const std::size_t n = rays.source.n;
+        float *origin, *direction, *distance;
+        Hits ends;
+        std::uint8_t* wanted;
+        waves.shadow_room(origin, direction, distance, ends, wanted);
+        RaySource source = rays.source;
+        source.origins = origin;
+        source.directions = direction;
+        source.only = wanted;
+        source.of_pixels = true;
+        for (int which = 0; which < lighting.n_visibilities(); ++which) {
+            exec.for_each(n, AimShadows{lighting, rays, hits, k, which, visibility, origin, direction, distance, wanted});
+            layer.scene.see_shadows(exec, layer.field, source, ends);
+            exec.for_each(n, Darken{wanted, ends.t, distance, visibility + std::size_t(which) * n});
+        }
     }
     void finish(const Band& b, const Lighting& lighting, FrameImages<Exec>& frame, int passes, const std::uint8_t* only) {
         const std::size_t n = frame.rays.n;
@@ -162,6 +188,7 @@ private:
     }
 
     std::shared_ptr<Exec> exec_;
+    bool by_tiles_ = false;
     std::deque<Waves<Exec>> waves_;  ///< one a stream
     std::deque<Buffer<Clip, Exec>> clips_;
     std::deque<RemoteScene<Exec>> remotes_;

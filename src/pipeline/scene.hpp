@@ -227,22 +227,24 @@ private:
         Lighting lighting = request.lighting;
         std::vector<PictureLayer<Exec>> layers;
         bool inside = request.camera.orthographic;  // whose rays may begin there
+        bool by_tiles = lighting.ambient_rays == 0 && (lighting.bounces == 0 || !lighting.ground.present || lighting.ground.reflection == 0.0f);
         for (std::size_t k = 0; k < request.layers.size(); ++k) {
             const LayerRequest& layer = request.layers[k];
             const Attributes& attributes = static_cast<SceneImpl*>(layer.scene)->builder_.now().attributes;
             inside = inside || !layer.clips.empty() || acts(lighting.materials[k].transmission, attributes.refraction);
+            by_tiles = by_tiles && !layer.field.thesis && !layer.remote && layer.clips.empty() && ends_light(lighting, lighting.materials[k], attributes);
         }
         for (std::size_t k = 0; k < request.layers.size(); ++k) {
             const LayerRequest& layer = request.layers[k];
             SceneImpl& scene = *static_cast<SceneImpl*>(layer.scene);
             layers.push_back({scene.traced(), layer.field, pictures_.bring_clips(k, layer.clips), pictures_.remote(k, layer.remote)});
             if (layer.remote) continue;
-            scene.traced().prepare_cells(*scene.exec_, layer.field, inside, request.camera.eye);
+            if (!by_tiles) scene.traced().prepare_cells(*scene.exec_, layer.field, inside, request.camera.eye);
             if (scene.mesh_.is_there()) (scene.mesh_.is_closed() ? lighting.closed : lighting.sheets) |= 1u << k;
             if (scene.exec_ != exec_) exec_->follow(*scene.exec_);
         }
         lighting.sky.image = pictures_.bring_sky(request);
-        pictures_.add_passes(layers, lighting, images, passes);
+        pictures_.add_passes(layers, lighting, images, passes, by_tiles);
         for (const LayerRequest& layer : request.layers)  // no scene must change before the picture is made
             if (auto& exec = static_cast<SceneImpl*>(layer.scene)->exec_; exec != exec_) exec->follow(*exec_);
     }

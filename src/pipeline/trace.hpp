@@ -7,6 +7,7 @@
 #include "pipeline/mesh.hpp"
 #include "pipeline/thesis.hpp"
 #include "trace/resolve.hpp"
+#include "trace/seen.hpp"
 #include "trace/tile.hpp"
 #include "trace/wave.hpp"
 
@@ -58,11 +59,27 @@ struct Traced {
         if (field.thesis)
             return ThesisTracer<Exec>{exec, octree(), near, work, *field.thesis, field, attributes().color, attributes().one_color}(rays, hits);
         with_kinds(octree(), field.kernel, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel& kernel, std::bool_constant<PerParticle>) {
-            const SortedParticles& p = octree().particles();
-            const TraceTiles<Tree, Kernel, PerParticle> tiles{tree, p, kernel, scaled_threshold(field, p, PerParticle), attributes().color,
-                                                              attributes().one_color, rays, hits};
-            exec.clear(hits.undecided.n, sizeof *hits.undecided.n);
-            exec.for_each_tile(tiles.template n_tiles<typename Exec::Group>(), tiles);
+            trace_tiles<Sight::surface>(exec, field, tree, kernel, std::bool_constant<PerParticle>{}, rays, hits);
+        });
+    }
+    /// First hits and what they look like, where nothing is cut.
+    void see(Exec& exec, const FieldRequest& field, const RaySource& rays, const Hits& hits) const {
+        const typename Exec::Stage stage("see");
+        with_kinds(octree(), field.kernel, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel& kernel, std::bool_constant<PerParticle> kind) {
+            const Attributes& a = attributes();
+            if (a.wetness.data) trace_tiles<Sight::wet_surface>(exec, field, tree, kernel, kind, rays, hits);
+            else trace_tiles<Sight::surface>(exec, field, tree, kernel, kind, rays, hits);
+            const ResolveRays<Tree, PerParticle> rest{tree, octree().particles(), {field.kernel}, field.threshold, a.color, a.one_color,
+                                                      rays, hits, {}, hits.sign, nullptr, a.wetness.data, a.wet};
+            exec.for_each_tile_of(hits.undecided.n, rest);
+        });
+    }
+    /// How far shadow rays get, one for each pixel that `rays` wants.
+    void see_shadows(Exec& exec, const FieldRequest& field, const RaySource& rays, const Hits& hits) const {
+        with_kinds(octree(), field.kernel, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel& kernel, std::bool_constant<PerParticle> kind) {
+            trace_tiles<Sight::shadow>(exec, field, tree, kernel, kind, rays, hits);
+            exec.for_each_tile_of(hits.undecided.n, ResolveRays<Tree, PerParticle, true>{tree, octree().particles(), {field.kernel}, field.threshold,
+                                                                                        nullptr, {}, rays, hits});
         });
     }
     /// The few rays that float32 could not decide, in float64.
@@ -74,6 +91,17 @@ struct Traced {
                                                       attributes().one_color, rays, hits};
             exec.for_each_tile_of(hits.undecided.n, rest);
         });
+    }
+
+    template <Sight sight, class Tree, class Kernel, bool PerParticle>
+    void trace_tiles(Exec& exec, const FieldRequest& field, const Tree& tree, const Kernel& kernel, std::bool_constant<PerParticle>, const RaySource& rays,
+                     const Hits& hits) const {
+        const SortedParticles& p = octree().particles();
+        const Attributes& a = attributes();
+        const TraceTiles<Tree, Kernel, PerParticle, sight> tiles{tree, p, kernel, scaled_threshold(field, p, PerParticle), a.color, a.one_color,
+                                                                 rays, hits, a.wetness.data, a.wet};
+        exec.clear(hits.undecided.n, sizeof *hits.undecided.n);
+        exec.for_each_tile(tiles.template n_tiles<typename Exec::Group>(), tiles);
     }
 
     /// fn(tracer) with the tracer through cells.

@@ -14,7 +14,7 @@ class Waves {
 public:
     explicit Waves(std::shared_ptr<Exec> exec)
         : exec_(std::move(exec)), sides_{Side(*exec_), Side(*exec_)}, hits_(*exec_), first_(*exec_), layer_(*exec_), found_(*exec_),
-          cap_(*exec_), sign_(*exec_), item_(*exec_), visibility_(*exec_), n_children_(*exec_), sum_(*exec_), undecided_(*exec_) {}
+          cap_(*exec_), sign_(*exec_), item_(*exec_), visibility_(*exec_), n_children_(*exec_), sum_(*exec_), undecided_(*exec_), tile_floats_(*exec_), wanted_(*exec_) {}
 
     Exec& exec() { return *exec_; }
 
@@ -34,9 +34,9 @@ public:
     }
 
     /// The present generation.  march(exec, rays, layer, found): distances; keep(exec, rays, layer, found, hits):
-    /// what is nearest; occlude(exec, rays, hits, layer, visibility).
+    /// what is nearest; occlude(exec, rays, hits, layer, visibility).  margin: of pixels around a share's own.
     template <class March, class Keep, class Occlude>
-    void trace(const Lighting& lighting, int n_layers, const March& march, const Keep& keep, const Occlude& occlude) {
+    void trace(const Lighting& lighting, int n_layers, int margin, const March& march, const Keep& keep, const Occlude& occlude) {
         const std::size_t n = rays_.source.n, items = rays_.source.n_items();
         std::uint32_t* undecided = undecided_.reserve(n + 1);
         const LayerHits found{found_.reserve(n), cap_.reserve(n), sign_.reserve(n), item_.reserve(n), {undecided, undecided + 1}};
@@ -45,7 +45,7 @@ public:
             march(*exec_, rays_, layer, of_layer);
             keep(*exec_, rays_, layer, of_layer, hits_now_);
         }
-        if (lighting.ground.present) exec_->for_each(n, MeetGround{lighting.ground, rays_, hits_now_});
+        if (lighting.ground.present) exec_->for_each(n, MeetGround{lighting.ground, rays_, hits_now_, margin});
         const int n_visibilities = lighting.n_visibilities();
         float* visibility = n_visibilities ? visibility_.reserve(n_visibilities * n) : nullptr;
         for (int layer = 0; n_visibilities && layer < n_layers; ++layer) occlude(*exec_, rays_, hits_now_, layer, visibility);
@@ -77,6 +77,22 @@ public:
         ++generation_;
         return true;
     }
+    /// Room for what tiles see of a layer: as Hits, with the wave's own distances.
+    Hits seen(const LayerHits& found) {
+        const std::size_t n = rays_.source.n;
+        float* room = tile_floats_.reserve(8 * n);
+        return {found.t, room, room + 3 * n, found.undecided, found.sign, room + 6 * n};
+    }
+    /// Room for shadow rays, while the layer's hits are not needed any more: origins, directions, distances of the light, and where rays end.
+    void shadow_room(float*& origin, float*& direction, float*& distance, Hits& hits, std::uint8_t*& wanted) {
+        const std::size_t n = rays_.source.n;
+        origin = tile_floats_.reserve(8 * n);
+        direction = origin + 3 * n;
+        distance = origin + 6 * n;
+        std::uint32_t* undecided = undecided_.reserve(n + 1);
+        hits = {origin + 7 * n, nullptr, nullptr, {undecided, undecided + 1}};
+        wanted = wanted_.reserve(n);
+    }
     const WaveHits& first_hits() const { return first_hits_; }
     const std::uint64_t* sum() const { return sum_.data(); }
 
@@ -102,6 +118,8 @@ private:
     Buffer<std::uint32_t, Exec> n_children_;
     Buffer<std::uint64_t, Exec> sum_;
     Buffer<std::uint32_t, Exec> undecided_;
+    Buffer<float, Exec> tile_floats_;
+    Buffer<std::uint8_t, Exec> wanted_;
 };
 
 }  // namespace globule::core

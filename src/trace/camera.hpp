@@ -56,6 +56,7 @@ struct RaySource {
     std::uint32_t pass = 0;       ///< 0: through the pixels' centres; else anywhere in the pixel
     const std::uint8_t* only = nullptr;  ///< pixels that have a ray where it is not 0; null: all
     std::uint32_t samples = 1;           ///< rays of each pixel of `only`, of as many passes: ray k n + i is pixel i's k-th
+    bool of_pixels = false;              ///< origins: one for each of the camera's pixels, whose tiles they form
     GB_FN std::size_t n_rays() const { return n * samples; }
 
     /// Work items: the pixels in Morton order within squares of 64, so that neighbours in memory, and

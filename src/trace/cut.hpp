@@ -5,8 +5,6 @@
 
 namespace globule::core {
 
-inline constexpr float kStart = 1e-4f;  ///< in typical supports: secondary rays begin so far on, on a known side
-
 /// Where a ray meets one layer, while that is being found out.
 struct LayerHits {
     float* t;               ///< infinity: nowhere; undecided(t): only float64 can tell from t on

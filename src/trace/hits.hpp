@@ -18,6 +18,8 @@ struct Hits {
     float* normal;   ///< (n, 3) -grad f / |grad f|; null: distances alone are wanted
     float* albedo;   ///< (n, 3) blended colour
     UndecidedRays undecided{};
+    std::int8_t* sign = nullptr;     ///< -1: the ray came to t from inside; else +1; 0: only float64 can tell
+    float* wetness = nullptr;        ///< (n,) blended, of tracers that are told the particles'
 };
 
 /// Marks a ray that only float64 can decide, from t on; its own inverse.
@@ -30,5 +32,6 @@ GB_FN void write3(float* to, std::size_t i, const float3& v) {
 }
 
 inline constexpr float kWindow = 0.5f;  ///< over which march() bounds f'', in the list's smallest support
+inline constexpr float kStart = 1e-4f;  ///< in typical supports: secondary rays begin so far on, on a known side
 
 }  // namespace globule::core

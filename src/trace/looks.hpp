@@ -39,12 +39,7 @@ struct BlendedAttributes {
         const float scale = color.scale();
         Looks looks{gradient, of.color ? color.sum * scale : of.one_color, of.reflection.data ? reflection * scale : of.reflection.uniform,
                     of.refraction.data ? refraction * scale : of.refraction.uniform, of.wetness.uniform};
-        if (of.wetness.data) {
-            // At a surface its own layer, the one that gets wet, has about half of the influence.
-            const float inside = min(wetness * scale, 1.0f);
-            looks.wetness = min(2.0f * inside, 1.0f);
-            looks.color = of.wet + (looks.color - of.wet) * ((1.0f - kWetShare * looks.wetness) / (1.0f - kWetShare * inside));
-        }
+        if (of.wetness.data) looks.wetness = under_film(wetness * scale, of.wet, looks.color);
         return looks;
     }
 };

@@ -163,7 +163,9 @@ GB_FN void add_exact(Along<double>& sum, const SortedParticles& particles, const
 /// Walks lanes from t to `end`.  `hit`: crossed at t.  `doubtful`: this precision cannot tell from t on.
 /// The bounds cost more than f and f' together and hold for a whole window, so they are asked for
 /// only when some lane has used its window up.
-template <class F, class B, class Source>
+/// Leaving: rays may begin on the surface itself, on a known side: while one moves away from the threshold it has not met
+/// it, however near it is (as step_along in trace/cell_tracer.hpp).
+template <bool Leaving = false, class F, class B, class Source>
 GB_FN void march(const Source& source, const Limits<F>& lim, F end, B active, F& t, B& hit, B& doubtful) {
     F rise = F(0), fall = F(0), window_end = t;
     for (int step = 0; source.any(active); ++step) {
@@ -183,11 +185,18 @@ GB_FN void march(const Source& source, const Limits<F>& lim, F end, B active, F&
         const F bottom = slope + quick_root(max(under, F(0)));
         const auto reaches = (under >= F(0)) & (bottom > F(0));
         const F rest = window_end - t;
-        const F move = select(reaches, quick_quotient(F(2) * safe, select(reaches, bottom, F(1))), rest);
+        F move = select(reaches, quick_quotient(F(2) * safe, select(reaches, bottom, F(1))), rest);
+        B towards = active;
+        if constexpr (Leaving) {
+            const B away = slope <= F(0), curved = rise > F(0);
+            const F back = quick_quotient(quick_root(max(under, F(0))) - slope, select(curved, rise, F(1)));  // the bound's second root
+            move = select(away, select(curved, max(back, lim.least_step), rest), move);
+            towards = towards & !away;
+        }
         // A Newton step ends this where its error, curvature move^2 / (2 slope), is small enough and f is
         // certain to rise by the gap and this precision's error: by slope^2 / (2 fall), or slope rest / 2
         // up to the window's end.
-        const B at_surface = active & ((gap <= F(2) * lim.error) | (move <= lim.least_step));
+        const B at_surface = towards & ((gap <= F(2) * lim.error) | (move <= lim.least_step));
         const B quick = active & (move * move * max(rise, fall) <= F(2) * lim.least_step * slope);
         const F lift = F(2) * (max(gap, F(0)) + F(4) * lim.error);
         const B certain = (at_surface | quick) & (slope > F(0)) & (slope * slope > fall * lift) & (slope * rest > lift);

@@ -105,8 +105,9 @@ struct MeetGround {
     Ground ground;
     WaveRays rays;
     WaveHits out;
+    int margin;  ///< around a share's own pixels
     GB_FN void operator()(std::size_t i) const {
-        if (!rays.source.has(i)) return;
+        if (!rays.source.has(i, margin)) return;
         float3 o, d;
         rays.source.get(i, o, d);
         if (rays.primary() && dot(ground.normal, o) < ground.offset) rays.inside[i] |= kBelowGround;

@@ -17,11 +17,12 @@ struct ShadowRay {
 
     /// The k-th of n_visibilities * n_items; false: nothing to find out.  Layer 0 begins the share and tests the ground.
     GB_FN bool start(std::size_t k, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer, float* visibility) {
-        const std::size_t n = rays.source.n, items = rays.source.n_items();
-        const std::size_t i = rays.source.swizzled(k % items);
-        if (i >= n) return false;
-        int which = int(k / items);
-        out = visibility + std::size_t(which) * n + i;
+        const std::size_t items = rays.source.n_items(), i = rays.source.swizzled(k % items);
+        return i < rays.source.n && start(i, int(k / items), lighting, rays, hits, layer, visibility);
+    }
+    /// Ray i's, to ambient light or light number `which`.
+    GB_FN bool start(std::size_t i, int which, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer, float* visibility) {
+        out = visibility + std::size_t(which) * rays.source.n + i;
         if (layer == 0) *out = 1.0f;
         if (hits.layer[i] == kMissed || *out == 0.0f) return false;
         const Point h = point_of(lighting, rays, hits, i);

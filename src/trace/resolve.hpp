@@ -55,8 +55,8 @@ struct TreeSource {
     }
 };
 
-/// Tile k is the k-th of out.undecided.
-template <class Tree, bool PerParticle>
+/// Tile k is the k-th of out.undecided.  Leaving: rays begin outside, and may begin on the surface (march()).
+template <class Tree, bool PerParticle, bool Leaving = false>
 struct ResolveRays {
     template <class Group>
     using Scratch = ResolveScratch<Group, PerParticle>;
@@ -72,6 +72,8 @@ struct ResolveRays {
     Clips clips{};
     std::int8_t* sign = nullptr;       ///< +1 or -1: the side where each ray is at its undecided t; 0 or null: to be found
     std::int32_t* cap = nullptr;       ///< with clips: where a cut face is met, its clip
+    const float* wetness = nullptr;    ///< of the particles, as out.wetness is wanted
+    float3 film{};                     ///< its colour
 
     template <class Group>
     GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t k) const {
@@ -89,11 +91,14 @@ struct ResolveRays {
         const bool hit = t < infinity();
         Vec3<double> gradient{0, 0, 0};
         BlendedColor<double> blended;
+        double wet = 0;
         const auto add = [&](std::uint32_t slot) {
             if_reaching(particles, slot, p, [&](const Vec3<double>& v, const SortedShape<double>& shape) {
                 const Influence<double> of = influence(kernel, shape, v, double(particles.weight[slot]));
                 gradient = gradient + of.half_gradient;
-                blended.add(color, particles.index[slot], max(of.value, 0.0));
+                const double w = max(of.value, 0.0);
+                blended.add(color, particles.index[slot], w);
+                if (wetness) wet += w * wetness[particles.index[slot]];
             });
         };
         if (hit && n > 0)
@@ -104,6 +109,7 @@ struct ResolveRays {
             });
         gradient = total(g, gradient);
         blended = {total(g, blended.sum), g.total(blended.total)};
+        if (wetness) wet = g.total(wet) * blended.scale();
         if (!g.is_first()) return;  // one lane writes
         out.t[i] = float(t);
         if (!hit) {
@@ -112,7 +118,9 @@ struct ResolveRays {
             return;
         }
         write3(out.normal, i, point(normalize(gradient) * -1.0));
-        write3(out.albedo, i, color ? point(blended.mean()) : one_color);
+        float3 seen = color ? point(blended.mean()) : one_color;
+        if (wetness) out.wetness[i] = under_film(float(wet), film, seen);
+        write3(out.albedo, i, seen);
     }
 
     GB_FN static float3 point(const Vec3<double>& p) { return {float(p.x), float(p.y), float(p.z)}; }
@@ -122,12 +130,12 @@ struct ResolveRays {
     /// First root or cut face of ray i, from where it is undecided, through what the clips keep.
     template <class Group>
     GB_FN double solve_kept(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, std::size_t i, int& n) const {
-        double side = sign ? double(sign[i]) : 0.0;
+        double side = Leaving ? 1.0 : sign ? double(sign[i]) : 0.0;
         float from = undecided(out.t[i]), begin, end;
         int at_begin, at_end;
         g.sync();  // all have read t
         const TreeSource<Tree, Group> straight{g, tree, particles, kernel, {o.x, o.y, o.z}, {d.x, d.y, d.z}};
-        if (sign && side == 0.0) {
+        if (!Leaving && sign && side == 0.0) {
             side = straight.template at<false>(from, {}).f > tau ? -1.0 : 1.0;
             if (g.is_first()) sign[i] = std::int8_t(side);
         }
@@ -193,7 +201,7 @@ struct ResolveRays {
     template <class Source>
     GB_FN bool search(const Source& source, const Limits<double>& lim, double& t, double end) const {
         bool hit = false, unsure = false;
-        march(source, lim, end, true, t, hit, unsure);
+        march<Leaving>(source, lim, end, true, t, hit, unsure);
         return hit || (unsure && abs(source.template at<false>(t, lim).f - lim.tau) < 1e4 * lim.error);
     }
 };

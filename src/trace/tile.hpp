@@ -11,7 +11,10 @@ namespace globule::core {
 inline constexpr float kSlab = 1.5f;    ///< depth of a slab to begin with, in typical supports, where particles are balls
 inline constexpr float kSpread = 8.0f;  ///< of a flock to begin with, likewise
 
-template <class Tree, class Kernel, bool PerParticle>
+/// What rays of tiles are for: to see the surface, also wet tissue; or shadows, which begin outside, at a surface, and ask for distances alone.
+enum class Sight { surface, wet_surface, shadow };
+
+template <class Tree, class Kernel, bool PerParticle, Sight sight = Sight::surface>
 struct TraceTiles {
     static constexpr int tile_blocks = PerParticle ? 4 : 5;  ///< of tiles at one time on a GPU's processor
     static constexpr int tiles_of_block = Kernel::stretched ? 1 : 4;
@@ -28,6 +31,8 @@ struct TraceTiles {
     float3 one_color;
     RaySource rays;
     Hits out;
+    const float* wetness = nullptr;  ///< (n,) of wet surfaces, caller's order
+    float3 film{};                   ///< its colour
 
     template <class Group>
     std::size_t n_tiles() const { return typename TileRays<Group>::Layout{rays}.n_tiles(); }
@@ -38,7 +43,8 @@ struct TraceTiles {
         if (rays.samples > 1 && !tile.layout.mark(g, number, scratch.marked)) return;
         const float typical = tree.header->typical_support;
         const Node box = tree.empty() ? Node{} : tree.node(0);
-        tile.start(g, tile.layout, number, box.lo, box.hi, 1e-3f * typical);
+        constexpr bool leaving = sight == Sight::shadow;
+        tile.start(g, tile.layout, number, box.lo, box.hi, 1e-3f * typical, leaving ? kStart * typical : 0.0f, leaving);
         for (int v = 0; tree.empty() && v < Group::vectors; ++v) tile.pending[v] = g.none();
         Flock<Group> flock;
         while (flock.choose_leader(g, tile, box.lo, box.hi)) {
@@ -125,7 +131,7 @@ private:
         }
         lim.sign = tile.sign[v];
         B hit = g.none(), doubtful = g.none();
-        march(source, lim, F(slab.dz * scale), active, t, hit, doubtful);
+        march<sight == Sight::shadow>(source, lim, F(slab.dz * scale), active, t, hit, doubtful);
         leave(g, tile, v, doubtful, F(slab.z) + t * F(typical));
         if (g.any(hit)) write_hits(g, scratch, tile, v, hit, found.n, p0 + d * t, F(slab.z) + t * F(typical));
         return hit | doubtful;
@@ -155,7 +161,9 @@ private:
             const std::size_t i = index(tile, v, lane);
             out.t[i] = undecided(Group::get(t, lane));
             out.undecided.add(i);
+            write_sign(tile, v, lane, i);
         });
+        if (out.sign) g.per_lane(which & tile.fresh[v], [&](int lane) { out.sign[index(tile, v, lane)] = 0; });
         return which;
     }
 
@@ -171,25 +179,38 @@ private:
     GB_FN void write_hits(Group& g, const Scratch<Group>& scratch, const Tile<Group>& tile, int v, const typename Group::B& hit, int n,
                           const Vec3<typename Group::F>& p, const typename Group::F& t) const {
         using F = typename Group::F;
-        if (!out.normal) {
-            g.per_lane(hit, [&](int lane) { out.t[index(tile, v, lane)] = Group::get(t, lane); });
+        if (sight == Sight::shadow || !out.normal) {
+            g.per_lane(hit, [&](int lane) {
+                out.t[index(tile, v, lane)] = Group::get(t, lane);
+                write_sign(tile, v, lane, index(tile, v, lane));
+            });
             return;
         }
         Vec3<F> gradient{F(0.0f), F(0.0f), F(0.0f)};
         BlendedColor<F> blended;
+        F wet(0.0f);
         for (int j = 0; j < n; ++j) {
             const float3 q = scratch.list.point(j);
             const Influence<F> of = influence_of<F>(scratch, j, {p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)});
             gradient = gradient + of.half_gradient;
-            if (color) blended.add(color, particles.index[scratch.list.number(j)], max(of.value, F(0.0f)));
+            const F w = max(of.value, F(0.0f));
+            if (color || sight == Sight::wet_surface) blended.add(color, particles.index[scratch.list.number(j)], w);
+            if constexpr (sight == Sight::wet_surface) wet += w * F(wetness[particles.index[scratch.list.number(j)]]);
         }
         const Vec3<F> normal = normalize(gradient), mean = blended.mean();
         g.per_lane(hit, [&](int lane) {
             const std::size_t i = index(tile, v, lane);
+            float3 seen = color ? float3{Group::get(mean.x, lane), Group::get(mean.y, lane), Group::get(mean.z, lane)} : one_color;
             out.t[i] = Group::get(t, lane);
             write3(out.normal, i, {-Group::get(normal.x, lane), -Group::get(normal.y, lane), -Group::get(normal.z, lane)});
-            write3(out.albedo, i, color ? float3{Group::get(mean.x, lane), Group::get(mean.y, lane), Group::get(mean.z, lane)} : one_color);
+            if constexpr (sight == Sight::wet_surface) out.wetness[i] = under_film(Group::get(wet, lane) / max(Group::get(blended.total, lane), 1e-30f), film, seen);
+            write3(out.albedo, i, seen);
+            write_sign(tile, v, lane, i);
         });
+    }
+    template <class Group>
+    GB_FN void write_sign(const Tile<Group>& tile, int v, int lane, std::size_t i) const {
+        if (out.sign) out.sign[i] = Group::get(tile.sign[v], lane) < 0.0f ? std::int8_t(-1) : std::int8_t(1);
     }
     /// Of the list's j-th particle, r from its centre.
     template <class F, class Scratch>

@@ -16,12 +16,12 @@ struct TileLayout {
     static_assert(across <= Share::kTile && kHeight <= Share::kTile);
 
     GB_FN std::size_t n_tiles() const {
-        if (rays.origins) return ceil_div<std::size_t>(rays.n, size);
+        if (rays.origins && !rays.of_pixels) return ceil_div<std::size_t>(rays.n, size);
         return std::size_t(ceil_div(rays.camera.width, across)) * ceil_div(rays.rows(), kHeight) * rays.samples;
     }
     /// Ray k of a tile; rays.n_rays(): none.
     GB_FN std::size_t ray(std::size_t tile, int k) const {
-        if (rays.origins) return tile * size + k;
+        if (rays.origins && !rays.of_pixels) return tile * size + k;
         if (rays.samples == 1) return pixel(std::uint32_t(tile), k);
         const std::uint32_t at = std::uint32_t(tile % rays.samples) * size + k, of = at / rays.samples;
         return int(of) < n_marked ? marked[of] + rays.n * (at - of * rays.samples) : rays.n_rays();
@@ -69,8 +69,8 @@ struct TileRays {
     B fresh[V];      ///< not known yet whether it begins inside
     B missed[V];     ///< neither hit nor left undecided so far
 
-    /// Rays of the tile up to where they meet `box`; `slack` makes up for rounding there.
-    GB_FN void start(Group& g, const Layout& layout, std::size_t tile, const float3& lo, const float3& hi, float slack) {
+    /// Rays of the tile up to where they meet `box`; `slack` makes up for rounding there.  They begin at `from`; known: outside.
+    GB_FN void start(Group& g, const Layout& layout, std::size_t tile, const float3& lo, const float3& hi, float slack, float from = 0.0f, bool known = false) {
         for (int v = 0; v < V; ++v) {
             const B valid = load(g, layout, tile, v);
             // Slab test; per axis, a direction of zero never divides.
@@ -85,8 +85,8 @@ struct TileRays {
             axis(o[v].y, d[v].y, lo.y, hi.y);
             axis(o[v].z, d[v].z, lo.z, hi.z);
             pending[v] = valid & (enter <= leave * F(1.00001f));
-            t[v] = max(enter * F(0.99999f) - F(slack), F(0.0f));
-            fresh[v] = !(t[v] > F(0.0f));
+            t[v] = max(enter * F(0.99999f) - F(slack), F(from));
+            fresh[v] = known ? g.none() : !(t[v] > F(0.0f));
             sign[v] = F(1.0f);
             missed[v] = valid;
         }
