@@ -53,7 +53,7 @@ def main() -> None:
     camera = gb.Camera(view.eye, view.look_at, view.up, view.fov)
     sim.scene.surface = options.surface
     settings = replace(gb.preset("tissue", sim.scene, view.up), samples=1, ambient_rays=0)
-    print(machine(sim.device))
+    print(machine(sim.scene.device.name if hasattr(sim.scene.device, "name") else str(sim.scene.device)))
     print("   at, s  steps, ms  image, ms  frames/s  slowest, ms  steps a frame  fastest, m/s")
     for at in (float(v) for v in options.at.split(",")):
         if at > sim.time:

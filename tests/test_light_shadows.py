@@ -3,6 +3,7 @@
 import globule as gb
 import numpy as np
 import pytest
+from globule.scene import oracle
 from light import (
     CAMERA,
     CENTRE,
@@ -320,3 +321,22 @@ def test_no_light_from_below_the_ground(backend, kind):
     below = frame.mask & (frame.normal[..., 1] < -0.8)
     assert below.sum() > 10
     assert frame.color[below].max() < (1e-5 if kind == "sun" else 0.25)
+
+
+def test_shadows_are_exact(backend):
+    """Light arrives exactly where the float64 oracle finds nothing on the way, however narrow the miss."""
+    rng = np.random.default_rng(5)
+    p = (np.stack(np.meshgrid(*[np.arange(10.0)] * 3), -1).reshape(-1, 3) + rng.normal(0, 0.15, (1000, 3))).astype(np.float32)
+    p = p[rng.random(1000) < 0.35]  # drops and gaps: light comes through narrow ones
+    a = 1.3
+    sun = np.float32(unit((0.9, 0.25, 0.5)))
+    camera = gb.Camera((14, 9, 22), (4.5, 4.5, 4.5), fov=40)
+    look = quiet(lights=[gb.DirectionalLight(sun, (1, 1, 1))], shadows=True, edge_samples=0)
+    frame = gb.render(gb.Scene(p, support=a, threshold=0.4, **backend), camera, (200, 160), look)
+    facing = frame.mask & ((frame.normal @ sun) > 0.05)
+    o = frame.position[facing] + np.float32(1e-3 * a) * sun
+    t = oracle.first_hit(p, a, 1.0, "murakami", 0.4, o, np.broadcast_to(sun, o.shape))
+    lit = np.isinf(t)
+    assert lit.sum() > 500
+    assert (~lit).sum() > 500
+    np.testing.assert_array_equal((frame.color[facing] > 0).any(-1), lit)

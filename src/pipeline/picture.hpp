@@ -79,7 +79,8 @@ private:
         exec_->for_each(n, MarkEdges{frame.rays, frame.hits(), frame.layer(), contrast ? frame.picture() : nullptr, edge});
         frame.has_edges = true;
         scatter();
-        for (int k = 1; k <= lighting.edge_samples; ++k) add_pass(layers, lighting, frame, k, spare(n), edge);
+        if (by_tiles_) add_pass(layers, lighting, frame, 1, spare(n), edge, lighting.edge_samples);
+        for (int k = 1; !by_tiles_ && k <= lighting.edge_samples; ++k) add_pass(layers, lighting, frame, k, spare(n), edge);
         gather();
     }
     void scatter() {
@@ -96,9 +97,9 @@ private:
         return {room, room + n, room + 4 * n, {}};
     }
 
-    /// only: the pixels that have a ray; null: all.
+    /// only: the pixels that have a ray; null: all.  packed: of so many passes at once, or 0.
     void add_pass(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame, int pass, const Hits& first,
-                  const std::uint8_t* only) {
+                  const std::uint8_t* only, int packed = 0) {
         const CameraRays& camera = frame.rays.camera;
         const std::size_t n_streams = layers[0].field.thesis ? 1 : Exec::n_streams;
         const std::uint32_t height = std::uint32_t(camera.height), band = rows_of_band(camera, n_streams);
@@ -110,7 +111,7 @@ private:
             for (std::size_t k = 0; k < n_streams && next_row < height; ++k) {
                 const std::uint32_t rows = min(band, height - next_row);
                 const std::size_t at = std::size_t(next_row) * camera.width;
-                waves_[k].start(camera, next_row, rows, std::uint32_t(pass), only ? only + at : nullptr,
+                waves_[k].start(camera, next_row, rows, std::uint32_t(pass), only ? only + at : nullptr, std::uint32_t(packed),
                                 {first.t + at, first.normal + 3 * at, first.albedo + 3 * at, {}});
                 turn(waves_[k]);
                 bands.push_back({&waves_[k], at, std::size_t(rows) * camera.width});
@@ -122,7 +123,7 @@ private:
                         turn(*b.waves);
                         return false;
                     }
-                    finish(b, lighting, frame, pass + 1, only);
+                    finish(b, lighting, frame, pass + std::max(packed, 1), only);
                     return true;
                 });
         }
@@ -173,7 +174,7 @@ private:
         source.origins = origin;
         source.directions = direction;
         source.only = wanted;
-        source.of_pixels = true;
+        source.of_pixels = !source.packed;
         for (int which = 0; which < lighting.n_visibilities(); ++which) {
             exec.for_each(n, AimShadows{lighting, rays, hits, k, which, visibility, origin, direction, distance, wanted});
             layer.scene.see_shadows(exec, layer.field, source, ends);
@@ -183,7 +184,7 @@ private:
     void finish(const Band& b, const Lighting& lighting, FrameImages<Exec>& frame, int passes, const std::uint8_t* only) {
         const std::size_t n = frame.rays.n;
         float* sums = frame.sums.data();
-        b.waves->exec().for_each(b.n, Finish{b.waves->sum(), b.waves->first_hits().layer, only ? only + b.at : nullptr, b.at, lighting.exposure, passes, sums, sums + 3 * n,
+        b.waves->exec().for_each(b.n, Finish{b.waves->sum(), b.waves->first_hits().layer, b.waves->place_of(), lighting.edge_samples, only ? only + b.at : nullptr, b.at, lighting.exposure, passes, sums, sums + 3 * n,
                                             frame.color(), frame.picture(), frame.layer()});
     }
 

@@ -3,6 +3,7 @@
 #include "backends/backend.hpp"
 #include "exec/buffer.hpp"
 #include "trace/resolve.hpp"
+#include "trace/packed.hpp"
 #include "trace/wave.hpp"
 
 namespace globule::core {
@@ -14,13 +15,14 @@ class Waves {
 public:
     explicit Waves(std::shared_ptr<Exec> exec)
         : exec_(std::move(exec)), sides_{Side(*exec_), Side(*exec_)}, hits_(*exec_), first_(*exec_), layer_(*exec_), found_(*exec_),
-          cap_(*exec_), sign_(*exec_), item_(*exec_), visibility_(*exec_), n_children_(*exec_), sum_(*exec_), undecided_(*exec_), tile_floats_(*exec_), wanted_(*exec_) {}
+          cap_(*exec_), sign_(*exec_), item_(*exec_), visibility_(*exec_), n_children_(*exec_), sum_(*exec_), undecided_(*exec_), tile_floats_(*exec_), packed_(*exec_), wanted_(*exec_), is_there_(*exec_) {}
 
     Exec& exec() { return *exec_; }
 
     /// One pass over rows [first_row, first_row + rows) of the camera's picture, or of those pixels that `only` names; the first hits
-    /// go to `first`.
-    void start(const CameraRays& camera, std::uint32_t first_row, std::uint32_t rows, std::uint32_t pass, const std::uint8_t* only, const Hits& first) {
+    /// go to `first`.  packed: so many passes over those pixels, packed.
+    void start(const CameraRays& camera, std::uint32_t first_row, std::uint32_t rows, std::uint32_t pass, const std::uint8_t* only, std::uint32_t packed,
+               const Hits& first) {
         const std::size_t n_pixels = std::size_t(rows) * camera.width;
         std::uint64_t* sum = sum_.reserve(3 * n_pixels);
         exec_->clear(sum, 3 * n_pixels * sizeof(std::uint64_t));
@@ -31,6 +33,8 @@ public:
         float* more = first_.reserve(3 * n_pixels);
         hits_now_ = first_hits_ = {first.t, first.normal, first.albedo, more, more + n_pixels, more + 2 * n_pixels, layer};
         generation_ = 0;
+        place_of_ = nullptr;
+        if (packed) pack(packed);
     }
 
     /// The present generation.  march(exec, rays, layer, found): distances; keep(exec, rays, layer, found, hits):
@@ -95,8 +99,37 @@ public:
     }
     const WaveHits& first_hits() const { return first_hits_; }
     const std::uint64_t* sum() const { return sum_.data(); }
+    /// Where packed rays are, by pixel; null: at the pixels' own places.
+    const std::uint32_t* place_of() const { return place_of_; }
 
 private:
+    /// The first wave's rays side by side.
+    void pack(std::uint32_t samples) {
+        RaySource& source = rays_.source;
+        const RaySource pixels = source;
+        const std::size_t items = source.n_items(), n = items * samples;
+        std::uint32_t* place = n_children_.reserve(2 * n + 1);
+        exec_->for_each(items, CountMarked{pixels, place});
+        exec_->clear(place + items, sizeof *place);
+        exec_->exclusive_scan(items + 1, place);
+        float* room = side_->floats.reserve(6 * n);
+        std::uint32_t* numbers = packed_.reserve(n + pixels.n);
+        std::uint8_t* is_there = is_there_.reserve(n);
+        exec_->clear(is_there, n);
+        exec_->for_each(items, PackMarked{pixels, samples, place, room, room + 3 * n, numbers, numbers + n, is_there});
+        source.n = n;
+        source.origins = room;
+        source.directions = room + 3 * n;
+        source.only = is_there;
+        source.packed = samples;
+        rays_.pixel = numbers;
+        rays_.inside = side_->ids.reserve(2 * n);
+        place_of_ = numbers + n;
+        exec_->clear(sum_.reserve(3 * n), 3 * n * sizeof(std::uint64_t));
+        float* hits = hits_.reserve(10 * n);  // nobody asks for these later
+        hits_now_ = first_hits_ = {hits, hits + n, hits + 4 * n, hits + 7 * n, hits + 8 * n, hits + 9 * n, layer_.reserve(n)};
+    }
+
     struct Side {
         Buffer<float, Exec> floats;
         Buffer<std::uint32_t, Exec> ids;
@@ -119,7 +152,9 @@ private:
     Buffer<std::uint64_t, Exec> sum_;
     Buffer<std::uint32_t, Exec> undecided_;
     Buffer<float, Exec> tile_floats_;
-    Buffer<std::uint8_t, Exec> wanted_;
+    Buffer<std::uint32_t, Exec> packed_;
+    Buffer<std::uint8_t, Exec> wanted_, is_there_;
+    const std::uint32_t* place_of_ = nullptr;
 };
 
 }  // namespace globule::core

@@ -57,12 +57,14 @@ struct RaySource {
     const std::uint8_t* only = nullptr;  ///< pixels that have a ray where it is not 0; null: all
     std::uint32_t samples = 1;           ///< rays of each pixel of `only`, of as many passes: ray k n + i is pixel i's k-th
     bool of_pixels = false;              ///< origins: one for each of the camera's pixels, whose tiles they form
+    std::uint32_t packed = 0;            ///< not 0: origins are the camera's rays of some pixels, so many for each (trace/packed.hpp)
     GB_FN std::size_t n_rays() const { return n * samples; }
 
+    static constexpr std::uint32_t kEdge = 64, kSquare = kEdge * kEdge, kBlock = 64;  ///< of squares; of the blocks of 8 x 8 pixels in them
     /// Work items: the pixels in Morton order within squares of 64, so that neighbours in memory, and
     /// the rays that they send on, see the same places.
     GB_FN std::size_t n_items() const {
-        return origins ? n : std::size_t(ceil_div(camera.width, 64)) * ceil_div(rows(), 64) * 4096;
+        return origins ? n : std::size_t(ceil_div<std::uint32_t>(camera.width, kEdge)) * ceil_div<std::uint32_t>(rows(), kEdge) * kSquare;
     }
     /// Whether a ray is wanted; to trace it, the rest of its tile may be.
     GB_FN bool has(std::size_t i, int margin = 1) const { return (!only || only[i]) && (camera.share.n == 1 || mine(i, margin)); }
@@ -73,9 +75,9 @@ struct RaySource {
     }
     /// The ray of work item k; n: none.
     GB_FN std::size_t swizzled(std::size_t k) const {
-        if (origins) return k;
-        const std::uint32_t square = std::uint32_t(k / 4096), in = std::uint32_t(k % 4096), across = ceil_div(camera.width, 64);
-        const std::uint32_t x = square % across * 64 + every_other(in), y = square / across * 64 + every_other(in >> 1);
+        if (origins) return k < n && only && !only[k] ? n : k;
+        const std::uint32_t square = std::uint32_t(k / kSquare), in = std::uint32_t(k % kSquare), across = ceil_div<std::uint32_t>(camera.width, kEdge);
+        const std::uint32_t x = square % across * kEdge + every_other(in), y = square / across * kEdge + every_other(in >> 1);
         if (x >= std::uint32_t(camera.width)) return n;
         const std::size_t i = min(std::size_t(y) * camera.width + x, n);
         return i < n && !has(i) ? n : i;

@@ -20,7 +20,7 @@ struct Lit {
     const float* visibility;
     int generation;
     std::uint64_t* sum;
-    std::uint32_t first_pixel;   ///< that `sum` begins with
+    std::uint32_t first_pixel;   ///< that `sum` begins with; packed rays have a sum each
     std::uint32_t* n_children;   ///< (2 items,) mirrored, then transmitted: rays of a kind stay together
 
     GB_FN void operator()(std::size_t item) const {
@@ -30,7 +30,7 @@ struct Lit {
         float3 o, d;
         rays.source.get(i, o, d);
         float3 weight = rays.throughput_of(i);
-        const std::uint32_t pixel = rays.pixel_of(i) - first_pixel;
+        const std::uint32_t pixel = rays.source.packed ? std::uint32_t(i) : rays.pixel_of(i) - first_pixel;
         if (hits.layer[i] == kMissed) {
             accumulate(sum, pixel, weight * (rays.primary() && !lighting.show_sky ? lighting.background : lighting.sky(d)));
             return;
@@ -64,14 +64,14 @@ private:
         for (; which < lighting.ambient_rays; ++which) {
             float3 light = lighting.ambient;
             if (lighting.sky_light)
-                light = lighting.sky(cosine_direction(h.normal, sample(pixel, 8, rays.source.pass * std::uint32_t(lighting.ambient_rays) + which)));
+                light = lighting.sky(cosine_direction(h.normal, sample(pixel, 8, rays.pass_of(i) * std::uint32_t(lighting.ambient_rays) + which)));
             c = c + light * h.albedo * (share * visibility[which * n + i] / float(lighting.ambient_rays));
         }
         for (int k = 0; k < lighting.n_lights; ++k) {
             float3 l = h.d * -1.0f;
             float seen = 1.0f, distance;
             if (lighting.lights[k].kind != LightKind::head) {
-                lighting.towards(k, h.p, sample(pixel, 16 + which, rays.source.pass), l, distance);
+                lighting.towards(k, h.p, sample(pixel, 16 + which, rays.pass_of(i)), l, distance);
             } else if (!rays.primary()) {
                 const CameraRays& camera = rays.source.camera;
                 l = camera.orthographic ? camera.forward * -1.0f : normalize(camera.eye - h.p);

@@ -29,14 +29,14 @@ struct ShadowRay {
         const std::uint32_t pixel = rays.pixel_of(i), stream = 16 + std::uint32_t(which);
         if (which < lighting.ambient_rays) {
             if (h.split.matte * largest(rays.throughput_of(i)) < 0.25f * lighting.cutoff) return false;
-            d = cosine_direction(h.normal, sample(pixel, 8, rays.source.pass * std::uint32_t(lighting.ambient_rays) + which));
+            d = cosine_direction(h.normal, sample(pixel, 8, rays.pass_of(i) * std::uint32_t(lighting.ambient_rays) + which));
             distance = lighting.ambient_distance;
         } else {
             which -= lighting.ambient_rays;
             int light = 0;
             for (;; ++light)
                 if (lighting.casts(light) && which-- == 0) break;
-            lighting.towards(light, h.p, sample(pixel, stream, rays.source.pass), d, distance);
+            lighting.towards(light, h.p, sample(pixel, stream, rays.pass_of(i)), d, distance);
             // From behind, or too little to matter even in full view.
             const float3 full = rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, h.specular, h.shininess,
                                                                         h.normal, h.d, d, lighting.lights[light].radiance);

@@ -33,7 +33,7 @@ private:
     GB_FN float3 facet(const Point& h, std::size_t i, std::uint32_t branch) const {
         const float rough = hits.layer[i] == kGround ? 0.0f : h.material->roughness * h.material->roughness;
         if (rough <= 0.0f) return h.normal;
-        const Pair at = sample(rays.pixel_of(i), 64 + 2 * generation + branch, rays.source.pass);
+        const Pair at = sample(rays.pixel_of(i), 64 + 2 * generation + branch, rays.pass_of(i));
         const float tangent = rough * sqrt(at.u / max(1.0f - at.u, 1e-6f)), angle = 6.2831853f * at.v;
         float3 s, t;
         tangents(h.normal, s, t);

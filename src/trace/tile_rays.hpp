@@ -13,7 +13,7 @@ struct TileLayout {
     std::uint32_t* marked = nullptr;  ///< pixels of the rectangle that have several rays
     int n_marked = 0;
     static constexpr int kHeight = (size + across - 1) / across;
-    static_assert(across <= Share::kTile && kHeight <= Share::kTile);
+    static_assert(across <= Share::kTile && kHeight <= Share::kTile && RaySource::kBlock % size == 0);
 
     GB_FN std::size_t n_tiles() const {
         if (rays.origins && !rays.of_pixels) return ceil_div<std::size_t>(rays.n, size);

@@ -7,16 +7,18 @@ namespace globule::core {
 
 inline constexpr std::uint32_t kMissed = 0xff, kGround = 0xfe;
 
-/// The rays of one wave; origins and directions null in the first, whose rays are the camera's.
+/// The rays of one wave; origins and directions null in the first, whose rays are the camera's, unless they are packed.
 struct WaveRays {
     RaySource source;
     float* throughput;          ///< (n, 3); null: 1
     std::uint32_t* pixel;       ///< of the picture; null: the ray's own number
     std::uint32_t* inside;      ///< bit k: begins inside layer k; kBelowGround
-    GB_FN bool primary() const { return !source.origins; }
+    GB_FN bool primary() const { return !source.origins || source.packed; }
     GB_FN std::uint32_t pixel_of(std::size_t i) const {
         return pixel ? pixel[i] : std::uint32_t(i) + source.first_row * std::uint32_t(source.camera.width);
     }
+    /// Of a ray's random numbers.
+    GB_FN std::uint32_t pass_of(std::size_t i) const { return source.packed ? source.pass + std::uint32_t(i % source.packed) : source.pass; }
     GB_FN float3 throughput_of(std::size_t i) const {
         return throughput ? float3{throughput[3 * i], throughput[3 * i + 1], throughput[3 * i + 2]} : float3{1, 1, 1};
     }
