@@ -326,7 +326,10 @@ def test_no_light_from_below_the_ground(backend, kind):
 def test_shadows_are_exact(backend):
     """Light arrives exactly where the float64 oracle finds nothing on the way, however narrow the miss."""
     rng = np.random.default_rng(5)
-    p = (np.stack(np.meshgrid(*[np.arange(10.0)] * 3), -1).reshape(-1, 3) + rng.normal(0, 0.15, (1000, 3))).astype(np.float32)
+    p = (
+        np.stack(np.meshgrid(*[np.arange(10.0)] * 3), -1).reshape(-1, 3)
+        + rng.normal(0, 0.15, (1000, 3))
+    ).astype(np.float32)
     p = p[rng.random(1000) < 0.35]  # drops and gaps: light comes through narrow ones
     a = 1.3
     sun = np.float32(unit((0.9, 0.25, 0.5)))
