@@ -203,8 +203,8 @@ struct Push {
             const float damping = materials.damping[phase[t]];
             if (damping > 0.0f) u = u * exp(-damping * dt);
             x = x + u * dt;
-            felt.keep_out(shapes, t, x, u, v.w);
-            walls.keep_out(t, x, u);
+            felt.keep_out(shapes, t, x, u, v.w, materials.friction[phase[t]], dt);
+            walls.keep_out(t, x, u, dt);
         }
         velocity[t] = {u.x, u.y, u.z, v.w};
         next[t] = {x.x, x.y, x.z, here.w};

@@ -32,6 +32,7 @@ class Tissue:
         plastic: strain beyond which a part of the strain is permanent; 0: never. Of a solid: the
             elastic strain of a bar that is pulled, and its equivalent in other motions.
         creep: rate at which the excess strain becomes permanent, 1/s.
+        friction: coefficient of the contacts with shapes and across cuts.
         body: (N,) numbers; particles of different bodies are not bonded.
         device, threads: as of `Simulation`.
         model: "solid": total-Lagrangian SPH with the neighbors that bonds connect, stable
@@ -56,6 +57,7 @@ class Tissue:
         tear: float = 0.0,
         plastic: float = 0.0,
         creep: float = 0.0,
+        friction: float = 0.0,
         body: Any = None,
         device: str = "auto",
         threads: int = 0,
@@ -82,7 +84,7 @@ class Tissue:
             elasticity(young, _arranged(poisson, self.order), n, relaxation)
             if model == "solid" else None,
         )  # fmt: skip
-        self._core.materials([damping], [tear], [plastic], [creep])
+        self._core.materials([damping], [tear], [plastic], [creep], [friction])
 
     def __len__(self) -> int:
         return self._n
@@ -93,7 +95,7 @@ class Tissue:
         Args:
             motions: (velocity, spin, center) of each grasp, by number.
             shapes: (kind, a, b, radius, velocity): BALL of center a, CAPSULE from a to b, or
-                HALF_SPACE with point a and outward normal b.
+                HALF_SPACE with point a and outward normal b; a sixth item is the shape's friction.
         """
         self._core.instruments(list(motions), list(shapes))
 
