@@ -32,7 +32,6 @@ class Tissue:
         plastic: strain beyond which a part of the strain is permanent; 0: never. Of a solid: the
             elastic strain of a bar that is pulled, and its equivalent in other motions.
         creep: rate at which the excess strain becomes permanent, 1/s.
-        friction: coefficient of the contacts with shapes and across cuts.
         body: (N,) numbers; particles of different bodies are not bonded.
         device, threads: as of `Simulation`.
         model: "solid": total-Lagrangian SPH with the neighbors that bonds connect, stable
@@ -40,6 +39,7 @@ class Tissue:
         poisson: Poisson's ratio of a solid, 0 to 0.49, one or (N,).
         relaxation: up to two pairs (share, time) of a solid: that share of the shear modulus
             relaxes in this time, s (Prony series); young is the modulus of sudden motion.
+        friction: coefficient of the contacts with shapes and of cut faces.
 
     Raises:
         ValueError: particles that nearly coincide; a modulus that is not positive; another model;
@@ -57,13 +57,13 @@ class Tissue:
         tear: float = 0.0,
         plastic: float = 0.0,
         creep: float = 0.0,
-        friction: float = 0.0,
         body: Any = None,
         device: str = "auto",
         threads: int = 0,
         model: str = MODEL,
         poisson: Any = POISSON,
         relaxation: Any = (),
+        friction: float = 0.0,
     ):
         check_model(model, relaxation)
         positions = np.ascontiguousarray(positions, np.float32)
