@@ -25,7 +25,7 @@ public:
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
           vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), strained_(exec), rest_at_(exec), rows_(exec),
-          lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec), plane_(exec), plane_speed_(exec), beside_(exec), plane_rub_(exec), rub_(exec), loads_(exec), change_(exec), rigid_loads_(exec) {}
+          lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec), plane_(exec), plane_speed_(exec), beside_(exec), quiet_(exec), plane_rub_(exec), rub_(exec), loads_(exec), change_(exec), rigid_loads_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
     Interrupt* whole() noexcept override { return &exec_.interrupt(); }
@@ -515,7 +515,7 @@ private:
     /// stiffest particle tells how much more there is, and the pair that strains fastest how much may come until this is asked again.
     double hurry(const Quad* at, float dt) {
         tissue::Strained most, *out = strained_.reserve(1);
-        exec_.reduce_in_order(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr}, tissue::MostStrained{}, tissue::Strained{1.0, 0.0}, out);
+        exec_.reduce_in_order(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr, quiet_.data()}, tissue::MostStrained{}, tissue::Strained{1.0, 0.0}, out);
         exec_.download(&most, out, sizeof most);
         return std::sqrt(std::min(std::max(1.0, most.stiffness / kBorne), kMostStiffening)) *  // 1 where it is no number
                std::min(std::max(1.0, most.rate * dt / kStrainOfPart), kMostByStrain);
@@ -549,9 +549,9 @@ private:
                 walls_.elapsed += dt;
                 if (n_terms_ || yielded_) {
                     const tissue::Memory memory{terms_.data(), yielded_ ? stays_.data() : nullptr, phase_.data(), materials_, n_terms_, stride(), n_, dt};
-                    exec_.for_each_packet(n_, tissue::Strain<tissue::Memory>{bonds(), solid(), at, memory});
+                    exec_.for_each_packet(n_, tissue::Strain<tissue::Memory>{bonds(), solid(), at, quiet_.data(), memory});
                 } else {
-                    exec_.for_each_packet(n_, tissue::Strain<tissue::NoMemory>{bonds(), solid(), at, {}});
+                    exec_.for_each_packet(n_, tissue::Strain<tissue::NoMemory>{bonds(), solid(), at, quiet_.data(), {}});
                 }
                 exec_.for_each_packet(n_, tissue::Push{bonds(), solid(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
                                                        materials_, motions_, shapes_, walls_, felt, dt});
@@ -691,6 +691,7 @@ private:
             return;
         }
         rows_.reserve(3 * std::size_t(stride()));
+        exec_.for_each(n_, tissue::FindQuiet{bonds(), hold_.data(), quiet_.reserve(n_)});
         exec_.clear(correction_.reserve(6 * std::size_t(stride())), 6 * std::size_t(stride()) * sizeof(float));
         float frequency;
         exec_.download(&frequency, frequency_.data(), sizeof frequency);
@@ -776,7 +777,7 @@ private:
     bool yielded_ = false;                       ///< stays_ is there
     Buffer<std::uint32_t, Exec> body_;           ///< bodies, as they were made: the least member
     bool bodies_known_ = false;
-    Buffer<std::uint8_t, Exec> beside_;
+    Buffer<std::uint8_t, Exec> beside_, quiet_;
     Buffer<float, Exec> within_;
     std::uint32_t grasped_ = 0;                  ///< bits of the grasps that hold
     bool feels_ = false;
