@@ -24,8 +24,8 @@ for _table in TABLES.values():
 PICTURE = ("color", "reflection", "refraction", "shown")
 CHANGEABLE = {
     "fluid": ("density", "viscosity", "implicit", "surface_tension", *PICTURE),
-    "tissue": ("damping", "tear", "plastic", "creep", "friction", "viscosity", "implicit", "surface_tension",
-               *PICTURE),
+    "tissue": ("damping", "tear", "plastic", "creep", "friction", "viscosity", "implicit",
+               "surface_tension", *PICTURE),
     "boundary": ("adhesion", "friction", *PICTURE),
     "rigid": ("adhesion", "friction", *PICTURE),
 }  # fmt: skip

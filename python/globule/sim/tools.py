@@ -308,8 +308,8 @@ class Tools(Named):
         depends on what is known here, which a checkpoint keeps."""
         if any(any(velocity) for *_, velocity, _ in self._pushers):
             self._pushers = [
-                (kind, _shifted(a, u, dt), b if kind == HALF_SPACE else _shifted(b, u, dt), r, u, mu)
-                for kind, a, b, r, u, mu in self._pushers
+                (kind, _shifted(a, v, dt), b if kind == HALF_SPACE else _shifted(b, v, dt), r, v, f)
+                for kind, a, b, r, v, f in self._pushers
             ]
             self._send()
 
