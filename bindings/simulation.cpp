@@ -51,6 +51,7 @@ sim::Phase phase(const nb::dict& d) {
     p.viscosity = item<float>(d, "viscosity");
     p.tension = item<float>(d, "tension");
     p.adhesion = item<float>(d, "adhesion");
+    p.friction = item<float>(d, "friction");
     const auto color = item<std::vector<float>>(d, "color");
     for (int k = 0; k < 3; ++k) p.color[k] = color.at(k);
     p.reflection = item<float>(d, "reflection");

@@ -17,9 +17,10 @@ float3 vec(nb::handle h) {
     const auto v = nb::cast<std::vector<float>>(h);
     return {v.at(0), v.at(1), v.at(2)};
 }
-/// (kind, a, b, radius, velocity)
+/// (kind, a, b, radius, velocity), or with the friction behind
 tissue::Shape shape(nb::handle h) {
-    return {tissue::Shape::Kind(nb::cast<int>(h[0])), vec(h[1]), vec(h[2]), nb::cast<float>(h[3]), vec(h[4])};
+    const float friction = nb::len(h) > 5 ? nb::cast<float>(h[5]) : 0.0f;
+    return {tissue::Shape::Kind(nb::cast<int>(h[0])), vec(h[1]), vec(h[2]), nb::cast<float>(h[3]), vec(h[4]), friction};
 }
 
 }  // namespace
@@ -52,7 +53,7 @@ void bind_tissue(nb::module_& m) {
             call<&Tissue::add>(s.core, a);
         })
         .def("materials", [](PyTissue& s, std::vector<float> damping, std::vector<float> tear, std::vector<float> yield,
-                             std::vector<float> creep) {
+                             std::vector<float> creep, std::vector<float> friction) {
             tissue::Materials m;
             const auto copy = [](const std::vector<float>& from, float* to) {
                 std::copy_n(from.begin(), std::min<std::size_t>(from.size(), tissue::kMaxPhases), to);
@@ -61,6 +62,7 @@ void bind_tissue(nb::module_& m) {
             copy(tear, m.tear_strain);
             copy(yield, m.yield_strain);
             copy(creep, m.creep_rate);
+            copy(friction, m.friction);
             call<&Tissue::set_materials>(s.core, m);
         })
         .def("instruments", [](PyTissue& s, nb::list motions, nb::list shapes) {

@@ -431,3 +431,17 @@ def test_two_solids_meet_and_part(backend):
     assert v[high, 2].mean() > 0.005 > -0.005 > v[low, 2].mean()
     assert np.abs(v.sum(0)).max() < 1e-4 * np.abs(v).sum()
     assert sim.tissue.n_pieces == 2
+
+
+def test_fixed_tissue_amid_fixed_tissue_plays_no_part(backend):
+    """A beam clamped at two layers, and at eight: no stress is computed of those far inside."""
+    found = []
+    for clamped in (2, 8):
+        x = lattice(4, 4, 12 + clamped) - [0, 0, clamped * SPACING]
+        tissue = truths.solid(x, fixed=x[:, 2] < -0.5 * SPACING, **backend)
+        for _ in range(10):
+            tissue.advance(1 / 60, (2.0, 0.0, 0.0))
+        free = x[:, 2] > -0.5 * SPACING
+        found.append(tissue.positions[free] - x[free])
+    assert np.abs(found[0]).max() > SPACING
+    np.testing.assert_allclose(found[0], found[1], atol=1e-3 * SPACING)

@@ -95,6 +95,7 @@ class Tissue:
         arg1: Sequence[float],
         arg2: Sequence[float],
         arg3: Sequence[float],
+        arg4: Sequence[float],
         /,
     ) -> None: ...
     def instruments(self, arg0: list, arg1: list, /) -> None: ...

@@ -1,6 +1,7 @@
 // What moves as a whole, over any Exec: boundaries that follow key frames, and rigid bodies that the fluid pushes.
 #pragma once
 #include "sim/fluid.hpp"
+#include "sim/friction.hpp"
 #include "sim/motion_bytes.hpp"
 
 namespace globule::core {
@@ -62,6 +63,14 @@ public:
         exec_.upload(home_.reserve(home.size()), home.data(), home.size() * sizeof(Quad));
         exec_.synchronize();
     }
+
+    /// Of each rigid body, by phase.
+    std::map<int, tissue::RigidMass> masses() const {
+        std::map<int, tissue::RigidMass> out;
+        for (const auto& [phase, body] : bodies_) out[phase] = {float(body.mass()), body.center_float()};
+        return out;
+    }
+    void push(int phase, const sim::Impulse& impulse) { bodies_.at(phase).push(impulse.p, impulse.l); }
 
     bool none() const { return next_poses_.empty() && bodies_.empty(); }
 

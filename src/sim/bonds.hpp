@@ -45,6 +45,7 @@ struct Materials {
     float tear_strain[kMaxPhases] = {};   ///< bonds longer than (1 + this) of their rest length break; 0: never
     float yield_strain[kMaxPhases] = {};  ///< beyond it bonds creep; 0: purely elastic
     float creep_rate[kMaxPhases] = {};    ///< 1/s, share of the strain beyond the yield that becomes permanent
+    float friction[kMaxPhases] = {};      ///< coefficient of what it meets
 };
 
 /// Where particles add up what instruments feel of them; the first of the arrays (2, n) is for grasps, then one for each shape.
@@ -64,8 +65,8 @@ struct Felt {
         add(0, t, impulse + weight, x - motions.center[hold - kGrasped]);
     }
     /// x and u leave the shapes, which feel it.
-    GB_FN void keep_out(const Shapes& shapes, std::uint32_t t, float3& x, float3& u, float inverse_mass) const {
-        shapes.keep_out(x, u, [&](int s, const float3& change) {
+    GB_FN void keep_out(const Shapes& shapes, std::uint32_t t, float3& x, float3& u, float inverse_mass, float friction, float dt) const {
+        shapes.keep_out(x, u, friction, dt, [&](int s, const float3& change) {
             if (felt && inverse_mass > 0.0f) add(1 + s, t, change * (-1.0f / inverse_mass), x - shapes.shape[s].a);
         });
     }
@@ -146,8 +147,8 @@ struct Relax {
             u = u + push * (v.w / dt);
             x = x + push * v.w;
             if (is_last) {
-                felt.keep_out(shapes, t, x, u, v.w);
-                walls.keep_out(t, x, u);
+                felt.keep_out(shapes, t, x, u, v.w, materials.friction[phase[t]], dt);
+                walls.keep_out(t, x, u, dt);
                 const float damping = materials.damping[phase[t]];
                 if (damping > 0.0f) u = u * exp(-damping * dt);
                 if (predicts) {

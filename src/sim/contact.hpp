@@ -1,4 +1,4 @@
-// Instruments that tissue cannot enter: balls, capsules, half-spaces.  No friction.
+// What tissue cannot enter: instruments (balls, capsules, half-spaces) and walls; and Coulomb friction, docs/design/tissue.md.
 #pragma once
 #include "base/quad.hpp"
 #include "base/vec.hpp"
@@ -7,12 +7,21 @@ namespace globule::core::tissue {
 
 inline constexpr int kMaxShapes = 8;
 
+/// What friction does to a velocity along a contact: at most `most`, and never more than stops it.
+GB_FN float3 rubbed(const float3& along, float most) {
+    const float speed = length(along);
+    return along * (speed > most ? -most / speed : -1.0f);
+}
+/// The velocity along a contact of normal n.
+GB_FN float3 sliding(const float3& u, const float3& n) { return u - n * dot(u, n); }
+
 struct Shape {
     enum Kind : std::int32_t { ball, capsule, half_space };
     Kind kind;
     float3 a, b;      ///< centre; both ends of the axis; a point of the plane and its outward normal
     float radius;     ///< half-space: how far the surface stands off the plane
     float3 velocity;
+    float friction = 0.0f;  ///< coefficient; a contact has the larger one of its two sides
 
     /// Signed distance of x from the surface; `out` is the outward normal.
     GB_FN float distance(const float3& x, float3& out) const {
@@ -37,9 +46,9 @@ struct Shapes {
     Shape shape[kMaxShapes] = {};
     int n = 0;
 
-    /// Moves x out of every shape; u loses what of it goes in: met(shape, its change).
+    /// Moves x out of every shape; u loses what of it goes in, and what friction takes: met(shape, its change).  `dt` has led u to x.
     template <class Met>
-    GB_FN void keep_out(float3& x, float3& u, const Met& met) const {
+    GB_FN void keep_out(float3& x, float3& u, float friction, float dt, const Met& met) const {
         for (int s = 0; s < n; ++s) {
             float3 out;
             const float depth = shape[s].distance(x, out);
@@ -48,7 +57,14 @@ struct Shapes {
             const float into = dot(u - shape[s].velocity, out);
             if (!(into < 0.0f)) continue;
             u = u - out * into;
-            met(s, out * (0.0f - into));
+            float3 change = out * (0.0f - into);
+            if (const float mu = max(friction, shape[s].friction); mu > 0.0f) {
+                const float3 rub = rubbed(sliding(u - shape[s].velocity, out), mu * (0.0f - into));
+                u = u + rub;
+                x = x + rub * dt;
+                change = change + rub;
+            }
+            met(s, change);
         }
     }
     /// Where the shapes are after dt.
@@ -64,16 +80,22 @@ struct Shapes {
 struct Walls {
     const Quad* plane = nullptr;  ///< per particle: normal, and how far along it the particle may go at the step's start; null: no walls
     const float* speed = nullptr; ///< of the plane along its normal
+    const Quad* rub = nullptr;    ///< the plane's velocity, and the coefficient of friction; null: none has any
     float elapsed = 0.0f;
 
-    /// Moves x out; u loses what of it goes in.
-    GB_FN void keep_out(std::uint32_t t, float3& x, float3& u) const {
+    /// Moves x out; u loses what of it goes in, and what friction takes.  `dt` has led u to x.
+    GB_FN void keep_out(std::uint32_t t, float3& x, float3& u, float dt) const {
         if (!plane) return;
         const float3 out = plane[t].xyz();
         const float depth = plane[t].w + speed[t] * elapsed - dot(x, out);
         if (!(depth > 0.0f)) return;
         x = x + out * depth;
-        u = u + out * max(speed[t] - dot(u, out), 0.0f);
+        const float into = max(speed[t] - dot(u, out), 0.0f);
+        u = u + out * into;
+        if (!rub || !(rub[t].w > 0.0f)) return;
+        const float3 change = rubbed(sliding(u - rub[t].xyz(), out), rub[t].w * into);
+        u = u + change;
+        x = x + change * dt;
     }
 };
 

@@ -156,9 +156,11 @@ struct FindContacts {
     Members members;
     const std::uint32_t* body;
     sim::Period period;
+    sim::Spline spline;
     float spacing;
     Quad* plane;
     float* speed;
+    Quad* rub;               ///< as in Walls; null: nothing has friction
     std::uint8_t* beside;
     GB_FN void operator()(std::size_t row) const {
         const std::uint32_t slot = lists.rows[row], t = members(state.id[slot]);
@@ -166,6 +168,7 @@ struct FindContacts {
         const float3 here = state.place[slot].xyz();
         float3 sum{0, 0, 0}, velocity{0, 0, 0};
         float total = 0.0f;
+        Smooth smooth;
         std::uint8_t near = kAlone;
         for (std::uint32_t k = 0, n = lists.count[row]; k < n; ++k) {
             const std::uint32_t j = lists.index[lists.at(row, k)];
@@ -182,15 +185,36 @@ struct FindContacts {
             sum = sum + away * s;
             velocity = velocity + state.velocity[j].xyz() * s;
             total += s;
+            if (rub) smooth.add(away, state.velocity[j].xyz(), max(phases[state.phase[slot]].friction, phases[state.phase[j]].friction), q.w, spline);
         }
         beside[t] = near;
         if (!(total > 0.0f)) return;
+        if (smooth.friction > 0.0f) {
+            sum = smooth.sum, velocity = smooth.velocity, total = smooth.total;
+            const float3 u = velocity * (1.0f / total);
+            rub[t] = {u.x, u.y, u.z, smooth.friction / total};
+        }
         const float3 out = normalize(sum);
         const float height = dot(sum, out) / total;
         plane[t] = {out.x, out.y, out.z, dot(here, out) + min(kWallHeight * spacing - height, 0.0f)};
         speed[t] = dot(velocity, out) / total;
     }
     GB_FN bool other_body(std::uint32_t t, std::uint32_t o) const { return o != kNobody && body[o] != body[t]; }
+
+    /// The same sums weighted by the kernel's slope.  The nearest particles' rule gives a wall bumps, which slow what slides by a tenth.
+    struct Smooth {
+        float3 sum{0, 0, 0}, velocity{0, 0, 0};
+        float total = 0.0f, friction = 0.0f;
+        GB_FN void add(const float3& away, const float3& v, float mu, float volume, const sim::Spline& spline) {
+            float w, slope;
+            spline(length(away), w, slope);
+            const float s = volume * max(-slope, 0.0f);
+            sum = sum + away * s;
+            velocity = velocity + v * s;
+            total += s;
+            friction += mu * s;
+        }
+    };
 };
 
 /// Tissue beside others counts as faster than it is in the choice of the next step.

@@ -142,7 +142,7 @@ public:
         bool split = false;
         if (state_.n_rows > 0) {
             tissue_.change(fluid_.lists(), state_.view(), dt);
-            tissue_.find_contacts(fluid_.lists(), state_.view(), state_.phases(), state_.period());
+            tissue_.find_contacts(fluid_.lists(), state_.view(), state_.phases(), state_.period(), state_.spline(), rubs());
             mark("neighbors");
             fluid_.densities();
             mark("density");
@@ -150,6 +150,7 @@ public:
                 push(dt, r);
                 fluid_.push_by_density(dt);
                 feel_pressure(dt);
+                rub(dt);
                 mark("pressure");
             } else if (tissue_.n() == 0 && fluid_.fills_its_space()) {
                 push(dt, r);
@@ -168,6 +169,7 @@ public:
                     const sim::Progress divergence = fluid_.correct_divergence(dt);
                     mark("divergence");
                     feel_pressure(dt);
+                    rub(dt);
                     tissue_.hold_on(state_.view(), dt);
                     bodies_.turn(fluid_, dt);
                     contact(dt);
@@ -359,6 +361,16 @@ private:
 
     void feel_pressure(float dt) {
         tissue_.feel_pressure(fluid_.lists(), state_.view(), fluid_.rows().boundary, state_.period(), state_.volume(), state_.spline().support, dt, fluid_.flux());
+    }
+
+    /// Whether tissue has friction with anything.
+    bool rubs() const {
+        return std::any_of(state_.phase_table.begin(), state_.phase_table.end(), [](const sim::Phase& p) { return p.friction > 0.0f; });
+    }
+    void rub(float dt) {
+        if (!rubs()) return;
+        tissue_.rub(fluid_.lists(), state_.view(), state_.phases(), bodies_.masses(), state_.period(), state_.volume(), state_.spline().support, dt, fluid_.flux(),
+                    [&](int phase, const sim::Impulse& impulse) { bodies_.push(phase, impulse); });
     }
 
     void gather_tissue() {

@@ -78,12 +78,27 @@ struct Correct {
     }
 };
 
-/// F of each particle, and from it Q.  With a memory, it goes on by a substep.
+/// 1 for particles whose Q nobody reads: fixed, amid others that are, for ever.  Bonds may be cut and whole again.
+struct FindQuiet {
+    Bonds bonds;
+    const std::uint8_t* hold;
+    std::uint8_t* quiet;
+    GB_FN void operator()(std::size_t i) const {
+        const std::uint32_t t = std::uint32_t(i);
+        bool all = stays(hold[t]);
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) all &= bonds.length[e] == 0.0f || stays(hold[bonds.other[e]]);
+        quiet[t] = all;
+    }
+    GB_FN static bool stays(std::uint8_t hold) { return hold == kFixed || hold == kGone; }
+};
+
+/// F of each particle, and from it Q.  With a memory, it goes on by a substep, of quiet ones, too.
 template <class Memory>
 struct Strain {
     Bonds bonds;
     Solid solid;
     const Quad* at;
+    const std::uint8_t* quiet;
     [[no_unique_address]] Memory memory;
 
     template <class Packet>
@@ -91,6 +106,11 @@ struct Strain {
         using F = typename Packet::F;
         std::uint32_t own[Packet::width];
         for (int lane = 0; lane < Packet::width; ++lane) own[lane] = min(std::uint32_t(row) + lane, bonds.n - 1);
+        if constexpr (!Memory::any) {
+            bool all_quiet = true;
+            for (int lane = 0; lane < Packet::width; ++lane) all_quiet &= quiet[own[lane]] != 0;
+            if (all_quiet) return;
+        }
         const Four<F> x = Packet::gather(at, own), X = Packet::gather(solid.rest, own);
         const F zero = F(0.0f), one = F(1.0f), per_d = F(1.0f / solid.spacing);
         F d00 = zero, d01 = zero, d02 = zero, d10 = zero, d11 = zero, d12 = zero, d20 = zero, d21 = zero, d22 = zero;
@@ -203,8 +223,8 @@ struct Push {
             const float damping = materials.damping[phase[t]];
             if (damping > 0.0f) u = u * exp(-damping * dt);
             x = x + u * dt;
-            felt.keep_out(shapes, t, x, u, v.w);
-            walls.keep_out(t, x, u);
+            felt.keep_out(shapes, t, x, u, v.w, materials.friction[phase[t]], dt);
+            walls.keep_out(t, x, u, dt);
         }
         velocity[t] = {u.x, u.y, u.z, v.w};
         next[t] = {x.x, x.y, x.z, here.w};
@@ -261,8 +281,10 @@ struct Stiffening {
     Solid solid;
     const Quad *at, *velocity;
     const float* stays;  ///< as in Memory: a yielded shape's metric G multiplies μ
+    const std::uint8_t* quiet;  ///< those can do no harm
     GB_FN Strained operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
+        if (quiet[t]) return {1.0, 0.0};
         return {stiffness(t), rate(t)};
     }
     GB_FN double rate(std::uint32_t t) const {

@@ -3,6 +3,7 @@
 #include <functional>
 #include <cmath>
 #include <cstring>
+#include <map>
 
 #include "exec/buffer.hpp"
 #include "sim/ablate.hpp"
@@ -11,6 +12,7 @@
 #include "sim/pressure.hpp"
 #include "sim/bond_blocks.hpp"
 #include "sim/felt.hpp"
+#include "sim/friction.hpp"
 #include "sim/solid.hpp"
 
 namespace globule::core {
@@ -23,7 +25,7 @@ public:
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
           vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), strained_(exec), rest_at_(exec), rows_(exec),
-          lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec), plane_(exec), plane_speed_(exec), beside_(exec) {}
+          lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec), plane_(exec), plane_speed_(exec), beside_(exec), quiet_(exec), plane_rub_(exec), rub_(exec), loads_(exec), change_(exec), rigid_loads_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
     Interrupt* whole() noexcept override { return &exec_.interrupt(); }
@@ -76,10 +78,11 @@ public:
 
     void set_materials(const tissue::Materials& materials) override {
         materials_ = materials;
-        tears_ = yields_ = false;
+        tears_ = yields_ = rubs_ = false;
         for (int k = 0; k < tissue::kMaxPhases; ++k) {
             tears_ |= materials.tear_strain[k] > 0.0f || materials.yield_strain[k] > 0.0f;
             yields_ |= materials.yield_strain[k] > 0.0f;
+            rubs_ |= materials.friction[k] > 0.0f;
         }
     }
     void set_instruments(const tissue::Motions& motions, const tissue::Shapes& shapes) override {
@@ -155,15 +158,15 @@ public:
         for (int i = 0; i < tissue::kMaxGrasps + felt_shapes_; ++i) {
             const bool holds = i < tissue::kMaxGrasps;
             if (holds && !(grasped_ >> i & 1u)) continue;
-            sim::Impulse all[2], *sum = felt_sum_.reserve(1);
+            sim::Impulse all[3], *sum = felt_sum_.reserve(1);
             const std::size_t first = holds ? 0 : 2 * std::size_t(1 + i - tissue::kMaxGrasps) * n_;
             exec_.reduce_in_order(n_, tissue::FeltOf{felt_.data() + first, holds ? hold_.data() : nullptr, std::uint8_t(tissue::kGrasped + i), n_},
                                   sim::AddImpulse{}, sim::Impulse{}, sum);
             exec_.download(&all[0], sum, sizeof *sum);
-            if (holds) exec_.download(&all[1], pressed_.data() + i, sizeof *sum);
+            if (holds) exec_.download(&all[1], pressed_.data() + 2 * i, 2 * sizeof *sum);
             for (int k = 0; k < 3; ++k) {
-                out[6 * i + k] = (all[0].p[k] + all[1].p[k]) / felt_dt_;
-                out[6 * i + 3 + k] = (all[0].l[k] + all[1].l[k]) / felt_dt_;
+                out[6 * i + k] = (all[0].p[k] + all[1].p[k] + all[2].p[k]) / felt_dt_;
+                out[6 * i + 3 + k] = (all[0].l[k] + all[1].l[k] + all[2].l[k]) / felt_dt_;
             }
         }
         return out;
@@ -298,8 +301,37 @@ public:
             if (!(grasped_ >> g & 1u)) continue;
             const tissue::Held held{members(), state.id, hold_.data(), std::uint8_t(tissue::kGrasped + g)};
             const sim::PressureImpulse<Packet, tissue::Held> pressure{lists, state, nearest, held, period, volume, support, dt, flux, motions_.center[g]};
-            exec_.reduce_in_order(lists.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, pressed_.data() + g);
+            exec_.reduce_in_order(lists.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, pressed_.data() + 2 * g);
         }
+    }
+    /// Friction between what the pressure that led to these velocities presses together; after feel_pressure.  on_rigid(phase, impulse): rigid
+    /// bodies feel it, too.
+    template <class Packet, class OnRigid>
+    void rub(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases, const std::map<int, tissue::RigidMass>& rigids, const sim::Period& period, float volume,
+             float support, float dt, float flux, const OnRigid& on_rigid) {
+        if (n_ == 0) return;
+        tissue::PressedPairs<Packet> pairs{lists, state, phases, members(), is_solid_ ? nullptr : body_.data(), period, volume, volume * dt / (flux * support),
+                                           {loads_.reserve(state.n), rigid_loads_.reserve(sim::kMaxPhases)}};
+        exec_.for_each(lists.n_rows, tissue::FindLoads<Packet>{pairs});
+        for (const auto& [phase, rigid] : rigids) {
+            pairs.loads.mass[phase] = rigid.mass;
+            exec_.reduce_in_order(lists.n_rows, tissue::LoadOf<Packet>{pairs, std::uint8_t(phase)}, sim::AddDouble{}, 0.0, rigid_loads_.data() + phase);
+        }
+        Quad* change = change_.reserve(lists.n_rows);
+        exec_.for_each(lists.n_rows, tissue::RubPressed<Packet>{pairs, change});
+        for (const auto& [phase, rigid] : rigids) {
+            sim::Impulse impulse, *sum = felt_sum_.reserve(1);
+            exec_.reduce_in_order(lists.n_rows, tissue::RubImpulse<Packet, sim::OfPhase>{pairs, {state.phase, std::uint8_t(phase)}, rigid.center}, sim::AddImpulse{}, sim::Impulse{}, sum);
+            exec_.download(&impulse, sum, sizeof impulse);
+            on_rigid(phase, impulse);
+        }
+        for (int g = 0; g < tissue::kMaxGrasps && feels_; ++g) {
+            if (!(grasped_ >> g & 1u)) continue;
+            const tissue::Held held{members(), state.id, hold_.data(), std::uint8_t(tissue::kGrasped + g)};
+            exec_.reduce_in_order(lists.n_rows, tissue::RubImpulse<Packet, tissue::Held>{pairs, held, motions_.center[g]}, sim::AddImpulse{}, sim::Impulse{},
+                                  pressed_.data() + 2 * g + 1);
+        }
+        exec_.for_each(lists.n_rows, tissue::TakeChange{lists.rows, change, state.velocity});
     }
     /// What happens to tissue once a step, while its particles stand: it tears, and gets wet.
     template <class Packet>
@@ -317,7 +349,7 @@ public:
     }
     /// What tissue meets: walls, which the substeps keep it out of, and others.
     template <class Packet>
-    void find_contacts(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases, const sim::Period& period) {
+    void find_contacts(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases, const sim::Period& period, const sim::Spline& spline, bool rubs) {
         if (n_ == 0) return;
         Quad* plane = plane_.reserve(n_);
         float* speed = plane_speed_.reserve(n_);
@@ -325,8 +357,10 @@ public:
         exec_.clear(plane, n_ * sizeof *plane);
         exec_.clear(speed, n_ * sizeof *speed);
         exec_.clear(beside, n_);
-        exec_.for_each(lists.n_rows, tissue::FindContacts<Packet>{lists, state, phases, members(), body_.data(), period, contact_, plane, speed, beside});
-        walls_ = {plane, speed};
+        Quad* rub = rubs ? plane_rub_.reserve(n_) : nullptr;
+        if (rub) exec_.clear(rub, n_ * sizeof *rub);
+        exec_.for_each(lists.n_rows, tissue::FindContacts<Packet>{lists, state, phases, members(), body_.data(), period, spline, contact_, plane, speed, rub, beside});
+        walls_ = {plane, speed, rub};
     }
     /// After a step whose next one is chosen by speeds alone: `far` is how far a particle may move in it.
     void count_as(const sim::State& state, float far) {
@@ -473,7 +507,7 @@ private:
         if (!feels_) return {};
         const std::size_t size = 2 * std::size_t(1 + shapes_.n) * n_;
         exec_.clear(felt_.reserve(size), size * sizeof(float3));
-        exec_.clear(pressed_.reserve(tissue::kMaxGrasps), tissue::kMaxGrasps * sizeof(sim::Impulse));
+        exec_.clear(pressed_.reserve(2 * tissue::kMaxGrasps), 2 * tissue::kMaxGrasps * sizeof(sim::Impulse));
         return {felt_.data(), n_, gravity};
     }
 
@@ -481,7 +515,7 @@ private:
     /// stiffest particle tells how much more there is, and the pair that strains fastest how much may come until this is asked again.
     double hurry(const Quad* at, float dt) {
         tissue::Strained most, *out = strained_.reserve(1);
-        exec_.reduce_in_order(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr}, tissue::MostStrained{}, tissue::Strained{1.0, 0.0}, out);
+        exec_.reduce_in_order(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr, quiet_.data()}, tissue::MostStrained{}, tissue::Strained{1.0, 0.0}, out);
         exec_.download(&most, out, sizeof most);
         return std::sqrt(std::min(std::max(1.0, most.stiffness / kBorne), kMostStiffening)) *  // 1 where it is no number
                std::min(std::max(1.0, most.rate * dt / kStrainOfPart), kMostByStrain);
@@ -515,12 +549,13 @@ private:
                 walls_.elapsed += dt;
                 if (n_terms_ || yielded_) {
                     const tissue::Memory memory{terms_.data(), yielded_ ? stays_.data() : nullptr, phase_.data(), materials_, n_terms_, stride(), n_, dt};
-                    exec_.for_each_packet(n_, tissue::Strain<tissue::Memory>{bonds(), solid(), at, memory});
+                    exec_.for_each_packet(n_, tissue::Strain<tissue::Memory>{bonds(), solid(), at, quiet_.data(), memory});
                 } else {
-                    exec_.for_each_packet(n_, tissue::Strain<tissue::NoMemory>{bonds(), solid(), at, {}});
+                    exec_.for_each_packet(n_, tissue::Strain<tissue::NoMemory>{bonds(), solid(), at, quiet_.data(), {}});
                 }
                 exec_.for_each_packet(n_, tissue::Push{bonds(), solid(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
                                                        materials_, motions_, shapes_, walls_, felt, dt});
+                rub_cuts(at, next, dt, dt, felt);
                 std::swap(at, next);
             }
             n_done += n_substeps;
@@ -542,6 +577,7 @@ private:
             exec_.for_each_packet(n_, tissue::Relax<single>{bonds(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
                                                          lambda, materials_, motions_, shapes_, walls_, felt, dt, contact_, k == 0, k + 1 == iterations,
                                                          s + 1 < n_substeps});
+            if (k + 1 == iterations) rub_cuts(at, next, dt, s + 1 < n_substeps ? 2.0f * dt : dt, felt);
             std::swap(at, next);
         };
         for (int s = 0; s < n_substeps; ++s) {
@@ -553,6 +589,14 @@ private:
         }
         if (at != at_.data()) at_.swap(next_);
         return n_substeps;
+    }
+
+    /// Friction of cut faces: of their contacts at `at`, after the velocities that led to `next`.
+    void rub_cuts(const Quad* at, Quad* next, float dt, float ahead, const tissue::Felt& felt) {
+        if (!rubs_ || n_scars_ == 0) return;
+        float3* impulse = rub_.reserve(n_);
+        exec_.for_each(n_, tissue::Rub{bonds(), at, velocity_.data(), hold_.data(), phase_.data(), materials_, dt, contact_, is_solid_, impulse});
+        exec_.for_each(n_, tissue::TakeRub{scarred_.data(), hold_.data(), impulse, next, velocity_.data(), motions_, felt, ahead});
     }
 
     /// The grid is a power of two times finer than float32 positions of that size need, and the same for
@@ -647,6 +691,7 @@ private:
             return;
         }
         rows_.reserve(3 * std::size_t(stride()));
+        exec_.for_each(n_, tissue::FindQuiet{bonds(), hold_.data(), quiet_.reserve(n_)});
         exec_.clear(correction_.reserve(6 * std::size_t(stride())), 6 * std::size_t(stride()) * sizeof(float));
         float frequency;
         exec_.download(&frequency, frequency_.data(), sizeof frequency);
@@ -701,7 +746,7 @@ private:
     std::uint64_t n_scars_ = 0;  ///< bonds that went; 0: none
     float contact_ = 0.0f;
     double fastest_ = 0.0;       ///< 1/s: substeps a second
-    bool pieces_known_ = false, pulled_ = false, tears_ = false, yields_ = false, bleeds_ = false;
+    bool pieces_known_ = false, pulled_ = false, tears_ = false, yields_ = false, rubs_ = false, bleeds_ = false;
     bool gathered_ = false, settled_ = false;  ///< as the state has the particles; nobody since a gather has changed who is held
     tissue::Materials materials_;
     tissue::Motions motions_;
@@ -732,16 +777,20 @@ private:
     bool yielded_ = false;                       ///< stays_ is there
     Buffer<std::uint32_t, Exec> body_;           ///< bodies, as they were made: the least member
     bool bodies_known_ = false;
-    Buffer<std::uint8_t, Exec> beside_;
+    Buffer<std::uint8_t, Exec> beside_, quiet_;
     Buffer<float, Exec> within_;
     std::uint32_t grasped_ = 0;                  ///< bits of the grasps that hold
     bool feels_ = false;
     int felt_shapes_ = 0;
     float felt_dt_ = 0.0f;                       ///< of the last step
     Buffer<float3, Exec> felt_;
-    Buffer<sim::Impulse, Exec> felt_sum_, pressed_;
+    Buffer<sim::Impulse, Exec> felt_sum_;
+    Buffer<sim::Impulse, Exec> pressed_;         ///< of pressure and of its friction, per grasp
     Buffer<Quad, Exec> plane_;                   ///< of the wall before each particle
     Buffer<float, Exec> plane_speed_;
+    Buffer<Quad, Exec> plane_rub_, loads_, change_;  ///< friction: of planes, of what is pressed together
+    Buffer<float3, Exec> rub_;                   ///< of cut faces
+    Buffer<double, Exec> rigid_loads_;
 };
 
 /// Tissue alone, with its own means.

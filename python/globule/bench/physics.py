@@ -17,6 +17,7 @@ from . import (
     physics_bodies,
     physics_flows,
     physics_fluid,
+    physics_friction,
     physics_memory,
     physics_solid,
     physics_tissue,
@@ -29,7 +30,8 @@ PAGE = """\
 
 Made by `globule bench physics -o docs`: {n} truths, {n_met} met; {machine}.
 The experiments are `globule.bench.physics_fluid`, `physics_flows`, `physics_bodies`,
-`physics_tissue`, `physics_solid` and `physics_memory`; the tests run the small ones.
+`physics_tissue`, `physics_solid`, `physics_memory` and `physics_friction`; the tests run the
+small ones.
 A truth with a limit instead of a value (compression, drift) lists the limit as expected.
 
 {table}
@@ -83,6 +85,7 @@ def experiments(quick: bool) -> Iterator[Callable[[str, int], Any]]:
     yield partial(physics_tissue.run, quick=quick)
     yield partial(physics_solid.run, quick=quick)
     yield physics_memory.run
+    yield partial(physics_friction.run, quick=quick)
 
 
 def neighbors(device: str = "cpu", threads: int = 0) -> list[physics_fluid.Row]:

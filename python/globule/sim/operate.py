@@ -305,6 +305,7 @@ class BondedTissue(Part):
         phases = self._sim.phases.values()
         packed = [[getattr(p, name) for p in phases] for name in ("damping", "tear", "plastic")]
         packed.append([p.creep if p.plastic else 0.0 for p in phases])
+        packed.append([p.friction for p in phases])
         if self._materials_sent != packed:
             self._core.materials(*packed)
             self._materials_sent = packed

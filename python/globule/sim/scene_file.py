@@ -61,6 +61,7 @@ SOLID_SHAPES = ("box", "sphere", "cylinder", "mesh", "tomography", "particles")
 BOUNDARY_SHAPES = ("box", "sphere", "cylinder", "plane", "mesh", "distance")
 RIGID_SHAPES = ("box", "sphere", "cylinder", "mesh")
 IMPLICIT_FROM = 1.0  # Pa s
+MOST_FRICTION = 100.0
 
 
 @dataclass(kw_only=True)
@@ -179,6 +180,7 @@ class Solid(Table):
     tear: float = key(number(0.0, 1e6), 0.0)  # strain at which a bond breaks; 0: never
     plastic: float = key(number(0.0, 1e6), 0.0)  # strain beyond which some stays; 0: never
     creep: float = key(number(above=0.0, most=1e6), 1.0)  # share of that strain that stays, 1/s
+    friction: float = key(number(0.0, MOST_FRICTION), 0.0)  # coefficient of its contacts
     fixed: list = key(each(Shape), [])
     velocity: tuple = key(velocity, (0.0, 0.0, 0.0))
     color: tuple = key(color, (0.62, 0.38, 0.35))
@@ -219,6 +221,7 @@ class Boundary(Table):
     open: list = key(distinct(choice(*FACES, *ENDS)), [])
     keys: list = key(each(Key), [])
     adhesion: float = key(number(0.0, 1e3), 0.0)  # N/m: fluids with a surface tension stick to it
+    friction: float = key(number(0.0, MOST_FRICTION), 0.0)  # coefficient, of tissue
     shown: bool = key(switch, False)
     color: tuple = key(color, (0.5, 0.5, 0.5))
     reflection: float = key(number(0.0, 1.0), 0.0)
@@ -246,6 +249,7 @@ class Rigid(Table):
     velocity: tuple = key(velocity, (0.0, 0.0, 0.0))
     spin: tuple = key(vector(least=-1e6, most=1e6), (0.0, 0.0, 0.0))  # rad/s
     adhesion: float = key(number(0.0, 1e3), 0.0)  # N/m
+    friction: float = key(number(0.0, MOST_FRICTION), 0.0)  # coefficient, of tissue
     color: tuple = key(color, (0.6, 0.5, 0.3))
     reflection: float = key(number(0.0, 1.0), 0.0)
     refraction: float = key(number(0.0, 1.0), 0.0)

@@ -24,10 +24,10 @@ for _table in TABLES.values():
 PICTURE = ("color", "reflection", "refraction", "shown")
 CHANGEABLE = {
     "fluid": ("density", "viscosity", "implicit", "surface_tension", *PICTURE),
-    "tissue": ("damping", "tear", "plastic", "creep", "viscosity", "implicit", "surface_tension",
-               *PICTURE),
-    "boundary": ("adhesion", *PICTURE),
-    "rigid": ("adhesion", *PICTURE),
+    "tissue": ("damping", "tear", "plastic", "creep", "friction", "viscosity", "implicit",
+               "surface_tension", *PICTURE),
+    "boundary": ("adhesion", "friction", *PICTURE),
+    "rigid": ("adhesion", "friction", *PICTURE),
 }  # fmt: skip
 
 
@@ -56,6 +56,8 @@ class Phase(Steered):
         tear: strain at which a bond breaks; 0: never.
         plastic: strain beyond which a part of the strain is permanent; 0: never.
         creep: rate at which the excess strain becomes permanent, 1/s.
+        friction: coefficient of the contacts of tissue, a boundary or a rigid body; a contact has
+            the larger one of its two sides.
 
     Raises:
         ValueError: a value that the table's check refuses.
@@ -77,6 +79,7 @@ class Phase(Steered):
     tear: float | None = None
     plastic: float | None = None
     creep: float | None = None
+    friction: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -110,7 +113,7 @@ class Phase(Steered):
 
 # Of kinds whose tables do not have these keys.
 _BARE = {"density": 1000.0, "viscosity": 0.0, "surface_tension": 0.0, "adhesion": 0.0,
-         "damping": 0.0, "tear": 0.0, "plastic": 0.0, "creep": 1.0}  # fmt: skip
+         "damping": 0.0, "tear": 0.0, "plastic": 0.0, "creep": 1.0, "friction": 0.0}  # fmt: skip
 
 
 def phase_of(kind: str, table: Any) -> Phase:

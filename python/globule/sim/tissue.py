@@ -39,6 +39,7 @@ class Tissue:
         poisson: Poisson's ratio of a solid, 0 to 0.49, one or (N,).
         relaxation: up to two pairs (share, time) of a solid: that share of the shear modulus
             relaxes in this time, s (Prony series); young is the modulus of sudden motion.
+        friction: coefficient of the contacts with shapes and of cut faces.
 
     Raises:
         ValueError: particles that nearly coincide; a modulus that is not positive; another model;
@@ -62,6 +63,7 @@ class Tissue:
         model: str = MODEL,
         poisson: Any = POISSON,
         relaxation: Any = (),
+        friction: float = 0.0,
     ):
         check_model(model, relaxation)
         positions = np.ascontiguousarray(positions, np.float32)
@@ -82,7 +84,7 @@ class Tissue:
             elasticity(young, _arranged(poisson, self.order), n, relaxation)
             if model == "solid" else None,
         )  # fmt: skip
-        self._core.materials([damping], [tear], [plastic], [creep])
+        self._core.materials([damping], [tear], [plastic], [creep], [friction])
 
     def __len__(self) -> int:
         return self._n
@@ -93,7 +95,7 @@ class Tissue:
         Args:
             motions: (velocity, spin, center) of each grasp, by number.
             shapes: (kind, a, b, radius, velocity): BALL of center a, CAPSULE from a to b, or
-                HALF_SPACE with point a and outward normal b.
+                HALF_SPACE with point a and outward normal b; a sixth item is the shape's friction.
         """
         self._core.instruments(list(motions), list(shapes))
 

@@ -260,7 +260,7 @@ class Tools(Named):
     @whole
     def pusher_force(self, number: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """What a pusher of `set_pushers` feels of the tissue that meets it: force (3,) N and torque
-        (3,) N m about its point `a`, world axes, as the mean of the last step. No friction.
+        (3,) N m about its point `a`, world axes, as the mean of the last step, with friction.
 
         Raises:
             ValueError: a pusher that there is not.
@@ -290,9 +290,12 @@ class Tools(Named):
         Args:
             shapes: at most 8 of (kind, a, b, radius, velocity): kind tissue.BALL with center a,
                 CAPSULE from a to b, or HALF_SPACE with a point a and an outward normal b; m, m/s.
+                A sixth item is the shape's coefficient of friction, 0 without it; a contact has
+                the larger one of the shape's and the tissue's (`Phase.friction`).
 
         Raises:
-            ValueError: more than 8 shapes, another kind, or numbers that are not finite.
+            ValueError: more than 8 shapes, another kind, numbers that are not finite, or a negative
+                friction.
         """
         shapes = list(shapes)
         if len(shapes) > MOST_PUSHERS:
@@ -303,10 +306,10 @@ class Tools(Named):
     def _move_pushers(self, dt: float) -> None:
         """Where they are after a step, as its substeps left them but for rounding: what comes next
         depends on what is known here, which a checkpoint keeps."""
-        if any(any(velocity) for *_, velocity in self._pushers):
+        if any(any(velocity) for *_, velocity, _ in self._pushers):
             self._pushers = [
-                (kind, _shifted(a, u, dt), b if kind == HALF_SPACE else _shifted(b, u, dt), r, u)
-                for kind, a, b, r, u in self._pushers
+                (kind, _shifted(a, v, dt), b if kind == HALF_SPACE else _shifted(b, v, dt), r, v, f)
+                for kind, a, b, r, v, f in self._pushers
             ]
             self._send()
 
@@ -341,14 +344,15 @@ def _shifted(point: list[float], velocity: list[float], dt: float) -> list[float
 
 def _pusher(name: str, shape: Any) -> tuple:
     try:
-        kind, a, b, radius, velocity = shape
+        kind, a, b, radius, velocity, *more = shape
+        (friction,) = more or [0.0]
     except (TypeError, ValueError):
-        expected = "expected (kind, a, b, radius, velocity)"
+        expected = "expected (kind, a, b, radius, velocity) or (..., velocity, friction)"
         raise ValueError(f"{name}: {expected}, got {shown(shape)}") from None
     kind = int_in(f"{name}: kind", kind, BALL, HALF_SPACE)
     radius = finite(f"{name}: radius", radius, 0.0)
     a, b, velocity = (vector(name, v) for v in (a, b, velocity))
-    return kind, a, b, radius, velocity
+    return kind, a, b, radius, velocity, finite(f"{name}: friction", friction, 0.0)
 
 
 def _grasp_number(number: int) -> int:
