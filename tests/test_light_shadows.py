@@ -324,7 +324,7 @@ def test_no_light_from_below_the_ground(backend, kind):
 
 
 def test_shadows_are_exact(backend):
-    """Light arrives exactly where the float64 oracle finds nothing on the way, however narrow the miss."""
+    """Light arrives exactly where the float64 oracle finds nothing on the way."""
     rng = np.random.default_rng(5)
     p = (
         np.stack(np.meshgrid(*[np.arange(10.0)] * 3), -1).reshape(-1, 3)
