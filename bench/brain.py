@@ -1,4 +1,4 @@
-"""Frames of the surgery scene: `python bench/brain.py [--device cuda] [--spacing 0.002] [--frames 30]`.
+"""Frames of the surgery scene: `python bench/brain.py [--device cuda] [--spacing 0.002]`.
 
 Each frame simulates 1/60 s and makes one image of 1920×1080 with shadows. Prints, for the cut brain
 and then for the bleeding one, the time of a frame's steps and of its image (wall time; the image's

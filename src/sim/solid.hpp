@@ -282,10 +282,10 @@ struct Stiffening {
     const Quad *at, *velocity;
     const float* stays;  ///< as in Memory: a yielded shape's metric G multiplies μ
     const std::uint8_t* quiet;  ///< those can do no harm
-    GB_FN Strained operator()(std::size_t i) const {
+    Strained* out;
+    GB_FN void operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
-        if (quiet[t]) return {1.0, 0.0};
-        return {stiffness(t), rate(t)};
+        out[i] = quiet[t] ? Strained{1.0, 0.0} : Strained{stiffness(t), rate(t)};
     }
     GB_FN double rate(std::uint32_t t) const {
         if (!(at[t].w > 0.0f)) return 0.0;  // springs
@@ -308,6 +308,10 @@ struct Stiffening {
         const double steep = steepness(bonds, solid, t) * solid.spacing / kSteepCorner;
         return strained * max(steep * steep, 1.0);
     }
+};
+struct StrainedOf {
+    const Strained* each;
+    GB_FN Strained operator()(std::size_t i) const { return each[i]; }
 };
 struct MostStrained {
     GB_FN Strained operator()(const Strained& a, const Strained& b) const {

@@ -514,8 +514,9 @@ private:
     /// How many times as many substeps as at rest the next ones of `dt` seconds need.  They are stable up to four times the stiffness at rest; the
     /// stiffest particle tells how much more there is, and the pair that strains fastest how much may come until this is asked again.
     double hurry(const Quad* at, float dt) {
-        tissue::Strained most, *out = strained_.reserve(1);
-        exec_.reduce_in_order(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr, quiet_.data()}, tissue::MostStrained{}, tissue::Strained{1.0, 0.0}, out);
+        tissue::Strained most, *out = strained_.reserve(1 + std::size_t(n_)), *each = out + 1;
+        exec_.for_each(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr, quiet_.data(), each});
+        exec_.reduce_in_order(n_, tissue::StrainedOf{each}, tissue::MostStrained{}, tissue::Strained{1.0, 0.0}, out);
         exec_.download(&most, out, sizeof most);
         return std::sqrt(std::min(std::max(1.0, most.stiffness / kBorne), kMostStiffening)) *  // 1 where it is no number
                std::min(std::max(1.0, most.rate * dt / kStrainOfPart), kMostByStrain);
