@@ -15,9 +15,7 @@ struct Flock {
     int leader;      ///< its number among the tile's rays
     float3 o, d;     ///< its ray
     float far;       ///< from o to the farthest corner of the octree's box
-    float spread;    ///< rays stay so close to the leader's, all the way to `reach`
-    float reach;     ///< far; less where rays soon have nothing before them
-    float most_apart = 0.045f;  ///< directions
+    float spread;    ///< rays stay so close to the leader's, all the way to there
     B in[V];
     Bundle bundle;   ///< around them all
     float loose;     ///< how far apart they come; 0: one ray, or several that coincide
@@ -34,8 +32,8 @@ struct Flock {
             d = {g.pick(rays.d[v].x, lane), g.pick(rays.d[v].y, lane), g.pick(rays.d[v].z, lane)};
         }
         if (leader < 0) return false;
-        reach = far = length(float3{max(abs(lo.x - o.x), abs(hi.x - o.x)), max(abs(lo.y - o.y), abs(hi.y - o.y)),
-                                    max(abs(lo.z - o.z), abs(hi.z - o.z))});
+        far = length(float3{max(abs(lo.x - o.x), abs(hi.x - o.x)), max(abs(lo.y - o.y), abs(hi.y - o.y)),
+                            max(abs(lo.z - o.z), abs(hi.z - o.z))});
         return true;
     }
     /// The pending rays within `spread`; returns the least distance that one of them has come.
@@ -45,7 +43,7 @@ struct Flock {
             const F away = length(rays.o[v] - Vec3<F>{F(o.x), F(o.y), F(o.z)});
             const F apart = length(rays.d[v] - Vec3<F>{F(d.x), F(d.y), F(d.z)});
             const B leads = leader / Group::width == v ? g.only(leader % Group::width) : g.none();
-            in[v] = rays.pending[v] & (leads | ((away + apart * F(reach) <= F(spread)) & (apart < F(most_apart))));
+            in[v] = rays.pending[v] & (leads | ((away + apart * F(far) <= F(spread)) & (apart < F(0.045f))));
             r0 = max(r0, g.largest(select(in[v], away, F(0.0f))));
             r1 = max(r1, g.largest(select(in[v], apart, F(0.0f))));
             z = min(z, g.smallest(select(in[v], rays.t[v], F(infinity()))));

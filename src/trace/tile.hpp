@@ -10,7 +10,6 @@ namespace globule::core {
 
 inline constexpr float kSlab = 1.5f;    ///< depth of a slab to begin with, in typical supports, where particles are balls
 inline constexpr float kSpread = 8.0f;  ///< of a flock to begin with, likewise
-inline constexpr float kSoon = 4.0f, kMostApart = 0.3f;  ///< of shadow rays: reach of a flock, likewise, and how far apart its directions are
 
 /// What rays of tiles are for: to see the surface, also wet tissue; or shadows, which begin outside, at a surface, and ask for distances alone.
 enum class Sight { surface, wet_surface, shadow };
@@ -50,10 +49,6 @@ struct TraceTiles {
         Flock<Group> flock;
         while (flock.choose_leader(g, tile, box.lo, box.hi)) {
             flock.spread = kSpread * typical;
-            if (leaving) {  // most soon leave the medium, towards anywhere on a light's face
-                flock.reach = min(flock.far, kSoon * typical);
-                flock.most_apart = kMostApart;
-            }
             trace(g, scratch, tile, flock, typical);
             for (int v = 0; v < Group::vectors; ++v) tile.pending[v] = tile.pending[v] & !flock.in[v];
         }
