@@ -127,7 +127,7 @@ GB_FN F raised(const F& own, const F& filled, const F& sheet) {
 ///   add up   each row goes through them
 template <class Tree>
 struct FindSurfaceKernels {
-    static constexpr int kNear = 320;        ///< at once; there may be more
+    static constexpr int kNear = 416;        ///< at once; there may be more
     static constexpr std::size_t kMany = 1 << 19;  ///< most are deep inside, which fewer sums tell
     static constexpr int tile_blocks = 6;    ///< at one time on a GPU's processor
     static constexpr float kSpread = 2.0f;   ///< of a bunch from its first row, in radii
