@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from globule.bench import physics_friction as truths
 from globule.bench.physics_tissue import DENSITY, SPACING, lattice
-from globule.sim import blade
+from globule.sim import blade, checkpoint
 from globule.sim.tissue import BALL, HALF_SPACE, Tissue
 
 D = 0.004
@@ -137,6 +137,19 @@ def test_same_bits_whatever_the_threads_and_after_a_checkpoint(tmp_path):
     for s in (sim, again):
         s.run(0.02)
     np.testing.assert_array_equal(sim.positions, again.positions)
+
+
+def test_a_checkpoint_from_before_friction_has_none(tmp_path):
+    sim = gb.Simulation(truths.scene("wall", 20.0), device="cpu")
+    sim.run(0.01)
+    sim.save(tmp_path / "state.npz")
+    arrays, facts = checkpoint.load(tmp_path / "state.npz")
+    for phase in facts["by_hand"]["phases"]:
+        del phase["friction"]
+    checkpoint.save(tmp_path / "old.npz", arrays, facts)
+    old = gb.Simulation.load(tmp_path / "old.npz", device="cpu")
+    assert old.phases["block"].friction == 0.0
+    np.testing.assert_array_equal(sim.positions, old.positions)
 
 
 @pytest.mark.parametrize(

@@ -90,8 +90,9 @@ CASES = {
         for k, v in [
             ("name", "fat"), ("density", 900.0), ("young", 9000.0), ("rigidity", 0.5),
             ("viscosity", 2.0), ("implicit", True), ("surface_tension", 0.05), ("damping", 3.0),
-            ("tear", 0.5), ("plastic", 0.1), ("creep", 2.0), ("fixed", [{"box": BOX}]),
-            ("velocity", [0, 0, -1]), *IMAGE[:3], ("shown", False), ("model", "solid"),
+            ("tear", 0.5), ("plastic", 0.1), ("creep", 2.0), ("friction", 0.3),
+            ("fixed", [{"box": BOX}]), ("velocity", [0, 0, -1]), *IMAGE[:3],
+            ("shown", False), ("model", "solid"),
         ]
     } | {
         k: {"solids": [near(SOLID, k, v)[0] | {"model": "solid"}]}
@@ -105,7 +106,7 @@ CASES = {
         k: {"boundaries": near(WALL, k, v)}
         for k, v in [
             ("name", "floor"), ("hollow", True), ("open", ["+z"]), ("keys", KEYS),
-            ("adhesion", 0.05), ("shown", True), *IMAGE[:3],
+            ("adhesion", 0.05), ("friction", 0.4), ("shown", True), *IMAGE[:3],
         ]
     } | {
         k: {"boundaries": [{"name": "wall", k: v}]}
@@ -117,7 +118,7 @@ CASES = {
         k: {"rigids": near(RAFT, k, v)}
         for k, v in [
             ("name", "cork"), ("density", 300.0), ("velocity", [0, 0, 1]), ("spin", [0, 1, 0]),
-            ("adhesion", 0.05), *IMAGE[:3], ("shown", False),
+            ("adhesion", 0.05), ("friction", 0.4), *IMAGE[:3], ("shown", False),
         ]
     } | {
         k: {"rigids": [{"name": "raft", k: v}]}

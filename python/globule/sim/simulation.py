@@ -527,6 +527,8 @@ class Simulation:
                 for solid in facts["scene"]["solids"]:  # of a version that had springs alone
                     solid.setdefault("model", "bonds")
             sim = cls(facts["scene"], device=device, threads=threads)
+            for phase in facts["by_hand"]["phases"]:
+                phase.setdefault("friction", 0.0)  # of a version that had none
             sim._take_up(facts["by_hand"])
             sim.arrays.set_state(arrays)
             sim.record._take_up(facts["record"])
