@@ -23,6 +23,9 @@ CUT = gb.ClipPlane((1, 0.2, 0), 6.0)
 GLASS = gb.Material(reflection=0.2, transmission=0.6, index=1.3)
 ALL = {"material": GLASS, "shadows": True, "ambient_rays": 2}
 LAMP = gb.PointLight((16, 20, 17), radius=1.5)
+DROPS = np.repeat(RNG.uniform(0, 24, (500, 3)), 6, axis=0) + RNG.normal(0, 0.7, (3000, 3))
+SPRAY = gb.Particles(DROPS.astype(np.float32))
+MIRROR = {"material": gb.Material(reflection=0.3), "bounces": 4}
 
 
 def on(n, work, backend):
@@ -97,9 +100,7 @@ def test_particles_of_their_own(backend):
     own = {"reflection": np.linspace(0, 0.6, N), "refraction": rng.uniform(0, 0.8, N)}
     check(gb.Particles(POSITIONS, color=COLOR, **own), 3, backend, {"shadows": True}, support=2.0)
     weight = np.where(np.arange(N) % 5 == 0, -0.6, 1.0)
-    # More bounces between such bumps make a level of rounding alone: of one scene, too.
-    once = ALL | {"bounces": 1}
-    check(gb.Particles(POSITIONS, weight=weight), 3, backend, once, support=2.0)
+    check(gb.Particles(POSITIONS, weight=weight), 3, backend, ALL, support=2.0)
     support = rng.uniform(1.2, 2.2, N)
     support[700] = 30  # over all pieces
     check(gb.Particles(POSITIONS, support=support), 4, backend, {"shadows": True}, threshold=1.0)
@@ -108,12 +109,31 @@ def test_particles_of_their_own(backend):
 def test_eyes_inside_and_parallel_rays(backend):
     cave = gb.Particles(POSITIONS[np.linalg.norm(POSITIONS - 5.5, axis=1) >= 3])
     inside = gb.Camera((5.5, 5.5, 5.5), (11, 9, 6))
-    # With four bounces, rounding makes a second level at one pixel (docs/design/pieces.md).
-    twice = ALL | {"bounces": 2}
     for particles in (cave, PARTICLES):
-        check(particles, 3, backend, twice, inside, support=2.0)
+        check(particles, 3, backend, ALL, inside, support=2.0)
     far = gb.Camera.fit(POSITIONS, size=SIZE, margin=1, orthographic=True)
-    check(PARTICLES, 3, backend, twice, far, support=2.0)
+    check(PARTICLES, 3, backend, ALL, far, support=2.0)
+
+
+@pytest.mark.parametrize("n", [2, 5, 7])
+@pytest.mark.parametrize("settings", [MIRROR, ALL | {"bounces": 4}], ids=["mirror", "glass"])
+def test_spray(n, settings, backend):
+    """Reflections in small drops turn the last bits of a hit into other pixels."""
+    camera = gb.Camera.fit(DROPS, size=SIZE, margin=1)
+    check(SPRAY, n, backend, settings, camera, support=1.5)
+
+
+def test_the_octree_makes_no_difference(backend):
+    """What light goes on from depends on the particles and the ray alone."""
+    camera = gb.Camera.fit(DROPS, size=SIZE, margin=1)
+    found = [
+        gb.render(gb.Scene(SPRAY, support=1.5, bounds=bounds, **backend), camera, SIZE, MIRROR)
+        for bounds in (None, ((-3, -3, -3), (34, 34, 34)))
+    ]
+    assert found[0].mask.mean() > 0.1
+    differ = found[0].distance != found[1].distance
+    assert differ.mean() <= 2e-4  # a tangent
+    np.testing.assert_array_equal(found[0].image[~differ], found[1].image[~differ])
 
 
 def test_a_far_eye(backend, monkeypatch):

@@ -10,6 +10,7 @@ struct Vec3 {
 };
 
 using float3 = Vec3<float>;
+GB_FN float3 to_float(const Vec3<double>& v) { return {float(v.x), float(v.y), float(v.z)}; }
 
 template <class F>
 GB_FN Vec3<F> operator+(const Vec3<F>& a, const Vec3<F>& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }

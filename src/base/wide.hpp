@@ -84,4 +84,51 @@ GB_FN WideF exp(WideF a) {
     return r;
 }
 
+/// A register of float64, half as many lanes.
+inline constexpr int kWideD = GB_WIDTH / 2;
+typedef double VecD __attribute__((vector_size(4 * GB_WIDTH)));
+typedef std::int64_t VecL __attribute__((vector_size(4 * GB_WIDTH)));
+typedef std::int32_t VecH __attribute__((vector_size(2 * GB_WIDTH)));
+struct WideBD {
+    VecL v;
+};
+struct WideD {
+    VecD v;
+    WideD() = default;
+    GB_FN WideD(double s) : v(s - VecD{}) {}
+    GB_FN WideD(VecD x) : v(x) {}
+};
+
+GB_FN WideD operator+(WideD a, WideD b) { return a.v + b.v; }
+GB_FN WideD operator-(WideD a, WideD b) { return a.v - b.v; }
+GB_FN WideD operator*(WideD a, WideD b) { return a.v * b.v; }
+GB_FN WideD operator/(WideD a, WideD b) { return a.v / b.v; }
+GB_FN WideD& operator+=(WideD& a, WideD b) { a.v += b.v; return a; }
+GB_FN WideBD operator<=(WideD a, WideD b) { return {a.v <= b.v}; }
+GB_FN WideBD operator>(WideD a, WideD b) { return {a.v > b.v}; }
+GB_FN unsigned bits(WideBD m) {
+#if defined(__AVX512F__)
+    return _mm512_test_epi64_mask((__m512i)m.v, (__m512i)m.v);
+#elif defined(__AVX2__)
+    return unsigned(_mm256_movemask_pd((__m256d)m.v));
+#else
+    unsigned set = 0;
+    for (int i = 0; i < kWideD; ++i) set |= unsigned(m.v[i] & 1) << i;
+    return set;
+#endif
+}
+GB_FN WideD select(WideBD m, WideD a, WideD b) { return m.v ? a.v : b.v; }
+GB_FN WideD min(WideD a, WideD b) { return a.v < b.v ? a.v : b.v; }
+GB_FN WideD max(WideD a, WideD b) { return a.v > b.v ? a.v : b.v; }
+GB_FN WideD sqrt(WideD a) {
+    WideD r;
+    for (int i = 0; i < kWideD; ++i) r.v[i] = __builtin_sqrt(a.v[i]);
+    return r;
+}
+GB_FN WideD exp(WideD a) {
+    WideD r;
+    for (int i = 0; i < kWideD; ++i) r.v[i] = ::exp(a.v[i]);
+    return r;
+}
+
 }  // namespace globule::core

@@ -274,12 +274,49 @@ struct CpuLanes {
         for (int i = 0; i < width; ++i) r.v[i] = fn(i);
         return r;
     }
-    /// fn(lane) for the lanes where v > 0.
-    template <class Fn>
-    static void where_positive(const F& v, const Fn& fn) {
-        for (unsigned set = bits(v > F(0.0f)); set; set &= set - 1) fn(__builtin_ctz(set));
+
+    // Float64: a block's particles in parts of half as many lanes.
+    using D = WideD;
+    static constexpr int part = kWideD;
+    /// Those of a part, of which the first n count.
+    struct Slots {
+        VecH slot;  ///< past n: the first one again
+        VecL counts;
+    };
+    static Slots slots(const float* block, int first, int n) {
+        VecH number, slot;
+        VecL place;
+        for (int i = 0; i < part; ++i) number[i] = place[i] = i;
+        std::memcpy(&slot, block + 3 * width + first, sizeof slot);
+        return {number < n ? slot : slot[0] - VecH{}, place < n};
     }
-    static float get(const F& v, int lane) { return v.v[lane]; }
+    /// p[stride slot + k].
+    static D gather(const float* p, const Slots& s, std::size_t stride = 1, int k = 0) {
+        D r;
+#if defined(__AVX512F__)
+        if (stride == 1) {
+            r.v = (VecD)_mm512_cvtps_pd(_mm256_i32gather_ps(p, (__m256i)s.slot, 4));
+            return r;
+        }
+#endif
+        for (int i = 0; i < part; ++i) r.v[i] = p[stride * std::uint32_t(s.slot[i]) + k];
+        return r;
+    }
+    /// v, and 0 for those that do not count.
+    static D counted(const Slots& s, const D& v) { return select(WideBD{s.counts}, v, D(0.0)); }
+    static double sum(const D& v) {
+        double r = v.v[0];
+        for (int i = 1; i < part; ++i) r += v.v[i];
+        return r;
+    }
+    /// fn(slot, v) where v > 0.
+    template <class Fn>
+    static void where_positive(const Slots& s, const D& v, const Fn& fn) {
+        for (unsigned set = bits(v > D(0.0)); set; set &= set - 1) {
+            const int i = __builtin_ctz(set);
+            fn(std::uint32_t(s.slot[i]), v.v[i]);
+        }
+    }
 
     static constexpr int list_unit = 1;  ///< blocks of a list come by so many
     /// Cells that a ray passes between two looks at the others; it is alone here.

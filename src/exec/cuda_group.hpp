@@ -186,11 +186,19 @@ struct CudaLanes {
     GB_FN static float largest(float v) { return v; }
     template <class Fn>
     GB_FN static float map(const Fn& fn) { return fn(0); }
+
+    // Float64, as CpuLanes has it.
+    using D = double;
+    static constexpr int part = 1;
+    using Slots = std::uint32_t;
+    GB_FN static Slots slots(const float* block, int, int) { return slot(block, 0); }
+    GB_FN static D gather(const float* p, Slots s, std::size_t stride = 1, int k = 0) { return p[stride * s + k]; }
+    GB_FN static D counted(Slots, D v) { return v; }
+    GB_FN static double sum(double v) { return v; }
     template <class Fn>
-    GB_FN static void where_positive(float v, const Fn& fn) {
-        if (v > 0.0f) fn(0);
+    GB_FN static void where_positive(Slots s, D v, const Fn& fn) {
+        if (v > 0.0) fn(s, v);
     }
-    GB_FN static float get(float v, int) { return v; }
 
     static constexpr unsigned all = 0xffffffffu;
     static constexpr int list_unit = 8;      ///< blocks of a list come by so many

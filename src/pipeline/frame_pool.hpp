@@ -70,7 +70,13 @@ public:
     }
     void give_back(std::unique_ptr<FrameImages<Exec>> images) {
         const std::lock_guard lock(mutex_);
-        if (free_.size() < kKept) free_.push_back(std::move(images));
+        if (keeps_ && free_.size() < kKept) free_.push_back(std::move(images));
+    }
+    /// Whether images wait for the next frame, or their memory goes back when they are let go.
+    void keep(bool keeps) {
+        const std::lock_guard lock(mutex_);
+        keeps_ = keeps;
+        if (!keeps) free_.clear();
     }
 
     /// Copies an image of a finished frame out, beside whatever the scene is doing.
@@ -113,6 +119,7 @@ private:
 
     std::shared_ptr<Exec> exec_, reader_;
     std::mutex mutex_, reading_;
+    bool keeps_ = true;
     std::vector<std::unique_ptr<FrameImages<Exec>>> free_;
     Buffer<float, Exec> room_;
     Buffer<std::uint8_t, Exec> answer_;

@@ -34,14 +34,12 @@ public:
             exec.for_each_tile_of(undecided, ResolveRays<Tree, Tracer::PerParticle>{
                                                  tracer.tree, scene.octree().particles(), {field.kernel}, field.threshold, nullptr, {}, source,
                                                  {found.t, nullptr, nullptr, found.undecided}, clips, found.sign, found.cap});
-            exec.for_each_uneven(n, LookAtParts<Tracer>{{tracer, scene.attributes()}, parts, found.t, found_looks});
+            exec.for_each_uneven(n, LookAtParts<Tracer>{{tracer, scene.attributes()}, parts, found, found_looks});
         });
         exec.download(t, found.t, n * sizeof(float));
         exec.download(cap, found.cap, n * sizeof(std::int32_t));
         exec.download(looks, found_looks, 8 * n * sizeof(float));
         exec.download(in.side, parts.side, n);
-        for (std::size_t i = 0; i < n; ++i)
-            if (!(t[i] <= in.to[i])) t[i] = infinity();
     }
 
     void occlude(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field, const Clips& clips, const Material& material, const RayParts& in,

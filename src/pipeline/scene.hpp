@@ -31,6 +31,7 @@ public:
         check_room(in.n, request);
         cells_.forget();
         ++state_;
+        frames_->keep(Exec::on_device || !in.given_up);  // where memory is scarce
         builder_.build(in, request);
     }
 

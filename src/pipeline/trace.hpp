@@ -147,7 +147,7 @@ struct Traced {
         if (mesh.is_there()) return mesh.keep(exec, clips, rays, layer, found, hits);
         with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
-            exec.for_each_uneven(rays.source.n_items(), Keep<FieldSurface<Tracer>>{{tracer, attributes()}, clips, rays, layer, found, hits});
+            exec.for_each_uneven(rays.source.n_items(), Keep<FieldSurface<Tracer>>{{tracer, attributes(), !(field.thesis && rays.primary())}, clips, rays, layer, found, hits});
         });
     }
     /// Light that this layer lets through to the hits.

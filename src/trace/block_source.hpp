@@ -61,20 +61,6 @@ struct BlockSource {
         else
             add<false, Bounds, true>(sum, kernel, p - q, along, F(1.0f), F(1.0f), wide);
     }
-    /// Of a block's particles at points v from their centres.
-    GB_FN Influence<F> influence_at(const float* from, const Vec3<F>& v) const {
-        if constexpr (Kernel::stretched) {
-            const Stretched of(from);
-            return influence(kernel, Form<F>{of.form}, v, of.weight);
-        } else {
-            F i2(1.0f), c(1.0f);
-            if constexpr (PerParticle) {
-                i2 = Lanes::load(from + 4 * Lanes::width);
-                c = Lanes::load(from + 5 * Lanes::width);
-            }
-            return influence(kernel, Ball<F>{i2}, v, c);
-        }
-    }
     /// Of a block's particles.
     struct Stretched {
         F weight;

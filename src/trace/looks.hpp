@@ -1,7 +1,6 @@
 // What a point of the surface, or of a cut face, looks like: gradient and blended attributes.
 #pragma once
-#include "octree/query.hpp"
-#include "trace/cell_tracer.hpp"
+#include "trace/exact.hpp"
 
 namespace globule::core {
 
@@ -15,8 +14,7 @@ struct Attributes {
     GB_FN bool uniform() const { return !color && !reflection.data && !refraction.data && !wetness.data; }
 };
 
-/// At a point: half the gradient of the field, over 1 / typical support or the world's unit of length, and attributes
-/// blended by influence.
+/// At a point: half the gradient of the field, over 1 / typical support, and attributes blended by influence.
 struct Looks {
     float3 gradient{0, 0, 0}, color{0, 0, 0};
     float reflection = 0, refraction = 0, wetness = 0;
@@ -25,67 +23,50 @@ struct Looks {
 /// The sums that give a point's attributes.
 struct BlendedAttributes {
     const Attributes& of;
-    BlendedColor<float> color;
-    float reflection = 0, refraction = 0, wetness = 0;
+    BlendedColor<double> color;
+    double reflection = 0, refraction = 0, wetness = 0;
 
     GB_FN explicit BlendedAttributes(const Attributes& attributes) : of(attributes) {}
-    GB_FN void add(std::uint32_t particle, float w) {
+    GB_FN void clear() {
+        color = {};
+        reflection = refraction = wetness = 0;
+    }
+    GB_FN void add(std::uint32_t particle, double w) {
         color.add(of.color, particle, w);
         if (of.reflection.data) reflection += w * of.reflection.data[particle];
         if (of.refraction.data) refraction += w * of.refraction.data[particle];
         if (of.wetness.data) wetness += w * of.wetness.data[particle];
     }
     GB_FN Looks with(const float3& gradient) const {
-        const float scale = color.scale();
-        Looks looks{gradient, of.color ? color.sum * scale : of.one_color, of.reflection.data ? reflection * scale : of.reflection.uniform,
-                    of.refraction.data ? refraction * scale : of.refraction.uniform, of.wetness.uniform};
-        if (of.wetness.data) looks.wetness = under_film(wetness * scale, of.wet, looks.color);
+        const double scale = color.scale();
+        Looks looks{gradient, of.color ? to_float(color.sum * scale) : of.one_color, of.reflection.data ? float(reflection * scale) : of.reflection.uniform,
+                    of.refraction.data ? float(refraction * scale) : of.refraction.uniform, of.wetness.uniform};
+        if (of.wetness.data) looks.wetness = under_film(float(wetness * scale), of.wet, looks.color);
         return looks;
     }
 };
 
-/// From a cell's list, whose particles the lanes share out.
+/// At t along a ray.  settles: t is a crossing, and moves to where float64 has it.
 template <class Tracer>
-GB_FN Looks looks_in_cell(const Tracer& tracer, const Attributes& attributes, const typename Tracer::Source& source) {
-    using Lanes = typename Tracer::Lanes;
-    using F = typename Lanes::F;
+GB_FN Looks looks_at(const Tracer& tracer, const Attributes& attributes, const float3& o, const float3& d, float& t, bool settles) {
+    using Field = ExactField<Tracer>;
+    const Field field(tracer, o, d, t);
     BlendedAttributes blended(attributes);
-    const Vec3<F> p{F(source.p0.x), F(source.p0.y), F(source.p0.z)};
-    Vec3<F> gradient{F(0.0f), F(0.0f), F(0.0f)};
-    for (int j = 0; j < source.n_blocks; ++j) {
-        const float* block = source.block(j);
-        Vec3<F> q;
-        Lanes::load(block, q.x, q.y, q.z);
-        const Influence<F> of = source.influence_at(block, p - q);
-        gradient = gradient + of.half_gradient;
-        if (!attributes.uniform())
-            Lanes::where_positive(of.value, [&](int lane) {
-                blended.add(tracer.particles.index[Lanes::slot(block, lane)], Lanes::get(of.value, lane));
-            });
+    const auto at = [&](const Vec3<double>& p, bool last) {
+        if (!last || attributes.uniform()) return field.at(p, typename Field::Nobody{});
+        blended.clear();
+        return field.at(p, [&](std::uint32_t particle, double w) { blended.add(particle, w); });
+    };
+    const Vec3<double> o2{o.x, o.y, o.z}, d2{d.x, d.y, d.z};
+    if (!settles) {  // its normal is known
+        at(o2 + d2 * double(t), true);
+        return blended.with({0, 0, 0});
     }
-    return blended.with({Lanes::sum(gradient.x), Lanes::sum(gradient.y), Lanes::sum(gradient.z)});
-}
-
-/// From the octree: where a cell has no list because the medium fills it, at a cut face.
-template <class Tracer>
-GB_FN Looks looks_by_tree(const Tracer& tracer, const Attributes& attributes, const float3& p) {
-    BlendedAttributes blended(attributes);
-    float3 gradient{0, 0, 0};
-    for_each_reaching(tracer.tree, tracer.particles, p, [&](std::uint32_t j, const float3& v, const SortedShape<float>& shape) {
-        const Influence<float> of = influence(tracer.kernel, shape, v, tracer.particles.weight[j]);
-        gradient = gradient + of.half_gradient;
-        blended.add(tracer.particles.index[j], max(of.value, 0.0f));
-    });
-    return blended.with(gradient);
-}
-
-template <class Tracer>
-GB_FN Looks looks_at(const Tracer& tracer, const Attributes& attributes, const float3& o, const float3& d, float t) {
-    const CellWalk walk(*tracer.cells.grid, o, d, t);
-    bool whole_brick = true;
-    const CellList list = walk.inside() ? tracer.list_of(walk, whole_brick) : CellList{kEmpty, 0, 0, 0};
-    if (list.n == 0) return looks_by_tree(tracer, attributes, o + d * t);
-    return looks_in_cell(tracer, attributes, tracer.source(list, tracer.in_cell(walk, o, t), d));
+    const double typical = tracer.tree.header->typical_support;
+    double exact = t;
+    const Vec3<double> gradient = settle(at, double(tracer.tau), typical, o2, d2, exact);
+    t = max(float(exact), 0.0f);
+    return blended.with(to_float(gradient * typical));
 }
 
 }  // namespace globule::core

@@ -53,8 +53,9 @@ template <class Tracer>
 struct FieldSurface {
     Tracer tracer;
     Attributes attributes;
-    GB_FN Looks looks(const float3& o, const float3& d, float t, const LayerHits&, std::size_t) const {
-        return looks_at(tracer, attributes, o, d, t);
+    bool exact = true;  ///< crossings are moved to where float64 has them; false: a tracer of another kind has found them
+    GB_FN Looks looks(const float3& o, const float3& d, float& t, const LayerHits& found, std::size_t i) const {
+        return looks_at(tracer, attributes, o, d, t, exact && !(found.cap && found.cap[i] >= 0));
     }
     GB_FN static float3 normal(const Looks& looks) { return normalize(looks.gradient) * -1.0f; }
 };
@@ -72,7 +73,7 @@ struct Keep {
         const std::size_t i = rays.source.swizzled(k);
         if (i >= rays.source.n) return;
         if (rays.primary() && layer == 0) rays.inside[i] = 0;
-        const float t = found.t[i];
+        float t = found.t[i];
         // A camera may stand inside.
         if (rays.primary() && found.sign && t < infinity() && found.sign[i] < 0) rays.inside[i] |= 1u << layer;
         if (layer == 0) {
@@ -83,10 +84,11 @@ struct Keep {
                 write3(out.albedo, i, {0, 0, 0});
             }
         }
-        if (!(t < out.t[i])) return;
+        if (!(t < infinity())) return;
         float3 o, d;
         rays.source.get(i, o, d);
-        const Looks looks = surface.looks(o, d, t, found, i);
+        const Looks looks = surface.looks(o, d, t, found, i);  // may move t a little
+        if (!(t < out.t[i])) return;
         const std::int32_t cap = found.cap ? found.cap[i] : -1;
         const float3 normal = cap < 0 ? surface.normal(looks) : clips.clips[cap].normal(o + d * t);
         if (rays.primary() && !found.sign && dot(normal, d) > 0.0f) rays.inside[i] |= 1u << layer;

@@ -109,7 +109,7 @@ protected:
         if (sign < 0.0f && t < infinity()) s.left *= m.mean_beer(t - s.from);
         if (ends) return false;
         s.left *= m.transmission >= 0.0f       ? m.transmission
-                  : attributes.refraction.data ? looks_at(cut.tracer, attributes, o, l, t).refraction
+                  : attributes.refraction.data ? looks_at(cut.tracer, attributes, o, l, t, false).refraction
                                                : attributes.refraction.uniform;
         if (s.left < 0.004f) {
             s.left = 0.0f;

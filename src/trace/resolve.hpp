@@ -104,7 +104,7 @@ struct ResolveRays {
         if (hit && n > 0)
             g.share(n, [&](int j) { add(scratch.list.number(j)); });
         else if (hit)
-            for_each_leaf(tree, point(p), point(p), [&](std::uint32_t first, std::uint32_t count) {
+            for_each_leaf(tree, to_float(p), to_float(p), [&](std::uint32_t first, std::uint32_t count) {
                 g.share(count, [&](int j) { add(first + j); });
             });
         gradient = total(g, gradient);
@@ -117,13 +117,12 @@ struct ResolveRays {
             write3(out.albedo, i, {0, 0, 0});
             return;
         }
-        write3(out.normal, i, point(normalize(gradient) * -1.0));
-        float3 seen = color ? point(blended.mean()) : one_color;
+        write3(out.normal, i, to_float(normalize(gradient) * -1.0));
+        float3 seen = color ? to_float(blended.mean()) : one_color;
         if (wetness) out.wetness[i] = under_film(float(wet), film, seen);
         write3(out.albedo, i, seen);
     }
 
-    GB_FN static float3 point(const Vec3<double>& p) { return {float(p.x), float(p.y), float(p.z)}; }
     template <class Group>
     GB_FN static Vec3<double> total(const Group& g, const Vec3<double>& v) { return {g.total(v.x), g.total(v.y), g.total(v.z)}; }
 

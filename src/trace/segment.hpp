@@ -114,17 +114,21 @@ template <class Tracer>
 struct LookAtParts {
     FieldSurface<Tracer> surface;
     Parts parts;
-    const float* t;
+    LayerHits found;
     float* looks;  ///< (n, 8) as RemoteSurface's
     GB_FN void operator()(std::size_t i) const {
-        if (!(t[i] <= parts.to[i])) return;
+        float& t = found.t[i];
+        if (!(t < infinity() && t <= parts.to[i])) {  // past the part, which may have no end
+            t = infinity();
+            return;
+        }
         float3 o, d;
         parts.get(i, o, d);
-        const Looks found = looks_at(surface.tracer, surface.attributes, o, d, t[i]);
-        write3(looks + 8 * i, 0, surface.normal(found));
-        write3(looks + 8 * i, 1, found.color);
-        looks[8 * i + 6] = found.reflection;
-        looks[8 * i + 7] = found.refraction;
+        const Looks at = surface.looks(o, d, t, found, i);
+        write3(looks + 8 * i, 0, surface.normal(at));
+        write3(looks + 8 * i, 1, at.color);
+        looks[8 * i + 6] = at.reflection;
+        looks[8 * i + 7] = at.refraction;
     }
 };
 

@@ -25,10 +25,18 @@ class Hits:
     """
 
     def __init__(self, n: int):
+        self.clear(n)
+
+    def clear(self, n: int) -> None:
+        """n rays that meet nothing; until one does, all have the same 0."""
         self.t = np.full(n, np.inf, np.float32)
-        self.normal = np.zeros((n, 3), np.float32)
-        self.albedo = np.zeros((n, 3), np.float32)
         self.layer = np.full(n, NOTHING, np.uint8)
+        self.normal: np.ndarray = np.broadcast_to(np.float32(0), (n, 3))
+        self.albedo: np.ndarray = self.normal
+
+    def _make_room(self) -> None:
+        if not self.normal.flags.writeable:
+            self.normal, self.albedo = (np.zeros(self.normal.shape, np.float32) for _ in "na")
 
     def __getitem__(self, some: slice) -> Hits:
         """Those of some rays: the same memory."""
@@ -39,23 +47,37 @@ class Hits:
 
     def put(self, rays: np.ndarray, t: Any, normal: Any, albedo: Any, layer: Any) -> None:
         """Keep hits of rays (K,) that are nearer than those so far; of equal ones the first."""
+        self._make_room()
         nearer = t < self.t[rays]
         at = rays[nearer]
         self.t[at], self.normal[at], self.albedo[at] = t[nearer], normal[nearer], albedo[nearer]
         self.layer[at] = layer if np.ndim(layer) == 0 else layer[nearer]
+
+    def put_all(self, t: np.ndarray, normal: np.ndarray, albedo: np.ndarray, layer: int) -> None:
+        """`put` of all rays, infinite t where none. The first takes the arrays as they are."""
+        if (self.layer == NOTHING).all():
+            missed = t == np.inf
+            normal[missed], albedo[missed] = 0, 0
+            self.t, self.normal, self.albedo = t, normal, albedo
+            self.layer[~missed] = layer
+            return
+        rays = np.flatnonzero(t < self.t)
+        self.put(rays, t[rays], normal[rays], albedo[rays], layer)
 
     def packed(self, first: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """The rays that hit, (K,) int64, and rows (K, 9) float32: the ray's number, counted from
         `first`, as the bits of an int32; t, normal, albedo, layer."""
         rays = np.flatnonzero(self.t < np.inf)
         rows = np.empty((len(rays), 9), np.float32)
-        t, normal, albedo, layer = self._flat()
-        _core.pack_hits(rays, first, t, normal, albedo, layer, rows.reshape(-1))
+        if len(rays):
+            _core.pack_hits(rays, first, *self._flat(), rows.reshape(-1))
         return rays, rows
 
     def put_rows(self, rows: np.ndarray, first: int = 0) -> None:
         """`put` for what `packed` has made, once or several times, one after the other."""
-        _core.put_hits(rows.reshape(-1), first, *self._flat())
+        if len(rows):
+            self._make_room()
+            _core.put_hits(rows.reshape(-1), first, *self._flat())
 
     def _flat(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         return self.t, self.normal.reshape(-1), self.albedo.reshape(-1), self.layer
@@ -70,6 +92,8 @@ def nearest(ranks: Alone, hits: Hits) -> Hits:
     n = len(hits.t)
     bounds = n * np.arange(ranks.size + 1) // ranks.size
     rays, rows = hits.packed()
+    if ranks.rank:
+        hits.clear(n)  # what has been packed is not needed twice
     rows = ranks.exchange(rows, np.diff(np.searchsorted(rays, bounds)))
     begin = int(bounds[ranks.rank])
     best = Hits(int(bounds[ranks.rank + 1]) - begin)
@@ -78,9 +102,8 @@ def nearest(ranks: Alone, hits: Hits) -> Hits:
     everything = np.zeros(ranks.size, np.int64)
     everything[0] = len(rays)
     rows = ranks.exchange(rows, everything)
-    if ranks.rank:
-        return Hits(n)
-    hits.put_rows(rows)
+    if ranks.rank == 0:
+        hits.put_rows(rows)
     return hits
 
 

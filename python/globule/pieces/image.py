@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.memory import trim
 from ..render.camera import Camera
 from ..render.fit import FROM_ABOVE
 from ..render.frame import Frame
@@ -25,6 +26,7 @@ from .wavefront import skip_empty
 
 __all__ = ["Pieces", "PiecesFrame", "fit", "render_pieces"]
 
+Rays = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # of numbers: origins, directions
 SAMPLES_AT_ONCE = 4  # per visit of the pieces: their hits are in memory together
 
 
@@ -93,11 +95,11 @@ class Images:
 
     def normal(self, height: int, width: int) -> np.ndarray:
         """(H, W, 3) float32."""
-        return self._hits.normal.reshape(height, width, 3)
+        return np.require(self._hits.normal, requirements="W").reshape(height, width, 3)
 
     def albedo(self, height: int, width: int) -> np.ndarray:
         """(H, W, 3) float32, linear."""
-        return self._hits.albedo.reshape(height, width, 3)
+        return np.require(self._hits.albedo, requirements="W").reshape(height, width, 3)
 
     def layer(self, height: int, width: int) -> np.ndarray:
         """(H, W) uint8."""
@@ -194,22 +196,27 @@ class Job:
         """What the rays through the pixels' centers meet, on rank 0: the core makes them."""
         n = self.size[0] * self.size[1]
         hits = Hits(n)
-        o, d = self.rays(np.arange(n), 0)
+        centers = partial(self.rays, sample=0)
         for k, layer in enumerate(self.layers):
             scene, clips = layer.scene, layer.clips
             if isinstance(scene, Scene):
                 if self.ranks.rank == 0:
                     hits.put(np.arange(n), *self._frame(scene, clips), k)
-            elif scene.negative or self._inside(scene, clips, o, d).any():
-                hits.put(np.arange(n), *in_turn(scene, o, d, clips), k)
+            elif scene.negative or self._inside(scene, clips, self._starts()).any():
+                hits.put(np.arange(n), *in_turn(scene, *centers(np.arange(n)), clips), k)
             else:
-                self.ranks.together(partial(self._put_centers, hits, layer, o, d, k))
-        del o, d  # before others' hits come
+                self.ranks.together(partial(self._put_centers, hits, layer, centers, k))
+        trim()  # before others' hits come
         return nearest(self.ranks, hits)
 
-    def _put_centers(self, hits: Hits, layer: Layer, o: Any, d: Any, k: int) -> None:
+    def _starts(self) -> np.ndarray:
+        """Where the rays of the pixels' centers begin: in one point, or all of them."""
+        n = 1 if self.camera.height is None else self.size[0] * self.size[1]
+        return self.rays(np.arange(n), 0)[0]
+
+    def _put_centers(self, hits: Hits, layer: Layer, centers: Rays, k: int) -> None:
         for piece, part in layer.scene.visit():
-            put_owned(hits, layer.scene, piece, o, d, self._frame(part, layer.clips), k)
+            put_owned(hits, layer.scene, piece, centers, self._frame(part, layer.clips), k)
 
     def _frame(self, scene: Scene, clips: Sequence[Any]) -> tuple[Any, Any, Any]:
         frame = render([Layer(scene, None, clips)], self.camera, self.size, light_of())
@@ -226,18 +233,19 @@ class Job:
                     if self.ranks.rank == 0:
                         hits.put(np.arange(len(o)), *first_hits(scene, o, d, clips), k)
                 continue
-            hard = [scene.negative or self._inside(scene, clips, o, d).any() for o, d in rays]
+            hard = [scene.negative or self._inside(scene, clips, o).any() for o, _ in rays]
             for hits, (o, d), inside in zip(found, rays, hard, strict=True):
                 if inside:
                     hits.put(np.arange(len(o)), *in_turn(scene, o, d, clips), k)
             for piece, part in scene.visit() if not all(hard) else ():
                 for hits, (o, d), inside in zip(found, rays, hard, strict=True):
                     if not inside:
-                        put_owned(hits, scene, piece, o, d, first_hits(part, o, d, clips), k)
+                        of = partial(_some, o, d)
+                        put_owned(hits, scene, piece, of, first_hits(part, o, d, clips), k)
         return [nearest(self.ranks, hits) for hits in found]
 
-    def _inside(self, scene: Pieces, clips: Sequence[Any], o: Any, d: Any) -> np.ndarray:
-        """Which rays begin inside what the clips keep of the medium."""
+    def _inside(self, scene: Pieces, clips: Sequence[Any], o: Any) -> np.ndarray:
+        """Which rays that begin at o (M, 3) begin inside what the clips keep of the medium."""
         inside = np.zeros(len(o), bool)
         one_eye = len(o) > 0 and bool((o == o[0]).all())
         starts = o[:1] if one_eye else o
@@ -258,15 +266,22 @@ class Job:
 
 
 def put_owned(
-    hits: Hits, scene: Pieces, piece: int, o: Any, d: Any, found: tuple[Any, Any, Any], layer: int
+    hits: Hits, scene: Pieces, piece: int, rays: Rays, found: tuple[Any, Any, Any], layer: int
 ) -> None:
     """Keep a piece's hits in its own cells: for rays that begin outside of the medium and weights
-    of at least 0 the first of all pieces' is the whole scene's."""
+    of at least 0 the first of all pieces' is the whole scene's. rays(numbers): their origins and
+    directions; `found` is the caller's no more."""
     t, normal, albedo = found
     for first in range(0, len(t), SOME):  # a hit's cell takes a hundred bytes while it is found
         hit = first + np.flatnonzero(np.isfinite(t[first : first + SOME]))
-        mine = hit[scene.partition.knows(piece, o[hit] + t[hit, None] * d[hit])]
-        hits.put(mine, t[mine], normal[mine], albedo[mine], layer)
+        o, d = rays(hit)
+        other = hit[~scene.partition.knows(piece, o + t[hit, None] * d)]
+        t[other] = np.inf
+    hits.put_all(t, normal, albedo, layer)
+
+
+def _some(o: np.ndarray, d: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return o[rays], d[rays]
 
 
 def in_turn(

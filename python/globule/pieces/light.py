@@ -56,12 +56,23 @@ def _reflects(scene: Any, material: Material) -> bool:
     own = material.reflection, material.transmission
     if any(own) or (material.index or 1) != 1:
         return True
-    if None not in own:
+    if None not in own or isinstance(scene, Mesh):
         return False
     factors = getattr(scene, "factors", None)  # of all pieces
     if factors is not None:
         return factors > 0
     return scene.particles.reflection is not None or scene.particles.refraction is not None
+
+
+def shadows_alone(layers: Sequence[Layer], settings: RenderSettings) -> bool:
+    """Whether light that goes on casts shadows and nothing else, and nothing is cut: one scene's
+    core traces such shadows by tiles, and decides each exactly (src/trace/seen.hpp)."""
+    s = settings
+    if s.ambient_rays or any(x.clips for x in layers):
+        return False
+    if s.ground is not None and s.ground.reflection > 0 and s.bounces > 0:
+        return False
+    return not any(_reflects(x.scene, x.material or s.material) for x in layers)
 
 
 def render_light(
@@ -74,13 +85,13 @@ def render_light(
 ) -> Frame:
     """The image of layers of which some are `Pieces`: every rank shades its squares of it."""
     wavefront = Wavefront(ranks)
-    shown = []
+    shown, opaque = [], shadows_alone(layers, settings)
     for k, layer in enumerate(layers):
         scene = layer.scene
         if isinstance(scene, Pieces):
             material = layer.material or settings.material
             clips = [c._packed for c in layer.clips]
-            wavefront.layers[k] = Spread(scene, clips, material._packed)
+            wavefront.layers[k] = Spread(scene, clips, material._packed, opaque)
             scene = Spokesman(scene, Answers(wavefront, k))
         shown.append(Layer(scene, layer.material, layer.clips))
     comm = ranks if ranks.size > 1 else None

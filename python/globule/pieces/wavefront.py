@@ -37,6 +37,7 @@ class Spread(NamedTuple):
     pieces: Pieces
     clips: list[Any]  # as the core takes them
     material: Any
+    opaque: bool = False  # light ends where it meets the layer; each such place is decided exactly
 
 
 class Answers:
@@ -253,6 +254,11 @@ def occlude_part(
     spread: Spread, scene: Scene, rows: np.ndarray, leave: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Shadow rays through one piece's cells, as `march_part`."""
+    if spread.opaque:
+        met, found = march_part(spread, scene, rows, leave)
+        met[met] = found[:, FOUND] < rows[met, DISTANCE]
+        rows[met, LEFT] = 0
+        return met, answers_of(rows[met], None)
     n, margin = len(rows), spread.pieces.partition.space.margin
     ray, begin, distance = columns(rows, RAY, 6), columns(rows, FROM), columns(rows, DISTANCE)
     to = (leave + margin / 4).astype(np.float32)
