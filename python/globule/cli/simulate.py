@@ -300,6 +300,10 @@ class _Job:
                 path = os.path.join(self.folder, f"frame_{k:05d}.{self.format}")
                 write(path, self.sim.shown_particles)
                 self.files.append(path)
+                if self.sim.foam.on:
+                    path = os.path.join(self.folder, f"foam_{k:05d}.{self.format}")
+                    write(path, self.sim.foam.particles())
+                    self.files.append(path)
         with self._timed("pictures"):
             self.files += self.pictures.add(k, self.sim)
 

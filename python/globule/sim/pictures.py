@@ -49,7 +49,8 @@ class Eye:
         if self._settings is None:  # nothing yet to scale light or camera by
             camera = self._camera or Camera((0, -1, 0), (0, 0, 0), self.view.up)
             return render(scene, camera, self.size)
-        return render(scene, self._camera, self.size, self._settings)
+        layers = [scene, sim.foam.layer()] if len(sim.foam) else scene
+        return render(layers, self._camera, self.size, self._settings)
 
     def settled(self, sim: Any) -> bool:
         """Whether camera and light are decided, which happens where there are particles."""

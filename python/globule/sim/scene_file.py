@@ -308,6 +308,27 @@ class Vessel(Table):
     pool: float = key(positive)  # m³ of blood in all
 
 
+def _rising(value: Any) -> tuple[float, ...]:
+    lo, hi = vector(2, least=0)(value)
+    if lo >= hi:
+        raise ValueError(f"expected the lower one first, got {shown(value)}")
+    return lo, hi
+
+
+@dataclass(kw_only=True)
+class Foam(Table):
+    """Spray, foam and bubbles that fluids carry. Limits: where a potential is 0, and 1."""
+
+    approach: tuple | None = key(_rising, None)  # m/s, of neighbors; default: by gravity
+    curvature: tuple = key(_rising, (0.5, 2.0))
+    speed: tuple | None = key(_rising, None)  # m/s; default: by gravity
+    air_rate: float = key(number(0.0, 1e6), 500.0)  # 1/s, per fluid particle
+    crest_rate: float = key(number(0.0, 1e6), 2000.0)  # 1/s
+    lifetime: float = key(positive, 2.0)  # s, of foam: the mean
+    max_particles: int = key(whole(1, 100_000_000), 200_000)  # beyond, the oldest go
+    seed: int = key(whole(0, 2**31 - 1), 0)  # of the random numbers
+
+
 @dataclass(kw_only=True)
 class View(Table):
     """Camera and look of the scene's images."""
@@ -357,6 +378,7 @@ class SceneFile(Table):
     emitters: list = key(each(Emitter), [])
     sinks: list = key(each(Sink), [])
     vessels: list = key(each(Vessel), [])
+    foam: Foam | None = key(Foam, None)
     view: View = key(View, View)
     output: Output = key(Output, Output)
 
@@ -380,6 +402,11 @@ class SceneFile(Table):
                     listed = ", ".join(known) or "a fluid of the scene"
                     got = getattr(item, attribute)
                     raise Problem((kind, i, attribute), f"expected one of {listed}, got {got!r}")
+        if self.foam and not any(self.gravity):
+            for name in ("approach", "speed"):
+                if getattr(self.foam, name) is None:
+                    expected = "expected [m/s, m/s] where there is no gravity, got none"
+                    raise Problem(("foam", name), expected)
         limits.check(self)
 
 

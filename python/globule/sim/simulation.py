@@ -23,6 +23,7 @@ from . import checkpoint
 from .arrays import Arrays, check_finite, ids_of
 from .bodies import Body, bodies, scene_of_particles
 from .emitter import Emitter
+from .foam import Foam
 from .limits import check_densities, check_emitter, check_material, shape_of
 from .old_words import OLD_NAMES, renamed, with_old_keys
 from .operate import BondedTissue
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 PARTS = 1000  # of a run, that progress counts
 SHORTEST, LONGEST = 1e-15, 1e3  # s, of a step
 _PARTS = ("file", "settings", "phases", "emitters", "scene", "arrays", "tissue", "tools", "steer",
-          "record")  # fmt: skip
+          "foam", "record")  # fmt: skip
 _log = logging.getLogger(__name__)
 
 
@@ -74,6 +75,7 @@ class Simulation:
         tissue: bonds, cuts, pieces and vessels.
         tools: the scene's instruments by name; grasps and pushers.
         steer: forces, moved boundaries, rigid bodies, sinks.
+        foam: spray, foam and bubbles of a scene with a table `foam`.
         record: diagnostics, counts, energies and times.
         file: the scene with all its values, a `SceneFile`.
 
@@ -121,6 +123,7 @@ class Simulation:
         self.tissue: BondedTissue = BondedTissue(self)
         self.tools: Tools = Tools(self)
         self.steer: Steer = Steer(self)
+        self.foam: Foam = Foam(self)
         self.record: Record = Record(self)
         for body in found:
             for phase, _ in body.phases():
@@ -295,6 +298,7 @@ class Simulation:
         self.tools._move_pushers(dt)
         for tool in self.tools.values():
             self.record.n_cut += tool.operate(self)
+        self.foam._advance(report.dt)
         self.record._note(report)
         return report
 
@@ -508,7 +512,7 @@ class Simulation:
         except ValueError as error:
             expected = f"{checkpoint.path_of(name)}: expected a state that can be loaded again"
             raise ValueError(f"{expected}, {error}") from None
-        checkpoint.save(name, state, facts)
+        checkpoint.save(name, state | self.foam._state(), facts)
         _log.info("%s: checkpoint at %g s", checkpoint.path_of(name), self.time)
 
     @classmethod
@@ -531,6 +535,7 @@ class Simulation:
                 phase.setdefault("friction", 0.0)  # of a version that had none
             sim._take_up(facts["by_hand"])
             sim.arrays.set_state(arrays)
+            sim.foam._take_up(arrays)
             sim.record._take_up(facts["record"])
             return sim
         except (
@@ -553,6 +558,7 @@ class Simulation:
         if self._core.tissue().n() and "tissue_at" not in state:
             raise ValueError("reset: expected a scene's own tissue, got tissue bonded in Python")
         self.record._clear()
+        self.foam._clear()
         self._take_up(by_hand)
         self.arrays.set_state(state)
 
