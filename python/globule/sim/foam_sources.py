@@ -42,8 +42,9 @@ class Flow:
     def apart(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """a - b (M, 3), m, the short way through periodic sides."""
         d = a - b
-        turns = np.where(self.periodic, np.round(d / self.size), 0.0)
-        return d - turns * self.size
+        for k in np.flatnonzero(self.periodic):
+            d[:, k] -= np.round(d[:, k] / self.size[k]) * self.size[k]
+        return d
 
     def pairs(self, rows: np.ndarray) -> tuple[np.ndarray, ...]:
         """All pairs of rows with their neighbors: index into rows (P,), neighbor (P,), unit vector
@@ -53,7 +54,7 @@ class Flow:
         within = np.arange(len(i)) - np.repeat(np.cumsum(count) - count, count)
         j = self._neighbors[self._first[rows][i] + within]
         away = self.apart(self.positions[rows[i]], self.positions[j])
-        r = np.linalg.norm(away, axis=1)
+        r = np.sqrt(np.einsum("ij,ij->i", away, away))
         away /= np.maximum(r, 1e-30)[:, None]
         return i, j, away, np.maximum(1.0 - r / self.reach, 0.0)
 
@@ -85,7 +86,8 @@ class Flow:
             q = np.repeat(inside, count)
             within = np.arange(len(q)) - np.repeat(np.cumsum(count) - count, count)
             j = fluid[np.repeat(begin, count) + within]
-            r = np.linalg.norm(self.apart(places[q], self.positions[j]), axis=1)
+            away = self.apart(places[q], self.positions[j])
+            r = np.sqrt(np.einsum("ij,ij->i", away, away))
             near = r <= self.reach
             q, j, w = q[near], j[near], 1.0 - r[near] / self.reach
             n_near += np.bincount(q, minlength=m)

@@ -1,0 +1,287 @@
+"""Spray, foam and bubbles: closed forms of their motion, and what they must not change."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.sim.foam import BUBBLE, FOAM, SPRAY, uniform
+from globule.sim.foam_sources import Flow, limits_of, potentials
+
+G = 9.81
+SPACING = 0.05
+DAM = {
+    "spacing": SPACING,
+    "domain": {"lo": [0, 0, 0], "hi": [1.2, 0.3, 1.0], "walls": True},
+    "solver": {"max_error": 0.01},
+    "fluids": [{"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.4, 0.3, 0.8]}}],
+}
+LIVELY = {"approach": [0.2, 1], "curvature": [0.1, 1], "speed": [0.2, 2]}
+
+
+def scene(foam=(), **keys):
+    """A box of air, for particles added in Python."""
+    base = {"spacing": SPACING, "domain": {"lo": [-1, -1, -1], "hi": [1, 1, 1]}}
+    fluids = [{"name": "water"}]
+    made = {**base, "fluids": fluids, "foam": dict(foam), **keys}
+    return gb.Simulation(made, device="cpu", threads=1)
+
+
+def lattice(n, at=(0.0, 0.0, 0.0)):
+    return (np.mgrid[0:n, 0:n, 0:n].reshape(3, -1).T - (n - 1) / 2) * SPACING + at
+
+
+def put(sim, at, velocity=(0.0, 0.0, 0.0), life=10.0):
+    """One diffuse particle, with the kind that it has there."""
+    sim.foam._add(np.array([at], float), np.array([velocity], float), np.array([life]))
+    sim.foam._classify(Flow(sim))
+
+
+def all_potentials(sim, **limits):
+    flow = Flow(sim)
+    found = limits_of(sim.file.foam, G, SPACING) | limits
+    return potentials(flow, np.flatnonzero(flow.is_fluid), found)
+
+
+def test_spray_flies_along_a_parabola():
+    sim = scene()
+    put(sim, (-0.5, 0.1, 0.2), (2.0, 0.5, 1.5))
+    for dt in (0.003, 0.002, 0.005, 0.001) * 20:
+        sim.step(dt)
+    t = sim.time
+    assert sim.foam.kind.tolist() == [SPRAY]
+    place = [-0.5 + 2 * t, 0.1 + 0.5 * t, 0.2 + 1.5 * t - G * t * t / 2]
+    np.testing.assert_allclose(sim.foam.positions[0], place, atol=1e-6)
+    np.testing.assert_allclose(sim.foam.velocities[0], [2, 0.5, 1.5 - G * t], atol=1e-5)
+    np.testing.assert_allclose(sim.foam.age, [t], rtol=1e-6)
+
+
+def test_foam_goes_with_a_block_that_moves():
+    foam = {"approach": [1e3, 2e3], "speed": [10, 20]}
+    sim = scene(foam, gravity=[0, 0, 0])
+    sim.add(lattice(6), "water", (1.0, 0.5, 0.25))
+    start = np.array([0.0, 0.0, 2.9 * SPACING])  # above the top face
+    put(sim, start)
+    assert sim.foam.kind.tolist() == [FOAM]
+    for _ in range(40):
+        sim.step(0.005)
+    assert sim.foam.kind.tolist() == [FOAM]
+    np.testing.assert_allclose(sim.foam.positions[0], start + 0.2 * np.array([1, 0.5, 0.25]),
+                               atol=1e-5)  # fmt: skip
+    np.testing.assert_allclose(sim.foam.velocities[0], [1, 0.5, 0.25], rtol=1e-5)
+
+
+def test_a_bubble_rises_at_the_root_of_gravity_times_spacing():
+    sim = scene()
+    sim.add(lattice(12), "water")
+    put(sim, (0.0, 0.0, -0.1))
+    assert sim.foam.kind.tolist() == [BUBBLE]
+    speed, tau = np.sqrt(G * SPACING), np.sqrt(SPACING / G) / 2
+    for _ in range(30):  # in water that stays where it is
+        sim.foam._move(0.005)
+    rise = speed * (0.15 - tau * (1 - np.exp(-0.15 / tau)))
+    np.testing.assert_allclose(sim.foam.positions[0], [0, 0, rise - 0.1], atol=1e-6)
+    np.testing.assert_allclose(sim.foam.velocities[0, 2], speed * (1 - np.exp(-0.15 / tau)))
+
+
+def test_water_at_rest_makes_nothing():
+    sim = scene()
+    sim.add(lattice(6), "water")
+    ids, *found = sim.foam.potentials()
+    assert ids.tolist() == list(range(216))
+    assert not np.any(found)
+
+
+def test_rigid_motion_traps_no_air():
+    sim = scene()
+    at = lattice(6)
+    spin = np.array([3.0, -2.0, 5.0])
+    sim.add(at, "water", np.cross(spin, at).astype(np.float32) + np.float32([4, 1, 2]))
+    trapped, _, kinetic = all_potentials(sim, approach=(1e-4, 1.0))
+    assert not trapped.any()
+    assert kinetic.all()
+
+
+def test_a_flat_face_is_no_crest_and_an_edge_is_one():
+    sim = scene()
+    sim.add(lattice(8), "water", (0.0, 0.0, 3.0))
+    _, crest, _ = all_potentials(sim, curvature=(1e-4, 1.0))
+    at = np.abs(sim.positions / SPACING)
+    top = sim.positions[:, 2] > 3.4 * SPACING
+    flow = Flow(sim)
+    order = np.argsort(flow.ids)
+    crest = crest[order]
+    edge = (at[:, :2] > 3.4).sum(axis=1) == 1  # at a corner, the normal is 55 degrees off
+    assert crest[top & edge].all()
+    assert not crest[top & (at[:, :2] < 1.6).all(axis=1)].any()  # its middle
+    assert not crest[sim.positions[:, 2] < 0].any()  # what does not move along its normal
+
+
+def test_blocks_that_collide_trap_air_where_they_meet():
+    sim = scene()
+    sim.add(lattice(5, (-0.14, 0, 0)), "water", (3.0, 0, 0))
+    sim.add(lattice(5, (0.14, 0, 0)), "water", (-3.0, 0, 0))
+    ids, trapped, _, kinetic = sim.foam.potentials()
+    gap = np.abs(sim.positions[:, 0])
+    assert trapped[gap < 0.05].min() > 0
+    assert not trapped[gap > 0.15].any()
+    assert kinetic.min() > 0
+    sim.add(lattice(2, (0.6, 0, 0)), "water")  # at rest
+    assert sim.foam.potentials()[3][-8:].max() == 0
+
+
+def test_blocks_that_part_trap_none():
+    sim = scene()
+    sim.add(lattice(5, (-0.14, 0, 0)), "water", (-3.0, 0, 0))
+    sim.add(lattice(5, (0.14, 0, 0)), "water", (3.0, 0, 0))
+    assert not sim.foam.potentials()[1].any()
+
+
+def test_the_count_is_the_rate_times_the_time():
+    sim = scene({**LIVELY, "air_rate": 3000.0, "crest_rate": 1000.0})
+    sim.add(lattice(5, (-0.14, 0, 0)), "water", (3.0, 0, 0))
+    sim.add(lattice(5, (0.14, 0, 0)), "water", (-3.0, 0, 0))
+    ids, trapped, crest, kinetic = sim.foam.potentials()
+    dt = 0.002
+    n = kinetic * (3000 * trapped + 1000 * crest) * dt
+    count = np.floor(n + uniform(0, ids, sim.n_steps, 0))
+    assert n.max() > 3
+    assert np.all(np.abs(count - n) < 1)
+    sim.foam._create(Flow(sim), dt)
+    assert len(sim.foam) == count.sum()
+    assert abs(count.sum() - n.sum()) < 4 * np.sqrt(len(n) / 4)
+    owner = np.repeat(np.arange(250), count.astype(int))
+    way = sim.foam.positions - sim.positions[owner]
+    along = way[:, 0] * np.sign(sim.velocities[owner, 0])
+    assert along.min() >= -3.0 * dt - 1e-6  # where each came by in the step
+    assert along.max() <= 1e-6
+    assert np.hypot(way[:, 1], way[:, 2]).max() <= SPACING / 2 + 1e-6
+    np.testing.assert_array_equal(sim.foam.velocities, sim.velocities[owner])
+
+
+def test_random_numbers_are_uniform_and_depend_on_each_argument():
+    u = uniform(1, np.arange(40_000), 7, 0)
+    assert 0 <= u.min() and u.max() < 1
+    assert abs(u.mean() - 0.5) < 5 / np.sqrt(12 * 40_000)
+    assert abs(np.corrcoef(u[:-1], u[1:])[0, 1]) < 5 / np.sqrt(40_000)
+    for other in ((2, 7, 0), (1, 8, 0), (1, 7, 1)):
+        v = uniform(other[0], np.arange(40_000), *other[1:])
+        assert abs(np.corrcoef(u, v)[0, 1]) < 5 / np.sqrt(40_000)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """The dam break without foam, with it, and with two threads."""
+    made = []
+    for threads, keys in ((1, {}), (1, {"foam": LIVELY}), (2, {"foam": LIVELY})):
+        sim = gb.Simulation({**DAM, **keys}, device="cpu", threads=threads)
+        sim.run_to(0.25)
+        made.append(sim)
+    return made
+
+
+def test_foam_is_off_unless_the_scene_asks(runs):
+    sim = runs[0]
+    assert not sim.foam.on
+    assert len(sim.foam) == 0
+    with pytest.raises(ValueError, match="expected a table foam"):
+        sim.foam.potentials()
+
+
+def test_no_bit_of_the_fluid_changes(runs):
+    without, with_, _ = runs
+    assert len(with_.foam) > 100
+    assert with_.hash() == without.hash()
+    assert with_.n_steps == without.n_steps
+
+
+def test_any_number_of_threads_gives_the_same_bits(runs):
+    _, one, two = runs
+    for name, values in one.foam._state().items():
+        np.testing.assert_array_equal(values, two.foam._state()[name], err_msg=name)
+
+
+def test_a_checkpoint_goes_on_with_the_same_foam(runs, tmp_path):
+    sim = runs[1]
+    sim.save(tmp_path / "dam")
+    again = gb.Simulation.load(tmp_path / "dam", device="cpu", threads=1)
+    assert len(again.foam) == len(sim.foam)
+    for one in (sim, again):
+        for _ in range(3):
+            one.step(0.002)
+    for name, values in sim.foam._state().items():
+        np.testing.assert_array_equal(values, again.foam._state()[name], err_msg=name)
+    again.reset()
+    assert len(again.foam) == 0
+
+
+def test_a_damaged_checkpoint_is_refused(runs, tmp_path):
+    state = runs[1].foam._state()
+    for name, value in (
+        ("foam_at", state["foam_at"][:, :2]),
+        ("foam_age", state["foam_age"].astype(np.float32)),
+        ("foam_kind", np.full_like(state["foam_kind"], 3)),
+        ("foam_velocity", np.full_like(state["foam_velocity"], np.nan)),
+    ):
+        with pytest.raises(ValueError, match=name.replace("at", "(at|velocity)")):
+            runs[1].foam._take_up({**state, name: value})
+        runs[1].foam._take_up(state)
+
+
+def test_the_oldest_go_and_foam_dies():
+    sim = scene({"max_particles": 3})
+    for k in range(5):
+        put(sim, (0.1 * k, 0, 0))
+    sim.step(0.001)
+    np.testing.assert_allclose(sim.foam.positions[:, 0], [0.2, 0.3, 0.4], atol=1e-6)
+    sim = scene(gravity=[0, 0, 0], foam={"approach": [1, 2], "speed": [1, 2]})
+    sim.add(lattice(6), "water")
+    put(sim, (0, 0, 2.9 * SPACING), life=0.01)
+    put(sim, (0.9, 0, 0), (100, 0, 0))
+    sim.step(0.006)
+    assert len(sim.foam) == 1  # the fast one has left the domain
+    sim.step(0.006)
+    assert len(sim.foam) == 0
+
+
+def test_periodic_sides_are_joined():
+    domain = {"lo": [-0.5, -1, -1], "hi": [0.5, 1, 1], "periodic": ["x"]}
+    sim = scene(domain=domain)
+    sim.add(lattice(6, (0.35, 0, 0)), "water")
+    put(sim, (-0.49, 0, 0), (-4, 0, 0))
+    assert sim.foam.kind.tolist() == [FOAM]
+    sim = scene(domain=domain)
+    put(sim, (-0.49, 0, 0), (-4, 0, 0))
+    sim.step(0.005)
+    np.testing.assert_allclose(sim.foam.positions[0, 0], 0.49, atol=1e-6)
+
+
+def test_the_number_of_neighbors_is_that_of_brute_force(runs):
+    sim = runs[1]
+    flow = Flow(sim)
+    water = sim.positions[: (sim.arrays.phase == 0).sum()].astype(float)
+    places = sim.foam._at[:200]
+    r = np.linalg.norm(places[:, None] - water, axis=2)
+    n, mean = flow.around(places)
+    np.testing.assert_array_equal(n, (r <= 2 * SPACING).sum(axis=1))
+    w = np.maximum(1 - r / (2 * SPACING), 0)
+    wanted = (w @ sim.velocities[: len(water)]) / np.maximum(w.sum(axis=1), 1e-30)[:, None]
+    np.testing.assert_allclose(mean, wanted, atol=1e-9)
+
+
+def test_particles_and_an_image(runs):
+    sim = runs[1]
+    particles = sim.foam.particles()
+    assert set(particles.attributes) == {"velocity", "kind", "age"}
+    assert sum(sim.foam.counts.values()) == len(sim.foam) == len(particles)
+    camera = gb.Camera((0.6, -2.2, 0.6), (0.6, 0.15, 0.4), (0, 0, 1))
+    plain = gb.render(sim.scene, camera, (96, 72)).color
+    white = gb.render([sim.scene, sim.foam.layer()], camera, (96, 72)).color
+    assert np.any(plain != white)
+
+
+def test_limits_need_gravity_or_numbers():
+    with pytest.raises(ValueError, match=r"foam.approach: expected \[m/s, m/s\]"):
+        scene(gravity=[0, 0, 0])
+    with pytest.raises(ValueError, match=r"foam.speed: expected the lower one first"):
+        scene({"speed": [2, 1]})
