@@ -14,7 +14,8 @@ TABLES = {
     "[[solids]]": scene_file.Solid, "[[boundaries]]": scene_file.Boundary,
     "[[rigids]]": scene_file.Rigid, "[[instruments]]": instruments.Instrument,
     "[[emitters]]": scene_file.Emitter, "[[sinks]]": scene_file.Sink,
-    "[[vessels]]": scene_file.Vessel, "[view]": scene_file.View, "[output]": scene_file.Output,
+    "[[vessels]]": scene_file.Vessel, "[foam]": scene_file.Foam,
+    "[view]": scene_file.View, "[output]": scene_file.Output,
     "Key frames": instruments.Key,
 }  # fmt: skip
 SHAPES = {

@@ -56,8 +56,8 @@ CASES = {
         "solids": {"solids": [SOLID]}, "boundaries": {"boundaries": [WALL]},
         "rigids": {"rigids": [RAFT]}, "instruments": {"instruments": [KNIFE]},
         "emitters": {"emitters": [TAP]}, "sinks": {"sinks": [DRAIN]},
-        "vessels": {"solids": [SOLID], "vessels": [VEIN]}, "view": {"view": {"fov": 30.0}},
-        "output": {"output": {"fps": 60.0}},
+        "vessels": {"solids": [SOLID], "vessels": [VEIN]}, "foam": {"foam": {}},
+        "view": {"view": {"fov": 30.0}}, "output": {"output": {"fps": 60.0}},
     },
     "Domain": {
         k: {"domain": {**LEAST["domain"], **v}}
@@ -148,6 +148,13 @@ CASES = {
         for k, v in {
             "name": "artery", "solid": "jelly", "fluid": "water", "radius": 0.1, "pool": 2e-3,
             "path": [[0, 0.2, 0.2], [0.3, 0.2, 0.2]], "pressure": 4000.0,
+        }.items()
+    },
+    "Foam": {
+        k: {"foam": {k: v}}
+        for k, v in {
+            "approach": [0.5, 2.0], "curvature": [0.25, 1.0], "speed": [0.5, 5.0],
+            "air_rate": 50.0, "crest_rate": 40.0, "lifetime": 3.0, "max_particles": 10, "seed": 1,
         }.items()
     },
     "View": {

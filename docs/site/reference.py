@@ -83,6 +83,7 @@ ALSO = {
         "sim.tools.Tools",
         "sim.tools.Tool",
         "sim.steer.Steer",
+        "sim.foam.Foam",
         "sim.record.Record",
         "sim.emitter.Emitter",
         "sim.haptics.HapticLoop",
