@@ -5,6 +5,7 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
+from globule.cli import main
 from globule.sim.foam import BUBBLE, FOAM, SPRAY, uniform
 from globule.sim.foam_sources import Flow, limits_of, potentials
 
@@ -279,6 +280,31 @@ def test_particles_and_an_image(runs):
     plain = gb.render(sim.scene, camera, (96, 72)).color
     white = gb.render([sim.scene, sim.foam.layer()], camera, (96, 72)).color
     assert np.any(plain != white)
+
+
+def test_a_run_writes_foam_beside_its_frames(tmp_path, capsys):
+    (tmp_path / "dam.toml").write_text(
+        """
+spacing = 0.05
+seconds = 0.2
+domain = { lo = [0, 0, 0], hi = [0.8, 0.2, 0.8], walls = true }
+fluids = [{ name = "water", box = { lo = [0, 0, 0], hi = [0.4, 0.2, 0.6] } }]
+foam = { approach = [0.2, 1], speed = [0.2, 2] }
+output = { fps = 10 }
+"""
+    )
+    command = ["simulate", str(tmp_path / "dam.toml"), "--device", "cpu", "--images"]
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    assert main([*command, str(whole), "--size", "64x48", "-o", str(whole)]) == 0
+    assert main([*command, str(parts), "-o", str(parts), "--seconds", "0.1"]) == 0
+    assert main([*command, str(parts), "-o", str(parts), "--resume"]) == 0
+    made = [gb.read(folder / "foam_00002.vtp") for folder in (whole, parts)]
+    assert len(made[0]) > 20
+    assert len(gb.read(whole / "foam_00000.vtp")) == 0
+    np.testing.assert_array_equal(made[0].positions, made[1].positions)
+    for name in ("velocity", "kind", "age"):
+        np.testing.assert_array_equal(made[0].attributes[name], made[1].attributes[name])
+    assert len(gb.read(whole / "frame_00002.vtp")) == 8 * 4 * 12
 
 
 def test_limits_need_gravity_or_numbers():
