@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .scene_file import Foam
     from .simulation import Simulation
 
+Pairs = tuple[np.ndarray, ...]  # of `Flow.pairs`
 REACH = 2.0  # spacings, of all sums here and of the solver
 SURFACE = 0.15  # of the mean direction away from neighbors; 0.30 at a flat face, 0 one layer below
 ALONG = 0.6  # least cosine of velocity and normal at a crest
@@ -46,7 +47,7 @@ class Flow:
             d[:, k] -= np.round(d[:, k] / self.size[k]) * self.size[k]
         return d
 
-    def pairs(self, rows: np.ndarray) -> tuple[np.ndarray, ...]:
+    def pairs(self, rows: np.ndarray) -> Pairs:
         """All pairs of rows with their neighbors: index into rows (P,), neighbor (P,), unit vector
         from the neighbor (P, 3), and weight (P,), 1 - distance / reach."""
         count = self._count[rows]
@@ -123,9 +124,12 @@ def potentials(
     v2 = np.einsum("ij,ij->i", flow.velocities[rows], flow.velocities[rows])
     slow, fast = limits["speed"]
     kinetic = ramp(v2, slow**2, fast**2)
-    parts = [rows[k : k + _ROWS] for k in range(0, len(rows), _ROWS)]
-    trapped = np.concatenate([np.zeros(0), *(_approach(flow, part) for part in parts)])
-    crest = np.concatenate([np.zeros(0), *(_curvature(flow, part) for part in parts)])
+    trapped, crest = np.zeros(len(rows)), np.zeros(len(rows))
+    for k in range(0, len(rows), _ROWS):
+        part = rows[k : k + _ROWS]
+        pairs = flow.pairs(part)
+        trapped[k : k + _ROWS] = _approach(flow, part, pairs)
+        crest[k : k + _ROWS] = _curvature(flow, part, pairs)
     return ramp(trapped, *limits["approach"]), ramp(crest, *limits["curvature"]), kinetic
 
 
@@ -134,41 +138,40 @@ def ramp(value: np.ndarray, lo: float, hi: float) -> np.ndarray:
     return np.clip((value - lo) / (hi - lo), 0.0, 1.0)
 
 
-def _approach(flow: Flow, rows: np.ndarray) -> np.ndarray:
+def _approach(flow: Flow, rows: np.ndarray, pairs: Pairs) -> np.ndarray:
     """Sum of the speeds, m/s, with which fluid neighbors come closer: 0 in a rigid motion."""
-    i, j, away, w = flow.pairs(rows)
+    i, j, away, w = pairs
     closing = -np.einsum("ij,ij->i", flow.velocities[rows[i]] - flow.velocities[j], away)
     w = np.where(flow.is_fluid[j], w, 0.0)
     return np.bincount(i, np.maximum(closing, 0.0) * w, len(rows))
 
 
-def _normals(flow: Flow, rows: np.ndarray) -> np.ndarray:
-    """Outward unit normals (M, 3) of particles at the free surface, 0 of others. All neighbors
+def _normals(n: int, pairs: Pairs) -> np.ndarray:
+    """Outward unit normals (n, 3) of particles at the free surface, 0 of others. All neighbors
     count, so that fluid at a wall has no surface there."""
-    i, _, away, w = flow.pairs(rows)
-    total = np.maximum(np.bincount(i, w, len(rows)), 1e-30)
-    mean = _sums(i, w[:, None] * away, len(rows)) / total[:, None]
+    i, _, away, w = pairs
+    total = np.maximum(np.bincount(i, w, n), 1e-30)
+    mean = _sums(i, w[:, None] * away, n) / total[:, None]
     length = np.linalg.norm(mean, axis=1)
     return np.where(length > SURFACE, 1.0 / np.maximum(length, 1e-30), 0.0)[:, None] * mean
 
 
-def _curvature(flow: Flow, rows: np.ndarray) -> np.ndarray:
+def _curvature(flow: Flow, rows: np.ndarray, pairs: Pairs) -> np.ndarray:
     """Convex curvature of the surface where it moves along its normal, else 0: the sum over surface
     neighbors below of 1 - cosine of both normals."""
-    found, normals = np.zeros(len(rows)), _normals(flow, rows)
+    normals = _normals(len(rows), pairs)
     along = np.einsum("ij,ij->i", normals, flow.velocities[rows])
     speed = np.linalg.norm(flow.velocities[rows], axis=1)
-    moving = np.flatnonzero((along >= ALONG * speed) & (along > 0))
-    i, j, away, w = flow.pairs(rows[moving])
-    own = normals[moving[i]]
+    moving = (along >= ALONG * speed) & (along > 0)
+    i, j, away, w = (values[moving[pairs[0]]] for values in pairs)
+    own = normals[i]
     below = (np.einsum("ij,ij->i", away, own) > 0) & flow.is_fluid[j]
     i, j, w, own = i[below], j[below], w[below], own[below]
     others, of = np.unique(j, return_inverse=True)
-    beside = _normals(flow, others)[of]
+    beside = _normals(len(others), flow.pairs(others))[of]
     bend = 1.0 - np.einsum("ij,ij->i", own, beside)
     bend = np.where(beside.any(axis=1), np.maximum(bend, 0.0), 0.0)
-    found[moving] = np.bincount(i, w * bend, len(moving))
-    return found
+    return np.bincount(i, w * bend, len(rows))
 
 
 def _sums(index: np.ndarray, vectors: np.ndarray, n: int) -> np.ndarray:
