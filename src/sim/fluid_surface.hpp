@@ -24,13 +24,13 @@ public:
         if (!is_there_) return;
         reserve(padded);
         const sim::State s = state_.view();
-        const float d = settings_.spacing, h = state_.spline().support;
+        const float d = spacing(), other = 0.5f * (settings_.spacing + d), h = state_.spline().support;
         exec_.clear(skin_.n_rows, 4);
         exec_.for_each(state_.n + 1, sim::MarkSkin{s, state_.phases(), skin_, d});
         exec_.for_each(state_.n_rows, sim::ListSteep{lists.rows, lists.count, s, state_.phases(), rows, sim::kSurfaceGradient * h / d, skin_});
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
             const sim::MarkTension<Packet, periodic> mark{lists, s, state_.period(), directions_.data(), 1.0f / d, state_.phases(), skin_};
-            const sim::FindFacets<Packet, periodic> facets{lists, skin_, state_.period(), directions_.data(), d};
+            const sim::FindFacets<Packet, periodic> facets{lists, skin_, state_.period(), directions_.data(), d, sim::kReach * sim::kReach * other * other};
             exec_.for_each_tile_of(skin_.n_rows, mark);
             exec_.for_each_tile_of(skin_.n_rows, facets);
         });
@@ -38,13 +38,16 @@ public:
     /// Adds tension's accelerations to those of the rows.
     void pull(const Lists& lists, const sim::Rows& rows, Quad* acceleration) {
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
+            const float s = state_.size_of_fluid();
             const sim::PullSurface<Packet, periodic> pull{lists, state_.view().place, skin_, rows.inverse_rho, state_.period(),
-                                                          sim::kSurfaceOffset * settings_.spacing, 1.0f / state_.volume(), acceleration};
+                                                          sim::kSurfaceOffset * spacing(), 1.0f / (state_.volume() * s * s * s), acceleration};
             exec_.for_each(state_.n_rows, pull);
         });
     }
 
 private:
+    /// Of the fluids.
+    float spacing() const { return settings_.spacing * state_.size_of_fluid(); }
     void reserve(std::size_t padded) {
         Quad* quads = quads_.reserve(2 * (state_.n + 64));
         constexpr std::size_t words = 2 * sim::kMostFacets + 2 + sim::kDirections / 32;

@@ -344,6 +344,7 @@ class SceneFile(Table):
     """A scene with all its keys, in SI units; docs/reference/scene-keys.md describes each key."""
 
     spacing: float = key(positive)  # of the particles
+    fine_fluids: bool = key(switch, False)  # whether fluids have half that spacing
     domain: Domain = key(Domain)
     title: str = key(text, "")
     gravity: tuple = key(vector(least=-1e6, most=1e6), (0.0, 0.0, -9.81))
@@ -381,6 +382,11 @@ class SceneFile(Table):
                     got = getattr(item, attribute)
                     raise Problem((kind, i, attribute), f"expected one of {listed}, got {got!r}")
         limits.check(self)
+
+    @property
+    def fluid_spacing(self) -> float:
+        """Of the particles of fluids, m."""
+        return self.spacing / 2 if self.fine_fluids else self.spacing
 
 
 LISTS = (
