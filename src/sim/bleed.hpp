@@ -75,9 +75,11 @@ struct FindRoom {
         const std::uint32_t free = free_ways(g, end.at, end.velocity);
         if (free == 0 || !g.is_first()) return;
         const float3 way = direction(trailing_zeros(std::uint64_t(free)), end.velocity);
-        found[atomic_take(n_found, 1)] = {end.at + way * mean(1.0f), velocity[end.t].xyz() + way * vessels.speed[end.vessel], end.t, end.vessel};
+        found[atomic_take(n_found, 1)] = {end.at + way * spacing, velocity[end.t].xyz() + way * vessels.speed[end.vessel], end.t, end.vessel};
     }
     static constexpr int kWays = 15;
+    /// Spacings to others.  Amid eight particles of a lattice, fine blood would have 0.87 and be shut in.
+    static constexpr float kRoom = 0.85f, kRoomOfFine = 0.9f;
     /// Outwards, then faces' and corners' directions of a cube.
     GB_FN static float3 direction(int k, const float3& outwards) {
         if (k-- == 0) return outwards;
@@ -88,14 +90,11 @@ struct FindRoom {
         const float a = 0.57735027f;
         return {k & 1 ? a : -a, k & 2 ? a : -a, (k - 6) & 4 ? a : -a};
     }
-    /// Spacing between a particle of blood and one of that size.
-    template <class F>
-    GB_FN F mean(const F& size) const { return F(0.5f * spacing) * (F(blood) + size); }
     /// A bit for each way whose place, a spacing from x, has room: one walk of the tree for all.
     template <class Group>
     GB_FN std::uint32_t free_ways(Group& g, const float3& x, const float3& outwards) const {
         using F = typename Group::F;
-        const float away = mean(1.0f), room = 0.85f * away, reach = 1.001f * (away + room);
+        const float room = (blood < 1.0f ? kRoomOfFine : kRoom) * spacing, reach = 1.001f * (spacing + room);
         const float inner = reach - 2.0f * spacing;  // the boxes of the tree's leaves stand off by the support
         const float3 r{inner, inner, inner};
         std::uint32_t free = (1u << kWays) - 1;
@@ -103,14 +102,14 @@ struct FindRoom {
             for (std::uint32_t at = 0; at < n && free != 0; at += Group::width) {
                 const F px = g.load_run(particles.x + begin + at), py = g.load_run(particles.y + begin + at), pz = g.load_run(particles.z + begin + at);
                 F apart = F(room);
-                if (sizes.of) apart = F(0.85f) * mean(g.load_run(sizes.of + begin + at));
+                if (sizes.of) apart = select(g.load_run(sizes.of + begin + at) < F(1.0f), F(kRoom * blood * spacing), apart);
                 const auto within = [&](const float3& p, const F& far) {
                     const F dx = px - F(p.x), dy = py - F(p.y), dz = pz - F(p.z);
                     return g.any(g.first_lanes(int(n - at)) & (dx * dx + dy * dy + dz * dz < far * far));
                 };
                 if (!within(x, F(reach))) continue;
                 for (int k = 0; k < kWays; ++k)
-                    if (within(x + direction(k, outwards) * away, apart)) free &= ~(1u << k);
+                    if (within(x + direction(k, outwards) * spacing, apart)) free &= ~(1u << k);
             }
         });
         return free;

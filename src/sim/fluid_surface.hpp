@@ -12,7 +12,7 @@ public:
     using Lists = sim::Lists<Packet>;
 
     FluidSurface(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
-        : exec_(exec), state_(state), settings_(settings), quads_(exec), words_(exec), directions_(exec) {}
+        : exec_(exec), state_(state), settings_(settings), quads_(exec), words_(exec), row_of_(exec), directions_(exec) {}
 
     /// Whether any fluid has tension.
     bool is_there() const { return is_there_; }
@@ -39,9 +39,12 @@ public:
     void pull(const Lists& lists, const sim::Rows& rows, Quad* acceleration) {
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
             const float s = state_.size_of_fluid();
-            const sim::PullSurface<Packet, periodic> pull{lists, state_.view().place, skin_, rows.inverse_rho, state_.period(),
-                                                          sim::kSurfaceOffset * spacing(), 1.0f / (state_.volume() * s * s * s), acceleration};
-            exec_.for_each(state_.n_rows, pull);
+            const sim::Tension tension{state_.view().place, skin_, state_.period(), sim::kSurfaceOffset * spacing()};
+            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists, tension, rows.inverse_rho, 1.0f / (state_.volume() * s * s * s), acceleration});
+            if (!state_.sizes().of) return;
+            std::uint32_t* row_of = row_of_.reserve(state_.n + 64);
+            exec_.for_each(state_.n_rows, sim::RowOf{lists.rows, row_of});
+            exec_.for_each(state_.n_rows, sim::PullTissue<Packet, periodic>{lists, tension, row_of, rows.inverse_rho, 1.0f / state_.volume(), acceleration});
         });
     }
 
@@ -69,7 +72,7 @@ private:
     bool is_there_ = false;
     sim::Skin skin_{};
     Buffer<Quad, Exec> quads_;
-    Buffer<std::uint32_t, Exec> words_;
+    Buffer<std::uint32_t, Exec> words_, row_of_;
     Buffer<sim::Directions, Exec> directions_;
 };
 

@@ -233,6 +233,7 @@ public:
     void write(const std::string& name, const void* in, std::size_t bytes) override {
         disturbed();
         if (name == "hold") n_ = std::uint32_t(bytes);
+        if (name == "hold" || name == "id") is_written_ = name == "hold";
         if (name == "other") n_entries_ = std::uint32_t(bytes / 4);
         if (name == "hold") is_solid_ = yielded_ = false, n_terms_ = 0;
         if (name == "rest") is_solid_ = bytes > 0;
@@ -271,7 +272,7 @@ public:
     void disturbed() { gathered_ = settled_ = false; }
     /// Where the particles are now; whether other particles are held than before, which takes waiting for the device.
     bool gather(const sim::State& state, const sim::Phase* phases, const std::uint32_t* slot_of, float volume) {
-        if (n_ == 0 || gathered_) return false;
+        if (n_ == 0 || gathered_ || is_written_) return false;
         gathered_ = true;
         std::uint32_t n[2], *counters = count_.reserve(2);
         if (!settled_) exec_.clear(counters, sizeof n);
@@ -751,6 +752,7 @@ private:
     float contact_ = 0.0f, size_of_fluid_ = 1.0f;
     double fastest_ = 0.0;       ///< 1/s: substeps a second
     bool pieces_known_ = false, pulled_ = false, tears_ = false, yields_ = false, rubs_ = false, bleeds_ = false;
+    bool is_written_ = false;  ///< from outside, array by array
     bool gathered_ = false, settled_ = false;  ///< as the state has the particles; nobody since a gather has changed who is held
     tissue::Materials materials_;
     tissue::Motions motions_;

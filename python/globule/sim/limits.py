@@ -43,7 +43,8 @@ def check(scene: Any) -> None:
             expected = f"expected a place in the domain, {_corners(lo, hi)}"
             raise Problem(path, f"{expected}, got {_corners(first, last)}")
         if body:
-            _check_width(path, first, last, scene.spacing)
+            spacing = scene.fluid_spacing if path[0] == "fluids" else scene.spacing
+            _check_width(path, first, last, spacing)
     for i, table in enumerate(scene.boundaries):
         name, shape = shape_of(table)
         if hasattr(shape, "bounds"):
