@@ -213,10 +213,10 @@ struct Tension {
     Skin skin;
     Period period;
     float offset;  ///< of the surface from its particles
-    /// Takes from `pull` what a facet does to its vertex i.
-    template <bool periodic>
-    GB_FN void take(std::uint32_t i, std::uint32_t j, std::uint32_t k, float3& pull) const {
-        const Quad mine = skin.normal[i], nj = skin.normal[j], nk = skin.normal[k];
+    /// Takes from `pull` what a facet does to its vertex i, whose normal is `mine`; `fluid`: is that fluid.
+    template <bool periodic, bool fluid>
+    GB_FN void take(std::uint32_t i, const Quad& mine, std::uint32_t j, std::uint32_t k, float3& pull) const {
+        const Quad nj = skin.normal[j], nk = skin.normal[k];
         const float3 u = period.template shortest<periodic>(place[j].xyz() - place[i].xyz());
         const float3 v = period.template shortest<periodic>(place[k].xyz() - place[i].xyz());
         const float3 p = u + (nj.xyz() - mine.xyz()) * offset, q = v + (nk.xyz() - mine.xyz()) * offset;
@@ -224,7 +224,7 @@ struct Tension {
         const float outer = length(across), inner = length(cross(u, v));
         if (!(outer > 0.0f)) return;
         const float share = sqrt(min(max(outer / max(inner, 1e-20f), 0.25f), 4.0f));
-        const float n_fluid = float((mine.w > 0.0f) + (nj.w > 0.0f) + (nk.w > 0.0f)), sigma = (mine.w + nj.w + nk.w) / n_fluid;
+        const float sigma = (mine.w + nj.w + nk.w) / ((fluid ? 1.0f : 0.0f) + (nj.w > 0.0f) + (nk.w > 0.0f));
         pull = pull - cross(across, q - p) * (0.5f * sigma * share / outer);
     }
 };
@@ -239,11 +239,12 @@ struct PullSurface {
     GB_FN void operator()(std::size_t row) const {
         const std::uint32_t slot = lists.rows[row], n = tension.skin.count[row];
         if (n == 0) return;
+        const Quad mine = tension.skin.normal[slot];
         float3 pull{0, 0, 0};
         for (std::uint32_t f = 0; f < n; ++f) {
             std::uint32_t j, k;
             vertices(tension.skin, row, f, j, k);
-            tension.template take<periodic>(slot, j, k, pull);
+            tension.template take<periodic, true>(slot, mine, j, k, pull);
         }
         const float s = per_volume * inverse_rho[row];
         Quad& a = acceleration[row];
@@ -282,7 +283,7 @@ struct PullTissue {
                 if (j != slot && k != slot) continue;
                 const std::uint32_t third = j == slot ? k : j;
                 if (skin.place[third].w > 0.0f && third < i) continue;
-                tension.template take<periodic>(slot, i, third, pull);
+                tension.template take<periodic, false>(slot, {0.0f, 0.0f, 0.0f, 0.0f}, i, third, pull);
             }
         }
         const float s = per_volume * inverse_rho[row];
