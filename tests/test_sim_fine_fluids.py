@@ -126,7 +126,7 @@ def test_tissue_and_fluid_keep_their_momentum(backend, model, tension):
     mass = np.where(tissue, 1000.0, 1060.0 / 8) * D**3
     before = mass @ sim.velocities.astype(float)
     assert sim.record.totals()["mass"] == pytest.approx(mass.sum(), rel=1e-4)
-    for _ in range(40):
+    for _ in range(25):
         sim.step(0.0015)
         v = sim.velocities.astype(float)
         assert np.abs(mass @ v - before).max() < 1e-6 * (mass @ np.abs(v)).sum()
@@ -195,12 +195,12 @@ def bleeding(backend):
     sim.tissue.add_vessel(vessel(course, 0.6 * D, 2e5, 5.4 * D**3))
     edge = np.array([[3.5 * D, -0.1, 2 * D], [3.5 * D, 0.1, 2 * D]])
     assert sim.tissue.cut((edge, edge + [0, 0, 4 * D])) > 0
-    return sim, x
+    return sim
 
 
 def test_a_cut_vessel_bleeds_fine_particles(backend):
     """Their volumes add up to what left the pool; none appears within the lattice."""
-    sim, x = bleeding(backend)
+    sim = bleeding(backend)
     for _ in range(60):
         sim.step(0.002)
         blood = sim.positions[sizes(sim) < 1]
@@ -214,7 +214,7 @@ def test_a_cut_vessel_bleeds_fine_particles(backend):
 
 
 def test_checkpoints_go_on_bit_by_bit(tmp_path):
-    sim, _ = bleeding({"device": "cpu"})
+    sim = bleeding({"device": "cpu"})
     for _ in range(20):
         sim.step(0.002)
     sim.save(tmp_path / "half.npz")

@@ -26,7 +26,7 @@ struct Bleed {
     const Quad* at;
     const std::uint8_t* hold;
     Vessels vessels;
-    float spacing, each, dt;  ///< each: volume of a particle of blood
+    float spacing, share, dt;  ///< share: volume of a particle of blood, over the tissue's
     float* volume;
     std::uint32_t* n_asking;
     Drop* asking;          ///< in any order; velocity: the way outwards
@@ -45,7 +45,8 @@ struct Bleed {
             flow += 0.1f * d * d * vessels.speed[vessel];
         }
         if (vessel == 0) return;
-        volume[t] = min(volume[t] + flow * dt, 2.0f * each);
+        const float whole = d * d * d, each = share * whole;
+        volume[t] = min(volume[t] + flow * dt, 2.0f * whole);
         if (volume[t] >= each) asking[atomic_take(n_asking, 1)] = {at[t].xyz(), normalize(inwards) * -1.0f, t, vessel};
     }
 };

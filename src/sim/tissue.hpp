@@ -400,7 +400,7 @@ public:
         if (!bleeds_) return;
         tissue::Drop *asking = asking_.reserve(n_), *found = found_.reserve(n_ + 1);
         exec_.clear(found, sizeof *found);
-        exec_.for_each(n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, contact_, float(drop_volume()), dt, volume_.data(), &found->vessel, asking});
+        exec_.for_each(n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, contact_, size_of_fluid_ * size_of_fluid_ * size_of_fluid_, dt, volume_.data(), &found->vessel, asking});
         exec_.for_each_tile_of(&found->vessel, tissue::FindRoom<Tree>{tree, particles, asking, velocity_.data(), flowing, sizes, contact_, size_of_fluid_, &found->t, found + 1});
     }
     /// The drops that it found, in the order of the tissue, not too close to each other, as long as the pools last.

@@ -344,10 +344,10 @@ class SceneFile(Table):
     """A scene with all its keys, in SI units; docs/reference/scene-keys.md describes each key."""
 
     spacing: float = key(positive)  # of the particles
-    fine_fluids: bool = key(switch, False)  # whether fluids have half that spacing
     domain: Domain = key(Domain)
     title: str = key(text, "")
     gravity: tuple = key(vector(least=-1e6, most=1e6), (0.0, 0.0, -9.81))
+    fine_fluids: bool = key(switch, False)  # whether fluids have half the spacing
     seconds: float = key(positive, 1.0)  # how long it runs
     solver: Solver = key(Solver, Solver)
     fluids: list = key(each(Fluid), [])

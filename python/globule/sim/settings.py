@@ -208,7 +208,8 @@ class Settings(Steered):
         if sound_speed is None:
             sound_speed = 10.0 * float(np.sqrt(2.0 * abs(np.dot(self.gravity, hi - lo))))
         return {
-            "spacing": self.spacing, "fine_fluids": self.fine_fluids, "lo": lo.tolist(), "hi": hi.tolist(), "periodic": periodic,
+            "spacing": self.spacing, "fine_fluids": self.fine_fluids,
+            "lo": lo.tolist(), "hi": hi.tolist(), "periodic": periodic,
             "gravity": list(self.gravity), "cfl": self.cfl, "longest_step": self.max_dt,
             "density_error": self.max_error,
             "divergence_error": self.divergence_error or self.max_error,

@@ -23,8 +23,8 @@ class SimulationScene(Scene):
 
     Where images show tissue, the scene has the smooth surface of the tissue, and what else is shown
     has scenes `beside`. Where images show a fluid and no tissue, the scene has the smooth surface
-    around all that is shown; else each particle's ball. Smooth surfaces have the
-    spacing of their particles. The threshold follows the surface until a program assigns one. `surface = "balls"`
+    around all that is shown; else each particle's ball. Smooth surfaces have the spacing of their
+    particles. The threshold follows the surface until a program assigns one. `surface = "balls"`
     draws balls of all that is shown, which takes a tenth of the time where there is tissue.
     """
 
