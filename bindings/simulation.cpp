@@ -21,6 +21,7 @@ struct PySimulation {
 SimulationSettings settings(const nb::dict& d) {
     SimulationSettings s;
     s.spacing = item<float>(d, "spacing");
+    s.fine_fluids = item<bool>(d, "fine_fluids");
     s.lo = vec(item<std::vector<float>>(d, "lo"));
     s.hi = vec(item<std::vector<float>>(d, "hi"));
     s.gravity = vec(item<std::vector<float>>(d, "gravity"));

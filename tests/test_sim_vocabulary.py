@@ -52,6 +52,7 @@ CASES = {
     "SceneFile": {
         "spacing": {"spacing": 0.04}, "domain": {"domain": {**LEAST["domain"], "lo": [0, 0, -0.1]}},
         "title": {"title": "One"}, "gravity": {"gravity": [0, -3, 0]}, "seconds": {"seconds": 0.5},
+        "fine_fluids": {"fine_fluids": True},
         "solver": {"solver": {"cfl": 0.5}}, "fluids": {"fluids": [{"name": "oil", "box": BOX}]},
         "solids": {"solids": [SOLID]}, "boundaries": {"boundaries": [WALL]},
         "rigids": {"rigids": [RAFT]}, "instruments": {"instruments": [KNIFE]},

@@ -17,7 +17,7 @@ struct SceneAccess {
     struct Shown {
         std::size_t n;
         const float *smooth, *fluids, *things;
-        float spacing;
+        float spacing, fluid_spacing;
         const float *color, *reflection, *refraction, *wetness;
         float3 wet;  ///< colour of what wets
     };

@@ -15,9 +15,10 @@
 
 namespace globule::core {
 
-/// How a simulation is run; between steps any of it may change but spacing and domain.
+/// How a simulation is run; between steps any of it may change but spacing, fine_fluids and domain.
 struct SimulationSettings {
     float spacing = 0.0f;            ///< of particles, world units (m); the kernel's support is twice that
+    bool fine_fluids = false;        ///< fluids have half that spacing
     float3 lo{0, 0, 0}, hi{0, 0, 0}; ///< the domain: who leaves it is no longer simulated
     bool periodic[3] = {};           ///< axes along which the domain repeats
     float3 gravity{0, 0, 0};

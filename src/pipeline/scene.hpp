@@ -140,7 +140,7 @@ public:
                     const float* positions[2] = {s.fluids, s.things};
                     for (int k = 0; k < 2; ++k) {
                         if (!positions[k] || !beside_[k]) continue;
-                        beside_[k]->builder_.draw_own(s.n, positions[k], s.spacing, k == 0);
+                        beside_[k]->builder_.draw_own(s.n, positions[k], k == 0 ? s.fluid_spacing : s.spacing, k == 0);
                         beside_[k]->look_like(s, {nullptr, k == 0 ? 1.0f : 0.0f});
                     }
                 },

@@ -3,7 +3,7 @@
 #pragma once
 #include "exec/bits.hpp"
 #include "octree/query.hpp"
-#include "sim/state.hpp"
+#include "sim/sizes.hpp"
 
 namespace globule::core::sim {
 
@@ -14,16 +14,18 @@ struct Ahead {
 
 /// The speed that limits the next step, far / speed, of each particle.  Of tissue and of what is slow, its own.  Of a fluid, what the worst of
 /// its pairs allows: two may move by 2 far towards each other, as two that move at full speed could; those
-/// further apart until they are a spacing from each other.  Positions are those of the tree.
+/// further apart until they are a spacing from each other.  Positions are those of the tree.  A spacing of a pair is the mean of both; speeds of
+/// what is smaller count as so much faster.
 struct OwnSpeed {
     State state;
     const Phase* phases;
+    Sizes sizes;
     Ahead ahead;
     float* speed2;
     std::uint32_t *n_fast, *fast;  ///< those whose pairs are to be looked at, in any order
 
     GB_FN void operator()(std::size_t i) const {
-        const float3 v = state.velocity[i].xyz();
+        const float3 v = state.velocity[i].xyz() * (1.0f / sizes.at(i));
         const float slow = ahead.far / ahead.dt;
         const Kind kind = phases[state.phase[i]].kind;
         const float as = kind == Kind::tissue ? state.growth[i] : 0.0f;
@@ -41,6 +43,7 @@ struct Approach {
 
     Tree tree;
     State state;
+    Sizes sizes;
     Ahead ahead;
     float spacing;
     const std::uint32_t* fast;
@@ -55,14 +58,15 @@ struct Approach {
         for_each_leaf(g, tree, lo, hi, [&](std::uint32_t begin, std::uint32_t n) {
             for (std::uint32_t at = 0; at < n; at += Group::width)
                 g.per_lane(g.first_lanes(int(n - at)), [&](int lane) {
-                    Group::put(counts, lane, max(Group::get(counts, lane), pair(x, v, begin + at + g.lane_number(lane))));
+                    Group::put(counts, lane, max(Group::get(counts, lane), pair(x, v, i, begin + at + g.lane_number(lane))));
                 });
         });
         const float all = g.largest(counts);
         if (g.is_first()) speed2[i] = min(all * all, speed2[i]);
     }
-    GB_FN float pair(const float3& x, const float3& v, std::uint32_t j) const {
-        const float3 r = state.place[j].xyz() - x, u = v - state.velocity[j].xyz();
+    GB_FN float pair(const float3& x, const float3& v, std::uint32_t i, std::uint32_t j) const {
+        const float per_mean = 2.0f / (sizes.at(i) + sizes.at(j));
+        const float3 r = (state.place[j].xyz() - x) * per_mean, u = (v - state.velocity[j].xyz()) * per_mean;
         const float w = length(u), distance = length(r);
         if (w * ahead.dt <= 2.0f * ahead.far) return 0.0f;
         if (distance < 2.0f * spacing) return 0.5f * w;

@@ -20,13 +20,13 @@ struct Drop {
 };
 
 /// Collects each cut end's blood until it is one particle's worth; then the end asks for room.
-/// A plane that cuts an area A of a lattice breaks 5 A / d² bonds, and both ends bleed: d² / 10 for each.
+/// A plane that cuts an area A of a lattice breaks 5 A / d² bonds, and both ends bleed: d² / 10 for each, d the tissue's spacing.
 struct Bleed {
     Bonds bonds;
     const Quad* at;
     const std::uint8_t* hold;
     Vessels vessels;
-    float spacing, dt;
+    float spacing, share, dt;  ///< share: volume of a particle of blood, over the tissue's
     float* volume;
     std::uint32_t* n_asking;
     Drop* asking;          ///< in any order; velocity: the way outwards
@@ -45,8 +45,8 @@ struct Bleed {
             flow += 0.1f * d * d * vessels.speed[vessel];
         }
         if (vessel == 0) return;
-        const float each = d * d * d;
-        volume[t] = min(volume[t] + flow * dt, 2.0f * each);
+        const float whole = d * d * d, each = share * whole;
+        volume[t] = min(volume[t] + flow * dt, 2.0f * whole);
         if (volume[t] >= each) asking[atomic_take(n_asking, 1)] = {at[t].xyz(), normalize(inwards) * -1.0f, t, vessel};
     }
 };
@@ -64,7 +64,9 @@ struct FindRoom {
     const Drop* asking;
     const Quad* velocity;  ///< of the tissue
     Vessels vessels;
-    float spacing;
+    sim::Sizes sizes;
+    float spacing;  ///< of the tissue
+    float blood;    ///< size of its particles
     std::uint32_t* n_found;
     Drop* found;
 
@@ -77,6 +79,8 @@ struct FindRoom {
         found[atomic_take(n_found, 1)] = {end.at + way * spacing, velocity[end.t].xyz() + way * vessels.speed[end.vessel], end.t, end.vessel};
     }
     static constexpr int kWays = 15;
+    /// Spacings to others.  Amid eight particles of a lattice, fine blood would have 0.87 and be shut in.
+    static constexpr float kRoom = 0.85f, kRoomOfFine = 0.9f;
     /// Outwards, then faces' and corners' directions of a cube.
     GB_FN static float3 direction(int k, const float3& outwards) {
         if (k-- == 0) return outwards;
@@ -91,20 +95,22 @@ struct FindRoom {
     template <class Group>
     GB_FN std::uint32_t free_ways(Group& g, const float3& x, const float3& outwards) const {
         using F = typename Group::F;
-        const float room = 0.85f * spacing, reach = 1.001f * (spacing + room);
+        const float room = (blood < 1.0f ? kRoomOfFine : kRoom) * spacing, reach = 1.001f * (spacing + room);
         const float inner = reach - 2.0f * spacing;  // the boxes of the tree's leaves stand off by the support
         const float3 r{inner, inner, inner};
         std::uint32_t free = (1u << kWays) - 1;
         for_each_leaf(g, tree, x - r, x + r, [&](std::uint32_t begin, std::uint32_t n) {
             for (std::uint32_t at = 0; at < n && free != 0; at += Group::width) {
                 const F px = g.load_run(particles.x + begin + at), py = g.load_run(particles.y + begin + at), pz = g.load_run(particles.z + begin + at);
-                const auto within = [&](const float3& p, float far) {
+                F apart = F(room);
+                if (sizes.of) apart = select(g.load_run(sizes.of + begin + at) < F(1.0f), F(kRoom * blood * spacing), apart);
+                const auto within = [&](const float3& p, const F& far) {
                     const F dx = px - F(p.x), dy = py - F(p.y), dz = pz - F(p.z);
-                    return g.any(g.first_lanes(int(n - at)) & (dx * dx + dy * dy + dz * dz < F(far * far)));
+                    return g.any(g.first_lanes(int(n - at)) & (dx * dx + dy * dy + dz * dz < far * far));
                 };
-                if (!within(x, reach)) continue;
+                if (!within(x, F(reach))) continue;
                 for (int k = 0; k < kWays; ++k)
-                    if (within(x + direction(k, outwards) * spacing, room)) free &= ~(1u << k);
+                    if (within(x + direction(k, outwards) * spacing, apart)) free &= ~(1u << k);
             }
         });
         return free;

@@ -91,7 +91,7 @@ public:
             if (state_.n_rows > 0) {
                 sim::Impulse* impulse = impulse_.reserve(1);
                 sim::Touch* touch = touch_.reserve(1);
-                const sim::PressureImpulse<Packet, sim::OfPhase> pressure{fluid.lists(), s, fluid.rows().boundary, {s.phase, std::uint8_t(phase)}, state_.period(),
+                const sim::PressureImpulse<Packet, sim::OfPhase> pressure{fluid.lists(), s, fluid.rows().boundary, {s.phase, std::uint8_t(phase)}, state_.period(), state_.sizes(),
                                                                           state_.volume(), state_.spline().support, dt, fluid.flux(), body.center_float()};
                 exec_.reduce_in_order(state_.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, impulse);
                 exec_.reduce_in_order(state_.n_rows, sim::TouchOf<Packet>{fluid.lists(), s, std::uint8_t(phase), state_.period(), settings_.spacing}, sim::AddTouch{}, sim::Touch{}, touch);

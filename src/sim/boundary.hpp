@@ -50,11 +50,13 @@ struct Contact {
     const float* nearest;  ///< per row
     State state;
     Period period;
-    float spacing, dt;
+    Sizes sizes;
+    float spacing_of_one, dt;  ///< of particles of size 1
     GB_FN void operator()(std::size_t row) const {
+        const std::uint32_t slot = lists.rows[row];
+        const float spacing = spacing_of_one * (0.5f + 0.5f * sizes.at(slot));  // from one to the wall's
         const float r = nearest[row] / spacing;
         if (!(r < kHeightReach)) return;
-        const std::uint32_t slot = lists.rows[row];
         const Quad p = state.place[slot];
         if (!(p.w < 0.0f)) return;
         float3 normal{0, 0, 0}, wall{0, 0, 0};

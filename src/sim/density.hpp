@@ -1,13 +1,13 @@
 // Densities and the solver's coefficients, once a step; gradients are kept for all later passes.
 //
 // Volumes instead of masses, so that fluids of different density mix: every fluid or tissue particle
-// has the volume V of its place in the lattice, a boundary particle the one that it stands for (Akinci 2012).
+// has the volume V of its place in the lattice, a boundary particle the one that it stands for (Akinci 2012);
+// of two sizes (sizes.hpp), V_i / V_j weighs |g_ij|^2 in alpha.
 //   delta_i = sum_j V_j W_ij                       density over rest density
 //   g_ij    = V_j grad W_ij,   G_i = sum_j g_ij
 //   alpha_i = 1 / (|G_i|^2 / rho_i + sum_j |g_ij|^2 / rho_j)      j: fluid and tissue only
 #pragma once
 #include "sim/neighbors.hpp"
-#include "sim/spline.hpp"
 
 namespace globule::core::sim {
 
@@ -27,7 +27,7 @@ inline constexpr float kLeastDensity = 0.5f;   ///< of what is inside of a fluid
 /// particles of a wall, the step along them must not grow without bounds.
 inline constexpr float kLeastStiffness = 0.2f;
 
-template <class Packet_, bool periodic>
+template <class Packet_, bool periodic, bool mixed>
 struct Densities {
     Lists<Packet_> lists;
     const Quad* place;
@@ -37,11 +37,14 @@ struct Densities {
     float volume;
     float lattice_squares;   ///< sum of |g h|^2 in the lattice
     const float* within;     ///< density that is there without the lists, per row; null: none
+    Sizes sizes;
     template <class Packet>
     GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         const Four<F> mine = Packet::gather(place, lists.rows + row);
         const F zero = F(0.0f), h = F(spline.support), own = F(volume);
+        F size = F(1.0f);
+        if constexpr (mixed) size = Packet::gather(sizes.of, lists.rows + row);
         F density = within ? own * spline(zero) + Packet::load(within + row) : own * spline(zero), gx = zero, gy = zero, gz = zero, squares = zero, nearest = h;
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t at = lists.at(row);
@@ -50,21 +53,29 @@ struct Densities {
             const auto [dx, dy, dz] = period.template shortest<periodic>(mine.xyz() - other.xyz());
             F w, slope;
             const F r = sqrt(dx * dx + dy * dy + dz * dz);
-            spline(r, w, slope);
+            F v = own, weight = F(1.0f);
+            if constexpr (mixed) {
+                const Pair<F> pair = Pair<F>::of(size, Packet::gather(sizes.of, lists.index + at));
+                pair.kernel(spline, r, w, slope);
+                v *= pair.volume;
+                weight = size * size * size / pair.volume;
+            } else {
+                spline(r, w, slope);
+            }
             nearest = select(other.w > zero, min(nearest, r), nearest);
-            const F v = select(other.w > zero, other.w, own);
+            v = select(other.w > zero, other.w, v);
             density += v * w;
             const F s = v * slope * h;
             const F x = Packet::keep(lists.gx + at, dx * s), y = Packet::keep(lists.gy + at, dy * s), z = Packet::keep(lists.gz + at, dz * s);
             gx += x;
             gy += y;
             gz += z;
-            squares += (x * x + y * y + z * z) * max(-other.w, zero);
+            squares += mixed ? (x * x + y * y + z * z) * max(-other.w, zero) * weight : (x * x + y * y + z * z) * max(-other.w, zero);
         }
         const F rho = max(-mine.w, zero);  // its inverse
         const F sum = (gx * gx + gy * gy + gz * gz) * rho + squares;
         const F solved = select(rho > zero, F(1.0f), zero);
-        const F alpha = solved * select(sum > zero, h * h / max(sum, F(kLeastStiffness * lattice_squares) * rho), zero);
+        const F alpha = solved * select(sum > zero, h * h / max(sum, mixed ? F(kLeastStiffness * lattice_squares) * rho / (size * size) : F(kLeastStiffness * lattice_squares) * rho), zero);
         Packet::store(out.density + row, density);
         Packet::store(out.gx + row, gx);
         Packet::store(out.gy + row, gy);
@@ -73,7 +84,7 @@ struct Densities {
         Packet::store(out.alpha + row, alpha);
         Packet::store(out.boundary + row, nearest);
         const float free = 2.0f * kFreeGradient;  // per support
-        auto inside = (gx * gx + gy * gy + gz * gz < F(free * free)) & (density > F(kLeastDensity));
+        auto inside = (mixed ? gx * gx + gy * gy + gz * gz < F(free * free) / (size * size) : gx * gx + gy * gy + gz * gz < F(free * free)) & (density > F(kLeastDensity));
         if (within) inside = inside & (Packet::load(within + row) <= zero);  // no neighbors in the lists: nothing that could pull
         Packet::store(out.bulk + row, select(inside, F(1.0f), zero));
     }

@@ -1,6 +1,6 @@
 // Sums over the moved particles: mass, momenta, energies.  float64, in an order that no thread count changes.
 #pragma once
-#include "sim/state.hpp"
+#include "sim/sizes.hpp"
 
 namespace globule::core::sim {
 
@@ -10,14 +10,15 @@ struct Totals {
 struct TotalsOf {
     State state;
     const std::uint32_t* rows;
-    float volume;
+    Sizes sizes;
+    float volume;  ///< of a particle of size 1
     float3 gravity;
     GB_FN Totals operator()(std::size_t row) const {
         const std::uint32_t i = rows[row];
         const Quad p = state.place[i], v = state.velocity[i];
         Totals t;
         if (!(p.w < 0.0f)) return t;
-        const double m = -double(volume) / p.w;
+        const double m = -double(volume * sizes.volume(i)) / p.w;
         t.mass = m;
         t.kinetic = 0.5 * m * (double(v.x) * v.x + double(v.y) * v.y + double(v.z) * v.z);
         t.potential = -m * (double(gravity.x) * p.x + double(gravity.y) * p.y + double(gravity.z) * p.z);

@@ -49,6 +49,7 @@ struct FindFacets {
     Period period;
     const Directions* directions;
     float radius;   ///< of the ball
+    float reach2;   ///< squared: from a fluid to what is not
 
     template <class Group>
     GB_FN void operator()(Group& g, Scratch<Group>& s, std::size_t item) const {
@@ -112,7 +113,7 @@ private:
             g.store_run(d.y, s.y + k);
             g.store_run(d.z, s.z + k);
             g.store_run(F(0.5f) * d2, s.reach + k);
-            const B reaches = (p.w > F(0.0f)) | ((p.w < F(0.0f)) & (d2 < F(kReach * kReach * radius * radius)));
+            const B reaches = (p.w > F(0.0f)) | ((p.w < F(0.0f)) & (d2 < F(reach2)));
             const B taken = reaches & may_touch(g, row, d * F(1.0f / radius));
             if (n_near < kMostNear) g.keep(taken, g.numbers(std::uint32_t(k)), s.kept + n_near);
             n_near += g.count(taken);
@@ -185,7 +186,7 @@ private:
         const B i_first = g.before(directions->pair_i + p, std::uint32_t(before)), k_first = g.before(directions->pair_k + p, std::uint32_t(before));
         c = circle(wide<F>(at), i.xyz(), k.xyz(), i_first, k_first);
         const Vec3<F> between = period.template shortest<periodic>(k.xyz() - i.xyz());
-        const B held = (i.w * k.w > F(0.0f)) | (dot(between, between) < F(kReach * kReach * radius * radius));
+        const B held = (i.w * k.w > F(0.0f)) | (dot(between, between) < F(reach2));
         return g.first_lanes(n_pairs - p) & held & (c.height2 > F(0.0f));
     }
 

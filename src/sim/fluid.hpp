@@ -46,8 +46,10 @@ public:
         lists_.count = list_counts_.reserve(padded);
         lists_.index = list_index_.reserve(padded * places_);
         const float h = state_.spline().support;
-        const sim::FindLists<Tree, Packet> find{state_.tree().sparse(), state_.tree().particles(), lists_, state_.view().place, h, state_.period(), longest};
-        exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width), find);
+        sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
+            const sim::FindLists<Tree, Packet, mixed> find{state_.tree().sparse(), state_.tree().particles(), lists_, state_.view().place, h, state_.sizes(), state_.period(), longest};
+            exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width), find);
+        });
         started_ = true;
     }
     /// Positions, rows or the support are others than when lists were begun.
@@ -133,7 +135,7 @@ public:
         const double mean = kAim * settings_.density_error;
         const Criterion all{mean, kOver, kLiftShare, std::max(kLiftMost, kLiftLeast / mean)};
         const sim::Outcome out = solve({rows_.alpha, lift(), kMostExcess, all, settings_.least_iterations, false, rows_.bulk, 0.0f, 0.0f, kOmegaPlain, 0.0f}, dt, density_took_);
-        exec_.for_each(state_.n_rows, sim::LimitPush{lists_.rows, kept_.data(), kMostPush * settings_.spacing / dt, state_.view().velocity});
+        exec_.for_each(state_.n_rows, sim::LimitPush{lists_.rows, kept_.data(), kMostPush * settings_.spacing / dt, state_.sizes(), state_.view().velocity});
         return out;
     }
     /// After the move: the velocities of the first solve.
@@ -205,7 +207,7 @@ public:
         exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, acceleration, settings_.gravity, dt, s.velocity});
         if (user) {
             Quad* a = accelerations_.reserve(n + 64);
-            exec_.for_each(n, sim::UserForces{lists_.rows, rows_.inverse_rho, 1.0f / state_.volume(), user, a});
+            exec_.for_each(n, sim::UserForces{lists_.rows, rows_.inverse_rho, 1.0f / state_.volume(), state_.sizes(), user, a});
             exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, a, {0, 0, 0}, dt, s.velocity});
         }
         return implicit ? implicit_viscosity(dt) : 0;
@@ -216,7 +218,9 @@ private:
         reserve_rows();
         const Quad* place = state_.view().place;
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
-            exec_.for_each_packet(state_.n_rows, sim::Densities<Packet, periodic>{lists_, place, rows_, state_.spline(), state_.period(), state_.volume(), state_.lattice_squares(), within_});
+            sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
+                exec_.for_each_packet(state_.n_rows, sim::Densities<Packet, periodic, mixed>{lists_, place, rows_, state_.spline(), state_.period(), state_.volume(), state_.lattice_squares(), within_, state_.sizes()});
+            });
         });
     }
     std::size_t padded_rows() const { return ceil_div<std::size_t>(state_.n_rows, 64) * 64; }
@@ -306,20 +310,22 @@ private:
     }
 
     sim::Interaction interaction(float share) const {
-        return {state_.spline(), state_.period(), 2.0f * share, settings_.extra_viscosity, settings_.spacing, state_.volume()};
+        return {state_.spline(), state_.period(), 2.0f * share, settings_.extra_viscosity, settings_.spacing, state_.volume(), state_.sizes()};
     }
     const Quad* pair_forces(float viscous_share, bool sticks, float* diagonal) {
         const sim::State s = state_.view();
         Quad* out = accelerations_.reserve(state_.n_rows + 64);
         float* cohesion = cohesion_.reserve(state_.n + 64);
         if (sticks) exec_.for_each(state_.n + 1, sim::CohesionOf{s, state_.phases(), cohesion});
-        const auto add = [&]<bool periodic, bool sticky>(std::bool_constant<periodic>, std::bool_constant<sticky>) {
-            const sim::PairForces<Packet, periodic, sticky> forces{lists_, s.place, s.velocity, rows_, interaction(viscous_share), cohesion, diagonal, out};
+        const auto add = [&]<bool periodic, bool sticky, bool mixed>(std::bool_constant<periodic>, std::bool_constant<sticky>, std::bool_constant<mixed>) {
+            const sim::PairForces<Packet, periodic, sticky, mixed> forces{lists_, s.place, s.velocity, rows_, interaction(viscous_share), cohesion, diagonal, out};
             exec_.for_each_packet(state_.n_rows, forces);
         };
         sim::with_period(state_.period(), [&](auto periodic) {
-            if (sticks) add(periodic, std::true_type{});
-            else add(periodic, std::false_type{});
+            sim::with_sizes(state_.sizes(), [&](auto mixed) {
+                if (sticks) add(periodic, std::true_type{}, mixed);
+                else add(periodic, std::false_type{}, mixed);
+            });
         });
         return out;
     }
@@ -337,18 +343,20 @@ private:
         exec_.clear(direction, (state_.n + 64) * sizeof(Quad));
         exec_.clear(c, sizeof *c);
         exec_.for_each(n, sim::StartConjugate{lists_.rows, rows_.inverse_rho, diagonal, acceleration, s.velocity, dt, residual, direction});
-        exec_.reduce_in_order(n, sim::ResidualSquare{residual}, sim::AddDouble{}, 0.0, &c->rz_new);
+        exec_.reduce_in_order(n, sim::ResidualSquare{lists_.rows, residual, state_.sizes()}, sim::AddDouble{}, 0.0, &c->rz_new);
         exec_.for_each(1, sim::JudgeConjugate{c, settings_.viscosity_error});
         sim::Conjugate state{};
         constexpr int at_once = Exec::on_device ? 4 : 1;
         do {
             for (int i = 0; i < at_once; ++i) {
                 sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
-                    exec_.for_each_packet(n, sim::ApplyViscosity<Packet, periodic>{lists_, s.place, direction, rows_, interaction(1.0f), c, dt, applied});
+                    sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
+                        exec_.for_each_packet(n, sim::ApplyViscosity<Packet, periodic, mixed>{lists_, s.place, direction, rows_, interaction(1.0f), c, dt, applied});
+                    });
                 });
-                exec_.reduce_in_order(n, sim::DirectionSquare{lists_.rows, direction, applied}, sim::AddDouble{}, 0.0, &c->pq);
+                exec_.reduce_in_order(n, sim::DirectionSquare{lists_.rows, direction, applied, state_.sizes()}, sim::AddDouble{}, 0.0, &c->pq);
                 exec_.for_each(n, sim::StepConjugate{lists_.rows, c, direction, applied, s.velocity, residual});
-                exec_.reduce_in_order(n, sim::ResidualSquare{residual}, sim::AddDouble{}, 0.0, &c->rz_new);
+                exec_.reduce_in_order(n, sim::ResidualSquare{lists_.rows, residual, state_.sizes()}, sim::AddDouble{}, 0.0, &c->rz_new);
                 exec_.for_each(n, sim::TurnConjugate{lists_.rows, c, residual, direction});
                 exec_.for_each(1, sim::JudgeConjugate{c, settings_.viscosity_error});
             }

@@ -12,7 +12,7 @@ public:
     using Lists = sim::Lists<Packet>;
 
     FluidSurface(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
-        : exec_(exec), state_(state), settings_(settings), quads_(exec), words_(exec), directions_(exec) {}
+        : exec_(exec), state_(state), settings_(settings), quads_(exec), words_(exec), row_of_(exec), directions_(exec) {}
 
     /// Whether any fluid has tension.
     bool is_there() const { return is_there_; }
@@ -24,13 +24,13 @@ public:
         if (!is_there_) return;
         reserve(padded);
         const sim::State s = state_.view();
-        const float d = settings_.spacing, h = state_.spline().support;
+        const float d = spacing(), other = 0.5f * (settings_.spacing + d), h = state_.spline().support;
         exec_.clear(skin_.n_rows, 4);
         exec_.for_each(state_.n + 1, sim::MarkSkin{s, state_.phases(), skin_, d});
         exec_.for_each(state_.n_rows, sim::ListSteep{lists.rows, lists.count, s, state_.phases(), rows, sim::kSurfaceGradient * h / d, skin_});
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
             const sim::MarkTension<Packet, periodic> mark{lists, s, state_.period(), directions_.data(), 1.0f / d, state_.phases(), skin_};
-            const sim::FindFacets<Packet, periodic> facets{lists, skin_, state_.period(), directions_.data(), d};
+            const sim::FindFacets<Packet, periodic> facets{lists, skin_, state_.period(), directions_.data(), d, sim::kReach * sim::kReach * other * other};
             exec_.for_each_tile_of(skin_.n_rows, mark);
             exec_.for_each_tile_of(skin_.n_rows, facets);
         });
@@ -38,13 +38,19 @@ public:
     /// Adds tension's accelerations to those of the rows.
     void pull(const Lists& lists, const sim::Rows& rows, Quad* acceleration) {
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
-            const sim::PullSurface<Packet, periodic> pull{lists, state_.view().place, skin_, rows.inverse_rho, state_.period(),
-                                                          sim::kSurfaceOffset * settings_.spacing, 1.0f / state_.volume(), acceleration};
-            exec_.for_each(state_.n_rows, pull);
+            const float s = state_.size_of_fluid();
+            const sim::Tension tension{state_.view().place, skin_, state_.period(), sim::kSurfaceOffset * spacing()};
+            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists, tension, rows.inverse_rho, 1.0f / (state_.volume() * s * s * s), acceleration});
+            if (!state_.sizes().of) return;
+            std::uint32_t* row_of = row_of_.reserve(state_.n + 64);
+            exec_.for_each(state_.n_rows, sim::RowOf{lists.rows, row_of});
+            exec_.for_each(state_.n_rows, sim::PullTissue<Packet, periodic>{lists, tension, row_of, rows.inverse_rho, 1.0f / state_.volume(), acceleration});
         });
     }
 
 private:
+    /// Of the fluids.
+    float spacing() const { return settings_.spacing * state_.size_of_fluid(); }
     void reserve(std::size_t padded) {
         Quad* quads = quads_.reserve(2 * (state_.n + 64));
         constexpr std::size_t words = 2 * sim::kMostFacets + 2 + sim::kDirections / 32;
@@ -66,7 +72,7 @@ private:
     bool is_there_ = false;
     sim::Skin skin_{};
     Buffer<Quad, Exec> quads_;
-    Buffer<std::uint32_t, Exec> words_;
+    Buffer<std::uint32_t, Exec> words_, row_of_;
     Buffer<sim::Directions, Exec> directions_;
 };
 

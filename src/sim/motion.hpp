@@ -2,19 +2,21 @@
 #pragma once
 #include "sim/density.hpp"
 #include "sim/fill.hpp"
+#include "sim/sizes.hpp"
 
 namespace globule::core::sim {
 
-/// Forces that the user asked for, as accelerations; all solved particles have the same volume.
+/// Forces that the user asked for, as accelerations.
 struct UserForces {
     const std::uint32_t* rows;
     const float* inverse_rho;
-    float per_volume;
+    float per_volume;     ///< of size 1
+    Sizes sizes;
     const float* forces;  ///< (n, 3) by slot
     Quad* acceleration;
     GB_FN void operator()(std::size_t row) const {
         const float* f = forces + 3 * std::size_t(rows[row]);
-        const float s = inverse_rho[row] * per_volume;
+        const float s = inverse_rho[row] * per_volume / sizes.volume(rows[row]);
         acceleration[row] = {s * f[0], s * f[1], s * f[2], 0.0f};
     }
 };
@@ -219,6 +221,7 @@ struct SpeedsOf {
     const float* growth;
     const Quad* place;
     const float* pressure;
+    Sizes sizes;             ///< what is smaller counts as so much faster
     float gravity, far;      ///< m/s^2, which the step allows for; how far a step may lead
     const TreeHeader* header;
     GB_FN Speeds operator()(std::size_t i) const {
@@ -227,8 +230,9 @@ struct SpeedsOf {
         const float v2 = dot(v, v);
         if (limiting2) return {v2, limiting2[i], 0.0f};
         // v dt + a dt^2 / 2 = far
-        const float a = max(growth[i] - gravity, 0.0f), limit = 0.5f * (sqrt(v2) + sqrt(v2 + 2.0f * a * far));
-        return {v2, a > 0.0f ? limit * limit : v2, max(pressure[i], 0.0f) * max(-place[i].w, 0.0f)};
+        const float size = sizes.at(i), per_size2 = 1.0f / (size * size);
+        const float a = max(growth[i] - gravity, 0.0f), limit = 0.5f * (sqrt(v2) + sqrt(v2 + 2.0f * a * (far * size)));
+        return {v2, (a > 0.0f ? limit * limit : v2) * per_size2, max(pressure[i], 0.0f) * max(-place[i].w, 0.0f) * per_size2};
     }
 };
 struct Fastest {

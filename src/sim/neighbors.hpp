@@ -5,7 +5,7 @@
 #include <type_traits>
 
 #include "octree/query.hpp"
-#include "sim/state.hpp"
+#include "sim/sizes.hpp"
 
 namespace globule::core::sim {
 
@@ -73,20 +73,22 @@ inline constexpr float kDoubt = 4e-6f;
 ///   gather   the leaves that the box, enlarged by the support, meets; of their particles those near the box are the bunch's candidates
 ///   look     one row after the other tests a vector of candidates at a time, and writes the near ones to its list
 ///   finish   lists are filled up to the longest of the packet
-template <class Tree, class Packet>
+template <class Tree, class Packet, bool mixed>
 struct FindLists {
     static constexpr int kCandidates = 384;  ///< at once; there may be more
     template <class Group>
     struct Scratch {
         float x[kCandidates + Group::width], y[kCandidates + Group::width], z[kCandidates + Group::width];
         std::uint32_t slot[kCandidates + Group::width], found[kCandidates + Group::width];
+        float size[mixed ? kCandidates + Group::width : 1];
     };
 
     Tree tree;
     SortedParticles particles;
     Lists<Packet> lists;
     const Quad* place;
-    float support;         ///< of the kernel; the tree's boxes hold it
+    float support;         ///< of the kernel, the largest; the tree's boxes hold it
+    Sizes sizes;           ///< a pair's support is the mean of both
     Period period;
     std::uint32_t* most_count;
 
@@ -184,6 +186,7 @@ private:
         g.keep(may, y + V(shift.y), near.y + n_near);
         g.keep(may, z + V(shift.z), near.z + n_near);
         g.keep(may, g.numbers(begin), near.slot + n_near);
+        if constexpr (mixed) g.keep(may, g.load_run(sizes.of + begin), near.size + n_near);
         return n_near + g.count(may);
     }
 
@@ -207,9 +210,15 @@ private:
     GB_FN int find(Group& g, Scratch<Group>& near, int n_near, const float3& at, std::uint32_t slot) const {
         using V = F<Group>;
         const float h2 = support * support;
-        const V sure = V(h2 * (1.0f - kDoubt)), possible = V(h2 * (1.0f + kDoubt));
+        V sure = V(h2 * (1.0f - kDoubt)), possible = V(h2 * (1.0f + kDoubt));
+        [[maybe_unused]] const float own = sizes.at(slot);
         int n = 0;
         for (int k = 0; k < n_near; k += Group::width) {
+            if constexpr (mixed) {
+                const V mean = V(0.5f) * (V(own) + g.load_run(near.size + k)), m2 = mean * mean;
+                sure = V(h2 * (1.0f - kDoubt)) * m2;
+                possible = V(h2 * (1.0f + kDoubt)) * m2;
+            }
             const V dx = V(at.x) - g.load_run(near.x + k), dy = V(at.y) - g.load_run(near.y + k), dz = V(at.z) - g.load_run(near.z + k);
             const V r2 = dx * dx + dy * dy + dz * dz;
             typename Group::B mine = g.first_lanes(n_near - k) & (r2 < possible) & g.differ(near.slot + k, slot);
@@ -217,8 +226,10 @@ private:
             if (g.any(doubtful))
                 g.per_lane(doubtful, [&](int lane) {
                     const int j = k + g.lane_number(lane);
+                    double h = support;
+                    if constexpr (mixed) h *= 0.5 * (double(own) + near.size[j]);
                     const double ex = double(at.x) - near.x[j], ey = double(at.y) - near.y[j], ez = double(at.z) - near.z[j];
-                    Group::put(mine, lane, ex * ex + ey * ey + ez * ez < double(support) * support);
+                    Group::put(mine, lane, ex * ex + ey * ey + ez * ez < h * h);
                 });
             g.keep(mine, g.load_run(near.slot + k), near.found + n);
             n += g.count(mine);

@@ -19,7 +19,7 @@ public:
 
     SimulationState(Exec& exec, Octree<Exec>& tree)
         : exec_(exec), tree_(tree), copies_{Copy(exec), Copy(exec)}, positions_(exec), new_positions_(exec), new_velocities_(exec),
-          slot_of_(exec), phases_(exec), flags_(exec), rows_(exec), index_(exec), summary_(exec), speeds_(exec), limiting2_(exec), fast_(exec), not_a_number_(exec) {
+          slot_of_(exec), phases_(exec), flags_(exec), rows_(exec), index_(exec), size_(exec), summary_(exec), speeds_(exec), limiting2_(exec), fast_(exec), not_a_number_(exec) {
         exec_.upload(phases_.reserve(sim::kMaxPhases), phase_table.data(), sizeof phase_table);
         exec_.clear(not_a_number_.reserve(1), 4);
     }
@@ -49,6 +49,7 @@ public:
         volume_ = float(1.0 / sums.all);
         gamma_ = sim::kWallShare * float(sums.plane / sums.all);
         lattice_squares_ = float(sums.squares);
+        fine_ = s.fine_fluids;
         const float3 size = s.hi - s.lo;
         period_.length = {s.periodic[0] ? size.x : 0.0f, s.periodic[1] ? size.y : 0.0f, s.periodic[2] ? size.z : 0.0f};
         // Boundaries stand half a spacing outside of the domain's faces.
@@ -63,6 +64,9 @@ public:
     const sim::Period& period() const { return period_; }
     float volume() const { return volume_; }
     float lattice_squares() const { return lattice_squares_; }
+    /// Of the slots, since they were settled.
+    sim::Sizes sizes() const { return {fine_ ? size_.data() : nullptr}; }
+    float size_of_fluid() const { return fine_ ? sim::kFine : 1.0f; }
 
     /// place.w of a particle of this phase before its boundary's volumes are known.
     float w_of(int phase) const {
@@ -152,10 +156,10 @@ public:
             limiting2 = limiting2_.reserve(n);
             std::uint32_t* fast = fast_.reserve(n + 1);
             exec_.clear(fast, sizeof *fast);
-            exec_.for_each(n, sim::OwnSpeed{s, phases_.data(), *ahead, limiting2, fast, fast + 1});
-            exec_.for_each_tile_of(fast, sim::Approach<Tree>{tree_.sparse(), s, *ahead, 0.5f * spline_.support, fast + 1, limiting2});
+            exec_.for_each(n, sim::OwnSpeed{s, phases_.data(), sizes(), *ahead, limiting2, fast, fast + 1});
+            exec_.for_each_tile_of(fast, sim::Approach<Tree>{tree_.sparse(), s, sizes(), *ahead, 0.5f * spline_.support, fast + 1, limiting2});
         }
-        exec_.reduce(n, sim::SpeedsOf{s.velocity, limiting2, s.growth, s.place, s.pressure, gravity, far, header}, sim::Fastest{}, sim::Speeds{0.0f, 0.0f, 0.0f}, speeds_.reserve(1));
+        exec_.reduce(n, sim::SpeedsOf{s.velocity, limiting2, s.growth, s.place, s.pressure, sizes(), gravity, far, header}, sim::Fastest{}, sim::Speeds{0.0f, 0.0f, 0.0f}, speeds_.reserve(1));
         sim::Summary* out = summary_.reserve(1);
         exec_.for_each(1, sim::Summarize{speeds_.data(), flags_.data() + n, not_a_number_.data(), header, compression, out});
         exec_.download(&summary, out, sizeof summary);
@@ -211,6 +215,7 @@ private:
     }
 
     void flag_rows() {
+        if (fine_) exec_.for_each(n + 64, sim::SizeOf{view(), phases_.data(), size_.reserve(n + 128)});
         std::uint32_t* flags = flags_.reserve(n + 65);
         exec_.for_each(n + 1, sim::FlagRows{view(), phases_.data(), tree_.sparse().header, flags});
         exec_.exclusive_scan(n + 1, flags);
@@ -225,6 +230,7 @@ private:
     Buffer<std::uint32_t, Exec> slot_of_;
     Buffer<sim::Phase, Exec> phases_;
     Buffer<std::uint32_t, Exec> flags_, rows_, index_;
+    Buffer<float, Exec> size_;
     Buffer<sim::Summary, Exec> summary_;
     Buffer<sim::Speeds, Exec> speeds_;
     Buffer<float, Exec> limiting2_;
@@ -234,7 +240,7 @@ private:
     sim::Spline spline_{};
     sim::Period period_;
     float volume_ = 0, gamma_ = 0, lattice_squares_ = 0;
-    bool volumes_stale_ = false;
+    bool volumes_stale_ = false, fine_ = false;
 };
 
 }  // namespace globule::core

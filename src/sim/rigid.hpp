@@ -73,14 +73,15 @@ struct PressureImpulse {
     const float* nearest;
     Feels feels;
     Period period;
-    float volume, support, dt, flux;
+    Sizes sizes;
+    float volume, support, dt, flux;  ///< volume: of a particle of size 1
     float3 center;
     GB_FN Impulse operator()(std::size_t row) const {
         Impulse sum;
         if (nearest[row] >= support) return sum;
         const std::uint32_t slot = lists.rows[row];
         if (!(state.place[slot].w < 0.0f)) return sum;
-        const float s = volume * dt * state.pressure[slot] / (flux * support);
+        const float s = volume * sizes.volume(slot) * dt * state.pressure[slot] / (flux * support);
         if (!(s > 0.0f)) return sum;
         for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
             const std::size_t at = lists.at(row, k);

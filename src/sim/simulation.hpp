@@ -54,11 +54,11 @@ public:
         settings_ = settings;
         disturbed();
         state_.configure(settings);
-        tissue_.set_spacing(settings.spacing);
+        tissue_.set_spacing(settings.spacing, state_.size_of_fluid());
     }
     void set_phase(int which, const sim::Phase& given) override {
         sim::Phase phase = given;
-        if (phase.kind == sim::Kind::fluid) phase.viscosity = std::max(phase.viscosity, sim::least_viscosity(phase, settings_.spacing));
+        if (phase.kind == sim::Kind::fluid) phase.viscosity = std::max(phase.viscosity, sim::least_viscosity(phase, spacing_of(phase)));
         state_.set_phase(which, phase);
         stale_ = true;
         disturbed();
@@ -105,7 +105,7 @@ public:
 
     sim::Totals totals() override {
         sim::Totals* out = totals_.reserve(1);
-        exec_.reduce_in_order(state_.n_rows, sim::TotalsOf{state_.view(), state_.rows(), state_.volume(), settings_.gravity}, sim::AddTotals{},
+        exec_.reduce_in_order(state_.n_rows, sim::TotalsOf{state_.view(), state_.rows(), state_.sizes(), state_.volume(), settings_.gravity}, sim::AddTotals{},
                               sim::Totals{}, out);
         sim::Totals t;
         exec_.download(&t, out, sizeof t);
@@ -115,7 +115,7 @@ public:
     double next_dt() override {
         // v dt + g dt^2 <= far: at rest, gravity limits the first step.
         const double v = std::sqrt(double(state_.summary.speeds.limiting2)), far = farthest_move();
-        const double g = std::sqrt(double(dot(settings_.gravity, settings_.gravity)));
+        const double g = std::sqrt(double(dot(settings_.gravity, settings_.gravity))) / state_.size_of_fluid();
         double dt = longest_step();
         if (settings_.weakly_compressible) dt = std::min(dt, far / (settings_.sound_speed + v));
         if (v > 0 || g > 0) dt = std::min(dt, 2 * far / (v + std::sqrt(v * v + 4 * g * far)));
@@ -134,7 +134,7 @@ public:
         if (bodies_.carry(dt)) tissue_.moved();
         gather_tissue();
         r.n_solved = state_.n_rows;
-        tissue_.bleed(state_.tree().sparse(), state_.tree().particles(), dt);
+        tissue_.bleed(state_.tree().sparse(), state_.tree().particles(), state_.sizes(), dt);
         const bool begun = fluid_.has_started_lists();
         if (state_.n_rows > 0) find_lists();
         const double earlier = begun ? exec_.elapsed(kListMark, kListMark + 1) : 0.0;
@@ -152,7 +152,7 @@ public:
                 feel_pressure(dt);
                 rub(dt);
                 mark("pressure");
-            } else if (tissue_.n() == 0 && fluid_.fills_its_space()) {
+            } else if (tissue_.n() == 0 && !settings_.fine_fluids && fluid_.fills_its_space()) {
                 push(dt, r);
                 const sim::Progress divergence = fluid_.correct_filled(dt);
                 mark("pressure");
@@ -307,7 +307,8 @@ private:
             tissue_.stain(rank, state_.slot_of(), blood, color_.data(), wetness);
         }
         state_.tree().relabel(index, {weight, 1.0f});
-        access_.rebuilt({n, places, of_fluids, of_things, settings_.spacing, color_.data(), reflection, reflection ? reflection + n : nullptr, wetness,
+        const float d = settings_.spacing, of_fluid = d * state_.size_of_fluid();
+        access_.rebuilt({n, places, of_fluids, of_things, apart ? d : of_fluid, of_fluid, color_.data(), reflection, reflection ? reflection + n : nullptr, wetness,
                           {blood[0], blood[1], blood[2]}});
         stale_ = false;
     }
@@ -320,13 +321,15 @@ private:
     static constexpr int kMostHalvings = 4;
     static constexpr double kLeastByPressure = 0.2;  // of the step that speeds allow: an impact's pressure is over at once
 
+    float spacing_of(const sim::Phase& p) const { return p.kind == sim::Kind::fluid ? settings_.spacing * state_.size_of_fluid() : settings_.spacing; }
+    /// Of particles of size 1.
     double farthest_move() const { return 0.4 * settings_.cfl * settings_.spacing; }
     /// That forces other than pressure allow, whatever the speeds.
     double longest_step() const {
-        const double d = settings_.spacing;
         double dt = settings_.longest_step;
         for (const sim::Phase& p : state_.phase_table) {
             if (p.kind != sim::Kind::fluid && p.kind != sim::Kind::tissue) continue;
+            const double d = spacing_of(p);
             if (p.tension > 0) dt = std::min(dt, 0.4 * std::sqrt(p.density * d * d * d / (2 * 3.14159265358979 * p.tension)));
             const double mu = p.viscosity + settings_.extra_viscosity;
             if (mu > 0 && !p.implicit_viscosity) dt = std::min(dt, 0.125 * d * d * p.density / mu);
@@ -360,7 +363,7 @@ private:
     }
 
     void feel_pressure(float dt) {
-        tissue_.feel_pressure(fluid_.lists(), state_.view(), fluid_.rows().boundary, state_.period(), state_.volume(), state_.spline().support, dt, fluid_.flux());
+        tissue_.feel_pressure(fluid_.lists(), state_.view(), fluid_.rows().boundary, state_.period(), state_.sizes(), state_.volume(), state_.spline().support, dt, fluid_.flux());
     }
 
     /// Whether tissue has friction with anything.
@@ -424,7 +427,7 @@ private:
     }
 
     void contact(float dt) {
-        if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(), settings_.spacing, dt});
+        if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(), state_.sizes(), settings_.spacing, dt});
     }
     void move(float dt, bool split) {
         contact(dt);

@@ -21,10 +21,12 @@ struct KeepVelocity {
 struct LimitPush {
     const std::uint32_t* rows;
     const Quad* kept;
-    float most;
+    float most_of_one;  ///< of a particle of size 1
+    Sizes sizes;
     Quad* velocity;
     GB_FN void operator()(std::size_t row) const {
         Quad& v = velocity[rows[row]];
+        const float most = most_of_one * sizes.at(rows[row]);
         const float3 k = kept[row].xyz(), u = v.xyz() - k;
         const float s = most / max(length(u), most);
         v = {k.x + s * u.x, k.y + s * u.y, k.z + s * u.z, v.w};

@@ -199,36 +199,92 @@ private:
     }
 };
 
+/// Slots of the other two vertices of a row's facet.
+GB_FN void vertices(const Skin& skin, std::size_t row, std::uint32_t facet, std::uint32_t& j, std::uint32_t& k) {
+    const std::size_t at = std::size_t(facet) * 2 * skin.padded + row;
+    j = skin.facets[at];
+    k = skin.facets[at + skin.padded];
+}
+
 /// What the facets' tension adds to the accelerations.  The flow inside of a drop grows with the distance from its middle:
 /// what a vertex does is more than what its particle does, as the roots of the facet's areas are.
+struct Tension {
+    const Quad* place;
+    Skin skin;
+    Period period;
+    float offset;  ///< of the surface from its particles
+    /// Takes from `pull` what a facet does to its vertex i, whose normal is `mine`; `fluid`: is that fluid.
+    template <bool periodic, bool fluid>
+    GB_FN void take(std::uint32_t i, const Quad& mine, std::uint32_t j, std::uint32_t k, float3& pull) const {
+        const Quad nj = skin.normal[j], nk = skin.normal[k];
+        const float3 u = period.template shortest<periodic>(place[j].xyz() - place[i].xyz());
+        const float3 v = period.template shortest<periodic>(place[k].xyz() - place[i].xyz());
+        const float3 p = u + (nj.xyz() - mine.xyz()) * offset, q = v + (nk.xyz() - mine.xyz()) * offset;
+        const float3 across = cross(p, q);
+        const float outer = length(across), inner = length(cross(u, v));
+        if (!(outer > 0.0f)) return;
+        const float share = sqrt(min(max(outer / max(inner, 1e-20f), 0.25f), 4.0f));
+        const float sigma = (mine.w + nj.w + nk.w) / ((fluid ? 1.0f : 0.0f) + (nj.w > 0.0f) + (nk.w > 0.0f));
+        pull = pull - cross(across, q - p) * (0.5f * sigma * share / outer);
+    }
+};
+
 template <class Packet, bool periodic>
 struct PullSurface {
     Lists<Packet> lists;
-    const Quad* place;
-    Skin skin;
+    Tension tension;
     const float* inverse_rho;
-    Period period;
-    float offset;  ///< of the surface from its particles
     float per_volume;
     Quad* acceleration;
     GB_FN void operator()(std::size_t row) const {
-        const std::uint32_t slot = lists.rows[row], n = skin.count[row];
+        const std::uint32_t slot = lists.rows[row], n = tension.skin.count[row];
         if (n == 0) return;
-        const Quad mine = skin.normal[slot];
+        const Quad mine = tension.skin.normal[slot];
         float3 pull{0, 0, 0};
         for (std::uint32_t f = 0; f < n; ++f) {
-            const std::size_t at = std::size_t(f) * 2 * skin.padded + row;
-            const std::uint32_t j = skin.facets[at], k = skin.facets[at + skin.padded];
-            const Quad nj = skin.normal[j], nk = skin.normal[k];
-            const float3 u = period.template shortest<periodic>(place[j].xyz() - place[slot].xyz());
-            const float3 v = period.template shortest<periodic>(place[k].xyz() - place[slot].xyz());
-            const float3 p = u + (nj.xyz() - mine.xyz()) * offset, q = v + (nk.xyz() - mine.xyz()) * offset;
-            const float3 across = cross(p, q);
-            const float outer = length(across), inner = length(cross(u, v));
-            if (!(outer > 0.0f)) continue;
-            const float share = sqrt(min(max(outer / max(inner, 1e-20f), 0.25f), 4.0f));
-            const float sigma = (mine.w + nj.w + nk.w) / (1.0f + (nj.w > 0.0f) + (nk.w > 0.0f));
-            pull = pull - cross(across, q - p) * (0.5f * sigma * share / outer);
+            std::uint32_t j, k;
+            vertices(tension.skin, row, f, j, k);
+            tension.template take<periodic, true>(slot, mine, j, k, pull);
+        }
+        const float s = per_volume * inverse_rho[row];
+        Quad& a = acceleration[row];
+        a = {a.x + s * pull.x, a.y + s * pull.y, a.z + s * pull.z, 0.0f};
+    }
+};
+
+struct RowOf {
+    const std::uint32_t* rows;
+    std::uint32_t* row_of;  ///< per slot
+    GB_FN void operator()(std::size_t row) const { row_of[rows[row]] = std::uint32_t(row); }
+};
+
+/// What facets do to the tissue that they reach to, so that momentum is kept.  Tissue finds no facets; it asks those of the fluid beside
+/// it, each facet at the first of its vertices that are fluid.
+template <class Packet, bool periodic>
+struct PullTissue {
+    Lists<Packet> lists;
+    Tension tension;
+    const std::uint32_t* row_of;
+    const float* inverse_rho;
+    float per_volume;
+    Quad* acceleration;
+    GB_FN void operator()(std::size_t row) const {
+        const Skin& skin = tension.skin;
+        const std::uint32_t slot = lists.rows[row];
+        if (!(inverse_rho[row] > 0.0f) || !(skin.place[slot].w < 0.0f)) return;
+        float3 pull{0, 0, 0};
+        for (std::uint32_t l = 0, n = lists.count[row]; l < n; ++l) {
+            const std::uint32_t i = lists.index[lists.at(row, l)];
+            if (i >= lists.n || !(skin.place[i].w > 0.0f)) continue;
+            const std::size_t other = row_of[i];
+            for (std::uint32_t f = 0, n_facets = skin.count[other]; f < n_facets; ++f) {
+                std::uint32_t j, k;
+                vertices(skin, other, f, j, k);
+                if (j != slot && k != slot) continue;
+                const std::uint32_t third = j == slot ? k : j;
+                if (skin.place[third].w > 0.0f && third < i) continue;
+                tension.template take<periodic, false>(slot, {0.0f, 0.0f, 0.0f, 0.0f}, i, third, pull);
+            }
         }
         const float s = per_volume * inverse_rho[row];
         Quad& a = acceleration[row];

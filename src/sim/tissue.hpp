@@ -233,6 +233,7 @@ public:
     void write(const std::string& name, const void* in, std::size_t bytes) override {
         disturbed();
         if (name == "hold") n_ = std::uint32_t(bytes);
+        if (name == "hold" || name == "id") is_written_ = name == "hold";
         if (name == "other") n_entries_ = std::uint32_t(bytes / 4);
         if (name == "hold") is_solid_ = yielded_ = false, n_terms_ = 0;
         if (name == "rest") is_solid_ = bytes > 0;
@@ -258,7 +259,10 @@ public:
             n_scars_ = 1;  // as if there were some
         }
     }
-    void set_spacing(float spacing) { contact_ = spacing; }
+    void set_spacing(float spacing, float size_of_fluid) {
+        contact_ = spacing;
+        size_of_fluid_ = size_of_fluid;
+    }
 
     // In a simulation, in this order.
 
@@ -268,7 +272,7 @@ public:
     void disturbed() { gathered_ = settled_ = false; }
     /// Where the particles are now; whether other particles are held than before, which takes waiting for the device.
     bool gather(const sim::State& state, const sim::Phase* phases, const std::uint32_t* slot_of, float volume) {
-        if (n_ == 0 || gathered_) return false;
+        if (n_ == 0 || gathered_ || is_written_) return false;
         gathered_ = true;
         std::uint32_t n[2], *counters = count_.reserve(2);
         if (!settled_) exec_.clear(counters, sizeof n);
@@ -295,12 +299,12 @@ public:
     }
     /// What the pressure that led to these velocities does to what is held; after push.
     template <class Packet>
-    void feel_pressure(const sim::Lists<Packet>& lists, const sim::State& state, const float* nearest, const sim::Period& period, float volume, float support,
+    void feel_pressure(const sim::Lists<Packet>& lists, const sim::State& state, const float* nearest, const sim::Period& period, const sim::Sizes& sizes, float volume, float support,
                        float dt, float flux) {
         for (int g = 0; g < tissue::kMaxGrasps && n_ > 0 && feels_; ++g) {
             if (!(grasped_ >> g & 1u)) continue;
             const tissue::Held held{members(), state.id, hold_.data(), std::uint8_t(tissue::kGrasped + g)};
-            const sim::PressureImpulse<Packet, tissue::Held> pressure{lists, state, nearest, held, period, volume, support, dt, flux, motions_.center[g]};
+            const sim::PressureImpulse<Packet, tissue::Held> pressure{lists, state, nearest, held, period, sizes, volume, support, dt, flux, motions_.center[g]};
             exec_.reduce_in_order(lists.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, pressed_.data() + 2 * g);
         }
     }
@@ -344,7 +348,7 @@ public:
         if (!stains) return;
         std::uint8_t* touched = touched_.reserve(n_);
         exec_.clear(touched, n_);
-        exec_.for_each(lists.n_rows, tissue::Touch<Packet>{lists, state, members(), stains, 1.3f * contact_, touched});
+        exec_.for_each(lists.n_rows, tissue::Touch<Packet>{lists, state, members(), stains, 1.3f * contact_ * (0.5f + 0.5f * size_of_fluid_), touched});
         exec_.for_each(n_, tissue::Wet{touched, dt, wetness_.data()});
     }
     /// What tissue meets: walls, which the substeps keep it out of, and others.
@@ -387,7 +391,7 @@ public:
 
     /// Blood that comes out of cut ends: the device looks for room, while the tree is that of the positions.  After gather.
     template <class Tree>
-    void bleed(const Tree& tree, const SortedParticles& particles, float dt) {
+    void bleed(const Tree& tree, const SortedParticles& particles, const sim::Sizes& sizes, float dt) {
         tissue::Vessels flowing;
         bleeds_ = false;
         for (std::size_t v = 0; v < vessels_.size(); ++v)
@@ -396,8 +400,8 @@ public:
         if (!bleeds_) return;
         tissue::Drop *asking = asking_.reserve(n_), *found = found_.reserve(n_ + 1);
         exec_.clear(found, sizeof *found);
-        exec_.for_each(n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, contact_, dt, volume_.data(), &found->vessel, asking});
-        exec_.for_each_tile_of(&found->vessel, tissue::FindRoom<Tree>{tree, particles, asking, velocity_.data(), flowing, contact_, &found->t, found + 1});
+        exec_.for_each(n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, contact_, size_of_fluid_ * size_of_fluid_ * size_of_fluid_, dt, volume_.data(), &found->vessel, asking});
+        exec_.for_each_tile_of(&found->vessel, tissue::FindRoom<Tree>{tree, particles, asking, velocity_.data(), flowing, sizes, contact_, size_of_fluid_, &found->t, found + 1});
     }
     /// The drops that it found, in the order of the tissue, not too close to each other, as long as the pools last.
     std::vector<tissue::Drop> drops() {
@@ -412,7 +416,7 @@ public:
         std::sort(found.begin(), found.end(), [](const tissue::Drop& a, const tissue::Drop& b) { return a.t < b.t; });
         if (n_found > kDropsAtOnce) found.resize(kDropsAtOnce);
         std::vector<std::uint32_t> who;
-        const float apart = 0.81f * contact_ * contact_;
+        const float d = contact_ * size_of_fluid_, apart = 0.81f * d * d;
         for (const tissue::Drop& d : found) {
             BloodVessel& v = vessels_[d.vessel - 1];
             const auto near = [&](const tissue::Drop& o) { return dot(o.at - d.at, o.at - d.at) < apart; };
@@ -446,7 +450,7 @@ private:
         return {n_, first_.data(), other_.data(), length_.data(), stiffness_.data(), vessel_.data(), scarred_.data()};
     }
     tissue::Members members() { return {of_id_.data(), n_ids_}; }
-    double drop_volume() const { return std::pow(double(contact_), 3); }
+    double drop_volume() const { return std::pow(double(contact_) * size_of_fluid_, 3); }
 
     tissue::Solid solid() { return {rest_at_.data(), lame_.data(), correction_.data(), rows_.data(), stride(), contact_}; }
     std::uint32_t stride() const { return ceil_div<std::uint32_t>(n_, tissue::kBlock) * tissue::kBlock; }
@@ -745,9 +749,10 @@ private:
     Exec& exec_;
     std::uint32_t n_ = 0, n_entries_ = 0, n_pieces_ = 0, n_ids_ = 0;
     std::uint64_t n_scars_ = 0;  ///< bonds that went; 0: none
-    float contact_ = 0.0f;
+    float contact_ = 0.0f, size_of_fluid_ = 1.0f;
     double fastest_ = 0.0;       ///< 1/s: substeps a second
     bool pieces_known_ = false, pulled_ = false, tears_ = false, yields_ = false, rubs_ = false, bleeds_ = false;
+    bool is_written_ = false;  ///< from outside, array by array
     bool gathered_ = false, settled_ = false;  ///< as the state has the particles; nobody since a gather has changed who is held
     tissue::Materials materials_;
     tissue::Motions motions_;

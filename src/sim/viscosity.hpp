@@ -25,6 +25,7 @@ struct Interaction {
     float viscosity_scale;       ///< 2; 0 where viscosity is somebody else's
     float extra_viscosity;       ///< of all pairs of fluid
     float spacing, volume;
+    Sizes sizes;
 
     /// 2 mu V_j x . grad W / |x|^2 of one pair.
     template <class F>
@@ -44,7 +45,7 @@ struct Interaction {
 };
 
 /// Accelerations of all rows by what acts between neighbours.
-template <class Packet_, bool periodic, bool sticks>
+template <class Packet_, bool periodic, bool sticks, bool mixed>
 struct PairForces {
     Lists<Packet_> lists;
     const Quad *place, *velocity;
@@ -60,6 +61,8 @@ struct PairForces {
         const Four<F> at = Packet::gather(place, slot), v = Packet::gather(velocity, slot);
         const F zero = F(0.0f), half = F(0.5f);
         const F wall = pair.mirror(Packet::load(rows.boundary + row));
+        F size = F(1.0f);
+        if constexpr (mixed) size = Packet::gather(pair.sizes.of, slot);
         F mine = zero;
         if constexpr (sticks) mine = Packet::gather(cohesion, slot);
         const F c = F(-kCohesion * pair.spacing / pair.volume);
@@ -71,18 +74,29 @@ struct PairForces {
             const Vec3<F> d = pair.period.template shortest<periodic>(at.xyz() - other.xyz());
             const F r2 = dot(d, d), r = sqrt(r2);
             F w, slope;
-            pair.spline(r, w, slope);
+            F volume = F(pair.volume), reach = r;
+            [[maybe_unused]] F share = F(1.0f);  // of the attraction
+            if constexpr (mixed) {
+                const Pair<F> of = Pair<F>::of(size, Packet::gather(pair.sizes.of, lists.index + k));
+                of.kernel(pair.spline, r, w, slope);
+                volume *= of.volume;
+                reach = r * of.inverse;
+                share = of.volume * of.inverse * of.inverse * of.inverse * of.inverse * of.inverse;
+            } else {
+                pair.spline(r, w, slope);
+            }
             const auto solid = other.w > zero;
             const F mu = select(solid, v.w, half * (v.w + u.w)) + F(pair.extra_viscosity);
-            const F s = pair.viscous(slope, mu, select(solid, other.w * wall, F(pair.volume)));
+            const F s = pair.viscous(slope, mu, select(solid, other.w * wall, volume));
             diag -= s;
             x += s * (v.x - u.x);
             y += s * (v.y - u.y);
             z += s * (v.z - u.z);
             if constexpr (sticks) {
                 const F theirs = Packet::gather(cohesion, lists.index + k);
-                const F attraction = pair.attraction(r) * select(solid, theirs, max(zero - mine * theirs, zero));  // tissue with fluid: below 0
-                const F f = select(r < F(pair.spline.support), c * attraction / max(r, F(1e-3f * pair.spacing)), zero);
+                const F attraction = pair.attraction(reach) * select(solid, theirs, max(zero - mine * theirs, zero));  // tissue with fluid: below 0
+                F f = select(reach < F(pair.spline.support), c * attraction / max(r, F(1e-3f * pair.spacing)), zero);
+                if constexpr (mixed) f *= share;
                 x += f * d.x;
                 y += f * d.y;
                 z += f * d.z;
@@ -116,7 +130,7 @@ struct Conjugate {
     std::uint32_t iterations, done;
 };
 
-template <class Packet_, bool periodic>
+template <class Packet_, bool periodic, bool mixed>
 struct ApplyViscosity {
     Lists<Packet_> lists;
     const Quad *place, *direction;  ///< w of direction: viscosity
@@ -133,6 +147,8 @@ struct ApplyViscosity {
         const Four<F> at = Packet::gather(place, slot), v = Packet::gather(direction, slot);
         const F zero = F(0.0f), half = F(0.5f);
         const F wall = pair.mirror(Packet::load(rows.boundary + row));
+        F size = F(1.0f);
+        if constexpr (mixed) size = Packet::gather(pair.sizes.of, slot);
         F x = zero, y = zero, z = zero;
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t k = lists.at(row);
@@ -141,10 +157,17 @@ struct ApplyViscosity {
             const Vec3<F> d = pair.period.template shortest<periodic>(at.xyz() - other.xyz());
             const F r2 = dot(d, d);
             F w, slope;
-            pair.spline(sqrt(r2), w, slope);
+            F volume = F(pair.volume);
+            if constexpr (mixed) {
+                const Pair<F> of = Pair<F>::of(size, Packet::gather(pair.sizes.of, lists.index + k));
+                of.kernel(pair.spline, sqrt(r2), w, slope);
+                volume *= of.volume;
+            } else {
+                pair.spline(sqrt(r2), w, slope);
+            }
             const auto solid = other.w > zero;
             const F mu = select(solid, v.w, half * (v.w + u.w)) + F(pair.extra_viscosity);
-            const F s = pair.viscous(slope, mu, select(solid, other.w * wall, F(pair.volume)));
+            const F s = pair.viscous(slope, mu, select(solid, other.w * wall, volume));
             x += s * (v.x - u.x);
             y += s * (v.y - u.y);
             z += s * (v.z - u.z);
@@ -172,18 +195,21 @@ struct StartConjugate {
     }
 };
 struct ResidualSquare {
+    const std::uint32_t* rows;
     const Quad* residual;
+    Sizes sizes;  ///< of two sizes, the operator is symmetric with the volumes as weights
     GB_FN double operator()(std::size_t row) const {
         const Quad r = residual[row];
-        return double(r.w) * (double(r.x) * r.x + double(r.y) * r.y + double(r.z) * r.z);
+        return sizes.volume(rows[row]) * double(r.w) * (double(r.x) * r.x + double(r.y) * r.y + double(r.z) * r.z);
     }
 };
 struct DirectionSquare {
     const std::uint32_t* rows;
     const Quad *direction, *applied;
+    Sizes sizes;
     GB_FN double operator()(std::size_t row) const {
         const Quad p = direction[rows[row]], q = applied[row];
-        return double(p.x) * q.x + double(p.y) * q.y + double(p.z) * q.z;
+        return sizes.volume(rows[row]) * (double(p.x) * q.x + double(p.y) * q.y + double(p.z) * q.z);
     }
 };
 struct StepConjugate {

@@ -158,7 +158,7 @@ class Arrays(Part):
         shown = np.array([bool(p.shown) for p in sim.phases.values()], np.float32)
         return Particles(
             self._read("place")[order, :3],
-            support=2.0 * sim.settings.spacing,
+            support=self._supports(phase),
             color=colors[phase],
             weight=shown[phase],
             attributes={
@@ -171,13 +171,21 @@ class Arrays(Part):
             },
         )
 
+    def _supports(self, phase: np.ndarray) -> Any:
+        """Of particles of these phases, m: one, or (N,)."""
+        sim = self._sim
+        if not sim.settings.fine_fluids:
+            return 2.0 * sim.settings.spacing
+        of_phase = [2.0 * sim._spacing_of(p) for p in sim.phases.values()]
+        return np.array(of_phase, np.float32)[phase]
+
     @whole
     def neighbors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The solver's neighbor lists as compressed rows.
 
         Returns:
             ids (R,) uint32 of the particles that the solver moves, offsets (R + 1,), and ids (M,)
-            uint32 of their neighbors within two spacings.
+            uint32 of their neighbors within two spacings (of a pair: the mean of both).
         """
         ids = self._read("id")
         rows, offsets, indices = self._sim._core.neighbors()

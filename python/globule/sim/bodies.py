@@ -109,7 +109,7 @@ def _fluid(scene: SceneFile, table: Any, shape: Any) -> list[Body]:
         if rigidity is not None and (rigidity > 0).any():
             raise ValueError(f"{table.particles.file}: expected rigidity 0 in a fluid, got others")
         return [_body(scene, table, "fluid", positions, velocities)]
-    return [_body(scene, table, "fluid", fill(shape, scene.spacing))]
+    return [_body(scene, table, "fluid", fill(shape, scene.fluid_spacing))]
 
 
 def _source(table: Any) -> Any:

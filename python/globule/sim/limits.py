@@ -43,7 +43,8 @@ def check(scene: Any) -> None:
             expected = f"expected a place in the domain, {_corners(lo, hi)}"
             raise Problem(path, f"{expected}, got {_corners(first, last)}")
         if body:
-            _check_width(path, first, last, scene.spacing)
+            spacing = scene.fluid_spacing if path[0] == "fluids" else scene.spacing
+            _check_width(path, first, last, spacing)
     for i, table in enumerate(scene.boundaries):
         name, shape = shape_of(table)
         if hasattr(shape, "bounds"):
@@ -192,20 +193,22 @@ def _steps(scene: Any) -> Iterator[tuple[Path, float]]:
     fall = math.sqrt(2 * math.hypot(*scene.gravity) * diagonal)
     if fall:
         yield ("gravity",), far / (11 * fall if solver.method == "wcsph" else fall)
+    small = scene.fluid_spacing / d
     for i, fluid in enumerate(scene.fluids):
-        for name, step in _steps_of_material(fluid, d):
+        for name, step in _steps_of_material(fluid, small * d):
             yield ("fluids", i, name), step
     for kind in ("fluids", "solids", "rigids"):
         for i, table in enumerate(getattr(scene, kind)):
             if any(table.velocity):
-                yield (kind, i, "velocity"), far / math.hypot(*table.velocity)
+                share = small if kind == "fluids" else 1.0
+                yield (kind, i, "velocity"), share * far / math.hypot(*table.velocity)
     for i, rigid in enumerate(scene.rigids):
         if any(rigid.spin):
             _, shape = shape_of(rigid)
             across = math.dist(*shape.bounds()) if hasattr(shape, "bounds") else diagonal
             yield ("rigids", i, "spin"), far / (math.hypot(*rigid.spin) * across / 2)
     for i, emitter in enumerate(scene.emitters):
-        yield ("emitters", i, "rate"), _step_of_emitter(emitter, d, far)
+        yield ("emitters", i, "rate"), _step_of_emitter(emitter, small * d, small * far)
 
 
 def _steps_of_material(material: Any, d: float) -> Iterator[tuple[str, float]]:

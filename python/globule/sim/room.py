@@ -44,10 +44,14 @@ def check_room(scene: Any, shapes: dict[int, Any]) -> None:
     )
 
 
-def _needs(scene: Any, shapes: dict[int, Any], d: float) -> Iterator[tuple[float, float, str]]:
-    """Bytes, number of particles and name."""
+def _needs(
+    scene: Any, shapes: dict[int, Any], spacing: float
+) -> Iterator[tuple[float, float, str]]:
+    """Bytes, number of particles and name, with another spacing, m, than the scene's own."""
+    size = spacing / scene.spacing
     for kind, of_each in BYTES.items():
         for i, table in enumerate(getattr(scene, kind)):
+            d = size * (scene.fluid_spacing if kind in ("fluids", "emitters") else scene.spacing)
             n = _brought(scene, table, d) if kind == "emitters" else 0.0
             shape = shapes.get(id(table))
             if isinstance(shape, Plane):
@@ -56,7 +60,7 @@ def _needs(scene: Any, shapes: dict[int, Any], d: float) -> Iterator[tuple[float
                 n = shape.area() / d**2 if kind == "boundaries" else shape.volume() / d**3
             yield n * of_each, n, f"{kind}[{i}] ({table.name})"
     if scene.domain.walls:
-        n = Box(scene.domain.lo, scene.domain.hi).area() / d**2
+        n = Box(scene.domain.lo, scene.domain.hi).area() / spacing**2
         yield n * BYTES["boundaries"], n, "domain.walls"
 
 

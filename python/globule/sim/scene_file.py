@@ -368,6 +368,7 @@ class SceneFile(Table):
     domain: Domain = key(Domain)
     title: str = key(text, "")
     gravity: tuple = key(vector(least=-1e6, most=1e6), (0.0, 0.0, -9.81))
+    fine_fluids: bool = key(switch, False)  # whether fluids have half the spacing
     seconds: float = key(positive, 1.0)  # how long it runs
     solver: Solver = key(Solver, Solver)
     fluids: list = key(each(Fluid), [])
@@ -408,6 +409,11 @@ class SceneFile(Table):
                     expected = "expected [m/s, m/s] where there is no gravity, got none"
                     raise Problem(("foam", name), expected)
         limits.check(self)
+
+    @property
+    def fluid_spacing(self) -> float:
+        """Of the particles of fluids, m."""
+        return self.spacing / 2 if self.fine_fluids else self.spacing
 
 
 LISTS = (

@@ -137,10 +137,11 @@ for _name in ("divergence_error", "sound_speed"):
 class Settings(Steered):
     """How a simulation runs: a scene's spacing, domain and gravity, and the keys of its [solver].
 
-    Every value but spacing and domain may be changed between steps.
+    Every value but spacing, fine_fluids and domain may be changed between steps.
 
     Attributes:
         spacing: of particles, m.
+        fine_fluids: whether fluids have half that spacing.
         domain: `Domain`; particles that leave it are counted and no longer simulated.
         gravity: (3,) m/s².
         method: "dfsph", or "wcsph": Tait's equation instead of a pressure solve.
@@ -161,6 +162,7 @@ class Settings(Steered):
     """
 
     spacing: float
+    fine_fluids: bool
     domain: Domain
     gravity: Any
     method: str
@@ -186,11 +188,16 @@ class Settings(Steered):
             name = renamed("settings", OLD_SETTINGS, name)
         super().__setattr__(name, value)
 
+    @property
+    def fluid_spacing(self) -> float:
+        """Of the particles of fluids, m."""
+        return self.spacing / 2 if self.fine_fluids else self.spacing
+
     def _checks(self) -> dict[str, Any]:
         return SETTINGS
 
     def _at_start(self) -> set[str]:
-        return {"spacing", "domain"}
+        return {"spacing", "fine_fluids", "domain"}
 
     def _pack(self) -> dict[str, Any]:
         lo, hi = self.domain.bounds()
@@ -201,7 +208,8 @@ class Settings(Steered):
         if sound_speed is None:
             sound_speed = 10.0 * float(np.sqrt(2.0 * abs(np.dot(self.gravity, hi - lo))))
         return {
-            "spacing": self.spacing, "lo": lo.tolist(), "hi": hi.tolist(), "periodic": periodic,
+            "spacing": self.spacing, "fine_fluids": self.fine_fluids,
+            "lo": lo.tolist(), "hi": hi.tolist(), "periodic": periodic,
             "gravity": list(self.gravity), "cfl": self.cfl, "longest_step": self.max_dt,
             "density_error": self.max_error,
             "divergence_error": self.divergence_error or self.max_error,
@@ -214,7 +222,7 @@ class Settings(Steered):
 def settings_of(scene: SceneFile) -> Settings:
     """The settings of a scene."""
     solver = {name: getattr(scene.solver, name) for name in checks_of(Solver)}
-    return Settings(scene.spacing, scene.domain, scene.gravity, **solver)
+    return Settings(scene.spacing, scene.fine_fluids, scene.domain, scene.gravity, **solver)
 
 
 @dataclass

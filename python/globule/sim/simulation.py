@@ -277,7 +277,7 @@ class Simulation:
         dt = self._next_dt() if dt is None else float(dt)
         self._prepare(dt)
         for emitter in self.emitters.values():
-            positions, velocities = emitter.emit(self.settings.spacing, self.time, dt)
+            positions, velocities = emitter.emit(self.settings.fluid_spacing, self.time, dt)
             if n := len(positions):
                 which = self._phase(emitter.fluid)
                 self._core.emit(n, address(positions), address(velocities), which)
@@ -403,7 +403,7 @@ class Simulation:
         """A step of at most dt seconds in which nothing moves farther along its key frames than the
         fluid may: the core knows how fast particles are, not how fast a boundary or the tissue in a
         grasper will be. What goes through others in one step leaves them with any speed."""
-        time, far = self.time, 0.4 * self.settings.cfl * self.settings.spacing
+        time, far = self.time, 0.4 * self.settings.cfl * self.settings.fluid_spacing
         moved = [
             (table.motion, _reach(table, self.file.domain))
             for table in self.file.boundaries
@@ -468,13 +468,17 @@ class Simulation:
             raise ValueError(f"phase: expected one of {', '.join(self.phases)}, got {name!r}")
         return list(self.phases).index(name)
 
+    def _spacing_of(self, phase: Phase) -> float:
+        """Of a material's particles, m."""
+        return self.settings.fluid_spacing if phase.kind == "fluid" else self.settings.spacing
+
     def _send(self) -> None:
         """Hand settings and materials that changed to the core."""
         settings = self.settings._pack()
         if self._settings_sent != settings:
             self._core.configure(settings)
             self._settings_sent = settings
-        frame, spacing = 1 / self.file.output.fps, self.settings.spacing
+        frame = 1 / self.file.output.fps
         check_densities({
             (f"phases[{name!r}]", "density"): phase.density
             for name, phase in self.phases.items()
@@ -485,11 +489,11 @@ class Simulation:
             if i >= len(self._sent):
                 self._sent.append({})
             if packed != self._sent[i]:
-                check_material(phase, spacing, frame)
+                check_material(phase, self._spacing_of(phase), frame)
                 self._core.set_phase(i, packed)
                 self._sent[i] = packed
         for name, emitter in self.emitters.items():
-            check_emitter(name, emitter, spacing, frame)
+            check_emitter(name, emitter, self.settings.fluid_spacing, frame)
         self.tissue._send()
 
     @whole

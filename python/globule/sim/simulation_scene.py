@@ -23,8 +23,8 @@ class SimulationScene(Scene):
 
     Where images show tissue, the scene has the smooth surface of the tissue, and what else is shown
     has scenes `beside`. Where images show a fluid and no tissue, the scene has the smooth surface
-    around all that is shown; else each particle's ball. Smooth surfaces have the simulation's
-    spacing. The threshold follows the surface until a program assigns one. `surface = "balls"`
+    around all that is shown; else each particle's ball. Smooth surfaces have the spacing of their
+    particles. The threshold follows the surface until a program assigns one. `surface = "balls"`
     draws balls of all that is shown, which takes a tenth of the time where there is tissue.
     """
 
@@ -106,8 +106,10 @@ class SimulationScene(Scene):
 
     @property
     def spacing(self) -> float:
-        """Of the simulation, m."""
-        return self._simulation.settings.spacing
+        """Of the particles of its surface, m."""
+        settings, kinds = self._simulation.settings, self._smooth_kinds
+        of_fluids = "fluid" in kinds and "tissue" not in kinds
+        return settings.fluid_spacing if of_fluids else settings.spacing
 
     def update(self, *_: Any, **__: Any) -> None:
         """Refused: raises TypeError."""
@@ -132,6 +134,12 @@ class SceneBeside(SimulationScene):
     def surface(self) -> str:  # type: ignore[override]  # read-only here
         """ "smooth" or "balls"."""
         return "smooth" if self._which == FLUIDS else "balls"
+
+    @property
+    def spacing(self) -> float:
+        """Of its particles, m."""
+        settings = self._simulation.settings
+        return settings.fluid_spacing if self._which == FLUIDS else settings.spacing
 
     @property
     def beside(self) -> tuple[Scene, ...]:

@@ -1,0 +1,258 @@
+"""Fluids of half the spacing of the tissue that they lie on: `fine_fluids`."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.bench import physics_tissue as truths
+from globule.sim.emitter import Emitter
+from globule.sim.scene_file import SceneError, Vessel
+
+D = 0.004
+TENSION = 0.058
+
+
+def make(backend, positions=None, fixed=None, model="solid", **keys):
+    """Tissue at `positions`, and blood that a test adds."""
+    blood = {"name": "blood", "density": 1060.0, "viscosity": 0.0035}
+    tissue = {"name": "tissue", "density": 1000.0}
+    tension = keys.pop("tension", 0.0)
+    scene = {
+        "spacing": D, "fine_fluids": True,
+        "domain": {"lo": (-0.1, -0.1, -0.1), "hi": (0.1, 0.1, 0.1)},
+        "solver": {"max_error": 0.01, "divergence_error": 0.001},
+        "fluids": [blood | {"surface_tension": tension}],
+        "solids": [tissue | {"surface_tension": tension}],
+    }  # fmt: skip
+    sim = gb.Simulation(scene | keys, **backend)
+    if positions is not None:
+        ids = sim.add(positions, "tissue")
+        sim.tissue.bond(ids, 2500.0, fixed, model)
+    return sim
+
+
+def block(nx, ny, nz, spacing=D):
+    return truths.lattice(nx, ny, nz, spacing)
+
+
+def basin(backend, model="solid", depth=0.02):
+    """Fluid over tissue that is fixed at its lowest layer, both without end to the sides."""
+    side, base = 8 * D, 4 * D
+    box = {"lo": (0, 0, base), "hi": (side, side, base + depth)}
+    tissue = {
+        "name": "tissue", "young": 5000.0, "damping": 20.0, "model": model,
+        "box": {"lo": (0, 0, 0), "hi": (side, side, base)},
+        "fixed": [{"box": {"lo": (0, 0, 0), "hi": (side, side, D)}}],
+    }  # fmt: skip
+    domain = {"lo": (0, 0, -D), "hi": (side, side, 0.08), "periodic": ["x", "y"]}
+    return gb.Simulation(
+        spacing=D, fine_fluids=True, domain=domain, solids=[tissue],
+        fluids=[{"name": "water", "box": box}], **backend,
+    )  # fmt: skip
+
+
+def sizes(sim):
+    """Of each particle, in id order."""
+    fluids = [k for k, phase in enumerate(sim.phases.values()) if phase.kind == "fluid"]
+    return np.where(np.isin(sim.arrays.phase, fluids), 0.5, 1.0)
+
+
+def splashing(backend, **keys):
+    """A block of blood meets free tissue."""
+    sim = make(backend, block(6, 6, 4), **keys)
+    sim.add(block(8, 8, 6, D / 2) + [D, D, 4 * D], "blood", (0.05, 0.0, -0.15))
+    return sim
+
+
+def kernel(r, h):
+    q = r / h
+    a, b = np.maximum(1 - q, 0), np.maximum(0.5 - q, 0)
+    return 16 / (np.pi * h**3) * (a**3 - 4 * b**3)
+
+
+def test_pairs_have_the_mean_support(backend):
+    """Lists equal brute force; densities the sum of volume times kernel, in float64."""
+    sim = splashing(backend, model="bonds", gravity=(0, 0, 0))
+    for _ in range(10):
+        sim.step(0.002)
+    x, size = sim.positions.astype(float), sizes(sim)
+    r = np.linalg.norm(x[:, None] - x, axis=2)
+    support = float(np.float32(2 * D)) * (size[:, None] + size) / 2
+    near = (r < support) & ~np.eye(len(x), dtype=bool)
+    ids, offsets, found = sim.arrays.neighbors()
+    assert len(ids) == len(x)
+    for k, row in enumerate(ids):
+        mine = np.sort(found[offsets[k] : offsets[k + 1]])
+        np.testing.assert_array_equal(mine, np.flatnonzero(near[row]))
+    lattice = np.linalg.norm(block(9, 9, 9).astype(float) - 4 * D, axis=1)
+    volume = size**3 / kernel(lattice, 2 * D).sum()
+    expected = (kernel(r, support) * volume).sum(axis=1)
+    density = sim.particles.attributes["density"] / np.where(size < 1, 1060, 1000)
+    np.testing.assert_allclose(density, expected, rtol=2e-4)
+
+
+def test_alone_they_are_fluids_of_that_spacing(backend):
+    """Without tissue, a scene of half the spacing is the same: forces, tension, steps."""
+
+    def run(spacing, fine):
+        fluid = {"name": "water", "viscosity": 0.004, "surface_tension": 0.07}
+        sim = gb.Simulation(
+            spacing=spacing, fine_fluids=fine, fluids=[fluid],
+            domain={"lo": (-0.1, -0.1, -0.1), "hi": (0.1, 0.1, 0.1)}, **backend,
+        )  # fmt: skip
+        x = block(13, 13, 13, 0.002) - 0.012
+        x = x[np.linalg.norm(x, axis=1) < 0.0105]
+        sim.add(x, "water", x * [8.0, 8.0, -16.0])
+        sim.emitters["tap"] = Emitter((0, 0, 0.03), (0, 0, -1), 0.004, 2e-5, "water")
+        steps = [sim.step().dt for _ in range(12)]
+        return sim, steps
+
+    coarse, steps = run(0.002, False)
+    fine, fine_steps = run(0.004, True)
+    assert fine_steps == pytest.approx(steps, rel=1e-3)
+    assert len(fine) == len(coarse) > 600
+    np.testing.assert_allclose(fine.positions, coarse.positions, atol=1e-3 * 0.002)
+    for name in ("mass", "kinetic"):
+        expected = coarse.record.totals()[name]
+        assert fine.record.totals()[name] == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("tension", [0.0, TENSION])
+@pytest.mark.parametrize("model", ["solid", "bonds"])
+def test_tissue_and_fluid_keep_their_momentum(backend, model, tension):
+    sim = splashing(backend, model=model, tension=tension, gravity=(0, 0, 0))
+    tissue = sizes(sim) == 1
+    mass = np.where(tissue, 1000.0, 1060.0 / 8) * D**3
+    before = mass @ sim.velocities.astype(float)
+    assert sim.record.totals()["mass"] == pytest.approx(mass.sum(), rel=1e-4)
+    for _ in range(25):
+        sim.step(0.0015)
+        v = sim.velocities.astype(float)
+        assert np.abs(mass @ v - before).max() < 1e-6 * (mass @ np.abs(v)).sum()
+    assert sim.velocities[tissue, 2].mean() < -0.01  # it was hit
+
+
+@pytest.mark.few_backends
+@pytest.mark.parametrize("model", ["solid", "bonds"])
+def test_a_tank_rests_on_tissue(backend, model):
+    sim = basin(backend, model)
+    n, energy = len(sim), []
+    while sim.time < 0.2:
+        report = sim.step()
+        if sim.time > 0.05:  # the lattices have found their distance
+            measured = sim.record.measure()
+            energy.append(measured["kinetic"] + measured["potential"] + sim.tissue.elastic_energy)
+    weight = 9.81 * sim.record.totals()["mass"]
+    assert (np.array(energy) - np.minimum.accumulate(energy)).max() < 2e-3 * weight * D
+    assert len(sim) == n
+    assert report.n_escaped == 0
+    assert max(energy) < energy[0] + 0.01 * abs(energy[0])
+    particles, water = sim.particles, sizes(sim) < 1
+    x, attributes = sim.positions[water], particles.attributes
+    top = sim.positions[~water, 2].max()
+    z = x[:, 2]
+    assert z.min() > top - 0.5 * D  # nobody is within the tissue
+    assert z.max() < 4 * D + 0.02
+    bulk = (z > top + 1.5 * D) & (z < z.max() - D)
+    assert bulk.sum() > 1000
+    density = attributes["density"][water]
+    assert np.abs(density[bulk] / 1000 - 1).max() < 0.02
+    assert (density[z < top + 1.5 * D] / 1000).max() < 1.02  # at the border, too
+    slope = np.polyfit(z[bulk], attributes["pressure"][water][bulk], 1)[0]
+    assert slope == pytest.approx(-9810, rel=0.05)
+    assert np.linalg.norm(sim.velocities, axis=1).max() < 0.2
+
+
+def test_a_drop_wets_the_tissue_that_it_meets(backend):
+    """It spreads, and nobody gets in."""
+    x = block(14, 14, 3)
+    sim = make(backend, x, fixed=x[:, 2] < 0.5 * D, tension=TENSION)
+    sim.tissue.add_vessel(vessel([[0, 0, 0], [D, 0, 0]], 0.1 * D, 2000.0, 1e-6))
+    drop = block(5, 5, 5, D / 2) - [D, D, 0]
+    middle = np.array([6.5 * D, 6.5 * D, 2 * D])
+    sim.add(middle + drop + [0, 0, 0.75 * D], "blood")
+    for _ in range(40):
+        sim.step(0.0015)
+    blood = sim.positions[sizes(sim) < 1] - middle
+    across = np.hypot(blood[:, 0], blood[:, 1])
+    assert blood[:, 2].min() > 0.2 * D
+    assert blood[:, 2].mean() < 1.2 * D < drop[:, 2].mean() + 0.75 * D
+    assert np.median(across) > 1.3 * np.median(np.hypot(drop[:, 0], drop[:, 1]))
+    wetness = np.frombuffer(sim.arrays.state()["tissue_wetness"], np.float32)
+    assert 12 < (wetness > 0.2).sum() < 144
+
+
+def vessel(path, radius, pressure, pool):
+    return Vessel(name="vein", solid="tissue", fluid="blood", path=path, radius=radius,
+                  pressure=pressure, pool=pool)  # fmt: skip
+
+
+def bleeding(backend):
+    x = block(7, 7, 4)
+    sim = make(backend, x, fixed=x[:, 2] < 0.5 * D)
+    course = [[-D, 3 * D, 3 * D], [8 * D, 3 * D, 3 * D]]
+    sim.tissue.add_vessel(vessel(course, 0.6 * D, 2e5, 5.4 * D**3))
+    edge = np.array([[3.5 * D, -0.1, 2 * D], [3.5 * D, 0.1, 2 * D]])
+    assert sim.tissue.cut((edge, edge + [0, 0, 4 * D])) > 0
+    return sim
+
+
+def test_a_cut_vessel_bleeds_fine_particles(backend):
+    """Their volumes add up to what left the pool; none appears within the lattice."""
+    sim = bleeding(backend)
+    for _ in range(60):
+        sim.step(0.002)
+        blood = sim.positions[sizes(sim) < 1]
+        left = 5.4 * D**3 - sim.tissue.pools[0]
+        assert len(blood) * D**3 / 8 == pytest.approx(left, rel=1e-6, abs=1e-15)
+    assert len(blood) == 43
+    assert np.isfinite(blood).all()
+    tissue = sim.positions[sizes(sim) == 1]
+    away = np.linalg.norm(blood[:, None] - tissue, axis=2)
+    assert ((away < D).sum(axis=1) < 8).all()
+
+
+def test_checkpoints_go_on_bit_by_bit(tmp_path):
+    sim = bleeding({"device": "cpu"})
+    for _ in range(20):
+        sim.step(0.002)
+    sim.save(tmp_path / "half.npz")
+    again = gb.Simulation.load(tmp_path / "half.npz", device="cpu")
+    assert again.settings.fine_fluids
+    for _ in range(10):
+        sim.step(0.002)
+        again.step(0.002)
+    assert again.hash() == sim.hash()
+
+
+def test_same_bits_whatever_the_threads():
+    def run(threads):
+        sim = splashing({"device": "cpu", "threads": threads}, tension=TENSION)
+        for _ in range(20):
+            sim.step()
+        return sim.hash()
+
+    assert run(1) == run(2) == run(5)
+
+
+def test_images_show_them_at_their_size(backend):
+    """A single fine particle beside tissue covers a quarter of a coarse one's area."""
+    areas = {}
+    for fine in (False, True):
+        sim = make(backend, block(2, 2, 2) + [0.05, 0.05, 0], np.ones(8, bool), fine_fluids=fine)
+        sim.add([[0.0, 0.0, 0.0]], "blood")
+        look = gb.Camera((0.0, 0.0, 0.03), (0.0, 0.0, 0.0))
+        areas[fine] = gb.render(sim.scene, look, size=(96, 96)).mask[24:72, 24:72].sum()
+        support = np.broadcast_to(sim.particles.support, len(sim))
+        assert support[[0, -1]] == pytest.approx([2 * D, D if fine else 2 * D])
+    assert areas[False] > 100
+    assert areas[True] == pytest.approx(areas[False] / 4, rel=0.25)
+
+
+def test_wrong_values_are_named():
+    with pytest.raises(SceneError, match=r"fine_fluids: expected true or false, got 2"):
+        make({"device": "cpu"}, fine_fluids=2)
+    sim = make({"device": "cpu"})
+    with pytest.raises(AttributeError, match="fine_fluids"):
+        sim.settings.fine_fluids = False
