@@ -1,8 +1,8 @@
 """Frames of the surgery scene: `python bench/brain.py [--device cuda] [--spacing 0.002]`.
 
-Each frame simulates 1/60 s and makes one image of 1920×1080 with shadows. Prints, for the cut brain
-and then for the bleeding one, the time of a frame's steps and of its image (wall time; the image's
-pixels are on the host), frames per second, steps a frame and the fastest particle.
+Each frame simulates 1/60 s and makes one image of 1920×1080 with shadows. From each of the times of
+`--at` on, prints the time of a frame's steps and of its image (wall time; the image's pixels are on
+the host), frames per second, the slowest frame, steps a frame and the fastest particle.
 """
 
 from __future__ import annotations
