@@ -253,6 +253,8 @@ def open_kept(folder: str) -> int:
             if kind not in fuzzers:
                 fuzzers[kind] = Fuzzer(place, kind)
             names = [n for n, _ in fuzzers[kind].files[kind] if os.path.basename(n) == name]
+            if not names:  # of a file that this machine has no original of
+                continue
             for by_command in (False, True) if KINDS[kind].command else (False,):
                 verdict = fuzzers[kind].open(kind, names[0], path.read_bytes(), by_command)
                 report.add(kind, path.name, verdict)
