@@ -24,6 +24,8 @@ inline constexpr float kFlat = 0.3f, kInside = 1.0f;  ///< eigenvalue across a f
 inline constexpr float kFace = 0.73f;            ///< field at a particle in a flat face
 inline constexpr float kDroplet = 0.12f, kCrowd = 0.36f;    ///< share of the neighbourhood that is filled: weights are raised below
 inline constexpr float kAlone = 0.04f, kSome = 0.2f;        ///< the same: kernels are round below
+inline constexpr float kSheet = 0.16f;           ///< the same: what is flat is a sheet in full from here, and none below kAlone
+inline constexpr float kRow = 0.3f, kWide = 0.8f;           ///< second eigenvalue of a row of particles, of a sheet
 inline constexpr float kFull = 0.85f, kEven = 0.02f;  ///< the same, and how far off the neighbours' mean may be: inside, round
 inline constexpr float kMass = 1.0444544f;       ///< 1 over the integral of (1 - r^2)^2 over the unit ball
 inline constexpr float kThreshold = 0.5f;
@@ -76,7 +78,7 @@ struct Shape {
     Sym3<F> matrix;
     F longest, shortest;  ///< axes, in spacings
     F mass;     ///< factor that makes the kernel's integral one particle's volume
-    F sheet;    ///< 1 in a sheet of one layer, 0 in a body or a droplet
+    F sheet;    ///< 1 in a sheet of one layer, 0 in a body, a row or a droplet
 
     /// Where nothing but fluid is near.
     GB_FN static Shape inside() {
@@ -93,7 +95,8 @@ struct Shape {
 template <class F>
 GB_FN Shape<F> shape(const Moments<F>& moments, const F& filled) {
     const Eigen3<F> e = eigen(moments.covariance());
-    const F least = min(min(e.value[0], e.value[1]), e.value[2]);
+    const F least = min(min(e.value[0], e.value[1]), e.value[2]), largest = max(max(e.value[0], e.value[1]), e.value[2]);
+    const F middle = e.value[0] + e.value[1] + e.value[2] - least - largest;
     const auto flat = [](const F& s) { return F(1.0f) - smooth_step(s, kFlat, kInside); };
     const F flattest = flat(least), company = smooth_step(filled, kAlone, kSome);
     F inverse[3], longest = F(0.0f), shortest = F(kRadius), mass = F(kMass);
@@ -106,7 +109,8 @@ GB_FN Shape<F> shape(const Moments<F>& moments, const F& filled) {
         inverse[k] = F(kRadius) / a;
         mass = mass / a;
     }
-    return {e.compose(inverse), longest, shortest, mass, company * (F(1.0f) - smooth_step(least, 0.0f, kTwoLayers))};
+    const F sheet = smooth_step(filled, kAlone, kSheet) * smooth_step(middle, kRow, kWide) * (F(1.0f) - smooth_step(least, 0.0f, kTwoLayers));
+    return {e.compose(inverse), longest, shortest, mass, sheet};
 }
 /// own: the particle's field at its place, with weights of mass 1.
 template <class F>

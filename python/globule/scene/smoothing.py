@@ -164,6 +164,8 @@ FLAT, INSIDE = 0.3, 1.0  # eigenvalue across a face, and inside
 FACE = 0.73  # field at a particle in a flat face
 DROPLET, CROWD = 0.12, 0.36  # share of the neighborhood that is filled: weights are raised below
 ALONE, SOME = 0.04, 0.2  # the same: kernels are round below
+SHEET = 0.16  # the same: what is flat is a sheet in full from here, and none below ALONE
+ROW, WIDE = 0.3, 0.8  # second eigenvalue of a row of particles, of a sheet
 FULL, EVEN = 0.85, 0.02  # the same, and how far off the neighbors' mean may be: inside, round
 MASS = 105 / (32 * np.pi)  # 1 / integral of (1 - r²)² over the unit ball
 
@@ -228,7 +230,8 @@ def surface_kernels(
         # c (1 - (t / 2)² / THIN²)³ = 1/2, t = field / FACE.
         thickness = field / FACE
         in_sheet = 0.5 / (1 - np.minimum(thickness / 2 / THIN, 0.4) ** 2) ** 3
-        sheet = company * (1 - _smooth_step(values[:, 0], 0.0, TWO_LAYERS))
+        sheet = _smooth_step(filled, ALONE, SHEET) * _smooth_step(values[:, 1], ROW, WIDE)
+        sheet *= 1 - _smooth_step(values[:, 0], 0.0, TWO_LAYERS)
         target = FACE + sheet * (np.minimum(in_sheet, FACE) - FACE)
         weight[rows] = mass * (1 + few * np.maximum(target / field - 1, 0))
     return SurfaceKernels(G, weight)
