@@ -13,6 +13,7 @@
 #include "sim/bond_blocks.hpp"
 #include "sim/felt.hpp"
 #include "sim/friction.hpp"
+#include "sim/parted.hpp"
 #include "sim/solid.hpp"
 
 namespace globule::core {
@@ -24,7 +25,7 @@ public:
         : exec_(exec), at_(exec), next_(exec), velocity_(exec), acceleration_(exec), pull_(exec), before_(exec), rest_(exec), id_(exec),
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
-          vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), strained_(exec), rest_at_(exec), rows_(exec),
+          vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), strained_(exec), rest_at_(exec), rows_(exec), spared_(exec),
           lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec), plane_(exec), plane_speed_(exec), beside_(exec), quiet_(exec), plane_rub_(exec), rub_(exec), loads_(exec), change_(exec), rigid_loads_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
@@ -253,6 +254,7 @@ public:
             exec_.upload(buffer.reserve(n), in, wanted);
         });
         exec_.synchronize();
+        if (name == "rest") put_none_slid();  // earlier versions did not save it
         if (name == "id") {
             make_room();
             if (!bodies_known_) exec_.clear(body_.reserve(n_), n_ * sizeof *body_.data());  // earlier versions saved those of solids alone
@@ -285,16 +287,18 @@ public:
         if (n[0]) exec_.for_each(n_, tissue::DropBonds{bonds(), hold_.data()});
         return n[1] > 0;
     }
-    /// No density across cuts, nor within solids; the density of the rows that is there without their lists, or null.
+    /// No density across the cuts of springs, nor within solids; the density of the rows that is there without their lists, or null.
     template <class Packet>
-    const float* veto(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Spline& spline, float volume) {
+    const float* veto(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Period& period, const sim::Spline& spline, float volume) {
         if (n_ == 0) return nullptr;
-        if (n_scars_ > 0) exec_.for_each(lists.n_rows, tissue::Veto<Packet>{lists, state, members(), bonds(), slot_.data()});
-        if (!is_solid_) return nullptr;
+        if (!is_solid_) {
+            if (n_scars_ > 0) exec_.for_each(lists.n_rows, tissue::Veto<Packet>{lists, state, members(), bonds(), slot_.data()});
+            return nullptr;
+        }
         float* within = within_.reserve(lists.n_rows + 64);
         exec_.clear(within, (lists.n_rows + 64) * sizeof *within);
         const float reach = kWithin * contact_;
-        exec_.for_each(lists.n_rows, tissue::LeaveOut<Packet>{lists, state, members(), rest_at_.data(), body_.data(), spline, volume, reach * reach, within});
+        exec_.for_each(lists.n_rows, tissue::LeaveOut<Packet>{lists, state, members(), bonds(), rest_at_.data(), body_.data(), period, spline, volume, reach * reach, within});
         return within;
     }
     /// What the pressure that led to these velocities does to what is held; after push.
@@ -363,7 +367,7 @@ public:
         exec_.clear(beside, n_);
         Quad* rub = rubs ? plane_rub_.reserve(n_) : nullptr;
         if (rub) exec_.clear(rub, n_ * sizeof *rub);
-        exec_.for_each(lists.n_rows, tissue::FindContacts<Packet>{lists, state, phases, members(), body_.data(), period, spline, contact_, plane, speed, rub, beside});
+        exec_.for_each(lists.n_rows, tissue::FindContacts<Packet>{lists, state, phases, members(), body_.data(), is_solid_ ? rest_at_.data() : nullptr, scarred_.data(), spared_.data(), period, spline, contact_, plane, speed, rub, beside});
         walls_ = {plane, speed, rub};
     }
     /// After a step whose next one is chosen by speeds alone: `far` is how far a particle may move in it.
@@ -447,7 +451,7 @@ private:
     static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
 
     tissue::Bonds bonds() {
-        return {n_, first_.data(), other_.data(), length_.data(), stiffness_.data(), vessel_.data(), scarred_.data()};
+        return {n_, first_.data(), other_.data(), length_.data(), stiffness_.data(), vessel_.data(), scarred_.data(), is_solid_ ? spared_.data() : nullptr};
     }
     tissue::Members members() { return {of_id_.data(), n_ids_}; }
     double drop_volume() const { return std::pow(double(contact_) * size_of_fluid_, 3); }
@@ -457,6 +461,8 @@ private:
     /// Positions at rest, and what particles are made of, beside those of other bodies.
     void add_solid(const TissueArrays& in, std::uint32_t old, std::uint32_t before, const std::vector<Quad>& at) {
         extend(rest_at_, old, before, at.data(), in.n, Quad{0, 0, 0, 0});
+        const std::vector<float> none(in.n, tissue::kNotSlid);
+        extend(spared_, old, before, none.data(), in.n, tissue::kNotSlid);
         const std::uint32_t all = before + ceil_div<std::uint32_t>(in.n, tissue::kBlock) * tissue::kBlock, was = stride();
         std::vector<float> lame = widened(lame_, 2, was, 2, all);
         for (int k = 0; k < 2; ++k) std::copy_n(in.lame + k * std::size_t(in.n), in.n, lame.data() + k * std::size_t(all) + before);
@@ -474,6 +480,11 @@ private:
         if (was) exec_.download(&other, frequency_.data(), sizeof other);
         most = std::max(most, other);
         put(frequency_, &most, 1);
+        exec_.synchronize();
+    }
+    void put_none_slid() {
+        const std::vector<float> none(is_solid_ ? n_ : 0, tissue::kNotSlid);
+        put(spared_, none.data(), none.size());
         exec_.synchronize();
     }
     /// Rows of `was` items each become `rows` of `all`; what is new is 0.
@@ -660,6 +671,7 @@ private:
         fn("stays", stays_, yielded_ ? 6 * std::size_t(stride()) : 0);
         fn("frequency", frequency_, is_solid_ ? 1 : 0);
         fn("body", body_, n_);
+        fn("spared", spared_, is_solid_ ? n_ : 0);
         fn("at", at_, n_);
         fn("velocity", velocity_, n_);
         fn("phase", phase_, n_);
@@ -778,6 +790,7 @@ private:
     bool broken_ = false;
     bool is_solid_ = false, corrected_ = false;  ///< not bonds alone; no bond went since the corrections
     Buffer<Quad, Exec> rest_at_, rows_;
+    Buffer<float, Exec> spared_;                 ///< as in LeaveOut
     Buffer<float, Exec> lame_, terms_, stays_, correction_, frequency_;
     std::uint32_t n_terms_ = 0;                  ///< of Prony series, the most that a body has
     bool yielded_ = false;                       ///< stays_ is there
