@@ -6,6 +6,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.bench import physics_bodies as bodies
+from globule.bench import physics_crown
 from globule.bench import physics_flows as flows
 from globule.bench.physics_fluid import lattice
 
@@ -26,6 +27,35 @@ from globule.bench.physics_fluid import lattice
 def test_truth(experiment):
     for row in experiment():
         assert row.ok, row
+
+
+def test_a_crown_spreads_as_published():
+    for row in physics_crown.splash(layers=5):
+        assert row.ok, row
+
+
+def test_the_shape_of_a_crown_is_found():
+    """A cylinder's wall on a pool, with a drop above and a jet in one direction."""
+    d, depth, high, radius = 0.001, physics_crown.DEPTH, 0.006, 0.01
+    half = 0.015
+    pool = lattice((-half, -half, 0), (half, half, depth), d)
+    wall = lattice((-half, -half, 0), (half, half, depth + high), d)
+    r = np.hypot(wall[:, 0], wall[:, 1])
+    wall = wall[(r > radius - 2.5 * d) & (r < radius) & (wall[:, 2] > depth)]
+    jet = lattice((radius - 2 * d, 0, depth), (radius, d, depth + 0.02), d)
+    drop = np.array([[0, 0, 0.03], [radius + 3 * d, 0, depth + 2.5 * d]])
+    found = physics_crown.shape_of(np.concatenate([pool, wall, jet, drop]), d)
+    assert found[0] == pytest.approx(radius, abs=d / 2)
+    assert found[1] == pytest.approx(high, abs=d)
+
+
+def test_a_spread_is_fitted():
+    tau = np.linspace(1, 8, 50)
+    found = physics_crown.spread(physics_crown.Crown(tau, 0.9 * np.sqrt(tau + 0.5), tau))
+    np.testing.assert_allclose(found[:2], (0.9, -0.5), rtol=1e-9)
+    assert physics_crown.spread(physics_crown.Crown(tau, 1.1 * tau**0.43, tau))[2] == pytest.approx(
+        0.43
+    )
 
 
 def test_an_ellipse_keeps_its_area_and_energy():

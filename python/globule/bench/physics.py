@@ -15,6 +15,7 @@ from .._base.files import atomic_write
 from ..sim.simulation import Simulation
 from . import (
     physics_bodies,
+    physics_crown,
     physics_cuts,
     physics_flows,
     physics_fluid,
@@ -31,8 +32,8 @@ PAGE = """\
 
 Made by `globule bench physics -o docs`: {n} truths, {n_met} met; {machine}.
 The experiments are `globule.bench.physics_fluid`, `physics_flows`, `physics_bodies`,
-`physics_tissue`, `physics_solid`, `physics_memory`, `physics_friction` and `physics_cuts`; the
-tests run the small ones.
+`physics_crown`, `physics_tissue`, `physics_solid`, `physics_memory`, `physics_friction` and
+`physics_cuts`; the tests run the small ones.
 A truth with a limit instead of a value (compression, drift) lists the limit as expected.
 
 {table}
@@ -83,6 +84,7 @@ def experiments(quick: bool) -> Iterator[Callable[[str, int], Any]]:
     yield partial(physics_fluid.poiseuille, implicit=True)
     yield from physics_flows.EXPERIMENTS
     yield from physics_bodies.EXPERIMENTS
+    yield partial(physics_crown.run, quick=quick)
     yield partial(physics_tissue.run, quick=quick)
     yield partial(physics_solid.run, quick=quick)
     yield physics_memory.run
