@@ -236,6 +236,23 @@ def test_spacing_of_bodies_and_sheets(backend, shape, jitter):
     assert scene.support / 2.25 == pytest.approx(0.1, rel=0.012)
 
 
+@pytest.mark.parametrize("jitter", [0.0, 0.03])
+@pytest.mark.parametrize("packing", ["body-centered", "face-centered"])
+def test_spacing_of_close_packings(packing, jitter):
+    """Of their shells of equal distances as well."""
+    cells = block(12, 12, 12)
+    more = {
+        "body-centered": [[0.5] * 3],
+        "face-centered": [[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]],
+    }
+    points = np.concatenate([cells, *(cells + shift for shift in more[packing])])
+    points = points + jitter * np.random.default_rng(2).normal(size=points.shape)
+    spacing = (1 / (1 + len(more[packing]))) ** (1 / 3)
+    scene = gb.Scene(points.astype("f4"), surface="smooth", device="cpu")
+    assert scene.support / 2.25 == pytest.approx(spacing, rel=0.012)
+    assert random_volume(scene, spacing) / len(points) == pytest.approx(1, abs=0.03)
+
+
 @pytest.mark.parametrize("shape", [(10, 10, 10), (40, 40, 1), (30, 30, 2), (24, 24, 4)])
 def test_volume_with_the_measured_spacing(shape):
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]

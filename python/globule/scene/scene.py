@@ -595,7 +595,7 @@ def _space(bounds: Any) -> list[float]:
 def _fluid_spacing(core: Any) -> float:
     """A particle's volume tells it; in bodies of few layers that is more than neighbors say."""
     volume, neighbors = core.fluid_spacing(), core.spacing()
-    return volume if volume <= 1.05 * neighbors else neighbors
+    return volume if volume <= 1.3 * neighbors else neighbors  # close packing: 1.28
 
 
 def _guess_spacing(particles: Particles, n: int) -> float:
