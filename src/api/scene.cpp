@@ -12,7 +12,10 @@ namespace {
 constexpr std::size_t kMaxParticles = (std::size_t(1) << 31) - 64;
 constexpr double kMaxSupport = 1e18;  ///< past it squares overflow float32
 constexpr double kMaxRatio = 1e6;     ///< between the largest and the smallest support
-constexpr double kMostOverLocal = 1.3;  ///< of the spacing by volume over that by the 12th neighbour, which all 12 of a close packing are (1.28)
+/// Of the spacing by volume over that by the 12th neighbour, which all 12 of a close packing are (1.28). Few particles are mostly
+/// surface, where the volume says too much.
+constexpr double kMostOverLocal = 1.3, kMostOverLocalOfFew = 1.05;
+constexpr std::size_t kFewParticles = 1000;
 constexpr core::float3 kColor{0.28f, 0.52f, 0.80f};
 constexpr int kMaxSamples = 65536;
 constexpr int kSmoothEdges = 3;  ///< more samples at edges of images with a smooth surface, by default
@@ -207,7 +210,7 @@ void Scene::Impl::update(const Particles& p) {
         double found = core.call_inside<&core::Scene::spacing>(inside);
         if (smooth) {  // a particle's volume tells it; in bodies of few layers that is far more than neighbours say
             const double volume = core.call_inside<&core::Scene::fluid_spacing>(inside);
-            if (volume <= kMostOverLocal * found) found = volume;
+            if (volume <= (u.arrays.n < kFewParticles ? kMostOverLocalOfFew : kMostOverLocal) * found) found = volume;
         }
         keep = found > 0;
         const double spacings = smooth ? double(core::surface::kAxis) : defaults_of(kernel).spacings;

@@ -320,7 +320,7 @@ class Scene:
 
         if support is ABSENT and one_support is None:
             build(0.0)
-            measured = _fluid_spacing(self._raw) if smooth else self._raw.spacing()
+            measured = _fluid_spacing(self._raw, n) if smooth else self._raw.spacing()
             one_support = self._defaults[0] * (measured or _guess_spacing(p, n))
             if measured and smooth:
                 spacing = measured
@@ -386,7 +386,7 @@ class Scene:
         particle's volume, measured around up to 1024 particles; 0 if they are too few."""
         if self.surface == "smooth" and self._spacing:
             return self._spacing
-        return _fluid_spacing(self._scene)
+        return _fluid_spacing(self._scene, len(self))
 
     @property
     def octree(self) -> Octree:
@@ -592,10 +592,11 @@ def _space(bounds: Any) -> list[float]:
     return [float(x) for x in box.ravel()]
 
 
-def _fluid_spacing(core: Any) -> float:
+def _fluid_spacing(core: Any, n: int) -> float:
     """A particle's volume tells it; in bodies of few layers that is more than neighbors say."""
     volume, neighbors = core.fluid_spacing(), core.spacing()
-    return volume if volume <= 1.3 * neighbors else neighbors  # close packing: 1.28
+    few = n < 1000  # as in src/api/scene.cpp; a close packing has 1.28
+    return volume if volume <= (1.05 if few else 1.3) * neighbors else neighbors
 
 
 def _guess_spacing(particles: Particles, n: int) -> float:
