@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -125,6 +126,26 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
         interrupted()
     assert path.read_text() == "old"
     assert [file.name for file in tmp_path.iterdir()] == ["p.ply"]
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs signal.setitimer")
+def test_an_interrupt_at_any_moment_leaves_no_temporary_file(tmp_path):
+    """Also while the file is being opened: then it is there, but nobody has it yet."""
+    old = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        for i in range(300):
+            try:
+                signal.setitimer(signal.ITIMER_REAL, 1e-5 + 1e-6 * i)
+                for _ in range(1000):
+                    with atomic_write(tmp_path / "p.bin") as file:
+                        file.write(b"x" * 3000)
+            except KeyboardInterrupt:
+                pass
+            finally:
+                signal.setitimer(signal.ITIMER_REAL, 0)
+    finally:
+        signal.signal(signal.SIGALRM, old)
+    assert {file.name for file in tmp_path.iterdir()} <= {"p.bin"}
 
 
 def test_atomic_write_follows_links(tmp_path):

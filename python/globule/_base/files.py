@@ -68,13 +68,13 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[
         return
     folder, name = os.path.split(target)
     temporary = os.path.join(folder, f".{name[:100]}.{os.urandom(6).hex()}.tmp")
-    try:
-        # "x" rather than tempfile: the file gets the user's usual permissions.
-        file = open(temporary, mode.replace("w", "x"), **text)  # noqa: SIM115
-    except OSError as error:
-        error.filename = os.fspath(path)  # the user never chose the temporary name
-        raise
-    try:
+    try:  # from here on: an interrupt while the file is opened may come when it is there already
+        try:
+            # "x" rather than tempfile: the file gets the user's usual permissions.
+            file = open(temporary, mode.replace("w", "x"), **text)  # noqa: SIM115
+        except OSError as error:
+            error.filename = os.fspath(path)  # the user never chose the temporary name
+            raise
         with file:
             yield file
         waiting = _waiting.get()
@@ -85,6 +85,6 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[
     except BaseException as error:
         if isinstance(error, OSError) and error.errno in _WRITE_ERRORS and not error.filename:
             error.filename = os.fspath(path)
-        with suppress(FileNotFoundError):  # interrupted when it had its place already
+        with suppress(OSError):  # it was never made, or has its place already
             os.unlink(temporary)
         raise

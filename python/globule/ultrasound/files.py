@@ -481,8 +481,8 @@ def _write_folder(path: str | os.PathLike[str], sweep: Sweep, progress: Progress
     if folder.exists():
         raise ValueError(f"{path}: expected the name of a new folder, got one that exists")
     temporary = folder.with_name(f".{folder.name}.{os.urandom(6).hex()}.tmp")
-    temporary.mkdir()
     try:
+        temporary.mkdir()
         for i, frame in enumerate(sweep.frames):
             Image.fromarray(frame).save(temporary / f"frame_{i:04d}.png")
             if progress:
@@ -493,5 +493,5 @@ def _write_folder(path: str | os.PathLike[str], sweep: Sweep, progress: Progress
         write_csv(temporary / _POSES_BESIDE, table)
         temporary.rename(folder)
     except BaseException:
-        shutil.rmtree(temporary)
+        shutil.rmtree(temporary, ignore_errors=True)  # it may not have been made
         raise
