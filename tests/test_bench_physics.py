@@ -13,7 +13,7 @@ def rows(device, threads):
 
 
 def test_a_page_says_what_is_not_met(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(physics, "experiments", lambda quick: [rows])
+    monkeypatch.setattr(physics, "experiments", lambda quick: [("Fluids", rows)])
     assert main(["bench", "physics", "-o", str(tmp_path), "--device", "cpu"]) == 0
     assert "drift" in capsys.readouterr().out
     with open(tmp_path / "physics.csv", encoding="utf-8") as file:
@@ -22,11 +22,12 @@ def test_a_page_says_what_is_not_met(tmp_path, monkeypatch, capsys):
     text = (tmp_path / "physics.md").read_text()
     assert "2 truths, 1 met" in text
     assert "Not met: drift." in text
-    assert "| drift | 0 | 0.5 | **not met** |" in text
+    assert "## Fluids" in text
+    assert "| drift | ≤ 0 | 0.5 | **not met** |" in text
 
 
 def test_json_has_the_rows(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(physics, "experiments", lambda quick: [rows])
+    monkeypatch.setattr(physics, "experiments", lambda quick: [("Fluids", rows)])
     assert main(["bench", "physics", "--json", "-o", str(tmp_path), "--device", "cpu"]) == 0
     out, err = capsys.readouterr()
     found = json.loads(out)
@@ -43,5 +44,5 @@ def test_neighbours_equal_brute_force():
 
 def test_a_plot_is_drawn(tmp_path):
     pytest.importorskip("matplotlib")
-    physics.plot(tmp_path / "p.png", [row._asdict() for row in rows("cpu", 0)])
+    physics.plot(tmp_path / "p.png", [{"part": "Fluids", **r._asdict()} for r in rows("cpu", 0)])
     assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"

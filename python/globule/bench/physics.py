@@ -33,10 +33,8 @@ Made by `globule bench physics -o docs`: {n} truths, {n_met} met; {machine}.
 The experiments are `globule.bench.physics_fluid`, `physics_flows`, `physics_bodies`,
 `physics_crown`, `physics_tissue`, `physics_solid`, `physics_memory` and `physics_friction`; the
 tests run the small ones.
-A truth with a limit instead of a value (compression, drift) lists the limit as expected.
 
-{table}
-
+{tables}
 {unmet}
 ![Measured by expected](images/physics.png)
 """
@@ -56,13 +54,13 @@ def run(
     rows: list[dict[str, Any]] = []
     width = 58
     print(f"{'truth':<{width}} {'expected':>10} {'measured':>10}")
-    for experiment in experiments(quick):
+    for part, experiment in experiments(quick):
         start = time.perf_counter()
         for row in experiment(device, threads):
-            row = dict(row) if isinstance(row, Mapping) else row._asdict()
+            row = {"part": part, **(row if isinstance(row, Mapping) else row._asdict())}
             rows.append(row)
             met = "" if row["ok"] else "  not met"
-            expected, measured = shown(row["expected"]), shown(row["measured"])
+            expected, measured = expectation(row), shown(row["measured"])
             print(f"{row['truth']:<{width}} {expected:>10} {measured:>10}{met}", flush=True)
         print(f"{'':<{width}} {time.perf_counter() - start:>9.1f} s", flush=True)
     if output:
@@ -76,18 +74,27 @@ def run(
     return rows
 
 
-def experiments(quick: bool) -> Iterator[Callable[[str, int], Any]]:
-    """Functions (device, threads) that return rows of truth, expected, measured and ok."""
-    yield neighbors
-    yield from physics_fluid.EXPERIMENTS
-    yield partial(physics_fluid.poiseuille, implicit=True)
-    yield from physics_flows.EXPERIMENTS
-    yield from physics_bodies.EXPERIMENTS
-    yield partial(physics_crown.run, quick=quick)
-    yield partial(physics_tissue.run, quick=quick)
-    yield partial(physics_solid.run, quick=quick)
-    yield physics_memory.run
-    yield partial(physics_friction.run, quick=quick)
+def expectation(row: Mapping[str, Any]) -> str:
+    """The expected value of a row as text; a limit has its sign."""
+    sign = {"at most": "≤ ", "at least": "≥ "}.get(row["limit"], "")
+    return sign + shown(row["expected"])
+
+
+def experiments(quick: bool) -> Iterator[tuple[str, Callable[[str, int], Any]]]:
+    """Parts of the page, and functions (device, threads) that return rows."""
+    fluids = [
+        neighbors,
+        *physics_fluid.EXPERIMENTS,
+        partial(physics_fluid.poiseuille, implicit=True),
+        *physics_flows.EXPERIMENTS,
+        *physics_bodies.EXPERIMENTS,
+        partial(physics_crown.run, quick=quick),
+    ]
+    yield from (("Fluids", experiment) for experiment in fluids)
+    yield "Tissue of springs, and the knife", partial(physics_tissue.run, quick=quick)
+    yield "Solids", partial(physics_solid.run, quick=quick)
+    yield "Solids that relax or yield", physics_memory.run
+    yield "Friction and contact of tissue", partial(physics_friction.run, quick=quick)
 
 
 def neighbors(device: str = "cpu", threads: int = 0) -> list[physics_fluid.Row]:
@@ -117,45 +124,75 @@ def _wrong_lists(sim: Simulation) -> int:
     return n_wrong
 
 
+def by_part(rows: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """The rows of each part, in order."""
+    parts: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        parts.setdefault(row["part"], []).append(row)
+    return parts
+
+
 def page(rows: list[dict[str, Any]], description: str) -> str:
     """The page of the documentation, Markdown."""
-    lines = ["| truth | expected | measured | |", "|---|---|---|---|"]
-    for row in rows:
-        met = "" if row["ok"] else "**not met**"
-        expected, measured = shown(row["expected"]), shown(row["measured"])
-        lines.append(f"| {row['truth']} | {expected} | {measured} | {met} |")
+    lines = []
+    for part, its in by_part(rows).items():
+        lines += [f"## {part}", "| truth | expected | measured | |", "|---|---|---|---|"]
+        for row in its:
+            met = "" if row["ok"] else "**not met**"
+            truth = row["truth"].replace("|", "\\|")
+            lines.append(f"| {truth} | {expectation(row)} | {shown(row['measured'])} | {met} |")
+        lines.append("")
     unmet = [row["truth"] for row in rows if not row["ok"]]
     said = "Not met: " + "; ".join(unmet) + ".\n" if unmet else ""
     n_met = len(rows) - len(unmet)
     return PAGE.format(
-        n=len(rows), n_met=n_met, machine=description, table="\n".join(lines), unmet=said
+        n=len(rows), n_met=n_met, machine=description, tables="\n".join(lines), unmet=said
     )
 
 
 def plot(path: str, rows: list[dict[str, Any]]) -> None:
-    """Plot measured over expected to a PNG, if matplotlib is installed."""
+    """Plot measured over expected, a panel for each part, to a PNG, if matplotlib is installed.
+
+    Rows whose expected value is a limit or 0 have no ratio and are left out, and so are those
+    whose two numbers are the same (counts).
+    """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
         return
-    ratios = [
-        (row["truth"], float(row["measured"]) / float(row["expected"]), row["ok"])
-        for row in rows
-        if isinstance(row["expected"], (int, float)) and row["expected"]
-    ]
-    figure = Figure(figsize=(8, 0.6 + 0.19 * len(ratios)), dpi=80)
+    parts = {
+        part: [
+            (row["truth"], float(row["measured"]) / float(row["expected"]), row["ok"])
+            for row in its
+            if row["expected"] and not row["limit"] and row["measured"] != row["expected"]
+        ]
+        for part, its in by_part(rows).items()
+    }
+    parts = {part: ratios for part, ratios in parts.items() if ratios}
+    if not parts:
+        return
+    heights = [len(ratios) + 1.5 for ratios in parts.values()]
+    figure = Figure(figsize=(9, 0.8 + 0.2 * sum(heights)), dpi=110)
     figure.set_layout_engine("constrained")
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    for i, (_, ratio, ok) in enumerate(ratios):
-        shade = "tab:blue" if ok else "tab:red"
-        axes.plot(min(max(ratio, 0.0), 2.0), -i, "o", color=shade, markersize=4)
-    axes.axvline(1.0, color="gray", linewidth=0.8)
-    axes.set_yticks([-i for i in range(len(ratios))], [truth for truth, *_ in ratios], fontsize=6)
-    axes.set_xlim(-0.05, 2.05)
-    axes.set_xlabel("measured / expected (red: not met; ends: beyond)", fontsize=8)
-    axes.tick_params(axis="x", labelsize=7)
-    axes.grid(alpha=0.3)
+    panels = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)
+    for axes, (part, ratios) in zip(panels[:, 0], parts.items(), strict=True):
+        for i, (_, ratio, ok) in enumerate(ratios):
+            inside = _LEAST <= ratio <= _MOST
+            mark = "o" if inside else "<" if ratio < _LEAST else ">"
+            shade = "tab:blue" if ok else "tab:red"
+            axes.plot(min(max(ratio, _LEAST), _MOST), -i, mark, color=shade, markersize=5)
+        axes.axvline(1.0, color="gray", linewidth=0.8)
+        axes.set_yticks([-i for i in range(len(ratios))], [truth for truth, *_ in ratios])
+        axes.set_ylim(0.7 - len(ratios), 0.7)
+        axes.set_title(part, fontsize=9, loc="left")
+        axes.tick_params(labelsize=7)
+        axes.grid(alpha=0.3)
+    panels[-1, 0].set_xlim(_LEAST - 0.01, _MOST + 0.01)
+    panels[-1, 0].set_xlabel("measured / expected; red: not met; triangles: beyond", fontsize=8)
     with atomic_write(path) as file:
         figure.savefig(file, format="png")
+
+
+_LEAST, _MOST = 0.75, 1.25  # of the plot

@@ -18,12 +18,16 @@ MARTIN_MOYCE = np.array(
 
 
 class Row(NamedTuple):
-    """One line of the table: statement, expected and measured value, and whether it holds."""
+    """One line of the table: statement, expected and measured value, and whether it holds.
+
+    `limit`: "at most" or "at least" where the expected value is a limit, else "".
+    """
 
     truth: str
     expected: float
     measured: float
     ok: bool
+    limit: str = ""
 
 
 def near(truth: str, expected: float, measured: float, relative: float) -> Row:
@@ -34,12 +38,12 @@ def near(truth: str, expected: float, measured: float, relative: float) -> Row:
 
 def at_most(truth: str, limit: float, measured: float) -> Row:
     """A row that holds up to a limit."""
-    return Row(truth, limit, float(measured), bool(measured <= limit))
+    return Row(truth, limit, float(measured), bool(measured <= limit), "at most")
 
 
 def at_least(truth: str, limit: float, measured: float) -> Row:
     """A row that holds from a limit on."""
-    return Row(truth, limit, float(measured), bool(measured >= limit))
+    return Row(truth, limit, float(measured), bool(measured >= limit), "at least")
 
 
 def lattice(lo: Any, hi: Any, spacing: float) -> np.ndarray:

@@ -149,7 +149,8 @@ def cut_halves(device: str, threads: int = 0, model: str = "solid") -> list[Row]
         sim.run(0.12)
         way = float((sim.positions - x)[x[:, 2] > 4 * d, 0].mean(dtype="f8")) / d
         truth = f"{model}, half of a cut block tilted by {degrees:g} degrees, friction {friction:g}"
-        rows.append(row(f"{truth}: way / spacing", least, way, least <= way < most))
+        limit = "at least" if least else ""
+        rows.append(row(f"{truth}: way / spacing", least, way, least <= way < most, limit))
     return rows
 
 

@@ -7,12 +7,14 @@ import os
 import platform
 from typing import Any
 
+from .._base.files import atomic_write
+
 Row = dict[str, Any]
 
 
 def write_csv(path: str, rows: list[Row]) -> None:
     """Write rows of equal keys as CSV."""
-    with open(path, "w", encoding="utf-8", newline="") as file:
+    with atomic_write(path, "w") as file:
         writer = csv.DictWriter(file, rows[0].keys())
         writer.writeheader()
         writer.writerows(rows)
