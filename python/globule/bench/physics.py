@@ -75,9 +75,9 @@ def run(
 
 
 def expectation(row: Mapping[str, Any]) -> str:
-    """The expected value of a row as text; a limit has its sign."""
+    """The expected value of a row as text; a limit other than 0 has its sign."""
     sign = {"at most": "≤ ", "at least": "≥ "}.get(row["limit"], "")
-    return sign + shown(row["expected"])
+    return (sign if row["expected"] else "") + shown(row["expected"])
 
 
 def experiments(quick: bool) -> Iterator[tuple[str, Callable[[str, int], Any]]]:
@@ -107,7 +107,7 @@ def neighbors(device: str = "cpu", threads: int = 0) -> list[physics_fluid.Row]:
     sim.add(0.5 * rng.random((500, 3)).astype(np.float32))
     sim.remove(rng.choice(2500, 700, replace=False))
     wrong.append(_wrong_lists(sim))
-    names = "neighbours: lists unlike brute force", "the same after adding and removing"
+    names = "neighbors: lists unlike brute force", "the same after adding and removing"
     return [physics_fluid.at_most(name, 0, n) for name, n in zip(names, wrong, strict=True)]
 
 
