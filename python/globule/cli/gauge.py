@@ -16,7 +16,16 @@ from ..measure.gauge import gauge, height_map, up_axis
 from ..measure.samples import EXTENSIONS, write_table
 from . import flags, measuring
 from .parser import Parser
-from .shared import Progress, UserError, check_output, count, mistakes, number, print_json
+from .shared import (
+    Progress,
+    UserError,
+    check_output,
+    count,
+    mistakes,
+    need_particles,
+    number,
+    print_json,
+)
 
 SUMMARY = "height of the free surface"
 USAGE = "FILE [FILE ...] --at A,B -o PATH"
@@ -75,7 +84,7 @@ def run(options: argparse.Namespace) -> None:
             if options.map:
                 if i:
                     raise UserError("--map: expected one file, got several")
-                measuring.need_particles(path, scene.octree.n_inside)
+                need_particles(path, scene.octree.n_inside)
                 with mistakes():
                     found = height_map(scene, options.spacing, options.up)
                 rows.append(found["height"].ravel())

@@ -22,7 +22,16 @@ from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
 from . import annotation, camera_facts, light, look, sequence, surfaces, tracing
-from .shared import Progress, UserError, count, left_out, mistakes, said_threads
+from .shared import (
+    Progress,
+    UserError,
+    count,
+    doubled,
+    left_out,
+    mistakes,
+    need_particles,
+    said_threads,
+)
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
 FEW = 0.005  # share of the pixels below which a fitted image shows almost nothing
@@ -126,9 +135,12 @@ def _particles(
     """The scene of a file's particles that have a position, in their colors."""
     finite = np.isfinite(particles.positions).all(axis=1)
     n = len(particles)
+    if len(set(options.particles)) == 1:  # a sequence may have empty frames
+        need_particles(path, int(finite.sum()))
     if n == 0:
-        messages.append(f"{path} holds no particles: the image is all background")
+        messages.append(f"{path} holds no particles")
     messages += left_out(path, particles, far=False)  # the octree tells those
+    messages += doubled(path, particles)
     if not finite.all():
         particles = particles[finite]
     ends = None

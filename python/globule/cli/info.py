@@ -22,6 +22,7 @@ from ..render.fit import fitted
 from ..scene.fluid import fluid_like, is_flat, shown_scene
 from ..scene.particles import SCALAR_FIELDS, Particles
 from ..scene.scene import Scene
+from ..scene.spacing import n_coincident
 from . import camera_facts, flags, medical
 from . import medical as medical_files
 from .parser import Parser
@@ -95,6 +96,7 @@ def describe(path: str, contents: Contents) -> dict[str, Any]:
         "bytes": _size(path),
         "particles": len(particles),
         "not_finite": int((~finite).sum()),
+        "coincident": n_coincident(particles.positions[finite]),
         "frames": contents.n_frames,
         "time": contents.time,
         "species": list(contents.species),
@@ -223,6 +225,8 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         lines.insert(1, f"  volume     {size} voxels of {edges} mm, {volume['dtype']}")
     if facts["not_finite"]:
         lines[-1] += f", {facts['not_finite']:,} without a finite position"
+    if facts["coincident"]:
+        lines[-1] += f", {facts['coincident']:,} of them exactly where others are"
     lines += _contents_lines(facts)
     if facts["bounds"]:
         lo, hi = (" ".join(f"{v:.6g}" for v in facts["bounds"][end]) for end in ("lo", "hi"))
