@@ -90,7 +90,8 @@ def picture(
         return None
     hits = sum(int(frame.mask.sum()) for frame in frames)
     n_pixels = sum(frame.mask.size for frame in frames)
-    messages += lit.messages + _notices(options, lit, thesis, subject, hits, n_pixels)
+    messages += lit.messages
+    messages += _notices(options, lit, thesis, subject, hits, n_pixels, lit.hiding(frames))
     progress.step(f"writing {image}")
     written = time.perf_counter()
     with mistakes():
@@ -177,8 +178,9 @@ def _notices(
     subject: Subject,
     hits: int,
     n_pixels: int,
+    hiding: str,
 ) -> list[str]:
-    """What a user should know about the image."""
+    """What a user should know about the image. hiding: what is seen instead of the particles."""
     scene, particles = subject.scene, subject.particles
     if isinstance(scene, Mesh) or particles is None:
         return [] if hits else ["no pixel hits the mesh: the camera looks past it, try --fit"]
@@ -189,8 +191,8 @@ def _notices(
     if n_outside := len(particles) - n_inside:
         found.append(f"{n_outside:,} of {count(subject.n)} outside the octree, left out")
     fits = not (options.eye or options.camera_path)
-    if n_inside and not hits:
-        found.append(why_empty(scene, lit.clips, fits))
+    if n_inside and (hiding or not hits):
+        found.append(why_empty(scene, lit.clips, fits, hiding))
     elif n_inside and fits and not lit.clips and hits < FEW * n_pixels:
         found.append(spread(scene))
     return [message for message in found if message]
@@ -303,7 +305,7 @@ def spread(scene: Scene) -> str:
     )
 
 
-def why_empty(scene: Scene, clips: Sequence[Any], fits: bool = False) -> str:
+def why_empty(scene: Scene, clips: Sequence[Any], fits: bool = False, hiding: str = "") -> str:
     """Why the image shows no surface, and how to fix that."""
     from ..scene.query import field
 
@@ -315,6 +317,8 @@ def why_empty(scene: Scene, clips: Sequence[Any], fits: bool = False) -> str:
         return "no pixel hits the surface: the cuts take all particles away"
     values = field(scene, positions[:: 1 + len(positions) // SAMPLES])
     highest = float(values.max())
+    if highest > scene.threshold and hiding:
+        return hiding
     if highest > scene.threshold:
         if not fits:
             return "no pixel hits the surface: the camera looks past it, try --fit"
