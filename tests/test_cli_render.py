@@ -123,8 +123,17 @@ def test_color_by(particles, capsys):
 def test_color_by_values_that_are_not_finite(folder, capsys):
     p = cube()
     gb.write("a.npz", gb.Particles(p.positions, attributes={"t": np.full(216, np.nan)}))
-    assert main(["render", "a.npz", "-o", "a.png", "--color-by", "t", *SMALL]) == 0
+    words = ["render", "a.npz", "-o", "a.png", "--color-by", "t", *SMALL]
+    error = refused(capsys, *words)  # a legend would show a range that no particle has
+    assert "--color-by: expected a finite t of a.npz, got none; give a range" in error
+    with pytest.raises(ValueError, match="color_by: expected a finite t, got none; give a range"):
+        gb.color_by(gb.read("a.npz"), "t")
+    assert main([*words, "--range", "0,2"]) == 0
     assert "216 of 216 particles without a finite t" in capsys.readouterr().err
+    gb.write("b.npz", gb.Particles(p.positions, attributes={"t": np.arange(216.0)}))
+    series = ["render", "a.npz", "b.npz", "-o", "%d.png", "--color-by", "t", *SMALL]
+    assert main(series) == 0  # the range is that of b.npz
+    assert gb.color_by(gb.Particles(np.zeros((0, 3)), attributes={"t": []}), "t").color.size == 0
 
 
 @pytest.mark.parametrize("name", NAMES)

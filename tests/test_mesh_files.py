@@ -235,6 +235,16 @@ def test_render_particles_beside_meshes(files, capsys):
     assert seen["picked"]["file"] == "ball.ply"
 
 
+def test_a_mesh_without_an_area_is_named(folder, capsys):
+    ply(folder / "flat.ply", np.array([[0, 0, 0], [1, 1, 1], [2, 2, 2.0]]), [(0, 1, 2)] * 3)
+    words = ["render", "flat.ply", "-o", "a.png", *SMALL]
+    warning = "no pixel hits the mesh: it has no area, 3 triangles of points or lines alone"
+    assert run(capsys, *words)["warnings"] == [warning]
+    ply(folder / "large.ply", np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), [(0, 1, 2)])
+    words = ["render", "large.ply", "-o", "a.png", *SMALL, "--eye", "0,0,9", "--look-at", "0,0,99"]
+    assert "the camera looks past it" in run(capsys, *words)["warnings"][0]
+
+
 def test_a_tank_that_hides_the_particles_is_named(files, capsys):
     def warnings(*words: str) -> list[str]:
         return run(capsys, "render", "fluid.ply", "-o", "a.png", *SMALL, *words)["warnings"]

@@ -21,7 +21,7 @@ from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
-from . import annotation, camera_facts, light, look, sequence, surfaces, tracing
+from . import annotation, camera_facts, light, look, meshes, sequence, surfaces, tracing
 from .shared import (
     Progress,
     UserError,
@@ -182,8 +182,9 @@ def _notices(
 ) -> list[str]:
     """What a user should know about the image. hiding: what is seen instead of the particles."""
     scene, particles = subject.scene, subject.particles
-    if isinstance(scene, Mesh) or particles is None:
-        return [] if hits else ["no pixel hits the mesh: the camera looks past it, try --fit"]
+    if isinstance(scene, Mesh):
+        return [] if hits else [meshes.why_empty(scene)]
+    assert particles is not None
     found = []
     if thesis:
         found += [tracing.why_cut(scene), tracing.why_dust(options, particles, scene)]

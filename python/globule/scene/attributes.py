@@ -76,14 +76,14 @@ def attribute_colors(
 ) -> AttributeColors:
     """Colors by a field or attribute, as `color_by` makes them, with what a legend needs.
 
-    Raises TypeError and ValueError as `attribute_values` and `checked_range` do.
+    Raises TypeError and ValueError as `attribute_values`, `ends_of_map` and `checked_range` do.
     """
     values = attribute_values(particles, name)
     known = values[np.isfinite(values)]
     if range is not None:
         lo, hi = checked_range(range)
     else:
-        lo, hi = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+        lo, hi = ends_of_map(name, known, len(values))
     return AttributeColors(colorize(values, colormap, lo, hi), (lo, hi), len(values) - len(known))
 
 
@@ -107,8 +107,8 @@ def color_by(
     Returns:
         New particles that share all other arrays.
 
-    Raises ValueError for an unknown name, map or range; logs a warning for values that are not
-    finite.
+    Raises ValueError for an unknown name, map or range, and without a range where no value is
+    finite; logs a warning for values that are not finite.
     """
     try:
         found = attribute_colors(particles, name, colormap, range)
@@ -118,6 +118,17 @@ def color_by(
     if found.n_unknown:
         log.warning("%d of %d particles have no finite %s", found.n_unknown, len(particles), name)
     return replace(particles, color=found.color)
+
+
+def ends_of_map(name: str | None, known: np.ndarray, n: int) -> tuple[float, float]:
+    """The values at the ends of a color map: the lowest and highest of the finite values of n
+    particles; without particles 0 and 1.
+
+    Raises ValueError where none of the values is finite.
+    """
+    if n and not known.size:
+        raise ValueError(f"expected a finite {name}, got none; give a range")
+    return (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
 
 
 def checked_range(range: Any) -> tuple[float, float]:
