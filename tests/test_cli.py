@@ -177,6 +177,8 @@ def test_info(particles, capsys):
     assert facts["format"] == "NumPy archive"
     assert facts["bounds"]["lo"] == [0, 0, 0]
     assert facts["spacing"] == pytest.approx(1 / 6, rel=0.02)
+    assert facts["surface"] == "smooth"
+    assert facts["default_support"] == pytest.approx(2.25 * facts["spacing"])  # as render says
     assert facts["attributes"]["speed"] == {
         "dtype": "float64",
         "shape": [216],

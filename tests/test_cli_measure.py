@@ -309,6 +309,20 @@ def test_one_surface_and_one_spacing_for_all(folder, capsys):
         assert facts["total"]["thickness"] == pytest.approx(total, rel=1e-3)
 
 
+def test_tables_without_a_file_are_printed(sequence, capsys):
+    for words, column in (
+        (["gauge", sequence, "--at", "0.5,0.5"], "height_0"),
+        (["track", sequence], "volume"),
+    ):
+        assert main([*words, "-o", "a.csv", *CPU]) == 0
+        capsys.readouterr()
+        assert main([*words, *CPU]) == 0
+        assert capsys.readouterr().out == Path("a.csv").read_text()
+        assert np.isfinite(run_json(capsys, *words, *CPU)[column]).all()
+    error = refused(capsys, "gauge", "frame_0.npz", "--map")
+    assert "-o: expected a file beside --map, got none" in error
+
+
 def test_a_torn_splash_has_one_spacing(capsys, folder):
     """Neighbors are further apart than the cube root of a particle's volume says."""
     path = SHARED / "particles" / "double_dam_break_frame_26_4732_particles.vtk"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import json
 import os
 import stat
@@ -122,8 +123,17 @@ def test_color_by(particles, capsys):
 def test_color_by_values_that_are_not_finite(folder, capsys):
     p = cube()
     gb.write("a.npz", gb.Particles(p.positions, attributes={"t": np.full(216, np.nan)}))
-    assert main(["render", "a.npz", "-o", "a.png", "--color-by", "t", *SMALL]) == 0
+    words = ["render", "a.npz", "-o", "a.png", "--color-by", "t", *SMALL]
+    error = refused(capsys, *words)  # a legend would show a range that no particle has
+    assert "--color-by: expected a finite t of a.npz, got none; give a range" in error
+    with pytest.raises(ValueError, match="color_by: expected a finite t, got none; give a range"):
+        gb.color_by(gb.read("a.npz"), "t")
+    assert main([*words, "--range", "0,2"]) == 0
     assert "216 of 216 particles without a finite t" in capsys.readouterr().err
+    gb.write("b.npz", gb.Particles(p.positions, attributes={"t": np.arange(216.0)}))
+    series = ["render", "a.npz", "b.npz", "-o", "%d.png", "--color-by", "t", *SMALL]
+    assert main(series) == 0  # the range is that of b.npz
+    assert gb.color_by(gb.Particles(np.zeros((0, 3)), attributes={"t": []}), "t").color.size == 0
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -247,19 +257,76 @@ def test_the_old_picture_stays_after_a_mistake(particles, folder, capsys):
     assert (folder / "a.png").read_text() == "old"
 
 
-@pytest.mark.parametrize("aim", [[], ["--eye", "0.5,0.5,3", "--look-at", "0.5,0.5,0"]])
-@pytest.mark.parametrize("positions", [np.zeros((0, 3)), np.full((3, 3), np.nan)])
-def test_no_particles_make_a_picture_of_the_background(positions, aim):
+NONE = [np.zeros((0, 3)), np.full((3, 3), np.nan)]
+
+
+@pytest.mark.parametrize("more", [[], ["--eye", "0.5,0.5,3", "--look-at", "0.5,0.5,0"],
+                                  ["--turntable", "2"]])  # fmt: skip
+@pytest.mark.parametrize("positions", NONE)
+def test_a_file_without_particles_is_refused(positions, more, capsys):
     gb.write("none.npz", gb.Particles(positions))
-    done = run("render", "none.npz", "-o", "a.png", "--json", *SMALL, *aim)
+    error = refused(capsys, "render", "none.npz", "-o", "a_%d.png", *SMALL, *more)
+    assert "none.npz: expected particles, got none with a finite position" in error
+    assert not glob.glob("a*.png")
+
+
+@pytest.mark.parametrize("positions", NONE)
+def test_a_frame_without_particles_shows_the_background(particles, positions, capsys):
+    gb.write("none.npz", gb.Particles(positions))
+    done = run("render", "none.npz", particles, "-o", "a_%d.png", "--json", *SMALL)
     assert done.returncode == 0, done.stderr
-    facts = json.loads(done.stdout)
-    assert facts["counts"]["particles"] == len(positions)
-    assert facts["counts"]["inside"] == facts["counts"]["hits"] == 0
-    assert "warning: " in done.stderr
+    counts = json.loads(done.stdout)["frames"][0]["counts"]
+    assert counts["particles"] == len(positions)
+    assert counts["inside"] == counts["hits"] == 0
+    assert "warning: none.npz" in done.stderr
     assert done.stderr.count("\n") == 1
-    picture = np.asarray(Image.open("a.png"))
+    picture = np.asarray(Image.open("a_0.png"))
     assert (picture == picture[0, 0]).all()
+    gb.write("other.npz", gb.Particles(positions))
+    error = refused(capsys, "render", "none.npz", "other.npz", "-o", "b_%d.png", *SMALL)
+    assert "none.npz to other.npz: expected particles, got none" in error
+
+
+@pytest.mark.parametrize("place", [0.0, 1.0])
+def test_particles_at_one_place(place, capsys):
+    gb.write("same.npz", gb.Particles(np.full((100, 3), place)))
+    assert main(["render", "same.npz", "-o", "a.png", *SMALL]) == 0
+    warning = "globule: warning: same.npz: all 100 particles lie at one place\n"
+    assert capsys.readouterr().err == warning
+
+
+def test_particles_that_are_there_twice(capsys):
+    once = cube(12)
+    n = len(once)
+    positions = np.concatenate([once.positions, once.positions[::-1]])
+    gb.write("twice.npz", gb.Particles(positions))
+    line = f"twice.npz: {n:,} of {2 * n:,} particles lie exactly where others do: are they there"
+    for words in (["render", "twice.npz", "-o", "a.png", *SMALL],
+                  ["mesh", "twice.npz", "-o", "a.ply"],
+                  ["project", "twice.npz", "-o", "a.npz"]):  # fmt: skip
+        assert main(words) == 0
+        assert line in capsys.readouterr().err
+    gb.write("once.npz", gb.Particles(positions[: n + 10]))  # less than 1 % are
+    assert main(["render", "once.npz", "-o", "a.png", *SMALL]) == 0
+    assert capsys.readouterr().err == ""
+    assert main(["info", "once.npz"]) == 0
+    out = capsys.readouterr().out
+    assert f"particles  {n + 10:,}, 10 of them exactly where others are" in out
+    assert main(["info", "once.npz", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["coincident"] == 10
+
+
+def test_coincident_particles_are_counted_exactly():
+    from globule.scene.spacing import merge_coincident, n_coincident
+
+    rng = np.random.default_rng(5)
+    for positions in (rng.integers(0, 30, (20_000, 3)).astype("f4"),
+                      rng.random((20_000, 3)).astype("f4"), np.zeros((7, 3), "f4"),
+                      np.array([[0.0, 1, 2], [-0.0, 1, 2]], "f4")):  # fmt: skip
+        expected = len(positions) - len(merge_coincident(positions)[0])
+        assert n_coincident(positions) == expected
+        every = n_coincident(positions, every=4) * 4
+        assert every == pytest.approx(expected, rel=0.2, abs=30)
 
 
 def test_particles_without_a_position_are_counted(capsys):

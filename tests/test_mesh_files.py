@@ -235,6 +235,31 @@ def test_render_particles_beside_meshes(files, capsys):
     assert seen["picked"]["file"] == "ball.ply"
 
 
+def test_a_mesh_without_an_area_is_named(folder, capsys):
+    ply(folder / "flat.ply", np.array([[0, 0, 0], [1, 1, 1], [2, 2, 2.0]]), [(0, 1, 2)] * 3)
+    words = ["render", "flat.ply", "-o", "a.png", *SMALL]
+    warning = "no pixel hits the mesh: it has no area, 3 triangles of points or lines alone"
+    assert run(capsys, *words)["warnings"] == [warning]
+    ply(folder / "large.ply", np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), [(0, 1, 2)])
+    words = ["render", "large.ply", "-o", "a.png", *SMALL, "--eye", "0,0,9", "--look-at", "0,0,99"]
+    assert "the camera looks past it" in run(capsys, *words)["warnings"][0]
+
+
+def test_a_tank_that_hides_the_particles_is_named(files, capsys):
+    def warnings(*words: str) -> list[str]:
+        return run(capsys, "render", "fluid.ply", "-o", "a.png", *SMALL, *words)["warnings"]
+
+    hidden = "no pixel shows the particles, only tank.ply: try --mesh tank.ply:glass or --clip"
+    assert warnings("--mesh", "tank.ply")[-1] == hidden
+    assert warnings("--mesh", "tank.ply:clay", "--eye", "9,9,9", "--ground=-5")[-1] == hidden
+    assert hidden not in warnings("--mesh", "tank.ply:glass")
+    assert hidden not in warnings("--mesh", "tank.ply", "--clip", "0,0,1,0")
+    assert "above the highest field" in warnings("--mesh", "tank.ply", "--threshold", "99")[-1]
+    gb.write("around.npz", gb.Particles(np.zeros((1, 3))))
+    hidden = "no pixel shows the particles, only around.npz: try --clip"
+    assert hidden in warnings("--spheres", "around.npz:9", "--eye", "99,0,0")
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -418,7 +418,9 @@ def test_particles_without_a_place_are_counted(files, capsys, monkeypatch):
     out, err = capsys.readouterr()
     assert "warning: 3 of 2,744 particles have no finite position" in err
     assert "CPU, 1 thread," in out
-    assert main(["render", "none.npy", *words]) == 0
-    assert [x for x in capsys.readouterr().err.splitlines() if "warning" in x] == [
-        "globule: warning: none.npy holds no particles: the image is all background"
-    ]
+    np.save("nowhere.npy", np.full_like(POSITIONS, np.nan))
+    for name in ("none.npy", "nowhere.npy"):
+        error = refused(capsys, "render", name, *words)
+        assert f"{name}: expected particles, got none with a finite position" in error
+    pieces = gb.Pieces(np.zeros((9, 3)), memory=1e9)  # a box without extent
+    assert pieces.partition.n == 1

@@ -139,8 +139,8 @@ def tissue_scene(name, model, **keys):
     text = resources.files("globule").joinpath(f"sim/scenes/{name}.toml").read_text()
     scene = {**parse_toml(text), "instruments": [], **keys}
     scene.pop("vessels", None)
-    if model == "solid":
-        scene["solids"][0] |= {"model": "solid", "poisson": 0.45}
+    more = {"poisson": 0.45} if model == "solid" else {}
+    scene["solids"][0] |= {"model": model, **more}
     return scene
 
 
@@ -171,6 +171,7 @@ def test_a_cut_block_gains_no_energy(backend, model, share):
     default steps gave 9 of 6.8 mJ (bonds) and 12 mJ (solid). Springs do not know what the density
     solve adds to their strain; solids have no such thing."""
     sim = gb.Simulation(tissue_scene("cut-block", model), **backend)
+    assert sim.file.solids[0].model == model
     assert sim.tissue.cut(np.array([[[0.0261, -1, -1], [0.0261, 2, -1], [0.0261, 0, 2]]])) > 1000
     first = least = whole_energy(sim)
     top = sim.record.totals()["kinetic"] + sim.record.totals()["potential"]

@@ -214,3 +214,26 @@ def test_speed_is_the_length_of_velocity(particles):
     np.testing.assert_allclose(attribute_values(moving, "speed"), expected + 1.0, rtol=1e-12)
     with pytest.raises(ValueError, match="expected one of x, y, z, support, got speed"):
         attribute_values(gb.Particles(particles.positions, support=0.4), "speed")
+
+
+@pytest.mark.parametrize("name", ["velocities", "vel", "velo", "v", "Velocity"])
+def test_speed_by_the_names_of_velocity(particles, tmp_path, name):
+    """The names of programs give speed, and start the particles of a simulation."""
+    from globule.scene.attributes import attribute_names, attribute_values
+    from globule.sim.sources import ParticleFile
+
+    velocity = np.random.default_rng(2).normal(size=(400, 3)).astype(np.float32)
+    path = tmp_path / "moving.npz"
+    np.savez(path, positions=particles.positions, **{name: velocity}, vel_scalar=velocity[:, 0])
+    moving = gb.read(path)
+    assert attribute_names(moving)[3:5] == ["speed", name]
+    speed = np.linalg.norm(velocity.astype(float), axis=1)
+    np.testing.assert_allclose(attribute_values(moving, "speed"), speed, rtol=1e-6)
+    assert np.array_equal(ParticleFile(file=str(path)).load()[1], velocity)
+
+
+def test_a_component_named_v_is_no_velocity(particles):
+    from globule.scene.attributes import attribute_names
+
+    moving = gb.Particles(particles.positions, attributes={"v": np.ones(400)})
+    assert "speed" not in attribute_names(moving)

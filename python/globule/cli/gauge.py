@@ -16,11 +16,21 @@ from ..measure.gauge import gauge, height_map, up_axis
 from ..measure.samples import EXTENSIONS, write_table
 from . import flags, measuring
 from .parser import Parser
-from .shared import Progress, UserError, check_output, count, mistakes, number, print_json
+from .shared import (
+    Progress,
+    UserError,
+    check_output,
+    count,
+    mistakes,
+    need_particles,
+    number,
+    print_json,
+)
 
 SUMMARY = "height of the free surface"
-USAGE = "FILE [FILE ...] --at A,B -o PATH"
+USAGE = "FILE [FILE ...] --at A,B [-o PATH]"
 EXAMPLES = """\
+  globule gauge splash.npz --at 0.2,0
   globule gauge splash.npz --at 0.2,0 -o gauge.csv
   globule gauge frame_0.ply frame_1.ply --at 0.2,0 --fps 50 -o gauges.csv --plot gauges.png
   globule gauge splash.npz --map -o heights.vti"""
@@ -37,7 +47,7 @@ def place(text: str) -> tuple[float, float]:
 def add_arguments(parser: Parser) -> None:
     """The arguments of `globule gauge`."""
     parser.add_argument("files", nargs="+", metavar="FILE", help="particles, mesh or volume")
-    flags.add(parser, "--output", "heights.csv; a --map also .npz .vti .vtp", required=True)
+    flags.add(parser, "--output", "heights.csv; a --map also .npz .vti .vtp; default: printed")
     one = parser.add_mutually_exclusive_group(required=True)
     one.add_argument(
         "--at",
@@ -59,7 +69,10 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run `globule gauge`."""
-    check_output("-o", options.output, EXTENSIONS if options.map else (".csv",))
+    if options.output:
+        check_output("-o", options.output, EXTENSIONS if options.map else (".csv",))
+    elif options.map:
+        raise UserError("-o: expected a file beside --map, got none")
     with mistakes():
         up_axis(options.up)
     if options.spacing and not options.map:
@@ -75,7 +88,7 @@ def run(options: argparse.Namespace) -> None:
             if options.map:
                 if i:
                     raise UserError("--map: expected one file, got several")
-                measuring.need_particles(path, scene.octree.n_inside)
+                need_particles(path, scene.octree.n_inside)
                 with mistakes():
                     found = height_map(scene, options.spacing, options.up)
                 rows.append(found["height"].ravel())
@@ -89,13 +102,15 @@ def run(options: argparse.Namespace) -> None:
     heights = np.stack(rows)
     columns = {f"height_{k}": heights[:, k] for k in range(len(options.at or ()))}
     table = {**measuring.times(options, len(rows)), "file": np.array(names), **columns}
-    if not options.map:
+    if not options.map and (options.output or not options.json):
         write_table(options.output, table)
     if options.plot:
         measuring.plot(options.plot, table, list(columns), "height, world units")
     if options.json:
         whole = {"map": heights[0].reshape(found.shape)} if options.map else table
         print_json({"file": options.output, **whole})
+        return
+    if not options.output:
         return
     known = heights[np.isfinite(heights)]
     ends = f"{known.min():.6g} to {known.max():.6g}" if known.size else "no surface there"

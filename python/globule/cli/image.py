@@ -21,8 +21,17 @@ from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
-from . import annotation, camera_facts, light, look, sequence, surfaces, tracing
-from .shared import Progress, UserError, count, left_out, mistakes, said_threads
+from . import annotation, camera_facts, light, look, meshes, sequence, surfaces, tracing
+from .shared import (
+    Progress,
+    UserError,
+    count,
+    doubled,
+    left_out,
+    mistakes,
+    need_particles,
+    said_threads,
+)
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
 FEW = 0.005  # share of the pixels below which a fitted image shows almost nothing
@@ -81,7 +90,8 @@ def picture(
         return None
     hits = sum(int(frame.mask.sum()) for frame in frames)
     n_pixels = sum(frame.mask.size for frame in frames)
-    messages += lit.messages + _notices(options, lit, thesis, subject, hits, n_pixels)
+    messages += lit.messages
+    messages += _notices(options, lit, thesis, subject, hits, n_pixels, lit.hiding(frames))
     progress.step(f"writing {image}")
     written = time.perf_counter()
     with mistakes():
@@ -126,9 +136,12 @@ def _particles(
     """The scene of a file's particles that have a position, in their colors."""
     finite = np.isfinite(particles.positions).all(axis=1)
     n = len(particles)
+    if len(set(options.particles)) == 1:  # a sequence may have empty frames
+        need_particles(path, int(finite.sum()))
     if n == 0:
-        messages.append(f"{path} holds no particles: the image is all background")
+        messages.append(f"{path} holds no particles")
     messages += left_out(path, particles, far=False)  # the octree tells those
+    messages += doubled(path, particles)
     if not finite.all():
         particles = particles[finite]
     ends = None
@@ -165,11 +178,13 @@ def _notices(
     subject: Subject,
     hits: int,
     n_pixels: int,
+    hiding: str,
 ) -> list[str]:
-    """What a user should know about the image."""
+    """What a user should know about the image. hiding: what is seen instead of the particles."""
     scene, particles = subject.scene, subject.particles
-    if isinstance(scene, Mesh) or particles is None:
-        return [] if hits else ["no pixel hits the mesh: the camera looks past it, try --fit"]
+    if isinstance(scene, Mesh):
+        return [] if hits else [meshes.why_empty(scene)]
+    assert particles is not None
     found = []
     if thesis:
         found += [tracing.why_cut(scene), tracing.why_dust(options, particles, scene)]
@@ -177,8 +192,8 @@ def _notices(
     if n_outside := len(particles) - n_inside:
         found.append(f"{n_outside:,} of {count(subject.n)} outside the octree, left out")
     fits = not (options.eye or options.camera_path)
-    if n_inside and not hits:
-        found.append(why_empty(scene, lit.clips, fits))
+    if n_inside and (hiding or not hits):
+        found.append(why_empty(scene, lit.clips, fits, hiding))
     elif n_inside and fits and not lit.clips and hits < FEW * n_pixels:
         found.append(spread(scene))
     return [message for message in found if message]
@@ -291,7 +306,7 @@ def spread(scene: Scene) -> str:
     )
 
 
-def why_empty(scene: Scene, clips: Sequence[Any], fits: bool = False) -> str:
+def why_empty(scene: Scene, clips: Sequence[Any], fits: bool = False, hiding: str = "") -> str:
     """Why the image shows no surface, and how to fix that."""
     from ..scene.query import field
 
@@ -303,6 +318,8 @@ def why_empty(scene: Scene, clips: Sequence[Any], fits: bool = False) -> str:
         return "no pixel hits the surface: the cuts take all particles away"
     values = field(scene, positions[:: 1 + len(positions) // SAMPLES])
     highest = float(values.max())
+    if highest > scene.threshold and hiding:
+        return hiding
     if highest > scene.threshold:
         if not fits:
             return "no pixel hits the surface: the camera looks past it, try --fit"

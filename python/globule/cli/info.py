@@ -22,6 +22,7 @@ from ..render.fit import fitted
 from ..scene.fluid import fluid_like, is_flat, shown_scene
 from ..scene.particles import SCALAR_FIELDS, Particles
 from ..scene.scene import Scene
+from ..scene.spacing import n_coincident
 from . import camera_facts, flags, medical
 from . import medical as medical_files
 from .parser import Parser
@@ -95,6 +96,7 @@ def describe(path: str, contents: Contents) -> dict[str, Any]:
         "bytes": _size(path),
         "particles": len(particles),
         "not_finite": int((~finite).sum()),
+        "coincident": n_coincident(particles.positions[finite]),
         "frames": contents.n_frames,
         "time": contents.time,
         "species": list(contents.species),
@@ -124,8 +126,9 @@ def describe(path: str, contents: Contents) -> dict[str, Any]:
             lo, hi = particles.bounds()
         facts["bounds"] = {"lo": lo, "hi": hi}
         facts["surface"], facts["why_surface"] = _surface(path, particles, scene)
-        smooth = facts["surface"] == "smooth"
-        facts["spacing"] = (scene.fluid_spacing() if smooth else scene.spacing) or None
+        if facts["surface"] == "smooth":
+            scene.become_smooth()
+        facts["spacing"] = scene.spacing or None
         facts["default_support"] = scene.support
         with mistakes(path):
             camera = _camera(path, particles[finite], scene, facts["surface"])
@@ -151,14 +154,13 @@ def _surface(path: str, particles: Particles, scene: Scene) -> tuple[str, str]:
 
 def _camera(path: str, particles: Particles, scene: Scene, surface: str) -> Camera | None:
     """The camera that `globule render` fits at its default size; None for a volume, whose image
-    shows a surface. scene: of the positions alone; it becomes smooth."""
+    shows a surface. scene: of the positions alone, with this surface."""
     if kind_of(path).kind == "volume":
         return None
     if has_faces(path):
         return Camera.fit(np.array(np.meshgrid(*np.transpose(particles.bounds()))).reshape(3, -1).T)
-    if surface == "smooth":
-        scene.become_smooth()
-    elif particles.support is not None or particles.anisotropy is not None:
+    own = particles.support is not None or particles.anisotropy is not None
+    if own and surface != "smooth":
         scene = shown_scene(particles, device="cpu")
     return fitted(scene, SIZE, None)
 
@@ -223,6 +225,8 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         lines.insert(1, f"  volume     {size} voxels of {edges} mm, {volume['dtype']}")
     if facts["not_finite"]:
         lines[-1] += f", {facts['not_finite']:,} without a finite position"
+    if facts["coincident"]:
+        lines[-1] += f", {facts['coincident']:,} of them exactly where others are"
     lines += _contents_lines(facts)
     if facts["bounds"]:
         lo, hi = (" ".join(f"{v:.6g}" for v in facts["bounds"][end]) for end in ("lo", "hi"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -254,6 +255,21 @@ class Light:
     def place(self, path: str, i: int) -> None:
         """Move what moves to where it is in the image of a file, the i-th."""
         meshes.place(self._moving, path, i)
+
+    def hiding(self, frames: Sequence[Frame]) -> str:
+        """What to say where only opaque things of --with and --mesh are seen; "" elsewhere."""
+        beside = self._beside or []
+        if not beside or any(one.material.transmission for one in beside if one.material):
+            return ""
+        seen = {int(k) for frame in frames for k in np.unique(frame._layer[frame.mask])}
+        hiding = [k - 1 for k in sorted(seen) if k <= len(beside)]
+        if 0 in seen or not hiding:
+            return ""
+        options = self.options
+        files = [*(path for path, _ in options.beside), *meshes.files(options)]
+        name = files[hiding[0]]
+        glass = f"--mesh {name}:glass or " if name in dict(options.meshes) else ""
+        return f"no pixel shows the particles, only {name}: try {glass}--clip"
 
     def around(self, scene: Scene | Mesh, box: Any) -> Any:
         """Points (M, 3) that the fitted camera shows: those of `box`, or the scene's, inside of

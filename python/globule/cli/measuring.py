@@ -23,6 +23,7 @@ from .shared import (
     UserError,
     check_device,
     check_input,
+    doubled,
     left_out,
     mistakes,
     positive,
@@ -105,7 +106,7 @@ def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]
         particles, messages = read_surface(path, options)
     else:
         particles, messages = read_particles(path, True, **reading(options)), []
-    messages = [*messages, *left_out(path, particles)]
+    messages = [*messages, *left_out(path, particles), *doubled(path, particles)]
     if options.anisotropic:
         with mistakes():
             particles = look.stretched(options, particles)
@@ -132,12 +133,6 @@ def need_no_faces(path: str, options: argparse.Namespace) -> None:
             f"{path}: expected particles or a volume, got a mesh, which is triangles already; "
             "--resample LENGTH makes metaballs all over it"
         )
-
-
-def need_particles(path: str, n: int) -> None:
-    """Refuse a file without particles that have a place: there is nowhere to measure."""
-    if not n:
-        raise UserError(f"{path}: expected particles, got none with a finite position")
 
 
 def too_coarse(options: argparse.Namespace, scene: Scene) -> str:

@@ -13,7 +13,15 @@ from ..measure.mesh import measured, surface_mesh
 from ..scene.scene import Scene
 from . import flags, measuring
 from .parser import Parser
-from .shared import Progress, UserError, check_output, count, mistakes, print_json
+from .shared import (
+    Progress,
+    UserError,
+    check_output,
+    count,
+    mistakes,
+    need_particles,
+    print_json,
+)
 
 SUMMARY = "the surface as triangles, with its volume and area"
 USAGE = "FILE -o PATH"
@@ -37,7 +45,7 @@ def run(options: argparse.Namespace) -> None:
     check_output("-o", options.output, EXTENSIONS)
     with Progress(1) as progress:
         for _, path, scene in measuring.scenes(options, [options.file], progress):
-            measuring.need_particles(path, scene.octree.n_inside)
+            need_particles(path, scene.octree.n_inside)
             with mistakes():
                 mesh = surface_mesh(scene, options.spacing, options.values or ())
                 if not len(mesh.faces):

@@ -232,6 +232,16 @@ def layers(
     return found, messages, moving
 
 
+def why_empty(shape: Mesh) -> str:
+    """Why an image does not show a mesh."""
+    corners = np.asarray(shape.vertices, np.float64)[shape.faces]
+    sides = corners[:, 1:] - corners[:, :1]
+    if not np.cross(sides[:, 0], sides[:, 1]).any():
+        n = count(len(shape), "triangle")
+        return f"no pixel hits the mesh: it has no area, {n} of points or lines alone"
+    return "no pixel hits the mesh: the camera looks past it, try --fit"
+
+
 def surrounds(shape: Mesh, particles: Particles) -> bool:
     """Whether most of the particles lie inside the mesh."""
     points = particles.finite_positions()

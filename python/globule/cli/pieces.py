@@ -29,7 +29,17 @@ from ..render.render import render
 from ..scene.fitting import lacking
 from ..scene.particles import FARTHEST
 from . import annotation, camera_facts, light
-from .shared import UserError, count, mistakes, print_json, read_particles, said_threads, say, warn
+from .shared import (
+    UserError,
+    count,
+    mistakes,
+    need_particles,
+    print_json,
+    read_particles,
+    said_threads,
+    say,
+    warn,
+)
 
 # Flags that need all particles in one scene; with the values that leave them out.
 NOT_WITH_PIECES: dict[str, Any] = {
@@ -152,9 +162,8 @@ def run(
     with contextlib.closing(pieces):
         built = time.perf_counter()
         given = sum(comm.allgather(source.n)) if comm else source.n
-        if not given:
-            said(f"{path} holds no particles: the image is all background")
-        elif n_lost := given - len(pieces):
+        need_particles(path, len(pieces))
+        if n_lost := given - len(pieces):
             has = f"{'have' if n_lost > 1 else 'has'} no finite position up to {FARTHEST:g}"
             said(f"{n_lost:,} of {count(given)} {has}, left out")
         n, where = pieces.partition.n, "on as many ranks" if comm else "one after the other"
@@ -175,7 +184,7 @@ def run(
             save_png(image, notes.picture(0, [frame], [camera], colors, None))
     end = time.perf_counter()
     hits = int(frame.mask.sum())
-    if not hits and len(pieces):
+    if not hits:
         said("no pixel hits the surface: the camera looks past it, or try --threshold")
     device = said_threads(pieces.device.description, options.threads)
     if not options.json:

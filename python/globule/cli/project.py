@@ -24,8 +24,10 @@ from .shared import (
     check_input,
     check_output,
     direction,
+    doubled,
     left_out,
     mistakes,
+    need_particles,
     positive,
     print_json,
     read_particles,
@@ -89,9 +91,10 @@ def run(options: argparse.Namespace) -> None:
         progress.step(options.file)
         particles = read_particles(options.file, **reading(options))
         finite = np.isfinite(particles.positions).all(axis=1)
-        for message in left_out(options.file, particles):
+        messages = left_out(options.file, particles) + doubled(options.file, particles)
+        for message in messages:
             warn(message)
-        measuring.need_particles(options.file, int(finite.sum()))
+        need_particles(options.file, int(finite.sum()))
         names = options.values
         if not names:
             known = {"density", "densities", "rho", "mass", "masses"} & {*particles.attributes}

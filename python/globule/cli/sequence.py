@@ -27,6 +27,7 @@ from .shared import (
     check_output,
     count,
     mistakes,
+    need_particles,
     print_json,
     read_particles,
     reading,
@@ -111,13 +112,14 @@ class Series:
         files = list(dict.fromkeys(options.particles))
         if len(files) == 1 or not (fit or span):
             return
-        lows, highs, values = [], [], [np.inf, -np.inf]
+        lows, highs, values, broken = [], [], [np.inf, -np.inf], False
         if self.comm is not None:
             files = files[self.comm.rank :: self.comm.size]
         found = read_ahead(_try_to_read(path, options) for path in files)
         for path, particles in zip(files, found, strict=True):
             progress.show(f"looking at {path}")
             if particles is None:
+                broken = True
                 continue
             if isinstance(particles, Mesh) or len(particles.finite_positions()):
                 lo, hi = particles.bounds()
@@ -132,9 +134,12 @@ class Series:
                 known = known[np.isfinite(known) & _finite(points)]
                 values = [known.min(initial=values[0]), known.max(initial=values[1])]
         if self.comm is not None:
-            everyone = self.comm.allgather((lows, highs, values))
+            everyone = self.comm.allgather((lows, highs, values, broken))
             lows, highs = ([one for part in everyone for one in part[k]] for k in (0, 1))
             values = [min(v[2][0] for v in everyone), max(v[2][1] for v in everyone)]
+            broken = any(v[3] for v in everyone)
+        if fit and not (lows or broken):
+            need_particles(f"{options.particles[0]} to {options.particles[-1]}", 0)
         if fit and lows:
             box = np.min(lows, axis=0), np.max(highs, axis=0)
             self.box = np.array(np.meshgrid(*zip(*box, strict=True))).reshape(3, -1).T

@@ -22,7 +22,16 @@ from ..render.frame import save_png
 from ..render.legend import add_legend
 from . import flags, measuring
 from .parser import Parser
-from .shared import Progress, UserError, check_output, count, mistakes, number, print_json
+from .shared import (
+    Progress,
+    UserError,
+    check_output,
+    count,
+    mistakes,
+    need_particles,
+    number,
+    print_json,
+)
 
 SUMMARY = "values on planes, lines and grids"
 USAGE = "FILE -o PATH"
@@ -104,7 +113,7 @@ def run(options: argparse.Namespace) -> None:
             raise UserError(f"--{name}: expected a .png beside --{name}, got {options.output}")
     with Progress(1) as progress:
         for _, path, scene in measuring.scenes(options, [options.file], progress):
-            measuring.need_particles(path, scene.octree.n_inside)
+            need_particles(path, scene.octree.n_inside)
             with mistakes():
                 names = options.values
                 if image:

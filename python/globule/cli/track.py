@@ -21,7 +21,7 @@ from .parser import Parser
 from .shared import Progress, UserError, check_output, count, mistakes, print_json
 
 SUMMARY = "front, height, volume and area over a sequence"
-USAGE = "FILE [FILE ...] -o PATH"
+USAGE = "FILE [FILE ...] [-o PATH]"
 EXAMPLES = """\
   globule track frame_0.ply frame_1.ply --fps 50 -o track.csv
   globule track frame_0.ply frame_1.ply -o track.csv --plot front.png --plot-column x_max"""
@@ -31,7 +31,7 @@ COLUMNS = ("volume", "area", "x_min", "x_max", "y_min", "y_max", "z_min", "z_max
 def add_arguments(parser: Parser) -> None:
     """The arguments of `globule track`."""
     parser.add_argument("files", nargs="+", metavar="FILE", help="particles, mesh or volume")
-    flags.add(parser, "--output", "track.csv", required=True)
+    flags.add(parser, "--output", "track.csv; default: printed")
     flags.add(parser, "--fps", "adds a column of times; default: none")
     parser.add_argument(
         "--plot", metavar="FILE.png", help="also draw the columns as curves (default: none)"
@@ -50,7 +50,8 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run `globule track`."""
-    check_output("-o", options.output, (".csv",))
+    if options.output:
+        check_output("-o", options.output, (".csv",))
     if options.plot:
         check_output("--plot", options.plot, (".png",))
         measuring.need_matplotlib()
@@ -70,13 +71,16 @@ def run(options: argparse.Namespace) -> None:
             names.append(path)
     table: dict[str, Any] = {**measuring.times(options, len(rows)), "file": np.array(names)}
     table |= {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    write_table(options.output, table)
+    if options.output or not options.json:
+        write_table(options.output, table)
     if options.plot:
         name = options.plot_column
         unit = {"volume": " cubed", "area": " squared"}.get(name, "")
         measuring.plot(options.plot, table, [name], f"{name}, world units{unit}")
     if options.json:
         print_json({"file": options.output, **table})
+        return
+    if not options.output:
         return
     first, last = rows[0], rows[-1]
     print(

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..scene.attributes import VELOCITY_NAMES
 from .asciinum import parse_rows, text_lines
 from .contents import Box, Contents, frame_index
 from .errors import bad, shown
@@ -19,8 +20,7 @@ from .fields import particles_from
 from .table import whole_numbers
 
 _PAIR = re.compile(r"""([\w\-./]+)\s*=\s*(?:"([^"]*)"|'([^']*)'|\{([^}]*)\}|([^\s"'{]+))""")
-_NAMES = {"velo": "velocity", "velocities": "velocity", "masses": "mass", "forces": "force",
-          "vel": "velocity"}  # fmt: skip
+_NAMES = {**dict.fromkeys(VELOCITY_NAMES, "velocity"), "masses": "mass", "forces": "force"}
 _MOST_COLUMNS = 1000
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import sys
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -141,12 +143,13 @@ class Samples:
             write_polygons(path, points, self._flat(), verts=number[:, None])
 
 
-def write_table(path: str | os.PathLike[str], columns: dict[str, Any]) -> None:
-    """Write columns of equal length as comma-separated values with a row of names."""
+def write_table(path: str | os.PathLike[str] | None, columns: dict[str, Any]) -> None:
+    """Write columns of equal length as comma-separated values with a row of names; None prints
+    them."""
     import csv
 
     cells = [_words(np.asarray(column)) for column in columns.values()]
-    with atomic_write(path, "w") as file:
+    with nullcontext(sys.stdout) if path is None else atomic_write(path, "w") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*cells, strict=True))

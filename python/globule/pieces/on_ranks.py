@@ -18,7 +18,7 @@ from .._base.memory import free_bytes
 from .._base.ranks import Alone, ranks_of
 from ..render.layers import Layer
 from ..render.settings import RenderSettings
-from ..scene.attributes import attribute_values, checked_range, color_by
+from ..scene.attributes import attribute_values, checked_range, color_by, ends_of_map
 from ..scene.particles import FIELDS, Particles
 from ..scene.scene import KERNELS, SURFACES, Scene
 from ..scene.sources import as_particles
@@ -183,15 +183,14 @@ class SceneOnRanks(Scene):
         def ends() -> np.ndarray:
             values = attribute_values(self.particles, name)
             known = values[np.isfinite(values)]
-            return np.array([known.min(), -known.max()]) if known.size else np.full(2, np.inf)
+            return np.array([known.min(initial=np.inf), -known.max(initial=-np.inf)])
 
         if range is None:
-            low, high = self.ranks.least(self.ranks.together(ends)) * (1, -1)
-            range = (float(low), float(high)) if np.isfinite(low) else (0.0, 1.0)
-        ends_of_map = checked_range(range)
-        self.update(self.ranks.together(
-            lambda: color_by(self.particles, name, colormap, ends_of_map)
-        ))  # fmt: skip
+            found = self.ranks.least(self.ranks.together(ends)) * (1, -1)
+            n = int(self.ranks.total(np.int64(len(self.particles))))
+            range = ends_of_map(name, found[np.isfinite(found)], n)
+        checked = checked_range(range)
+        self.update(self.ranks.together(lambda: color_by(self.particles, name, colormap, checked)))
 
     @property
     def _scene(self) -> Any:

@@ -38,7 +38,7 @@ def space_around(low: np.ndarray, high: np.ndarray, typical: float, largest: flo
     size = max(float(np.abs(low).max()), float(np.abs(high).max()))
     margin = max(1e-3 * typical, 16 * float(np.finfo(np.float32).eps) * size)
     room = largest + 2 * margin
-    extent = float((high - low).max()) + 2 * room
+    extent = float((high - low).max()) + 2 * room or 1.0  # 0: all at the origin
     cells = extent / (typical + 2 * margin) if typical > 0 else 1.0
     level = int(np.clip(np.floor(np.log2(max(cells, 1.0))), 0, FINEST))
     # The low corner, not the middle: a long, thin body is then cut across, not along.

@@ -15,7 +15,7 @@ from .._base.device import choose
 from .._base.memory import resident_bytes, trim
 from .._base.ranks import ranks_of
 from ..render.fit import REACH
-from ..scene.attributes import attribute_values, checked_range, color_by
+from ..scene.attributes import attribute_values, checked_range, color_by, ends_of_map
 from ..scene.fitting import octree_bytes, room_on
 from ..scene.fluid import fluid_like
 from ..scene.particles import Particles
@@ -167,11 +167,11 @@ class Pieces:
         self.negative = float(ranks.least(np.float64(weight))) < 0 or self.kernel == "solid"
         self.factors = float(ranks.most(np.float64(factors)))
         self._reach = ranks.most(np.array(reach))
-        ends = ranks.least(values[:1])[0], ranks.most(values[1:])[0]
+        ends = np.array([ranks.least(values[:1])[0], ranks.most(values[1:])[0]])
         if self._color[0] is not None:
             name, colormap, own = self._color
-            known_ends = (float(ends[0]), float(ends[1])) if np.isfinite(ends).all() else (0.0, 1.0)
-            self._color = name, colormap, own or known_ends
+            known = ends[np.isfinite(ends)]
+            self._color = name, colormap, own or ends_of_map(name, known, self.n_particles)
         layouts = [one for one in ranks.all(layout) if one is not None] or [Layout((), {})]
         check_reach(layouts)
         for one in layouts[1:]:

@@ -209,7 +209,7 @@ def values_of(
     values = attributes.attribute_values(particles, name)
     if range is None:
         known = values[np.isfinite(values)]
-        range = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+        range = attributes.ends_of_map(name, known, len(values))
     return values, colormap, *attributes.checked_range(range), name
 
 

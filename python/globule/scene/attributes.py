@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -15,6 +16,9 @@ from .._base.colormaps import colorize
 from .particles import SCALAR_FIELDS, Particles
 
 log = logging.getLogger("globule")
+
+# How programs name the array of velocities, in lower case; the first that is there counts.
+VELOCITY_NAMES = ("velocity", "velocities", "vel", "velo", "v")
 
 
 class AttributeColors(NamedTuple):
@@ -35,9 +39,17 @@ def attribute_names(particles: Particles) -> list[str]:
     return list(_arrays(particles))
 
 
+def velocity_name(attributes: Mapping[str, Any]) -> str | None:
+    """The name of the attribute that holds velocities, vectors by a name of `VELOCITY_NAMES` in any
+    case; None without."""
+    vectors = [name for name, array in attributes.items() if array.ndim == 2]
+    by_lower_name = {name.lower(): name for name in reversed(vectors)}
+    return next((by_lower_name[name] for name in VELOCITY_NAMES if name in by_lower_name), None)
+
+
 def attribute_values(particles: Particles, name: str) -> np.ndarray:
     """The values (N,) float64 that `name` stands for: x y z, a field, an attribute (a vector's
-    length), speed (the length of the attribute velocity), or NAME:0 … for a component.
+    length), speed (the length of the velocity), or NAME:0 … for a component.
 
     Raises TypeError for a name that is no text, ValueError that says which names there are.
     """
@@ -64,14 +76,14 @@ def attribute_colors(
 ) -> AttributeColors:
     """Colors by a field or attribute, as `color_by` makes them, with what a legend needs.
 
-    Raises TypeError and ValueError as `attribute_values` and `checked_range` do.
+    Raises TypeError and ValueError as `attribute_values`, `ends_of_map` and `checked_range` do.
     """
     values = attribute_values(particles, name)
     known = values[np.isfinite(values)]
     if range is not None:
         lo, hi = checked_range(range)
     else:
-        lo, hi = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+        lo, hi = ends_of_map(name, known, len(values))
     return AttributeColors(colorize(values, colormap, lo, hi), (lo, hi), len(values) - len(known))
 
 
@@ -86,7 +98,7 @@ def color_by(
     Args:
         particles: N particles.
         name: x, y, z, a field (support), an attribute (a vector's length), speed (the length of
-            the attribute velocity), or NAME:0 … for a component.
+            the velocity, see `velocity_name`), or NAME:0 … for a component.
         colormap: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
         range: (lo, hi), values of the map's first and last color; lo may be above hi. Default: the
             lowest and highest finite value. Values outside have the color of the nearest end; NaN
@@ -95,8 +107,8 @@ def color_by(
     Returns:
         New particles that share all other arrays.
 
-    Raises ValueError for an unknown name, map or range; logs a warning for values that are not
-    finite.
+    Raises ValueError for an unknown name, map or range, and without a range where no value is
+    finite; logs a warning for values that are not finite.
     """
     try:
         found = attribute_colors(particles, name, colormap, range)
@@ -106,6 +118,17 @@ def color_by(
     if found.n_unknown:
         log.warning("%d of %d particles have no finite %s", found.n_unknown, len(particles), name)
     return replace(particles, color=found.color)
+
+
+def ends_of_map(name: str | None, known: np.ndarray, n: int) -> tuple[float, float]:
+    """The values at the ends of a color map: the lowest and highest of the finite values of n
+    particles; without particles 0 and 1.
+
+    Raises ValueError where none of the values is finite.
+    """
+    if n and not known.size:
+        raise ValueError(f"expected a finite {name}, got none; give a range")
+    return (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
 
 
 def checked_range(range: Any) -> tuple[float, float]:
@@ -125,10 +148,11 @@ def _arrays(particles: Particles) -> dict[str, Any]:
         if value is not None:
             arrays[field] = np.broadcast_to(to_host(value), len(particles))
     arrays |= particles.attributes
-    if "speed" not in arrays and getattr(arrays.get("velocity"), "ndim", 0) == 2:
-        at = list(arrays).index("velocity")
+    velocity = velocity_name(particles.attributes)
+    if velocity is not None and "speed" not in arrays:
+        at = list(arrays).index(velocity)
         pairs = list(arrays.items())
-        arrays = dict([*pairs[:at], ("speed", arrays["velocity"]), *pairs[at:]])
+        arrays = dict([*pairs[:at], ("speed", arrays[velocity]), *pairs[at:]])
     return arrays
 
 

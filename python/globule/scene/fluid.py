@@ -111,20 +111,10 @@ def _is_thin(positions: np.ndarray, axis: int) -> bool:
 
 
 def flat_spacing(particles: Particles) -> float | None:
-    """The spacing of 2-D data, world units: the square root of the area of a particle, from the
-    density where three quarters of the particles are sparser (others lie at an edge); None where
-    that is nothing."""
-    inside = particles.finite_positions()
-    scene = Scene(Particles(inside), device="cpu")
-    radius = 2 * scene.spacing
-    if not radius > 0:
-        return None
-    some = inside[:: max(1, len(inside) // SAMPLES)][:SAMPLES]
-    offsets, index = scene.neighbors(some, radius)
-    row = np.repeat(np.arange(len(some)), np.diff(offsets).astype(np.int64))
-    apart = np.linalg.norm(inside[index].astype(np.float64) - some[row], axis=1) / radius
-    density = np.bincount(row, 1 - apart**2, len(some)) * 2 / (np.pi * radius**2)
-    return float(np.percentile(density, 75)) ** -0.5
+    """The spacing of 2-D data, world units: `Scene.fluid_spacing`, which is the square root of the
+    area of a particle; None where that is nothing."""
+    scene = Scene(Particles(particles.finite_positions()), device="cpu")
+    return scene.fluid_spacing() or None
 
 
 def surface_of(particles: Particles, **options: Any) -> str:

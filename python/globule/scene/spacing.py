@@ -25,6 +25,7 @@ BLOCK = 4096  # points whose neighbors are looked at together: bounds the memory
 # Spacings are kept within these multiples of their median, so that the supports made of them stay
 # within the factor of 1e6 that a scene allows, whatever lies apart or on top of each other.
 LEAST, MOST = 2e-3, 500.0
+_MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
 
 
 def local_spacing(
@@ -108,6 +109,20 @@ def merge_coincident(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     which = np.empty(len(positions), np.int64)
     which[order] = rank[np.cumsum(new) - 1]
     return np.sort(first), which
+
+
+def n_coincident(positions: np.ndarray, every: int = 1) -> int:
+    """How many of the particles (N, 3) lie exactly where one before them does.
+
+    every: only the particles of one place in so many are counted; those of a place all or none.
+    """
+    bits = (np.asarray(positions, np.float32) + np.float32(0)).view(np.uint32)  # -0 is 0
+    # Of a million places, two have the same 64 bits once in 3e7 times.
+    hashes = bits.astype(np.uint64) @ _MIX
+    if every > 1:
+        hashes = hashes[hashes < np.uint64(2**64 // every)]
+    hashes.sort()
+    return int((hashes[1:] == hashes[:-1]).sum())
 
 
 def within_limits(spacing: np.ndarray) -> np.ndarray:

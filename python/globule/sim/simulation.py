@@ -18,6 +18,7 @@ from .._base.arrays import address, to_host
 from .._base.checks import number, shown, thread_count
 from .._base.device import choose
 from .._base.interrupts import whole
+from ..scene.attributes import velocity_name
 from ..scene.particles import Particles
 from . import checkpoint
 from .arrays import Arrays, check_finite, ids_of
@@ -132,7 +133,8 @@ class Simulation:
         self._send()
         added = [(body, self._add_body(body)) for body in found]
         if fluid is not None:
-            self.add(fluid.positions, "fluid", fluid.attributes.get("velocity", 0.0))
+            name = velocity_name(fluid.attributes)
+            self.add(fluid.positions, "fluid", 0.0 if name is None else fluid.attributes[name])
         self._set_up(added)
 
     def _add_body(self, body: Body) -> np.ndarray:

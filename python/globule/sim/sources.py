@@ -11,6 +11,7 @@ import numpy as np
 from .._base.checks import missing
 from ..formats import read
 from ..formats.mesh import _load, _trimesh
+from ..scene.attributes import velocity_name
 from ..volumes.files import read_volume
 from .sampling import MOST_PARTICLES
 from .schema import Problem, Table, choice, color, each, key, number, place, positive, text, whole
@@ -78,8 +79,8 @@ class ParticleFile(Table):
         positions = np.asarray(particles.positions, np.float64) * self.scale + np.asarray(self.move)
         if not np.isfinite(positions).all():
             raise ValueError(f"{self.file}: expected finite positions, got others")
-        known = {name.lower(): array for name, array in particles.attributes.items()}
-        velocities = known.get("velocity", known.get("v"))
+        name = velocity_name(particles.attributes)
+        velocities = None if name is None else particles.attributes[name]
         rigidity = particles.rigidity
         if rigidity is not None:
             rigidity = np.broadcast_to(rigidity, len(particles)).astype(np.float64)
