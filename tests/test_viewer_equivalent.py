@@ -186,27 +186,37 @@ def test_a_sweep_s_volume(tmp_path, monkeypatch):
         check(engine, camera, size, shot.picture)
 
 
-def test_a_simulation(tmp_path, monkeypatch):
+@pytest.mark.parametrize("foam", ["", "foam = { approach = [0.01, 0.1], speed = [0.01, 0.1] }"])
+@pytest.mark.parametrize("color", ["", "speed"])
+def test_a_simulation(tmp_path, monkeypatch, foam, color):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "dam.toml").write_text("""
+    (tmp_path / "dam.toml").write_text(f"""
+{foam}
 spacing = 0.05
-domain = { lo = [0, 0, 0], hi = [1, 0.4, 0.8], walls = true }
+domain = {{ lo = [0, 0, 0], hi = [1, 0.4, 0.8], walls = true }}
 [[fluids]]
 name = "water"
-box = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }
+box = {{ lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }}
 """)
-    with engine_of("dam.toml", look__preset="water", look__shadows=True, look__bounces=6) as engine:
+    water = {"look__preset": "water", "look__shadows": True, "look__bounces": 6}
+    look = {"color__by": color, "color__legend": False} if color else water
+    with engine_of("dam.toml", **look) as engine:
         for _ in range(5):
             engine.source.simulation.step()
         camera, size = gb.Camera((0.5, -2, 1), (0.5, 0.2, 0.2), (0, 0, 1)), (80, 60)
         engine.up = engine.source.up
         shot = Shot(engine, camera, size, 1)
+        assert (len(engine.source.simulation.foam) > 20) == bool(foam)
         passed = f"the simulated {engine.source.simulation.time:.4g} s"
         check(engine, camera, size, shot.picture, passed)
         engine.source.by_hand = True
         engine.state.set(cuts__plane=True)
         command = command_line(engine.source, engine.state, camera, size, engine.up)
         assert command.endswith(f"# without: {passed}, changes by hand, light, cuts and samples")
+        engine.state.set(look__preset="flat", color__by="speed")
+        code = python_code(engine.source, engine.state, camera, size, engine.up)
+        assert ("color_by=" in code) != bool(foam)  # `render` refuses it with several layers
+        assert ("# without: " in code and "colors of blended values" in code) == bool(foam)
 
 
 def test_particles_of_a_program_are_said_to_be(tmp_path, monkeypatch):

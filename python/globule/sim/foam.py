@@ -49,6 +49,7 @@ class Foam(Part):
     def _clear(self) -> None:
         self._at, self._velocity, self._carried = (np.zeros((0, 3)) for _ in range(3))
         self._kind, self._age, self._life = np.zeros(0, np.uint8), np.zeros(0), np.zeros(0)
+        self._shown_is_old = True
 
     @property
     def on(self) -> bool:
@@ -100,11 +101,13 @@ class Foam(Part):
     @whole
     def layer(self) -> Layer:
         """White spheres, a quarter of a spacing wide, for an image beside the fluid:
-        `gb.render([sim.scene, sim.foam.layer()])`. The next call reuses the layer's scene."""
+        `gb.render([sim.scene, sim.foam.layer()])`. All calls return the same scene; the first call
+        after a step updates it."""
         if self._shown is None:
             self._shown = Scene(self.particles(), device=self._sim.scene.device.name)
-        else:
+        elif self._shown_is_old:  # an update ends the refinement of earlier frames
             self._shown.update(self.particles())
+        self._shown_is_old = False
         return Layer(self._shown, Material(reflection=0.0, transmission=0.0))
 
     @whole
@@ -134,6 +137,7 @@ class Foam(Part):
         """After a step of dt seconds."""
         if self._table is None:
             return
+        self._shown_is_old = True
         self._move(dt)
         flow = Flow(self._sim)
         self._create(flow, dt)
@@ -215,8 +219,10 @@ class Foam(Part):
                 setattr(self, f"_{name}", getattr(self, f"_{name}")[which])
 
     def _state(self) -> dict[str, np.ndarray]:
-        """What a checkpoint keeps of it."""
-        return {f"foam_{name}": getattr(self, f"_{name}") for name in _ARRAYS} if self.on else {}
+        """Copies of what a checkpoint keeps of it."""
+        if not self.on:
+            return {}
+        return {f"foam_{name}": getattr(self, f"_{name}").copy() for name in _ARRAYS}
 
     def _take_up(self, state: Mapping[str, np.ndarray]) -> None:
         """From what `_state` gave; without foam in it, there is none. Raises ValueError for

@@ -146,6 +146,8 @@ def python_code(
     origin, surface, color = source.origin(state), state.surface, state.color
     scene = source.layers(state)[0].scene
     made = origin.scene or f"gb.Scene(particles, {_scene_words(source, scene, state)})"
+    if origin.beside:
+        made = f"[{', '.join([made, *origin.beside])}]"
     settings = dataclasses.replace(
         seen_settings(source, state, scene, up), samples=state.quality.samples
     )
@@ -165,7 +167,8 @@ def python_code(
             f"particles.color = colorize(values, {color.colormap!r}, *ends)",
         ]
     more = ""
-    if color.by and settings.is_flat:
+    by_pixel = bool(color.by) and settings.is_flat  # a `color_by`, which takes one scene
+    if by_pixel and not origin.beside:
         more += f", color_by={color.by!r}, colormap={color.colormap!r}, range=ends"
     notes = dataclasses.replace(annotation_of(state), legend=False, legend_title="", legend_unit="")
     if notes.draws:
@@ -190,6 +193,7 @@ def python_code(
     else:
         lines += ['frame.save("picture.png")']
     left = list(origin.left) + ["the measurement"] * state.measure.shown
+    left += ["colors of blended values"] * (by_pixel and bool(origin.beside))
     lines += [f"# without: {', '.join(left)}"] if left else []
     return "\n".join(lines) + "\n"
 

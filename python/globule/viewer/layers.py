@@ -13,7 +13,7 @@ def layer_names(source: Any) -> list[tuple[str, str]]:
     first = "mesh" if getattr(source, "is_mesh", False) else "particles"
     kinds = [first, *("mesh" if isinstance(x.scene, Mesh) else "particles" for x in source.beside)]
     if len(kinds) == 1:
-        return [(source.name, first)]
+        return [(source.name, first)] + [("foam", "particles")] * source.has_foam
     return [(f"{i + 1} {kind}", kind) for i, kind in enumerate(kinds)]
 
 

@@ -15,10 +15,11 @@ def taken(sim: Any) -> dict[str, Any]:
     if not hasattr(sim, "arrays"):
         return {}
     emitters = {name: (e.emitted, e._volume) for name, e in sim.emitters.items()}
-    arrays = sim.arrays.state()
+    arrays, foam = sim.arrays.state(), sim.foam._state()
     return {
         "arrays": arrays,
-        "bytes": sum(a.nbytes for a in arrays.values()),
+        "foam": foam,
+        "bytes": sum(a.nbytes for a in (*arrays.values(), *foam.values())),
         "steps": int(sim.n_steps),
         "emitters": emitters,
         "counts": (sim.record.n_removed, sim.record.n_cut),
@@ -31,6 +32,7 @@ def restore(sim: Any, state: dict[str, Any]) -> None:
     The record keeps its rows; see `forget_rows`.
     """
     sim.arrays.set_state(state["arrays"])
+    sim.foam._take_up(state["foam"])
     sim.record.n_removed, sim.record.n_cut = state["counts"]
     for tool in sim.tools.values():
         tool.start(sim.time)

@@ -71,12 +71,13 @@ def _trace(
         settings = dataclasses.replace(settings, ambient_rays=MOST_MOVING_AMBIENT)
     if moving:
         settings = dataclasses.replace(settings, edge_samples=0)
-    frame = render(
-        visible(layers, state), camera, size, settings, clips_of(state.cuts), thesis_of(state)
-    )
-    if settings.is_flat and state.color.by and not moving and isinstance(layers[0].scene, Scene):
+    drawn = visible(layers, state)
+    frame = render(drawn, camera, size, settings, clips_of(state.cuts), thesis_of(state))
+    first = drawn[0].scene
+    colored = first is layers[0].scene and isinstance(first, Scene)
+    if settings.is_flat and state.color.by and not moving and colored:
         with contextlib.suppress(ValueError):  # a source may show layers without these values
-            particles, color = layers[0].scene.particles, state.color
+            particles, color = first.particles, state.color
             shown = values_of(particles, color.by, color.colormap, source.maker.range)
             frame._values = shown[:4]
     return frame

@@ -15,6 +15,7 @@ from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .forces import PULL, newtons
+from .layers import hidden
 from .overlay import STEEL, Mark
 from .past import Past, Strokes, forget_rows, restore, taken
 from .scenes import SceneMaker, color_names
@@ -71,6 +72,9 @@ class SimulationSource(Source):
         self._target: np.ndarray | None = None  # place of the pointer, world
         self._pulled: float | None = None  # N, that the hand felt in the last step
         self._ground: float | None = None  # height, if the scene has one
+        self.has_foam = bool(getattr(getattr(simulation, "foam", None), "on", False))
+        if self.has_foam:
+            device = simulation.scene.device.name  # all layers of an image are on one device
         self.maker = SceneMaker(device, threads)
         self.has_tissue = self._has_bonds()
         self._look()
@@ -119,12 +123,20 @@ class SimulationSource(Source):
         return color_names(self.particles() if self._own is None else self._own)
 
     def layers(self, state: State) -> list[Layer]:
-        """The simulation's own scene if the settings allow. The caller holds `lock`."""
+        """The simulation's own scene if the settings allow, and foam. The caller holds `lock`."""
         if not self._shows_own(state):
-            return [Layer(self.maker.scene(self._drawn(state), state))]
+            return [Layer(self.maker.scene(self._drawn(state), state)), *self._foam(state)]
         scene = self.simulation.scene
         self.maker.show(scene)
-        return [Layer(scene)]
+        return [Layer(scene), *self._foam(state)]
+
+    def _foam(self, state: State) -> list[Layer]:
+        """The layer of the foam, as images of `globule simulate` show it; none while there is none,
+        where it is hidden, and with the thesis's tracing, which cannot trace it."""
+        if not self.has_foam or 1 in hidden(state) or state.surface.root != "exact":
+            return []
+        foam = self.simulation.foam
+        return [foam.layer()] if len(foam) else []
 
     def _shows_own(self, state: State) -> bool:
         """Whether the settings allow the simulation's own scene."""
@@ -168,11 +180,11 @@ class SimulationSource(Source):
             code += [f"for _ in range({n}):", "    simulation.step()"]
             passed = [f"the simulated {self.simulation.time:.4g} s"]
         left = ["changes by hand"] if self.by_hand else []
+        beside = ["simulation.foam.layer()"] if self._foam(state) else []
+        common: dict[str, Any] = {"left": passed + left, "lives": True, "beside": beside}
         if self._shows_own(state):
-            return Origin([name], code, left=passed + left, lives=True, scene="simulation.scene")
-        return Origin(
-            [name], [*code, f"particles = simulation.{particles}"], left=passed + left, lives=True
-        )
+            return Origin([name], code, scene="simulation.scene", **common)
+        return Origin([name], [*code, f"particles = simulation.{particles}"], **common)
 
     def tissue_extent(self) -> float:
         """The longest side of the box around all tissue, m; 0 without tissue."""

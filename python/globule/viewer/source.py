@@ -35,6 +35,7 @@ class Origin:
         lives: the source changes in time, and only `globule view` can show it.
         unsaid: options that the command does not have for such a file.
         scene: Python code that makes `scene`, if it is not one of `particles`.
+        beside: Python code of each further layer.
     """
 
     words: list[str]
@@ -44,6 +45,7 @@ class Origin:
     lives: bool = False
     unsaid: tuple[str, ...] = ()
     scene: str = ""
+    beside: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -89,6 +91,7 @@ class Source:
         grows: size and place become known in time only.
         up, camera, preset, settings: how the viewer starts, if nothing else is asked for.
         has_tissue: strokes of the tool Cut cut tissue.
+        has_foam: the layer after the first one is a simulation's foam.
         unit: of lengths, "" if unknown.
     """
 
@@ -100,6 +103,7 @@ class Source:
     preset: str | None = None
     settings: Mapping[str, Any] = MappingProxyType({})  # for `State.set`
     has_tissue = False
+    has_foam = False
     unit = ""
 
     def __init__(self, name: str) -> None:

@@ -1,0 +1,167 @@
+"""Spray, foam and bubbles of a simulation that the viewer runs."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import globule as gb
+import numpy as np
+import pytest
+from test_sim_foam import DAM, LIVELY
+from waiting import until
+
+pytest.importorskip("viser")
+
+from globule.render.settings import for_values
+from globule.viewer.open import open_source
+from globule.viewer.picture import trace
+from globule.viewer.state import State
+from viewer_program import Program
+
+SIZE = (96, 72)
+CAMERA = gb.Camera((0.6, -2.2, 0.6), (0.6, 0.15, 0.4), (0, 0, 1))
+VIEW = {"eye": CAMERA.eye, "look_at": CAMERA.look_at}
+N = 30  # steps after which there is foam
+
+
+def made(**keys) -> gb.Simulation:
+    keys = {"foam": LIVELY, "view": VIEW, **keys}
+    return gb.Simulation({**DAM, **keys}, device="cpu", threads=1)
+
+
+def opened(**keys):
+    return open_source(made(**keys))
+
+
+def steps(source, n: int) -> None:
+    for _ in range(n):
+        source.step()
+        source.advance(State())
+
+
+def foam(source) -> dict[str, np.ndarray]:
+    return source.simulation.foam._state()
+
+
+def same(one: dict[str, np.ndarray], two: dict[str, np.ndarray]) -> bool:
+    return all(np.array_equal(one[name], two[name]) for name in one)
+
+
+def seen(source, **settings) -> np.ndarray:
+    state = State()
+    state.set(**{**source.settings, **settings})
+    with source.lock:
+        return trace(source, state, CAMERA, SIZE, source.up).picture
+
+
+def shown_foam(source) -> np.ndarray:
+    """Positions of the foam in an image."""
+    with source.lock:
+        frame = trace(source, State(), CAMERA, SIZE, source.up)
+    return frame._layers[1].scene.particles.positions
+
+
+@pytest.fixture(scope="module")
+def splash():
+    source = opened()
+    steps(source, N)
+    return source
+
+
+def test_the_image_shows_the_layer_that_images_of_globule_simulate_have(splash):
+    sim = splash.simulation
+    assert len(sim.foam) > 100
+    shown, wanted = seen(splash), [splash.maker.last_scene, sim.foam.layer()]
+    np.testing.assert_array_equal(shown, gb.render(wanted, CAMERA, SIZE).picture)
+    assert np.any(shown != gb.render(wanted[0], CAMERA, SIZE).picture)
+
+
+def test_colors_of_values_are_those_of_the_fluid():
+    source = opened(view={**VIEW, "speeds": [0, 3]})
+    steps(source, N)
+    shown, wanted = seen(source), [source.maker.last_scene, source.simulation.foam.layer()]
+    settings = for_values(gb.RenderSettings())
+    np.testing.assert_array_equal(shown, gb.render(wanted, CAMERA, SIZE, settings).picture)
+    assert np.any(shown != gb.render(wanted[0], CAMERA, SIZE, settings).picture)
+    flat = [seen(source, look__preset="flat", layers__hidden=hidden) for hidden in ("", "1", "2")]
+    assert all(np.any(flat[0] != other) for other in flat[1:])
+    assert np.ptp(flat[1], axis=2).max() < 8  # of the foam alone, which is white
+
+
+def test_the_page_lists_the_foam_and_hides_it(splash):
+    hidden = seen(splash, layers__hidden="2")
+    plain = gb.render(splash.maker.last_scene, CAMERA, SIZE).picture
+    np.testing.assert_array_equal(hidden, plain)
+    viewer = gb.view(splash.simulation, port=0, browser=False, block=False)
+    try:
+        layers = viewer.page.desk.model.of(SimpleNamespace(client_id=-1))["layers"]
+        assert [layer["name"] for layer in layers] == ["simulation", "foam"]
+    finally:
+        viewer.close()
+
+
+def test_the_thesis_traces_the_fluid_alone(splash):
+    assert seen(splash, surface__root="march").any()
+
+
+def test_layers_share_the_device_of_the_simulation():
+    source = open_source(made(), device="cuda:99")
+    steps(source, N)
+    assert seen(source, color__by="speed").any()
+
+
+def test_an_image_refines_while_others_are_made(splash):
+    with splash.lock:
+        first = trace(splash, State(), CAMERA, SIZE, splash.up)
+        trace(splash, State(), CAMERA, (40, 30), splash.up)
+        first.refine()
+    assert first.samples == 2
+
+
+def test_reset_and_the_timeline_take_the_foam_along():
+    source = opened()
+    after = []
+    for _ in range(N + 10):
+        steps(source, 1)
+        after.append(foam(source))
+    assert len(after[-1]["foam_at"]) > len(after[N - 1]["foam_at"])
+    for step in (N, N + 10, N):
+        source.go_to(step)
+        source.advance(State())
+        assert abs(source.place[0] - step) <= 1  # the nearest state that is kept
+        assert same(foam(source), after[source.place[0] - 1])
+        np.testing.assert_array_equal(shown_foam(source), source.simulation.foam.positions)
+    steps(source, 3)
+    np.testing.assert_array_equal(shown_foam(source), source.simulation.foam.positions)
+    assert same(foam(source), after[source.place[0] - 1])
+    source.reset()
+    assert len(source.simulation.foam) == 0
+    assert len(source.layers(State())) == 1
+    steps(source, N)
+    assert same(foam(source), after[N - 1])
+
+
+def test_a_running_viewer_sends_it():
+    viewer = gb.view(made(), port=0, browser=False, block=False, camera=CAMERA)
+    errors = []
+    program = Program(viewer, "")
+    try:
+        until(lambda: viewer.clients, "for the connection")
+        (client,) = viewer.clients.values()
+        client.sink.send = lambda number, data, plan: client.acknowledge(number)
+        client.sink.error = errors.append
+        client.acknowledge(1000)
+        source = viewer.source
+        source.play(True)
+        viewer.engine.notify()
+        until(lambda: source.simulation.n_steps > N, "for foam")
+        for size in ((64, 48), (120, 90)):  # other windows, meanwhile and at rest
+            client.look(CAMERA, size)
+            source.play(not source.running)
+            until(lambda: not source._stepping or source.running)
+            until(lambda size=size: client.frame.size == size, "for an image of this size")
+        assert not errors
+        assert len(client.frame._layers) == 2
+    finally:
+        program.close()
+        viewer.close()
