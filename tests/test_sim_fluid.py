@@ -319,6 +319,21 @@ def test_full_box_goes_on(backend):
     assert (inside < (1.0, 0.8, 0.4)).all()
 
 
+def test_a_full_box_under_gravity_does_not_pack_at_its_bottom(backend):
+    domain = {"lo": (0, 0, 0), "hi": (0.2, 0.1, 0.2), "walls": True}
+    box = {"lo": domain["lo"], "hi": domain["hi"]}
+    scene = {"spacing": 0.01, "domain": domain, "fluids": [{"name": "water", "box": box}]}
+    sim = gb.Simulation(scene, **backend)
+    sim.run(0.4)
+    rows = sim.record.diagnostics[-20:]
+    assert max(row["compression"] for row in rows) < 0.02
+    assert np.mean([row["iterations"] for row in rows]) < 100  # 121: they did not suffice
+    heights = sim.positions[sim.arrays.phase == list(sim.phases).index("water"), 2]
+    n_low, *_, n_high = np.histogram(heights, 5, (0, 0.2))[0]
+    assert n_low < 1.08 * 800
+    assert n_high > 0.92 * 800
+
+
 def test_fluid_that_fills_its_space_keeps_its_momentum(backend):
     size = 8 * D
     sim = gb.Simulation(

@@ -163,7 +163,7 @@ public:
         exec_.for_each_packet(state_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_, plain, state_.spline().support, state_.lattice_squares()});
         exec_.clear(s.growth, 4 * state_.n);
         const Criterion mean{sim::kFilledAim * settings_.divergence_error, kOver, 1.0, infinity()};
-        return solve({rows_.alpha, s.divergence_impulse, 0.0f, mean, settings_.least_iterations, true, nullptr, -infinity(), kFilledShare, kOmegaPlain, 0.0f}, dt, divergence_took_).progress;
+        return solve({rows_.alpha, s.divergence_impulse, 0.0f, mean, settings_.least_iterations, true, nullptr, -infinity(), 1.0f, kOmega, 1.0f}, dt, divergence_took_).progress;
     }
     /// Velocities that lead particles from where they are dense, for one move; what was theirs is kept.
     void shift(float dt) {
@@ -371,7 +371,7 @@ private:
     static constexpr double kOver = 4.0, kOverShare = 0.0005, kMost = 50.0;  // times the mean, the share of the particles, times the mean
     static constexpr double kLiftShare = 0.001, kLiftMost = 10.0, kLiftLeast = 0.03;  // the same for places; no less than 3 % for the largest
     static constexpr float kOmega = 0.3f;        // momentum asks for shorter steps than 0.5
-    static constexpr float kOmegaPlain = 0.5f, kFilledShare = 0.5f;
+    static constexpr float kOmegaPlain = 0.5f;
     static constexpr float kAtmosphere = 101325.0f;
     static constexpr float kMostExcess = 0.1f;   // of the density, that one step undoes
     static constexpr float kMostPush = 0.1f;     // spacings
