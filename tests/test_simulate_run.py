@@ -15,6 +15,9 @@ import numpy as np
 import pytest
 from globule.cli import build_parser, main, simulate
 from globule.sim import diagnostics
+from globule.sim.pictures import Eye
+from globule.viewer.first_view import first_camera
+from globule.viewer.simulation_source import SimulationSource
 from waiting import until
 
 SCENE = {
@@ -106,6 +109,7 @@ def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder, by):
 
 FALLING = """\
 spacing = 0.05
+gravity = [0, 0, -2]
 seconds = 0.4
 domain = { lo = [0, 0, 0], hi = [1, 1.4, 1.6] }
 [[fluids]]
@@ -160,6 +164,21 @@ def test_pictures_after_a_restart_are_those_of_one_run(folder, scene):
         a, b = (Path(part, name).read_bytes() for part in ("whole", "parts"))
         assert a == b, name
     assert len({Path("whole", name).read_bytes() for name in names[:9]}) > 6
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (1, 0, 0)])
+def test_a_view_without_an_eye_keeps_up_and_fov(up):
+    """The camera that is fitted in its place stands in front, a little right and above."""
+    sim = gb.Simulation(SCENE | {"view": {"up": up, "fov": 25}}, device="cpu")
+    eye = Eye(sim.file, (64, 48))
+    assert eye.settled(sim)
+    camera = eye._camera
+    assert (camera.up, camera.fov) == (up, 25)
+    back = np.subtract(camera.eye, camera.look_at)
+    assert back @ np.array(up) / np.linalg.norm(back) == pytest.approx(0.45 / 1.25, abs=0.01)
+    source = SimulationSource("live", sim)
+    live = first_camera(sim.scene, source.up, source.outline(), source.camera, source.fov)
+    assert (live.up, live.fov) == (up, 25)
 
 
 def test_a_scene_without_particles_is_an_empty_picture(folder):
