@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import os
 import signal
@@ -457,3 +458,59 @@ def test_frames_of_a_longer_run_before_are_named(folder, capsys):
     assert "warning: out keeps 2 frames of an earlier run after frame_00002.vtp" in said
     run("dam.toml", "-o", "out", "--seconds", 0.2)
     assert "earlier run" not in capsys.readouterr().err
+
+
+def test_a_folder_is_of_one_run_at_a_time(folder, capsys):
+    pytest.importorskip("fcntl")
+    words = [sys.executable, "-m", "globule", "simulate", "long.toml", "-o", "two", "--device"]
+    words += ["cpu", "--seconds", "1000"]
+    with subprocess.Popen(words, stderr=subprocess.DEVNULL) as first:
+        try:
+            until(lambda: os.path.exists("two/frame_00001.vtp"))
+            assert main(["simulate", "dam.toml", "-o", "two", "--spacing", "0.04"]) == 2
+            said = capsys.readouterr().err
+            assert said.count("\n") == 1
+            assert "got two, to which another run writes" in said
+        finally:
+            first.kill()
+    run("dam.toml", "-o", "two", "--seconds", 0.05)  # nothing is left of a run that was killed
+    run("dam.toml", "-o", "two", "--seconds", 0.1, "--resume")
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ([], "cannot use them; delete the folder or run again"),
+        (["--checkpoint", "0.05"], "continues from frames/checkpoint.npz"),
+    ],
+)
+def test_the_first_error_is_said(folder, capsys, monkeypatch, more, said):
+    """Of a full disk the frame, not the diagnostics after it; and what stays of the movie."""
+    pytest.importorskip("av")
+    write = gb.formats.write
+
+    def full(path, *things):
+        if not str(path).endswith("4.vtp"):
+            return write(path, *things)
+        raise OSError(errno.ENOSPC, "No space left on device", path)
+
+    def plot(path, *_):
+        raise OSError(errno.ENOSPC, "No space left on device", path)
+
+    monkeypatch.setattr("globule.formats.write", full)
+    monkeypatch.setattr(diagnostics, "plot", plot)
+    words = ["simulate", "dam.toml", "--video", "v.mp4", "--size", "32x24", "--device", "cpu"]
+    assert main([*words, *more]) == 1
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("globule")]
+    assert "note: v.mp4.frames keeps 4 images of the movie: " in lines[-2]
+    assert lines[-2].endswith(said)
+    assert "frame_00004.vtp" in lines[-1]
+
+
+def test_a_movie_lies_in_the_folder_that_the_run_makes(folder, capsys):
+    pytest.importorskip("av")
+    words = ["dam.toml", "-o", "new", "--seconds", 0.05, "--size", "32x24", "--no-frames"]
+    run(*words, "--video", "new/v.mp4")
+    assert os.path.getsize("new/v.mp4") > 500
+    assert main(["simulate", *map(str, words), "--video", "other/v.mp4"]) == 2
+    assert "--video: expected an existing folder, got other" in capsys.readouterr().err
