@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import globule as gb
@@ -340,7 +341,8 @@ def test_mistakes_are_one_line(folder, capsys, words, expected):
 
 def test_a_frame_at_whose_time_one_stops_is_written(folder, capsys):
     words = ["simulate", "dam.toml", "-o", "out", "--seconds", "0.2", "--device", "cpu"]
-    job = simulate._Job(build_parser().parse_args(words))
+    with ExitStack() as held:
+        job = simulate._Job(build_parser().parse_args(words), held)
     assert not job.run(lambda: job.sim.time > 2 / 20 - 1e-9)
     assert os.path.exists("out/frame_00002.vtp")
     assert not os.path.exists("out/frame_00003.vtp")
