@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import os
 import signal
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import globule as gb
@@ -15,6 +17,9 @@ import numpy as np
 import pytest
 from globule.cli import build_parser, main, simulate
 from globule.sim import diagnostics
+from globule.sim.pictures import Eye
+from globule.viewer.first_view import first_camera
+from globule.viewer.simulation_source import SimulationSource
 from waiting import until
 
 SCENE = {
@@ -106,6 +111,7 @@ def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder, by):
 
 FALLING = """\
 spacing = 0.05
+gravity = [0, 0, -2]
 seconds = 0.4
 domain = { lo = [0, 0, 0], hi = [1, 1.4, 1.6] }
 [[fluids]]
@@ -160,6 +166,21 @@ def test_pictures_after_a_restart_are_those_of_one_run(folder, scene):
         a, b = (Path(part, name).read_bytes() for part in ("whole", "parts"))
         assert a == b, name
     assert len({Path("whole", name).read_bytes() for name in names[:9]}) > 6
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (1, 0, 0)])
+def test_a_view_without_an_eye_keeps_up_and_fov(up):
+    """The camera that is fitted in its place stands in front, a little right and above."""
+    sim = gb.Simulation(SCENE | {"view": {"up": up, "fov": 25}}, device="cpu")
+    eye = Eye(sim.file, (64, 48))
+    assert eye.settled(sim)
+    camera = eye._camera
+    assert (camera.up, camera.fov) == (up, 25)
+    back = np.subtract(camera.eye, camera.look_at)
+    assert back @ np.array(up) / np.linalg.norm(back) == pytest.approx(0.45 / 1.25, abs=0.01)
+    source = SimulationSource("live", sim)
+    live = first_camera(sim.scene, source.up, source.outline(), source.camera, source.fov)
+    assert (live.up, live.fov) == (up, 25)
 
 
 def test_a_scene_without_particles_is_an_empty_picture(folder):
@@ -320,7 +341,8 @@ def test_mistakes_are_one_line(folder, capsys, words, expected):
 
 def test_a_frame_at_whose_time_one_stops_is_written(folder, capsys):
     words = ["simulate", "dam.toml", "-o", "out", "--seconds", "0.2", "--device", "cpu"]
-    job = simulate._Job(build_parser().parse_args(words))
+    with ExitStack() as held:
+        job = simulate._Job(build_parser().parse_args(words), held)
     assert not job.run(lambda: job.sim.time > 2 / 20 - 1e-9)
     assert os.path.exists("out/frame_00002.vtp")
     assert not os.path.exists("out/frame_00003.vtp")
@@ -438,3 +460,59 @@ def test_frames_of_a_longer_run_before_are_named(folder, capsys):
     assert "warning: out keeps 2 frames of an earlier run after frame_00002.vtp" in said
     run("dam.toml", "-o", "out", "--seconds", 0.2)
     assert "earlier run" not in capsys.readouterr().err
+
+
+def test_a_folder_is_of_one_run_at_a_time(folder, capsys):
+    pytest.importorskip("fcntl")
+    words = [sys.executable, "-m", "globule", "simulate", "long.toml", "-o", "two", "--device"]
+    words += ["cpu", "--seconds", "1000"]
+    with subprocess.Popen(words, stderr=subprocess.DEVNULL) as first:
+        try:
+            until(lambda: os.path.exists("two/frame_00001.vtp"))
+            assert main(["simulate", "dam.toml", "-o", "two", "--spacing", "0.04"]) == 2
+            said = capsys.readouterr().err
+            assert said.count("\n") == 1
+            assert "got two, to which another run writes" in said
+        finally:
+            first.kill()
+    run("dam.toml", "-o", "two", "--seconds", 0.05)  # nothing is left of a run that was killed
+    run("dam.toml", "-o", "two", "--seconds", 0.1, "--resume")
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ([], "cannot use them; delete the folder or run again"),
+        (["--checkpoint", "0.05"], "continues from frames/checkpoint.npz"),
+    ],
+)
+def test_the_first_error_is_said(folder, capsys, monkeypatch, more, said):
+    """Of a full disk the frame, not the diagnostics after it; and what stays of the movie."""
+    pytest.importorskip("av")
+    write = gb.formats.write
+
+    def full(path, *things):
+        if not str(path).endswith("4.vtp"):
+            return write(path, *things)
+        raise OSError(errno.ENOSPC, "No space left on device", path)
+
+    def plot(path, *_):
+        raise OSError(errno.ENOSPC, "No space left on device", path)
+
+    monkeypatch.setattr("globule.formats.write", full)
+    monkeypatch.setattr(diagnostics, "plot", plot)
+    words = ["simulate", "dam.toml", "--video", "v.mp4", "--size", "32x24", "--device", "cpu"]
+    assert main([*words, *more]) == 1
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("globule")]
+    assert "note: v.mp4.frames keeps 4 images of the movie: " in lines[-2]
+    assert lines[-2].endswith(said)
+    assert "frame_00004.vtp" in lines[-1]
+
+
+def test_a_movie_lies_in_the_folder_that_the_run_makes(folder, capsys):
+    pytest.importorskip("av")
+    words = ["dam.toml", "-o", "new", "--seconds", 0.05, "--size", "32x24", "--no-frames"]
+    run(*words, "--video", "new/v.mp4")
+    assert os.path.getsize("new/v.mp4") > 500
+    assert main(["simulate", *map(str, words), "--video", "other/v.mp4"]) == 2
+    assert "--video: expected an existing folder, got other" in capsys.readouterr().err

@@ -1,5 +1,6 @@
 """Shapes to particles, and instruments along their key frames."""
 
+import globule as gb
 import numpy as np
 import pytest
 from globule.sim.instruments import Instrument, Key, Motion
@@ -106,3 +107,28 @@ def test_a_scalpel_has_one_edge():
         Instrument(name="k", kind="scalpel", keys=[Key(time=0.0)])
     with pytest.raises(ValueError, match="a grasper: expected the key radius"):
         Instrument(name="g", kind="grasper", keys=[Key(time=0.0)])
+
+
+@pytest.mark.parametrize("n", [7, 8, 9])
+@pytest.mark.parametrize("kind", ["cylinder", "box"])
+def test_shells_of_seven_spacings_have_no_holes_in_images(kind, n):
+    """docs/how-to/simulate-own-scene.md tells users so. Thinner ones have holes."""
+
+    def open_share(n):
+        half, u = n / 2, np.linspace(-0.97, 0.97, 41)
+        if kind == "cylinder":
+            shape = Cylinder((0, 0, -half * D), (0, 0, half * D), half * D)
+            normal = np.stack([np.cos(np.pi * u), np.sin(np.pi * u), 0 * u], 1)[:, None]
+            seen = normal + u[:, None] * [0, 0, 1]
+        else:
+            shape, normal = Box((-half * D,) * 3, (half * D,) * 3), np.array([0, 0, 1.0])
+            seen = normal + np.stack([*np.meshgrid(u, u, indexing="ij"), np.zeros((41, 41))], -1)
+        scene = gb.Scene(surface(shape, D), surface="smooth", spacing=D, device="cpu")
+        places = (half - BEHIND) * D * seen + np.linspace(-0.6, 0.3, 4)[
+            :, None, None, None
+        ] * D * normal
+        field = np.reshape(scene.field(places.reshape(-1, 3)), (4, -1))
+        return (field.max(0) < scene.threshold).mean()
+
+    assert open_share(n) == 0
+    assert open_share(5) > 0.05

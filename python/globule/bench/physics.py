@@ -82,7 +82,7 @@ def expectation(row: Mapping[str, Any]) -> str:
 
 def experiments(quick: bool) -> Iterator[tuple[str, Callable[[str, int], Any]]]:
     """Parts of the page, and functions (device, threads) that return rows."""
-    fluids = [
+    fluids: list[Callable[[str, int], Any]] = [
         neighbors,
         *physics_fluid.EXPERIMENTS,
         partial(physics_fluid.poiseuille, implicit=True),

@@ -278,13 +278,16 @@ def read_volume_file(path: str) -> Any:
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
-def check_output(option: str, path: str, extensions: Sequence[str]) -> None:
-    """Refuse a file that could not be written, before any work."""
+def check_output(option: str, path: str, extensions: Sequence[str], made: str = "") -> None:
+    """Refuse a file that could not be written, before any work. made: a folder that has its own
+    check, and that the command makes."""
     if os.path.isdir(path):
         raise UserError(f"{option}: expected a file name, got the folder {path}")
     if not path.lower().endswith(tuple(extensions)):
         raise UserError(f"{option}: expected a name ending in {' '.join(extensions)}, got {path}")
     folder = os.path.dirname(path) or "."
+    if made and not os.path.exists(folder) and os.path.abspath(folder) == os.path.abspath(made):
+        return
     if not os.path.isdir(folder):
         raise UserError(f"{option}: expected an existing folder, got {folder}")
     if os.path.exists(path) and not os.access(path, os.W_OK):

@@ -12,7 +12,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -116,14 +116,19 @@ def run(options: argparse.Namespace) -> None:
     if options.view:
         _view(options)
         return
-    with mistakes():
-        job = _Job(options)
-    with job.progress, _interrupts() as interrupted:
-        try:
-            whole = job.run(interrupted)
-        finally:  # the diagnostics show why a run stopped
+    with ExitStack() as held:
+        with mistakes():
+            job = _Job(options, held)
+        with job.progress, _interrupts() as interrupted:
+            try:
+                whole = job.run(interrupted)
+            except BaseException:
+                with suppress(Exception):  # the first error is said
+                    job.write_diagnostics()  # which show why a run stopped
+                job.note_kept_images()
+                raise
             job.write_diagnostics()
-    job.report(whole, time.perf_counter() - start)
+        job.report(whole, time.perf_counter() - start)
     if not whole:
         signal.raise_signal(interrupted())  # the command's own handler knows the exit status
         raise KeyboardInterrupt
@@ -176,16 +181,16 @@ def _read(options: argparse.Namespace) -> SceneFile:
 
 
 class _Job:
-    """One run: the simulation, and the files that it writes."""
+    """One run: the simulation, and the files that it writes. `held` keeps its folder to it."""
 
-    def __init__(self, options: argparse.Namespace):
+    def __init__(self, options: argparse.Namespace, held: ExitStack):
         from ..sim.pictures import Pictures
         from ..sim.scene_file import errors_of
         from ..sim.simulation import Simulation
 
         self.options, self.folder = options, options.output
         if options.video:
-            check_output("--video", options.video, [".mp4"])
+            check_output("--video", options.video, [".mp4"], made=self.folder)
         check_folder("-o", self.folder)
         if options.images:
             check_folder("--images", options.images)
@@ -213,6 +218,7 @@ class _Job:
         where = {"device": options.device, "threads": options.threads}
         if options.resume:
             self.sim = _resumed(Simulation, self.folder, self.scene, options.scene, where)
+            held.enter_context(_alone_in(self.folder))
             self._check_output(self.sim.file.output)
             self.start_time = self.sim.time
             self._restore_pictures()
@@ -225,6 +231,8 @@ class _Job:
                 self.sim = Simulation(self.scene, **where)
         self.first_step, self.start_time = self.sim.n_steps, self.sim.time
         make_folder("-o", self.folder)
+        if not options.resume:
+            held.enter_context(_alone_in(self.folder))
         self._note_old_frames()
         self.progress = Progress(self.n_frames)
         self.files: list[str] = []
@@ -329,6 +337,18 @@ class _Job:
             title = self.scene.title or self.options.scene
             diagnostics.plot(os.path.join(self.folder, "diagnostics.png"), rows, title)
 
+    def note_kept_images(self) -> None:
+        """After an error: say which images of an unfinished movie stay."""
+        movie = self.pictures.movie
+        n = len(movie.finished()) if movie else 0
+        if not movie or not n:
+            return
+        if self.options.resume or self.saved > self.start_time:
+            what = f"--resume continues from {self.checkpoint}"
+        else:
+            what = "without a checkpoint --resume cannot use them; delete the folder or run again"
+        say(f"note: {movie.folder} keeps {count(n, 'image')} of the movie: {what}")
+
     def report(self, whole: bool, total: float) -> None:
         """Print the results, in words or as JSON."""
         sim = self.sim
@@ -378,6 +398,29 @@ def _resumed(
                 f"another {key}"
             )
     return simulation
+
+
+@contextmanager
+def _alone_in(folder: str) -> Iterator[None]:
+    """Refuse a folder that another run writes to; where there are no locks, do nothing."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        yield
+        return
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            try:
+                fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise UserError(
+                    f"-o: expected a folder of one run, got {folder}, to which another run writes "
+                    "now; wait, or choose another folder"
+                ) from error
+        yield
+    finally:
+        os.close(number)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .annotate import Annotation, corners_to_fit, room
-from .camera import Camera
+from .camera import Camera, view_axes
 from .legend import strip_width
 
 if TYPE_CHECKING:
@@ -44,6 +44,13 @@ def fit_camera(
         options = FROM_ABOVE | options
     seen = scene.particles if around is None else around
     return Camera.fit(seen, size=size, margin=surface_reach(scene), **options)
+
+
+def first_direction(up: ArrayLike) -> np.ndarray:
+    """From the middle of a scene towards an eye in front, a little right and above: the default of
+    `Camera.fit`, whatever axis is upwards."""
+    right, above, front = view_axes(up)
+    return 0.6 * right + 0.45 * above + front
 
 
 def surface_reach(scene: Scene) -> float:

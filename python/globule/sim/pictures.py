@@ -11,7 +11,7 @@ import numpy as np
 from .._base.colormaps import colorize
 from ..formats.pictures.video import need_av
 from ..render.camera import Camera
-from ..render.fit import fit_camera
+from ..render.fit import first_direction, fit_camera
 from ..render.frame import Frame
 from ..render.layers import beside, scene_like
 from ..render.presets import preset
@@ -62,8 +62,13 @@ class Eye:
         if self._settings is None and any(s.octree.n_inside for s in (scene, *beside(scene))):
             light = self._light(scene)
             self._settings = light if self.view.speeds is None else for_values(light)
-            self._camera = self._camera or fit_camera(scene, self.size)
+            self._camera = self._camera or self._fitted(scene)
         return scene
+
+    def _fitted(self, scene: Scene) -> Camera:
+        up = self.view.up
+        towards = first_direction(up)
+        return fit_camera(scene, self.size, direction=towards, up=up, fov=self.view.fov)
 
     def _light(self, scene: Scene) -> RenderSettings:
         if self.view.look is None:

@@ -91,7 +91,9 @@ class Viewer:
             around = source.outline()
             self._outline = outermost(source, scene) if around is None else around
         self._camera_given = camera is not None
-        self.first_camera = camera or first_camera(scene, self.up, around, source.camera)
+        self.first_camera = camera or first_camera(
+            scene, self.up, around, source.camera, source.fov
+        )
         self._asked_port = port
         self.token = self.look_token = None
         if host not in LOCAL or demand_token:

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._base.arrays import on_gpu
 from ..render.camera import Camera
-from ..render.fit import fit_camera, surface_reach
+from ..render.fit import first_direction, fit_camera, surface_reach
 from ..scene.mesh import Mesh
 from ..sim.simulation_scene import SimulationScene
 from .source import Source, box_corners
@@ -50,7 +50,9 @@ def left_out(scene: Any) -> list[str]:
     ]
 
 
-def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None) -> Camera:
+def first_camera(
+    scene: Any, up: Any, around: Any, like: Camera | None = None, fov: float = 40.0
+) -> Camera:
     """A camera that shows everything.
 
     Args:
@@ -59,13 +61,11 @@ def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None) -
         around: (M, 3) points to show; None: the particles with their surface.
         like: a camera that gives direction and field of view; default: from the front, a little
             right and above.
+        fov: vertical field of view, degrees, without `like`.
     """
-    from ..render.camera import view_axes
-
     if around is None and scene.octree.n_inside == 0:
         return Camera((1.2, 0.9, 2.0), (0, 0, 0), up)
-    right, above, front = view_axes(up)
-    towards, fov = 0.6 * right + 0.45 * above + front, 40.0
+    towards = first_direction(up)
     if like is not None:
         towards, fov = np.subtract(like.eye, like.look_at), like.fov
     return fit_camera(scene, FIRST_SIZE, around, direction=towards, up=up, fov=fov)

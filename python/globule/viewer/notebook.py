@@ -78,7 +78,8 @@ def widget(
     up = source.up if up is None else tuple(float(v) for v in up)
     with source.lock:
         scene = source.layers(made.state.snapshot())[0].scene
-        camera = camera or source.camera or first_camera(scene, up, source.outline())
+        first = camera or source.camera
+        camera = first or first_camera(scene, up, source.outline(), fov=source.fov)
     made.view = {name: getattr(camera, name) for name in ("eye", "look_at", "up", "fov")}
     made.engine = Engine(source, made.state, up)
     made.client = made.engine.add(_Sink(made), camera)

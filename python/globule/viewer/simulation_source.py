@@ -92,6 +92,7 @@ class SimulationSource(Source):
         view = getattr(getattr(self.simulation, "file", None), "view", None)
         if view is not None:
             self.up, self.preset, self._ground = tuple(view.up), view.look, view.ground
+            self.fov = view.fov
             if view.speeds is not None:
                 low, high = view.speeds
                 self.settings = {

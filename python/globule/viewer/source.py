@@ -90,6 +90,7 @@ class Source:
         n_frames: of a sequence.
         grows: size and place become known in time only.
         up, camera, preset, settings: how the viewer starts, if nothing else is asked for.
+        fov: vertical field of view of the first camera, degrees, without `camera`.
         has_tissue: strokes of the tool Cut cut tissue.
         has_foam: the layer after the first one is a simulation's foam.
         unit: of lengths, "" if unknown.
@@ -100,6 +101,7 @@ class Source:
     grows = False
     up: Any = (0.0, 1.0, 0.0)
     camera: Camera | None = None
+    fov = 40.0
     preset: str | None = None
     settings: Mapping[str, Any] = MappingProxyType({})  # for `State.set`
     has_tissue = False
