@@ -176,3 +176,22 @@ def test_shipped_scenes_are_sound(name):
     for body in made:
         if body.kind != "boundary":
             assert ((body.positions > lo) & (body.positions < hi)).all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [("fluids", "walls"), ("boundaries", "walls"), ("fluids", "brain white matter")],
+)
+def test_names_that_globule_gives_are_taken(kind, name):
+    parts = {
+        "solids": [{"name": "brain", "tomography": {"atlas": "mni152", "white": "#f7ece0"}}],
+        "fluids": [],
+        "boundaries": [],
+    }
+    body = {"name": name, "sphere": {"center": [0.5, 0.5, 0.5], "radius": 0.3}}
+    domain = {"lo": [0, 0, 0], "hi": [1, 1, 1], "walls": True}
+    words = {"spacing": 0.1, "domain": domain, **parts}
+    with pytest.raises(SceneError, match=rf"\.name: expected a name of its own, got '{name}', the"):
+        read_scene(words | {kind: [*words[kind], body]})
+    if name == "walls":
+        read_scene(words | {kind: [body], "domain": domain | {"walls": False}})

@@ -15,7 +15,7 @@ from .limits import shape_of
 from .rigidity import young_of_rigidity
 from .room import check_room
 from .sampling import FACES, fill, surface
-from .scene_file import Boundary, SceneFile
+from .scene_file import WALLS, Boundary, SceneFile, white_matter
 from .schema import SceneError
 from .settings import Phase, phase_of
 from .shapes import Box
@@ -50,7 +50,7 @@ class Body:
         first = phase_of(self.kind, self.table)
         if not self.n_white:
             return [(first, slice(None))]
-        white = replace(first, name=f"{self.name} white matter", color=self.table.tomography.white)
+        white = replace(first, name=white_matter(self.name), color=self.table.tomography.white)
         return [(first, slice(None, -self.n_white)), (white, slice(-self.n_white, None))]
 
 
@@ -85,7 +85,7 @@ def bodies(scene: SceneFile) -> list[Body]:
     closed = any(axis not in scene.domain.periodic for axis in "xyz")
     if scene.domain.walls and closed and len(scene.domain.open) < len(FACES):
         walls = Boundary(
-            name="walls",
+            name=WALLS,
             box=Box(scene.domain.lo, scene.domain.hi),
             hollow=True,
             open=[*scene.domain.open, *(s + axis for axis in scene.domain.periodic for s in "-+")],

@@ -62,6 +62,7 @@ BOUNDARY_SHAPES = ("box", "sphere", "cylinder", "plane", "mesh", "distance")
 RIGID_SHAPES = ("box", "sphere", "cylinder", "mesh")
 IMPLICIT_FROM = 1.0  # Pa s
 MOST_FRICTION = 100.0
+WALLS = "walls"  # the phase of the domain's walls
 
 
 @dataclass(kw_only=True)
@@ -385,13 +386,13 @@ class SceneFile(Table):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        names: set[str] = set()
+        names = self._made_names()
         for kind in LISTS:
             for i, item in enumerate(getattr(self, kind)):
                 if item.name in names:
-                    problem = f"expected a name of its own, got {item.name!r} again"
+                    problem = f"expected a name of its own, got {item.name!r}{names[item.name]}"
                     raise Problem((kind, i, "name"), problem)
-                names.add(item.name)
+                names[item.name] = " again"
         for kind, attribute, among in (
             ("emitters", "fluid", "fluids"),
             ("vessels", "fluid", "fluids"),
@@ -409,6 +410,14 @@ class SceneFile(Table):
                     expected = "expected [m/s, m/s] where there is no gravity, got none"
                     raise Problem(("foam", name), expected)
         limits.check(self)
+
+    def _made_names(self) -> dict[str, str]:
+        """Names of the phases that globule adds to those of the tables, and whose they are."""
+        made = {WALLS: ", the name of the domain's walls"} if self.domain.walls else {}
+        for solid in self.solids:
+            if solid.tomography and solid.tomography.white:
+                made[white_matter(solid.name)] = f", the name of a part of {solid.name!r}"
+        return made
 
     @property
     def fluid_spacing(self) -> float:
@@ -444,6 +453,11 @@ def check_places(scene: SceneFile) -> None:
                 exactly_one(table, shapes)
             except ValueError as error:
                 raise Problem((kind, i), str(error)) from None
+
+
+def white_matter(name: str) -> str:
+    """The name of the phase of a solid's white matter."""
+    return f"{name} white matter"
 
 
 def shipped(name: str) -> File:
