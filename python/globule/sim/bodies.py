@@ -11,7 +11,8 @@ import numpy as np
 
 from ..scene.particles import Particles
 from ..scene.spacing import local_spacing
-from .limits import shape_of
+from .limits import NEAR, shape_of
+from .overlap import check_overlap
 from .rigidity import young_of_rigidity
 from .room import check_room
 from .sampling import FACES, fill, surface
@@ -62,7 +63,7 @@ def bodies(scene: SceneFile) -> list[Body]:
 
     Raises:
         SceneError: names the body whose file or shape gives no particles, or that does not fit in
-            memory.
+            memory or beside another one.
     """
     makers = {
         "fluids": _fluid, "solids": _solid, "rigids": _rigid, "boundaries": _boundary
@@ -77,11 +78,14 @@ def bodies(scene: SceneFile) -> list[Body]:
         with _named(name):
             shapes[id(table)] = _shape(table)
     check_room(scene, shapes)
-    found: list[Body] = []
+    named: list[tuple[str, Body]] = []
     for table, name, maker in tables:
         with _named(name):
             given = shapes[id(table)] is not None or _source(table) is not None
-            found += maker(scene, table, shapes[id(table)]) if given else [_empty(table, maker)]
+            made = maker(scene, table, shapes[id(table)]) if given else [_empty(table, maker)]
+        named += [(name, body) for body in made]
+    check_overlap(scene, named)
+    found = [body for _, body in named]
     closed = any(axis not in scene.domain.periodic for axis in "xyz")
     if scene.domain.walls and closed and len(scene.domain.open) < len(FACES):
         walls = Boundary(
@@ -137,8 +141,12 @@ def _solid(scene: SceneFile, table: Any, shape: Any) -> list[Body]:
         positions = fill(shape, scene.spacing)
     body = _body(scene, table, "tissue", positions, velocities)
     fixed = np.zeros(len(positions), bool)
-    for region in table.fixed:
-        fixed |= region.shape.distance(positions) <= 1e-6 * scene.spacing
+    for i, region in enumerate(table.fixed):
+        held = region.shape.distance(positions) <= 1e-6 * scene.spacing
+        if not held.any():
+            expected = f"fixed[{i}]: expected a shape with particles of the solid in it"
+            raise ValueError(f"{expected}, got none at a spacing of {scene.spacing:g} m")
+        fixed |= held
     body.young, body.fixed, body.n_white = np.full(len(positions), young), fixed, n_white
     if rigidity is None:
         return [body]
@@ -185,7 +193,10 @@ def _body(
     if not len(positions):
         raise ValueError(f"expected particles, got none at a spacing of {scene.spacing:g} m")
     lo, hi = scene.domain.lo, scene.domain.hi
-    if kind != "boundary" and not ((positions >= lo) & (positions <= hi)).all(axis=1).any():
+    reach = NEAR * scene.spacing if kind == "boundary" else 0.0
+    moves = getattr(table, "motion", None) is not None  # and may come in
+    near = (positions >= np.subtract(lo, reach)) & (positions <= np.add(hi, reach))
+    if not moves and not near.all(axis=1).any():
         middle = ", ".join(f"{x:g}" for x in positions.mean(axis=0))
         raise ValueError(f"expected particles in the domain, got all outside of it, at ({middle})")
     if velocities is None:

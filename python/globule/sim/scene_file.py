@@ -80,6 +80,12 @@ class Solver(Table):
     sound_speed: float | None = key(positive, None)  # of wcsph, m/s
     extra_viscosity: float = key(number(0.0, 1e9), 0.0)  # of wcsph, Pa s
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.min_iterations > self.max_iterations:
+            expected = f"expected at most max_iterations, {self.max_iterations}"
+            raise Problem(("min_iterations",), f"{expected}, got {self.min_iterations}")
+
 
 @dataclass(kw_only=True)
 class Domain(Table):
@@ -274,6 +280,16 @@ class Emitter(Table):
     start: float = key(number(least=0.0), 0.0)  # seconds
     end: float | None = key(positive, None)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_end(self.start, self.end)
+
+
+def check_end(start: float, end: float | None) -> None:
+    """Refuse an emitter that ends before it starts."""
+    if end is not None and end <= start:
+        raise Problem(("end",), f"expected more than start, {start:g} s, got {end:g}")
+
 
 @dataclass(kw_only=True)
 class Sink(Table):
@@ -316,6 +332,14 @@ def _rising(value: Any) -> tuple[float, ...]:
     return lo, hi
 
 
+def _pixels(value: Any) -> tuple[float, ...]:
+    size = vector(2, least=1, most=16384)(value)
+    for i, n in enumerate(size):
+        if not n.is_integer():
+            raise Problem((i,), f"expected a whole number from 1 to 16384, got {n:g}")
+    return size
+
+
 @dataclass(kw_only=True)
 class Foam(Table):
     """Spray, foam and bubbles that fluids carry. Limits: where a potential is 0, and 1."""
@@ -341,7 +365,7 @@ class View(Table):
     look: str | None = key(choice("water", "blood", "glass", "tissue", "clay"), None)
     ground: float | None = key(number(-1e6, 1e6), None)  # of a look, height along `up`
     speeds: tuple | None = key(vector(2, least=0), None)  # m/s at the ends of a color map
-    size: tuple = key(vector(2, least=1, most=16384), (640.0, 480.0))
+    size: tuple = key(_pixels, (640.0, 480.0))
 
     def __post_init__(self) -> None:
         super().__post_init__()
