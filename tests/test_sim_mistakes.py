@@ -6,6 +6,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from globule.sim.emitter import Emitter
 from globule.sim.scene_file import read_scene
 
 NAN = float("nan")
@@ -98,6 +99,8 @@ def test_what_was_removed_stays_so_in_pictures_after_loading(sim, tmp_path):
         (lambda sim: setattr(sim, "velocities", None), ValueError, "velocities: .* got None"),
         (lambda sim: setattr(sim, "velocities", 1j), ValueError, "velocities: .*real .* got 1j"),
         (lambda sim: sim.add([[1j, 0, 0]]), ValueError, r"positions: .*real .* got \[\[1j, 0, 0"),
+        (lambda sim: Emitter((0, 0, 0), (0, 0, 1), 0.1, 1, start=2, end=1), ValueError,
+         "emitter.end: expected more than start, 2 s, got 1"),
         (lambda sim: sim.run(0.01, stop=5), TypeError, "stop: expected a function, got 5"),
         (lambda sim: [sim.add_phase(gb.Phase(f"p{i}")) for i in range(32)], ValueError,
          "phases: expected at most 32, got 33 with 'p30'"),

@@ -438,3 +438,23 @@ def test_frames_of_a_longer_run_before_are_named(folder, capsys):
     assert "warning: out keeps 2 frames of an earlier run after frame_00002.vtp" in said
     run("dam.toml", "-o", "out", "--seconds", 0.2)
     assert "earlier run" not in capsys.readouterr().err
+
+
+def test_the_terminal_does_not_obey_a_scene(folder, capsys):
+    (folder / "odd.toml").write_text('title = "\\u001b[31mred"\n' + TOML)
+    run("odd.toml", "-o", "a\x1bb", "--seconds", 0.05)
+    out = capsys.readouterr().out
+    assert "\x1b" not in out
+    assert out.startswith("\\x1b[31mred: ")
+    assert "a\\x1bb" in out
+    assert main(["simulate", "no\x1b[31m.toml"]) == 2
+    assert "\x1b" not in capsys.readouterr().err
+
+
+def test_overlapping_fluids_write_nothing(folder, capsys):
+    (folder / "two.toml").write_text(
+        TOML + '[[fluids]]\nname = "oil"\nbox = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }\n'
+    )
+    assert main(["simulate", "two.toml", "-o", "out", "--device", "cpu"]) == 2
+    assert "two.toml: fluids[1] (oil): expected room beside fluids[0]" in capsys.readouterr().err
+    assert not (folder / "out").exists()

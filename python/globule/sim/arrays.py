@@ -61,7 +61,8 @@ def real(name: str, values: Any) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):  # ragged
         given = np.empty(0, object)
     if given.dtype.kind not in "biuf":
-        raise ValueError(f"{name}: expected real numbers, got {shown(values)}")
+        which = "real " if given.dtype.kind == "c" else ""
+        raise ValueError(f"{name}: expected {which}numbers, got {shown(values)}")
     with np.errstate(over="ignore"):  # too large becomes infinite
         return np.asarray(given, np.float32)
 

@@ -40,7 +40,7 @@ def check(scene: Any) -> None:
         expected = f"expected at least {far / MOST_REACH:.3g} in a domain up to {far:g} m"
         raise Problem(("spacing",), f"{expected} from the origin, got {scene.spacing:g}")
     for path, first, last, body in _extents(scene):
-        _check_inside(path, first, last, lo, hi)
+        _check_inside(path, first, last, scene.domain)
         if body:
             spacing = scene.fluid_spacing if path[0] == "fluids" else scene.spacing
             _check_width(path, first, last, spacing)
@@ -50,7 +50,7 @@ def check(scene: Any) -> None:
             first, last = shape.bounds()
             if table.motion is None:
                 reach = NEAR * scene.spacing
-                _check_inside(("boundaries", i, name), first, last, lo, hi, reach)
+                _check_inside(("boundaries", i, name), first, last, scene.domain, reach)
             _check_width(("boundaries", i, name), first, last, scene.spacing)
     for i, vessel in enumerate(scene.vessels):
         _check_course(("vessels", i, "path"), vessel, scene.solids)
@@ -117,8 +117,9 @@ def check_emitter(name: str, emitter: Any, spacing: float, frame: float) -> None
 
 
 def _check_inside(
-    path: Path, first: np.ndarray, last: np.ndarray, lo: np.ndarray, hi: np.ndarray, reach: float = 0
+    path: Path, first: np.ndarray, last: np.ndarray, domain: Any, reach: float = 0.0
 ) -> None:
+    lo, hi = domain.bounds()
     if (last < lo - reach).any() or (first > hi + reach).any():
         expected = f"expected a place in the domain, {_corners(lo, hi)}"
         raise Problem(path, f"{expected}, got {_corners(first, last)}")
