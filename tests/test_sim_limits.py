@@ -211,6 +211,10 @@ def test_tissue_is_fixed_where_it_is():
     domain = {"lo": (0, 0, 0), "hi": (1, 1, 1)}
     with pytest.raises(SceneError, match=r"solids\[0\] \(s\): fixed\[1\]: expected a shape with"):
         bodies(read_scene({"spacing": 0.05, "domain": domain, "solids": [solid]}))
+    del solid["fixed"][1]
+    solid["fixed"][0] = {"box": {"lo": (0, 0, -0.1), "hi": (0.4, 0.4, 0.02)}}
+    with pytest.warns(UserWarning, match=r"s: fixed\[0\]: .* at a spacing of 0.05 m: nothing"):
+        bodies(read_scene({"spacing": 0.05, "domain": domain, "solids": [solid]}))
 
 
 @pytest.mark.parametrize("kind", ["fluids", "rigids"])

@@ -75,7 +75,7 @@ def test_a_scene_and_its_defaults(tmp_path):
         ("young", "yung", ":17: solids[0].yung: expected one of name, box, "),
         ("= 0.2", "= true", ":19: solids[0].sphere.radius: expected a number above 0, got true"),
         ("time = 1", "time = 0", ":27: instruments[0].keys[1].time: expected more than 0, got 0"),
-        ("length = 0.1", "", ":21: instruments[0]: a scalpel: expected edge or length, got both"),
+        ("length = 0.1", "", ":21: instruments[0]: a scalpel: expected edge or length, got none"),
         ('"jelly"', '"water"', ":16: solids[0].name: expected a name of its own, got 'water'"),
         ("spacing = 0.1", "", ": expected the key spacing, got none"),
         ("spacing = 0.1", "spacing = 3.0", ":1: spacing: expected less than half the domain"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -142,10 +143,14 @@ def _solid(scene: SceneFile, table: Any, shape: Any) -> list[Body]:
     body = _body(scene, table, "tissue", positions, velocities)
     fixed = np.zeros(len(positions), bool)
     for i, region in enumerate(table.fixed):
-        held = region.shape.distance(positions) <= 1e-6 * scene.spacing
+        away = region.shape.distance(positions)
+        held = away <= 1e-6 * scene.spacing
         if not held.any():
-            expected = f"fixed[{i}]: expected a shape with particles of the solid in it"
-            raise ValueError(f"{expected}, got none at a spacing of {scene.spacing:g} m")
+            problem = f"fixed[{i}]: expected a shape with particles of the solid in it, got none"
+            if away.min() > scene.spacing / 2:
+                raise ValueError(problem)
+            at = f"at a spacing of {scene.spacing:g} m: nothing is fixed there"  # a coarse look
+            warnings.warn(f"{table.name}: {problem} {at}", stacklevel=2)
         fixed |= held
     body.young, body.fixed, body.n_white = np.full(len(positions), young), fixed, n_white
     if rigidity is None:
