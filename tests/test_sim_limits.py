@@ -85,6 +85,22 @@ rate = 0.01
         (BOX, BOX + f'\n[[solids]]\nname = "s"\nbox = {BOX}\n[[solids]]\nname = "t"\nbox = {BOX}'
          '\nmodel = "bonds"', r":12: solids\[1\].model: expected 'solid' as of solids\[0\]"),
         ("0.05", "1e-7", r":1: spacing: expected at least 7.63e-06 in a domain up to 1 m from the"),
+        (BOX, BOX + PLATE + "{ center = [5, 5, 5], radius = 1 }",
+         r":8: boundaries\[0\].sphere: expected a place in the domain, \(0, 0, 0\) to"),
+        ("domain", "solver = { method = 'wcsph', sound_speed = 1e9 }\ndomain",
+         r":2: solver.sound_speed: expected steps of .*; lower it"),
+        ("domain", "solver = { min_iterations = 9, max_iterations = 5 }\ndomain",
+         r":2: solver.min_iterations: expected at most max_iterations, 5, got 9"),
+        ("domain", "view.size = [640.5, 480]\ndomain",
+         r":2: view.size\[0\]: expected a whole number from 1 to 16384, got 640.5"),
+        ("domain", "instruments = [{ name = 'k', kind = 'scalpel', keys = [{ time = 0 }], "
+         "edge = [[0, 0, 1], [0, 0, 1]] }]\ndomain",
+         r":2: instruments\[0\].edge: expected points apart, got \(0.0, 0.0, 1.0\) 2 times"),
+        ("domain", "instruments = [{ name = 'k', kind = 'scalpel', keys = [{ time = 0 }] }]\n"
+         "domain", r"instruments\[0\]: a scalpel: expected edge or length, got none"),
+        ("rate = 0.01", "rate = 0.01\nstart = 2\nend = 1",
+         r":14: emitters\[0\].end: expected more than start, 2 s, got 1"),
+        ("0.05", "1" + 5000 * "0", r": expected TOML, got: expected numbers of at most 4,300 "),
     ],
 )  # fmt: skip
 def test_what_makes_no_sense_names_its_key(tmp_path, old, new, expected):
@@ -165,3 +181,49 @@ def test_a_mesh_out_of_the_domain_is_refused(tmp_path):
     mesh["move"] = [0.5, 0.5, 0.5]
     sim = gb.Simulation({"spacing": 0.05, "domain": domain, "fluids": fluids}, device="cpu")
     assert np.allclose(sim.positions.mean(axis=0), 0.5, atol=0.01)
+
+
+def test_a_boundary_beside_the_domain_or_coming_in_is_taken(tmp_path):
+    path = tmp_path / "scene.toml"
+    for plate in (
+        PLATE.replace("sphere", "box") + "{ lo = [0, 0, -0.2], hi = [1, 0.4, -0.01] }",
+        "[[boundaries]]\nname = 'b'\nkeys = [{ time = 0 }]\nsphere = "
+        "{ center = [5, 5, 5], radius = 1 }",
+    ):
+        path.write_text(SCENE + plate)
+        assert len(bodies(read_scene(path))) == 3
+
+
+def test_a_boundary_of_a_file_away_from_the_domain_is_refused(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.icosphere(2, 0.1).export(tmp_path / "ball.stl")
+    path = tmp_path / "scene.toml"
+    mesh = "{ file = 'ball.stl', move = [9, 9, 9] }"
+    path.write_text(SCENE + PLATE.replace("sphere", "mesh") + mesh)
+    with pytest.raises(SceneError, match=r"boundaries\[0\] \(b\): .* got all outside of it"):
+        bodies(read_scene(path))
+
+
+def test_tissue_is_fixed_where_it_is():
+    solid = {"name": "s", "box": {"lo": (0, 0, 0), "hi": (0.4, 0.4, 0.4)}}
+    solid["fixed"] = [{"sphere": {"center": (0.2, 0.2, 0.2), "radius": 0.1}},
+                      {"sphere": {"center": (0.9, 0.2, 0.2), "radius": 0.1}}]  # fmt: skip
+    domain = {"lo": (0, 0, 0), "hi": (1, 1, 1)}
+    with pytest.raises(SceneError, match=r"solids\[0\] \(s\): fixed\[1\]: expected a shape with"):
+        bodies(read_scene({"spacing": 0.05, "domain": domain, "solids": [solid]}))
+    del solid["fixed"][1]
+    solid["fixed"][0] = {"box": {"lo": (0, 0, -0.1), "hi": (0.4, 0.4, 0.02)}}
+    with pytest.warns(UserWarning, match=r"s: fixed\[0\]: .* at a spacing of 0.05 m: nothing"):
+        bodies(read_scene({"spacing": 0.05, "domain": domain, "solids": [solid]}))
+
+
+@pytest.mark.parametrize("kind", ["fluids", "rigids"])
+def test_bodies_in_one_place_are_both_named(kind):
+    pool = {"name": "pool", "box": {"lo": (0, 0, 0), "hi": (1, 1, 0.5)}}
+    other = {"name": "other", "box": {"lo": (0.12, 0.1, 0.03), "hi": (0.92, 0.9, 0.43)}}
+    scene = {"spacing": 0.05, "domain": {"lo": (0, 0, 0), "hi": (1, 1, 1)}, "fluids": [pool]}
+    expected = rf"{kind}\[.\] \(other\): expected room beside fluids\[0\] \(pool\), got particles"
+    with pytest.raises(SceneError, match=expected):
+        bodies(read_scene(scene | {kind: [*scene.get(kind, ()), other]}))
+    other["box"] |= {"lo": (0.1, 0.1, 0.5), "hi": (0.9, 0.9, 0.9)}
+    assert len(bodies(read_scene(scene | {kind: [*scene.get(kind, ()), other]}))) == 2

@@ -6,6 +6,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from globule.sim.emitter import Emitter
 from globule.sim.scene_file import read_scene
 
 NAN = float("nan")
@@ -89,3 +90,42 @@ def test_what_was_removed_stays_so_in_pictures_after_loading(sim, tmp_path):
     pictures = [gb.render(s.scene, camera, size=(64, 48)).color for s in (sim, again)]
     assert again.hash() == sim.hash()
     assert np.array_equal(*pictures)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "kind", "words"),
+    [
+        (lambda sim: setattr(sim, "positions", None), ValueError, "positions: .* got None"),
+        (lambda sim: setattr(sim, "velocities", None), ValueError, "velocities: .* got None"),
+        (lambda sim: setattr(sim, "velocities", 1j), ValueError, "velocities: .*real .* got 1j"),
+        (lambda sim: sim.add([[1j, 0, 0]]), ValueError, r"positions: .*real .* got \[\[1j, 0, 0"),
+        (lambda sim: Emitter((0, 0, 0), (0, 0, 1), 0.1, 1, start=2, end=1), ValueError,
+         "emitter.end: expected more than start, 2 s, got 1"),
+        (lambda sim: sim.run(0.01, stop=5), TypeError, "stop: expected a function, got 5"),
+        (lambda sim: [sim.add_phase(gb.Phase(f"p{i}")) for i in range(32)], ValueError,
+         "phases: expected at most 32, got 33 with 'p30'"),
+    ],
+)  # fmt: skip
+def test_mistakes_say_what_came(sim, mistake, kind, words):
+    before = sim.hash()
+    with pytest.raises(kind, match=words):
+        mistake(sim)
+    assert sim.hash() == before
+
+
+def test_checkpoints_are_files_of_their_kind(sim, tmp_path):
+    with pytest.raises(IsADirectoryError, match="expected a file, got a folder"):
+        sim.save(tmp_path)
+    assert not tmp_path.with_name(f"{tmp_path.name}.npz").exists()
+    (tmp_path / "c.toml").write_text("")
+    with pytest.raises(ValueError, match=r"c\.toml: expected a checkpoint .*, got another file"):
+        gb.Simulation.load(tmp_path / "c.toml")
+
+
+def test_a_step_much_too_long_is_warned_of_once(sim, caplog):
+    sim.step(3 * sim.dt)
+    assert not caplog.messages
+    for _ in range(2):
+        sim.step(5 * sim.dt)
+    assert [words for words in caplog.messages if words.startswith("dt: expected at most")]
+    assert len(caplog.messages) == 1

@@ -390,7 +390,7 @@ def test_the_words_of_the_version_before_warn():
 
 @pytest.mark.parametrize("name", OLD_NAMES)
 def test_old_names_forward_with_a_warning(name):
-    sim = gb.Simulation("beam", spacing=0.01, device="cpu")
+    sim = gb.Simulation("beam", spacing=0.005, device="cpu")
     with pytest.warns(DeprecationWarning, match=f"Simulation.{name} is now Simulation") as caught:
         found = getattr(sim, name)
     assert caught[0].filename == __file__

@@ -516,3 +516,23 @@ def test_a_movie_lies_in_the_folder_that_the_run_makes(folder, capsys):
     assert os.path.getsize("new/v.mp4") > 500
     assert main(["simulate", *map(str, words), "--video", "other/v.mp4"]) == 2
     assert "--video: expected an existing folder, got other" in capsys.readouterr().err
+
+
+def test_the_terminal_does_not_obey_a_scene(folder, capsys):
+    (folder / "odd.toml").write_text('title = "\\u001b[31mred"\n' + TOML)
+    run("odd.toml", "-o", "a\x1bb", "--seconds", 0.05)
+    out = capsys.readouterr().out
+    assert "\x1b" not in out
+    assert out.startswith("\\x1b[31mred: ")
+    assert "a\\x1bb" in out
+    assert main(["simulate", "no\x1b[31m.toml"]) == 2
+    assert "\x1b" not in capsys.readouterr().err
+
+
+def test_overlapping_fluids_write_nothing(folder, capsys):
+    (folder / "two.toml").write_text(
+        TOML + '[[fluids]]\nname = "oil"\nbox = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }\n'
+    )
+    assert main(["simulate", "two.toml", "-o", "out", "--device", "cpu"]) == 2
+    assert "two.toml: fluids[1] (oil): expected room beside fluids[0]" in capsys.readouterr().err
+    assert not (folder / "out").exists()

@@ -75,7 +75,7 @@ def test_a_scene_and_its_defaults(tmp_path):
         ("young", "yung", ":17: solids[0].yung: expected one of name, box, "),
         ("= 0.2", "= true", ":19: solids[0].sphere.radius: expected a number above 0, got true"),
         ("time = 1", "time = 0", ":27: instruments[0].keys[1].time: expected more than 0, got 0"),
-        ("length = 0.1", "", ":21: instruments[0]: a scalpel: expected edge or length, got both"),
+        ("length = 0.1", "", ":21: instruments[0]: a scalpel: expected edge or length, got none"),
         ('"jelly"', '"water"', ":16: solids[0].name: expected a name of its own, got 'water'"),
         ("spacing = 0.1", "", ": expected the key spacing, got none"),
         ("spacing = 0.1", "spacing = 3.0", ":1: spacing: expected less than half the domain"),
@@ -176,3 +176,22 @@ def test_shipped_scenes_are_sound(name):
     for body in made:
         if body.kind != "boundary":
             assert ((body.positions > lo) & (body.positions < hi)).all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [("fluids", "walls"), ("boundaries", "walls"), ("fluids", "brain white matter")],
+)
+def test_names_that_globule_gives_are_taken(kind, name):
+    parts = {
+        "solids": [{"name": "brain", "tomography": {"atlas": "mni152", "white": "#f7ece0"}}],
+        "fluids": [],
+        "boundaries": [],
+    }
+    body = {"name": name, "sphere": {"center": [0.5, 0.5, 0.5], "radius": 0.3}}
+    domain = {"lo": [0, 0, 0], "hi": [1, 1, 1], "walls": True}
+    words = {"spacing": 0.1, "domain": domain, **parts}
+    with pytest.raises(SceneError, match=rf"\.name: expected a name of its own, got '{name}', the"):
+        read_scene(words | {kind: [*words[kind], body]})
+    if name == "walls":
+        read_scene(words | {kind: [body], "domain": domain | {"walls": False}})

@@ -103,7 +103,7 @@ def test_motion_goes_straight_and_turns_evenly():
 
 
 def test_a_scalpel_has_one_edge():
-    with pytest.raises(ValueError, match="a scalpel: expected edge or length, got both or none"):
+    with pytest.raises(ValueError, match="a scalpel: expected edge or length, got none"):
         Instrument(name="k", kind="scalpel", keys=[Key(time=0.0)])
     with pytest.raises(ValueError, match="a grasper: expected the key radius"):
         Instrument(name="g", kind="grasper", keys=[Key(time=0.0)])

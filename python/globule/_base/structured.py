@@ -14,6 +14,7 @@ else:
 
 MOST_BYTES = 16 * 2**20  # of a text whose tables are parsed
 _TOO_DEEP = "expected fewer tables and lists inside each other, got too many"
+_TOO_LONG = "expected numbers of at most 4,300 digits, got one with more"
 
 
 def read_text(path: str | os.PathLike[str], most: int = MOST_BYTES) -> str:
@@ -36,6 +37,12 @@ def parse_toml(text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except RecursionError:
         raise ValueError(_TOO_DEEP) from None
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError as error:  # Python's own, of a whole number
+        if "integer string conversion" not in str(error):
+            raise
+        raise ValueError(_TOO_LONG) from None
 
 
 def parse_json(text: str | bytes) -> Any:
@@ -44,3 +51,9 @@ def parse_json(text: str | bytes) -> Any:
         return json.loads(text)
     except RecursionError:
         raise ValueError(_TOO_DEEP) from None
+    except json.JSONDecodeError:
+        raise
+    except ValueError as error:
+        if "integer string conversion" not in str(error):
+            raise
+        raise ValueError(_TOO_LONG) from None

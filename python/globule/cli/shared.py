@@ -83,7 +83,13 @@ def need_particles(path: str, n: int) -> None:
 def say(message: str) -> None:
     """One line on stderr."""
     if sys.stderr:
-        print("globule:", " ".join(message.split("\n")), file=sys.stderr)
+        print("globule:", escaped(" ".join(message.split("\n"))), file=sys.stderr)
+
+
+def escaped(text: str) -> str:
+    """A text of the user's for the terminal, which must not obey what is in it: control characters
+    as Python writes them."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def text_of(error: BaseException) -> str:

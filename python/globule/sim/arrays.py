@@ -54,12 +54,22 @@ def ids_of(values: Any) -> np.ndarray:
     return found
 
 
+def real(name: str, values: Any) -> np.ndarray:
+    """Real numbers as float32; anything else is a ValueError."""
+    try:
+        given = np.asarray(to_host(values))
+    except (TypeError, ValueError, OverflowError):  # ragged
+        given = np.empty(0, object)
+    if given.dtype.kind not in "biuf":
+        which = "real " if given.dtype.kind == "c" else ""
+        raise ValueError(f"{name}: expected {which}numbers, got {shown(values)}")
+    with np.errstate(over="ignore"):  # too large becomes infinite
+        return np.asarray(given, np.float32)
+
+
 def numbers(name: str, values: Any, *shapes: tuple[int, ...]) -> np.ndarray:
     """Finite float32 of one of these shapes; anything else is a ValueError."""
-    try:
-        found = np.asarray(to_host(values), np.float32)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name}: expected numbers, got {shown(values)}") from None
+    found = real(name, values)
     if found.shape not in shapes:
         listed = " or ".join(str(shape) if shape else "a number" for shape in shapes)
         raise ValueError(f"{name}: expected shape {listed}, got {found.shape}")

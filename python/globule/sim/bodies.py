@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -11,11 +12,12 @@ import numpy as np
 
 from ..scene.particles import Particles
 from ..scene.spacing import local_spacing
-from .limits import shape_of
+from .limits import NEAR, shape_of
+from .overlap import check_overlap
 from .rigidity import young_of_rigidity
 from .room import check_room
 from .sampling import FACES, fill, surface
-from .scene_file import Boundary, SceneFile
+from .scene_file import WALLS, Boundary, SceneFile, white_matter
 from .schema import SceneError
 from .settings import Phase, phase_of
 from .shapes import Box
@@ -50,7 +52,7 @@ class Body:
         first = phase_of(self.kind, self.table)
         if not self.n_white:
             return [(first, slice(None))]
-        white = replace(first, name=f"{self.name} white matter", color=self.table.tomography.white)
+        white = replace(first, name=white_matter(self.name), color=self.table.tomography.white)
         return [(first, slice(None, -self.n_white)), (white, slice(-self.n_white, None))]
 
 
@@ -62,7 +64,7 @@ def bodies(scene: SceneFile) -> list[Body]:
 
     Raises:
         SceneError: names the body whose file or shape gives no particles, or that does not fit in
-            memory.
+            memory or beside another one.
     """
     makers = {
         "fluids": _fluid, "solids": _solid, "rigids": _rigid, "boundaries": _boundary
@@ -77,15 +79,18 @@ def bodies(scene: SceneFile) -> list[Body]:
         with _named(name):
             shapes[id(table)] = _shape(table)
     check_room(scene, shapes)
-    found: list[Body] = []
+    named: list[tuple[str, Body]] = []
     for table, name, maker in tables:
         with _named(name):
             given = shapes[id(table)] is not None or _source(table) is not None
-            found += maker(scene, table, shapes[id(table)]) if given else [_empty(table, maker)]
+            made = maker(scene, table, shapes[id(table)]) if given else [_empty(table, maker)]
+        named += [(name, body) for body in made]
+    check_overlap(scene, named)
+    found = [body for _, body in named]
     closed = any(axis not in scene.domain.periodic for axis in "xyz")
     if scene.domain.walls and closed and len(scene.domain.open) < len(FACES):
         walls = Boundary(
-            name="walls",
+            name=WALLS,
             box=Box(scene.domain.lo, scene.domain.hi),
             hollow=True,
             open=[*scene.domain.open, *(s + axis for axis in scene.domain.periodic for s in "-+")],
@@ -137,8 +142,16 @@ def _solid(scene: SceneFile, table: Any, shape: Any) -> list[Body]:
         positions = fill(shape, scene.spacing)
     body = _body(scene, table, "tissue", positions, velocities)
     fixed = np.zeros(len(positions), bool)
-    for region in table.fixed:
-        fixed |= region.shape.distance(positions) <= 1e-6 * scene.spacing
+    for i, region in enumerate(table.fixed):
+        away = region.shape.distance(positions)
+        held = away <= 1e-6 * scene.spacing
+        if not held.any():
+            problem = f"fixed[{i}]: expected a shape with particles of the solid in it, got none"
+            if away.min() > scene.spacing / 2:
+                raise ValueError(problem)
+            at = f"at a spacing of {scene.spacing:g} m: nothing is fixed there"  # a coarse look
+            warnings.warn(f"{table.name}: {problem} {at}", stacklevel=2)
+        fixed |= held
     body.young, body.fixed, body.n_white = np.full(len(positions), young), fixed, n_white
     if rigidity is None:
         return [body]
@@ -185,7 +198,10 @@ def _body(
     if not len(positions):
         raise ValueError(f"expected particles, got none at a spacing of {scene.spacing:g} m")
     lo, hi = scene.domain.lo, scene.domain.hi
-    if kind != "boundary" and not ((positions >= lo) & (positions <= hi)).all(axis=1).any():
+    reach = NEAR * scene.spacing if kind == "boundary" else 0.0
+    moves = getattr(table, "motion", None) is not None  # and may come in
+    near = (positions >= np.subtract(lo, reach)) & (positions <= np.add(hi, reach))
+    if not moves and not near.all(axis=1).any():
         middle = ", ".join(f"{x:g}" for x in positions.mean(axis=0))
         raise ValueError(f"expected particles in the domain, got all outside of it, at ({middle})")
     if velocities is None:

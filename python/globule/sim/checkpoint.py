@@ -25,6 +25,8 @@ def save(
     name: str | os.PathLike[str], arrays: dict[str, np.ndarray], facts: dict[str, Any]
 ) -> None:
     """Write arrays and facts (what JSON can hold); the file appears whole or not at all."""
+    if os.path.isdir(name):
+        raise IsADirectoryError(f"{os.fspath(name)}: expected a file, got a folder")
     words = json.dumps({"version": VERSION, **facts})
     content: dict[str, Any] = {"_facts": np.frombuffer(words.encode(), np.uint8), **arrays}
     with atomic_write(path_of(name)) as file:
@@ -39,6 +41,9 @@ def load(name: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], dict[str,
         ValueError: a file that is no checkpoint, or one of another version.
     """
     path = path_of(name)
+    if path != os.fspath(name) and os.path.isfile(name) and not os.path.exists(path):
+        expected = "expected a checkpoint of a simulation, .npz"
+        raise ValueError(f"{os.fspath(name)}: {expected}, got another file")
     with open(path, "rb"):  # the usual OSErrors
         pass
     try:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from .scene_file import Emitter as Table
+from .scene_file import check_end
 from .schema import number, shown, switch
 from .steered import Steered, checked, checks_of
 
@@ -53,6 +54,10 @@ class Emitter(Steered):
         self.fluid = fluid
         self.start = checked("emitter", "start", checks["start"], start)
         self.end = None if end is None else checked("emitter", "end", checks["end"], end)
+        try:
+            check_end(self.start, self.end)
+        except ValueError as error:
+            raise ValueError(f"emitter.{error}") from None
         self.on = True
         self._emitted = 0
         self._volume = 0.0

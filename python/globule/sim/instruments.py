@@ -150,7 +150,11 @@ class Instrument(Table):
         super().__post_init__()
         if self.kind == "scalpel":
             if (self.edge is None) == (self.length is None):
-                raise ValueError("a scalpel: expected edge or length, got both or none")
+                got = "none" if self.edge is None else "both"
+                raise ValueError(f"a scalpel: expected edge or length, got {got}")
+            if self.edge is not None and len(set(self.edge)) == 1:
+                got = f"got {self.edge[0]} {len(self.edge)} times"
+                raise Problem(("edge",), f"expected points apart, {got}")
         elif self.radius is None:
             raise ValueError(f"a {self.kind}: expected the key radius, got none")
         try:

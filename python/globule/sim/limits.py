@@ -17,6 +17,7 @@ from .solids import MOST_SUBSTEPS, substep_rate
 from .toml_lines import Path
 
 MOST_REACH = 2**17  # spacings from the origin: there a float32 tells 1/128 of one
+NEAR = 2.0  # spacings beside the domain: a wall there still pushes what is in it
 MOST_STEPS = 1_000_000  # a frame
 # Of densities: beside a particle that is much lighter, the pressure solver's step is too long; in a
 # box without free surface a ratio of 100 ends with 1e9 m/s.
@@ -39,17 +40,18 @@ def check(scene: Any) -> None:
         expected = f"expected at least {far / MOST_REACH:.3g} in a domain up to {far:g} m"
         raise Problem(("spacing",), f"{expected} from the origin, got {scene.spacing:g}")
     for path, first, last, body in _extents(scene):
-        if (last < lo).any() or (first > hi).any():
-            expected = f"expected a place in the domain, {_corners(lo, hi)}"
-            raise Problem(path, f"{expected}, got {_corners(first, last)}")
+        _check_inside(path, first, last, scene.domain)
         if body:
             spacing = scene.fluid_spacing if path[0] == "fluids" else scene.spacing
             _check_width(path, first, last, spacing)
     for i, table in enumerate(scene.boundaries):
         name, shape = shape_of(table)
         if hasattr(shape, "bounds"):
-            lo, hi = shape.bounds()
-            _check_width(("boundaries", i, name), lo, hi, scene.spacing)
+            first, last = shape.bounds()
+            if table.motion is None:
+                reach = NEAR * scene.spacing
+                _check_inside(("boundaries", i, name), first, last, scene.domain, reach)
+            _check_width(("boundaries", i, name), first, last, scene.spacing)
     for i, vessel in enumerate(scene.vessels):
         _check_course(("vessels", i, "path"), vessel, scene.solids)
     for i, emitter in enumerate(scene.emitters):
@@ -112,6 +114,15 @@ def check_emitter(name: str, emitter: Any, spacing: float, frame: float) -> None
     """As `check_material`, for an emitter."""
     step = _step_of_emitter(emitter, spacing, 0.4 * spacing)
     _check_step((f"emitters[{name!r}]", "rate"), step, frame)
+
+
+def _check_inside(
+    path: Path, first: np.ndarray, last: np.ndarray, domain: Any, reach: float = 0.0
+) -> None:
+    lo, hi = domain.bounds()
+    if (last < lo - reach).any() or (first > hi + reach).any():
+        expected = f"expected a place in the domain, {_corners(lo, hi)}"
+        raise Problem(path, f"{expected}, got {_corners(first, last)}")
 
 
 def _check_width(path: Path, lo: np.ndarray, hi: np.ndarray, spacing: float) -> None:
@@ -190,6 +201,8 @@ def _steps(scene: Any) -> Iterator[tuple[Path, float]]:
     far = 0.4 * solver.cfl * d
     diagonal = math.dist(scene.domain.lo, scene.domain.hi)
     yield ("solver", "max_dt"), solver.max_dt
+    if solver.method == "wcsph" and solver.sound_speed:
+        yield ("solver", "sound_speed"), far / solver.sound_speed
     fall = math.sqrt(2 * math.hypot(*scene.gravity) * diagonal)
     if fall:
         yield ("gravity",), far / (11 * fall if solver.method == "wcsph" else fall)

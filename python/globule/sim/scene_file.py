@@ -62,6 +62,7 @@ BOUNDARY_SHAPES = ("box", "sphere", "cylinder", "plane", "mesh", "distance")
 RIGID_SHAPES = ("box", "sphere", "cylinder", "mesh")
 IMPLICIT_FROM = 1.0  # Pa s
 MOST_FRICTION = 100.0
+WALLS = "walls"  # the phase of the domain's walls
 
 
 @dataclass(kw_only=True)
@@ -78,6 +79,12 @@ class Solver(Table):
     max_dt: float = key(positive, 0.005)  # s
     sound_speed: float | None = key(positive, None)  # of wcsph, m/s
     extra_viscosity: float = key(number(0.0, 1e9), 0.0)  # of wcsph, Pa s
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.min_iterations > self.max_iterations:
+            expected = f"expected at most max_iterations, {self.max_iterations}"
+            raise Problem(("min_iterations",), f"{expected}, got {self.min_iterations}")
 
 
 @dataclass(kw_only=True)
@@ -273,6 +280,16 @@ class Emitter(Table):
     start: float = key(number(least=0.0), 0.0)  # seconds
     end: float | None = key(positive, None)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_end(self.start, self.end)
+
+
+def check_end(start: float, end: float | None) -> None:
+    """Refuse an emitter that ends before it starts."""
+    if end is not None and end <= start:
+        raise Problem(("end",), f"expected more than start, {start:g} s, got {end:g}")
+
 
 @dataclass(kw_only=True)
 class Sink(Table):
@@ -315,6 +332,14 @@ def _rising(value: Any) -> tuple[float, ...]:
     return lo, hi
 
 
+def _pixels(value: Any) -> tuple[float, ...]:
+    size = vector(2, least=1, most=16384)(value)
+    for i, n in enumerate(size):
+        if not n.is_integer():
+            raise Problem((i,), f"expected a whole number from 1 to 16384, got {n:g}")
+    return size
+
+
 @dataclass(kw_only=True)
 class Foam(Table):
     """Spray, foam and bubbles that fluids carry. Limits: where a potential is 0, and 1."""
@@ -340,7 +365,7 @@ class View(Table):
     look: str | None = key(choice("water", "blood", "glass", "tissue", "clay"), None)
     ground: float | None = key(number(-1e6, 1e6), None)  # of a look, height along `up`
     speeds: tuple | None = key(vector(2, least=0), None)  # m/s at the ends of a color map
-    size: tuple = key(vector(2, least=1, most=16384), (640.0, 480.0))
+    size: tuple = key(_pixels, (640.0, 480.0))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -385,13 +410,13 @@ class SceneFile(Table):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        names: set[str] = set()
+        names = self._made_names()
         for kind in LISTS:
             for i, item in enumerate(getattr(self, kind)):
                 if item.name in names:
-                    problem = f"expected a name of its own, got {item.name!r} again"
+                    problem = f"expected a name of its own, got {item.name!r}{names[item.name]}"
                     raise Problem((kind, i, "name"), problem)
-                names.add(item.name)
+                names[item.name] = " again"
         for kind, attribute, among in (
             ("emitters", "fluid", "fluids"),
             ("vessels", "fluid", "fluids"),
@@ -409,6 +434,14 @@ class SceneFile(Table):
                     expected = "expected [m/s, m/s] where there is no gravity, got none"
                     raise Problem(("foam", name), expected)
         limits.check(self)
+
+    def _made_names(self) -> dict[str, str]:
+        """Names of the phases that globule adds to those of the tables, and whose they are."""
+        made = {WALLS: ", the name of the domain's walls"} if self.domain.walls else {}
+        for solid in self.solids:
+            if solid.tomography and solid.tomography.white:
+                made[white_matter(solid.name)] = f", the name of a part of {solid.name!r}"
+        return made
 
     @property
     def fluid_spacing(self) -> float:
@@ -444,6 +477,11 @@ def check_places(scene: SceneFile) -> None:
                 exactly_one(table, shapes)
             except ValueError as error:
                 raise Problem((kind, i), str(error)) from None
+
+
+def white_matter(name: str) -> str:
+    """The name of the phase of a solid's white matter."""
+    return f"{name} white matter"
 
 
 def shipped(name: str) -> File:

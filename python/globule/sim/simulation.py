@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base.arrays import address, to_host
+from .._base.arrays import address
 from .._base.checks import number, shown, thread_count
 from .._base.device import choose
 from .._base.interrupts import whole
 from ..scene.attributes import velocity_name
 from ..scene.particles import Particles
 from . import checkpoint
-from .arrays import Arrays, check_finite, ids_of
+from .arrays import Arrays, check_finite, ids_of, real
 from .bodies import Body, bodies, scene_of_particles
 from .emitter import Emitter
 from .foam import Foam
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 PARTS = 1000  # of a run, that progress counts
 SHORTEST, LONGEST = 1e-15, 1e3  # s, of a step
+MOST_TIMES = 4.0  # the longest step that the speeds allow: beyond, a warning
 _PARTS = ("file", "settings", "phases", "emitters", "scene", "arrays", "tissue", "tools", "steer",
           "foam", "record")  # fmt: skip
 _log = logging.getLogger(__name__)
@@ -116,7 +117,7 @@ class Simulation:
         self.emitters: dict[str, Emitter] = Named("emitters", Emitter)
         self._sent: list[dict[str, Any]] = []
         self._settings_sent: dict[str, Any] = {}
-        self._had_sinks = False
+        self._had_sinks = self._warned = False
         chosen = choose(device)
         self.scene = SimulationScene(self, chosen, thread_count(threads))
         self._core = _core.Simulation(self.scene._own)
@@ -202,7 +203,8 @@ class Simulation:
         if not isinstance(phase, Phase):
             raise TypeError(f"phase: expected a gb.Phase, got {shown(phase)}")
         if len(self.phases) == MAX_PHASES:
-            raise ValueError(f"phases: expected at most {MAX_PHASES}")
+            n = MAX_PHASES + 1
+            raise ValueError(f"phases: expected at most {MAX_PHASES}, got {n} with {phase.name!r}")
         if phase.name in self.phases:
             raise ValueError(f"phases: expected different names, got {phase.name!r} twice")
         self.phases[phase.name] = phase
@@ -226,10 +228,10 @@ class Simulation:
         """
         which = self._phase(phase)
         self._send()
-        p = np.ascontiguousarray(to_host(positions), np.float32)
+        p = np.ascontiguousarray(real("positions", positions))
         if p.ndim != 2 or p.shape[1] != 3:
             raise ValueError(f"positions: expected shape (M, 3), got {p.shape}")
-        v = np.asarray(to_host(velocities), np.float32)
+        v = real("velocities", velocities)
         if v.shape not in ((), (3,), p.shape):
             raise ValueError(f"velocities: expected a number, (3,) or {p.shape}, got {v.shape}")
         if len(p) == 0:
@@ -262,6 +264,9 @@ class Simulation:
     def step(self, dt: float | None = None) -> StepReport:
         """Make one step of dt seconds; by default, the longest step that the speeds allow.
 
+        A longer step is made as well, but particles may go through each other and through walls:
+        beyond four times `dt`, a simulation logs a warning, once.
+
         Raises:
             ValueError: a dt that is not above 0, or a material that needs too many steps.
             ArithmeticError: a velocity that is not a number, steps that come to nothing, or fluid
@@ -273,10 +278,22 @@ class Simulation:
                 raise ValueError(f"dt: expected {SHORTEST:g} to {LONGEST:g} s, got {dt:g}")
         return self._step(dt)
 
+    def _warn_of(self, dt: float) -> None:
+        """Say once that a step is much longer than the speeds allow."""
+        if not self._warned and dt > MOST_TIMES * (longest := self._core.next_dt()):
+            self._warned = True
+            _log.warning(
+                "dt: expected at most about %.3g s, as Simulation.dt says, got %g s: particles may "
+                "go through each other and leave the domain", longest, dt,
+            )  # fmt: skip
+
     @whole
     def _step(self, dt: float | None) -> StepReport:
         self._send()
-        dt = self._next_dt() if dt is None else float(dt)
+        if dt is None:
+            dt = self._next_dt()
+        else:
+            self._warn_of(dt)
         self._prepare(dt)
         for emitter in self.emitters.values():
             positions, velocities = emitter.emit(self.settings.fluid_spacing, self.time, dt)
@@ -359,6 +376,9 @@ class Simulation:
         """
         if not math.isfinite(end):
             raise ValueError(f"end: expected a finite number of seconds, got {end}")
+        for name, value in (("stop", stop), ("progress", progress)):
+            if value is not None and not callable(value):
+                raise TypeError(f"{name}: expected a function, got {shown(value)}")
         report, begin = None, self.time
         while (rest := end - self.time) > 1e-9 * max(end, 1e-3):
             dt = self.dt
