@@ -25,13 +25,13 @@ def block(
     fixed: float = 0.0, **solid: Any,
 ) -> Simulation:  # fmt: skip
     """A solid block of a lattice from the origin on; it is fixed below the height `fixed`, m."""
+    held = {"fixed": [{"box": {"lo": (-1, -1, -1), "hi": (1, 1, fixed)}}]} if fixed else {}
     return Simulation({
         "spacing": _D, "domain": {"lo": (-0.1, -0.1, -0.05), "hi": (0.3, 0.15, 0.15)},
         "gravity": list(gravity),
         "solids": [{
             "name": "block", "box": {"lo": (0, 0, 0), "hi": [n * _D for n in sides]},
-            "young": young, "density": DENSITY,
-            "fixed": [{"box": {"lo": (-1, -1, -1), "hi": (1, 1, fixed)}}], **solid,
+            "young": young, "density": DENSITY, **held, **solid,
         }],
     }, device, threads)  # fmt: skip
 
