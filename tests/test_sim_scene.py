@@ -138,6 +138,14 @@ def test_a_program_may_want_balls(backend):
         sim.scene.surface = "spheres"
 
 
+def test_the_solvers_own_tree_took_no_time(backend):
+    """Balls of a simulation are drawn from the tree that the solver built; nobody took its time."""
+    sim = gb.Simulation("dam-break", spacing=0.05, **backend)
+    sim.scene.surface = "balls"
+    assert sim.scene.octree.build_seconds == 0
+    assert sim.scene.octree.extent > 0
+
+
 def test_layers_come_and_go_with_what_is_shown(backend):
     sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
     everything = gb.render(sim, CAMERA, SIZE)

@@ -84,8 +84,8 @@ public:
         for (const auto& b : built_) sum += b ? b->octree.bytes() : 0;
         return sum;
     }
-    /// Waits for the last build.
-    double build_seconds() { return builder_->elapsed(0, 1); }
+    /// Waits for the last build; 0 where somebody else built the tree.
+    double build_seconds() { return shared_ && now_ == 0 ? 0.0 : builder_->elapsed(0, 1); }
 
     /// Somebody else builds the tree, on the scene's own stream.
     Octree<Exec>& share() {

@@ -23,7 +23,7 @@ class Octree:
     n_leaves       nodes without children
     n_inside       particles in the octree; the others have no finite position or are out of bounds
     bytes          device memory, with all buffers of the build
-    build_seconds  device time of the last build
+    build_seconds  device time of the last build; 0 where the solver of a simulation built it
     lo, extent     lowest corner (3,) and edge length of the octree's cube, world
     """
 
