@@ -58,41 +58,116 @@ GB_FN bool parted(const Bonds& bonds, std::uint32_t t, std::uint32_t o) {
 /// Parted pairs stay, as those of two bodies.  But faces of a fresh cut lie together as they did before it, and what is strained is denser
 /// than at rest: it would fly apart.  Until faces slide (FindContacts), cut bonds alone keep them apart, and parted pairs do not count.  From
 /// then on, a particle is spared the density that it has too much, as long as it has it.
+///
+/// Which pairs are parted takes hundreds of loads each, and only rows beside a cut ask: they are listed, and taken by a group of lanes each.
 template <class Packet>
-struct LeaveOut {
+struct OwnPairs {
     sim::Lists<Packet> lists;
     sim::State state;
     Members members;
-    Bonds bonds;                ///< spared: that density, or kNotSlid
     const Quad* rest;
     const std::uint32_t* body;
-    sim::Period period;
+    float reach2;  ///< squared, at rest
+
+    GB_FN std::uint32_t member(std::size_t row) const { return members(state.id[lists.rows[row]]); }
+    /// The tissue particle in slot j, where it is of t's body.
+    GB_FN std::uint32_t other(std::uint32_t j, std::uint32_t t) const {
+        const std::uint32_t o = j < lists.n ? members(state.id[j]) : kNobody;
+        return o != kNobody && body[o] == body[t] ? o : kNobody;
+    }
+    GB_FN float apart2(std::uint32_t t, std::uint32_t o) const {
+        const float3 r = rest[o].xyz() - rest[t].xyz();
+        return dot(r, r);
+    }
+};
+
+/// Rows away from cuts; the others are listed.
+template <class Packet>
+struct LeaveOut {
+    OwnPairs<Packet> pairs;
+    const std::uint8_t* scarred;  ///< null: nobody
     sim::Spline spline;
-    float volume, reach2;       ///< squared, at rest
-    float* within;              ///< density, per row; not 0
+    float volume;
+    float* within;                ///< density, per row; not 0
+    std::uint32_t *n_beside, *beside;  ///< rows beside cuts, in any order
     GB_FN void operator()(std::size_t row) const {
-        const std::uint32_t slot = lists.rows[row], t = members(state.id[slot]);
+        const sim::Lists<Packet>& lists = pairs.lists;
+        const std::uint32_t t = pairs.member(row), n = lists.count[row];
         if (t == kNobody) return;
-        float sum = 0.0f, across = 0.0f;
-        const float3 here = rest[t].xyz();
-        for (std::uint32_t k = 0, n = lists.count[row]; k < n; ++k) {
+        if (scarred && is_beside(row, t, n)) {
+            beside[atomic_take(n_beside, 1)] = std::uint32_t(row);
+            return;
+        }
+        float sum = 0.0f;
+        for (std::uint32_t k = 0; k < n; ++k) {
             std::uint32_t& j = lists.index[lists.at(row, k)];
-            if (j >= lists.n) continue;
-            const std::uint32_t o = members(state.id[j]);
-            if (o == kNobody || body[o] != body[t]) continue;
-            const float3 r = rest[o].xyz() - here;
-            const float r2 = dot(r, r);
-            const bool far = !(r2 < reach2);
-            if (far && !bonds.scarred[t]) continue;
-            if (far || parted(bonds, t, o)) {
-                const float3 now = period.template shortest<true>(state.place[slot].xyz() - state.place[j].xyz());
-                across += volume * spline(length(now));
-                continue;
-            }
+            const std::uint32_t o = pairs.other(j, t);
+            if (o == kNobody) continue;
+            const float r2 = pairs.apart2(t, o);
+            if (!(r2 < pairs.reach2)) continue;
             sum += volume * spline(sqrt(r2));
             j = lists.n;
         }
-        within[row] = across > 0.0f ? spare(t, sum, across) : sum;
+        within[row] = sum;
+    }
+    GB_FN bool is_beside(std::size_t row, std::uint32_t t, std::uint32_t n) const {
+        if (scarred[t]) return true;
+        for (std::uint32_t k = 0; k < n; ++k) {
+            const std::uint32_t o = pairs.other(pairs.lists.index[pairs.lists.at(row, k)], t);
+            if (o != kNobody && scarred[o]) return true;
+        }
+        return false;
+    }
+};
+
+/// Rows beside cuts: a lane to each pair.  The sums are in the lists' order.
+template <class Packet>
+struct LeaveOutBeside {
+    template <class Group>
+    struct Scratch {
+        float within[Group::width], across[Group::width];
+    };
+    OwnPairs<Packet> pairs;
+    Bonds bonds;            ///< spared: that density, or kNotSlid
+    sim::Period period;
+    sim::Spline spline;
+    float volume;
+    float* within;          ///< density, per row; not 0
+    const std::uint32_t* beside;
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Scratch<Group>& s, std::size_t item) const {
+        const std::size_t row = beside[item];
+        const std::uint32_t t = pairs.member(row), n = pairs.lists.count[row];
+        float sum = 0.0f, across = 0.0f;
+        for (std::uint32_t first = 0; first < n; first += Group::width) {
+            const int m = int(min(n - first, std::uint32_t(Group::width)));
+            g.share(m, [&](int l) { take(row, t, first + std::uint32_t(l), s.within[l], s.across[l]); });
+            for (int l = 0; l < m; ++l) sum += s.within[l], across += s.across[l];
+            g.sync();
+        }
+        if (g.is_first()) within[row] = across > 0.0f ? spare(t, sum, across) : sum;
+    }
+
+private:
+    /// What a pair is of the density: within the body, or across a cut.
+    GB_FN void take(std::size_t row, std::uint32_t t, std::uint32_t k, float& inside, float& across) const {
+        inside = across = 0.0f;
+        const sim::Lists<Packet>& lists = pairs.lists;
+        std::uint32_t& j = lists.index[lists.at(row, k)];
+        const std::uint32_t o = pairs.other(j, t);
+        if (o == kNobody) return;
+        const float r2 = pairs.apart2(t, o);
+        const bool far = !(r2 < pairs.reach2);
+        if (far && !bonds.scarred[t]) return;
+        if (far || parted(bonds, t, o)) {
+            const sim::State& state = pairs.state;
+            const float3 now = period.template shortest<true>(state.place[lists.rows[row]].xyz() - state.place[j].xyz());
+            across = volume * spline(length(now));
+            return;
+        }
+        inside = volume * spline(sqrt(r2));
+        j = lists.n;
     }
     /// `sum`, changed so that the density with what is across the cut is the one that counts.
     GB_FN float spare(std::uint32_t t, float sum, float across) const {

@@ -31,7 +31,12 @@ const float* TissueImpl<Exec>::veto(const sim::Lists<Packet>& lists, const sim::
     float* within = within_.reserve(lists.n_rows + 64);
     exec_.clear(within, (lists.n_rows + 64) * sizeof *within);
     const float reach = kWithin * contact_;
-    exec_.for_each(lists.n_rows, tissue::LeaveOut<Packet>{lists, state, members(), bonds(), rest_at_.data(), body_.data(), period, spline, volume, reach * reach, within});
+    const tissue::OwnPairs<Packet> pairs{lists, state, members(), rest_at_.data(), body_.data(), reach * reach};
+    const std::uint8_t* scarred = n_scars_ > 0 ? scarred_.data() : nullptr;
+    std::uint32_t* beside = beside_cuts_.reserve(lists.n_rows + 1);
+    exec_.clear(beside, sizeof *beside);
+    exec_.for_each(lists.n_rows, tissue::LeaveOut<Packet>{pairs, scarred, spline, volume, within, beside, beside + 1});
+    if (scarred) exec_.for_each_tile_of(beside, tissue::LeaveOutBeside<Packet>{pairs, bonds(), period, spline, volume, within, beside + 1});
     return within;
 }
 
