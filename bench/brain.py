@@ -40,6 +40,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", default="auto")
     parser.add_argument("--spacing", type=float, default=0.002)
+    parser.add_argument("--fine-fluids", action="store_true", help="blood of half the spacing")
     parser.add_argument("--frames", type=int, default=30)
     parser.add_argument("--size", default="1920x1080")
     parser.add_argument("--surface", choices=("smooth", "balls"), default="smooth")
@@ -51,7 +52,12 @@ def main() -> None:
     options = parser.parse_args()
 
     size = tuple(int(v) for v in options.size.split("x"))
-    sim = gb.Simulation("brain-surgery", spacing=options.spacing, device=options.device)
+    sim = gb.Simulation(
+        "brain-surgery",
+        spacing=options.spacing,
+        fine_fluids=options.fine_fluids,
+        device=options.device,
+    )
     view = sim.file.view
     camera = gb.Camera(view.eye, view.look_at, view.up, view.fov)
     sim.scene.surface = options.surface
