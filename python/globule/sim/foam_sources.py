@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,10 +52,10 @@ class Flow:
         """All pairs of rows with their neighbors: index into rows (P,), neighbor (P,), unit vector
         from the neighbor (P, 3), and weight (P,), 1 - distance / reach."""
         count = self._count[rows]
-        i = np.repeat(np.arange(len(rows)), count)
-        within = np.arange(len(i)) - np.repeat(np.cumsum(count) - count, count)
-        j = self._neighbors[self._first[rows][i] + within]
-        away = self.apart(self.positions[rows[i]], self.positions[j])
+        i = np.arange(len(rows)).repeat(count)
+        at = np.arange(len(i)) + (self._first[rows] - np.cumsum(count) + count).repeat(count)
+        j = self._neighbors[at]
+        away = self.apart(self.positions.take(rows, 0).take(i, 0), self.positions.take(j, 0))
         r = np.sqrt(np.einsum("ij,ij->i", away, away))
         away /= np.maximum(r, 1e-30)[:, None]
         return i, j, away, np.maximum(1.0 - r / self.reach, 0.0)
@@ -75,25 +76,34 @@ class Flow:
         keys = key(cells(self.positions[fluid]))
         order = np.argsort(keys, kind="stable")
         keys, fluid = keys[order], fluid[order]
-        own, m = cells(places), len(places)
+        positions, velocities = self.positions.take(fluid, 0), self.velocities.take(fluid, 0)
+        order = np.argsort(key(cells(places)), kind="stable")  # searches that go together are fast
+        places, m = places[order], len(places)
+        own = cells(places)
         n_near, total, momentum = np.zeros(m, np.int64), np.zeros(m), np.zeros((m, 3))
-        for shift in np.ndindex(3, 3, 3):
-            cell = own + np.array(shift) - 1
+        # Cells one above the other have keys in a row: one run, but for a domain that repeats.
+        runs = [(-1, -1), (0, 0), (1, 1)] if self.periodic[2] else [(-1, 1)]
+        for (x, y), (low, high) in itertools.product(np.ndindex(3, 3), runs):
+            cell = own + (x - 1, y - 1, low)
             cell = np.where(self.periodic, cell % n, cell)
-            inside = np.flatnonzero(((cell >= 0) & (cell < n)).all(axis=1))
-            wanted = key(cell[inside])
-            begin = np.searchsorted(keys, wanted, "left")
-            count = np.searchsorted(keys, wanted, "right") - begin
-            q = np.repeat(inside, count)
-            within = np.arange(len(q)) - np.repeat(np.cumsum(count) - count, count)
-            j = fluid[np.repeat(begin, count) + within]
-            away = self.apart(places[q], self.positions[j])
-            r = np.sqrt(np.einsum("ij,ij->i", away, away))
-            near = r <= self.reach
-            q, j, w = q[near], j[near], 1.0 - r[near] / self.reach
+            inside = np.flatnonzero(((cell[:, :2] >= 0) & (cell[:, :2] < n[:2])).all(axis=1))
+            first = cell[inside]
+            top = np.minimum(first[:, 2] + high - low, n[2] - 1)
+            first[:, 2] = np.maximum(first[:, 2], 0)
+            begin = np.searchsorted(keys, key(first), "left")
+            first[:, 2] = top
+            count = np.searchsorted(keys, key(first), "right") - begin
+            q = inside.repeat(count)
+            j = np.arange(len(q)) + (begin - np.cumsum(count) + count).repeat(count)
+            away = self.apart(places.take(q, 0), positions.take(j, 0))
+            r2 = np.einsum("ij,ij->i", away, away)
+            near = np.flatnonzero(r2 <= self.reach**2)
+            q, j, w = q[near], j[near], 1.0 - np.sqrt(r2[near]) / self.reach
             n_near += np.bincount(q, minlength=m)
             total += np.bincount(q, w, m)
-            momentum += _sums(q, w[:, None] * self.velocities[j], m)
+            momentum += _sums(q, w[:, None] * velocities.take(j, 0), m)
+        back = np.argsort(order)
+        n_near, total, momentum = n_near[back], total[back], momentum[back]
         return n_near, momentum / np.maximum(total, 1e-30)[:, None]
 
 
