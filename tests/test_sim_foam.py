@@ -271,6 +271,25 @@ def test_the_number_of_neighbors_is_that_of_brute_force(runs):
     np.testing.assert_allclose(mean, wanted, atol=1e-9)
 
 
+@pytest.mark.parametrize("periodic", [[], ["x"], ["y"], ["z"], ["x", "y", "z"]])
+def test_neighbors_through_periodic_sides_are_those_of_brute_force(periodic):
+    size = np.array([0.4, 0.45, 0.5])
+    domain = {"lo": [0, 0, 0], "hi": size.tolist(), "periodic": periodic}
+    sim = scene(domain=domain)
+    rng = np.random.default_rng(4)
+    water, places = rng.uniform(0, size, (300, 3)), rng.uniform(0, size, (100, 3))
+    sim.add(water, "water", rng.normal(size=(300, 3)))
+    d = places[:, None] - sim.positions.astype(float)
+    repeats = np.array([axis in periodic for axis in "xyz"])
+    d -= np.where(repeats, np.round(d / size) * size, 0.0)
+    r = np.linalg.norm(d, axis=2)
+    n, mean = Flow(sim).around(places)
+    np.testing.assert_array_equal(n, (r <= 2 * SPACING).sum(axis=1))
+    w = np.maximum(1 - r / (2 * SPACING), 0)
+    wanted = (w @ sim.velocities) / np.maximum(w.sum(axis=1), 1e-30)[:, None]
+    np.testing.assert_allclose(mean, wanted, atol=1e-6)
+
+
 def test_particles_and_an_image(runs):
     sim = runs[1]
     particles = sim.foam.particles()
