@@ -77,9 +77,9 @@ class Flow:
         order = np.argsort(keys, kind="stable")
         keys, fluid = keys[order], fluid[order]
         positions, velocities = self.positions.take(fluid, 0), self.velocities.take(fluid, 0)
-        order = np.argsort(key(cells(places)), kind="stable")  # searches that go together are fast
-        places, m = places[order], len(places)
-        own = cells(places)
+        own, m = cells(places), len(places)
+        order = np.argsort(key(own), kind="stable")  # searches that go together are fast
+        places, own = places[order], own[order]
         n_near, total, momentum = np.zeros(m, np.int64), np.zeros(m), np.zeros((m, 3))
         # Cells one above the other have keys in a row: one run, but for a domain that repeats.
         runs = [(-1, -1), (0, 0), (1, 1)] if self.periodic[2] else [(-1, 1)]
