@@ -225,8 +225,14 @@ def bar_code(picture: np.ndarray) -> int | None:
     return number
 
 
-def our_threads() -> set[str]:
-    return {t.name for t in threading.enumerate() if t.name.startswith("globule")}
+def our_threads() -> list[str]:
+    """The names of our threads, one for each."""
+    return sorted(t.name for t in threading.enumerate() if t.name.startswith("globule"))
+
+
+def threads_of_browsers() -> list[str]:
+    """Our threads, but for those of the page's pool: it starts its second when it first needs it."""
+    return [name for name in our_threads() if not name.startswith("globule desk")]
 
 
 def differs(a: np.ndarray, by: float = 1.0):
