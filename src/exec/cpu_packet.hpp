@@ -21,6 +21,8 @@ struct CpuPacket {
     template <class... T>
     GB_FN static bool add_up(T&...) { return true; }
 
+    /// Asks memory for what will be read soon.
+    GB_FN static void fetch(const void* p) { __builtin_prefetch(p); }
     GB_FN static F load(const float* p) {
         F r;
         std::memcpy(&r.v, p, sizeof r.v);

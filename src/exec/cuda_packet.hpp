@@ -18,6 +18,7 @@ struct CudaPacket {
     template <class... T>
     __device__ static bool add_up(T&...) { return true; }
 
+    __device__ static void fetch(const void*) {}  ///< other warps work while one waits
     __device__ static F load(const float* p) { return *p; }
     __device__ static void store(float* p, F v) { *p = v; }
     __device__ static F gather(const float* p, const std::uint32_t* index) { return p[*index]; }

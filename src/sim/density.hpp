@@ -49,6 +49,7 @@ struct Densities {
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t at = lists.at(row);
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
+            lists.fetch_next(at);
             const Four<F> other = Packet::gather(place, lists.index + at);
             const auto [dx, dy, dz] = period.template shortest<periodic>(mine.xyz() - other.xyz());
             F w, slope;

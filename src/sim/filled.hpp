@@ -34,6 +34,7 @@ struct InverseMoments {
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t at = lists.at(row);
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
+            lists.fetch_next(at);
             const Four<F> other = Packet::gather(place, lists.index + at);
             const Vec3<F> d = period.template shortest<periodic>(mine.xyz() - other.xyz());
             const F m = s * select(other.w > zero, F(2.0f), one);
@@ -76,6 +77,7 @@ struct CorrectGradients {
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t at = lists.at(row);
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
+            lists.fetch_next(at);
             const Four<F> e = Packet::gather(diagonal, lists.index + at), s = Packet::gather(rest, lists.index + at), other = Packet::gather(place, lists.index + at);
             const F m = select(other.w > zero, one, half);
             const F x = m * Packet::load(lists.gx + at), y = m * Packet::load(lists.gy + at), z = m * Packet::load(lists.gz + at);

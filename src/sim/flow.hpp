@@ -28,6 +28,7 @@ struct Flow {
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t at = lists.at(row);
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
+            lists.fetch_next(at);
             const Four<F> other = Packet::gather(place, lists.index + at), u = Packet::gather(velocity, lists.index + at);
             const Vec3<F> d = period.template shortest<periodic>(mine.xyz() - other.xyz());
             const F m = select(other.w < zero, s, zero);

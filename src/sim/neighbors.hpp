@@ -26,6 +26,15 @@ struct Lists {
         constexpr std::size_t s = Packet::stride;
         return (row / s * places + k) * s + row % s;
     }
+    /// Asks for the same place of the next packet's lists: what a processor foresees by itself ends with a packet's own.
+    GB_FN void fetch_next(std::size_t at) const {
+        const std::size_t next = at + std::size_t(places) * Packet::stride;
+        fetch_next_index(at);
+        Packet::fetch(gx + next);
+        Packet::fetch(gy + next);
+        Packet::fetch(gz + next);
+    }
+    GB_FN void fetch_next_index(std::size_t at) const { Packet::fetch(index + at + std::size_t(places) * Packet::stride); }
 };
 
 /// Axes along which the domain repeats: its length there, else 0.

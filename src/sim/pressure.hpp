@@ -45,6 +45,7 @@ struct Push {
         const std::uint32_t n = Packet::longest(lists.count + row);
         for (std::uint32_t k = Packet::member(); k < n; k += Packet::team) {
             const std::size_t at = lists.at(row, k);
+            lists.fetch_next(at);
             const F q = Packet::gather(change, lists.index + at);
             x += q * Packet::load(lists.gx + at);
             y += q * Packet::load(lists.gy + at);
@@ -88,6 +89,7 @@ struct Relax {
         const std::uint32_t n = Packet::longest(lists.count + row);
         for (std::uint32_t k = Packet::member(); k < n; k += Packet::team) {
             const std::size_t at = lists.at(row, k);
+            lists.fetch_next(at);
             const Four<F> u = Packet::gather(velocity, lists.index + at);
             sum -= u.x * Packet::load(lists.gx + at) + u.y * Packet::load(lists.gy + at) + u.z * Packet::load(lists.gz + at);
         }

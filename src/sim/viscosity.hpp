@@ -70,6 +70,7 @@ struct PairForces {
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t k = lists.at(row);
         for (std::uint32_t i = 0; i < n; ++i, k += Packet::stride) {
+            lists.fetch_next_index(k);
             const Four<F> other = Packet::gather(place, lists.index + k), u = Packet::gather(velocity, lists.index + k);
             const Vec3<F> d = pair.period.template shortest<periodic>(at.xyz() - other.xyz());
             const F r2 = dot(d, d), r = sqrt(r2);
@@ -153,6 +154,7 @@ struct ApplyViscosity {
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t k = lists.at(row);
         for (std::uint32_t i = 0; i < n; ++i, k += Packet::stride) {
+            lists.fetch_next_index(k);
             const Four<F> other = Packet::gather(place, lists.index + k), u = Packet::gather(direction, lists.index + k);
             const Vec3<F> d = pair.period.template shortest<periodic>(at.xyz() - other.xyz());
             const F r2 = dot(d, d);
