@@ -14,7 +14,7 @@ namespace globule::core::sim {
 /// The facets around every row's particle, and its normal.
 template <class Packet, bool periodic>
 struct FindFacets {
-    static constexpr float kSurely = 1e-4f;  ///< of the squared radius: deeper in a ball than that is within, whatever the rounding
+    static constexpr float kSurely = 0.01f;  ///< of the squared radius: deeper in a ball than that is within, whatever the rounding, and nearer than kFarthest to all three
     static constexpr int kAtOnce = 4;        ///< neighbours that are tried before a look at who is left
     template <class Group>
     struct Scratch {
@@ -40,7 +40,8 @@ struct FindFacets {
     /// Circle through three particles, as seen from the first of them.
     template <class F>
     struct Circle {
-        Vec3<F> first, middle, across;
+        Vec3<F> first, second, third;  ///< the latter two from the first
+        Vec3<F> middle, across;
         F n2, height2;  ///< of across; of the centers of balls over the middle
         GB_FN Vec3<F> up() const { return across * sqrt(height2 / n2); }
     };
@@ -159,18 +160,23 @@ private:
         return n;
     }
 
+    /// Whether two particles so far apart are in each other's list of neighbors.
+    template <class F>
+    GB_FN auto nearer(const Vec3<F>& away) const { return dot(away, away) < F(kFarthest * kFarthest * radius * radius); }
+
     /// Of the particle and two others, i's slot lower than k's.  From the lowest slot, in the slots' order: the same numbers whoever asks.
     template <class F, class B>
     GB_FN Circle<F> circle(const Vec3<F>& at, const Vec3<F>& i, const Vec3<F>& k, const B& i_first, const B& k_first) const {
         Circle<F> c;
         c.first = choose(i_first, i, at);
-        const Vec3<F> u = period.template shortest<periodic>(choose(k_first, k, choose(i_first, at, i)) - c.first);
-        const Vec3<F> v = period.template shortest<periodic>(choose(k_first, at, k) - c.first);
+        const Vec3<F> u = c.second = period.template shortest<periodic>(choose(k_first, k, choose(i_first, at, i)) - c.first);
+        const Vec3<F> v = c.third = period.template shortest<periodic>(choose(k_first, at, k) - c.first);
         c.across = cross(u, v);
         const F u2 = dot(u, u), v2 = dot(v, v);
         c.n2 = dot(c.across, c.across);
         c.middle = cross(v * u2 - u * v2, c.across) * (F(0.5f) / c.n2);
-        c.height2 = select(c.n2 > F(1e-6f) * u2 * v2, F(radius * radius) - dot(c.middle, c.middle), F(0.0f));
+        const B is_one = (c.n2 > F(1e-6f) * u2 * v2) & nearer(u) & nearer(v) & nearer(v - u);
+        c.height2 = select(is_one, F(radius * radius) - dot(c.middle, c.middle), F(0.0f));
         return c;
     }
     template <class S>
@@ -213,7 +219,7 @@ private:
         });
         return n_found;
     }
-    /// Nobody is in the ball but the three it touches.
+    /// Nobody is in the ball but the three it touches. Who is not near to all three is not known to all, and does not count.
     template <class Group>
     GB_FN bool empty(Group& g, const Scratch<Group>& s, int n, Ball ball, const float3& at, int before) const {
         using F = typename Group::F;
@@ -221,8 +227,9 @@ private:
         const float3 center = ball.below() ? c.middle - c.up() : c.middle + c.up();
         const std::uint32_t i = s.near_slot[ball.i()], k = s.near_slot[ball.k()];
         for (int m = 0; m < n; m += Group::width) {
-            const Vec3<F> d = period.template shortest<periodic>(g.gather(skin.place, s.slot + m).xyz() - wide<F>(c.first)) - wide<F>(center);
-            if (g.any((dot(d, d) < F(radius * radius)) & g.differ(s.slot + m, i) & g.differ(s.slot + m, k))) return false;
+            const Vec3<F> p = period.template shortest<periodic>(g.gather(skin.place, s.slot + m).xyz() - wide<F>(c.first)), d = p - wide<F>(center);
+            const typename Group::B inside = (dot(d, d) < F(radius * radius)) & g.differ(s.slot + m, i) & g.differ(s.slot + m, k);
+            if (g.any(inside) && g.any(inside & nearer(p) & nearer(p - wide<F>(c.second)) & nearer(p - wide<F>(c.third)))) return false;
         }
         return true;
     }

@@ -167,6 +167,7 @@ struct AddDouble {
 };
 
 inline constexpr double kTighten = 1.5;
+inline constexpr float kFirstT = 3.0f;  ///< momentum as after some iterations: a solve starts near its solution
 struct Judge {
     const Residuals* found;
     double dt, n;
@@ -186,7 +187,7 @@ struct Judge {
         progress->iterations += 1;
         const double share = there && there->n > 0.0 ? min(1.0, kTighten * allowed * there->n / max(there->sum, 1e-30)) : 1.0, s = share * share;
         progress->done = progress->iterations >= least_iterations && progress->error <= s * tolerance && progress->most <= s * most && progress->over <= over;
-        const float t = found->turn > 0.0 ? 1.0f : max(progress->t, 1.0f), next = 0.5f * (1.0f + sqrt(1.0f + 4.0f * t * t));
+        const float t = found->turn > 0.0 ? 1.0f : max(progress->t, kFirstT), next = 0.5f * (1.0f + sqrt(1.0f + 4.0f * t * t));
         progress->beta = momentum * (t - 1.0f) / next;
         progress->t = next;
     }

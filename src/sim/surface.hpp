@@ -28,6 +28,9 @@ inline float least_viscosity(const Phase& phase, float spacing) {
 }
 inline constexpr float kJitter = 1e-3f;       ///< spacings: four of a lattice lie on one ball
 
+/// Spacings: who is nearer with jitter is nearer than 2 without, and in the list of neighbours.
+inline constexpr float kFarthest = 2.0f - 4.0f * kJitter;
+
 /// Spacings from fluid to what is not: fluid that lies against a wall is nearer, and one that is not yet there is not drawn to it.
 inline constexpr float kReach = 1.2f;
 
