@@ -19,8 +19,11 @@ public:
 
     /// Facets of the positions that the lists and the densities in `rows` belong to; rows are padded to so many.
     void find(const Lists& lists, const sim::Rows& rows, std::size_t padded) {
-        is_there_ = false;
-        for (const sim::Phase& p : state_.phase_table) is_there_ |= p.kind == sim::Kind::fluid && p.tension > 0;
+        is_there_ = has_tissue_ = false;
+        for (const sim::Phase& p : state_.phase_table) {
+            is_there_ |= p.kind == sim::Kind::fluid && p.tension > 0;
+            has_tissue_ |= p.kind == sim::Kind::tissue;
+        }
         if (!is_there_) return;
         reserve(padded);
         const sim::State s = state_.view();
@@ -41,7 +44,7 @@ public:
             const float s = state_.size_of_fluid();
             const sim::Tension tension{state_.view().place, skin_, state_.period(), sim::kSurfaceOffset * spacing()};
             exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists, tension, rows.inverse_rho, 1.0f / (state_.volume() * s * s * s), acceleration});
-            if (!state_.sizes().of) return;
+            if (!has_tissue_) return;
             std::uint32_t* row_of = row_of_.reserve(state_.n + 64);
             exec_.for_each(state_.n_rows, sim::RowOf{lists.rows, row_of});
             exec_.for_each(state_.n_rows, sim::PullTissue<Packet, periodic>{lists, tension, row_of, rows.inverse_rho, 1.0f / state_.volume(), acceleration});
@@ -69,7 +72,7 @@ private:
     Exec& exec_;
     SimulationState<Exec>& state_;
     const SimulationSettings& settings_;
-    bool is_there_ = false;
+    bool is_there_ = false, has_tissue_ = false;
     sim::Skin skin_{};
     Buffer<Quad, Exec> quads_;
     Buffer<std::uint32_t, Exec> words_, row_of_;
