@@ -231,7 +231,7 @@ def our_threads() -> list[str]:
 
 
 def threads_of_browsers() -> list[str]:
-    """Our threads, but for those of the page's pool: it starts its second when it first needs it."""
+    """Our threads, but for those of the page's pool, which starts them as it needs them."""
     return [name for name in our_threads() if not name.startswith("globule desk")]
 
 
