@@ -17,4 +17,4 @@ cmake --build "$folder/build" --target install
 cmake -S "$root/tests/cpp" -B "$folder/tests" "${settings[@]}" -DDOCTEST_DIR="$folder/doctest" \
   -Dglobule_DIR="$folder/installed/lib/cmake/globule"
 cmake --build "$folder/tests"
-OMP_WAIT_POLICY=passive qemu-aarch64 -L /usr/aarch64-linux-gnu "$folder/tests/cpp_tests"
+OMP_WAIT_POLICY=passive GOMP_SPINCOUNT=400 qemu-aarch64 -L /usr/aarch64-linux-gnu "$folder/tests/cpp_tests"

@@ -14,9 +14,6 @@ import locale
 import os
 import signal
 
-# Threads that wait should not spin: beside another busy process that costs ten times the time.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-
 import globule as gb
 import numpy as np
 import pytest

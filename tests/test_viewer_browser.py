@@ -223,7 +223,7 @@ def test_reload_and_kill_leave_nothing_behind(chromium):
         page.client = until(lambda: next(iter(watched.viewer.clients.values()), None))
         watched.still(page)
     until(lambda: threads_of_browsers() == alive, "for threads of browsers that left")
-    assert len(our_threads()) <= len(alive) + 2  # the page's pool
+    assert len(our_threads()) <= len(alive) + 2  # the page's pool of two
     assert len(watched.viewer.engine.clients) == 1
     page.close()
     watched.pages.clear()

@@ -10,7 +10,7 @@ support 2 spacings, no viscosity, steps of at most 5 ms and at most 0.4 spacings
 particle. Differences: globule's steps heed the pressure too, and its walls stop particles by
 contact besides by pressure. The velocities' tolerance is each program's own: a tenth of the error,
 at most 0.02 %, in globule, 0.1 % in SPlisHSPlasH; "SPlisHSPlasH tight" has globule's. Threads that
-wait look 400 times before they sleep, as globule's do by default.
+wait check 400 times before they sleep, as globule's do by default.
 
 The first table has steps, iterations (density + divergence), processor time (user + system) of the
 steps alone, and million particle-steps per second of processor time and of wall time. The second

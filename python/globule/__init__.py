@@ -13,16 +13,17 @@ quiet_interrupts()  # before what takes a while to load
 install()
 
 # OpenMP threads that spin for long slow down whatever runs beside them, and those that sleep at
-# once wake late: they look 400 times (some 5 µs) before they sleep. The runtime reads this once,
+# once wake late: they check 400 times (some 5 µs) before they sleep. The runtime reads this once,
 # when the core is loaded.
 _waiting = {"OMP_WAIT_POLICY": "passive", "GOMP_SPINCOUNT": "400"}
 if any(name in os.environ for name in _waiting):
     _waiting = {}
 os.environ.update(_waiting)
-from . import _core  # noqa: E402
-
-for _name in _waiting:
-    del os.environ[_name]
+try:
+    from . import _core
+finally:
+    for _name in _waiting:
+        del os.environ[_name]
 
 from ._base.checks import MissingPackageError  # noqa: E402
 from ._base.colormaps import colorize  # noqa: E402

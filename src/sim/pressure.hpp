@@ -167,7 +167,7 @@ struct AddDouble {
 };
 
 inline constexpr double kTighten = 1.5;
-inline constexpr float kFirstT = 3.0f;  ///< momentum as after some iterations: a solve starts near its solution
+inline constexpr float kFirstT = 3.0f;  ///< momentum as after some iterations, as a solve starts near its solution; also an iteration after a restart
 struct Judge {
     const Residuals* found;
     double dt, n;
