@@ -205,7 +205,7 @@ private:
         for (int m = 0; m < n && g.any(deep <= sure); m += kAtOnce)
             for (int k = m; k < m + kAtOnce; ++k)
                 deep = max(deep, F(s.x[k]) * center.x + (F(s.y[k]) * center.y + (F(s.z[k]) * center.z - F(s.reach[k]))));
-        return deep <= sure;
+        return which & (deep <= sure);  // who is none of them may have been anything, and max() forgets what is no number
     }
     /// Adds those of the balls that hold nobody.
     template <class Group>
