@@ -25,7 +25,10 @@ struct DropBonds {
     GB_FN void operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
         for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock)
-            if (hold[t] == kGone || hold[bonds.other[e]] == kGone) bonds.length[e] = 0.0f;
+            if (hold[t] == kGone || hold[bonds.other[e]] == kGone) {
+                if (bonds.length[e] != 0.0f) bonds.scar(t);
+                bonds.length[e] = 0.0f;
+            }
     }
 };
 

@@ -10,6 +10,7 @@ namespace globule::core::tissue {
 
 inline constexpr int kMaxPhases = 32;
 inline constexpr int kBlock = 32;  ///< particles whose bonds lie interleaved
+inline constexpr float kNotSlid = -1.0f;  ///< in the place of a density
 
 /// Every bond is entered at both of its ends, so that each particle sums up its own bonds in one fixed
 /// order and nobody writes to another's.  Entry k of particle t lies in its block's row k: neighbouring
@@ -21,7 +22,8 @@ struct Bonds {
     float* length = nullptr;                 ///< at rest; negative: cut, only a contact; 0: no bond
     const float* stiffness = nullptr;        ///< 1 / compliance, N/m
     const std::uint8_t* vessel = nullptr;    ///< number of the vessel, 0: none
-    std::uint8_t* scarred = nullptr;         ///< per particle: whether any of its bonds was cut
+    std::uint8_t* scarred = nullptr;         ///< per particle: whether any of its bonds went
+    float* spared = nullptr;                 ///< per particle of a solid: as in LeaveOut; null: springs
 
     GB_FN std::uint32_t begin(std::uint32_t t) const { return first[t / kBlock] + t % kBlock; }
     GB_FN std::uint32_t end(std::uint32_t t) const { return first[t / kBlock + 1]; }
@@ -35,7 +37,13 @@ struct Bonds {
     GB_FN void set_length(std::uint32_t t, std::uint32_t e, float value) const {
         length[e] = value;
         length[twin(t, other[e])] = value;
-        if (value < 0.0f) scarred[t] = scarred[other[e]] = 1;
+        if (!(value < 0.0f)) return;
+        scar(t);
+        scar(other[e]);
+    }
+    GB_FN void scar(std::uint32_t t) const {
+        scarred[t] = 1;
+        if (spared) spared[t] = kNotSlid;
     }
 };
 

@@ -10,6 +10,9 @@
 namespace globule::core::tissue {
 
 inline constexpr std::uint32_t kNobody = 0xffffffffu;
+inline constexpr float kSlid = 0.95f;       ///< of the distance at rest: particles on both sides of a cut that are closer have slid along it
+inline constexpr float kAnyDensity = 1e30f;
+inline constexpr float kClose = 1.5f;       ///< spacings: what is farther from each other does not press
 inline constexpr float kWallHeight = 1.1f;  ///< above a wall's particles, spacings, a little more than where it leaves a lattice at rest (1.055)
 
 /// Finds each tissue particle's slot, position and velocity.  Who has left the simulation is gone.  What is
@@ -120,31 +123,8 @@ struct Members {
     GB_FN std::uint32_t operator()(std::uint32_t id) const { return id < n_ids ? of_id[id] : kNobody; }
 };
 
-/// Pairs whose bond was cut leave each other's neighbour lists: no density across a cut.
-template <class Packet>
-struct Veto {
-    sim::Lists<Packet> lists;
-    sim::State state;
-    Members members;
-    Bonds bonds;
-    const std::uint32_t* slot;  ///< of each tissue particle
-    GB_FN void operator()(std::size_t row) const {
-        const std::uint32_t t = members(state.id[lists.rows[row]]);
-        if (t == kNobody || !bonds.scarred[t]) return;
-        const std::uint32_t n = lists.count[row];
-        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
-            if (!(bonds.length[e] < 0.0f)) continue;
-            const std::uint32_t other = slot[bonds.other[e]];
-            std::uint32_t found = n;  // looked for without stores: then the loads need not wait for each other
-            for (std::uint32_t k = 0; k < n; ++k)
-                if (lists.index[lists.at(row, k)] == other) found = k;
-            if (found < n) lists.index[lists.at(row, found)] = lists.n;
-        }
-    }
-};
-
 /// What each free particle is near to, within the lists' reach.
-enum Beside : std::uint8_t { kAlone, kFluid, kOther };  ///< kOther: of another body
+enum Beside : std::uint8_t { kAlone, kFluid, kOther };  ///< kFluid: or a face of a cut that slid along this one; kOther: another body
 
 /// What stands before each free particle.  Pressure acts once a step, on tissue whose substeps have not felt it.  Walls are therefore planes
 /// that the substeps know: no particle comes nearer than it is, or than it would be at rest.  What else it meets shortens the steps.
@@ -155,6 +135,9 @@ struct FindContacts {
     const sim::Phase* phases;
     Members members;
     const std::uint32_t* body;
+    const Quad* rest;        ///< of solids, else null
+    const std::uint8_t* scarred;
+    float* spared;           ///< as in LeaveOut
     sim::Period period;
     sim::Spline spline;
     float spacing;
@@ -175,8 +158,13 @@ struct FindContacts {
             if (j >= lists.n) continue;
             const sim::Kind kind = phases[state.phase[j]].kind;
             if (kind != sim::Kind::boundary) {
-                if (kind == sim::Kind::fluid) near = max(near, std::uint8_t(kFluid));
-                else if (kind == sim::Kind::rigid || other_body(t, members(state.id[j]))) near = kOther;
+                const std::uint32_t o = members(state.id[j]);
+                if (kind == sim::Kind::rigid || other_body(t, o)) near = kOther;
+                else if (kind == sim::Kind::fluid) near = max(near, std::uint8_t(kFluid));
+                else if (slid(t, o, here - state.place[j].xyz())) {
+                    near = max(near, std::uint8_t(kFluid));
+                    if (spared[t] < 0.0f) spared[t] = kAnyDensity;  // contact begins with the next step, which is short
+                }
                 continue;
             }
             const Quad q = state.place[j];
@@ -198,6 +186,12 @@ struct FindContacts {
         const float height = dot(sum, out) / total;
         plane[t] = {out.x, out.y, out.z, dot(here, out) + min(kWallHeight * spacing - height, 0.0f)};
         speed[t] = dot(velocity, out) / total;
+    }
+    /// Of a pair of one solid that its list still has.
+    GB_FN bool slid(std::uint32_t t, std::uint32_t o, const float3& apart) const {
+        if (!rest || o == kNobody || !(scarred[t] || scarred[o])) return false;
+        const float3 r = period.template shortest<true>(apart), at_rest = rest[t].xyz() - rest[o].xyz();
+        return dot(r, r) < min(kSlid * kSlid * dot(at_rest, at_rest), kClose * kClose * spacing * spacing);
     }
     GB_FN bool other_body(std::uint32_t t, std::uint32_t o) const { return o != kNobody && body[o] != body[t]; }
 
@@ -225,38 +219,6 @@ struct CountAs {
     float speed[3];  ///< by what it is beside, m/s
     GB_FN void operator()(std::size_t t) const {
         if (slot[t] != sim::kGone) state.growth[slot[t]] = speed[beside[t]];
-    }
-};
-
-/// Pairs of one solid body leave its lists: the body's stress acts between them, and the density solve would act once more.  What they
-/// are of the density stays, as at rest, so that others meet a body of full density.
-template <class Packet>
-struct LeaveOut {
-    sim::Lists<Packet> lists;
-    sim::State state;
-    Members members;
-    const Quad* rest;
-    const std::uint32_t* body;
-    sim::Spline spline;
-    float volume, reach2;       ///< squared, at rest
-    float* within;              ///< density, per row
-    GB_FN void operator()(std::size_t row) const {
-        const std::uint32_t t = members(state.id[lists.rows[row]]);
-        if (t == kNobody) return;
-        float sum = 0.0f;
-        const float3 here = rest[t].xyz();
-        for (std::uint32_t k = 0, n = lists.count[row]; k < n; ++k) {
-            std::uint32_t& j = lists.index[lists.at(row, k)];
-            if (j >= lists.n) continue;
-            const std::uint32_t o = members(state.id[j]);
-            if (o == kNobody || body[o] != body[t]) continue;
-            const float3 r = rest[o].xyz() - here;
-            const float r2 = dot(r, r);
-            if (!(r2 < reach2)) continue;
-            sum += volume * spline(sqrt(r2));
-            j = lists.n;
-        }
-        within[row] = sum;
     }
 };
 

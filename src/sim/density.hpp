@@ -36,7 +36,7 @@ struct Densities {
     Period period;
     float volume;
     float lattice_squares;   ///< sum of |g h|^2 in the lattice
-    const float* within;     ///< density that is there without the lists, per row; null: none
+    const float* within;     ///< density that is there without the lists, per row, 0 of what is no solid; null: none
     Sizes sizes;
     template <class Packet>
     GB_FN void run(std::size_t row) const {
@@ -86,7 +86,7 @@ struct Densities {
         Packet::store(out.boundary + row, nearest);
         const float free = 2.0f * kFreeGradient;  // per support
         auto inside = (mixed ? gx * gx + gy * gy + gz * gz < F(free * free) / (size * size) : gx * gx + gy * gy + gz * gz < F(free * free)) & (density > F(kLeastDensity));
-        if (within) inside = inside & (Packet::load(within + row) <= zero);  // no neighbors in the lists: nothing that could pull
+        if (within) inside = inside & (Packet::load(within + row) <= zero) & (Packet::load(within + row) >= zero);  // neighbors of solids are not in the lists: nothing may pull
         Packet::store(out.bulk + row, select(inside, F(1.0f), zero));
     }
 };

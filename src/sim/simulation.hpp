@@ -350,7 +350,7 @@ private:
     }
     void find_lists() {
         fluid_.find_lists();
-        fluid_.set_within(tissue_.veto(fluid_.lists(), state_.view(), state_.spline(), state_.volume()));
+        fluid_.set_within(tissue_.veto(fluid_.lists(), state_.view(), state_.period(), state_.spline(), state_.volume()));
     }
     /// What acts on velocities beside pressure: forces, then bonds.
     void push(float dt, StepReport& r) {

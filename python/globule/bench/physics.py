@@ -16,6 +16,7 @@ from ..sim.simulation import Simulation
 from . import (
     physics_bodies,
     physics_crown,
+    physics_cuts,
     physics_flows,
     physics_fluid,
     physics_friction,
@@ -31,8 +32,8 @@ PAGE = """\
 
 Made by `globule bench physics -o docs`: {n} truths, {n_met} met; {machine}.
 The experiments are `globule.bench.physics_fluid`, `physics_flows`, `physics_bodies`,
-`physics_crown`, `physics_tissue`, `physics_solid`, `physics_memory` and `physics_friction`; the
-tests run the small ones.
+`physics_crown`, `physics_tissue`, `physics_solid`, `physics_memory`, `physics_friction` and
+`physics_cuts`; the tests run the small ones.
 
 {tables}
 {unmet}
@@ -95,6 +96,7 @@ def experiments(quick: bool) -> Iterator[tuple[str, Callable[[str, int], Any]]]:
     yield "Solids", partial(physics_solid.run, quick=quick)
     yield "Solids that relax or yield", physics_memory.run
     yield "Friction and contact of tissue", partial(physics_friction.run, quick=quick)
+    yield "Friction and contact of tissue", partial(physics_cuts.run, quick=quick)
 
 
 def neighbors(device: str = "cpu", threads: int = 0) -> list[physics_fluid.Row]:

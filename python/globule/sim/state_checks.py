@@ -129,6 +129,11 @@ def _check_solid(state: Mapping[str, np.ndarray], n: int, longest: float) -> Non
     if (lame < 0).any() or not 0 < longest * frequency[0] <= MOST_SUBSTEPS:
         expected = f"expected positive moduli and at most {MOST_SUBSTEPS:,} substeps a step"
         raise ValueError(f"tissue_lame: {expected}")
+    if "tissue_spared" in state:  # earlier versions had none
+        spared = _numbers(state, "spared", "f4")
+        _check_length("spared", spared, n)
+        if (spared < -1).any():
+            raise ValueError("tissue_spared: expected densities, or -1")
     rows = _BLOCK * -(-n // _BLOCK)
     if "tissue_terms" in state:
         terms = _numbers(state, "terms", "f4")

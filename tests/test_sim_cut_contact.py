@@ -1,0 +1,169 @@
+"""What cuts have parted meets like two bodies, whatever the distance at rest; on every backend."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.bench import physics_cuts as truths
+from globule.bench.physics_tissue import lattice
+from globule.sim import blade, checkpoint
+from globule.sim.bonds import build_bonds
+
+D = 0.004
+DOWN = 9.81 * np.array([np.sin(0.35), 0.0, -np.cos(0.35)])
+
+
+@pytest.mark.parametrize("experiment", ["slide", "fresh", "free_halves"])
+def test_truths(backend, experiment):
+    for row in getattr(truths, experiment)(**backend):
+        assert row["ok"], row
+
+
+def jittered(backend):
+    """A solid of an uneven lattice, without gravity, and its positions."""
+    jitter = np.random.default_rng(5).uniform(-0.15, 0.15, (7 * 6 * 6, 3)) * D
+    x = (lattice(7, 6, 6, D) + jitter).astype("f4")
+    sim = gb.Simulation({
+        "spacing": D, "domain": {"lo": [-0.05] * 3, "hi": [0.08] * 3}, "gravity": (0, 0, 0),
+        "solids": [{"name": "tissue"}],
+    }, **backend)  # fmt: skip
+    sim.tissue.bond(sim.add(x, "tissue"), 30000.0)
+    return sim, x
+
+
+def listed(sim):
+    """(N, N) whether the density solve sees a pair."""
+    rows, offsets, other = sim.arrays.neighbors()
+    found = np.zeros((len(sim), len(sim)), bool)
+    found[np.repeat(rows, np.diff(offsets).astype(int)), other] = True
+    return found
+
+
+def distances(x):
+    return np.linalg.norm(x[:, None].astype("f8") - x[None], axis=2)
+
+
+def test_the_density_solve_sees_exactly_the_pairs_that_a_cut_parted(backend):
+    """A cut half through: a pair that one or two whole bonds still join, round the end of the cut,
+    stays out. The body is shrunk: then pairs that were up to 2.2 spacings apart are in reach."""
+    sim, x = jittered(backend)
+    sim.positions = 0.9 * x
+    assert not listed(sim).any()
+    sim.positions = x
+    height, end = 2.5 * D, 3.6 * D
+    edge = np.array([[-1.0, -1.0, height], [-1.0, 1.0, height]])
+    n_cut = sim.tissue.cut(blade.sweep(edge, edge + [1.0 + end, 0, 0]))
+    sim.positions = 0.9 * x
+    bonds = build_bonds(x, D, 30000.0)
+    ever = np.zeros((len(x), len(x)), int)
+    ever[bonds.first_ends, bonds.other] = 1
+    z = x[:, 2].astype("f8") - height
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = x[:, None, 0] + (x[None, :, 0] - x[:, None, 0]) * (z[:, None] / (z[:, None] - z))
+    crosses = (z[:, None] * z < 0) & (crossing < end)
+    whole = ever * ~crosses
+    assert (ever - whole).sum() == 2 * n_cut > 0
+    near = (distances(0.9 * x) < 2 * D) & (distances(x) < 2.6 * D)
+    parted = near & (ever + ever @ ever > 0) & (whole + whole @ whole == 0)
+    found = listed(sim)
+    assert np.array_equal(found, parted)
+    assert (parted & ~crosses).sum() < 0.1 * parted.sum()
+
+
+def test_a_suture_takes_the_pairs_out_again(backend):
+    sim, x = jittered(backend)
+    truths.cut_at(sim, 2.5 * D)
+    assert listed(sim).any()
+    assert sim.tissue.suture(x.mean(0), 1.0) > 0
+    assert not listed(sim).any()
+
+
+@pytest.mark.parametrize("parted_by", ["ablation", "tears"])
+def test_halves_that_no_knife_parted_do_not_pass_through_each_other(backend, parted_by):
+    """A layer is taken away, or tears; the halves then meet at 0.2 m/s, half a spacing beside."""
+    sim = truths.block(backend["device"], backend.get("threads", 0), (5, 5, 9), (0, 0, 0))
+    x = sim.positions
+    middle = np.abs(x[:, 2] - 4.5 * D) < 0.1 * D
+    upper, lower = x[:, 2] > 4.6 * D, x[:, 2] < 4.4 * D
+    if parted_by == "ablation":
+        for place in x[middle]:
+            sim.tissue.ablate(place, 0.1 * D)
+        upper, lower = upper[~middle], lower[~middle]
+    else:
+        sim.phases["block"].tear = 0.5
+        lower |= middle
+        moved = sim.positions
+        moved[upper, 2] += 1.5 * D
+        sim.positions = moved
+        sim.step(1e-5)
+        sim.phases["block"].tear = 0.0
+    assert sim.tissue.n_pieces == 2
+    moved = sim.positions
+    moved[upper] += [0.5 * D, 0.5 * D, 0.0]
+    sim.positions = moved
+    sim.velocities = np.where(upper, -0.1, 0.1)[:, None] * np.array([0, 0, 1.0])
+    first = sim.positions
+    nearest = np.inf
+    for _ in range(80):
+        sim.step()
+        y = sim.positions
+        nearest = min(nearest, y[upper, 2].mean() - y[lower, 2].mean())
+    gap = nearest - (first[upper, 2].mean() - first[lower, 2].mean())
+    heights = first[upper, 2].min() - first[lower, 2].max()
+    assert heights + gap > 0.6 * D
+    assert sim.velocities[upper, 2].mean() > 0 > sim.velocities[lower, 2].mean()
+    assert np.linalg.norm(sim.velocities, axis=1).max() < 0.3
+
+
+def sliding(threads):
+    sim = truths.block("cpu", threads, (8, 6, 6), DOWN, fixed=D)
+    truths.cut_at(sim, 3 * D)
+    sim.run(0.05)
+    return sim
+
+
+def test_same_bits_whatever_the_threads_and_after_a_checkpoint(tmp_path):
+    one, two = sliding(1), sliding(2)
+    spared = one.arrays.state()["tissue_spared"].view("f4")
+    assert (spared >= 0).any()
+    assert (spared == -1).any()
+    one.save(tmp_path / "state.npz")
+    again = gb.Simulation.load(tmp_path / "state.npz", device="cpu")
+    for sim in (one, two, again):
+        sim.run(0.03)
+    for name, value in one.arrays.state().items():
+        np.testing.assert_array_equal(value, two.arrays.state()[name], err_msg=name)
+        np.testing.assert_array_equal(value, again.arrays.state()[name], err_msg=name)
+
+
+def test_a_checkpoint_from_before_this_contact_goes_on(tmp_path):
+    sim = sliding(1)
+    sim.save(tmp_path / "state.npz")
+    arrays, facts = checkpoint.load(tmp_path / "state.npz")
+    del arrays["tissue_spared"]
+    checkpoint.save(tmp_path / "old.npz", arrays, facts)
+    old = gb.Simulation.load(tmp_path / "old.npz", device="cpu")
+    assert (old.arrays.state()["tissue_spared"].view("f4") == -1).all()
+    for s in (sim, old):
+        s.run(0.03)
+    assert np.abs(old.positions - sim.positions).max() < 0.3 * D
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t[:-4], "tissue_spared: expected"),
+        (lambda t: (t.view("f4") - 1).view("u1"), "tissue_spared: expected densities"),
+        (
+            lambda t: (t.view("f4") * np.float32(np.nan)).view("u1"),
+            "tissue_spared: expected finite",
+        ),
+    ],
+)
+def test_wrong_densities_in_a_checkpoint_are_named(change, message):
+    sim = sliding(1)
+    state = dict(sim.arrays.state())
+    state["tissue_spared"] = change(state["tissue_spared"])
+    with pytest.raises(ValueError, match=message):
+        sim.arrays.set_state(state)
