@@ -27,7 +27,7 @@ __global__ void run_each(std::size_t n, Functor functor) {
 }
 
 template <class Functor>
-__global__ void __launch_bounds__(128) run_packets(std::size_t n, Functor functor) {
+__global__ void __launch_bounds__(128, 1) run_packets(std::size_t n, Functor functor) {
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i < n) functor.template run<CudaPacket>(i);
 }
