@@ -26,8 +26,14 @@ __global__ void run_each(std::size_t n, Functor functor) {
     if (i < n) functor(i);
 }
 
+/// Where more registers serve a functor better than more warps, it says 1: then the compiler asks for some neighbors before it waits for the first.
 template <class Functor>
-__global__ void __launch_bounds__(128, 1) run_packets(std::size_t n, Functor functor) {
+constexpr int packet_blocks() {
+    if constexpr (requires { Functor::packet_blocks; }) return Functor::packet_blocks;
+    else return 0;
+}
+template <class Functor>
+__global__ void __launch_bounds__(128, packet_blocks<Functor>()) run_packets(std::size_t n, Functor functor) {
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i < n) functor.template run<CudaPacket>(i);
 }

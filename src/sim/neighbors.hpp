@@ -85,7 +85,7 @@ inline constexpr float kDoubt = 4e-6f;
 template <class Tree, class Packet, bool mixed>
 struct FindLists {
     static constexpr int kCandidates = 384;  ///< at once; there may be more
-    static constexpr int tile_blocks = 6;    ///< at one time on a GPU's processor, which is what their memory leaves room for
+    static constexpr int tile_blocks = mixed ? 4 : 6;  ///< at one time on a GPU's processor
     template <class Group>
     struct Scratch {
         float x[kCandidates + Group::width], y[kCandidates + Group::width], z[kCandidates + Group::width];

@@ -29,6 +29,7 @@ struct Progress {
 
 template <class Packet_>
 struct Push {
+    static constexpr int packet_blocks = 1;  ///< at least, at one time on a GPU's processor
     Lists<Packet_> lists;
     Rows rows;
     const float* change;  ///< dP, per slot
@@ -63,6 +64,7 @@ struct Push {
 
 template <class Packet_>
 struct Relax {
+    static constexpr int packet_blocks = 1;  ///< at least, at one time on a GPU's processor
     Lists<Packet_> lists;
     Rows rows;
     const float* alpha;    ///< per row
