@@ -150,6 +150,34 @@ def test_a_checkpoint_from_before_this_contact_goes_on(tmp_path):
     assert np.abs(old.positions - sim.positions).max() < 0.3 * D
 
 
+def body_of(sim):
+    return sim.arrays.state()["tissue_body"].view("u4")
+
+
+def test_bodies_stay_what_they_were_when_a_cut_is_sutured(backend):
+    """Two blocks that touch; the lower one is cut and sutured: all pairs between the blocks stay."""
+    sim, lower = jittered(backend)
+    upper = lower + np.array([0, 0, 6.2 * D], "f4")
+    sim.tissue.bond(sim.add(upper, "tissue"), 30000.0)
+    bodies, n = np.unique(body_of(sim)[body_of(sim) < len(body_of(sim))]), len(lower)
+    between = listed(sim)[:n, n:]
+    assert between.any()
+    truths.cut_at(sim, 3 * D)
+    assert sim.tissue.suture((0, 0, 3 * D), 1.0) > 0
+    np.testing.assert_array_equal(listed(sim)[:n, n:], between)
+    assert len(np.unique(body_of(sim))) >= len(bodies) > 1
+
+
+def test_a_body_that_comes_after_a_cut_makes_no_bodies_of_the_halves(backend):
+    sim, x = jittered(backend)
+    truths.cut_at(sim, 3 * D)
+    before = body_of(sim).copy()
+    sim.tissue.bond(sim.add(x + np.array([0, 0, 0.04], "f4"), "tissue"), 30000.0)
+    after = body_of(sim)
+    np.testing.assert_array_equal(after[: len(before)], before)
+    assert len(np.unique(after)) > len(np.unique(before))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

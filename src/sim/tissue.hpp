@@ -276,7 +276,6 @@ private:
 
     /// The least member of each particle's piece.
     void find_labels(std::uint32_t* label);
-    void find_bodies() { find_labels(body_.reserve(n_)); }
 
     /// Nothing is felt yet; where the substeps of a step add it up.
     tissue::Felt begin_felt(float dt, const float3& gravity);

@@ -14,6 +14,8 @@ void TissueImpl<Exec>::add(const TissueArrays& in) {
     contact_ = in.contact;
     const std::uint32_t before = ceil_div<std::uint32_t>(n_, tissue::kBlock) * tissue::kBlock, old = n_;
     const BondBlocks blocks(in, before, n_entries_);
+    std::vector<std::uint32_t> bodies(bodies_known_ ? old : 0);  // cuts since have made no others of them
+    if (!bodies.empty()) exec_.download(bodies.data(), body_.data(), bodies.size() * sizeof bodies[0]);
     std::vector<Quad> at(in.n), velocity(in.n);
     for (std::uint32_t t = 0; t < in.n; ++t) {
         const float* p = in.positions + 3 * std::size_t(t);
@@ -40,7 +42,10 @@ void TissueImpl<Exec>::add(const TissueArrays& in) {
     n_ = before + in.n;
     n_entries_ += std::uint32_t(blocks.other.size());
     make_room();
-    find_bodies();
+    find_labels(body_.reserve(n_));
+    if (!bodies.empty()) exec_.upload(body_.data(), bodies.data(), bodies.size() * sizeof bodies[0]);
+    exec_.synchronize();
+    bodies_known_ = true;
     follow();
 }
 
