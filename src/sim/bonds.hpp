@@ -23,7 +23,7 @@ struct Bonds {
     const float* stiffness = nullptr;        ///< 1 / compliance, N/m
     const std::uint8_t* vessel = nullptr;    ///< number of the vessel, 0: none
     std::uint8_t* scarred = nullptr;         ///< per particle: whether any of its bonds went
-    float* spared = nullptr;                 ///< per particle of a solid: as in LeaveOut; null: springs
+    float* spared = nullptr;                 ///< per particle of a solid: as in OwnPairs; null: springs
 
     GB_FN std::uint32_t begin(std::uint32_t t) const { return first[t / kBlock] + t % kBlock; }
     GB_FN std::uint32_t end(std::uint32_t t) const { return first[t / kBlock + 1]; }

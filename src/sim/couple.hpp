@@ -137,7 +137,7 @@ struct FindContacts {
     const std::uint32_t* body;
     const Quad* rest;        ///< of solids, else null
     const std::uint8_t* scarred;
-    float* spared;           ///< as in LeaveOut
+    float* spared;           ///< as in OwnPairs
     sim::Period period;
     sim::Spline spline;
     float spacing;

@@ -92,7 +92,7 @@ struct PressedPairs {
     sim::State state;
     const sim::Phase* phases;
     Members members;
-    const std::uint32_t* body;  ///< null: solids, whose own pairs are not in the lists
+    const std::uint32_t* body;  ///< null: solids, which have in the lists only pairs that a cut has parted
     sim::Period period;
     float volume, per_pressure; ///< impulse over P |g|
     Loads loads;

@@ -369,7 +369,7 @@ private:
     bool broken_ = false;
     bool is_solid_ = false, corrected_ = false;  ///< not bonds alone; no bond went since the corrections
     Buffer<Quad, Exec> rest_at_, rows_;
-    Buffer<float, Exec> spared_;                 ///< as in LeaveOut
+    Buffer<float, Exec> spared_;                 ///< as in OwnPairs
     Buffer<float, Exec> lame_, terms_, stays_, correction_, frequency_;
     std::uint32_t n_terms_ = 0;                  ///< of Prony series, the most that a body has
     bool yielded_ = false;                       ///< stays_ is there
