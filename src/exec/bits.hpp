@@ -30,11 +30,25 @@ GB_FN int trailing_zeros(std::uint64_t v) {
     return __builtin_ctzll(v);
 #endif
 }
+GB_FN int trailing_zeros(std::uint32_t v) {
+#if defined(__CUDA_ARCH__)
+    return __ffs(int(v)) - 1;
+#else
+    return __builtin_ctz(v);
+#endif
+}
 GB_FN int count_bits(std::uint64_t v) {
 #if defined(__CUDA_ARCH__)
     return __popcll(v);
 #else
     return __builtin_popcountll(v);
+#endif
+}
+GB_FN int count_bits(std::uint32_t v) {
+#if defined(__CUDA_ARCH__)
+    return __popc(v);
+#else
+    return __builtin_popcount(v);
 #endif
 }
 

@@ -43,6 +43,9 @@ struct CudaGroup {
         return v;
     }
     __device__ float largest(float v) const { return -smallest(-v); }
+    __device__ std::uint32_t largest(std::uint32_t v) const { return __reduce_max_sync(all, v); }
+    /// Bits shifted up by one; the lowest is set where v is below 0.
+    __device__ U shift_in_sign(U bits, float v) const { return __funnelshift_l(__float_as_uint(v), bits, 1); }
     __device__ F load_run(const float* p) const { return p[lane()]; }
     __device__ U load_run(const std::uint32_t* p) const { return p[lane()]; }
     __device__ void store_run(F v, float* p) const { p[lane()] = v; }

@@ -5,7 +5,7 @@
 #include <type_traits>
 
 #include "octree/query.hpp"
-#include "sim/sizes.hpp"
+#include "sim/candidates.hpp"
 
 namespace globule::core::sim {
 
@@ -74,46 +74,36 @@ void with_period(const Period& period, const Fn& fn) {
     else fn(std::false_type{});
 }
 
-/// Squared distances that float32 cannot tell from the support's: these pairs are decided in float64.
-inline constexpr float kDoubt = 4e-6f;
-
 /// For each packet of rows:
 ///   bunch    rows that lie together (where the curve jumps, a packet's are far apart), and the box around them
 ///   gather   the leaves that the box, enlarged by the support, meets; of their particles those near the box are the bunch's candidates
-///   look     one row after the other tests a vector of candidates at a time, and writes the near ones to its list
+///   look     who of them is near which row (candidates.hpp)
 ///   finish   lists are filled up to the longest of the packet
 template <class Tree, class Packet, bool mixed>
 struct FindLists {
-    static constexpr int kCandidates = 384;  ///< at once; there may be more
-    static constexpr int tile_blocks = mixed ? 4 : 6;  ///< at one time on a GPU's processor
+    static constexpr bool by_lane = Packet::width == 1;
+    static constexpr int kCandidates = by_lane ? 192 : 384;  ///< at once; there may be more
+    static constexpr int tile_blocks = 9;                    ///< at one time on a GPU's processor
     template <class Group>
-    struct Scratch {
-        float x[kCandidates + Group::width], y[kCandidates + Group::width], z[kCandidates + Group::width];
-        std::uint32_t slot[kCandidates + Group::width], found[kCandidates + Group::width];
-        float size[mixed ? kCandidates + Group::width : 1];
-    };
+    using Scratch = std::conditional_t<by_lane, CandidatesByLane<Group, mixed, kCandidates>, CandidatesByRow<Group, mixed, kCandidates>>;
 
     Tree tree;
-    SortedParticles particles;
+    Nearness near;         ///< the support is the largest; the tree's boxes hold it
     Lists<Packet> lists;
     const Quad* place;
-    float support;         ///< of the kernel, the largest; the tree's boxes hold it
-    Sizes sizes;           ///< a pair's support is the mean of both
     Period period;
     std::uint32_t* most_count;
 
     template <class Group>
-    GB_FN void operator()(Group& g, Scratch<Group>& near, std::size_t tile) const {
+    GB_FN void operator()(Group& g, Scratch<Group>& candidates, std::size_t tile) const {
         const std::size_t first = tile * Group::width;
         std::uint32_t* out = lists.index + lists.at(first);
-        Rows<Group> rows;
+        TileRows<Group> rows;
         load(g, first, rows);
         typename Group::B pending = rows.x < F<Group>(morton::kFarthest);
         while (g.any(pending)) {
             const Bunch b = bunch(g, rows, pending);
-            int n_near = 0;
-            period.each_image([&](const float3& shift) { gather(g, near, n_near, rows, b, shift, out); });
-            look(g, near, n_near, rows, b.set, out);
+            period.each_image([&](const float3& shift) { gather(g, candidates, rows, b, shift, {out, lists.places}); });
         }
         finish(g, first, out, rows.count);
     }
@@ -123,18 +113,7 @@ private:
     using F = typename Group::F;
 
     template <class Group>
-    struct Rows {
-        typename Group::F x, y, z;
-        typename Group::U slot, count;
-    };
-    /// Rows that share a walk of the tree.
-    struct Bunch {
-        std::uint32_t set;
-        float3 lo, hi;
-    };
-
-    template <class Group>
-    GB_FN void load(Group& g, std::size_t first, Rows<Group>& rows) const {
+    GB_FN void load(Group& g, std::size_t first, TileRows<Group>& rows) const {
         Group::for_lanes([&](int lane) {
             const std::uint32_t s = lists.rows[first + g.lane_number(lane)];
             const Quad p = place[s];
@@ -148,10 +127,10 @@ private:
 
     /// The first of the rows that are left, and who is near it; they are not left any more.
     template <class Group>
-    GB_FN Bunch bunch(Group& g, const Rows<Group>& rows, typename Group::B& left) const {
+    GB_FN Bunch bunch(Group& g, const TileRows<Group>& rows, typename Group::B& left) const {
         using V = F<Group>;
         const int leader = g.first_from(left, 0);
-        const V cx = V(g.pick(rows.x, leader)), cy = V(g.pick(rows.y, leader)), cz = V(g.pick(rows.z, leader)), spread = V(2.0f * support), inf = V(infinity());
+        const V cx = V(g.pick(rows.x, leader)), cy = V(g.pick(rows.y, leader)), cz = V(g.pick(rows.z, leader)), spread = V(2.0f * near.support), inf = V(infinity());
         const typename Group::B together = left & (abs(rows.x - cx) < spread) & (abs(rows.y - cy) < spread) & (abs(rows.z - cz) < spread);
         left = left & !together;
         return {g.set_of(together),
@@ -159,92 +138,43 @@ private:
                 {g.largest(select(together, rows.x, -inf)), g.largest(select(together, rows.y, -inf)), g.largest(select(together, rows.z, -inf))}};
     }
 
-    /// Candidates of a bunch in one copy of the domain; whenever there is no room for more, its rows look at them.
+    /// Candidates of a bunch in one copy of the domain; its rows look at them whenever there is no room for more, and at the end.
     template <class Group>
-    GB_FN void gather(Group& g, Scratch<Group>& near, int& n_near, Rows<Group>& rows, const Bunch& b, const float3& shift, std::uint32_t* out) const {
+    GB_FN void gather(Group& g, Scratch<Group>& candidates, TileRows<Group>& rows, const Bunch& b, const float3& shift, const TileLists& out) const {
         const float3 from = b.lo - shift, to = b.hi - shift;
+        int n = 0;
         std::uint32_t begin = 0, end = 0;  // leaves that follow each other in memory are one run
         const auto take = [&] {
             for (; begin < end; begin += Group::width) {
-                if (n_near > kCandidates - Group::width) {
-                    look(g, near, n_near, rows, b.set, out);
-                    n_near = 0;
+                if (n > kCandidates) {
+                    candidates.look(g, n, rows, b, near, shift, out);
+                    n = 0;
                 }
-                n_near = collect(g, near, n_near, begin, g.first_lanes(int(end - begin)), from, to, shift);
+                n = collect(g, candidates, n, begin, g.first_lanes(int(end - begin)), b, from, to, shift);
             }
         };
-        for_each_leaf(g, tree, from, to, [&](std::uint32_t first, std::uint32_t n) {
+        for_each_leaf(g, tree, from, to, [&](std::uint32_t first, std::uint32_t count) {
             if (first != end) {
                 take();
                 begin = first;
             }
-            end = first + n;
+            end = first + count;
         });
         take();
+        if (n > 0) candidates.look(g, n, rows, b, near, shift, out);
     }
 
     /// Of a group's worth of particles those that some row in the box may reach.
     template <class Group>
-    GB_FN int collect(Group& g, Scratch<Group>& near, int n_near, std::uint32_t begin, typename Group::B present, const float3& from, const float3& to,
-                      const float3& shift) const {
+    GB_FN int collect(Group& g, Scratch<Group>& candidates, int n, std::uint32_t begin, typename Group::B present, const Bunch& b, const float3& from,
+                      const float3& to, const float3& shift) const {
         using V = F<Group>;
-        const V zero = V(0.0f), x = g.load_run(particles.x + begin), y = g.load_run(particles.y + begin), z = g.load_run(particles.z + begin);
+        const SortedParticles& p = near.particles;
+        const V zero = V(0.0f), x = g.load_run(p.x + begin), y = g.load_run(p.y + begin), z = g.load_run(p.z + begin);
         const V ex = max(max(V(from.x) - x, x - V(to.x)), zero), ey = max(max(V(from.y) - y, y - V(to.y)), zero),
                 ez = max(max(V(from.z) - z, z - V(to.z)), zero);
-        const typename Group::B may = present & (ex * ex + ey * ey + ez * ez < V(1.0002f * support * support));
-        g.keep(may, x + V(shift.x), near.x + n_near);
-        g.keep(may, y + V(shift.y), near.y + n_near);
-        g.keep(may, z + V(shift.z), near.z + n_near);
-        g.keep(may, g.numbers(begin), near.slot + n_near);
-        if constexpr (mixed) g.keep(may, g.load_run(sizes.of + begin), near.size + n_near);
-        return n_near + g.count(may);
-    }
-
-    /// The rows of `set` take up those of the candidates that are theirs.
-    template <class Group>
-    GB_FN void look(Group& g, Scratch<Group>& near, int n_near, Rows<Group>& rows, std::uint32_t set, std::uint32_t* out) const {
-        g.sync();
-        for (; set; set &= set - 1) {
-            const int row = trailing_zeros(set);
-            const std::uint32_t before = g.pick(rows.count, row);
-            const int n = find(g, near, n_near, {g.pick(rows.x, row), g.pick(rows.y, row), g.pick(rows.z, row)}, g.pick(rows.slot, row));
-            g.sync();
-            const int room = max(int(lists.places) - int(before), 0);
-            g.share(min(n, room), [&](int k) { out[std::size_t(before + k) * Packet::stride + row] = near.found[k]; });
-            g.per_lane(g.only(row), [&](int lane) { Group::put(rows.count, lane, before + std::uint32_t(n)); });
-        }
-        g.sync();
-    }
-    /// Puts the candidates within the support of a place, but for the one in `slot`, into near.found; how many.
-    template <class Group>
-    GB_FN int find(Group& g, Scratch<Group>& near, int n_near, const float3& at, std::uint32_t slot) const {
-        using V = F<Group>;
-        const float h2 = support * support;
-        V sure = V(h2 * (1.0f - kDoubt)), possible = V(h2 * (1.0f + kDoubt));
-        [[maybe_unused]] const float own = sizes.at(slot);
-        int n = 0;
-        for (int k = 0; k < n_near; k += Group::width) {
-            if constexpr (mixed) {
-                const V mean = V(0.5f) * (V(own) + g.load_run(near.size + k)), m2 = mean * mean;
-                sure = V(h2 * (1.0f - kDoubt)) * m2;
-                possible = V(h2 * (1.0f + kDoubt)) * m2;
-            }
-            const V dx = V(at.x) - g.load_run(near.x + k), dy = V(at.y) - g.load_run(near.y + k), dz = V(at.z) - g.load_run(near.z + k);
-            const V r2 = dx * dx + dy * dy + dz * dz;
-            typename Group::B mine = g.first_lanes(n_near - k) & (r2 < possible) & g.differ(near.slot + k, slot);
-            const typename Group::B doubtful = mine & !(r2 < sure);
-            if (g.any(doubtful))
-                g.per_lane(doubtful, [&](int lane) {
-                    const int j = k + g.lane_number(lane);
-                    double h = support;
-                    if constexpr (mixed) h *= 0.5 * (double(own) + near.size[j]);
-                    const double ex = double(at.x) - near.x[j], ey = double(at.y) - near.y[j], ez = double(at.z) - near.z[j];
-                    Group::put(mine, lane, ex * ex + ey * ey + ez * ez < h * h);
-                });
-            g.keep(mine, g.load_run(near.slot + k), near.found + n);
-            n += g.count(mine);
-        }
-        return n;
+        const typename Group::B may = present & (ex * ex + ey * ey + ez * ez < V(1.0002f * near.support * near.support));
+        return candidates.add(g, n, may, x + V(shift.x), y + V(shift.y), z + V(shift.z), begin, near, b);
     }
 
     /// Rows of one packet all get the length of the longest.

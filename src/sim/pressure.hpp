@@ -41,6 +41,9 @@ struct Push {
         using F = typename Packet::F;
         if (progress->done) return;
         const std::uint32_t* slot = lists.rows + row;
+        // What is used after the walk is asked for before it: a GPU waits for memory once.
+        const F s = Packet::load(rows.inverse_rho + row) * F(inverse_support);
+        Four<F> v = Packet::gather(velocity, slot);
         const F p = Packet::own(Packet::gather(change, slot));
         F x = p * Packet::load(rows.gx + row), y = p * Packet::load(rows.gy + row), z = p * Packet::load(rows.gz + row);
         const std::uint32_t n = Packet::longest(lists.count + row);
@@ -53,8 +56,6 @@ struct Push {
             z += q * Packet::load(lists.gz + at);
         }
         if (!Packet::add_up(x, y, z)) return;
-        const F s = Packet::load(rows.inverse_rho + row) * F(inverse_support);
-        Four<F> v = Packet::gather(velocity, slot);
         v.x -= s * x;
         v.y -= s * y;
         v.z -= s * z;
@@ -86,6 +87,10 @@ struct Relax {
         using F = typename Packet::F;
         if (progress->done) return;
         const std::uint32_t* slot = lists.rows + row;
+        // What is used after the walk is asked for before it: a GPU waits for memory once.
+        const F zero = F(0.0f), a = Packet::load(alpha + row), density = Packet::load(rows.density + row);
+        const F inside = bulk ? Packet::load(bulk + row) : F(1.0f), beta = F(progress->beta);
+        const F before = Packet::gather(pressure, slot), last = Packet::load(iterate + row);
         const Four<F> v = Packet::gather(velocity, slot);
         F sum = Packet::own(v.x * Packet::load(rows.gx + row) + v.y * Packet::load(rows.gy + row) + v.z * Packet::load(rows.gz + row));
         const std::uint32_t n = Packet::longest(lists.count + row);
@@ -96,15 +101,13 @@ struct Relax {
             sum -= u.x * Packet::load(lists.gx + at) + u.y * Packet::load(lists.gy + at) + u.z * Packet::load(lists.gz + at);
         }
         if (!Packet::add_up(sum)) return;
-        const F zero = F(0.0f), a = Packet::load(alpha + row);
-        const F excess = max(min(Packet::load(rows.density + row) - F(1.0f), F(most_excess)), F(least_excess));
-        const F least = bulk ? select(Packet::load(bulk + row) > zero, F(least_impulse), zero) : F(least_impulse);
-        const F before = Packet::gather(pressure, slot), last = Packet::load(iterate + row), step = F(omega) * a;
+        const F excess = max(min(density - F(1.0f), F(most_excess)), F(least_excess));
+        const F least = select(inside > zero, F(least_impulse), zero), step = F(omega) * a;
         // A gap may close: D up to its rate costs nothing (a proximal step).
         const F free = step * F(per_dt) * max(zero - excess, zero);
         const F raw = before + step * (sum * F(inverse_support) + F(per_dt) * max(excess, zero));
         const F x = max(raw - free, zero) + max(min(raw, zero), least);
-        const F after = max(x + F(progress->beta) * (x - last), least);
+        const F after = max(x + beta * (x - last), least);
         Packet::store(iterate + row, x);
         Packet::scatter(pressure, slot, after);
         Packet::scatter(change, slot, after - before);
