@@ -80,6 +80,18 @@ def test_crowded_lists_are_complete(backend):
     check_neighbors(sim)
 
 
+def test_lists_of_a_spray_are_complete(backend):
+    """Few neighbors far apart, so that rows side by side in memory share no candidates; some
+    particles are in one place."""
+    sim = gb.Simulation(column(hi=(5, 5, 5), walls=False), **backend)
+    random = np.random.default_rng(5)
+    drops = np.repeat(5 * random.random((60, 3)), random.integers(1, 25, 60), axis=0)
+    spray = np.concatenate([drops, drops[:40]]) + 0.0
+    spray[: len(drops)] += D * random.normal(size=drops.shape)
+    sim.add(np.clip(spray, 0.1, 4.9), "water")
+    check_neighbors(sim)
+
+
 def test_same_bits_for_any_thread_count():
     def run(threads):
         description = column(gravity=(1.0, -9.81, 0.5))

@@ -54,9 +54,10 @@ __global__ void __launch_bounds__(kSumThreads) run_sum(std::size_t n, Map map, C
     __shared__ typename Block::TempStorage room;
     __shared__ bool is_last;
     if (then.is_over()) return;
-    const std::size_t begin = std::size_t(blockIdx.x) * kSumItems, end = min(n, begin + kSumItems);
+    const std::size_t begin = std::size_t(blockIdx.x) * kSumItems + threadIdx.x;
     T sum = identity;
-    for (std::size_t i = begin + threadIdx.x; i < end; i += kSumThreads) sum = combine(sum, map(i));
+#pragma unroll
+    for (int k = 0; k < kSumItems; k += kSumThreads) sum = combine(sum, begin + k < n ? map(begin + k) : identity);  // all are asked for at once
     sum = Block(room).Reduce(sum, combine);
     if (threadIdx.x == 0) {
         parts[blockIdx.x] = sum;
@@ -67,6 +68,7 @@ __global__ void __launch_bounds__(kSumThreads) run_sum(std::size_t n, Map map, C
     __syncthreads();
     if (!is_last) return;
     sum = identity;
+#pragma unroll 4
     for (unsigned i = threadIdx.x; i < gridDim.x; i += kSumThreads) sum = combine(sum, parts[i]);
     sum = Block(room).Reduce(sum, combine);
     if (threadIdx.x > 0) return;

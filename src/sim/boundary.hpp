@@ -61,16 +61,13 @@ struct Contact {
         if (!(p.w < 0.0f)) return;
         float3 normal{0, 0, 0}, wall{0, 0, 0};
         float total = 0.0f;
-        for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
-            const std::uint32_t j = lists.index[lists.at(row, k)];
-            const Quad q = state.place[j];
-            if (!(q.w > 0.0f)) continue;
+        each_of_walls(row, [&](std::uint32_t j, const Quad& q) {
             const float3 away = period.template shortest<true>(p.xyz() - q.xyz());
             const float d2 = dot(away, away) / (spacing * spacing), s = q.w / (d2 * d2 + 1e-3f);  // the nearest rule
             normal = normal + away * s;
             wall = wall + state.velocity[j].xyz() * s;
             total += s;
-        }
+        });
         if (!(total > 0.0f)) return;
         const float3 mean = normal * (1.0f / total);
         normal = normalize(normal);
@@ -87,15 +84,28 @@ struct Contact {
             v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
         }
         if (!(r < kTouching)) return;
-        for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
-            const std::uint32_t j = lists.index[lists.at(row, k)];
-            const Quad q = state.place[j];
-            if (!(q.w > 0.0f)) continue;
+        each_of_walls(row, [&](std::uint32_t j, const Quad& q) {
             const float3 away = period.template shortest<true>(p.xyz() - q.xyz());
             const float d2 = dot(away, away);
-            if (!(d2 < kTouching * kTouching * spacing * spacing)) continue;
+            if (!(d2 < kTouching * kTouching * spacing * spacing)) return;
             const float s = dot(v.xyz() - state.velocity[j].xyz(), away) / max(d2, 1e-12f * spacing * spacing);
             if (s < 0.0f) v = {v.x - s * away.x, v.y - s * away.y, v.z - s * away.z, v.w};
+        });
+    }
+
+private:
+    /// fn(slot, place) of each neighbour that is a boundary's.  Places are asked for some at once: few rows are near a wall, and each waits for memory.
+    template <class Fn>
+    GB_FN void each_of_walls(std::size_t row, const Fn& fn) const {
+        constexpr std::uint32_t kAtOnce = 8;
+        const std::uint32_t n = lists.count[row];
+        for (std::uint32_t k = 0; k < n; k += kAtOnce) {
+            std::uint32_t j[kAtOnce];
+            Quad q[kAtOnce];
+            for (std::uint32_t m = 0; m < kAtOnce; ++m) j[m] = lists.index[lists.at(row, min(k + m, n - 1))];
+            for (std::uint32_t m = 0; m < kAtOnce; ++m) q[m] = state.place[j[m]];
+            for (std::uint32_t m = 0; m < kAtOnce; ++m)
+                if (k + m < n && q[m].w > 0.0f) fn(j[m], q[m]);
         }
     }
 };
