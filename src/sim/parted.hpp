@@ -79,6 +79,23 @@ struct OwnPairs {
         const float3 r = rest[o].xyz() - rest[t].xyz();
         return dot(r, r);
     }
+
+    /// fn(k, tissue particle) of each of n neighbors that is of t's body, until it returns false; false then.  Each takes loads that wait for
+    /// the one before: those of some neighbors go side by side.
+    template <class Fn>
+    GB_FN bool each_of_body(std::size_t row, std::uint32_t t, std::uint32_t n, const Fn& fn) const {
+        constexpr std::uint32_t kAtOnce = 8;
+        const std::uint32_t mine = body[t];
+        for (std::uint32_t k = 0; k < n; k += kAtOnce) {
+            std::uint32_t j[kAtOnce], o[kAtOnce], its[kAtOnce];
+            for (std::uint32_t m = 0; m < kAtOnce; ++m) j[m] = lists.index[lists.at(row, min(k + m, n - 1))];
+            for (std::uint32_t m = 0; m < kAtOnce; ++m) o[m] = members(state.id[min(j[m], lists.n - 1)]);
+            for (std::uint32_t m = 0; m < kAtOnce; ++m) its[m] = body[o[m] != kNobody ? o[m] : t];
+            for (std::uint32_t m = 0; m < kAtOnce; ++m)
+                if (k + m < n && j[m] < lists.n && o[m] != kNobody && its[m] == mine && !fn(k + m, o[m])) return false;
+        }
+        return true;
+    }
 };
 
 /// Rows away from cuts; the others are listed.
@@ -99,24 +116,17 @@ struct LeaveOut {
             return;
         }
         float sum = 0.0f;
-        for (std::uint32_t k = 0; k < n; ++k) {
-            std::uint32_t& j = lists.index[lists.at(row, k)];
-            const std::uint32_t o = pairs.other(j, t);
-            if (o == kNobody) continue;
+        pairs.each_of_body(row, t, n, [&](std::uint32_t k, std::uint32_t o) {
             const float r2 = pairs.apart2(t, o);
-            if (!(r2 < pairs.reach2)) continue;
+            if (!(r2 < pairs.reach2)) return true;
             sum += volume * spline(sqrt(r2));
-            j = lists.n;
-        }
+            lists.index[lists.at(row, k)] = lists.n;
+            return true;
+        });
         within[row] = sum;
     }
     GB_FN bool is_beside(std::size_t row, std::uint32_t t, std::uint32_t n) const {
-        if (scarred[t]) return true;
-        for (std::uint32_t k = 0; k < n; ++k) {
-            const std::uint32_t o = pairs.other(pairs.lists.index[pairs.lists.at(row, k)], t);
-            if (o != kNobody && scarred[o]) return true;
-        }
-        return false;
+        return scarred[t] || !pairs.each_of_body(row, t, n, [&](std::uint32_t, std::uint32_t o) { return !scarred[o]; });
     }
 };
 
