@@ -155,7 +155,7 @@ def body_of(sim):
 
 
 def test_bodies_stay_what_they_were_when_a_cut_is_sutured(backend):
-    """Two blocks that touch; the lower one is cut and sutured: all pairs between the blocks stay."""
+    """Two blocks touch, the lower one is cut and sutured: all pairs between the blocks stay."""
     sim, lower = jittered(backend)
     upper = lower + np.array([0, 0, 6.2 * D], "f4")
     sim.tissue.bond(sim.add(upper, "tissue"), 30000.0)
