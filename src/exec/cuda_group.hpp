@@ -43,7 +43,14 @@ struct CudaGroup {
         return v;
     }
     __device__ float largest(float v) const { return -smallest(-v); }
-    __device__ std::uint32_t largest(std::uint32_t v) const { return __reduce_max_sync(all, v); }
+    __device__ std::uint32_t largest(std::uint32_t v) const {
+#if __CUDA_ARCH__ >= 800
+        return __reduce_max_sync(all, v);
+#else
+        for (int s = 16; s; s >>= 1) v = max(v, __shfl_xor_sync(all, v, s));
+        return v;
+#endif
+    }
     /// Bits shifted up by one; the lowest is set where v is below 0.
     __device__ U shift_in_sign(U bits, float v) const { return __funnelshift_l(__float_as_uint(v), bits, 1); }
     __device__ F load_run(const float* p) const { return p[lane()]; }

@@ -107,7 +107,7 @@ private:
 };
 
 /// With places from the bunch's middle, t = |c|^2 - 2 x.c + |x|^2 - h^2 is below 0 where c is near x: four operations a candidate, since |c|^2 is the same for
-/// all rows.  Its roundings add up to less than kDoubt times the square of the farthest place; a word in which some t is as close to 0 is decided in float64.
+/// all rows.  Its roundings add up to less than kDoubt times the square of the farthest place; where t is as close to 0, float64 decides.
 template <class Group, bool mixed, int capacity>
 struct CandidatesByLane {
     static constexpr int places = capacity + 32, words = places / 32;
@@ -173,39 +173,45 @@ private:
         const int n_rows = count_bits(b.set), log_share = n_rows > 16 ? 0 : n_rows > 8 ? 1 : 2;
         const bool busy = g.lane() >> log_share < n_rows;
         const int row = busy ? lane_of[g.lane() >> log_share] : 0;
-        const float3 at{g.pick(rows.x, row), g.pick(rows.y, row), g.pick(rows.z, row)}, o = b.middle(), half = b.hi - o;
-        const float own_size = mixed ? near.sizes.of[g.pick(rows.slot, row)] : 1.0f;
-        const float x = at.x - o.x, y = at.y - o.y, z = at.z - o.z, h = mixed ? 0.5f * near.support * own_size : near.support;
-        const float own = busy ? x * x + y * y + z * z - h * h : infinity(), reach = sqrt(dot(half, half)) + near.support, band = kDoubt * reach * reach;
-        const float x2 = -2.0f * x, y2 = -2.0f * y, z2 = -2.0f * z;
+        const std::uint32_t own = g.pick(rows.slot, row);
+        const float3 o = b.middle(), half = b.hi - o;
+        const float x = g.pick(rows.x, row) - o.x, y = g.pick(rows.y, row) - o.y, z = g.pick(rows.z, row) - o.z;
+        const float h = mixed ? 0.5f * near.support * near.sizes.of[own] : near.support, reach = sqrt(dot(half, half)) + near.support, band = kDoubt * reach * reach;
+        const float square = busy ? x * x + y * y + z * z - h * h : infinity(), x2 = -2.0f * x, y2 = -2.0f * y, z2 = -2.0f * z;
         [[maybe_unused]] const float cross = -h * near.support;
+        const auto beyond = [&](int k) {
+            const Quad& c = item[k];
+            float t = c.w + square;
+            if constexpr (mixed) t += cross * size[k];
+            return x2 * c.x + (y2 * c.y + (z2 * c.z + t));
+        };
         for (int w = g.lane() & ((1 << log_share) - 1); 32 * w < n; w += 1 << log_share) {
-            std::uint32_t m = 0;
+            std::uint32_t m = 0, doubt = 0;
             float least = infinity();
-            for (int k = 0; k < 32; ++k) {
-                const Quad& c = item[32 * w + k];
-                float t = c.w + own;
-                if constexpr (mixed) t += cross * size[32 * w + k];
-                t = x2 * c.x + (y2 * c.y + (z2 * c.z + t));
+            for (int k = 32 * w; k < 32 * w + 32; ++k) {
+                const float t = beyond(k);
                 m = g.shift_in_sign(m, t);
-                least = min(least, abs(t));
+                least = fminf(least, abs(t));
             }
-            if (least < band) m = exact(n, w, at, own_size, near, shift);
+            if (least < band) {  // in a lattice, many pairs are as far apart as the support is long
+                const int end = min(32 * w + 32, n);
+                for (int k = 32 * w; k < end; ++k) doubt |= std::uint32_t(abs(beyond(k)) < band) << (31 - k % 32);
+            }
+            while (doubt) {
+                const int k = leading_zeros(doubt);
+                const std::uint32_t bit = 0x80000000u >> k;
+                m = is_near(own, slot[32 * w + k], near, shift) ? m | bit : m & ~bit;
+                doubt &= ~bit;
+            }
             if (busy) mask[w][row] = m;
         }
     }
-    GB_FN std::uint32_t exact(int n, int w, const float3& at, float own_size, const Nearness& near, const float3& shift) const {
-        std::uint32_t m = 0;
-        for (int k = 32 * w; k < 32 * w + 32; ++k) {
-            m <<= 1;
-            if (k >= n) continue;
-            const float3 p = near.particles.position(slot[k]) + shift;
-            double h = near.support;
-            if constexpr (mixed) h *= 0.5 * (double(own_size) + size[k]);
-            const double ex = double(at.x) - p.x, ey = double(at.y) - p.y, ez = double(at.z) - p.z;
-            m |= ex * ex + ey * ey + ez * ez < h * h;
-        }
-        return m;
+    GB_FN static bool is_near(std::uint32_t i, std::uint32_t j, const Nearness& near, const float3& shift) {
+        const float3 a = near.particles.position(i), c = near.particles.position(j) + shift;
+        double h = near.support;
+        if constexpr (mixed) h *= 0.5 * (double(near.sizes.of[i]) + near.sizes.of[j]);
+        const double ex = double(a.x) - c.x, ey = double(a.y) - c.y, ez = double(a.z) - c.z;
+        return ex * ex + ey * ey + ez * ez < h * h;
     }
 };
 

@@ -83,7 +83,7 @@ template <class Tree, class Packet, bool mixed>
 struct FindLists {
     static constexpr bool by_lane = Packet::width == 1;
     static constexpr int kCandidates = by_lane ? 192 : 384;  ///< at once; there may be more
-    static constexpr int tile_blocks = 9;                    ///< at one time on a GPU's processor
+    static constexpr int tile_blocks = 9;                    ///< at one time on a GPU's processor, where its memory has room
     template <class Group>
     using Scratch = std::conditional_t<by_lane, CandidatesByLane<Group, mixed, kCandidates>, CandidatesByRow<Group, mixed, kCandidates>>;
 
