@@ -1,6 +1,6 @@
-// Who of a bunch's candidates is near which of its rows.
+// Finds which candidates of a bunch of rows are near which of its rows.
 //
-// Two ways, with the same lists:
+// Two ways make the same lists:
 //   by row    a CPU: one row after the other tests a vector of candidates at a time, and packs the near ones
 //   by lane   a GPU: each lane is a row; all test the same candidate, and the signs of their answers are bits of a mask
 #pragma once
@@ -34,7 +34,7 @@ struct TileLists {
     std::uint32_t places;  ///< what goes beyond is counted, and not written
 };
 
-/// Who is near: closer than the support, of two sizes than the mean of both supports.
+/// Particles are near that are closer than the support; of two sizes, than the mean of both supports.
 struct Nearness {
     SortedParticles particles;
     float support;  ///< of size 1
@@ -106,8 +106,8 @@ private:
     }
 };
 
-/// With places from the bunch's middle, t = |c|^2 - 2 x.c + |x|^2 - h^2 is below 0 where c is near x: four operations a candidate, since |c|^2 is the same for
-/// all rows.  Its roundings add up to less than kDoubt times the square of the farthest place; where t is as close to 0, float64 decides.
+/// With places from the bunch's middle, t = |c|^2 - 2 x.c + |x|^2 - h^2 is below 0 where c is near x: four operations a candidate, since
+/// |c|^2 is the same for all rows.  Its roundings add up to less than kDoubt times the square of the farthest place; where t is as close to 0, float64 decides.
 template <class Group, bool mixed, int capacity>
 struct CandidatesByLane {
     static constexpr int places = capacity + 32, words = places / 32;
