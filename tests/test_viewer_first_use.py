@@ -330,6 +330,36 @@ def test_the_page_of_particles(chromium):
         watched.close()
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_range_is_kept_whichever_callback_comes_first(order):
+    particles = blob()
+    viewer = gb.view(particles, port=0, browser=False, block=False)
+    try:
+        color, widgets = viewer.state.color, viewer.page.binder.widgets
+        viewer.state.set(color__by="speed")
+        with viewer.source.lock:
+            viewer.source.layers(viewer.state.snapshot())
+        lo, hi = viewer.source.maker.range
+        assert (lo, hi) == (*map(float, np.percentile(particles.attributes["speed"], (0, 100))),)
+
+        def person(name: str, value: object) -> None:
+            """As a browser does; its callbacks run in several threads, in any order."""
+            widget = widgets[name]
+            widget._impl.value = value
+            for called in widget._impl.update_cb[::order]:
+                called(SimpleNamespace(client=SimpleNamespace(client_id=-1), target=widget))
+
+        person("color.automatic", False)
+        assert (color.automatic, color.low, color.high) == (False, lo, hi)
+        person("color.automatic", True)
+        person("color.low", lo - 1)
+        assert (color.automatic, color.low, color.high) == (False, lo - 1, hi)
+        person("color.automatic", False)  # which was on its way
+        assert (color.low, color.high) == (lo - 1, hi)
+    finally:
+        viewer.close()
+
+
 def test_saved_settings_open_the_same_view(tmp_path):
     path = tmp_path / "view.toml"
     viewer = gb.view(blob(), block=False, browser=False)

@@ -128,6 +128,24 @@ def test_no_word_waits_for_a_running_step():
         thread.join()
 
 
+def test_a_step_asked_for_during_another_comes_after_it():
+    source, _ = held_block()
+    sim, step = source.simulation, source.simulation.step
+
+    def once():
+        report = step()
+        source.step()  # as soon as `n_steps` says that this one is done
+        sim.step = step
+        return report
+
+    sim.step = once
+    steps(source, 1)
+    assert sim.n_steps == 1
+    for _ in range(2):
+        source.advance(State())
+    assert sim.n_steps == 2
+
+
 def test_instruments_have_their_force_in_record_panel_and_plot():
     viewer = gb.view(
         gb.Simulation(scene_with_grasper("bonds"), device="cpu"),

@@ -66,7 +66,7 @@ class SimulationSource(Source):
         self._own: Particles | None = None  # a copy, for colors of values
         self._fluid: tuple[Particles, Particles] | None = None  # all, and the shown ones
         self._own_version = -1
-        self._wanted_steps = 0
+        self._wants_step = False
         self._hold = np.zeros(3)  # place of the held matter, world
         self._held: np.ndarray | None = None  # its ids
         self._target: np.ndarray | None = None  # place of the pointer, world
@@ -266,13 +266,13 @@ class SimulationSource(Source):
         """Take one step if the simulation runs or `step` was called; or go where `go_to` says."""
         if self._wanted_place is not None:
             return self._go()
-        if not self.running and not self._wanted_steps:
+        if not self.running and not self._wants_step:
             return None
         with self.lock:
-            if not self.running and not self._wanted_steps:  # after a reset
+            if not self.running and not self._wants_step:  # after a reset
                 return None
             before = float(getattr(self.simulation, "time", 0.0))
-            self._stepping = True
+            self._stepping, self._wants_step = True, False  # a `step` from now on asks for one more
             try:
                 self._past.note(self.simulation)
                 self._go_on()
@@ -283,13 +283,12 @@ class SimulationSource(Source):
                 self.version += 1
             finally:
                 self._stepping = False
-            self._wanted_steps = max(0, self._wanted_steps - 1)
         passed = float(getattr(self.simulation, "time", 0.0)) - before
         return min(passed / self.speed, LONGEST_PAUSE) if self.running else 0.0
 
     def stand_still(self) -> None:
         """Pause after the current step."""
-        self.running, self._wanted_steps = False, 0
+        self.running, self._wants_step = False, False
 
     def play(self, running: bool) -> None:
         """Run, or pause after the current step."""
@@ -297,7 +296,7 @@ class SimulationSource(Source):
 
     def step(self) -> None:
         """Take one step and pause."""
-        self.running, self._wanted_steps = False, 1
+        self.running, self._wants_step = False, True
 
     def go_to(self, steps: int) -> None:
         """Pause, and go to the kept state that is nearest to a step."""

@@ -35,7 +35,6 @@ class Color(Panel):
     """Attribute, color map, range and legend."""
 
     title = "Color by value"
-    _before: tuple = ()  # the settings' range while the automatic one is shown
 
     def build(self) -> None:
         """Make the widgets."""
@@ -44,14 +43,16 @@ class Color(Panel):
             "color", "by", options=names, none=NONE, also=lambda: self._opaque(by.value)
         )
         self.add("color", "colormap")
-        automatic = self.add("color", "automatic")
-        self.ends = {name: self.add("color", name, typed=True) for name in ("low", "high")}
+        automatic: Any = self.add(
+            "color", "automatic", also=lambda: {} if automatic.value else self._shown("low", "high")
+        )
+        self.ends = {
+            name: self.add("color", name, typed=True, also=lambda other=other: self._typed(other))
+            for name, other in (("low", "high"), ("high", "low"))
+        }
         for name in ("legend", "legend_at", "legend_title", "legend_unit"):
             self.add("color", name)
         self.button("Keep this range", self.take_range, "Do not adapt the range to the values")
-        automatic.on_update(self.safe(self._switched))
-        for name, widget in self.ends.items():
-            widget.on_update(self.safe(lambda event, name=name: self._typed(event, name)))
 
     def _opaque(self, name: str) -> dict[str, Any]:
         return opaque(self.viewer, "" if name == NONE else name)
@@ -61,27 +62,22 @@ class Color(Panel):
         low, high = self.viewer.source.maker.range
         self.state.set(color__automatic=False, color__low=low, color__high=high)
 
-    def _switched(self, event: Any) -> None:
-        """Keep the range that was shown, unless a person has changed it since."""
-        color = self.state.color
-        shown = (color.low, color.high) == self._before
-        if event.client is not None and not color.automatic and shown:
-            self.take_range(event.client)
-
-    def _typed(self, event: Any, name: str) -> None:
-        """Keep the end that a person has typed, and the other end as shown."""
-        if event.client is None or not self.state.color.automatic:
-            return
+    def _shown(self, *names: str) -> dict[str, Any]:
+        """Settings that keep these ends of the automatic range, if one is shown."""
+        if not (self.state.color.automatic and self.state.color.by):
+            return {}
         ends = dict(zip(("low", "high"), self.viewer.source.maker.range, strict=True))
-        ends[name] = getattr(self.state.color, name)
-        self.state.set(color__automatic=False, color__low=ends["low"], color__high=ends["high"])
+        return {f"color__{name}": ends[name] for name in names}
+
+    def _typed(self, other: str) -> dict[str, Any]:
+        """Settings that go with an end that a person has typed: the other end stays as shown."""
+        return {"color__automatic": False, **self._shown(other)}
 
     def tick(self) -> None:
         """Show the automatic range."""
         color = self.state.color
         if not (color.automatic and color.by):
             return
-        self._before = color.low, color.high
         low, high = self.viewer.source.maker.range
         digits = 2 - int(np.floor(np.log10(high - low))) if 0 < high - low < np.inf else 2
         for widget, value in zip(self.ends.values(), (low, high), strict=True):
