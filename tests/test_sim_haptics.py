@@ -299,6 +299,10 @@ def test_an_error_of_the_device_ends_the_run():
     assert sim.time < 5.0
     assert not device.force.any()
     assert not any(t.name == "haptic loop" for t in threading.enumerate())
+    device.n, device.force = 0, np.ones(3)
+    with pytest.raises(OSError, match="device: no answer"):
+        loop.run(5.0, real_time=False)
+    assert not device.force.any()
 
 
 def test_mistakes_are_named():

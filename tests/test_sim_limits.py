@@ -183,6 +183,22 @@ def test_a_mesh_out_of_the_domain_is_refused(tmp_path):
     assert np.allclose(sim.positions.mean(axis=0), 0.5, atol=0.01)
 
 
+@pytest.mark.parametrize(("kind", "n"), [("fluids", 400), ("solids", 400), ("rigids", 400)])
+def test_a_body_partly_out_of_the_domain_is_refused(kind, n):
+    domain = {"lo": [0, 0, 0], "hi": [1, 1, 1]}
+    body = {"name": "b", "box": {"lo": [0.5, 0, 0], "hi": [1.2, 0.5, 0.5]}}
+    scene = {"spacing": 0.05, "domain": domain, kind: [body]}
+    message = rf"{kind}\[0\] \(b\): expected particles in the domain, got {n} of 1,400 outside"
+    for domain["periodic"] in ([], ["x"]):
+        with pytest.raises(SceneError, match=message):
+            gb.Simulation(scene, device="cpu")
+    body["box"] = {"lo": [0.5, 0, 0], "hi": [1.0, 0.5, 0.5]}
+    assert gb.Simulation(scene, device="cpu").record.counts[KINDS[kind]] == 1000
+
+
+KINDS = {"fluids": "fluid", "solids": "tissue", "rigids": "rigid"}
+
+
 def test_a_boundary_beside_the_domain_or_coming_in_is_taken(tmp_path):
     path = tmp_path / "scene.toml"
     for plate in (

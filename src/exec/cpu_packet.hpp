@@ -29,10 +29,12 @@ struct CpuPacket {
         return r;
     }
     GB_FN static void store(float* p, const F& v) { std::memcpy(p, &v.v, sizeof v.v); }
-    GB_FN static F gather(const float* p, const std::uint32_t* index) {
+    template <class Index>
+    GB_FN static F gather(const float* p, const Index* index) {
         F r;
 #if defined(__AVX512F__)
-        r.v = (VecF)_mm512_i32gather_ps(_mm512_loadu_si512(index), p, 4);
+        if constexpr (sizeof(Index) == 2) r.v = (VecF)_mm512_i32gather_ps(_mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i*)index)), p, 4);
+        else r.v = (VecF)_mm512_i32gather_ps(_mm512_loadu_si512(index), p, 4);
 #else
         for (int i = 0; i < width; ++i) r.v[i] = p[index[i]];
 #endif
@@ -42,7 +44,8 @@ struct CpuPacket {
         for (int i = 0; i < width; ++i) p[index[i]] = v.v[i];
     }
     /// Four values of each lane's item: loads of 16 bytes and a transposition beat four gathers.
-    GB_FN static Four<F> gather(const Quad* p, const std::uint32_t* index) {
+    template <class Index>
+    GB_FN static Four<F> gather(const Quad* p, const Index* index) {
 #if defined(__AVX512F__)
         const auto four = [&](int i) {
             __m512 r = _mm512_castps128_ps512(_mm_load_ps(&p[index[i]].x));
@@ -116,6 +119,31 @@ struct CpuPacket {
 #else
         return *p;
 #endif
+    }
+
+    // Slots in 16 bits (sim/neighbors.hpp).
+    static constexpr bool short_slots = true;
+    /// The smallest slot of lists in slot order.
+    GB_FN static std::uint32_t smallest(const std::uint32_t* index, const std::uint32_t* counts) {
+        std::uint32_t least = ~0u;
+        for (int i = 0; i < width; ++i) least = counts[i] > 0 && index[i] < least ? index[i] : least;
+        return least;
+    }
+    /// Slots less the first; nobody's becomes 0.  Adds their bits to `bits`.
+    typedef std::uint32_t Bits __attribute__((vector_size(4 * kWidth)));
+    GB_FN static void shorten(std::uint16_t* out, const std::uint32_t* index, std::uint32_t first, std::uint32_t nobody, Bits& bits) {
+        typedef std::uint16_t Shorts __attribute__((vector_size(2 * kWidth)));
+        Bits slots;
+        std::memcpy(&slots, index, sizeof slots);
+        const Bits d = slots == nobody ? Bits{} : slots - first;
+        const Shorts low = __builtin_convertvector(d, Shorts);
+        std::memcpy(out, &low, sizeof low);
+        bits |= d;
+    }
+    GB_FN static bool are_short(const Bits& bits) {
+        std::uint32_t all = 0;
+        for (int i = 0; i < width; ++i) all |= bits[i];
+        return all >> 16 == 0;
     }
 
     /// The longest list of the packet's rows.

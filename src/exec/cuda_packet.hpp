@@ -12,6 +12,7 @@ struct CudaPacket {
     using F = float;
     using B = bool;
     using Short = __half;
+    static constexpr bool short_slots = false;
     static constexpr std::uint32_t team = 1;
     __device__ static std::uint32_t member() { return 0; }
     __device__ static F own(F v) { return v; }

@@ -48,6 +48,7 @@ struct Densities {
         F density = within ? own * spline(zero) + Packet::load(within + row) : own * spline(zero), gx = zero, gy = zero, gz = zero, squares = zero, nearest = h;
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t at = lists.at(row);
+        ShortenSlots<Packet> shorts(lists, row);
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
             lists.fetch_next(at);
             const Four<F> other = Packet::gather(place, lists.index + at);
@@ -71,8 +72,10 @@ struct Densities {
             gx += x;
             gy += y;
             gz += z;
+            shorts.add(lists, at);
             squares += mixed ? (x * x + y * y + z * z) * max(-other.w, zero) * weight : (x * x + y * y + z * z) * max(-other.w, zero);
         }
+        shorts.finish(lists, row);
         const F rho = max(-mine.w, zero);  // its inverse
         const F sum = (gx * gx + gy * gy + gz * gz) * rho + squares;
         const F solved = select(rho > zero, F(1.0f), zero);

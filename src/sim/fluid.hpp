@@ -27,7 +27,7 @@ public:
     using Lists = sim::Lists<Packet>;
 
     Fluid(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
-        : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), gradients_(exec), row_values_(exec),
+        : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), list_shorts_(exec), list_firsts_(exec), gradients_(exec), row_values_(exec),
           change_(exec), error_(exec), accelerations_(exec), outcome_(exec), residuals_(exec), iterate_(exec), lift_(exec), kept_(exec), before_(exec), kicked_(exec), compression_(exec), most_count_(exec),
           cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), conjugate_(exec), surface_(exec, state, settings) {}
 
@@ -65,6 +65,10 @@ public:
         }
         const std::size_t room = padded_rows() * places_;
         typename Packet::Short* g = gradients_.reserve(3 * room);
+        if constexpr (Packet::short_slots) {
+            lists_.short_index = list_shorts_.reserve(room);
+            lists_.first = list_firsts_.reserve(padded_rows() / Packet::stride);
+        }
         lists_.gx = g;
         lists_.gy = g + room;
         lists_.gz = g + 2 * room;
@@ -386,6 +390,8 @@ private:
     bool filled_ = false, started_ = false;
     int divergence_took_ = 1, density_took_ = 1;
     Buffer<std::uint32_t, Exec> list_counts_, list_index_;
+    Buffer<std::uint16_t, Exec> list_shorts_;
+    Buffer<std::uint32_t, Exec> list_firsts_;
     Buffer<typename Packet::Short, Exec> gradients_;
     Buffer<float, Exec> row_values_, change_, error_;
     Buffer<Quad, Exec> accelerations_;

@@ -10,7 +10,7 @@
 namespace globule::core::sim {
 
 /// Rows are the particles that the solver moves, in slot order.
-template <class Packet>
+template <class Packet, bool = Packet::short_slots>
 struct Lists {
     using Short = typename Packet::Short;
     std::size_t n_rows = 0;
@@ -27,14 +27,55 @@ struct Lists {
         return (row / s * places + k) * s + row % s;
     }
     /// Asks for the same place of the next packet's lists: what a processor foresees by itself ends with a packet's own.
-    GB_FN void fetch_next(std::size_t at) const {
+    GB_FN void fetch_next(std::size_t at) const { fetch_next(at, index); }
+    template <class Index>
+    GB_FN void fetch_next(std::size_t at, const Index* slots) const {
         const std::size_t next = at + std::size_t(places) * Packet::stride;
-        fetch_next_index(at);
+        Packet::fetch(slots + next);
         Packet::fetch(gx + next);
         Packet::fetch(gy + next);
         Packet::fetch(gz + next);
     }
     GB_FN void fetch_next_index(std::size_t at) const { Packet::fetch(index + at + std::size_t(places) * Packet::stride); }
+    /// fn(slots, first): the slot of the neighbour at a place is first + slots[place].
+    template <class Fn>
+    GB_FN void with_slots(std::size_t, const Fn& fn) const { fn(static_cast<const std::uint32_t*>(index), 0u); }
+};
+
+/// Slots in 16 bits, too: less the smallest of the packet.  Passes that wait for memory wait less.
+template <class Packet>
+struct Lists<Packet, true> : Lists<Packet, false> {
+    static constexpr std::uint32_t kFar = ~0u;
+    std::uint16_t* short_index = nullptr;  ///< written with the gradients; nobody is the first, as the gradient is 0 there
+    std::uint32_t* first = nullptr;        ///< the smallest, per packet; kFar: they are too far from each other
+    template <class Fn>
+    GB_FN void with_slots(std::size_t row, const Fn& fn) const {
+        const std::uint32_t f = first[row / Packet::stride];
+        if (f != kFar) fn(static_cast<const std::uint16_t*>(short_index), f);
+        else fn(static_cast<const std::uint32_t*>(this->index), 0u);
+    }
+};
+
+/// Writes a packet's slots in 16 bits, one place after the other.
+template <class Packet, bool = Packet::short_slots>
+class ShortenSlots {
+public:
+    GB_FN ShortenSlots(const Lists<Packet>& lists, std::size_t row) : first_(Packet::smallest(lists.index + lists.at(row), lists.count + row)) {}
+    GB_FN void add(const Lists<Packet>& lists, std::size_t at) { Packet::shorten(lists.short_index + at, lists.index + at, first_, lists.n, bits_); }
+    GB_FN void finish(const Lists<Packet>& lists, std::size_t row) const {
+        lists.first[row / Packet::stride] = Packet::are_short(bits_) ? first_ : Lists<Packet>::kFar;
+    }
+
+private:
+    std::uint32_t first_;
+    typename Packet::Bits bits_{};
+};
+template <class Packet>
+class ShortenSlots<Packet, false> {
+public:
+    GB_FN ShortenSlots(const Lists<Packet>&, std::size_t) {}
+    GB_FN void add(const Lists<Packet>&, std::size_t) {}
+    GB_FN void finish(const Lists<Packet>&, std::size_t) const {}
 };
 
 /// Axes along which the domain repeats: its length there, else 0.

@@ -47,14 +47,16 @@ struct Push {
         const F p = Packet::own(Packet::gather(change, slot));
         F x = p * Packet::load(rows.gx + row), y = p * Packet::load(rows.gy + row), z = p * Packet::load(rows.gz + row);
         const std::uint32_t n = Packet::longest(lists.count + row);
-        for (std::uint32_t k = Packet::member(); k < n; k += Packet::team) {
-            const std::size_t at = lists.at(row, k);
-            lists.fetch_next(at);
-            const F q = Packet::gather(change, lists.index + at);
-            x += q * Packet::load(lists.gx + at);
-            y += q * Packet::load(lists.gy + at);
-            z += q * Packet::load(lists.gz + at);
-        }
+        lists.with_slots(row, [&](const auto* slots, std::uint32_t first) {
+            for (std::uint32_t k = Packet::member(); k < n; k += Packet::team) {
+                const std::size_t at = lists.at(row, k);
+                lists.fetch_next(at, slots);
+                const F q = Packet::gather(change + first, slots + at);
+                x += q * Packet::load(lists.gx + at);
+                y += q * Packet::load(lists.gy + at);
+                z += q * Packet::load(lists.gz + at);
+            }
+        });
         if (!Packet::add_up(x, y, z)) return;
         v.x -= s * x;
         v.y -= s * y;
@@ -94,12 +96,14 @@ struct Relax {
         const Four<F> v = Packet::gather(velocity, slot);
         F sum = Packet::own(v.x * Packet::load(rows.gx + row) + v.y * Packet::load(rows.gy + row) + v.z * Packet::load(rows.gz + row));
         const std::uint32_t n = Packet::longest(lists.count + row);
-        for (std::uint32_t k = Packet::member(); k < n; k += Packet::team) {
-            const std::size_t at = lists.at(row, k);
-            lists.fetch_next(at);
-            const Four<F> u = Packet::gather(velocity, lists.index + at);
-            sum -= u.x * Packet::load(lists.gx + at) + u.y * Packet::load(lists.gy + at) + u.z * Packet::load(lists.gz + at);
-        }
+        lists.with_slots(row, [&](const auto* slots, std::uint32_t first) {
+            for (std::uint32_t k = Packet::member(); k < n; k += Packet::team) {
+                const std::size_t at = lists.at(row, k);
+                lists.fetch_next(at, slots);
+                const Four<F> u = Packet::gather(velocity + first, slots + at);
+                sum -= u.x * Packet::load(lists.gx + at) + u.y * Packet::load(lists.gy + at) + u.z * Packet::load(lists.gz + at);
+            }
+        });
         if (!Packet::add_up(sum)) return;
         const F excess = max(min(density - F(1.0f), F(most_excess)), F(least_excess));
         const F least = select(inside > zero, F(least_impulse), zero), step = F(omega) * a;

@@ -26,7 +26,7 @@ public:
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
           vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), strained_(exec), rest_at_(exec), rows_(exec), spared_(exec),
-          lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), beside_cuts_(exec), body_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec), plane_(exec), plane_speed_(exec), beside_(exec), quiet_(exec), plane_rub_(exec), rub_(exec), loads_(exec), change_(exec), rigid_loads_(exec) {}
+          lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), beside_cuts_(exec), body_(exec), beside_(exec), quiet_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec), plane_(exec), plane_speed_(exec), plane_rub_(exec), loads_(exec), change_(exec), rub_(exec), rigid_loads_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
     Interrupt* whole() noexcept override { return &exec_.interrupt(); }

@@ -30,7 +30,7 @@ from .table import shown
 PAGE = """\
 # Physics, checked
 
-Made by `globule bench physics -o docs`: {n} truths, {n_met} met; {machine}.
+Made by `{command}`: {n} truths, {n_met} met; {machine}.
 The experiments are `globule.bench.physics_fluid`, `physics_flows`, `physics_bodies`,
 `physics_crown`, `physics_tissue`, `physics_solid`, `physics_memory`, `physics_friction` and
 `physics_cuts`; the tests run the small ones.
@@ -68,7 +68,7 @@ def run(
         write_csv(output, rows)
         stem, _ = os.path.splitext(output)
         with atomic_write(f"{stem}.md", "w") as file:
-            file.write(page(rows, description))
+            file.write(page(rows, description, quick))
         folder, name = os.path.split(stem)
         os.makedirs(os.path.join(folder, "images"), exist_ok=True)
         plot(os.path.join(folder, "images", f"{name}.png"), rows)
@@ -134,7 +134,7 @@ def by_part(rows: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     return parts
 
 
-def page(rows: list[dict[str, Any]], description: str) -> str:
+def page(rows: list[dict[str, Any]], description: str, quick: bool = False) -> str:
     """The page of the documentation, Markdown."""
     lines = []
     for part, its in by_part(rows).items():
@@ -147,8 +147,9 @@ def page(rows: list[dict[str, Any]], description: str) -> str:
     unmet = [row["truth"] for row in rows if not row["ok"]]
     said = "Not met: " + "; ".join(unmet) + ".\n" if unmet else ""
     n_met = len(rows) - len(unmet)
+    command = "globule bench physics" + (" --quick" if quick else "")
     return PAGE.format(
-        n=len(rows), n_met=n_met, machine=description, tables="\n".join(lines), unmet=said
+        command=command, n=len(rows), n_met=n_met, machine=description, tables="\n".join(lines), unmet=said
     )
 
 

@@ -45,7 +45,7 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--output": {"metavar": "PATH", "help": "file or folder to write"},
     "--json": {"action": "store_true", "help": "print one JSON object instead of text"},
     "--list": {"action": "store_true", "help": "list the names and exit"},
-    "--quick": {"action": "store_true", "help": "run only the small sizes, for about a minute"},
+    "--quick": {"action": "store_true", "help": "run only the small sizes, for a minute or more"},
     "--resume": {"action": "store_true", "help": "continue an interrupted run"},
     "--state": {"metavar": "FILE.toml", "help": "settings saved by `globule view`"},
     "--size": {

@@ -68,7 +68,10 @@ def read_npz(
     if positions is None:
         found = shown(", ".join(arrays))
         problem = f"expected positions (N, 3), or x, y and z (N,), got {found}"
-        raise bad(path, "archive", f"{problem}; load it and pass gb.Particles(positions)")
+        remedy = "load it and pass gb.Particles(positions)"
+        if "_facts" in arrays and "place" in arrays:
+            remedy = "it is a checkpoint: gb.Simulation.load(path).particles"
+        raise bad(path, "archive", f"{problem}; {remedy}")
     arrays = placed
     n = len(positions)
     check_lengths(path, arrays, n)

@@ -201,9 +201,12 @@ def _body(
     reach = NEAR * scene.spacing if kind == "boundary" else 0.0
     moves = getattr(table, "motion", None) is not None  # and may come in
     near = (positions >= np.subtract(lo, reach)) & (positions <= np.add(hi, reach))
-    if not moves and not near.all(axis=1).any():
-        middle = ", ".join(f"{x:g}" for x in positions.mean(axis=0))
-        raise ValueError(f"expected particles in the domain, got all outside of it, at ({middle})")
+    away = ~near.all(axis=1)
+    if not moves and (away.all() or away.any() and kind != "boundary"):
+        middle = ", ".join(f"{x:g}" for x in positions[away].mean(axis=0))
+        got = "all" if away.all() else f"{away.sum():,} of {len(away):,}"
+        expected = "expected particles in the domain"
+        raise ValueError(f"{expected}, got {got} outside of it, at ({middle})")
     if velocities is None:
         velocities = getattr(table, "velocity", (0.0, 0.0, 0.0))
     velocities = np.array(np.broadcast_to(velocities, positions.shape), np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
@@ -117,7 +118,7 @@ class HapticLoop:
         Raises:
             ValueError: seconds below 0.
             ArithmeticError: as of `Simulation.step`.
-            Exception: what the device raised; in the thread, the force was set to 0 before.
+            Exception: what the device raised; the force was set to 0 before.
         """
         seconds = number("seconds", seconds, 0.0)
         sim, first = self._sim, self._sim.time
@@ -139,12 +140,17 @@ class HapticLoop:
         if self._thread is not None:
             raise ValueError("real_time: expected True while the loop runs in its thread")
         n_before = self.n_ticks
-        while (rest := first + seconds - sim.time) > 1e-9:
-            dt, pose = min(sim.dt, rest), self.servo.tool  # as if both went on side by side
-            n = round((sim.time + dt - first) * self.coupling.rate)
-            while self.n_ticks - n_before < n:
-                self.tick()
-            self._step(pose, dt)
+        try:
+            while (rest := first + seconds - sim.time) > 1e-9:
+                dt, pose = min(sim.dt, rest), self.servo.tool  # as if both went on side by side
+                n = round((sim.time + dt - first) * self.coupling.rate)
+                while self.n_ticks - n_before < n:
+                    self.tick()
+                self._step(pose, dt)
+        except BaseException:
+            with contextlib.suppress(Exception):  # the error that came first is raised
+                self._device.write(np.zeros(3), np.zeros(3))
+            raise
 
     def start(self) -> None:
         """Begin the loop's thread; without effect while it runs."""

@@ -109,8 +109,8 @@ class Record(Part):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of particles of each kind; "escaped": particles outside the domain; "removed":
-        particles removed after the start."""
+        """Number of particles of each kind; "escaped": how many of them are outside the domain;
+        "removed": particles removed after the start."""
         kinds = [phase.kind for phase in self._sim.phases.values()]
         per_phase = np.bincount(self._sim.arrays.phase, minlength=len(kinds))
         found = {kind: 0 for kind in ("fluid", "tissue", "rigid", "boundary")}
