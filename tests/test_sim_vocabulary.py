@@ -195,7 +195,7 @@ CASES = {
     },
     "Cylinder": {
         k: {"fluids": [{"name": "water", "cylinder": {**ROLL, k: v}}]}
-        for k, v in {"start": [0.2, 0.1, 0.1], "end": [0.2, 0.3, 0.1], "radius": 0.15}.items()
+        for k, v in {"start": [0.2, 0.1, 0.1], "end": [0.2, 0.3, 0.1], "radius": 0.06}.items()
     },
     "Plane": {
         k: {"boundaries": [{"name": "wall", "plane": {"point": [0, 0, 0.1], "normal": [0, 0, 1],
@@ -205,7 +205,7 @@ CASES = {
     **{
         kind.__name__: {
             k: {where: [{"name": "thing", name: (name, {k: v})}]}
-            for k, v in {"file": None, "scale": 1.5, "move": [0.05, 0, 0]}.items()
+            for k, v in {"file": None, "scale": 1.2, "move": [0.05, 0, 0]}.items()
         }
         for kind, where, name in (
             (sources.MeshFile, "fluids", "mesh"), (sources.ParticleFile, "fluids", "particles"),

@@ -149,7 +149,12 @@ def page(rows: list[dict[str, Any]], description: str, quick: bool = False) -> s
     n_met = len(rows) - len(unmet)
     command = "globule bench physics" + (" --quick" if quick else "")
     return PAGE.format(
-        command=command, n=len(rows), n_met=n_met, machine=description, tables="\n".join(lines), unmet=said
+        command=command,
+        n=len(rows),
+        n_met=n_met,
+        machine=description,
+        tables="\n".join(lines),
+        unmet=said,
     )
 
 
