@@ -201,7 +201,7 @@ def _body(
     reach = NEAR * scene.spacing if kind == "boundary" else 0.0
     moves = getattr(table, "motion", None) is not None  # and may come in
     near = (positions >= np.subtract(lo, reach)) & (positions <= np.add(hi, reach))
-    away: np.ndarray = ~near.all(axis=1)
+    away = np.logical_not(near.all(axis=1))
     if not moves and (away.all() or (away.any() and kind != "boundary")):
         middle = ", ".join(f"{x:g}" for x in positions[away].mean(axis=0))
         got = "all" if away.all() else f"{away.sum():,} of {len(away):,}"
