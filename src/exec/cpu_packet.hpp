@@ -22,7 +22,14 @@ struct CpuPacket {
     GB_FN static bool add_up(T&...) { return true; }
 
     /// Asks memory for what will be read soon.
-    GB_FN static void fetch(const void* p) { __builtin_prefetch(p); }
+    template <class T>
+    GB_FN static void fetch(const T* p) {
+        for (std::size_t i = 0; i < sizeof(T); i += 64) __builtin_prefetch(reinterpret_cast<const char*>(p) + i);
+    }
+    template <class T>
+    GB_FN static const T& read(const T& p) { return p; }
+    template <class T, class Fn>
+    GB_FN static void write(T& p, const Fn& fn) { fn(p); }
     GB_FN static F load(const float* p) {
         F r;
         std::memcpy(&r.v, p, sizeof r.v);
@@ -121,30 +128,40 @@ struct CpuPacket {
 #endif
     }
 
-    // Slots in 16 bits (sim/neighbors.hpp).
-    static constexpr bool short_slots = true;
-    /// The smallest slot of lists in slot order.
-    GB_FN static std::uint32_t smallest(const std::uint32_t* index, const std::uint32_t* counts) {
-        std::uint32_t least = ~0u;
-        for (int i = 0; i < width; ++i) least = counts[i] > 0 && index[i] < least ? index[i] : least;
-        return least;
-    }
-    /// Slots less the first; nobody's becomes 0.  Adds their bits to `bits`.
-    typedef std::uint32_t Bits __attribute__((vector_size(4 * kWidth)));
-    GB_FN static void shorten(std::uint16_t* out, const std::uint32_t* index, std::uint32_t first, std::uint32_t nobody, Bits& bits) {
-        typedef std::uint16_t Shorts __attribute__((vector_size(2 * kWidth)));
-        Bits slots;
-        std::memcpy(&slots, index, sizeof slots);
-        const Bits d = slots == nobody ? Bits{} : slots - first;
-        const Shorts low = __builtin_convertvector(d, Shorts);
-        std::memcpy(out, &low, sizeof low);
-        bits |= d;
-    }
-    GB_FN static bool are_short(const Bits& bits) {
-        std::uint32_t all = 0;
-        for (int i = 0; i < width; ++i) all |= bits[i];
-        return all >> 16 == 0;
-    }
+    /// Where slots of 16 bits count from (sim/neighbors.hpp): the smallest.
+    struct Bases {
+        std::uint32_t first;
+        GB_FN bool are_far() const { return first == ~0u; }
+    };
+    template <class T>
+    GB_FN static auto gather(const T* p, const Bases& from, const std::uint16_t* slots) { return gather(p + from.first, slots); }
+    /// Writes the slots of a packet's lists, which are in slot order, in 16 bits.
+    class ShortSlots {
+    public:
+        GB_FN ShortSlots(const std::uint32_t* index, const std::uint32_t* counts, std::size_t) {
+            for (int i = 0; i < width; ++i) first_ = counts[i] > 0 && index[i] < first_ ? index[i] : first_;
+        }
+        /// Nobody is the first: the gradient is 0 there.
+        GB_FN void add(std::uint16_t* out, const std::uint32_t* index, std::uint32_t nobody) {
+            typedef std::uint16_t Shorts __attribute__((vector_size(2 * kWidth)));
+            Bits slots;
+            std::memcpy(&slots, index, sizeof slots);
+            const Bits d = slots == nobody ? Bits{} : slots - first_;
+            const Shorts low = __builtin_convertvector(d, Shorts);
+            std::memcpy(out, &low, sizeof low);
+            bits_ |= d;
+        }
+        GB_FN void finish(Bases* out) const {
+            std::uint32_t all = 0;
+            for (int i = 0; i < width; ++i) all |= bits_[i];
+            *out = {all >> 16 == 0 ? first_ : ~0u};
+        }
+
+    private:
+        typedef std::uint32_t Bits __attribute__((vector_size(4 * kWidth)));
+        std::uint32_t first_ = ~0u;
+        Bits bits_{};
+    };
 
     /// The longest list of the packet's rows.
     GB_FN static std::uint32_t longest(const std::uint32_t* counts) {

@@ -12,7 +12,6 @@ struct CudaPacket {
     using F = float;
     using B = bool;
     using Short = __half;
-    static constexpr bool short_slots = false;
     static constexpr std::uint32_t team = 1;
     __device__ static std::uint32_t member() { return 0; }
     __device__ static F own(F v) { return v; }
@@ -20,6 +19,16 @@ struct CudaPacket {
     __device__ static bool add_up(T&...) { return true; }
 
     __device__ static void fetch(const void*) {}  ///< other warps work while one waits
+    /// Its eight bytes together.
+    template <class T>
+    __device__ static T read(const T& p) { return __builtin_bit_cast(T, *reinterpret_cast<const uint2*>(&p)); }
+    /// What fn(T&) sets.
+    template <class T, class Fn>
+    __device__ static void write(T& p, const Fn& fn) {
+        T v;
+        fn(v);
+        *reinterpret_cast<uint2*>(&p) = __builtin_bit_cast(uint2, v);
+    }
     __device__ static F load(const float* p) { return *p; }
     __device__ static void store(float* p, F v) { *p = v; }
     __device__ static F gather(const float* p, const std::uint32_t* index) { return p[*index]; }
@@ -41,10 +50,64 @@ struct CudaPacket {
         *p = s;
         return __half2float(s);
     }
+
+    /// Where slots of 16 bits count from (sim/neighbors.hpp): the neighbours of a warp are two runs of slots where the curve jumps.
+    struct alignas(8) Bases {
+        std::uint32_t first, second;
+        __device__ bool are_far() const { return first == ~0u; }
+    };
+    template <class T>
+    __device__ static auto gather(const T* p, const Bases& from, const std::uint16_t* slots) {
+        const std::uint32_t slot = (*slots & kRun ? from.second : from.first) + (*slots & (kRun - 1));
+        return gather(p, &slot);
+    }
+    /// Writes the slots of a warp's lists, which are in slot order, in 16 bits: all lanes of the rows that there are call it.
+    class ShortSlots {
+    public:
+        __device__ ShortSlots(const std::uint32_t* index, const std::uint32_t* count, std::size_t n_rows_from_here) {
+            const std::size_t n_rows = n_rows_from_here + threadIdx.x % 32;
+            if (n_rows < 32) lanes_ = (1u << n_rows) - 1;
+            from_.first = least(*count > 0 ? *index : ~0u);
+            std::uint32_t begin = 0, end = *count;  // of those who may be out of the first one's reach
+            while (begin < end) {
+                const std::uint32_t k = (begin + end) / 2;
+                if (index[k * stride] - from_.first < kRun) begin = k + 1;
+                else end = k;
+            }
+            from_.second = least(begin < *count ? index[begin * stride] : ~0u);
+        }
+        /// Nobody is the first: the gradient is 0 there.
+        __device__ void add(std::uint16_t* out, const std::uint32_t* index, std::uint32_t nobody) {
+            const std::uint32_t slot = *index, a = slot == nobody ? 0 : slot - from_.first, b = slot - from_.second;
+            *out = a < kRun ? a : b | kRun;
+            near_ = near_ && (a < kRun || b < kRun);
+        }
+        __device__ void finish(Bases* out) const {
+            const bool near = __all_sync(lanes_, near_);
+            if (threadIdx.x % 32 == 0) *out = near ? from_ : Bases{~0u, ~0u};
+        }
+
+    private:
+        __device__ std::uint32_t least(std::uint32_t v) const {
+#if __CUDA_ARCH__ >= 800
+            return __reduce_min_sync(lanes_, v);
+#else
+            std::uint32_t r = v;
+            for (unsigned left = lanes_; left; left &= left - 1) r = min(r, __shfl_sync(lanes_, v, __ffs(left) - 1));
+            return r;
+#endif
+        }
+        unsigned lanes_ = 0xffffffffu;
+        Bases from_;
+        bool near_ = true;
+    };
     __device__ static std::uint32_t longest(const std::uint32_t* counts) { return *counts; }
     template <class Fn>
     __device__ static F map(const Fn& fn) { return fn(0); }
     __device__ static float get(F v, int) { return v; }
+
+private:
+    static constexpr std::uint32_t kRun = 1u << 15;
 };
 
 /// Several warps to 32 rows: each takes every team-th neighbor, and the first one adds up, in order.  A GPU that rows alone

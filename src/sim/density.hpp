@@ -48,7 +48,7 @@ struct Densities {
         F density = within ? own * spline(zero) + Packet::load(within + row) : own * spline(zero), gx = zero, gy = zero, gz = zero, squares = zero, nearest = h;
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t at = lists.at(row);
-        ShortenSlots<Packet> shorts(lists, row);
+        typename Packet::ShortSlots shorts(lists.index + at, lists.count + row, lists.n_rows - row);
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
             lists.fetch_next(at);
             const Four<F> other = Packet::gather(place, lists.index + at);
@@ -68,14 +68,13 @@ struct Densities {
             v = select(other.w > zero, other.w, v);
             density += v * w;
             const F s = v * slope * h;
-            const F x = Packet::keep(lists.gx + at, dx * s), y = Packet::keep(lists.gy + at, dy * s), z = Packet::keep(lists.gz + at, dz * s);
+            const auto [x, y, z] = lists.keep_pair(at, shorts, {dx * s, dy * s, dz * s});
             gx += x;
             gy += y;
             gz += z;
-            shorts.add(lists, at);
             squares += mixed ? (x * x + y * y + z * z) * max(-other.w, zero) * weight : (x * x + y * y + z * z) * max(-other.w, zero);
         }
-        shorts.finish(lists, row);
+        shorts.finish(lists.bases + row / Packet::stride);
         const F rho = max(-mine.w, zero);  // its inverse
         const F sum = (gx * gx + gy * gy + gz * gz) * rho + squares;
         const F solved = select(rho > zero, F(1.0f), zero);

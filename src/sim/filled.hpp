@@ -38,7 +38,7 @@ struct InverseMoments {
             const Four<F> other = Packet::gather(place, lists.index + at);
             const Vec3<F> d = period.template shortest<periodic>(mine.xyz() - other.xyz());
             const F m = s * select(other.w > zero, F(2.0f), one);
-            const F gx = m * Packet::load(lists.gx + at), gy = m * Packet::load(lists.gy + at), gz = m * Packet::load(lists.gz + at);
+            const auto [gx, gy, gz] = lists.gradient(at) * m;
             xx += gx * d.x;
             yy += gy * d.y;
             zz += gz * d.z;
@@ -80,10 +80,9 @@ struct CorrectGradients {
             lists.fetch_next(at);
             const Four<F> e = Packet::gather(diagonal, lists.index + at), s = Packet::gather(rest, lists.index + at), other = Packet::gather(place, lists.index + at);
             const F m = select(other.w > zero, one, half);
-            const F x = m * Packet::load(lists.gx + at), y = m * Packet::load(lists.gy + at), z = m * Packet::load(lists.gz + at);
-            const F a = Packet::keep(lists.gx + at, (d.x + e.x) * x + (r.x + s.x) * y + (r.y + s.y) * z);
-            const F b = Packet::keep(lists.gy + at, (r.x + s.x) * x + (d.y + e.y) * y + (r.z + s.z) * z);
-            const F c = Packet::keep(lists.gz + at, (r.y + s.y) * x + (r.z + s.z) * y + (d.z + e.z) * z);
+            const auto [x, y, z] = lists.gradient(at) * m;
+            const auto [a, b, c] = lists.keep_gradient(at, {(d.x + e.x) * x + (r.x + s.x) * y + (r.y + s.y) * z, (r.x + s.x) * x + (d.y + e.y) * y + (r.z + s.z) * z,
+                                                            (r.y + s.y) * x + (r.z + s.z) * y + (d.z + e.z) * z});
             gx += a;
             gy += b;
             gz += c;

@@ -32,7 +32,7 @@ struct Flow {
             const Four<F> other = Packet::gather(place, lists.index + at), u = Packet::gather(velocity, lists.index + at);
             const Vec3<F> d = period.template shortest<periodic>(mine.xyz() - other.xyz());
             const F m = select(other.w < zero, s, zero);
-            const F gx = m * Packet::load(lists.gx + at), gy = m * Packet::load(lists.gy + at), gz = m * Packet::load(lists.gz + at);
+            const auto [gx, gy, gz] = lists.gradient(at) * m;
             xx -= d.x * gx;
             yy -= d.y * gy;
             zz -= d.z * gz;

@@ -27,7 +27,7 @@ public:
     using Lists = sim::Lists<Packet>;
 
     Fluid(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
-        : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), list_shorts_(exec), list_firsts_(exec), gradients_(exec), row_values_(exec),
+        : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), list_pairs_(exec), list_bases_(exec), row_values_(exec),
           change_(exec), error_(exec), accelerations_(exec), outcome_(exec), residuals_(exec), iterate_(exec), lift_(exec), kept_(exec), before_(exec), kicked_(exec), compression_(exec), most_count_(exec),
           cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), conjugate_(exec), surface_(exec, state, settings) {}
 
@@ -63,15 +63,8 @@ public:
             enough = longest_list_ <= places_;
             if (!enough) places_ = ceil_div(longest_list_ + longest_list_ / 4, 8u) * 8;
         }
-        const std::size_t room = padded_rows() * places_;
-        typename Packet::Short* g = gradients_.reserve(3 * room);
-        if constexpr (Packet::short_slots) {
-            lists_.short_index = list_shorts_.reserve(room);
-            lists_.first = list_firsts_.reserve(padded_rows() / Packet::stride);
-        }
-        lists_.gx = g;
-        lists_.gy = g + room;
-        lists_.gz = g + 2 * room;
+        lists_.pairs = list_pairs_.reserve(padded_rows() * places_ / Packet::width);
+        lists_.bases = list_bases_.reserve(padded_rows() / Packet::stride);
     }
 
     /// Density of the rows that their lists do not tell of, or null.
@@ -390,9 +383,8 @@ private:
     bool filled_ = false, started_ = false;
     int divergence_took_ = 1, density_took_ = 1;
     Buffer<std::uint32_t, Exec> list_counts_, list_index_;
-    Buffer<std::uint16_t, Exec> list_shorts_;
-    Buffer<std::uint32_t, Exec> list_firsts_;
-    Buffer<typename Packet::Short, Exec> gradients_;
+    Buffer<sim::Pairs<Packet>, Exec> list_pairs_;
+    Buffer<typename Packet::Bases, Exec> list_bases_;
     Buffer<float, Exec> row_values_, change_, error_;
     Buffer<Quad, Exec> accelerations_;
     Buffer<sim::Outcome, Exec> outcome_;

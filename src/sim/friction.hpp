@@ -121,7 +121,7 @@ struct PressedPairs {
                 if (o == kNobody || (body && body[o] == body[t])) continue;
             }
             const float p = state.pressure[i] + (state.place[j].w < 0.0f ? state.pressure[j] : 0.0f);
-            fn(Pair{j, mu, float3{Packet::one(lists.gx + at), Packet::one(lists.gy + at), Packet::one(lists.gz + at)} * -1.0f, p});
+            fn(Pair{j, mu, lists.one_gradient(at) * -1.0f, p});
         }
     }
     GB_FN float mass(std::uint32_t i) const { return -volume / state.place[i].w; }

@@ -9,73 +9,78 @@
 
 namespace globule::core::sim {
 
+/// A place of all rows of a packet: 8 bytes a pair where the processor converts floats of 16 bits.
+template <class Packet>
+struct alignas(8) Pairs {
+    std::uint16_t slot[Packet::width];  ///< of the neighbours, from the packet's bases; written with the gradients
+    typename Packet::Short gx[Packet::width], gy[Packet::width], gz[Packet::width];  ///< V_j grad W_ij of each, times the support
+    using F = typename Packet::F;
+    GB_FN Vec3<F> gradient() const { return {Packet::load(gx), Packet::load(gy), Packet::load(gz)}; }
+    /// Returns what 16 bits keep of it.
+    GB_FN Vec3<F> keep(const Vec3<F>& g) { return {Packet::keep(gx, g.x), Packet::keep(gy, g.y), Packet::keep(gz, g.z)}; }
+};
+
 /// Rows are the particles that the solver moves, in slot order.
-template <class Packet, bool = Packet::short_slots>
+template <class Packet>
 struct Lists {
-    using Short = typename Packet::Short;
+    using F = typename Packet::F;
     std::size_t n_rows = 0;
     std::uint32_t places = 0;             ///< room of each list
     std::uint32_t n = 0;                  ///< particles; slot n is nobody's and far away, lists are padded with it
     const std::uint32_t* rows = nullptr;  ///< slot of each row, padded with n
     std::uint32_t* count = nullptr;       ///< per row
     std::uint32_t* index = nullptr;       ///< slots of the neighbours, in slot order
-    Short *gx = nullptr, *gy = nullptr, *gz = nullptr;  ///< V_j grad W_ij of each, times the support
+    Pairs<Packet>* pairs = nullptr;
+    typename Packet::Bases* bases = nullptr;  ///< per packet
 
     /// Place of a row's k-th neighbour; the next one is Packet::stride further.
     GB_FN std::size_t at(std::size_t row, std::uint32_t k = 0) const {
         constexpr std::size_t s = Packet::stride;
         return (row / s * places + k) * s + row % s;
     }
-    /// Asks for the same place of the next packet's lists: what a processor foresees by itself ends with a packet's own.
-    GB_FN void fetch_next(std::size_t at) const { fetch_next(at, index); }
-    template <class Index>
-    GB_FN void fetch_next(std::size_t at, const Index* slots) const {
-        const std::size_t next = at + std::size_t(places) * Packet::stride;
-        Packet::fetch(slots + next);
-        Packet::fetch(gx + next);
-        Packet::fetch(gy + next);
-        Packet::fetch(gz + next);
+    GB_FN Pairs<Packet>& pair(std::size_t at) const { return pairs[at / Packet::width]; }
+    /// A copy on a GPU, which reads all of a pair at once.
+    GB_FN decltype(auto) read_pair(std::size_t at) const { return Packet::read(pair(at)); }
+    GB_FN Vec3<F> gradient(std::size_t at) const { return read_pair(at).gradient(); }
+    /// Of one row.
+    GB_FN float3 one_gradient(std::size_t at) const {
+        const Pairs<Packet>& p = pair(at);
+        const std::size_t i = at % Packet::width;
+        return {Packet::one(p.gx + i), Packet::one(p.gy + i), Packet::one(p.gz + i)};
     }
-    GB_FN void fetch_next_index(std::size_t at) const { Packet::fetch(index + at + std::size_t(places) * Packet::stride); }
-    /// fn(slots, first): the slot of the neighbour at a place is first + slots[place].
-    template <class Fn>
-    GB_FN void with_slots(std::size_t, const Fn& fn) const { fn(static_cast<const std::uint32_t*>(index), 0u); }
-};
-
-/// Slots in 16 bits, too: less the smallest of the packet.  Passes that wait for memory wait less.
-template <class Packet>
-struct Lists<Packet, true> : Lists<Packet, false> {
-    static constexpr std::uint32_t kFar = ~0u;
-    std::uint16_t* short_index = nullptr;  ///< written with the gradients; nobody is the first, as the gradient is 0 there
-    std::uint32_t* first = nullptr;        ///< the smallest, per packet; kFar: they are too far from each other
+    /// Returns what 16 bits keep of it.
+    GB_FN Vec3<F> keep_gradient(std::size_t at, const Vec3<F>& g) const { return pair(at).keep(g); }
+    GB_FN Vec3<F> keep_pair(std::size_t at, typename Packet::ShortSlots& shorts, const Vec3<F>& g) const {
+        Vec3<F> kept;
+        Packet::write(pair(at), [&](Pairs<Packet>& p) {
+            shorts.add(p.slot, index + at, n);
+            kept = p.keep(g);
+        });
+        return kept;
+    }
+    /// fn(gather), and gather(p, at, pair) is what p has for the neighbours at a place: slots of 16 bits are read where they tell of all.
     template <class Fn>
     GB_FN void with_slots(std::size_t row, const Fn& fn) const {
-        const std::uint32_t f = first[row / Packet::stride];
-        if (f != kFar) fn(static_cast<const std::uint16_t*>(short_index), f);
-        else fn(static_cast<const std::uint32_t*>(this->index), 0u);
+        const typename Packet::Bases from = bases[row / Packet::stride];
+        if (!from.are_far()) {
+            fn([&](const auto* p, std::size_t, const Pairs<Packet>& pair) { return Packet::gather(p, from, pair.slot); });
+        } else {
+            fn([&](const auto* p, std::size_t at, const Pairs<Packet>&) {
+                fetch_next_index(at);
+                return Packet::gather(p, index + at);
+            });
+        }
     }
-};
-
-/// Writes a packet's slots in 16 bits, one place after the other.
-template <class Packet, bool = Packet::short_slots>
-class ShortenSlots {
-public:
-    GB_FN ShortenSlots(const Lists<Packet>& lists, std::size_t row) : first_(Packet::smallest(lists.index + lists.at(row), lists.count + row)) {}
-    GB_FN void add(const Lists<Packet>& lists, std::size_t at) { Packet::shorten(lists.short_index + at, lists.index + at, first_, lists.n, bits_); }
-    GB_FN void finish(const Lists<Packet>& lists, std::size_t row) const {
-        lists.first[row / Packet::stride] = Packet::are_short(bits_) ? first_ : Lists<Packet>::kFar;
+    /// Asks for the same place of the next packet's lists: what a processor foresees by itself ends with a packet's own.
+    GB_FN void fetch_next_pair(std::size_t at) const { Packet::fetch(&pair(next(at))); }
+    GB_FN void fetch_next_index(std::size_t at) const { Packet::fetch(index + next(at)); }
+    GB_FN void fetch_next(std::size_t at) const {
+        fetch_next_index(at);
+        fetch_next_pair(at);
     }
 
 private:
-    std::uint32_t first_;
-    typename Packet::Bits bits_{};
-};
-template <class Packet>
-class ShortenSlots<Packet, false> {
-public:
-    GB_FN ShortenSlots(const Lists<Packet>&, std::size_t) {}
-    GB_FN void add(const Lists<Packet>&, std::size_t) {}
-    GB_FN void finish(const Lists<Packet>&, std::size_t) const {}
+    GB_FN std::size_t next(std::size_t at) const { return at + std::size_t(places) * Packet::stride; }
 };
 
 /// Axes along which the domain repeats: its length there, else 0.

@@ -47,14 +47,16 @@ struct Push {
         const F p = Packet::own(Packet::gather(change, slot));
         F x = p * Packet::load(rows.gx + row), y = p * Packet::load(rows.gy + row), z = p * Packet::load(rows.gz + row);
         const std::uint32_t n = Packet::longest(lists.count + row);
-        lists.with_slots(row, [&](const auto* slots, std::uint32_t first) {
+        lists.with_slots(row, [&](const auto& gather) {
             for (std::uint32_t k = Packet::member(); k < n; k += Packet::team) {
                 const std::size_t at = lists.at(row, k);
-                lists.fetch_next(at, slots);
-                const F q = Packet::gather(change + first, slots + at);
-                x += q * Packet::load(lists.gx + at);
-                y += q * Packet::load(lists.gy + at);
-                z += q * Packet::load(lists.gz + at);
+                lists.fetch_next_pair(at);
+                const auto& pair = lists.read_pair(at);
+                const F q = gather(change, at, pair);
+                const Vec3<F> g = pair.gradient();
+                x += q * g.x;
+                y += q * g.y;
+                z += q * g.z;
             }
         });
         if (!Packet::add_up(x, y, z)) return;
@@ -96,12 +98,14 @@ struct Relax {
         const Four<F> v = Packet::gather(velocity, slot);
         F sum = Packet::own(v.x * Packet::load(rows.gx + row) + v.y * Packet::load(rows.gy + row) + v.z * Packet::load(rows.gz + row));
         const std::uint32_t n = Packet::longest(lists.count + row);
-        lists.with_slots(row, [&](const auto* slots, std::uint32_t first) {
+        lists.with_slots(row, [&](const auto& gather) {
             for (std::uint32_t k = Packet::member(); k < n; k += Packet::team) {
                 const std::size_t at = lists.at(row, k);
-                lists.fetch_next(at, slots);
-                const Four<F> u = Packet::gather(velocity + first, slots + at);
-                sum -= u.x * Packet::load(lists.gx + at) + u.y * Packet::load(lists.gy + at) + u.z * Packet::load(lists.gz + at);
+                lists.fetch_next_pair(at);
+                const auto& pair = lists.read_pair(at);
+                const Four<F> u = gather(velocity, at, pair);
+                const Vec3<F> g = pair.gradient();
+                sum -= u.x * g.x + u.y * g.y + u.z * g.z;
             }
         });
         if (!Packet::add_up(sum)) return;

@@ -87,7 +87,7 @@ struct PressureImpulse {
             const std::size_t at = lists.at(row, k);
             const std::uint32_t j = lists.index[at];
             if (j >= state.n || !feels(j)) continue;
-            const float3 f = float3{Packet::one(lists.gx + at), Packet::one(lists.gy + at), Packet::one(lists.gz + at)} * s;
+            const float3 f = lists.one_gradient(at) * s;
             const float3 l = cross(period.template shortest<true>(state.place[j].xyz() - center), f);
             sum.p[0] += f.x, sum.p[1] += f.y, sum.p[2] += f.z;
             sum.l[0] += l.x, sum.l[1] += l.y, sum.l[2] += l.z;
