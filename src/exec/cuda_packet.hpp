@@ -67,14 +67,9 @@ struct CudaPacket {
         __device__ ShortSlots(const std::uint32_t* index, const std::uint32_t* count, std::size_t n_rows_from_here) {
             const std::size_t n_rows = n_rows_from_here + threadIdx.x % 32;
             if (n_rows < 32) lanes_ = (1u << n_rows) - 1;
-            from_.first = least(*count > 0 ? *index : ~0u);
-            std::uint32_t begin = 0, end = *count;  // of those who may be out of the first one's reach
-            while (begin < end) {
-                const std::uint32_t k = (begin + end) / 2;
-                if (index[k * stride] - from_.first < kRun) begin = k + 1;
-                else end = k;
-            }
-            from_.second = least(begin < *count ? index[begin * stride] : ~0u);
+            const std::uint32_t n = *count;
+            from_.first = least(n > 0 ? *index : ~0u);
+            from_.second = ~least(n > 0 ? ~index[std::size_t(n - 1) * stride] : ~0u) - (kRun - 1);
         }
         /// Nobody is the first: the gradient is 0 there.
         __device__ void add(std::uint16_t* out, const std::uint32_t* index, std::uint32_t nobody) {
