@@ -20,8 +20,18 @@
 
 namespace globule::core {
 
+/// What every kernel begins with: it starts while the one before ends (Cuda::launch), and what that one wrote is there only now.
+__device__ inline void wait_for_last_kernel() {
+#if __CUDA_ARCH__ >= 900
+    cudaGridDependencySynchronize();
+#endif
+}
+/// Tells what a program was compiled for (Cuda::can_overlap).
+static __global__ void run_nothing() {}
+
 template <class Functor>
 __global__ void run_each(std::size_t n, Functor functor) {
+    wait_for_last_kernel();
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i < n) functor(i);
 }
@@ -34,6 +44,7 @@ constexpr int packet_blocks() {
 }
 template <class Functor>
 __global__ void __launch_bounds__(128, packet_blocks<Functor>()) run_packets(std::size_t n, Functor functor) {
+    wait_for_last_kernel();
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i < n) functor.template run<CudaPacket>(i);
 }
@@ -41,6 +52,7 @@ __global__ void __launch_bounds__(128, packet_blocks<Functor>()) run_packets(std
 /// Rows past n have no writer: their threads leave after the team's only meeting (CudaTeam::add_up).
 template <int kTeam, class Functor>
 __global__ void __launch_bounds__(32 * kTeam) run_teams(std::size_t n, Functor functor) {
+    wait_for_last_kernel();
     const std::size_t row = std::size_t(blockIdx.x) * 32 + threadIdx.x % 32;
     if (row < n) functor.template run<CudaTeam<kTeam>>(row);
 }
@@ -53,6 +65,7 @@ __global__ void __launch_bounds__(kSumThreads) run_sum(std::size_t n, Map map, C
     using Block = cub::BlockReduce<T, kSumThreads>;
     __shared__ typename Block::TempStorage room;
     __shared__ bool is_last;
+    wait_for_last_kernel();
     if (then.is_over()) return;
     const std::size_t begin = std::size_t(blockIdx.x) * kSumItems + threadIdx.x;
     T sum = identity;
@@ -96,6 +109,7 @@ constexpr int warps_per_block() {
 template <class Functor>
 __global__ void __launch_bounds__(32 * warps_per_block<Functor>(), tile_blocks<Functor>() * kWarpsPerBlock / warps_per_block<Functor>())
     run_tiles(std::size_t n, Functor functor) {
+    wait_for_last_kernel();
     using Scratch = typename Functor::template Scratch<CudaGroup>;
     constexpr int warps = warps_per_block<Functor>();
     __shared__ Scratch scratch[warps];
@@ -107,6 +121,7 @@ __global__ void __launch_bounds__(32 * warps_per_block<Functor>(), tile_blocks<F
 
 template <class Functor>
 __global__ void __launch_bounds__(128) run_uneven(std::size_t n, Functor functor) {
+    wait_for_last_kernel();
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i < n) functor(i);
 }
@@ -115,6 +130,7 @@ __global__ void __launch_bounds__(128) run_uneven(std::size_t n, Functor functor
 inline constexpr int kSparse = 8;
 template <class Functor>
 __global__ void __launch_bounds__(128) run_sparse(std::size_t n, Functor functor) {
+    wait_for_last_kernel();
     const int lane = threadIdx.x & 31;
     const std::size_t i = (std::size_t(blockIdx.x) * 4 + threadIdx.x / 32) * kSparse + lane;
     if (lane < kSparse && i < n) functor(i);
@@ -124,6 +140,7 @@ __global__ void __launch_bounds__(128) run_sparse(std::size_t n, Functor functor
 /// whatever the items' lengths (Aila & Laine 2009).  All lanes advance together, active or not.
 template <class Walk>
 __global__ void __launch_bounds__(128, kWalkBlocks) run_walks(unsigned long long n, unsigned long long* next, Walk walk) {
+    wait_for_last_kernel();
     constexpr unsigned all = 0xffffffffu;
     constexpr int kIdle = 20;  // lanes that wait before new items are taken
     const int lane = threadIdx.x & 31;
@@ -158,6 +175,7 @@ __global__ void __launch_bounds__(128, kWalkBlocks) run_walks(unsigned long long
 /// As run_tiles, the number of tiles known on the device only: warps take every n-th.
 template <class Functor>
 __global__ void __launch_bounds__(32 * kWarpsPerBlock, 4) run_tiles_of(const std::uint32_t* n, Functor functor) {
+    wait_for_last_kernel();
     using Scratch = typename Functor::template Scratch<CudaGroup>;
     __shared__ Scratch scratch[kWarpsPerBlock];
     const int warp = threadIdx.x / 32;
@@ -372,39 +390,34 @@ public:
         interrupt_->check();
         if (n == 0) return;
         const unsigned threads = n < 4096 ? 32 : 256;
-        run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, functor);
-        check(cudaGetLastError());
+        launch(run_each<Functor>, ceil_div<std::size_t>(n, threads), threads, n, functor);
     }
     template <class Functor>
     void for_each_task(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
         constexpr unsigned threads = 64;
-        run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, functor);
-        check(cudaGetLastError());
+        launch(run_each<Functor>, ceil_div<std::size_t>(n, threads), threads, n, functor);
     }
     template <class Functor>
     void for_each_tile(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
         constexpr int warps = warps_per_block<Functor>();
-        run_tiles<<<unsigned(ceil_div<std::size_t>(n, warps)), 32 * warps, 0, stream_>>>(n, functor);
-        check(cudaGetLastError());
+        launch(run_tiles<Functor>, ceil_div<std::size_t>(n, warps), 32 * warps, n, functor);
     }
 
     template <class Functor>
     void for_each_uneven(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
-        run_uneven<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, functor);
-        check(cudaGetLastError());
+        launch(run_uneven<Functor>, ceil_div<std::size_t>(n, 128), 128, n, functor);
     }
     template <class Functor>
     void for_each_sparse(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
-        run_sparse<<<unsigned(ceil_div<std::size_t>(n, 4 * kSparse)), 128, 0, stream_>>>(n, functor);
-        check(cudaGetLastError());
+        launch(run_sparse<Functor>, ceil_div<std::size_t>(n, 4 * kSparse), 128, n, functor);
     }
     template <class Walk>
     void for_each_walk(std::size_t n, const Walk& walk) {
@@ -413,14 +426,12 @@ public:
         unsigned long long* next = next_.reserve(1);
         clear(next, sizeof *next);
         const unsigned blocks = unsigned(min<std::size_t>(ceil_div<std::size_t>(n, 128), kWalkBlocks * n_processors_));
-        run_walks<<<blocks, 128, 0, stream_>>>(n, next, walk);
-        check(cudaGetLastError());
+        launch(run_walks<Walk>, blocks, 128, n, next, walk);
     }
     template <class Functor>
     void for_each_tile_of(const std::uint32_t* n, const Functor& functor) {
         interrupt_->check();
-        run_tiles_of<<<16 * n_processors_, 32 * kWarpsPerBlock, 0, stream_>>>(n, functor);
-        check(cudaGetLastError());
+        launch(run_tiles_of<Functor>, 16 * n_processors_, 32 * kWarpsPerBlock, n, functor);
     }
 
     /// One thread a row.
@@ -428,19 +439,17 @@ public:
     void for_each_packet(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
-        run_packets<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, functor);
-        check(cudaGetLastError());
+        launch(run_packets<Functor>, ceil_div<std::size_t>(n, 128), 128, n, functor);
     }
 
     /// The same for functors that know teams: few rows are shared by several warps.
     template <class Functor>
     void for_each_packet_team(std::size_t n, const Functor& functor) {
         constexpr int kTeam = 4;
-        constexpr std::size_t kFull = 1 << 19;  ///< rows that keep a GPU busy by themselves
+        constexpr std::size_t kFull = 1 << 16;  ///< rows that keep a GPU busy by themselves
         if (n == 0 || n >= kFull) return for_each_packet(n, functor);
         interrupt_->check();
-        run_teams<kTeam><<<unsigned(ceil_div<std::size_t>(n, 32)), 32 * kTeam, 0, stream_>>>(n, functor);
-        check(cudaGetLastError());
+        launch(run_teams<kTeam, Functor>, ceil_div<std::size_t>(n, 32), 32 * kTeam, n, functor);
     }
 
     /// CUB combines in an order that is the same from run to run.
@@ -455,8 +464,7 @@ public:
         const std::size_t blocks = max<std::size_t>(ceil_div<std::size_t>(n, kSumItems), 1);
         if (!arrived_.data()) clear(arrived_.reserve(1), sizeof(unsigned));
         T* parts = reinterpret_cast<T*>(parts_.reserve(blocks * sizeof(T)));
-        run_sum<<<unsigned(blocks), kSumThreads, 0, stream_>>>(n, map, combine, identity, parts, arrived_.data(), out, then);
-        check(cudaGetLastError());
+        launch(run_sum<T, Map, Combine, Then>, blocks, kSumThreads, n, map, combine, identity, parts, arrived_.data(), out, then);
     }
     template <class T, class Map, class Combine>
     void reduce(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
@@ -491,6 +499,7 @@ private:
         : device_(device), interrupt_(std::move(interrupt)), temporary_(*this), next_(*this), parts_(*this), arrived_(*this) {
         const DeviceScope scope(device_);
         check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
+        can_overlap_ = can_overlap();
         set_pool();
         int least_priority = 0, greatest_priority = 0;
         check(cudaDeviceGetStreamPriorityRange(&least_priority, &greatest_priority));
@@ -498,6 +507,27 @@ private:
         check(cudaStreamCreateWithPriority(&stream_, cudaStreamDefault, urgent ? greatest_priority : least_priority));
         for (cudaEvent_t& e : marks_) check(cudaEventCreate(&e));
         check(cudaEventCreateWithFlags(&done_, cudaEventDisableTiming));
+    }
+
+    /// A kernel starts while the one before it ends, where it waits for that by itself: a microsecond less between two.
+    template <class... Parameters, class... Arguments>
+    void launch(void (*kernel)(Parameters...), std::size_t blocks, unsigned threads, const Arguments&... arguments) {
+        cudaLaunchAttribute overlaps{};
+        overlaps.id = cudaLaunchAttributeProgrammaticStreamSerialization;
+        overlaps.val.programmaticStreamSerializationAllowed = 1;
+        cudaLaunchConfig_t config{};
+        config.gridDim = unsigned(blocks);
+        config.blockDim = threads;
+        config.stream = stream_;
+        config.attrs = &overlaps;
+        config.numAttrs = can_overlap_ ? 1 : 0;
+        check(cudaLaunchKernelEx(&config, kernel, arguments...));
+    }
+    /// Whether wait_for_last_kernel does: code for older GPUs, translated for a new one, does not.
+    static bool can_overlap() {
+        cudaFuncAttributes code;
+        check(cudaFuncGetAttributes(&code, run_nothing));
+        return code.ptxVersion >= 90;
     }
 
     void set_pool() {
@@ -529,6 +559,7 @@ private:
     int device_;
     std::shared_ptr<Interrupt> interrupt_;
     int n_processors_ = 1;
+    bool can_overlap_ = false;
     cudaMemPool_t pool_ = nullptr;
     cudaStream_t stream_ = nullptr;
     cudaEvent_t marks_[16] = {};
