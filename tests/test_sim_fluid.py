@@ -73,6 +73,30 @@ def test_neighbors_across_a_periodic_axis(backend):
     check_neighbors(sim, np.float64(np.float32(size)))
 
 
+def test_it_does_not_matter_where_in_memory_neighbors_are(backend):
+    """Slots of neighbors have 16 bits where they lie near each other: not so across this domain."""
+    n = 48
+    size = n * D
+    domain = {"lo": (0, 0, 0), "hi": (size, size + 8 * D, size), "periodic": ("x", "z")}
+    scene = {"spacing": D, "gravity": (0, 0, 0), "domain": domain, "fluids": [{"name": "water"}]}
+    at = physics.lattice((0, 4 * D, 0), (size, size + 4 * D, size), D)
+    at = at + 0.1 * D * np.random.default_rng(5).random(at.shape)
+    angle = 2 * np.pi * at / size
+    velocities = np.sin(angle)  # together in places, and apart in others
+    found = []
+    for shift in (0.0, size / 2):
+        sim = gb.Simulation(scene, **backend)
+        moved = (at + (shift, 0, shift)) % (size, 1e9, size)
+        ids = sim.add(moved, "water", velocities)
+        sim.step()
+        found.append(sim.velocities[np.argsort(sim.ids)][np.argsort(np.argsort(ids))])
+    changed = np.abs(found[0] - velocities).max()
+    assert changed > 0.1  # the solver worked
+    apart = np.abs(found[0] - found[1]).max(axis=1)
+    assert np.quantile(apart, 0.99) < 1e-4 * changed
+    assert apart.max() < 1e-2 * changed
+
+
 def test_crowded_lists_are_complete(backend):
     sim = gb.Simulation(column(walls=False), **backend)
     random = np.random.default_rng(4)
