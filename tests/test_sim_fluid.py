@@ -93,7 +93,7 @@ def test_it_does_not_matter_where_in_memory_neighbors_are(backend):
     changed = np.abs(found[0] - velocities).max()
     assert changed > 0.1  # the solver worked
     apart = np.abs(found[0] - found[1]).max(axis=1)
-    assert np.quantile(apart, 0.99) < 1e-4 * changed
+    assert np.quantile(apart, 0.99) < 1e-3 * changed
     assert apart.max() < 1e-2 * changed
 
 
