@@ -139,7 +139,10 @@ def test_tissue_on_a_boundary_that_moves(backend):
 def test_grasp_lifts_and_releases(backend):
     x = block(5, 5, 5)
     sim = make(backend, x, fixed=x[:, 2] < 0.5 * D, gravity=(0, 0, 0), damping=10.0)
-    sim.tools.grasp(x[-1], 1.2 * D, 3)
+    assert sim.tools.grasp(x[-1] + 1.0, 1.2 * D, 3) == 0
+    assert sim.tools.grasp(x[0], 1.2 * D, 2) == 1  # its neighbors at the bottom are fixed
+    sim.tools.release(2)
+    assert sim.tools.grasp(x[-1], 1.2 * D, 3) == 4  # the corner and its neighbors
     sim.tools.move_grasp(3, velocity=(0, 0, 0.05))
     for _ in range(20):
         sim.step(0.002)

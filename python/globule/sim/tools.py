@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._base.arrays import address
 from .._base.checks import number as finite
 from .._base.checks import shown
 from .._base.checks import whole as int_in
@@ -15,7 +16,7 @@ from .blade import Knife, check_rigid, scalpel
 from .instruments import Instrument
 from .schema import switch
 from .steered import Named, Steered, checks_of
-from .tissue import BALL, HALF_SPACE, MOST_GRASPS
+from .tissue import BALL, GRASPED, HALF_SPACE, MOST_GRASPS
 
 if TYPE_CHECKING:
     from .simulation import Simulation
@@ -117,7 +118,8 @@ class Tool(Steered):
     @property
     def force(self) -> np.ndarray:
         """What a grasper feels of the tissue, (3,) N in world axes, as of `Tools.grasp_force`: the
-        mean of the last step. 0 for other instruments: a blade cuts without resistance."""
+        mean of the last step; 0 after `load` until a step. 0 for other instruments: a blade cuts
+        without resistance."""
         return self._felt()[0]
 
     @property
@@ -211,7 +213,7 @@ class Tools(Named):
         self._pushers: list[Any] = []
 
     @whole
-    def grasp(self, center: Any, radius: float, number: int = 0) -> None:
+    def grasp(self, center: Any, radius: float, number: int = 0) -> int:
         """Hold the free tissue within a ball; `move_grasp` moves the held tissue.
 
         Args:
@@ -220,11 +222,18 @@ class Tools(Named):
             number: number of the grasp, 0 to 7; a new grasp with a number releases the old grasp.
                 Graspers of a scene use the number of their instrument.
 
+        Returns:
+            the number of particles that it holds: 0 where there is no free tissue.
+
         Raises:
             ValueError: another number, or a ball that is not finite.
         """
         at, radius = vector("center", center), finite("radius", radius, 0.0)
-        self._sim._core.tissue().grasp(at, radius, _grasp_number(number))
+        tissue = self._sim._core.tissue()
+        tissue.grasp(at, radius, _grasp_number(number))
+        hold = np.empty(tissue.n(), np.uint8)
+        tissue.get(0, 0, 0, address(hold), 0)
+        return int(np.count_nonzero(hold == GRASPED + number))
 
     @whole
     def release(self, number: int = 0) -> None:
