@@ -98,6 +98,42 @@ def test_a_body_crosses_a_periodic_boundary(backend):
     np.testing.assert_allclose(sim.positions[raft, 0], moved, atol=1e-4)
 
 
+def boxes(backend, tables, **more):
+    """Rigid boxes of 0.1 m and 1 kg, in the order of the scene."""
+    scene = {
+        "spacing": 0.02, "gravity": (0, 0, 0), "domain": {"lo": (-1, -1, -1), "hi": (1, 1, 1)},
+        "rigids": [
+            {"name": name, "box": {"lo": lo, "hi": np.add(lo, 0.1).round(3).tolist()}, **keys}
+            for name, lo, keys in tables
+        ],
+        **more,
+    }  # fmt: skip
+    return gb.Simulation(scene, **backend)
+
+
+def momenta(sim, names="ab"):
+    return np.array([sim.steer.body(name)["velocity"] for name in names])
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("speeds", [(1.0, -1.0), (1.0, 0.0), (0.0, -1.0)])
+def test_bodies_that_meet_keep_their_momentum(backend, speeds, order):
+    """Whichever comes first in the scene; what is lost is energy."""
+    tables = [
+        ("a", (0, 0, 0), {"velocity": (speeds[0], 0, 0)}),
+        ("b", (0.14, 0, 0), {"velocity": (speeds[1], 0, 0)}),
+    ]
+    sim = boxes(backend, tables[::order])
+    before = momenta(sim).sum(axis=0)
+    sim.run(0.1)
+    after = momenta(sim)
+    np.testing.assert_allclose(after.sum(axis=0), before, atol=1e-5)
+    assert 0.5 * (after**2).sum() <= 0.5 * (np.array(speeds) ** 2).sum() + 1e-6
+    assert after[0, 0] <= after[1, 0] + 1e-3  # they do not go on into each other
+    gap = sim.steer.body("b")["center"][0] - sim.steer.body("a")["center"][0]
+    assert gap > 0.095
+
+
 def turning(backend, spin):
     """A ball that turns about an axis, in a domain without walls."""
     d = 0.05

@@ -27,7 +27,8 @@ __device__ inline void wait_for_last_kernel() {
 #endif
 }
 /// Tells what a program was compiled for (Cuda::can_overlap).
-static __global__ void run_nothing() {}
+template <class = void>
+__global__ void run_nothing() {}
 
 template <class Functor>
 __global__ void run_each(std::size_t n, Functor functor) {
@@ -526,7 +527,7 @@ private:
     /// Whether wait_for_last_kernel does: code for older GPUs, translated for a new one, does not.
     static bool can_overlap() {
         cudaFuncAttributes code;
-        check(cudaFuncGetAttributes(&code, run_nothing));
+        check(cudaFuncGetAttributes(&code, run_nothing<>));
         return code.ptxVersion >= 90;
     }
 

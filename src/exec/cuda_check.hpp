@@ -10,10 +10,8 @@ namespace globule::core {
 
 inline void check(cudaError_t status) {
     if (status == cudaSuccess) return;
-    if (status == cudaErrorMemoryAllocation) {
-        cudaGetLastError();
-        throw std::bad_alloc();
-    }
+    cudaGetLastError();  // else a later call finds this error again
+    if (status == cudaErrorMemoryAllocation) throw std::bad_alloc();
     throw std::runtime_error(std::string("CUDA: ") + cudaGetErrorString(status));
 }
 

@@ -88,26 +88,61 @@ public:
             double p[3], none[3] = {};
             for (int k = 0; k < 3; ++k) p[k] = body.mass() * dt * (&settings_.gravity.x)[k];
             body.push(p, none);
-            if (state_.n_rows > 0) {
-                sim::Impulse* impulse = impulse_.reserve(1);
-                sim::Touch* touch = touch_.reserve(1);
-                const sim::PressureImpulse<Packet, sim::OfPhase> pressure{fluid.lists(), s, fluid.rows().boundary, {s.phase, std::uint8_t(phase)}, state_.period(), state_.sizes(),
-                                                                          state_.volume(), state_.spline().support, dt, fluid.flux(), body.center_float()};
-                exec_.reduce_in_order(state_.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, impulse);
-                exec_.reduce_in_order(state_.n_rows, sim::TouchOf<Packet>{fluid.lists(), s, std::uint8_t(phase), state_.period(), settings_.spacing}, sim::AddTouch{}, sim::Touch{}, touch);
-                sim::Impulse i;
-                sim::Touch t;
-                exec_.download(&i, impulse, sizeof i);
-                exec_.download(&t, touch, sizeof t);
-                body.push(i.p, i.l);
-                body.meet(t, dt);
-            }
+            if (state_.n_rows == 0) continue;
+            sim::Impulse* impulse = impulse_.reserve(1);
+            const sim::PressureImpulse<Packet, sim::OfPhase> pressure{fluid.lists(), s, fluid.rows().boundary, {s.phase, std::uint8_t(phase)}, state_.period(), state_.sizes(),
+                                                                      state_.volume(), state_.spline().support, dt, fluid.flux(), body.center_float()};
+            exec_.reduce_in_order(state_.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, impulse);
+            sim::Impulse i;
+            exec_.download(&i, impulse, sizeof i);
+            body.push(i.p, i.l);
+        }
+        if (state_.n_rows > 0) meet(fluid, dt);
+        for (auto& [phase, body] : bodies_) {
             body.advance(dt);
             exec_.for_each(state_.n, sim::Carry{s, std::uint8_t(phase), body.pose(), home_.data(), state_.period(), dt});
         }
     }
 
 private:
+    /// Contacts of bodies with walls, and with each other: impulses are equal and opposite.  What stands on one that stands on a wall needs several rounds.
+    void meet(const Fluid<Exec>& fluid, float dt) {
+        struct Meeting {
+            RigidBody *body, *other;
+            sim::Touch touch;
+        };
+        constexpr int kRounds = 8;
+        std::vector<Meeting> meetings;
+        const auto find = [&](int phase, RigidBody& body, const sim::PhaseSet& others, RigidBody* other) {
+            const sim::Touch t = touch(fluid, phase, others);
+            if (t.weight > 0) meetings.push_back({&body, other, t});
+            return t.weight > 0;
+        };
+        sim::PhaseSet walls;
+        for (std::size_t k = 0; k < state_.phase_table.size(); ++k)
+            if (!bodies_.count(int(k))) walls.add(int(k));
+        for (auto a = bodies_.begin(); a != bodies_.end(); ++a) {
+            find(a->first, a->second, walls, nullptr);
+            sim::PhaseSet others;
+            for (auto b = std::next(a); b != bodies_.end(); ++b) others.add(b->first);
+            if (std::next(a) == bodies_.end() || !(touch(fluid, a->first, others).weight > 0)) continue;
+            for (auto b = std::next(a); b != bodies_.end(); ++b) {
+                sim::PhaseSet one;
+                one.add(b->first);
+                find(a->first, a->second, one, &b->second);
+            }
+        }
+        for (int round = 0; round < (bodies_.size() > 1 ? kRounds : 1); ++round)
+            for (const Meeting& m : meetings) m.body->meet(m.touch, m.other, state_.period().length, dt);
+    }
+    sim::Touch touch(const Fluid<Exec>& fluid, int phase, const sim::PhaseSet& others) {
+        sim::Touch* found = touch_.reserve(1);
+        exec_.reduce_in_order(state_.n_rows, sim::TouchOf<Packet>{fluid.lists(), state_.view(), std::uint8_t(phase), others, state_.period(), settings_.spacing}, sim::AddTouch{}, sim::Touch{}, found);
+        sim::Touch t;
+        exec_.download(&t, found, sizeof t);
+        return t;
+    }
+
     /// Every particle of what moves needs a place of its own in it.
     void check_home(const std::vector<Quad>& home, const std::map<int, sim::Pose>& poses, const std::map<int, RigidBody>& bodies) {
         if (poses.empty() && bodies.empty()) return;

@@ -50,22 +50,25 @@ struct Kick {
     }
 };
 
-/// x += dt v, as the octree takes positions.  Those outside of the domain rest.  One whose next place is not a number stays where it was;
-/// the highest of their ids is reported.
+/// x += dt v, as the octree takes positions.  Those outside of the domain rest; tissue does not come in again on a periodic domain's
+/// other side, as its bonds know of one copy.  One whose next place is not a number stays
+/// where it was; the highest of their ids is reported.
 struct Move {
     State state;
     float dt;
     const TreeHeader* header;
     Period period;
     float3 lo;                    ///< of the domain
+    const Phase* phases;
     float* positions;             ///< (n, 3)
     std::uint32_t* not_a_number;  ///< id + 1
     GB_FN void operator()(std::size_t i) const {
         const Quad p = state.place[i], v = state.velocity[i];
         float3 to = p.xyz();
         if (i >= header->n_outside) {
-            to = {Period::wrap(p.x + dt * v.x, lo.x, period.length.x), Period::wrap(p.y + dt * v.y, lo.y, period.length.y),
-                  Period::wrap(p.z + dt * v.z, lo.z, period.length.z)};
+            to = {p.x + dt * v.x, p.y + dt * v.y, p.z + dt * v.z};
+            if (phases[state.phase[i]].kind != Kind::tissue)
+                to = {Period::wrap(to.x, lo.x, period.length.x), Period::wrap(to.y, lo.y, period.length.y), Period::wrap(to.z, lo.z, period.length.z)};
             if (!(abs(to.x) + abs(to.y) + abs(to.z) < infinity())) {
                 atomic_max(not_a_number, state.id[i] + 1);
                 to = p.xyz();

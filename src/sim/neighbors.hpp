@@ -31,7 +31,7 @@ struct Lists {
     std::uint32_t* count = nullptr;       ///< per row
     std::uint32_t* index = nullptr;       ///< slots of the neighbours, in slot order
     Pairs<Packet>* pairs = nullptr;
-    typename Packet::Bases* bases = nullptr;  ///< per packet
+    typename Packet::Bases* bases = nullptr;  ///< per `stride` rows
 
     /// Place of a row's k-th neighbour; the next one is Packet::stride further.
     GB_FN std::size_t at(std::size_t row, std::uint32_t k = 0) const {

@@ -96,6 +96,12 @@ struct PressureImpulse {
     }
 };
 
+struct PhaseSet {
+    std::uint64_t bits[4] = {};
+    GB_FN bool has(std::uint8_t phase) const { return bits[phase / 64] >> phase % 64 & 1; }
+    void add(int phase) { bits[phase / 64] |= std::uint64_t(1) << phase % 64; }
+};
+
 /// How deep a body's particles are in other boundaries: at most one point stands for all of them.
 struct Touch {
     double weight = 0, point[3] = {}, normal[3] = {}, velocity[3] = {};
@@ -118,6 +124,7 @@ struct TouchOf {
     Lists<Packet> lists;
     State state;
     std::uint8_t phase;
+    PhaseSet others;
     Period period;
     float spacing;
     GB_FN Touch operator()(std::size_t row) const {
@@ -127,7 +134,7 @@ struct TouchOf {
         const float3 p = state.place[slot].xyz();
         for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
             const std::uint32_t j = lists.index[lists.at(row, k)];
-            if (j >= state.n || state.phase[j] == phase || !(state.place[j].w > 0.0f)) continue;
+            if (j >= state.n || !others.has(state.phase[j]) || !(state.place[j].w > 0.0f)) continue;
             const float3 away = period.template shortest<true>(p - state.place[j].xyz());
             const float r = length(away), deep = spacing - r;
             if (!(deep > 0.0f) || !(r > 0.0f)) continue;

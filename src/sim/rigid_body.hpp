@@ -29,29 +29,27 @@ public:
             spin[k] += dw[k];
         }
     }
-    /// No nearer to what it touches; deep places are left slowly.
-    void meet(const sim::Touch& t, double dt) {
+    /// No nearer to what it touches, a body or what key frames move; deep places are left slowly.
+    void meet(const sim::Touch& t, RigidBody* other, const float3& period, double dt) {
         if (!(t.weight > 0)) return;
-        V n{}, arm{}, other{};
+        V n{}, at{}, moves{};
         double size = 0;
         for (int k = 0; k < 3; ++k) size += t.normal[k] * t.normal[k];
         if (!(size > 0)) return;
         for (int k = 0; k < 3; ++k) {
             n[k] = t.normal[k] / std::sqrt(size);
-            arm[k] = t.point[k] / t.weight - center_[k];
-            other[k] = t.velocity[k] / t.weight;
+            at[k] = t.point[k] / t.weight;
+            moves[k] = t.velocity[k] / t.weight;
         }
-        const V at = cross3(spin, arm);
+        const V arm = arm_of(at, period), arm_of_other = other ? other->arm_of(at, period) : V{};
+        const V mine = velocity_at(arm), theirs = other ? other->velocity_at(arm_of_other) : moves;
         double approach = 0;
-        for (int k = 0; k < 3; ++k) approach += (velocity[k] + at[k] - other[k]) * n[k];
+        for (int k = 0; k < 3; ++k) approach += (mine[k] - theirs[k]) * n[k];
         const double wanted = 0.1 * t.depth / dt;
         if (approach >= wanted) return;
-        const V arm_n = cross3(arm, n), turned = cross3(turn(arm_n), arm);
-        double give = 1.0 / mass_;
-        for (int k = 0; k < 3; ++k) give += turned[k] * n[k];
-        const double j = (wanted - approach) / give;
-        const V p{n[0] * j, n[1] * j, n[2] * j}, l = cross3(arm, p);
-        push(p.data(), l.data());
+        const double j = (wanted - approach) / (give(arm, n) + (other ? other->give(arm_of_other, n) : 0.0));
+        push_at(arm, n, j);
+        if (other) other->push_at(arm_of_other, n, -j);
     }
     void advance(double dt) {
         for (int k = 0; k < 3; ++k) center_[k] += dt * velocity[k];
@@ -70,6 +68,28 @@ public:
     }
 
 private:
+    V arm_of(const V& point, const float3& period) const {
+        V arm{};
+        for (int k = 0; k < 3; ++k) {
+            const double length = (&period.x)[k];
+            arm[k] = point[k] - center_[k];
+            if (length > 0) arm[k] -= length * std::round(arm[k] / length);
+        }
+        return arm;
+    }
+    V velocity_at(const V& arm) const {
+        const V turned = cross3(spin, arm);
+        return {velocity[0] + turned[0], velocity[1] + turned[1], velocity[2] + turned[2]};
+    }
+    /// Speed that an impulse of 1 along n gives to a point.
+    double give(const V& arm, const V& n) const {
+        const V turned = cross3(turn(cross3(arm, n)), arm);
+        return 1.0 / mass_ + turned[0] * n[0] + turned[1] * n[1] + turned[2] * n[2];
+    }
+    void push_at(const V& arm, const V& n, double j) {
+        const V p{n[0] * j, n[1] * j, n[2] * j}, l = cross3(arm, p);
+        push(p.data(), l.data());
+    }
     static V cross3(const V& a, const V& b) { return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}; }
     static sim::Pose pose(const V& c, const M& r) {
         return {{float(r[0]), float(r[3]), float(r[6])}, {float(r[1]), float(r[4]), float(r[7])}, {float(r[2]), float(r[5]), float(r[8])},

@@ -392,11 +392,9 @@ private:
     }
     /// Who has left the domain rests there: bonds to it would hold and shake the tissue that goes on.
     void let_go() {
-        const float3 period = state_.period().length, axes[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-        for (int k = 0; k < 3; ++k) {
-            if ((&period.x)[k] > 0.0f) continue;
-            tissue_.remove({tissue::Shape::half_space, settings_.lo, axes[k], 0.0f, {}});
-            tissue_.remove({tissue::Shape::half_space, settings_.hi, axes[k] * -1.0f, 0.0f, {}});
+        for (const float3& axis : {float3{1, 0, 0}, float3{0, 1, 0}, float3{0, 0, 1}}) {
+            tissue_.remove({tissue::Shape::half_space, settings_.lo, axis, 0.0f, {}});
+            tissue_.remove({tissue::Shape::half_space, settings_.hi, axis * -1.0f, 0.0f, {}});
         }
     }
 
@@ -433,7 +431,7 @@ private:
         contact(dt);
         fluid_.shift(dt);
         float* positions = state_.positions();
-        exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(), settings_.lo, positions, state_.not_a_number()});
+        exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(), settings_.lo, state_.phases(), positions, state_.not_a_number()});
         fluid_.end_shift();
         if (split) fluid_.end_split(dt);
         if (state_.n_rows > 0) tissue_.add_rest(state_.view());

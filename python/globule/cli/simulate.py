@@ -30,6 +30,7 @@ from .shared import (
     mistakes,
     positive,
     print_json,
+    said_threads,
     say,
     warn,
 )
@@ -193,7 +194,7 @@ class _Job:
         if options.video:
             check_output("--video", options.video, [".mp4"], made=self.folder)
         check_folder("-o", self.folder)
-        if options.images:
+        if options.images is not None:
             check_folder("--images", options.images)
         scene = _read(options)
         self.fps = options.fps or scene.output.fps
@@ -370,7 +371,8 @@ class _Job:
               f"{escaped(counts)}")  # fmt: skip
         written = {name: s for name, s in self.seconds.items() if s}
         spent = ", ".join(f"{name} {s:.1f} s" for name, s in written.items()) or "nothing to do"
-        print(f"{spent}, {total:.1f} s in all on {sim.scene.device.description}")
+        where = said_threads(sim.scene.device.description, self.options.threads)
+        print(f"{spent}, {total:.1f} s in all on {where}")
         if self.files:
             last = f" … {self.files[-1]}" if len(self.files) > 1 else ""
             print(f"{count(len(self.files), 'file')}: {escaped(self.files[0] + last)}")

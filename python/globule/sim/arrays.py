@@ -56,6 +56,8 @@ def ids_of(values: Any) -> np.ndarray:
 
 def real(name: str, values: Any) -> np.ndarray:
     """Real numbers as float32; anything else is a ValueError."""
+    if np.ma.is_masked(values):
+        raise ValueError(f"{name}: expected numbers, got a masked array with some hidden")
     try:
         given = np.asarray(to_host(values))
     except (TypeError, ValueError, OverflowError):  # ragged

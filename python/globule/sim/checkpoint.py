@@ -18,6 +18,8 @@ VERSION = 6
 def path_of(name: str | os.PathLike[str]) -> str:
     """The path of a state's file: its name, with .npz at the end."""
     name = os.fspath(name)
+    if not os.path.basename(name):
+        raise ValueError(f"name: expected a file's name, got {name!r}")
     return name if name.lower().endswith(".npz") else f"{name}.npz"
 
 

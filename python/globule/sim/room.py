@@ -39,8 +39,8 @@ def check_room(scene: Any, shapes: dict[int, Any]) -> None:
     if spacing < widest:
         advice = f"a spacing of {1.005 * spacing:.3g} m would fit"  # also once it is rounded
     raise SceneError(
-        f"{name}: expected particles that fit in the {free / 2**30:.1f} GiB that are free, got "
-        f"about {n:.3g} that need {size / 2**30:.3g} GiB; {advice}"
+        f"{name}: expected particles that fit in the {free / 2**30:.3g} GiB that are free or "
+        f"allowed, got about {n:.3g} that need {size / 2**30:.3g} GiB; {advice}"
     )
 
 

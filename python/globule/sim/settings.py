@@ -202,8 +202,11 @@ class Settings(Steered):
     def _pack(self) -> dict[str, Any]:
         lo, hi = self.domain.bounds()
         periodic = ["xyz"[k] in self.domain.periodic for k in range(3)]
-        if any(hi[k] - lo[k] < 8 * self.spacing and periodic[k] for k in range(3)):
-            raise ValueError("domain.periodic: expected axes at least 8 spacings long")
+        least = 8 * self.spacing
+        for k, length in enumerate(np.subtract(hi, lo)):
+            if periodic[k] and length < least:
+                expected = f"expected an axis at least 8 spacings long, {least:.3g} m"
+                raise ValueError(f"domain.periodic: {expected}, got {'xyz'[k]} of {length:.3g} m")
         sound_speed, wcsph = self.sound_speed, self.method == "wcsph"
         if sound_speed is None:
             sound_speed = 10.0 * float(np.sqrt(2.0 * abs(np.dot(self.gravity, hi - lo))))

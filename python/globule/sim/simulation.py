@@ -483,10 +483,10 @@ class Simulation:
     def _phase(self, name: str | None) -> int:
         """The number of a phase; None: the first that is no boundary."""
         if name is None:
-            name = next((n for n, p in self.phases.items() if p.kind != "boundary"), "")
-        if name not in self.phases:
-            if not name:
+            name = next((n for n, p in self.phases.items() if p.kind != "boundary"), None)
+            if name is None:
                 raise ValueError("phase: expected fluids, solids or rigids in the scene, got none")
+        if not isinstance(name, str) or name not in self.phases:
             raise ValueError(f"phase: expected one of {', '.join(self.phases)}, got {name!r}")
         return list(self.phases).index(name)
 

@@ -9,6 +9,7 @@ import numpy as np
 from .._base.checks import number, positive, shown
 from .._base.interrupts import whole
 from .arrays import ids_of, numbers, vector
+from .blade import check_rigid
 from .part import Part
 
 if TYPE_CHECKING:
@@ -36,13 +37,15 @@ class Steer(Part):
             ids: (M,) of the particles; None: all, in id order.
 
         Raises:
-            ValueError: a force that is not finite or has a wrong shape; unknown ids.
+            ValueError: a force that is not finite or has a wrong shape; unknown ids, or one twice.
         """
         known = self._sim.ids
         chosen = known if ids is None else ids_of(ids)
         unknown = np.setdiff1d(chosen, known)
         if len(unknown):
             raise ValueError(f"ids: expected particles of this simulation, got {unknown[0]}")
+        if n_again := len(chosen) - len(np.unique(chosen)):
+            raise ValueError(f"ids: expected each particle once, got {n_again} again")
         total = self._forces_of(known)
         more = np.zeros_like(total)
         more[np.searchsorted(known, chosen)] = numbers("force", force, (3,), (len(chosen), 3))
@@ -66,13 +69,13 @@ class Steer(Part):
             pose: (4, 4) world_from_body, m.
 
         Raises:
-            ValueError: an unknown phase, or a pose of a wrong shape.
+            ValueError: an unknown phase, or a pose that is not a rotation and a position.
         """
         which = self._sim._phase(phase)
         if self._sim.phases[phase].kind != "boundary":
             raise ValueError(f"phase: expected one of kind boundary, got {phase!r}")
         numbers("pose", pose, (4, 4))
-        values = np.asarray(pose, float).reshape(16).tolist()
+        values = check_rigid("pose", pose).reshape(16).tolist()
         if which in self._moving:
             self._sim._core.move_to(which, values)
         else:
