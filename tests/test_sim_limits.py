@@ -132,7 +132,7 @@ def test_particles_without_memory_are_counted_not_made(tmp_path, monkeypatch, mo
     with pytest.raises(SceneError) as caught:
         gb.Simulation(path, device="cpu")
     message = str(caught.value)
-    assert message.startswith(f"{path}: {named}: expected particles that fit in the 1.0 GiB")
+    assert message.startswith(f"{path}: {named}: expected particles that fit in the 1 GiB")
     assert f"got about {n} that need" in message
 
 
