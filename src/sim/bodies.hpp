@@ -12,7 +12,7 @@ public:
     using Packet = typename Exec::Packet;
 
     Bodies(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
-        : exec_(exec), state_(state), settings_(settings), home_(exec), impulse_(exec), touch_(exec) {}
+        : exec_(exec), state_(state), settings_(settings), home_(exec), bump_(exec), share_(exec), solve_(exec, state, bodies_) {}
 
     void capture(int phase, const sim::Pose& now) {
         if (home_.capacity() < state_.next_id) {  // ids of other bodies keep their places
@@ -72,6 +72,7 @@ public:
     }
     void push(int phase, const sim::Impulse& impulse) { bodies_.at(phase).push(impulse.p, impulse.l); }
 
+    RigidSolve<Exec>& solve() { return solve_; }
     bool none() const { return next_poses_.empty() && bodies_.empty(); }
 
     /// Boundaries get the velocities that lead them to their next poses; whether there are any.
@@ -81,68 +82,37 @@ public:
         return !next_poses_.empty();
     }
 
-    /// Rigid bodies: what the fluid's pressure did to them, gravity, contact; then their particles' next places.
-    void turn(const Fluid<Exec>& fluid, float dt) {
-        const sim::State s = state_.view();
-        for (auto& [phase, body] : bodies_) {
-            double p[3], none[3] = {};
-            for (int k = 0; k < 3; ++k) p[k] = body.mass() * dt * (&settings_.gravity.x)[k];
-            body.push(p, none);
-            if (state_.n_rows == 0) continue;
-            sim::Impulse* impulse = impulse_.reserve(1);
-            const sim::PressureImpulse<Packet, sim::OfPhase> pressure{fluid.lists(), s, fluid.rows().boundary, {s.phase, std::uint8_t(phase)}, state_.period(), state_.sizes(),
-                                                                      state_.volume(), state_.spline().support, dt, fluid.flux(), body.center_float()};
-            exec_.reduce_in_order(state_.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, impulse);
-            sim::Impulse i;
-            exec_.download(&i, impulse, sizeof i);
-            body.push(i.p, i.l);
-        }
-        if (state_.n_rows > 0) meet(fluid, dt);
+    /// Rigid bodies: contact; then their particles' next places.
+    void turn(float dt) {
+        solve_.meet(dt);
         for (auto& [phase, body] : bodies_) {
             body.advance(dt);
-            exec_.for_each(state_.n, sim::Carry{s, std::uint8_t(phase), body.pose(), home_.data(), state_.period(), dt});
+            exec_.for_each(state_.n, sim::Carry{state_.view(), std::uint8_t(phase), body.pose(), home_.data(), state_.period(), dt});
         }
+    }
+    /// Rigid bodies: what they keep out pushes them back.  The share of it, by phase, that turns nobody round, or null: all.
+    const float* push_back(const sim::Contact<Packet>& contact) {
+        if (bodies_.empty()) return nullptr;
+        std::vector<float> shares(sim::kMaxPhases, 1.0f);
+        for (auto& [phase, body] : bodies_) {
+            sim::Bump* bump = bump_.reserve(1);
+            exec_.reduce_in_order(state_.n_rows, sim::BumpOf<Packet>{contact, std::uint8_t(phase), state_.volume(), body.center_float()}, sim::AddBump{}, sim::Bump{}, bump);
+            sim::Bump b;
+            exec_.download(&b, bump, sizeof b);
+            const float share = shares[phase] = float(std::min(1.0, body.mass() / std::max(b.mass, 1e-300)));
+            for (int k = 0; k < 3; ++k) {
+                b.impulse.p[k] *= share;
+                b.impulse.l[k] *= share;
+            }
+            body.push(b.impulse.p, b.impulse.l);
+        }
+        float* share = share_.reserve(shares.size());
+        exec_.upload(share, shares.data(), shares.size() * sizeof *share);
+        exec_.synchronize();
+        return share;
     }
 
 private:
-    /// Contacts of bodies with walls, and with each other: impulses are equal and opposite.  What stands on one that stands on a wall needs several rounds.
-    void meet(const Fluid<Exec>& fluid, float dt) {
-        struct Meeting {
-            RigidBody *body, *other;
-            sim::Touch touch;
-        };
-        constexpr int kRounds = 8;
-        std::vector<Meeting> meetings;
-        const auto find = [&](int phase, RigidBody& body, const sim::PhaseSet& others, RigidBody* other) {
-            const sim::Touch t = touch(fluid, phase, others);
-            if (t.weight > 0) meetings.push_back({&body, other, t});
-            return t.weight > 0;
-        };
-        sim::PhaseSet walls;
-        for (std::size_t k = 0; k < state_.phase_table.size(); ++k)
-            if (!bodies_.count(int(k))) walls.add(int(k));
-        for (auto a = bodies_.begin(); a != bodies_.end(); ++a) {
-            find(a->first, a->second, walls, nullptr);
-            sim::PhaseSet others;
-            for (auto b = std::next(a); b != bodies_.end(); ++b) others.add(b->first);
-            if (std::next(a) == bodies_.end() || !(touch(fluid, a->first, others).weight > 0)) continue;
-            for (auto b = std::next(a); b != bodies_.end(); ++b) {
-                sim::PhaseSet one;
-                one.add(b->first);
-                find(a->first, a->second, one, &b->second);
-            }
-        }
-        for (int round = 0; round < (bodies_.size() > 1 ? kRounds : 1); ++round)
-            for (const Meeting& m : meetings) m.body->meet(m.touch, m.other, state_.period().length, dt);
-    }
-    sim::Touch touch(const Fluid<Exec>& fluid, int phase, const sim::PhaseSet& others) {
-        sim::Touch* found = touch_.reserve(1);
-        exec_.reduce_in_order(state_.n_rows, sim::TouchOf<Packet>{fluid.lists(), state_.view(), std::uint8_t(phase), others, state_.period(), settings_.spacing}, sim::AddTouch{}, sim::Touch{}, found);
-        sim::Touch t;
-        exec_.download(&t, found, sizeof t);
-        return t;
-    }
-
     /// Every particle of what moves needs a place of its own in it.
     void check_home(const std::vector<Quad>& home, const std::map<int, sim::Pose>& poses, const std::map<int, RigidBody>& bodies) {
         if (poses.empty() && bodies.empty()) return;
@@ -163,10 +133,11 @@ private:
     SimulationState<Exec>& state_;
     const SimulationSettings& settings_;
     Buffer<Quad, Exec> home_;
-    Buffer<sim::Impulse, Exec> impulse_;
-    Buffer<sim::Touch, Exec> touch_;
+    Buffer<sim::Bump, Exec> bump_;
+    Buffer<float, Exec> share_;
     std::map<int, sim::Pose> next_poses_;
     std::map<int, RigidBody> bodies_;
+    RigidSolve<Exec> solve_;
 };
 
 }  // namespace globule::core

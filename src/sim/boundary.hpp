@@ -52,27 +52,45 @@ struct Contact {
     Period period;
     Sizes sizes;
     float spacing_of_one, dt;  ///< of particles of size 1
+    const float* share;        ///< per phase, of the change that its bodies' masses allow; null: all
+
+    struct Kept {
+        bool out = false;            ///< of a boundary, whose particle `by` is the nearest
+        float3 velocity{0, 0, 0};    ///< then
+        std::uint32_t by = 0;
+    };
+
     GB_FN void operator()(std::size_t row) const {
+        const Kept k = keep(row);
+        if (!k.out) return;
+        Quad& v = state.velocity[lists.rows[row]];
+        const float3 u = share ? v.xyz() + (k.velocity - v.xyz()) * share[state.phase[k.by]] : k.velocity;
+        v = {u.x, u.y, u.z, v.w};
+    }
+    GB_FN Kept keep(std::size_t row) const {
+        Kept kept;
         const std::uint32_t slot = lists.rows[row];
         const float spacing = spacing_of_one * (0.5f + 0.5f * sizes.at(slot));  // from one to the wall's
         const float r = nearest[row] / spacing;
-        if (!(r < kHeightReach)) return;
+        if (!(r < kHeightReach)) return kept;
         const Quad p = state.place[slot];
-        if (!(p.w < 0.0f)) return;
+        if (!(p.w < 0.0f)) return kept;
         float3 normal{0, 0, 0}, wall{0, 0, 0};
-        float total = 0.0f;
+        float total = 0.0f, most = 0.0f;
         each_of_walls(row, [&](std::uint32_t j, const Quad& q) {
             const float3 away = period.template shortest<true>(p.xyz() - q.xyz());
             const float d2 = dot(away, away) / (spacing * spacing), s = q.w / (d2 * d2 + 1e-3f);  // the nearest rule
             normal = normal + away * s;
             wall = wall + state.velocity[j].xyz() * s;
             total += s;
+            if (s > most) most = s, kept.by = j;
         });
-        if (!(total > 0.0f)) return;
+        if (!(total > 0.0f)) return kept;
         const float3 mean = normal * (1.0f / total);
         normal = normalize(normal);
         wall = wall * (1.0f / total);
-        Quad& v = state.velocity[slot];
+        const Quad before = state.velocity[slot];
+        Quad v = before;
         const float approach = dot(v.xyz() - wall, normal);
         if (approach < 0.0f && r < 0.8f) {
             const float s = approach * min((0.8f - r) * (1.0f / 0.3f), 1.0f);
@@ -83,14 +101,16 @@ struct Contact {
             const float s = rest / dt;
             v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
         }
-        if (!(r < kTouching)) return;
-        each_of_walls(row, [&](std::uint32_t j, const Quad& q) {
+        if (r < kTouching) each_of_walls(row, [&](std::uint32_t j, const Quad& q) {
             const float3 away = period.template shortest<true>(p.xyz() - q.xyz());
             const float d2 = dot(away, away);
             if (!(d2 < kTouching * kTouching * spacing * spacing)) return;
             const float s = dot(v.xyz() - state.velocity[j].xyz(), away) / max(d2, 1e-12f * spacing * spacing);
             if (s < 0.0f) v = {v.x - s * away.x, v.y - s * away.y, v.z - s * away.z, v.w};
         });
+        kept.out = v.x != before.x || v.y != before.y || v.z != before.z;
+        kept.velocity = v.xyz();
+        return kept;
     }
 
 private:

@@ -13,7 +13,7 @@
 #include "sim/flow.hpp"
 #include "sim/split.hpp"
 #include "sim/fluid_surface.hpp"
-#include "sim/viscosity.hpp"
+#include "sim/rigid_solve.hpp"
 #include "sim/wcsph.hpp"
 #include "sim/particles.hpp"
 
@@ -121,9 +121,9 @@ public:
     void keep_kicked() { keep(kicked_); }
     void undo() { exec_.for_each(state_.n_rows, sim::Undo{lists_.rows, before_.data(), state_.view().velocity, state_.view().divergence_impulse}); }
 
-    sim::Progress correct_divergence(float dt) {
+    sim::Progress correct_divergence(float dt, RigidSolve<Exec>& bodies) {
         const Criterion all{std::min(kVelocityAim * settings_.divergence_error, kMostVelocityAim), kOver, kOverShare, kMost};
-        return solve({rows_.alpha, state_.view().divergence_impulse, 0.0f, all, 1, false, rows_.bulk, -kAtmosphere * dt, 1.0f, kOmega, 1.0f}, dt, divergence_took_).progress;
+        return solve({rows_.alpha, state_.view().divergence_impulse, 0.0f, all, 1, false, rows_.bulk, -kAtmosphere * dt, 1.0f, kOmega, 1.0f}, dt, divergence_took_, &bodies).progress;
     }
     /// Of the velocities that are there now, which are kept.  The outcome has the kinetic energy before and after the first solve.
     sim::Outcome correct_density(float dt) {
@@ -131,7 +131,7 @@ public:
         exec_.reduce_in_order(state_.n_rows, sim::KineticOf{rows_.inverse_rho, kicked_.data(), kept_.data()}, sim::AddKinetic{}, sim::Kinetic{}, &outcome_.reserve(1)->kinetic);
         const double mean = kAim * settings_.density_error;
         const Criterion all{mean, kOver, kLiftShare, std::max(kLiftMost, kLiftLeast / mean)};
-        const sim::Outcome out = solve({rows_.alpha, lift(), kMostExcess, all, settings_.least_iterations, false, rows_.bulk, 0.0f, 0.0f, kOmegaPlain, 0.0f}, dt, density_took_);
+        const sim::Outcome out = solve({rows_.alpha, lift(), kMostExcess, all, settings_.least_iterations, false, rows_.bulk, 0.0f, 0.0f, kOmegaPlain, 0.0f}, dt, density_took_, nullptr);
         exec_.for_each(state_.n_rows, sim::LimitPush{lists_.rows, kept_.data(), kMostPush * settings_.spacing / dt, state_.sizes(), state_.view().velocity});
         return out;
     }
@@ -147,7 +147,7 @@ public:
         return c.n_free <= sim::kFreeShare * c.n && c.density >= sim::kLeastFilling * c.n;
     }
     /// Velocities without divergence, of fluid that fills its space; the next move shifts.
-    sim::Progress correct_filled(float dt) {
+    sim::Progress correct_filled(float dt, RigidSolve<Exec>& bodies) {
         filled_ = true;
         const sim::State s = state_.view();
         Quad* diagonal = direction_.reserve(state_.n + 64);
@@ -160,7 +160,7 @@ public:
         exec_.for_each_packet(state_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_, plain, state_.spline().support, state_.lattice_squares()});
         exec_.clear(s.growth, 4 * state_.n);
         const Criterion mean{sim::kFilledAim * settings_.divergence_error, kOver, 1.0, infinity()};
-        return solve({rows_.alpha, s.divergence_impulse, 0.0f, mean, settings_.least_iterations, true, nullptr, -infinity(), 1.0f, kOmega, 1.0f}, dt, divergence_took_).progress;
+        return solve({rows_.alpha, s.divergence_impulse, 0.0f, mean, settings_.least_iterations, true, nullptr, -infinity(), 1.0f, kOmega, 1.0f}, dt, divergence_took_, &bodies).progress;
     }
     /// Velocities that lead particles from where they are dense, for one move; what was theirs is kept.
     void shift(float dt) {
@@ -177,7 +177,7 @@ public:
     float flux() const { return filled_ ? 1.0f : sim::kFlux; }
 
     /// Weakly compressible: pressures follow from the densities, and are applied once.
-    void push_by_density(float dt) {
+    void push_by_density(float dt, RigidSolve<Exec>& bodies) {
         const sim::State s = state_.view();
         float* change = change_.reserve(state_.n + 64);
         sim::Progress* progress = &outcome_.reserve(1)->progress;
@@ -186,10 +186,14 @@ public:
         exec_.clear(s.growth, 4 * state_.n);
         exec_.for_each(state_.n_rows, sim::TaitPressure{lists_.rows, rows_, settings_.sound_speed, dt, s.pressure, change});
         exec_.for_each_packet(state_.n_rows, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, state_.spline().inverse});
+        bodies.start_pressure(*this, rows_.alpha);
+        bodies.push_back(*this, change, progress, dt);
+        bodies.end_pressure();
     }
 
     /// Gravity, viscosity, tension, adhesion, and what the user asks for (may be null); the iterations of implicit viscosity.
-    int forces(float dt, const float* user) {
+    /// Rigid bodies feel what viscosity and adhesion of theirs do.
+    int forces(float dt, const float* user, RigidSolve<Exec>& bodies) {
         const sim::State s = state_.view();
         const std::size_t n = state_.n_rows;
         bool viscous = settings_.extra_viscosity > 0, implicit = false, sticks = false;
@@ -199,7 +203,11 @@ public:
             sticks |= p.adhesion > 0 || (p.tension > 0 && p.kind == sim::Kind::tissue);
         }
         const Quad* acceleration = nullptr;
-        if ((viscous && !implicit) || sticks) acceleration = pair_forces(implicit ? 0.0f : 1.0f, sticks, nullptr);
+        if ((viscous && !implicit) || sticks) {
+            const float share = implicit ? 0.0f : 1.0f;
+            acceleration = pair_forces(share, sticks, nullptr);
+            bodies.push(*this, share, sticks ? cohesion_.data() : nullptr, dt);
+        }
         if (surface_.is_there()) acceleration = pull_surface(acceleration != nullptr);
         exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, acceleration, settings_.gravity, dt, s.velocity});
         if (user) {
@@ -207,7 +215,20 @@ public:
             exec_.for_each(n, sim::UserForces{lists_.rows, rows_.inverse_rho, 1.0f / state_.volume(), state_.sizes(), user, a});
             exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, a, {0, 0, 0}, dt, s.velocity});
         }
-        return implicit ? implicit_viscosity(dt) : 0;
+        bodies.kick(settings_.gravity, dt);
+        return implicit ? implicit_viscosity(dt, bodies) : 0;
+    }
+    sim::HoldOf<Packet> hold_of(std::uint8_t phase, const float3& center) const {
+        return {lists_, state_.view(), rows_.boundary, state_.period(), state_.sizes(), state_.spline().support, phase, center};
+    }
+    /// What a body of one phase feels of the fluid's velocities, by slot; cohesion: by slot, or null.
+    void find_drag(const Quad* velocity, float viscous_share, const float* cohesion, std::uint8_t phase, const float3& center, sim::Drag* out) const {
+        sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
+            sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
+                const sim::DragOf<Packet, periodic, mixed> of{lists_, state_.view(), velocity, rows_.boundary, interaction(viscous_share), cohesion, phase, center};
+                exec_.reduce_in_order(state_.n_rows, of, sim::AddDrag{}, sim::Drag{}, out);
+            });
+        });
     }
 
 private:
@@ -263,8 +284,8 @@ private:
         float share;        ///< of the last pressure that it starts with
         float omega, momentum;
     };
-    /// `took`: iterations of the last solve of this kind; on the device the host looks at the progress only after as many.
-    sim::Outcome solve(const Aim& aim, float dt, int& took) {
+    /// `took`: iterations of the last solve of this kind; on the device the host looks at the progress only after as many.  `bodies`: those that give way, or null.
+    sim::Outcome solve(const Aim& aim, float dt, int& took, RigidSolve<Exec>* bodies) {
         const std::size_t n = state_.n_rows;
         const sim::State s = state_.view();
         const float inverse_support = state_.spline().inverse;
@@ -278,12 +299,13 @@ private:
         exec_.clear(progress, sizeof *progress);
         exec_.clear(change, 4 * (state_.n + 64));
         exec_.clear(iterate + n, 4 * 64);  // the last packet's rows past the end are added up too, times 0
-        exec_.for_each(n, sim::WarmStart{lists_.rows, aim.alpha, aim.impulse, change, iterate, aim.bulk, aim.share * dt, aim.least});
+        const float* alpha = bodies ? bodies->start_pressure(*this, aim.alpha) : aim.alpha;
+        exec_.for_each(n, sim::WarmStart{lists_.rows, alpha, aim.impulse, change, iterate, aim.bulk, aim.share * dt, aim.least});
 
         const Criterion& c = aim.criterion;
         const float least_excess = aim.filled ? 0.0f : -infinity();
         const sim::Push<Packet> push{lists_, rows_, change, s.velocity, progress, inverse_support};
-        const sim::Relax<Packet> relax{lists_, rows_, aim.alpha, s.velocity, aim.impulse, change, iterate, error, turn, progress, inverse_support, 1.0f / dt,
+        const sim::Relax<Packet> relax{lists_, rows_, alpha, s.velocity, aim.impulse, change, iterate, error, turn, progress, inverse_support, 1.0f / dt,
                                        aim.most_excess, least_excess, aim.bulk, aim.least, aim.omega};
         const sim::Judge judge{found, dt, double(n), c.mean, c.most * c.mean, c.share, std::uint32_t(aim.iterations), aim.momentum, aim.most_excess > 0.0f ? nullptr : compression(), settings_.density_error, progress};
         const sim::ResidualsOf residuals{error, turn, float(c.over * c.mean / dt)};
@@ -294,6 +316,7 @@ private:
         do {
             for (int i = 0; i < at_once; ++i) {
                 if (pushes) exec_.for_each_packet_team(n, push);
+                if (pushes && bodies) bodies->push_back(*this, change, progress, dt);
                 pushes = true;
                 exec_.for_each_packet_team(n, relax);
                 exec_.reduce_in_order(n, residuals, sim::AddResiduals{}, sim::Residuals{}, found, judge);
@@ -302,6 +325,7 @@ private:
             at_once = max(1, int(p.iterations) / 4);
         } while (!p.done && int(p.iterations) < settings_.most_iterations);
         took = int(p.iterations);
+        if (bodies) bodies->end_pressure();
         if (aim.share > 0.0f) exec_.for_each(n, sim::Applied{lists_.rows, aim.impulse, change, 1.0f / dt, flux(), s.pressure});
         return out;
     }
@@ -328,7 +352,7 @@ private:
     }
 
     /// Conjugate gradients for what viscosity adds to the velocities; the iterations taken.
-    int implicit_viscosity(float dt) {
+    int implicit_viscosity(float dt, RigidSolve<Exec>& bodies) {
         const sim::State s = state_.view();
         const std::size_t n = state_.n_rows;
         float* diagonal = diagonal_.reserve(n + 64);
@@ -341,24 +365,30 @@ private:
         exec_.clear(c, sizeof *c);
         exec_.for_each(n, sim::StartConjugate{lists_.rows, rows_.inverse_rho, diagonal, acceleration, s.velocity, dt, residual, direction});
         exec_.reduce_in_order(n, sim::ResidualSquare{lists_.rows, residual, state_.sizes()}, sim::AddDouble{}, 0.0, &c->rz_new);
+        bodies.start(*this, c, dt);
         exec_.for_each(1, sim::JudgeConjugate{c, settings_.viscosity_error});
         sim::Conjugate state{};
         constexpr int at_once = Exec::on_device ? 4 : 1;
         do {
             for (int i = 0; i < at_once; ++i) {
+                bodies.spread_direction(direction);
                 sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
                     sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
                         exec_.for_each_packet(n, sim::ApplyViscosity<Packet, periodic, mixed>{lists_, s.place, direction, rows_, interaction(1.0f), c, dt, applied});
                     });
                 });
                 exec_.reduce_in_order(n, sim::DirectionSquare{lists_.rows, direction, applied, state_.sizes()}, sim::AddDouble{}, 0.0, &c->pq);
+                bodies.multiply(*this, direction, c, dt);
                 exec_.for_each(n, sim::StepConjugate{lists_.rows, c, direction, applied, s.velocity, residual});
                 exec_.reduce_in_order(n, sim::ResidualSquare{lists_.rows, residual, state_.sizes()}, sim::AddDouble{}, 0.0, &c->rz_new);
+                bodies.step(c);
                 exec_.for_each(n, sim::TurnConjugate{lists_.rows, c, residual, direction});
+                bodies.turn(c);
                 exec_.for_each(1, sim::JudgeConjugate{c, settings_.viscosity_error});
             }
             exec_.download(&state, c, sizeof state);
         } while (!state.done && state.iterations < std::uint32_t(settings_.most_iterations));
+        bodies.end_viscosity();
         return int(state.iterations) - 1;
     }
 

@@ -1,6 +1,7 @@
 // Boundaries that move as a whole: by key frames, or as rigid bodies that fluids push (Akinci 2012).
 // Their particles know their place in the body's own coordinate frame, by id, so that nothing drifts.
 #pragma once
+#include "sim/boundary.hpp"
 #include "sim/pressure.hpp"
 
 namespace globule::core::sim {
@@ -65,7 +66,7 @@ struct OfPhase {
     GB_FN bool operator()(std::uint32_t j) const { return phases[j] == phase; }
 };
 
-/// What the pressure of one row's fluid does to the particles that `Feels` takes: V P g of each pair, at those.
+/// What the pressure, or the suction, of one row's fluid does to the particles that `Feels` takes: V P g of each pair, at those.
 template <class Packet, class Feels>
 struct PressureImpulse {
     Lists<Packet> lists;
@@ -82,7 +83,6 @@ struct PressureImpulse {
         const std::uint32_t slot = lists.rows[row];
         if (!(state.place[slot].w < 0.0f)) return sum;
         const float s = volume * sizes.volume(slot) * dt * state.pressure[slot] / (flux * support);
-        if (!(s > 0.0f)) return sum;
         for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
             const std::size_t at = lists.at(row, k);
             const std::uint32_t j = lists.index[at];
@@ -93,6 +93,31 @@ struct PressureImpulse {
             sum.l[0] += l.x, sum.l[1] += l.y, sum.l[2] += l.z;
         }
         return sum;
+    }
+};
+
+/// What one row's fluid or tissue does to a body that it may not enter, and the mass that does so.
+struct Bump {
+    Impulse impulse;
+    double mass = 0;
+};
+struct AddBump {
+    GB_FN Bump operator()(const Bump& a, const Bump& b) const { return {AddImpulse{}(a.impulse, b.impulse), a.mass + b.mass}; }
+};
+template <class Packet>
+struct BumpOf {
+    Contact<Packet> contact;
+    std::uint8_t phase;
+    float volume;  ///< of a particle of size 1
+    float3 center;
+    GB_FN Bump operator()(std::size_t row) const {
+        const typename Contact<Packet>::Kept kept = contact.keep(row);
+        const State& state = contact.state;
+        if (!kept.out || state.phase[kept.by] != phase) return {};
+        const std::uint32_t slot = contact.lists.rows[row];
+        const float mass = volume * contact.sizes.volume(slot) / -state.place[slot].w;
+        const float3 p = (state.velocity[slot].xyz() - kept.velocity) * mass, l = cross(contact.period.template shortest<true>(state.place[slot].xyz() - center), p);
+        return {{{p.x, p.y, p.z}, {l.x, l.y, l.z}}, mass};
     }
 };
 

@@ -22,34 +22,24 @@ public:
     float3 center_float() const { return {float(center_[0]), float(center_[1]), float(center_[2])}; }
     sim::Pose pose() const { return pose(center_, rotation_); }
 
+    /// About the center, in the axes of the world.
+    M inertia_now() const { return turned(inertia_); }
+    /// 0 of what has none.
+    M inverse_inertia_now() const {
+        const M& m = inertia_;
+        const double det = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
+        if (!(det > 0)) return M{};
+        return turned({(m[4] * m[8] - m[5] * m[7]) / det, (m[2] * m[7] - m[1] * m[8]) / det, (m[1] * m[5] - m[2] * m[4]) / det,
+                       (m[5] * m[6] - m[3] * m[8]) / det, (m[0] * m[8] - m[2] * m[6]) / det, (m[2] * m[3] - m[0] * m[5]) / det,
+                       (m[3] * m[7] - m[4] * m[6]) / det, (m[1] * m[6] - m[0] * m[7]) / det, (m[0] * m[4] - m[1] * m[3]) / det});
+    }
+
     void push(const double p[3], const double l[3]) {
         const V dw = turn({l[0], l[1], l[2]});
         for (int k = 0; k < 3; ++k) {
             velocity[k] += p[k] / mass_;
             spin[k] += dw[k];
         }
-    }
-    /// No nearer to what it touches, a body or what key frames move; deep places are left slowly.
-    void meet(const sim::Touch& t, RigidBody* other, const float3& period, double dt) {
-        if (!(t.weight > 0)) return;
-        V n{}, at{}, moves{};
-        double size = 0;
-        for (int k = 0; k < 3; ++k) size += t.normal[k] * t.normal[k];
-        if (!(size > 0)) return;
-        for (int k = 0; k < 3; ++k) {
-            n[k] = t.normal[k] / std::sqrt(size);
-            at[k] = t.point[k] / t.weight;
-            moves[k] = t.velocity[k] / t.weight;
-        }
-        const V arm = arm_of(at, period), arm_of_other = other ? other->arm_of(at, period) : V{};
-        const V mine = velocity_at(arm), theirs = other ? other->velocity_at(arm_of_other) : moves;
-        double approach = 0;
-        for (int k = 0; k < 3; ++k) approach += (mine[k] - theirs[k]) * n[k];
-        const double wanted = 0.1 * t.depth / dt;
-        if (approach >= wanted) return;
-        const double j = (wanted - approach) / (give(arm, n) + (other ? other->give(arm_of_other, n) : 0.0));
-        push_at(arm, n, j);
-        if (other) other->push_at(arm_of_other, n, -j);
     }
     void advance(double dt) {
         for (int k = 0; k < 3; ++k) center_[k] += dt * velocity[k];
@@ -68,48 +58,25 @@ public:
     }
 
 private:
-    V arm_of(const V& point, const float3& period) const {
-        V arm{};
-        for (int k = 0; k < 3; ++k) {
-            const double length = (&period.x)[k];
-            arm[k] = point[k] - center_[k];
-            if (length > 0) arm[k] -= length * std::round(arm[k] / length);
-        }
-        return arm;
-    }
-    V velocity_at(const V& arm) const {
-        const V turned = cross3(spin, arm);
-        return {velocity[0] + turned[0], velocity[1] + turned[1], velocity[2] + turned[2]};
-    }
-    /// Speed that an impulse of 1 along n gives to a point.
-    double give(const V& arm, const V& n) const {
-        const V turned = cross3(turn(cross3(arm, n)), arm);
-        return 1.0 / mass_ + turned[0] * n[0] + turned[1] * n[1] + turned[2] * n[2];
-    }
-    void push_at(const V& arm, const V& n, double j) {
-        const V p{n[0] * j, n[1] * j, n[2] * j}, l = cross3(arm, p);
-        push(p.data(), l.data());
-    }
     static V cross3(const V& a, const V& b) { return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}; }
     static sim::Pose pose(const V& c, const M& r) {
         return {{float(r[0]), float(r[3]), float(r[6])}, {float(r[1]), float(r[4]), float(r[7])}, {float(r[2]), float(r[5]), float(r[8])},
                 {float(c[0]), float(c[1]), float(c[2])}};
     }
-    /// Inverse of the inertia as it is turned now, applied to a moment.
+    /// What a moment adds to the spin.
     V turn(const V& l) const {
-        V body{}, w{}, out{};
-        for (int k = 0; k < 3; ++k)
-            for (int i = 0; i < 3; ++i) body[k] += rotation_[3 * i + k] * l[i];
-        const M& m = inertia_;
-        const double det = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
-        if (!(det > 0)) return out;
-        const M inverse{(m[4] * m[8] - m[5] * m[7]) / det, (m[2] * m[7] - m[1] * m[8]) / det, (m[1] * m[5] - m[2] * m[4]) / det,
-                        (m[5] * m[6] - m[3] * m[8]) / det, (m[0] * m[8] - m[2] * m[6]) / det, (m[2] * m[3] - m[0] * m[5]) / det,
-                        (m[3] * m[7] - m[4] * m[6]) / det, (m[1] * m[6] - m[0] * m[7]) / det, (m[0] * m[4] - m[1] * m[3]) / det};
-        for (int k = 0; k < 3; ++k)
-            for (int i = 0; i < 3; ++i) w[k] += inverse[3 * k + i] * body[i];
-        for (int k = 0; k < 3; ++k)
-            for (int i = 0; i < 3; ++i) out[k] += rotation_[3 * k + i] * w[i];
+        const M m = inverse_inertia_now();
+        V out{};
+        for (int k = 0; k < 3; ++k) out[k] = m[3 * k] * l[0] + m[3 * k + 1] * l[1] + m[3 * k + 2] * l[2];
+        return out;
+    }
+    /// In the axes of the world, of what is told in those of the body.
+    M turned(const M& m) const {
+        M out{};
+        for (int r = 0; r < 3; ++r)
+            for (int c = 0; c < 3; ++c)
+                for (int i = 0; i < 3; ++i)
+                    for (int k = 0; k < 3; ++k) out[3 * r + c] += rotation_[3 * r + i] * m[3 * i + k] * rotation_[3 * c + k];
         return out;
     }
     void orthonormalize() {

@@ -145,16 +145,17 @@ public:
             tissue_.find_contacts(fluid_.lists(), state_.view(), state_.phases(), state_.period(), state_.spline(), rubs());
             mark("neighbors");
             fluid_.densities();
+            bodies_.solve().find_meetings(fluid_.lists(), settings_.spacing);
             mark("density");
             if (settings_.weakly_compressible) {
                 push(dt, r);
-                fluid_.push_by_density(dt);
+                fluid_.push_by_density(dt, bodies_.solve());
                 feel_pressure(dt);
                 rub(dt);
                 mark("pressure");
             } else if (tissue_.n() == 0 && !settings_.fine_fluids && fluid_.fills_its_space()) {
                 push(dt, r);
-                const sim::Progress divergence = fluid_.correct_filled(dt);
+                const sim::Progress divergence = fluid_.correct_filled(dt, bodies_.solve());
                 mark("pressure");
                 r.iterations = int(divergence.iterations);
                 r.error = divergence.error;
@@ -166,13 +167,13 @@ public:
                 for (const int n_marks = n_marks_;; n_marks_ = n_marks) {
                     push(dt, r);
                     fluid_.keep_kicked();
-                    const sim::Progress divergence = fluid_.correct_divergence(dt);
+                    const sim::Progress divergence = fluid_.correct_divergence(dt, bodies_.solve());
                     mark("divergence");
                     feel_pressure(dt);
                     rub(dt);
                     tissue_.hold_on(state_.view(), dt);
-                    bodies_.turn(fluid_, dt);
-                    contact(dt);
+                    bodies_.turn(dt);
+                    contact(dt, true);
                     const sim::Outcome density = fluid_.correct_density(dt);
                     mark("pressure");
                     r.iterations = int(density.progress.iterations);
@@ -190,7 +191,7 @@ public:
             }
             if (!split) tissue_.hold_on(state_.view(), dt);
         }
-        if (!split) bodies_.turn(fluid_, dt);
+        if (!split) bodies_.turn(dt);
         move(dt, split);
         const bool others = take_and_give(r);
         mark("move");
@@ -355,7 +356,7 @@ private:
     /// What acts on velocities beside pressure: forces, then bonds.
     void push(float dt, StepReport& r) {
         tissue_.take_velocities(state_.view());
-        r.viscosity_iterations = fluid_.forces(dt, has_forces_ ? forces_.data() : nullptr);
+        r.viscosity_iterations = fluid_.forces(dt, has_forces_ ? forces_.data() : nullptr, bodies_.solve());
         has_forces_ = false;
         mark("forces");
         tissue_.push(state_.view(), dt, settings_.gravity);
@@ -424,11 +425,15 @@ private:
         return others;
     }
 
-    void contact(float dt) {
-        if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(), state_.sizes(), settings_.spacing, dt});
+    /// Nobody enters what is solid.  Velocities that last push rigid bodies back.
+    void contact(float dt, bool lasts) {
+        if (state_.n_rows == 0) return;
+        sim::Contact<Packet> contact{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(), state_.sizes(), settings_.spacing, dt, nullptr};
+        if (lasts) contact.share = bodies_.push_back(contact);
+        exec_.for_each(state_.n_rows, contact);
     }
     void move(float dt, bool split) {
-        contact(dt);
+        contact(dt, !split);
         fluid_.shift(dt);
         float* positions = state_.positions();
         exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(), settings_.lo, state_.phases(), positions, state_.not_a_number()});

@@ -43,6 +43,8 @@ struct Pair {
         w *= cube;
         slope *= cube * inverse * inverse;
     }
+    /// Of an attraction between two of size 1.
+    GB_FN F attracts() const { return volume * inverse * inverse * inverse * inverse * inverse; }
 };
 
 struct SizeOf {

@@ -42,6 +42,11 @@ struct Interaction {
         const F q = r * F(spline.inverse), a = max(F(1.0f) - q, F(0.0f)) * q, c = F(64.0f) * a * a * a;
         return select(q > F(0.5f), c, F(2.0f) * c - F(1.0f));
     }
+    /// The attraction's force per distance, of two with an adhesion of 1; `reach`: r over the mean size.
+    template <class F>
+    GB_FN F pull(const F& reach, const F& r) const {
+        return select(reach < F(spline.support), F(-kCohesion * spacing / volume) * attraction(reach) / max(r, F(1e-3f * spacing)), F(0.0f));
+    }
 };
 
 /// Accelerations of all rows by what acts between neighbours.
@@ -65,7 +70,6 @@ struct PairForces {
         if constexpr (mixed) size = Packet::gather(pair.sizes.of, slot);
         F mine = zero;
         if constexpr (sticks) mine = Packet::gather(cohesion, slot);
-        const F c = F(-kCohesion * pair.spacing / pair.volume);
         F x = zero, y = zero, z = zero, diag = zero;
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t k = lists.at(row);
@@ -82,7 +86,7 @@ struct PairForces {
                 of.kernel(pair.spline, r, w, slope);
                 volume *= of.volume;
                 reach = r * of.inverse;
-                share = of.volume * of.inverse * of.inverse * of.inverse * of.inverse * of.inverse;
+                share = of.attracts();
             } else {
                 pair.spline(r, w, slope);
             }
@@ -95,8 +99,7 @@ struct PairForces {
             z += s * (v.z - u.z);
             if constexpr (sticks) {
                 const F theirs = Packet::gather(cohesion, lists.index + k);
-                const F attraction = pair.attraction(reach) * select(solid, theirs, max(zero - mine * theirs, zero));  // tissue with fluid: below 0
-                F f = select(reach < F(pair.spline.support), c * attraction / max(r, F(1e-3f * pair.spacing)), zero);
+                F f = pair.pull(reach, r) * select(solid, theirs, max(zero - mine * theirs, zero));  // tissue with fluid: below 0
                 if constexpr (mixed) f *= share;
                 x += f * d.x;
                 y += f * d.y;
