@@ -20,6 +20,8 @@ from globule.bench.physics_fluid import lattice
         flows.pipe_poiseuille,
         flows.torricelli,
         bodies.floating_box,
+        bodies.rising_sphere,
+        pytest.param(bodies.settling_sphere, marks=pytest.mark.slow),
         pytest.param(bodies.kleefsman, marks=pytest.mark.slow),
         pytest.param(flows.rotating_bucket, marks=pytest.mark.slow),
     ],
@@ -132,6 +134,57 @@ def test_bodies_that_meet_keep_their_momentum(backend, speeds, order):
     assert after[0, 0] <= after[1, 0] + 1e-3  # they do not go on into each other
     gap = sim.steer.body("b")["center"][0] - sim.steer.body("a")["center"][0]
     assert gap > 0.095
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"density": 1000.0},
+        {"density": 30.0},  # most of what moves is water
+        {"density": 1000.0, "offset": 0.04, "spin": (0, 0, 3.0)},
+        {"density": 1000.0, "fluid": {"viscosity": 2.0, "implicit": False}},
+        {"density": 100.0, "fluid": {"viscosity": 50.0}},
+        {"density": 1000.0, "body": {"adhesion": 1.0}},
+        {"density": 1000.0, "solver": {"method": "wcsph"}},
+        {"density": 1000.0, "solver": {"max_dt": 2e-4}},
+    ],
+    ids=["plain", "light", "oblique", "viscous", "honey", "sticky", "wcsph", "short steps"],
+)
+def test_a_body_and_the_fluid_that_it_hits_keep_their_momentum(backend, keys):
+    """Nobody gives energy, either."""
+    d, density, lift = 0.02, keys["density"], keys.get("offset", 0.0)
+    spin = keys.get("spin", (0, 0, 0))
+    scene = {
+        "spacing": d, "domain": {"lo": (-1, -1, -1), "hi": (1, 1, 1)}, "gravity": (0, 0, 0),
+        "solver": keys.get("solver", {}),
+        "fluids": [{
+            "name": "water", "viscosity": 0.0, **keys.get("fluid", {}),
+            "box": {"lo": (0.14, lift, 0), "hi": (0.24, lift + 0.1, 0.1)},
+        }],
+        "rigids": [{
+            "name": "box", "density": density, "velocity": (1.0, 0, 0), "spin": spin,
+            "box": {"lo": (0, 0, 0), "hi": (0.1, 0.1, 0.1)}, **keys.get("body", {}),
+        }],
+    }  # fmt: skip
+    sim = gb.Simulation(scene, **backend)
+    mass = density * 0.1**3
+    inertia = mass * (0.1**2 + d**2) / 6  # with the particles' own
+
+    def now():
+        body, totals = sim.steer.body("box"), sim.record.totals()
+        kinetic = 0.5 * mass * (body["velocity"] ** 2).sum() + 0.5 * inertia * (
+            body["spin"] ** 2
+        ).sum()
+        return mass * body["velocity"] + totals["momentum"], kinetic + totals["kinetic"]
+
+    before, energy = now()
+    while sim.time < 0.15:
+        sim.step()
+        momentum, kinetic = now()
+        np.testing.assert_allclose(momentum, before, atol=1e-4 * mass)
+        if "body" not in keys:  # attraction gives some
+            assert kinetic < energy * 1.001
+    assert sim.steer.body("box")["velocity"][0] < 0.95  # they have met
 
 
 def turning(backend, spin):

@@ -1,4 +1,5 @@
-"""Fluids that meet bodies, each with a known answer: floating, falling, and a box that is hit.
+"""Fluids that meet bodies, each with a known answer: floating, falling, rising, settling, and a box
+that is hit.
 
 As in `physics_fluid`, each experiment takes a device and a number of threads, and returns rows
 (truth, expected, measured, ok).
@@ -10,6 +11,7 @@ import numpy as np
 
 from ..sim.sampling import BEHIND
 from ..sim.settings import Phase
+from .physics_flows import ring, swing_of
 from .physics_fluid import GRAVITY, Row, at_most, ball, lattice, near, tank
 
 # Kleefsman et al. 2005, the experiment of SPHERIC's test 2: time in s, depths in m at the gauges
@@ -106,8 +108,6 @@ def floating_box(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[
         times.append(sim.time)
         heights.append(center)
         drafts.append(level - center + high / 2)
-    from .physics_flows import swing_of
-
     t, y = np.array(times), np.array(heights)
     measured, _ = swing_of(t, y - y.mean(), omega)
     whole = t > t[-1] - 2 * 2 * np.pi / omega
@@ -122,13 +122,15 @@ def floating_box(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[
     ]
 
 
-def falling_sphere(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[Row]:
-    """A sphere twice as dense as the water around it begins to fall at g / (2 + C).
+def _sphere(
+    density: float, device: str, threads: int, cells: int, seconds: float = 0.02
+) -> tuple[float, float]:
+    """Acceleration, m/s², down: expected and measured, of a sphere that is let go under water.
 
     The sphere is held until the water's lattice has come to rest around it. Its acceleration is
-    that of the first 0.02 s: later, the water drags.
+    that of the first moments: later, the water drags.
 
-    C, its added mass over that of the displaced water, is 1/2 without bounds (Lamb 1932, section
+    Its added mass over that of the displaced water, C, is 1/2 without bounds (Lamb 1932, section
     92); in a vessel whose walls are b from the center about (b³ + 2 a³) / (2 (b³ - a³)), a: radius.
     """
     diameter, size = 0.2, 0.7
@@ -143,16 +145,73 @@ def falling_sphere(device: str = "cpu", threads: int = 0, cells: int = 8) -> lis
     sim.add(stone, "stone")
     while sim.time < 0.4:
         sim.step(0.002)  # what is rigid, but no body yet, stands still
-    sim.steer.make_rigid("stone", 2000.0)
-    times, speeds = [], []
-    for _ in range(10):
+    sim.steer.make_rigid("stone", density)
+    start, times, speeds = sim.time, [], []
+    while sim.time < start + seconds:
         sim.step(0.002)
         times.append(sim.time)
         speeds.append(-sim.steer.body("stone")["velocity"][1])
-    measured = np.polyfit(times, speeds, 1)[0]
     b = size / 2
-    added = (b**3 + 2 * a**3) / (2 * (b**3 - a**3))
-    return [near("falling sphere: acceleration, m/s²", GRAVITY / (2 + added), float(measured), 0.1)]
+    added = 1000.0 * (b**3 + 2 * a**3) / (2 * (b**3 - a**3))
+    expected = GRAVITY * (density - 1000.0) / (density + added)
+    return float(expected), float(np.polyfit(times, speeds, 1)[0])
+
+
+def falling_sphere(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[Row]:
+    """A sphere twice as dense as the water around it begins to fall."""
+    expected, measured = _sphere(2000.0, device, threads, cells)
+    return [near("falling sphere: acceleration, m/s²", expected, measured, 0.1)]
+
+
+def rising_sphere(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[Row]:
+    """A ball of a tenth of the water's density rises: most of its mass is the water's around it."""
+    expected, measured = _sphere(100.0, device, threads, cells, 0.01)
+    return [near("rising ball: acceleration, m/s²", -expected, -measured, 0.1)]
+
+
+def settling_sphere(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[Row]:
+    """A heavy sphere sinks in a tube of honey at the speed at which its drag is its weight.
+
+    Drag is Stokes's, 6 pi mu a v, times what a tube of four diameters adds to it (Haberman & Sayre
+    1958). A Reynolds number of 0.2 adds less than a hundredth. The sphere is eight times as dense:
+    what remains of the lattice's order in honey at rest pushes with up to a fifth of the weight of
+    honey that the sphere displaces.
+    """
+    diameter, ratio, mu, density, g = 0.1, 0.25, 10.0, 8000.0, 0.1
+    d, radius, high = diameter / cells, diameter / ratio / 2, 2.5 * diameter / ratio / 2
+    side = radius + 2 * d
+    scene = {
+        "spacing": d,
+        "domain": {"lo": (-side, 0, -side), "hi": (side, high + 4 * d, side), "walls": True},
+        "gravity": (0, -g, 0),
+        "solver": {"max_dt": 0.002},
+        "fluids": [{"name": "honey", "viscosity": mu}],
+    }
+    sim = Simulation(scene, device, threads)
+    sim.add_phase(Phase("tube", "boundary"))
+    sim.add_phase(Phase("stone", "rigid"))
+    sim.add(ring(radius + d / 2, d, 0, high + 3 * d), "tube")
+    at = lattice((-radius, 0, -radius), (radius, high, radius), d)
+    n = round(np.pi * radius**2 * high / d**3)
+    at = at[np.argsort(at[:, 0] ** 2 + at[:, 2] ** 2, kind="stable")[:n]]
+    center = np.array([0, high / 2, 0])
+    stone = ball(diameter / 2, d) + center
+    near_it = np.argsort(((at - center) ** 2).sum(1), kind="stable")
+    sim.add(at[near_it[len(stone) :]], "honey")
+    sim.add(stone, "stone")
+    sim.run(0.2)
+    sim.steer.make_rigid("stone", density)
+    start, seconds, speeds = sim.time, 1.5, []
+    while sim.time < start + seconds:
+        sim.step()
+        if sim.time > start + 2 / 3 * seconds:
+            speeds.append(-sim.steer.body("stone")["velocity"][1])
+    k = ratio
+    tube = (1 - 0.75857 * k**5) / (
+        1 - 2.1050 * k + 2.0865 * k**3 - 1.7068 * k**5 + 0.72603 * k**6
+    )
+    speed = 2 / 9 * (density - 1000.0) * g * (diameter / 2) ** 2 / mu / tube
+    return [near("settling sphere: speed, m/s", speed, float(np.mean(speeds)), 0.1)]
 
 
 def kleefsman(device: str = "cpu", threads: int = 0, spacing: float = 0.04025) -> list[Row]:
@@ -207,4 +266,4 @@ def shell(lo: tuple, hi: tuple, d: float) -> np.ndarray:
     return at[outside.any(1) | np.isclose(at[:, 1], inner_hi[1])]
 
 
-EXPERIMENTS = (floating_box, falling_sphere, kleefsman)
+EXPERIMENTS = (floating_box, falling_sphere, rising_sphere, settling_sphere, kleefsman)
