@@ -172,9 +172,9 @@ def test_a_body_and_the_fluid_that_it_hits_keep_their_momentum(backend, keys):
 
     def now():
         body, totals = sim.steer.body("box"), sim.record.totals()
-        kinetic = 0.5 * mass * (body["velocity"] ** 2).sum() + 0.5 * inertia * (
-            body["spin"] ** 2
-        ).sum()
+        kinetic = (
+            0.5 * mass * (body["velocity"] ** 2).sum() + 0.5 * inertia * (body["spin"] ** 2).sum()
+        )
         return mass * body["velocity"] + totals["momentum"], kinetic + totals["kinetic"]
 
     before, energy = now()
