@@ -136,6 +136,27 @@ def test_bodies_that_meet_keep_their_momentum(backend, speeds, order):
     assert gap > 0.095
 
 
+def test_boxes_stand_on_each_other(backend):
+    """On four corners each: they settle among the particles of what is below, and rest."""
+    d = 0.02
+    tables = [
+        ("a", (0, 0, 0), {"density": 500.0}),
+        ("b", (0.02, 0.1, 0), {"density": 5000.0}),
+    ]
+    sim = boxes(
+        backend, tables, gravity=(0, -9.81, 0),
+        domain={"lo": (-0.5, 0, -0.5), "hi": (0.5, 0.5, 0.5), "walls": True},
+    )  # fmt: skip
+    at = np.array([sim.steer.body(name)["center"] for name in "ab"])
+    sim.run(2.0)
+    now = [sim.steer.body(name) for name in "ab"]
+    moved = np.array([body["center"] for body in now]) - at
+    assert np.abs(moved).max() < 1.1 * d
+    for body in now:
+        assert np.abs(body["velocity"]).max() < 0.02
+        np.testing.assert_allclose(body["rotation"], np.eye(3), atol=0.1)
+
+
 @pytest.mark.parametrize(
     "keys",
     [

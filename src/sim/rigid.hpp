@@ -127,7 +127,9 @@ struct PhaseSet {
     void add(int phase) { bits[phase / 64] |= std::uint64_t(1) << phase % 64; }
 };
 
-/// How deep a body's particles are in other boundaries: at most one point stands for all of them.
+/// How deep a body's particles are in other boundaries.  One point stands for all that are in one octant about its center: a box stands on
+/// four, and does not rock.
+inline constexpr int kOctants = 8;
 struct Touch {
     double weight = 0, point[3] = {}, normal[3] = {}, velocity[3] = {};
     double depth = 0;
@@ -152,11 +154,14 @@ struct TouchOf {
     PhaseSet others;
     Period period;
     float spacing;
+    float3 center;
+    int octant;  ///< or -1: all
     GB_FN Touch operator()(std::size_t row) const {
         Touch sum;
         const std::uint32_t slot = lists.rows[row];
         if (state.phase[slot] != phase) return sum;
-        const float3 p = state.place[slot].xyz();
+        const float3 p = state.place[slot].xyz(), arm = period.template shortest<true>(p - center);
+        if (octant >= 0 && octant != (arm.x > 0.0f) + 2 * (arm.y > 0.0f) + 4 * (arm.z > 0.0f)) return sum;
         for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
             const std::uint32_t j = lists.index[lists.at(row, k)];
             if (j >= state.n || !others.has(state.phase[j]) || !(state.place[j].w > 0.0f)) continue;

@@ -141,24 +141,20 @@ public:
     void find_meetings(const Lists& lists, float spacing) {
         meetings_.clear();
         if (bodies_.empty()) return;
-        const auto find = [&](int phase, const sim::PhaseSet& others, int a, int b) {
-            const sim::Touch t = touch(lists, spacing, phase, others);
-            if (t.weight > 0) meetings_.push_back({a, b, t});
-        };
         sim::PhaseSet walls;
         for (std::size_t k = 0; k < state_.phase_table.size(); ++k)
             if (!bodies_.count(int(k))) walls.add(int(k));
         int n_a = 0;
         for (auto a = bodies_.begin(); a != bodies_.end(); ++a, ++n_a) {
-            find(a->first, walls, n_a, -1);
+            find(lists, spacing, *a, walls, n_a, -1);
             sim::PhaseSet others;
             for (auto b = std::next(a); b != bodies_.end(); ++b) others.add(b->first);
-            if (std::next(a) == bodies_.end() || !(touch(lists, spacing, a->first, others).weight > 0)) continue;
+            if (std::next(a) == bodies_.end() || !touches(lists, spacing, *a, others)) continue;
             int n_b = n_a + 1;
             for (auto b = std::next(a); b != bodies_.end(); ++b, ++n_b) {
                 sim::PhaseSet one;
                 one.add(b->first);
-                find(a->first, one, n_a, n_b);
+                find(lists, spacing, *a, one, n_a, n_b);
             }
         }
         exec_.upload(device_meetings_.reserve(meetings_.size() + 1), meetings_.data(), meetings_.size() * sizeof(sim::Meeting));
@@ -247,12 +243,25 @@ public:
 private:
     int n() const { return int(bodies_.size()); }
     template <class Lists>
-    sim::Touch touch(const Lists& lists, float spacing, int phase, const sim::PhaseSet& others) {
-        sim::Touch* found = touch_.reserve(1);
-        exec_.reduce_in_order(state_.n_rows, sim::TouchOf<typename Exec::Packet>{lists, state_.view(), std::uint8_t(phase), others, state_.period(), spacing}, sim::AddTouch{}, sim::Touch{}, found);
-        sim::Touch t;
+    sim::TouchOf<typename Exec::Packet> touch_of(const Lists& lists, float spacing, const std::pair<const int, RigidBody>& body, const sim::PhaseSet& others, int octant) {
+        return {lists, state_.view(), std::uint8_t(body.first), others, state_.period(), spacing, body.second.center_float(), octant};
+    }
+    template <class Lists>
+    bool touches(const Lists& lists, float spacing, const std::pair<const int, RigidBody>& body, const sim::PhaseSet& others) {
+        sim::Touch t, *found = touch_.reserve(1);
+        exec_.reduce_in_order(state_.n_rows, touch_of(lists, spacing, body, others, -1), sim::AddTouch{}, sim::Touch{}, found);
         exec_.download(&t, found, sizeof t);
-        return t;
+        return t.weight > 0.0;
+    }
+    template <class Lists>
+    void find(const Lists& lists, float spacing, const std::pair<const int, RigidBody>& body, const sim::PhaseSet& others, int a, int b) {
+        if (!touches(lists, spacing, body, others)) return;
+        sim::Touch t[sim::kOctants], *found = touch_.reserve(sim::kOctants);
+        for (int o = 0; o < sim::kOctants; ++o)
+            exec_.reduce_in_order(state_.n_rows, touch_of(lists, spacing, body, others, o), sim::AddTouch{}, sim::Touch{}, found + o);
+        exec_.download(t, found, sizeof t);
+        for (const sim::Touch& one : t)
+            if (one.weight > 0.0) meetings_.push_back({a, b, one, kSlop * spacing});
     }
     void gather() {
         host_.clear();
@@ -302,6 +311,8 @@ private:
         for (std::size_t b = 0; b < host_.size(); ++b)
             exec_.for_each(state_.n, sim::Spread{state_.view(), state_.period(), device_.data() + b, host_[b].phase, direction, out});
     }
+
+    static constexpr double kSlop = 0.05;  // spacings
 
     Exec& exec_;
     SimulationState<Exec>& state_;

@@ -69,13 +69,15 @@ struct Unknown {
     }
 };
 
-/// Two bodies that touch, or one and what key frames move.
+/// A place where two bodies touch, or one and what key frames move.
 struct Meeting {
     int body = 0, other = -1;
     Touch touch;
+    double slop = 0.0;     ///< how deep it may rest
+    double impulse = 0.0;  ///< so far
 
-    /// No nearer to each other; deep places are left slowly.
-    GB_FN void operator()(Unknown* all, const Period& period, double dt) const {
+    /// No nearer to each other; deeper places are left slowly.  Impulses push only, in sum: what an earlier round gave too much, a later one takes.
+    GB_FN void operator()(Unknown* all, const Period& period, double dt, bool again) {
         double n[3], at[3], size = 0.0;
         for (int k = 0; k < 3; ++k) size += touch.normal[k] * touch.normal[k];
         if (!(touch.weight > 0.0) || !(size > 0.0)) return;
@@ -89,34 +91,39 @@ struct Meeting {
         double arm[3], arm_of_other[3];
         mine.arm_of(at, period, arm);
         const Impulse one = Unknown::impulse(arm, n), given = mine.moved_by(one);
-        double gives = Unknown::dot6(one, given), approach = mine.speed(arm, n);
+        double gives = Unknown::dot6(one, given);
         Impulse given_to_other;
         if (other >= 0) {
             all[other].arm_of(at, period, arm_of_other);
             const Impulse i = Unknown::impulse(arm_of_other, n);
             given_to_other = all[other].moved_by(i);
             gives += Unknown::dot6(i, given_to_other);
-            moves = all[other].speed(arm_of_other, n);
         }
-        approach -= moves;
-        const double wanted = 0.1 * touch.depth / dt;
-        if (approach >= wanted) return;
-        const double j = (wanted - approach) / gives;
+        double j = impulse;  // of the last time, which is near to this one's
+        if (!again) {
+            if (other >= 0) moves = all[other].speed(arm_of_other, n);
+            const double deep = touch.depth - slop, wanted = deep > 0.0 ? kLeaves * deep / dt : 0.0;
+            const double sum = impulse + (wanted - (mine.speed(arm, n) - moves)) / gives;
+            j = (sum > 0.0 ? sum : 0.0) - impulse;
+            impulse += j;
+        }
         Unknown::add(mine.motion, j, given);
         if (other >= 0) Unknown::add(all[other].motion, -j, given_to_other);
     }
+    static constexpr double kLeaves = 0.1;  ///< of the depth, in a step
 };
-/// Of all bodies, the motion that is free.  What stands on one that stands on a wall needs several rounds.
+/// Of all bodies, the motion that is free, and then what meetings make of it.
 struct Meetings {
     static constexpr int kRounds = 8;
-    const Meeting* meeting;
+    Meeting* meeting;
     int n;
     Period period;
     double dt;
     GB_FN void operator()(Unknown* body, int n_bodies) const {
         for (int b = 0; b < n_bodies; ++b) body[b].motion = body[b].free;
-        for (int round = 0; round < (n_bodies > 1 ? kRounds : 1); ++round)
-            for (int m = 0; m < n; ++m) meeting[m](body, period, dt);
+        for (int m = 0; m < n; ++m) meeting[m](body, period, dt, true);
+        for (int round = 0; round < kRounds; ++round)
+            for (int m = 0; m < n; ++m) meeting[m](body, period, dt, false);
     }
 };
 
