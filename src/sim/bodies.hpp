@@ -84,13 +84,14 @@ public:
 
     /// Rigid bodies: contact; then their particles' next places.
     void turn(float dt) {
-        solve_.meet(dt);
+        solve_.meet();
         for (auto& [phase, body] : bodies_) {
             body.advance(dt);
+            body.wrap(settings_.lo, state_.period().length);
             exec_.for_each(state_.n, sim::Carry{state_.view(), std::uint8_t(phase), body.pose(), home_.data(), state_.period(), dt});
         }
     }
-    /// Rigid bodies: what they keep out pushes them back.  The share of it, by phase, that turns nobody round, or null: all.
+    /// Rigid bodies: what they keep out pushes them back.  The share of it, by phase, after which both move on together, or null: all.
     const float* push_back(const sim::Contact<Packet>& contact) {
         if (bodies_.empty()) return nullptr;
         std::vector<float> shares(sim::kMaxPhases, 1.0f);
@@ -99,7 +100,7 @@ public:
             exec_.reduce_in_order(state_.n_rows, sim::BumpOf<Packet>{contact, std::uint8_t(phase), state_.volume(), body.center_float()}, sim::AddBump{}, sim::Bump{}, bump);
             sim::Bump b;
             exec_.download(&b, bump, sizeof b);
-            const float share = shares[phase] = float(std::min(1.0, body.mass() / std::max(b.mass, 1e-300)));
+            const float share = shares[phase] = float(body.mass() / (body.mass() + b.mass));
             for (int k = 0; k < 3; ++k) {
                 b.impulse.p[k] *= share;
                 b.impulse.l[k] *= share;

@@ -186,14 +186,15 @@ public:
         exec_.clear(s.growth, 4 * state_.n);
         exec_.for_each(state_.n_rows, sim::TaitPressure{lists_.rows, rows_, settings_.sound_speed, dt, s.pressure, change});
         exec_.for_each_packet(state_.n_rows, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, state_.spline().inverse});
-        bodies.start_pressure(*this, rows_.alpha);
-        bodies.push_back(*this, change, progress, dt);
+        bodies.start_pressure();
+        bodies.push_back(*this, change, progress);
         bodies.end_pressure();
     }
 
     /// Gravity, viscosity, tension, adhesion, and what the user asks for (may be null); the iterations of implicit viscosity.
     /// Rigid bodies feel what viscosity and adhesion of theirs do.
     int forces(float dt, const float* user, RigidSolve<Exec>& bodies) {
+        bodies.start();
         const sim::State s = state_.view();
         const std::size_t n = state_.n_rows;
         bool viscous = settings_.extra_viscosity > 0, implicit = false, sticks = false;
@@ -203,12 +204,13 @@ public:
             sticks |= p.adhesion > 0 || (p.tension > 0 && p.kind == sim::Kind::tissue);
         }
         const Quad* acceleration = nullptr;
-        if ((viscous && !implicit) || sticks) {
-            const float share = implicit ? 0.0f : 1.0f;
-            acceleration = pair_forces(share, sticks, nullptr);
-            bodies.push(*this, share, sticks ? cohesion_.data() : nullptr, dt);
+        implicit |= viscous && !bodies.none();  // a light body's drag would throw it to and fro
+        if ((viscous && !implicit) || sticks) acceleration = pair_forces(implicit ? 0.0f : 1.0f, sticks, nullptr);
+        if (sticks) bodies.attract(*this, cohesion_.data(), dt);
+        if (surface_.is_there()) {
+            acceleration = pull_surface(acceleration != nullptr);
+            bodies.pull(*this, dt);
         }
-        if (surface_.is_there()) acceleration = pull_surface(acceleration != nullptr);
         exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, acceleration, settings_.gravity, dt, s.velocity});
         if (user) {
             Quad* a = accelerations_.reserve(n + 64);
@@ -218,6 +220,7 @@ public:
         bodies.kick(settings_.gravity, dt);
         return implicit ? implicit_viscosity(dt, bodies) : 0;
     }
+    void find_pull(std::uint8_t phase, const float3& center, sim::Drag* out) const { surface_.pull_body(lists_, phase, center, out); }
     sim::HoldOf<Packet> hold_of(std::uint8_t phase, const float3& center) const {
         return {lists_, state_.view(), rows_.boundary, state_.period(), state_.sizes(), state_.spline().support, phase, center};
     }
@@ -316,7 +319,7 @@ private:
         do {
             for (int i = 0; i < at_once; ++i) {
                 if (pushes) exec_.for_each_packet_team(n, push);
-                if (pushes && bodies) bodies->push_back(*this, change, progress, dt);
+                if (pushes && bodies) bodies->push_back(*this, change, progress);
                 pushes = true;
                 exec_.for_each_packet_team(n, relax);
                 exec_.reduce_in_order(n, residuals, sim::AddResiduals{}, sim::Residuals{}, found, judge);

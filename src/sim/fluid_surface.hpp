@@ -2,6 +2,7 @@
 #pragma once
 #include "sim/facets.hpp"
 #include "sim/particles.hpp"
+#include "sim/rigid_drag.hpp"
 
 namespace globule::core {
 
@@ -19,10 +20,10 @@ public:
 
     /// Facets of the positions that the lists and the densities in `rows` belong to; rows are padded to so many.
     void find(const Lists& lists, const sim::Rows& rows, std::size_t padded) {
-        is_there_ = has_tissue_ = false;
+        is_there_ = has_others_ = false;
         for (const sim::Phase& p : state_.phase_table) {
             is_there_ |= p.kind == sim::Kind::fluid && p.tension > 0;
-            has_tissue_ |= p.kind == sim::Kind::tissue;
+            has_others_ |= p.kind == sim::Kind::tissue || p.kind == sim::Kind::rigid;
         }
         if (!is_there_) return;
         reserve(padded);
@@ -42,16 +43,23 @@ public:
     void pull(const Lists& lists, const sim::Rows& rows, Quad* acceleration) {
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
             const float s = state_.size_of_fluid();
-            const sim::Tension tension{state_.view().place, skin_, state_.period(), sim::kSurfaceOffset * spacing()};
-            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists, tension, rows.inverse_rho, 1.0f / (state_.volume() * s * s * s), acceleration});
-            if (!has_tissue_) return;
+            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists, tension(), rows.inverse_rho, 1.0f / (state_.volume() * s * s * s), acceleration});
+            if (!has_others_) return;
             std::uint32_t* row_of = row_of_.reserve(state_.n + 64);
             exec_.for_each(state_.n_rows, sim::RowOf{lists.rows, row_of});
-            exec_.for_each(state_.n_rows, sim::PullTissue<Packet, periodic>{lists, tension, row_of, rows.inverse_rho, 1.0f / state_.volume(), acceleration});
+            exec_.for_each(state_.n_rows, sim::PullTissue<Packet, periodic>{{lists, tension(), row_of}, rows.inverse_rho, 1.0f / state_.volume(), acceleration});
+        });
+    }
+    /// After that: what it does to a rigid body.
+    void pull_body(const Lists& lists, std::uint8_t phase, const float3& center, sim::Drag* out) const {
+        sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
+            const sim::PullBody<Packet, periodic> of{{lists, tension(), row_of_.data()}, state_.view(), state_.period(), phase, center, 1.0f / state_.volume()};
+            exec_.reduce_in_order(state_.n_rows, of, sim::AddDrag{}, sim::Drag{}, out);
         });
     }
 
 private:
+    sim::Tension tension() const { return {state_.view().place, skin_, state_.period(), sim::kSurfaceOffset * spacing()}; }
     /// Of the fluids.
     float spacing() const { return settings_.spacing * state_.size_of_fluid(); }
     void reserve(std::size_t padded) {
@@ -72,7 +80,7 @@ private:
     Exec& exec_;
     SimulationState<Exec>& state_;
     const SimulationSettings& settings_;
-    bool is_there_ = false, has_tissue_ = false;
+    bool is_there_ = false, has_others_ = false;
     sim::Skin skin_{};
     Buffer<Quad, Exec> quads_;
     Buffer<std::uint32_t, Exec> words_, row_of_;

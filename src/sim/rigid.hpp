@@ -127,18 +127,18 @@ struct PhaseSet {
     void add(int phase) { bits[phase / 64] |= std::uint64_t(1) << phase % 64; }
 };
 
-/// How deep a body's particles are in other boundaries.  One point stands for all that are in one octant about its center: a box stands on
+/// How deep a body's particles are in other boundaries, and where from its center.  One point stands for all that are in one octant about its center: a box stands on
 /// four, and does not rock.
 inline constexpr int kOctants = 8;
 struct Touch {
-    double weight = 0, point[3] = {}, normal[3] = {}, velocity[3] = {};
+    double weight = 0, arm[3] = {}, normal[3] = {}, velocity[3] = {};
     double depth = 0;
 };
 struct AddTouch {
     GB_FN Touch operator()(Touch a, const Touch& b) const {
         a.weight += b.weight;
         for (int k = 0; k < 3; ++k) {
-            a.point[k] += b.point[k];
+            a.arm[k] += b.arm[k];
             a.normal[k] += b.normal[k];
             a.velocity[k] += b.velocity[k];
         }
@@ -171,9 +171,9 @@ struct TouchOf {
             const float3 v = state.velocity[j].xyz();
             sum.weight += deep;
             sum.depth = sum.depth > deep ? sum.depth : double(deep);
-            const float pv[3] = {p.x, p.y, p.z}, av[3] = {away.x / r, away.y / r, away.z / r}, vv[3] = {v.x, v.y, v.z};
+            const float pv[3] = {arm.x, arm.y, arm.z}, av[3] = {away.x / r, away.y / r, away.z / r}, vv[3] = {v.x, v.y, v.z};
             for (int c = 0; c < 3; ++c) {
-                sum.point[c] += double(deep) * pv[c];
+                sum.arm[c] += double(deep) * pv[c];
                 sum.normal[c] += double(deep) * av[c];
                 sum.velocity[c] += double(deep) * vv[c];
             }

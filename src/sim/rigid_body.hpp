@@ -41,12 +41,39 @@ public:
             spin[k] += dw[k];
         }
     }
+    /// Angular momentum stays: the spin that turns a body is that of halfway (midpoint rule).
     void advance(double dt) {
         for (int k = 0; k < 3; ++k) center_[k] += dt * velocity[k];
-        // Rotation by the spin's angle about its axis (Rodrigues), then the axes made orthonormal again.
-        const double w = std::sqrt(spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2]);
+        const V momentum = times(inertia_now(), spin);
+        const M before = rotation_;
+        rotate(spin, 0.5 * dt);
+        const V halfway = spin_of(momentum);
+        rotation_ = before;
+        rotate(halfway, dt);
+        spin = spin_of(momentum);
+    }
+    /// A center beyond a domain that repeats comes in again on the other side.
+    void wrap(const float3& lo, const float3& period) {
+        for (int k = 0; k < 3; ++k)
+            if (const double length = (&period.x)[k]; length > 0) center_[k] -= length * std::floor((center_[k] - (&lo.x)[k]) / length);
+    }
+
+private:
+    static V times(const M& m, const V& v) {
+        V out{};
+        for (int k = 0; k < 3; ++k) out[k] = m[3 * k] * v[0] + m[3 * k + 1] * v[1] + m[3 * k + 2] * v[2];
+        return out;
+    }
+    /// As it is turned now; what has no inertia keeps its spin.
+    V spin_of(const V& momentum) const {
+        const V out = times(inverse_inertia_now(), momentum);
+        return out == V{} ? spin : out;
+    }
+    /// By the spin's angle about its axis (Rodrigues), then the axes made orthonormal again.
+    void rotate(const V& by, double dt) {
+        const double w = std::sqrt(by[0] * by[0] + by[1] * by[1] + by[2] * by[2]);
         if (!(w * dt > 0)) return;
-        const V axis{spin[0] / w, spin[1] / w, spin[2] / w};
+        const V axis{by[0] / w, by[1] / w, by[2] / w};
         const double c = std::cos(w * dt), s = std::sin(w * dt);
         for (int column = 0; column < 3; ++column) {
             const V v{rotation_[column], rotation_[3 + column], rotation_[6 + column]};
@@ -56,8 +83,6 @@ public:
         }
         orthonormalize();
     }
-
-private:
     static V cross3(const V& a, const V& b) { return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}; }
     static sim::Pose pose(const V& c, const M& r) {
         return {{float(r[0]), float(r[3]), float(r[6])}, {float(r[1]), float(r[4]), float(r[7])}, {float(r[2]), float(r[5]), float(r[8])},
@@ -65,10 +90,7 @@ private:
     }
     /// What a moment adds to the spin.
     V turn(const V& l) const {
-        const M m = inverse_inertia_now();
-        V out{};
-        for (int k = 0; k < 3; ++k) out[k] = m[3 * k] * l[0] + m[3 * k + 1] * l[1] + m[3 * k + 2] * l[2];
-        return out;
+        return times(inverse_inertia_now(), l);
     }
     /// In the axes of the world, of what is told in those of the body.
     M turned(const M& m) const {

@@ -1,7 +1,8 @@
-// What one row's fluid does to a rigid body: by viscosity and adhesion, and by a pressure of its own.
+// What one row's fluid does to a rigid body: by viscosity and adhesion, and by a pressure of its own; and what surfaces do to a body's row.
 #pragma once
 #include "sim/pressure.hpp"
 #include "sim/rigid.hpp"
+#include "sim/surface.hpp"
 #include "sim/viscosity.hpp"
 
 namespace globule::core::sim {
@@ -58,6 +59,23 @@ struct DragOf {
             sum.weight -= double(own * s);
         }
         return sum;
+    }
+};
+
+/// What the surface of a fluid with tension does to one row of a body.
+template <class Packet, bool periodic>
+struct PullBody {
+    PullOther<Packet, periodic> pull;
+    State state;
+    Period period;
+    std::uint8_t phase;
+    float3 center;
+    float per_volume;  ///< of a particle of size 1
+    GB_FN Drag operator()(std::size_t row) const {
+        const std::uint32_t slot = pull.lists.rows[row];
+        if (state.phase[slot] != phase) return {};
+        const float3 f = pull(row) * per_volume, l = cross(period.template shortest<true>(state.place[slot].xyz() - center), f);
+        return {{{f.x, f.y, f.z}, {l.x, l.y, l.z}}, 0.0};
     }
 };
 

@@ -3,8 +3,10 @@
 // Fluid pushes a body with the opposite of what it feels of it, by pressure, viscosity and adhesion: momentum is kept.  A body that learnt of
 // this only after a solve would swing where it is lighter than the fluid that it moves along: the pressure of water that is to
 // stop a ball of a fifth of its density throws the ball up twice as fast as it fell.  So a body's velocity follows every iteration.
-//   pressure   U += sum_i V_i dP_i c_i / M, c_i = sum_j g_ij over the body's particles; its spin likewise; then contacts take what goes into them, from the sum of all pushes.  The step along alpha_i has to
-//              be shorter by what the body gives way: |c_i| sum_k V_k |c_k| / M, at least the sum of a row of the matrix c M^-1 c
+//   pressure   U += sum_i V_i dP_i c_i / M, c_i = sum_j g_ij over the body's particles; its spin likewise.
+//              Contacts then take what goes into them, from the sum of all pushes.
+//              The step along alpha_i has to be shorter by what the body gives way: |c_i| sum_k V_k |c_k| / M, at least
+//              the sum of a row of the matrix c M^-1 c
 //   viscosity  U and spin are unknowns of the conjugate gradients; the matrix stays symmetric, since forces act where velocities are
 //              told: at the body's particles
 #pragma once
@@ -42,21 +44,27 @@ struct TakePush {
     }
 };
 
-/// All of these run in one thread, over n bodies.
+/// These run in one thread, over n bodies, as TakePush does.
 struct StartUnknowns {
     Unknown* body;
     int n;
     Conjugate* state;
     float dt;
     GB_FN void operator()(std::size_t) const {
+        double bodies = 0.0;
         for (int b = 0; b < n; ++b) {
             Unknown& d = body[b];
+            const double cost = dt * d.drag.weight, u2 = cost > 0.0 ? Unknown::dot6({{d.drag.force.p[0], d.drag.force.p[1], d.drag.force.p[2]}, {}}, d.drag.force) / (d.drag.weight * d.drag.weight) : 0.0;
+            bodies += d.mass * d.mass / (d.mass + cost) * u2;
             d.share = d.mass / (d.mass + dt * d.drag.weight);
             Unknown::add(d.residual, dt, d.drag.force);
             d.direction = d.preconditioned();
             state->rz_new += Unknown::dot6(d.residual, d.direction);
         }
+        state->least = max(kLeastOfFirst, min(1.0, bodies / max(state->rz_new, 1e-300)));
     }
+    /// A light body's momentum is little beside what stiff honey does in the first iteration: errors are judged by the body's, down to this share.
+    static constexpr double kLeastOfFirst = 1e-6;
 };
 struct MultiplyUnknowns {
     Unknown* body;
@@ -138,48 +146,64 @@ public:
 
     /// Contacts, once a step, where everybody is now.
     template <class Lists>
-    void find_meetings(const Lists& lists, float spacing) {
+    void find_meetings(const Lists& lists, float spacing, float dt) {
         meetings_.clear();
-        if (bodies_.empty()) return;
+        spacing_ = spacing;
+        dt_ = dt;
+        if (bodies_.empty() || state_.n_rows == 0) return;
+        gather();
         sim::PhaseSet walls;
         for (std::size_t k = 0; k < state_.phase_table.size(); ++k)
             if (!bodies_.count(int(k))) walls.add(int(k));
         int n_a = 0;
         for (auto a = bodies_.begin(); a != bodies_.end(); ++a, ++n_a) {
-            find(lists, spacing, *a, walls, n_a, -1);
+            find(lists, *a, walls, n_a, -1);
             sim::PhaseSet others;
             for (auto b = std::next(a); b != bodies_.end(); ++b) others.add(b->first);
-            if (std::next(a) == bodies_.end() || !touches(lists, spacing, *a, others)) continue;
+            if (std::next(a) == bodies_.end() || !touches(lists, *a, others)) continue;
             int n_b = n_a + 1;
             for (auto b = std::next(a); b != bodies_.end(); ++b, ++n_b) {
                 sim::PhaseSet one;
                 one.add(b->first);
-                find(lists, spacing, *a, one, n_a, n_b);
+                find(lists, *a, one, n_a, n_b);
             }
         }
-        exec_.upload(device_meetings_.reserve(meetings_.size() + 1), meetings_.data(), meetings_.size() * sizeof(sim::Meeting));
+        if (meetings_.empty()) return;
+        exec_.upload(device_meetings_.reserve(meetings_.size()), meetings_.data(), meetings_.size() * sizeof(sim::Meeting));
         exec_.synchronize();
     }
     /// Velocities that contacts allow.
-    void meet(float dt) {
+    void meet() {
         if (meetings_.empty()) return;
         gather();
-        sim::Meetings{meetings_.data(), int(meetings_.size()), state_.period(), dt}(host_.data(), n());
+        meetings(meetings_.data(), kRounds)(host_.data(), n());
         give();
     }
 
-    /// Forces that act as they are.
-    template <class Fluid>
-    void push(const Fluid& fluid, float share, const float* cohesion, float dt) {
-        if (bodies_.empty()) return;
+    bool none() const { return bodies_.empty(); }
+
+    /// A step's forces begin.
+    void start() {
         upload();
-        drag(fluid, state_.view().velocity, share, cohesion);
-        download();
-        for (sim::Unknown& u : host_) sim::Unknown::add(u.motion, dt, u.moved_by(u.drag.force));
-        give();
+        spread(state_.view().velocity, false);
+    }
+    /// Adhesion.
+    template <class Fluid>
+    void attract(const Fluid& fluid, const float* cohesion, float dt) {
+        if (bodies_.empty()) return;
+        drag(fluid, state_.view().velocity, 0.0f, cohesion);
+        take(dt);
+    }
+    /// Surface tension.
+    template <class Fluid>
+    void pull(const Fluid& fluid, float dt) {
+        if (bodies_.empty()) return;
+        for (std::size_t b = 0; b < host_.size(); ++b) fluid.find_pull(host_[b].phase, host_[b].center, &device_.data()[b].drag);
+        take(dt);
     }
     /// Gravity.
     void kick(const float3& gravity, float dt) {
+        if (bodies_.empty()) return;
         for (auto& [phase, body] : bodies_)
             for (int k = 0; k < 3; ++k) body.velocity[k] += double(dt) * (&gravity.x)[k];
         upload();
@@ -217,7 +241,7 @@ public:
     template <class Fluid>
     const float* start_pressure(const Fluid& fluid, const float* alpha) {
         if (bodies_.empty()) return alpha;
-        upload();
+        start_pressure();
         float* own = alpha_.reserve(state_.n_rows + 64);
         exec_.copy(own, alpha, (state_.n_rows + 64) * sizeof *own);
         for (std::size_t b = 0; b < host_.size(); ++b) {
@@ -227,41 +251,44 @@ public:
         }
         return own;
     }
+    void start_pressure() { upload(); }
     /// After the fluid's own push.
     template <class Fluid>
-    void push_back(const Fluid& fluid, const float* change, const sim::Progress* progress, float dt) {
+    void push_back(const Fluid& fluid, const float* change, const sim::Progress* progress) {
         if (bodies_.empty()) return;
         for (std::size_t b = 0; b < host_.size(); ++b) {
             const sim::PushOf<typename Exec::Packet> push{fluid.hold_of(host_[b].phase, host_[b].center), change};
             exec_.reduce_in_order(state_.n_rows, push, sim::AddDrag{}, sim::Drag{}, &device_.data()[b].drag);
         }
-        exec_.for_each(1, sim::TakePush{device_.data(), n(), {device_meetings_.data(), int(meetings_.size()), state_.period(), dt}, progress});
+        exec_.for_each(1, sim::TakePush{device_.data(), n(), meetings(device_meetings_.data(), kRoundsWithin), progress});
         spread(state_.view().velocity, false);
     }
-    void end_pressure() { fetch(); }
+    /// Contacts anew at the step's end: rounds within the solve may have been too few.
+    void end_pressure() { fetch(true); }
 
 private:
     int n() const { return int(bodies_.size()); }
+    sim::Meetings meetings(sim::Meeting* all, int rounds) const { return {all, int(meetings_.size()), rounds, kSmall * spacing_ / dt_}; }
     template <class Lists>
-    sim::TouchOf<typename Exec::Packet> touch_of(const Lists& lists, float spacing, const std::pair<const int, RigidBody>& body, const sim::PhaseSet& others, int octant) {
-        return {lists, state_.view(), std::uint8_t(body.first), others, state_.period(), spacing, body.second.center_float(), octant};
+    sim::TouchOf<typename Exec::Packet> touch_of(const Lists& lists, const std::pair<const int, RigidBody>& body, const sim::PhaseSet& others, int octant) {
+        return {lists, state_.view(), std::uint8_t(body.first), others, state_.period(), spacing_, body.second.center_float(), octant};
     }
     template <class Lists>
-    bool touches(const Lists& lists, float spacing, const std::pair<const int, RigidBody>& body, const sim::PhaseSet& others) {
+    bool touches(const Lists& lists, const std::pair<const int, RigidBody>& body, const sim::PhaseSet& others) {
         sim::Touch t, *found = touch_.reserve(1);
-        exec_.reduce_in_order(state_.n_rows, touch_of(lists, spacing, body, others, -1), sim::AddTouch{}, sim::Touch{}, found);
+        exec_.reduce_in_order(state_.n_rows, touch_of(lists, body, others, -1), sim::AddTouch{}, sim::Touch{}, found);
         exec_.download(&t, found, sizeof t);
         return t.weight > 0.0;
     }
     template <class Lists>
-    void find(const Lists& lists, float spacing, const std::pair<const int, RigidBody>& body, const sim::PhaseSet& others, int a, int b) {
-        if (!touches(lists, spacing, body, others)) return;
+    void find(const Lists& lists, const std::pair<const int, RigidBody>& body, const sim::PhaseSet& others, int a, int b) {
+        if (!touches(lists, body, others)) return;
         sim::Touch t[sim::kOctants], *found = touch_.reserve(sim::kOctants);
         for (int o = 0; o < sim::kOctants; ++o)
-            exec_.reduce_in_order(state_.n_rows, touch_of(lists, spacing, body, others, o), sim::AddTouch{}, sim::Touch{}, found + o);
+            exec_.reduce_in_order(state_.n_rows, touch_of(lists, body, others, o), sim::AddTouch{}, sim::Touch{}, found + o);
         exec_.download(t, found, sizeof t);
         for (const sim::Touch& one : t)
-            if (one.weight > 0.0) meetings_.push_back({a, b, one, kSlop * spacing});
+            if (sim::Meeting m; m.prepare(host_, a, b, one, state_.period(), spacing_, dt_)) meetings_.push_back(m);
     }
     void gather() {
         host_.clear();
@@ -289,10 +316,19 @@ private:
     }
     void download() { exec_.download(host_.data(), device_.data(), host_.size() * sizeof host_[0]); }
     /// The velocities that a solve has made.
-    void fetch() {
+    void fetch(bool free = false) {
         if (bodies_.empty()) return;
         download();
+        for (sim::Unknown& u : host_)
+            if (free) u.motion = u.free;
         give();
+    }
+    /// The forces that were found, as they are.
+    void take(float dt) {
+        download();
+        for (sim::Unknown& u : host_) sim::Unknown::add(u.motion, dt, u.moved_by(u.drag.force));
+        give();
+        upload();
     }
     void give() {
         auto u = host_.begin();
@@ -312,11 +348,14 @@ private:
             exec_.for_each(state_.n, sim::Spread{state_.view(), state_.period(), device_.data() + b, host_[b].phase, direction, out});
     }
 
-    static constexpr double kSlop = 0.05;  // spacings
+    static constexpr int kRounds = 5000;        // of contacts, at most: what is light under what is heavy takes many
+    static constexpr int kRoundsWithin = 100;   // the same within a solve, whose next iteration goes on with them
+    static constexpr double kSmall = 1e-6;      // spacings in a step
 
     Exec& exec_;
     SimulationState<Exec>& state_;
     std::map<int, RigidBody>& bodies_;
+    float spacing_ = 0.0f, dt_ = 1.0f;
     std::vector<sim::Unknown> host_;
     std::vector<sim::Meeting> meetings_;
     Buffer<sim::Touch, Exec> touch_;

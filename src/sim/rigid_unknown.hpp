@@ -1,5 +1,7 @@
 // A rigid body's velocity and spin as unknowns, and contacts of bodies with walls and with each other: impulses are equal and opposite.
 #pragma once
+#include <vector>
+
 #include "sim/rigid_drag.hpp"
 
 namespace globule::core::sim {
@@ -47,24 +49,13 @@ struct Unknown {
         }
     }
 
-    GB_FN void arm_of(const double at[3], const Period& period, double arm[3]) const {
-        const float3 a = period.shortest<true>(float3{float(at[0] - center.x), float(at[1] - center.y), float(at[2] - center.z)});
-        arm[0] = a.x, arm[1] = a.y, arm[2] = a.z;
-    }
-    GB_FN static void cross3(const double a[3], const double b[3], double out[3]) {
-        for (int k = 0; k < 3; ++k) out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
-    }
-    /// Speed along n of a point.
-    GB_FN double speed(const double arm[3], const double n[3]) const {
-        double turned[3], sum = 0.0;
-        cross3(motion.l, arm, turned);
-        for (int k = 0; k < 3; ++k) sum += (motion.p[k] + turned[k]) * n[k];
-        return sum;
-    }
+    /// An impulse of 1 along n, at a point.
     GB_FN static Impulse impulse(const double arm[3], const double n[3]) {
         Impulse i;
-        for (int k = 0; k < 3; ++k) i.p[k] = n[k];
-        cross3(arm, n, i.l);
+        for (int k = 0; k < 3; ++k) {
+            i.p[k] = n[k];
+            i.l[k] = arm[(k + 1) % 3] * n[(k + 2) % 3] - arm[(k + 2) % 3] * n[(k + 1) % 3];
+        }
         return i;
     }
 };
@@ -72,58 +63,71 @@ struct Unknown {
 /// A place where two bodies touch, or one and what key frames move.
 struct Meeting {
     int body = 0, other = -1;
-    Touch touch;
-    double slop = 0.0;     ///< how deep it may rest
-    double impulse = 0.0;  ///< so far
+    Impulse one, given;              ///< an impulse of 1, and what it adds to the body's motion
+    Impulse of_other, given_to_other;
+    double gives = 0.0;              ///< speed between both, of an impulse of 1
+    double wanted = 0.0;             ///< speed between both, m/s, at least
+    double impulse = 0.0;            ///< so far
 
-    /// No nearer to each other; deeper places are left slowly.  Impulses push only, in sum: what an earlier round gave too much, a later one takes.
-    GB_FN void operator()(Unknown* all, const Period& period, double dt, bool again) {
-        double n[3], at[3], size = 0.0;
+    static constexpr double kSlop = 0.05;   ///< spacings that it may be deep
+    static constexpr double kLeaves = 0.1;  ///< of what is deeper, in a step
+
+    /// False: nobody touches.
+    bool prepare(const std::vector<Unknown>& all, int a, int b, const Touch& touch, const Period& period, double spacing, double dt) {
+        double n[3], arm[3], size = 0.0;
         for (int k = 0; k < 3; ++k) size += touch.normal[k] * touch.normal[k];
-        if (!(touch.weight > 0.0) || !(size > 0.0)) return;
-        double moves = 0.0;
+        if (!(touch.weight > 0.0) || !(size > 0.0)) return false;
+        const double deep = touch.depth - kSlop * spacing;
+        body = a;
+        other = b;
+        wanted = deep > 0.0 ? kLeaves * deep / dt : 0.0;
         for (int k = 0; k < 3; ++k) {
-            n[k] = touch.normal[k] / sqrt(size);
-            at[k] = touch.point[k] / touch.weight;
-            moves += touch.velocity[k] / touch.weight * n[k];
+            n[k] = touch.normal[k] / std::sqrt(size);
+            arm[k] = touch.arm[k] / touch.weight;
+            if (other < 0) wanted += touch.velocity[k] / touch.weight * n[k];
         }
-        Unknown& mine = all[body];
-        double arm[3], arm_of_other[3];
-        mine.arm_of(at, period, arm);
-        const Impulse one = Unknown::impulse(arm, n), given = mine.moved_by(one);
-        double gives = Unknown::dot6(one, given);
-        Impulse given_to_other;
-        if (other >= 0) {
-            all[other].arm_of(at, period, arm_of_other);
-            const Impulse i = Unknown::impulse(arm_of_other, n);
-            given_to_other = all[other].moved_by(i);
-            gives += Unknown::dot6(i, given_to_other);
-        }
-        double j = impulse;  // of the last time, which is near to this one's
-        if (!again) {
-            if (other >= 0) moves = all[other].speed(arm_of_other, n);
-            const double deep = touch.depth - slop, wanted = deep > 0.0 ? kLeaves * deep / dt : 0.0;
-            const double sum = impulse + (wanted - (mine.speed(arm, n) - moves)) / gives;
-            j = (sum > 0.0 ? sum : 0.0) - impulse;
-            impulse += j;
-        }
-        Unknown::add(mine.motion, j, given);
+        one = Unknown::impulse(arm, n);
+        given = all[body].moved_by(one);
+        gives = Unknown::dot6(one, given);
+        if (other < 0) return true;
+        const float3 apart = period.shortest<true>(all[body].center - all[other].center);
+        for (int k = 0; k < 3; ++k) arm[k] += (&apart.x)[k];
+        of_other = Unknown::impulse(arm, n);
+        given_to_other = all[other].moved_by(of_other);
+        gives += Unknown::dot6(of_other, given_to_other);
+        return true;
+    }
+    GB_FN void push(Unknown* all, double j) const {
+        Unknown::add(all[body].motion, j, given);
         if (other >= 0) Unknown::add(all[other].motion, -j, given_to_other);
     }
-    static constexpr double kLeaves = 0.1;  ///< of the depth, in a step
+    /// No nearer to each other; deeper places are left slowly.  Impulses push only, in sum: what an earlier round gave too much, a later one takes.
+    /// Returns the change of speed.
+    GB_FN double operator()(Unknown* all) {
+        double speed = Unknown::dot6(one, all[body].motion);
+        if (other >= 0) speed -= Unknown::dot6(of_other, all[other].motion);
+        const double sum = impulse + (wanted - speed) / gives, j = (sum > 0.0 ? sum : 0.0) - impulse;
+        impulse += j;
+        push(all, j);
+        return j * gives;
+    }
 };
-/// Of all bodies, the motion that is free, and then what meetings make of it.
+/// Of all bodies, the motion that is free, and then what meetings make of it: Gauss-Seidel until nobody's speed changes by more than `small`.
 struct Meetings {
-    static constexpr int kRounds = 8;
     Meeting* meeting;
-    int n;
-    Period period;
-    double dt;
+    int n, rounds;
+    double small;
     GB_FN void operator()(Unknown* body, int n_bodies) const {
         for (int b = 0; b < n_bodies; ++b) body[b].motion = body[b].free;
-        for (int m = 0; m < n; ++m) meeting[m](body, period, dt, true);
-        for (int round = 0; round < kRounds; ++round)
-            for (int m = 0; m < n; ++m) meeting[m](body, period, dt, false);
+        for (int m = 0; m < n; ++m) meeting[m].push(body, meeting[m].impulse);  // of the last time, which is near to this one's
+        double most = 2.0 * small;
+        for (int round = 0; round < rounds && n > 0 && most > small; ++round) {
+            most = 0.0;
+            for (int m = 0; m < n; ++m) {
+                const double change = meeting[m](body);
+                most = max(most, max(change, -change));
+            }
+        }
     }
 };
 

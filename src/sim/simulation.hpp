@@ -3,11 +3,12 @@
 // The order of a step (each a named call below; dt is known before it begins, from the speeds that the
 // last step ended with):
 //   1  find_lists    neighbour lists, from the octree of the present positions
-//                    -> pairs whose bond is cut are nobody's neighbours
+//                    -> pairs whose bond is cut are nobody's neighbours; where rigid bodies touch
 //   2  densities     delta, G, alpha of every row; V grad W of every pair is kept
 //   3  forces        gravity, viscosity, tension, what the user asked for
 //                    and bonds, which take their substeps on State::velocity
 //   4  solve         velocities that compress nothing
+//                    -> velocities of rigid bodies are unknowns of 3 and 4; then they turn, and keep others out
 //   5  solve         for one move, what is too dense moves apart (split.hpp)
 //                    -> kinetic energy that 4 did not take but gave: 3 to 5 anew with half the step
 //   6  move          x += dt v (boundaries by their own velocities); guards
@@ -140,12 +141,13 @@ public:
         const double earlier = begun ? exec_.elapsed(kListMark, kListMark + 1) : 0.0;
         take_blood(dt);
         bool split = false;
+        bodies_.solve().find_meetings(fluid_.lists(), settings_.spacing, dt);
+        if (state_.n_rows == 0) bodies_.solve().kick(settings_.gravity, dt);
         if (state_.n_rows > 0) {
             tissue_.change(fluid_.lists(), state_.view(), dt);
             tissue_.find_contacts(fluid_.lists(), state_.view(), state_.phases(), state_.period(), state_.spline(), rubs());
             mark("neighbors");
             fluid_.densities();
-            bodies_.solve().find_meetings(fluid_.lists(), settings_.spacing);
             mark("density");
             if (settings_.weakly_compressible) {
                 push(dt, r);

@@ -261,21 +261,18 @@ struct RowOf {
     GB_FN void operator()(std::size_t row) const { row_of[rows[row]] = std::uint32_t(row); }
 };
 
-/// What facets do to the tissue that they reach to, so that momentum is kept.  Tissue finds no facets; it asks those of the fluid beside
-/// it, each facet at the first of its vertices that are fluid.
+/// What facets do to tissue or a rigid body that they reach to, so that momentum is kept, N.  These find no facets; they ask those of the
+/// fluid beside them, each facet at the first of its vertices that are fluid.
 template <class Packet, bool periodic>
-struct PullTissue {
+struct PullOther {
     Lists<Packet> lists;
     Tension tension;
     const std::uint32_t* row_of;
-    const float* inverse_rho;
-    float per_volume;
-    Quad* acceleration;
-    GB_FN void operator()(std::size_t row) const {
+    GB_FN float3 operator()(std::size_t row) const {
         const Skin& skin = tension.skin;
         const std::uint32_t slot = lists.rows[row];
-        if (!(inverse_rho[row] > 0.0f) || !(skin.place[slot].w < 0.0f)) return;
         float3 pull{0, 0, 0};
+        if (!(skin.place[slot].w < 0.0f)) return pull;
         for (std::uint32_t l = 0, n = lists.count[row]; l < n; ++l) {
             const std::uint32_t i = lists.index[lists.at(row, l)];
             if (i >= lists.n || !(skin.place[i].w > 0.0f)) continue;
@@ -289,9 +286,20 @@ struct PullTissue {
                 tension.template take<periodic, false>(slot, {0.0f, 0.0f, 0.0f, 0.0f}, i, third, pull);
             }
         }
-        const float s = per_volume * inverse_rho[row];
+        return pull;
+    }
+};
+template <class Packet, bool periodic>
+struct PullTissue {
+    PullOther<Packet, periodic> pull;
+    const float* inverse_rho;
+    float per_volume;
+    Quad* acceleration;
+    GB_FN void operator()(std::size_t row) const {
+        if (!(inverse_rho[row] > 0.0f)) return;
+        const float3 p = pull(row) * (per_volume * inverse_rho[row]);
         Quad& a = acceleration[row];
-        a = {a.x + s * pull.x, a.y + s * pull.y, a.z + s * pull.z, 0.0f};
+        a = {a.x + p.x, a.y + p.y, a.z + p.z, 0.0f};
     }
 };
 

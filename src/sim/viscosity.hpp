@@ -131,6 +131,7 @@ struct CohesionOf {
 
 struct Conjugate {
     double rz, pq, rz_new, first;
+    double least;  ///< share of the first that errors are judged by, or 0: all
     std::uint32_t iterations, done;
 };
 
@@ -251,7 +252,7 @@ struct JudgeConjugate {
     GB_FN void operator()(std::size_t) const {
         if (state->done) return;
         state->rz = state->rz_new;
-        if (state->iterations == 0) state->first = state->rz;
+        if (state->iterations == 0) state->first = state->rz * (state->least > 0.0 ? state->least : 1.0);
         state->done = state->rz <= tolerance * tolerance * state->first;
         state->iterations += 1;
     }
