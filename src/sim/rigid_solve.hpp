@@ -349,7 +349,7 @@ private:
     }
 
     static constexpr int kRounds = 5000;        // of contacts, at most: what is light under what is heavy takes many
-    static constexpr int kRoundsWithin = 100;   // the same within a solve, whose next iteration goes on with them
+    static constexpr int kRoundsWithin = 16;    // the same within a solve, whose next iteration goes on with them
     static constexpr double kSmall = 1e-6;      // spacings in a step
 
     Exec& exec_;
