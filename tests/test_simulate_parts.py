@@ -107,16 +107,17 @@ def test_what_comes_in_and_what_goes_adds_up():
 
 def test_a_drop_sticks_to_what_it_adheres_to():
     drop = {"name": "water", "sphere": {"center": [0.01, 0.01, 0.0065], "radius": 0.006},
-            "surface_tension": 0.07}  # fmt: skip
+            "viscosity": 0.01}  # fmt: skip
     plate = {"name": "plate", "box": {"lo": [-0.01, -0.01, -0.004], "hi": [0.03, 0.03, 0]}}
     least = []  # without gravity the drop touches the plate only if it is drawn to it
-    for adhesion in (0.0, 0.07):
-        sim = simulation(solids=[], instruments=[], fluids=[drop],
+    for tension, adhesion in ((0.07, 0.0), (0.0, 0.07), (0.07, 0.07)):
+        sim = simulation(solids=[], instruments=[], fluids=[drop | {"surface_tension": tension}],
                          boundaries=[plate | {"adhesion": adhesion}])  # fmt: skip
         sim.run_to(0.02)
         least.append(sim.positions[sim.arrays.phase == list(sim.phases).index("water"), 2].min())
     assert least[0] > 0.001
-    assert least[1] < 0
+    assert least[1] > 0.0005  # a fluid without tension sticks to nothing
+    assert least[2] < 0
 
 
 def test_suction_takes_fluid_where_it_works():

@@ -51,7 +51,7 @@ struct DragOf {
             }
             const float s = pair.viscous(slope, v.w + pair.extra_viscosity, other.w * wall);
             float3 f = (v.xyz() - velocity[j].xyz()) * s;
-            if (cohesion) f = f + d * (share * pair.pull(reach, r) * cohesion[j]);
+            if (cohesion) f = f + d * (share * pair.pull(reach, r) * max(cohesion[slot] * cohesion[j], 0.0f));
             f = f * (0.0f - own);
             const float3 l = cross(pair.period.template shortest<true>(other.xyz() - center), f);
             sum.force.p[0] += f.x, sum.force.p[1] += f.y, sum.force.p[2] += f.z;

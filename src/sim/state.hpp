@@ -24,7 +24,7 @@ struct Phase {
     float density = 1000.0f;      ///< at rest
     float viscosity = 0.0f;       ///< dynamic
     float tension = 0.0f;         ///< of the surface
-    float adhesion = 0.0f;        ///< of fluids to this boundary or to held tissue, N/m: a pair attracts as fluids of the two's geometric mean
+    float adhesion = 0.0f;        ///< of fluids to this boundary, N/m: a pair attracts as fluids of the two's geometric mean
     float friction = 0.0f;        ///< coefficient, of tissue and of what it meets; a contact has the larger one of its two sides
     float color[3] = {0.28f, 0.52f, 0.80f};
     float reflection = 0.0f, refraction = 0.0f;

@@ -99,7 +99,7 @@ struct PairForces {
             z += s * (v.z - u.z);
             if constexpr (sticks) {
                 const F theirs = Packet::gather(cohesion, lists.index + k);
-                F f = pair.pull(reach, r) * select(solid, theirs, max(zero - mine * theirs, zero));  // tissue with fluid: below 0
+                F f = pair.pull(reach, r) * max(select(solid, mine * theirs, zero - mine * theirs), zero);  // tissue with fluid: below 0
                 if constexpr (mixed) f *= share;
                 x += f * d.x;
                 y += f * d.y;
