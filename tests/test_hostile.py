@@ -287,6 +287,7 @@ def full():
         (lambda s: s.steer.set_sinks(["x"]), "sinks"),
         (lambda s: s.steer.body("water"), "rigid"),
         (lambda s: s.steer.make_rigid("raft", NAN), "density"),
+        (lambda s: s.steer.make_rigid("raft", 1e-30), "density"),
         (lambda s: s.steer.make_rigid("raft", 500, (NAN, 0, 0)), "velocity"),
         (lambda s: s.steer.move_boundary("paddle", np.full((4, 4), NAN)), "pose"),
         (lambda s: s.steer.move_boundary("paddle", np.diag([2, 2, 2, 1])), "pose: expected a rot"),

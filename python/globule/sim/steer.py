@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.checks import number, positive, shown
+from .._base.checks import number, shown
 from .._base.interrupts import whole
 from .arrays import ids_of, numbers, vector
 from .blade import check_rigid
@@ -90,13 +90,13 @@ class Steer(Part):
 
         Args:
             phase: name of a phase of kind "rigid".
-            density: kg/m³.
+            density: 0.001 to 1e6 kg/m³.
             velocity: (3,) m/s.
             spin: (3,) rad/s.
 
         Raises:
-            ValueError: a phase of another kind, or a phase without particles; a density that is not
-                above 0, or motion that is not finite.
+            ValueError: a phase of another kind, or a phase without particles; a density beyond
+                these, or motion that is not finite.
         """
         sim = self._sim
         which = sim._phase(phase)
@@ -105,7 +105,7 @@ class Steer(Part):
         at = sim.positions[sim.arrays.phase == which].astype(float)
         if len(at) == 0:
             raise ValueError(f"phase: expected particles of {phase!r} to be added first")
-        density = positive("density", density)
+        density = number("density", density, 1e-3, 1e6)
         velocity, spin = vector("velocity", velocity), vector("spin", spin)
         each = density * sim.settings.spacing**3
         center = at.mean(0)
