@@ -192,7 +192,7 @@ public:
     }
 
     /// Gravity, viscosity, tension, adhesion, and what the user asks for (may be null); the iterations of implicit viscosity.
-    /// Rigid bodies feel what viscosity and adhesion of theirs do.
+    /// Rigid bodies feel viscosity, tension and adhesion, too.
     int forces(float dt, const float* user, RigidSolve<Exec>& bodies) {
         bodies.start();
         const sim::State s = state_.view();

@@ -127,8 +127,8 @@ struct PhaseSet {
     void add(int phase) { bits[phase / 64] |= std::uint64_t(1) << phase % 64; }
 };
 
-/// How deep a body's particles are in other boundaries, and where from its center.  One point stands for all that are in one octant about its center: a box stands on
-/// four, and does not rock.
+/// How deep a body's particles are in other boundaries, and where from its center.  One point stands for all that are in one
+/// octant: a box stands on four, and does not rock.
 inline constexpr int kOctants = 8;
 struct Touch {
     double weight = 0, arm[3] = {}, normal[3] = {}, velocity[3] = {};

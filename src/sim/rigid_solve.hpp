@@ -1,6 +1,6 @@
 // Rigid bodies as unknowns of the fluid's solves.
 //
-// Fluid pushes a body with the opposite of what it feels of it, by pressure, viscosity and adhesion: momentum is kept.  A body that learnt of
+// Fluid pushes a body with the opposite of what it feels of it, by pressure, viscosity, tension and adhesion: momentum is kept.  A body that learnt of
 // this only after a solve would swing where it is lighter than the fluid that it moves along: the pressure of water that is to
 // stop a ball of a fifth of its density throws the ball up twice as fast as it fell.  So a body's velocity follows every iteration.
 //   pressure   U += sum_i V_i dP_i c_i / M, c_i = sum_j g_ij over the body's particles; its spin likewise.
