@@ -399,46 +399,6 @@ def test_a_threshold_is_checked():
     assert scene.threshold == 0.3
 
 
-# Old names
-
-
-def test_old_names_warn_and_work(scene):
-    with pytest.warns(DeprecationWarning, match=r"RenderSettings\(depth=\) is now bounces"):
-        settings = gb.RenderSettings(depth=3)
-    with pytest.warns(DeprecationWarning, match="depth=.* is now bounces"):
-        more = dataclasses.replace(settings, depth=7)
-    with pytest.warns(DeprecationWarning, match="is now bounces"):
-        assert gb.render(scene, SIZE, settings={"depth": 2}).mask.any()
-    assert (settings.bounces, more.bounces) == (3, 7)
-    with pytest.warns(DeprecationWarning, match=r"RenderSettings\.depth is now bounces"):
-        assert more.depth == 7
-    frame = gb.render(scene, SIZE)
-    with pytest.warns(DeprecationWarning, match=r"Frame\.depth is now distance"):
-        np.testing.assert_array_equal(frame.depth, frame.distance)
-    picked = frame.pick(16, 12)
-    with pytest.warns(DeprecationWarning, match=r"Picked\.depth is now distance"):
-        assert picked.depth == picked.distance
-    with pytest.warns(DeprecationWarning, match=r"Scene\(depth=\) is now level"):
-        coarse = gb.Scene(scene.particles, depth=1)
-    with pytest.warns(DeprecationWarning, match=r"Octree\.depth is now level"):
-        assert coarse.octree.depth == coarse.octree.level == 1
-
-
-def test_the_warning_of_an_old_name_points_at_its_user(tmp_path):
-    script = tmp_path / "user.py"
-    script.write_text("import globule as gb\n\nlook = gb.RenderSettings(depth=3)\n")
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True)
-    assert "user.py:3: DeprecationWarning: globule: RenderSettings(depth=)" in done.stderr
-
-
-def test_a_file_of_a_frame_has_the_old_name_too(scene, folder):
-    frame = gb.render(scene, SIZE)
-    frame.save("a.npz")
-    with np.load("a.npz") as arrays:
-        np.testing.assert_array_equal(arrays["distance"], frame.distance)
-        np.testing.assert_array_equal(arrays["depth"], frame.distance)
-
-
 # The package
 
 

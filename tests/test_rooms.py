@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import ast
-import importlib
-import subprocess
-import sys
 from pathlib import Path
 
 import globule as gb
 import pytest
-from globule._base.old_paths import MOVED
 
 ROOT = Path(gb.__file__).parent
 # Each room may import from those before it. Sub-rooms of `formats` follow it in their own order.
@@ -113,20 +109,3 @@ def test_no_circle(graph):
     for name in graph:
         if name:  # the package itself imports all
             visit(name)
-
-
-@pytest.mark.parametrize("old", MOVED)
-def test_old_paths_warn(old):
-    sys.modules.pop(f"globule.{old}", None)
-    with pytest.warns(DeprecationWarning, match=f"globule.{old} has moved to globule") as caught:
-        module = importlib.import_module(f"globule.{old}")
-    assert module is importlib.import_module(f"globule.{MOVED[old]}")
-    assert module.__spec__.name == f"globule.{MOVED[old]}"
-    assert len(caught) == 1
-
-
-def test_the_warning_names_who_imports(tmp_path):
-    script = tmp_path / "user.py"
-    script.write_text("import globule\nfrom globule.slices import reslice\n")
-    done = subprocess.run([sys.executable, "-W", "always", script], capture_output=True, text=True)
-    assert "user.py:2: DeprecationWarning" in done.stderr

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import tomli_w
 from globule.sim import instruments, scene_file, shapes, sources
-from globule.sim.old_words import OLD_NAMES
 from globule.sim.scene_file import LISTS, as_dict
 from globule.sim.schema import Table
 
@@ -366,37 +365,3 @@ def test_defaults_are_those_of_the_tables():
 
 def test_lists_are_all_tables():
     assert {name for kind, name in ROWS if kind == "SceneFile"} == set(LISTS)
-
-
-def test_the_words_of_the_version_before_warn():
-    old = {
-        "spacing": 0.05, "domain": ((0, 0, 0), (0.6, 0.6, 0.6)), "periodic": (True, False, False),
-        "density_error": 0.01, "longest_step": 0.002, "weakly_compressible": False,
-        "phases": [{"name": "water"}, {"name": "jelly", "kind": "tissue", "damping": 2.0}],
-    }  # fmt: skip
-    with pytest.warns(DeprecationWarning, match="is now a scene's dict") as caught:
-        sim = gb.Simulation(old, device="cpu")
-    assert caught[0].filename == __file__
-    assert sim.settings.gravity == (0, -9.81, 0)
-    assert (sim.settings.max_error, sim.settings.max_dt) == (0.01, 0.002)
-    assert list(sim.phases) == ["water", "jelly", "walls"]
-    assert sim.phases["jelly"].damping == 2
-    with pytest.warns(DeprecationWarning, match="settings.longest_step is now settings.max_dt"):
-        sim.settings.longest_step = 0.001
-    assert sim.settings.max_dt == 0.001
-    with pytest.warns(DeprecationWarning, match="density_error is now"):
-        assert sim.settings.density_error == 0.01
-
-
-@pytest.mark.parametrize("name", OLD_NAMES)
-def test_old_names_forward_with_a_warning(name):
-    sim = gb.Simulation("beam", spacing=0.005, device="cpu")
-    with pytest.warns(DeprecationWarning, match=f"Simulation.{name} is now Simulation") as caught:
-        found = getattr(sim, name)
-    assert caught[0].filename == __file__
-    new = sim
-    for part in OLD_NAMES[name].split("."):
-        new = getattr(new, part)
-    np.testing.assert_equal(found, new)
-    with pytest.raises(AttributeError, match="no 'no_such_name'"):
-        sim.no_such_name  # noqa: B018

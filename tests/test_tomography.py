@@ -330,12 +330,9 @@ def test_mistakes_of_the_commands(head, capsys):
 
 def test_gb_read_names_the_door_of_a_volume(tmp_path):
     sitk.WriteImage(image(ball()), str(tmp_path / "a.nrrd"))
-    with pytest.raises(FormatError, match=r"a volume \(nrrd\): read it with globule.read_volume"):
-        gb.read(tmp_path / "a.nrrd")
-    with pytest.warns(DeprecationWarning, match="use globule.tomography_particles"):
-        assert len(gb.read(tmp_path / "a.nrrd", level=500))
-    with pytest.warns(DeprecationWarning, match="tomography_particles has moved to globule"):
-        assert gb.formats.tomography_particles is gb.tomography_particles
+    for options in ({}, {"level": 500}):
+        with pytest.raises(FormatError, match=r"a volume \(nrrd\): read it with globule.read_vol"):
+            gb.read(tmp_path / "a.nrrd", **options)
 
 
 @pytest.mark.parametrize("shift", [0, -1500])

@@ -168,14 +168,3 @@ def test_mistakes_in_a_file_name_the_key_and_change_nothing(text, message):
 def test_files_of_settings_have_a_limit():
     with pytest.raises(ValueError, match="at most"):
         State().load_toml("# " + 300_000 * "x")
-
-
-def test_the_old_name_of_a_setting_warns():
-    state = State()
-    with pytest.warns(DeprecationWarning, match=r"look\.depth is now look\.bounces"):
-        state.load_toml("[look]\ndepth = 7")
-    assert state.look.bounces == 7
-    with pytest.warns(DeprecationWarning, match="look"):
-        state.set(look__depth=2)
-    assert state.look.bounces == 2
-    assert "bounces = 2" in state.to_toml()

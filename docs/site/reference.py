@@ -221,9 +221,9 @@ def _usage(words: str, parser: argparse.ArgumentParser) -> str:
 
 
 def _shown(action: argparse.Action) -> bool:
-    """Whether it is neither the help, nor a list of commands, nor an old spelling."""
+    """Whether it is neither the help nor a list of commands."""
     kinds = (argparse._HelpAction, argparse._SubParsersAction)
-    return not isinstance(action, kinds) and argparse.SUPPRESS not in (action.dest, action.help)
+    return not isinstance(action, kinds) and action.dest != argparse.SUPPRESS
 
 
 def _row(action: argparse.Action) -> str:

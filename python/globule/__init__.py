@@ -5,12 +5,9 @@ from importlib import import_module as _import_module
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
-from ._base.old_paths import MOVED as _MOVED
-from ._base.old_paths import install
 from ._base.starting import quiet_interrupts
 
 quiet_interrupts()  # before what takes a while to load
-install()
 
 # OpenMP threads that spin for long slow down whatever runs beside them, and those that sleep at
 # once wake late: they check 400 times (some 5 µs) before they sleep. The runtime reads this once,
@@ -144,7 +141,7 @@ def __getattr__(name: str) -> _Any:
         value = getattr(module, name, None) or _import_module(f"{module.__name__}.{name}")
         globals()[name] = value
         return value
-    if name in _ROOMS or name in _MOVED:
+    if name in _ROOMS:
         return _import_module(f".{name}", __name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

@@ -132,7 +132,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: list[str]) -> None:
     parser = build_parser()
-    argv = bench.with_name(join_negative(argv))
+    argv = join_negative(argv)
     options = parser.parse_args(argv)
     if options.version:
         from .. import __version__
@@ -145,8 +145,6 @@ def _run(argv: list[str]) -> None:
     if options.command is None:
         parser.print_help()
         raise UserError("expected a command, got none")
-    for old, new in getattr(options, "renamed", {}).items():
-        say(f"note: {old} is now {new}; the next version refuses {old}")
     if hasattr(options, "prepare"):
         options.parser.set_defaults(**options.prepare(options))
         options = parser.parse_args(argv)
@@ -170,8 +168,7 @@ def _with_flag(options: argparse.Namespace, error: UserError) -> str:
         for action in options.parser._actions:
             name = next((n for n in action.option_strings if n.startswith("--")), "")
             given = getattr(options, action.dest, None) != action.default
-            known = action.help != argparse.SUPPRESS
-            if name and given and known and word in (action.dest, name[2:].replace("-", "_")):
+            if name and given and word in (action.dest, name[2:].replace("-", "_")):
                 return f"{name}: {rest}"
     return str(error)
 

@@ -10,14 +10,14 @@ import contextlib
 import importlib
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from ..bench.table import Setting
 from ..bench.ultrasound import TABLES
 from . import figures, flags
 from .parser import Parser
-from .shared import Progress, UserError, check_device, make_folder, print_json, say
+from .shared import Progress, UserError, check_device, make_folder, print_json
 
 SUMMARY = "the thesis's numbers again, and the physics against known answers"
 USAGE = "NAME"
@@ -50,20 +50,6 @@ def add_arguments(parser: Parser) -> None:
         command.has_short_help()
         add(command)
         command.set_defaults(run=run, parser=command)
-
-
-def with_name(words: Sequence[str]) -> list[str]:
-    """The words of a command, in today's spelling; an old spelling gets a note on stderr."""
-    words = list(words)
-    old = ""
-    if words[:1] == ["figures"]:
-        old, new, words = "globule figures", "globule bench figures", ["bench", *words]
-    elif words[:1] == ["bench"] and not set(words[:2]) & set(_NAMES) and set(words) & set(TABLES):
-        old, new = "globule bench TABLE", "globule bench ultrasound TABLE"
-        words.insert(1, "ultrasound")
-    if old:
-        say(f"note: {old} is now {new}; the next version refuses {old}")
-    return words
 
 
 def run(options: argparse.Namespace) -> None:

@@ -87,7 +87,6 @@ def add_arguments(parser: Parser) -> None:
         help="largest temporal offset that --delay considers, seconds (default: 0.5, with --n-wire "
         "1)",
     )
-    parser.renamed(parser, "--most", "--max-delay")
     add(
         "--motion",
         choices=METHODS,

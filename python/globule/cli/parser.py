@@ -1,4 +1,4 @@
-"""The parser of a command: two lengths of help, mistakes as `UserError`, old spellings."""
+"""The parser of a command: two lengths of help, mistakes as `UserError`."""
 
 from __future__ import annotations
 
@@ -75,12 +75,6 @@ class Parser(argparse.ArgumentParser):
         flags = [known[name] for name in (*ALWAYS, *self.essential) if name in known]
         return [("arguments", None, places), ("options", None, flags)]
 
-    def renamed(self, group: Any, old: str, new: str, kind: Any = None) -> None:
-        """Accept the old spelling of an option for one version, with a note; `kind`: its type,
-        where the old one read other words."""
-        action = self._option_string_actions[new]
-        group.add_argument(old, action=_Renamed, new=action, kind=kind)
-
 
 class _Formatter(argparse.RawDescriptionHelpFormatter):
     """Names of an option before its value, "-o, --output PATH", and room for them."""
@@ -113,24 +107,3 @@ class _Help(argparse.Action):
     def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
         print(parser.help_text(option == "--help-all" or not parser.essential), end="")
         parser.exit()
-
-
-class _Renamed(argparse.Action):
-    """An option's old spelling: does what the new one does, and remembers the pair of names."""
-
-    def __init__(
-        self, option_strings: Sequence[str], dest: str, new: argparse.Action, kind: Any = None
-    ):
-        read: Any = kind or new.type
-        super().__init__(
-            option_strings, f"_old_{dest}", new.nargs, default=argparse.SUPPRESS,
-            type=read, choices=new.choices, help=argparse.SUPPRESS,
-            metavar=new.metavar,
-        )  # fmt: skip
-        self.new = new
-
-    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
-        self.new(parser, namespace, values, self.new.option_strings[0])
-        namespace.renamed = {
-            **getattr(namespace, "renamed", {}), self.option_strings[0]: self.new.option_strings[-1]
-        }  # fmt: skip

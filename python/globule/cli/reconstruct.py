@@ -121,9 +121,6 @@ def add_arguments(parser: Parser) -> None:
         metavar="N",
         help=f"number of voxels along the longest axis (default: {DEFAULT_SIZE})",
     )
-    parser.renamed(parser, "--surface", "--surface-image")
-    parser.renamed(grid, "--spacing", "--voxel-size")
-    parser.renamed(grid, "--size", "--voxels")
     method.add_argument(
         "--bounds",
         dest="region",
@@ -131,7 +128,6 @@ def add_arguments(parser: Parser) -> None:
         metavar="X0,Y0,Z0,X1,Y1,Z1",
         help="lowest and highest corner of the volume, mm, world (default: around all pixels)",
     )
-    parser.renamed(method, "--region", "--bounds")
     method.add_argument(
         "--volume-axes",
         dest="axes",
@@ -192,7 +188,6 @@ def add_arguments(parser: Parser) -> None:
         metavar="COLUMN,ROW,WIDTH,HEIGHT",
         help="rectangle of the image to use, pixels (default: the calibration's, else all)",
     )
-    parser.renamed(place, "--clip", "--image-region")
     place.add_argument(
         "--fan",
         type=numbers,

@@ -155,7 +155,6 @@ def add_arguments(parser: Parser) -> None:
         metavar="N",
         help="length of a Morton key, bits: 32 or 64 (default: 32)",
     )
-    parser.renamed(tree, "--depth", "--octree-level")
     tracing.add_arguments(parser)
     colors = parser.add_argument_group("color and light; radiances are linear, 1 is white")
     flags.add(colors, "--color-by", "default: the particles' color")

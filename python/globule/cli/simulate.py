@@ -85,7 +85,6 @@ def add_arguments(parser: Parser) -> None:
         metavar="FOLDER",
         help="also keep the image of every frame in this folder, .png (default: none)",
     )
-    parser.renamed(parser, "--pictures", "--images")
     flags.add(parser, "--size", "of --video and --images; default: the scene's")
     add(
         "--spacing",

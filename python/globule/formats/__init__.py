@@ -10,10 +10,8 @@ Which array of a file becomes which field of Particles is the same for all of th
 
 from __future__ import annotations
 
-import importlib
 import os
-import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from ..scene import sources
@@ -31,7 +29,6 @@ __all__ = ["EXTENSIONS", "READABLE", "WRITABLE", "Box", "Contents", "Format", "F
 EXTENSIONS = tuple(e for f in FORMATS if f.writes and not f.package for e in f.endings)
 WRITABLE = (*EXTENSIONS, *(e for f in FORMATS if f.writes and f.package for e in f.endings))
 READABLE = (*WRITABLE, *(e for f in FORMATS if not f.writes for e in f.endings))
-_VOLUME_OPTIONS = ("level", "labels", "spacing")
 
 
 def read(path: str | os.PathLike[str], **options: Any) -> Particles:
@@ -54,10 +51,6 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
     that the format does not have; MissingPackageError for a format whose library is not installed;
     FileNotFoundError and other OSErrors pass unchanged.
     """
-    kind = kind_of(path, "particles")
-    if kind.kind == "volume" and options and options.keys() <= set(_VOLUME_OPTIONS):
-        message = "globule.read of a volume goes with the next version; use "
-        return _moved(message + "globule.tomography_particles")(path, **options)
     return read_contents(path, **options).particles
 
 
@@ -117,18 +110,6 @@ def _writer(path: str | os.PathLike[str]) -> Format:
         if form.writes and name.endswith(form.endings):
             return form
     raise FormatError(f"{path}: expected one of the extensions {' '.join(WRITABLE)}")
-
-
-def _moved(message: str) -> Callable[..., Particles]:
-    """tomography_particles under its old names; it belongs to a later room."""
-    warnings.warn(message, DeprecationWarning, stacklevel=3)
-    return importlib.import_module("globule.volumes.tomography").tomography_particles
-
-
-def __getattr__(name: str) -> Any:
-    if name == "tomography_particles":
-        return _moved("globule.formats.tomography_particles has moved to globule")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 sources.readers.insert(0, read)

@@ -14,7 +14,6 @@ from .._base.arrays import to_host
 from .._base.checks import whole
 from .._base.device import Device
 from .._base.files import atomic_write
-from .._base.old_names import old_attribute, renamed
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .display import displayed, straight, with_values
@@ -46,8 +45,6 @@ class Picked:
     attributes: dict[str, Any]
     face: int | None = None
 
-    depth = old_attribute("depth", "distance")
-
 
 @dataclass(repr=False)
 class Frame:
@@ -66,8 +63,6 @@ class Frame:
     _behind: Any = field(default=None, repr=False)  # traces again in front of another light
     _values: Any = field(default=None, repr=False)  # as `display.with_values` takes them
     _finish: Any = field(default=None, repr=False)  # draws annotations into the image
-
-    depth = old_attribute("depth", "distance")
 
     def __repr__(self) -> str:
         n = len(self._layers)
@@ -253,8 +248,8 @@ class Frame:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the image (.png) or every array (.npz, .exr); whole or not at all.
 
-        A .npz has `color`, `distance`, `position`, `normal`, `albedo` and `mask`; `depth` is the
-        old name of `distance`, for one version. Raises ValueError for another ending.
+        A .npz has `color`, `distance`, `position`, `normal`, `albedo` and `mask`. Raises ValueError
+        for another ending.
         """
         name = str(path).lower()
         if name.endswith(".png"):
@@ -263,7 +258,7 @@ class Frame:
             names = ("color", "distance", "position", "normal", "albedo", "mask")
             arrays = {name: getattr(self, name) for name in names}
             with atomic_write(path) as file:
-                np.savez_compressed(file, depth=arrays["distance"], **arrays)
+                np.savez_compressed(file, **arrays)
         elif name.endswith(".exr"):
             from ..formats.pictures.exr import frame_channels, write_exr
 
@@ -272,7 +267,6 @@ class Frame:
             raise ValueError(f"{path}: expected a name ending in .png, .npz or .exr")
 
 
-@renamed(picture="image")
 def save_png(path: str | os.PathLike[str], image: np.ndarray) -> None:
     """Write an image (H, W, 3) or, with alpha, (H, W, 4) uint8 sRGB as PNG; whole or not at all."""
     image = np.asarray(image)

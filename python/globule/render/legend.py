@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._base.colormaps import NAMES, map_colors
-from .._base.old_names import renamed
 from .canvas import DARK, Canvas, sizes
 
 if TYPE_CHECKING:
@@ -21,7 +20,6 @@ _LONGEST_TICK = 9  # digits for which a legend outside of the image has room
 _PAPER, _INK = (255, 255, 255), (DARK, (255, 255, 255))  # of a legend outside of the image
 
 
-@renamed(picture="image")
 def add_legend(
     image: ArrayLike,
     colormap: str,

@@ -12,7 +12,6 @@ import numpy as np
 from .. import _core
 from .._base.checks import flag, number, shown, three, whole
 from .._base.fixed import Fixed, read_only
-from .._base.old_names import renamed_fields
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .lights import (
@@ -39,7 +38,6 @@ def items(name: str, value: Any, expected: str) -> tuple:
         raise TypeError(f"{name}: expected {expected}, got {shown(value)}") from None
 
 
-@renamed_fields(depth="bounces")
 @read_only
 @dataclass(frozen=True)
 class RenderSettings(Fixed):

@@ -10,7 +10,6 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import address
-from .._base.old_names import old_attribute
 
 _morton: Callable[..., Any] = _core.morton  # what it gives depends on the operation
 
@@ -26,8 +25,6 @@ class Octree:
     build_seconds  device time of the last build; 0 where the solver of a simulation built it
     lo, extent     lowest corner (3,) and edge length of the octree's cube, world
     """
-
-    depth = old_attribute("depth", "level")
 
     def __init__(self, scene: Any):
         self._scene = scene

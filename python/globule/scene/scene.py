@@ -13,7 +13,6 @@ from .. import _core
 from .._base.arrays import ABSENT, HOST, View, address, on_gpu, unit_vectors, view
 from .._base.checks import choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
-from .._base.old_names import renamed
 from .attributes import color_by
 from .fitting import counted, lacking
 from .octree import Octree
@@ -129,7 +128,6 @@ class Scene:
     builds: int  # how often the octree has been built
     surface: str = "balls"  # or "smooth"
 
-    @renamed(depth="level")
     def __init__(
         self,
         particles: Particles | ArrayLike | str | os.PathLike[str],

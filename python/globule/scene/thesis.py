@@ -12,7 +12,6 @@ from .. import _core
 from .._base.arrays import address, unit_vectors, view
 from .._base.checks import flag, number, whole
 from .._base.fixed import Fixed, read_only
-from .._base.old_names import renamed
 from .particles import Particles
 
 if TYPE_CHECKING:
@@ -131,7 +130,6 @@ def work(
     return counts[:, 0], counts[:, 1]
 
 
-@renamed(depth="level")
 def default_support(positions: Any, level: int) -> float:
     """The thesis's support (§3.6): half the edge of a leaf of the octree around `positions`.
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from .old_words import OLD_SETTINGS, renamed
 from .scene_file import IMPLICIT_FROM, Boundary, Domain, Fluid, Rigid, SceneFile, Solid, Solver
 from .steered import Steered, checked, checks_of
 
@@ -179,14 +178,6 @@ class Settings(Steered):
     def __post_init__(self) -> None:
         self._label = "settings"
         self._begun = True
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self, renamed("settings", OLD_SETTINGS, name))
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name in OLD_SETTINGS:
-            name = renamed("settings", OLD_SETTINGS, name)
-        super().__setattr__(name, value)
 
     @property
     def fluid_spacing(self) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import math
-import operator
 import os
 import threading
 from collections.abc import Callable
@@ -26,7 +25,6 @@ from .bodies import Body, bodies, scene_of_particles
 from .emitter import Emitter
 from .foam import Foam
 from .limits import check_densities, check_emitter, check_material, shape_of
-from .old_words import OLD_NAMES, renamed, with_old_keys
 from .operate import BondedTissue
 from .record import Record
 from .scene_file import SceneFile, as_dict, errors_of, read_scene
@@ -100,7 +98,7 @@ class Simulation:
         fluid = scene if isinstance(scene, Particles) else None
         if fluid is not None:
             scene = scene_of_particles(fluid)
-        scene = with_old_keys({} if scene is None else scene)
+        scene = {} if scene is None else scene
         if not isinstance(scene, (str, os.PathLike, dict, SceneFile)):
             expected = "expected a name, a path, a dict or Particles"
             raise TypeError(f"scene: {expected}, got {shown(scene)}")
@@ -188,9 +186,6 @@ class Simulation:
                 "what may change between steps is in settings, phases, emitters and tools"
             )
         super().__setattr__(name, value)
-
-    def __getattr__(self, name: str) -> Any:
-        return operator.attrgetter(renamed("Simulation", OLD_NAMES, name))(self)
 
     @whole
     def add_phase(self, phase: Phase) -> None:

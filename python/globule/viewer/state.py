@@ -6,7 +6,6 @@ import copy
 import dataclasses
 import os
 import threading
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -229,9 +228,6 @@ class Time:
 
 Names = set[str]  # of settings, as "surface.kernel"; in class State, `set` is a method
 
-# Settings by their old names; they go with the next version.
-RENAMED = {"look__depth": "look__bounces"}
-
 GROUPS = {
     "surface": Surface,
     "look": Look,
@@ -291,7 +287,6 @@ class State:
         Raises:
             ValueError: no such setting, or a value that it cannot have; nothing is changed.
         """
-        changes = {current(key): value for key, value in changes.items()}
         with self._lock:
             good = {}
             for key, value in changes.items():
@@ -381,9 +376,8 @@ class State:
                 raise ValueError(f"{name}: expected a table, got {shown(given)}")
             for key, value in given.items():
                 try:
-                    full = current(f"{name}__{key}")
-                    field = field_of(*full.split("__", 1))
-                    new[full] = taken(full, checked(field, value))
+                    full = f"{name}__{key}"
+                    new[full] = taken(full, checked(field_of(name, key), value))
                 except ValueError as error:
                     raise ValueError(f"{name}.{error}") from None
             for f in dataclasses.fields(make):
@@ -405,19 +399,6 @@ class State:
         """Write the settings and a camera to a TOML file."""
         with atomic_write(path, "w") as file:
             file.write(self.to_toml(camera))
-
-
-def current(key: str) -> str:
-    """The name of a setting ("look__bounces"), also from its old name, which warns."""
-    if key not in RENAMED:
-        return key
-    old, new = (name.replace("__", ".") for name in (key, RENAMED[key]))
-    warnings.warn(
-        f"the setting {old} is now {new}; the old name goes with the next version",
-        DeprecationWarning,
-        stacklevel=3,
-    )
-    return RENAMED[key]
 
 
 def field_of(group: str, name: str) -> dataclasses.Field:
