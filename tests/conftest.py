@@ -1,18 +1,25 @@
 """Options of the tests, and what they share.
 
-A test that takes `backend` runs on the best CPU level with all threads, and on the GPU where there
-is one. With --matrix it runs on every CPU level, with one thread and with all, and on CUDA; tests
-marked `slow` run too.
+A test that takes `backend` runs on the best CPU level with several threads, on the plainest with
+one, and on the GPU where there is one. With --matrix it runs on every CPU level with several
+threads too, and tests marked `slow` run.
 """
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import faulthandler
 import functools
 import locale
 import os
 import signal
+from pathlib import Path
+
+# Each worker of the tests has one thread; a test that needs several says so. Before the libraries
+# that read these come in.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import globule as gb
 import numpy as np
@@ -22,18 +29,15 @@ from globule._base import device
 from waiting import PATIENCE
 
 LEVELS = device.cpu_levels()
-SOAK = float(os.environ.get("GLOBULE_SOAK", 0))  # what test_concurrency.py takes on purpose
-MATRIX = [f"{LEVELS[-1]}-1thread", *(f"{level}-threads" for level in LEVELS), "cuda"]
+QUICK = [*dict.fromkeys((f"{LEVELS[-1]}-2threads", f"{LEVELS[0]}-1thread"))]
+MATRIX = [f"{LEVELS[0]}-1thread", *(f"{level}-2threads" for level in LEVELS), "cuda"]
+MOST_CPU = 20.0  # s of one file
+LONG_FILES = Path(__file__).with_name("long_files.txt")
 
 
 def pytest_addoption(parser):
     group = parser.getgroup("globule")
     group.addoption("--matrix", action="store_true", help="every CPU level and slow tests too")
-    group.addoption(
-        "--passed",
-        metavar="FILE",
-        help="leave out the tests that FILE names, and add those that pass",
-    )
     group.addoption(
         "--expected-skips", metavar="FILE", help="fail on a skip whose reason no line of FILE has"
     )
@@ -41,12 +45,12 @@ def pytest_addoption(parser):
 
 def pytest_generate_tests(metafunc):
     if "backend" in metafunc.fixturenames:
-        few = [f"{LEVELS[-1]}-threads", *(["cuda"] if has_gpu() else [])]
+        quick = [*QUICK, *(["cuda"] if has_gpu() else [])]
         every = metafunc.config.getoption("--matrix")
-        if every and metafunc.definition.get_closest_marker("few_backends"):
-            few = [f"{LEVELS[-1]}-threads", "cuda"]
+        if metafunc.definition.get_closest_marker("few_backends"):
+            quick = [QUICK[0], *(["cuda"] if every or has_gpu() else [])]
             every = False
-        metafunc.parametrize("backend", MATRIX if every else few, indirect=True)
+        metafunc.parametrize("backend", MATRIX if every else quick, indirect=True)
 
 
 @functools.cache
@@ -68,66 +72,77 @@ def pytest_collection_modifyitems(config, items):
         config.hook.pytest_deselected(items=slow)
         items[:] = [item for item in items if item not in slow]
 
-    known = _passed_before(config)
-    done = [item for item in items if item.nodeid in known and not _of_all_levels(item)]
-    config.hook.pytest_deselected(items=done)
-    gone = set(done)
-    items[:] = [item for item in items if item not in gone]
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item):
+    """Each report carries the CPU time that has passed since the one before: of this process, and
+    of programs that it started and that have ended."""
+    report = (yield).get_result()
+    now = sum(os.times()[:4])
+    report.cpu = now - item.config.stash.get(CPU_BEFORE, now)
+    item.config.stash[CPU_BEFORE] = now
 
 
-def _of_all_levels(item) -> bool:
-    """Whether a test looks at more CPU levels the more there are."""
-    return "reference" in item.fixturenames or hasattr(item.module, "LEVELS")
+def cpu_of_files(reporter) -> list[tuple[float, str]]:
+    """CPU time of each test file (s), the largest first."""
+    files: collections.Counter[str] = collections.Counter()
+    for reports in reporter.stats.values():
+        for report in reports:
+            if hasattr(report, "cpu"):
+                files[report.nodeid.partition("::")[0]] += report.cpu
+    return [(seconds, file) for file, seconds in files.most_common()]
 
 
-def _passed_before(config) -> frozenset[str]:
-    """The tests that another run with the same file has passed."""
-    file = config.getoption("--passed")
-    if not file or not os.path.exists(file):
-        return frozenset()
-    with open(file, encoding="utf-8") as lines:
-        return frozenset(line.rstrip("\n") for line in lines)
+def lines_of(path: str | Path) -> list[str]:
+    """The lines of a list, without comments and blank ones."""
+    with open(path, encoding="utf-8") as lines:
+        return [line.strip() for line in lines if line.strip() and line[0] != "#"]
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    for line in config.stash.get(UNEXPECTED, ()):
-        terminalreporter.write_line(f"unexpected skip: {line}", red=True)
+    found = cpu_of_files(terminalreporter)
+    terminalreporter.section(f"{sum(s for s, _ in found):.0f} CPU s; the longest files")
+    for seconds, file in found[:30]:
+        terminalreporter.write_line(f"{seconds:7.1f} s  {file}")
+    for line in config.stash.get(WRONG, ()):
+        terminalreporter.write_line(line, red=True)
 
 
 def pytest_sessionfinish(session, exitstatus):
-    """Note what has passed. A skip that nobody expects is a failure: something is not installed,
-    or has gone."""
-    if hasattr(session.config, "workerinput"):  # the process that deals out the tests does this
+    """A skip that nobody expects is a failure: something is not installed, or has gone. So is a
+    file that takes long, unless long_files.txt has it."""
+    config = session.config
+    if hasattr(config, "workerinput"):  # the process that deals out the tests does this
         return
-    if passed := session.config.getoption("--passed"):
-        reporter = session.config.pluginmanager.getplugin("terminalreporter")
-        with open(passed, "a", encoding="utf-8") as lines:
-            lines.writelines(f"{r.nodeid}\n" for r in reporter.stats.get("passed", ()))
-    file = session.config.getoption("--expected-skips")
-    if not file:
-        return
-    with open(file, encoding="utf-8") as lines:
-        expected = [line.strip() for line in lines if line.strip() and line[0] != "#"]
-    reporter = session.config.pluginmanager.getplugin("terminalreporter")
-    found = set()
-    for report in reporter.stats.get("skipped", ()):
-        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
-        if not any(part in reason for part in expected):
-            found.add(f"{report.nodeid}: {reason}")
-    session.config.stash[UNEXPECTED] = sorted(found)
-    if found and exitstatus == 0:
+    reporter = config.pluginmanager.getplugin("terminalreporter")
+    may = {line.split()[0] for line in lines_of(LONG_FILES)}
+    wrong = [
+        f"{file}: {seconds:.0f} CPU s, expected at most {MOST_CPU:g}: make its cases smaller, "
+        f"mark them `slow`, or list it in {LONG_FILES.name}"
+        for seconds, file in cpu_of_files(reporter)
+        if seconds > MOST_CPU and Path(file).name not in may
+    ]
+    if skips := config.getoption("--expected-skips"):
+        expected = lines_of(skips)
+        for report in reporter.stats.get("skipped", ()):
+            reason = report.longrepr
+            reason = reason[2] if isinstance(reason, tuple) else str(reason)
+            if not any(part in reason for part in expected):
+                wrong.append(f"unexpected skip: {report.nodeid}: {reason}")
+    config.stash[WRONG] = sorted(set(wrong))
+    if wrong and exitstatus == 0:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
-UNEXPECTED = pytest.StashKey[list[str]]()
+WRONG = pytest.StashKey[list[str]]()
+CPU_BEFORE = pytest.StashKey[float]()
 
 
 def pytest_configure(config):
-    """Old names are an error in our own code; tests of them expect the warning. A shell that starts
-    the tests with & has them, and all programs that they start, ignore Ctrl-C."""
+    """A shell that starts the tests with & has them, and all programs that they start, ignore
+    Ctrl-C."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    config.addinivalue_line("filterwarnings", "error:globule:DeprecationWarning")
 
 
 @contextlib.contextmanager
@@ -155,7 +170,7 @@ def backend(request):
         return
     level, threads = request.param.split("-")
     with simd(level):
-        yield {"device": "cpu", "threads": 1 if threads == "1thread" else 0}
+        yield {"device": "cpu", "threads": 1 if threads == "1thread" else 2}
 
 
 @pytest.fixture(scope="session")
@@ -183,7 +198,7 @@ def hang_guard(request, real_stderr):
     if getattr(request.module, "BROWSERS", False):
         yield
         return
-    faulthandler.dump_traceback_later(PATIENCE + 30 + SOAK, exit=True, file=real_stderr)
+    faulthandler.dump_traceback_later(2 * PATIENCE, exit=True, file=real_stderr)
     yield
     faulthandler.cancel_dump_traceback_later()
 
