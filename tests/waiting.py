@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-PATIENCE = float(os.environ.get("GLOBULE_TEST_PATIENCE", 90))  # s; machines may be busy
+PATIENCE = float(os.environ.get("GLOBULE_TEST_PATIENCE", 300))  # s; it only ends what hangs
 
 
 def until(true: Callable[[], Any], what: str = "") -> Any:
