@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from globule.sim.scene_file import Domain, Vessel
 from globule.sim.tissue import BALL, HALF_SPACE
+from sim_helpers import reloaded
 
 SCENE = {
     "spacing": 0.004,
@@ -91,8 +92,7 @@ def pressed(sim):
 @pytest.mark.parametrize("said", [off, about_to_pass, passing, pushed, held, drained, pressed])
 def test_what_was_said_goes_on_after_loading(sim, tmp_path, said):
     said(sim)
-    sim.save(tmp_path / "state")
-    again = gb.Simulation.load(tmp_path / "state", device="cpu")
+    again = reloaded(sim, tmp_path)
     for one in (sim, again):
         one.run(0.02)
     assert (again.tissue.n_bonds, again.record.n_cut, len(again)) == (
@@ -112,6 +112,7 @@ def test_reset_forgets_what_was_said(said):
     one.reset()
     assert one.hash() == other.hash()
     assert one.emitters["tap"].on
+    assert (one.time, one.record.diagnostics) == (0, [])
     for sim in (one, other):
         sim.run(0.02)
     assert len(one) == len(other)

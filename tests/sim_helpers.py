@@ -1,0 +1,46 @@
+"""What tests of simulations share: rows of experiments, blocks of tissue, states on disk."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+from globule.bench.physics_tissue import SPACING, lattice
+from globule.sim import checkpoint
+from globule.sim.scene_file import Vessel
+
+
+def check(rows) -> None:
+    """Each row of an experiment of `globule.bench` holds."""
+    rows = [row if isinstance(row, dict) else row._asdict() for row in rows]
+    assert rows
+    assert not [row for row in rows if not row["ok"]]
+
+
+def jittered(shape, by: float = 0.1, seed: int = 0, spacing: float = SPACING) -> np.ndarray:
+    """A lattice whose particles are up to `by` spacings off their places, float32."""
+    off = np.random.default_rng(seed).uniform(-by, by, (np.prod(shape), 3))
+    return (lattice(*shape, spacing) + off * spacing).astype("f4")
+
+
+def vessel(path, radius: float, pressure: float, pool: float, fluid: str = "blood") -> Vessel:
+    return Vessel(name="vein", solid="tissue", fluid=fluid, path=path, radius=radius,
+                  pressure=pressure, pool=pool)  # fmt: skip
+
+
+def reloaded(sim: gb.Simulation, folder, change=None) -> gb.Simulation:
+    """A simulation from its checkpoint, whose arrays and facts `change` may have changed first."""
+    sim.save(folder / "state.npz")
+    if change is not None:
+        arrays, facts = checkpoint.load(folder / "state.npz")
+        arrays = dict(arrays)
+        change(arrays, facts)
+        checkpoint.save(folder / "state.npz", arrays, facts)
+    return gb.Simulation.load(folder / "state.npz", device="cpu")
+
+
+def assert_same_state(one: gb.Simulation, other: gb.Simulation) -> None:
+    """Bit for bit, array by array."""
+    states = one.arrays.state(), other.arrays.state()
+    assert states[0].keys() == states[1].keys()
+    for name, value in states[0].items():
+        np.testing.assert_array_equal(value, states[1][name], err_msg=name)
