@@ -6,9 +6,9 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.bench import physics_cuts as truths
-from globule.bench.physics_tissue import lattice
-from globule.sim import blade, checkpoint
+from globule.sim import blade
 from globule.sim.bonds import build_bonds
+from sim_helpers import assert_same_state, check, jittered, reloaded
 
 D = 0.004
 DOWN = 9.81 * np.array([np.sin(0.35), 0.0, -np.cos(0.35)])
@@ -16,14 +16,12 @@ DOWN = 9.81 * np.array([np.sin(0.35), 0.0, -np.cos(0.35)])
 
 @pytest.mark.parametrize("experiment", ["slide", "fresh", "free_halves"])
 def test_truths(backend, experiment):
-    for row in getattr(truths, experiment)(**backend):
-        assert row["ok"], row
+    check(getattr(truths, experiment)(**backend))
 
 
-def jittered(backend):
+def uneven(backend):
     """A solid of an uneven lattice, without gravity, and its positions."""
-    jitter = np.random.default_rng(5).uniform(-0.15, 0.15, (7 * 6 * 6, 3)) * D
-    x = (lattice(7, 6, 6, D) + jitter).astype("f4")
+    x = jittered((7, 6, 6), 0.15, 5, D)
     sim = gb.Simulation({
         "spacing": D, "domain": {"lo": [-0.05] * 3, "hi": [0.08] * 3}, "gravity": (0, 0, 0),
         "solids": [{"name": "tissue"}],
@@ -47,7 +45,7 @@ def distances(x):
 def test_the_density_solve_sees_exactly_the_pairs_that_a_cut_parted(backend):
     """A cut half through: a pair that one or two whole bonds still join, round the end of the cut,
     stays out. The body is shrunk: then pairs that were up to 2.2 spacings apart are in reach."""
-    sim, x = jittered(backend)
+    sim, x = uneven(backend)
     sim.positions = 0.9 * x
     assert not listed(sim).any()
     sim.positions = x
@@ -72,7 +70,7 @@ def test_the_density_solve_sees_exactly_the_pairs_that_a_cut_parted(backend):
 
 
 def test_a_suture_takes_the_pairs_out_again(backend):
-    sim, x = jittered(backend)
+    sim, x = uneven(backend)
     truths.cut_at(sim, 2.5 * D)
     assert listed(sim).any()
     assert sim.tissue.suture(x.mean(0), 1.0) > 0
@@ -128,22 +126,16 @@ def test_same_bits_whatever_the_threads_and_after_a_checkpoint(tmp_path):
     spared = one.arrays.state()["tissue_spared"].view("f4")
     assert (spared >= 0).any()
     assert (spared == -1).any()
-    one.save(tmp_path / "state.npz")
-    again = gb.Simulation.load(tmp_path / "state.npz", device="cpu")
+    again = reloaded(one, tmp_path)
     for sim in (one, two, again):
         sim.run(0.03)
-    for name, value in one.arrays.state().items():
-        np.testing.assert_array_equal(value, two.arrays.state()[name], err_msg=name)
-        np.testing.assert_array_equal(value, again.arrays.state()[name], err_msg=name)
+    assert_same_state(one, two)
+    assert_same_state(one, again)
 
 
 def test_a_checkpoint_from_before_this_contact_goes_on(tmp_path):
     sim = sliding(1)
-    sim.save(tmp_path / "state.npz")
-    arrays, facts = checkpoint.load(tmp_path / "state.npz")
-    del arrays["tissue_spared"]
-    checkpoint.save(tmp_path / "old.npz", arrays, facts)
-    old = gb.Simulation.load(tmp_path / "old.npz", device="cpu")
+    old = reloaded(sim, tmp_path, lambda arrays, _: arrays.pop("tissue_spared"))
     assert (old.arrays.state()["tissue_spared"].view("f4") == -1).all()
     for s in (sim, old):
         s.run(0.03)
@@ -156,7 +148,7 @@ def body_of(sim):
 
 def test_bodies_stay_what_they_were_when_a_cut_is_sutured(backend):
     """Two blocks touch, the lower one is cut and sutured: all pairs between the blocks stay."""
-    sim, lower = jittered(backend)
+    sim, lower = uneven(backend)
     upper = lower + np.array([0, 0, 6.2 * D], "f4")
     sim.tissue.bond(sim.add(upper, "tissue"), 30000.0)
     bodies, n = np.unique(body_of(sim)[body_of(sim) < len(body_of(sim))]), len(lower)
@@ -169,7 +161,7 @@ def test_bodies_stay_what_they_were_when_a_cut_is_sutured(backend):
 
 
 def test_a_body_that_comes_after_a_cut_makes_no_bodies_of_the_halves(backend):
-    sim, x = jittered(backend)
+    sim, x = uneven(backend)
     truths.cut_at(sim, 3 * D)
     before = body_of(sim).copy()
     sim.tissue.bond(sim.add(x + np.array([0, 0, 0.04], "f4"), "tissue"), 30000.0)

@@ -8,16 +8,12 @@ import numpy as np
 import pytest
 from globule.bench import physics_friction as truths
 from globule.bench.physics_tissue import DENSITY, SPACING, lattice
-from globule.sim import blade, checkpoint
+from globule.sim import blade
 from globule.sim.tissue import BALL, HALF_SPACE, Tissue
+from sim_helpers import assert_same_state, check, reloaded
 
 D = 0.004
 MASS = DENSITY * SPACING**3
-
-
-def check(rows):
-    wrong = [row for row in rows if not row["ok"]]
-    assert not wrong
 
 
 @pytest.mark.parametrize("model", ["solid", "bonds"])
@@ -117,23 +113,20 @@ def test_a_ball_drags_what_it_touches(backend):
     assert (sums[0.0][0] - sums[0.5][0]) / sums[0.5][2] == pytest.approx(0.5, rel=0.25)
 
 
-def changing(sim):
+def changing(threads):
+    sim = gb.Simulation(truths.scene("elastic tissue", 20.0), device="cpu", threads=threads)
     for friction in (0.0, 0.4, 0.1):
         sim.phases["block"].friction = friction
         sim.run(0.01)
-    return sim.arrays.state()
+    return sim
 
 
 def test_same_bits_whatever_the_threads_and_after_a_checkpoint(tmp_path):
-    scene = truths.scene("elastic tissue", 20.0)
-    one, two = (changing(gb.Simulation(scene, device="cpu", threads=n)) for n in (1, 2))
-    for name in one:
-        np.testing.assert_array_equal(one[name], two[name], err_msg=name)
+    assert_same_state(changing(1), changing(2))
     sim = gb.Simulation(truths.scene("wall", 20.0, 0.3), device="cpu")
     sim.tools.set_pushers([(HALF_SPACE, (0, 0, 0.02), (0, 0, -1), 0.0, (0.1, 0, -0.1), 0.2)])
     sim.run(0.02)
-    sim.save(tmp_path / "state.npz")
-    again = gb.Simulation.load(tmp_path / "state.npz", device="cpu")
+    again = reloaded(sim, tmp_path)
     for s in (sim, again):
         s.run(0.02)
     np.testing.assert_array_equal(sim.positions, again.positions)
@@ -142,12 +135,12 @@ def test_same_bits_whatever_the_threads_and_after_a_checkpoint(tmp_path):
 def test_a_checkpoint_from_before_friction_has_none(tmp_path):
     sim = gb.Simulation(truths.scene("wall", 20.0), device="cpu")
     sim.run(0.01)
-    sim.save(tmp_path / "state.npz")
-    arrays, facts = checkpoint.load(tmp_path / "state.npz")
-    for phase in facts["by_hand"]["phases"]:
-        del phase["friction"]
-    checkpoint.save(tmp_path / "old.npz", arrays, facts)
-    old = gb.Simulation.load(tmp_path / "old.npz", device="cpu")
+
+    def before(_, facts):
+        for phase in facts["by_hand"]["phases"]:
+            del phase["friction"]
+
+    old = reloaded(sim, tmp_path, before)
     assert old.phases["block"].friction == 0.0
     np.testing.assert_array_equal(sim.positions, old.positions)
 
