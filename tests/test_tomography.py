@@ -10,7 +10,6 @@ import sys
 import globule as gb
 import numpy as np
 import pytest
-from format_helpers import read_or_refused
 from globule._base.colormaps import categorical
 from globule.cli import main
 from globule.formats import FormatError
@@ -223,37 +222,11 @@ def test_sweep_is_no_volume(tmp_path):
         gb.read_volume(tmp_path / "a.mha")
 
 
-@pytest.mark.parametrize("size", ["100000 100000 100000", "1500 1500 900", "4 4 5", "-3 4 5"])
-def test_sizes_are_checked_before_memory_is_taken(size, tmp_path):
-    sitk.WriteImage(image(ramp()), str(tmp_path / "a.mha"))
-    data = (tmp_path / "a.mha").read_bytes()
-    (tmp_path / "a.mha").write_bytes(data.replace(b"= 3 4 5", f"= {size}".encode()))
-    with pytest.raises(FormatError) as caught:
-        gb.read_volume(tmp_path / "a.mha")
-    assert "a.mha" in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("extension", EXTENSIONS)
-def test_broken_files(extension, tmp_path):
-    path = tmp_path / f"a{extension}"
-    sitk.WriteImage(image(ramp()), str(path))
-    whole = path.read_bytes()
-    rng = np.random.default_rng(2)
-    for i in range(30):
-        data = bytearray(whole[: len(whole) * i // 30] if i % 2 else whole)
-        for place in rng.integers(0, max(1, len(data)), 3 if data and i % 4 < 2 else 0):
-            data[place] = rng.integers(256)
-        path.write_bytes(data)
-        read_or_refused(gb.read_volume, path)
-
-
-@pytest.mark.parametrize("extension", EXTENSIONS)
+@pytest.mark.parametrize("extension", [".nhdr", ".mhd"])
 def test_cut_files(extension, tmp_path, capfd):
     path = tmp_path / f"a{extension}"
     sitk.WriteImage(image(np.random.default_rng(3).integers(0, 999, (9, 9, 9))), str(path))
-    data = path.with_suffix(".raw")
-    cut = data if data.exists() else path
+    cut = path.with_suffix(".raw")
     whole = cut.read_bytes()
     for share in (0.3, 0.9):
         cut.write_bytes(whole[: int(share * len(whole))])
