@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import warnings
@@ -31,13 +32,8 @@ from globule.ultrasound.trust import check_poses
 from PIL import Image
 from sweep_helpers import random_poses, same, small_sweep, spine_data
 
+pytestmark = pytest.mark.usefixtures("folder")
 PIXEL = np.diag([0.5, 0.25, 0.3, 1.0])  # probe_from_image
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def refused(*args, **kwargs) -> str:
@@ -75,9 +71,11 @@ def test_real_sweep_with_its_plus_configuration():
 def test_real_sweep_round_trip_is_exact():
     data = spine_data()
     sweep = read_sweep(data / "SpinePhantomFreehand.igs.mha", plus=data / "NNMEAN.xml")
-    for name in ("a.igs.mha", "a.igs.nrrd", "a.npz", "folder"):
-        write_sweep(name, sweep)
-        assert same(sweep, read_sweep(name)), name
+    for name, part in (
+        ("a.igs.mha", sweep), ("a.igs.nrrd", sweep[:2]), ("a.npz", sweep[:2]), ("folder", sweep[:2])
+    ):  # fmt: skip
+        write_sweep(name, part)
+        assert same(part, read_sweep(name)), name
         assert is_sweep(name)
     write_sweep("b.igs.mha", read_sweep("a.igs.mha"))
     assert Path("a.igs.mha").read_bytes() == Path("b.igs.mha").read_bytes()
@@ -93,20 +91,6 @@ def header(path) -> dict[str, str]:
 
 
 # Files
-
-
-@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
-@pytest.mark.parametrize("name", ["a.igs.mha", "a.igs.nrrd", "a.mha", "a.nrrd", "a.npz", "folder"])
-def test_round_trip(name, dtype):
-    sweep = small_sweep(dtype=dtype, valid=[True, False, True, True, True])
-    if name == "folder" and dtype == "float32":
-        with pytest.raises(ValueError, match="uint8 or uint16"):
-            write_sweep(name, sweep)
-        return
-    if name in ("a.npz", "folder"):
-        sweep.mask = np.arange(42).reshape(6, 7) % 3 > 0
-    write_sweep(name, sweep)
-    assert same(sweep, read_sweep(name))
 
 
 def test_changed_poses_and_statuses_are_what_is_written():
@@ -192,18 +176,6 @@ def test_temporal_offset_shifts_every_tracked_transform():
     sweep = read_sweep("a.mha", calibration=Calibration(PIXEL, temporal_offset=0.25))
     assert sweep.valid.tolist() == [True, True, True, False]  # nothing is extrapolated
     assert sweep.world_from_image[:3, 0, 3] == pytest.approx([0.5, 2.5, 5])
-
-
-@pytest.mark.interop
-def test_dicom_multi_frame():
-    sitk = pytest.importorskip("SimpleITK", reason="DICOM needs SimpleITK")
-    frames = np.arange(4 * 16 * 12, dtype=np.uint8).reshape(4, 16, 12)
-    sitk.WriteImage(sitk.GetImageFromArray(frames), "a.dcm")
-    write_csv("poses.csv", PoseTable(None, random_poses(4), np.ones(4, bool)))
-    sweep = read_sweep("a.dcm", poses="poses.csv", calibration=Calibration(PIXEL))
-    assert np.array_equal(sweep.frames, frames)
-    Path("b.dcm").write_bytes(b"nothing of the kind")
-    assert "b.dcm" in refused("b.dcm", poses="poses.csv")
 
 
 # Image stacks with pose tables
@@ -488,7 +460,7 @@ def test_write_refuses_what_it_cannot_hold():
 
 
 def test_outliers_are_found_and_only_they():
-    sweep = gb.phantoms.cylinders(n_frames=40, size=(20, 20), pose_noise=(0.02, 0.02))
+    sweep = gb.phantoms.cylinders(n_frames=40, size=(9, 9), pose_noise=(0.02, 0.02))
     assert not check_poses(sweep).outliers.any()
     for wrong in ([7], [20, 21], [0], [39], [5, 9, 30]):
         broken = sweep.world_from_image.copy()
@@ -502,41 +474,37 @@ def test_outliers_are_found_and_only_they():
     assert np.flatnonzero(found.outliers).tolist() == [12]
 
 
-def sweep_of(poses, frames=None, times=True):
-    made = gb.phantoms.cylinders(n_frames=80, size=(20, 20), pose_noise=(0.02, 0.02))
-    frames = made.frames if frames is None else frames
-    return Sweep(frames, poses, made.timestamps if times else None)
+@pytest.fixture(scope="module")
+def hand():
+    return gb.phantoms.cylinders(n_frames=80, size=(20, 20), pose_noise=(0.02, 0.02))
 
 
-def wrong_frames(poses, frames=None, times=True):
-    check = check_poses(sweep_of(poses, frames, times))
+def wrong_frames(hand, poses, frames=None, times=True):
+    """Frames that are outliers, and the kinds of what was found."""
+    check = check_poses(
+        Sweep(hand.frames if frames is None else frames, poses, hand.timestamps if times else None)
+    )
     return np.flatnonzero(check.outliers).tolist(), [f.kind for f in check.findings]
 
 
-@pytest.fixture(scope="module")
-def hand():
-    made = gb.phantoms.cylinders(n_frames=80, size=(20, 20), pose_noise=(0.02, 0.02))
-    return made.world_from_image, made.frames
-
-
-@pytest.mark.parametrize("times", [True, False])
 @pytest.mark.parametrize("n", [2, 3, 5, 10])
-@pytest.mark.parametrize("first", [0, 30, 70])
-def test_bursts_of_wrong_poses(hand, n, first, times):
-    """Before: no frame of a burst of 2 to 10 was found. Of 300 random bursts, the ones missed now
-    are displaced by less than 5 mm, 11 times the distance between frames."""
-    rng = np.random.default_rng(n)
-    for wrong in (np.array([8.0, -6, 2]), rng.normal(0, 20, (n, 3))):
-        poses = hand[0].copy()
-        poses[first : first + n, :3, 3] += wrong
-        assert wrong_frames(poses, times=times) == (list(range(first, first + n)), ["burst"])
+def test_bursts_of_wrong_poses(hand, n):
+    """Of 300 random bursts, the ones missed are displaced by less than 5 mm, 11 times the distance
+    between frames."""
+    for first, times in itertools.product((0, 30, 70), (True, False)):
+        rng = np.random.default_rng(n)
+        for wrong in (np.array([8.0, -6, 2]), rng.normal(0, 20, (n, 3))):
+            poses = hand.world_from_image.copy()
+            poses[first : first + n, :3, 3] += wrong
+            found = wrong_frames(hand, poses, times=times)
+            assert found == (list(range(first, first + n)), ["burst"]), (first, times)
 
 
 @pytest.mark.parametrize("size", [10, 1000])
 def test_a_step_is_named_and_keeps_all_frames(hand, size):
-    poses = hand[0].copy()
+    poses = hand.world_from_image.copy()
     poses[40:, 0, 3] += size
-    check = check_poses(sweep_of(poses))
+    check = check_poses(Sweep(hand.frames, poses, hand.timestamps))
     assert not check.outliers.any()
     ((kind, first, last, found),) = check.findings
     assert (kind, first, last) == ("step", 39, 40)
@@ -545,37 +513,38 @@ def test_a_step_is_named_and_keeps_all_frames(hand, size):
 
 @pytest.mark.parametrize(("first", "n"), [(20, 30), (20, 6), (60, 20)])
 def test_a_tracker_that_freezes(hand, first, n):
-    poses = hand[0].copy()
+    poses = hand.world_from_image.copy()
     poses[first : first + n] = poses[first]
-    assert wrong_frames(poses) == (list(range(first + 1, first + n)), ["freeze"])
+    assert wrong_frames(hand, poses) == (list(range(first + 1, first + n)), ["freeze"])
 
 
 @pytest.mark.parametrize("n", [48, 72])
-@pytest.mark.parametrize("jitter", [0, 0.02])
-@pytest.mark.parametrize("noise", [0, 3])
-def test_a_probe_at_rest_is_no_outlier_nor_are_its_moves(hand, n, jitter, noise):
-    """Before: a probe at rest for 60 % with identical poses lost all frames in which it moved."""
-    rng = np.random.default_rng(0)
-    poses, frames = (a.copy() for a in hand)
-    poses[:n], frames[:n] = poses[n], frames[n]
-    poses[:n, :3, 3] += rng.normal(0, jitter, (n, 3))
-    frames[:n] = np.clip(frames[:n] + rng.normal(0, noise, frames[:n].shape), 0, 255)
-    assert wrong_frames(poses, frames) == ([], [] if jitter else ["identical"])
+def test_a_probe_at_rest_is_no_outlier_nor_are_its_moves(hand, n):
+    """Nor where all its poses at rest, 60 % of the frames, are identical."""
+    for jitter, noise in itertools.product((0, 0.02), (0, 3)):
+        rng = np.random.default_rng(0)
+        poses, frames = hand.world_from_image.copy(), hand.frames.copy()
+        poses[:n], frames[:n] = poses[n], frames[n]
+        poses[:n, :3, 3] += rng.normal(0, jitter, (n, 3))
+        frames[:n] = np.clip(frames[:n] + rng.normal(0, noise, frames[:n].shape), 0, 255)
+        expected = ([], [] if jitter else ["identical"])
+        assert wrong_frames(hand, poses, frames) == expected, (jitter, noise)
 
 
 def test_a_tracker_slower_than_the_images(hand):
-    poses = hand[0].copy()
+    poses = hand.world_from_image.copy()
     poses[1::2] = poses[::2]
-    assert wrong_frames(poses) == ([], [])
+    assert wrong_frames(hand, poses) == ([], [])
     poses[:] = poses[0]
-    assert wrong_frames(poses) == ([], ["identical"])
+    assert wrong_frames(hand, poses) == ([], ["identical"])
 
 
 def test_another_speed_limit(hand):
-    poses = hand[0].copy()
+    poses = hand.world_from_image.copy()
     poses[40, 0, 3] += 1.5
-    assert not check_poses(sweep_of(poses)).outliers.any()
-    found = check_poses(sweep_of(poses), most_speed=25).outliers  # mm/s, at 25 images a second
+    moved = Sweep(hand.frames, poses, hand.timestamps)
+    assert not check_poses(moved).outliers.any()
+    found = check_poses(moved, most_speed=25).outliers  # mm/s, at 25 images a second
     assert np.flatnonzero(found).tolist() == [40]
 
 
@@ -601,8 +570,7 @@ def plus_file(matrices, frames, name="made.igs.mha", source="Image", **fields):
     (np.linalg.inv, "probably inverted"),
 ])  # fmt: skip
 def test_transforms_in_other_units_are_refused(change, what):
-    """Before: a file in meters became a volume of 1x1x1 voxels, exit 0."""
-    made = gb.phantoms.cylinders(n_frames=12, size=(300, 200))
+    made = gb.phantoms.cylinders(n_frames=4, size=(300, 200))
     plus_file(change(made.world_from_image), made.frames)
     with pytest.raises(FormatError, match=what) as caught:
         read_sweep("made.igs.mha")
@@ -639,7 +607,7 @@ def test_poses_that_mirror_are_warned_of(recwarn):
 
 def test_a_pose_of_zeros_is_a_frame_without_pose():
     """Before: one such matrix with status OK rejected the whole recording."""
-    made = gb.phantoms.cylinders(n_frames=12, size=(30, 20))
+    made = gb.phantoms.cylinders(n_frames=6, size=(30, 20))
     poses = made.world_from_image.copy()
     poses[3] = 0
     poses[5, :3, :2] = 0
