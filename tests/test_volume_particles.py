@@ -64,24 +64,6 @@ def test_what_has_no_surface_is_refused():
         iso_surface(shifted, -500.5)
 
 
-def test_render_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    for name in ("ball.nrrd", "ball.npz"):
-        gb.write_volume(name, ball())
-        words = ["render", name, "-o", "ball.png", "--size", "60x50", "--device", "cpu"]
-        assert main(words) == 0
-        assert "surface at" in capsys.readouterr().err
-        assert main([*words, "--level", "100"]) == 0
-        assert capsys.readouterr().err == ""
-        picture = np.asarray(Image.open("ball.png"))
-        assert (picture[25, 30] != picture[0, 0]).any()
-    for wrong in (["--threshold", "1"], ["--level", "999"]):
-        assert main([*words, *wrong]) == 2
-    gb.write("p.npz", gb.Particles(np.zeros((3, 3))))
-    assert main(["render", "p.npz", "-o", "p.png", "--level", "3"]) == 2
-    assert capsys.readouterr().err.count("globule: error") == 3
-
-
 def test_render_of_other_volumes(tmp_path, monkeypatch, capsys):
     """VTK files, sparse ones, several at once; tomographies where labels are asked for."""
     monkeypatch.chdir(tmp_path)
@@ -89,6 +71,11 @@ def test_render_of_other_volumes(tmp_path, monkeypatch, capsys):
         gb.write_volume(name, ball())
     machine = ["--size", "60x50", "--device", "cpu"]
     words = ["render", "a.vti", "b.sparse.npz", "c.mha", "-o", "{}.png", *machine]
+    assert main(["render", "a.vti", "-o", "a.png", *machine]) == 0
+    assert "surface at" in capsys.readouterr().err
+    for wrong in (["--threshold", "1"], ["--level", "999"]):
+        assert main(["render", "a.vti", "-o", "n.png", *machine, *wrong]) == 2
+    assert capsys.readouterr().err.count("globule: error") == 2
     assert main([*words, "--level", "100"]) == 0
     assert capsys.readouterr().err == ""
     pictures = [np.asarray(Image.open(f"{name}.png")) for name in "abc" if name != "b"]
