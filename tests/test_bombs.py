@@ -7,11 +7,9 @@ import functools
 import gzip
 import io
 import json
-import os
 import struct
 import subprocess
 import sys
-import time
 import zipfile
 import zlib
 from pathlib import Path
@@ -28,30 +26,31 @@ from test_formats_hostile import bgeo
 pytestmark = pytest.mark.usefixtures("folder")
 
 OPEN = """
-import json, resource, sys, time
+import json, resource, sys
 import globule as gb
-kind, path, limits = sys.argv[1], sys.argv[2], map(float, sys.argv[3:])
-read, found = getattr(gb, kind), []
+resource.setrlimit(resource.RLIMIT_CPU, (60, 60))  # of a hang, which would take minutes
+files, limits = json.loads(sys.argv[1]), map(float, sys.argv[2:])
+found = []
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 for most in limits:
     gb.set_limits(memory=most)
-    begin = time.process_time()
-    try:
-        read(path)
-        said = ""
-    except gb.FormatError as error:
-        said = str(error)
-    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    found.append((said, used * 1024, time.process_time() - begin))
+    for path, kind in files.items():
+        try:
+            getattr(gb, kind)(path)
+            said = ""
+        except gb.FormatError as error:
+            said = str(error)
+        used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+        found.append((path, most, said, used * 1024))
 print(json.dumps(found))
 """
 MOST = 2**29  # bytes
 
 
-def opened(kind: str, path: str, *limits: float) -> list[tuple[str, int, float]]:
-    """What a reader says of a file under each limit of memory, in a process of its own; the most
-    bytes that it took so far; and the processor's seconds."""
-    words = [sys.executable, "-c", OPEN, kind, path, *map(str, limits)]
+def opened(files: dict[str, str], *limits: float) -> list[tuple[str, float, str, int]]:
+    """What readers say of files under limits of memory that rise, all in one process: file, limit,
+    the error, and the most bytes that the process took so far."""
+    words = [sys.executable, "-c", OPEN, json.dumps(files), *map(str, limits)]
     made = subprocess.run(words, capture_output=True, text=True, timeout=100, check=True)
     return json.loads(made.stdout)
 
@@ -79,10 +78,7 @@ def npz_of_shared_bytes() -> str:
 
 def bgeo_of_zeros() -> str:
     n = 2**26
-    with gzip.open("a.bgeo.gz", "wb", 9) as file:
-        file.write(bgeo(n, b""))
-        for _ in range(16 * n >> 24):
-            file.write(bytes(1 << 24))
+    Path("a.bgeo.gz").write_bytes(gzip.compress(bgeo(n, b"")) + (16 * n >> 27) * zeros(2**27))
     return "a.bgeo.gz"
 
 
@@ -119,7 +115,7 @@ def metaimage_of_20_gigabytes() -> str:
     return "a.mha"
 
 
-def nifti(sizes: tuple[int, int, int], offset: float, behind: bytes) -> str:
+def nifti(name: str, sizes: tuple[int, int, int], offset: float, behind: bytes) -> str:
     head = bytearray(348)
     struct.pack_into("<i", head, 0, 348)
     struct.pack_into("<8h", head, 40, 3, *sizes, 1, 1, 1, 1)
@@ -127,8 +123,8 @@ def nifti(sizes: tuple[int, int, int], offset: float, behind: bytes) -> str:
     struct.pack_into("<8f", head, 76, *[1.0] * 8)
     struct.pack_into("<f", head, 108, offset)
     head[344:348] = b"n+1\0"
-    Path("a.nii.gz").write_bytes(gzip.compress(bytes(head), mtime=0) + behind)
-    return "a.nii.gz"
+    Path(f"{name}.nii.gz").write_bytes(gzip.compress(bytes(head), mtime=0) + behind)
+    return f"{name}.nii.gz"
 
 
 def hdr_of_runs() -> str:
@@ -168,43 +164,41 @@ def xml_of_elements() -> str:
     return "a.vtp"
 
 
-BOMBS = {
-    "npz": ("read", npz_of_shared_bytes),
-    "bgeo.gz": ("read", bgeo_of_zeros),
-    "vtu": ("read", vtu_of_shared_bytes),
-    "vtp": ("read", xml_of_elements),
-    "nrrd": ("read_volume", nrrd_of_20_gigabytes),
-    "mha": ("read_volume", metaimage_of_20_gigabytes),
-    "nii.gz": ("read_volume", lambda: nifti((1200, 1200, 1200), 352, 4 * zeros(2**27))),
-    "nii.gz, offset": ("read_volume", lambda: nifti((2, 2, 2), 2.0**33, 64 * zeros(2**27))),
-    "sparse.npz": ("read_volume", sparse_volume),
-    "hdr": ("read_environment", hdr_of_runs),
-    "png": ("read_environment", png_of_one_color),
-}
+BOMBS = [
+    ("read", npz_of_shared_bytes),
+    ("read", bgeo_of_zeros),
+    ("read", vtu_of_shared_bytes),
+    ("read", xml_of_elements),
+    ("read_volume", nrrd_of_20_gigabytes),
+    ("read_volume", metaimage_of_20_gigabytes),
+    ("read_volume", lambda: nifti("a", (1200, 1200, 1200), 352, 4 * zeros(2**27))),
+    ("read_volume", lambda: nifti("short", (30000, 30000, 30000), 352, zeros(100))),
+    ("read_volume", lambda: nifti("offset", (2, 2, 2), 2.0**33, 64 * zeros(2**27))),
+    ("read_volume", sparse_volume),
+    ("read_environment", hdr_of_runs),
+    ("read_environment", png_of_one_color),
+]
 
 
-@pytest.mark.parametrize("name", BOMBS)
-def test_it_is_refused_at_once(name):
-    kind, make = BOMBS[name]
-    path = make()
-    ((said, taken, seconds),) = opened(kind, path, MOST)
-    assert said.startswith(f"{path}: ")
-    assert "\n" not in said
-    assert len(said) < 320
-    assert taken < 200e6
-    assert seconds < 10  # of a hang, which takes minutes
+def test_they_are_refused_at_once():
+    files = {}
+    for kind, make in BOMBS:
+        files[make()] = kind
+    assert len(files) == len(BOMBS)
+    for path, _, said, taken in opened(files, MOST):
+        assert said.startswith(f"{path}: ")
+        assert "\n" not in said
+        assert len(said) < 320
+        assert taken < 200e6, path
 
 
 def test_what_lies_behind_the_data_is_not_read():
     """6.9 GB behind the points, and 6.9 GB behind the voxels."""
     Path("a.bgeo.gz").write_bytes(gzip.compress(bgeo(1, bytes(16))) + 51 * zeros(2**27))
-    ((said, taken, seconds),) = opened("read", "a.bgeo.gz", MOST)
-    assert said == ""
-    assert (taken < 200e6, seconds < 10) == (True, True)
-    path = nifti((2, 2, 2), 352, gzip.compress(bytes(4 + 32)) + 51 * zeros(2**27))
-    ((said, taken, seconds),) = opened("read_volume", path, MOST)
-    assert said == ""
-    assert (taken < 200e6, seconds < 10) == (True, True)
+    path = nifti("a", (2, 2, 2), 352, gzip.compress(bytes(4 + 32)) + 51 * zeros(2**27))
+    for _, _, said, taken in opened({"a.bgeo.gz": "read", path: "read_volume"}, MOST):
+        assert said == ""
+        assert taken < 200e6
 
 
 def test_memory_stays_below_the_limit():
@@ -225,13 +219,11 @@ def test_memory_stays_below_the_limit():
     volumes = ["v.mha", "v.nrrd", "v.nii.gz", "v.vti", "v.npz"]
     for name in volumes:
         gb.write_volume(name, volume)
-    for name in [*names, "short.xyz", "empty.csv", "ascii.vtk", *volumes]:
-        kind = "read_volume" if name in volumes else "read"
-        limits = (1e7, 3e7, 6e7, 8e8)
-        for most, (said, taken, _) in zip(limits, opened(kind, name, *limits), strict=True):
-            assert taken < most + 1.5e7, (name, most, taken)  # beside what imports take
-            assert said == "" or name in said
-        assert said == "", name  # the last is enough for all
+    files = dict.fromkeys([*names, "short.xyz", "empty.csv", "ascii.vtk"], "read")
+    files |= dict.fromkeys(volumes, "read_volume")
+    for name, most, said, taken in opened(files, 1e7, 3e7, 6e7, 8e8):
+        assert taken < most + 1.5e7, (name, most, taken)  # beside what imports take
+        assert said == "" or (name in said and most < 8e8)
 
 
 def test_limits_are_set_and_given_back():
@@ -301,14 +293,6 @@ def test_the_limits_of_a_process_count():
     assert made.stdout.split() == ["True", "True"]
 
 
-def test_the_time_that_a_bomb_takes_is_not_its_size():
-    begin = time.perf_counter()
-    with pytest.raises(FormatError):
-        gb.read_volume(nifti((30000, 30000, 30000), 352, zeros(100)))
-    assert time.perf_counter() - begin < 5
-    assert os.path.getsize("a.nii.gz") < 1000
-
-
 def test_meshes_that_share_their_bytes():
     """A .glb whose 3,000 parts are one and the same."""
     trimesh = pytest.importorskip("trimesh")
@@ -321,16 +305,14 @@ def test_meshes_that_share_their_bytes():
     rest = content[20 + length :]
     head = struct.pack("<4sII", b"glTF", 2, 20 + len(text) + len(rest))
     Path("a.glb").write_bytes(head + struct.pack("<I4s", len(text), b"JSON") + text + rest)
-    ((said, taken, seconds),) = opened("read", "a.glb", MOST)
+    ((_, _, said, taken),) = opened({"a.glb": "read"}, MOST)
     assert said.startswith("a.glb: meshes: expected ")
-    assert (taken < 200e6, seconds < 10) == (True, True)
+    assert taken < 200e6
 
 
 def test_a_mesh_as_text_needs_much_memory():
     Path("a.obj").write_bytes(b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 400_000)
     pytest.importorskip("trimesh")
-    for most, (said, taken, _) in zip(
-        (1e8, 3e8), opened("read", "a.obj", 1e8, 3e8), strict=True
-    ):  # fmt: skip
+    for _, most, said, taken in opened({"a.obj": "read"}, 1e8, 3e8):
         assert taken < most
         assert ("a.obj: expected data that fit" in said) == (most == 1e8)

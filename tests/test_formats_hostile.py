@@ -6,7 +6,6 @@ import base64
 import gzip
 import io
 import struct
-import time
 import zipfile
 import zlib
 from pathlib import Path
@@ -237,9 +236,7 @@ HUGE_COUNTS = [
 def test_huge_counts(name, content, tmp_path):
     path = tmp_path / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode("latin-1"))
-    start = time.perf_counter()
-    assert reads_or_refuses(path)
-    assert time.perf_counter() - start < 5  # a hang, not a speed
+    assert reads_or_refuses(path)  # to count so far would never end
 
 
 @pytest.mark.parametrize("mode", ["ascii", "binary", "base64", "raw"])

@@ -18,16 +18,26 @@ import pytest
 from cli_helpers import run_json
 from globule.cli import main
 from globule.formats.sweeps import igs
+from globule.ultrasound import senders
 from globule.ultrasound.calibration import Calibration
 from globule.ultrasound.live import LiveCounts, LiveFrame, parse_address, receive, receive_sweep
 from globule.ultrasound.recorder import Recorder
 from globule.volumes.files import read_volume
 from PIL import Image
 from sweep_helpers import small_sweep, spine_data
-from waiting import PATIENCE, until
+from waiting import PATIENCE, Waits, until
 
 CPU = ["--device", "cpu"]
-pytestmark = pytest.mark.usefixtures("folder")
+LIVE = ["reconstruct", "--idle", "0.5", *CPU]
+GROWS = [*LIVE, "--spacing", "1"]
+pytestmark = pytest.mark.usefixtures("folder", "clock")
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Of the client."""
+    monkeypatch.setattr(senders, "time", waits := Waits())
+    return waits
 
 
 class Server:
@@ -71,6 +81,13 @@ class Server:
         return thread
 
 
+def served(sweep, *parts: slice, between=lambda n: None, **options) -> str:
+    """The address of a server that sends a sweep, or parts of it after each other."""
+    server = Server(sweep, **options)
+    server.serve(*(parts or (slice(None),)), between=between)
+    return server.address
+
+
 class Redrawn:
     """Holds a server back after some of its frames until a picture is drawn anew."""
 
@@ -101,12 +118,10 @@ def arrived(live, sweep) -> bool:
 def test_live_with_transforms_and_with_embedded_poses():
     made = small_sweep(20)
     for embedded in (False, True):
-        server = Server(made, embedded)
-        server.serve(slice(None))
-        assert arrived(receive_sweep(server.address, idle=0.4), made)
+        assert arrived(receive_sweep(served(made, embedded=embedded), idle=0.4), made)
 
 
-def test_live_from_pyigtl_s_own_server():
+def test_live_from_pyigtl_s_own_server(clock):
     igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
     made = small_sweep(8)
     with socket.socket() as free:
@@ -124,6 +139,7 @@ def test_live_from_pyigtl_s_own_server():
                                       device_name="ImageToReference"),
             ):  # fmt: skip
                 server.send_message(message)
+        clock.silent = True
 
     threading.Thread(target=replay, daemon=True).start()
     try:
@@ -164,27 +180,21 @@ def test_the_real_sweep_replayed(capsys):
 
 def test_a_restarted_stream_loses_nothing():
     made = small_sweep(30)
-    server = Server(made)
-    server.serve(slice(0, 11), slice(11, 12), slice(12, None))
-    assert arrived(receive_sweep(server.address, idle=0.6), made)
+    address = served(made, slice(0, 11), slice(11, 12), slice(12, None))
+    assert arrived(receive_sweep(address, idle=0.6), made)
 
 
 def test_live_waits_for_the_better_world():
     made = small_sweep(6)
-    server = Server(made, names=("ImageToTracker", "StylusToTracker", "ReferenceToTracker"))
-    server.serve(slice(None))
-    frames = list(receive(server.address, {}, idle=0.4))
+    address = served(made, names=("ImageToTracker", "StylusToTracker", "ReferenceToTracker"))
+    frames = list(receive(address, {}, idle=0.4))
     assert [frame.world for frame in frames] == ["Reference"] * 6
     # All three are the same matrix here, so that Reference is Image.
     assert np.allclose(frames[3].world_from_image, np.eye(4), atol=1e-4)
 
 
 def test_live_reconstruct(sweep, capsys):
-    pytest.importorskip("pyigtl", reason="live needs pyigtl")
-    server = Server(sweep)
-    server.serve(slice(None))
-    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
-    facts = run_json(capsys, *words, "--spacing", "1")
+    facts = run_json(capsys, *GROWS, "--live", served(sweep), "-o", "v.npz", "--maps")
     assert facts["frames"]["used"] == 24
     assert facts["live"]["grew"]
     live = read_volume("v.npz")
@@ -193,11 +203,12 @@ def test_live_reconstruct(sweep, capsys):
     assert (first - 0.51 <= low).all()
     assert (first + live.values.shape[::-1] - 0.49 >= high).all()
     assert 50 < live.values[live.measured].mean() < 130
+    assert live.count.sum() == sweep.frames.size
+    assert live.source.max() == len(sweep) - 1
+    assert live.variance.max() > 0
     # Without a spacing the frames are collected first, and the file's volume comes out.
-    server = Server(sweep)
-    server.serve(slice(None))
-    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
-    assert not run_json(capsys, *words, "--size", "40")["live"]["grew"]
+    words = ["-o", "v.npz", "--size", "40"]
+    assert not run_json(capsys, *LIVE, "--live", served(sweep), *words)["live"]["grew"]
     assert main(["reconstruct", "phantom.igs.mha", "-o", "w.npz", "--size", "40", *CPU]) == 0
     live, file = read_volume("v.npz"), read_volume("w.npz")
     assert live.values.shape == file.values.shape
@@ -210,8 +221,8 @@ def test_a_killed_run_goes_on_with_all_that_it_recorded(sweep, capsys):
     server = Server(sweep)
     killed = threading.Event()
     server.serve(slice(None), between=lambda n: n < 12 or killed.wait(PATIENCE))
-    words = ["reconstruct", "--idle", "0.5", "-o", "v.npz", "--spacing", "1", *CPU]
-    first = [*words, "--idle", str(PATIENCE), "--live", server.address, "--record", "kept"]
+    first = [*GROWS, "--idle", str(PATIENCE), "--live", server.address, "-o", "v.npz"]
+    first += ["--record", "kept"]
     process = subprocess.Popen([sys.executable, "-m", "globule", *first], stderr=subprocess.PIPE)
     table = Path("kept/poses.csv")
     try:
@@ -229,17 +240,13 @@ def test_a_killed_run_goes_on_with_all_that_it_recorded(sweep, capsys):
     n = table.read_bytes().count(b"\n") - 1
     assert 6 <= n < 24
     assert not Path("v.npz").exists()
-    server = Server(sweep)
-    server.serve(slice(n - 3, None))
-    facts = run_json(capsys, *words, "--live", server.address, "--record", "kept")
+    words = [*GROWS, "--live", served(sweep, slice(n - 3, None)), "-o", "v.npz"]
+    facts = run_json(capsys, *words, "--record", "kept")
     assert facts["frames"]["used"] == 24
     assert facts["live"]["grew"]
     assert facts["live"]["recorded"] == 24
     # The same as of a stream that was never cut.
-    server = Server(sweep)
-    server.serve(slice(None))
-    words[words.index("v.npz")] = "w.npz"
-    run_json(capsys, *words, "--live", server.address)
+    run_json(capsys, *GROWS, "--live", served(sweep), "-o", "w.npz")
     assert np.array_equal(read_volume("v.npz").values, read_volume("w.npz").values)
     again = gb.read_sweep("kept")
     assert np.array_equal(again.frames, sweep.frames)
@@ -289,10 +296,8 @@ def test_a_recording_that_was_cut_anywhere():
 
 
 def test_the_pictures_are_drawn_while_frames_come(sweep, capsys):
-    server = Server(sweep)
-    server.serve(slice(None), between=Redrawn("v.png", (8, 14, 20)))
-    words = ["reconstruct", "--live", server.address, "--idle", "3", "-o", "v.npz", *CPU]
-    words += ["--spacing", "1", "--refresh", "0.001"]
+    address = served(sweep, between=Redrawn("v.png", (8, 14, 20)))
+    words = [*GROWS, "--live", address, "-o", "v.npz", "--refresh", "0.001"]
     facts = run_json(capsys, *words, "--three-view", "v.png")
     assert facts["live"]["drawn"] > 2
     assert np.asarray(Image.open("v.png")).max() > 100
@@ -300,34 +305,20 @@ def test_the_pictures_are_drawn_while_frames_come(sweep, capsys):
 
 
 def test_the_surface_is_drawn_while_frames_come(sweep, capsys):
-    server = Server(sweep)
-    server.serve(slice(None), between=Redrawn("s.png", (12,)))
-    words = ["reconstruct", "--live", server.address, "--idle", "3", "-o", "v.npz", *CPU]
-    facts = run_json(capsys, *words, "--spacing", "1", "--refresh", "0.001", "--surface", "s.png")
+    address = served(sweep, between=Redrawn("s.png", (12,)))
+    words = [*GROWS, "--live", address, "-o", "v.npz", "--refresh", "0.001"]
+    facts = run_json(capsys, *words, "--surface", "s.png")
     assert facts["live"]["drawn"] > 0
     surface = np.asarray(Image.open("s.png"))
     assert (surface != surface[0, 0]).any(axis=2).mean() > 0.05
     assert sorted(os.listdir()) == ["phantom.igs.mha", "s.png", "v.npz"]
 
 
-def test_live_maps(sweep, capsys):
-    server = Server(sweep)
-    server.serve(slice(None))
-    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
-    run_json(capsys, *words, "--spacing", "1", "--maps")
-    volume = read_volume("v.npz")
-    assert volume.count.sum() == sweep.frames.size
-    assert volume.source.max() == len(sweep) - 1
-    assert volume.variance.max() > 0
-
-
 def test_frames_with_a_useless_pose_do_not_end_the_stream(sweep):
     sweep.world_from_image[3] = 0
     sweep.world_from_image[5, :3, 3] = np.nan
     sweep.world_from_image[3, 3, 3] = 1
-    server = Server(sweep)
-    server.serve(slice(None))
-    live = receive_sweep(server.address, idle=0.5)
+    live = receive_sweep(served(sweep), idle=0.5)
     assert len(live) == 22
     good = np.delete(np.arange(24), [3, 5])
     assert np.array_equal(live.frames, sweep.frames[good])
@@ -335,8 +326,6 @@ def test_frames_with_a_useless_pose_do_not_end_the_stream(sweep):
 
 def test_ctrl_c_waits_for_the_end_of_a_frame(sweep):
     """In the middle of a frame locks are held, and files half written."""
-    server = Server(sweep)
-    server.serve(slice(None))
     whole = []
 
     def each(n: int, frame: LiveFrame) -> None:
@@ -344,17 +333,14 @@ def test_ctrl_c_waits_for_the_end_of_a_frame(sweep):
             signal.raise_signal(signal.SIGINT)
         whole.append(n)
 
-    live = receive_sweep(server.address, idle=5.0, each=each)
+    live = receive_sweep(served(sweep), idle=5.0, each=each)
     assert len(live) == 10
     assert whole == list(range(1, 11))
 
 
 def test_a_jump_that_cannot_fit_leaves_the_frames(sweep, capsys):
     sweep.world_from_image[10, :3, 3] += 1e6
-    server = Server(sweep)
-    server.serve(slice(None))
-    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
-    facts = run_json(capsys, *words, "--spacing", "1")
+    facts = run_json(capsys, *GROWS, "--live", served(sweep), "-o", "v.npz")
     assert facts["frames"] | {"dtype": 0} == {
         "total": 24, "used": 23, "outliers": [10], "size": [64, 60], "dtype": 0
     }  # fmt: skip
@@ -363,10 +349,7 @@ def test_a_jump_that_cannot_fit_leaves_the_frames(sweep, capsys):
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32, np.int16])
 def test_images_of_other_types(sweep, capsys, dtype):
     sweep.frames = sweep.frames.astype(dtype) * dtype(3)
-    server = Server(sweep)
-    server.serve(slice(None))
-    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
-    assert main([*words, "--spacing", "1"]) == 0
+    assert main([*GROWS, "--live", served(sweep), "-o", "v.npz"]) == 0
     volume = read_volume("v.npz")
     assert volume.values.max() > 400
     if dtype == np.int16:  # no type of a volume's: collected, then brought into one
@@ -436,9 +419,8 @@ def test_a_stream_in_ras_lies_where_it_is(embedded, capsys):
         if not embedded:
             name = "ImageToReference"
             messages.append(igtl.TransformMessage(pose, timestamp=when, device_name=name))
-    words = ["reconstruct", "--live", stream(messages), "--idle", "0.5", "-o", "v.nii.gz", *CPU]
-    words += ["--voxel-size", "1"] + ([] if embedded else ["--space", "RAS"])
-    run_json(capsys, *words)
+    words = [*GROWS, "--live", stream(messages), "-o", "v.nii.gz"]
+    run_json(capsys, *words, *([] if embedded else ["--space", "RAS"]))
     volume = gb.read_volume("v.nii.gz", space="RAS")
     z, y, x = np.unravel_index(np.argmax(volume.values), volume.shape)
     place = volume.world_from_voxel @ (x, y, z, 1)
@@ -520,40 +502,36 @@ def test_lost_images_are_counted(sweep, capsys):
     for i in (15, 16):
         del server.messages[i][1]
     server.serve(slice(0, 8), slice(11, None))
-    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
-    facts = run_json(capsys, *words, "--spacing", "1")
+    facts = run_json(capsys, *GROWS, "--live", server.address, "-o", "v.npz")
     counts = facts["live"]["counts"]
     assert counts["images"] == 21
     assert counts["connections"] >= 2
     assert counts["missed"] == 3
     assert counts["frames"] + counts["without_pose"] == 21
     assert any("3 images never arrived" in line for line in facts["warnings"])
-    lost = [message for message in server.messages]
-    for parts in lost:
+    server = Server(sweep)
+    for parts in server.messages:
         del parts[1:]
-    server.socket = socket.create_server(("127.0.0.1", 0))
-    server.address = f"igtl://127.0.0.1:{server.socket.getsockname()[1]}"
     server.serve(slice(None))
-    with pytest.raises(ValueError, match=r"got 24 images and no pose within 0\.5 s of any"):
+    with pytest.raises(ValueError, match=r"got 24 images and no pose"):
         receive_sweep(server.address, idle=0.5)
 
 
-def test_the_server_may_start_later(sweep):
-    pytest.importorskip("pyigtl", reason="live needs pyigtl")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+def test_the_server_may_start_later(sweep, clock, monkeypatch):
     server = Server(sweep)
+    _, port = place = server.socket.getsockname()
     server.socket.close()
+    pause, pauses = clock.sleep, []
 
-    def start():
-        server.socket = socket.create_server(("127.0.0.1", port))
-        server.serve(slice(None))
+    def sleep(seconds: float) -> None:
+        pause(seconds)
+        pauses.append(seconds)
+        if len(pauses) == 9:
+            server.socket = socket.create_server(place)
+            server.serve(slice(None))
 
-    timer = threading.Timer(1.0, start)
-    timer.start()
+    monkeypatch.setattr(clock, "sleep", sleep)
     live = receive_sweep(f"igtl://127.0.0.1:{port}", idle=0.4, wait=PATIENCE)
-    timer.join()
     assert arrived(live, sweep)
     with pytest.raises(ConnectionError, match="expected a server"):
         list(receive(f"igtl://127.0.0.1:{port}", {}, idle=0.2))

@@ -6,7 +6,6 @@ import contextlib
 import socket
 import struct
 import threading
-import time
 
 import globule as gb
 import numpy as np
@@ -14,14 +13,15 @@ import pytest
 from cli_helpers import run_json
 from globule.cli import main
 from globule.formats.sweeps import messages
-from globule.ultrasound import live_output
+from globule.ultrasound import live, live_output, senders
 from globule.ultrasound.broadcast import Broadcaster
 from globule.ultrasound.calibration import Calibration
 from globule.ultrasound.live import LiveCounts, LiveFrame, receive_sweep
 from globule.ultrasound.live_output import LiveOutput, surface
-from globule.ultrasound.senders import Clocks
+from globule.ultrasound.senders import Arrived, Clocks
 from globule.volumes.slices import reslice
-from waiting import PATIENCE, until
+from interrupts import running
+from waiting import PATIENCE, Waits, until
 
 igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
 RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -226,81 +226,90 @@ def test_a_slow_client_holds_up_nobody():
         socket.create_connection(("127.0.0.1", server.port), timeout=1)
 
 
-class Sender:
-    """A pyigtl-made stream on a port of its own, in real time. `delay`: s from a stamp until the
-    message is sent; `clock`: what its clock shows beyond this machine's."""
-
-    def __init__(self, port: int, rate: float, n: int, make, delay=0.0, clock=0.0, start=0.0):
-        self.port, self.rate, self.n, self.make = port, rate, n, make
-        self.delay, self.clock, self.start = delay, clock, start
-        self.thread = threading.Thread(target=self.work, daemon=True)
-        self.thread.start()
-
-    def work(self):
-        time.sleep(self.start)
-        with socket.create_server(("127.0.0.1", self.port)) as listener:
-            connection, _ = listener.accept()
-        begun = time.time()
-        with connection, contextlib.suppress(OSError):
-            for i in range(self.n):
-                when = begun + i / self.rate
-                time.sleep(max(0.0, when + self.delay - time.time()))
-                connection.sendall(self.make(i, when, when + self.clock).pack())
-            time.sleep(PATIENCE)
+def connected(port: int) -> socket.socket | None:
+    """Where a server listens."""
+    with contextlib.suppress(OSError):
+        return socket.create_connection(("127.0.0.1", port))
 
 
-def free_ports(n: int) -> list[int]:
-    with contextlib.ExitStack() as stack:
-        made = [stack.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(n)]
-        return [listener.getsockname()[1] for listener in made]
+def tracker_and_images(n: int, clock: float = 0.0):
+    """A tracker of 60 Hz and images of 30 Hz of a probe that swings along x: messages of the first
+    and n of the second, each with its time, s. clock: what the tracker's shows beyond that."""
+    tracker, images = [], []
+    for i in range(2 * n):
+        matrix = np.eye(4)
+        matrix[0, 3] = 20 * np.sin(3 * i / 60)
+        tracker.append((i / 60, igtl.TransformMessage(
+            matrix, timestamp=1000 + i / 60 + clock, device_name="ProbeToReference")))  # fmt: skip
+    for i in range(n):
+        images.append((i / 30, igtl.ImageMessage(
+            np.full((1, 8, 8), i, np.uint8), timestamp=1000 + i / 30, device_name="Image",
+        )))  # fmt: skip
+    return tracker, images
 
 
-_BEGIN = time.time()
+def check_places(sweep, error: float) -> None:
+    expected = 20 * np.sin(3 * sweep.frames[:, 0, 0] / 30)
+    assert np.abs(sweep.world_from_image[:, 0, 3] - expected).max() < error
 
 
-def place_at(when: float) -> float:
-    return 20 * np.sin(3 * (when - _BEGIN))
+def test_tracker_and_images_from_two_servers(monkeypatch):
+    monkeypatch.setattr(senders, "time", Waits())
+    ended = threading.Event()
 
+    def serve(messages, until_end: bool) -> str:
+        listener = socket.create_server(("127.0.0.1", 0))
 
-def tracker_message(i, when, stamp):
-    matrix = np.eye(4)
-    matrix[0, 3] = place_at(when)
-    return igtl.TransformMessage(matrix, timestamp=stamp, device_name="ProbeToReference")
+        def work():
+            with listener, listener.accept()[0] as connection:
+                for _, message in messages:
+                    connection.sendall(message.pack())
+                if until_end:
+                    ended.wait(PATIENCE)
+
+        threading.Thread(target=work, daemon=True).start()
+        return f"igtl://127.0.0.1:{listener.getsockname()[1]}"
+
+    tracker, images = tracker_and_images(40)
+    counts = LiveCounts()
+    sweep = receive_sweep(serve(images, False), Calibration(np.eye(4)), idle=0.5, counts=counts,
+                          tracker=serve(tracker, True))  # fmt: skip
+    ended.set()
+    assert (counts.images, counts.missed, counts.connections) == (40, 0, 2)
+    assert len(sweep) == counts.frames == 40 - counts.without_pose
+    check_places(sweep, 0.2)
 
 
 @pytest.mark.parametrize(
     ("clock", "first"), [(0.0, "tracker"), (0.0, "images"), (-5000.0, "images")]
 )
-def test_tracker_and_images_from_two_servers(clock, first):
-    """60 Hz and 30 Hz, images 120 ms late, started in any order, clocks together or apart."""
-    a, b = free_ports(2)
-    times = []
+def test_clocks_of_two_servers(clock, first, monkeypatch):
+    """Images arrive 120 ms late, the servers start in any order, clocks together or apart."""
+    n, late = 45, 0.4
+    tracker, images = tracker_and_images(n, clock)
+    came = [Arrived(1, message, 7 + t) for t, message in tracker if t > late or first != "images"]
+    came += [
+        Arrived(0, message, 7.12 + t) for t, message in images if t > late or first == "images"
+    ]
+    came.sort(key=lambda arrived: arrived.when)
 
-    def image_message(i, when, stamp):
-        times.append(when)
-        return igtl.ImageMessage(np.full((1, 8, 8), i, np.uint8), timestamp=stamp,
-                                 device_name="Image")  # fmt: skip
+    def arrivals(base, places, idle, wait, connected):
+        connected[:] = 1, 1
+        return iter(came)
 
-    n = 45
-    late = 0.4
-    Sender(b, 60, 10_000, tracker_message, clock=clock, start=late * (first == "images"))
-    Sender(a, 30, n, image_message, delay=0.12, start=late * (first == "tracker"))
+    monkeypatch.setattr(live, "arrivals", arrivals)
     counts = LiveCounts()
     sweep = receive_sweep(
-        f"igtl://127.0.0.1:{a}", Calibration(np.eye(4)), idle=0.6, wait=PATIENCE, counts=counts,
-        tracker=f"igtl://127.0.0.1:{b}", temporal_offset=-0.12 if clock else 0.0,
+        "igtl://images", Calibration(np.eye(4)), counts=counts, tracker="igtl://tracker",
+        temporal_offset=-0.12 if clock else 0.0,
     )  # fmt: skip
-    assert counts.images == n
     assert counts.missed == 0
-    assert counts.frames + counts.without_pose == n
-    assert len(sweep) == counts.frames
-    assert len(sweep) >= n - 20  # those before the tracker came
-    whens = np.array(times)[sweep.frames[:, 0, 0]]
-    error = np.abs(sweep.world_from_image[:, 0, 3] - place_at(whens))
+    assert counts.frames + counts.without_pose == counts.images
+    assert len(sweep) == counts.frames >= n - 20  # those before the tracker came
     if clock:
         # Arrival tells the clocks apart up to the delays of the data, which the offset covers.
-        assert counts.clock_difference == pytest.approx(4999.88, abs=0.2)
-    assert error.max() < (4.0 if clock else 0.2)  # 60 mm/s: 4 mm are 67 ms on a busy machine
+        assert counts.clock_difference == pytest.approx(4999.88)
+    check_places(sweep, 0.2)
 
 
 def test_clocks():
@@ -320,43 +329,37 @@ def test_clocks():
     assert clocks.difference == pytest.approx(-3600 - t * 5e-5, abs=2e-3)
 
 
-def test_reconstruct_serves_what_grows(sweep, capsys):
+def test_reconstruct_serves_what_grows(sweep, capsys, monkeypatch):
     """The command between a sender and a receiver: the last volume shown is the one written."""
-    from test_live import Server
+    from test_live import GROWS, served
 
-    sender = Server(sweep)
-    (port,) = free_ports(1)
+    monkeypatch.setattr(senders, "time", Waits())
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
     got: dict[str, object] = {}
     surfaces = []
-    done = threading.Event()
 
     def collect():
-        while not done.is_set():
-            with (
-                contextlib.suppress(OSError),
-                socket.create_connection(("127.0.0.1", port), timeout=0.5) as connection,
-            ):
-                file = connection.makefile("rb")
-                while len(header := file.read(58)) == 58:
-                    fields = igtl.messages.MessageBase.parse_header(header)
-                    body = file.read(fields["body_size"])
-                    if fields["message_type"] == "POLYDATA":
-                        surfaces.append(read_triangles(header + body))
-                        continue
-                    read = igtl.messages.MessageBase.create_message(fields["message_type"])
-                    read.unpack(fields, body)
-                    got[read.device_name] = read
-                return
-            time.sleep(0.02)
+        with until(lambda: connected(port)) as connection:
+            file = connection.makefile("rb")
+            while len(header := file.read(58)) == 58:
+                fields = igtl.messages.MessageBase.parse_header(header)
+                body = file.read(fields["body_size"])
+                if fields["message_type"] == "POLYDATA":
+                    surfaces.append(read_triangles(header + body))
+                    continue
+                read = igtl.messages.MessageBase.create_message(fields["message_type"])
+                read.unpack(fields, body)
+                got[read.device_name] = read
 
-    receiver = threading.Thread(target=collect, daemon=True)
-    receiver.start()
-    sender.serve(slice(None), between=lambda n: time.sleep(0.02))
-    words = ["reconstruct", "--live", sender.address, "--idle", "0.5", "-o", "v.npz"]
-    words += ["--voxel-size", "1", "--device", "cpu", "--serve", str(port), "--refresh", "0.1"]
-    facts = run_json(capsys, *words)
-    done.set()
-    receiver.join(PATIENCE)
+    def hold(n: int) -> None:
+        if n == 12:
+            until(lambda: "Volume" in got, "for a volume of the first half")
+
+    with running(collect):
+        address = served(sweep, between=hold)
+        words = [*GROWS, "--live", address, "-o", "v.npz", "--serve", str(port)]
+        facts = run_json(capsys, *words, "--refresh", "0.1")
     volume = gb.read_volume("v.npz")
     assert np.array_equal(got["Volume"].image, volume.values)
     assert np.allclose(RAS @ got["Volume"].ijk_to_world_matrix, volume.world_from_voxel, atol=1e-4)
@@ -374,19 +377,19 @@ def test_reconstruct_serves_what_grows(sweep, capsys):
 
 
 def test_mistakes_of_serve_and_tracker(capsys):
-    live = ["reconstruct", "--live", "igtl://127.0.0.1:1", "-o", "v.npz"]
+    stream = ["reconstruct", "--live", "igtl://127.0.0.1:1", "-o", "v.npz"]
     for words, message in (
         (["--serve", "18945"], "--voxel-size"),
         (["--serve", "x", "--voxel-size", "1"], "PORT or HOST:PORT"),
         (["--serve", "18945", "--voxel-size", "1", "--method", "frames"], "pvn-om"),
         (["--tracker", "localhost"], "igtl://host:port"),
     ):
-        assert main([*live, *words]) == 2
+        assert main([*stream, *words]) == 2
         error = capsys.readouterr().err
         assert message in error
         assert error.count("\n") == 1
     assert main(["reconstruct", "x.mha", "--tracker", "igtl://a", "-o", "v.npz"]) == 2
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        assert main([*live, "--serve", str(port), "--voxel-size", "1"]) == 2
+        assert main([*stream, "--serve", str(port), "--voxel-size", "1"]) == 2
     assert "cannot listen" in capsys.readouterr().err

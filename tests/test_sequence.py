@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 
 import globule as gb
 import numpy as np
@@ -93,20 +92,24 @@ def test_patterns(folder):
 
 
 def test_reading_ahead_overlaps_and_is_bounded():
-    fetched = []
+    fetched, ahead_of = [], []
+    taken = 0
 
     def source():
         for i in range(9):
-            fetched.append((i, threading.current_thread().name))
+            fetched.append(threading.current_thread().name)
+            ahead_of.append(i - taken)
             yield i
 
     ahead = read_ahead(source())
-    assert next(ahead) == 0
-    until(lambda: len(fetched) == 3)  # one in hand, one waiting, one that finds no place
-    time.sleep(0.3)  # as long as nothing more may come
-    assert len(fetched) == 3
-    assert all(name != threading.current_thread().name for _, name in fetched)
-    assert list(ahead) == list(range(1, 9))
+    for i in range(9):
+        taken = i + 1
+        assert next(ahead) == i
+        most = min(taken + 2, 9)  # one waits, one finds no place
+        until(lambda most=most: len(fetched) == most)
+    assert max(ahead_of) == 1
+    assert threading.current_thread().name not in fetched
+    assert list(ahead) == []
 
 
 def test_an_error_comes_at_its_place():

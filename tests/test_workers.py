@@ -6,10 +6,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from globule.formats import FormatError, guarded, workers
+from waiting import until
 
 # In the place of a library: does what a file says, or tells in which process it was loaded.
 LIBRARY = """
@@ -118,10 +118,8 @@ def test_workers_end_with_the_program(end):
     )
     ran = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True)
     assert not ran.stderr
-    path, end_at = f"/proc/{int(ran.stdout)}", time.monotonic() + 30
-    while os.path.exists(path) and time.monotonic() < end_at:  # it loads its library first
-        time.sleep(0.02)
-    assert not os.path.exists(path)
+    path = f"/proc/{int(ran.stdout)}"
+    until(lambda: not os.path.exists(path), "for its end, after it has loaded its library")
 
 
 def test_nothing_is_started_for_files_that_need_no_worker(monkeypatch):
