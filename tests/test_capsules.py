@@ -1,11 +1,12 @@
 """Spheres and lines in images: first hits by float64 closed forms, light as on meshes."""
 
+import functools
+
 import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import SMALL, cube, refused, run_json
 from globule.render.fit import corners_of
-from test_light_cuts import CAMERAS
 from test_surface import ball, smooth
 
 SIZE = (64, 48)
@@ -73,13 +74,20 @@ def shapes(name: str, **options):
     return gb.Lines([points[k : k + 1 + k % 7] for k in range(0, 360, 9)], 0.05, **options)
 
 
+@functools.cache
+def truth(name: str):
+    """Some rays, and what they hit first."""
+    o, d = some_rays(12_000)
+    d64 = d.astype(float)
+    d64 /= np.linalg.norm(d64, axis=1, keepdims=True)
+    return o, d, *oracle(shapes(name, device="cpu"), o.astype(float), d64)
+
+
 @pytest.mark.parametrize("name", ["spheres", "equal spheres", "one line", "lines"])
 def test_first_hits_are_those_of_closed_forms(backend, name):
     shape = shapes(name, **backend)
-    o, d = some_rays(20_000)
+    o, d, want, index = truth(name)
     found = shape.intersect(o, d)
-    d64 = d.astype(float)
-    want, index = oracle(shape, o.astype(float), d64 / np.linalg.norm(d64, axis=1, keepdims=True))
     hit = np.isfinite(want)
     assert 0.05 < hit.mean() < 0.99
     # The rays are unit vectors in float32: they differ by 1e-7 of 12 units from the reference's.
@@ -176,8 +184,7 @@ def test_a_glass_sphere_bends_light_as_snell_says(backend):
 
 
 @pytest.mark.parametrize("name", ["spheres", "lines"])
-@pytest.mark.parametrize("view", list(CAMERAS)[:1])
-def test_a_cut_sphere_has_a_flat_face(backend, name, view):
+def test_a_cut_sphere_has_a_flat_face(backend, name):
     shape = gb.Spheres([[0, 0, 0]], 1.0, **backend)
     if name == "lines":
         shape = gb.Lines([[-1, 0, 0], [1, 0, 0]], 1.0, **backend)

@@ -1,5 +1,7 @@
 """Cuts: where they are met, what their faces show, and that every kind of ray goes by them."""
 
+import functools
+
 import globule as gb
 import numpy as np
 import pytest
@@ -74,6 +76,21 @@ def normal_of(clip, p):
     return n if clip.keep else -n
 
 
+@functools.cache
+def changes(name, view, radii=(RADIUS,), aside=1e-4):
+    """Where rays of a view of a cut ball first change sides, which clip is there, and which of them
+    are sure: a ray a little aside, also of a ball of another radius, meets the same."""
+    clips, (o, d) = CUTS[name], rays(CAMERAS[view], SIZE)
+    t, which = first_change(o, d, clips, radius=radii[0])
+    sure = np.ones(t.shape, bool)
+    for shift in aside * np.concatenate([np.eye(3), -np.eye(3)]):
+        for radius in radii:
+            t2, which2 = first_change(o, unit(d + shift), clips, radius=radius)
+            with np.errstate(invalid="ignore"):
+                sure &= (which2 == which) & ~(np.abs(t2 - t) > 0.03)
+    return t, which, sure
+
+
 @pytest.mark.parametrize("view", CAMERAS)
 @pytest.mark.parametrize("name", CUTS)
 def test_cut_ball(backend, name, view):
@@ -81,13 +98,7 @@ def test_cut_ball(backend, name, view):
     clips, camera = CUTS[name], CAMERAS[view]
     frame = gb.render(ball(**backend), camera, SIZE, quiet(), clips)
     o, d = rays(camera, SIZE)
-    t, which = first_change(o, d, clips)
-    # Edges, where rounding decides, are those where a ray a little aside meets something else.
-    sure = np.ones(t.shape, bool)
-    for shift in 1e-4 * np.concatenate([np.eye(3), -np.eye(3)]):
-        t2, which2 = first_change(o, unit(d + shift), clips)
-        with np.errstate(invalid="ignore"):
-            sure &= (which2 == which) & ~(np.abs(t2 - t) > 0.03)
+    t, which, sure = changes(name, view)
     assert sure.mean() > 0.85
     np.testing.assert_array_equal(frame.mask[sure], np.isfinite(t)[sure])
     seen = sure & np.isfinite(t)
