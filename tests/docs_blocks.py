@@ -30,6 +30,7 @@ LIVE = ("view", "--view")
 CAPS = (
     ("render", ("--size", "200x152"), ("--size",)),
     ("simulate", ("--seconds", "0.1"), ("--seconds", "--resume", "--view")),
+    ("simulate", ("--size", "64x48"), ("--size", "--view")),
 )
 
 

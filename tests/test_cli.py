@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -14,8 +15,9 @@ from importlib.util import find_spec
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import COMMAND, SMALL, cube, refused, run, volume
-from globule.cli import COMMANDS, main
+from cli_helpers import COMMAND, SMALL, cube, refused, volume
+from globule.cli import COMMANDS, build_parser, convert, info, main, render
+from globule.cli.shared import join_negative
 from PIL import Image
 from sweep_helpers import example_files
 
@@ -94,32 +96,6 @@ def test_closed_pipe(particles):
     process.stderr.close()
 
 
-def test_pipes_get_no_progress_bar(particles):
-    done = run("render", particles, "-o", "a.png", *SMALL)
-    assert done.returncode == 0
-    assert done.stderr == ""
-    assert "\r" not in done.stdout
-    assert "\033" not in done.stdout
-
-
-def test_a_terminal_gets_a_progress_bar(particles):
-    pty = pytest.importorskip("pty")
-    ours, theirs = pty.openpty()
-    done = subprocess.run(
-        [*COMMAND, "render", particles, "-o", "a.png", *SMALL],
-        stdout=subprocess.PIPE,
-        stderr=theirs,
-        timeout=100,
-    )
-    os.close(theirs)
-    shown = os.read(ours, 100_000).decode()
-    os.close(ours)
-    assert done.returncode == 0
-    assert "4/4" in shown or "3/4" in shown
-    assert shown.endswith("\r\033[K")
-    assert b"\r" not in done.stdout
-
-
 @pytest.mark.parametrize(
     ("error", "status", "line"),
     [
@@ -147,21 +123,24 @@ def test_other_errors_take_one_line(particles, capsys, monkeypatch, error, statu
         assert "Traceback" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("words", "name"),
-    [
-        (["convert", "many.npz", "a.vtp"], "a.vtp"),
-        (["render", "many.npz", "-o", "a.png", "--size", "200x200"], "a.png"),
-        (["simulate", "dam-break", "-o", "out", "--seconds", "0.05"], "out/frame_00000.vtp"),
-    ],
-)
-def test_a_file_that_finds_no_room_is_named(folder, words, name):
+def test_a_file_that_finds_no_room_is_named(folder):
     import resource
 
     gb.write("many.npz", cube(20, color=np.random.default_rng(1).random((8000, 3))))
-    ended = run(*words, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (999, 999)))
-    assert ended.returncode == 1
-    assert ended.stderr == f"globule: error: {name}: File too large\n"
+    commands = {
+        "a.vtp": "convert many.npz a.vtp",
+        "a.png": "render many.npz -o a.png --size 200x200",
+        "out/frame_00000.vtp": "simulate dam-break -o out --seconds 0.05 --spacing 0.1",
+    }
+    code = "import sys\nfrom globule.cli import main\n"
+    code += "print(*[main(words.split()) for words in sys.argv[1:]])"
+    ended = subprocess.run(
+        [sys.executable, "-c", code, *commands.values()], capture_output=True, text=True,
+        timeout=100, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (999, 999)),
+    )  # fmt: skip
+    assert ended.stdout.split() == ["1"] * 3
+    said = ended.stderr.splitlines()
+    assert said == [f"globule: error: {name}: File too large" for name in commands]
     assert not [file for _, _, files in os.walk(".") for file in files if file != "many.npz"]
 
 
@@ -236,16 +215,20 @@ def test_convert_mistakes(particles, capsys):
     assert "finite" in refused(capsys, "convert", "nan.npz", "a.txt")
 
 
-def test_demo_and_what_it_says_to_type_next(folder):
-    done = run("demo")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("demo/splash.png")
-    assert done.stderr == ""
-    assert Image.open("demo/splash.png").size == (1024, 782)
-    following = [line.strip() for line in done.stdout.splitlines() if line.startswith("  ")]
+def test_demo_and_what_it_says_to_type_next(folder, capsys, monkeypatch):
+    monkeypatch.setattr("globule.cli.demo.SIZE", (128, 98))
+    assert main(["demo"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("demo/splash.png: 128x98 pixels")
+    assert err == ""
+    assert Image.open("demo/splash.png").size == (128, 98)
+    following = [shlex.split(line) for line in out.splitlines() if line.startswith("  ")]
     assert len(following) == 4
-    for line in following:
-        subprocess.run(line, shell=True, check=True, stdout=subprocess.DEVNULL, timeout=100)
+    for words in following:
+        at = words.index("globule") + 1
+        small = SMALL if "-o" in words else []
+        assert words[:at] == COMMAND
+        assert main([*words[at:], *small]) == 0
     assert sorted(os.listdir("demo")) == ["near.png", "splash.npz", "splash.png", "water.png"]
     speed = gb.read("demo/splash.npz").attributes["speed"]  # that of the pages that color by it
     assert speed.max() == pytest.approx(5.888, abs=1e-3)  # m/s
@@ -257,28 +240,49 @@ def test_demo_mistakes(folder, capsys):
     refused(capsys, "demo", "--device", "tpu")
 
 
-def test_examples_of_bench_work(folder, capsys, monkeypatch):
-    pytest.importorskip("matplotlib")
-    monkeypatch.setattr("globule.bench.ultrasound.CYLINDER_METHODS", ("pvn-om",))  # the fast one
-    for name in ("thesis", "ultrasound", "physics", "figures"):
-        assert main(["bench", name, "--help"]) == 0
+def test_examples_in_the_help_are_commands(capsys):
+    """What those of `globule bench` do: test_bench.py and test_figures.py."""
+    names = [module.__name__.rpartition(".")[2] for module in COMMANDS]
+    for name in (*names, "bench thesis", "bench ultrasound", "bench physics", "bench figures"):
+        assert main([*name.split(), "--help-all"]) == 0
         shown = capsys.readouterr().out
-        for line in re.findall(r"^  globule (.*)$", shown, re.MULTILINE):
-            assert line.startswith(f"bench {name} ")
-            assert main(line.split()) == 0
-    assert (folder / "tables" / "4.3.csv").exists()
-    assert (folder / "drawn" / "5.4.png").exists()
+        lines = re.findall(r"^  globule (.*)$", shown, re.MULTILINE)
+        assert lines or name.startswith("bench ")
+        for line in lines:
+            assert line.startswith(name)
+            build_parser().parse_args(join_negative(line.split()))
 
 
-@pytest.mark.parametrize("module", COMMANDS, ids=lambda m: m.__name__.rpartition(".")[2])
-def test_examples_in_the_help_work(module, folder, capsys, monkeypatch):
-    monkeypatch.setattr("globule.bench.ultrasound.CYLINDER_METHODS", ("pvn-om",))  # the fast one
-    for name in ("splash.npz", "frame_0.ply", "frame_1.ply"):
-        gb.write(name, cube(attributes={"speed": np.arange(216.0)}))
-    if has_itk := find_spec("SimpleITK") is not None:
-        volume(folder / "head.nii.gz")
-    example_files()
-    (folder / "view.toml").write_text("[surface]\nthreshold = 0.7\n[quality]\nsamples = 1\n")
+# What is added to an example that writes files: the property is that it works.
+CHEAP = {"render": ["--size", "40x30"], "simulate": ["--size", "40x30", "--spacing", "0.1"]}
+
+
+QUICK = (convert, info, render)  # the others run in `make test-all`
+HAS_ITK = find_spec("SimpleITK") is not None
+
+
+@pytest.fixture(scope="module")
+def examples(tmp_path_factory):
+    """A folder with the files that examples name."""
+    path = tmp_path_factory.mktemp("examples")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(path)
+        for name in ("splash.npz", "frame_0.ply", "frame_1.ply", "before.vtk", "after.vtk"):
+            gb.write(name, cube(attributes={"speed": np.arange(216.0)}))
+        if HAS_ITK:
+            volume("head.nii.gz")
+        example_files()
+        (path / "view.toml").write_text("[surface]\nthreshold = 0.7\n[quality]\nsamples = 1\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    "module",
+    [pytest.param(m, marks=() if m in QUICK else pytest.mark.slow) for m in COMMANDS],
+    ids=lambda m: m.__name__.rpartition(".")[2],
+)
+def test_examples_in_the_help_work(module, examples, monkeypatch):
+    monkeypatch.chdir(examples)
     name = module.__name__.rpartition(".")[2]
     if name in ("view", "simulate"):  # pages would go on until Ctrl-C
         pytest.importorskip("viser")
@@ -289,17 +293,11 @@ def test_examples_in_the_help_work(module, folder, capsys, monkeypatch):
             "globule.viewer.start.Start.wait", lambda start: start._open("splash.npz")
         )
         monkeypatch.setattr("webbrowser.open", lambda address: True)
-        for time in ("before.vtk", "after.vtk"):
-            gb.write(time, cube())
-    assert main([name, "--help-all"]) == 0
-    shown = capsys.readouterr().out
-    examples = [line.split() for line in module.EXAMPLES.splitlines()]
-    assert examples
-    for words in examples:
-        assert " ".join(words) in shown
+    for words in map(str.split, module.EXAMPLES.splitlines()):
         assert words[:2] == ["globule", name]
-        if has_itk or "head.nii.gz" not in words:
-            assert main(words[1:]) == 0
+        if HAS_ITK or "head.nii.gz" not in words:
+            more = CHEAP.get(name, []) if "-o" in words and "--pick" not in words else []
+            assert main([*words[1:], *more]) == 0
 
 
 def test_help_and_version(capsys):

@@ -1,17 +1,17 @@
-"""All flags of all commands: one meaning each, help with unit and default, old spellings."""
+"""All flags of all commands: one meaning each, help with unit and default, words refused."""
 
 from __future__ import annotations
 
 import argparse
-import os
 import re
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from cli_helpers import SMALL, run_json
+from cli_helpers import run_json
 from globule.cli import build_parser, look, main
 from globule.cli.arguments import beside, ground
+from globule.cli.shared import UserError
 
 UNITS = re.compile(
     r"\b(pixels?|world units?|degrees|mm|meters|seconds|gigabytes|supports|voxels|gray levels|"
@@ -32,12 +32,12 @@ def parsers(parser: argparse.ArgumentParser | None = None) -> Iterator[argparse.
 
 
 def flags() -> list[tuple[str, argparse.Action]]:
-    """Command and action of every flag, without old spellings."""
+    """Command and action of every flag."""
     return [
         (parser.prog, action)
         for parser in parsers()
         for action in parser._actions
-        if action.option_strings and action.help != argparse.SUPPRESS
+        if action.option_strings
     ]
 
 
@@ -59,26 +59,56 @@ def test_a_flag_means_the_same_in_every_command():
     assert {"--clip", "--size", "--level", "-o", "--device", "--threads", "--json"} <= shared
 
 
-@pytest.mark.parametrize(("command", "action"), flags(), ids=lambda v: getattr(v, "dest", v))
-def test_help_says_unit_and_default(command, action):
+def lacks(action: argparse.Action) -> str:
+    """What the help of a flag should say and does not; "" if nothing."""
     text = action.help
-    assert text, action
-    assert text[-1] != "."
+    if not text or text[-1] == ".":
+        return "a text without a full stop"
     if action.nargs == 0 and not isinstance(action, argparse.BooleanOptionalAction):
-        return
+        return ""
     default = re.search(r"default: (.*)\)", text)
-    assert default or action.required or "SHELL" in action.metavar, text
+    if not (default or action.required or "SHELL" in action.metavar):
+        return "a default"
     value = action.default
     if value is not None and value != []:
         words = "x" if action.dest == "size" else ","
         shown = words.join(f"{v:g}" for v in value) if isinstance(value, tuple) else f"{value}"
         shown = {"0": "all cores"}.get(shown, re.sub(r"\.0$", "", shown))
-        assert default[1].startswith(shown), text
-    if action.type not in (None, look.light, look.color, beside, ground):
-        assert UNITS.search(text), text
-    if action.choices and action.metavar:
-        for choice in action.choices:
-            assert re.search(rf"\b{re.escape(str(choice))}\b", text), text
+        if not default[1].startswith(shown):
+            return f"the default {shown}"
+    if action.type not in (None, look.light, look.color, beside, ground) and not UNITS.search(text):
+        return "a unit"
+    unnamed = [c for c in action.choices or () if not re.search(rf"\b{re.escape(str(c))}\b", text)]
+    return f"the choices {unnamed}" if unnamed and action.metavar else ""
+
+
+def test_help_says_unit_and_default():
+    known = flags()
+    assert len(known) > 400
+    problems = [(command, a.option_strings, lacks(a)) for command, a in known if lacks(a)]
+    assert problems == []
+
+
+def test_a_word_that_is_no_value_is_refused_with_the_name_of_the_flag():
+    """All flags that take a number, numbers, a color or one of some words."""
+    wrong, n = [], 0
+    for parser in parsers():
+        for action in parser._actions:
+            if not action.option_strings or action.nargs == 0:
+                continue
+            any_text = action.type in (None, str) or "FILE" in (action.metavar or "")
+            if any_text and not action.choices:
+                continue
+            flag, n = action.option_strings[-1], n + 1
+            for word in ("?", "1,x"):
+                try:
+                    parser.parse_args([flag, word])
+                    wrong.append((parser.prog, flag, word))
+                except UserError as error:
+                    if flag not in str(error) or "\n" in str(error):
+                        wrong.append((parser.prog, flag, word, str(error)))
+    assert n > 200
+    assert wrong == []
 
 
 @pytest.mark.parametrize("command", LONG)
@@ -98,44 +128,6 @@ def test_help_fits_on_a_screen_and_help_all_has_all(command, capsys, monkeypatch
         assert re.search(rf"{name}\b", full), name
     assert "--threads" not in short
     assert full.count("\n") > short.count("\n")
-
-
-@pytest.mark.parametrize(
-    ("words", "old", "new"),
-    [
-        (["render", "cube.npz", "-o", "a.png", "--depth", "4", *SMALL], "--depth",
-         "--octree-level"),
-        (["calibrate", "--delay", "--sweep", "phantom.igs.mha", "--most", "0.2"], "--most",
-         "--max-delay"),
-        (["simulate", "dam-break", "--seconds", "0.05", "--spacing", "0.08", "--no-frames",
-          "--size", "40x30", "--pictures", "p"], "--pictures", "--images"),
-        (["figures", "--list"], "globule figures", "globule bench figures"),
-        (["bench", "4.3", "--list"], "globule bench TABLE", "globule bench ultrasound TABLE"),
-    ],
-    ids=lambda value: value[0] if isinstance(value, list) else "",
-)  # fmt: skip
-def test_old_spellings_work_with_a_note(words, old, new, particles, sweep, capsys):
-    main(words)
-    notes = [line for line in capsys.readouterr().err.splitlines() if "note: " in line]
-    assert notes == [f"globule: note: {old} is now {new}; the next version refuses {old}"]
-    if words[0] == "simulate":
-        assert os.listdir("p")
-
-
-def test_old_spellings_do_what_the_new_ones_do(sweep, capsys):
-    words = ["reconstruct", "phantom.igs.mha", "-o", "v.npz", "--device", "cpu"]
-    bounds = "-10,-5,2,10,12,8"
-    for old, new in (
-        (["--spacing", "1.5", "--region", bounds, "--clip", "2,3,40,30"],
-         ["--voxel-size", "1.5", "--bounds", bounds, "--image-region", "2,3,40,30"]),
-        (["--size", "20"], ["--voxels", "20"]),
-    ):  # fmt: skip
-        assert main([*words, "--json", *old]) == 0
-        out, err = capsys.readouterr()
-        assert err.count("note: ") == err.count("\n") == len(old) // 2
-        facts = run_json(capsys, *words, *new)
-        assert f'"{facts["hashes"]["values"]}"' in out
-    assert max(facts["volume"]["size"]) == 20
 
 
 def test_bounds_are_two_corners(sweep, capsys):
