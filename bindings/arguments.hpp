@@ -4,7 +4,9 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/tuple.h>
 
+#include <atomic>
 #include <cstdint>
+#include <optional>
 #include <tuple>
 
 #include "api/guard.hpp"
@@ -25,10 +27,29 @@ ArrayAt<T> array(const Array& a) { return {at<T>(std::get<0>(a)), std::get<1>(a)
 template <class T>
 T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
 
+/// For tests: every poll asks and is counted, and one acts as Ctrl-C does (stop_at_poll in _core.pyi).
+struct Counted {
+    std::atomic<bool> on{false};
+    std::atomic<std::uint64_t> n{0}, last{0};  ///< polls so far; the one that acts, 0 for none
+};
+inline Counted counted;
+
 /// Ctrl-C during long work: true once Python has a pending signal's exception.
-inline bool poll_signals() {
+inline bool stop_asked() {
+    if (counted.on) {
+        if (++counted.n != counted.last) return false;  // and Python is not touched
+        PyErr_SetInterrupt();
+    }
     nb::gil_scoped_acquire gil;
     return PyErr_CheckSignals() != 0;
+}
+inline Poll poll_signals{stop_asked};
+
+inline void stop_at_poll(std::optional<std::uint64_t> poll) {
+    counted.n = 0;
+    counted.last = poll.value_or(0);
+    counted.on = poll.has_value();
+    poll_signals.pause_ms = poll ? 0 : Poll::kPause;
 }
 
 /// As the Python exception of its kind.

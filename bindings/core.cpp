@@ -1,6 +1,7 @@
 // globule._core: scenes, frames and the reference implementations.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
@@ -77,6 +78,8 @@ NB_MODULE(_core, m) {
     bind_pixels(m);
     m.attr("version") = globule::version();
     m.def("cpu_backends", &cpu_backends);
+    m.def("stop_at_poll", &stop_at_poll, nb::arg("poll").none());
+    m.def("n_polls", [] { return counted.n.load(); });
     m.def("dlpack_view", &dlpack_view);
     m.def("crc64", [](Address data, std::size_t n, std::uint64_t start) {
         return work([&] { return crc64(at<const std::uint8_t>(data), n, start); });
@@ -145,7 +148,7 @@ NB_MODULE(_core, m) {
 
     nb::class_<PyScene>(m, "Scene")
         .def("__init__", [](PyScene* self, const std::string& backend, int index, int threads) {
-            new (self) PyScene{work([&] { return make_scene(open_backend(backend), index, threads, poll_signals); })};
+            new (self) PyScene{work([&] { return make_scene(open_backend(backend), index, threads, &poll_signals); })};
         })
         .def("build", [](PyScene& s, std::size_t n, Array positions, Array support, float one_support, Array weight,
                          float one_weight, Array color, std::vector<float> one_color, Array reflection, float one_reflection,

@@ -103,7 +103,7 @@ void bind_sweep(nb::module_& m) {
     m.def("oracle_sweep", &oracle_sweep);
     nb::class_<PyReconstructor>(m, "Reconstructor")
         .def("__init__", [](PyReconstructor* self, const std::string& backend, int index, int threads) {
-            new (self) PyReconstructor{work([&] { return make_reconstructor(open_backend(backend), index, threads, poll_signals); })};
+            new (self) PyReconstructor{work([&] { return make_reconstructor(open_backend(backend), index, threads, &poll_signals); })};
         })
         .def("start", [](PyReconstructor& s, int type, int compounding, bool wide, double scale, int nx, int ny, int nz) {
             s.type = ScalarType(type);

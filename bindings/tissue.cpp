@@ -28,7 +28,7 @@ tissue::Shape shape(nb::handle h) {
 void bind_tissue(nb::module_& m) {
     nb::class_<PyTissue>(m, "Tissue")
         .def("__init__", [](PyTissue* self, const std::string& backend, int index, int threads) {
-            new (self) PyTissue{work([&] { return make_tissue(open_backend(backend), index, threads, poll_signals); })};
+            new (self) PyTissue{work([&] { return make_tissue(open_backend(backend), index, threads, &poll_signals); })};
         })
         .def("add", [](PyTissue& s, const nb::dict& d) {
             TissueArrays a{};

@@ -1,30 +1,26 @@
 """An interrupted call leaves its object as it was, or to be made again: what follows is right to
-the bit. GLOBULE_INTERRUPTS is the number of interrupts a test makes (63: 504 in all)."""
+the bit. GLOBULE_INTERRUPTS=all: at all places of each call, not at some twenty."""
 
 from __future__ import annotations
 
-import os
 import signal
-import time
-from functools import partial
 
 import globule as gb
 import numpy as np
 import pytest
 from globule._base.device import choose
-from interrupts import interrupted
+from interrupts import count, interrupted, interrupts, polls
 from sweep_helpers import small_sweep
 
-N = int(os.environ.get("GLOBULE_INTERRUPTS", "20"))
-SIZE = (64, 48)
+SIZE = (40, 30)
 LIGHT = gb.RenderSettings(shadows=True, ambient_rays=2, samples=2)
 
 
-@pytest.fixture(params=["cpu", "cuda"])
+@pytest.fixture(params=["1thread", "2threads", "cuda"])
 def on(request):
     """Keyword arguments that choose the device."""
-    if request.param == "cpu":
-        return {"device": "cpu", "threads": 2}
+    if request.param != "cuda":
+        return {"device": "cpu", "threads": int(request.param[0])}
     try:
         choose("cuda")
     except RuntimeError as error:
@@ -32,79 +28,63 @@ def on(request):
     return {"device": "cuda"}
 
 
+@pytest.fixture
+def stops(on):
+    """`interrupts` on a device. Of two threads, the one that polls has now more of the work and now
+    less."""
+
+    def on_device(prepare, call):
+        sure = on.get("threads") == 1
+        return interrupts(prepare, call, sure, few=20 if sure else 6)
+
+    return on_device
+
+
 def lattice(n: int, seed: int = 1) -> np.ndarray:
     grid = np.indices((n, n, n // 2)).reshape(3, -1).T.astype(np.float32)
     return grid + 0.3 * np.random.default_rng(seed).random(grid.shape, np.float32)
 
 
-def delays(seconds: float, seed: int = 0) -> np.ndarray:
-    """Moments of a call that takes so long."""
-    return np.random.default_rng(seed).uniform(0, 1.1 * seconds, N)
-
-
-def timed(call) -> float:
-    start = time.perf_counter()
-    call()
-    return time.perf_counter() - start
-
-
-def test_build(on):
-    a, b = lattice(40), lattice(40, 2)
+def test_build(on, stops):
+    a, b = lattice(20), lattice(20, 2)
     scene = gb.Scene(a, support=2.0, **on)
     camera = gb.Camera.fit(a, size=SIZE)
 
-    def picture():
-        return gb.render(scene, camera, SIZE).picture.tobytes()
-
     def facts():
-        return scene.octree.key_hash, scene.octree.node_hash
+        picture = gb.render(scene, camera, SIZE).picture.tobytes()
+        return picture, scene.octree.key_hash, scene.octree.node_hash
 
     of = {}
-    for name, positions in (("a", a), ("b", b)):
+    for name, positions in (("b", b), ("a", a)):
         scene.update(positions=positions)
-        of[name] = picture(), facts()
-    n_came = 0
-    for delay in delays(timed(lambda: scene.update(positions=a))):
-        scene.update(positions=a)
-        n_came += interrupted(lambda: scene.update(positions=b), delay)
-        now = "a" if scene.particles.positions is a else "b"
-        assert (picture(), facts()) == of[now]
+        of[name] = facts()
+    for _ in stops(lambda: scene.update(positions=a), lambda _: scene.update(positions=b)):
+        assert facts() == of["a" if scene.particles.positions is a else "b"]
         scene.update(positions=b)
-        assert (picture(), facts()) == of["b"]
-    assert n_came > 0
+        assert facts() == of["b"]
 
 
 @pytest.mark.parametrize("look", [gb.RenderSettings(), LIGHT], ids=["plain", "light"])
-def test_render(look, on):
-    points = lattice(40)
+def test_render(look, on, stops):
+    points = lattice(16)
     camera = gb.Camera.fit(points, size=SIZE)
     scene = gb.Scene(points, support=2.0, **on)
 
-    def render():
-        return gb.render(scene, camera, SIZE, look)
+    def render(_=None):
+        return gb.render(scene, camera, SIZE, look).picture.tobytes()
 
-    scene.update(positions=points)
-    seconds = timed(render)  # with cells, where there is light
-    right = render().picture.tobytes()
-    n_came = 0
-    for delay in delays(seconds):
-        scene.update(positions=points)  # cells are made anew
-        n_came += interrupted(render, delay)
-        assert render().picture.tobytes() == right
-    assert n_came > 0
+    right = render()
+    for _ in stops(lambda: scene.update(positions=points), render):  # cells are made anew
+        assert render() == right
 
 
-def test_refine(on):
-    points = lattice(30)
+def test_refine(on, stops):
+    points = lattice(16)
     camera = gb.Camera.fit(points, size=SIZE)
     scene = gb.Scene(points, support=2.0, **on)
-    frame = gb.render(scene, camera, SIZE)
-    seconds = timed(lambda: frame.refine(2))
     right = {n: gb.render(scene, camera, SIZE, gb.RenderSettings(samples=n)).picture.tobytes()
              for n in (1, 3, 5)}  # fmt: skip
-    for delay in delays(seconds):
-        frame = gb.render(scene, camera, SIZE)
-        interrupted(lambda frame=frame: frame.refine(2), delay)
+    for frame in stops(lambda: gb.render(scene, camera, SIZE), lambda frame: frame.refine(2)):
         assert frame.picture.tobytes() == right[frame.samples]
         frame.refine(2)
         assert frame.picture.tobytes() == right[frame.samples]
@@ -121,31 +101,24 @@ def water(on):
     )
 
 
-def test_step(on):
+def test_step(on, stops):
+    """Whole steps, and their pictures."""
     plain, sim = water(on), water(on)
-    right = {0: plain.hash()}
-    for _ in range(2 * N):
-        plain.step()
-        right[plain.n_steps] = plain.hash()
-    n_came = 0
-    for delay in delays(timed(lambda: water(on).step()) / 2):
-        n_came += interrupted(sim.step, delay)
-        assert sim.hash() == right[sim.n_steps]
-    sim.step()
-    assert sim.hash() == right[sim.n_steps]
-    assert n_came > 0
+    hashes, pictures = {}, {}
+
+    def picture(sim):
+        return gb.render(sim.scene, size=SIZE).picture.tobytes()
+
+    for steps in (lambda sim: sim.step(), lambda sim: sim.advance(2 * sim.dt), picture):
+        for _ in stops(lambda: sim, steps):
+            while plain.n_steps <= sim.n_steps:
+                hashes[plain.n_steps], pictures[plain.n_steps] = plain.hash(), picture(plain)
+                plain.step()
+            assert sim.hash() == hashes[sim.n_steps]
+            assert picture(sim) == pictures[sim.n_steps]
 
 
-def test_picture_of_a_simulation(on):
-    sim = water(on)
-    sim.step()
-    right = gb.render(sim.scene, size=SIZE).picture.tobytes()
-    for delay in delays(0.02):
-        interrupted(lambda: gb.render(sim.scene, size=SIZE), delay)
-        assert gb.render(sim.scene, size=SIZE).picture.tobytes() == right
-
-
-def test_cut(on):
+def test_cut(on, stops):
     sim = gb.Simulation("cut-block", spacing=0.005, **on)
     sim.step()
     state, before = sim.arrays.state(), sim.tissue.n_bonds
@@ -158,10 +131,12 @@ def test_cut(on):
     sim.step()
     right = sim.hash()
     assert after < before
-    for delay in delays(0.002):
+
+    def prepare():
         sim.arrays.set_state(state)
         assert sim.tissue.n_bonds == before
-        interrupted(lambda: sim.tissue.cut(blade), delay)
+
+    for _ in stops(prepare, lambda _: sim.tissue.cut(blade)):
         assert sim.tissue.n_bonds in (before, after)
         sim.tissue.cut(blade)
         assert sim.tissue.n_bonds == after
@@ -170,80 +145,92 @@ def test_cut(on):
 
 
 @pytest.mark.parametrize("method", ["pvn-om", "vvn-om", "bezier"])
-def test_reconstruct(method, on):
+def test_reconstruct(method, stops, on):
     sweep = small_sweep()
 
-    def make():
-        return gb.reconstruct(sweep, method=method, spacing=0.5, **on)
+    def make(_=None):
+        made = gb.reconstruct(sweep, method=method, spacing=0.5, **on)
+        return made.values.tobytes(), made.radius.tobytes()
 
     right = make()
-    right = right.values.tobytes(), right.radius.tobytes()
-    seconds = timed(make)
-    for delay in delays(seconds)[: max(1, N // 3)]:
-        interrupted(make, delay)
-        again = make()
-        assert (again.values.tobytes(), again.radius.tobytes()) == right
+    for _ in stops(lambda: None, make):
+        assert make() == right
 
 
-def test_live(on):
+def added(live, sweep, end: int):
+    """With the frames of a sweep, from those on that it has."""
+    while (i := live.n_frames) < end:
+        live.add(sweep.frames[i], sweep.world_from_image[i])
+    return live
+
+
+@pytest.mark.parametrize("what", ["add", "undo", "volume"])
+def test_live(what, on, stops):
     sweep = small_sweep()
-    whole = gb.Reconstructor(0.5, **on)
-    for i in range(len(sweep)):
-        whole.add(sweep.frames[i], sweep.world_from_image[i])
-    right = whole.volume()
-    rng = np.random.default_rng(3)
-    for _ in range(max(1, N // len(sweep))):
-        live = gb.Reconstructor(0.5, **on)
-        while (i := live.n_frames) < len(sweep):
-            add = partial(live.add, sweep.frames[i], sweep.world_from_image[i])
-            interrupted(add, rng.uniform(0, 0.002))
-            if rng.random() < 0.2 and live.n_frames:
-                interrupted(live.volume, rng.uniform(0, 0.01))
-        volume = live.volume()
+    calls = {
+        "add": lambda live: added(live, sweep, 3),
+        "undo": lambda live: live.undo(1),
+        "volume": lambda live: live.volume(),
+    }
+    right = added(gb.Reconstructor(0.5, **on), sweep, 5).volume()
+    for live in stops(lambda: added(gb.Reconstructor(0.5, **on), sweep, 2), calls[what]):
+        assert live.n_frames in {"add": (2, 3), "undo": (1, 2), "volume": (2,)}[what]
+        volume = added(live, sweep, 5).volume()
         assert volume.values.tobytes() == right.values.tobytes()
         assert volume.radius.tobytes() == right.radius.tobytes()
 
 
 def test_calls_without_signal_handlers_leave_the_protection(monkeypatch):
     """A program in the background ignores Ctrl-C; its later handlers wait all the same."""
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sweep, came = small_sweep(), []
+    live = gb.Reconstructor(0.5, device="cpu")
+    before = {signal.SIGINT: signal.signal(signal.SIGINT, signal.SIG_IGN)}
     try:
-        sweep = small_sweep()
-        live = gb.Reconstructor(0.5, device="cpu")
-        live.add(sweep.frames[0], sweep.world_from_image[0])  # no handler to replace
+        added(live, sweep, 1)  # no handler to replace
+        before[signal.SIGALRM] = signal.signal(
+            signal.SIGALRM, lambda *_: came.append(live.n_frames)
+        )
         bin_frames = live._bin
 
         def bin_and_signal(added, sign):
-            os.kill(os.getpid(), signal.SIGALRM)
-            for _ in range(100):  # Python handles signals between its own instructions
-                pass
+            signal.raise_signal(signal.SIGALRM)
+            assert not came
             bin_frames(added, sign)
 
         monkeypatch.setattr(live, "_bin", bin_and_signal)
-        came = interrupted(lambda: live.add(sweep.frames[1], sweep.world_from_image[1]), 60)
-        assert came
-        assert live.n_frames == 2
+        added(live, sweep, 2)
+        assert came == [2]
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
-def test_million_particles_stop_soon():
-    """A long build does not keep Ctrl-C waiting until its end."""
-    points = np.random.default_rng(1).random((3_000_000, 3), np.float32)
-    scene = gb.Scene(points[:1000], support=0.02, device="cpu", threads=1)
+def test_large_builds_stop_soon():
+    """The more particles, the more polls; after the one that stops there is none."""
+    few, many = (np.random.default_rng(1).random((n, 3), np.float32) for n in (30_000, 120_000))
+    scene = gb.Scene(few[:1000], support=0.02, device="cpu", threads=1)
     right = gb.render(scene, size=SIZE).picture.tobytes()
-    start = time.perf_counter()
-    assert interrupted(lambda: scene.update(positions=points), 0.15)
-    assert time.perf_counter() - start < 2.0
+    n_few, n_many = (count(lambda p=p: scene.update(positions=p)) for p in (few, many))
+    assert n_many > 3 * n_few > 300
+    scene.update(positions=few[:1000])
+    came = 0
+
+    def stopped():
+        nonlocal came
+        try:
+            scene.update(positions=many)
+        finally:
+            came = gb._core.n_polls()
+
+    assert interrupted(stopped, polls, n_many // 2)
+    assert came == n_many // 2
     assert len(scene) == 1000
     assert gb.render(scene, size=SIZE).picture.tobytes() == right
 
 
 def test_a_handler_that_uses_the_same_object_is_told(recwarn):
     """The call that it interrupts holds the scene: waiting for it would never end."""
-    import signal
-
-    points = np.random.default_rng(1).random((2_000_000, 3), np.float32)
+    points = np.random.default_rng(1).random((3000, 3), np.float32)
     scene = gb.Scene(points[:1000], support=0.02, device="cpu", threads=1)
     said = []
 
@@ -253,13 +240,12 @@ def test_a_handler_that_uses_the_same_object_is_told(recwarn):
         except RuntimeError as error:
             said.append(str(error))
 
-    before = signal.signal(signal.SIGALRM, handler)
+    before = signal.signal(signal.SIGINT, handler)
     try:
-        signal.setitimer(signal.ITIMER_REAL, 0.1)
-        scene.update(positions=points)
+        with polls(1):
+            scene.update(positions=points)
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
-    assert said
+        signal.signal(signal.SIGINT, before)
+    assert len(said) == 1
     assert "inside another call" in said[0]
     assert len(scene) == len(points)

@@ -68,13 +68,13 @@ void Gate::unlock() {
     mutex_.unlock();
 }
 
-Handle<Scene> make_scene(const BackendApi& backend, int device, int threads, Poll poll) {
+Handle<Scene> make_scene(const BackendApi& backend, int device, int threads, Poll* poll) {
     return made<Scene>(backend, [&](auto* out) { return backend.make_scene(device, threads, poll, out); });
 }
-Handle<Reconstructor> make_reconstructor(const BackendApi& backend, int device, int threads, Poll poll) {
+Handle<Reconstructor> make_reconstructor(const BackendApi& backend, int device, int threads, Poll* poll) {
     return made<Reconstructor>(backend, [&](auto* out) { return backend.make_reconstructor(device, threads, poll, out); });
 }
-Handle<Tissue> make_tissue(const BackendApi& backend, int device, int threads, Poll poll) {
+Handle<Tissue> make_tissue(const BackendApi& backend, int device, int threads, Poll* poll) {
     return made<Tissue>(backend, [&](auto* out) { return backend.make_tissue(device, threads, poll, out); });
 }
 Handle<Simulation> make_simulation(const Handle<Scene>& scene) {

@@ -97,9 +97,9 @@ private:
     std::shared_ptr<Gate> gate_;
 };
 
-GLOBULE_API Handle<Scene> make_scene(const BackendApi& backend, int device, int threads, Poll poll);
-GLOBULE_API Handle<Reconstructor> make_reconstructor(const BackendApi& backend, int device, int threads, Poll poll);
-GLOBULE_API Handle<Tissue> make_tissue(const BackendApi& backend, int device, int threads, Poll poll);
+GLOBULE_API Handle<Scene> make_scene(const BackendApi& backend, int device, int threads, Poll* poll);
+GLOBULE_API Handle<Reconstructor> make_reconstructor(const BackendApi& backend, int device, int threads, Poll* poll);
+GLOBULE_API Handle<Tissue> make_tissue(const BackendApi& backend, int device, int threads, Poll* poll);
 /// Shares the scene's gate.
 GLOBULE_API Handle<Simulation> make_simulation(const Handle<Scene>& scene);
 /// One line naming a device, or why it cannot be used (then ok is false).

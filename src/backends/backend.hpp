@@ -196,12 +196,12 @@ using FrameEntries = EntryTable<&Frame::read, &Frame::trace_seconds, &Frame::pas
 /// Exported by every backend library as "globule_backend".
 struct BackendApi {
     std::uint64_t abi;  ///< first, so that a library of any version can be asked
-    Status (*make_scene)(int device, int threads, Poll poll, std::shared_ptr<Scene>* out) noexcept;
+    Status (*make_scene)(int device, int threads, Poll* poll, std::shared_ptr<Scene>* out) noexcept;
     /// One line naming the device, or why it cannot be used (then ok is false).
     Status (*describe)(int device, bool* ok, std::string* out) noexcept;
-    Status (*make_reconstructor)(int device, int threads, Poll poll, std::shared_ptr<Reconstructor>* out) noexcept;
+    Status (*make_reconstructor)(int device, int threads, Poll* poll, std::shared_ptr<Reconstructor>* out) noexcept;
     Status (*make_simulation)(const std::shared_ptr<Scene>& scene, std::shared_ptr<Simulation>* out) noexcept;
-    Status (*make_tissue)(int device, int threads, Poll poll, std::shared_ptr<Tissue>* out) noexcept;
+    Status (*make_tissue)(int device, int threads, Poll* poll, std::shared_ptr<Tissue>* out) noexcept;
     /// Whose memory an address is: a GPU's number, or kHost.
     Status (*locate)(const void* address, int* device) noexcept;
     /// A GPU's array to host memory; complete when it returns.
@@ -231,7 +231,7 @@ struct BackendApi {
 
 /// Raised by hand when what the structures mean changes; what they look like counts by itself.
 inline constexpr std::uint64_t kBackendAbi = [] {
-    std::uint64_t h = 2;
+    std::uint64_t h = 3;
     for (std::uint64_t size : {sizeof(BackendApi), sizeof(SceneArrays), sizeof(MeshArrays), sizeof(TreeRequest), sizeof(TreeFacts), sizeof(PictureRequest),
                                sizeof(Lighting), sizeof(SimulationSettings), sizeof(StepReport), sizeof(PlusRequest), sizeof(GridRequest),
                                sizeof(FramesView), sizeof(FillRequest), sizeof(LayerRequest), sizeof(FieldRequest), sizeof(Clip), sizeof(BloodVessel), sizeof(BladeSweep), sizeof(TissueArrays), sizeof(std::string)})

@@ -10,13 +10,13 @@ namespace {
 
 using Scope = Cpu::DeviceScope;
 
-Status scene(int device, int threads, Poll poll, std::shared_ptr<Scene>* out) noexcept {
+Status scene(int device, int threads, Poll* poll, std::shared_ptr<Scene>* out) noexcept {
     return caught([&] { *out = std::make_shared<SceneImpl<Cpu>>(device, threads, poll); });
 }
-Status reconstructor(int device, int threads, Poll poll, std::shared_ptr<Reconstructor>* out) noexcept {
+Status reconstructor(int device, int threads, Poll* poll, std::shared_ptr<Reconstructor>* out) noexcept {
     return caught([&] { *out = make_reconstructor(device, threads, poll); });
 }
-Status tissue(int device, int threads, Poll poll, std::shared_ptr<Tissue>* out) noexcept {
+Status tissue(int device, int threads, Poll* poll, std::shared_ptr<Tissue>* out) noexcept {
     return caught([&] { *out = make_tissue(device, threads, poll); });
 }
 Status simulation(const std::shared_ptr<Scene>& of, std::shared_ptr<Simulation>* out) noexcept {

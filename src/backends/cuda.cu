@@ -8,19 +8,19 @@ namespace {
 
 using Scope = Cuda::DeviceScope;
 
-Status scene(int device, int threads, Poll poll, std::shared_ptr<Scene>* out) noexcept {
+Status scene(int device, int threads, Poll* poll, std::shared_ptr<Scene>* out) noexcept {
     return caught([&] {
         const Scope scope(device);
         *out = std::make_shared<SceneImpl<Cuda>>(device, threads, poll);
     });
 }
-Status reconstructor(int device, int threads, Poll poll, std::shared_ptr<Reconstructor>* out) noexcept {
+Status reconstructor(int device, int threads, Poll* poll, std::shared_ptr<Reconstructor>* out) noexcept {
     return caught([&] {
         const Scope scope(device);
         *out = make_reconstructor(device, threads, poll);
     });
 }
-Status tissue(int device, int threads, Poll poll, std::shared_ptr<Tissue>* out) noexcept {
+Status tissue(int device, int threads, Poll* poll, std::shared_ptr<Tissue>* out) noexcept {
     return caught([&] {
         const Scope scope(device);
         *out = make_tissue(device, threads, poll);

@@ -5,7 +5,7 @@
 
 namespace globule::core {
 
-std::shared_ptr<Tissue> make_tissue(int device, int threads, Poll poll);
-std::shared_ptr<Reconstructor> make_reconstructor(int device, int threads, Poll poll);
+std::shared_ptr<Tissue> make_tissue(int device, int threads, Poll* poll);
+std::shared_ptr<Reconstructor> make_reconstructor(int device, int threads, Poll* poll);
 
 }  // namespace globule::core

@@ -33,7 +33,7 @@ public:
     static constexpr std::size_t wave_size = 1 << 17;       ///< pixels at a time
     static constexpr std::size_t n_streams = 1;             ///< that work side by side
 
-    Cpu(int, int threads, Poll poll) : Cpu(threads, std::make_shared<Interrupt>(poll)) {}
+    Cpu(int, int threads, Poll* poll) : Cpu(threads, std::make_shared<Interrupt>(poll)) {}
     Interrupt& interrupt() const { return *interrupt_; }
 
     /// Host memory has no device to be set and no streams to wait for.

@@ -196,7 +196,7 @@ public:
     static constexpr std::size_t wave_size = 1 << 22;       ///< pixels at a time
     static constexpr std::size_t n_streams = 4;             ///< that work side by side
 
-    explicit Cuda(int device, int, Poll poll) : Cuda(device, std::make_shared<Interrupt>(poll)) {}
+    explicit Cuda(int device, int, Poll* poll) : Cuda(device, std::make_shared<Interrupt>(poll)) {}
     ~Cuda() {
         const DeviceScope scope(device_);
         cudaStreamSynchronize(stream_);  // copies from and to page-locked memory may be under way

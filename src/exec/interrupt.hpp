@@ -5,8 +5,12 @@
 
 namespace globule::core {
 
-/// Called now and then by the thread that made the call; true asks to stop.
-using Poll = bool (*)();
+/// What the thread that made a call asks now and then.
+struct Poll {
+    static constexpr int kPause = 50;   ///< ms
+    bool (*stop)();                     ///< true asks to stop
+    std::atomic<int> pause_ms{kPause};  ///< between two questions, and before the first of a call
+};
 
 /// Thrown where work stops; what it was making is half made then.
 struct Cancelled {};
@@ -14,12 +18,12 @@ struct Cancelled {};
 /// One a backend object; its helpers on other streams share it.
 class Interrupt {
 public:
-    explicit Interrupt(Poll poll = nullptr) : poll_(poll) {}
+    explicit Interrupt(Poll* poll = nullptr) : poll_(poll) {}
 
     /// An entry begins: what was asked before it does not count.
     void clear() {
         stop_.store(false, std::memory_order_relaxed);
-        if (poll_) next_ = Clock::now() + kEvery;  // short calls never poll
+        if (poll_) next_ = Clock::now() + pause();  // short calls never ask
     }
     /// From any thread: the entry that is running is to stop.
     void request() { stop_.store(true, std::memory_order_relaxed); }
@@ -31,8 +35,8 @@ public:
         if (!poll_ || held_) return;
         const auto now = Clock::now();
         if (now < next_) return;
-        next_ = now + kEvery;
-        if (poll_()) request();
+        next_ = now + pause();
+        if (poll_->stop()) request();
     }
     /// Where nothing is half made; throws Cancelled.
     void check() {
@@ -54,9 +58,9 @@ public:
 
 private:
     using Clock = std::chrono::steady_clock;
-    static constexpr std::chrono::milliseconds kEvery{50};
+    std::chrono::milliseconds pause() const { return std::chrono::milliseconds(poll_->pause_ms.load(std::memory_order_relaxed)); }
 
-    Poll poll_;
+    Poll* poll_;
     int held_ = 0;
     std::atomic<bool> stop_{false};
     Clock::time_point next_{};

@@ -16,7 +16,7 @@ namespace globule::core {
 template <class Exec>
 class SceneImpl final : public Scene {
 public:
-    SceneImpl(int device, int threads, Poll poll) : SceneImpl(std::make_shared<Exec>(device, threads, poll)) {}
+    SceneImpl(int device, int threads, Poll* poll) : SceneImpl(std::make_shared<Exec>(device, threads, poll)) {}
 
     int device() const noexcept override { return exec_->device(); }
     void begin() override {
