@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refused, run_json
 from globule.cli import main
 from globule.formats.sweeps import igs
 from globule.formats.sweeps.transforms import format_matrix
@@ -16,12 +16,8 @@ from PIL import Image
 from sweep_helpers import calibration_data, spine_data
 from test_calibration import TARGET, TRUTH, observations, small_turns
 
+pytestmark = pytest.mark.usefixtures("folder")
 POSE = [f"m{row}{column}" for row in range(3) for column in range(4)]
-
-
-@pytest.fixture(autouse=True)
-def _here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 def write_marks(pixels, poses, name: str = "marks.csv") -> None:
@@ -52,8 +48,7 @@ def write_recording(poses, frames=None, times=None) -> None:
 
 
 def report(capsys, *words: str) -> dict:
-    assert main(["calibrate", *words, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
+    return run_json(capsys, "calibrate", *words)
 
 
 def test_marks_with_poses(capsys):
@@ -212,8 +207,4 @@ def test_mistakes(words, what, capsys):
     write_marks(*(a[:5] for a in observations(12)), "few.csv")
     Path("empty.csv").write_text("", encoding="utf-8")
     Path("poses.csv").write_text("column,row\n1,2\n", encoding="utf-8")
-    assert main(["calibrate", *words]) == 2
-    error = capsys.readouterr().err
-    assert what in error
-    assert error.count("\n") == 1
-    assert not Path("p.toml").exists()
+    assert what in refused(capsys, "calibrate", *words)

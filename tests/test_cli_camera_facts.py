@@ -9,6 +9,7 @@ from cli_helpers import cube, run_json
 from globule.cli import main
 from PIL import Image
 
+pytestmark = pytest.mark.usefixtures("folder")
 MACHINE = ["--device", "cpu", "--size", "64x48"]
 
 
@@ -17,8 +18,7 @@ def flat() -> gb.Particles:
 
 
 @pytest.mark.parametrize("kind", ["fluid", "balls", "flat", "ortho"])
-def test_the_fitted_camera_is_given_back_by_its_flags(kind, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_fitted_camera_is_given_back_by_its_flags(kind, capsys):
     particles = {"flat": flat(), "balls": cube(support=0.4)}.get(kind, cube())
     gb.write("a.npz", particles)
     more = ["--ortho", "2"] if kind == "ortho" else []
@@ -32,8 +32,7 @@ def test_the_fitted_camera_is_given_back_by_its_flags(kind, tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize("particles", [cube(), cube(support=0.4), flat()])
-def test_info_says_the_camera_of_the_image(particles, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_info_says_the_camera_of_the_image(particles, capsys):
     gb.write("a.npz", particles)
     told = run_json(capsys, "info", "a.npz")["camera"]
     used = run_json(capsys, "render", "a.npz", "-o", "a.png", "--device", "cpu")["camera"]
@@ -44,8 +43,7 @@ def test_info_says_the_camera_of_the_image(particles, tmp_path, monkeypatch, cap
     assert f"camera     {told['flags']}" in capsys.readouterr().out
 
 
-def test_each_view_has_its_camera(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_each_view_has_its_camera(capsys):
     gb.write("a.npz", cube())
     words = ["render", "a.npz", "-o", "a.png", "--size", "300x150", "--views", "front,iso"]
     front, iso = run_json(capsys, *words)["cameras"]

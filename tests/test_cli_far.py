@@ -11,6 +11,7 @@ from cli_helpers import run_json
 from globule.cli import main
 from globule.scene.fluid import is_flat
 
+pytestmark = pytest.mark.usefixtures("folder")
 MACHINE = ["--device", "cpu", "--size", "160x120"]
 
 
@@ -41,8 +42,7 @@ def test_far_coordinates_are_said_with_an_origin_that_helps():
 
 
 @pytest.mark.parametrize("name", ["a.npz", "a.npy", "a.csv", "a.txt"])
-def test_every_reader_says_it(name, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_every_reader_says_it(name, capsys):
     far = lattice() + (450_000, 5_400_000, 100)
     if name == "a.npz":
         np.savez(name, positions=far)
@@ -60,8 +60,7 @@ def test_every_reader_says_it(name, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("away", [30.0, 300.0, 1e4, 1e6])
-def test_a_stray_particle_is_named_and_left_out(away, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_stray_particle_is_named_and_left_out(away, capsys):
     points = np.r_[lattice(8, 0.1), [[away, 0.3, 0.3]]].astype("f4")
     gb.write("a.npz", gb.Particles(points))
     said = run_json(capsys, "render", "a.npz", "-o", "a.png", *MACHINE)
@@ -81,8 +80,7 @@ def test_a_cube_with_a_stray_particle_is_not_flat():
     assert is_flat(gb.Particles(sheet.astype("f4")))
 
 
-def test_equal_particles_are_not_in_a_plane(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_equal_particles_are_not_in_a_plane(capsys):
     gb.write("a.npz", gb.Particles(np.ones((500, 3), "f4")))
     assert run_json(capsys, "info", "a.npz")["why_surface"] == "all at one place"
 

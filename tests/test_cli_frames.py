@@ -2,35 +2,31 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
-from globule import cli
+from cli_helpers import refused, run_json
+from globule.cli import main
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(autouse=True)
+def files(folder):
     rows = [f"O {i % 3} {i // 3 % 3} {i // 9}\n" for i in range(27)]
     head = '27\nProperties=species:S:1:pos:R:3 Lattice="9 0 0 0 9 0 0 0 9"\n'
     moved = [f"O {i % 3 + 5} {i // 3 % 3} {i // 9}\n" for i in range(27)]
-    (tmp_path / "run.extxyz").write_text(head + "".join(rows) + head + "".join(moved))
-    return tmp_path
+    (folder / "run.extxyz").write_text(head + "".join(rows) + head + "".join(moved))
 
 
 def bounds(capsys, *words) -> list:
-    assert cli.main(["info", "--json", *words]) == 0
-    return json.loads(capsys.readouterr().out)["bounds"]["lo"]
+    return run_json(capsys, "info", *words)["bounds"]["lo"]
 
 
 def test_frame_of_info_convert_and_render(folder, capsys):
     assert bounds(capsys, "run.extxyz")[0] == 0
     assert bounds(capsys, "run.extxyz", "--frame", "-1")[0] == 5
-    assert cli.main(["convert", "run.extxyz", "last.npz", "--frame", "1"]) == 0
+    assert main(["convert", "run.extxyz", "last.npz", "--frame", "1"]) == 0
     assert np.load("last.npz")["positions"][:, 0].min() == 5
     words = ["render", "run.extxyz", "--size", "32x24", "--device", "cpu", "-o", "a.png"]
-    assert cli.main([*words, "--frame", "1"]) == 0
+    assert main([*words, "--frame", "1"]) == 0
     assert (folder / "a.png").exists()
 
 
@@ -42,8 +38,8 @@ def test_species_of_hdf5(folder, capsys):
             file[f"{kind}/Coordinates"] = np.random.default_rng(1).random((20, 3)) + shift
     assert bounds(capsys, "a.hdf5")[0] < 1
     assert bounds(capsys, "a.hdf5", "--species", "PartType1")[0] > 6
-    assert cli.main(["info", "a.hdf5", "--species", "gas"]) == 2
-    assert "species: expected one of PartType0, PartType1" in capsys.readouterr().err
+    error = refused(capsys, "info", "a.hdf5", "--species", "gas")
+    assert "species: expected one of PartType0, PartType1" in error
 
 
 def test_refused_in_one_line(folder, capsys):
@@ -54,11 +50,4 @@ def test_refused_in_one_line(folder, capsys):
         (["run.extxyz", "--frame", "2"], "frame: expected -2 to 1"),
         (["run.extxyz", "--frame", "x"], "--frame"),
     ):
-        try:
-            status = cli.main(["info", *words])
-        except SystemExit as end:
-            status = end.code
-        assert status == 2
-        error = capsys.readouterr().err
-        assert said in error
-        assert "Traceback" not in error
+        assert said in refused(capsys, "info", *words)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refused
 from globule.cli import main
 from globule.render.presets import PRESETS, ground_height
 from PIL import Image
@@ -260,27 +260,14 @@ def test_a_picked_particle_is_the_file_s(capsys):
     ("words", "named"),
     [
         ("--clip 0,0,0,1", "--clip"),
-        ("--clip 1,0,0", "--clip"),
         ("--clip-box 0,0,0,1,1,0", "--clip-box"),
         ("--clip-sphere 0,0,0,-1", "--clip-sphere"),
-        ("--crop 1,2", "--crop"),
-        ("--sky blue", "--sky"),
         ("--sky missing.hdr", "missing.hdr"),
-        ("--ground low", "--ground"),
         ("--reflection 1.5", "--reflection"),
-        ("--index 0.5", "--index"),
-        ("--roughness -1", "--roughness"),
-        ("--absorption -1,0,0", "--absorption"),
-        ("--opacity 2", "--opacity"),
         ("--opacity 0.5 --transmission 1", "--opacity"),
         ("--samples 0", "--samples"),
-        ("--bounces 99", "--bounces"),
-        ("--ambient-rays 1.5", "--ambient-rays"),
         ("--light dir:0,0,0", "--light"),
-        ("--light dir:1,0,0,500", "--light"),
-        ("--light point:1,0,0,-2", "--light"),
         ("--pick 48,0", "--pick"),
-        ("--pick 1", "--pick"),
         ("--with missing.npz", "missing.npz"),
         ("--with a.npz --with a.npz --with a.npz --with a.npz", "--with"),
         ("--with ball.npz:#zz", "--with: expected FILE or FILE:COLOR, COLOR being R,G,B"),
@@ -289,17 +276,11 @@ def test_a_picked_particle_is_the_file_s(capsys):
             "--with: expected no --with beside --preset thesis, which",
         ),
         ("--root march --with ball.npz", "--with: expected no --with beside --root march, which"),
-        ("--preset jelly", "--preset"),
         ("--preset thesis --clip 1,0,0,0", "clips"),
     ],
 )
 def test_mistakes(words, named, capsys):
-    assert main(["render", "ball.npz", "-o", "a.png", *SMALL, *words.split()]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert named in err
-    assert os.listdir() == ["ball.npz"]
+    assert named in refused(capsys, "render", "ball.npz", "-o", "a.png", *SMALL, *words.split())
 
 
 @pytest.mark.parametrize("words", [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import globule as gb
 import numpy as np
 import pytest
@@ -10,9 +12,10 @@ from globule.cli import main
 from globule.render.annotate import Annotation, draw_sheet
 from globule.render.canvas import Canvas
 
+pytestmark = pytest.mark.usefixtures("folder")
 
-def test_sizes_that_float32_cannot_square_are_refused(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+
+def test_sizes_that_float32_cannot_square_are_refused(capsys):
     lattice = np.stack(np.mgrid[:8, :8, :8], -1).reshape(-1, 3)
     for size, expected in ((1e-30, "1e-18 to 1e18 apart"), (1e30, "coordinates up to 1e+18")):
         gb.write("a.npz", gb.Particles(lattice * size))
@@ -21,12 +24,11 @@ def test_sizes_that_float32_cannot_square_are_refused(tmp_path, monkeypatch, cap
         assert "scale the positions" in said
 
 
-def test_a_cut_off_stl_is_named(tmp_path, monkeypatch, capsys):
+def test_a_cut_off_stl_is_named(capsys):
     trimesh = pytest.importorskip("trimesh")
-    monkeypatch.chdir(tmp_path)
     trimesh.creation.box().export("box.stl")
-    whole = (tmp_path / "box.stl").read_bytes()
-    (tmp_path / "box.stl").write_bytes(whole[:300])
+    whole = Path("box.stl").read_bytes()
+    Path("box.stl").write_bytes(whole[:300])
     said = refused(capsys, "render", "box.stl", "-o", "a.png", "--device", "cpu")
     assert "expected 684 bytes for the 12 triangles of its header, got 300" in said
 
@@ -50,17 +52,15 @@ def test_a_title_is_in_the_middle_of_image_and_legend():
         assert (columns[0] + columns[-1]) / 2 == pytest.approx((300 + strip) / 2, abs=3)
 
 
-def test_small_views_name_the_size(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_small_views_name_the_size(capsys):
     gb.write("a.npz", gb.Particles(np.random.default_rng(0).random((200, 3))))
     words = ["render", "a.npz", "-o", "a.png", "--views", "front", "--size", "3x3"]
     assert "--size: expected at least 64" in refused(capsys, *words)
 
 
-def test_a_mesh_without_faces_is_not_said_to_be_shown(tmp_path, monkeypatch, capsys):
+def test_a_mesh_without_faces_is_not_said_to_be_shown(capsys):
     pytest.importorskip("trimesh")
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "n.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
+    Path("n.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
     gb.write("a.npz", gb.Particles(np.random.default_rng(0).random((200, 3))))
     assert main(["render", "a.npz", "-o", "a.png", "--mesh", "n.obj", "--device", "cpu"]) == 2
     said = capsys.readouterr().err
@@ -68,10 +68,9 @@ def test_a_mesh_without_faces_is_not_said_to_be_shown(tmp_path, monkeypatch, cap
     assert "shown as points" not in said
 
 
-def test_flags_that_would_be_ignored_are_refused(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_flags_that_would_be_ignored_are_refused(capsys):
     gb.write("a.npz", gb.Particles(np.random.default_rng(0).random((200, 3))))
-    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    Path("m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     for words in (["--preset", "water", "--flat"], ["--flat", "--preset", "water"]):
         said = refused(capsys, "render", "a.npz", "-o", "a.png", *words)
         assert "expected one look" in said
@@ -83,15 +82,13 @@ def test_flags_that_would_be_ignored_are_refused(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_the_threads_said_are_those_asked_for(n, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_threads_said_are_those_asked_for(n, capsys):
     gb.write("a.npz", gb.Particles(np.random.default_rng(0).random((200, 3))))
     assert main(["render", "a.npz", "-o", "a.png", *SMALL, "--threads", str(n)]) == 0
     assert f" {n} thread{'s' * (n > 1)}," in capsys.readouterr().out
 
 
-def test_particles_left_out_are_said_everywhere(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_particles_left_out_are_said_everywhere(capsys):
     points = np.random.default_rng(0).random((200, 3))
     gb.write("a.npz", gb.Particles(points))
     points[3] = np.nan

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import run_json
+from cli_helpers import refused, run_json
 from globule.cli import main
 from globule.ultrasound.calibration import Calibration, write_calibration
 from globule.volumes.files import read_volume
@@ -17,17 +16,6 @@ from sweep_helpers import same, small_sweep, spine_data
 
 CPU = ["--device", "cpu"]
 pytestmark = pytest.mark.usefixtures("folder")
-
-
-def refused(capsys, *words: str) -> str:
-    before = sorted(os.listdir())
-    assert main(["reconstruct", *words]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("globule: error: "), err
-    assert err.count("\n") == 1, err
-    assert sorted(os.listdir()) == before
-    return err
 
 
 def test_a_volume_and_its_figures(sweep, capsys):
@@ -165,12 +153,9 @@ def test_mistakes_get_one_line(sweep, capsys):
         (["phantom.igs.mha", "-o", "v.nrrd", "--image-region", "900,0,5,5"], "region"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--bounds", "1,1,1,0,0,0"], "--bounds: expected two"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--max-distance", "-1"], "--max-distance: expected 0"),
-        (["phantom.igs.mha", "-o", "v.nrrd", "--fan", "1,2,3,4,5,x"], "number"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--mask", "nowhere.png"], "nowhere.png"),
-        (["phantom.igs.mha", "-o", "v.nrrd", "--voxel-size", "0"], "--voxel-size"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--voxel-size", "1", "--voxels", "9"], "--voxels"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--max-kernel", "4"], "--max-kernel"),
-        (["phantom.igs.mha", "-o", "v.nrrd", "--method", "magic"], "--method"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--device", "tpu"], "device"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--voxel-size", "0.0001"], "--voxel-size: 5"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--three-view", "v.bmp"], "--three-view"),
@@ -197,7 +182,8 @@ def test_mistakes_get_one_line(sweep, capsys):
         (["phantom.igs.mha", "--live", "igtl://h", "-o", "v.nrrd"], "both"),
         (["phantom.igs.mha", "--record", "kept", "-o", "v.nrrd"], "--record"),
     ]:
-        assert what in refused(capsys, *words, *([] if "--device" in words else CPU)), words
+        more = [] if "--device" in words else CPU
+        assert what in refused(capsys, "reconstruct", *words, *more), words
 
 
 # info and convert

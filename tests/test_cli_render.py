@@ -10,7 +10,7 @@ import stat
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, cube, refused, run
+from cli_helpers import SMALL, cube, refused
 from globule._base.colormaps import NAMES, colorize
 from globule.cli import main
 from PIL import Image
@@ -54,7 +54,7 @@ def test_render_json(particles, capsys):
         "node_hash": scene.octree.node_hash,
     }
     with np.load("a.npz") as arrays:
-        assert {"color", "depth", "position", "normal", "mask"} <= set(arrays)
+        assert set(arrays) == {"color", "distance", "position", "normal", "albedo", "mask"}
         assert arrays["mask"].sum() == counts["hits"]
 
 
@@ -183,42 +183,26 @@ def test_several_files_need_a_pattern(particles, capsys):
 @pytest.mark.parametrize(
     ("words", "part"),
     [
-        (["-o", "a.exr"], ".png"),
         (["-o", "a"], ".png"),
         (["-o", "nowhere/a.png"], "nowhere"),
-        (["-o", "nowhere/"], "nowhere"),
         ([], "-o"),
         (["-o", "a.png", "--size", "0x5"], "0x5"),
-        (["-o", "a.png", "--size", "axb"], "axb"),
         (["-o", "a.png", "--size", "99999x99999"], "99999x99999"),
-        (["-o", "a.png", "--kernel", "gauss"], "murakami"),
         (["-o", "a.png", "--support", "0"], "--support"),
-        (["-o", "a.png", "--support", "nan"], "--support"),
         (["-o", "a.png", "--threshold", "-1"], "--threshold"),
         (["-o", "a.png", "--eye", "1,2"], "X,Y,Z"),
-        (["-o", "a.png", "--eye", "1,2,x"], "'x'"),
         (["-o", "a.png", "--eye", "1,2,3", "--look-at", "1,2,3"], "--look-at"),
         (["-o", "a.png", "--look-at", "1,2,3"], "--eye"),
         (["-o", "a.png", "--fit", "--eye", "1,2,3"], "--fit"),
         (["-o", "a.png", "--fov", "180"], "--fov: expected degrees"),
-        (["-o", "a.png", "--ortho", "-2"], "--ortho"),
         (["-o", "a.png", "--up", "0,0,0"], "--up: expected a direction"),
-        (["-o", "a.png", "--octree", "loose"], "sparse"),
         (["-o", "a.png", "--octree-level", "11"], "--octree-level: expected 0 to 10"),
-        (["-o", "a.png", "--key-bits", "48"], "--key-bits"),
         (["-o", "a.png", "--octree", "dense", "--key-bits", "64"], "--key-bits: the dense"),
-        (["-o", "a.png", "--colormap", "jet"], "viridis"),
-        (["-o", "a.png", "--color-by", "x", "--range", "1"], "LO,HI"),
         (["-o", "a.png", "--color-by", "x", "--range", "0,0"], "LO,HI apart"),
-        (["-o", "a.png", "--light", "sun"], "dir:X,Y,Z"),
         (["-o", "a.png", "--light", "dir:0,0,0"], "direction"),
         (["-o", "a.png", *["--light", "head"] * 9], "at most 8"),
-        (["-o", "a.png", "--background", "#12345"], "#12345"),
-        (["-o", "a.png", "--ambient", "-1"], ">= 0"),
         (["-o", "a.png", "--device", "tpu"], "tpu"),
         (["-o", "a.png", "--device", "cuda:99"], "cuda:99"),
-        (["-o", "a.png", "--threads", "-1"], "--threads"),
-        (["-o", "a.png", "--aov", "a.exr"], ".npz"),
         (["-o", "a.png", "--aov", "cube.npz"], "cube.npz"),
         (["-o", "a.png", "--no-such-option"], "--no-such-option"),
         (["-o", "a.png", "--siz", "4x4"], "--siz"),
@@ -273,13 +257,13 @@ def test_a_file_without_particles_is_refused(positions, more, capsys):
 @pytest.mark.parametrize("positions", NONE)
 def test_a_frame_without_particles_shows_the_background(particles, positions, capsys):
     gb.write("none.npz", gb.Particles(positions))
-    done = run("render", "none.npz", particles, "-o", "a_%d.png", "--json", *SMALL)
-    assert done.returncode == 0, done.stderr
-    counts = json.loads(done.stdout)["frames"][0]["counts"]
+    assert main(["render", "none.npz", particles, "-o", "a_%d.png", "--json", *SMALL]) == 0
+    out, err = capsys.readouterr()
+    counts = json.loads(out)["frames"][0]["counts"]
     assert counts["particles"] == len(positions)
     assert counts["inside"] == counts["hits"] == 0
-    assert "warning: none.npz" in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert "warning: none.npz" in err
+    assert err.count("\n") == 1
     picture = np.asarray(Image.open("a_0.png"))
     assert (picture == picture[0, 0]).all()
     gb.write("other.npz", gb.Particles(positions))
