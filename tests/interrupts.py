@@ -33,9 +33,10 @@ def polls(stop: int = 0):
 
 
 @contextlib.contextmanager
-def lines(stop: int = 0):
-    """Ctrl-C before a line of globule's Python, as `polls`. Lines with `with` do not count: Python
-    lets no handler in between a block and the `__exit__` that belongs to it, a trace does."""
+def lines(stop: int = 0, number: int = signal.SIGINT):
+    """Ctrl-C, or another signal, before a line of globule's Python, as `polls`. Lines with `with`
+    do not count: Python lets no handler in between a block and the `__exit__` that belongs to it,
+    a trace does."""
     n = 0
 
     def trace(frame, event, _):
@@ -47,7 +48,7 @@ def lines(stop: int = 0):
         if event == "line" and not line.lstrip().startswith("with "):
             n += 1
             if n == stop:
-                signal.raise_signal(signal.SIGINT)
+                signal.raise_signal(number)
         return trace
 
     before = sys.gettrace()
@@ -58,20 +59,20 @@ def lines(stop: int = 0):
         sys.settrace(before)
 
 
-def interrupted(call, places=polls, stop: int = 1) -> bool:
+def interrupted(call, places=polls, stop: int = 1, number: int = signal.SIGINT) -> bool:
     """Run `call` with Ctrl-C at one of its places, and tell whether that ended it."""
 
     def handler(*_):
         raise _Came
 
-    before = signal.signal(signal.SIGINT, handler)
+    before = signal.signal(number, handler)
     try:
         with places(stop):
             call()
     except _Came:
         return True
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(number, before)
     return False
 
 

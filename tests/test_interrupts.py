@@ -4,12 +4,13 @@ the bit. GLOBULE_INTERRUPTS=all: at all places of each call, not at some twenty.
 from __future__ import annotations
 
 import signal
+from functools import partial
 
 import globule as gb
 import numpy as np
 import pytest
 from globule._base.device import choose
-from interrupts import count, interrupted, interrupts, polls
+from interrupts import count, interrupted, interrupts, lines, polls
 from sweep_helpers import small_sweep
 
 SIZE = (40, 30)
@@ -35,7 +36,7 @@ def stops(on):
 
     def on_device(prepare, call):
         sure = on.get("threads") == 1
-        return interrupts(prepare, call, sure, few=20 if sure else 6)
+        return interrupts(prepare, call, sure, few=20 if sure else 4)
 
     return on_device
 
@@ -109,7 +110,11 @@ def test_step(on, stops):
     def picture(sim):
         return gb.render(sim.scene, size=SIZE).picture.tobytes()
 
-    for steps in (lambda sim: sim.step(), lambda sim: sim.advance(2 * sim.dt), picture):
+    def run(sim):
+        end = sim.n_steps + 2
+        sim.run(10.0, stop=lambda: sim.n_steps == end)
+
+    for steps in (lambda sim: sim.step(), run, picture):
         for _ in stops(lambda: sim, steps):
             while plain.n_steps <= sim.n_steps:
                 hashes[plain.n_steps], pictures[plain.n_steps] = plain.hash(), picture(plain)
@@ -149,7 +154,7 @@ def test_reconstruct(method, stops, on):
     sweep = small_sweep()
 
     def make(_=None):
-        made = gb.reconstruct(sweep, method=method, spacing=0.5, **on)
+        made = gb.reconstruct(sweep, method=method, spacing=0.8, **on)
         return made.values.tobytes(), made.radius.tobytes()
 
     right = make()
@@ -169,7 +174,7 @@ def test_live(what, on, stops):
     sweep = small_sweep()
     calls = {
         "add": lambda live: added(live, sweep, 3),
-        "undo": lambda live: live.undo(1),
+        "undo": lambda live: live.undo(),
         "volume": lambda live: live.volume(),
     }
     right = added(gb.Reconstructor(0.5, **on), sweep, 5).volume()
@@ -178,6 +183,17 @@ def test_live(what, on, stops):
         volume = added(live, sweep, 5).volume()
         assert volume.values.tobytes() == right.values.tobytes()
         assert volume.radius.tobytes() == right.radius.tobytes()
+
+
+def test_handlers_are_given_back_wherever_one_raises():
+    sweep, live = small_sweep(), gb.Reconstructor(0.5, device="cpu")
+    add, other = partial(live.add, sweep.frames[0], sweep.world_from_image[0]), signal.SIGUSR1
+    add()
+    stop = 1
+    while interrupted(add, partial(lines, number=other), stop, number=other):
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, stop
+        stop += 1
+    assert stop > 50
 
 
 def test_calls_without_signal_handlers_leave_the_protection(monkeypatch):
@@ -206,12 +222,12 @@ def test_calls_without_signal_handlers_leave_the_protection(monkeypatch):
 
 
 def test_large_builds_stop_soon():
-    """The more particles, the more polls; after the one that stops there is none."""
+    """The more particles, the more polls; after the one that stops, only the loop's last."""
     few, many = (np.random.default_rng(1).random((n, 3), np.float32) for n in (30_000, 120_000))
     scene = gb.Scene(few[:1000], support=0.02, device="cpu", threads=1)
     right = gb.render(scene, size=SIZE).picture.tobytes()
     n_few, n_many = (count(lambda p=p: scene.update(positions=p)) for p in (few, many))
-    assert n_many > 3 * n_few > 300
+    assert n_many > 2 * n_few > 2000
     scene.update(positions=few[:1000])
     came = 0
 
@@ -223,7 +239,7 @@ def test_large_builds_stop_soon():
             came = gb._core.n_polls()
 
     assert interrupted(stopped, polls, n_many // 2)
-    assert came == n_many // 2
+    assert came <= n_many // 2 + 1
     assert len(scene) == 1000
     assert gb.render(scene, size=SIZE).picture.tobytes() == right
 

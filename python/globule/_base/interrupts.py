@@ -64,12 +64,10 @@ class Later:
         self._came.append((number, frame))
 
     def _restore(self) -> None:
-        raised: BaseException | None = None
-        while self._handlers:
-            try:
+        try:
+            while self._handlers:
                 signal.signal(*self._handlers[-1])
                 self._handlers.pop()
-            except BaseException as error:  # what a handler raised that is in place again
-                raised = error
-        if raised:
-            raise raised
+        except BaseException:  # what a handler raised that is in place again
+            self._restore()
+            raise
