@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from globule.bench import physics_tissue as truths
 from globule.sim.emitter import Emitter
-from globule.sim.scene_file import SceneError, Vessel
+from globule.sim.scene_file import SceneError
+from sim_helpers import reloaded, vessel
 
 D = 0.004
 TENSION = 0.058
@@ -199,11 +200,6 @@ def test_a_drop_wets_the_tissue_that_it_meets(backend):
     assert 12 < (wetness > 0.2).sum() < 144
 
 
-def vessel(path, radius, pressure, pool):
-    return Vessel(name="vein", solid="tissue", fluid="blood", path=path, radius=radius,
-                  pressure=pressure, pool=pool)  # fmt: skip
-
-
 def bleeding(backend):
     x = block(7, 7, 4)
     sim = make(backend, x, fixed=x[:, 2] < 0.5 * D)
@@ -233,8 +229,7 @@ def test_checkpoints_go_on_bit_by_bit(tmp_path):
     sim = bleeding({"device": "cpu"})
     for _ in range(20):
         sim.step(0.002)
-    sim.save(tmp_path / "half.npz")
-    again = gb.Simulation.load(tmp_path / "half.npz", device="cpu")
+    again = reloaded(sim, tmp_path)
     assert again.settings.fine_fluids
     for _ in range(10):
         sim.step(0.002)

@@ -27,7 +27,9 @@ def test_truths(backend, experiment):
 
 
 @pytest.mark.parametrize(("friction", "degrees"), [(0.2, 20.0), (0.5, 20.0), (0.3, 30.0)])
-@pytest.mark.parametrize("floor", ["wall", "fixed tissue", "elastic tissue"])
+@pytest.mark.parametrize(
+    "floor", ["wall", "fixed tissue", pytest.param("elastic tissue", marks=pytest.mark.slow)]
+)
 def test_a_block_on_a_tilted_floor(backend, floor, friction, degrees):
     check(truths.tilted_floor(**backend, floor=floor, friction=friction, degrees=degrees))
 

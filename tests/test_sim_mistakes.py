@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from globule.sim.emitter import Emitter
 from globule.sim.scene_file import read_scene
+from sim_helpers import reloaded
 
 NAN = float("nan")
 DOCS = Path(__file__).parents[1] / "docs/how-to/simulate-own-scene.md"
@@ -84,8 +85,7 @@ def test_the_scene_in_the_documentation_runs(tmp_path):
 def test_what_was_removed_stays_so_in_pictures_after_loading(sim, tmp_path):
     sim.remove(sim.ids[:20])
     sim.step()
-    sim.save(tmp_path / "state")
-    again = gb.Simulation.load(tmp_path / "state", device="cpu")
+    again = reloaded(sim, tmp_path)
     camera = gb.Camera((3, -4, 2), (1, 0.5, 0.5))
     pictures = [gb.render(s.scene, camera, size=(64, 48)).color for s in (sim, again)]
     assert again.hash() == sim.hash()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import globule as gb
 import numpy as np
 import pytest
 from globule.bench import physics_memory as truths
@@ -9,27 +10,20 @@ from globule.bench.physics_solid import solid
 from globule.bench.physics_tissue import DENSITY, GRAVITY, MODULUS, SPACING, lattice
 from globule.sim import solids
 from globule.sim.bonds import build_bonds
-from globule.sim.tissue import Tissue
+from sim_helpers import assert_same_state, check, jittered, reloaded
+from test_sim_solid import derivative
 
 D = SPACING
 MASS = DENSITY * D**3
 TWO = truths.SERIES[1]
 
 
-def check(rows):
-    assert rows
-    for row in rows:
-        assert row["ok"], row
+LONG = (pytest.param(name, marks=pytest.mark.slow) for name in ("cycles", "decays", "turned"))
 
 
-@pytest.mark.parametrize("experiment", ["held", "creeping", "cycles", "decays", "turned", "stays"])
+@pytest.mark.parametrize("experiment", ["held", "creeping", "stays", *LONG])
 def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))
-
-
-def jittered(shape=(4, 5, 6)):
-    rng = np.random.default_rng(0)
-    return (lattice(*shape) + rng.uniform(-0.1, 0.1, (np.prod(shape), 3)) * D).astype("f4")
 
 
 def deformed(rest, by=0.2):
@@ -52,7 +46,7 @@ def forces(tissue, positions, dt):
 
 @pytest.mark.parametrize("poisson", [0.0, 0.45])
 def test_forces_and_energy_are_the_references(backend, poisson):
-    rest, dt = jittered(), 1e-5
+    rest, dt = jittered((4, 5, 6)), 1e-5
     series = ((0.5, 2e-4), (0.3, 1e-3))
     bonds = build_bonds(rest, D, MODULUS)
     material = solids.elasticity(MODULUS, poisson, len(rest), series)
@@ -77,15 +71,7 @@ def test_the_reference_with_a_past_is_its_energys_derivative():
     material = solids.elasticity(MODULUS, 0.4, len(rest), TWO)
     F = solids.gradients(deformed(rest), rest, bonds, D)
     past = solids.relaxed(np.broadcast_to(np.eye(3), (2, 64, 3, 3)), F, material, 0.1)
-    _, force = solids.forces(x, rest, bonds, material, D, past)
-    h = 1e-5 * D
-    for i, axis in ((0, 0), (21, 1), (63, 2)):
-        ends = []
-        for sign in (1, -1):
-            y = x.copy()
-            y[i, axis] += sign * h
-            ends.append(solids.forces(y, rest, bonds, material, D, past)[0])
-        assert abs((ends[1] - ends[0]) / (2 * h) - force[i, axis]) < 1e-6 * np.abs(force).max()
+    derivative(lambda y: solids.forces(y, rest, bonds, material, D, past), x, (0, 21, 63))
 
 
 @pytest.mark.parametrize(
@@ -93,7 +79,7 @@ def test_the_reference_with_a_past_is_its_energys_derivative():
 )
 def test_turned_bodies_have_turned_forces_and_no_less_memory(backend, how):
     """Half way through its relaxation or flow one of two bodies is turned."""
-    rest, dt, q = jittered(), 1e-5, turn()
+    rest, dt, q = jittered((4, 5, 6)), 1e-5, turn()
     one, other = (solid(rest, 0.4, **how, **backend) for _ in range(2))
     x = deformed(rest, 0.1)
     fresh = forces(one, x, dt)
@@ -106,7 +92,7 @@ def test_turned_bodies_have_turned_forces_and_no_less_memory(backend, how):
 
 
 def test_held_still_energy_of_what_yields_only_falls(backend):
-    rest = jittered()
+    rest = jittered((4, 5, 6))
     tissue = solid(
         rest, 0.3, fixed=np.ones(len(rest), bool), plastic=0.02, creep=1000.0, **backend
     )  # fmt: skip
@@ -121,7 +107,7 @@ def test_held_still_energy_of_what_yields_only_falls(backend):
 
 
 def test_held_still_energy_falls_to_that_of_the_part_that_lasts(backend):
-    rest, dt = jittered(), 1e-4
+    rest, dt = jittered((4, 5, 6)), 1e-4
     tissue = solid(rest, 0.3, fixed=np.ones(len(rest), bool), relaxation=((0.6, 1e-3),), **backend)
     tissue.positions = deformed(rest)
     energies = []
@@ -214,8 +200,6 @@ SERIES = [{"share": 0.3, "time": 0.01}, {"share": 0.2, "time": 0.1}]
 
 @pytest.mark.parametrize("keys", [{"relaxation": SERIES}, {"plastic": 0.002, "creep": 50.0}])
 def test_checkpoints_cuts_and_sutures_keep_the_memory(tmp_path, keys):
-    import globule as gb
-
     sim = gb.Simulation(scene(**keys), device="cpu")
     for _ in range(4):
         sim.step()
@@ -228,22 +212,17 @@ def test_checkpoints_cuts_and_sutures_keep_the_memory(tmp_path, keys):
     assert len(sim.tissue.ablate([0.03, 0.03, 0.05], 0.006)) > 0
     assert np.array_equal(sim.arrays.state()[name], before)
     sim.step()
-    path = tmp_path / "state.npz"
-    sim.save(path)
-    other = gb.Simulation.load(path, device="cpu")
+    other = reloaded(sim, tmp_path)
     for _ in range(3):
         sim.step()
         other.step()
-    assert np.array_equal(sim.positions, other.positions)
-    assert np.array_equal(sim.arrays.state()[name], other.arrays.state()[name])
+    assert_same_state(sim, other)
     assert sim.tissue.elastic_energy == other.tissue.elastic_energy > 0
     assert np.array_equal(first[name], before)
 
 
 def test_bodies_with_and_without_a_past_beside_each_other(backend):
     """Added one after the other, a body keeps what it remembers; elastic bodies have none."""
-    import globule as gb
-
     sim = gb.Simulation(
         spacing=D, domain={"lo": [-0.5] * 3, "hi": [0.5] * 3}, gravity=(0, 0, 0),
         solids=[{"name": "a"}, {"name": "b"}, {"name": "c"}], **backend,
@@ -273,8 +252,6 @@ def test_bodies_with_and_without_a_past_beside_each_other(backend):
 
 
 def test_states_without_memory_have_no_arrays_of_it():
-    import globule as gb
-
     sim = gb.Simulation(scene(), device="cpu")
     sim.step()
     assert not {"tissue_terms", "tissue_stays"} & set(sim.arrays.state())
@@ -288,24 +265,6 @@ def test_states_without_memory_have_no_arrays_of_it():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"relaxation": [(0.5, 0.1)] * 3}, "relaxation: expected up to 2 pairs"),
-        ({"relaxation": [(0.5, 0.1), (0.5, 1.0)]}, "expected shares of at most 0.999 .* got 1"),
-        ({"relaxation": [(0.0, 0.1)]}, "expected shares between 0 and 1, got 0"),
-        ({"relaxation": [(0.5, 0.0)]}, "expected times from 1e-06 to 1e\\+06 s, got 0"),
-        ({"relaxation": [(0.5, np.nan)]}, "expected times .* got nan"),
-        ({"relaxation": [0.5, 0.1]}, "relaxation: expected up to 2 pairs"),
-        ({"relaxation": [(0.5, 0.1)], "model": "bonds"}, 'relaxation: expected model = "solid"'),
-    ],
-)
-def test_wrong_series_are_named(change, message):
-    good = {"positions": lattice(2, 2, 2), "spacing": D, "young": 2500.0, "model": "solid"}
-    with pytest.raises(ValueError, match=message):
-        Tissue(**{**good, **change})
-
-
-@pytest.mark.parametrize(
     ("keys", "message"),
     [
         ({"relaxation": [{"share": 0.5}]}, "relaxation"),
@@ -315,8 +274,6 @@ def test_wrong_series_are_named(change, message):
     ],
 )
 def test_wrong_scenes_are_named(keys, message):
-    import globule as gb
-
     wrong = scene(**keys)
     wrong["solids"][0] = {k: v for k, v in wrong["solids"][0].items() if v is not None}
     with pytest.raises(ValueError, match=message):
@@ -336,8 +293,6 @@ def test_wrong_scenes_are_named(keys, message):
     ],
 )
 def test_states_that_cannot_be_are_refused(name, change, message):
-    import globule as gb
-
     sim = gb.Simulation(scene(relaxation=SERIES, plastic=0.01), device="cpu")
     sim.step()
     state = sim.arrays.state()

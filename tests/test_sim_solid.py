@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+
+import globule as gb
 import numpy as np
 import pytest
 from globule.bench import physics_solid as truths
@@ -9,53 +12,49 @@ from globule.bench.physics_tissue import DENSITY, GRAVITY, MODULUS, SPACING, lat
 from globule.sim import solids
 from globule.sim.bonds import build_bonds
 from globule.sim.tissue import Tissue
+from sim_helpers import check, jittered, reloaded
 
 D = SPACING
 MASS = DENSITY * D**3
 
 
-def check(rows):
-    assert rows
-    for row in rows:
-        assert row["ok"], row
+@pytest.mark.parametrize(
+    ("experiment", "poisson"),
+    [
+        ("column", 0.0),
+        ("column", 0.45),
+        ("cantilever", 0.0),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (("column", 0.3), ("cantilever", 0.3), ("cantilever", 0.45))
+        ),
+    ],
+)
+def test_beams_of_the_material(backend, experiment, poisson):
+    """Modulus and ratio of a column, and the tip of a clamped beam, 5 particles across."""
+    check(getattr(truths, experiment)(**backend, poisson=poisson))
 
 
-@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.45])
-def test_modulus_and_ratio_of_a_column(backend, poisson):
-    check(truths.column(**backend, poisson=poisson))
-
-
-@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.45])
-def test_cantilever_of_5(backend, poisson):
-    check(truths.cantilever(**backend, poisson=poisson))
-
-
-@pytest.mark.slow
-@pytest.mark.few_backends
-def test_cantilever_of_9(backend):
-    check(truths.cantilever(**backend, across=9))
-
-
-@pytest.mark.parametrize("experiment", ["turns", "squeeze", "steps", "cut_column", "momentum"])
+@pytest.mark.parametrize(
+    "experiment",
+    ["squeeze", "steps", "cut_column", "momentum", pytest.param("turns", marks=pytest.mark.slow)],
+)
 def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))
 
 
 @pytest.mark.slow
 @pytest.mark.few_backends
-@pytest.mark.parametrize("experiment", ["turned_column", "vibration"])
-def test_longer_truths(backend, experiment):
-    check(getattr(truths, experiment)(**backend))
+@pytest.mark.parametrize(
+    ("experiment", "how"),
+    [("cantilever", {"across": 9}), ("turned_column", {}), ("vibration", {})],
+)
+def test_longer_truths(backend, experiment, how):
+    check(getattr(truths, experiment)(**backend, **how))
 
 
 def test_energy_of_a_free_beam_stays(backend):
     check(truths.vibration(**backend, periods=8))
-
-
-def jittered(seed=0, shape=(5, 6, 7), by=0.1):
-    rng = np.random.default_rng(seed)
-    x = lattice(*shape) + rng.uniform(-by, by, (np.prod(shape), 3)) * D
-    return x.astype("f4")
 
 
 def strained(rest, seed=1, by=0.05):
@@ -69,7 +68,7 @@ def strained(rest, seed=1, by=0.05):
 
 @pytest.mark.parametrize("poisson", [0.0, 0.3, 0.49])
 def test_forces_and_energy_are_the_references(backend, poisson):
-    rest = jittered()
+    rest = jittered((5, 6, 7))
     x = strained(rest)
     bonds = build_bonds(rest, D, MODULUS)
     material = solids.elasticity(MODULUS, poisson, len(rest))
@@ -83,20 +82,26 @@ def test_forces_and_energy_are_the_references(backend, poisson):
     assert np.abs(found - force).max() < 2e-5 * np.abs(force).max()
 
 
-def test_the_reference_is_its_energys_derivative():
-    rest = jittered(shape=(4, 4, 4))
-    x = strained(rest).astype("f8")
-    bonds = build_bonds(rest, D, MODULUS)
-    material = solids.elasticity(MODULUS, 0.4, len(rest))
-    _, force = solids.forces(x, rest, bonds, material, D)
+def derivative(reference, x, some):
+    """The force of a reference, which is minus the slope of its energy at some particles."""
+    _, force = reference(x)
     h = 1e-5 * D
-    for i, axis in ((0, 0), (21, 1), (40, 2), (63, 0)):
+    for i, axis in itertools.product(some, range(3)):
         ends = []
         for sign in (1, -1):
             y = x.copy()
             y[i, axis] += sign * h
-            ends.append(solids.forces(y, rest, bonds, material, D)[0])
+            ends.append(reference(y)[0])
         assert abs((ends[1] - ends[0]) / (2 * h) - force[i, axis]) < 1e-6 * np.abs(force).max()
+    return force
+
+
+def test_the_reference_is_its_energys_derivative():
+    rest = jittered((4, 4, 4))
+    x = strained(rest).astype("f8")
+    bonds = build_bonds(rest, D, MODULUS)
+    material = solids.elasticity(MODULUS, 0.4, len(rest))
+    force = derivative(lambda y: solids.forces(y, rest, bonds, material, D), x, (0, 21, 40, 63))
     moment = np.cross(x, force).sum(0)
     assert np.abs(force.sum(0)).max() < 1e-12 * np.abs(force).sum()
     assert np.abs(moment).max() < 1e-10 * np.abs(np.cross(x, force)).sum()
@@ -105,7 +110,7 @@ def test_the_reference_is_its_energys_derivative():
 @pytest.mark.parametrize("poisson", [0.0, 0.45])
 def test_uniform_strain_has_the_energy_of_the_material(poisson):
     """Whatever the particles' arrangement: the corrected gradient is exact for linear motions."""
-    rest = jittered(by=0.2)
+    rest = jittered((5, 6, 7), 0.2)
     F = np.array([[1.05, 0.1, 0], [0, 0.9, 0.02], [0.03, 0, 1.0]])
     material = solids.elasticity(MODULUS, poisson, len(rest))
     bonds = build_bonds(rest, D, MODULUS)
@@ -147,16 +152,15 @@ def test_random_cuts_leave_finite_numbers_and_every_particle(backend):
     assert tissue.n_pieces >= 1
 
 
-@pytest.mark.parametrize("seed", [9, 10])
-def test_strained_tissue_gets_shorter_substeps(backend, seed):
-    """Dragged about between cuts; with the substeps of rest these two explode."""
+def dragged_about(seed, n, reach, **how):
+    """Tissue that is cut and dragged about by n steps, and how many substeps each took."""
     rng = np.random.default_rng(seed)
     x = lattice(8, 8, 8)
-    tissue = truths.solid(x, 0.45, fixed=x[:, 2] < D / 2, damping=2.0, tear=0.7, **backend)
+    tissue = truths.solid(x, 0.45, fixed=x[:, 2] < D / 2, damping=2.0, **how)
     substeps = []
-    for k in range(100):
+    for k in range(n):
         p, q = rng.uniform(-1, 8, (2, 3)) * D
-        w, c, u = rng.normal(size=3) * 2 * D, rng.uniform(0, 8, 3) * D, rng.normal(0, 0.02, 3)
+        w, c, u = rng.normal(size=3) * 2 * D, rng.uniform(0, 8, 3) * D, rng.normal(0, reach, 3)
         if k % 5 == 0:
             tissue.cut(np.array([[p, q, p + w]]))
         if k % 7 == 0:
@@ -164,45 +168,27 @@ def test_strained_tissue_gets_shorter_substeps(backend, seed):
             tissue.instruments([(u, (0, 0, 0), (0, 0, 0))])
         substeps.append(tissue.advance(1 / 60, GRAVITY))
         tissue.tear(1 / 60)
-    assert np.linalg.norm(tissue.velocities, axis=1).max() < 20
+        assert np.linalg.norm(tissue.velocities, axis=1).max() < 20  # and no NaN
+    return substeps
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [9, 10])
+def test_strained_tissue_gets_shorter_substeps(backend, seed):
+    """Dragged about between cuts; with the substeps of rest these two explode."""
+    substeps = dragged_about(seed, 100, 0.02, tear=0.7, **backend)
     assert min(substeps) < 70 < 90 < max(substeps)
 
 
 @pytest.mark.parametrize(("seed", "how"), [
-    (8, {"plastic": 0.1, "creep": 5.0}), (17, {}), (19, {}),
+    (8, {"plastic": 0.1, "creep": 5.0}),
+    pytest.param(17, {}, marks=pytest.mark.slow), pytest.param(19, {}, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_tissue_torn_apart_gets_shorter_substeps(backend, seed, how):
     """Pulled apart at several m/s: with substeps for the strain at hand alone, these three ended
     in NaN after 16 to 26 steps."""
-    rng = np.random.default_rng(seed)
-    x = lattice(8, 8, 8)
-    fixed = x[:, 2] < D / 2
-    tissue = truths.solid(x, 0.45, fixed=fixed, damping=2.0, tear=1.0, **how, **backend)
-    for k in range(30):
-        p, q = rng.uniform(-1, 8, (2, 3)) * D
-        w, c, u = rng.normal(size=3) * 2 * D, rng.uniform(0, 8, 3) * D, rng.normal(0, 0.05, 3)
-        if k % 5 == 0:
-            tissue.cut(np.array([[p, q, p + w]]))
-        if k % 7 == 0:
-            tissue.grasp(c, 2 * D, 0)
-            tissue.instruments([(u, (0, 0, 0), (0, 0, 0))])
-        tissue.advance(1 / 60, GRAVITY)
-        tissue.tear(1 / 60)
-        assert np.linalg.norm(tissue.velocities, axis=1).max() < 20  # and no NaN
-
-
-def test_same_bits_whatever_the_threads():
-    x = lattice(15, 15, 15)
-    found = []
-    for threads in (1, 2, 3):
-        tissue = truths.solid(x, fixed=x[:, 2] < D / 2, device="cpu", threads=threads)
-        tissue.velocities = np.random.default_rng(2).normal(0, 0.1, x.shape)
-        for _ in range(3):
-            tissue.advance(0.005, GRAVITY)
-            tissue.cut(np.array([[[0.01, -1, -1], [0.01, 1, -1], [0.01, 0, 1]]]))
-        found.append((tissue.positions, tissue.velocities, tissue.piece))
-    for other in found[1:]:
-        assert all(np.array_equal(a, b) for a, b in zip(found[0], other, strict=True))
+    substeps = dragged_about(seed, 30, 0.05, tear=1.0, **how, **backend)
+    assert min(substeps) < max(substeps)
 
 
 def test_damping_tearing_and_instruments_act_as_on_bonds(backend):
@@ -218,36 +204,7 @@ def test_damping_tearing_and_instruments_act_as_on_bonds(backend):
     assert tissue.n_bonds < len(build_bonds(x, D, MODULUS).other) // 2
 
 
-def test_a_checkpoint_goes_on_as_if_never_left(tmp_path):
-    import globule as gb
-
-    scene = {
-        "spacing": 0.005,
-        "domain": {"lo": [-0.05, -0.05, -0.05], "hi": [0.1, 0.1, 0.1]},
-        "solids": [{
-            "name": "block", "box": {"lo": [0, 0, 0], "hi": [0.03, 0.03, 0.05]}, "young": 5000,
-            "model": "solid", "poisson": 0.4, "damping": 2.0,
-            "fixed": [{"box": {"lo": [-0.01] * 3, "hi": [0.04, 0.04, 0.006]}}],
-        }],
-    }  # fmt: skip
-    sim = gb.Simulation(scene, device="cpu")
-    sim.step()
-    sim.tissue.cut(np.array([[[-1, 0.015, 0.03], [1, 0.015, 0.03], [0, 0.015, 1]]]))
-    sim.step()
-    path = tmp_path / "state.npz"
-    sim.save(path)
-    other = gb.Simulation.load(path, device="cpu")
-    for _ in range(3):
-        sim.step()
-        other.step()
-    assert np.array_equal(sim.positions, other.positions)
-    assert sim.tissue.elastic_energy == other.tissue.elastic_energy > 0
-
-
 def test_a_checkpoint_from_before_solids_stays_one_of_springs(tmp_path):
-    import globule as gb
-    from globule.sim import checkpoint
-
     scene = {
         "spacing": D, "domain": {"lo": [-1] * 3, "hi": [1] * 3},
         "solids": [{"name": "a", "box": {"lo": [0] * 3, "hi": [4 * D] * 3}, "model": "bonds"}],
@@ -255,11 +212,7 @@ def test_a_checkpoint_from_before_solids_stays_one_of_springs(tmp_path):
     sim = gb.Simulation(scene, device="cpu")
     start = sim.hash()
     sim.step()
-    sim.save(tmp_path / "new")
-    arrays, facts = checkpoint.load(tmp_path / "new")
-    del facts["scene"]["solids"][0]["model"]
-    checkpoint.save(tmp_path / "old", dict(arrays), facts)
-    old = gb.Simulation.load(tmp_path / "old", device="cpu")
+    old = reloaded(sim, tmp_path, lambda _, facts: facts["scene"]["solids"][0].pop("model"))
     assert old.hash() == sim.hash()
     old.reset()
     assert old.file.solids[0].model == "bonds"
@@ -277,6 +230,13 @@ def test_a_checkpoint_from_before_solids_stays_one_of_springs(tmp_path):
         ({"poisson": 0.5}, "poisson: expected 0 to 0.49"),
         ({"poisson": -0.1}, "poisson: expected 0 to 0.49"),
         ({"young": 0.0}, "young"),
+        ({"relaxation": [(0.5, 0.1)] * 3}, "relaxation: expected up to 2"),
+        ({"relaxation": [(0.5, 0.1), (0.5, 1.0)]}, "shares of at most 0.999 .* got 1"),
+        ({"relaxation": [(0.0, 0.1)]}, "shares between 0 and 1, got 0"),
+        ({"relaxation": [(0.5, 0.0)]}, "times from 1e-06 to .* got 0"),
+        ({"relaxation": [(0.5, np.nan)]}, "times .* got nan"),
+        ({"relaxation": [0.5, 0.1]}, "relaxation: expected up to 2"),
+        ({"relaxation": [(0.5, 0.1)], "model": "bonds"}, 'relaxation: .* model = "solid"'),
     ],
 )
 def test_wrong_solids_are_named(change, message):
@@ -291,8 +251,6 @@ def test_solids_do_not_iterate():
 
 
 def test_one_model_a_simulation():
-    import globule as gb
-
     sim = gb.Simulation(
         spacing=D, domain={"lo": [-1, -1, -1], "hi": [1, 1, 1]},
         solids=[{"name": "a"}, {"name": "b"}],
@@ -318,8 +276,6 @@ def test_one_model_a_simulation():
     ],
 )
 def test_bodies_made_by_hand_name_what_is_wrong(ids, how, message):
-    import globule as gb
-
     sim = gb.Simulation(
         spacing=D, domain={"lo": [-1, -1, -1], "hi": [1, 1, 1]}, device="cpu",
         solids=[{"name": "a"}], fluids=[{"name": "water"}],
@@ -336,8 +292,6 @@ def test_bodies_made_by_hand_name_what_is_wrong(ids, how, message):
 
 @pytest.mark.parametrize("jump", [2, 12, 50])
 def test_a_grasp_that_jumps_throws_nothing_away(backend, jump):
-    import globule as gb
-
     d = 0.004
     sim = gb.Simulation({
         "spacing": d, "domain": {"lo": [-0.3] * 3, "hi": [0.4] * 3},
@@ -354,11 +308,9 @@ def test_a_grasp_that_jumps_throws_nothing_away(backend, jump):
         sim.step()
 
 
-@pytest.mark.parametrize("speed", [10.0, 50.0])
+@pytest.mark.parametrize("speed", [pytest.param(10.0, marks=pytest.mark.slow), 50.0])
 def test_steps_are_as_short_as_fast_instruments_and_boundaries_need(speed):
     """What is pulled 25 spacings in a step leaves it with 1e14 m/s."""
-    import globule as gb
-
     away = [{"time": 0.03, "position": [0.04, 0.01, 0.01]},
             {"time": 0.03 + 0.1 / speed, "position": [0.14, 0.01, 0.01]}]  # fmt: skip
     scene = {
@@ -383,8 +335,6 @@ def test_steps_are_as_short_as_fast_instruments_and_boundaries_need(speed):
 
 
 def in_a_simulation(backend, gravity, **solver):
-    import globule as gb
-
     return gb.Simulation(
         {
             "spacing": 0.004, "domain": {"lo": [-0.1] * 3, "hi": [0.2] * 3}, "gravity": gravity,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
+from sim_helpers import reloaded
 
 D = 0.004  # m
 N, HIGH = 5, 10
@@ -142,13 +143,11 @@ def test_what_was_cauterized_first_is_cut_without_blood(backend):
 
 
 def test_a_checkpoint_keeps_sutures(tmp_path):
-    backend = {"device": "cpu", "threads": 1}
-    sim = column(backend)
+    sim = column({"device": "cpu", "threads": 1})
     cut_across(sim)
     sim.tissue.suture((D, D, CUT), 1.3 * D)
     sim.run(0.05)
-    sim.save(tmp_path / "state")
-    again = gb.Simulation.load(tmp_path / "state.npz", **backend)
+    again = reloaded(sim, tmp_path)
     assert again.tissue.n_bonds == sim.tissue.n_bonds
     for one in (sim, again):
         one.run(0.05)

@@ -1,4 +1,4 @@
-"""Flows with a known answer, at small size, and what frames tell of a flow."""
+"""Experiments with a known answer, at small size; `globule bench physics` shows the figures."""
 
 from __future__ import annotations
 
@@ -6,34 +6,85 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.bench import physics_bodies as bodies
-from globule.bench import physics_crown
+from globule.bench import physics_crown, physics_fluid
 from globule.bench import physics_flows as flows
 from globule.bench.physics_fluid import lattice
+from sim_helpers import check
 
 
 @pytest.mark.parametrize(
-    "experiment",
+    ("experiment", "how"),
     [
-        flows.elliptical_drop,
-        flows.rotating_square,
-        flows.sloshing,
-        flows.pipe_poiseuille,
-        flows.torricelli,
-        bodies.floating_box,
-        bodies.rising_sphere,
-        pytest.param(bodies.settling_sphere, marks=pytest.mark.slow),
-        pytest.param(bodies.kleefsman, marks=pytest.mark.slow),
-        pytest.param(flows.rotating_bucket, marks=pytest.mark.slow),
+        (physics_fluid.free_fall, {}),
+        (physics_fluid.momentum, {}),
+        (physics_fluid.hydrostatic, {"seconds": 1.0}),
+        (physics_fluid.dam_break, {"cells": 10}),
+        (physics_fluid.emitter, {}),
+        (flows.rotating_square, {}),
+        (flows.sloshing, {"cells": 24}),
+        (flows.pipe_poiseuille, {"cells": 7}),
+        (flows.torricelli, {"cells": 16}),
+        (physics_crown.splash, {"layers": 3}),
     ],
 )
-def test_truth(experiment):
-    for row in experiment():
-        assert row.ok, row
+def test_truth(experiment, how):
+    check(experiment(**how))
 
 
-def test_a_crown_spreads_as_published():
-    for row in physics_crown.splash(layers=5):
-        assert row.ok, row
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("experiment", "how"),
+    [
+        (physics_fluid.poiseuille, {"implicit": False}),
+        (physics_fluid.poiseuille, {"implicit": True}),
+        (physics_fluid.taylor_green, {}),
+        (physics_fluid.oscillation, {"cells": 6}),
+        (physics_fluid.oscillation, {"cells": 8}),
+        (flows.elliptical_drop, {}),
+        (flows.rotating_bucket, {}),
+        (bodies.floating_box, {}),
+        (bodies.rising_sphere, {"cells": 6}),
+        (bodies.settling_sphere, {}),
+        (bodies.kleefsman, {}),
+    ],
+)
+def test_longer_truth(experiment, how):
+    check(experiment(**how))
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        5,
+        pytest.param(7, marks=pytest.mark.slow),
+        pytest.param(
+            10,
+            marks=[
+                pytest.mark.slow,
+                pytest.mark.xfail(
+                    raises=AssertionError,
+                    reason="the pressure in a drop of 10 spacings is 1.072 times 2 sigma / R;"
+                    " the bound is 1.05",
+                ),
+            ],
+        ),
+    ],
+)
+def test_pressure_in_a_drop(cells):
+    check(physics_fluid.laplace(sizes=(cells,)))
+
+
+def test_a_fluid_with_tension_has_a_least_viscosity():
+    """Without it, the surface of a drop boils."""
+    d, sigma, found = 0.001, 0.07, []
+    least = float(0.0075 * np.sqrt(1000.0 * sigma * d))
+    for mu in (0.0, 0.9 * least, 2 * least):
+        sim = physics_fluid.drop(5 * d, d, sigma, mu, "cpu", 0)
+        for _ in range(10):
+            sim.step(5e-4)
+        found.append(sim.velocities)
+    np.testing.assert_array_equal(found[0], found[1])
+    assert np.linalg.norm(found[2]) < 0.995 * np.linalg.norm(found[0])
 
 
 def test_the_shape_of_a_crown_is_found():
@@ -77,202 +128,6 @@ def test_the_reference_of_heave_settles_with_its_grid():
     free = np.sqrt(9.81 / 0.2)
     assert fine < free
     assert bodies.heave(1.0, 0.5, 0.2, 0.2, 8) > coarse
-
-
-def test_a_body_crosses_a_periodic_boundary(backend):
-    """Its particles are on both sides; no speed comes of that."""
-    d = 0.05
-    scene = {
-        "spacing": d, "domain": {"lo": (0, 0, 0), "hi": (1, 1, 0.5), "periodic": ["x"]},
-        "gravity": (0, 0, 0), "fluids": [{"name": "water", "viscosity": 0.0}],
-    }  # fmt: skip
-    sim = gb.Simulation(scene, **backend)
-    sim.add_phase(gb.Phase("raft", kind="rigid"))
-    at = lattice((0.7, 0.4, 0.2), (0.9, 0.6, 0.4), d)
-    raft = sim.add(at, "raft")
-    sim.steer.make_rigid("raft", 500.0, velocity=(1.0, 0, 0))
-    for _ in range(40):
-        sim.step(0.01)
-        speed = np.linalg.norm(sim.velocities[raft], axis=1)
-        assert speed.max() < 1.001
-    np.testing.assert_allclose(sim.steer.body("raft")["velocity"], (1, 0, 0), atol=1e-6)
-    moved = (at[:, 0] + 0.4) % 1.0
-    np.testing.assert_allclose(sim.positions[raft, 0], moved, atol=1e-4)
-
-
-def boxes(backend, tables, **more):
-    """Rigid boxes of 0.1 m and 1 kg, in the order of the scene."""
-    scene = {
-        "spacing": 0.02, "gravity": (0, 0, 0), "domain": {"lo": (-1, -1, -1), "hi": (1, 1, 1)},
-        "rigids": [
-            {"name": name, "box": {"lo": lo, "hi": np.add(lo, 0.1).round(3).tolist()}, **keys}
-            for name, lo, keys in tables
-        ],
-        **more,
-    }  # fmt: skip
-    return gb.Simulation(scene, **backend)
-
-
-def momenta(sim, names="ab"):
-    return np.array([sim.steer.body(name)["velocity"] for name in names])
-
-
-def test_a_body_goes_round_and_round(backend):
-    """Two laps and a half of a domain that repeats, with a neighbor that drifts over the seam."""
-    tables = [
-        ("a", (-0.1, 0.8, 0), {"velocity": (2.0, 0, 0), "spin": (0, 0, 1.0)}),
-        ("b", (-0.1, 0.3, 0), {"velocity": (2.0, 0, 0)}),
-        ("c", (-0.1, 0.44, 0), {"velocity": (2.0, -1.0, 0)}),
-    ]
-    domain = {"lo": (-0.5, -1, -1), "hi": (0.5, 1, 1), "periodic": ["x"]}
-    sim = boxes(backend, tables, domain=domain)
-    while sim.time < 1.25:
-        sim.step(0.005)
-        assert np.abs(sim.velocities).max() < 2.2
-    a = sim.steer.body("a")
-    at = (-0.05 + 2.0 * sim.time + 0.5) % 1.0 - 0.5
-    assert a["center"][0] == pytest.approx(at, abs=1e-4)
-    np.testing.assert_allclose(a["velocity"], (2, 0, 0), atol=1e-6)
-    np.testing.assert_allclose(momenta(sim, "bc").sum(axis=0), (4, -1, 0), atol=1e-5)
-    for name in "bc":
-        assert np.abs(sim.steer.body(name)["spin"]).max() < 0.05
-
-
-def test_a_free_body_keeps_its_angular_momentum(backend):
-    """About an axis that is none of its own, so that its spin changes."""
-    d, size, spin = 0.02, (0.2, 0.06, 0.12), np.array((0.1, 3.0, 0.1))
-    scene = {
-        "spacing": d, "gravity": (0, 0, 0), "domain": {"lo": (-1, -1, -1), "hi": (1, 1, 1)},
-        "rigids": [{"name": "a", "box": {"lo": (0, 0, 0), "hi": size}, "spin": spin}],
-    }  # fmt: skip
-    sim = gb.Simulation(scene, **backend)
-    edges = np.square(size)
-    inertia = 1000.0 * np.prod(size) * np.diag(edges.sum() - edges) / 12
-
-    def now():
-        body = sim.steer.body("a")
-        turned = body["rotation"] @ inertia @ body["rotation"].T
-        return turned @ body["spin"], body["spin"]
-
-    before = now()[0]
-    sim.run(2.0)
-    after, turned = now()
-    np.testing.assert_allclose(after, before, atol=1e-6 * np.linalg.norm(before))
-    assert np.abs(turned - spin).max() > 0.05
-
-
-@pytest.mark.parametrize("order", [1, -1])
-@pytest.mark.parametrize("speeds", [(1.0, -1.0), (1.0, 0.0), (0.0, -1.0)])
-def test_bodies_that_meet_keep_their_momentum(backend, speeds, order):
-    """Whichever comes first in the scene; what is lost is energy."""
-    tables = [
-        ("a", (0, 0, 0), {"velocity": (speeds[0], 0, 0)}),
-        ("b", (0.14, 0, 0), {"velocity": (speeds[1], 0, 0)}),
-    ]
-    sim = boxes(backend, tables[::order])
-    before = momenta(sim).sum(axis=0)
-    sim.run(0.1)
-    after = momenta(sim)
-    np.testing.assert_allclose(after.sum(axis=0), before, atol=1e-5)
-    assert 0.5 * (after**2).sum() <= 0.5 * (np.array(speeds) ** 2).sum() + 1e-6
-    assert after[0, 0] <= after[1, 0] + 1e-3  # they do not go on into each other
-    gap = sim.steer.body("b")["center"][0] - sim.steer.body("a")["center"][0]
-    assert gap > 0.095
-
-
-@pytest.mark.parametrize("densities", [(2000.0, 500.0), (100.0, 10000.0)])
-def test_boxes_stand_on_each_other(backend, densities):
-    """On four corners each: they settle among the particles of what is below, and stay; what is
-    light is not shot away from under what is heavy, which may slide off it."""
-    d = 0.02
-    tables = [
-        ("a", (0, 0, 0), {"density": densities[0]}),
-        ("b", (0, 0.1, 0), {"density": densities[1]}),
-    ]
-    sim = boxes(
-        backend, tables, gravity=(0, -9.81, 0),
-        domain={"lo": (-0.5, 0, -0.5), "hi": (0.5, 0.5, 0.5), "walls": True},
-    )  # fmt: skip
-    at = np.array([sim.steer.body(name)["center"] for name in "ab"])
-    while sim.time < 2.0:
-        sim.step()
-        bodies = [sim.steer.body(name) for name in "ab"]
-        energy = sum(
-            0.001 * density * (body["velocity"] @ body["velocity"] / 2 + 9.81 * body["center"][1])
-            for density, body in zip(densities, bodies, strict=True)
-        )
-        assert energy < 9.81e-3 * np.dot(densities, at[:, 1]) * 1.001
-        assert np.abs([body["center"] for body in bodies]).max() < 0.5
-    if densities[1] > densities[0]:
-        return
-    now = [sim.steer.body(name) for name in "ab"]
-    moved = np.array([body["center"] for body in now]) - at
-    assert np.abs(moved).max() < 1.1 * d
-    for body in now:
-        assert np.abs(body["velocity"]).max() < 0.05
-        np.testing.assert_allclose(body["rotation"], np.eye(3), atol=0.1)
-
-
-@pytest.mark.parametrize(
-    "keys",
-    [
-        {"density": 1000.0},
-        {"density": 30.0},  # most of what moves is water
-        {"density": 1000.0, "offset": 0.04, "spin": (0, 0, 3.0)},
-        {"density": 1000.0, "fluid": {"viscosity": 2.0, "implicit": False}},
-        {"density": 100.0, "fluid": {"viscosity": 50.0}},
-        {"density": 1.0, "fluid": {"viscosity": 1e4}},
-        {"density": 1000.0, "fluid": {"surface_tension": 1.0}, "body": {"adhesion": 1.0}},
-        {"density": 1000.0, "solver": {"method": "wcsph"}},
-        {"density": 1000.0, "solver": {"max_dt": 2e-4}},
-    ],
-    ids=[
-        "plain",
-        "light",
-        "oblique",
-        "viscous",
-        "honey",
-        "stiff",
-        "sticky",
-        "wcsph",
-        "short steps",
-    ],
-)
-def test_a_body_and_the_fluid_that_it_hits_keep_their_momentum(backend, keys):
-    """Nobody gives energy, either."""
-    d, density, lift = 0.02, keys["density"], keys.get("offset", 0.0)
-    spin = keys.get("spin", (0, 0, 0))
-    scene = {
-        "spacing": d, "domain": {"lo": (-1, -1, -1), "hi": (1, 1, 1)}, "gravity": (0, 0, 0),
-        "solver": keys.get("solver", {}),
-        "fluids": [{
-            "name": "water", "viscosity": 0.0, **keys.get("fluid", {}),
-            "box": {"lo": (0.14, lift, 0), "hi": (0.24, lift + 0.1, 0.1)},
-        }],
-        "rigids": [{
-            "name": "box", "density": density, "velocity": (1.0, 0, 0), "spin": spin,
-            "box": {"lo": (0, 0, 0), "hi": (0.1, 0.1, 0.1)}, **keys.get("body", {}),
-        }],
-    }  # fmt: skip
-    sim = gb.Simulation(scene, **backend)
-    mass = density * 0.1**3
-    inertia = mass * (0.1**2 + d**2) / 6  # with the particles' own
-
-    def now():
-        body, totals = sim.steer.body("box"), sim.record.totals()
-        kinetic = (
-            0.5 * mass * (body["velocity"] ** 2).sum() + 0.5 * inertia * (body["spin"] ** 2).sum()
-        )
-        return mass * body["velocity"] + totals["momentum"], kinetic + totals["kinetic"]
-
-    before, energy = now()
-    while sim.time < 0.15:
-        sim.step()
-        momentum, kinetic = now()
-        np.testing.assert_allclose(momentum, before, atol=1e-4 * mass)
-        if "body" not in keys:  # attraction gives some
-            assert kinetic < energy * 1.001
-    assert sim.steer.body("box")["velocity"][0] < 0.95  # they have met
 
 
 def turning(backend, spin):

@@ -242,11 +242,13 @@ def drop(radius: float, d: float, sigma: float, mu: float, device: str, threads:
     return sim
 
 
-def laplace(device: str = "cpu", threads: int = 0) -> list[Row]:
-    """Pressure in drops of three sizes at rest."""
+def laplace(
+    device: str = "cpu", threads: int = 0, sizes: tuple[int, ...] = (5, 7, 10)
+) -> list[Row]:
+    """Pressure in drops at rest, whose radii are some numbers of spacings."""
     d, sigma, n = 0.001, 0.07, 100
     rows = []
-    for cells in (5, 7, 10):
+    for cells in sizes:
         radius = cells * d
         sim = drop(radius, d, sigma, 0.02, device, threads)
         sim.run(0.05)
