@@ -284,26 +284,6 @@ def vtk_cloud() -> object:
 
 
 @pytest.mark.interop
-@pytest.mark.parametrize("compressor", ["ZLib", "LZ4", "LZMA"])
-@pytest.mark.parametrize("mode", ["Appended", "Binary"])
-def test_vtk_compressors(tmp_path, compressor, mode):
-    vtk = pytest.importorskip("vtk")
-    if compressor == "LZ4":
-        pytest.importorskip("lz4")
-    writer = vtk.vtkXMLUnstructuredGridWriter()
-    writer.SetInputData(vtk_cloud().cast_to_unstructured_grid())
-    getattr(writer, f"SetCompressorTypeTo{compressor}")()
-    getattr(writer, f"SetDataModeTo{mode}")()
-    writer.SetBlockSize(64)
-    writer.SetFileName(str(tmp_path / "a.vtu"))
-    writer.Write()
-    assert compressor in (tmp_path / "a.vtu").read_bytes()[:300].decode("latin-1")
-    particles = gb.read(tmp_path / "a.vtu")
-    assert np.array_equal(particles.positions, INSIDE.astype(np.float32))
-    assert np.array_equal(particles.attributes["mass"], np.arange(N) + 0.5)
-
-
-@pytest.mark.interop
 def test_blocks_and_pieces_by_vtk(tmp_path):
     vtk = pytest.importorskip("vtk")
     blocks = vtk.vtkMultiBlockDataSet()

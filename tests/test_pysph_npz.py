@@ -96,24 +96,3 @@ def test_nothing_else_is_made(tmp_path):
 def test_refusals(tmp_path, particles, words):
     with pytest.raises(FormatError, match=words):
         gb.read(written(tmp_path / "a.npz", particles))
-
-
-def test_damaged(tmp_path):
-    good = written(tmp_path / "a.npz").read_bytes()
-    path = tmp_path / "b.npz"
-    for seed in range(300):
-        rng = np.random.default_rng(seed)
-        with zipfile.ZipFile(io.BytesIO(good)) as archive:
-            parts = {name: bytearray(archive.read(name)) for name in archive.namelist()}
-        for _ in range(rng.integers(1, 4)):
-            part = parts["particles.npy"]
-            part[rng.integers(80, len(part))] = rng.integers(256)
-        with zipfile.ZipFile(path, "w") as archive:
-            for name, content in parts.items():
-                archive.writestr(name, bytes(content))
-        said = ""
-        try:
-            gb.read(path)
-        except FormatError as error:
-            said = str(error)
-        assert said == "" or ("b.npz" in said and "\n" not in said)

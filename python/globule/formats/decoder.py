@@ -486,7 +486,7 @@ def _usd_arrays(UsdGeom: Any, prim: Any, points: Any, when: Any) -> dict[str, An
         if name in found or array.dtype.kind not in "biuf" or array.ndim not in (1, 2):
             continue
         if len(array) == k * len(x) and k > 1:
-            array = array.reshape(len(x), -1)
+            array = array.reshape(len(x), k * int(np.prod(array.shape[1:])))
         if name == "displayColor" and array.shape == (1, 3):
             array = np.repeat(array, len(x), axis=0)
         found[name] = array
