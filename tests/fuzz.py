@@ -1,15 +1,18 @@
 """Mutated files of every kind, each opened in a process of its own with limits: `make fuzz`.
 
-    python tests/fuzz.py [-n 20000] [--seed 0] [--only KIND] [--keep FOLDER]
+    python tests/fuzz.py [-n 20000] [--seed 0] [--only KIND] [--keep FOLDER] [--jobs 2]
     python tests/fuzz.py --each 2000 [--only KIND]
     python tests/fuzz.py --open tests/corpus
-    python tests/fuzz.py --damage
+    python tests/fuzz.py --damage [N] [--together]
 
 A mutant is refused in one line that names the file, or loads. Everything else is a fault: another
 error, a crash, more than SECONDS of the processor's time, more memory than the limit. The file of
 each fault is kept in the folder, as KIND@NUMBER@NAME; once mended, it belongs to tests/corpus.
 `--each` damages every file so many times, one reader after the other, and counts by file.
-`--open` opens such files again; `--damage` damages every array of a checkpoint in every way.
+`--open` opens such files again; `--damage` damages every array of a checkpoint in every way; both
+open mutants too where -n says how many. The same seed makes the same mutants for any number of
+jobs. `--together` takes one process for all files instead of one for each: quicker, but what ends
+it is not told apart. The exit status is 1 if there was a fault.
 """
 
 from __future__ import annotations
@@ -20,6 +23,8 @@ import contextlib
 import gc
 import importlib
 import io
+import itertools
+import json
 import os
 import pkgutil
 import resource
@@ -32,7 +37,7 @@ import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from random import Random
 
@@ -50,6 +55,7 @@ PATIENCE = 90  # s, until a process that does nothing is ended
 MEMORY = 1 << 29  # bytes, which readers may take
 SLACK = 1 << 28  # bytes, of libraries that are loaded and of what is done with a file
 SHARE_OF_COMMANDS = 0.25
+THREADED = ("tables",)  # whose libraries start threads, which a fork does not have
 
 
 def judge(kind: str, path: str, by_command: bool) -> str:
@@ -159,24 +165,31 @@ def _be_judge(kind: str, path: str, by_command: bool, out: int) -> None:
 class Fuzzer:
     """The files of each kind, in a folder of its kind, and what became of their mutants."""
 
-    def __init__(self, folder: str, only: str = ""):
+    def __init__(self, folder: str, only: str = "", together: bool = False):
         preload()
-        self.places: dict[str, Path] = {}
-        self.files: dict[str, list[tuple[str, bytes]]] = {}
-        for kind in KINDS:
-            if only and kind != only:
-                continue
-            place = Path(folder, kind.replace(" ", "_"))
-            words = [sys.executable, __file__, "--make", kind, str(place)]
-            made = subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True)
-            names = made.stdout.splitlines()[-1].split("|")
-            self.files[kind] = [(n, (place / n).read_bytes()) for n in names]
-            self.places[kind] = place
-            for name, content in self.files[kind]:
-                if (verdict := self.open(kind, name, content, False)) != "loaded":
-                    raise SystemExit(f"{kind}: {name}: expected a good file, got: {verdict}")
+        self.together = together
+        words = [sys.executable, __file__, "--make", folder, only]
+        made = subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True)
+        names: dict[str, list[str]] = json.loads(made.stdout.splitlines()[-1])
+        self.places = {kind: Path(folder, kind.replace(" ", "_")) for kind in names}
+        self.files = {
+            kind: [(name, (self.places[kind] / name).read_bytes()) for name in of]
+            for kind, of in names.items()
+        }
         self.kinds = list(self.files)
         self.weights = [KINDS[kind].weight for kind in self.kinds]
+
+    def check(self) -> None:
+        """Open the files as they are."""
+        for kind, files in self.files.items():
+            for name, content in files:
+                if (verdict := self.open(kind, name, content, False)) != "loaded":
+                    raise SystemExit(f"{kind}: {name}: expected a good file, got: {verdict}")
+
+    def move(self, folder: Path) -> None:
+        """Work in a copy of the files: two processes may not damage the same ones."""
+        for kind, place in self.places.items():
+            self.places[kind] = Path(shutil.copytree(place, folder / place.name))
 
     def mutants(self, seed: int, numbers: range) -> Iterator[tuple[str, str, str, bytes, bool]]:
         """Number, kind, name and content of mutants, and whether a command opens each."""
@@ -206,6 +219,8 @@ class Fuzzer:
         old = Path(path).read_bytes()
         try:
             Path(path).write_bytes(content)
+            if self.together and kind not in THREADED:
+                return judge(kind, path, by_command)
             return opened(kind, path, by_command)
         finally:
             Path(path).write_bytes(old)
@@ -228,68 +243,105 @@ class Report:
             print(f"{name}: {verdict}", flush=True)
         return not good
 
-    def close(self) -> int:
+    def close(self, what: str) -> int:
         """Print the counts; returns how many faults there were."""
         total: collections.Counter[str] = collections.Counter()
         for kind in dict.fromkeys(kind for kind, _ in self.counts):
             found = {what: self.counts[kind, what] for what in ("refused", "loaded", "fault")}
             total.update(found)
             print(f"{kind:24}", "  ".join(f"{what} {k}" for what, k in found.items()))
-        told = ", ".join(f"{total[what]} {what}" for what in ("refused", "loaded"))
         seconds = f"{time.monotonic() - self.begin:.0f} s"
-        print(f"{sum(total.values())} files in {seconds}: {told}, {total['fault']} faults")
+        print(f"{total['refused']} refused and {total['loaded']} loaded in {seconds}")
+        print(f"{sum(total.values())} {what}, {total['fault']} faults", flush=True)
         return total["fault"]
 
 
-def open_kept(folder: str) -> int:
+def open_kept(fuzzer: Fuzzer, folder: str) -> int:
     """Open the files of a corpus, KIND@NUMBER@NAME, by both doors. Returns how many faults."""
     report = Report()
-    kept = sorted(Path(folder).absolute().glob("*@*@*"))
-    with tempfile.TemporaryDirectory() as place:
-        fuzzers: dict[str, Fuzzer] = {}
-        for path in kept:
-            kind, _, name = path.name.split("@")
-            kind = kind.replace("_", " ")
-            if kind not in fuzzers:
-                fuzzers[kind] = Fuzzer(place, kind)
-            names = [n for n, _ in fuzzers[kind].files[kind] if os.path.basename(n) == name]
-            if not names:  # of a file that this machine has no original of
-                continue
-            for by_command in (False, True) if KINDS[kind].command else (False,):
-                verdict = fuzzers[kind].open(kind, names[0], path.read_bytes(), by_command)
-                report.add(kind, path.name, verdict)
-    return report.close()
+    for path in sorted(Path(folder).glob("*@*@*")):
+        kind, _, name = path.name.split("@")
+        kind = kind.replace("_", " ")
+        names = [n for n, _ in fuzzer.files.get(kind, ()) if os.path.basename(n) == name]
+        if not names:  # of a file that this machine has no original of
+            continue
+        for by_command in (False, True) if KINDS[kind].command else (False,):
+            verdict = fuzzer.open(kind, names[0], path.read_bytes(), by_command)
+            report.add(kind, path.name, verdict)
+    return report.close("kept files")
 
 
-def damage() -> int:
-    """Damage each array of a checkpoint in each way. Returns how many faults."""
+def damage(fuzzer: Fuzzer, every: int) -> int:
+    """Damage each array of a checkpoint in each way, and open every so-many-th of these files.
+    Returns how many faults."""
     report, kind, name = Report(), "checkpoints", "all.npz"
-    with tempfile.TemporaryDirectory() as place:
-        fuzzer = Fuzzer(place, kind)
-        for what, content in damaged_arrays(dict(fuzzer.files[kind])[name]):
-            report.add(kind, what, fuzzer.open(kind, name, content, False))
-    return report.close()
+    made = damaged_arrays(dict(fuzzer.files[kind])[name])
+    for what, content in itertools.islice(made, 0, None, every):
+        report.add(kind, what, fuzzer.open(kind, name, content, False))
+    return report.close("damaged arrays")
 
 
-def run(numbers: range, seed: int, only: str, keep: str, each: bool) -> int:
+def run(fuzzer: Fuzzer, numbers: range, options: argparse.Namespace) -> int:
     """Open mutants; prints the counts of each kind and the faults. Returns how many faults."""
     report, faults = Report(), 0
-    keep = os.path.abspath(keep)
-    os.makedirs(keep, exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
-        fuzzer = Fuzzer(folder, only)
-        mutants = (fuzzer.mutants_of_each if each else fuzzer.mutants)(seed, numbers)
-        with contextlib.suppress(KeyboardInterrupt):  # the counts so far
-            for done, (number, kind, path, content, by_command) in enumerate(mutants, 1):
-                verdict = fuzzer.open(kind, path, content, by_command)
-                kept = f"{kind.replace(' ', '_')}@{number}@{os.path.basename(path)}"
-                if report.add(f"{kind}: {path}" if each else kind, kept, verdict):
-                    Path(keep, kept).write_bytes(content)
-                    faults += 1
-                if done % 1000 == 0:
-                    seconds = time.monotonic() - report.begin
-                    print(f"{done} in {seconds:.0f} s: {faults} faults", flush=True)
-    return report.close()
+    os.makedirs(options.keep, exist_ok=True)
+
+    def share(numbers: range) -> Iterator[tuple[str, str, str]]:
+        """Kind, name and verdict of each."""
+        mutants = (fuzzer.mutants_of_each if options.each else fuzzer.mutants)(
+            options.seed, numbers
+        )
+        for number, kind, path, content, by_command in mutants:
+            verdict = fuzzer.open(kind, path, content, by_command)
+            kept = f"{kind.replace(' ', '_')}@{number}@{os.path.basename(path)}"
+            if verdict not in ("loaded", "refused"):
+                Path(options.keep, kept).write_bytes(content)
+            yield (f"{kind}: {path}" if options.each else kind, kept, verdict)
+
+    shares = [numbers[k :: options.jobs] for k in range(options.jobs)]
+    verdicts = share(numbers) if options.together else in_forks(fuzzer, shares, share)
+    with contextlib.suppress(KeyboardInterrupt):  # the counts so far
+        for done, found in enumerate(verdicts, 1):
+            faults += report.add(*found)
+            if done % 100 == 0:
+                seconds = time.monotonic() - report.begin
+                print(f"{done} in {seconds:.0f} s: {faults} faults", flush=True)
+    return report.close("mutants")
+
+
+def in_forks(
+    fuzzer: Fuzzer,
+    shares: Sequence[range],
+    work: Callable[[range], Iterator[tuple[str, str, str]]],
+) -> Iterator[tuple[str, str, str]]:
+    """What `work` yields, each share in a process of its own."""
+    mine, theirs = os.pipe()
+    children = []
+    for numbers in shares:
+        child = os.fork()
+        if child == 0:
+            status = 1
+            try:
+                with tempfile.TemporaryDirectory() as folder:
+                    fuzzer.move(Path(folder))
+                    for found in work(numbers):
+                        os.write(theirs, (json.dumps(found) + "\n").encode())  # whole: it is short
+                    os.chdir("/")
+                status = 0
+            except KeyboardInterrupt:
+                pass
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(status)
+        children.append(child)
+    os.close(theirs)
+    with open(mine, encoding="utf-8") as lines:
+        for line in lines:
+            yield tuple(json.loads(line))
+    for child in children:
+        if os.waitpid(child, 0)[1] != 0:
+            raise SystemExit("a process that opens mutants failed")
 
 
 def preload() -> None:
@@ -308,11 +360,19 @@ def preload() -> None:
     gc.freeze()  # a collection would copy what forks share
 
 
-def make(kind: str, folder: str) -> None:
-    """Write the files of a kind; a process of its own, since no thread may be there at a fork."""
-    os.makedirs(folder)
-    os.chdir(folder)
-    print("\n" + "|".join(KINDS[kind].make()))
+def make(folder: str, only: str) -> None:
+    """Write the files of each kind, and print their names; a process of its own, since no thread
+    may be there at a fork. A kind whose package is not installed is left out."""
+    names = {}
+    for kind in [only] if only else KINDS:
+        place = Path(folder, kind.replace(" ", "_"))
+        place.mkdir()
+        os.chdir(place)
+        try:
+            names[kind] = KINDS[kind].make()
+        except ImportError as error:
+            print(f"{kind}: left out: {error}", file=sys.stderr)
+    print("\n" + json.dumps(names))
 
 
 def main() -> int:
@@ -322,7 +382,8 @@ def main() -> int:
         epilog='example: make fuzz FUZZ="-n 1000 --seed 7 --only volumes"',
     )
     add = parser.add_argument
-    add("-n", type=int, default=20_000, help="damaged files (default: %(default)s)")
+    add("-n", type=int, help="damaged files (default: 20000; 0 with --open or --damage)")
+    add("--jobs", type=int, default=2, help="processes at a time (default: %(default)s)")
     add("--each", type=int, metavar="N", help="damage every file N times, in the place of -n")
     add("--seed", type=int, default=0, help="of the damage; the same files again (default: 0)")
     add("--first", type=int, default=0, metavar="N", help="start with damaged file N (default: 0)")
@@ -330,20 +391,35 @@ def main() -> int:
     add("--keep", default="build/fuzz", metavar="FOLDER",
         help="what is found is kept there (default: %(default)s)")  # fmt: skip
     add("--open", metavar="FOLDER", help="open the files of a folder, such as tests/corpus")
-    add("--damage", action="store_true", help="damage every array of a simulation's checkpoint")
+    add("--together", action="store_true",
+        help="open all in one process, without limits for each file")  # fmt: skip
+    add("--damage", type=int, nargs="?", const=1, metavar="N",
+        help="damage every array of a checkpoint, and open each Nth of these files")  # fmt: skip
     parser.add_argument("--make", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.make:
         make(*options.make)
         return 0
     gb.set_limits(memory=MEMORY)
+    n, faults = options.n, 0
+    if n is None:
+        n = 0 if options.open or options.damage else 20_000
+    numbers = range(options.first, options.first + (options.each or n))
     if options.open:
-        return 1 if open_kept(options.open) else 0
-    if options.damage:
-        return 1 if damage() else 0
-    numbers = range(options.first, options.first + (options.each or options.n))
-    found = run(numbers, options.seed, options.only, options.keep, options.each is not None)
-    return 1 if found else 0
+        options.open = os.path.abspath(options.open)
+    options.keep = os.path.abspath(options.keep)
+    with tempfile.TemporaryDirectory() as folder:
+        fuzzer = Fuzzer(folder, options.only, options.together)
+        if not options.together:
+            fuzzer.check()
+        if options.open:
+            faults += open_kept(fuzzer, options.open)
+        if options.damage:
+            faults += damage(fuzzer, options.damage)
+        if numbers:
+            faults += run(fuzzer, numbers, options)
+        os.chdir("/")
+    return 1 if faults else 0
 
 
 if __name__ == "__main__":

@@ -114,24 +114,30 @@ def test_swift(tmp_path):
     assert got.box.periodic == (True, True, True)
 
 
-def test_h5part(tmp_path):
-    with h5py.File(tmp_path / "run.h5part", "w") as file:
+def h5part(path) -> None:
+    with h5py.File(path, "w") as file:
         for i in (0, 2, 10):
             group = file.create_group(f"Step#{i}")
             group.attrs["TimeValue"] = 0.1 * i
             for k, name in enumerate("xyz"):
                 group[name] = POSITIONS[:, k] + i
             group["q"] = np.arange(N, dtype=np.int64)
+
+
+def test_h5part(tmp_path):
+    h5part(tmp_path / "run.h5part")
     last = read_contents(tmp_path / "run.h5part", frame=-1)
     assert (last.n_frames, last.time) == (3, 1.0)
     assert np.array_equal(last.particles.positions, (POSITIONS + 10).astype(np.float32))
     assert np.array_equal(last.particles.attributes["q"], np.arange(N))
     with pytest.raises(ValueError, match=r"frame: expected -3 to 2 for .*, got 3"):
         gb.read(tmp_path / "run.h5part", frame=3)
+    with pytest.raises(ValueError, match=r"species: expected none for .*h5part, which has no"):
+        gb.read(tmp_path / "run.h5part", species="gas")
 
 
-def test_pysph(tmp_path):
-    with h5py.File(tmp_path / "drop_10.hdf5", "w") as file:  # as pysph.solver.output writes it
+def pysph(path) -> None:
+    with h5py.File(path, "w") as file:  # as pysph.solver.output writes it
         file.create_group("solver_data").attrs.update({"t": 0.5, "dt": 1e-3, "count": 10})
         for name, n in (("wall", 5), ("fluid", N)):
             arrays = file.create_group(f"particles/{name}/arrays")
@@ -142,6 +148,10 @@ def test_pysph(tmp_path):
             arrays["h"], arrays["m"], arrays["rho"] = H[:n], MASS[:n], DENSITY[:n]
             arrays.create_dataset("au", (0,), dtype="f8")
             file.create_group(f"particles/{name}/constants")["c0"] = [10.0]
+
+
+def test_pysph(tmp_path):
+    pysph(tmp_path / "drop_10.hdf5")
     got = read_contents(tmp_path / "drop_10.hdf5")
     assert got.time == 0.5
     assert np.allclose(got.particles.positions, POSITIONS)
@@ -213,8 +223,8 @@ def test_vtkhdf_by_vtk(tmp_path):
     assert np.array_equal(particles.attributes["velocity"], VELOCITY)
 
 
-def test_vtkhdf_over_time(tmp_path):
-    with h5py.File(tmp_path / "run.vtkhdf", "w") as file:
+def vtkhdf(path) -> None:
+    with h5py.File(path, "w") as file:
         root = file.create_group("VTKHDF")
         root.attrs["Version"], root.attrs["Type"] = (2, 0), np.bytes_("PolyData")
         root["NumberOfPoints"] = [10, 15, 25]
@@ -224,6 +234,10 @@ def test_vtkhdf_over_time(tmp_path):
         steps["Values"], steps["PartOffsets"] = [0.0, 0.5], [0, 1]
         steps["NumberOfParts"], steps["PointOffsets"] = [1, 2], [0, 10]
         steps["PointDataOffsets/mass"] = [0, 10]
+
+
+def test_vtkhdf_over_time(tmp_path):
+    vtkhdf(tmp_path / "run.vtkhdf")
     got = read_contents(tmp_path / "run.vtkhdf", frame=1)
     assert (got.time, got.n_frames) == (0.5, 2)
     assert np.array_equal(got.particles.positions, POSITIONS[10:].astype(np.float32))
@@ -340,11 +354,6 @@ def test_info_lists_what_a_file_holds_and_no_option_is_ignored(tmp_path, capsys)
         gb.read(path, frame=3)
     with pytest.raises(ValueError, match="species: expected none beside columns"):
         gb.read(path, species="PartType0", columns={"positions": "PartType0/Coordinates"})
-    with h5py.File(tmp_path / "run.h5part", "w") as file:
-        for i in range(2):
-            for k, axis in enumerate("xyz"):
-                file[f"Step#{i}/{axis}"] = POSITIONS[:, k]
-    with pytest.raises(ValueError, match=r"species: expected none for .*h5part, which has no"):
-        gb.read(tmp_path / "run.h5part", species="gas")
+    h5part(tmp_path / "run.h5part")
     assert cli.main(["info", str(tmp_path / "run.h5part"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["frames"] == 2
+    assert json.loads(capsys.readouterr().out)["frames"] == 3

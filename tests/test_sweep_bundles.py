@@ -17,15 +17,11 @@ from globule.ultrasound.calibration import Calibration
 from globule.ultrasound.files import read_sweep
 from sweep_helpers import random_poses
 
+pytestmark = pytest.mark.usefixtures("folder")
 N, HEIGHT, WIDTH = 6, 10, 14
 FRAMES = np.random.default_rng(4).integers(0, 255, (N, HEIGHT, WIDTH), np.uint8)
 TIMES = 100 + np.arange(N) / 30
 LPS_FROM_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 def refused(path, **options) -> str:
@@ -39,18 +35,25 @@ def refused(path, **options) -> str:
 # 3D Slicer
 
 
-def sequence(name, frames=FRAMES, space="right-anterior-superior", step=1.0) -> None:
-    """A sequence of images as Slicer writes it, by pynrrd."""
+def sequence(
+    name, frames=FRAMES, space="right-anterior-superior", step=1.0, times=TIMES, first=False
+) -> None:
+    """A sequence of images as Slicer writes it, by pynrrd; the list of items is its last axis, or
+    its first."""
     nrrd = pytest.importorskip("nrrd", reason="needs pynrrd")
+    array, axis = frames.transpose(2, 1, 0)[:, :, None], 3  # i, j, k, list
+    kinds, labels = ["domain", "domain", "domain", "list"], ["", "", "", "time"]
+    steps = [[step, 0, 0], [0, step, 0], [0, 0, 1], [np.nan] * 3]
+    if first:
+        array, axis = np.moveaxis(array, 3, 0), 0
+        kinds, steps, labels = (one[3:] + one[:3] for one in (kinds, steps, labels))
     header = {
-        "kinds": ["domain", "domain", "domain", "list"], "labels": ["", "", "", "time"],
-        "space": space, "space directions": np.array([[step, 0, 0], [0, step, 0], [0, 0, 1],
-                                                      [np.nan] * 3]),
-        "space origin": [0, 0, 0], "axis 3 index type": "numeric",
-        "axis 3 index values": " ".join(repr(float(t)) for t in TIMES),
+        "kinds": kinds, "labels": labels, "space": space, "space directions": np.array(steps),
+        "space origin": [0, 0, 0], f"axis {axis} index type": "numeric",
+        f"axis {axis} index values": " ".join(repr(float(t)) for t in times),
         "DataNodeClassName": "vtkMRMLScalarVolumeNode",
     }  # fmt: skip
-    nrrd.write(name, frames.transpose(2, 1, 0)[:, :, None], header)
+    nrrd.write(name, array, header)
 
 
 def transforms(name, key, matrices, times, bad=()) -> None:

@@ -17,6 +17,7 @@ from globule.ultrasound.files import read_sweep
 from PIL import Image
 from sweep_helpers import random_poses
 from test_sweep import refused
+from test_sweep_bundles import sequence
 
 pytestmark = pytest.mark.usefixtures("folder")
 N = 12
@@ -286,24 +287,8 @@ def test_damaged_and_foreign_h5():
 @pytest.mark.parametrize("first", [True, False])
 def test_a_sequence_of_slicer(first):
     """The list of items is the first or the last axis; the index is the time."""
-    nrrd = pytest.importorskip("nrrd", reason="needs pynrrd")
     frames, times = images(), 100 + np.arange(N) / 30
-    array = frames.transpose(2, 1, 0)[:, :, None]  # i, j, k, list
-    kinds, axis = ["domain", "domain", "domain", "list"], 3
-    none = [np.nan] * 3
-    steps = [[0.2, 0, 0], [0, 0.2, 0], [0, 0, 1], none]
-    labels = ["", "", "", "time"]
-    if first:
-        array, axis = np.moveaxis(array, 3, 0), 0
-        kinds, steps, labels = (one[3:] + one[:3] for one in (kinds, steps, labels))
-    header = {
-        "kinds": kinds, "labels": labels, "space": "right-anterior-superior",
-        "space directions": np.array(steps), "space origin": [0, 0, 0],
-        f"axis {axis} index type": "numeric",
-        f"axis {axis} index values": " ".join(repr(float(t)) for t in times),
-        "DataNodeClassName": "vtkMRMLScalarVolumeNode",
-    }  # fmt: skip
-    nrrd.write("us.seq.nrrd", array, header)
+    sequence("us.seq.nrrd", frames, times=times, first=first)
     poses = random_poses(N) @ PIXEL
     write_table("poses.csv", "time", times, poses)
     sweep = read_sweep("us.seq.nrrd", poses="poses.csv")
@@ -312,17 +297,17 @@ def test_a_sequence_of_slicer(first):
     assert np.allclose(sweep.world_from_image, poses, atol=1e-6)
 
 
-@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
-def test_tiff_stack(dtype):
+def test_tiff_stack():
     tifffile = pytest.importorskip("tifffile", reason="needs tifffile")
-    frames = images(dtype)
-    tifffile.imwrite("stack.tif", frames, photometric="minisblack")
     poses = random_poses(N) @ PIXEL
     write_table("poses.csv", "time", np.arange(N) / 30, poses)
-    sweep = read_sweep("stack.tif", poses="poses.csv", frame_times=30)
-    assert np.array_equal(sweep.frames, frames)
-    assert sweep.frames.dtype == dtype
-    assert np.allclose(sweep.world_from_image, poses)
+    for dtype in ("uint8", "uint16", "float32"):
+        frames = images(dtype)
+        tifffile.imwrite("stack.tif", frames, photometric="minisblack")
+        sweep = read_sweep("stack.tif", poses="poses.csv", frame_times=30)
+        assert np.array_equal(sweep.frames, frames)
+        assert sweep.frames.dtype == dtype
+        assert np.allclose(sweep.world_from_image, poses)
     data = Path("stack.tif").read_bytes()
     Path("cut.tif").write_bytes(data[:60])
     refused("cut.tif", poses="poses.csv", frame_times=30)
