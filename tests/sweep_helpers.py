@@ -53,6 +53,20 @@ def small_sweep(n: int = 5, dtype: str = "uint8", **fields) -> Sweep:
     return Sweep(frames, poses, **fields)
 
 
+class OnGpu:
+    """What a package's array in GPU memory shows; it has none, and `get` copies sevens."""
+
+    def __init__(self, shape, typestr="<f4", strides=None):
+        self.shape = shape
+        self.__cuda_array_interface__ = {
+            "shape": shape, "typestr": typestr, "data": (4096, False), "strides": strides,
+            "version": 3,
+        }  # fmt: skip
+
+    def get(self):
+        return np.full(self.shape, 7, np.uint8)
+
+
 def example_files() -> None:
     """The files that the examples of the command line name, small."""
     probe_from_image = np.diag([0.5, 0.5, 0.5, 1.0])

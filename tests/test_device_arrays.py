@@ -5,7 +5,7 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule._base import device
+from conftest import has_gpu
 from sweep_helpers import small_sweep
 
 SIZE = (64, 48)
@@ -25,15 +25,7 @@ class Pretender:
         }  # fmt: skip
 
 
-def has_cuda() -> bool:
-    try:
-        device.choose("cuda")
-    except RuntimeError:
-        return False
-    return True
-
-
-@pytest.mark.skipif(has_cuda(), reason="there is a GPU here")
+@pytest.mark.skipif(has_gpu(), reason="there is a GPU here")
 def test_gpu_memory_is_never_read_as_the_hosts():
     points = np.random.default_rng(1).random((500, 3)).astype(np.float32)
     with pytest.raises(ValueError, match=r"^positions: expected memory that can be reached"):
@@ -45,7 +37,7 @@ def test_gpu_memory_is_never_read_as_the_hosts():
 
 @pytest.fixture
 def cupy():
-    if not has_cuda():
+    if not has_gpu():
         pytest.skip("no GPU")
     return pytest.importorskip("cupy")
 

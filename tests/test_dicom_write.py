@@ -19,11 +19,7 @@ from sweep_helpers import random_poses, small_sweep
 
 pydicom = pytest.importorskip("pydicom", reason="needs pydicom")
 sitk = pytest.importorskip("SimpleITK", reason="DICOM needs SimpleITK")
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("folder")
 
 
 def volume(dtype="uint8", turned=True, mirrored=False, space="LPS", shape=(5, 7, 9)) -> Volume:

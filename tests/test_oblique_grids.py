@@ -86,16 +86,6 @@ def test_axes_of_the_sweep_need_fewer_voxels():
     assert np.allclose(sweep_axes(back), np.eye(3), atol=0.03)
 
 
-def test_an_oblique_volume_is_written_and_read(tmp_path):
-    volume = gb.reconstruct(linear_sweep(), spacing=(1, 1.5, 2), axes="sweep", device="cpu")
-    for ending in ("nrrd", "npz", "nii.gz"):
-        path = tmp_path / f"v.{ending}"
-        gb.write_volume(path, volume)
-        again = gb.read_volume(path)
-        assert np.allclose(again.world_from_voxel, volume.world_from_voxel, atol=1e-4)
-        assert np.allclose(again.values, volume.values)
-
-
 def test_mistakes_of_axes():
     sweep = linear_sweep()
     region = ((-5, -5, -5), (5, 5, 5))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from format_helpers import N, sample
 from globule.scene.particles import Particles
+from sweep_helpers import OnGpu
 
 
 def test_particles_convert_once_and_do_not_copy():
@@ -86,20 +87,6 @@ def test_selection_and_bounds():
     with pytest.raises(ValueError, match="finite"):
         Particles([]).bounds()
     assert repr(p[:2]) == "Particles(2, support (2,), weight=3, color (3,))"
-
-
-class OnGpu:
-    """Stands for an array in GPU memory; nothing may touch its contents."""
-
-    def __init__(self, shape, typestr="<f4", strides=None):
-        self.shape = shape
-        self.__cuda_array_interface__ = {
-            "shape": shape,
-            "typestr": typestr,
-            "data": (0, False),
-            "strides": strides,
-            "version": 3,
-        }
 
 
 def test_gpu_arrays_stay_where_they_are():

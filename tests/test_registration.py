@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import run
+from cli_helpers import refused, run_json
 from globule.ultrasound import phantoms
 from globule.ultrasound.calibration import _rotation
 from globule.ultrasound.registration import (
@@ -84,6 +82,7 @@ def test_known_motion_of_a_phantom(phantom):
     assert found.agreeing >= 0.5
 
 
+@pytest.mark.slow
 def test_another_world(phantom):
     """Without a common reference, equal centers are the first guess."""
     fixed, other = swept(phantom, 1), swept(phantom, 3)
@@ -139,6 +138,7 @@ def test_mistakes(phantom):
         register_and_join([sweep, other])
 
 
+@pytest.mark.slow
 def test_parts_of_a_real_sweep():
     """Frames 0 to 13 and 8 to 20 of a spine phantom, the second part moved by 5 mm and 5 degrees;
     and its even against its odd frames, which share none."""
@@ -153,28 +153,24 @@ def test_parts_of_a_real_sweep():
         assert found.inverse_error < 0.5 * found.spacing
 
 
-def test_command(tmp_path, phantom):
+def test_command(tmp_path, phantom, capsys):
     fixed, other = swept(phantom, 1), swept(phantom, 2)
     truth = motion((2, -2, 1), (2, 3, -2), np.mean(other.bounds(), axis=0))
     names = [str(tmp_path / name) for name in ("a.npz", "b.npz", "ab.nrrd", "ab.npz")]
     gb.write_sweep(names[0], fixed)
     gb.write_sweep(names[1], displaced(other, truth))
-    done = run("register", names[0], names[1], "-o", names[2], "--sweep-output", names[3],
-               "--voxel-size", "1", "--json")  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    report = json.loads(done.stdout)
+    report = run_json(capsys, "register", names[0], names[1], "-o", names[2], "--sweep-output",
+                      names[3], "--voxel-size", "1")  # fmt: skip
     found = np.array(report["registrations"][0]["fixed_from_moving"])
     assert error(found, truth, displaced(other, truth)) < 0.2
     assert gb.read_volume(names[2]).spacing == pytest.approx([1, 1, 1])
     assert len(gb.read_sweep(names[3])) == len(fixed) + len(other)
 
 
-def test_command_refuses(tmp_path, phantom):
+def test_command_refuses(tmp_path, phantom, capsys):
     names = [str(tmp_path / name) for name in ("a.npz", "b.npz", "ab.nrrd")]
     gb.write_sweep(names[0], swept(phantom, 1, n=14))
     gb.write_sweep(names[1], swept(tissue(9), 2, n=14))
-    done = run("register", *names[:2], "-o", names[2])
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert "b.npz: expected sweeps of one anatomy" in done.stderr
+    said = refused(capsys, "register", *names[:2], "-o", names[2])
+    assert "b.npz: expected sweeps of one anatomy" in said
     assert not (tmp_path / "ab.nrrd").exists()
