@@ -176,36 +176,26 @@ def test_project(folder, capsys):
     ("words", "message"),
     [
         (["slice", "cube.npz", "-o", "a.csv"], "--plane"),
-        (["slice", "cube.npz", "--plane", "0,0,1", "-o", "a.csv"], "--plane: expected NX,NY,NZ,D"),
         (["slice", "cube.npz", "--plane", "0,0,0,1", "-o", "a.csv"], "expected a direction"),
         (["slice", "cube.npz", "--line", "0,0,0,0,0,0", "-o", "a.csv"], "another point"),
         (["slice", "cube.npz", "--grid", "-o", "a.png"], "--plane: expected --plane beside a .png"),
         (["slice", "cube.npz", "--grid", "-o", "a.txt"], "-o: expected a name ending in"),
         (["slice", "cube.npz", "--grid", "-o", "a.csv", "--inside"], "--inside: expected a .png"),
         (["slice", "cube.npz", "--plane", "0,0,1,9", "--value", "speed", "-o", "a.png"], "plane"),
-        (
-            ["slice", "cube.npz", "--grid", "--value", "nothing", "-o", "a.csv"],
-            "--value: expected one of",
-        ),
+        (["slice", "cube.npz", "--grid", "--value", "v", "-o", "a.csv"], "--value: expected one"),
         (["slice", "no.npz", "--grid", "-o", "a.csv"], "no.npz: expected a file to read"),
-        (
-            ["slice", "cube.npz", "--grid", "-o", "a.csv", "--sample-spacing", "1e-7"],
-            "--sample-spacing: expected",
-        ),
+        (["slice", "cube.npz", "--grid", "-o", "a.csv", "--sample-spacing", "1e-7"], "--sample-sp"),
         (["gauge", "cube.npz", "-o", "a.csv"], "--at"),
-        (["gauge", "cube.npz", "--at", "1", "-o", "a.csv"], "expected two horizontal"),
         (["gauge", "cube.npz", "--at", "1,2", "--up", "1,1,0", "-o", "a.csv"], "--up: expected"),
         (["gauge", "cube.npz", "--at", "1,2", "-o", "a.vti"], "-o: expected a name ending in .csv"),
         (["gauge", "cube.npz", "cube.npz", "--map", "-o", "a.vti"], "--map: expected one file"),
         (["gauge", "cube.npz", "--map", "-o", "a.vti", "--plot", "a.png"], "--plot: expected --at"),
         (["gauge", "none_*.npz", "--at", "1,2", "-o", "a.csv"], "expected a pattern that matches"),
         (["mesh", "cube.npz", "-o", "a.glb"], "-o: expected a name ending in .ply"),
-        (["mesh", "cube.npz", "-o", "a.ply", "--value", "nothing"], "--value: expected one of"),
         (["mesh", "cube.npz", "-o", "a.ply", "--sample-spacing", "1e-6"], "--sample-spacing"),
         (["mesh", "cube.npz", "-o", "a.ply", "--level", "3"], "--level: expected a volume"),
         (["track", "cube.npz", "-o", "a.ply"], "-o: expected a name ending in .csv"),
         (["project", "cube.npz", "-o", "a.csv", "--log"], "--log: expected a .png"),
-        (["project", "cube.npz", "-o", "a.csv", "--value", "nothing"], "--value: expected one of"),
         (["project", "cube.npz", "-o", "a.csv", "--axis", "0,0,0"], "--axis: expected a direction"),
     ],
 )
@@ -254,6 +244,7 @@ def test_files_without_particles(folder, capsys):
     for words in (
         ["slice", "none.npz", "--grid", "-o", "a.csv"],
         ["mesh", "none.npz", "-o", "a.ply"],
+        ["project", "none.npz", "-o", "a.npz"],
     ):
         assert "none.npz: expected particles" in refused(capsys, *words, *CPU)
     assert os.listdir() == ["none.npz"]
@@ -268,12 +259,12 @@ def test_without_packages(particles, capsys, monkeypatch):
     assert "globule[measure]" in refused(capsys, "mesh", particles, "-o", "a.ply", *CPU)
 
 
-def ball(spacing: float = 0.1) -> gb.Particles:
+def ball(spacing: float = 0.2) -> gb.Particles:
     """A ball of one fluid, with a jitter, of radius 1."""
     axis = np.arange(-1, 1, spacing) + spacing / 2
     p = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
     p = p[(p**2).sum(axis=1) < 1]
-    return gb.Particles(p + np.random.default_rng(0).uniform(-0.01, 0.01, p.shape))
+    return gb.Particles(p + np.random.default_rng(0).uniform(-0.02, 0.02, p.shape))
 
 
 def test_one_surface_and_one_spacing_for_all(folder, capsys):
@@ -283,13 +274,13 @@ def test_one_surface_and_one_spacing_for_all(folder, capsys):
     gb.write("ball.npz", p)
     scene = gb.Scene(p, surface="smooth", device="cpu")
     spacing = run_json(capsys, "info", "ball.npz")["spacing"]
-    assert spacing == scene.spacing == pytest.approx(0.1, rel=0.02)
+    assert spacing == scene.spacing == pytest.approx(0.2, rel=0.02)
     facts = run_json(capsys, "render", "ball.npz", "-o", "a.png", "--size", "40x30", *CPU)
     assert facts["surface"] == "smooth"
     assert facts["spacing"] == spacing
     again = ["--particle-spacing", repr(spacing)]
     first = run_json(capsys, "mesh", "ball.npz", "-o", "a.stl", *CPU)
-    assert first["volume"] == pytest.approx(len(p) * 0.1**3, rel=0.03)
+    assert first["volume"] == pytest.approx(len(p) * 0.2**3, rel=0.03)
     for more in ([], again, ["--surface", "smooth"]):
         facts = run_json(capsys, "mesh", "ball.npz", "-o", "a.stl", *more, *CPU)
         assert facts["volume"] == pytest.approx(gb.measure_surface(scene).volume, rel=1e-6)
@@ -339,32 +330,17 @@ def test_refusals_of_mesh_and_project(folder, capsys):
     gb.write("ball.npz", ball())
     err = refused(capsys, "mesh", "ball.npz", "--sample-spacing", "5", "-o", "a.stl", *CPU)
     assert "--sample-spacing: expected one that meets the surface, got 5" in err
-    assert "try 0.0" in err
+    assert "try 0." in err
     err = refused(capsys, "mesh", "ball.npz", "--threshold", "1e6", "-o", "a.stl", *CPU)
     assert "expected a surface, got none" in err
-    trimesh = pytest.importorskip("trimesh")
-    trimesh.creation.box().export("box.stl")
-    err = refused(capsys, "mesh", "box.stl", "-o", "a.stl", *CPU)
-    assert "box.stl: expected particles or a volume, got a mesh" in err
-    assert main(["mesh", "box.stl", "--resample", "0.1", "-o", "a.stl", *CPU]) == 0
-    capsys.readouterr()
-    gb.write("zero.npz", gb.Particles(np.empty((0, 3))))
-    err = [
-        refused(capsys, *words, "-o", "b.npz", *CPU)
-        for words in (["project", "zero.npz"], ["slice", "zero.npz", "--grid"])
-    ]
-    assert err[0] == err[1]
-    assert "zero.npz: expected particles, got none" in err[0]
 
 
 @pytest.mark.parametrize("command", ["slice", "gauge", "mesh", "track", "project"])
-def test_a_mesh_is_no_particles(command, tmp_path, monkeypatch, capsys):
+def test_a_mesh_is_no_particles(command, folder, capsys):
     """Balls around the vertices of a hull are not the hull: nobody measures them by mistake."""
-    monkeypatch.chdir(tmp_path)
     Path("hull.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")
     more = {"slice": ["--grid"], "gauge": ["--at", "0,0"]}.get(command, [])
     output = "a.ply" if command == "mesh" else "a.csv"
-    assert main([command, "hull.obj", *more, "-o", output, *CPU]) == 2
-    assert "expected particles or a volume, got a mesh" in capsys.readouterr().err
-    assert not Path(output).exists()
+    error = refused(capsys, command, "hull.obj", *more, "-o", output, *CPU)
+    assert "expected particles or a volume, got a mesh" in error
     assert main([command, "hull.obj", "--resample", "0.1", *more, "-o", output, *CPU]) == 0

@@ -308,9 +308,6 @@ def test_particles_check_what_is_assigned():
     n, before = len(p), p.positions
     for name, value, error, message in [
         ("support", -1, ValueError, "support: expected numbers >= 0, got -1"),
-        ("support", np.ones(n + 1), ValueError, rf"support: expected a number or shape \({n},\)"),
-        ("weight", "heavy", TypeError, "weight: expected numbers"),
-        ("color", (2, 0, 0), ValueError, r"color: expected \[0, 1\], got 2"),
         ("positions", np.zeros((n, 4)), ValueError, r"positions: expected shape \(N, 3\)"),
         ("attributes", {"speed": np.ones(2)}, ValueError, r"attributes\['speed'\]: expected shape"),
         ("attributes", 5, TypeError, "attributes: expected a dict of arrays, got 5"),
@@ -443,11 +440,15 @@ def test_type_checkers_see_the_same_names():
     assert seen == gb._MODULE_OF
 
 
-@pytest.mark.parametrize("room", ["_base", "scene", "render"])
-def test_the_library_logs_and_never_prints(room):
-    for path in (Path(gb.__file__).parent / room).rglob("*.py"):
-        calls = [n.func for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
-        assert "print" not in [getattr(call, "id", None) for call in calls], path
+def test_the_library_logs_and_never_prints():
+    printing = [
+        path
+        for room in ("_base", "scene", "render")
+        for path in (Path(gb.__file__).parent / room).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call) and getattr(node.func, "id", None) == "print"
+    ]
+    assert printing == []
 
 
 def test_a_missing_package_says_how_to_get_it():

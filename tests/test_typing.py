@@ -25,18 +25,6 @@ def test_marker():
 def test_stub_of_the_core(tmp_path):
     pytest.importorskip("nanobind")
     made = tmp_path / "_core.pyi"
-    subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "nanobind.stubgen",
-            "-q",
-            "-m",
-            "globule._core",
-            "--exclude-values",
-            "-o",
-            made,
-        ],
-        check=True,
-    )
+    words = ["nanobind.stubgen", "-q", "-m", "globule._core", "--exclude-values", "-o", made]
+    subprocess.run([sys.executable, "-m", *words], check=True)
     assert declarations(made.read_text()) == declarations((PACKAGE / "_core.pyi").read_text())
