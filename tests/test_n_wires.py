@@ -100,10 +100,13 @@ def sweep(
         extra = rng.uniform(5, np.array(SIZE) - 5, (false_dots, 2))
         for column, row in [*dots[keep], *extra]:
             size = rng.uniform(1.2, 1.8)
+            around = np.s_[
+                max(0, int(row) - 9) : int(row) + 11, max(0, int(column) - 9) : int(column) + 11
+            ]
             bright = rng.uniform(140, 250) * np.exp(
-                -((columns - column) ** 2 / size**2 + (rows - row) ** 2) / 2
+                -((columns[around] - column) ** 2 / size**2 + (rows[around] - row) ** 2) / 2
             )
-            frames[i] = np.maximum(frames[i], bright.astype(np.uint8))
+            frames[i][around] = np.maximum(frames[i][around], bright.astype(np.uint8))
     for p in poses:
         p[:3, 3] += rng.normal(0, pose_noise, 3)
     return frames, times, poses, times, truth
@@ -125,9 +128,8 @@ def test_a_known_calibration_is_found():
     assert found.better_offset is None
 
 
-@pytest.mark.parametrize("false_dots", [3, 8])
-def test_false_and_missing_dots(false_dots):
-    *data, truth = sweep(false_dots=false_dots, missing=8)
+def test_false_and_missing_dots():
+    *data, truth = sweep(n=30, false_dots=8, missing=8)
     points = find_wires(data[0], phantom())[0]
     assert not points.found[:8].all()
     assert points.found[8:].mean() > 0.9
@@ -138,11 +140,10 @@ def test_false_and_missing_dots(false_dots):
     assert corner_error(found.calibration).max() < 1.0
 
 
-@pytest.mark.parametrize("level", [15, 40])
-def test_dots_in_speckle(level):
+def test_dots_in_speckle():
     *data, truth = sweep(n=12)
     rng = np.random.default_rng(1)
-    speckle = rng.rayleigh(level, data[0].shape)
+    speckle = rng.rayleigh(40, data[0].shape)
     speckle = sum(np.roll(speckle, shift, (1, 2)) for shift in ((0, 0), (1, 0), (0, 1), (0, 2))) / 4
     points = find_wires(np.maximum(data[0], np.clip(speckle, 0, 255)), phantom())[0]
     assert points.found.all()
@@ -177,11 +178,12 @@ def test_a_symmetric_phantom_of_two_patterns(flip):
     assert np.median(found.errors.three_d) < 0.3
 
 
-def test_the_expected_error_covers_the_true_one():
-    """12 draws with noise of dots (0.4 pixels), of poses (0.05 mm) and of the phantom's
+@pytest.mark.parametrize("n_draws", [3, pytest.param(12, marks=pytest.mark.slow)])
+def test_the_expected_error_covers_the_true_one(n_draws):
+    """Draws with noise of dots (0.4 pixels), of poses (0.05 mm) and of the phantom's
     registration (0.3 mm, 0.9 degrees): the corners are off by 0.51 mm (rms), 0.54 mm expected."""
     true, expected = [], []
-    for seed in range(12):
+    for seed in range(n_draws):
         rng = np.random.default_rng((seed, 9))
         off = rigid(rng.normal(0, 0.015 / 3**0.5, 3), rng.normal(0, 0.3 / 3**0.5, 3))
         middle = rigid([0, 0, 0], phantom().wires.reshape(-1, 3).mean(axis=0))
@@ -193,7 +195,7 @@ def test_the_expected_error_covers_the_true_one():
     true, expected = np.array(true), np.array(expected)
     ratio = np.sqrt(np.mean(true**2)) / np.sqrt(np.mean(expected**2))
     assert 0.7 < ratio < 1.4
-    assert (true.max(axis=1) < 2 * expected.max(axis=1)).sum() >= 11
+    assert (true.max(axis=1) < 2 * expected.max(axis=1)).sum() >= n_draws - 1
 
 
 def test_the_temporal_offset_is_found_with_the_matrix():
@@ -294,7 +296,8 @@ def plus_points(tag):
 
 
 @pytest.mark.parametrize(("name", "tag"), [
-    ("Calibration", "CalibrationData"), ("Validation", "ValidationData"),
+    pytest.param("Calibration", "CalibrationData", marks=pytest.mark.slow),
+    ("Validation", "ValidationData"),
 ])  # fmt: skip
 def test_dots_are_those_of_plus(name, tag):
     """Of 188 and 94 images, all are found; the median distance is below 1 pixel in 98.4 and 100 %
@@ -318,6 +321,7 @@ def calibrated(capsys, *words):
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_the_sweeps_of_fcal(tmp_path, capsys):
     """PLUS: validation error 1.247 ± 0.494 mm (best 95 %). Here 1.204 ± 0.478 mm with the same
     poses, PLUS's matrix within twice the expected error; 0.62 ± 0.32 mm with the temporal offset
@@ -355,12 +359,7 @@ def write_sweep(name, frames, times, poses, source="Probe"):
     igs.write(name, igs.Recording(frames, times, {}, np.ones(len(frames), bool), {}, fields))
 
 
-@pytest.fixture
-def _here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
-@pytest.mark.usefixtures("_here")
+@pytest.mark.usefixtures("folder")
 def test_command(capsys):
     *data, _ = sweep()
     write_sweep("wires.igs.mha", *data[:3])
@@ -397,7 +396,7 @@ def test_command(capsys):
     assert "register its landmarks" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("_here")
+@pytest.mark.usefixtures("folder")
 def test_picture(capsys):
     pytest.importorskip("matplotlib")
     from PIL import Image

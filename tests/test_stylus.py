@@ -21,16 +21,12 @@ from globule.ultrasound.wires import read_phantom
 from sweep_helpers import calibration_data
 from test_n_wires import phantom, write_sweep
 
+pytestmark = pytest.mark.usefixtures("folder")
 TIP, PIVOT = np.array([203.0, -12, 1]), np.array([10.0, 20, 30])
 LANDMARKS = {
     "#1": [95.0, 5, 15], "#2": [95.0, 40, 15], "#3": [95.0, 40, 0], "#4": [95.0, 0, 0],
     "#5": [-25.0, 40, 15], "#6": [-25.0, 0, 10], "#7": [-25.0, 0, 0], "#8": [-25.0, 40, 0],
 }  # fmt: skip
-
-
-@pytest.fixture(autouse=True)
-def _here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 def pivoting(seed=0, n=200, turn=30.0, noise=0.3, n_wrong=0):
@@ -54,10 +50,14 @@ def test_exact_pivot():
     assert 40 < found.turn < 110
 
 
-@pytest.mark.parametrize(("turn", "n_wrong"), [(30, 0), (30, 20), (10, 0)])
-def test_the_expected_error_of_the_tip(turn, n_wrong):
-    """Over 40 draws the expected error is the true one (rms) within 30 %, outliers or not."""
-    draws = [calibrate_stylus(pivoting(s, turn=turn, n_wrong=n_wrong), None) for s in range(40)]
+@pytest.mark.parametrize(
+    ("turn", "n_wrong", "n_draws"), [(30, 20, 12), pytest.param(10, 0, 30, marks=pytest.mark.slow)]
+)
+def test_the_expected_error_of_the_tip(turn, n_wrong, n_draws):
+    """Over the draws the expected error is the true one (rms) within 30 %, outliers or not."""
+    draws = [
+        calibrate_stylus(pivoting(s, turn=turn, n_wrong=n_wrong), None) for s in range(n_draws)
+    ]
     true = np.array([np.linalg.norm(found.tip - TIP) for found in draws])
     expected = np.array([found.error for found in draws])
     assert np.sqrt(np.mean(true**2)) == pytest.approx(np.sqrt(np.mean(expected**2)), rel=0.3)
@@ -100,12 +100,14 @@ def test_exact_landmarks():
     assert found.rms < 1e-8
 
 
-@pytest.mark.parametrize("wrong", [None, 2])
-def test_the_expected_error_at_the_wires(wrong):
-    """60 draws of 0.4 mm noise: 0.35 mm true (rms of the worst end), 0.42 mm expected."""
+@pytest.mark.parametrize(
+    ("wrong", "n_draws"), [(2, 20), pytest.param(None, 40, marks=pytest.mark.slow)]
+)
+def test_the_expected_error_at_the_wires(wrong, n_draws):
+    """Draws of 0.4 mm noise: 0.35 mm true (rms of the worst end), 0.42 mm expected."""
     ends = phantom().wires.reshape(-1, 3)
     true, expected = [], []
-    for seed in range(60):
+    for seed in range(n_draws):
         points, seen, matrix = touched(seed, wrong=wrong)
         found = register_landmarks(points, seen, ends)
         off = (ends @ (found.matrix - matrix)[:3, :3].T) + (found.matrix - matrix)[:3, 3]
