@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from globule import phantoms
 from globule.ultrasound import oracle
-from globule.ultrasound.grid import VoxelGrid
 from globule.ultrasound.reconstruct import reconstruct
 from globule.ultrasound.sweep import Sweep
 from globule.ultrasound.trust import cross_validate
 from globule.volumes.slices import reslice_frame
+from test_reconstruct import grid_of
 
 
 def sweep_at(places, shape=(30, 40), spacing=0.4, values=None, dtype=np.uint8):
@@ -35,12 +37,6 @@ def line(n, step, start=0.0):
     return places
 
 
-def grid_of(volume):
-    spacing = float(volume.spacing[0])
-    low = volume.world_from_voxel[:3, 3] - 0.5 * spacing
-    return VoxelGrid(low, spacing, volume.shape[::-1])
-
-
 def centers(volume):
     z, y, x = np.indices(volume.shape)
     m = volume.world_from_voxel
@@ -58,16 +54,25 @@ def hand(n_frames=14, seed=1, passes=1, size=(60, 50)):
     return Sweep(frames, poses)
 
 
+@functools.cache
+def two_hand_passes(spacing, masked):
+    """A sweep, the place of its volume, and the oracle's values and radius."""
+    sweep = hand(passes=2, size=(40, 34))
+    if masked:
+        rows, columns = np.indices((34, 40))
+        sweep.mask = (columns - 20) ** 2 + rows**2 < 30**2
+        sweep.mask[14:18, 20:23] = False
+    volume = reconstruct(sweep, spacing=spacing, device="cpu")
+    right = oracle.reconstruct(sweep, grid_of(volume), "frames")
+    return sweep, volume.world_from_voxel, *right
+
+
 @pytest.mark.parametrize("spacing", [0.23, 0.6, 1.0])  # of 1, 2 x 2 and 3 x 3 pixels
 @pytest.mark.parametrize("masked", [False, True])
 def test_hand_paths_equal_the_reference(backend, spacing, masked):
-    sweep = hand(passes=2)
-    if masked:
-        rows, columns = np.indices((50, 60))
-        sweep.mask = (columns - 30) ** 2 + rows**2 < 45**2
-        sweep.mask[20:24, 30:33] = False
+    sweep, place, values, radius = two_hand_passes(spacing, masked)
     volume = reconstruct(sweep, spacing=spacing, **backend)
-    values, radius = oracle.reconstruct(sweep, grid_of(volume), "frames")
+    np.testing.assert_array_equal(volume.world_from_voxel, place)
     differ = volume.radius != radius  # a voxel's center within 1e-5 voxels of a plane or an edge
     assert differ.mean() < 1e-4
     off = np.abs(volume.values.astype(int) - values)[~differ]
@@ -78,7 +83,7 @@ def test_hand_paths_equal_the_reference(backend, spacing, masked):
 
 
 def test_any_number_of_threads_gives_the_same_bits(backend):
-    sweep = hand(passes=3)
+    sweep = hand(passes=3, size=(40, 34))
     volume = reconstruct(sweep, spacing=0.35, **backend)
     for threads in (1, 3):
         one = reconstruct(sweep, spacing=0.35, device="cpu", threads=threads)
@@ -205,7 +210,7 @@ def test_uncertainty_is_the_error_of_frames_left_out(backend):
 
 
 def test_frames_beats_every_other_method():
-    sweep = phantoms.breast(n_frames=60, size=(120, 120), spacing=0.3, length=36.0, speckle=0.0)
+    sweep = phantoms.breast(n_frames=40, size=(60, 60), spacing=0.6, length=24.0, speckle=0.0)
     found = {
         method: cross_validate(sweep, 5, method, spacing=0.4, device="cpu")
         for method in ("frames", "bezier", "vvn-om", "pvn-om")
