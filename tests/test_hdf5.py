@@ -90,6 +90,7 @@ def test_half_the_support_as_spacing_has_weight_one(tmp_path):
     assert np.allclose(particles.weight, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.interop
 def test_swift(tmp_path):
     swiftsimio = pytest.importorskip("swiftsimio")
