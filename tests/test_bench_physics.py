@@ -36,12 +36,6 @@ def test_json_has_the_rows(tmp_path, monkeypatch, capsys):
     assert "drift" in err
 
 
-def test_neighbours_equal_brute_force():
-    first, second = physics.neighbors("cpu")
-    assert first.ok
-    assert second.ok
-
-
 def test_a_plot_is_drawn(tmp_path):
     pytest.importorskip("matplotlib")
     physics.plot(tmp_path / "p.png", [{"part": "Fluids", **r._asdict()} for r in rows("cpu", 0)])

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from globule.cli import main
 from globule.figures import FIGURES, caption
-from globule.scene.scene import KERNELS
 from PIL import Image
 
 needs_matplotlib = pytest.mark.skipif(
@@ -108,26 +107,6 @@ def test_the_drawn_leaves_are_the_octree_s():
     assert {tuple(c) for c in occupied_cells(codes, 4)} == {tuple(np.minimum(c, 15)) for c in grid}
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
-def test_profiles(kernel):
-    from globule.figures.kernels import profile, radius
-
-    r = np.linspace(0, 1, 200)
-    value, slope = profile(kernel, r, "cpu")
-    assert value[0] == pytest.approx(1, abs=3e-4)
-    assert value[-1] == pytest.approx(0, abs=1e-6)
-    # All fall; solid has a dip of 1/27, from where it comes back to 0.
-    falls = r[1:] < (np.sqrt(2 / 3) if kernel == "solid" else 2)
-    assert (np.diff(value)[falls] <= 1e-6).all()
-    assert (np.diff(value)[~falls] >= -1e-6).all()
-    assert value.min() > -1.0001 / 27
-    assert abs(slope[-1]) < 1e-4
-    assert np.gradient(value, r)[2:-2] == pytest.approx(slope[2:-2], abs=0.02)
-    assert profile(kernel, np.array([radius(kernel, 0.6, "cpu")]), "cpu")[0] == pytest.approx(
-        0.6, abs=1e-4
-    )
-
-
 def test_two_metaballs_fuse_where_the_figure_says():
     from globule.figures.fusing import DISTANCES, THRESHOLD, two
 
@@ -221,63 +200,6 @@ def test_clusters_and_voids():
     assert counts.std() / counts.mean() > 3 * counts.mean() ** -0.5  # far from a random scatter
 
 
-def test_nothing_is_clipped_or_doubled_at_the_border():
-    from globule.figures.rendered import at_the_border
-
-    tight, box = at_the_border("cpu")
-    wide, _ = at_the_border("cpu", bounds=box + [[-1], [1]])
-    camera = gb.Camera((2.2, 1.7, 3.0), (0.5, 0.5, 0.5))
-    a, b = (gb.render(scene, camera, (160, 120)) for scene in (tight, wide))
-    assert (a.mask == b.mask).all()
-    assert a.mask.mean() > 0.05
-    assert np.abs(a.distance[a.mask] - b.distance[a.mask]).max() < 1e-4
-    beyond = a.position[a.mask]
-    assert ((beyond < -0.01) | (beyond > 1.01)).any()
-
-
-def test_a_large_step_makes_terraces():
-    from globule.figures.artefacts import LARGE_STEP, SMALL_STEP, marched, two_fused
-
-    scene, camera = two_fused("cpu")
-    exact = gb.render(scene, camera, (120, 90))
-    away = []
-    for step in (LARGE_STEP, SMALL_STEP):
-        frame = gb.render(scene, camera, (120, 90), thesis=marched(step))
-        both = frame.mask & exact.mask
-        away.append(np.median(frame.distance[both] - exact.distance[both]) / scene.support)
-        assert both.sum() > 0.9 * exact.mask.sum()
-    assert 0.3 * LARGE_STEP < away[0] < LARGE_STEP
-    assert 0 < away[1] < SMALL_STEP
-
-
-@pytest.mark.parametrize("centres", ["ALONE", "PAIR"])
-def test_without_ghosts_the_surface_is_torn(centres):
-    from globule.figures import artefacts
-
-    scene = artefacts.dense_scene(getattr(artefacts, centres), 1.0, 2, "cpu", artefacts.SPACE)
-    camera = gb.Camera((3.0, 2.9, 6.2), (2, 1.5, 1.5), fov=24)
-    right, torn, seen = (
-        gb.render(scene, camera, (120, 90), thesis=thesis).mask
-        for thesis in (None, gb.Thesis(ghosts=False), gb.Thesis())
-    )
-    assert (seen == right).all()
-    assert not (torn & ~right).any()
-    assert 0.4 * right.sum() < torn.sum() < 0.98 * right.sum()
-
-
-def test_averaged_normals_are_others():
-    from globule.figures.artefacts import cluster
-
-    scene = cluster("cpu")
-    a, b = (
-        gb.render(scene, size=(80, 60), thesis=gb.Thesis(averaged_normals=averaged))
-        for averaged in (False, True)
-    )
-    assert (a.mask == b.mask).all()
-    cosine = (a.normal * b.normal).sum(axis=2)[a.mask]
-    assert 0.7 < cosine.mean() < 0.99
-
-
 def test_without_nilearn_shapes_stand_in(monkeypatch):
     from globule.figures import anatomy
 
@@ -295,15 +217,3 @@ def test_without_nilearn_shapes_stand_in(monkeypatch):
     assert faces.max() < len(vertices)
     edges = np.linalg.norm(vertices[faces] - np.roll(vertices[faces], 1, axis=1), axis=2)
     assert edges.max() < 6  # closed: no face spans the tube
-
-
-def test_a_slab_shows_intensities_inside():
-    from globule.figures import anatomy
-
-    values, world_from_voxel = anatomy.phantom(6)
-    scene = gb.Scene(anatomy.metaballs(values, world_from_voxel), device="cpu")
-    cut = gb.ClipPlane((0, 0, 1), 25)
-    frame = gb.render(scene, gb.Camera((0, 1, 400), (0, 0, 0)), (80, 80), clips=[cut])
-    face = np.abs(frame.position[..., 2] - 25) < 1e-3
-    assert face.sum() > 500
-    assert np.ptp(frame.albedo[face]) > 0.3

@@ -145,11 +145,6 @@ LIGHTS = [
 ]
 
 
-@pytest.mark.parametrize(("error", "name", "light", "got"), LIGHTS)
-def test_lights(error, name, light, got):
-    refused(error, name, got, light)
-
-
 AROUND = [
     (ValueError, "zenith", lambda: gb.Sky(zenith=(1, 2)), "(1, 2)"),
     (ValueError, "horizon", lambda: gb.Sky(horizon=-1), "-1"),
@@ -166,11 +161,6 @@ AROUND = [
     (ValueError, "check", lambda: gb.Ground(0, check=-1), "-1"),
     (ValueError, "reflection", lambda: gb.Ground(0, reflection=1.5), "1.5"),
 ]
-
-
-@pytest.mark.parametrize(("error", "name", "setting", "got"), AROUND)
-def test_sky_and_ground(error, name, setting, got):
-    refused(error, name, got, setting)
 
 
 @pytest.mark.parametrize(
@@ -214,9 +204,9 @@ CLIPS = [
 ]
 
 
-@pytest.mark.parametrize(("error", "name", "clip", "got"), CLIPS)
-def test_clips(error, name, clip, got):
-    refused(error, name, got, clip)
+@pytest.mark.parametrize(("error", "name", "made", "got"), [*LIGHTS, *AROUND, *CLIPS])
+def test_lights_sky_ground_and_clips(error, name, made, got):
+    refused(error, name, got, made)
 
 
 def test_what_is_no_clip():

@@ -113,21 +113,6 @@ def test_first_hits_are_those_of_brute_force(backend, name):
     assert (found.face[~np.isfinite(found.distance)] == -1).all()
 
 
-def test_first_hits_are_those_of_embree(backend):
-    trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
-    pytest.importorskip("embreex", reason="embreex is not installed")
-    vertices, faces = sphere(40)
-    vertices *= 1 + 0.2 * np.sin(9 * vertices[:, :1]) * np.sin(7 * vertices[:, 1:2])
-    o, d = random_rays(30_000, 2)
-    tri = trimesh.Trimesh(vertices, faces, process=False)
-    expected = tri.ray.intersects_first(o, d)
-    found = gb.Mesh(vertices, faces, **backend).intersect(o, d)
-    _, _, edge = oracle(vertices, faces, o, d)
-    differs = found.face != expected
-    assert differs.mean() < 1e-4
-    assert (edge[differs] < 1e-3).all()  # Embree's own rounding
-
-
 def test_no_ray_slips_between_triangles(backend):
     """From inside a closed mesh, at its vertices and along its edges exactly."""
     vertices, faces = sphere(12)

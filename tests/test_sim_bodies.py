@@ -5,28 +5,6 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule.bench.physics_fluid import lattice
-
-
-def test_a_body_crosses_a_periodic_boundary(backend):
-    """Its particles are on both sides; no speed comes of that."""
-    d = 0.05
-    scene = {
-        "spacing": d, "domain": {"lo": (0, 0, 0), "hi": (1, 1, 0.5), "periodic": ["x"]},
-        "gravity": (0, 0, 0), "fluids": [{"name": "water", "viscosity": 0.0}],
-    }  # fmt: skip
-    sim = gb.Simulation(scene, **backend)
-    sim.add_phase(gb.Phase("raft", kind="rigid"))
-    at = lattice((0.7, 0.4, 0.2), (0.9, 0.6, 0.4), d)
-    raft = sim.add(at, "raft")
-    sim.steer.make_rigid("raft", 500.0, velocity=(1.0, 0, 0))
-    for _ in range(40):
-        sim.step(0.01)
-        speed = np.linalg.norm(sim.velocities[raft], axis=1)
-        assert speed.max() < 1.001
-    np.testing.assert_allclose(sim.steer.body("raft")["velocity"], (1, 0, 0), atol=1e-6)
-    moved = (at[:, 0] + 0.4) % 1.0
-    np.testing.assert_allclose(sim.positions[raft, 0], moved, atol=1e-4)
 
 
 def boxes(backend, tables, **more):

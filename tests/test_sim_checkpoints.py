@@ -40,6 +40,7 @@ OPERATIONS = {
     "push": lambda sim, x: sim.steer.apply_force((1e-4 * x, 0, 0), sim.ids[::3]),
     "sink": lambda sim, x: sim.steer.set_sinks([((0.04, 0, 0.02 * x), 0.006)]),
     "cut": lambda sim, x: sim.tissue.cut(SHEET - (0.012 + 0.025 * x, 0, 0)),
+    "suture": lambda sim, x: sim.tissue.suture((-0.025, -0.005, 0.012), 0.02 + 0.02 * x),
     "ablate": lambda sim, x: sim.tissue.ablate((-0.04 + 0.03 * x, 0, 0.02), 0.006),
     "grasp": lambda sim, x: sim.tools.grasp((-0.03, 0, 0.024 * x), 0.008, 5),
     "pull": lambda sim, x: sim.tools.move_grasp(5, (0, 0, 0.1 * x)),

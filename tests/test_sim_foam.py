@@ -258,19 +258,6 @@ def test_periodic_sides_are_joined():
     np.testing.assert_allclose(sim.foam.positions[0, 0], 0.49, atol=1e-6)
 
 
-def test_the_number_of_neighbors_is_that_of_brute_force(runs):
-    sim = runs[1]
-    flow = Flow(sim)
-    water = sim.positions[: (sim.arrays.phase == 0).sum()].astype(float)
-    places = sim.foam._at[:200]
-    r = np.linalg.norm(places[:, None] - water, axis=2)
-    n, mean = flow.around(places)
-    np.testing.assert_array_equal(n, (r <= 2 * SPACING).sum(axis=1))
-    w = np.maximum(1 - r / (2 * SPACING), 0)
-    wanted = (w @ sim.velocities[: len(water)]) / np.maximum(w.sum(axis=1), 1e-30)[:, None]
-    np.testing.assert_allclose(mean, wanted, atol=1e-9)
-
-
 @pytest.mark.parametrize("periodic", [[], ["x"], ["y"], ["z"], ["x", "y", "z"]])
 def test_neighbors_through_periodic_sides_are_those_of_brute_force(periodic):
     size = np.array([0.4, 0.45, 0.5])

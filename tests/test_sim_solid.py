@@ -137,21 +137,6 @@ def test_what_cannot_have_a_gradient_holds_by_springs(backend):
     assert 0.5 < stretch.min() <= stretch.max() < 1.6
 
 
-def test_random_cuts_leave_finite_numbers_and_every_particle(backend):
-    rng = np.random.default_rng(8)
-    x = lattice(8, 8, 8)
-    tissue = truths.solid(x, 0.45, fixed=x[:, 2] < D / 2, **backend)
-    for _ in range(25):
-        a, b = rng.uniform(-1, 8, (2, 3)) * D
-        tissue.cut(np.array([[a, b, a + rng.normal(size=3) * 4 * D]]))
-        tissue.advance(1 / 60, GRAVITY)
-        speed = np.linalg.norm(tissue.velocities, axis=1)
-        assert np.isfinite(speed).all()
-        assert speed.max() < 9.81 * 25 / 60 + 2.0
-    assert len(tissue.positions) == len(x)
-    assert tissue.n_pieces >= 1
-
-
 def dragged_about(seed, n, reach, **how):
     """Tissue that is cut and dragged about by n steps, and how many substeps each took."""
     rng = np.random.default_rng(seed)

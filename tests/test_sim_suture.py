@@ -5,7 +5,6 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from sim_helpers import reloaded
 
 D = 0.004  # m
 N, HIGH = 5, 10
@@ -140,18 +139,6 @@ def test_what_was_cauterized_first_is_cut_without_blood(backend):
     assert sim.tissue.cut((edge, edge + [0, 0, 4 * d])) > 0
     sim.run(0.02)
     assert sim.tissue.pools[0] == pool
-
-
-def test_a_checkpoint_keeps_sutures(tmp_path):
-    sim = column({"device": "cpu", "threads": 1})
-    cut_across(sim)
-    sim.tissue.suture((D, D, CUT), 1.3 * D)
-    sim.run(0.05)
-    again = reloaded(sim, tmp_path)
-    assert again.tissue.n_bonds == sim.tissue.n_bonds
-    for one in (sim, again):
-        one.run(0.05)
-    assert sim.hash() == again.hash()
 
 
 def test_mistakes_are_named():

@@ -6,7 +6,6 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.bench import physics_tissue as truths
-from globule.sim import blade
 from globule.sim.operate import NOBODY
 from sim_helpers import vessel
 
@@ -64,20 +63,6 @@ def test_hanging_tissue_stays_and_its_cut_piece_falls(backend):
     assert np.abs(sim.positions[~lower] - x[~lower]).max() < 3 * D
 
 
-def test_momentum_stays_through_steps_and_cuts(backend):
-    x = block(6, 6, 10)
-    sim = make(backend, x, gravity=(0, 0, 0))
-    rng = np.random.default_rng(2)
-    sim.velocities = rng.normal(0, 0.05, x.shape)
-    before = sim.velocities.sum(0, dtype="f8")
-    for k in range(8):
-        sim.step(0.004)
-        if k == 3:
-            assert sim.tissue.cut(stroke(4.5, -3, 9)) > 0
-    drift = np.abs(sim.velocities.sum(0, dtype="f8") - before).max()
-    assert drift < 1e-5 * np.abs(sim.velocities).sum()
-
-
 def test_cut_pairs_leave_the_neighbour_lists(backend):
     x = block(4, 4, 8)
     sim = make(backend, x, gravity=(0, 0, 0), model="bonds")  # a solid's own pairs are in no list
@@ -94,19 +79,6 @@ def test_cut_pairs_leave_the_neighbour_lists(backend):
     sim.tissue.cut(stroke(3.5, -3, 8))
     sim.step(1e-5)
     assert across() == 0
-
-
-def test_pieces_do_not_pass_through_each_other(backend):
-    x = block(5, 5, 8)
-    upper = x[:, 2] > 3.5 * D
-    sim = make(backend, x, gravity=(0, 0, 0))
-    sim.tissue.cut(stroke(3.5, -3, 9))
-    sim.velocities = np.where(upper, -0.05, 0.05)[:, None] * np.array([0, 0, 1.0])
-    for _ in range(25):
-        sim.step(0.002)
-        y = sim.positions
-        assert y[upper, 2].min() - y[~upper, 2].max() > 0.6 * D
-    assert sim.velocities[upper, 2].mean() > 0 > sim.velocities[~upper, 2].mean()
 
 
 def test_tissue_on_a_boundary_that_moves(backend):
@@ -268,31 +240,6 @@ def test_free_fall_does_not_shorten_steps_but_landing_does(backend):
     assert shortest < 2.5 * by_speed
     assert n_steps < 0.5 * 0.08 / by_speed
     assert np.linalg.norm(sim.velocities[drop[0]]) < 1.0
-
-
-def test_checkpoints_go_on_bit_by_bit():
-    x = block(5, 5, 6)
-
-    def new():
-        sim = make({"device": "cpu"}, x, fixed=x[:, 2] < 0.5 * D, damping=3.0, tear=0.5)
-        sim.tissue.add_vessel(
-            vessel([[-D, 2 * D, 3 * D], [6 * D, 2 * D, 3 * D]], 0.6 * D, 1e5, 1e-5)
-        )
-        return sim
-
-    def go_on(sim):
-        for k in range(6):
-            sim.step(0.004)
-            low, high = stroke(3.5 + 0.1 * k, 1, 4)
-            sim.tissue.cut(blade.sweep(low, high), relative=True)
-        return sim.hash(), sim.tissue.n_bonds, sim.tissue.pools, sim.tissue.piece.tolist()
-
-    first = new()
-    go_on(first)
-    state = first.arrays.state()
-    second = new()
-    second.arrays.set_state(state)
-    assert go_on(first) == go_on(second)
 
 
 def test_wrong_use_is_named():

@@ -37,14 +37,14 @@ def test_truth(experiment, how):
     [
         (physics_fluid.poiseuille, {"implicit": False}),
         (physics_fluid.poiseuille, {"implicit": True}),
-        (physics_fluid.taylor_green, {}),
+        (physics_fluid.taylor_green, {"n": 24}),
         (physics_fluid.oscillation, {"cells": 6}),
         (physics_fluid.oscillation, {"cells": 8}),
         (flows.elliptical_drop, {}),
         (flows.rotating_bucket, {}),
         (bodies.floating_box, {}),
         (bodies.rising_sphere, {"cells": 6}),
-        (bodies.settling_sphere, {}),
+        (bodies.settling_sphere, {"cells": 6}),
         (bodies.kleefsman, {}),
     ],
 )

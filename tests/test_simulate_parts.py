@@ -23,8 +23,6 @@ BLOCK = {
                  {"time": 0.03, "position": [0.03, -0.01, 0.0121]}, {"time": 0.031, "on": False}],
     }],
 }  # fmt: skip
-VEIN = {"name": "vein", "solid": "block", "fluid": "blood", "radius": 0.003, "pressure": 4000,
-        "path": [[0.006, 0.006, 0], [0.006, 0.006, 0.024]], "pool": 4e-7}  # fmt: skip
 
 
 def simulation(**changes):
@@ -55,17 +53,6 @@ def test_a_blade_by_hand():
     knife.move_to((0.03, -0.01, 0.0121))
     sim.step(0.001)
     assert sim.tissue.n_pieces == 2
-
-
-def test_a_cut_vessel_bleeds_from_its_pool():
-    sim = simulation(vessels=[VEIN], fluids=[{"name": "blood"}], gravity=[0, 0, -9.81])
-    sim.run_to(0.01)
-    assert sim.record.counts["fluid"] == 0
-    sim.run_to(0.1)  # the lower half falls: blood comes where there is room
-    n = sim.record.counts["fluid"]
-    assert n > 0
-    assert sim.tissue.pools[0] == pytest.approx(4e-7 - n * D**3, rel=1e-3)
-    assert sim.record.n_born == len(sim) + sim.record.n_removed
 
 
 def test_a_grasper_takes_tissue_along():

@@ -209,16 +209,6 @@ def test_a_dict_a_file_and_a_name_are_the_same_scene(folder):
     assert coarse.record.counts["fluid"] == 4 * 4 * 6
 
 
-def test_pictures_and_a_movie(folder, capsys):
-    pytest.importorskip("av")
-    run("dam.toml", "--no-frames", "--video", "dam.mp4", "--images", "p", "--size", "64x48",
-        "--seconds", 0.1)  # fmt: skip
-    assert sorted(os.listdir("p")) == ["00000.png", "00001.png", "00002.png"]
-    assert os.path.getsize("dam.mp4") > 1000
-    assert not os.path.exists("dam.mp4.frames")
-    assert not [name for name in os.listdir("frames") if name.startswith("frame_")]
-
-
 def movie_pictures(path):
     from globule.formats.pictures.video import read_movie
 
@@ -489,6 +479,8 @@ def test_a_movie_lies_in_the_folder_that_the_run_makes(folder, capsys):
     words = ["dam.toml", "-o", "new", "--seconds", 0.05, "--size", "32x24", "--no-frames"]
     run(*words, "--video", "new/v.mp4")
     assert os.path.getsize("new/v.mp4") > 500
+    assert not os.path.exists("new/v.mp4.frames")
+    assert not [name for name in os.listdir("new") if name.startswith("frame_")]
     assert main(["simulate", *map(str, words), "--video", "other/v.mp4"]) == 2
     assert "--video: expected an existing folder, got other" in capsys.readouterr().err
 

@@ -3,7 +3,7 @@
 import globule as gb
 import numpy as np
 import pytest
-from globule.sim.instruments import Instrument, Key, Motion
+from globule.sim.instruments import Key, Motion
 from globule.sim.sampling import BEHIND, fill, surface, thinned
 from globule.sim.shapes import Box, Cylinder, Grid, Mesh, Plane, Sphere
 
@@ -100,13 +100,6 @@ def test_motion_goes_straight_and_turns_evenly():
     assert np.allclose(motion.pose(9.0)[:3, :2], [[0, -1], [1, 0], [0, 0]])
     assert np.allclose(motion.pose(9.0)[:3, 3], [2, 0, 4])
     assert [motion.on(t) for t in (0.5, 1.0, 3.9, 4.0)] == [False, True, True, False]
-
-
-def test_a_scalpel_has_one_edge():
-    with pytest.raises(ValueError, match="a scalpel: expected edge or length, got none"):
-        Instrument(name="k", kind="scalpel", keys=[Key(time=0.0)])
-    with pytest.raises(ValueError, match="a grasper: expected the key radius"):
-        Instrument(name="g", kind="grasper", keys=[Key(time=0.0)])
 
 
 @pytest.mark.parametrize("n", [7, 8, 9])
