@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 import os
 
 import globule as gb
@@ -19,8 +21,13 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(inflate, "PIECE", 1000)
 
 
-def sweep() -> gb.Sweep:
+@functools.cache
+def phantom() -> gb.Sweep:
     return gb.phantoms.cylinders(n_frames=40, size=(12, 9), spacing=3.0)
+
+
+def sweep() -> gb.Sweep:
+    return copy.deepcopy(phantom())
 
 
 def followed(work):

@@ -2,8 +2,6 @@
 
 import functools
 import re
-import subprocess
-import sys
 
 import globule as gb
 import numpy as np
@@ -88,7 +86,7 @@ def test_one_particle_and_nothing_else_said(backend, kernel, options):
     assert np.isfinite(hits(scene, [[3, 4, 5 + 2 * scene.support]], AHEAD)).all()
 
 
-@pytest.mark.parametrize("n", [2, 10, 33, 5000])
+@pytest.mark.parametrize("n", [2, 10, 33, 1500])
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_all_at_one_place(backend, n, options):
     p = np.full((n, 3), 0.25, np.float32)
@@ -103,8 +101,8 @@ def test_all_at_one_place(backend, n, options):
 
 @pytest.mark.parametrize("alike", [True, False])
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
-def test_a_hundred_thousand_at_one_place(backend, alike, octree):
-    n = 100_000
+@pytest.mark.parametrize("n", [20_000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_very_many_at_one_place(backend, alike, octree, n):
     support = 1.0 if alike else np.linspace(0.999, 1, n)
     p = gb.Particles(np.full((n, 3), 0.5), support=support)
     low = gb.Scene(p, threshold=0.6, octree=octree, **backend)
@@ -274,11 +272,11 @@ def test_threshold_that_nothing_reaches(backend, threshold, octree):
 
 @functools.cache
 def crowd(alike: bool) -> Case:
-    p = lattice(24, 24, 24, 0.2, 92)
+    p = lattice(18, 18, 18, 0.2, 92)
     c = Case(p, 7.0 if alike else np.linspace(6.5, 7.5, len(p)), threshold=300.0)
     origins = 40 * unit(cloud(60, 94))
-    origins[:10] = cloud(10, 93, 13)  # some begin inside
-    return with_rays(c, origins, cloud(60, 95, 17) - origins)
+    origins[:10] = cloud(10, 93, 10)  # some begin inside
+    return with_rays(c, origins, cloud(60, 95, 14) - origins)
 
 
 @pytest.mark.parametrize("alike", [True, False])
@@ -541,23 +539,3 @@ def test_simd_level_by_hand(monkeypatch):
     monkeypatch.setenv("GLOBULE_SIMD", "v9")
     with pytest.raises(ValueError, match=r"^GLOBULE_SIMD: expected"):
         gb.Scene(cloud(5), device="cpu")
-
-
-def test_interrupted():
-    """Ctrl-C during a long picture ends it with KeyboardInterrupt."""
-    code = """
-import globule as gb, numpy as np, signal, threading, os
-signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what runs in the background
-p = np.random.default_rng(0).uniform(-1, 1, (20000, 3))
-scene = gb.Scene(p, support=0.5, threshold=1500.0, device="cpu")
-threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
-try:
-    gb.render(scene, size=(3000, 3000))
-    print("finished")
-except KeyboardInterrupt:
-    print("interrupted", gb.render(gb.Scene(p[:50], device="cpu"), size=(20, 20)).mask.any())
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
-    )
-    assert done.stdout.split() == ["interrupted", "True"]
