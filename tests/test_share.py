@@ -9,7 +9,7 @@ from globule._base.device import of_rank
 from globule._base.ranks import run_threads
 from globule.pieces.whole_images import nearest_image
 
-SIZE = (210, 150)
+SIZE = (140, 100)
 RNG = np.random.default_rng(1)
 LATTICE = np.stack(np.meshgrid(*[np.arange(10)] * 3, indexing="ij"), -1).reshape(-1, 3)
 POSITIONS = (LATTICE + RNG.uniform(-0.25, 0.25, LATTICE.shape)).astype(np.float32)
@@ -38,8 +38,8 @@ def shared(n, work, backend):
 
 @pytest.mark.parametrize(
     ("case", "n"),
-    [*(("plain", n) for n in (1, 2, 3, 4, 7)), ("edges", 2), ("edges", 7), ("light", 2),
-     ("light", 7), ("light and edges", 3), ("samples", 4)],
+    [("plain", 1), ("plain", 3), ("plain", 7), ("edges", 7), ("light", 2), ("light and edges", 3),
+     ("samples", 4)],
 )  # fmt: skip
 def test_ranks_give_the_bits_of_one(case, n, backend):
     settings, options = CASES[case]
@@ -88,9 +88,9 @@ def test_only_the_image(backend):
     assert not mask.any()
 
 
-@pytest.mark.parametrize("n", [2, 3])
-def test_the_nearest_of_shaded_pieces(n, backend):
+def test_the_nearest_of_shaded_pieces(backend):
     """Slabs with a halo of one support: hits the same, colors within a level."""
+    n = 3
     edges = np.linspace(-1, 11, n + 1)
     particles = gb.Particles(POSITIONS, color=COLOR)
 

@@ -133,28 +133,6 @@ def test_turns_with_the_particles():
     assert np.allclose(turned.centers, plain.centers @ rotation.T, atol=1e-4)
 
 
-def test_faces_become_smoother():
-    """The point of it: a jittered block's face is flatter than with round kernels."""
-    rng = np.random.default_rng(8)
-    points = (lattice(10, 10, 6) + rng.uniform(-0.25, 0.25, (600, 3))).astype("f4")
-    found = anisotropy(points, support=2.0)
-    columns = rng.uniform(3, 6, (40, 2))
-
-    def roughness(centers, G):
-        z = np.linspace(4.5, 8, 120)
-        heights = []
-        for x, y in columns:
-            line = np.stack([np.full_like(z, x), np.full_like(z, y), z], axis=1)
-            d = line[:, None] - centers
-            q = np.square(np.einsum("nij,mnj->mni", G, d)).sum(axis=2)
-            field = np.square(np.maximum(1 - q, 0)).sum(axis=1)
-            heights.append(z[np.flatnonzero(field > 0.6)[-1]])
-        return np.std(heights)
-
-    round_ones = roughness(points, np.repeat(np.eye(3)[None] / 2, len(points), axis=0))
-    assert roughness(found.centers, found.G) < 0.6 * round_ones
-
-
 @pytest.mark.parametrize(
     ("options", "what"),
     [
