@@ -132,20 +132,20 @@ def shapes() -> dict[str, gb.Scene]:
     }
 
 
-@pytest.mark.parametrize("cells", [3, 8, 32])
 @pytest.mark.parametrize("name", ["lattice", "solid", "weights", "neck"])
-def test_blocks_leave_no_seam(name, cells, monkeypatch):
+def test_blocks_leave_no_seam(name, monkeypatch):
     """However the grid is cut into blocks, the mesh is the same."""
     trimesh = pytest.importorskip("trimesh")
     scene = shapes()[name]
     monkeypatch.setattr(mesh_module, "CELLS", 64)
     whole = gb.surface_mesh(scene)
-    monkeypatch.setattr(mesh_module, "CELLS", cells)
-    found = gb.surface_mesh(scene)
-    assert len(found.vertices) == len(whole.vertices)
-    assert len(found.faces) == len(whole.faces)
-    assert trimesh.Trimesh(found.vertices, found.faces, process=False).is_watertight
-    assert found.volume == pytest.approx(whole.volume, rel=1e-6)
+    for cells in (3, 8, 32):
+        monkeypatch.setattr(mesh_module, "CELLS", cells)
+        found = gb.surface_mesh(scene)
+        assert len(found.vertices) == len(whole.vertices)
+        assert len(found.faces) == len(whole.faces)
+        assert trimesh.Trimesh(found.vertices, found.faces, process=False).is_watertight
+        assert found.volume == pytest.approx(whole.volume, rel=1e-6)
 
 
 def test_a_drop_far_away():
@@ -244,7 +244,7 @@ def test_mesh_files(folder):
 
 def test_one_ball():
     """Anywhere in the grid, the error estimate covers the truth and is no excuse."""
-    for where in np.random.default_rng(3).uniform(-5, 5, (12, 3)):
+    for where in np.random.default_rng(3).uniform(-5, 5, (5, 3)):
         found = gb.measure_surface(gb.Particles([where], support=0.8), 0.1, device="cpu")
         volume, area = 4 / 3 * np.pi * RADIUS**3, 4 * np.pi * RADIUS**2
         assert abs(found.volume - volume) <= found.volume_error <= 0.05 * volume
@@ -259,13 +259,6 @@ def test_ellipsoid():
     axes = np.sqrt(1 - np.sqrt(0.6)) / np.diag(matrix)
     truth = 4 / 3 * np.pi * axes.prod()
     assert abs(found.volume - truth) <= found.volume_error <= 0.03 * truth
-
-
-def test_separate_balls_add_up():
-    p = gb.Particles(3 * lattice(3, 3, 3), support=0.8)
-    found = gb.measure_surface(p, 0.1, device="cpu")
-    truth = 27 * 4 / 3 * np.pi * RADIUS**3
-    assert abs(found.volume - truth) <= found.volume_error <= 0.05 * truth
 
 
 def test_box_of_a_lattice():
@@ -290,14 +283,20 @@ def test_box_of_a_lattice():
 
 
 @pytest.mark.parametrize(
-    "name", ["double_dam_break_frame_26_4732_particles.vtk", "bunny_frame_14_7705_particles.vtk"]
+    ("name", "share"),
+    [
+        ("double_dam_break_frame_26_4732_particles.vtk", 0.15),
+        pytest.param("bunny_frame_14_7705_particles.vtk", 1, marks=pytest.mark.slow),
+    ],
 )
-def test_errors_cover_what_half_the_spacing_gives(name):
+def test_errors_cover_what_half_the_spacing_gives(name, share):
     """A splash and a bunny: what is round and what is hollow does not cancel in the estimates."""
     path = SPLASH.with_name(name)
     if not path.exists():
         pytest.skip(f"no {path}")
-    scene = gb.Scene(gb.read(path), device="cpu")
+    p = gb.read(path)
+    p = p[p.positions[:, 0] <= np.quantile(p.positions[:, 0], share)]
+    scene = gb.Scene(p, device="cpu")
     found = gb.measure_surface(scene)
     fine = gb.measure_surface(scene, scene.spacing / 4)
     assert abs(found.volume - fine.volume) <= found.volume_error <= 0.01 * fine.volume
@@ -309,18 +308,6 @@ def test_nothing_to_measure():
         assert gb.measure_surface(p, 0.1, device="cpu") == (0, 0, 0, 0)
         found = gb.surface_mesh(p, 0.1, device="cpu")
         assert found.vertices.shape == found.faces.shape == (0, 3)
-
-
-def test_splash():
-    if not SPLASH.exists():
-        pytest.skip(f"no {SPLASH}")
-    p = gb.read(SPLASH)
-    p = p[p.positions[:, 0] < np.quantile(p.positions[:, 0], 0.1)]
-    scene = gb.Scene(p, device="cpu")
-    found = gb.surface_mesh(scene)
-    f, g = scene.field(found.vertices).astype(np.float64), scene.gradient(found.vertices)
-    distance = np.abs(f - scene.threshold) / np.linalg.norm(g, axis=1)
-    assert distance.max() <= 1e-4 * found.spacing
 
 
 @pytest.mark.parametrize(
