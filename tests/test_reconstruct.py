@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib
 import re
-import signal
-import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +15,8 @@ from globule.ultrasound.grid import VoxelGrid
 from globule.ultrasound.reconstruct import METHODS
 from globule.ultrasound.reconstructor import Reconstructor
 from globule.ultrasound.sweep import Sweep
+from interrupts import interrupts
+from sweep_helpers import OnGpu
 
 
 def reconstruct(sweep, method="pvn-om", *args, **options):
@@ -73,16 +73,16 @@ def agree(volume, expected, radius):
         np.testing.assert_allclose(volume.values, expected, rtol=2e-6, atol=2e-5)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("method", METHODS)
-def test_equals_reference(backend, method, dtype):
-    sweep = make_sweep(dtype=dtype)
-    volume = reconstruct(sweep, method, spacing=0.6, max_kernel=7, **backend)
-    agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), method, 7))
-    assert volume.values.dtype == dtype
-    assert volume.n_filled
-    assert volume.n_empty
-    assert volume.n_measured
+def test_equals_reference(backend, method):
+    for dtype in (np.uint8, np.uint16, np.float32):
+        sweep = make_sweep(dtype=dtype)
+        volume = reconstruct(sweep, method, spacing=0.6, max_kernel=7, **backend)
+        agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), method, 7))
+        assert volume.values.dtype == dtype
+        assert volume.n_filled
+        assert volume.n_empty
+        assert volume.n_measured
 
 
 @pytest.mark.parametrize("compounding", ["maximum", "latest", "first", "median"])
@@ -93,7 +93,7 @@ def test_compounding(backend, compounding):
         agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), compounding=compounding))
 
 
-@pytest.mark.parametrize("max_kernel", [1, 3, 9, 11, 19])
+@pytest.mark.parametrize("max_kernel", [1, 3, 9, 19])
 def test_kernel_sizes(backend, max_kernel):
     sweep = make_sweep(n=3, gap=5.0)
     for weights in ("normalized", "printed"):
@@ -131,14 +131,6 @@ def test_mask_region_and_invalid_frames(backend):
         volume = reconstruct(sweep, method, spacing=0.7, region=region, **backend)
         assert volume.shape == (14, 6, 9)
         agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), method))
-
-
-def test_plain_methods_are_the_same(backend):
-    sweep = make_sweep(n=9, gap=1.2)
-    for pair in (("pvn-om", "pvn"), ("vvn-om", "vvn")):
-        a, b = (reconstruct(sweep, m, size=40, **backend) for m in pair)
-        np.testing.assert_array_equal(a.values, b.values)
-        np.testing.assert_array_equal(a.radius, b.radius)
 
 
 def test_same_bits_everywhere(backend):
@@ -252,14 +244,6 @@ def test_wrong_sweeps():
         reconstruct(sweep, spacing=1.0)
 
 
-def test_too_large_names_the_spacing_that_would_fit():
-    sweep = make_sweep()
-    with pytest.raises(MemoryError, match=r"need up to .* GiB.* mm would fit") as caught:
-        reconstruct(sweep, spacing=0.0003, device="cpu")
-    fits = float(str(caught.value).split(";")[1].split()[0])
-    assert 0.0003 < fits < 0.1
-
-
 def same_volume(live, sweep, frames, **options):
     """The live volume against all frames at once on the same voxels."""
     low = live.world_from_voxel[:3, 3] - 0.5 * live.spacing
@@ -288,8 +272,7 @@ def test_incremental(backend, compounding, dtype):
     assert live.n_frames == 10
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-@pytest.mark.parametrize("max_kernel", [1, 9, 13])
+@pytest.mark.parametrize(("dtype", "max_kernel"), [(np.uint8, 9), (np.uint16, 1), (np.float32, 13)])
 def test_a_volume_that_grows_on_all_sides(backend, dtype, max_kernel):
     """Read after each frame, so that what was filled before has to move along x, y and z."""
     sweep = make_sweep(n=9, dtype=dtype)
@@ -319,25 +302,6 @@ def test_a_frame_that_cannot_fit_changes_nothing(backend):
     live.add(sweep.frames[2], sweep.world_from_image[2])
     assert live.n_frames == 3
     same_volume(live.volume(), sweep, [0, 1, 2], **backend)
-
-
-def test_the_volume_can_be_read_while_frames_come(backend):
-    sweep = make_sweep(n=12, gap=2.0)
-    live = Reconstructor(0.6, **backend)
-    live.add(sweep.frames[0], sweep.world_from_image[0])
-
-    def add():
-        for f in range(1, 12):
-            live.add(sweep.frames[f], sweep.world_from_image[f])
-
-    thread = threading.Thread(target=add)
-    thread.start()
-    seen = [live.volume().n_measured]
-    while thread.is_alive():
-        seen.append(live.volume().n_measured)
-    thread.join()
-    assert seen == sorted(seen)
-    same_volume(live.volume(), sweep, list(range(12)), **backend)
 
 
 def test_undo_takes_the_room_back_too(backend):
@@ -374,20 +338,17 @@ def test_a_region_beside_all_frames_is_refused():
 
 
 def test_a_volume_that_was_interrupted_is_filled_again():
-    sweep = make_sweep(n=6, gap=3.0)
-    live = Reconstructor(0.25, max_kernel=25, device="cpu", threads=1)
-    live.add(sweep.frames[:3], sweep.world_from_image[:3])
-    live.volume()
-    live.add(sweep.frames[3:], sweep.world_from_image[3:])
-    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
-    try:
-        signal.setitimer(signal.ITIMER_REAL, 0.02)
-        with pytest.raises(KeyboardInterrupt):
-            live.volume()
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
-    same_volume(live.volume(), sweep, list(range(6)), max_kernel=25, device="cpu")
+    sweep = make_sweep(n=4, gap=3.0)
+
+    def half_filled():
+        live = Reconstructor(0.5, max_kernel=13, device="cpu", threads=1)
+        live.add(sweep.frames[:2], sweep.world_from_image[:2])
+        live.volume()
+        live.add(sweep.frames[2:], sweep.world_from_image[2:])
+        return live
+
+    for live in interrupts(half_filled, lambda live: live.volume(), few=5):
+        same_volume(live.volume(), sweep, list(range(4)), max_kernel=13, device="cpu")
 
 
 def test_incremental_refuses():
@@ -406,30 +367,16 @@ def test_incremental_refuses():
 @pytest.mark.parametrize("method", ["pvn-om", "pvn", "vvn-om"])
 def test_the_spacing_that_would_fit_does(monkeypatch, method):
     module = importlib.import_module("globule.ultrasound.reconstruct")
-    monkeypatch.setattr(module, "free_host_bytes", lambda: 30 * 2**20)
+    monkeypatch.setattr(module, "free_host_bytes", lambda: 5 * 2**20)
     sweep = make_sweep(n=6, shape=(40, 50))
     with pytest.raises(MemoryError, match="mm would fit") as caught:
         reconstruct(sweep, method, spacing=0.005, device="cpu")
     fits = float(re.search(r"([0-9.]+) mm would fit", str(caught.value))[1])
     volume = reconstruct(sweep, method, spacing=fits, device="cpu")
-    assert volume.info["estimated_bytes"] > 10 * 2**20  # and not by a lot
+    assert volume.info["estimated_bytes"] > 5 / 3 * 2**20  # and not by a lot
     monkeypatch.setattr(module, "free_host_bytes", lambda: 1000)
     with pytest.raises(MemoryError, match="take fewer frames"):
         reconstruct(sweep, "vvn-om", spacing=0.5, device="cpu")
-
-
-class OnGpu:
-    """What a package's array in GPU memory shows; it has none."""
-
-    def __init__(self, shape, typestr, strides=None):
-        self.shape = shape
-        self.__cuda_array_interface__ = {
-            "shape": shape, "typestr": typestr, "data": (4096, False), "strides": strides,
-            "version": 3,
-        }  # fmt: skip
-
-    def get(self):
-        return np.full(self.shape, 7, np.uint8)
 
 
 def test_frames_on_a_gpu_must_lie_as_they_are_used():
@@ -499,17 +446,3 @@ def test_one_lattice_for_batch_live_and_region(backend):
     np.testing.assert_array_equal(part.values, boxed.volume().values)
     shift = (part.world_from_voxel - whole.world_from_voxel)[:3, 3] / 0.5
     np.testing.assert_allclose(shift, np.rint(shift), atol=1e-9)
-
-
-@pytest.mark.parametrize("order", [[4, 5, 3, 6, 2, 1, 0], list(range(7))])
-def test_a_live_volume_is_the_volume_of_its_recording(backend, order):
-    sweep = make_sweep()
-    live = Reconstructor(0.45, **backend)
-    for f in order:
-        live.add(sweep.frames[f], sweep.world_from_image[f])
-    recorded = Frames(sweep.frames[order], sweep.world_from_image[order], np.ones(7, bool))
-    whole = reconstruct(recorded, spacing=0.45, **backend)
-    volume = live.volume()
-    np.testing.assert_allclose(volume.world_from_voxel, whole.world_from_voxel, atol=1e-12)
-    np.testing.assert_array_equal(volume.values, whole.values)
-    np.testing.assert_array_equal(volume.radius, whole.radius)
