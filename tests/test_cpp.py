@@ -30,7 +30,7 @@ def run(*command, **options):
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    """Tests and examples, configured once; all but the slow ones are built."""
+    """Tests and examples, configured once; each test builds what it needs."""
     if CMAKE is None:
         pytest.skip("cmake is missing: sudo apt-get install cmake")
     if shutil.which(os.environ.get("CXX", "g++")) is None and shutil.which("c++") is None:
@@ -52,8 +52,7 @@ def built(tmp_path_factory):
     if done.returncode != 0 and "CMAKE_MAKE_PROGRAM" in done.stderr:
         pytest.skip("neither ninja nor make is there: sudo apt-get install make")
     assert done.returncode == 0, done.stderr
-    examples = ("load_and_draw", "toy_sph", "volume_from_sweep")
-    build(folder / "build", "make_images", "other_abi", *examples)
+    build(folder / "build", "make_images", "load_and_draw")
     return folder / "build"
 
 
@@ -117,13 +116,13 @@ def test_handles(built):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
-def test_default_images(made, kernel):
+def test_default_images(made):
     folder, positions, _ = made
-    bits = 64 if KERNELS.index(kernel) % 2 else 32
-    frame = gb.render(gb.Scene(positions, kernel=kernel, key_bits=bits, device="cpu"), size=DRAWN)
-    same(folder, f"kernel_{kernel}", frame.picture)
-    same(folder, f"depth_{kernel}", frame.distance)
+    for i, kernel in enumerate(KERNELS):
+        scene = gb.Scene(positions, kernel=kernel, key_bits=64 if i % 2 else 32, device="cpu")
+        frame = gb.render(scene, size=DRAWN)
+        same(folder, f"kernel_{kernel}", frame.picture)
+        same(folder, f"depth_{kernel}", frame.distance)
 
 
 def test_rich_images(made):
@@ -281,7 +280,9 @@ def toy(folder, name, spacing, counts, green):
     return gb.Scene(gb.Particles(p, support=support, color=color), device="cpu")
 
 
+@pytest.mark.slow
 def test_toy_sph(built, tmp_path):
+    build(built, "toy_sph")
     done = run(built / "examples" / "toy_sph", 40, "cpu", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "1200 particles after 40 steps" in done.stdout
@@ -340,7 +341,9 @@ def test_insitu_mpi(built, tmp_path):
     assert done.stderr.count("device: expected auto, cpu") == 1
 
 
+@pytest.mark.slow
 def test_volume_from_sweep(built, tmp_path):
+    build(built, "volume_from_sweep")
     done = run(built / "examples" / "volume_from_sweep", "cpu", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     f, row, column = np.ogrid[:60, :80, :96]
@@ -361,7 +364,9 @@ def test_volume_from_sweep(built, tmp_path):
     same(tmp_path, "volume_live.raw", live.volume().values)
 
 
+@pytest.mark.slow
 def test_a_backend_of_another_version_is_refused(built, made, tmp_path):
+    build(built, "other_abi")
     library = Path(gb.__file__).parent / "libglobule.so"
     shutil.copy(library, tmp_path)
     for level in ("v2", "v3", "v4"):
