@@ -162,7 +162,7 @@ def test_what_lies_outside_of_the_clip_is_no_dot():
     assert all((dots[:, 1] > 9).all() for dots in seen.dots)
 
 
-@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize("flip", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_symmetric_phantom_of_two_patterns(flip):
     """Its outer wires look the same from behind and upside down: only the poses tell."""
     two = [
@@ -178,7 +178,7 @@ def test_a_symmetric_phantom_of_two_patterns(flip):
     assert np.median(found.errors.three_d) < 0.3
 
 
-@pytest.mark.parametrize("n_draws", [3, pytest.param(12, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_draws", [2, pytest.param(12, marks=pytest.mark.slow)])
 def test_the_expected_error_covers_the_true_one(n_draws):
     """Draws with noise of dots (0.4 pixels), of poses (0.05 mm) and of the phantom's
     registration (0.3 mm, 0.9 degrees): the corners are off by 0.51 mm (rms), 0.54 mm expected."""
@@ -377,9 +377,6 @@ def test_command(capsys):
     assert corner_error(saved).max() < 0.8
     assert saved.clip == (1, 2, 30, 40)
     assert saved.error > 0
-    assert main([*words, "-o", "plus.xml"]) == 0
-    again = read_calibration("plus.xml").probe_from_image
-    assert np.allclose(again, saved.probe_from_image, atol=1e-9)
     write_phantom("free.toml", dataclasses.replace(phantom(), reference_from_phantom=None))
     still = np.repeat(data[2][:1], 40, axis=0)
     still[:, :3, 3] += np.random.default_rng(0).normal(0, 0.05, (40, 3))
@@ -405,10 +402,8 @@ def test_picture(capsys):
     write_sweep("wires.igs.mha", *data[:3])
     write_phantom("phantom.toml", phantom())
     words = ["calibrate", "--n-wire", "phantom.toml", "--sweep", "wires.igs.mha"]
-    for more in ([], ["--validate", "wires.igs.mha"]):
-        assert main([*words, *more, "--picture", "wires.png"]) == 0
-        picture = np.asarray(Image.open("wires.png").convert("RGB"), int)
-        assert picture.shape == (640, 1100, 3)
-        orange = (picture[..., 0] > 200) & (picture[..., 2] < 80)
-        assert orange.sum() > 300  # the circles of 27 dots
-    Path("wires.png").unlink()
+    assert main([*words, "--validate", "wires.igs.mha", "--picture", "wires.png"]) == 0
+    picture = np.asarray(Image.open("wires.png").convert("RGB"), int)
+    assert picture.shape == (640, 1100, 3)
+    orange = (picture[..., 0] > 200) & (picture[..., 2] < 80)
+    assert orange.sum() > 300  # the circles of 27 dots
