@@ -21,6 +21,7 @@ def cloud(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (["empty.csv"], "empty.csv"),
         (["missing.vtk"], "missing.vtk: cannot be read: No such file or directory"),
         (["frame_*.vtk"], "frame_*.vtk"),
         (["no-such-scene.toml"], "no-such-scene.toml"),
@@ -43,15 +44,9 @@ def cloud(tmp_path):
 )
 def test_mistakes(cloud, options, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty.csv").write_text("x,y,z\n")
     words = [cloud if word == "CLOUD" else word for word in options]
-    assert (
-        main(
-            ["view", *words, "--no-browser", "--port", "0"]
-            if "--port" not in words
-            else ["view", *words, "--no-browser"]
-        )
-        == 2
-    )
+    assert main(["view", "--no-browser", "--port", "0", *words]) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
@@ -95,32 +90,9 @@ def test_options_become_settings(cloud, monkeypatch, tmp_path):
     monkeypatch.setattr(viewer, "show", show)
     state = tmp_path / "view.toml"
     state.write_text("[quality]\nsamples = 3\n")
-    assert (
-        main(
-            [
-                "view",
-                cloud,
-                "--state",
-                str(state),
-                "--threshold",
-                "0.8",
-                "--color-by",
-                "y",
-                "--range",
-                "-1,2",
-                "--clip",
-                "0,2,0,1",
-                "--eye",
-                "0,0,5",
-                "--look-at",
-                "0,0,0",
-                "--port",
-                "8123",
-                "--no-browser",
-            ]
-        )
-        == 130
-    )
+    words = f"--state {state} --threshold 0.8 --color-by y --range -1,2 --clip 0,2,0,1 "
+    words += "--eye 0,0,5 --look-at 0,0,0 --port 8123 --no-browser"
+    assert main(["view", cloud, *words.split()]) == 130
     settings = seen["state"]
     assert settings.quality.samples == 3
     assert settings.surface.threshold == 0.8

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import globule as gb
@@ -21,7 +19,7 @@ from globule.viewer.page import LONGEST_NAME, shortened
 from globule.viewer.page.tools import Hand
 from globule.viewer.simulation_source import SimulationSource
 from globule.viewer.state import State
-from viewer_helpers import Watched, blob, choose, open_folder, until
+from viewer_helpers import blob
 
 CAMERA = Camera((0, 0, 5), (0, 0, 0))
 
@@ -211,21 +209,6 @@ def test_nothing_to_show_is_said_in_one_line(tmp_path, positions):
         open_source(str(path))
 
 
-def test_the_command_ends_with_2_where_there_is_nothing(tmp_path):
-    pytest.importorskip("viser")
-    path = tmp_path / "empty.csv"
-    path.write_text("x,y,z\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "globule", "view", str(path), "--no-browser"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert done.returncode == 2
-    assert "empty.csv" in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-
-
 def test_particles_that_are_left_out_are_counted():
     positions = np.random.default_rng(1).normal(size=(50, 3)).astype(np.float32)
     positions[3], positions[7] = np.nan, np.inf
@@ -307,27 +290,6 @@ def test_the_tab_has_the_sources_name():
         assert answer.headers["Content-Length"] == str(len(answer.body))
     assert shortened("splash.npz") == "splash.npz"
     assert len(shortened("frame_of_a_very_long_name_00000.vtp")) == LONGEST_NAME
-
-
-@pytest.mark.browser
-@pytest.mark.slow
-def test_the_page_of_particles(chromium):
-    particles = blob()
-    watched = Watched(particles, chromium)
-    try:
-        page = watched.page()
-        assert page.title() == "400 particles · globule"
-        open_folder(page, "Color by value")
-        choose(page, "Color by", "speed")
-        lo, hi = np.min(particles.attributes["speed"]), np.max(particles.attributes["speed"])
-        widgets = watched.viewer.page.binder.widgets
-        until(lambda: abs(widgets["color.low"].value - lo) < 0.01, "for the automatic range")
-        assert widgets["color.high"].value == pytest.approx(hi, abs=0.01)
-        page.get_by_label("Automatic range", exact=True).uncheck()
-        until(lambda: not watched.viewer.state.color.automatic)
-        until(lambda: watched.viewer.state.color.high == pytest.approx(float(hi)))
-    finally:
-        watched.close()
 
 
 @pytest.mark.parametrize("order", [1, -1])

@@ -144,7 +144,7 @@ def test_reset_and_the_timeline_take_the_foam_along():
 def test_a_running_viewer_sends_it():
     viewer = gb.view(made(), port=0, browser=False, block=False, camera=CAMERA)
     errors = []
-    program = Program(viewer, "")
+    program = Program(viewer.address, answers=False)
     try:
         until(lambda: viewer.clients, "for the connection")
         (client,) = viewer.clients.values()

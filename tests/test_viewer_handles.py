@@ -8,95 +8,63 @@ import pytest
 pytest.importorskip("viser")
 from globule.viewer.overlay import project
 from globule.viewer.page.cut_handles import SIZE
-from viewer_helpers import Watched, blob, choose, drag_along, next_frame, stroke, take_tool, until
+from viewer_helpers import Watched, blob, drag_along, middle, shown_node, stroke, take_tool, until
 
 BROWSERS = True  # see hang_guard
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
-@pytest.fixture
-def watched(chromium):
-    made = Watched(blob(), chromium)
-    yield made
-    made.close()
-
-
-def arrow(watched, page) -> tuple[float, float]:
-    """Where the window shows the arrow along the plane's normal."""
-    place, cuts = watched.viewer.placement, watched.viewer.state.cuts
-    tip = place.to_world(np.add(place.to_page(cuts.point), 0.7 * SIZE * np.array(cuts.normal)))
-    box = page.locator("canvas").first.bounding_box()
-    x, y = project(page.client.camera, (box["width"], box["height"]), tip)
-    return box["x"] + x, box["y"] + y
-
-
 def drag_arrow(watched, page) -> None:
-    cuts = watched.viewer.state.cuts
-    before, at = cuts.point, arrow(watched, page)
-    drag_along(page, np.linspace(at, (at[0] - 50, at[1] + 8), 10))
-    page.mouse.up()
+    """Drag the arrow along the plane's normal; the button stays down."""
+    place, cuts = watched.viewer.placement, watched.viewer.state.cuts
+    before, box = cuts.point, page.locator("canvas").first.bounding_box()
+    tip = place.to_world(np.add(place.to_page(cuts.point), 0.7 * SIZE * np.array(cuts.normal)))
+    at = np.array(project(page.client.camera, (box["width"], box["height"]), tip))
+    shown_node(page, "/cut/plane")
+    drag_along(page, np.linspace(at, at + (-30, 5), 4))
     until(lambda: watched.viewer.state.cuts.point != before, "for the handle to move the plane")
 
 
-def test_a_stroke_never_drags_a_handle(watched):
-    page, state = watched.page(), watched.viewer.state
-    hands = watched.viewer.page.tools.hands
-    page.get_by_role("button", name="Skip").click()
-    page.keyboard.press("c")
-    until(lambda: state.cuts.plane)
-    (handles,) = watched.viewer.page.panels[3].handles.values()
-    until(lambda: handles.plane.visible)
-    page.wait_for_timeout(500)
-    drag_arrow(watched, page)
-    take_tool(page, "Cut")
-    assert not handles.plane.visible
-    drawn = []
-    cut = watched.viewer.cut_along
-
-    def cut_along(points, camera):
-        said = cut(points, camera)
-        drawn.append(points)
-        return said
-
-    watched.viewer.cut_along = cut_along
-    for k in range(3):  # the handle of the last stroke's plane would stand in the way of the next
-        camera = page.client.camera
-        stroke(page, (300, 200), (420, 560))
-        until(lambda k=k: len(drawn) == k + 1, "for the stroke")
-        ends = np.array([drawn[-1][0], drawn[-1][-1]])
-        assert state.cuts.point == pytest.approx(ends.mean(axis=0).tolist(), abs=1e-6)
-        assert page.client.camera == camera
-        watched.still(page)
-    choose(page, "Mouse tool", next(iter(hands.values())).choices[0])
-    until(lambda: handles.plane.visible, "for the handle to come back")
-    page.wait_for_timeout(500)
-    drag_arrow(watched, page)
-    page.mouse.move(330, 690)
-    next_frame(page)
-    camera = page.client.camera
-    stroke(page, (330, 690), (390, 720))
+def turn(page) -> None:
+    """A drag beside the handles, which turns the view."""
+    camera, at = page.client.camera, middle(page)
+    stroke(page, at + (-120, 180), at + (-80, 200))
     until(lambda: page.client.camera != camera, "for a drag to turn the view again")
 
 
-def test_a_handle_that_vanishes_under_the_mouse_lets_go(watched):
-    page, state = watched.page(), watched.viewer.state
-    page.get_by_role("button", name="Skip").click()
-    page.keyboard.press("c")
-    (handles,) = watched.viewer.page.panels[3].handles.values()
-    until(lambda: handles.plane.visible)
-    page.wait_for_timeout(500)
-    before, at = state.cuts.point, arrow(watched, page)
-    drag_along(page, np.linspace(at, (at[0] - 50, at[1] + 8), 10))
-    until(lambda: state.cuts.point != before)
-    page.keyboard.press("c")
-    until(lambda: not handles.plane.visible)
-    next_frame(page)
-    page.mouse.up()
-    assert handles._dragged is None
-    take_tool(page, "Cut")
-    stroke(page, (300, 200), (420, 560))
-    until(lambda: state.cuts.plane, "for the stroke to set the plane again")
-    camera = page.client.camera
-    choose(page, "Mouse tool", "Rotate, pick")
-    stroke(page, (330, 690), (390, 720))
-    until(lambda: page.client.camera != camera, "for a drag to turn the view again")
+def test_a_stroke_never_drags_a_handle(chromium):
+    with Watched(blob(150), chromium) as watched:
+        page, cuts = watched.page(), watched.viewer.state.cuts
+        page.keyboard.press("c")
+        until(lambda: cuts.plane)
+        (handles,) = watched.viewer.page.panels[3].handles.values()
+        drag_arrow(watched, page)
+        page.mouse.up()
+        until(lambda: handles._dragged is None, "for the handle's end")
+        take_tool(page, "Cut")
+        assert not handles.plane.visible
+        drawn, cut = [], watched.viewer.cut_along
+        watched.viewer.cut_along = lambda points, camera: (
+            drawn.append(points) or cut(points, camera)
+        )
+        camera, ends = page.client.camera, np.add(middle(page), ((-60, -60), (60, 80)))
+        for k in (1, 2):  # the handle of the last stroke's plane would stand in the way
+            stroke(page, *ends)
+            until(lambda k=k: len(drawn) == k and page.hand._catcher, "for the stroke")
+            watched.still(page)
+            along = np.mean([drawn[-1][0], drawn[-1][-1]], axis=0)
+            assert cuts.point == pytest.approx(along.tolist(), abs=1e-6)
+            assert page.client.camera == camera
+        page.hand.use("Rotate, pick")
+        until(lambda: handles.plane.visible, "for the handle to come back")
+        drag_arrow(watched, page)
+        page.keyboard.press("c")  # it vanishes under the mouse, and lets go
+        until(lambda: not handles.plane.visible)
+        page.mouse.up()
+        assert handles._dragged is None
+        turn(page)
+        take_tool(page, "Cut")
+        stroke(page, *ends)
+        until(lambda: cuts.plane, "for the stroke to set the plane again")
+        page.hand.use("Rotate, pick")
+        turn(page)

@@ -98,6 +98,7 @@ window.ready = true;
 
 
 @pytest.mark.browser
+@pytest.mark.slow
 def test_the_widget_in_a_browser():
     from globule.viewer import notebook
     from globule.viewer.encode import jpeg

@@ -1,455 +1,398 @@
-"""Each group of controls, used in a real browser: its effect in the picture."""
+"""The groups of controls: what their widgets set, what settings do to the image, downloads."""
 
 from __future__ import annotations
 
-import re
+import io
+from types import SimpleNamespace
 
 import globule as gb
 import numpy as np
 import pytest
+from PIL import Image
 from viewer_helpers import (
     Watched,
     blob,
     check,
     choose,
-    differs,
     number_box,
     open_folder,
-    seen,
     silhouette,
-    stroke,
-    take_tool,
     type_number,
     type_text,
     until,
 )
 
+pytest.importorskip("viser")
+
+from globule.viewer.engine import Engine
+from globule.viewer.open import open_source
+from globule.viewer.page.jobs import Cancelled, Job
+from globule.viewer.recording import Recorder, Shot, turntable
+from globule.viewer.state import State
+
 BROWSERS = True  # see hang_guard
-pytestmark = [pytest.mark.browser, pytest.mark.slow]  # quick ones: test_viewer_browser.py
-
-
-@pytest.fixture(scope="module")
-def shared(chromium):
-    made = Watched(blob(), chromium)
-    made.page()
-    yield made
-    made.close()
+FRONT = gb.Camera((0, 0.5, 5), (0, 0, 0))
 
 
 @pytest.fixture
-def watched(shared):
-    """The same page for all tests of one cloud, each with settings of its own."""
-    page = shared.pages[0]
-    shared.viewer.state.load_toml("[quality]\nsamples = 1\n")
-    shared.viewer.clients[min(shared.viewer.clients)].mark([])
-    page.reload()
-    gone = page.client
-    until(lambda: gone not in shared.viewer.clients.values())
-    page.client = until(lambda: next(iter(shared.viewer.clients.values()), None))
-    page.get_by_text("Help (H)").wait_for()
-    shared.still(page)
-    return shared
+def watched():
+    with Watched(blob(100)) as made:
+        yield made
 
 
-def test_numbers_end_as_they_are_typed(watched):
-    page, state = watched.pages[0], watched.viewer.state
-    open_folder(page, "Surface and quality")
-    open_folder(page, "Material and light")
-    for label, key, texts in (
-        ("Support", "surface.support", ("0.5", "0.109", "1.05")),
-        ("Threshold", "surface.threshold", ("0.35",)),
-        ("Exposure", "look.exposure", ("0.5",)),
-        ("Largest width", "quality.width", ("1200",)),
-        ("JPEG quality when still", "quality.sharpness", ("85",)),
-    ):
+@pytest.fixture
+def page(watched):
+    return watched.program()
+
+
+def panel(watched, name):
+    return next(p for p in watched.viewer.page.panels if type(p).__name__ == name)
+
+
+def another(handle, value):
+    """Another value that a widget may have."""
+    if isinstance(value, bool):
+        return not value
+    if hasattr(handle, "options"):
+        return next(option for option in reversed(handle.options) if option != value)
+    if isinstance(value, str):
+        return "words"
+    if isinstance(value, tuple):
+        return tuple(0.5 * v + 0.1 for v in value)
+    if getattr(handle, "max", None) is not None:
+        half = (handle.min + handle.max) / 2
+        return type(value)(half if half != value else handle.max)
+    return value + 1.0
+
+
+def test_each_widget_sets_its_setting_and_follows_it(watched):
+    state, binder = watched.viewer.state, watched.viewer.page.binder
+    page = watched.program(answers=False)  # gets few images meanwhile
+    assert len(binder.widgets) > 40
+    for key, handle in binder.widgets.items():
         group, name = key.split(".")
-        settings = getattr(state, group)
-        for text in texts:
-            box = number_box(page, label)
-            box.click()
-            page.keyboard.press("Control+A")
-            page.keyboard.type(text, delay=60)
-            page.keyboard.press("Tab")
-            until(
-                lambda settings=settings, name=name, text=text: (
-                    getattr(settings, name) == float(text)
-                ),
-                f"{label} {text}",
-            )
-            assert box.input_value() == text
-    assert not page.get_by_text("Not possible").count()
+        before = getattr(getattr(state, group), name)
+        value = another(handle, handle.value)
+        update = {"type": "GuiUpdateMessage", "uuid": handle._impl.uuid}
+        page.say({**update, "updates": {"value": value}})
+        until(lambda g=group, n=name, b=before: getattr(getattr(state, g), n) != b, key)
+        if not isinstance(before, str):  # some options stand for others
+            assert getattr(getattr(state, group), name) == pytest.approx(value), key
+        state.set(**{key.replace(".", "__"): before})
+        heard = page.heard(lambda m, u=handle._impl.uuid: m.get("uuid") == u and "updates" in m)
+        assert heard["updates"]["value"] != value, key
 
 
-def test_a_number_outside_of_its_ends_becomes_the_nearest(watched):
-    page, state = watched.pages[0], watched.viewer.state
-    open_folder(page, "Surface and quality")
-    most = watched.viewer.page.binder.widgets["surface.support"].max
-    type_number(page, "Support", "1000000000")
-    until(lambda: state.surface.support == most, "for the end")
-    page.get_by_text(f"expected 0.0875 to {most:g}, got 1e+09").first.wait_for()
-    page.keyboard.press("Tab")
-    until(lambda: number_box(page, "Support").input_value() == f"{most:g}")
+@pytest.mark.parametrize(
+    ("before", "change"),
+    [
+        ({}, {"surface__kernel": "wendland_c2"}),
+        ({}, {"surface__support": 0.6}),
+        ({}, {"surface__threshold": 1.5}),
+        ({}, {"surface__root": "march"}),
+        ({}, {"look__preset": "water"}),
+        ({"look__ground": "plain"}, {"look__ambient_rays": 8}),
+        ({}, {"look__sky": "gradient"}),
+        ({}, {"look__ground": "checker"}),
+        ({}, {"look__shadows": True}),
+        ({}, {"look__exposure": 2.0}),
+        ({}, {"look__background": (0.0, 0.6, 0.0)}),
+        ({}, {"look__lights": "own"}),
+        ({"look__lights": "own"}, {"look__azimuth": 120.0}),
+        ({"look__sky": "gradient"}, {"look__matter": "own", "look__reflection": 1.0}),
+        (
+            {"look__sky": "gradient", "look__matter": "own", "look__reflection": 1.0},
+            {"look__bounces": 0},
+        ),
+        ({}, {"color__by": "speed"}),
+        ({"color__by": "speed"}, {"color__legend": False}),
+        ({"color__by": "speed"}, {"color__automatic": False, "color__high": 10.0}),
+        ({"color__by": "speed"}, {"color__colormap": "gray"}),
+        ({}, {"notes__scale_bar": True}),
+        ({}, {"cuts__plane": True}),
+        ({}, {"cuts__box": True, "cuts__lo": (-3.0, -3.0, 0.2), "cuts__hi": (3.0, 3.0, 3.0)}),
+        ({}, {"cuts__sphere": True, "cuts__keep_sphere": True, "cuts__radius": 0.5}),
+    ],
+    ids=lambda value: "-".join(value) or "plain",
+)
+def test_each_setting_changes_the_image(before, change):
+    engine = Engine(open_source(blob(100)), State())
+    try:
+        engine.state.set(**before)
+        first = Shot(engine, FRONT, (160, 120), 1).picture
+        engine.state.set(**change)
+        second = Shot(engine, FRONT, (160, 120), 1).picture
+    finally:
+        engine.close()
+    assert not np.array_equal(first, second)
+    if any(name.startswith("cuts") for name in change):
+        assert 0 < silhouette(second) < silhouette(first)
+    if change.get("color__colormap") == "gray":
+        middle = second[50:70, 70:90].astype(int)
+        assert np.ptp(middle, axis=2).max() < 40
 
 
-def test_kernel_support_and_root_change_the_surface(watched):
-    page = watched.pages[0]
-    before = watched.still(page)
-    open_folder(page, "Surface and quality")
-    choose(page, "Kernel", "wendland_c2")
-    wendland = watched.still(page, differs(before))
-    type_number(page, "Support", 0.6)
-    watched.still(page, lambda p: silhouette(p) > 1.1 * silhouette(wendland))
-    watched.viewer.state.set(surface__kernel="murakami", surface__support=None)
-    exact = watched.still(page, lambda p: silhouette(p) == silhouette(before))
-    choose(page, "Root method", "march")
-    marched = watched.still(page, lambda p: not np.array_equal(p, exact))
-    assert silhouette(marched) > 0.8 * silhouette(exact)
-
-
-def test_presets_shadows_and_lights_change_the_light(watched):
-    page = watched.pages[0]
-    plain = watched.still(page)
-    open_folder(page, "Material and light")
-    choose(page, "Preset", "water")
-    water = watched.still(page, differs(plain, 5))
-    assert watched.viewer.state.look.shadows
-    check(page, "Shadows", False)
-    bright = watched.still(page, differs(water, 0.3))
-    assert bright.mean() > water.mean()
-    choose(page, "Preset", "clay")
-    clay = watched.still(page, differs(bright, 5))
-    type_number(page, "Ambient occlusion", 0)
-    watched.still(page, differs(clay, 0.3))
-    choose(page, "Preset", "plain")
-    watched.still(page, lambda p: np.array_equal(p, plain))
-    choose(page, "Sky", "gradient")
-    watched.still(page, differs(plain, 5))
-    choose(page, "Ground", "checker")
-    watched.still(page, differs(plain, 5))
-    open_folder(page, "Own lights")
-    choose(page, "Lights", "own")
-    sunny = watched.still(page, differs(plain, 2))
-    type_number(page, "Sun azimuth", 120)
-    watched.still(page, differs(sunny, 1))
-
-
-def test_own_material_is_seen(watched):
-    page = watched.pages[0]
-    watched.viewer.state.set(look__sky="gradient")
-    before = watched.still(page)
-    open_folder(page, "Material and light")
-    open_folder(page, "Own material")
-    choose(page, "Material", "own")
-    type_number(page, "Reflection", 1.0)
-    mirror = watched.still(page, differs(before, 3))
-    type_number(page, "Bounces", 0)
-    watched.still(page, differs(mirror, 0.5))
-
-
-def test_colours_of_values_with_their_legend(watched):
-    page = watched.pages[0]
-    before = watched.still(page)
-    open_folder(page, "Color by value")
-    choose(page, "Color by", "speed")
-    colored = watched.still(page, differs(before, 3))
-    height, width = colored.shape[:2]
-    corner = np.s_[height // 2 :, int(0.8 * width) :]
-    check(page, "Legend", False)
-    without = watched.still(page, lambda p: not np.array_equal(p, colored))
-    assert (without[corner] != colored[corner]).any()
-    check(page, "Automatic range", False)
-    watched.viewer.state.set(color__low=-10.0, color__high=10.0)
-    middle = watched.still(page, differs(without, 1))
-    face = np.s_[300:460, 250:430]
-    assert middle[face][..., 0].std() < without[face][..., 0].std()
-    choose(page, "Color map", "gray")
-    gray = watched.still(page, differs(middle, 1))
-    assert np.ptp(gray[face].astype(int), axis=2).max() < 40
-
-
-def test_a_plane_a_box_and_a_ball_cut(watched):
-    page = watched.pages[0]
-    before = watched.still(page)
-    open_folder(page, "Cut")
-    for label in ("Plane", "Box", "Sphere"):
-        check(page, label)
-        cut = watched.still(page, differs(before, 0.3))
-        assert silhouette(cut) <= silhouette(before)
-        check(page, label, False)
-        watched.still(page, lambda p: np.array_equal(p, before))
-    page.get_by_role("button", name="flip").click()
-    flipped = watched.still(page, differs(before, 0.3))
-    assert watched.viewer.state.cuts.normal == (-1.0, 0.0, 0.0)
-    assert silhouette(flipped) < silhouette(before)
-
-
-def test_the_planes_handle_moves_the_cut(watched):
-    page = watched.pages[0]
-    open_folder(page, "Cut")
-    check(page, "Plane")
-    first = watched.still(page)
-    begin = watched.viewer.state.cuts.point
-    from globule.viewer.overlay import project
-
-    size = page.locator("canvas").first.bounding_box()
-    middle = project(page.client.camera, (size["width"], size["height"]), begin)
-    # The handle's arrow of the first axis, a little away from its middle.
-    tip = np.asarray(begin) + np.array([0.25, 0, 0]) / watched.viewer.placement.scale
-    at = project(page.client.camera, (size["width"], size["height"]), tip)
-    way = np.subtract(at, middle)
-    stroke(page, at, np.asarray(at) + way * 7 / 5)
-    until(lambda: watched.viewer.state.cuts.point != begin, "for the handle to move")
-    watched.still(page, differs(first, 0.2))
+def test_buttons_of_the_cut(watched, page):
+    cuts = watched.viewer.state.cuts
+    for face, normal in (("x", (1, 0, 0)), ("flip", (-1, 0, 0)), ("z", (0, 0, 1))):
+        page.set("Faces", face)
+        until(lambda normal=normal: cuts.plane and cuts.normal == normal)
+    page.set("Faces", "view")
+    until(lambda: cuts.normal != (0.0, 0.0, 1.0))
     camera = page.client.camera
-    assert camera == page.client.camera
+    away = np.subtract(camera.eye, camera.look_at)
+    assert np.allclose(cuts.normal, away / np.linalg.norm(away), atol=1e-3)
+    page.set("Remove all cuts")
+    until(lambda: not cuts.plane)
 
 
-def test_a_stroke_with_the_tool_cut_cuts(watched):
-    page = watched.pages[0]
-    before = watched.still(page)
-    take_tool(page, "Cut")
-    page.get_by_text("Draw a line across the surface to cut it.", exact=True).first.wait_for()
-    camera = page.client.camera
-    stroke(page, (150, 300), (535, 465))
-    until(lambda: watched.viewer.state.cuts.plane, "for the cutting plane")
-    assert page.client.camera == camera  # the stroke did not turn the view
-    after = watched.still(page, differs(before, 1))
-    assert silhouette(after) < 0.9 * silhouette(before)
+def test_a_click_says_what_is_there_and_two_clicks_measure(watched, page):
+    hand = page.hand
 
+    def click(x, y):
+        hand._clicked(SimpleNamespace(screen_pos=(x, y)))
 
-def test_click_says_what_is_there_and_two_clicks_measure(watched):
-    page = watched.pages[0]
-    watched.still(page)
-    page.mouse.click(330, 400)
-    page.get_by_text(re.compile(r"^particle$")).wait_for()
-    hand = watched.viewer.page.tools.hands[max(watched.viewer.page.tools.hands)]
-    found = hand.picked[0]
-    assert f"{found.particle:,}" in hand.text.content
+    click(0.5, 0.5)
+    (found,) = hand.picked
+    assert f"| particle | {found.particle:,} |" in hand.text.content
     assert "speed" in hand.text.content
-    box = page.locator("canvas").first.bounding_box()
-    with watched.viewer.source.lock:
-        frame = gb.render(
-            watched.viewer.source.layers(watched.viewer.state)[0],
-            page.client.camera,
-            (round(box["width"]), round(box["height"])),
-        )
-    direct = frame.pick(330, 400)
-    assert np.linalg.norm(direct.position - found.position) < 0.05
-    marked = watched.still(page)
-    choose(page, "Mouse tool", "Measure")
-    page.mouse.click(300, 380)
-    until(lambda: len(hand.picked) == 1)
-    note = page.locator("#globule-desk .said")
-    note.get_by_text("Click the second point.").wait_for()
-    page.mouse.click(30, 700)  # beside the surface: the first point stays
-    note.get_by_text("There is no surface here.").wait_for()
-    page.mouse.click(400, 450)
-    note.get_by_text(re.compile("Distance")).wait_for()
-    page.get_by_text(re.compile("Distance")).first.wait_for()
+    scene, size = watched.viewer.source.layers(watched.viewer.state)[0], page.client.frame.size
+    direct = gb.render(scene, page.client.camera, size).pick(size[0] // 2, size[1] // 2)
+    assert np.allclose(direct.position, found.position, atol=1e-5)
+    hand.use("Measure")
+    click(0.45, 0.5)
+    assert hand.said == "Click the second point."
+    click(0.01, 0.99)  # beside the surface: the first point stays
+    assert hand.said == "There is no surface here."
+    click(0.55, 0.55)
     a, b = (p.position.astype(float) for p in hand.picked)
-    assert f"{np.linalg.norm(b - a):.6g}" in hand.text.content
-    measured = watched.still(page, lambda p: not np.array_equal(p, marked))
-    amber = (np.abs(measured.astype(int) - (255, 176, 32)).sum(axis=2) < 60).sum()
-    assert amber > 50
+    assert f"Distance {np.linalg.norm(b - a):.6g}" in hand.said
+    assert watched.viewer.state.measure.shown
 
 
-def test_views_fit_and_bookmarks(watched):
-    page = watched.pages[0]
+def test_views_bookmarks_and_fit(watched, page):
     viewer = watched.viewer
-    page.get_by_role("button", name="right", exact=True).click()
 
-    def from_the_right() -> bool:
+    def from_the(axis, sign) -> bool:
         away = np.subtract(page.client.camera.eye, page.client.camera.look_at)
-        return away[0] > 0.99 * np.linalg.norm(away)
+        return sign * away[axis] > 0.99 * np.linalg.norm(away)
 
-    until(from_the_right)
-    open_folder(page, "Bookmarks")
-    page.get_by_role("button", name="Save view").click()
+    page.set("Look from", "left")
+    until(lambda: from_the(0, -1))
+    page.set("Save view")
     kept = until(lambda: viewer.state.bookmarks.get("view 1"))
-    page.get_by_role("button", name="front", exact=True).click()
-    until(lambda: not from_the_right())
-    page.get_by_role("button", name="Go", exact=True).click()
-    until(from_the_right)
+    page.command("Look from: top")
+    until(lambda: from_the(1, 1))
+    page.set("Go")
+    until(lambda: from_the(0, -1))
     assert np.allclose(kept.eye, page.client.camera.eye, atol=1e-4)
-    page.mouse.move(330, 380)
-    page.mouse.wheel(0, 2000)
-    until(lambda: not np.allclose(kept.eye, page.client.camera.eye, atol=0.5))
+    page.look(position=(4 * np.array(page.camera["position"])).tolist())
+    until(lambda: np.linalg.norm(page.client.camera.eye) > 3 * np.linalg.norm(kept.eye))
     far = silhouette(watched.still(page))
-    page.get_by_role("button", name="Fit all").click()
+    page.set("Fit all")
     watched.still(page, lambda p: silhouette(p) > 1.2 * far)
 
 
-def test_parallel_rays(watched):
-    page, viewer = watched.pages[0], watched.viewer
-    near = watched.still(page)
+def test_parallel_rays(watched, page):
+    viewer, near = watched.viewer, silhouette(watched.still(page))
     first = page.client.camera
-    page.get_by_role("button", name="Perspective / orthographic").click()
+    page.command("Perspective or orthographic")
     until(lambda: page.client.camera.height)
-    flat, camera = watched.still(page, differs(near, 1)), page.client.camera
-    assert 0.7 < silhouette(flat) / silhouette(near) < 1.3
-    page.mouse.move(330, 380)
-    page.mouse.wheel(0, -300)
-    until(lambda: page.client.camera.height < 0.95 * camera.height, "for the wheel to zoom")
-    page.keyboard.press("3")
+    assert 0.7 < silhouette(watched.still(page)) / near < 1.3
+    page.command("Look from: left")
     until(lambda: page.client.camera.eye[0] < -1)
-    picture, left = watched.still(page), page.client.camera
+    whole, left = silhouette(watched.still(page)), page.client.camera
     assert left.height
-    text = viewer.state.to_toml(left)  # and as a file and a command
-    assert viewer.state.load_toml(text) == left
-    size = (320, 200)
-    assert f"--ortho {left.height:.9g}" in viewer.equivalent(left, size)[0]
-    take_tool(page, "Cut")
-    stroke(page, (150, 380), (535, 380))
-    until(lambda: viewer.state.cuts.plane, "for the cutting plane")
+    assert viewer.state.load_toml(viewer.state.to_toml(left)) == left
+    assert f"--ortho {left.height:.9g}" in viewer.equivalent(left, (320, 200))[0]
+    page.hand.use("Cut")
+    for phase, x in (("start", 0.2), ("move", 0.5), ("end", 0.8)):
+        page.hand._drawn(phase, (0.2, 0.5), (x, 0.5))
     assert np.allclose(np.abs(viewer.state.cuts.normal), (0, 1, 0), atol=0.02)
-    watched.still(page, lambda p: silhouette(p) < 0.8 * silhouette(picture))
-    viewer.state.set(cuts__plane=False)
-    choose(page, "Mouse tool", "Rotate, pick")
-    page.get_by_role("button", name="Perspective / orthographic").click()
+    watched.still(page, lambda p: silhouette(p) < 0.8 * whole)
+    page.command("Perspective or orthographic")
     until(lambda: page.client.camera.height is None)
     assert page.client.camera.fov == pytest.approx(first.fov, abs=0.1)
 
 
-def test_recordings_are_the_servers_pictures(watched, tmp_path):
+def test_a_saved_picture_is_the_servers(watched, page, tmp_path):
+    from globule.formats.pictures.exr import read_exr
+
+    page.set("Size", "99999x99999")
+    until(lambda: panel(watched, "Save").size.value == "99999x99999")
+    page.set("Save image")
+    page.heard("size: expected sides of")
+    page.set("Size", "80x60")
+    page.set("Samples", 2)
+    until(lambda: panel(watched, "Save").size.value == "80x60")
+    until(lambda: panel(watched, "Save").samples.value == 2)
+    page.command("Save image")
+    data = until(lambda: page.files.get("globule.png"))
+    wanted = Shot(watched.viewer.engine, page.client.camera, (80, 60), 2).picture
+    with Image.open(io.BytesIO(data)) as image:
+        assert np.array_equal(np.asarray(image), wanted)
+    page.set("Image format", "EXR")
+    until(lambda: panel(watched, "Save").format.value == "EXR")
+    page.set("Save image")
+    (tmp_path / "a.exr").write_bytes(until(lambda: page.files.get("globule.exr")))
+    assert read_exr(tmp_path / "a.exr", 10**6).shape == (60, 80, 3)
+
+
+def pictures(path) -> np.ndarray:
     av = pytest.importorskip("av")
-    page = watched.pages[0]
-    viewer = watched.viewer
-    open_folder(page, "Save and record")
-    type_text(page, "Size", "160x120")
-    until(lambda: viewer.page.panels[-3].size.value == "160x120")
-    page.get_by_role("button", name="Record", exact=True).click()
-    stop = page.get_by_role("button", name="Stop recording")
-    stop.wait_for()
-    first = until(lambda: next(iter(viewer.page.panels[-3]._recorders.values()), None))[0]
-    until(lambda: first.n_pictures > 10, "for the recording to begin")
-    viewer.state.set(surface__threshold=1.5)
-    at = first.n_pictures
-    until(lambda: first.n_pictures > at + 40, "for pictures of the other surface")
-    with page.expect_download() as download:
-        stop.click()
-    download.value.save_as(tmp_path / "movie.mp4")
-    with av.open(str(tmp_path / "movie.mp4")) as movie:
-        pictures = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
-    assert len(pictures) > 20
-    assert pictures[0].shape == (120, 160, 3)
-    assert silhouette(pictures[-1]) < 0.95 * silhouette(pictures[0])
+    with av.open(str(path)) as movie:
+        return np.array([f.to_ndarray(format="rgb24").astype(int) for f in movie.decode(video=0)])
 
 
-def test_a_picture_too_large_for_the_memory_is_refused(watched):
-    page = watched.pages[0]
-    open_folder(page, "Save and record")
-    for size, message in (("99999x99999", "size: expected sides of"), ("wide", "Size: expected")):
-        type_text(page, "Size", size)
-        until(lambda size=size: watched.viewer.page.panels[-3].size.value == size)
-        page.get_by_role("button", name="Save image").click()
-        page.get_by_text(message).first.wait_for()
-
-
-def test_a_turntable_goes_once_around(watched, tmp_path):
-    av = pytest.importorskip("av")
-    page = watched.pages[0]
-    viewer = watched.viewer
-    open_folder(page, "Save and record")
-    type_text(page, "Size", "96x64")
-    type_number(page, "Turntable, s", 1)
-    until(
-        lambda: (
-            viewer.page.panels[-3].size.value == "96x64"
-            and viewer.page.panels[-3].seconds.value == 1
+def test_a_recording_is_as_long_as_its_time(tmp_path):
+    """30 images a second, whatever the time that they take; each shows what is there then."""
+    pytest.importorskip("av")
+    engine, now = Engine(open_source(blob(60)), State()), [5.0]
+    try:
+        recorder = Recorder(
+            engine, lambda: FRONT, tmp_path / "a.mp4", (80, 60), 30.0, clock=lambda: now[0]
         )
-    )
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Turntable movie").click()
-    download.value.save_as(tmp_path / "turntable.mp4")
-    with av.open(str(tmp_path / "turntable.mp4")) as movie:
-        pictures = [frame.to_ndarray(format="rgb24").astype(int) for frame in movie.decode(video=0)]
-    assert len(pictures) == 30
-    away = [np.abs(p - pictures[0]).mean() for p in pictures]
-    assert away[15] > 3
-    assert away[-1] < away[15]
+        until(lambda: recorder.n_pictures == 1)
+        now[0] += 0.5
+        until(lambda: recorder.n_pictures == 16)
+        engine.state.set(surface__threshold=1.8)
+        now[0] += 1.0
+        until(lambda: recorder.n_pictures == 46)
+        recorder.stop()
+    finally:
+        engine.close()
+    found = pictures(tmp_path / "a.mp4")
+    assert found.shape == (46, 60, 80, 3)
+    assert silhouette(found[-1]) < 0.95 * silhouette(found[0])
 
 
-def test_a_turntable_is_cancelled_and_not_started_twice(watched):
-    page, save = watched.pages[0], watched.viewer.page.panels[-3]
-    open_folder(page, "Save and record")
-    type_text(page, "Size", "640x480")
-    type_number(page, "Turntable, s", 60)
-    until(lambda: save.size.value == "640x480" and save.seconds.value == 60)
-    button = page.get_by_role("button", name="Turntable movie")
-    button.click()
-    page.get_by_text(re.compile(r"[1-9]\d* %, \d+ s left")).first.wait_for()
-    button.click()
-    page.get_by_text("turntable: one movie is in progress").first.wait_for()
-    page.get_by_role("button", name="Cancel", exact=True).click()
+def test_record_stops_where_it_was_started(watched, page, tmp_path):
+    pytest.importorskip("av")
+    save = panel(watched, "Save")
+    save.size.value = "64x48"
+    page.set("Record")
+    page.heard("button to stop")
+    page.set("Record")
+    (tmp_path / "a.mp4").write_bytes(until(lambda: page.files.get("globule.mp4")))
+    assert pictures(tmp_path / "a.mp4").shape[1:] == (48, 64, 3)
+    assert not save._recorders
+
+
+def test_a_turntable_goes_once_around(tmp_path):
+    pytest.importorskip("av")
+    engine, said = Engine(open_source(blob(60)), State()), []
+    try:
+        turntable(
+            engine, FRONT, tmp_path / "a.mp4", (96, 64), 1.0, 12, samples=1, progress=said.append
+        )
+    finally:
+        engine.close()
+    found = pictures(tmp_path / "a.mp4")
+    away = [np.abs(p - found[0]).mean() for p in found]
+    assert len(found) == 12
+    assert away[6] > 3
+    assert away[-1] < away[6]
+    assert said == sorted(said)
+    assert (said[0], said[-1]) == (0.0, 1.0)
+
+
+def test_a_job_says_how_far_it_is():
+    note, now = SimpleNamespace(body="0 %"), [0.0]
+    job = Job(SimpleNamespace(add_notification=lambda *_, **__: note), "T", lambda: now[0])
+    for time, share, said in ((0.1, 0.1, "0 %"), (10, 0.2, "20 %, 40 s left"), (30, 0.95, "95 %")):
+        now[0] = time
+        job.progress(share)
+        assert note.body.startswith(said)
+    assert "left" not in note.body
+    job.cancelled = True
+    with pytest.raises(Cancelled):
+        job.progress(0.99)
+
+
+def test_one_turntable_at_a_time_which_can_be_cancelled(watched, page):
+    pytest.importorskip("av")
+    save = panel(watched, "Save")
+    save.size.value, save.seconds.value = "640x480", 60
+    page.set("Turntable movie")
+    until(lambda: save._jobs)
+    page.set("Turntable movie")
+    page.heard("turntable: one movie is in progress")
+    page.set("Cancel")
     until(lambda: not save._jobs, "for the turntable to end")
-    page.get_by_text(re.compile("s left")).first.wait_for(state="detached")
-    page.get_by_role("button", name="Cancel", exact=True).wait_for(state="hidden")
+    assert not save.cancel_button.visible
 
 
-def test_settings_are_saved_and_loaded(watched, tmp_path):
-    page = watched.pages[0]
+def test_settings_are_saved_and_loaded(watched, page):
     state = watched.viewer.state
-    plain = watched.still(page)
     state.set(surface__threshold=1.2, cuts__plane=True, look__exposure=1.5)
-    changed = watched.still(page, differs(plain))
-    open_folder(page, "Save and record")
-    open_folder(page, "All settings")
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save settings").click()
-    path = tmp_path / "view.toml"
-    download.value.save_as(path)
-    assert "threshold = 1.2" in path.read_text()
+    page.set("Save settings")
+    saved = until(lambda: page.files.get("globule-view.toml"))
     state.load_toml("[quality]\nsamples = 1\n")
-    watched.still(page, differs(changed))
-    with page.expect_file_chooser() as chooser:
-        page.get_by_role("button", name="Load settings").click()
-    chooser.value.set_files(str(path))
+    page.upload("Load settings", saved)
     until(lambda: state.cuts.plane, "for the settings to come")
-    assert state.surface.threshold == 1.2
-    watched.still(page, lambda p: np.abs(p.astype(int) - changed).mean() < 0.2)
-    wide = tmp_path / "wide.toml"  # nobody could wait for such a picture
-    wide.write_text("[surface]\nsupport = 1e9\n[quality]\nsamples = 1\n")
-    with page.expect_file_chooser() as chooser:
-        page.get_by_role("button", name="Load settings").click()
-    chooser.value.set_files(str(wide))
+    assert (state.surface.threshold, state.look.exposure) == (1.2, 1.5)
+    wide = b"[surface]\nsupport = 1e9\n"  # nobody could wait for such a picture
+    page.upload("Load settings", wide)
     support = watched.viewer.page.binder.widgets["surface.support"]
     until(lambda: state.surface.support == support.max == support.value, "for the end")
-    page.get_by_text("got 1e+09").first.wait_for()
-    too_large = tmp_path / "large.toml"
-    too_large.write_text("# " + "x" * 600_000)
-    from viser import _messages
-
-    asked, version = [], state.version
-    watched.viewer.server._websock_server.register_handler(
-        _messages.FileTransferStartUpload, lambda client, message: asked.append(message)
-    )
-    with page.expect_file_chooser() as chooser:
-        page.get_by_role("button", name="Load settings").click()
-    chooser.value.set_files(str(too_large))
-    until(lambda: asked, "for the browser to ask")
+    page.heard("got 1e+09")
+    version = state.version
+    page.upload("Load settings", b"# " + 600_000 * b"x")
+    page.set("Save settings")  # which the server handles after the refused file
+    page.heard(lambda m: m["type"] == "FileTransferStartDownload")
     assert state.version == version
     assert not watched.viewer.server.gui._current_file_upload_states
 
 
-def test_statistics_and_help_are_shown(watched):
-    page = watched.pages[0]
-    open_folder(page, "Statistics")
-    page.get_by_text("trace", exact=True).wait_for()
-    page.get_by_text("latency", exact=True).wait_for()
-    page.get_by_text("400", exact=True).wait_for()
-    page.mouse.click(330, 700)
-    page.keyboard.press("h")
-    page.get_by_text("fly forwards").last.wait_for()
-    page.get_by_role("button", name="Close", exact=True).click()
+def test_statistics(watched, page):
+    table = panel(watched, "Statistics").table(page.client)
+    for words in ("trace", "latency", "| particles | 100 |", "| browsers | 1 |"):
+        assert words in table
 
 
-def test_seen_is_what_the_panels_say(watched):
-    """The browser's own picture follows the settings too."""
-    page = watched.pages[0]
-    watched.viewer.state.set(look__background=(0.0, 0.6, 0.0))
-    until(
-        lambda: (
-            seen(page)[650:740, 20:60].reshape(-1, 3).mean(axis=0)[1]
-            > 60 + seen(page)[650:740, 20:60].reshape(-1, 3).mean(axis=0)[0]
-        )
-    )
+@pytest.mark.browser
+@pytest.mark.slow
+def test_each_kind_of_widget_in_a_browser(chromium, tmp_path):
+    """A slider's number, a list, a box, text, buttons, keys, a download and an upload."""
+    with Watched(blob(100), chromium) as watched:
+        page, state = watched.page(), watched.viewer.state
+        for title in ("Surface and quality", "Color by value", "Save and record", "All settings"):
+            open_folder(page, title)
+        for text in ("0.5", "0.109", "1.05"):  # whose first digits are out of range
+            box = number_box(page, "Support")
+            box.click()
+            page.keyboard.press("Control+A")
+            page.keyboard.type(text)
+            page.keyboard.press("Tab")
+            until(lambda text=text: state.surface.support == float(text))
+            assert box.input_value() == text
+        assert not page.get_by_text("Not possible").count()
+        type_number(page, "Support", "1000000000")
+        page.get_by_text("got 1e+09").first.wait_for()
+        choose(page, "Kernel", "wendland_c2")
+        until(lambda: state.surface.kernel == "wendland_c2")
+        check(page, "Legend", False)
+        until(lambda: not state.color.legend)
+        page.get_by_role("button", name="right", exact=True).click()
+        until(lambda: page.client.camera.eye[0] > 1)
+        page.mouse.move(20, 400)
+        page.keyboard.press("5")
+        until(lambda: page.client.camera.eye[1] > 1, "for the view from above")
+        before = page.client.camera.look_at
+        page.keyboard.down("w")
+        until(lambda: page.client.camera.look_at != before, "for W to fly")
+        page.keyboard.up("w")
+        page.keyboard.press("h")
+        page.get_by_text("fly forwards").last.wait_for()
+        page.get_by_role("button", name="Close", exact=True).click()
+        type_text(page, "Size", "64x48")
+        until(lambda: panel(watched, "Save").size.value == "64x48")
+        with page.expect_download() as download:
+            page.get_by_role("button", name="Save image").click()
+        with Image.open(download.value.path()) as image:
+            assert image.size == (64, 48)
+        (tmp_path / "view.toml").write_text("[cuts]\nplane = true\n")
+        with page.expect_file_chooser() as chooser:
+            page.get_by_role("button", name="Load settings").click()
+        chooser.value.set_files(str(tmp_path / "view.toml"))
+        until(lambda: state.cuts.plane, "for the settings to come")

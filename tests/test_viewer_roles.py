@@ -8,14 +8,12 @@ from types import SimpleNamespace
 
 import globule as gb
 import pytest
-from viewer_helpers import Watched, blob, drag_along, until
+from viewer_helpers import blob, until
 
 pytest.importorskip("viser")
 
 from globule.viewer.roles import LOOK, LOOKING, STEER
 from viewer_program import Program
-
-BROWSERS = True  # see hang_guard
 
 
 @pytest.fixture
@@ -34,36 +32,34 @@ def shared():
 
 def test_who_looks_changes_nothing_that_others_see(shared):
     plane = shared.page.binder.widgets["cuts.plane"]
-    commands = {c.label: c for c in shared.server.gui._command_handle_from_uuid.values()}
-    tick = {"type": "GuiUpdateMessage", "uuid": plane._impl.uuid, "updates": {"value": True}}
-    play = {"type": "CommandTriggerMessage", "uuid": commands["Play or pause"]._impl.uuid}
-    side = {"type": "CommandTriggerMessage", "uuid": commands["Look from: top"]._impl.uuid}
-    looking = Program(shared, shared.look_token)
+    looking = Program(shared.look_address)
     until(lambda: shared.page.tools.hands)
     (client,) = shared.clients.values()
     assert client.role == LOOK
     first = shared.page.tools.hands[next(iter(shared.clients))].choices
     assert first == ("Rotate, pick", "Measure")
-    looking.say(tick, play)
+    looking.set("Plane")
+    looking.command("Play or pause")
     back = looking.heard(lambda m: m.get("uuid") == plane._impl.uuid and "updates" in m)
     assert back["updates"] == {"value": False}
     looking.heard(lambda m: LOOKING in str(m))
-    looking.say(side)  # its own camera
+    looking.command("Look from: top")  # its own camera
     looking.heard(lambda m: m["type"] == "SetCameraPositionMessage" and m["position"][1] > 1)
     assert not shared.state.cuts.plane
     assert not shared.state.time.playing
 
-    steering = Program(shared, shared.token)
+    steering = Program(shared.address)
     until(lambda: len(shared.clients) == 2)
     assert [c.role for c in shared.clients.values()] == [LOOK, STEER]
-    steering.say(tick, play)
+    steering.set("Plane")
+    steering.command("Play or pause")
     until(lambda: shared.state.cuts.plane and shared.state.time.playing)
     looking.close()
     steering.close()
 
 
 def test_the_toolbar_of_who_looks(shared, caplog):
-    looking = Program(shared, shared.look_token)
+    looking = Program(shared.look_address)
     until(lambda: shared.page.tools.hands)
     number = next(iter(shared.clients))
     desk, browser = shared.page.desk, SimpleNamespace(client_id=number)
@@ -82,24 +78,24 @@ def test_the_toolbar_of_who_looks(shared, caplog):
 def test_no_more_than_so_many_and_the_others_are_told(shared):
     with ExitStack() as open_ones:
 
-        def arrive(token):
-            return open_ones.enter_context(closing(Program(shared, token)))
+        def arrive(address):
+            return open_ones.enter_context(closing(Program(address)))
 
-        first = arrive(shared.look_token)
-        arrive(shared.look_token)
+        first = arrive(shared.look_address)
+        arrive(shared.look_address)
         until(lambda: len(shared.clients) == 2)
-        late = arrive(shared.look_token)  # the last place is kept for a person who steers
+        late = arrive(shared.look_address)  # the last place is kept for a person who steers
         late.heard(lambda m: "at most 3 browsers" in str(m))
-        arrive(shared.token)
+        arrive(shared.address)
         until(lambda: len(shared.clients) == 3)
-        other = arrive(shared.token)
+        other = arrive(shared.address)
         other.heard(lambda m: "at most 3 browsers" in str(m))
         plane = shared.page.binder.widgets["cuts.plane"]
         tick = {"type": "GuiUpdateMessage", "uuid": plane._impl.uuid, "updates": {"value": True}}
         other.say(tick)  # without a place there is no way to steer
         first.close()
         until(lambda: len(shared.clients) == 2)
-        arrive(shared.token)
+        arrive(shared.address)
         until(lambda: len(shared.clients) == 3)
         assert not shared.state.cuts.plane
 
@@ -107,39 +103,3 @@ def test_no_more_than_so_many_and_the_others_are_told(shared):
 def test_numbers_of_browsers_that_make_no_sense():
     with pytest.raises(ValueError, match="most_clients: expected 1 or more, got 0"):
         gb.view(blob(), port=0, browser=False, block=False, most_clients=0)
-
-
-@pytest.mark.browser
-@pytest.mark.slow
-def test_one_steers_and_another_looks_with_a_camera_of_its_own(chromium):
-    watched = Watched(blob(), chromium, demand_token=True)
-    viewer = watched.viewer
-    context = chromium.new_context()
-    try:
-        steering = watched.page()
-        known = set(viewer.clients)
-        looking = context.new_page()
-        looking.goto(viewer.look_address)
-        until(lambda: set(viewer.clients) - known, "for the second browser")
-        own = viewer.clients[max(set(viewer.clients) - known)]
-        assert (steering.client.role, own.role) == (STEER, LOOK)
-        desk = looking.locator("#globule-desk")
-        desk.get_by_text("You look · 2 of 16 browsers").wait_for()
-        steering.locator("#globule-desk").get_by_text("You steer · 2 of 16").wait_for()
-        assert desk.get_by_role("button", name="Cutting plane").is_disabled()
-        steering.locator("#globule-desk").get_by_role("button", name="Cutting plane").click()
-        until(lambda: viewer.state.cuts.plane)
-        before = steering.client.camera
-        other = own.camera
-        drag_along(looking, [(330, 380), (360, 400), (400, 420)])
-        looking.mouse.up()
-        until(lambda: own.camera != other, "for the camera to move")
-        assert steering.client.camera == before
-        looking.get_by_text("Annotations").first.click()
-        looking.get_by_label("Scale bar", exact=True).first.click()
-        looking.get_by_text(LOOKING).first.wait_for()
-        until(lambda: not looking.get_by_label("Scale bar", exact=True).first.is_checked())
-        assert not viewer.state.notes.scale_bar
-    finally:
-        context.close()
-        watched.close()

@@ -115,6 +115,8 @@ def test_a_mesh_may_be_first_or_alone(tmp_path):
 def test_undo_and_redo():
     state = State()
     history = state.history
+    now = [0.0]
+    history.clock = lambda: now[0]
     assert not history.undo()
     assert not history.redo()
     state.set(look__exposure=2.0)
@@ -132,8 +134,14 @@ def test_undo_and_redo():
     state.set(cuts__plane=True)  # a new change ends what could be redone
     assert history.lengths == (2, 0)
     for value in np.linspace(0.2, 0.8, 20):  # one drag of a slider
+        now[0] += 0.9
         state.set(surface__threshold=float(value))
     assert history.lengths == (3, 0)
+    now[0] += 1.1
+    state.set(surface__threshold=0.9)
+    assert history.lengths == (4, 0)
+    assert history.undo()
+    assert state.surface.threshold == 0.8
     assert history.undo()
     assert state.surface.threshold is None
     state.set(cuts__plane=False)

@@ -22,8 +22,7 @@ FLAGS = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 ]
-WINDOW = {"width": 1000, "height": 760}
-CELLS = 24  # of the bar code
+WINDOW = {"width": 700, "height": 480}
 
 
 @contextmanager
@@ -49,9 +48,9 @@ def blob(n: int = 400, seed: int = 1) -> gb.Particles:
 
 
 class Watched:
-    """A viewer, what it has shown, and pages of it."""
+    """A viewer, what it has shown, and its pages: of a real browser or of programs."""
 
-    def __init__(self, what: Any, opened: Any, **options: Any):
+    def __init__(self, what: Any, opened: Any = None, **options: Any):
         self.viewer = gb.view(what, port=0, browser=False, block=False, **options)
         self.fitted = "camera" not in options
         self.viewer.state.set(quality__samples=1)
@@ -64,20 +63,40 @@ class Watched:
     def _keep(self, frame: Any) -> None:
         self.shown = [*self.shown[-200:], frame]
 
-    def page(self) -> Any:
-        """A new browser window that has its first sharp picture."""
+    def _arrives(self, come: Callable[[], Any]) -> Any:
+        """The page or program that `come` makes, with its `client`."""
         known = set(self.viewer.clients)
-        page = self.opened.new_page(viewport=WINDOW, accept_downloads=True)
-        page.set_default_timeout(1000 * PATIENCE)
-        page.on("request", lambda request: self.requests.append(request.url))
-        page.on("websocket", lambda socket: self.requests.append(socket.url))
-        page.goto(self.viewer.address)
+        page = come()
         self.pages.append(page)
-        until(lambda: set(self.viewer.clients) - known, "for the page to connect")
-        page.get_by_text("Help (H)").wait_for()
-        page.client = self.viewer.clients[max(set(self.viewer.clients) - known)]
-        self.still(page)
+        number = until(lambda: set(self.viewer.clients) - known, "for the page to connect").pop()
+        page.client = self.viewer.clients[number]
+        page.hand = until(lambda: self.viewer.page.tools.hands.get(number), "for its tools")
+        return page
 
+    def program(self, address: str | None = None, answers: bool = True) -> Any:
+        """A new page of a `Program`, which has its first sharp picture if it answers."""
+        from viewer_program import Program  # needs viser
+
+        program = self._arrives(lambda: Program(address or self.viewer.address, answers))
+        if answers:
+            self.still(program)
+        return program
+
+    def page(self, hints: bool = False) -> Any:
+        """A new browser window that has its first sharp picture; hints: as at the first time."""
+
+        def come() -> Any:
+            page = self.opened.new_page(viewport=WINDOW, accept_downloads=True)
+            page.set_default_timeout(1000 * PATIENCE)
+            if not hints:
+                page.add_init_script("localStorage['globule-hints'] = 'seen'")
+            page.on("request", lambda request: self.requests.append(request.url))
+            page.on("websocket", lambda socket: self.requests.append(socket.url))
+            page.goto(self.viewer.address)
+            return page
+
+        page = self._arrives(come)
+        page.get_by_text("Help (H)").wait_for()
         if self.fitted:  # once more when the panel has taken its room
             until(lambda: self._fits(page), "for the view to fit its window")
         self.still(page)
@@ -115,6 +134,12 @@ class Watched:
             page.close()
         self.viewer.close()
 
+    def __enter__(self) -> Watched:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
 
 def next_frame(page: Any) -> None:
     """Wait until the browser has drawn once more."""
@@ -133,15 +158,29 @@ def drag_along(page: Any, places: Any, button: str = "left", each: Any = next_fr
         each(page)
 
 
-def stroke(page: Any, begin: Any, end: Any, steps: int = 12) -> None:
+def stroke(page: Any, begin: Any, end: Any, steps: int = 3) -> None:
     """A drag from one place in the window to another."""
     drag_along(page, np.linspace(begin, end, steps + 1))
     page.mouse.up()
 
 
+def middle(page: Any) -> np.ndarray:
+    """The middle of the image in the window."""
+    box = page.locator("canvas").first.bounding_box()
+    return np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
+
+
+def shown_node(page: Any, name: str) -> None:
+    """Wait until the browser shows a part of its scene, such as a handle."""
+    page.wait_for_function(
+        "name => window.__viserMutable?.nodeRefFromName?.[name]?.visible", arg=name
+    )
+    next_frame(page)
+
+
 def take_tool(page: Any, tool: str) -> None:
-    """Choose a tool with which drags draw, and wait until the browser catches them."""
-    choose(page, "Mouse tool", tool)
+    """Take a tool with which drags draw, and wait until the browser catches them."""
+    page.hand.use(tool)
     page.wait_for_function(
         "() => window.__viserSceneTree?.getState()['/strokes']?.dragBindings?.length"
         " && window.__viserMutable?.nodeRefFromName?.['/strokes']"
@@ -169,9 +208,8 @@ def seen(page: Any) -> np.ndarray:
 def open_folder(page: Any, title: str) -> None:
     """Open a folder of the panel, unless it is; it stays as an earlier page left it."""
     heading = page.locator(f"xpath=//*[not(self::em) and normalize-space(text())='{title}']").first
-    heading.wait_for()
-    page.wait_for_timeout(500)  # the page puts folders as they were
     head = heading.locator("xpath=ancestor-or-self::*[contains(@class,'mantine-Paper-root')][1]")
+    head.and_(page.locator("[data-known]")).wait_for()  # the page has put it as it was
     if not head.locator(".tabler-icon-chevron-up:visible").count():
         heading.click()
 
@@ -201,28 +239,6 @@ def type_number(page: Any, label: str, value: float | str) -> None:
 def type_text(page: Any, label: str, text: str) -> None:
     row = page.locator(f"xpath=//label[.='{label}']/ancestor::div[2]/..").first
     row.locator("input").first.fill(text)
-
-
-def with_bar_code(frame: Any) -> np.ndarray:
-    """The picture with its number in black and white cells along the lower edge."""
-    picture = frame.picture.copy()
-    height, width = picture.shape[:2]
-    for i in range(CELLS):
-        left, right = i * width // CELLS, (i + 1) * width // CELLS
-        picture[-(height // 8) :, left:right] = 255 * (frame.number >> i & 1)
-    return picture
-
-
-def bar_code(picture: np.ndarray) -> int | None:
-    """The number, or None where the cells are not clear."""
-    height, width = picture.shape[:2]
-    number = 0
-    for i in range(CELLS):
-        cell = picture[-(height // 16), (2 * i + 1) * width // (2 * CELLS)].mean()
-        if 60 < cell < 195:
-            return None
-        number |= int(cell > 128) << i
-    return number
 
 
 def our_threads() -> list[str]:

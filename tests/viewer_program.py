@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections import deque
+import io
+import threading
+from typing import Any
 
 import msgspec
+import numpy as np
 import viser
 import zstandard
-from waiting import PATIENCE
+from PIL import Image
+from waiting import until
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 CAMERA = {
@@ -22,33 +27,126 @@ CAMERA = {
     "image_height": 90,
     "image_width": 120,
 }
+MOVES = {  # of the camera, by the server: its part, and the field
+    "SetCameraPositionMessage": ("position", "position"),
+    "SetCameraUpDirectionMessage": ("up_direction", "position"),
+    "SetCameraLookAtMessage": ("look_at", "look_at"),
+    "SetCameraFovMessage": ("fov", "fov"),
+}
 
 
 class Program:
-    """A browser's connection, by a program."""
+    """A browser's connection, by a program.
 
-    def __init__(self, viewer, token):
-        address = f"ws://127.0.0.1:{viewer.port}/?token={token}"
-        protocol = f"viser-v{viser.__version__}"
-        self.connection = connect(address, subprotocols=[protocol], max_size=None)
-        self._left: deque = deque()  # messages that nobody has looked at
-        self.say(CAMERA)
+    Args:
+        address: of the page, as `viewer.address` says it.
+        answers: say that an image has arrived, as a page does.
 
-    def say(self, *messages):
+    Attributes:
+        widgets, commands: identifiers by labels.
+        images: JPEGs that have come.
+        files: that were downloaded, by name.
+        camera: that it has; it follows the server's moves.
+    """
+
+    def __init__(self, address: str, answers: bool = True):
+        self.answers = answers
+        self.widgets: dict[str, str] = {}
+        self.commands: dict[str, str] = {}
+        self.camera = dict(CAMERA)
+        self.images: list[bytes] = []
+        self.files: dict[str, bytes] = {}
+        self._messages: list[dict] = []
+        self._names: dict[str, str] = {}  # of files that come
+        self.connection = connect(
+            address.replace("http", "ws", 1),
+            subprotocols=[f"viser-v{viser.__version__}"],
+            max_size=None,
+        )
+        threading.Thread(target=self._read, daemon=True).start()
+        self.look()
+
+    def _read(self) -> None:
+        try:
+            for data in self.connection:
+                packed = data[16 : 16 + int.from_bytes(data[8:16], "little")]  # as viser has it
+                window = zstandard.ZstdDecompressor().decompress(packed)
+                before = dict(self.camera)
+                for message in msgspec.msgpack.decode(window)["messages"]:
+                    self._take(message)
+                if self.camera != before:
+                    self.look()
+        except ConnectionClosed:
+            return
+
+    def _take(self, message: dict) -> None:
+        kind = message["type"]
+        label = (message.get("props") or {}).get("label")
+        if kind == "RegisterCommandMessage":
+            self.commands[label] = message["uuid"]
+        elif kind == "GuiFolderMessage":
+            pass
+        elif label:
+            self.widgets[label] = message["uuid"]
+        elif kind in MOVES:
+            self.camera[MOVES[kind][0]] = message[MOVES[kind][1]]
+        elif kind == "BackgroundImageMessage" and message["rgb_data"]:
+            self.images.append(message["rgb_data"])
+        elif kind == "LocalStorageGetItemRequestMessage" and self.answers:
+            asked = message["request_uuid"]
+            kind = "LocalStorageGetItemResponseMessage"
+            self.say({"type": kind, "value": None, "error": None, "request_uuid": asked})
+        elif kind == "FileTransferStartDownload":
+            self._names[message["transfer_uuid"]] = message["filename"]
+        elif kind == "FileTransferPart":
+            name = self._names[message["transfer_uuid"]]
+            self.files[name] = self.files.get(name, b"") + message["content"]
+        self._messages.append(message)
+
+    def say(self, *messages: dict) -> None:
         for message in messages:
             self.connection.send(msgspec.msgpack.encode(message))
 
-    def heard(self, wanted):
-        """The next message that is as wanted."""
-        while True:
-            while self._left:
-                message = self._left.popleft()
+    def look(self, **changes: Any) -> None:
+        """Have another camera; changes: of `CAMERA`, page units and pixels."""
+        self.camera |= changes
+        self.say(self.camera)
+
+    def set(self, label: str, value: Any = True) -> None:
+        """Use the widget with a label; for a button, the value is True."""
+        uuid = until(lambda: self.widgets.get(label), f"for {label}")
+        self.say({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}})
+
+    def command(self, label: str) -> None:
+        """Give a command, as its key does."""
+        uuid = until(lambda: self.commands.get(label), f"for {label}")
+        self.say({"type": "CommandTriggerMessage", "uuid": uuid})
+
+    def upload(self, label: str, data: bytes) -> None:
+        """Upload a file with the button with a label."""
+        file = {"source_component_uuid": self.widgets[label], "transfer_uuid": f"{len(data)}"}
+        begin = {"type": "FileTransferStartUpload", "filename": "f", "mime_type": "text/plain"}
+        part = {"type": "FileTransferPart", "part_index": 0, "content": data}
+        self.say(begin | file | {"part_count": 1, "size_bytes": len(data)}, part | file)
+
+    def heard(self, wanted: Any) -> dict:
+        """The next message that is as wanted, or has a text in it."""
+        if isinstance(wanted, str):
+            return self.heard(lambda message: wanted in str(message))
+
+        def found() -> dict | None:
+            while self._messages:
+                message = self._messages.pop(0)
                 if wanted(message):
                     return message
-            data = self.connection.recv(timeout=PATIENCE)
-            packed = data[16 : 16 + int.from_bytes(data[8:16], "little")]  # as viser has it
-            window = msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(packed))
-            self._left.extend(window["messages"])
+            return None
 
-    def close(self):
+        return until(found, "for a message")
+
+    def picture(self, data: bytes | None = None) -> np.ndarray:
+        """An image, by default the last: (H, W, 3) uint8."""
+        with Image.open(io.BytesIO(data or self.images[-1])) as image:
+            return np.asarray(image.convert("RGB"))
+
+    def close(self) -> None:
         self.connection.close()

@@ -80,7 +80,7 @@ class Client:
     def acknowledge(self, number: int) -> None:
         """Note that an image has arrived."""
         with self.engine.wake:
-            self.pacer.acknowledge(time.monotonic(), number)
+            self.pacer.acknowledge(self.engine.clock(), number)
             self.engine.wake.notify_all()
 
     def hand(self, job: tuple) -> None:
@@ -117,7 +117,7 @@ class Client:
                 self.engine.report(error)
 
     def _send(self, plan: Plan, seen: float, picture: np.ndarray, more: dict[str, Any]) -> None:
-        started = time.monotonic()
+        started = self.engine.clock()
         seen_at = limited(self.pacer.full, more["state"].quality.width)
         picture = finish(picture, size=seen_at, **more)
         with self.engine.wake:
@@ -127,7 +127,7 @@ class Client:
             picture = self.engine.on_picture(self, number, picture, plan)
         data = jpeg(picture, plan.quality, sharp=plan.still)
         with self.engine.wake:
-            now = time.monotonic()
+            now = self.engine.clock()
             self.engine.encode_seconds = now - started
             self.pacer.sent(now, number, seen, len(data), plan.still)
             self.engine.wake.notify_all()
@@ -141,6 +141,8 @@ class Engine:
         source: traced and advanced.
         state: settings.
         up: (3,) upward direction, world.
+        clock: gives the time, s.
+        sleep: waits for some seconds.
 
     Attributes:
         on_picture: called in a client's encoding thread with each finished image; returns the image
@@ -150,8 +152,16 @@ class Engine:
         trace_seconds, encode_seconds, step_seconds: the latest durations.
     """
 
-    def __init__(self, source: Source, state: State, up: Any = (0.0, 1.0, 0.0)):
+    def __init__(
+        self,
+        source: Source,
+        state: State,
+        up: Any = (0.0, 1.0, 0.0),
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ):
         self.source, self.state, self.up = source, state, up
+        self.clock, self.sleep = clock, sleep
         self.clients: list[Client] = []
         self.on_picture: Callable[[Client, int, np.ndarray, Plan], np.ndarray] | None = None
         self.on_step: Callable[[], None] | None = None
@@ -238,7 +248,7 @@ class Engine:
 
     def report(self, error: BaseException) -> None:
         """Report an error on all pages, at most every `REPEAT` seconds."""
-        message, now = str(error) or type(error).__name__, time.monotonic()
+        message, now = str(error) or type(error).__name__, self.clock()
         if self._said.get(message, -REPEAT) <= now - REPEAT:
             self._said = {message: now}
             self.on_error(message)
@@ -252,7 +262,7 @@ class Engine:
                 with self.wake:
                     for client in self.clients:
                         if client.pacer.making:
-                            client.pacer.interrupted(time.monotonic())
+                            client.pacer.interrupted(self.clock())
                 why = f"{type(error).__name__}: {error}".rstrip(": ")
                 self.report(RuntimeError(f"the viewer restarted a thread that had failed: {why}"))
                 time.sleep(RESTART)
@@ -265,7 +275,7 @@ class Engine:
     def _next(self) -> tuple[Client, Plan, float, tuple] | None:
         """The next client and its plan; waits for one. The caller holds `wake`."""
         while self._running:
-            now, due = time.monotonic(), []
+            now, due = self.clock(), []
             quality = self.state.quality
             for i in range(len(self.clients)):
                 client = self.clients[(self._turn + i) % len(self.clients)]
@@ -302,7 +312,7 @@ class Engine:
         state = self.state.snapshot()
         camera, source = client.camera, self.source
         with source.lock:
-            started = time.monotonic()
+            started = self.clock()
             core = getattr(source.maker.last_scene, "_raw", None)  # a simulation's own has none
             with self.wake:
                 self._still = (client, core) if plan.still and core is not None else None
@@ -327,7 +337,7 @@ class Engine:
             if client not in self.clients:  # it has left
                 return
             client.frame, client.frame_version = frame, what
-        seconds = time.monotonic() - started
+        seconds = self.clock() - started
         with self.wake:
             self.trace_seconds = seconds
             client.pacer.traced(plan, seconds, state.quality.rate)
@@ -354,13 +364,13 @@ class Engine:
 
     def _time(self) -> None:
         """Advance the source at its own speed."""
-        due = time.monotonic()
+        due = self.clock()
         while True:
             with self.wake:
                 if not self._running:
                     return
             try:
-                started = time.monotonic()
+                started = self.clock()
                 pause = self.source.advance(self.state)
             except Exception as error:
                 self.report(error)
@@ -371,13 +381,13 @@ class Engine:
                 with self.wake:
                     if self._running:
                         self.wake.wait(0.1)
-                due = time.monotonic()
+                due = self.clock()
                 continue
-            now = time.monotonic()
+            now = self.clock()
             self.step_seconds = now - started
             if self.on_step is not None:
                 self.on_step()
             self.notify()
             due = max(due + pause, now - 0.25)
             if due > now:
-                time.sleep(min(due - now, 0.5))
+                self.sleep(min(due - now, 0.5))

@@ -18,6 +18,7 @@ class History:
 
     def __init__(self, state: State):
         self._state = state
+        self.clock = time.monotonic
         self._done: list[dict[str, Any]] = []  # values before each change
         self._undone: list[dict[str, Any]] = []
         self._last = -TOGETHER
@@ -28,7 +29,7 @@ class History:
         before = {key: value for key, value in before.items() if key not in PLAYED}
         if self._moving or not before:
             return
-        now = time.monotonic()
+        now = self.clock()
         same = bool(self._done) and self._done[-1].keys() == before.keys()
         same = same and not any(isinstance(value, (bool, str)) for value in before.values())
         if not (same and now - self._last < TOGETHER):  # a slider sends many values

@@ -138,6 +138,7 @@ class Recorder:
         size: (width, height), pixels.
         fps: frames per second of the movie.
         samples: per pixel.
+        clock: gives the time, s.
 
     Attributes:
         n_pictures: images written so far.
@@ -155,11 +156,13 @@ class Recorder:
         size: tuple[int, int] = (1280, 720),
         fps: float = 30.0,
         samples: int = 1,
+        clock: Callable[[], float] = time.monotonic,
     ):
         need_av()
         self.engine, self.camera, self.path = engine, camera, path
         self.size, self.fps, self.samples = checked_size(size), float(fps), samples
         self.n_pictures = 0
+        self._clock = clock
         self.error: Exception | None = None
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="globule record", daemon=True)
@@ -179,18 +182,18 @@ class Recorder:
             self.error = error
 
     def _pictures(self) -> Iterator[np.ndarray]:
-        started = time.monotonic()
+        started = self._clock()
         before, picture = None, None
         while True:
             camera, engine = self.camera(), self.engine
             what = (camera, engine.state.version, engine.source.version)
             if what != before or picture is None:
                 picture, before = Shot(engine, camera, self.size, self.samples).picture, what
-            due = int((time.monotonic() - started) * self.fps) + 1
+            due = int((self._clock() - started) * self.fps) + 1
             while self.n_pictures < due:
                 self.n_pictures += 1
                 yield picture
-            past = time.monotonic() - started
+            past = self._clock() - started
             if self._stopped.is_set() or past > MOST_SECONDS:
                 return
             self._stopped.wait(max(0.0, self.n_pictures / self.fps - past))

@@ -385,6 +385,7 @@
       if (known.has(head) && known.get(head) !== opened) { folders[title] = opened; keep("folders", JSON.stringify(folders)); }
       else if (!known.has(head) && wanted !== opened) { head.click(); known.set(head, wanted); continue; }
       known.set(head, opened);
+      head.dataset.known = "";  // it is as it was
     }
   };
 

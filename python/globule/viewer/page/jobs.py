@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Callable
 from typing import Any
 
 
@@ -17,18 +18,19 @@ class Job:
     Args:
         browser: `viser.ClientHandle`.
         title: of the note.
+        clock: gives the time, s.
     """
 
-    def __init__(self, browser: Any, title: str):
-        self.title, self.cancelled = title, False
+    def __init__(self, browser: Any, title: str, clock: Callable[[], float] = time.monotonic):
+        self.title, self.cancelled, self._clock = title, False, clock
         self._note = browser.add_notification(title, "0 %", loading=True, with_close_button=False)
-        self._started = self._said = time.monotonic()
+        self._started = self._said = clock()
 
     def progress(self, share: float) -> None:
         """Show the finished share, 0 to 1. Raises Cancelled."""
         if self.cancelled:
             raise Cancelled
-        now = time.monotonic()
+        now = self._clock()
         if now - self._said > 0.3:
             self._said = now
             left = (now - self._started) * (1 - share) / share if share > 0 else 0

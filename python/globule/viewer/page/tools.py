@@ -238,6 +238,7 @@ class Hand:
             edge * corners,
             faces,
             opacity=0.0,
+            material="toon3",  # a browser without a GPU compiles the usual one for many seconds
             side="double",
             cast_shadow=False,
             receive_shadow=False,

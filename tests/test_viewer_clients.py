@@ -1,0 +1,171 @@
+"""Browsers that come and go, as programs: cameras of their own, slow ones, what they leave."""
+
+from __future__ import annotations
+
+import gc
+import os
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from viewer_helpers import (
+    PATIENCE,
+    Watched,
+    blob,
+    our_threads,
+    threads_of_browsers,
+    until,
+)
+
+pytest.importorskip("viser")
+
+
+@pytest.fixture
+def watched():
+    with Watched(blob(150)) as made:
+        yield made
+
+
+def test_pictures_arrive_in_order(watched):
+    """Each shows its number, as brightness."""
+
+    @watched.viewer.on_frame
+    def _(frame):
+        return np.full_like(frame.picture, 8 * frame.number)
+
+    page = watched.program()
+
+    def shown() -> list[int]:
+        return [round(page.picture(data).mean() / 8) for data in page.images]
+
+    for i in range(1, 8):
+        camera = page.client.camera
+        page.look(position=[0.1 * i, 0.0, 3.0])
+        until(lambda camera=camera: page.client.camera != camera)
+        watched.still(page)
+    until(lambda: shown()[-1] == page.client.number)
+    assert shown() == sorted(shown())
+
+
+def test_two_browsers_have_cameras_of_their_own(watched):
+    one, two = watched.program(), watched.program()
+    first, picture = two.client.camera, watched.still(two)
+    one.look(position=[1.0, 0.0, 3.0])
+    until(lambda: one.client.camera != first)
+    watched.still(one)
+    assert two.client.camera == first
+    assert two.client.frame is not one.client.frame
+    assert np.array_equal(watched.still(two), picture)
+
+
+def test_a_browser_that_never_answers_holds_up_nobody(watched):
+    one, two = watched.program(answers=False), watched.program()
+    until(lambda: len(one.client.pacer.in_flight) == 2, "for two pictures in flight")
+    stuck = one.client.number
+    for i in range(1, 4):
+        camera = two.client.camera
+        two.look(position=[0.1 * i, 0.0, 3.0])
+        until(lambda camera=camera: two.client.camera != camera)
+        watched.still(two)
+    assert one.client.number == stuck
+
+
+def reloaded(watched, page):
+    """Another page in the place of one."""
+    page.close()
+    until(lambda: page.client not in watched.viewer.clients.values())
+    return watched.program()
+
+
+def viewers_threads() -> list[threading.Thread]:
+    """All threads but those that encode strips of pictures, which stay for the next viewer."""
+    return [t for t in threading.enumerate() if not t.name.startswith("jpeg strips")]
+
+
+def test_reload_and_kill_leave_nothing_behind():
+    threads = len(viewers_threads())
+    watched = Watched(blob(150))
+    page = watched.program()
+    alive = threads_of_browsers()
+    for _ in range(3):
+        page = reloaded(watched, page)
+    until(lambda: threads_of_browsers() == alive, "for threads of browsers that left")
+    assert len(our_threads()) <= len(alive) + 2  # the page's pool of two
+    assert len(watched.viewer.engine.clients) == 1
+    page.close()
+    until(lambda: not watched.viewer.clients)
+    until(lambda: not watched.viewer.engine.clients)
+    watched.close()
+    until(lambda: not our_threads(), "for our threads")
+    gc.collect()
+    until(lambda: len(viewers_threads()) <= threads + 1, "for all threads")
+
+
+@pytest.mark.slow
+def test_memory_stays_when_browsers_come_and_go():
+    from globule._base.memory import resident_bytes
+
+    if "GLOBULE_TEST_ALONE" not in os.environ:  # in a process whose memory no other test has used
+        name = f"{__file__}::test_memory_stays_when_browsers_come_and_go"
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "--matrix", "-p", "no:cacheprovider", name],
+            env=dict(os.environ, GLOBULE_TEST_ALONE="1"),
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return
+
+    if not resident_bytes():
+        pytest.skip("this system does not say how much memory is in use")
+    with Watched(blob(150)) as watched:
+        # Frames that wait for their turn are few, but may become one more late: small ones, so
+        # that those of many clients that are gone would be much more.
+        page, sizes = watched.program(), []
+        for _ in range(12):
+            page = reloaded(watched, page)
+            page.look(image_width=480, image_height=320)
+            until(lambda page=page: page.client.pacer.full == (480, 320))
+            watched.still(page)
+            watched.shown.clear()
+            gc.collect()
+            sizes.append(resident_bytes())
+        assert sizes[-1] - sizes[2] < 40e6, [round(s / 1e6) for s in sizes]
+
+
+def test_errors_are_said_in_the_page(watched, caplog):
+    page = watched.program()
+    watched.viewer.state.set(surface__kernel="blinn", surface__root="bezier")
+    page.heard("root method bezier")
+    watched.viewer.state.set(surface__root="exact")
+    watched.still(page)
+    assert "bezier" in caplog.text
+
+
+def test_callbacks_and_own_sliders(watched):
+    slider = watched.viewer.gui.add_slider("Redness", 0, 255, 1, 0)
+
+    @watched.viewer.on_frame
+    def _(frame):
+        picture = frame.picture.copy()
+        picture[..., 0] = slider.value
+        return picture
+
+    @slider.on_update
+    def _(event):
+        watched.viewer.refresh()
+
+    page = watched.program()
+    page.set("Redness", 250)
+    until(lambda: page.picture()[..., 0].mean() > 245, "for a red picture")
+
+
+def test_sources_change_while_they_are_seen(watched):
+    page = watched.program()
+    before = watched.still(page)
+    watched.viewer.source.update(blob(60, seed=3))
+    watched.viewer.refresh()
+    watched.still(page, lambda p: p.shape == before.shape and not np.array_equal(p, before))
