@@ -6,7 +6,7 @@ import pytest
 from test_mesh_layers import box
 from test_surface import ball, smooth
 
-SIZE = (96, 72)
+SIZE = (64, 48)
 CAMERA = gb.Camera((6, 9, 40), (0, 0, 0), fov=34)
 SUN = gb.DirectionalLight((0.4, 1, 0.3), angle=4)
 EDGES = 3
@@ -18,17 +18,21 @@ def scenes(name: str, backend: dict) -> tuple[list, dict]:
     tank = box((-9, -9, -6), (9, -4, 6), **backend)
     shadows = {"lights": [SUN], "shadows": True, "ground": gb.Ground(-9, color=0.4)}
     glass = gb.Material(transmission=1.0, index=1.4, absorption=(0.1, 0.02, 0.01))
-    return {
-        "plain": ([fluid], {}),
-        "shadows": ([fluid], shadows),
-        "soft ambient": ([fluid], {"ambient_rays": 3}),
-        "mirror": ([gb.Layer(fluid.scene, gb.Material(reflection=0.6))], {"sky": gb.Sky()}),
-        "glass": ([gb.Layer(fluid.scene, glass)], shadows | {"sky": gb.Sky()}),
-        "cut": ([gb.Layer(fluid.scene, clips=[gb.ClipPlane((1, 0, 0.4), 1.0)])], {}),
-        "layers": ([fluid, gb.Layer(smooth(ball(300) + 9, **backend), glass)], {}),
-        "mesh": ([fluid, gb.Layer(tank, gb.Material(color=(0.7, 0.2, 0.1)))], shadows),
-        "mesh alone": ([gb.Layer(tank)], {}),
-    }[name]
+    layers = {
+        "mirror": lambda: [gb.Layer(fluid.scene, gb.Material(reflection=0.6))],
+        "glass": lambda: [gb.Layer(fluid.scene, glass)],
+        "cut": lambda: [gb.Layer(fluid.scene, clips=[gb.ClipPlane((1, 0, 0.4), 1.0)])],
+        "layers": lambda: [fluid, gb.Layer(smooth(ball(300) + 9, **backend), glass)],
+        "mesh": lambda: [fluid, gb.Layer(tank, gb.Material(color=(0.7, 0.2, 0.1)))],
+        "mesh alone": lambda: [gb.Layer(tank)],
+    }.get(name, lambda: [fluid])()
+    return layers, {
+        "shadows": shadows,
+        "soft ambient": {"ambient_rays": 3},
+        "mirror": {"sky": gb.Sky()},
+        "glass": shadows | {"sky": gb.Sky()},
+        "mesh": shadows,
+    }.get(name, {})
 
 
 NAMES = (
@@ -103,7 +107,7 @@ def test_alpha_of_edges_is_the_share_of_hits(backend):
         lights=(), ambient=1.0, material=gb.Material(color=1.0), background=0.0, tone=False,
         specular=0.0, transparent=True,
     )  # fmt: skip
-    frame = gb.render(layers, CAMERA, SIZE, settings=white)
+    frame = gb.render(layers, CAMERA, (96, 72), settings=white)
     assert ((frame.alpha > 0) & (frame.alpha < 1)).sum() > 50
     assert np.abs(frame.color[..., 0] - frame.alpha).max() < 1e-5
 
