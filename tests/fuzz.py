@@ -1,14 +1,12 @@
 """Mutated files of every kind, each opened in a process of its own with limits: `make fuzz`.
 
     python tests/fuzz.py [-n 20000] [--seed 0] [--only KIND] [--keep FOLDER] [--jobs 2]
-    python tests/fuzz.py --each 2000 [--only KIND]
     python tests/fuzz.py --open tests/corpus
     python tests/fuzz.py --damage [N] [--together]
 
 A mutant is refused in one line that names the file, or loads. Everything else is a fault: another
 error, a crash, more than SECONDS of the processor's time, more memory than the limit. The file of
 each fault is kept in the folder, as KIND@NUMBER@NAME; once mended, it belongs to tests/corpus.
-`--each` damages every file so many times, one reader after the other, and counts by file.
 `--open` opens such files again; `--damage` damages every array of a checkpoint in every way; both
 open mutants too where -n says how many. The same seed makes the same mutants for any number of
 jobs. `--together` takes one process for all files instead of one for each: quicker, but what ends
@@ -199,16 +197,6 @@ class Fuzzer:
             path, content = random.choice(self.files[kind])
             yield (f"{seed}.{number}", kind, path, *self._damaged(random, kind, content))
 
-    def mutants_of_each(
-        self, seed: int, numbers: range
-    ) -> Iterator[tuple[str, str, str, bytes, bool]]:
-        """The same, for each file as many."""
-        for kind in self.kinds:
-            for path, content in self.files[kind]:
-                for number in numbers:
-                    random = Random(f"{seed} {path} {number}")
-                    yield (f"{seed}.{number}", kind, path, *self._damaged(random, kind, content))
-
     def _damaged(self, random: Random, kind: str, content: bytes) -> tuple[bytes, bool]:
         content = mutate(random, content, [other for _, other in self.files[kind]])
         return content, bool(KINDS[kind].command) and random.random() < SHARE_OF_COMMANDS
@@ -288,15 +276,12 @@ def run(fuzzer: Fuzzer, numbers: range, options: argparse.Namespace) -> int:
 
     def share(numbers: range) -> Iterator[tuple[str, str, str]]:
         """Kind, name and verdict of each."""
-        mutants = (fuzzer.mutants_of_each if options.each else fuzzer.mutants)(
-            options.seed, numbers
-        )
-        for number, kind, path, content, by_command in mutants:
+        for number, kind, path, content, by_command in fuzzer.mutants(options.seed, numbers):
             verdict = fuzzer.open(kind, path, content, by_command)
             kept = f"{kind.replace(' ', '_')}@{number}@{os.path.basename(path)}"
             if verdict not in ("loaded", "refused"):
                 Path(options.keep, kept).write_bytes(content)
-            yield (f"{kind}: {path}" if options.each else kind, kept, verdict)
+            yield kind, kept, verdict
 
     shares = [numbers[k :: options.jobs] for k in range(options.jobs)]
     verdicts = share(numbers) if options.together else in_forks(fuzzer, shares, share)
@@ -384,7 +369,6 @@ def main() -> int:
     add = parser.add_argument
     add("-n", type=int, help="damaged files (default: 20000; 0 with --open or --damage)")
     add("--jobs", type=int, default=2, help="processes at a time (default: %(default)s)")
-    add("--each", type=int, metavar="N", help="damage every file N times, in the place of -n")
     add("--seed", type=int, default=0, help="of the damage; the same files again (default: 0)")
     add("--first", type=int, default=0, metavar="N", help="start with damaged file N (default: 0)")
     add("--only", default="", choices=KINDS, metavar="KIND", help="one of " + ", ".join(KINDS))
@@ -404,7 +388,7 @@ def main() -> int:
     n, faults = options.n, 0
     if n is None:
         n = 0 if options.open or options.damage else 20_000
-    numbers = range(options.first, options.first + (options.each or n))
+    numbers = range(options.first, options.first + n)
     if options.open:
         options.open = os.path.abspath(options.open)
     options.keep = os.path.abspath(options.keep)
