@@ -35,8 +35,7 @@ def test_an_unknown_shell(capsys):
     [
         (["globule", "re"], {"render", "reconstruct"}, {"view"}),
         (["globule", "bench", ""], {"thesis", "ultrasound", "physics", "figures"}, {"render"}),
-        (["globule", "render", "--oct"], {"--octree", "--octree-level"}, {"--depth"}),
-        (["globule", "render", "--d"], {"--device"}, {"--depth"}),
+        (["globule", "render", "--oct"], {"--octree", "--octree-level"}, {"--device"}),
         (["globule", "render", "spl"], {"splash.npz"}, {"other.npz"}),
         (["globule", "render", "splash.npz", "--state", "v"], {"view.toml"}, set()),
         (["globule", "render", "splash.npz", "--root", ""], {"exact", "march", "bezier"}, set()),
