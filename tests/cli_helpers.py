@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 
 import globule as gb
@@ -26,12 +25,6 @@ def volume(path) -> None:
 
     z, y, x = np.mgrid[-1:1:16j, -1:1:16j, -1:1:16j]
     sitk.WriteImage(sitk.GetImageFromArray(200 * np.exp(-(x * x + y * y + z * z) * 2)), str(path))
-
-
-def run(*words: str, **options) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [*COMMAND, *words], capture_output=True, text=True, timeout=100, **options
-    )
 
 
 def refused(capsys, *words: str) -> str:
