@@ -29,7 +29,7 @@ from waiting import PATIENCE, Waits, until
 
 CPU = ["--device", "cpu"]
 LIVE = ["reconstruct", "--idle", "0.5", *CPU]
-GROWS = [*LIVE, "--spacing", "1"]
+GROWS = [*LIVE, "--voxel-size", "1"]
 pytestmark = pytest.mark.usefixtures("folder", "clock")
 
 
@@ -169,7 +169,7 @@ def test_the_real_sweep_replayed(capsys):
     assert np.array_equal(live.frames, sweep.frames)
     assert live.world == "Reference"
     assert np.allclose(live.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-3)
-    words = ["--plus", str(plus), "--method", "pvn-om", "--spacing", "0.5", *CPU]
+    words = ["--plus", str(plus), "--method", "pvn-om", "--voxel-size", "0.5", *CPU]
     words += ["--live", replay(), "--idle", "1", "-o", "v.npz"]
     facts = run_json(capsys, "reconstruct", *words)
     assert facts["frames"]["used"] == 21
@@ -207,9 +207,9 @@ def test_live_reconstruct(sweep, capsys):
     assert live.source.max() == len(sweep) - 1
     assert live.variance.max() > 0
     # Without a spacing the frames are collected first, and the file's volume comes out.
-    words = ["-o", "v.npz", "--size", "40"]
+    words = ["-o", "v.npz", "--voxels", "40"]
     assert not run_json(capsys, *LIVE, "--live", served(sweep), *words)["live"]["grew"]
-    assert main(["reconstruct", "phantom.igs.mha", "-o", "w.npz", "--size", "40", *CPU]) == 0
+    assert main(["reconstruct", "phantom.igs.mha", "-o", "w.npz", "--voxels", "40", *CPU]) == 0
     live, file = read_volume("v.npz"), read_volume("w.npz")
     assert live.values.shape == file.values.shape
     # Poses in float32 move a pixel in a thousand to the next voxel.
@@ -307,7 +307,7 @@ def test_the_pictures_are_drawn_while_frames_come(sweep, capsys):
 def test_the_surface_is_drawn_while_frames_come(sweep, capsys):
     address = served(sweep, between=Redrawn("s.png", (12,)))
     words = [*GROWS, "--live", address, "-o", "v.npz", "--refresh", "0.001"]
-    facts = run_json(capsys, *words, "--surface", "s.png")
+    facts = run_json(capsys, *words, "--surface-image", "s.png")
     assert facts["live"]["drawn"] > 0
     surface = np.asarray(Image.open("s.png"))
     assert (surface != surface[0, 0]).any(axis=2).mean() > 0.05
