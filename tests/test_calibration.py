@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import globule as gb
 import numpy as np
 import pytest
@@ -101,15 +99,6 @@ def test_bad_files(tmp_path, text, what):
         read_calibration(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_a_file_that_is_no_text(tmp_path):
-    path = tmp_path / "bad.toml"
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ValueError, match="TOML"):
-        read_calibration(path)
-    with pytest.raises(FileNotFoundError):
-        read_calibration(Path("nowhere.toml"))
 
 
 @pytest.mark.parametrize("late", [-0.12, 0.0, 0.08])
