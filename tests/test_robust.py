@@ -387,69 +387,67 @@ def test_lines_planes_and_pairs(backend, options):
         check_against_oracle(c, scene)
 
 
-SCENE_MISTAKES = [
-    (TypeError, "positions", {"particles": [["a", "b", "c"]]}),
-    (ValueError, "positions", {"particles": np.zeros((4, 4))}),
-    (ValueError, "positions", {"particles": np.zeros(3)}),
-    (ValueError, "positions", {"particles": np.zeros((2, 2, 3))}),
-    (TypeError, "positions", {"particles": [[0, 0, 0], [1, 1]]}),
-    (TypeError, "particles", {"particles": None}),
-    (TypeError, "positions", {"particles": np.zeros((3, 3), complex)}),
-    (ValueError, "kernel", {"kernel": "gauss"}),
-    (ValueError, "threshold", {"threshold": 0}),
-    (ValueError, "threshold", {"threshold": -1}),
-    (ValueError, "threshold", {"threshold": np.nan}),
-    (TypeError, "threshold", {"threshold": "high"}),
-    (ValueError, "support", {"support": 0}),
-    (ValueError, "support", {"support": -2.0}),
-    (ValueError, "support", {"support": np.inf}),
-    (TypeError, "support", {"support": [1, 2, 3]}),
-    (ValueError, "key_bits", {"key_bits": 48}),
-    (ValueError, "key_bits", {"key_bits": 64, "octree": "dense"}),
-    (ValueError, "level", {"level": 11}),
-    (ValueError, "level", {"level": 22, "key_bits": 64}),
-    (ValueError, "level", {"level": 9, "octree": "dense"}),
-    (ValueError, "level", {"level": -1}),
-    (TypeError, "level", {"level": 4.5}),
-    (ValueError, "octree", {"octree": "kd"}),
-    (ValueError, "device", {"device": "gpu"}),
-    (ValueError, "device", {"device": "cuda:x"}),
-    (ValueError, "threads", {"threads": -1}),
-    (TypeError, "threads", {"threads": 1.5}),
-    (ValueError, "bounds", {"bounds": (0, 1)}),
-    (ValueError, "bounds", {"bounds": ((1, 1, 1), (0, 0, 0))}),
-    (ValueError, "bounds", {"bounds": ((0, 0, 0), (1, 1, np.nan))}),
+SCENE_MISTAKES = {
+    (TypeError, "positions"): [
+        {"particles": [["a", "b", "c"]]},
+        {"particles": [[0, 0, 0], [1, 1]]},
+        {"particles": np.zeros((3, 3), complex)},
+    ],
+    (ValueError, "positions"): [
+        {"particles": np.zeros(shape)} for shape in ((4, 4), 3, (2, 2, 3))
+    ],
+    (TypeError, "particles"): [{"particles": None}],
+    (ValueError, "kernel"): [{"kernel": "gauss"}],
+    (TypeError, "threshold"): [{"threshold": "high"}],
+    (ValueError, "threshold"): [{"threshold": value} for value in (0, -1, np.nan)],
+    (TypeError, "support"): [{"support": [1, 2, 3]}],
+    (ValueError, "support"): [{"support": value} for value in (0, -2.0, np.inf)],
+    (ValueError, "key_bits"): [{"key_bits": 48}, {"key_bits": 64, "octree": "dense"}],
+    (TypeError, "level"): [{"level": 4.5}],
+    (ValueError, "level"): [
+        {"level": 11}, {"level": -1}, {"level": 22, "key_bits": 64}, {"level": 9, "octree": "dense"}
+    ],
+    (ValueError, "octree"): [{"octree": "kd"}],
+    (ValueError, "device"): [{"device": "gpu"}, {"device": "cuda:x"}],
+    (TypeError, "threads"): [{"threads": 1.5}],
+    (ValueError, "threads"): [{"threads": -1}],
+    (ValueError, "bounds"): [
+        {"bounds": value} for value in
+        ((0, 1), ((1, 1, 1), (0, 0, 0)), ((0, 0, 0), (1, 1, np.nan)))
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("error", "name"), SCENE_MISTAKES)
+def test_mistakes_in_a_scene(error, name):
+    for options in SCENE_MISTAKES[error, name]:
+        given = {"particles": cloud(5), "device": "cpu", **options}
+        with pytest.raises(error, match=f"^{name}: expected|^{name}.*(got|uses)"):
+            gb.Scene(given.pop("particles"), **given)
+
+
+PARTICLE_MISTAKES = [
+    (ValueError, "support", [np.ones(4), -1, np.full(5, np.nan)]),
+    (ValueError, "weight", [np.ones((5, 1)), [1, 2, 3, 4, np.inf]]),
+    (TypeError, "weight", ["heavy"]),
+    (ValueError, "color", [np.ones((5, 4)), (2, 0, 0)]),
+    (ValueError, "attributes", [{"a": np.ones(4)}]),
 ]
 
 
-@pytest.mark.parametrize(("error", "name", "options"), SCENE_MISTAKES, ids=str)
-def test_mistakes_in_a_scene(error, name, options):
-    options = {"particles": cloud(5), "device": "cpu", **options}
-    with pytest.raises(error, match=f"^{name}: expected|^{name}.*(got|uses)"):
-        gb.Scene(options.pop("particles"), **options)
-
-
-@pytest.mark.parametrize(
-    ("error", "name", "fields"),
-    [
-        (ValueError, "support", {"support": np.ones(4)}),
-        (ValueError, "support", {"support": -1}),
-        (ValueError, "support", {"support": np.full(5, np.nan)}),
-        (ValueError, "weight", {"weight": np.ones((5, 1))}),
-        (ValueError, "weight", {"weight": [1, 2, 3, 4, np.inf]}),
-        (TypeError, "weight", {"weight": "heavy"}),
-        (ValueError, "color", {"color": np.ones((5, 4))}),
-        (ValueError, "color", {"color": (2, 0, 0)}),
-        (ValueError, "attributes", {"attributes": {"a": np.ones(4)}}),
-    ],
-)
-def test_mistakes_in_particles(error, name, fields):
-    with pytest.raises(error, match=f"^{name}.*: expected"):
-        gb.Particles(cloud(5), **fields)
+@pytest.mark.parametrize(("error", "name", "values"), PARTICLE_MISTAKES)
+def test_mistakes_in_particles(error, name, values):
+    for value in values:
+        with pytest.raises(error, match=f"^{name}.*: expected"):
+            gb.Particles(cloud(5), **{name: value})
 
 
 def test_mistakes_in_questions(backend):
     scene = gb.Scene(cloud(5), **backend)
+
+    def look_with(**settings):
+        gb.render(scene, size=SIZE, settings=gb.RenderSettings(**settings))
+
     for error, name, call in [
         (ValueError, "points", lambda: gb.field(scene, np.zeros((4, 2)))),
         (ValueError, "points", lambda: gb.gradient(scene, np.zeros(3))),
@@ -472,23 +470,9 @@ def test_mistakes_in_questions(backend):
         (ValueError, "look_at", lambda: gb.Camera((0, 0, 1), (0, 0, 1))),
         (ValueError, "fov", lambda: gb.Camera((0, 0, 1), (0, 0, 0), fov=180)),
         (ValueError, "height", lambda: gb.Camera((0, 0, 1), (0, 0, 0), height=0)),
-        (
-            ValueError,
-            "lights",
-            lambda: gb.render(
-                scene, size=SIZE, settings=gb.RenderSettings(lights=[gb.Headlight()] * 9)
-            ),
-        ),
-        (
-            TypeError,
-            "lights",
-            lambda: gb.render(scene, size=SIZE, settings=gb.RenderSettings(lights=["sun"])),
-        ),
-        (
-            ValueError,
-            "background",
-            lambda: gb.render(scene, size=SIZE, settings=gb.RenderSettings(background=(1, 2))),
-        ),
+        (ValueError, "lights", lambda: look_with(lights=[gb.Headlight()] * 9)),
+        (TypeError, "lights", lambda: look_with(lights=["sun"])),
+        (ValueError, "background", lambda: look_with(background=(1, 2))),
     ]:
         with pytest.raises(error, match=f"^{name}: expected|^{name}: unknown"):
             call()
