@@ -56,7 +56,7 @@ mesh = gb.Mesh(*[np.array(a) for a in ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 
                [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])], device="cpu")
 show("mesh", gb.render([scene, mesh], camera, (61, 47), light).color)
 for method in ("pvn-om", "vvn-om", "pvn", "vvn", "bezier", "frames"):
-    volume = gb.reconstruct(small_sweep(), method=method, spacing=1.0, device="cpu")
+    volume = gb.reconstruct(small_sweep(), method=method, spacing=2.0, device="cpu")
     show(method, volume.values)
 sim = gb.Simulation(column(), device="cpu")
 sim.add(physics.lattice((0, 0, 0), (0.5, 0.4, 0.37), D), "water")
@@ -64,7 +64,7 @@ sim.run(0.05)
 show("fluid", sim.positions, sim.velocities, sim.arrays.pressure)
 for name, spacing in (("droplet", 0.001), ("cut-block", 0.01)):
     sim = gb.Simulation(name, spacing=spacing, device="cpu")
-    sim.run(5 * 0.002)
+    sim.run(2 * 0.002)
     show(name, sim.positions, sim.velocities, gb.render(sim.scene, size=(64, 48)).color)
 sim = gb.Simulation(column(), device="cpu")
 sim.add(physics.lattice((0, 0, 0), (1.0, 0.8, 0.4), 0.9 * D), "water")

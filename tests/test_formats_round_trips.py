@@ -34,7 +34,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from sweep_helpers import same
 
-QUICK = settings(max_examples=30, deadline=None)
+QUICK = settings(max_examples=15, deadline=None)
 FLOATS = st.floats(-1e6, 1e6, width=32)
 FACTORS = st.floats(0, 1, width=32)
 PREFIX = "a_"  # so that no name means a field: "h", "radius" …
