@@ -26,14 +26,7 @@ except ImportError:
 needs_av = pytest.mark.skipif(av is None, reason="PyAV is not installed (the extra `video`)")
 SMALL = ["--size", "40x30", "--device", "cpu"]
 N = 4
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """Every test in an empty folder of its own."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("GLOBULE_TRACEBACK", raising=False)
-    return tmp_path
+pytestmark = pytest.mark.usefixtures("folder")
 
 
 def frame(i: int) -> gb.Particles:
