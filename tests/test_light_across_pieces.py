@@ -5,24 +5,26 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import cube, run_json
-from globule._base.ranks import run_threads
 from globule.pieces import on_ranks, wavefront
-from launcher import mpirun
+from pieces_helpers import (
+    ALL,
+    CAMERA,
+    COLOR,
+    CUT,
+    GLASS,
+    OF_A_FEW,
+    PARTICLES,
+    POSITIONS,
+    SIZE,
+    N,
+    mine,
+)
+from pieces_helpers import on as on_all
+from pieces_helpers import same as same_image
 from scenes import KERNELS
 
-SIZE = (96, 72)
-RNG = np.random.default_rng(5)
-LATTICE = np.stack(np.meshgrid(*[np.arange(12)] * 3, indexing="ij"), -1).reshape(-1, 3)
-POSITIONS = (LATTICE + RNG.uniform(-0.25, 0.25, LATTICE.shape)).astype(np.float32)
-N = len(POSITIONS)
-COLOR = RNG.random(POSITIONS.shape).astype(np.float32)
-PARTICLES = gb.Particles(POSITIONS, color=COLOR)
-CAMERA = gb.Camera.fit(POSITIONS, size=SIZE, margin=1)
-CUT = gb.ClipPlane((1, 0.2, 0), 6.0)
-GLASS = gb.Material(reflection=0.2, transmission=0.6, index=1.3)
-ALL = {"material": GLASS, "shadows": True, "ambient_rays": 2}
 LAMP = gb.PointLight((16, 20, 17), radius=1.5)
+RNG = np.random.default_rng(5)
 DROPS = np.repeat(RNG.uniform(0, 24, (500, 3)), 6, axis=0) + RNG.normal(0, 0.7, (3000, 3))
 SPRAY = gb.Particles(DROPS.astype(np.float32))
 MIRROR = {"material": gb.Material(reflection=0.3), "bounces": 4}
@@ -30,23 +32,13 @@ MIRROR = {"material": gb.Material(reflection=0.3), "bounces": 4}
 
 def on(n, work, backend):
     """What rank 0 of n threads returns."""
-
-    def one(ranks):
-        return work({**backend, **({} if backend["device"] == "cuda" else {"threads": 1})}, ranks)
-
-    return run_threads(n, one)[0]
-
-
-def mine(particles, ranks):
-    return particles[np.arange(ranks.rank, len(particles), ranks.size)]
+    return on_all(n, work, backend)[0]
 
 
 def same(one, many, least=0.03):
-    """0 pixels of hit or miss differ, colors by at most a level."""
-    assert one.mask.mean() > least
-    np.testing.assert_array_equal(one.mask, many.mask)
+    """Of the image, and of what each pixel shows."""
+    same_image(one, many, least)
     np.testing.assert_array_equal(one._layer, many._layer)
-    assert np.abs(one.image.astype(int) - many.image.astype(int)).max() <= 1
 
 
 def check(particles, n, backend, settings, camera=CAMERA, clips=(), **options):
@@ -60,7 +52,7 @@ def check(particles, n, backend, settings, camera=CAMERA, clips=(), **options):
     same(gb.render(scene, camera, SIZE, settings, clips), on(n, work, backend))
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 7])
+@pytest.mark.parametrize("n", [1, 3, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 4, 7))])
 def test_ranks_give_the_light_of_one_device(n, backend):
     check(PARTICLES, n, backend, ALL, support=2.0)
 
@@ -80,7 +72,12 @@ def test_every_light(settings, backend):
     check(PARTICLES, 3, backend, settings, support=2.0)
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
+QUICK = ("murakami", "wendland_c2")
+
+
+@pytest.mark.parametrize(
+    "kernel", [pytest.param(k, marks=[] if k in QUICK else [pytest.mark.slow]) for k in KERNELS]
+)
 def test_every_kernel(kernel, backend):
     support = 3.2 if kernel == "blinn" else 2.5
     check(PARTICLES, 3, backend, ALL | {"ambient_rays": 1}, kernel=kernel, support=support)
@@ -115,7 +112,7 @@ def test_eyes_inside_and_parallel_rays(backend):
     check(PARTICLES, 3, backend, ALL, far, support=2.0)
 
 
-@pytest.mark.parametrize("n", [2, 5, 7])
+@pytest.mark.parametrize("n", [2, pytest.param(7, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("settings", [MIRROR, ALL | {"bounces": 4}], ids=["mirror", "glass"])
 def test_spray(n, settings, backend):
     """Reflections in small drops turn the last bits of a hit into other pixels."""
@@ -168,7 +165,7 @@ def test_pieces_one_after_the_other(n, backend):
         one = gb.render(gb.Scene(PARTICLES, support=2.0, **backend), CAMERA, SIZE, ALL)
         same(one, many)
         with pytest.raises(ValueError, match=r"^pick: expected one scene, got pieces"):
-            many.pick(48, 36)
+            many.pick(24, 18)
         many.refine(1)
         same(one.refine(1), many)
     finally:
@@ -200,11 +197,8 @@ def test_the_same_bits_again():
     assert runs[0] == runs[1]
 
 
-@pytest.mark.parametrize("case", ["one rank has all", "more ranks than particles", "none"])
-def test_ranks_without_particles(case, backend):
-    n = {"one rank has all": 3, "more ranks than particles": 5, "none": 2}[case]
-    count = {"one rank has all": N, "more ranks than particles": 2, "none": 0}[case]
-
+@pytest.mark.parametrize(("n", "count"), OF_A_FEW.values(), ids=OF_A_FEW)
+def test_ranks_without_particles(n, count, backend):
     def work(device, ranks):
         own = PARTICLES[slice(count if ranks.rank == n - 1 else 0)]
         scene = gb.Scene(own, support=2.0, comm=ranks, ranks="pieces", **device)
@@ -250,46 +244,3 @@ def test_a_rank_that_fails_is_named_on_all(where, monkeypatch):
 
     scene = gb.Scene(PARTICLES, support=2.0, device="cpu")
     same(gb.render(scene, CAMERA, SIZE, ALL), on(3, work, {"device": "cpu"}))
-
-
-PROGRAM = """
-import globule as gb, numpy as np
-from mpi4py import MPI
-
-comm, data = MPI.COMM_WORLD, np.load("data.npz")
-own = {k: data[k][comm.rank::comm.size] for k in ("positions", "color")}
-scene = gb.Scene(gb.Particles(**own), support=2.0, comm=comm, ranks="pieces", device="cpu")
-camera = gb.Camera.fit(data["positions"], size=(96, 72), margin=1)
-glass = gb.Material(reflection=0.2, transmission=0.6, index=1.3)
-settings = {"material": glass, "shadows": True, "ambient_rays": 2}
-images = [gb.render(scene, camera, (96, 72), settings).image for _ in "ab"]
-if comm.rank == 0:
-    np.save("images.npy", images)
-"""
-
-
-def test_through_mpiexec(tmp_path):
-    np.savez(tmp_path / "data.npz", positions=POSITIONS, color=COLOR)
-    (tmp_path / "program.py").write_text(PROGRAM)
-    run = mpirun(3, "program.py", cwd=tmp_path)
-    assert run.returncode == 0, run.stderr[-2000:]
-    found = np.load(tmp_path / "images.npy")
-    np.testing.assert_array_equal(*found)
-    one = gb.render(gb.Scene(PARTICLES, support=2.0, device="cpu"), CAMERA, SIZE, ALL).image
-    assert np.abs(one.astype(int) - found[0]).max() <= 1
-
-
-def test_the_command(tmp_path, monkeypatch, capsys):
-    from PIL import Image
-
-    monkeypatch.chdir(tmp_path)
-    gb.write("a.npz", cube(6))
-    words = ["a.npz", "--size", "90x60", "--support", "0.3", "--threads", "1", "--shadows",
-             "--reflection", "0.3", "--ambient-rays", "1", "--ground", "-0.5"]  # fmt: skip
-    run_json(capsys, "render", *words, "-o", "one.png")
-    command = ["-m", "globule", "render", *words, "--ranks", "pieces", "-o", "many.png"]
-    run = mpirun(3, *command, cwd=tmp_path)
-    assert run.returncode == 0, run.stderr
-    assert "in 3 pieces" in run.stderr
-    one, many = (np.asarray(Image.open(name)).astype(int) for name in ("one.png", "many.png"))
-    assert np.abs(one - many).max() <= 1

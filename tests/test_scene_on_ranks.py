@@ -5,40 +5,24 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule._base.ranks import run_threads
 from globule.pieces import on_ranks
 from launcher import mpirun
-from scenes import KERNELS
-
-SIZE = (96, 72)
-RNG = np.random.default_rng(5)
-LATTICE = np.stack(np.meshgrid(*[np.arange(12)] * 3, indexing="ij"), -1).reshape(-1, 3)
-POSITIONS = (LATTICE + RNG.uniform(-0.25, 0.25, LATTICE.shape)).astype(np.float32)
-N = len(POSITIONS)
-COLOR = RNG.random(POSITIONS.shape).astype(np.float32)
-CAMERA = gb.Camera.fit(POSITIONS, size=SIZE, margin=1)
-CUT = gb.ClipPlane((1, 0.2, 0), 6.0)
-GLASS = gb.Material(reflection=0.3, transmission=0.5, index=1.3)
-
-
-def on(n, work, backend):
-    """What each of n ranks returns, threads of this process."""
-
-    def one(ranks):
-        return work({**backend, **({} if backend["device"] == "cuda" else {"threads": 1})}, ranks)
-
-    return run_threads(n, one)
-
-
-def mine(particles, ranks):
-    return particles[np.arange(ranks.rank, len(particles), ranks.size)]
-
-
-def same(one, many, least=0.03):
-    """0 pixels of hit or miss differ, colors by at most a level."""
-    assert one.mask.mean() > least
-    np.testing.assert_array_equal(one.mask, many.mask)
-    assert np.abs(one.image.astype(int) - many.image.astype(int)).max() <= 1
+from pieces_helpers import (
+    ALL,
+    CAMERA,
+    COLOR,
+    CUT,
+    GLASS,
+    OF_A_FEW,
+    PARTICLES,
+    POSITIONS,
+    SIZE,
+    N,
+    mine,
+    on,
+    own_shapes,
+    same,
+)
 
 
 def check(particles, n, backend, camera=CAMERA, clips=(), settings=None, **options):
@@ -54,13 +38,7 @@ def check(particles, n, backend, camera=CAMERA, clips=(), settings=None, **optio
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 7])
 def test_ranks_and_cuts(n, backend):
-    check(gb.Particles(POSITIONS, color=COLOR), n, backend, clips=[CUT], support=2.0)
-
-
-@pytest.mark.parametrize("kernel", KERNELS)
-def test_every_kernel(kernel, backend):
-    support = 3.2 if kernel == "blinn" else 2.5
-    check(gb.Particles(POSITIONS, color=COLOR), 3, backend, kernel=kernel, support=support)
+    check(PARTICLES, n, backend, clips=[CUT], support=2.0)
 
 
 def test_smooth_surfaces(backend):
@@ -68,46 +46,33 @@ def test_smooth_surfaces(backend):
 
 
 def test_kernels_of_their_own(backend):
-    weight = np.where(np.arange(N) % 5 == 0, -0.6, 1.0).astype(np.float32)
-    check(gb.Particles(POSITIONS, weight=weight), 3, backend, clips=[CUT], support=2.0)
-    support = RNG.uniform(1.2, 2.2, N).astype(np.float32)
-    support[700] = 30  # one particle over all pieces
-    check(gb.Particles(POSITIONS, support=support), 4, backend, threshold=1.0)
-    skew = RNG.normal(size=(N, 3, 3)) * 0.08 + 0.6 * np.eye(3)
-    matrices = ((skew + skew.transpose(0, 2, 1)) / 2).astype(np.float32)
-    check(gb.Particles(POSITIONS, anisotropy=matrices), 3, backend)
-
-
-def test_an_eye_inside(backend):
-    camera = gb.Camera((5.5, 5.5, 5.5), (11, 9, 6))
-    cave = POSITIONS[np.linalg.norm(POSITIONS - 5.5, axis=1) >= 3]
-    check(gb.Particles(cave), 3, backend, camera, support=2.0)
+    for particles, options in own_shapes():
+        check(particles, 3, backend, clips=[CUT], **options)
 
 
 @pytest.mark.parametrize("n", [2, 3])
 def test_light_is_replicated_by_itself(n, backend):
     settings = {"material": GLASS, "shadows": True, "ambient_rays": 2, "ground": gb.Ground(-1)}
-    check(gb.Particles(POSITIONS, color=COLOR), n, backend, settings=settings, support=2.0)
+    check(PARTICLES, n, backend, settings=settings, support=2.0)
     glossy = gb.Particles(POSITIONS, reflection=np.linspace(0, 0.6, N, dtype=np.float32))
     check(glossy, n, backend, support=2.0)
 
 
 def test_replication_can_be_forced_and_refused(backend, monkeypatch):
-    particles = gb.Particles(POSITIONS, color=COLOR)
-    check(particles, 3, backend, support=2.0, ranks="auto")
+    check(PARTICLES, 3, backend, support=2.0, ranks="auto")
 
     def work(device, ranks):
-        scene = gb.Scene(mine(particles, ranks), support=2.0, comm=ranks, ranks="replicate",
+        scene = gb.Scene(mine(PARTICLES, ranks), support=2.0, comm=ranks, ranks="replicate",
                          **device)  # fmt: skip
         frame = gb.render(scene, CAMERA, SIZE)
         assert scene.whole() is scene.used(True)
-        auto = gb.Scene(mine(particles, ranks), support=2.0, comm=ranks, **device)
+        auto = gb.Scene(mine(PARTICLES, ranks), support=2.0, comm=ranks, **device)
         monkeypatch.setattr(on_ranks.SceneOnRanks, "_room", lambda self: 1e3)
         with pytest.raises(MemoryError, match=r"^scene: expected memory for all .*, got 1e-06 GB"):
             gb.render(auto, CAMERA, SIZE, annotate=gb.Annotation())
         return frame
 
-    same(gb.render(gb.Scene(particles, support=2.0, **backend), CAMERA, SIZE),
+    same(gb.render(gb.Scene(PARTICLES, support=2.0, **backend), CAMERA, SIZE),
          on(2, work, backend)[0])  # fmt: skip
 
 
@@ -172,15 +137,6 @@ def test_a_balanced_partition_is_kept_and_moves_each_particle_once():
     assert sum(f[1] for f in found) <= 12 * sum(f[2] for f in found)  # 12 bytes a particle
 
 
-def test_the_same_bits_again():
-    def work(device, ranks):
-        scene = gb.Scene(mine(gb.Particles(POSITIONS), ranks), support=2.0, comm=ranks, **device)
-        return gb.render(scene, CAMERA, SIZE).color.tobytes()
-
-    runs = [on(3, work, {"device": "cpu"})[0] for _ in "ab"]
-    assert runs[0] == runs[1]
-
-
 def test_the_threshold_of_all_ranks(backend):
     def work(device, ranks):
         scene = gb.Scene(mine(gb.Particles(POSITIONS), ranks), support=2.0, comm=ranks, **device)
@@ -191,20 +147,15 @@ def test_the_threshold_of_all_ranks(backend):
     same(gb.render(one, CAMERA, SIZE), on(2, work, backend)[0])
 
 
-@pytest.mark.parametrize("case", ["one rank has all", "more ranks than particles", "none"])
-def test_ranks_without_particles(case, backend):
-    n = {"one rank has all": 3, "more ranks than particles": 5, "none": 2}[case]
-    count = {"one rank has all": N, "more ranks than particles": 2, "none": 0}[case]
-
+@pytest.mark.parametrize(("n", "count"), OF_A_FEW.values(), ids=OF_A_FEW)
+def test_ranks_without_particles(n, count, backend):
     def work(device, ranks):
-        own = POSITIONS[:count] if ranks.rank == n - 1 else POSITIONS[:0]
-        color = COLOR[: len(own)]
-        scene = gb.Scene(gb.Particles(own, color=color), support=2.0, comm=ranks, **device)
+        own = PARTICLES[slice(count if ranks.rank == n - 1 else 0)]
+        scene = gb.Scene(own, support=2.0, comm=ranks, **device)
         return [gb.render(scene, CAMERA, SIZE, s) for s in ({}, {"shadows": True})]
 
     found = on(n, work, backend)[0]
-    particles = gb.Particles(POSITIONS[:count], color=COLOR[:count])
-    scene = gb.Scene(particles, support=2.0, **backend)
+    scene = gb.Scene(PARTICLES[slice(count)], support=2.0, **backend)
     for frame, settings in zip(found, ({}, {"shadows": True}), strict=True):
         same(gb.render(scene, CAMERA, SIZE, settings), frame, -1)
 
@@ -271,7 +222,7 @@ def test_what_differs_between_ranks_is_named():
         scene = gb.Scene(mine(gb.Particles(POSITIONS), ranks), support=2.0, comm=ranks, **device)
         for settings in ({}, {"shadows": True}):
             with pytest.raises(ValueError, match=f"^size: expected the same .* {own}"):
-                gb.render(scene, CAMERA, (96, 72 + ranks.rank), settings)
+                gb.render(scene, CAMERA, (SIZE[0], SIZE[1] + ranks.rank), settings)
 
     on(2, work, {"device": "cpu"})
 
@@ -300,30 +251,34 @@ def test_mistakes():
 PROGRAM = """
 import globule as gb, numpy as np
 from mpi4py import MPI
+from pieces_helpers import ALL, CAMERA, PARTICLES, SIZE, mine
 
-comm, data = MPI.COMM_WORLD, np.load("data.npz")
-own = {k: data[k][comm.rank::comm.size] for k in ("positions", "color")}
-scene = gb.Scene(gb.Particles(**own), support=2.0, comm=comm, device="cpu")
-camera = gb.Camera.fit(data["positions"], size=(96, 72), margin=1)
+comm = MPI.COMM_WORLD
+own = mine(PARTICLES, comm)
+scene = gb.Scene(own, support=2.0, comm=comm, device="cpu")
 images = []
 for k in range(3):
-    scene.update(positions=own["positions"] * (1 + 0.1 * k))
+    scene.update(positions=own.positions * np.float32(1 + 0.1 * k))
     for settings in ({}, {"shadows": True}):
-        images.append(gb.render(scene, camera, (96, 72), settings).image)
+        images.append(gb.render(scene, CAMERA, SIZE, settings).image)
+scene = gb.Scene(own, support=2.0, comm=comm, ranks="pieces", device="cpu")
+images += [gb.render(scene, CAMERA, SIZE, ALL).image for _ in "ab"]
 if comm.rank == 0:
     np.save("images.npy", images)
 """
 
 
 def test_through_mpiexec(tmp_path):
-    np.savez(tmp_path / "data.npz", positions=POSITIONS, color=COLOR)
-    (tmp_path / "program.py").write_text(PROGRAM)
-    run = mpirun(3, "program.py", cwd=tmp_path)
+    """Frame after frame, and light that goes from rank to rank."""
+    run = mpirun(3, "-c", PROGRAM, cwd=tmp_path)
     assert run.returncode == 0, run.stderr[-2000:]
-    found = np.load(tmp_path / "images.npy").astype(int)
-    scene = gb.Scene(gb.Particles(POSITIONS, color=COLOR), support=2.0, device="cpu")
+    *found, light, again = np.load(tmp_path / "images.npy").astype(int)
+    scene = gb.Scene(PARTICLES, support=2.0, device="cpu")
     for k in range(3):
         scene.update(positions=POSITIONS * np.float32(1 + 0.1 * k))
         for j, settings in enumerate(({}, {"shadows": True})):
             one = gb.render(scene, CAMERA, SIZE, settings)
             assert np.abs(one.image.astype(int) - found[2 * k + j]).max() <= 1
+    np.testing.assert_array_equal(light, again)
+    one = gb.render(gb.Scene(PARTICLES, support=2.0, device="cpu"), CAMERA, SIZE, ALL).image
+    assert np.abs(one.astype(int) - light).max() <= 1
