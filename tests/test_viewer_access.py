@@ -24,10 +24,9 @@ BOXES = """() => Object.fromEntries(['.tools', '.layers', '.time'].map(name => {
 
 @pytest.fixture
 def watched(chromium):
-    made = Watched([blob(100), blob(100, 2)], chromium)
-    made.viewer.state.set(color__by="speed")
-    yield made
-    made.close()
+    with Watched([blob(100), blob(100, 2)], chromium) as made:
+        made.viewer.state.set(color__by="speed")
+        yield made
 
 
 def opened(watched, width, height, **more):
@@ -76,7 +75,7 @@ def test_a_phone_and_a_4k_window(watched, size):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_no_serious_finding_of_axe(watched, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
-    page, _ = opened(watched, 1280, 800, color_scheme=scheme)
+    page, _ = opened(watched, 1000, 640, color_scheme=scheme)
     for title in PANELS:
         open_folder(page, title)
     found = ["?"]
@@ -98,7 +97,7 @@ def test_no_serious_finding_of_axe(watched, scheme):
 
 
 def test_with_the_keyboard_alone(watched):
-    page, _ = opened(watched, 1280, 800)
+    page, _ = opened(watched, 1000, 640)
     state, order = watched.viewer.state, []
     page.evaluate("() => document.activeElement.blur()")
     name = """() => {

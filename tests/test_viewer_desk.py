@@ -174,9 +174,8 @@ def test_colors_are_seen_through_water():
 @pytest.mark.browser
 @pytest.mark.slow
 def test_toolbar_layers_and_timeline_in_a_browser(chromium):
-    watched = Watched([blob(150), blob(150, 2), blob(150, 3)], chromium)
-    try:
-        page, state = watched.page(), watched.viewer.state
+    with Watched([blob(150), blob(150, 2), blob(150, 3)], chromium) as watched:
+        page, state = watched.page(hints=True), watched.viewer.state
         desk = page.locator("#globule-desk")
 
         def press(name):
@@ -207,7 +206,7 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
         press("Whole range")
         until(lambda: state.color.automatic)
         press("Measure")
-        until(lambda: next(iter(watched.viewer.page.tools.hands.values())).tool == "Measure")
+        until(lambda: page.hand.tool == "Measure")
         press("Cutting plane")
         until(lambda: state.cuts.plane)
         press("Undo the last change")
@@ -239,5 +238,3 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
         folder("Annotations", "up").wait_for()
         desk.get_by_label("Color by").wait_for()
         assert not desk.get_by_role("button", name="Next hint").count()
-    finally:
-        watched.close()

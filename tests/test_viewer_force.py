@@ -11,7 +11,7 @@ import globule as gb
 import numpy as np
 import pytest
 from test_sim_force import scene_with_grasper
-from viewer_helpers import Watched, drag_along, next_frame, take_tool, until
+from viewer_helpers import Watched, drag_along, middle, next_frame, take_tool, until
 from waiting import PATIENCE
 
 pytest.importorskip("viser")
@@ -273,18 +273,15 @@ def test_slider_and_label_say_the_depth_in_one_unit(scene, unit, factor):
 @pytest.mark.browser
 @pytest.mark.slow
 def test_a_label_says_the_force_while_a_hand_pulls(chromium):
-    watched = Watched(gb.Simulation("cut-block", spacing=0.005), chromium)
-    try:
+    with Watched(gb.Simulation("cut-block", spacing=0.005), chromium) as watched:
         page, source = watched.page(), watched.viewer.source
         desk = page.locator("#globule-desk")
-        desk.get_by_role("button", name="Skip").click()
         label = desk.locator(".force")
         take_tool(page, "Grasp")
         desk.get_by_role("button", name="Grasp", pressed=True).wait_for()
-        box = page.locator("canvas").first.bounding_box()
-        middle = np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
-        pointer = middle - (0, 90)
-        drag_along(page, np.linspace(middle, pointer, 5))
+        begin = middle(page)
+        pointer = begin - (0, 90)
+        drag_along(page, np.linspace(begin, pointer, 4))
         assert not label.is_visible()  # nothing is held before a step
         until(lambda: source._target is not None, "for the drag to arrive")
         for n in range(1, 5):
@@ -311,7 +308,5 @@ def test_a_label_says_the_force_while_a_hand_pulls(chromium):
         page.mouse.up()
         label.wait_for(state="hidden")
         until(lambda: source.pull_words() == "")
-        page.mouse.move(*middle)
+        page.mouse.move(*begin)
         assert not label.is_visible()
-    finally:
-        watched.close()

@@ -130,8 +130,7 @@ def test_the_page_goes_to_a_step_and_refuses_others():
 @pytest.mark.browser
 @pytest.mark.slow
 def test_the_slider_goes_back_in_time(chromium):
-    watched = Watched(gb.Simulation("dam-break", spacing=0.1), chromium)
-    try:
+    with Watched(gb.Simulation("dam-break", spacing=0.1), chromium) as watched:
         page, source = watched.page(), watched.viewer.source
         desk = page.locator("#globule-desk")
         slider = desk.get_by_label("Position in time")
@@ -144,5 +143,3 @@ def test_the_slider_goes_back_in_time(chromium):
         slider.fill("2")  # the nearest of the states that are kept
         until(lambda: source.place[0] < 8)
         assert source.place[1] > 8
-    finally:
-        watched.close()
