@@ -7,7 +7,7 @@ import json
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, blob, until
+from viewer_helpers import Watched, blob, middle, until
 
 pytest.importorskip("viser")
 
@@ -122,26 +122,24 @@ def test_a_notebook_names_what_it_needs():
 @pytest.mark.browser
 @pytest.mark.slow
 def test_a_measured_line_is_plotted_and_brushed(chromium):
-    watched = Watched(blob(600), chromium)
-    try:
+    with Watched(blob(600), chromium) as watched:
         page, state = watched.page(), watched.viewer.state
         desk = page.locator("#globule-desk")
-        desk.get_by_role("button", name="Skip").click()
         state.set(color__by="speed")
         desk.get_by_role("button", name="Measure").click()
-        hand = next(iter(watched.viewer.page.tools.hands.values()))
+        hand, at = page.hand, middle(page)
         until(lambda: hand.tool == "Measure")
-        page.mouse.click(280, 380)
+        page.mouse.click(*at - (40, 0))
         until(lambda: hand.picked)
-        page.mouse.click(400, 400)
+        page.mouse.click(*at + (40, 10))
         until(lambda: state.measure.shown)
         plot = desk.get_by_role("img", name="speed from 0 to")
         plot.wait_for()
         box = plot.bounding_box()
-        middle = box["y"] + box["height"] / 2
-        page.mouse.move(box["x"] + 0.2 * box["width"], middle)
+        y = box["y"] + box["height"] / 2
+        page.mouse.move(box["x"] + 0.2 * box["width"], y)
         page.mouse.down()
-        page.mouse.move(box["x"] + 0.7 * box["width"], middle, steps=4)
+        page.mouse.move(box["x"] + 0.7 * box["width"], y, steps=3)
         desk.locator(".plots .ends").get_by_text("at ").wait_for()
         page.mouse.up()
         until(lambda: not state.color.automatic)
@@ -149,5 +147,3 @@ def test_a_measured_line_is_plotted_and_brushed(chromium):
         desk.get_by_role("button", name="Remove the measurement").click()
         until(lambda: not state.measure.shown)
         until(lambda: not plot.is_visible())
-    finally:
-        watched.close()

@@ -11,7 +11,7 @@ import urllib.request
 
 import globule as gb
 import pytest
-from viewer_helpers import blob, drag_along, until
+from viewer_helpers import WINDOW, blob, middle, stroke, until
 
 pytest.importorskip("viser")
 
@@ -105,13 +105,13 @@ def test_the_token_and_the_cookie_behind_a_proxy(behind):
 @pytest.mark.slow
 def test_a_browser_behind_a_proxy(behind, chromium):
     viewer, address = behind
-    context = chromium.new_context(ignore_https_errors=True)
+    context = chromium.new_context(ignore_https_errors=True, viewport=WINDOW)
     try:
+        context.add_init_script("localStorage['globule-hints'] = 'seen'")
         page = context.new_page()
         sockets = []
         page.on("websocket", lambda socket: sockets.append(socket.url))
         page.goto(f"{address}?token={viewer.token}")
-        print(sockets)
         until(lambda: viewer.clients, "for the page to connect")
         (client,) = viewer.clients.values()
         until(lambda: client.number > 0 and not client.pacer.in_flight, "for an image")
@@ -119,8 +119,8 @@ def test_a_browser_behind_a_proxy(behind, chromium):
         desk.get_by_role("button", name="Cutting plane").click()
         until(lambda: viewer.state.cuts.plane)
         before = client.camera
-        drag_along(page, [(330, 380), (380, 400), (430, 420)])
-        page.mouse.up()
+        beside = middle(page) + (-110, 120)  # the handle of the plane
+        stroke(page, beside, beside + (60, 30))
         until(lambda: client.camera != before, "for the camera to move")
         assert sockets
         assert all(url.startswith(address.replace("https", "wss", 1)[:-1]) for url in sockets)
