@@ -14,7 +14,7 @@ import globule as gb
 from globule import _core
 
 ALL = os.environ.get("GLOBULE_INTERRUPTS") == "all"
-FEW = 20  # places of a call, unless all
+FEW = 16  # places of a call, unless all
 PACKAGE = str(Path(gb.__file__).parent)
 
 

@@ -107,19 +107,6 @@ def test_what_progress_raises_comes_through_and_leaves_the_scene_usable(scene, a
     assert np.array_equal(again.color, expected)
 
 
-def test_bits_do_not_depend_on_the_number_of_threads():
-    sweep = gb.phantoms.cylinders(n_frames=5, size=(20, 16), spacing=3.0)
-    found = set()
-    for n in (1, 2, 7):
-        s = gb.Scene(POSITIONS, device="cpu", threads=n)
-        image = gb.render(s, (33, 25), settings={"samples": 2, "ambient_rays": 2, "shadows": True})
-        volume = gb.reconstruct(sweep, spacing=3.0, device="cpu", threads=n)
-        sim = gb.Simulation(SMALL, device="cpu", threads=n)
-        sim.run(0.01)
-        found.add((image.color.tobytes(), volume.values.tobytes(), sim.hash()))
-    assert len(found) == 1
-
-
 # Files
 
 

@@ -1,5 +1,5 @@
 """An interrupted call leaves its object as it was, or to be made again: what follows is right to
-the bit. GLOBULE_INTERRUPTS=all: at all places of each call, not at some twenty."""
+the bit. GLOBULE_INTERRUPTS=all: at all places of each call, not at some."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def stops(on):
 
     def on_device(prepare, call):
         sure = on.get("threads") == 1
-        return interrupts(prepare, call, sure, few=20 if sure else 4)
+        return interrupts(prepare, call, sure, few=16 if sure else 4)
 
     return on_device
 
