@@ -426,22 +426,6 @@ def test_mistakes_in_a_scene(error, name):
             gb.Scene(given.pop("particles"), **given)
 
 
-PARTICLE_MISTAKES = [
-    (ValueError, "support", [np.ones(4), -1, np.full(5, np.nan)]),
-    (ValueError, "weight", [np.ones((5, 1)), [1, 2, 3, 4, np.inf]]),
-    (TypeError, "weight", ["heavy"]),
-    (ValueError, "color", [np.ones((5, 4)), (2, 0, 0)]),
-    (ValueError, "attributes", [{"a": np.ones(4)}]),
-]
-
-
-@pytest.mark.parametrize(("error", "name", "values"), PARTICLE_MISTAKES)
-def test_mistakes_in_particles(error, name, values):
-    for value in values:
-        with pytest.raises(error, match=f"^{name}.*: expected"):
-            gb.Particles(cloud(5), **{name: value})
-
-
 def test_mistakes_in_questions(backend):
     scene = gb.Scene(cloud(5), **backend)
 
