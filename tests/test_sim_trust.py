@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 BENCH = Path(__file__).parents[1] / "bench" / "simulate.py"
 MOST = {0.01: 0.06, 0.001: 0.03}  # of the compressions: the largest, over all steps
+ERRORS = pytest.mark.parametrize("error", [0.01, pytest.param(0.001, marks=pytest.mark.slow)])
 
 
 def bench():
@@ -30,18 +31,18 @@ def energy(sim):
     return (totals["kinetic"] + totals["potential"]) / totals["mass"]
 
 
-@pytest.mark.parametrize("error", [0.01, 0.001])
+@ERRORS
 def test_a_tall_column_starts_without_exploding(backend, error):
     """160 layers at rest under gravity. Where lost density becomes speed and only the mean
     is judged, particles fly at 7 m/s after 13 steps (1 %) and at 372 m/s after 16 (0.1 %)."""
     d = 1 / 80
-    box = {"lo": (0, 0, 0), "hi": (2, 2.2, 8 * d), "walls": True, "periodic": ["z"]}
+    box = {"lo": (0, 0, 0), "hi": (0.4, 2.2, 8 * d), "walls": True, "periodic": ["z"]}
     scene = {
         "spacing": d, "domain": box, "gravity": (0, -9.81, 0), "solver": {"max_error": error},
         "fluids": [{"name": "water", "viscosity": 0.0}],
     }  # fmt: skip
     sim = gb.Simulation(scene, **backend)
-    sim.add(physics.lattice((0, 0, 0), (1, 2, 8 * d), d), "water")
+    sim.add(physics.lattice((0, 0, 0), (0.2, 2, 8 * d), d), "water")
     first, compressions = energy(sim), []
     while sim.n_steps < 24:
         report = sim.step()
@@ -56,9 +57,9 @@ def test_a_tall_column_starts_without_exploding(backend, error):
         assert report.high_compression < 0.008
 
 
-@pytest.mark.parametrize("error", [0.01, 0.001])
+@ERRORS
 def test_a_closed_box_loses_nobody(backend, error):
-    sim = bench().column(4_000, error, backend["device"], backend.get("threads", 0))
+    sim = bench().column(1_000, error, backend["device"], backend.get("threads", 0))
     first = energy(sim)
     while sim.time < 1.2:  # past the far wall, and up along it
         report = sim.step()
@@ -112,7 +113,13 @@ def gain(sim, before, after, velocity):
     return added - fallen
 
 
-@pytest.mark.parametrize("name", SCENES)
+def scenes(*quick):
+    """Names of scenes; those that are not quick are slow."""
+    slow = [pytest.param(n, marks=pytest.mark.slow) for n in SCENES if n not in quick]
+    return pytest.mark.parametrize("name", [*quick, *slow])
+
+
+@scenes("dam-break", "droplet", "beam")
 def test_energy_does_not_grow(backend, name):
     """Without instruments. Tissue's bonds and a surface are without energy, or with a known one, at
     the start, so that kinetic and potential energy stay below their first sum and that one."""
@@ -150,7 +157,10 @@ def whole_energy(sim):
     return totals["kinetic"] + totals["potential"] + sim.tissue.elastic_energy
 
 
-@pytest.mark.parametrize("name", ["beam", "cut-block", "brain-surgery"])
+@pytest.mark.parametrize(
+    "name",
+    ["beam", *(pytest.param(n, marks=pytest.mark.slow) for n in ("cut-block", "brain-surgery"))],
+)
 def test_energy_of_solids_does_not_grow(backend, name):
     """Strain included, in every scene with tissue, from each step to the next."""
     if name == "brain-surgery":
@@ -165,6 +175,7 @@ def test_energy_of_solids_does_not_grow(backend, name):
         before = after
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "share"), [("bonds", 0.04), ("solid", 1e-3)])
 def test_a_cut_block_gains_no_energy(backend, model, share):
     """One half topples over the edge of the table. With pressure from the table once a step alone,
@@ -187,7 +198,7 @@ def test_a_cut_block_gains_no_energy(backend, model, share):
 
 
 @pytest.mark.parametrize("model", ["bonds", "solid"])
-@pytest.mark.parametrize("other", ["tissue", "water"])
+@pytest.mark.parametrize("other", ["tissue", pytest.param("water", marks=pytest.mark.slow)])
 def test_what_meets_tissue_gives_no_energy(backend, model, other):
     """Two blocks at 0.6 m/s, and a block that falls into water. With steps of 5 ms, blocks of
     bonds got 38 times their energy, solids 187 times."""
@@ -249,7 +260,8 @@ def bulk(sim):
 
 
 @pytest.mark.parametrize(("name", "spacing", "seconds"), [
-    ("dam-break", 0.02, 0.4), ("droplet", 0.0007, 0.006),
+    ("dam-break", 0.03, 0.4),
+    pytest.param("droplet", 0.0007, 0.006, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_the_inside_of_a_fluid_keeps_its_density(backend, name, spacing, seconds):
     sim = gb.Simulation(name, spacing=spacing, **backend)
@@ -261,7 +273,7 @@ def test_the_inside_of_a_fluid_keeps_its_density(backend, name, spacing, seconds
 
 def test_a_step_that_gains_energy_is_made_again(backend):
     """A solver of one iteration cannot stop this: the report tells, and the step is shorter."""
-    sim = bench().column(4_000, 0.01, backend["device"], backend.get("threads", 0))
+    sim = bench().column(1_000, 0.01, backend["device"], backend.get("threads", 0))
     reports = [sim.step() for _ in range(10)]
     assert all(r.n_halved == 0 for r in reports)
     assert sum(r.dt for r in reports) == pytest.approx(sim.time)
