@@ -161,6 +161,30 @@ def test_a_grasper_of_a_scene_feels_the_weight(backend, model):
     assert not np.any(grip.force)
 
 
+def test_a_grasper_that_turns_feels_the_torque(backend):
+    """G J angle / length of a square column of Poisson's ratio 0 (Saint-Venant: J = 0.1406 a⁴); the
+    ends of a short column are stiffer."""
+    d, across, angle = 0.004, 0.02, 0.1
+    scene = scene_with_grasper("solid") | {"gravity": [0, 0, 0], "solver": {"max_dt": 0.01}}
+    scene["solids"][0] |= {
+        "box": {"lo": [-across / 2, -across / 2, 0], "hi": [across / 2, across / 2, 9 * d]},
+        "poisson": 0.0, "fixed": [{"box": {"lo": [-1, -1, -1], "hi": [1, 1, d]}}],
+    }  # fmt: skip
+    scene["instruments"][0] |= {
+        "radius": 0.0198, "keys": [{"time": 0.0, "position": [0, 0, 0.05]}],
+    }  # fmt: skip
+    sim = gb.Simulation(scene, **backend)
+    grip = sim.tools["grip"]
+    for turn in angle * np.minimum(np.arange(1, 41) / 20, 1.0):
+        pose = grip.pose.copy()
+        pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+        grip.move_to(pose)
+        sim.step(0.01)
+    stiffness = 20000.0 / 2 * 0.1406 * across**4 / (8 * d)
+    assert 1.0 < -grip.torque[2] / angle / stiffness < 1.25
+    assert np.abs(grip.force).max() < 0.02 * abs(grip.torque[2]) / across
+
+
 def test_wrong_numbers_are_named():
     sim = gb.Simulation(scene_with_grasper("bonds"), device="cpu")
     with pytest.raises(ValueError, match="number: expected pushers first"):

@@ -50,7 +50,6 @@ def test_the_page_has_the_controls_behind_the_same_rules(viewer):
         assert b"globule/desk.js" in answer.read()
     for name, kind in (
         ("desk.js", "application/javascript"),
-        ("gamepad.js", "application/javascript"),
         ("desk.css", "text/css"),
     ):
         with urllib.request.urlopen(f"{viewer.address}globule/{name}") as answer:

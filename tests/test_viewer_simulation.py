@@ -1,11 +1,11 @@
-"""Simulations: run, step, reset, cut, suck, move instruments; what paces them; a gamepad."""
+"""Simulations: run, step, reset, cut, suck, move instruments; what paces them."""
 
 from __future__ import annotations
 
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, next_frame, take_tool, until
+from viewer_helpers import Watched, until
 
 pytest.importorskip("viser")
 
@@ -133,13 +133,6 @@ def tissue(source) -> np.ndarray:
     with source.lock:
         sim = source.simulation
         return sim.positions[sim.arrays.phase == list(sim.phases).index("block")]
-
-
-def on_screen(watched, page, points) -> np.ndarray:
-    """Where points are in a browser's window."""
-    box = page.locator("canvas").first.bounding_box()
-    size = round(box["width"]), round(box["height"])
-    return np.array([project(page.client.camera, size, p) for p in points])
 
 
 def share(page, point) -> tuple[float, float]:
@@ -304,58 +297,3 @@ def test_suction_follows_its_handle(pool):
     until(lambda: tool._wanted is None)
     steps(source, 3)
     assert tool.pose[2, 3] > 0.25
-
-
-GAMEPAD = """() => {
-  const buttons = Array.from({ length: 17 }, () => ({ pressed: false }));
-  window.pad = { connected: true, axes: [0, 0, 0, 0], buttons };
-  navigator.getGamepads = () => [window.pad];
-  dispatchEvent(new Event("gamepadconnected"));
-}"""
-CROSS = """() => {
-  const s = document.getElementById("globule-pad")?.style;
-  return s && [parseFloat(s.left), parseFloat(s.top)];
-}"""
-
-
-def push(page, stick: int, value: float) -> None:
-    page.evaluate("([i, v]) => { window.pad.axes[i] = v; }", [stick, value])
-    next_frame(page)
-
-
-def hold(page, pressed: bool) -> None:
-    page.evaluate("on => { window.pad.buttons[0].pressed = on; }", pressed)
-    next_frame(page)
-
-
-def steer(page, to) -> None:
-    """Push the left stick until the cross is at a place in the window."""
-    for axis in (0, 1):
-        push(page, axis, 0.2)
-        page.wait_for_function("() => document.getElementById('globule-pad')")
-        for _ in range(400):
-            away = float(to[axis]) - page.evaluate(CROSS)[axis]
-            if abs(away) < 4:
-                break
-            push(page, axis, np.sign(away) * min(1.0, max(0.17, abs(away) / 80)))
-        push(page, axis, 0)
-
-
-@pytest.mark.browser
-@pytest.mark.slow
-def test_a_gamepad_cuts_and_turns(chromium):
-    with Watched(gb.Simulation("cut-block", spacing=0.005), chromium) as watched:
-        page, source = watched.page(), watched.viewer.source
-        take_tool(page, "Cut")
-        page.evaluate(GAMEPAD)
-        where = on_screen(watched, page, tissue(source))
-        middle = where.mean(axis=0)
-        steer(page, (middle[0], where[:, 1].min() - 30))
-        hold(page, True)
-        steer(page, (middle[0], where[:, 1].max() + 30))
-        hold(page, False)
-        until(lambda: source.n_cut > 10, "for the cut")
-        eye = np.array(page.client.camera.eye)
-        push(page, 2, 1.0)
-        until(lambda: np.linalg.norm(page.client.camera.eye - eye) > 0.01, "for the camera to turn")
-        push(page, 2, 0)

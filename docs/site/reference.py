@@ -86,10 +86,6 @@ ALSO = {
         "sim.foam.Foam",
         "sim.record.Record",
         "sim.emitter.Emitter",
-        "sim.haptics.HapticLoop",
-        "sim.haptics.Device",
-        "sim.coupling.Coupling",
-        "sim.hand.Hand",
     ],
     "viewer": ["viewer.app.Viewer"],
 }

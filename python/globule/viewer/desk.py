@@ -25,13 +25,11 @@ from .roles import LOOK, LOOKING, PRIVATE_ACTIONS
 PATH = "/globule/desk"
 FILES = {
     "/globule/desk.js": ("application/javascript", "desk.js"),
-    "/globule/gamepad.js": ("application/javascript", "gamepad.js"),
     "/globule/desk.css": ("text/css; charset=utf-8", "desk.css"),
 }
 HEAD = (
     b'<link rel="stylesheet" href="globule/desk.css">'
-    b'<script defer src="globule/desk.js"></script>'
-    b'<script defer src="globule/gamepad.js"></script></head>'
+    b'<script defer src="globule/desk.js"></script></head>'
 )
 TICK = 0.3  # s between two looks at what changes by itself
 MOST_ACTION = 4096  # bytes
