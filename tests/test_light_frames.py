@@ -222,7 +222,7 @@ FAR_PLANE = [gb.ClipPlane((0.3, 0.2, 1), 1e5)]
 @pytest.mark.parametrize(
     ("octree", "name"),
     [  # ellipsoids: in the sparse octree only
-        (octree, name)
+        pytest.param(octree, name, marks=[pytest.mark.slow] * (octree == "dense" and " " in name))
         for octree in ("sparse", "dense")
         for name in CASES
         if name != "splash" and not (octree == "dense" and name.startswith("stretched"))
