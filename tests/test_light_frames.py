@@ -216,13 +216,15 @@ def truth(name):
     return camera, size, c.first_hit(o, d).reshape(size[::-1])
 
 
+QUICK = ("one", "mixed", "carved", "sheet_edge", "hundred", "inside", "cloud blinn", "weights solid",
+         "stretched murakami True")  # fmt: skip
 FAR_PLANE = [gb.ClipPlane((0.3, 0.2, 1), 1e5)]
 
 
 @pytest.mark.parametrize(
     ("octree", "name"),
     [  # ellipsoids: in the sparse octree only
-        pytest.param(octree, name, marks=[pytest.mark.slow] * (octree == "dense" and " " in name))
+        pytest.param(octree, name, marks=[] if name in QUICK else [pytest.mark.slow])
         for octree in ("sparse", "dense")
         for name in CASES
         if name != "splash" and not (octree == "dense" and name.startswith("stretched"))
