@@ -216,8 +216,8 @@ def truth(name):
     return camera, size, c.first_hit(o, d).reshape(size[::-1])
 
 
-QUICK = ("one", "mixed", "carved", "sheet_edge", "hundred", "inside", "cloud blinn", "weights solid",
-         "stretched murakami True")  # fmt: skip
+QUICK = ("one", "mixed", "carved", "sheet_edge", "hundred", "inside", "cloud blinn",
+         "weights solid", "stretched murakami True")  # fmt: skip
 FAR_PLANE = [gb.ClipPlane((0.3, 0.2, 1), 1e5)]
 
 
