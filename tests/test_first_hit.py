@@ -1,9 +1,11 @@
 """The exact first intersection: hit or miss as the float64 oracle says, for every ray."""
 
+import dataclasses
+
 import globule as gb
 import numpy as np
 import pytest
-from scenes import CASES, KERNELS, Case, case, cloud, lattice, unit
+from scenes import CASES, KERNELS, Case, case, cloud, lattice, unit, with_rays
 
 
 def check(c: Case, scene: gb.Scene) -> None:
@@ -118,6 +120,78 @@ def test_no_rays(backend):
     depth, normal, color = gb.intersect(scene, np.zeros((0, 3)), np.zeros((0, 3)))
     assert depth.shape == (0,)
     assert normal.shape == color.shape == (0, 3)
+
+
+def aimed(c: Case, n: int, distance: float, seed: int) -> Case:
+    """Rays from a distance to points in and just outside of the particles' supports."""
+    rng = np.random.default_rng(seed)
+    k = rng.integers(0, len(c.positions), n)
+    u, v = unit(rng.normal(size=(n, 3))), unit(rng.normal(size=(n, 3)))
+    support = np.broadcast_to(c.support, len(c.positions))[k]
+    target = c.positions[k] + v * (support * rng.uniform(0, 1.05, n))[:, None]
+    return with_rays(c, target + u * distance, target - np.float32(target + u * distance))
+
+
+def spray(extent: float, mixed: bool) -> Case:
+    """Pairs of particles in a box of so many supports."""
+    rng = np.random.default_rng(64)
+    p = rng.uniform(0, extent, (30, 3))
+    p = np.concatenate([p, p + 0.5 * rng.normal(size=p.shape)]).astype(np.float32)
+    return Case(p, np.float32(10 ** rng.uniform(-1, 1, 60)) if mixed else 1.0, threshold=0.3)
+
+
+@pytest.mark.parametrize("mixed", [False, True], ids=["alike", "mixed"])
+@pytest.mark.parametrize("extent", [1, 3_300, 1e5, 1e7])
+def test_first_hit_at_any_extent(backend, extent, mixed):
+    """Spray over the sea, galaxies: supports that are small against the scene and the way to it."""
+    c = aimed(spray(extent, mixed), 400, 2 * extent + 3, 65)
+    assert np.isfinite(c.depth).sum() > 250
+    check(c, c.scene(**backend))
+
+
+@pytest.mark.parametrize("ratio", [1e3, 1e5, 5e5])
+@pytest.mark.parametrize("distance", [1, 100])
+def test_a_small_particle_in_the_edge_of_a_large_one(backend, ratio, distance):
+    rng = np.random.default_rng(66)
+    for _ in range(4):
+        large, u = rng.uniform(-1, 1, 3).astype(np.float32), unit(rng.normal(size=3))
+        p = np.stack([large + np.float32(0.93) * u, large])  # the large one's field is 0.018 there
+        c = Case(p, np.float32([1.001 / ratio, 1]), threshold=0.1)
+        across = unit(np.cross(u, rng.normal(size=(40, 3))))
+        o = (p[0] + across * np.float32(distance)).astype(np.float32)
+        c = with_rays(c, o, p[0] - o)
+        scene = c.scene(**backend)
+        found = gb.intersect(scene, c.origins, c.directions).distance
+        np.testing.assert_array_equal(np.isfinite(found), np.isfinite(c.depth))
+        hit = np.isfinite(found)
+        assert hit.any()
+        np.testing.assert_allclose(found[hit], c.depth[hit], rtol=3e-7)
+
+
+@pytest.mark.parametrize("kind", ["alike", "mixed", "stretched"])
+@pytest.mark.parametrize("extent", [1, 3_300, 1e5, 1e7])
+def test_cells_find_what_tiles_find_at_any_extent(backend, extent, kind):
+    """A clip that cuts nothing sends the same rays through cells instead of tiles."""
+    c = spray(extent, kind == "mixed")
+    if kind == "stretched":
+        axes = np.random.default_rng(67).uniform(0.5, 1, (len(c.positions), 3))
+        c = dataclasses.replace(c, matrices=axes[:, :, None] * np.eye(3))
+    scene = c.scene(**backend)
+    rng = np.random.default_rng(68)
+    away = gb.ClipSphere((0, 0, 1e3 + 1e3 * extent), 1.0)
+    n_hits = 0
+    for k in rng.integers(0, len(c.positions), 8):
+        distance = 3 + extent * rng.choice([0.1, 1, 3])
+        eye = c.positions[k] + distance * unit(rng.normal(size=3))
+        fov = float(np.degrees(2 * np.arctan(2 / distance)))
+        camera = gb.Camera(tuple(eye.tolist()), tuple(c.positions[k].tolist()), fov=fov)
+        tiles = gb.render(scene, camera, (24, 18)).distance
+        cells = gb.render(scene, camera, (24, 18), clips=[away]).distance
+        np.testing.assert_array_equal(np.isfinite(cells), np.isfinite(tiles))
+        hit = np.isfinite(tiles)
+        n_hits += hit.sum()
+        np.testing.assert_allclose(cells[hit], tiles[hit], rtol=3e-7, atol=2e-4)
+    assert n_hits > 300
 
 
 # The oracle itself.

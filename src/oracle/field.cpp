@@ -87,34 +87,57 @@ void first_hit(const Particles& p, double tau, std::size_t m, const float* origi
     for (std::size_t i = 0; i < m; ++i) {
         const Vec3<double> o{origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]};
         const Vec3<double> d{directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]};
-        std::vector<Ball> met;
-        std::vector<double> events{0.0};
+        // Each ball's part of the ray in 64 bits of mantissa, counted from where the first begins: then float64 is as precise for an
+        // eye far away.
+        using Long = long double;
+        struct Met {
+            Vec3<Long> v, e;
+            double weight;
+        };
+        std::vector<Met> met;
+        std::vector<Long> events{0};
+        Long base = infinity();
         double smallest = infinity(), f0 = 0, heaviness = 0;
         for (std::size_t j = 0; j < p.n; ++j) {
-            const Sym3<double> m = matrix(p, j);
-            if (!(m.xx > 0)) continue;
-            const Vec3<double> q{p.positions[3 * j], p.positions[3 * j + 1], p.positions[3 * j + 2]};
-            const Ball ball{m * (o - q), m * d, p.weight[j]};
-            const double s = ball.nearest(-infinity(), infinity()), h2 = ball.x(s), speed2 = dot(ball.e, ball.e);
+            const Sym3<double> m64 = matrix(p, j);
+            if (!(m64.xx > 0)) continue;
+            const Sym3<Long> m{m64.xx, m64.yy, m64.zz, m64.xy, m64.xz, m64.yz};
+            const Vec3<Long> away{Long(o.x) - p.positions[3 * j], Long(o.y) - p.positions[3 * j + 1], Long(o.z) - p.positions[3 * j + 2]};
+            const Met ball{m * away, m * Vec3<Long>{d.x, d.y, d.z}, p.weight[j]};
+            const Long speed2 = dot(ball.e, ball.e), s = -dot(ball.v, ball.e) / speed2;
+            const Vec3<Long> nearest = ball.v + ball.e * s;
+            const Long h2 = dot(nearest, nearest);
             if (!(h2 < 1)) continue;
-            const double half = std::sqrt((1 - h2) / speed2);
+            const Long half = std::sqrt((1 - h2) / speed2);
             if (s + half <= 0) continue;
             met.push_back(ball);
             heaviness += std::abs(p.weight[j]);
-            events.push_back(std::max(0.0, s - half));
+            events.push_back(std::max<Long>(0, s - half));
             events.push_back(s + half);
-            smallest = std::min(smallest, 1 / std::sqrt(speed2));
+            base = std::min(base, events[events.size() - 2]);
+            smallest = std::min(smallest, double(1 / std::sqrt(speed2)));
             double b, slope;
-            p.kernel(ball.x(0), b, slope);
+            p.kernel(std::min(1.0, double(dot(ball.v, ball.v))), b, slope);
             f0 += p.weight[j] * b;
         }
-        std::sort(events.begin(), events.end());
         t[i] = infinity();
-        const double sign = f0 > tau ? -1 : 1, width = 1e-9 * smallest;
-        for (std::size_t k = 0; k + 1 < events.size() && !(t[i] < infinity()); ++k)
-            if (events[k + 1] > events[k])
-                t[i] = search(met, p.kernel, tau, sign, events[k], events[k + 1], width,
-                              1e-13 * (tau + heaviness));
+        if (met.empty()) continue;
+        std::vector<Ball> balls;
+        for (const Met& m : met) {
+            const Vec3<Long> v = m.v + m.e * base;
+            balls.push_back({{double(v.x), double(v.y), double(v.z)}, {double(m.e.x), double(m.e.y), double(m.e.z)}, m.weight});
+        }
+        std::vector<double> from_base;
+        for (const Long e : events) from_base.push_back(std::max(0.0, double(e - base)));
+        std::sort(from_base.begin(), from_base.end());
+        const double sign = f0 > tau ? -1 : 1;
+        for (std::size_t k = 0; k + 1 < from_base.size() && !(t[i] < infinity()); ++k) {
+            // A support far behind the first may be so small that float64 does not count its parts.
+            const double width = std::max(1e-9 * smallest, 4e-16 * from_base[k + 1]);
+            if (from_base[k + 1] > from_base[k])
+                t[i] = search(balls, p.kernel, tau, sign, from_base[k], from_base[k + 1], width, 1e-13 * (tau + heaviness));
+        }
+        t[i] += double(base);
     }
 }
 

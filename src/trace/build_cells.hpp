@@ -115,7 +115,7 @@ private:
         const float scale = 1.0f / tree.header->typical_support;
         const F half(0.5f * edge);
         const float3 at{corner.x + 0.5f * edge, corner.y + 0.5f * edge, corner.z + 0.5f * edge};
-        const float slack = 1e-4f * edge;
+        const float slack = grid->slack * edge;
         // Nodes' boxes hold whole supports.
         const float more = slack - (PerParticle ? 0.0f : (1.0f - share) * particles.support.uniform);
         const float3 lo = corner - float3{more, more, more}, hi = corner + float3{edge + more, edge + more, edge + more};
@@ -145,7 +145,7 @@ private:
     GB_FN std::uint32_t classify(Group& g, Scratch<Group>& scratch, int size, int n) const {
         using F = typename Group::F;
         using B = typename Group::B;
-        const float edge = grid->edge / tree.header->typical_support, half = 0.5f * edge;
+        const float edge = grid->edge / tree.header->typical_support, half = (0.5f + grid->slack) * edge;
         const float margin = 1e-4f * (tau + 1.0f);
         bool all_empty = true, all_full = true;
         for (int first = 0; first < cube(size); first += Group::width) {
@@ -193,7 +193,7 @@ private:
         const std::uint32_t first = take(g, &grid->n_blocks, n_blocks);
         if (first + n_blocks > max_blocks || wanted == 0) return {kUnlisted, 0, 0, 0};
         float* to = blocks + std::size_t(first) * (W * kStride);
-        const float edge = grid->edge / tree.header->typical_support, half = 0.5f * edge;
+        const float edge = grid->edge / tree.header->typical_support, half = (0.5f + grid->slack) * edge;
         const float3 at{(float(c % size) + 0.5f - 0.5f * size) * edge, (float(c / size % size) + 0.5f - 0.5f * size) * edge,
                         (float(c / (size * size)) + 0.5f - 0.5f * size) * edge};
         int filled = 0;
@@ -252,7 +252,7 @@ private:
     GB_FN void octants(Group& g, const float* of, float edge, CellList& made) const {
         using F = typename Group::F;
         constexpr int W = Lanes::width;
-        const float quarter = 0.25f * edge, margin = 1e-4f * (tau + 1.0f);
+        const float quarter = 0.25f * edge, half = (0.25f + grid->slack) * edge, margin = 1e-4f * (tau + 1.0f);
         g.sync();
         for (int first = 0; first < 8; first += Group::width) {
             const F cx = g.map([&](int lane) { return (first + lane) & 1 ? quarter : -quarter; });
@@ -262,7 +262,7 @@ private:
             for (int j = 0; j < int(made.n); ++j) {
                 const float* block = of + std::size_t(j / W) * (W * kStride);
                 const float* p = block + j % W;
-                bound(low, high, F(p[0]) - cx, F(p[W]) - cy, F(p[2 * W]) - cz, quarter, PerParticle ? p[4 * W] : 1.0f,
+                bound(low, high, F(p[0]) - cx, F(p[W]) - cy, F(p[2 * W]) - cz, half, PerParticle ? p[4 * W] : 1.0f,
                       PerParticle ? p[5 * W] : 1.0f, Lanes::slot(block, j % W));
             }
             const typename Group::B eight = g.first_lanes(8 - first);
@@ -277,7 +277,7 @@ private:
     GB_FN std::uint32_t look_closer(Group& g, Scratch<Group>& scratch, int size, int n) const {
         using F = typename Group::F;
         constexpr int at_once = Group::width < 8 ? 1 : Group::width / 8;  // cells
-        const float edge = grid->edge / tree.header->typical_support, quarter = 0.25f * edge, margin = 1e-4f * (tau + 1.0f);
+        const float edge = grid->edge / tree.header->typical_support, quarter = 0.25f * edge, half = (0.25f + grid->slack) * edge, margin = 1e-4f * (tau + 1.0f);
         bool rises = true;  // the field, by each particle
         for (int j = 0; PerParticle && j < n; ++j) rises = rises && scratch.shape[j].weight >= 0.0f;
         for (int c = 0; c < cube(size);) {
@@ -301,7 +301,7 @@ private:
                 for (int turn = 0; turn < 8; ++turn) {
                     for (int j = turn; j < n; j += 8) {
                         const float3 q = scratch.list.point(j);
-                        bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, quarter, scratch.shape[j].inverse_a2, scratch.shape[j].weight,
+                        bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, half, scratch.shape[j].inverse_a2, scratch.shape[j].weight,
                               scratch.list.number(j));
                     }
                     if (rises && !g.any(octants & (low <= F(tau + margin)))) break;

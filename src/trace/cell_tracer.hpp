@@ -13,7 +13,7 @@ enum class Way { on, crossed, doubtful, missed };
 struct CellRay {
     CellWalk walk;
     float3 o;
-    float to;                      ///< how far it looks
+    float to;                      ///< how far it looks, as the walk counts
     float sign;                    ///< +1 outside, -1 inside, 0 not known yet
     float t;                       ///< in a cell: from where the ray enters it, scaled; at the end: along the ray
     float end;                     ///< of the cell, likewise
@@ -69,21 +69,20 @@ struct CellTracer {
     GB_FN Source source(const CellList& list, const float3& p0, const float3& d) const {
         return {cells.blocks, list.first, int(ceil_div<std::uint32_t>(list.n, Lanes::width * Lanes::list_unit)) * Lanes::list_unit, kernel, p0, d};
     }
-    /// The ray's point at t, from the cell's centre, scaled: the only place where distance from the eye
-    /// would cost precision.
-    GB_FN float3 in_cell(const CellWalk& walk, const float3& o, float t) const {
-        const double scale = cells.grid->scale;
+    /// Where the ray enters the cell, from its centre, scaled: here distance from the eye would cost precision.
+    GB_FN float3 in_cell(const CellWalk& walk, const float3& o) const {
+        const double scale = cells.grid->scale, t = double(walk.base) + double(walk.t);
         const float3 c = walk.centre(), d = walk.d;
-        return {float((double(o.x) + double(t) * d.x - c.x) * scale), float((double(o.y) + double(t) * d.y - c.y) * scale),
-                float((double(o.z) + double(t) * d.z - c.z) * scale)};
+        return {float((double(o.x) + t * d.x - c.x) * scale), float((double(o.y) + t * d.y - c.y) * scale),
+                float((double(o.z) + t * d.z - c.z) * scale)};
     }
 
     /// A ray that looks for a crossing in [from, to] and begins on a known side, or, with sign 0, anywhere.
     GB_FN void start(CellRay& ray, const float3& o, const float3& d, float from, float to, float sign) const {
         ray.walk = CellWalk(*cells.grid, o, d, from);
         ray.o = o;
-        ray.to = to;
-        ray.sign = sign == 0.0f && !(ray.walk.inside() && ray.walk.t <= from) ? 1.0f : sign;
+        ray.to = to - ray.walk.base;
+        ray.sign = sign == 0.0f && !(ray.walk.inside() && ray.walk.distance() <= from) ? 1.0f : sign;
         ray.list.n = 0;
     }
 
@@ -100,7 +99,8 @@ struct CellTracer {
         if (here) {
             const float heaviest = PerParticle ? tree.header->most_weight : 1.0f, sharp = PerParticle ? ray.sharp : 1.0f;
             src = source(ray.list, ray.p0, ray.walk.d);
-            lim = {tau, min(kWindow / sharp, max(ray.end - ray.t, 1e-6f)), 5e-6f * (heaviest + tau) * sharp, 2e-5f / sharp, ray.sign};
+            lim = {tau, min(kWindow / sharp, max(ray.end - ray.t, 1e-6f)), 5e-6f * (heaviest + tau) * sharp * max(1.0f, cells.grid->edge * cells.grid->scale),
+                   2e-5f / sharp, ray.sign};
         }
         const bool fresh = ray.t >= ray.window_end;
         const Along<float> s = Lanes::evaluate(src, ray.t, lim, here, fresh);
@@ -113,7 +113,8 @@ struct CellTracer {
         way = step_along(s, lim, ray.rise, ray.fall, ray.window_end - ray.t, ray.t);
         if (++ray.steps > 1000 && way == Way::on) way = Way::doubtful;
         if (way != Way::on) {
-            ray.t = ray.walk.t + ray.t * typical;
+            ray.t = ray.walk.base + (ray.walk.t + ray.t * typical);
+            if (way == Way::doubtful) ray.t = max(before(ray.t), ray.walk.base);
         } else if (ray.t >= ray.end) {
             ray.walk.step(1);
             ray.list.n = 0;
@@ -129,9 +130,9 @@ private:
             if (!walk.inside() || !(walk.t < ray.to)) return Way::missed;
             bool whole_brick;
             const CellList list = list_of(walk, whole_brick);
-            ray.t = walk.t;
+            ray.t = walk.distance();
             if (list.n) {
-                ray.p0 = in_cell(walk, ray.o, walk.t);
+                ray.p0 = in_cell(walk, ray.o);
                 ray.end = (min(walk.leave(), ray.to) - walk.t) * cells.grid->scale;
                 const std::uint32_t on_side = ray.sign > 0.0f ? list.empty : ray.sign < 0.0f ? list.full : 0;
                 if (!(octants_on(ray.p0, walk.d, walk.inv, ray.end) & ~on_side)) {
@@ -150,7 +151,10 @@ private:
                 if (ray.sign == 0.0f) ray.sign = src.template at<false>(0.0f, {}).f > tau ? -1.0f : 1.0f;
                 return Way::on;
             }
-            if (list.first == kUnlisted) return Way::doubtful;
+            if (list.first == kUnlisted) {
+                ray.t = max(before(ray.t), walk.base);
+                return Way::doubtful;
+            }
             const float side = list.first == kFull ? -1.0f : 1.0f;
             if (ray.sign == 0.0f) ray.sign = side;
             if (ray.sign != side) return Way::crossed;  // rounding at the cell's side

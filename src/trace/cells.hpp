@@ -12,7 +12,8 @@ inline constexpr std::uint32_t kMaxBricks = 1u << 21;  ///< and one for every 16
 
 struct CellGrid {
     float3 lo;
-    float edge, per;          ///< of a cell, and how many to a unit of length
+    float edge, per;          ///< of a cell, and how many to a unit of length; corners and centres are float32 without rounding
+    float slack;              ///< in cells: float32 may take a ray so far past a cell's side; cells know what is there too
     float scale;              ///< 1 / typical support
     int nx, ny, nz;           ///< bricks
     std::uint32_t n_bricks;
@@ -21,9 +22,11 @@ struct CellGrid {
     std::uint32_t n_next;     ///< bricks to be looked at next
     bool everywhere;          ///< also bricks that no ray from outside can reach
 
-    GB_FN bool holds(const float3& p) const {
+    GB_FN bool holds(const float3& p) const { return covers(p - lo); }
+    /// The same of a point that counts from the corner.
+    GB_FN bool covers(const float3& p) const {
         const float brick = kBrick * edge;
-        return p.x >= lo.x && p.x <= lo.x + brick * nx && p.y >= lo.y && p.y <= lo.y + brick * ny && p.z >= lo.z && p.z <= lo.z + brick * nz;
+        return p.x >= 0.0f && p.x <= brick * nx && p.y >= 0.0f && p.y <= brick * ny && p.z >= 0.0f && p.z <= brick * nz;
     }
 };
 
@@ -63,28 +66,36 @@ struct Cells {
     const float* blocks;
 };
 
-/// A ray's way through the cells, brick by brick where those are alike throughout.
+/// A ray's way through the cells, brick by brick where those are alike throughout. Its distances count from where the ray
+/// comes to the grid, so that they are as precise for an eye far away.
 struct CellWalk {
     const CellGrid* grid;
     float3 d, inv;
-    float3 at;         ///< from the grid's corner to the ray's origin
+    float base;        ///< distance along the ray where the walk begins
+    float3 at;         ///< from the grid's corner to the ray's point there
     int x, y, z;       ///< cell; outside: x < 0
-    float t;           ///< where the ray enters it
+    float t;           ///< where the ray enters it, from `base` on
 
     CellWalk() = default;
     GB_FN CellWalk(const CellGrid& g, const float3& origin, const float3& direction, float from)
-        : grid(&g), d(direction), at(origin - g.lo), t(from) {
+        : grid(&g), d(direction), base(from) {
         inv = {inverse(d.x), inverse(d.y), inverse(d.z)};
-        const float brick = kBrick * grid->edge;
-        float leave = infinity();
-        slab(at.x, d.x, inv.x, brick * grid->nx, leave);
-        slab(at.y, d.y, inv.y, brick * grid->ny, leave);
-        slab(at.z, d.z, inv.z, brick * grid->nz, leave);
+        begin(origin);
+        bool meets = true;
+        if (!grid->covers(at)) {
+            float leave = infinity();
+            meet_grid(leave);
+            base += t * (1.0f - 1e-5f);
+            begin(origin);
+            leave = infinity();
+            meet_grid(leave);
+            meets = t <= leave;
+        }
         const float per = grid->per;
         x = place(at.x + t * d.x, per, 0, kBrick * grid->nx - 1);
         y = place(at.y + t * d.y, per, 0, kBrick * grid->ny - 1);
         z = place(at.z + t * d.z, per, 0, kBrick * grid->nz - 1);
-        if (!(t <= leave) || grid->n_bricks == 0) x = -1;
+        if (!meets || grid->n_bricks == 0) x = -1;
     }
     GB_FN bool inside() const { return x >= 0; }
     GB_FN std::uint32_t brick() const {
@@ -111,8 +122,24 @@ struct CellWalk {
         if (!(in_x && in_y && in_z)) x = -1;
     }
 
+    /// The walk's t as a distance along the ray.
+    GB_FN float distance() const { return base + t; }
+
 private:
     static constexpr float kTiny = 1e-18f;
+    /// At the walk's base, where the ray is far from its origin, perhaps.
+    GB_FN void begin(const float3& o) {
+        const auto from_corner = [&](float of, float v, float lo) { return float(double(of) + double(base) * v - lo); };
+        at = {from_corner(o.x, d.x, grid->lo.x), from_corner(o.y, d.y, grid->lo.y), from_corner(o.z, d.z, grid->lo.z)};
+        t = 0.0f;
+    }
+    /// Moves t to where the ray enters the grid; leave: where it ends there, before t if it misses.
+    GB_FN void meet_grid(float& leave) {
+        const float brick = kBrick * grid->edge;
+        slab(at.x, d.x, inv.x, brick * grid->nx, leave);
+        slab(at.y, d.y, inv.y, brick * grid->ny, leave);
+        slab(at.z, d.z, inv.z, brick * grid->nz, leave);
+    }
     GB_FN static float inverse(float v) { return 1.0f / (abs(v) > kTiny ? v : kTiny); }
     GB_FN static int place(float v, float per, int lo, int hi) {
         return int(max(float(lo), min(v * per, float(hi))));

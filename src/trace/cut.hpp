@@ -23,13 +23,13 @@ struct Cut {
     /// Whether the medium is at a point of the ray.
     GB_FN bool holds(const float3& o, const float3& d, float t) const {
         const CellWalk walk(*tracer.cells.grid, o, d, t);
-        if (!walk.inside() || walk.t > t) return false;
+        if (!walk.inside() || walk.distance() > t) return false;
         bool whole_brick;
         const CellList list = tracer.list_of(walk, whole_brick);
         if (list.n == 0 && list.first != kUnlisted) return list.first == kFull;
         if (list.n == 0) return holds_by_tree(o + d * t);
         const Limits<float> none{};
-        return tracer.source(list, tracer.in_cell(walk, o, t), d).template at<false>(0.0f, none).f > tracer.tau;
+        return tracer.source(list, tracer.in_cell(walk, o), d).template at<false>(0.0f, none).f > tracer.tau;
     }
     GB_FN bool holds_by_tree(const float3& p) const {
         float f = 0.0f;

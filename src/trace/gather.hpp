@@ -176,10 +176,14 @@ GB_FN Gathered gather(Walk<Candidate, Group, Tree>& walk, float dz, float scale)
         if constexpr (Candidate::per_particle) least = select(take, min(least, shortest), least);
         return take;
     };
+    // How far a particle lies from the axis is the length of what is left when its part along the axis is taken away: an
+    // error of 4 roundings of its distance, which the bundle is wider by. A difference of squares would be off by the
+    // distance's square, 1 support at a distance of 3,000.
     const auto meets_ball = [&](const B& present, const F& x, const F& y, const F& z, const F& a) {
         const F s = x * F(d.x) + y * F(d.y) + z * F(d.z);
         const F grown = a + radius_at(walk.bundle, F(walk.z0) + s + a);
-        return meets(present, a, s, grown * grown - (x * x + y * y + z * z - s * s), a);
+        const F wx = x - s * F(d.x), wy = y - s * F(d.y), wz = z - s * F(d.z);
+        return meets(present, a, s, grown * grown - (wx * wx + wy * wy + wz * wz), a);
     };
     // In the space that its matrix maps to an ellipsoid is a ball, and the bundle not wider than its radius over the
     // shortest axis.
@@ -190,8 +194,9 @@ GB_FN Gathered gather(Walk<Candidate, Group, Tree>& walk, float dz, float scale)
         const Vec3<F> p = matrix * Vec3<F>{x, y, z}, q = matrix * Vec3<F>{F(d.x), F(d.y), F(d.z)};
         const F s = x * F(d.x) + y * F(d.y) + z * F(d.z), shortest = all.shortest ? g.load_run(all.shortest + first) : a * F(1.0f / all.most_stretch);
         const F reach = F(1.001f) + quick_quotient(radius_at(walk.bundle, F(walk.z0) + s + a), shortest);
-        const F pp = dot(p, p), by = quick_quotient(F(1.0f), dot(q, q)), middle = dot(p, q) * by;
-        return meets(present, a, middle, (reach * reach + F(1e-5f) * pp - pp) * by + middle * middle, shortest);
+        const F by = quick_quotient(F(1.0f), dot(q, q)), middle = dot(p, q) * by;
+        const Vec3<F> w = p - q * middle;
+        return meets(present, a, middle, (reach * reach - dot(w, w)) * by, shortest);
     };
     const auto takes = [&](const B& present, const F& x, const F& y, const F& z, const F& a, std::uint32_t first) {
         if constexpr (Candidate::ellipsoid) return meets_ellipsoid(present, x, y, z, a, first);

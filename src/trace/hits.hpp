@@ -25,6 +25,10 @@ struct Hits {
 /// Marks a ray that only float64 can decide, from t on; its own inverse.
 GB_FN float undecided(float t) { return -1.0f - t; }
 
+/// A distance no farther than t was before its two roundings: where a support is small against the distance, a root may lie
+/// between them.
+GB_FN float before(float t) { return t * (1.0f - 3e-7f); }
+
 GB_FN void write3(float* to, std::size_t i, const float3& v) {
     to[3 * i] = v.x;
     to[3 * i + 1] = v.y;

@@ -25,18 +25,23 @@ struct PlanCells {
             const Node box = tree.node(0);
             const float3 size = box.hi - box.lo;
             g.edge = (stretched ? kStretchedCellEdge : kCellEdge) * tree.header->typical_support;
-            // Past this a cell would not move a ray on in float32.
-            g.edge = max(g.edge, 2e-6f * (length(box.lo) + length(box.hi)));
+            // A coordinate is at most 2^18 edges, an edge 5 bits long and the grid's corner a multiple of its last bit: so corners and
+            // centres of cells need no more than float32's 24 bits, and all who count from them count from the same place.
+            g.edge = max(g.edge, 4e-6f * (length(box.lo) + length(box.hi)));
             for (;; g.edge *= 1.25f) {
-                const float per = 1.0f / (g.edge * kBrick);
-                const float bricks = ceilf(size.x * per + 0.01f) * ceilf(size.y * per + 0.01f) * ceilf(size.z * per + 0.01f);
-                if (!(bricks <= most_bricks)) continue;
-                g.nx = int(ceilf(size.x * per + 0.01f));
-                g.ny = int(ceilf(size.y * per + 0.01f));
-                g.nz = int(ceilf(size.z * per + 0.01f));
+                int exponent;
+                const float digits = frexpf(g.edge, &exponent) * 32.0f;
+                g.edge = ldexpf(rintf(digits), exponent - 5);
+                const float unit = ldexpf(1.0f, exponent - 5), per = 1.0f / (g.edge * kBrick), more = 0.01f + unit * per;
+                const float nx = ceilf(size.x * per + more), ny = ceilf(size.y * per + more), nz = ceilf(size.z * per + more);
+                if (!(nx * ny * nz <= most_bricks)) continue;
+                g.nx = int(nx);
+                g.ny = int(ny);
+                g.nz = int(nz);
+                g.lo = {floorf(box.lo.x / unit) * unit, floorf(box.lo.y / unit) * unit, floorf(box.lo.z / unit) * unit};
+                g.slack = 1e-4f + 5e-7f * (length(box.lo) + length(box.hi)) / g.edge;
                 break;
             }
-            g.lo = box.lo;
             g.per = 1.0f / g.edge;
             g.scale = 1.0f / tree.header->typical_support;
             g.n_bricks = std::uint32_t(g.nx) * g.ny * g.nz;
@@ -68,8 +73,8 @@ struct MarkBricks {
 
 private:
     /// A brick's number along one axis, a little further on to `side`.
-    GB_FN static int place(float v, float per, int side, int n) {
-        return int(max(0.0f, min(floorf(v * per + 1e-3f * side), float(n - 1))));
+    GB_FN int place(float v, float per, int side, int n) const {
+        return int(max(0.0f, min(floorf(v * per + (1e-3f + grid->slack) * side), float(n - 1))));
     }
 };
 
