@@ -71,7 +71,7 @@ struct Scene::Impl {
     bool whole = false;         ///< an update went through and nothing broke since
     std::size_t n = 0;
     double support = 0, largest_support = 0;  ///< of all; 0 where each has its own, or where an array on a GPU tells it
-    std::unique_ptr<Inputs> held;             ///< copies that the scene still reads
+    std::shared_ptr<const void> held;         ///< copies that the scene still reads, also for frames that outlive its handle
 
     /// Of a simulation, which it keeps alive: its number of particles, behind the same gate.
     std::shared_ptr<const std::size_t> n_of_owner;
@@ -91,17 +91,21 @@ struct Scene::Impl {
     }
 };
 
-/// A scene whose core holds triangles, and what it reads.
+/// A scene whose core holds triangles.
 struct Mesh::Impl {
+    /// What images of the mesh read; the scene keeps it.
+    struct Held {
+        std::vector<std::uint32_t> faces, order, begins;  ///< order: corners by vertex; begins: where each vertex's begin
+        Inputs inputs;
+    };
     std::shared_ptr<Inside::SceneImpl> scene;
     MeshOptions options;
     std::size_t n_vertices = 0;
-    core::FloatArray vertices, color;                 ///< the vertices: while they are built
+    core::FloatArray color;
     core::float3 one_color{};
-    std::vector<std::uint32_t> faces, order, begins;  ///< order: corners by vertex; begins: where each vertex's begin
-    std::unique_ptr<Inputs> inputs;                   ///< copies that images read
+    std::shared_ptr<const Held> held;
 
-    void build();
+    void build(const core::FloatArray& vertices);
 };
 
 /// A frame, and what refines it.

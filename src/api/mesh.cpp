@@ -26,23 +26,24 @@ std::vector<std::uint32_t> faces_of(const ArrayView& view, std::size_t n_vertice
 
 }  // namespace
 
-void Mesh::Impl::build() {
-    const core::Gates inside = scene->gates();
+/// Throws without a change where the vertices cannot be used.
+void Mesh::Impl::build(const core::FloatArray& vertices) {
     core::MeshArrays a;
     a.n_vertices = n_vertices;
-    a.n_faces = faces.size() / 3;
+    a.n_faces = held->faces.size() / 3;
     a.vertices = vertices;
-    a.faces = {faces.data()};
+    a.faces = {held->faces.data()};
     a.color = color;
     a.one_color = one_color;
     a.closed = options.solid;
-    if (!order.empty()) {
-        a.place_of_corner = {faces.data()};
-        a.corners = {order.data()};
-        a.corners_begin = {begins.data()};
+    if (!held->order.empty()) {
+        a.place_of_corner = {held->faces.data()};
+        a.corners = {held->order.data()};
+        a.corners_begin = {held->begins.data()};
         a.n_places = n_vertices;
         a.smooth_cosine = float(std::cos(options.smooth * std::numbers::pi / 180));
     }
+    const core::Gates inside = scene->gates();
     scene->whole = false;
     scene->core.call_inside<&core::Scene::build_mesh>(inside, a);
     scene->whole = true;
@@ -56,33 +57,37 @@ Mesh::Mesh(const Triangles& t, const MeshOptions& o) : impl_(std::make_shared<Im
     m.scene = std::make_shared<Inside::SceneImpl>();
     m.scene->chosen = choose(o.device);
     m.scene->core = core::make_scene(*m.scene->chosen.backend, m.scene->chosen.index, threads, nullptr);
-    m.inputs = std::make_unique<Inputs>(m.scene->core.device());
-    m.vertices = m.inputs->rows("vertices", t.vertices, 3, m.n_vertices);
-    check_range("vertices", m.vertices, m.n_vertices, 3, -1e18, 1e18);
-    m.faces = faces_of(t.faces, m.n_vertices);
+    const int device = m.scene->core.device();
+    const auto held = std::make_shared<Impl::Held>(Impl::Held{{}, {}, {}, Inputs(device)});
+    Inputs inputs(device);
+    const core::FloatArray vertices = inputs.rows("vertices", t.vertices, 3, m.n_vertices);
+    check_range("vertices", vertices, m.n_vertices, 3, -1e18, 1e18);
+    held->faces = faces_of(t.faces, m.n_vertices);
     m.one_color = t.color.one() ? three("color", *t.color.one(), 0, 1) : kGray;
     if (t.color.each().given()) {
-        const core::FloatArray given = m.inputs->floats("color", t.color.each(), 3, m.n_vertices);
+        const core::FloatArray given = held->inputs.floats("color", t.color.each(), 3, m.n_vertices);
         check_range("color", given, m.n_vertices, 3, 0, 1);
-        m.color = given.device == core::kHost ? m.inputs->keep({given.data, given.data + 3 * m.n_vertices}) : given;
+        m.color = given.device == core::kHost ? held->inputs.keep({given.data, given.data + 3 * m.n_vertices}) : given;
     }
-    if (o.smooth > 0 && !m.faces.empty()) {  // corners by vertex
-        m.begins.assign(m.n_vertices + 1, 0);
-        for (const std::uint32_t v : m.faces) ++m.begins[v + 1];
-        for (std::size_t v = 0; v < m.n_vertices; ++v) m.begins[v + 1] += m.begins[v];
-        std::vector<std::uint32_t> next(m.begins.begin(), m.begins.end() - 1);
-        m.order.resize(m.faces.size());
-        for (std::size_t k = 0; k < m.faces.size(); ++k) m.order[next[m.faces[k]]++] = std::uint32_t(k);
+    if (o.smooth > 0 && !held->faces.empty()) {  // corners by vertex
+        held->begins.assign(m.n_vertices + 1, 0);
+        for (const std::uint32_t v : held->faces) ++held->begins[v + 1];
+        for (std::size_t v = 0; v < m.n_vertices; ++v) held->begins[v + 1] += held->begins[v];
+        std::vector<std::uint32_t> next(held->begins.begin(), held->begins.end() - 1);
+        held->order.resize(held->faces.size());
+        for (std::size_t k = 0; k < held->faces.size(); ++k) held->order[next[held->faces[k]]++] = std::uint32_t(k);
     }
-    m.build();
+    m.held = held;
+    m.scene->held = held;
+    m.build(vertices);
 }
 
 void Mesh::update(const ArrayView& vertices) {
     Impl& m = *Inside::shared(*this);
     Inputs inputs(m.scene->core.device());
-    m.vertices = inputs.floats("vertices", vertices, 3, m.n_vertices);
-    check_range("vertices", m.vertices, m.n_vertices, 3, -1e18, 1e18);
-    m.build();
+    const core::FloatArray from = inputs.floats("vertices", vertices, 3, m.n_vertices);
+    check_range("vertices", from, m.n_vertices, 3, -1e18, 1e18);
+    m.build(from);
 }
 
 void Mesh::place(const Matrix4& p) {
@@ -96,7 +101,7 @@ void Mesh::place(const Matrix4& p) {
     m.scene->core.call<&core::Scene::place_mesh>(core::Pose{single(x), single(y), single(z), at});
 }
 
-std::size_t Mesh::size() const { return Inside::of(*this, "mesh").faces.size() / 3; }
+std::size_t Mesh::size() const { return Inside::of(*this, "mesh").held->faces.size() / 3; }
 const std::string& Mesh::device() const { return Inside::of(*this, "mesh").scene->chosen.device.name; }
 
 }  // namespace globule

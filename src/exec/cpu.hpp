@@ -12,6 +12,7 @@
 #include <chrono>
 #include <cstdlib>
 #include <cstring>
+#include <exception>
 #include <memory>
 #include <new>
 #include <vector>
@@ -23,6 +24,27 @@
 #include "exec/interrupt.hpp"
 
 namespace globule::core {
+
+/// What threads of a loop throw, such as a lack of memory: no exception may leave the loop, so the first waits for its end.
+class Thrown {
+public:
+    template <class Fn>
+    void guard(const Fn& fn) noexcept {
+        try {
+            fn();
+        } catch (...) {
+            if (!came_.exchange(true)) first_ = std::current_exception();
+        }
+    }
+    bool came() const { return came_.load(std::memory_order_relaxed); }
+    void rethrow() const {
+        if (first_) std::rethrow_exception(first_);
+    }
+
+private:
+    std::atomic<bool> came_{false};
+    std::exception_ptr first_;
+};
 
 class Cpu {
 public:
@@ -154,30 +176,36 @@ public:
     template <class Functor>
     void for_each_uneven(std::size_t n, const Functor& functor) {
         constexpr std::size_t chunk = 256;
+        Thrown thrown;
 #pragma omp parallel num_threads(threads_) if (n > chunk)
         {
 #pragma omp for schedule(dynamic)
             for (std::size_t c = 0; c < ceil_div(n, chunk); ++c) {
-                if (interrupt_->stopped()) continue;
-                for (std::size_t i = c * chunk; i < std::min(n, (c + 1) * chunk); ++i) functor(i);
+                if (interrupt_->stopped() || thrown.came()) continue;
+                thrown.guard([&] {
+                    for (std::size_t i = c * chunk; i < std::min(n, (c + 1) * chunk); ++i) functor(i);
+                });
                 poll();
             }
         }
+        thrown.rethrow();
         interrupt_->check();
     }
 
     /// Few pieces of much and uneven work each; dealt out as threads become free.
     template <class Functor>
     void for_each_task(std::size_t n, const Functor& functor) {
+        Thrown thrown;
 #pragma omp parallel num_threads(threads_)
         {
 #pragma omp for schedule(dynamic, 1)
             for (std::size_t i = 0; i < n; ++i) {
-                if (interrupt_->stopped()) continue;
-                functor(i);
+                if (interrupt_->stopped() || thrown.came()) continue;
+                thrown.guard([&] { functor(i); });
                 poll();
             }
         }
+        thrown.rethrow();
         interrupt_->check();
     }
 
@@ -199,17 +227,20 @@ public:
     template <class Functor>
     void for_each_tile(std::size_t n, const Functor& functor) {
         using Scratch = typename Functor::template Scratch<Group>;
+        Thrown thrown;
 #pragma omp parallel num_threads(threads_)
         {
-            auto scratch = std::make_unique<Scratch>();
+            std::unique_ptr<Scratch> scratch;
+            thrown.guard([&] { scratch = std::make_unique<Scratch>(); });
             Group group;
 #pragma omp for schedule(dynamic, 4)
             for (std::size_t i = 0; i < n; ++i) {
-                if (interrupt_->stopped()) continue;
-                functor(group, *scratch, i);
+                if (interrupt_->stopped() || thrown.came()) continue;
+                thrown.guard([&] { functor(group, *scratch, i); });
                 if (i % 4 == 3) poll();  // a look at the clock takes as long as a small tile
             }
         }
+        thrown.rethrow();
         interrupt_->check();
     }
 

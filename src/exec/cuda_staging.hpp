@@ -125,8 +125,17 @@ public:
             check(cudaMemcpyAsync(to, room, bytes, cudaMemcpyHostToDevice, stream));
             return arrived(bytes);
         }
-        if (bytes < kWorth || !ready()) {
+        if (!ready()) {
             check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream));
+            check(cudaStreamSynchronize(stream));  // from page-locked memory the driver copies when it gets there
+            return arrived(bytes);
+        }
+        if (bytes < kWorth) {
+            const std::size_t k = (last_ + 1) % kRooms;
+            check(cudaEventSynchronize(done_[k]));
+            std::memcpy(room(k), from, bytes);
+            check(cudaMemcpyAsync(to, room(k), bytes, cudaMemcpyHostToDevice, stream));
+            check(cudaEventRecord(done_[last_ = k], stream));
             return arrived(bytes);
         }
         std::vector<StagedPart> parts;

@@ -506,6 +506,9 @@ private:
     template <class Key>
     void build_nodes(const Key* keys, std::size_t n, const build::SpaceOf& space) {
         using namespace build;
+        // A node that is no leaf holds more than kLeafSize particles, and each level has each particle at most once: all
+        // nodes together are fewer than 2^32, so that their sums do not wrap.
+        static_assert((std::uint64_t(1) << 31) * (kLeafSize + 1 + kMaxLevels) / (kLeafSize + 1) < (std::uint64_t(1) << 32));
         const std::size_t n_chunks = max<std::size_t>(1, ceil_div<std::size_t>(n, kChunk));
         const int depth = params_.depth;
         const Starts<Key> starts{keys, n, depth};

@@ -3,6 +3,7 @@
 #include <deque>
 #include <vector>
 
+#include "base/on_failure.hpp"
 #include "pipeline/frame_pool.hpp"
 #include "pipeline/remote.hpp"
 #include "pipeline/trace.hpp"
@@ -60,6 +61,7 @@ public:
         frame.sums.reserve(frame.floats_of_sums(n));
         // Some bands at once, so that one works while another's last rays are on their way.
         while (waves_.size() < Exec::n_streams) waves_.emplace_back(waves_.empty() ? exec_ : exec_->sibling());
+        const OnFailure gathers([&] { gather(); });  // a frame that was stopped lets its images go: nobody writes them any more then
         scatter();
         for (int p = 0; p < passes; ++p) {
             const int pass = frame.n_passes++;

@@ -116,6 +116,7 @@ public:
         images.has_edges = false;
         images.states = states;
         images.timer.begin(exec);
+        const OnFailure ends([&] { images.timer.end(exec); });  // the next to have this memory waits for what was begun
         if (plain) {
             make_frame(exec, traced(), request.layers[0].field, request.lighting, images);
         } else {
@@ -227,6 +228,11 @@ private:
     void make_picture(const PictureRequest& request, FrameImages<Exec>& images, int passes) {
         Lighting lighting = request.lighting;
         std::vector<PictureLayer<Exec>> layers;
+        const auto let_others_go_on = [&] {  // no scene must change before the picture is made
+            for (const LayerRequest& layer : request.layers)
+                if (auto& exec = static_cast<SceneImpl*>(layer.scene)->exec_; exec != exec_) exec->follow(*exec_);
+        };
+        const OnFailure let_go([&] { let_others_go_on(); });
         bool inside = request.camera.orthographic;  // whose rays may begin there
         bool by_tiles = lighting.ambient_rays == 0 && (lighting.bounces == 0 || !lighting.ground.present || lighting.ground.reflection == 0.0f);
         for (std::size_t k = 0; k < request.layers.size(); ++k) {
@@ -246,8 +252,7 @@ private:
         }
         lighting.sky.image = pictures_.bring_sky(request);
         pictures_.add_passes(layers, lighting, images, passes, by_tiles);
-        for (const LayerRequest& layer : request.layers)  // no scene must change before the picture is made
-            if (auto& exec = static_cast<SceneImpl*>(layer.scene)->exec_; exec != exec_) exec->follow(*exec_);
+        let_others_go_on();
     }
 
     static constexpr std::size_t kMaxParticles = (std::size_t(1) << 31) - 64;

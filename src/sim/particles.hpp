@@ -77,6 +77,7 @@ public:
     /// Behind the others, in no order yet: settle() follows.
     std::uint32_t append(std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) {
         if (n + m > 0x7fffffffull) throw Refused("simulation: expected fewer than 2^31 particles");
+        if (m > 0xffffff00ull - next_id) throw Refused("simulation: expected fewer than 2^32 particles in all, those that have left included");
         make_room(n + m);
         float* p = new_positions_.reserve(3 * m);
         exec_.upload(p, positions, 12 * m);

@@ -172,9 +172,13 @@ public:
         return out;
     }
     void read(const std::string& name, void* out) override {
+        bool found = false;
         each_array([&](const char* its, auto& buffer, std::size_t n) {
-            if (name == its) exec_.download(out, buffer.data(), n * sizeof *buffer.data());
+            if (name != its) return;
+            exec_.download(out, buffer.data(), n * sizeof *buffer.data());
+            found = true;
         });
+        if (!found) throw Refused("tissue: expected the name of one of its arrays, got " + name);
     }
     /// `hold` first, then `other`: from their lengths follow the others'.
     void write(const std::string& name, const void* in, std::size_t bytes) override;

@@ -80,7 +80,7 @@ struct BezierRows {
         const Cell v{c[0], c[1], c[2]};
         const std::size_t block = grid.block(Block::of(v));
         if (wanted) {
-            if (slots[block] == kNone) wanted[block] = 1;
+            if (slots[block] == kNone) raise_flag(wanted + block);
             return;
         }
         const std::size_t bin = std::size_t(slots[block]) * kVoxels + Block::place(v);

@@ -139,8 +139,8 @@ struct TouchBlocks {
         for_each_run(images, row, grid, [&](std::size_t block, int, int, int) { mark(block); });
     }
     GB_FN void mark(std::size_t block) const {
-        changed[block] = 1;
-        if (wanted && slots[block] == kNone) wanted[block] = 1;
+        raise_flag(changed + block);
+        if (wanted && slots[block] == kNone) raise_flag(wanted + block);
     }
 };
 /// The same, a pixel a thread.

@@ -196,11 +196,12 @@ private:
             grid.changing_ = true;
         }
         ~Change() {
-            if (std::uncaught_exceptions() == 0) grid_.changing_ = false;
+            if (std::uncaught_exceptions() == exceptions_) grid_.changing_ = false;
         }
 
     private:
         GridImpl& grid_;
+        int exceptions_ = std::uncaught_exceptions();
         std::optional<Interrupt::Hold> hold_;
     };
     void check_whole() {

@@ -49,6 +49,39 @@ TEST_CASE("poses and new vertices move a mesh") {
     CHECK_SAYS(mesh.place(pose), "world_from_mesh: expected a rotation and a translation");
 }
 
+TEST_CASE("a frame is refined from what it keeps of a mesh that has gone") {
+    constexpr int n = 150;  // so large that the memory of faces and colors would go back to the system
+    std::vector<float> vertices, color;
+    std::vector<std::uint32_t> faces;
+    for (std::uint32_t y = 0; y < n; ++y)
+        for (std::uint32_t x = 0; x < n; ++x) {
+            vertices.insert(vertices.end(), {2.0f * x / n - 1, 2.0f * y / n - 1, 0});
+            color.insert(color.end(), {float(x) / n, float(y) / n, 0.5f});
+            const std::uint32_t a = y * n + x;
+            if (x + 1 < n && y + 1 < n) faces.insert(faces.end(), {a, a + 1, a + n, a + 1, a + n + 1, a + n});
+        }
+    Frame frame;
+    std::vector<std::uint8_t> right;
+    {
+        const Mesh mesh({.vertices = vertices, .faces = faces, .color = color}, {.smooth = 30, .device = "cpu"});
+        frame = render({Layer{.mesh = mesh}}, kCamera, 32, 24);
+        right = frame.refine(2).image();
+    }
+    CHECK(frame.refine(2).image() == right);
+}
+
+TEST_CASE("new vertices that are refused change nothing") {
+    Mesh mesh({.vertices = kCorners, .faces = kFace}, {.device = "cpu"});
+    const Frame before = render({Layer{.mesh = mesh}}, kCamera, 9, 9);
+    {
+        std::vector<float> bad = kCorners;
+        bad[4] = std::nanf("");
+        CHECK_SAYS(mesh.update(bad), "vertices: expected");
+    }
+    CHECK(render({Layer{.mesh = mesh}}, kCamera, 9, 9).image() == before.image());
+    CHECK_NOTHROW(before.refine());
+}
+
 TEST_CASE("mistakes of meshes are named") {
     const std::vector<std::uint32_t> far{0, 1, 3};
     const std::vector<float> one{0, 0, 0};
