@@ -93,6 +93,17 @@ def cpu_of_files(reporter) -> list[tuple[float, str]]:
     return [(seconds, file) for file, seconds in files.most_common()]
 
 
+def too_long(found: list[tuple[float, str]], listed: list[str]) -> list[str]:
+    """A line for each file over the limit that is not among those that may be."""
+    may = {line.split()[0] for line in listed}
+    return [
+        f"{file}: {seconds:.0f} CPU s, expected at most {MOST_CPU:g}: make its cases smaller, "
+        f"mark them `slow`, or list it in {LONG_FILES.name}"
+        for seconds, file in found
+        if seconds > MOST_CPU and Path(file).name not in may
+    ]
+
+
 def lines_of(path: str | Path) -> list[str]:
     """The lines of a list, without comments and blank ones."""
     with open(path, encoding="utf-8") as lines:
@@ -115,13 +126,7 @@ def pytest_sessionfinish(session, exitstatus):
     if hasattr(config, "workerinput"):  # the process that deals out the tests does this
         return
     reporter = config.pluginmanager.getplugin("terminalreporter")
-    may = {line.split()[0] for line in lines_of(LONG_FILES)}
-    wrong = [
-        f"{file}: {seconds:.0f} CPU s, expected at most {MOST_CPU:g}: make its cases smaller, "
-        f"mark them `slow`, or list it in {LONG_FILES.name}"
-        for seconds, file in cpu_of_files(reporter)
-        if seconds > MOST_CPU and Path(file).name not in may
-    ]
+    wrong = too_long(cpu_of_files(reporter), lines_of(LONG_FILES))
     if skips := config.getoption("--expected-skips"):
         expected = lines_of(skips)
         for report in reporter.stats.get("skipped", ()):

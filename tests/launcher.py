@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from waiting import PATIENCE
 
 # Open MPI starts no ranks for root, and no more ranks than cores, unless it is told to.
 ENV = {
@@ -37,5 +38,5 @@ def mpirun(n: int, *words: str, **options) -> subprocess.CompletedProcess:
     pytest.importorskip("mpi4py")
     return subprocess.run(
         [mpiexec(), "-n", str(n), sys.executable, *words],
-        capture_output=True, text=True, timeout=110, env=ENV, **options,
+        capture_output=True, text=True, timeout=PATIENCE, env=ENV, **options,
     )  # fmt: skip

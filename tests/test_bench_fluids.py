@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from waiting import PATIENCE
 
 PEERS = Path(__file__).resolve().parents[1] / "bench" / "peers"
 NAMES = ("fluids", "fluid_peers", "fluid_judge", "simulate")
@@ -81,7 +82,7 @@ def run(tmp_path: Path, *words: str) -> tuple[subprocess.CompletedProcess, list[
     command = [sys.executable, str(PEERS / "fluids.py"), "--cases", "column", "--threads", "1"]
     done = subprocess.run(
         [*command, "--json", str(out), "--csv", str(tmp_path / "rows.csv"), *words],
-        capture_output=True, text=True, check=True, timeout=600,
+        capture_output=True, text=True, check=True, timeout=PATIENCE,
     )  # fmt: skip
     return done, json.loads(out.read_text())
 

@@ -20,6 +20,7 @@ from globule.cli import COMMANDS, build_parser, convert, info, main, render
 from globule.cli.shared import join_negative
 from PIL import Image
 from sweep_helpers import example_files
+from waiting import PATIENCE
 
 pytestmark = pytest.mark.usefixtures("folder")
 
@@ -53,7 +54,7 @@ def test_interrupted(particles, folder, by):
     os.close(theirs)
     shown = os.read(ours, 1000)  # the progress bar
     process.send_signal(by)
-    out, _ = process.communicate(timeout=60)
+    out, _ = process.communicate(timeout=PATIENCE)
     with contextlib.suppress(OSError):  # the end
         while more := os.read(ours, 1000):
             shown += more
@@ -80,7 +81,7 @@ def test_interrupted_while_it_loads(folder, script):
     )  # fmt: skip
     assert process.stdout.readline() == "loading\n"
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert out == ""
     assert err == "globule: interrupted\n"
@@ -91,7 +92,7 @@ def test_closed_pipe(particles):
         [*COMMAND, "info", particles], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     process.stdout.close()
-    assert process.wait(timeout=60) == 1
+    assert process.wait(timeout=PATIENCE) == 1
     assert process.stderr.read() == ""
     process.stderr.close()
 
@@ -136,7 +137,7 @@ def test_a_file_that_finds_no_room_is_named(folder):
     code += "print(*[main(words.split()) for words in sys.argv[1:]])"
     ended = subprocess.run(
         [sys.executable, "-c", code, *commands.values()], capture_output=True, text=True,
-        timeout=100, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (999, 999)),
+        timeout=PATIENCE, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (999, 999)),
     )  # fmt: skip
     assert ended.stdout.split() == ["1"] * 3
     said = ended.stderr.splitlines()

@@ -8,6 +8,7 @@ import subprocess
 import pytest
 from cli_helpers import refused
 from globule.cli import main
+from waiting import PATIENCE
 
 pytest.importorskip("shtab")
 pytestmark = pytest.mark.usefixtures("folder")
@@ -58,7 +59,7 @@ COMP_CWORD={len(typed) - 1}
 printf '%s\\n' "${{COMPREPLY[@]}}"
 """
     done = subprocess.run(
-        ["bash", "--norc", "-c", script], capture_output=True, text=True, timeout=30
+        ["bash", "--norc", "-c", script], capture_output=True, text=True, timeout=PATIENCE
     )
     assert done.stderr == ""
     assert done.returncode == 0

@@ -14,7 +14,7 @@ import pytest
 from interrupts import count, polls, running
 from sweep_helpers import small_sweep
 from test_interrupts import added, water
-from waiting import until
+from waiting import PATIENCE, until
 
 SOAK = int(os.environ.get("GLOBULE_SOAK", "1"))
 SIZE = (48, 36)
@@ -178,7 +178,7 @@ os.waitpid(child, 0)
 print(gb.render(scene, size=(32, 24)).mask.any())
 """
     ran = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=True
     )
     lines = ran.stdout.splitlines()
     assert len(lines) == 3
@@ -198,7 +198,7 @@ if child == 0:
 os.waitpid(child, 0)
 """
     ran = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=True
     )
     assert ran.stdout.split() == ["True"]
 

@@ -16,6 +16,7 @@ import pytest
 from globule._base.device import choose
 from globule.render.fit import fit_camera
 from globule.scene.scene import KERNELS
+from waiting import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[1]
 DRAWN = (160, 120)
@@ -24,7 +25,7 @@ CMAKE = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{o
 
 def run(*command, **options):
     return subprocess.run(
-        [str(c) for c in command], capture_output=True, text=True, timeout=300, **options
+        [str(c) for c in command], capture_output=True, text=True, timeout=PATIENCE, **options
     )
 
 

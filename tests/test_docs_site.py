@@ -47,7 +47,7 @@ def site(tmp_path_factory):
         },
         capture_output=True,
         text=True,
-        timeout=280,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
@@ -143,7 +143,7 @@ def test_search_from_disk(site, opened):
     page.click(".md-search__input")
     page.keyboard.type("iso-value")
     first = page.locator(".md-search-result__item").first
-    first.wait_for(timeout=30_000)
+    first.wait_for(timeout=1e3 * PATIENCE)
     assert "Missing" not in first.inner_text()  # both parts of the word are there
     links = page.locator(".md-search-result__link").evaluate_all("all => all.map(a => a.href)")
     assert len(links) > 3
@@ -180,6 +180,6 @@ def test_a_broken_link_stops_the_build(tmp_path):
     text = (ROOT / "mkdocs.yml").read_text().partition("\ntheme:")[0]
     (tmp_path / "mkdocs.yml").write_text(text)
     command = [sys.executable, "-m", "mkdocs", "build"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode != 0
     assert "missing.md" in done.stderr

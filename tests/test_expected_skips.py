@@ -1,4 +1,4 @@
-"""The tests' own options: --expected-skips, and --matrix for slow tests."""
+"""The tests' own options: --expected-skips, --matrix for slow tests, and files that take long."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 
 import globule as gb
+from conftest import LONG_FILES, lines_of, too_long
+from waiting import PATIENCE
 
 SMALL = """
 import pytest
@@ -34,7 +36,7 @@ def run(folder: Path, *options: str) -> tuple[int, str]:
         env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths))},
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=PATIENCE,
     )
     return done.returncode, done.stdout + done.stderr
 
@@ -53,3 +55,13 @@ def test_a_skip_that_is_not_expected_and_no_slow_tests(tmp_path):
     assert found == 1, shown
     assert "unexpected skip: test_small.py::test_skipped: Skipped: no moon tonight" in shown
     assert "1 passed, 1 skipped, 1 deselected" in shown
+
+
+def test_files_that_take_long_are_listed():
+    found = [(30.0, "tests/test_a.py"), (25.0, "tests/test_b.py"), (19.0, "tests/test_c.py")]
+    (said,) = too_long(found, ["test_a.py  solves large systems"])
+    assert "tests/test_b.py: 25 CPU s, expected at most 20" in said
+    for line in lines_of(LONG_FILES):
+        file, _, reason = line.partition(" ")
+        assert LONG_FILES.with_name(file).is_file()
+        assert reason.strip()

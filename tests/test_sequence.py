@@ -16,7 +16,7 @@ from cli_helpers import cube
 from globule.cli import main
 from globule.render.sequence import find_files, is_whole, natural, read_ahead
 from PIL import Image
-from waiting import until
+from waiting import PATIENCE, until
 
 try:
     import av
@@ -294,7 +294,7 @@ def test_interrupted_in_the_middle(files, folder):
     frames = folder / "m.mp4.frames"
     until(lambda: (frames / "000005.png").exists() or process.poll() is not None)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert out == ""
     assert err.endswith("globule: interrupted\n")
@@ -309,7 +309,7 @@ def test_a_terminal_gets_a_progress_bar(files):
     pty = pytest.importorskip("pty")
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "globule", "render", *files, "-o", "p_%d.png", *SMALL]
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=theirs, timeout=60)
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=theirs, timeout=PATIENCE)
     os.close(theirs)
     shown = os.read(ours, 100_000).decode()
     os.close(ours)

@@ -21,7 +21,7 @@ from globule.sim import diagnostics
 from globule.sim.pictures import Eye
 from globule.viewer.first_view import first_camera
 from globule.viewer.simulation_source import SimulationSource
-from waiting import until
+from waiting import PATIENCE, until
 
 SCENE = {
     "spacing": 0.05,
@@ -101,7 +101,7 @@ def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder, by):
     awaited = "frames/frame_00004.vtp"
     until(lambda: os.path.exists(awaited) or process.poll() is not None)
     process.send_signal(by)
-    _, said = process.communicate(timeout=60)
+    _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode == 128 + by
     assert said.endswith("globule: interrupted\n")
     assert "--resume continues from" in said

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from globule.viewer.guard import MOST_MESSAGE, Guard, is_local
 from globule.viewer.roles import LOOK, STEER
-from waiting import until
+from waiting import PATIENCE, until
 
 pytest.importorskip("viser")
 
@@ -61,7 +61,7 @@ def guarded():
 
 
 def ask(port: int, path: str = "/", **given) -> http.client.HTTPResponse:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE)
     connection.request("GET", path, headers={k.replace("_", "-"): v for k, v in given.items()})
     return connection.getresponse()
 
@@ -106,7 +106,7 @@ def test_large_messages_end_the_connection(guarded):
     with connect(url, subprotocols=[protocol], max_size=None) as connection:
         connection.send(bytes(2 * 1024 * 1024))
         with pytest.raises(websockets.exceptions.ConnectionClosed) as closed:
-            all(connection.recv(timeout=20) for _ in itertools.count())
+            all(connection.recv(timeout=PATIENCE) for _ in itertools.count())
     assert closed.value.rcvd.code == 1009
 
 
@@ -252,9 +252,9 @@ def test_other_servers_of_the_process_are_not_affected(echo, monkeypatch):
         large = bytes(2 * MOST_MESSAGE)
         with connect(f"ws://127.0.0.1:{port}", max_size=None, origin="http://any.example") as one:
             one.send("hello")
-            assert one.recv(timeout=20) == "hello"
+            assert one.recv(timeout=PATIENCE) == "hello"
             one.send(large)
-            assert one.recv(timeout=20) == large
+            assert one.recv(timeout=PATIENCE) == large
         assert not refused
         assert ask(port).status == 426  # no page and no guard: this server expects an upgrade
         assert ask(viewer.port).status == 200

@@ -12,6 +12,7 @@ import urllib.request
 import globule as gb
 import pytest
 from viewer_helpers import WINDOW, blob, middle, stroke, until
+from waiting import PATIENCE
 
 pytest.importorskip("viser")
 
@@ -92,7 +93,7 @@ def test_the_token_and_the_cookie_behind_a_proxy(behind):
     trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
 
     def ask(path):
-        return urllib.request.urlopen(address + path, context=trusting, timeout=30)
+        return urllib.request.urlopen(address + path, context=trusting, timeout=PATIENCE)
 
     with pytest.raises(urllib.error.HTTPError, match="403"):
         ask("")
