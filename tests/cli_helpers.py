@@ -43,3 +43,8 @@ def run_json(capsys, *words: str) -> dict:
     """What a command says of itself with --json."""
     assert main([*words, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
+
+
+def at_edge(mask: np.ndarray) -> bool:
+    """Whether a mask has anything at the border of the image."""
+    return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())

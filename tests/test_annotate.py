@@ -9,10 +9,10 @@ import warnings
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import cube, refused
+from cli_helpers import at_edge, cube, refused
 from globule.cli import main
 from globule.render import annotate, canvas
-from globule.render.annotate import draw_view, round_length, scale_bar
+from globule.render.annotate import draw_view, scale_bar
 from globule.render.box import round_values, visible_parts
 from globule.render.canvas import Canvas, sizes
 from globule.render.legend import POSITIONS
@@ -80,13 +80,6 @@ def test_the_scale_bar_is_as_long_as_it_says(camera, size):
     assert np.ptp(columns) + 1 == pytest.approx(pixels, abs=3)
 
 
-@pytest.mark.parametrize(
-    ("most", "expected"), [(1, 1), (0.99, 0.5), (4.99, 2), (7e-8, 5e-8), (123456, 1e5), (2, 2)]
-)
-def test_round_lengths(most, expected):
-    assert round_length(most) == pytest.approx(expected, rel=1e-12)
-
-
 def test_round_values():
     assert round_values(-1.2, 1.2, 5) == pytest.approx([-1, -0.5, 0, 0.5, 1])
     assert round_values(0, 1, 5) == pytest.approx([0, 0.2, 0.4, 0.6, 0.8, 1])
@@ -129,12 +122,7 @@ def test_the_axes_point_where_the_axes_point(camera):
 # The box
 
 
-@pytest.fixture(scope="module")
-def ball() -> gb.Scene:
-    return gb.Scene(gb.Particles(np.zeros((1, 3)), support=2.0))
-
-
-def test_edges_behind_the_surface_are_hidden(ball, backend):
+def test_edges_behind_the_surface_are_hidden(backend):
     scene = gb.Scene(gb.Particles(np.zeros((1, 3)), support=2.0), **backend)
     size = (200, 150)
     for camera in CAMERAS["perspective"], CAMERAS["orthographic"]:
@@ -372,8 +360,7 @@ def test_views_by_name_look_along_their_axes_at_one_scale(up):
     for name, camera in cameras.items():  # nothing is cut off
         hits = gb.render(scene, camera, (200, 150)).mask
         assert hits.any(), name
-        edge = np.concatenate([hits[0], hits[-1], hits[:, 0], hits[:, -1]])
-        assert not edge.any(), name
+        assert not at_edge(hits), name
 
 
 def test_views_share_title_and_legend():
@@ -410,8 +397,7 @@ def test_a_sequence_has_the_time_of_each_frame_and_one_box(tmp_path):
 
 
 @pytest.fixture
-def files(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def files(folder):
     speed = np.linspace(0, 3, 64)
     for i in range(3):
         moved = cube(4).positions + 0.2 * i
@@ -444,17 +430,6 @@ def test_the_command_draws_what_python_draws(files):
     assert (opened("a.png") == frame.image).all()
 
 
-def test_time_and_box_in_a_series_of_files(files):
-    words = ["render", "frame_0.npz", "frame_1.npz", "frame_2.npz", *COMMON]
-    flags = ["--box", "--time", "0,0.1", "--step-number", "0"]
-    assert main([*words, *flags, "-o", "i_%d.png"]) == 0
-    images = [opened(f"i_{k}.png") for k in range(3)]
-    assert (images[0][:20, :110] != images[2][:20, :110]).any()
-    kept = os.stat("i_1.png").st_mtime_ns
-    assert main([*words, *flags, "-o", "i_%d.png", "--resume"]) == 0
-    assert os.stat("i_1.png").st_mtime_ns == kept
-
-
 def test_a_turntable_shows_all_particles_from_all_sides(files):
     os.mkdir("turn")
     words = ["render", "frame_0.npz", *COMMON, "--turntable", "8"]
@@ -463,8 +438,7 @@ def test_a_turntable_shows_all_particles_from_all_sides(files):
     sizes = []
     for image in images:
         seen = (image != image[0, 0]).any(axis=2)
-        edge = np.concatenate([seen[0], seen[-1], seen[:, 0], seen[:, -1]])
-        assert not edge.any()
+        assert not at_edge(seen)
         sizes.append(seen.sum())
         assert abs(np.nonzero(seen)[1].mean() - 99.5) < 6  # it turns about itself
     assert (images[0] != images[2]).any()
@@ -507,9 +481,9 @@ def test_views_on_the_command_line(files):
         (["--views", "front", "--eye", "1,2,3"], "--views: expected no --eye"),
         (["--views", "front", "--pick", "1,2"], "--views: expected no --pick"),
         (["--views", "behind"], "--views: expected some of front"),
+        (["--views", "front", "--size", "3x3"], "--size: expected at least 64"),
         (["--time", "1,2,3"], "--time: expected START or START,STEP"),
         (["--turntable", "1"], "--turntable: expected a whole number from 2"),
-        (["--size", "60x60", "--axes"], "size: expected at least 64 pixels a side"),
         (["--transparent", "-o", "a.mp4"], "--transparent: expected images"),
     ],
 )

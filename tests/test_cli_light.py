@@ -8,7 +8,7 @@ import json
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused
+from cli_helpers import refused, run_json
 from globule.cli import main
 from globule.render.presets import PRESETS, ground_height
 from PIL import Image
@@ -18,12 +18,9 @@ CAMERA = ["--eye", "1,1.2,3", "--look-at", "0,0,0"]
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """Every test in an empty folder of its own, with a ball of radius 1: red for x < 0, else
-    blue."""
-    monkeypatch.chdir(tmp_path)
+def file(folder):
+    """A ball of radius 1, red for x < 0, else blue, in ball.npz."""
     gb.write("ball.npz", ball())
-    return tmp_path
 
 
 def ball(radius: float = 1.0, n: int = 9) -> gb.Particles:
@@ -40,28 +37,6 @@ def picture(*words: str) -> np.ndarray:
     return np.asarray(Image.open("a.png")).astype(int)
 
 
-def arrays(*words: str) -> dict[str, np.ndarray]:
-    picture(*words, "--aov", "a.npz")
-    with np.load("a.npz") as found:
-        return dict(found)
-
-
-# Cuts
-
-
-def test_a_clip_takes_away_and_shows_the_inside():
-    whole, cut = arrays(), arrays("--clip", "0,0,2,0.5")
-    assert 0 < cut["mask"].sum() < whole["mask"].sum()
-    assert np.nanmax(cut["position"][..., 2]) < 0.25 + 1e-4
-    face = np.abs(cut["position"][..., 2] - 0.25) < 1e-4
-    assert face.sum() > 100
-    assert np.allclose(cut["normal"][face], [0, 0, 1])
-    blend = gb.Scene(ball(), device="cpu", surface="smooth").blend(
-        cut["position"][face], ball().color
-    )
-    assert np.allclose(cut["albedo"][face], blend, atol=1e-3)
-
-
 @pytest.mark.parametrize(
     ("words", "gone"),
     [
@@ -73,16 +48,15 @@ def test_a_clip_takes_away_and_shows_the_inside():
     ],
 )
 def test_every_cut(words, gone):
-    seen = arrays(*words.split())["position"].reshape(-1, 3)
+    picture(*words.split(), "--aov", "a.npz")
+    with np.load("a.npz") as arrays:
+        seen = arrays["position"].reshape(-1, 3)
     seen = seen[np.isfinite(seen[:, 0])]
     outside = seen + 1e-3 * (np.float32([1, 1.2, 3]) - seen)  # towards the eye
     inside = seen - 1e-3 * (np.float32([1, 1.2, 3]) - seen)
     assert not gone(inside).any()
     assert gone(outside).any()
     assert len(seen) > 100
-
-
-# Presets
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -93,7 +67,6 @@ def test_presets(name):
     assert (seen != plain).any()
     scene = gb.Scene(ball(), device="cpu", surface="smooth")
     settings = gb.preset(name, scene)
-    assert isinstance(settings, gb.RenderSettings)
     frame = gb.render(
         scene, gb.Camera((1, 1.2, 3), (0, 0, 0)), (48, 36), dataclasses.replace(settings, samples=1)
     )
@@ -133,14 +106,6 @@ def test_the_ground_is_where_the_surface_ends():
     assert ground_height(scene, (0, 0, 2)) == pytest.approx(ground_height(scene), abs=1e-5)
 
 
-def test_unknown_preset():
-    with pytest.raises(ValueError, match=r"name: expected one of blood, .*got 'jelly'"):
-        gb.preset("jelly", gb.Scene(ball(), device="cpu"))
-
-
-# Light
-
-
 def test_light_options_reach_the_picture():
     plain = picture()
     for words in (
@@ -156,17 +121,15 @@ def test_light_options_reach_the_picture():
     ):
         assert (picture(*words.split()) != plain).any(), words
     light = ["--light", "dir:1,1,0", "--ground"]
-    assert picture(*light, "--shadows").sum() < picture(*light).sum()
+    hard, soft = (
+        picture(*light, "--shadows"),
+        picture("--light", "dir:1,1,0,20", *light[2:], "--shadows"),
+    )
+    assert hard.sum() < picture(*light).sum()
+    assert (soft != hard).any()
     mirror = ["--reflection", "0.8", "--sky", "gradient", "--samples", "2"]
     assert (picture(*mirror, "--roughness", "0.6") != picture(*mirror)).any()
     assert (picture(*mirror, "--bounces", "0") == picture(*mirror, "--bounces", "0")).all()
-
-
-def test_soft_light():
-    words = ["--ground", "--shadows", "--samples", "8"]
-    hard = picture(*words, "--light", "dir:1,2,0")
-    soft = picture(*words, "--light", "dir:1,2,0,20")
-    assert 0 < (np.abs(hard - soft) > 9).any(axis=2).mean() < 0.5
 
 
 def test_a_sky_from_a_file():
@@ -187,9 +150,6 @@ def test_the_mean_of_a_sky():
     image = (image > 0) * np.uint8(255)
     Image.fromarray(image.astype(np.uint8)).save("sky.png")
     assert (picture("--preset", "blood", "--sky", "sky.png") >= 0).all()
-
-
-# Several scenes, picking
 
 
 def test_a_scene_beside_shows_through():
@@ -247,11 +207,8 @@ def test_a_picked_particle_is_the_file_s(capsys):
     holes = ball()
     positions = np.insert(holes.positions, 0, [[np.nan] * 3] * 7, axis=0)
     gb.write("holes.npz", gb.Particles(positions, support=0.5))
-    assert (
-        main(["render", "holes.npz", "-o", "a.png", *SMALL, *CAMERA, "--pick", "24,18", "--json"])
-        == 0
-    )
-    picked = json.loads(capsys.readouterr().out)["picked"]
+    words = ["render", "holes.npz", "-o", "a.png", *SMALL, *CAMERA, "--pick", "24,18"]
+    picked = run_json(capsys, *words)["picked"]
     away = np.linalg.norm(positions - picked["position"], axis=1)
     assert picked["particle"] == np.nanargmin(away)
 
@@ -294,9 +251,6 @@ def test_cuts_that_take_all_away(words, capsys):
     )
 
 
-# Phases
-
-
 def test_layers_by():
     particles = ball()
     glass = gb.Material(transmission=1.0, index=1.0, absorption=0.0)
@@ -316,8 +270,10 @@ def test_layers_by():
     gb.render([one, two], camera, (21, 21))
 
 
-def test_layers_by_refuses():
+def test_unknown_presets_and_attributes():
     particles = ball()
+    with pytest.raises(ValueError, match=r"name: expected one of blood, .*got 'jelly'"):
+        gb.preset("jelly", gb.Scene(particles, device="cpu"))
     with pytest.raises(ValueError, match=r"name: expected an attribute \(side\), got 'phase'"):
         gb.layers_by(particles, "phase", {0: None})
     with pytest.raises(ValueError, match="materials: expected 1 to 4, got 5"):

@@ -7,7 +7,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, refused
+from cli_helpers import SMALL, cube, refused, run_json
 from globule.cli import main
 from globule.render.annotate import Annotation, draw_sheet
 from globule.render.canvas import Canvas
@@ -52,22 +52,6 @@ def test_a_title_is_in_the_middle_of_image_and_legend():
         assert (columns[0] + columns[-1]) / 2 == pytest.approx((300 + strip) / 2, abs=3)
 
 
-def test_small_views_name_the_size(capsys):
-    gb.write("a.npz", gb.Particles(np.random.default_rng(0).random((200, 3))))
-    words = ["render", "a.npz", "-o", "a.png", "--views", "front", "--size", "3x3"]
-    assert "--size: expected at least 64" in refused(capsys, *words)
-
-
-def test_a_mesh_without_faces_is_not_said_to_be_shown(capsys):
-    pytest.importorskip("trimesh")
-    Path("n.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
-    gb.write("a.npz", gb.Particles(np.random.default_rng(0).random((200, 3))))
-    assert main(["render", "a.npz", "-o", "a.png", "--mesh", "n.obj", "--device", "cpu"]) == 2
-    said = capsys.readouterr().err
-    assert "got none" in said
-    assert "shown as points" not in said
-
-
 def test_flags_that_would_be_ignored_are_refused(capsys):
     gb.write("a.npz", gb.Particles(np.random.default_rng(0).random((200, 3))))
     Path("m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
@@ -81,20 +65,22 @@ def test_flags_that_would_be_ignored_are_refused(capsys):
     assert "--surface: expected particles" in said
 
 
-@pytest.mark.parametrize("n", [1, 3])
+@pytest.mark.parametrize("n", [1, 3, 64])
 def test_the_threads_said_are_those_asked_for(n, capsys):
     gb.write("a.npz", gb.Particles(np.random.default_rng(0).random((200, 3))))
     assert main(["render", "a.npz", "-o", "a.png", *SMALL, "--threads", str(n)]) == 0
     assert f" {n} thread{'s' * (n > 1)}," in capsys.readouterr().out
 
 
-def test_particles_left_out_are_said_everywhere(capsys):
-    points = np.random.default_rng(0).random((200, 3))
-    gb.write("a.npz", gb.Particles(points))
-    points[3] = np.nan
-    gb.write("n.npz", gb.Particles(points))
-    line = "no finite position, left out"
-    assert main(["project", "n.npz", "-o", "p.npz", "--device", "cpu"]) == 0
-    assert f"1 of 200 particles has {line}" in capsys.readouterr().err
+def test_particles_left_out_are_counted(capsys):
+    positions = cube().positions
+    gb.write("a.npz", gb.Particles(positions))
+    positions[0], positions[1, 2], positions[2] = np.nan, np.inf, -np.inf
+    gb.write("n.npz", gb.Particles(positions, attributes={"speed": np.arange(216.0)}))
+    found = run_json(capsys, "render", "n.npz", "-o", "n.png", "--color-by", "speed", *SMALL)
+    counts = found["counts"]
+    assert (counts["particles"], counts["inside"], counts["outside"]) == (216, 213, 3)
+    assert counts["hits"] > 0
+    assert any("3 of 216 particles have no finite position" in w for w in found["warnings"])
     assert main(["render", "a.npz", "-o", "a.png", *SMALL, "--spheres", "n.npz:0.1"]) == 0
-    assert f"1 of 200 particles of n.npz has {line}" in capsys.readouterr().err
+    assert "3 of 216 particles of n.npz have no finite position" in capsys.readouterr().err
