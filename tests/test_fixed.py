@@ -80,8 +80,3 @@ def test_how_far_ambient_rays_look_is_each_scenes_own():
         told = gb.RenderSettings(ambient_rays=16, ambient_distance=0.1 * scene.octree.extent)
         expected = gb.render(scene, camera, SIZE, told).color
         np.testing.assert_array_equal(gb.render(scene, camera, SIZE, settings).color, expected)
-
-
-def test_what_is_no_camera():
-    with pytest.raises(TypeError, match=r"camera: expected Camera or a size .*, got 'above'"):
-        gb.render(ball(), "above")
