@@ -46,12 +46,6 @@ def opened(tmp_path, monkeypatch):
     workers._end_all()
 
 
-def test_a_worker_is_kept_for_the_next_file(opened):
-    first = opened("good")
-    assert first != os.getpid()
-    assert opened("good") == first
-
-
 def test_a_refused_file_leaves_its_worker(opened, monkeypatch):
     first = opened("good")
     with pytest.raises(FormatError, match="more memory than there is"):
