@@ -29,8 +29,8 @@ def rod(x: float) -> dict:
     return {"cylinder": {"start": [x, 0.2, 0.3], "end": [x, 0.4, 0.3], "radius": 0.1}}
 
 
-def stl(x: float, **more) -> dict:
-    return {"mesh": {"file": "box.stl", "move": [x, 0, 0], **more}}
+def mesh(x: float, **more) -> dict:
+    return {"mesh": {"file": "box.obj", "move": [x, 0, 0], **more}}
 
 
 FLUIDS = {
@@ -94,20 +94,20 @@ TISSUE = {
 }  # fmt: skip
 FILES = {
     "spacing": 0.05, "domain": {"lo": [-1, -1, -1], "hi": [5, 1, 1]},
-    "fluids": [{"name": "water", "implicit": True, **stl(0.05, scale=1.2)}],
+    "fluids": [{"name": "water", "implicit": True, **mesh(0.05, scale=1.2)}],
     "solids": [
         {"name": "brain", "model": "bonds", "implicit": True,
          "tomography": {"file": "head.nrrd", "level": 0.4, "scale": 0.002, "white_level": 0.5,
                         "center": [1, 0.2, 0.1], "white": [1, 1, 0.9]}},
         {"name": "bone", "model": "bonds", "rigidity": 0.5,
          "tomography": {"file": "head.nrrd", "labels": [1], "center": [2, 0, 0]}},
-        {"name": "cast", "model": "bonds", **stl(2.5)},
+        {"name": "cast", "model": "bonds", **mesh(2.5)},
     ],
     "boundaries": [
         {"name": "hole", "distance": {"file": "hole.npz", "scale": 1.2, "move": [3, 0, 0]}},
-        {"name": "wall", **stl(3.5)},
+        {"name": "wall", **mesh(3.5)},
     ],
-    "rigids": [{"name": "raft", **stl(4)}],
+    "rigids": [{"name": "raft", **mesh(4)}],
 }  # fmt: skip
 ATLAS = {
     "spacing": 0.05, "domain": {"lo": [0, 0, 0], "hi": [0.6, 0.5, 0.4]},
@@ -143,23 +143,12 @@ def folder(tmp_path_factory):
     gb.write_volume(path / "hole.npz", gb.Volume(-ball.astype(np.float32), world))
     head = (ball > 0).astype(np.uint8)
     gb.write_volume(path / "head.nrrd", gb.Volume(head, np.diag([20.0, 20.0, 20.0, 1])))
-    write_stl(path / "box.stl")
+    corners = [f"v {x} {y} {z}" for x in (0, 0.3) for y in (0, 0.3) for z in (0, 0.3)]
+    sides = ["f 1 2 4 3", "f 5 7 8 6", "f 1 5 6 2", "f 3 4 8 7", "f 1 3 7 5", "f 2 6 8 4"]
+    (path / "box.obj").write_text("\n".join([*corners, *sides]))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(path)
         yield path
-
-
-def write_stl(path) -> None:
-    """A box of 0.3 m, as text."""
-    corners = np.array([(x, y, z) for x in (0, 0.3) for y in (0, 0.3) for z in (0, 0.3)])
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    lines = ["solid box"]
-    for a, b, c, d in faces:
-        for triangle in ((a, b, c), (a, c, d)):
-            lines += ["facet normal 0 0 0", "outer loop"]
-            lines += ["vertex {} {} {}".format(*corners[i]) for i in triangle]
-            lines += ["endloop", "endfacet"]
-    path.write_text("\n".join([*lines, "endsolid box"]))
 
 
 def in_python(scene: dict) -> gb.Simulation:
