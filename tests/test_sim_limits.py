@@ -54,13 +54,10 @@ rate = 0.01
         (BOX, BOX + f'\n[[fluids]]\nname = "air"\ndensity = 1.2\nbox = {BOX}',
          r":8: fluids\[1\].density: expected 20 to 50000 kg/m³ beside a density of 1000 kg/m³ "
          r"\(a ratio of at most 50\), got 1.2"),
-        (BOX, BOX + "\ndensity = 1e300", r":6: fluids\[0\].density: expected a number from 0.001"),
-        (BOX, BOX + "\nvelocity = [1e300, 0, 0]", r":6: fluids\[0\].velocity\[0\]: expected a num"),
         (BOX, BOX + "\nviscosity = 1e9\nimplicit = false",
          r"viscosity: expected steps of .* or set implicit"),
         ("0.01", "1e6",
          r"emitters\[0\].rate: expected steps of .* got a value that needs .* s; lower it"),
-        ("domain", "gravity = [0, -1e99, 0]\ndomain", r":2: gravity\[1\]: expected a number from"),
         ("domain", "solver.max_dt = 1e-30\ndomain",
          r":2: solver.max_dt: expected steps of .*; raise it"),
         ("domain", "seconds = 0.01\ndomain", r":2: seconds: expected at least a frame, 0.0333333"),
@@ -73,12 +70,14 @@ rate = 0.01
         ("center = [0.5, 0.2, 0.5]\ndirection = [0, 0, 1]", "center = [0.5, 0.2, 0.79]\n"
          "direction = [0, 1, 2]", r":10: emitters\[0\].direction: expected a way into the domain, "
          r"got \(0, 0.447214, 0.894427\), into its wall \+z, 0.01 m away"),
-        ("domain", "domain.periodic = ['x', 'x']\ndomain", r"periodic\[1\]: expected each once"),
+        ("walls = true", "walls = true, periodic = ['x', 'x']", r"periodic\[1\]: expected each"),
+        ("domain", "view = { eye = [1, 0, 0], look_at = [1, 0, 0] }\ndomain", "view.look_at: exp"),
+        ("domain", "view.speeds = [2, 0]\ndomain", "view.speeds: expected"),
+        ("domain", "output.format = 'doc'\ndomain", "output.format: expected"),
+        ("domain", "seconds = 1" + 400 * "0" + "\ndomain", "seconds: expected"),
         (BOX, BOX + f'\n[[solids]]\nname = "s"\nbox = {BOX}\nyoung = 1e13\npoisson = 0.49\n'
          "density = 0.1", r":9: solids\[0\].young: expected at most 100,000 substeps in a step of "
          "0.005 s, got a modulus that needs .*; lower it"),
-        (BOX, BOX + f'\n[[solids]]\nname = "s"\nbox = {BOX}\nyoung = 1e13\nmodel = "bonds"\n'
-         "density = 0.1", r":9: solids\[0\].young: expected at most 100,000 substeps in a step"),
         ("domain", f"solids = [{{name = 's', box = {BOX}, young = 1e13, density = 0.1}}]\n"
          "solver.max_dt = 0.0001\ndomain",
          r"young: expected at most 1,000,000 substeps in a frame of 0.0333 s"),
@@ -102,12 +101,8 @@ rate = 0.01
     ],
 )  # fmt: skip
 def test_what_makes_no_sense_names_its_key(tmp_path, old, new, expected):
-    words = (SCENE + TAP).replace(old, new, 1)
-    if "domain.periodic" in new:
-        words = words.replace("walls = true", "walls = true, periodic = ['x', 'x']")
-        words = words.replace(new.split("\n")[0] + "\n", "")
     path = tmp_path / "scene.toml"
-    path.write_text(words)
+    path.write_text((SCENE + TAP).replace(old, new, 1))
     with pytest.raises(SceneError, match=expected):
         read_scene(path)
 
@@ -182,20 +177,20 @@ def test_a_mesh_out_of_the_domain_is_refused(tmp_path, kind):
     assert np.allclose(sim.positions.mean(axis=0), 0.5, atol=0.01)
 
 
-@pytest.mark.parametrize(("kind", "n"), [("fluids", 400), ("solids", 400), ("rigids", 400)])
-def test_a_body_partly_out_of_the_domain_is_refused(kind, n):
+KINDS = {"fluids": "fluid", "solids": "tissue", "rigids": "rigid"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_body_partly_out_of_the_domain_is_refused(kind):
     domain = {"lo": [0, 0, 0], "hi": [1, 1, 1]}
     body = {"name": "b", "box": {"lo": [0.5, 0, 0], "hi": [1.2, 0.5, 0.5]}}
     scene = {"spacing": 0.05, "domain": domain, kind: [body]}
-    message = rf"{kind}\[0\] \(b\): expected particles in the domain, got {n} of 1,400 outside"
+    message = rf"{kind}\[0\] \(b\): expected particles in the domain, got 400 of 1,400 outside"
     for domain["periodic"] in ([], ["x"]):
         with pytest.raises(SceneError, match=message):
             gb.Simulation(scene, device="cpu")
     body["box"] = {"lo": [0.5, 0, 0], "hi": [1.0, 0.5, 0.5]}
     assert gb.Simulation(scene, device="cpu").record.counts[KINDS[kind]] == 1000
-
-
-KINDS = {"fluids": "fluid", "solids": "tissue", "rigids": "rigid"}
 
 
 def test_a_boundary_beside_the_domain_or_coming_in_is_taken(tmp_path):

@@ -139,15 +139,3 @@ def test_what_was_cauterized_first_is_cut_without_blood(backend):
     assert sim.tissue.cut((edge, edge + [0, 0, 4 * d])) > 0
     sim.run(0.02)
     assert sim.tissue.pools[0] == pool
-
-
-def test_mistakes_are_named():
-    sim = column({"device": "cpu", "threads": 1})
-    with pytest.raises(ValueError, match="center"):
-        sim.tissue.suture((0, 0, np.nan), 1.0)
-    with pytest.raises(ValueError, match="radius"):
-        sim.tissue.suture((0, 0, 0), -1.0)
-    with pytest.raises(ValueError, match="radius"):
-        sim.tissue.cauterize((0, 0, 0), np.inf)
-    water = gb.Simulation("dam-break", spacing=0.2, device="cpu", threads=1)
-    assert water.tissue.suture((0, 0, 0), 1.0) == water.tissue.cauterize((0, 0, 0), 1.0) == 0
