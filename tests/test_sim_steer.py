@@ -5,9 +5,10 @@ import re
 import globule as gb
 import numpy as np
 import pytest
-from globule.sim.scene_file import Domain, Vessel
+from globule.sim.scene_file import Vessel
 from globule.sim.tissue import BALL, HALF_SPACE
 from sim_helpers import reloaded
+from test_sim_checkpoints import facts
 
 SCENE = {
     "spacing": 0.004,
@@ -80,12 +81,15 @@ def drained(sim):
     sim.phases["water"].viscosity = 0.5
 
 
+def vein(fluid):
+    path = [[-0.04, 0, 0.012], [0, 0, 0.012]]
+    return Vessel(name="vein", solid="jelly", fluid=fluid, path=path, radius=0.005, pool=1e-6)
+
+
 def pressed(sim):
     sim.tools.set_pushers([(BALL, (-0.02, 0, 0.03), (0, 0, 0), 0.006, (0, 0, -0.1)),
-                     (HALF_SPACE, (-0.043, 0, 0), (1, 0, 0), 0, (0.1, 0, 0))])  # fmt: skip
-    path = [[-0.04, 0, 0.012], [0, 0, 0.012]]
-    vein = Vessel(name="vein", solid="jelly", fluid="water", path=path, radius=0.005, pool=1e-6)
-    sim.tissue.add_vessel(vein)
+                     (HALF_SPACE, (-0.043, 0, 0), (1, 0, 0), 0, (0.1, 0, 0), 0.2)])  # fmt: skip
+    sim.tissue.add_vessel(vein("water"))
     sim.run(0.012)
 
 
@@ -95,12 +99,7 @@ def test_what_was_said_goes_on_after_loading(sim, tmp_path, said):
     again = reloaded(sim, tmp_path)
     for one in (sim, again):
         one.run(0.02)
-    assert (again.tissue.n_bonds, again.record.n_cut, len(again)) == (
-        sim.tissue.n_bonds,
-        sim.record.n_cut,
-        len(sim),
-    )
-    assert again.hash() == sim.hash()
+    assert facts(again) == facts(sim)
 
 
 @pytest.mark.parametrize("said", [off, about_to_pass, passing, pushed, held, drained, pressed])
@@ -143,7 +142,6 @@ WATER = "density, viscosity, implicit, surface_tension, color, reflection, refra
         (lambda sim: sim.phases["water"], "velocity", "phases['water'].velocity: cannot be "
          f"changed after the start, expected one of {WATER}"),
         (lambda sim: sim.phases["water"], "tear", "tear: expected one of density"),
-        (lambda sim: sim.phases["jelly"], "young", "young: cannot be changed after the sta"),
         (lambda sim: sim.phases["jelly"], "density", "cannot be changed after the start"),
         (lambda sim: sim.emitters["tap"], "speed", "emitters['tap'].speed: expected one of rate, "),
         (lambda sim: sim.emitters["tap"], "radius", "cannot be changed after the start"),
@@ -186,15 +184,12 @@ MIRROR = np.diag([-1.0, 1, 1, 1])
     [
         (lambda s: setattr(s.phases["water"], "viscosity", -1),
          "phases['water'].viscosity: expected a number from 0 to 1e+09, got -1"),
-        (lambda s: setattr(s.phases["water"], "viscosity", "thick"), "to 1e+09, got 'thick'"),
-        (lambda s: setattr(s.phases["water"], "density", np.float32(0)), "density: expected a num"),
         (lambda s: setattr(s.phases["water"], "implicit", 1), "expected true or false, got 1"),
         (lambda s: setattr(s.phases["water"], "color", (0, 0, 2)),
          "phases['water'].color[2]: expected a number from 0 to 1, got 2"),
         (lambda s: setattr(s.emitters["tap"], "rate", -1),
          "emitters['tap'].rate: expected a number of at least 0, got -1"),
         (lambda s: setattr(s.emitters["tap"], "rate", NAN), "rate: expected a number of at least"),
-        (lambda s: setattr(s.emitters["tap"], "rate", "x"), "rate: expected a number of at least"),
         (lambda s: setattr(s.emitters["tap"], "on", "no"), "on: expected true or false, got 'no'"),
         (lambda s: setattr(s.tools["grip"], "on", 2), "on: expected true or false, got 2"),
         (lambda s: setattr(s.tools["grip"], "radius", 0), "radius: expected a number above"),
@@ -207,8 +202,8 @@ MIRROR = np.diag([-1.0, 1, 1, 1])
         (lambda s: s.tools["grip"].move_to("here"), "move_to: expected numbers (4, 4) or"),
         (lambda s: s.tools["grip"].move_to((0, 0)), "move_to: expected shape (4, 4) or (3,)"),
         (lambda s: setattr(s, "velocities", s.velocities * NAN), "velocities: expected finite"),
+        (lambda s: s.tissue.add_vessel(vein("ichor")), "phase: expected one of"),
         (lambda s: setattr(s, "positions", s.positions[1:]), "positions: expected shape ("),
-        (lambda s: setattr(s, "velocities", s.velocities[1:]), "velocities: expected shape ("),
     ],
 )  # fmt: skip
 def test_values_are_checked_as_a_scene_files_are(sim, mistake, expected):
@@ -252,20 +247,14 @@ def test_what_would_take_a_million_steps_a_frame_is_refused_at_the_next_step(sim
         (lambda s: gb.Simulation({"spacing": 0.1, "domian": {}}), ValueError, "domian: expected "
          "one of spacing, domain, title"),
         (lambda s: gb.Simulation(spacing=0.1), ValueError, "expected the key domain, got none"),
-        (lambda s: gb.Simulation({"spacing": 0.1, "fluids": []}), ValueError, "key domain"),
-        (lambda s: gb.Simulation(spacing=0.1, domain=Domain(lo=(0, 0, 0), hi=(1, 1, 0))),
-         ValueError, "expected lo below hi in each axis"),
-        (lambda s: gb.Simulation({"spacing": "x", "domain": DOMAIN}), ValueError,
-         "spacing: expected a number above 0, got 'x'"),
+        (lambda s: gb.Simulation(spacing=0.2, domain=DOMAIN | {"periodic": ["y"]}), ValueError,
+         "at least 8 spacings"),
         (lambda s: gb.Simulation({"spacing": 0.1, "domain": 3}), ValueError,
          "domain: expected a table of names with values, got 3"),
         (lambda s: setattr(s.settings, "gravity", "down"), ValueError,
          "settings.gravity: expected three numbers, got 'down'"),
         (lambda s: setattr(s.settings, "domain", 3), AttributeError, "cannot be changed after"),
         (lambda s: s.add_phase("x"), TypeError, "phase: expected a gb.Phase, got 'x'"),
-        (lambda s: gb.Simulation({"spacing": 0.1, "domain": DOMAIN,
-                                  "fluids": [{"name": "a", "colour": 1}]}), ValueError,
-         "fluids[0].colour: expected one of name, box"),
         (lambda s: gb.Simulation(spacing=0.1, domain=DOMAIN).add([(0, 0, 0)]), ValueError,
          "phase: expected fluids, solids or rigids in the scene, got none"),
     ],
