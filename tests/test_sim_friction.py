@@ -3,22 +3,15 @@ backend."""
 
 from __future__ import annotations
 
-import globule as gb
 import numpy as np
 import pytest
 from globule.bench import physics_friction as truths
 from globule.bench.physics_tissue import DENSITY, SPACING, lattice
 from globule.sim import blade
 from globule.sim.tissue import BALL, HALF_SPACE, Tissue
-from sim_helpers import assert_same_state, check, reloaded
+from sim_helpers import check
 
-D = 0.004
 MASS = DENSITY * SPACING**3
-
-
-@pytest.mark.parametrize("model", ["solid", "bonds"])
-def test_a_block_on_a_tilted_half_space(backend, model):
-    check(truths.tilted_shape(**backend, model=model))
 
 
 @pytest.mark.parametrize("experiment", ["belt", "drag", "collision", "against_rigid"])
@@ -26,22 +19,22 @@ def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))
 
 
+ELASTIC = pytest.param("elastic tissue", "solid", marks=pytest.mark.slow)
+
+
 @pytest.mark.parametrize(("friction", "degrees"), [(0.2, 20.0), (0.5, 20.0), (0.3, 30.0)])
 @pytest.mark.parametrize(
-    "floor", ["wall", "fixed tissue", pytest.param("elastic tissue", marks=pytest.mark.slow)]
+    ("floor", "model"), [("wall", "solid"), ("wall", "bonds"), ("fixed tissue", "solid"), ELASTIC]
 )
-def test_a_block_on_a_tilted_floor(backend, floor, friction, degrees):
-    check(truths.tilted_floor(**backend, floor=floor, friction=friction, degrees=degrees))
-
-
-@pytest.mark.parametrize("friction", [0.2, 0.5])
-def test_springs_on_a_tilted_wall(backend, friction):
-    check(truths.tilted_floor(**backend, friction=friction, model="bonds"))
+def test_a_block_on_a_tilted_floor(backend, floor, model, friction, degrees):
+    how = {"floor": floor, "model": model, "friction": friction, "degrees": degrees}
+    check(truths.tilted_floor(**backend, **how))
 
 
 @pytest.mark.parametrize("model", ["solid", "bonds"])
-def test_halves_of_a_cut_block(backend, model):
-    check(truths.cut_halves(**backend, model=model))
+@pytest.mark.parametrize("experiment", ["tilted_shape", "cut_halves"])
+def test_truths_of_both_models(backend, experiment, model):
+    check(getattr(truths, experiment)(**backend, model=model))
 
 
 @pytest.mark.parametrize("model", ["solid", "bonds"])
@@ -113,59 +106,3 @@ def test_a_ball_drags_what_it_touches(backend):
         sums[friction] = force
     assert sums[0.5][2] > 0
     assert (sums[0.0][0] - sums[0.5][0]) / sums[0.5][2] == pytest.approx(0.5, rel=0.25)
-
-
-def changing(threads):
-    sim = gb.Simulation(truths.scene("elastic tissue", 20.0), device="cpu", threads=threads)
-    for friction in (0.0, 0.4, 0.1):
-        sim.phases["block"].friction = friction
-        sim.run(0.01)
-    return sim
-
-
-def test_same_bits_whatever_the_threads_and_after_a_checkpoint(tmp_path):
-    assert_same_state(changing(1), changing(2))
-    sim = gb.Simulation(truths.scene("wall", 20.0, 0.3), device="cpu")
-    sim.tools.set_pushers([(HALF_SPACE, (0, 0, 0.02), (0, 0, -1), 0.0, (0.1, 0, -0.1), 0.2)])
-    sim.run(0.02)
-    again = reloaded(sim, tmp_path)
-    for s in (sim, again):
-        s.run(0.02)
-    np.testing.assert_array_equal(sim.positions, again.positions)
-
-
-def test_a_checkpoint_from_before_friction_has_none(tmp_path):
-    sim = gb.Simulation(truths.scene("wall", 20.0), device="cpu")
-    sim.run(0.01)
-
-    def before(_, facts):
-        for phase in facts["by_hand"]["phases"]:
-            del phase["friction"]
-
-    old = reloaded(sim, tmp_path, before)
-    assert old.phases["block"].friction == 0.0
-    np.testing.assert_array_equal(sim.positions, old.positions)
-
-
-@pytest.mark.parametrize(
-    ("shape", "message"),
-    [
-        ((HALF_SPACE, (0, 0, 0), (0, 0, 1), 0.0, (0, 0, 0), -1.0), "friction"),
-        ((HALF_SPACE, (0, 0, 0), (0, 0, 1), 0.0, (0, 0, 0), 0.1, 0.1), "or"),
-    ],
-)
-def test_wrong_shapes_are_named(shape, message):
-    sim = gb.Simulation(truths.scene("wall", 0.0), device="cpu")
-    with pytest.raises(ValueError, match=rf"shapes\[0\].*{message}"):
-        sim.tools.set_pushers([shape])
-
-
-def test_wrong_coefficients_are_named():
-    with pytest.raises(ValueError, match=r"solids\[0\].friction: expected a number from 0 to 100"):
-        gb.Simulation(truths.scene("wall", 0.0) | {
-            "solids": [{"name": "block", "box": {"lo": (0, 0, 0), "hi": (0.02,) * 3},
-                        "friction": -0.1}],
-        }, device="cpu")  # fmt: skip
-    sim = gb.Simulation(truths.scene("wall", 0.0), device="cpu")
-    with pytest.raises(ValueError, match="friction"):
-        sim.phases["floor"].friction = "smooth"
