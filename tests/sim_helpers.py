@@ -22,6 +22,24 @@ def jittered(shape, by: float = 0.1, seed: int = 0, spacing: float = SPACING) ->
     return (lattice(*shape, spacing) + off * spacing).astype("f4")
 
 
+def tissue_and_blood(
+    backend, positions, young=2500.0, fixed=None, model="solid", tissue=None, tension=0.0, **keys
+) -> gb.Simulation:
+    """Tissue of one body at `positions`, of particles 4 mm apart, and blood that a test adds."""
+    blood = {"name": "blood", "density": 1060.0, "viscosity": 0.0035, "surface_tension": tension}
+    solid = {"name": "tissue", "density": 1000.0, "surface_tension": tension}
+    scene = {
+        "spacing": 0.004, "domain": {"lo": (-0.1, -0.1, -0.1), "hi": (0.1, 0.1, 0.1)},
+        "solver": {"max_error": 0.01, "divergence_error": 0.001},
+        "fluids": [blood], "solids": [solid | (tissue or {})],
+    }  # fmt: skip
+    sim = gb.Simulation(scene | keys, **backend)
+    ids = sim.add(positions, "tissue")
+    if young is not None:
+        sim.tissue.bond(ids, young, fixed, model)
+    return sim
+
+
 def vessel(path, radius: float, pressure: float, pool: float, fluid: str = "blood") -> Vessel:
     return Vessel(name="vein", solid="tissue", fluid=fluid, path=path, radius=radius,
                   pressure=pressure, pool=pool)  # fmt: skip

@@ -7,58 +7,20 @@ import numpy as np
 import pytest
 from globule.bench import physics_tissue as truths
 from globule.sim.emitter import Emitter
-from globule.sim.scene_file import SceneError
-from sim_helpers import reloaded, vessel
+from sim_helpers import tissue_and_blood, vessel
 
 D = 0.004
 TENSION = 0.058
 
 
-def make(backend, positions=None, fixed=None, model="solid", **keys):
-    """Tissue at `positions`, and blood that a test adds."""
-    blood = {"name": "blood", "density": 1060.0, "viscosity": 0.0035}
-    tissue = {"name": "tissue", "density": 1000.0}
-    tension = keys.pop("tension", 0.0)
-    scene = {
-        "spacing": D, "fine_fluids": True,
-        "domain": {"lo": (-0.1, -0.1, -0.1), "hi": (0.1, 0.1, 0.1)},
-        "solver": {"max_error": 0.01, "divergence_error": 0.001},
-        "fluids": [blood | {"surface_tension": tension}],
-        "solids": [tissue | {"surface_tension": tension}],
-    }  # fmt: skip
-    sim = gb.Simulation(scene | keys, **backend)
-    if positions is not None:
-        ids = sim.add(positions, "tissue")
-        sim.tissue.bond(ids, 2500.0, fixed, model)
-    return sim
+def make(backend, positions, fixed=None, model="solid", **keys):
+    return tissue_and_blood(
+        backend, positions, 2500.0, fixed, model, **{"fine_fluids": True} | keys
+    )
 
 
 def block(nx, ny, nz, spacing=D):
     return truths.lattice(nx, ny, nz, spacing)
-
-
-def basin(backend, model="solid", depth=0.02):
-    """Fluid over tissue that is fixed at its lowest layer, both without end to the sides."""
-    side, base = 8 * D, 4 * D
-    box = {"lo": (0, 0, base), "hi": (side, side, base + depth)}
-    tissue = {
-        "name": "tissue", "young": 5000.0, "damping": 20.0, "model": model,
-        "box": {"lo": (0, 0, 0), "hi": (side, side, base)},
-        "fixed": [{"box": {"lo": (0, 0, 0), "hi": (side, side, D)}}],
-    }  # fmt: skip
-    domain = {"lo": (0, 0, -D), "hi": (side, side, 0.08), "periodic": ["x", "y"]}
-    return gb.Simulation(
-        spacing=D, fine_fluids=True, domain=domain, solids=[tissue],
-        fluids=[{"name": "water", "box": box}], **backend,
-    )  # fmt: skip
-
-
-def pressure_slope(sim):
-    """dp/dz of the fluid's bulk, Pa/m."""
-    particles, water = sim.particles, sizes(sim) < 1
-    z, top = sim.positions[water, 2], sim.positions[~water, 2].max()
-    bulk = (z > top + 1.5 * D) & (z < z.max() - D)
-    return np.polyfit(z[bulk], particles.attributes["pressure"][water][bulk], 1)[0]
 
 
 def sizes(sim):
@@ -82,12 +44,14 @@ def kernel(r, h):
     return 16 / (np.pi * h**3) * (a**3 - 4 * b**3)
 
 
-def test_pairs_have_the_mean_support(backend):
+@pytest.mark.parametrize("fine", [True, False])
+def test_pairs_have_the_mean_support(backend, fine):
     """Lists equal brute force; densities the sum of volume times kernel, in float64."""
-    sim = splashing(backend, model="bonds", gravity=(0, 0, 0))
+    sim = splashing(backend, fine_fluids=fine, model="bonds", gravity=(0, 0, 0))
     for _ in range(10):
         sim.step(0.002)
-    x, size = sim.positions.astype(float), sizes(sim)
+    blood = sizes(sim) < 1
+    x, size = sim.positions.astype(float), np.where(blood & fine, 0.5, 1.0)
     r = np.linalg.norm(x[:, None] - x, axis=2)
     support = float(np.float32(2 * D)) * (size[:, None] + size) / 2
     near = (r < support) & ~np.eye(len(x), dtype=bool)
@@ -99,7 +63,7 @@ def test_pairs_have_the_mean_support(backend):
     lattice = np.linalg.norm(block(9, 9, 9).astype(float) - 4 * D, axis=1)
     volume = size**3 / kernel(lattice, 2 * D).sum()
     expected = (kernel(r, support) * volume).sum(axis=1)
-    density = sim.particles.attributes["density"] / np.where(size < 1, 1060, 1000)
+    density = sim.particles.attributes["density"] / np.where(blood, 1060, 1000)
     np.testing.assert_allclose(density, expected, rtol=2e-4)
 
 
@@ -152,30 +116,46 @@ def test_tissue_and_fluid_keep_their_momentum(backend, fine, model, tension):
 @pytest.mark.few_backends
 @pytest.mark.parametrize("model", ["solid", "bonds"])
 def test_a_tank_rests_on_tissue(backend, model):
-    sim = basin(backend, model)
+    """Fluid over tissue that is fixed at its lowest layer, both without end to the sides."""
+    side, base = 8 * D, 4 * D
+    tissue = {
+        "name": "tissue", "young": 5000.0, "damping": 20.0, "model": model,
+        "box": {"lo": (0, 0, 0), "hi": (side, side, base)},
+        "fixed": [{"box": {"lo": (0, 0, 0), "hi": (side, side, D)}}],
+    }  # fmt: skip
+    sim = gb.Simulation(
+        spacing=D, fine_fluids=True, solids=[tissue], **backend,
+        domain={"lo": (0, 0, -D), "hi": (side, side, 0.08), "periodic": ["x", "y"]},
+        fluids=[{"name": "water", "box": {"lo": (0, 0, base), "hi": (side, side, base + 0.02)}}],
+    )  # fmt: skip
+    water = sizes(sim) < 1
     n, energy, slopes = len(sim), [], []
+
+    def bulk():
+        """Which particles of the fluid are away from its ends."""
+        z, top = sim.positions[water, 2], sim.positions[~water, 2].max()
+        return (z > top + 1.5 * D) & (z < z.max() - D), z, top
+
     while sim.time < 0.2:
         report = sim.step()
         if sim.time > 0.05:  # the lattices have found their distance
             measured = sim.record.measure()
             energy.append(measured["kinetic"] + measured["potential"] + sim.tissue.elastic_energy)
         if sim.time > 0.1:
-            slopes.append(pressure_slope(sim))
+            inside, z, _ = bulk()
+            pressure = sim.particles.attributes["pressure"][water]
+            slopes.append(np.polyfit(z[inside], pressure[inside], 1)[0])
     weight = 9.81 * sim.record.totals()["mass"]
     assert (np.array(energy) - np.minimum.accumulate(energy)).max() < 2e-3 * weight * D
     assert len(sim) == n
     assert report.n_escaped == 0
     assert max(energy) < energy[0] + 0.01 * abs(energy[0])
-    particles, water = sim.particles, sizes(sim) < 1
-    x, attributes = sim.positions[water], particles.attributes
-    top = sim.positions[~water, 2].max()
-    z = x[:, 2]
+    inside, z, top = bulk()
     assert z.min() > top - 0.5 * D  # nobody is within the tissue
     assert z.max() < 4 * D + 0.02
-    bulk = (z > top + 1.5 * D) & (z < z.max() - D)
-    assert bulk.sum() > 1000
-    density = attributes["density"][water]
-    assert np.abs(density[bulk] / 1000 - 1).max() < 0.02
+    assert inside.sum() > 1000
+    density = sim.particles.attributes["density"][water]
+    assert np.abs(density[inside] / 1000 - 1).max() < 0.02
     assert (density[z < top + 1.5 * D] / 1000).max() < 1.02  # at the border, too
     assert np.mean(slopes) == pytest.approx(-9810, rel=0.08)  # one step's: +- 12 %
     assert np.linalg.norm(sim.velocities, axis=1).max() < 0.2
@@ -200,41 +180,28 @@ def test_a_drop_wets_the_tissue_that_it_meets(backend):
     assert 12 < (wetness > 0.2).sum() < 144
 
 
-def bleeding(backend):
+@pytest.mark.parametrize(("fine", "pool", "n"), [(True, 5.4, 43), (False, 12.4, 12)])
+def test_a_cut_vessel_bleeds_its_pool_and_no_more(backend, fine, pool, n):
+    """Volumes add up to what left the pool; none appears within the lattice."""
     x = block(7, 7, 4)
-    sim = make(backend, x, fixed=x[:, 2] < 0.5 * D)
+    sim = make(backend, x, fixed=x[:, 2] < 0.5 * D, fine_fluids=fine)
     course = [[-D, 3 * D, 3 * D], [8 * D, 3 * D, 3 * D]]
-    sim.tissue.add_vessel(vessel(course, 0.6 * D, 2e5, 5.4 * D**3))
+    sim.tissue.add_vessel(vessel(course, 0.6 * D, 2e5, pool * D**3))
+    for _ in range(5):
+        sim.step(0.002)
+    assert len(sim) == len(x)
     edge = np.array([[3.5 * D, -0.1, 2 * D], [3.5 * D, 0.1, 2 * D]])
     assert sim.tissue.cut((edge, edge + [0, 0, 4 * D])) > 0
-    return sim
-
-
-def test_a_cut_vessel_bleeds_fine_particles(backend):
-    """Their volumes add up to what left the pool; none appears within the lattice."""
-    sim = bleeding(backend)
     for _ in range(60):
         sim.step(0.002)
         blood = sim.positions[sizes(sim) < 1]
-        left = 5.4 * D**3 - sim.tissue.pools[0]
-        assert len(blood) * D**3 / 8 == pytest.approx(left, rel=1e-6, abs=1e-15)
-    assert len(blood) == 43
+        left = pool * D**3 - sim.tissue.pools[0]
+        assert len(blood) * D**3 / (8 if fine else 1) == pytest.approx(left, rel=1e-6, abs=1e-15)
+    assert len(blood) == n
     assert np.isfinite(blood).all()
     tissue = sim.positions[sizes(sim) == 1]
     away = np.linalg.norm(blood[:, None] - tissue, axis=2)
     assert ((away < D).sum(axis=1) < 8).all()
-
-
-def test_checkpoints_go_on_bit_by_bit(tmp_path):
-    sim = bleeding({"device": "cpu"})
-    for _ in range(20):
-        sim.step(0.002)
-    again = reloaded(sim, tmp_path)
-    assert again.settings.fine_fluids
-    for _ in range(10):
-        sim.step(0.002)
-        again.step(0.002)
-    assert again.hash() == sim.hash()
 
 
 def test_same_bits_whatever_the_threads():
@@ -259,11 +226,3 @@ def test_images_show_them_at_their_size(backend):
         assert support[[0, -1]] == pytest.approx([2 * D, D if fine else 2 * D])
     assert areas[False] > 100
     assert areas[True] == pytest.approx(areas[False] / 4, rel=0.25)
-
-
-def test_wrong_values_are_named():
-    with pytest.raises(SceneError, match=r"fine_fluids: expected true or false, got 2"):
-        make({"device": "cpu"}, fine_fluids=2)
-    sim = make({"device": "cpu"})
-    with pytest.raises(AttributeError, match="fine_fluids"):
-        sim.settings.fine_fluids = False

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from globule.bench import physics_tissue as truths
 from globule.sim.bonds import along, build_bonds
-from globule.sim.tissue import BALL, FIXED, FREE, GONE, GRASPED, Tissue
+from globule.sim.tissue import BALL, Tissue
 from sim_helpers import check
 
 D = truths.SPACING
@@ -18,15 +18,6 @@ D = truths.SPACING
 )
 def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))
-
-
-def test_a_lattice_has_18_neighbours_of_one_stiffness():
-    bonds = build_bonds(truths.lattice(5, 5, 5), D, 2500.0)
-    counts = np.diff(bonds.offsets.astype(int))
-    assert counts.max() == 18
-    assert (counts == 18).sum() == 27
-    assert np.allclose(bonds.stiffness, 0.4 * 2500 * D)
-    assert set(np.round(100 * bonds.length / D).astype(int)) == {100, 141}
 
 
 def test_every_bond_stands_at_both_ends():
@@ -82,24 +73,6 @@ def test_same_bits_whatever_the_threads(model):
         assert all(np.array_equal(a, b) for a, b in zip(found[0], other, strict=True))
 
 
-def test_grasp_carries_and_lets_go(backend):
-    x = truths.lattice(6, 6, 6)
-    tissue = Tissue(x, D, 2500.0, fixed=x[:, 2] < D / 2, damping=5.0, **backend)
-    tissue.grasp(x[-1], 1.1 * D, 2)
-    held = tissue.hold == GRASPED + 2
-    assert held.sum() == 4
-    assert held[-1]
-    tissue.instruments([((0, 0, 0),) * 3] * 2 + [((0.0, 0.0, 0.1), (0, 0, 0), (0, 0, 0))])
-    tissue.advance(0.02)
-    assert np.allclose(tissue.positions[held] - x[held], [0, 0, 0.002], atol=1e-6)
-    assert np.allclose(tissue.positions[tissue.hold == FIXED], x[tissue.hold == FIXED])
-    neighbour = ~held & (np.linalg.norm(x - x[-1], axis=1) < 2.1 * D)
-    assert (tissue.positions[neighbour, 2] > x[neighbour, 2] + 1e-4).all()
-    tissue.grasp((9, 9, 9), D, 2)
-    assert not (tissue.hold >= GRASPED).any()
-    assert (tissue.hold[held] == FREE).all()
-
-
 def test_a_moving_ball_pushes(backend):
     x = truths.lattice(8, 8, 8)
     tissue = Tissue(x, D, 2500.0, fixed=x[:, 2] < D / 2, **backend)
@@ -110,23 +83,6 @@ def test_a_moving_ball_pushes(backend):
     distance = np.linalg.norm(tissue.positions - center, axis=1)
     assert distance.min() > 0.005 * (1 - 1e-3)
     assert tissue.positions[:, 2].max() < 7.5 * D
-
-
-def test_removed_particles_leave_no_bonds(backend):
-    x = truths.lattice(5, 5, 9)
-    tissue = Tissue(x, D, 2500.0, **backend)
-    assert tissue.remove(x[112], 0.5 * D) == 1
-    assert (tissue.hold == GONE).sum() == 1
-    assert tissue.n_pieces == 1
-    before = tissue.n_bonds
-    for i in np.flatnonzero(truths.layers(x) == 4):
-        tissue.remove(x[i], 0.1 * D)
-    assert (tissue.hold == GONE).sum() == 25
-    assert tissue.n_pieces == 2
-    # 25 particles of a layer: 2 (5n² - 4n) bonds to the layers beside, 2n(n-1) + 2(n-1)² inside.
-    whole = 2 * 105 + 2 * 5 * 4 + 2 * 16
-    assert build_bonds(x, D, 2500.0).other.size // 2 - tissue.n_bonds == whole
-    assert tissue.n_bonds < before
 
 
 def test_elastic_energy_is_that_of_the_springs(backend):
@@ -145,17 +101,3 @@ def test_what_lies_along_a_polyline():
     course = [[0, 0, 0], [1, 0, 0], [1, 1, 0]]
     points = np.array([[0.5, 0.1, 0], [0.5, 0.3, 0], [-0.1, 0, 0], [1.1, 0.9, 0.1], [1, 1.3, 0]])
     assert along(course, 0.2, points).tolist() == [True, False, True, True, False]
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"young": 0.0}, "young"),
-        ({"young": np.nan}, "young"),
-        ({"positions": np.zeros((3, 3))}, "positions: expected particles about"),
-    ],
-)
-def test_wrong_bonds_are_named(change, message):
-    good = {"positions": truths.lattice(2, 2, 2), "spacing": D, "young": 2500.0}
-    with pytest.raises(ValueError, match=message):
-        build_bonds(**{**good, **change})

@@ -6,28 +6,17 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.bench import physics_tissue as truths
+from globule.sim.bonds import build_bonds
 from globule.sim.operate import NOBODY
-from sim_helpers import vessel
+from sim_helpers import tissue_and_blood, vessel
 
 D = 0.004
 
 
 def make(
-    backend, positions, modulus=2500.0, fixed=None, gravity=(0, 0, -9.81), model="solid", **tissue
+    backend, positions, young=2500.0, fixed=None, model="solid", gravity=(0, 0, -9.81), **tissue
 ):
-    sim = gb.Simulation(
-        {
-            "spacing": D, "domain": {"lo": (-0.1, -0.1, -0.1), "hi": (0.1, 0.1, 0.1)},
-            "gravity": gravity, "solver": {"max_error": 0.01, "divergence_error": 0.001},
-            "fluids": [{"name": "blood", "density": 1060.0, "viscosity": 0.0035}],
-            "solids": [{"name": "tissue", "density": 1000.0, **tissue}],
-        },
-        **backend,
-    )  # fmt: skip
-    ids = sim.add(positions, "tissue")
-    if modulus is not None:
-        sim.tissue.bond(ids, modulus, fixed, model)
-    return sim
+    return tissue_and_blood(backend, positions, young, fixed, model, tissue, gravity=gravity)
 
 
 def block(nx, ny, nz):
@@ -150,6 +139,8 @@ def test_ablation_counts_and_separates(backend):
     gone = sim.tissue.ablate((D, D, 4 * D), 1.5 * D)
     assert len(gone) == 19
     assert len(sim) == n - 19
+    left = build_bonds(np.delete(x, gone, axis=0), D, 2500.0)
+    assert sim.tissue.n_bonds == len(left.other) // 2
     gone = sum(len(sim.tissue.ablate(p, 0.1 * D)) for p in x[np.abs(x[:, 2] - 4 * D) < 0.1 * D])
     assert gone == 0
     assert sim.tissue.n_pieces == 2
@@ -158,30 +149,6 @@ def test_ablation_counts_and_separates(backend):
     sim.remove(sim.ids[:3])
     sim.step(0.001)
     assert (sim.tissue.piece != NOBODY).sum() == len(sim) == n - 22
-
-
-def test_a_cut_vessel_bleeds_its_pool_and_no_more(backend):
-    x = block(7, 7, 4)
-    sim = make(backend, x, fixed=x[:, 2] < 0.5 * D, damping=20.0)
-    course = [[-D, 3 * D, 3 * D], [8 * D, 3 * D, 3 * D]]
-    pool = 12.4 * D**3
-    sim.tissue.add_vessel(vessel(course, 0.6 * D, 2e5, pool))
-    for _ in range(5):
-        sim.step(0.004)
-    assert len(sim) == len(x)
-    # A gap, so that blood has room.
-    edge = np.array([[3.5 * D, -0.1, 2 * D], [3.5 * D, 0.1, 2 * D]])
-    assert sim.tissue.cut((edge, edge + [0, 0, 4 * D])) > 0
-    counts = []
-    for _ in range(60):
-        sim.step(0.002)
-        counts.append((sim.arrays.phase == 0).sum())
-    assert counts[0] <= counts[-1] == 12
-    assert (np.diff(counts) >= 0).all()
-    assert sim.tissue.pools == [pytest.approx(0.4 * D**3)]
-    assert len(sim) == len(x) + 12
-    blood = sim.positions[sim.arrays.phase == 0]
-    assert np.isfinite(blood).all()
 
 
 def test_blood_stains_tissue(backend):
@@ -240,16 +207,6 @@ def test_free_fall_does_not_shorten_steps_but_landing_does(backend):
     assert shortest < 2.5 * by_speed
     assert n_steps < 0.5 * 0.08 / by_speed
     assert np.linalg.norm(sim.velocities[drop[0]]) < 1.0
-
-
-def test_wrong_use_is_named():
-    sim = make({"device": "cpu"}, block(2, 2, 2))
-    with pytest.raises(ValueError, match="ids: expected particles"):
-        sim.tissue.bond([99], 2500.0)
-    with pytest.raises(ValueError, match="number: expected 0 to 7"):
-        sim.tools.grasp((0, 0, 0), D, 8)
-    with pytest.raises(ValueError, match="phase: expected one of"):
-        sim.tissue.add_vessel(vessel([[0, 0, 0], [D, 0, 0]], D, 1.0, 1.0, "ichor"))
 
 
 def test_steps_read_only_what_was_written():
