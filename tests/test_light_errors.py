@@ -11,12 +11,10 @@ NAN, INF = float("nan"), float("inf")
 CAMERA = gb.Camera((0, 0, 5), (0, 0, 0))
 
 
-def refuse(error, name, got, **options):
+def refuse(error, name, got, scene=None, size=(4, 3), **options):
     """Rendering with these options fails, saying `name: expected ..., got ...`."""
-    scene = options.pop("scene") if "scene" in options else ball()
-    refused(
-        error, name, got, lambda: gb.render(scene, **{"camera": CAMERA, "size": (4, 3), **options})
-    )
+    scene = ball() if scene is None else scene
+    refused(error, name, got, lambda: gb.render(scene, CAMERA, size, **options))
 
 
 def refused(error, name, got, call):
@@ -33,28 +31,18 @@ def refused(error, name, got, call):
 SETTINGS = [
     (ValueError, "background", (1, 2), None),
     (ValueError, "background", (0, NAN, 0), None),
-    (ValueError, "background", (0, -1, 0), None),
     (TypeError, "background", "white", None),
     (ValueError, "ambient", "moon", None),
-    (ValueError, "ambient", (0, INF, 0), None),
     (ValueError, "ambient", -0.1, None),
     (ValueError, "ambient_rays", -1, None),
     (ValueError, "ambient_rays", 257, None),
-    (TypeError, "ambient_rays", 1.5, None),
     (TypeError, "ambient_rays", True, None),
-    (ValueError, "ambient_distance", -1.0, None),
     (ValueError, "ambient_distance", NAN, None),
-    (TypeError, "ambient_distance", "far", None),
-    (ValueError, "exposure", -1, None),
     (ValueError, "exposure", INF, None),
-    (ValueError, "bounces", -1, None),
     (ValueError, "bounces", 33, None),
     (TypeError, "bounces", 2.0, None),
-    (ValueError, "cutoff", -0.1, None),
     (ValueError, "cutoff", 1.5, None),
-    (ValueError, "cutoff", NAN, None),
     (ValueError, "samples", 0, None),
-    (ValueError, "samples", 65537, None),
     (TypeError, "samples", "many", None),
     (ValueError, "specular", -1.0, None),
     (ValueError, "shininess", NAN, None),
@@ -77,17 +65,15 @@ def test_settings(error, name, value, got):
 @pytest.mark.parametrize(
     ("name", "call"),
     [
-        ("material", lambda: dataclasses.replace(QUIET, material=None)),
         ("material", lambda: dataclasses.replace(QUIET, material=0.5)),
         ("material", lambda: gb.Layer(ball(), "clay")),
         ("lights", lambda: dataclasses.replace(QUIET, lights=gb.Headlight())),
         ("shadows", lambda: dataclasses.replace(QUIET, shadows="no")),
         ("keep", lambda: gb.ClipBox((0, 0, 0), (1, 1, 1), keep="yes")),
         ("image", lambda: gb.Environment("studio.exr")),
-        ("clips", lambda: gb.render(ball(), clips=gb.ClipPlane((0, 0, 1)))),
+        ("clips", lambda: gb.render(ball(), clips="plane")),
         ("clips", lambda: gb.Layer(ball(), None, gb.ClipPlane((0, 0, 1)))),
         ("settings", lambda: gb.render(ball(), settings={"shadow": True})),
-        ("settings", lambda: gb.render(ball(), settings="water")),
         ("settings", lambda: gb.render(ball(), settings=3)),
         ("scene", lambda: gb.render(5)),
     ],
@@ -99,26 +85,17 @@ def test_other_things_than_expected(name, call):
 
 MATERIALS = [
     (ValueError, {"reflection": 1.5}),
-    (ValueError, {"reflection": -0.5}),
     (ValueError, {"reflection": NAN}),
     (TypeError, {"reflection": "shiny"}),
-    (ValueError, {"transmission": 2}),
     (ValueError, {"transmission": -1}),
     (ValueError, {"index": 0.9}),
     (ValueError, {"index": 5}),
-    (ValueError, {"index": NAN}),
-    (TypeError, {"index": "glass"}),
-    (ValueError, {"roughness": 1.1}),
     (ValueError, {"roughness": -0.1}),
-    (ValueError, {"color": (1, 2)}),
     (ValueError, {"color": (1, NAN, 0)}),
-    (ValueError, {"color": (-1, 0, 0)}),
     (TypeError, {"color": "red"}),
-    (ValueError, {"absorption": -1.0}),
     (ValueError, {"absorption": (0, 0, INF)}),
     (ValueError, {"absorption": (1, 2, 3, 4)}),
     (ValueError, {"specular": -0.1}),
-    (ValueError, {"shininess": -2}),
     (TypeError, {"shininess": "very"}),
 ]
 
@@ -130,18 +107,14 @@ def test_materials(error, field):
 
 
 LIGHTS = [
-    (ValueError, "radiance", lambda: gb.Headlight((1, 2)), "(1, 2)"),
     (ValueError, "radiance", lambda: gb.Headlight(-1), "-1"),
     (ValueError, "radiance", lambda: gb.DirectionalLight((0, 1, 0), NAN), "nan"),
     (ValueError, "direction", lambda: gb.DirectionalLight((0, 0, 0)), "(0, 0, 0)"),
     (ValueError, "direction", lambda: gb.DirectionalLight((0, NAN, 0)), "(0, nan, 0)"),
     (TypeError, "direction", lambda: gb.DirectionalLight("up"), "'up'"),
-    (ValueError, "angle", lambda: gb.DirectionalLight(angle=-1), "-1"),
     (ValueError, "angle", lambda: gb.DirectionalLight(angle=180), "180"),
-    (ValueError, "position", lambda: gb.PointLight((1, 2)), "(1, 2)"),
     (ValueError, "position", lambda: gb.PointLight((1, INF, 0)), "(1, inf, 0)"),
     (ValueError, "radius", lambda: gb.PointLight((1, 2, 3), radius=-1), "-1"),
-    (ValueError, "radius", lambda: gb.PointLight((1, 2, 3), radius=NAN), "nan"),
 ]
 
 
@@ -150,6 +123,9 @@ AROUND = [
     (ValueError, "horizon", lambda: gb.Sky(horizon=-1), "-1"),
     (ValueError, "ground", lambda: gb.Sky(ground=NAN), "nan"),
     (ValueError, "up", lambda: gb.Sky(up=(0, 0, 0)), "(0, 0, 0)"),
+    (ValueError, "image", lambda: gb.Environment(np.ones((2, 3, 4))), "(2, 3, 4)"),
+    (ValueError, "image", lambda: gb.Environment(np.ones((0, 3, 3))), "(0,"),
+    (ValueError, "image", lambda: gb.Environment(np.ones((1, 40_000, 3))), "(1, 40000, 3)"),
     (ValueError, "turn", lambda: gb.Environment(np.ones((2, 4, 3)), turn=INF), "inf"),
     (ValueError, "strength", lambda: gb.Environment(np.ones((2, 4, 3)), strength=-1), "-1"),
     (ValueError, "up", lambda: gb.Environment(np.ones((2, 4, 3)), up=(1, 2)), "(1, 2)"),
@@ -163,22 +139,6 @@ AROUND = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("image", "got"),
-    [
-        (np.ones((2, 3)), "(2, 3)"),
-        (np.ones((2, 3, 4)), "(2, 3, 4)"),
-        (np.ones((0, 3, 3)), "(0,"),
-        (np.ones((1, 40_000, 3)), "(1, 40000, 3)"),
-    ],
-    ids=["flat", "four channels", "empty", "wide"],
-)
-def test_environment_shapes(image, got):
-    with pytest.raises(ValueError, match="image: expected shape") as caught:
-        gb.Environment(image)
-    assert got in str(caught.value)
-
-
 @pytest.mark.parametrize("value", [NAN, INF, -1.0])
 def test_environment_values(value):
     image = np.ones((4, 8, 3), np.float32)
@@ -189,17 +149,12 @@ def test_environment_values(value):
 
 CLIPS = [
     (ValueError, "normal", lambda: gb.ClipPlane((0, 0, 0)), "(0, 0, 0)"),
-    (ValueError, "normal", lambda: gb.ClipPlane((0, NAN, 0)), "(0, nan, 0)"),
     (TypeError, "normal", lambda: gb.ClipPlane("up"), "'up'"),
     (ValueError, "offset", lambda: gb.ClipPlane((0, 0, 1), INF), "inf"),
-    (TypeError, "offset", lambda: gb.ClipPlane((0, 0, 1), "far"), "'far'"),
     (ValueError, "lo", lambda: gb.ClipBox((0, 0), (1, 1, 1)), "(0, 0)"),
     (ValueError, "hi", lambda: gb.ClipBox((0, 0, 0), (1, 0, 1)), "(1, 0, 1)"),
-    (ValueError, "hi", lambda: gb.ClipBox((0, 0, 0), (1, NAN, 1)), "(1, nan, 1)"),
     (ValueError, "center", lambda: gb.ClipSphere((0, 0), 1), "(0, 0)"),
-    (ValueError, "radius", lambda: gb.ClipSphere((0, 0, 0), -1), "-1"),
     (ValueError, "radius", lambda: gb.ClipSphere((0, 0, 0), 0), "0"),
-    (ValueError, "radius", lambda: gb.ClipSphere((0, 0, 0), NAN), "nan"),
     (TypeError, "radius", lambda: gb.ClipSphere((0, 0, 0), "big"), "'big'"),
 ]
 
@@ -207,10 +162,6 @@ CLIPS = [
 @pytest.mark.parametrize(("error", "name", "made", "got"), [*LIGHTS, *AROUND, *CLIPS])
 def test_lights_sky_ground_and_clips(error, name, made, got):
     refused(error, name, got, made)
-
-
-def test_what_is_no_clip():
-    refuse(TypeError, "clips", "'p'", clips="plane")
 
 
 def test_layers():
@@ -224,10 +175,8 @@ def test_layers():
 @pytest.mark.parametrize(
     ("error", "size", "got"),
     [
-        (ValueError, (0, 3), "0x3"),
         (ValueError, (3, -1), "3x-1"),
         (TypeError, "big", "'big'"),
-        (TypeError, 5, "5"),
         (TypeError, (1, 2, 3), "(1, 2, 3)"),
         (ValueError, (2**20, 2**20), "1048576x"),
     ],
@@ -235,13 +184,3 @@ def test_layers():
 )
 def test_sizes(error, size, got):
     refuse(error, "size", got, size=size)
-
-
-def test_nothing_is_left_behind_by_what_was_refused():
-    """The scene goes on as before."""
-    scene = ball()
-    before = gb.render(scene, CAMERA, (20, 20), QUIET).picture
-    for bad in ({"bounces": -1}, {"material": 9}, {"lights": [1]}):
-        with pytest.raises((TypeError, ValueError)):
-            gb.render(scene, CAMERA, (20, 20), bad)
-    np.testing.assert_array_equal(gb.render(scene, CAMERA, (20, 20), QUIET).picture, before)
