@@ -246,17 +246,8 @@ def test_on_the_command_line(tmp_path, monkeypatch, capsys):
     gb.write("fluid.npz", cube())
     gb.write("tracers.npz", gb.Particles(np.array([[0.4, 0.4, 1.6], [0.4, 0.4, 2.6]])))
     gb.write("path.npz", gb.Particles(np.array([[0, 0, 1.5], [1, 0, 1.5], [1, 1, 1.5]])))
-    words = [
-        "--spheres",
-        "tracers.npz:0.2",
-        "--lines",
-        "path.npz:0.05",
-        "--mesh-color",
-        "0.8,0,0",
-        "-o",
-        "a.png",
-    ]
-    view = ["--eye", "0.4,0.4,9", "--look-at", "0.4,0.4,0", "--pick", "20,15"]
+    words = ["--spheres", "tracers.npz:0.2", "--lines", "path.npz:0.05", "--mesh-color", "0.8,0,0"]
+    view = ["-o", "a.png", "--eye", "0.4,0.4,9", "--look-at", "0.4,0.4,0", "--pick", "20,15"]
     facts = run_json(capsys, "render", "fluid.npz", *words, *view, *SMALL)
     assert facts["picked"]["file"] == "tracers.npz"
     assert facts["picked"]["face"] == 1

@@ -130,16 +130,6 @@ def test_no_ray_slips_between_triangles(backend):
         assert np.isfinite(mesh.intersect(at, d).distance).all()
 
 
-def test_ties_go_to_the_first_triangle(backend):
-    vertices, faces = sphere(8)
-    o, d = random_rays(5000, 4)
-    once = gb.Mesh(vertices, faces, **backend).intersect(o, d)
-    twice = gb.Mesh(vertices, np.concatenate([faces, faces]), solid=False, **backend)
-    found = twice.intersect(o, d)
-    np.testing.assert_array_equal(found.face, once.face)
-    np.testing.assert_array_equal(found.distance, once.distance)
-
-
 def test_a_pose_moves_the_mesh_without_its_vertices(backend):
     vertices, faces = MESHES["soup"]
     angle = 0.7
@@ -254,9 +244,7 @@ def test_beside_particles_the_nearer_surface_shows(backend):
     mesh = t < plain.distance - 1e-3
     assert mesh.sum() > 100
     assert (hit & ~mesh).sum() > 100
-    np.testing.assert_allclose(
-        both.color[mesh], np.broadcast_to((1, 0.5, 0.25), (mesh.sum(), 3)), atol=1e-6
-    )
+    assert np.abs(both.color[mesh] - (1, 0.5, 0.25)).max() < 1e-6
     row, column = np.argwhere(mesh)[0]
     seen = both.pick(column, row)
     assert (seen.layer, seen.particle) == (1, None)
@@ -291,29 +279,22 @@ def test_shadows_fall_across_both_kinds(backend):
     settings = quiet(lights=[SUN], shadows=True)
     scene = block(**backend)
     plate = box((-2, 8, -2), (1, 8.5, 2))
-    lit = gb.render(scene, camera, size, settings)
-    shaded = gb.render([scene, gb.Layer(plate, glass(1.0))], camera, size, settings)
-    dark = gb.render([scene, plate], camera, size, settings)
+
+    def draw(*layers, camera=camera):
+        return gb.render(list(layers), camera, size, settings)
+
+    lit, dark = draw(scene), draw(scene, plate)
+    shaded = draw(scene, gb.Layer(plate, glass(1.0)))
     flat = np.abs(lit.position[..., [0, 2]]).max(-1) < 3.5
     under = flat & (np.abs(lit.position[..., 2]) < 1.9)
     under &= (lit.position[..., 0] > -1.9) & (lit.position[..., 0] < 0.9)
     np.testing.assert_allclose(shaded.color[flat], lit.color[flat], atol=1e-4)  # clear: no shadow
-    above = gb.render(
-        [scene, gb.Layer(plate, glass(1.0, transmission=0.25))], camera, size, settings
-    )
+    above = draw(scene, gb.Layer(plate, glass(1.0, transmission=0.25)))
     own = 0.62 * 0.75 * (1 + 1 / 16)  # of the plate's top, and of its bottom from inside
     np.testing.assert_allclose(above.color[under], own + lit.color[under] / 256, atol=1e-4)
     assert (dark._layer[under] == 1).all()
     floor = box((-9, -7, -9), (9, -6, 9), color=(1, 1, 1))
-    ground = gb.render(
-        [floor, gb.Layer(scene, glass(1.0, transmission=0.0))], camera, size, settings
-    )
-    low = gb.render(
-        [gb.Layer(floor), gb.Layer(scene)],
-        gb.Camera((25, 2, 0), (0, -6, 0), fov=40),
-        size,
-        settings,
-    )
+    low = draw(floor, scene, camera=gb.Camera((25, 2, 0), (0, -6, 0), fov=40))
     p, seen = low.position, (low._layer == 0) & (low.normal[..., 1] > 0.9)
     beneath = seen & (np.abs(p[..., [0, 2]]).max(-1) < 4)
     beside = seen & (np.abs(p[..., [0, 2]]).max(-1) > 6.5)
@@ -321,7 +302,6 @@ def test_shadows_fall_across_both_kinds(backend):
     assert beside.sum() > 20
     assert (low.color[beneath] == 0).all()
     np.testing.assert_allclose(low.color[beside], 1.0, atol=1e-5)
-    assert ground.mask.any()
 
 
 def test_a_mirror_shows_the_sky(backend):
@@ -383,14 +363,11 @@ def test_a_slab_shifts_what_lies_behind(backend):
 def test_a_sheet_is_a_thin_pane(backend):
     pane = gb.Mesh(np.float32([[-3, -3, 0], [3, -3, 0], [0, 4, 0]]), [[0, 1, 2]], **backend)
     once = 1 - kept(1, 1.5)
-    np.testing.assert_allclose(
-        through(gb.Layer(pane, glass(1.5)), 1), 1 - 2 * once / (1 + once), rtol=1e-5
-    )
-    np.testing.assert_allclose(
-        through(gb.Layer(pane, glass(1.0, transmission=0.4)), 1), 0.4, rtol=1e-5
-    )
-    shell = box((-2, -2, 0), (2, 2, 0.5), solid=False, **backend)
     mirror = 2 * once / (1 + once)
+    np.testing.assert_allclose(through(gb.Layer(pane, glass(1.5)), 1), 1 - mirror, rtol=1e-5)
+    clear = through(gb.Layer(pane, glass(1.0, transmission=0.4)), 1)
+    np.testing.assert_allclose(clear, 0.4, rtol=1e-5)
+    shell = box((-2, -2, 0), (2, 2, 0.5), solid=False, **backend)
     expected = (1 - mirror) ** 2 * (1 + mirror**2)  # and what goes down after two reflections
     np.testing.assert_allclose(through(gb.Layer(shell, glass(1.5)), 3), expected, atol=1e-3)
 
@@ -460,12 +437,8 @@ def test_a_cut_across_both_kinds_is_one_plane(backend):
     for layer, color in ((0, (1, 0, 0)), (1, (0, 1, 0))):
         here = cut & (frame._layer == layer)
         assert here.sum() > 50
-        np.testing.assert_allclose(
-            frame.color[here], np.broadcast_to(color, (here.sum(), 3)), atol=1e-5
-        )
-        np.testing.assert_allclose(
-            frame.normal[here], np.broadcast_to((0, 0, 1), (here.sum(), 3)), atol=1e-5
-        )
+        assert np.abs(frame.color[here] - color).max() < 1e-5
+        assert np.abs(frame.normal[here] - (0, 0, 1)).max() < 1e-5
 
 
 def test_light_through_a_cut_solid(backend):
@@ -499,13 +472,6 @@ def test_fitted_cameras_and_presets():
         assert settings.ground.height == pytest.approx(-1)
     rays_of = quiet(ambient=1.0, ambient_rays=2)
     assert gb.render(mesh, (32, 24), settings=rays_of).mask.any()
-
-
-def test_refined_frames_know_their_layers(backend):
-    scene, wall = block(**backend), box((-3, -3, 2), (0, 9, 9))
-    frame = gb.render([scene, wall], CAMERA_FAR, SIZE, quiet(ambient=1.0))
-    before = frame._layer
-    np.testing.assert_array_equal(frame.refine(2)._layer, before)
 
 
 def test_the_same_bits_for_any_number_of_threads():
