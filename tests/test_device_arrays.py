@@ -121,22 +121,6 @@ def test_the_current_gpu_stays(cupy):
     assert cupy.cuda.runtime.getDevice() == before
 
 
-def test_update_after_the_particles_spread_is_as_good_as_new(backend):
-    """Room for nodes follows the particles, so that the octree is never cut for long."""
-    n = 24
-    lattice = ((np.indices((n, n, n)).reshape(3, -1).T + 0.5) / n).astype(np.float32)
-    later = np.random.default_rng(5).random(lattice.shape).astype(np.float32)
-    later[:, 2] *= 1 / 16
-    scene = gb.Scene(lattice, support=0.06, **backend)
-    fresh = gb.Scene(later, support=0.06, **backend).octree
-    for _ in range(3):
-        scene.update(positions=later)
-    assert (scene.octree.n_nodes, scene.octree.level) == (fresh.n_nodes, fresh.level)
-    scene.update(positions=lattice[:100])
-    scene.update(positions=lattice[:100])
-    assert scene.octree.n_nodes == gb.Scene(lattice[:100], support=0.06, **backend).octree.n_nodes
-
-
 def test_results_on_the_gpu_are_ordered_for_the_consumers_stream(cupy):
     sweep = small_sweep()
     right = gb.reconstruct(sweep, spacing=0.5, device="cpu")

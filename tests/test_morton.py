@@ -32,31 +32,6 @@ def key_at(x: int, y: int, z: int, level: int, bits: int) -> int:
 
 
 @pytest.mark.parametrize("bits", WIDTHS)
-def test_vectors_of_the_thesis(bits):
-    assert morton.encode(10, 3, 15, bits) == 0xB3E == 0b101100111110  # Fig. 3.4
-    assert morton.encode(1, 0, 0, bits) == 1  # x is the least significant
-    assert morton.encode(0, 1, 0, bits) == 2
-    assert morton.encode(0, 0, 1, bits) == 4
-
-
-def test_cell_key_from_corner_and_from_centre():
-    corner = morton.encode(256, 0, 0)
-    assert corner == 0b000_001 << 24  # triplets 000 001, then zeros
-    centre = morton.encode(384, 128, 128)
-    level2 = ~((1 << 24) - 1)
-    assert centre & level2 == corner
-    assert INSIDE[32] | corner == 0b01_000_001 << 24
-
-
-def test_dense_index_vectors():
-    key = INSIDE[32] | 0b001_011 << 24
-    assert morton.dense_index(key, 2) == 20  # 9 + 11
-    assert morton.dense_key(20) == key
-    assert morton.dense_key(180) == INSIDE[32] | 107 << 21  # level 3, v = 107 = 001 101 011
-    assert morton.dense_index(morton.dense_key(180), 3) == 180
-
-
-@pytest.mark.parametrize("bits", WIDTHS)
 def test_dense_index_at_the_ends_of_levels(bits):
     first = 0
     for level in range(9):

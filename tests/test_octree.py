@@ -157,25 +157,6 @@ def test_same_bits_for_any_number_of_threads(reference, threads):
         assert octree.node_hash == expected.node_hash
 
 
-@pytest.mark.parametrize("options", COMBINATIONS, ids=ids)
-def test_the_octree_does_not_change_the_surface(backend, options):
-    rng = np.random.default_rng(26)
-    particles = gb.Particles(cloud(2000, 26), support=rng.uniform(0.02, 0.3, 2000))
-    scene = gb.Scene(particles, **options, **backend)
-    plain = gb.Scene(particles, **backend)
-    at = cloud(2000, 27, 1.2)
-    np.testing.assert_allclose(gb.field(scene, at), gb.field(plain, at), rtol=1e-6, atol=1e-6)
-    target, eye = cloud(2000, 28), cloud(2000, 29, 4)
-    direction = target - eye
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    depth, _, _ = gb.intersect(scene, eye, direction)
-    other, _, _ = gb.intersect(plain, eye, direction)
-    np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(other))
-    hit = np.isfinite(depth)
-    assert 100 < hit.sum() < 2000
-    np.testing.assert_allclose(depth[hit], other[hit], atol=2e-5)
-
-
 def rows(found) -> list[np.ndarray]:
     offsets, indices = found
     assert offsets.dtype == np.uint64
