@@ -145,25 +145,10 @@ def test_the_command(folder, capsys):
     assert found["counts"]["voxels"] < 0.6 * plain
     assert np.asarray(Image.open("v.png")).shape[0] != height
     for extra, message in (
-        (
-            ["--volume-axes", "sweep", "--bounds=-5,-5,-5,5,5,5"],
-            "--volume-axes: expected no --bounds",
-        ),
+        (["--volume-axes", "sweep", "--bounds=-5,-5,-5,5,5,5"], "expected no --bounds"),
         (["--volume-axes", "probe"], "--volume-axes"),
     ):
         assert main([*words, *extra]) == 2
         assert message in capsys.readouterr().err
     assert main([*words[:6], "--projections"]) == 2
     assert "--three-view" in capsys.readouterr().err
-    gb.write_sweep("few.igs.mha", linear_sweep()[:5])
-    words = [
-        "reconstruct",
-        "few.igs.mha",
-        "--cross-validate",
-        "2",
-        "--voxel-size",
-        "1",
-        *words[4:6],
-    ]
-    found = run_json(capsys, *words)
-    assert "frames" in found["cross_validation"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import struct
 import sys
 
 import globule as gb
@@ -53,19 +52,6 @@ def test_voxels_lie_where_the_image_says():
         assert np.allclose(position, expected, atol=1e-4)
 
 
-def test_nifti_is_turned_to_lps(tmp_path):
-    """NIfTI's own frame is RAS: written there by hand, x and y change their signs."""
-    header = struct.pack("<i", 348) + bytes(36) + struct.pack("<8h", 3, 2, 2, 2, 1, 1, 1, 1)
-    header += bytes(14) + struct.pack("<hhh", 2, 8, 0)  # uint8
-    header += struct.pack("<8f", 1, 2, 2, 2, 0, 0, 0, 0) + struct.pack("<f", 352)
-    header += bytes(252 - len(header)) + struct.pack("<hh", 0, 1) + bytes(24)
-    header += struct.pack("<12f", 2, 0, 0, 10, 0, 2, 0, 20, 0, 0, 2, 30)
-    header += bytes(344 - len(header)) + b"n+1\0" + bytes(4)
-    (tmp_path / "a.nii").write_bytes(header + bytes([0, 0, 0, 0, 0, 0, 0, 200]))
-    particles = gb.tomography_particles(tmp_path / "a.nii", level=100)
-    assert np.allclose(particles.positions, [[-12, -22, 32]])
-
-
 def test_series_of_one_moment(tmp_path):
     sitk.WriteImage(sitk.JoinSeries(image(ramp())), str(tmp_path / "a.nii"))
     exact = gb.tomography_particles(image(ramp()), level=50)
@@ -81,15 +67,6 @@ def test_support_is_two_voxels():
         # Slices far apart: a support below their distance would leave gaps between them.
         particles = gb.tomography_particles(image(ball(), spacing), labels=1000)
         assert particles.support == pytest.approx(support)
-
-
-def test_a_ball_looks_like_a_ball():
-    whole = image(ball(), (1, 1, 1), (0, 0, 0), np.eye(3))
-    scene = gb.Scene(gb.tomography_particles(whole), device="cpu")
-    frame = gb.render(scene, gb.Camera((11.5, 11.5, 80), (11.5, 11.5, 0), height=40), (80, 80))
-    radius = np.sqrt(frame.mask.sum() / 4 / np.pi)  # 4 pixels a mm²
-    voxels = 23 / 2 * np.sqrt(0.5)
-    assert radius == pytest.approx(voxels, abs=0.3)
 
 
 def test_labels_have_their_colors():
@@ -186,7 +163,6 @@ def test_dicom_series(tmp_path):
     [
         ({"level": np.nan}, "level: expected a finite number"),
         ({"level": 1, "labels": [1]}, "level: expected none beside labels"),
-        ({"labels": []}, "labels: expected one or more whole numbers"),
         ({"labels": 1.5}, "labels: expected one or more whole numbers"),
         ({"spacing": 0}, "spacing: expected a positive number"),
         ({"spacing": 1e-4}, r"spacing: expected at least 0\.\d+ mm"),
@@ -205,11 +181,6 @@ def test_what_is_no_volume():
         gb.tomography_particles(sitk.Image([4, 4, 4], sitk.sitkVectorUInt8, 3))
     with pytest.raises(TypeError, match=r"expected a path, Volume or SimpleITK.Image, got list"):
         gb.tomography_particles([1, 2])
-
-
-def test_folder_without_dicom(tmp_path):
-    with pytest.raises(FormatError, match="expected pictures or a DICOM series in this folder"):
-        gb.read_volume(tmp_path)
 
 
 def test_sweep_is_no_volume(tmp_path):
@@ -276,15 +247,9 @@ def test_mistakes_of_the_commands(head, capsys):
     for words, what in [
         (["convert", "a.npz", "b.npz", "--level", "1"], "--level: expected a volume to read"),
         (["convert", "a.npz", "b.npz", "--resample", "1"], "--resample: expected a volume or mesh"),
-        (
-            ["info", head, "--level", "1", "--label", "1"],
-            "--level: expected no --label beside --level",
-        ),
+        (["info", head, "--level", "1", "--label", "1"], "--level: expected no --label"),
         (["convert", head, "b.nii", "--level", "1"], "OUT: expected a name ending in"),
-        (
-            ["render", head, "-o", "b.png", "--level", "1e9"],
-            "level: expected at most the highest value, 1000",
-        ),
+        (["render", head, "-o", "b.png", "--level", "1e9"], "at most the highest value, 1000"),
         (["render", head, "-o", "b.png", "--label", "77"], "nii.gz: --label: expected a value"),
         (["info", head, "--label", "77", "--label", "78"], "that voxels have, got 77, 78"),
         (["info", ".", "--level", "1"], "expected pictures or a DICOM series"),

@@ -147,6 +147,7 @@ def test_hostile_headers():
         (b"DimSize = 23 19 17", b"DimSize = 23 19 18"),
         (b"DimSize = 23 19 17", b"DimSize = -23 19 17"),
         (b"ElementSpacing = 0.1", b"ElementSpacing = nan"),
+        (b"ElementSpacing = 0.1", b"ElementSpacing = 1e300"),
         (b"ElementSpacing = 0.1", b"ElementSpacing = 0"),
         (b"Offset = ", b"Offset = 1 "),
         (b"TransformMatrix = 1.0 0.0", b"TransformMatrix = 0.0 0.0"),
