@@ -27,6 +27,7 @@ from PIL import Image
 from sweep_helpers import small_sweep, spine_data
 from waiting import PATIENCE, Waits, until
 
+igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
 CPU = ["--device", "cpu"]
 LIVE = ["reconstruct", "--idle", "0.5", *CPU]
 GROWS = [*LIVE, "--voxel-size", "1"]
@@ -44,7 +45,6 @@ class Server:
     """An OpenIGTLink server that replays a sweep, on loopback."""
 
     def __init__(self, sweep, embedded: bool = False, names=("ImageToReference",)):
-        igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
         self.messages = []
         for i in range(len(sweep)):
             matrix = sweep.world_from_image[i]
@@ -121,36 +121,8 @@ def test_live_with_transforms_and_with_embedded_poses():
         assert arrived(receive_sweep(served(made, embedded=embedded), idle=0.4), made)
 
 
-def test_live_from_pyigtl_s_own_server(clock):
-    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
-    made = small_sweep(8)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    server = igtl.OpenIGTLinkServer(port=port)
-
-    def replay():
-        until(server.is_connected)
-        for i in range(len(made)):
-            when = 1000 + float(made.timestamps[i])
-            for message in (
-                igtl.ImageMessage(made.frames[i][None], timestamp=when, device_name="Image"),
-                igtl.TransformMessage(made.world_from_image[i], timestamp=when,
-                                      device_name="ImageToReference"),
-            ):  # fmt: skip
-                server.send_message(message)
-        clock.silent = True
-
-    threading.Thread(target=replay, daemon=True).start()
-    try:
-        assert arrived(receive_sweep(f"igtl://127.0.0.1:{port}", idle=1.0), made)
-    finally:
-        server.stop()
-
-
 def test_the_real_sweep_replayed(capsys):
     """As PLUS sends it: probe and reference as the tracker sees them, calibration from the XML."""
-    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
     path, plus = (spine_data() / name for name in ("SpinePhantomFreehand.igs.mha", "NNMEAN.xml"))
     sweep, recording = gb.read_sweep(path, plus=plus), igs.read(path)
 
@@ -353,19 +325,10 @@ def test_images_of_other_types(sweep, capsys, dtype):
 
 
 def test_what_is_no_openigtlink_is_refused():
-    listener = socket.create_server(("127.0.0.1", 0))
-
-    def work():
-        connection, _ = listener.accept()
-        with connection:
-            connection.sendall(b"HTTP/1.1 200 OK\r\n" + b"\xff" * 200)
-
-    threading.Thread(target=work, daemon=True).start()
-    pytest.importorskip("pyigtl", reason="live needs pyigtl")
+    address = stream([b"HTTP/1.1 200 OK\r\n" + b"\xff" * 200])
     with pytest.raises(ValueError, match="OpenIGTLink") as caught:
-        list(receive(f"igtl://127.0.0.1:{listener.getsockname()[1]}", {}, idle=0.5))
+        list(receive(address, {}, idle=0.5))
     assert "\n" not in str(caught.value)
-    listener.close()
 
 
 def test_addresses():
@@ -376,15 +339,17 @@ def test_addresses():
             parse_address(wrong)
 
 
-def stream(messages):
-    """Serve messages on one connection; the address."""
+def stream(messages, ended: threading.Event | None = None) -> str:
+    """Serve messages, or bytes, on one connection, which stays until `ended`; the address."""
     listener = socket.create_server(("127.0.0.1", 0))
 
     def work():
         connection, _ = listener.accept()
         with connection, contextlib.suppress(OSError):
             for message in messages:
-                connection.sendall(message.pack())
+                connection.sendall(message if isinstance(message, bytes) else message.pack())
+            if ended:
+                ended.wait(PATIENCE)
         listener.close()
 
     threading.Thread(target=work, daemon=True).start()
@@ -404,7 +369,6 @@ def blob_frames(place, n=9):
 @pytest.mark.parametrize("embedded", [True, False])
 def test_a_stream_in_ras_lies_where_it_is(embedded, capsys):
     """A blob at RAS (30, 20, 10): before, the volume was turned by 180 degrees about z."""
-    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
     frames, poses = blob_frames((30, 20, 10))
     messages = []
     for i, (frame, pose) in enumerate(zip(frames, poses, strict=True)):
@@ -426,7 +390,7 @@ def test_a_stream_in_ras_lies_where_it_is(embedded, capsys):
     assert np.allclose(lps.world_from_image, poses, atol=1e-4)
 
 
-def tracked(igtl, n=40, image_shift=0.0, true_delay=0.0):
+def tracked(n=40, image_shift=0.0, true_delay=0.0):
     """A tracker at 60 Hz and images at 30 Hz: x = 20 sin t; an image shows the place of its time
     less `true_delay`; its stamp is later than that of the tracker's sample by `image_shift`."""
     timed = []
@@ -447,10 +411,9 @@ def tracked(igtl, n=40, image_shift=0.0, true_delay=0.0):
 
 def test_stamps_of_tracker_and_image_apart():
     """Before: 4 ms apart gave no frame at all."""
-    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
     calibration = Calibration(np.eye(4))
     for shift in (0.0, 0.004):
-        messages, places = tracked(igtl, image_shift=shift)
+        messages, places = tracked(image_shift=shift)
         counts = LiveCounts()
         sweep = receive_sweep(stream(messages), calibration, idle=0.5, counts=counts)
         assert len(sweep) == 40
@@ -462,9 +425,8 @@ def test_stamps_of_tracker_and_image_apart():
 
 def test_the_calibration_s_temporal_offset_counts():
     """Before: live ignored it."""
-    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
     calibration = Calibration(np.eye(4), temporal_offset=-0.1)
-    messages, places = tracked(igtl, true_delay=0.1)
+    messages, places = tracked(true_delay=0.1)
     counts = LiveCounts()
     sweep = receive_sweep(stream(messages), calibration, idle=0.5, counts=counts)
     assert counts.images == 40
@@ -473,14 +435,13 @@ def test_the_calibration_s_temporal_offset_counts():
     other = receive_sweep(stream(messages), calibration, idle=0.5, temporal_offset=0.0)
     assert np.abs(other.world_from_image[:, 0, 3] - places).max() > 1
     later = Calibration(np.eye(4), temporal_offset=0.1)
-    messages, places = tracked(igtl, true_delay=-0.1)
+    messages, places = tracked(true_delay=-0.1)
     sweep = receive_sweep(stream(messages), later, idle=0.5)
     assert np.allclose(sweep.world_from_image[:, 0, 3], places[: len(sweep)], atol=1e-3)
     assert len(sweep) >= 36
 
 
 def test_embedded_poses_take_the_offset_too():
-    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
     messages = []
     for i in range(20):
         place = np.eye(4)

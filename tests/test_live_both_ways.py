@@ -254,26 +254,14 @@ def check_places(sweep, error: float) -> None:
 
 
 def test_tracker_and_images_from_two_servers(monkeypatch):
+    from test_live import stream
+
     monkeypatch.setattr(senders, "time", Waits())
     ended = threading.Event()
-
-    def serve(messages, until_end: bool) -> str:
-        listener = socket.create_server(("127.0.0.1", 0))
-
-        def work():
-            with listener, listener.accept()[0] as connection:
-                for _, message in messages:
-                    connection.sendall(message.pack())
-                if until_end:
-                    ended.wait(PATIENCE)
-
-        threading.Thread(target=work, daemon=True).start()
-        return f"igtl://127.0.0.1:{listener.getsockname()[1]}"
-
-    tracker, images = tracker_and_images(40)
+    tracker, images = ([m for _, m in messages] for messages in tracker_and_images(40))
     counts = LiveCounts()
-    sweep = receive_sweep(serve(images, False), Calibration(np.eye(4)), idle=0.5, counts=counts,
-                          tracker=serve(tracker, True))  # fmt: skip
+    sweep = receive_sweep(stream(images), Calibration(np.eye(4)), idle=0.5, counts=counts,
+                          tracker=stream(tracker, ended))  # fmt: skip
     ended.set()
     assert (counts.images, counts.missed, counts.connections) == (40, 0, 2)
     assert len(sweep) == counts.frames == 40 - counts.without_pose
