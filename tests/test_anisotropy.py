@@ -27,16 +27,6 @@ def test_field_and_gradient(backend):
     np.testing.assert_allclose(gb.gradient(scene, points), grad, atol=1e-3)
 
 
-def test_equal_axes_are_a_support(backend):
-    p = lattice(6, 6, 6, 0.2)
-    ball = gb.Scene(gb.Particles(p, support=1.7), **backend)
-    g = np.tile(np.eye(3, dtype=np.float32) / np.float32(1.7), (len(p), 1, 1))
-    same = gb.Scene(gb.Particles(p, anisotropy=g), **backend)
-    a, b = (gb.render(s, gb.Camera((7, 5, 12), (0, 0, 0)), (80, 60)) for s in (ball, same))
-    assert (a.mask == b.mask).all()
-    np.testing.assert_allclose(a.distance[a.mask], b.distance[a.mask], atol=2e-4)
-
-
 @pytest.mark.parametrize("kernel", ["murakami", "wendland_c2", "solid"])
 def test_rays_through_the_cells(backend, kernel):
     """Where cuts send camera rays through the cells, they meet the same surface."""
@@ -76,16 +66,6 @@ def test_a_cut_face_shows_the_blend(backend):
     away = np.einsum("nij,mnj->mni", g, frame.position[face][:, None] - p)
     w = np.maximum(1 - (away**2).sum(2), 0) ** 2
     np.testing.assert_allclose(blend, w @ color / w.sum(1, keepdims=True), atol=2e-3)
-
-
-def test_picking_follows_the_axes():
-    """The nearest centre need not be the particle with the most influence."""
-    p = np.float32([[0, 0, 0], [0.9, 0, 0]])
-    axes = np.array([[2.0, 0.5, 0.5], [0.5, 0.5, 0.5]])
-    g = (np.eye(3) / axes[:, None, :]).astype(np.float32)
-    scene = gb.Scene(gb.Particles(p, anisotropy=g), threshold=0.3, device="cpu")
-    frame = gb.render(scene, gb.Camera((0.55, 0, 8), (0.55, 0, 0), fov=10), (41, 41))
-    assert frame.pick(20, 20).particle == 0
 
 
 def test_smoothed_particles_make_a_flatter_surface():

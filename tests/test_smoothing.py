@@ -17,11 +17,6 @@ def at(points: np.ndarray, place) -> int:
     return int(np.abs(points - np.array(place)).sum(axis=1).argmin())
 
 
-def random_rotation(seed: int) -> np.ndarray:
-    rotation, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
-    return rotation * np.sign(np.linalg.det(rotation))
-
-
 # strays
 
 
@@ -122,15 +117,6 @@ def test_against_a_double_loop(monkeypatch):
     found = anisotropy(points, support=h, radius=radius)
     assert np.allclose(found.G, expected_G, rtol=1e-3, atol=1e-3)
     assert np.allclose(found.centers, expected_centers, atol=1e-5)
-
-
-def test_turns_with_the_particles():
-    points = np.random.default_rng(6).random((500, 3)).astype("f4")
-    rotation = random_rotation(7)
-    plain = anisotropy(points, 0.15)
-    turned = anisotropy((points @ rotation.T).astype("f4"), 0.15)
-    assert np.allclose(turned.G, rotation @ plain.G @ rotation.T, atol=2e-2)
-    assert np.allclose(turned.centers, plain.centers @ rotation.T, atol=1e-4)
 
 
 @pytest.mark.parametrize(
