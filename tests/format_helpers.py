@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from globule import formats
 from globule.scene.particles import Particles
 
@@ -61,3 +62,19 @@ def read_or_refused(read: Callable[[Path], Any], path: Path) -> Any:
     assert "\n" not in said
     assert path.name in said
     return None
+
+
+def by_vtk(path: Path | str) -> Any:
+    """The data set that VTK reads from a file."""
+    pytest.importorskip("vtk")
+    from vtkmodules import vtkIOLegacy, vtkIOXML
+
+    reader = {
+        ".vtk": vtkIOLegacy.vtkPolyDataReader,
+        ".vtp": vtkIOXML.vtkXMLPolyDataReader,
+        ".vtu": vtkIOXML.vtkXMLUnstructuredGridReader,
+        ".vti": vtkIOXML.vtkXMLImageDataReader,
+    }[Path(path).suffix]()
+    reader.SetFileName(str(path))
+    reader.Update()
+    return reader.GetOutput()

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import tomli_w
 from cli_helpers import cube
+from format_helpers import sample
 from globule import formats
 from globule.cli.shared import UserError
 from globule.cli.state import read_state
@@ -27,7 +28,7 @@ from globule.ultrasound.marks import read_marks, read_tracked
 from globule.ultrasound.plus.config import read_plus_config
 from globule.viewer.state import State
 from sweep_helpers import example_files, small_sweep
-from test_formats_hostile import FOREIGN, sample
+from test_formats_hostile import FOREIGN
 from test_sim_checkpoints import SCENE
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -45,9 +46,6 @@ class Kind(NamedTuple):
     read: Callable[[str], Any]
     command: Callable[[str], list[str]] | None
     weight: float = 1.0
-
-
-# Particles and meshes
 
 
 def _particles() -> list[str]:
@@ -225,9 +223,6 @@ def _by_packages() -> list[str]:
     return names
 
 
-# Volumes
-
-
 def _volumes() -> list[str]:
     rng = np.random.default_rng(2)
     values = rng.integers(0, 200, (5, 6, 7)).astype(np.int16)
@@ -282,9 +277,6 @@ def _read_volume(path: str) -> None:
 def _voxels(path: str) -> None:
     """A volume as particles, by the function for them."""
     gb.tomography_particles(path)
-
-
-# Sweeps, poses, calibrations, configurations
 
 
 def _sweeps() -> list[str]:
@@ -348,9 +340,6 @@ def _read_sweep(path: str) -> None:
     assert len(sweep.frames) == len(sweep.world_from_image)
 
 
-# Pictures
-
-
 def _pictures() -> list[str]:
     from PIL import Image
 
@@ -380,8 +369,6 @@ def _read_picture(path: str) -> None:
     assert image.shape[2:] == (3,)
     assert np.isfinite(image).all()
 
-
-# Scenes, checkpoints, states, camera paths
 
 COARSE = {"dam-break": 3.0, "droplet": 1.5, "beam": 1.5, "cut-block": 2.5}  # times the spacing
 

@@ -76,14 +76,6 @@ def test_dtypes_survive(extension, tmp_path):
         assert np.array_equal(read[name], array)
 
 
-def test_unknown_extension(tmp_path):
-    (tmp_path / "p.xls").write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")
-    with pytest.raises(FormatError, match=r"p\.xls: expected particles, .* no known format"):
-        formats.read(tmp_path / "p.xls")
-    with pytest.raises(FormatError, match="extensions"):
-        formats.write(tmp_path / "p.xls", sample())
-
-
 @pytest.mark.parametrize("extension", formats.EXTENSIONS)
 def test_missing_file_and_folder(extension, tmp_path):
     with pytest.raises(FileNotFoundError):

@@ -12,21 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from format_helpers import sample
 from globule import formats
 from globule.formats import FormatError
-from globule.scene.particles import Particles
 
 N = 25
-
-
-def sample() -> Particles:
-    rng = np.random.default_rng(3)
-    return Particles(
-        rng.random((N, 3)),
-        support=rng.random(N),
-        color=rng.random((N, 3)),
-        attributes={"velocity": rng.random((N, 3)).astype("f4"), "id": np.arange(N)},
-    )
 
 
 def ascii_vtk() -> bytes:
@@ -112,7 +102,7 @@ def good_file(request, tmp_path) -> Path:
     if request.param in FOREIGN:
         path.write_bytes(FOREIGN[request.param]())
     else:
-        formats.write(path, sample())
+        formats.write(path, sample(N))
     assert len(formats.read(path)) == N
     return path
 
@@ -158,16 +148,6 @@ def test_random_bytes_changed(good_file):
         at = rng.integers(0, reach, 1 + trial % 3)
         changed[at] = rng.integers(0, 256, len(at))
         good_file.write_bytes(changed.tobytes())
-        reads_or_refuses(good_file)
-
-
-def test_bytes_inserted_and_removed(good_file):
-    rng = np.random.default_rng(13)
-    content = good_file.read_bytes()
-    for trial in range(40):
-        at = int(rng.integers(0, len(content) if trial % 2 else min(len(content), 300)))
-        extra = rng.integers(32, 127, 3, np.uint8).tobytes() if trial % 4 < 2 else b""
-        good_file.write_bytes(content[:at] + extra + content[at + 2 * (trial % 3) :])
         reads_or_refuses(good_file)
 
 
@@ -254,26 +234,18 @@ def test_huge_counts_in_xml(mode, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "sizes", [(2**32 - 1, 1, 0, 9), (1, 2**31, 0, 9), (1, 300, 2**31, 9), (1, 300, 0, 2**31)]
+    "sizes", [(2**32 - 1, 1, 0, 9), (1, 2**31, 0, 9), (1, 300, 2**31, 9), (1, 300, 0, 2**31), None]
 )
 def test_xml_blocks_lie(sizes, tmp_path):
-    packed = zlib.compress(bytes(12 * N))
-    text = base64.b64encode(struct.pack("<4I", *sizes)) + base64.b64encode(packed)
+    """None: a block that unpacks to a thousand times what it announces."""
+    packed = zlib.compress(bytes(12 * N * (1 if sizes else 1000)))
+    sizes_or_honest = sizes or (1, 12 * N, 0, len(packed))
+    text = base64.b64encode(struct.pack("<4I", *sizes_or_honest)) + base64.b64encode(packed)
     good = xml("binary")
     begin, end = good.index(b'offset="0">') + 11, good.index(b"</DataArray>")
     (tmp_path / "a.vtu").write_bytes(good[:begin] + text + good[end:])
-    assert reads_or_refuses(tmp_path / "a.vtu")
-
-
-def test_zlib_bomb_in_xml(tmp_path):
-    """A block that unpacks to a thousand times what it announces."""
-    bomb = zlib.compress(bytes(12 * N * 1000))
-    sizes = struct.pack("<4I", 1, 12 * N, 0, len(bomb))
-    text = base64.b64encode(sizes) + base64.b64encode(bomb)
-    good = xml("binary")
-    begin, end = good.index(b'offset="0">') + 11, good.index(b"</DataArray>")
-    (tmp_path / "a.vtu").write_bytes(good[:begin] + text + good[end:])
-    assert "another size" in reads_or_refuses(tmp_path / "a.vtu")
+    said = reads_or_refuses(tmp_path / "a.vtu")
+    assert said if sizes else "another size" in said
 
 
 def test_xml_entities_and_depth(tmp_path):
@@ -348,15 +320,12 @@ def test_zip_that_announces_too_much(tmp_path):
     [
         ("", "line 1: expected the number of particles"),
         ("two\n", "line 1: expected the number of particles, got 'two'"),
-        ("-1\n", "line 1: expected the number"),
         ("2\n1 2 3 0 0 0 0 0 0\n", "line 3: expected 2 particles (line 1), got 1"),
         ("0\n1 2 3 0 0 0 0 0 0\n", "line 3: expected 0 particles (line 1), got 1"),
-        ("1\n1 2 3 0 0 0 0 0\n", "line 2: expected 9 numbers, got 8"),
         ("2\n1 2 3 0 0 0 0 0 0\n\n1 2 3 0\n", "line 4: expected 9 numbers, got 4"),
         ("1\n1 2 3 0 0 0 0 0 0 0\n", "line 2: expected 9 numbers, got 10"),
         ("1\n1 2 3 0 0 green 0 0 0\n", "line 2, column 6: expected a number, got 'green'"),
         ("1\n1 nan 3 0 0 0 0 0 0\n", "line 2, column 2: expected a finite number for y, got nan"),
-        ("1\n1 2 1e99 0 0 0 0 0 0\n", "line 2, column 3: expected a finite number for z"),
         (
             "2\n1 2 3 0 0 0 0 0 0\n\n1 2 3 0 1.5 0 0 0 0\n",
             "line 4, column 5: expected a number in [0, 1] for g, got 1.5",

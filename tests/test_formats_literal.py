@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import gzip
 import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -114,9 +116,6 @@ def vtu(data: str, head: str = "", n: int = 2, tail: str = "") -> str:
 
 
 def test_vtu_ascii_and_binary(tmp_path):
-    import base64
-    import zlib
-
     points = [[1, 2, 3], [4, 5, 6]]
     array = '<DataArray type="Float64" NumberOfComponents="3" format="{}">{}</DataArray>'
     p = read_text(tmp_path, "p.vtu", vtu(array.format("ascii", "\n1 2 3\n4 5 6\n")))

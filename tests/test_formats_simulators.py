@@ -21,9 +21,6 @@ def close(got: object, expected: object) -> bool:
     return bool(np.allclose(np.asarray(got), expected, rtol=1e-5, atol=1e-5))
 
 
-# GSD
-
-
 @pytest.mark.interop
 def test_gsd(tmp_path):
     hoomd = pytest.importorskip("gsd.hoomd")
@@ -71,8 +68,6 @@ def test_gsd_with_the_box_that_is_not_written(tmp_path):
     assert np.array_equal(got.box.edges, np.eye(3))
     assert close(got.particles.positions, [[-0.25, 0, 0]])
 
-
-# LAMMPS
 
 DUMP = """ITEM: TIME
 {time}
@@ -154,9 +149,6 @@ def test_lammps_data_of_spheres(tmp_path):
         gb.read(tmp_path / "no.data")
 
 
-# Extended XYZ
-
-
 @pytest.mark.interop
 def test_extended_xyz_by_ase(tmp_path):
     ase = pytest.importorskip("ase")
@@ -180,9 +172,6 @@ def test_extended_xyz_by_ase(tmp_path):
     del frames[0].arrays["radius"]
     ase_io.write(tmp_path / "b.xyz", frames[0], format="extxyz")
     assert close(gb.read(tmp_path / "b.xyz").support[:2], [4 * 0.66, 4 * 0.31])  # Cordero 2008
-
-
-# DualSPHysics
 
 
 def text(word: str) -> bytes:
@@ -230,9 +219,6 @@ def test_bi4(tmp_path):
     assert close(particles.support, 0.04)
     assert close(particles.weight[-1], 8 * 0.4 / (1000 * 0.04**3))
     assert close(particles.attributes["mass"][:5], 0.3)
-
-
-# VTK: collections and compressors
 
 
 def write_parts(folder: Path, extension: str) -> list[str]:
@@ -305,8 +291,6 @@ def test_blocks_and_pieces_by_vtk(tmp_path):
     assert close(particles.attributes["mass"], np.arange(N) + 0.5)
 
 
-# Tables and NumPy
-
 TABLES = {
     "semicolons": "# by hand\nx [m];y [m];z [m];rho [kg/m3]\n1;2;3;1000\n4;5;6;1001\n",
     "tabs": "x\ty\tz\trho (kg/m3)\n1\t2\t3\t1000\n# half\n4\t5\t6\t1001\n",
@@ -365,9 +349,6 @@ def test_two_dimensions(tmp_path):
     for name in ("a.npy", "b.npz", "c.npz", "d.npz", "e.csv"):
         assert np.array_equal(gb.read(tmp_path / name).positions, expected), name
     assert np.array_equal(gb.read(tmp_path / "d.npz").support, 2 * RADII)
-
-
-# Readers of other packages
 
 
 def test_a_reader_of_another_package(tmp_path, monkeypatch):

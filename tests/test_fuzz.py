@@ -16,43 +16,34 @@ HERE = Path(__file__).parent
 MUTANTS = 40
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory) -> tuple[dict[str, int], str]:
-    """Counts of files that were opened, and what one run of the fuzzer prints."""
-    words = [
-        sys.executable, str(HERE / "fuzz.py"), "-n", str(MUTANTS), "--seed", "7", "--damage", "7",
-        "--open", str(HERE / "corpus"), "--keep", str(tmp_path_factory.mktemp("found")),
-        "--together",
-    ]  # fmt: skip
+def fuzz(*words: str) -> str:
+    """What the fuzzer prints."""
     made = subprocess.run(
-        words, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}
-    )
+        [sys.executable, str(HERE / "fuzz.py"), *words],
+        capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )  # fmt: skip
     assert made.returncode == 0, made.stdout + made.stderr
-    found = re.findall(r"^(\d+) (mutants|kept files|damaged arrays), 0 faults$", made.stdout, re.M)
-    return {what: int(n) for n, what in found}, made.stdout
+    return made.stdout
 
 
-def test_new_mutants(run):
-    counts, said = run
+def test_new_mutants_all_findings_and_damaged_arrays(tmp_path):
+    """Most findings by Python and by a command, where the originals can be made."""
+    said = fuzz(
+        "-n", str(MUTANTS), "--seed", "7", "--damage", "7", "--together",
+        "--open", str(HERE / "corpus"), "--keep", str(tmp_path / "found"),
+    )  # fmt: skip
+    found = re.findall(r"^(\d+) (mutants|kept files|damaged arrays), 0 faults$", said, re.M)
+    counts = {what: int(n) for n, what in found}
     assert counts["mutants"] == MUTANTS
+    assert counts["kept files"] >= len(list((HERE / "corpus").glob("*@*@*"))) > 10
+    assert counts["damaged arrays"] > 40
     assert said.splitlines()[-1] == f"{MUTANTS} mutants, 0 faults"
-
-
-def test_every_finding_stays_mended(run):
-    """Most of them by Python and by a command, where the originals can be made."""
-    assert run[0]["kept files"] >= len(list((HERE / "corpus").glob("*@*@*"))) > 10
-
-
-def test_arrays_of_a_checkpoint_are_checked(run):
-    assert run[0]["damaged arrays"] > 40
 
 
 @pytest.mark.slow
 def test_every_array_of_a_checkpoint_is_checked():
-    words = [sys.executable, str(HERE / "fuzz.py"), "--damage", "--only", "checkpoints"]
-    made = subprocess.run(words, capture_output=True, text=True)
-    assert made.returncode == 0, made.stdout + made.stderr
-    assert int(made.stdout.splitlines()[-1].split()[0]) > 150
+    said = fuzz("--damage", "--only", "checkpoints")
+    assert int(said.splitlines()[-1].split()[0]) > 150
 
 
 def test_mutants_are_the_same_again_and_differ():

@@ -335,13 +335,6 @@ def test_a_claim_without_data_is_refused(tmp_path):
         gb.read(tmp_path / "bomb.h5")
 
 
-def test_a_scene_of_a_snapshot(tmp_path):
-    gadget(tmp_path / "snapshot.hdf5")
-    scene = gb.Scene(str(tmp_path / "snapshot.hdf5"), device="cpu", threads=1)
-    assert np.array_equal(scene.particles.support, H)
-    assert gb.render(scene, (40, 30)).image.shape[:2] == (30, 40)
-
-
 def test_info_lists_what_a_file_holds_and_no_option_is_ignored(tmp_path, capsys):
     path = tmp_path / "run.hdf5"
     gadget(path)

@@ -8,6 +8,7 @@ import warnings
 import globule as gb
 import numpy as np
 import pytest
+from format_helpers import by_vtk
 from globule._base.checks import MissingPackageError
 from globule.scene import oracle
 from scenes import lattice
@@ -142,16 +143,12 @@ def test_tables(where, folder):
 @pytest.mark.parametrize("where", PLACES.values(), ids=PLACES)
 def test_vtk(where, folder):
     pytest.importorskip("vtk")
-    from vtk.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkIOXML import vtkXMLImageDataReader, vtkXMLPolyDataReader
+    from vtkmodules.util.numpy_support import vtk_to_numpy
 
     found = gb.sample(particles(), where, device="cpu")
     if len(found.dims) < 3:
         found.save("a.vtp")
-        reader = vtkXMLPolyDataReader()
-        reader.SetFileName("a.vtp")
-        reader.Update()
-        data = reader.GetOutput()
+        data = by_vtk("a.vtp")
         points = vtk_to_numpy(data.GetPoints().GetData())
         np.testing.assert_array_equal(points, found.points.reshape(-1, 3))
         cells = (data.GetNumberOfVerts(), data.GetNumberOfLines(), data.GetNumberOfPolys())
@@ -164,10 +161,7 @@ def test_vtk(where, folder):
             found.save("a.vti")
     else:
         found.save("a.vti")
-        reader = vtkXMLImageDataReader()
-        reader.SetFileName("a.vti")
-        reader.Update()
-        data = reader.GetOutput()
+        data = by_vtk("a.vti")
         for i in (0, data.GetNumberOfPoints() // 3, data.GetNumberOfPoints() - 1):
             np.testing.assert_allclose(data.GetPoint(i), found.points.reshape(-1, 3)[i], atol=1e-5)
     for name in ("field", "velocity", "inside"):
