@@ -80,11 +80,6 @@ def test_a_cube_with_a_stray_particle_is_not_flat():
     assert is_flat(gb.Particles(sheet.astype("f4")))
 
 
-def test_equal_particles_are_not_in_a_plane(capsys):
-    gb.write("a.npz", gb.Particles(np.ones((500, 3), "f4")))
-    assert run_json(capsys, "info", "a.npz")["why_surface"] == "all at one place"
-
-
 def test_info_of_coordinates_that_are_all_too_far(tmp_path, capsys):
     """Beyond 1e18 no position counts: refused with the file's name."""
     file = tmp_path / "far.csv"

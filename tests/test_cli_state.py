@@ -7,7 +7,6 @@ import shlex
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused
 from globule.cli import main
 from globule.viewer.engine import Engine
 from globule.viewer.equivalent import command_line
@@ -63,8 +62,8 @@ def test_the_image_is_that_of_the_printed_command(cloud, name):
     assert np.array_equal(image(cloud, *save(**STATES[name])), expected)
 
 
-@pytest.mark.parametrize("camera", [gb.Camera((1, 2, 3), (0, 0, 0), (0, 0, 1), height=3.0)])
-def test_an_orthographic_camera(cloud, camera):
+def test_an_orthographic_camera(cloud):
+    camera = gb.Camera((1, 2, 3), (0, 0, 0), (0, 0, 1), height=3.0)
     expected = printed(cloud, camera, look__preset="clay")
     assert np.array_equal(image(cloud, *save(camera, look__preset="clay")), expected)
 
@@ -84,9 +83,6 @@ def test_a_volume_s_surface(capsys):
     settings["slices__shown"] = True
     assert np.array_equal(image("v.npz", *save(camera, **settings)), expected)
     assert "the image has no slices" in capsys.readouterr().err
-
-
-# Flags beside it
 
 
 def test_flags_win(cloud):
@@ -120,10 +116,3 @@ def test_a_default_that_is_given_wins(cloud):
     words = save(surface__kernel="wyvill")
     assert (image(cloud, *words) != image(cloud, *save())).any()
     assert np.array_equal(image(cloud, *words, "--kernel", "murakami"), image(cloud, *save()))
-
-
-def test_mistakes(cloud, folder, capsys):
-    (folder / "bad.toml").write_text("[cuts]\nplane = 3\n")
-    words = ["render", cloud, "-o", "a.png", "--state"]
-    assert "bad.toml: cuts.plane: expected true or false" in refused(capsys, *words, "bad.toml")
-    assert "none.toml: cannot be read" in refused(capsys, *words, "none.toml")
