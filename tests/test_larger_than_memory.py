@@ -221,8 +221,6 @@ def test_too_little_for_any_piece(little):
     little.size = 200
     with pytest.raises(MemoryError, match=r"^memory: expected at least .* GB for the smallest"):
         gb.Scene(POSITIONS, support=2.0, device="cpu")
-    with pytest.raises(ValueError, match=r"^surface: 'smooth' has the kernel murakami"):
-        gb.Scene(POSITIONS, "wyvill", surface="smooth", device="cpu")
 
 
 def test_the_command_line(little, capsys, tmp_path, monkeypatch):

@@ -100,7 +100,6 @@ def test_against_many_sweeps():
     ):
         found = np.array([getattr(r, name) for r in results])
         predicted = np.mean([r.std for r in results])
-        print(name, found.mean(), truth, "seen", found.std(), "predicted", predicted)
         seen = found.std(ddof=1)
         assert 0.8 * seen < predicted < 4 * seen
         assert abs(found.mean() - truth) < 0.03 * truth
@@ -187,10 +186,6 @@ def test_mistakes():
         measure_volume(volume, 1.0)
     with pytest.raises(ValueError, match=r"^correlation: "):
         measure_volume(volume, 0.0, above=3)
-    with pytest.raises(ValueError, match="two clear edges or bright"):
-        measure_distance(volume, (-8, 14, 0), (8, 14, 0), 1.0)
-    with pytest.raises(ValueError, match=r"^end: expected a line of"):
-        measure_distance(volume, (0, 14, 0), (1, 14, 0), 1.0)
 
 
 def test_the_command(tmp_path, capsys):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from globule.measure.project import kernel_volume
 from globule.scene import oracle
-from scenes import KERNELS, SPLASH, cloud, lattice, unit
+from scenes import KERNELS, cloud, lattice, unit
 
 
 def quadrature(positions, matrices, values, kernel, origins, directions) -> np.ndarray:
@@ -137,13 +137,18 @@ def galaxy(n: int = 3000) -> gb.Particles:
     return p
 
 
+def total(found: gb.Samples, name: str, *component: int) -> float:
+    """The integral of a map over its plane."""
+    values = found[name].astype(np.float64)[(..., *component)]
+    return float(values.sum()) * np.prod(np.linalg.norm(found.steps, axis=1))
+
+
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("axis", [(0, 0, 1), (-1, 0, 0), (1, 2, -2)])
 def test_masses_add_up(kernel, axis, backend):
     p = galaxy()
     found = gb.project(p, gb.SamplePlane(axis, spacing=0.05), kernel=kernel, **backend)
-    mass = float(found["density"].astype(np.float64).sum()) * 0.05**2
-    assert mass == pytest.approx(p.attributes["mass"].sum(), rel=1e-3)
+    assert total(found, "density") == pytest.approx(p.attributes["mass"].sum(), rel=1e-3)
 
 
 def test_supports_below_a_pixel(backend):
@@ -151,8 +156,7 @@ def test_supports_below_a_pixel(backend):
     p = galaxy()
     for spacing in (0.4, 1.0):
         found = gb.project(p, gb.SamplePlane((0, 0, 1), spacing=spacing), **backend)
-        mass = float(found["density"].astype(np.float64).sum()) * spacing**2
-        assert mass == pytest.approx(p.attributes["mass"].sum(), rel=1e-3)
+        assert total(found, "density") == pytest.approx(p.attributes["mass"].sum(), rel=1e-3)
 
 
 def test_values(backend):
@@ -160,21 +164,12 @@ def test_values(backend):
     found = gb.project(p, values=["density", "thickness", "temperature", "velocity"], **backend)
     assert found["velocity"].shape == (*found.shape, 3)
     volume = p.attributes["mass"] / p.attributes["density"]
-    area = np.prod(np.linalg.norm(found.steps, axis=1))
-    for name, total in {
-        "thickness": volume.sum(), "temperature": (volume * p.attributes["temperature"]).sum(),
-    }.items():  # fmt: skip
-        assert float(found[name].astype(np.float64).sum()) * area == pytest.approx(total, rel=1e-3)
-    y = (volume * p.attributes["velocity"][:, 1]).sum()
-    assert float(found["velocity"][..., 1].astype(np.float64).sum()) * area == pytest.approx(
-        y, rel=1e-2
-    )
+    heat, flow = p.attributes["temperature"], p.attributes["velocity"][:, 1]
+    assert total(found, "thickness") == pytest.approx(volume.sum(), rel=1e-3)
+    assert total(found, "temperature") == pytest.approx((volume * heat).sum(), rel=1e-3)
+    assert total(found, "velocity", 1) == pytest.approx((volume * flow).sum(), rel=1e-2)
     one = gb.project(p, values="temperature", volume=2.0, **backend)
-    area = np.prod(np.linalg.norm(one.steps, axis=1))
-    total = 2 * p.attributes["temperature"].sum()
-    assert float(one["temperature"].astype(np.float64).sum()) * area == pytest.approx(
-        total, rel=1e-3
-    )
+    assert total(one, "temperature") == pytest.approx(2 * heat.sum(), rel=1e-3)
 
 
 def test_a_slab_is_as_thick_as_it_is(backend):
@@ -219,18 +214,10 @@ def test_behind_the_eye_is_nothing(backend):
     p = gb.Particles([[0, 0, 0], [0, 0, 10.0]], support=1.0)
     camera = gb.Camera((0, 0, 5), (0, 0, 0), height=0.1)
     both = gb.project(p, camera, "thickness", (1, 1), volume=1.0, **backend)
-    first = gb.project(p[0], camera, "thickness", (1, 1), volume=1.0, **backend)
-    assert both["thickness"] == first["thickness"] > 0
-
-
-def test_of_a_scene(backend):
-    p = galaxy(200)
-    scene = gb.Scene(p.positions, support=0.3, **backend)
-    found = gb.project(scene, values="thickness", volume=1.0, **backend)
-    again = gb.project(
-        gb.Particles(p.positions, support=0.3), values="thickness", volume=1.0, **backend
+    first = gb.project(
+        gb.Scene(p[0], **backend), camera, "thickness", (1, 1), volume=1.0, **backend
     )
-    np.testing.assert_array_equal(found["thickness"], again["thickness"])
+    assert both["thickness"] == first["thickness"] > 0
 
 
 def test_large_and_small_units(backend):
@@ -240,31 +227,17 @@ def test_large_and_small_units(backend):
         p.support *= np.float32(unit_of_length)
         plane = gb.SamplePlane((0, 0, 1), spacing=0.05 * unit_of_length)
         found = gb.project(p, plane, volume=1e3, values="thickness", **backend)
-        total = float(found["thickness"].astype(np.float64).sum()) * (0.05 * unit_of_length) ** 2
-        assert total == pytest.approx(300 * 1e3, rel=2e-3)
-
-
-def test_splash(backend):
-    if not SPLASH.exists():
-        pytest.skip(f"no {SPLASH}")
-    p = gb.read(SPLASH)
-    found = gb.project(p, (0, 0, 1), "thickness", volume=0.02**3, **backend)
-    area = np.prod(np.linalg.norm(found.steps, axis=1))
-    total = float(found["thickness"].astype(np.float64).sum()) * area
-    assert total == pytest.approx(len(p) * 0.02**3, rel=1e-3)
+        assert total(found, "thickness") == pytest.approx(300 * 1e3, rel=2e-3)
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ({"values": "speed"}, "values: expected one of thickness, x,.*got speed"),
-        ({"values": []}, "values: expected at least one name"),
-        ({"values": 3}, "values: expected names"),
         ({"values": "density"}, "values: expected one of"),
         ({"view": "z"}, "view: expected three numbers"),
         ({"view": (0, 0, 0)}, "view: expected a direction"),
         ({"volume": -1}, "volume: expected a number or"),
-        ({"volume": [1, 2]}, "volume: expected a number or"),
         ({"volume": "one"}, "volume: expected a number or"),
         ({"kernel": "gauss"}, "kernel: expected murakami"),
         ({"view": gb.Camera((0, 0, 5), (0, 0, 0)), "size": 3}, "size: expected"),

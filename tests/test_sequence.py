@@ -12,9 +12,9 @@ import threading
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import cube
+from cli_helpers import COMMAND, SMALL, at_edge, cube, refused, run_json
 from globule.cli import main
-from globule.render.sequence import find_files, is_whole, natural, read_ahead
+from globule.render.sequence import find_files, is_whole, read_ahead
 from PIL import Image
 from waiting import PATIENCE, until
 
@@ -24,7 +24,6 @@ except ImportError:
     av = None
 
 needs_av = pytest.mark.skipif(av is None, reason="PyAV is not installed (the extra `video`)")
-SMALL = ["--size", "40x30", "--device", "cpu"]
 N = 4
 pytestmark = pytest.mark.usefixtures("folder")
 
@@ -46,24 +45,6 @@ def files(folder):
 
 def pictures(pattern: str = "p_%d.png") -> list[np.ndarray]:
     return [np.asarray(Image.open(pattern % i)) for i in range(N)]
-
-
-def refused(capsys, *words: str) -> str:
-    """The one line that a mistake is answered with."""
-    assert main(list(words)) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("globule: error: ")
-    assert err.count("\n") == 1
-    return err
-
-
-# which files
-
-
-def test_natural_order():
-    names = ["a10.vtk", "a9.vtk", "a1.vtk", "b.vtk", "a0b.vtk"]
-    assert sorted(names, key=natural) == ["a0b.vtk", "a1.vtk", "a9.vtk", "a10.vtk", "b.vtk"]
 
 
 def test_patterns(folder):
@@ -105,32 +86,15 @@ def test_reading_ahead_overlaps_and_is_bounded():
     assert list(ahead) == []
 
 
-def test_an_error_comes_at_its_place():
-    def source():
-        yield 1
-        raise OSError("gone")
-
-    ahead = read_ahead(source())
-    assert next(ahead) == 1
-    with pytest.raises(OSError, match="gone"):
-        next(ahead)
-
-
-# the command
-
-
 def test_a_pattern_makes_pictures(files, capsys):
-    assert main(["render", "f_%d.npz", "-o", "p_%d.png", "--json", *SMALL]) == 0
-    facts = json.loads(capsys.readouterr().out)
+    facts = run_json(capsys, "render", "f_%d.npz", "-o", "p_%d.png", *SMALL)
     assert facts["images"] == [f"p_{i}.png" for i in range(N)]
     supports = {report["support"] for report in facts["frames"]}
     assert len(supports) == 1  # measured on the first, although the block grows
     masks = [(p != p[0, 0]).any(axis=2) for p in pictures()]
     for mask in masks:  # the camera sees all of them
         assert mask.any()
-        assert not (mask[0].any())
-        assert not (mask[:, 0].any())
-        assert not (mask[:, -1].any())
+        assert not at_edge(mask)
     middles = [np.argwhere(mask).mean(axis=0)[1] for mask in masks]
     assert (np.diff(middles) > 1).all()  # and the block moves through a view that stands still
 
@@ -170,63 +134,43 @@ def test_a_path_around_one_file(files):
     assert (np.asarray(Image.open("turn/f_0_0001.png")) == expected).all()
 
 
-def test_wrong_paths_take_one_line(files, capsys, folder):
-    (folder / "path.toml").write_text("[[key]]\nframe = 0\neye = [1, 2]\nlook_at = [0, 0, 0]\n")
-    command = ["render", *files, "-o", "p_%d.png", *SMALL, "--camera-path"]
-    err = refused(capsys, *command, "path.toml")
-    assert "path.toml" in err
-    assert "key 1" in err
-    assert "eye" in err
-    assert "no.toml" in refused(capsys, *command, "no.toml")
-    assert "--eye" in refused(capsys, *command, "path.toml", "--eye", "1,2,3")
-    assert not list(folder.glob("p_*.png"))
-
-
 def test_mistakes(files, capsys):
     assert "none_*.ply" in refused(capsys, "render", "none_*.ply", "-o", "p_%d.png")
     assert "--fps" in refused(capsys, "render", *files, "-o", "p_%d.png", "--fps", "0")
-    assert "nowhere" in refused(capsys, "render", *files, "-o", "nowhere/a.mp4")
+    path = ["--camera-path", "no.toml"]
+    assert "no.toml" in refused(capsys, "render", *files, "-o", "p_%d.png", *path)
+    err = refused(capsys, "render", *files, "-o", "p_%d.png", *path, "--eye", "1,2,3")
+    assert "--eye" in err
 
 
 @pytest.mark.parametrize("aim", [[], ["--eye", "1,0.5,6", "--look-at", "1,0.5,0"]])
 def test_pictures_before_a_broken_file_stay(files, capsys, folder, aim):
     (folder / "f_2.npz").write_bytes(b"nonsense")
-    err = refused(capsys, "render", *files, "-o", "p_%d.png", *aim, *SMALL)
-    assert "f_2.npz" in err
+    assert main(["render", *files, "-o", "p_%d.png", *aim, *SMALL]) == 2
+    assert "f_2.npz" in capsys.readouterr().err
     assert sorted(p.name for p in folder.glob("p_*.png")) == ["p_0.png", "p_1.png"]
 
 
-# going on
-
-
 def test_resume(files, folder, capsys):
-    command = ["render", *files, "-o", "p_%d.png", *SMALL]
+    command = ["render", *files, "-o", "p_%d.png", "--aov", "p_%d.npz", *SMALL]
     assert main(command) == 0
     whole = pictures()
+    (folder / "p_2.npz").write_bytes(b"half")
     (folder / "p_1.png").write_bytes((folder / "p_1.png").read_bytes()[:-300])  # half
     (folder / "p_3.png").unlink()
     before = {i: (folder / f"p_{i}.png").stat().st_mtime_ns for i in (0, 1, 2)}
     capsys.readouterr()
     assert main([*command, "--resume"]) == 0
-    assert capsys.readouterr().out.count("\n") == 2
+    assert capsys.readouterr().out.count("\n") == 3
     after = {i: (folder / f"p_{i}.png").stat().st_mtime_ns for i in (0, 1, 2)}
-    assert after[0] == before[0]
-    assert after[2] == before[2]
-    assert after[1] != before[1]
+    assert [after[i] == before[i] for i in before] == [True, False, False]
+    with np.load("p_2.npz") as arrays:
+        assert arrays["mask"].any()
     for a, b in zip(whole, pictures(), strict=True):
         assert (a == b).all()
     assert main([*command, "--resume"]) == 0  # all there
     assert "4 images, 4 of them finished before" in capsys.readouterr().out
     assert not is_whole("p_0.png", (41, 30))
-
-
-def test_resume_needs_the_arrays_too(files, folder):
-    command = ["render", *files, "-o", "p_%d.png", "--aov", "p_%d.npz", *SMALL]
-    assert main(command) == 0
-    (folder / "p_2.npz").write_bytes(b"half")
-    assert main([*command, "--resume"]) == 0
-    with np.load("p_2.npz") as arrays:
-        assert arrays["mask"].any()
 
 
 @needs_av
@@ -240,8 +184,7 @@ def test_a_movie(files, folder, capsys):
         shown = list(movie.decode(video=0))
         assert movie.streams.video[0].average_rate == 12
     assert [(f.width, f.height) for f in shown] == [(42, 30)] * N
-    assert main(["render", "f_*.npz", "-o", "m.mp4", "--json", *SMALL]) == 0
-    facts = json.loads(capsys.readouterr().out)
+    facts = run_json(capsys, "render", "f_*.npz", "-o", "m.mp4", *SMALL)
     assert facts["images"] == ["m.mp4"]
     assert facts["counts"] == {"pictures": 4, "kept": 0}
 
@@ -286,7 +229,7 @@ def test_clips_cut_every_frame(folder):
 @needs_av
 def test_interrupted_in_the_middle(files, folder):
     """Ctrl-C: whole pictures only, one word about it, and the run can go on."""
-    command = [sys.executable, "-m", "globule", "render", *files * 200, "-o", "m.mp4", *SMALL]
+    command = [*COMMAND, "render", *files * 200, "-o", "m.mp4", *SMALL]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
@@ -308,7 +251,7 @@ def test_interrupted_in_the_middle(files, folder):
 def test_a_terminal_gets_a_progress_bar(files):
     pty = pytest.importorskip("pty")
     ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "globule", "render", *files, "-o", "p_%d.png", *SMALL]
+    command = [*COMMAND, "render", *files, "-o", "p_%d.png", *SMALL]
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=theirs, timeout=PATIENCE)
     os.close(theirs)
     shown = os.read(ours, 100_000).decode()
@@ -316,21 +259,6 @@ def test_a_terminal_gets_a_progress_bar(files):
     assert done.returncode == 0
     assert "/16 " in shown
     assert shown.endswith("\r\033[K")
-
-
-# the library
-
-
-def test_library_and_command_agree(files):
-    eye, middle = (1, 0.5, 6), (1, 0.5, 0)
-    words = ["--eye", "1,0.5,6", "--look-at", "1,0.5,0", *SMALL]
-    assert main(["render", *files, "-o", "a_%d.png", *words]) == 0
-    names = gb.render_sequence(
-        "f_*.npz", "b_%d.png", gb.Camera(eye, middle), (40, 30), device="cpu"
-    )
-    assert names == [f"b_{i}.png" for i in range(N)]
-    for a, b in zip(pictures("a_%d.png"), pictures("b_%d.png"), strict=True):
-        assert (a == b).all()
 
 
 class Falling:
@@ -351,10 +279,13 @@ class Falling:
 
 def test_sources(files):
     options = {"camera": gb.Camera((0.5, 0.5, 4), (0.5, 0.5, 0)), "size": (40, 30)}
-    gb.render_sequence(files, "p_%d.png", **options, device="cpu")
+    words = ["--eye", "0.5,0.5,4", "--look-at", "0.5,0.5,0", *SMALL]
+    assert main(["render", *files, "-o", "p_%d.png", *words]) == 0
     whole = pictures()
-    gb.render_sequence((frame(i) for i in range(N)), "p_%d.png", **options, device="cpu")
-    assert all((a == b).all() for a, b in zip(whole, pictures(), strict=True))
+    for source in ("f_*.npz", (frame(i) for i in range(N))):
+        names = gb.render_sequence(source, "b_%d.png", **options, device="cpu")
+        assert names == [f"b_{i}.png" for i in range(N)]
+        assert all((a == b).all() for a, b in zip(whole, pictures("b_%d.png"), strict=True))
     falling = Falling()
     gb.render_sequence(falling, "p_%d.png", **options, n_frames=N, device="cpu")
     assert falling.n_steps == N - 1
@@ -371,10 +302,3 @@ def test_a_turntable_of_one_set(folder):
     names = gb.render_sequence(frame(0), "p_%d.png", cameras, (40, 30), device="cpu")
     assert len(names) == N
     assert gb.render_sequence(frame(0), "p_%d.png", cameras, (40, 30), resume=True) == names
-
-
-def test_value_range(files):
-    assert gb.value_range(files, "speed") == (0, N)
-    assert gb.value_range([frame(1)], "speed") == (1, 2)
-    with pytest.raises(ValueError, match="speed"):
-        gb.value_range(files, "sped")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import globule as gb
 import numpy as np
@@ -10,8 +11,8 @@ import pytest
 from globule._base.colormaps import map_colors, to_linear
 from globule.render.display import displayed, shoulder
 from globule.render.settings import for_values
-
-VIRIDIS = map_colors("viridis", 256)
+from globule.scene.attributes import attribute_names, attribute_values
+from globule.sim.sources import ParticleFile
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +86,7 @@ def test_light_keeps_the_hue_of_values(particles, backend):
     assert np.ptp(share) > 0.2  # the shape is still seen
     assert (np.abs(frame.image.astype(int) - displayed(frame.color)) == 0).all()
     # The hue alone gives the value back, as it does in the map's own colors.
-    table = to_linear(VIRIDIS / 255)
+    table = to_linear(map_colors("viridis", 256) / 255)
     table /= np.linalg.norm(table, axis=1, keepdims=True)
     known = particles.attributes["x0"]
     shown = 255 * (frame.attribute(known)[hit] - known.min()) / np.ptp(known)
@@ -122,41 +123,34 @@ def test_displayed_is_srgb():
     assert curved.max() < 1
 
 
-# Transparent images
-
-
-@pytest.mark.parametrize("samples", [1, 8])
-@pytest.mark.parametrize("more", [{}, {"shadows": True, "ambient_rays": 2}, {"sky": gb.Sky()}])
+@pytest.mark.parametrize(
+    ("samples", "more"),
+    [
+        *itertools.product(
+            [{"samples": 1}, {"samples": 8}],
+            [{}, {"shadows": True, "ambient_rays": 2}, {"sky": gb.Sky()}],
+        ),
+        ({"edge_samples": 3}, {}),
+    ],
+)
 def test_light_of_the_hits_and_background_make_the_opaque_image(particles, samples, more, backend):
     scene = gb.Scene(particles, **backend)
-    settings = gb.RenderSettings(samples=samples, background=(0.2, 0.4, 0.9), **more)
+    settings = gb.RenderSettings(**samples, background=(0.2, 0.4, 0.9), **more)
     clear = dataclasses.replace(settings, transparent=True)
     opaque, frame = (gb.render(scene, size=(120, 90), settings=s) for s in (settings, clear))
     assert frame.image.shape == (90, 120, 4)
     alpha = frame.alpha
-    counts = alpha * samples
+    counts = alpha * samples.get("samples", 4)
     assert np.abs(counts - np.rint(counts)).max() < 1e-4
     assert (alpha[0, 0], alpha.max()) == (0, 1)
-    assert (len(np.unique(np.rint(counts))) > 4) == (samples == 8)
+    assert (len(np.unique(np.rint(counts))) > 4) == (samples != {"samples": 1})
+    assert (opaque.alpha == alpha).all()
     if "sky" not in more:  # which has another color in each pixel
         behind = (1 - alpha[..., None]) * np.float32(settings.background)
         assert np.abs(frame.color + behind - opaque.color).max() < 2e-5
     solid = alpha == 1
     assert np.abs(frame.image[solid][:, :3].astype(int) - opaque.image[solid]).max() <= 1
     assert (frame.image[..., 3] == np.rint(255 * alpha)).all()
-
-
-def test_edge_samples_make_fractions_of_alpha(particles, backend):
-    scene = gb.Scene(particles, **backend)
-    settings = gb.RenderSettings(edge_samples=3, background=(0.2, 0.4, 0.9))
-    clear = dataclasses.replace(settings, transparent=True)
-    opaque, frame = (gb.render(scene, size=(120, 90), settings=s) for s in (settings, clear))
-    alpha = frame.alpha
-    assert np.abs(4 * alpha - np.rint(4 * alpha)).max() < 1e-4
-    assert len(np.unique(np.rint(4 * alpha))) == 5
-    behind = (1 - alpha[..., None]) * np.float32(settings.background)
-    assert np.abs(frame.color + behind - opaque.color).max() < 2e-5
-    assert (opaque.alpha == alpha).all()
 
 
 def test_alpha_counts_the_ground_and_survives_refining(particles):
@@ -201,8 +195,6 @@ def test_a_frame_that_was_refined_twice_knows_what_it_shows(particles):
 
 
 def test_speed_is_the_length_of_velocity(particles):
-    from globule.scene.attributes import attribute_names, attribute_values
-
     rng = np.random.default_rng(2)
     velocity = rng.normal(size=(400, 3))
     moving = gb.Particles(particles.positions, support=0.4, attributes={"velocity": velocity})
@@ -214,14 +206,13 @@ def test_speed_is_the_length_of_velocity(particles):
     np.testing.assert_allclose(attribute_values(moving, "speed"), expected + 1.0, rtol=1e-12)
     with pytest.raises(ValueError, match="expected one of x, y, z, support, got speed"):
         attribute_values(gb.Particles(particles.positions, support=0.4), "speed")
+    component = gb.Particles(particles.positions, attributes={"v": np.ones(400)})
+    assert "speed" not in attribute_names(component)
 
 
 @pytest.mark.parametrize("name", ["velocities", "vel", "velo", "v", "Velocity"])
 def test_speed_by_the_names_of_velocity(particles, tmp_path, name):
     """The names of programs give speed, and start the particles of a simulation."""
-    from globule.scene.attributes import attribute_names, attribute_values
-    from globule.sim.sources import ParticleFile
-
     velocity = np.random.default_rng(2).normal(size=(400, 3)).astype(np.float32)
     path = tmp_path / "moving.npz"
     np.savez(path, positions=particles.positions, **{name: velocity}, vel_scalar=velocity[:, 0])
@@ -230,10 +221,3 @@ def test_speed_by_the_names_of_velocity(particles, tmp_path, name):
     speed = np.linalg.norm(velocity.astype(float), axis=1)
     np.testing.assert_allclose(attribute_values(moving, "speed"), speed, rtol=1e-6)
     assert np.array_equal(ParticleFile(file=str(path)).load()[1], velocity)
-
-
-def test_a_component_named_v_is_no_velocity(particles):
-    from globule.scene.attributes import attribute_names
-
-    moving = gb.Particles(particles.positions, attributes={"v": np.ones(400)})
-    assert "speed" not in attribute_names(moving)
