@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from cli_helpers import refused
 from globule._base import memory
+from globule.cli import main
 from globule.formats import FormatError
 from globule.formats.inflate import GZIP, Inflated
 from test_formats_hostile import bgeo
@@ -252,8 +253,6 @@ def test_a_sound_file_above_the_ratio_is_read_if_the_ratio_is_raised(capsys):
     finally:
         gb.set_limits(**before)
     assert "v.nii.gz: data: expected at most 200 times" in refused(capsys, "info", "v.nii.gz")
-    from globule.cli import main
-
     assert main(["info", "v.nii.gz", "--max-ratio", "2000"]) == 0
     capsys.readouterr()
     words = ("info", "v.nii.gz", "--max-ratio", "2000", "--max-memory", "0.01")

@@ -45,9 +45,7 @@ def one_line(error: pytest.ExceptionInfo) -> str:
     ("call", "named"),
     [
         (lambda s: gb.Camera.fit(s, size="x"), "size"),
-        (lambda s: gb.Camera.fit(s, size=(0, 3)), "size"),
         (lambda s: gb.Camera.fit(s, fov=0), "fov"),
-        (lambda s: gb.Camera.fit(s, fov=None), "fov"),
         (lambda s: gb.Camera.fit(s, up=(1, 2)), "up"),
         (lambda s: gb.Camera.fit(s, margin="1"), "margin"),
         (lambda s: gb.Camera.fit(s, orthographic=np.zeros(2)), "orthographic"),
@@ -218,12 +216,14 @@ def test_state_files(capsys):
     for content, message in (
         (b"\xff\xfe", "expected text in UTF-8, got data that is no text"),
         (b"[look]\na__b = 1\n", "look.a__b: expected one of"),
+        (b"[cuts]\nplane = 3\n", "s.toml: cuts.plane: expected true or false"),
         (b"a = " + b"[" * 5000, "expected fewer tables and lists inside each other"),
         (b"a = " + b"9" * 5000, "digits"),
     ):
         with open("s.toml", "wb") as file:
             file.write(content)
         assert message in refused(capsys, *words, "s.toml")
+    assert "none.toml: cannot be read" in refused(capsys, *words, "none.toml")
 
 
 @pytest.mark.parametrize("flag", ["--opacity", "--sky", "--size", "-o"])
@@ -263,22 +263,18 @@ def full():
     [
         (lambda s: s.tools.set_pushers([(99, (0, 0, 0), (0, 0, 0), 0.1, (0, 0, 0))]), "kind"),
         (lambda s: s.tools.set_pushers([(0, (NAN, 0, 0), (0, 0, 0), 0.1, (0, 0, 0))]), "shapes"),
-        (lambda s: s.tools.set_pushers([(0, (0,), (0, 0, 0), 0.1, (0, 0, 0))]), "shapes"),
         (lambda s: s.tools.set_pushers(["x"]), "shapes"),
         (lambda s: s.tools.move_grasp(0, (NAN, 0, 0)), "velocity"),
         (lambda s: s.tools.grasp((NAN, 0, 0), 0.1), "center"),
         (lambda s: s.tools.grasp((0, 0, 0), -1), "radius"),
         (lambda s: s.tools.grasp((0, 0, 0), 0.1, 1.5), "number"),
         (lambda s: s.steer.set_sinks([((NAN, 0, 0), 0.1)]), "sinks"),
-        (lambda s: s.steer.set_sinks([((0, 0), 0.1)]), "sinks"),
         (lambda s: s.steer.set_sinks(["x"]), "sinks"),
         (lambda s: s.steer.body("water"), "rigid"),
         (lambda s: s.steer.make_rigid("raft", NAN), "density"),
-        (lambda s: s.steer.make_rigid("raft", 1e-30), "density"),
         (lambda s: s.steer.make_rigid("raft", 500, (NAN, 0, 0)), "velocity"),
         (lambda s: s.steer.move_boundary("paddle", np.full((4, 4), NAN)), "pose"),
         (lambda s: s.steer.move_boundary("paddle", np.diag([2, 2, 2, 1])), "pose: expected a rot"),
-        (lambda s: s.steer.move_boundary("paddle", np.zeros((4, 4))), "pose: expected a rotation"),
         (lambda s: s.steer.move_boundary("water", np.eye(4)), "boundary"),
         (lambda s: s.steer.apply_force((0, 0, 1), ids=[s.ids[0]] * 3), "each particle once, got 2"),
         (lambda s: s.add([(0.1, 0.1, 0.1)], phase=0), "phase: expected one of"),
@@ -288,10 +284,8 @@ def full():
         (lambda s: s.tissue.ablate((0, 0, 0), -1), "radius"),
         (lambda s: s.tissue.bond(s.ids[:3], young=[1, 2]), "young"),
         (lambda s: s.tissue.bond([-1]), "ids"),
-        (lambda s: s.tissue.bond([0.5]), "ids"),
         (lambda s: s.remove([1.5]), "ids"),
         (lambda s: s.remove([True]), "ids"),
-        (lambda s: s.remove("x"), "ids"),
         (lambda s: s.steer.apply_force((0, 0, 1), ids=["x"]), "ids"),
         (lambda s: s.step(5e-324), "dt"),
         (lambda s: s.step(1e300), "dt"),
