@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shlex
 
@@ -10,13 +9,10 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.cli import main
-from globule.viewer.engine import Engine
 from globule.viewer.equivalent import command_line, python_code
-from globule.viewer.open import open_source
 from globule.viewer.recording import Shot, checked_size
-from globule.viewer.state import State
 from PIL import Image
-from waiting import until
+from viewer_helpers import engine_of, until
 
 STATES = {
     "plain": {},
@@ -83,23 +79,24 @@ STATES = {
 }
 
 
+CAMERA, SIZE = gb.Camera((1.6, 1.2, 3.0), (0.1, 0.0, 0.0), fov=42.0), (80, 60)
+FAR = gb.Camera((1.6, 1.2, 6.0), (0.1, 0.0, 0.0))
+pytestmark = pytest.mark.usefixtures("folder")
+
+
 @pytest.fixture
-def engine(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def engine(folder):
     rng = np.random.default_rng(4)
     positions = (rng.normal(size=(200, 3)) * 0.4).astype(np.float32)
     np.savez("some cloud.npz", positions=positions, support=np.float32(0.4), speed=positions[:, 1])
-    made = Engine(open_source("some cloud.npz"), State())
-    yield made
-    made.close()
+    with engine_of("some cloud.npz") as made:
+        yield made
 
 
 @pytest.mark.parametrize("name", STATES)
 def test_command_and_program_make_the_same_picture(engine, name):
     engine.state.set(quality__samples=3, **STATES[name])
-    camera, size = gb.Camera((1.6, 1.2, 3.0), (0.1, 0.0, 0.0), fov=42.0), (160, 120)
-    shot = Shot(engine, camera, size, 3)
-    check(engine, camera, size, shot.picture)
+    check(engine, CAMERA, size=(160, 120))
 
 
 def picture() -> np.ndarray:
@@ -110,44 +107,38 @@ def picture() -> np.ndarray:
     return found
 
 
-def check(engine, camera, size, expected, without: str = "") -> None:
-    """What is printed makes the expected picture."""
-    command = command_line(engine.source, engine.state, camera, size, engine.up)
+def printed(engine, camera, size=SIZE) -> tuple[str, str]:
+    """The command and the Python code."""
+    about = engine.source, engine.state, camera, size, engine.up
+    return command_line(*about), python_code(*about)
+
+
+def check(engine, camera, without: str = "", size=SIZE) -> np.ndarray:
+    """What is printed makes the picture of the viewer, whose hits come back."""
+    shot = Shot(engine, camera, size, engine.state.quality.samples)
+    expected = shot.picture
+    command, code = printed(engine, camera, size)
     command, _, comment = command.partition("  # ")
     assert comment == (without and f"without: {without}")
     if not command.startswith("globule view"):
         for part in command.split(" && "):
             assert main(shlex.split(part)[1:]) == 0
         assert np.abs(picture() - expected).mean() < 0.05, command
-    code = python_code(engine.source, engine.state, camera, size, engine.up)
     exec(compile(code, "printed", "exec"), {})
     assert np.abs(picture() - expected).mean() < 0.05, code
+    return shot.frame.mask
 
 
-@contextlib.contextmanager
-def engine_of(what, **settings):
-    engine = Engine(open_source(what), State())
-    engine.state.set(quality__samples=1, **settings)
-    try:
-        yield engine
-    finally:
-        engine.close()
-
-
-def test_a_sequence_s_frame_of_now(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_sequence_s_frame_of_now():
     for i in range(3):
         gb.write(f"frame_{i}.npz", gb.Particles(np.eye(3) * (1 + 0.2 * i), support=1.0))
-    with engine_of(["frame_*.npz"], time__frame=2) as engine:
+    with engine_of(["frame_*.npz"], time__frame=2, quality__samples=1) as engine:
         until(lambda: engine.source.frame == 2)
-        camera, size = gb.Camera((1.6, 1.2, 6.0), (0.1, 0.0, 0.0)), (80, 60)
-        shot = Shot(engine, camera, size, 1)
-        assert "frame_2.npz" in command_line(engine.source, engine.state, camera, size, engine.up)
-        check(engine, camera, size, shot.picture)
+        assert "frame_2.npz" in printed(engine, FAR)[0]
+        check(engine, FAR)
 
 
-def test_a_volume_s_surface(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_volume_s_surface():
     z, y, x = np.mgrid[-9:10, -9:10, -9:10]
     values = np.clip(220 - 18 * np.sqrt(x * x + y * y + z * z), 0, 255).astype(np.uint8)
     volume = gb.Volume(values, np.diag([2.0, 2.0, 2.0, 1.0]))
@@ -155,42 +146,33 @@ def test_a_volume_s_surface(tmp_path, monkeypatch):
         if name == "v.nii.gz":
             pytest.importorskip("SimpleITK")
         gb.write_volume(name, volume)
-        with engine_of(
-            name, slices__shown=False, slices__level=120.0, surface__kernel="wendland_c2"
-        ) as engine:
-            camera, size = gb.Camera((60, 40, 80), engine.source.bounds()[1] / 2), (80, 60)
-            shot = Shot(engine, camera, size, 1)
-            assert shot.frame.mask.mean() > 0.03
-            check(engine, camera, size, shot.picture)
+        look = {"slices__level": 120.0, "surface__kernel": "wendland_c2", "quality__samples": 1}
+        with engine_of(name, slices__shown=False, **look) as engine:
+            camera = gb.Camera((60, 40, 80), engine.source.bounds()[1] / 2)
+            assert check(engine, camera).mean() > 0.03
             engine.state.set(slices__shown=True, surface__threshold=0.5)
-            command = command_line(engine.source, engine.state, camera, size, engine.up)
-            assert command.endswith("# without: slices, threshold")
+            assert printed(engine, camera)[0].endswith("# without: slices, threshold")
 
 
-def test_a_sweep_s_volume(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_sweep_s_volume():
     made = gb.phantoms.cylinders(n_frames=12, size=(40, 36), spacing=1.0)
     gb.write_sweep("sweep.igs.mha", made)
-    with engine_of("sweep.igs.mha", slices__shown=False) as engine:
+    with engine_of("sweep.igs.mha", slices__shown=False, quality__samples=1) as engine:
         source = engine.source
         source.start()
         until(lambda: not source.running)
         source.stop()  # shows all that came
         lo, hi = source.bounds()
-        camera, size = gb.Camera(hi + 40, (lo + hi) / 2, (0, 0, 1)), (80, 60)
-        shot = Shot(engine, camera, size, 1)
-        check(engine, camera, size, shot.picture, "the images so far")
+        camera = gb.Camera(hi + 40, (lo + hi) / 2, (0, 0, 1))
+        check(engine, camera, "the images so far")
         source.finish("vvn")
-        shot = Shot(engine, camera, size, 1)
-        assert shot.frame.mask.mean() > 0.02
-        check(engine, camera, size, shot.picture)
+        assert check(engine, camera).mean() > 0.02
 
 
 @pytest.mark.parametrize("foam", ["", "foam = { approach = [0.01, 0.1], speed = [0.01, 0.1] }"])
 @pytest.mark.parametrize("color", ["", "speed"])
-def test_a_simulation(tmp_path, monkeypatch, foam, color):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "dam.toml").write_text(f"""
+def test_a_simulation(folder, foam, color):
+    (folder / "dam.toml").write_text(f"""
 {foam}
 spacing = 0.05
 domain = {{ lo = [0, 0, 0], hi = [1, 0.4, 0.8], walls = true }}
@@ -200,36 +182,29 @@ box = {{ lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }}
 """)
     water = {"look__preset": "water", "look__shadows": True, "look__bounces": 6}
     look = {"color__by": color, "color__legend": False} if color else water
-    with engine_of("dam.toml", **look) as engine:
+    with engine_of("dam.toml", quality__samples=1, **look) as engine:
         for _ in range(5):
             engine.source.simulation.step()
-        camera, size = gb.Camera((0.5, -2, 1), (0.5, 0.2, 0.2), (0, 0, 1)), (80, 60)
-        engine.up = engine.source.up
-        shot = Shot(engine, camera, size, 1)
+        camera = gb.Camera((0.5, -2, 1), (0.5, 0.2, 0.2), (0, 0, 1))
         assert (len(engine.source.simulation.foam) > 20) == bool(foam)
         passed = f"the simulated {engine.source.simulation.time:.4g} s"
-        check(engine, camera, size, shot.picture, passed)
+        check(engine, camera, passed)
         engine.source.by_hand = True
         engine.state.set(cuts__plane=True)
-        command = command_line(engine.source, engine.state, camera, size, engine.up)
+        command, _ = printed(engine, camera)
         assert command.endswith(f"# without: {passed}, changes by hand, light, cuts and samples")
         engine.state.set(look__preset="flat", color__by="speed")
-        code = python_code(engine.source, engine.state, camera, size, engine.up)
+        _, code = printed(engine, camera)
         assert ("color_by=" in code) != bool(foam)  # `render` refuses it with several layers
         assert ("# without: " in code and "colors of blended values" in code) == bool(foam)
 
 
-def test_particles_of_a_program_are_said_to_be(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_particles_of_a_program_are_said_to_be():
     particles = gb.Particles(np.eye(3), support=1.0)
-    with engine_of(particles) as engine:
-        camera, size = gb.Camera((1.6, 1.2, 6.0), (0.1, 0.0, 0.0)), (80, 60)
-        shot = Shot(engine, camera, size, 1)
-        assert 'gb.write("particles.npz", particles)' in python_code(
-            engine.source, engine.state, camera, size, engine.up
-        )
+    with engine_of(particles, quality__samples=1) as engine:
+        assert 'gb.write("particles.npz", particles)' in printed(engine, FAR)[1]
         gb.write("particles.npz", particles)
-        check(engine, camera, size, shot.picture)
+        check(engine, FAR)
 
 
 @pytest.mark.parametrize("height", [None, 5.0])
@@ -256,31 +231,26 @@ def test_plates_and_marks_stand_where_they_are(height):
     assert np.allclose(camera.towards([pose[:3] @ (45, 30, 0, 1)])[0], direction)
 
 
-def test_a_picture_needs_memory_that_is_free(monkeypatch):
+def test_sizes_of_pictures_have_limits(monkeypatch):
+    assert checked_size((1920, 1080)) == (1920, 1080)
+    for size in ((8, 100), (100, 20000), (16384, 16384 + 1)):
+        with pytest.raises(ValueError, match="size: expected"):
+            checked_size(size)
     monkeypatch.setattr("globule.viewer.recording.free_bytes", lambda: 200_000_000)
     assert checked_size((1000, 1000)) == (1000, 1000)
-    with pytest.raises(
-        ValueError, match="at most 1,000,000 pixels, which fit into the free memory"
-    ):
+    with pytest.raises(ValueError, match="at most 1,000,000 pixels"):
         checked_size((1001, 1000))
 
 
 def test_a_picture_waits_for_no_change_in_between(engine):
     """Settings that change while it is traced: all its samples show one state."""
-    camera, said = gb.Camera((1.6, 1.2, 3.0), (0.1, 0.0, 0.0)), []
+    said = []
 
     def change(share):
         said.append(share)
         if len(said) == 2:
             engine.state.set(surface__threshold=1.2)
 
-    shot = Shot(engine, camera, (80, 60), 4, progress=change)
+    shot = Shot(engine, CAMERA, SIZE, 4, progress=change)
     assert said == [0.25, 0.5, 0.25, 0.5, 0.75]
-    assert np.array_equal(shot.picture, Shot(engine, camera, (80, 60), 4).picture)
-
-
-def test_sizes_have_limits():
-    assert checked_size((1920, 1080)) == (1920, 1080)
-    for size in ((8, 100), (100, 20000), (16384, 16384 + 1)):
-        with pytest.raises(ValueError, match="size: expected"):
-            checked_size(size)
+    assert np.array_equal(shot.picture, Shot(engine, CAMERA, SIZE, 4).picture)

@@ -8,15 +8,13 @@ import globule as gb
 import numpy as np
 import pytest
 from test_sim_foam import DAM, LIVELY
-from waiting import until
+from viewer_helpers import Watched, steps, traced, until, view
 
 pytest.importorskip("viser")
 
 from globule.render.settings import for_values
 from globule.viewer.open import open_source
-from globule.viewer.picture import trace
 from globule.viewer.state import State
-from viewer_program import Program
 
 SIZE = (96, 72)
 CAMERA = gb.Camera((0.6, -2.2, 0.6), (0.6, 0.15, 0.4), (0, 0, 1))
@@ -29,16 +27,6 @@ def made(**keys) -> gb.Simulation:
     return gb.Simulation({**DAM, **keys}, device="cpu", threads=1)
 
 
-def opened(**keys):
-    return open_source(made(**keys))
-
-
-def steps(source, n: int) -> None:
-    for _ in range(n):
-        source.step()
-        source.advance(State())
-
-
 def foam(source) -> dict[str, np.ndarray]:
     return source.simulation.foam._state()
 
@@ -48,22 +36,17 @@ def same(one: dict[str, np.ndarray], two: dict[str, np.ndarray]) -> bool:
 
 
 def seen(source, **settings) -> np.ndarray:
-    state = State()
-    state.set(**{**source.settings, **settings})
-    with source.lock:
-        return trace(source, state, CAMERA, SIZE, source.up).picture
+    return traced(source, CAMERA, SIZE, **{**source.settings, **settings}).picture
 
 
 def shown_foam(source) -> np.ndarray:
     """Positions of the foam in an image."""
-    with source.lock:
-        frame = trace(source, State(), CAMERA, SIZE, source.up)
-    return frame._layers[1].scene.particles.positions
+    return traced(source, CAMERA, SIZE)._layers[1].scene.particles.positions
 
 
 @pytest.fixture(scope="module")
 def splash():
-    source = opened()
+    source = open_source(made())
     steps(source, N)
     return source
 
@@ -77,7 +60,8 @@ def test_the_image_shows_the_layer_that_images_of_globule_simulate_have(splash):
 
 
 def test_colors_of_values_are_those_of_the_fluid():
-    source = opened(view={**VIEW, "speeds": [0, 3]})
+    sim = made(view={**VIEW, "speeds": [0, 3]})
+    source = open_source(sim, device="cuda:99")  # the simulation's own device counts
     steps(source, N)
     shown, wanted = seen(source), [source.maker.last_scene, source.simulation.foam.layer()]
     settings = for_values(gb.RenderSettings())
@@ -92,34 +76,21 @@ def test_the_page_lists_the_foam_and_hides_it(splash):
     hidden = seen(splash, layers__hidden="2")
     plain = gb.render(splash.maker.last_scene, CAMERA, SIZE).picture
     np.testing.assert_array_equal(hidden, plain)
-    viewer = gb.view(splash.simulation, port=0, browser=False, block=False)
-    try:
+    assert seen(splash, surface__root="march").any()  # the thesis traces the fluid alone
+    with view(splash.simulation) as viewer:
         layers = viewer.page.desk.model.of(SimpleNamespace(client_id=-1))["layers"]
         assert [layer["name"] for layer in layers] == ["simulation", "foam"]
-    finally:
-        viewer.close()
-
-
-def test_the_thesis_traces_the_fluid_alone(splash):
-    assert seen(splash, surface__root="march").any()
-
-
-def test_layers_share_the_device_of_the_simulation():
-    source = open_source(made(), device="cuda:99")
-    steps(source, N)
-    assert seen(source, color__by="speed").any()
 
 
 def test_an_image_refines_while_others_are_made(splash):
-    with splash.lock:
-        first = trace(splash, State(), CAMERA, SIZE, splash.up)
-        trace(splash, State(), CAMERA, (40, 30), splash.up)
-        first.refine()
+    first = traced(splash, CAMERA, SIZE)
+    traced(splash, CAMERA, (40, 30))
+    first.refine()
     assert first.samples == 2
 
 
 def test_reset_and_the_timeline_take_the_foam_along():
-    source = opened()
+    source = open_source(made())
     after = []
     for _ in range(N + 10):
         steps(source, 1)
@@ -142,18 +113,13 @@ def test_reset_and_the_timeline_take_the_foam_along():
 
 
 def test_a_running_viewer_sends_it():
-    viewer = gb.view(made(), port=0, browser=False, block=False, camera=CAMERA)
-    errors = []
-    program = Program(viewer.address, answers=False)
-    try:
-        until(lambda: viewer.clients, "for the connection")
-        (client,) = viewer.clients.values()
+    with Watched(made(), camera=CAMERA) as watched:
+        client, source, errors = watched.program(answers=False).client, watched.viewer.source, []
         client.sink.send = lambda number, data, plan: client.acknowledge(number)
         client.sink.error = errors.append
         client.acknowledge(1000)
-        source = viewer.source
         source.play(True)
-        viewer.engine.notify()
+        watched.viewer.engine.notify()
         until(lambda: source.simulation.n_steps > N, "for foam")
         for size in ((64, 48), (120, 90)):  # other windows, meanwhile and at rest
             client.look(CAMERA, size)
@@ -162,6 +128,3 @@ def test_a_running_viewer_sends_it():
             until(lambda size=size: client.frame.size == size, "for an image of this size")
         assert not errors
         assert len(client.frame._layers) == 2
-    finally:
-        program.close()
-        viewer.close()

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("viser")
 from globule.viewer.overlay import project
 from globule.viewer.page.cut_handles import SIZE
-from viewer_helpers import Watched, blob, drag_along, middle, shown_node, stroke, take_tool, until
+from viewer_helpers import Watched, blob, drag_along, middle, next_frame, stroke, take_tool, until
 
 BROWSERS = True  # see hang_guard
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -20,7 +20,8 @@ def drag_arrow(watched, page) -> None:
     before, box = cuts.point, page.locator("canvas").first.bounding_box()
     tip = place.to_world(np.add(place.to_page(cuts.point), 0.7 * SIZE * np.array(cuts.normal)))
     at = np.array(project(page.client.camera, (box["width"], box["height"]), tip))
-    shown_node(page, "/cut/plane")
+    page.wait_for_function("() => window.__viserMutable?.nodeRefFromName?.['/cut/plane']?.visible")
+    next_frame(page)
     drag_along(page, np.linspace(at, at + (-30, 5), 4))
     until(lambda: watched.viewer.state.cuts.point != before, "for the handle to move the plane")
 

@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import globule as gb
@@ -110,9 +111,26 @@ def test_ctrl_c_ends_slow_pictures_too(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_live_scanner_from_the_command_line(replayed):
-    """`globule view igtl://…`, and a server that replays a sweep of 20 images."""
-    with started(f"igtl://127.0.0.1:{replayed}") as (process, address):
+def test_a_live_scanner_from_the_command_line(request):
+    """`globule view igtl://…`, and a server of pyigtl's own that replays a sweep of 20 images."""
+    igtl = pytest.importorskip("pyigtl")
+    server = igtl.OpenIGTLinkServer(port=0)
+    request.addfinalizer(server.stop)
+
+    def replay() -> None:
+        until(server.is_connected)
+        frames = np.random.default_rng(2).integers(80, 255, (20, 40, 48)).astype(np.uint8)
+        for i, frame in enumerate(frames):
+            pose = np.eye(4)
+            pose[2, 3] = i
+            about = {"timestamp": 1000.0 + i}
+            server.send_message(igtl.ImageMessage(frame[None], device_name="Image", **about))
+            to_reference = {"device_name": "ImageToReference", **about}
+            server.send_message(igtl.TransformMessage(pose, **to_reference))
+
+    threading.Thread(target=replay, daemon=True).start()
+    scanner = f"igtl://127.0.0.1:{server.server_address[1]}"
+    with started(scanner) as (process, address):
         program = Program(address)
         program.set("Start")
         program.heard("| images | 20 |")
@@ -122,32 +140,3 @@ def test_a_live_scanner_from_the_command_line(replayed):
         program.heard("| images | 19 |")
         until(lambda: np.ptp(program.picture().mean(axis=2)) > 60, "for the slices")
         assert ended(process) == "globule: interrupted"
-
-
-@pytest.fixture
-def replayed():
-    """The port of a server of pyigtl's own that sends a sweep to the first that comes."""
-    import socket
-    import threading
-
-    igtl = pytest.importorskip("pyigtl")
-    frames = np.random.default_rng(2).integers(80, 255, (20, 40, 48)).astype(np.uint8)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    server = igtl.OpenIGTLinkServer(port=port)
-
-    def replay() -> None:
-        until(server.is_connected)
-        for i, frame in enumerate(frames):
-            about = {"timestamp": 1000.0 + i}
-            pose = np.eye(4)
-            pose[2, 3] = i
-            server.send_message(igtl.ImageMessage(frame[None], device_name="Image", **about))
-            server.send_message(
-                igtl.TransformMessage(pose, device_name="ImageToReference", **about)
-            )
-
-    threading.Thread(target=replay, daemon=True).start()
-    yield port
-    server.stop()

@@ -5,23 +5,18 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import blob, until
+from viewer_helpers import Watched, blob, until
 
 pytest.importorskip("viser")
 
 from globule.viewer import sequence_source
 from globule.viewer.state import State
-from viewer_program import Program
 
 
 @pytest.fixture
 def opened():
-    viewer = gb.view(blob(300), port=0, browser=False, block=False)
-    program = Program(viewer.address, answers=False)
-    until(lambda: viewer.page.tools.hands, "for the connection")
-    yield viewer, program
-    program.close()
-    viewer.close()
+    with Watched(blob(300)) as watched:
+        yield watched.viewer, watched.program(answers=False)
 
 
 def test_a_recording_outlasts_its_tab(opened, tmp_path, monkeypatch):
@@ -47,8 +42,7 @@ def test_a_recording_outlasts_its_tab(opened, tmp_path, monkeypatch):
 def test_a_click_does_not_wait_for_a_long_image(opened, lost):
     """The image in progress is stopped; otherwise the answer would come after the image."""
     viewer, program = opened
-    (hand,) = viewer.page.tools.hands.values()
-    client, engine = hand.client, viewer.engine
+    client, engine = program.client, viewer.engine
     client.sink.send = lambda number, data, plan: client.acknowledge(number)
     client.acknowledge(1000)
     until(lambda: client.frame is not None, "for the first image")
@@ -66,7 +60,7 @@ def test_a_click_does_not_wait_for_a_long_image(opened, lost):
                     core.cancel()
 
         engine._still = client, Scene()
-    found = hand.pick((0.5, 0.5))
+    found = program.hand.pick((0.5, 0.5))
     assert cancelled
     assert client.frame.samples < 64  # answered before the image was complete
     assert found is not None

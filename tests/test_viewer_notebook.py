@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import io
 import json
+from contextlib import closing
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
 from PIL import Image
-from viewer_helpers import blob, browser, our_threads
-from waiting import until
+from viewer_helpers import blob, our_threads, until
 
 anywidget = pytest.importorskip("anywidget")
 
@@ -59,11 +59,7 @@ def test_a_cell_that_does_not_answer_gets_two_pictures(made):
     for i in range(8):
         view = dict(made.view, eye=np.add(made.view["eye"], (0.1 * i, 0, 0)).tolist())
         say(made, type="camera", size=[160, 120], **view)
-        camera = made.client.camera
-        until(
-            lambda camera=camera: (made.client.pacer._wanted or [None])[0] == camera,
-            "for the engine",
-        )
+        until(lambda c=made.client.camera: (made.client.pacer._wanted or [None])[0] == c)
     until(lambda: len(made.sent) == 2 and not made.client.pacer.making)
     assert [c["number"] for c, _ in made.sent] == [1, 2]
 
@@ -99,13 +95,12 @@ window.ready = true;
 
 @pytest.mark.browser
 @pytest.mark.slow
-def test_the_widget_in_a_browser():
+def test_the_widget_in_a_browser(chromium):
     from globule.viewer import notebook
     from globule.viewer.encode import jpeg
 
     script = Path(notebook.__file__).with_name("notebook.js").read_text()
-    with browser() as chromium:
-        page = chromium.new_page()
+    with closing(chromium.new_page()) as page:
         page.set_content(PAGE % json.dumps(script))
         page.wait_for_function("window.ready")
         page.wait_for_function("window.sent.some(m => m.type == 'camera')")

@@ -12,23 +12,18 @@ from PIL import Image
 from viewer_helpers import (
     Watched,
     blob,
-    check,
-    choose,
+    engine_of,
     number_box,
     open_folder,
     silhouette,
     type_number,
-    type_text,
     until,
 )
 
 pytest.importorskip("viser")
 
-from globule.viewer.engine import Engine
-from globule.viewer.open import open_source
 from globule.viewer.page.jobs import Cancelled, Job
 from globule.viewer.recording import Recorder, Shot, turntable
-from globule.viewer.state import State
 
 BROWSERS = True  # see hang_guard
 FRONT = gb.Camera((0, 0.5, 5), (0, 0, 0))
@@ -116,14 +111,10 @@ def test_each_widget_sets_its_setting_and_follows_it(watched):
     ids=lambda value: "-".join(value) or "plain",
 )
 def test_each_setting_changes_the_image(before, change):
-    engine = Engine(open_source(blob(100)), State())
-    try:
-        engine.state.set(**before)
+    with engine_of(blob(100), **before) as engine:
         first = Shot(engine, FRONT, (160, 120), 1).picture
         engine.state.set(**change)
         second = Shot(engine, FRONT, (160, 120), 1).picture
-    finally:
-        engine.close()
     assert not np.array_equal(first, second)
     if any(name.startswith("cuts") for name in change):
         assert 0 < silhouette(second) < silhouette(first)
@@ -247,11 +238,9 @@ def pictures(path) -> np.ndarray:
 def test_a_recording_is_as_long_as_its_time(tmp_path):
     """30 images a second, whatever the time that they take; each shows what is there then."""
     pytest.importorskip("av")
-    engine, now = Engine(open_source(blob(60)), State()), [5.0]
-    try:
-        recorder = Recorder(
-            engine, lambda: FRONT, tmp_path / "a.mp4", (80, 60), 30.0, clock=lambda: now[0]
-        )
+    path, now = tmp_path / "a.mp4", [5.0]
+    with engine_of(blob(60)) as engine:
+        recorder = Recorder(engine, lambda: FRONT, path, (80, 60), 30.0, clock=lambda: now[0])
         until(lambda: recorder.n_pictures == 1)
         now[0] += 0.5
         until(lambda: recorder.n_pictures == 16)
@@ -259,9 +248,7 @@ def test_a_recording_is_as_long_as_its_time(tmp_path):
         now[0] += 1.0
         until(lambda: recorder.n_pictures == 46)
         recorder.stop()
-    finally:
-        engine.close()
-    found = pictures(tmp_path / "a.mp4")
+    found = pictures(path)
     assert found.shape == (46, 60, 80, 3)
     assert silhouette(found[-1]) < 0.95 * silhouette(found[0])
 
@@ -280,14 +267,10 @@ def test_record_stops_where_it_was_started(watched, page, tmp_path):
 
 def test_a_turntable_goes_once_around(tmp_path):
     pytest.importorskip("av")
-    engine, said = Engine(open_source(blob(60)), State()), []
-    try:
-        turntable(
-            engine, FRONT, tmp_path / "a.mp4", (96, 64), 1.0, 12, samples=1, progress=said.append
-        )
-    finally:
-        engine.close()
-    found = pictures(tmp_path / "a.mp4")
+    path, said = tmp_path / "a.mp4", []
+    with engine_of(blob(60)) as engine:
+        turntable(engine, FRONT, path, (96, 64), 1.0, 12, samples=1, progress=said.append)
+    found = pictures(path)
     away = [np.abs(p - found[0]).mean() for p in found]
     assert len(found) == 12
     assert away[6] > 3
@@ -369,9 +352,10 @@ def test_each_kind_of_widget_in_a_browser(chromium, tmp_path):
         assert not page.get_by_text("Not possible").count()
         type_number(page, "Support", "1000000000")
         page.get_by_text("got 1e+09").first.wait_for()
-        choose(page, "Kernel", "wendland_c2")
+        page.get_by_label("Kernel", exact=True).first.click()
+        page.get_by_role("option", name="wendland_c2", exact=True).click()
         until(lambda: state.surface.kernel == "wendland_c2")
-        check(page, "Legend", False)
+        page.get_by_label("Legend", exact=True).first.set_checked(False)
         until(lambda: not state.color.legend)
         page.get_by_role("button", name="right", exact=True).click()
         until(lambda: page.client.camera.eye[0] > 1)
@@ -385,7 +369,8 @@ def test_each_kind_of_widget_in_a_browser(chromium, tmp_path):
         page.keyboard.press("h")
         page.get_by_text("fly forwards").last.wait_for()
         page.get_by_role("button", name="Close", exact=True).click()
-        type_text(page, "Size", "64x48")
+        size = page.locator("xpath=//label[.='Size']/ancestor::div[2]/..").first
+        size.locator("input").first.fill("64x48")
         until(lambda: panel(watched, "Save").size.value == "64x48")
         with page.expect_download() as download:
             page.get_by_role("button", name="Save image").click()

@@ -9,10 +9,8 @@ import subprocess
 import sys
 import urllib.request
 
-import globule as gb
 import pytest
-from viewer_helpers import WINDOW, blob, middle, stroke, until
-from waiting import PATIENCE
+from viewer_helpers import PATIENCE, WINDOW, blob, middle, stroke, until, view
 
 pytest.importorskip("viser")
 
@@ -64,7 +62,7 @@ def behind(tmp_path):
          "/CN=localhost", "-keyout", tmp_path / "key.pem", "-out", tmp_path / "cert.pem"],
         check=True, capture_output=True,
     )  # fmt: skip
-    viewer = gb.view(blob(300), port=0, browser=False, block=False, demand_token=True)
+    viewer = view(blob(300), demand_token=True)
     port = free_port()
     (tmp_path / "nginx.conf").write_text(
         CONFIGURATION.format(folder=tmp_path, port=port, inner=viewer.port)

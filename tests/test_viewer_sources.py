@@ -8,12 +8,10 @@ import threading
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, blob, silhouette, until
-from waiting import PATIENCE
+from viewer_helpers import PATIENCE, Watched, blob, engine_of, silhouette, until
 
 pytest.importorskip("viser")
 
-from globule.viewer.engine import Engine
 from globule.viewer.open import open_source
 from globule.viewer.recording import Shot
 from globule.viewer.state import State
@@ -83,14 +81,13 @@ def test_a_volume_with_slices_surface_and_overlay():
     pose = np.eye(4)
     pose[:3, 3] = (-40, -10, 20)
     sweep = gb.Sweep(np.full((2, 30, 30), 255, np.uint8), np.stack([pose, pose]))
-    engine = Engine(open_source((volume, sweep)), State(), (0.0, 0.0, 1.0))
     camera = gb.Camera((110, -100, 80), (24, 24, 24), (0, 0, 1))
+    with engine_of((volume, sweep)) as engine:
 
-    def seen(**settings) -> np.ndarray:
-        engine.state.set(**settings)
-        return Shot(engine, camera, (160, 120), 1).picture
+        def seen(**settings) -> np.ndarray:
+            engine.state.set(**settings)
+            return Shot(engine, camera, (160, 120), 1).picture
 
-    try:
         both = seen()
         tinted = seen(slices__overlay=True).astype(int)
         assert (tinted[..., 0] > tinted[..., 2] + 40).sum() > 20  # orange
@@ -102,8 +99,6 @@ def test_a_volume_with_slices_surface_and_overlay():
         assert not np.array_equal(seen(slices__frame=False, slices__shown=True), both)
         middle = seen()
         assert not np.array_equal(seen(slices__x=0.2), middle)
-    finally:
-        engine.close()
 
 
 def test_a_sweep_comes_in_and_is_undone():

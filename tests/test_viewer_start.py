@@ -13,7 +13,7 @@ import urllib.request
 import globule as gb
 import numpy as np
 import pytest
-from waiting import PATIENCE, until
+from viewer_helpers import talk, told, until
 
 pytest.importorskip("viser")
 
@@ -33,18 +33,9 @@ def start(tmp_path, monkeypatch):
     made.close()
 
 
-def talk(start, token=""):
-    from websockets.sync.client import connect
-
-    return connect(f"ws://127.0.0.1:{start.port}/globule/start?token={token}", max_size=None)
-
-
 def heard(connection, name):
     """What the server says next of that name."""
-    while True:
-        said = json.loads(connection.recv(timeout=PATIENCE))
-        if name in said:
-            return said[name]
+    return told(connection, lambda message: name in message)[name]
 
 
 def test_a_scene_and_a_recent_file_are_opened(start, tmp_path):
@@ -53,8 +44,8 @@ def test_a_scene_and_a_recent_file_are_opened(start, tmp_path):
         assert b"Drop a file" in answer.read()
     with pytest.raises(urllib.error.HTTPError):
         urllib.request.urlopen(start.address() + "etc/passwd")
-    with talk(start) as connection:
-        hello = json.loads(connection.recv(timeout=PATIENCE))
+    with talk(start.port, "start?token=") as connection:
+        hello = told(connection)
         assert hello["recent"] == [["known.npz", str(tmp_path)]]
         assert "dam-break" in dict(hello["scenes"])
         for bad in ({"do": "scene", "name": "/etc/passwd"}, {"do": "recent", "number": 7}, {}, 3):
@@ -75,7 +66,7 @@ def send(connection, name, data, size=None):
 
 def test_an_upload_is_opened_and_its_copy_removed(start, tmp_path):
     data = (tmp_path / "known.npz").read_bytes()
-    with talk(start) as connection:
+    with talk(start.port, "start?token=") as connection:
         send(connection, "../../my file.npz", data)
         assert heard(connection, "opened")
     source = start.wait()
@@ -90,7 +81,7 @@ def test_an_upload_is_opened_and_its_copy_removed(start, tmp_path):
 
 def test_two_uploads_are_compared(start, tmp_path):
     data = (tmp_path / "known.npz").read_bytes()
-    with talk(start) as connection:
+    with talk(start.port, "start?token=") as connection:
         for name in ("before.npz", "after.npz"):
             asked = {"do": "upload", "name": name, "size": len(data), "compare": name[0] == "b"}
             connection.send(json.dumps(asked))
@@ -107,7 +98,7 @@ def test_two_uploads_are_compared(start, tmp_path):
 def test_uploads_that_are_refused(start, tmp_path):
     mha = b"ObjectType = Image\nNDims = 3\nElementDataFile = /etc/passwd\n"
     nrrd = b"NRRD0004\ntype: uchar\ndimension: 1\nsizes: 9\ndata file: /etc/passwd\n\n"
-    with talk(start) as connection:
+    with talk(start.port, "start?token=") as connection:
         for name, data, size, why in (
             ("scene.toml", b"x", None, "expected a file with one of"),
             ("a.npz", b"x", 1 << 50, "expected 1 to"),
@@ -160,7 +151,7 @@ def test_the_command_without_a_file(tmp_path):
         until(lambda: any("choose" in line for line in lines), "for the address")
         address = lines[0].split()[-1]
         port = int(address.rstrip("/").rsplit(":", 1)[1])
-        with talk(type("At", (), {"port": port})) as connection:
+        with talk(port, "start?token=") as connection:
             connection.send(json.dumps({"do": "scene", "name": "splash"}))
             assert heard(connection, "opened")
         until(lambda: any("splash at" in line for line in lines), "for the viewer")

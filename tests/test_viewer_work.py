@@ -7,19 +7,15 @@ import threading
 import globule as gb
 import numpy as np
 import pytest
-from waiting import until
+from viewer_helpers import engine_of, traced, until, view
 
 pytest.importorskip("viser")
 
-from globule.viewer.engine import Engine
 from globule.viewer.equivalent import python_code
 from globule.viewer.first_view import left_out
 from globule.viewer.open import open_source
-from globule.viewer.picture import trace
 from globule.viewer.recording import Shot
 from globule.viewer.state import State
-
-UP = (0.0, 1.0, 0.0)
 
 
 def water(n: int = 8) -> gb.Particles:
@@ -55,14 +51,10 @@ def test_the_viewer_takes_the_surface_that_render_takes():
 
 def test_the_image_is_that_of_render():
     particles, camera = water(), gb.Camera((2, 1.5, 3), (0.35, 0.35, 0.35))
-    source, state = open_source(particles), State()
-    with source.lock:
-        seen = trace(source, state, camera, (160, 120), UP)
-    assert np.array_equal(seen.picture, gb.render(particles, camera, (160, 120)).picture)
-    with source.lock:
-        moving = trace(source, state, camera, (160, 120), UP, moving=True)
-    plain = gb.render(particles, camera, (160, 120), {"edge_samples": 0})
-    assert np.array_equal(moving.picture, plain.picture)
+    source, size = open_source(particles), (160, 120)
+    for moving, settings in ((False, None), (True, {"edge_samples": 0})):
+        seen = traced(source, camera, size, moving)
+        assert np.array_equal(seen.picture, gb.render(particles, camera, size, settings).picture)
 
 
 def test_a_sequence_keeps_its_kind_of_surface():
@@ -88,34 +80,27 @@ def test_a_mesh_may_be_first_or_alone(tmp_path):
         assert np.allclose(both.bounds()[1], 1.0)
     alone = open_source(mesh)
     camera = gb.Camera((2, 1.5, 3), (0.3, 0.3, 0.3))
-    with alone.lock:
-        seen = trace(alone, state, camera, (80, 60), UP)
+    seen = traced(alone, camera, (80, 60))
     assert np.array_equal(seen.picture, gb.render(mesh, camera, (80, 60)).picture)
     trimesh = pytest.importorskip("trimesh")
     trimesh.Trimesh(vertices, faces).export(tmp_path / "tank.stl")
     read = open_source(str(tmp_path / "tank.stl"))
     with read.lock:
         assert len(read.layers(state)[0].scene) == 4
-    viewer = gb.view(read.files[0], port=0, browser=False, block=False)
-    try:
+    with view(read.files[0]) as viewer:
         shot = viewer.screenshot(tmp_path / "tank.png", (80, 60), samples=1)
         command, code = viewer.equivalent(size=(80, 60))
-    finally:
-        viewer.close()
     assert shot.frame.mask.any()
     assert command.startswith("globule render ")
     names: dict = {}
-    exec(
-        code.replace("picture.png", str(tmp_path / "again.png")).replace("samples=16", "samples=1"),
-        names,
-    )
+    code = code.replace("picture.png", str(tmp_path / "again.png"))
+    exec(code.replace("samples=16", "samples=1"), names)
     assert np.array_equal(names["frame"].picture, shot.picture)
 
 
 def test_undo_and_redo():
-    state = State()
+    state, now = State(), [0.0]
     history = state.history
-    now = [0.0]
     history.clock = lambda: now[0]
     assert not history.undo()
     assert not history.redo()
@@ -154,30 +139,22 @@ def test_undo_and_redo():
 
 
 class Kept:
-    """A sink that notes what arrives and when."""
+    """A sink that notes what arrives."""
 
-    def __init__(self) -> None:
-        self.plans: list = []
-        self.errors: list[str] = []
+    def __init__(self, engine) -> None:
+        self.engine, self.plans, self.errors = engine, [], []
+        engine.on_error = self.errors.append
+        self.client = engine.add(self, gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)))
 
     def send(self, number: int, data: bytes, plan: object) -> None:
         self.plans.append(plan)
         self.client.acknowledge(number)
 
-    def error(self, message: str) -> None:
-        self.errors.append(message)
-
 
 @pytest.fixture
 def shown():
-    source, state = open_source(water(12)), State()
-    state.set(quality__samples=4)
-    engine, sink = Engine(source, state), Kept()
-    engine.on_error = sink.error
-    sink.client = engine.add(sink, gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)))
-    sink.engine = engine
-    yield sink
-    engine.close()
+    with engine_of(water(12), quality__samples=4) as engine:
+        yield Kept(engine)
 
 
 def test_a_change_stops_a_still_image_and_the_next_one_is_complete(shown):
@@ -241,5 +218,8 @@ def test_what_stands_beside_tissue_is_not_missing():
     sim = gb.Simulation("cut-block", spacing=0.005, device="cpu")
     assert sim.scene.octree.n_inside < len(sim)
     assert left_out(sim.scene) == []
-    broken = gb.Particles([[0, 0, 0], [np.nan, 0, 0], [1, 0, 0]], support=1.0)
-    assert "1 of 3 particles is not shown" in left_out(gb.Scene(broken))[0]
+    positions = np.eye(3)
+    for n, broken in enumerate((np.nan, np.inf)):
+        positions[n, 0] = broken
+        said = ("1 of 3 particles is not shown", "2 of 3 particles are not shown")[n]
+        assert left_out(gb.Scene(gb.Particles(positions, support=1.0)))[0].startswith(said)

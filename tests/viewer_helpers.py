@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import threading
 from collections.abc import Callable, Iterator
@@ -11,7 +12,11 @@ from typing import Any
 import globule as gb
 import numpy as np
 import pytest
+from globule.viewer.engine import Engine
 from globule.viewer.first_view import for_window
+from globule.viewer.open import open_source
+from globule.viewer.picture import trace
+from globule.viewer.state import State
 from waiting import PATIENCE, until
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -47,11 +52,58 @@ def blob(n: int = 400, seed: int = 1) -> gb.Particles:
     return gb.Particles(positions, support=0.35, attributes={"speed": positions[:, 0]})
 
 
+def view(what: Any, **options: Any) -> Any:
+    """A viewer whose page nobody has opened."""
+    return gb.view(what, port=0, browser=False, block=False, **options)
+
+
+@contextmanager
+def engine_of(what: Any, **settings: Any) -> Iterator[Engine]:
+    """What makes a viewer's images, without a page."""
+    source = open_source(what)
+    engine = Engine(source, State(), source.up)
+    try:
+        engine.state.set(**settings)
+        yield engine
+    finally:
+        engine.close()
+
+
+def traced(source: Any, camera: gb.Camera, size: Any, moving: bool = False, **settings: Any) -> Any:
+    """The frame of a source that a viewer with these settings makes."""
+    state = State()
+    state.set(**settings)
+    with source.lock:
+        return trace(source, state, camera, size, source.up, moving=moving)
+
+
+def steps(source: Any, n: int) -> None:
+    """Take steps of a simulation."""
+    for _ in range(n):
+        source.step()
+        source.advance(State())
+
+
+def talk(port: int, path: str) -> Any:
+    """A connection of a page's script to its server."""
+    from websockets.sync.client import connect
+
+    return connect(f"ws://127.0.0.1:{port}/globule/{path}", max_size=None)
+
+
+def told(connection: Any, wanted: Callable[[dict], Any] = lambda message: True) -> dict:
+    """What a server says next that is as wanted, as JSON."""
+    while True:
+        message = json.loads(connection.recv(timeout=PATIENCE))
+        if wanted(message):
+            return message
+
+
 class Watched:
     """A viewer, what it has shown, and its pages: of a real browser or of programs."""
 
     def __init__(self, what: Any, opened: Any = None, **options: Any):
-        self.viewer = gb.view(what, port=0, browser=False, block=False, **options)
+        self.viewer = view(what, **options)
         self.fitted = "camera" not in options
         self.viewer.state.set(quality__samples=1)
         self.shown: list[Any] = []
@@ -129,16 +181,13 @@ class Watched:
         until(settled, "for a sharp picture")
         return [f for f in self.shown if f.camera == client.camera and f.still][-1].picture
 
-    def close(self) -> None:
-        for page in self.pages:
-            page.close()
-        self.viewer.close()
-
     def __enter__(self) -> Watched:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        for page in self.pages:
+            page.close()
+        self.viewer.close()
 
 
 def next_frame(page: Any) -> None:
@@ -170,14 +219,6 @@ def middle(page: Any) -> np.ndarray:
     return np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
 
 
-def shown_node(page: Any, name: str) -> None:
-    """Wait until the browser shows a part of its scene, such as a handle."""
-    page.wait_for_function(
-        "name => window.__viserMutable?.nodeRefFromName?.[name]?.visible", arg=name
-    )
-    next_frame(page)
-
-
 def take_tool(page: Any, tool: str) -> None:
     """Take a tool with which drags draw, and wait until the browser catches them."""
     page.hand.use(tool)
@@ -194,17 +235,6 @@ def silhouette(picture: np.ndarray) -> int:
     return int((np.abs(picture.astype(int) - corner).sum(axis=2) > 30).sum())
 
 
-def seen(page: Any) -> np.ndarray:
-    """What the browser shows, without the panels: (H, W, 3) uint8."""
-    import io
-
-    from PIL import Image
-
-    box = page.locator("canvas").first.bounding_box()
-    with Image.open(io.BytesIO(page.screenshot(clip=box))) as image:
-        return np.asarray(image.convert("RGB"))
-
-
 def open_folder(page: Any, title: str) -> None:
     """Open a folder of the panel, unless it is; it stays as an earlier page left it."""
     heading = page.locator(f"xpath=//*[not(self::em) and normalize-space(text())='{title}']").first
@@ -212,15 +242,6 @@ def open_folder(page: Any, title: str) -> None:
     head.and_(page.locator("[data-known]")).wait_for()  # the page has put it as it was
     if not head.locator(".tabler-icon-chevron-up:visible").count():
         heading.click()
-
-
-def check(page: Any, label: str, on: bool = True) -> None:
-    page.get_by_label(label, exact=True).first.set_checked(on)
-
-
-def choose(page: Any, label: str, option: str) -> None:
-    page.get_by_label(label, exact=True).first.click()
-    page.get_by_role("option", name=option, exact=True).click()
 
 
 def number_box(page: Any, label: str) -> Any:
@@ -236,11 +257,6 @@ def type_number(page: Any, label: str, value: float | str) -> None:
     box.press("Enter")
 
 
-def type_text(page: Any, label: str, text: str) -> None:
-    row = page.locator(f"xpath=//label[.='{label}']/ancestor::div[2]/..").first
-    row.locator("input").first.fill(text)
-
-
 def our_threads() -> list[str]:
     """The names of our threads, one for each."""
     return sorted(t.name for t in threading.enumerate() if t.name.startswith("globule"))
@@ -249,8 +265,3 @@ def our_threads() -> list[str]:
 def threads_of_browsers() -> list[str]:
     """Our threads, but for those of the page's pool, which starts them as it needs them."""
     return [name for name in our_threads() if not name.startswith("globule desk")]
-
-
-def differs(a: np.ndarray, by: float = 1.0):
-    """A test for pictures that are others than `a`."""
-    return lambda b: a.shape == b.shape and np.abs(a.astype(int) - b).mean() > by
