@@ -7,15 +7,13 @@ from types import SimpleNamespace
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, until
+from viewer_helpers import until, view
 
 pytest.importorskip("viser")
 
 from globule.viewer import past
 from globule.viewer.open import open_source
 from globule.viewer.state import State
-
-BROWSERS = True  # see hang_guard
 
 
 def opened(name: str = "dam-break", spacing: float = 0.1):
@@ -106,10 +104,7 @@ def test_a_cut_belongs_to_its_time():
 
 
 def test_the_page_goes_to_a_step_and_refuses_others():
-    viewer = gb.view(
-        gb.Simulation("dam-break", spacing=0.1, device="cpu"), port=0, browser=False, block=False
-    )
-    try:
+    with view(gb.Simulation("dam-break", spacing=0.1, device="cpu")) as viewer:
         source, desk = viewer.source, viewer.page.desk
         for n in range(1, 4):
             source.step()
@@ -123,23 +118,3 @@ def test_the_page_goes_to_a_step_and_refuses_others():
         for wrong in (-1, 1.5, True, "1", None):
             with pytest.raises(ValueError, match="page: expected a step of a simulation"):
                 desk._actions()["time"](browser, wrong)
-    finally:
-        viewer.close()
-
-
-@pytest.mark.browser
-@pytest.mark.slow
-def test_the_slider_goes_back_in_time(chromium):
-    with Watched(gb.Simulation("dam-break", spacing=0.1), chromium) as watched:
-        page, source = watched.page(), watched.viewer.source
-        desk = page.locator("#globule-desk")
-        slider = desk.get_by_label("Position in time")
-        assert not slider.is_visible()  # nothing has passed
-        desk.get_by_role("button", name="Play or pause", exact=True).click()
-        until(lambda: source.place[0] > 8)
-        desk.get_by_role("button", name="Play or pause", exact=True).click()
-        until(lambda: not source.running)
-        slider.wait_for()
-        slider.fill("2")  # the nearest of the states that are kept
-        until(lambda: source.place[0] < 8)
-        assert source.place[1] > 8

@@ -5,14 +5,13 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, until
+from viewer_helpers import Watched, steps, until
 
 pytest.importorskip("viser")
 
 from globule.viewer.engine import Engine
 from globule.viewer.open import open_source
 from globule.viewer.overlay import project
-from globule.viewer.recording import Recorder
 from globule.viewer.source import Source
 from globule.viewer.state import State
 
@@ -104,103 +103,45 @@ def test_a_simulation_that_fails_says_so_and_stands_still(dam):
     until(lambda: source.simulation.n_steps == 1)
 
 
-def test_recording_a_simulation_shows_it_moving(tmp_path):
-    from test_viewer_panels import pictures
-
-    pytest.importorskip("av")
-    source, now = open_source(gb.Simulation("dam-break", spacing=0.08)), [0.0]
-    engine, path = Engine(source, State(), source.up), tmp_path / "dam.mp4"
-    try:
-        recorder = Recorder(
-            engine, lambda: source.camera, path, (160, 96), 20.0, clock=lambda: now[0]
-        )
-        for i in range(3):
-            now[0] = 0.2 * i
-            until(lambda i=i: recorder.n_pictures == 4 * i + 1)
-            for _ in range(10):
-                source.step()
-                source.advance(State())
-        recorder.stop()
-    finally:
-        engine.close()
-    found = pictures(path)
-    assert len(found) == 9
-    assert np.abs(found[-1] - found[0]).mean() > 0.3
-
-
-def tissue(source) -> np.ndarray:
-    """Places of the tissue's particles."""
-    with source.lock:
-        sim = source.simulation
-        return sim.positions[sim.arrays.phase == list(sim.phases).index("block")]
-
-
 def share(page, point) -> tuple[float, float]:
     """Where a program's image shows a point: (0, 0) to (1, 1)."""
     size = page.client.frame.size
     return tuple(np.divide(project(page.client.camera, size, point), size))
 
 
-@pytest.mark.parametrize("depth", [None, 0.012])
-def test_a_scalpel_stroke_cuts_as_deep_as_asked(depth):
+def test_a_scalpel_stroke_cuts_as_deep_as_asked():
     with Watched(gb.Simulation("cut-block", spacing=0.004)) as watched:
         page, source = watched.program(), watched.viewer.source
         page.hand.use("Cut")
-        source.cut_depth = depth
-        where = np.array([share(page, p) for p in tissue(source)])
+        source.cut_depth = 0.012
+        sim = source.simulation
+        tissue = sim.positions[sim.arrays.phase == list(sim.phases).index("block")]
+        where = np.array([share(page, p) for p in tissue])
         x = where[:, 0].mean()
         begin, end = ((x, where[:, 1].min() - 0.1), (x, where[:, 1].max() + 0.1))
         page.hand._drawn("start", begin, begin)
         for y in np.linspace(begin[1], end[1], 4):
             page.hand._drawn("move", begin, (x, y))
-        said = "all through" if depth is None else "12 mm deep"
-        assert [mark.text for mark in page.client.marks] == [said]
+        assert [mark.text for mark in page.client.marks] == ["12 mm deep"]
         assert source.n_cut == 0  # a preview: the button is still down
         page.hand._drawn("end", begin, end)
         assert source.n_cut > 10
-        assert source.simulation.tissue.n_pieces == (2 if depth is None else 1)
+        assert sim.tissue.n_pieces == 1
 
 
-def test_instruments_move_by_hand():
-    with Watched(gb.Simulation("cut-block", spacing=0.005)) as watched:
-        page, source = watched.program(), watched.viewer.source
-        name, tool = next(iter(source.simulation.tools.items()))
-        page.set(f"Move {name} by hand")
-        pose = tool.pose.copy()
-        pose[:3, 3] += (0.0, 0.02, 0.0)
-        first = watched.still(page)
-        source.move(name, pose)
-        page.set("Time", "Step")
-        until(lambda: np.allclose(tool.pose, pose))
-        watched.still(page, lambda p: (p != first).any())
-        page.set(f"Move {name} by hand", False)
-        until(lambda: tool._wanted is None)
+REST = {"time": 0, "position": [0.2, 0.15, 0.3], "on": False}
+POOL = {
+    "spacing": 0.02,
+    "domain": {"lo": [0, 0, 0], "hi": [0.4, 0.3, 0.4], "walls": True},
+    "fluids": [{"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.4, 0.3, 0.1]}}],
+    "instruments": [{"name": "sucker", "kind": "suction", "radius": 0.05, "keys": [REST]}],
+}
 
 
-TAP = """
-title = "Tap"
-spacing = 0.02
-[domain]
-lo = [0, 0, 0]
-hi = [0.3, 0.3, 0.5]
-walls = true
-[[fluids]]
-name = "water"
-box = { lo = [0, 0, 0], hi = [0.3, 0.3, 0.06] }
-density = 1000
-[[emitters]]
-name = "tap"
-fluid = "water"
-center = [0.15, 0.15, 0.4]
-direction = [0, 0, -1]
-radius = 0.04
-rate = 0.005
-"""
-
-
-def test_an_emitter_is_switched_off_and_on(tmp_path):
-    (tmp_path / "tap.toml").write_text(TAP)
-    with Watched(str(tmp_path / "tap.toml")) as watched:
+def test_an_emitter_is_switched_off_and_on():
+    tap = {"name": "tap", "fluid": "water", "radius": 0.04, "rate": 0.005}
+    tap |= {"center": [0.2, 0.15, 0.35], "direction": [0, 0, -1]}
+    with Watched(gb.Simulation(POOL | {"emitters": [tap]})) as watched:
         page, source = watched.program(answers=False), watched.viewer.source
         sim = source.simulation
         page.set("Emitter tap", False)
@@ -220,36 +161,10 @@ def test_an_emitter_is_switched_off_and_on(tmp_path):
         assert sim.emitters["tap"].emitted == 0
 
 
-POOL = """
-title = "Pool"
-spacing = 0.02
-[domain]
-lo = [0, 0, 0]
-hi = [0.4, 0.3, 0.4]
-walls = true
-[[fluids]]
-name = "water"
-box = { lo = [0, 0, 0], hi = [0.4, 0.3, 0.1] }
-density = 1000
-[[instruments]]
-name = "sucker"
-kind = "suction"
-radius = 0.05
-keys = [{ time = 0, position = [0.2, 0.15, 0.3], on = false }]
-"""
-
-
 @pytest.fixture
-def pool(tmp_path):
-    (tmp_path / "pool.toml").write_text(POOL)
-    with Watched(str(tmp_path / "pool.toml")) as watched:
+def pool():
+    with Watched(gb.Simulation(POOL)) as watched:
         yield watched
-
-
-def steps(source, n: int) -> None:
-    for _ in range(n):
-        source.step()
-        source.advance(State())
 
 
 def test_suction_follows_a_stroke_on_the_surface(pool):
@@ -279,7 +194,7 @@ def test_suction_follows_its_handle(pool):
     sim, tool = source.simulation, source.simulation.tools["sucker"]
     page.set("Move sucker by hand")
     page.heard("/instruments/sucker")
-    place = pool.viewer.placement
+    place, first = pool.viewer.placement, pool.still(page)
     page.say(
         {
             "type": "TransformControlsUpdateMessage",
@@ -293,6 +208,8 @@ def test_suction_follows_its_handle(pool):
     assert np.allclose(tool._wanted[:3, 3], (0.2, 0.15, 0.08), atol=1e-3)
     steps(source, 10)
     assert sim.record.n_removed > 20
+    pool.viewer.engine.notify()
+    pool.still(page, lambda p: (p != first).any())
     page.set("Move sucker by hand", False)
     until(lambda: tool._wanted is None)
     steps(source, 3)
