@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import json
 import threading
 from types import SimpleNamespace
 
@@ -11,7 +9,7 @@ import globule as gb
 import numpy as np
 import pytest
 from test_sim_force import scene_with_grasper
-from viewer_helpers import Watched, drag_along, middle, next_frame, take_tool, until
+from viewer_helpers import Watched, drag_along, middle, next_frame, steps, take_tool, until, view
 from waiting import PATIENCE
 
 pytest.importorskip("viser")
@@ -50,12 +48,6 @@ def held_block():
     del scene["instruments"]
     scene["solids"][0]["fixed"] = [{"box": {"lo": [-1, -1, -1], "hi": [1, 1, 0.006]}}]
     return open_source(gb.Simulation(scene, device="cpu")), hand_at((0.008, 0.0, 0.028))
-
-
-def steps(source, n: int) -> None:
-    for _ in range(n):
-        source.step()
-        source.advance(State())
 
 
 MIDDLE, ABOVE = (0.5, 0.5), (0.5, 0.46)
@@ -147,11 +139,7 @@ def test_a_step_asked_for_during_another_comes_after_it():
 
 
 def test_instruments_have_their_force_in_record_panel_and_plot():
-    viewer = gb.view(
-        gb.Simulation(scene_with_grasper("bonds"), device="cpu"),
-        port=0, browser=False, block=False,
-    )  # fmt: skip
-    try:
+    with view(gb.Simulation(scene_with_grasper("bonds"), device="cpu")) as viewer:
         source, panel = viewer.source, viewer.page.panels[0]
         sim = source.simulation
         assert "Force" not in panel.status.content
@@ -168,16 +156,12 @@ def test_instruments_have_their_force_in_record_panel_and_plot():
         assert pusher > 0
         words = f"grip: {newtons(grip)} · pusher 0: {newtons(pusher)}"
         until(lambda: words in panel.status.content)
-        browser = SimpleNamespace(client_id=-1)
-        assert "force of grip" in viewer.page.desk.model.of(browser)["series"]["names"]
-        viewer.page.desk._watch(browser, "force of grip")
-        assert viewer.page.desk.model.of(browser)["series"]["y"][-1] == pytest.approx(
-            grip, rel=1e-4
-        )
+        browser, desk = SimpleNamespace(client_id=-1), viewer.page.desk
+        assert "force of grip" in desk.model.of(browser)["series"]["names"]
+        desk._watch(browser, "force of grip")
+        assert desk.model.of(browser)["series"]["y"][-1] == pytest.approx(grip, rel=1e-4)
         with pytest.raises(ValueError, match="plot: expected a quantity"):
-            viewer.page.desk._watch(browser, "force of nobody")
-    finally:
-        viewer.close()
+            desk._watch(browser, "force of nobody")
 
 
 class Widget:
@@ -211,45 +195,12 @@ def test_forces_cost_the_panel_no_update_more(held, monkeypatch):
         assert Widget.updates == n
 
 
-def test_the_page_hears_the_force():
-    from websockets.sync.client import connect
-
-    source, hand = held_block()
-    viewer = gb.view(source.simulation, port=0, browser=False, block=False)
-    try:
-        source = viewer.source
-        viewer.page.desk._browsers["known"] = SimpleNamespace(client_id=-1)
-        address = f"ws://127.0.0.1:{viewer.port}/globule/desk?word=known"
-        with connect(address, max_size=None) as connection:
-            last = [""]
-
-            def heard() -> str:
-                """The next force that is another than the last; it comes with all the rest."""
-                for _ in itertools.count():
-                    told = json.loads(connection.recv(timeout=PATIENCE))
-                    assert {"title", "time", "pull"} <= set(told)
-                    if told["pull"] != last[0]:
-                        last[0] = told["pull"]
-                        return told["pull"]
-
-            source.grasp(hand, "start", MIDDLE, ABOVE)
-            source.step()
-            viewer.engine.notify()
-            said = heard()
-            assert said == newtons(np.linalg.norm(source.simulation.tools.grasp_force(GRASP)[0]))
-            source.grasp(hand, "end", MIDDLE, ABOVE)
-            assert heard() == ""
-    finally:
-        viewer.close()
-
-
 @pytest.mark.parametrize(("scene", "unit", "factor"), [("small", "mm", 1e3), ("large", "m", 1.0)])
 def test_slider_and_label_say_the_depth_in_one_unit(scene, unit, factor):
     table = scene_with_grasper("bonds")
     if scene == "large":
         table["domain"] = {"lo": [-1] * 3, "hi": [1] * 3}
-    viewer = gb.view(gb.Simulation(table, device="cpu"), port=0, browser=False, block=False)
-    try:
+    with view(gb.Simulation(table, device="cpu")) as viewer:
         source, gui = viewer.source, viewer.server.gui
         slider = next(
             handle for handle in gui._gui_input_handle_from_uuid.values()
@@ -266,8 +217,6 @@ def test_slider_and_label_say_the_depth_in_one_unit(scene, unit, factor):
         assert source.cut_words() == f"{0.5 * slider.max:.3g} {unit} deep"
         slider.value = slider.max
         until(lambda: source.cut_words() == "all through")
-    finally:
-        viewer.close()
 
 
 @pytest.mark.browser
