@@ -7,11 +7,10 @@ import json
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, blob, middle, until
+from viewer_helpers import Watched, blob, engine_of, middle, steps, until, view
 
 pytest.importorskip("viser")
 
-from globule.viewer.engine import Engine
 from globule.viewer.export import notebook
 from globule.viewer.open import open_source
 from globule.viewer.plots import along_line, marks_of, over_time
@@ -45,11 +44,9 @@ def test_values_along_a_line_are_those_of_sample():
 
 
 def test_quantities_over_the_time_of_a_simulation():
-    source, state = open_source("dam-break"), State()
+    source = open_source("dam-break")
     assert over_time(source) is None
-    for _ in range(3):
-        source.step()
-        source.advance(state)
+    steps(source, 3)
     rows = source.simulation.record.diagnostics
     plot = over_time(source, "compression")
     assert plot["x"] == pytest.approx([row["time"] for row in rows], rel=1e-5)
@@ -75,37 +72,28 @@ def test_a_measurement_is_a_setting(tmp_path):
     other = State()
     other.load(tmp_path / "view.toml")
     assert marks_of(source, other) == [mark]
-    engine = Engine(source, other)
     camera = gb.Camera((0, 0, 5), (0, 0, 0))
-    try:
-        with_line = Shot(engine, camera, (160, 120), 1).picture
-        other.history.undo()
-        other.set(measure__shown=False)
-        assert not np.array_equal(with_line, Shot(engine, camera, (160, 120), 1).picture)
-    finally:
-        engine.close()
+    with engine_of(blob(100), measure__start=start, measure__end=end) as engine:
+        images = []
+        for shown in (True, False):
+            engine.state.set(measure__shown=shown)
+            images.append(Shot(engine, camera, (160, 120), 1).picture)
+    assert not np.array_equal(*images)
 
 
-def test_a_notebook_makes_the_same_image(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_notebook_has_the_code_and_the_command(folder):
     gb.write("particles.npz", blob(200))
-    viewer = gb.view("particles.npz", port=0, browser=False, block=False)
-    try:
+    with view("particles.npz") as viewer:
         viewer.state.set(color__by="speed", quality__samples=2)
         facts = json.loads(viewer.notebook(size=(120, 90)))
-        wanted = viewer.screenshot("wanted.png", (120, 90)).picture
-    finally:
-        viewer.close()
+        command, code = viewer.equivalent(size=(120, 90))
     assert (facts["nbformat"], facts["nbformat_minor"]) == (4, 5)
     cells = ["".join(cell["source"]) for cell in facts["cells"]]
     kinds = [cell["cell_type"] for cell in facts["cells"]]
     assert kinds == ["markdown", "code", "code", "markdown"]
-    exec(cells[1], {})
-    from PIL import Image
-
-    with Image.open("picture.png") as image:
-        assert np.abs(np.asarray(image).astype(int) - wanted).max() <= 1
-    assert "globule render particles.npz" in cells[3]
+    assert cells[1] == code.rstrip("\n")
+    assert command.startswith("globule render particles.npz")
+    assert command in cells[3]
     try:
         import nbformat
     except ImportError:
