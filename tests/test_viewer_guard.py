@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import asyncio
 import http.client
 import itertools
 import socket
-import threading
+from types import SimpleNamespace
 
-import globule as gb
 import numpy as np
 import pytest
-from globule.viewer.guard import MOST_MESSAGE, Guard, is_local
+from globule.viewer.guard import Guard, is_local
 from globule.viewer.roles import LOOK, STEER
-from waiting import PATIENCE, until
+from viewer_helpers import PATIENCE, until, view
 
 pytest.importorskip("viser")
+
+
+POINT = np.zeros((1, 3), np.float32)
 
 
 def headers(**given):
@@ -53,11 +54,17 @@ def test_other_addresses_demand_the_token():
 
 @pytest.fixture
 def guarded():
-    viewer = gb.view(
-        np.zeros((1, 3), np.float32), host="0.0.0.0", port=0, browser=False, block=False
-    )
-    yield viewer
-    viewer.close()
+    with view(POINT, host="0.0.0.0") as viewer:
+        yield viewer
+
+
+def linked(viewer):
+    """A connection as browsers have it."""
+    import viser
+    from websockets.sync.client import connect
+
+    url = f"ws://127.0.0.1:{viewer.port}/?token={viewer.token}"
+    return connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None)
 
 
 def ask(port: int, path: str = "/", **given) -> http.client.HTTPResponse:
@@ -97,26 +104,19 @@ def test_without_the_token_neither_page_nor_messages(guarded, capfd):
 
 
 def test_large_messages_end_the_connection(guarded):
-    import viser
-    import websockets.exceptions
-    from websockets.sync.client import connect
+    from websockets.exceptions import ConnectionClosed
 
-    url = f"ws://127.0.0.1:{guarded.port}/?token={guarded.token}"
-    protocol = f"viser-v{viser.__version__}"
-    with connect(url, subprotocols=[protocol], max_size=None) as connection:
+    with linked(guarded) as connection:
         connection.send(bytes(2 * 1024 * 1024))
-        with pytest.raises(websockets.exceptions.ConnectionClosed) as closed:
+        with pytest.raises(ConnectionClosed) as closed:
             all(connection.recv(timeout=PATIENCE) for _ in itertools.count())
     assert closed.value.rcvd.code == 1009
 
 
 def test_what_is_no_message_gets_one_line(guarded, caplog, capfd):
     msgspec = pytest.importorskip("msgspec")
-    import viser
     from viewer_program import CAMERA as camera
-    from websockets.sync.client import connect
 
-    url = f"ws://127.0.0.1:{guarded.port}/?token={guarded.token}"
     pack = msgspec.msgpack.encode
     nowhere = camera | {"position": [float("nan")] * 3, "image_height": 0, "image_width": 10**9}
     box = guarded.page.binder.widgets["cuts.plane"]._impl.uuid
@@ -131,7 +131,7 @@ def test_what_is_no_message_gets_one_line(guarded, caplog, capfd):
         [pack(camera), pack(update)],
     ):
         known = len(caplog.records)
-        with connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None) as one:
+        with linked(guarded) as one:
             for message in messages:
                 one.send(message)
             until(lambda known=known: len(caplog.records) > known, "for a line in the log")
@@ -146,25 +146,21 @@ def test_what_is_no_message_gets_one_line(guarded, caplog, capfd):
 def test_the_page_is_bound_to_this_machine_and_cannot_be_shared():
     from viser import _messages
 
-    viewer = gb.view(np.zeros((1, 3), np.float32), port=0, browser=False, block=False)
-    try:
+    with view(POINT) as viewer:
         websocket = viewer.server._websock_server
         assert _messages.ShareUrlRequest not in websocket._incoming_handlers
         addresses = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None)}
         for address in addresses - {"127.0.0.1", "127.0.1.1", "::1"}:
             with pytest.raises(OSError, match=r"refused|timed out|unreachable"):
                 socket.create_connection((address, viewer.port), timeout=5)
-    finally:
-        viewer.close()
 
 
 def test_values_that_no_widget_would_send_are_refused(monkeypatch):
     """A browser may be somebody's own program."""
-    import types
+    from globule.viewer.page.widgets import bounded
 
     monkeypatch.setattr("globule.viewer.page.widgets.PATIENCE", 0.0)
-    viewer = gb.view(np.zeros((1, 3), np.float32), port=0, browser=False, block=False)
-    try:
+    with view(POINT) as viewer:
         save = viewer.page.panels[-3]
         save.format._impl.value = "/../../../tmp/x.PNG"
         with pytest.raises(ValueError, match="Image format: expected PNG or EXR"):
@@ -173,8 +169,6 @@ def test_values_that_no_widget_would_send_are_refused(monkeypatch):
             save.size._impl.value = size
             with pytest.raises((ValueError, TypeError)):
                 save.chosen_size()
-        from globule.viewer.page.widgets import bounded
-
         save.samples._impl.value = 10**12
         assert bounded(save.samples) == 256
         save.samples._impl.value = "many"
@@ -188,80 +182,33 @@ def test_values_that_no_widget_would_send_are_refused(monkeypatch):
             assert viewer.state.quality.samples == before
             widget._impl.value = value
             for called in widget._impl.update_cb:
-                called(types.SimpleNamespace(client=object(), target=widget))
+                called(SimpleNamespace(client=object(), target=widget))
         until(lambda: len(heard) == 5, "for a number that stays beyond the end")
         assert "expected 1 to 64, got 1e+09" in heard[4]
         assert viewer.state.quality.samples == widget.max == 64
-    finally:
-        viewer.close()
 
 
-@pytest.fixture
-def echo():
-    """Another websocket server of this process, which sends back what it gets; its port."""
-    import websockets
-
-    ready, port = threading.Event(), []
-
-    async def answer(connection):
-        async for message in connection:
-            await connection.send(message)
-
-    async def work():
-        async with websockets.serve(answer, "127.0.0.1", 0, max_size=None) as server:
-            port.append(server.sockets[0].getsockname()[1])
-            stop = asyncio.get_running_loop().create_future()
-            end.append((asyncio.get_running_loop(), stop))
-            ready.set()
-            await stop
-
-    end = []
-    thread = threading.Thread(target=lambda: asyncio.run(work()), daemon=True)
-
-    def start() -> int:
-        thread.start()
-        assert ready.wait(20)
-        return port[0]
-
-    yield start
-    loop, stop = end[0]
-    loop.call_soon_threadsafe(stop.set_result, None)
-    thread.join(20)
-
-
-def test_other_servers_of_the_process_are_not_affected(echo, monkeypatch):
+def test_other_servers_of_the_process_are_not_affected(monkeypatch):
     import viser
     import websockets
     from viser import infra
     from viser.infra import _infra
     from websockets.asyncio import server as module
-    from websockets.sync.client import connect
 
     # Every place where something of viser or websockets could be replaced.
-    places = (websockets, module, viser, infra, _infra, infra.WebsockServer, viser.ViserServer)
+    classes = (infra.WebsockServer, viser.ViserServer, module.ServerConnection, module.Server)
+    places = (websockets, module, viser, infra, _infra, *classes)
     usual = websockets.serve
     before = [dict(vars(place)) for place in places]
     refused = []
     monkeypatch.setattr(Guard, "refusal", lambda *request: refused.append(request))
-    viewer = gb.view(np.zeros((1, 3), np.float32), port=0, browser=False, block=False)
-    try:
+    with view(POINT) as viewer:
         assert websockets.serve is usual is module.serve
         for place, names in zip(places, before, strict=True):
             assert {name: vars(place)[name] for name in names} == names, place
-        port = echo()
-        large = bytes(2 * MOST_MESSAGE)
-        with connect(f"ws://127.0.0.1:{port}", max_size=None, origin="http://any.example") as one:
-            one.send("hello")
-            assert one.recv(timeout=PATIENCE) == "hello"
-            one.send(large)
-            assert one.recv(timeout=PATIENCE) == large
-        assert not refused
-        assert ask(port).status == 426  # no page and no guard: this server expects an upgrade
         assert ask(viewer.port).status == 200
         assert len(refused) == 1
-        plain = viser.ViserServer("127.0.0.1", 0, verbose=False)  # nor does another of viser's
+        plain = viser.ViserServer("127.0.0.1", 0, verbose=False)
         assert "Content-Security-Policy" not in ask(plain.get_port()).headers
         plain.stop()
         assert len(refused) == 1
-    finally:
-        viewer.close()
