@@ -12,10 +12,9 @@ pytest.importorskip("viser")
 
 
 @pytest.fixture
-def cloud(tmp_path):
-    path = tmp_path / "cloud.npz"
-    np.savez(path, positions=np.zeros((2, 3), np.float32), support=np.float32(1))
-    return str(path)
+def cloud(folder):
+    np.savez("cloud.npz", positions=np.zeros((2, 3), np.float32), support=np.float32(1))
+    return "cloud.npz"
 
 
 @pytest.mark.parametrize(
@@ -25,57 +24,29 @@ def cloud(tmp_path):
         (["missing.vtk"], "missing.vtk: cannot be read: No such file or directory"),
         (["frame_*.vtk"], "frame_*.vtk"),
         (["no-such-scene.toml"], "no-such-scene.toml"),
-        (["CLOUD", "--port", "99999"], "--port: expected a port, 0 to 65535, got '99999'"),
-        (["CLOUD", "--eye", "1,2,3"], "--eye: expected --eye and --look-at together"),
-        (["CLOUD", "--ortho", "2"], "--ortho: expected --eye and --look-at beside --ortho"),
-        (
-            ["CLOUD", "--color-by", "speed"],
-            "--color-by: expected one of x, y, z, support, got speed",
-        ),
-        (["CLOUD", "--state", "none.toml"], "none.toml: cannot be read"),
-        (["CLOUD", "--device", "tpu"], "--device"),
-        (["CLOUD", "--preset", "lava"], "--preset"),
-        (["CLOUD", "--kernel", "cubic"], "--kernel"),
-        (["CLOUD", "--host", "203.0.113.7"], "host: expected an address of this machine"),
-        (["CLOUD", "--host", "nowhere.invalid"], "host: expected an address of this machine"),
-        (["CLOUD", "--up", "0,0,0"], "--up: expected a direction other than 0,0,0, got '0,0,0'"),
+        (["cloud.npz", "--port", "99999"], "--port: expected a port, 0 to 65535, got '99999'"),
+        (["cloud.npz", "--eye", "1,2,3"], "--eye: expected --eye and --look-at together"),
+        (["cloud.npz", "--ortho", "2"], "--ortho: expected --eye and --look-at beside --ortho"),
+        (["cloud.npz", "--color-by", "speed"], "--color-by: expected one of x, y, z, support, got"),
+        (["cloud.npz", "--state", "none.toml"], "none.toml: cannot be read"),
+        (["cloud.npz", "--state", "bad.toml"], "bad.toml: cuts.plane: expected true or false"),
+        (["cloud.npz", "--host", "203.0.113.7"], "host: expected an address of this machine"),
+        (["cloud.npz", "--host", "nowhere.invalid"], "host: expected an address of this machine"),
+        (["igtl://127.0.0.1:18944"], '-m pip install "globule[live]"'),
+        (["brain-surgery"], '-m pip install "globule[atlas]"'),
+        (["cloud.npz", "--up", "0,0,0"], "--up: expected a direction other than 0,0,0"),
         (["igtl://"], "live: expected igtl://host:port, got 'igtl://'"),
     ],
 )
-def test_mistakes(cloud, options, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "empty.csv").write_text("x,y,z\n")
-    words = [cloud if word == "CLOUD" else word for word in options]
-    assert main(["view", "--no-browser", "--port", "0", *words]) == 2
+def test_mistakes(cloud, options, message, capsys, folder, monkeypatch):
+    for missing in ("pyigtl", "pyigtl.messages", "nilearn"):
+        monkeypatch.setitem(sys.modules, missing, None)
+    (folder / "empty.csv").write_text("x,y,z\n")
+    (folder / "bad.toml").write_text("[cuts]\nplane = 3\n")
+    assert main(["view", "--no-browser", "--port", "0", *options]) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
-
-
-def test_a_scanner_without_pyigtl_is_refused_at_the_start(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "pyigtl", None)
-    monkeypatch.setitem(sys.modules, "pyigtl.messages", None)
-    assert main(["view", "igtl://127.0.0.1:18944", "--no-browser", "--port", "0"]) == 2
-    error = capsys.readouterr().err
-    assert "pyigtl is not installed" in error
-    assert '-m pip install "globule[live]"' in error
-    assert error.count("\n") == 1
-
-
-def test_brain_surgery_without_its_atlas_names_the_command(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "nilearn", None)
-    assert main(["view", "brain-surgery", "--no-browser", "--port", "0"]) == 2
-    error = capsys.readouterr().err
-    assert '-m pip install "globule[atlas]"' in error
-    assert error.count("\n") == 1
-
-
-def test_a_bad_state_file_names_the_key(cloud, tmp_path, capsys):
-    state = tmp_path / "view.toml"
-    state.write_text("[cuts]\nplane = 3\n")
-    assert main(["view", cloud, "--state", str(state), "--no-browser", "--port", "0"]) == 2
-    error = capsys.readouterr().err
-    assert "view.toml: cuts.plane: expected true or false, got 3" in error
 
 
 def test_options_become_settings(cloud, monkeypatch, tmp_path):
