@@ -196,15 +196,6 @@ def test_frame_after_frame(backend):
     same(gb.render(scene, CAMERA, SIZE, {"shadows": True}), found[1])
 
 
-def test_the_same_bits_again():
-    def work(device, ranks):
-        scene = gb.Scene(mine(PARTICLES, ranks), support=2.0, comm=ranks, ranks="pieces", **device)
-        return gb.render(scene, CAMERA, SIZE, ALL).color.tobytes()
-
-    runs = [on(3, work, {"device": "cpu"}) for _ in "ab"]
-    assert runs[0] == runs[1]
-
-
 @pytest.mark.parametrize(("n", "count"), OF_A_FEW.values(), ids=OF_A_FEW)
 def test_ranks_without_particles(n, count, backend):
     def work(device, ranks):

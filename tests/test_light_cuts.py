@@ -9,10 +9,8 @@ from light import (
     CAMERA,
     CENTRE,
     MIRROR,
-    ONE_SKY,
     RADIUS,
     ball,
-    block,
     direction_sky,
     first_change,
     fresnel,
@@ -144,29 +142,6 @@ def test_the_cut_face_shows_the_colours_inside(backend, kernel, octree):
         assert np.ptp(blend, axis=0).min() > 0.2
 
 
-def test_camera_in_the_removed_part(backend):
-    """It looks through what is taken away at the face behind it."""
-    scene = block(**backend)
-    camera = gb.Camera((0, 0, 1.0), (0.2, 0.1, -3), fov=50)
-    clip = gb.ClipPlane((0, 0, 1), -0.5)
-    frame = gb.render(scene, camera, SIZE, quiet(), [clip])
-    _, d = rays(camera, SIZE)
-    np.testing.assert_allclose(frame.distance, 1.5 / -d[..., 2], rtol=1e-5)
-    np.testing.assert_allclose(frame.normal, np.broadcast_to((0, 0, 1), d.shape), atol=1e-6)
-
-
-def test_camera_in_the_medium_sees_its_hollow(backend):
-    """From inside the medium a removed ball is met from its far side: light leaves there."""
-    scene = block(**backend)
-    camera = gb.Camera((0, 0, 3), (0, 0, 0), fov=20)
-    frame = gb.render(scene, camera, (9, 9), quiet(), [gb.ClipSphere((0, 0, 0), 1.0)])
-    o, d = rays(camera, (9, 9))
-    near, _, _ = meet_ball(o, d, np.zeros(3), 1.0)
-    np.testing.assert_allclose(frame.distance, near[..., 0], atol=1e-5)
-    out = unit(-(o + near * d))
-    np.testing.assert_allclose(frame.normal, out, atol=1e-4)
-
-
 def test_a_mirror_shows_the_cut_face(backend):
     """Secondary rays go by the clips: the picture in a mirror is that of the mirrored camera."""
     red, green = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
@@ -223,23 +198,6 @@ def test_the_shadow_of_a_cut_ball(backend, name):
     np.testing.assert_allclose(frame.color[sure][:, 0], expected[sure], atol=1e-4)
 
 
-def test_light_falls_into_a_cut(backend):
-    """A block with its corner removed: the floor of the gap is lit but for the wall's shadow."""
-    clip = gb.ClipBox((0, 0, -9), (9, 9, 9))
-    look = quiet(lights=[gb.DirectionalLight((-1, 1, 0), (1, 1, 1))], shadows=True)
-    camera = gb.Camera((1.5, 9, 0), (1.5, 0, 0), up=(0, 0, 1), height=2.4)
-    color = gb.Particles(np.zeros((1, 3)), color=(1, 1, 1)).color
-    frame = gb.render(block(color=color, **backend), camera, (40, 40), look, [clip])
-    # The wall x = 0 ends where the block does, above y = 4: its shadow covers x < 4 of the floor.
-    np.testing.assert_allclose(frame.position[..., 1], 0, atol=1e-5)
-    np.testing.assert_allclose(frame.normal[..., 1], 1, atol=1e-5)
-    np.testing.assert_allclose(frame.color, 0, atol=1e-6)
-    away = gb.DirectionalLight((1, 1, 0), (1, 1, 1))
-    look = quiet(lights=[away], shadows=True)
-    frame = gb.render(block(color=color, **backend), camera, (40, 40), look, [clip])
-    np.testing.assert_allclose(frame.color, np.sqrt(0.5), atol=1e-5)
-
-
 @pytest.mark.parametrize("own", [False, True], ids=["material", "particles"])
 def test_light_falls_into_a_hollow(backend, own):
     """A shadow ray that begins where the medium was taken away and meets a cut face first."""
@@ -289,11 +247,3 @@ def test_cut_glass_is_glass(backend):
     )
     assert inner.sum() > 500
     np.testing.assert_allclose(frame.color[inner], expected[inner], atol=5e-3)
-
-
-def test_thin_slab_of_a_ball_absorbs_by_its_thickness(backend):
-    clips = CUTS["slab"]
-    look = quiet(sky=ONE_SKY, material=gb.Material(0.0, 1.0, 1.0, absorption=2.0))
-    camera = gb.Camera(C + (0, 0, 5), C, height=R)
-    frame = gb.render(ball(**backend), camera, (20, 20), look, clips)
-    np.testing.assert_allclose(frame.color, np.exp(-2.0 * 0.3 * R), rtol=2e-3)

@@ -8,6 +8,9 @@ from light import CENTRE, ONE_SKY, RADIUS, ball, block, quiet, rays
 
 C, R = CENTRE, RADIUS
 DOWN = gb.Camera((0, 0, 6), (0, 0, 0), height=1.0)
+BELOW = gb.Camera((0, 0, -1), (0.1, 0, -2), fov=20)
+SUN = {"lights": [gb.DirectionalLight((0, 0, 1), (1, 1, 1))], "shadows": True}
+GROUND = gb.Ground(-1.6, (0, 0, 1), color=1.0)
 
 
 def veil(transmission, absorption=0.0):
@@ -26,15 +29,9 @@ def test_layers_cut_by_the_same_planes(backend, shadow):
     scene = block(**backend)
     veils = veil(0.9, 0.3), veil(0.8, 0.2), veil(0.7, 0.1)
     layers = [gb.Layer(scene, material) for material in veils]
-    look = quiet(sky=ONE_SKY, bounces=6)
-    camera = DOWN
+    look, camera = quiet(sky=ONE_SKY, bounces=6), DOWN
     if shadow:
-        look = quiet(
-            lights=[gb.DirectionalLight((0, 0, 1), (1, 1, 1))],
-            shadows=True,
-            ground=gb.Ground(-1.6, (0, 0, 1), color=1.0),
-        )
-        camera = gb.Camera((0, 0, -1), (0.1, 0, -2), fov=20)
+        look, camera = quiet(**SUN, ground=GROUND), BELOW
     frame = gb.render(layers, camera, (9, 9), look, between(-0.5, 0.7))
     expected = (0.9 * 0.8 * 0.7) ** 2 * np.exp(-0.6 * 1.2)
     np.testing.assert_allclose(frame.color, expected, rtol=2e-3)
@@ -42,14 +39,8 @@ def test_layers_cut_by_the_same_planes(backend, shadow):
 
 def test_matter_beyond_a_hollow_throws_a_shadow(backend):
     hollow = gb.ClipBox((-3, -3, -0.25), (3, 3, 0.25))
-    look = quiet(
-        lights=[gb.DirectionalLight((0, 0, 1), (1, 1, 1))],
-        shadows=True,
-        material=veil(0.9, 0.5),
-        ground=gb.Ground(-1.6, (0, 0, 1), color=1.0),
-    )
-    camera = gb.Camera((0, 0, -1), (0.1, 0, -2), fov=20)
-    frame = gb.render(block(**backend), camera, (9, 9), look, [hollow, *between(-0.5, 0.7)])
+    look = quiet(**SUN, material=veil(0.9, 0.5), ground=GROUND)
+    frame = gb.render(block(**backend), BELOW, (9, 9), look, [hollow, *between(-0.5, 0.7)])
     np.testing.assert_allclose(frame.color, 0.9**4 * np.exp(-0.5 * 0.7), rtol=2e-3)
 
 
@@ -108,8 +99,7 @@ def test_the_ground_shows_through_a_cut_that_lies_in_it(backend):
         ambient=1.0,
         sky=black,
         material=veil(0.9),
-        lights=[gb.DirectionalLight((0, 0, 1), (1, 1, 1))],
-        shadows=True,
+        **SUN,
         ground=gb.Ground(-0.5, (0, 0, 1), color=(0.2, 0.4, 0.6)),
     )
     for camera in (DOWN, gb.Camera((0.3, 0.2, 6), (0.1, 0, 0), fov=10)):

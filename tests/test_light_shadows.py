@@ -181,25 +181,6 @@ def test_sunlight_through_a_ball(backend, transmission, absorption):
     np.testing.assert_allclose(frame.color[outer], 1, atol=1e-4)
 
 
-def test_the_nearest_layer_wins(backend):
-    """Two scenes in one picture: each pixel's depth is the smaller, its colour that scene's."""
-    a = ball((0, 0, 0), color=(1, 0, 0), **backend)
-    b = ball((0.5, 0.2, 0.3), color=(0, 1, 0), **backend)
-    camera = gb.Camera((1, 2, 4), (0.2, 0, 0), fov=30)
-    both = gb.render([a, gb.Layer(b)], camera, SIZE, quiet(ambient=1.0))
-    swapped = gb.render([b, a], camera, SIZE, quiet(ambient=1.0))
-    far = [gb.ClipPlane((0, 0, 1), 99)]
-    alone = [gb.render(s, camera, SIZE, quiet(), far).distance for s in (a, b)]
-    np.testing.assert_allclose(both.distance, np.minimum(*alone), atol=5e-5)
-    np.testing.assert_array_equal(both.distance, swapped.distance)
-    first = alone[0] < alone[1]
-    assert (first & both.mask).sum() > 100
-    assert (~first & both.mask).sum() > 100
-    expected = np.where(first[..., None], (1, 0, 0), (0, 1, 0))
-    np.testing.assert_array_equal(both.color[both.mask], expected[both.mask])
-    np.testing.assert_array_equal(both.color, swapped.color)
-
-
 def test_translucent_over_opaque(backend):
     """A veil of transmission k scatters (1 - k) of its own colour and filters the rest by it."""
     veil_color, core_color, k = np.array((0.9, 0.6, 0.3)), np.array((0.2, 0.5, 1.0)), 0.7
@@ -264,26 +245,6 @@ def test_ground_mirrors(backend):
     expected = np.where(away < RADIUS, (1.0, 0.5, 0.25), 0.0)
     assert (away[seen] < RADIUS).sum() > 50
     np.testing.assert_allclose(frame.color[seen], expected[seen], atol=1e-5)
-
-
-def test_lights_of_all_kinds_add_up(backend):
-    """Light is linear: a picture with all of them is the sum of the pictures with one each."""
-    lights = [
-        gb.Headlight((0.2, 0.1, 0.3)),
-        gb.DirectionalLight((0.2, 1, 0.5), (0.5, 0.4, 0.3)),
-        gb.DirectionalLight((-1, 0.4, 0.5), (0.3, 0.4, 0.5)),
-        gb.PointLight((1, 2, 1.5), (0.2, 0.3, 0.1)),
-    ]
-    scene = ball(**backend)
-    options = {
-        "shadows": True,
-        "ground": GROUND,
-        "specular": 0.3,
-        "material": gb.Material(0.2, 0.5, 1.3, absorption=0.5),
-    }
-    every = gb.render(scene, ABOVE, SIZE, quiet(lights=lights, **options)).color
-    one = [gb.render(scene, ABOVE, SIZE, quiet(lights=[k], **options)).color for k in lights]
-    np.testing.assert_allclose(every, np.sum(one, 0), atol=1e-5)
 
 
 def test_dim_light_throws_shadows_too(backend):
