@@ -253,46 +253,32 @@ def test_nothing_to_see(backend, positions):
     assert not frame.mask.any()
 
 
-def test_rendering_exactly_again(backend):
-    """The choice holds for one call."""
-    c = case("hundred")
-    scene = dense(c, **backend)
-    exact = gb.intersect(scene, c.origins, c.directions)[0]
-    gb.intersect(scene, c.origins, c.directions, Thesis(ghosts=False))
-    np.testing.assert_array_equal(gb.intersect(scene, c.origins, c.directions)[0], exact)
-
-
 def test_default_support():
     p = np.array([[0, 0, 0], [8, 4, 2]], np.float32)
     assert default_support(p, 3) == 0.5
     assert default_support(gb.Particles(p), 0) == 4
-    with pytest.raises(ValueError, match="level: expected 0 to 8, got 9"):
-        default_support(p, 9)
-    with pytest.raises(ValueError, match="positions: expected some extent, got 0"):
-        default_support(p[:1], 3)
 
 
-@pytest.mark.parametrize(("choice", "message"), [
-    ({"root": "newton"}, "root: expected march or bezier, got 'newton'"),
-    ({"step": 0}, "step: expected 0.0001 to 10000, got 0"),
-    ({"step": float("nan")}, "step: expected"),
-    ({"step": "small"}, "step: expected"),
-    ({"thresholds": -1}, "thresholds: expected 0 to 16, got -1"),
-    ({"thresholds": 2.5}, "thresholds: expected"),
+RAY = np.zeros((1, 3), np.float32), np.float32([[0, 0, 1]])
+
+
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: Thesis("newton"), "root: expected march or bezier, got 'newton'"),
+    (lambda: Thesis(step=0), "step: expected 0.0001 to 10000, got 0"),
+    (lambda: Thesis(step=float("nan")), "step: expected"),
+    (lambda: Thesis(step="small"), "step: expected"),
+    (lambda: Thesis(thresholds=-1), "thresholds: expected 0 to 16, got -1"),
+    (lambda: Thesis(thresholds=2.5), "thresholds: expected"),
+    (lambda: default_support(cloud(9), 9), "level: expected 0 to 8, got 9"),
+    (lambda: default_support(cloud(1), 3), "positions: expected some extent, got 0"),
+    (lambda: gb.intersect(gb.Scene(cloud(9)), *RAY, Thesis()), 'a scene with octree="dense"'),
+    (lambda: gb.render(gb.Scene(cloud(9), "nishimura", octree="dense"), thesis=Thesis("bezier")),
+     r"kernel: expected murakami or wyvill .* got 'nishimura'"),
+    (lambda: gb.render(gb.Scene(cloud(9), octree="dense"), thesis="march"), "got 'march'"),
 ])  # fmt: skip
-def test_refused_choices(choice, message):
+def test_mistakes_are_named(call, message):
     with pytest.raises((TypeError, ValueError), match=message):
-        Thesis(**choice)
-
-
-def test_refused_scenes():
-    o = np.zeros((1, 3), np.float32)
-    with pytest.raises(ValueError, match='octree: expected a scene with octree="dense"'):
-        gb.intersect(gb.Scene(cloud(9)), o, o + (0, 0, 1), Thesis())
-    with pytest.raises(ValueError, match=r"kernel: expected murakami or wyvill .* got 'nishimura'"):
-        gb.render(gb.Scene(cloud(9), "nishimura", octree="dense"), thesis=Thesis("bezier"))
-    with pytest.raises(TypeError, match="thesis: expected a Thesis, got 'march'"):
-        gb.render(gb.Scene(cloud(9), octree="dense"), thesis="march")
+        call()
 
 
 # The command line and the benchmark.
