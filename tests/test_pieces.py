@@ -14,9 +14,12 @@ from cli_helpers import SMALL, refused, run_json
 from format_helpers import DATA
 from globule._base.ranks import Alone
 from globule.cli import main
-from globule.formats.ranges import counted_rows, has_ranges, ranges
+from globule.formats.ranges import has_ranges, ranges
+from globule.pieces import scene as of_pieces
+from globule.pieces import store
 from globule.pieces.partition import Partition, histogram, space_around
-from globule.pieces.store import source_of
+from pieces_helpers import own_shapes
+from PIL import Image
 from scenes import KERNELS
 
 SIZE = (96, 72)
@@ -91,13 +94,8 @@ def test_cuts_around_an_eye_inside(backend):
 
 
 def test_kernels_of_their_own(backend):
-    support = RNG.uniform(1.2, 2.2, len(POSITIONS)).astype(np.float32)
-    check(gb.Particles(POSITIONS, support=support), 4, backend)
-    support[1000] = 30  # over all pieces
-    check(gb.Particles(POSITIONS, support=support), 4, backend, threshold=1.0)
-    skew = RNG.normal(size=(len(POSITIONS), 3, 3)) * 0.08 + 0.6 * np.eye(3)
-    matrices = ((skew + skew.transpose(0, 2, 1)) / 2).astype(np.float32)
-    check(gb.Particles(POSITIONS, anisotropy=matrices), 4, backend)
+    for particles, options in own_shapes():
+        check(particles, 4, backend, **options)
 
 
 def test_layers_and_an_orthographic_camera(backend):
@@ -147,24 +145,6 @@ def test_each_piece_holds_all_that_reaches_its_cells():
     assert held.sum() < 400 * 5  # not everything everywhere
 
 
-def test_where_rays_leave_a_piece():
-    points = RNG.random((300, 3))
-    space = space_around(points.min(0), points.max(0), 0.1, 0.1)
-    partition = Partition(space, histogram(space, points), 4)
-    o = space.low + space.extent * RNG.random((200, 3))
-    d = RNG.normal(size=(200, 3))
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
-    leave = partition.leave(o, d, np.zeros(200))
-    owner = partition.owner(o)
-    for i in range(200):
-        until = min(leave[i], 3.0)
-        inside = o[i] + np.linspace(0, until * (1 - 1e-9), 500)[:, None] * d[i]
-        within = ((inside > space.low) & (inside < space.low + space.extent)).all(axis=1)
-        assert (partition.owner(inside[within]) == owner[i]).all()
-        if np.isfinite(leave[i]):
-            assert partition.owner(o[i : i + 1] + (leave[i] + 1e-9) * d[i : i + 1]) != owner[i]
-
-
 def test_mistakes():
     with pytest.raises(ValueError, match=r"^n: "):
         gb.Pieces(POSITIONS, 0)
@@ -176,16 +156,14 @@ def test_mistakes():
 
 def test_a_rank_takes_little_more_than_its_share(monkeypatch):
     """What Python holds while particles go to their ranks, in the share's own bytes."""
-    from globule.pieces import scene
-
-    monkeypatch.setattr(scene, "CHUNK", 1 << 12)
+    monkeypatch.setattr(of_pieces, "CHUNK", 1 << 12)
     points = RNG.random((200_000, 3), np.float32)
     tracemalloc.start()
     try:
         pieces = gb.Pieces(points, comm=Alone(), support=0.02, device="cpu", threads=1)
         tracemalloc.reset_peak()
         before = tracemalloc.get_traced_memory()[0]
-        pieces._to_ranks(source_of(points))
+        pieces._to_ranks(store.source_of(points))
         peak = tracemalloc.get_traced_memory()[1] - before
     finally:
         tracemalloc.stop()
@@ -287,38 +265,6 @@ def test_ranges_refuse_other_files(files):
         ranges("a.ply")
 
 
-@pytest.mark.parametrize("name", ["a.npy", "own.npz", "a.vtu", "a.bgeo"])
-def test_ranges_of_damaged_files(name, files):
-    """One line that names the file, or particles; cut off, and with other bytes in the header."""
-    if name.startswith("a.") and name != "a.npy":
-        gb.write(name, gb.Particles(POSITIONS[:40], attributes={"speed": files[:40]}))
-    whole = np.fromfile(name, np.uint8)
-    header = min(len(whole), 600)
-    damaged = [whole[:n] for n in (*range(0, header, 7), len(whole) // 2, len(whole) - 3)]
-    for _ in range(300):
-        mutant = whole.copy()
-        at = RNG.integers(0, header, RNG.integers(1, 4))
-        mutant[at] = RNG.choice([0, 1, 127, 128, 255, 32, 57], len(at))
-        damaged.append(mutant)
-    refused = 0
-    for data in damaged:
-        data.tofile(name)
-        try:
-            if not has_ranges(name):
-                continue
-            found = ranges(name)
-            some = found.read(found.n // 3, found.n)
-            assert some.positions.shape == (found.n - found.n // 3, 3)
-        except gb.FormatError as error:
-            refused += 1
-            text = str(error)
-            assert name in text
-            assert "\n" not in text
-            assert len(text) < 500
-            assert counted_rows(name) is None or "expected" in text
-    assert refused > 20
-
-
 @pytest.mark.parametrize("name", ["a.npy", "fortran.npy", "own.npz", "a.vtu", "a.bgeo", "a.h5"])
 def test_a_file_that_changes_while_it_is_read(name, files):
     """Shorter, with other rows, and gone: an error, not a signal that ends the program."""
@@ -345,16 +291,17 @@ def test_a_file_that_changes_while_it_is_read(name, files):
             found.read(2000, 2500)
 
 
-def test_render_with_memory(files, capsys, monkeypatch):
-    from globule.pieces import scene
-    from PIL import Image
+@pytest.fixture
+def little(monkeypatch):
+    """All memory goes to particles: so little that there are pieces of a few hundred."""
+    monkeypatch.setattr(of_pieces, "resident_bytes", lambda: 0)
+    monkeypatch.setattr(of_pieces, "OVERHEAD", 0)
 
+
+def test_render_with_memory(files, little, capsys):
     common = ["a.npz", "--size", "96x72", "--device", "cpu", "--support", "2", "--eye", "40,30,45",
               "--look-at", "6,6,6", "--color-by", "speed"]  # fmt: skip
     whole = run_json(capsys, "render", *common, "-o", "one.png")
-    # So little that there are pieces of a few hundred particles.
-    monkeypatch.setattr(scene, "resident_bytes", lambda: 0)
-    monkeypatch.setattr(scene, "OVERHEAD", 0)
     limit = 100_000
     many = run_json(capsys, "render", *common, "-o", "many.png", "--memory", str(limit))
     assert many["counts"]["pieces"] > 1
@@ -371,11 +318,7 @@ def test_memory_that_suffices_makes_no_pieces(files, capsys):
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is full")
-def test_no_room_for_temporary_files(files, capsys, monkeypatch):
-    from globule.pieces import scene, store
-
-    monkeypatch.setattr(scene, "resident_bytes", lambda: 0)
-    monkeypatch.setattr(scene, "OVERHEAD", 0)
+def test_no_room_for_temporary_files(files, little, capsys, monkeypatch):
     monkeypatch.setattr(store.Files, "_path", lambda *_: "/dev/full")
     words = ["render", "a.npz", "-o", "full.png", "--support", "2", "--memory", "100000"]
     error = refused(capsys, *words)
@@ -403,12 +346,8 @@ def test_memory_mistakes(files, capsys):
     assert main([*series, "--memory", "8G"]) == 0
 
 
-def test_particles_without_a_place_are_counted(files, capsys, monkeypatch):
+def test_particles_without_a_place_are_counted(files, little, capsys):
     """In pieces as in one scene; and a file without particles."""
-    from globule.pieces import scene
-
-    monkeypatch.setattr(scene, "resident_bytes", lambda: 0)
-    monkeypatch.setattr(scene, "OVERHEAD", 0)
     lost = POSITIONS.copy()
     lost[100:103] = np.nan
     np.save("lost.npy", lost)

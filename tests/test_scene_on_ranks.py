@@ -203,17 +203,6 @@ def test_an_update_that_fails_on_the_way_leaves_no_other_particles():
     same(gb.render(gb.Scene(moved, support=2.0, device="cpu"), CAMERA, SIZE), frame)
 
 
-def test_a_rank_that_fails_to_draw_is_named(monkeypatch):
-    def work(device, ranks):
-        scene = gb.Scene(mine(gb.Particles(POSITIONS), ranks), support=2.0, comm=ranks, **device)
-        if ranks.rank == 1:
-            monkeypatch.setattr(scene.pieces(), "visit", lambda: 1 / 0)
-        with pytest.raises(RuntimeError, match=r"^rank 1: division by zero"):
-            gb.render(scene, CAMERA, SIZE)
-
-    on(2, work, {"device": "cpu"})
-
-
 def test_what_differs_between_ranks_is_named():
     def work(device, ranks):
         own = "on rank 0 and .* on rank 1$"
