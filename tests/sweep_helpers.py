@@ -67,17 +67,25 @@ class OnGpu:
         return np.full(self.shape, 7, np.uint8)
 
 
+def write_recording(name, frames, times, poses, source="Probe") -> None:
+    """A sequence as PLUS writes it, with tracked poses (N, 4, 4)."""
+    fields = [
+        {
+            f"{source}ToReferenceTransform": format_matrix(pose),
+            f"{source}ToReferenceTransformStatus": "OK",
+            "Timestamp": repr(float(time)),
+        }
+        for pose, time in zip(poses, times, strict=True)
+    ]
+    igs.write(name, igs.Recording(frames, times, {}, np.ones(len(frames), bool), {}, fields))
+
+
 def example_files() -> None:
     """The files that the examples of the command line name, small."""
     probe_from_image = np.diag([0.5, 0.5, 0.5, 1.0])
     made = phantoms.cylinders(n_frames=8, size=(24, 20), spacing=0.5)
     poses = made.world_from_image @ np.linalg.inv(probe_from_image)
-    fields = [
-        {"ProbeToReferenceTransform": format_matrix(pose), "Timestamp": repr(float(t))}
-        for pose, t in zip(poses, made.timestamps, strict=True)
-    ]
-    ok = np.ones(8, bool)
-    igs.write("sweep.igs.mha", igs.Recording(made.frames, made.timestamps, {}, ok, {}, fields))
+    write_recording("sweep.igs.mha", made.frames, made.timestamps, poses)
     write_calibration("probe.toml", Calibration(probe_from_image))
     Path("config.xml").write_text(
         '<PlusConfiguration><Transform From="Image" To="Probe" '
@@ -88,9 +96,8 @@ def example_files() -> None:
     )
     write_sweep("frames", made)
     Path("frames/poses.csv").unlink()
-    write_csv("poses.csv", PoseTable(made.timestamps, poses, ok))
-    volume = Volume(np.ones((3, 4, 5), np.uint8), np.eye(4))
-    write_volume("volume.npz", volume)
+    write_csv("poses.csv", PoseTable(made.timestamps, poses, np.ones(8, bool)))
+    write_volume("volume.npz", Volume(np.ones((3, 4, 5), np.uint8), np.eye(4)))
     _wires(probe_from_image)
     _passes()
 
@@ -123,15 +130,12 @@ def _wires(probe_from_image: np.ndarray, n: int = 40) -> None:
     pixels, poses = rng.uniform(2, 18, (n, 2)), random_poses(n)
     names = [f"m{row}{column}" for row in range(3) for column in range(4)]
     lines = [",".join(["frame", "column", "row", *names])]
-    fields = []
     for i, (pixel, pose) in enumerate(zip(pixels, poses, strict=True)):
         pose[:3, 3] = -pose[:3, :3] @ (probe_from_image @ [*pixel, 0, 1])[:3]
         lines.append(",".join(map(repr, [i, *pixel.tolist(), *pose[:3].ravel().tolist()])))
-        fields.append({"ProbeToReferenceTransform": format_matrix(pose), "Timestamp": repr(i / 20)})
     Path("marks.csv").write_text("\n".join(lines), encoding="utf-8")
     frames = rng.integers(0, 255, (n, 20, 24), np.uint8)
-    ok = np.ones(n, bool)
-    igs.write("wires.igs.mha", igs.Recording(frames, None, {}, ok, {}, fields))
+    write_recording("wires.igs.mha", frames, np.arange(n) / 20, poses)
 
 
 def same(a: Sweep, b: Sweep) -> bool:

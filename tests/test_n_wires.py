@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 from globule.cli import main
 from globule.formats.errors import FormatError
-from globule.formats.sweeps import igs
-from globule.formats.sweeps.transforms import format_matrix
 from globule.ultrasound.calibration import (
     Calibration,
     _rotation,
@@ -28,7 +26,7 @@ from globule.ultrasound.wires import (
     read_phantom,
     write_phantom,
 )
-from sweep_helpers import calibration_data
+from sweep_helpers import calibration_data, write_recording
 
 SIZE = (330, 250)  # columns, rows
 SPACING = (0.16, 0.15)
@@ -347,24 +345,12 @@ def test_the_sweeps_of_fcal(tmp_path, capsys):
 # The command
 
 
-def write_sweep(name, frames, times, poses, source="Probe"):
-    fields = [
-        {
-            f"{source}ToReferenceTransform": format_matrix(pose),
-            f"{source}ToReferenceTransformStatus": "OK",
-            "Timestamp": repr(float(time)),
-        }
-        for pose, time in zip(poses, times, strict=True)
-    ]
-    igs.write(name, igs.Recording(frames, times, {}, np.ones(len(frames), bool), {}, fields))
-
-
 @pytest.mark.usefixtures("folder")
 def test_command(capsys):
     *data, _ = sweep()
-    write_sweep("wires.igs.mha", *data[:3])
+    write_recording("wires.igs.mha", *data[:3])
     *more, _ = sweep(seed=3)
-    write_sweep("more.igs.mha", *more[:3])
+    write_recording("more.igs.mha", *more[:3])
     write_phantom("phantom.toml", phantom())
     write_calibration("old.toml", Calibration(np.eye(4), clip=(1, 2, 30, 40)))
     words = ["calibrate", "--n-wire", "phantom.toml", "--sweep", "wires.igs.mha"]
@@ -380,12 +366,12 @@ def test_command(capsys):
     write_phantom("free.toml", dataclasses.replace(phantom(), reference_from_phantom=None))
     still = np.repeat(data[2][:1], 40, axis=0)
     still[:, :3, 3] += np.random.default_rng(0).normal(0, 0.05, (40, 3))
-    write_sweep("still.igs.mha", np.repeat(data[0][:1], 40, axis=0), data[1], still)
+    write_recording("still.igs.mha", np.repeat(data[0][:1], 40, axis=0), data[1], still)
     rest = ["--delay", "--max-delay", "0.3", "-o", "still.toml"]
     assert main([*words[:-1], "still.igs.mha", *rest]) == 2
     assert not Path("still.toml").exists()
     inverted = np.linalg.inv(data[2])
-    write_sweep("inverted.igs.mha", *data[:2], inverted)
+    write_recording("inverted.igs.mha", *data[:2], inverted)
     capsys.readouterr()
     assert main([*words[:-1], "inverted.igs.mha"]) == 0
     assert "3-D errors of" in capsys.readouterr().err
@@ -399,7 +385,7 @@ def test_picture(capsys):
     from PIL import Image
 
     *data, _ = sweep(n=15)
-    write_sweep("wires.igs.mha", *data[:3])
+    write_recording("wires.igs.mha", *data[:3])
     write_phantom("phantom.toml", phantom())
     words = ["calibrate", "--n-wire", "phantom.toml", "--sweep", "wires.igs.mha"]
     assert main([*words, "--validate", "wires.igs.mha", "--picture", "wires.png"]) == 0

@@ -197,10 +197,6 @@ def test_configuration(tmp_path):
     assert (config.rejection, config.skip) == (12, 3)
 
 
-def settings(attributes: str, inside: str = "") -> str:
-    return XML.format(attributes, inside)
-
-
 STICKS = '<HoleFilling>\n<HoleFillingElement Type="STICK" NumberOfSticksToUse="1"/></HoleFilling>'
 
 
@@ -210,16 +206,16 @@ STICKS = '<HoleFilling>\n<HoleFillingElement Type="STICK" NumberOfSticksToUse="1
         ('<!DOCTYPE x [<!ENTITY a "b">]>\n<PlusConfiguration/>', "line 1: expected no DOCTYPE"),
         ("<PlusConfiguration>\n<a>\n</PlusConfiguration>", "line 3, column 3: expected XML"),
         ("\n<PlusConfiguration/>", "line 2: expected an element VolumeReconstruction, got none"),
-        (settings(""),
+        (XML.format("", ""),
          "line 1, VolumeReconstruction: expected OutputSpacing, got none"),
-        (settings('\nOutputSpacing="1 1 x"'), "line 1, OutputSpacing: expected 3 numbers, got"),
-        (settings('OutputSpacing="1 1"'), "line 1, OutputSpacing: expected 3 numbers"),
-        (settings('OutputSpacing="1 1 0"'), "line 1, OutputSpacing: expected positive numbers"),
-        (settings('OutputSpacing="1 1 1" Interpolation="CUBIC"'),
+        (XML.format('\nOutputSpacing="1 1 x"', ""), "line 1, OutputSpacing: expected 3"),
+        (XML.format('OutputSpacing="1 1"', ""), "line 1, OutputSpacing: expected 3 numbers"),
+        (XML.format('OutputSpacing="1 1 0"', ""), "line 1, OutputSpacing: expected positive"),
+        (XML.format('OutputSpacing="1 1 1" Interpolation="CUBIC"', ""),
          "line 1, Interpolation: expected NEAREST"),
-        (settings('OutputSpacing="1 1 1" FillHoles="ON"'),
+        (XML.format('OutputSpacing="1 1 1" FillHoles="ON"', ""),
          "line 1, FillHoles: expected a HoleFillingElement for ON, got none"),
-        (settings('OutputSpacing="1 1 1" FillHoles="ON"', STICKS),
+        (XML.format('OutputSpacing="1 1 1" FillHoles="ON"', STICKS),
          "line 2, HoleFillingElement STICK: expected StickLengthLimit, got none"),
     ],
 )  # fmt: skip

@@ -18,8 +18,8 @@ from globule.ultrasound.calibration import (
 from globule.ultrasound.plus_setup import read_plus, write_plus
 from globule.ultrasound.stylus import calibrate_stylus, register_landmarks
 from globule.ultrasound.wires import read_phantom
-from sweep_helpers import calibration_data
-from test_n_wires import phantom, write_sweep
+from sweep_helpers import calibration_data, write_recording
+from test_n_wires import phantom
 
 pytestmark = pytest.mark.usefixtures("folder")
 TIP, PIVOT = np.array([203.0, -12, 1]), np.array([10.0, 20, 30])
@@ -134,7 +134,7 @@ def test_landmarks_on_a_line_are_refused():
 def test_stylus_command(capsys):
     poses = pivoting(n_wrong=5)
     images = np.zeros((len(poses), 4, 5), np.uint8)
-    write_sweep("pivot.igs.mha", images, np.arange(len(poses)) / 20, poses, "Stylus")
+    write_recording("pivot.igs.mha", images, np.arange(len(poses)) / 20, poses, "Stylus")
     words = ["calibrate", "--stylus", "--sweep", "pivot.igs.mha"]
     assert main([*words, "-o", "stylus.toml", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["stylus"]
@@ -176,7 +176,7 @@ def test_pictures():
 
     poses = pivoting()
     images = np.zeros((len(poses), 4, 5), np.uint8)
-    write_sweep("pivot.igs.mha", images, np.arange(len(poses)) / 20, poses, "Stylus")
+    write_recording("pivot.igs.mha", images, np.arange(len(poses)) / 20, poses, "Stylus")
     words = ["calibrate", "--stylus", "--sweep", "pivot.igs.mha", "--picture", "p.png"]
     assert main(words) == 0
     blue = np.asarray(Image.open("p.png").convert("RGB"), int) - [0x1F, 0x6F, 0xB2]

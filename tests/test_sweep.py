@@ -22,7 +22,6 @@ from globule.formats.sweeps.poses import (
     rotation,
     write_csv,
 )
-from globule.formats.sweeps.transforms import format_matrix
 from globule.formats.volumes import nrrd
 from globule.ultrasound.calibration import Calibration, write_calibration
 from globule.ultrasound.files import is_sweep, read_sweep, write_sweep
@@ -30,7 +29,7 @@ from globule.ultrasound.region import Clip, Fan, region_mask
 from globule.ultrasound.sweep import Sweep
 from globule.ultrasound.trust import check_poses
 from PIL import Image
-from sweep_helpers import random_poses, same, small_sweep, spine_data
+from sweep_helpers import random_poses, same, small_sweep, spine_data, write_recording
 
 pytestmark = pytest.mark.usefixtures("folder")
 PIXEL = np.diag([0.5, 0.25, 0.3, 1.0])  # probe_from_image
@@ -214,22 +213,15 @@ def test_folder_with_poses_at_other_times(stack):
 def test_pose_table_kinds_agree(stack):
     table = read_poses("poses.csv")
     rows = ["time,x,y,z,qx,qy,qz,qw,status"]
-    entries = []
+    entries, matrices = [], []
     for time, matrix in zip(table.times, table.matrices, strict=True):
         q, place = quaternion(matrix[:3, :3]), matrix[:3, 3]
         rows.append(",".join(map(repr, [float(time), *place.tolist(), *q.tolist()])) + ",OK")
         entries.append({"time": time, "position": place.tolist(), "quaternion": q.tolist()})
+        matrices.append({"t": time, "matrix": matrix.tolist()})
     Path("q.csv").write_text("\n".join(rows), encoding="utf-8")
     Path("q.json").write_text(json.dumps({"poses": entries}), encoding="utf-8")
-    Path("m.json").write_text(
-        json.dumps(
-            [
-                {"t": t, "matrix": m.tolist()}
-                for t, m in zip(table.times, table.matrices, strict=True)
-            ]
-        ),
-        encoding="utf-8",
-    )
+    Path("m.json").write_text(json.dumps(matrices), encoding="utf-8")
     for name in ("q.csv", "q.json", "m.json"):
         other = read_poses(name)
         assert np.array_equal(other.times, table.times)
@@ -245,15 +237,6 @@ def test_gaps_are_not_bridged():
     assert np.array_equal(matrices, table.matrices)  # a known time gives the very bits
     table.ok[1] = False
     assert interpolate(table, np.array([0.1, 0.12]))[1].tolist() == [False, True]  # one lost pose
-
-
-def test_slerp_turns_evenly_and_takes_the_shorter_way():
-    turn = np.tile(np.eye(4), (2, 1, 1))
-    turn[1, :3, :3] = rotation(np.array([np.sin(0.6), 0, 0, np.cos(0.6)]))
-    table = PoseTable(np.array([0.0, 1.0]), turn, np.ones(2, bool))
-    matrices, _ = interpolate(table, np.array([0.25, 0.5]))
-    angles = np.arctan2(matrices[:, 2, 1], matrices[:, 1, 1])
-    assert angles == pytest.approx([0.3, 0.6])
 
 
 def test_poses_with_scale_need_no_calibration(stack):
@@ -413,8 +396,6 @@ def test_bad_plus_configurations():
     assert read_sweep("a.mha", plus="a.xml").valid.all()
     for text, what in [
         ("<a/>", "PlusConfiguration"),
-        ("<PlusConfiguration>", "XML"),
-        ('<!DOCTYPE x [<!ENTITY a "b">]><PlusConfiguration/>', "DOCTYPE"),
         (good.format("1 2 3", ""), "16 numbers"),
         (good.format(" ".join("0" * 16), ""), "singular"),
         (good.format(matrix, '<VolumeReconstruction ClipRectangleOrigin="0"/>'), "2 numbers"),
@@ -551,19 +532,6 @@ def test_another_speed_limit(hand):
 # Units, zeros, colors
 
 
-def plus_file(matrices, frames, name="made.igs.mha", source="Image", **fields):
-    every = [
-        {
-            f"{source}ToReferenceTransform": format_matrix(matrix),
-            f"{source}ToReferenceTransformStatus": "OK",
-            "Timestamp": str(i / 20),
-        }
-        for i, matrix in enumerate(matrices)
-    ]
-    recording = igs.Recording(frames, None, {}, np.ones(len(frames), bool), fields, every)
-    igs.write(name, recording)
-
-
 @pytest.mark.parametrize(("change", "what"), [
     (lambda m: np.diag([0.001, 0.001, 0.001, 1]) @ m, "probably in meters: multiply"),
     (lambda m: np.diag([1000, 1000, 1000, 1]) @ m, "probably in micrometers"),
@@ -571,7 +539,8 @@ def plus_file(matrices, frames, name="made.igs.mha", source="Image", **fields):
 ])  # fmt: skip
 def test_transforms_in_other_units_are_refused(change, what):
     made = gb.phantoms.cylinders(n_frames=4, size=(300, 200))
-    plus_file(change(made.world_from_image), made.frames)
+    poses = change(made.world_from_image)
+    write_recording("made.igs.mha", made.frames, made.timestamps, poses, "Image")
     with pytest.raises(FormatError, match=what) as caught:
         read_sweep("made.igs.mha")
     assert "\n" not in str(caught.value)
@@ -583,12 +552,12 @@ def test_poses_in_meters_beside_a_calibration_are_warned_of():
     poses[:, :3, :3] /= 0.12
     poses[:, :3, 3] += 300
     calibration = Calibration(np.diag([0.12, 0.12, 0.12, 1]))
-    plus_file(poses, made.frames, source="Probe")
+    write_recording("made.igs.mha", made.frames, made.timestamps, poses)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         read_sweep("made.igs.mha", calibration)
     poses[:, :3, 3] /= 1000
-    plus_file(poses, made.frames, source="Probe")
+    write_recording("made.igs.mha", made.frames, made.timestamps, poses)
     with pytest.warns(UserWarning, match="probably in meters"):
         read_sweep("made.igs.mha", calibration)
 
@@ -611,7 +580,7 @@ def test_a_pose_of_zeros_is_a_frame_without_pose():
     poses = made.world_from_image.copy()
     poses[3] = 0
     poses[5, :3, :2] = 0
-    plus_file(poses, made.frames)
+    write_recording("made.igs.mha", made.frames, made.timestamps, poses, "Image")
     sweep = read_sweep("made.igs.mha")
     assert np.flatnonzero(~sweep.valid).tolist() == [3, 5]
     write_sweep("again.igs.mha", sweep)
@@ -644,21 +613,12 @@ def test_colors_of_nrrd_are_where_its_kinds_say(kinds, shape):
     assert np.array_equal(frames, expected)
 
 
-def test_colors_survive_as_gray():
-    values = np.random.default_rng(0).integers(0, 255, (20, 30, 3), np.uint8)
-    nrrd.write("made.nrrd", values, {"kinds": "vector domain domain"})
-    recording = igs.read("made.nrrd")
-    for name in ("again.nrrd", "again.mha"):
-        igs.write(name, recording)
-        assert np.array_equal(igs.read(name).frames, recording.frames)
-    nrrd.write("made.nrrd", values[..., :2], {"kinds": "vector domain domain"})
-    with pytest.raises(FormatError, match="RGB"):
-        igs.read("made.nrrd")
-
-
 def test_a_colored_picture_of_metaimage_is_one_frame():
     values = np.random.default_rng(0).integers(0, 255, (20, 30, 3), np.uint8)
     head = "ObjectType = Image\nNDims = 2\nDimSize = 30 20\nElementNumberOfChannels = 3\n"
     head += "ElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
     Path("made.mha").write_bytes(head.encode() + values.tobytes())
     assert np.array_equal(igs.read("made.mha").frames, igs.to_grey(values)[None])
+    nrrd.write("made.nrrd", values[..., :2], {"kinds": "vector domain domain"})
+    with pytest.raises(FormatError, match="RGB"):
+        igs.read("made.nrrd")

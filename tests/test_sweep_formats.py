@@ -39,6 +39,16 @@ def quaternions(poses: np.ndarray) -> np.ndarray:
     )
 
 
+def write_rows(name: str, rows, delimiter: str = ",") -> None:
+    with open(name, "w", encoding="utf-8", newline="") as file:
+        csv.writer(file, delimiter=delimiter).writerows(rows)
+
+
+def refuses(name: str, problem: str) -> None:
+    with pytest.raises(FormatError, match=problem):
+        read_poses(name)
+
+
 def close(table, poses, atol=1e-6) -> bool:
     return np.allclose(table.matrices[table.ok], poses[table.ok], atol=atol)
 
@@ -51,14 +61,11 @@ def test_tum():
     assert close(table, poses, 1e-5)
     assert np.allclose(table.times, TIMES, atol=1e-6)
     Path("bad.txt").write_text("1 2 3 4 0 0 0 1\n1 2 3\n", encoding="utf-8")
-    with pytest.raises(FormatError, match=r"line 2: expected 8 numbers \(TUM\), got 3"):
-        read_poses("bad.txt")
+    refuses("bad.txt", r"line 2: expected 8 numbers \(TUM\), got 3")
     Path("bad.txt").write_text("1 2 3 4 0 0 0 2\n", encoding="utf-8")
-    with pytest.raises(FormatError, match="quaternion of length 1"):
-        read_poses("bad.txt")
+    refuses("bad.txt", "quaternion of length 1")
     Path("other.txt").write_text("hello\n", encoding="utf-8")
-    with pytest.raises(FormatError, match="expected a pose table"):
-        read_poses("other.txt")
+    refuses("other.txt", "expected a pose table")
 
 
 @pytest.mark.parametrize("layout", ["rostopic", "columns", "transform"])
@@ -79,11 +86,8 @@ def test_ros(layout):
                       lambda i: [stamps[i] // 10**9, stamps[i] % 10**9, "probe"]),
     }[layout]  # fmt: skip
     q = quaternions(poses)
-    with open("topic.csv", "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(clock[0] + names)
-        for i in range(N):
-            writer.writerow([*clock[1](i), *(poses[i, :3, 3] / 1000), *q[i]])
+    rows = [[*clock[1](i), *(poses[i, :3, 3] / 1000), *q[i]] for i in range(N)]
+    write_rows("topic.csv", [clock[0] + names, *rows])
     table = read_poses("topic.csv")
     assert close(table, poses)
     assert np.allclose(table.times, TIMES, atol=1e-6)
@@ -106,12 +110,9 @@ def optitrack(unit="Meters", scale=1e-3, bodies=("Probe",), turn="Quaternion") -
         ["", ""] + kinds * n,
         ["Frame", "Time (Seconds)"] + axes * n,
     ]  # fmt: skip
-    with open("take.csv", "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerows(head)
-        for i in range(N):
-            row = [*q[i], *(poses[i, :3, 3] * scale), 0.0001] * n
-            writer.writerow([i, i / 30, *(row if i != 4 else [""] * 8 * n)])
+    rows = [[*q[i], *(poses[i, :3, 3] * scale), 0.0001] * n for i in range(N)]
+    rows[4] = [""] * 8 * n
+    write_rows("take.csv", [*head, *([i, i / 30, *row] for i, row in enumerate(rows))])
     return poses
 
 
@@ -123,14 +124,11 @@ def test_optitrack():
         assert close(table, poses)
         assert np.allclose(table.times, np.arange(N) / 30)
     optitrack(bodies=("Probe", "Stylus"))
-    with pytest.raises(FormatError, match="expected one rigid body, got Probe, Stylus"):
-        read_poses("take.csv")
+    refuses("take.csv", "expected one rigid body, got Probe, Stylus")
     optitrack(turn="XYZ")
-    with pytest.raises(FormatError, match="Rotation Type: expected Quaternion"):
-        read_poses("take.csv")
+    refuses("take.csv", "Rotation Type: expected Quaternion")
     optitrack(unit="Furlongs")
-    with pytest.raises(FormatError, match="Length Units: expected millimeters"):
-        read_poses("take.csv")
+    refuses("take.csv", "Length Units: expected millimeters")
 
 
 @pytest.mark.parametrize(("separator", "angles"), [(",", False), ("\t", False), (",", True)])
@@ -143,13 +141,10 @@ def test_ndi(separator, angles):
             poses[:, :3, :3]).as_euler("ZYX", degrees=True)  # fmt: skip
     else:
         names, turn = ["Q0", "Qx", "Qy", "Qz"], np.roll(quaternions(poses), 1, axis=1)
-    with open("tool.csv", "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, delimiter=separator)
-        writer.writerow(["Tools", "Frame", "Face", "State", *names, "Tx", "Ty", "Tz", "Error"])
-        for i in range(N):
-            numbers = [*turn[i], *poses[i, :3, 3], 0.1]
-            state, numbers = ("OK", numbers) if i != 3 else ("MISSING", [""] * len(numbers))
-            writer.writerow(["Port 1", 6000 + 2 * i, 0, state, *numbers])
+    head = ["Tools", "Frame", "Face", "State", *names, "Tx", "Ty", "Tz", "Error"]
+    rows = [["Port 1", 6000 + 2 * i, 0, "OK", *turn[i], *poses[i, :3, 3], 0.1] for i in range(N)]
+    rows[3][3:] = ["MISSING", *[""] * (len(head) - 4)]
+    write_rows("tool.csv", [head, *rows], separator)
     table = read_poses("tool.csv")
     assert np.array_equal(np.flatnonzero(~table.ok), [3])
     assert close(table, poses)
@@ -158,16 +153,13 @@ def test_ndi(separator, angles):
     Path("two.csv").write_text(
         "\n".join(line + separator + line for line in text), encoding="utf-8"
     )
-    with pytest.raises(FormatError, match="expected one tool, got 2"):
-        read_poses("two.csv")
+    refuses("two.csv", "expected one tool, got 2")
 
 
 def write_table(name: str, column: str, times, poses) -> None:
-    with open(name, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow([column, *(f"m{r}{c}" for r in range(3) for c in range(4))])
-        for time, pose in zip(times, poses, strict=True):
-            writer.writerow([time, *pose[:3].ravel()])
+    head = [column, *(f"m{r}{c}" for r in range(3) for c in range(4))]
+    rows = ([time, *pose[:3].ravel()] for time, pose in zip(times, poses, strict=True))
+    write_rows(name, [head, *rows])
 
 
 def test_units_of_time():
@@ -220,8 +212,7 @@ def test_a_tracker_s_buffer_of_plus_as_poses():
     assert np.allclose(sweep.world_from_image[sweep.valid], expected[sweep.valid], atol=1e-9)
     Path("none.mha").write_bytes(text.replace("ProbeTo", "StylusTo").replace(
         "StylusToTracker", "AToB", 1).encode() + bytes(N))  # fmt: skip
-    with pytest.raises(FormatError, match="expected a transform from Probe"):
-        read_poses("none.mha")
+    refuses("none.mha", "expected a transform from Probe")
 
 
 def write_calib_matrix(titles: bool) -> np.ndarray:
@@ -232,8 +223,7 @@ def write_calib_matrix(titles: bool) -> np.ndarray:
     for title, matrix in (("scaling_from_pixel_to_mm", scale), ("from_image_mm_to_tool", tool)):
         rows += [[title]] if titles else []
         rows += matrix.tolist()
-    with open("calib_matrix.csv", "w", encoding="utf-8", newline="") as file:
-        csv.writer(file).writerows(rows)
+    write_rows("calib_matrix.csv", rows)
     first = np.eye(4)
     first[:2, 3] = 1
     return tool @ scale @ first
