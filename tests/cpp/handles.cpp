@@ -20,10 +20,8 @@ TEST_CASE("empty handles are refused") {
     CHECK(!scene);
     CHECK(!frame);
     CHECK_SAYS(scene.spacing(), "scene: expected a scene, got an empty handle");
-    CHECK_SAYS(scene.update({}), "scene: expected");
     CHECK_SAYS(scene.render({}), "scene: expected");
     CHECK_SAYS(frame.color(), "frame: expected a frame");
-    CHECK_SAYS(frame.refine(), "frame: expected a frame");
     CHECK_SAYS(reconstructor.volume(), "reconstructor: expected a reconstructor");
     CHECK_SAYS(simulation.step(), "simulation: expected a simulation");
     scene.cancel();  // nothing is running
@@ -51,7 +49,6 @@ TEST_CASE("moved-from handles are empty, copies are the same scene") {
 
 TEST_CASE("options are checked") {
     CHECK_SAYS(Scene(SceneOptions{.device = "gpu"}), "device: expected auto, cpu, cuda or cuda:N, got \"gpu\"");
-    CHECK_SAYS(Scene(SceneOptions{.device = "cuda:x"}), "device: expected");
     CHECK_SAYS(Scene(SceneOptions{.threshold = -1, .device = "cpu"}), "threshold: expected a positive number");
     CHECK_SAYS(Scene(SceneOptions{.key_bits = 48}), "key_bits: expected 32 or 64, got 48");
     CHECK_SAYS(Scene(SceneOptions{.key_bits = 64, .octree = OctreeKind::dense}), "key_bits: expected 32");
@@ -71,13 +68,11 @@ TEST_CASE("settings, cameras and layers are checked") {
     const Camera c = Camera::fit(p);
     const auto draw = [&](const RenderSettings& settings, const std::vector<Clip>& clips = {}) { s.render(c, 8, 8, settings, clips); };
     CHECK_SAYS(draw({.samples = 0}), "samples: expected 1 to 65536, got 0");
-    CHECK_SAYS(draw({.bounces = 33}), "bounces: expected 0 to 32");
     CHECK_SAYS(draw({.exposure = NAN}), "exposure: expected a number >= 0");
     CHECK_SAYS(draw({.lights = std::vector<Light>(9, Headlight{})}), "lights: expected at most 8, got 9");
     CHECK_SAYS(draw({.lights = {DirectionalLight{.direction = {0, 0, 0}}}}), "direction: expected a direction");
     CHECK_SAYS(draw({.material = {.index = 0.5}}), "index: expected 1 to 4, got 0.5");
     CHECK_SAYS(draw({}, {ClipBox{{1, 0, 0}, {0, 1, 1}}}), "high: expected above low");
-    CHECK_SAYS(draw({}, {ClipSphere{{0, 0, 0}, 0}}), "radius: expected a positive number");
     CHECK_SAYS(s.render(c, 0, 8), "size: expected");
     CHECK_SAYS(s.render({.eye = {1, 1, 1}, .look_at = {1, 1, 1}}), "look_at: expected a point other than eye");
     CHECK_SAYS(s.render({.fov = 180}), "fov: expected");
