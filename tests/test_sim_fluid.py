@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from globule.bench import physics_fluid as physics
 from globule.sim.emitter import Emitter
-from sim_helpers import reloaded
 
 D = 0.05
 
@@ -49,31 +48,6 @@ def check_neighbors(sim, period=None):
         np.testing.assert_array_equal(mine, all_ids[brute_force(positions, row, period)])
 
 
-def test_neighbors_equal_brute_force(backend):
-    sim, ids = falling(backend)
-    check_neighbors(sim)  # a lattice: many pairs at exactly the support's distance
-    for _ in range(10):
-        sim.step()
-    check_neighbors(sim)
-    sim.remove(ids[::3])
-    sim.emitters["tap"] = Emitter((0.7, 0.6, 0.2), (0, -1, 0), 0.12, 0.02, "water")
-    for _ in range(20):
-        sim.step()
-    assert sim.emitters["tap"].emitted > 3
-    check_neighbors(sim)
-
-
-def test_neighbors_across_a_periodic_axis(backend):
-    size = 10 * D
-    sim = gb.Simulation(
-        column(hi=(size, size, size), periodic=("x", "y", "z"), walls=False),
-        **backend,
-    )
-    random = np.random.default_rng(3)
-    sim.add(random.random((700, 3)) * size, "water")
-    check_neighbors(sim, np.float64(np.float32(size)))
-
-
 def test_it_does_not_matter_where_in_memory_neighbors_are(backend):
     """Slots of neighbors have 16 bits where they lie near each other: not so across this domain."""
     n = 48
@@ -101,25 +75,6 @@ def test_it_does_not_matter_where_in_memory_neighbors_are(backend):
     assert apart.max() < 1e-2 * changed
 
 
-def test_crowded_lists_are_complete(backend):
-    sim = gb.Simulation(column(walls=False), **backend)
-    random = np.random.default_rng(4)
-    sim.add(0.3 + 0.08 * random.random((300, 3)), "water")
-    check_neighbors(sim)
-
-
-def test_lists_of_a_spray_are_complete(backend):
-    """Few neighbors far apart, so that rows side by side in memory share no candidates; some
-    particles are in one place."""
-    sim = gb.Simulation(column(hi=(5, 5, 5), walls=False), **backend)
-    random = np.random.default_rng(5)
-    drops = np.repeat(5 * random.random((60, 3)), random.integers(1, 25, 60), axis=0)
-    spray = np.concatenate([drops, drops[:40]]) + 0.0
-    spray[: len(drops)] += D * random.normal(size=drops.shape)
-    sim.add(np.clip(spray, 0.1, 4.9), "water")
-    check_neighbors(sim)
-
-
 def test_same_bits_for_any_thread_count():
     def run(threads):
         description = column(gravity=(1.0, -9.81, 0.5))
@@ -133,57 +88,6 @@ def test_same_bits_for_any_thread_count():
         return sim.hash(), report.iterations, sim.record.totals()
 
     assert run(1) == run(2) == run(5)
-
-
-def test_runs_repeat(backend):
-    hashes = set()
-    for _ in range(2):
-        sim, _ = falling(backend)
-        for _ in range(15):
-            sim.step()
-        hashes.add(sim.hash())
-    assert len(hashes) == 1
-
-
-def test_what_moves_goes_on_bit_by_bit(tmp_path):
-    one = gb.Simulation(column(), device="cpu")
-    one.add(physics.lattice((0, 0, 0), (1, 0.3, 0.4), D), "water")
-    for name, kind, left in (("paddle", "boundary", 0.1), ("raft", "rigid", 0.5)):
-        one.add_phase(gb.Phase(name, kind=kind))
-        one.add(physics.lattice((left, 0.25, 0.1), (left + 0.2, 0.35, 0.3), D), name)
-    one.steer.make_rigid("raft", 400.0, spin=(0, 1, 0))
-
-    def step(sim):
-        for _ in range(8):
-            pose = np.eye(4)
-            pose[0, 3] = 0.5 * (sim.time + 0.004)
-            sim.steer.move_boundary("paddle", pose)
-            sim.step(0.004)
-
-    step(one)
-    other = reloaded(one, tmp_path)
-    assert other.phases["water"].viscosity == 0.5
-    step(one)
-    step(other)
-    assert other.hash() == one.hash()
-    assert (other.time, other.n_steps) == (one.time, one.n_steps)
-    for name, value in one.steer.body("raft").items():
-        np.testing.assert_array_equal(other.steer.body("raft")[name], value)
-
-
-def test_scene_shows_what_is_there(backend):
-    sim, ids = falling(backend)
-    camera = gb.Camera((0.5, 0.4, 3), (0.5, 0.4, 0.2))
-    before = gb.render(sim.scene, camera, size=(120, 90)).mask
-    assert 0.02 < before.mean() < 0.5  # the fluid, not the box around it
-    sim.run(0.4)
-    after = gb.render(sim.scene, camera, size=(120, 90))
-    assert (after.mask != before).mean() > 0.02
-    alone = gb.Scene(sim.positions[ids], surface="smooth", spacing=D, device=sim.scene.device.name)
-    again = gb.render(alone, camera, size=(120, 90))
-    np.testing.assert_array_equal(again.mask, after.mask)
-    picked = after.pick(*np.argwhere(after.mask)[0][::-1])
-    assert picked.particle in np.flatnonzero(np.isin(sim.ids, ids))
 
 
 def test_user_changes_between_steps(backend):
@@ -203,8 +107,40 @@ def test_user_changes_between_steps(backend):
     np.testing.assert_allclose(sim.record.totals()["mass"], mass / 2, rtol=1e-6)
 
 
+def spray():
+    """Few neighbors far apart, so that rows side by side in memory share no candidates; some
+    particles are in one place."""
+    random = np.random.default_rng(5)
+    drops = np.repeat(5 * random.random((60, 3)), random.integers(1, 25, 60), axis=0)
+    at = np.concatenate([drops, drops[:40]])
+    at[: len(drops)] += D * random.normal(size=drops.shape)
+    return np.clip(at, 0.1, 4.9)
+
+
+@pytest.mark.parametrize(
+    ("size", "positions"),
+    [
+        (10 * D, 10 * D * np.random.default_rng(3).random((700, 3))),
+        (1.0, 0.3 + 0.08 * np.random.default_rng(4).random((300, 3))),
+        (5.0, spray()),
+    ],
+    ids=["periodic", "crowded", "spray"],
+)
+def test_lists_of_any_cloud_are_complete(backend, size, positions):
+    periodic = "xyz" if size == 10 * D else ""
+    sim = gb.Simulation(column(walls=False, hi=(size,) * 3, periodic=[*periodic]), **backend)
+    sim.add(positions, "water")
+    check_neighbors(sim, np.float64(np.float32(size)) if periodic else None)
+
+
 def test_neighbors_follow_what_was_changed_since_the_last_step(backend):
     sim, ids = falling(backend)
+    check_neighbors(sim)  # a lattice: many pairs at exactly the support's distance
+    sim.emitters["tap"] = Emitter((0.7, 0.6, 0.2), (0, -1, 0), 0.12, 0.02, "water")
+    for _ in range(20):
+        sim.step()
+    assert sim.emitters["tap"].emitted > 3
+    check_neighbors(sim)
     rng = np.random.default_rng(4)
     for _ in range(2):
         sim.step()
@@ -303,6 +239,9 @@ def test_particles_become_a_fluid_in_its_box():
     report = sim.run(0.3)
     assert (report.n_escaped, (sim.arrays.phase == 0).sum()) == (0, len(at))
     assert report.compression < 0.002
+    report = gb.Simulation(gb.Particles(at), "cpu").step()  # it starts at rest
+    assert report.most_compression < 1e-3
+    assert report.most_speed == pytest.approx(physics.GRAVITY * report.dt, rel=0.05)
 
 
 def test_wcsph_agrees_with_dfsph():
@@ -312,13 +251,6 @@ def test_wcsph_agrees_with_dfsph():
         sim.run(0.25)
         places.append(sim.positions[ids, 0].mean())
     assert places[0] == pytest.approx(places[1], rel=0.05)
-
-
-def test_a_block_in_its_box_starts_at_rest():
-    sim = gb.Simulation(gb.Particles(physics.lattice((0, 0, 0), (0.4, 0.4, 0.4), D)), "cpu")
-    report = sim.step()
-    assert report.most_compression < 1e-3
-    assert report.most_speed == pytest.approx(physics.GRAVITY * report.dt, rel=0.05)
 
 
 def test_fluid_without_room_is_refused():
@@ -380,20 +312,6 @@ def test_fluid_that_fills_its_space_keeps_its_momentum(backend):
     drift = 0.5 * mass * 0.3**2
     assert after["kinetic"] - drift == pytest.approx((before["kinetic"] - drift) * decay, rel=0.1)
     assert report.n_escaped == 0
-
-
-@pytest.mark.parametrize(
-    ("description", "message"),
-    [
-        ({"gases": [{"name": "a"}]}, "gases: expected one of spacing"),
-        ({"fluids": [{"name": "a", "density": 0.0}]}, "density: expected a number from 0.001"),
-        ({"fluids": [{"name": "a"}, {"name": "a"}]}, "expected a name of its own"),
-        (column(periodic=["y"], spacing=0.2), "at least 8 spacings"),
-    ],
-)
-def test_errors_name_what_is_wrong(description, message):
-    with pytest.raises(ValueError, match=message):
-        gb.Simulation({**column(), **description}, device="cpu")
 
 
 def test_tension_keeps_momentum_and_gathers_a_block():
