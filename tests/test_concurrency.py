@@ -10,7 +10,6 @@ import threading
 
 import globule as gb
 import numpy as np
-import pytest
 from interrupts import count, polls, running
 from sweep_helpers import small_sweep
 from test_interrupts import added, water
@@ -160,6 +159,14 @@ def test_the_interpreter_is_free_during_native_work():
         until(update, "for a thread that runs beside a call", pause=0)
 
 
+def printed(code: str) -> list[str]:
+    """Lines that a program prints."""
+    ran = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=True
+    )
+    return ran.stdout.splitlines()
+
+
 def test_a_forked_child_is_told():
     code = """
 import os, sys
@@ -177,10 +184,7 @@ if child == 0:
 os.waitpid(child, 0)
 print(gb.render(scene, size=(32, 24)).mask.any())
 """
-    ran = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=True
-    )
-    lines = ran.stdout.splitlines()
+    lines = printed(code)
     assert len(lines) == 3
     assert lines[-1] == "True"
     assert all("forked" in line and "spawn" in line for line in lines[:2])
@@ -197,14 +201,4 @@ if child == 0:
     os._exit(0)
 os.waitpid(child, 0)
 """
-    ran = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=True
-    )
-    assert ran.stdout.split() == ["True"]
-
-
-def test_blend_checks_its_rows_where_the_particles_are():
-    sets = point_sets()
-    scene = gb.Scene(sets[0], support=0.08, device="cpu")
-    with pytest.raises(ValueError, match=r"values: expected 2000 rows, got 6000"):
-        scene.blend(sets[0][:3], np.zeros(6000, np.float32))
+    assert printed(code) == ["True"]

@@ -32,6 +32,14 @@ def lattice(n, at=(0.0, 0.0, 0.0)):
     return (np.mgrid[0:n, 0:n, 0:n].reshape(3, -1).T - (n - 1) / 2) * SPACING + at
 
 
+def meeting(foam=(), speed=3.0):
+    """Two blocks side by side, towards each other."""
+    sim = scene(foam)
+    sim.add(lattice(5, (-0.14, 0, 0)), "water", (speed, 0, 0))
+    sim.add(lattice(5, (0.14, 0, 0)), "water", (-speed, 0, 0))
+    return sim
+
+
 def put(sim, at, velocity=(0.0, 0.0, 0.0), life=10.0):
     """One diffuse particle, with the kind that it has there."""
     sim.foam._add(np.array([at], float), np.array([velocity], float), np.array([life]))
@@ -119,9 +127,7 @@ def test_a_flat_face_is_no_crest_and_an_edge_is_one():
 
 
 def test_blocks_that_collide_trap_air_where_they_meet():
-    sim = scene()
-    sim.add(lattice(5, (-0.14, 0, 0)), "water", (3.0, 0, 0))
-    sim.add(lattice(5, (0.14, 0, 0)), "water", (-3.0, 0, 0))
+    sim = meeting()
     _, trapped, _, kinetic = sim.foam.potentials()
     gap = np.abs(sim.positions[:, 0])
     assert trapped[gap < 0.05].min() > 0
@@ -129,19 +135,11 @@ def test_blocks_that_collide_trap_air_where_they_meet():
     assert kinetic.min() > 0
     sim.add(lattice(2, (0.6, 0, 0)), "water")  # at rest
     assert sim.foam.potentials()[3][-8:].max() == 0
-
-
-def test_blocks_that_part_trap_none():
-    sim = scene()
-    sim.add(lattice(5, (-0.14, 0, 0)), "water", (-3.0, 0, 0))
-    sim.add(lattice(5, (0.14, 0, 0)), "water", (3.0, 0, 0))
-    assert not sim.foam.potentials()[1].any()
+    assert not meeting(speed=-3.0).foam.potentials()[1].any()  # they part
 
 
 def test_the_count_is_the_rate_times_the_time():
-    sim = scene({**LIVELY, "air_rate": 3000.0, "crest_rate": 1000.0})
-    sim.add(lattice(5, (-0.14, 0, 0)), "water", (3.0, 0, 0))
-    sim.add(lattice(5, (0.14, 0, 0)), "water", (-3.0, 0, 0))
+    sim = meeting({**LIVELY, "air_rate": 3000.0, "crest_rate": 1000.0})
     ids, trapped, crest, kinetic = sim.foam.potentials()
     dt = 0.002
     n = kinetic * (3000 * trapped + 1000 * crest) * dt
@@ -182,16 +180,11 @@ def runs():
     return made
 
 
-def test_foam_is_off_unless_the_scene_asks(runs):
-    sim = runs[0]
-    assert not sim.foam.on
-    assert len(sim.foam) == 0
-    with pytest.raises(ValueError, match="expected a table foam"):
-        sim.foam.potentials()
-
-
 def test_no_bit_of_the_fluid_changes(runs):
     without, with_, _ = runs
+    assert not without.foam.on
+    with pytest.raises(ValueError, match="expected a table foam"):
+        without.foam.potentials()
     assert len(with_.foam) > 100
     assert with_.hash() == without.hash()
     assert with_.n_steps == without.n_steps

@@ -55,18 +55,6 @@ def test_a_blade_by_hand():
     assert sim.tissue.n_pieces == 2
 
 
-def test_a_grasper_takes_tissue_along():
-    keys = [{"time": 0, "position": [0.006, 0.006, 0.002]},
-            {"time": 0.05, "position": [0.010, 0.006, 0.002]}]  # fmt: skip
-    grasper = {"name": "g", "kind": "grasper", "radius": 0.004, "keys": keys}
-    sim = simulation(instruments=[grasper])
-    held = np.linalg.norm(sim.positions - [0.006, 0.006, 0.002], axis=1) < 0.003
-    before = sim.positions[held]
-    sim.run_to(0.05)
-    assert held.any()
-    assert np.allclose(sim.positions[held] - before, [0.004, 0, 0], atol=2e-5)
-
-
 def test_what_comes_in_and_what_goes_adds_up():
     tap = {"name": "tap", "fluid": "water", "center": [0, 0, 0.06], "direction": [0, 0, -1],
            "radius": 0.007, "rate": 2e-5, "start": 0.02, "end": 0.12}  # fmt: skip
