@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 WITH_CODE = [path for path in PAGES if any(not block.reason for block in blocks(path))]
+HELPER = str(Path(__file__).with_name("docs_blocks.py"))
 OPERATORS = ("|", ">", "&&", "&", ";")
 PATIENCE = 180  # s a page
 QUICK = ("render-pick",)  # the others run in `make test-all`
@@ -58,8 +59,7 @@ def data(tmp_path_factory):
 def environment(tmp_path_factory):
     """The tests' own `globule` and `python` come first."""
     programs = tmp_path_factory.mktemp("programs")
-    helper = Path(__file__).with_name("docs_blocks.py")
-    for program, run in (("globule", f' "{helper}" globule'), ("python", "")):
+    for program, run in (("globule", f' "{HELPER}" globule'), ("python", "")):
         path = programs / program
         path.write_text(f'#!/bin/sh\nexec "{sys.executable}"{run} "$@"\n')
         path.chmod(0o755)
@@ -81,7 +81,7 @@ def test_code(path, data, environment, tmp_path):
         if file.is_file():
             (tmp_path / file.relative_to(data)).parent.mkdir(exist_ok=True)
             os.link(file, tmp_path / file.relative_to(data))
-    command = [sys.executable, str(Path(__file__).with_name("docs_blocks.py")), str(path)]
+    command = [sys.executable, HELPER, str(path)]
     options = {"cwd": tmp_path, "env": environment, "text": True, "start_new_session": True}
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **options
@@ -120,37 +120,17 @@ def test_code_and_commands_are_right_as_far_as_can_be_seen():
     assert [(place, what) for place, what in found if what] == []
 
 
-def test_blocks_of_a_page(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text(
-        "<!-- before: x = 1 -->\n```python\ny = x\n```\n\n"
-        "<!-- not run: needs a GPU -->\n```sh\nglobule demo --device cuda\n```\n"
-        "- list\n\n  ```console\n  $ globule --version\n  globule 0.2\n  ```\n"
-        "```bash\npip install globule\n.venv/bin/globule demo\n```\n```toml\na = 1\n```\n"
-    )
-    assert blocks(page) == [
-        Block(1, "python", "x = 1 "),
-        Block(3, "python", "y = x\n"),
-        Block(8, "sh", "globule demo --device cuda\n", "needs a GPU"),
-        Block(13, "sh", "globule --version\n"),
-        Block(17, "sh", "globule demo\n"),
-    ]
-
-
 def test_a_block_that_fails_is_named(environment, tmp_path):
     page = tmp_path / "page.md"
-    page.write_text("# A\n\n```python\na = 1\n```\n\n```python\nassert a == 2\n```\n")
-    helper = str(Path(__file__).with_name("docs_blocks.py"))
-    done = subprocess.run(
-        [sys.executable, helper, str(page)], env=environment, capture_output=True, text=True
-    )
-    assert done.returncode
-    assert 'page.md", line 8' in done.stderr
-    page.write_text("```sh\nglobule convert nothing.vtk | cat\n```\n")
-    done = subprocess.run(
-        [sys.executable, helper, str(page)], env=environment, capture_output=True, text=True
-    )
-    assert "page.md:2: exit status 2" in done.stderr
+    for text, said in (
+        ("# A\n\n```python\na = 1\n```\n\n```python\nassert a == 2\n```\n", 'page.md", line 8'),
+        ("```sh\nglobule convert nothing.vtk | cat\n```\n", "page.md:2: exit status 2"),
+    ):
+        page.write_text(text)
+        command = [sys.executable, HELPER, str(page)]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert done.returncode
+        assert said in done.stderr
 
 
 def test_python_shows_the_surface_of_the_commands():

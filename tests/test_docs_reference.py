@@ -62,53 +62,6 @@ def test_every_declaration_of_the_headers_is_on_its_page():
         assert "private:" not in text
 
 
-HEADER = """// What it is,
-// in two lines.
-#pragma once
-#define MACRO(x) \\
-    something(x)
-namespace globule {
-
-/// A pair.
-struct Pair {
-    int a = 1;  ///< the first
-    /// The second;
-    int b() const { return 2; }
-};
-
-/// Hidden parts.
-class Thing {
-public:
-    Thing();
-private:
-    int secret_;
-};
-
-/// Adds * two.
-template <class T>
-T add(const T& a,
-      const T& b);
-void add(int);
-
-}  // namespace globule
-"""
-
-
-def test_a_header_as_markdown():
-    about, entities = reference.read_header(HEADER)
-    assert about == "What it is, in two lines."
-    assert [(name, words) for name, words, _ in entities] == [
-        ("Pair", "A pair."),
-        ("Thing", "Hidden parts."),
-        ("add", "Adds \\* two."),
-        ("add", ""),
-    ]
-    assert "///< the first" in entities[0][2]
-    assert "secret_" not in entities[1][2]
-    assert entities[1][2].endswith("};")
-    assert entities[2][2] == "template <class T>\nT add(const T& a,\n      const T& b);"
-
-
 def test_lists_of_fields_in_docstrings():
     docstrings = pytest.importorskip("docstrings")
     text = "One.\n\na: first\nb, c  both,\n    and more\n\nArgs:\n    x: stays\n\nIt: is\nso."
