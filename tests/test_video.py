@@ -29,10 +29,12 @@ def pictures(n: int, width: int, height: int) -> list[np.ndarray]:
 
 
 @needs_av
-@pytest.mark.parametrize("size", [(64, 48), (41, 31), (2, 2), (1, 1)])
-def test_a_movie_holds_its_pictures(tmp_path, size):
+@pytest.mark.parametrize(
+    ("size", "fps"), [((64, 48), 24), ((41, 31), 29.97), ((2, 2), 60), ((1, 1), 25)]
+)
+def test_a_movie_holds_its_pictures_and_what_players_need(tmp_path, size, fps):
     made = pictures(7, *size)
-    assert write_movie(tmp_path / "a.mp4", iter(made), 25) == 7
+    assert write_movie(tmp_path / "a.mp4", iter(made), fps) == 7
     shown = decoded(tmp_path / "a.mp4")
     width, height = (v + v % 2 for v in size)
     assert len(shown) == 7
@@ -40,12 +42,6 @@ def test_a_movie_holds_its_pictures(tmp_path, size):
     for before, after in zip(made, shown, strict=True):
         assert np.abs(after.mean((0, 1)) - before.mean((0, 1))).max() < 4
     assert os.listdir(tmp_path) == ["a.mp4"]
-
-
-@needs_av
-@pytest.mark.parametrize("fps", [24, 29.97, 60])
-def test_what_players_need(tmp_path, fps):
-    write_movie(tmp_path / "a.mp4", pictures(4, 32, 32), fps)
     with av.open(str(tmp_path / "a.mp4")) as movie:
         stream = movie.streams.video[0]
         assert float(stream.average_rate) == pytest.approx(fps, rel=1e-3)
