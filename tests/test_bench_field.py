@@ -15,15 +15,12 @@ FIELD = Path(__file__).resolve().parents[1] / "bench" / "field"
 
 @pytest.fixture(scope="module")
 def field():
-    before, modules = list(sys.path), set(sys.modules)
-    sys.path.insert(0, str(FIELD))
-    import cases
-    import judging
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(FIELD)
+        import cases
+        import judging
 
-    yield judging, cases
-    sys.path[:] = before
-    for name in {"judging", "cases"} - modules:
-        sys.modules.pop(name, None)
+        yield judging, cases
 
 
 @pytest.mark.parametrize("name", ["ball", "pool at rest", "sheet"])

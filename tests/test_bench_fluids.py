@@ -13,20 +13,16 @@ import pytest
 from waiting import PATIENCE
 
 PEERS = Path(__file__).resolve().parents[1] / "bench" / "peers"
-NAMES = ("fluids", "fluid_peers", "fluid_judge", "simulate")
 
 
 @pytest.fixture(scope="module")
 def bench():
-    before, modules = list(sys.path), set(sys.modules)
-    sys.path.insert(0, str(PEERS))
-    import fluid_judge
-    import fluids
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(PEERS)
+        import fluid_judge
+        import fluids
 
-    yield fluids, fluid_judge
-    sys.path[:] = before
-    for name in set(NAMES) - modules:
-        sys.modules.pop(name, None)
+        yield fluids, fluid_judge
 
 
 def lattice(n: int, d: float) -> np.ndarray:

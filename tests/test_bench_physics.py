@@ -14,8 +14,15 @@ def rows(device, threads):
 
 def test_a_page_says_what_is_not_met(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(physics, "experiments", lambda quick: [("Fluids", rows)])
-    assert main(["bench", "physics", "-o", str(tmp_path), "--device", "cpu"]) == 0
+    words = ["bench", "physics", "-o", str(tmp_path), "--device", "cpu"]
+    assert main(words) == 0
     assert "drift" in capsys.readouterr().out
+    assert main([*words, "--json"]) == 0
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert [row["measured"] for row in found["physics"]] == [1.9, 0.5]
+    assert found["csv"] == str(tmp_path / "physics.csv")
+    assert "drift" in err
     with open(tmp_path / "physics.csv", encoding="utf-8") as file:
         found = list(csv.DictReader(file))
     assert [row["measured"] for row in found] == ["1.9", "0.5"]
@@ -24,16 +31,6 @@ def test_a_page_says_what_is_not_met(tmp_path, monkeypatch, capsys):
     assert "Not met: drift." in text
     assert "## Fluids" in text
     assert "| drift | ≤ 0.2 | 0.5 | **not met** |" in text
-
-
-def test_json_has_the_rows(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(physics, "experiments", lambda quick: [("Fluids", rows)])
-    assert main(["bench", "physics", "--json", "-o", str(tmp_path), "--device", "cpu"]) == 0
-    out, err = capsys.readouterr()
-    found = json.loads(out)
-    assert [row["measured"] for row in found["physics"]] == [1.9, 0.5]
-    assert found["csv"] == str(tmp_path / "physics.csv")
-    assert "drift" in err
 
 
 def test_a_plot_is_drawn(tmp_path):
