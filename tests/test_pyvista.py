@@ -31,6 +31,11 @@ def plotter():
     made.close()
 
 
+def look_from(plotter: object, *position: object) -> None:
+    plotter.camera_position = position
+    plotter.reset_camera_clipping_range()
+
+
 def seen(plotter: object) -> np.ndarray:
     plotter.render()
     return np.asarray(plotter.screenshot(return_img=True))[..., :3].astype(int)
@@ -50,11 +55,10 @@ def assert_alone(plotter: object, scene: gb.Scene) -> None:
 def test_the_pixels_are_those_of_render(plotter, parallel):
     scene = ball()
     gb.pyvista.add_particles(plotter, scene, SETTINGS)
-    plotter.camera_position = [(3, 2, 4), (0.2, 0, 0), (0, 1, 0.2)]
     if parallel:
         plotter.enable_parallel_projection()
         plotter.camera.parallel_scale = 1.7
-    plotter.reset_camera_clipping_range()
+    look_from(plotter, (3, 2, 4), (0.2, 0, 0), (0, 1, 0.2))
     assert_alone(plotter, scene)
     plotter.camera.azimuth = 50  # the surface follows
     plotter.reset_camera_clipping_range()
@@ -66,8 +70,7 @@ def test_depth_against_a_mesh(plotter):
     scene = ball()
     plotter.add_mesh(pyvista.Plane(i_size=8, j_size=8), color=(255, 0, 0), lighting=False)
     actor = gb.pyvista.add_particles(plotter, scene, SETTINGS)
-    plotter.camera_position = [(0.5, 3, 3), (0, 0, 0), (0, 0, 1)]
-    plotter.reset_camera_clipping_range()
+    look_from(plotter, (0.5, 3, 3), (0, 0, 0), (0, 0, 1))
     image = seen(plotter)
     frame = actor.frame
     hit = np.isfinite(frame.distance)
@@ -87,8 +90,7 @@ def test_a_translucent_mesh_before_the_surface(plotter):
     actor = gb.pyvista.add_particles(plotter, scene, SETTINGS)
     plane = pyvista.Plane(center=(0, 0, 2), i_size=9, j_size=9)
     plotter.add_mesh(plane, color=(0, 0, 255), opacity=0.5, lighting=False)
-    plotter.camera_position = [(0, 0, 6), (0, 0, 0), (0, 1, 0)]
-    plotter.reset_camera_clipping_range()
+    look_from(plotter, (0, 0, 6), (0, 0, 0), (0, 1, 0))
     image = seen(plotter)
     hit = np.isfinite(actor.frame.distance)
     expected = 0.5 * actor.frame.image[hit] + 0.5 * np.array([0, 0, 255])
@@ -97,8 +99,7 @@ def test_a_translucent_mesh_before_the_surface(plotter):
 
 def test_update_and_remove(plotter):
     actor = gb.pyvista.add_particles(plotter, ball(), SETTINGS)
-    plotter.camera_position = [(0, 0, 6), (0, 0, 0), (0, 1, 0)]
-    plotter.reset_camera_clipping_range()
+    look_from(plotter, (0, 0, 6), (0, 0, 0), (0, 1, 0))
     first = seen(plotter)
     actor.update(positions=actor.scene.particles.positions + np.float32([0.5, 0, 0]))
     moved = seen(plotter)
