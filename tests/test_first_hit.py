@@ -181,7 +181,7 @@ def test_cells_find_what_tiles_find_at_any_extent(backend, extent, kind):
     away = gb.ClipSphere((0, 0, 1e3 + 1e3 * extent), 1.0)
     n_hits = 0
     for k in rng.integers(0, len(c.positions), 3):
-        # Far enough to count; a last bit of a direction, which levels round differently, moves no pixel.
+        # Not so far that the last bit of a direction moves a pixel.
         distance = 3 + min(extent, 1e3) * rng.choice([0.1, 1, 3])
         eye = c.positions[k] + distance * unit(rng.normal(size=3))
         fov = float(np.degrees(2 * np.arctan(2 / distance)))
@@ -192,7 +192,7 @@ def test_cells_find_what_tiles_find_at_any_extent(backend, extent, kind):
         hit = np.isfinite(tiles)
         n_hits += hit.sum()
         np.testing.assert_allclose(cells[hit], tiles[hit], rtol=3e-7, atol=2e-4)
-    assert n_hits > 100
+    assert n_hits > 80
 
 
 # The oracle itself.
