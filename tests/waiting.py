@@ -27,10 +27,8 @@ class Waits:
 
     def __init__(self) -> None:
         self.now = 0.0
-        self.silent = False  # True: it also passes while a server that is there sends nothing
 
     def monotonic(self) -> float:
-        self.now += self.silent
         return self.now
 
     def sleep(self, seconds: float) -> None:
