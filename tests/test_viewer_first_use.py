@@ -124,18 +124,6 @@ def test_one_undo_for_settings_and_cuts():
         assert state.look.preset == "tissue"
 
 
-def test_the_page_does_not_wait_for_a_step(block):
-    block.reset()
-    names = block.color_names()
-    block.particles()
-    block.version += 1  # after a cut; a step in progress would hold up a new copy
-    kept, block.simulation = block.simulation, None
-    try:
-        assert block.color_names() == names
-    finally:
-        block.simulation = kept
-
-
 def test_a_simulation_says_how_it_stands(block):
     block.reset()
     assert block.status() == "**paused** · 0.0000 s · 0 steps"
