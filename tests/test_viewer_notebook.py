@@ -65,9 +65,8 @@ def test_a_cell_that_does_not_answer_gets_two_pictures(made):
 
 
 def test_a_camera_that_is_none_is_said_in_the_cell(made):
-    say(
-        made, type="camera", size=[160, 120], eye=[0, 0, 0], look_at=[0, 0, 0], up=[0, 1, 0], fov=40
-    )
+    view = {"eye": [0, 0, 0], "look_at": [0, 0, 0], "up": [0, 1, 0], "fov": 40}
+    say(made, type="camera", size=[160, 120], **view)
     assert made.sent[-1][0]["type"] == "error"
 
 

@@ -9,16 +9,7 @@ import globule as gb
 import numpy as np
 import pytest
 from PIL import Image
-from viewer_helpers import (
-    Watched,
-    blob,
-    engine_of,
-    number_box,
-    open_folder,
-    silhouette,
-    type_number,
-    until,
-)
+from viewer_helpers import Watched, blob, engine_of, open_folder, silhouette, type_number, until
 
 pytest.importorskip("viser")
 
@@ -341,8 +332,8 @@ def test_each_kind_of_widget_in_a_browser(chromium, tmp_path):
         page, state = watched.page(), watched.viewer.state
         for title in ("Surface and quality", "Color by value", "Save and record", "All settings"):
             open_folder(page, title)
+        box = type_number(page, "Support", 0.3)
         for text in ("0.5", "0.109", "1.05"):  # whose first digits are out of range
-            box = number_box(page, "Support")
             box.click()
             page.keyboard.press("Control+A")
             page.keyboard.type(text)

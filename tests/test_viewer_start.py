@@ -58,8 +58,9 @@ def test_a_scene_and_a_recent_file_are_opened(start, tmp_path):
         urllib.request.urlopen(start.address(), timeout=2)
 
 
-def send(connection, name, data, size=None):
-    connection.send(json.dumps({"do": "upload", "name": name, "size": size or len(data)}))
+def send(connection, name, data, size=None, **more):
+    asked = {"do": "upload", "name": name, "size": size or len(data), **more}
+    connection.send(json.dumps(asked))
     for i in range(0, len(data), MOST_PART):
         connection.send(data[i : i + MOST_PART])
 
@@ -83,10 +84,8 @@ def test_two_uploads_are_compared(start, tmp_path):
     data = (tmp_path / "known.npz").read_bytes()
     with talk(start.port, "start?token=") as connection:
         for name in ("before.npz", "after.npz"):
-            asked = {"do": "upload", "name": name, "size": len(data), "compare": name[0] == "b"}
-            connection.send(json.dumps(asked))
-            connection.send(data)
-            if asked["compare"]:
+            send(connection, name, data, compare=name[0] == "b")
+            if name[0] == "b":
                 assert heard(connection, "kept") == name
                 assert start.source is None
         assert heard(connection, "opened")

@@ -244,17 +244,13 @@ def open_folder(page: Any, title: str) -> None:
         heading.click()
 
 
-def number_box(page: Any, label: str) -> Any:
-    """The number beside a slider."""
+def type_number(page: Any, label: str, value: float | str) -> Any:
+    """Type into the number beside a slider; the box."""
     row = page.locator(f"xpath=//label[.='{label}']/ancestor::div[2]/..").first
-    return row.locator("input[inputmode]").first
-
-
-def type_number(page: Any, label: str, value: float | str) -> None:
-    """Type into the number beside a slider."""
-    box = number_box(page, label)
+    box = row.locator("input[inputmode]").first
     box.fill(str(value))
     box.press("Enter")
+    return box
 
 
 def our_threads() -> list[str]:
