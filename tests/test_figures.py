@@ -119,10 +119,8 @@ def test_two_metaballs_fuse_where_the_figure_says():
 def test_octree_coordinates_are_cut_off():
     from globule.figures.levels import octree_coordinate
 
-    assert [
-        octree_coordinate(u, extent, "cpu")
-        for u, extent in ((200, 400), (520, 600), (50, 300), (300, 300))
-    ] == [512, 887, 170, 1023]
+    places = ((200, 400), (520, 600), (50, 300), (300, 300))
+    assert [octree_coordinate(*at, "cpu") for at in places] == [512, 887, 170, 1023]
 
 
 def test_no_hit_outside_of_the_supports():
