@@ -144,8 +144,8 @@ def spray(extent: float, mixed: bool) -> Case:
 @pytest.mark.parametrize("extent", [1, 3_300, 1e5, 1e7])
 def test_first_hit_at_any_extent(backend, extent, mixed):
     """Spray over the sea, galaxies: supports that are small against the scene and the way to it."""
-    c = aimed(spray(extent, mixed), 400, 2 * extent + 3, 65)
-    assert np.isfinite(c.depth).sum() > 250
+    c = aimed(spray(extent, mixed), 200, 2 * extent + 3, 65)
+    assert np.isfinite(c.depth).sum() > 120
     check(c, c.scene(**backend))
 
 
@@ -168,8 +168,16 @@ def test_a_small_particle_in_the_edge_of_a_large_one(backend, ratio, distance):
         np.testing.assert_allclose(found[hit], c.depth[hit], rtol=3e-7)
 
 
-@pytest.mark.parametrize("kind", ["alike", "mixed", "stretched"])
-@pytest.mark.parametrize("extent", [1, pytest.param(1e5, marks=pytest.mark.slow), 1e7])
+@pytest.mark.parametrize(
+    ("extent", "kind"),
+    [(1, "alike"), (1, "mixed"), (1, "stretched"), (1e7, "mixed")]
+    + [
+        pytest.param(extent, kind, marks=pytest.mark.slow)
+        for extent in (1e5, 1e7)
+        for kind in ("alike", "mixed", "stretched")
+        if (extent, kind) != (1e7, "mixed")
+    ],
+)
 def test_cells_find_what_tiles_find_at_any_extent(backend, extent, kind):
     """A clip that cuts nothing sends the same rays through cells instead of tiles."""
     c = spray(extent, kind == "mixed")

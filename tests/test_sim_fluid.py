@@ -214,6 +214,7 @@ def test_boundaries_follow_their_poses(backend):
     assert sim.step(0.004).n_escaped == 0
 
 
+@pytest.mark.few_backends
 def test_light_bodies_float_and_heavy_ones_sink(backend):
     heights = {}
     for name, density in (("cork", 300.0), ("stone", 3000.0)):
@@ -260,6 +261,7 @@ def test_fluid_without_room_is_refused():
         sim.run(1.0)
 
 
+@pytest.mark.few_backends
 def test_full_box_goes_on(backend):
     sim = gb.Simulation(column(gravity=(0, 0, 0)), **backend)
     at = physics.lattice((0, 0, 0), (1.0, 0.8, 0.4), D)
@@ -277,6 +279,7 @@ def test_full_box_goes_on(backend):
     assert (inside < (1.0, 0.8, 0.4)).all()
 
 
+@pytest.mark.few_backends
 def test_a_full_box_under_gravity_does_not_pack_at_its_bottom(backend):
     domain = {"lo": (0, 0, 0), "hi": (0.1, 0.1, 0.2), "walls": True}
     box = {"lo": domain["lo"], "hi": domain["hi"]}

@@ -126,6 +126,7 @@ def test_many_particles_have_the_kernels_of_few(backend):
     assert 0.83 < np.mean(round_ones) < 0.88  # 86 % are two spacings and more from a face
 
 
+@pytest.mark.few_backends
 def test_hits_equal_the_references(backend):
     """Hit or miss as float64 says for the same kernels: 6,000 rays, half of them within 0.02
     spacings of a silhouette."""
