@@ -20,7 +20,7 @@ mkdir -p build/cuda-checked
 if [ -e "$note" ]; then
   options=(-fdevice-syntax-only) what=parsed
 else
-  options=(-Ofast-compile=max) what=compiled
+  options=(--Ofast-compile max) what=compiled
 fi
 echo "CUDA: the sources are being $what"
 flags=(-std=c++20 -arch=compute_75 -ptx --expt-relaxed-constexpr -Werror=cross-execution-space-call -Xcompiler=-Wno-psabi,-fopenmp
