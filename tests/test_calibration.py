@@ -102,7 +102,7 @@ def test_bad_files(tmp_path, text, what):
 def test_temporal_offset_is_found(late):
     # A probe that moves to and fro over the phantom; the tracker's clock is late by `late`.
     frame_times = np.arange(160) / 25
-    pose_times = np.arange(-40, 320) / 40
+    pose_times = np.arange(-200, 1600) / 200  # poses at another rate: speeds belong to middles
 
     def place(t):
         return 6 * np.sin(1.9 * t) + 2 * np.sin(4.7 * t)

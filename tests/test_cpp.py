@@ -107,13 +107,13 @@ def test_one_version():
     assert re.search(r'PACKAGE_VERSION "(.+)"', installed)[1] == version
 
 
-@pytest.mark.slow
-def test_handles(built):
-    if "cpp_tests" not in targets(built):
+@pytest.mark.parametrize("name", ["loop_tests", pytest.param("cpp_tests", marks=pytest.mark.slow)])
+def test_doctest(built, name):
+    if name not in targets(built):
         pytest.skip("doctest.h is missing: sudo apt-get install doctest-dev")
-    build(built, "cpp_tests")
+    build(built, name)
     env = {**os.environ, "OMP_WAIT_POLICY": "passive", "GOMP_SPINCOUNT": "400"}
-    done = run(built / "tests" / "cpp_tests", env=env)
+    done = run(built / "tests" / name, env=env)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
