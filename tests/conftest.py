@@ -39,7 +39,10 @@ def pytest_addoption(parser):
     group = parser.getgroup("globule")
     group.addoption("--matrix", action="store_true", help="every CPU level and slow tests too")
     group.addoption(
-        "--expected-skips", metavar="FILE", help="fail on a skip whose reason no line of FILE has"
+        "--expected-skips",
+        metavar="FILE",
+        action="append",
+        help="fail on a skip whose reason no line of the FILEs has",
     )
 
 
@@ -128,7 +131,7 @@ def pytest_sessionfinish(session, exitstatus):
     reporter = config.pluginmanager.getplugin("terminalreporter")
     wrong = too_long(cpu_of_files(reporter), lines_of(LONG_FILES))
     if skips := config.getoption("--expected-skips"):
-        expected = lines_of(skips)
+        expected = [line for file in skips for line in lines_of(file)]
         for report in reporter.stats.get("skipped", ()):
             reason = report.longrepr
             reason = reason[2] if isinstance(reason, tuple) else str(reason)
