@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import socket
 import struct
 import threading
@@ -260,9 +261,17 @@ def test_tracker_and_images_from_two_servers(monkeypatch):
     ended = threading.Event()
     tracker, images = ([m for _, m in messages] for messages in tracker_and_images(40))
     counts = LiveCounts()
-    sweep = receive_sweep(stream(images), Calibration(np.eye(4)), idle=0.5, counts=counts,
+    came = counts.saw_transform
+    n_came = itertools.count(1)
+
+    def saw_transform(name: str, time: float) -> None:
+        came(name, time)
+        if next(n_came) == len(tracker):
+            ended.set()  # only now may the server of the images go
+
+    counts.saw_transform = saw_transform
+    sweep = receive_sweep(stream(images, ended), Calibration(np.eye(4)), idle=0.5, counts=counts,
                           tracker=stream(tracker, ended))  # fmt: skip
-    ended.set()
     assert (counts.images, counts.missed, counts.connections) == (40, 0, 2)
     assert len(sweep) == counts.frames == 40 - counts.without_pose
     check_places(sweep, 0.2)
