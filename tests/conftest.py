@@ -50,9 +50,6 @@ def pytest_generate_tests(metafunc):
     if "backend" in metafunc.fixturenames:
         quick = [*QUICK, *(["cuda"] if has_gpu() else [])]
         every = metafunc.config.getoption("--matrix")
-        if metafunc.definition.get_closest_marker("few_backends"):
-            quick = [QUICK[0], *(["cuda"] if every or has_gpu() else [])]
-            every = False
         metafunc.parametrize("backend", MATRIX if every else quick, indirect=True)
 
 
@@ -73,7 +70,22 @@ def pytest_collection_modifyitems(config, items):
     if not config.getoption("--matrix"):
         slow = [item for item in items if item.get_closest_marker("slow")]
         config.hook.pytest_deselected(items=slow)
-        items[:] = [item for item in items if item not in slow]
+        again = [item for item in items if runs_elsewhere(item)]
+        config.hook.pytest_deselected(items=again)
+        gone = {*slow, *again}
+        items[:] = [item for item in items if item not in gone]
+
+
+def runs_elsewhere(item) -> bool:
+    """Whether a case that takes long runs on the other CPU level: those marked `few_backends` take
+    turns, and the only one of its kind runs on the best."""
+    if not item.get_closest_marker("few_backends"):
+        return False
+    params = getattr(item, "callspec", None) and item.callspec.params
+    if not params or params.get("backend") not in QUICK:
+        return False
+    turn = sum(index for name, index in item.callspec.indices.items() if name != "backend")
+    return QUICK[turn % len(QUICK)] != params["backend"]
 
 
 @pytest.hookimpl(hookwrapper=True)

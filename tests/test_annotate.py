@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import tracemalloc
 import warnings
 
 import globule as gb
@@ -13,7 +14,7 @@ from cli_helpers import at_edge, cube, refused
 from globule.cli import main
 from globule.render import annotate, canvas
 from globule.render.annotate import draw_view, scale_bar
-from globule.render.box import round_values, visible_parts
+from globule.render.box import _within, round_values, visible_parts
 from globule.render.canvas import Canvas, sizes
 from globule.render.legend import POSITIONS
 from globule.render.views import VIEWS, Grid, view_cameras
@@ -489,3 +490,36 @@ def test_views_on_the_command_line(files):
 )
 def test_mistakes_on_the_command_line(files, words, what, capsys):
     assert what in refused(capsys, "render", "frame_0.npz", "-o", "a.png", *words)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_a_box_that_is_much_larger_than_the_image(orthographic):
+    """Only what is in the image is drawn: before, ticks counted the pixels of a whole edge."""
+    scene = gb.Scene(gb.Particles(np.random.default_rng(1).random((30, 3)), support=0.1), threads=1)
+    lo, hi = scene.particles.bounds()
+    middle = (lo + hi) / 2
+    edge = np.array([lo[0], lo[1], middle[2]])
+    for small in (1e-1, 1e-3, 1e-5, 1e-7):
+        from_edge = tuple((edge - [small, small, 0]).tolist()), tuple((edge + [0, 0, 0.1]).tolist())
+        from_outside = tuple((middle + [1.2, 1.0, 1.3]).tolist()), tuple(middle.tolist())
+        cameras = [gb.Camera(*from_edge, fov=40.0), gb.Camera(*from_outside, fov=small)]
+        if orthographic:
+            cameras = [gb.Camera(*from_outside, height=small), gb.Camera(*from_edge, height=small)]
+        for camera in cameras:
+            tracemalloc.start()
+            gb.render(scene, camera, (96, 72), annotate=gb.Annotation(box=True)).image  # noqa: B018
+            assert tracemalloc.get_traced_memory()[1] < 50e6
+            tracemalloc.stop()
+
+
+def test_the_part_of_a_line_in_the_image():
+    camera, size = gb.Camera((0, 0, 5), (0, 0, 0), fov=40.0), (100, 100)
+    half = 5 * np.tan(np.radians(20))
+    found = _within(np.array([[-1e6, 0, 0], [1e6, 0, 0.0]]), camera, size, 0.0)
+    np.testing.assert_allclose(found, [[-half, 0, 0], [half, 0, 0]], atol=1e-9)
+    through = _within(np.array([[0, 0, 9], [0, 0, -9.0]]), camera, size)  # begins behind the eye
+    assert through[0, 2] == pytest.approx(5, abs=1e-6)
+    np.testing.assert_allclose(through[1], [0, 0, -9])
+    assert _within(np.array([[9, 9, 0], [10, 9, 0.0]]), camera, size) is None
+    inside = np.array([[0, 0, 0], [0.1, 0.2, 0.3]])
+    np.testing.assert_allclose(_within(inside, camera, size), inside)

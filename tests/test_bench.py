@@ -78,6 +78,7 @@ def test_reference_volume_is_there_without_optional_packages(monkeypatch):
     assert values.max() > 100
 
 
+@pytest.mark.slow
 def test_command(capsys, monkeypatch):
     monkeypatch.setattr(ultrasound, "CYLINDER_METHODS", ("pvn-om",))  # the fast one
     assert main(["bench", "ultrasound", "4.3", "--quick", "-o", "out", "--device", "cpu"]) == 0

@@ -99,6 +99,7 @@ def test_a_square_is_judged_by_the_particles_near_it_alone(field, stretched):
         assert len(near.positions) < 0.7 * len(x)
 
 
+@pytest.mark.slow
 def test_one_command(tmp_path):
     """globule draws its surfaces without a wrong pixel; a name that is not known is one line."""
     command = [sys.executable, str(FIELD), "--size", "64x48", "--particles", "500", "-o", "out"]

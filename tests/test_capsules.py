@@ -84,6 +84,7 @@ def truth(name: str):
     return o, d, *oracle(shapes(name, device="cpu"), o.astype(float), d64)
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("name", ["spheres", "equal spheres", "one line", "lines"])
 def test_first_hits_are_those_of_closed_forms(backend, name):
     shape = shapes(name, **backend)

@@ -40,6 +40,7 @@ NAMES = (
 )  # fmt: skip
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("name", NAMES)
 def test_edges_have_all_samples_and_other_pixels_one(backend, name):
     layers, fields = scenes(name, backend)
@@ -86,6 +87,7 @@ def test_images_of_any_size_have_all_samples_at_edges(backend, size, samples):
     assert np.abs(edges.image.astype(int) - all_.image)[changed].max() <= 1
 
 
+@pytest.mark.few_backends
 def test_a_frame_with_edges_is_refined_as_one_without(backend):
     layers, fields = scenes("mesh", backend)
     frame = gb.render(layers, CAMERA, SIZE, settings=gb.RenderSettings(**fields))

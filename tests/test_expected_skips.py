@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import globule as gb
+import pytest
 from conftest import LONG_FILES, lines_of, too_long
 from waiting import PATIENCE
 
@@ -41,6 +42,7 @@ def run(folder: Path, *options: str) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_a_skip_that_is_expected_and_slow_tests_with_the_matrix(tmp_path):
     (tmp_path / "expected.txt").write_text("# moon\n\nno moon\n")
     found, shown = run(tmp_path, "--expected-skips", "expected.txt", "--matrix")

@@ -75,6 +75,7 @@ except ArithmeticError as error:
 """
 
 
+@pytest.mark.slow
 def test_memory_of_others_changes_nothing(tmp_path):
     compiler = shutil.which(os.environ.get("CXX", "g++"))
     if not compiler or not sys.platform.startswith("linux"):

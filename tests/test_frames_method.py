@@ -67,6 +67,7 @@ def two_hand_passes(spacing, masked):
     return sweep, volume.world_from_voxel, *right
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("spacing", [0.23, 0.6, 1.0])  # of 1, 2 x 2 and 3 x 3 pixels
 @pytest.mark.parametrize("masked", [False, True])
 def test_hand_paths_equal_the_reference(backend, spacing, masked):
@@ -182,6 +183,7 @@ def test_holes_are_filled_between_data_only(backend, method):
     np.testing.assert_array_equal(more.values[kept], volume.values[kept])
 
 
+@pytest.mark.few_backends
 def test_uncertainty_is_the_error_of_frames_left_out(backend):
     """Every third frame: the expected error against the real one, where small and where large."""
     sweep = phantoms.breast(n_frames=46, size=(160, 160), spacing=0.25, length=18.0, speckle=0.2)

@@ -148,6 +148,7 @@ MATTERS = {
 }
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("matter", MATTERS)
 def test_furnace(backend, matter):
     """Where all around is 1 and nothing absorbs, everything is 1: no energy comes or goes."""

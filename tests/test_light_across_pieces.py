@@ -58,6 +58,7 @@ def test_ranks_give_the_light_of_one_device(n, backend):
     check(PARTICLES, n, backend, ALL, support=2.0)
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize(
     "settings",
     [
@@ -76,6 +77,7 @@ def test_every_light(settings, backend):
 QUICK = ("murakami", "wendland_c2")
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize(
     "kernel", [pytest.param(k, marks=[] if k in QUICK else [pytest.mark.slow]) for k in KERNELS]
 )
@@ -84,6 +86,7 @@ def test_every_kernel(kernel, backend):
     check(PARTICLES, 3, backend, ONE_RAY, kernel=kernel, support=support)
 
 
+@pytest.mark.few_backends
 def test_cuts(backend):
     for clip in (CUT, gb.ClipSphere((8, 8, 10), 5.0), gb.ClipBox((0, 0, 0), (11, 8, 9), True)):
         check(PARTICLES, 3, backend, ONE_RAY, clips=[clip], support=2.0)
@@ -94,6 +97,7 @@ def test_smooth_surfaces_with_samples_at_edges(backend):
     check(PARTICLES, 3, backend, ONE_RAY, surface="smooth", spacing=1.0)
 
 
+@pytest.mark.few_backends
 def test_particles_of_their_own(backend):
     rng = np.random.default_rng(6)
     own = {"reflection": np.linspace(0, 0.6, N), "refraction": rng.uniform(0, 0.8, N)}
@@ -105,6 +109,7 @@ def test_particles_of_their_own(backend):
     check(gb.Particles(POSITIONS, support=support), 4, backend, {"shadows": True}, threshold=1.0)
 
 
+@pytest.mark.few_backends
 def test_eyes_inside_and_parallel_rays(backend):
     cave = gb.Particles(POSITIONS[np.linalg.norm(POSITIONS - 5.5, axis=1) >= 3])
     inside = gb.Camera((5.5, 5.5, 5.5), (11, 9, 6))
@@ -165,6 +170,7 @@ def test_layers_and_meshes(backend):
     same(gb.render(layers(one), CAMERA, SIZE, {"shadows": True}), on(3, work, backend))
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("n", [3, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 8))])
 def test_pieces_one_after_the_other(n, backend):
     pieces = gb.Pieces(PARTICLES, n, support=2.0, **backend)

@@ -35,6 +35,7 @@ CASES = {
 }
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("case", CASES)
 def test_what_was_out_of_reach_is_made_when_it_is_not(block, backend, case):
     camera, how = CASES[case]

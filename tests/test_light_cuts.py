@@ -89,6 +89,7 @@ def changes(name, view, radii=(RADIUS,), aside=1e-4):
     return t, which, sure
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("view", CAMERAS)
 @pytest.mark.parametrize("name", CUTS)
 def test_cut_ball(backend, name, view):

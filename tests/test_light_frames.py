@@ -98,6 +98,7 @@ def test_samples_leave_depth_and_normals(backend):
     assert (frame.color != color).any()
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("settings", [gb.RenderSettings(), EVERYTHING], ids=["plain", "everything"])
 def test_frames_of_moving_scenes_do_not_mix(backend, settings):
     """Frames may be asked for faster than they are made; each shows its own particles."""
@@ -233,6 +234,7 @@ def test_waves_meet_what_the_oracle_meets(backend, name, octree):
     np.testing.assert_allclose(normal.reshape(30, 40, 3)[steep], cell.normal[steep], atol=2e-2)
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
 @pytest.mark.parametrize(
     "kind", ["none", "one", "NaN", "all NaN", "negative", "mixed", "coincident", "64-bit keys"]

@@ -214,6 +214,7 @@ def compare(seed, **backend):
     return {k: v for k, v in wrong.items() if len(v)}, len(suspects)
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("seed", SEEDS)
 def test_random_scene(backend, seed):
     wrong, n_suspects = compare(seed, **backend)

@@ -72,6 +72,7 @@ def test_shadow_on_the_ground(backend, name):
     assert dark[sure].any() == (name != "lamp under the ball")
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("name", ["sun", "lamp"])
 def test_penumbra(backend, name):
     """Soft shadows converge to the unhidden part of the light's disc."""

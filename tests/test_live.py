@@ -345,12 +345,12 @@ def stream(messages, ended: threading.Event | None = None) -> str:
 
     def work():
         connection, _ = listener.accept()
+        listener.close()  # nobody connects twice
         with connection, contextlib.suppress(OSError):
             for message in messages:
                 connection.sendall(message if isinstance(message, bytes) else message.pack())
             if ended:
                 ended.wait(PATIENCE)
-        listener.close()
 
     threading.Thread(target=work, daemon=True).start()
     return f"igtl://127.0.0.1:{listener.getsockname()[1]}"

@@ -92,6 +92,7 @@ MESHES = {
 }
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("name", MESHES)
 def test_first_hits_are_those_of_brute_force(backend, name):
     vertices, faces = MESHES[name]
@@ -404,6 +405,7 @@ def test_a_camera_inside_a_solid(backend):
 # Cuts
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("view", CAMERAS)
 @pytest.mark.parametrize("name", CUTS)
 def test_a_cut_solid(backend, name, view):

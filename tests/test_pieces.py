@@ -60,12 +60,14 @@ def test_pieces_of_a_colored_lattice_cut_open(n, backend):
     assert sum(pieces._files.counts) >= len(POSITIONS)
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_every_kernel(kernel, backend):
     support = 3.2 if kernel == "blinn" else 2.5
     check(gb.Particles(POSITIONS, color=COLOR), 3, backend, kernel=kernel, support=support)
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("cut", [False, True])
 def test_smooth_surfaces_with_samples_at_edges(cut, backend):
     """A bar that is long enough for pieces apart."""

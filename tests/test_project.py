@@ -78,6 +78,7 @@ def integrals(kernel: str, kind: str):
     return p, values, at, quadrature(p.positions, matrices, values, kernel, *at)
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("kind", ["alike", "each its own", "stretched"])
 def test_integrals_are_the_quadrature_s(kernel, kind, backend):
@@ -143,6 +144,7 @@ def total(found: gb.Samples, name: str, *component: int) -> float:
     return float(values.sum()) * np.prod(np.linalg.norm(found.steps, axis=1))
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("axis", [(0, 0, 1), (-1, 0, 0), (1, 2, -2)])
 def test_masses_add_up(kernel, axis, backend):

@@ -99,6 +99,7 @@ def test_all_at_one_place(backend, n, options):
     assert np.isinf(hits(scene, [[0.25 + 1.001 * radius, 0.25, 5]], AHEAD)).all()
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("alike", [True, False])
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
 @pytest.mark.parametrize("n", [20_000, pytest.param(100_000, marks=pytest.mark.slow)])
@@ -268,6 +269,7 @@ def crowd(alike: bool) -> Case:
     return with_rays(c, origins, cloud(60, 95, 14) - origins)
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("alike", [True, False])
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
 def test_supports_of_many_spacings(backend, alike, octree):

@@ -36,6 +36,7 @@ def shared(n, work, backend):
     return run_threads(n, one)[0]
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize(
     ("case", "n"),
     [("plain", 1), ("plain", 3), ("plain", 7), ("edges", 7), ("light", 2), ("light and edges", 3),

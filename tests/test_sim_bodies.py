@@ -84,6 +84,7 @@ def test_bodies_that_meet_keep_their_momentum(backend, speeds, order):
     assert gap > 0.095
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("densities", [(2000.0, 500.0), (100.0, 10000.0)])
 def test_boxes_stand_on_each_other(backend, densities):
     """On four corners each: they settle among the particles of what is below, and stay; what is
@@ -130,6 +131,7 @@ MEETINGS = {
 }
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("meeting", MEETINGS)
 def test_a_body_and_the_fluid_that_it_hits_keep_their_momentum(backend, meeting):
     """Nobody gives energy, either."""

@@ -14,6 +14,7 @@ D = 0.004
 DOWN = 9.81 * np.array([np.sin(0.35), 0.0, -np.cos(0.35)])
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("experiment", ["slide", "fresh", "free_halves"])
 def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))

@@ -113,6 +113,7 @@ def test_tissue_and_fluid_keep_their_momentum(backend, fine, model, tension):
     assert sim.velocities[tissue, 2].mean() < -0.01  # it was hit
 
 
+@pytest.mark.slow
 @pytest.mark.few_backends
 @pytest.mark.parametrize("model", ["solid", "bonds"])
 def test_a_tank_rests_on_tissue(backend, model):

@@ -48,6 +48,7 @@ def check_neighbors(sim, period=None):
         np.testing.assert_array_equal(mine, all_ids[brute_force(positions, row, period)])
 
 
+@pytest.mark.few_backends
 def test_it_does_not_matter_where_in_memory_neighbors_are(backend):
     """Slots of neighbors have 16 bits where they lie near each other: not so across this domain."""
     n = 48

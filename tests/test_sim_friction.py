@@ -14,6 +14,7 @@ from sim_helpers import check
 MASS = DENSITY * SPACING**3
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("experiment", ["belt", "drag", "collision", "against_rigid"])
 def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))
@@ -22,6 +23,7 @@ def test_truths(backend, experiment):
 ELASTIC = pytest.param("elastic tissue", "solid", marks=pytest.mark.slow)
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize(("friction", "degrees"), [(0.2, 20.0), (0.5, 20.0), (0.3, 30.0)])
 @pytest.mark.parametrize(
     ("floor", "model"), [("wall", "solid"), ("wall", "bonds"), ("fixed tissue", "solid"), ELASTIC]
@@ -31,6 +33,7 @@ def test_a_block_on_a_tilted_floor(backend, floor, model, friction, degrees):
     check(truths.tilted_floor(**backend, **how))
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("model", ["solid", "bonds"])
 @pytest.mark.parametrize("experiment", ["tilted_shape", "cut_halves"])
 def test_truths_of_both_models(backend, experiment, model):

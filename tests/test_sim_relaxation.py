@@ -21,6 +21,7 @@ TWO = truths.SERIES[1]
 LONG = (pytest.param(name, marks=pytest.mark.slow) for name in ("cycles", "decays", "turned"))
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("experiment", ["held", "creeping", "stays", *LONG])
 def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))

@@ -18,6 +18,7 @@ D = SPACING
 MASS = DENSITY * D**3
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize(("experiment", "how"), [
     ("column", {"poisson": 0.0}), ("column", {"poisson": 0.45}), ("cantilever", {"poisson": 0.0}),
     ("squeeze", {}), ("steps", {}), ("cut_column", {}), ("momentum", {}),

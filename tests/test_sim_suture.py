@@ -43,6 +43,7 @@ def pull(sim):
     return sim.tools["grip"].force[2]
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("model", ["bonds", "solid"])
 def test_a_sutured_column_is_the_column(backend, model):
     whole, cut, joined = (column(backend, model) for _ in range(3))

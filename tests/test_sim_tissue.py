@@ -12,6 +12,7 @@ from sim_helpers import check
 D = truths.SPACING
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize(
     "experiment",
     ["column", "cantilever", "stiffness", "momentum", "free_fall", "tearing", "creep", "contact"],
@@ -43,6 +44,7 @@ def test_bodies_are_not_bonded():
     assert (truths.layers(x)[b.first_ends] // 2 == truths.layers(x)[b.other] // 2).all()
 
 
+@pytest.mark.few_backends
 def test_jittered_particles_are_about_as_stiff_as_asked(backend):
     rng = np.random.default_rng(5)
     x = truths.lattice(6, 6, 24)

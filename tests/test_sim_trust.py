@@ -31,6 +31,7 @@ def energy(sim):
     return (totals["kinetic"] + totals["potential"]) / totals["mass"]
 
 
+@pytest.mark.few_backends
 @ERRORS
 def test_a_tall_column_starts_without_exploding(backend, error):
     """160 layers at rest under gravity. Where lost density becomes speed and only the mean
@@ -57,6 +58,7 @@ def test_a_tall_column_starts_without_exploding(backend, error):
         assert report.high_compression < 0.008
 
 
+@pytest.mark.few_backends
 @ERRORS
 def test_a_closed_box_loses_nobody(backend, error):
     sim = bench().column(1_000, error, backend["device"], backend.get("threads", 0))
@@ -92,6 +94,7 @@ def test_nothing_passes_an_edge(backend):
     assert (x < size + 0.5 * d).all()
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize(
     ("name", "spacing"),
     [
@@ -252,6 +255,7 @@ def bulk(sim):
     return density[inside]
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize(("name", "spacing", "seconds"), [
     ("dam-break", 0.03, 0.4),
     pytest.param("droplet", 0.0007, 0.006, marks=pytest.mark.slow),

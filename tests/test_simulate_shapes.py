@@ -40,7 +40,9 @@ def test_filled_volume(shape, volume):
     assert np.unique(np.round(points / D, 3), axis=0).shape == points.shape
 
 
-@pytest.mark.parametrize("shape", [Sphere((0, 0, 0), 1.0), ball_grid(), box_mesh()])
+@pytest.mark.parametrize(
+    "shape", [Sphere((0, 0, 0), 1.0), ball_grid(), pytest.param(box_mesh(), marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("hollow", [False, True])
 def test_layer_is_behind_the_surface(shape, hollow):
     points = surface(shape, D, hollow)

@@ -216,7 +216,8 @@ def test_spacing_of_bodies_and_sheets(backend, shape, jitter):
     assert scene.support / 2.25 == pytest.approx(0.1, rel=0.012)
 
 
-@pytest.mark.parametrize("jitter", [0.0, pytest.param(0.03, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("jitter", [0.0, 0.03])
 @pytest.mark.parametrize("packing", ["body-centered", "face-centered"])
 def test_spacing_of_close_packings(packing, jitter):
     """Of their shells of equal distances as well."""

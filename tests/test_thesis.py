@@ -69,12 +69,14 @@ def check(name: str, scene: gb.Scene, thesis: Thesis) -> None:
     assert (cosine > 0.999)[steep > 0.2 * np.abs(c.weight).max() / np.median(c.support)].all()
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("name", BEZIER)
 def test_bezier_clipping_is_exact(backend, name):
     """But for rays that graze: all is float32."""
     check(name, dense(case(name), **backend), Thesis("bezier"))
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("name", MARCH)
 def test_marching_with_small_steps(backend, name):
     """Steps of 1/50 support, 1/800 near the surface: only chords shorter than that may be missed,
@@ -180,6 +182,7 @@ def test_ghosts_are_enough_up_to_a_leaf(backend, depth):
     assert (np.abs(found[both] - expected[both]) > 1e-3 * c.support).sum() <= 1
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("root", ["march", "bezier"])
 def test_the_face_rule_changes_nothing(backend, root):
     for name in ("carved", "hundred"):

@@ -123,6 +123,7 @@ def test_displayed_is_srgb():
     assert curved.max() < 1
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize(
     ("samples", "more"),
     [

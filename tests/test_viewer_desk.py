@@ -16,6 +16,7 @@ pytest.importorskip("viser")
 
 from globule.viewer.compare_source import CompareSource
 from globule.viewer.open import open_source
+from viewer_program import Program
 
 BROWSERS = True  # see hang_guard
 
@@ -40,8 +41,9 @@ def test_the_page_has_the_controls_behind_the_same_rules(viewer):
 
 
 def test_a_model_comes_and_actions_change_the_settings(viewer, caplog):
-    viewer.page.desk._browsers["known"] = SimpleNamespace(client_id=-1)
-    with talk(viewer.port, "desk?word=known") as connection:
+    program = Program(viewer.address)
+    word = until(lambda: program.word)
+    with talk(viewer.port, f"desk?word={word}") as connection:
         model = told(connection)
         assert model["time"]["frames"] == 2
         assert model["color"]["options"]
@@ -67,20 +69,23 @@ def test_a_model_comes_and_actions_change_the_settings(viewer, caplog):
         assert viewer.state.look.exposure == 1.0
         assert viewer.state.color.by == "speed"
         assert not viewer.state.cuts.plane
+    program.close()
 
 
 def test_strangers_and_long_messages_are_refused(viewer):
     from websockets.exceptions import ConnectionClosed
 
-    viewer.page.desk._browsers["known"] = SimpleNamespace(client_id=-1)
+    program = Program(viewer.address)
+    word = until(lambda: program.word)
     for path, said, code in (
         ("desk?word=guessed", "x", 1008),
-        ("desk?word=known", 100_000 * "x", 1009),
+        (f"desk?word={word}", 100_000 * "x", 1009),
     ):
         with talk(viewer.port, path) as one, pytest.raises(ConnectionClosed) as closed:  # noqa: PT012
             one.send(said)
             told(one, lambda model: False)
         assert closed.value.rcvd.code == code
+    program.close()
 
 
 def test_the_histogram_counts_all_particles(viewer):

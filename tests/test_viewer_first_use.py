@@ -248,7 +248,7 @@ def test_the_tab_has_the_sources_name():
     ):
         sizes = {"Content-Type": kind, "Content-Encoding": how, "Content-Length": "0"}
         answer = SimpleNamespace(body=pack(page), headers=sizes)
-        guard._give_title(answer)
+        guard._finish(answer)
         assert "<title>a &lt;b&gt; · globule</title>".encode() in unpack(answer.body)
         assert answer.headers["Content-Length"] == str(len(answer.body))
     assert shortened("splash.npz") == "splash.npz"

@@ -31,9 +31,20 @@ def test_this_machines_address_is_for_this_machine():
     own = headers(Host="localhost:9000", Origin="http://localhost:9000")
     assert guard.refusal("/", own) is None
     assert guard.refusal("/", headers(Host="evil.example")) is not None
-    assert guard.refusal("/", headers(Host="localhost:8080", Origin="http://evil.example"))
-    assert is_local("[::1]:80")
-    assert not is_local("127.0.0.1.evil.example")
+    for origin in ("http://evil.example", "http://[::1", "null", "http://localhost:8080@evil"):
+        assert guard.refusal("/", headers(Host="localhost:8080", Origin=origin))
+    twice = headers(Host="localhost")
+    twice["Host"] = "evil.example"
+    assert guard.refusal("/", twice)
+    for host in ("[::1]:80", "LOCALHOST", "localhost:1", "127.0.0.1:80", "127.9.9.9", "[::1]"):
+        assert is_local(host), host
+    for host in (
+        "127.0.0.1.evil.example", "evil.com@127.0.0.1", "127.0.0.1, evil.com", "[::1", "::1",
+        "127.0.0.1:", "127.0.0.1:99999", "127.0.0.1:x", "localhost/", "localhost?", "localhost#",
+        "", " localhost", "localhost ", "[127.0.0.1]", "127.1", "2130706433", "127.0.0.1\t",
+        "[::1]evil", "localhost.", "[fe80::1%lo]", "\uff1127.0.0.1",
+    ):  # fmt: skip
+        assert not is_local(host), host
 
 
 def test_other_addresses_demand_the_token():

@@ -372,3 +372,57 @@ def test_each_kind_of_widget_in_a_browser(chromium, tmp_path):
             page.get_by_role("button", name="Load settings").click()
         chooser.value.set_files(str(tmp_path / "view.toml"))
         until(lambda: state.cuts.plane, "for the settings to come")
+
+
+HOSTILE = ["<iframe srcdoc='<script>x</script>'>", "![x](http://x.example/)", "{x}", "`x`", "|x|"]
+
+
+def sent_as_markdown(program):
+    """All that a page was sent as Markdown."""
+    for message in program.kept:
+        for part in (message.get("props"), message.get("updates")):
+            if text := (part or {}).get("_markdown"):
+                yield text
+
+
+def hostile_particles():
+    cloud = blob(400)
+    attributes = {name: cloud.attributes["speed"] for name in HOSTILE}
+    return gb.Particles(cloud.positions, support=0.35, attributes=attributes)
+
+
+def hostile_simulation():
+    ball = {"center": [0.7, 0.7, 0.7], "radius": 0.2}
+    box = {"lo": [0.2, 0.2, 0.2], "hi": [0.6, 0.6, 0.6]}
+    return gb.Simulation({
+        "spacing": 0.1, "domain": {"lo": [0, 0, 0], "hi": [1, 1, 1]},
+        "fluids": [{"name": HOSTILE[0], "box": box}],
+        "rigids": [{"name": HOSTILE[1], "sphere": ball}],
+    }, device="cpu")  # fmt: skip
+
+
+@pytest.mark.parametrize("make", [hostile_particles, hostile_simulation])
+def test_names_of_a_file_are_text(make):
+    """viser shows HTML that stands in Markdown."""
+    shown = make()
+    with Watched(shown, title=HOSTILE[0]) as made:
+        program = made.program()
+        names = made.viewer.source.color_names()
+        for name in [n for n in HOSTILE if n in names] or names[:1]:
+            made.viewer.state.set(color__by=name)
+        program.hand._clicked(SimpleNamespace(screen_pos=(0.5, 0.5)))
+        until(lambda: any("position" in text for text in sent_as_markdown(program)))
+        panel(made, "Save").show_equivalent(next(iter(made.viewer.server.get_clients().values())))
+        until(lambda: any("```sh" in text for text in sent_as_markdown(program)))
+        found = list(sent_as_markdown(program))
+        assert len(found) > 5
+        for text in found:
+            for name in HOSTILE:
+                assert name not in text or text.startswith("```"), text
+
+
+def test_code_ends_where_it_ends():
+    from globule.viewer.page.markdown import code
+
+    assert code("x", "sh") == "```sh\nx\n```"
+    assert code("\n````\n<b>", "sh") == "`````sh\n\n````\n<b>\n`````"

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from types import SimpleNamespace
 
 import pytest
-from viewer_helpers import blob, until, view
+from viewer_helpers import PATIENCE, blob, talk, told, until, view
 
 pytest.importorskip("viser")
 
-from globule.viewer.roles import LOOK, LOOKING, STEER
+from globule.viewer.roles import LOOK, LOOKING, PRIVATE_ACTIONS, STEER, VISITOR
 from viewer_program import Program
+from websockets.exceptions import InvalidStatus
 
 
 @pytest.fixture
@@ -50,18 +52,104 @@ def test_who_looks_changes_nothing_that_others_see(shared):
 def test_the_toolbar_of_who_looks(shared, caplog):
     looking = Program(shared.look_address)
     until(lambda: shared.page.tools.hands)
-    number = next(iter(shared.clients))
+    (number,) = shared.clients
     desk, browser = shared.page.desk, SimpleNamespace(client_id=number)
     model = desk.model.of(browser)
     assert (model["role"], model["people"]) == (LOOK, [1, 3])
     assert model["tools"] == ["Rotate, pick", "Measure"]
-    for action in ({"do": "set", "value": {"cuts__plane": True}}, {"do": "play"}, {"do": "record"}):
-        desk._do(json.dumps(action), browser)
-    assert [r.getMessage() for r in caplog.records if r.levelname == "WARNING"] == 3 * [LOOKING]
-    assert not shared.state.cuts.plane
-    desk._do(json.dumps({"do": "tool", "value": "Measure"}), browser)
-    assert shared.page.tools.hands[number].tool == "Measure"
+    before = shared.state.to_toml()
+    may = {"do": "tool", "value": "Measure"}
+    with toolbar(shared, looking, shared.look_token) as asks:
+        for name in desk._actions().keys() - PRIVATE_ACTIONS:
+            asks.send(json.dumps({"do": name, "value": {"cuts__plane": True}}))
+        asks.send(json.dumps(may))
+        until(lambda: shared.page.tools.hands[number].tool == "Measure")
+        looking.heard(LOOKING)
+        assert shared.state.to_toml() == before
     looking.close()
+
+
+@contextmanager
+def toolbar(viewer, program, token):
+    """The connection of a page's script, with a token of its own."""
+    word = until(lambda: program.word, "for the page's word")
+    with talk(viewer.port, f"desk?word={word}&token={token}") as connection:
+        yield connection
+
+
+def test_a_toolbar_has_no_more_rights_than_its_page_and_its_own_token(shared):
+    """The page looks and its script has the token that steers, and the other way around; then the
+    page goes."""
+    from websockets.exceptions import ConnectionClosed
+
+    tokens = shared.token, shared.look_token
+    for page, script in (tokens, tokens[::-1], tokens[1:] * 2):
+        program = Program(f"http://127.0.0.1:{shared.port}/?token={page}")
+        with toolbar(shared, program, script) as asks:
+            asks.send(json.dumps({"do": "set", "value": {"cuts__plane": True}}))
+            program.heard(LOOKING)
+            program.close()
+            until(lambda: not shared.clients)
+            with pytest.raises(ConnectionClosed):  # the script's goes with the page's
+                ask_for_ever(asks, {"do": "set", "value": {"look__preset": "clay"}})
+        assert not shared.state.cuts.plane
+        assert shared.state.look.preset == "plain"
+    program = Program(shared.address)
+    word = until(lambda: program.word)
+    program.close()
+    until(lambda: not shared.clients)
+    late = talk(shared.port, f"desk?word={word}&token={shared.token}")
+    with late, pytest.raises(ConnectionClosed):
+        late.recv(timeout=PATIENCE)
+    with pytest.raises(InvalidStatus, match="403"):
+        talk(shared.port, f"desk?word={word}")
+
+
+def ask_for_ever(talk, action):
+    while True:
+        talk.send(json.dumps(action))
+        talk.recv(timeout=PATIENCE)
+
+
+def test_no_message_of_a_page_without_a_role_is_heard(shared):
+    """Each handler of the server, for a connection whose role is not known."""
+    server = shared.server._websock_server
+    called = []
+    for kind, handlers in server._incoming_handlers.items():
+        assert handlers, kind
+    asked = VISITOR.set(None)
+    try:
+        kinds = list(server._incoming_handlers)
+        for kind in kinds:
+            server._incoming_handlers[kind] = [lambda *found: called.append(found)]
+            asyncio.run(server._handle_incoming_message(0, kind.__new__(kind)))
+    finally:
+        VISITOR.reset(asked)
+    assert len(kinds) > 3
+    assert not called
+
+
+def test_who_floods_waits_and_the_others_do_not(shared, caplog):
+    """2,500 wrong actions of one who looks: few lines in the log, one action at a time, and the one
+    who steers is served in between."""
+    looking, steering = Program(shared.look_address), Program(shared.address)
+    until(lambda: len(shared.clients) == 2)
+    evil = "x\nglobule: ok\x1b[2J\x1b]0;t\x07"
+    with (
+        toolbar(shared, looking, shared.look_token) as flood,
+        toolbar(shared, steering, shared.token) as asks,
+    ):
+        for i in range(2500):
+            flood.send(json.dumps({"do": f"{evil}{i}"}))
+            if i == 1500:
+                asks.send(json.dumps({"do": "set", "value": {"cuts__plane": True}}))
+        until(lambda: shared.state.cuts.plane)
+        told(asks, lambda model: model["plane"])
+    looking.close()
+    steering.close()
+    lines = [r.getMessage() for r in caplog.records if r.levelname == "WARNING"]
+    assert 0 < len(lines) < 40
+    assert all(line.startswith("page: ") and line.isprintable() for line in lines)
 
 
 def test_no_more_than_so_many_and_the_others_are_told(shared):

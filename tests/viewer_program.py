@@ -45,8 +45,10 @@ class Program:
     Attributes:
         widgets, commands: identifiers by labels.
         images: JPEGs that have come.
+        kept: all messages that have come.
         files: that were downloaded, by name.
         camera: that it has; it follows the server's moves.
+        word: with which its script names itself; "" before it came.
     """
 
     def __init__(self, address: str, answers: bool = True):
@@ -56,6 +58,8 @@ class Program:
         self.camera = dict(CAMERA)
         self.images: list[bytes] = []
         self.files: dict[str, bytes] = {}
+        self.word = ""
+        self.kept: list[dict] = []
         self._messages: list[dict] = []
         self._names: dict[str, str] = {}  # of files that come
         self.connection = connect(
@@ -96,12 +100,15 @@ class Program:
             asked = message["request_uuid"]
             kind = "LocalStorageGetItemResponseMessage"
             self.say({"type": kind, "value": None, "error": None, "request_uuid": asked})
+        elif kind == "RunJavascriptMessage" and 'globuleWord="' in message["source"]:
+            self.word = message["source"].split('"')[1]
         elif kind == "FileTransferStartDownload":
             self._names[message["transfer_uuid"]] = message["filename"]
         elif kind == "FileTransferPart":
             name = self._names[message["transfer_uuid"]]
             self.files[name] = self.files.get(name, b"") + message["content"]
         self._messages.append(message)
+        self.kept.append(message)
 
     def say(self, *messages: dict) -> None:
         for message in messages:

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from .._base.memory import GIGABYTE, limits, set_limits
+from .._base.terminal import Plain
 from . import (
     bench,
     calibrate,
@@ -108,7 +109,7 @@ def _name(module: Any) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; never exits by itself."""
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), contextlib.redirect_stdout(_plain_stdout()):
             warnings.showwarning = _show_warning
             _run(sys.argv[1:] if argv is None else list(argv))
         if sys.stdout:
@@ -171,6 +172,11 @@ def _with_flag(options: argparse.Namespace, error: UserError) -> str:
             if name and given and word in (action.dest, name[2:].replace("-", "_")):
                 return f"{name}: {rest}"
     return str(error)
+
+
+def _plain_stdout() -> Any:
+    """The standard output, if there is one, which names in files cannot give orders."""
+    return sys.stdout and Plain(sys.stdout)
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import MissingPackageError
+from .._base.terminal import escaped
 from ..formats import FormatError, read_contents
 from ..formats.contents import Contents
 from ..formats.kind import kind_of
@@ -84,12 +85,6 @@ def say(message: str) -> None:
     """One line on stderr."""
     if sys.stderr:
         print("globule:", escaped(" ".join(message.split("\n"))), file=sys.stderr)
-
-
-def escaped(text: str) -> str:
-    """A text of the user's for the terminal, which must not obey what is in it: control characters
-    as Python writes them."""
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def text_of(error: BaseException) -> str:

@@ -25,7 +25,6 @@ from .shared import (
     check_folder,
     check_output,
     count,
-    escaped,
     make_folder,
     mistakes,
     positive,
@@ -365,16 +364,16 @@ class _Job:
             return
         per_step = 1e3 * self.seconds["simulation"] / max(1, n_steps)
         counts = ", ".join(f"{n:,} {name}" for name, n in sim.record.counts.items() if n)
-        title = escaped(self.scene.title or self.options.scene)
+        title = self.scene.title or self.options.scene
         print(f"{title}: {sim.time:.4g} s in {n_steps:,} steps of {per_step:.1f} ms, "
-              f"{escaped(counts)}")  # fmt: skip
+              f"{counts}")  # fmt: skip
         written = {name: s for name, s in self.seconds.items() if s}
         spent = ", ".join(f"{name} {s:.1f} s" for name, s in written.items()) or "nothing to do"
         where = said_threads(sim.scene.device.description, self.options.threads)
         print(f"{spent}, {total:.1f} s in all on {where}")
         if self.files:
             last = f" … {self.files[-1]}" if len(self.files) > 1 else ""
-            print(f"{count(len(self.files), 'file')}: {escaped(self.files[0] + last)}")
+            print(f"{count(len(self.files), 'file')}: {self.files[0] + last}")
         if not whole:
             say(f"note: stopped at {sim.time:.4g} s; --resume continues from {self.checkpoint}")
 

@@ -56,11 +56,12 @@ def visible_parts(
             hides.
         skin: what lies less than this behind the surface is not hidden, world units.
     """
+    part = _within(ends, camera, size)
+    if part is None:
+        return []
+    ends = part
     line = camera.project(ends, size)
-    if not np.isfinite(line).all():  # an end is behind the eye
-        n = _MOST_PIECES
-    else:
-        n = int(np.clip(np.ceil(np.linalg.norm(line[1] - line[0])), 1, _MOST_PIECES))
+    n = int(np.clip(np.ceil(np.linalg.norm(line[1] - line[0])), 1, _MOST_PIECES))
     shares = (np.arange(n) + 0.5) / n
     points = ends[0] + shares[:, None] * (ends[1] - ends[0])
     pixels = camera.project(points, size)
@@ -81,6 +82,30 @@ def visible_parts(
         elif n == 1:
             parts.append(line)
     return parts
+
+
+def _within(
+    ends: np.ndarray, camera: Camera, size: tuple[int, int], around: float = 0.1
+) -> np.ndarray | None:
+    """The part of a line (2, 3), world, that is in an image of (width, height) or near it; None
+    without one. around: of the half size of the image, that still counts."""
+    eye, forward, right, up = camera.frame(size)
+    away = ends - eye
+    ahead = away @ forward
+    wide = (1 + around) * (ahead if camera.height is None else np.ones(2))
+    least, most = 0.0, 1.0
+    sides = [ahead - 1e-9 * np.abs(ahead).max()] if camera.height is None else []
+    for axis in (right, up):
+        place = away @ axis / (axis @ axis)
+        sides += [wide - place, wide + place]
+    for first, last in sides:  # a share counts where all of these are positive
+        if first < 0 and last < 0:
+            return None
+        if first < 0:
+            least = max(least, first / (first - last))
+        elif last < 0:
+            most = min(most, first / (first - last))
+    return ends[0] + np.array([[least], [most]]) * (ends[1] - ends[0]) if least < most else None
 
 
 def _without_short(seen: np.ndarray, what: bool, least: int) -> np.ndarray:
@@ -131,10 +156,14 @@ def _draw_ticks(
 ) -> None:
     """Ticks with coordinates along an edge (2, 3), and the name of the axis."""
     size, font = (canvas.width, canvas.height), canvas.font
+    part = _within(ends, camera, size, 0.0)
+    if part is None:
+        return
+    ends = part
     line = camera.project(ends, size)
     along = line[1] - line[0]
     length = float(np.linalg.norm(along))
-    if length < 4 * font:
+    if not length >= 4 * font:
         return
     out = np.array((-along[1], along[0])) / length
     if out @ (line.mean(axis=0) - middle) < 0:

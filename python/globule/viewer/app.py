@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import how_to_install, missing
+from .._base.terminal import escaped
 from ..render.camera import Camera
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
@@ -287,7 +288,7 @@ class Viewer:
         return picture
 
     def _on_error(self, message: str) -> None:
-        log.warning("%s", message)
+        log.warning("%s", escaped(message))
         for client in list(self.clients.values()):
             client.sink.error(message)
 

@@ -20,7 +20,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from .desk_model import Model
 from .plots import over_time
-from .roles import LOOK, LOOKING, PRIVATE_ACTIONS
+from .roles import LOOKING, MOST_CLIENTS, Visitor, may_ask, visitor
 
 PATH = "/globule/desk"
 FILES = {
@@ -64,7 +64,10 @@ class Desk:
         self.model = Model(viewer)
         self._browsers: dict[str, Any] = {}  # by the word that a browser got from us
         self._changed: dict[Any, asyncio.Event] = {}  # by connection
-        self._pool = ThreadPoolExecutor(2, thread_name_prefix="globule desk")
+        self._connections: dict[Any, Any] = {}  # of the script of each browser, by its number
+        self._tellers = ThreadPoolExecutor(2, thread_name_prefix="globule desk")
+        # An action for each browser at a time: nobody's actions wait for another one's.
+        self._doers = ThreadPoolExecutor(MOST_CLIENTS, thread_name_prefix="globule action")
         self._lock = threading.Lock()
         viewer.state.listen(lambda changed: self.refresh())
 
@@ -78,8 +81,12 @@ class Desk:
         browser._websock_connection.queue_message(_messages.RunJavascriptMessage(code))
 
     def disconnected(self, browser: Any) -> None:
-        """Forget a browser that has left."""
+        """Forget a browser that has left, and end the talk with its script."""
         self.model.series.pop(browser.client_id, None)
+        connection = self._connections.pop(browser.client_id, None)
+        if connection is not None:
+            loop = self.viewer.server._websock_server._background_event_loop
+            asyncio.run_coroutine_threadsafe(connection.close(1008, "the browser left"), loop)
         for word in [word for word, known in self._browsers.items() if known is browser]:
             del self._browsers[word]
 
@@ -99,6 +106,10 @@ class Desk:
         if browser is None:
             await connection.close(1008, "unknown browser")
             return
+        before = self._connections.get(browser.client_id)
+        self._connections[browser.client_id] = connection
+        if before is not None:
+            await before.close(1008, "the same browser connected again")
         event = self._changed[connection] = asyncio.Event()
         works = self._tell(connection, browser, event), self._hear(connection, browser)
         talk = [asyncio.create_task(work) for work in works]
@@ -106,6 +117,8 @@ class Desk:
             await asyncio.wait(talk, return_when=asyncio.FIRST_COMPLETED)
         finally:
             del self._changed[connection]
+            if self._connections.get(browser.client_id) is connection:
+                del self._connections[browser.client_id]
             for task in talk:
                 task.cancel()
             for task in talk:
@@ -117,7 +130,7 @@ class Desk:
         sent, loop = "", asyncio.get_running_loop()
         while True:
             event.clear()
-            model = await loop.run_in_executor(self._pool, self.model.of, browser)
+            model = await loop.run_in_executor(self._tellers, self.model.of, browser)
             text = json.dumps(model)
             if text != sent:
                 await connection.send(text)
@@ -126,24 +139,27 @@ class Desk:
                 await asyncio.wait_for(event.wait(), TICK)
 
     async def _hear(self, connection: Any, browser: Any) -> None:
-        """Do what the script asks for."""
-        loop = asyncio.get_running_loop()
+        """Do what the script asks for, one action after the other: what comes meanwhile waits in
+        the connection, which holds the sender up."""
+        loop, who = asyncio.get_running_loop(), visitor()
         async for text in connection:
             if len(text) > MOST_ACTION:
                 await connection.close(1009, "too long")
                 return
-            loop.run_in_executor(self._pool, self._do, text, browser)
+            await loop.run_in_executor(self._doers, self._do, text, browser, who)
 
-    def _do(self, text: str | bytes, browser: Any) -> None:
-        page = self.viewer.page
+    def _do(self, text: str | bytes, browser: Any, who: Visitor) -> None:
+        """Do an action; who: what the connection that asks may do."""
+        page, client = self.viewer.page, self.viewer.clients.get(browser.client_id)
+        if client is None:
+            return  # the browser has left, or has no place
         try:
             asked = json.loads(text)
-            name = asked.get("do") if isinstance(asked, dict) else None
+            name: Any = asked.get("do") if isinstance(asked, dict) else None
             action = self._actions().get(name) if isinstance(name, str) else None
             if action is None:
                 raise ValueError(f"page: expected the name of an action, got {str(name)[:40]}")
-            client = self.viewer.clients.get(browser.client_id)
-            if client is not None and client.role == LOOK and name not in PRIVATE_ACTIONS:
+            if not (may_ask(who.role, name) and may_ask(client.role, name)):
                 raise ValueError(LOOKING)
             action(browser, asked.get("value"))
         except Exception as error:
@@ -207,8 +223,9 @@ class Desk:
         self.model.series[browser.client_id] = value
 
     def close(self) -> None:
-        """End the thread of the actions."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        """End the threads."""
+        for pool in (self._tellers, self._doers):
+            pool.shutdown(wait=False, cancel_futures=True)
 
 
 def file(path: str) -> tuple[str, bytes] | None:

@@ -12,7 +12,7 @@ from ..scene.attributes import attribute_values
 from ..scene.mesh import Mesh
 from .layers import hidden, layer_names
 from .plots import over_time
-from .roles import STEER
+from .roles import LOOK
 
 BINS = 48
 MOST_COUNTED = 1_000_000  # particles of a histogram
@@ -41,7 +41,7 @@ class Model:
         return {
             "title": self.viewer.title,
             "tools": list(hand.choices if hand else page.tools.choices),
-            "role": client.role if client else STEER,
+            "role": client.role if client else LOOK,
             "people": [len(self.viewer.clients), self.viewer.most_clients],
             "tool": hand.tool if hand else page.tools.choices[0],
             "undo": undo + page.cut_is_newest,

@@ -13,6 +13,7 @@ whether the socket was opened through the guard.
 
 from __future__ import annotations
 
+import asyncio
 import gzip
 import hashlib
 import hmac
@@ -20,6 +21,8 @@ import html
 import http
 import ipaddress
 import logging
+import re
+import secrets
 import time
 from types import FunctionType
 from typing import Any
@@ -27,17 +30,28 @@ from urllib.parse import parse_qs, urlsplit
 
 from . import desk
 from .log import log
-from .roles import LOOK, STEER, VISITOR, Visitor
+from .roles import LOOK, REFUSED, STEER, VISITOR, Allowance, Visitor, visitor
 
 REPEAT = 5.0  # s before the same message is logged again
 MOST_MESSAGE = 1024 * 1024  # bytes of one message from a client
-# The page may load from this server and connect to this server, and to nothing else.
+CLOSING = 1.0  # s that a client may take to close its side
+# Messages of one connection at once, and s for each more: a mouse sends a tenth of that. What comes
+# faster waits in the socket, and with it the sender.
+FLOOD = 1000, 1 / 500
+# The page may load from this server and connect to this server, and to nothing else. Of the scripts
+# in its text, those run that carry the server's nonce; viser needs eval.
 POLICY = (
-    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; "
+    "default-src 'self'; script-src 'self' 'nonce-{nonce}' 'unsafe-eval' blob:; "
     "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
-    "connect-src 'self' data: blob:; worker-src 'self' blob:; frame-ancestors 'self'; "
-    "form-action 'none'; base-uri 'self'"
+    "connect-src 'self' data: blob:; worker-src 'self' blob:; frame-src 'none'; "
+    "object-src 'none'; frame-ancestors 'self'; form-action 'none'; base-uri 'self'"
 )
+# A host of a header: a name, or an address of version 6 in brackets, and a port.
+HOST = re.compile(
+    r"(?:\[(?P<six>[0-9A-Fa-f:.]+)\]|(?P<name>[0-9A-Za-z.-]+))(?::(?P<port>[0-9]{1,5}))?"
+)
+# viser's page unpacks its script, and adds it to the page as an element.
+ADDED = b'document.createElement("script");'
 
 
 class Guard:
@@ -62,7 +76,9 @@ class Guard:
         # Viewers on one host share its cookies, whatever their ports.
         digest = hashlib.sha256((token or "").encode()).hexdigest()
         self._cookie_name = f"globule-{digest[:12]}"
-        self._titled: dict[bytes, bytes] = {}  # viser's page to ours
+        nonce = secrets.token_urlsafe(18)
+        self._policy, self._nonce = POLICY.format(nonce=nonce), nonce.encode()
+        self._pages: dict[bytes, bytes] = {}  # viser's page to ours
 
     def refusal(self, path: str, headers: Any) -> str | None:
         """The reason to refuse a request, or None.
@@ -71,8 +87,11 @@ class Guard:
             path: of the request, with its query.
             headers: `websockets.datastructures.Headers`.
         """
-        host, origin = headers.get("Host", ""), headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc != host:
+        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        if len(hosts) != 1 or len(origins) > 1:
+            return "expected one host"
+        (host,) = hosts
+        if origins and origins[0] not in (f"http://{host}", f"https://{host}"):
             return "expected a page of this server, got a page of another one"
         if self.token is None:
             return None if is_local(host) else "expected a loopback address of this machine"
@@ -104,26 +123,41 @@ class Guard:
                     return value
         return ""
 
-    def _give_title(self, response: Any) -> None:
-        """Replace the title in viser's page, which is "Viser", and add our own controls."""
+    def _finish(self, response: Any) -> None:
+        """Replace the title in viser's page, which is "Viser", add our own controls, and let the
+        page's scripts run."""
         if not response.headers.get("Content-Type", "").startswith("text/html"):
             return
         body = response.body
-        if body not in self._titled:
+        if body not in self._pages:
             packed = response.headers.get("Content-Encoding") == "gzip"
             page = gzip.decompress(body) if packed else body
+            page = page.replace(b"<script", b'<script nonce="%s"' % self._nonce)
+            page = page.replace(ADDED, b'%se.nonce="%s";' % (ADDED, self._nonce))
             name = f"<title>{html.escape(self.title)}</title>".encode()
             if b"<title>Viser</title>" in page:  # not the start page
                 page = page.replace(b"<title>Viser</title>", name, 1)
                 page = page.replace(b"</head>", desk.HEAD, 1)
-            self._titled[body] = gzip.compress(page) if packed else page
-        response.body = self._titled[body]
+            self._pages[body] = gzip.compress(page) if packed else page
+        response.body = self._pages[body]
         del response.headers["Content-Length"]
         response.headers["Content-Length"] = str(len(response.body))
 
     def serve(self, handler: Any, host: str, port: int, **options: Any) -> Any:
         """`websockets.asyncio.server.serve`, with this guard before every answer."""
-        from websockets.asyncio.server import serve
+        from websockets.asyncio.server import ServerConnection, serve
+
+        class Slowed(ServerConnection):
+            """Hears no more messages than people send."""
+
+            def __init__(own, *given: Any, **more: Any):
+                super().__init__(*given, **more)
+                own.allowance = Allowance(*FLOOD)
+
+            async def recv(own, decode: bool | None = None) -> Any:
+                while not own.allowance.take():
+                    await asyncio.sleep(FLOOD[1])
+                return await super().recv(decode)
 
         inner = options.pop("process_request")
 
@@ -136,8 +170,8 @@ class Guard:
             found = desk.file(request.path)
             response = inner(connection, request) if found is None else answer(*found)
             if response is not None:
-                self._give_title(response)
-                response.headers["Content-Security-Policy"] = POLICY
+                self._finish(response)
+                response.headers["Content-Security-Policy"] = self._policy
                 response.headers["Referrer-Policy"] = "no-referrer"
                 response.headers["X-Content-Type-Options"] = "nosniff"
                 role = self.role(request.path, request.headers)
@@ -147,13 +181,14 @@ class Guard:
 
         async def route(connection: Any) -> None:
             request = connection.request
-            VISITOR.set(Visitor(self.role(request.path, request.headers) or LOOK))
+            VISITOR.set(Visitor(self.role(request.path, request.headers) or REFUSED))
             if request.path.partition("?")[0] != desk.PATH:
                 await handler(connection)
             elif self.desk is not None:
                 await self.desk.serve(connection)
 
-        options["max_size"] = MOST_MESSAGE
+        options["max_size"], options["create_connection"] = MOST_MESSAGE, Slowed
+        options["close_timeout"] = CLOSING
         options["logger"] = connection_logger()
         self.started = True
         return serve(route, host, port, process_request=check, **options)
@@ -183,8 +218,10 @@ class Guard:
             )
 
             async def _handle_incoming_message(own, client_id: Any, message: Any) -> None:
-                who = VISITOR.get()
-                if self.roles is None or who is None or self.roles.may(who, message):
+                who = visitor()
+                if self.roles is None or who.role == REFUSED:
+                    return
+                if self.roles.may(who, message):
                     await super()._handle_incoming_message(client_id, message)
                 else:
                     self.roles.refuse(who, client_id, message)
@@ -279,11 +316,15 @@ def is_local(host: str) -> bool:
 
     A name that a foreign name server gives to this address does not count (DNS rebinding).
     """
-    name = urlsplit(f"//{host}").hostname or ""
-    if name == "localhost":
+    parts = HOST.fullmatch(host)
+    if not parts or int(parts["port"] or 0) > 65535:
+        return False
+    if (parts["name"] or "").lower() == "localhost":
         return True
     try:
-        return ipaddress.ip_address(name).is_loopback
+        address = parts["six"] or parts["name"]
+        version = ipaddress.IPv6Address if parts["six"] else ipaddress.IPv4Address
+        return version(address).is_loopback
     except ValueError:
         return False
 

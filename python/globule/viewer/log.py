@@ -5,6 +5,9 @@ from __future__ import annotations
 import logging
 import sys
 
+from .._base.terminal import escaped
+
+LINE_END = "\n"
 log = logging.getLogger("globule.viewer")
 
 
@@ -14,7 +17,7 @@ class Terminal(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Print one record."""
         if sys.stderr:
-            print(f"globule: {record.getMessage()}", file=sys.stderr)
+            print(f"globule: {escaped(record.getMessage(), LINE_END)}", file=sys.stderr)
 
 
 def show_log() -> None:

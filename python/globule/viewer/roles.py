@@ -15,9 +15,32 @@ from typing import Any
 STEER, LOOK, REFUSED = "steer", "look", "refused"
 MOST_CLIENTS = 16
 LOOKING = "You are looking; only a browser that steers changes the settings."
-REPEAT = 3.0  # s before a browser is told again
+REPEAT = 3.0  # s before a browser is told again that it looks
 # Actions of the toolbar that change nothing for others.
 PRIVATE_ACTIONS = {"tool", "fit", "picture", "state", "dark", "wide", "series"}
+
+
+class Allowance:
+    """So many at once, and one more each time a while has passed.
+
+    Args:
+        most: at once.
+        seconds: until one more.
+    """
+
+    def __init__(self, most: int, seconds: float):
+        self._most, self._seconds = most, seconds
+        self._left, self._since = float(most), time.monotonic()
+
+    def take(self) -> bool:
+        """Whether there was one left, which is taken."""
+        now = time.monotonic()
+        self._left = min(self._most, self._left + (now - self._since) / self._seconds)
+        self._since = now
+        if self._left < 1:
+            return False
+        self._left -= 1
+        return True
 
 
 @dataclass
@@ -26,17 +49,11 @@ class Visitor:
 
     Attributes:
         role: STEER, LOOK or REFUSED.
+        tellings: how often it is told that it may not steer.
     """
 
-    role: str = STEER
-    _told: float = field(default=-REPEAT)
-
-    def told(self) -> bool:
-        """Whether this browser was told a moment ago that it may not steer."""
-        now = time.monotonic()
-        recently = now - self._told < REPEAT
-        self._told = self._told if recently else now
-        return recently
+    role: str
+    tellings: Allowance = field(default_factory=lambda: Allowance(1, REPEAT))
 
 
 # The visitor whose message is handled; a task for a message inherits that of its connection.
@@ -44,8 +61,13 @@ VISITOR: ContextVar[Visitor | None] = ContextVar("visitor", default=None)
 
 
 def visitor() -> Visitor:
-    """The visitor of this task; one who steers where no connection was made."""
-    return VISITOR.get() or Visitor()
+    """The visitor of this task; without a connection, one who may do nothing."""
+    return VISITOR.get() or Visitor(REFUSED)
+
+
+def may_ask(role: str, action: str) -> bool:
+    """Whether a role may do an action of the toolbar."""
+    return role == STEER or (role == LOOK and action in PRIVATE_ACTIONS)
 
 
 class Roles:
@@ -80,7 +102,7 @@ class Roles:
         if who.role == REFUSED or browser is None or not self.shared(message):
             return
         self._restore(browser, message)
-        if not who.told():
+        if who.tellings.take():
             client = self.viewer.clients.get(client_id)
             if client is not None:
                 client.sink.error(LOOKING)

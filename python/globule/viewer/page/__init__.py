@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from typing import Any
 
+from ..._base.terminal import escaped
 from ..desk import Desk
 from ..log import log
 from ..roles import Roles
@@ -23,6 +24,7 @@ from . import (
     widgets,
 )
 from . import view as view_panel
+from .markdown import plain
 
 WELCOME = (
     "**Drag** to rotate, **wheel** to zoom, **right-drag** to pan.  \n"
@@ -56,7 +58,7 @@ class Page:
         self.binder = widgets.Binder(server.gui, viewer.state, self.complain)
         server.gui.add_markdown(WELCOME)
         for line in viewer.warnings:
-            server.gui.add_markdown(f"**{line}**")
+            server.gui.add_markdown(f"**{plain(line)}**")
         self.tools = tools.Tools(self)
         self.panels = [
             play.Play(self),
@@ -128,9 +130,12 @@ class Page:
             self.tools.hands[browser.client_id].text.content = said
 
     def complain(self, browser: Any, message: str) -> None:
-        """Show an error to the browser that caused it (None: to all) and log it."""
-        log.warning("%s", message)
+        """Show an error to the browser that caused it (None: to all) and log it as one line; of a
+        browser that causes many, some."""
         client = None if browser is None else self.viewer.clients.get(browser.client_id)
+        if client is not None and not client.complaints.take():
+            return
+        log.warning("%s", escaped(message))
         for one in [client] if client is not None else list(self.viewer.clients.values()):
             one.sink.error(message)
 

@@ -409,7 +409,8 @@
     if (!word) return;
     socket?.close();
     // Relative, so that a proxy may put the page below a path.
-    const address = new URL("globule/desk?word=" + encodeURIComponent(word), location.href.split(/[?#]/)[0]);
+    const address = new URL("globule/desk" + location.search, location.href.split(/[?#]/)[0]);
+    address.searchParams.set("word", word);
     const own = socket = new WebSocket(address.href.replace(/^http/, "ws"));
     own.onopen = () => {
       wait = 500; paint(desk.classList.contains("dark"));

@@ -20,6 +20,7 @@ from ..log import log
 from ..recording import Recorder, Shot, checked_size, keep, turntable
 from ..state import MOST_BYTES
 from .jobs import Cancelled, Job
+from .markdown import code
 from .panel import Panel
 from .widgets import bounded
 
@@ -217,11 +218,11 @@ class Save(Panel):
 
     def show_equivalent(self, browser: Any) -> None:
         """Show and log a command and a program that make the image."""
-        command, code = self.viewer.equivalent(self._client(browser).camera, self.chosen_size())
-        log.info("the same image:\n%s\n\n%s", command, code)
+        command, program = self.viewer.equivalent(self._client(browser).camera, self.chosen_size())
+        log.info("the same image:\n%s\n\n%s", command, program)
         gui = browser.gui
         with gui.add_modal("The same image") as modal:
-            gui.add_markdown(f"```sh\n{command}\n```\n\n```python\n{code}```")
+            gui.add_markdown(f"{code(command, 'sh')}\n\n{code(program, 'python')}")
             gui.add_button("Close").on_click(lambda _: modal.close())
 
     def close(self) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..._base.memory import resident_bytes
+from .markdown import table
 from .panel import Panel
 
 EVERY = 0.5  # s
@@ -65,4 +66,4 @@ class Statistics(Panel):
         rows["memory"] = f"{resident_bytes() / 1e6:.0f} MB"
         rows["browsers"] = str(len(self.viewer.clients))
         rows.update(source.facts())
-        return "| | |\n|---|---|\n" + "\n".join(f"| {k} | {v} |" for k, v in rows.items())
+        return table(rows)

@@ -13,6 +13,7 @@ from ..overlay import RED, Mark
 from ..plots import line_mark
 from ..roles import STEER
 from ..source import Probed
+from .markdown import table
 from .widgets import safe
 
 ROTATE, MEASURE, CUT = "Rotate, pick", "Measure", "Cut"
@@ -337,11 +338,6 @@ def describe(found: Picked, unit: str = "") -> str:
     for name, value in list(found.attributes.items())[:LONGEST]:
         rows[name] = _words(value)
     return table(rows)
-
-
-def table(rows: dict[str, str]) -> str:
-    """Names and values as a Markdown table."""
-    return "| | |\n|---|---|\n" + "\n".join(f"| {k} | {v} |" for k, v in rows.items())
 
 
 def _words(values: Any) -> str:

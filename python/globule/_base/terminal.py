@@ -1,0 +1,34 @@
+"""What goes to a terminal, which must not obey what stands in files and names."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def escaped(text: str, but: str = "") -> str:
+    """A text with its control characters as Python writes them; but: characters that stay."""
+    return "".join(c if c.isprintable() or c in but else repr(c)[1:-1] for c in text)
+
+
+class Plain:
+    """A text stream that escapes control characters, but for line ends and tabs.
+
+    Args:
+        stream: that it writes to; all else is this stream's.
+    """
+
+    def __init__(self, stream: Any):
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write a text."""
+        self._stream.write(escaped(text, "\n\t"))
+        return len(text)
+
+    def writelines(self, lines: Any) -> None:
+        """Write several texts."""
+        for line in lines:
+            self.write(line)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
