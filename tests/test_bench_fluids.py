@@ -83,6 +83,7 @@ def run(tmp_path: Path, *words: str) -> tuple[subprocess.CompletedProcess, list[
     return done, json.loads(out.read_text())
 
 
+@pytest.mark.slow
 def test_column_of_globule(bench, tmp_path):
     words = ("--peers", "globule", "--n", "700", "--errors", "0.01", "--seconds", "0.1")
     done, (start, row) = run(tmp_path, *words)

@@ -104,6 +104,15 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["p.ply"]
 
 
+def test_a_replaced_file_keeps_its_permissions(tmp_path):
+    for mode in (0o600, 0o640, 0o755):
+        path = tmp_path / f"{mode:o}.ply"
+        path.write_text("secret")
+        path.chmod(mode)
+        formats.write(path, sample())
+        assert path.stat().st_mode & 0o777 == mode
+
+
 def test_an_interrupt_at_any_moment_leaves_no_temporary_file(tmp_path, monkeypatch):
     """Also when the file has just been opened: then it is there, but nobody has it yet."""
 

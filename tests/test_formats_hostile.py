@@ -10,6 +10,7 @@ import zipfile
 import zlib
 from pathlib import Path
 
+import globule as gb
 import numpy as np
 import pytest
 from format_helpers import sample
@@ -386,3 +387,40 @@ def test_npz_arrays_that_are_about_something_else_are_left_out(tmp_path):
     particles = formats.read(tmp_path / "p.npz")
     assert particles.attributes == {}
     assert particles.support == 0.5
+
+
+def test_what_stands_beside_the_particles_does_no_harm(tmp_path, monkeypatch):
+    """A title that is a section's name, and columns and names that nobody asks for."""
+    monkeypatch.chdir(tmp_path)
+    Path("a.lmp").write_text(
+        "Atoms in a box\n\n1 atoms\n\n0 1 xlo xhi\n0 1 ylo yhi\n0 1 zlo zhi\n\nAtoms # atomic\n\n"
+        "1 1 0.5 0.5 0.5\n"
+    )
+    assert gb.read("a.lmp").positions.tolist() == [[0.5, 0.5, 0.5]]
+    pa = pytest.importorskip("pyarrow")
+    import pyarrow.parquet as pq
+
+    three = {axis: [0.0, 1.0] for axis in "xyz"}
+    for ragged in ([[1.0], [1.0, 2.0]], [[1.0, 2.0, 3.0], [1.0]], [[], [1.0, 2.0]]):
+        pq.write_table(pa.table({**three, "tags": pa.array(ragged)}), "a.parquet")
+        found = gb.read("a.parquet")
+        assert len(found) == 2
+        assert "tags" not in found.attributes
+    with pytest.raises(FormatError, match="expected rows of one length in the column 'tags'"):
+        gb.read("a.parquet", columns={"x": "x", "y": "y", "z": "z", "tag": "tags"})
+    h5py = pytest.importorskip("h5py")
+    with h5py.File("a.h5", "w") as file:
+        file["positions"] = np.zeros((5, 3))
+        file.create_dataset(b"\xff\xfe", data=np.zeros(5))
+    assert len(gb.read("a.h5")) == 5
+
+
+def test_what_is_said_of_a_number_that_is_none(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("a.csv").write_text("x,y,z,q\n" + "1,2,3,4\n" * 16 + "1,2,3,1_0\n")
+    with pytest.raises(FormatError, match="line 18, column 4: expected a number, got '1_0'"):
+        gb.read("a.csv")
+    pytest.importorskip("pxr")
+    Path("a.usda").write_text('#usda 1.0\ndef Points "p" { point3f[] points = [(0,0,0) }\n')
+    with pytest.raises(FormatError, match=r"a\.usda: expected a USD layer, got text .* at line 2"):
+        gb.read("a.usda")

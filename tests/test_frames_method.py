@@ -211,6 +211,7 @@ def test_uncertainty_is_the_error_of_frames_left_out(backend):
     assert volume.info["left_out_rms"] > 0
 
 
+@pytest.mark.slow
 def test_frames_beats_every_other_method():
     sweep = phantoms.breast(n_frames=40, size=(60, 60), spacing=0.6, length=24.0, speckle=0.0)
     found = {

@@ -82,6 +82,7 @@ def scanned(seed: int) -> gb.Sweep:
     return gb.Sweep(frames.clip(0, 255).astype(np.uint8), poses)
 
 
+@pytest.mark.slow
 def test_against_many_sweeps():
     """What the trust map predicts holds what 16 sweeps of the phantom show, and is not far
     above."""

@@ -138,6 +138,7 @@ def test_false_and_missing_dots():
     assert corner_error(found.calibration).max() < 1.0
 
 
+@pytest.mark.slow
 def test_dots_in_speckle():
     *data, truth = sweep(n=12)
     rng = np.random.default_rng(1)

@@ -92,6 +92,7 @@ def test_another_world(phantom):
     assert error(found.fixed_from_moving, truth, moving) < 0.15 * found.spacing
 
 
+@pytest.mark.slow
 def test_joined_volume_is_that_of_one_world(phantom):
     fixed, other = swept(phantom, 1), swept(phantom, 2)
     truth = motion((2, -2, 1), (2, 3, -2), np.mean(other.bounds(), axis=0))
@@ -112,6 +113,7 @@ def test_joined_volume_is_that_of_one_world(phantom):
     assert found.agreeing >= 0.5
 
 
+@pytest.mark.slow
 def test_unrelated_sweeps_are_refused(phantom):
     with pytest.raises(RegistrationError, match=r"^moving: expected sweeps of one anatomy") as no:
         register_sweeps(swept(phantom, 1), swept(tissue(9), 2))

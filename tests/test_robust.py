@@ -269,6 +269,7 @@ def crowd(alike: bool) -> Case:
     return with_rays(c, origins, cloud(60, 95, 14) - origins)
 
 
+@pytest.mark.slow
 @pytest.mark.few_backends
 @pytest.mark.parametrize("alike", [True, False])
 @pytest.mark.parametrize("octree", ["sparse", "dense"])

@@ -280,6 +280,7 @@ def test_full_box_goes_on(backend):
     assert (inside < (1.0, 0.8, 0.4)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.few_backends
 def test_a_full_box_under_gravity_does_not_pack_at_its_bottom(backend):
     domain = {"lo": (0, 0, 0), "hi": (0.1, 0.1, 0.2), "walls": True}

@@ -24,7 +24,7 @@ from sim_helpers import check
         (flows.sloshing, {"cells": 24}),
         (flows.pipe_poiseuille, {"cells": 7}),
         (flows.torricelli, {"cells": 16}),
-        (physics_crown.splash, {"layers": 3}),
+        pytest.param(physics_crown.splash, {"layers": 3}, marks=pytest.mark.slow),
     ],
 )
 def test_truth(experiment, how):

@@ -137,7 +137,10 @@ def test_rigidity_of_youngs_modulus():
     assert np.allclose(rigidity_of_young(young_of_rigidity([0.1, 0.5, 0.9])), [0.1, 0.5, 0.9])
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.slow] * (n == "brain-surgery")) for n in SHIPPED],
+)
 def test_shipped_scenes_are_sound(name):
     found = read_scene(name)
     lo, hi = np.asarray(found.domain.lo), np.asarray(found.domain.hi)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -57,7 +58,8 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[
 
     Writes go to a temporary file in the same folder, which replaces `path` when the block ends.
     If the block raises (KeyboardInterrupt included), the temporary file is removed and `path` is
-    untouched. Mode is "wb" or "w" (UTF-8, newlines as given).
+    untouched. A file that is replaced keeps its permissions. Mode is "wb" or "w" (UTF-8, newlines
+    as given).
     """
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
     target = os.path.realpath(path)  # a link keeps pointing at the file it names
@@ -76,6 +78,8 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[
             error.filename = os.fspath(path)  # the user never chose the temporary name
             raise
         with file:
+            with suppress(OSError):  # nothing to replace; nothing is written yet
+                os.chmod(temporary, stat.S_IMODE(os.stat(target).st_mode))
             yield file
         waiting = _waiting.get()
         if waiting is None:

@@ -16,6 +16,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from ..render.camera_path import MOST_FRAMES
 from . import flags, view
 from .parser import Parser
 from .shared import (
@@ -48,7 +49,6 @@ EXAMPLES = """\
 ESSENTIAL = ("--output", "--seconds", "--spacing", "--video", "--size", "--format", "--resume",
              "--view", "--device")  # fmt: skip
 CHECKPOINT = "checkpoint.npz"
-MOST_FRAMES = 1_000_000
 
 
 def add_arguments(parser: Parser) -> None:

@@ -86,6 +86,8 @@ def _find_fault(
             return bad(path, f"line {number}", f"expected {n_columns} numbers, got {len(words)}")
         for column in used:
             try:
+                if "_" in words[column]:  # which Python's numbers may have
+                    raise ValueError
                 float(words[column])
             except ValueError:
                 where = f"line {number}, column {column + 1}"

@@ -319,6 +319,8 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
     for key in group:
         if len(tree) > _MOST_OBJECTS:
             raise ValueError(f"more than {_MOST_OBJECTS:,} groups and data sets")
+        if isinstance(key, bytes):  # no text: nothing that anybody asks for
+            continue
         if not isinstance(group.get(key, getlink=True), h5py.HardLink):
             continue
         item, place = group[key], f"{name}/{key}"
@@ -400,7 +402,7 @@ def arrow(path: str, ask: Any) -> tuple[dict, list]:
         table = source.read(columns=names, use_threads=False)
     else:
         table = source.read_all().select(names)
-    arrays = []
+    arrays, kept = [], []
     for name in names:
         column = table.column(name).combine_chunks()
         if isinstance(column, pa.ChunkedArray):
@@ -410,8 +412,9 @@ def arrow(path: str, ask: Any) -> tuple[dict, list]:
                 or pa.types.is_boolean(column.type)):  # fmt: skip
             values = column.flatten()
             k = len(values) // max(len(column), 1)
-            if column.null_count or k * len(column) != len(values):
-                raise ValueError(f"rows of the same length in the column {name}, got others")
+            lengths = column.value_lengths() if pa.types.is_list(column.type) else None
+            if column.null_count or (lengths is not None and len(lengths.unique()) > 1):
+                continue  # rows of several lengths are no values of particles
             column = values
         array = column.to_numpy(zero_copy_only=False)
         if array.dtype.kind not in "biuf":
@@ -419,7 +422,8 @@ def arrow(path: str, ask: Any) -> tuple[dict, list]:
         array = array.astype(np.uint8) if array.dtype.kind == "b" else array
         array = np.ascontiguousarray(array.astype(array.dtype.newbyteorder("="), copy=False))
         arrays.append(array.reshape(-1, k) if k > 1 else array)
-    return {"names": names}, arrays
+        kept.append(name)
+    return {"names": kept}, arrays
 
 
 def usd(path: str, ask: Any) -> tuple[dict, list]:
@@ -428,7 +432,12 @@ def usd(path: str, ask: Any) -> tuple[dict, list]:
     import numpy as np
     from pxr import Sdf, Usd, UsdGeom
 
-    layer = Sdf.Layer.OpenAsAnonymous(path)
+    try:
+        layer = Sdf.Layer.OpenAsAnonymous(path)
+    except Exception as error:
+        place = re.search(r":(\d+):(\d+): ", str(error))
+        where = f" at line {place[1]}, column {place[2]}" if place else ""
+        raise ValueError(f"text that usd-core cannot read{where}") from None
     if layer is None:
         raise ValueError("a layer that usd-core cannot open")
     _without_links(Sdf, layer)

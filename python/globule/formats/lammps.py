@@ -79,7 +79,8 @@ def read_data(path: str | os.PathLike[str]) -> Contents:
     if not (count.isascii() and count.isdigit() and len(count) < 16):
         raise bad(path, "header", "expected a line 'N atoms', got none")
     n = int(count)
-    at = next((i for i, line in enumerate(lines) if re.match(r"\s*Atoms\b", line)), -1)
+    titled = (i for i in range(1, len(lines)) if re.match(r"\s*Atoms\b", lines[i]))  # 0: any text
+    at = next(titled, -1)
     if at < 0:
         raise bad(path, "header", "expected a section Atoms, got none")
     style = lines[at].partition("#")[2].strip().split(" ")[0]

@@ -13,6 +13,7 @@ from .._base.arrays import to_host
 from .._base.checks import choice, positive, whole
 from .._base.device import choose
 from .._base.memory import resident_bytes, trim
+from .._base.owner import Owner
 from .._base.ranks import ranks_of
 from ..render.fit import REACH
 from ..scene.attributes import attribute_values, checked_range, color_by, ends_of_map
@@ -50,7 +51,7 @@ class Piece(Scene):
     _gives_up = True
 
 
-class Pieces:
+class Pieces(Owner):
     """A scene whose particles are in pieces: read, built and traced one after the other, or one
     on each rank of an MPI communicator. `render` takes it like a `Scene`.
 

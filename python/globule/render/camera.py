@@ -12,12 +12,17 @@ from .. import _core
 from .._base.arrays import on_gpu
 from .._base.checks import flag, image_size, number, positive, shown, three, unit
 from .._base.fixed import Fixed, read_only
+from ..scene.particles import FARTHEST
 from ..scene.sources import as_particles
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike
+
+
+# Of an eye: it sees particles at FARTHEST from outside; its square is still a float32.
+_FARTHEST = 10 * float(FARTHEST)
 
 
 @read_only
@@ -54,6 +59,9 @@ class Camera(Fixed):
                 raise TypeError(f"{name}: expected three numbers, got {shown(given)}") from None
             if value.shape != (3,) or not np.isfinite(value).all():
                 raise ValueError(f"{name}: expected three finite numbers, got {shown(given)}")
+            if np.abs(value).max() > _FARTHEST:
+                expected = f"expected numbers up to {_FARTHEST:g}"
+                raise ValueError(f"{name}: {expected}, got {shown(given)}")
             object.__setattr__(self, name, tuple(value.tolist()))
         if not 0 < number("fov", self.fov) < 180:
             raise ValueError(f"fov: expected degrees between 0 and 180, got {self.fov!r}")

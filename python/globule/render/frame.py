@@ -14,6 +14,7 @@ from .._base.arrays import to_host
 from .._base.checks import whole
 from .._base.device import Device
 from .._base.files import atomic_write
+from .._base.owner import Owner
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .display import displayed, straight, with_values
@@ -47,7 +48,7 @@ class Picked:
 
 
 @dataclass(repr=False)
-class Frame:
+class Frame(Owner):
     """A finished image. Arrays stay on the device until the program reads them; then they are NumPy
     arrays.
 

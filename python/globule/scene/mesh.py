@@ -14,6 +14,7 @@ from .. import _core
 from .._base.arrays import ABSENT, HOST, View, address, to_host, unit_vectors, view
 from .._base.checks import number, shown, thread_count
 from .._base.device import Device, choose
+from .._base.owner import Owner
 from .attributes import attribute_colors
 from .particles import Particles
 from .spacing import merge_coincident
@@ -60,7 +61,7 @@ class MeshIntersections(NamedTuple):
     face: np.ndarray
 
 
-class Mesh:
+class Mesh(Owner):
     """Triangles for an image, alone or in a `Layer` beside particles.
 
         render([Layer(particles), Layer(Mesh("tank.stl"), glass)])

@@ -10,11 +10,12 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import address
+from .._base.owner import Owner
 
 _morton: Callable[..., Any] = _core.morton  # what it gives depends on the operation
 
 
-class Octree:
+class Octree(Owner):
     """Facts about a scene's octree at the moment of asking.
 
     level          deepest level that has nodes; the root is level 0

@@ -13,6 +13,7 @@ from .. import _core
 from .._base.arrays import ABSENT, HOST, View, address, on_gpu, unit_vectors, view
 from .._base.checks import choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
+from .._base.owner import Owner
 from .attributes import color_by
 from .fitting import counted, lacking
 from .octree import Octree
@@ -73,7 +74,7 @@ class Intersections(NamedTuple):
     color: np.ndarray
 
 
-class Scene:
+class Scene(Owner):
     """Particles sorted into an octree, ready to be traced.
 
     Particles that the device's free memory, or the limit of `set_limits`, does not hold are kept in

@@ -17,6 +17,7 @@ from .._base.arrays import address
 from .._base.checks import number, shown, thread_count
 from .._base.device import choose
 from .._base.interrupts import whole
+from .._base.owner import Owner
 from ..scene.attributes import velocity_name
 from ..scene.particles import Particles
 from . import checkpoint
@@ -45,7 +46,7 @@ _PARTS = ("file", "settings", "phases", "emitters", "scene", "arrays", "tissue",
 _log = logging.getLogger(__name__)
 
 
-class Simulation:
+class Simulation(Owner):
     """A simulation of fluids, tissue and rigid bodies.
 
     A file, a dict and keywords in Python describe a scene with the same keys and defaults

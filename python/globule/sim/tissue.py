@@ -9,6 +9,7 @@ import numpy as np
 from .. import _core
 from .._base.arrays import address
 from .._base.device import choose
+from .._base.owner import Owner
 from .blade import Blade, as_blade
 from .bonds import add_body, build_bonds, morton_order
 from .solids import MODEL, POISSON, check_model, elasticity
@@ -18,7 +19,7 @@ BALL, CAPSULE, HALF_SPACE = 0, 1, 2
 MOST_GRASPS = 8
 
 
-class Tissue:
+class Tissue(Owner):
     """Elastic tissue alone. All arrays are in the order of the given positions.
 
     Args:

@@ -14,6 +14,7 @@ from .._base.checks import thread_count
 from .._base.device import choose
 from .._base.interrupts import whole
 from .._base.memory import free_bytes as free_host_bytes
+from .._base.owner import Owner
 from ..volumes.volume import Volume
 from .grid import (
     MAX_AXIS,
@@ -53,7 +54,7 @@ class _Added(NamedTuple):
     before: tuple[np.ndarray, np.ndarray] | None
 
 
-class Reconstructor:
+class Reconstructor(Owner):
     """Bins frames as they arrive (PVN-OM). The volume equals the volume of all frames at once.
 
     Voxels lie on a lattice fixed by the first frame, or by `region`; without a region the volume

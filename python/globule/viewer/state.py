@@ -19,11 +19,12 @@ from .._base.structured import parse_toml, read_text
 from ..render.camera import Camera
 from ..render.legend import POSITIONS
 from ..render.presets import PRESETS
+from ..scene.particles import FARTHEST
 from ..scene.scene import KERNELS
 from .fields import checked, choice, real, switch, triple, whole
 from .history import History
 
-FAR = 1e18  # the largest coordinate of a scene
+FAR = float(FARTHEST)  # the largest coordinate of a scene
 MOST_BOOKMARKS = 64
 CORNERS = POSITIONS[:4]  # on the page, a legend outside would change the image's size
 MOST_BYTES = 256 * 1024  # of a state file

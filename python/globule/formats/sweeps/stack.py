@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+import struct
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +25,11 @@ from . import igs
 DICOM = (".dcm", ".dicom")
 MASK = "mask.png"  # of a folder: not a frame
 _TISSUE, _CM = 1, 3  # Region Spatial Format 2D; Physical Units cm
-_DAMAGED = (OSError, SyntaxError, ValueError, MemoryError)  # what Pillow raises
+# What Pillow raises for a damaged file.
+_DAMAGED = (
+    OSError, SyntaxError, ValueError, MemoryError, TypeError, LookupError, ArithmeticError,
+    RuntimeError, AssertionError, AttributeError, struct.error,
+)  # fmt: skip
 
 
 class Stack(NamedTuple):
@@ -30,6 +38,14 @@ class Stack(NamedTuple):
     frames: np.ndarray
     times: np.ndarray | None
     arrays: dict[str, np.ndarray]
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Without Pillow's warnings of damage, which an error or a whole picture follows."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
 
 def read_folder(path: str | os.PathLike[str], progress: Progress = None) -> Stack:
@@ -46,7 +62,7 @@ def read_folder(path: str | os.PathLike[str], progress: Progress = None) -> Stac
     frames: np.ndarray[Any, Any] = np.empty(0)
     for i, name in enumerate(names):
         try:
-            with Image.open(Path(path) / name) as image:
+            with quiet(), Image.open(Path(path) / name) as image:
                 if not i:  # all are as large as the first
                     held = sum(os.path.getsize(Path(path) / name) for name in names)
                     each = {"F": 4, "I": 4, "I;16": 2}.get(image.mode, 1)
@@ -84,7 +100,7 @@ def read_tiff(path: str | os.PathLike[str]) -> Stack:
 
     frames: list[np.ndarray] = []
     try:
-        with Image.open(path) as image:
+        with quiet(), Image.open(path) as image:
             n = getattr(image, "n_frames", 1)
             each = {"F": 4, "I": 4, "I;16": 2, "RGB": 4}.get(image.mode, 1)
             claim = each * image.width * image.height * n
