@@ -49,8 +49,8 @@ test: check
 	@tests/check_cuda.sh
 	@$(TESTS) $(TEST_OPTIONS)
 
-test-all: check
-	@$(MAKE) --no-print-directory matrix GLOBULE_LEVELS=all GLOBULE_CUDA=$(if $(shell command -v nvcc),ON,AUTO)
+test-all:
+	@$(MAKE) --no-print-directory check matrix GLOBULE_LEVELS=all GLOBULE_CUDA=$(if $(shell command -v nvcc),ON,AUTO)
 
 matrix: $(VENV)/has-interop docs
 	@$(TESTS) --matrix $(TEST_OPTIONS)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import zipfile
 from pathlib import Path
 
+import globule as gb
 import numpy as np
 import pytest
 from format_helpers import FULL, assert_same, sample
@@ -102,6 +105,34 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
         interrupted()
     assert path.read_text() == "old"
     assert [file.name for file in tmp_path.iterdir()] == ["p.ply"]
+
+
+@pytest.mark.parametrize("place", ["write", "close"])
+@pytest.mark.parametrize("what", ["particles", "volume", "checkpoint", "frame"])
+def test_ctrl_c_in_an_archive_stays_ctrl_c(tmp_path, monkeypatch, place, what):
+    """zipfile's end complained of the half member: a ValueError took the place of Ctrl-C."""
+    volume = gb.Volume(np.ones((2, 2, 2)), np.eye(4))
+    frame = gb.render(sample(), gb.Camera((0, 0, 4), (0, 0, 0)), (8, 6))
+    sim = gb.Simulation("dam-break", spacing=0.2, device="cpu")
+    writes = {
+        "particles": lambda: gb.write(tmp_path / "a.npz", sample()),
+        "volume": lambda: gb.write_volume(tmp_path / "a.npz", volume),
+        "checkpoint": lambda: sim.save(tmp_path / "a.npz"),
+        "frame": lambda: frame.save(tmp_path / "a.npz"),
+    }  # fmt: skip
+    writes[what]()
+    before = (tmp_path / "a.npz").read_bytes()
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(zipfile._ZipWriteFile, place, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        writes[what]()
+    monkeypatch.undo()
+    gc.collect()
+    assert [file.name for file in tmp_path.iterdir()] == ["a.npz"]
+    assert (tmp_path / "a.npz").read_bytes() == before
 
 
 def test_a_replaced_file_keeps_its_permissions(tmp_path):

@@ -203,6 +203,51 @@ def test_texture_is_sampled(trimesh):
     assert np.allclose(particles.color[x > 1.1], [0, 0, 1], atol=1e-3)
 
 
+@pytest.mark.parametrize("ending", ["obj", "glb"])
+def test_textures_beside_a_mesh_are_read_and_no_other_file(trimesh, tmp_path, ending):
+    from PIL import Image
+
+    folder = tmp_path / "mine"
+    (folder / "maps").mkdir(parents=True)
+    for place in (tmp_path / "secret.png", folder / "own.png", folder / "maps" / "own.png"):
+        Image.new("RGB", (8, 8), (0, 255, 0)).save(place)
+    (folder / "linked.png").symlink_to(tmp_path / "secret.png")
+    inside = ["own.png", "maps/own.png", "./own.png"]
+    outside = ["../secret.png", str(tmp_path / "secret.png"), "linked.png", "maps/../../secret.png"]
+    for name in (*inside, *outside):
+        if ending == "obj":
+            (folder / "a.mtl").write_text(f"newmtl m\nKd 1 0 0\nmap_Kd {name}\n")
+            (folder / "a.obj").write_text(
+                "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\n"
+                "vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+            )
+        else:
+            visual = trimesh.visual.TextureVisuals(
+                uv=[[0, 0], [1, 0], [0, 1]], image=Image.new("RGB", (8, 8), (255, 0, 0))
+            )
+            mesh = trimesh.Trimesh(TETRAHEDRON[:3], [[0, 1, 2]], visual=visual, process=False)
+            content = mesh.export(file_type="glb")
+            length = int.from_bytes(content[12:16], "little")
+            tree = json.loads(content[20 : 20 + length])
+            tree["images"] = [{"uri": name}]
+            text = json.dumps(tree).encode()
+            text += b" " * (-len(text) % 4)
+            rest = content[20 + length :]
+            sizes = (
+                (20 + len(text) + len(rest)).to_bytes(4, "little"),
+                len(text).to_bytes(4, "little"),
+            )
+            head = b"glTF\2\0\0\0" + sizes[0] + sizes[1] + b"JSON"
+            (folder / "a.glb").write_bytes(head + text + rest)
+        try:
+            color = gb.mesh_particles(folder / f"a.{ending}", 0.2).color
+        except FormatError:
+            assert name in outside
+            continue
+        green = color is not None and np.allclose(color, [0, 1, 0], atol=1e-3)
+        assert green == (name in inside), name
+
+
 def test_scene_of_several_meshes(trimesh):
     left, right = trimesh.creation.box(), trimesh.creation.box()
     left.visual.face_colors = [255, 0, 0, 255]

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from cli_helpers import COMMAND, SMALL, at_edge, cube, refused, run_json
 from globule.cli import main
-from globule.render.sequence import find_files, is_whole, read_ahead
+from globule.render.sequence import find_files, is_whole, missing_numbers, read_ahead
 from PIL import Image
 from waiting import PATIENCE, until
 
@@ -63,6 +63,31 @@ def test_patterns(folder):
     assert find_files(["odd[1].ply"]) == ["odd[1].ply"]
     with pytest.raises(ValueError, match=r"no_%d\.ply: expected a pattern"):
         find_files(["no_%d.ply"])
+
+
+@pytest.mark.parametrize(
+    ("numbers", "missing"),
+    [
+        ((1, 2, 5), [3, 4]), ((1, 2, 3), []), ((1, 5), []), ((0, 1000, 2000, 4000), [3000]),
+        ((0, 10, 25, 70), []), ((8, 9, 10, 12), [11]), ((7,), []), ((1, 1, 3), []),
+        ((0, 1, 10**12), []),
+    ],
+)  # fmt: skip
+def test_frames_that_are_missing(numbers, missing):
+    assert missing_numbers([f"out/v2_{i}.vtk" for i in numbers]) == missing
+    assert missing_numbers([f"out/v2_{i:08}.vtk" for i in numbers]) == missing
+    assert missing_numbers(["a.vtk", "b1.vtk", "b3.vtk"]) == []
+
+
+def test_missing_frames_are_named(folder, capsys):
+    for i in (1, 2, 5):
+        gb.write(folder / f"m_{i}.npz", cube())
+    with pytest.warns(UserWarning, match=r"m_1.npz to m_5.npz: frames 3, 4 missing \(2 in all\)"):
+        assert len(find_files(["m_*.npz"])) == 3
+    command = ["render", "m_*.npz", "-o", "m_%02d.png", "--size", "24x18", "--device", "cpu"]
+    assert main(command) == 0
+    said = [line for line in capsys.readouterr().err.splitlines() if "missing" in line]
+    assert said == ["globule: warning: m_1.npz to m_5.npz: frames 3, 4 missing (2 in all)"]
 
 
 def test_reading_ahead_overlaps_and_is_bounded():

@@ -110,6 +110,15 @@ def test_uploads_that_are_refused(start, tmp_path):
             said = heard(connection, "error")
             assert why in said
             assert said.startswith(f"{name}: ")  # without the folder of the copy
+            assert os.listdir(start._folder) == []
+        send(connection, "kept.npz", (tmp_path / "known.npz").read_bytes(), compare=True)
+        assert heard(connection, "kept") == "kept.npz"
+        send(connection, "a.npz", b"no archive")
+        heard(connection, "error")
+        assert os.listdir(start._folder) == []
+        send(connection, "half.npz", b"PK", 1000)
+        until(lambda: os.listdir(start._folder))
+    until(lambda: not os.listdir(start._folder), "for the half file to go with its browser")
     assert start.source is None
 
 

@@ -176,11 +176,38 @@ def _load(trimesh: Any, path: str) -> Any:
             _check_glb(path, file)
         elif form == "obj":
             _check_obj(path, file)
-    with _errors_of(path):
-        if path.lower().endswith(f".{form}"):
-            return trimesh.load_scene(path, process=False)  # which finds textures beside it
-        with open(path, "rb") as file:
-            return trimesh.load_scene(file, file_type=form, process=False)
+    with _errors_of(path), open(path, "rb") as file:
+        beside = _beside(trimesh, path)
+        return trimesh.load_scene(file, file_type=form, process=False, resolver=beside)
+
+
+def _beside(trimesh: Any, path: str) -> Any:
+    """Gives trimesh the materials and pictures in a mesh's folder that the mesh names, and no other
+    file of this machine."""
+
+    class Beside(trimesh.resolvers.Resolver):
+        def __init__(self, folder: str):
+            self.folder = folder
+
+        def get(self, name: str) -> bytes:
+            found = os.path.realpath(os.path.join(self.folder, name.strip()))
+            if not found.startswith(os.path.join(root, "")) or not os.path.isfile(found):
+                raise FileNotFoundError(name)
+            check_memory(found, "", 2.0 * os.path.getsize(found))
+            with open(found, "rb") as file:
+                return file.read()
+
+        def namespaced(self, namespace: str) -> Any:
+            return Beside(os.path.join(self.folder, namespace))
+
+        def keys(self) -> list[str]:
+            return []
+
+        def write(self, name: str, data: Any) -> None:
+            raise PermissionError(name)
+
+    root = os.path.dirname(os.path.realpath(path))
+    return Beside(root)
 
 
 def _check_obj(path: str, file: IO[bytes]) -> None:

@@ -123,21 +123,37 @@ def _with_places(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write .npz with everything, or .npy with the positions alone."""
     positions = to_host(particles.positions)
-    with atomic_write(path) as file:
-        if not _is_npz(path):
+    if not _is_npz(path):
+        with atomic_write(path) as file:
             np.lib.format.write_array(file, positions, allow_pickle=False)
-            return
-        arrays = {"positions": positions}
-        for name in (*SCALAR_FIELDS, "color", "anisotropy"):
-            value = getattr(particles, name)
-            if value is not None:
-                arrays[name] = np.asarray(value) if isinstance(value, float) else to_host(value)
-        arrays.update({name: to_host(array) for name, array in particles.attributes.items()})
-        # Not numpy.savez: it cannot hold an array named "file".
-        with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+        return
+    arrays = {"positions": positions}
+    for name in (*SCALAR_FIELDS, "color", "anisotropy"):
+        value = getattr(particles, name)
+        if value is not None:
+            arrays[name] = np.asarray(value) if isinstance(value, float) else to_host(value)
+    arrays.update({name: to_host(array) for name, array in particles.attributes.items()})
+    write_arrays(path, arrays)
+
+
+def write_arrays(
+    path: str | os.PathLike[str], arrays: Mapping[str, np.ndarray], packed: bool = False
+) -> None:
+    """Write an .npz, which appears whole or not at all. packed: deflate the arrays.
+
+    numpy.savez cannot hold an array named "file", and makes a ValueError of Ctrl-C.
+    """
+    how = zipfile.ZIP_DEFLATED if packed else zipfile.ZIP_STORED
+    with atomic_write(path) as file:
+        archive = zipfile.ZipFile(file, "w", how)
+        try:
             for name, array in arrays.items():
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                    np.lib.format.write_array(member, array, allow_pickle=False)
+                    np.lib.format.write_array(member, np.asarray(array), allow_pickle=False)
+            archive.close()
+        except BaseException:
+            archive.fp = None  # closing would complain of the half member; the file is thrown away
+            raise
 
 
 def _is_npz(path: str | os.PathLike[str]) -> bool:

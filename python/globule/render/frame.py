@@ -256,10 +256,10 @@ class Frame(Owner):
         if name.endswith(".png"):
             save_png(path, self.image)
         elif name.endswith(".npz"):
+            from ..formats.numpy_format import write_arrays
+
             names = ("color", "distance", "position", "normal", "albedo", "mask")
-            arrays = {name: getattr(self, name) for name in names}
-            with atomic_write(path) as file:
-                np.savez_compressed(file, **arrays)
+            write_arrays(path, {name: getattr(self, name) for name in names}, packed=True)
         elif name.endswith(".exr"):
             from ..formats.pictures.exr import frame_channels, write_exr
 

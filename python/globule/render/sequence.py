@@ -12,8 +12,10 @@ import os
 import queue
 import re
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -35,6 +37,8 @@ from .frame import save_png
 from .render import camera_and_size, render, values_of
 from .settings import RenderSettings, as_settings, for_values
 
+MOST_NAMED = 100_000  # numbers between two files: more are no frames that are missing
+
 
 def natural(name: str) -> list[Any]:
     """Key that sorts numbers inside names by value: frame_2 before frame_10."""
@@ -47,8 +51,37 @@ def find_files(names: Sequence[str]) -> list[str]:
     A pattern's files come in natural order. Names given one by one keep their order, unless they
     are sorted by characters, as a shell does it: then they come in natural order too.
 
-    Raises ValueError for a pattern without files.
+    Warns of numbers that are missing in between. Raises ValueError for a pattern without files.
     """
+    found = _found(names)
+    missing = missing_numbers(found)
+    if missing:
+        several = "frames" if len(missing) > 1 else "frame"
+        said = ", ".join(map(str, missing[:5])) + (", …" if len(missing) > 5 else "")
+        place = f"{os.path.basename(found[0])} to {os.path.basename(found[-1])}"
+        warnings.warn(f"{place}: {several} {said} missing ({len(missing):,} in all)", stacklevel=2)
+    return found
+
+
+def missing_numbers(files: Sequence[str]) -> list[int]:
+    """The numbers that are left out in files whose names differ by one number, which rises by
+    multiples of its least step."""
+    parts = [re.split(r"(\d+)", os.path.basename(file)) for file in files]
+    columns = list(zip(*parts, strict=False))
+    varying = [column for column in columns if len({*column}) > 1]
+    if len({*map(len, parts)}) != 1 or len(varying) != 1 or not varying[0][0].isdecimal():
+        return []
+    numbers = list(map(int, varying[0]))
+    steps = [b - a for a, b in pairwise(numbers)]
+    least = min(steps)
+    n_missing = (numbers[-1] - numbers[0]) // least + 1 - len(numbers) if least > 0 else 0
+    if not 0 < n_missing <= MOST_NAMED or any(step % least for step in steps):
+        return []
+    held = {*numbers}
+    return [number for number in range(numbers[0], numbers[-1], least) if number not in held]
+
+
+def _found(names: Sequence[str]) -> list[str]:
     plain = all(os.path.exists(name) for name in names)
     if plain and list(names) == sorted(names):
         return sorted(names, key=natural)

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .._base.files import atomic_write
 from .._base.structured import parse_json
-from ..formats.numpy_format import read_archive
+from ..formats.numpy_format import read_archive, write_arrays
 
 VERSION = 6
 
@@ -31,8 +30,7 @@ def save(
         raise IsADirectoryError(f"{os.fspath(name)}: expected a file, got a folder")
     words = json.dumps({"version": VERSION, **facts})
     content: dict[str, Any] = {"_facts": np.frombuffer(words.encode(), np.uint8), **arrays}
-    with atomic_write(path_of(name)) as file:
-        np.savez(file, **content)
+    write_arrays(path_of(name), content)
 
 
 def load(name: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

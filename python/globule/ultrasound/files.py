@@ -459,7 +459,7 @@ def _with_direct_pose(
 
 
 def _write_npz(path: str | os.PathLike[str], sweep: Sweep) -> None:
-    from ..formats.volumes.npz import write_arrays
+    from ..formats.numpy_format import write_arrays
 
     arrays = {
         "frames": sweep.frames, "world_from_image": sweep.world_from_image, "valid": sweep.valid,

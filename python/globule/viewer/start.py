@@ -16,7 +16,7 @@ import secrets
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -143,8 +143,8 @@ class Start:
 
         scenes = [[name, words] for name, words in SCENES.items()]
         recent = [[Path(path).name, str(Path(path).parent)] for path in self._recent]
-        first: list[str] = []  # of two files to compare
-        with contextlib.suppress(ConnectionClosed):
+        first: list[str] = []  # uploads: two files are compared
+        with contextlib.suppress(ConnectionClosed), self._unless_opened(first):
             hello = {"scenes": scenes, "recent": recent, "endings": ENDINGS, "most": MOST_UPLOAD}
             await connection.send(json.dumps(hello))
             async for text in connection:
@@ -153,7 +153,7 @@ class Start:
                 try:
                     await self._do(connection, text, first)
                 except Exception as error:
-                    first.clear()
+                    self._forget(first)
                     words = str(error) or type(error).__name__
                     words = re.sub(
                         re.escape(self._folder + os.sep) + f"[^{os.sep}]+{os.sep}", "", words
@@ -170,17 +170,33 @@ class Start:
             name = self._recent[asked["number"]]
         elif what == "upload":
             name = await self._receive(connection, str(asked.get("name")), asked.get("size"))
-            if asked.get("compare") and not first:
-                first.append(name)
+            first.append(name)
+            if asked.get("compare") and len(first) == 1:
                 await connection.send(json.dumps({"kept": os.path.basename(name)}))
                 return
         else:
             raise ValueError("start page: expected the name of a scene, a recent file or a file")
         await connection.send(json.dumps({"opening": os.path.basename(name)}))
-        await asyncio.get_running_loop().run_in_executor(None, self._take, [*first, name])
+        names = first if name in first else [*first, name]
+        await asyncio.get_running_loop().run_in_executor(None, self._take, names)
         await connection.send(json.dumps({"opened": True}))
         await asyncio.sleep(0.2)  # until it is there
         self._chosen.set()
+
+    def _forget(self, uploads: list[str]) -> None:
+        """Remove a browser's uploads from the disk."""
+        for path in uploads:
+            shutil.rmtree(os.path.dirname(path), ignore_errors=True)
+        uploads.clear()
+
+    @contextlib.contextmanager
+    def _unless_opened(self, uploads: list[str]) -> Iterator[None]:
+        """Remove uploads after the block, unless the viewer shows them."""
+        try:
+            yield
+        finally:
+            if self.source is None:
+                self._forget(uploads)
 
     def _take(self, names: list[str]) -> None:
         with self._busy:
@@ -202,15 +218,19 @@ class Start:
         stem = re.sub(r"[^A-Za-z0-9_-]+", "_", name[: -len(ending)])[-60:] or "file"
         path = os.path.join(tempfile.mkdtemp(dir=self._folder), stem + ending)
         done = 0
-        with open(path, "wb") as file:
-            while done < size:
-                part = await connection.recv()
-                if not isinstance(part, bytes) or len(part) > min(MOST_PART, size - done):
-                    raise ValueError(f"{stem}{ending}: expected the bytes of the file")
-                if done == 0:
-                    _check_head(stem + ending, part)
-                done += file.write(part)
-                await connection.send(json.dumps({"received": done}))
+        try:
+            with open(path, "wb") as file:
+                while done < size:
+                    part = await connection.recv()
+                    if not isinstance(part, bytes) or len(part) > min(MOST_PART, size - done):
+                        raise ValueError(f"{stem}{ending}: expected the bytes of the file")
+                    if done == 0:
+                        _check_head(stem + ending, part)
+                    done += file.write(part)
+                    await connection.send(json.dumps({"received": done}))
+        except BaseException:
+            self._forget([path])
+            raise
         return path
 
 

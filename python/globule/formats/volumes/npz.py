@@ -12,14 +12,12 @@ from __future__ import annotations
 
 import math
 import os
-import zipfile
 from typing import Any
 
 import numpy as np
 
-from ..._base.files import atomic_write
 from ..errors import bad, shown
-from ..numpy_format import read_archive
+from ..numpy_format import read_archive, write_arrays
 from ..size import check_size
 from .geometry import VolumeData
 
@@ -53,14 +51,6 @@ def write(path: str | os.PathLike[str], data: VolumeData) -> None:
     write_arrays(
         path, {"world_from_voxel": data.world_from_voxel, "space": np.array(data.space), **arrays}
     )
-
-
-def write_arrays(path: str | os.PathLike[str], arrays: dict[str, np.ndarray]) -> None:
-    """Write an .npz, which appears whole or not at all."""
-    with atomic_write(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
-        for name, array in arrays.items():
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, np.asarray(array), allow_pickle=False)
 
 
 def _sparse(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
