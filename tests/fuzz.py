@@ -2,15 +2,16 @@
 
     python tests/fuzz.py [-n 20000] [--seed 0] [--only KIND] [--keep FOLDER] [--jobs 2]
     python tests/fuzz.py --open tests/corpus
-    python tests/fuzz.py --damage [N] [--together]
+    python tests/fuzz.py --damage [N] [--numbers [N]] [--together]
 
 A mutant is refused in one line that names the file, or loads. Everything else is a fault: another
 error, a crash, more than SECONDS of the processor's time, more memory than the limit. The file of
 each fault is kept in the folder, as KIND@NUMBER@NAME; once mended, it belongs to tests/corpus.
-`--open` opens such files again; `--damage` damages every array of a checkpoint in every way; both
-open mutants too where -n says how many. The same seed makes the same mutants for any number of
-jobs. `--together` takes one process for all files instead of one for each: quicker, but what ends
-it is not told apart. The exit status is 1 if there was a fault.
+`--open` opens such files again; `--damage` damages every array of a checkpoint in every way;
+`--numbers` puts every extreme value in the place of every number of scenes, states, camera paths
+and configurations. All open mutants too where -n says how many. The same seed makes the same
+mutants for any number of jobs. `--together` takes one process for all files instead of one for
+each: quicker, but what ends it is not told apart. The exit status is 1 if there was a fault.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import globule as gb
 from fuzz_files import KINDS
 from fuzz_forks import lend, take_back
-from fuzz_mutations import damaged_arrays, mutate
+from fuzz_mutations import damaged_arrays, mutate, replaced_numbers
 from globule import cli, formats
 from globule.formats import guarded
 
@@ -53,6 +54,7 @@ PATIENCE = 90  # s, until a process that does nothing is ended
 MEMORY = 1 << 29  # bytes, which readers may take
 SLACK = 1 << 28  # bytes, of libraries that are loaded and of what is done with a file
 SHARE_OF_COMMANDS = 0.25
+TEXTS = (".toml", ".xml", "path.json")  # that people write
 THREADED = ("tables",)  # whose libraries start threads, which a fork does not have
 
 
@@ -269,6 +271,34 @@ def damage(fuzzer: Fuzzer, every: int) -> int:
     return report.close("damaged arrays")
 
 
+def numbers_of(fuzzer: Fuzzer, every: int, jobs: int, keep: str) -> int:
+    """Replace every number of the text files that people write by every extreme value, and open
+    every so-many-th of these files by each door. Returns how many faults."""
+    report = Report()
+    cases = [
+        (kind, name, what, content, by_command)
+        for kind, files in fuzzer.files.items()
+        for name, original in files
+        if name.endswith(TEXTS)
+        for what, content in replaced_numbers(original)
+        for by_command in ((False, True) if KINDS[kind].command else (False,))
+    ][::every]
+
+    def share(numbers: range) -> Iterator[tuple[str, str, str]]:
+        for number in numbers:
+            kind, name, what, content, by_command = cases[number]
+            verdict = fuzzer.open(kind, name, content, by_command)
+            if verdict not in ("loaded", "refused"):
+                kept = f"{kind.replace(' ', '_')}@numbers.{number}@{os.path.basename(name)}"
+                Path(keep, kept).write_bytes(content)
+            yield kind, f"{name}: {what}", verdict
+
+    os.makedirs(keep, exist_ok=True)
+    for found in in_forks(fuzzer, [range(k, len(cases), jobs) for k in range(jobs)], share):
+        report.add(*found)
+    return report.close("extreme numbers")
+
+
 def run(fuzzer: Fuzzer, numbers: range, options: argparse.Namespace) -> int:
     """Open mutants; prints the counts of each kind and the faults. Returns how many faults."""
     report, faults = Report(), 0
@@ -379,6 +409,8 @@ def main() -> int:
         help="open all in one process, without limits for each file")  # fmt: skip
     add("--damage", type=int, nargs="?", const=1, metavar="N",
         help="damage every array of a checkpoint, and open each Nth of these files")  # fmt: skip
+    add("--numbers", type=int, nargs="?", const=1, metavar="N",
+        help="put extreme values in the place of numbers; open each Nth file")  # fmt: skip
     parser.add_argument("--make", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.make:
@@ -387,7 +419,7 @@ def main() -> int:
     gb.set_limits(memory=MEMORY)
     n, faults = options.n, 0
     if n is None:
-        n = 0 if options.open or options.damage else 20_000
+        n = 0 if options.open or options.damage or options.numbers else 20_000
     numbers = range(options.first, options.first + n)
     if options.open:
         options.open = os.path.abspath(options.open)
@@ -400,6 +432,8 @@ def main() -> int:
             faults += open_kept(fuzzer, options.open)
         if options.damage:
             faults += damage(fuzzer, options.damage)
+        if options.numbers:
+            faults += numbers_of(fuzzer, options.numbers, options.jobs, options.keep)
         if numbers:
             faults += run(fuzzer, numbers, options)
         os.chdir("/")

@@ -208,6 +208,16 @@ def _in_gzip(random: Random, content: bytes) -> bytes:
     return gzip.compress(_in_bytes(random, plain, [plain]), mtime=0)
 
 
+def replaced_numbers(content: bytes) -> Iterator[tuple[str, bytes]]:
+    """Every number of a text replaced by each of NUMBERS: what, content."""
+    for found in re.finditer(rb"(?<![\w.#-])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])", content):
+        line = content.count(b"\n", 0, found.start()) + 1
+        column = found.start() - content.rfind(b"\n", 0, found.start())
+        for value in NUMBERS:
+            what = f"line {line}, column {column}: {value[:20].decode()}"
+            yield what, content[: found.start()] + value + content[found.end() :]
+
+
 def damaged_arrays(content: bytes) -> Iterator[tuple[str, bytes]]:
     """Every member of an .npz damaged in every way, each in a file of its own: what, content."""
     with np.load(io.BytesIO(content)) as archive:

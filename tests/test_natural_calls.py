@@ -343,7 +343,7 @@ def test_what_is_fixed_says_how_to_change_it(made, name):
         ({"eye": (0, 1)}, ValueError, r"eye: expected three finite numbers, got \(0, 1\)"),
         ({"up": None}, (TypeError, ValueError), "up: expected three"),
         ({"fov": "wide"}, TypeError, "fov: expected a number, got 'wide'"),
-        ({"fov": 0}, ValueError, "fov: expected degrees between 0 and 180, got 0"),
+        ({"fov": 0}, ValueError, "fov: expected degrees between 1e-09 and 180, got 0"),
         ({"height": "2 m"}, TypeError, "height: expected a number, got '2 m'"),
         ({"height": 0}, ValueError, "height: expected"),
         ({"eye": (0, np.nan, 0)}, ValueError, "eye: expected three finite numbers"),

@@ -12,6 +12,7 @@ from ._base.starting import usual_interrupts
 def main() -> int:
     """Run one command of `sys.argv` and return its exit status."""
     stopped = 130
+    sys.excepthook = _quiet
 
     def terminate(*_: Any) -> None:  # like Ctrl-C: commands write their checkpoints
         nonlocal stopped
@@ -33,6 +34,13 @@ def main() -> int:
     if status == 130:
         leave(stopped)
     return status
+
+
+def _quiet(kind: Any, error: Any, trace: Any) -> None:
+    """Without a traceback where one more Ctrl-C came while the last one was answered."""
+    if issubclass(kind, KeyboardInterrupt):
+        leave(130)
+    sys.__excepthook__(kind, error, trace)
 
 
 def leave(status: int) -> None:

@@ -21,8 +21,14 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
+_LEAST_FOV = 1e-9  # degrees; between two keys of a path it must not become 0
 # Of an eye: it sees particles at FARTHEST from outside; its square is still a float32.
 _FARTHEST = 10 * float(FARTHEST)
+
+
+def _check_fov(fov: float) -> None:
+    if not _LEAST_FOV <= number("fov", fov) < 180:
+        raise ValueError(f"fov: expected degrees between {_LEAST_FOV:g} and 180, got {fov!r}")
 
 
 @read_only
@@ -63,8 +69,7 @@ class Camera(Fixed):
                 expected = f"expected numbers up to {_FARTHEST:g}"
                 raise ValueError(f"{name}: {expected}, got {shown(given)}")
             object.__setattr__(self, name, tuple(value.tolist()))
-        if not 0 < number("fov", self.fov) < 180:
-            raise ValueError(f"fov: expected degrees between 0 and 180, got {self.fov!r}")
+        _check_fov(self.fov)
         if self.height is not None:
             positive("height", self.height)
         if np.linalg.norm(np.subtract(self.look_at, self.eye)) == 0:
@@ -99,8 +104,7 @@ class Camera(Fixed):
         """
         points, middle = _outline(particles)
         size, up = image_size(size), three("up", up)
-        if not 0 < number("fov", fov) < 180:
-            raise ValueError(f"fov: expected degrees between 0 and 180, got {fov!r}")
+        _check_fov(fov)
         number("margin", margin, 0.0)
         flag("orthographic", orthographic)
         unit("direction", direction)
