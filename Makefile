@@ -6,7 +6,8 @@
 # make release-check  test-all, sanitizers, 20,000 damaged files, the wheel on Python 3.10 to 3.13, the GPU
 # make bench   speed of build and trace; against POV-Ray too where that is installed
 # make sanitize  the C++ tests and a part of the others under AddressSanitizer, UBSan and ThreadSanitizer
-# make fuzz    20,000 damaged files of every kind, each opened in a process of its own with limits (FUZZ="-n 1000 --seed 7")
+# make fuzz    20,000 damaged files of every kind, and every extreme number in scenes and settings, each file opened in a
+#              process of its own with limits (FUZZ="-n 1000 --seed 7")
 # make wheel   a wheel for any x86-64 processor, and for NVIDIA GPUs where nvcc is: dist/globule-….whl
 # make check   lint, format, types
 # make docs    check the documentation's links, and make the site: build/site/index.html
@@ -54,7 +55,7 @@ test-all:
 
 matrix: $(VENV)/has-interop docs
 	@$(TESTS) --matrix $(TEST_OPTIONS)
-	@nice $(PY) tests/fuzz.py -n 2000
+	@nice $(PY) tests/fuzz.py -n 2000 --numbers 97
 
 release-check: test-all sanitize fuzz wheel
 	@packaging/release_check.sh $(PY)
@@ -70,7 +71,7 @@ sanitize: $(VENV)/has-test $(VENV)/has-build
 	@tests/sanitize.sh $(PY)
 
 fuzz: $(VENV)/has-interop
-	@nice $(PY) tests/fuzz.py $(FUZZ)
+	@nice $(PY) tests/fuzz.py $(or $(FUZZ),-n 20000 --numbers)
 
 wheel: $(VENV)/has-wheel
 	@GLOBULE_LEVELS=all packaging/wheel.sh $(PY)
