@@ -406,7 +406,7 @@ def test_what_stands_beside_the_particles_does_no_harm(tmp_path, monkeypatch):
         found = gb.read("a.parquet")
         assert len(found) == 2
         assert "tags" not in found.attributes
-    with pytest.raises(FormatError, match="expected rows of one length in the column 'tags'"):
+    with pytest.raises(FormatError, match="expected rows of the same length in the column tags"):
         gb.read("a.parquet", columns={"x": "x", "y": "y", "z": "z", "tag": "tags"})
     h5py = pytest.importorskip("h5py")
     with h5py.File("a.h5", "w") as file:

@@ -47,13 +47,13 @@ def read(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None)
 
     facts, sent = decode("arrow", path, "a Parquet or Arrow table", choose=choose)
     found = dict(zip(facts["names"], sent, strict=True))
+    for name in facts["ragged"]:
+        if name.lower() == "positions" or (columns is not None and name in columns.values()):
+            expected = f"expected rows of the same length in the column {name}"
+            raise bad(path, "", f"{expected}, got several")
     units = dict(about["units"])
     if columns is not None:
         units = {ours: units[theirs] for ours, theirs in columns.items() if theirs in units}
-        for theirs in columns.values():
-            if theirs not in found:
-                expected = f"expected rows of one length in the column {shown(theirs)}"
-                raise bad(path, "", f"{expected}, got several")
         found = {ours: found[theirs] for ours, theirs in columns.items()}
     lower = {name.lower(): name for name in found}
     if "x" in lower and "y" in lower and "z" not in lower:

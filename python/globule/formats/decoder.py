@@ -402,7 +402,7 @@ def arrow(path: str, ask: Any) -> tuple[dict, list]:
         table = source.read(columns=names, use_threads=False)
     else:
         table = source.read_all().select(names)
-    arrays, kept = [], []
+    arrays, kept, ragged = [], [], []
     for name in names:
         column = table.column(name).combine_chunks()
         if isinstance(column, pa.ChunkedArray):
@@ -414,7 +414,8 @@ def arrow(path: str, ask: Any) -> tuple[dict, list]:
             k = len(values) // max(len(column), 1)
             lengths = column.value_lengths() if pa.types.is_list(column.type) else None
             if column.null_count or (lengths is not None and len(lengths.unique()) > 1):
-                continue  # rows of several lengths are no values of particles
+                ragged.append(name)  # no values of particles
+                continue
             column = values
         array = column.to_numpy(zero_copy_only=False)
         if array.dtype.kind not in "biuf":
@@ -423,7 +424,7 @@ def arrow(path: str, ask: Any) -> tuple[dict, list]:
         array = np.ascontiguousarray(array.astype(array.dtype.newbyteorder("="), copy=False))
         arrays.append(array.reshape(-1, k) if k > 1 else array)
         kept.append(name)
-    return {"names": kept}, arrays
+    return {"names": kept, "ragged": ragged}, arrays
 
 
 def usd(path: str, ask: Any) -> tuple[dict, list]:
