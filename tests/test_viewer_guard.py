@@ -49,8 +49,10 @@ def test_this_machines_address_is_for_this_machine():
 
 def test_other_addresses_demand_the_token():
     guard = Guard("secret", look_token="only")
-    name = guard.cookie(STEER, {}).partition("=")[0]
-    assert Guard("other").cookie(STEER, {}).partition("=")[0] != name  # two viewers of one host
+    name = guard.cookie(STEER, headers()).partition("=")[0]
+    assert (
+        Guard("other").cookie(STEER, headers()).partition("=")[0] != name
+    )  # two viewers of one host
     assert [guard.role(f"/?token={word}", headers(Host="box")) for word in ("secret", "only")] == [
         STEER,
         LOOK,
@@ -112,6 +114,22 @@ def test_without_the_token_neither_page_nor_messages(guarded, capfd):
     assert ask(guarded.port, Cookie=name, Sec_WebSocket_Protocol=protocol, **UPGRADE).status == 101
     strange = dict(UPGRADE, Origin="http://evil.example", Cookie=name)
     assert ask(guarded.port, **strange).status == 403
+
+
+def test_requests_that_no_browser_sends_get_403(guarded):
+    token = guarded.token.encode()
+    good = b"Host: box\r\n"
+    for line, more in (
+        (b"//[", b""),
+        (b"/?token=\xff", b""),
+        (b"/?token=" + token, b"X-Forwarded-Proto: https\r\nX-Forwarded-Proto: http\r\n"),
+        (b"/?token=" + token, b"Accept-Encoding: gzip\r\nAccept-Encoding: br\r\n"),
+        (b"/" + 3000 * b"x" + b"?token=" + token, b""),
+    ):
+        with socket.create_connection(("127.0.0.1", guarded.port)) as asked:
+            asked.sendall(b"GET " + line + b" HTTP/1.1\r\n" + good + more + b"\r\n")
+            status = asked.makefile("rb").readline().split()[1]
+        assert status == (b"200" if b"Forwarded" in more else b"403"), line
 
 
 def test_large_messages_end_the_connection(guarded):

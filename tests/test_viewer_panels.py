@@ -290,7 +290,7 @@ def test_one_turntable_at_a_time_which_can_be_cancelled(watched, page):
     page.set("Turntable movie")
     until(lambda: save._jobs)
     page.set("Turntable movie")
-    page.heard("turntable: one movie is in progress")
+    page.heard("turntable: one is in progress")
     page.set("Cancel")
     until(lambda: not save._jobs, "for the turntable to end")
     assert not save.cancel_button.visible
@@ -422,7 +422,7 @@ def test_names_of_a_file_are_text(make):
 
 
 def test_code_ends_where_it_ends():
-    from globule.viewer.page.markdown import code
+    from globule.viewer.markdown import code
 
     assert code("x", "sh") == "```sh\nx\n```"
     assert code("\n````\n<b>", "sh") == "`````sh\n\n````\n<b>\n`````"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 from contextlib import ExitStack, closing, contextmanager
 from types import SimpleNamespace
 
@@ -103,6 +104,74 @@ def test_a_toolbar_has_no_more_rights_than_its_page_and_its_own_token(shared):
         late.recv(timeout=PATIENCE)
     with pytest.raises(InvalidStatus, match="403"):
         talk(shared.port, f"desk?word={word}")
+
+
+def test_who_looks_presses_shared_buttons_and_changes_nothing_about_them(shared):
+    """viser sets whatever attribute of a widget a message names."""
+    looking, steering = Program(shared.look_address), Program(shared.address)
+    until(lambda: len(shared.clients) == 2)
+    handles = shared.server.gui._gui_input_handle_from_uuid
+    labels = "Fit all", "Look from", "Save settings", "Cancel"
+    uuids = [until(lambda label=label: looking.widgets.get(label), label) for label in labels]
+
+    def facts():
+        states = [handles[uuid]._impl for uuid in uuids]
+        return [(list(s.update_cb), s.value, s.removed, s.uuid) for s in states]
+
+    before = facts()
+    wrong = [{"update_cb": []}, {"removed": True}, {"uuid": "x"}, {"value": "<b>"}]
+    for uuid in uuids:
+        for updates in wrong:
+            looking.say({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates})
+        for updates in wrong[:2]:
+            steering.say({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates})
+        steering.heard("expected the value of a control")
+    looking.command("Look from: top")  # after all others of its connection
+    looking.heard(lambda m: m["type"] == "SetCameraPositionMessage" and m["position"][1] > 1)
+    assert facts() == before
+    looking.close()
+    steering.close()
+
+
+def test_a_browser_that_left_complains_to_nobody(shared, caplog, capfd):
+    looking, steering = Program(shared.look_address), Program(shared.address)
+    until(lambda: len(shared.clients) == 2)
+    number = next(n for n, c in shared.clients.items() if c.role == LOOK)
+    browser = shared.server.get_clients()[number]
+    looking.close()
+    until(lambda: len(shared.clients) == 1)
+    shared.page.complain(browser, "too late")
+    for command in shared.server.gui._command_handle_from_uuid.values():
+        if command.label in ("Next tool", "Save image", "Look from: top"):
+            for called in command._impl.trigger_cb:
+                called(SimpleNamespace(client=browser, client_id=number))
+    assert not [r for r in caplog.records if r.levelname == "WARNING"]
+    assert "Traceback" not in capfd.readouterr().err
+    steering.close()
+
+
+def test_an_action_in_progress_counts_after_a_new_connection(shared, monkeypatch):
+    """Of 20 connections of one page's script, one action at a time is done."""
+    program = Program(shared.address)
+    until(lambda: shared.clients)
+    running, most, go = [], [], threading.Event()
+
+    def slow(browser):
+        running.append(browser)
+        most.append(len(running))
+        go.wait(PATIENCE)
+        running.pop()
+
+    save = next(p for p in shared.page.panels if type(p).__name__ == "Save")
+    monkeypatch.setattr(save, "picture", slow)
+    for _ in range(20):
+        with toolbar(shared, program, shared.token) as asks:
+            asks.send(json.dumps({"do": "picture"}))
+            until(lambda: running)
+    go.set()
+    until(lambda: not running)
+    assert max(most) == 1
+    program.close()
 
 
 def ask_for_ever(talk, action):

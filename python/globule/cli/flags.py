@@ -8,10 +8,11 @@ from typing import Any
 
 from .._base.checks import MAX_PIXELS
 from .._base.colormaps import NAMES as COLORMAPS
+from ..formats.pictures.video import FPS
 from ..render.presets import PRESETS
 from ..scene.scene import KERNELS
 from . import look
-from .arguments import plane
+from .arguments import between, plane
 from .shared import direction, number, positive, vector
 
 
@@ -54,7 +55,7 @@ FLAGS: dict[str, dict[str, Any]] = {
         "help": "size of the image, pixels",
     },
     "--fps": {
-        "type": positive,
+        "type": between(*FPS),
         "metavar": "N",
         "help": "frame rate of movies and sequences, frames per second",
     },
@@ -172,7 +173,7 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--threads": {"type": int, "metavar": "N", "help": "number of CPU threads"},
     # Limits of files
     "--max-memory": {
-        "type": positive,
+        "type": between(1e-6, 1e9),
         "metavar": "GB",
         "help": "most memory that a file or scene may need, gigabytes",
     },

@@ -22,7 +22,7 @@ from .engine import Client, Engine
 from .equivalent import command_line, python_code
 from .export import notebook
 from .first_view import FIRST_SIZE, first_camera, for_window, left_out, outermost
-from .guard import Guard, limit_messages, quiet_tasks
+from .guard import Guard, limit_messages, no_uploads, quiet_tasks
 from .log import log
 from .pacer import Plan
 from .placement import Placement
@@ -177,7 +177,7 @@ class Viewer:
         try:
             await self._welcome(browser)
         except Exception as error:  # viser would print a traceback
-            self.page.complain(browser, str(error) or type(error).__name__)
+            log.warning("%s", escaped(str(error) or type(error).__name__))
 
     async def _welcome(self, browser: Any) -> None:
         from .viser_sink import ViserSink
@@ -196,6 +196,7 @@ class Viewer:
         if not self._met:  # what a person can undo begins here
             self._met = True
             self.state.history.clear()
+        no_uploads(browser)
         sink = ViserSink(browser, lambda number: client.acknowledge(number))
         client = self.engine.add(sink, self.first_camera)
         client.role = who.role

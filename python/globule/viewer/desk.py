@@ -65,6 +65,7 @@ class Desk:
         self._browsers: dict[str, Any] = {}  # by the word that a browser got from us
         self._changed: dict[Any, asyncio.Event] = {}  # by connection
         self._connections: dict[Any, Any] = {}  # of the script of each browser, by its number
+        self._busy: dict[int, asyncio.Lock] = {}  # while an action of a browser is done
         self._tellers = ThreadPoolExecutor(2, thread_name_prefix="globule desk")
         # An action for each browser at a time: nobody's actions wait for another one's.
         self._doers = ThreadPoolExecutor(MOST_CLIENTS, thread_name_prefix="globule action")
@@ -83,6 +84,7 @@ class Desk:
     def disconnected(self, browser: Any) -> None:
         """Forget a browser that has left, and end the talk with its script."""
         self.model.series.pop(browser.client_id, None)
+        self._busy.pop(browser.client_id, None)
         connection = self._connections.pop(browser.client_id, None)
         if connection is not None:
             loop = self.viewer.server._websock_server._background_event_loop
@@ -146,7 +148,15 @@ class Desk:
             if len(text) > MOST_ACTION:
                 await connection.close(1009, "too long")
                 return
-            await loop.run_in_executor(self._doers, self._do, text, browser, who)
+            await self._busy.setdefault(browser.client_id, asyncio.Lock()).acquire()
+            done = loop.run_in_executor(self._doers, self._do, text, browser, who)
+            done.add_done_callback(lambda _: self._ready(browser))
+            await asyncio.shield(done)  # which goes on where this connection ends
+
+    def _ready(self, browser: Any) -> None:
+        """Let a browser's next action begin."""
+        if browser.client_id in self._busy:
+            self._busy[browser.client_id].release()
 
     def _do(self, text: str | bytes, browser: Any, who: Visitor) -> None:
         """Do an action; who: what the connection that asks may do."""

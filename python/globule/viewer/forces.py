@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from .markdown import plain
+
 PULL = "pull_force"  # column of a simulation's record: the hand's force, N
 BY_NAME = "force_"  # begins the columns of graspers and pushers
 SMALL = 0.01  # N; smaller forces are said in mN
@@ -35,6 +37,10 @@ def by_name(row: dict[str, float]) -> dict[str, str]:
 
 
 def force_words(felt: dict[str, float]) -> str:
-    """Forces (N) by name as a line for the panel, without a hand that holds nothing; "": none."""
-    shown = [f"{name}: {newtons(force)}" for name, force in felt.items() if force or name != "hand"]
+    """Forces (N) by name as a line of Markdown, without a hand that holds nothing; "": none."""
+    shown = [
+        f"{plain(name)}: {newtons(force)}"
+        for name, force in felt.items()
+        if force or name != "hand"
+    ]
     return " · ".join(["**Force**", *shown]) if shown else ""

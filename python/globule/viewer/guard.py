@@ -112,7 +112,7 @@ class Guard:
     def cookie(self, role: str, headers: Any) -> str:
         """The cookie that carries the token of a role in the page's own requests."""
         token = self.token if role == STEER else self.look_token
-        secure = "; Secure" if headers.get("X-Forwarded-Proto") == "https" else ""
+        secure = "; Secure" if "https" in headers.get_all("X-Forwarded-Proto") else ""
         return f"{self._cookie_name}={token}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
     def _cookie(self, headers: Any) -> str:
@@ -154,14 +154,21 @@ class Guard:
                 super().__init__(*given, **more)
                 own.allowance = Allowance(*FLOOD)
 
-            async def recv(own, decode: bool | None = None) -> Any:
+            async def recv(own, *given: Any, **more: Any) -> Any:
                 while not own.allowance.take():
                     await asyncio.sleep(FLOOD[1])
-                return await super().recv(decode)
+                return await super().recv(*given, **more)
 
         inner = options.pop("process_request")
 
         def check(connection: Any, request: Any) -> Any:
+            try:
+                return answered(connection, request)
+            except Exception:  # of headers and paths that nobody's browser sends
+                why = "globule: expected a request that can be read\n"
+                return connection.respond(http.HTTPStatus.FORBIDDEN, why)
+
+        def answered(connection: Any, request: Any) -> Any:
             why = self.refusal(request.path, request.headers)
             if why is not None:
                 return connection.respond(http.HTTPStatus.FORBIDDEN, f"globule: {why}\n")
@@ -327,6 +334,15 @@ def is_local(host: str) -> bool:
         return version(address).is_loopback
     except ValueError:
         return False
+
+
+def no_uploads(browser: Any) -> None:
+    """Take no files for a browser's own widgets, none of which asks for one."""
+    from viser import _messages
+
+    for message in (_messages.FileTransferStartUpload, _messages.FileTransferPart):
+        if message in browser._websock_connection._incoming_handlers:
+            browser._websock_connection.unregister_handler(message)
 
 
 def limit_messages(server: Any, most_bytes: int) -> None:

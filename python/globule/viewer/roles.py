@@ -85,9 +85,19 @@ class Roles:
 
     def may(self, who: Visitor, message: Any) -> bool:
         """Whether a browser may send a message to what all browsers share."""
-        if who.role == STEER:
-            return True
-        return who.role == LOOK and getattr(message, "uuid", None) in self._private
+        updates = getattr(message, "updates", None)
+        if updates is not None and set(updates) != {"value"}:
+            return False  # viser would set any attribute of a widget
+        if who.role != LOOK:
+            return who.role == STEER
+        uuid = getattr(message, "uuid", None)
+        return uuid in self._private and (updates is None or self._pressed(uuid, updates["value"]))
+
+    def _pressed(self, uuid: str, value: Any) -> bool:
+        """Whether a value is what pressing a button, or one of a group, sends."""
+        handle = self.viewer.server.gui._gui_input_handle_from_uuid.get(uuid)
+        options = getattr(handle, "options", None)
+        return value is True if options is None else value in options
 
     def shared(self, message: Any) -> bool:
         """Whether a message is about something that all browsers share."""
@@ -102,7 +112,9 @@ class Roles:
         if who.role == REFUSED or browser is None or not self.shared(message):
             return
         self._restore(browser, message)
-        if who.tellings.take():
+        if who.role == STEER:
+            self.viewer.page.complain(browser, "page: expected the value of a control")
+        elif who.tellings.take():
             client = self.viewer.clients.get(client_id)
             if client is not None:
                 client.sink.error(LOOKING)

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from ..._base.checks import missing, positive
+from ..._base.checks import missing, number
 from ..._base.files import atomic_write
 
 CRF = "18"  # x264's constant quality: differences are hardly visible, about 1 MB a second at 720p
+FPS = 1e-3, 1e6  # the least and the most frames per second of a movie
 
 
 def need_av() -> Any:
@@ -46,7 +47,7 @@ def write_movie(path: str | os.PathLike[str], pictures: Iterable[Any], fps: floa
         ValueError: no pictures, or of several sizes.
     """
     av = need_av()
-    fps = positive("fps", fps)
+    fps = number("fps", fps, *FPS)
     n = 0
     with atomic_write(path) as file, av.open(file, "w", format="mp4") as movie:
         stream = None

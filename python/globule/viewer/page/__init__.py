@@ -8,6 +8,7 @@ from typing import Any
 from ..._base.terminal import escaped
 from ..desk import Desk
 from ..log import log
+from ..markdown import plain
 from ..roles import Roles
 from . import (
     color,
@@ -24,7 +25,6 @@ from . import (
     widgets,
 )
 from . import view as view_panel
-from .markdown import plain
 
 WELCOME = (
     "**Drag** to rotate, **wheel** to zoom, **right-drag** to pan.  \n"
@@ -77,7 +77,7 @@ class Page:
         undo = server.gui.add_command("Undo the last change", hotkey="Z", modifier="cmd/ctrl")
         undo.on_trigger(widgets.safe(self)(lambda event: self.undo(event.client)))
         redo = server.gui.add_command("Redo the setting", hotkey="Z", modifier="cmd/ctrl+shift")
-        redo.on_trigger(lambda event: viewer.state.history.redo())
+        redo.on_trigger(widgets.safe(self)(lambda event: viewer.state.history.redo()))
         threading.Thread(target=self._keep_ticking, name="globule page", daemon=True).start()
 
     def paint(self, gui: Any, dark: bool = False) -> None:
@@ -133,8 +133,8 @@ class Page:
         """Show an error to the browser that caused it (None: to all) and log it as one line; of a
         browser that causes many, some."""
         client = None if browser is None else self.viewer.clients.get(browser.client_id)
-        if client is not None and not client.complaints.take():
-            return
+        if browser is not None and (client is None or not client.complaints.take()):
+            return  # it has left, or was told enough
         log.warning("%s", escaped(message))
         for one in [client] if client is not None else list(self.viewer.clients.values()):
             one.sink.error(message)

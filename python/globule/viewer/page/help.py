@@ -57,4 +57,4 @@ class Help(Panel):
         gui = browser.gui
         with gui.add_modal("Help") as modal:
             gui.add_markdown(TEXT)
-            gui.add_button("Close").on_click(lambda _: modal.close())
+            gui.add_button("Close").on_click(self.safe(lambda _: modal.close()))

@@ -17,10 +17,10 @@ from collections.abc import Callable
 from typing import Any
 
 from ..log import log
+from ..markdown import code
 from ..recording import Recorder, Shot, checked_size, keep, turntable
 from ..state import MOST_BYTES
 from .jobs import Cancelled, Job
-from .markdown import code
 from .panel import Panel
 from .widgets import bounded
 
@@ -134,8 +134,8 @@ class Save(Panel):
         """Make the bytes of a file with a note about the progress; give them to the browser."""
         key = browser.client_id
         with self._lock:
-            if title == "Turntable" and any(job.title == title for job in self._jobs.get(key, ())):
-                raise ValueError("turntable: one movie is in progress. Press Cancel to stop it.")
+            if any(job.title == title for job in self._jobs.get(key, ())):
+                raise ValueError(f"{title.lower()}: one is in progress. Press Cancel to stop it.")
             job = Job(browser, title)
             self._jobs.setdefault(key, []).append(job)
             self.cancel_button.visible = True
@@ -223,7 +223,7 @@ class Save(Panel):
         gui = browser.gui
         with gui.add_modal("The same image") as modal:
             gui.add_markdown(f"{code(command, 'sh')}\n\n{code(program, 'python')}")
-            gui.add_button("Close").on_click(lambda _: modal.close())
+            gui.add_button("Close").on_click(self.safe(lambda _: modal.close()))
 
     def close(self) -> None:
         """Cancel images and turntables, and keep recordings."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..._base.memory import resident_bytes
-from .markdown import table
+from ..markdown import table
 from .panel import Panel
 
 EVERY = 0.5  # s

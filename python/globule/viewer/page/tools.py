@@ -9,11 +9,11 @@ import numpy as np
 
 from ...render.frame import Picked
 from ..engine import Client
+from ..markdown import table
 from ..overlay import RED, Mark
 from ..plots import line_mark
 from ..roles import STEER
 from ..source import Probed
-from .markdown import table
 from .widgets import safe
 
 ROTATE, MEASURE, CUT = "Rotate, pick", "Measure", "Cut"
@@ -43,7 +43,7 @@ class Tools:
         with gui.add_folder("Tool") as self.folder:
             pass
         command = page.roles.private(gui.add_command("Next tool", hotkey="T"))
-        command.on_trigger(lambda event: self.hands[event.client_id].next_tool())
+        command.on_trigger(safe(page)(lambda event: self.hands[event.client_id].next_tool()))
 
     def choices_of(self, client: Client) -> tuple[str, ...]:
         """The tools of a browser; who looks has those that change nothing."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 
-from ..._base.terminal import escaped
+from .._base.terminal import escaped
 
 
 def plain(text: object) -> str:
