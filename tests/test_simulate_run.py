@@ -284,7 +284,7 @@ def test_a_curve_of_one_point_is_seen(tmp_path):
         (["dam.toml", "--fps", "1e6", "--seconds", "2"], "--seconds: expected at most 1,000,000"),
         (["dam.toml", "--fps", "1e300"], "argument --fps: expected 0.001 to 1e+06, got '1e300'"),
         (["long.toml"], "error: long.toml: seconds: expected at most 1,000,000 frames, got 1e+30"),
-        (["long.toml", "--seconds", "1e30"], "--seconds: expected at most 1,000,000 frames"),
+        (["long.toml", "--seconds", "1e9"], "--seconds: expected at most 1,000,000 frames"),
         (["dam.toml", "--seconds", "0.01"], "seconds: expected at least a frame, 0.05 s, got 0.01"),
         (["dam.toml", "-o", "dam.toml"], "-o: expected a folder, got dam.toml: "),
         (["dam.toml", "-o", "/proc/a/b"], "-o: expected a place that may be written, got /proc/a/"),

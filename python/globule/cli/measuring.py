@@ -17,7 +17,6 @@ from ..render.sequence import KeptScene, find_files, read_ahead
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from . import flags, look, surfaces
-from .arguments import between
 from .parser import Parser
 from .shared import (
     Progress,
@@ -27,6 +26,7 @@ from .shared import (
     doubled,
     left_out,
     mistakes,
+    positive,
     read_particles,
     reading,
     warn,
@@ -55,7 +55,7 @@ def add_sample_spacing(group: Any) -> None:
     group.add_argument(
         "--sample-spacing",
         dest="spacing",
-        type=between(1e-18, 1e18),
+        type=positive,
         metavar="LENGTH",
         help="distance of neighboring samples, or edge of a mesh's cells, world units "
         "(default: half the particles' spacing)",

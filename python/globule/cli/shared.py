@@ -126,10 +126,12 @@ def number(text: str) -> float:
 
 
 def positive(text: str) -> float:
-    """A finite number above zero."""
+    """A number above zero whose square and inverse a float32 holds."""
     value = number(text)
     if value <= 0:
         raise argparse.ArgumentTypeError(f"expected a number above 0, got {text!r}")
+    if not 1e-18 <= value <= 1e18:
+        raise argparse.ArgumentTypeError(f"expected 1e-18 to 1e+18, got {text!r}")
     return value
 
 
