@@ -20,7 +20,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from .desk_model import Model
 from .plots import over_time
-from .roles import LOOKING, MOST_CLIENTS, Visitor, may_ask, visitor
+from .roles import LOOKING, Visitor, may_ask, visitor
 
 PATH = "/globule/desk"
 FILES = {
@@ -68,7 +68,7 @@ class Desk:
         self._busy: dict[int, asyncio.Lock] = {}  # while an action of a browser is done
         self._tellers = ThreadPoolExecutor(2, thread_name_prefix="globule desk")
         # An action for each browser at a time: nobody's actions wait for another one's.
-        self._doers = ThreadPoolExecutor(MOST_CLIENTS, thread_name_prefix="globule action")
+        self._doers = ThreadPoolExecutor(viewer.most_clients, "globule action")
         self._lock = threading.Lock()
         viewer.state.listen(lambda changed: self.refresh())
 
@@ -144,19 +144,15 @@ class Desk:
         """Do what the script asks for, one action after the other: what comes meanwhile waits in
         the connection, which holds the sender up."""
         loop, who = asyncio.get_running_loop(), visitor()
+        busy = self._busy.setdefault(browser.client_id, asyncio.Lock())
         async for text in connection:
             if len(text) > MOST_ACTION:
                 await connection.close(1009, "too long")
                 return
-            await self._busy.setdefault(browser.client_id, asyncio.Lock()).acquire()
+            await busy.acquire()
             done = loop.run_in_executor(self._doers, self._do, text, browser, who)
-            done.add_done_callback(lambda _: self._ready(browser))
+            done.add_done_callback(lambda _: busy.release())
             await asyncio.shield(done)  # which goes on where this connection ends
-
-    def _ready(self, browser: Any) -> None:
-        """Let a browser's next action begin."""
-        if browser.client_id in self._busy:
-            self._busy[browser.client_id].release()
 
     def _do(self, text: str | bytes, browser: Any, who: Visitor) -> None:
         """Do an action; who: what the connection that asks may do."""
