@@ -21,6 +21,8 @@ PYTHON ?= python3
 GLOBULE_CUDA ?= AUTO
 GLOBULE_LEVELS ?= v2;native
 export GLOBULE_CUDA GLOBULE_LEVELS
+# Tests are compiled once, not by each worker of each run.
+unexport PYTHONDONTWRITEBYTECODE
 
 VENV := .venv
 PY := $(VENV)/bin/python
@@ -61,7 +63,7 @@ release-check: test-all sanitize fuzz wheel
 	@packaging/release_check.sh $(PY)
 
 bench: $(BUILT)
-	@$(PY) bench/speed.py
+	@$(PY) -m bench.speed
 	@if command -v povray > /dev/null; then \
 	  $(VENV)/bin/globule demo > /dev/null && \
 	  $(PY) bench/peers/povray.py demo/splash.npz --threshold 0.6 -o build/povray; \

@@ -1,4 +1,4 @@
-"""Frames of the surgery scene: `python bench/brain.py [--device cuda] [--spacing 0.002]`.
+"""Frames of the surgery scene: `python -m bench.brain [--device cuda] [--spacing 0.002]`.
 
 Each frame simulates 1/60 s and makes one image of 1920×1080 with shadows. From each of the times of
 `--at` on, prints the time of a frame's steps and of its image (wall time; the image's pixels are on
@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import globule as gb
 import numpy as np
-from globule.bench.report import machine
+
+from .tables.report import machine
 
 FRAME = 1 / 60  # s
 

@@ -1,4 +1,4 @@
-"""Compositing alone: `mpiexec -n 8 python bench/composite.py`; without MPI `--threads-of-one 8`.
+"""Compositing alone: `mpiexec -n 8 python -m bench.composite`; without MPI `--threads-of-one 8`.
 
 Images of random depth on every rank. `shaded` has a distance and a color for every pixel, as
 `bench/scale.py --mode pieces` sends them; of `hits`, as `Scene(comm=)` sends them, every rank has

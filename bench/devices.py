@@ -1,4 +1,4 @@
-"""Two GPUs: `python bench/devices.py`.
+"""Two GPUs: `python -m bench.devices`.
 
 Frames a second of a scene on one GPU, and of two scenes on two, asked for by one thread and by two;
 every frame rebuilds its octree.
@@ -10,7 +10,8 @@ import threading
 import time
 
 import globule as gb
-from globule.bench.scenes import pool
+
+from .tables.scenes import pool
 
 SIZE, FRAMES = (1024, 782), 600
 

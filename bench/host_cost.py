@@ -1,5 +1,5 @@
 """What a frame costs beside the device's work:
-`python bench/host_cost.py [--device cuda] [-o host.csv]`.
+`python -m bench.host_cost [--device cuda] [-o host.csv]`.
 
 So few particles and pixels that checking, packing and the calls themselves are what is left. "host"
 is the whole call's time less what the device says that it took; the best of several rounds.
@@ -15,7 +15,8 @@ from typing import Any
 
 import globule as gb
 import numpy as np
-from globule.bench.report import machine, print_table, write_csv
+
+from .tables.report import machine, print_table, write_csv
 
 SIZE = (1, 1)
 

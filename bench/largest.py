@@ -1,4 +1,4 @@
-"""The largest scene: `python bench/largest.py [--device cuda] [--particles 2147483584]`.
+"""The largest scene: `python -m bench.largest [--device cuda] [--particles 2147483584]`.
 
 Builds and draws a jittered lattice of so many particles, made on the GPU, and tries one more than
 the limit and one that finds no memory, which are refused before anything is taken.

@@ -1,6 +1,6 @@
 """Error of frames left out, of every method and sweep, in one table (Markdown).
 
-    python bench/left_out.py [--voxel-size MM] [SWEEP[,PLUS.xml or CALIBRATION.toml] …]
+    python -m bench.left_out [--voxel-size MM] [SWEEP[,PLUS.xml or CALIBRATION.toml] …]
 
 Every K-th frame is left out at a time and predicted from the volume of the others (`cross_validate`
 of globule.ultrasound.trust). Errors are root mean squares in gray levels over the pixels that the

@@ -1,4 +1,4 @@
-"""Speed of light: `python bench/light.py [--device cuda] [-o light.csv]`.
+"""Speed of light: `python -m bench.light [--device cuda] [-o light.csv]`.
 
 The pool of 750,000 particles at 1920×1080 on a GPU, the splash at 1024×782 on a CPU; every frame
 rebuilds the octree from positions that moved; "at rest": only the picture is made again. Prints a
@@ -13,9 +13,10 @@ import zlib
 
 import globule as gb
 import numpy as np
-from globule.bench.report import write_csv
-from globule.bench.scenes import pool
-from speed import load
+
+from .speed import load
+from .tables.report import write_csv
+from .tables.scenes import pool
 
 WATER = gb.Material(transmission=1.0, index=1.33, absorption=(0.4, 0.1, 0.05))
 SETTINGS = {

@@ -1,6 +1,6 @@
 """Live reconstruction from two senders, received back: frames accounted for, and the delay.
 
-    python bench/live_round_trip.py --seconds 600
+    python -m bench.live_round_trip --seconds 600
 
 A tracker sends poses at 60 Hz, a scanner images at 30 Hz, each in a process of its own, images 120
 ms after their stamps. `globule reconstruct --live --tracker --serve` reconstructs a volume of

@@ -1,4 +1,4 @@
-"""Speed of triangle meshes: `python bench/mesh.py [--device cuda] [--triangles 1000000]`.
+"""Speed of triangle meshes: `python -m bench.mesh [--device cuda] [--triangles 1000000]`.
 
 A wavy ball of even triangles half in the pool of 302,751 particles, at 1920×1080 with shadows.
 Prints the image's time for each row, and frames per second. The octree and the hierarchy stay; in
@@ -13,7 +13,8 @@ import time
 
 import globule as gb
 import numpy as np
-from globule.bench.scenes import pool
+
+from .tables.scenes import pool
 
 
 def ball(n_triangles: int, radius: float) -> tuple[np.ndarray, np.ndarray]:

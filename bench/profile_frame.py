@@ -1,10 +1,11 @@
-"""A few frames of one scene for a profiler: `ncu python bench/profile_frame.py pool-302751`."""
+"""A few frames of one scene for a profiler: `ncu python -m bench.profile_frame pool-302751`."""
 
 import sys
 
 import cupy
 import globule as gb
-from speed import SIZES, load
+
+from .speed import SIZES, load
 
 name = sys.argv[1]
 positions, spacing = load(name)

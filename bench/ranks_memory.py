@@ -1,4 +1,4 @@
-"""Memory of a rank: `mpiexec -n 4 python bench/ranks_memory.py`; on one rank, of one scene.
+"""Memory of a rank: `mpiexec -n 4 python -m bench.ranks_memory`; on one rank, of one scene.
 
 A jittered lattice, dealt to the ranks at random. Each rank makes its scene, updates it twice and
 renders an image of 480 x 270 after each. Prints for each rank its particles and the peak of its

@@ -21,7 +21,8 @@ from pathlib import Path
 import globule as gb
 import h5py
 import numpy as np
-from globule.bench.scenes import pool
+
+from .tables.scenes import pool
 
 NAMES = ("Coordinates", "SmoothingLength")
 

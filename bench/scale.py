@@ -1,4 +1,4 @@
-"""Several devices: `mpiexec -n 2 python bench/scale.py`, or without MPI `python bench/scale.py
+"""Several devices: `mpiexec -n 2 python -m bench.scale`, or without MPI `python -m bench.scale
 --threads-of-one 2`, each thread with a GPU of its own.
 
 A jittered lattice, made on each rank from a seed. --mode pieces: each rank has a slab of it with a
@@ -28,8 +28,9 @@ import numpy as np
 from globule._base.device import choose, of_rank
 from globule._base.memory import resident_bytes
 from globule._base.ranks import Alone, Ranks, local_rank, run_threads
-from globule.bench.scenes import pool
 from globule.pieces.whole_images import nearest_image
+
+from .tables.scenes import pool
 
 HALO = 3  # lattice steps: the support, and the noise of both ends
 WATER = gb.Material(transmission=1.0, index=1.33, absorption=(0.4, 0.1, 0.05))

@@ -1,13 +1,13 @@
 """How fast the fluid solver is: a developed splash goes on, or a column of any size collapses.
 
-    python bench/simulate.py --steps 100 --error 0.001 --device cpu -o out.csv
+    python -m bench.simulate --steps 100 --error 0.001 --device cpu -o out.csv
 
 `--splash FILE.npz` continues positions and velocities from a file with spacing, box and obstacle;
 otherwise `--n` particles fall as a column into a closed box. Prints a table (and CSV), the time of
 each stage, iterations and a hash of the final state. `cpu_us` is process time over particle-steps:
 what a busy machine does not change. `simulated_per_s` is simulated seconds per second of wall time.
 
-    python bench/simulate.py --n 1000000 --error 0.01 --check --seconds 1
+    python -m bench.simulate --n 1000000 --error 0.01 --check --seconds 1
 
 `--check` simulates some seconds and stops with exit code 1 at the first step that loses a particle,
 gains energy, compresses the fluid by more than `check` allows, or has more than one particle in

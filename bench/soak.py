@@ -1,4 +1,4 @@
-"""Random cuts in the surgery scene: `python bench/soak.py [--minutes 30] [--spacing 0.004]`.
+"""Random cuts in the surgery scene: `python -m bench.soak [--minutes 30] [--spacing 0.004]`.
 
 Every tenth of a simulated second a scalpel of random place, direction and depth goes through the
 brain. Stops with status 1 at the first NaN, at a particle that is neither there nor counted as

@@ -1,4 +1,4 @@
-"""Speed of build and trace: `python bench/speed.py [--device cuda] [--scenes splash,pool-302751]`.
+"""Speed of build and trace: `python -m bench.speed [--device cuda] [--scenes splash,pool-302751]`.
 
 Every frame rebuilds the octree from positions that moved, then traces one ray a pixel. Prints a
 table and writes CSV; times are medians over frames of one run, fps is a whole loop over wall time.
@@ -9,16 +9,14 @@ fps_to_host copies every picture out before the next frame is asked for; overlap
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from pathlib import Path
 
+import globule as gb
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
-import globule as gb
-from globule.bench.report import machine, write_csv
-from globule.bench.scenes import pool
+from .tables.report import machine, write_csv
+from .tables.scenes import pool
 
 SPLASH = Path(__file__).parents[1] / ".carry" / "splash_117649.npz"
 SPLASH_SHARED = Path(__file__).parents[2] / "shared" / "data" / "particles" / "splash_117649.npz"

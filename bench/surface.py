@@ -1,4 +1,4 @@
-"""Speed of the smooth surface: `python bench/surface.py [--device cuda] [--n splash,302751]`.
+"""Speed of the smooth surface: `python -m bench.surface [--device cuda] [--n splash,302751]`.
 
 Every frame rebuilds octree and kernels from positions that moved, then traces one ray a pixel;
 `balls` is the same without kernels. Times are those of a loop over frames, by wall clock on a GPU
@@ -14,9 +14,10 @@ import time
 
 import globule as gb
 import numpy as np
-from globule.bench.report import machine
-from globule.bench.resting_pool import resting_pool
-from speed import load
+
+from .speed import load
+from .tables.report import machine
+from .tables.resting_pool import resting_pool
 
 SIZE = (1920, 1080)
 

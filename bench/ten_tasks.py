@@ -1,7 +1,7 @@
 """Ten tasks of a new user in a real browser, by what a person sees: seconds, clicks, images.
 
-    python bench/ten_tasks.py -o tasks
-    python bench/ten_tasks.py -o tasks --only cut_tissue grasp --size 1920x1080
+    python -m bench.ten_tasks -o tasks
+    python -m bench.ten_tasks -o tasks --only cut_tissue grasp --size 1920x1080
 
 Starts `globule view` without a file, opens scenes from its start page, and finds controls by their
 visible words and places in the image by their pixels. Needs chromium and playwright. A task that

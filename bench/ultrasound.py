@@ -1,4 +1,4 @@
-"""Speed of reconstruction: `python bench/ultrasound.py [--device cuda] [--sizes 128,256,512]`.
+"""Speed of reconstruction: `python -m bench.ultrasound [--device cuda] [--sizes 128,256,512]`.
 
 A synthetic sweep, 131 frames of 387 x 400 pixels along a hand-like path (thesis Table 4.1), is
 binned and its holes are filled up to 9^3. Times are the best of some runs: `bin` and `fill` on the
@@ -12,21 +12,18 @@ import argparse
 import hashlib
 import os
 import platform
-import sys
 import time
-from pathlib import Path
 
-import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parent))
 import globule as gb
+import numpy as np
 from globule import _core
 from globule._base.arrays import address, located
 from globule._base.device import choose
-from globule.bench.sweep_speed import placed
 from globule.ultrasound.grid import bounds, make_grid
 from globule.ultrasound.reconstruct import METHODS, Options, crowded, fill, start
-from speed import write_csv
+
+from .speed import write_csv
+from .tables.sweep_speed import placed
 
 THESIS = {  # seconds on a GTX 1080, 131 frames
     (128, "pvn-om"): 0.72, (128, "vvn-om"): 1.07, (128, "pvn"): 4.98, (128, "vvn"): 2.71,

@@ -1,9 +1,9 @@
 """How the viewer keeps up: pictures per second, latency, and how soon a still picture is sharp.
 
-    python bench/viewer.py                                         # this machine's processor
-    python bench/viewer.py --device cuda --particles 300000 --size 1920x1080 --only rate
-    python bench/viewer.py --only browser                          # through a real browser
-    python bench/viewer.py --only frames --soak-seconds 28800      # 8 hours of 10,000 files
+    python -m bench.viewer                                         # this machine's processor
+    python -m bench.viewer --device cuda --particles 300000 --size 1920x1080 --only rate
+    python -m bench.viewer --only browser                          # through a real browser
+    python -m bench.viewer --only frames --soak-seconds 28800      # 8 hours of 10,000 files
 
 Needs neither viser nor a browser but for the last: pictures go through a socket to a thread that
 answers each. Prints a table and writes viewer.csv with --output.
@@ -28,9 +28,10 @@ from globule.viewer.engine import Engine
 from globule.viewer.picture import trace
 from globule.viewer.source import SceneSource
 from globule.viewer.state import State
-from socket_sink import SocketSink
-from throttle import Throttle
-from viewer_long import of_frames, of_soak
+
+from .socket_sink import SocketSink
+from .throttle import Throttle
+from .viewer_long import of_frames, of_soak
 
 
 class Session:

@@ -19,7 +19,8 @@ from globule.render.camera_path import orbit
 from globule.viewer.engine import Engine
 from globule.viewer.simulation_source import SimulationSource
 from globule.viewer.state import State
-from socket_sink import SocketSink
+
+from .socket_sink import SocketSink
 
 N_TURNS = 240
 FLAGS = [

@@ -1,5 +1,5 @@
 """Frames per second of the 302,751-particle pool by how much of the picture it fills:
-`python bench/views.py [--device cuda]`."""
+`python -m bench.views [--device cuda]`."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import time
 
 import globule as gb
 import numpy as np
-from globule.bench.scenes import pool
-from speed import SIZES
+
+from .speed import SIZES
+from .tables.scenes import pool
 
 
 def main() -> None:

@@ -58,7 +58,7 @@ endif()
 enable_language(CUDA)
 message(STATUS "globule: CUDA ${CUDAToolkit_VERSION}, architectures ${CMAKE_CUDA_ARCHITECTURES} (${why})")
 
-add_library(globule_cuda MODULE src/backends/cuda.cu src/backends/cuda_sweep.cu src/backends/cuda_sim.cu src/backends/cuda_tissue.cu)
+add_library(globule_cuda MODULE src/backends/cuda.cu src/backends/cuda_sweep.cu src/backends/cuda_sim.cu src/backends/cuda_tissue.cu src/backends/interface.cpp)
 set_source_files_properties(src/backends/cuda_sweep.cu PROPERTIES COMPILE_OPTIONS -fmad=false)
 target_link_libraries(globule_cuda PRIVATE globule_headers CUDA::cudart_static OpenMP::OpenMP_CXX)
 set_target_properties(globule_cuda PROPERTIES CUDA_STANDARD 20 CUDA_RUNTIME_LIBRARY Static CUDA_VISIBILITY_PRESET hidden)

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import globule as gb
 import numpy as np
-from globule.bench import physics_crown as bench
 from make_gallery import pack
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
+
+from bench.tables import physics_crown as bench
 
 TARGET = Path(__file__).resolve().parent / "images/simulation/crown.png"
 SHOWN = (1.0, 3.0, 6.0, 10.0)  # tau

@@ -1,6 +1,6 @@
 """Put measured tables into docs/measured.md: python docs/make_ultrasound.py NAME=DIR …
 
-Each folder is what `globule bench ultrasound 4.1 4.2 sweep -o DIR --json > DIR/bench.json` left:
+Each folder is what `python -m bench ultrasound 4.1 4.2 sweep -o DIR --json > DIR/bench.json` left:
 its tables 4.1 and 4.2 become one, its table of a sweep another, under the device's name. They
 replace what stands between <!-- NAME --> and <!-- /NAME -->; names are cpu and gpu.
 """

@@ -6,7 +6,8 @@ a file of your own:
 """
 
 import globule as gb
-from globule.figures.anatomy import metaballs, tomography
+
+from bench.figures.anatomy import metaballs, tomography
 
 values, world_from_voxel, name = tomography(resolution=2)
 scene = gb.Scene(metaballs(values, world_from_voxel))  # mm, z to the head

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import globule as gb
 import numpy as np
-from globule.bench.physics_tissue import SPACING, lattice
 from globule.sim import checkpoint
 from globule.sim.scene_file import Vessel
 
+from bench.tables.physics_tissue import SPACING, lattice
+
 
 def check(rows) -> None:
-    """Each row of an experiment of `globule.bench` holds."""
+    """Each row of an experiment of `bench.tables` holds."""
     rows = [row if isinstance(row, dict) else row._asdict() for row in rows]
     assert rows
     assert not [row for row in rows if not row["ok"]]

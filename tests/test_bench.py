@@ -1,4 +1,4 @@
-"""`globule bench`: the tables are complete and the measurements behind them are right."""
+"""`python -m bench`: the tables are complete and the measurements behind them are right."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from globule.bench import sweep_speed, ultrasound
-from globule.bench.cylinders import measure_cylinders
-from globule.bench.table import Setting, Table
-from globule.cli import main
 from globule.volumes.volume import Volume
+
+from bench.__main__ import main
+from bench.tables import sweep_speed, ultrasound
+from bench.tables.cylinders import measure_cylinders
+from bench.tables.table import Setting, Table
 
 
 @pytest.fixture(autouse=True)
@@ -81,7 +82,7 @@ def test_reference_volume_is_there_without_optional_packages(monkeypatch):
 @pytest.mark.slow
 def test_command(capsys, monkeypatch):
     monkeypatch.setattr(ultrasound, "CYLINDER_METHODS", ("pvn-om",))  # the fast one
-    assert main(["bench", "ultrasound", "4.3", "--quick", "-o", "out", "--device", "cpu"]) == 0
+    assert main(["ultrasound", "4.3", "--quick", "-o", "out", "--device", "cpu"]) == 0
     out = capsys.readouterr().out
     assert out.startswith("4.3  cylinder phantom")
     assert "source" in out
@@ -99,7 +100,7 @@ def test_json(capsys, monkeypatch):
         yield Table("4.3", "t", ("a", "b"), [(1, None)])
 
     monkeypatch.setitem(ultrasound.TABLES, "4.3", one)
-    assert main(["bench", "ultrasound", "4.3", "-o", "out", "--json", "--device", "cpu"]) == 0
+    assert main(["ultrasound", "4.3", "-o", "out", "--json", "--device", "cpu"]) == 0
     assert json.loads(capsys.readouterr().out)["4.3"]["rows"] == [[1, None]]
     assert Path("out/4.3.csv").read_text(encoding="utf-8") == "a,b\n1,\n"
 
@@ -126,11 +127,11 @@ def test_times_and_memory(monkeypatch):
 
 
 def test_mistakes(capsys):
-    assert main(["bench", "ultrasound", "9.9"]) == 2
+    assert main(["ultrasound", "9.9"]) == 2
     assert "4.3" in capsys.readouterr().err
     assert not Path("bench").exists()
     Path("file").write_text("", encoding="utf-8")
-    assert main(["bench", "ultrasound", "4.3", "-o", "file"]) == 2
+    assert main(["ultrasound", "4.3", "-o", "file"]) == 2
 
 
 def test_table_text():

@@ -1,11 +1,12 @@
-"""`globule bench physics`: rows become a table, a page and a plot; what is not met is said."""
+"""`python -m bench physics`: rows become a table, a page and a plot; what is not met is said."""
 
 import csv
 import json
 
 import pytest
-from globule.bench import physics, physics_fluid
-from globule.cli import main
+
+from bench.__main__ import main
+from bench.tables import physics, physics_fluid
 
 
 def rows(device, threads):
@@ -14,7 +15,7 @@ def rows(device, threads):
 
 def test_a_page_says_what_is_not_met(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(physics, "experiments", lambda quick: [("Fluids", rows)])
-    words = ["bench", "physics", "-o", str(tmp_path), "--device", "cpu"]
+    words = ["physics", "-o", str(tmp_path), "--device", "cpu"]
     assert main(words) == 0
     assert "drift" in capsys.readouterr().out
     assert main([*words, "--json"]) == 0

@@ -230,13 +230,12 @@ def test_demo_and_what_it_says_to_type_next(folder, capsys, monkeypatch):
 
 
 def test_examples_in_the_help_are_commands(capsys):
-    """What those of `globule bench` do: test_bench.py and test_figures.py."""
     names = [module.__name__.rpartition(".")[2] for module in COMMANDS]
-    for name in (*names, "bench thesis", "bench ultrasound", "bench physics", "bench figures"):
-        assert main([*name.split(), "--help-all"]) == 0
+    for name in names:
+        assert main([name, "--help-all"]) == 0
         shown = capsys.readouterr().out
         lines = re.findall(r"^  globule (.*)$", shown, re.MULTILINE)
-        assert lines or name.startswith("bench ")
+        assert lines
         for line in lines:
             assert line.startswith(name)
             build_parser().parse_args(join_negative(line.split()))
@@ -292,10 +291,10 @@ def test_examples_in_the_help_work(module, examples, monkeypatch):
 def test_help_and_version(capsys):
     assert main(["--help"]) == 0
     shown = capsys.readouterr().out
-    titles = ["everyone", "simulation", "tracked ultrasound", "measurements", "to try it out"]
+    titles = ["everyone", "simulation", "tracked ultrasound", "to try it out"]
     places = [shown.index(f"{word}:\n") for word in titles]
     assert places == sorted(places)
-    for name, title in (("info", 0), ("simulate", 1), ("calibrate", 2), ("bench", 3), ("demo", 4)):
+    for name, title in (("info", 0), ("simulate", 1), ("calibrate", 2), ("demo", 3)):
         assert places[title] < shown.index(f"\n  {name} ") < [*places, 9999][title + 1]
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"globule {gb.__version__}\n"
@@ -311,8 +310,6 @@ def test_help_and_version(capsys):
         ["calibrate", "cube.npz", "-o", "/proc/a.toml"],
         ["simulate", "dam-break", "-o", "/proc/a"],
         ["simulate", "dam-break", "--images", "cube.npz"],
-        ["bench", "figures", "2.1", "-o", "cube.npz"],
-        ["bench", "thesis", "-o", "/proc/a"],
         ["demo", "-o", "/proc/a/b"],
         ["demo", "-o", "cube.npz"],
     ],

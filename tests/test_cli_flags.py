@@ -22,7 +22,7 @@ LONG = ("render", "view", "simulate", "reconstruct")
 
 
 def parsers(parser: argparse.ArgumentParser | None = None) -> Iterator[argparse.ArgumentParser]:
-    """The parser of `globule`, of its commands, and of the names below `globule bench`."""
+    """The parser of `globule`, and of its commands."""
     parser = parser or build_parser()
     yield parser
     for action in parser._actions:
@@ -84,7 +84,7 @@ def lacks(action: argparse.Action) -> str:
 
 def test_help_says_unit_and_default():
     known = flags()
-    assert len(known) > 400
+    assert len(known) > 350
     problems = [(command, a.option_strings, lacks(a)) for command, a in known if lacks(a)]
     assert problems == []
 

@@ -74,6 +74,25 @@ def test_pinned_memory_is_the_hosts(cupy):
     assert scene.octree.key_hash == gb.Scene(points, device="cpu", support=0.1).octree.key_hash
 
 
+@pytest.mark.parametrize("n", [1_300, 6_000, 40_000, 90_000])
+def test_pinned_memory_may_be_overwritten_after_the_call(cupy, n):
+    """While the device is busy with an image, so that a copy from there would come too late."""
+    points = [points_of(n, seed) for seed in range(8)]
+    right = [gb.Scene(p, device="cpu", support=0.1).octree.key_hash for p in points]
+    pinned = np.frombuffer(cupy.cuda.alloc_pinned_memory(12 * n), np.float32, 3 * n).reshape(n, 3)
+    pinned[:] = points[-1]
+    scene = gb.Scene(pinned, device="cuda", support=0.1)
+    camera = gb.Camera.fit(points[0], size=(640, 480))
+    look = gb.RenderSettings(shadows=True, ambient_rays=16)
+    for p, key_hash in zip(points, right, strict=True):
+        frame = gb.render(scene, camera, (640, 480), look)
+        pinned[:] = p
+        scene.update(positions=pinned)
+        pinned[:] = 0.5
+        assert scene.octree.key_hash == key_hash
+        assert frame.picture.any()
+
+
 def test_build_waits_for_the_callers_stream(cupy):
     """Positions that are still being written on a stream of the caller's own."""
     points = points_of(200_000)

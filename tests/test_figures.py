@@ -9,9 +9,10 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from globule.cli import main
-from globule.figures import FIGURES, caption
 from PIL import Image
+
+from bench.__main__ import main
+from bench.figures import FIGURES, caption
 
 needs_matplotlib = pytest.mark.skipif(
     importlib.util.find_spec("matplotlib") is None,
@@ -20,12 +21,12 @@ needs_matplotlib = pytest.mark.skipif(
 
 
 DPI = 24
-LONG = {"6.4", "6.6"}  # with nilearn's brain; test_without_nilearn_shapes_stand_in looks at ours
+QUICK = {"2.1", "2.3", "3.4", "5.1", "5.5", "6.1"}  # curves, an octree, plots, images
 
 
 @needs_matplotlib
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in LONG else []) for n in FIGURES]
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if n not in QUICK else []) for n in FIGURES]
 )
 def test_figure(name, tmp_path):
     path = tmp_path / "figure.png"
@@ -47,24 +48,24 @@ def test_figure(name, tmp_path):
 @needs_matplotlib
 def test_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    words = ["bench", "figures", "3.4", "2.4", "-o", "a/b", "--dpi", "20", "--device", "cpu"]
+    words = ["figures", "3.4", "2.4", "-o", "a/b", "--dpi", "20", "--device", "cpu"]
     assert main(words) == 0
     assert capsys.readouterr().out.startswith("a/b: 2 figures")
     assert sorted(p.name for p in (tmp_path / "a/b").iterdir()) == ["2.4.png", "3.4.png"]
-    assert main(["bench", "figures", "--list"]) == 0
+    assert main(["figures", "--list"]) == 0
     assert capsys.readouterr().out.count("\n") == len(FIGURES)
 
 
 def test_mistakes(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("")
-    assert main(["bench", "figures", "9.9"]) == 2
+    assert main(["figures", "9.9"]) == 2
     err = capsys.readouterr().err
     assert "9.9" in err
     assert "2.1" in err
     assert err.count("\n") == 1
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert main(["bench", "figures", "2.1"]) == 2
+    assert main(["figures", "2.1"]) == 2
     assert "globule[figures]" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
@@ -83,7 +84,7 @@ def test_the_gallery_is_complete():
 
 @pytest.mark.parametrize(("level", "n_axes"), [(1, 2), (3, 2), (1, 3), (2, 3)])
 def test_the_curve_visits_every_cell_once(level, n_axes):
-    from globule.figures.z_order import z_order
+    from bench.figures.z_order import z_order
 
     cells = z_order(level, n_axes)
     n = 2**level
@@ -97,7 +98,7 @@ def test_the_curve_visits_every_cell_once(level, n_axes):
 
 
 def test_the_drawn_leaves_are_the_octree_s():
-    from globule.figures.leaves import leaf_cells, occupied_cells, scene_and_codes
+    from bench.figures.leaves import leaf_cells, occupied_cells, scene_and_codes
 
     scene, codes, positions = scene_and_codes("cpu")
     cells = leaf_cells(codes)
@@ -108,7 +109,7 @@ def test_the_drawn_leaves_are_the_octree_s():
 
 
 def test_two_metaballs_fuse_where_the_figure_says():
-    from globule.figures.fusing import DISTANCES, THRESHOLD, two
+    from bench.figures.fusing import DISTANCES, THRESHOLD, two
 
     middle = [float(gb.field(two(d, "cpu"), np.zeros((1, 3), np.float32))[0]) for d in DISTANCES]
     assert middle[0] < THRESHOLD
@@ -117,14 +118,14 @@ def test_two_metaballs_fuse_where_the_figure_says():
 
 
 def test_octree_coordinates_are_cut_off():
-    from globule.figures.levels import octree_coordinate
+    from bench.figures.levels import octree_coordinate
 
     places = ((200, 400), (520, 600), (50, 300), (300, 300))
     assert [octree_coordinate(*at, "cpu") for at in places] == [512, 887, 170, 1023]
 
 
 def test_no_hit_outside_of_the_supports():
-    from globule.figures.rays import ON_A_RAY, flat_scene, sphere_events
+    from bench.figures.rays import ON_A_RAY, flat_scene, sphere_events
 
     scene = flat_scene("cpu", ON_A_RAY)
     origin, direction = np.array([-3.2, 0, 0]), np.array([1.0, 0, 0])
@@ -139,8 +140,8 @@ def test_no_hit_outside_of_the_supports():
 
 
 def test_samples_crowd_near_the_surface():
-    from globule.figures.rays import THRESHOLD, flat_scene
-    from globule.figures.steps import march
+    from bench.figures.rays import THRESHOLD, flat_scene
+    from bench.figures.steps import march
 
     scene = flat_scene("cpu")
     origin, direction = np.array([-3.6, -0.75, 0.0]), np.array([0.9656, 0.2600, 0.0])
@@ -154,7 +155,7 @@ def test_samples_crowd_near_the_surface():
 
 
 def test_one_metaball_apart_stays_a_sphere():
-    from globule.figures.rendered import nine_leaves
+    from bench.figures.rendered import nine_leaves
 
     scene, cells = nine_leaves("cpu")
     positions = scene.particles.positions
@@ -167,7 +168,7 @@ def test_one_metaball_apart_stays_a_sphere():
 
 
 def test_solid_mode_has_flatter_faces_and_sharper_edges():
-    from globule.figures.rendered import cube
+    from bench.figures.rendered import cube
 
     n = 12
     top = (n - 1) / 2
@@ -189,7 +190,7 @@ def test_solid_mode_has_flatter_faces_and_sharper_edges():
 
 
 def test_clusters_and_voids():
-    from globule.figures.rendered import clusters
+    from bench.figures.rendered import clusters
 
     positions = clusters()
     assert positions.shape == (100_000, 3)
@@ -199,7 +200,7 @@ def test_clusters_and_voids():
 
 
 def test_without_nilearn_shapes_stand_in(monkeypatch):
-    from globule.figures import anatomy
+    from bench.figures import anatomy
 
     monkeypatch.setitem(sys.modules, "nilearn.datasets", None)
     values, world_from_voxel, name = anatomy.tomography(6)

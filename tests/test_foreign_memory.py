@@ -34,7 +34,7 @@ extern "C" void* realloc(void* q, size_t n) {
 PARTS = """
 import hashlib
 import globule as gb, numpy as np
-from globule.bench import physics_fluid as physics
+from bench.tables import physics_fluid as physics
 from sweep_helpers import small_sweep
 from test_sim_fluid import D, column
 

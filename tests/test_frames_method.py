@@ -69,7 +69,7 @@ def two_hand_passes(spacing, masked):
 
 @pytest.mark.few_backends
 @pytest.mark.parametrize("spacing", [0.23, 0.6, 1.0])  # of 1, 2 x 2 and 3 x 3 pixels
-@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize("masked", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_hand_paths_equal_the_reference(backend, spacing, masked):
     sweep, place, values, radius = two_hand_passes(spacing, masked)
     volume = reconstruct(sweep, spacing=spacing, **backend)

@@ -26,17 +26,16 @@ def fuzz(*words: str) -> str:
     return made.stdout
 
 
-def test_new_mutants_all_findings_and_damaged_arrays(tmp_path):
+def test_new_mutants_and_all_findings(tmp_path):
     """Most findings by Python and by a command, where the originals can be made."""
     said = fuzz(
-        "-n", str(MUTANTS), "--seed", "7", "--damage", "7", "--together",
+        "-n", str(MUTANTS), "--seed", "7", "--together",
         "--open", str(HERE / "corpus"), "--keep", str(tmp_path / "found"),
     )  # fmt: skip
-    found = re.findall(r"^(\d+) (mutants|kept files|damaged arrays), 0 faults$", said, re.M)
+    found = re.findall(r"^(\d+) (mutants|kept files), 0 faults$", said, re.M)
     counts = {what: int(n) for n, what in found}
     assert counts["mutants"] == MUTANTS
     assert counts["kept files"] >= len(list((HERE / "corpus").glob("*@*@*"))) > 10
-    assert counts["damaged arrays"] > 40
     assert said.splitlines()[-1] == f"{MUTANTS} mutants, 0 faults"
 
 

@@ -215,7 +215,10 @@ def compare(seed, **backend):
 
 
 @pytest.mark.few_backends
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(
+    "seed",
+    [pytest.param(s, marks=pytest.mark.slow) if k % 2 else s for k, s in enumerate(SEEDS)],
+)
 def test_random_scene(backend, seed):
     wrong, n_suspects = compare(seed, **backend)
     assert not wrong

@@ -73,7 +73,7 @@ def test_shadow_on_the_ground(backend, name):
 
 
 @pytest.mark.few_backends
-@pytest.mark.parametrize("name", ["sun", "lamp"])
+@pytest.mark.parametrize("name", ["sun", pytest.param("lamp", marks=pytest.mark.slow)])
 def test_penumbra(backend, name):
     """Soft shadows converge to the unhidden part of the light's disc."""
     if name == "sun":

@@ -197,6 +197,7 @@ def test_the_expected_error_covers_the_true_one(n_draws):
     assert (true.max(axis=1) < 2 * expected.max(axis=1)).sum() >= n_draws - 1
 
 
+@pytest.mark.slow
 def test_the_temporal_offset_is_found_with_the_matrix():
     *data, _ = sweep(n=60, late=0.25)
     fixed = calibrate_n_wires(*data, phantom())
@@ -380,6 +381,7 @@ def test_command(capsys):
     assert "register its landmarks" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_picture(capsys):
     pytest.importorskip("matplotlib")

@@ -28,8 +28,6 @@ ROOMS = (
     "sim",
     "viewer",
     "_demo",
-    "figures",
-    "bench",
     "cli",
 )
 

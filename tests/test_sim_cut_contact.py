@@ -5,10 +5,11 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule.bench import physics_cuts as truths
 from globule.sim import blade
 from globule.sim.bonds import build_bonds
 from sim_helpers import assert_same_state, check, jittered, reloaded
+
+from bench.tables import physics_cuts as truths
 
 D = 0.004
 DOWN = 9.81 * np.array([np.sin(0.35), 0.0, -np.cos(0.35)])

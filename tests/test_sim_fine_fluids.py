@@ -5,9 +5,10 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule.bench import physics_tissue as truths
 from globule.sim.emitter import Emitter
 from sim_helpers import tissue_and_blood, vessel
+
+from bench.tables import physics_tissue as truths
 
 D = 0.004
 TENSION = 0.058

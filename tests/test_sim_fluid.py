@@ -5,8 +5,9 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule.bench import physics_fluid as physics
 from globule.sim.emitter import Emitter
+
+from bench.tables import physics_fluid as physics
 
 D = 0.05
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule.bench.physics_tissue import DENSITY, GRAVITY, MODULUS, SPACING, lattice, layers
 from globule.sim.tissue import BALL, CAPSULE, HALF_SPACE, Tissue
+
+from bench.tables.physics_tissue import DENSITY, GRAVITY, MODULUS, SPACING, lattice, layers
 
 D = SPACING
 MASS = DENSITY * D**3

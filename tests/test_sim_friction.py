@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from globule.bench import physics_friction as truths
-from globule.bench.physics_tissue import DENSITY, SPACING, lattice
 from globule.sim import blade
 from globule.sim.tissue import BALL, HALF_SPACE, Tissue
 from sim_helpers import check
+
+from bench.tables import physics_friction as truths
+from bench.tables.physics_tissue import DENSITY, SPACING, lattice
 
 MASS = DENSITY * SPACING**3
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule.bench import physics_memory as truths
-from globule.bench.physics_solid import solid
-from globule.bench.physics_tissue import DENSITY, GRAVITY, MODULUS, SPACING, lattice
 from globule.sim import solids
 from globule.sim.bonds import build_bonds
 from sim_helpers import assert_same_state, check, jittered, reloaded
 from test_sim_solid import derivative
+
+from bench.tables import physics_memory as truths
+from bench.tables.physics_solid import solid
+from bench.tables.physics_tissue import DENSITY, GRAVITY, MODULUS, SPACING, lattice
 
 D = SPACING
 MASS = DENSITY * D**3

@@ -7,12 +7,13 @@ import itertools
 import globule as gb
 import numpy as np
 import pytest
-from globule.bench import physics_solid as truths
-from globule.bench.physics_tissue import DENSITY, GRAVITY, MODULUS, SPACING, lattice
 from globule.sim import solids
 from globule.sim.bonds import build_bonds
 from globule.sim.tissue import Tissue
 from sim_helpers import check, jittered, reloaded
+
+from bench.tables import physics_solid as truths
+from bench.tables.physics_tissue import DENSITY, GRAVITY, MODULUS, SPACING, lattice
 
 D = SPACING
 MASS = DENSITY * D**3

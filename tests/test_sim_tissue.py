@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from globule.bench import physics_tissue as truths
 from globule.sim.bonds import along, build_bonds
 from globule.sim.tissue import BALL, Tissue
 from sim_helpers import check
+
+from bench.tables import physics_tissue as truths
 
 D = truths.SPACING
 

@@ -8,11 +8,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from globule.bench import physics_tissue as truths
 from globule.sim import blade
 from globule.sim.bonds import build_bonds
 from globule.sim.tissue import Tissue
 from sim_helpers import check
+
+from bench.tables import physics_tissue as truths
 
 D = truths.SPACING
 

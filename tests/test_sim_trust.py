@@ -11,8 +11,9 @@ import globule as gb
 import numpy as np
 import pytest
 from globule._base.structured import parse_toml
-from globule.bench import physics_fluid as physics
 from scipy.spatial import cKDTree
+
+from bench.tables import physics_fluid as physics
 
 BENCH = Path(__file__).parents[1] / "bench" / "simulate.py"
 MOST = {0.01: 0.06, 0.001: 0.03}  # of the compressions: the largest, over all steps

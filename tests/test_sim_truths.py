@@ -1,15 +1,16 @@
-"""Experiments with a known answer, at small size; `globule bench physics` shows the figures."""
+"""Experiments with a known answer, at small size; `python -m bench physics` shows the figures."""
 
 from __future__ import annotations
 
 import globule as gb
 import numpy as np
 import pytest
-from globule.bench import physics_bodies as bodies
-from globule.bench import physics_crown, physics_fluid
-from globule.bench import physics_flows as flows
-from globule.bench.physics_fluid import lattice
 from sim_helpers import check
+
+from bench.tables import physics_bodies as bodies
+from bench.tables import physics_crown, physics_fluid
+from bench.tables import physics_flows as flows
+from bench.tables.physics_fluid import lattice
 
 
 @pytest.mark.parametrize(
@@ -18,11 +19,11 @@ from sim_helpers import check
         (physics_fluid.free_fall, {}),
         (physics_fluid.momentum, {}),
         (physics_fluid.hydrostatic, {"seconds": 1.0}),
-        (physics_fluid.dam_break, {"cells": 10}),
+        pytest.param(physics_fluid.dam_break, {"cells": 10}, marks=pytest.mark.slow),
         (physics_fluid.emitter, {}),
         (flows.rotating_square, {}),
         (flows.sloshing, {"cells": 24}),
-        (flows.pipe_poiseuille, {"cells": 7}),
+        pytest.param(flows.pipe_poiseuille, {"cells": 7}, marks=pytest.mark.slow),
         (flows.torricelli, {"cells": 16}),
         pytest.param(physics_crown.splash, {"layers": 3}, marks=pytest.mark.slow),
     ],

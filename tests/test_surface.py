@@ -4,10 +4,11 @@ import globule as gb
 import numpy as np
 import pytest
 from format_helpers import DATA
-from globule.bench.resting_pool import resting_pool
 from globule.scene.fluid import fluid_like
 from globule.scene.oracle import first_hit
 from scenes import lattice, unit
+
+from bench.tables.resting_pool import resting_pool
 
 
 def block(*shape: int) -> np.ndarray:
@@ -57,7 +58,10 @@ def test_a_ball_has_its_particles_volume(backend, n):
 
 
 @pytest.mark.parametrize("measured", [False, True])
-@pytest.mark.parametrize("shape", [(10, 10, 10), (40, 40, 1), (30, 30, 2), (24, 24, 4)])
+@pytest.mark.parametrize(
+    "shape",
+    [pytest.param((10, 10, 10), marks=pytest.mark.slow), (40, 40, 1), (30, 30, 2), (24, 24, 4)],
+)
 def test_boxes_and_sheets_have_their_particles_volume(shape, measured):
     """Turned: at any angle to the axes; with the spacing that is given, or that is measured."""
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
@@ -234,6 +238,7 @@ def test_spacing_of_close_packings(packing, jitter):
     assert random_volume(scene, spacing) / len(points) == pytest.approx(1, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_torn_sheet_is_closed_and_encloses_its_volume():
     """Six particles in the area of ten, spread evenly: thinner than a spacing, not thicker."""
     size, n = 30.0, 540

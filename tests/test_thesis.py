@@ -7,11 +7,12 @@ import json
 import globule as gb
 import numpy as np
 import pytest
-from globule.bench import thesis as tables
 from globule.cli import main
 from globule.scene.thesis import Thesis, default_support, work
 from scenes import Case, cloud, lattice, unit
 from scenes import case as whole_case
+
+from bench.tables import thesis as tables
 
 BEZIER = ["one", "sheet", "sheet_edge", "hundred", "orthographic", "inside", "carved", "mixed",
           "one wyvill", "cloud wyvill", "weights murakami", "weights wyvill"]  # fmt: skip

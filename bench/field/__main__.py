@@ -22,9 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
-from cases import SCENES, Case, cameras, moved
-from peers import ONE_RADIUS, PEERS
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
+from cases import SCENES, Case, cameras, moved  # noqa: E402
+from peers import ONE_RADIUS, PEERS  # noqa: E402
 
 FRAMES, VIEWS = 2, 2  # after the first image
 COLUMNS = ("scene", "particles", "program", "version", "first_s", "frame_s", "view_s",
@@ -160,7 +160,7 @@ def processor() -> str:
 
 
 def page(lines: list[str], versions: dict[str, str], options: argparse.Namespace) -> str:
-    from globule.bench.report import machine
+    from bench.tables.report import machine
 
     width, height = options.size
     settings = [

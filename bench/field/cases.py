@@ -8,7 +8,8 @@ from pathlib import Path
 
 import globule as gb
 import numpy as np
-from globule.bench.scenes import pool as waves
+
+from bench.tables.scenes import pool as waves
 
 SPLASH = Path(__file__).parents[3] / "shared" / "data" / "particles" / "splash_117649.npz"
 

@@ -16,10 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
 import globule as gb  # noqa: E402
 import povray  # noqa: E402
-from speed import load, write_csv  # noqa: E402
+
+from bench.speed import load, write_csv  # noqa: E402
 
 
 def measure(name: str, size: tuple[int, int]) -> dict:

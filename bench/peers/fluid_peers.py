@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from fluid_judge import GRAVITY, REST_DENSITY, wall_factor
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 MOST_ITERATIONS = 100  # SPlisHSPlasH's default
 PACKAGES = {
@@ -29,7 +29,7 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 def simulation(recipe: dict, error: float, threads: int):
     """globule's simulation of a case."""
-    import simulate
+    from bench import simulate
 
     if recipe["splash"]:
         return simulate.splash(recipe["splash"], error, "cpu", threads)

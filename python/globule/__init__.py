@@ -129,10 +129,7 @@ _LATER = {
     "volumes.volume": "Volume",
 }
 _MODULE_OF = {name: module for module, names in _LATER.items() for name in names.split()}
-_ROOMS = (
-    "bench", "cli", "figures", "formats", "measure", "pyvista", "sim", "ultrasound", "viewer",
-    "volumes",
-)  # fmt: skip
+_ROOMS = ("cli", "formats", "measure", "pyvista", "sim", "ultrasound", "viewer", "volumes")
 
 
 def __getattr__(name: str) -> _Any:

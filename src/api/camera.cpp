@@ -8,6 +8,10 @@
 namespace globule {
 namespace {
 
+void check_fov(double degrees) {
+    if (!(degrees >= 1e-9 && degrees < 180)) refuse("fov", "degrees between 1e-09 and 180", text(degrees));
+}
+
 constexpr std::size_t kMostPoints = 1'000'000;  ///< of more, the box's corners count
 constexpr float kFarthest = 1e18f;              ///< past it a coordinate counts as infinite, as in the octree
 
@@ -78,7 +82,7 @@ Camera Camera::fit(const ArrayView& positions, const FitOptions& o) {
     check_finite("direction", o.direction);
     check_finite("up", o.up);
     if (!(norm(o.direction) > 0)) refuse("direction", "a direction", text(o.direction));
-    if (!(o.fov > 0 && o.fov < 180)) refuse("fov", "degrees between 0 and 180", text(o.fov));
+    check_fov(o.fov);
     if (o.width < 1 || o.height < 1) refuse("width, height", "at least 1 pixel", std::to_string(o.width) + " x " + std::to_string(o.height));
     if (!(std::isfinite(o.margin) && o.margin >= 0)) refuse("margin", "a number >= 0", text(o.margin));
     Vec3 middle;
@@ -138,7 +142,7 @@ core::CameraRays rays(const Camera& c, int width, int height) {
     check_finite("eye", c.eye);
     check_finite("look_at", c.look_at);
     check_finite("up", c.up);
-    if (!(c.fov > 0 && c.fov < 180)) refuse("fov", "degrees between 0 and 180", text(c.fov));
+    check_fov(c.fov);
     if (c.height) positive("height", *c.height);
     const Vec3 ahead = c.look_at - c.eye;
     if (norm(ahead) == 0) refuse("look_at", "a point other than eye", text(c.look_at));

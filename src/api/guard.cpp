@@ -50,7 +50,8 @@ void check_status(const Status& status) {
         case Code::refused: throw Error(ErrorCode::invalid, status.message);
         case Code::stale: throw Error(ErrorCode::stale, status.message);
         case Code::memory: throw Error(ErrorCode::memory, status.message);
-        case Code::failed: throw Error(status.message.starts_with("CUDA: ") ? ErrorCode::device : ErrorCode::internal, status.message);
+        case Code::device: throw Error(ErrorCode::device, status.message);
+        case Code::failed: throw Error(ErrorCode::internal, status.message);
     }
 }
 

@@ -48,7 +48,7 @@ struct MeshArrays {
     // Normals between triangles that meet at less than an angle.  Corners are numbered 3 face + k; null: the triangles' own.
     ArrayAt<const std::uint32_t> place_of_corner;  // (3 n_faces,) corners at one place have the same number
     ArrayAt<const std::uint32_t> corners;          // (3 n_faces,) by place
-    ArrayAt<const std::uint32_t> corners_begin;    // (n_places + 1,) where each place's begin
+    ArrayAt<const std::uint32_t> corners_begin;    // (n_places + 1,) where each place's begin; host
     std::size_t n_places = 0;
     float smooth_cosine = 1.0f;
     FloatArray color;                         // (n_vertices, 3) or (n_faces, 3); null: the one below
@@ -193,9 +193,8 @@ using SceneEntries = EntryTable<&Scene::build, &Scene::build_mesh, &Scene::place
                                 &Scene::blend, &Scene::integrate, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work, &Scene::march_parts, &Scene::occlude_parts, &Scene::beside>;
 using FrameEntries = EntryTable<&Frame::read, &Frame::trace_seconds, &Frame::passes>;
 
-/// Exported by every backend library as "globule_backend".
+/// Exported by every backend library as "globule_backend", beside "globule_interface" (backends/interface.cpp).
 struct BackendApi {
-    std::uint64_t abi;  ///< first, so that a library of any version can be asked
     Status (*make_scene)(int device, int threads, Poll* poll, std::shared_ptr<Scene>* out) noexcept;
     /// One line naming the device, or why it cannot be used (then ok is false).
     Status (*describe)(int device, bool* ok, std::string* out) noexcept;
@@ -229,20 +228,9 @@ struct BackendApi {
     }
 };
 
-/// Raised by hand when what the structures mean changes; what they look like counts by itself.
-inline constexpr std::uint64_t kBackendAbi = [] {
-    std::uint64_t h = 3;
-    for (std::uint64_t size : {sizeof(BackendApi), sizeof(SceneArrays), sizeof(MeshArrays), sizeof(TreeRequest), sizeof(TreeFacts), sizeof(PictureRequest),
-                               sizeof(Lighting), sizeof(SimulationSettings), sizeof(StepReport), sizeof(PlusRequest), sizeof(GridRequest),
-                               sizeof(FramesView), sizeof(FillRequest), sizeof(LayerRequest), sizeof(FieldRequest), sizeof(Clip), sizeof(BloodVessel), sizeof(BladeSweep), sizeof(TissueArrays), sizeof(std::string)})
-        h = h * 1099511628211ull + size;
-    return h;
-}();
-
 /// The table of a backend, its entries on devices of this kind.
 template <class DeviceScope>
 constexpr BackendApi with_entries(BackendApi api) {
-    api.abi = kBackendAbi;
     fill_entries<DeviceScope>(api.scene);
     fill_entries<DeviceScope>(api.frame);
     fill_entries<DeviceScope>(api.reconstructor);

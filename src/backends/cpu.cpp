@@ -40,7 +40,7 @@ Status let_wait(int, std::uintptr_t) noexcept { return {}; }
 void* take_pinned(std::size_t) noexcept { return nullptr; }
 void give_pinned_back(void*, std::size_t) noexcept {}
 
-constexpr BackendApi kApi = with_entries<Scope>({0, scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned, give_pinned_back, {}, {}, {}, {}, {}, {}});
+constexpr BackendApi kApi = with_entries<Scope>({scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned, give_pinned_back, {}, {}, {}, {}, {}, {}});
 
 }  // namespace
 }  // namespace globule::core

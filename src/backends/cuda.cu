@@ -95,7 +95,7 @@ void give_pinned_back(void* room, std::size_t bytes) noexcept {
     caught([&] { PinnedImages::give_back(room, bytes); });
 }
 
-constexpr BackendApi kApi = with_entries<Scope>({0, scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned, give_pinned_back, {}, {}, {}, {}, {}, {}});
+constexpr BackendApi kApi = with_entries<Scope>({scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned, give_pinned_back, {}, {}, {}, {}, {}, {}});
 
 }  // namespace
 }  // namespace globule::core

@@ -9,6 +9,7 @@
 
 #include "backends/object.hpp"
 #include "backends/status.hpp"
+#include "base/device.hpp"
 #include "exec/interrupt.hpp"
 
 namespace globule::core {
@@ -67,6 +68,8 @@ Status caught(const Body& body) noexcept {
             return {Code::stale, e.what()};
         } catch (const std::bad_alloc&) {
             return {Code::memory, "out of memory"};
+        } catch (const DeviceFailure& e) {
+            return {Code::device, e.what()};
         } catch (const std::exception& e) {
             return {Code::failed, e.what()};
         }

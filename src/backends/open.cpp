@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <map>
 #include <mutex>
+#include <string_view>
 
 #include "globule/error.hpp"
 
@@ -51,11 +52,11 @@ const BackendApi& open_backend(const std::string& name) {
     if (!std::filesystem::exists(path)) throw Error(ErrorCode::device, "this build has no " + name + " backend (" + path.filename().string() + ")");
     void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
     if (!library) throw Error(ErrorCode::device, "cannot load the " + name + " backend: " + dlerror());
+    const auto* interface = static_cast<const char*>(dlsym(library, "globule_interface"));
     const auto* api = static_cast<const BackendApi*>(dlsym(library, "globule_backend"));
-    if (!api) throw Error(ErrorCode::device, "the " + name + " backend library exports nothing");
-    if (api->abi != kBackendAbi)
-        throw Error(ErrorCode::device, "the " + name + " backend library is of another version (interface " + std::to_string(api->abi) + ", expected " +
-                                           std::to_string(kBackendAbi) + "): install globule again");
+    if (!interface || !api || std::string_view(interface) != GLOBULE_INTERFACE)
+        throw Error(ErrorCode::device, "the " + name + " backend library is of another version (interface " + (interface ? interface : "not named") +
+                                           ", expected " GLOBULE_INTERFACE "): install globule again");
     return *(open[name] = api);
 }
 

@@ -5,7 +5,7 @@
 
 namespace globule::core {
 
-enum class Code : int { ok, cancelled, refused, stale, memory, failed };
+enum class Code : int { ok, cancelled, refused, stale, memory, device, failed };
 
 struct Status {
     Code code = Code::ok;

@@ -1,6 +1,7 @@
 // Where an array lies.
 #pragma once
 #include <cstdint>
+#include <stdexcept>
 
 namespace globule::core {
 
@@ -18,5 +19,10 @@ struct ArrayAt {
 };
 using FloatArray = ArrayAt<const float>;
 using AnyArray = ArrayAt<const void>;
+
+/// What the device or its driver could not do.
+struct DeviceFailure : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
 
 }  // namespace globule::core

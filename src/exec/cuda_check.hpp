@@ -3,8 +3,9 @@
 #include <cuda_runtime.h>
 
 #include <new>
-#include <stdexcept>
 #include <string>
+
+#include "base/device.hpp"
 
 namespace globule::core {
 
@@ -12,7 +13,7 @@ inline void check(cudaError_t status) {
     if (status == cudaSuccess) return;
     cudaGetLastError();  // else a later call finds this error again
     if (status == cudaErrorMemoryAllocation) throw std::bad_alloc();
-    throw std::runtime_error(std::string("CUDA: ") + cudaGetErrorString(status));
+    throw DeviceFailure(std::string("CUDA: ") + cudaGetErrorString(status));
 }
 
 }  // namespace globule::core

@@ -1,7 +1,10 @@
 // The triangle mesh, or the capsules, of a scene: its hierarchy, and the launches of rays that meet it.
 #pragma once
+#include <vector>
+
 #include "backends/backend.hpp"
 #include "mesh/build.hpp"
+#include "mesh/smooth_normals.hpp"
 #include "pipeline/arrays.hpp"
 #include "trace/nearest.hpp"
 #include "trace/solid.hpp"
@@ -55,32 +58,6 @@ struct GatherCapsules {
     GB_FN void operator()(std::size_t k) const { ends[k] = of.end(std::size_t(2) * index[k / 2] + k % 2); }
 };
 
-/// The normal at a corner: the mean of those triangles around it that meet this one at less than an angle, weighted by their
-/// own angles there (Thürmer & Wüthrich 1998).
-struct SmoothNormals {
-    TriangleBoxes of;
-    const std::uint32_t *place_of_corner, *corners, *begin;
-    float cosine;
-    float* normals;
-    GB_FN float3 normal_of(std::size_t face, int corner, float& angle) const {
-        const std::size_t i = 3 * face;
-        const float3 p = of.vertex(i + corner), a = normalize(of.vertex(i + (corner + 1) % 3) - p), b = normalize(of.vertex(i + (corner + 2) % 3) - p);
-        angle = acosf(min(max(dot(a, b), -1.0f), 1.0f));
-        return normalize(cross(a, b));
-    }
-    GB_FN void operator()(std::size_t k) const {
-        float angle;
-        const float3 own = normal_of(k / 3, int(k % 3), angle);
-        float3 sum{0, 0, 0};
-        const std::uint32_t place = place_of_corner[k];
-        for (std::uint32_t j = begin[place]; j < begin[place + 1]; ++j) {
-            const float3 other = normal_of(corners[j] / 3, int(corners[j] % 3), angle);
-            if (dot(own, other) >= cosine) sum = sum + other * angle;
-        }
-        write3(normals, k, dot(sum, sum) > 0.0f ? normalize(sum) : own);
-    }
-};
-
 /// First hits of rays, in world units; face: the caller's number, where t is finite.
 template <class Items>
 struct MeetMesh {
@@ -104,7 +81,7 @@ template <class Exec>
 class MeshStore {
 public:
     explicit MeshStore(Exec& exec)
-        : hierarchy_(exec), corners_(exec), vertices_(exec), radius_(exec), normals_(exec), color_(exec), faces_(exec), places_(exec), order_(exec), begins_(exec), origins_(exec), directions_(exec), results_(exec), indices_(exec) {}
+        : hierarchy_(exec), corners_(exec), vertices_(exec), radius_(exec), normals_(exec), color_(exec), faces_(exec), places_(exec), order_(exec), begins_(exec), many_(exec), parts_(exec), corner_normals_(exec), sums_(exec), origins_(exec), directions_(exec), results_(exec), indices_(exec) {}
 
     bool is_there() const { return there_; }
     bool is_closed() const { return mesh_.closed; }
@@ -175,19 +152,34 @@ private:
         if (capsules_there_) fn(capsules_);
         else fn(mesh_);
     }
-    const float* smooth(Exec& exec, const TriangleBoxes& boxes, const MeshArrays& in) {
+    const float* smooth(Exec& exec, const TriangleBoxes& of, const MeshArrays& in) {
         const std::size_t n = 3 * in.n_faces;
         if (!in.corners.data || n == 0) return nullptr;
+        Quad* own = corner_normals_.reserve(n);
+        exec.for_each(n, CornerNormals{of.vertices, of.faces, own});
+        std::vector<std::uint32_t> crowded, parts{0};
+        for (std::size_t v = 0; v < in.n_places; ++v) {
+            const std::uint32_t at = in.corners_begin.data[v + 1] - in.corners_begin.data[v];
+            if (at < kManyCorners) continue;
+            crowded.push_back(std::uint32_t(v));
+            parts.push_back(parts.back() + ceil_div(at, kPart));
+        }
+        const CornersByPlace by_place{bring(exec, order_, in.corners, n), bring(exec, begins_, in.corners_begin, in.n_places + 1)};
+        const ManyCorners many{bring(exec, many_, {crowded.data()}, crowded.size()), bring(exec, parts_, {parts.data()}, parts.size()), std::uint32_t(crowded.size())};
+        float3* sums = sums_.reserve(std::size_t(parts.back()) * DirectionCells::n);
+        exec.for_each_task(parts.back(), AddByDirection{own, by_place, many, sums});
+        exec.for_each(crowded.size() * DirectionCells::n, AddParts{many, sums});
         float* normals = normals_.reserve(3 * n);
-        exec.for_each(n, SmoothNormals{boxes, bring(exec, places_, in.place_of_corner, n), bring(exec, order_, in.corners, n),
-                                       bring(exec, begins_, in.corners_begin, in.n_places + 1), in.smooth_cosine, normals});
+        exec.for_each_uneven(n, SmoothNormals{own, bring(exec, places_, in.place_of_corner, n), by_place, many, sums, in.smooth_cosine, normals});
         return normals;
     }
 
     BoxHierarchy<Exec> hierarchy_;
     Buffer<Quad, Exec> corners_;
     Buffer<float, Exec> vertices_, radius_, normals_, color_;
-    Buffer<std::uint32_t, Exec> faces_, places_, order_, begins_;
+    Buffer<std::uint32_t, Exec> faces_, places_, order_, begins_, many_, parts_;
+    Buffer<Quad, Exec> corner_normals_;
+    Buffer<float3, Exec> sums_;
     Buffer<float, Exec> origins_, directions_, results_;
     Buffer<std::uint32_t, Exec> indices_;
     SolidShape<Triangles> mesh_{};

@@ -1,9 +1,9 @@
 // What moves boundaries and rigid bodies, as bytes of a checkpoint.
 #pragma once
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <map>
-#include <stdexcept>
 #include <vector>
 
 #include "backends/status.hpp"
@@ -11,82 +11,103 @@
 
 namespace globule::core {
 
-namespace motion_bytes {
-
-template <class T>
-void put(std::vector<char>& out, const T* items, std::size_t n) {
-    static_assert(std::is_trivially_copyable_v<T>);
-    const std::uint64_t count = n;
-    const char* head = reinterpret_cast<const char*>(&count);
-    out.insert(out.end(), head, head + sizeof count);
-    const char* data = reinterpret_cast<const char*>(items);
-    out.insert(out.end(), data, data + n * sizeof(T));
-}
-template <class T>
-std::vector<T> take(const std::vector<char>& in, std::size_t& at, const T& blank) {
-    std::uint64_t n = 0;
-    const auto bytes = [&](void* to, std::size_t size) {
-        if (in.size() - at < size) throw Refused("checkpoint: expected all of the bodies that move, got a part");
-        if (size > 0) std::memcpy(to, in.data() + at, size);
-        at += size;
-    };
-    bytes(&n, sizeof n);
-    if (n > in.size() / sizeof(T)) throw Refused("checkpoint: expected all of the bodies that move, got a part");
-    std::vector<T> items(n, blank);
-    bytes(items.data(), n * sizeof(T));
-    return items;
-}
-template <class T>
-void put_map(std::vector<char>& out, const std::map<int, T>& map) {
-    std::vector<int> keys;
-    std::vector<T> values;
-    for (const auto& [key, value] : map) {
-        keys.push_back(key);
-        values.push_back(value);
+/// Counts and numbers one after the other, in the machine's order.
+class MotionWriter {
+public:
+    std::vector<char> bytes;
+    void count(std::uint64_t n) { put(n); }
+    template <class Numbers>
+    void numbers(const Numbers& all) {
+        for (const auto x : all) put(x);
     }
-    put(out, keys.data(), keys.size());
-    put(out, values.data(), values.size());
-}
-template <class T>
-void take_map(const std::vector<char>& in, std::size_t& at, std::map<int, T>& map, const T& blank) {
-    const std::vector<int> keys = take<int>(in, at, 0);
-    const std::vector<T> values = take<T>(in, at, blank);
-    if (keys.size() != values.size()) throw Refused("checkpoint: expected as many bodies as names of them");
-    map.clear();
-    for (std::size_t k = 0; k < keys.size(); ++k) map.insert_or_assign(keys[k], values[k]);
-}
 
-/// Refuses a phase that there cannot be, and numbers that are not finite in what consists of them alone.
-template <class Number, class T>
-void check(int phase, const T& item) {
-    static_assert(sizeof(T) % sizeof(Number) == 0 && std::is_trivially_copyable_v<T>);
-    Number numbers[sizeof(T) / sizeof(Number)];
-    std::memcpy(numbers, &item, sizeof item);
-    bool good = phase >= 0 && phase < sim::kMaxPhases;
-    for (Number x : numbers) good &= std::isfinite(x);
-    if (!good) throw Refused("checkpoint: expected phases and finite numbers of the bodies that move, got others");
-}
+private:
+    template <class T>
+    void put(T x) {
+        const char* from = reinterpret_cast<const char*>(&x);
+        bytes.insert(bytes.end(), from, from + sizeof x);
+    }
+};
+class MotionReader {
+public:
+    explicit MotionReader(const std::vector<char>& bytes) : bytes_(bytes) {}
+    /// How many items follow, each of at least so many bytes.
+    std::size_t count(std::size_t item) {
+        const auto n = take<std::uint64_t>();
+        if (n > (bytes_.size() - at_) / item) throw Refused("checkpoint: expected all of the bodies that move, got a part");
+        return n;
+    }
+    template <class T, std::size_t n>
+    std::array<T, n> numbers(bool finite = true) {
+        std::array<T, n> out;
+        for (T& x : out) {
+            x = take<T>();
+            if (finite && !std::isfinite(x)) refuse();
+        }
+        return out;
+    }
+    /// A body's number.
+    int phase() {
+        const std::uint64_t k = take<std::uint64_t>();
+        if (k >= sim::kMaxPhases) refuse();
+        return int(k);
+    }
+    void end() const {
+        if (at_ != bytes_.size()) throw Refused("checkpoint: expected the end of the bodies that move, got more");
+    }
 
-}  // namespace motion_bytes
+private:
+    [[noreturn]] static void refuse() { throw Refused("checkpoint: expected phases and finite numbers of the bodies that move, got others"); }
+    template <class T>
+    T take() {
+        T x;
+        if (bytes_.size() - at_ < sizeof x) throw Refused("checkpoint: expected all of the bodies that move, got a part");
+        std::memcpy(&x, bytes_.data() + at_, sizeof x);
+        at_ += sizeof x;
+        return x;
+    }
+    const std::vector<char>& bytes_;
+    std::size_t at_ = 0;
+};
 
 inline std::vector<char> save_motion(const std::vector<Quad>& home, const std::map<int, sim::Pose>& poses, const std::map<int, RigidBody>& bodies) {
-    std::vector<char> out;
-    motion_bytes::put(out, home.data(), home.size());
-    motion_bytes::put_map(out, poses);
-    motion_bytes::put_map(out, bodies);
-    return out;
-}
-inline void load_motion(const std::vector<char>& in, std::vector<Quad>& home, std::map<int, sim::Pose>& poses, std::map<int, RigidBody>& bodies) {
-    std::size_t at = 0;
-    home = motion_bytes::take<Quad>(in, at, {});
-    motion_bytes::take_map(in, at, poses, {});
-    motion_bytes::take_map(in, at, bodies, RigidBody(1.0, {}, {}));
-    for (const auto& [phase, pose] : poses) motion_bytes::check<float>(phase, pose);
-    for (const auto& [phase, body] : bodies) {
-        motion_bytes::check<double>(phase, body);
-        if (!(body.mass() > 0)) throw Refused("checkpoint: expected bodies of a mass above 0, got another");
+    MotionWriter out;
+    out.count(home.size());
+    for (const Quad& q : home) out.numbers(std::array{q.x, q.y, q.z, q.w});
+    out.count(poses.size());
+    for (const auto& [phase, pose] : poses) {
+        out.count(std::uint64_t(phase));
+        for (const float3& v : {pose.x, pose.y, pose.z, pose.origin}) out.numbers(std::array{v.x, v.y, v.z});
     }
-    if (at != in.size()) throw Refused("checkpoint: expected the end of the bodies that move, got more");
+    out.count(bodies.size());
+    for (const auto& [phase, body] : bodies) {
+        out.count(std::uint64_t(phase));
+        out.numbers(body.numbers());
+    }
+    return out.bytes;
+}
+inline void load_motion(const std::vector<char>& bytes, std::vector<Quad>& home, std::map<int, sim::Pose>& poses, std::map<int, RigidBody>& bodies) {
+    MotionReader in(bytes);
+    home.clear();
+    for (std::size_t n = in.count(4 * sizeof(float)); n > 0; --n) {
+        const auto q = in.numbers<float, 4>(false);  // of particles that are in no body, too
+        home.push_back({q[0], q[1], q[2], q[3]});
+    }
+    poses.clear();
+    for (std::size_t n = in.count(8 + 12 * sizeof(float)); n > 0; --n) {
+        const int phase = in.phase();
+        const auto p = in.numbers<float, 12>();
+        const auto axis = [&](std::size_t k) { return float3{p[k], p[k + 1], p[k + 2]}; };
+        poses.insert_or_assign(phase, sim::Pose{axis(0), axis(3), axis(6), axis(9)});
+    }
+    bodies.clear();
+    for (std::size_t n = in.count(8 + RigidBody::n_numbers * sizeof(double)); n > 0; --n) {
+        const int phase = in.phase();
+        const RigidBody body(in.numbers<double, RigidBody::n_numbers>());
+        if (!(body.mass() > 0)) throw Refused("checkpoint: expected bodies of a mass above 0, got another");
+        bodies.insert_or_assign(phase, body);
+    }
+    in.end();
 }
 
 }  // namespace globule::core

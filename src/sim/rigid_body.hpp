@@ -1,5 +1,6 @@
 // One rigid body on the host: mass, pose, momenta.  float64; a handful of numbers a step.
 #pragma once
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -56,6 +57,31 @@ public:
     void wrap(const float3& lo, const float3& period) {
         for (int k = 0; k < 3; ++k)
             if (const double length = (&period.x)[k]; length > 0) center_[k] -= length * std::floor((center_[k] - (&lo.x)[k]) / length);
+    }
+
+    /// All that it is, for a checkpoint.
+    static constexpr std::size_t n_numbers = 28;
+    std::array<double, n_numbers> numbers() const {
+        std::array<double, n_numbers> out;
+        auto at = std::copy(velocity.begin(), velocity.end(), out.begin());
+        at = std::copy(spin.begin(), spin.end(), at);
+        *at++ = mass_;
+        at = std::copy(center_.begin(), center_.end(), at);
+        at = std::copy(inertia_.begin(), inertia_.end(), at);
+        std::copy(rotation_.begin(), rotation_.end(), at);
+        return out;
+    }
+    explicit RigidBody(const std::array<double, n_numbers>& numbers) {
+        auto from = numbers.begin();
+        const auto take = [&](auto& to) {
+            for (double& x : to) x = *from++;
+        };
+        take(velocity);
+        take(spin);
+        mass_ = *from++;
+        take(center_);
+        take(inertia_);
+        take(rotation_);
     }
 
 private:

@@ -7,7 +7,7 @@ namespace globule::core {
 
 /// Where a ray meets one layer, while that is being found out.
 struct LayerHits {
-    float* t;               ///< infinity: nowhere; undecided(t): only float64 can tell from t on
+    float* t;               ///< infinity: nowhere; of undecided rays: only float64 can tell from there on
     std::int32_t* cap;      ///< the clip whose cut face it is, -1: the surface itself; null: never
     std::int8_t* sign;      ///< +1: outside before t, or where it is undecided; -1: inside; 0: only float64 can tell; null: not kept
     std::uint32_t* item;    ///< of a solid: 2 * item, and 1 where the ray enters

@@ -14,16 +14,13 @@ struct UndecidedRays {
 
 /// Per ray, caller's memory; t is infinite where nothing is hit.
 struct Hits {
-    float* t;        ///< distance along the ray; undecided(t): no root before t, the rest is open
+    float* t;        ///< distance along the ray; of undecided rays: no root lies before, the rest is open
     float* normal;   ///< (n, 3) -grad f / |grad f|; null: distances alone are wanted
     float* albedo;   ///< (n, 3) blended colour
     UndecidedRays undecided{};
     std::int8_t* sign = nullptr;     ///< -1: the ray came to t from inside; else +1; 0: only float64 can tell
     float* wetness = nullptr;        ///< (n,) blended, of tracers that are told the particles'
 };
-
-/// Marks a ray that only float64 can decide, from t on; its own inverse.
-GB_FN float undecided(float t) { return -1.0f - t; }
 
 /// A distance no farther than t was before its two roundings: where a support is small against the distance, a root may lie
 /// between them.

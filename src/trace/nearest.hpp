@@ -22,8 +22,7 @@ struct ToCrossing {
         return active && s.way == Way::on;
     }
     GB_FN void end(const State& s) const {
-        const float t = s.of.ray.t;
-        out.t[s.i] = s.way == Way::missed ? infinity() : s.way == Way::doubtful ? undecided(t) : t;
+        out.t[s.i] = s.way == Way::missed ? infinity() : s.of.ray.t;
         if (s.way == Way::doubtful) out.undecided.add(s.i);
         out.cap[s.i] = s.way == Way::crossed ? s.of.cap : -1;
         out.sign[s.i] = std::int8_t((s.of.ray.sign > 0.0f) - (s.of.ray.sign < 0.0f));

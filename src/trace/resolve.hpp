@@ -70,7 +70,7 @@ struct ResolveRays {
     RaySource rays;
     Hits out;                          ///< normal null: distances alone
     Clips clips{};
-    std::int8_t* sign = nullptr;       ///< +1 or -1: the side where each ray is at its undecided t; 0 or null: to be found
+    std::int8_t* sign = nullptr;       ///< +1 or -1: the side where each ray is at its t; 0 or null: to be found
     std::int32_t* cap = nullptr;       ///< with clips: where a cut face is met, its clip
     const float* wetness = nullptr;    ///< of the particles, as out.wetness is wanted
     float3 film{};                     ///< its colour
@@ -130,7 +130,7 @@ struct ResolveRays {
     template <class Group>
     GB_FN double solve_kept(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, std::size_t i, int& n) const {
         double side = Leaving ? 1.0 : sign ? double(sign[i]) : 0.0;
-        float from = undecided(out.t[i]), begin, end;
+        float from = out.t[i], begin, end;
         int at_begin, at_end;
         g.sync();  // all have read t
         const TreeSource<Tree, Group> straight{g, tree, particles, kernel, {o.x, o.y, o.z}, {d.x, d.y, d.z}};

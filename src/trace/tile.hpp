@@ -159,7 +159,7 @@ private:
     GB_FN typename Group::B leave(Group& g, const Tile<Group>& tile, int v, const typename Group::B& which, const typename Group::F& t) const {
         g.per_lane(which, [&](int lane) {
             const std::size_t i = index(tile, v, lane);
-            out.t[i] = undecided(before(Group::get(t, lane)));
+            out.t[i] = before(Group::get(t, lane));
             out.undecided.add(i);
             write_sign(tile, v, lane, i);
         });

@@ -22,6 +22,7 @@ struct Thrower : core::Object {
         if (what == 4) throw std::bad_alloc();
         if (what == 5) throw std::runtime_error("five");
         if (what == 6) throw 6;
+        if (what == 7) throw core::DeviceFailure("seven");
         return 10 * what;
     }
 };
@@ -46,7 +47,7 @@ TEST_CASE("what a method throws comes back as a code") {
         bool invalidates;
     } cases[] = {{0, core::Code::ok, "", false},           {1, core::Code::cancelled, "interrupted", true}, {2, core::Code::refused, "two", false},
                  {3, core::Code::stale, "three", false},   {4, core::Code::memory, "out of memory", true},  {5, core::Code::failed, "five", true},
-                 {6, core::Code::failed, "", true}};
+                 {6, core::Code::failed, "", true},       {7, core::Code::device, "seven", true}};
     for (const auto& c : cases) {
         Thrower object;
         int result = -1;

@@ -11,13 +11,12 @@ import contextlib
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from .._base.memory import GIGABYTE, limits, set_limits
 from .._base.terminal import Plain
 from . import (
-    bench,
     calibrate,
     convert,
     demo,
@@ -45,7 +44,6 @@ GROUPS = {
     "measured from the surface": (slice, gauge, mesh, track, project),
     "simulation": (simulate,),
     "tracked ultrasound": (reconstruct, calibrate, register, measure),
-    "measurements": (bench,),
     "to try it out": (demo,),
 }
 COMMANDS = tuple(module for modules in GROUPS.values() for module in modules)
@@ -96,7 +94,7 @@ def build_parser() -> Parser:
         command.has_short_help()
         command.set_defaults(run=module.run, parser=command)
         module.add_arguments(command)
-        if module not in (bench, demo):
+        if module is not demo:
             flags.add_limits(command)
         command.essential = getattr(module, "ESSENTIAL", ())
     return parser
@@ -108,10 +106,15 @@ def _name(module: Any) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; never exits by itself."""
+    return status_of(_run, sys.argv[1:] if argv is None else list(argv))
+
+
+def status_of(run: Callable[[list[str]], None], argv: list[str]) -> int:
+    """Run a program of ours and return its exit status."""
     try:
         with warnings.catch_warnings(), contextlib.redirect_stdout(_plain_stdout()):
             warnings.showwarning = _show_warning
-            _run(sys.argv[1:] if argv is None else list(argv))
+            run(argv)
         if sys.stdout:
             sys.stdout.flush()  # here, so that a closed pipe is noticed here
         return 0

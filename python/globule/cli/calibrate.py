@@ -226,7 +226,7 @@ def _calibrated(
             messages.append(f"{options.marks}: residuals of {pixels:.0f} pixels; expected marks of "
                             "one point, and the poses of this sweep")  # fmt: skip
         if options.picture and not options.delay:
-            from ..figures.calibrating import draw_residuals
+            from ..ultrasound.calibration_plots import draw_residuals
 
             draw_residuals(options.picture, lengths, found.weights, "mark", found.held_out)
     if options.delay:
@@ -267,7 +267,7 @@ def _with_delay(
     report["temporal_offset"] = delay._asdict()
     del report["temporal_offset"]["curves"]
     if options.picture:
-        from ..figures.calibrating import draw_offset
+        from ..ultrasound.calibration_plots import draw_offset
 
         draw_offset(options.picture, delay)
     if delay.doubt:
@@ -333,7 +333,7 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
     }  # fmt: skip
     report["warnings"] += _wire_warnings(options, found)
     if options.picture:
-        from ..figures.calibrating import draw_wires
+        from ..ultrasound.calibration_plots import draw_wires
 
         draw_wires(options.picture, data[0], found, phantom, validation)
     if options.output:
@@ -415,7 +415,7 @@ def _registered(
     if wrong:
         report["warnings"].append(f"{options.landmarks}: left out: {', '.join(wrong)}")
     if options.picture and not options.sweep:
-        from ..figures.calibrating import draw_residuals
+        from ..ultrasound.calibration_plots import draw_residuals
 
         draw_residuals(options.picture, found.residuals, found.weights, "landmark")
     return dataclasses.replace(
@@ -440,7 +440,7 @@ def _stylus(options: argparse.Namespace) -> dict[str, Any]:
     found = calibrate_stylus(tracked.poses[tracked.ok], options.most_error)
     lengths = np.linalg.norm(found.residuals, axis=1)
     if options.picture:
-        from ..figures.calibrating import draw_residuals
+        from ..ultrasound.calibration_plots import draw_residuals
 
         draw_residuals(options.picture, lengths, found.weights, "pose")
     if options.output:

@@ -1,0 +1,1 @@
+"""Benchmarks: the source's tables and figures made again; `python -m bench` runs them."""

@@ -1,1 +1,0 @@
-"""Benchmarks: the source's tables and figures made again; `globule bench` runs them."""

@@ -1,0 +1,101 @@
+"""Objects that are made, changed, used and dropped in any order leave no memory behind."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+RUN = """
+import contextlib
+import sys
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+
+rng = np.random.default_rng(5)
+on = {"device": sys.argv[1]} | ({"threads": 2} if sys.argv[1] == "cpu" else {})
+light = gb.RenderSettings(shadows=True, ambient_rays=1, samples=2)
+water = {
+    "spacing": 0.1,
+    "domain": {"lo": [0, 0, 0], "hi": [1, 1, 1], "walls": True},
+    "fluids": [{"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.5, 0.5, 0.5]}}],
+}
+
+
+def points():
+    return rng.random((int(rng.integers(1, 2000)), 3)).astype(np.float32)
+
+
+def mesh():
+    faces = rng.integers(0, 30, (int(rng.integers(1, 200)), 3)).astype(np.uint32)
+    return gb.Mesh(rng.random((30, 3)), faces, **on)
+
+
+def render(layers):
+    size = (int(rng.integers(8, 65)), int(rng.integers(8, 49)))
+    look = light if rng.random() < 0.3 else gb.RenderSettings()
+    return gb.render(layers, gb.Camera((0.5, 0.5, 3), (0.5, 0.5, 0.5)), size, look)
+
+
+held = {kind: [] for kind in ("scene", "mesh", "frame", "simulation")}
+
+
+def some(kind):
+    return held[kind][int(rng.integers(len(held[kind])))]
+
+
+def turn():
+    kind = str(rng.choice(list(held)))
+    what = rng.random()
+    if not held[kind] or (len(held[kind]) < 5 and what < 0.2):
+        if kind == "scene":
+            held[kind].append(gb.Scene(points(), support=0.1, **on))
+        elif kind == "mesh":
+            held[kind].append(mesh())
+        elif kind == "simulation":
+            held[kind].append(gb.Simulation(water, **on))
+        elif held["scene"]:
+            held[kind].append(render(some("scene")))
+    elif what < 0.35:
+        held[kind].pop(int(rng.integers(len(held[kind]))))
+    elif kind == "scene":
+        some(kind).update(positions=points())
+        gb.field(some(kind), points())
+    elif kind == "mesh":
+        some(kind).update(rng.random((30, 3)))
+        held["frame"] = held["frame"][-4:] + [render([some(kind), *held["scene"][:1]])]
+    elif kind == "frame":
+        with contextlib.suppress(ValueError):  # its scene was updated since
+            some(kind).refine(1)
+        some(kind).picture.any()
+    elif rng.random() < 0.5:
+        some(kind).step()
+    else:
+        some(kind).reset()
+
+
+def resident():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+
+least = []
+for k in range(3000):
+    turn()
+    if k % 100 == 99:
+        least.append(resident())
+print(min(least[5:15]), min(least[20:]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="no /proc")
+def test_three_thousand_turns(backend):
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, backend["device"]], capture_output=True, text=True, check=True
+    )
+    early, late = map(int, done.stdout.split())
+    assert late < 1.05 * early
