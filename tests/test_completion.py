@@ -35,12 +35,10 @@ def test_an_unknown_shell(capsys):
     ("typed", "expected", "absent"),
     [
         (["globule", "re"], {"render", "reconstruct"}, {"view"}),
-        (["globule", "bench", ""], {"thesis", "ultrasound", "physics", "figures"}, {"render"}),
         (["globule", "render", "--oct"], {"--octree", "--octree-level"}, {"--device"}),
         (["globule", "render", "spl"], {"splash.npz"}, {"other.npz"}),
         (["globule", "render", "splash.npz", "--state", "v"], {"view.toml"}, set()),
         (["globule", "render", "splash.npz", "--root", ""], {"exact", "march", "bezier"}, set()),
-        (["globule", "bench", "figures", "--d"], {"--dpi", "--device"}, set()),
         (["globule", "reconstruct", "--vox"], {"--voxel-size", "--voxels"}, set()),
     ],
     ids=lambda value: " ".join(value[1:]) if isinstance(value, list) else "",

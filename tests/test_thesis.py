@@ -12,6 +12,7 @@ from globule.scene.thesis import Thesis, default_support, work
 from scenes import Case, cloud, lattice, unit
 from scenes import case as whole_case
 
+from bench.__main__ import main as bench
 from bench.tables import thesis as tables
 
 BEZIER = ["one", "sheet", "sheet_edge", "hundred", "orthographic", "inside", "carved", "mixed",
@@ -371,10 +372,10 @@ def test_the_tables(tmp_path, capsys, monkeypatch):
 def test_bench_command(tmp_path, capsys, monkeypatch):
     asked = []
     monkeypatch.setattr(tables, "run", lambda *given, **named: asked.append((given, named)))
-    assert main(["bench", "thesis", "--device", "cpu", "-o", str(tmp_path / "a")]) == 0
+    assert bench(["thesis", "--device", "cpu", "-o", str(tmp_path / "a")]) == 0
     assert asked == [(("cpu", 0), {"output": str(tmp_path / "a/thesis.csv")})]
-    assert main(["bench", "--list"]) == 0
+    assert bench(["--list"]) == 0
     assert "thesis      Tables 6.1 and 6.2" in capsys.readouterr().out
-    assert main(["bench", "9.9"]) == 2
+    assert bench(["9.9"]) == 2
     assert "thesis" in capsys.readouterr().err
     assert len(asked) == 1
