@@ -27,6 +27,13 @@ public:
         }
         return data_;
     }
+    /// As reserve, 0 where nothing was written yet: groups of lanes read past the last item.
+    T* reserve_zero(std::size_t n) {
+        const bool grows = n > capacity_;
+        T* data = reserve(n);
+        if (grows) exec_->clear(data, capacity_ * sizeof(T));
+        return data;
+    }
     /// At least n items, the first `used` as they were; half as many again when it grows.
     T* keep(std::size_t used, std::size_t n) {
         if (n <= capacity_) return data_;

@@ -222,6 +222,7 @@ struct CpuGroup {
         for (int j = 0; j < n; ++j) fn(j);
     }
     double total(double mine) const { return mine; }
+    double least(double mine) const { return mine; }
     bool is_first() const { return true; }
     void sync() const {}
 };

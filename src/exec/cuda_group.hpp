@@ -166,6 +166,10 @@ struct CudaGroup {
         for (int s = 16; s; s >>= 1) mine += __shfl_xor_sync(all, mine, s);
         return mine;
     }
+    __device__ double least(double mine) const {
+        for (int s = 16; s; s >>= 1) mine = min(mine, __shfl_xor_sync(all, mine, s));
+        return mine;
+    }
     __device__ bool is_first() const { return lane() == 0; }
     __device__ void sync() const { __syncwarp(); }
 };

@@ -108,7 +108,15 @@ struct Gather {
     std::uint32_t* n_outside;
     const std::uint32_t* index;
     float *x, *y, *z, *support, *weight, *stretch;
+    /// Past the last particle, too, up to where a group's lanes read.
     GB_FN void operator()(std::size_t i) const {
+        if (i >= in.n) {
+            x[i] = y[i] = z[i] = 0.0f;
+            if (support) support[i] = 0.0f;
+            if (weight) weight[i] = 0.0f;
+            for (int k = 0; stretch && k < 6; ++k) stretch[6 * i + k] = 0.0f;
+            return;
+        }
         constexpr Key inside = morton::Traits<Key>::inside;
         if ((keys[i] & inside) && (i == 0 || !(keys[i - 1] & inside))) *n_outside = std::uint32_t(i);  // they sort to the front
         const std::uint32_t from = index[i];
@@ -421,8 +429,8 @@ public:
     };
     Shapes shapes() {
         const std::size_t padded = ceil_div<std::size_t>(n_, 64) * 64 + 64;
-        float* stretch = stretch_.reserve(7 * padded);
-        return {support_.reserve(padded), weight_.reserve(padded), stretch, stretch + 6 * padded};
+        float* stretch = stretch_.reserve_zero(7 * padded);
+        return {support_.reserve_zero(padded), weight_.reserve_zero(padded), stretch, stretch + 6 * padded};
     }
     /// The boxes of a sparse tree anew for these shapes.
     void reshape(const Shapes& shapes, float least_axis, float most_stretch, float most_weight) {
@@ -495,7 +503,7 @@ private:
         float* support = in.support.data ? support_.reserve(padded) : nullptr;
         float* weight = in.weight.data ? weight_.reserve(padded) : nullptr;
         float* stretch = in.stretch ? stretch_.reserve(6 * padded) : nullptr;
-        exec_.for_each(n, Gather<Key>{in, keys, &header->n_outside, index, x, x + padded, x + 2 * padded, support, weight, stretch});
+        exec_.for_each(n ? padded : 0, Gather<Key>{in, keys, &header->n_outside, index, x, x + padded, x + 2 * padded, support, weight, stretch});
         if constexpr (!Exec::on_device) {
             if (in.given_up) exec_.give_up(in.positions, 3 * n * sizeof(float));
         }
@@ -539,7 +547,7 @@ private:
         if (capacity_ == 0 || wanted > capacity_ || wanted < capacity_ / 4) {
             const std::size_t room = ceil_div<std::size_t>(wanted + wanted / 4, 64) * 64 + 64;
             capacity_ = 0;
-            nodes_.reserve(8 * room + 64);  // siblings are loaded as vectors, past the last too
+            nodes_.reserve_zero(8 * room + 64);  // siblings are loaded as vectors, past the last too
             capacity_ = room;
         }
         seen_ = n + n / 4;

@@ -128,7 +128,7 @@ public:
     /// Of the velocities that are there now, which are kept.  The outcome has the kinetic energy before and after the first solve.
     sim::Outcome correct_density(float dt) {
         keep(kept_);
-        exec_.reduce_in_order(state_.n_rows, sim::KineticOf{rows_.inverse_rho, kicked_.data(), kept_.data()}, sim::AddKinetic{}, sim::Kinetic{}, &outcome_.reserve(1)->kinetic);
+        exec_.reduce_in_order(state_.n_rows, sim::KineticOf{rows_.inverse_rho, kicked_.data(), kept_.data()}, sim::AddKinetic{}, sim::Kinetic{}, &outcome_.reserve_zero(1)->kinetic);
         const double mean = kAim * settings_.density_error;
         const Criterion all{mean, kOver, kLiftShare, std::max(kLiftMost, kLiftLeast / mean)};
         const sim::Outcome out = solve({rows_.alpha, lift(), kMostExcess, all, settings_.least_iterations, false, rows_.bulk, 0.0f, 0.0f, kOmegaPlain, 0.0f}, dt, density_took_, nullptr);
@@ -180,7 +180,7 @@ public:
     void push_by_density(float dt, RigidSolve<Exec>& bodies) {
         const sim::State s = state_.view();
         float* change = change_.reserve(state_.n + 64);
-        sim::Progress* progress = &outcome_.reserve(1)->progress;
+        sim::Progress* progress = &outcome_.reserve_zero(1)->progress;
         exec_.clear(progress, sizeof *progress);
         exec_.clear(change, 4 * (state_.n + 64));
         exec_.clear(s.growth, 4 * state_.n);
@@ -297,7 +297,7 @@ private:
         float* turn = error + n + 64;
         float* iterate = iterate_.reserve(n + 64);
         sim::Residuals* found = residuals_.reserve(1);
-        sim::Outcome* outcome = outcome_.reserve(1);
+        sim::Outcome* outcome = outcome_.reserve_zero(1);
         sim::Progress* progress = &outcome->progress;
         exec_.clear(progress, sizeof *progress);
         exec_.clear(change, 4 * (state_.n + 64));

@@ -30,6 +30,22 @@ struct SharedListSource {
         sum = {g.total(sum.f), 2 * g.total(sum.slope), Bounds ? g.total(sum.rise) : 0, Bounds ? g.total(sum.fall) : 0};
         return sum;
     }
+    /// From t on, where the ray is in a support or comes to one; infinity: nowhere.
+    GB_FN double next(double t) const {
+        double first = infinity();
+        g.share(n, [&](int j) {
+            const std::uint32_t slot = scratch.list.number(j);
+            const double a = particles.support[slot];
+            const Vec3<double> v{particles.x[slot] - o.x, particles.y[slot] - o.y, particles.z[slot] - o.z};
+            const double middle = dot(v, d) / dot(d, d), margin = 1e-3 * a + 1e-15 * abs(middle);
+            const Vec3<double> w = v - d * middle;
+            const double half2 = (a + margin) * (a + margin) - dot(w, w);
+            if (!(a > 0) || half2 < 0) return;
+            const double half = sqrt(half2) + margin;
+            if (middle + half >= t) first = min(first, max(t, middle - half));
+        });
+        return g.least(first);
+    }
 };
 
 /// Straight from the tree: where even the thinnest slab holds more than a list can.
@@ -53,6 +69,7 @@ struct TreeSource {
         sum = {g.total(sum.f), 2 * g.total(sum.slope), Bounds ? g.total(sum.rise) : 0, Bounds ? g.total(sum.fall) : 0};
         return sum;
     }
+    GB_FN double next(double t) const { return t; }
 };
 
 /// Tile k is the k-th of out.undecided.  Leaving: rays begin outside, and may begin on the surface (march()).
@@ -199,9 +216,17 @@ struct ResolveRays {
     /// A root between t and end; a place where f comes within rounding of the threshold counts as one.
     template <class Source>
     GB_FN bool search(const Source& source, const Limits<double>& lim, double& t, double end) const {
-        bool hit = false, unsure = false;
-        march<Leaving>(source, lim, end, true, t, hit, unsure);
-        return hit || (unsure && abs(source.template at<false>(t, lim).f - lim.tau) < 1e4 * lim.error);
+        // A slab far away is deep, or float32 could not tell its ends apart: march() takes its steps in rounds, and none
+        // where nothing is.
+        for (int round = 0; round < 100; ++round) {
+            t = source.next(t);
+            if (!(t < end)) return false;
+            bool hit = false, unsure = false;
+            march<Leaving>(source, lim, end, true, t, hit, unsure);
+            if (hit || !unsure) return hit;
+            if (abs(source.template at<false>(t, lim).f - lim.tau) < 1e4 * lim.error) return true;
+        }
+        return false;
     }
 };
 
