@@ -62,13 +62,8 @@ def reloaded(watched, page):
     return watched.program()
 
 
-def viewers_threads() -> list[threading.Thread]:
-    """All threads but those that encode strips of pictures, which stay for the next viewer."""
-    return [t for t in threading.enumerate() if not t.name.startswith("jpeg strips")]
-
-
 def test_reload_and_kill_leave_nothing_behind():
-    threads = len(viewers_threads())
+    threads = threading.active_count()
     with Watched(blob(150)) as watched:
         page = watched.program()
         alive = threads_of_browsers()
@@ -82,7 +77,7 @@ def test_reload_and_kill_leave_nothing_behind():
         until(lambda: not watched.viewer.engine.clients)
     until(lambda: not our_threads(), "for our threads")
     gc.collect()
-    until(lambda: len(viewers_threads()) <= threads + 1, "for all threads")
+    until(lambda: threading.active_count() <= threads + 1, "for all threads")
 
 
 def come_and_go() -> None:

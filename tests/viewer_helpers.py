@@ -229,10 +229,10 @@ def take_tool(page: Any, tool: str) -> None:
     next_frame(page)
 
 
-def silhouette(picture: np.ndarray) -> int:
-    """Pixels that are not background."""
+def silhouette(picture: np.ndarray) -> float:
+    """The share of pixels that are not background: the page may still change its size."""
     corner = picture[2, 2].astype(int)
-    return int((np.abs(picture.astype(int) - corner).sum(axis=2) > 30).sum())
+    return float((np.abs(picture.astype(int) - corner).sum(axis=2) > 30).mean())
 
 
 def open_folder(page: Any, title: str) -> None:

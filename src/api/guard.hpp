@@ -7,6 +7,7 @@
 #include <atomic>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -79,10 +80,13 @@ public:
     /// Where other objects' gates were taken with this one's.
     template <auto Method, class... A>
     auto call_inside(const Gates&, A&&... arguments) const {
-        typename Signature<decltype(Method)>::Result result{};
-        check_status(backend_->entries<typename Signature<decltype(Method)>::Class>().template get<Method>()(*object_, &result,
-                                                                                                         std::forward<A>(arguments)...));
-        if constexpr (!std::is_same_v<decltype(result), std::nullptr_t>) return result;
+        const auto method = [&]() -> decltype(auto) { return (object_.get()->*Method)(std::forward<A>(arguments)...); };
+        if constexpr (std::is_void_v<decltype(method())>) return run(method);
+        else {
+            std::optional<decltype(method())> result;
+            run([&] { result.emplace(method()); });
+            return *std::move(result);
+        }
     }
     /// Finished frames do not change: they need no gate.
     template <auto Method, class... A>
@@ -92,6 +96,11 @@ public:
     }
 
 private:
+    template <class Body>
+    void run(const Body& body) const {
+        check_status(backend_->run(*object_, [](void* context) { (*static_cast<const Body*>(context))(); }, const_cast<Body*>(&body)));
+    }
+
     const BackendApi* backend_ = nullptr;
     std::shared_ptr<O> object_;
     std::shared_ptr<Gate> gate_;

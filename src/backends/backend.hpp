@@ -1,7 +1,7 @@
 // What a compiled backend offers.  Each backend (one CPU library per SIMD level, one
 // CUDA library) is a shared library of its own, opened when asked for: code compiled for AVX-512
 // never mixes with the baseline's, and a machine without an NVIDIA driver never loads CUDA.
-// Methods may throw; they are called through the entries at the end of this file, which do not.
+// Methods may throw; they are called by way of BackendApi::run, which does not.
 #pragma once
 #include <cstdint>
 #include <memory>
@@ -9,11 +9,11 @@
 #include <string>
 #include <vector>
 
-#include "backends/entry.hpp"
 #include "backends/object.hpp"
 #include "backends/reconstructor.hpp"
 #include "backends/scene_access.hpp"
 #include "backends/simulation.hpp"
+#include "backends/status.hpp"
 #include "backends/tissue.hpp"
 #include "base/device.hpp"
 #include "field/kernels.hpp"
@@ -188,11 +188,6 @@ struct Scene : Object {
     virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
 };
 
-using SceneEntries = EntryTable<&Scene::build, &Scene::build_mesh, &Scene::place_mesh, &Scene::intersect_mesh, &Scene::extent, &Scene::facts, &Scene::spacing, &Scene::fluid_spacing,
-                                &Scene::sorted, &Scene::surface_kernels, &Scene::render, &Scene::intersect, &Scene::evaluate,
-                                &Scene::blend, &Scene::integrate, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work, &Scene::march_parts, &Scene::occlude_parts, &Scene::beside>;
-using FrameEntries = EntryTable<&Frame::read, &Frame::trace_seconds, &Frame::passes>;
-
 /// Exported by every backend library as "globule_backend", beside "globule_interface" (backends/interface.cpp).
 struct BackendApi {
     Status (*make_scene)(int device, int threads, Poll* poll, std::shared_ptr<Scene>* out) noexcept;
@@ -210,34 +205,8 @@ struct BackendApi {
     /// Host memory that this backend's devices write by themselves, null where there is none; kept for the next that wants it.
     void* (*take_pinned)(std::size_t bytes) noexcept;
     void (*give_pinned_back)(void* room, std::size_t bytes) noexcept;
-    SceneEntries scene;
-    FrameEntries frame;
-    ReconstructorEntries reconstructor;
-    GridEntries grid;
-    SimulationEntries simulation;
-    TissueEntries tissue;
-
-    template <class O>
-    const auto& entries() const {
-        if constexpr (std::is_same_v<O, Scene>) return scene;
-        else if constexpr (std::is_same_v<O, Frame>) return frame;
-        else if constexpr (std::is_same_v<O, Reconstructor>) return reconstructor;
-        else if constexpr (std::is_same_v<O, SweepGrid>) return grid;
-        else if constexpr (std::is_same_v<O, Simulation>) return simulation;
-        else return tissue;
-    }
+    /// Calls function(context), which calls a method of the object, on its device; what the method throws becomes a status.
+    Status (*run)(Object& object, void (*function)(void* context), void* context) noexcept;
 };
-
-/// The table of a backend, its entries on devices of this kind.
-template <class DeviceScope>
-constexpr BackendApi with_entries(BackendApi api) {
-    fill_entries<DeviceScope>(api.scene);
-    fill_entries<DeviceScope>(api.frame);
-    fill_entries<DeviceScope>(api.reconstructor);
-    fill_entries<DeviceScope>(api.grid);
-    fill_entries<DeviceScope>(api.simulation);
-    fill_entries<DeviceScope>(api.tissue);
-    return api;
-}
 
 }  // namespace globule::core

@@ -1,6 +1,7 @@
 // The CPU backend; compiled once per SIMD level.
 #include <omp.h>
 
+#include "backends/entry.hpp"
 #include "backends/make.hpp"
 #include "exec/cpu.hpp"
 #include "pipeline/scene.hpp"
@@ -40,7 +41,7 @@ Status let_wait(int, std::uintptr_t) noexcept { return {}; }
 void* take_pinned(std::size_t) noexcept { return nullptr; }
 void give_pinned_back(void*, std::size_t) noexcept {}
 
-constexpr BackendApi kApi = with_entries<Scope>({scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned, give_pinned_back, {}, {}, {}, {}, {}, {}});
+constexpr BackendApi kApi{scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned, give_pinned_back, run<Scope>};
 
 }  // namespace
 }  // namespace globule::core

@@ -1,4 +1,5 @@
 // The CUDA backend: the same functors, for the GPU.
+#include "backends/entry.hpp"
 #include "backends/make.hpp"
 #include "exec/cuda.hpp"
 #include "pipeline/scene.hpp"
@@ -95,7 +96,7 @@ void give_pinned_back(void* room, std::size_t bytes) noexcept {
     caught([&] { PinnedImages::give_back(room, bytes); });
 }
 
-constexpr BackendApi kApi = with_entries<Scope>({scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned, give_pinned_back, {}, {}, {}, {}, {}, {}});
+constexpr BackendApi kApi{scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned, give_pinned_back, run<Scope>};
 
 }  // namespace
 }  // namespace globule::core

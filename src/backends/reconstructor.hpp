@@ -4,7 +4,6 @@
 #include <string>
 #include <vector>
 
-#include "backends/entry.hpp"
 #include "backends/object.hpp"
 #include "base/device.hpp"
 
@@ -111,10 +110,5 @@ struct Reconstructor : Object {
     /// Memory that may still be taken, bytes; 0 where unknown.
     virtual std::uint64_t free_bytes() = 0;
 };
-
-using GridEntries = EntryTable<&SweepGrid::start, &SweepGrid::grow, &SweepGrid::add, &SweepGrid::median, &SweepGrid::bezier, &SweepGrid::fill,
-                               &SweepGrid::filled, &SweepGrid::read_filled, &SweepGrid::count_map, &SweepGrid::variance_map,
-                               &SweepGrid::source_map, &SweepGrid::facts>;
-using ReconstructorEntries = EntryTable<&Reconstructor::plus, &Reconstructor::grid, &Reconstructor::free_bytes>;
 
 }  // namespace globule::core

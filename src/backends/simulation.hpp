@@ -6,7 +6,6 @@
 #include <string>
 #include <vector>
 
-#include "backends/entry.hpp"
 #include "backends/object.hpp"
 #include "sim/sinks.hpp"
 #include "sim/energy.hpp"
@@ -106,13 +105,6 @@ struct Simulation : Object {
     virtual std::uint64_t n_steps() = 0;
     virtual std::uint32_t next_id() = 0;
 };
-
-using SimulationEntries = EntryTable<&Simulation::configure, &Simulation::set_phase, &Simulation::add, &Simulation::remove, &Simulation::emit,
-                                     &Simulation::set_sinks, &Simulation::capture, &Simulation::move_to, &Simulation::make_body, &Simulation::body,
-                                     &Simulation::motion, &Simulation::set_motion, &Simulation::totals, &Simulation::step, &Simulation::next_dt,
-                                     &Simulation::size, &Simulation::read, &Simulation::write, &Simulation::resize, &Simulation::settle,
-                                     &Simulation::set_forces, &Simulation::neighbors, &Simulation::flow, &Simulation::draw, &Simulation::tissue, &Simulation::time, &Simulation::n_steps,
-                                     &Simulation::next_id>;
 
 /// A simulation whose octree is the scene's.
 std::shared_ptr<Simulation> make_simulation(const std::shared_ptr<Scene>& scene);

@@ -6,7 +6,6 @@
 #include <utility>
 #include <vector>
 
-#include "backends/entry.hpp"
 #include "backends/object.hpp"
 #include "sim/blade.hpp"
 #include "sim/bonds.hpp"
@@ -85,10 +84,5 @@ struct Tissue : Object {
     virtual void read(const std::string& name, void* out) = 0;
     virtual void write(const std::string& name, const void* in, std::size_t bytes) = 0;
 };
-
-using TissueEntries = EntryTable<&Tissue::add, &Tissue::set_materials, &Tissue::set_instruments, &Tissue::advance, &Tissue::tear, &Tissue::follow,
-                                 &Tissue::cut, &Tissue::pieces, &Tissue::grasp, &Tissue::remove, &Tissue::felt, &Tissue::n, &Tissue::n_bonds,
-                                 &Tissue::elastic_energy, &Tissue::substeps, &Tissue::get, &Tissue::set, &Tissue::accelerate,
-                                 &Tissue::set_vessel, &Tissue::vessels, &Tissue::arrays, &Tissue::read, &Tissue::write>;
 
 }  // namespace globule::core

@@ -1,6 +1,5 @@
-// A frame where light makes no more turns: build → trace → resolve → composite → shade.  pipeline/picture.hpp has the others.
+// A frame where light makes no more turns: build → trace → resolve → shade.  pipeline/picture.hpp has the others.
 #pragma once
-#include "pipeline/composite.hpp"
 #include "pipeline/frame_pool.hpp"
 #include "pipeline/trace.hpp"
 #include "trace/edges.hpp"
@@ -40,7 +39,6 @@ void make_frame(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field
     const Hits hits = frame.hits();
     scene.trace(exec, field, rays, hits);
     scene.resolve(exec, field, rays, hits);
-    composite(exec, hits, rays.n);
     exec.for_each(rays.n, Shade{rays, hits, lighting, frame.color(), frame.picture()});
     if (lighting.edge_samples > 0 && !field.thesis) smooth_edges(exec, scene, field, lighting, frame);
 }

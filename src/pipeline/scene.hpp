@@ -1,6 +1,6 @@
 // The one implementation of Scene, over any Exec: it owns the stages and says who calls which.
 //   build       pipeline/build.hpp     particles to octree
-//   a frame     pipeline/frame.hpp     trace → resolve → composite → shade, where light makes no more turns
+//   a frame     pipeline/frame.hpp     trace → resolve → shade, where light makes no more turns
 //               pipeline/picture.hpp   waves of rays through all layers, else
 //   questions   pipeline/questions.hpp at points
 #pragma once

@@ -68,6 +68,8 @@ def lines(facts: dict[str, Any]) -> list[str]:
         found.append(f"  transforms {' '.join(facts['transforms'])}")
     if facts["seconds"] is not None:
         found.append(f"  duration   {facts['seconds']:.3f} s")
+    if facts["spacing"] is None and "valid" in facts:
+        return [*found, f"  poses      none is valid, in {facts['world']} ({facts['space']})"]
     if facts["spacing"] is None:
         return [
             *found,
@@ -142,14 +144,18 @@ def _sweep(path: str) -> dict[str, Any]:
                 frames, times, _ = stack.read_folder(path)
     if sweep is not None:
         frames, times = sweep.frames, sweep.timestamps
-        low, high = sweep.bounds()
-        poses = check_poses(sweep)
         facts |= {
-            "spacing": sweep.spacing, "valid": sweep.n_valid, "world": sweep.world,
-            "space": sweep.space, "bounds": {"lo": low, "hi": high},
-            "outliers": np.flatnonzero(poses.outliers), "findings": list(map(str, poses.findings)),
+            "valid": sweep.n_valid, "world": sweep.world, "space": sweep.space,
             "masked": None if sweep.mask is None else int((~sweep.mask).sum()),
         }  # fmt: skip
+        if sweep.n_valid:
+            low, high = sweep.bounds()
+            poses = check_poses(sweep)
+            facts |= {
+                "spacing": sweep.spacing, "bounds": {"lo": low, "hi": high},
+                "outliers": np.flatnonzero(poses.outliers),
+                "findings": list(map(str, poses.findings)),
+            }  # fmt: skip
     if times is not None and len(times):
         facts["seconds"] = float(np.ptp(times))
     return facts | {
