@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from cli_helpers import COMMAND, SMALL, at_edge, cube, refused, run_json
 from globule.cli import main
-from globule.render.sequence import find_files, is_whole, missing_numbers, read_ahead
+from globule.render.sequence import find_files, is_whole, leader, missing_numbers, read_ahead
+from globule.scene.fluid import shown_scene
 from PIL import Image
 from waiting import PATIENCE, until
 
@@ -327,3 +328,33 @@ def test_a_turntable_of_one_set(folder):
     names = gb.render_sequence(frame(0), "p_%d.png", cameras, (40, 30), device="cpu")
     assert len(names) == N
     assert gb.render_sequence(frame(0), "p_%d.png", cameras, (40, 30), resume=True) == names
+
+
+def emitted() -> list[gb.Particles]:
+    """A lattice that an emitter fills row by row: nothing, a line, planes."""
+    cells = np.stack(np.meshgrid(*[np.arange(10)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    return [gb.Particles(0.1 * cells[:n]) for n in (0, 10, 40, 160, 360, 640, 1000)]
+
+
+def test_the_frame_with_most_particles_decides_for_all(tmp_path):
+    """An emitter starts with few, whose spacing and support would be others."""
+    frames = emitted()
+    truth = np.array([len(frame) * 1e-3 for frame in frames])
+    for k, frame in enumerate(frames):
+        gb.write(tmp_path / f"e_{k}.npz", frame)
+    for source in (frames, str(tmp_path / "e_*.npz")):
+        np.testing.assert_allclose(gb.track_surface(source)["volume"][2:], truth[2:], rtol=0.07)
+    size = (96, 72)
+    camera = gb.Camera.fit(frames[-1], size=size)
+    gb.render_sequence(str(tmp_path / "e_*.npz"), tmp_path / "p_%d.png", camera, size)
+    scene = shown_scene(frames[-1], device="cpu")
+    for k, frame in enumerate(frames):
+        scene.update(frame)
+        shown = np.asarray(Image.open(tmp_path / f"p_{k}.png").convert("RGB"))
+        np.testing.assert_array_equal(shown, gb.render(scene, camera, size).picture)
+
+
+def test_about_as_many_are_led_by_the_first():
+    assert leader([np.zeros((10, 3)), np.zeros((11, 3)), np.zeros((0, 3))]) == 0
+    assert leader([np.zeros((0, 3)), np.zeros((3, 3)), np.zeros((3, 3))]) == 1
+    assert leader([]) == leader(["none.npz", "nor.npz"]) == 0

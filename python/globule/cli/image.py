@@ -147,11 +147,10 @@ def _particles(
     ends = None
     if options.color_by:
         particles.color, ends = look.color_by(options, path, particles, messages)
-    support, depth = tracing.support_and_depth(options, particles)
     if options.anisotropic:
-        particles, support = look.stretched(options, particles), None
+        particles = look.stretched(options, particles)
     try:
-        scene = series.scene(particles, functools.partial(_scene, options, support, depth))
+        scene = series.scene(particles, functools.partial(_scene, options))
     except UserError as error:
         if options.support is None and str(error).startswith("support:"):  # the file's own
             raise UserError(f"{path}: {error}") from error
@@ -265,10 +264,11 @@ def _traced(
     return frames, seconds
 
 
-def _scene(
-    options: argparse.Namespace, support: float | None, depth: int | None, particles: Particles
-) -> Scene:
+def _scene(options: argparse.Namespace, particles: Particles) -> Scene:
     """The scene of the particles, as the options ask for."""
+    support, depth = tracing.support_and_depth(options, particles)
+    if options.anisotropic:
+        support = None
     volume = any(kind_of(path).kind == "volume" for path in options.particles)
     as_balls = volume or options.preset == "thesis"  # voxels; the source's balls
     asked = {

@@ -13,7 +13,7 @@ from .._base.checks import missing
 from ..formats.kind import kind_of
 from ..formats.triangles import has_faces
 from ..measure.surface import default_spacing
-from ..render.sequence import KeptScene, find_files, read_ahead
+from ..render.sequence import KeptScene, find_files, leader, read_ahead
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from . import flags, look, surfaces
@@ -29,6 +29,7 @@ from .shared import (
     positive,
     read_particles,
     reading,
+    say,
     warn,
 )
 from .volumes import check_surface, is_surface, read_surface
@@ -77,7 +78,8 @@ def add_values(group: Any, default: str) -> None:
 def scenes(
     options: argparse.Namespace, names: Sequence[str], progress: Progress
 ) -> Iterator[tuple[int, str, Scene]]:
-    """Number, file and scene of each file; one scene serves all, with the support of the first."""
+    """Number, file and scene of each file; one scene serves all, with the support of the one that
+    leads."""
     check_device(options)
     with mistakes():
         files = find_files(names)
@@ -87,7 +89,11 @@ def scenes(
             check_surface(path, options)
         else:
             check_input(path, list(reading(options)))
-    kept = KeptScene()
+    at = leader(files)
+    kept = KeptScene((lambda: _read(files[at], options)[0]) if at else None)
+    if at:
+        progress.clear()
+        say(led_by(files, at))
     ahead = read_ahead(_read(path, options) for path in files)
     progress.n_steps = len(files)
     for i, path in enumerate(files):
@@ -99,6 +105,11 @@ def scenes(
         with mistakes(path):
             scene = kept.show(particles, functools.partial(_scene, options, path))
         yield i, path, scene
+
+
+def led_by(files: Sequence[str], at: int) -> str:
+    """What to say where not the first file leads."""
+    return f"note: surface and support are those of {files[at]}, the largest of {len(files):,} files"
 
 
 def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:

@@ -14,12 +14,21 @@ from .._base.ranks import dealt
 from ..formats.pictures.video import need_av
 from ..render.camera import Camera
 from ..render.camera_path import CameraPath, orbit
-from ..render.sequence import KeptScene, MovieFrames, find_files, is_whole, natural, read_ahead
+from ..render.sequence import (
+    KeptScene,
+    MovieFrames,
+    find_files,
+    is_whole,
+    leader,
+    natural,
+    read_ahead,
+)
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from . import flags, look
 from .arguments import whole
+from .measuring import led_by
 from .meshes import is_mesh, read_mesh
 from .shared import (
     Progress,
@@ -69,7 +78,6 @@ class Series:
         self._looking = False  # at a file that another rank may draw
         self.path: CameraPath | None = None
         self.movie: MovieFrames | None = None
-        self._kept = KeptScene()
         self._cameras: list[Camera] | None = None
         self.box: np.ndarray | None = None  # corners (8, 3) of the box of all files
         self._shown: set[str] = set()
@@ -85,6 +93,11 @@ class Series:
             elif options.turntable and len(files) == 1:
                 files = files * options.turntable
         options.particles = files
+        at = leader(files)
+        self.lead = files[at] if at else None  # the file that leads, if it is not the first
+        self._kept = KeptScene(self._leading if at else None)
+        if at and (comm is None or comm.rank == 0):
+            say(led_by(files, at))
         if options.output.lower().endswith(".mp4"):
             check_output("-o", options.output, [".mp4"])
             try:
@@ -151,7 +164,7 @@ class Series:
     ) -> Iterator[tuple[int, str, str, str | None]]:
         """Number, file and outputs of all images to make; `read` then has the particles.
 
-        The first file always comes first: support and camera come from this file.
+        The first file always comes first: the camera comes from this file.
         """
         files = self.options.particles
         todo = [i for i in range(len(files)) if not self.finished(images[i], arrays[i])]
@@ -178,7 +191,7 @@ class Series:
             self._ahead = (_read(path, self.options) for path in files[i : i + 1])
             return i, files[i], images[i], arrays[i]
 
-        # Support and camera come from the first file that has particles, on every rank.
+        # The camera comes from the first file that has particles, on every rank.
         self._looking = True
         for i in range(len(files)):
             yield one(i)
@@ -208,6 +221,15 @@ class Series:
     def scene(self, particles: Particles, make: Callable[[Particles], Scene]) -> Scene:
         """The scene of all images, with the particles of this image."""
         return self._kept.show(particles, make)
+
+    def _leading(self) -> Particles:
+        """The particles that lead."""
+        assert self.lead is not None
+        particles = _read(self.lead, self.options)[0]
+        if isinstance(particles, Mesh):
+            raise UserError(f"{self.lead}: expected particles as in the first file, got a mesh")
+        particles = particles[_finite(particles)]
+        return look.stretched(self.options, particles) if self.options.anisotropic else particles
 
     def cameras(self, i: int, scene: Any, find: Callable[[Any, Any], list[Camera]]) -> list[Camera]:
         """The cameras of the views of image i: the path's, or the first that `find` found, turned

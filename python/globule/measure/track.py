@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..render.sequence import KeptScene, find_files
+from ..render.sequence import KeptScene, find_files, leader
 from .mesh import SurfaceMesh, measured, surface_mesh
 from .surface import default_spacing, measured_particles, surface_scene
 
@@ -26,7 +26,8 @@ def track_surface(
 
     Args:
         frames: names of files, a pattern such as "frame_*.vtk", Particles, or arrays of positions.
-        spacing: as for `surface_mesh`; default: that of the first frame, for all.
+        spacing: as for `surface_mesh`; default, for all: that of the largest file or list of
+            particles, unless the first is about as large; of other iterables, that of the first.
         device, threads: as for `Scene`.
         progress: called as progress(done, total), where the number of frames is known; may raise
             to stop.
@@ -41,13 +42,20 @@ def track_surface(
     if isinstance(frames, str):
         frames = find_files([frames])
     total = len(frames) if isinstance(frames, Sized) else 0
-    scenes = KeptScene()
+    at = leader(frames) if isinstance(frames, Sequence) else 0
+    scenes = KeptScene((lambda: measured_particles("frames", frames[at])) if at else None)
     rows = []
     for number, frame in enumerate(frames):
         particles = measured_particles("frames", frame)
-        scene = scenes.show(particles, lambda p: surface_scene(p, device=device, threads=threads))
-        if spacing is None and scene.octree.n_inside:
-            spacing = default_spacing(scene)
+
+        def made(scene: Any) -> None:
+            nonlocal spacing
+            if spacing is None and scene.octree.n_inside:
+                spacing = default_spacing(scene)
+
+        scene = scenes.show(
+            particles, lambda p: surface_scene(p, device=device, threads=threads), made
+        )
         mesh = surface_mesh(scene, spacing)
         rows.append({"frame": number} | facts(scene, mesh))
         if progress and total:

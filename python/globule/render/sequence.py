@@ -1,7 +1,8 @@
 """Sequences: many files, or a simulation's frames, as images or as a movie.
 
 One frame hands the scene, the camera and the range of the colors to the next: nothing is
-reallocated, the support that was measured at the start stays, and nothing jumps.
+reallocated, and nothing jumps. The frame that leads, the first or one with many more particles (an
+emitter starts with few), decides for all which surface they have, and measures its support.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from .frame import save_png
 from .render import camera_and_size, render, values_of
 from .settings import RenderSettings, as_settings, for_values
 
+MORE = 1.1  # times the first frame: a larger one leads
 MOST_NAMED = 100_000  # numbers between two files: more are no frames that are missing
 
 
@@ -177,22 +179,51 @@ def value_range(
     return (float(lo), float(hi)) if lo <= hi else (0.0, 1.0)
 
 
-class KeptScene:
-    """One scene for all frames of a sequence."""
+def leader(frames: Sequence[Any]) -> int:
+    """The number of the frame that leads, of files' names or `Particles`: the largest one, unless
+    the first is about as large."""
+    sizes = [_size(frame) for frame in frames]
+    most = max(sizes, default=0)
+    return sizes.index(most) if sizes and most > MORE * sizes[0] else 0
 
-    def __init__(self) -> None:
+
+def _size(frame: Any) -> int:
+    """Bytes of a file, or the number of particles; 0 where it is not known."""
+    if isinstance(frame, (str, os.PathLike)):
+        return os.path.getsize(frame) if os.path.isfile(frame) else 0
+    return len(frame) if isinstance(frame, Sized) else 0
+
+
+class KeptScene:
+    """One scene for all frames of a sequence.
+
+    lead: gives the particles that lead; None: the first that there are.
+    """
+
+    def __init__(self, lead: Callable[[], Particles] | None = None) -> None:
+        self._lead = lead
         self.scene: Scene | None = None
         self.first = True  # whether the scene was made for the frame that it shows now
         self.settled = False  # whether a frame with particles has made it
 
-    def show(self, particles: Particles, make: Callable[[Particles], Scene]) -> Scene:
-        """The scene with these particles: made at the first frame that has any, updated after."""
+    def show(
+        self,
+        particles: Particles,
+        make: Callable[[Particles], Scene],
+        made: Callable[[Scene], object] = lambda scene: None,
+    ) -> Scene:
+        """The scene with these particles: made at the first frame that has any, or from those that
+        lead, and updated after. made: called with a new scene, of those that it was made from."""
         # Without particles no support could be measured, and no camera found.
         scene = self.scene
         self.first = not self.settled
         if scene is None or self.first:
-            self.scene = scene = make(particles)
+            lead, self._lead = self._lead, None
+            self.scene = scene = make(lead() if lead else particles)
             self.settled = scene.octree.n_inside > 0
+            made(scene)
+            if lead:
+                scene.update(particles)
         else:
             scene.update(particles)
         return scene
@@ -320,7 +351,9 @@ def render_sequence(
         output: "movie.mp4", or a name with %d (%04d) for the frame's number, from 0, ending in
             .png. Each file appears whole or not at all.
         camera: one camera for all frames, a `CameraPath`, a list of key frames, or one `Camera` per
-            frame. Default: a fixed camera that sees all particles of the first frame.
+            frame. Default: a fixed camera that sees all particles of the frame that leads: of files
+            or a list, the largest one, unless the first is about as large; else the first. Its
+            particles also decide which surface all have, and its support.
         size: (width, height) pixels.
         settings: `RenderSettings`, or a dict of its fields.
         fps: frames per second of a movie, and of key frames that have a time.
@@ -374,7 +407,9 @@ def render_sequence(
     if isinstance(source, Sequence):
         total = len(source[:n_frames])
     movie = MovieFrames(output, resume) if as_movie else None
-    kept = KeptScene()
+    listed = isinstance(source, Sequence) and not isinstance(source, Particles)
+    at = leader(source[:n_frames]) if listed else 0
+    kept = KeptScene((lambda: _particles_of(source[at])) if at else None)
     names: list[str] = []
 
     def name(i: int) -> str:
@@ -383,7 +418,7 @@ def render_sequence(
     def finished(i: int) -> bool:
         return resume and is_whole(name(i), size)
 
-    # The first frame is always read: support and camera come from it.
+    # The first frame is always read: the scene is made there.
     for i, particles in _frames(source, n_frames, lambda i: i == 0 or not finished(i)):
         names.append(name(i))
         if particles is None:
@@ -394,11 +429,15 @@ def render_sequence(
         if color_by is not None:
             values = values_of(particles, color_by, colormap, range)
             particles = colored(particles, color_by, colormap, range)
-        scene = kept.show(particles, lambda p: shown_scene(p, **scene_options))
-        if camera is None and kept.first:
-            view, _ = _views(fitted(scene, traced, notes), fps)
-        if notes.box is True:  # of the first frame, so that it stays
-            notes = replace(notes, box=bounds_of([scene]) or True)
+
+        def made(scene: Scene) -> None:
+            nonlocal view, notes
+            if camera is None:
+                view, _ = _views(fitted(scene, traced, notes), fps)
+            if notes.box is True:  # so that it stays
+                notes = replace(notes, box=bounds_of([scene]) or True)
+
+        scene = kept.show(particles, lambda p: shown_scene(p, **scene_options), made)
         if not finished(i):
             frame = render(scene, view(i), traced, settings, clips)
             frame._values = values and values[:4]
@@ -455,9 +494,13 @@ def _frames(
         yield from read_ahead((i, read(f) if wanted(i) else None) for i, f in enumerate(files))
         return
     for i, particles in enumerate(itertools.islice(source, n_frames)):
-        if not isinstance(particles, Particles):
-            particles = Particles(particles)
-        yield i, particles if wanted(i) else None
+        yield i, _particles_of(particles) if wanted(i) else None
+
+
+def _particles_of(frame: Any) -> Particles:
+    if isinstance(frame, Particles):
+        return frame
+    return read(frame) if isinstance(frame, (str, os.PathLike)) else Particles(frame)
 
 
 def _steps(simulation: Any) -> Iterator[Particles]:

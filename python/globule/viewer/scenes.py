@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,8 @@ class SceneMaker:
     Attributes:
         fluids: whether particles like those of a fluid get a smooth surface; not those of volumes.
         range: values at the two ends of the color map.
+        lead: gives the particles of a sequence that decide which surface all frames have, and its
+            support; None: those that are shown first.
     """
 
     def __init__(self, device: str = "auto", threads: int = 0, given: Scene | None = None):
@@ -40,6 +43,7 @@ class SceneMaker:
         if given is not None:
             self._built = (given.kernel, None, "exact", given.surface)
         self.fluids = True
+        self.lead: Callable[[], Particles] | None = None
         self._fluid: tuple[int, bool] | None = None  # how many particles were judged, and how
         self._shown: Any = None if given is None else (given.particles, "")
         self._other: Scene | None = None
@@ -62,7 +66,8 @@ class SceneMaker:
         if not self.fluids or state.look.preset == "thesis":
             return "balls"
         if self._fluid is None or self._fluid[0] < fluid.FEWEST:
-            self._fluid = len(particles), fluid.fluid_like(particles).yes
+            judged = self.lead() if self.lead else particles
+            self._fluid = len(judged), fluid.fluid_like(judged).yes
         return "smooth" if self._fluid[1] else "balls"
 
     def _wanted(self, particles: Particles, state: State, threshold: float | None) -> tuple:
@@ -80,7 +85,10 @@ class SceneMaker:
         shown = (particles, colors)
         same = self._shown is not None and self._shown[0] is particles and self._shown[1] == colors
         if wanted != self._built or self._scene is None:
-            self._scene = self._build(self._colored(particles, state), wanted)
+            leads = self.lead() if self.lead else particles
+            self._scene = self._build(self._colored(leads, state), wanted)
+            if leads is not particles:
+                self._scene.update(self._colored(particles, state))
         elif not same:
             self._scene.update(self._colored(particles, state))
         self._built, self._shown = wanted, shown

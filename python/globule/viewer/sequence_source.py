@@ -11,6 +11,7 @@ import numpy as np
 
 from ..formats import read
 from ..render.layers import Layer
+from ..render.sequence import leader
 from ..scene.particles import Particles
 from .scenes import SceneMaker
 from .source import Origin, Source, box_corners
@@ -55,6 +56,8 @@ class SequenceSource(Source):
         self._total = 0  # of `_sizes`
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="globule read")
         self.frame = 0
+        at = leader(self._frames)
+        self.maker.lead = (lambda: self._fetch(at).result()) if at else None
         self._now = self._fetch(0).result()
 
     def particles(self) -> Particles:
