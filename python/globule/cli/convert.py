@@ -1,16 +1,19 @@
 """Convert particles, tracked sweeps or volumes to another file format.
 
 The extensions of the names give the formats. Meshes become particles, and so do volumes with
---level or --label. A volume as .png becomes an image of three planes."""
+--level or --label. A volume as .png becomes an image of three planes. An OUT with %d, such as
+step_%04d.vtk, takes all frames of a file with several."""
 
 from __future__ import annotations
 
 import argparse
 import os
+import re
 
 import numpy as np
 
 from ..formats import READABLE, WRITABLE, write
+from ..render.sequence import with_frames
 from ..scene.particles import SCALAR_FIELDS, Particles
 from . import flags, medical
 from . import medical as medical_files
@@ -20,8 +23,9 @@ from .shared import (
     check_input,
     check_output,
     count,
+    first_of,
     mistakes,
-    read_particles,
+    read_file,
     reading,
     say,
 )
@@ -64,12 +68,27 @@ def run(options: argparse.Namespace) -> None:
         return
     check_input(options.input, list(given))
     check_output("OUT", options.output, WRITABLE)
-    particles = read_particles(options.input, **given)
-    with mistakes():
-        write(options.output, particles)
-    for loss in losses(particles, options.output):
-        say(f"note: {loss}")
-    print(f"{options.output}: {count(len(particles))}")
+    folder, name = os.path.split(options.output)
+    number = re.search(r"%0?\d?d", name)
+    files, outputs = [options.input], [options.output]
+    if number and options.frame is None:
+        files = with_frames(files, **given)
+        names = [name.replace(number[0], number[0] % k) for k in range(len(files))]
+        outputs = [os.path.join(folder, one) for one in names]
+    said: set[str] = set()
+    for file, output in zip(files, outputs, strict=True):
+        contents = read_file(file, len(files) > 1, **given)
+        particles = contents.particles
+        with mistakes():
+            write(output, particles)
+        notes = losses(particles, output)
+        if contents.n_frames > 1 and len(files) == 1 and options.frame is None:
+            notes.append(first_of(file, contents.n_frames, "an OUT with %d takes all"))
+        for note in notes:
+            if note not in said:
+                say(f"note: {note}")
+        said.update(notes)
+        print(f"{output}: {count(len(particles))}")
 
 
 def losses(particles: Particles, output: str) -> list[str]:

@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> None:
         measuring.need_matplotlib()
     names, rows = [], []
     with Progress(len(options.files)) as progress:
-        for i, path, scene in measuring.scenes(options, options.files, progress):
+        for i, path, scene in measuring.scenes(options, options.files, progress, one=options.map):
             if options.map:
                 if i:
                     raise UserError("--map: expected one file, got several")

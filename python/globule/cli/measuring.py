@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import missing
+from ..formats.frames import FrameOf
 from ..formats.kind import kind_of
 from ..formats.triangles import has_faces
 from ..measure.surface import default_spacing
-from ..render.sequence import KeptScene, find_files, leader, read_ahead
+from ..render.sequence import KeptScene, find_files, leader, read_ahead, with_frames
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from . import flags, look, surfaces
@@ -76,10 +77,10 @@ def add_values(group: Any, default: str) -> None:
 
 
 def scenes(
-    options: argparse.Namespace, names: Sequence[str], progress: Progress
+    options: argparse.Namespace, names: Sequence[str], progress: Progress, one: bool = False
 ) -> Iterator[tuple[int, str, Scene]]:
     """Number, file and scene of each file; one scene serves all, with the support of the one that
-    leads."""
+    leads. one: of a file with several frames, only one is meant."""
     check_device(options)
     with mistakes():
         files = find_files(names)
@@ -89,6 +90,8 @@ def scenes(
             check_surface(path, options)
         else:
             check_input(path, list(reading(options)))
+    if not one and options.frame is None:
+        files = with_frames(files, **reading(options))
     at = leader(files)
     kept = KeptScene((lambda: _read(files[at], options)[0]) if at else None)
     if at:
@@ -109,7 +112,10 @@ def scenes(
 
 def led_by(files: Sequence[str], at: int) -> str:
     """What to say where not the first file leads."""
-    return f"note: surface and support are those of {files[at]}, the largest of {len(files):,} files"
+    lead, what = files[at], "files"
+    if isinstance(lead, FrameOf):
+        lead, what = f"frame {lead.frame} of {lead}", "frames"
+    return f"note: surface and support are those of {lead}, the largest of {len(files):,} {what}"
 
 
 def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:

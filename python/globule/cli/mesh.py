@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> None:
     """Run `globule mesh`."""
     check_output("-o", options.output, EXTENSIONS)
     with Progress(1) as progress:
-        for _, path, scene in measuring.scenes(options, [options.file], progress):
+        for _, path, scene in measuring.scenes(options, [options.file], progress, one=True):
             need_particles(path, scene.octree.n_inside)
             with mistakes():
                 mesh = surface_mesh(scene, options.spacing, options.values or ())

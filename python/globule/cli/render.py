@@ -314,7 +314,7 @@ def outputs(
 
 def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list[str]:
     folder = os.path.isdir(pattern) or pattern.endswith("/")
-    name = "{}" if len(set(inputs)) == len(inputs) else "{}_%04d"
+    name = "{}" if len({str(path) for path in inputs}) == len(inputs) else "{}_%04d"
     full = os.path.join(pattern, name + extension) if folder else pattern
     number = re.search(r"%(0?\d?)d", os.path.basename(full))
     if len(inputs) > 1 and not number and "{}" not in os.path.basename(full):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import os
+import re
 import zipfile
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -11,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .._base.ranks import dealt
+from ..formats.frames import FrameOf
 from ..formats.pictures.video import need_av
 from ..render.camera import Camera
 from ..render.camera_path import CameraPath, orbit
@@ -22,6 +25,7 @@ from ..render.sequence import (
     leader,
     natural,
     read_ahead,
+    with_frames,
 )
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
@@ -35,10 +39,11 @@ from .shared import (
     UserError,
     check_output,
     count,
+    first_of,
     mistakes,
     need_particles,
     print_json,
-    read_particles,
+    read_file,
     reading,
     say,
     warn,
@@ -84,6 +89,8 @@ class Series:
         self._ahead: Iterator[tuple[Particles | Mesh, list[str]]] = iter(())
         with mistakes():
             files = find_files(options.particles)
+            if options.frame is None and (shows_all(options.output) or len(files) > 1):
+                files = with_frames(files, **reading(options))
             if options.camera_path and options.turntable:
                 raise UserError("--turntable: expected no --camera-path beside --turntable")
             if options.camera_path:
@@ -311,6 +318,14 @@ def of_all_ranks(comm: Any, reports: list[dict[str, Any]]) -> list[dict[str, Any
     return sorted(found, key=lambda report: natural(report["images"][0]))
 
 
+def shows_all(output: str) -> bool:
+    """Whether the name of what is written has a place for several images."""
+    name = os.path.basename(output)
+    if output.lower().endswith(".mp4") or output.endswith("/") or os.path.isdir(output):
+        return True
+    return "{}" in name or re.search(r"%0?\d?d", name) is not None
+
+
 def _camera_path(options: argparse.Namespace) -> CameraPath:
     if options.eye or options.look_at or options.fit or options.ortho:
         raise UserError(
@@ -327,7 +342,11 @@ def _read(path: str, options: argparse.Namespace) -> tuple[Particles | Mesh, lis
         return read_mesh(path, options), []
     if is_surface(path, options):
         return read_surface(path, options)
-    return read_particles(path, len(set(options.particles)) > 1, **reading(options)), []
+    contents = read_file(path, len(set(options.particles)) > 1, **reading(options))
+    if contents.n_frames == 1 or isinstance(path, FrameOf) or options.frame is not None:
+        return contents.particles, []
+    message = first_of(path, contents.n_frames, "an output with %d or .mp4 shows all")
+    return contents.particles, [message]
 
 
 def _try_to_read(path: str, options: argparse.Namespace) -> Particles | Mesh | None:

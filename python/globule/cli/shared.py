@@ -236,6 +236,12 @@ def read_file(path: str, may_be_empty: bool = False, **given: Any) -> Contents:
     return contents
 
 
+def first_of(path: str, n_frames: int, all_of_them: str) -> str:
+    """What to say where only the first of a file's frames is taken."""
+    which = f"{path} has {n_frames:,} frames, and this is the first"
+    return f"{which}: --frame takes another, {all_of_them}"
+
+
 def stem(path: str) -> str:
     """A file's name without folder and extension."""
     from ..formats import READABLE

@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> None:
         if getattr(options, name) and not image:
             raise UserError(f"--{name}: expected a .png beside --{name}, got {options.output}")
     with Progress(1) as progress:
-        for _, path, scene in measuring.scenes(options, [options.file], progress):
+        for _, path, scene in measuring.scenes(options, [options.file], progress, one=True):
             need_particles(path, scene.octree.n_inside)
             with mistakes():
                 names = options.values

@@ -18,6 +18,7 @@ from ..scene import sources
 from ..scene.particles import Particles
 from .contents import Box, Contents
 from .errors import FormatError, bad
+from .frames import FrameOf
 from .kind import Kind, kind_of, wrong_kind
 from .mesh import mesh_particles
 from .registry import FORMATS, Format, format_named, formats, function_of
@@ -63,6 +64,8 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     if kind.kind not in ("particles", "mesh"):
         raise wrong_kind(path, "particles or a mesh", kind)
     form = format_named(kind.format)
+    if isinstance(path, FrameOf):
+        options = {"frame": path.frame, **options}
     for name in options:
         if name not in form.options:
             raise ValueError(f"{name}: expected no such option for {os.fspath(path)}, "

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from typing import Any
 
 import numpy as np
 
-from ..render.sequence import KeptScene, find_files, leader
+from ..render.sequence import KeptScene, find_files, leader, with_frames
 from .mesh import SurfaceMesh, measured, surface_mesh
 from .surface import default_spacing, measured_particles, surface_scene
 
@@ -25,7 +26,8 @@ def track_surface(
     greatest height where y points up. It includes spray.
 
     Args:
-        frames: names of files, a pattern such as "frame_*.vtk", Particles, or arrays of positions.
+        frames: names of files, a pattern such as "frame_*.vtk", a file with several frames,
+            Particles, or arrays of positions.
         spacing: as for `surface_mesh`; default, for all: that of the largest file or list of
             particles, unless the first is about as large; of other iterables, that of the first.
         device, threads: as for `Scene`.
@@ -40,10 +42,12 @@ def track_surface(
     Raises as `surface_mesh` does, and ValueError for a pattern without files.
     """
     if isinstance(frames, str):
-        frames = find_files([frames])
+        frames = with_frames(find_files([frames]))
     total = len(frames) if isinstance(frames, Sized) else 0
-    at = leader(frames) if isinstance(frames, Sequence) else 0
-    scenes = KeptScene((lambda: measured_particles("frames", frames[at])) if at else None)
+    lead = None
+    if isinstance(frames, Sequence) and (at := leader(frames)):
+        lead = functools.partial(measured_particles, "frames", frames[at])
+    scenes = KeptScene(lead)
     rows = []
     for number, frame in enumerate(frames):
         particles = measured_particles("frames", frame)

@@ -22,8 +22,11 @@ from typing import Any
 import numpy as np
 
 from .._base.files import atomic_write
-from ..formats import read
+from ..formats import read, read_contents
+from ..formats.frames import FrameOf
+from ..formats.kind import kind_or_none
 from ..formats.pictures.video import movie_facts, need_av, read_movie, write_movie
+from ..formats.registry import format_named
 from ..scene.attributes import attribute_values, checked_range
 from ..scene.attributes import color_by as colored
 from ..scene.fluid import shown_scene
@@ -63,6 +66,30 @@ def find_files(names: Sequence[str]) -> list[str]:
         place = f"{os.path.basename(found[0])} to {os.path.basename(found[-1])}"
         warnings.warn(f"{place}: {several} {said} missing ({len(missing):,} in all)", stacklevel=2)
     return found
+
+
+def frames_of(path: str, **options: Any) -> int:
+    """How many frames a file holds; 1 where its format knows none, or where it cannot be read:
+    whoever reads it says why. options: as for `read`."""
+    try:
+        found = kind_or_none(path)
+        if found is None or found.kind not in ("particles", "mesh"):
+            return 1
+        known = format_named(found.format).options
+        if "frame" not in known:
+            return 1
+        given = {name: value for name, value in options.items() if name in known}
+        return read_contents(path, **given).n_frames
+    except (ValueError, OSError, ImportError):
+        return 1
+
+
+def with_frames(files: Sequence[str], **options: Any) -> list[str]:
+    """The files, each frame of those with several in the place of the file. Where the first has
+    one, the others are taken to have one too. options: as for `read`."""
+    if not files or isinstance(files[0], FrameOf) or frames_of(files[0], **options) == 1:
+        return list(files)
+    return [FrameOf(f, k) for f in files for k in range(frames_of(f, **options))]
 
 
 def missing_numbers(files: Sequence[str]) -> list[int]:
@@ -183,6 +210,9 @@ def leader(frames: Sequence[Any]) -> int:
     """The number of the frame that leads, of files' names or `Particles`: the largest one, unless
     the first is about as large."""
     sizes = [_size(frame) for frame in frames]
+    if len(sizes) > 1 and isinstance(frames[0], FrameOf):  # of one file: the ends tell enough
+        first, last = (len(read(frames[k])) for k in (0, -1))
+        return len(sizes) - 1 if last > MORE * first else 0
     most = max(sizes, default=0)
     return sizes.index(most) if sizes and most > MORE * sizes[0] else 0
 
@@ -345,9 +375,9 @@ def render_sequence(
     """Render a sequence to PNG files or to one MP4 file.
 
     Args:
-        source: a file pattern ("frame_*.vtk", "frame_%04d.vtk") or a list of files, which another
-            thread reads ahead; an iterable of `Particles`; an object with `.particles` and
-            `.step()`, called between two frames; or one `Particles` for all frames.
+        source: a file pattern ("frame_*.vtk", "frame_%04d.vtk"), a file with several frames, or a
+            list of files, which another thread reads ahead; an iterable of `Particles`; an object
+            with `.particles` and `.step()`, called between two frames; or one `Particles` for all.
         output: "movie.mp4", or a name with %d (%04d) for the frame's number, from 0, ending in
             .png. Each file appears whole or not at all.
         camera: one camera for all frames, a `CameraPath`, a list of key frames, or one `Camera` per
@@ -393,7 +423,7 @@ def render_sequence(
             raise ValueError("n_frames: expected a number for an endless source, got None")
         n_frames = n_views
     if isinstance(source, (str, os.PathLike)):
-        source = find_files([os.fspath(source)])
+        source = with_frames(find_files([os.fspath(source)]))
     if color_by is not None:
         settings = for_values(settings)
         range = _range_of(source, color_by) if range is None else checked_range(range)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 from typing import Any
@@ -110,6 +111,14 @@ def _open_name(name: str, common: dict[str, Any], reading: dict[str, Any]) -> So
     source = _medical(name, common, reading)
     if source is None and not reading and has_faces(name):
         source = SceneSource(title, Mesh(name), **common)
+    if source is None and "frame" not in reading:
+        from ..render.sequence import with_frames
+
+        frames = with_frames([name], **reading)
+        if len(frames) > 1:
+            title = f"{title}, {len(frames):,} frames"
+            reader = functools.partial(read, **reading)
+            source = SequenceSource(title, frames, **common, read_frame=reader)
     if source is None:
         particles = read(name, **reading)
         places = to_host(particles.positions)
@@ -120,7 +129,9 @@ def _open_name(name: str, common: dict[str, Any], reading: dict[str, Any]) -> So
                 f"below {FAR:g}, got {got}"
             )
         source = SceneSource(title, particles, **common)
-    source.files, source.reading = [name], reading
+    if not isinstance(source, SequenceSource):
+        source.files = [name]
+    source.reading = reading
     return source
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -47,7 +48,7 @@ class SequenceSource(Source):
         if not len(frames):
             raise ValueError("frames: expected at least one, got none")
         self._frames, self._read = list(frames), read_frame
-        self.files = [str(f) for f in frames if not isinstance(f, Particles)]
+        self.files = [os.fspath(f) for f in frames if not isinstance(f, Particles)]
         self.n_frames = len(self._frames)
         self.maker = SceneMaker(device, threads)
         self._kept: OrderedDict[int, Future] = OrderedDict()

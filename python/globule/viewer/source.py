@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..formats.frames import FrameOf
 from ..render.annotate import bounds_of
 from ..render.camera import Camera
 from ..render.layers import Layer
@@ -139,10 +140,12 @@ class Source:
                     'particles = gb.read("particles.npz")',
                 ],
             )
-        return Origin(
-            [file, *self.option_words()],
-            [f"particles = gb.read({', '.join([repr(file), *self.option_code()])})"],
-        )
+        words, code = self.option_words(), self.option_code()
+        if isinstance(file, FrameOf):
+            words += ["--frame", str(file.frame)]
+            code.append(f"frame={file.frame}")
+        arguments = ", ".join([repr(str(file)), *code])
+        return Origin([str(file), *words], [f"particles = gb.read({arguments})"])
 
     def option_words(self) -> list[str]:
         """`reading` as options of a command."""

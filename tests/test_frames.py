@@ -1,0 +1,96 @@
+"""One file with several frames is a sequence."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import SMALL
+from globule.cli import main
+from globule.formats.frames import FrameOf
+from globule.render.sequence import with_frames
+from globule.viewer.open import open_source
+from globule.viewer.state import State
+
+pytestmark = pytest.mark.usefixtures("folder")
+N = 4
+
+
+def lattice(n: int) -> np.ndarray:
+    return np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), -1).reshape(-1, 3) * 0.1
+
+
+def dump() -> list[np.ndarray]:
+    """frames.lammpstrj: lattices of 4, 5, 6 and 7 particles an edge."""
+    frames = [lattice(4 + k) for k in range(N)]
+    with open("frames.lammpstrj", "w") as file:
+        for step, p in enumerate(frames):
+            file.write(f"ITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{len(p)}\n")
+            file.write("ITEM: BOX BOUNDS ff ff ff\n" + 3 * "0 1\n" + "ITEM: ATOMS id type x y z\n")
+            file.writelines(f"{i + 1} 1 {x:g} {y:g} {z:g}\n" for i, (x, y, z) in enumerate(p))
+    return frames
+
+
+def extended() -> list[np.ndarray]:
+    """frames.xyz: the same lattices."""
+    frames = [lattice(4 + k) for k in range(N)]
+    with open("frames.xyz", "w") as file:
+        for p in frames:
+            file.write(f'{len(p)}\nLattice="1 0 0 0 1 0 0 0 1" Properties=species:S:1:pos:R:3\n')
+            file.writelines(f"H {x:g} {y:g} {z:g}\n" for x, y, z in p)
+    return frames
+
+
+@pytest.mark.parametrize("make", [dump, extended])
+def test_images_tables_and_files_of_all_frames(make, capsys):
+    frames = make()
+    name = f"frames.{'lammpstrj' if make is dump else 'xyz'}"
+    counts = [len(p) for p in frames]
+    assert [len(gb.read(f)) for f in with_frames([name])] == counts
+    assert main(["render", name, "-o", "p_%d.png", *SMALL]) == 0
+    shown = capsys.readouterr()
+    assert sorted(p.name for p in Path().glob("p_*.png")) == [f"p_{k}.png" for k in range(N)]
+    assert "those of frame 3 of" in shown.err  # it has most particles
+    assert main(["track", name, "-o", "t.csv"]) == 0
+    with open("t.csv") as file:
+        volumes = [float(row["volume"]) for row in csv.DictReader(file)]
+    np.testing.assert_allclose(volumes, np.array(counts) * 1e-3, rtol=0.2)  # small ones are round
+    np.testing.assert_allclose(gb.track_surface(name)["volume"], volumes, rtol=1e-6)
+    assert main(["convert", name, "c_%d.vtk"]) == 0
+    assert [len(gb.read(f"c_{k}.vtk")) for k in range(N)] == counts
+
+
+def test_one_image_says_which_frame_it_shows(capsys):
+    frames = dump()
+    assert main(["render", "frames.lammpstrj", "-o", "p.png", *SMALL]) == 0
+    assert "frames.lammpstrj has 4 frames, and this is the first" in capsys.readouterr().err
+    assert main(["render", "frames.lammpstrj", "--frame", "-1", "-o", "p.png", *SMALL]) == 0
+    out, err = capsys.readouterr()
+    assert f"{len(frames[-1])} particles" in out
+    assert not err
+    assert main(["convert", "frames.lammpstrj", "c.vtk"]) == 0
+    assert "has 4 frames" in capsys.readouterr().err
+
+
+def test_the_viewer_plays_them():
+    frames = dump()
+    source = open_source("frames.lammpstrj", "cpu", 1)
+    assert source.n_frames == N
+    state = State()
+    state.set(time__frame=2)
+    source.advance(state)
+    assert len(source.particles()) == len(frames[2])
+    origin = source.origin(state)
+    assert origin.words == ["frames.lammpstrj", "--frame", "2"]
+    assert origin.code == ["particles = gb.read('frames.lammpstrj', frame=2)"]
+    source.close()
+
+
+def test_frames_are_not_the_file():
+    one, other = FrameOf("a", 1), FrameOf("a", 2)
+    assert one == FrameOf("a", 1) != other
+    assert len({one, other, FrameOf("a", 1), "a"}) == 3
+    assert str(one) == "a"
