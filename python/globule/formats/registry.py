@@ -57,7 +57,7 @@ FORMATS = (
     Format("bgeo", ".bgeo", (".bgeo", ".bgeo.gz"), b"BgeoV", writes=True,
            about="Houdini classic geometry"),
     Format("ply", ".ply", (".ply",), writes=True, options=("spacing",), about="Stanford PLY"),
-    Format("xyz", ".table", (".xyz",), function="read_xyz", writes=True,
+    Format("xyz", ".table", (".xyz",), function="read_xyz", writes=True, options=("frame",),
            about="table, blank-separated"),
     Format("csv", ".table", (".csv",), function="read_csv", writes=True, options=("columns",),
            about="table, comma-separated"),

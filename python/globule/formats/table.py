@@ -25,7 +25,7 @@ import numpy as np
 from .._base.files import atomic_write
 from ..scene.particles import Particles
 from .asciinum import format_rows, parse_rows, text_lines
-from .contents import Contents
+from .contents import Contents, frame_index
 from .errors import FormatError, bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns
 
@@ -40,9 +40,27 @@ def read_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None = N
     return _read_csv(path, text_lines(path), columns)
 
 
-def read_xyz(path: str | os.PathLike[str]) -> Particles:
+def read_xyz(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     """Read an .xyz. Columns of whole numbers without a point become int64, others float64."""
-    return _read_xyz(path, text_lines(path))
+    lines = text_lines(path)
+    starts = _frames_of_xyz(lines)
+    at = starts[frame_index(path, frame, len(starts))]
+    if len(starts) > 1:
+        lines = lines[at : at + 2 + int(lines[at])]
+    return Contents(_read_xyz(path, lines, at), n_frames=len(starts))
+
+
+def _frames_of_xyz(lines: list[str]) -> list[int]:
+    """Where each frame's count stands, in a file that consists of a count, a title and as many
+    rows again and again; else [0]."""
+    starts, at = [], 0
+    while at < len(lines) and (line := lines[at].strip()):
+        if not (line.isascii() and line.isdigit() and len(line) < 16):
+            return [0]
+        starts.append(at)
+        at += int(line) + 2
+    rest = any(line.strip() for line in lines[at:])
+    return starts if len(starts) > 1 and at <= len(lines) and not rest else [0]
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
@@ -175,7 +193,8 @@ def _fill_words(
             blank.remove(i)
 
 
-def _read_xyz(path: Any, lines: list[str]) -> Particles:
+def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
+    """before: how many lines of the file come before these."""
     start, count, names = 0, None, None
     head = lines[0].split()
     if len(head) == 1 and head[0].isascii() and head[0].isdigit() and len(head[0]) < 16:
@@ -198,10 +217,10 @@ def _read_xyz(path: Any, lines: list[str]) -> Particles:
     rows = lines[start:]
     if count is not None and any("#" in line for line in rows):
         rows = [line.partition("#")[0] for line in rows]
-    particles = _assemble(path, names, words, rows, start + 1, None)
+    particles = _assemble(path, names, words, rows, before + start + 1, None)
     if count is not None and len(particles) != count:
-        problem = f"expected {count} particles (line 1), got {len(particles)}"
-        raise bad(path, f"line {len(lines)}", problem)
+        problem = f"expected {count} particles (line {before + 1}), got {len(particles)}"
+        raise bad(path, f"line {before + len(lines)}", problem)
     return particles
 
 

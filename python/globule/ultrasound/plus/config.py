@@ -24,6 +24,8 @@ FILLERS = (
     "STICK",
 )
 
+LEAST_SPACING, MOST_SPACING = 1e-6, 1e6  # mm, of voxels
+
 
 @dataclass
 class Filler:
@@ -97,8 +99,9 @@ def read_plus_config(path: str | os.PathLike[str]) -> PlusConfig:
     spacing = read.numbers("OutputSpacing", 3)
     if spacing is None:
         raise read.bad("VolumeReconstruction", "expected OutputSpacing, got none")
-    if min(spacing) <= 0:
-        raise read.bad("OutputSpacing", f"expected positive numbers, got {spacing}")
+    if not all(LEAST_SPACING <= s <= MOST_SPACING for s in spacing):
+        expected = f"expected {LEAST_SPACING:g} to {MOST_SPACING:g} mm"
+        raise read.bad("OutputSpacing", f"{expected}, got {' '.join(f'{s:g}' for s in spacing)}")
     config = PlusConfig(spacing)
     read.into(config, "interpolation", read.choice("Interpolation", INTERPOLATIONS))
     read.into(config, "optimization", read.choice("Optimization", OPTIMIZATIONS))

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from ..sweep import Sweep
 
 _TYPES = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
+MOST_VOXELS = 1e9  # along an axis
 
 
 def reconstruct_plus(
@@ -104,6 +105,8 @@ def reconstruct_plus(
         [sweep.world_from_image[f].tolist() for f in kept], origin, spacing
     )
 
+    if not np.isfinite(matrices).all():
+        raise ValueError("poses: expected places that float64 holds in voxels, got others")
     picked = np.ascontiguousarray(frames if len(kept) == len(frames) else frames[kept])
     values = np.empty(size[::-1], frames.dtype)
     accumulator = np.empty(size[::-1], np.uint16)
@@ -164,6 +167,9 @@ def _box(config: PlusConfig, poses: list, shape: tuple[int, int], extent: str) -
     if config.recompute_spacing and hi[2] - lo[2] >= spacing[2]:
         spacing[2] = (hi[2] - lo[2]) / math.floor((hi[2] - lo[2]) / spacing[2])
     steps = [(b - a) / s for a, b, s in zip(lo, hi, spacing, strict=True)]
+    if not max(steps) < MOST_VOXELS:  # NaN, too
+        lengths = " ".join(f"{b - a:g}" for a, b in zip(lo, hi, strict=True))
+        raise ValueError(f"OutputSpacing: expected one that divides {lengths} mm, got {spacing}")
     size = [math.floor(s + 0.5 if extent == "round" else s) + 1 for s in steps]
     return lo, spacing, size
 
