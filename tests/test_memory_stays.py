@@ -18,6 +18,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 
+MOST = 5  # of each kind
 rng = np.random.default_rng(5)
 on = {"device": sys.argv[1]} | ({"threads": 2} if sys.argv[1] == "cpu" else {})
 light = gb.RenderSettings(shadows=True, ambient_rays=1, samples=2)
@@ -50,18 +51,20 @@ def some(kind):
     return held[kind][int(rng.integers(len(held[kind])))]
 
 
+def make(kind):
+    if kind == "scene":
+        return gb.Scene(points(), support=0.1, **on)
+    if kind == "mesh":
+        return mesh()
+    return gb.Simulation(water, **on) if kind == "simulation" else render(some("scene"))
+
+
 def turn():
     kind = str(rng.choice(list(held)))
     what = rng.random()
-    if not held[kind] or (len(held[kind]) < 5 and what < 0.2):
-        if kind == "scene":
-            held[kind].append(gb.Scene(points(), support=0.1, **on))
-        elif kind == "mesh":
-            held[kind].append(mesh())
-        elif kind == "simulation":
-            held[kind].append(gb.Simulation(water, **on))
-        elif held["scene"]:
-            held[kind].append(render(some("scene")))
+    if not held[kind] or (len(held[kind]) < MOST and what < 0.2):
+        if kind != "frame" or held["scene"]:
+            held[kind].append(make(kind))
     elif what < 0.35:
         held[kind].pop(int(rng.integers(len(held[kind]))))
     elif kind == "scene":
@@ -69,7 +72,8 @@ def turn():
         gb.field(some(kind), points())
     elif kind == "mesh":
         some(kind).update(rng.random((30, 3)))
-        held["frame"] = held["frame"][-4:] + [render([some(kind), *held["scene"][:1]])]
+        frame = render([some(kind), *held["scene"][:1]])
+        held["frame"] = [*held["frame"], frame][-MOST:]
     elif kind == "frame":
         with contextlib.suppress(ValueError):  # its scene was updated since
             some(kind).refine(1)
@@ -84,6 +88,8 @@ def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
 
 
+for kind in held:  # what many at a time need is kept for the next
+    held[kind] += [make(kind) for _ in range(MOST)]
 left = []
 for k in range(4000):
     turn()

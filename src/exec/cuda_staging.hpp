@@ -2,6 +2,8 @@
 // while the device copies others, which is several times as fast as leaving it to the driver.  Small ones go through
 // a page-locked room too, since the driver waits for the device before it takes anything from ordinary memory.
 #pragma once
+#include <algorithm>
+#include <bit>
 #include <cstring>
 #include <mutex>
 #include <utility>
@@ -47,11 +49,12 @@ private:
 };
 
 /// Page-locked memory of any size for images on their way to the caller, who keeps it for as long as he likes.  What
-/// comes back waits for the next of its size; when too much is out, the caller uses memory of his own.
+/// comes back waits for the next of about its size; when too much is out, the caller uses memory of his own.
 class PinnedImages {
 public:
     /// Null where there is none to be had.
     static void* take(std::size_t bytes) {
+        bytes = room_for(bytes);
         PinnedImages& all = instance();
         const std::lock_guard lock(all.mutex_);
         for (auto it = all.free_.begin(); it != all.free_.end(); ++it)
@@ -77,11 +80,16 @@ public:
     static void give_back(void* room, std::size_t bytes) {
         PinnedImages& all = instance();
         const std::lock_guard lock(all.mutex_);
-        all.free_.emplace_back(room, bytes);
+        all.free_.emplace_back(room, room_for(bytes));
     }
 
 private:
-    static constexpr std::size_t kMost = 512u << 20;
+    static constexpr std::size_t kMost = 512u << 20, kLeast = 64 << 10;
+    /// Images of many sizes share rooms of few, a quarter larger at most.
+    static std::size_t room_for(std::size_t bytes) {
+        const std::size_t step = std::max(kLeast, std::bit_floor(bytes) / 4);
+        return ceil_div(bytes, step) * step;
+    }
     /// Never destroyed: the driver may be gone before static objects are.
     static PinnedImages& instance() {
         static PinnedImages* all = new PinnedImages;
