@@ -460,7 +460,7 @@ def _state_words(path: str) -> list[str]:
     words = ["render", "cube.npz", "--size", "64x64", "--device", "cpu", "--threads", "1"]
     if os.path.basename(path) == "state.toml":
         return [*words, "-o", "out.png", "--state", path]
-    return [*words, "-o", "out%03d.png", "--fps", "0.5", "--camera-path", path]
+    return [*words, "-o", "out%03d.png", "--fps", "0.001", "--camera-path", path]
 
 
 def _info(path: str) -> list[str]:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 FIELDS = ("frame", "time", "eye", "look_at", "up", "fov")
 MOST_FRAMES = 1_000_000  # of a movie
+LEAST_GAP = 1e-6  # frames between two keys
 
 
 class CameraPath:
@@ -201,7 +202,7 @@ def _checked(keys: Any, fps: float) -> tuple[list[float], list[Camera]]:
                 raise ValueError(f"expected {wanted}, got {' and '.join(given) or 'none'}")
             unit = given[0]
             frame = _number(unit, key[unit]) * (fps if unit == "time" else 1)
-            if frame < 0 or (frames and frame <= frames[-1]):
+            if frame < 0 or (frames and frame < frames[-1] + LEAST_GAP):
                 least = "at least 0" if not frames else "more than in the key before"
                 raise ValueError(f"{unit}: expected {least}, got {shown(key[unit])}")
             if frame >= MOST_FRAMES:
