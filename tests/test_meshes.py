@@ -367,3 +367,44 @@ def test_options_of_other_formats(tmp_path):
     gb.write(tmp_path / "a.npz", gb.Particles(TETRAHEDRON))
     with pytest.raises(ValueError, match=r"spacing: expected no such option for .*a\.npz"):
         gb.read(tmp_path / "a.npz", spacing=1.0)
+
+
+def lathe(profile: np.ndarray, n: int) -> gb.Mesh:
+    """What turns around z: rings of n vertices at (radius, z) of the profile, whose ends lie on the
+    axis and are one vertex each."""
+    angles = 2 * np.pi * np.arange(n) / n
+    rings = [np.stack([r * np.cos(angles), r * np.sin(angles), 0 * angles + z], 1)
+             for r, z in profile[1:-1]]  # fmt: skip
+    vertices = np.concatenate([[[0, 0, profile[0, 1]]], *rings, [[0, 0, profile[-1, 1]]]])
+    k = np.arange(n)
+    one, last = 1 + k, 1 + (k + 1) % n
+    faces = [np.stack([0 * k, last, one], 1)]
+    for ring in range(len(rings) - 1):
+        a, b = one + n * ring, last + n * ring
+        faces += [np.stack([a, b, b + n], 1), np.stack([a, b + n, a + n], 1)]
+    top = n * (len(rings) - 1)
+    faces.append(np.stack([one + top, last + top, 0 * k + len(vertices) - 1], 1))
+    return gb.Mesh(vertices.astype(np.float32), np.concatenate(faces), smooth=30)
+
+
+@pytest.mark.parametrize("n", [24, 95, 96, 400, 5000])
+def test_normals_where_many_corners_meet(n):
+    """The pole of a ball is round, and the cap of a cylinder flat with a sharp edge, for any number
+    of corners: from 96 on they are added up by direction."""
+    camera = gb.Camera((2.5, 0.3, 4), (0, 0, 0), (0, 1, 0), fov=28)
+    polar = np.linspace(np.pi, 0, 41)
+    frame = gb.render(lathe(np.stack([np.sin(polar), np.cos(polar)], 1), n), camera, (96, 96))
+    seen = frame.mask
+    cosine = (frame.normal[seen] * frame.position[seen]).sum(1)
+    cosine /= np.linalg.norm(frame.position[seen], axis=1)
+    assert seen.any()
+    assert cosine.min() > np.cos(np.radians(1.5 if n > 24 else 8))
+    rod = lathe(np.array([[0, -1], [0.5, -1], [0.5, 1], [0, 1]]), n)
+    frame = gb.render(rod, camera, (96, 96))
+    place, normal = frame.position[frame.mask], frame.normal[frame.mask]
+    radius = np.linalg.norm(place[:, :2], axis=1)
+    cap, side = (place[:, 2] > 0.9999) & (radius < 0.47), place[:, 2] < 0.99
+    assert cap.any()
+    assert side.any()
+    np.testing.assert_allclose(normal[cap], np.tile([0, 0, 1], (cap.sum(), 1)), atol=1e-5)
+    assert np.abs(normal[side][:, 2]).max() < 0.05  # at the silhouette turned towards the eye
