@@ -76,7 +76,7 @@ def _run(argv: list[str]) -> None:
 
 
 def _add_common(parser: Parser, quick: bool = True) -> None:
-    flags.add(parser, "--output", "folder; default: bench", default="bench")
+    flags.add(parser, "--output", "folder; default: build/bench", default="build/bench")
     flags.add(parser, "--json")
     if quick:
         flags.add(parser, "--quick")

@@ -1,6 +1,6 @@
 """From an HDF5 file to the first image, beside a raw read of the same arrays by h5py.
 
-    python bench/read_hdf5.py [--particles 10000000] [--device cpu] [--size 1920x1080]
+    python -m bench.read_hdf5 [--particles 10000000] [--device cpu] [--size 1920x1080]
 
 Writes a snapshot in the manner of Gadget (positions, float32; with --lengths also smoothing
 lengths), and prints seconds and CPU seconds, with those of child processes: of the raw read, of

@@ -5,8 +5,12 @@ a file of your own:
     globule render head.nii.gz -o cut.png --preset tissue --up 0,0,1 --clip-box 0,-999,5,999,999,999
 """
 
+import sys
+from pathlib import Path
+
 import globule as gb
 
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # the repository, for its phantom
 from bench.figures.anatomy import metaballs, tomography
 
 values, world_from_voxel, name = tomography(resolution=2)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import csv
+import pickle
 from pathlib import Path
 
 import globule as gb
@@ -53,7 +55,7 @@ def test_images_tables_and_files_of_all_frames(make, capsys):
     assert main(["render", name, "-o", "p_%d.png", *SMALL]) == 0
     shown = capsys.readouterr()
     assert sorted(p.name for p in Path().glob("p_*.png")) == [f"p_{k}.png" for k in range(N)]
-    assert "those of frame 3 of" in shown.err  # it has most particles
+    assert "those of the last frame of" in shown.err  # it has most particles
     assert main(["track", name, "-o", "t.csv"]) == 0
     with open("t.csv") as file:
         volumes = [float(row["volume"]) for row in csv.DictReader(file)]
@@ -89,8 +91,35 @@ def test_the_viewer_plays_them():
     source.close()
 
 
+def test_the_file_itself_is_not_overwritten(capsys):
+    extended()
+    Path("frames.xyz").rename("f_0.xyz")
+    assert main(["convert", "f_0.xyz", "f_%d.xyz"]) == 2
+    assert "expected other files than IN" in capsys.readouterr().err
+    assert len(with_frames(["f_0.xyz"])) == N
+
+
+def test_a_last_frame_that_is_not_whole_stops_nothing_before_it(capsys):
+    dump()
+    text = Path("frames.lammpstrj").read_text()
+    Path("frames.lammpstrj").write_text(text[:-200])
+    assert main(["render", "frames.lammpstrj", "-o", "p_%d.png", *SMALL]) == 2
+    assert "frames.lammpstrj" in capsys.readouterr().err
+    assert len(list(Path().glob("p_*.png"))) == N - 1
+
+
+def test_lists_of_files_with_frames():
+    frames = extended()
+    Path("more.xyz").write_bytes(Path("frames.xyz").read_bytes())
+    assert len(gb.track_surface(["frames.xyz", "more.xyz"])["frame"]) == 2 * N
+    source = open_source(["frames.xyz", "more.xyz"], "cpu", 1)
+    assert source.n_frames == 2 * len(frames)
+    source.close()
+
+
 def test_frames_are_not_the_file():
     one, other = FrameOf("a", 1), FrameOf("a", 2)
+    assert pickle.loads(pickle.dumps(one)) == copy.deepcopy(one) == one
     assert one == FrameOf("a", 1) != other
     assert len({one, other, FrameOf("a", 1), "a"}) == 3
     assert str(one) == "a"

@@ -75,6 +75,9 @@ def run(options: argparse.Namespace) -> None:
         files = with_frames(files, **given)
         names = [name.replace(number[0], number[0] % k) for k in range(len(files))]
         outputs = [os.path.join(folder, one) for one in names]
+    for output in outputs:
+        if os.path.exists(output) and os.path.samefile(options.input, output):
+            raise UserError(f"OUT: expected other files than IN, got {output}")
     said: set[str] = set()
     for file, output in zip(files, outputs, strict=True):
         contents = read_file(file, len(files) > 1, **given)

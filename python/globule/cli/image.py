@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.device import choose
+from ..formats.frames import FrameOf
 from ..formats.kind import kind_of
 from ..render.annotate import Colors
 from ..render.camera import Camera
@@ -114,8 +115,9 @@ def picture(
         "read": read_seconds, "build": subject.build_seconds(), "trace": trace_seconds,
         "write": end - written, "total": end - start,
     }  # fmt: skip
+    of_file = {"frame": path.frame} if isinstance(path, FrameOf) else {}
     report = {
-        "input": path, "images": [image], "aov": aov, "size": options.size,
+        "input": path, **of_file, "images": [image], "aov": aov, "size": options.size,
         "samples": frames[0].samples, "times": times, "warnings": messages,
         **_facts(options, subject, hits),
     }  # fmt: skip

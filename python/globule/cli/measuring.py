@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -77,10 +77,14 @@ def add_values(group: Any, default: str) -> None:
 
 
 def scenes(
-    options: argparse.Namespace, names: Sequence[str], progress: Progress, one: bool = False
+    options: argparse.Namespace,
+    names: Sequence[str],
+    progress: Progress,
+    one: bool = False,
+    made: Callable[[Scene], object] = lambda scene: None,
 ) -> Iterator[tuple[int, str, Scene]]:
     """Number, file and scene of each file; one scene serves all, with the support of the one that
-    leads. one: of a file with several frames, only one is meant."""
+    leads. one: of a file with several frames, only one is meant. made: as for `KeptScene.show`."""
     check_device(options)
     with mistakes():
         files = find_files(names)
@@ -92,11 +96,15 @@ def scenes(
             check_input(path, list(reading(options)))
     if not one and options.frame is None:
         files = with_frames(files, **reading(options))
-    at = leader(files)
-    kept = KeptScene((lambda: _read(files[at], options)[0]) if at else None)
-    if at:
+    at = leader(files, **reading(options)) if options.frame is None else leader(files)
+
+    def lead() -> Particles:
+        particles = _read(files[at], options)[0]
         progress.clear()
         say(led_by(files, at))
+        return particles
+
+    kept = KeptScene(lead if at else None)
     ahead = read_ahead(_read(path, options) for path in files)
     progress.n_steps = len(files)
     for i, path in enumerate(files):
@@ -106,16 +114,16 @@ def scenes(
             progress.clear()
             warn(message)
         with mistakes(path):
-            scene = kept.show(particles, functools.partial(_scene, options, path))
+            scene = kept.show(particles, functools.partial(_scene, options, path), made)
         yield i, path, scene
 
 
 def led_by(files: Sequence[str], at: int) -> str:
     """What to say where not the first file leads."""
-    lead, what = files[at], "files"
-    if isinstance(lead, FrameOf):
-        lead, what = f"frame {lead.frame} of {lead}", "frames"
-    return f"note: surface and support are those of {lead}, the largest of {len(files):,} {what}"
+    which = f"{files[at]}, the largest of {len(files):,} files"
+    if isinstance(files[at], FrameOf):
+        which = f"the last frame of {files[at]}, which is larger than the first"
+    return f"note: surface and support are those of {which}"
 
 
 def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:

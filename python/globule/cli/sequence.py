@@ -89,7 +89,7 @@ class Series:
         self._ahead: Iterator[tuple[Particles | Mesh, list[str]]] = iter(())
         with mistakes():
             files = find_files(options.particles)
-            if options.frame is None and (shows_all(options.output) or len(files) > 1):
+            if options.frame is None and shows_all(options.output):
                 files = with_frames(files, **reading(options))
             if options.camera_path and options.turntable:
                 raise UserError("--turntable: expected no --camera-path beside --turntable")
@@ -100,11 +100,10 @@ class Series:
             elif options.turntable and len(files) == 1:
                 files = files * options.turntable
         options.particles = files
-        at = leader(files)
-        self.lead = files[at] if at else None  # the file that leads, if it is not the first
-        self._kept = KeptScene(self._leading if at else None)
-        if at and (comm is None or comm.rank == 0):
-            say(led_by(files, at))
+        self._at = 0  # of the file that leads
+        if not any(is_mesh(path, options) for path in dict.fromkeys(files)):
+            self._at = leader(files, **reading(options)) if options.frame is None else leader(files)
+        self._kept = KeptScene(self._leading if self._at else None)
         if options.output.lower().endswith(".mp4"):
             check_output("-o", options.output, [".mp4"])
             try:
@@ -231,10 +230,10 @@ class Series:
 
     def _leading(self) -> Particles:
         """The particles that lead."""
-        assert self.lead is not None
-        particles = _read(self.lead, self.options)[0]
-        if isinstance(particles, Mesh):
-            raise UserError(f"{self.lead}: expected particles as in the first file, got a mesh")
+        particles = _read(self.options.particles[self._at], self.options)[0]
+        assert isinstance(particles, Particles)
+        if self.comm is None or self.comm.rank == 0:
+            say(led_by(self.options.particles, self._at))
         particles = particles[_finite(particles)]
         return look.stretched(self.options, particles) if self.options.anisotropic else particles
 
@@ -323,7 +322,7 @@ def shows_all(output: str) -> bool:
     name = os.path.basename(output)
     if output.lower().endswith(".mp4") or output.endswith("/") or os.path.isdir(output):
         return True
-    return "{}" in name or re.search(r"%0?\d?d", name) is not None
+    return re.search(r"%0?\d?d", name) is not None
 
 
 def _camera_path(options: argparse.Namespace) -> CameraPath:

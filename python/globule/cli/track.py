@@ -59,10 +59,14 @@ def run(options: argparse.Namespace) -> None:
     rows: list[dict[str, float]] = []
     spacing = options.spacing
     with Progress(len(options.files)) as progress:
-        for _, path, scene in measuring.scenes(options, options.files, progress):
+
+        def made(scene: Any) -> None:
+            nonlocal spacing
+            if spacing is None and scene.octree.n_inside:
+                spacing = default_spacing(scene)
+
+        for _, path, scene in measuring.scenes(options, options.files, progress, made=made):
             with mistakes():
-                if spacing is None and scene.octree.n_inside:
-                    spacing = default_spacing(scene)
                 mesh = surface_mesh(scene, spacing)
                 wrong = scene.octree.n_inside and not len(mesh.faces)
                 if wrong and (why := measuring.too_coarse(options, scene)):

@@ -18,6 +18,9 @@ class FrameOf(str):
         one.frame = frame
         return one
 
+    def __getnewargs__(self) -> tuple[str, int]:  # type: ignore[override]
+        return str(self), self.frame  # for pickle and copy
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, FrameOf) and self.frame == other.frame and str.__eq__(self, other)
 

@@ -43,6 +43,8 @@ def track_surface(
     """
     if isinstance(frames, str):
         frames = with_frames(find_files([frames]))
+    elif isinstance(frames, (list, tuple)) and all(isinstance(one, str) for one in frames):
+        frames = with_frames(frames)
     total = len(frames) if isinstance(frames, Sized) else 0
     lead = None
     if isinstance(frames, Sequence) and (at := leader(frames)):

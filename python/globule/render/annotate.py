@@ -47,9 +47,9 @@ class Annotation(Fixed):
             is true everywhere in an orthographic image. In a perspective image it is true at the
             distance of the camera's `look_at`.
         axes: whether to draw the directions of x, y and z.
-        box: True, the bounding box of the particles' centers (of a sequence: of the first frame),
-            or its lowest and highest corner, two (3,), world. Edges have ticks with coordinates.
-            Parts of edges behind the surface are hidden.
+        box: True, the bounding box of the particles' centers (of a sequence: of the frame that
+            leads), or its lowest and highest corner, two (3,), world. Edges have ticks with
+            coordinates. Parts of edges behind the surface are hidden.
         unit: of world coordinates, for scale bar and box, such as "m".
         time: of the image, or of a sequence's first frame.
         time_step: from one frame of a sequence to the next.

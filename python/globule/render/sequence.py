@@ -7,6 +7,7 @@ emitter starts with few), decides for all which surface they have, and measures 
 
 from __future__ import annotations
 
+import contextlib
 import glob
 import itertools
 import os
@@ -206,13 +207,17 @@ def value_range(
     return (float(lo), float(hi)) if lo <= hi else (0.0, 1.0)
 
 
-def leader(frames: Sequence[Any]) -> int:
+def leader(frames: Sequence[Any], **options: Any) -> int:
     """The number of the frame that leads, of files' names or `Particles`: the largest one, unless
-    the first is about as large."""
+    the first is about as large; of the frames of one file, the last or the first. options: as for
+    `read`."""
+    if len(frames) > 1 and isinstance(frames[0], FrameOf):  # the ends tell enough
+        try:
+            first, last = (len(read(frames[k], **options)) for k in (0, -1))
+        except (ValueError, OSError, ImportError):
+            return 0
+        return len(frames) - 1 if last > MORE * first else 0
     sizes = [_size(frame) for frame in frames]
-    if len(sizes) > 1 and isinstance(frames[0], FrameOf):  # of one file: the ends tell enough
-        first, last = (len(read(frames[k])) for k in (0, -1))
-        return len(sizes) - 1 if last > MORE * first else 0
     most = max(sizes, default=0)
     return sizes.index(most) if sizes and most > MORE * sizes[0] else 0
 
@@ -227,7 +232,8 @@ def _size(frame: Any) -> int:
 class KeptScene:
     """One scene for all frames of a sequence.
 
-    lead: gives the particles that lead; None: the first that there are.
+    lead: gives the particles that lead; None, or where it fails (whoever reads that frame in its
+        turn says why): the first that there are.
     """
 
     def __init__(self, lead: Callable[[], Particles] | None = None) -> None:
@@ -249,10 +255,14 @@ class KeptScene:
         self.first = not self.settled
         if scene is None or self.first:
             lead, self._lead = self._lead, None
-            self.scene = scene = make(lead() if lead else particles)
+            leading = None
+            if lead:
+                with contextlib.suppress(Exception):
+                    leading = lead()
+            self.scene = scene = make(particles if leading is None else leading)
             self.settled = scene.octree.n_inside > 0
             made(scene)
-            if lead:
+            if leading is not None:
                 scene.update(particles)
         else:
             scene.update(particles)
@@ -424,6 +434,8 @@ def render_sequence(
         n_frames = n_views
     if isinstance(source, (str, os.PathLike)):
         source = with_frames(find_files([os.fspath(source)]))
+    elif _are_files(source):
+        source = with_frames(list(map(os.fspath, source))[:n_frames])
     if color_by is not None:
         settings = for_values(settings)
         range = _range_of(source, color_by) if range is None else checked_range(range)
@@ -484,6 +496,12 @@ def render_sequence(
     return names
 
 
+def _are_files(source: Any) -> bool:
+    """Whether a source is a list of files' names."""
+    listed = isinstance(source, Sequence) and len(source) > 0
+    return listed and all(isinstance(one, (str, os.PathLike)) for one in source)
+
+
 def _is_size(camera: Any) -> bool:
     """Whether a size stands in the camera's place."""
     pair = isinstance(camera, (tuple, list)) and len(camera) == 2
@@ -519,7 +537,7 @@ def _frames(
         source = itertools.repeat(source)
     elif hasattr(source, "step"):
         source = _steps(source)
-    if isinstance(source, Sequence) and all(isinstance(f, (str, os.PathLike)) for f in source):
+    if _are_files(source):
         files = list(source)[:n_frames]
         yield from read_ahead((i, read(f) if wanted(i) else None) for i, f in enumerate(files))
         return

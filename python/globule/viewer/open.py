@@ -76,11 +76,13 @@ def open_source(what: Any, device: str = "auto", threads: int = 0, **reading: An
 
 
 def _open_files(names: list[str], common: dict[str, Any], reading: dict[str, Any]) -> Source:
-    from ..render.sequence import find_files
+    from ..render.sequence import find_files, with_frames
 
     if len(names) == 1:
         return _open_name(names[0], common, reading)
     files = find_files(names)
+    if "frame" not in reading:
+        files = with_frames(files, **reading)
     pattern = re.sub(r"\d+(?=\D*$)", "*", os.path.basename(files[0]))
     name = f"{pattern}, {len(files)} frames"
     source = SequenceSource(name, files, **common, read_frame=lambda path: read(path, **reading))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
@@ -66,9 +67,16 @@ class SceneMaker:
         if not self.fluids or state.look.preset == "thesis":
             return "balls"
         if self._fluid is None or self._fluid[0] < fluid.FEWEST:
-            judged = self.lead() if self.lead else particles
+            judged = self._leading(particles)
             self._fluid = len(judged), fluid.fluid_like(judged).yes
         return "smooth" if self._fluid[1] else "balls"
+
+    def _leading(self, particles: Particles) -> Particles:
+        """Those that lead, or these where that frame cannot be read."""
+        if self.lead is not None:
+            with contextlib.suppress(ValueError, OSError):
+                return self.lead()
+        return particles
 
     def _wanted(self, particles: Particles, state: State, threshold: float | None) -> tuple:
         surface, shape = state.surface, self.shape(particles, state, threshold)
@@ -85,7 +93,7 @@ class SceneMaker:
         shown = (particles, colors)
         same = self._shown is not None and self._shown[0] is particles and self._shown[1] == colors
         if wanted != self._built or self._scene is None:
-            leads = self.lead() if self.lead else particles
+            leads = self._leading(particles)
             self._scene = self._build(self._colored(leads, state), wanted)
             if leads is not particles:
                 self._scene.update(self._colored(particles, state))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -55,6 +56,7 @@ class SequenceSource(Source):
         self._sizes: dict[int, int] = {}  # bytes of the kept frames that have been read
         self._unsized: set[int] = set()  # kept, still being read when last looked at
         self._total = 0  # of `_sizes`
+        self._fetching = threading.Lock()
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="globule read")
         self.frame = 0
         at = leader(self._frames)
@@ -116,6 +118,10 @@ class SequenceSource(Source):
 
     def _fetch(self, i: int) -> Future:
         """A frame that is being read or has been read."""
+        with self._fetching:  # images and time have threads of their own
+            return self._fetched(i)
+
+    def _fetched(self, i: int) -> Future:
         kept = self._kept.get(i)
         if kept is not None and not (
             kept.done() and kept.exception()

@@ -164,10 +164,10 @@ def _box(config: PlusConfig, poses: list, shape: tuple[int, int], extent: str) -
     ]
     lo, hi = np.min(places, axis=0).tolist(), np.max(places, axis=0).tolist()
     spacing = list(config.spacing)
-    if config.recompute_spacing and hi[2] - lo[2] >= spacing[2]:
+    if config.recompute_spacing and spacing[2] <= hi[2] - lo[2] < MOST_VOXELS * spacing[2]:
         spacing[2] = (hi[2] - lo[2]) / math.floor((hi[2] - lo[2]) / spacing[2])
     steps = [(b - a) / s for a, b, s in zip(lo, hi, spacing, strict=True)]
-    if not max(steps) < MOST_VOXELS:  # NaN, too
+    if not all(0 <= s < MOST_VOXELS for s in steps):  # NaN, too
         lengths = " ".join(f"{b - a:g}" for a, b in zip(lo, hi, strict=True))
         raise ValueError(f"OutputSpacing: expected one that divides {lengths} mm, got {spacing}")
     size = [math.floor(s + 0.5 if extent == "round" else s) + 1 for s in steps]
