@@ -137,7 +137,7 @@ def number(least: float = -math.inf, most: float = math.inf, above: float = -mat
     return check
 
 
-positive = number(above=0.0, most=1e18)
+positive = number(above=0.0, most=1e30)
 
 
 def whole(least: int, most: int) -> Check:
