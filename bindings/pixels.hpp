@@ -44,6 +44,23 @@ inline void bind_pixels(nb::module_& m) {
         each_row_of_squares(view, image.size() / (std::size_t(view.width) * view.height),
                             [&](std::size_t at, std::size_t place, std::size_t bytes) { std::memcpy(to + at, from + place, bytes); });
     }, "The reverse.");
+    m.def("nearest_pixels", [](const std::vector<Floats>& depths, const std::vector<Bytes>& pictures, Floats depth, Bytes picture) {
+        std::vector<const float*> d;
+        std::vector<const std::uint8_t*> c;
+        for (const Floats& a : depths) d.push_back(a.data());
+        for (const Bytes& a : pictures) c.push_back(a.data());
+        const std::size_t n = depth.size();
+        float* best = depth.data();
+        std::uint8_t* shown = picture.data();
+        nb::gil_scoped_release others;
+        for (std::size_t i = 0; i < n; ++i) {
+            std::size_t winner = 0;
+            for (std::size_t k = 1; k < d.size(); ++k)
+                if (d[k][i] < d[winner][i]) winner = k;
+            best[i] = d[winner][i];
+            std::memcpy(shown + 3 * i, c[winner] + 3 * i, 3);
+        }
+    }, "Of each pixel the nearest of several images: (n,) depths, (3 n,) bytes; the first of equals.");
     m.def("pack_hits", [](Numbers rays, std::int32_t first, Floats t, Floats normal, Floats albedo, Bytes layer, Floats rows) {
         const std::int64_t* which = rays.data();
         float* row = rows.data();

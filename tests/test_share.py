@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from globule._base.device import of_rank
 from globule._base.ranks import run_threads
+from globule.pieces.whole_images import nearest_image
 
 SIZE = (140, 100)
 RNG = np.random.default_rng(1)
@@ -86,6 +87,26 @@ def test_only_the_image(backend):
         image, gb.render(gb.Scene(POSITIONS, **backend), CAMERA, SIZE).image
     )
     assert not mask.any()
+
+
+def test_the_nearest_of_shaded_pieces(backend):
+    """Slabs with a halo of one support: hits the same, colors within a level."""
+    n = 3
+    edges = np.linspace(-1, 11, n + 1)
+    particles = gb.Particles(POSITIONS, color=COLOR)
+
+    def work(device, ranks):
+        x, (low, high) = POSITIONS[:, 0], edges[ranks.rank : ranks.rank + 2]
+        mine = np.flatnonzero((x > low - 2.01) & (x < high + 2.01))
+        assert len(mine) < len(POSITIONS)
+        frame = gb.render(gb.Scene(particles[mine], support=2.0, **device), CAMERA, SIZE)
+        return nearest_image(ranks, frame.distance, frame.image)
+
+    one = gb.render(gb.Scene(particles, support=2.0, **backend), CAMERA, SIZE)
+    depth, image = shared(n, work, backend)
+    np.testing.assert_array_equal(one.mask, np.isfinite(depth))
+    np.testing.assert_allclose(one.distance[one.mask], depth[one.mask], atol=2e-4)
+    assert np.abs(one.image.astype(int) - image.astype(int)).max() <= 1
 
 
 def test_a_thread_that_fails_ends_all():

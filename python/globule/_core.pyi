@@ -176,6 +176,17 @@ def unpack_squares(
 ) -> None:
     """The reverse."""
 
+def nearest_pixels(
+    arg0: Sequence[Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")]],
+    arg1: Sequence[Annotated[NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu")]],
+    arg2: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")],
+    arg3: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu")],
+    /,
+) -> None:
+    """
+    Of each pixel the nearest of several images: (n,) depths, (3 n,) bytes; the first of equals.
+    """
+
 def pack_hits(
     arg0: Annotated[
         NDArray[numpy.int64], dict(shape=(None,), order="C", device="cpu", writable=False)
