@@ -96,7 +96,7 @@ def scenes(
             check_input(path, list(reading(options)))
     if not one and options.frame is None:
         files = with_frames(files, **reading(options))
-    at = leader(files, **reading(options)) if options.frame is None else leader(files)
+    at = leader(files, **reading(options))
 
     def lead() -> Particles:
         particles = _read(files[at], options)[0]

@@ -102,7 +102,7 @@ class Series:
         options.particles = files
         self._at = 0  # of the file that leads
         if not any(is_mesh(path, options) for path in dict.fromkeys(files)):
-            self._at = leader(files, **reading(options)) if options.frame is None else leader(files)
+            self._at = leader(files, **reading(options))
         self._kept = KeptScene(self._leading if self._at else None)
         if options.output.lower().endswith(".mp4"):
             check_output("-o", options.output, [".mp4"])
