@@ -1,12 +1,14 @@
 #!/usr/bin/env bash
-# The C++ tests and a part of the Python tests under AddressSanitizer and UndefinedBehaviorSanitizer, and the C++ tests of
-# threads under ThreadSanitizer: `make sanitize`, or `sanitize.sh PYTHON [address|thread]`.
+# The C++ tests and the quick Python tests under AddressSanitizer and UndefinedBehaviorSanitizer, and both under ThreadSanitizer:
+# `make sanitize`, or `sanitize.sh PYTHON [address|thread] [OPTIONS OF PYTEST]`. A test that fails beside it says nothing about
+# memory (limits of a process do not hold with a sanitizer's tables): what counts is that nothing was reported.
 #
 # libgomp is not built for ThreadSanitizer, which then sees races between its threads that are none: OMP_NUM_THREADS=1 there,
 # so that the threads of the tests themselves remain.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-python=$(realpath -s "$1") only=${2:-all}
+python=$(realpath -s "$(command -v "$1")") only=${2:-all}
+options=("${@:3}")
 export PATH="$(dirname "$python"):$PATH"
 generator=(); command -v ninja > /dev/null && generator=(-G Ninja)
 
@@ -21,27 +23,51 @@ cpp_tests() { # FOLDER CONFIG SANITIZERS
   cmake --build "$1" --parallel "$(nproc)" >> "$1.log" || { grep -m 20 error "$1.log"; exit 1; }
 }
 
+python_site() { # FOLDER: the package with what was built there
+  rm -rf "$1/site" && mkdir -p "$1/site" && cp -r python/globule "$1/site/" && rm -f "$1"/site/globule/*.so
+  cmake --install "$1" --prefix "$1/site" > /dev/null
+}
+python_tests() { # FOLDER LIBRARIES...
+  local folder=$1 preload=() failed=0; shift
+  for library; do preload+=("$(gcc -print-file-name="$library")"); done
+  GLOBULE_TEST_PATIENCE=900 LD_PRELOAD="${preload[*]}" PYTHONMALLOC=malloc PYTHONPATH=$PWD/$folder/site:${PYTHONPATH:-} \
+    "$python" -m pytest -q -p no:cacheprovider -n "$(nproc)" --dist loadfile --max-worker-restart 0 -k "not cuda" tests "${options[@]}" \
+    > "$folder.tests.log" 2>&1 || failed=$?
+  grep -E "^(FAILED|ERROR)|worker .* crashed" "$folder.tests.log" || true
+  tail -n 1 "$folder.tests.log"
+  [ "$failed" -le 1 ]  # some failed, but all ran
+}
+reports() { # NAME: what was reported, which ends this
+  local found=(build/"$1"-report.*)
+  [ -e "${found[0]}" ] || { echo "$1: nothing reported"; return 0; }
+  echo "$1: ${#found[@]} processes reported:"
+  grep -hE "runtime error|ERROR: AddressSanitizer|WARNING: ThreadSanitizer" "${found[@]}" | sort | uniq -c | sort -rn | head -n 40
+  head -n 40 "${found[0]}"
+  exit 1
+}
+
+python_options=(-Dnanobind_DIR="$("$python" -m nanobind --cmake_dir)" -DPython_EXECUTABLE="$python")
 mkdir -p build
+rm -f build/asan-report.* build/tsan-report.*
 if [ "$only" != thread ]; then
   echo "address, undefined: building"
-  configure build/asan address,undefined -Dnanobind_DIR="$("$python" -m nanobind --cmake_dir)" -DPython_EXECUTABLE="$python"
-  rm -rf build/asan/site && mkdir -p build/asan/site && cp -r python/globule build/asan/site/ && rm -f build/asan/site/globule/*.so
-  cmake --install build/asan --prefix build/asan/site > /dev/null
+  configure build/asan address,undefined "${python_options[@]}"
+  python_site build/asan
   cpp_tests build/asan-cpp "$PWD/build/asan/site/globule/cmake" address,undefined
   # Python keeps memory to its end; reports go to files, since pytest holds back what a test that ends the process wrote.
   export ASAN_OPTIONS=detect_leaks=0:log_path=$PWD/build/asan-report UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1:log_path=$PWD/build/asan-report
-  rm -f build/asan-report.*
-  trap 'head -n 30 build/asan-report.* 2> /dev/null || true' EXIT
   build/asan-cpp/cpp_tests
-  GLOBULE_TEST_PATIENCE=900 LD_PRELOAD="$(gcc -print-file-name=libasan.so) $(gcc -print-file-name=libubsan.so)" PYTHONPATH=build/asan/site PYTHONMALLOC=malloc \
-    "$python" -m pytest -q -x -p no:cacheprovider -k "not cuda and not interpreter_is_free and not is_exact" tests/test_interrupts.py tests/test_concurrency.py \
-    tests/test_device_arrays.py tests/test_octree.py tests/test_field.py tests/test_anisotropy.py tests/test_light_cuts.py \
-    tests/test_sim_fluid.py tests/test_sim_tissue_cut.py tests/test_thesis.py tests/test_live.py
+  python_tests build/asan libasan.so libubsan.so
+  reports asan
 fi
 if [ "$only" != address ]; then
   echo "thread: building"
-  configure build/tsan thread -DGLOBULE_PYTHON=OFF
-  cmake --install build/tsan --prefix build/tsan/prefix > /dev/null
-  cpp_tests build/tsan-cpp "$PWD/build/tsan/prefix/lib/cmake/globule" thread
-  OMP_NUM_THREADS=1 TSAN_OPTIONS=halt_on_error=1 build/tsan-cpp/cpp_tests
+  configure build/tsan thread "${python_options[@]}"
+  python_site build/tsan
+  cpp_tests build/tsan-cpp "$PWD/build/tsan/site/globule/cmake" thread
+  export OMP_NUM_THREADS=1 TSAN_OPTIONS=report_signal_unsafe=0:log_path=$PWD/build/tsan-report
+  build/tsan-cpp/cpp_tests
+  options+=(-k "not cuda and not 2threads")
+  python_tests build/tsan libtsan.so
+  reports tsan
 fi

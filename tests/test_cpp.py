@@ -30,7 +30,7 @@ def run(*command, **options):
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory):
+def built(tmp_path_factory, pytestconfig):
     """Tests and examples, configured once; each test builds what it needs."""
     if CMAKE is None:
         pytest.skip("cmake is missing: sudo apt-get install cmake")
@@ -48,7 +48,11 @@ def built(tmp_path_factory):
     ninja = ["-G", "Ninja"] if shutil.which("ninja") else []
     # MPI's compiler may be a package's: beside Python.
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    done = run(CMAKE, "-S", folder, "-B", folder / "build", *ninja, f"-Dglobule_DIR={config}",
+    # To look for MPI and CUDA takes most of the time; only slow tests need them.
+    every = pytestconfig.getoption("--matrix")
+    without = ["-DCMAKE_DISABLE_FIND_PACKAGE_MPI=ON", "-DCMAKE_CUDA_COMPILER=NOTFOUND"]
+    options = [*ninja, f"-Dglobule_DIR={config}", *([] if every else without)]
+    done = run(CMAKE, "-S", folder, "-B", folder / "build", *options,
                env={**os.environ, "PATH": path})  # fmt: skip
     if done.returncode != 0 and "CMAKE_MAKE_PROGRAM" in done.stderr:
         pytest.skip("neither ninja nor make is there: sudo apt-get install make")

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <iterator>
+#include <memory>
 #include <mutex>
 #include <utility>
 #include <vector>
@@ -15,37 +17,75 @@
 
 namespace globule::core {
 
-/// Page-locked rooms of one size, kept for the next that needs one: locking takes longer than most copies.
-class LockedRooms {
-public:
-    /// Null where there is none to be had.
-    static char* take(std::size_t bytes) {
-        LockedRooms& all = instance();
-        const std::lock_guard lock(all.mutex_);
-        if (!all.free_.empty()) {
-            char* room = all.free_.back();
-            all.free_.pop_back();
-            return room;
-        }
-        void* room = nullptr;
-        if (cudaHostAlloc(&room, bytes, cudaHostAllocPortable) == cudaSuccess) return static_cast<char*>(room);
-        cudaGetLastError();
-        return nullptr;
+/// Page-locked rooms of one size that copies take turns in, with the events that say when each is free again.
+struct CopyRooms {
+    static constexpr std::size_t kRoom = 1 << 20, kRooms = 16;
+
+    char* room(std::size_t k) const { return memory + k % kRooms * kRoom; }
+    bool is_done(std::size_t k) const {
+        const cudaError_t status = cudaEventQuery(done[k % kRooms]);
+        if (status != cudaErrorNotReady) check(status);
+        return status == cudaSuccess;
     }
-    static void give_back(char* room) {
-        LockedRooms& all = instance();
-        const std::lock_guard lock(all.mutex_);
-        all.free_.push_back(room);
+    void wait_for_all() const {
+        for (cudaEvent_t e : done) check(cudaEventSynchronize(e));
+    }
+
+    char* memory = nullptr;
+    int device = 0;        ///< of the events and the stream
+    std::size_t last = 0;  ///< event that was recorded last
+    cudaEvent_t done[kRooms] = {};
+    cudaEvent_t ready = nullptr;  ///< what the caller's stream did before an upload
+    cudaStream_t copies = nullptr;
+};
+
+/// Rooms are held for one copy and kept for the next, whoever makes it: locking takes longer than most copies, and so
+/// there are as many as copies at one time.
+class SharedRooms {
+public:
+    struct GiveBack {
+        void operator()(CopyRooms* rooms) const {
+            SharedRooms& all = instance();
+            const std::lock_guard lock(all.mutex_);
+            all.free_.push_back(rooms);
+        }
+    };
+    using Lease = std::unique_ptr<CopyRooms, GiveBack>;
+
+    /// Null where there is no page-locked memory to be had.
+    static Lease take() {
+        int device = 0;
+        check(cudaGetDevice(&device));
+        SharedRooms& all = instance();
+        {
+            const std::lock_guard lock(all.mutex_);
+            for (auto it = all.free_.rbegin(); it != all.free_.rend(); ++it)
+                if ((*it)->device == device) {
+                    Lease found(*it);
+                    all.free_.erase(std::next(it).base());
+                    return found;
+                }
+        }
+        void* memory = nullptr;
+        if (cudaHostAlloc(&memory, CopyRooms::kRooms * CopyRooms::kRoom, cudaHostAllocPortable) != cudaSuccess) {
+            cudaGetLastError();
+            return nullptr;
+        }
+        Lease made(new CopyRooms{static_cast<char*>(memory), device});
+        for (cudaEvent_t& e : made->done) check(cudaEventCreateWithFlags(&e, cudaEventDisableTiming));
+        check(cudaEventCreateWithFlags(&made->ready, cudaEventDisableTiming));
+        check(cudaStreamCreateWithFlags(&made->copies, cudaStreamNonBlocking));
+        return made;
     }
 
 private:
     /// Never destroyed: the driver may be gone before static objects are.
-    static LockedRooms& instance() {
-        static LockedRooms* all = new LockedRooms;
+    static SharedRooms& instance() {
+        static SharedRooms* all = new SharedRooms;
         return *all;
     }
     std::mutex mutex_;
-    std::vector<char*> free_;
+    std::vector<CopyRooms*> free_;
 };
 
 /// Page-locked memory of any size for images on their way to the caller, who keeps it for as long as he likes.  What
@@ -114,14 +154,6 @@ public:
     Staging& operator=(const Staging&) = delete;
     ~Staging() {
         if (small_) cudaFreeHost(small_);
-        if (!rooms_) return;
-        for (cudaEvent_t e : done_) {
-            cudaEventSynchronize(e);
-            cudaEventDestroy(e);
-        }
-        cudaEventDestroy(ready_);
-        cudaStreamDestroy(copies_);
-        LockedRooms::give_back(rooms_);
     }
 
     /// Host memory may be reused when this returns. Calls arrived(bytes) whenever more of it is on its way: work given
@@ -133,36 +165,37 @@ public:
             check(cudaMemcpyAsync(to, room, bytes, cudaMemcpyHostToDevice, stream));
             return arrived(bytes);
         }
-        if (!ready()) {
+        const SharedRooms::Lease rooms = SharedRooms::take();
+        if (!rooms) {
             check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream));
             check(cudaStreamSynchronize(stream));  // from page-locked memory the driver copies when it gets there
             return arrived(bytes);
         }
         if (bytes < kWorth) {
-            const std::size_t k = (last_ + 1) % kRooms;
-            check(cudaEventSynchronize(done_[k]));
-            std::memcpy(room(k), from, bytes);
-            check(cudaMemcpyAsync(to, room(k), bytes, cudaMemcpyHostToDevice, stream));
-            check(cudaEventRecord(done_[last_ = k], stream));
+            const std::size_t k = (rooms->last + 1) % kRooms;
+            check(cudaEventSynchronize(rooms->done[k]));
+            std::memcpy(rooms->room(k), from, bytes);
+            check(cudaMemcpyAsync(to, rooms->room(k), bytes, cudaMemcpyHostToDevice, stream));
+            check(cudaEventRecord(rooms->done[rooms->last = k], stream));
             return arrived(bytes);
         }
         std::vector<StagedPart> parts;
         add_parts(parts, const_cast<void*>(from), to, bytes);
-        check(cudaEventSynchronize(done_[last_]));  // the last of the upload before
-        check(cudaEventRecord(ready_, stream));
-        check(cudaStreamWaitEvent(copies_, ready_));
+        rooms->wait_for_all();
+        check(cudaEventRecord(rooms->ready, stream));
+        check(cudaStreamWaitEvent(rooms->copies, rooms->ready));
         CopyCrew crew(parts.size(), kRoom);
         std::size_t sent = 0, there = 0;
         crew.run([](int, int) {}, [&](std::size_t k, std::size_t first, std::size_t end) {
-            if (first < parts[k].bytes) std::memcpy(room(k) + first, parts[k].host + first, min(end, parts[k].bytes) - first);
+            if (first < parts[k].bytes) std::memcpy(rooms->room(k) + first, parts[k].host + first, min(end, parts[k].bytes) - first);
         }, [&] {
-            while (crew.limit() < parts.size() && (crew.limit() < kRooms || (crew.limit() < sent + kRooms && is_done(crew.limit()))))
+            while (crew.limit() < parts.size() && (crew.limit() < kRooms || (crew.limit() < sent + kRooms && rooms->is_done(crew.limit()))))
                 crew.allow_next();
             if (crew.is_copied(sent)) {
                 const StagedPart& part = parts[sent];
-                check(cudaMemcpyAsync(part.device, room(sent), part.bytes, cudaMemcpyHostToDevice, copies_));
-                check(cudaEventRecord(done_[last_ = sent++ % kRooms], copies_));
-                check(cudaStreamWaitEvent(stream, done_[last_]));
+                check(cudaMemcpyAsync(part.device, rooms->room(sent), part.bytes, cudaMemcpyHostToDevice, rooms->copies));
+                check(cudaEventRecord(rooms->done[rooms->last = sent++ % kRooms], rooms->copies));
+                check(cudaStreamWaitEvent(stream, rooms->done[rooms->last]));
                 arrived(there += part.bytes);
             }
             return sent == parts.size();
@@ -182,28 +215,24 @@ public:
             small_used_ = 0;
             return;
         }
-        if (bytes < kWorth || !ready()) {
-            check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream));
-            return check(cudaStreamSynchronize(stream));
-        }
         std::vector<StagedPart> parts;
         add_parts(parts, to, const_cast<void*>(from), bytes);
-        download(parts, stream);
+        if (bytes >= kWorth && download(parts, stream)) return;
+        check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream));
+        check(cudaStreamSynchronize(stream));
     }
     /// Two arrays, both or none of which are large.
     void download(void* to, const void* from, std::size_t bytes, void* to2, const void* from2, std::size_t bytes2, cudaStream_t stream) {
-        if (min(bytes, bytes2) < kWorth || !ready()) {
-            download(to, from, bytes, stream);
-            return download(to2, from2, bytes2, stream);
-        }
         std::vector<StagedPart> parts;
         add_parts(parts, to, const_cast<void*>(from), bytes);
         add_parts(parts, to2, const_cast<void*>(from2), bytes2);
-        download(parts, stream);
+        if (min(bytes, bytes2) >= kWorth && download(parts, stream)) return;
+        download(to, from, bytes, stream);
+        download(to2, from2, bytes2, stream);
     }
 
 private:
-    static constexpr std::size_t kRoom = 1 << 20, kRooms = 16, kWorth = 512 << 10, kPage = 4096;
+    static constexpr std::size_t kRoom = CopyRooms::kRoom, kRooms = CopyRooms::kRooms, kWorth = 512 << 10, kPage = 4096;
     static constexpr std::size_t kSmall = 16 << 10, kSmallRoom = 64 << 10;
     struct Nothing {
         void operator()(std::size_t) const {}
@@ -213,7 +242,11 @@ private:
         for (std::size_t at = 0; at < bytes; at += kRoom)
             parts.push_back({static_cast<char*>(host) + at, static_cast<char*>(device) + at, min(kRoom, bytes - at)});
     }
-    void download(const std::vector<StagedPart>& parts, cudaStream_t stream) {
+    /// False where there is no page-locked memory to be had.
+    static bool download(const std::vector<StagedPart>& parts, cudaStream_t stream) {
+        const SharedRooms::Lease rooms = SharedRooms::take();
+        if (!rooms) return false;
+        rooms->wait_for_all();
         CopyCrew crew(parts.size(), kRoom);
         std::size_t asked = 0, out = 0;
         // The system gives the pages of new host memory while the device is busy.
@@ -221,16 +254,17 @@ private:
             for (std::size_t k = thread; k < parts.size(); k += threads)
                 for (std::size_t at = 0; at < parts[k].bytes; at += kPage) static_cast<volatile char*>(parts[k].host)[at] = 0;
         }, [&](std::size_t k, std::size_t first, std::size_t end) {
-            if (first < parts[k].bytes) std::memcpy(parts[k].host + first, room(k) + first, min(end, parts[k].bytes) - first);
+            if (first < parts[k].bytes) std::memcpy(parts[k].host + first, rooms->room(k) + first, min(end, parts[k].bytes) - first);
         }, [&] {
             while (out < asked && crew.is_copied(out)) ++out;
             for (; asked < parts.size() && asked < out + kRooms; ++asked) {
-                check(cudaMemcpyAsync(room(asked), parts[asked].device, parts[asked].bytes, cudaMemcpyDeviceToHost, stream));
-                check(cudaEventRecord(done_[last_ = asked % kRooms], stream));
+                check(cudaMemcpyAsync(rooms->room(asked), parts[asked].device, parts[asked].bytes, cudaMemcpyDeviceToHost, stream));
+                check(cudaEventRecord(rooms->done[rooms->last = asked % kRooms], stream));
             }
-            while (crew.limit() < asked && is_done(crew.limit())) crew.allow_next();
+            while (crew.limit() < asked && rooms->is_done(crew.limit())) crew.allow_next();
             return out == parts.size();
         });
+        return true;
     }
 
     /// Page-locked room for few bytes, free until the stream has been waited for; null where bytes are many.
@@ -249,30 +283,8 @@ private:
         small_used_ += ceil_div<std::size_t>(bytes, 64) * 64;
         return room;
     }
-    char* room(std::size_t k) const { return rooms_ + k % kRooms * kRoom; }
-    bool is_done(std::size_t k) const {
-        const cudaError_t status = cudaEventQuery(done_[k % kRooms]);
-        if (status != cudaErrorNotReady) check(status);
-        return status == cudaSuccess;
-    }
-    /// False where there is no page-locked memory to be had.
-    bool ready() {
-        if (rooms_) return true;
-        rooms_ = LockedRooms::take(kRooms * kRoom);
-        if (!rooms_) return false;
-        for (cudaEvent_t& e : done_) check(cudaEventCreateWithFlags(&e, cudaEventDisableTiming));
-        check(cudaEventCreateWithFlags(&ready_, cudaEventDisableTiming));
-        check(cudaStreamCreateWithFlags(&copies_, cudaStreamNonBlocking));
-        return true;
-    }
-
     char* small_ = nullptr;
     std::size_t small_used_ = 0;
-    char* rooms_ = nullptr;
-    std::size_t last_ = 0;  ///< event that was recorded last
-    cudaEvent_t done_[kRooms] = {};
-    cudaEvent_t ready_ = nullptr;  ///< what the stream did before an upload
-    cudaStream_t copies_ = nullptr;
 };
 
 }  // namespace globule::core

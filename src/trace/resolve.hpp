@@ -221,10 +221,12 @@ struct ResolveRays {
         for (int round = 0; round < 100; ++round) {
             t = source.next(t);
             if (!(t < end)) return false;
+            const double from = t;
             bool hit = false, unsure = false;
             march<Leaving>(source, lim, end, true, t, hit, unsure);
             if (hit || !unsure) return hit;
             if (abs(source.template at<false>(t, lim).f - lim.tau) < 1e4 * lim.error) return true;
+            if (t == from) return false;  // and would not move in the next round
         }
         return false;
     }

@@ -34,6 +34,7 @@ from .shared import (
     say,
     warn,
 )
+from .time_left import TimeLeft
 
 if TYPE_CHECKING:
     from ..sim.scene_file import Output, SceneFile
@@ -279,13 +280,27 @@ class _Job:
 
     def run(self, interrupted: Callable[[], int]) -> bool:
         """Make all frames; False if a signal stopped the run before the end."""
-        whole = True
+        whole, left = True, TimeLeft(self.sim.time, (self.n_frames - 1) / self.fps)
+
+        def state() -> str:
+            now = self.sim.time
+            return f"{now:.3f} s, {count(len(self.sim))}{left.words(now)}"
+
+        def stop() -> bool:
+            if said := left.step(self.sim.time):
+                self.progress.clear()
+                say(f"note: {said}")
+            if left.is_due():
+                self.progress.show(state())
+            return interrupted() != 0
+
         for k in range(self.n_frames):
-            self.progress.step(f"{self.sim.time:.3f} s, {count(len(self.sim))}")
+            left.frame(self.sim.time)
+            self.progress.step(state())
             if self.options.resume and self._is_before(k):
                 continue  # written before the checkpoint
             with self._timed("simulation"):
-                self.sim.run_to(k / self.fps, stop=lambda: interrupted() != 0)
+                self.sim.run_to(k / self.fps, stop=stop)
             reached = self.sim.time > k / self.fps - 1e-9
             if reached:  # also after a signal: --resume relies on this frame
                 self._write(k)

@@ -1,0 +1,75 @@
+"""What a long simulation says of its end, by a clock that the test sets."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from globule.cli import main, time_left
+from globule.cli.time_left import TimeLeft, in_words
+
+
+class Clock:
+    """Every look at it is `tick` seconds after the one before, beside what is added."""
+
+    def __init__(self, tick=0.0):
+        self.now, self.tick = 100.0, tick
+
+    def __call__(self):
+        self.now += self.tick
+        return self.now
+
+
+def steps(left, clock, n, cost, dt):
+    said = []
+    for k in range(1, n + 1):
+        clock.now += cost
+        said.append(left.step(k * dt))
+    return said
+
+
+def test_it_is_said_once_after_three_steps():
+    clock = Clock()
+    said = steps(TimeLeft(0.0, 2.0, clock), clock, 9, 0.25, 1e-4)
+    assert [k for k, line in enumerate(said, 1) if line] == [3]
+    # 19,997 steps of 0.25 s
+    assert said[2].startswith("83 min to go at 250 ms a step of 0.0001 s; Ctrl-C keeps")
+
+
+def test_a_run_of_less_than_a_minute_says_nothing():
+    clock = Clock()
+    assert not any(steps(TimeLeft(0.0, 0.2, clock), clock, 9, 0.02, 1e-4))
+
+
+def test_the_pace_is_that_of_the_last_frames():
+    """An emitter: each frame takes a second more than the one before."""
+    clock = Clock()
+    left = TimeLeft(0.0, 100.0, clock)
+    for frame in range(80):
+        left.frame(frame)
+        clock.now += frame
+    assert left.seconds(80.0) == pytest.approx(20 * sum(range(60, 80)) / 20)
+    assert left.words(100.0) == ", 0 s left"
+
+
+def test_nothing_is_known_before_the_first_step():
+    left = TimeLeft(1.0, 2.0, Clock())
+    left.frame(1.0)
+    assert left.seconds(1.0) is None
+    assert left.words(1.0) == ""
+
+
+def test_durations():
+    assert [in_words(s) for s in (0.4, 59, 119, 720, 12600, 1.8e6, 4e9)] == [
+        "0 s", "59 s", "119 s", "12 min", "3.5 h", "21 days", "46,000 days",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_the_command_says_it(slow, tmp_path, monkeypatch, capsys):
+    clock = Clock(tick=5.0 if slow else 0.0)
+    monkeypatch.setattr(time_left.TimeLeft.__init__, "__defaults__", (clock,))
+    out = str(tmp_path / "dam")
+    assert main(["simulate", "dam-break", "-o", out, "--spacing", "0.08", "--seconds", "0.1"]) == 0
+    said = re.findall(r"note: (.*) to go at .* ms a step of .* s; ", capsys.readouterr().err)
+    assert len(said) == slow
