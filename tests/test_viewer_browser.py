@@ -112,9 +112,10 @@ def test_who_looks_cannot_steer_and_has_a_camera_of_its_own(watched):
     (steering,) = watched.pages
     viewer, before = watched.viewer, steering.client.camera
     known = set(viewer.clients)
-    looking = watched.opened.new_page(viewport=steering.viewport_size)
+    with steering.context.expect_page() as opened:  # a tab with the steering page's cookies
+        steering.evaluate("address => { open(address); }", viewer.look_address)
+    looking = opened.value
     try:
-        looking.goto(viewer.look_address)
         until(lambda: set(viewer.clients) - known, "for the second browser")
         own = viewer.clients[max(viewer.clients)]
         assert (steering.client.role, own.role) == ("steer", "look")
@@ -135,5 +136,13 @@ def test_who_looks_cannot_steer_and_has_a_camera_of_its_own(watched):
         box.click()
         until(lambda: not box.is_checked())
         assert not viewer.state.notes.scale_bar
+        known = set(viewer.clients)
+        viewer.server._websock_server.disconnect_all_clients()  # both connect again
+        until(lambda: len(set(viewer.clients) - known) == 2, "for both")
+        roles = sorted(client.role for client in viewer.clients.values())
+        assert roles == ["look", "steer"]
+        until(plane.is_disabled)
+        steering.locator("#globule-desk").get_by_role("button", name="Cutting plane").click()
+        until(lambda: not viewer.state.cuts.plane)
     finally:
         looking.close()

@@ -50,13 +50,8 @@ def test_this_machines_address_is_for_this_machine():
 def test_other_addresses_demand_the_token():
     guard = Guard("secret", look_token="only")
     name = guard.cookie(STEER, headers()).partition("=")[0]
-    assert (
-        Guard("other").cookie(STEER, headers()).partition("=")[0] != name
-    )  # two viewers of one host
-    assert [guard.role(f"/?token={word}", headers(Host="box")) for word in ("secret", "only")] == [
-        STEER,
-        LOOK,
-    ]
+    other = Guard("other").cookie(STEER, headers()).partition("=")[0]
+    assert other != name  # two viewers of one host
     assert "; Secure" in guard.cookie(LOOK, headers(X_Forwarded_Proto="https"))
     assert guard.refusal("/", headers(Host="box:8080")) is not None
     assert guard.refusal("/?token=wrong", headers(Host="box:8080")) is not None
@@ -65,18 +60,43 @@ def test_other_addresses_demand_the_token():
     assert guard.refusal("/x.js", headers(Host="box", Cookie=f"{name}=no")) is not None
 
 
+def test_tabs_of_one_browser_keep_their_roles():
+    """They share their cookies; the address says which role a page or a websocket asks for."""
+    guard = Guard("secret", look_token="only")
+    both = "; ".join(guard.cookie(role, headers()).partition(";")[0] for role in (STEER, LOOK))
+    looks = guard.cookie(LOOK, headers()).partition(";")[0]
+    for path, cookies, role in (
+        ("/?token=secret", "", STEER),
+        ("/look/?token=only", "", LOOK),
+        ("/", both, STEER),
+        ("/globule/desk?word=x", both, STEER),
+        ("/look", both, LOOK),  # viser's websocket
+        ("/look/globule/desk?word=x", both, LOOK),
+        ("/looks", both, STEER),
+        ("/", looks, None),
+        ("/?token=only", looks, None),
+        ("/look/?token=secret", "", None),
+        ("/look/?token=secret", both, LOOK),
+    ):
+        assert guard.role(path, headers(Host="box", Cookie=cookies)) == role, (path, cookies)
+    below = ("/", "/", "/globule/desk?word=x", "/?token=only")
+    paths = ("/look", "/look/", "/look/globule/desk?word=x", "/look?token=only")
+    assert [guard.asked(path) for path in paths] == [(LOOK, rest) for rest in below]
+    assert Guard(None).asked("/look/") == (STEER, "/look/")
+
+
 @pytest.fixture
 def guarded():
     with view(POINT, host="0.0.0.0") as viewer:
         yield viewer
 
 
-def linked(viewer):
+def linked(viewer, path="?"):
     """A connection as browsers have it."""
     import viser
     from websockets.sync.client import connect
 
-    url = f"ws://127.0.0.1:{viewer.port}/?token={viewer.token}"
+    url = f"ws://127.0.0.1:{viewer.port}/{path}token={viewer.token}"
     return connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None)
 
 
@@ -140,6 +160,59 @@ def test_large_messages_end_the_connection(guarded):
         with pytest.raises(ConnectionClosed) as closed:
             all(connection.recv(timeout=PATIENCE) for _ in itertools.count())
     assert closed.value.rcvd.code == 1009
+
+
+@pytest.mark.parametrize("opcode", ["PING", "PONG", "CONT"])
+@pytest.mark.parametrize("path", ["", "globule/desk"])
+def test_a_flood_of_frames_without_a_message_ends_the_connection(guarded, caplog, opcode, path):
+    from viewer_program import Program
+    from websockets.exceptions import ConnectionClosed
+    from websockets.frames import Frame, Opcode
+
+    steering = Program(guarded.address)
+    word = until(lambda: steering.word)
+    with linked(guarded, f"{path}?word={word}&") as flooding:
+        if opcode == "CONT":
+            flooding.socket.sendall(Frame(Opcode.BINARY, b"x", fin=False).serialize(mask=True))
+        empty = Frame(Opcode[opcode], b"", fin=opcode != "CONT").serialize(mask=True)
+        flooding.socket.sendall(3000 * empty)
+        with pytest.raises(ConnectionClosed):
+            all(flooding.recv(timeout=PATIENCE) for _ in itertools.count())
+    steering.set("Plane")
+    until(lambda: guarded.state.cuts.plane)
+    said = [r.getMessage() for r in caplog.records if "frames" in r.getMessage()]
+    assert said == ["page: a browser sent too many frames without a message"]
+    steering.close()
+
+
+def test_another_version_of_the_page_prints_nothing(guarded, capfd):
+    from websockets.exceptions import ConnectionClosed
+    from websockets.sync.client import connect
+
+    url = f"ws://127.0.0.1:{guarded.port}/?token={guarded.token}"
+    with connect(url, subprotocols=["viser-v0"]) as one, pytest.raises(ConnectionClosed) as closed:
+        one.recv(timeout=PATIENCE)
+    assert closed.value.rcvd.code == 1002  # at which the page says why
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_upload_that_stalls_takes_no_place(guarded):
+    """Ten headers of files whose bytes never come."""
+    from viewer_program import Program
+
+    program = Program(guarded.address)
+    uuid = until(lambda: program.widgets.get("Load settings"))
+    begin = {"type": "FileTransferStartUpload", "filename": "f", "mime_type": "text/plain"}
+    for i in range(10):
+        file = {"source_component_uuid": uuid, "transfer_uuid": f"stalled {i}"}
+        program.say(begin | file | {"part_count": 1, "size_bytes": 9})
+    other = Program(guarded.address)
+    until(lambda: other.widgets.get("Load settings"))
+    other.upload("Load settings", b"[cuts]\nplane = true\n")
+    until(lambda: guarded.state.cuts.plane)
+    assert len(guarded.server.gui._current_file_upload_states) == 1
+    program.close()
+    other.close()
 
 
 def test_what_is_no_message_gets_one_line(guarded, caplog, capfd):

@@ -95,7 +95,7 @@ def test_the_token_and_the_cookie_behind_a_proxy(behind):
 
     with pytest.raises(urllib.error.HTTPError, match="403"):
         ask("")
-    with ask(f"?token={viewer.look_token}") as answer:
+    with ask(f"look/?token={viewer.look_token}") as answer:
         assert "; Secure" in answer.headers["Set-Cookie"]
         assert b'src="globule/desk.js"' in answer.read()
 

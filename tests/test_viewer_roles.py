@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 import threading
 from contextlib import ExitStack, closing, contextmanager
 from types import SimpleNamespace
@@ -13,9 +14,11 @@ from viewer_helpers import PATIENCE, blob, talk, told, until, view
 
 pytest.importorskip("viser")
 
+import msgspec
 from globule.viewer.roles import LOOK, LOOKING, PRIVATE_ACTIONS, STEER, VISITOR
-from viewer_program import Program
+from viewer_program import CAMERA, Program
 from websockets.exceptions import InvalidStatus
+from websockets.frames import Frame, Opcode
 
 
 @pytest.fixture
@@ -74,7 +77,8 @@ def test_the_toolbar_of_who_looks(shared, caplog):
 def toolbar(viewer, program, token):
     """The connection of a page's script, with a token of its own."""
     word = until(lambda: program.word, "for the page's word")
-    with talk(viewer.port, f"desk?word={word}&token={token}") as connection:
+    page = "/look" if token == viewer.look_token else ""
+    with talk(viewer.port, f"desk?word={word}&token={token}", page) as connection:
         yield connection
 
 
@@ -83,9 +87,9 @@ def test_a_toolbar_has_no_more_rights_than_its_page_and_its_own_token(shared):
     page goes."""
     from websockets.exceptions import ConnectionClosed
 
-    tokens = shared.token, shared.look_token
-    for page, script in (tokens, tokens[::-1], tokens[1:] * 2):
-        program = Program(f"http://127.0.0.1:{shared.port}/?token={page}")
+    steers, looks = (shared.address, shared.token), (shared.look_address, shared.look_token)
+    for page, script in ((steers[0], looks[1]), (looks[0], steers[1]), looks):
+        program = Program(page)
         with toolbar(shared, program, script) as asks:
             asks.send(json.dumps({"do": "set", "value": {"cuts__plane": True}}))
             program.heard(LOOKING)
@@ -244,6 +248,66 @@ def test_no_more_than_so_many_and_the_others_are_told(shared):
         arrive(shared.address)
         until(lambda: len(shared.clients) == 3)
         assert not shared.state.cuts.plane
+
+
+def test_a_click_of_who_looks_restarts_no_image_of_others(shared):
+    looking, steering = Program(shared.look_address), Program(shared.address)
+    until(lambda: len(shared.clients) == 2)
+    engine, samples = shared.engine, shared.state.quality.samples
+    until(
+        lambda: all(
+            client.frame and client.frame.samples == samples and not client.pacer.making
+            for client in shared.clients.values()
+        ),
+        "for both to have their last images",
+    )
+    hands = {hand.client.role: hand for hand in shared.page.tools.hands.values()}
+    scene = SimpleNamespace(cancel=lambda: None)
+    for whose, stopped in ((STEER, [False, True]), (LOOK, [True, True])):
+        for asks, stops in zip((LOOK, STEER), stopped, strict=True):
+            still = hands[whose].client, scene
+            engine._still, engine._stopping = still, None
+            assert hands[asks].pick((0.5, 0.5)) is not None
+            assert (engine._stopping is still) == stops, (whose, asks)
+            engine._still = None
+    looking.close()
+    steering.close()
+
+
+class Gone:
+    """A browser whose network broke: its connection stays open and answers nothing."""
+
+    def __init__(self, viewer, role=""):
+        import viser
+
+        self.socket = socket.create_connection(("127.0.0.1", viewer.port))
+        token = viewer.look_token if role else viewer.token
+        lines = (
+            f"GET {role}/?token={token} HTTP/1.1", "Host: localhost", "Upgrade: websocket",
+            "Connection: Upgrade", "Sec-WebSocket-Version: 13",
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+            f"Sec-WebSocket-Protocol: viser-v{viser.__version__}",
+        )  # fmt: skip
+        self.socket.sendall("\r\n".join([*lines, "", ""]).encode())
+        frame = Frame(Opcode.BINARY, msgspec.msgpack.encode(CAMERA)).serialize(mask=True)
+        self.socket.sendall(frame)
+
+    def close(self):
+        self.socket.close()
+
+
+@pytest.mark.parametrize("role", ["", "/look"])
+def test_who_returns_takes_the_place_of_a_connection_that_broke(shared, role, monkeypatch):
+    monkeypatch.setattr("globule.viewer.app.ANSWERS", 0.5)
+    shared.most_clients = 1
+    with closing(Gone(shared, role)):
+        until(lambda: shared.clients)
+        (dead,) = shared.clients
+        with closing(Program(shared.address)):
+            until(lambda: shared.clients.keys() - {dead}, "for a place")
+            assert dead not in shared.clients
+            until(lambda: len(shared.engine.clients) == 1)
+            until(lambda: shared.page.tools.hands.keys() == shared.clients.keys())
 
 
 def test_numbers_of_browsers_that_make_no_sense():

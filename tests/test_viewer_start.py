@@ -116,10 +116,22 @@ def test_uploads_that_are_refused(start, tmp_path):
         send(connection, "a.npz", b"no archive")
         heard(connection, "error")
         assert os.listdir(start._folder) == []
-        send(connection, "half.npz", b"PK", 1000)
+        send(connection, "half.npz", 65536 * b"PK", 1_000_000)
         until(lambda: os.listdir(start._folder))
     until(lambda: not os.listdir(start._folder), "for the half file to go with its browser")
     assert start.source is None
+
+
+def test_uploads_that_stall_or_drip_are_refused(start, monkeypatch):
+    """A header without bytes, and a byte at a time."""
+    with talk(start.port, "start?token=") as connection:
+        send(connection, "a.npz", b"x", 100_000)
+        assert heard(connection, "error") == "a.npz: expected the bytes of the file"
+        monkeypatch.setattr("globule.viewer.start.STALLED", 0.01)
+        send(connection, "a.npz", b"", 1000)
+        said = "a.npz: expected 1,000 more bytes, got none for 0.01 s. Send it again."
+        assert heard(connection, "error") == said
+        assert os.listdir(start._folder) == []
 
 
 def test_another_machine_needs_the_token():

@@ -84,11 +84,11 @@ def steps(source: Any, n: int) -> None:
         source.advance(State())
 
 
-def talk(port: int, path: str) -> Any:
-    """A connection of a page's script to its server."""
+def talk(port: int, path: str, page: str = "") -> Any:
+    """A connection of a page's script to its server. page: its path; "/look": of who looks."""
     from websockets.sync.client import connect
 
-    return connect(f"ws://127.0.0.1:{port}/globule/{path}", max_size=None)
+    return connect(f"ws://127.0.0.1:{port}{page}/globule/{path}", max_size=None)
 
 
 def told(connection: Any, wanted: Callable[[dict], Any] = lambda message: True) -> dict:

@@ -22,7 +22,7 @@ from .engine import Client, Engine
 from .equivalent import command_line, python_code
 from .export import notebook
 from .first_view import FIRST_SIZE, first_camera, for_window, left_out, outermost
-from .guard import Guard, limit_messages, no_uploads, quiet_tasks
+from .guard import LOOK_PATH, Guard, limit_messages, no_uploads, quiet_tasks, silent
 from .log import log
 from .pacer import Plan
 from .placement import Placement
@@ -34,6 +34,7 @@ from .state import MOST_BYTES, State
 LOCAL = ("127.0.0.1", "localhost", "::1")
 PAGE_EYE = (3.0, 3.0, 3.0)  # of viser's page before it gets a camera, page units
 MOST_WINDOW = 7680  # pixels of a side of a browser's window
+ANSWERS = 5.0  # s in which a browser that is there answers
 AT_INTERRUPT = 1.0  # s that Ctrl-C waits for an image in progress
 
 
@@ -143,11 +144,11 @@ class Viewer:
     @property
     def look_address(self) -> str | None:
         """The address for people who look with cameras of their own; None without tokens."""
-        return self._address(self.look_token) if self.look_token else None
+        return self._address(self.look_token, LOOK_PATH) if self.look_token else None
 
-    def _address(self, token: str | None) -> str:
+    def _address(self, token: str | None, path: str = "") -> str:
         host = "127.0.0.1" if self.host in LOCAL else socket.gethostname()
-        return f"http://{host}:{self.port}/" + (f"?token={token}" if token else "")
+        return f"http://{host}:{self.port}{path}/" + (f"?token={token}" if token else "")
 
     def greeting(self) -> list[str]:
         """Lines for a person in the terminal: the address, and how to reach it from elsewhere."""
@@ -183,6 +184,9 @@ class Viewer:
         from .viser_sink import ViserSink
 
         who = visitor()
+        if self._is_full(who.role):
+            for number in await silent(self.server, list(self.clients), ANSWERS):
+                self._leave(number)
         if self._is_full(who.role):
             who.role = REFUSED
             browser.add_notification(
@@ -248,8 +252,12 @@ class Viewer:
         self.move(browser, camera)
 
     async def _disconnected(self, browser: Any) -> None:
-        client = self.clients.pop(browser.client_id, None)
+        self._leave(browser.client_id)
         self.page.disconnected(browser)
+
+    def _leave(self, number: int) -> None:
+        """Free the place of a browser."""
+        client = self.clients.pop(number, None)
         if client is not None:
             threading.Thread(target=self.engine.remove, args=(client,), daemon=True).start()
 

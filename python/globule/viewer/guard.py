@@ -2,7 +2,9 @@
 
 On a loopback address every program of this machine may open the page. On any other address, and
 behind a reverse proxy, a client needs a token: one token steers, another only looks (`roles.py`).
-The guard checks each HTTP request and each websocket handshake before the server answers.
+The guard checks each HTTP request and each websocket handshake before the server answers. The
+address of a page says its role, since the tabs of one browser share their cookies: the page below
+`LOOK_PATH` and its websockets look, all others steer.
 
 viser has no such check and opens its socket in a thread of its own. `Guard.server` therefore makes
 viser's server from copies of two of viser's functions, in which the name of the function that opens
@@ -14,12 +16,14 @@ whether the socket was opened through the guard.
 from __future__ import annotations
 
 import asyncio
+import functools
 import gzip
 import hashlib
 import hmac
 import html
 import http
 import ipaddress
+import itertools
 import logging
 import re
 import secrets
@@ -38,6 +42,7 @@ CLOSING = 1.0  # s that a client may take to close its side
 # Messages of one connection at once, and s for each more: a mouse sends a tenth of that. What comes
 # faster waits in the socket, and with it the sender.
 FLOOD = 1000, 1 / 500
+LOOK_PATH = "/look"
 # The page may load from this server and connect to this server, and to nothing else. Of the scripts
 # in its text, those run that carry the server's nonce; viser needs eval.
 POLICY = (
@@ -69,13 +74,11 @@ class Guard:
     """
 
     def __init__(self, token: str | None, title: str = "globule", look_token: str | None = None):
-        self.token, self.title, self.look_token = token, title, look_token
+        self.title = title
+        self.tokens = {STEER: token, LOOK: look_token} if token is not None else {}
         self.started = False
         self.desk: Any = None
         self.roles: Any = None
-        # Viewers on one host share its cookies, whatever their ports.
-        digest = hashlib.sha256((token or "").encode()).hexdigest()
-        self._cookie_name = f"globule-{digest[:12]}"
         nonce = secrets.token_urlsafe(18)
         self._policy, self._nonce = POLICY.format(nonce=nonce), nonce.encode()
         self._pages: dict[bytes, bytes] = {}  # viser's page to ours
@@ -93,35 +96,40 @@ class Guard:
         (host,) = hosts
         if origins and origins[0] not in (f"http://{host}", f"https://{host}"):
             return "expected a page of this server, got a page of another one"
-        if self.token is None:
+        if not self.tokens:
             return None if is_local(host) else "expected a loopback address of this machine"
         if self.role(path, headers) is None:
             return "expected the token in the address: ?token=…"
         return None
 
     def role(self, path: str, headers: Any) -> str | None:
-        """The role that the token of the address, else of the cookie, gives; None: none."""
-        if self.token is None:
-            return STEER
-        for word in (*parse_qs(urlsplit(path).query).get("token", []), self._cookie(headers)):
-            for token, role in ((self.token, STEER), (self.look_token, LOOK)):
-                if token and hmac.compare_digest(token.encode(), word.encode()):
-                    return role
-        return None
+        """The role that the address asks for, if its token or the role's cookie is right; None."""
+        role, _ = self.asked(path)
+        if not self.tokens:
+            return role
+        token, words = self.tokens[role], parse_qs(urlsplit(path).query).get("token", [])
+        for line in headers.get_all("Cookie"):
+            pairs = (part.strip().partition("=") for part in line.split(";"))
+            words += [word for name, _, word in pairs if name == self._cookie_name(role)]
+        right = token and any(hmac.compare_digest(token.encode(), word.encode()) for word in words)
+        return role if right else None
+
+    def asked(self, path: str) -> tuple[str, str]:
+        """The role that the path of a request asks for, and the path below the role's page."""
+        rest = path.removeprefix(LOOK_PATH)
+        if LOOK in self.tokens and rest != path and rest[:1] in ("", "/", "?"):
+            return LOOK, rest if rest[:1] == "/" else "/" + rest
+        return STEER, path
 
     def cookie(self, role: str, headers: Any) -> str:
         """The cookie that carries the token of a role in the page's own requests."""
-        token = self.token if role == STEER else self.look_token
         secure = "; Secure" if "https" in headers.get_all("X-Forwarded-Proto") else ""
-        return f"{self._cookie_name}={token}; Path=/; HttpOnly; SameSite=Strict{secure}"
+        carried = f"{self._cookie_name(role)}={self.tokens[role]}"
+        return f"{carried}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
-    def _cookie(self, headers: Any) -> str:
-        for line in headers.get_all("Cookie"):
-            for part in line.split(";"):
-                name, _, value = part.strip().partition("=")
-                if name == self._cookie_name:
-                    return value
-        return ""
+    def _cookie_name(self, role: str) -> str:
+        """Viewers on one host share its cookies, whatever their ports."""
+        return f"globule-{hashlib.sha256((self.tokens[role] or '').encode()).hexdigest()[:12]}"
 
     def _finish(self, response: Any) -> None:
         """Replace the title in viser's page, which is "Viser", add our own controls, and let the
@@ -143,21 +151,37 @@ class Guard:
         del response.headers["Content-Length"]
         response.headers["Content-Length"] = str(len(response.body))
 
-    def serve(self, handler: Any, host: str, port: int, **options: Any) -> Any:
-        """`websockets.asyncio.server.serve`, with this guard before every answer."""
+    def serve(
+        self, handler: Any, host: str, port: int, protocol: str | None = None, **options: Any
+    ) -> Any:
+        """`websockets.asyncio.server.serve`, with this guard before every answer.
+
+        protocol: of websockets that `handler` talks with; None: any.
+        """
         from websockets.asyncio.server import ServerConnection, serve
+        from websockets.frames import DATA_OPCODES, Frame
 
         class Slowed(ServerConnection):
-            """Hears no more messages than people send."""
+            """Hears no more messages than people send, and ends where other frames flood it."""
 
             def __init__(own, *given: Any, **more: Any):
                 super().__init__(*given, **more)
-                own.allowance = Allowance(*FLOOD)
+                own.messages, own.frames = Allowance(*FLOOD), Allowance(*FLOOD)
 
             async def recv(own, *given: Any, **more: Any) -> Any:
-                while not own.allowance.take():
+                while not own.messages.take():
                     await asyncio.sleep(FLOOD[1])
                 return await super().recv(*given, **more)
+
+            def process_event(own, event: Any) -> None:
+                """A frame that ends no message, such as a ping: browsers send few of them."""
+                ends = isinstance(event, Frame) and event.fin and event.opcode in DATA_OPCODES
+                if not ends and not own.frames.take():
+                    if not own.transport.is_closing():
+                        own.logger.warning("a browser sent too many frames without a message")
+                    own.transport.abort()
+                    return
+                super().process_event(event)
 
         inner = options.pop("process_request")
 
@@ -172,6 +196,8 @@ class Guard:
             why = self.refusal(request.path, request.headers)
             if why is not None:
                 return connection.respond(http.HTTPStatus.FORBIDDEN, f"globule: {why}\n")
+            connection.role = self.role(request.path, request.headers)
+            _, request.path = self.asked(request.path)
             if request.path.partition("?")[0] == desk.PATH:
                 return None  # a websocket, or refused by websockets
             found = desk.file(request.path)
@@ -181,18 +207,19 @@ class Guard:
                 response.headers["Content-Security-Policy"] = self._policy
                 response.headers["Referrer-Policy"] = "no-referrer"
                 response.headers["X-Content-Type-Options"] = "nosniff"
-                role = self.role(request.path, request.headers)
-                if self.token is not None and role is not None:
-                    response.headers["Set-Cookie"] = self.cookie(role, request.headers)
+                if self.tokens:
+                    response.headers["Set-Cookie"] = self.cookie(connection.role, request.headers)
             return response
 
         async def route(connection: Any) -> None:
-            request = connection.request
-            VISITOR.set(Visitor(self.role(request.path, request.headers) or REFUSED))
-            if request.path.partition("?")[0] != desk.PATH:
+            VISITOR.set(Visitor(connection.role))
+            if connection.request.path.partition("?")[0] == desk.PATH:
+                if self.desk is not None:
+                    await self.desk.serve(connection)
+            elif protocol not in (None, connection.subprotocol):  # viser would print what it is
+                await connection.close(1002, f"expected {protocol}: reload the page")
+            else:
                 await handler(connection)
-            elif self.desk is not None:
-                await self.desk.serve(connection)
 
         options["max_size"], options["create_connection"] = MOST_MESSAGE, Slowed
         options["close_timeout"] = CLOSING
@@ -212,10 +239,11 @@ class Guard:
         from viser import _viser, infra
         from viser.infra import _infra
 
+        serve = functools.partial(self.serve, protocol=f"viser-v{viser.__version__}")
         opening = Renamed(
             websockets,
             asyncio=Renamed(
-                websockets.asyncio, server=Renamed(websockets.asyncio.server, serve=self.serve)
+                websockets.asyncio, server=Renamed(websockets.asyncio.server, serve=serve)
             ),
         )
 
@@ -336,6 +364,39 @@ def is_local(host: str) -> bool:
         return False
 
 
+async def silent(server: Any, numbers: list[int], seconds: float) -> list[int]:
+    """End the connections that answer no ping, such as those of a network that broke.
+
+    Args:
+        server: a `viser.ViserServer`.
+        numbers: of the browsers to ask.
+        seconds: in which a browser has to answer.
+
+    Returns:
+        The numbers of those that did not.
+    """
+    from websockets.exceptions import ConnectionClosed
+
+    alive = server._websock_server._live_connections
+
+    async def is_silent(number: int) -> bool:
+        connection = alive.get(number)
+        if connection is None:  # it is about to leave
+            return True
+        try:
+            await asyncio.wait_for(answered(connection), seconds)
+            return False
+        except (asyncio.TimeoutError, ConnectionClosed):
+            connection.transport.abort()
+            return True
+
+    async def answered(connection: Any) -> None:
+        await (await connection.ping())
+
+    said = await asyncio.gather(*map(is_silent, numbers))
+    return list(itertools.compress(numbers, said))
+
+
 def no_uploads(browser: Any) -> None:
     """Take no files for a browser's own widgets, none of which asks for one."""
     from viser import _messages
@@ -363,8 +424,8 @@ def limit_messages(server: Any, most_bytes: int) -> None:
     websocket.unregister_handler(_messages.FileTransferStartUpload, begin)
 
     def check(client_id: int, message: Any) -> None:
-        waiting = len(gui._current_file_upload_states)
-        if message.size_bytes <= most_bytes and message.part_count <= 1 and waiting < 8:
+        if message.size_bytes <= most_bytes and message.part_count <= 1:
+            gui._drop_uploads_from_client(client_id)  # one of each browser waits for its bytes
             begin(client_id, message)
 
     websocket.register_handler(_messages.FileTransferStartUpload, check)

@@ -30,7 +30,8 @@ PATH = "/globule/start"
 LOCAL = ("127.0.0.1", "localhost", "::1")
 SPLASH = "splash"
 MOST_UPLOAD = 1 << 30  # bytes
-MOST_PART = 512 * 1024
+LEAST_PART, MOST_PART = 64 * 1024, 512 * 1024  # bytes of an upload at once, but for the last ones
+STALLED = 60.0  # s after which a part of an upload comes no more
 MOST_RECENT = 8
 # Formats whose files never name another file.
 ENDINGS = (
@@ -221,8 +222,13 @@ class Start:
         try:
             with open(path, "wb") as file:
                 while done < size:
-                    part = await connection.recv()
-                    if not isinstance(part, bytes) or len(part) > min(MOST_PART, size - done):
+                    try:
+                        part = await asyncio.wait_for(connection.recv(), STALLED)
+                    except asyncio.TimeoutError:
+                        waited = f"expected {size - done:,} more bytes, got none for {STALLED:g} s"
+                        raise ValueError(f"{stem}{ending}: {waited}. Send it again.") from None
+                    least, most = (min(end, size - done) for end in (LEAST_PART, MOST_PART))
+                    if not isinstance(part, bytes) or not least <= len(part) <= most:
                         raise ValueError(f"{stem}{ending}: expected the bytes of the file")
                     if done == 0:
                         _check_head(stem + ending, part)

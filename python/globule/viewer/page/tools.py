@@ -178,7 +178,8 @@ class Hand:
         if frame is None:
             return None
         column, row = self._pixel(frame, screen)
-        self.viewer.engine.interrupt()  # a person waits
+        # A person waits; the images of others go on where the person only looks.
+        self.viewer.engine.interrupt(None if self.client.role == STEER else self.client)
         with self.viewer.source.lock:
             found = frame.pick(column, row)
             if found is None and (near := self._nearest(frame, column, row)) is not None:
