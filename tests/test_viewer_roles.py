@@ -225,6 +225,26 @@ def test_who_floods_waits_and_the_others_do_not(shared, caplog):
     assert all(line.startswith("page: ") and line.isprintable() for line in lines)
 
 
+def test_who_looks_leaves_threads_for_the_others(shared, caplog):
+    """The page's buttons and keys run in 32 threads for all; these wait for the source."""
+    looking, steering = Program(shared.look_address), Program(shared.address)
+    until(lambda: len(shared.clients) == 2)
+    with shared.source.lock:
+        for _ in range(40):
+            looking.command("Fit all")
+        looking.heard("2 actions are in progress")
+        steering.set("Plane")
+        until(lambda: shared.state.cuts.plane)
+    turns = next(client.turns for client in shared.clients.values() if client.role == LOOK)
+    until(lambda: turns._value == 2, "for both to end")
+    caplog.clear()
+    looking.set("As command and Python")
+    looking.heard("globule render")
+    assert not caplog.records  # the terminal is for who steers
+    looking.close()
+    steering.close()
+
+
 def test_no_more_than_so_many_and_the_others_are_told(shared):
     with ExitStack() as open_ones:
 

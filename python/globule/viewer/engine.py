@@ -22,7 +22,7 @@ from .overlay import Mark, box_of, finish
 from .pacer import Pacer, Plan, limited
 from .picture import trace
 from .plots import along_line, marks_of, measured_line
-from .roles import STEER, Allowance
+from .roles import AT_ONCE, STEER, Allowance
 from .source import Source
 from .state import State
 
@@ -54,6 +54,7 @@ class Client:
         self.number = 0
         self.role = STEER
         self.complaints = Allowance(10, 2.0)  # of its own mistakes
+        self.turns = threading.Semaphore(AT_ONCE)  # if it looks
         self.marks: list[Mark] = []  # drawn over this client's images only
         self.line: np.ndarray | None = None  # (2, 3) ends of its own measurement, world
         self.profile: dict[str, Any] | None = None  # values along the measured line

@@ -7,7 +7,9 @@ reads values, measures and saves images. The token in the address decides (`guar
 
 from __future__ import annotations
 
+import contextlib
 import time
+from collections.abc import Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,6 +18,7 @@ STEER, LOOK, REFUSED = "steer", "look", "refused"
 MOST_CLIENTS = 16
 LOOKING = "You are looking; only a browser that steers changes the settings."
 REPEAT = 3.0  # s before a browser is told again that it looks
+AT_ONCE = 2  # actions of a browser that looks: an image, and the button that cancels it
 # Actions of the toolbar that change nothing for others.
 PRIVATE_ACTIONS = {"tool", "fit", "picture", "state", "dark", "wide", "series"}
 
@@ -92,6 +95,23 @@ class Roles:
             return who.role == STEER
         uuid = getattr(message, "uuid", None)
         return uuid in self._private and (updates is None or self._pressed(uuid, updates["value"]))
+
+    @contextlib.contextmanager
+    def turn(self, browser: Any) -> Iterator[None]:
+        """An action of a browser (None: the program's) in viser's few threads, which all share.
+
+        Raises ValueError if a browser that looks does `AT_ONCE` others already.
+        """
+        client = None if browser is None else self.viewer.clients.get(browser.client_id)
+        if client is None or client.role != LOOK:
+            yield
+            return
+        if not client.turns.acquire(blocking=False):
+            raise ValueError(f"page: {AT_ONCE} actions are in progress; wait until one has ended")
+        try:
+            yield
+        finally:
+            client.turns.release()
 
     def _pressed(self, uuid: str, value: Any) -> bool:
         """Whether a value is what pressing a button, or one of a group, sends."""

@@ -19,6 +19,7 @@ from typing import Any
 from ..log import log
 from ..markdown import code
 from ..recording import Recorder, Shot, checked_size, keep, turntable
+from ..roles import STEER
 from ..state import MOST_BYTES
 from .jobs import Cancelled, Job
 from .panel import Panel
@@ -217,9 +218,11 @@ class Save(Panel):
         browser.send_file_download("globule.ipynb", text.encode(), save_immediately=True)
 
     def show_equivalent(self, browser: Any) -> None:
-        """Show and log a command and a program that make the image."""
-        command, program = self.viewer.equivalent(self._client(browser).camera, self.chosen_size())
-        log.info("the same image:\n%s\n\n%s", command, program)
+        """Show a command and a program that make the image; of who steers, log them, too."""
+        client = self._client(browser)
+        command, program = self.viewer.equivalent(client.camera, self.chosen_size())
+        if client.role == STEER:
+            log.info("the same image:\n%s\n\n%s", command, program)
         gui = browser.gui
         with gui.add_modal("The same image") as modal:
             gui.add_markdown(f"{code(command, 'sh')}\n\n{code(program, 'python')}")

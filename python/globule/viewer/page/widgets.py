@@ -201,10 +201,12 @@ def safe(page: Any) -> Callable[[Callable], Callable]:
     def wrap(called: Callable) -> Callable:
         @functools.wraps(called)
         def inner(event: Any) -> None:
+            browser = getattr(event, "client", None)
             try:
-                called(event)
+                with page.roles.turn(browser):
+                    called(event)
             except Exception as error:
-                page.complain(getattr(event, "client", None), str(error) or type(error).__name__)
+                page.complain(browser, str(error) or type(error).__name__)
 
         return inner
 
