@@ -71,18 +71,8 @@ def view(
         from .compare_source import CompareSource
 
         source = CompareSource(source, open_source(compare, device, threads, **reading))
-    viewer = show(
-        source,
-        host,
-        port,
-        up,
-        camera,
-        state,
-        preset,
-        browser,
-        demand_token=demand_token,
-        most_clients=most_clients,
-    )
+    more = {"demand_token": demand_token, "most_clients": most_clients}
+    viewer = show(source, host, port, up, camera, state, preset, browser, **more)
     for line in viewer.greeting():
         log.info("%s", line)
     if block if block is not None else not hasattr(sys, "ps1") and "ipykernel" not in sys.modules:

@@ -65,12 +65,9 @@ def _first_words(state: State, camera: Camera | None, unsaid: tuple[str, ...]) -
         words += ["--up", _three(camera.up)]
         angle = ("--fov", camera.fov) if camera.height is None else ("--ortho", camera.height)
         words += [angle[0], _text(angle[1])]
-    words += ["--surface", surface.shape] if surface.shape != "auto" else []
-    words += ["--kernel", surface.kernel] if surface.kernel != "murakami" else []
-    for name in ("threshold", "support"):
-        value = getattr(surface, name)
-        words += [f"--{name}", _text(value)] if value is not None and name not in unsaid else []
-    words += ["--preset", state.look.preset] if state.look.preset != "plain" else []
+    words += _changed(surface, shape="surface", kernel="kernel")
+    words += _changed(surface, **{n: n for n in ("threshold", "support") if n not in unsaid})
+    words += _changed(state.look, preset="preset")
     if color.by:
         words += ["--color-by", color.by, "--colormap", color.colormap]
         words += [] if color.automatic else ["--range", f"{_text(color.low)},{_text(color.high)}"]
@@ -85,12 +82,10 @@ def _lit(source: Source, state: State, up: Any) -> bool:
 
 def _light_words(state: State, up: Any) -> list[str]:
     look = state.look
-    words = ["--root", state.surface.root] if state.surface.root != "exact" else []
+    words = _changed(state.surface, root="root")
     words += ["--shadows" if look.shadows else "--no-shadows"]
     words += ["--ambient-rays", str(look.ambient_rays), "--bounces", str(look.bounces)]
-    words += ["--sky", look.sky] if look.sky != "preset" else []
-    words += ["--exposure", _text(look.exposure)] if look.exposure != 1 else []
-    words += ["--ground", look.ground] if look.ground != "preset" else []
+    words += _changed(look, sky="sky", exposure="exposure", ground="ground")
     if look.matter == "own":
         for name in ("reflection", "transmission", "index", "roughness"):
             words += [f"--{name}", _text(getattr(look, name))]
@@ -102,23 +97,34 @@ def _light_words(state: State, up: Any) -> list[str]:
 
 def _note_words(state: State) -> list[str]:
     """Legend and annotations."""
-    notes, color, words = state.notes, state.color, []
-    words += ["--title", _said(notes.title)] if notes.title else []
-    words += ["--scale-bar"] if notes.scale_bar else []
-    words += ["--axes"] if notes.axes else []
-    words += ["--box"] if notes.box else []
-    words += ["--unit", _said(notes.unit)] if notes.unit else []
-    if color.by and color.legend:
-        words += ["--legend"]
-        words += ["--legend-at", color.legend_at] if color.legend_at != "lower-right" else []
-        words += ["--legend-title", _said(color.legend_title)] if color.legend_title else []
-        words += ["--legend-unit", _said(color.legend_unit)] if color.legend_unit else []
+    words = _changed(
+        state.notes, title="title", scale_bar="scale-bar", axes="axes", box="box", unit="unit"
+    )
+    if state.color.by and state.color.legend:
+        words += ["--legend"] + _changed(
+            state.color,
+            legend_at="legend-at",
+            legend_title="legend-title",
+            legend_unit="legend-unit",
+        )
     return words
 
 
-def _said(text: str) -> str:
-    """A text as the value of a flag: a leading hyphen would make it a flag."""
-    return f" {text}" if text.startswith("-") else text
+def _changed(group: Any, **flags: str) -> list[str]:
+    """The flags of the settings of a group, by their names, that differ from their defaults."""
+    words, plain = [], type(group)()
+    for name, flag in flags.items():
+        value = getattr(group, name)
+        if value != getattr(plain, name):
+            words += [f"--{flag}"] if value is True else [f"--{flag}", _said(value)]
+    return words
+
+
+def _said(value: str | float) -> str:
+    """The value of a flag: a leading hyphen would make a text a flag."""
+    if not isinstance(value, str):
+        return _text(value)
+    return f" {value}" if value.startswith("-") else value
 
 
 def _cut_words(state: State) -> list[str]:
@@ -127,15 +133,11 @@ def _cut_words(state: State) -> list[str]:
         if isinstance(clip, ClipPlane):
             words += ["--clip", f"{_three(clip.normal)},{_text(clip.offset)}"]
         elif isinstance(clip, ClipBox):
-            words += [
-                "--crop" if clip.keep else "--clip-box",
-                f"{_three(clip.lo)},{_three(clip.hi)}",
-            ]
+            corners = f"{_three(clip.lo)},{_three(clip.hi)}"
+            words += ["--crop" if clip.keep else "--clip-box", corners]
         else:
-            words += [
-                "--crop-sphere" if clip.keep else "--clip-sphere",
-                f"{_three(clip.center)},{_text(clip.radius)}",
-            ]
+            ball = f"{_three(clip.center)},{_text(clip.radius)}"
+            words += ["--crop-sphere" if clip.keep else "--clip-sphere", ball]
     return words
 
 

@@ -49,38 +49,27 @@ def trace(
     """
     if isinstance(source, CompareSource):
         state = source.shared(state)
-        left = _trace(source.first, state, camera, size, up, moving, source)
-        right = _trace(source.second, state, camera, size, up, moving, source)
-        return Split(left, right, state.compare.at)
-    return _trace(source, state, camera, size, up, moving, source)
 
+    def one(part: Source) -> Frame:  # with the light of the whole
+        layers = part.layers(state)
+        settings = dataclasses.replace(seen_settings(source, state, layers[0].scene, up), samples=1)
+        if moving:
+            most = min(settings.ambient_rays, MOST_MOVING_AMBIENT)
+            settings = dataclasses.replace(settings, ambient_rays=most, edge_samples=0)
+        drawn = visible(layers, state)
+        frame = render(drawn, camera, size, settings, clips_of(state.cuts), thesis_of(state))
+        first = drawn[0].scene
+        colored = first is layers[0].scene and isinstance(first, Scene)
+        if settings.is_flat and state.color.by and not moving and colored:
+            with contextlib.suppress(ValueError):  # layers may be shown without these values
+                particles, color = first.particles, state.color
+                shown = values_of(particles, color.by, color.colormap, part.maker.range)
+                frame._values = shown[:4]
+        return frame
 
-def _trace(
-    source: Source,
-    state: State,
-    camera: Camera,
-    size: tuple[int, int],
-    up: Any,
-    moving: bool,
-    lit: Source,
-) -> Frame:
-    """`trace` of one data set with the light of the source `lit`."""
-    layers = source.layers(state)
-    settings = dataclasses.replace(seen_settings(lit, state, layers[0].scene, up), samples=1)
-    if moving and settings.ambient_rays > MOST_MOVING_AMBIENT:
-        settings = dataclasses.replace(settings, ambient_rays=MOST_MOVING_AMBIENT)
-    if moving:
-        settings = dataclasses.replace(settings, edge_samples=0)
-    drawn = visible(layers, state)
-    frame = render(drawn, camera, size, settings, clips_of(state.cuts), thesis_of(state))
-    first = drawn[0].scene
-    colored = first is layers[0].scene and isinstance(first, Scene)
-    if settings.is_flat and state.color.by and not moving and colored:
-        with contextlib.suppress(ValueError):  # a source may show layers without these values
-            particles, color = first.particles, state.color
-            shown = values_of(particles, color.by, color.colormap, source.maker.range)
-            frame._values = shown[:4]
-    return frame
+    if isinstance(source, CompareSource):
+        return Split(one(source.first), one(source.second), state.compare.at)
+    return one(source)
 
 
 def seen_settings(source: Source, state: State, scene: Scene | Mesh, up: Any) -> RenderSettings:

@@ -54,8 +54,6 @@ class SequenceSource(Source):
         self.maker = SceneMaker(device, threads)
         self._kept: OrderedDict[int, Future] = OrderedDict()
         self._sizes: dict[int, int] = {}  # bytes of the kept frames that have been read
-        self._unsized: set[int] = set()  # kept, still being read when last looked at
-        self._total = 0  # of `_sizes`
         self._fetching = threading.Lock()
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="globule read")
         self.frame = 0
@@ -119,45 +117,31 @@ class SequenceSource(Source):
     def _fetch(self, i: int) -> Future:
         """A frame that is being read or has been read."""
         with self._fetching:  # images and time have threads of their own
-            return self._fetched(i)
-
-    def _fetched(self, i: int) -> Future:
-        kept = self._kept.get(i)
-        if kept is not None and not (
-            kept.done() and kept.exception()
-        ):  # after an error the file may have changed
+            kept = self._kept.get(i)
+            # After an error the file may have changed.
+            if kept is None or (kept.done() and kept.exception()):
+                item = self._frames[i]
+                if isinstance(item, Particles):
+                    found: Future = Future()
+                    found.set_result(item)
+                    return found
+                self._forget()
+                self._kept[i] = self._pool.submit(self._read, item)
+                self._sizes.pop(i, None)
             self._kept.move_to_end(i)
-            return kept
-        item = self._frames[i]
-        if isinstance(item, Particles):
-            found: Future = Future()
-            found.set_result(item)
-            return found
-        self._forget()
-        self._kept[i] = self._pool.submit(self._read, item)
-        self._total -= self._sizes.pop(i, 0)
-        self._unsized.add(i)
-        return self._kept[i]
+            return self._kept[i]
 
     def _forget(self) -> None:
-        """Free memory, oldest frames first. Looks at new frames only: there may be thousands."""
-        for i in [i for i in self._unsized if self._kept[i].done()]:
-            self._unsized.remove(i)
+        """Free memory, oldest frames first."""
+        for i in [i for i in self._kept.keys() - self._sizes.keys() if self._kept[i].done()]:
             failed = self._kept[i].exception() is not None
             self._sizes[i] = 0 if failed else _bytes(self._kept[i].result())
-            self._total += self._sizes[i]
-        while self._total > KEPT_BYTES and len(self._kept) > 2:
+        while sum(self._sizes.values()) > KEPT_BYTES and len(self._kept) > 2:
             i, _ = self._kept.popitem(last=False)
-            self._total -= self._sizes.pop(i, 0)
-            self._unsized.discard(i)
+            self._sizes.pop(i, None)
 
 
 def _bytes(particles: Particles) -> int:
-    arrays = [
-        particles.positions,
-        particles.support,
-        particles.weight,
-        particles.color,
-        *particles.attributes.values(),
-    ]
-    return sum(getattr(array, "nbytes", 0) for array in arrays) if arrays else 0
+    names = "positions", "support", "weight", "color"
+    arrays = [getattr(particles, name) for name in names] + list(particles.attributes.values())
+    return sum(getattr(array, "nbytes", 0) for array in arrays)

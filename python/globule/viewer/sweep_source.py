@@ -204,11 +204,8 @@ class SweepSource(VolumeSource):
                 *self.option_words(),
                 "--method",
                 self._method,
-                "--voxel-size",
-                f"{self.spacing:.9g}",
-                "-o",
-                "volume.npz",
             ]
+            before += ["--voxel-size", f"{self.spacing:.9g}", "-o", "volume.npz"]
             code = [
                 f"sweep = {read}",
                 f"volume = gb.reconstruct(sweep, method={self._method!r}, "

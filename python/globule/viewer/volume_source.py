@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -92,15 +93,8 @@ class VolumeSource(Source):
             *code,
             f"particles = iso_surface(volume, {level!r}, {state.surface.kernel!r}).particles",
         ]
-        left = [
-            word
-            for word, on in (
-                ("slices", shown.shown),
-                ("the sweep's image", shown.frame),
-                ("the hidden surface", not shown.surface),
-            )
-            if on
-        ]
+        left = ["slices"] * shown.shown + ["the sweep's image"] * shown.frame
+        left += ["the hidden surface"] * (not shown.surface)
         return Origin(
             [file, "--level", f"{level:.9g}"], code, before, left, unsaid=("threshold", "support")
         )
@@ -214,23 +208,10 @@ class VolumeSource(Source):
     def plates(self, state: State) -> list[Plate]:
         """The slices and the sweep image that are shown. The caller holds `lock`."""
         shown = state.slices
-        key = (
-            self.version,
-            shown.shown,
-            shown.x,
-            shown.y,
-            shown.z,
-            shown.overlay,
-            shown.frame,
-            shown.number,
-        )
+        key = self.version, dataclasses.replace(shown)
         if self._plates is None or self._plates[0] != key:
-            plates = []
-            if shown.shown:
-                plates = [
-                    self.slice(axis, getattr(shown, "xyz"[axis]), shown.overlay)
-                    for axis in range(3)
-                ]
+            places = (shown.x, shown.y, shown.z) if shown.shown else ()
+            plates = [self.slice(i, at, shown.overlay) for i, at in enumerate(places)]
             if shown.frame and self.sweep is not None:
                 plates += self._frame(self.sweep, min(shown.number, len(self.sweep) - 1))
             self._plates = key, plates

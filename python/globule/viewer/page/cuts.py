@@ -29,27 +29,21 @@ class CutPanel(Panel):
             "Switch on a plane, box or sphere, then drag its handles in the image."
         )
         self.add("cuts", "plane")
-        self.gui.add_button_group("Faces", ("x", "y", "z", "view", "flip"), hint=FACES).on_click(
-            self.safe(self._face)
-        )
+        faces = self.gui.add_button_group("Faces", ("x", "y", "z", "view", "flip"), hint=FACES)
+        faces.on_click(self.safe(self._face))
         self.add("cuts", "normal", step=0.05)
         self.add("cuts", "point", step=extent / 100)
-        self.add("cuts", "box")
-        self.add("cuts", "keep_box")
-        self.add("cuts", "sphere")
-        self.add("cuts", "keep_sphere")
+        for name in ("box", "keep_box", "sphere", "keep_sphere"):
+            self.add("cuts", name)
         self.radius = self.add("cuts", "radius", least=extent / 100, most=extent)
-        self.button(
-            "Remove all cuts",
-            lambda browser: self.state.set(cuts__plane=False, cuts__box=False, cuts__sphere=False),
-            "Show the whole scene again: no plane, box or sphere",
-        )
-        self.command(
-            "Cutting plane on and off",
-            "C",
-            lambda browser: self.state.set(cuts__plane=not self.state.cuts.plane),
-        )
+        off = {"cuts__plane": False, "cuts__box": False, "cuts__sphere": False}
+        hint = "Show the whole scene again: no plane, box or sphere"
+        self.button("Remove all cuts", lambda browser: self.state.set(**off), hint)
+        self.command("Cutting plane on and off", "C", self._turn)
         self.state.listen(self._follow)
+
+    def _turn(self, browser: Any) -> None:
+        self.state.set(cuts__plane=not self.state.cuts.plane)
 
     def _begin(self) -> None:
         """Start plane, box and sphere in the middle of the scene."""

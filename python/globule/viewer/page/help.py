@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from .panel import Panel
 
 TEXT = """\
@@ -51,10 +49,4 @@ class Help(Panel):
     def build(self) -> None:
         """Make the widgets."""
         self.gui.add_markdown(TEXT)
-        self.command("Help", "H", self._show, True)
-
-    def _show(self, browser: Any) -> None:
-        gui = browser.gui
-        with gui.add_modal("Help") as modal:
-            gui.add_markdown(TEXT)
-            gui.add_button("Close").on_click(self.safe(lambda _: modal.close()))
+        self.command("Help", "H", lambda browser: self.dialog(browser, "Help", TEXT), True)

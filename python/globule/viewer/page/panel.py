@@ -37,11 +37,16 @@ class Panel:
     def build(self) -> None:
         """Make the widgets."""
 
-    def button(self, label: str, called: Any, hint: str = "", private: bool = False) -> Any:
+    def button(
+        self, label: str, called: Any, hint: str = "", private: bool = False, key: str = ""
+    ) -> Any:
         """A button; `called` gets the browser (`viser.ClientHandle`) in which it was pressed.
 
         private: it changes only this browser's view, so that those who look may press it.
+        key: of a command with the same name.
         """
+        if key:
+            self.command(label, key, called, private)
         button = self.gui.add_button(label, hint=hint or None)
         button.on_click(self.safe(lambda event: called(event.client)))
         return self.page.roles.private(button) if private else button
@@ -52,6 +57,13 @@ class Panel:
         command.on_trigger(self.safe(lambda event: called(event.client)))
         if private:
             self.page.roles.private(command)
+
+    def dialog(self, browser: Any, title: str, text: str) -> None:
+        """Show Markdown to a browser until it is closed."""
+        gui = browser.gui
+        with gui.add_modal(title) as modal:
+            gui.add_markdown(text)
+            gui.add_button("Close").on_click(self.safe(lambda _: modal.close()))
 
     def grew(self, moved: bool) -> None:
         """React to a source that has grown; moved: the page's units have changed."""

@@ -99,22 +99,13 @@ class Play(Panel):
         self._run_and_status("Run")
         buttons = gui.add_button_group("Time", ("Step", "Reset"), hint=TIME)
         buttons.on_click(self.safe(self._time))
-        speed = gui.add_slider(
-            "Speed",
-            0.01,
-            2.0,
-            0.01,
-            source.speed,
-            hint="Simulated seconds per second, if the machine is fast enough",
-        )
+        hint = "Simulated seconds per second, if the machine is fast enough"
+        speed = gui.add_slider("Speed", 0.01, 2.0, 0.01, source.speed, hint=hint)
         speed.on_update(self.safe(lambda event: setattr(source, "speed", bounded(speed))))
         if source.has_tissue:
             self._cut_depth()
-            self.button(
-                "Undo the cut",
-                self._undo,
-                "Go back to before the last cut; at most 5 cuts (key U)",
-            )
+            hint = "Go back to before the last cut; at most 5 cuts (key U)"
+            self.button("Undo the cut", self._undo, hint)
             self.command("Undo the last cut of tissue", "U", self._undo)
         for name, emitter in _named(sim, "emitters"):
             self._switch(f"Emitter {name}", emitter, partial(getattr, emitter, "on"))
@@ -129,14 +120,9 @@ class Play(Panel):
         longest = float(f"{factor * source.tissue_extent():.2g}")
         step = longest / 50
         source.cut_depth = source.cut_depth or 10 * step / factor
-        depth = gui.add_slider(
-            f"Cut depth, {unit}",
-            step,
-            longest,
-            step,
-            factor * source.cut_depth,
-            hint=f"Depth below the surface, {unit}; the right end cuts all through",
-        )
+        first, label = factor * source.cut_depth, f"Cut depth, {unit}"
+        hint = f"Depth below the surface, {unit}; the right end cuts all through"
+        depth = gui.add_slider(label, step, longest, step, first, hint=hint)
 
         def changed(event: Any) -> None:
             asked = bounded(depth)
@@ -221,30 +207,17 @@ class Play(Panel):
         self._run_and_status("Start")
         buttons = gui.add_button_group("Images", ("Undo", "Clear"), hint=IMAGES)
         buttons.on_click(self.safe(self._record))
-        spacing = gui.add_number(
-            "Spacing, mm",
-            source.spacing,
-            min=0.01,
-            max=100.0,
-            step=0.1,
-            hint="Edge of a voxel, mm; takes effect after Clear",
-        )
-        way = gui.add_dropdown(
-            "Compounding",
-            COMPOUNDING,
-            initial_value=source.compounding,
-            hint="How the values in a voxel are combined; takes effect after Clear",
-        )
+        hint = "Edge of a voxel, mm; takes effect after Clear"
+        ends = {"min": 0.01, "max": 100.0, "step": 0.1}
+        spacing = gui.add_number("Spacing, mm", source.spacing, **ends, hint=hint)
+        hint = "How the values in a voxel are combined; takes effect after Clear"
+        first = source.compounding
+        way = gui.add_dropdown("Compounding", COMPOUNDING, initial_value=first, hint=hint)
         spacing.on_update(self.safe(lambda event: setattr(source, "spacing", bounded(spacing))))
         way.on_update(self.safe(lambda event: setattr(source, "compounding", way.value)))
-        self.method = gui.add_dropdown(
-            "Method", METHODS, initial_value=METHODS[0], hint="Reconstruction method"
-        )
-        self.button(
-            "Reconstruct all images",
-            lambda browser: self._finish(),
-            "Stop receiving, and reconstruct the volume by this method",
-        )
+        self.method = gui.add_dropdown("Method", METHODS, hint="Reconstruction method")
+        hint = "Stop receiving, and reconstruct the volume by this method"
+        self.button("Reconstruct all images", lambda browser: self._finish(), hint)
 
     def _record(self, event: Any) -> None:
         source = self.viewer.source

@@ -14,6 +14,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from ..log import log
@@ -46,24 +47,20 @@ class Save(Panel):
         self._lock = threading.Lock()
         self._n_kept = 0
         self.size = gui.add_text("Size", FIRST_SIZE, hint="Width x height in pixels")
-        self.samples = gui.add_slider(
-            "Samples", 1, 256, 1, 16, hint="Rays per pixel of a saved image"
-        )
-        self.format = gui.add_dropdown(
-            "Image format", FORMATS, hint="EXR: linear light, distance and normals"
-        )
-        self.button("Save image", self.picture, "Download an image of this view (key P)", True)
-        self.fps = gui.add_slider(
-            "Movie frame rate", 5, 60, 1, 30, hint="Of movies, frames per second"
-        )
-        self.record_button = self.button(
-            "Record", self.record, "Start or stop a movie of this view (key R)"
-        )
+        hint = "Rays per pixel of a saved image"
+        self.samples = gui.add_slider("Samples", 1, 256, 1, 16, hint=hint)
+        hint = "EXR: linear light, distance and normals"
+        self.format = gui.add_dropdown("Image format", FORMATS, hint=hint)
+        hint = "Download an image of this view (key P)"
+        self.button("Save image", self.picture, hint, True, "P")
+        hint = "Of movies, frames per second"
+        self.fps = gui.add_slider("Movie frame rate", 5, 60, 1, 30, hint=hint)
+        hint = "Start or stop a movie of this view (key R)"
+        self.record_button = self.button("Record", self.record, hint, key="R")
         self.seconds = gui.add_slider("Turntable, s", 1, 60, 1, 8, hint="Length of the movie, s")
         self.button("Turntable movie", self.turntable, "One turn around the scene")
-        self.cancel_button = self.button(
-            "Cancel", self.cancel, "Stop the image or turntable in progress", True
-        )
+        hint = "Stop the image or turntable in progress"
+        self.cancel_button = self.button("Cancel", self.cancel, hint, True)
         self.cancel_button.visible = False
         with gui.add_folder("All settings", expand_by_default=False):
             self.button("Save settings", self.save_state, "As a TOML file", True)
@@ -71,17 +68,10 @@ class Save(Panel):
                 "Load settings", mime_type=".toml,text/plain", hint=LOAD
             )
             self.upload.on_upload(self.safe(self._load))
-            self.button(
-                "As command and Python", self.show_equivalent, "Both make the same image", True
-            )
-            self.button(
-                "As a notebook",
-                self.save_notebook,
-                "A Jupyter notebook that makes this image",
-                True,
-            )
-        self.command("Save image", "P", self.picture, True)
-        self.command("Record", "R", self.record)
+            hint = "Both make the same image"
+            self.button("As command and Python", self.show_equivalent, hint, True)
+            hint = "A Jupyter notebook that makes this image"
+            self.button("As a notebook", self.save_notebook, hint, True)
 
     def chosen_size(self) -> tuple[int, int]:
         """(width, height), pixels. Raises ValueError."""
@@ -124,8 +114,7 @@ class Save(Panel):
             with tempfile.TemporaryDirectory(prefix="globule-") as folder:
                 path = os.path.join(folder, "turntable.mp4")
                 turntable(self.viewer.engine, camera, path, size, seconds, fps, progress=progress)
-                with open(path, "rb") as file:
-                    return file.read()
+                return Path(path).read_bytes()
 
         self._make(browser, "Turntable", "turntable.mp4", made)
 
@@ -151,7 +140,7 @@ class Save(Panel):
                     del self._jobs[key]
                 self.cancel_button.visible = bool(self._jobs)
             job.end()
-        browser.send_file_download(name, data, save_immediately=True)
+        give(browser, name, data)
 
     def cancel(self, browser: Any) -> None:
         """Cancel the jobs of a browser."""
@@ -170,12 +159,8 @@ class Save(Panel):
                 client, size, fps = self._client(browser), self.chosen_size(), bounded(self.fps)
                 path = os.path.join(tempfile.mkdtemp(prefix="globule-"), "movie.mp4")
                 recorder = Recorder(self.viewer.engine, lambda: client.camera, path, size, fps)
-                note = browser.add_notification(
-                    "Recording",
-                    "Press R or the button to stop",
-                    loading=True,
-                    with_close_button=False,
-                )
+                hint, usual = "Press R or the button to stop", {"with_close_button": False}
+                note = browser.add_notification("Recording", hint, loading=True, **usual)
                 self._recorders[browser.client_id] = recorder, path, note
                 self.record_button.label, self.record_button.color = "Stop recording", "red"
                 return
@@ -183,8 +168,7 @@ class Save(Panel):
         note.remove()
         try:
             self._stop(recorder)
-            with open(path, "rb") as file:
-                browser.send_file_download("globule.mp4", file.read(), save_immediately=True)
+            give(browser, "globule.mp4", Path(path).read_bytes())
         finally:
             _remove(path)
 
@@ -199,7 +183,7 @@ class Save(Panel):
     def save_state(self, browser: Any) -> None:
         """Give the browser all settings as TOML."""
         text = self.state.to_toml(self._client(browser).camera)
-        browser.send_file_download("globule-view.toml", text.encode(), save_immediately=True)
+        give(browser, "globule-view.toml", text.encode())
 
     def _load(self, event: Any) -> None:
         content = self.upload.value.content
@@ -215,7 +199,7 @@ class Save(Panel):
     def save_notebook(self, browser: Any) -> None:
         """Give the browser a notebook that makes the image."""
         text = self.viewer.notebook(self._client(browser).camera, self.chosen_size())
-        browser.send_file_download("globule.ipynb", text.encode(), save_immediately=True)
+        give(browser, "globule.ipynb", text.encode())
 
     def show_equivalent(self, browser: Any) -> None:
         """Show a command and a program that make the image; of who steers, log them, too."""
@@ -223,10 +207,8 @@ class Save(Panel):
         command, program = self.viewer.equivalent(client.camera, self.chosen_size())
         if client.role == STEER:
             log.info("the same image:\n%s\n\n%s", command, program)
-        gui = browser.gui
-        with gui.add_modal("The same image") as modal:
-            gui.add_markdown(f"{code(command, 'sh')}\n\n{code(program, 'python')}")
-            gui.add_button("Close").on_click(self.safe(lambda _: modal.close()))
+        text = f"{code(command, 'sh')}\n\n{code(program, 'python')}"
+        self.dialog(browser, "The same image", text)
 
     def close(self) -> None:
         """Cancel images and turntables, and keep recordings."""
@@ -254,10 +236,8 @@ class Save(Panel):
                 kept = keep(path, os.path.join(tempfile.gettempdir(), name))
             said = f"the recording is in {kept}"
             why = "The viewer has stopped" if self.viewer._closed.is_set() else "A tab was closed"
-            words = (
-                f"{why}. The recording is {os.path.basename(kept)} in the folder in which "
-                "the viewer was started."
-            )
+            place = f"{os.path.basename(kept)} in the folder in which the viewer was started"
+            words = f"{why}. The recording is {place}."
         except Exception as error:
             said = words = f"the recording is lost: {error}"
         finally:
@@ -265,19 +245,15 @@ class Save(Panel):
             _remove(path)
         log.info("%s", said)
         if not self.viewer._closed.is_set():
-            self._tell(words)
+            for other in list(self.page.server.get_clients().values()):
+                with contextlib.suppress(Exception):  # it has left, too
+                    other.add_notification("Recording", words)
             return
         with contextlib.suppress(Exception):  # the browser may have left
             note.title, note.body, note.loading = "Recording", words, False
             note.with_close_button = True
             self.viewer.server.flush()
             time.sleep(0.2)  # until it is there
-
-    def _tell(self, words: str) -> None:
-        """Tell all browsers."""
-        for other in list(self.page.server.get_clients().values()):
-            with contextlib.suppress(Exception):  # it has left, too
-                other.add_notification("Recording", words)
 
     def disconnected(self, browser: Any) -> None:
         """Cancel the jobs of a browser that has left, and keep its recording."""
@@ -296,6 +272,11 @@ class Save(Panel):
             self._stop(recorder)
         finally:
             _remove(path)
+
+
+def give(browser: Any, name: str, data: bytes) -> None:
+    """Let a browser (`viser.ClientHandle`) save a file."""
+    browser.send_file_download(name, data, save_immediately=True)
 
 
 def _remove(path: str) -> None:

@@ -62,13 +62,8 @@ class SurfacePanel(Panel):
 
     def defaults(self, browser: Any) -> None:
         """Reset kind of surface, kernel, threshold, support and root method."""
-        self.state.set(
-            surface__shape="auto",
-            surface__threshold=None,
-            surface__support=None,
-            surface__kernel="murakami",
-            surface__root="exact",
-        )
+        plain = vars(type(self.state.surface)())
+        self.state.set(**{f"surface__{name}": value for name, value in plain.items()})
         with self.viewer.source.lock:
             scene = self.viewer.source.layers(self.state.snapshot())[0].scene
             self.threshold.value = scene.threshold

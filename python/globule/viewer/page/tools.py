@@ -216,29 +216,10 @@ class Hand:
     # Strokes
 
     def _catch(self) -> None:
-        """Add an invisible mesh around everything, which catches drags."""
-        edge = 400.0
-        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-        faces = np.array(
-            [
-                [0, 1, 3],
-                [0, 3, 2],
-                [4, 6, 7],
-                [4, 7, 5],
-                [0, 4, 5],
-                [0, 5, 1],
-                [2, 3, 7],
-                [2, 7, 6],
-                [0, 2, 6],
-                [0, 6, 4],
-                [1, 5, 7],
-                [1, 7, 3],
-            ]
-        )
-        self._catcher = self.browser.scene.add_mesh_simple(
+        """Add an invisible box around everything, which catches drags."""
+        self._catcher = self.browser.scene.add_box(
             "/strokes",
-            edge * corners,
-            faces,
+            dimensions=(800.0, 800.0, 800.0),
             opacity=0.0,
             material="toon3",  # a browser without a GPU compiles the usual one for many seconds
             side="double",

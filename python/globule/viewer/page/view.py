@@ -24,49 +24,30 @@ class View(Panel):
 
     def build(self) -> None:
         """Make the widgets."""
-        self.button("Fit all", self.fit, "Show everything from this direction (key F)", True)
+        hint = "Show everything from this direction (key F)"
+        self.button("Fit all", self.fit, hint, True, "F")
         for label, views, keys in (("Look from", VIEWS[:3], "1, 2, 3"), ("", VIEWS[3:], "4, 5, 6")):
-            group = self.gui.add_button_group(
-                label, views, hint=f"Show everything from a side (keys {keys})"
-            )
-            self.page.roles.private(group).on_click(self.safe(self._stand))
-        self.button(
-            "Perspective / orthographic",
-            self.flatten,
-            "Orthographic: distance does not make things smaller (key O)",
-            True,
-        )
+            hint = f"Show everything from a side (keys {keys})"
+            group = self.page.roles.private(self.gui.add_button_group(label, views, hint=hint))
+            group.on_click(self.safe(lambda event: self.stand(event.client, event.target.value)))
+        hint = "Orthographic: distance does not make things smaller (key O)"
+        self.button("Perspective / orthographic", self.flatten, hint, True)
         with self.gui.add_folder("Bookmarks", expand_by_default=False):
             self.name = self.gui.add_text("Name", "view 1", hint="Of the view to save")
             self.button("Save view", self.keep, "Keep this camera under the name above")
             self.names = self.gui.add_dropdown("Go to", self._names(), hint="A saved view")
-            self.button(
-                "Go",
-                lambda browser: self.go(browser, self.names.value),
-                "Use the chosen view",
-                True,
-            )
-            self.button("Delete", lambda browser: self.forget(self.names.value), "Forget this view")
+            chosen = self.names
+            self.button("Go", lambda b: self.go(b, chosen.value), "Use the chosen view", True)
+            self.button("Delete", lambda b: self.forget(chosen.value), "Forget this view")
         self.state.listen(self._follow)
         for key, name in zip("123456", VIEWS, strict=True):
             self.command(f"Look from: {name}", key, lambda b, name=name: self.stand(b, name), True)
-        self.command("Fit all", "F", self.fit, True)
         self.command("Perspective or orthographic", "O", self.flatten, True)
-
-    def _stand(self, event: Any) -> None:
-        self.stand(event.client, event.target.value)
 
     def stand(self, browser: Any, name: str) -> None:
         """Show everything from a direction in `VIEWS`."""
         right, above, front = view_axes(self.viewer.up)
-        towards = {
-            "front": front,
-            "back": -front,
-            "left": -right,
-            "right": right,
-            "top": above,
-            "bottom": -above,
-        }[name]
+        towards = (front, -front, -right, right, above, -above)[VIEWS.index(name)]
         # Orbit controls cannot look straight along their own axis.
         if name in ("top", "bottom"):
             towards = towards + 1e-3 * front
@@ -105,15 +86,8 @@ class View(Panel):
             if around is None and scene.octree.n_inside == 0:
                 raise ValueError("fit: expected particles to show, got none")
             now = viewer.camera_of(browser.camera)
-            camera = fit_camera(
-                scene,
-                size,
-                around,
-                direction=towards,
-                up=viewer.up,
-                fov=now.fov,
-                orthographic=now.height is not None,
-            )
+            how = {"direction": towards, "up": viewer.up, "fov": now.fov}
+            camera = fit_camera(scene, size, around, orthographic=now.height is not None, **how)
         viewer.move(browser, camera)
 
     # Bookmarks
