@@ -134,9 +134,10 @@ def run(options: argparse.Namespace) -> None:
 def start_page(options: argparse.Namespace, given: dict[str, Any]) -> tuple[Start, Source]:
     """Wait until a person has chosen on the start page what to show."""
     from .._demo.data import dam_break_particles
+    from ..viewer.guard import LOCAL
     from ..viewer.open import open_source
     from ..viewer.source import SceneSource
-    from ..viewer.start import LOCAL, SPLASH, Start
+    from ..viewer.start import SPLASH, Start
 
     def chosen(name: str) -> Source:
         if name == SPLASH:

@@ -11,6 +11,7 @@ import threading
 import time
 import webbrowser
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from .engine import Client, Engine
 from .equivalent import command_line, python_code
 from .export import notebook
 from .first_view import FIRST_SIZE, first_camera, for_window, left_out, outermost
-from .guard import LOOK_PATH, Guard, limit_messages, no_uploads, quiet_tasks, silent
+from .guard import LOCAL, LOOK_PATH, Guard, limit_messages, no_uploads, quiet_tasks, silent
 from .log import log
 from .pacer import Plan
 from .placement import Placement
@@ -31,7 +32,6 @@ from .roles import LOOK, MOST_CLIENTS, REFUSED, STEER, visitor
 from .source import Source
 from .state import MOST_BYTES, State
 
-LOCAL = ("127.0.0.1", "localhost", "::1")
 PAGE_EYE = (3.0, 3.0, 3.0)  # of viser's page before it gets a camera, page units
 MOST_WINDOW = 7680  # pixels of a side of a browser's window
 ANSWERS = 5.0  # s in which a browser that is there answers
@@ -88,7 +88,7 @@ class Viewer:
         self.title = title or source.name
         with source.lock:
             self.placement = Placement(*source.bounds())
-            scene = source.layers(self.state.snapshot())[0].scene
+            scene = source.scene(self.state.snapshot())
             self.warnings = left_out(scene)
             around = source.outline()
             self._outline = outermost(source, scene) if around is None else around
@@ -99,10 +99,8 @@ class Viewer:
         self._asked_port = port
         self.token = self.look_token = None
         if host not in LOCAL or demand_token:
-            self.token, self.look_token = (
-                token or secrets.token_urlsafe(24),
-                secrets.token_urlsafe(24),
-            )
+            self.token = token or secrets.token_urlsafe(24)
+            self.look_token = secrets.token_urlsafe(24)
         self.most_clients = most_clients
         self._guard = Guard(self.token, f"{self.title} · globule", self.look_token)
         self._frame_callbacks: list[Callable[[Any], Any]] = []
@@ -210,10 +208,8 @@ class Viewer:
 
         async def moved(camera: Any) -> None:
             try:
-                size = (
-                    min(int(camera.image_width), MOST_WINDOW),
-                    min(int(camera.image_height), MOST_WINDOW),
-                )
+                width, height = int(camera.image_width), int(camera.image_height)
+                size = min(width, MOST_WINDOW), min(height, MOST_WINDOW)
                 if first and min(size) > 0:
                     self._fit_window(browser, first, size[0] / size[1])
                 client.look(self.camera_of(camera), size)
@@ -444,6 +440,7 @@ class Viewer:
         self.close()
 
 
+@dataclass
 class ShownFrame:
     """An image on its way to a browser.
 
@@ -456,11 +453,12 @@ class ShownFrame:
         time: s, of the system's clock.
     """
 
-    def __init__(
-        self, number: int, picture: np.ndarray, camera: Camera, still: bool, viewer: Viewer
-    ):
-        self.number, self.picture, self.camera, self.still = number, picture, camera, still
-        self.viewer, self.time = viewer, time.time()
+    number: int
+    picture: np.ndarray
+    camera: Camera
+    still: bool
+    viewer: Viewer
+    time: float = field(default_factory=time.time)
 
 
 @contextlib.contextmanager

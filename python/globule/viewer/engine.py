@@ -18,6 +18,7 @@ from ..render.camera import Camera
 from ..render.frame import Frame
 from .compare_source import Split
 from .encode import jpeg
+from .log import Repeats
 from .overlay import Mark, box_of, finish
 from .pacer import Pacer, Plan, limited
 from .picture import trace
@@ -170,7 +171,7 @@ class Engine:
         self.on_error: Callable[[str], None] = lambda message: None
         self.wake = threading.Condition()
         self.trace_seconds = self.encode_seconds = self.step_seconds = 0.0
-        self._said: dict[str, float] = {}
+        self._repeats = Repeats(REPEAT, clock)
         self._turn = 0
         self._running = True
         self._still: tuple[Client, Any] | None = None  # whose still image; its scene
@@ -250,9 +251,8 @@ class Engine:
 
     def report(self, error: BaseException) -> None:
         """Report an error on all pages, at most every `REPEAT` seconds."""
-        message, now = str(error) or type(error).__name__, self.clock()
-        if self._said.get(message, -REPEAT) <= now - REPEAT:
-            self._said = {message: now}
+        message = str(error) or type(error).__name__
+        if self._repeats.new(message):
             self.on_error(message)
 
     def _keep_up(self, work: Callable[[], None]) -> None:

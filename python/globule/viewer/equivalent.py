@@ -30,7 +30,7 @@ def command_line(
         words = ["globule", "view", *origin.words, *first]
         left += ["light, cuts and samples"] if _lit(source, state, up) else []
     else:
-        sky = seen_settings(source, state, source.layers(state)[0].scene, up).sky
+        sky = seen_settings(source, state, source.scene(state), up).sky
         words = ["globule", "render", *origin.words, "-o", "picture.png"]
         words += ["--size", f"{size[0]}x{size[1]}"]
         words += render_words(state, camera, up, sky is None, origin.unsaid)
@@ -146,7 +146,7 @@ def python_code(
 ) -> str:
     """A program that makes the image. The caller holds the source's lock."""
     origin, surface, color = source.origin(state), state.surface, state.color
-    scene = source.layers(state)[0].scene
+    scene = source.scene(state)
     made = origin.scene or f"gb.Scene(particles, {_scene_words(source, scene, state)})"
     if origin.beside:
         made = f"[{', '.join([made, *origin.beside])}]"

@@ -27,13 +27,12 @@ import itertools
 import logging
 import re
 import secrets
-import time
 from types import FunctionType
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from . import desk
-from .log import log
+from .log import Repeats, log
 from .roles import LOOK, REFUSED, STEER, VISITOR, Allowance, Visitor, visitor
 
 REPEAT = 5.0  # s before the same message is logged again
@@ -43,6 +42,7 @@ CLOSING = 1.0  # s that a client may take to close its side
 # faster waits in the socket, and with it the sender.
 FLOOD = 1000, 1 / 500
 LOOK_PATH = "/look"
+LOCAL = ("127.0.0.1", "localhost", "::1")  # addresses to listen on without a token
 # The page may load from this server and connect to this server, and to nothing else. Of the scripts
 # in its text, those run that carry the server's nonce; viser needs eval.
 POLICY = (
@@ -311,7 +311,7 @@ class OneLine(logging.Handler):
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
-        self._said: dict[str, float] = {}
+        self._repeats = Repeats(REPEAT)
 
     def emit(self, record: logging.LogRecord) -> None:
         """Log a record of websockets."""
@@ -327,9 +327,8 @@ class OneLine(logging.Handler):
             return  # the program ends, while a browser is still there
         first = str(error).partition("\n")[0][:200] if error is not None else ""
         why = "" if error is None else f": {type(error).__name__}{first and ': '}{first}"
-        line, now = f"page: {what}{why}", time.monotonic()
-        if self._said.get(line, -REPEAT) <= now - REPEAT:
-            self._said = {line: now}
+        line = f"page: {what}{why}"
+        if self._repeats.new(line):
             log.warning("%s", line)
 
 

@@ -4,11 +4,29 @@ from __future__ import annotations
 
 import logging
 import sys
+import time
+from collections.abc import Callable
 
 from .._base.terminal import escaped
 
 LINE_END = "\n"
 log = logging.getLogger("globule.viewer")
+
+
+class Repeats:
+    """Lets the same words through once in so many seconds."""
+
+    def __init__(self, seconds: float, clock: Callable[[], float] = time.monotonic):
+        self._seconds, self._clock = seconds, clock
+        self._said: tuple[str, float] = "", -seconds
+
+    def new(self, words: str) -> bool:
+        """Whether to say these words now."""
+        now, (last, at) = self._clock(), self._said
+        if words == last and now - at < self._seconds:
+            return False
+        self._said = words, now
+        return True
 
 
 class Terminal(logging.Handler):

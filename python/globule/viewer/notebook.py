@@ -77,7 +77,7 @@ def widget(
     made.source, made.state = source, state or State()
     up = source.up if up is None else tuple(float(v) for v in up)
     with source.lock:
-        scene = source.layers(made.state.snapshot())[0].scene
+        scene = source.scene(made.state.snapshot())
         first = camera or source.camera
         camera = first or first_camera(scene, up, source.outline(), fov=source.fov)
     made.view = {name: getattr(camera, name) for name in ("eye", "look_at", "up", "fov")}

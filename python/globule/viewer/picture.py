@@ -114,7 +114,7 @@ def preset_look(source: Source, state: State, name: str, up: Any) -> Look:
     """The settings of a preset, with defaults elsewhere. The caller holds the source's lock."""
     settings = RenderSettings()
     if name != "plain":
-        settings = source.preset_settings(name, source.layers(state)[0].scene, up)
+        settings = source.preset_settings(name, source.scene(state), up)
     return Look(
         preset=name,
         shadows=settings.shadows,

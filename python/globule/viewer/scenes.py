@@ -10,7 +10,7 @@ import numpy as np
 
 from .._base.colormaps import colorize
 from ..scene import fluid
-from ..scene.attributes import attribute_names, attribute_values
+from ..scene.attributes import attribute_values
 from ..scene.particles import Particles
 from ..scene.scene import DEFAULTS, SMOOTH_THRESHOLD, Scene
 from ..scene.thesis import POLYNOMIAL_KERNELS, Thesis, fitting_level
@@ -38,11 +38,12 @@ class SceneMaker:
         self._options: dict[str, Any] = {"device": device, "threads": threads}
         if given is not None:
             self._options["device"] = given.device.name
-        self._given = given
-        self._scene = given
+        self._given = self._scene = given
         self._built: Any = None
+        self._given_threshold: float | None = None
         if given is not None:
             self._built = (given.kernel, None, "exact", given.surface)
+            self._given_threshold = given.threshold
         self.fluids = True
         self.lead: Callable[[], Particles] | None = None
         self._fluid: tuple[int, bool] | None = None  # how many particles were judged, and how
@@ -100,9 +101,8 @@ class SceneMaker:
         elif not same:
             self._scene.update(self._colored(particles, state))
         self._built, self._shown = wanted, shown
-        own = None if self._given is None else self._given_threshold
-        if own is not None and self._given is not None and self._given.surface != wanted[3]:
-            own = None
+        given = self._given
+        own = None if given is None or given.surface != wanted[3] else self._given_threshold
         usual = SMOOTH_THRESHOLD if wanted[3] == "smooth" else DEFAULTS[state.surface.kernel][1]
         for value in (state.surface.threshold, threshold, own, usual):
             if value is not None:
@@ -118,13 +118,6 @@ class SceneMaker:
     def show(self, scene: Scene) -> None:
         """Note that a scene of another owner was traced instead."""
         self._other = scene
-
-    @property
-    def _given_threshold(self) -> float | None:
-        if not hasattr(self, "_first_threshold"):
-            assert self._given is not None
-            self._first_threshold = self._given.threshold
-        return self._first_threshold
 
     def _build(self, particles: Particles, wanted: tuple) -> Scene:
         options = scene_options(particles, *wanted, **self._options)
@@ -187,8 +180,3 @@ def thesis_of(state: State) -> Thesis | None:
             f"kernel: expected {known} with the root method bezier, got {surface.kernel}"
         )
     return Thesis(root=surface.root)
-
-
-def color_names(particles: Particles) -> list[str]:
-    """The fields and attributes by which particles can be colored."""
-    return attribute_names(particles)

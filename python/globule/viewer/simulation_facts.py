@@ -8,24 +8,18 @@ from typing import Any
 def facts_of(sim: Any, report: Any, running: bool) -> dict[str, Any]:
     """Time, counts and the report of the last step, in words by name."""
     facts = {"running": "yes" if running else "no"}
-    for label, name, form in (
-        ("time", "time", "{:.4f} s"),
-        ("steps", "n_steps", "{:,}"),
-        ("time step", "dt", "{:.3g} s"),
+    for owner, label, name, form in (
+        (sim, "time", "time", "{:.4f} s"),
+        (sim, "steps", "n_steps", "{:,}"),
+        (sim, "time step", "dt", "{:.3g} s"),
+        (getattr(sim, "tissue", None), "pieces", "n_pieces", "{:,}"),
+        (report, "iterations", "iterations", "{}"),
+        (report, "compression", "compression", "{:.3g}"),
+        (report, "bonds", "n_bonds", "{}"),
+        (report, "cut", "n_cut", "{}"),
+        (report, "escaped", "n_escaped", "{}"),
     ):
-        value = getattr(sim, name, None)
+        value = getattr(owner, name, None)
         if value is not None:
             facts[label] = form.format(value)
-    if (tissue := getattr(sim, "tissue", None)) is not None:
-        facts["pieces"] = f"{tissue.n_pieces:,}"
-    for label, name in (
-        ("iterations", "iterations"),
-        ("compression", "compression"),
-        ("bonds", "n_bonds"),
-        ("cut", "n_cut"),
-        ("escaped", "n_escaped"),
-    ):
-        value = getattr(report, name, None)
-        if value is not None:
-            facts[label] = f"{value:.3g}" if isinstance(value, float) else str(value)
     return facts

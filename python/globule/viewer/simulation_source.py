@@ -11,6 +11,7 @@ from .._base.arrays import on_gpu
 from ..render.camera import Camera
 from ..render.layers import Layer
 from ..render.settings import RenderSettings
+from ..scene.attributes import attribute_names
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
@@ -18,7 +19,7 @@ from .forces import PULL, newtons
 from .layers import hidden
 from .overlay import STEEL, Mark
 from .past import Past, Strokes, forget_rows, restore, taken
-from .scenes import SceneMaker, color_names
+from .scenes import SceneMaker
 from .simulation_facts import facts_of
 from .source import Origin, Source, box_corners
 from .state import State
@@ -94,13 +95,8 @@ class SimulationSource(Source):
             self.up, self.preset, self._ground = tuple(view.up), view.look, view.ground
             self.fov = view.fov
             if view.speeds is not None:
-                low, high = view.speeds
-                self.settings = {
-                    "color__by": "speed",
-                    "color__automatic": False,
-                    "color__low": low,
-                    "color__high": high,
-                }
+                ends = dict(zip(("color__low", "color__high"), view.speeds, strict=True))
+                self.settings = {"color__by": "speed", "color__automatic": False, **ends}
             if view.eye is not None:
                 self.camera = Camera(view.eye, view.look_at, view.up, view.fov)
 
@@ -121,7 +117,7 @@ class SimulationSource(Source):
 
     def color_names(self) -> list[str]:
         """As for every source, of the last copy: the page must not wait for a step in progress."""
-        return color_names(self.particles() if self._own is None else self._own)
+        return attribute_names(self.particles() if self._own is None else self._own)
 
     def layers(self, state: State) -> list[Layer]:
         """The simulation's own scene if the settings allow, and foam. The caller holds `lock`."""
@@ -325,6 +321,10 @@ class SimulationSource(Source):
     def _restore(self, state: dict[str, Any]) -> None:
         """Go to a state that was taken. The caller holds `lock`."""
         restore(self.simulation, state)
+        self._jumped()
+
+    def _jumped(self) -> None:
+        """Let go of what was held, since time has not just gone on. The caller holds `lock`."""
         self._held = self._target = self._pulled = None
         self._note()
         self.version += 1
@@ -338,9 +338,7 @@ class SimulationSource(Source):
             self._strokes.clear()
             self._past.clear()
             self._wanted_place, self._behind = None, False
-            self._held = self._target = self._pulled = None
-            self._note()
-            self.version += 1
+            self._jumped()
 
     # Instruments
 

@@ -15,12 +15,13 @@ from ..render.camera import Camera
 from ..render.layers import Layer
 from ..render.presets import preset
 from ..render.settings import RenderSettings
+from ..scene.attributes import attribute_names
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .locks import FairLock
 from .overlay import Mark, Plate
-from .scenes import SceneMaker, color_names
+from .scenes import SceneMaker
 from .state import State
 
 
@@ -123,6 +124,10 @@ class Source:
         """The layers to trace. The caller holds `lock`."""
         raise NotImplementedError
 
+    def scene(self, state: State) -> Any:
+        """The scene or mesh of the first layer. The caller holds `lock`."""
+        return self.layers(state)[0].scene
+
     def particles(self) -> Particles:
         """The particles of the first layer, for colors, statistics and the camera."""
         raise NotImplementedError
@@ -189,7 +194,7 @@ class Source:
 
     def color_names(self) -> list[str]:
         """The fields and attributes by which particles can be colored."""
-        return color_names(self.particles())
+        return attribute_names(self.particles())
 
     def advance(self, state: State) -> float | None:
         """Take one step in time.

@@ -23,11 +23,10 @@ from typing import Any
 from .._base.files import atomic_write
 from ..sim.scene_file import SHIPPED
 from .compare_source import CompareSource
-from .guard import Guard, answer
+from .guard import LOCAL, Guard, answer
 from .source import Source
 
 PATH = "/globule/start"
-LOCAL = ("127.0.0.1", "localhost", "::1")
 SPLASH = "splash"
 MOST_UPLOAD = 1 << 30  # bytes
 LEAST_PART, MOST_PART = 64 * 1024, 512 * 1024  # bytes of an upload at once, but for the last ones

@@ -24,7 +24,7 @@ def opaque(viewer: Any, by: str) -> dict[str, Any]:
     if not by:
         return {"look__matter": "preset"} if made else {}
     with viewer.source.lock:
-        scene = viewer.source.layers(viewer.state.snapshot())[0].scene
+        scene = viewer.source.scene(viewer.state.snapshot())
         material = settings_of(look, viewer.source, scene, viewer.up).material
     if not material.transmission:
         return {}

@@ -19,7 +19,7 @@ class SurfacePanel(Panel):
     def build(self) -> None:
         """Make the widgets."""
         with self.viewer.source.lock:
-            scene = self.viewer.source.layers(self.state.snapshot())[0].scene
+            scene = self.viewer.source.scene(self.state.snapshot())
         if isinstance(scene, Scene):
             self._surface(scene)
         self.add("quality", "samples", most=64)
@@ -65,5 +65,5 @@ class SurfacePanel(Panel):
         plain = vars(type(self.state.surface)())
         self.state.set(**{f"surface__{name}": value for name, value in plain.items()})
         with self.viewer.source.lock:
-            scene = self.viewer.source.layers(self.state.snapshot())[0].scene
+            scene = self.viewer.source.scene(self.state.snapshot())
             self.threshold.value = scene.threshold

@@ -80,7 +80,7 @@ class View(Panel):
     def _see(self, browser: Any, towards: Any) -> None:
         viewer = self.viewer
         with viewer.source.lock:
-            scene = viewer.source.layers(viewer.state.snapshot())[0].scene
+            scene = viewer.source.scene(viewer.state.snapshot())
             size = (browser.camera.image_width, browser.camera.image_height)
             around = viewer.source.outline()
             if around is None and scene.octree.n_inside == 0:
