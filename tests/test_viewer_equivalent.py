@@ -209,7 +209,7 @@ def test_particles_of_a_program_are_said_to_be():
 
 @pytest.mark.parametrize("height", [None, 5.0])
 def test_plates_and_marks_stand_where_they_are(height):
-    from globule.viewer.overlay import Plate, draw_plates, project
+    from globule.viewer.overlay import Plate, draw_plates
 
     camera, size = gb.Camera((3, 4, 6), (0.2, 0.1, 0), height=height), (200, 150)
     texture = np.zeros((40, 60, 3), np.uint8)
@@ -221,7 +221,7 @@ def test_plates_and_marks_stand_where_they_are(height):
         np.full((*size[::-1], 3), 9, np.uint8), depth, camera, [Plate(texture, pose)]
     )
     rows, columns = np.nonzero(drawn[..., 0] == 255)
-    x, y = project(camera, size, pose[:3] @ (45, 30, 0, 1))
+    ((x, y),) = camera.project([pose[:3] @ (45, 30, 0, 1)], size)
     assert len(rows)
     assert abs(columns.mean() + 0.5 - x) < 0.6
     assert abs(rows.mean() + 0.5 - y) < 0.6

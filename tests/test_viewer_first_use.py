@@ -14,7 +14,7 @@ pytest.importorskip("viser")
 from globule.viewer.first_view import FIRST_SIZE, first_camera, for_window
 from globule.viewer.guard import Guard
 from globule.viewer.open import open_source
-from globule.viewer.overlay import Mark, draw_marks, finish, free_below, project
+from globule.viewer.overlay import Mark, draw_marks, finish, free_below
 from globule.viewer.page import LONGEST_NAME, shortened
 from globule.viewer.page.tools import Hand
 from globule.viewer.simulation_source import SimulationSource
@@ -149,7 +149,7 @@ def test_the_first_view_shows_all_of_a_scene(name, aspect):
     camera = first_camera(scene, source.up, around, source.camera)
     size = (round(500 * aspect), 500)
     for eye, shape in ((camera, FIRST_SIZE), (for_window(camera, aspect, around), size)):
-        seen = np.array([project(eye, shape, corner) for corner in around]) / shape
+        seen = eye.project(around, shape) / shape
         assert (seen > 0).all()
         assert (seen < 1).all()
         assert np.ptp(seen, axis=0).max() > 0.6

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 pytest.importorskip("viser")
-from globule.viewer.overlay import project
 from globule.viewer.page.cut_handles import SIZE
 from viewer_helpers import Watched, blob, drag_along, middle, next_frame, stroke, take_tool, until
 
@@ -19,7 +18,7 @@ def drag_arrow(watched, page) -> None:
     place, cuts = watched.viewer.placement, watched.viewer.state.cuts
     before, box = cuts.point, page.locator("canvas").first.bounding_box()
     tip = place.to_world(np.add(place.to_page(cuts.point), 0.7 * SIZE * np.array(cuts.normal)))
-    at = np.array(project(page.client.camera, (box["width"], box["height"]), tip))
+    (at,) = page.client.camera.project([tip], (box["width"], box["height"]))
     page.wait_for_function("() => window.__viserMutable?.nodeRefFromName?.['/cut/plane']?.visible")
     next_frame(page)
     drag_along(page, np.linspace(at, at + (-30, 5), 4))

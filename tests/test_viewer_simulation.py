@@ -11,7 +11,6 @@ pytest.importorskip("viser")
 
 from globule.viewer.engine import Engine
 from globule.viewer.open import open_source
-from globule.viewer.overlay import project
 from globule.viewer.source import Source
 from globule.viewer.state import State
 
@@ -106,7 +105,7 @@ def test_a_simulation_that_fails_says_so_and_stands_still(dam):
 def share(page, point) -> tuple[float, float]:
     """Where a program's image shows a point: (0, 0) to (1, 1)."""
     size = page.client.frame.size
-    return tuple(np.divide(project(page.client.camera, size, point), size))
+    return tuple(page.client.camera.project([point], size)[0] / size)
 
 
 def test_a_scalpel_stroke_cuts_as_deep_as_asked():

@@ -176,8 +176,8 @@ def draw_marks(picture: np.ndarray, camera: Camera, marks: list[Mark]) -> np.nda
     font = ImageFont.load_default(size=round(14 * unit))
     taken: list[tuple[float, float, float, float]] = []  # by texts
     for mark in marks:
-        places = [project(camera, image.size, point) for point in mark.points]
-        seen = [place for place in places if place is not None]
+        places = camera.project(np.reshape(mark.points, (-1, 3)), image.size)
+        seen = [tuple(place) for place in places.tolist() if place[0] == place[0]]
         if len(seen) > 1:
             if not mark.thin:
                 draw.line(seen, fill=(255, 255, 255), width=round(4 * unit))
@@ -215,15 +215,3 @@ def free_below(box: tuple, taken: list[tuple]) -> float:
         if not beside and box[1] + down < bottom and top < box[3] + down:
             down = bottom - box[1]
     return down
-
-
-def project(camera: Camera, size: tuple[int, int], point: Any) -> tuple[float, float] | None:
-    """The pixel (column, row) of a point (3,), world; None for a point behind the camera."""
-    eye, forward, right, up = camera.frame(size)
-    away = np.asarray(point, np.float64) - eye
-    depth = float(away @ forward) if camera.height is None else 1.0
-    if depth <= 0:
-        return None
-    x = float(away @ right / (right @ right)) / depth
-    y = float(away @ up / (up @ up)) / depth
-    return (x + 1) / 2 * size[0], (1 - y) / 2 * size[1]
