@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._base.colormaps import colorize
+from ..render.display import displayed
 from ..render.presets import PRESETS
 from ..scene.attributes import attribute_values
 from ..scene.mesh import Mesh
@@ -131,10 +132,9 @@ class Model:
             middles = np.linspace(lo, hi, BINS)
             low, high = ends if ends[1] > ends[0] else (lo, hi)
             linear = colorize(middles, color.colormap, low, high)
-            srgb = np.clip(255 * np.asarray(linear) ** (1 / 2.2), 0, 255).astype(int)
             self._plot = {
                 "counts": counts.tolist(),
-                "colors": srgb.tolist(),
+                "colors": displayed(linear).tolist(),
                 "lo": lo,
                 "hi": hi,
                 "from": low,

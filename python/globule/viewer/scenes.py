@@ -13,7 +13,7 @@ from ..scene import fluid
 from ..scene.attributes import attribute_values
 from ..scene.particles import Particles
 from ..scene.scene import DEFAULTS, SMOOTH_THRESHOLD, Scene
-from ..scene.thesis import POLYNOMIAL_KERNELS, Thesis, fitting_level
+from ..scene.thesis import Thesis, fitting_level
 from .state import State
 
 
@@ -173,10 +173,5 @@ def thesis_of(state: State) -> Thesis | None:
     if surface.shape == "smooth":
         raise ValueError(
             f"surface: expected balls or auto with the root method {surface.root}, got smooth"
-        )
-    if surface.root == "bezier" and surface.kernel not in POLYNOMIAL_KERNELS:
-        known = " or ".join(POLYNOMIAL_KERNELS)
-        raise ValueError(
-            f"kernel: expected {known} with the root method bezier, got {surface.kernel}"
         )
     return Thesis(root=surface.root)

@@ -13,8 +13,8 @@ from ..render.layers import Layer
 from ..scene.particles import Particles
 from ..ultrasound.sweep import Sweep
 from ..volumes.iso_surface import default_level, iso_surface
-from ..volumes.slices import reslice
-from ..volumes.volume import EMPTY, EXTRAPOLATED, FILLED, Volume
+from ..volumes.slices import reslice, tinted
+from ..volumes.volume import EMPTY, Volume
 from .overlay import Plate
 from .scenes import SceneMaker
 from .source import Origin, Probed, Source, box_corners
@@ -240,33 +240,19 @@ class VolumeSource(Source):
         size = (int(np.ceil(sizes[across] / step)), int(np.ceil(sizes[down] / step)))
         cut = reslice(self.volume, world_from_plate, size, linear=False)
         known = None if overlay else cut.origin != EMPTY
-        plate = Plate(self.tinted(cut.values, cut.origin, overlay), world_from_plate, known)
+        texture = self._gray(cut.values, cut.origin if overlay else None)
+        plate = Plate(texture, world_from_plate, known)
         self._slices[axis] = asked, plate
         return plate
 
-    def tinted(self, values: np.ndarray, origin: np.ndarray, overlay: bool) -> np.ndarray:
-        """Gray values (H, W, 3) uint8; `overlay` tints filled pixels orange,
-        extrapolated ones purple and empty ones blue.
-
-        Args:
-            values: (H, W).
-            origin: (H, W), `FILLED`, `EXTRAPOLATED`, `EMPTY` or measured.
-            overlay: tint them.
-        """
-        grey = np.clip(255 * values / self._white, 0, 255)
-        color = np.repeat(grey[..., None], 3, axis=2)
-        if overlay:
-            color[origin == FILLED] = 0.6 * color[origin == FILLED] + (102, 51, 0)
-            color[origin == EXTRAPOLATED] = 0.6 * color[origin == EXTRAPOLATED] + (102, 0, 90)
-            color[origin == EMPTY] = (24, 40, 72)
-        return color.astype(np.uint8)
+    def _gray(self, values: np.ndarray, origin: np.ndarray | None = None) -> np.ndarray:
+        """`tinted` image of values (H, W) of the volume or the sweep."""
+        return tinted(np.clip(255.0 * values / self._white, 0, 255), origin)
 
     def _frame(self, sweep: Sweep, i: int) -> list[Plate]:
         if not sweep.valid[i]:
             return []
-        image = np.clip(255.0 * sweep.frames[i] / self._white, 0, 255).astype(np.uint8)
-        texture = np.repeat(image[..., None], 3, axis=2)
-        return [Plate(texture, sweep.world_from_image[i])]
+        return [Plate(self._gray(sweep.frames[i]), sweep.world_from_image[i])]
 
     def facts(self) -> dict[str, Any]:
         """Numbers of voxels."""

@@ -210,14 +210,24 @@ def _drawn(planes: list[tuple[Any, ...]], dtype: Any, overlay: bool) -> list[np.
         low, high = 0.0, max(high, 1.0)
     pictures = []
     for plane, (_, origin, down, right) in zip(shown, planes, strict=True):
-        grey = np.clip((plane - low) / max(high - low, 1e-12), 0, 1)
-        color = np.repeat((255 * grey)[..., None], 3, axis=2)
-        if overlay:
-            color[origin == FILLED] = 0.6 * color[origin == FILLED] + (102, 51, 0)
-            color[origin == EXTRAPOLATED] = 0.6 * color[origin == EXTRAPOLATED] + (102, 0, 90)
-            color[origin == EMPTY] = (24, 40, 72)
-        pictures.append(_square(color.astype(np.uint8), down, right, finest))
+        gray = np.clip((plane - low) / max(high - low, 1e-12), 0, 1)
+        color = tinted(255 * gray, origin if overlay else None)
+        pictures.append(_square(color, down, right, finest))
     return pictures
+
+
+def tinted(gray: np.ndarray, origin: np.ndarray | None) -> np.ndarray:
+    """An image (H, W, 3) uint8 of gray values (H, W), 0 to 255: filled pixels orange, extrapolated
+    ones purple and empty ones blue.
+
+    origin: (H, W), as in `Slice`; None: all stay gray.
+    """
+    color = np.repeat(gray[..., None], 3, axis=2)
+    if origin is not None:
+        color[origin == FILLED] = 0.6 * color[origin == FILLED] + (102, 51, 0)
+        color[origin == EXTRAPOLATED] = 0.6 * color[origin == EXTRAPOLATED] + (102, 0, 90)
+        color[origin == EMPTY] = (24, 40, 72)
+    return color.astype(np.uint8)
 
 
 def _middle(known: np.ndarray) -> np.ndarray:
