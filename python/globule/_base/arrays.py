@@ -216,3 +216,8 @@ def extent(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     wide, rest = points[:n].reshape(-1, 3 * rows), points[n:]
     lo = np.concatenate([wide.min(axis=0).reshape(rows, 3), rest]).min(axis=0)
     return lo, np.concatenate([wide.max(axis=0).reshape(rows, 3), rest]).max(axis=0)
+
+
+def box_corners(lo: Any, hi: Any) -> np.ndarray:
+    """The corners (8, 3) of the box between two corners (3,)."""
+    return np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T

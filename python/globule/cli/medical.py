@@ -165,15 +165,12 @@ def _sweep(path: str) -> dict[str, Any]:
 
 def _volume(path: str) -> dict[str, Any]:
     volume = read_volume_file(path)
-    size = np.array(volume.values.shape[::-1])
-    ends = np.array([[x, y, z, 1] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
-    ends[:, :3] *= size - 1
-    places = (ends @ volume.world_from_voxel.T)[:, :3]
+    lo, hi = volume.bounds()
     return {
-        "size": size,
+        "size": np.array(volume.values.shape[::-1]),
         "spacing": volume.spacing,
         "world_from_voxel": volume.world_from_voxel,
-        "bounds": {"lo": places.min(axis=0), "hi": places.max(axis=0)},
+        "bounds": {"lo": lo, "hi": hi},
         "space": volume.space,
         "dtype": str(volume.values.dtype),
         "min": float(volume.values.min()),

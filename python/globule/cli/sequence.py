@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import box_corners
 from .._base.ranks import dealt
 from ..formats.frames import FrameOf
 from ..formats.pictures.video import need_av
@@ -160,8 +161,7 @@ class Series:
         if fit and not (lows or broken):
             need_particles(f"{options.particles[0]} to {options.particles[-1]}", 0)
         if fit and lows:
-            box = np.min(lows, axis=0), np.max(highs, axis=0)
-            self.box = np.array(np.meshgrid(*zip(*box, strict=True))).reshape(3, -1).T
+            self.box = box_corners(np.min(lows, axis=0), np.max(highs, axis=0))
         if span and values[0] <= values[1]:
             options.range = (float(values[0]), float(values[1]))
 

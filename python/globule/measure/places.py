@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._base.arrays import box_corners
 from .._base.checks import number, positive, shown, three, unit, whole
 from .._base.fixed import Fixed, read_only
 from ..scene.scene import Scene
@@ -75,7 +76,7 @@ class SamplePlane(Fixed):
         offset = self.offset / float(np.linalg.norm(np.asarray(self.normal, np.float64)))
         u, v = plane_axes(normal)
         lo, hi = box_of(scene) if self.box is None else box_of_corners(self.box)
-        corners = np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T
+        corners = box_corners(lo, hi)
         spacing = self.spacing or default_spacing(scene)
         low = np.array([(corners @ axis).min() for axis in (v, u)])
         high = np.array([(corners @ axis).max() for axis in (v, u)])

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import box_corners
 from .._base.memory import trim
 from ..render.camera import Camera
 from ..render.fit import FROM_ABOVE
@@ -332,10 +333,9 @@ def in_turn(
 def fit(scene: Pieces, size: tuple[int, int], **options: Any) -> Camera:
     """A camera that shows the box around all particles, with room for the surface."""
     lo, hi = scene.bounds()
-    corners = np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T
     if lo[2] == hi[2] and not options:
         options = FROM_ABOVE
-    return Camera.fit(corners, size=size, margin=scene.outside, **options)
+    return Camera.fit(box_corners(lo, hi), size=size, margin=scene.outside, **options)
 
 
 beyond.append(render_pieces)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base.arrays import on_gpu
+from .._base.arrays import box_corners, on_gpu
 from .._base.checks import flag, image_size, number, positive, shown, three, unit
 from .._base.fixed import Fixed, read_only
 from ..scene.particles import FARTHEST
@@ -256,6 +256,5 @@ def _outline(particles: Any) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros((1, 3)), np.zeros(3)
     middle = (lo + hi) / 2
     if in_pieces or on_gpu(owner.positions) or len(owner) > 1_000_000:
-        corners = np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T
-        return corners - middle, middle
+        return box_corners(lo, hi) - middle, middle
     return owner.finite_positions() - middle, middle

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.arrays import to_host
+from .._base.arrays import box_corners, to_host
 from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
@@ -61,8 +61,7 @@ def surface_reach(scene: Scene) -> float:
 
 def corners_of(mesh: Mesh) -> np.ndarray:
     """(8, 3), the corners of the mesh's box, world."""
-    lo, hi = mesh.bounds()
-    return np.array([[(lo, hi)[i >> k & 1][k] for k in range(3)] for i in range(8)])
+    return box_corners(*mesh.bounds())
 
 
 def fitted(

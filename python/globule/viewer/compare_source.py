@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import box_corners
 from ..render.frame import Frame, Picked
 from ..render.layers import Layer
 from ..scene.attributes import attribute_values
 from ..scene.particles import Particles
-from .source import Origin, Source, box_corners
+from .source import Origin, Source
 from .state import State
 
 JOINED = ("color", "image", "picture", "distance", "position", "normal", "albedo", "mask")

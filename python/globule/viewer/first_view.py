@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import on_gpu
+from .._base.arrays import box_corners, on_gpu
 from ..render.camera import Camera
 from ..render.fit import first_direction, fit_camera, surface_reach
 from ..scene.mesh import Mesh
 from ..sim.simulation_scene import SimulationScene
-from .source import Source, box_corners
+from .source import Source
 
 FIRST_SIZE = (1280, 720)
 MOST_POINTS, N_DIRECTIONS = 200_000, 96  # that the first camera is fitted to

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import box_corners
 from ..formats import read
 from ..render.layers import Layer
 from ..render.sequence import leader
 from ..scene.particles import Particles
 from .scenes import SceneMaker
-from .source import Origin, Source, box_corners
+from .source import Origin, Source
 from .state import State
 
 KEPT_BYTES = 1 << 30  # of frames in memory

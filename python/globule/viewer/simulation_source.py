@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import on_gpu
+from .._base.arrays import box_corners, on_gpu
 from ..render.camera import Camera
 from ..render.layers import Layer
 from ..render.settings import RenderSettings
@@ -21,7 +21,7 @@ from .overlay import STEEL, Mark
 from .past import Past, Strokes, forget_rows, restore, taken
 from .scenes import SceneMaker
 from .simulation_facts import facts_of
-from .source import Origin, Source, box_corners
+from .source import Origin, Source
 from .state import State
 from .stroke import ribbon
 

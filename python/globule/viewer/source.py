@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import box_corners
 from ..formats.frames import FrameOf
 from ..render.annotate import bounds_of
 from ..render.camera import Camera
@@ -318,8 +319,3 @@ class SceneSource(Source):
         with self.lock:
             self._shown = particles
             self.version += 1
-
-
-def box_corners(lo: Any, hi: Any) -> np.ndarray:
-    """The corners (8, 3) of the box between two corners (3,)."""
-    return np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T

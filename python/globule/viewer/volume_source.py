@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import box_corners
 from ..render.camera import Camera, view_axes
 from ..render.clips import ClipBox
 from ..render.layers import Layer
@@ -17,7 +18,7 @@ from ..volumes.slices import reslice, tinted
 from ..volumes.volume import EMPTY, Volume
 from .overlay import Plate
 from .scenes import SceneMaker
-from .source import Origin, Probed, Source, box_corners
+from .source import Origin, Probed, Source
 from .state import Slices, State
 
 NOTHING = np.zeros((0, 3), np.float32)
@@ -101,11 +102,7 @@ class VolumeSource(Source):
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner (3,) of the volume's voxel centers, mm."""
-        sizes = np.array(self.volume.values.shape[::-1]) - 1
-        corners = np.array([[x, y, z, 1] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-        corners[:, :3] *= sizes
-        places = (corners @ self.volume.world_from_voxel.T)[:, :3]
-        return places.min(axis=0), places.max(axis=0)
+        return self.volume.bounds()
 
     def outline(self) -> np.ndarray:
         """The corners (8, 3) of the volume, mm."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import DeviceArray
+from .._base.arrays import DeviceArray, box_corners
 from ..formats import volumes as formats
 from ..formats.volumes.geometry import VolumeData, in_space
 
@@ -90,6 +90,12 @@ class Volume:
     def spacing(self) -> np.ndarray:
         """(3,) mm along x, y and z."""
         return np.linalg.norm(self.world_from_voxel[:3, :3], axis=0)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner (3,) of the voxel centers, mm, world."""
+        corners = box_corners((0, 0, 0), np.array(self.values.shape[::-1]) - 1)
+        places = corners @ self.world_from_voxel[:3, :3].T + self.world_from_voxel[:3, 3]
+        return places.min(axis=0), places.max(axis=0)
 
     @property
     def measured(self) -> np.ndarray:
