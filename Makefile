@@ -86,7 +86,7 @@ check: $(VENV)/has-test
 
 docs: $(VENV)/has-docs
 	@$(PY) docs/check_links.py
-	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --quiet
+	@$(PY) docs/site build/site
 	@echo "build/site/index.html"
 
 clean:

@@ -1,7 +1,7 @@
 """Every relative link and image in README.md and docs/**/*.md must point to something that exists.
 
 Anchors are checked too, where the target is a Markdown file. Pages of the reference that are made
-with the site (docs/site) count as there; MkDocs checks those. `python docs/check_links.py`
+with the site (docs/site) count as there; Sphinx checks those. `python docs/check_links.py`
 """
 
 from __future__ import annotations
