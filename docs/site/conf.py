@@ -36,6 +36,7 @@ html_static_path = ["static"]
 html_css_files = ["globule.css"]
 html_copy_source = False
 html_show_sourcelink = False
+html_show_search_summary = False  # a page from disk may not fetch others
 html_theme_options = {
     "header_links_before_dropdown": 7,
     "logo": {"text": "globule"},
