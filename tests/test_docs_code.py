@@ -28,7 +28,7 @@ WITH_CODE = [path for path in PAGES if any(not block.reason for block in blocks(
 HELPER = str(Path(__file__).with_name("docs_blocks.py"))
 OPERATORS = ("|", ">", "&&", "&", ";")
 PATIENCE = 180  # s a page
-QUICK = ("render-pick",)  # the others run in `make test-all`
+QUICK = ("render-cut-open",)  # the others run in `make test-all`
 
 
 def name(path: Path) -> str:
@@ -142,10 +142,16 @@ def test_python_shows_the_surface_of_the_commands():
     assert [call for call in calls if "surface=" not in call and "support=" not in call] == []
 
 
-def test_pages_agree_about_the_speed_of_simulations():
-    rows = []
-    for page in (ROOT / "README.md", DOCS / "index.md"):
-        table = page.read_text(encoding="utf-8").split("| simulation")[1]
-        row = next(line for line in table.splitlines() if line.startswith("| NVIDIA"))
-        rows.append(re.findall(r"[\d,]+", re.sub(r"H\d+|1 %", "", row)))
-    assert rows[0] == [number for number in rows[1] if number != ","] != []
+def test_journeys_of_the_architecture_name_files_that_exist():
+    text = (DOCS / "understand" / "architecture.md").read_text(encoding="utf-8")
+    text = text.partition("## Five journeys")[2].partition("\n## ")[0]
+    journeys = [re.findall(r"^\d+\. `([^`]+)`: ", part, re.M) for part in text.split("\n### ")[1:]]
+    assert len(journeys) == 5
+    for files in journeys:
+        assert 5 < len(files) <= 15
+        assert len(set(files)) == len(files)
+        assert [file for file in files if not (ROOT / file).is_file()] == []
+
+
+def test_there_are_at_most_80_pages():
+    assert len([*DOCS.rglob("*.md")]) <= 80
