@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import re
+import runpy
 import shlex
 import signal
 import subprocess
@@ -155,3 +156,11 @@ def test_journeys_of_the_architecture_name_files_that_exist():
 
 def test_there_are_at_most_80_pages():
     assert len([*DOCS.rglob("*.md")]) <= 80
+
+
+def test_tables_are_those_of_the_measured_numbers():
+    """`python docs/make_measured.py` would change nothing: no page has a number of its own."""
+    made = runpy.run_path(str(DOCS / "make_measured.py"))
+    texts = [page.read_text(encoding="utf-8") for page in made["PAGES"]]
+    assert sum(text.count("<!-- measured:") for text in texts) == 1 + len(made["TABLES"])
+    assert [made["filled"](text, made["read"]()) for text in texts] == texts
