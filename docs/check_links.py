@@ -1,4 +1,4 @@
-"""Every relative link and image in README.md and docs/**/*.md must point to something that exists.
+"""Every relative link and image in README.md, CHANGELOG.md and docs/**/*.md leads somewhere.
 
 Anchors are checked too, where the target is a Markdown file. Pages of the reference that are made
 with the site (docs/site) count as there; Sphinx checks those. `python docs/check_links.py`
@@ -56,7 +56,7 @@ def broken(page: Path) -> list[str]:
 
 
 def main() -> int:
-    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    pages = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
     problems = [f"{page.relative_to(ROOT)}: {link}" for page in pages for link in broken(page)]
     for problem in problems:
         print(f"broken link: {problem}")

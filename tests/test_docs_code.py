@@ -154,8 +154,9 @@ def test_journeys_of_the_architecture_name_files_that_exist():
         assert [file for file in files if not (ROOT / file).is_file()] == []
 
 
-def test_there_are_at_most_80_pages():
+def test_the_documentation_stays_small():
     assert len([*DOCS.rglob("*.md")]) <= 80
+    assert len((ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines()) <= 60
 
 
 def test_tables_are_those_of_the_measured_numbers():

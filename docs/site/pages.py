@@ -13,6 +13,7 @@ import reference
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 OUTSIDE = {  # files that have a page elsewhere on the site; what else is outside becomes plain text
+    "README.md": "index.md",
     "CHANGELOG.md": "changes.md",
     "examples": "examples.md",
     "examples/cpp": "reference/cpp.md",
