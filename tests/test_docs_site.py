@@ -22,6 +22,9 @@ pytest.importorskip("nbclient")
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "docs" / "site"))
+
+import pages as site_pages  # noqa: E402
+
 BROWSERS = True  # conftest.py: what these tests wait for has a limit of its own
 PAGES = (
     "index.html",
@@ -171,3 +174,9 @@ def test_a_broken_link_stops_the_build(tmp_path, capsys):
     command = ["-q", "-W", "-c", str(ROOT / "docs" / "site"), str(tmp_path), str(tmp_path / "out")]
     assert main(command) != 0
     assert "missing.md" in capsys.readouterr().err
+
+
+def test_a_broken_link_of_the_readme_stops_the_build(tmp_path):
+    (tmp_path / "README.md").write_text("[code](https://x.org) and [nowhere](docs/missing.md)\n")
+    with pytest.raises(FileNotFoundError, match=r"README\.md: .* docs/missing\.md"):
+        site_pages.at_docs(tmp_path / "README.md")

@@ -46,7 +46,7 @@ html_theme_options = {
     "secondary_sidebar_items": ["page-toc"],
     "show_nav_level": 2,
 }
-html_sidebars = {page: [] for page in ("index", "gallery")}
+html_sidebars = {page: [] for page in ("index", "measured", "gallery")}
 
 FIELD = re.compile(r"(\w+(?:, \w+)*)(?:: | {2,})(\S.*)")
 

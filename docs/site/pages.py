@@ -50,13 +50,15 @@ def write(folder: Path) -> None:
 
 
 def at_docs(path: Path) -> str:
-    """A page of the repository's folder, with links as from docs/."""
+    """A page of the repository's folder, with links as from docs/; each must lead to a file."""
 
     def mend(match: re.Match[str]) -> str:
         bang, text, link = match.groups()
         name, sign, anchor = link.partition("#")
-        if ":" in name:
+        if ":" in name or not name:
             return match[0]
+        if not (path.parent / name).exists():
+            raise FileNotFoundError(f"{path.name}: no file for the link {link}")
         inside = name.removeprefix("docs/") if name.startswith("docs/") else OUTSIDE.get(name)
         if inside and (ROOT / name).is_dir() and name.startswith("docs/"):
             inside += "/index.md"
