@@ -29,7 +29,7 @@ WITH_CODE = [path for path in PAGES if any(not block.reason for block in blocks(
 HELPER = str(Path(__file__).with_name("docs_blocks.py"))
 OPERATORS = ("|", ">", "&&", "&", ";")
 PATIENCE = 180  # s a page
-QUICK = ("render-cut-open",)  # the others run in `make test-all`
+QUICK = ("render-on-a-gpu",)  # the others run in `make test-all`
 
 
 def name(path: Path) -> str:
