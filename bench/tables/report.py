@@ -18,7 +18,7 @@ KEY = ("bench", "machine", "case", "quantity")
 def write_csv(path: str, rows: list[Row]) -> None:
     """Write rows of equal keys as CSV."""
     with atomic_write(path, "w") as file:
-        writer = csv.DictWriter(file, rows[0].keys())
+        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
 
