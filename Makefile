@@ -10,7 +10,7 @@
 #              process of its own with limits (FUZZ="-n 1000 --seed 7")
 # make wheel   a wheel for any x86-64 processor, and for NVIDIA GPUs where nvcc is: dist/globule-….whl
 # make check   lint, format, types
-# make docs    check the documentation's links, and make the site: build/site/index.html
+# make docs    make the documentation's site, build/site/index.html; a link that leads nowhere is an error
 # make clean   remove what these made
 #
 # GLOBULE_LEVELS=native|all|"v2;v3" says for which x86-64 levels is built, GLOBULE_CUDA=AUTO|ON|OFF whether for GPUs (AUTO: where
@@ -85,8 +85,7 @@ check: $(VENV)/has-test
 	@$(PY) -m mypy --no-error-summary
 
 docs: $(VENV)/has-docs
-	@$(PY) docs/check_links.py
-	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --quiet
+	@$(PY) docs/site build/site
 	@echo "build/site/index.html"
 
 clean:

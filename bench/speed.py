@@ -15,7 +15,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 
-from .tables.report import machine, write_csv
+from .tables.report import machine, record, write_csv
 from .tables.scenes import pool
 
 SPLASH = Path(__file__).parents[1] / ".carry" / "splash_117649.npz"
@@ -118,6 +118,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=0, help="0: as many as fit a few seconds")
     parser.add_argument("--scenes", default="splash,pool-302751")
     parser.add_argument("-o", "--output", help="CSV file")
+    parser.add_argument("--record", metavar="MACHINE", help="write to docs/measured.csv, too")
     options = parser.parse_args()
     device = gb.Scene(np.zeros((1, 3)), device=options.device).device.name
     rows = []
@@ -139,6 +140,15 @@ def main() -> None:
     print(f"machine: {machine(rows[0]['device'])}")
     if options.output:
         write_csv(options.output, rows)
+    if options.record:
+        record(
+            "speed", options.record, {case_of(row["scene"], row["particles"]): row for row in rows}
+        )
+
+
+def case_of(scene: str, n: int) -> str:
+    """The case's name in docs/measured.csv."""
+    return "{}, {:,} particles, {}×{}".format(scene.split("-")[0], n, *SIZES[scene])
 
 
 if __name__ == "__main__":

@@ -16,13 +16,13 @@ import globule as gb
 import numpy as np
 
 from .speed import load
-from .tables.report import machine
+from .tables.report import Row, machine, print_table, record
 from .tables.resting_pool import resting_pool
 
 SIZE = (1920, 1080)
 
 
-def measure(name: str, device: str, frames: int, size: tuple[int, int]) -> list[str]:
+def measure(name: str, device: str, frames: int, size: tuple[int, int]) -> Row:
     positions, spacing = load("splash" if name == "splash" else f"pool-{name}")
     sets = [positions, positions + np.float32(0.1 * spacing)]
     on_gpu = device.startswith("cuda")
@@ -32,8 +32,12 @@ def measure(name: str, device: str, frames: int, size: tuple[int, int]) -> list[
         sets = [cupy.asarray(p) for p in sets]
     clock = time.perf_counter if on_gpu else time.process_time
     camera = gb.Camera.fit(positions, size=size)
-    cells = [name]
-    for surface, edges in (("balls", 0), ("smooth", 0), ("smooth", 3)):
+    row: Row = {"particles": len(positions)}
+    for what, surface, edges in (
+        ("balls", "balls", 0),
+        ("smooth", "smooth", 0),
+        ("edges", "smooth", 3),
+    ):
         kind = {"spacing": spacing} if surface == "smooth" else {"support": 2 * spacing}
         scene = gb.Scene(sets[0], surface=surface, device=device, **kind)
         settings = gb.RenderSettings(edge_samples=edges)
@@ -47,10 +51,11 @@ def measure(name: str, device: str, frames: int, size: tuple[int, int]) -> list[
             frame = gb.render(scene, camera, size, settings=settings)
         _ = frame.distance
         seconds = (clock() - begin) / frames
-        build = scene.octree.build_seconds
-        cells += [f"{1e3 * seconds:.2f}", f"{1e3 * build:.2f}"]
-    cells.append(hashlib.sha256(frame.image.tobytes()).hexdigest()[:12])
-    return cells
+        row[f"{what}_ms"] = 1e3 * seconds
+        if what == "smooth":
+            row["build_ms"] = 1e3 * scene.octree.build_seconds
+    row["hash"] = hashlib.sha256(frame.image.tobytes()).hexdigest()[:12]
+    return row
 
 
 def main() -> None:
@@ -59,14 +64,17 @@ def main() -> None:
     parser.add_argument("--n", default="splash,302751")
     parser.add_argument("--frames", type=int, default=5)
     parser.add_argument("--size", default="1920x1080")
+    parser.add_argument("--record", metavar="MACHINE", help="write to docs/measured.csv, too")
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
-    print(machine(options.device))
-    print("particles | balls ms | build | smooth ms | build | with edge samples ms | build | hash")
+    cases = {}
     for name in options.n.split(","):
-        print(
-            " | ".join(measure(name, options.device, options.frames, (width, height))), flush=True
-        )
+        row = measure(name, options.device, options.frames, (width, height))
+        scene = "splash" if name == "splash" else "pool"
+        cases[f"{scene}, {row['particles']:,} particles, {width}×{height}"] = row
+    print_table(machine(options.device), list(cases.values()))
+    if options.record:
+        record("surface", options.record, cases)
     pool = resting_pool(device=options.device)
     print(
         f"simulated pool at rest, {pool.n} particles: normals {pool.angle:.2f} degrees rms;", end=""

@@ -14,7 +14,7 @@ import pytest
 from globule.volumes.volume import Volume
 
 from bench.__main__ import main
-from bench.tables import sweep_speed, ultrasound
+from bench.tables import report, sweep_speed, ultrasound
 from bench.tables.cylinders import measure_cylinders
 from bench.tables.table import Setting, Table
 
@@ -173,3 +173,11 @@ def test_tables_go_into_the_page(tmp_path, monkeypatch):
     assert text.endswith("c\n")
     assert "**a GPU**" in text
     assert "| 131 | 128³ | 0.5 | 0.5 | 0.5 | 0.5 | 0.25 | – | – |" in text
+
+
+def test_recorded_numbers_take_the_place_of_older_ones(tmp_path):
+    path = tmp_path / "measured.csv"
+    path.write_text("bench,machine,case,quantity,value\nspeed,A,x,fps,10\nspeed,B,x,fps,20\n")
+    report.record("speed", "A", {"x": {"fps": 12.3456, "hash": "f00"}, "y": {"n": 3}}, path)
+    lines = path.read_bytes().decode().split("\n")
+    assert lines[1:-1] == ["speed,A,x,fps,12.35", "speed,B,x,fps,20", "speed,A,y,n,3"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import re
+import runpy
 import shlex
 import signal
 import subprocess
@@ -28,7 +29,7 @@ WITH_CODE = [path for path in PAGES if any(not block.reason for block in blocks(
 HELPER = str(Path(__file__).with_name("docs_blocks.py"))
 OPERATORS = ("|", ">", "&&", "&", ";")
 PATIENCE = 180  # s a page
-QUICK = ("render-pick",)  # the others run in `make test-all`
+QUICK = ("render-on-a-gpu",)  # the others run in `make test-all`
 
 
 def name(path: Path) -> str:
@@ -142,10 +143,25 @@ def test_python_shows_the_surface_of_the_commands():
     assert [call for call in calls if "surface=" not in call and "support=" not in call] == []
 
 
-def test_pages_agree_about_the_speed_of_simulations():
-    rows = []
-    for page in (ROOT / "README.md", DOCS / "index.md"):
-        table = page.read_text(encoding="utf-8").split("| simulation")[1]
-        row = next(line for line in table.splitlines() if line.startswith("| NVIDIA"))
-        rows.append(re.findall(r"[\d,]+", re.sub(r"H\d+|1 %", "", row)))
-    assert rows[0] == [number for number in rows[1] if number != ","] != []
+def test_journeys_of_the_architecture_name_files_that_exist():
+    text = (DOCS / "understand" / "architecture.md").read_text(encoding="utf-8")
+    text = text.partition("## Five journeys")[2].partition("\n## ")[0]
+    journeys = [re.findall(r"^\d+\. `([^`]+)`: ", part, re.M) for part in text.split("\n### ")[1:]]
+    assert len(journeys) == 5
+    for files in journeys:
+        assert 5 < len(files) <= 15
+        assert len(set(files)) == len(files)
+        assert [file for file in files if not (ROOT / file).is_file()] == []
+
+
+def test_the_documentation_stays_small():
+    assert len([*DOCS.rglob("*.md")]) <= 80
+    assert len((ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines()) <= 60
+
+
+def test_tables_are_those_of_the_measured_numbers():
+    """`python docs/make_measured.py` would change nothing: no page has a number of its own."""
+    made = runpy.run_path(str(DOCS / "make_measured.py"))
+    texts = [page.read_text(encoding="utf-8") for page in made["PAGES"]]
+    assert sum(text.count("<!-- measured:") for text in texts) == 1 + len(made["TABLES"])
+    assert [made["filled"](text, made["read"]()) for text in texts] == texts

@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 
 import globule as gb
-import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "docs" / "site"))
 
+import conf  # noqa: E402
 import reference  # noqa: E402
 
 
@@ -21,7 +21,7 @@ def test_every_public_name_is_on_one_page():
     pages = reference.python_pages()
     text = "\n".join(text for path, text in pages.items() if not path.endswith("index.md"))
     full = {path: name for name, path in reference.FULL.items()}
-    found = re.findall(r"^::: (globule\.[\w.]+)$", text, flags=re.M)
+    found = re.findall(r"^\.\. auto\w+:: (globule\.[\w.]+)$", text, flags=re.M)
     names = [full.get(path, path.removeprefix("globule.")) for path in found]
     assert sorted(n for n in names if "." not in n) == sorted(gb.__all__)
 
@@ -62,9 +62,13 @@ def test_every_declaration_of_the_headers_is_on_its_page():
         assert "private:" not in text
 
 
-def test_lists_of_fields_in_docstrings():
-    docstrings = pytest.importorskip("docstrings")
-    text = "One.\n\na: first\nb, c  both,\n    and more\n\nArgs:\n    x: stays\n\nIt: is\nso."
-    assert docstrings.listed(text) == (
-        "One.\n\n- `a`: first\n- `b`, `c`: both,\n  and more\n\nArgs:\n    x: stays\n\nIt: is\nso."
-    )
+def test_docstrings_become_restructured_text():
+    lines = ["One `Scene`s *x*.", "", "    code", "", "a: first", "b, c  both,", "    and more", ""]
+    section = ["Args:", "    x: `y`", "", "It: is", "so.", ""]
+    text = [*lines, *section]
+    conf.docstring(None, "", "", None, None, text)
+    assert text == [
+        *("One :py:obj:`Scene <globule.Scene>`\\ s \\*x\\*.", "", "::", "", "    code", ""),
+        *("- ``a``: first", "- ``b``, ``c``: both,", "  and more", ""),
+        *("Args:", "    x: ``y``", "", "It: is", "so.", ""),
+    ]

@@ -5,7 +5,7 @@
 
 Prints a table, and writes results.csv, results.md (a page with settings and versions) and an image
 of each scene by each program. A program that is missing is skipped with the command that installs
-it. Each program runs in a process of its own; docs/field.md says what each column means.
+it. Each program runs in a process of its own; docs/compare.md says what each column means.
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
 """The pages of the reference that are made from the code: Python, commands, C++ headers.
 
-Each function returns {path below docs: Markdown}. mkdocstrings turns the `:::` lines of the Python
-pages into docstrings.
+Each function returns {path below docs: Markdown}. Sphinx's autodoc fills the Python pages from
+docstrings.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import inspect
 import re
 import textwrap
@@ -105,37 +106,34 @@ def python_pages() -> dict[str, str]:
         names = sorted((n for n in gb.__all__ if room(n) == key), key=lambda n: (n[0].islower(), n))
         lines = [f"# {title}", "", about, ""]
         for name in names:
-            lines += _directive(FULL.get(name, f"globule.{name}"), f"gb.{name}")
+            lines += _directive(FULL.get(name, f"globule.{name}"))
         if key in ALSO:
             lines += ["## Beyond `gb`", "", "Import these from their module.", ""]
             for path in ALSO[key]:
-                lines += _directive(f"globule.{path}", f"globule.{path}", 3)
+                lines += _directive(f"globule.{path}")
         pages[f"reference/python/{file}.md"] = "\n".join(lines)
-        places = {n: FULL.get(n, f"globule.{n}") for n in names}
-        listed = ", ".join(f"[`{n}`]({file}.md#{place})" for n, place in places.items())
+        listed = ", ".join(f"{{py:obj}}`{n} <{FULL.get(n, f'globule.{n}')}>`" for n in names)
         rows.append(f"| [{title}]({file}.md) | {listed} |")
-    pages["reference/python/index.md"] = "\n".join(
-        [
-            "# Python",
-            "",
-            "All names of `import globule as gb`.",
-            "",
-            "| area | names |",
-            "|---|---|",
-            *rows,
-            "",
-        ]
-    )
+    files = [file for file, _, _ in AREAS.values()]
+    about = "All names of `import globule as gb`."
+    pages["reference/python/index.md"] = _index("Python", about, "area | names", rows, files)
     return pages
 
 
-def _directive(path: str, heading: str, level: int = 2) -> list[str]:
-    options = [
-        f"heading: {heading}",
-        f"toc_label: {heading.rpartition('.')[2]}",
-        f"heading_level: {level}",
-    ]
-    return [f"::: {path}", "    options:", *(f"      {o}" for o in options), ""]
+def _directive(path: str) -> list[str]:
+    """What Sphinx's autodoc turns into the documentation of one name."""
+    module, _, name = path.rpartition(".")
+    thing = getattr(importlib.import_module(module), name)
+    kind = "class" if inspect.isclass(thing) else "function" if callable(thing) else "data"
+    kind = "module" if inspect.ismodule(thing) else kind
+    return ["```{eval-rst}", f".. auto{kind}:: {path}", "```", ""]
+
+
+def _index(title: str, about: str, header: str, rows: list[str], files: list[str]) -> str:
+    """A page with a table of pages."""
+    tree = ["```{toctree}", ":hidden:", "", *files, "```", ""]
+    rule = "|---|---|"
+    return "\n".join([f"# {title}", "", about, "", f"| {header} |", rule, *rows, "", *tree])
 
 
 def parsers(parser: argparse.ArgumentParser | None = None) -> dict[str, argparse.ArgumentParser]:
@@ -157,19 +155,13 @@ def command_pages() -> dict[str, str]:
         file = words.replace(" ", "-") + ".md"
         pages[f"reference/commands/{file}"] = _command(words, parser)
         rows.append(f"| [`globule {words}`]({file}) | {_cell(_summary(parser))} |")
-    pages["reference/commands/index.md"] = "\n".join(
-        [
-            "# Commands",
-            "",
-            "`globule COMMAND --help` prints the flags of everyday use, `--help-all` prints all. "
-            "These pages list all.",
-            "",
-            "| command | what it does |",
-            "|---|---|",
-            *rows,
-            "",
-        ]
+    about = (
+        "`globule COMMAND --help` prints the flags of everyday use, `--help-all` prints all. "
+        "These pages list all."
     )
+    files = [words.replace(" ", "-") for words in parsers()]
+    title = "command | what it does"
+    pages["reference/commands/index.md"] = _index("Commands", about, title, rows, files)
     return pages
 
 
@@ -249,9 +241,7 @@ def header_pages() -> dict[str, str]:
     pages, rows = {}, []
     for path in sorted(HEADERS.glob("*.hpp")):
         about, entities = read_header(path.read_text(encoding="utf-8"))
-        wide = ["---", "hide: [toc]", "---"]
         lines = [
-            *wide,
             f"# {path.name}",
             "",
             about,
@@ -263,15 +253,10 @@ def header_pages() -> dict[str, str]:
             lines += [f"## {name}", "", words, "", f"```cpp\n{code}\n```", ""]
         pages[f"reference/headers/{path.stem}.md"] = "\n".join(lines)
         rows.append(f"| [`globule/{path.name}`]({path.stem}.md) | {_cell(about)} |")
-    pages["reference/headers/index.md"] = "\n".join(
-        [
-            "# C++ headers",
-            "",
-            "`#include <globule/globule.hpp>` includes all but `mpi.hpp`, which needs MPI.",
-            "",
-        ]
-        + ["| header | what it holds |", "|---|---|", *rows, ""]
-    )
+    about = "`#include <globule/globule.hpp>` includes all but `mpi.hpp`, which needs MPI."
+    files = sorted(path.stem for path in HEADERS.glob("*.hpp"))
+    title = "header | what it holds"
+    pages["reference/headers/index.md"] = _index("C++ headers", about, title, rows, files)
     return pages
 
 
