@@ -25,6 +25,7 @@ def recording(seed: int, extent: float):
     return times, 60 * height(times + lag) + noise, probe, late
 
 
+@pytest.mark.slow
 def test_the_mean_of_a_sawtooth():
     """Recordings with an offset that varies by an image period. The error of the mean is 1.9 ms
     (rms of 60), that of a constant offset 5.0 ms; the true mean lies within two deviations in 93 %.

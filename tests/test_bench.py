@@ -142,6 +142,7 @@ def test_table_text():
     assert table.markdown().splitlines()[2] == "| 1 | 0.1235 |"
 
 
+@pytest.mark.slow
 def test_speed_of_a_sweep(monkeypatch):
     monkeypatch.setattr(sweep_speed, "SIZE", (64, 48))
     monkeypatch.setattr(sweep_speed, "FRAMES", 6)

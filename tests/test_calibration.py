@@ -185,6 +185,7 @@ def test_temporal_offset_of_a_line():
     assert np.median(lines.residual) < 0.5
 
 
+@pytest.mark.slow
 def test_a_scanner_that_takes_its_time():
     """Columns acquired one after the other: the delay is that of the middle one."""
     frames, times, poses = water_tank(noise=1.0)

@@ -36,6 +36,7 @@ def test_linear_is_straight_and_two_keys_are_too():
         assert path(5).fov == pytest.approx(35)
 
 
+@pytest.mark.slow
 def test_a_smooth_path_has_no_jump_in_place_or_speed():
     path = CameraPath(KEYS)
     step = 0.01

@@ -138,6 +138,7 @@ def test_delay(capsys):
     assert found.clip == (1, 1, 9, 9)
 
 
+@pytest.mark.slow
 def test_delay_of_a_water_tank(capsys):
     """PLUS finds -0.0648 s, in a sawtooth of 0.09 s. By speckle it is uncertain: not written."""
     sweep = str(calibration_data() / "WaterTankBottomTranslationCombined.igs.mha")

@@ -63,6 +63,7 @@ def test_plus_exact(capsys):
     assert np.abs(ours.world_from_voxel - theirs.world_from_voxel).max() < 5e-4
 
 
+@pytest.mark.slow
 def test_cross_validation(sweep, capsys):
     words = ["phantom.igs.mha", "--cross-validate", "4", "--voxel-size", "0.8", *CPU]
     facts = run_json(capsys, "reconstruct", *words)

@@ -21,7 +21,7 @@ needs_matplotlib = pytest.mark.skipif(
 
 
 DPI = 24
-QUICK = {"2.1", "2.3", "3.4", "5.1", "5.5", "6.1"}  # curves, an octree, plots, images
+QUICK = {"3.4", "5.1", "6.1"}  # an octree, a plot, an image
 
 
 @needs_matplotlib

@@ -152,6 +152,7 @@ def test_arrays_that_are_mapped_are_not_copied(little, tmp_path):
     same(*(gb.render(s, CAMERA, SIZE) for s in (one, many)))
 
 
+@pytest.mark.slow
 def test_render_of_what_is_no_scene_yet(little, tmp_path):
     little.size = 160_000
     path, camera = str(tmp_path / "a.npz"), gb.Camera.fit(BAR, size=SIZE, margin=1)

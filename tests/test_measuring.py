@@ -140,6 +140,7 @@ def test_two_echoes():
         measure_distance(wires(), (-8, 14, 0), (8, 14, 0), 1.0)
 
 
+@pytest.mark.slow
 def test_echoes_against_errors_of_a_known_kind():
     rng = np.random.default_rng(3)
     truth = wires(-3.2, 2.0).values

@@ -126,6 +126,7 @@ def test_a_known_calibration_is_found():
     assert found.better_offset is None
 
 
+@pytest.mark.slow
 def test_false_and_missing_dots():
     *data, truth = sweep(n=30, false_dots=8, missing=8)
     points = find_wires(data[0], phantom())[0]
@@ -161,7 +162,8 @@ def test_what_lies_outside_of_the_clip_is_no_dot():
     assert all((dots[:, 1] > 9).all() for dots in seen.dots)
 
 
-@pytest.mark.parametrize("flip", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("flip", [False, True])
 def test_a_symmetric_phantom_of_two_patterns(flip):
     """Its outer wires look the same from behind and upside down: only the poses tell."""
     two = [
@@ -177,7 +179,8 @@ def test_a_symmetric_phantom_of_two_patterns(flip):
     assert np.median(found.errors.three_d) < 0.3
 
 
-@pytest.mark.parametrize("n_draws", [2, pytest.param(12, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("n_draws", [2, 12])
 def test_the_expected_error_covers_the_true_one(n_draws):
     """Draws with noise of dots (0.4 pixels), of poses (0.05 mm) and of the phantom's
     registration (0.3 mm, 0.9 degrees): the corners are off by 0.51 mm (rms), 0.54 mm expected."""

@@ -21,6 +21,7 @@ def test_the_same_seed_gives_the_same_bytes():
         assert digest(make(seed=4, **options)) != digest(make(seed=5, **options))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("diameter", "n_frames"), [(1.5, 66), (3.0, 51)])
 def test_cylinders_are_as_thick_and_as_far_apart_as_asked(diameter, n_frames):
     sweep = phantoms.cylinders(diameter, speckle=0.0)
@@ -41,6 +42,7 @@ def test_cylinders_are_as_thick_and_as_far_apart_as_asked(diameter, n_frames):
         assert 2 * np.sqrt(area / np.pi) == pytest.approx(diameter, rel=0.03)
 
 
+@pytest.mark.slow
 def test_breast_has_its_lesion():
     sweep = phantoms.breast(n_frames=9, length=2.0)
     assert phantoms.breast.__defaults__[0] == 131

@@ -247,6 +247,7 @@ def test_particles_become_a_fluid_in_its_box():
     assert report.most_speed == pytest.approx(physics.GRAVITY * report.dt, rel=0.05)
 
 
+@pytest.mark.slow
 def test_wcsph_agrees_with_dfsph():
     places = []
     for more in ({}, {"method": "wcsph", "extra_viscosity": 1.0}):

@@ -143,6 +143,7 @@ def whole_energy(sim):
     return totals["kinetic"] + totals["potential"] + sim.tissue.elastic_energy
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize(
     ("name", "spacing"),
     [

@@ -22,9 +22,9 @@ from bench.tables.physics_fluid import lattice
         pytest.param(physics_fluid.dam_break, {"cells": 10}, marks=pytest.mark.slow),
         (physics_fluid.emitter, {}),
         (flows.rotating_square, {}),
-        (flows.sloshing, {"cells": 24}),
+        pytest.param(flows.sloshing, {"cells": 24}, marks=pytest.mark.slow),
         pytest.param(flows.pipe_poiseuille, {"cells": 7}, marks=pytest.mark.slow),
-        (flows.torricelli, {"cells": 16}),
+        pytest.param(flows.torricelli, {"cells": 16}, marks=pytest.mark.slow),
         pytest.param(physics_crown.splash, {"layers": 3}, marks=pytest.mark.slow),
     ],
 )

@@ -41,7 +41,11 @@ def test_filled_volume(shape, volume):
 
 
 @pytest.mark.parametrize(
-    "shape", [Sphere((0, 0, 0), 1.0), ball_grid(), pytest.param(box_mesh(), marks=pytest.mark.slow)]
+    "shape",
+    [
+        Sphere((0, 0, 0), 1.0),
+        *(pytest.param(s, marks=pytest.mark.slow) for s in (ball_grid(), box_mesh())),
+    ],
 )
 @pytest.mark.parametrize("hollow", [False, True])
 def test_layer_is_behind_the_surface(shape, hollow):
@@ -54,6 +58,7 @@ def test_layer_is_behind_the_surface(shape, hollow):
     assert np.allclose(shape.distance(points), expected, atol=0.02 * D)
 
 
+@pytest.mark.slow
 def test_layer_is_dense_enough_and_has_no_twins():
     tree = pytest.importorskip("scipy.spatial").cKDTree
     for shape in (Sphere((0, 0, 0), 1.0), ball_grid(), Cylinder((0, 0, 0), (0, 0, 2), 1.0)):

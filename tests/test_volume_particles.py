@@ -24,6 +24,7 @@ def ball(spacing=(0.5, 0.5, 0.5), radius: float = 6.0, slope: float = 12.0) -> V
     return Volume(np.clip(100 + slope * (radius - distance), 0, 255).astype(np.float32), place)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kernel", ["murakami", "wyvill", "cubic_spline"])
 def test_the_surface_lies_at_the_level(kernel):
     for level, radius, spacing in ((100.0, 6.0, (0.5, 0.5, 0.5)), (130.0, 3.5, (0.3, 0.5, 0.6))):
