@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import missing
-from ..formats import read
-from ..formats.mesh import _load, _trimesh
+from ..formats import read, triangles
 from ..scene.attributes import velocity_name
 from ..volumes.files import read_volume
 from .sampling import MOST_PARTICLES
@@ -25,7 +24,7 @@ ATLAS_VOLUME = 197 * 233 * 189  # mm³, of its voxels
 
 @dataclass(kw_only=True)
 class MeshFile(Table):
-    """A closed triangle mesh (.obj .stl .glb .ply)."""
+    """A closed triangle mesh (.obj .stl .glb .ply .vtk .vtp)."""
 
     file: str = key(text)
     scale: float = key(positive, 1.0)  # m per unit of the file
@@ -35,13 +34,12 @@ class MeshFile(Table):
         """The mesh in m.
 
         Raises:
-            FormatError, OSError, ValueError: a file that cannot be read or has no triangles.
-            ImportError: trimesh is missing.
+            FormatError, OSError: a file that cannot be read or has no triangles.
+            MissingPackageError: trimesh is missing, for .obj, .stl and .glb.
         """
-        mesh = _load(_trimesh(), self.file).to_geometry()
-        if not len(mesh.faces):
-            raise ValueError(f"{self.file}: expected a mesh with triangles, got none")
-        return Mesh(np.asarray(mesh.triangles) * self.scale + np.asarray(self.move))
+        vertices, faces, *_ = triangles.read(self.file)
+        corners = np.asarray(vertices, np.float64)[faces]
+        return Mesh(corners * self.scale + np.asarray(self.move))
 
 
 @dataclass(kw_only=True)
