@@ -13,6 +13,7 @@ from globule.ultrasound.calibration import (
     turn_by,
     write_calibration,
 )
+from globule.ultrasound.fitting import robust_fit
 from globule.ultrasound.lines import find_lines
 from globule.ultrasound.temporal import _compared
 from sweep_helpers import random_poses
@@ -318,3 +319,11 @@ def test_a_missing_motion_is_named(axis, advice):
         calibrate_point_target(pixels, poses, (820, 616), most_error=0.3)
     assert "0.3 mm" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_fits_of_few_residuals_and_of_some_that_are_not_finite():
+    fit = robust_fit(lambda p: np.array([[p.sum() - 1.0]]), np.zeros(3), robust=False)
+    assert abs(fit.residuals).max() < 1e-9
+    with np.errstate(all="ignore"):  # the first step goes to where the logarithm is not a number
+        fit = robust_fit(lambda p: np.log(p)[None].T, np.array([9.0]), robust=False)
+    assert fit.parameters == pytest.approx([1.0])

@@ -9,6 +9,7 @@ import numpy as np
 
 _TUKEY = 4.685  # 95 % efficiency for normal noise
 _STEPS = 100
+_FAR = 1e100
 
 
 class Fit(NamedTuple):
@@ -100,8 +101,14 @@ def _minimized(
     from scipy.optimize import least_squares
 
     root = np.sqrt(weights)[:, None]
+
+    def weighted(p: np.ndarray) -> np.ndarray:
+        # A step to where residuals are not finite is taken back.
+        return np.nan_to_num(root * function(p), nan=_FAR, posinf=_FAR, neginf=-_FAR).ravel()
+
+    enough = len(weighted(parameters)) >= len(parameters)
     found = least_squares(
-        lambda p: (root * function(p)).ravel(), parameters, method="lm", x_scale="jac",
+        weighted, parameters, method="lm" if enough else "trf", x_scale="jac",
         ftol=1e-10, xtol=1e-12, gtol=1e-14, max_nfev=(most + 1) * (len(parameters) + 1),
     ).x  # fmt: skip
     return found, function(found)

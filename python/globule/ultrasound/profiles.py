@@ -95,7 +95,7 @@ def fit_profile(t: np.ndarray, profile: np.ndarray, edge: float) -> Fit:
         start = np.clip(model.start(t, profile, edge), least, most)
         found = least_squares(
             lambda q: model.values(q, t) - profile,  # noqa: B023  # called in this turn only
-            start, "3-point", (least, most), x_scale="jac", ftol=1e-9,
+            start, bounds=(least, most), x_scale="jac", ftol=1e-9,
         )  # fmt: skip
         q = found.x
         apart = np.diff([0, q[3], q[4], t[-1]]).min()
