@@ -88,20 +88,23 @@ def fit_profile(t: np.ndarray, profile: np.ndarray, edge: float) -> Fit:
     """
     from scipy.optimize import least_squares
 
+    sharpest = _SHARPEST * edge
+
+    def parameters(q: np.ndarray) -> np.ndarray:
+        return np.append(q[:5], np.hypot(q[5], sharpest))
+
     fits = []
-    least, most = np.full((2, 6), [[-np.inf], [np.inf]])
-    least[5], most[5] = _SHARPEST * edge, t[-1]
     for model in (_Edges, _Echoes):
-        start = np.clip(model.start(t, profile, edge), least, most)
+        start = model.start(t, profile, edge)
+        start[5] = np.sqrt(max(start[5] ** 2 - sharpest**2, sharpest**2))
         found = least_squares(
-            lambda q: model.values(q, t) - profile,  # noqa: B023  # called in this turn only
-            start, bounds=(least, most), x_scale="jac", ftol=1e-9,
+            lambda q: model.values(parameters(q), t) - profile,  # noqa: B023  # called here only
+            start, method="lm", x_scale="jac", ftol=1e-9,
         )  # fmt: skip
-        q = found.x
+        q = parameters(found.x)
         apart = np.diff([0, q[3], q[4], t[-1]]).min()
         if model is _Echoes and not (q[[0, 2]].min() > q[1] and apart > 2 * q[5]):
             continue
-        fits.append((found.cost, model, found))
-    _, model, found = min(fits, key=lambda one: one[0])
-    q = found.x
-    return Fit(model.name, q[3:5], q[:3], float(q[5]), model.values(q, t), found.jac)
+        values = profile + found.fun
+        fits.append((found.cost, Fit(model.name, q[3:5], q[:3], float(q[5]), values, found.jac)))
+    return min(fits, key=lambda one: one[0])[1]
