@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from globule.formats.sweeps import igs
-from globule.formats.sweeps.poses import PoseTable, rotation, write_csv
+from globule.formats.sweeps.poses import PoseTable, write_csv
 from globule.formats.sweeps.transforms import format_matrix
 from globule.ultrasound import phantoms
 from globule.ultrasound.calibration import Calibration, write_calibration
@@ -15,6 +15,7 @@ from globule.ultrasound.files import write_sweep
 from globule.ultrasound.sweep import Sweep
 from globule.volumes.files import write_volume
 from globule.volumes.volume import Volume
+from scipy.spatial.transform import Rotation
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "ultrasound"
 
@@ -39,7 +40,7 @@ def random_poses(n: int, seed: int = 0, reach: float = 40.0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     poses = np.tile(np.eye(4), (n, 1, 1))
     for pose in poses:
-        pose[:3, :3] = rotation(rng.normal(size=4))
+        pose[:3, :3] = Rotation.from_quat(rng.normal(size=4)).as_matrix()
         pose[:3, 3] = rng.uniform(-reach, reach, 3)
     return poses
 

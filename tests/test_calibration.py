@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from globule.ultrasound.calibration import (
     Calibration,
-    _rotation,
     calibrate_point_target,
     read_calibration,
     temporal_offset,
+    turn_by,
     write_calibration,
 )
+from globule.ultrasound.fitting import robust_fit
 from globule.ultrasound.lines import find_lines
 from globule.ultrasound.temporal import _compared
 from sweep_helpers import random_poses
@@ -242,10 +243,10 @@ def small_turns(n: int, degrees: float, seed: int, pose_noise: float = 0.0, nois
     pixels = rng.uniform((50, 40), (750, 550), (n, 2))
     poses = np.tile(np.eye(4), (n, 1, 1))
     for pose, (column, row) in zip(poses, pixels, strict=True):
-        pose[:3, :3] = _rotation(np.radians(rng.normal(0, degrees, 3)))
+        pose[:3, :3] = turn_by(np.radians(rng.normal(0, degrees, 3)))
         pose[:3, 3] = TARGET - pose[:3, :3] @ (TRUTH @ [column, row, 0, 1])[:3]
         pose[:3, 3] += rng.normal(0, pose_noise, 3)
-        pose[:3, :3] = _rotation(np.radians(rng.normal(0, pose_noise, 3))) @ pose[:3, :3]
+        pose[:3, :3] = turn_by(np.radians(rng.normal(0, pose_noise, 3))) @ pose[:3, :3]
     return pixels + rng.normal(0, noise, pixels.shape), poses
 
 
@@ -312,10 +313,18 @@ def test_a_missing_motion_is_named(axis, advice):
         turn = np.zeros(3)
         turn[axis] = rng.normal(0, 0.4)
         rows_and_columns = TRUTH[:3, :3] / np.linalg.norm(TRUTH[:3, :3], axis=0)
-        turned = pose[:3, :3] @ rows_and_columns @ _rotation(turn) @ rows_and_columns.T
-        pose[:3, :3] = _rotation(np.radians(rng.normal(0, 0.3, 3))) @ turned
+        turned = pose[:3, :3] @ rows_and_columns @ turn_by(turn) @ rows_and_columns.T
+        pose[:3, :3] = turn_by(np.radians(rng.normal(0, 0.3, 3))) @ turned
         pose[:3, 3] = TARGET - turned @ (TRUTH @ [column, row, 0, 1])[:3]
     with pytest.raises(ValueError, match=advice) as caught:
         calibrate_point_target(pixels, poses, (820, 616), most_error=0.3)
     assert "0.3 mm" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_fits_of_few_residuals_and_of_some_that_are_not_finite():
+    fit = robust_fit(lambda p: np.array([[p.sum() - 1.0]]), np.zeros(3), robust=False)
+    assert abs(fit.residuals).max() < 1e-9
+    with np.errstate(all="ignore"):  # the first step goes to where the logarithm is not a number
+        fit = robust_fit(lambda p: np.log(p)[None].T, np.array([9.0]), robust=False)
+    assert fit.parameters == pytest.approx([1.0])

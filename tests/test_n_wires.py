@@ -13,8 +13,8 @@ from globule.cli import main
 from globule.formats.errors import FormatError
 from globule.ultrasound.calibration import (
     Calibration,
-    _rotation,
     read_calibration,
+    turn_by,
     write_calibration,
 )
 from globule.ultrasound.marks import read_tracked
@@ -40,7 +40,7 @@ CORNERS = np.array([[0, 0, 0, 1], [329, 0, 0, 1], [0, 249, 0, 1], [329, 249, 0, 
 
 def rigid(turn, place):
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = _rotation(np.asarray(turn, float)), place
+    matrix[:3, :3], matrix[:3, 3] = turn_by(np.asarray(turn, float)), place
     return matrix
 
 
@@ -75,7 +75,7 @@ def sweep(
         if flip:
             facing = facing @ np.diag([-1, 1, -1])
         phantom_from_image = np.eye(4)
-        phantom_from_image[:3, :3] = _rotation(turn) @ facing * [*SPACING, 0.024**0.5]
+        phantom_from_image[:3, :3] = turn_by(turn) @ facing * [*SPACING, 0.024**0.5]
         place = middle + [2 * along(3, t), 14 * along(4, t), 1.5 * along(5, t)]
         center = np.array([SIZE[0] / 2, SIZE[1] / 2, 0])
         phantom_from_image[:3, 3] = place - phantom_from_image[:3, :3] @ center

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from cli_helpers import run_json
 from globule.cli import main
-from globule.formats.sweeps.poses import rotation
 from globule.ultrasound.lattice import sweep_axes
 from globule.ultrasound.trust import compare_methods
 from globule.volumes.slices import max_projections, save_three_view
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
-TURN = rotation(np.array([0.3, -0.5, 0.2, 0.8]))
+TURN = Rotation.from_quat([0.3, -0.5, 0.2, 0.8]).as_matrix()
+OBLIQUE = Rotation.from_quat([0.1, 0.7, -0.3, 0.5]).as_matrix()
 FIELD = np.array([0.7, -0.4, 1.1])  # gray levels a mm
 
 
@@ -22,7 +23,7 @@ def linear_sweep(turn=TURN) -> gb.Sweep:
     rng = np.random.default_rng(2)
     poses = np.tile(np.eye(4), (30, 1, 1))
     for i, pose in enumerate(poses):
-        small = rotation(np.array([*rng.normal(size=3) * 0.004, 1.0]))
+        small = Rotation.from_quat([*rng.normal(size=3) * 0.004, 1.0]).as_matrix()
         pose[:3, :3] = turn @ small @ np.diag([0.5, 0.4, 0.5])
         pose[:3, 3] = turn @ (-15, -10, 0.9 * i - 13)
     pixels = np.stack(np.meshgrid(np.arange(60), np.arange(50), indexing="xy"), axis=-1)
@@ -37,7 +38,7 @@ def rotated(sweep: gb.Sweep, turn: np.ndarray) -> gb.Sweep:
 
 
 @pytest.mark.parametrize("spacing", [0.8, (0.6, 0.8, 1.7)])
-@pytest.mark.parametrize("axes", ["world", "sweep", rotation(np.array([0.1, 0.7, -0.3, 0.5]))])
+@pytest.mark.parametrize("axes", ["world", "sweep", OBLIQUE])
 def test_every_lattice_holds_the_field_s_values(spacing, axes):
     """The interpolation of a linear field is the field, on any lattice."""
     volume = gb.reconstruct(linear_sweep(), spacing=spacing, axes=axes, device="cpu")

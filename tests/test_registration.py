@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cli_helpers import refused, run_json
 from globule.ultrasound import phantoms
-from globule.ultrasound.calibration import _rotation
+from globule.ultrasound.calibration import turn_by
 from globule.ultrasound.registration import (
     RegistrationError,
     join_sweeps,
@@ -22,7 +22,7 @@ SIZE, PIXEL = (60, 64), 0.5  # columns and rows; mm
 def motion(shift, degrees, center) -> np.ndarray:
     """A turn about a center, then a shift, (4, 4)."""
     matrix = np.eye(4)
-    matrix[:3, :3] = _rotation(np.radians(degrees))
+    matrix[:3, :3] = turn_by(np.radians(degrees))
     matrix[:3, 3] = np.asarray(shift) + center - matrix[:3, :3] @ center
     return matrix
 

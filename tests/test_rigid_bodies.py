@@ -6,9 +6,9 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import SMALL, refused, run_json
+from scipy.spatial.transform import Rotation
 
 trimesh = pytest.importorskip("trimesh")
-Rotation = pytest.importorskip("scipy.spatial.transform").Rotation
 
 
 def pose_bytes(position, rotation) -> bytes:

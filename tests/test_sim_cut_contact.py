@@ -127,19 +127,10 @@ def test_same_bits_whatever_the_threads_and_after_a_checkpoint(tmp_path):
     assert_same_state(one, again)
 
 
-def test_a_checkpoint_from_before_contact_and_friction_goes_on(tmp_path):
-    def before(arrays, facts):
-        del arrays["tissue_spared"]
-        for phase in facts["by_hand"]["phases"]:
-            del phase["friction"]
-
-    sim = sliding(1)
-    old = reloaded(sim, tmp_path, before)
-    assert old.phases["block"].friction == 0.0
-    assert (old.arrays.state()["tissue_spared"].view("f4") == -1).all()
-    for s in (sim, old):
-        s.run(0.03)
-    assert np.abs(old.positions - sim.positions).max() < 0.3 * D
+@pytest.mark.parametrize("name", ["tissue_spared", "tissue_body"])
+def test_a_checkpoint_without_an_array_is_refused(name, tmp_path):
+    with pytest.raises(ValueError, match=f"state.npz: .*'{name}' is missing"):
+        reloaded(sliding(1), tmp_path, lambda arrays, facts: arrays.pop(name))
 
 
 def body_of(sim):

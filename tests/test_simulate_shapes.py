@@ -6,6 +6,7 @@ import pytest
 from globule.sim.instruments import Key, Motion
 from globule.sim.sampling import BEHIND, fill, surface, thinned
 from globule.sim.shapes import Box, Cylinder, Grid, Mesh, Plane, Sphere
+from scipy.spatial import cKDTree
 
 D = 0.05
 
@@ -60,10 +61,9 @@ def test_layer_is_behind_the_surface(shape, hollow):
 
 @pytest.mark.slow
 def test_layer_is_dense_enough_and_has_no_twins():
-    tree = pytest.importorskip("scipy.spatial").cKDTree
     for shape in (Sphere((0, 0, 0), 1.0), ball_grid(), Cylinder((0, 0, 0), (0, 0, 2), 1.0)):
         points = surface(shape, D)
-        gaps = tree(points).query(points, k=2)[0][:, 1]
+        gaps = cKDTree(points).query(points, k=2)[0][:, 1]
         assert gaps.min() > 0.45 * D
         assert gaps.max() < 1.45 * D
 

@@ -11,8 +11,8 @@ from globule.cli import main
 from globule.formats.errors import FormatError
 from globule.ultrasound.calibration import (
     Calibration,
-    _rotation,
     read_calibration,
+    turn_by,
     write_calibration,
 )
 from globule.ultrasound.plus_setup import read_plus, write_plus
@@ -35,7 +35,7 @@ def pivoting(seed=0, n=200, turn=30.0, noise=0.3, n_wrong=0):
     waves = np.radians(turn) * np.sin(2 * np.pi * (rng.uniform(1, 3, 3) * time + rng.random(3)))
     poses = np.tile(np.eye(4), (n, 1, 1))
     for pose, vector in zip(poses, waves, strict=True):
-        pose[:3, :3] = _rotation(vector)
+        pose[:3, :3] = turn_by(vector)
         pose[:3, 3] = PIVOT - pose[:3, :3] @ TIP + rng.normal(0, noise, 3)
     wrong = np.arange(n_wrong) * (n // max(n_wrong, 1))
     poses[wrong, :3, 3] += rng.normal(0, 15, (n_wrong, 3))
@@ -72,7 +72,7 @@ def test_a_stylus_that_hardly_turns_is_refused():
     assert calibrate_stylus(pivoting(turn=1.5), None).error > 1
     about_one_axis = pivoting(noise=0)
     for pose, angle in zip(about_one_axis, np.linspace(0, 1, 200), strict=True):
-        pose[:3, :3] = _rotation(np.array([0, 0, angle]))
+        pose[:3, :3] = turn_by(np.array([0, 0, angle]))
         pose[:3, 3] = PIVOT - pose[:3, :3] @ TIP
     with pytest.raises(ValueError, match="two axes"):
         calibrate_stylus(about_one_axis)
@@ -84,7 +84,7 @@ def test_a_stylus_that_hardly_turns_is_refused():
 def touched(seed=0, noise=0.4, wrong=None):
     rng = np.random.default_rng(seed)
     points = np.array(list(LANDMARKS.values()))
-    turn, place = _rotation(rng.normal(size=3)), rng.normal(0, 50, 3)
+    turn, place = turn_by(rng.normal(size=3)), rng.normal(0, 50, 3)
     seen = points @ turn.T + place + rng.normal(0, noise, points.shape)
     if wrong is not None:
         seen[wrong] += [12, -6, 5]

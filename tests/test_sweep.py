@@ -17,9 +17,7 @@ from globule.formats.sweeps import igs
 from globule.formats.sweeps.poses import (
     PoseTable,
     interpolate,
-    quaternion,
     read_poses,
-    rotation,
     write_csv,
 )
 from globule.formats.volumes import nrrd
@@ -29,6 +27,7 @@ from globule.ultrasound.region import Clip, Fan, region_mask
 from globule.ultrasound.sweep import Sweep
 from globule.ultrasound.trust import check_poses
 from PIL import Image
+from scipy.spatial.transform import Rotation
 from sweep_helpers import random_poses, same, small_sweep, spine_data, write_recording
 
 pytestmark = pytest.mark.usefixtures("folder")
@@ -191,7 +190,7 @@ def stack():
     times = np.arange(40) * 0.05
     poses = np.tile(np.eye(4), (40, 1, 1))
     poses[:, 2, 3] = 10 * times
-    poses[:, :3, :3] = [rotation(np.array([0, 0, np.sin(a / 2), np.cos(a / 2)])) for a in times]
+    poses[:, :3, :3] = Rotation.from_rotvec(np.outer(times, [0, 0, 1])).as_matrix()
     write_csv("poses.csv", PoseTable(times, poses, np.ones(40, bool)))
     write_calibration("calibration.toml", Calibration(PIXEL))
     return frames
@@ -215,7 +214,7 @@ def test_pose_table_kinds_agree(stack):
     rows = ["time,x,y,z,qx,qy,qz,qw,status"]
     entries, matrices = [], []
     for time, matrix in zip(table.times, table.matrices, strict=True):
-        q, place = quaternion(matrix[:3, :3]), matrix[:3, 3]
+        q, place = Rotation.from_matrix(matrix[:3, :3]).as_quat(), matrix[:3, 3]
         rows.append(",".join(map(repr, [float(time), *place.tolist(), *q.tolist()])) + ",OK")
         entries.append({"time": time, "position": place.tolist(), "quaternion": q.tolist()})
         matrices.append({"t": time, "matrix": matrix.tolist()})

@@ -15,6 +15,7 @@ from globule.formats.kind import kind_of
 from globule.formats.sweeps.transforms import format_matrix
 from globule.ultrasound.calibration import Calibration
 from globule.ultrasound.files import read_sweep
+from scipy.spatial.transform import Rotation
 from sweep_helpers import random_poses
 
 pytestmark = pytest.mark.usefixtures("folder")
@@ -164,11 +165,10 @@ def test_a_member_that_unpacks_to_too_much():
 
 def stradwin(name="scan", moves=None, frames=FRAMES, without="", **fields) -> np.ndarray:
     """A recording; world from pixel by SciPy's rotations, (N, 4, 4), mm."""
-    rotation = pytest.importorskip("scipy.spatial.transform", reason="compares with SciPy").Rotation
 
     def rigid(move):
         matrix = np.eye(4)
-        matrix[:3, :3] = rotation.from_euler("ZYX", move[3:], degrees=True).as_matrix()
+        matrix[:3, :3] = Rotation.from_euler("ZYX", move[3:], degrees=True).as_matrix()
         matrix[:3, 3] = 10 * np.array(move[:3])
         return matrix
 

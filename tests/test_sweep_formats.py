@@ -16,6 +16,7 @@ from globule.formats.sweeps.transforms import format_matrix
 from globule.ultrasound.calibration import Calibration, read_calibration
 from globule.ultrasound.files import read_sweep
 from PIL import Image
+from scipy.spatial.transform import Rotation
 from sweep_helpers import random_poses
 from test_sweep import refused
 from test_sweep_bundles import sequence
@@ -33,11 +34,7 @@ def images(dtype="uint8") -> np.ndarray:
 
 def quaternions(poses: np.ndarray) -> np.ndarray:
     """(N, 4) x y z w, by scipy."""
-    return (
-        pytest.importorskip("scipy.spatial.transform")
-        .Rotation.from_matrix(poses[:, :3, :3])
-        .as_quat()
-    )
+    return Rotation.from_matrix(poses[:, :3, :3]).as_quat()
 
 
 def write_rows(name: str, rows, delimiter: str = ",") -> None:
@@ -136,9 +133,8 @@ def test_optitrack():
 def test_ndi(separator, angles):
     """A tool's frame numbers count sixtieths of a second; a lost tool has no numbers."""
     poses = random_poses(N)
-    spatial = pytest.importorskip("scipy.spatial.transform")
     if angles:
-        names, turn = ["Rz", "Ry", "Rx"], spatial.Rotation.from_matrix(
+        names, turn = ["Rz", "Ry", "Rx"], Rotation.from_matrix(
             poses[:, :3, :3]).as_euler("ZYX", degrees=True)  # fmt: skip
     else:
         names, turn = ["Q0", "Qx", "Qy", "Qz"], np.roll(quaternions(poses), 1, axis=1)

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -124,61 +125,37 @@ class _Track:
     """One quantity over the frames: values (K,) or (K, 3) at rising frames (K,)."""
 
     def __init__(self, frames: np.ndarray, values: np.ndarray, smooth: bool):
+        from scipy.interpolate import CubicHermiteSpline, PchipInterpolator, make_interp_spline
+
         points = values.reshape(len(frames), -1)
         self.shape = values.shape[1:]
         self.frames = frames
         # Arc parameter: the root of the distance makes the curve centripetal.
         gaps = np.linalg.norm(np.diff(points, axis=0), axis=1) ** (0.5 if smooth else 1.0)
-        self.arc = np.concatenate([[0.0], np.cumsum(gaps)])
+        arc = np.concatenate([[0.0], np.cumsum(gaps)])
         moved = np.concatenate([[True], gaps > 0])  # a key at the same place adds no knot
-        self.knots, self.points = self.arc[moved], points[moved]
-        if smooth:
-            self.arc_slopes = _monotone_slopes(frames, self.arc)
-            self.slopes = _catmull_rom_slopes(self.knots, self.points)
+        knots, points = arc[moved], points[moved]
+        self.along: Any = partial(np.interp, xp=frames, fp=arc)
+        if len(knots) == 1:
+            self.curve: Any = lambda _: points[0]
+        elif smooth:
+            # Never falls, with a slope of 0 beside a level stretch.
+            self.along = PchipInterpolator(frames, arc)
+            self.curve = CubicHermiteSpline(knots, points, _catmull_rom_slopes(knots, points))
         else:
-            self.arc_slopes = self.slopes = None
+            self.curve = make_interp_spline(knots, points, k=1)
 
     def __call__(self, frame: float) -> np.ndarray:
         frame = min(max(frame, self.frames[0]), self.frames[-1])
-        s = _curve(self.frames, self.arc[:, None], self.arc_slopes, frame)[0]
-        return _curve(self.knots, self.points, self.slopes, s).reshape(self.shape)
+        return np.reshape(self.curve(self.along(frame)), self.shape)
 
 
-def _curve(x: np.ndarray, y: np.ndarray, slopes: np.ndarray | None, at: float) -> np.ndarray:
-    """Cubic Hermite interpolation of y (K, C) at rising x (K,); straight lines without slopes."""
-    if len(x) == 1:
-        return y[0]
-    i = int(np.clip(np.searchsorted(x, at, side="right") - 1, 0, len(x) - 2))
-    width = x[i + 1] - x[i]
-    u = (at - x[i]) / width
-    if slopes is None:
-        return y[i] + u * (y[i + 1] - y[i])
-    rise = u * u * (3 - 2 * u)
-    start, end = u * (1 - u) ** 2 * width, u * u * (u - 1) * width
-    return y[i] + rise * (y[i + 1] - y[i]) + start * slopes[i] + end * slopes[i + 1]
-
-
-def _catmull_rom_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
+def _catmull_rom_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Slopes (K, C) of the parabola through each point and its neighbors; at the ends of the
     chord."""
-    if len(x) < 3:
-        return None
     h, chord = np.diff(x)[:, None], np.diff(y, axis=0) / np.diff(x)[:, None]
     inner = (h[1:] * chord[:-1] + h[:-1] * chord[1:]) / (h[1:] + h[:-1])
     return np.concatenate([chord[:1], inner, chord[-1:]])
-
-
-def _monotone_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
-    """Slopes (K, 1) with which a cubic curve through rising y never falls (Fritsch and Butland
-    1984): weighted harmonic means, 0 beside a level stretch."""
-    if len(x) < 3:
-        return None
-    h, chord = np.diff(x), np.diff(y) / np.diff(x)
-    a, b = chord[:-1], chord[1:]
-    w = (h[:-1] + 2 * h[1:]) / (3 * (h[:-1] + h[1:]))
-    mean = w * b + (1 - w) * a
-    inner = np.where(mean > 0, a * b / np.where(mean > 0, mean, 1), 0.0)
-    return np.concatenate([chord[:1], inner, chord[-1:]])[:, None]
 
 
 def _checked(keys: Any, fps: float) -> tuple[list[float], list[Camera]]:

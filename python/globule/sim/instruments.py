@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from .._base.rotations import matrix
 from .schema import (
     Problem,
     Table,
@@ -60,32 +58,38 @@ class Motion:
                 raise Problem(
                     (i, "time"), f"expected more than {keys[i - 1].time:g}, got {keys[i].time:g}"
                 )
-        position, turn, on = (0.0, 0.0, 0.0), np.array([1.0, 0, 0, 0]), True
+        from scipy.spatial.transform import Rotation, Slerp
+
+        position, turn, on = (0.0, 0.0, 0.0), Rotation.identity(), True
         self.times = [float(k.time) for k in keys]
-        self.positions, self.turns, self.switches = [], [], []
+        positions, turns, self.switches = [], [], []
         for k in keys:
             position = k.position if k.position is not None else position
-            turn = quaternion(k.axis, k.angle or 0.0) if k.axis is not None else turn
+            if k.axis is not None:
+                angle = math.radians(math.remainder(k.angle or 0.0, 360.0))
+                turn = Rotation.from_rotvec(angle * np.asarray(k.axis))
             on = k.on if k.on is not None else on
-            self.positions.append(np.asarray(position, float))
-            self.turns.append(turn)
+            positions.append(position)
+            turns.append(turn)
             self.switches.append(on)
+        self.positions = np.array(positions, float)
+        several = len(keys) > 1
+        self._turns = Slerp(self.times, Rotation.concatenate(turns)) if several else lambda _: turn
         self._resting: tuple[int, np.ndarray] | None = None
 
     def pose(self, time: float) -> np.ndarray:
         """(4, 4) world_from_instrument at a time, s; m."""
         i, share = self._between(time)
         if share > 0:
-            return self._mixed(i, share)
+            return self._at(time)
         if self._resting is None or self._resting[0] != i:  # asked for at every step
-            self._resting = i, self._mixed(i, share)
+            self._resting = i, self._at(self.times[i])
         return self._resting[1].copy()
 
-    def _mixed(self, i: int, share: float) -> np.ndarray:
-        j = min(i + 1, len(self.times) - 1)
+    def _at(self, time: float) -> np.ndarray:
         pose = np.eye(4)
-        pose[:3, 3] = (1 - share) * self.positions[i] + share * self.positions[j]
-        pose[:3, :3] = matrix(slerp(self.turns[i], self.turns[j], share))
+        pose[:3, 3] = [np.interp(time, self.times, line) for line in self.positions.T]
+        pose[:3, :3] = self._turns(time).as_matrix()
         return pose
 
     def way(self, start: float, end: float, reach: float) -> float:
@@ -107,25 +111,6 @@ class Motion:
         if i < 0 or i + 1 >= len(self.times):
             return max(0, min(i, len(self.times) - 1)), 0.0
         return i, (time - self.times[i]) / (self.times[i + 1] - self.times[i])
-
-
-def quaternion(axis: Any, degrees: float) -> np.ndarray:
-    """(4,) w, x, y, z of a rotation about a unit axis (3,) by an angle in degrees."""
-    half = math.radians(degrees) / 2
-    return np.array([math.cos(half), *(math.sin(half) * np.asarray(axis, float))])
-
-
-def slerp(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
-    """(4,) quaternion between two, share 0 to 1, along the shorter way."""
-    cosine = float(a @ b)
-    if cosine < 0:
-        b, cosine = -b, -cosine
-    if cosine > 1 - 1e-12:
-        mixed = (1 - share) * a + share * b
-    else:
-        angle = math.acos(cosine)
-        mixed = (math.sin((1 - share) * angle) * a + math.sin(share * angle) * b) / math.sin(angle)
-    return mixed / np.linalg.norm(mixed)
 
 
 @dataclass(kw_only=True)

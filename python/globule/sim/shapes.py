@@ -220,18 +220,13 @@ class Grid:
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """(N,) m, negative inside, of points (N, 3) m."""
+        from scipy.ndimage import map_coordinates
+
         at = points @ self.voxel_from_world[:3, :3].T + self.voxel_from_world[:3, 3]
         top = np.array(self.values.shape) - 1
         inside = ((at >= -1e-9) & (at <= top + 1e-9)).all(axis=1)
-        at = np.clip(at, 0, top)
-        low = np.minimum(at.astype(int), np.maximum(top - 1, 0))
-        share = at - low
-        total = np.zeros(len(points))
-        for corner in np.ndindex(2, 2, 2):
-            index = np.minimum(low + corner, top)
-            weight = np.where(corner, share, 1 - share).prod(axis=1)
-            total += weight * self.values[tuple(index.T)]
-        return np.where(inside, total, np.inf)
+        linear = map_coordinates(self.values, at.T, order=1, mode="nearest")
+        return np.where(inside, linear, np.inf)
 
 
 def gradient(shape: Any, points: np.ndarray, step: float) -> np.ndarray:

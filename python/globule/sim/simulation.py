@@ -549,12 +549,7 @@ class Simulation(Owner):
         """
         arrays, facts = checkpoint.load(name)
         try:
-            if "tissue_hold" in arrays and "tissue_rest" not in arrays:
-                for solid in facts["scene"]["solids"]:  # of a version that had springs alone
-                    solid.setdefault("model", "bonds")
             sim = cls(facts["scene"], device=device, threads=threads)
-            for phase in facts["by_hand"]["phases"]:
-                phase.setdefault("friction", 0.0)  # of a version that had none
             sim._take_up(facts["by_hand"])
             sim.arrays.set_state(arrays)
             sim.foam._take_up(arrays)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .._base.checks import missing
-from ..formats import read
-from ..formats.mesh import _load, _trimesh
+from ..formats import read, triangles
 from ..scene.attributes import velocity_name
 from ..volumes.files import read_volume
 from .sampling import MOST_PARTICLES
@@ -23,7 +24,7 @@ ATLAS_VOLUME = 197 * 233 * 189  # mm³, of its voxels
 
 @dataclass(kw_only=True)
 class MeshFile(Table):
-    """A closed triangle mesh (.obj .stl .glb .ply)."""
+    """A closed triangle mesh (.obj .stl .glb .ply .vtk .vtp)."""
 
     file: str = key(text)
     scale: float = key(positive, 1.0)  # m per unit of the file
@@ -33,13 +34,12 @@ class MeshFile(Table):
         """The mesh in m.
 
         Raises:
-            FormatError, OSError, ValueError: a file that cannot be read or has no triangles.
-            ImportError: trimesh is missing.
+            FormatError, OSError: a file that cannot be read or has no triangles.
+            MissingPackageError: trimesh is missing, for .obj, .stl and .glb.
         """
-        mesh = _load(_trimesh(), self.file).to_geometry()
-        if not len(mesh.faces):
-            raise ValueError(f"{self.file}: expected a mesh with triangles, got none")
-        return Mesh(np.asarray(mesh.triangles) * self.scale + np.asarray(self.move))
+        vertices, faces, *_ = triangles.read(self.file)
+        corners = np.asarray(vertices, np.float64)[faces]
+        return Mesh(corners * self.scale + np.asarray(self.move))
 
 
 @dataclass(kw_only=True)
@@ -140,30 +140,30 @@ class Tomography(Table):
 
 def _atlas(millimeters: float) -> tuple[np.ndarray, np.ndarray]:
     """The MNI152 brain, where gray and white matter together are most of a voxel: mm, LPS; and
-    where there is more white than gray matter."""
-    try:
-        from nilearn import datasets, image
-    except ImportError:
-        raise missing("nilearn", "atlas") from None
+    where there is more white than gray matter. nilearn has the files; it is not imported."""
+    from scipy import ndimage
+
+    found = importlib.util.find_spec("nilearn")
+    if found is None or found.origin is None:
+        raise missing("nilearn", "atlas")
     if ATLAS_VOLUME / millimeters**3 > MOST_PARTICLES:
         least = (ATLAS_VOLUME / MOST_PARTICLES) ** (1 / 3)
         raise ValueError(f"atlas: expected at least {least:.2g} mm, got {millimeters:g} mm")
-    gray = datasets.load_mni152_gm_template(resolution=1)
-    white = datasets.load_mni152_wm_template(resolution=1)
     parts = []
-    for part in (gray, white):
+    for matter in ("gm", "wm"):
+        (path,) = Path(found.origin).parent.glob(f"datasets/data/mni_icbm152_{matter}_*.nii.gz")
+        volume = read_volume(path)  # in voxels of 1 mm
+        part = volume.values.T.astype(np.float32) / volume.values.max()
         if millimeters > 1:  # means of the voxels that a larger one covers
-            part = image.smooth_img(part, millimeters / 2)
-        parts.append(
-            image.resample_img(
-                part, np.diag([millimeters] * 3), force_resample=True, copy_header=True
-            )
-        )
-    share, inner = (part.get_fdata() for part in parts)
-    index = np.argwhere(share + inner > 0.5)
-    affine = parts[0].affine
-    positions = (index @ affine[:3, :3].T + affine[:3, 3]) * (-1, -1, 1)  # RAS to LPS
-    return positions, (inner > share)[tuple(index.T)]
+            part = ndimage.gaussian_filter(part, millimeters / 2 / 2.3548)
+        size = np.ceil((np.array(part.shape) - 1) / millimeters).astype(int) + 1
+        scale = np.full(3, millimeters)
+        parts.append(ndimage.affine_transform(part, scale, output_shape=tuple(size)))
+    gray, white = parts
+    index = np.argwhere(gray + white > 0.5)
+    matrix = volume.world_from_voxel
+    positions = millimeters * index @ matrix[:3, :3].T + matrix[:3, 3]
+    return positions, (white > gray)[tuple(index.T)]
 
 
 def check_files(table: Any, folder: str) -> None:

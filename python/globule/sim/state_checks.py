@@ -102,8 +102,7 @@ def check_tissue(
     if first[0] != 0 or first[-1] != len(other) or (steps < 0).any() or (steps % _BLOCK).any():
         raise ValueError("tissue_first: expected blocks of bonds one after the other")
     _check_ends(n, first, other, bonds["length"])
-    if "tissue_body" in state or "tissue_rest" in state:  # earlier versions: of solids
-        _check_length("body", _numbers(state, "body", "u4"), n)
+    _check_length("body", _numbers(state, "body", "u4"), n)
     ends = np.repeat(np.arange(len(steps)), steps)  # blocks; at.w is the inverse of the mass
     lane = (np.arange(len(other)) - first[ends]) % _BLOCK
     if "tissue_rest" in state:
@@ -129,11 +128,10 @@ def _check_solid(state: Mapping[str, np.ndarray], n: int, longest: float) -> Non
     if (lame < 0).any() or not 0 < longest * frequency[0] <= MOST_SUBSTEPS:
         expected = f"expected positive moduli and at most {MOST_SUBSTEPS:,} substeps a step"
         raise ValueError(f"tissue_lame: {expected}")
-    if "tissue_spared" in state:  # earlier versions had none
-        spared = _numbers(state, "spared", "f4")
-        _check_length("spared", spared, n)
-        if (spared < -1).any():
-            raise ValueError("tissue_spared: expected densities, or -1")
+    spared = _numbers(state, "spared", "f4")
+    _check_length("spared", spared, n)
+    if (spared < -1).any():
+        raise ValueError("tissue_spared: expected densities, or -1")
     rows = _BLOCK * -(-n // _BLOCK)
     if "tissue_terms" in state:
         terms = _numbers(state, "terms", "f4")

@@ -142,7 +142,7 @@ class Steer(Part):
         if len(sinks) > MOST_SINKS:
             raise ValueError(f"sinks: expected at most {MOST_SINKS}, got {len(sinks)}")
         known = list(range(len(self._sim.phases)))
-        found = by_hand.get("bodies", sorted(self._bodies))
+        found = by_hand["bodies"]
         if not all(isinstance(which, int) and which in known for which in found):
             raise ValueError(f"bodies: expected numbers of phases, got {shown(found)}")
         self._sinks, self._bodies = sinks, set(found)

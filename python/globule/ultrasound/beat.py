@@ -97,7 +97,8 @@ def _fit(
     # Directions in which the probe hardly moves are the tracker's noise.
     _, size, axes = np.linalg.svd((place - place[kept].mean(axis=0))[kept], full_matrices=False)
     axes = axes[size > 0.05 * size[0]].T
-    share = np.linalg.lstsq(np.column_stack([constant, place @ axes])[kept], motion[kept])[0][1:]
+    rows = np.column_stack([constant, place @ axes])[kept]
+    share = np.linalg.lstsq(rows, motion[kept], rcond=None)[0][1:]
     found = None
     for _ in range(_ROUNDS):
         place = at(0.0) @ axes
@@ -113,7 +114,7 @@ def _fit(
         residual -= basis @ (basis.T @ residual)
         best = int(np.argmax(np.abs(columns @ residual)))
         design = np.column_stack([common, speed * waves[best]])
-        answer = np.linalg.lstsq(design[kept], target[kept])[0]
+        answer = np.linalg.lstsq(design[kept], target[kept], rcond=None)[0]
         share, mean, extent = answer[1:-2], float(answer[-2]), float(answer[-1])
         limit = 4 * half
         if not (abs(mean - offset) <= limit and abs(extent) <= 2 * limit):

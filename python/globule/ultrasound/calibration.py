@@ -18,7 +18,6 @@ from .._base.checks import number
 from .._base.files import atomic_write
 from .._base.structured import parse_toml, read_text
 from ..formats.errors import bad
-from ..formats.sweeps.poses import quaternion
 from ..formats.sweeps.transforms import chain, check_pixel_matrix, find_path
 from .fitting import Fit, numerical_jacobian, robust_fit
 from .region import Clip, Fan, checked_clip, checked_fan
@@ -290,7 +289,7 @@ class _Start(NamedTuple):
         scales = self.scales * np.exp(parameters[:2])
         # The third column has no pixels; the mean scale keeps the matrix invertible and its size.
         scales = np.append(scales, np.sqrt(scales.prod()))
-        result[:3, :3] = _rotation(parameters[2:5]) @ self.axes * scales
+        result[:3, :3] = turn_by(parameters[2:5]) @ self.axes * scales
         result[:3, 3] = self.t + parameters[5:8]
         return result
 
@@ -334,11 +333,11 @@ def corner_errors(fit: Fit, matrix: Callable[[np.ndarray], np.ndarray], corners:
 
 def _turns(poses: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """Degrees (3,), standard deviation about the image's rows, columns and normal."""
-    left, _, right = np.linalg.svd(poses[:, :3, :3].mean(axis=0))
-    mean = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
-    turned = (mean @ axes).T @ poses[:, :3, :3] @ axes
-    vectors = np.array([rotation_vector(one) for one in turned])
-    return np.degrees(vectors.std(axis=0))
+    from scipy.spatial.transform import Rotation
+
+    found = Rotation.from_matrix(poses[:, :3, :3])
+    about = (found.mean() * Rotation.from_matrix(axes)).inv() * found * Rotation.from_matrix(axes)
+    return np.degrees(about.as_rotvec().std(axis=0))
 
 
 def _missing(model: _Model, fit: Fit, corners: Any, turns: np.ndarray) -> str:
@@ -365,7 +364,7 @@ def _missing(model: _Model, fit: Fit, corners: Any, turns: np.ndarray) -> str:
             if which < 3:
                 vector[which] = np.radians(turn)
             axes = model.start.axes
-            pose[:3, :3] = reference @ axes @ _rotation(vector) @ axes.T
+            pose[:3, :3] = reference @ axes @ turn_by(vector) @ axes.T
             pose[:3, 3] = target - pose[:3, :3] @ (matrix @ [*pixel, 0, 1])[:3]
         added = _Model(model.start, pixels, poses)
         slopes = numerical_jacobian(added.residuals, fit.parameters).reshape(-1, 11)
@@ -392,22 +391,11 @@ def _held_out(model: _Model, fit: Fit) -> np.ndarray:
     return distance
 
 
-def rotation_vector(matrix: np.ndarray) -> np.ndarray:
-    """(3,) radians: the rotation is by its length about its direction."""
-    q = quaternion(matrix)
-    q = q if q[3] >= 0 else -q
-    length = float(np.linalg.norm(q[:3]))
-    return q[:3] * (2 * np.arctan2(length, q[3]) / length if length > 1e-12 else 2.0)
+def turn_by(vector: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) by |vector| radians about a vector (3,)."""
+    from scipy.spatial.transform import Rotation
 
-
-def _rotation(w: np.ndarray) -> np.ndarray:
-    """The rotation by |w| radians about w (Rodrigues)."""
-    angle = np.linalg.norm(w)
-    cross = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
-    if angle < 1e-12:
-        return np.eye(3) + cross
-    cross /= angle
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return Rotation.from_rotvec(vector).as_matrix()
 
 
 def _observations(pixels: Any, world_from_probe: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ import numpy as np
 
 _TUKEY = 4.685  # 95 % efficiency for normal noise
 _STEPS = 100
+_FAR = 1e100
 
 
 class Fit(NamedTuple):
@@ -36,10 +37,10 @@ def robust_fit(
 ) -> Fit:  # fmt: skip
     """Fit parameters so that `function` of them, residuals (N, k), gets small.
 
-    Levenberg-Marquardt with numerical derivatives, inside iteratively reweighted least squares: an
-    observation's weight is Tukey's biweight of the length of its residual, in units of a scale from
-    the median (Holland and Welsch 1977). The covariance is the sandwich estimator (White 1980), so
-    that observations need not have the same noise; those of one group (N,) may be correlated.
+    Least squares with numerical derivatives are reweighted iteratively: an observation's weight is
+    Tukey's biweight of the length of its residual, in units of a scale from the median (Holland and
+    Welsch 1977). The covariance is the sandwich estimator (White 1980), so that observations need
+    not have the same noise; those of one group (N,) may be correlated.
 
     floor    smallest scale of residuals
     tuning   of the biweight, in scales; larger for residuals that are not normal
@@ -97,35 +98,20 @@ def _minimized(
     function: Callable[[np.ndarray], np.ndarray], parameters: np.ndarray, weights: np.ndarray,
     most: int,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    from scipy.optimize import least_squares
+
     root = np.sqrt(weights)[:, None]
-    residuals = function(parameters)
-    cost = float(((root * residuals) ** 2).sum())
-    damping = 1e-6
-    for _ in range(most):
-        jacobian = (numerical_jacobian(function, parameters) * root[:, :, None]).reshape(
-            -1, len(parameters)
-        )
-        sizes = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
-        scaled, target = jacobian / sizes, -(root * residuals).ravel()
-        improved = False
-        while damping < 1e9:
-            rows = np.vstack([scaled, np.sqrt(damping) * np.eye(len(sizes))])
-            right = np.append(target, np.zeros(len(sizes)))
-            step = np.linalg.lstsq(rows, right, rcond=None)[0] / sizes
-            trial = function(parameters + step)
-            trial_cost = float(((root * trial) ** 2).sum())
-            if np.isfinite(trial_cost) and trial_cost < cost:
-                improved = True
-                break
-            damping *= 10
-        if not improved:
-            break
-        gain, cost = cost - trial_cost, trial_cost
-        parameters, residuals = parameters + step, trial
-        damping = max(damping / 10, 1e-14)
-        if gain <= 1e-10 * cost:
-            break
-    return parameters, residuals
+
+    def weighted(p: np.ndarray) -> np.ndarray:
+        # A step to where residuals are not finite is taken back.
+        return np.nan_to_num(root * function(p), nan=_FAR, posinf=_FAR, neginf=-_FAR).ravel()
+
+    enough = len(weighted(parameters)) >= len(parameters)
+    found = least_squares(
+        weighted, parameters, method="lm" if enough else "trf", x_scale="jac",
+        ftol=1e-10, xtol=1e-12, gtol=1e-14, max_nfev=(most + 1) * (len(parameters) + 1),
+    ).x  # fmt: skip
+    return found, function(found)
 
 
 def numerical_jacobian(

@@ -140,6 +140,8 @@ def measure_volume(
 
     Raises ValueError naming the argument.
     """
+    from scipy.special import ndtr
+
     if (above is None) == (below is None):
         raise ValueError("above: expected one of above and below")
     level = float(above if above is not None else below)  # type: ignore[arg-type]
@@ -156,7 +158,7 @@ def measure_volume(
     signed = (volume.values[inside].astype(np.float64) - level) * (1 if below is None else -1)
     error = volume.uncertainty[inside].astype(np.float64)
     counted = signed > 0
-    chance = np.where(error > 0, _normal(signed / np.where(error > 0, error, 1)), counted)
+    chance = np.where(error > 0, ndtr(signed / np.where(error > 0, error, 1)), counted)
     cells = np.zeros(len(chance), np.int64)
     for index, n, edge in zip(np.nonzero(inside), known.shape, volume.spacing[::-1], strict=True):
         cells = cells * (n + 1) + (index * edge / correlation).astype(np.int64)
@@ -287,13 +289,6 @@ def _ball(volume: Volume, center: np.ndarray, radius: float) -> np.ndarray:
         place = m[k, 0] * x + m[k, 1] * y[:, None] + m[k, 2] * z[:, None, None] + m[k, 3]
         squared += (place - center[k]) ** 2
     return squared <= radius**2
-
-
-def _normal(x: np.ndarray) -> np.ndarray:
-    """The normal distribution function, to 1e-4 from a table."""
-    table = np.linspace(-6, 6, 2401)
-    values = np.array([0.5 * math.erfc(-v / math.sqrt(2)) for v in table])
-    return np.interp(x, table, values)
 
 
 def _point(name: str, value: Any) -> np.ndarray:

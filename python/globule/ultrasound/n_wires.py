@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .calibration import Calibration, _rotation, _Start, corner_errors
+from .calibration import Calibration, _Start, corner_errors, turn_by
 from .fitting import Fit, numerical_jacobian, robust_fit
 from .wires import NWirePhantom, WirePoints, find_wires
 
@@ -269,7 +269,7 @@ class _Wires(NamedTuple):
         ends = self.phantom.wires.reshape(-1, 3)
         if moved is not None:  # the phantom, by mm and radians about its middle
             middle = ends.mean(axis=0)
-            ends = (ends - middle) @ _rotation(moved[3:]).T + middle + moved[:3]
+            ends = (ends - middle) @ turn_by(moved[3:]).T + middle + moved[:3]
         image_from_probe = np.linalg.inv(matrix)
         seen = self._on_probe(poses, ends) @ image_from_probe[:3, :3].T + image_from_probe[:3, 3]
         front, back = seen[:, ::2], seen[:, 1::2]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..volumes.slices import sample
-from .calibration import _rotation
+from .calibration import turn_by
 from .sweep import Sweep
 
 SIZE = (387, 400)  # columns and rows of the source's frames
@@ -125,7 +125,7 @@ def hand_path(
     half = (size[0] - 1) / 2 * spacing
     for i in range(n_frames):
         sway = 0.7 * np.array([wave[0][i], 0.5 * wave[1][i], 0.2 * wave[2][i]])
-        turn = _rotation(np.radians(2.0) * np.array([w[i] for w in wave[3:]]))
+        turn = turn_by(np.radians(2.0) * np.array([w[i] for w in wave[3:]]))
         poses[i, :3, :3] = turn * spacing
         poses[i, :3, 3] = turn @ [-half, 0, 0] + sway + [0, 0, length * advance[i]]
     return poses
@@ -170,7 +170,7 @@ def scan(
     recorded = truth.copy()
     for matrix in recorded:  # about the middle of the probe's face, where a tracker sits
         shift = rng.normal(0, 1, 3) * pose_noise[0]
-        turn = _rotation(np.radians(rng.normal(0, 1, 3) * pose_noise[1]))
+        turn = turn_by(np.radians(rng.normal(0, 1, 3) * pose_noise[1]))
         pivot = matrix[:3, :2] @ [(size[0] - 1) / 2, 0] + matrix[:3, 3]
         matrix[:3, :3] = turn @ matrix[:3, :3]
         matrix[:3, 3] = turn @ (matrix[:3, 3] - pivot) + pivot + shift

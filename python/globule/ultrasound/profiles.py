@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-_STEPS = 200
 _SHARPEST = 0.5  # voxels: the least width of an edge or an echo
 
 
@@ -32,16 +31,6 @@ class _Edges:
     def values(q: np.ndarray, t: np.ndarray) -> np.ndarray:
         first, second = ((1 + np.tanh((t - place) / q[5])) / 2 for place in q[3:5])
         return q[0] + (q[1] - q[0]) * first + (q[2] - q[1]) * second
-
-    @staticmethod
-    def slopes(q: np.ndarray, t: np.ndarray) -> np.ndarray:
-        s1, s2 = (np.tanh((t - place) / q[5]) for place in q[3:5])
-        steep = [(1 - s**2) / (2 * q[5]) for s in (s1, s2)]
-        first, second = -(q[1] - q[0]) * steep[0], -(q[2] - q[1]) * steep[1]
-        wide = (first * (t - q[3]) + second * (t - q[4])) / q[5]
-        return np.column_stack(
-            [1 - (1 + s1) / 2, (1 + s1) / 2 - (1 + s2) / 2, (1 + s2) / 2, first, second, wide]
-        )
 
     @staticmethod
     def start(t: np.ndarray, profile: np.ndarray, edge: float) -> np.ndarray:
@@ -73,13 +62,6 @@ class _Echoes:
         return q[1] + (q[0] - q[1]) * first + (q[2] - q[1]) * second
 
     @staticmethod
-    def slopes(q: np.ndarray, t: np.ndarray) -> np.ndarray:
-        z1, z2 = ((t - place) / q[5] for place in q[3:5])
-        g1, g2 = np.exp(-0.5 * z1**2), np.exp(-0.5 * z2**2)
-        first, second = (q[0] - q[1]) * g1 * z1 / q[5], (q[2] - q[1]) * g2 * z2 / q[5]
-        return np.column_stack([g1, 1 - g1 - g2, g2, first, second, first * z1 + second * z2])
-
-    @staticmethod
     def start(t: np.ndarray, profile: np.ndarray, edge: float) -> np.ndarray:
         """The highest peak, and the highest one behind a valley of half its height."""
         ground, a = float(np.median(profile)), int(np.argmax(profile))
@@ -104,37 +86,25 @@ def fit_profile(t: np.ndarray, profile: np.ndarray, edge: float) -> Fit:
     Echoes must be brighter than the ground between them, farther apart than two deviations, and as
     far from both ends.
     """
+    from scipy.optimize import least_squares
+
+    sharpest = _SHARPEST * edge
+
+    def parameters(q: np.ndarray) -> np.ndarray:
+        return np.append(q[:5], np.hypot(q[5], sharpest))
+
     fits = []
     for model in (_Edges, _Echoes):
-        q, error = _least_squares(model, t, profile, edge)
+        start = model.start(t, profile, edge)
+        start[5] = np.sqrt(max(start[5] ** 2 - sharpest**2, sharpest**2))
+        found = least_squares(
+            lambda q: model.values(parameters(q), t) - profile,  # noqa: B023  # called here only
+            start, method="lm", x_scale="jac", ftol=1e-9,
+        )  # fmt: skip
+        q = parameters(found.x)
         apart = np.diff([0, q[3], q[4], t[-1]]).min()
         if model is _Echoes and not (q[[0, 2]].min() > q[1] and apart > 2 * q[5]):
             continue
-        fits.append((error, model, q))
-    _, model, q = min(fits, key=lambda one: one[0])
-    return Fit(model.name, q[3:5], q[:3], float(q[5]), model.values(q, t), model.slopes(q, t))
-
-
-def _least_squares(
-    model: Any, t: np.ndarray, profile: np.ndarray, edge: float
-) -> tuple[np.ndarray, float]:
-    """The parameters of a model by Levenberg and Marquardt, and the sum of squares."""
-    q = model.start(t, profile, edge)
-    damping, best = 1e-3, float(((profile - model.values(q, t)) ** 2).sum())
-    for _ in range(_STEPS):
-        slopes = model.slopes(q, t)
-        normal = slopes.T @ slopes
-        normal += np.diag(damping * np.diag(normal) + 1e-12)
-        tried = q + np.linalg.solve(normal, slopes.T @ (profile - model.values(q, t)))
-        tried[5] = np.clip(tried[5], _SHARPEST * edge, t[-1])
-        error = float(((profile - model.values(tried, t)) ** 2).sum())
-        if error < best:
-            done = best - error < 1e-9 * best
-            q, best, damping = tried, error, damping / 5
-            if done:
-                break
-        else:
-            damping *= 5
-            if damping > 1e9:
-                break
-    return q, best
+        values = profile + found.fun
+        fits.append((found.cost, Fit(model.name, q[3:5], q[:3], float(q[5]), values, found.jac)))
+    return min(fits, key=lambda one: one[0])[1]

@@ -17,7 +17,7 @@ import numpy as np
 
 from .._base.checks import positive
 from ..volumes.volume import FAR
-from .calibration import _rotation as rotation_vector
+from .calibration import turn_by
 from .reconstruct import reconstruct
 from .sweep import Sweep
 
@@ -324,7 +324,7 @@ def _stepped(matrix: np.ndarray, step: np.ndarray, center: np.ndarray) -> np.nda
     """The motion turned about where the center lies, and shifted: step (6,) radians, mm."""
     pivot = _moved(matrix, center[None])[0]
     moved = np.eye(4)
-    moved[:3, :3] = rotation_vector(step[:3])
+    moved[:3, :3] = turn_by(step[:3])
     moved[:3, 3] = pivot + step[3:] - moved[:3, :3] @ pivot
     return moved @ matrix
 
@@ -391,13 +391,9 @@ def _starts(center: np.ndarray, shift: float) -> list[np.ndarray]:
         moved = np.eye(4)
         moved[axis, 3] = shift if axis % 2 else -shift
         motions.append(moved)
-        angle = math.radians(-_TURN if axis % 2 else _TURN)
-        turned = np.eye(4)
-        i, j = [k for k in range(3) if k != axis]
-        turned[i, i] = turned[j, j] = math.cos(angle)
-        turned[i, j], turned[j, i] = -math.sin(angle), math.sin(angle)
-        turned[:3, 3] = center - turned[:3, :3] @ center
-        motions.append(turned)
+        step = np.zeros(6)
+        step[axis] = math.radians(_TURN)
+        motions.append(_stepped(np.eye(4), step, center))
     return motions
 
 

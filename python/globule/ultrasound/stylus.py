@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .._base.files import atomic_write
-from .calibration import _rotation, rotation_vector
+from .calibration import turn_by
 from .fitting import Fit, robust_fit
 from .plus_setup import write_plus
 
@@ -106,17 +106,17 @@ def register_landmarks(
     ))  # fmt: skip
     if len(phantom) != len(reference):
         raise ValueError(f"reference_points: expected {len(phantom)}, got {len(reference)}")
-    middle = phantom.mean(axis=0)
-    left, sizes, right = np.linalg.svd((phantom - middle).T @ (reference - reference.mean(axis=0)))
-    spread = np.linalg.svd(phantom - middle, compute_uv=False)
-    if spread[1] < 0.02 * spread[0] or sizes[1] <= 0:
+    from scipy.spatial.transform import Rotation
+
+    middle, center = phantom.mean(axis=0), reference.mean(axis=0)
+    spreads = [np.linalg.svd(p - p.mean(axis=0), compute_uv=False) for p in (phantom, reference)]
+    if spreads[0][1] < 0.02 * spreads[0][0] or spreads[1][1] <= 0:
         raise ValueError("phantom_points: expected landmarks in a plane or in space, got a line")
-    flip = np.diag([1, 1, np.linalg.det(right.T @ left.T)])
-    turned = right.T @ flip @ left.T
+    turned = Rotation.align_vectors(reference - center, phantom - middle)[0].as_matrix()
 
     def places(parameters: np.ndarray, points: np.ndarray) -> np.ndarray:
-        about = _rotation(parameters[:3]) @ turned
-        return (points - middle) @ about.T + reference.mean(axis=0) + parameters[3:]
+        about = turn_by(parameters[:3]) @ turned
+        return (points - middle) @ about.T + center + parameters[3:]
 
     fit = robust_fit(lambda p: places(p, phantom) - reference, np.zeros(6))
     where = phantom if targets is None else _points("targets", targets, 1)
@@ -129,7 +129,7 @@ def register_landmarks(
     slope = np.array(slopes)
     variance = np.einsum("pkx,pq,qkx->k", slope, fit.covariance, slope)
     matrix = np.eye(4)
-    matrix[:3, :3] = _rotation(fit.parameters[:3]) @ turned
+    matrix[:3, :3] = turn_by(fit.parameters[:3]) @ turned
     matrix[:3, 3] = places(fit.parameters, np.zeros((1, 3)))[0]
     return Registration(
         matrix, _rms(fit), float(np.sqrt(variance.max())),
@@ -160,11 +160,11 @@ def _rms(fit: Fit) -> float:
 
 
 def _largest_turn(rotations: np.ndarray) -> float:
+    from scipy.spatial.transform import Rotation
+
     thin = rotations[np.unique(np.linspace(0, len(rotations) - 1, 60).astype(int))]
     between = np.einsum("aji,bjk->abik", thin, thin).reshape(-1, 3, 3)
-    trace = np.clip((np.trace(between, axis1=1, axis2=2) - 1) / 2, -1, 1)
-    widest = between[int(trace.argmin())]
-    return float(np.degrees(np.linalg.norm(rotation_vector(widest))))
+    return float(np.degrees(Rotation.from_matrix(between).magnitude().max()))
 
 
 def _poses(name: str, value: Any, fewest: int) -> np.ndarray:

@@ -256,52 +256,20 @@ def find_dots(image: np.ndarray, threshold: float = _THRESHOLDS[0]) -> np.ndarra
     A dot is a connected region (8 neighbors) above a threshold, a share of the largest value; its
     place is the center of its values. Regions longer than 8 % of the image's diagonal are no dots.
     """
-    height, width = image.shape
-    rows, columns = np.nonzero(image > threshold * float(image.max(initial=0)))
-    if not len(rows):
+    from scipy import ndimage
+
+    bright = image > threshold * float(image.max(initial=0))
+    label, n = ndimage.label(bright, np.ones((3, 3)))
+    if not n:
         return np.zeros((0, 3))
-    label = _regions(rows, columns, width)
-    values = image[rows, columns].astype(np.float64)
-    _, label = np.unique(label, return_inverse=True)
-    n = int(label.max()) + 1
-    total = np.bincount(label, values, n)
-    dots = np.column_stack(
-        [
-            np.bincount(label, values * columns, n) / total,
-            np.bincount(label, values * rows, n) / total,
-            total,
-        ]
-    )
-    extent = np.zeros(n)
-    for places in (rows, columns):
-        low, high = np.full(n, np.inf), np.full(n, -np.inf)
-        np.minimum.at(low, label, places)
-        np.maximum.at(high, label, places)
-        extent = np.maximum(extent, high - low)
-    dots = dots[extent < _LARGEST_DOT * np.hypot(height, width)]
+    rows, columns = np.nonzero(bright)
+    which, values = label[rows, columns] - 1, image[rows, columns].astype(np.float64)
+    total, *sums = (np.bincount(which, v) for v in (values, values * columns, values * rows))
+    dots = np.column_stack([*(s / total for s in sums), total])
+    boxes = ndimage.find_objects(label)
+    extent = np.array([max(side.stop - side.start - 1 for side in box) for box in boxes])
+    dots = dots[extent < _LARGEST_DOT * np.hypot(*image.shape)]
     return dots[np.argsort(-dots[:, 2], kind="stable")][:_MOST_DOTS]
-
-
-def _regions(rows: np.ndarray, columns: np.ndarray, width: int) -> np.ndarray:
-    """A label for each pixel, the same for connected ones. Pixels in the order of np.nonzero."""
-    index = rows * (width + 2) + columns
-    pairs = []
-    for step in (1, width + 1, width + 2, width + 3):  # right, and the three below
-        there = np.searchsorted(index, index + step)
-        there[there == len(index)] = 0
-        good = index[there] == index + step
-        pairs.append(np.stack([np.flatnonzero(good), there[good]]))
-    a, b = np.concatenate(pairs, axis=1)
-    label = np.arange(len(index))
-    while True:
-        low = np.minimum(label[a], label[b])
-        new = label.copy()
-        np.minimum.at(new, label[a], low)
-        np.minimum.at(new, label[b], low)
-        new = new[new]
-        if np.array_equal(new, label):
-            return label
-        label = new
 
 
 # Which dot is which wire
@@ -366,21 +334,11 @@ def _seen(image: np.ndarray, phantom: NWirePhantom) -> tuple[np.ndarray, dict[in
 
 def _above_surroundings(image: np.ndarray) -> np.ndarray:
     """A mean over 3x3 pixels less that over a fifteenth of the smaller side."""
-    small, large = (_mean(image, radius) for radius in (1, max(2, min(image.shape) // 30)))
+    from scipy.ndimage import uniform_filter
+
+    sides = 3, 2 * max(2, min(image.shape) // 30) + 1
+    small, large = (uniform_filter(image.astype(np.float64), n, mode="nearest") for n in sides)
     return np.maximum(small - large, 0)
-
-
-def _mean(image: np.ndarray, radius: int) -> np.ndarray:
-    """Over a square of 2 radius + 1 pixels."""
-    side = 2 * radius + 1
-    total = image.astype(np.float64)
-    for axis in (0, 1):
-        width = [(0, 0), (0, 0)]
-        width[axis] = (radius + 1, radius)
-        summed = np.cumsum(np.pad(total, width, mode="edge"), axis=axis)
-        n = image.shape[axis]
-        total = np.take(summed, range(side, side + n), axis) - np.take(summed, range(n), axis)
-    return total / side**2
 
 
 def _matches(dots: np.ndarray, phantom: NWirePhantom) -> dict[int, tuple[float, np.ndarray]]:

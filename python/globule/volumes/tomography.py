@@ -13,7 +13,7 @@ import numpy as np
 from .._base.checks import number, positive
 from .._base.colormaps import categorical, colorize
 from ..formats.errors import FormatError, bad
-from ..formats.volumes.dicom import from_itk, simpleitk
+from ..formats.volumes.dicom import from_itk
 from ..formats.volumes.geometry import VolumeData
 from ..scene.particles import Particles
 from ..scene.scene import DEFAULTS
@@ -166,38 +166,25 @@ def _labels(level: float | None, labels: int | Iterable[int] | None) -> np.ndarr
 
 def _resampled(volume: Volume, spacing: float, smooth: bool) -> Volume:
     """The volume in cubes of the given edge, over the same box."""
+    from scipy import ndimage
+
     edges = volume.spacing
     size = np.maximum(1, np.ceil(edges * volume.shape[::-1] / spacing - 1e-6))
     if size.prod() > MOST_VOXELS:
         least = spacing * (size.prod() / MOST_VOXELS) ** (1 / 3)
         raise ValueError(f"spacing: expected at least {1.05 * least:.3g} mm, got {spacing:g}")
-    sitk = simpleitk()
-    direction = volume.world_from_voxel[:3, :3] / edges
-    image = sitk.GetImageFromArray(volume.values)
-    image.SetSpacing(edges.tolist())
-    image.SetDirection(direction.ravel().tolist())
-    image.SetOrigin(volume.world_from_voxel[:3, 3].tolist())
+    values, scale = volume.values, (spacing / edges)[::-1]  # scale: z, y, x
     if smooth:
-        image = sitk.Cast(image, sitk.sitkFloat32)
         # What is finer than the new voxels must go first, or it comes back as noise: a Gaussian as
         # wide at half its height as they are.
-        sigma = np.where(spacing > edges, spacing / 2.355, 0.0)
-        if sigma.any():
-            image = sitk.DiscreteGaussian(image, variance=(sigma**2).tolist())
-    origin = image.GetOrigin() + direction @ ((spacing - edges) / 2)
-    interpolator = sitk.sitkLinear if smooth else sitk.sitkNearestNeighbor
-    image = sitk.Resample(
-        image,
-        [int(n) for n in size],
-        sitk.Transform(),
-        interpolator,
-        origin.tolist(),
-        [spacing] * 3,
-        image.GetDirection(),
-        0.0,
-        image.GetPixelID(),
-        True,
+        sigma = np.where(scale > 1, scale / 2.355, 0.0)
+        values = ndimage.gaussian_filter(values.astype(np.float32), sigma, mode="nearest")
+    shape = tuple(size[::-1].astype(int))
+    values = ndimage.affine_transform(
+        values, scale, (scale - 1) / 2, shape, order=int(smooth), mode="nearest"
     )
+    direction = volume.world_from_voxel[:3, :3] / edges
+    origin = volume.world_from_voxel[:3, 3] + direction @ ((spacing - edges) / 2)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = direction * spacing, origin
-    return volume_of(VolumeData(sitk.GetArrayFromImage(image), matrix))
+    return volume_of(VolumeData(values, matrix))

@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..._base import rotations
 from ..errors import bad, shown
 from ..size import whole_text
 from . import tracker_tables
@@ -128,8 +127,9 @@ def interpolate(table: PoseTable, times: np.ndarray) -> tuple[np.ndarray, np.nda
     span = known[after] - known[before]
     inside = (times >= known[0]) & (times <= known[-1]) & (span <= longest * (1 + 1e-9))
     share = np.divide(times - known[before], span, out=np.zeros(n), where=span > 0)
-    for i in np.flatnonzero(inside):
-        matrices[i] = _between(poses[before[i]], poses[after[i]], float(share[i]))
+    if inside.any():
+        first, last = poses[before[inside]], poses[after[inside]]
+        matrices[inside] = _between(first, last, share[inside])
     for source in (before, after):  # exactly, whatever became of a long gap beside it
         same = np.isfinite(times) & (known[source] == times)
         matrices[same] = poses[source[same]]
@@ -139,45 +139,24 @@ def interpolate(table: PoseTable, times: np.ndarray) -> tuple[np.ndarray, np.nda
     return matrices, inside
 
 
-def _between(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
-    scale_a, scale_b = (np.linalg.norm(m[:3, :3], axis=0) for m in (a, b))
-    p, q = quaternion(a[:3, :3] / scale_a), quaternion(b[:3, :3] / scale_b)
-    cosine = float(p @ q)
-    if cosine < 0:
-        q, cosine = -q, -cosine
-    angle = math.acos(min(cosine, 1.0))
-    if angle < 1e-7:  # slerp's limit, without 0/0
-        between = (1 - share) * p + share * q
-    else:
-        between = math.sin((1 - share) * angle) * p + math.sin(share * angle) * q
-    result = np.eye(4)
-    result[:3, :3] = rotation(between) * ((1 - share) * scale_a + share * scale_b)
-    result[:3, 3] = (1 - share) * a[:3, 3] + share * b[:3, 3]
+def _between(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Poses (M, 4, 4) between poses a and b (M, 4, 4), at shares (M,) of the way."""
+    from scipy.spatial.transform import Rotation
+
+    scale_a, scale_b = (np.linalg.norm(m[:, :3, :3], axis=1) for m in (a, b))
+    try:
+        first = Rotation.from_matrix(a[:, :3, :3] / scale_a[:, None])
+        last = Rotation.from_matrix(b[:, :3, :3] / scale_b[:, None])
+    except ValueError:
+        problem = "pose: expected a right-handed rotation, got a mirrored one"
+        raise ValueError(problem) from None
+    share = share[:, None]
+    turned = first * Rotation.from_rotvec(share * (first.inv() * last).as_rotvec())
+    result = np.tile(np.eye(4), (len(a), 1, 1))
+    scale = (1 - share) * scale_a + share * scale_b
+    result[:, :3, :3] = turned.as_matrix() * scale[:, None]
+    result[:, :3, 3] = (1 - share) * a[:, :3, 3] + share * b[:, :3, 3]
     return result
-
-
-def quaternion(matrix: np.ndarray) -> np.ndarray:
-    """The unit quaternion (x, y, z, w) of the rotation nearest to a 3x3 matrix (Bar-Itzhack 2000).
-
-    Raises ValueError for a mirrored frame: no rotation leads there.
-    """
-    if np.linalg.det(matrix) <= 0:
-        raise ValueError("pose: expected a right-handed rotation, got a mirrored one")
-    (a, b, c), (d, e, f), (g, h, i) = matrix
-    symmetric = np.array(
-        [
-            [a - e - i, b + d, c + g, h - f],
-            [b + d, e - a - i, f + h, c - g],
-            [c + g, f + h, i - a - e, d - b],
-            [h - f, c - g, d - b, a + e + i],
-        ]
-    )
-    return np.linalg.eigh(symmetric)[1][:, -1]
-
-
-def rotation(q: np.ndarray) -> np.ndarray:
-    """The 3x3 rotation of a quaternion (x, y, z, w) of any length above 0."""
-    return rotations.matrix(np.roll(q / np.linalg.norm(q), 1))
 
 
 _Row = tuple[str, "float | None", np.ndarray, bool]
@@ -278,15 +257,10 @@ def _json_rows(path: Any) -> list[_Row]:
 
 def _matrix(path: Any, where: str, values: np.ndarray) -> np.ndarray:
     """A 4x4 of 16 or 12 entries, or of position and quaternion."""
-    result = np.eye(4)
-    if len(values) in (12, 16):
-        result.ravel()[: len(values)] = values
-    elif len(values) == 7:
-        length = np.linalg.norm(values[3:])
-        if np.isfinite(length) and abs(length - 1) > 0.01:
-            raise bad(path, where, f"expected a quaternion of length 1, got {length:g}")
-        result[:3, 3] = values[:3]
-        result[:3, :3] = rotation(values[3:]) if np.isfinite(length) else np.nan
-    else:
+    if len(values) == 7:
+        return tracker_tables.pose(path, where, values)
+    if len(values) not in (12, 16):
         raise bad(path, where, f"expected 7, 12 or 16 numbers, got {len(values)}")
+    result = np.eye(4)
+    result.ravel()[: len(values)] = values
     return result

@@ -93,14 +93,11 @@ def _lines(path: Any) -> tuple[dict[str, str], np.ndarray, np.ndarray]:
 
 def _rigid(moves: np.ndarray) -> np.ndarray:
     """(…, 4, 4) of (…, 6): translations in cm, azimuth, elevation and roll in degrees; mm."""
-    angles = np.radians(moves[..., 3:])
-    (ca, ce, cr), (sa, se, sr) = (
-        np.moveaxis(of(angles), -1, 0) for of in (np.cos, np.sin)
-    )  # fmt: skip
+    from scipy.spatial.transform import Rotation
+
     matrix = np.zeros((*moves.shape[:-1], 4, 4))
-    matrix[..., 0, :3] = np.stack([ca * ce, ca * se * sr - sa * cr, ca * se * cr + sa * sr], -1)
-    matrix[..., 1, :3] = np.stack([sa * ce, sa * se * sr + ca * cr, sa * se * cr - ca * sr], -1)
-    matrix[..., 2, :3] = np.stack([-se, ce * sr, ce * cr], -1)
+    turned = Rotation.from_euler("ZYX", moves[..., 3:].reshape(-1, 3), degrees=True).as_matrix()
+    matrix[..., :3, :3] = turned.reshape(*moves.shape[:-1], 3, 3)
     matrix[..., :3, 3] = _CM * moves[..., :3]
     matrix[..., 3, 3] = 1
     return matrix

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..._base import rotations
 from ..errors import bad, shown
 
 _NDI_RATE = 60.0  # frame numbers a second, whatever the tool's own rate (Polaris API)
@@ -77,7 +76,7 @@ def _tum(path: Any, text: str) -> list[Row]:
         if len(words) != 8:
             raise bad(path, where, f"expected 8 numbers (TUM), got {len(words)}")
         time, *values = (_number(path, where, word) for word in words)
-        rows.append(Row(where, time, _pose(path, where, np.array(values), 1000.0), True))
+        rows.append(Row(where, time, pose(path, where, np.array(values), 1000.0), True))
     return rows
 
 
@@ -95,7 +94,7 @@ def _ros(path: Any, text: str) -> list[Row]:
         if part is not None:
             time += _number(path, where, line[part]) * 1e-9
         values = np.array([_number(path, where, line[column]) for column in columns])
-        rows.append(Row(where, time, _pose(path, where, values, 1000.0), True))
+        rows.append(Row(where, time, pose(path, where, values, 1000.0), True))
     return rows
 
 
@@ -153,11 +152,13 @@ def _optitrack(path: Any, text: str) -> list[Row]:
         values = np.array([_number(path, where, line[axes[key]]) for key in wanted])
         seen = bool(np.isfinite(values).all())
         time = _number(path, where, line[clock])
-        rows.append(Row(where, time, _pose(path, where, values, _MM[unit]), seen))
+        rows.append(Row(where, time, pose(path, where, values, _MM[unit]), seen))
     return rows
 
 
 def _ndi(path: Any, text: str) -> list[Row]:
+    from scipy.spatial.transform import Rotation
+
     names, lines = _table(text, "\t" if "\t" in text.splitlines()[0] else ",")
     lower = [name.lower() for name in names]
     if lower.count("state") > 1:
@@ -177,41 +178,26 @@ def _ndi(path: Any, text: str) -> list[Row]:
             time = _number(path, where, line[frame]) / _NDI_RATE
         else:
             time = _number(path, where, line[clock])
-        if not quaternion and ok:
-            matrix = np.eye(4)
-            matrix[:3, :3] = _turned(np.radians(values[3:]))
-            matrix[:3, 3] = values[:3]
-            rows.append(Row(where, time, matrix, bool(np.isfinite(values).all())))
-        else:
-            seen = ok and bool(np.isfinite(values).all())
-            rows.append(Row(where, time, _pose(path, where, values, 1.0), seen))
+        seen = ok and bool(np.isfinite(values).all())
+        if seen and not quaternion:
+            turned = Rotation.from_euler("ZYX", values[3:], degrees=True)
+            values = np.append(values[:3], turned.as_quat())
+        rows.append(Row(where, time, pose(path, where, values), seen))
     return rows
 
 
-def _turned(angles: np.ndarray) -> np.ndarray:
-    """The rotation of angles about z, then y, then x: Rz Ry Rx."""
-    (a, b, c), result = angles, np.eye(3)
-    for axis, angle in ((2, a), (1, b), (0, c)):
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        step = np.eye(3)
-        step[[i, i, j, j], [i, j, i, j]] = (
-            math.cos(angle), -math.sin(angle), math.sin(angle), math.cos(angle)
-        )  # fmt: skip
-        result = result @ step
-    return result
-
-
-def _pose(path: Any, where: str, values: np.ndarray, mm: float) -> np.ndarray:
+def pose(path: Any, where: str, values: np.ndarray, mm: float = 1.0) -> np.ndarray:
     """(4, 4) in mm of a position and a quaternion x, y, z, w; NaN where a number is missing."""
+    from scipy.spatial.transform import Rotation
+
     result = np.eye(4)
-    result[:3, 3] = values[:3] * mm
-    length = np.linalg.norm(values[3:])
     if not np.isfinite(values).all():
         result[:3] = np.nan
         return result
+    length = np.linalg.norm(values[3:])
     if abs(length - 1) > 0.01:
         raise bad(path, where, f"expected a quaternion of length 1, got {length:g}")
-    result[:3, :3] = rotations.matrix(np.roll(values[3:] / length, 1))
+    result[:3, :3], result[:3, 3] = Rotation.from_quat(values[3:]).as_matrix(), values[:3] * mm
     return result
 
 

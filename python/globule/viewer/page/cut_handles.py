@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from viser.transforms import SO3
 
-from ..._base.rotations import matrix
 from .tools import DRAGGED
 
 SIZE = 0.45  # page units
@@ -48,7 +48,7 @@ class CutHandles:
             self._dragged = None if event.phase == "end" else handle
             values = {
                 "at": tuple(self.place.to_world(handle.position).tolist()),
-                "axis": tuple(matrix(handle.wxyz)[:, 0].tolist()),
+                "axis": tuple(SO3(handle.wxyz).as_matrix()[:, 0].tolist()),
             }
             try:
                 self.state.set(**{key: values[what] for key, what in settings.items()})
@@ -77,7 +77,7 @@ class CutHandles:
             ):
                 handle.position = place(at)
         normal = np.asarray(cuts.normal) / (np.linalg.norm(cuts.normal) or 1)
-        turned = not np.allclose(matrix(self.plane.wxyz)[:, 0], normal, atol=1e-5)
+        turned = not np.allclose(SO3(self.plane.wxyz).as_matrix()[:, 0], normal, atol=1e-5)
         if any(cuts.normal) and turned and self.plane is not self._dragged:
             self.plane.wxyz = turn_to(normal)
 

@@ -7,9 +7,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from viser.transforms import SO3
 
-from ..._base.rotations import matrix
-from ...formats.sweeps.poses import quaternion
 from ..forces import force_words, forces
 from ..sweep_source import COMPOUNDING
 from .panel import Panel
@@ -181,7 +180,7 @@ class Play(Panel):
             with source.lock:
                 pose = instrument.pose
             handle.position = place.to_page(pose[:3, 3])
-            handle.wxyz = np.roll(quaternion(pose[:3, :3]), 1)  # from x, y, z, w
+            handle.wxyz = SO3.from_matrix(pose[:3, :3]).wxyz
             handle.visible = shown.value
             if not shown.value:
                 source.follow_keys(name)
@@ -192,7 +191,7 @@ class Play(Panel):
         @handle.on_update
         def _(event: Any) -> None:
             pose = np.eye(4)
-            pose[:3, :3] = matrix(handle.wxyz)
+            pose[:3, :3] = SO3(handle.wxyz).as_matrix()
             pose[:3, 3] = place.to_world(handle.position)
             try:
                 source.move(name, pose)
