@@ -10,7 +10,7 @@ import pytest
 from globule.sim import solids
 from globule.sim.bonds import build_bonds
 from globule.sim.tissue import Tissue
-from sim_helpers import check, jittered, reloaded
+from sim_helpers import check, jittered
 
 from bench.tables import physics_solid as truths
 from bench.tables.physics_tissue import DENSITY, GRAVITY, MODULUS, SPACING, lattice
@@ -164,25 +164,6 @@ def test_tissue_torn_apart_gets_shorter_substeps(backend, seed, how):
     in NaN after 16 to 26 steps."""
     substeps = dragged_about(seed, 30, 0.05, tear=1.0, **how, **backend)
     assert min(substeps) < max(substeps)
-
-
-def test_a_checkpoint_from_before_solids_stays_one_of_springs(tmp_path):
-    scene = {
-        "spacing": D, "domain": {"lo": [-1] * 3, "hi": [1] * 3},
-        "solids": [{"name": "a", "box": {"lo": [0] * 3, "hi": [4 * D] * 3}, "model": "bonds"}],
-    }  # fmt: skip
-    sim = gb.Simulation(scene, device="cpu")
-    start = sim.hash()
-    sim.step()
-    old = reloaded(sim, tmp_path, lambda _, facts: facts["scene"]["solids"][0].pop("model"))
-    assert old.hash() == sim.hash()
-    old.reset()
-    assert old.file.solids[0].model == "bonds"
-    assert old.hash() == start
-    sim.reset()
-    old.run(0.02)
-    sim.run(0.02)
-    assert old.hash() == sim.hash()
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from importlib import resources
-from pathlib import Path
 
 import globule as gb
 import numpy as np
@@ -13,18 +11,11 @@ import pytest
 from globule._base.structured import parse_toml
 from scipy.spatial import cKDTree
 
+from bench.simulate import column
 from bench.tables import physics_fluid as physics
 
-BENCH = Path(__file__).parents[1] / "bench" / "simulate.py"
 MOST = {0.01: 0.06, 0.001: 0.03}  # of the compressions: the largest, over all steps
 ERRORS = pytest.mark.parametrize("error", [0.01, pytest.param(0.001, marks=pytest.mark.slow)])
-
-
-def bench():
-    spec = importlib.util.spec_from_file_location("simulate", BENCH)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def energy(sim):
@@ -62,7 +53,7 @@ def test_a_tall_column_starts_without_exploding(backend, error):
 @pytest.mark.few_backends
 @ERRORS
 def test_a_closed_box_loses_nobody(backend, error):
-    sim = bench().column(1_000, error, backend["device"], backend.get("threads", 0))
+    sim = column(1_000, error, backend["device"], backend.get("threads", 0))
     first = energy(sim)
     while sim.time < 1.2:  # past the far wall, and up along it
         report = sim.step()
@@ -272,7 +263,7 @@ def test_the_inside_of_a_fluid_keeps_its_density(backend, name, spacing, seconds
 
 def test_a_step_that_gains_energy_is_made_again(backend):
     """A solver of one iteration cannot stop this: the report tells, and the step is shorter."""
-    sim = bench().column(1_000, 0.01, backend["device"], backend.get("threads", 0))
+    sim = column(1_000, 0.01, backend["device"], backend.get("threads", 0))
     reports = [sim.step() for _ in range(10)]
     assert all(r.n_halved == 0 for r in reports)
     assert sum(r.dt for r in reports) == pytest.approx(sim.time)
