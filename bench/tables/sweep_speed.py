@@ -14,7 +14,8 @@ from globule.ultrasound import phantoms
 from globule.ultrasound.grid import bounds, make_grid
 from globule.ultrasound.plus.config import Filler, PlusConfig
 from globule.ultrasound.plus.reconstruct import reconstruct_plus
-from globule.ultrasound.reconstruct import Options, crowded, reconstruct, start
+from globule.ultrasound.options import Options
+from globule.ultrasound.reconstruct import crowded, reconstruct, start
 from globule.ultrasound.reconstructor import Reconstructor
 from globule.ultrasound.sweep import Sweep
 

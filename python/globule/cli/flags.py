@@ -7,12 +7,12 @@ import re
 from typing import Any
 
 from .._base.checks import MAX_PIXELS
-from .._base.colormaps import NAMES as COLORMAPS
+from .._base.settings import Color, Number, Switch, Text, Whole, settings_of
 from ..formats.pictures.video import FPS
 from ..render.presets import PRESETS
-from ..scene.scene import KERNELS
+from ..viewer.state import Coloring, Surface
 from . import look
-from .arguments import between, plane
+from .arguments import plane
 from .shared import direction, number, positive, vector
 
 
@@ -26,19 +26,20 @@ def size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def port(text: str) -> int:
-    """The number of a TCP port; 0 takes any."""
-    if not text.isdecimal() or not int(text[:6]) < 65536:
-        raise argparse.ArgumentTypeError(f"expected a port, 0 to 65535, got {text!r}")
-    return int(text)
-
-
-def at_least_one(text: str) -> float:
-    """A number from 1."""
-    value = number(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"expected a number of at least 1, got {text!r}")
-    return value
+def of(table: type, name: str, **changes: Any) -> dict[str, Any]:
+    """A flag of a setting, without its default, as `add_argument` takes it."""
+    one = settings_of(table)[name]
+    found: dict[str, Any] = {"help": one.brief, **changes}
+    if isinstance(one.kind, Color):
+        found["help"] += f": {one.kind.word}"
+    if "action" in changes or isinstance(one.kind, Switch):
+        return {"action": "store_true", **found}
+    if one.kind.choices:
+        if not all(word in found["help"] for word in one.kind.choices):
+            found["help"] += f": {', '.join(one.kind.choices)}"
+        return {"choices": one.kind.choices, "metavar": one.kind.metavar, **found}
+    parse = None if isinstance(one.kind, Text) else one.kind.parse
+    return {"type": parse, "metavar": one.kind.metavar, **found}
 
 
 # `help` is the sentence; a command adds what is special to it, and the default, in parentheses.
@@ -55,7 +56,7 @@ FLAGS: dict[str, dict[str, Any]] = {
         "help": "size of the image, pixels",
     },
     "--fps": {
-        "type": between(*FPS),
+        "type": Number(*FPS).parse,
         "metavar": "N",
         "help": "frame rate of movies and sequences, frames per second",
     },
@@ -82,11 +83,7 @@ FLAGS: dict[str, dict[str, Any]] = {
         "help": "orthographic camera whose image has this height, world units",
     },
     # Surface
-    "--kernel": {
-        "choices": KERNELS,
-        "metavar": "NAME",
-        "help": f"kernel of the particles: {', '.join(KERNELS)}",
-    },
+    "--kernel": of(Surface, "kernel"),
     "--surface": {
         "choices": ("auto", "smooth", "balls", "spheres"),
         "metavar": "NAME",
@@ -99,16 +96,8 @@ FLAGS: dict[str, dict[str, Any]] = {
         "metavar": "LENGTH",
         "help": "spacing of a fluid's particles, the cube root of a particle's volume, world units",
     },
-    "--support": {
-        "type": positive,
-        "metavar": "LENGTH",
-        "help": "support radius of every particle's kernel, world units",
-    },
-    "--threshold": {
-        "type": positive,
-        "metavar": "T",
-        "help": "iso-value of the particles' summed field, without unit",
-    },
+    "--support": of(Surface, "support", metavar="LENGTH"),
+    "--threshold": of(Surface, "threshold", metavar="T"),
     "--level": {
         "type": number,
         "metavar": "V",
@@ -142,12 +131,8 @@ FLAGS: dict[str, dict[str, Any]] = {
     },
     # Look
     "--preset": {"metavar": "NAME", "help": f"material, light and sky: {', '.join(PRESETS)}"},
-    "--color-by": {"metavar": "NAME", "help": "field or attribute that gives the color"},
-    "--colormap": {
-        "choices": COLORMAPS,
-        "metavar": "NAME",
-        "help": f"color map of --color-by: {', '.join(COLORMAPS)}",
-    },
+    "--color-by": of(Coloring, "by", metavar="NAME"),
+    "--colormap": of(Coloring, "colormap"),
     "--range": {
         "type": look.interval,
         "metavar": "LO,HI",
@@ -173,12 +158,12 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--threads": {"type": int, "metavar": "N", "help": "number of CPU threads"},
     # Limits of files
     "--max-memory": {
-        "type": between(1e-6, 1e9),
+        "type": Number(1e-6, 1e9).parse,
         "metavar": "GB",
         "help": "most memory that a file or scene may need, gigabytes",
     },
     "--max-ratio": {
-        "type": at_least_one,
+        "type": Number(1.0).parse,
         "metavar": "N",
         "help": "largest number of bytes that a compressed file may unpack to, for each of its own",
     },
@@ -189,7 +174,7 @@ FLAGS: dict[str, dict[str, Any]] = {
         "secret token",
     },
     "--port": {
-        "type": port,
+        "type": Whole(0, 65535).parse,
         "metavar": "N",
         "help": "number of the port; if the port is taken, the next free port",
     },
@@ -199,7 +184,7 @@ FLAGS: dict[str, dict[str, Any]] = {
         "help": "demand a token on this machine, too, as behind a reverse proxy",
     },
     "--max-clients": {
-        "type": at_least_one,
+        "type": Number(1.0).parse,
         "metavar": "N",
         "help": "number of browsers that are shown images at a time",
     },
@@ -214,6 +199,25 @@ def add(group: Any, name: str, note: str = "", **changes: Any) -> None:
         named["help"] += f" ({note})"
     names = ("-o", name) if name == "--output" else (name,)
     group.add_argument(*names, **named)
+
+
+def add_settings(group: Any, table: type, *names: str, note: str = "", **changes: Any) -> None:
+    """Add the flags of settings. note: what follows the default, such as ", or the preset's"."""
+    for name in names:
+        flag, one = "--" + name.replace("_", "-"), settings_of(table)[name]
+        words = of(table, name, **changes)
+        if words.get("action") != "store_true":
+            words["help"] += f" (default: {one.usual or shown_default(one.default)}{note})"
+        group.add_argument(flag, **words)
+
+
+def shown_default(value: Any) -> str:
+    """A default in the words of a command."""
+    if isinstance(value, tuple):
+        return ",".join(f"{v:g}" for v in value)
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return f"{value:g}" if isinstance(value, float) else str(value or "none" if value != 0 else 0)
 
 
 def add_device(group: Any) -> None:

@@ -12,6 +12,7 @@ configuration, and the method is globule's."""
 from __future__ import annotations
 
 import argparse
+import functools
 import hashlib
 import logging
 import os
@@ -23,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from ..formats.volumes import WRITABLE, check_name
+from ..ultrasound.options import Options
 from ..ultrasound.sweep import Sweep
 from ..volumes.files import write_volume
 from ..volumes.volume import Volume
@@ -57,9 +59,7 @@ EXAMPLES = """\
 ESSENTIAL = ("--output", "--calibration", "--plus", "--poses", "--voxel-size", "--voxels",
              "--method", "--three-view", "--surface-image", "--live", "--device")  # fmt: skip
 
-METHODS = ("frames", "pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 COMPARED = ("frames", "pvn-om", "vvn-om", "bezier")  # pvn and vvn give the same volumes, slower
-COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
 DEFAULT_SIZE = 256
 LARGE = 2048  # MiB; above, the command prints the size before it takes the memory
 
@@ -99,13 +99,8 @@ def add_arguments(parser: Parser) -> None:
         "of each method in gray levels (default: off)",
     )
     method = parser.add_argument_group("method")
-    method.add_argument(
-        "--method",
-        choices=METHODS,
-        metavar="NAME",
-        help=f"reconstruction method: {', '.join(METHODS)} (default: frames; pvn-om with --live "
-        "and --voxel-size, and with another --compounding than mean)",
-    )
+    given = functools.partial(flags.add_settings, method, Options)
+    given("method")
     grid = method.add_mutually_exclusive_group()
     grid.add_argument(
         "--voxel-size",
@@ -137,39 +132,10 @@ def add_arguments(parser: Parser) -> None:
         help="axes of the volume: world; sweep: along the sweep, which needs fewer voxels "
         "(default: world)",
     )
-    method.add_argument(
-        "--max-distance",
-        type=number,
-        metavar="MM",
-        help="hole filling: largest distance of a voxel from any pixel, mm (default: no limit; "
-        "frames: half of five usual steps between frames)",
-    )
-    method.add_argument(
-        "--extrapolate",
-        action="store_true",
-        help="also fill holes that do not lie between data (default: only holes between data)",
-    )
-    method.add_argument(
-        "--max-kernel",
-        type=int,
-        default=9,
-        metavar="N",
-        help="hole filling: side of the largest kernel, voxels, odd (default: 9)",
-    )
-    method.add_argument(
-        "--compounding",
-        choices=COMPOUNDINGS,
-        default="mean",
-        metavar="NAME",
-        help=f"how pixels of one voxel combine: {', '.join(COMPOUNDINGS)} (default: mean)",
-    )
-    method.add_argument(
-        "--hole-weights",
-        choices=("normalized", "printed"),
-        default="normalized",
-        metavar="NAME",
-        help="hole filling: weights, normalized or as printed in the source (default: normalized)",
-    )
+    given("max_distance")
+    given("extrapolate", action="store_true")
+    for name in ("max_kernel", "compounding", "hole_weights"):
+        given(name, default=getattr(Options, name))
     place = parser.add_argument_group("position of the pixels")
     flags.add(place, "--calibration", "default: the recording's own transforms")
     flags.add(place, "--plus", "default: none")
@@ -335,8 +301,6 @@ def _check(options: argparse.Namespace) -> None:
         raise UserError(f"--voxels: expected 1 to 65536, got {options.size}")
     if options.region is not None and len(options.region) != 6:
         raise UserError(f"--bounds: expected six numbers, got {len(options.region)}")
-    if options.max_kernel < 1 or options.max_kernel % 2 == 0:
-        raise UserError(f"--max-kernel: expected an odd number from 1, got {options.max_kernel}")
     if _exact(options):
         names = {"spacing": "voxel-size", "size": "voxels", "region": "bounds",
                  "max_distance": "max-distance"}  # fmt: skip

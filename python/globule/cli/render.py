@@ -43,6 +43,7 @@ import numpy as np
 from ..render.camera import Camera, view_axes
 from ..render.camera_path import round_camera
 from ..render.fit import fitted
+from ..render.settings import RenderSettings
 from ..render.views import view_cameras
 from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
@@ -178,20 +179,7 @@ def add_arguments(parser: Parser) -> None:
         "soft shadows; may be repeated up to 8 times, and all share a radiance of 1 "
         "(default: head and a sun)",
     )
-    colors.add_argument(
-        "--ambient",
-        type=look.color,
-        metavar="COLOR",
-        help="radiance of the ambient light: R,G,B or V (linear), or #rrggbb (sRGB) "
-        "(default: 0.16,0.18,0.21, or the preset's)",
-    )
-    colors.add_argument(
-        "--background",
-        type=look.color,
-        metavar="COLOR",
-        help="radiance of the background: R,G,B or V (linear), or #rrggbb (sRGB) "
-        "(default: 0.93,0.94,0.96, or the preset's)",
-    )
+    flags.add_settings(colors, RenderSettings, "ambient", "background", note=", or the preset's")
     colors.add_argument(
         "--transparent",
         action="store_true",

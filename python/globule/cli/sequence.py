@@ -14,6 +14,7 @@ import numpy as np
 
 from .._base.arrays import box_corners
 from .._base.ranks import dealt
+from .._base.settings import Whole
 from ..formats.frames import FrameOf
 from ..formats.pictures.video import need_av
 from ..render.camera import Camera
@@ -32,7 +33,6 @@ from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from . import flags, look
-from .arguments import whole
 from .measuring import led_by
 from .meshes import is_mesh, read_mesh
 from .shared import (
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--turntable",
-        type=whole(2, 100_000),
+        type=Whole(2, 100_000).parse,
         metavar="N",
         help="number of images of one turn around --up; a single input file is shown in all of "
         "them (default: none)",
