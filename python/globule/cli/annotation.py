@@ -53,33 +53,18 @@ def add_views(group: Any) -> None:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of legend and annotations."""
     group = parser.add_argument_group("annotations, drawn into the image")
-    add, given = group.add_argument, functools.partial(flags.add_settings, group, Annotation)
+    given = functools.partial(flags.add_settings, group, Annotation)
     given("legend", action="store_true")
-    add(
-        "--legend-at",
-        choices=POSITIONS,
-        metavar="PLACE",
-        help="place of the legend: lower-right, lower-left, upper-right, upper-left, or outside, "
-        "on a strip that takes a part of the image's width (default: lower-right, with --views "
-        "outside)",
-    )
+    flags.own(group, "--legend-at PLACE", "place of the legend: lower-right, lower-left, "
+        "upper-right, upper-left, or outside, on a strip that takes a part of the image's width",
+        POSITIONS, usual="lower-right, with --views outside")  # fmt: skip
     given("legend_title", "legend_unit", "title", "unit", default="")
     given("scale_bar", "axes", "box", action="store_true")
-    add(
-        "--time",
-        type=start_and_step,
-        metavar="T[,DT]",
-        help="time to draw into the first image, and from one image to the next, in the unit of "
-        "--time-unit (default: none)",
-    )
+    flags.own(group, "--time T[,DT]", "time to draw into the first image, and from one image to "
+        "the next, in the unit of --time-unit", start_and_step)  # fmt: skip
     given("time_unit", default="s")
-    add(
-        "--step-number",
-        type=int,
-        metavar="N",
-        help="number of the first image to draw into it, rising by 1 from image to image "
-        "(default: none)",
-    )
+    flags.own(group, "--step-number N", "number of the first image to draw into it, rising by 1 "
+        "from image to image", int)  # fmt: skip
 
 
 class Notes:

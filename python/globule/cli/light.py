@@ -49,13 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     flags.add_settings(group, RenderSettings, "ambient_rays", "bounces", note=preset)
     flags.add_settings(group, RenderSettings, "exposure")
     flags.add_settings(group, RenderSettings, "samples", note=", with a preset other than flat 4")
-    add(
-        "--sky",
-        metavar="SKY",
-        help="light from all around, visible behind the surface, reflected and refracted: "
-        "gradient, an image (.hdr .exr .png .jpg), a color, or none (default: none, or the "
-        "preset's)",
-    )
+    flags.own(group, "--sky SKY", "light from all around, visible behind the surface, reflected "
+        "and refracted: gradient, an image (.hdr .exr .png .jpg), a color, or none",
+        usual="none, or the preset's")  # fmt: skip
     add(
         "--ground",
         type=ground,
@@ -68,63 +64,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("material, instead of the particles' own")
     add = group.add_argument
     flags.add_settings(group, Material, *MATTER)
-    add(
-        "--opacity",
-        type=SHARE.parse,
-        metavar="V",
-        help="1 - transmission of a surface that neither refracts nor colors light, 0 to 1; shows "
-        "the inside (default: --transmission counts)",
-    )
-    add(
-        "--with",
-        dest="beside",
-        type=beside,
-        action="append",
-        default=[],
-        metavar="FILE[:COLOR]",
-        help="particles or mesh of a second scene in the same image; material, cuts and support "
-        "flags do not apply to the second scene; may be repeated up to 3 times (default: none)",
-    )
+    flags.own(group, "--opacity V", "1 - transmission of a surface that neither refracts nor "
+        "colors light, 0 to 1; shows the inside", SHARE.parse,
+        usual="--transmission counts")  # fmt: skip
+    flags.own(group, "--with FILE[:COLOR]", "particles or mesh of a second scene in the same "
+        "image; material, cuts and support flags do not apply to the second scene; may be repeated "
+        "up to 3 times", beside, [], dest="beside", action="append")  # fmt: skip
     group = parser.add_argument_group("cuts; the cut face shows the inside")
     add = group.add_argument
     flags.add(group, "--clip", "may be repeated; default: none", action="append", default=[])
-    add(
-        "--clip-box",
-        type=box,
-        action="append",
-        default=[],
-        metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="cut away a box, given by its lowest and highest corner, world units; may be repeated "
-        "(default: none)",
-    )
-    add(
-        "--clip-sphere",
-        type=ball,
-        action="append",
-        default=[],
-        metavar="X,Y,Z,R",
-        help="cut away a ball, given by center and radius, world units; may be repeated "
-        "(default: none)",
-    )
-    add(
-        "--crop",
-        type=functools.partial(box, keep=True),
-        metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="keep only the inside of a box, and show that, world units (default: all)",
-    )
-    add(
-        "--crop-sphere",
-        type=functools.partial(ball, keep=True),
-        metavar="X,Y,Z,R",
-        help="keep only the inside of a ball, world units (default: all)",
-    )
-    add(
-        "--pick",
-        type=pixel,
-        metavar="COLUMN,ROW",
-        help="print position, particle and attributes behind a pixel, counted from the top left "
-        "corner (default: none)",
-    )
+    flags.own(group, "--clip-box X0,Y0,Z0,X1,Y1,Z1", "cut away a box, given by its lowest and "
+        "highest corner, world units; may be repeated", box, [], action="append")  # fmt: skip
+    flags.own(group, "--clip-sphere X,Y,Z,R", "cut away a ball, given by center and radius, world "
+        "units; may be repeated", ball, [], action="append")  # fmt: skip
+    flags.own(group, "--crop X0,Y0,Z0,X1,Y1,Z1", "keep only the inside of a box, and show that, "
+        "world units", functools.partial(box, keep=True), usual="all")  # fmt: skip
+    flags.own(group, "--crop-sphere X,Y,Z,R", "keep only the inside of a ball, world units",
+        functools.partial(ball, keep=True), usual="all")  # fmt: skip
+    flags.own(group, "--pick COLUMN,ROW", "print position, particle and attributes behind a pixel, "
+        "counted from the top left corner", pixel)  # fmt: skip
 
 
 class Light:

@@ -88,33 +88,26 @@ class Annotation(Fixed):
     """
 
     title: str = setting(WORDS, "", "title at the top")
-    scale_bar: bool = setting(
-        Switch(), False, "draw a bar of a round length, true at the distance of the camera's "
-        "`look_at`. The length is 1, 2 or 5 times a power of ten, and true everywhere in an "
-        "orthographic image",
-    )  # fmt: skip
+    scale_bar: bool = setting(Switch(), False, "draw a bar of a round length, true at the distance "
+        "of the camera's `look_at`. The length is 1, 2 or 5 times a power of ten, and true "
+        "everywhere in an orthographic image")  # fmt: skip
     axes: bool = setting(Switch(), False, "draw the directions of x, y and z")
-    box: Any = setting(
-        BoxKind(), False, "draw the bounding box of the particles' centers with coordinates along "
-        "its edges. Of a sequence: of the frame that leads. Or its lowest and highest corner, two "
-        "(3,), world. Parts of edges behind the surface are hidden",
-    )  # fmt: skip
+    box: Any = setting(BoxKind(), False, "draw the bounding box of the particles' centers with "
+        "coordinates along its edges. Of a sequence: of the frame that leads. Or its lowest and "
+        "highest corner, two (3,), world. Parts of edges behind the surface are "
+        "hidden")  # fmt: skip
     unit: str = setting(WORDS, "", "unit of lengths for scale bar and box", label="Unit of lengths")
     time: float | None = setting(Number(), None, "time of the image, or of the first frame")
     time_step: float = setting(Number(), 0.0, "time from one frame of a sequence to the next")
     time_unit: str = setting(WORDS, "s", "unit of the time")
-    step: int | None = setting(
-        Whole(-(2**53), 2**53), None, "number of the image, or of the first frame; each adds 1"
-    )
-    legend: bool | str = setting(
-        LegendKind(*POSITIONS), False, "draw the color map and its range into the image. Or the "
-        "legend's place: lower-right, lower-left, upper-right, upper-left, or outside, on a strip "
-        "that takes a part of the image's width. True stands for lower-right, of several views for "
-        "outside. Needs colors of values",
-    )  # fmt: skip
-    legend_title: str = setting(
-        WORDS, "", "name of the values in the legend", usual="the name of what colors are by"
-    )
+    step: int | None = setting(Whole(-(2**53), 2**53), None, "number of the image, or of the first "
+        "frame; each adds 1")  # fmt: skip
+    legend: bool | str = setting(LegendKind(*POSITIONS), False, "draw the color map and its range "
+        "into the image. Or the legend's place: lower-right, lower-left, upper-right, upper-left, "
+        "or outside, on a strip that takes a part of the image's width. True stands for "
+        "lower-right, of several views for outside. Needs colors of values")  # fmt: skip
+    legend_title: str = setting(WORDS, "", "name of the values in the legend",
+        usual="the name of what colors are by")  # fmt: skip
     legend_unit: str = setting(WORDS, "", "unit of the values in the legend")
 
     def _check(self) -> None:

@@ -26,33 +26,23 @@ class Material(Fixed):
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
-    reflection: float | None = setting(
-        SHARE, None, "specular reflectance at normal incidence", usual="the particles', else 0"
-    )
-    transmission: float | None = setting(
-        SHARE, None, "share of the light not reflected that enters the surface",
-        usual="the particles', else 0",
-    )  # fmt: skip
-    index: float | None = setting(
-        Number(1.0, 4.0), None, "index of refraction, such as 1.33 for water and 1.5 for glass. "
-        "Reflection then follows Fresnel's equations too", label="Refractive index",
-        usual="the preset's, else the particles'",
-    )  # fmt: skip
+    reflection: float | None = setting(SHARE, None, "specular reflectance at normal incidence",
+        usual="the particles', else 0")  # fmt: skip
+    transmission: float | None = setting(SHARE, None, "share of the light not reflected that "
+        "enters the surface", usual="the particles', else 0")  # fmt: skip
+    index: float | None = setting(Number(1.0, 4.0), None, "index of refraction, such as 1.33 for "
+        "water and 1.5 for glass. Reflection then follows Fresnel's equations too",
+        label="Refractive index", usual="the preset's, else the particles'")  # fmt: skip
     color: Any = setting(RADIANCE, None, "color of the surface", usual="the particles'")
-    absorption: Any = setting(
-        RADIANCE, None, "absorption inside the medium after Beer's law", "per world unit",
-        usual="the preset's, else the surface's color filters the light that enters",
-    )  # fmt: skip
-    roughness: float = setting(
-        SHARE, 0.0, "roughness of reflection and refraction. After GGX (Walter et "
-        "al. 2007); several samples per pixel make it smooth",
-    )  # fmt: skip
-    specular: float | None = setting(
-        Number(0.0), None, "highlight of the lights (Blinn-Phong)", usual="the settings'"
-    )
-    shininess: float | None = setting(
-        Number(0.0), None, "exponent of the highlight", usual="the settings'"
-    )
+    absorption: Any = setting(RADIANCE, None, "absorption inside the medium after Beer's law",
+        "per world unit",
+        usual="the preset's, else the surface's color filters the light that enters")  # fmt: skip
+    roughness: float = setting(SHARE, 0.0, "roughness of reflection and refraction. After GGX "
+        "(Walter et al. 2007); several samples per pixel make it smooth")  # fmt: skip
+    specular: float | None = setting(Number(0.0), None, "highlight of the lights (Blinn-Phong)",
+        usual="the settings'")  # fmt: skip
+    shininess: float | None = setting(Number(0.0), None, "exponent of the highlight",
+        usual="the settings'")  # fmt: skip
 
     def _check(self) -> None:
         self._packed  # noqa: B018  making it checks the fields

@@ -64,65 +64,45 @@ class RenderSettings(Fixed):
 
     lights: Sequence[Headlight | DirectionalLight | PointLight] = setting(
         Each(Made(Headlight, DirectionalLight, PointLight), most=MAX_LIGHTS),
-        (Headlight(), DirectionalLight()), f"lights, up to {MAX_LIGHTS}",
-    )  # fmt: skip
-    ambient: Any = setting(
-        Ambient(), (0.16, 0.18, 0.21),
-        "radiance of the ambient light, which comes from everywhere, or `sky` for the sky's own",
-    )  # fmt: skip
-    background: Any = setting(
-        RADIANCE, (0.93, 0.94, 0.96), "radiance of the background, where there is no sky", step=0.05
-    )
-    material: Material = setting(
-        Made(Material), Material(), "material of every scene that has none of its own"
-    )
-    specular: float = setting(
-        Number(0.0), 0.22, "highlight of the lights, for materials without a value of their own"
-    )
+        (Headlight(), DirectionalLight()), f"lights, up to {MAX_LIGHTS}")  # fmt: skip
+    ambient: Any = setting(Ambient(), (0.16, 0.18, 0.21), "radiance of the ambient light, which "
+        "comes from everywhere, or `sky` for the sky's own")  # fmt: skip
+    background: Any = setting(RADIANCE, (0.93, 0.94, 0.96), "radiance of the background, where "
+        "there is no sky", step=0.05)  # fmt: skip
+    material: Material = setting(Made(Material), Material(), "material of every scene that has "
+        "none of its own")  # fmt: skip
+    specular: float = setting(Number(0.0), 0.22, "highlight of the lights, for materials without a "
+        "value of their own")  # fmt: skip
     shininess: float = setting(Number(0.0), 60.0, "exponent of the highlight, as `specular`")
-    exposure: float = setting(
-        Number(0.0), 1.0, "factor of the image's radiance", "no unit", slider=(0.1, 4.0), step=0.05
-    )
+    exposure: float = setting(Number(0.0), 1.0, "factor of the image's radiance", "no unit",
+        slider=(0.1, 4.0), step=0.05)  # fmt: skip
     shadows: bool = setting(Switch(), False, "lights cast shadows. Headlights cast none")
-    ambient_rays: int = setting(
-        Whole(0, 256), 0, "ambient occlusion: number of rays per sample that test how open a place "
-        "is", label="Ambient occlusion", slider=(0, 32),
-    )  # fmt: skip
-    ambient_distance: float | None = setting(
-        Number(0.0), None, "length of the rays of ambient occlusion", "world units",
-        usual="a tenth of the scene's extent",
-    )  # fmt: skip
-    sky: Sky | Environment | None = setting(
-        Made(Sky, Environment), None, "light from all around, also visible behind the scene",
-        usual="none, the background everywhere",
-    )  # fmt: skip
+    ambient_rays: int = setting(Whole(0, 256), 0, "ambient occlusion: number of rays per sample "
+        "that test how open a place is", label="Ambient occlusion", slider=(0, 32))  # fmt: skip
+    ambient_distance: float | None = setting(Number(0.0), None, "length of the rays of ambient "
+        "occlusion", "world units", usual="a tenth of the scene's extent")  # fmt: skip
+    sky: Sky | Environment | None = setting(Made(Sky, Environment), None, "light from all around, "
+        "also visible behind the scene", usual="none, the background everywhere")  # fmt: skip
     ground: Ground | None = setting(Made(Ground), None, "a plane under the scene")
-    bounces: int = setting(
-        Whole(0, 32), 4, "number of reflections and refractions that a ray follows", slider=(0, 16)
-    )
-    cutoff: float = setting(
-        SHARE, 1 / 32, "a ray that carries less than this share of a pixel's light ends in the sky"
-    )
-    samples: int = setting(
-        Whole(1, MAX_SAMPLES), 1, "number of rays per pixel. The first goes through the pixel's "
-        "center, the others anywhere in it", label="Samples when still", slider=(1, 64),
-    )  # fmt: skip
-    tone: bool = setting(
-        Switch(), True, "whether `Frame.image` compresses light above 0.8. False: `Frame.image` is "
-        "`Frame.color` in sRGB, clipped at 1, without `exposure`",
-    )  # fmt: skip
-    transparent: bool = setting(
-        Switch(), False, "whether `Frame.image` is RGBA. A pixel's alpha is the share of its rays "
-        "that hit a surface or the ground; an image of several samples has smooth edges",
-    )  # fmt: skip
-    edge_samples: int | None = setting(
-        Whole(0, 64), None, "more rays for pixels beside a jump of distance, normal or layer "
-        "(silhouettes, creases, cuts) in images of one sample a pixel. In images with shadows, "
-        "reflection, transmission, clips, sky, ground or several layers, pixels beside a jump of "
-        "color (a tenth of white as displayed, in any channel) have them too, unless the image is "
-        "`transparent` or has ambient rays. Images of more samples have no edge samples",
-        usual="3 where a layer has a smooth surface or shows 2-D data, else 0",
-    )  # fmt: skip
+    bounces: int = setting(Whole(0, 32), 4, "number of reflections and refractions that a ray "
+        "follows", slider=(0, 16))  # fmt: skip
+    cutoff: float = setting(SHARE, 1 / 32, "a ray that carries less than this share of a pixel's "
+        "light ends in the sky")  # fmt: skip
+    samples: int = setting(Whole(1, MAX_SAMPLES), 1, "number of rays per pixel. The first goes "
+        "through the pixel's center, the others anywhere in it", label="Samples when still",
+        slider=(1, 64))  # fmt: skip
+    tone: bool = setting(Switch(), True, "whether `Frame.image` compresses light above 0.8. False: "
+        "`Frame.image` is `Frame.color` in sRGB, clipped at 1, without `exposure`")  # fmt: skip
+    transparent: bool = setting(Switch(), False, "whether `Frame.image` is RGBA. A pixel's alpha "
+        "is the share of its rays that hit a surface or the ground; an image of several samples "
+        "has smooth edges")  # fmt: skip
+    edge_samples: int | None = setting(Whole(0, 64), None, "more rays for pixels beside a jump of "
+        "distance, normal or layer (silhouettes, creases, cuts) in images of one sample a pixel. "
+        "In images with shadows, reflection, transmission, clips, sky, ground or several layers, "
+        "pixels beside a jump of color (a tenth of white as displayed, in any channel) have them "
+        "too, unless the image is `transparent` or has ambient rays. Images of more samples have "
+        "no edge samples",
+        usual="3 where a layer has a smooth surface or shows 2-D data, else 0")  # fmt: skip
 
     def _check(self) -> None:
         self._packed  # noqa: B018  making it checks the fields

@@ -34,37 +34,23 @@ class Thesis(Fixed):
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
-    root: str = setting(
-        Choice(*ROOTS), "march", "points along the ray (Fig. 5.5); bezier: Bézier clipping "
-        "(Nishita & Nakamae 1994; kernels murakami and wyvill)",
-    )  # fmt: skip
-    step: float = setting(
-        Number(1e-4, 1e4), 0.25, "step of the march before the first threshold, in supports. The "
-        "march may miss parts that are thinner than a step",
-    )  # fmt: skip
-    thresholds: int = setting(
-        Whole(0, MAX_THRESHOLDS), 4, "number of thresholds below the scene's own, evenly spaced; "
-        "each passed threshold halves the step",
-    )  # fmt: skip
-    ghosts: bool = setting(
-        Switch(), True, "leaves see the particles of their neighbors (ghost particles), and rays "
-        "also visit the leaves beside occupied leaves. False: the artifacts of Fig. 5.6",
-    )  # fmt: skip
-    face_rule: bool = setting(
-        Switch(), True, "a ray does not fetch the nine neighbors across the face of entry again "
-        "(Fig. 5.7). The image is the same",
-    )  # fmt: skip
-    exterior: bool = setting(
-        Switch(), True, "the spheres of radius a bound the search; a lone sphere needs no search "
-        "(Figs. 5.3, 5.4)",
-    )  # fmt: skip
-    refine: bool = setting(
-        Switch(), True, "a search refines the march's sign change. False: the terraces of Fig. 5.1"
-    )
-    averaged_normals: bool = setting(
-        Switch(), False, "normals away from the mean of the centers that reach the hit (Fig. 5.8a) "
-        "instead of the gradient's",
-    )  # fmt: skip
+    root: str = setting(Choice(*ROOTS), "march", "points along the ray (Fig. 5.5); bezier: Bézier "
+        "clipping (Nishita & Nakamae 1994; kernels murakami and wyvill)")  # fmt: skip
+    step: float = setting(Number(1e-4, 1e4), 0.25, "step of the march before the first threshold, "
+        "in supports. The march may miss parts that are thinner than a step")  # fmt: skip
+    thresholds: int = setting(Whole(0, MAX_THRESHOLDS), 4, "number of thresholds below the scene's "
+        "own, evenly spaced; each passed threshold halves the step")  # fmt: skip
+    ghosts: bool = setting(Switch(), True, "leaves see the particles of their neighbors (ghost "
+        "particles), and rays also visit the leaves beside occupied leaves. False: the artifacts "
+        "of Fig. 5.6")  # fmt: skip
+    face_rule: bool = setting(Switch(), True, "a ray does not fetch the nine neighbors across the "
+        "face of entry again (Fig. 5.7). The image is the same")  # fmt: skip
+    exterior: bool = setting(Switch(), True, "the spheres of radius a bound the search; a lone "
+        "sphere needs no search (Figs. 5.3, 5.4)")  # fmt: skip
+    refine: bool = setting(Switch(), True, "a search refines the march's sign change. False: the "
+        "terraces of Fig. 5.1")  # fmt: skip
+    averaged_normals: bool = setting(Switch(), False, "normals away from the mean of the centers "
+        "that reach the hit (Fig. 5.8a) instead of the gradient's")  # fmt: skip
 
     def _choices(self) -> tuple[int, float, int, bool, bool, bool, bool, bool]:
         made: Any = check_all(self) | {"root": ROOTS.index(self.root)}

@@ -18,12 +18,10 @@ class Key(Table):
     of the previous frame. Positions follow straight lines between key frames; rotations have a
     constant angular speed."""
 
-    time: float = setting(
-        Number(least=0.0), help="time, rising from key frame to key frame", unit="s"
-    )
-    position: tuple | None = setting(
-        PLACE, None, "position; of a boundary, its displacement", "m", usual="[0, 0, 0]"
-    )
+    time: float = setting(Number(least=0.0), help="time, rising from key frame to key frame",
+        unit="s")  # fmt: skip
+    position: tuple | None = setting(PLACE, None, "position; of a boundary, its displacement", "m",
+        usual="[0, 0, 0]")  # fmt: skip
     axis: tuple | None = setting(Direction(), None, "axis of a rotation, beside `angle`")
     angle: float | None = setting(Number(), None, "angle about `axis`", "degrees")
     on: bool | None = setting(Switch(), None, "whether an instrument works", usual="true")
@@ -118,16 +116,13 @@ class Instrument(Table):
     """
 
     name: str = setting(NAME, help="a name of its own")
-    kind: str = setting(
-        Choice("scalpel", "suction", "grasper"), help='"scalpel", "suction" or "grasper"'
-    )
+    kind: str = setting(Choice("scalpel", "suction", "grasper"),
+        help='"scalpel", "suction" or "grasper"')  # fmt: skip
     keys: list = setting(Each(Key, least=1), help="[key frames](#key-frames)")
-    edge: list | None = setting(
-        POINTS, None, "of a scalpel: points in its own frame, whose origin is the tip", "m"
-    )
-    length: float | None = setting(
-        POSITIVE, None, "of a scalpel without `edge`: a curved edge from the tip along +x", "m"
-    )
+    edge: list | None = setting(POINTS, None, "of a scalpel: points in its own frame, whose origin "
+        "is the tip", "m")  # fmt: skip
+    length: float | None = setting(POSITIVE, None, "of a scalpel without `edge`: a curved edge "
+        "from the tip along +x", "m")  # fmt: skip
     radius: float | None = setting(POSITIVE, None, "radius of suction and grasper", "m")
     ablates: bool = setting(Switch(), False, "whether suction removes tissue, too")
 

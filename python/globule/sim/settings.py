@@ -43,11 +43,9 @@ class Phase(Steered):
     """
 
     name: str = setting(NAME, help="name of the phase; each has its own")
-    kind: str = setting(
-        Choice("fluid", "tissue", "boundary", "rigid"), "fluid",
+    kind: str = setting(Choice("fluid", "tissue", "boundary", "rigid"), "fluid",
         '"fluid", "tissue", "boundary" (at rest, or moving along key frames) or "rigid" (a '
-        "floating body)",
-    )  # fmt: skip
+        "floating body)")  # fmt: skip
     density: float | None = same(Fluid, "density", default=None)
     viscosity: float | None = same(Fluid, "viscosity", default=None)
     implicit: bool | None = same(Fluid, "implicit")

@@ -97,12 +97,10 @@ class Tomography(Table):
     labels: list | None = setting(Each(Whole(-(2**31), 2**31)), None, "values to take, of labels")
     scale: float = same(Placed, "scale", default=0.001)
     center: tuple = setting(PLACE, (0.0, 0.0, 0.0), "new position of the tissue's middle", "m")
-    white: tuple | None = setting(
-        Color(), None, 'color of white matter, which is then the phase "NAME white matter"'
-    )
-    white_level: float | None = setting(
-        Number(), None, "of a file: the least intensity of white matter"
-    )
+    white: tuple | None = setting(Color(), None, "color of white matter, which is then the phase "
+        '"NAME white matter"')  # fmt: skip
+    white_level: float | None = setting(Number(), None, "of a file: the least intensity of white "
+        "matter")  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -33,23 +33,16 @@ class Options:
         usual="frames; pvn-om with --live and --voxel-size, and with another --compounding than "
         "mean",
     )  # fmt: skip
-    max_kernel: int = setting(
-        Odd(1, 253), 9, "hole filling: side of the largest kernel, odd; 1 leaves all holes",
-        "voxels",
-    )  # fmt: skip
+    max_kernel: int = setting(Odd(1, 253), 9, "hole filling: side of the largest kernel, odd; 1 "
+        "leaves all holes", "voxels")  # fmt: skip
     compounding: str = setting(Choice(*COMPOUNDINGS), "mean", "how pixels of one voxel combine")
-    hole_weights: str = setting(
-        Choice(*HOLE_WEIGHTS), "normalized",
-        "hole filling: weights, normalized or as printed in the source",
-    )  # fmt: skip
-    max_distance: float | None = setting(
-        Number(0.0), None, "hole filling: largest distance of a voxel from any pixel", "mm",
-        usual="no limit; frames: half of five usual steps between frames",
-    )  # fmt: skip
-    extrapolate: bool = setting(
-        Switch(), False, "also fill holes that do not lie between data", usual="only holes between "
-        "data",
-    )  # fmt: skip
+    hole_weights: str = setting(Choice(*HOLE_WEIGHTS), "normalized", "hole filling: weights, "
+        "normalized or as printed in the source")  # fmt: skip
+    max_distance: float | None = setting(Number(0.0), None, "hole filling: largest distance of a "
+        "voxel from any pixel", "mm",
+        usual="no limit; frames: half of five usual steps between frames")  # fmt: skip
+    extrapolate: bool = setting(Switch(), False, "also fill holes that do not lie between data",
+        usual="only holes between data")  # fmt: skip
 
     def __post_init__(self) -> None:
         for name, value in check_all(self).items():
