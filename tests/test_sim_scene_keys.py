@@ -9,7 +9,7 @@ import pytest
 from globule._base.settings import settings_of
 from globule._base.structured import parse_toml
 from globule.sim import scene_file
-from globule.sim.scene_file import FOLDER, SHIPPED
+from globule.sim.scene_read import FOLDER, SHIPPED
 from sim_helpers import tables
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -11,7 +11,8 @@ import pytest
 import tomli_w
 from globule._base.settings import Table
 from globule.sim import instruments, scene_file
-from globule.sim.scene_file import LISTS, as_dict
+from globule.sim.scene_file import LISTS
+from globule.sim.scene_read import as_dict, read_scene
 from sim_helpers import tables
 
 # Together they give every key of every table a value other than its default. The module's fixture
@@ -211,7 +212,7 @@ def test_the_scenes_have_every_key(folder):
     """Each with a value other than its default, which is what the test above compares."""
     found = set()
     for scene in SCENES.values():
-        found |= not_default(scene_file.read_scene(scene))
+        found |= not_default(read_scene(scene))
     assert found == {
         (kind, field.name)
         for kind, table in TABLES.items()

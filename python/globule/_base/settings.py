@@ -52,6 +52,11 @@ def sentence(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
+def unlinked(words: str) -> str:
+    """Markdown without links."""
+    return re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", words)
+
+
 def listed(names: Sequence[str]) -> str:
     """ "a or b", "one of a, b, c"."""
     return " or ".join(names) if len(names) < 3 else f"one of {', '.join(names)}"
@@ -361,7 +366,7 @@ class Setting:
     @property
     def plain(self) -> str:
         """`words` without Markdown."""
-        return re.sub(r"\[([^\]]*)\]\([^)]*\)|`([^`]*)`", r"\1\2", self.words)
+        return unlinked(self.words).replace("`", "")
 
     @property
     def brief(self) -> str:
@@ -391,13 +396,15 @@ def same(table: type, name: str, **changes: Any) -> Any:
     return setting(one.kind, default, one.help, one.unit, **more)
 
 
-_KNOWN: dict[type, dict[str, Setting]] = {}
+_KNOWN: dict[Any, dict[str, Setting]] = {}
 
 
 def settings_of(table: Any) -> dict[str, Setting]:
-    """The settings of a dataclass by their names."""
+    """The settings of a dataclass by their names; none of anything else."""
     if table in _KNOWN:
         return _KNOWN[table]
+    if not dataclasses.is_dataclass(table):
+        return {}
     found = _KNOWN[table] = {}
     for field in dataclasses.fields(table):
         if "setting" in field.metadata:
@@ -492,7 +499,7 @@ def documented(cls: C) -> C:
     """Decorate a dataclass: its settings stand as arguments in its docstring."""
     lines: list[str] = []
     for name, one in settings_of(cls).items():
-        text = f"{name}: {one.plain}" + (f"; default: {one.usual}." if one.usual else ".")
+        text = f"{name}: {unlinked(one.words)}" + (f"; default: {one.usual}." if one.usual else ".")
         lines += textwrap.wrap(text, 92, initial_indent="    ", subsequent_indent="        ")
     if not lines:
         return cls

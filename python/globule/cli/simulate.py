@@ -55,7 +55,7 @@ CHECKPOINT = "checkpoint.npz"
 def add_arguments(parser: Parser) -> None:
     """The arguments of `globule simulate`."""
     from ..formats import EXTENSIONS
-    from ..sim.scene_file import SHIPPED
+    from ..sim.scene_read import SHIPPED
 
     formats = [extension[1:] for extension in EXTENSIONS]
     add = parser.add_argument
@@ -114,7 +114,7 @@ def run(options: argparse.Namespace) -> None:
 
 def _view(options: argparse.Namespace) -> None:
     """Run live in the browser."""
-    from ..sim.scene_file import errors_of
+    from ..sim.scene_read import errors_of
     from ..sim.simulation import Simulation
     from ..viewer.simulation_source import SimulationSource
 
@@ -150,7 +150,7 @@ def _view(options: argparse.Namespace) -> None:
 
 def _read(options: argparse.Namespace) -> SceneFile:
     """The scene of the options."""
-    from ..sim.scene_file import read_scene
+    from ..sim.scene_read import read_scene
 
     try:
         return read_scene(options.scene, options.spacing)
@@ -163,7 +163,7 @@ class _Job:
 
     def __init__(self, options: argparse.Namespace, held: ExitStack):
         from ..sim.pictures import Pictures
-        from ..sim.scene_file import errors_of
+        from ..sim.scene_read import errors_of
         from ..sim.simulation import Simulation
 
         self.options, self.folder = options, options.output
@@ -375,7 +375,7 @@ def _resumed(
 ) -> Simulation:
     """The simulation of the folder's checkpoint. Only duration, view and output of the scene may
     differ from those of the checkpoint."""
-    from ..sim.scene_file import as_dict, read_scene
+    from ..sim.scene_read import as_dict, read_scene
 
     checkpoint = os.path.join(folder, CHECKPOINT)
     try:

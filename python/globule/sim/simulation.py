@@ -28,7 +28,8 @@ from .foam import Foam
 from .limits import check_densities, check_emitter, check_material, shape_of
 from .operate import BondedTissue
 from .record import Record
-from .scene_file import SceneFile, as_dict, errors_of, read_scene
+from .scene_file import SceneFile
+from .scene_read import as_dict, errors_of, read_scene
 from .settings import MAX_PHASES, SETTINGS, Phase, StepReport, settings_in
 from .simulation_scene import SimulationScene
 from .steer import Steer
