@@ -228,6 +228,6 @@ def as_settings(value: RenderSettings | Mapping[str, Any] | None) -> RenderSetti
             f"settings: expected RenderSettings or a dict of its fields, got {shown(value)}"
         )
     for name in value:
-        if name not in (*NAMES, "depth"):
+        if name not in NAMES:
             raise TypeError(f"settings: expected some of {', '.join(NAMES)}, got {name!r}")
     return RenderSettings(**value)
