@@ -344,7 +344,7 @@ def test_supports_of_the_preset_that_make_dust_are_told(folder, capsys):
 @pytest.mark.parametrize(("words", "message"), [
     (["--step", "1"], "--step: expected --root march beside --step, got --root exact"),
     (["--root", "bezier", "--step", "1"], "--step: expected --root march"),
-    (["--root", "march", "--step", "1e9"], "step: expected a number from 0.0001 to 10000"),
+    (["--root", "march", "--step", "1e9"], "step: expected 0.0001 to 10000"),
     (["--root", "march", "--octree", "sparse"], "--octree: expected dense with --root march"),
     (["--root", "bezier", "--kernel", "nishimura"], "--kernel: expected murakami or wyvill"),
     (["--preset", "thesis", "--octree-level", "9"], "level: expected 0 to 8"),

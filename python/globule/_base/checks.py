@@ -16,6 +16,7 @@ import numpy as np
 MAX_PIXELS = 2**28  # of an image
 
 _SHORT = reprlib.Repr()
+_SHORT.maxlevel = 2
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
 
 
