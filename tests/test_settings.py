@@ -46,9 +46,9 @@ class Tap(Table):
 
 def test_one_field_makes_everything():
     rate = settings_of(Tap)["rate"]
-    assert rate.words == "flow. It is [steady](#x), l/s, 0 to 2"
+    assert rate.words == "flow, l/s, 0 to 2. It is [steady](#x)"
     assert rate.brief == "flow, l/s, 0 to 2"
-    assert "rate: flow. It is steady, l/s, 0 to 2; default: full." in Tap.__doc__
+    assert "rate: flow, l/s, 0 to 2. It is steady; default: full." in Tap.__doc__
     assert facts_of(rate) | {"kind": "real", "least": 0.0, "most": 2.0, "label": "Rate"} == (
         facts_of(rate)
     )
@@ -56,7 +56,7 @@ def test_one_field_makes_everything():
     assert schema["required"] == ["name"]
     assert schema["properties"]["rate"] == {
         "type": "number", "minimum": 0.0, "maximum": 2.0, "default": 1.0,
-        "description": "flow. It is steady, l/s, 0 to 2",
+        "description": "flow, l/s, 0 to 2. It is steady",
     }  # fmt: skip
     assert same(Tap, "rate", default=0.5).default == 0.5
 

@@ -361,7 +361,9 @@ class Setting:
         """Help, unit, and limits that are no mere protection from slips."""
         limits = "" if isinstance(self.kind, type) else self.kind.limits
         near = limits and max(abs(self.kind.least), abs(self.kind.most)) < 1e5
-        return ", ".join(part for part in (self.help, self.unit, limits if near else "") if part)
+        first, dot, more = self.help.partition(". ")
+        parts = (first, self.unit, limits if near else "")
+        return ", ".join(part for part in parts if part) + dot + more
 
     @property
     def plain(self) -> str:
