@@ -20,7 +20,8 @@ from globule import _core
 from globule._base.arrays import address, located
 from globule._base.device import choose
 from globule.ultrasound.grid import bounds, make_grid
-from globule.ultrasound.reconstruct import METHODS, Options, crowded, fill, start
+from globule.ultrasound.options import METHODS, Options
+from globule.ultrasound.reconstruct import crowded, fill, start
 
 from .speed import write_csv
 from .tables.sweep_speed import placed

@@ -23,7 +23,7 @@ from globule.cli.shared import UserError
 from globule.cli.state import read_state
 from globule.formats.pictures.exr import write_exr
 from globule.formats.ranges import has_ranges, ranges
-from globule.sim.scene_file import as_dict, read_scene
+from globule.sim.scene_read import as_dict, read_scene
 from globule.ultrasound.marks import read_marks, read_tracked
 from globule.ultrasound.plus.config import read_plus_config
 from globule.viewer.state import State

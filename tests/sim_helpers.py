@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import globule as gb
 import numpy as np
+from globule._base.settings import settings_of
 from globule.sim import checkpoint
-from globule.sim.scene_file import Vessel
+from globule.sim.scene_file import SceneFile, Vessel
 
 from bench.tables.physics_tissue import SPACING, lattice
+
+
+def tables(table: type = SceneFile) -> set[type]:
+    """The tables of a scene: a table, and all those in it."""
+    found = {table}
+    for one in settings_of(table).values():
+        inner = getattr(one.kind, "kind", one.kind)  # of a list
+        found |= tables(inner) if isinstance(inner, type) else set()
+    return found
 
 
 def check(rows) -> None:

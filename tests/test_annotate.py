@@ -282,7 +282,7 @@ def test_text_on_transparent_pixels():
 @pytest.mark.parametrize(
     ("fields", "what"),
     [
-        ({"title": 3}, "title: expected text"),
+        ({"title": 3}, "title: expected a text"),
         ({"scale_bar": 0.1}, "scale_bar: expected"),
         ({"box": 3}, "box: expected a bool or"),
         ({"box": ((0, 0, 0), (1, -1, 1))}, "box: expected lo <= hi"),

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from cli_helpers import run_json
+from globule._base.settings import Color
 from globule.cli import build_parser, look, main
 from globule.cli.arguments import beside, ground
 from globule.cli.shared import UserError
@@ -76,7 +77,8 @@ def lacks(action: argparse.Action) -> str:
         shown = {"0": "all cores"}.get(shown, re.sub(r"\.0$", "", shown))
         if not default[1].startswith(shown):
             return f"the default {shown}"
-    if action.type not in (None, look.light, look.color, beside, ground) and not UNITS.search(text):
+    colored = isinstance(getattr(action.type, "__self__", None), Color)
+    if not (colored or action.type in (None, look.light, beside, ground) or UNITS.search(text)):
         return "a unit"
     unnamed = [c for c in action.choices or () if not re.search(rf"\b{re.escape(str(c))}\b", text)]
     return f"the choices {unnamed}" if unnamed and action.metavar else ""

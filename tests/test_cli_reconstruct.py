@@ -139,7 +139,7 @@ def test_mistakes_get_one_line(sweep, capsys):
         ([sweep, *out, "--image-region", "1,2"], "--image-region: expected 4"),
         ([sweep, *out, "--image-region", "900,0,5,5"], "region"),
         ([sweep, *out, "--bounds", "1,1,1,0,0,0"], "--bounds: expected two"),
-        ([sweep, *out, "--max-distance", "-1"], "--max-distance: expected 0"),
+        ([sweep, *out, "--max-distance", "-1"], "--max-distance: expected a number of at least 0"),
         ([sweep, *out, "--mask", "nowhere.png"], "nowhere.png"),
         ([sweep, *out, "--voxel-size", "1", "--voxels", "9"], "--voxels"),
         ([sweep, *out, "--max-kernel", "4"], "--max-kernel"),

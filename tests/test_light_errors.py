@@ -1,6 +1,7 @@
 """Wrong arguments of pictures: each message names the argument, what was expected and what came."""
 
 import dataclasses
+import re
 
 import globule as gb
 import numpy as np
@@ -22,7 +23,7 @@ def refused(error, name, got, call):
     with pytest.raises(error) as caught:
         call()
     message = str(caught.value)
-    assert message.startswith(f"{name}: expected "), message
+    assert re.match(rf"{name}(\[\d\])?: expected ", message), message
     assert f", got {got}" in message, message
     assert "\n" not in message
     assert len(message) < 300

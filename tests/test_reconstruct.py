@@ -12,7 +12,7 @@ from globule._base.device import choose
 from globule.ultrasound import oracle as sweep_oracle
 from globule.ultrasound import reconstruct as reconstruction
 from globule.ultrasound.grid import VoxelGrid
-from globule.ultrasound.reconstruct import METHODS
+from globule.ultrasound.options import METHODS
 from globule.ultrasound.reconstructor import Reconstructor
 from globule.ultrasound.sweep import Sweep
 from interrupts import interrupts
@@ -207,9 +207,9 @@ def test_one_pixel_and_one_frame(backend):
         ({"max_kernel": 4}, "max_kernel: expected an odd number"),
         ({"compounding": "mode"}, "compounding: expected one of mean"),
         ({"method": "vvn", "compounding": "latest"}, "compounding: expected mean"),
-        ({"hole_weights": "none"}, "hole_weights: expected one of"),
+        ({"hole_weights": "none"}, "hole_weights: expected normalized or"),
         ({"region": ((0, 0, 0), (1, 0, 1))}, "region: expected two corners"),
-        ({"max_distance": -1}, "max_distance: expected 0 mm or more"),
+        ({"max_distance": -1}, "max_distance: expected a number of at least 0"),
     ],
 )
 def test_wrong_arguments(change, message):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from globule.sim import room
 from globule.sim.bodies import bodies
-from globule.sim.scene_file import read_scene
+from globule.sim.scene_read import read_scene
 from globule.sim.schema import SceneError
 
 SCENE = """\

@@ -1,60 +1,44 @@
-"""The page of scene keys names every key of a scene and no other, bold where it must be given."""
+"""The page of scene keys has a row for every key, and the JSON Schema takes what a scene takes."""
 
-import dataclasses
+import json
 import re
+import sys
 from pathlib import Path
 
 import pytest
-from globule.sim import instruments, scene_file, shapes, sources
+from globule._base.settings import settings_of
+from globule._base.structured import parse_toml
+from globule.sim import scene_file
+from globule.sim.scene_read import FOLDER, SHIPPED
+from sim_helpers import tables
 
-PAGE = Path(__file__).resolve().parents[1] / "docs/reference/scene-keys.md"
-TABLES = {
-    "The scene": scene_file.SceneFile, "[domain]": scene_file.Domain,
-    "[solver]": scene_file.Solver, "[[fluids]]": scene_file.Fluid,
-    "[[solids]]": scene_file.Solid, "[[boundaries]]": scene_file.Boundary,
-    "[[rigids]]": scene_file.Rigid, "[[instruments]]": instruments.Instrument,
-    "[[emitters]]": scene_file.Emitter, "[[sinks]]": scene_file.Sink,
-    "[[vessels]]": scene_file.Vessel, "[foam]": scene_file.Foam,
-    "[view]": scene_file.View, "[output]": scene_file.Output,
-    "Key frames": instruments.Key,
-}  # fmt: skip
-SHAPES = {
-    "box": shapes.Box, "sphere": shapes.Sphere, "cylinder": shapes.Cylinder, "plane": shapes.Plane,
-    "mesh": sources.MeshFile, "particles": sources.ParticleFile,
-    "distance": sources.DistanceFile, "tomography": sources.Tomography,
-}  # fmt: skip
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "docs" / "site"))
+
+import reference  # noqa: E402
+
+TABLES = tables()
 
 
-def sections() -> dict[str, list[list[str]]]:
-    """Rows of each heading's table."""
-    found = {}
-    for part in PAGE.read_text().split("\n## ")[1:]:
-        title, _, text = part.partition("\n")
-        lines = [line for line in text.splitlines() if line.startswith("|")]
-        found[title] = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
-    return found
+def test_every_key_is_on_the_page():
+    page = reference.scene_pages()["reference/scene-keys.md"]
+    first = [row.split(" | ")[0] for row in page.splitlines() if row.startswith("| ")]
+    named = {re.sub(r"\W", "", word) for cell in first for word in re.split("[,:]", cell)}
+    assert len(TABLES) > 20
+    for kind in TABLES - {scene_file.Shape, scene_file.Relaxation}:
+        assert set(settings_of(kind)) <= named, kind
+        assert kind.__doc__
+        for name, one in settings_of(kind).items():
+            assert one.help, (kind, name)
 
 
-def required(kind) -> set[str]:
-    return {
-        f.name
-        for f in dataclasses.fields(kind)
-        if f.default is f.default_factory is dataclasses.MISSING
-    }
-
-
-@pytest.mark.parametrize("title", TABLES)
-def test_every_key_is_documented(title):
-    words = [name for row in sections()[title] for name in row[0].split(", ")]
-    names = [word.strip("*") for word in words]
-    assert sorted(names) == sorted(f.name for f in dataclasses.fields(TABLES[title]) if f.metadata)
-    assert {word.strip("*") for word in words if word.startswith("*")} == required(TABLES[title])
-
-
-def test_every_key_of_a_shape_is_documented():
-    rows = {name: row[1] for row in sections()["Shapes and files"] for name in row[0].split(", ")}
-    assert set(rows) == set(SHAPES)
-    for name, kind in SHAPES.items():
-        for field in dataclasses.fields(kind):
-            assert re.search(rf"\b{field.name}\b", rows[name]), (name, field.name)
-        assert set(re.findall(r"\*\*(\w+)\*\*", rows[name])) == required(kind), name
+def test_the_schema_takes_what_a_scene_takes():
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json.loads(reference.scene_pages()["reference/scene.schema.json"])
+    check = jsonschema.Draft202012Validator(schema)
+    check.check_schema(schema)
+    for name in SHIPPED:
+        scene = parse_toml((FOLDER / f"{name}.toml").read_text())
+        check.validate(scene)
+        for wrong in ({"spacing": -1}, {"spacin": 1}, {"solver": {"cfl": "x"}}, {"fluids": [{}]}):
+            assert not check.is_valid(scene | wrong), wrong

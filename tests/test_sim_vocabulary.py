@@ -9,9 +9,11 @@ import globule as gb
 import numpy as np
 import pytest
 import tomli_w
-from globule.sim import instruments, scene_file, shapes, sources
-from globule.sim.scene_file import LISTS, as_dict
-from globule.sim.schema import Table
+from globule._base.settings import Table
+from globule.sim import instruments, scene_file
+from globule.sim.scene_file import LISTS
+from globule.sim.scene_read import as_dict, read_scene
+from sim_helpers import tables
 
 # Together they give every key of every table a value other than its default. The module's fixture
 # `folder` makes the files.
@@ -115,12 +117,7 @@ ATLAS = {
 }  # fmt: skip
 SCENES = {"fluids": FLUIDS, "tissue": TISSUE, "files": FILES, "atlas": ATLAS}
 PACKAGES = {"files": "trimesh", "atlas": "nilearn"}
-TABLES = {
-    kind.__name__: kind
-    for module in (scene_file, instruments, shapes, sources)
-    for kind in vars(module).values()
-    if isinstance(kind, type) and issubclass(kind, Table) and kind is not Table
-}
+TABLES = {kind.__name__: kind for kind in tables()}
 ROWS = {
     ("SceneFile", "fluids"): scene_file.Fluid, ("SceneFile", "solids"): scene_file.Solid,
     ("SceneFile", "boundaries"): scene_file.Boundary, ("SceneFile", "rigids"): scene_file.Rigid,
@@ -215,7 +212,7 @@ def test_the_scenes_have_every_key(folder):
     """Each with a value other than its default, which is what the test above compares."""
     found = set()
     for scene in SCENES.values():
-        found |= not_default(scene_file.read_scene(scene))
+        found |= not_default(read_scene(scene))
     assert found == {
         (kind, field.name)
         for kind, table in TABLES.items()

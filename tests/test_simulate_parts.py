@@ -6,7 +6,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.sim.bodies import bodies
-from globule.sim.scene_file import read_scene
+from globule.sim.scene_read import read_scene
 
 D = 0.002
 BLOCK = {

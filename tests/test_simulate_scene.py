@@ -6,7 +6,7 @@ from globule import Particles, write
 from globule.sim.bodies import bodies
 from globule.sim.rigidity import rigidity_of_young, young_of_rigidity
 from globule.sim.sampling import BEHIND
-from globule.sim.scene_file import SHIPPED, read_scene
+from globule.sim.scene_read import SHIPPED, read_scene
 from globule.sim.schema import SceneError
 from globule.sim.toml_lines import key_lines
 

@@ -269,10 +269,10 @@ RAY = np.zeros((1, 3), np.float32), np.float32([[0, 0, 1]])
 
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: Thesis("newton"), "root: expected march or bezier, got 'newton'"),
-    (lambda: Thesis(step=0), "step: expected 0.0001 to 10000, got 0"),
+    (lambda: Thesis(step=0), "step: expected a number from 0.0001 to 10000, got 0"),
     (lambda: Thesis(step=float("nan")), "step: expected"),
     (lambda: Thesis(step="small"), "step: expected"),
-    (lambda: Thesis(thresholds=-1), "thresholds: expected 0 to 16, got -1"),
+    (lambda: Thesis(thresholds=-1), "thresholds: expected a whole number from 0 to 16, got -1"),
     (lambda: Thesis(thresholds=2.5), "thresholds: expected"),
     (lambda: default_support(cloud(9), 9), "level: expected 0 to 8, got 9"),
     (lambda: default_support(cloud(1), 3), "positions: expected some extent, got 0"),

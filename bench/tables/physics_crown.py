@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from globule.sim.scene_file import as_dict, read_scene
+from globule.sim.scene_read import as_dict, read_scene
 from globule.sim.simulation import Simulation
 
 from .physics_fluid import Row, near

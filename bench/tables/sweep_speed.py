@@ -12,9 +12,10 @@ from globule._base.arrays import address, located
 from globule._base.device import choose
 from globule.ultrasound import phantoms
 from globule.ultrasound.grid import bounds, make_grid
+from globule.ultrasound.options import Options
 from globule.ultrasound.plus.config import Filler, PlusConfig
 from globule.ultrasound.plus.reconstruct import reconstruct_plus
-from globule.ultrasound.reconstruct import Options, crowded, reconstruct, start
+from globule.ultrasound.reconstruct import crowded, reconstruct, start
 from globule.ultrasound.reconstructor import Reconstructor
 from globule.ultrasound.sweep import Sweep
 

@@ -9,12 +9,17 @@ from __future__ import annotations
 import argparse
 import importlib
 import inspect
+import json
 import re
 import textwrap
 from pathlib import Path
 
 import globule as gb
+from globule._base.settings import Each, Setting, schema_of, settings_of
 from globule.cli import build_parser
+from globule.sim.instruments import Key
+from globule.sim.scene_file import Boundary, Fluid, SceneFile, Solid
+from globule.viewer.state import state_schema
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADERS = ROOT / "include" / "globule"
@@ -315,6 +320,57 @@ def _name(code: str) -> str:
     return next(group for group in match.groups() if group) if match else plain.split()[-1]
 
 
+def scene_pages() -> dict[str, str]:
+    """The page of a scene's keys, with a table for each of its tables; its JSON Schema, and that of
+    a state file of the viewer."""
+    parts = {"The scene": SceneFile}
+    for name, one in settings_of(SceneFile).items():
+        if isinstance(one.kind, Each):
+            parts[f"[[{name}]]"] = one.kind.kind
+        elif isinstance(one.kind, type):
+            parts[f"[{name}]"] = one.kind
+    parts["Key frames"] = Key
+    lines = []
+    for title, table in parts.items():
+        about = "" if table is SceneFile else " ".join((table.__doc__ or "").split())
+        lines += [f"## {title}", "", about, "", *_key_rows({"": table}), ""]
+    known = settings_of(Fluid) | settings_of(Boundary) | settings_of(Solid)
+    shapes = {name: one.kind for name, one in known.items() if isinstance(one.kind, type)}
+    lines += ["## Shapes and files", "", *_key_rows(shapes)]
+    text = (ROOT / "docs/reference/scene-keys.md").read_text(encoding="utf-8")
+    found = {"reference/scene-keys.md": text.replace("<!-- tables of keys -->", "\n".join(lines))}
+    for file, made in (("scene", schema_of(SceneFile)), ("state", state_schema())):
+        draft = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+        found[f"reference/{file}.schema.json"] = json.dumps(draft | made, indent=1)
+    return found
+
+
+def _key_rows(tables: dict[str, type]) -> list[str]:
+    """A row for all keys of one meaning, those that must be given first and bold."""
+    lines = ["| key | meaning | unit, limits | default |", "|---|---|---|---|"]
+    for title, table in tables.items():
+        rows: dict[tuple[str, ...], list[str]] = {}
+        for name, one in sorted(settings_of(table).items(), key=lambda item: not item[1].required):
+            limits = "" if isinstance(one.kind, type) else one.kind.limits
+            unit = ", ".join(part for part in (one.unit, limits) if part)
+            cells = _cell(one.help), unit, one.usual or _toml(one)
+            rows.setdefault(cells, []).append(f"**{name}**" if one.required else name)
+        first = f"{title}: " if title else ""
+        lines += [f"| {first}{', '.join(names)} | {' | '.join(c)} |" for c, names in rows.items()]
+    return lines
+
+
+def _toml(one: Setting) -> str:
+    """A default as a scene has it."""
+    if one.required or (isinstance(one.kind, type) and one.default is ...):
+        return ""
+    if one.default in (None, ..., ""):
+        return "none"
+    if isinstance(one.default, tuple):
+        return f"[{', '.join(f'{v:g}' for v in one.default)}]"
+    return f"{one.default:g}" if isinstance(one.default, float) else json.dumps(one.default)
+
+
 def pages() -> dict[str, str]:
     """All generated pages of the reference."""
-    return {**python_pages(), **command_pages(), **header_pages()}
+    return {**python_pages(), **command_pages(), **header_pages(), **scene_pages()}

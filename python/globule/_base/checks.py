@@ -8,6 +8,7 @@ import os
 import reprlib
 import shlex
 import sys
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,7 +23,7 @@ _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
 def shown(value: Any) -> str:
     """A value for an error message: one short line, whatever it is."""
     try:
-        return " ".join(_SHORT.repr(value).split())
+        return textwrap.shorten(_SHORT.repr(value), 160, placeholder=" ...")
     except ValueError:  # a whole number of thousands of digits
         return f"a very large {type(value).__name__}"
 

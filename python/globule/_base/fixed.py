@@ -7,6 +7,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from .settings import check_all, documented
+
 _Class = TypeVar("_Class", bound=type)
 
 
@@ -23,13 +25,15 @@ class Fixed:
 
     def _check(self) -> None:
         """Refuse wrong fields with an error that names the field, expected and got."""
+        check_all(self)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_packed"}
 
 
 def read_only(cls: _Class) -> _Class:
-    """Decorate a frozen dataclass so that an assignment says what to write instead."""
+    """Decorate a frozen dataclass: its settings stand in its docstring, and an assignment says what
+    to write instead."""
 
     def refuse(self: Any, name: str, *_: Any) -> None:
         known = [field.name for field in fields(self)]
@@ -41,7 +45,7 @@ def read_only(cls: _Class) -> _Class:
         )
 
     cls.__setattr__ = cls.__delattr__ = refuse  # type: ignore[assignment]  # a method for each
-    return cls
+    return documented(cls)
 
 
 def fixed(value: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..render.canvas import LEAST_SIDE
 from ..render.frame import Frame
 from ..render.legend import POSITIONS
 from ..render.views import VIEWS, Grid, draw_views
+from . import flags
 from .shared import UserError, count, mistakes, number
 
 
@@ -50,61 +52,19 @@ def add_views(group: Any) -> None:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of legend and annotations."""
-    add = parser.add_argument_group("annotations, drawn into the image").add_argument
-    add("--legend", action="store_true", help="draw the color map and its range into the image")
-    add(
-        "--legend-at",
-        choices=POSITIONS,
-        metavar="PLACE",
-        help="place of the legend: lower-right, lower-left, upper-right, upper-left, or outside, "
-        "on a strip that takes a part of the image's width (default: lower-right, with --views "
-        "outside)",
-    )
-    add(
-        "--legend-title",
-        default="",
-        metavar="TEXT",
-        help="name of the values in the legend (default: the name after --color-by)",
-    )
-    add(
-        "--legend-unit",
-        default="",
-        metavar="TEXT",
-        help="unit of the values in the legend (default: none)",
-    )
-    add("--title", default="", metavar="TEXT", help="title at the top (default: none)")
-    add(
-        "--scale-bar",
-        action="store_true",
-        help="draw a bar of a round length, true at the distance of --look-at",
-    )
-    add("--axes", action="store_true", help="draw the directions of x, y and z")
-    add(
-        "--box",
-        action="store_true",
-        help="draw the bounding box of the particles with coordinates along its edges",
-    )
-    add(
-        "--unit",
-        default="",
-        metavar="TEXT",
-        help="unit of lengths for --scale-bar and --box (default: none)",
-    )
-    add(
-        "--time",
-        type=start_and_step,
-        metavar="T[,DT]",
-        help="time to draw into the first image, and from one image to the next, in the unit of "
-        "--time-unit (default: none)",
-    )
-    add("--time-unit", default="s", metavar="TEXT", help="unit of --time (default: s)")
-    add(
-        "--step-number",
-        type=int,
-        metavar="N",
-        help="number of the first image to draw into it, rising by 1 from image to image "
-        "(default: none)",
-    )
+    group = parser.add_argument_group("annotations, drawn into the image")
+    given = functools.partial(flags.add_settings, group, Annotation)
+    given("legend", action="store_true")
+    flags.own(group, "--legend-at PLACE", "place of the legend: lower-right, lower-left, "
+        "upper-right, upper-left, or outside, on a strip that takes a part of the image's width",
+        POSITIONS, usual="lower-right, with --views outside")  # fmt: skip
+    given("legend_title", "legend_unit", "title", "unit", default="")
+    given("scale_bar", "axes", "box", action="store_true")
+    flags.own(group, "--time T[,DT]", "time to draw into the first image, and from one image to "
+        "the next, in the unit of --time-unit", start_and_step)  # fmt: skip
+    given("time_unit", default="s")
+    flags.own(group, "--step-number N", "number of the first image to draw into it, rising by 1 "
+        "from image to image", int)  # fmt: skip
 
 
 class Notes:

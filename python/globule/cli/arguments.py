@@ -13,33 +13,6 @@ from . import look
 from .shared import number
 
 
-def whole(least: int, most: int) -> Callable[[str], int]:
-    """A parser of whole numbers in [least, most]."""
-
-    def parse(text: str) -> int:
-        if not text.isdecimal() or not least <= int(text[:10]) <= most:
-            expected = f"a whole number from {least} to {most}"
-            raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
-        return int(text)
-
-    return parse
-
-
-def between(least: float, most: float) -> Callable[[str], float]:
-    """A parser of numbers in [least, most]."""
-
-    def parse(text: str) -> float:
-        value = number(text)
-        if not least <= value <= most:
-            raise argparse.ArgumentTypeError(f"expected {least:g} to {most:g}, got {text!r}")
-        return value
-
-    return parse
-
-
-share = between(0, 1)
-
-
 def pixel(text: str) -> tuple[int, int]:
     """COLUMN,ROW."""
     words = text.split(",")

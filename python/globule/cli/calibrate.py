@@ -57,62 +57,29 @@ def add_arguments(parser: Parser) -> None:
         "--output",
         "calibration .toml or PLUS configuration .xml; default: none, only print the result",
     )
-    add(
-        "--sweep",
-        metavar="SWEEP",
-        help="recording of the marked frames, the wires, the motion or the stylus: PLUS file, or "
-        "stack of images with --poses (default: none)",
-    )
+    flags.own(parser, "--sweep SWEEP", "recording of the marked frames, the wires, the motion or "
+        "the stylus: PLUS file, or stack of images with --poses")  # fmt: skip
     flags.add(parser, "--poses", "default: none")
     flags.add(parser, "--frame-times", "default: none")
-    add(
-        "--n-wire",
-        dest="phantom",
-        metavar="PHANTOM",
-        help="calibrate from this N-wire phantom: PLUS configuration .xml, or .toml (default: "
-        "none)",
-    )
-    add(
-        "--validate",
-        metavar="SWEEP",
-        help="another recording of the --n-wire phantom, whose errors are reported (default: none)",
-    )
-    add("--delay", action="store_true", help="find the temporal offset of the --sweep")
-    add(
-        "--max-delay",
-        dest="most",
-        type=positive,
-        default=None,
-        metavar="S",
-        help="largest temporal offset that --delay considers, seconds (default: 0.5, with --n-wire "
-        "1)",
-    )
-    add(
-        "--motion",
-        choices=METHODS,
-        default="auto",
-        metavar="NAME",
-        help="image motion that --delay uses: line (a straight echo, as the bottom of a water "
-        "tank), speckle (tissue), auto (default: auto, the line where images show one)",
-    )
-    add("--stylus", action="store_true", help="find the tip of the Stylus in a pivoting --sweep")
-    add(
-        "--landmarks",
-        metavar="TABLE",
-        help="table .csv of name, x, y, z: landmarks of the --n-wire phantom, touched, mm in the "
-        "reference's frame (default: none, the phantom's own registration)",
-    )
-    add(
-        "--max-error",
-        dest="most_error",
-        type=positive,
-        default=2.0,
-        metavar="MM",
-        help="refuse marks or a stylus whose expected error, at a corner of the image or at the "
-        "tip, is larger, mm (default: 2)",
-    )
-    add("--picture", metavar="FILE.png", help="picture of points, motions and residuals; needs "
-        "matplotlib (default: none)")  # fmt: skip
+    flags.own(parser, "--n-wire PHANTOM", "calibrate from this N-wire phantom: PLUS configuration "
+        ".xml, or .toml", dest="phantom")  # fmt: skip
+    flags.own(parser, "--validate SWEEP", "another recording of the --n-wire phantom, whose errors "
+        "are reported")  # fmt: skip
+    flags.own(parser, "--delay", "find the temporal offset of the --sweep")
+    flags.own(parser, "--max-delay S", "largest temporal offset that --delay considers, seconds",
+        positive, usual="0.5, with --n-wire 1", dest="most")  # fmt: skip
+    flags.own(parser, "--motion NAME", "image motion that --delay uses: line (a straight echo, as "
+        "the bottom of a water tank), speckle (tissue), auto", METHODS, "auto",
+        usual="auto, the line where images show one")  # fmt: skip
+    flags.own(parser, "--stylus", "find the tip of the Stylus in a pivoting --sweep")
+    flags.own(parser, "--landmarks TABLE", "table .csv of name, x, y, z: landmarks of the --n-wire "
+        "phantom, touched, mm in the reference's frame",
+        usual="none, the phantom's own registration")  # fmt: skip
+    flags.own(parser, "--max-error MM", "refuse marks or a stylus whose expected error, at a "
+        "corner of the image or at the tip, is larger, mm", positive, 2.0,
+        dest="most_error")  # fmt: skip
+    flags.own(parser, "--picture FILE.png", "picture of points, motions and residuals; needs "
+        "matplotlib")  # fmt: skip
     flags.add(parser, "--calibration", "the result keeps its other values; default: none")
     flags.add(parser, "--json")
 

@@ -7,12 +7,12 @@ import re
 from typing import Any
 
 from .._base.checks import MAX_PIXELS
-from .._base.colormaps import NAMES as COLORMAPS
+from .._base.settings import Color, Number, Switch, Text, Whole, settings_of
 from ..formats.pictures.video import FPS
 from ..render.presets import PRESETS
-from ..scene.scene import KERNELS
+from ..viewer.state import Coloring, Surface
 from . import look
-from .arguments import between, plane
+from .arguments import plane
 from .shared import direction, number, positive, vector
 
 
@@ -26,184 +26,95 @@ def size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def port(text: str) -> int:
-    """The number of a TCP port; 0 takes any."""
-    if not text.isdecimal() or not int(text[:6]) < 65536:
-        raise argparse.ArgumentTypeError(f"expected a port, 0 to 65535, got {text!r}")
-    return int(text)
+def row(metavar: str, help: str, kind: Any = None, **more: Any) -> dict[str, Any]:
+    """A flag as `add_argument` takes it: a switch without a metavar. kind: parser of the value, or
+    names to choose from."""
+    if not metavar:
+        return {"action": "store_true", "help": help, **more}
+    how = {"choices": kind} if isinstance(kind, (tuple, list)) else {"type": kind}
+    return {"metavar": metavar, "help": help, **how, **more}
 
 
-def at_least_one(text: str) -> float:
-    """A number from 1."""
-    value = number(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"expected a number of at least 1, got {text!r}")
-    return value
+def of(table: type, name: str, **changes: Any) -> dict[str, Any]:
+    """A flag of a setting, without its default, as `add_argument` takes it."""
+    one, kind = settings_of(table)[name], settings_of(table)[name].kind
+    help, names = one.brief, kind.choices or ()
+    if isinstance(kind, Color):
+        help += f": {kind.word}"
+    elif not all(word in help for word in names):
+        help += f": {', '.join(names)}"
+    if "action" in changes or isinstance(kind, Switch):
+        return {"action": "store_true", "help": help, **changes}
+    how = names or (None if isinstance(kind, Text) else kind.parse)
+    return row(kind.metavar, help, how) | changes
 
 
-# `help` is the sentence; a command adds what is special to it, and the default, in parentheses.
+# The help is the sentence; a command adds what is special to it, and the default, in parentheses.
 FLAGS: dict[str, dict[str, Any]] = {
-    "--output": {"metavar": "PATH", "help": "file or folder to write"},
-    "--json": {"action": "store_true", "help": "print one JSON object instead of text"},
-    "--list": {"action": "store_true", "help": "list the names and exit"},
-    "--quick": {"action": "store_true", "help": "run only the small sizes, for a minute or more"},
-    "--resume": {"action": "store_true", "help": "continue an interrupted run"},
-    "--state": {"metavar": "FILE.toml", "help": "settings saved by `globule view`"},
-    "--size": {
-        "type": size,
-        "metavar": "WxH",
-        "help": "size of the image, pixels",
-    },
-    "--fps": {
-        "type": between(*FPS),
-        "metavar": "N",
-        "help": "frame rate of movies and sequences, frames per second",
-    },
+    "--output": row("PATH", "file or folder to write"),
+    "--json": row("", "print one JSON object instead of text"),
+    "--list": row("", "list the names and exit"),
+    "--quick": row("", "run only the small sizes, for a minute or more"),
+    "--resume": row("", "continue an interrupted run"),
+    "--state": row("FILE.toml", "settings saved by `globule view`"),
+    "--size": row("WxH", "size of the image, pixels", size),
+    "--fps": row("N", "frame rate of movies and sequences, frames per second", Number(*FPS).parse),
     # Camera
-    "--eye": {"type": vector, "metavar": "X,Y,Z", "help": "camera position, world units"},
-    "--look-at": {
-        "type": vector,
-        "metavar": "X,Y,Z",
-        "help": "point in the middle of the image, world units",
-    },
-    "--up": {
-        "type": direction,
-        "metavar": "X,Y,Z",
-        "help": "direction that points up in the image",
-    },
-    "--fov": {
-        "type": positive,
-        "metavar": "DEG",
-        "help": "vertical field of view, degrees",
-    },
-    "--ortho": {
-        "type": positive,
-        "metavar": "HEIGHT",
-        "help": "orthographic camera whose image has this height, world units",
-    },
+    "--eye": row("X,Y,Z", "camera position, world units", vector),
+    "--look-at": row("X,Y,Z", "point in the middle of the image, world units", vector),
+    "--up": row("X,Y,Z", "direction that points up in the image", direction),
+    "--fov": row("DEG", "vertical field of view, degrees", positive),
+    "--ortho": row("HEIGHT", "orthographic camera whose image has this height, world units",
+        positive),
     # Surface
-    "--kernel": {
-        "choices": KERNELS,
-        "metavar": "NAME",
-        "help": f"kernel of the particles: {', '.join(KERNELS)}",
-    },
-    "--surface": {
-        "choices": ("auto", "smooth", "balls", "spheres"),
-        "metavar": "NAME",
-        "help": "smooth: one surface that encloses the fluid's volume; balls: a ball around each "
-        "particle; spheres: spheres of half a spacing; auto: smooth for particles of one fluid, "
-        "spheres for 2-D data (all z equal)",
-    },
-    "--particle-spacing": {
-        "type": positive,
-        "metavar": "LENGTH",
-        "help": "spacing of a fluid's particles, the cube root of a particle's volume, world units",
-    },
-    "--support": {
-        "type": positive,
-        "metavar": "LENGTH",
-        "help": "support radius of every particle's kernel, world units",
-    },
-    "--threshold": {
-        "type": positive,
-        "metavar": "T",
-        "help": "iso-value of the particles' summed field, without unit",
-    },
-    "--level": {
-        "type": number,
-        "metavar": "V",
-        "help": "iso-value of a volume's surface, in the file's unit",
-    },
-    "--label": {
-        "type": int,
-        "action": "append",
-        "metavar": "N",
-        "help": "value of the voxels to take from a volume, in the file's unit",
-    },
-    "--resample": {
-        "type": positive,
-        "metavar": "LENGTH",
-        "help": "edge of a volume's resampled voxels, or distance of the points on a mesh, "
-        "in the file's unit",
-    },
-    "--frame": {
-        "type": int,
-        "metavar": "N",
-        "help": "number of a frame in a file with several, from 0; -1: the last",
-    },
-    "--species": {
-        "metavar": "NAME",
-        "help": "group of particles in a file with several, by its name there",
-    },
-    "--clip": {
-        "type": plane,
-        "metavar": "NX,NY,NZ,D",
-        "help": "cut away the side of a plane where nx x + ny y + nz z > d, world units",
-    },
+    "--kernel": of(Surface, "kernel"),
+    "--surface": row("NAME", "smooth: one surface that encloses the fluid's volume; balls: a ball "
+        "around each particle; spheres: spheres of half a spacing; auto: smooth for particles of "
+        "one fluid, spheres for 2-D data (all z equal)",
+        ("auto", "smooth", "balls", "spheres")),
+    "--particle-spacing": row("LENGTH", "spacing of a fluid's particles, the cube root of a "
+        "particle's volume, world units", positive),
+    "--support": of(Surface, "support", metavar="LENGTH"),
+    "--threshold": of(Surface, "threshold", metavar="T"),
+    "--level": row("V", "iso-value of a volume's surface, in the file's unit", number),
+    "--label": row("N", "value of the voxels to take from a volume, in the file's unit", int,
+        action="append"),
+    "--resample": row("LENGTH", "edge of a volume's resampled voxels, or distance of the points on "
+        "a mesh, in the file's unit", positive),
+    "--frame": row("N", "number of a frame in a file with several, from 0; -1: the last", int),
+    "--species": row("NAME", "group of particles in a file with several, by its name there"),
+    "--clip": row("NX,NY,NZ,D", "cut away the side of a plane where nx x + ny y + nz z > d, world "
+        "units", plane),
     # Look
-    "--preset": {"metavar": "NAME", "help": f"material, light and sky: {', '.join(PRESETS)}"},
-    "--color-by": {"metavar": "NAME", "help": "field or attribute that gives the color"},
-    "--colormap": {
-        "choices": COLORMAPS,
-        "metavar": "NAME",
-        "help": f"color map of --color-by: {', '.join(COLORMAPS)}",
-    },
-    "--range": {
-        "type": look.interval,
-        "metavar": "LO,HI",
-        "help": "values at the ends of the color map, in the field's unit",
-    },
+    "--preset": row("NAME", f"material, light and sky: {', '.join(PRESETS)}"),
+    "--color-by": of(Coloring, "by", metavar="NAME"),
+    "--colormap": of(Coloring, "colormap"),
+    "--range": row("LO,HI", "values at the ends of the color map, in the field's unit",
+        look.interval),
     # Sweeps
-    "--calibration": {
-        "metavar": "FILE.toml",
-        "help": "probe calibration to read, as `globule calibrate` writes it",
-    },
-    "--plus": {"metavar": "CONFIG.xml", "help": "PLUS configuration to read"},
-    "--poses": {
-        "metavar": "TABLE",
-        "help": "probe poses of an image stack, .csv or .json",
-    },
-    "--frame-times": {
-        "type": positive,
-        "metavar": "FPS",
-        "help": "frame rate of an image stack that stores no times, frames per second",
-    },
+    "--calibration": row("FILE.toml", "probe calibration to read, made by `globule calibrate`"),
+    "--plus": row("CONFIG.xml", "PLUS configuration to read"),
+    "--poses": row("TABLE", "probe poses of an image stack, .csv or .json"),
+    "--frame-times": row("FPS", "frame rate of an image stack that stores no times, frames per "
+        "second", positive),
     # Machine
-    "--device": {"metavar": "NAME", "help": "processor: auto, cpu, cuda or cuda:N"},
-    "--threads": {"type": int, "metavar": "N", "help": "number of CPU threads"},
+    "--device": row("NAME", "processor: auto, cpu, cuda or cuda:N"),
+    "--threads": row("N", "number of CPU threads", int),
     # Limits of files
-    "--max-memory": {
-        "type": between(1e-6, 1e9),
-        "metavar": "GB",
-        "help": "most memory that a file or scene may need, gigabytes",
-    },
-    "--max-ratio": {
-        "type": at_least_one,
-        "metavar": "N",
-        "help": "largest number of bytes that a compressed file may unpack to, for each of its own",
-    },
+    "--max-memory": row("GB", "most memory that a file or scene may need, gigabytes",
+        Number(1e-6, 1e9).parse),
+    "--max-ratio": row("N", "largest number of bytes that a compressed file may unpack to, for "
+        "each of its own", Number(1.0).parse),
     # Page of the viewer
-    "--host": {
-        "metavar": "HOST",
-        "help": "address to listen on; any address but the default makes the page ask for a "
-        "secret token",
-    },
-    "--port": {
-        "type": port,
-        "metavar": "N",
-        "help": "number of the port; if the port is taken, the next free port",
-    },
-    "--no-browser": {"action": "store_true", "help": "do not open a browser"},
-    "--demand-token": {
-        "action": "store_true",
-        "help": "demand a token on this machine, too, as behind a reverse proxy",
-    },
-    "--max-clients": {
-        "type": at_least_one,
-        "metavar": "N",
-        "help": "number of browsers that are shown images at a time",
-    },
-}
+    "--host": row("HOST", "address to listen on; any address but the default makes the page ask "
+        "for a secret token"),
+    "--port": row("N", "number of the port; if the port is taken, the next free port",
+        Whole(0, 65535).parse),
+    "--no-browser": row("", "do not open a browser"),
+    "--demand-token": row("", "demand a token on this machine, too, as behind a reverse proxy"),
+    "--max-clients": row("N", "number of browsers that are shown images at a time",
+        Number(1.0).parse),
+}  # fmt: skip
 
 
 def add(group: Any, name: str, note: str = "", **changes: Any) -> None:
@@ -214,6 +125,47 @@ def add(group: Any, name: str, note: str = "", **changes: Any) -> None:
         named["help"] += f" ({note})"
     names = ("-o", name) if name == "--output" else (name,)
     group.add_argument(*names, **named)
+
+
+def own(
+    group: Any, words: str, help: str, kind: Any = None, default: Any = None, usual: str = "",
+    **more: Any,
+) -> None:  # fmt: skip
+    """Add a flag of one command.
+
+    Args:
+        group: of the parser.
+        words: the flag and what its value is called, "--idle S"; without a value, a switch.
+        help: what it is for, with the unit.
+        kind: parser of the value, or names to choose from; None: any text.
+        default: the value without the flag.
+        usual: the default in words, where its value does not say it.
+        more: for `add_argument`.
+    """
+    flag, _, metavar = words.partition(" ")
+    if metavar:
+        more["default"] = default
+        help += f" (default: {usual or shown_default(default)})"
+    group.add_argument(flag, **row(metavar, help, kind, **more))
+
+
+def add_settings(group: Any, table: type, *names: str, note: str = "", **changes: Any) -> None:
+    """Add the flags of settings. note: what follows the default, such as ", or the preset's"."""
+    for name in names:
+        flag, one = "--" + name.replace("_", "-"), settings_of(table)[name]
+        words = of(table, name, **changes)
+        if words.get("action") != "store_true":
+            words["help"] += f" (default: {one.usual or shown_default(one.default)}{note})"
+        group.add_argument(flag, **words)
+
+
+def shown_default(value: Any) -> str:
+    """A default in the words of a command."""
+    if isinstance(value, tuple):
+        return ",".join(f"{v:g}" for v in value)
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return f"{value:g}" if isinstance(value, float) else str(value or "none" if value != 0 else 0)
 
 
 def add_device(group: Any) -> None:

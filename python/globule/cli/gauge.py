@@ -49,19 +49,12 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="particles, mesh or volume")
     flags.add(parser, "--output", "heights.csv; a --map also .npz .vti .vtp; default: printed")
     one = parser.add_mutually_exclusive_group(required=True)
-    one.add_argument(
-        "--at",
-        type=place,
-        action="append",
-        metavar="A,B",
-        help="horizontal coordinates of a gauge, world units; may be repeated (default: none)",
-    )
-    one.add_argument("--map", action="store_true", help="heights all over the ground of one file")
+    flags.own(one, "--at A,B", "horizontal coordinates of a gauge, world units; may be repeated",
+        place, action="append")  # fmt: skip
+    flags.own(one, "--map", "heights all over the ground of one file")
     flags.add(parser, "--up", "along x, y or z; default: 0,1,0", default=(0, 1, 0))
     flags.add(parser, "--fps", "adds a column of times; default: none")
-    parser.add_argument(
-        "--plot", metavar="FILE.png", help="also draw the columns as curves (default: none)"
-    )
+    flags.own(parser, "--plot FILE.png", "also draw the columns as curves")
     measuring.add_sample_spacing(parser)
     flags.add(parser, "--json")
     measuring.add_surface(parser)

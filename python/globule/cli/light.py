@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._base.colormaps import categorical
+from .._base.settings import SHARE
 from ..formats import FormatError
 from ..formats.pictures.environment import read_environment
 from ..formats.rigid_bodies import RigidBodies
@@ -22,7 +23,6 @@ from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
 from ..render.presets import GROUNDS, PRESETS, ground_height, preset
 from ..render.settings import (
-    MAX_SAMPLES,
     RenderSettings,
     extent_of,
     for_flat_data,
@@ -32,8 +32,8 @@ from ..scene.fluid import shown_scene, shows_flat
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from . import flags, look, meshes
-from .arguments import ball, beside, between, box, ground, pixel, share, whole
-from .shared import UserError, check_input, mistakes, positive, read_particles
+from .arguments import ball, beside, box, ground, pixel
+from .shared import UserError, check_input, mistakes, read_particles
 
 MATTER = ("reflection", "transmission", "index", "roughness", "absorption")
 IMAGES = (".hdr", ".exr", ".png", ".jpg", ".jpeg")
@@ -41,25 +41,17 @@ IMAGES = (".hdr", ".exr", ".png", ".jpg", ".jpeg")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of light, material and cuts."""
-    add = parser.add_argument_group("light").add_argument
-    add(
-        "--shadows",
-        action=argparse.BooleanOptionalAction,
-        help="lights cast shadows (default: off, or the preset's)",
+    group = parser.add_argument_group("light")
+    add, preset = group.add_argument, ", or the preset's"
+    flags.add_settings(
+        group, RenderSettings, "shadows", note=preset, action=argparse.BooleanOptionalAction
     )
-    add(
-        "--ambient-rays",
-        type=whole(0, 256),
-        metavar="N",
-        help="ambient occlusion: number of rays per sample, 0 to 256 (default: 0, or the preset's)",
-    )
-    add(
-        "--sky",
-        metavar="SKY",
-        help="light from all around, visible behind the surface, reflected and refracted: "
-        "gradient, an image (.hdr .exr .png .jpg), a color, or none (default: none, or the "
-        "preset's)",
-    )
+    flags.add_settings(group, RenderSettings, "ambient_rays", "bounces", note=preset)
+    flags.add_settings(group, RenderSettings, "exposure")
+    flags.add_settings(group, RenderSettings, "samples", note=", with a preset other than flat 4")
+    flags.own(group, "--sky SKY", "light from all around, visible behind the surface, reflected "
+        "and refracted: gradient, an image (.hdr .exr .png .jpg), a color, or none",
+        usual="none, or the preset's")  # fmt: skip
     add(
         "--ground",
         type=ground,
@@ -69,116 +61,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="ground plane: its height along --up in world units, plain or checker (where the "
         "surface ends), or none (default: none, or the preset's)",
     )
-    add(
-        "--exposure",
-        type=positive,
-        metavar="E",
-        help="factor of the image's radiance, without unit (default: 1)",
-    )
-    add(
-        "--bounces",
-        type=whole(0, 32),
-        metavar="N",
-        help="number of reflections and refractions that a ray follows, 0 to 32 (default: 4, or "
-        "the preset's)",
-    )
-    add(
-        "--samples",
-        type=whole(1, MAX_SAMPLES),
-        metavar="N",
-        help="number of rays per pixel (default: 1, with a preset other than flat 4)",
-    )
-    add = parser.add_argument_group("material, instead of the particles' own").add_argument
-    add(
-        "--reflection",
-        type=share,
-        metavar="V",
-        help="specular reflectance at normal incidence, 0 to 1 (default: the particles', else 0)",
-    )
-    add(
-        "--transmission",
-        type=share,
-        metavar="V",
-        help="share of the light not reflected that enters the surface, 0 to 1 (default: the "
-        "particles', else 0)",
-    )
-    add(
-        "--opacity",
-        type=share,
-        metavar="V",
-        help="1 - transmission of a surface that neither refracts nor colors light, 0 to 1; shows "
-        "the inside (default: --transmission counts)",
-    )
-    add(
-        "--index",
-        type=between(1, 4),
-        metavar="N",
-        help="index of refraction, 1 to 4: water 1.33, glass 1.5 (default: the preset's, else "
-        "the particles')",
-    )
-    add(
-        "--roughness",
-        type=share,
-        metavar="V",
-        help="roughness of reflection and refraction, 0 to 1 (default: 0)",
-    )
-    add(
-        "--absorption",
-        type=look.color,
-        metavar="V",
-        help="absorption after Beer's law, R,G,B or V per world unit (default: the preset's, else "
-        "the surface's color filters the light that enters)",
-    )
-    add(
-        "--with",
-        dest="beside",
-        type=beside,
-        action="append",
-        default=[],
-        metavar="FILE[:COLOR]",
-        help="particles or mesh of a second scene in the same image; material, cuts and support "
-        "flags do not apply to the second scene; may be repeated up to 3 times (default: none)",
-    )
+    group = parser.add_argument_group("material, instead of the particles' own")
+    add = group.add_argument
+    flags.add_settings(group, Material, *MATTER)
+    flags.own(group, "--opacity V", "1 - transmission of a surface that neither refracts nor "
+        "colors light, 0 to 1; shows the inside", SHARE.parse,
+        usual="--transmission counts")  # fmt: skip
+    flags.own(group, "--with FILE[:COLOR]", "particles or mesh of a second scene in the same "
+        "image; material, cuts and support flags do not apply to the second scene; may be repeated "
+        "up to 3 times", beside, [], dest="beside", action="append")  # fmt: skip
     group = parser.add_argument_group("cuts; the cut face shows the inside")
     add = group.add_argument
     flags.add(group, "--clip", "may be repeated; default: none", action="append", default=[])
-    add(
-        "--clip-box",
-        type=box,
-        action="append",
-        default=[],
-        metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="cut away a box, given by its lowest and highest corner, world units; may be repeated "
-        "(default: none)",
-    )
-    add(
-        "--clip-sphere",
-        type=ball,
-        action="append",
-        default=[],
-        metavar="X,Y,Z,R",
-        help="cut away a ball, given by center and radius, world units; may be repeated "
-        "(default: none)",
-    )
-    add(
-        "--crop",
-        type=functools.partial(box, keep=True),
-        metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="keep only the inside of a box, and show that, world units (default: all)",
-    )
-    add(
-        "--crop-sphere",
-        type=functools.partial(ball, keep=True),
-        metavar="X,Y,Z,R",
-        help="keep only the inside of a ball, world units (default: all)",
-    )
-    add(
-        "--pick",
-        type=pixel,
-        metavar="COLUMN,ROW",
-        help="print position, particle and attributes behind a pixel, counted from the top left "
-        "corner (default: none)",
-    )
+    flags.own(group, "--clip-box X0,Y0,Z0,X1,Y1,Z1", "cut away a box, given by its lowest and "
+        "highest corner, world units; may be repeated", box, [], action="append")  # fmt: skip
+    flags.own(group, "--clip-sphere X,Y,Z,R", "cut away a ball, given by center and radius, world "
+        "units; may be repeated", ball, [], action="append")  # fmt: skip
+    flags.own(group, "--crop X0,Y0,Z0,X1,Y1,Z1", "keep only the inside of a box, and show that, "
+        "world units", functools.partial(box, keep=True), usual="all")  # fmt: skip
+    flags.own(group, "--crop-sphere X,Y,Z,R", "keep only the inside of a ball, world units",
+        functools.partial(ball, keep=True), usual="all")  # fmt: skip
+    flags.own(group, "--pick COLUMN,ROW", "print position, particle and attributes behind a pixel, "
+        "counted from the top left corner", pixel)  # fmt: skip
 
 
 class Light:
@@ -365,15 +269,8 @@ def _matter(options: argparse.Namespace) -> dict[str, Any]:
 
 def _given(options: argparse.Namespace) -> dict[str, Any]:
     """The fields of RenderSettings that the options set, without those that need a scene."""
-    names = {
-        "shadows": "shadows",
-        "ambient_rays": "ambient_rays",
-        "bounces": "bounces",
-        "samples": "samples",
-        "exposure": "exposure",
-        "transparent": "transparent",
-    }
-    given = {field: getattr(options, name) for name, field in names.items()}
+    names = ("shadows", "ambient_rays", "bounces", "samples", "exposure", "transparent")
+    given = {name: getattr(options, name) for name in names}
     given = {name: value for name, value in given.items() if value is not None}
     return given if options.sky is None else given | {"sky": _sky(options)}
 

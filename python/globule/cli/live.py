@@ -12,6 +12,7 @@ import numpy as np
 from ..ultrasound.live import LiveCounts, LiveFrame, parse_address, receive_sweep
 from ..ultrasound.sweep import Sweep
 from ..volumes.volume import Volume
+from . import flags
 from .pictures import draw, wanted
 from .shared import Progress, UserError, check_folder, count, mistakes, positive, say, warn
 
@@ -21,61 +22,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group(
         "live", "With --voxel-size, the volume grows with the frames, and --three-view and "
         "--surface are written again while frames arrive.")  # fmt: skip
-    group.add_argument(
-        "--live",
-        metavar="igtl://HOST:PORT",
-        help="read frames from an OpenIGTLink server instead of SWEEP, until the server stops or "
-        "Ctrl-C (default: none)",
-    )
-    group.add_argument(
-        "--tracker",
-        metavar="igtl://HOST:PORT",
-        help="read transforms from this second OpenIGTLink server; both servers may start in any "
-        "order (default: from the server of --live)",
-    )
-    group.add_argument(
-        "--serve",
-        metavar="[HOST:]PORT",
-        help="send the growing volume, its trust map, a slice along the probe and the surface to "
-        "OpenIGTLink clients that connect to this port, such as 3D Slicer; needs --voxel-size; "
-        "example: --serve 18945 (default: send nothing)",
-    )
-    group.add_argument(
-        "--record",
-        metavar="FOLDER",
-        help="also store each frame in this folder, which is a SWEEP; after a crash, the same "
-        "command continues the folder (default: none)",
-    )
-    group.add_argument(
-        "--idle",
-        type=positive,
-        default=5.0,
-        metavar="S",
-        help="silence of the server that ends --live, seconds (default: 5)",
-    )
-    group.add_argument(
-        "--wait",
-        type=positive,
-        default=None,
-        metavar="S",
-        help="time within which the server must start, seconds (default: as --idle)",
-    )
-    group.add_argument(
-        "--space",
-        choices=("LPS", "RAS"),
-        default=None,
-        metavar="NAME",
-        help="axes of the world that the messages' matrices map to: LPS, RAS (default: as the "
-        "header of an image states, LPS for transforms)",
-    )
-    group.add_argument(
-        "--refresh",
-        type=positive,
-        default=1.0,
-        metavar="S",
-        help="time between two versions of --three-view, of --surface, and of the trust map and "
-        "surface of --serve, seconds (default: 1)",
-    )
+    flags.own(group, "--live igtl://HOST:PORT", "read frames from an OpenIGTLink server instead of "
+        "SWEEP, until the server stops or Ctrl-C")  # fmt: skip
+    flags.own(group, "--tracker igtl://HOST:PORT", "read transforms from this second OpenIGTLink "
+        "server; both servers may start in any order",
+        usual="from the server of --live")  # fmt: skip
+    flags.own(group, "--serve [HOST:]PORT", "send the growing volume, its trust map, a slice along "
+        "the probe and the surface to OpenIGTLink clients that connect to this port, such as 3D "
+        "Slicer; needs --voxel-size; example: --serve 18945", usual="send nothing")  # fmt: skip
+    flags.own(group, "--record FOLDER", "also store each frame in this folder, which is a SWEEP; "
+        "after a crash, the same command continues the folder")  # fmt: skip
+    flags.own(group, "--idle S", "silence of the server that ends --live, seconds", positive, 5.0)
+    flags.own(group, "--wait S", "time within which the server must start, seconds", positive,
+        usual="as --idle")  # fmt: skip
+    flags.own(group, "--space NAME", "axes of the world that the messages' matrices map to: LPS, "
+        "RAS", ("LPS", "RAS"),
+        usual="as the header of an image states, LPS for transforms")  # fmt: skip
+    flags.own(group, "--refresh S", "time between two versions of --three-view, of --surface, and "
+        "of the trust map and surface of --serve, seconds", positive, 1.0)  # fmt: skip
 
 
 def check(options: argparse.Namespace) -> None:

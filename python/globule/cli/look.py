@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.colormaps import hex_color, to_linear
+from .._base.settings import RADIANCE
 from ..render.lights import MAX_LIGHTS, DirectionalLight, Headlight, PointLight
 from ..scene.attributes import attribute_colors, attribute_values
 from ..scene.mesh import Mesh
@@ -23,19 +22,7 @@ from .shared import UserError, count, number, vector
 Color = tuple[float, float, float]
 
 
-def color(text: str) -> Color:
-    """Linear RGB of R,G,B or V (linear) or #rrggbb (sRGB)."""
-    if re.fullmatch(r"#[0-9a-fA-F]{6}", text):
-        red, green, blue = (float(v) for v in to_linear(hex_color(text[1:])))
-        return red, green, blue
-    words = text.split(",")
-    if len(words) not in (1, 3):
-        raise argparse.ArgumentTypeError(f"expected R,G,B or V or #rrggbb, got {text!r}")
-    values = [number(word) for word in words]
-    if min(values) < 0:
-        raise argparse.ArgumentTypeError(f"expected numbers >= 0, got {text!r}")
-    red, green, blue = values if len(values) == 3 else values * 3
-    return red, green, blue
+color = RADIANCE.parse  # linear RGB of R,G,B or V (linear) or #rrggbb (sRGB)
 
 
 def interval(text: str) -> tuple[float, float]:

@@ -53,22 +53,11 @@ def add_arguments(parser: Parser) -> None:
     """The arguments of `globule measure`."""
     add = parser.add_argument
     add("sweep", metavar="SWEEP", help="file or folder of tracked frames")
-    add(
-        "--distance",
-        type=_numbers(6),
-        action="append",
-        default=[],
-        metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="distance of the two edges or bright echoes on the line between these points, mm, "
-        "world; may be repeated (default: none)",
-    )
-    add(
-        "--width",
-        type=positive,
-        metavar="MM",
-        help="diameter of the disc over which the values along a line are averaged, mm "
-        "(default: one voxel)",
-    )
+    flags.own(parser, "--distance X0,Y0,Z0,X1,Y1,Z1", "distance of the two edges or bright echoes "
+        "on the line between these points, mm, world; may be repeated", _numbers(6), [],
+        action="append")  # fmt: skip
+    flags.own(parser, "--width MM", "diameter of the disc over which the values along a line are "
+        "averaged, mm", positive, usual="one voxel")  # fmt: skip
     side = parser.add_mutually_exclusive_group()
     for name, word in (("--above", "brighter"), ("--below", "darker")):
         side.add_argument(
@@ -77,13 +66,8 @@ def add_arguments(parser: Parser) -> None:
             metavar="V",
             help=f"volume of what is {word} than this value, gray levels (default: none)",
         )
-    add(
-        "--within",
-        type=_numbers(4),
-        metavar="X,Y,Z,R",
-        help="ball whose voxels count for --above and --below: center and radius, mm, world "
-        "(default: all voxels)",
-    )
+    flags.own(parser, "--within X,Y,Z,R", "ball whose voxels count for --above and --below: center "
+        "and radius, mm, world", _numbers(4), usual="all voxels")  # fmt: skip
     add(
         "--voxel-size",
         dest="spacing",

@@ -43,25 +43,17 @@ def add_surface(parser: Parser) -> None:
     flags.add(surface, "--support", "default: the file's, else two spacings")
     flags.add(surface, "--threshold", "default: by kernel")
     surfaces.add_arguments(surface)
-    surface.add_argument(
-        "--anisotropic",
-        action="store_true",
-        help="smooth the particles and stretch their kernels along the surface (Yu and Turk 2013)",
-    )
+    flags.own(surface, "--anisotropic", "smooth the particles and stretch their kernels along the "
+        "surface (Yu and Turk 2013)")  # fmt: skip
     flags.add_reading(parser)
     flags.add_device(parser.add_argument_group("machine"))
 
 
 def add_sample_spacing(group: Any) -> None:
     """The flag of the distance of samples, or of a mesh's cells."""
-    group.add_argument(
-        "--sample-spacing",
-        dest="spacing",
-        type=positive,
-        metavar="LENGTH",
-        help="distance of neighboring samples, or edge of a mesh's cells, world units "
-        "(default: half the particles' spacing)",
-    )
+    flags.own(group, "--sample-spacing LENGTH", "distance of neighboring samples, or edge of a "
+        "mesh's cells, world units", positive, usual="half the particles' spacing",
+        dest="spacing")  # fmt: skip
 
 
 def add_values(group: Any, default: str) -> None:

@@ -23,7 +23,7 @@ from ..scene.fluid import flat_spacing, is_flat
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
-from . import look
+from . import flags, look
 from .shared import UserError, check_input, count, mistakes, read_particles, stem, warn
 
 _THIN = 1 / 400  # default radius of lines, of their box's diagonal
@@ -38,7 +38,8 @@ _OF_PARTICLES = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of meshes."""
-    add = parser.add_argument_group("triangle meshes").add_argument
+    group = parser.add_argument_group("triangle meshes")
+    add = group.add_argument
     add(
         "--mesh",
         dest="meshes",
@@ -51,37 +52,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"MATERIAL is {', '.join(PRESETS)}; --clip cuts them too; may be repeated up to 3 times "
         "(default: none)",
     )
-    add(
-        "--spheres",
-        type=functools.partial(_with_radius, "spheres"),
-        action="append",
-        default=[],
-        metavar="FILE[:RADIUS]",
-        help="plain spheres at the particles of a second file, world units (default: a radius of "
-        "half a spacing)",
-    )
-    add(
-        "--lines",
-        type=functools.partial(_with_radius, "lines"),
-        action="append",
-        default=[],
-        metavar="FILE[:RADIUS]",
-        help="a line through the points of a second file, in their order, world units (default: a "
-        "radius of a 400th of the line's extent)",
-    )
-    add(
-        "--mesh-color",
-        type=look.color,
-        metavar="COLOR",
-        help="color of all of --mesh, --spheres and --lines: R,G,B or V (linear), or #rrggbb "
-        "(sRGB) (default: the file's, the material's, or gray)",
-    )
-    add(
-        "--as-particles",
-        action="store_true",
-        help="draw one metaball at each vertex of a mesh instead of its triangles; --resample "
-        "draws metaballs, too",
-    )
+    flags.own(group, "--spheres FILE[:RADIUS]", "plain spheres at the particles of a second file, "
+        "world units", functools.partial(_with_radius, "spheres"), [],
+        usual="a radius of half a spacing", action="append")  # fmt: skip
+    flags.own(group, "--lines FILE[:RADIUS]", "a line through the points of a second file, in "
+        "their order, world units", functools.partial(_with_radius, "lines"), [],
+        usual="a radius of a 400th of the line's extent", action="append")  # fmt: skip
+    flags.own(group, "--mesh-color COLOR", "color of all of --mesh, --spheres and --lines: R,G,B "
+        "or V (linear), or #rrggbb (sRGB)", look.color,
+        usual="the file's, the material's, or gray")  # fmt: skip
+    flags.own(group, "--as-particles", "draw one metaball at each vertex of a mesh instead of its "
+        "triangles; --resample draws metaballs, too")  # fmt: skip
 
 
 def mesh(text: str) -> tuple[str, str | None]:

@@ -46,27 +46,15 @@ def add_arguments(parser: Parser) -> None:
     """The arguments of `globule project`."""
     parser.add_argument("file", metavar="FILE", help="particles, mesh or volume")
     flags.add(parser, "--output", f"{' '.join((*EXTENSIONS, '.png'))}", required=True)
-    parser.add_argument(
-        "--axis",
-        type=direction,
-        default=(0, 0, 1),
-        metavar="X,Y,Z",
-        help="direction of the lines of sight (default: 0,0,1)",
-    )
+    flags.own(parser, "--axis X,Y,Z", "direction of the lines of sight", direction, (0, 0, 1))
     measuring.add_values(parser, "density if the file has one, else thickness")
     measuring.add_sample_spacing(parser)
     volume = parser.add_mutually_exclusive_group()
-    volume.add_argument(
-        "--particle-volume",
-        dest="volume",
-        type=positive,
-        metavar="V",
-        help="volume of every particle, world units cubed (default: mass over density, else the "
-        "spacing cubed)",
-    )
+    flags.own(volume, "--particle-volume V", "volume of every particle, world units cubed",
+        positive, usual="mass over density, else the spacing cubed", dest="volume")  # fmt: skip
     flags.add(volume, "--particle-spacing", "default: measured")
     image = parser.add_argument_group("image")
-    image.add_argument("--log", action="store_true", help="color by the decimal logarithm")
+    flags.own(image, "--log", "color by the decimal logarithm")
     flags.add(image, "--colormap", "default: viridis", default="viridis")
     flags.add(image, "--range", "default: the lowest and the highest value")
     flags.add(parser, "--json")

@@ -12,6 +12,7 @@ configuration, and the method is globule's."""
 from __future__ import annotations
 
 import argparse
+import functools
 import hashlib
 import logging
 import os
@@ -23,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from ..formats.volumes import WRITABLE, check_name
+from ..ultrasound.options import Options
 from ..ultrasound.sweep import Sweep
 from ..volumes.files import write_volume
 from ..volumes.volume import Volume
@@ -57,9 +59,7 @@ EXAMPLES = """\
 ESSENTIAL = ("--output", "--calibration", "--plus", "--poses", "--voxel-size", "--voxels",
              "--method", "--three-view", "--surface-image", "--live", "--device")  # fmt: skip
 
-METHODS = ("frames", "pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 COMPARED = ("frames", "pvn-om", "vvn-om", "bezier")  # pvn and vvn give the same volumes, slower
-COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
 DEFAULT_SIZE = 256
 LARGE = 2048  # MiB; above, the command prints the size before it takes the memory
 
@@ -74,46 +74,23 @@ def add_arguments(parser: Parser) -> None:
     add = parser.add_argument
     add("sweep", nargs="?", metavar="SWEEP", help="file or folder of tracked frames")
     flags.add(parser, "--output", "volume; default: none")
-    add("--maps", action="store_true", help="also write pixel count, variance and latest frame")
-    add(
-        "--three-view",
-        metavar="IMAGE.png",
-        help="also write an image of three planes, and of the origin of the values (default: none)",
-    )
-    add(
-        "--surface-image",
-        metavar="IMAGE.png",
-        help="also write an image of the iso-surface, as `globule render` does (default: none)",
-    )
-    add(
-        "--projections",
-        action="store_true",
-        help="also draw maximum-intensity projections into the image of --three-view",
-    )
+    flags.own(parser, "--maps", "also write pixel count, variance and latest frame")
+    flags.own(parser, "--three-view IMAGE.png", "also write an image of three planes, and of the "
+        "origin of the values")  # fmt: skip
+    flags.own(parser, "--surface-image IMAGE.png", "also write an image of the iso-surface, as "
+        "`globule render` does")  # fmt: skip
+    flags.own(parser, "--projections", "also draw maximum-intensity projections into the image of "
+        "--three-view")  # fmt: skip
     flags.add(parser, "--json")
-    add(
-        "--cross-validate",
-        type=int,
-        metavar="K",
-        help="leave out every K-th frame, predict the frame from the others, and print the error "
-        "of each method in gray levels (default: off)",
-    )
+    flags.own(parser, "--cross-validate K", "leave out every K-th frame, predict the frame from "
+        "the others, and print the error of each method in gray levels", int,
+        usual="off")  # fmt: skip
     method = parser.add_argument_group("method")
-    method.add_argument(
-        "--method",
-        choices=METHODS,
-        metavar="NAME",
-        help=f"reconstruction method: {', '.join(METHODS)} (default: frames; pvn-om with --live "
-        "and --voxel-size, and with another --compounding than mean)",
-    )
+    given = functools.partial(flags.add_settings, method, Options)
+    given("method")
     grid = method.add_mutually_exclusive_group()
-    grid.add_argument(
-        "--voxel-size",
-        dest="spacing",
-        type=positive,
-        metavar="MM",
-        help="edge of a voxel, mm (default: from --voxels)",
-    )
+    flags.own(grid, "--voxel-size MM", "edge of a voxel, mm", positive, usual="from --voxels",
+        dest="spacing")  # fmt: skip
     grid.add_argument(
         "--voxels",
         dest="size",
@@ -121,90 +98,30 @@ def add_arguments(parser: Parser) -> None:
         metavar="N",
         help=f"number of voxels along the longest axis (default: {DEFAULT_SIZE})",
     )
-    method.add_argument(
-        "--bounds",
-        dest="region",
-        type=numbers,
-        metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="lowest and highest corner of the volume, mm, world (default: around all pixels)",
-    )
-    method.add_argument(
-        "--volume-axes",
-        dest="axes",
-        choices=("world", "sweep"),
-        default="world",
-        metavar="NAME",
-        help="axes of the volume: world; sweep: along the sweep, which needs fewer voxels "
-        "(default: world)",
-    )
-    method.add_argument(
-        "--max-distance",
-        type=number,
-        metavar="MM",
-        help="hole filling: largest distance of a voxel from any pixel, mm (default: no limit; "
-        "frames: half of five usual steps between frames)",
-    )
-    method.add_argument(
-        "--extrapolate",
-        action="store_true",
-        help="also fill holes that do not lie between data (default: only holes between data)",
-    )
-    method.add_argument(
-        "--max-kernel",
-        type=int,
-        default=9,
-        metavar="N",
-        help="hole filling: side of the largest kernel, voxels, odd (default: 9)",
-    )
-    method.add_argument(
-        "--compounding",
-        choices=COMPOUNDINGS,
-        default="mean",
-        metavar="NAME",
-        help=f"how pixels of one voxel combine: {', '.join(COMPOUNDINGS)} (default: mean)",
-    )
-    method.add_argument(
-        "--hole-weights",
-        choices=("normalized", "printed"),
-        default="normalized",
-        metavar="NAME",
-        help="hole filling: weights, normalized or as printed in the source (default: normalized)",
-    )
+    flags.own(method, "--bounds X0,Y0,Z0,X1,Y1,Z1", "lowest and highest corner of the volume, mm, "
+        "world", numbers, usual="around all pixels", dest="region")  # fmt: skip
+    flags.own(method, "--volume-axes NAME", "axes of the volume: world; sweep: along the sweep, "
+        "which needs fewer voxels", ("world", "sweep"), "world", dest="axes")  # fmt: skip
+    given("max_distance")
+    given("extrapolate", action="store_true")
+    for name in ("max_kernel", "compounding", "hole_weights"):
+        given(name, default=getattr(Options, name))
     place = parser.add_argument_group("position of the pixels")
     flags.add(place, "--calibration", "default: the recording's own transforms")
     flags.add(place, "--plus", "default: none")
     flags.add(place, "--poses", "default: none")
     flags.add(place, "--frame-times", "default: none")
-    place.add_argument(
-        "--temporal-offset",
-        type=number,
-        metavar="S",
-        help="seconds added to the time of a frame to find its pose (default: the calibration's)",
-    )
-    place.add_argument(
-        "--image-region",
-        dest="clip",
-        type=numbers,
-        metavar="COLUMN,ROW,WIDTH,HEIGHT",
-        help="rectangle of the image to use, pixels (default: the calibration's, else all)",
-    )
-    place.add_argument(
-        "--fan",
-        type=numbers,
-        metavar="COLUMN,ROW,FIRST,LAST,START,STOP",
-        help="fan of the image to use: apex in pixels, first and last angle in degrees, first and "
-        "last radius in pixels (default: the calibration's, else all)",
-    )
-    place.add_argument(
-        "--mask",
-        metavar="IMAGE",
-        help="image with nonzero pixels where the sweep shows tissue (default: all pixels)",
-    )
-    place.add_argument(
-        "--keep-outliers",
-        action="store_true",
-        help="also use frames whose pose jumps (default: omit these frames with a warning)",
-    )
+    flags.own(place, "--temporal-offset S", "seconds added to the time of a frame to find its pose",
+        number, usual="the calibration's")  # fmt: skip
+    flags.own(place, "--image-region COLUMN,ROW,WIDTH,HEIGHT", "rectangle of the image to use, "
+        "pixels", numbers, usual="the calibration's, else all", dest="clip")  # fmt: skip
+    flags.own(place, "--fan COLUMN,ROW,FIRST,LAST,START,STOP", "fan of the image to use: apex in "
+        "pixels, first and last angle in degrees, first and last radius in pixels", numbers,
+        usual="the calibration's, else all")  # fmt: skip
+    flags.own(place, "--mask IMAGE", "image with nonzero pixels where the sweep shows tissue",
+        usual="all pixels")  # fmt: skip
+    flags.own(place, "--keep-outliers", "also use frames whose pose jumps (default: omit these "
+        "frames with a warning)")  # fmt: skip
     live.add_arguments(parser)
     flags.add_device(parser.add_argument_group("machine"))
 
@@ -335,8 +252,6 @@ def _check(options: argparse.Namespace) -> None:
         raise UserError(f"--voxels: expected 1 to 65536, got {options.size}")
     if options.region is not None and len(options.region) != 6:
         raise UserError(f"--bounds: expected six numbers, got {len(options.region)}")
-    if options.max_kernel < 1 or options.max_kernel % 2 == 0:
-        raise UserError(f"--max-kernel: expected an odd number from 1, got {options.max_kernel}")
     if _exact(options):
         names = {"spacing": "voxel-size", "size": "voxels", "region": "bounds",
                  "max_distance": "max-distance"}  # fmt: skip

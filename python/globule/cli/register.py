@@ -44,9 +44,7 @@ def add_arguments(parser: Parser) -> None:
     """The arguments of `globule register`."""
     parser.add_argument("sweeps", nargs="+", metavar="SWEEP", help="tracked frames, two or more")
     flags.add(parser, "--output", "volume of all sweeps; default: none")
-    parser.add_argument(
-        "--sweep-output", metavar="PATH", help="also write the joined sweep (default: none)"
-    )
+    flags.own(parser, "--sweep-output PATH", "also write the joined sweep")
     parser.add_argument(
         "--voxel-size",
         dest="spacing",
@@ -54,14 +52,9 @@ def add_arguments(parser: Parser) -> None:
         metavar="MM",
         help=f"edge of a voxel, mm (default: {_SIZE} along the longest axis)",
     )
-    parser.add_argument(
-        "--max-registration-error",
-        dest="max_error",
-        type=positive,
-        metavar="MM",
-        help="largest expected error of a registration that is accepted, mm "
-        "(default: two voxels of the registration)",
-    )
+    flags.own(parser, "--max-registration-error MM", "largest expected error of a registration "
+        "that is accepted, mm", positive, usual="two voxels of the registration",
+        dest="max_error")  # fmt: skip
     flags.add(parser, "--calibration", "of all sweeps; default: the recordings' own transforms")
     flags.add(parser, "--plus", "of all sweeps; default: none")
     flags.add(parser, "--json")

@@ -43,6 +43,7 @@ import numpy as np
 from ..render.camera import Camera, view_axes
 from ..render.camera_path import round_camera
 from ..render.fit import fitted
+from ..render.settings import RenderSettings
 from ..render.views import view_cameras
 from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
@@ -108,15 +109,11 @@ def add_arguments(parser: Parser) -> None:
     flags.add(parser, "--output", "image.png or movie.mp4", required=True)
     flags.add(parser, "--size", "default: 1024x782", default=(1024, 782))
     flags.add(parser, "--state", "default: none")
-    add(
-        "--aov",
-        metavar="FILE.npz",
-        help="also write the arrays color, distance, position, normal, albedo and mask (default: "
-        "none)",
-    )
+    flags.own(parser, "--aov FILE.npz", "also write the arrays color, distance, position, normal, "
+        "albedo and mask")  # fmt: skip
     flags.add(parser, "--json")
     camera = parser.add_argument_group("camera")
-    camera.add_argument("--fit", action="store_true", help="show all particles (the default)")
+    flags.own(camera, "--fit", "show all particles (the default)")
     flags.add(camera, "--eye", "default: all is visible; 2-D data from above")
     flags.add(camera, "--look-at", "default: the middle of the particles")
     flags.add(camera, "--up", "default: 0,1,0", default=(0, 1, 0))
@@ -128,33 +125,15 @@ def add_arguments(parser: Parser) -> None:
     flags.add(surface, "--support", "default: the file's, else two spacings")
     flags.add(surface, "--threshold", "default: by kernel")
     surfaces.add_arguments(surface)
-    surface.add_argument(
-        "--anisotropic",
-        action="store_true",
-        help="smooth the particles and stretch their kernels along the surface (Yu and Turk 2013)",
-    )
+    flags.own(surface, "--anisotropic", "smooth the particles and stretch their kernels along the "
+        "surface (Yu and Turk 2013)")  # fmt: skip
     tree = parser.add_argument_group("octree")
-    tree.add_argument(
-        "--octree",
-        choices=("sparse", "dense"),
-        metavar="NAME",
-        help="kind of octree: sparse or dense (default: sparse; dense with --root march or bezier)",
-    )
-    tree.add_argument(
-        "--octree-level",
-        dest="depth",
-        type=int,
-        metavar="N",
-        help="deepest level of the octree, number of halvings (default: from the particles)",
-    )
-    tree.add_argument(
-        "--key-bits",
-        type=int,
-        choices=(32, 64),
-        default=32,
-        metavar="N",
-        help="length of a Morton key, bits: 32 or 64 (default: 32)",
-    )
+    flags.own(tree, "--octree NAME", "kind of octree: sparse or dense", ("sparse", "dense"),
+        usual="sparse; dense with --root march or bezier")  # fmt: skip
+    flags.own(tree, "--octree-level N", "deepest level of the octree, number of halvings", int,
+        usual="from the particles", dest="depth")  # fmt: skip
+    flags.own(tree, "--key-bits N", "length of a Morton key, bits: 32 or 64", int, 32,
+        choices=(32, 64))  # fmt: skip
     tracing.add_arguments(parser)
     colors = parser.add_argument_group("color and light; radiances are linear, 1 is white")
     flags.add(colors, "--color-by", "default: the particles' color")
@@ -168,35 +147,13 @@ def add_arguments(parser: Parser) -> None:
         const="flat",
         help="no light: a pixel has exactly the color of its value; the same as --preset flat",
     )
-    colors.add_argument(
-        "--light",
-        type=look.light,
-        action="append",
-        metavar="LIGHT",
-        help="light source: head (at the eye), dir:X,Y,Z[,ANGLE] (towards the light, with an "
-        "angular diameter in degrees) or point:X,Y,Z[,RADIUS] (world units); ANGLE and RADIUS make "
-        "soft shadows; may be repeated up to 8 times, and all share a radiance of 1 "
-        "(default: head and a sun)",
-    )
-    colors.add_argument(
-        "--ambient",
-        type=look.color,
-        metavar="COLOR",
-        help="radiance of the ambient light: R,G,B or V (linear), or #rrggbb (sRGB) "
-        "(default: 0.16,0.18,0.21, or the preset's)",
-    )
-    colors.add_argument(
-        "--background",
-        type=look.color,
-        metavar="COLOR",
-        help="radiance of the background: R,G,B or V (linear), or #rrggbb (sRGB) "
-        "(default: 0.93,0.94,0.96, or the preset's)",
-    )
-    colors.add_argument(
-        "--transparent",
-        action="store_true",
-        help="no background: the images are RGBA, with smooth edges from 2 --samples on",
-    )
+    flags.own(colors, "--light LIGHT", "light source: head (at the eye), dir:X,Y,Z[,ANGLE] "
+        "(towards the light, with an angular diameter in degrees) or point:X,Y,Z[,RADIUS] (world "
+        "units); ANGLE and RADIUS make soft shadows; may be repeated up to 8 times, and all share "
+        "a radiance of 1", look.light, usual="head and a sun", action="append")  # fmt: skip
+    flags.add_settings(colors, RenderSettings, "ambient", "background", note=", or the preset's")
+    flags.own(colors, "--transparent", "no background: the images are RGBA, with smooth edges from "
+        "2 --samples on")  # fmt: skip
     light.add_arguments(parser)
     meshes.add_arguments(parser)
     annotation.add_arguments(parser)
@@ -204,22 +161,13 @@ def add_arguments(parser: Parser) -> None:
     sequence.add_arguments(parser)
     machine = parser.add_argument_group("machine")
     flags.add_device(machine)
-    machine.add_argument(
-        "--ranks",
-        choices=ranks.MODES,
-        metavar="NAME",
-        help="what each rank of mpiexec has of one image: replicate (all particles, and some of "
-        "the pixels) or pieces (a part of the particles; rays of light go from rank to rank) "
-        "(default: pieces, or replicate where light turns and all particles fit)",
-    )
-    machine.add_argument(
-        "--memory",
-        type=pieces.memory,
-        metavar="SIZE",
-        help="number of bytes that the command may take, such as 8G: particles that need more are "
-        "read, built and traced in pieces (HDF5, raw .vtu; .npy, .npz and .bgeo without "
-        "compression) (default: what is free)",
-    )
+    flags.own(machine, "--ranks NAME", "what each rank of mpiexec has of one image: replicate (all "
+        "particles, and some of the pixels) or pieces (a part of the particles; rays of light go "
+        "from rank to rank)", ranks.MODES,
+        usual="pieces, or replicate where light turns and all particles fit")  # fmt: skip
+    flags.own(machine, "--memory SIZE", "number of bytes that the command may take, such as 8G: "
+        "particles that need more are read, built and traced in pieces (HDF5, raw .vtu; .npy, .npz "
+        "and .bgeo without compression)", pieces.memory, usual="what is free")  # fmt: skip
     parser.set_defaults(prepare=functools.partial(state.defaults, parser))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from .._base.arrays import box_corners
 from .._base.ranks import dealt
+from .._base.settings import Whole
 from ..formats.frames import FrameOf
 from ..formats.pictures.video import need_av
 from ..render.camera import Camera
@@ -32,7 +33,6 @@ from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from . import flags, look
-from .arguments import whole
 from .measuring import led_by
 from .meshes import is_mesh, read_mesh
 from .shared import (
@@ -55,19 +55,10 @@ from .volumes import is_surface, read_surface
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of sequences and movies."""
     group = parser.add_argument_group("sequence")
-    group.add_argument(
-        "--camera-path",
-        metavar="FILE",
-        help="key frames of the camera, .toml or .json; a single input file is shown along the "
-        "whole path (default: none)",
-    )
-    group.add_argument(
-        "--turntable",
-        type=whole(2, 100_000),
-        metavar="N",
-        help="number of images of one turn around --up; a single input file is shown in all of "
-        "them (default: none)",
-    )
+    flags.own(group, "--camera-path FILE", "key frames of the camera, .toml or .json; a single "
+        "input file is shown along the whole path")  # fmt: skip
+    flags.own(group, "--turntable N", "number of images of one turn around --up; a single input "
+        "file is shown in all of them", Whole(2, 100_000).parse)  # fmt: skip
     flags.add(group, "--fps", "also of --camera-path; default: 30", default=30.0)
     flags.add(group, "--resume", "finished images are kept")
 

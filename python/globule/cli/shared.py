@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import MissingPackageError
+from .._base.settings import Number, Vector
 from .._base.terminal import escaped
 from ..formats import FormatError, read_contents
 from ..formats.contents import Contents
@@ -114,15 +115,8 @@ def join_negative(argv: Sequence[str]) -> list[str]:
     return joined
 
 
-def number(text: str) -> float:
-    """A finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"expected a number, got {text!r}")
-    return value
+number = Number().parse
+vector = Vector().parse
 
 
 def positive(text: str) -> float:
@@ -133,14 +127,6 @@ def positive(text: str) -> float:
     if not 1e-18 <= value <= 1e18:
         raise argparse.ArgumentTypeError(f"expected 1e-18 to 1e+18, got {text!r}")
     return value
-
-
-def vector(text: str) -> tuple[float, float, float]:
-    """X,Y,Z."""
-    words = text.split(",")
-    if len(words) != 3:
-        raise argparse.ArgumentTypeError(f"expected X,Y,Z, got {text!r}")
-    return number(words[0]), number(words[1]), number(words[2])
 
 
 def direction(text: str) -> tuple[float, float, float]:

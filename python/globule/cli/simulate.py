@@ -55,18 +55,14 @@ CHECKPOINT = "checkpoint.npz"
 def add_arguments(parser: Parser) -> None:
     """The arguments of `globule simulate`."""
     from ..formats import EXTENSIONS
-    from ..sim.scene_file import SHIPPED
+    from ..sim.scene_read import SHIPPED
 
     formats = [extension[1:] for extension in EXTENSIONS]
     add = parser.add_argument
     add("scene", metavar="SCENE", help=f"scene file .toml, or one of {', '.join(SHIPPED)}")
     flags.add(parser, "--output", "folder; default: frames", default="frames")
-    add(
-        "--seconds",
-        type=positive,
-        metavar="S",
-        help="simulated time, seconds, in whole frames (default: the scene's)",
-    )
+    flags.own(parser, "--seconds S", "simulated time, seconds, in whole frames", positive,
+        usual="the scene's")  # fmt: skip
     flags.add(parser, "--fps", "default: the scene's, else 30")
     add(
         "--format",
@@ -74,38 +70,19 @@ def add_arguments(parser: Parser) -> None:
         metavar="NAME",
         help=f"file format of the frames: {', '.join(formats)} (default: the scene's, else vtp)",
     )
-    add("--no-frames", action="store_true", help="write no frames of particles")
-    add(
-        "--video",
-        metavar="FILE.mp4",
-        help="also write a movie, with the camera and look of the scene's view (default: none)",
-    )
-    add(
-        "--images",
-        metavar="FOLDER",
-        help="also keep the image of every frame in this folder, .png (default: none)",
-    )
+    flags.own(parser, "--no-frames", "write no frames of particles")
+    flags.own(parser, "--video FILE.mp4", "also write a movie, with the camera and look of the "
+        "scene's view")  # fmt: skip
+    flags.own(parser, "--images FOLDER", "also keep the image of every frame in this folder, .png")
     flags.add(parser, "--size", "of --video and --images; default: the scene's")
-    add(
-        "--spacing",
-        type=positive,
-        metavar="M",
-        help="distance between neighboring particles, meters (default: the scene's)",
-    )
-    add(
-        "--checkpoint",
-        type=positive,
-        metavar="S",
-        help="also write a checkpoint every S simulated seconds (default: only at the end and at "
-        "Ctrl-C)",
-    )
+    flags.own(parser, "--spacing M", "distance between neighboring particles, meters", positive,
+        usual="the scene's")  # fmt: skip
+    flags.own(parser, "--checkpoint S", "also write a checkpoint every S simulated seconds",
+        positive, usual="only at the end and at Ctrl-C")  # fmt: skip
     flags.add(parser, "--resume", "from the checkpoint in the folder of -o")
     flags.add(parser, "--json")
-    add(
-        "--view",
-        action="store_true",
-        help="run live in the browser and write nothing; with --resume from the checkpoint",
-    )
+    flags.own(parser, "--view", "run live in the browser and write nothing; with --resume from the "
+        "checkpoint")  # fmt: skip
     flags.add_page(parser)
     flags.add_device(parser.add_argument_group("machine"))
 
@@ -137,7 +114,7 @@ def run(options: argparse.Namespace) -> None:
 
 def _view(options: argparse.Namespace) -> None:
     """Run live in the browser."""
-    from ..sim.scene_file import errors_of
+    from ..sim.scene_read import errors_of
     from ..sim.simulation import Simulation
     from ..viewer.simulation_source import SimulationSource
 
@@ -173,7 +150,7 @@ def _view(options: argparse.Namespace) -> None:
 
 def _read(options: argparse.Namespace) -> SceneFile:
     """The scene of the options."""
-    from ..sim.scene_file import read_scene
+    from ..sim.scene_read import read_scene
 
     try:
         return read_scene(options.scene, options.spacing)
@@ -186,7 +163,7 @@ class _Job:
 
     def __init__(self, options: argparse.Namespace, held: ExitStack):
         from ..sim.pictures import Pictures
-        from ..sim.scene_file import errors_of
+        from ..sim.scene_read import errors_of
         from ..sim.simulation import Simulation
 
         self.options, self.folder = options, options.output
@@ -398,7 +375,7 @@ def _resumed(
 ) -> Simulation:
     """The simulation of the folder's checkpoint. Only duration, view and output of the scene may
     differ from those of the checkpoint."""
-    from ..sim.scene_file import as_dict, read_scene
+    from ..sim.scene_read import as_dict, read_scene
 
     checkpoint = os.path.join(folder, CHECKPOINT)
     try:

@@ -77,25 +77,13 @@ def add_arguments(parser: Parser) -> None:
     flags.add(parser, "--output", f"{' '.join((*EXTENSIONS, '.png'))}", required=True)
     where = parser.add_argument_group("where")
     one = where.add_mutually_exclusive_group(required=True)
-    one.add_argument(
-        "--plane",
-        type=plane,
-        metavar="NX,NY,NZ,D",
-        help="plane where nx x + ny y + nz z = d, world units (default: none)",
-    )
-    one.add_argument(
-        "--line",
-        type=line,
-        metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="line between two points, world units (default: none)",
-    )
-    one.add_argument("--grid", action="store_true", help="grid around all particles")
+    flags.own(one, "--plane NX,NY,NZ,D", "plane where nx x + ny y + nz z = d, world units", plane)
+    flags.own(one, "--line X0,Y0,Z0,X1,Y1,Z1", "line between two points, world units", line)
+    flags.own(one, "--grid", "grid around all particles")
     measuring.add_sample_spacing(where)
     measuring.add_values(where, "field, inside and all attributes")
     image = parser.add_argument_group("image")
-    image.add_argument(
-        "--inside", action="store_true", help="draw only what is inside of the surface"
-    )
+    flags.own(image, "--inside", "draw only what is inside of the surface")
     flags.add(image, "--colormap", "default: viridis", default="viridis")
     flags.add(image, "--range", "default: the lowest and the highest value")
     flags.add(parser, "--json")

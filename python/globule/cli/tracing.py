@@ -12,9 +12,10 @@ import numpy as np
 from ..render import presets as looks
 from ..scene.particles import Particles
 from ..scene.scene import Scene
-from ..scene.thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support, fitting_level
+from ..scene.thesis import POLYNOMIAL_KERNELS, Thesis, default_support, fitting_level
+from ..viewer.state import Surface
 from . import flags, look
-from .shared import UserError, mistakes, positive
+from .shared import UserError, mistakes
 
 # Options that a preset sets if no flag does; looks set fields of RenderSettings instead.
 PRESETS = {"thesis": {"root": "march", "octree": "dense"}, **{key: {} for key in looks.PRESETS}}
@@ -24,19 +25,8 @@ PRESET_DEPTH = 7  # if no support asks for another level
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags that say how rays are traced."""
     group = parser.add_argument_group("tracing")
-    group.add_argument(
-        "--root",
-        choices=("exact", *ROOTS),
-        metavar="NAME",
-        help="search for the surface along a ray: exact, or as in the source thesis on the dense "
-        "octree, march (points with thresholds) or bezier (clipping) (default: exact)",
-    )
-    group.add_argument(
-        "--step",
-        type=positive,
-        metavar="S",
-        help="step of --root march, in supports (default: 0.25)",
-    )
+    flags.add_settings(group, Surface, "root")
+    flags.add_settings(group, Thesis, "step")
     flags.add(
         group,
         "--preset",

@@ -33,9 +33,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="particles, mesh or volume")
     flags.add(parser, "--output", "track.csv; default: printed")
     flags.add(parser, "--fps", "adds a column of times; default: none")
-    parser.add_argument(
-        "--plot", metavar="FILE.png", help="also draw the columns as curves (default: none)"
-    )
+    flags.own(parser, "--plot FILE.png", "also draw the columns as curves")
     parser.add_argument(
         "--plot-column",
         choices=COLUMNS,

@@ -54,12 +54,8 @@ def add_arguments(parser: Parser) -> None:
         ".toml, or igtl://host:port; default: a page to choose from",
     )
     flags.add(parser, "--state", "default: none")
-    parser.add_argument(
-        "--compare",
-        metavar="FILE",
-        help="particles or mesh for the right part of the image, beside a divider to drag "
-        "(default: none)",
-    )
+    flags.own(parser, "--compare FILE", "particles or mesh for the right part of the image, beside "
+        "a divider to drag")  # fmt: skip
     flags.add_page(parser)
     first = parser.add_argument_group("start values; the page can change all of them")
     flags.add(first, "--eye", "default: all is visible")

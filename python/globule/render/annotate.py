@@ -13,8 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.arrays import to_host
-from .._base.checks import flag, number, shown, three, whole
+from .._base.checks import shown, three
 from .._base.fixed import Fixed, read_only
+from .._base.settings import (
+    Choice,
+    Kind,
+    Number,
+    Switch,
+    Text,
+    Whole,
+    WrongType,
+    check_all,
+    setting,
+)  # fmt: skip
 from ..scene.scene import Scene
 from .box import corner, draw_box, short
 from .camera import Camera
@@ -36,72 +47,71 @@ class Colors(NamedTuple):
     name: str
 
 
+WORDS = Text(empty=True, longest=200)
+
+
+class BoxKind(Kind):
+    """A bool, or the two corners of a box."""
+
+    expected = "a bool or (lo, hi)"
+
+    def _take(self, value: Any) -> Any:
+        if isinstance(value, bool):
+            return value
+        try:
+            lo, hi = value
+        except (TypeError, ValueError):
+            raise self.wrong(value, WrongType) from None
+        lo, hi = three("corner", lo), three("corner", hi)
+        if any(a > b for a, b in zip(lo, hi, strict=True)):
+            raise ValueError(f"expected lo <= hi, got {shown(value)}")
+        return tuple(lo), tuple(hi)
+
+
+class LegendKind(Choice):
+    """A bool, or a place."""
+
+    def __init__(self, *names: str):
+        super().__init__(*names)
+        self.expected = f"a bool or one of {', '.join(names)}"
+
+    def _take(self, value: Any) -> Any:
+        return value if isinstance(value, bool) else super()._take(value)
+
+
 @read_only
 @dataclass(frozen=True)
 class Annotation(Fixed):
     """What is drawn into an image, or into each image of a sequence.
 
-    Args:
-        title: text at the top.
-        scale_bar: whether to draw a bar of a round length: 1, 2 or 5 times a power of ten. The bar
-            is true everywhere in an orthographic image. In a perspective image it is true at the
-            distance of the camera's `look_at`.
-        axes: whether to draw the directions of x, y and z.
-        box: True, the bounding box of the particles' centers (of a sequence: of the frame that
-            leads), or its lowest and highest corner, two (3,), world. Edges have ticks with
-            coordinates. Parts of edges behind the surface are hidden.
-        unit: of world coordinates, for scale bar and box, such as "m".
-        time: of the image, or of a sequence's first frame.
-        time_step: from one frame of a sequence to the next.
-        time_unit: of both.
-        step: number of the image, or of a sequence's first frame; each frame adds 1.
-        legend: True, or the legend's place: lower-right, lower-left, upper-right, upper-left, or
-            outside, on a strip that takes a part of the image's width. True stands for lower-right,
-            of several views for outside. Needs colors of values.
-        legend_title: name of the values; default: the name after `color_by`.
-        legend_unit: unit of the values.
-
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
-    title: str = ""
-    scale_bar: bool = False
-    axes: bool = False
-    box: Any = False
-    unit: str = ""
-    time: float | None = None
-    time_step: float = 0.0
-    time_unit: str = "s"
-    step: int | None = None
-    legend: bool | str = False
-    legend_title: str = ""
-    legend_unit: str = ""
+    title: str = setting(WORDS, "", "title at the top")
+    scale_bar: bool = setting(Switch(), False, "draw a bar of a round length, true at the distance "
+        "of the camera's `look_at`. The length is 1, 2 or 5 times a power of ten, and true "
+        "everywhere in an orthographic image")  # fmt: skip
+    axes: bool = setting(Switch(), False, "draw the directions of x, y and z")
+    box: Any = setting(BoxKind(), False, "draw the bounding box of the particles' centers with "
+        "coordinates along its edges. Of a sequence: of the frame that leads. Or its lowest and "
+        "highest corner, two (3,), world. Parts of edges behind the surface are "
+        "hidden")  # fmt: skip
+    unit: str = setting(WORDS, "", "unit of lengths for scale bar and box", label="Unit of lengths")
+    time: float | None = setting(Number(), None, "time of the image, or of the first frame")
+    time_step: float = setting(Number(), 0.0, "time from one frame of a sequence to the next")
+    time_unit: str = setting(WORDS, "s", "unit of the time")
+    step: int | None = setting(Whole(-(2**53), 2**53), None, "number of the image, or of the first "
+        "frame; each adds 1")  # fmt: skip
+    legend: bool | str = setting(LegendKind(*POSITIONS), False, "draw the color map and its range "
+        "into the image. Or the legend's place: lower-right, lower-left, upper-right, upper-left, "
+        "or outside, on a strip that takes a part of the image's width. True stands for "
+        "lower-right, of several views for outside. Needs colors of values")  # fmt: skip
+    legend_title: str = setting(WORDS, "", "name of the values in the legend",
+        usual="the name of what colors are by")  # fmt: skip
+    legend_unit: str = setting(WORDS, "", "unit of the values in the legend")
 
     def _check(self) -> None:
-        for name in ("title", "unit", "time_unit", "legend_title", "legend_unit"):
-            if not isinstance(getattr(self, name), str):
-                raise TypeError(f"{name}: expected text, got {shown(getattr(self, name))}")
-        flag("scale_bar", self.scale_bar)
-        flag("axes", self.axes)
-        if not isinstance(self.box, bool):
-            try:
-                lo, hi = self.box
-            except (TypeError, ValueError):
-                raise TypeError(
-                    f"box: expected a bool or (lo, hi), got {shown(self.box)}"
-                ) from None
-            lo, hi = three("box", lo), three("box", hi)
-            if any(a > b for a, b in zip(lo, hi, strict=True)):
-                raise ValueError(f"box: expected lo <= hi, got {shown(self.box)}")
-            object.__setattr__(self, "box", (tuple(lo), tuple(hi)))
-        if self.time is not None:
-            number("time", self.time)
-        number("time_step", self.time_step)
-        if self.step is not None:
-            whole("step", self.step, -(2**53), 2**53)
-        if not isinstance(self.legend, bool) and self.legend not in POSITIONS:
-            known = ", ".join(POSITIONS)
-            raise ValueError(f"legend: expected a bool or one of {known}, got {shown(self.legend)}")
+        object.__setattr__(self, "box", check_all(self)["box"])
 
     def at(self, frame: int) -> Annotation:
         """The annotation of a sequence's frame, counted from 0."""

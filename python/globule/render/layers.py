@@ -20,7 +20,6 @@ from ..scene.scene import Scene
 from ..scene.sources import as_particles
 from .clips import ClipBox, ClipPlane, ClipSphere
 from .materials import Material
-from .settings import items
 
 MAX_LAYERS = 4
 
@@ -222,7 +221,11 @@ def scene_like(scene: Scene, particles: Particles) -> Scene:
 
 
 def _clips(clips: Any) -> tuple[ClipPlane | ClipBox | ClipSphere, ...]:
-    found = items("clips", clips, "a list of ClipPlane, ClipBox or ClipSphere")
+    try:
+        found = tuple(clips)
+    except (TypeError, NotImplementedError):  # the latter: a memoryview
+        expected = "a list of ClipPlane, ClipBox or ClipSphere"
+        raise TypeError(f"clips: expected {expected}, got {shown(clips)}") from None
     for clip in found:
         if not isinstance(clip, (ClipPlane, ClipBox, ClipSphere)):
             raise TypeError(f"clips: expected ClipPlane, ClipBox or ClipSphere, got {shown(clip)}")

@@ -9,14 +9,13 @@ these factors for a whole scene instead.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from .. import _core
-from .._base.checks import number, three
 from .._base.fixed import Fixed, read_only
+from .._base.settings import RADIANCE, SHARE, Number, check_all, setting
 
 
 @read_only
@@ -24,28 +23,26 @@ from .._base.fixed import Fixed, read_only
 class Material(Fixed):
     """The material of a scene. None leaves a value to the particles.
 
-    Args:
-        reflection: specular reflectance at normal incidence, 0 to 1.
-        transmission: share of the remaining light that is transmitted, 0 to 1.
-        index: index of refraction, 1 to 4; reflection then follows Fresnel's equations too.
-        color: (3,) linear RGB, instead of the particles'.
-        absorption: (3,) per world unit, Beer's law inside the medium. None: the surface's color
-            filters the light that enters.
-        roughness: of reflected and refracted directions (GGX, Walter et al. 2007), 0 to 1; several
-            samples per pixel make the image smooth.
-        specular, shininess: highlight of the lights (Blinn-Phong); None: the settings'.
-
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
-    reflection: float | None = None
-    transmission: float | None = None
-    index: float | None = None
-    color: Any = None
-    absorption: Any = None
-    roughness: float = 0.0
-    specular: float | None = None
-    shininess: float | None = None
+    reflection: float | None = setting(SHARE, None, "specular reflectance at normal incidence",
+        usual="the particles', else 0")  # fmt: skip
+    transmission: float | None = setting(SHARE, None, "share of the light not reflected that "
+        "enters the surface", usual="the particles', else 0")  # fmt: skip
+    index: float | None = setting(Number(1.0, 4.0), None, "index of refraction, such as 1.33 for "
+        "water and 1.5 for glass. Reflection then follows Fresnel's equations too",
+        label="Refractive index", usual="the preset's, else the particles'")  # fmt: skip
+    color: Any = setting(RADIANCE, None, "color of the surface", usual="the particles'")
+    absorption: Any = setting(RADIANCE, None, "absorption inside the medium after Beer's law",
+        "per world unit",
+        usual="the preset's, else the surface's color filters the light that enters")  # fmt: skip
+    roughness: float = setting(SHARE, 0.0, "roughness of reflection and refraction. After GGX "
+        "(Walter et al. 2007); several samples per pixel make it smooth")  # fmt: skip
+    specular: float | None = setting(Number(0.0), None, "highlight of the lights (Blinn-Phong)",
+        usual="the settings'")  # fmt: skip
+    shininess: float | None = setting(Number(0.0), None, "exponent of the highlight",
+        usual="the settings'")  # fmt: skip
 
     def _check(self) -> None:
         self._packed  # noqa: B018  making it checks the fields
@@ -53,24 +50,7 @@ class Material(Fixed):
     @cached_property
     def _packed(self) -> Any:
         """What the core takes; below 0 (index: 0) what is left to others."""
-
-        def given(name: str, most: float = math.inf) -> float:
-            value = getattr(self, name)
-            return -1.0 if value is None else number(name, value, 0.0, most)
-
-        def colors(name: str) -> list[float]:
-            value = getattr(self, name)
-            return [-1.0, -1.0, -1.0] if value is None else three(name, value, 0.0)
-
+        none = {"index": 0.0, "color": [-1.0] * 3, "absorption": [-1.0] * 3}
         return _core.Material(
-            {
-                "reflection": given("reflection", 1.0),
-                "transmission": given("transmission", 1.0),
-                "index": 0.0 if self.index is None else number("index", self.index, 1.0, 4.0),
-                "roughness": number("roughness", self.roughness, 0.0, 1.0),
-                "color": colors("color"),
-                "absorption": colors("absorption"),
-                "specular": given("specular"),
-                "shininess": given("shininess"),
-            }
+            {k: none.get(k, -1.0) if v is None else v for k, v in check_all(self).items()}
         )

@@ -10,8 +10,20 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from .._base.checks import flag, number, shown, three, whole
+from .._base.checks import shown, three
 from .._base.fixed import Fixed, read_only
+from .._base.settings import (
+    RADIANCE,
+    SHARE,
+    Color,
+    Each,
+    Made,
+    Number,
+    Switch,
+    Whole,
+    check_all,
+    setting,
+)  # fmt: skip
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .lights import (
@@ -30,12 +42,15 @@ MAX_SAMPLES = 65536
 SMOOTH_EDGES = 3  # more samples at edges, by default, where a surface is smooth or of spheres
 
 
-def items(name: str, value: Any, expected: str) -> tuple:
-    """The items of anything that can be iterated."""
-    try:
-        return tuple(value)
-    except (TypeError, NotImplementedError):  # the latter: a memoryview
-        raise TypeError(f"{name}: expected {expected}, got {shown(value)}") from None
+class Ambient(Color):
+    """A radiance, or "sky"."""
+
+    def __init__(self) -> None:
+        super().__init__(RADIANCE.each.most, gray=True)
+        self.expected = 'a color or "sky"'
+
+    def _take(self, value: Any) -> Any:
+        return value if isinstance(value, str) and value == "sky" else super()._take(value)
 
 
 @read_only
@@ -44,62 +59,53 @@ class RenderSettings(Fixed):
     """How a hit becomes light. Colors and radiances are linear RGB; 1 is white. One number
     stands for all three channels.
 
-    Args:
-        lights: up to 8.
-        ambient: light from everywhere: (3,) radiance, or "sky" for the sky's own.
-        background: (3,) radiance behind the scene, where `sky` is None.
-        material: of every scene that has none of its own.
-        specular, shininess: highlight of the lights, for materials without their own values.
-        exposure: factor of the image's light.
-        shadows: whether directional and point lights cast shadows.
-        ambient_rays: rays per sample that test how open a place is (ambient occlusion), 0 to 256.
-        ambient_distance: length of these rays, world units; None: a tenth of the scene's extent.
-        sky: `Sky` or `Environment`; also visible behind the scene. None: the background everywhere.
-        ground: a plane under the scene.
-        bounces: number of reflections and refractions along a ray, 0 to 32.
-        cutoff: a ray that carries less than this share of a pixel's light ends in the sky, 0 to 1.
-        samples: rays per pixel, 1 to 65536; the first goes through the pixel's center, the others
-            anywhere in it.
-        tone: whether `Frame.image` compresses light above 0.8. False: `Frame.image` is
-            `Frame.color` in sRGB, clipped at 1, without `exposure`.
-        transparent: whether `Frame.image` is RGBA. A pixel's alpha is the share of its rays that
-            hit a surface or the ground; an image of several samples has smooth edges.
-        edge_samples: more rays, 0 to 64, for pixels beside a jump of distance, normal or layer
-            (silhouettes, creases, cuts) in images of one sample a pixel. In images with shadows,
-            reflection, transmission, clips, sky, ground or several layers, pixels beside a jump of
-            color (a tenth of white as displayed, in any channel) have them too, unless the image is
-            `transparent` or has ambient rays. Images of more samples have no edge samples. None: 3
-            where a layer has a smooth surface or shows 2-D data, else 0.
-
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
-    lights: Sequence[Headlight | DirectionalLight | PointLight] = (Headlight(), DirectionalLight())
-    ambient: Any = (0.16, 0.18, 0.21)
-    background: Any = (0.93, 0.94, 0.96)
-    material: Material = Material()
-    specular: float = 0.22
-    shininess: float = 60.0
-    exposure: float = 1.0
-    shadows: bool = False
-    ambient_rays: int = 0
-    ambient_distance: float | None = None
-    sky: Sky | Environment | None = None
-    ground: Ground | None = None
-    bounces: int = 4
-    cutoff: float = 1 / 32
-    samples: int = 1
-    tone: bool = True
-    transparent: bool = False
-    edge_samples: int | None = None
+    lights: Sequence[Headlight | DirectionalLight | PointLight] = setting(
+        Each(Made(Headlight, DirectionalLight, PointLight), most=MAX_LIGHTS),
+        (Headlight(), DirectionalLight()), f"lights, up to {MAX_LIGHTS}")  # fmt: skip
+    ambient: Any = setting(Ambient(), (0.16, 0.18, 0.21), "radiance of the ambient light, which "
+        "comes from everywhere, or `sky` for the sky's own")  # fmt: skip
+    background: Any = setting(RADIANCE, (0.93, 0.94, 0.96), "radiance of the background, where "
+        "there is no sky", step=0.05)  # fmt: skip
+    material: Material = setting(Made(Material), Material(), "material of every scene that has "
+        "none of its own")  # fmt: skip
+    specular: float = setting(Number(0.0), 0.22, "highlight of the lights, for materials without a "
+        "value of their own")  # fmt: skip
+    shininess: float = setting(Number(0.0), 60.0, "exponent of the highlight, as `specular`")
+    exposure: float = setting(Number(0.0), 1.0, "factor of the image's radiance", "no unit",
+        slider=(0.1, 4.0), step=0.05)  # fmt: skip
+    shadows: bool = setting(Switch(), False, "lights cast shadows. Headlights cast none")
+    ambient_rays: int = setting(Whole(0, 256), 0, "ambient occlusion: number of rays per sample "
+        "that test how open a place is", label="Ambient occlusion", slider=(0, 32))  # fmt: skip
+    ambient_distance: float | None = setting(Number(0.0), None, "length of the rays of ambient "
+        "occlusion", "world units", usual="a tenth of the scene's extent")  # fmt: skip
+    sky: Sky | Environment | None = setting(Made(Sky, Environment), None, "light from all around, "
+        "also visible behind the scene", usual="none, the background everywhere")  # fmt: skip
+    ground: Ground | None = setting(Made(Ground), None, "a plane under the scene")
+    bounces: int = setting(Whole(0, 32), 4, "number of reflections and refractions that a ray "
+        "follows", slider=(0, 16))  # fmt: skip
+    cutoff: float = setting(SHARE, 1 / 32, "a ray that carries less than this share of a pixel's "
+        "light ends in the sky")  # fmt: skip
+    samples: int = setting(Whole(1, MAX_SAMPLES), 1, "number of rays per pixel. The first goes "
+        "through the pixel's center, the others anywhere in it", label="Samples when still",
+        slider=(1, 64))  # fmt: skip
+    tone: bool = setting(Switch(), True, "whether `Frame.image` compresses light above 0.8. False: "
+        "`Frame.image` is `Frame.color` in sRGB, clipped at 1, without `exposure`")  # fmt: skip
+    transparent: bool = setting(Switch(), False, "whether `Frame.image` is RGBA. A pixel's alpha "
+        "is the share of its rays that hit a surface or the ground; an image of several samples "
+        "has smooth edges")  # fmt: skip
+    edge_samples: int | None = setting(Whole(0, 64), None, "more rays for pixels beside a jump of "
+        "distance, normal or layer (silhouettes, creases, cuts) in images of one sample a pixel. "
+        "In images with shadows, reflection, transmission, clips, sky, ground or several layers, "
+        "pixels beside a jump of color (a tenth of white as displayed, in any channel) have them "
+        "too, unless the image is `transparent` or has ambient rays. Images of more samples have "
+        "no edge samples",
+        usual="3 where a layer has a smooth surface or shows 2-D data, else 0")  # fmt: skip
 
     def _check(self) -> None:
-        if not isinstance(self.material, Material):
-            raise TypeError(f"material: expected Material, got {shown(self.material)}")
-        whole("samples", self.samples, 1, MAX_SAMPLES)
-        flag("tone", self.tone)
-        flag("transparent", self.transparent)
-        self._packed  # noqa: B018  making it checks the other fields
+        self._packed  # noqa: B018  making it checks the fields
 
     @cached_property
     def _packed(self) -> Any:
@@ -108,43 +114,23 @@ class RenderSettings(Fixed):
 
     def _pack(self, behind: float | None) -> Any:
         """What the core takes, with a background of `behind` in place of background and sky."""
-        lights = items("lights", self.lights, "a list of lights")
-        if len(lights) > MAX_LIGHTS:
-            raise ValueError(f"lights: expected at most {MAX_LIGHTS}, got {len(lights)}")
-        for light in lights:
-            if not isinstance(light, (Headlight, DirectionalLight, PointLight)):
-                expected = "expected Headlight, DirectionalLight or PointLight"
-                raise TypeError(f"lights: {expected}, got {shown(light)}")
-        if not isinstance(self.sky, (Sky, Environment, type(None))):
-            raise TypeError(f"sky: expected Sky or Environment, got {shown(self.sky)}")
-        if not isinstance(self.ground, (Ground, type(None))):
-            raise TypeError(f"ground: expected Ground, got {shown(self.ground)}")
-        sky_light = isinstance(self.ambient, str)
-        if sky_light and self.ambient != "sky":
-            raise ValueError(f'ambient: expected a color or "sky", got {shown(self.ambient)}')
-        rays = whole("ambient_rays", self.ambient_rays, 0, 256)
-        far = 0.0 if self.ambient_distance is None else self.ambient_distance
-        distance = number("ambient_distance", far, 0.0)
-        background = three("background", self.background, 0.0)
+        v = check_all(self)
+        sky_light = v["ambient"] == "sky"
+        direct = ("exposure", "shadows", "ambient_rays", "cutoff", "specular", "shininess")
         return _core.Look(
-            {
-                "lights": [light._pack() for light in lights],
-                "ambient": [0.0, 0.0, 0.0] if sky_light else three("ambient", self.ambient, 0.0),
+            {name: v[name] for name in direct}
+            | {
+                "lights": [light._pack() for light in v["lights"]],
+                "ambient": [0.0] * 3 if sky_light else list(v["ambient"]),
                 "sky_light": sky_light,
-                "background": background if behind is None else [behind] * 3,
-                "exposure": number("exposure", self.exposure, 0.0),
-                "shadows": flag("shadows", self.shadows),
-                "ambient_rays": rays,
-                "ambient_distance": distance,
-                "sky": (self.sky or uniform_sky(background))._pack(),
+                "background": list(v["background"]) if behind is None else [behind] * 3,
+                "ambient_distance": v["ambient_distance"] or 0.0,
+                "sky": (self.sky or uniform_sky(v["background"]))._pack(),
                 "show_sky": self.sky is not None and behind is None,
                 "ground": self.ground._pack() if self.ground else None,
-                "depth": whole("bounces", self.bounces, 0, 32),
-                "edge_samples": whole("edge_samples", self.edge_samples or 0, 0, 64),
+                "depth": v["bounces"],
+                "edge_samples": v["edge_samples"] or 0,
                 "edge_contrast": behind is None,
-                "cutoff": number("cutoff", self.cutoff, 0.0, 1.0),
-                "specular": number("specular", self.specular, 0.0),
-                "shininess": number("shininess", self.shininess, 0.0),
             }
         )
 
@@ -242,6 +228,6 @@ def as_settings(value: RenderSettings | Mapping[str, Any] | None) -> RenderSetti
             f"settings: expected RenderSettings or a dict of its fields, got {shown(value)}"
         )
     for name in value:
-        if name not in (*NAMES, "depth"):
+        if name not in NAMES:
             raise TypeError(f"settings: expected some of {', '.join(NAMES)}, got {name!r}")
     return RenderSettings(**value)

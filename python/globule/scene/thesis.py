@@ -10,8 +10,9 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import address, unit_vectors, view
-from .._base.checks import flag, number, whole
+from .._base.checks import whole
 from .._base.fixed import Fixed, read_only
+from .._base.settings import Choice, Number, Switch, Whole, check_all, setting
 from .particles import Particles
 
 if TYPE_CHECKING:
@@ -30,54 +31,30 @@ class Thesis(Fixed):
     Each ray visits leaves by itself, with a stack. A leaf sees its own particles and those of its
     26 neighbors. The result is correct only while no support is larger than the edge of a leaf.
 
-    Args:
-        root: "march" (points along the ray, Fig. 5.5) or "bezier" (Bézier clipping, Nishita &
-            Nakamae 1994; kernels murakami and wyvill).
-        step: of the march, in supports, before the first threshold, 0.0001 to 10000. The march may
-            miss parts that are thinner than a step.
-        thresholds: number of thresholds below the scene's own, evenly spaced, 0 to 16; each passed
-            threshold halves the step.
-        ghosts: leaves see the particles of their neighbors (ghost particles), and rays also visit
-            the leaves beside occupied leaves. False: the artifacts of Fig. 5.6.
-        face_rule: a ray does not fetch the nine neighbors across the face of entry again (Fig.
-            5.7). The image is the same.
-        exterior: the spheres of radius a bound the search; a lone sphere needs no search (Figs.
-            5.3, 5.4).
-        refine: a search refines the march's sign change. False: the terraces of Fig. 5.1.
-        averaged_normals: normals away from the mean of the centers that reach the hit (Fig. 5.8a)
-            instead of the gradient's.
-
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
-    root: str = "march"
-    step: float = 0.25
-    thresholds: int = 4
-    ghosts: bool = True
-    face_rule: bool = True
-    exterior: bool = True
-    refine: bool = True
-    averaged_normals: bool = False
-
-    def _check(self) -> None:
-        if self.root not in ROOTS:
-            raise ValueError(f"root: expected {' or '.join(ROOTS)}, got {self.root!r}")
-        number("step", self.step, 1e-4, 1e4)
-        whole("thresholds", self.thresholds, 0, MAX_THRESHOLDS)
-        for name in ("ghosts", "face_rule", "exterior", "refine", "averaged_normals"):
-            flag(name, getattr(self, name))
+    root: str = setting(Choice(*ROOTS), "march", "points along the ray (Fig. 5.5); bezier: Bézier "
+        "clipping (Nishita & Nakamae 1994; kernels murakami and wyvill)")  # fmt: skip
+    step: float = setting(Number(1e-4, 1e4), 0.25, "step of the march before the first threshold, "
+        "in supports. The march may miss parts that are thinner than a step")  # fmt: skip
+    thresholds: int = setting(Whole(0, MAX_THRESHOLDS), 4, "number of thresholds below the scene's "
+        "own, evenly spaced; each passed threshold halves the step")  # fmt: skip
+    ghosts: bool = setting(Switch(), True, "leaves see the particles of their neighbors (ghost "
+        "particles), and rays also visit the leaves beside occupied leaves. False: the artifacts "
+        "of Fig. 5.6")  # fmt: skip
+    face_rule: bool = setting(Switch(), True, "a ray does not fetch the nine neighbors across the "
+        "face of entry again (Fig. 5.7). The image is the same")  # fmt: skip
+    exterior: bool = setting(Switch(), True, "the spheres of radius a bound the search; a lone "
+        "sphere needs no search (Figs. 5.3, 5.4)")  # fmt: skip
+    refine: bool = setting(Switch(), True, "a search refines the march's sign change. False: the "
+        "terraces of Fig. 5.1")  # fmt: skip
+    averaged_normals: bool = setting(Switch(), False, "normals away from the mean of the centers "
+        "that reach the hit (Fig. 5.8a) instead of the gradient's")  # fmt: skip
 
     def _choices(self) -> tuple[int, float, int, bool, bool, bool, bool, bool]:
-        return (
-            ROOTS.index(self.root),
-            float(self.step),
-            int(self.thresholds),
-            bool(self.ghosts),
-            bool(self.face_rule),
-            bool(self.exterior),
-            bool(self.refine),
-            bool(self.averaged_normals),
-        )
+        made: Any = check_all(self) | {"root": ROOTS.index(self.root)}
+        return tuple(made.values())
 
     @cached_property
     def _packed(self) -> Any:

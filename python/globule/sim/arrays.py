@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import address, to_host
+from .._base.checks import shown
 from .._base.interrupts import whole
 from ..scene.particles import Particles
 from .part import Part
-from .schema import shown
 from .state_checks import check_clock, check_crowds, check_tissue
 
 _ARRAYS = {

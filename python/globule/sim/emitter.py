@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from .._base.checks import shown
+from .._base.settings import Number, Setting, Switch, settings_of
 from .scene_file import Emitter as Table
 from .scene_file import check_end
-from .schema import number, shown, switch
-from .steered import Steered, checked, checks_of
+from .steered import Steered
 
-CHECKS = {"rate": number(least=0.0), "on": switch}
+CHECKS = {"rate": Setting(Number(least=0.0)), "on": Setting(Switch())}
 _GIVEN = ("center", "direction", "radius", "rate", "fluid", "start", "end")
 
 
@@ -44,16 +45,18 @@ class Emitter(Steered):
         start: float = 0.0,
         end: float | None = None,
     ):
-        checks = checks_of(Table) | CHECKS
-        checked("emitter", "direction", checks["direction"], direction)
+        checks = settings_of(Table) | CHECKS
+
+        def checked(name: str, value: Any) -> Any:
+            return checks[name].check(value, ("emitter", name))
+
+        checked("direction", direction)
         direction = np.asarray(direction, float)
         self.direction = direction / np.linalg.norm(direction)
-        self.center = np.array(checked("emitter", "center", checks["center"], center))
-        self.radius = checked("emitter", "radius", checks["radius"], radius)
-        self.rate = checked("emitter", "rate", checks["rate"], rate)
+        self.center = np.array(checked("center", center))
+        self.radius, self.rate = checked("radius", radius), checked("rate", rate)
         self.fluid = fluid
-        self.start = checked("emitter", "start", checks["start"], start)
-        self.end = None if end is None else checked("emitter", "end", checks["end"], end)
+        self.start, self.end = checked("start", start), checked("end", end)
         try:
             check_end(self.start, self.end)
         except ValueError as error:
@@ -73,7 +76,7 @@ class Emitter(Steered):
         return CHECKS
 
     def _at_start(self) -> set[str]:
-        return set(checks_of(Table))
+        return set(settings_of(Table))
 
     def _state(self) -> dict[str, Any]:
         """All of it, as JSON holds it."""
@@ -86,9 +89,9 @@ class Emitter(Steered):
         if not isinstance(good.fluid, (str, type(None))):
             raise ValueError(f"fluid: expected a name, got {shown(good.fluid)}")
         emitted, volume = state["_emitted"], state["_volume"]
-        number(0.0, 2.0**31)(emitted)
-        number(0.0)(volume)
-        vars(self).update({name: vars(good)[name] for name in _GIVEN}, on=switch(state["on"]),
+        Number(0.0, 2.0**31)(emitted)
+        Number(0.0)(volume)
+        vars(self).update({name: vars(good)[name] for name in _GIVEN}, on=Switch()(state["on"]),
                           direction=np.array(state["direction"], float), _emitted=int(emitted),
                           _volume=float(volume), _places=None)  # fmt: skip
 

@@ -8,31 +8,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .schema import (
-    Problem,
-    Table,
-    choice,
-    direction,
-    each,
-    key,
-    number,
-    place,
-    positive,
-    switch,
-    text,
-)
+from .._base.settings import Choice, Direction, Each, Number, Problem, Switch, Table, setting
+from .schema import NAME, PLACE, POINTS, POSITIVE
 
 
 @dataclass(kw_only=True)
 class Key(Table):
-    """A key frame: the pose of an instrument or boundary at a time. Omitted keys keep the value of
-    the previous frame."""
+    """Key frames move boundaries and instruments. If a frame omits a key, the key keeps the value
+    of the previous frame. Positions follow straight lines between key frames; rotations have a
+    constant angular speed."""
 
-    time: float = key(number(least=0.0))
-    position: tuple | None = key(place, None)
-    axis: tuple | None = key(direction, None)
-    angle: float | None = key(number(), None)  # degrees about the axis
-    on: bool | None = key(switch, None)
+    time: float = setting(Number(least=0.0), help="time, rising from key frame to key frame",
+        unit="s")  # fmt: skip
+    position: tuple | None = setting(PLACE, None, "position; of a boundary, its displacement", "m",
+        usual="[0, 0, 0]")  # fmt: skip
+    axis: tuple | None = setting(Direction(), None, "axis of a rotation, beside `angle`")
+    angle: float | None = setting(Number(), None, "angle about `axis`", "degrees")
+    on: bool | None = setting(Switch(), None, "whether an instrument works", usual="true")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -123,13 +115,16 @@ class Instrument(Table):
     A grasper that is on moves the tissue in its ball.
     """
 
-    name: str = key(text)
-    kind: str = key(choice("scalpel", "suction", "grasper"))
-    keys: list = key(each(Key, least=1))
-    edge: list | None = key(each(place, least=2), None)  # m
-    length: float | None = key(positive, None)  # m, of a curved edge, where no `edge` is given
-    radius: float | None = key(positive, None)  # m, of suction and grasper
-    ablates: bool = key(switch, False)  # suction, of tissue
+    name: str = setting(NAME, help="a name of its own")
+    kind: str = setting(Choice("scalpel", "suction", "grasper"),
+        help='"scalpel", "suction" or "grasper"')  # fmt: skip
+    keys: list = setting(Each(Key, least=1), help="[key frames](#key-frames)")
+    edge: list | None = setting(POINTS, None, "of a scalpel: points in its own frame, whose origin "
+        "is the tip", "m")  # fmt: skip
+    length: float | None = setting(POSITIVE, None, "of a scalpel without `edge`: a curved edge "
+        "from the tip along +x", "m")  # fmt: skip
+    radius: float | None = setting(POSITIVE, None, "radius of suction and grasper", "m")
+    ablates: bool = setting(Switch(), False, "whether suction removes tissue, too")
 
     def __post_init__(self) -> None:
         super().__post_init__()

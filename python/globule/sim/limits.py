@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from .._base.settings import Path, Problem
 from .rigidity import young_of_rigidity
 from .sampling import FACES
-from .schema import Problem
 from .solids import MOST_SUBSTEPS, substep_rate
-from .toml_lines import Path
 
 MOST_REACH = 2**17  # spacings from the origin: there a float32 tells 1/128 of one
 NEAR = 2.0  # spacings beside the domain: a wall there still pushes what is in it

@@ -17,7 +17,8 @@ from .bonds import add_body, along, build_bonds, morton_order
 from .limits import check_substeps
 from .part import Part
 from .rigidity import young_of_rigidity
-from .scene_file import Vessel, as_dict
+from .scene_file import Vessel
+from .scene_read import as_dict
 from .solids import MODEL, POISSON, check_model, elasticity, substep_rate
 from .tissue import BALL, FIXED, FREE, GONE, cut
 

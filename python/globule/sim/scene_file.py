@@ -1,46 +1,45 @@
-"""Scenes: TOML, a dict or Python becomes a checked `SceneFile`, or an error of one line."""
+"""The tables of a scene: every key with its kind, default, meaning and unit."""
 
 from __future__ import annotations
 
-import os
-import re
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, fields, is_dataclass
-from pathlib import Path as File
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
-from .._base.checks import positive as positive_number
-from .._base.structured import parse_toml, read_text
+from .._base.checks import shown
+from .._base.settings import (
+    Choice,
+    Color,
+    Direction,
+    Each,
+    Number,
+    Problem,
+    Switch,
+    Table,
+    Vector,
+    Whole,
+    same,
+    setting,
+)  # fmt: skip
 from ..formats import EXTENSIONS
 from . import limits
 from .instruments import Instrument, Key, Motion
 from .sampling import ENDS, FACES
 from .schema import (
-    Problem,
-    SceneError,
-    Table,
-    choice,
-    color,
-    density,
-    direction,
-    distinct,
-    each,
+    DENSITY,
+    FRICTION,
+    NAME,
+    PLACE,
+    POINTS,
+    POSITIVE,
+    SHARE,
+    TENSION,
+    VELOCITY,
+    VISCOSITY,
+    Rising,
     exactly_one,
-    key,
-    number,
-    place,
-    positive,
-    read_table,
-    shown,
-    switch,
-    text,
-    vector,
-    velocity,
-    whole,
-)
+)  # fmt: skip
 from .shapes import Box, Cylinder, Plane, Sphere
 from .solids import (
     LONGEST,
@@ -51,17 +50,14 @@ from .solids import (
     SHORTEST,
     check_model,
     prony_series,
-)
-from .sources import DistanceFile, MeshFile, ParticleFile, Tomography, check_files
-from .toml_lines import key_lines
+)  # fmt: skip
+from .sources import DistanceFile, MeshFile, ParticleFile, Tomography
 
-SHIPPED = ("dam-break", "droplet", "poiseuille", "beam", "cut-block", "brain-surgery")
-FOLDER = File(__file__).parent / "scenes"
 SOLID_SHAPES = ("box", "sphere", "cylinder", "mesh", "tomography", "particles")
 BOUNDARY_SHAPES = ("box", "sphere", "cylinder", "plane", "mesh", "distance")
 RIGID_SHAPES = ("box", "sphere", "cylinder", "mesh")
 IMPLICIT_FROM = 1.0  # Pa s
-MOST_FRICTION = 100.0
+LIST = "list of [tables](#fluids), below: `[[fluids]]` …"
 WALLS = "walls"  # the phase of the domain's walls
 
 
@@ -69,16 +65,25 @@ WALLS = "walls"  # the phase of the domain's walls
 class Solver(Table):
     """Method, limits and accuracy of the solver's steps."""
 
-    method: str = key(choice("dfsph", "wcsph"), "dfsph")
-    max_error: float = key(number(1e-6, 0.1), 0.001)  # mean compression, a share
-    divergence_error: float | None = key(number(1e-6, 0.1), None)  # default: max_error
-    viscosity_error: float = key(number(1e-9, 0.1), 1e-4)  # residual of implicit viscosity
-    min_iterations: int = key(whole(0, 1_000_000), 2)
-    max_iterations: int = key(whole(1, 1_000_000), 100)
-    cfl: float = key(number(1e-3, 2.0), 1.0)
-    max_dt: float = key(positive, 0.005)  # s
-    sound_speed: float | None = key(positive, None)  # of wcsph, m/s
-    extra_viscosity: float = key(number(0.0, 1e9), 0.0)  # of wcsph, Pa s
+    method: str = setting(Choice("dfsph", "wcsph"), "dfsph", '"dfsph", or "wcsph": weakly '
+        "compressible (Tait's equation), as a cross-check")  # fmt: skip
+    max_error: float = setting(Number(1e-6, 0.1), 0.001, "mean compression that the density solve "
+        "leaves; 0.1 % of the particles may have four times as much, a share")  # fmt: skip
+    divergence_error: float | None = setting(Number(1e-6, 0.1), None, "ten times the mean "
+        "compression that velocities may add in a step (2e-4 at most), a share",
+        usual="`max_error`")  # fmt: skip
+    viscosity_error: float = setting(Number(1e-9, 0.1), 1e-4, "relative residual of implicit "
+        "viscosity")  # fmt: skip
+    min_iterations: int = setting(Whole(0, 1_000_000), 2, "fewest iterations of both solves")
+    max_iterations: int = setting(Whole(1, 1_000_000), 100, "most iterations of both solves")
+    cfl: float = setting(Number(1e-3, 2.0), 1.0, "a step is at most 0.4 cfl spacing / fastest "
+        "speed; the square root of pressure / density counts as a speed. On key frames, boundaries "
+        "and graspers at work move at most 0.4 cfl spacing in a step")  # fmt: skip
+    max_dt: float = setting(POSITIVE, 0.005, "longest step", "s")
+    sound_speed: float | None = setting(POSITIVE, None, "speed of sound, of wcsph", "m/s",
+        usual="10 times the speed of a fall through the domain")  # fmt: skip
+    extra_viscosity: float = setting(VISCOSITY, 0.0, "viscosity between all fluids, of wcsph, "
+        "which damps its waves", "Pa s")  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -89,13 +94,18 @@ class Solver(Table):
 
 @dataclass(kw_only=True)
 class Domain(Table):
-    """The simulated box. The simulation removes and counts particles that leave the domain."""
+    """The domain is the simulated box. Particles that leave the domain rest where they are, act on
+    nothing, and count as escaped; images and frames still show them. A [sink](#sinks) removes
+    fluid."""
 
-    lo: tuple = key(place)  # m
-    hi: tuple = key(place)
-    walls: bool = key(switch, False)  # whether its faces are boundaries
-    open: list = key(distinct(choice(*FACES)), [])
-    periodic: list = key(distinct(choice("x", "y", "z")), [])  # axes without end
+    lo: tuple = setting(PLACE, help="corner where x, y and z are least", unit="m")
+    hi: tuple = setting(PLACE, help="corner where x, y and z are largest", unit="m")
+    walls: bool = setting(Switch(), False, "whether the faces of the domain are boundaries")
+    open: list = setting(Each(Choice(*FACES), distinct=True), [], 'faces without a wall: "-x", '
+        '"+x" … "+z"')  # fmt: skip
+    periodic: list = setting(Each(Choice("x", "y", "z"), distinct=True), [], "axes along which the "
+        'domain repeats: "x", "y", "z". Tissue does not come in again on the other side: it counts '
+        "as escaped")  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -110,13 +120,16 @@ class Domain(Table):
         return np.asarray(self.lo), np.asarray(self.hi)
 
 
+PART = "[shape](#shapes-and-files), at most one of them"
+
+
 @dataclass(kw_only=True)
 class Shape(Table):
     """A shape in which tissue is fixed."""
 
-    box: Box | None = key(Box, None)
-    sphere: Sphere | None = key(Sphere, None)
-    cylinder: Cylinder | None = key(Cylinder, None)
+    box: Box | None = setting(Box, None, PART)
+    sphere: Sphere | None = setting(Sphere, None, PART)
+    cylinder: Cylinder | None = setting(Cylinder, None, PART)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -129,77 +142,109 @@ class Shape(Table):
 
 
 @dataclass(kw_only=True)
-class Fluid(Table):
-    """A liquid and its shape at the start."""
+class Body(Table):
+    """What fluids, tissue, boundaries and rigid bodies have in common."""
 
-    name: str = key(text)
-    box: Box | None = key(Box, None)
-    sphere: Sphere | None = key(Sphere, None)
-    cylinder: Cylinder | None = key(Cylinder, None)
-    mesh: MeshFile | None = key(MeshFile, None)
-    particles: ParticleFile | None = key(ParticleFile, None)
-    density: float = key(density, 1000.0)  # kg/m³
-    viscosity: float = key(number(0.0, 1e9), 0.001)  # Pa s
-    implicit: bool | None = key(switch, None)  # viscosity; default: from 1 Pa s up
-    surface_tension: float = key(number(0.0, 1e3), 0.0)  # N/m
-    velocity: tuple = key(velocity, (0.0, 0.0, 0.0))  # m/s
-    color: tuple = key(color, (0.05, 0.25, 0.5))
-    reflection: float = key(number(0.0, 1.0), 0.0)  # shares of light
-    refraction: float = key(number(0.0, 1.0), 0.0)
-    shown: bool = key(switch, True)  # in pictures
+    shapes: ClassVar[tuple[str, ...]]
+    name: str = setting(NAME, help="a name of its own")
+    box: Box | None = setting(Box, None, PART)
+    sphere: Sphere | None = setting(Sphere, None, PART)
+    cylinder: Cylinder | None = setting(Cylinder, None, PART)
+    mesh: MeshFile | None = setting(MeshFile, None, PART)
+    color: tuple = setting(Color(), (0.5, 0.5, 0.5), '"#rrggbb", sRGB, or [r, g, b], linear')
+    reflection: float = setting(SHARE, 0.0, "share of the light that is reflected")
+    refraction: float = setting(SHARE, 0.0, "share of the remaining light that is refracted")
+    shown: bool = setting(Switch(), True, "whether images show the phase")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        at_most_one(self, ("box", "sphere", "cylinder", "mesh", "particles"))
+        exactly_one(self, self.shapes, least=0)
+
+
+@dataclass(kw_only=True)
+class Flowing(Body):
+    """What has a density and moves at the start."""
+
+    density: float = setting(DENSITY, 1000.0, "density", "kg/m³")
+    velocity: tuple = setting(VELOCITY, (0.0, 0.0, 0.0), "velocity at the start", "m/s")
+
+
+@dataclass(kw_only=True)
+class Viscous(Flowing):
+    """What the viscosity solver moves."""
+
+    particles: ParticleFile | None = setting(ParticleFile, None, PART)
+    viscosity: float = setting(VISCOSITY, 0.001, "dynamic viscosity; a fluid with surface tension "
+        "has at least 0.0075 sqrt(density · surface_tension · spacing), without which its surface "
+        "[boils](../design/simulation.md#drops)", "Pa s")  # fmt: skip
+    implicit: bool | None = setting(Switch(), None, "whether the viscosity solver is implicit, "
+        "which allows long steps", usual="from 1 Pa s up")  # fmt: skip
+    surface_tension: float = setting(TENSION, 0.0, "surface tension; of tissue: fluids with one "
+        "stick to the tissue", "N/m")  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.implicit is None:
             self.implicit = self.viscosity >= IMPLICIT_FROM
+
+
+@dataclass(kw_only=True)
+class Fluid(Viscous):
+    """A liquid and its shape at the start. Without a shape, emitters and vessels add the fluid."""
+
+    shapes = ("box", "sphere", "cylinder", "mesh", "particles")
+    color: tuple = same(Body, "color", default=(0.05, 0.25, 0.5), usual="water")
 
 
 @dataclass(kw_only=True)
 class Relaxation(Table):
     """A part of a solid's shear modulus that relaxes."""
 
-    share: float = key(number(above=0.0, most=MOST_SHARE))
-    time: float = key(number(SHORTEST, LONGEST))  # s
+    share: float = setting(Number(above=0.0, most=MOST_SHARE), help="share of the shear modulus")
+    time: float = setting(Number(SHORTEST, LONGEST), help="time in which it relaxes", unit="s")
 
 
 @dataclass(kw_only=True)
-class Solid(Table):
-    """Elastic tissue: a solid, or springs (`model = "bonds"`)."""
+class Solid(Viscous):
+    """Elastic tissue. Bonds connect particles closer than 1.5 spacings, and a blade cuts the bonds.
+    By default, bonds are the neighborhoods of a solid; with `model = "bonds"`, bonds are
+    springs."""
 
-    name: str = key(text)
-    box: Box | None = key(Box, None)
-    sphere: Sphere | None = key(Sphere, None)
-    cylinder: Cylinder | None = key(Cylinder, None)
-    mesh: MeshFile | None = key(MeshFile, None)
-    tomography: Tomography | None = key(Tomography, None)
-    particles: ParticleFile | None = key(ParticleFile, None)
-    density: float = key(density, 1040.0)
-    young: float | None = key(number(1e-3, 1e13), None)  # Pa
-    rigidity: float | None = key(number(above=0.0, most=0.999), None)
-    model: str = key(choice(*MODELS), MODEL)
-    poisson: float | None = key(number(0.0, MOST_POISSON), None)  # of a solid; None: POISSON
-    relaxation: list | None = key(each(Relaxation), None)  # Prony series of a solid
-    viscosity: float = key(number(0.0, 1e9), 0.0)  # Pa s
-    implicit: bool | None = key(switch, None)
-    surface_tension: float = key(number(0.0, 1e3), 0.0)  # N/m: fluids stick to it
-    damping: float = key(number(0.0, 1e6), 0.0)  # of its motion, 1/s
-    tear: float = key(number(0.0, 1e6), 0.0)  # strain at which a bond breaks; 0: never
-    plastic: float = key(number(0.0, 1e6), 0.0)  # strain beyond which some stays; 0: never
-    creep: float = key(number(above=0.0, most=1e6), 1.0)  # share of that strain that stays, 1/s
-    friction: float = key(number(0.0, MOST_FRICTION), 0.0)  # coefficient of its contacts
-    fixed: list = key(each(Shape), [])
-    velocity: tuple = key(velocity, (0.0, 0.0, 0.0))
-    color: tuple = key(color, (0.62, 0.38, 0.35))
-    reflection: float = key(number(0.0, 1.0), 0.0)
-    refraction: float = key(number(0.0, 1.0), 0.0)
-    shown: bool = key(switch, True)
+    shapes = SOLID_SHAPES
+    tomography: Tomography | None = setting(Tomography, None, PART)
+    density: float = same(Flowing, "density", default=1040.0)
+    young: float | None = setting(Number(1e-3, 1e13), None, "Young's modulus; the time that a run "
+        "takes grows with its root. At most 100,000 substeps in a step of `max_dt` and 1,000,000 "
+        "in a frame", "Pa", usual="from `rigidity`")  # fmt: skip
+    rigidity: float | None = setting(Number(above=0.0, most=0.999), None, "0 to 1: 100 Pa · 10^(4 "
+        "· rigidity)", usual="0.35, brain")  # fmt: skip
+    model: str = setting(Choice(*MODELS), MODEL, '`"solid"`: total-Lagrangian SPH with exact '
+        'moduli ([solids](../design/solids.md)); `"bonds"`: springs along the bonds, ν = 1/4 in '
+        "themselves and [about 0.44 in a simulation](../design/tissue.md#in-the-step), 14 % too "
+        "soft at 5 particles across, faster in small bodies; the same of all solids")  # fmt: skip
+    poisson: float | None = setting(Number(0.0, MOST_POISSON), None, "Poisson's ratio of `model = "
+        '"solid"`', usual="0.45")  # fmt: skip
+    relaxation: list | None = setting(Each(Relaxation), None, 'Prony series of `model = "solid"`: '
+        "up to two { **share**, **time** }: this share of the shear modulus, at most 0.99, relaxes "
+        "in this time, s; all shares together below 1. `young` is the modulus of sudden "
+        "motion")  # fmt: skip
+    viscosity: float = same(Viscous, "viscosity", default=0.0)
+    damping: float = setting(Number(0.0, 1e6), 0.0, "damping of the tissue's motion", "1/s")
+    tear: float = setting(Number(0.0, 1e6), 0.0, "strain at which a bond breaks; 0: never")
+    plastic: float = setting(Number(0.0, 1e6), 0.0, "strain beyond which a part of the strain is "
+        'permanent; 0: never. For a bond, its own strain; for `model = "solid"`, the elastic '
+        "strain of a pulled bar, and the equivalent shear of other deformations "
+        "([solids](../design/solids.md#strain-that-stays))")  # fmt: skip
+    creep: float = setting(Number(above=0.0, most=1e6), 1.0, "rate at which the excess strain "
+        "becomes permanent", "1/s")  # fmt: skip
+    friction: float = setting(FRICTION, 0.0, "coefficient of the tissue's contacts: with walls, "
+        "rigid bodies, pushers, other tissue, and of cut faces. A contact has the larger "
+        "coefficient of its two sides ([friction](../design/tissue.md#friction))")  # fmt: skip
+    fixed: list = setting(Each(Shape), [], "{ box, sphere or cylinder }: fixed parts of the tissue")
+    color: tuple = same(Body, "color", default=(0.62, 0.38, 0.35), usual="flesh")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        at_most_one(self, SOLID_SHAPES)
-        if self.implicit is None:
-            self.implicit = self.viscosity >= IMPLICIT_FROM
         if self.young is not None and self.rigidity is not None:
             raise ValueError("expected young or rigidity, got both")
         if self.model != "solid" and self.poisson is not None:
@@ -214,29 +259,27 @@ class Solid(Table):
 
 
 @dataclass(kw_only=True)
-class Boundary(Table):
+class Boundary(Body):
     """A wall: one layer of particles, at rest or moving along key frames."""
 
-    name: str = key(text)
-    box: Box | None = key(Box, None)
-    sphere: Sphere | None = key(Sphere, None)
-    cylinder: Cylinder | None = key(Cylinder, None)
-    plane: Plane | None = key(Plane, None)
-    mesh: MeshFile | None = key(MeshFile, None)
-    distance: DistanceFile | None = key(DistanceFile, None)
-    hollow: bool = key(switch, False)  # whether things move inside it
-    open: list = key(distinct(choice(*FACES, *ENDS)), [])
-    keys: list = key(each(Key), [])
-    adhesion: float = key(number(0.0, 1e3), 0.0)  # N/m: fluids with a surface tension stick to it
-    friction: float = key(number(0.0, MOST_FRICTION), 0.0)  # coefficient, of tissue
-    shown: bool = key(switch, False)
-    color: tuple = key(color, (0.5, 0.5, 0.5))
-    reflection: float = key(number(0.0, 1.0), 0.0)
-    refraction: float = key(number(0.0, 1.0), 0.0)
+    shapes = BOUNDARY_SHAPES
+    plane: Plane | None = setting(Plane, None, PART)
+    distance: DistanceFile | None = setting(DistanceFile, None, PART)
+    hollow: bool = setting(Switch(), False, "whether particles move inside the boundary")
+    open: list = setting(Each(Choice(*FACES, *ENDS), distinct=True), [], "missing faces: of a box "
+        '"-x" … "+z", of a cylinder "start", "end"')  # fmt: skip
+    keys: list = setting(Each(Key), [], "[key frames](#key-frames) that move the boundary",
+        usual="none: at rest")  # fmt: skip
+    adhesion: float = setting(TENSION, 0.0, "fluids with a surface tension stick to the body as to "
+        "a fluid of that tension", "N/m")  # fmt: skip
+    friction: float = setting(FRICTION, 0.0, "coefficient of its contacts with tissue, as of "
+        "solids")  # fmt: skip
+    shown: bool = setting(Switch(), False, "whether images show the boundary; beside fluids a "
+        "shell [less than seven spacings thick](../design/surface.md#what-is-not-reached) may have "
+        "holes")  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        at_most_one(self, BOUNDARY_SHAPES)
         try:
             self.motion = Motion(self.keys) if self.keys else None
         except Problem as problem:
@@ -244,41 +287,34 @@ class Boundary(Table):
 
 
 @dataclass(kw_only=True)
-class Rigid(Table):
-    """A body that keeps its shape. Gravity and contacts move the body."""
+class Rigid(Flowing):
+    """A rigid body keeps its shape. Gravity and contacts move the body, and the body pushes back.
+    Momentum is kept where bodies meet each other, fluids or tissue. A fluid acts by pressure,
+    viscosity, surface tension and the body's `adhesion`, at any ratio of densities; with a rigid
+    body in the scene, all viscosity is implicit. Bodies that stand on others or on walls sink by up
+    to half a spacing, and slide without friction until their particles fit between those below
+    ([design](../design/simulation.md#rigid-bodies))."""
 
-    name: str = key(text)
-    box: Box | None = key(Box, None)
-    sphere: Sphere | None = key(Sphere, None)
-    cylinder: Cylinder | None = key(Cylinder, None)
-    mesh: MeshFile | None = key(MeshFile, None)
-    density: float = key(density, 1000.0)
-    velocity: tuple = key(velocity, (0.0, 0.0, 0.0))
-    spin: tuple = key(vector(least=-1e6, most=1e6), (0.0, 0.0, 0.0))  # rad/s
-    adhesion: float = key(number(0.0, 1e3), 0.0)  # N/m
-    friction: float = key(number(0.0, MOST_FRICTION), 0.0)  # coefficient, of tissue
-    color: tuple = key(color, (0.6, 0.5, 0.3))
-    reflection: float = key(number(0.0, 1.0), 0.0)
-    refraction: float = key(number(0.0, 1.0), 0.0)
-    shown: bool = key(switch, True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        at_most_one(self, RIGID_SHAPES)
+    shapes = RIGID_SHAPES
+    spin: tuple = setting(Vector(least=-1e6, most=1e6), (0.0, 0.0, 0.0), "angular velocity at the "
+        "start", "rad/s")  # fmt: skip
+    adhesion: float = same(Boundary, "adhesion")
+    friction: float = same(Boundary, "friction")
+    color: tuple = same(Body, "color", default=(0.6, 0.5, 0.3), usual="wood")
 
 
 @dataclass(kw_only=True)
 class Emitter(Table):
     """A disc that emits fluid at a rate."""
 
-    name: str = key(text)
-    fluid: str = key(text)
-    center: tuple = key(place)
-    direction: tuple = key(direction)
-    radius: float = key(positive)
-    rate: float = key(positive)  # m³/s
-    start: float = key(number(least=0.0), 0.0)  # seconds
-    end: float | None = key(positive, None)
+    name: str = setting(NAME, help="a name of its own")
+    fluid: str = setting(NAME, help="name of one of the fluids")
+    center: tuple = setting(PLACE, help="center of the disc", unit="m")
+    direction: tuple = setting(Direction(), help="direction of the flow")
+    radius: float = setting(POSITIVE, help="radius of the disc", unit="m")
+    rate: float = setting(POSITIVE, help="volume that the disc emits, exact", unit="m³/s")
+    start: float = setting(Number(least=0.0), 0.0, "when the emitter begins to run", "s")
+    end: float | None = setting(POSITIVE, None, "when the emitter stops", "s", usual="without end")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -293,11 +329,11 @@ def check_end(start: float, end: float | None) -> None:
 
 @dataclass(kw_only=True)
 class Sink(Table):
-    """A region that removes fluid."""
+    """A region that removes the fluid that enters it."""
 
-    name: str = key(text)
-    box: Box | None = key(Box, None)
-    sphere: Sphere | None = key(Sphere, None)
+    name: str = setting(NAME, help="a name of its own")
+    box: Box | None = setting(Box, None, PART)
+    sphere: Sphere | None = setting(Sphere, None, PART)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -316,56 +352,59 @@ class Sink(Table):
 class Vessel(Table):
     """A tube inside tissue that bleeds where a blade cuts the tube."""
 
-    name: str = key(text)
-    solid: str = key(text)
-    fluid: str = key(text)
-    path: list = key(each(place, least=2))
-    radius: float = key(positive)
-    pressure: float = key(number(above=0.0, most=1e9), 2000.0)  # Pa above the outside
-    pool: float = key(positive)  # m³ of blood in all
-
-
-def _rising(value: Any) -> tuple[float, ...]:
-    lo, hi = vector(2, least=0)(value)
-    if lo >= hi:
-        raise ValueError(f"expected the lower one first, got {shown(value)}")
-    return lo, hi
-
-
-def _pixels(value: Any) -> tuple[float, ...]:
-    size = vector(2, least=1, most=16384)(value)
-    for i, n in enumerate(size):
-        if not n.is_integer():
-            raise Problem((i,), f"expected a whole number from 1 to 16384, got {n:g}")
-    return size
+    name: str = setting(NAME, help="a name of its own")
+    solid: str = setting(NAME, help="name of the surrounding tissue")
+    fluid: str = setting(NAME, help="name of the blood's fluid")
+    path: list = setting(POINTS, help="points of the vessel's center line", unit="m")
+    radius: float = setting(POSITIVE, help="radius of the tube", unit="m")
+    pressure: float = setting(Number(above=0.0, most=1e9), 2000.0, "pressure above the outside",
+        "Pa")  # fmt: skip
+    pool: float = setting(POSITIVE, help="blood that the vessel can lose", unit="m³")
 
 
 @dataclass(kw_only=True)
 class Foam(Table):
-    """Spray, foam and bubbles that fluids carry. Limits: where a potential is 0, and 1."""
+    """The table, even an empty one, switches on spray, foam and bubbles. They never act on the
+    simulation ([design](../design/simulation.md#spray-foam-and-bubbles)). Each pair of limits gives
+    the values at which a potential is 0 and 1. Without gravity, `approach` and `speed` are
+    required."""
 
-    approach: tuple | None = key(_rising, None)  # m/s, of neighbors; default: by gravity
-    curvature: tuple = key(_rising, (0.5, 2.0))
-    speed: tuple | None = key(_rising, None)  # m/s; default: by gravity
-    air_rate: float = key(number(0.0, 1e6), 500.0)  # 1/s, per fluid particle
-    crest_rate: float = key(number(0.0, 1e6), 2000.0)  # 1/s
-    lifetime: float = key(positive, 2.0)  # s, of foam: the mean
-    max_particles: int = key(whole(1, 100_000_000), 200_000)  # beyond, the oldest go
-    seed: int = key(whole(0, 2**31 - 1), 0)  # of the random numbers
+    approach: tuple | None = setting(Rising(), None, "limits of trapped air: the weighted sum of "
+        "the speeds with which neighbors come closer", "m/s",
+        usual="2 and 8 times sqrt(gravity · spacing)")  # fmt: skip
+    curvature: tuple = setting(Rising(), (0.5, 2.0), "limits of the wave crest: the weighted sum "
+        "of 1 - cosine between normals")  # fmt: skip
+    speed: tuple | None = setting(Rising(), None, "limits of the kinetic energy, as speeds", "m/s",
+        usual="3 and 10 times sqrt(gravity · spacing)")  # fmt: skip
+    air_rate: float = setting(Number(0.0, 1e6), 500.0, "new particles of trapped air per fluid "
+        "particle, at most", "1/s")  # fmt: skip
+    crest_rate: float = setting(Number(0.0, 1e6), 2000.0, "new particles of wave crests per fluid "
+        "particle, at most", "1/s")  # fmt: skip
+    lifetime: float = setting(POSITIVE, 2.0, "mean lifetime of foam; each one's is from half to "
+        "one and a half of it", "s")  # fmt: skip
+    max_particles: int = setting(Whole(1, 100_000_000), 200_000, "most particles; beyond, the "
+        "oldest go")  # fmt: skip
+    seed: int = setting(Whole(0, 2**31 - 1), 0, "seed of the random numbers")
 
 
 @dataclass(kw_only=True)
 class View(Table):
     """Camera and look of the scene's images."""
 
-    eye: tuple | None = key(place, None)
-    look_at: tuple | None = key(place, None)
-    up: tuple = key(direction, (0.0, 0.0, 1.0))
-    fov: float = key(number(above=0.0, most=170.0), 40.0)
-    look: str | None = key(choice("water", "blood", "glass", "tissue", "clay"), None)
-    ground: float | None = key(number(-1e6, 1e6), None)  # of a look, height along `up`
-    speeds: tuple | None = key(vector(2, least=0), None)  # m/s at the ends of a color map
-    size: tuple = key(_pixels, (640.0, 480.0))
+    eye: tuple | None = setting(PLACE, None, "camera position, beside `look_at`", "m",
+        usual="the whole scene is in view")  # fmt: skip
+    look_at: tuple | None = setting(PLACE, None, "point in the middle of the image, beside `eye`",
+        "m")  # fmt: skip
+    up: tuple = setting(Direction(), (0.0, 0.0, 1.0), "direction that points up in the image")
+    fov: float = setting(Number(above=0.0, most=170.0), 40.0, "vertical field of view", "degrees")
+    look: str | None = setting(Choice("water", "blood", "glass", "tissue", "clay"), None,
+        '"water", "blood", "glass", "tissue" or "clay"', usual="plain")  # fmt: skip
+    ground: float | None = setting(Number(-1e6, 1e6), None, "height of the look's ground along "
+        "`up`", "m", usual="the lowest point of the scene")  # fmt: skip
+    speeds: tuple | None = setting(Rising(), None, "color by speed: the speeds at the ends of the "
+        "color map", "m/s", usual="color by phase")  # fmt: skip
+    size: tuple = setting(Vector(2, 1, 16384, whole=True), (640, 480), "width and height of images",
+        "pixels")  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -373,40 +412,42 @@ class View(Table):
             raise ValueError("expected eye and look_at together, got one of them")
         if self.eye is not None and self.eye == self.look_at:
             raise Problem(("look_at",), f"expected a point other than eye, got {self.eye}")
-        if self.speeds is not None and self.speeds[0] >= self.speeds[1]:
-            raise Problem(("speeds",), f"expected the lower one first, got {self.speeds}")
 
 
 @dataclass(kw_only=True)
 class Output(Table):
     """Frames that a run writes."""
 
-    fps: float = key(number(above=0.0, most=1e6), 30.0)
-    format: str = key(choice(*(name[1:] for name in EXTENSIONS)), "vtp")
+    fps: float = setting(Number(above=0.0, most=1e6), 30.0, "frames per second")
+    format: str = setting(Choice(*(name[1:] for name in EXTENSIONS)), "vtp", "format of frames: "
+        "any format that globule writes")  # fmt: skip
 
 
 @dataclass(kw_only=True)
 class SceneFile(Table):
     """A scene with all its keys, in SI units; docs/reference/scene-keys.md describes each key."""
 
-    spacing: float = key(positive)  # of the particles
-    domain: Domain = key(Domain)
-    title: str = key(text, "")
-    gravity: tuple = key(vector(least=-1e6, most=1e6), (0.0, 0.0, -9.81))
-    fine_fluids: bool = key(switch, False)  # whether fluids have half the spacing
-    seconds: float = key(positive, 1.0)  # how long it runs
-    solver: Solver = key(Solver, Solver)
-    fluids: list = key(each(Fluid), [])
-    solids: list = key(each(Solid), [])
-    boundaries: list = key(each(Boundary), [])
-    rigids: list = key(each(Rigid), [])
-    instruments: list = key(each(Instrument), [])
-    emitters: list = key(each(Emitter), [])
-    sinks: list = key(each(Sink), [])
-    vessels: list = key(each(Vessel), [])
-    foam: Foam | None = key(Foam, None)
-    view: View = key(View, View)
-    output: Output = key(Output, Output)
+    spacing: float = setting(POSITIVE, help="distance between particles", unit="m")
+    domain: Domain = setting(Domain, help="[table](#domain)")
+    title: str = setting(NAME, "", "title of the scene")
+    gravity: tuple = setting(Vector(least=-1e6, most=1e6), (0.0, 0.0, -9.81), "acceleration of "
+        "gravity", "m/s²")  # fmt: skip
+    fine_fluids: bool = setting(Switch(), False, "whether the particles of all fluids have half "
+        "the spacing, beside [tissue and boundaries](../design/tissue.md#blood-finer-than-tissue) "
+        "of the whole one")  # fmt: skip
+    seconds: float = setting(POSITIVE, 1.0, "length of the run", "s")
+    solver: Solver = setting(Solver, Solver, "[table](#solver)")
+    fluids: list = setting(Each(Fluid), [], LIST)
+    solids: list = setting(Each(Solid), [], LIST)
+    boundaries: list = setting(Each(Boundary), [], LIST)
+    rigids: list = setting(Each(Rigid), [], LIST)
+    instruments: list = setting(Each(Instrument), [], LIST)
+    emitters: list = setting(Each(Emitter), [], LIST)
+    sinks: list = setting(Each(Sink), [], LIST)
+    vessels: list = setting(Each(Vessel), [], LIST)
+    foam: Foam | None = setting(Foam, None, "[table](#foam); without it, fluids make none")
+    view: View = setting(View, View, "[table](#view)")
+    output: Output = setting(Output, Output, "[table](#output)")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -454,131 +495,6 @@ LISTS = (
 )  # fmt: skip
 
 
-def at_most_one(table: Any, names: tuple[str, ...]) -> None:
-    """Refuse a table with more than one of these keys."""
-    given = [name for name in names if getattr(table, name) is not None]
-    if len(given) > 1:
-        raise ValueError(f"expected one of {', '.join(names)}, got {' and '.join(given)}")
-
-
-def check_places(scene: SceneFile) -> None:
-    """Refuse a scene file whose particles come from nowhere; in Python, `add` may bring them.
-
-    Raises:
-        Problem: a scene without bodies, or a body without a shape.
-    """
-    if not (scene.fluids or scene.solids or scene.rigids):
-        raise Problem((), "expected fluids, solids or rigids, got none")
-    for kind, shapes in (
-        ("solids", SOLID_SHAPES), ("boundaries", BOUNDARY_SHAPES), ("rigids", RIGID_SHAPES),
-    ):  # fmt: skip
-        for i, table in enumerate(getattr(scene, kind)):
-            try:
-                exactly_one(table, shapes)
-            except ValueError as error:
-                raise Problem((kind, i), str(error)) from None
-
-
 def white_matter(name: str) -> str:
     """The name of the phase of a solid's white matter."""
     return f"{name} white matter"
-
-
-def shipped(name: str) -> File:
-    """The file of a scene that comes with the package."""
-    return FOLDER / f"{name}.toml"
-
-
-def read_scene(scene: Any, spacing: float | None = None, **keys: Any) -> SceneFile:
-    """A scene with all its values checked.
-
-    Args:
-        scene: the name of a shipped scene, the path of a TOML file, a dict with the keys of a scene
-            file, or a `SceneFile`.
-        spacing: m, instead of the scene's own.
-        keys: other keys of a scene, instead of the scene's own, as in a dict or as tables.
-
-    Raises:
-        SceneError: a wrong key or value; the message names file and line if the scene is a file.
-        OSError: a file that cannot be read.
-    """
-    if spacing is not None:
-        try:
-            keys["spacing"] = positive_number("spacing", spacing)
-        except (TypeError, ValueError):
-            got = shown(spacing)
-            raise SceneError(f"spacing: expected a number above 0, got {got}") from None
-    name, folder = "", ""
-    lines: dict[tuple, int] = {}
-    if not isinstance(scene, (dict, SceneFile)):
-        path = shipped(scene) if scene in SHIPPED else File(scene)
-        name, folder = os.fspath(path), os.path.dirname(path)
-        try:
-            scene, lines = _parsed(path)
-        except OSError as error:
-            expected = f"expected a .toml file or one of {', '.join(SHIPPED)}"
-            got = f"{os.fspath(path)}: {error.strerror}"
-            raise type(error)(f"SCENE: {expected}, got {got}") from None
-    try:
-        if isinstance(scene, SceneFile):
-            scene = {f.name: getattr(scene, f.name) for f in fields(scene)}
-        found = read_table(SceneFile, {**scene, **keys})
-        if name:
-            check_places(found)
-        for kind in LISTS:
-            for i, item in enumerate(getattr(found, kind)):
-                for source in ("mesh", "tomography", "particles", "distance"):
-                    try:
-                        check_files(getattr(item, source, None), folder)
-                    except Problem as problem:
-                        place = (kind, i, source, *problem.path)
-                        raise Problem(place, problem.message) from None
-        return found
-    except Problem as problem:
-        lines = {place: line for place, line in lines.items() if place[0] not in keys}
-        raise SceneError(f"{_located(name, lines, problem.path)}{problem}") from None
-
-
-@contextmanager
-def errors_of(scene: Any) -> Iterator[None]:
-    """What is wrong with a scene of a file is said with the file's name."""
-    try:
-        yield
-    except ValueError as error:
-        if not isinstance(scene, (str, os.PathLike)) or scene in SHIPPED:
-            raise
-        name = os.fspath(scene)
-        if str(error).startswith(name):
-            raise
-        raise SceneError(f"{name}: {error}") from error
-
-
-def as_dict(table: Any) -> Any:
-    """A checked table as a dict in TOML's words, which `read_scene` reads again."""
-    if isinstance(table, (list, tuple)):
-        return [as_dict(item) for item in table]
-    if not is_dataclass(table):
-        return table
-    found = {}
-    for field in fields(table):
-        value = getattr(table, field.name)
-        if field.metadata and value not in (None, ""):
-            found[field.name] = as_dict(value)
-    return found
-
-
-def _parsed(path: File) -> tuple[dict[str, Any], dict]:
-    try:
-        words = read_text(path)
-        return parse_toml(words), key_lines(words.replace("\r\n", "\n"))
-    except ValueError as error:
-        line = re.search(r"at line (\d+)", str(error))
-        where = f"{path}:{line[1]}" if line else path
-        raise SceneError(f"{where}: expected TOML, got: {error}") from None
-
-
-def _located(name: str, lines: dict, path: tuple) -> str:
-    """The file and the line of a key, or of the nearest table around it."""
-    while path and path not in lines:
-        path = path[:-1]
-    return f"{name}:{lines[path]}: " if path else f"{name}: " if name else ""

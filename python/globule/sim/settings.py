@@ -5,21 +5,20 @@ Their names, limits and defaults are those of a scene's tables (scene_file.py).
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from .._base.settings import Choice, Setting, check_all, documented, same, setting, settings_of
 from .scene_file import IMPLICIT_FROM, Boundary, Domain, Fluid, Rigid, SceneFile, Solid, Solver
-from .steered import Steered, checked, checks_of
+from .schema import NAME
+from .steered import Steered
 
 KINDS = ("fluid", "tissue", "boundary", "rigid")
 MAX_PHASES = 32
 TABLES = dict(zip(KINDS, (Fluid, Solid, Boundary, Rigid), strict=True))
-CHECKS: dict[str, Any] = {}
-for _table in TABLES.values():
-    CHECKS |= checks_of(_table)
+MATERIAL = {k: one for table in TABLES.values() for k, one in settings_of(table).items()}
 PICTURE = ("color", "reflection", "refraction", "shown")
 CHANGEABLE = {
     "fluid": ("density", "viscosity", "implicit", "surface_tension", *PICTURE),
@@ -30,6 +29,7 @@ CHANGEABLE = {
 }  # fmt: skip
 
 
+@documented
 @dataclass
 class Phase(Steered):
     """A material of a simulation, with the names, limits and defaults of a scene's table.
@@ -37,54 +37,34 @@ class Phase(Steered):
     An omitted value has the default of the kind's table: `[[fluids]]`, `[[solids]]` for
     tissue, `[[boundaries]]` or `[[rigids]]`. `CHANGEABLE` lists what may change between steps.
 
-    Attributes:
-        name: of the phase; each has its own.
-        kind: "fluid", "tissue", "boundary" (at rest, or moving along key frames) or "rigid" (a
-            floating body).
-        density: kg/m³.
-        viscosity: Pa s.
-        implicit: whether the viscosity solver is implicit, which keeps the steps long; None: from 1
-            Pa s up.
-        surface_tension: N/m, of a fluid; of tissue: fluids stick to the tissue.
-        adhesion: N/m, of a boundary or rigid body: a fluid sticks to the body with the geometric
-            mean of the adhesion and the fluid's surface tension.
-        color: linear RGB from 0 to 1, or "#rrggbb" in sRGB.
-        reflection, refraction: shares of light from 0 to 1, as in `Particles`.
-        shown: whether images show the phase.
-        damping: 1/s, of the motion of tissue.
-        tear: strain at which a bond breaks; 0: never.
-        plastic: strain beyond which a part of the strain is permanent; 0: never.
-        creep: rate at which the excess strain becomes permanent, 1/s.
-        friction: coefficient of the contacts of tissue, a boundary or a rigid body; a contact has
-            the larger one of its two sides.
-
     Raises:
         ValueError: a value that the table's check refuses.
         AttributeError: an assignment to a name that cannot be changed.
     """
 
-    name: str
-    kind: str = "fluid"
-    density: float | None = None
-    viscosity: float | None = None
-    implicit: bool | None = None
-    surface_tension: float | None = None
-    adhesion: float | None = None
-    color: Any = None
-    reflection: float | None = None
-    refraction: float | None = None
-    shown: bool | None = None
-    damping: float | None = None
-    tear: float | None = None
-    plastic: float | None = None
-    creep: float | None = None
-    friction: float | None = None
+    name: str = setting(NAME, help="name of the phase; each has its own")
+    kind: str = setting(Choice("fluid", "tissue", "boundary", "rigid"), "fluid",
+        '"fluid", "tissue", "boundary" (at rest, or moving along key frames) or "rigid" (a '
+        "floating body)")  # fmt: skip
+    density: float | None = same(Fluid, "density", default=None)
+    viscosity: float | None = same(Fluid, "viscosity", default=None)
+    implicit: bool | None = same(Fluid, "implicit")
+    surface_tension: float | None = same(Fluid, "surface_tension", default=None)
+    adhesion: float | None = same(Rigid, "adhesion", default=None)
+    color: Any = same(Fluid, "color", default=None)
+    reflection: float | None = same(Fluid, "reflection", default=None)
+    refraction: float | None = same(Fluid, "refraction", default=None)
+    shown: bool | None = same(Fluid, "shown", default=None)
+    damping: float | None = same(Solid, "damping", default=None)
+    tear: float | None = same(Solid, "tear", default=None)
+    plastic: float | None = same(Solid, "plastic", default=None)
+    creep: float | None = same(Solid, "creep", default=None)
+    friction: float | None = same(Solid, "friction", default=None)
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ValueError(f"kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
+        settings_of(Phase)["kind"].check(self.kind)
         self._label = f"phases[{self.name!r}]"
-        defaults = _BARE | {f.name: f.default for f in dataclasses.fields(TABLES[self.kind])}
+        defaults = _BARE | {k: one.default for k, one in settings_of(TABLES[self.kind]).items()}
         self._begin({k: defaults.get(k) if v is None else v for k, v in vars(self).items()})
 
     def _begin(self, values: dict[str, Any]) -> None:
@@ -92,15 +72,15 @@ class Phase(Steered):
         for name in self.__dataclass_fields__:
             if name == "implicit" and values[name] is None:
                 vars(self)[name] = vars(self)["viscosity"] >= IMPLICIT_FROM
-            elif name in CHECKS:
-                vars(self)[name] = checked(self._label, name, CHECKS[name], values[name])
+            elif name != "kind":
+                vars(self)[name] = MATERIAL[name].check(values[name], (self._label, name))
         self._begun = True
 
-    def _checks(self) -> dict[str, Any]:
-        return {name: CHECKS[name] for name in CHANGEABLE[self.kind]}
+    def _checks(self) -> dict[str, Setting]:
+        return {name: MATERIAL[name] for name in CHANGEABLE[self.kind]}
 
     def _at_start(self) -> set[str]:
-        return {"kind", *checks_of(TABLES[self.kind])}
+        return {"kind", *settings_of(TABLES[self.kind])}
 
     def _pack(self) -> dict[str, Any]:
         packed = dict(vars(self))
@@ -117,65 +97,32 @@ _BARE = {"density": 1000.0, "viscosity": 0.0, "surface_tension": 0.0, "adhesion"
 
 def phase_of(kind: str, table: Any) -> Phase:
     """The material of a scene's table."""
-    known = {f.name for f in dataclasses.fields(Phase)} & set(checks_of(type(table)))
+    known = set(settings_of(Phase)) & set(settings_of(type(table)))
     return Phase(kind=kind, **{name: getattr(table, name) for name in known})
 
 
-SETTINGS = {"gravity": checks_of(SceneFile)["gravity"], **checks_of(Solver)}
+SETTINGS = {"gravity": settings_of(SceneFile)["gravity"], **settings_of(Solver)}
 
 
-def _maybe(check: Any) -> Any:
-    return lambda value: None if value is None else check(value)
-
-
-for _name in ("divergence_error", "sound_speed"):
-    SETTINGS[_name] = _maybe(SETTINGS[_name])
-
-
-@dataclass
-class Settings(Steered):
+@documented
+@dataclass(kw_only=True)
+class Settings(Steered, Solver):
     """How a simulation runs: a scene's spacing, domain and gravity, and the keys of its [solver].
 
     Every value but spacing, fine_fluids and domain may be changed between steps.
-
-    Attributes:
-        spacing: of particles, m.
-        fine_fluids: whether fluids have half that spacing.
-        domain: `Domain`; particles that leave it are counted and no longer simulated.
-        gravity: (3,) m/s².
-        method: "dfsph", or "wcsph": Tait's equation instead of a pressure solve.
-        max_error: mean compression that the density solver leaves, a share.
-        divergence_error: ten times the mean compression that velocities may add in a step (2e-4
-            at most); None: max_error.
-        viscosity_error: relative residual of implicit viscosity.
-        min_iterations, max_iterations: of both solvers.
-        cfl: a step is at most 0.4 cfl spacing / fastest speed; the square root of pressure /
-            density counts as a speed.
-        max_dt: longest step, s.
-        sound_speed: of wcsph, m/s; None: 10 times the speed of a fall through the domain.
-        extra_viscosity: of wcsph, Pa s; damps its waves.
 
     Raises:
         ValueError: a value that the scene's check refuses.
         AttributeError: an assignment to a name that cannot be changed.
     """
 
-    spacing: float
-    fine_fluids: bool
-    domain: Domain
-    gravity: Any
-    method: str
-    max_error: float
-    divergence_error: float | None
-    viscosity_error: float
-    min_iterations: int
-    max_iterations: int
-    cfl: float
-    max_dt: float
-    sound_speed: float | None
-    extra_viscosity: float
+    spacing: float = same(SceneFile, "spacing")
+    fine_fluids: bool = same(SceneFile, "fine_fluids")
+    domain: Domain = same(SceneFile, "domain")
+    gravity: Any = same(SceneFile, "gravity")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._label = "settings"
         self._begun = True
 
@@ -184,7 +131,7 @@ class Settings(Steered):
         """Of the particles of fluids, m."""
         return self.spacing / 2 if self.fine_fluids else self.spacing
 
-    def _checks(self) -> dict[str, Any]:
+    def _checks(self) -> dict[str, Setting]:
         return SETTINGS
 
     def _at_start(self) -> set[str]:
@@ -213,10 +160,10 @@ class Settings(Steered):
         }  # fmt: skip
 
 
-def settings_of(scene: SceneFile) -> Settings:
+def settings_in(scene: SceneFile) -> Settings:
     """The settings of a scene."""
-    solver = {name: getattr(scene.solver, name) for name in checks_of(Solver)}
-    return Settings(scene.spacing, scene.fine_fluids, scene.domain, scene.gravity, **solver)
+    own = {name: getattr(scene, name) for name in ("spacing", "fine_fluids", "domain", "gravity")}
+    return Settings(**own, **check_all(scene.solver))
 
 
 @dataclass

@@ -10,15 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from .schema import Table, direction, key, place, positive
+from .._base.settings import Direction, Table, setting
+from .schema import PLACE, POSITIVE
 
 
 @dataclass(frozen=True)
 class Box(Table):
     """The box between two corners."""
 
-    lo: tuple = key(place)  # m
-    hi: tuple = key(place)
+    lo: tuple = setting(PLACE, help="corner where x, y and z are least", unit="m")
+    hi: tuple = setting(PLACE, help="corner where x, y and z are largest", unit="m")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -50,8 +51,8 @@ class Box(Table):
 class Sphere(Table):
     """A ball."""
 
-    center: tuple = key(place)
-    radius: float = key(positive)
+    center: tuple = setting(PLACE, help="center", unit="m")
+    radius: float = setting(POSITIVE, help="radius", unit="m")
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """(N,) m, negative inside, of points (N, 3) m."""
@@ -75,9 +76,9 @@ class Sphere(Table):
 class Cylinder(Table):
     """A round cylinder with flat ends at `start` and `end`."""
 
-    start: tuple = key(place)
-    end: tuple = key(place)
-    radius: float = key(positive)
+    start: tuple = setting(PLACE, help="middle of one end", unit="m")
+    end: tuple = setting(PLACE, help="middle of the other end", unit="m")
+    radius: float = setting(POSITIVE, help="radius", unit="m")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -120,8 +121,8 @@ class Cylinder(Table):
 class Plane(Table):
     """The half space behind a plane; the normal points to its free side."""
 
-    point: tuple = key(place)
-    normal: tuple = key(direction)
+    point: tuple = setting(PLACE, help="point on the plane", unit="m")
+    normal: tuple = setting(Direction(), help="direction of the free side")
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """(N,) m, negative inside, of points (N, 3) m."""

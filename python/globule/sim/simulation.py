@@ -28,8 +28,9 @@ from .foam import Foam
 from .limits import check_densities, check_emitter, check_material, shape_of
 from .operate import BondedTissue
 from .record import Record
-from .scene_file import SceneFile, as_dict, errors_of, read_scene
-from .settings import MAX_PHASES, SETTINGS, Phase, StepReport, settings_of
+from .scene_file import SceneFile
+from .scene_read import as_dict, errors_of, read_scene
+from .settings import MAX_PHASES, SETTINGS, Phase, StepReport, settings_in
 from .simulation_scene import SimulationScene
 from .steer import Steer
 from .steered import Kept, Named
@@ -111,7 +112,7 @@ class Simulation(Owner):
     def _begin(self, fluid: Particles | None, device: str, threads: int) -> None:
         """Make everything of the scene."""
         found = bodies(self.file)
-        self.settings = settings_of(self.file)
+        self.settings = settings_in(self.file)
         self.phases: dict[str, Phase] = Kept("phases", Phase)
         self.emitters: dict[str, Emitter] = Named("emitters", Emitter)
         self._sent: list[dict[str, Any]] = []

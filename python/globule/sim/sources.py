@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import missing
+from .._base.settings import Choice, Color, Each, Number, Problem, Table, Whole, same, setting
 from ..formats import read, triangles
 from ..scene.attributes import velocity_name
 from ..volumes.files import read_volume
 from .sampling import MOST_PARTICLES
-from .schema import Problem, Table, choice, color, each, key, number, place, positive, text, whole
+from .schema import NAME, PLACE, POSITIVE
 from .shapes import Grid, Mesh
 
 ATLASES = ("mni152",)
@@ -23,12 +24,17 @@ ATLAS_VOLUME = 197 * 233 * 189  # mm³, of its voxels
 
 
 @dataclass(kw_only=True)
-class MeshFile(Table):
-    """A closed triangle mesh (.obj .stl .glb .ply .vtk .vtp)."""
+class Placed(Table):
+    """A file in units of its own."""
 
-    file: str = key(text)
-    scale: float = key(positive, 1.0)  # m per unit of the file
-    move: tuple = key(place, (0.0, 0.0, 0.0))  # m, after scaling
+    file: str = setting(NAME, help="path of the file")
+    scale: float = setting(POSITIVE, 1.0, "size of a unit of the file", "m")
+    move: tuple = setting(PLACE, (0.0, 0.0, 0.0), "displacement after scaling", "m")
+
+
+@dataclass(kw_only=True)
+class MeshFile(Placed):
+    """A closed triangle mesh (.obj .stl .glb .ply .vtk .vtp)."""
 
     def load(self) -> Mesh:
         """The mesh in m.
@@ -43,12 +49,8 @@ class MeshFile(Table):
 
 
 @dataclass(kw_only=True)
-class DistanceFile(Table):
+class DistanceFile(Placed):
     """A grid of signed distances, negative inside (.nrrd .nii .mha .vti .npz)."""
-
-    file: str = key(text)
-    scale: float = key(positive, 1.0)
-    move: tuple = key(place, (0.0, 0.0, 0.0))
 
     def load(self) -> Grid:
         """The grid in m; the errors are those of `read_volume`."""
@@ -60,13 +62,9 @@ class DistanceFile(Table):
 
 
 @dataclass(kw_only=True)
-class ParticleFile(Table):
+class ParticleFile(Placed):
     """Particles of any format. A rigidity says what each particle is: 0 fluid, 1 fixed, tissue
     between."""
-
-    file: str = key(text)
-    scale: float = key(positive, 1.0)
-    move: tuple = key(place, (0.0, 0.0, 0.0))
 
     def load(self) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
         """Positions (N, 3) m; velocities (N, 3) m/s and rigidity (N,), or None where the file has
@@ -93,14 +91,16 @@ class ParticleFile(Table):
 class Tomography(Table):
     """Tissue of a tomography, resampled to the simulation's spacing: one particle per voxel."""
 
-    file: str | None = key(text, None)
-    atlas: str | None = key(choice(*ATLASES), None)
-    level: float | None = key(number(), None)
-    labels: list | None = key(each(whole(-(2**31), 2**31)), None)
-    scale: float = key(positive, 0.001)  # m per unit of the file: mm
-    center: tuple = key(place, (0.0, 0.0, 0.0))  # m: where the middle of the tissue goes
-    white: tuple | None = key(color, None)  # of white matter; None: as the rest
-    white_level: float | None = key(number(), None)  # of a file: white matter's least intensity
+    file: str | None = setting(NAME, None, "path of a tomography")
+    atlas: str | None = setting(Choice(*ATLASES), None, '"mni152", a brain, without `file`')
+    level: float | None = setting(Number(), None, "iso-value, in the file's units")
+    labels: list | None = setting(Each(Whole(-(2**31), 2**31)), None, "values to take, of labels")
+    scale: float = same(Placed, "scale", default=0.001)
+    center: tuple = setting(PLACE, (0.0, 0.0, 0.0), "new position of the tissue's middle", "m")
+    white: tuple | None = setting(Color(), None, "color of white matter, which is then the phase "
+        '"NAME white matter"')  # fmt: skip
+    white_level: float | None = setting(Number(), None, "of a file: the least intensity of white "
+        "matter")  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()

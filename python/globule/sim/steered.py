@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
-from .schema import shown, spell
+from .._base.checks import shown
+from .._base.settings import Setting
 
 
 class Unknown(KeyError):
@@ -64,7 +64,7 @@ class Steered:
     _begun = False
     _label = ""
 
-    def _checks(self) -> dict[str, Callable[[Any], Any]]:
+    def _checks(self) -> dict[str, Setting]:
         """The check of each name that may be assigned."""
         raise NotImplementedError
 
@@ -81,24 +81,5 @@ class Steered:
                 if name in self._at_start():
                     why = f"cannot be changed after the start, expected one of {known}"
                 raise AttributeError(f"{self._label}.{name}: {why}")
-            value = checked(self._label, name, checks[name], value)
+            value = checks[name].check(value, (self._label, name))
         super().__setattr__(name, value)
-
-
-def checked(label: str, name: str, check: Callable[[Any], Any], value: Any) -> Any:
-    """What a scene's check makes of a value; NumPy's numbers and arrays count as lists.
-
-    Raises:
-        ValueError: the check's message after `label` and `name`.
-    """
-    value = value.tolist() if hasattr(value, "tolist") else value
-    try:
-        return check(value)
-    except ValueError as error:
-        path, message = getattr(error, "path", ()), getattr(error, "message", str(error))
-        raise ValueError(f"{label}.{spell((name, *path))}: {message}") from None
-
-
-def checks_of(table: type) -> dict[str, Callable[[Any], Any]]:
-    """The check of each key of a scene's table."""
-    return {f.name: f.metadata["check"] for f in dataclasses.fields(table) if f.metadata}

@@ -11,11 +11,11 @@ from .._base.checks import number as finite
 from .._base.checks import shown
 from .._base.checks import whole as int_in
 from .._base.interrupts import whole
+from .._base.settings import Setting, Switch, settings_of
 from .arrays import numbers, vector
 from .blade import Knife, check_rigid, scalpel
-from .instruments import Instrument
-from .schema import switch
-from .steered import Named, Steered, checks_of
+from .instruments import Instrument, Key
+from .steered import Named, Steered
 from .tissue import BALL, GRASPED, HALF_SPACE, MOST_GRASPS
 
 if TYPE_CHECKING:
@@ -58,13 +58,13 @@ class Tool(Steered):
         self.start(time)
         self._begun = True
 
-    def _checks(self) -> dict[str, Any]:
-        taken, more = checks_of(Instrument), {"scalpel": [], "suction": ["radius", "ablates"]}
-        switches = {"on": lambda value: None if value is None else switch(value)}
-        return switches | {name: taken[name] for name in more.get(self.kind, ["radius"])}
+    def _checks(self) -> dict[str, Setting]:
+        taken, more = settings_of(Instrument), {"scalpel": [], "suction": ["radius", "ablates"]}
+        names = more.get(self.kind, ["radius"])
+        return {"on": settings_of(Key)["on"], **{name: taken[name] for name in names}}
 
     def _at_start(self) -> set[str]:
-        return {"pose", *checks_of(Instrument)}
+        return {"pose", *settings_of(Instrument)}
 
     def _state(self) -> dict[str, Any]:
         """All that was said by hand and where it is, as JSON holds it."""
@@ -82,6 +82,7 @@ class Tool(Steered):
             numbers("wanted", wanted, (4, 4))
         radius = state["radius"]
         radius = None if radius is None else finite("radius", radius, 0.0)
+        switch = Switch()
         ablates = switch(state["ablates"])
         self._pose = np.array(state["pose"], float)
         self._wanted = None if wanted is None else np.array(wanted, float)

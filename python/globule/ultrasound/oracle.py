@@ -11,7 +11,8 @@ from .._base.arrays import address
 from ..volumes.volume import BEYOND, FAR
 from .grid import VoxelGrid
 from .neighbors import FramePath, interpolate
-from .reconstruct import COMPOUNDINGS, HOLE_WEIGHTS, check_mask
+from .options import COMPOUNDINGS, HOLE_WEIGHTS
+from .reconstruct import check_mask
 
 
 def reconstruct(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,42 +25,17 @@ from .grid import (
 )
 from .lattice import lattice_frame
 from .neighbors import FramePath, PathError, path_error
+from .options import COMPOUNDINGS, HOLE_WEIGHTS, Options
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .sweep import Sweep
 
-METHODS = ("frames", "pvn-om", "vvn-om", "pvn", "vvn", "bezier")
-COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
-HOLE_WEIGHTS = ("normalized", "printed")
-MAX_KERNEL = 253
 _TYPES = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
 _FILL = {"pvn-om": 0, "bezier": 0, "vvn-om": 1, "pvn": 2, "vvn": 3, "frames": 4}
 _PIECES = 32  # in which frames are binned where progress is reported
 _LARGEST_TABLE = 31  # radius up to which hole weights come from a table
-
-
-class Options(NamedTuple):
-    """What is done with the pixels; checked by `check_options`."""
-
-    method: str = "pvn-om"
-    max_kernel: int = 9
-    compounding: str = "mean"
-    hole_weights: str = "normalized"
-    max_distance: float | None = None
-    extrapolate: bool = False
-
-    def max_gap(self, spacing: float) -> float | None:
-        """Farthest that two frames may be apart with values between them, voxels; None: default."""
-        return None if self.max_distance is None else 2 * self.max_distance / spacing
-
-    def reach(self, spacing: float) -> int:
-        """Largest radius of a hole's kernel, voxels."""
-        reach = (self.max_kernel - 1) // 2
-        if self.max_distance is not None:
-            reach = min(reach, math.floor(self.max_distance / spacing + 1e-9))
-        return reach
 
 
 def reconstruct(
@@ -131,9 +106,7 @@ def reconstruct(
     """
     if method is None:
         method = "frames" if compounding == "mean" else "pvn-om"
-    options = check_options(
-        method, max_kernel, compounding, hole_weights, max_distance, extrapolate
-    )
+    options = Options(method, max_kernel, compounding, hole_weights, max_distance, extrapolate)
     chosen = choose(device)
     frames = sweep.frames
     if isinstance(frames, DeviceArray) and chosen.name == "cpu":
@@ -420,34 +393,6 @@ class FrameMaps:
         else:
             core.variance_map(*whole, address(out))
         return out
-
-
-def check_options(
-    method: str, max_kernel: Any, compounding: str, hole_weights: str, max_distance: Any,
-    extrapolate: bool = False,
-) -> Options:  # fmt: skip
-    """The options, or ValueError naming the one that is wrong."""
-    for name, value, names in (
-        ("method", method, METHODS),
-        ("compounding", compounding, COMPOUNDINGS),
-        ("hole_weights", hole_weights, HOLE_WEIGHTS),
-    ):
-        if value not in names:
-            raise ValueError(f"{name}: expected one of {', '.join(names)}, got {value!r}")
-    if method != "pvn-om" and compounding != "mean":
-        raise ValueError(f"compounding: expected mean for method {method}, got {compounding!r}")
-    odd = isinstance(max_kernel, (int, np.integer)) and max_kernel % 2 == 1
-    if not odd or not 1 <= max_kernel <= MAX_KERNEL:
-        raise ValueError(
-            f"max_kernel: expected an odd number of 1 to {MAX_KERNEL} voxels, got {max_kernel!r}"
-        )
-    if max_distance is not None and not (
-        isinstance(max_distance, (int, float)) and max_distance >= 0
-    ):
-        raise ValueError(f"max_distance: expected 0 mm or more, got {max_distance!r}")
-    return Options(
-        method, int(max_kernel), compounding, hole_weights, max_distance, bool(extrapolate)
-    )
 
 
 def check_frames(frames: Any) -> np.ndarray | DeviceArray:

@@ -25,11 +25,11 @@ from .grid import (
     make_grid,
     on_lattice,
 )
+from .options import Options
 from .reconstruct import (
     FrameMaps,
     check_frames,
     check_mask,
-    check_options,
     check_poses,
     read_kept,
     start,
@@ -88,7 +88,7 @@ class Reconstructor(Owner):
         space: str = "LPS",
         extrapolate: bool = False,
     ):
-        self._options = check_options(
+        self._options = Options(
             "pvn-om", max_kernel, compounding, hole_weights, max_distance, extrapolate
         )
         if compounding == "median":

@@ -16,7 +16,7 @@ from ..render.layers import Layer
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
-from ..sim.scene_file import SHIPPED
+from ..sim.scene_read import SHIPPED
 from ..ultrasound.setup import Setup
 from ..ultrasound.sweep import Sweep
 from ..volumes.volume import Volume

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from .._base.files import atomic_write
-from ..sim.scene_file import SHIPPED
+from ..sim.scene_read import SHIPPED
 from .compare_source import CompareSource
 from .guard import LOCAL, Guard, answer
 from .source import Source

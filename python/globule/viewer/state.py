@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 import os
 import threading
 from collections.abc import Callable
@@ -15,216 +14,206 @@ import tomli_w
 from .._base.checks import shown
 from .._base.colormaps import NAMES as COLORMAPS
 from .._base.files import atomic_write
+from .._base.settings import (
+    SHARE,
+    Choice,
+    Number,
+    Setting,
+    Switch,
+    Text,
+    Vector,
+    Whole,
+    same,
+    schema_of,
+    setting,
+    settings_of,
+)  # fmt: skip
 from .._base.structured import parse_toml, read_text
+from ..render.annotate import Annotation
 from ..render.camera import Camera
 from ..render.legend import POSITIONS
-from ..render.presets import PRESETS
+from ..render.materials import Material
+from ..render.presets import GROUNDS, PRESETS
+from ..render.settings import RenderSettings
 from ..scene.particles import FARTHEST
 from ..scene.scene import KERNELS
-from .fields import checked, choice, real, switch, triple, whole
+from ..scene.thesis import ROOTS
 from .history import History
 
 FAR = float(FARTHEST)  # the largest coordinate of a scene
 MOST_BOOKMARKS = 64
+KEEP = "Keep the inside"
 CORNERS = POSITIONS[:4]  # on the page, a legend outside would change the image's size
 MOST_BYTES = 256 * 1024  # of a state file
+
+
+PLACE = Vector(3, -FAR, FAR)
+ORIGIN = (0.0, 0.0, 0.0)
+TEXT = Text(empty=True, longest=200)
+OWN = ("preset", "own")
 
 
 @dataclass
 class Surface:
     """The implicit surface of the particles."""
 
-    kernel: str = choice("murakami", KERNELS, "Kernel", "Basis function of the particles")
-    threshold: float | None = real(
-        None,
-        1e-3,
-        1e3,
-        "Threshold",
-        "Iso-value of the field; a higher value makes a thinner surface",
-    )
-    support: float | None = real(
-        None, 0.0, FAR, "Support", "Radius of a particle's influence, world units"
-    )
-    root: str = choice(
-        "exact",
-        ("exact", "march", "bezier"),
-        "Root method",
-        "How a ray finds the surface; march and bezier as in the thesis",
-    )
-    shape: str = choice(
-        "auto",
-        ("auto", "smooth", "balls"),
-        "Kind of surface",
-        "smooth: one surface around a fluid; auto: smooth where the particles are those of a fluid",
-    )
+    kernel: str = setting(Choice(*KERNELS), "murakami", "kernel of the particles")
+    threshold: float | None = setting(Number(1e-6, 1e6), None, "iso-value of the particles' summed "
+        "field; a higher value makes a thinner surface", "no unit", usual="by kernel")  # fmt: skip
+    support: float | None = setting(Number(1e-18, FAR), None, "support radius of every particle's "
+        "kernel", "world units", usual="the file's, else two spacings")  # fmt: skip
+    root: str = setting(Choice("exact", *ROOTS), "exact", "search for the surface along a ray: "
+        "exact, or as in the source thesis on the dense octree, march (points with thresholds) or "
+        "bezier (clipping)", label="Root method")  # fmt: skip
+    shape: str = setting(Choice("auto", "smooth", "balls"), "auto", "smooth: one surface around a "
+        "fluid; auto: smooth where the particles are those of a fluid",
+        label="Kind of surface")  # fmt: skip
 
 
 @dataclass
 class Look:
     """Material, lights and surroundings."""
 
-    preset: str = choice(
-        "plain", ("plain", *PRESETS), "Preset", "Material, lights and surroundings"
-    )
-    matter: str = choice("preset", ("preset", "own"), "Material", "own: use the four values below")
-    reflection: float = real(
-        0.0, 0.0, 1.0, "Reflection", "Specular reflectance at normal incidence, 0 to 1"
-    )
-    transmission: float = real(
-        0.0, 0.0, 1.0, "Transmission", "Share of the unreflected light that is transmitted, 0 to 1"
-    )
-    index: float = real(1.33, 1.0, 4.0, "Refractive index", "No unit; water 1.33, glass 1.5")
-    roughness: float = real(
-        0.0, 0.0, 1.0, "Roughness", "Of reflected and transmitted light, 0 to 1"
-    )
-    lights: str = choice(
-        "preset", ("preset", "own"), "Lights", "own: use the sun and headlight below"
-    )
-    azimuth: float = real(
-        -34.0, -180.0, 180.0, "Sun azimuth", "Degrees from the front, positive to the right"
-    )
-    elevation: float = real(54.0, -90.0, 90.0, "Sun elevation", "Degrees above the horizon")
-    angle: float = real(0.5, 0.0, 60.0, "Sun size", "Degrees; a larger sun makes softer shadows")
-    headlight: bool = switch(True, "Headlight", "A light at the camera")
-    exposure: float = real(
-        1.0, 0.05, 20.0, "Exposure", "Factor on the brightness of the image, no unit"
-    )
-    sky: str = choice(
-        "preset", ("preset", "none", "gradient"), "Sky", "Background, and light from all around"
-    )
-    ground: str = choice(
-        "preset", ("preset", "none", "plain", "checker"), "Ground", "A plane under the scene"
-    )
-    background: tuple = triple(
-        (0.93, 0.94, 0.96),
-        0.0,
-        1e3,
-        "Background",
-        "Where there is no sky: linear red, green and blue, 0 to 1",
-    )
-    shadows: bool = switch(False, "Shadows", "Lights cast shadows")
-    ambient_rays: int = whole(
-        0, 0, 64, "Ambient occlusion", "Rays per sample that look for occluders; 0: off"
-    )
-    bounces: int = whole(4, 0, 16, "Bounces", "Most reflections and refractions along a ray")
+    preset: str = setting(Choice("plain", *PRESETS), "plain", "material, lights and surroundings")
+    matter: str = setting(Choice(*OWN), "preset", "own: use the values below", label="Material")
+    reflection: float = same(Material, "reflection", default=0.0)
+    transmission: float = same(Material, "transmission", default=0.0)
+    index: float = same(Material, "index", default=1.33)
+    roughness: float = same(Material, "roughness")
+    lights: str = setting(Choice(*OWN), "preset", "own: use the sun and headlight below")
+    azimuth: float = setting(Number(-180.0, 180.0), -34.0, "angle from the front, positive to the "
+        "right", "degrees", label="Sun azimuth")  # fmt: skip
+    elevation: float = setting(Number(-90.0, 90.0), 54.0, "angle above the horizon", "degrees",
+        label="Sun elevation")  # fmt: skip
+    angle: float = setting(Number(0.0, 60.0), 0.5, "angular diameter; a larger sun makes softer "
+        "shadows", "degrees", label="Sun size")  # fmt: skip
+    headlight: bool = setting(Switch(), True, "a light at the camera")
+    exposure: float = same(RenderSettings, "exposure")
+    sky: str = setting(Choice("preset", "none", "gradient"), "preset", "background, and light from "
+        "all around")  # fmt: skip
+    ground: str = setting(Choice("preset", "none", *GROUNDS), "preset", "a plane under the scene")
+    background: tuple = same(RenderSettings, "background")
+    shadows: bool = same(RenderSettings, "shadows")
+    ambient_rays: int = same(RenderSettings, "ambient_rays")
+    bounces: int = same(RenderSettings, "bounces")
 
 
 @dataclass
 class Coloring:
     """Colors by the values of a field or attribute."""
 
-    by: str = choice("", (), "Color by", "A field or attribute of the particles")
-    colormap: str = choice(
-        "viridis", COLORMAPS, "Color map", "Colors from the lowest to the highest value"
-    )
-    automatic: bool = switch(True, "Automatic range", "From the lowest to the highest value")
-    low: float = real(
-        0.0, -1e30, 1e30, "From", "Value of the first color, in the unit of the values"
-    )
-    high: float = real(1.0, -1e30, 1e30, "To", "Value of the last color, in the unit of the values")
-    legend: bool = switch(True, "Legend", "Draw the color map into the image")
-    legend_at: str = choice("lower-right", CORNERS, "Place", "Corner of the legend")
-    legend_title: str = choice("", (), "Legend title", "Empty: the name of the values")
-    legend_unit: str = choice("", (), "Legend unit", "Of the values")
+    by: str = setting(TEXT, "", "field or attribute of the particles that gives the color",
+        label="Color by")  # fmt: skip
+    colormap: str = setting(Choice(*COLORMAPS), "viridis", "colors from the lowest to the highest "
+        "value", label="Color map")  # fmt: skip
+    automatic: bool = setting(Switch(), True, "from the lowest to the highest value",
+        label="Automatic range")  # fmt: skip
+    low: float = setting(Number(-1e30, 1e30), 0.0, "value of the first color", "in the unit of the "
+        "values", label="From")  # fmt: skip
+    high: float = setting(Number(-1e30, 1e30), 1.0, "value of the last color", "in the unit of the "
+        "values", label="To")  # fmt: skip
+    legend: bool = setting(Switch(), True, "draw the color map into the image")
+    legend_at: str = setting(Choice(*CORNERS), "lower-right", "corner of the legend", label="Place")
+    legend_title: str = same(Annotation, "legend_title")
+    legend_unit: str = same(Annotation, "legend_unit")
 
 
 @dataclass
 class Notes:
     """Annotations of the image."""
 
-    title: str = choice("", (), "Title", "At the top of the image")
-    scale_bar: bool = switch(
-        False, "Scale bar", "A bar of a round length, true at the center of rotation"
-    )
-    axes: bool = switch(False, "Axes", "The directions of x, y and z")
-    box: bool = switch(False, "Box", "Bounding box of the particles, with coordinates")
-    unit: str = choice("", (), "Unit of lengths", "For scale bar and box")
+    title: str = same(Annotation, "title")
+    scale_bar: bool = same(Annotation, "scale_bar")
+    axes: bool = same(Annotation, "axes")
+    box: bool = same(Annotation, "box", kind=Switch())
+    unit: str = same(Annotation, "unit")
 
 
 @dataclass
 class Cuts:
     """Clips: a plane, a box and a sphere. Coordinates are in world units."""
 
-    plane: bool = switch(False, "Plane", "Remove one side of a plane")
-    normal: tuple = triple(
-        (1.0, 0.0, 0.0), -1.0, 1.0, "Normal", "Direction to the side that is removed, no unit"
-    )
-    point: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "Point", "A point on the plane, world units")
-    box: bool = switch(False, "Box", "Remove the inside of a box")
-    lo: tuple = triple((-1.0, -1.0, -1.0), -FAR, FAR, "Low corner", "Of the box, world units")
-    hi: tuple = triple((1.0, 1.0, 1.0), -FAR, FAR, "High corner", "Of the box, world units")
-    keep_box: bool = switch(False, "Keep the inside", "Remove the outside of the box instead")
-    sphere: bool = switch(False, "Sphere", "Remove the inside of a sphere")
-    center: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "Center", "Of the sphere, world units")
-    radius: float = real(1.0, 1e-30, FAR, "Radius", "Of the sphere, world units")
-    keep_sphere: bool = switch(False, "Keep the inside", "Remove the outside of the sphere instead")
+    plane: bool = setting(Switch(), False, "remove one side of a plane")
+    normal: tuple = setting(Vector(3, -1.0, 1.0), (1.0, 0.0, 0.0), "direction to the side that is "
+        "removed", "no unit")  # fmt: skip
+    point: tuple = setting(PLACE, ORIGIN, "a point on the plane", "world units")
+    box: bool = setting(Switch(), False, "remove the inside of a box")
+    lo: tuple = setting(PLACE, (-1.0,) * 3, "low corner of the box", "world units")
+    hi: tuple = setting(PLACE, (1.0,) * 3, "high corner of the box", "world units")
+    keep_box: bool = setting(Switch(), False, "remove the outside of the box", label=KEEP)
+    sphere: bool = setting(Switch(), False, "remove the inside of a sphere")
+    center: tuple = setting(PLACE, ORIGIN, "center of the sphere", "world units")
+    radius: float = setting(Number(1e-30, FAR), 1.0, "radius of the sphere", "world units")
+    keep_sphere: bool = setting(Switch(), False, "remove the outside of the sphere", label=KEEP)
 
 
 @dataclass
 class Quality:
     """Samples, size and JPEG quality of the images on the page."""
 
-    samples: int = whole(16, 1, 256, "Samples when still", "Rays per pixel while nothing moves")
-    rate: float = real(
-        20.0, 1.0, 120.0, "Target frame rate", "Images per second while something moves"
-    )
-    sharpness: int = whole(
-        92, 30, 100, "JPEG quality when still", "Of images while nothing moves, 30 to 100"
-    )
-    width: int = whole(1920, 160, 7680, "Largest width", "Of an image, in pixels")
+    samples: int = same(RenderSettings, "samples", default=16)
+    rate: float = setting(Number(1.0, 120.0), 20.0, "images per second while something moves",
+        label="Target frame rate", slider=(1.0, 60.0), step=1.0)  # fmt: skip
+    sharpness: int = setting(Whole(30, 100), 92, "JPEG quality of images while nothing moves",
+        label="JPEG quality when still", step=1)  # fmt: skip
+    width: int = setting(Whole(160, 7680), 1920, "largest width of an image", "pixels",
+        label="Largest width")  # fmt: skip
 
 
 @dataclass
 class Slices:
     """The visible parts of a volume: slices, the iso-surface, images of its sweep."""
 
-    shown: bool = switch(True, "Show slices", "Three orthogonal planes through the volume")
-    x: float = real(0.5, 0.0, 1.0, "x slice", "Position along the volume's first axis, 0 to 1")
-    y: float = real(0.5, 0.0, 1.0, "y slice", "Position along the volume's second axis, 0 to 1")
-    z: float = real(0.5, 0.0, 1.0, "z slice", "Position along the volume's third axis, 0 to 1")
-    overlay: bool = switch(
-        False, "Measured / filled", "Tint filled voxels orange and empty voxels blue"
-    )
-    surface: bool = switch(True, "Show surface", "The iso-surface of the volume")
-    open: bool = switch(True, "Cut open", "Remove the corner of the surface in front of the slices")
-    level: float | None = real(
-        None, 1e-6, 1e9, "Iso-value", "Of the surface, in the units of the volume"
-    )
-    frame: bool = switch(False, "Show sweep image", "One image of the sweep at its place")
-    number: int = whole(0, 0, 1_000_000, "Sweep image", "Index in the sweep, from 0")
+    shown: bool = setting(Switch(), True, "three orthogonal planes through the volume",
+        label="Show slices")  # fmt: skip
+    x: float = setting(SHARE, 0.5, "position along the volume's first axis", label="x slice")
+    y: float = setting(SHARE, 0.5, "position along the volume's second axis", label="y slice")
+    z: float = setting(SHARE, 0.5, "position along the volume's third axis", label="z slice")
+    overlay: bool = setting(Switch(), False, "tint filled voxels orange and empty voxels blue",
+        label="Measured / filled")  # fmt: skip
+    surface: bool = setting(Switch(), True, "the iso-surface of the volume", label="Show surface")
+    open: bool = setting(Switch(), True, "remove the corner of the surface in front of the slices",
+        label="Cut open")  # fmt: skip
+    level: float | None = setting(Number(1e-6, 1e9), None, "of the surface", "in the units of the "
+        "volume", label="Iso-value")  # fmt: skip
+    frame: bool = setting(Switch(), False, "one image of the sweep at its place",
+        label="Show sweep image")  # fmt: skip
+    number: int = setting(Whole(0, 1_000_000), 0, "index in the sweep", label="Sweep image")
 
 
 @dataclass
 class Layers:
     """The layers of the image."""
 
-    hidden: str = choice("", (), "Hidden layers", "Numbers of layers, from 1, such as 2 3")
+    hidden: str = setting(TEXT, "", "numbers of layers, from 1, such as 2 3", label="Hidden layers")
 
 
 @dataclass
 class Compare:
     """Two data sets in one image."""
 
-    at: float = real(0.5, 0.0, 1.0, "Divider", "Share of the image, from the left, of the first")
+    at: float = setting(SHARE, 0.5, "share of the image, from the left, of the first",
+        label="Divider")  # fmt: skip
 
 
 @dataclass
 class Measure:
     """A measured distance."""
 
-    shown: bool = switch(False, "Measurement", "A line with its length")
-    start: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "From", "First end, world units")
-    end: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "To", "Second end, world units")
+    shown: bool = setting(Switch(), False, "a line with its length", label="Measurement")
+    start: tuple = setting(PLACE, ORIGIN, "first end", "world units", label="From")
+    end: tuple = setting(PLACE, ORIGIN, "second end", "world units", label="To")
 
 
 @dataclass
 class Time:
     """Playback of a sequence."""
 
-    frame: int = whole(0, 0, 10_000_000, "Frame", "Index in the sequence, from 0")
-    playing: bool = switch(False, "Play", "Key: space bar")
-    loop: bool = switch(True, "Loop", "Start again after the last frame")
-    rate: float = real(24.0, 0.1, 1000.0, "Frames per second", "Of the playback, frames per second")
+    frame: int = setting(Whole(0, 10_000_000), 0, "index in the sequence")
+    playing: bool = setting(Switch(), False, "key: space bar", label="Play")
+    loop: bool = setting(Switch(), True, "start again after the last frame")
+    rate: float = setting(Number(0.1, 1000.0), 24.0, "frame rate of the playback",
+        "frames per second", label="Frames per second", slider=(1.0, 60.0), step=1.0)  # fmt: skip
 
 
 Names = set[str]  # of settings, as "surface.kernel"; in class State, `set` is a method
@@ -292,7 +281,7 @@ class State:
             good = {}
             for key, value in changes.items():
                 group, _, name = key.partition("__")
-                good[key] = checked(field_of(group, name), value)
+                good[key] = field_of(group, name).check(value)
             before = {}
             for key, value in good.items():
                 group, _, name = key.partition("__")
@@ -378,11 +367,11 @@ class State:
             for key, value in given.items():
                 try:
                     full = f"{name}__{key}"
-                    new[full] = taken(full, checked(field_of(name, key), value))
+                    new[full] = taken(full, field_of(name, key).check(value))
                 except ValueError as error:
                     raise ValueError(f"{name}.{error}") from None
-            for f in dataclasses.fields(make):
-                new.setdefault(f"{name}__{f.name}", f.default)
+            for key, one in settings_of(make).items():
+                new.setdefault(f"{name}__{key}", one.default)
         camera = _camera("camera", facts.pop("camera")) if "camera" in facts else None
         bookmarks = facts.pop("bookmarks", {})
         if not isinstance(bookmarks, dict) or len(bookmarks) > MOST_BOOKMARKS:
@@ -402,15 +391,24 @@ class State:
             file.write(self.to_toml(camera))
 
 
-def field_of(group: str, name: str) -> dataclasses.Field:
-    """The field of a setting. Raises ValueError for an unknown group or name."""
+def field_of(group: str, name: str) -> Setting:
+    """A setting. Raises ValueError for an unknown group or name."""
     if group not in GROUPS:
         raise ValueError(f"{group}: expected one of {', '.join(GROUPS)}")
-    for field in dataclasses.fields(GROUPS[group]):
-        if field.name == name:
-            return field
-    known = ", ".join(f.name for f in dataclasses.fields(GROUPS[group]))
-    raise ValueError(f"{name[:60]}: expected one of {known}")
+    known = settings_of(GROUPS[group])
+    if name not in known:
+        raise ValueError(f"{name[:60]}: expected one of {', '.join(known)}")
+    return known[name]
+
+
+def state_schema() -> dict[str, Any]:
+    """The JSON Schema of a state file."""
+    three, number = PLACE.schema(), {"type": "number"}
+    parts = {"eye": three, "look_at": three, "up": three, "fov": number, "height": number}
+    camera = {"type": "object", "properties": parts, "required": ["eye", "look_at"]}
+    views = {"camera": camera, "bookmarks": {"type": "object", "additionalProperties": camera}}
+    groups = {name: schema_of(make) for name, make in GROUPS.items()}
+    return {"type": "object", "properties": groups | views, "additionalProperties": False}
 
 
 def _camera(name: str, facts: Any) -> Camera:

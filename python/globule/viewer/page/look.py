@@ -17,12 +17,12 @@ class LookPanel(Panel):
         """Make the widgets."""
         self.add("look", "preset").on_update(self.safe(self._preset))
         self.add("look", "shadows")
-        self.add("look", "ambient_rays", most=32)
+        self.add("look", "ambient_rays")
         self.add("look", "bounces")
-        self.add("look", "exposure", least=0.1, most=4.0, step=0.05)
+        self.add("look", "exposure")
         self.add("look", "sky")
         self.add("look", "ground")
-        self.add("look", "background", step=0.05)
+        self.add("look", "background")
         with self.gui.add_folder("Own material", expand_by_default=False):
             for name in ("matter", "reflection", "transmission", "index", "roughness"):
                 self.add("look", name)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from viser.transforms import SO3
 
+from ...ultrasound.options import METHODS
 from ..forces import force_words, forces
 from ..sweep_source import COMPOUNDING
 from .panel import Panel
@@ -18,7 +19,6 @@ TITLES = {"sequence": "Play", "simulation": "Simulation", "sweep": "Live sweep"}
 STEPS = "Go to a frame of the sequence"
 TIME = "Step: one step of time. Reset: back to the beginning."
 IMAGES = "Undo: remove the newest images. Clear: remove all."
-METHODS = ("frames", "pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 
 
 class Play(Panel):
@@ -82,7 +82,7 @@ class Play(Panel):
         steps = self.gui.add_button_group("Step", ("first", "back", "next", "last"), hint=STEPS)
         steps.on_click(self.safe(self._step))
         self.add("time", "loop")
-        self.add("time", "rate", least=1.0, most=60.0, step=1.0)
+        self.add("time", "rate")
 
     def _step(self, event: Any) -> None:
         last, now = self.viewer.source.n_frames - 1, self.state.time.frame

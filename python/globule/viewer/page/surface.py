@@ -22,10 +22,8 @@ class SurfacePanel(Panel):
             scene = self.viewer.source.scene(self.state.snapshot())
         if isinstance(scene, Scene):
             self._surface(scene)
-        self.add("quality", "samples", most=64)
-        self.add("quality", "rate", most=60.0, step=1.0)
-        self.add("quality", "sharpness", step=1)
-        self.add("quality", "width")
+        for name in ("samples", "rate", "sharpness", "width"):
+            self.add("quality", name)
 
     def _surface(self, scene: Scene) -> None:
         viewer = self.viewer

@@ -10,8 +10,20 @@ from typing import Any
 
 from viser import GuiSliderHandle
 
+from ..._base.settings import (
+    Choice,
+    Number,
+    Setting,
+    Switch,
+    Text,
+    Vector,
+    Whole,
+    sentence,
+)  # fmt: skip
 from ..state import FAR, State, field_of
 
+WIDGETS: dict[str, Any] = {"switch": Switch, "whole": Whole, "real": Number, "triple": Vector,
+                           "choice": (Choice, Text)}  # fmt: skip
 PATIENCE = 2.0  # s that a person may take to type a number whose first digits are out of range
 
 
@@ -49,13 +61,13 @@ class Binder:
                 while the setting is None; `none` is the option that stands for ""; `also` returns
                 further settings that a person's change makes.
         """
-        field = field_of(group, name)
-        facts = {**field.metadata, **given}
+        facts = {**facts_of(field_of(group, name)), **given}
         for end in ("least", "most", "step"):
             if isinstance(facts.get(end), float):
                 facts[end] = float(f"{facts[end]:.3g}")  # short enough to be read on a slider
         value = getattr(getattr(self.state, group), name)
-        if facts["kind"] == "real" and value is not None:  # a command or a file may exceed them
+        number = facts["kind"] in ("real", "whole")
+        if number and value is not None:  # a command or a file may exceed them
             facts["least"], facts["most"] = min(facts["least"], value), max(facts["most"], value)
         to_page = self._to_page(facts)
         widget = self._make(facts, to_page(value))
@@ -134,6 +146,8 @@ class Binder:
             return ""
         if facts["kind"] == "triple":
             return tuple(float(v) for v in value)
+        if facts["kind"] == "whole" and isinstance(value, float) and value.is_integer():
+            return int(value)
         return value
 
     def nearest(self, browser: Any, key: str, value: Any) -> Any:
@@ -144,7 +158,7 @@ class Binder:
         """
         group, _, name = key.partition("__")
         widget = self.widgets.get(f"{group}.{name}")
-        unlimited = field_of(group, name).metadata.get("most") == FAR
+        unlimited = getattr(field_of(group, name).kind, "most", 0.0) == FAR
         if value is None or not unlimited or not isinstance(widget, GuiSliderHandle):
             return value
         near = min(max(value, type(value)(widget.min)), type(value)(widget.max))
@@ -158,6 +172,20 @@ class Binder:
             value = self._shown[key](getattr(getattr(self.state, group), name))
             if self.widgets[key].value != value:
                 self.widgets[key].value = value
+
+
+def facts_of(one: Setting) -> dict[str, Any]:
+    """What the widget of a setting shows."""
+    name = next(name for name, kinds in WIDGETS.items() if isinstance(one.kind, kinds))
+    number = one.kind.each if name == "triple" else one.kind
+    least, most = one.slider or (getattr(number, "least", None), getattr(number, "most", None))
+    facts: dict[str, Any] = {
+        "kind": name,
+        "label": one.label or sentence(one.name.replace("_", " ")),
+    }
+    facts |= {"hint": sentence(one.brief), "options": one.kind.choices or ()}
+    facts |= {"least": least, "most": most}
+    return facts | ({"step": one.step} if one.step else {})
 
 
 def ends(widget: Any, facts: dict) -> tuple[float, float]:
