@@ -192,9 +192,9 @@ def test_leaving_the_domain_is_counted(backend):
 
 def test_a_velocity_that_is_not_a_number_tells_its_story(backend):
     sim, _ = falling(backend)
-    v = sim.arrays._read("velocity")
+    v = sim._solver.read("velocity")
     v[7] = np.nan
-    sim.arrays._write("velocity", v)  # assigning it is refused
+    sim._solver.write("velocity", v)  # assigning it is refused
     with pytest.raises(ArithmeticError, match=r"particle \d+ \(water\) at .* not a number in step"):
         sim.step()
 

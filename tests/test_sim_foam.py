@@ -43,11 +43,11 @@ def meeting(foam=(), speed=3.0):
 def put(sim, at, velocity=(0.0, 0.0, 0.0), life=10.0):
     """One diffuse particle, with the kind that it has there."""
     sim.foam._add(np.array([at], float), np.array([velocity], float), np.array([life]))
-    sim.foam._classify(Flow(sim))
+    sim.foam._classify(Flow(sim._solver))
 
 
 def all_potentials(sim, **limits):
-    flow = Flow(sim)
+    flow = Flow(sim._solver)
     found = limits_of(sim.file.foam, G, SPACING) | limits
     return potentials(flow, np.flatnonzero(flow.is_fluid), found)
 
@@ -117,7 +117,7 @@ def test_a_flat_face_is_no_crest_and_an_edge_is_one():
     _, crest, _ = all_potentials(sim, curvature=(1e-4, 1.0))
     at = np.abs(sim.positions / SPACING)
     top = sim.positions[:, 2] > 3.4 * SPACING
-    flow = Flow(sim)
+    flow = Flow(sim._solver)
     order = np.argsort(flow.ids)
     crest = crest[order]
     edge = (at[:, :2] > 3.4).sum(axis=1) == 1  # at a corner, the normal is 55 degrees off
@@ -146,7 +146,7 @@ def test_the_count_is_the_rate_times_the_time():
     count = np.floor(n + uniform(0, ids, sim.n_steps, 0))
     assert n.max() > 3
     assert np.all(np.abs(count - n) < 1)
-    sim.foam._create(Flow(sim), dt)
+    sim.foam._create(Flow(sim._solver), dt)
     assert len(sim.foam) == count.sum()
     assert abs(count.sum() - n.sum()) < 4 * np.sqrt(len(n) / 4)
     owner = np.repeat(np.arange(250), count.astype(int))
@@ -263,7 +263,7 @@ def test_neighbors_through_periodic_sides_are_those_of_brute_force(periodic):
     repeats = np.array([axis in periodic for axis in "xyz"])
     d -= np.where(repeats, np.round(d / size) * size, 0.0)
     r = np.linalg.norm(d, axis=2)
-    n, mean = Flow(sim).around(places)
+    n, mean = Flow(sim._solver).around(places)
     np.testing.assert_array_equal(n, (r <= 2 * SPACING).sum(axis=1))
     w = np.maximum(1 - r / (2 * SPACING), 0)
     wanted = (w @ sim.velocities) / np.maximum(w.sum(axis=1), 1e-30)[:, None]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule.sim import solids
+from globule.sim import materials, solids
 from globule.sim.bonds import build_bonds
 from sim_helpers import assert_same_state, check, jittered, reloaded
 from test_sim_solid import derivative
@@ -51,7 +51,7 @@ def test_forces_and_energy_are_the_references(backend, poisson):
     rest, dt = jittered((4, 5, 6)), 1e-5
     series = ((0.5, 2e-4), (0.3, 1e-3))
     bonds = build_bonds(rest, D, MODULUS)
-    material = solids.elasticity(MODULUS, poisson, len(rest), series)
+    material = materials.elasticity(MODULUS, poisson, len(rest), series)
     tissue = solid(rest, poisson, relaxation=series, **backend)
     past = np.broadcast_to(np.eye(3), (2, len(rest), 3, 3))
     for by in (0.1, 0.2, 0.15):
@@ -70,7 +70,7 @@ def test_the_reference_with_a_past_is_its_energys_derivative():
     rest = jittered((4, 4, 4))
     x = deformed(rest, 0.1).astype("f8")
     bonds = build_bonds(rest, D, MODULUS)
-    material = solids.elasticity(MODULUS, 0.4, len(rest), TWO)
+    material = materials.elasticity(MODULUS, 0.4, len(rest), TWO)
     F = solids.gradients(deformed(rest), rest, bonds, D)
     past = solids.relaxed(np.broadcast_to(np.eye(3), (2, 64, 3, 3)), F, material, 0.1)
     derivative(lambda y: solids.forces(y, rest, bonds, material, D, past), x, (0, 21, 63))
@@ -153,7 +153,7 @@ def test_flow_is_that_of_principal_stretches(backend):
     F = np.eye(3) + 0.2 * np.random.default_rng(4).normal(size=(3, 3))
     x = (rest @ (F / np.cbrt(np.linalg.det(F))).T).astype("f4")
     F = solids.gradients(x, rest, bonds, D)
-    material = solids.elasticity(MODULUS, 0.4, len(rest))
+    material = materials.elasticity(MODULUS, 0.4, len(rest))
     G = np.broadcast_to(np.eye(3), F.shape)
     for _ in range(steps):
         G = solids.yielded(G, F, material, 0.03, 1000.0, dt)

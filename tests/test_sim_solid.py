@@ -7,7 +7,7 @@ import itertools
 import globule as gb
 import numpy as np
 import pytest
-from globule.sim import solids
+from globule.sim import materials, solids
 from globule.sim.bonds import build_bonds
 from globule.sim.tissue import Tissue
 from sim_helpers import check, jittered
@@ -61,7 +61,7 @@ def test_forces_and_energy_are_the_references(backend, poisson):
     rest = jittered((5, 6, 7))
     x = strained(rest)
     bonds = build_bonds(rest, D, MODULUS)
-    material = solids.elasticity(MODULUS, poisson, len(rest))
+    material = materials.elasticity(MODULUS, poisson, len(rest))
     energy, force = solids.forces(x, rest, bonds, material, D)
     tissue = truths.solid(rest, poisson, **backend)
     tissue.positions = x
@@ -90,7 +90,7 @@ def test_the_reference_is_its_energys_derivative():
     rest = jittered((4, 4, 4))
     x = strained(rest).astype("f8")
     bonds = build_bonds(rest, D, MODULUS)
-    material = solids.elasticity(MODULUS, 0.4, len(rest))
+    material = materials.elasticity(MODULUS, 0.4, len(rest))
     force = derivative(lambda y: solids.forces(y, rest, bonds, material, D), x, (0, 21, 40, 63))
     moment = np.cross(x, force).sum(0)
     assert np.abs(force.sum(0)).max() < 1e-12 * np.abs(force).sum()
@@ -102,7 +102,7 @@ def test_uniform_strain_has_the_energy_of_the_material(poisson):
     """Whatever the particles' arrangement: the corrected gradient is exact for linear motions."""
     rest = jittered((5, 6, 7), 0.2)
     F = np.array([[1.05, 0.1, 0], [0, 0.9, 0.02], [0.03, 0, 1.0]])
-    material = solids.elasticity(MODULUS, poisson, len(rest))
+    material = materials.elasticity(MODULUS, poisson, len(rest))
     bonds = build_bonds(rest, D, MODULUS)
     energy, _ = solids.forces(rest.astype("f8") @ F.T, rest, bonds, material, D)
     mu, lam, J = material.shear[0], material.lame[0], np.linalg.det(F)

@@ -268,9 +268,9 @@ def test_messages_say_what_there_is(sim, mistake, kind, expected):
 def test_a_state_that_cannot_be_loaded_does_not_replace_one_that_can(sim, tmp_path):
     sim.save(tmp_path / "good")
     before = (tmp_path / "good.npz").read_bytes()
-    velocity = sim.arrays._read("velocity")
+    velocity = sim._solver.read("velocity")
     velocity[0] = NAN
-    sim.arrays._write("velocity", velocity)
+    sim._solver.write("velocity", velocity)
     with pytest.raises(ValueError, match=r"good\.npz: expected a state .* velocity: expected fin"):
         sim.save(tmp_path / "good")
     assert (tmp_path / "good.npz").read_bytes() == before

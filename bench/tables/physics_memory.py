@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from globule.sim.solids import LONGEST, elasticity
+from globule.sim.materials import LONGEST, elasticity
 from globule.sim.tissue import Tissue
 
 from .physics_solid import solid, turns

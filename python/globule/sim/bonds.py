@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._base.arrays import address
 from ..scene.particles import Particles
 from ..scene.scene import Scene
-
-if TYPE_CHECKING:
-    from .solids import Elasticity
+from .materials import Elasticity
 
 REACH = 1.5  # spacings: 18 neighbors on a cubic lattice
 _LATTICE_SQUARES = 30.0  # Σ L² / d² over those 18

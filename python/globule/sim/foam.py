@@ -7,7 +7,7 @@ fluids". They never act on the fluid: a simulation has the same bits with and wi
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +18,7 @@ from ..scene.particles import Particles
 from ..scene.scene import DEFAULTS, Scene
 from .foam_sources import Flow, limits_of, potentials
 from .part import Part
-
-if TYPE_CHECKING:
-    from .simulation import Simulation
+from .solver import Solver
 
 SPRAY, FOAM, BUBBLE = range(3)
 KINDS = ("spray", "foam", "bubbles")
@@ -40,13 +38,14 @@ class Foam(Part):
     the particles came up.
     """
 
-    def __init__(self, sim: Simulation):
-        super().__init__(sim)
-        self._table = sim.file.foam
+    def __init__(self, solver: Solver):
+        super().__init__(solver)
+        self._table = solver.file.foam
         self._shown: Scene | None = None
         self._clear()
 
     def _clear(self) -> None:
+        """Remove all of them."""
         self._at, self._velocity, self._carried = (np.zeros((0, 3)) for _ in range(3))
         self._kind, self._age, self._life = np.zeros(0, np.uint8), np.zeros(0), np.zeros(0)
         self._shown_is_old = True
@@ -93,7 +92,7 @@ class Foam(Part):
         """All of them, white, with the attributes velocity (m/s), kind and age (s)."""
         return Particles(
             self.positions,
-            support=DEFAULTS["murakami"][0] * SIZE * self._sim.settings.spacing,
+            support=DEFAULTS["murakami"][0] * SIZE * self._solver.settings.spacing,
             color=COLOR,
             attributes={"velocity": self.velocities, "kind": self.kind, "age": self.age},
         )
@@ -104,7 +103,7 @@ class Foam(Part):
         `gb.render([sim.scene, sim.foam.layer()])`. All calls return the same scene; the first call
         after a step updates it."""
         if self._shown is None:
-            self._shown = Scene(self.particles(), device=self._sim.scene.device.name)
+            self._shown = Scene(self.particles(), device=self._solver.device.name)
         elif self._shown_is_old:  # an update ends the refinement of earlier frames
             self._shown.update(self.particles())
         self._shown_is_old = False
@@ -123,14 +122,14 @@ class Foam(Part):
         """
         if self._table is None:
             raise ValueError("foam: expected a table foam in the scene, got none")
-        flow = Flow(self._sim)
+        flow = Flow(self._solver)
         rows = np.flatnonzero(flow.is_fluid)
         rows = rows[np.argsort(flow.ids[rows])]
         return flow.ids[rows], *potentials(flow, rows, self._limits())
 
     def _limits(self) -> dict[str, tuple[float, float]]:
         assert self._table is not None  # asked where there is foam
-        file = self._sim.file
+        file = self._solver.file
         return limits_of(self._table, float(np.linalg.norm(file.gravity)), file.spacing)
 
     def _advance(self, dt: float) -> None:
@@ -139,7 +138,7 @@ class Foam(Part):
             return
         self._shown_is_old = True
         self._move(dt)
-        flow = Flow(self._sim)
+        flow = Flow(self._solver)
         self._create(flow, dt)
         self._keep(np.arange(len(self)) >= len(self) - self._table.max_particles)
         self._classify(flow)
@@ -147,14 +146,14 @@ class Foam(Part):
     def _move(self, dt: float) -> None:
         """Spray flies, foam goes with the fluid, bubbles rise in it: each along the exact solution
         of its motion with the fluid and the gravity of the step."""
-        gravity = np.asarray(self._sim.settings.gravity, float)
+        gravity = np.asarray(self._solver.settings.gravity, float)
         spray, foam, bubble = (self._kind == kind for kind in (SPRAY, FOAM, BUBBLE))
         self._at[spray] += self._velocity[spray] * dt + 0.5 * dt * dt * gravity
         self._velocity[spray] += gravity * dt
         self._velocity[foam] = self._carried[foam]
         self._at[foam] += self._velocity[foam] * dt
         # dv/dt = -BUOYANCY g + (fluid - v) / tau, with the terminal speed sqrt(g spacing)
-        pull, spacing = float(np.linalg.norm(gravity)), self._sim.settings.spacing
+        pull, spacing = float(np.linalg.norm(gravity)), self._solver.settings.spacing
         tau = np.sqrt(spacing / pull) / BUOYANCY if pull else 0.0
         rest = np.exp(-dt / tau) if pull else 0.0
         end = self._carried[bubble] - BUOYANCY * tau * gravity
@@ -163,9 +162,9 @@ class Foam(Part):
         self._velocity[bubble] = end + excess * rest
         self._age += dt
         self._life[foam] -= dt
-        lo, hi = self._sim.settings.domain.bounds()
+        lo, hi = self._solver.settings.domain.bounds()
         for k in range(3):
-            if "xyz"[k] in self._sim.settings.domain.periodic:
+            if "xyz"[k] in self._solver.settings.domain.periodic:
                 self._at[:, k] = lo[k] + (self._at[:, k] - lo[k]) % (hi[k] - lo[k])
         inside = ((self._at >= lo) & (self._at <= hi)).all(axis=1)
         self._keep(inside & (self._life > 0))
@@ -180,7 +179,7 @@ class Foam(Part):
         rows = rows[np.argsort(flow.ids[rows])]
         trapped, crest, kinetic = potentials(flow, rows, limits)
         n = kinetic * (table.air_rate * trapped + table.crest_rate * crest) * dt
-        step = self._sim.n_steps
+        step = self._solver.core.n_steps()
         count = np.floor(n + uniform(table.seed, flow.ids[rows], step, 0)).astype(np.int64)
         from_ = np.repeat(rows, count)
         nth = np.arange(len(from_)) - np.repeat(np.cumsum(count) - count, count)
@@ -194,7 +193,7 @@ class Foam(Part):
         u /= np.linalg.norm(u, axis=1, keepdims=True)
         turn = 2 * np.pi * angle[:, None]
         across = np.cos(turn) * u + np.sin(turn) * np.cross(axis, u)
-        across *= 0.5 * self._sim.settings.spacing * np.sqrt(radius)[:, None]
+        across *= 0.5 * self._solver.settings.spacing * np.sqrt(radius)[:, None]
         at = flow.positions[from_] + across - (back * dt)[:, None] * velocity
         self._add(at, velocity, table.lifetime * (0.5 + life))
 

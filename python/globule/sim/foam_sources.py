@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from .scene_file import Foam
-    from .simulation import Simulation
+from .scene_file import Foam
+from .solver import Solver
 
 Pairs = tuple[np.ndarray, ...]  # of `Flow.pairs`
 REACH = 2.0  # spacings, of all sums here and of the solver
@@ -22,20 +20,20 @@ class Flow:
     """The particles of a simulation as they are now, in the solver's order, as float64.
 
     Args:
-        sim: the simulation; its neighbor lists are brought up to date.
+        solver: of a simulation; its neighbor lists are brought up to date.
     """
 
-    def __init__(self, sim: Simulation):
-        kinds = np.array([phase.kind == "fluid" for phase in sim.phases.values()], bool)
-        self.reach = REACH * sim.settings.spacing
-        self.ids = sim.arrays._read("id")
-        self.positions = sim.arrays._read("place")[:, :3].astype(float)
-        self.velocities = sim.arrays._read("velocity")[:, :3].astype(float)
-        self.is_fluid = kinds[sim.arrays._read("phase")]
-        self.lo, hi = sim.settings.domain.bounds()
+    def __init__(self, solver: Solver):
+        kinds = np.array([phase.kind == "fluid" for phase in solver.phases.values()], bool)
+        self.reach = REACH * solver.settings.spacing
+        self.ids = solver.read("id")
+        self.positions = solver.read("place")[:, :3].astype(float)
+        self.velocities = solver.read("velocity")[:, :3].astype(float)
+        self.is_fluid = kinds[solver.read("phase")]
+        self.lo, hi = solver.settings.domain.bounds()
         self.size = hi - self.lo
-        self.periodic = np.array(["xyz"[k] in sim.settings.domain.periodic for k in range(3)])
-        rows, offsets, self._neighbors = sim._core.neighbors()
+        self.periodic = np.array(["xyz"[k] in solver.settings.domain.periodic for k in range(3)])
+        rows, offsets, self._neighbors = solver.core.neighbors()
         self._first = np.zeros(len(self.ids), np.int64)
         self._count = np.zeros(len(self.ids), np.int64)
         self._first[rows] = offsets[:-1]

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from .._base.settings import Path, Problem
+from .materials import MOST_SUBSTEPS, substep_rate
 from .rigidity import young_of_rigidity
 from .sampling import FACES
-from .solids import MOST_SUBSTEPS, substep_rate
 
 MOST_REACH = 2**17  # spacings from the origin: there a float32 tells 1/128 of one
+OVERFULL = 0.1  # mean compression that tells at once that fluid has no room
 NEAR = 2.0  # spacings beside the domain: a wall there still pushes what is in it
 MOST_STEPS = 1_000_000  # a frame
 # Of densities: beside a particle that is much lighter, the pressure solver's step is too long; in a

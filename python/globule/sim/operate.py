@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._base.arrays import address
 from .._base.checks import number, shown
 from .._base.interrupts import whole
-from .arrays import ids_of, vector
+from .arrays import check_finite, ids_of, vector
 from .blade import as_blade
 from .bodies import BRAIN
 from .bonds import add_body, along, build_bonds, morton_order
 from .limits import check_substeps
+from .materials import MODEL, POISSON, check_model, elasticity, substep_rate
 from .part import Part
 from .rigidity import young_of_rigidity
 from .scene_file import Vessel
 from .scene_read import as_dict
-from .solids import MODEL, POISSON, check_model, elasticity, substep_rate
+from .solver import Solver
+from .state_checks import check_tissue
 from .tissue import BALL, FIXED, FREE, GONE, cut
-
-if TYPE_CHECKING:
-    from .simulation import Simulation
 
 NOBODY = 0xFFFFFFFF
 MOST_VESSELS = 32
@@ -35,14 +35,14 @@ CLOSE = 1.5  # rest lengths: ends of sutured bonds are not farther apart
 class BondedTissue(Part):
     """The elastic tissue of a simulation: its bonds, cuts, pieces and vessels."""
 
-    def __init__(self, sim: Simulation):
-        super().__init__(sim)
+    def __init__(self, solver: Solver):
+        super().__init__(solver)
         self.vessels: list[Vessel] = []
         self._materials_sent: list[list[float]] | None = None
 
     @property
     def _core(self) -> Any:
-        return self._sim._core.tissue()
+        return self._solver.core.tissue()
 
     @whole
     def bond(
@@ -70,12 +70,13 @@ class BondedTissue(Part):
         check_model(model, relaxation)
         if poisson is not None and model != "solid":
             raise ValueError('poisson: expected model "solid", got "bonds" (whose ratio is 1/4)')
-        sim = self._sim
-        sim._send()
+        solver = self._solver
+        solver.send()
+        self._send()
         ids = ids_of(ids)
         if len(ids) == 0:
             return
-        known = sim.ids
+        known = solver.ids()
         at = np.searchsorted(known, ids)
         if (at >= len(known)).any() or (known[np.minimum(at, len(known) - 1)] != ids).any():
             raise ValueError("ids: expected particles of this simulation, got others")
@@ -86,9 +87,9 @@ class BondedTissue(Part):
         self._core.get(0, 0, 0, 0, address(bonded))
         if n_bonded := int(np.isin(ids, bonded).sum()):
             raise ValueError(f"ids: expected particles of no body yet, got {n_bonded} of another")
-        positions, phase = sim.positions[at], sim.arrays.phase[at]
-        kinds = np.array([p.kind for p in sim.phases.values()])[phase]
-        d = float(sim.settings.spacing)
+        positions, phase = solver.positions()[at], solver.phase()[at]
+        kinds = np.array([p.kind for p in solver.phases.values()])[phase]
+        d = float(solver.settings.spacing)
         order = morton_order(positions, d)
         young = young_of_rigidity(BRAIN) if young is None else young
         try:
@@ -104,7 +105,7 @@ class BondedTissue(Part):
             if np.shape(fixed) not in ((), ids.shape):
                 raise ValueError(f"fixed: expected {ids.shape} bool, got {np.shape(fixed)}")
             hold[np.broadcast_to(np.asarray(fixed, bool), ids.shape)] = FIXED
-        density = np.array([p.density for p in sim.phases.values()])[phase]
+        density = np.array([p.density for p in solver.phases.values()])[phase]
         material = None
         if model == "solid":
             try:
@@ -119,8 +120,8 @@ class BondedTissue(Part):
         bonds = build_bonds(positions[order], d, each[order])
         most = float(np.max(POISSON if poisson is None else poisson))
         rate = substep_rate(float(each.max()), most, float(density.min()), d, model)
-        frame = 1 / sim.file.output.fps
-        check_substeps(("young",), rate, sim.settings.max_dt, frame)
+        frame = 1 / solver.file.output.fps
+        check_substeps(("young",), rate, solver.settings.max_dt, frame)
         add_body(
             self._core, positions[order], ids[order], bonds, hold[order], phase[order],
             (density * d**3)[order], d, material,
@@ -166,7 +167,7 @@ class BondedTissue(Part):
         if core.remove((BALL, center, center, radius, [0.0] * 3)) == 0:
             return np.empty(0, np.uint32)
         gone = np.setdiff1d(self._gone(), before)
-        self._sim.remove(gone)
+        self._solver.remove(gone)
         return gone
 
     def _gone(self) -> np.ndarray:
@@ -248,14 +249,15 @@ class BondedTissue(Part):
         Raises:
             ValueError: a 33rd vessel, an unknown fluid, or no tissue with bonds.
         """
-        self._sim._send()
+        self._solver.send()
+        self._send()
         core = self._core
         number = len(core.pools()) + 1
         if number > MOST_VESSELS:
             raise ValueError(f"vessel: expected at most {MOST_VESSELS} of them")
         if core.n() == 0:
             raise ValueError(f"vessels[{vessel.name!r}]: expected tissue with bonds, got none")
-        which = self._sim._phase(vessel.fluid)
+        which = self._solver.number_of(vessel.fluid)
         arrays = self._arrays()
         first, tag = _first_ends(arrays["first"], core.n()), arrays["vessel"]
         at = arrays["at"].view(np.float32).reshape(-1, 4)[:, :3].astype(np.float64)
@@ -295,7 +297,7 @@ class BondedTissue(Part):
         core = self._core
         piece, ids = np.empty(core.n(), np.uint32), np.empty(core.n(), np.uint32)
         core.get(0, 0, address(piece), 0, address(ids))
-        all_ids = self._sim.ids
+        all_ids = self._solver.ids()
         out = np.full(len(all_ids), NOBODY, np.uint32)
         there = np.isin(ids, all_ids)
         out[np.searchsorted(all_ids, ids[there])] = piece[there]
@@ -303,7 +305,7 @@ class BondedTissue(Part):
 
     def _send(self) -> None:
         """Tissue's materials, where they changed."""
-        phases = self._sim.phases.values()
+        phases = self._solver.phases.values()
         packed = [[getattr(p, name) for p in phases] for name in ("damping", "tear", "plastic")]
         packed.append([p.creep if p.plastic else 0.0 for p in phases])
         packed.append([p.friction for p in phases])
@@ -312,9 +314,11 @@ class BondedTissue(Part):
             self._materials_sent = packed
 
     def _by_hand(self) -> dict[str, Any]:
+        """Vessels, as JSON holds them."""
         return {"vessels": [as_dict(vessel) for vessel in self.vessels]}
 
     def _take_up(self, by_hand: dict[str, Any]) -> None:
+        """From what `_by_hand` returned."""
         self.vessels = [Vessel(**values) for values in by_hand["vessels"]]
 
     def _arrays(self) -> dict[str, np.ndarray]:
@@ -329,7 +333,20 @@ class BondedTissue(Part):
         arrays = {f"tissue_{k}": v for k, v in self._arrays().items() if len(v)}
         return {**arrays, "tissue_pools": np.array(self.pools)}
 
-    def _set_state(self, state: Any) -> None:
+    def _check_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Refuse others than `_state` returns: raises ValueError."""
+        solver, n_vessels = self._solver, len(self.vessels)
+        next_id, longest = int(state["counts"][0]), solver.settings.max_dt
+        check_tissue(state, next_id, len(solver.phases), n_vessels, longest)
+        pools = np.asarray(state.get("tissue_pools", np.empty(0)))
+        if pools.ndim != 1 or len(pools) > n_vessels or pools.dtype.kind not in "iuf":
+            raise ValueError(f"tissue_pools: expected at most {n_vessels} numbers")
+        check_finite("tissue_pools", pools)
+        if self._core.n() and "tissue_hold" not in state:
+            raise ValueError("tissue_hold: expected the tissue of the scene, got none")
+
+    def _set_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Continue from what `_state` returned."""
         core = self._core
         for name in core.arrays():
             if (key := f"tissue_{name}") in state:
@@ -337,7 +354,7 @@ class BondedTissue(Part):
                 core.write(name, address(values), len(values))
         for k, pool in enumerate(np.atleast_1d(state.get("tissue_pools", [])), start=1):
             vessel = self.vessels[k - 1]
-            which = self._sim._phase(vessel.fluid)
+            which = self._solver.number_of(vessel.fluid)
             core.set_vessel(k, vessel.pressure * CONDUCTANCE, float(pool), which)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .record import OVERFULL
+from .limits import OVERFULL
 from .schema import SceneError
 
 EDGE = 2.0  # spacings, of the cubes in which particles are counted

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._base.interrupts import whole
+from .limits import OVERFULL
+from .operate import BondedTissue
 from .part import Part
 from .settings import StepReport
+from .solver import Solver
+from .tools import Tools
 
-if TYPE_CHECKING:
-    from .simulation import Simulation
-
-# Mean compression that tells that there is no room: in so many steps, and at once.
-CROWDED, CROWDED_STEPS, OVERFULL = 0.03, 10, 0.1
+# Mean compression that tells that there is no room: in so many steps.
+CROWDED, CROWDED_STEPS = 0.03, 10
 MOST_ROWS = 20_000  # of diagnostics; of more, every second one goes
 
 
@@ -25,19 +26,29 @@ class Record(Part):
         diagnostics: one dict per step: time, dt, iterations, errors, compression, counts, and
             the force on each grasper and pusher, N (`force_` and its name).
         seconds: wall time of each stage of the solver.
-        n_removed: particles that sinks, suction, ablation or `remove` removed.
         n_cut: bonds that the scene's instruments cut.
     """
 
-    def __init__(self, sim: Simulation):
-        super().__init__(sim)
+    def __init__(self, solver: Solver, tissue: BondedTissue, tools: Tools):
+        super().__init__(solver)
+        self._tissue, self._tools = tissue, tools
         self._clear()
 
     def _clear(self) -> None:
+        """Forget all rows and counts."""
         self.diagnostics: list[dict[str, Any]] = []
         self.seconds: dict[str, float] = {}
         self.n_removed = self.n_cut = 0
         self._n_crowded = 0
+
+    @property
+    def n_removed(self) -> int:
+        """Particles that sinks, suction, ablation or `remove` removed."""
+        return self._solver.n_removed
+
+    @n_removed.setter
+    def n_removed(self, value: int) -> None:
+        self._solver.n_removed = value
 
     def _note(self, report: StepReport) -> None:
         """One step more in the record."""
@@ -54,7 +65,7 @@ class Record(Part):
             "max_speed": report.most_speed,
             "n": report.n, "n_escaped": report.n_escaped, "n_removed": self.n_removed,
             "n_cut": self.n_cut,
-            **{f"force_{name}": force for name, force in self._sim.tools._forces().items()},
+            **{f"force_{name}": force for name, force in self._tools._forces().items()},
         })  # fmt: skip
         if len(self.diagnostics) > MOST_ROWS:
             del self.diagnostics[1::2]
@@ -63,8 +74,8 @@ class Record(Part):
     def _refuse_crowds(self, report: StepReport) -> None:
         """Fluid without room: its density cannot be what the solver asks for, which throws it
         about faster and faster. A start that settles within a few steps may pass."""
-        settings = self._sim.settings
-        tissue = any(phase.kind == "tissue" for phase in self._sim.phases.values())
+        settings = self._solver.settings
+        tissue = any(phase.kind == "tissue" for phase in self._solver.phases.values())
         if tissue or settings.method == "wcsph":  # bonds may hold what is compressed
             return
         solved = report.divergence_iterations > 0  # for density, and by walls or a free surface
@@ -82,7 +93,7 @@ class Record(Part):
     def totals(self) -> dict[str, Any]:
         """Totals of fluid and tissue: mass kg, kinetic and potential energy J, momentum kg m/s,
         angular_momentum kg m²/s about the origin, center of mass m."""
-        t = self._sim._core.totals()
+        t = self._solver.core.totals()
         mass = t["mass"] or 1.0
         return {**t, "center": tuple(c / mass for c in t["center"])}
 
@@ -101,8 +112,7 @@ class Record(Part):
             **{f"n_{kind}": n for kind, n in self.counts.items()},
         }
         if found["n_tissue"]:
-            tissue = self._sim.tissue
-            found |= {"n_bonds": tissue.n_bonds, "n_pieces": tissue.n_pieces}
+            found |= {"n_bonds": self._tissue.n_bonds, "n_pieces": self._tissue.n_pieces}
         if self.diagnostics:
             self.diagnostics[-1].update(found)
         return found
@@ -111,8 +121,8 @@ class Record(Part):
     def counts(self) -> dict[str, int]:
         """Number of particles of each kind; "escaped": how many of them are outside the domain;
         "removed": particles removed after the start."""
-        kinds = [phase.kind for phase in self._sim.phases.values()]
-        per_phase = np.bincount(self._sim.arrays.phase, minlength=len(kinds))
+        kinds = [phase.kind for phase in self._solver.phases.values()]
+        per_phase = np.bincount(self._solver.phase(), minlength=len(kinds))
         found = {kind: 0 for kind in ("fluid", "tissue", "rigid", "boundary")}
         for kind, n in zip(kinds, per_phase, strict=True):
             found[kind] += int(n)
@@ -122,7 +132,7 @@ class Record(Part):
     @property
     def n_born(self) -> int:
         """Number of all particles of the run: current and removed particles."""
-        return self._sim._core.next_id()
+        return self._solver.core.next_id()
 
     def _facts(self) -> dict[str, Any]:
         """What a checkpoint keeps of it."""

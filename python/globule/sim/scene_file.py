@@ -25,6 +25,16 @@ from .._base.settings import (
 from ..formats import EXTENSIONS
 from . import limits
 from .instruments import Instrument, Key, Motion
+from .materials import (
+    LONGEST,
+    MODEL,
+    MODELS,
+    MOST_POISSON,
+    MOST_SHARE,
+    SHORTEST,
+    check_model,
+    prony_series,
+)
 from .sampling import ENDS, FACES
 from .schema import (
     DENSITY,
@@ -41,16 +51,6 @@ from .schema import (
     exactly_one,
 )  # fmt: skip
 from .shapes import Box, Cylinder, Plane, Sphere
-from .solids import (
-    LONGEST,
-    MODEL,
-    MODELS,
-    MOST_POISSON,
-    MOST_SHARE,
-    SHORTEST,
-    check_model,
-    prony_series,
-)  # fmt: skip
 from .sources import DistanceFile, MeshFile, ParticleFile, Tomography
 
 SOLID_SHAPES = ("box", "sphere", "cylinder", "mesh", "tomography", "particles")

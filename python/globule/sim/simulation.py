@@ -6,13 +6,12 @@ import json
 import logging
 import math
 import os
-import threading
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import _core
 from .._base.arrays import address
 from .._base.checks import number, shown, thread_count
 from .._base.device import choose
@@ -25,15 +24,16 @@ from .arrays import Arrays, check_finite, ids_of, real
 from .bodies import Body, bodies, scene_of_particles
 from .emitter import Emitter
 from .foam import Foam
-from .limits import check_densities, check_emitter, check_material, shape_of
+from .limits import check_emitter, shape_of
 from .operate import BondedTissue
 from .record import Record
 from .scene_file import SceneFile
 from .scene_read import as_dict, errors_of, read_scene
-from .settings import MAX_PHASES, SETTINGS, Phase, StepReport, settings_in
+from .settings import MAX_PHASES, SETTINGS, Phase, StepReport
 from .simulation_scene import SimulationScene
+from .solver import Solver
 from .steer import Steer
-from .steered import Kept, Named
+from .steered import Named
 from .tools import Tool, Tools
 
 if TYPE_CHECKING:
@@ -96,7 +96,6 @@ class Simulation(Owner):
         spacing: float | None = None,
         **keys: Any,
     ):
-        self._lock = threading.RLock()
         fluid = scene if isinstance(scene, Particles) else None
         if fluid is not None:
             scene = scene_of_particles(fluid)
@@ -104,29 +103,26 @@ class Simulation(Owner):
         if not isinstance(scene, (str, os.PathLike, dict, SceneFile)):
             expected = "expected a name, a path, a dict or Particles"
             raise TypeError(f"scene: {expected}, got {shown(scene)}")
-        self.file = read_scene(scene, spacing, **keys)
+        file = read_scene(scene, spacing, **keys)
         with errors_of(scene):
-            self._begin(fluid, device, threads)
+            self._begin(file, fluid, device, threads)
         _log.info("%r", self)
 
-    def _begin(self, fluid: Particles | None, device: str, threads: int) -> None:
+    def _begin(self, file: SceneFile, fluid: Particles | None, device: str, threads: int) -> None:
         """Make everything of the scene."""
-        found = bodies(self.file)
-        self.settings = settings_in(self.file)
-        self.phases: dict[str, Phase] = Kept("phases", Phase)
-        self.emitters: dict[str, Emitter] = Named("emitters", Emitter)
-        self._sent: list[dict[str, Any]] = []
-        self._settings_sent: dict[str, Any] = {}
+        found = bodies(file)
+        solver = self._solver = Solver(file, choose(device), thread_count(threads))
+        self._core, self._lock = solver.core, solver.lock
         self._had_sinks = self._warned = False
-        chosen = choose(device)
-        self.scene = SimulationScene(self, chosen, thread_count(threads))
-        self._core = _core.Simulation(self.scene._own)
-        self.arrays: Arrays = Arrays(self)
-        self.tissue: BondedTissue = BondedTissue(self)
-        self.tools: Tools = Tools(self)
-        self.steer: Steer = Steer(self)
-        self.foam: Foam = Foam(self)
-        self.record: Record = Record(self)
+        self.file, self.settings, self.phases = file, solver.settings, solver.phases
+        self.emitters: dict[str, Emitter] = Named("emitters", Emitter)
+        self.tissue: BondedTissue = BondedTissue(solver)
+        self.tools: Tools = Tools(solver)
+        self.steer: Steer = Steer(solver)
+        self.arrays: Arrays = Arrays(solver, (self.steer, self.tissue))
+        self.scene = SimulationScene(solver, self.arrays)
+        self.foam: Foam = Foam(solver)
+        self.record: Record = Record(solver, self.tissue, self.tools)
         for body in found:
             for phase, _ in body.phases():
                 if phase.name not in self.phases:
@@ -223,7 +219,7 @@ class Simulation(Owner):
         Raises:
             ValueError: a wrong shape, values that are not finite, or an unknown phase.
         """
-        which = self._phase(phase)
+        which = self._solver.number_of(phase)
         self._send()
         p = np.ascontiguousarray(real("positions", positions))
         if p.ndim != 2 or p.shape[1] != 3:
@@ -253,10 +249,7 @@ class Simulation(Owner):
         if len(unknown):
             raise ValueError(f"ids: expected numbers that add() gave, got {unknown[0]}")
         gone = np.ascontiguousarray(given, np.uint32)
-        if len(gone):
-            n_before = len(self)
-            self._core.remove(len(gone), address(gone))
-            self.record.n_removed += n_before - len(self)
+        self._solver.remove(gone)
 
     def step(self, dt: float | None = None) -> StepReport:
         """Make one step of dt seconds; by default, the longest step that the speeds allow.
@@ -295,12 +288,9 @@ class Simulation(Owner):
         for emitter in self.emitters.values():
             positions, velocities = emitter.emit(self.settings.fluid_spacing, self.time, dt)
             if n := len(positions):
-                which = self._phase(emitter.fluid)
+                which = self._solver.number_of(emitter.fluid)
                 self._core.emit(n, address(positions), address(velocities), which)
-        if len(self.steer._forces[0]):
-            forces = self.steer._forces_of(self.arrays._read("id"))
-            self._core.set_forces(address(forces))
-            self.steer._forces = self.steer._forces[0][:0], self.steer._forces[1][:0]
+        self.steer._send_forces()
         done = self._core.step(dt)
         if "lost" in done:
             id_, phase, position = done["lost"]
@@ -313,7 +303,7 @@ class Simulation(Owner):
         report = StepReport(**done)
         self.tools._move_pushers(dt)
         for tool in self.tools.values():
-            self.record.n_cut += tool.operate(self)
+            self.record.n_cut += tool.operate(self.tissue, self.time)
         self.foam._advance(report.dt)
         self.record._note(report)
         return report
@@ -326,7 +316,7 @@ class Simulation(Owner):
                 self.steer.move_boundary(table.name, table.motion.pose(time + dt))
         sinks = [table.region for table in self.file.sinks]
         for tool in self.tools.values():
-            tool.prepare(self, dt)
+            tool.prepare(self.tools, time, dt)
             if (sink := tool.sink(time)) is not None:
                 sinks.append(sink)
         if sinks or self._had_sinks:
@@ -423,16 +413,14 @@ class Simulation(Owner):
         fluid may: the core knows how fast particles are, not how fast a boundary or the tissue in a
         grasper will be. What goes through others in one step leaves them with any speed."""
         time, far = self.time, 0.4 * self.settings.cfl * self.settings.fluid_spacing
-        moved = [
-            (table.motion, _reach(table, self.file.domain))
+        ways = [
+            partial(table.motion.way, reach=_reach(table, self.file.domain))
             for table in self.file.boundaries
             if table.motion
         ]
-        for tool in self.tools.values():
-            if tool.kind == "grasper" and tool.works(time) and tool._wanted is None:
-                moved.append((tool._motion, tool._reach))
-        for motion, reach in moved:
-            while (way := motion.way(time, time + dt, reach)) > far * (1 + 1e-6):
+        ways += [tool.way for tool in self.tools.values() if tool.grasps_by_keys(time)]
+        for way_between in ways:
+            while (way := way_between(time, time + dt)) > far * (1 + 1e-6):
                 dt *= max(far / way, 0.5)  # half: what begins late in the step may be fast
         return dt
 
@@ -477,40 +465,10 @@ class Simulation(Owner):
         """16 hexadecimal digits of the state's bits: equal for equal runs."""
         return self.arrays.hash()
 
-    def _phase(self, name: str | None) -> int:
-        """The number of a phase; None: the first that is no boundary."""
-        if name is None:
-            name = next((n for n, p in self.phases.items() if p.kind != "boundary"), None)
-            if name is None:
-                raise ValueError("phase: expected fluids, solids or rigids in the scene, got none")
-        if not isinstance(name, str) or name not in self.phases:
-            raise ValueError(f"phase: expected one of {', '.join(self.phases)}, got {name!r}")
-        return list(self.phases).index(name)
-
-    def _spacing_of(self, phase: Phase) -> float:
-        """Of a material's particles, m."""
-        return self.settings.fluid_spacing if phase.kind == "fluid" else self.settings.spacing
-
     def _send(self) -> None:
-        """Hand settings and materials that changed to the core."""
-        settings = self.settings._pack()
-        if self._settings_sent != settings:
-            self._core.configure(settings)
-            self._settings_sent = settings
+        """Hand what changed to the core."""
+        self._solver.send()
         frame = 1 / self.file.output.fps
-        check_densities({
-            (f"phases[{name!r}]", "density"): phase.density
-            for name, phase in self.phases.items()
-            if phase.kind in ("fluid", "tissue") and phase.density is not None
-        })  # fmt: skip
-        for i, phase in enumerate(self.phases.values()):
-            packed = phase._pack()
-            if i >= len(self._sent):
-                self._sent.append({})
-            if packed != self._sent[i]:
-                check_material(phase, self._spacing_of(phase), frame)
-                self._core.set_phase(i, packed)
-                self._sent[i] = packed
         for name, emitter in self.emitters.items():
             check_emitter(name, emitter, self.settings.fluid_spacing, frame)
         self.tissue._send()
@@ -531,7 +489,7 @@ class Simulation(Owner):
         }
         state = self.arrays.state()
         try:
-            self.arrays._check(state)
+            self.arrays._check_state(state)
         except ValueError as error:
             expected = f"{checkpoint.path_of(name)}: expected a state that can be loaded again"
             raise ValueError(f"{expected}, {error}") from None
@@ -586,8 +544,7 @@ class Simulation(Owner):
             "settings": {name: getattr(self.settings, name) for name in SETTINGS},
             "phases": [_values(phase) for phase in self.phases.values()],
             "emitters": {name: emitter._state() for name, emitter in self.emitters.items()},
-            "sinks": self.steer._sinks,
-            "bodies": sorted(self.steer._bodies),
+            **self.steer._by_hand(),
             "had_sinks": self._had_sinks,
             **self.tissue._by_hand(),
             **self.tools._by_hand(),

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from .. import _core
 from .._base.checks import choice, positive
 from ..scene.particles import Particles
 from ..scene.scene import DEFAULTS, KERNELS, SMOOTH_SUPPORT, SMOOTH_THRESHOLD, Scene
-
-if TYPE_CHECKING:
-    from .simulation import Simulation
-
+from .arrays import Arrays
+from .solver import Solver
 
 BALLS, SMOOTH, TISSUE = 0, 1, 2  # what the scene draws: `Drawn` in src/sim/state.hpp
 FLUIDS, THINGS = 0, 1
@@ -28,10 +25,9 @@ class SimulationScene(Scene):
     draws balls of all that is shown, which takes a tenth of the time where there is tissue.
     """
 
-    def __init__(self, simulation: Simulation, device: Any, threads: int):
-        self._simulation = simulation
-        self._own = _core.Scene(device.backend, device.index, threads)
-        self.device = device
+    def __init__(self, solver: Solver, arrays: Arrays):
+        self._solver, self._arrays = solver, arrays
+        self._own, self.device = solver.traced, solver.device
         self.kernel = "murakami"
         self._kernel = KERNELS.index(self.kernel)
         self._chosen: float | None = None  # threshold
@@ -42,12 +38,12 @@ class SimulationScene(Scene):
     def _scene(self) -> Any:
         shown = self._smooth_kinds
         drawn = TISSUE if "tissue" in shown else SMOOTH if "fluid" in shown else BALLS
-        self._simulation._core.draw(drawn)
+        self._solver.core.draw(drawn)
         return self._own
 
     @property
     def _shown_kinds(self) -> set[str]:
-        return {phase.kind for phase in self._simulation.phases.values() if phase.shown}
+        return {phase.kind for phase in self._solver.phases.values() if phase.shown}
 
     @property
     def _smooth_kinds(self) -> set[str]:
@@ -94,20 +90,20 @@ class SimulationScene(Scene):
     @property
     def particles(self) -> Particles:  # type: ignore[override]  # read-only here
         """As `Simulation.particles`."""
-        return self._simulation.particles
+        return self._arrays.particles()
 
     def __len__(self) -> int:
-        return len(self._simulation)
+        return len(self._solver)
 
     @property
     def builds(self) -> int:  # type: ignore[override]  # read-only here
         """Steps so far."""
-        return self._simulation.n_steps
+        return self._solver.core.n_steps()
 
     @property
     def spacing(self) -> float:
         """Of the particles of its surface, m."""
-        settings, kinds = self._simulation.settings, self._smooth_kinds
+        settings, kinds = self._solver.settings, self._smooth_kinds
         of_fluids = "fluid" in kinds and "tissue" not in kinds
         return settings.fluid_spacing if of_fluids else settings.spacing
 
@@ -120,7 +116,8 @@ class SceneBeside(SimulationScene):
     """A part of what a simulation's images show beside its tissue: FLUIDS or THINGS."""
 
     def __init__(self, tissue: SimulationScene, which: int):
-        self._simulation, self.device = tissue._simulation, tissue.device
+        self._solver, self._arrays = tissue._solver, tissue._arrays
+        self.device = tissue.device
         self.kernel, self._kernel, self._chosen = tissue.kernel, tissue._kernel, None
         self._tissue, self._which = tissue, which
         self._own = tissue._own.beside(which)
@@ -138,7 +135,7 @@ class SceneBeside(SimulationScene):
     @property
     def spacing(self) -> float:
         """Of its particles, m."""
-        settings = self._simulation.settings
+        settings = self._solver.settings
         return settings.fluid_spacing if self._which == FLUIDS else settings.spacing
 
     @property

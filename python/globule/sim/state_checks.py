@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from .._base.memory import room
+from .materials import MOST_SUBSTEPS, MOST_TERMS
 from .settings import MAX_PHASES
-from .solids import MOST_SUBSTEPS, MOST_TERMS
 
 MOST_IN_A_CELL = 4096  # particles in a cube of the spacing: their pairs would fill the memory
 _BYTES_OF_AN_ID = 16  # that each id ever given takes

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
+from .._base.arrays import address
 from .._base.checks import number, shown
 from .._base.interrupts import whole
-from .arrays import ids_of, numbers, vector
+from .arrays import check_finite, ids_of, numbers, vector
 from .blade import check_rigid
 from .part import Part
-
-if TYPE_CHECKING:
-    from .simulation import Simulation
+from .solver import Solver
 
 MOST_SINKS = 32
 
@@ -21,8 +21,8 @@ MOST_SINKS = 32
 class Steer(Part):
     """External actions on a simulation: forces, moved boundaries, rigid bodies, sinks."""
 
-    def __init__(self, sim: Simulation):
-        super().__init__(sim)
+    def __init__(self, solver: Solver):
+        super().__init__(solver)
         self._forces = np.empty(0, np.uint32), np.empty((0, 3), np.float32)  # of these ids
         self._moving: set[int] = set()  # phases of boundaries that have a pose
         self._sinks: list[list[float]] = []
@@ -39,7 +39,7 @@ class Steer(Part):
         Raises:
             ValueError: a force that is not finite or has a wrong shape; unknown ids, or one twice.
         """
-        known = self._sim.ids
+        known = self._solver.ids()
         chosen = known if ids is None else ids_of(ids)
         unknown = np.setdiff1d(chosen, known)
         if len(unknown):
@@ -71,15 +71,15 @@ class Steer(Part):
         Raises:
             ValueError: an unknown phase, or a pose that is not a rotation and a position.
         """
-        which = self._sim._phase(phase)
-        if self._sim.phases[phase].kind != "boundary":
+        which = self._solver.number_of(phase)
+        if self._solver.phases[phase].kind != "boundary":
             raise ValueError(f"phase: expected one of kind boundary, got {phase!r}")
         numbers("pose", pose, (4, 4))
         values = check_rigid("pose", pose).reshape(16).tolist()
         if which in self._moving:
-            self._sim._core.move_to(which, values)
+            self._solver.core.move_to(which, values)
         else:
-            self._sim._core.capture(which, values)
+            self._solver.core.capture(which, values)
             self._moving.add(which)
 
     @whole
@@ -98,23 +98,23 @@ class Steer(Part):
             ValueError: a phase of another kind, or a phase without particles; a density beyond
                 these, or motion that is not finite.
         """
-        sim = self._sim
-        which = sim._phase(phase)
-        if sim.phases[phase].kind != "rigid":
+        solver = self._solver
+        which = solver.number_of(phase)
+        if solver.phases[phase].kind != "rigid":
             raise ValueError(f"phase: expected one of kind rigid, got {phase!r}")
-        at = sim.positions[sim.arrays.phase == which].astype(float)
+        at = solver.positions()[solver.phase() == which].astype(float)
         if len(at) == 0:
             raise ValueError(f"phase: expected particles of {phase!r} to be added first")
         density = number("density", density, 1e-3, 1e6)
         velocity, spin = vector("velocity", velocity), vector("spin", spin)
-        each = density * sim.settings.spacing**3
+        each = density * solver.settings.spacing**3
         center = at.mean(0)
         x = at - center
         # A particle's own cube keeps the inertia of a few from being singular.
-        own = each * sim.settings.spacing**2 / 6
+        own = each * solver.settings.spacing**2 / 6
         inertia = np.eye(3) * (each * (x**2).sum() + own * len(x)) - each * x.T @ x
         values = np.concatenate([center, inertia.ravel(), velocity, spin]).astype(float)
-        sim._core.make_body(which, each * len(at), values.tolist())
+        solver.core.make_body(which, each * len(at), values.tolist())
         self._bodies.add(which)
 
     @whole
@@ -125,10 +125,10 @@ class Steer(Part):
         Raises:
             ValueError: an unknown phase, or a phase that is no rigid body.
         """
-        which = self._sim._phase(phase)
+        which = self._solver.number_of(phase)
         if which not in self._bodies:
             raise ValueError(f"phase: expected a rigid body, got {phase!r}")
-        v = np.array(self._sim._core.body(which))
+        v = np.array(self._solver.core.body(which))
         return {
             "center": v[:3],
             "velocity": v[3:6],
@@ -136,17 +136,54 @@ class Steer(Part):
             "rotation": v[9:].reshape(3, 3),
         }
 
+    def _send_forces(self) -> None:
+        """Hand the forces of the next step to the core, and forget them."""
+        if len(self._forces[0]):
+            forces = self._forces_of(self._solver.read("id"))
+            self._solver.core.set_forces(address(forces))
+            self._forces = self._forces[0][:0], self._forces[1][:0]
+
+    def _state(self) -> dict[str, np.ndarray]:
+        """Motion of boundaries, and the forces of the next step."""
+        ids, force = self._forces
+        return {
+            "motion": np.frombuffer(self._solver.core.motion(), np.uint8),
+            "moving": np.array(sorted(self._moving), np.uint8), "force_ids": ids, "force": force,
+        }  # fmt: skip
+
+    def _check_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Refuse others than `_state` returns: raises ValueError."""
+        ids, force = np.asarray(state["force_ids"]), np.asarray(state["force"])
+        if ids.ndim != 1 or ids.dtype != np.uint32 or force.shape != (len(ids), 3):
+            raise ValueError("force: expected (M, 3) for as many ids")
+        if force.dtype != np.float32:
+            raise ValueError(f"force: expected float32, got {force.dtype}")
+        check_finite("force", force)
+        moving, most = np.asarray(state["moving"]), max(len(self._solver.phases), 1)
+        if moving.ndim != 1 or moving.dtype != np.uint8 or moving.max(initial=0) >= most:
+            raise ValueError(f"moving: expected numbers of phases below {len(self._solver.phases)}")
+
+    def _set_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Continue from what `_state` returned."""
+        self._solver.core.set_motion(np.asarray(state["motion"], np.uint8).tobytes())
+        self._moving = {int(phase) for phase in state["moving"]}
+        self._forces = state["force_ids"], state["force"]
+
+    def _by_hand(self) -> dict[str, Any]:
+        """Sinks and rigid bodies, as JSON holds them."""
+        return {"sinks": self._sinks, "bodies": sorted(self._bodies)}
+
     def _take_up(self, by_hand: dict[str, Any]) -> None:
         """Sinks and bodies of a checkpoint. Raises ValueError for others than it can hold."""
         sinks = [numbers("sinks", sink, (10,)).tolist() and list(sink) for sink in by_hand["sinks"]]
         if len(sinks) > MOST_SINKS:
             raise ValueError(f"sinks: expected at most {MOST_SINKS}, got {len(sinks)}")
-        known = list(range(len(self._sim.phases)))
+        known = list(range(len(self._solver.phases)))
         found = by_hand["bodies"]
         if not all(isinstance(which, int) and which in known for which in found):
             raise ValueError(f"bodies: expected numbers of phases, got {shown(found)}")
         self._sinks, self._bodies = sinks, set(found)
-        self._sim._core.set_sinks(sinks)
+        self._solver.core.set_sinks(sinks)
 
     @whole
     def set_sinks(self, sinks: Any) -> None:
@@ -174,4 +211,4 @@ class Steer(Part):
         if len(packed) > MOST_SINKS:
             raise ValueError(f"sinks: expected at most {MOST_SINKS}, got {len(packed)}")
         self._sinks = packed
-        self._sim._core.set_sinks(packed)
+        self._solver.core.set_sinks(packed)

@@ -12,7 +12,7 @@ from .._base.device import choose
 from .._base.owner import Owner
 from .blade import Blade, as_blade
 from .bonds import add_body, build_bonds, morton_order
-from .solids import MODEL, POISSON, check_model, elasticity
+from .materials import MODEL, POISSON, check_model, elasticity
 
 FREE, FIXED, GONE, GRASPED = 0, 1, 2, 3
 BALL, CAPSULE, HALF_SPACE = 0, 1, 2

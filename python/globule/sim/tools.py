@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +15,10 @@ from .._base.settings import Setting, Switch, settings_of
 from .arrays import numbers, vector
 from .blade import Knife, check_rigid, scalpel
 from .instruments import Instrument, Key
+from .operate import BondedTissue
+from .solver import Solver
 from .steered import Named, Steered
 from .tissue import BALL, GRASPED, HALF_SPACE, MOST_GRASPS
-
-if TYPE_CHECKING:
-    from .simulation import Simulation
 
 MOST_PUSHERS = 8
 _AT_REST = ((0.0,) * 3,) * 3
@@ -43,7 +42,7 @@ class Tool(Steered):
     def __init__(self, table: Instrument, number: int, time: float):
         self.name, self.kind, self.radius = table.name, table.kind, table.radius
         self.ablates = table.ablates
-        self._motion, self._number = table.motion, number
+        self._motion, self.number = table.motion, number
         self._wanted: np.ndarray | None = None
         self._on: bool | None = None
         self._holds = False
@@ -132,7 +131,7 @@ class Tool(Steered):
     def _felt(self) -> tuple[np.ndarray, np.ndarray]:
         if self.kind != "grasper" or self._tools is None or not self._holds:
             return np.zeros(3), np.zeros(3)
-        return self._tools.grasp_force(self._number)
+        return self._tools.grasp_force(self.number)
 
     @property
     def on(self) -> bool | None:
@@ -149,25 +148,33 @@ class Tool(Steered):
             return self._on
         return self._wanted is not None or self._motion.on(time)
 
-    def prepare(self, sim: Simulation, dt: float) -> None:
-        """Before a step of dt seconds: decide the motion of the instrument and the held tissue."""
-        time = sim.time
-        self._tools = sim.tools
+    def prepare(self, tools: Tools, time: float, dt: float) -> None:
+        """Before a step of dt seconds from a time, s: decide the motion of the instrument and the
+        held tissue."""
+        self._tools = tools
         self._next = self._motion.pose(time + dt) if self._wanted is None else self._wanted
         if self.kind != "grasper":
             return
         works = self.works(time)
         if works and not self._holds:
-            sim.tools.grasp(self.pose[:3, 3], self._reach, self._number)
+            tools.grasp(self.pose[:3, 3], self._reach, self.number)
         elif self._holds and not works:
-            sim.tools.release(self._number)
+            tools.release(self.number)
         self._holds = works
         if works and dt > 0:
             velocity = spin = np.zeros(3)
             if not np.array_equal(self._next, self.pose):
                 velocity = (self._next[:3, 3] - self.pose[:3, 3]) / dt
                 spin = _spin(self._next[:3, :3] @ self.pose[:3, :3].T) / dt
-            sim.tools.move_grasp(self._number, velocity, spin, self.pose[:3, 3])
+            tools.move_grasp(self.number, velocity, spin, self.pose[:3, 3])
+
+    def grasps_by_keys(self, time: float) -> bool:
+        """Whether at a time, s, it holds tissue that its key frames move."""
+        return self.kind == "grasper" and self.works(time) and self._wanted is None
+
+    def way(self, begin: float, end: float) -> float:
+        """How far what it holds moves along the key frames between two times, s: m."""
+        return self._motion.way(begin, end, self._reach)
 
     @property
     def _reach(self) -> float:
@@ -180,14 +187,18 @@ class Tool(Steered):
             return self._next[:3, 3], self._reach
         return None
 
-    def operate(self, sim: Simulation) -> int:
-        """After a step: cut or ablate the passed tissue; returns the number of cut bonds."""
+    def operate(self, tissue: BondedTissue, time: float) -> int:
+        """After a step, at a time, s: cut or ablate the passed tissue.
+
+        Returns:
+            the number of cut bonds.
+        """
         n_cut = 0
-        if self.works(sim.time):
+        if self.works(time):
             if self.knife is not None:
-                n_cut = sim.tissue.cut(self.knife.sweep(self.pose, self._next), relative=True)
+                n_cut = tissue.cut(self.knife.sweep(self.pose, self._next), relative=True)
             elif self.kind == "suction" and self.ablates:
-                sim.tissue.ablate(self._next[:3, 3], self._reach)
+                tissue.ablate(self._next[:3, 3], self._reach)
         self._pose = self._next
         return n_cut
 
@@ -207,9 +218,9 @@ class Tools(Named):
     hold and push tissue without an instrument.
     """
 
-    def __init__(self, sim: Simulation):
+    def __init__(self, solver: Solver):
         super().__init__("tools", Tool)
-        self._sim, self._lock = sim, sim._lock
+        self._solver, self._lock = solver, solver.lock
         self._motions: list[Any] = [_AT_REST] * MOST_GRASPS
         self._pushers: list[Any] = []
 
@@ -230,7 +241,7 @@ class Tools(Named):
             ValueError: another number, or a ball that is not finite.
         """
         at, radius = vector("center", center), finite("radius", radius, 0.0)
-        tissue = self._sim._core.tissue()
+        tissue = self._solver.core.tissue()
         tissue.grasp(at, radius, _grasp_number(number))
         hold = np.empty(tissue.n(), np.uint8)
         tissue.get(0, 0, 0, address(hold), 0)
@@ -265,7 +276,7 @@ class Tools(Named):
         Raises:
             ValueError: another number than 0 to 7.
         """
-        return _force(self._sim._core.tissue().felt(), _grasp_number(number))
+        return _force(self._solver.core.tissue().felt(), _grasp_number(number))
 
     @whole
     def pusher_force(self, number: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -281,15 +292,15 @@ class Tools(Named):
                 if self._pushers
                 else f"number: expected pushers first, got {number}"
             )
-        return _force(self._sim._core.tissue().felt(), MOST_GRASPS + number)
+        return _force(self._solver.core.tissue().felt(), MOST_GRASPS + number)
 
     def _forces(self) -> dict[str, float]:
         """What graspers and pushers felt in the last step, N, by name."""
-        numbers = {name: tool._number for name, tool in self.items() if tool.kind == "grasper"}
+        numbers = {name: tool.number for name, tool in self.items() if tool.kind == "grasper"}
         numbers |= {f"pusher {i}": MOST_GRASPS + i for i in range(len(self._pushers))}
         if not numbers:
             return {}
-        felt = self._sim._core.tissue().felt()
+        felt = self._solver.core.tissue().felt()
         found = {name: _force(felt, number)[0] for name, number in numbers.items()}
         return {name: float(np.linalg.norm(force)) for name, force in found.items()}
 
@@ -324,13 +335,15 @@ class Tools(Named):
             self._send()
 
     def _send(self) -> None:
-        self._sim._core.tissue().instruments(self._motions, self._pushers)
+        self._solver.core.tissue().instruments(self._motions, self._pushers)
 
     def _by_hand(self) -> dict[str, Any]:
+        """What was said by hand and where each is, as JSON holds it."""
         tools = {name: tool._state() for name, tool in self.items()}
         return {"tools": tools, "motions": self._motions, "pushers": self._pushers}
 
     def _take_up(self, by_hand: dict[str, Any]) -> None:
+        """From what `_by_hand` returned."""
         for name, state in by_hand["tools"].items():
             self[name]._go_on(state)
         motions = [tuple(tuple(vector("motions", part)) for part in motion)
