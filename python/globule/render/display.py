@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base.colormaps import colorize
-
-if TYPE_CHECKING:
-    from .frame import Frame
 
 _STEPS = 65535  # of linear light; the narrowest of 256 sRGB values is 19 of them wide
 
@@ -34,31 +30,34 @@ def shoulder(light: np.ndarray) -> np.ndarray:
     return np.minimum(light, 0.8) + 0.2 * (1 - 1 / (1 + 5 * over))
 
 
-def straight(frame: Frame, image: np.ndarray, exposure: float, tone: bool) -> np.ndarray:
-    """The frame's image (H, W, 4) uint8 with straight alpha, of its image (H, W, 3) in front of
-    black."""
-    alpha = frame.alpha
+def straight(
+    image: np.ndarray, color: np.ndarray, alpha: np.ndarray, exposure: float, tone: bool
+) -> np.ndarray:
+    """An image (H, W, 4) uint8 with straight alpha (H, W), of the image (H, W, 3) in front of black
+    and its linear light (H, W, 3)."""
     mixed = (alpha > 0) & (alpha < 1)
-    light = frame.color[mixed] / alpha[mixed][:, None]
+    light = color[mixed] / alpha[mixed][:, None]
     image = np.array(image)
     image[mixed] = displayed(shoulder(light * np.float32(exposure)) if tone else light)
     return np.concatenate([image, np.rint(255 * alpha)[..., None].astype(np.uint8)], axis=2)
 
 
-def with_values(frame: Frame, color: np.ndarray, values: tuple[Any, str, float, float]) -> Any:
-    """The colors (H, W, 3) of a flat frame, with the color of the blended value in each pixel in
+def with_values(
+    color: np.ndarray, blended: np.ndarray, mixed: bool, colormap: str, lo: float, hi: float
+) -> np.ndarray:
+    """The colors (H, W, 3) of a flat image, with the color of the blended value in each pixel in
     place of the blend of the particles' colors.
 
     Two neighbors of different values blend to a color beside the map; the color of their blended
     value is on it. Pixels at the edge of the surface keep their mixture with what is behind.
 
     Args:
-        values: of the first scene's particles (N,), color map, and values of the map's ends.
+        blended: (H, W), the value that each pixel shows; NaN where none.
+        mixed: whether pixels at edges are mixtures.
+        colormap, lo, hi: color map, and values of the map's ends.
     """
-    own, colormap, lo, hi = values
-    blended = frame.attribute(own)
     inside = np.isfinite(blended)
-    if frame._mixed:
+    if mixed:
         wide = np.pad(inside, 1, constant_values=True)
         rows, columns = inside.shape
         for y in (0, 1, 2):

@@ -62,7 +62,8 @@ class Frame(Owner):
     _more: Any = field(repr=False)
     _settings: RenderSettings = field(default_factory=RenderSettings, repr=False)
     _behind: Any = field(default=None, repr=False)  # traces again in front of another light
-    _values: Any = field(default=None, repr=False)  # as `display.with_values` takes them
+    # Of the first scene's particles (N,), color map, and values of the map's ends.
+    _values: tuple[Any, str, float, float] | None = field(default=None, repr=False)
     _finish: Any = field(default=None, repr=False)  # draws annotations into the image
 
     def __repr__(self) -> str:
@@ -155,11 +156,14 @@ class Frame(Owner):
         `transparent`. Annotations that were given to `render` are drawn in."""
         settings = self._settings
         if self._values is not None and settings.is_flat:
-            image = displayed(with_values(self, self.color, self._values))
+            own, colormap, lo, hi = self._values
+            blended = self.attribute(own)
+            flat = with_values(self.color, blended, self._mixed, colormap, lo, hi)
+            image = displayed(flat)
         else:
             image = self._take("picture") if settings.tone else displayed(self.color)
         if settings.transparent:
-            image = straight(self, image, settings.exposure, settings.tone)
+            image = straight(image, self.color, self.alpha, settings.exposure, settings.tone)
         return image if self._finish is None else self._finish(image, self)
 
     @property

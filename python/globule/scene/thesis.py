@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,9 +14,6 @@ from .._base.checks import whole
 from .._base.fixed import Fixed, read_only
 from .._base.settings import Choice, Number, Switch, Whole, check_all, setting
 from .particles import Particles
-
-if TYPE_CHECKING:
-    from .scene import Scene
 
 ROOTS = ("march", "bezier")
 POLYNOMIAL_KERNELS = ("murakami", "wyvill")  # polynomials along a ray
@@ -61,7 +58,22 @@ class Thesis(Fixed):
         return _core.Thesis(*self._choices(), False)
 
 
-def check_tracing(scene: Scene, thesis: Thesis | None) -> None:
+class Traced(Protocol):
+    """What of a scene is asked here: its kernel, its octree and the core's own scene."""
+
+    kernel: str
+    _kernel: int
+    _tree: tuple[int, int, bool, list[float]]  # key bits, level, whether dense, space
+
+    @property
+    def threshold(self) -> float:
+        """Iso-value of the surface."""
+
+    @property
+    def _scene(self) -> Any: ...
+
+
+def check_tracing(scene: Traced, thesis: Thesis | None) -> None:
     """Refuse choices with which `scene` cannot be traced.
 
     Raises TypeError and ValueError naming the argument, the expected and the given value.
@@ -80,7 +92,7 @@ def check_tracing(scene: Scene, thesis: Thesis | None) -> None:
 
 
 def work(
-    scene: Scene, origins: Any, directions: Any, thesis: Thesis
+    scene: Traced, origins: Any, directions: Any, thesis: Thesis
 ) -> tuple[np.ndarray, np.ndarray]:
     """The cost of rays up to their first hit.
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from .state import State
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any
 
 TOGETHER = 1.0  # s within which changes of the same settings count as one
 MOST = 200  # changes that can be undone
@@ -14,10 +13,18 @@ PLAYED = {"time__frame", "time__playing"}  # change on their own during playback
 
 
 class History:
-    """The changes of a `State`, newest last. `State.set` calls `note` while it holds its lock."""
+    """The changes of settings, newest last.
 
-    def __init__(self, state: State):
-        self._state = state
+    Args:
+        get: the value of a setting, by the names of `State.set`.
+        set: changes settings; it calls `note` while it holds the lock.
+        lock: of the settings.
+    """
+
+    def __init__(
+        self, get: Callable[[str], Any], set: Callable[..., Any], lock: AbstractContextManager
+    ):
+        self._get, self._set, self._lock = get, set, lock
         self.clock = time.monotonic
         self._done: list[dict[str, Any]] = []  # values before each change
         self._undone: list[dict[str, Any]] = []
@@ -54,19 +61,14 @@ class History:
         self._done, self._undone = [], []
 
     def _move(self, source: list[dict[str, Any]], target: list[dict[str, Any]]) -> bool:
-        state = self._state
-        with state._lock:
+        with self._lock:
             if not source:
                 return False
             values = source.pop()
-            now = {}
-            for key in values:
-                group, _, name = key.partition("__")
-                now[key] = getattr(getattr(state, group), name)
-            target.append(now)
+            target.append({key: self._get(key) for key in values})
             self._moving, self._last = True, -TOGETHER
             try:
-                state.set(**values)
+                self._set(**values)
             finally:
                 self._moving = False
         return True

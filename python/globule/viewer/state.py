@@ -265,11 +265,16 @@ class State:
         self.version = 0
         self._lock = threading.RLock()
         self._listeners: list[Callable[[Names], None]] = []
-        self.history = History(self)
+        self.history = History(self.get, self.set, self._lock)
 
     def listen(self, called: Callable[[Names], None]) -> None:
         """Call a function after each change with the names of the settings ("surface.kernel")."""
         self._listeners.append(called)
+
+    def get(self, key: str) -> Any:
+        """The value of a setting by its name in `set`, GROUP__NAME."""
+        group, _, name = key.partition("__")
+        return getattr(getattr(self, group), name)
 
     def set(self, **changes: Any) -> None:
         """Change settings: `state.set(surface__threshold=0.5, cuts__plane=True)`; all or none.
