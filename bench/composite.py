@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 from globule._base.ranks import Alone, Ranks, run_threads
-from globule.pieces.hits import Hits, nearest
-from globule.pieces.whole_images import nearest_image
+from globule.render.pieces.hits import Hits, nearest
+from globule.render.pieces.whole_images import nearest_image
 
 ROUNDS = 15
 

@@ -28,7 +28,7 @@ import numpy as np
 from globule._base.device import choose, of_rank
 from globule._base.memory import resident_bytes
 from globule._base.ranks import Alone, Ranks, local_rank, run_threads
-from globule.pieces.whole_images import nearest_image
+from globule.render.pieces.whole_images import nearest_image
 
 from .tables.scenes import pool
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from globule import formats
-from globule.scene.particles import Particles
+from globule.data.particles import Particles
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "particles"
 FULL = [e for e in formats.EXTENSIONS if e not in (".txt", ".dat", ".npy")]

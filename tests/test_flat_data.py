@@ -4,7 +4,8 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import SMALL, run_json
-from globule.scene.fluid import flat_spacing, is_flat, shown_scene
+from globule.pieces.shown import shown_scene
+from globule.scene.fluid import flat_spacing, is_flat
 
 
 def plane(n: int = 20, spacing: float = 0.5, z: float = 0.0) -> np.ndarray:

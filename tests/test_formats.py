@@ -14,8 +14,8 @@ from format_helpers import FULL, assert_same, sample
 from globule import formats
 from globule._base import files
 from globule._base.files import atomic_write
+from globule.data.particles import Particles
 from globule.formats import FormatError
-from globule.scene.particles import Particles
 from interrupts import count, interrupted, lines
 
 PACKAGES = {".parquet": "pyarrow", ".arrow": "pyarrow", ".usda": "pxr.Usd", ".usdc": "pxr.Usd"}

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from format_helpers import assert_same
 from globule import formats
-from globule.scene.particles import Particles
+from globule.data.particles import Particles
 
 
 def read_text(tmp_path: Path, name: str, content: str | bytes) -> Particles:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from format_helpers import DATA, N, assert_same, by_vtk, sample
 from globule import formats
-from globule.scene.particles import Particles
+from globule.data.particles import Particles
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from globule.data.particles import Particles
 from globule.formats import FormatError, read_contents
-from globule.scene.particles import Particles
 
 N = 30
 RNG = np.random.default_rng(11)

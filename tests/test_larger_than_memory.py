@@ -12,8 +12,10 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import run_json
+from globule._base import memory
 from globule.cli import main, pieces
-from globule.pieces import larger, scene
+from globule.pieces import pieces as of_pieces
+from globule.pieces import scene
 from globule.scene import fitting
 
 SIZE = (64, 48)
@@ -43,13 +45,13 @@ class Room:
 @pytest.fixture
 def little(monkeypatch):
     room = Room()
-    monkeypatch.setattr(scene, "OVERHEAD", 0)
-    monkeypatch.setattr(fitting, "SMALL", 0)
-    for module in (scene, larger, pieces):
+    monkeypatch.setattr(of_pieces, "OVERHEAD", 0)
+    monkeypatch.setattr(memory, "SMALL", 0)
+    for module in (scene, of_pieces, pieces):
         monkeypatch.setattr(module, "resident_bytes", lambda: 0)
-    for module in (scene, fitting):
+    for module in (of_pieces, fitting):
         monkeypatch.setattr(module, "room_on", room)
-    for module in (larger, pieces):
+    for module in (scene, pieces):
         monkeypatch.setattr(module, "room", room)
     return room
 
@@ -60,8 +62,8 @@ def scenes(particles, **options):
     with pytest.warns(UserWarning, match=LINE):
         many = gb.Scene(particles, **options)
     assert type(one) is gb.Scene
-    assert isinstance(many, larger.SceneInPieces)
-    assert many._pieces.partition.n > 1
+    assert isinstance(many, scene.SceneInPieces)
+    assert many.pieces.partition.n > 1
     assert len(many) == len(one)
     return one, many
 
@@ -99,13 +101,13 @@ def test_colors_by_a_value(little, backend):
 
 def test_updates(little, backend):
     one, many = scenes(gb.Particles(POSITIONS, color=COLOR), support=2.0, **backend)
-    folder = many._pieces._files._folder.name
+    folder = many.pieces._files._folder.name
     moved = POSITIONS * np.float32(1.1)
     for s in (one, many):
         s.update(positions=moved)
     same(*(gb.render(s, CAMERA, SIZE) for s in (one, many)))
     assert not os.path.exists(folder)
-    folder = many._pieces._files._folder.name
+    folder = many.pieces._files._folder.name
     with pytest.raises(TypeError, match=r"^update: unknown field 'place'"):
         many.update(place=1)
     with pytest.raises(ValueError, match=r"^positions: expected"):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule.pieces import on_ranks, wavefront
+from globule.pieces.scene import SceneOnRanks
+from globule.render.pieces import wavefront
 from pieces_helpers import (
     ALL,
     CAMERA,
@@ -217,7 +218,7 @@ def test_pieces_where_the_memory_does_not_suffice(backend, monkeypatch):
     """By itself: all particles on every rank, or else rays from rank to rank."""
     one = gb.render(gb.Scene(PARTICLES, support=2.0, **backend), CAMERA, SIZE, ALL)
     for room, whole in ((1e12, True), (1e3, False)):
-        monkeypatch.setattr(on_ranks.SceneOnRanks, "_room", lambda self, room=room: room)
+        monkeypatch.setattr(SceneOnRanks, "room", lambda self, room=room: room)
 
         def work(device, ranks, whole=whole):
             scene = gb.Scene(mine(PARTICLES, ranks), support=2.0, comm=ranks, **device)

@@ -9,9 +9,9 @@ import globule as gb
 import numpy as np
 import pytest
 from globule._base.colormaps import to_linear
+from globule.data import spacing, surface
 from globule.formats import FormatError
 from globule.formats import mesh as mesh_format
-from globule.scene import spacing, surface
 
 TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -38,21 +38,21 @@ def test_local_spacing_is_the_mean_of_the_nearest(k):
         expected = brute_spacing(points, k)
         middle = np.median(expected)
         expected = np.clip(expected, spacing.LEAST * middle, spacing.MOST * middle)
-        assert np.allclose(spacing.local_spacing(points, k), expected, rtol=1e-5)
+        assert np.allclose(gb.local_spacing(points, k), expected, rtol=1e-5)
 
 
 def test_local_spacing_of_troubled_particles():
     points = np.random.default_rng(2).random((50, 3)).astype("f4")
     twice = np.concatenate([points, points])
-    assert np.allclose(spacing.local_spacing(twice)[:50], spacing.local_spacing(points))
+    assert np.allclose(gb.local_spacing(twice)[:50], gb.local_spacing(points))
     points[7] = np.nan
-    found = spacing.local_spacing(points)
+    found = gb.local_spacing(points)
     assert found[7] == np.median(np.delete(found, 7))
     assert np.isfinite(found).all()
-    assert (spacing.local_spacing(np.zeros((5, 3))) == 1).all()
-    assert spacing.local_spacing(np.zeros((0, 3))).shape == (0,)
+    assert (gb.local_spacing(np.zeros((5, 3))) == 1).all()
+    assert gb.local_spacing(np.zeros((0, 3))).shape == (0,)
     far = np.concatenate([points[:7], [[1e15, 0, 0]], points[8:] * 1e-9])
-    found = spacing.local_spacing(far)
+    found = gb.local_spacing(far)
     assert found.max() <= 1e6 * found.min()
     gb.Scene(gb.Particles(far, support=found), device="cpu")  # refuses a larger factor
 

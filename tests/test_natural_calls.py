@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 from cli_helpers import cube
 from globule.cli import main
+from globule.data.attributes import attribute_colors
 from globule.render.settings import for_values
-from globule.scene import sources
-from globule.scene.attributes import attribute_colors
 from light import ball
 from PIL import Image
 
@@ -118,12 +117,6 @@ def test_what_cannot_work_says_what_to_call(call, error, message, scene, folder)
         call(scene)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 320
-
-
-def test_without_a_reader_files_are_refused(monkeypatch):
-    monkeypatch.setattr(sources, "readers", [])
-    with pytest.raises(TypeError, match="particles: expected Particles or positions"):
-        gb.Scene("splash.vtk")
 
 
 def test_color_by(scene, particles):

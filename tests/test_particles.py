@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from format_helpers import N, sample
-from globule.scene.particles import Particles
+from globule.data.particles import Particles
 from sweep_helpers import OnGpu
 
 

@@ -15,7 +15,7 @@ from format_helpers import DATA
 from globule._base.ranks import Alone
 from globule.cli import main
 from globule.formats.ranges import has_ranges, ranges
-from globule.pieces import scene as of_pieces
+from globule.pieces import pieces as of_pieces
 from globule.pieces import store
 from globule.pieces.partition import Partition, histogram, space_around
 from pieces_helpers import own_shapes

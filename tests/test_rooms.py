@@ -1,9 +1,12 @@
-"""The package's modules import each other along the flow of data, and never in a circle."""
+"""The package's modules import each other along the flow of data, and never in a circle.
+
+Imports for types count."""
 
 from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import NamedTuple
 
 import globule as gb
 import pytest
@@ -12,13 +15,14 @@ ROOT = Path(gb.__file__).parent
 # Each room may import from those before it. Sub-rooms of `formats` follow it in their own order.
 ROOMS = (
     "_base",
-    "scene",
+    "data",
     "formats",
     "formats/pictures",
     "formats/volumes",
     "formats/sweeps",
-    "render",
+    "scene",
     "pieces",
+    "render",
     "volumes",
     "measure",
     "pyvista",
@@ -30,45 +34,65 @@ ROOMS = (
     "_demo",
     "cli",
 )
+BY_NAME = {"", "formats.registry"}  # import modules by names in a table
+CHANGES = {"append", "extend", "insert", "add", "update", "setdefault", "register", "pop", "clear"}
+SHARED = {"_core", "_base", "_demo", "__version__"}  # of the whole package
 
 
-def modules() -> dict[str, Path]:
-    """Every module by its dotted name below the package; a package by its folder's."""
-    found = {}
+class Import(NamedTuple):
+    """One name that a module imports from the package: from where, and what it is called there."""
+
+    module: str
+    name: str
+    alias: str
+
+
+class Module(NamedTuple):
+    """A module of the package by its dotted name below it; a package by its folder's."""
+
+    name: str
+    tree: ast.Module
+    imports: list[Import]  # inside functions and for types, too
+    variables: set[str]  # and arguments
+
+
+def read_modules() -> dict[str, Module]:
+    paths = {}
     for path in ROOT.rglob("*.py"):
         parts = path.relative_to(ROOT).with_suffix("").parts
-        found[".".join(p for p in parts if p != "__init__")] = path
+        paths[".".join(p for p in parts if p != "__init__")] = path
+    found = {}
+    for name, path in paths.items():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        package = [p for p in name.split(".") if p]
+        if path.name != "__init__.py":
+            package.pop()
+        imports, variables = [], set()
+        for node in ast.walk(tree):
+            if isinstance(node, ast.arg):
+                variables.add(node.arg)
+            elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                variables.add(node.id)
+            if not isinstance(node, ast.ImportFrom) or not node.level:
+                continue
+            above = package[: len(package) - node.level + 1]
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            for alias in node.names:
+                inner = f"{base}.{alias.name}" if base else alias.name
+                module = inner if inner in paths else base
+                imports.append(Import(module, alias.name, alias.asname or alias.name))
+        found[name] = Module(name, tree, imports, variables)
     return found
 
 
-def imports(name: str, path: Path, known: dict[str, Path]) -> set[str]:
-    """What a module imports of the package, inside functions too, but not for types alone."""
-    package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
-    package = [p for p in package if p]
-    found = set()
-    for node in runtime_nodes(ast.parse(path.read_text(encoding="utf-8"))):
-        if not isinstance(node, ast.ImportFrom) or not node.level:
-            continue
-        above = package[: len(package) - node.level + 1]
-        base = ".".join([*above, *([node.module] if node.module else [])])
-        for alias in node.names:
-            inner = f"{base}.{alias.name}" if base else alias.name
-            found.add(inner if inner in known else base)
-    return found - {"", name}
-
-
-def runtime_nodes(tree: ast.AST):
-    for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
-            continue
-        yield node
-        yield from runtime_nodes(node)
+@pytest.fixture(scope="module")
+def modules() -> dict[str, Module]:
+    return read_modules()
 
 
 @pytest.fixture(scope="module")
-def graph() -> dict[str, set[str]]:
-    known = modules()
-    return {name: imports(name, path, known) for name, path in known.items()}
+def graph(modules) -> dict[str, set[str]]:
+    return {m.name: {i.module for i in m.imports} - {"", m.name} for m in modules.values()}
 
 
 def room(name: str) -> str | None:
@@ -107,3 +131,76 @@ def test_no_circle(graph):
     for name in graph:
         if name:  # the package itself imports all
             visit(name)
+
+
+def test_modules_are_imported_by_name_in_tables_alone(modules):
+    calls = {
+        m.name
+        for m in modules.values()
+        for node in ast.walk(m.tree)
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func).endswith("import_module")
+        and len(node.args) == 2  # relative to a package
+    }
+    assert calls == BY_NAME
+
+
+def test_no_private_name_of_another_module(modules):
+    found = []
+    for m in modules.values():
+        found += [
+            f"{m.name} imports {i.module}.{i.name}"
+            for i in m.imports
+            if i.name.startswith("_") and i.name not in SHARED
+        ]
+        aliases = {i.alias for i in m.imports if i.module.rpartition(".")[2] == i.name}
+        for node in ast.walk(m.tree):
+            if isinstance(node, ast.Attribute) and node.attr.startswith("_"):
+                owner = node.value
+                if isinstance(owner, ast.Name) and owner.id in aliases - SHARED:
+                    found.append(f"{m.name} takes {ast.unparse(node)}")
+    assert found == []
+
+
+def test_no_object_changes_its_class(modules):
+    found = [
+        f"{m.name}:{node.lineno}"
+        for m in modules.values()
+        for node in ast.walk(m.tree)
+        if isinstance(node, ast.Attribute)
+        and node.attr == "__class__"
+        and not isinstance(node.ctx, ast.Load)
+    ]
+    assert found == []
+
+
+def changed_by(m: Module, modules: dict[str, Module]) -> list[str]:
+    """What a module changes of other modules: `module.names.append(…)`, `NAMES[…] = …`."""
+    own, data, aliases = m.variables, set(), set()
+    for i in m.imports:
+        if i.alias in own:
+            continue
+        if i.module.rpartition(".")[2] == i.name:
+            aliases.add(i.alias)
+        elif i.name in modules[i.module].variables:
+            data.add(i.alias)
+    found = []
+    for node in ast.walk(m.tree):
+        owner: ast.AST | None = None
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            owner = node.func.value if node.func.attr in CHANGES else None
+        elif isinstance(node, (ast.Attribute, ast.Subscript)) and isinstance(node.ctx, ast.Store):
+            owner = node.value
+        whole = owner
+        names = data if isinstance(owner, ast.Name) else data | aliases
+        if isinstance(node, ast.Attribute):  # `module.name = …`
+            names = data | aliases
+        while isinstance(owner, (ast.Attribute, ast.Subscript)):
+            owner = owner.value
+        if isinstance(owner, ast.Name) and owner.id in names:
+            found.append(f"{m.name}:{node.lineno} changes {ast.unparse(whole)}")
+    return found
+
+
+def test_nobody_fills_a_registry_of_another_module(modules):
+    assert [line for m in modules.values() for line in changed_by(m, modules)] == []

@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import globule as gb
-from globule.render import fit, layers, lights, settings
+from globule.render import layers, lights, settings
 from globule.scene import scene
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -64,7 +64,7 @@ def test_kernels_and_limits():
     assert tuple(name for *_, name in rows) == scene.KERNELS
     for spacings, threshold, reach, name in rows:
         assert scene.DEFAULTS[name] == (float(spacings), float(threshold))
-        assert float(reach) == fit.REACH[name]
+        assert float(reach) == scene.REACH[name]
     limits = dict(re.findall(r"constexpr (?:double|int) (k\w+) = ([\w.]+);", text))
     assert float(limits["kMaxSupport"]) == scene.MAX_SUPPORT
     assert float(limits["kMaxRatio"]) == scene.MAX_RATIO

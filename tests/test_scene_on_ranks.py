@@ -5,7 +5,7 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule.pieces import on_ranks
+from globule.pieces.scene import SceneOnRanks
 from launcher import mpirun
 from pieces_helpers import (
     ALL,
@@ -67,7 +67,7 @@ def test_replication_can_be_forced_and_refused(backend, monkeypatch):
         frame = gb.render(scene, CAMERA, SIZE)
         assert scene.whole() is scene.used(True)
         auto = gb.Scene(mine(PARTICLES, ranks), support=2.0, comm=ranks, **device)
-        monkeypatch.setattr(on_ranks.SceneOnRanks, "_room", lambda self: 1e3)
+        monkeypatch.setattr(SceneOnRanks, "room", lambda self: 1e3)
         with pytest.raises(MemoryError, match=r"^scene: expected memory for all .*, got 1e-06 GB"):
             gb.render(auto, CAMERA, SIZE, annotate=gb.Annotation())
         return frame

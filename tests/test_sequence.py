@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from cli_helpers import COMMAND, SMALL, at_edge, cube, refused, run_json
 from globule.cli import main
+from globule.pieces.shown import shown_scene
 from globule.render.sequence import find_files, is_whole, leader, missing_numbers, read_ahead
-from globule.scene.fluid import shown_scene
 from PIL import Image
 from waiting import PATIENCE, until
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from globule._base.device import of_rank
 from globule._base.ranks import run_threads
-from globule.pieces.whole_images import nearest_image
+from globule.render.pieces.whole_images import nearest_image
 
 SIZE = (140, 100)
 RNG = np.random.default_rng(1)

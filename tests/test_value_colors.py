@@ -9,9 +9,9 @@ import globule as gb
 import numpy as np
 import pytest
 from globule._base.colormaps import map_colors, to_linear
+from globule.data.attributes import attribute_names, attribute_values
 from globule.render.display import displayed, shoulder
 from globule.render.settings import for_values
-from globule.scene.attributes import attribute_names, attribute_values
 from globule.sim.sources import ParticleFile
 
 

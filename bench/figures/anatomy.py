@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from globule._base.colormaps import colorize
 from globule._base.plot import GRAY, Figure
+from globule.data.particles import Particles
+from globule.data.surface import vertex_particles
+from globule.pieces.scene import Scene
 from globule.render.clips import ClipBox
 from globule.render.fit import fit_camera
 from globule.render.presets import preset
 from globule.render.render import render
-from globule.scene.particles import Particles
-from globule.scene.scene import Scene
-from globule.scene.surface import vertex_particles
 
 from .style import show_frame
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 from globule._base.plot import BLUE, GRAY, ORANGE, Figure
+from globule.data.particles import Particles
+from globule.pieces.scene import Scene
 from globule.render.camera import Camera
 from globule.render.render import render
 from globule.render.settings import RenderSettings
-from globule.scene.particles import Particles
 from globule.scene.query import field
-from globule.scene.scene import Scene
 
 from .style import show_frame
 

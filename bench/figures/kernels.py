@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 from globule._base.plot import BLUE, GRAY, GREEN, INK, ORANGE, PURPLE, RED, SKY, Figure
-from globule.scene.particles import Particles
+from globule.data.particles import Particles
+from globule.pieces.scene import Scene
 from globule.scene.query import field, gradient, intersect
-from globule.scene.scene import KERNELS, Scene
+from globule.scene.scene import KERNELS
 
 from .style import bare
 

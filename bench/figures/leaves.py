@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from globule._base.plot import BLUE, INK, Figure
 from globule._demo.data import splash
+from globule.pieces.scene import Scene
 from globule.scene.octree import morton
-from globule.scene.scene import Scene
 
 from .style import bare, draw_cubes
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 from globule._base.plot import AXES, BLUE, GRAY, GREEN, INK, ORANGE, PALE, RED, Figure
+from globule.pieces.scene import Scene
 from globule.scene.octree import morton
-from globule.scene.scene import Scene
 
 from .style import bare
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 from globule._base.plot import BLUE, GRAY, GREEN, INK, ORANGE, PURPLE, RED, SKY, Figure
-from globule.scene.particles import Particles
+from globule.data.particles import Particles
+from globule.pieces.scene import Scene
 from globule.scene.query import field, intersect
-from globule.scene.scene import Scene
 
 from .kernels import radius
 from .style import bare

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from globule._base.colormaps import colorize
 from globule._base.plot import INK, ORANGE, Figure
+from globule.data.particles import Particles
+from globule.pieces.scene import Scene
 from globule.render.camera import Camera
 from globule.render.fit import fit_camera
 from globule.render.lights import DirectionalLight, Headlight
 from globule.render.render import render
 from globule.render.settings import RenderSettings
-from globule.scene.particles import Particles
-from globule.scene.scene import Scene
 
 from .style import box_edges, draw_boxes, show_frame
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from globule.scene.scene import Scene
+from globule.pieces.scene import Scene
 from globule.sim.simulation import Simulation
 
 SPACING = 0.05  # m

@@ -15,12 +15,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from globule.data.particles import Particles
+from globule.pieces.scene import Scene
 from globule.render.camera import Camera
 from globule.render.frame import Frame
 from globule.render.render import render
 from globule.scene.octree import Octree
-from globule.scene.particles import Particles
-from globule.scene.scene import Scene
 from globule.scene.thesis import Thesis, default_support
 
 from .report import Row, machine, print_table, write_csv

@@ -57,9 +57,9 @@ AREAS = {
     ),
 }
 FULL = {"render": "globule.render.render.render"}  # `globule.render` is a package, too
+TOGETHER = {"data": "scene", "pieces": "scene"}  # rooms that have one page
 ELSEWHERE = {
     "colorize": "render",
-    "Pieces": "scene",
 }  # names that stand on another page than their module's
 # What calls return and take without being a name of `gb`.
 ALSO = {
@@ -101,7 +101,7 @@ def room(name: str) -> str:
     """The room of the package that a name of `gb.__all__` is documented with."""
     thing = getattr(gb, name)
     module = thing.__name__ if inspect.ismodule(thing) else thing.__module__
-    return ELSEWHERE.get(name, module.split(".")[1])
+    return ELSEWHERE.get(name, TOGETHER.get(module.split(".")[1], module.split(".")[1]))
 
 
 def python_pages() -> dict[str, str]:

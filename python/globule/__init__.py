@@ -26,6 +26,9 @@ from ._base.checks import MissingPackageError  # noqa: E402
 from ._base.colormaps import colorize  # noqa: E402
 from ._base.cpp import cmake_dir, include_dir  # noqa: E402
 from ._base.memory import set_limits  # noqa: E402
+from .data.attributes import color_by  # noqa: E402
+from .data.particles import Particles  # noqa: E402
+from .pieces.scene import Scene  # noqa: E402
 from .render.annotate import Annotation  # noqa: E402
 from .render.camera import Camera  # noqa: E402
 from .render.clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
@@ -42,21 +45,13 @@ from .render.lights import (  # noqa: E402
 from .render.materials import Material  # noqa: E402
 from .render.render import render  # noqa: E402
 from .render.settings import RenderSettings  # noqa: E402
-from .scene import fitting as _fitting  # noqa: E402
-from .scene import mesh as _mesh  # noqa: E402
-from .scene import scene as _scene  # noqa: E402
-from .scene import sources as _sources  # noqa: E402
-from .scene.attributes import color_by  # noqa: E402
 from .scene.mesh import Mesh  # noqa: E402
-from .scene.particles import Particles  # noqa: E402
 from .scene.query import blend, field, gradient, intersect, neighbors  # noqa: E402
-from .scene.scene import Scene  # noqa: E402
 from .scene.thesis import Thesis  # noqa: E402
 
 if _TYPE_CHECKING:
     from .formats import FormatError, mesh_particles, read, write
     from .formats.pictures.environment import read_environment
-    from .formats.rigid_bodies import RigidBodies
     from .measure.gauge import gauge, height_map
     from .measure.mesh import SurfaceMeasure, SurfaceMesh, measure_surface, surface_mesh
     from .measure.places import SampleGrid, SampleLine, SamplePlane
@@ -64,7 +59,7 @@ if _TYPE_CHECKING:
     from .measure.sample import sample
     from .measure.samples import Samples
     from .measure.track import track_surface
-    from .pieces.image import Pieces
+    from .pieces.pieces import Pieces
     from .render.camera_path import CameraPath, orbit
     from .render.legend import add_legend
     from .render.presets import preset
@@ -72,6 +67,7 @@ if _TYPE_CHECKING:
     from .render.views import Views, render_views
     from .scene.capsules import Lines, Spheres
     from .scene.fluid import fluid_like, surface_of
+    from .scene.rigid_bodies import RigidBodies
     from .scene.smoothing import anisotropy, surface_kernels, without_strays
     from .scene.spacing import local_spacing
     from .sim.settings import Phase, StepReport
@@ -94,7 +90,7 @@ if _TYPE_CHECKING:
 _LATER = {
     "formats": "FormatError mesh_particles read write",
     "formats.pictures.environment": "read_environment",
-    "formats.rigid_bodies": "RigidBodies",
+    "scene.rigid_bodies": "RigidBodies",
     "measure.gauge": "gauge height_map",
     "measure.mesh": "SurfaceMeasure SurfaceMesh measure_surface surface_mesh",
     "measure.places": "SampleGrid SampleLine SamplePlane",
@@ -102,7 +98,7 @@ _LATER = {
     "measure.sample": "sample",
     "measure.samples": "Samples",
     "measure.track": "track_surface",
-    "pieces.image": "Pieces",
+    "pieces.pieces": "Pieces",
     "render.camera_path": "CameraPath orbit",
     "render.legend": "add_legend",
     "render.presets": "preset",
@@ -146,17 +142,6 @@ def __getattr__(name: str) -> _Any:
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
 
-
-_sources.readers.append(lambda path: __getattr__("read")(path))
-_sources.converters.append(
-    lambda value: _import_module(".formats.objects", __name__).particles_of(value)
-)
-_scene.on_ranks.append(lambda: _import_module(".pieces.on_ranks", __name__).SceneOnRanks)
-_scene.in_pieces.append(lambda: _import_module(".pieces.larger", __name__).SceneInPieces)
-_fitting.counters.append(
-    lambda path: _import_module(".formats.ranges", __name__).counted_rows(path)
-)
-_mesh.readers.append(lambda path: _import_module(".formats.triangles", __name__).read(path))
 
 __version__ = _core.version
 __all__ = [

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from ._base.checks import missing
+from .pieces.scene import Scene
 from .render.camera import Camera
 from .render.frame import Frame
 from .render.render import render
 from .render.settings import RenderSettings
-from .scene.scene import Scene
 
 _SHADER = """
 vec4 globule = texture(actortexture, tcoordVCVSOutput);

@@ -12,6 +12,7 @@ from .checks import number
 
 RATIO = 200.0  # default: bytes that a file may unpack to, for each of its own
 GIGABYTE = 1e9
+SMALL = 1 << 26  # bytes that there always are, where nobody has set a limit
 
 
 @dataclass
@@ -119,3 +120,8 @@ def trim() -> None:
     own = getattr(ctypes.CDLL(None), "malloc_trim", None)  # of glibc alone
     if own is not None:
         own(0)
+
+
+def always_fits(size: float) -> bool:
+    """Whether so few bytes are there without asking."""
+    return size <= SMALL and limits()["memory"] is None

@@ -19,7 +19,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from ..scene.particles import Particles
+    from ..data.particles import Particles
 
 DEPTH = 0.13  # of the water at rest; its surface is y = 0
 CROWN_RADIUS = 0.44
@@ -63,7 +63,7 @@ def dam_break() -> tuple[np.ndarray, np.ndarray, float]:
 def dam_break_particles() -> tuple[Particles, float]:
     """The particles of `dam_break` as `globule demo` writes them, with the attribute speed, m/s;
     and their spacing, m."""
-    from ..scene.particles import Particles
+    from ..data.particles import Particles
 
     positions, color, spacing = dam_break()
     with np.load(Path(__file__).with_name("dam_break.npz")) as file:

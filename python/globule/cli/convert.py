@@ -12,9 +12,9 @@ import re
 
 import numpy as np
 
+from ..data.particles import SCALAR_FIELDS, Particles
 from ..formats import READABLE, WRITABLE, write
 from ..render.sequence import with_frames
-from ..scene.particles import SCALAR_FIELDS, Particles
 from . import flags, medical
 from . import medical as medical_files
 from .parser import Parser

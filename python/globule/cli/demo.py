@@ -34,9 +34,9 @@ def run(options: argparse.Namespace) -> None:
     """Run `globule demo`."""
     from .._demo.data import dam_break_particles
     from ..formats import write
+    from ..pieces.scene import Scene
     from ..render.camera import Camera
     from ..render.render import render
-    from ..scene.scene import Scene
 
     check_device(options)
     make_folder("-o", options.output)

@@ -12,15 +12,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.device import choose
+from ..data.particles import Particles
 from ..formats.frames import FrameOf
 from ..formats.kind import kind_of
+from ..pieces.scene import Scene
 from ..render.annotate import Colors
 from ..render.camera import Camera
 from ..render.frame import Frame, save_png
-from ..render.render import render, values_of
+from ..render.render import render
+from ..render.trace import values_of
 from ..scene.mesh import Mesh
-from ..scene.particles import Particles
-from ..scene.scene import Scene
 from ..scene.thesis import Thesis
 from . import annotation, camera_facts, light, look, meshes, sequence, surfaces, tracing
 from .shared import (

@@ -12,17 +12,18 @@ from typing import Any
 
 import numpy as np
 
+from ..data.particles import SCALAR_FIELDS, Particles
+from ..data.spacing import n_coincident
 from ..formats import READABLE
 from ..formats.contents import Contents
 from ..formats.kind import kind_of
 from ..formats.registry import FORMATS
 from ..formats.triangles import has_faces
+from ..pieces.scene import Scene
+from ..pieces.shown import shown_scene
 from ..render.camera import Camera
 from ..render.fit import fitted
-from ..scene.fluid import fluid_like, is_flat, shown_scene
-from ..scene.particles import SCALAR_FIELDS, Particles
-from ..scene.scene import Scene
-from ..scene.spacing import n_coincident
+from ..scene.fluid import fluid_like, is_flat
 from . import camera_facts, flags, medical
 from . import medical as medical_files
 from .parser import Parser

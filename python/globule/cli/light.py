@@ -14,7 +14,8 @@ from .._base.colormaps import categorical
 from .._base.settings import SHARE
 from ..formats import FormatError
 from ..formats.pictures.environment import read_environment
-from ..formats.rigid_bodies import RigidBodies
+from ..pieces.scene import Scene
+from ..pieces.shown import shown_scene
 from ..render.clips import ClipBox
 from ..render.fit import corners_of
 from ..render.frame import Frame
@@ -28,9 +29,9 @@ from ..render.settings import (
     for_flat_data,
     for_values,
 )
-from ..scene.fluid import shown_scene, shows_flat
+from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
-from ..scene.scene import Scene
+from ..scene.rigid_bodies import RigidBodies
 from . import flags, look, meshes
 from .arguments import ball, beside, box, ground, pixel
 from .shared import UserError, check_input, mistakes, read_particles

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from .._base.settings import RADIANCE
+from ..data.attributes import attribute_colors, attribute_values
+from ..data.particles import Particles
+from ..pieces.scene import Scene
 from ..render.lights import MAX_LIGHTS, DirectionalLight, Headlight, PointLight
-from ..scene.attributes import attribute_colors, attribute_values
 from ..scene.mesh import Mesh
-from ..scene.particles import Particles
-from ..scene.scene import Scene
 from ..scene.smoothing import anisotropy
 from .shared import UserError, count, number, vector
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import missing
+from ..data.particles import Particles
 from ..formats.frames import FrameOf
 from ..formats.kind import kind_of
 from ..formats.triangles import has_faces
 from ..measure.surface import default_spacing
+from ..pieces.scene import Scene
 from ..render.sequence import KeptScene, find_files, leader, read_ahead, with_frames
-from ..scene.particles import Particles
-from ..scene.scene import Scene
 from . import flags, look, surfaces
 from .parser import Parser
 from .shared import (

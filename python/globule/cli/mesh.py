@@ -10,7 +10,7 @@ import argparse
 
 from ..formats.mesh_files import EXTENSIONS
 from ..measure.mesh import measured, surface_mesh
-from ..scene.scene import Scene
+from ..pieces.scene import Scene
 from . import flags, measuring
 from .parser import Parser
 from .shared import (

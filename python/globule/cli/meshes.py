@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from ..data.particles import Particles
 from ..formats import FormatError
-from ..formats.rigid_bodies import RigidBodies
 from ..formats.triangles import has_faces
+from ..pieces.scene import Scene
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
 from ..render.layers import Layer
 from ..render.materials import Material
@@ -21,8 +22,7 @@ from ..render.presets import PRESETS, preset
 from ..scene.capsules import Lines, Spheres
 from ..scene.fluid import flat_spacing, is_flat
 from ..scene.mesh import Mesh
-from ..scene.particles import Particles
-from ..scene.scene import Scene
+from ..scene.rigid_bodies import RigidBodies
 from . import flags, look
 from .shared import UserError, check_input, count, mistakes, read_particles, stem, warn
 

@@ -15,19 +15,19 @@ import numpy as np
 from .._base.checks import MissingPackageError
 from .._base.device import choose
 from .._base.memory import GIGABYTE, resident_bytes, room
+from ..data.particles import FARTHEST
 from ..formats import FormatError
 from ..formats.kind import kind_of
 from ..formats.ranges import NAMES, counted_rows, has_ranges, ranges
-from ..pieces.image import Pieces, fit
-from ..pieces.scene import BYTES
+from ..pieces.pieces import BYTES, Pieces
 from ..pieces.store import Source, source_of
 from ..render.annotate import Colors
 from ..render.camera import Camera
 from ..render.frame import save_png
 from ..render.layers import Layer
+from ..render.pieces.image import fit
 from ..render.render import render
 from ..scene.fitting import lacking
-from ..scene.particles import FARTHEST
 from . import annotation, camera_facts, light
 from .shared import (
     UserError,

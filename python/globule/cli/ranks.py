@@ -15,8 +15,8 @@ from .._base.device import choose, of_rank
 from .._base.memory import free_bytes
 from ..formats.kind import kind_of
 from ..formats.ranges import has_ranges, ranges
-from ..pieces.light import turns
-from ..pieces.on_ranks import replicated_bytes
+from ..pieces.gathered import replicated_bytes
+from ..render.pieces.light import turns
 from ..render.settings import RenderSettings
 from . import light
 from .pieces import needs_all

@@ -40,6 +40,7 @@ from typing import Any
 
 import numpy as np
 
+from ..pieces.scene import Scene
 from ..render.camera import Camera, view_axes
 from ..render.camera_path import round_camera
 from ..render.fit import fitted
@@ -47,7 +48,6 @@ from ..render.settings import RenderSettings
 from ..render.views import view_cameras
 from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
-from ..scene.scene import Scene
 from . import (
     annotation,
     flags,

@@ -15,8 +15,10 @@ import numpy as np
 from .._base.arrays import box_corners
 from .._base.ranks import dealt
 from .._base.settings import Whole
+from ..data.particles import Particles
 from ..formats.frames import FrameOf
 from ..formats.pictures.video import need_av
+from ..pieces.scene import Scene
 from ..render.camera import Camera
 from ..render.camera_path import CameraPath, orbit
 from ..render.sequence import (
@@ -30,8 +32,6 @@ from ..render.sequence import (
     with_frames,
 )
 from ..scene.mesh import Mesh
-from ..scene.particles import Particles
-from ..scene.scene import Scene
 from . import flags, look
 from .measuring import led_by
 from .meshes import is_mesh, read_mesh

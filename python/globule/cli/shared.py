@@ -18,12 +18,12 @@ import numpy as np
 from .._base.checks import MissingPackageError
 from .._base.settings import Number, Vector
 from .._base.terminal import escaped
+from ..data.particles import FARTHEST, Particles
+from ..data.spacing import n_coincident
 from ..formats import FormatError, read_contents
 from ..formats.contents import Contents
 from ..formats.kind import kind_of
 from ..formats.registry import format_named, formats
-from ..scene.particles import FARTHEST, Particles
-from ..scene.spacing import n_coincident
 from ..volumes.tomography import tomography_particles
 
 

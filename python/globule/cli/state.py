@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ..pieces.scene import Scene
 from ..render.camera import Camera
 from ..render.presets import preset
 from ..render.sequence import find_files
-from ..scene.scene import Scene
 from ..viewer.equivalent import render_words
 from ..viewer.state import State
 from .shared import UserError, join_negative, mistakes, say

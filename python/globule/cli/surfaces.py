@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from ..scene.fluid import shown_scene
-from ..scene.particles import Particles
-from ..scene.scene import Scene
+from ..data.particles import Particles
+from ..pieces.scene import Scene
+from ..pieces.shown import shown_scene
 from . import flags
 
 

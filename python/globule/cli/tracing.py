@@ -9,9 +9,9 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from ..data.particles import Particles
+from ..pieces.scene import Scene
 from ..render import presets as looks
-from ..scene.particles import Particles
-from ..scene.scene import Scene
 from ..scene.thesis import POLYNOMIAL_KERNELS, Thesis, default_support, fitting_level
 from ..viewer.state import Surface
 from . import flags, look

@@ -8,9 +8,9 @@ from __future__ import annotations
 import argparse
 import os
 
+from ..data.particles import Particles
 from ..formats.kind import kind_or_none
 from ..formats.volumes import READABLE
-from ..scene.particles import Particles
 from ..scene.scene import DEFAULTS
 from .shared import UserError, read_volume_file
 

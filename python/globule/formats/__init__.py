@@ -14,8 +14,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from ..scene import sources
-from ..scene.particles import Particles
+from ..data.particles import Particles
 from .contents import Box, Contents
 from .errors import FormatError, bad
 from .frames import FrameOf
@@ -113,6 +112,3 @@ def _writer(path: str | os.PathLike[str]) -> Format:
         if form.writes and name.endswith(form.endings):
             return form
     raise FormatError(f"{path}: expected one of the extensions {' '.join(WRITABLE)}")
-
-
-sources.readers.insert(0, read)

@@ -16,7 +16,7 @@ import numpy as np
 
 from .._base.checks import missing
 from .._base.files import atomic_write
-from ..scene.particles import Particles
+from ..data.particles import Particles
 from .contents import Contents
 from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns

@@ -15,7 +15,7 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.files import atomic_write
 from .._base.memory import largest_ratio
-from ..scene.particles import Particles
+from ..data.particles import Particles
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
 from .inflate import GZIP, Inflated

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.particles import Particles
+from ..data.particles import Particles
 
 
 @dataclass(frozen=True)

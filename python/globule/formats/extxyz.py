@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.attributes import VELOCITY_NAMES
+from ..data.attributes import VELOCITY_NAMES
 from .asciinum import parse_rows, text_lines
 from .contents import Box, Contents, frame_index
 from .errors import bad, shown

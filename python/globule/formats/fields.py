@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import to_host
-from ..scene.particles import FIELDS, SCALAR_FIELDS, Particles
+from ..data.particles import FIELDS, SCALAR_FIELDS, Particles
 from .errors import bad
 
 _POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")

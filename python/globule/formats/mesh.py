@@ -17,9 +17,9 @@ import numpy as np
 
 from .._base.checks import missing, positive
 from .._base.colormaps import to_linear
-from ..scene.particles import Particles
-from ..scene.spacing import local_spacing
-from ..scene.surface import MOST_SAMPLES, sampled_particles, vertex_particles
+from ..data.particles import Particles
+from ..data.spacing import neighbor_spacing
+from ..data.surface import MOST_SAMPLES, sampled_particles, vertex_particles
 from .errors import FormatError, bad
 from .kind import kind_of, wrong_kind
 from .size import check_memory, check_size
@@ -162,7 +162,7 @@ def _points(name: str, parts: list[Any]) -> Particles:
     positions = np.concatenate(found).astype(np.float32)
     shown = f"its {len(positions):,} vertices are shown as points"
     warnings.warn(f"{name}: expected a mesh with faces, got none: {shown}", stacklevel=2)
-    return Particles(positions, support=2 * local_spacing(positions))
+    return Particles(positions, support=2 * neighbor_spacing(positions))
 
 
 def _load(trimesh: Any, path: str) -> Any:

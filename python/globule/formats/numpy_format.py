@@ -16,7 +16,7 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.files import atomic_write
-from ..scene.particles import SCALAR_FIELDS, Particles
+from ..data.particles import SCALAR_FIELDS, Particles
 from . import pysph_npz
 from .contents import Contents
 from .errors import bad, shown
@@ -42,7 +42,7 @@ def read_npy(path: str | os.PathLike[str]) -> Particles:
     with open(path, "rb") as file:
         size = os.fstat(file.fileno()).st_size
         check_size(path, "array", size, size, 3.0)
-        return _from_columns(path, read_array(path, "array", file, size))
+        return from_columns(path, read_array(path, "array", file, size))
 
 
 def read_npz(
@@ -63,7 +63,7 @@ def read_npz(
     arrays = read_archive(path)
     if columns is not None:
         arrays = {name: _named(path, arrays, column) for name, column in columns.items()}
-    placed = _with_places(arrays)
+    placed = with_places(arrays)
     positions = find_positions(placed)
     if positions is None:
         found = shown(", ".join(arrays))
@@ -101,7 +101,7 @@ def _named(path: Any, arrays: dict[str, np.ndarray], column: str) -> np.ndarray:
     return arrays[column]
 
 
-def _with_places(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def with_places(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """With x, y and z joined to positions, and z = 0 for data in a plane."""
     found = dict(arrays)
     for name in ("positions", "position", "pos", "points", "coordinates"):
@@ -228,7 +228,8 @@ def read_array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndar
     return np.ascontiguousarray(array, dtype.newbyteorder("=")).reshape(shape)
 
 
-def _from_columns(path: Any, array: np.ndarray) -> Particles:
+def from_columns(path: Any, array: np.ndarray) -> Particles:
+    """Particles of columns x, y and perhaps z and others. Raises FormatError."""
     if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind not in "biuf":
         got = f"{array.dtype} {array.shape}"
         raise bad(path, "array", f"expected numbers of shape (N, 3) or wider, got {got}")

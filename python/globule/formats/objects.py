@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.particles import Particles
+from ..data.particles import Particles
 from .extxyz import RADII
 from .fields import find_positions, join_columns, particles_from
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from .._base.colormaps import to_linear
 from .._base.files import atomic_write
-from ..scene.particles import Particles
-from ..scene.surface import vertex_particles
+from ..data.particles import Particles
+from ..data.surface import vertex_particles
 from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns
 from .mesh import mesh_particles

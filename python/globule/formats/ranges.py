@@ -15,15 +15,14 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from .._base.checks import MissingPackageError
-from .._base.memory import largest_ratio
-from ..scene.fitting import always_fits
-from ..scene.particles import FIELDS, Particles
+from .._base.memory import always_fits, largest_ratio
+from ..data.particles import FIELDS, Particles
 from .bgeo import MappedBgeo
 from .bgeo import is_mappable as bgeo_is_mappable
 from .errors import FormatError, bad
 from .fields import find_positions, particles_from
 from .kind import kind_of
-from .numpy_format import DAMAGED, _from_columns, _with_places, read_header
+from .numpy_format import DAMAGED, from_columns, read_header, with_places
 from .vtk_xml import MappedVtk
 from .vtk_xml import is_mappable as vtk_is_mappable
 
@@ -160,7 +159,7 @@ def _mapped(path: Any, name: str, offset: int) -> np.ndarray:
 def _of_array(path: Any, array: np.ndarray) -> Ranges:
     if array.ndim != 2:
         raise bad(path, "array", f"expected numbers of shape (N, 3) or wider, got {array.shape}")
-    return Ranges(len(array), lambda first, last: _from_columns(path, _rows(array, first, last)))
+    return Ranges(len(array), lambda first, last: from_columns(path, _rows(array, first, last)))
 
 
 def _rows(array: np.ndarray, first: int, last: int) -> np.ndarray:
@@ -207,7 +206,7 @@ def _members(path: Any) -> dict[str, np.ndarray]:
 def _of_arrays(path: Any, arrays: Mapping[str, np.ndarray]) -> Ranges:
     """Rows of those arrays that have one for each particle, and all of the others."""
     ends = {name: a[:1] if a.ndim else a for name, a in arrays.items()}
-    positions = find_positions(_with_places(ends))
+    positions = find_positions(with_places(ends))
     if positions is None:
         found = ", ".join(arrays)
         raise bad(path, "archive", f"expected positions (N, 3), or x, y and z (N,), got {found}")
@@ -223,7 +222,7 @@ def _of_arrays(path: Any, arrays: Mapping[str, np.ndarray]) -> Ranges:
             of_each = array.ndim > 0 and len(array) == n
             here = (first, last) if of_each else (0, len(array) if array.ndim else 0)
             some[name] = _rows(array, *here) if array.ndim else np.array(array)
-        placed = _with_places(some)
+        placed = with_places(some)
         found = find_positions(placed)
         rows = {k: a.reshape(len(a), -1) if a.ndim > 2 else a
                 for k, a in placed.items() if a.ndim == 0 or len(a) == last - first}  # fmt: skip

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from .._base.files import atomic_write
-from ..scene.particles import Particles
+from ..data.particles import Particles
 from .asciinum import format_rows, parse_rows, text_lines
 from .contents import Contents, frame_index
 from .errors import FormatError, bad, shown

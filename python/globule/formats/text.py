@@ -13,7 +13,7 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.files import atomic_write
-from ..scene.particles import Particles
+from ..data.particles import Particles
 from .asciinum import format_rows, parse_rows, text_lines
 from .errors import bad, shown
 from .fields import per_particle

@@ -7,8 +7,8 @@ import re
 
 import numpy as np
 
-from ..scene.mesh import Triangles
-from ..scene.particles import Particles
+from ..data.particles import Particles
+from ..data.triangles import Triangles
 from . import mesh, ply, vtk_legacy
 from .errors import bad
 from .kind import Kind, kind_of, kind_or_none, wrong_kind

@@ -19,7 +19,7 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.checks import missing
 from .._base.files import atomic_write
-from ..scene.particles import Particles
+from ..data.particles import Particles
 from .contents import Contents, frame_index
 from .errors import bad, shown
 from .fields import particles_from, per_particle

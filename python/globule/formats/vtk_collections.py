@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.particles import FIELDS, Particles
+from ..data.particles import FIELDS, Particles
 from .contents import Contents, frame_index
 from .errors import FormatError, bad, shown
 from .fields import per_particle

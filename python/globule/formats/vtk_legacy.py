@@ -14,7 +14,7 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.files import atomic_write
-from ..scene.particles import Particles
+from ..data.particles import Particles
 from .asciinum import end_of_tokens, parse_numbers
 from .errors import bad, shown
 from .fields import particles_from, per_particle

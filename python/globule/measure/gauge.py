@@ -8,7 +8,7 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import shown, three
-from ..scene.scene import Scene
+from ..pieces.scene import Scene
 from .places import SamplePlane
 from .samples import Samples
 from .surface import BLOCK, box_of, surface_scene

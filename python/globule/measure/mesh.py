@@ -11,9 +11,9 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import a_path, missing, positive
+from ..data.particles import FARTHEST
 from ..formats.mesh_files import EXTENSIONS, write_mesh
-from ..scene.particles import FARTHEST
-from ..scene.scene import Scene
+from ..pieces.scene import Scene
 from .sample import names_of, values_at
 from .surface import BLOCK, MOST_PLACES, box_of, default_spacing, in_blocks, surface_scene
 

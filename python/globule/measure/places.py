@@ -10,7 +10,7 @@ import numpy as np
 from .._base.arrays import box_corners
 from .._base.checks import number, positive, shown, three, unit, whole
 from .._base.fixed import Fixed, read_only
-from ..scene.scene import Scene
+from ..pieces.scene import Scene
 from .surface import MOST_PLACES, box_of, box_of_corners, counts, default_spacing
 
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import image_size, shown, unit
+from ..data.attributes import attribute_values
+from ..data.particles import FARTHEST, Particles
+from ..pieces.scene import Scene
 from ..render.camera import Camera
 from ..scene import oracle
-from ..scene.attributes import attribute_values
 from ..scene.fluid import fluid_like
-from ..scene.particles import FARTHEST, Particles
-from ..scene.scene import Scene
 from .places import SamplePlane
 from .samples import Samples
 from .surface import box_of, default_spacing, in_blocks, measured_particles

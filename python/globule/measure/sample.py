@@ -9,8 +9,8 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import shown
-from ..scene.attributes import attribute_values
-from ..scene.scene import Scene
+from ..data.attributes import attribute_values
+from ..pieces.scene import Scene
 from .places import SampleGrid, SampleLine, SamplePlane
 from .samples import Samples
 from .surface import in_blocks, surface_scene

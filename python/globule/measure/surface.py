@@ -10,9 +10,9 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import shown
-from ..scene.fluid import shown_scene
-from ..scene.particles import Particles
-from ..scene.scene import Scene
+from ..data.particles import Particles
+from ..pieces.scene import Scene
+from ..pieces.shown import shown_scene
 from ..scene.sources import as_particles
 
 MOST_PLACES = 2**27  # of a grid; their field takes 0.5 GiB

@@ -1,508 +1,461 @@
-"""A scene in pieces: particles that do not fit into one memory."""
+"""Scenes: in one octree, in pieces where the particles do not fit into the memory, or on the ranks
+of MPI."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
-from typing import Any
+import inspect
+import os
+import tempfile
+import threading
+import warnings
+import weakref
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from .._base.arrays import to_host
-from .._base.checks import choice, positive, whole
-from .._base.device import choose
-from .._base.memory import resident_bytes, trim
-from .._base.owner import Owner
+from .. import _core
+from .._base.checks import choice, positive, shown, thread_count
+from .._base.device import Device, choose, of_rank
+from .._base.memory import free_bytes, resident_bytes, room
 from .._base.ranks import ranks_of
-from ..render.fit import REACH
-from ..scene.attributes import attribute_values, checked_range, color_by, ends_of_map
-from ..scene.fitting import octree_bytes, room_on
-from ..scene.fluid import fluid_like
-from ..scene.particles import Particles
-from ..scene.scene import (
-    DEFAULTS,
-    KERNELS,
-    SMOOTH_SUPPORT,
-    SMOOTH_THRESHOLD,
-    SPHERE_SUPPORT,
-    SPHERE_THRESHOLD,
-    SURFACES,
-    Scene,
-)
-from .partition import Partition, Space, box_of, cells_of, codes_of, histogram, space_around
-from .store import CHUNK, Columns, Files, Layout, Source, layout_of, source_of
+from ..data.attributes import attribute_values, checked_range, color_by, ends_of_map
+from ..data.particles import FIELDS, Particles
+from ..scene.fitting import counted, lacking
+from ..scene.scene import KERNELS, SURFACES, SceneBase, check_choices
+from ..scene.sources import as_particles
+from .gathered import gathered
+from .pieces import Pieces
 
-# Bytes that a piece takes for each of its particles while it is read, built and traced, measured:
-# 58 and 95 on a CPU, with the rows themselves.
-BYTES = {"balls": 80, "spheres": 80, "smooth": 125}
-DEVICE_SHARE = 0.8  # of the memory that a GPU has free, for a piece and its image
-OVERHEAD = 160_000_000  # bytes of the chunk that is being dealt out, or of an image
-SMOOTH_REACH = 3.375  # spacings: of a smooth kernel, and of the neighbors that shape it
-SAMPLE = 40_000  # particles at which spacing and surface are measured
-MOST_PIECES = 4096
-IMBALANCE = 1.25  # most particles of a rank over the mean; past it all are divided anew
-SLACK = 0.125  # of the extent, on each side, for particles that have left the space once
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+MODES = ("auto", "pieces", "replicate")  # of a scene on ranks
 
 
-class Piece(Scene):
-    """The scene of a piece. Its own copy of the positions is empty when the octree is there."""
+class Scene(SceneBase):
+    """Particles sorted into an octree, ready to be traced.
 
-    _gives_up = True
-
-
-class Pieces(Owner):
-    """A scene whose particles are in pieces: read, built and traced one after the other, or one
-    on each rank of an MPI communicator. `render` takes it like a `Scene`.
-
-        render(Pieces("huge.npy", memory=8e9, support=0.02)).save("huge.png")
-        render(Pieces(local_particles, comm=MPI.COMM_WORLD))  # on every rank; the image is rank 0's
-
-    The image is that of one scene with all particles (docs/design/pieces.md). Rays of light go from
-    piece to piece: images with shadows, ambient rays, reflection or transmission visit each piece
-    several times.
+    Particles that the device's free memory, or the limit of `set_limits`, does not hold are kept in
+    pieces in temporary files, and a warning says so. `render` reads, builds and traces the pieces
+    one after the other. Such a scene answers no questions about the field and has no `particles`.
+    The particles of a file whose ranges can be read (HDF5, raw .vtu; .npy, .npz and .bgeo without
+    compression) are never all in memory. With `level`, `bounds` or a dense octree, it stays in one.
 
     Args:
-        particles: the name of a file whose ranges can be read (HDF5, raw .vtu; .npy, .npz and
-            .bgeo without compression), or what `Scene` takes. With `comm`, this rank's share.
-        n: number of pieces; default: as `memory` asks for. With `comm`, one a rank.
-        memory: bytes that this process may take; default: no limit.
-        comm: an mpi4py communicator; all its ranks make the same calls. The particles may be
-            anywhere at first; each goes to the rank that owns it, and as a copy to those beside.
-        color_by, colormap, range: as for `render`.
-        kernel, threshold, support, surface, spacing, device, threads, key_bits: as for `Scene`;
-            surface may be "auto". What is not given is measured where the particles are densest.
+        particles: `Particles`; (N, 3) positions, world units; or the name of a file, which
+            `globule.read` reads.
+        kernel: one of `KERNELS`.
+        threshold: iso-value, compared with the raw sum of weight * b(r); default by kernel.
+        support: support radius for all particles, world units, instead of `particles.support`.
+            Default: the kernel's default number of spacings; the scene measures the spacing.
+        key_bits: 32 (10 levels) or 64 (21 levels).
+        level: deepest level of the octree; default: all levels of the key (dense: 6).
+        octree: "sparse" (occupied cells only) or "dense" (the array L, at most 8 levels).
+        device: "auto", "cpu", "cuda" or "cuda:N".
+        threads: CPU threads; 0 takes all.
+        bounds: ((x, y, z), (x, y, z)) the octree's space; default: the particles' bounding box,
+            computed at each update. The scene counts particles outside; they have no influence.
+        surface: "balls": each particle's kernel is a ball (or its `anisotropy`). "smooth": the
+            scene finds an ellipsoid and a weight for each particle from its neighbors, so that one
+            smooth surface encloses the particles' volume, N * spacing³, and lies half a spacing
+            outside of the outermost particles (docs/design/surface.md). "smooth" is for particles
+            of one fluid with one spacing; it replaces `support` and has the kernel murakami and
+            the default threshold 0.5.
+            "spheres": each particle is a sphere of half a spacing, with the kernel murakami and a
+            support of its own. `surface_of` tells which one `render` takes.
+        spacing: of the particles for "smooth", world units: the cube root of a particle's volume.
+            Default: the scene measures the spacing at its first build and keeps it.
+        comm: an mpi4py communicator. The particles are then those that this rank has, anywhere
+            in space; all ranks make this call, every `update` and every `render`, and rank 0 has
+            the image. Each rank has a device of its own. Fields are not evaluated across ranks.
+        ranks: what `render` does with `comm`. "pieces": each rank traces the particles in its part
+            of space. "replicate": each rank gets all particles and traces its share of the pixels.
+            "auto": pieces, but replicate where light turns (shadows, ambient rays, reflection,
+            transmission, sky, ground, meshes) or annotations are drawn, if the memory suffices.
+            In pieces, rays that turn go from rank to rank.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: the file cannot be read.
-        MemoryError: the memory does not suffice for a piece.
-        MissingPackageError: `comm` without mpi4py.
+        RuntimeError: the device cannot be used.
     """
 
-    in_pieces = True  # by which `render` knows them
+    def __new__(cls, *given: Any, **named: Any) -> Scene:
+        """The class that suits the particles: with `comm`, one of a scene on ranks; where they do
+        not fit into the memory, one of a scene in pieces."""
+        if cls is not Scene:
+            return object.__new__(cls)
+        try:
+            o = bound(given, named)
+        except TypeError:
+            return object.__new__(cls)  # `__init__` says what is wrong
+        if o["comm"] is not None:
+            return object.__new__(SceneOnRanks)
+        if o["ranks"] != "auto":
+            raise ValueError(f"ranks: expected comm with it, got {shown(o['ranks'])} without")
+        check_choices(o["kernel"], o["surface"], o["octree"], o["key_bits"])
+        device, (particles, n, to_read) = choose(o["device"]), counted("particles", o["particles"])
+        lack = None
+        if o["octree"] == "sparse" and o["level"] is None and o["bounds"] is None:
+            lack = lacking(n, to_read, o["surface"], o["key_bits"], device)
+        scene: Scene = object.__new__(Scene if lack is None else SceneInPieces)
+        scene._found = particles, device, lack
+        return scene
+
+    _found: Any = None  # particles, read where only that tells how many there are; device; lack
 
     def __init__(
         self,
-        particles: Any,
-        n: int | None = None,
-        memory: float | None = None,
-        comm: Any = None,
-        *,
-        color_by: str | None = None,
-        colormap: str = "viridis",
-        range: tuple[float, float] | None = None,
+        particles: Particles | ArrayLike | str | os.PathLike[str],
         kernel: str = "murakami",
         threshold: float | None = None,
         support: float | None = None,
-        surface: str = "balls",
-        spacing: float | None = None,
+        key_bits: int = 32,
+        level: int | None = None,
+        octree: str = "sparse",
         device: str = "auto",
         threads: int = 0,
-        key_bits: int = 32,
+        bounds: ArrayLike | None = None,
+        surface: str = "balls",
+        spacing: float | None = None,
+        *,
+        comm: Any = None,
+        ranks: str = "auto",
     ):
-        choice("kernel", kernel, KERNELS)
-        choice("surface", surface, (*SURFACES, "auto"))
-        self.kernel, self.device = kernel, choose(device)
-        self.ranks, self._on_ranks = ranks_of(comm), comm is not None
-        self.support = None if support is None else positive("support", support)
-        self.spacing = None if spacing is None else positive("spacing", spacing)
-        self._color = (color_by, colormap, None if range is None else checked_range(range))
-        self._options: dict[str, Any] = {"device": device, "threads": threads}
-        self._options["key_bits"] = key_bits
-        self._memory = None if memory is None else positive("memory", memory)
-        self._base = resident_bytes() + OVERHEAD
-        self.ranks.same(kernel=kernel, surface=surface, support=self.support,
-                        spacing=self.spacing, threshold=threshold)  # fmt: skip
-        self._scenes: dict[int, Scene] = {}
-        self._updates = 0
-        self._files: Files | None = None
-        source = source_of(particles)
-        self._survey(source)
-        self.surface = surface
-        self._settle(source, threshold)
-        if n is not None:
-            whole("n", n, 1, MOST_PIECES)
-        self.space = self._space(0.0)
-        if self._on_ranks:
-            self.partition, self._best = self._balanced(source)
-            self.divisions = 1  # how often the particles have been divided
-            self._to_ranks(source)
-        else:
-            self._divide(source, n)
+        if self._found is not None:
+            particles = vars(self).pop("_found")[0]
+        super().__init__(
+            particles, kernel, threshold, support, key_bits, level, octree, device, threads,
+            bounds, surface, spacing,
+        )  # fmt: skip
 
-    def update(self, particles: Any) -> None:
-        """The next frame of pieces on ranks: this rank's particles, as many as it has now.
+    __new__.__wrapped__ = __init__  # type: ignore[attr-defined]  # has its signature
 
-        Ranks keep their parts of space until one has 1.25 times the mean number of particles, or
-        particles have left the space; then all is divided anew. What was measured stays.
 
-        Raises ValueError without `comm`, and as the constructor does. After an error while
-        particles are on their way, there are none: update again.
-        """
-        if not self._on_ranks:
-            raise ValueError("update: expected pieces on ranks, got pieces one after the other")
-        trim()  # what an image has left
-        source = self.ranks.together(lambda: source_of(particles))
-        self._survey(source)
-        self._kernels()
-        most = max(IMBALANCE, 1.1 * self._best)
-        if not self._in_space() or self._imbalance(source) > most:
-            self.space = self._space(SLACK)
-            self.partition, self._best = self._balanced(source)
-            self.divisions += 1
-        self._to_ranks(source)
+ARGUMENTS = inspect.signature(Scene.__init__)
 
-    def _survey(self, source: Source) -> None:
-        """What must be known of all particles before they are divided."""
-        low, high, values, reach, weight, n, factors, layout = self.ranks.together(
-            lambda: self._own_survey(source)
+
+def bound(given: tuple[Any, ...], named: dict[str, Any]) -> dict[str, Any]:
+    """All arguments of a scene, by name."""
+    arguments = ARGUMENTS.bind(None, *given, **named)
+    arguments.apply_defaults()
+    return dict(list(arguments.arguments.items())[1:])
+
+
+class SceneInPieces(Scene):
+    """What `Scene(...)` makes where its particles do not fit: `Pieces`, one after the other."""
+
+    pieces: Pieces
+    close: Callable[[], object]  # removes the temporary files
+    in_pieces = True  # by which `render` and cameras know that nobody has all particles
+
+    def __init__(self, *given: Any, **named: Any):
+        options = bound(given, named)
+        particles, device, lack = self._found
+        for name in ("particles", "device", "octree", "level", "bounds", "comm", "ranks"):
+            del options[name]
+        self._divide(particles, lack, device, None, **options)
+
+    @classmethod
+    def made(
+        cls, particles: Any, lack: tuple[float, float], device: Device,
+        color: tuple[Any, Any, Any] | None, **options: Any,
+    ) -> SceneInPieces:  # fmt: skip
+        """The scene of particles that are known not to fit; lack: bytes that one octree would
+        take, and that are free; color: the arguments of `color_by`."""
+        scene = object.__new__(cls)
+        scene._divide(particles, lack, device, color, **options)
+        return scene
+
+    def _divide(
+        self, particles: Any, lack: tuple[float, float], device: Device,
+        color: tuple[Any, Any, Any] | None, **options: Any,
+    ) -> None:  # fmt: skip
+        """In place of the octree; arguments as of `made`."""
+        self._lock = threading.RLock()
+        self.device, self._lack = device, lack
+        self._options = {"kernel": "murakami", **options, "device": device.name}
+        self.kernel = self._options["kernel"]
+        self._kernel = KERNELS.index(self.kernel)
+        self.builds = 0
+        self._make(particles, color)
+        warnings.warn(
+            f"scene: {self.why()}: they are in {self.pieces.partition.n} pieces, in temporary "
+            f"files in {tempfile.gettempdir()}, and drawn one after the other",
+            stacklevel=4,
         )
-        ranks = self.ranks
-        self.n_particles = int(ranks.total(np.int64(n)))
-        lows, highs = ranks.least(low), ranks.most(high)
-        empty = not np.isfinite(lows).all()
-        self.low: np.ndarray = np.zeros(3) if empty else lows
-        self.high: np.ndarray = np.zeros(3) if empty else highs
-        # The kernel `solid` is negative in its outer part.
-        self.negative = float(ranks.least(np.float64(weight))) < 0 or self.kernel == "solid"
-        self.factors = float(ranks.most(np.float64(factors)))
-        self._reach = ranks.most(np.array(reach))
-        ends = np.array([ranks.least(values[:1])[0], ranks.most(values[1:])[0]])
-        if self._color[0] is not None:
-            name, colormap, own = self._color
-            known = ends[np.isfinite(ends)]
-            self._color = name, colormap, own or ends_of_map(name, known, self.n_particles)
-        layouts = [one for one in ranks.all(layout) if one is not None] or [Layout((), {})]
-        check_reach(layouts)
-        for one in layouts[1:]:
-            layouts[0] = _both(layouts[0], one)
-        self._layout = layouts[0]
-        if self._color[0] is not None:
-            self._layout = self._layout.with_each("color")
 
-    def _own_survey(self, source: Source) -> tuple[Any, ...]:
-        """This rank's box, values' ends, typical and largest reach, smallest weight, number of
-        particles, largest factor of reflection or refraction, and layout."""
-        low: np.ndarray = np.full(3, np.inf)
-        high: np.ndarray = np.full(3, -np.inf)
-        values, reach = np.array([np.inf, -np.inf]), [0.0, 0.0]
-        weight, n, factors = np.inf, 0, 0.0
-        layout: Layout | None = None
-        for some in source.chunks():
-            n += len(some)
-            if not len(some):
-                continue
-            lowest, highest = box_of(to_host(some.positions))
-            low, high = np.minimum(low, lowest), np.maximum(high, highest)
-            found = layout_of(some, self.support)
-            layout = found if layout is None else _both(layout, found)
-            if some.weight is not None:
-                weight = min(weight, float(np.min(to_host(some.weight))))
-            for factor in (some.reflection, some.refraction):
-                factors = max(factors, 0.0 if factor is None else float(np.max(to_host(factor))))
-            axes = _reach(some, self.support)
-            if axes is not None:
-                reach = [max(reach[0], float(np.median(axes))), max(reach[1], float(np.max(axes)))]
-            if self._color[0] is not None and self._color[2] is None:
-                found_values = attribute_values(some, self._color[0])
-                known = found_values[np.isfinite(found_values)]
-                if known.size:
-                    values = np.array([min(values[0], known.min()), max(values[1], known.max())])
-        return low, high, values, reach, weight, n, factors, layout
+    def _make(self, particles: Any, color: tuple[Any, Any, Any] | None) -> None:
+        """Divide particles; what goes wrong on the way leaves the pieces from before."""
+        given = dict(zip(("color_by", "colormap", "range"), color or (), strict=False))
+        pieces = Pieces(particles, memory=resident_bytes() + room(), **given, **self._options)
+        if self.builds:
+            self.close()
+        self._given, self._color, self.pieces = particles, color, pieces
+        self.close = weakref.finalize(self, pieces.close)
+        self.surface = pieces.surface
+        # What was measured stays.
+        self._options |= {"surface": pieces.surface, "threshold": pieces.threshold}
+        if pieces.surface != "balls":
+            self._options["spacing"] = pieces.spacing
+        else:
+            self._options["support"] = pieces.support
+        self.builds += 1
 
-    @property
-    def range(self) -> tuple[float, float] | None:
-        """Values at the ends of the color map."""
-        return self._color[2]
-
-    def one(self, name: str) -> Any:
-        """The value that a field has for all particles; None where it has several, or none."""
-        return self._layout.one.get(name)
+    def update(self, particles: Any = None, **fields: Any) -> None:
+        """The next frame: other particles, or other arrays for fields of those that were given as
+        arrays. They are divided again, and stay in pieces. A measured support stays; colors by a
+        value do not."""
+        if particles is None:
+            unknown = fields.keys() - set(FIELDS)
+            if unknown:
+                raise TypeError(
+                    f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}"
+                )
+            if isinstance(self._given, (str, os.PathLike)):
+                raise ValueError(
+                    "update: expected particles or a file's name with a scene in pieces of "
+                    f"{os.fspath(self._given)}, got fields alone"
+                )
+            particles = as_particles("particles", self._given)._with(fields, {})
+        elif fields:
+            raise TypeError("update: expected particles or fields, got both")
+        with self._lock:
+            self._make(counted("particles", particles)[0], None)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """(lowest, highest) corner of the particles: (3,) float64 each, world."""
-        return self.low, self.high
+        return self.pieces.bounds()
 
-    def _settle(self, source: Source, threshold: float | None) -> None:
-        """Surface, support and spacing, measured where nobody says them."""
-        own = self._reach[1] > 0 or self.support is not None
-        auto = self.surface == "auto"
-        if auto and (own or self.kernel != "murakami" or threshold is not None):
-            self.surface, auto = "balls", False
-        if self.surface in ("smooth", "spheres"):
-            if self.kernel != "murakami" or self.support is not None:
-                raise ValueError(
-                    f"surface: {self.surface!r} has the kernel murakami and supports of its own, "
-                    f"got {self.kernel} and support {self.support}"
-                )
-        elif self.spacing is not None and not auto:
-            raise ValueError("spacing: expected surface='smooth' with it, got 'balls'")
-        unknown = self.spacing is None if self.surface != "balls" else not own
-        if auto or unknown:
-            self._measure(source, auto)
-        usual = {"smooth": SMOOTH_THRESHOLD, "spheres": SPHERE_THRESHOLD}
-        default = usual.get(self.surface, DEFAULTS[self.kernel][1])
-        self.threshold = default if threshold is None else positive("threshold", threshold)
-        self._kernels()
+    def _color_by(self, name: str, colormap: str, range: tuple[float, float] | None) -> None:
+        color = name, colormap, None if range is None else checked_range(range)
+        if color != self._color:
+            with self._lock:
+                self._make(self._given, color)
 
-    def _kernels(self) -> None:
-        """How far kernels reach, and what their particles' rows have."""
-        if self.surface == "smooth":
-            assert self.spacing is not None
-            self._layout = self._layout.with_each("weight")
-            self.support = SMOOTH_SUPPORT * self.spacing
-            self._typical = self.reach = 2 * SMOOTH_REACH * self.spacing
-        elif self.surface == "spheres":
-            assert self.spacing is not None
-            self.support = self.reach = self._typical = SPHERE_SUPPORT * self.spacing
-        else:
-            one = self.support
-            self._typical, self.reach = (one, one) if one else (float(v) for v in self._reach)
-
-    def _space(self, slack: float) -> Space:
-        """The cells around all particles, and so much of their extent on each side."""
-        more = slack * float((self.high - self.low).max())
-        typical, largest = 1.001 * self._typical, 1.001 * self.reach
-        return space_around(self.low - more, self.high + more, typical, largest)
-
-    def _in_space(self) -> bool:
-        """Whether the cells still hold all that kernels reach, with a wide enough margin."""
-        space = self.space
-        room = 1.0005 * self.reach + 2 * space.margin
-        within = (self.low - room >= space.low) & (self.high + room <= space.low + space.extent)
-        return bool(within.all()) and self._space(0.0).margin <= space.margin
-
-    def _measure(self, source: Source, auto: bool) -> None:
-        """Spacing, and which surface, of the particles in the fullest cube and around it."""
-        each = max(self.n_particles, 1) / SAMPLE
-        level = int(np.clip(round(math.log(max(each, 1.0), 8)), 0, 5))
-        space = space_around(self.low, self.high, 0.0, 0.0)._replace(level=level)
-        counts = np.zeros(8**level, np.int64)
-        for some in source.chunks():
-            counts += histogram(space, to_host(some.positions))
-        fullest = int(np.argmax(self.ranks.total(counts)))
-        found, n = [], 0
-        for some in source.chunks():
-            code = codes_of(cells_of(space, to_host(some.positions)))
-            found.append(to_host(some.positions)[code == fullest])
-            n += len(found[-1])
-            if n > 50 * SAMPLE:
-                break
-        near = np.concatenate([a for part in self.ranks.all(found) for a in part] or
-                              [np.empty((0, 3), np.float32)])  # fmt: skip
-        sample = Particles(near[np.lexsort(near.T)])
-        # A level keeps it in one scene, however little memory there is.
-        scene = Scene(sample, level=10, device="cpu", threads=self._options["threads"])
-        if auto:
-            self.surface = "smooth" if fluid_like(sample, scene).yes else "balls"
-        if self.surface == "balls":
-            self.support = float(scene.support)
-        elif self.spacing is None:
-            scene.become_smooth()
-            self.spacing = float(scene.support) / SMOOTH_SUPPORT
-
-    def _counts(self, source: Source) -> np.ndarray:
-        """Particles of all ranks in each cell."""
-        counts = np.zeros(8**self.space.level, np.int64)
-        for some in source.chunks():
-            counts += histogram(self.space, to_host(some.positions))
-        return self.ranks.total(counts)
-
-    def _balanced(self, source: Source) -> tuple[Partition, float]:
-        """As many particles for each rank, and the imbalance that is left."""
-        counts, n = self._counts(source), self.ranks.size
-        partition = Partition(self.space, counts, n)
-        own = np.bincount(partition.owners, counts, n)
-        return partition, float(own.max() * n / max(own.sum(), 1))
-
-    def _imbalance(self, source: Source) -> float:
-        """Most particles that a rank owns, over the mean."""
-        own: np.ndarray = np.zeros(self.ranks.size, np.int64)
-        for some in source.chunks():
-            owner = self.partition.owner(to_host(some.positions))
-            own += np.bincount(owner, minlength=len(own))
-        own = self.ranks.total(own)
-        return float(own.max() * len(own) / max(own.sum(), 1))
-
-    def _divide(self, source: Source, n: int | None) -> None:
-        """Every particle to its piece, and to those beside that it reaches."""
-        counts = self._counts(source)
-        most = self._most_particles()
-        wanted = n or min(max(1, math.ceil(1.1 * self.n_particles / most)), MOST_PIECES)
-        self.partition = Partition(self.space, counts, wanted)
-        while True:
-            files = Files(self.partition.n, self._layout.width)
-            try:
-                for some in source.chunks():
-                    rows, piece = self._placed(some)
-                    ends = np.searchsorted(piece, np.arange(self.partition.n + 1))
-                    for k in np.flatnonzero(np.diff(ends)):
-                        files.add(int(k), rows[ends[k] : ends[k + 1]])
-            except BaseException:
-                files.close()
-                raise
-            self._files, largest = files, max(files.counts)
-            if n is not None or largest <= most:
-                return
-            files.close()
-            more = math.ceil(1.1 * self.partition.n * largest / most)
-            if more > MOST_PIECES or self.partition.n >= 8**self.space.level:
-                need = largest * self._bytes() + self._base
-                if need <= (self._memory or math.inf):
-                    raise MemoryError(
-                        f"memory: expected room on {self.device.name} for the smallest possible "
-                        f"piece, {largest:,} particles, got room for {most:,.0f}"
-                    )
-                raise MemoryError(
-                    f"memory: expected at least {need / 1e9:.2g} GB for the smallest possible "
-                    f"piece, {largest:,} particles, got {(self._memory or 0) / 1e9:.2g} GB"
-                )
-            self.partition = Partition(self.space, counts, more)
-
-    def _to_ranks(self, source: Source) -> None:
-        """Every particle to the rank that owns it, and to those beside that it reaches; some at a
-        time, so that what is sent and what has come are not both in memory."""
-        ranks = self.ranks
-        if self.device.backend != "cuda":
-            self._scenes.clear()  # the new rows take the place of the old octree
-        rounds = max(1, math.ceil(ranks.most(np.int64(source.n)) / CHUNK))
-        came = Columns(self._layout)
-        for k in range(rounds):
-            first, last = (source.n * i // rounds for i in (k, k + 1))
-            came.add(ranks.exchange(*ranks.together(partial(self._dealt, source, first, last))))
-        self._updates += 1
-        trim()
-
-        def build() -> Scene:
-            scene = self._scenes.get(ranks.rank)
-            if scene is None:
-                scene = self._built(came.particles())
-            else:
-                scene.update(came.particles())
-            scene.builds = self._updates
-            return scene
-
-        self._scenes[ranks.rank] = ranks.together(build)
-        trim()
-
-    def _dealt(self, source: Source, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """The rows of some particles, by the rank they go to, and how many go to each."""
-        rows, piece = np.empty((0, self._layout.width), np.float32), np.empty(0, np.int64)
-        for some in source.chunks(first, last):  # one chunk, or none
-            rows, piece = self._placed(some)
-        return rows, np.bincount(piece, minlength=self.ranks.size)
-
-    def _placed(self, some: Particles) -> tuple[np.ndarray, np.ndarray]:
-        """The rows (M, width) of the pieces, and whose they are (M,), in order."""
-        axes = _reach(some, self.support)
-        reach = self.reach if self.surface != "balls" or axes is None else axes
-        positions = to_host(some.positions)
-        row, piece = self.partition.needed(positions, reach)
-        name, colormap, ends = self._color
-        rows = self._layout.rows(some if name is None else color_by(some, name, colormap, ends))
-        rows = rows[row]
-        if self.surface == "smooth":
-            # Of the halo's outer half, which knows not all its neighbors, no kernel counts.
-            inner, near = self.partition.needed(positions, self.reach / 2)
-            n = self.partition.n
-            rows[~np.isin(row * n + piece, inner * n + near), self._layout.place("weight")] = 0.0
-        return rows, piece
-
-    def _bytes(self) -> int:
-        return BYTES[self.surface] + 4 * 2 * (self._layout.width - 3)
-
-    def _most_particles(self) -> float:
-        """Particles that a piece may have."""
-        most = math.inf
-        if self.device.backend == "cuda" and not self._on_ranks:
-            each = octree_bytes(1, self.surface, self._options["key_bits"])
-            most = DEVICE_SHARE * room_on(self.device) / (each + 4 * self._layout.width)
-        if self._memory is None:
-            return most
-        room = self._memory - self._base
-        if room <= 0:
-            raise MemoryError(
-                f"memory: expected more than the {self._base / 1e6:,.0f} MB that the program, an "
-                f"image and a range of the file take, got {self._memory / 1e6:,.6g} MB"
-            )
-        return min(most, room / self._bytes())
-
-    @property
-    def held(self) -> np.ndarray:
-        """Which pieces are visited: (n,) bool. A rank's is, even without particles."""
-        n = self.partition.n
-        return np.ones(n, bool) if self._files is None else np.array(self._files.counts) > 0
-
-    def visit(self, wanted: Callable[[int], bool] | None = None) -> Iterator[tuple[int, Scene]]:
-        """The pieces of this process, or those wanted, one after the other, each with its scene."""
-        if self._files is None:
-            yield from self.here().items()
-            return
-        for k, count in enumerate(self._files.counts):
-            if count and (wanted is None or wanted(k)):
-                yield k, self._built(self._layout.particles(self._files.read(k)))
-
-    def here(self) -> dict[int, Scene]:
-        """This rank's piece and its scene."""
-        if self._on_ranks and not self._scenes:
-            raise ValueError("pieces: expected particles, got none since an update failed: update")
-        return self._scenes
-
-    def _built(self, particles: Particles) -> Scene:
-        if self.surface == "balls":
-            return Piece(particles, self.kernel, self.threshold, self.support, **self._options)
-        return Piece(particles, threshold=self.threshold, surface=self.surface,
-                     spacing=self.spacing, **self._options)  # fmt: skip
-
-    def close(self) -> None:
-        """Remove the temporary files."""
-        if self._files is not None:
-            self._files.close()
-
-    def __len__(self) -> int:
-        return self.n_particles
-
-    def __repr__(self) -> str:
+    def why(self) -> str:
+        """Why the particles are in pieces."""
+        need, free = self._lack
         return (
-            f"Pieces({self.n_particles} particles in {self.partition.n} pieces, {self.kernel}, "
-            f"threshold {self.threshold:g}, {self.device.name})"
+            f"{len(self):,} particles take about {need / 1e9:.3g} GB as one scene on "
+            f"{self.device.name}, which has room for {free / 1e9:.3g} GB"
+        )
+
+    def _refuse(self) -> NoReturn:
+        raise ValueError(
+            f"scene: expected particles in one scene, got pieces, which can be drawn alone: "
+            f"{self.why()}; free memory, or make a scene of a part of the particles"
         )
 
     @property
-    def outside(self) -> float:
-        """How far from a particle the surface may lie, world units."""
-        return REACH[self.kernel] * float(self.support or self._reach[1])
+    def particles(self) -> Particles:  # type: ignore[override]
+        """Not in pieces."""
+        self._refuse()
+
+    @property
+    def _scene(self) -> Any:
+        self._refuse()
+
+    @property
+    def threshold(self) -> float:
+        """Iso-value of the surface, > 0."""
+        return self.pieces.threshold
+
+    @threshold.setter
+    def threshold(self, value: float) -> None:
+        self.pieces.threshold = self._options["threshold"] = positive("threshold", value)
+
+    @property
+    def support(self) -> Any:
+        """World units: one for all, or None where each particle has its own."""
+        own = self.pieces.support
+        return self.pieces.one("support") if own is None else own
+
+    @property
+    def spacing(self) -> float:
+        """Spacing of a smooth surface or of spheres, world units; of balls it is not measured, and
+        is 0."""
+        return float(self.pieces.spacing or 0.0)
+
+    def become_smooth(self) -> None:
+        """Not in pieces: give `surface` to `Scene`."""
+        self._refuse()
+
+    def __len__(self) -> int:
+        return len(self.pieces)
+
+    def __repr__(self) -> str:
+        return (
+            f"Scene({len(self)} particles in {self.pieces.partition.n} pieces, {self.kernel}, "
+            f"threshold {self.threshold:g}, {self.device.name})"
+        )
 
 
-def _reach(particles: Particles, support: float | None) -> Any:
-    """How far kernels reach: one number or (N,); None where the particles do not say."""
-    if particles.anisotropy is not None:
-        return 1 / np.linalg.eigvalsh(particles.anisotropy.astype(np.float64))[:, 0]
-    return support if support else None if particles.support is None else to_host(particles.support)
+class SceneOnRanks(Scene):
+    """What `Scene(..., comm=...)` makes: `Pieces` on the ranks, or a scene of all particles on
+    each, whichever an image needs. Both are made when they are first needed."""
 
+    def __init__(self, *given: Any, **named: Any):
+        o = bound(given, named)
+        choice("kernel", o["kernel"], KERNELS)
+        choice("surface", o["surface"], SURFACES)
+        choice("ranks", o["ranks"], MODES)
+        for name in ("level", "octree", "bounds"):
+            value, usual = o[name], ARGUMENTS.parameters[name].default
+            if not isinstance(value, type(usual)) or (usual and value != usual):
+                raise ValueError(f"{name}: expected none with comm, got {shown(value)}")
+        self.ranks, self.mode = ranks_of(o["comm"]), o["ranks"]
+        self._lock = threading.RLock()
+        self.kernel, self.surface = o["kernel"], o["surface"]
+        self._kernel = KERNELS.index(self.kernel)
+        local, here = self.ranks.local()
+        self._here = here
+        # Every rank of a computer has a GPU of its own, or its share of the cores.
+        threads = thread_count(o["threads"]) or max(1, len(os.sched_getaffinity(0)) // here)
+        self.device = self.ranks.together(lambda: choose(of_rank(o["device"], local)))
+        self._options: dict[str, Any] = {
+            name: o[name] for name in ("kernel", "support", "surface", "spacing", "key_bits")
+        } | {"device": self.device.name, "threads": threads}
+        iso = o["threshold"]
+        self._iso = None if iso is None else positive("threshold", iso)
+        self._pieces: Pieces | None = None
+        self._whole: SceneBase | None = None
+        self._old = {"pieces": True, "whole": True}  # whether they have other particles
+        self.builds = 0
+        self.particles = self.ranks.together(lambda: as_particles("particles", o["particles"]))
+        self._known = dict(vars(self.particles))
+        self._used: Any = self.whole if self.mode == "replicate" else self.pieces
+        self._used()
 
-def check_reach(layouts: Sequence[Layout]) -> None:
-    """Raise ValueError where some particles say how far their kernels reach and others do not."""
-    for name in ("support", "anisotropy"):
-        held = [name in x.each or name in x.one for x in layouts]
-        if any(held) and not all(held):
-            raise ValueError(f"{name}: expected it of all particles or of none, got some without")
+    def update(self, particles: Any = None, **fields: Any) -> None:
+        """The next frame: this rank's particles, as many as it has now; all ranks call it.
 
+        The ranks keep their parts of space until one of them has 1.25 times the mean number of
+        particles, or particles have left the space. What was measured stays.
+        """
 
-def _both(a: Layout, b: Layout) -> Layout:
-    """A layout for the particles of two."""
-    each = list(a.each)
-    one = {}
-    for name in (*b.each, *b.one, *a.one):
-        if name in each or name in one:
-            continue
-        if name in b.each or not _same(a.one.get(name), b.one.get(name)):
-            each.append(name)
-        else:
-            one[name] = a.one[name]
-    return Layout(tuple(each), one)
+        def given() -> Particles:
+            if particles is None:
+                unknown = fields.keys() - set(FIELDS)
+                if unknown:
+                    raise TypeError(
+                        f"update: unknown field {sorted(unknown)[0]!r}, "
+                        f"expected {', '.join(FIELDS)}"
+                    )
+                return self.particles._with(fields, self._known)
+            if fields:
+                raise TypeError("update: expected particles or fields, got both")
+            return as_particles("particles", particles)
 
+        with self._lock:
+            self.particles = self.ranks.together(given)
+            self._known = dict(vars(self.particles))
+            self._old = {"pieces": True, "whole": True}
+            self._used()  # what the last image was made of
 
-def _same(a: Any, b: Any) -> bool:
-    return a is b if a is None or b is None else np.array_equal(a, b)
+    def pieces(self) -> Pieces:
+        """The ranks' pieces of the particles."""
+        with self._lock:
+            if self._pieces is None:
+                self._pieces = Pieces(self.particles, comm=self.ranks, threshold=self._iso,
+                                      **self._options)  # fmt: skip
+            elif self._old["pieces"]:
+                self._pieces.update(self.particles)
+            self.builds += self._old["pieces"]
+            self._old["pieces"] = False
+            return self._pieces
+
+    def whole(self) -> SceneBase:
+        """A scene of all particles, on every rank."""
+        with self._lock:
+            if self._old["whole"]:
+                everything = gathered(self.ranks, self.particles)
+
+                def build() -> SceneBase:
+                    if self._whole is None:
+                        return Scene(everything, threshold=self._iso, **self._options)
+                    self._whole.update(everything)
+                    return self._whole
+
+                self._whole = self.ranks.together(build)
+                self.builds += 1
+                self._old["whole"] = False
+            assert self._whole is not None
+            return self._whole
+
+    def used(self, replicate: bool) -> Any:
+        """The scene of all particles, or the pieces; updates are for this one from now on."""
+        self._used = self.whole if replicate else self.pieces
+        return self._used()
+
+    @property
+    def factors(self) -> float:
+        """The largest factor of reflection or refraction of all ranks' particles."""
+        return self.pieces().factors
+
+    def room(self) -> float:
+        """Bytes that this rank can take for a scene."""
+        if self.device.backend != "cuda":
+            return (free_bytes() or np.inf) / self._here
+        return float(_core.Reconstructor("cuda", self.device.index, 0).free_bytes())
+
+    def _color_by(self, name: str, colormap: str, range: tuple[float, float] | None) -> None:
+        """Colors by a value; without a range from the lowest to the highest of all ranks."""
+
+        def ends() -> np.ndarray:
+            values = attribute_values(self.particles, name)
+            known = values[np.isfinite(values)]
+            return np.array([known.min(initial=np.inf), -known.max(initial=-np.inf)])
+
+        if range is None:
+            found = self.ranks.least(self.ranks.together(ends)) * (1, -1)
+            n = int(self.ranks.total(np.int64(len(self.particles))))
+            range = ends_of_map(name, found[np.isfinite(found)], n)
+        checked = checked_range(range)
+        self.update(self.ranks.together(lambda: color_by(self.particles, name, colormap, checked)))
+
+    @property
+    def _scene(self) -> Any:
+        raise ValueError(
+            "scene: expected a scene in one process, got one on ranks, which can be drawn alone"
+        )
+
+    def _made(self) -> Any:
+        return self._pieces if self._used == self.pieces else self._whole
+
+    @property
+    def threshold(self) -> float:
+        """Iso-value of the surface, > 0; the same on all ranks."""
+        return self._made().threshold
+
+    @threshold.setter
+    def threshold(self, value: float) -> None:
+        self._iso = positive("threshold", value)
+        if self._whole is not None:
+            self._whole.threshold = self._iso
+        if self._pieces is not None:
+            self._pieces.threshold = self._iso
+            for _, scene in self._pieces.visit():
+                scene.threshold = self._iso
+
+    @property
+    def support(self) -> Any:
+        """World units: one for all, or None where each particle has its own."""
+        found = self._made().support
+        return found if np.ndim(found) == 0 else None
+
+    @property
+    def spacing(self) -> float:
+        """Spacing of a smooth surface or of spheres, world units; of balls it is not measured
+        across ranks, and is 0."""
+        return float(self._made().spacing or 0.0) if self.surface != "balls" else 0.0
+
+    def __len__(self) -> int:
+        return len(self._made())
+
+    def __repr__(self) -> str:
+        return (
+            f"Scene({len(self)} particles on {self.ranks.size} ranks, {self.kernel}, "
+            f"threshold {self.threshold:g}, {self.device.name})"
+        )

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.arrays import to_host
-from ..formats.ranges import ranges
+from ..data.particles import FARTHEST, Particles
 from ..scene.fitting import is_positions
-from ..scene.particles import FARTHEST, Particles
 from ..scene.scene import DEFAULT_COLOR
 from ..scene.sources import as_particles
 
@@ -49,6 +48,8 @@ def source_of(value: Any) -> Source:
     if isinstance(value, Source):
         return value
     if isinstance(value, (str, os.PathLike)):
+        from ..formats.ranges import ranges  # formats are loaded when they are needed
+
         n, read = ranges(value)
         return Source(n, read)
     if is_positions(value):  # of a file mapped into memory, perhaps: never all of them

@@ -26,7 +26,7 @@ from .._base.settings import (
     check_all,
     setting,
 )  # fmt: skip
-from ..scene.scene import Scene
+from ..scene.scene import SceneBase
 from .box import corner, draw_box, short
 from .camera import Camera
 from .canvas import LEAST_SIDE, Canvas, Color, sizes
@@ -152,7 +152,7 @@ def traced_size(
     return size[0] - strip, size[1] - header
 
 
-def bounds_of(scenes: Iterable[Scene]) -> tuple[np.ndarray, np.ndarray] | None:
+def bounds_of(scenes: Iterable[SceneBase]) -> tuple[np.ndarray, np.ndarray] | None:
     """Lowest and highest corner (3,) of the scenes' particles or meshes; None without any."""
     found = []
     for scene in scenes:
@@ -166,7 +166,7 @@ def bounds_of(scenes: Iterable[Scene]) -> tuple[np.ndarray, np.ndarray] | None:
     return np.min([lo for lo, _ in found], axis=0), np.max([hi for _, hi in found], axis=0)
 
 
-def skin_of(scenes: Iterable[Scene]) -> float:
+def skin_of(scenes: Iterable[SceneBase]) -> float:
     """How far a ray may run between a surface and the box of its particles' centers inside it,
     world units."""
     supports = [getattr(scene, "support", 0.0) for scene in scenes]  # a mesh has none
@@ -177,7 +177,7 @@ def skin_of(scenes: Iterable[Scene]) -> float:
 def drawing(
     annotation: Annotation,
     camera: Camera,
-    scenes: Sequence[Scene],
+    scenes: Sequence[SceneBase],
     values: Sequence[Any] | None,
     size: tuple[int, int],
 ) -> Callable[[np.ndarray, Any], np.ndarray]:

@@ -12,7 +12,7 @@ from .. import _core
 from .._base.arrays import box_corners, on_gpu
 from .._base.checks import flag, image_size, number, positive, shown, three, unit
 from .._base.fixed import Fixed, read_only
-from ..scene.particles import FARTHEST
+from ..data.particles import FARTHEST
 from ..scene.sources import as_particles
 
 if TYPE_CHECKING:

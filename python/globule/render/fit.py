@@ -10,7 +10,7 @@ import numpy as np
 from .._base.arrays import box_corners, to_host
 from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
-from ..scene.scene import Scene
+from ..scene.scene import REACH, SceneBase
 from .annotate import Annotation, corners_to_fit, room
 from .camera import Camera, view_axes
 from .legend import strip_width
@@ -18,24 +18,11 @@ from .legend import strip_width
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-# How far from a particle, in supports, the surface may lie: where b is an eighth of the default
-# threshold, so that it takes eight particles at one place to reach that.
-REACH = {
-    "murakami": 0.85,
-    "nishimura": 0.78,
-    "wyvill": 0.82,
-    "blinn": 0.47,
-    "cubic_spline": 0.67,
-    "wendland_c2": 0.62,
-    "solid": 0.69,
-}
-
-
 FROM_ABOVE: dict[str, Any] = {"direction": (0, 0, 1), "up": (0, 1, 0), "orthographic": True}
 
 
 def fit_camera(
-    scene: Scene | Mesh, size: tuple[int, int], around: ArrayLike | None = None, **options: Any
+    scene: SceneBase | Mesh, size: tuple[int, int], around: ArrayLike | None = None, **options: Any
 ) -> Camera:
     """`Camera.fit` with room for the surface around the particles, or around the points (M, 3)."""
     if isinstance(scene, Mesh):
@@ -53,7 +40,7 @@ def first_direction(up: ArrayLike) -> np.ndarray:
     return 0.6 * right + 0.45 * above + front
 
 
-def surface_reach(scene: Scene) -> float:
+def surface_reach(scene: SceneBase) -> float:
     """How far the surface may be from the outermost particles, world units."""
     reach = REACH[scene.kernel] * float(np.max(to_host(scene.support), initial=0.0))
     return reach if np.isfinite(reach) else 0.0
@@ -65,7 +52,7 @@ def corners_of(mesh: Mesh) -> np.ndarray:
 
 
 def fitted(
-    scene: Scene | Mesh,
+    scene: SceneBase | Mesh,
     size: tuple[int, int],
     annotation: Annotation | None,
     around: ArrayLike | None = None,

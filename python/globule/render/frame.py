@@ -16,7 +16,7 @@ from .._base.device import Device
 from .._base.files import atomic_write
 from .._base.owner import Owner
 from ..scene.mesh import Mesh
-from ..scene.scene import Scene
+from ..scene.scene import SceneBase
 from .display import displayed, straight, with_values
 from .layers import Layer, device_of
 from .settings import MAX_SAMPLES, RenderSettings
@@ -240,7 +240,9 @@ class Frame(Owner):
         Returns:
             (H, W) or (H, W, K) float32; NaN elsewhere.
         """
-        scenes = [(k, x.scene) for k, x in enumerate(self._layers) if isinstance(x.scene, Scene)]
+        scenes = [
+            (k, x.scene) for k, x in enumerate(self._layers) if isinstance(x.scene, SceneBase)
+        ]
         if not scenes:
             raise ValueError("attribute: expected a layer of particles, got meshes alone")
         (first, scene), points = scenes[0], self.position.reshape(-1, 3)

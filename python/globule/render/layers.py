@@ -12,11 +12,12 @@ import numpy as np
 from .._base.arrays import on_gpu, to_host
 from .._base.checks import shown
 from .._base.device import Device
-from ..scene import attributes
-from ..scene.fluid import shown_scene, unless_divided
+from ..data import attributes
+from ..data.particles import Particles
+from ..pieces.scene import Scene
+from ..pieces.shown import shown_scene, unless_divided
 from ..scene.mesh import Mesh
-from ..scene.particles import Particles
-from ..scene.scene import Scene
+from ..scene.scene import SceneBase
 from ..scene.sources import as_particles
 from .clips import ClipBox, ClipPlane, ClipSphere
 from .materials import Material
@@ -89,7 +90,7 @@ def layers_by(
     return [Layer(Scene(part, **options), material) for part, material in parts]
 
 
-def as_scene(value: Any) -> Scene | Mesh:
+def as_scene(value: Any) -> SceneBase | Mesh:
     """The scene that `value` stands for: a `Scene` or `Mesh`, an object with a scene, what `Scene`
     takes, or the name of a file with faces."""
     if in_pieces(value):
@@ -115,7 +116,7 @@ def in_pieces(value: Any) -> bool:
     return getattr(value, "in_pieces", False) is True
 
 
-def core_scene(scene: Scene | Mesh, device: Device) -> Any:
+def core_scene(scene: SceneBase | Mesh, device: Device) -> Any:
     """The core's own object."""
     return scene.build(device) if isinstance(scene, Mesh) else scene._scene
 
@@ -123,7 +124,7 @@ def core_scene(scene: Scene | Mesh, device: Device) -> Any:
 def device_of(layers: Sequence[Layer]) -> Device:
     """The device of the particles; of meshes alone, that of the first one."""
     scenes = [x.scene for x in layers]
-    return next((s for s in scenes if isinstance(s, Scene)), scenes[0]).device
+    return next((s for s in scenes if isinstance(s, SceneBase)), scenes[0]).device
 
 
 def layers_of(scene: Any, clips: Any, color: tuple) -> tuple[Layer, ...]:
@@ -141,8 +142,8 @@ def layers_of(scene: Any, clips: Any, color: tuple) -> tuple[Layer, ...]:
         own = item if isinstance(item, Layer) else Layer(_colored(item, color))
         if own is item and color[0] is not None:
             _colored(own.scene, color)
-        if isinstance(own.scene, Scene) and own.scene.device != device_of(layers or [own]):
-            scenes = [x.scene for x in layers if isinstance(x.scene, Scene)]
+        if isinstance(own.scene, SceneBase) and own.scene.device != device_of(layers or [own]):
+            scenes = [x.scene for x in layers if isinstance(x.scene, SceneBase)]
             if scenes:
                 raise ValueError(
                     f"scene: expected all layers on {scenes[0].device.name}, "
@@ -159,12 +160,12 @@ def layers_of(scene: Any, clips: Any, color: tuple) -> tuple[Layer, ...]:
     return tuple(layers)
 
 
-def beside(scene: Any) -> tuple[Scene, ...]:
+def beside(scene: Any) -> tuple[SceneBase, ...]:
     """What a simulation shows in scenes of their own; nothing of other scenes."""
     return getattr(scene, "beside", ())
 
 
-_ONE = (str, os.PathLike, Layer, Scene, Mesh, Particles)
+_ONE = (str, os.PathLike, Layer, SceneBase, Mesh, Particles)
 
 
 def _several(scene: Any) -> tuple:
@@ -178,12 +179,12 @@ def _several(scene: Any) -> tuple:
     return (given,) if positions else given
 
 
-def _own_scene(item: Any) -> Scene | None:
-    own = item if isinstance(item, Scene) else getattr(item, "scene", None)
-    return own if isinstance(own, Scene) else None
+def _own_scene(item: Any) -> SceneBase | None:
+    own = item if isinstance(item, SceneBase) else getattr(item, "scene", None)
+    return own if isinstance(own, SceneBase) else None
 
 
-def _colored(item: Any, color: tuple) -> Scene | Mesh:
+def _colored(item: Any, color: tuple) -> SceneBase | Mesh:
     """The scene of an item, colored by (name, colormap, range) where a name is given."""
     if color[0] is None:
         return as_scene(item)
@@ -208,7 +209,7 @@ def _colored(item: Any, color: tuple) -> Scene | Mesh:
     return shown_scene(particles) if own is None else scene_like(own, particles)
 
 
-def scene_like(scene: Scene, particles: Particles) -> Scene:
+def scene_like(scene: SceneBase, particles: Particles) -> Scene:
     """A new scene of these particles with the surface of another one."""
     options: dict[str, Any] = {"device": scene.device.name}
     if beside(scene):  # of different things no one surface is smooth

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.arrays import to_host
+from ..pieces.scene import Scene
 from ..scene.mesh import Mesh
-from ..scene.scene import Scene
+from ..scene.scene import REACH
 from .camera import view_axes
-from .fit import REACH, corners_of
+from .fit import corners_of
 from .layers import beside
 from .lights import DirectionalLight, Ground, Headlight, Sky
 from .materials import Material

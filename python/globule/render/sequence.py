@@ -23,24 +23,25 @@ from typing import Any
 import numpy as np
 
 from .._base.files import atomic_write
+from ..data.attributes import attribute_values, checked_range
+from ..data.attributes import color_by as colored
+from ..data.particles import Particles
 from ..formats import read, read_contents
 from ..formats.frames import FrameOf
 from ..formats.kind import kind_or_none
 from ..formats.pictures.video import movie_facts, need_av, read_movie, write_movie
 from ..formats.registry import format_named
-from ..scene.attributes import attribute_values, checked_range
-from ..scene.attributes import color_by as colored
-from ..scene.fluid import shown_scene
-from ..scene.particles import Particles
-from ..scene.scene import Scene
+from ..pieces.scene import Scene
+from ..pieces.shown import shown_scene
 from .annotate import Annotation, bounds_of, drawing, traced_size
 from .camera import Camera
 from .camera_path import CameraPath
 from .clips import ClipBox, ClipPlane, ClipSphere
 from .fit import fitted
 from .frame import save_png
-from .render import camera_and_size, render, values_of
+from .render import camera_and_size, render
 from .settings import RenderSettings, as_settings, for_values
+from .trace import values_of
 
 MORE = 1.1  # times the first frame: a larger one leads
 MOST_NAMED = 100_000  # numbers between two files: more are no frames that are missing

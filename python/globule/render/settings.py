@@ -25,7 +25,7 @@ from .._base.settings import (
     setting,
 )  # fmt: skip
 from ..scene.mesh import Mesh
-from ..scene.scene import Scene
+from ..scene.scene import SceneBase
 from .lights import (
     MAX_LIGHTS,
     DirectionalLight,
@@ -141,7 +141,7 @@ class RenderSettings(Fixed):
             _WHITE
         )
 
-    def _look(self, scenes: Sequence[Scene | Mesh], behind: float | None = None) -> Any:
+    def _look(self, scenes: Sequence[SceneBase | Mesh], behind: float | None = None) -> Any:
         """What the core takes for an image of `scenes`; behind: as for `_pack`."""
         look = self._packed if behind is None else self._pack(behind)
         if self.ambient_distance is None and self.ambient_rays:
@@ -150,18 +150,18 @@ class RenderSettings(Fixed):
             look = look.with_edges(SMOOTH_EDGES)
         return look
 
-    def _mixes(self, scenes: Sequence[Scene | Mesh]) -> bool:
+    def _mixes(self, scenes: Sequence[SceneBase | Mesh]) -> bool:
         """Whether pixels at edges may be mixtures in an image of one sample."""
         own = self.edge_samples
         return _has_edges(scenes) if own is None else own > 0
 
 
-def _has_edges(scenes: Sequence[Scene | Mesh]) -> bool:
+def _has_edges(scenes: Sequence[SceneBase | Mesh]) -> bool:
     """Whether edges have more samples by default."""
-    return any(isinstance(s, Scene) and s.surface != "balls" for s in scenes)
+    return any(isinstance(s, SceneBase) and s.surface != "balls" for s in scenes)
 
 
-def extent_of(scene: Scene | Mesh) -> float:
+def extent_of(scene: SceneBase | Mesh) -> float:
     """The longest edge of the scene's box, world units."""
     if isinstance(scene, Mesh):
         return float(np.ptp(scene.bounds(), axis=0).max())

@@ -12,7 +12,7 @@ import numpy as np
 
 from .._base.checks import image_size, shown
 from ..scene.fluid import shows_flat
-from ..scene.scene import Scene
+from ..scene.scene import SceneBase
 from ..scene.thesis import Thesis
 from .annotate import (
     Annotation,
@@ -28,8 +28,9 @@ from .clips import ClipBox, ClipPlane, ClipSphere
 from .fit import fitted
 from .frame import Frame, save_png
 from .layers import layers_of
-from .render import points_of, render, values_of
+from .render import render
 from .settings import RenderSettings, as_settings, for_flat_data, for_values
+from .trace import points_of, values_of
 
 VIEWS = ("front", "back", "left", "right", "side", "top", "bottom", "iso")
 _GAP = (128, 128, 128)
@@ -246,7 +247,7 @@ def render_views(
         values = values_of(points_of(first), color_by, colormap, range)
         colors = Colors(*values[1:])
         for frame in frames:
-            frame._values = values[:4] if isinstance(first, Scene) else None
+            frame._values = values[:4] if isinstance(first, SceneBase) else None
     elif annotate is not None and annotate.legend:
         raise ValueError("annotate: expected color_by beside a legend, got none")
     strip, header = size[0] - traced[0], size[1] - traced[1]

@@ -8,7 +8,8 @@ import numpy as np
 
 from .._base.arrays import ABSENT, View, to_host, view
 from .._base.checks import positive, shown
-from .mesh import Mesh, Triangles
+from ..data.triangles import Triangles
+from .mesh import Mesh
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -4,25 +4,19 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from .. import _core
 from .._base.device import Device
-from .._base.memory import limits, room
+from .._base.memory import always_fits, limits, room
 from .sources import as_particles
 
 # Bytes a particle that the build and a first image take beside the particles' own arrays, with
 # 32-bit keys; measured on a CPU: 32 to 42, and 72 to 79. Keys of 64 bits take 10 more.
 BUILT = {"balls": 42, "spheres": 42, "smooth": 80}
 WIDE_KEYS = 10
-SMALL = 1 << 26  # bytes that there always are, where nobody has set a limit
-
-# The number of particles in a file and the bytes that a row takes, without reading all of it; None
-# where only the whole file tells. A later room puts it here.
-counters: list[Callable[[str], tuple[int, float] | None]] = []
 
 
 def octree_bytes(n: int, surface: str, key_bits: int) -> float:
@@ -37,11 +31,6 @@ def room_on(device: Device) -> float:
         return room()
     free = float(_core.Reconstructor("cuda", device.index, 0).free_bytes())
     return min(free, limits()["memory"] or math.inf)
-
-
-def always_fits(size: float) -> bool:
-    """Whether so few bytes are there without asking."""
-    return size <= SMALL and limits()["memory"] is None
 
 
 def lacking(
@@ -64,10 +53,11 @@ def counted(name: str, value: Any) -> tuple[Any, int, float]:
     """An argument of `Scene`, read where only that tells how many particles it has; their number;
     and the bytes that reading the rest of it takes."""
     if isinstance(value, (str, os.PathLike)):
-        for count in counters:
-            found = count(os.fspath(value))
-            if found is not None:
-                return value, found[0], found[0] * found[1]
+        from ..formats.ranges import counted_rows  # formats are loaded when they are needed
+
+        found = counted_rows(os.fspath(value))
+        if found is not None:
+            return value, found[0], found[0] * found[1]
     elif is_positions(value):
         as_is = value.dtype == np.float32 and value.flags.c_contiguous and value.shape[1] == 3
         return value, len(value), 0 if as_is else 12 * len(value)

@@ -13,11 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.arrays import extent, on_gpu, to_host
-from .._base.device import choose
-from .fitting import counted, lacking
-from .particles import Particles
-from .scene import Scene, scene_in_pieces
-from .sources import as_particles
+from ..data.particles import Particles
+from .scene import SceneBase
 
 FEWEST = 100
 # Distances to the nearest particle: the one that 90 % reach over the one that 10 % reach. 1.3 in a
@@ -44,7 +41,7 @@ def alike(value: Any) -> bool:
     return len(array) == 0 or bool(np.ptp(array) <= 1e-3 * abs(float(array[0])))
 
 
-def fluid_like(particles: Particles, scene: Scene | None = None) -> Likeness:
+def fluid_like(particles: Particles, scene: SceneBase | None = None) -> Likeness:
     """Whether particles are those of one fluid.
 
     They are where there are at least 100, with supports and weights alike, of one phase, not in one
@@ -73,7 +70,7 @@ def fluid_like(particles: Particles, scene: Scene | None = None) -> Likeness:
         return Likeness(False, "all at one place")
     if _is_thin(inside, int(np.argmin(size))):
         return Likeness(False, "particles in a plane")
-    scene = scene or Scene(Particles(inside), device="cpu")
+    scene = scene or SceneBase(Particles(inside), device="cpu")
     spacing = scene.spacing
     if not spacing > 0:
         return Likeness(False, "no spacing")
@@ -113,7 +110,7 @@ def _is_thin(positions: np.ndarray, axis: int) -> bool:
 def flat_spacing(particles: Particles) -> float | None:
     """The spacing of 2-D data, world units: `Scene.fluid_spacing`, which is the square root of the
     area of a particle; None where that is nothing."""
-    scene = Scene(Particles(particles.finite_positions()), device="cpu")
+    scene = SceneBase(Particles(particles.finite_positions()), device="cpu")
     return scene.fluid_spacing() or None
 
 
@@ -125,7 +122,7 @@ def surface_of(particles: Particles, **options: Any) -> str:
         options: further arguments of `Scene`; a kernel, support, threshold or dense octree that is
             asked for makes it "balls".
     """
-    if not _plain(options):
+    if not is_plain(options):
         return "balls"
     if is_flat(particles):
         return "spheres"
@@ -134,47 +131,10 @@ def surface_of(particles: Particles, **options: Any) -> str:
 
 def shows_flat(scene: object) -> bool:
     """Whether a scene shows 2-D data as `render` does: seen from above, in flat colors."""
-    return isinstance(scene, Scene) and scene.surface == "spheres" and is_flat(scene.particles)
+    return isinstance(scene, SceneBase) and scene.surface == "spheres" and is_flat(scene.particles)
 
 
-def shown_scene(value: Any, **options: Any) -> Scene:
-    """The scene, with the surface of `surface_of`, of particles or what stands for them; its own
-    octree tells which one that is."""
-    if "surface" in options or not _plain(options):
-        return Scene(as_particles("scene", value), **options)
-    value, divided = unless_divided(value, **options)
-    if divided is not None:
-        return divided
-    particles = as_particles("scene", value)
-    if len(particles) < FEWEST:
-        return Scene(particles, **options)
-    if is_flat(particles):
-        return Scene(particles, surface="spheres", spacing=flat_spacing(particles), **options)
-    scene = Scene(particles, **options)
-    if fluid_like(particles, scene).yes:
-        scene.become_smooth()
-    return scene
-
-
-def unless_divided(
-    value: Any, color: tuple[Any, Any, Any] | None = None, **options: Any
-) -> tuple[Any, Scene | None]:
-    """What stands for particles, read where only that tells how many there are, and their scene in
-    pieces if they do not fit into the memory as one.
-
-    color: the arguments of `color_by`.
-    """
-    value, n, to_read = counted("scene", value)
-    device = choose(options.pop("device", "auto"))
-    if all(options.pop(name, None) is None for name in ("level", "bounds")):
-        options.pop("octree", None)
-        lack = lacking(n, to_read, "smooth", options.get("key_bits", 32), device)
-        if lack is not None:
-            return value, scene_in_pieces(value, lack, device, color, surface="auto", **options)
-    return value, None
-
-
-def _plain(options: dict[str, Any]) -> bool:
+def is_plain(options: dict[str, Any]) -> bool:
     """Whether arguments of `Scene` leave the surface open."""
     others = {"kernel": "murakami", "threshold": None, "support": None}
     plain = all(options.get(name, usual) == usual for name, usual in others.items())
@@ -186,7 +146,7 @@ def _size(positions: np.ndarray) -> np.ndarray:
     return hi - lo
 
 
-def _nearest(scene: Scene, points: np.ndarray, radius: float) -> np.ndarray:
+def _nearest(scene: SceneBase, points: np.ndarray, radius: float) -> np.ndarray:
     """Distance of each point to the nearest other particle; the radius where there is none."""
     positions = to_host(scene.particles.positions)
     offsets, index = scene.neighbors(points, radius)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import threading
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,37 +14,18 @@ from .._base.arrays import ABSENT, HOST, View, address, to_host, unit_vectors, v
 from .._base.checks import number, shown, thread_count
 from .._base.device import Device, choose
 from .._base.owner import Owner
-from .attributes import attribute_colors
-from .particles import Particles
-from .spacing import merge_coincident
+from ..data.attributes import attribute_colors
+from ..data.particles import Particles
+from ..data.spacing import merge_coincident
+from ..data.triangles import Triangles
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
-
-# How files are read; `formats`, which comes after this room, puts its reader here.
-readers: list[Callable[[str], Triangles]] = []
 
 DEFAULT_COLOR = (0.62, 0.62, 0.62)
 MAX_FACES = 2**29 - 1
 MISSED = 2**32 - 1  # the core's number of no face
 _RIGID = 1e-3  # largest deviation of a pose's axes from unit vectors at right angles
-
-
-class Triangles(NamedTuple):
-    """The contents of a mesh file.
-
-    vertices    (N, 3), world
-    faces       (M, 3) integers, vertices of each triangle
-    color       (N, 3) per vertex, linear RGB; or None
-    face_color  (M, 3) per triangle, linear RGB; or None
-    attributes  values per vertex, (N,) or (N, k), by name; or None
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    color: np.ndarray | None = None
-    face_color: np.ndarray | None = None
-    attributes: dict[str, np.ndarray] | None = None
 
 
 class MeshIntersections(NamedTuple):
@@ -296,9 +276,9 @@ def _triangles(vertices: Any, faces: Any) -> Triangles:
     if faces is not None:
         return Triangles(vertices, np.asarray(faces))
     if isinstance(vertices, (str, os.PathLike)):
-        if not readers:
-            raise TypeError(f"vertices: expected arrays, got {vertices!r}")
-        return readers[0](os.fspath(vertices))
+        from ..formats.triangles import read  # formats are loaded when they are needed
+
+        return read(os.fspath(vertices))
     if hasattr(vertices, "dump") and hasattr(vertices, "geometry"):  # trimesh.Scene
         vertices = vertices.to_mesh() if hasattr(vertices, "to_mesh") else vertices.dump(True)
     if hasattr(vertices, "vertices") and hasattr(vertices, "faces"):  # trimesh.Trimesh

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,10 +13,9 @@ from .._base.arrays import ABSENT, HOST, View, address, on_gpu, unit_vectors, vi
 from .._base.checks import choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
 from .._base.owner import Owner
-from .attributes import color_by
-from .fitting import counted, lacking
+from ..data.attributes import color_by
+from ..data.particles import FIELDS, Particles
 from .octree import Octree
-from .particles import FIELDS, Particles
 from .sources import as_particles
 from .thesis import Thesis, check_tracing
 
@@ -38,6 +36,17 @@ DEFAULTS = {
     "wendland_c2": (2.75, 0.6),
     "solid": (2.2, 0.1),
 }
+# How far from a particle, in supports, the surface may lie: where b is an eighth of the default
+# threshold, so that it takes eight particles at one place to reach that.
+REACH = {
+    "murakami": 0.85,
+    "nishimura": 0.78,
+    "wyvill": 0.82,
+    "blinn": 0.47,
+    "cubic_spline": 0.67,
+    "wendland_c2": 0.62,
+    "solid": 0.69,
+}
 SURFACES = ("balls", "smooth", "spheres")
 SMOOTH_SUPPORT = 2.25  # spacings: of a kernel inside the fluid, src/field/surface_kernels.hpp
 SMOOTH_THRESHOLD = 0.5
@@ -47,18 +56,6 @@ DEFAULT_COLOR = (0.28, 0.52, 0.80)
 MAX_PARTICLES = 2**31 - 64
 MAX_SUPPORT = 1e18  # past it squares overflow float32
 MAX_RATIO = 1e6  # between the largest and the smallest support
-
-# Classes of a room after this one: of scenes whose particles lie on the ranks of MPI, and of those
-# whose particles do not fit into the memory.
-on_ranks: list[Callable[[], type[Scene]]] = []
-in_pieces: list[Callable[[], type[Scene]]] = []
-
-
-def scene_in_pieces(value: Any, *args: Any, **options: Any) -> Scene:
-    """A scene in pieces of particles that do not fit into the memory."""
-    scene: Any = object.__new__(in_pieces[0]())
-    scene._divide(value, *args, **options)
-    return scene
 
 
 class Intersections(NamedTuple):
@@ -74,47 +71,9 @@ class Intersections(NamedTuple):
     color: np.ndarray
 
 
-class Scene(Owner):
-    """Particles sorted into an octree, ready to be traced.
-
-    Particles that the device's free memory, or the limit of `set_limits`, does not hold are kept in
-    pieces in temporary files, and a warning says so. `render` reads, builds and traces the pieces
-    one after the other. Such a scene answers no questions about the field and has no `particles`.
-    The particles of a file whose ranges can be read (HDF5, raw .vtu; .npy, .npz and .bgeo without
-    compression) are never all in memory. With `level`, `bounds` or a dense octree, it stays in one.
-
-    Args:
-        particles: `Particles`; (N, 3) positions, world units; or the name of a file, which
-            `globule.read` reads.
-        kernel: one of `KERNELS`.
-        threshold: iso-value, compared with the raw sum of weight * b(r); default by kernel.
-        support: support radius for all particles, world units, instead of `particles.support`.
-            Default: the kernel's default number of spacings; the scene measures the spacing.
-        key_bits: 32 (10 levels) or 64 (21 levels).
-        level: deepest level of the octree; default: all levels of the key (dense: 6).
-        octree: "sparse" (occupied cells only) or "dense" (the array L, at most 8 levels).
-        device: "auto", "cpu", "cuda" or "cuda:N".
-        threads: CPU threads; 0 takes all.
-        bounds: ((x, y, z), (x, y, z)) the octree's space; default: the particles' bounding box,
-            computed at each update. The scene counts particles outside; they have no influence.
-        surface: "balls": each particle's kernel is a ball (or its `anisotropy`). "smooth": the
-            scene finds an ellipsoid and a weight for each particle from its neighbors, so that one
-            smooth surface encloses the particles' volume, N * spacing³, and lies half a spacing
-            outside of the outermost particles (docs/design/surface.md). "smooth" is for particles
-            of one fluid with one spacing; it replaces `support` and has the kernel murakami and
-            the default threshold 0.5.
-            "spheres": each particle is a sphere of half a spacing, with the kernel murakami and a
-            support of its own. `surface_of` tells which one `render` takes.
-        spacing: of the particles for "smooth", world units: the cube root of a particle's volume.
-            Default: the scene measures the spacing at its first build and keeps it.
-        comm: an mpi4py communicator. The particles are then those that this rank has, anywhere
-            in space; all ranks make this call, every `update` and every `render`, and rank 0 has
-            the image. Each rank has a device of its own. Fields are not evaluated across ranks.
-        ranks: what `render` does with `comm`. "pieces": each rank traces the particles in its part
-            of space. "replicate": each rank gets all particles and traces its share of the pixels.
-            "auto": pieces, but replicate where light turns (shadows, ambient rays, reflection,
-            transmission, sky, ground, meshes) or annotations are drawn, if the memory suffices.
-            In pieces, rays that turn go from rank to rank.
+class SceneBase(Owner):
+    """Particles in one octree: what `Scene`, whose arguments these are, adds to is the choice of
+    what the memory holds.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
@@ -143,29 +102,9 @@ class Scene(Owner):
         bounds: ArrayLike | None = None,
         surface: str = "balls",
         spacing: float | None = None,
-        *,
-        comm: Any = None,
-        ranks: str = "auto",
     ):
-        if ranks != "auto":
-            raise ValueError(f"ranks: expected comm with it, got {shown(ranks)} without")
-        choice("kernel", kernel, KERNELS)
-        choice("surface", surface, SURFACES)
-        choice("octree", octree, ("sparse", "dense"))
-        choice("key_bits", key_bits, (32, 64))
+        check_choices(kernel, surface, octree, key_bits)
         self.device = choose(device)
-        particles, n, to_read = counted("particles", particles)
-        if type(self) is Scene and octree == "sparse" and level is None and bounds is None:
-            lack = lacking(n, to_read, surface, key_bits, self.device)
-            if lack is not None:
-                # Only here, with the particles counted, is it known which kind of scene this is.
-                self.__class__ = in_pieces[0]()
-                self._divide(  # type: ignore[attr-defined]
-                    particles, lack, self.device, None, kernel=kernel, threshold=threshold,
-                    support=support, surface=surface, spacing=spacing, key_bits=key_bits,
-                    threads=threads,
-                )  # fmt: skip
-                return
         particles = as_particles("particles", particles)
         own = surface != "balls"
         if own and (kernel, octree, support) != ("murakami", "sparse", None):
@@ -198,14 +137,6 @@ class Scene(Owner):
         self._build(particles)
 
     _gives_up = False  # whether the build may empty the positions once it has read them
-
-    def __new__(cls, *args: Any, **options: Any) -> Scene:
-        """A scene; with `comm` one on ranks."""
-        if cls is Scene and options.get("comm") is not None:
-            return object.__new__(on_ranks[0]())
-        return object.__new__(cls)
-
-    __new__.__wrapped__ = __init__  # type: ignore[attr-defined]  # has its signature
 
     def update(
         self, particles: Particles | ArrayLike | str | os.PathLike[str] | None = None, **fields: Any
@@ -549,6 +480,14 @@ class Scene(Owner):
             f"Scene({len(self)} particles, {self.kernel}, threshold {self.threshold:g}, "
             f"support {support}, {self.device.name})"
         )
+
+
+def check_choices(kernel: str, surface: str, octree: str, key_bits: int) -> None:
+    """Raise ValueError for arguments of a scene that are none of the choices there are."""
+    choice("kernel", kernel, KERNELS)
+    choice("surface", surface, SURFACES)
+    choice("octree", octree, ("sparse", "dense"))
+    choice("key_bits", key_bits, (32, 64))
 
 
 def _field(name: str, value: Any, columns: int | None, n: int) -> tuple[View, Any]:

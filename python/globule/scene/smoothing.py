@@ -16,8 +16,8 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import number, positive, whole
-from .particles import FARTHEST, Particles
-from .scene import Scene
+from ..data.particles import FARTHEST, Particles
+from .scene import SceneBase
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -39,7 +39,7 @@ class Anisotropy(NamedTuple):
 
 def without_strays(
     particles: Particles,
-    scene_or_radius: Scene | float,
+    scene_or_radius: SceneBase | float,
     min_neighbors: int = 3,
     progress: Callable[[int, int], object] | None = None,
 ) -> Particles:
@@ -60,14 +60,14 @@ def without_strays(
 
     Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
-    scene: Scene | None
-    if isinstance(scene_or_radius, Scene):
+    scene: SceneBase | None
+    if isinstance(scene_or_radius, SceneBase):
         scene, radius = scene_or_radius, 2.1 * scene_or_radius.spacing
         if len(scene) != len(particles):
             raise ValueError(f"scene: expected {len(particles)} particles, got {len(scene)}")
     else:
         radius = positive("radius", scene_or_radius)
-        scene = Scene(particles, support=radius, device="cpu") if len(particles) else None
+        scene = SceneBase(particles, support=radius, device="cpu") if len(particles) else None
     whole("min_neighbors", min_neighbors, 0, 2**31)
     if scene is None or radius == 0:  # too few particles for a spacing
         return particles
@@ -132,7 +132,7 @@ def anisotropy(
     G[:] = np.eye(3) / (few_size * support)
     if not len(positions):
         return Anisotropy(centers, G)
-    scene = Scene(positions, support=support, device="cpu")
+    scene = SceneBase(positions, support=support, device="cpu")
     unit = 1 / (0.15 * radius**2)
     for rows, offsets, index in _neighbor_blocks(scene, positions, radius, progress):
         count = np.diff(offsets)
@@ -201,7 +201,7 @@ def surface_kernels(
     weight = np.zeros(len(positions))
     if not len(positions):
         return SurfaceKernels(G, weight)
-    scene = Scene(positions, support=radius, device="cpu")
+    scene = SceneBase(positions, support=radius, device="cpu")
     for rows, offsets, index in _neighbor_blocks(scene, positions, radius, progress):
         mean, covariance = _moments(positions, rows, offsets, index, radius, power=4)
         values, axes = np.linalg.eigh(covariance / (7 / 45 * radius**2))
@@ -275,7 +275,7 @@ def _moments(
 
 
 def _neighbor_blocks(
-    scene: Scene,
+    scene: SceneBase,
     positions: np.ndarray,
     radius: float,
     progress: Callable[[int, int], object] | None,

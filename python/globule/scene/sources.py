@@ -4,18 +4,12 @@ particles, of globule or of another package."""
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from .._base.arrays import on_gpu
-from .particles import Particles
-
-# How files are read, newest first; `formats`, which comes after this room, puts its reader here.
-readers: list[Callable[[str], Particles]] = []
-# How objects of other packages become particles; None where they have none.
-converters: list[Callable[[Any], Particles | None]] = []
+from ..data.particles import Particles
 
 # What to call for objects of later rooms and for likely mistakes, by the name of their type.
 _INSTEAD = {
@@ -46,10 +40,11 @@ def as_particles(name: str, value: Any) -> Particles:
     if isinstance(own, Particles):
         return own
     if not isinstance(value, (np.ndarray, list, tuple, dict, int, float)) and not on_gpu(value):
-        for convert in converters:
-            found = convert(value)
-            if found is not None:
-                return found
+        from ..formats.objects import particles_of
+
+        found = particles_of(value)
+        if found is not None:
+            return found
     kind = type(value).__name__
     array = hasattr(value, "__len__") or hasattr(value, "__array__") or on_gpu(value)
     if kind in _INSTEAD or not array:
@@ -64,6 +59,6 @@ def _read(name: str, path: str) -> Particles:
             f"{name}: expected one file, got the pattern {path!r}; "
             "globule.render_sequence renders every file of a pattern"
         )
-    if not readers:
-        raise TypeError(f"{name}: expected Particles or positions (N, 3), got {path!r}")
-    return readers[0](path)
+    from ..formats import read  # formats are loaded when they are needed
+
+    return read(path)

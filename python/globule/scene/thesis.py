@@ -13,7 +13,7 @@ from .._base.arrays import address, unit_vectors, view
 from .._base.checks import whole
 from .._base.fixed import Fixed, read_only
 from .._base.settings import Choice, Number, Switch, Whole, check_all, setting
-from .particles import Particles
+from ..data.particles import Particles
 
 ROOTS = ("march", "bezier")
 POLYNOMIAL_KERNELS = ("murakami", "wyvill")  # polynomials along a ray

@@ -11,7 +11,7 @@ import numpy as np
 from .._base.arrays import address, to_host
 from .._base.checks import shown
 from .._base.interrupts import whole
-from ..scene.particles import Particles
+from ..data.particles import Particles
 from .part import Part, Stateful
 from .solver import ARRAYS, Solver
 from .state_checks import check_clock, check_crowds

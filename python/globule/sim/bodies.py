@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.particles import Particles
+from ..data.particles import Particles
 from ..scene.spacing import local_spacing
 from .limits import NEAR, shape_of
 from .overlap import check_overlap

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import address
-from ..scene.particles import Particles
-from ..scene.scene import Scene
+from ..data.particles import Particles
+from ..scene.scene import SceneBase
 from .materials import Elasticity
 
 REACH = 1.5  # spacings: 18 neighbors on a cubic lattice
@@ -92,7 +92,7 @@ def _pairs(positions: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarra
     """Both ends of all pairs, each pair twice, by first end."""
     if len(positions) == 0:
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    scene = Scene(Particles(positions, support=spacing), device="cpu")
+    scene = SceneBase(Particles(positions, support=spacing), device="cpu")
     offsets, other = scene.neighbors(positions, REACH * spacing)
     first = np.repeat(np.arange(len(positions)), np.diff(offsets).astype(np.int64))
     keep = first != other
@@ -130,7 +130,7 @@ def morton_order(positions: np.ndarray, spacing: float) -> np.ndarray:
     """(N,) int64: the particles in the octree's order, which keeps neighbors together."""
     if len(positions) == 0:
         return np.empty(0, np.int64)
-    scene = Scene(Particles(positions, support=spacing), device="cpu")
+    scene = SceneBase(Particles(positions, support=spacing), device="cpu")
     return scene.octree.sorted_keys(len(positions))[1].astype(np.int64)
 
 

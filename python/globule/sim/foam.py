@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from .._base.interrupts import whole
+from ..data.particles import Particles
+from ..pieces.scene import Scene
 from ..render.layers import Layer
 from ..render.materials import Material
-from ..scene.particles import Particles
-from ..scene.scene import DEFAULTS, Scene
+from ..scene.scene import DEFAULTS
 from .foam_sources import Flow, limits_of, potentials
 from .part import Part
 from .solver import Solver

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._base.colormaps import colorize
 from ..formats.pictures.video import need_av
+from ..pieces.scene import Scene
 from ..render.camera import Camera
 from ..render.fit import first_direction, fit_camera
 from ..render.frame import Frame
@@ -18,7 +19,6 @@ from ..render.presets import preset
 from ..render.render import render
 from ..render.sequence import KeptScene, MovieFrames
 from ..render.settings import RenderSettings, for_values
-from ..scene.scene import Scene
 from .scene_file import SceneFile
 
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.particles import Particles
-from ..scene.scene import Scene
-from ..scene.surface import sample_triangles
+from ..data.particles import Particles
+from ..data.surface import sample_triangles
+from ..scene.scene import SceneBase
 from .shapes import Box, Cylinder, Grid, Mesh, Plane, Sphere, gradient, joined
 
 MOST_PARTICLES = 50_000_000
@@ -211,7 +211,7 @@ def thinned(points: np.ndarray, distance: float) -> np.ndarray:
     """The points (M, 3) that are farther than `distance` from every earlier point that is kept."""
     if not len(points):
         return points
-    scene = Scene(Particles(points, support=distance), device="cpu")
+    scene = SceneBase(Particles(points, support=distance), device="cpu")
     offsets, near = scene.neighbors(points, distance)
     own = np.repeat(np.arange(len(points)), np.diff(offsets).astype(np.int64))
     earlier = near < own

@@ -17,8 +17,8 @@ from .._base.checks import number, shown, thread_count
 from .._base.device import choose
 from .._base.interrupts import whole
 from .._base.owner import Owner
-from ..scene.attributes import velocity_name
-from ..scene.particles import Particles
+from ..data.attributes import velocity_name
+from ..data.particles import Particles
 from . import checkpoint
 from .arrays import Arrays, check_finite, ids_of, real
 from .bodies import Body, bodies, scene_of_particles

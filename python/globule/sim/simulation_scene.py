@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from .._base.checks import choice, positive
-from ..scene.particles import Particles
-from ..scene.scene import DEFAULTS, KERNELS, SMOOTH_SUPPORT, SMOOTH_THRESHOLD, Scene
+from ..data.particles import Particles
+from ..pieces.scene import Scene
+from ..scene.scene import DEFAULTS, KERNELS, SMOOTH_SUPPORT, SMOOTH_THRESHOLD
 from .arrays import Arrays
 from .solver import Solver
 

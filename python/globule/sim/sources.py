@@ -12,8 +12,8 @@ import numpy as np
 
 from .._base.checks import missing
 from .._base.settings import Choice, Color, Each, Number, Problem, Table, Whole, same, setting
+from ..data.attributes import velocity_name
 from ..formats import read, triangles
-from ..scene.attributes import velocity_name
 from ..volumes.files import read_volume
 from .sampling import MOST_PARTICLES
 from .schema import NAME, PLACE, POSITIVE

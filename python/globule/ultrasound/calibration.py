@@ -240,7 +240,7 @@ def calibrate_point_target(
     )  # fmt: skip
 
 
-def _linear(pixels: np.ndarray, poses: np.ndarray) -> _Start:
+def _linear(pixels: np.ndarray, poses: np.ndarray) -> Start:
     rotations, offsets = poses[:, :3, :3], poses[:, :3, 3]
     n = len(pixels)
     # Unknowns: u, v (pixel steps in mm), t (pixel 0, 0), target. R (u c + v r + t) - target = -o.
@@ -263,17 +263,17 @@ def _linear(pixels: np.ndarray, poses: np.ndarray) -> _Start:
             "different places of the image, got poses that leave the calibration undetermined"
         )
     u, v, t, target = (solution / lengths).reshape(4, 3)
-    return _Start.nearest(u, v, t, target)
+    return Start.nearest(u, v, t, target)
 
 
-class _Start(NamedTuple):
+class Start(NamedTuple):
     scales: np.ndarray  # (2,) mm per pixel
     axes: np.ndarray  # (3, 3) rotation, probe from image
     t: np.ndarray  # (3,) mm
     target: np.ndarray  # (3,) mm
 
     @staticmethod
-    def nearest(u: np.ndarray, v: np.ndarray, t: np.ndarray, target: np.ndarray) -> _Start:
+    def nearest(u: np.ndarray, v: np.ndarray, t: np.ndarray, target: np.ndarray) -> Start:
         scales = np.array([np.linalg.norm(u), np.linalg.norm(v)])
         normal = np.cross(u, v)
         if not scales.all() or not normal.any():
@@ -281,7 +281,7 @@ class _Start(NamedTuple):
         left, _, right = np.linalg.svd(
             np.stack([u / scales[0], v / scales[1], normal / np.linalg.norm(normal)], axis=1)
         )
-        return _Start(scales, left @ right, t, target)
+        return Start(scales, left @ right, t, target)
 
     def matrix(self, parameters: np.ndarray) -> np.ndarray:
         """(4, 4) of a change: two logarithms of scales, a rotation vector, mm."""
@@ -295,10 +295,10 @@ class _Start(NamedTuple):
 
 
 class _Model(NamedTuple):
-    """Marks as a function of eleven parameters, changes of a start: those of `_Start.matrix` and
+    """Marks as a function of eleven parameters, changes of a start: those of `Start.matrix` and
     the target's."""
 
-    start: _Start
+    start: Start
     pixels: np.ndarray
     poses: np.ndarray
 

@@ -87,9 +87,9 @@ def read_sweep(
     if temporal_offset is None:
         temporal_offset = setup.temporal_offset
     number("temporal_offset", temporal_offset)
-    recording, arrays = _recording(path, progress)
+    recording, arrays = recording_of(path, progress)
     if frame_times is not None:
-        times = _frame_times(frame_times, len(recording.frames))
+        times = checked_frame_times(frame_times, len(recording.frames))
         recording = recording._replace(times=times)
     rated = frame_times is not None and np.ndim(frame_times) == 0
     edges = dict(setup.edges)
@@ -163,7 +163,7 @@ def is_sweep(path: str | os.PathLike[str]) -> bool:
     return found is not None and found.kind == "sweep"
 
 
-def _recording(
+def recording_of(
     path: str | os.PathLike[str], progress: Progress = None
 ) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """Frames and what their file says; the other arrays of a NumPy archive."""
@@ -208,7 +208,8 @@ def _is_hdf5(path: Any) -> bool:
         return file.read(8) == b"\x89HDF\r\n\x1a\n"
 
 
-def _frame_times(value: Any, n: int) -> np.ndarray:
+def checked_frame_times(value: Any, n: int) -> np.ndarray:
+    """Times (F,) of n frames, s, float64. Raises ValueError."""
     try:
         times = np.asarray(value, np.float64)
     except (TypeError, ValueError, OverflowError):

@@ -14,9 +14,9 @@ import numpy as np
 
 from ..formats.errors import bad, shown
 from ..formats.size import whole_text
-from ..formats.sweeps.poses import _csv_rows, _number, interpolate, read_poses
+from ..formats.sweeps.poses import csv_rows, interpolate, number_of, read_poses
 from ..formats.sweeps.transforms import WORLDS, chain, find_path
-from .files import _frame_times, _recording
+from .files import checked_frame_times, recording_of
 
 
 class Tracked(NamedTuple):
@@ -40,9 +40,9 @@ def read_tracked(
 ) -> Tracked:
     """Frames and poses of the probe, or of another tool: of a PLUS file, or of a stack of images
     and a table."""
-    recording, _ = _recording(path)
+    recording, _ = recording_of(path)
     n = len(recording.frames)
-    times = recording.times if frame_times is None else _frame_times(frame_times, n)
+    times = recording.times if frame_times is None else checked_frame_times(frame_times, n)
     if poses is None:
         ways = [find_path(recording.edges, tool, world) for world in WORLDS]
         way = next((way for way in ways if way), None)
@@ -84,13 +84,13 @@ def read_marks(
         if len(line) != len(names):
             where = f"row {number}"
             raise bad(path, where, f"expected {len(names)} values, got {len(line)}")
-        marks.append([_number(path, f"row {number}", line[names.index(name)]) for name in wanted])
+        marks.append([number_of(path, f"row {number}", line[names.index(name)]) for name in wanted])
     table = np.array(marks, np.float64).reshape(-1, len(wanted))
     if not np.isfinite(table).all():
         where = f"row {int(np.argmin(np.isfinite(table).all(axis=1))) + 2}"
         raise bad(path, where, "expected numbers, got an empty or infinite one")
     if recording is None:
-        rows = _csv_rows(path, whole_text(path))
+        rows = csv_rows(path, whole_text(path))
         poses, ok = np.array([row[2] for row in rows]), np.array([row[3] for row in rows])
     else:
         frames = table[:, 2].astype(int)
@@ -127,7 +127,7 @@ def read_landmarks(path: str | os.PathLike[str]) -> tuple[list[str], np.ndarray]
         if len(line) != len(columns):
             raise bad(path, where, f"expected {len(columns)} values, got {len(line)}")
         names.append(line[columns.index("name")].strip())
-        points.append([_number(path, where, line[columns.index(axis)]) for axis in "xyz"])
+        points.append([number_of(path, where, line[columns.index(axis)]) for axis in "xyz"])
         if not np.isfinite(points[-1]).all():
             raise bad(path, where, "expected numbers, got an empty or infinite one")
     return names, np.array(points, np.float64).reshape(-1, 3)

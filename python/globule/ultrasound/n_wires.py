@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .calibration import Calibration, _Start, corner_errors, turn_by
+from .calibration import Calibration, Start, corner_errors, turn_by
 from .fitting import Fit, numerical_jacobian, robust_fit
 from .wires import NWirePhantom, WirePoints, find_wires
 
@@ -244,7 +244,7 @@ class _Wires(NamedTuple):
         if rank < 3 or sizes[-1] < 1e-6 * sizes[0]:
             return None
         u, v, t = solution
-        start = _Start.nearest(u, v, t, np.zeros(3))
+        start = Start.nearest(u, v, t, np.zeros(3))
         off = np.linalg.norm(design @ solution - places.reshape(-1, 3), axis=1)
         return self._replace(offset=offset, start=start, linear_error=float(np.median(off)))
 
@@ -277,7 +277,7 @@ class _Wires(NamedTuple):
         return (front + share[..., None] * (back - front))[..., :2]
 
     def fit(self, free: bool) -> Fit:
-        """Eight parameters of `_Start.matrix`, and the change of the offset."""
+        """Eight parameters of `Start.matrix`, and the change of the offset."""
         ok = self.tracked.at(self.times + self.offset)[1]
 
         @functools.lru_cache(maxsize=4)

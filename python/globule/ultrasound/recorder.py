@@ -16,11 +16,11 @@ import numpy as np
 from PIL import Image
 
 from ..formats.errors import bad
-from ..formats.sweeps.poses import _MATRIX, read_poses
+from ..formats.sweeps.poses import MATRIX, read_poses
 from .live import LiveFrame
 
 _POSES = "poses.csv"
-_COLUMNS = ("time", *_MATRIX, "status", "world")
+_COLUMNS = ("time", *MATRIX, "status", "world")
 
 
 class Recorder:

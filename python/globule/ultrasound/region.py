@@ -81,7 +81,7 @@ def region_mask(
         inside &= (angle >= fan.first) & (angle <= fan.last)
     if mask is not None:
         if isinstance(mask, (str, os.PathLike)):
-            mask = _read_mask(mask)
+            mask = read_mask(mask)
         mask = np.asarray(mask)
         if mask.shape != shape:
             raise ValueError(f"mask: expected shape {shape} as the frames, got {mask.shape}")
@@ -106,7 +106,8 @@ def _numbers(name: str, value: Any, fields: tuple[str, ...]) -> list[float]:
     return numbers
 
 
-def _read_mask(path: str | os.PathLike[str]) -> np.ndarray:
+def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
+    """A picture as gray values (H, W) uint8. Raises FormatError, OSError."""
     from PIL import Image, UnidentifiedImageError
 
     try:

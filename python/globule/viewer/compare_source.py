@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import box_corners
+from ..data.attributes import attribute_values
+from ..data.particles import Particles
 from ..render.frame import Frame, Picked
 from ..render.layers import Layer
-from ..scene.attributes import attribute_values
-from ..scene.particles import Particles
 from .source import Origin, Source
 from .state import State
 

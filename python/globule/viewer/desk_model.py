@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from .._base.colormaps import colorize
+from ..data.attributes import attribute_values
 from ..render.display import displayed
 from ..render.presets import PRESETS
-from ..scene.attributes import attribute_values
 from ..scene.mesh import Mesh
 from .layers import hidden, layer_names
 from .plots import over_time

@@ -217,7 +217,7 @@ def _imports(state: State) -> list[str]:
     if not state.color.by:
         return []
     lines = [
-        "from globule.scene.attributes import attribute_values",
+        "from globule.data.attributes import attribute_values",
         "from globule import colorize",
     ]
     return lines + ["from globule import add_legend, save_png"] * state.color.legend

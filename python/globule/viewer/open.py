@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import on_gpu, to_host
+from ..data.particles import Particles
 from ..formats import read
 from ..formats.triangles import has_faces
+from ..pieces.scene import Scene
 from ..render.layers import Layer
 from ..scene.mesh import Mesh
-from ..scene.particles import Particles
-from ..scene.scene import Scene
 from ..sim.scene_read import SHIPPED
 from ..ultrasound.setup import Setup
 from ..ultrasound.sweep import Sweep

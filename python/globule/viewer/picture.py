@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from ..pieces.scene import Scene
 from ..render.camera import Camera, view_axes
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
 from ..render.frame import Frame
 from ..render.lights import DirectionalLight, Ground, Headlight, Sky
 from ..render.presets import GROUNDS, ground_height
-from ..render.render import render, values_of
+from ..render.render import render
 from ..render.settings import RenderSettings, extent_of, for_values
+from ..render.trace import values_of
 from ..scene.mesh import Mesh
-from ..scene.scene import Scene
 from .compare_source import CompareSource, Split
 from .layers import visible
 from .scenes import thesis_of

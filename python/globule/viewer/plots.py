@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import to_host
-from ..scene.attributes import attribute_values
+from ..data.attributes import attribute_values
 from ..scene.mesh import Mesh
 from .forces import by_name
 from .overlay import AMBER, Mark

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from .._base.colormaps import colorize
+from ..data.attributes import attribute_values
+from ..data.particles import Particles
+from ..pieces.scene import Scene
 from ..scene import fluid
-from ..scene.attributes import attribute_values
-from ..scene.particles import Particles
-from ..scene.scene import DEFAULTS, SMOOTH_THRESHOLD, Scene
+from ..scene.scene import DEFAULTS, SMOOTH_THRESHOLD
 from ..scene.thesis import Thesis, fitting_level
 from .state import State
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import box_corners
+from ..data.particles import Particles
 from ..formats import read
 from ..render.layers import Layer
 from ..render.sequence import leader
-from ..scene.particles import Particles
 from .scenes import SceneMaker
 from .source import Origin, Source
 from .state import State

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import box_corners, on_gpu
+from ..data.attributes import attribute_names
+from ..data.particles import Particles
+from ..pieces.scene import Scene
 from ..render.camera import Camera
 from ..render.layers import Layer
 from ..render.settings import RenderSettings
-from ..scene.attributes import attribute_names
 from ..scene.mesh import Mesh
-from ..scene.particles import Particles
-from ..scene.scene import Scene
 from .forces import PULL, newtons
 from .layers import hidden
 from .overlay import STEEL, Mark

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import box_corners
+from ..data.attributes import attribute_names
+from ..data.particles import Particles
 from ..formats.frames import FrameOf
+from ..pieces.scene import Scene
 from ..render.annotate import bounds_of
 from ..render.camera import Camera
 from ..render.layers import Layer
 from ..render.presets import preset
 from ..render.settings import RenderSettings
-from ..scene.attributes import attribute_names
 from ..scene.mesh import Mesh
-from ..scene.particles import Particles
-from ..scene.scene import Scene
 from .locks import FairLock
 from .overlay import Mark, Plate
 from .scenes import SceneMaker

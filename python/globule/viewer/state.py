@@ -29,13 +29,13 @@ from .._base.settings import (
     settings_of,
 )  # fmt: skip
 from .._base.structured import parse_toml, read_text
+from ..data.particles import FARTHEST
 from ..render.annotate import Annotation
 from ..render.camera import Camera
 from ..render.legend import POSITIONS
 from ..render.materials import Material
 from ..render.presets import GROUNDS, PRESETS
 from ..render.settings import RenderSettings
-from ..scene.particles import FARTHEST
 from ..scene.scene import KERNELS
 from ..scene.thesis import ROOTS
 from .history import History

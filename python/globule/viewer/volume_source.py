@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import box_corners
+from ..data.particles import Particles
 from ..render.camera import Camera, view_axes
 from ..render.clips import ClipBox
 from ..render.layers import Layer
-from ..scene.particles import Particles
 from ..ultrasound.sweep import Sweep
 from ..volumes.iso_surface import default_level, iso_surface
 from ..volumes.slices import reslice, tinted

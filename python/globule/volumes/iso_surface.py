@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from .._base.checks import number
+from ..data.particles import Particles
+from ..pieces.scene import Scene
 from ..render.camera import Camera
 from ..render.render import render
-from ..scene.particles import Particles
 from ..scene.query import field
-from ..scene.scene import KERNELS, Scene
+from ..scene.scene import KERNELS
 from .volume import Volume
 
 # Supports in voxels at which a lattice's field is nearly even, so that the normals show the lattice
@@ -54,7 +55,7 @@ def iso_surface(volume: Volume, level: float | None = None, kernel: str = "murak
     Args:
         volume: a volume that is not constant.
         level: iso-value, in the units of the volume's values; default: `default_level(volume)`.
-        kernel: one of `globule.scene.KERNELS`.
+        kernel: one of `globule.scene.scene.KERNELS`.
 
     Returns:
         IsoSurface; positions in mm in the volume's world, attribute `value` (N,) float32.

@@ -12,10 +12,10 @@ import numpy as np
 
 from .._base.checks import number, positive
 from .._base.colormaps import categorical, colorize
+from ..data.particles import Particles
 from ..formats.errors import FormatError, bad
 from ..formats.volumes.dicom import from_itk
 from ..formats.volumes.geometry import VolumeData
-from ..scene.particles import Particles
 from ..scene.scene import DEFAULTS
 from .files import read_volume, volume_of
 from .iso_surface import check_count, default_level, evenly, iso_surface

@@ -31,7 +31,7 @@ _TIME = ("time", "timestamp", "t")
 _UNITS = {"_s": 1.0, "_ms": 1e-3, "_us": 1e-6, "_ns": 1e-9}
 _POSITION = ("x", "y", "z")
 _QUATERNION = ("qx", "qy", "qz", "qw")
-_MATRIX = tuple(f"m{row}{column}" for row in range(4) for column in range(4))
+MATRIX = tuple(f"m{row}{column}" for row in range(4) for column in range(4))
 _MOST_GAP = 5.0  # median intervals between poses; a longer silence of the tracker is a gap
 
 
@@ -96,7 +96,7 @@ def write_csv(path: str | os.PathLike[str], table: PoseTable) -> None:
     """Write times, 4x4 matrices and statuses; every number survives exactly."""
     with open(path, "w", encoding="utf-8", newline="\n") as file:
         times, timed = table.times, table.times is not None
-        file.write(",".join((*(["time"] if timed else []), *_MATRIX, "status")) + "\n")
+        file.write(",".join((*(["time"] if timed else []), *MATRIX, "status")) + "\n")
         for i, (matrix, ok) in enumerate(zip(table.matrices, table.ok, strict=True)):
             numbers = [] if times is None else [float(times[i])]
             numbers += matrix.ravel().tolist()
@@ -176,10 +176,11 @@ def _text_rows(path: Any) -> list[_Row]:
     if not os.fspath(path).lower().endswith(".csv"):
         known = "a .csv, .json, .mha or .nrrd, or a table of TUM, ROS, OptiTrack or NDI"
         raise bad(path, "", f"expected a pose table: {known}")
-    return _csv_rows(path, text)
+    return csv_rows(path, text)
 
 
-def _csv_rows(path: Any, text: str) -> list[_Row]:
+def csv_rows(path: Any, text: str) -> list[_Row]:
+    """The poses of a table of comma-separated values, row by row. Raises FormatError."""
     try:
         lines = [line for line in csv.reader(text.splitlines()) if line]
     except csv.Error as error:
@@ -192,8 +193,8 @@ def _csv_rows(path: Any, text: str) -> list[_Row]:
     clock = next((name for name in (*_TIME, *clocks) if name in names), None)
     time_column = None if clock is None else names.index(clock)
     status_column = names.index("status") if "status" in names else None
-    if set(_MATRIX[:12]) <= set(names):
-        wanted = _MATRIX if set(_MATRIX) <= set(names) else _MATRIX[:12]
+    if set(MATRIX[:12]) <= set(names):
+        wanted = MATRIX if set(MATRIX) <= set(names) else MATRIX[:12]
     else:
         wanted = (*_POSITION, *_QUATERNION)
     missing = [name for name in wanted if name not in names]
@@ -206,17 +207,18 @@ def _csv_rows(path: Any, text: str) -> list[_Row]:
         where = f"row {number}"
         if len(line) != len(names):
             raise bad(path, where, f"expected {len(names)} values, got {len(line)}")
-        values = np.array([_number(path, where, line[column]) for column in columns])
+        values = np.array([number_of(path, where, line[column]) for column in columns])
         matrix = _matrix(path, where, values)
         time = None
         if clock is not None and time_column is not None:
-            time = _number(path, where, line[time_column]) * clocks[clock]
+            time = number_of(path, where, line[time_column]) * clocks[clock]
         status = status_column is None or line[status_column].strip().upper() in ("OK", "1", "TRUE")
         rows.append((where, time, matrix, status))
     return rows
 
 
-def _number(path: Any, where: str, text: str) -> float:
+def number_of(path: Any, where: str, text: str) -> float:
+    """The number of a cell; NaN for an empty one. Raises FormatError that names file and place."""
     if not text.strip():
         return math.nan
     try:

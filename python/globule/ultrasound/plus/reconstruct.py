@@ -21,7 +21,7 @@ from ..._base.device import choose
 from ..._base.memory import free_bytes as free_host_bytes
 from ...volumes.volume import Volume
 from ..grid import VoxelGrid, check_memory
-from ..region import _read_mask
+from ..region import read_mask
 from .config import (
     COMPOUNDINGS,
     FILLERS,
@@ -182,7 +182,7 @@ def _importance(config: PlusConfig, mask: Any, shape: tuple[int, int]) -> np.nda
             raise ValueError(
                 "importance_mask: CompoundingMode is IMPORTANCE_MASK, expected a mask, got none"
             )
-        mask = _read_mask(config.importance_file)
+        mask = read_mask(config.importance_file)
     mask = np.ascontiguousarray(mask, np.uint8)
     if mask.shape != shape:
         raise ValueError(f"importance_mask: expected shape {shape} as the frames, got {mask.shape}")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..._base.arrays import to_host
-from ...scene.scene import Scene
+from ...pieces.scene import Scene
 from .panel import Panel
 
 

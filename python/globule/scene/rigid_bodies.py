@@ -19,10 +19,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..scene.mesh import Mesh, Triangles
-from . import triangles
-from .errors import bad
-from .size import whole_file
+from ..data.triangles import Triangles
+from ..formats import triangles
+from ..formats.errors import bad
+from ..formats.size import whole_file
+from .mesh import Mesh
 
 _NAME = re.compile(r"rb_data_(\d+)\.bin")
 _POSE = np.dtype([("position", "<f4", 3), ("columns", "<f4", (3, 3))])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .. import _core
-from .._base.ranks import Alone
+from ... import _core
+from ..._base.ranks import Alone
 
 
 def nearest_image(

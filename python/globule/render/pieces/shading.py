@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .._base.checks import three
-from ..render.camera import Camera
-from ..render.display import displayed, shoulder
-from ..render.lights import DirectionalLight, Headlight, PointLight
-from ..render.materials import Material
-from ..render.settings import RenderSettings
+from ..._base.checks import three
+from ..camera import Camera
+from ..display import displayed, shoulder
+from ..lights import DirectionalLight, Headlight, PointLight
+from ..materials import Material
+from ..settings import RenderSettings
 from .hits import NOTHING, Hits
 
 CREASE, JUMP, CONTRAST = 0.6, 2.0, 24  # as in src/trace/edges.hpp

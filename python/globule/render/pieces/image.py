@@ -9,23 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import box_corners
-from .._base.memory import trim
-from ..render.camera import Camera
-from ..render.fit import FROM_ABOVE
-from ..render.frame import Frame
-from ..render.layers import Layer
-from ..render.materials import Material
-from ..render.render import beyond, render
-from ..render.settings import SMOOTH_EDGES, RenderSettings
-from ..scene.scene import Scene
+from ..._base.arrays import box_corners
+from ..._base.memory import trim
+from ...pieces.pieces import Pieces
+from ...scene.scene import SceneBase
+from ..camera import Camera
+from ..fit import FROM_ABOVE
+from ..frame import Frame
+from ..layers import Layer
+from ..materials import Material
+from ..settings import SMOOTH_EDGES, RenderSettings
+from ..trace import trace
 from .hits import NOTHING, Hits, first_hits, nearest
 from .light import render_light, turns
-from .scene import Pieces
 from .shading import SOME, edges, finished, light_of, rays_of, shade
 from .wavefront import skip_empty
-
-__all__ = ["Pieces", "PiecesFrame", "fit", "render_pieces"]
 
 Rays = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # of numbers: origins, directions
 SAMPLES_AT_ONCE = 4  # per visit of the pieces: their hits are in memory together
@@ -200,7 +198,7 @@ class Job:
         centers = partial(self.rays, sample=0)
         for k, layer in enumerate(self.layers):
             scene, clips = layer.scene, layer.clips
-            if isinstance(scene, Scene):
+            if isinstance(scene, SceneBase):
                 if self.ranks.rank == 0:
                     hits.put(np.arange(n), *self._frame(scene, clips), k)
             elif scene.negative or self._inside(scene, clips, self._starts()).any():
@@ -219,8 +217,8 @@ class Job:
         for piece, part in layer.scene.visit():
             put_owned(hits, layer.scene, piece, centers, self._frame(part, layer.clips), k)
 
-    def _frame(self, scene: Scene, clips: Sequence[Any]) -> tuple[Any, Any, Any]:
-        frame = render([Layer(scene, None, clips)], self.camera, self.size, light_of())
+    def _frame(self, scene: SceneBase, clips: Sequence[Any]) -> tuple[Any, Any, Any]:
+        frame = trace([Layer(scene, None, clips)], self.camera, self.size, light_of())
         n = self.size[0] * self.size[1]
         return frame.distance.ravel(), frame.normal.reshape(n, 3), frame.albedo.reshape(n, 3)
 
@@ -229,7 +227,7 @@ class Job:
         found = [Hits(len(o)) for o, _ in rays]
         for k, layer in enumerate(self.layers):
             scene, clips = layer.scene, layer.clips
-            if isinstance(scene, Scene):
+            if isinstance(scene, SceneBase):
                 for hits, (o, d) in zip(found, rays, strict=True):
                     if self.ranks.rank == 0:
                         hits.put(np.arange(len(o)), *first_hits(scene, o, d, clips), k)
@@ -336,6 +334,3 @@ def fit(scene: Pieces, size: tuple[int, int], **options: Any) -> Camera:
     if lo[2] == hi[2] and not options:
         options = FROM_ABOVE
     return Camera.fit(box_corners(lo, hi), size=size, margin=scene.outside, **options)
-
-
-beyond.append(render_pieces)

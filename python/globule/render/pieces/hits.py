@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from .. import _core
-from .._base.ranks import Alone
-from ..render.clips import ClipBox, ClipPlane, ClipSphere
-from ..scene.scene import Scene
+from ... import _core
+from ..._base.ranks import Alone
+from ...scene.scene import SceneBase
+from ..clips import ClipBox, ClipPlane, ClipSphere
 
 NOTHING = 255
 
@@ -108,7 +108,7 @@ def nearest(ranks: Alone, hits: Hits) -> Hits:
 
 
 def first_hits(
-    scene: Scene,
+    scene: SceneBase,
     origins: np.ndarray,
     directions: np.ndarray,
     clips: Sequence[ClipPlane | ClipBox | ClipSphere] = (),
@@ -242,12 +242,12 @@ def _face_normals(clips: Sequence[Any], which: np.ndarray, p: np.ndarray) -> np.
     return normals
 
 
-def _blended(scene: Scene, points: np.ndarray) -> np.ndarray:
+def _blended(scene: SceneBase, points: np.ndarray) -> np.ndarray:
     """Blended colors (M, 3) at points."""
     color = scene.particles.color
     if np.ndim(color) == 2:
         return scene.blend(points, color)
-    from ..scene.scene import DEFAULT_COLOR
+    from ...scene.scene import DEFAULT_COLOR
 
     one = DEFAULT_COLOR if color is None else color
     return np.broadcast_to(np.asarray(one, np.float32), points.shape)

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._base.ranks import Alone
-from ..scene.scene import Scene
-from .partition import Partition
-from .scene import Pieces
+from ..._base.ranks import Alone
+from ...pieces.partition import Partition
+from ...pieces.pieces import Pieces
+from ...scene.scene import SceneBase
 
 MARCH, SHADOW, MET, LIT = range(4)  # what a row is: two kinds of rays, their answers
 # Columns of a row, float32. A ray: origin, direction, how far it has come (below 0: it begins at
@@ -182,7 +182,7 @@ class Wavefront:
     def _waits(self, layer: int, piece: int) -> bool:
         return (layer, piece) in self._waiting
 
-    def _trace(self, layer: int, scene: Scene, rows: np.ndarray) -> None:
+    def _trace(self, layer: int, scene: SceneBase, rows: np.ndarray) -> None:
         spread = self.layers[layer]
         kind = whole_numbers(rows[:, WHAT]) & 3
         for which, trace in ((MARCH, march_part), (SHADOW, occlude_part)):
@@ -230,7 +230,7 @@ class Wavefront:
 
 
 def march_part(
-    spread: Spread, scene: Scene, rows: np.ndarray, leave: np.ndarray
+    spread: Spread, scene: SceneBase, rows: np.ndarray, leave: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rays through one piece's cells: which have met something, and their answers; the others'
     rows go on."""
@@ -251,7 +251,7 @@ def march_part(
 
 
 def occlude_part(
-    spread: Spread, scene: Scene, rows: np.ndarray, leave: np.ndarray
+    spread: Spread, scene: SceneBase, rows: np.ndarray, leave: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Shadow rays through one piece's cells, as `march_part`."""
     if spread.opaque:

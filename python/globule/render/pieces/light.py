@@ -8,20 +8,20 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .._base.ranks import Alone
-from ..render.camera import Camera
-from ..render.frame import Frame
-from ..render.layers import Layer
-from ..render.materials import Material
-from ..render.render import render
-from ..render.settings import RenderSettings
-from ..scene.mesh import Mesh
-from ..scene.scene import KERNELS, Scene
-from .scene import Pieces
+from ..._base.ranks import Alone
+from ...pieces.pieces import Pieces
+from ...scene.mesh import Mesh
+from ...scene.scene import KERNELS, SceneBase
+from ..camera import Camera
+from ..frame import Frame
+from ..layers import Layer
+from ..materials import Material
+from ..settings import RenderSettings
+from ..trace import trace
 from .wavefront import Answers, Spread, Wavefront
 
 
-class Spokesman(Scene):
+class Spokesman(SceneBase):
     """Stands for pieces in an image: a scene without particles, for which `answers` answers."""
 
     def __init__(self, pieces: Pieces, answers: Answers):
@@ -95,4 +95,4 @@ def render_light(
             scene = Spokesman(scene, Answers(wavefront, k))
         shown.append(Layer(scene, layer.material, layer.clips))
     comm = ranks if ranks.size > 1 else None
-    return render(shown, camera, size, settings, comm=comm, progress=progress)
+    return trace(shown, camera, size, settings, comm=comm, progress=progress)
