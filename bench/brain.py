@@ -63,7 +63,7 @@ def main() -> None:
     camera = gb.Camera(view.eye, view.look_at, view.up, view.fov)
     sim.scene.surface = options.surface
     settings = replace(
-        gb.preset("tissue", sim.scene, view.up),
+        gb.load_preset("tissue", sim.scene, view.up),
         samples=1,
         ambient_rays=0,
         edge_samples=options.edges,

@@ -120,8 +120,10 @@ def errors(sweep: Any, k: int, **options: Any) -> dict[str, tuple[float, float, 
     for fold in range(k):
         left_out = [i for rank, i in enumerate(indices[1:-1]) if rank % k == fold]
         valid = sweep.valid & ~np.isin(np.arange(len(sweep)), left_out)
-        rest = gb.Sweep(sweep.frames, sweep.world_from_image, valid=valid, mask=sweep.mask)
-        volumes = {method: gb.reconstruct(rest, method, **options) for method in METHODS}
+        rest = gb.ultrasound.Sweep(
+            sweep.frames, sweep.world_from_image, valid=valid, mask=sweep.mask
+        )
+        volumes = {method: gb.ultrasound.reconstruct(rest, method, **options) for method in METHODS}
         spacing = float(volumes["frames"].spacing[0])
         for f in left_out:
             seen = sweep.frames[f][::STEP, ::STEP].astype(float)
@@ -156,10 +158,10 @@ def main() -> None:
     for word in options.sweeps:
         name, _, place = word.partition(",")
         reading = {"calibration" if place.endswith(".toml") else "plus": place or None}
-        sweeps[name.rsplit("/", 1)[-1]] = gb.read_sweep(name, **reading)
+        sweeps[name.rsplit("/", 1)[-1]] = gb.ultrasound.read_sweep(name, **reading)
     if not sweeps:
         for speckle in (0.0, 0.3):
-            sweeps[f"breast phantom, speckle {speckle:g}"] = gb.phantoms.breast(
+            sweeps[f"breast phantom, speckle {speckle:g}"] = gb.ultrasound.phantoms.breast(
                 66, length=33.0, size=(200, 200), spacing=0.23, speckle=speckle
             )
     place = {"size": 256} if options.voxel_size is None else {"spacing": options.voxel_size}

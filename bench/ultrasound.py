@@ -33,7 +33,7 @@ THESIS = {  # seconds on a GTX 1080, 131 frames
 }  # fmt: skip
 
 
-def make_sweep(n: int, shape: tuple[int, int]) -> gb.Sweep:
+def make_sweep(n: int, shape: tuple[int, int]) -> gb.ultrasound.Sweep:
     """Frames of 0.1 mm pixels, 0.3 mm apart, the hand wobbling; blobs and speckle, from integers
     only, so that the sweep is the same on every machine."""
     h, w = shape
@@ -52,10 +52,12 @@ def make_sweep(n: int, shape: tuple[int, int]) -> gb.Sweep:
         poses[f, :3, :3] = 0.125 * np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         poses[f, :3, 3] = (0.125 * (f % 3), 0.0625 * (f % 5), 0.3125 * f)
         poses[f, 2, 1] = 0.125 * t
-    return gb.Sweep(frames, poses)
+    return gb.ultrasound.Sweep(frames, poses)
 
 
-def measure(sweep: gb.Sweep, size: int, method: str, device: str, threads: int, runs: int) -> dict:
+def measure(
+    sweep: gb.ultrasound.Sweep, size: int, method: str, device: str, threads: int, runs: int
+) -> dict:
     frames, chosen, options = sweep.frames, choose(device), Options(method)
     low, high = bounds(sweep.world_from_image, None, frames.shape[1:])
     # The thesis' volumes are cubes of `size` voxels.
@@ -104,7 +106,7 @@ def live(device: str, threads: int, size: int = 256, n: int = 60) -> dict:
     chosen = choose(device)
     sweep = make_sweep(n, (616, 820))
     low, high = bounds(sweep.world_from_image, None, (616, 820))
-    live_volume = gb.Reconstructor(
+    live_volume = gb.ultrasound.Reconstructor(
         float((high - low).max()) / size, region=(low, high), device=device, threads=threads
     )
     times = []

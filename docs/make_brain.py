@@ -27,7 +27,7 @@ VIEWS = {
 
 def lamp(scene: gb.Scene) -> gb.RenderSettings:
     """The preset of tissue, whose light is warm, under white light: the particles have colors."""
-    settings = gb.preset("tissue", scene, UP)
+    settings = gb.load_preset("tissue", scene, UP)
     lights = (gb.Headlight(0.28), gb.DirectionalLight((0.6, 0.2, 1.0), 0.62, 8.0))
     return replace(settings, lights=lights, ambient=0.30)
 

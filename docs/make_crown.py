@@ -25,7 +25,7 @@ CAMERA = gb.Camera((0.0, -0.1, 0.042), (0, 0, 0.006), (0, 0, 1), 24)
 
 def water(sim: gb.Simulation) -> np.ndarray:
     """An image of the smooth surface, as water."""
-    settings = gb.preset("water", sim.scene, (0, 0, 1))
+    settings = gb.load_preset("water", sim.scene, (0, 0, 1))
     return np.asarray(gb.render(sim, CAMERA, SIZE, settings).image)[..., :3]
 
 

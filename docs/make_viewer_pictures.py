@@ -175,7 +175,7 @@ def sequence(page: Any, viewer: Any) -> None:
     viewer.state.set(time__frame=7)
 
 
-def phantom_sweep() -> gb.Sweep:
+def phantom_sweep() -> gb.ultrasound.Sweep:
     """A curved sweep over a ball and a tube, made here."""
     rng = np.random.default_rng(3)
     frames, poses = [], []
@@ -199,12 +199,12 @@ def phantom_sweep() -> gb.Sweep:
         noisy = value * rng.gamma(9, 1 / 9, len(value))
         frames.append(np.clip(noisy, 0, 255).reshape(90, 110).astype(np.uint8))
         poses.append(pose)
-    return gb.Sweep(np.stack(frames), np.stack(poses))
+    return gb.ultrasound.Sweep(np.stack(frames), np.stack(poses))
 
 
-def phantom_volume() -> tuple[gb.Volume, gb.Sweep]:
+def phantom_volume() -> tuple[gb.volumes.Volume, gb.ultrasound.Sweep]:
     made = phantom_sweep()
-    return gb.reconstruct(made, spacing=0.8, max_kernel=5), made
+    return gb.ultrasound.reconstruct(made, spacing=0.8, max_kernel=5), made
 
 
 PICTURES: dict[str, tuple[Callable[[], Any], Callable[[Any, Any], None]]] = {

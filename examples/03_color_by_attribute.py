@@ -20,5 +20,5 @@ frame.save("speed.png")
 
 # Where several metaballs meet, attributes are blended by their share of the field.
 values = frame.attribute(speed)  # (H, W), NaN where missed
-lo, hi = gb.value_range([particles], "speed")
+lo, hi = gb.find_value_range([particles], "speed")
 print(f"particles {lo:.3f} to {hi:.3f}, visible {np.nanmin(values):.3f} to {np.nanmax(values):.3f}")

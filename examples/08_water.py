@@ -13,12 +13,12 @@ positions, _, spacing = splash(30_000)
 scene = gb.Scene(gb.Particles(positions, support=2 * spacing))
 camera = gb.Camera(eye=(1.05, 0.95, 1.7), look_at=(0, 0.12, 0))
 
-water = gb.preset("water", scene)  # a RenderSettings, scaled to the scene
+water = gb.load_preset("water", scene)  # a RenderSettings, scaled to the scene
 print(f"water: {water.material}")
 gb.render(scene, camera, (480, 360), water).save("water.png")
 
 # `dataclasses.replace` changes a part of the settings, or of their material.
-blood = gb.preset("blood", scene)
+blood = gb.load_preset("blood", scene)
 thinner = dataclasses.replace(
     blood.material, absorption=tuple(0.6 * a for a in blood.material.absorption)
 )

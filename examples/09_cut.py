@@ -20,7 +20,7 @@ print(f"{name}: {len(scene):,} metaballs")
 camera = gb.Camera(eye=(310, 300, 230), look_at=(0, -18, 2), up=(0, 0, 1), fov=21)
 slab = gb.ClipBox(lo=(0, -999, 5), hi=(999, 999, 999))  # ClipPlane and ClipSphere, too
 ball = gb.ClipSphere(center=(0, 55, 5), radius=18)
-settings = gb.preset("tissue", scene, up=(0, 0, 1))
+settings = gb.load_preset("tissue", scene, up=(0, 0, 1))
 frame = gb.render(scene, camera, (480, 420), settings, clips=[slab, ball])
 frame.save("cut.png")
 

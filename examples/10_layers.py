@@ -42,9 +42,9 @@ particles = gb.Particles(
 skin = gb.Material(transmission=0.75, index=1.0, color=(0.80, 0.45, 0.38), absorption=0.1)
 red = gb.Material(color=(0.55, 0.02, 0.02), specular=0.6)
 yellow = gb.Material(color=(0.75, 0.55, 0.08))
-layers = gb.layers_by(particles, "phase", {0: skin, 1: red, 2: yellow})
+layers = gb.split_layers(particles, "phase", {0: skin, 1: red, 2: yellow})
 
-look = gb.preset("tissue", layers[0].scene)
+look = gb.load_preset("tissue", layers[0].scene)
 settings = dataclasses.replace(look, lights=gb.RenderSettings.lights)  # white, not warm
 camera = gb.Camera((1.2, 0.9, 3.4), (0, 0, 0), fov=34)
 gb.render(layers, camera, (420, 380), settings).save("layers.png")

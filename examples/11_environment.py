@@ -1,6 +1,6 @@
 """Chrome, brushed metal and glass under an environment image.
 
-Writes studio.png. The image is made here; `gb.read_environment` reads .hdr and .exr files:
+Writes studio.png. The image is made here; `gb.Environment` also takes a file's name:
     globule render balls.npz -o chrome.png --reflection 0.9 --sky studio.hdr --samples 8
 """
 

@@ -19,7 +19,7 @@ particles = gb.Particles(positions, support=2 * spacing)
 
 # Each kernel is flattened across the surface and stretched along it. Each position moves towards
 # the mean of its neighbors. Particles with few neighbors get small kernels.
-found = gb.anisotropy(particles)
+found = gb.fluids.find_anisotropy(particles)
 smooth = gb.Particles(found.centers, anisotropy=found.G)
 
 camera = gb.Camera(eye=(1.05, 0.95, 1.7), look_at=(0, 0.12, 0))

@@ -261,6 +261,6 @@ def particles(folder):
 @pytest.fixture
 def sweep(folder):
     """A phantom of 24 small frames in phantom.igs.mha."""
-    made = gb.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
-    gb.write_sweep("phantom.igs.mha", made)
+    made = gb.ultrasound.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
+    gb.ultrasound.write_sweep("phantom.igs.mha", made)
     return made

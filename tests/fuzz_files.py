@@ -226,10 +226,10 @@ def _by_packages() -> list[str]:
 def _volumes() -> list[str]:
     rng = np.random.default_rng(2)
     values = rng.integers(0, 200, (5, 6, 7)).astype(np.int16)
-    volume = gb.Volume(values, np.diag([0.5, 0.6, 0.7, 1.0]))
+    volume = gb.volumes.Volume(values, np.diag([0.5, 0.6, 0.7, 1.0]))
     names = [f"own{e}" for e in (".mha", ".nrrd", ".nii", ".nii.gz", ".vti", ".npz", ".sparse.npz")]
     for name in names:
-        gb.write_volume(name, volume)
+        gb.volumes.write_volume(name, volume)
     values.astype("<i2").tofile("beside.raw")
     Path("beside.mhd").write_text(
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nDimSize = 7 6 5\nElementType = MET_SHORT"
@@ -264,19 +264,19 @@ def _dicom() -> list[str]:
     image = sitk.GetImageFromArray(np.arange(2 * 8 * 9, dtype=np.uint8).reshape(2, 8, 9))
     sitk.WriteImage(image, "two.dcm")
     sitk.WriteImage(image[:, :, 0], "one.dcm")
-    gb.write_volume("own.dcm", gb.Volume(np.ones((3, 8, 9), np.uint8), np.eye(4)))
+    gb.volumes.write_volume("own.dcm", gb.volumes.Volume(np.ones((3, 8, 9), np.uint8), np.eye(4)))
     return ["two.dcm", "one.dcm", "own.dcm"]
 
 
 def _read_volume(path: str) -> None:
-    volume = gb.read_volume(path)
+    volume = gb.volumes.read_volume(path)
     assert volume.values.ndim == 3
     assert np.isfinite(volume.world_from_voxel).all()
 
 
 def _voxels(path: str) -> None:
     """A volume as particles, by the function for them."""
-    gb.tomography_particles(path)
+    gb.volumes.sample_tomography(path)
 
 
 def _sweeps() -> list[str]:
@@ -284,7 +284,7 @@ def _sweeps() -> list[str]:
 
     names = ["own.igs.mha", "own.igs.nrrd", "own.npz"]
     for name in names:
-        gb.write_sweep(name, small_sweep())
+        gb.ultrasound.write_sweep(name, small_sweep())
     np.save("stack.npy", small_sweep().frames)
     names += _if_installed(lambda: made.whole("own.mrb"), "own.mrb")
     return names + _if_installed(lambda: made.stradwin("own"), "own.sw")
@@ -306,18 +306,18 @@ def _parts_of_sweeps() -> list[str]:
 def _read_part(path: str) -> None:
     name = os.path.basename(path)
     if name.startswith("poses"):
-        gb.read_sweep("frames", poses=path, calibration="probe.toml")
+        gb.ultrasound.read_sweep("frames", poses=path, calibration="probe.toml")
     elif name == "probe.toml":
-        gb.read_sweep("sweep.igs.mha", calibration=path)
+        gb.ultrasound.read_sweep("sweep.igs.mha", calibration=path)
     elif name == "config.xml":
         read_plus_config(path)
-        gb.read_sweep("sweep.igs.mha", plus=path)
+        gb.ultrasound.read_sweep("sweep.igs.mha", plus=path)
     elif name.endswith(".xml"):
         read_plus_config(path)
     elif name == "marks.csv":
         read_marks(path, read_tracked("wires.igs.mha"))
     else:
-        gb.read_sweep("frames", poses="poses.csv", calibration="probe.toml")
+        gb.ultrasound.read_sweep("frames", poses="poses.csv", calibration="probe.toml")
 
 
 def _part_words(path: str) -> list[str]:
@@ -335,7 +335,7 @@ def _part_words(path: str) -> list[str]:
 
 
 def _read_sweep(path: str) -> None:
-    sweep = gb.read_sweep(path)
+    sweep = gb.ultrasound.read_sweep(path)
     assert sweep.frames.ndim == 3
     assert len(sweep.frames) == len(sweep.world_from_image)
 
@@ -365,7 +365,7 @@ def _exr() -> list[str]:
 
 
 def _read_picture(path: str) -> None:
-    image = gb.read_environment(path)
+    image = gb.Environment(path)
     assert image.shape[2:] == (3,)
     assert np.isfinite(image).all()
 

@@ -23,8 +23,8 @@ def test_field_and_gradient(backend):
     points = cloud(600, 3)
     f, grad = field(p, g, weight, "murakami", points)
     assert (f != 0).mean() > 0.5
-    np.testing.assert_allclose(gb.field(scene, points), f, atol=1e-5)
-    np.testing.assert_allclose(gb.gradient(scene, points), grad, atol=1e-3)
+    np.testing.assert_allclose(scene.field(points), f, atol=1e-5)
+    np.testing.assert_allclose(scene.gradient(points), grad, atol=1e-3)
 
 
 @pytest.mark.parametrize("kernel", ["murakami", "wendland_c2", "solid"])
@@ -46,7 +46,7 @@ def test_rays_through_the_cells(backend, kernel):
     n = whole.normal[m]
     mirrored = (d - 2 * (d * n).sum(1, keepdims=True) * n).astype(np.float32)
     start = (whole.position[m] + 0.01 * n).astype(np.float32)
-    again = gb.intersect(scene, start, mirrored)[0]
+    again = scene.intersect(start, mirrored)[0]
     expected = first_hit(p, g, 1.0, kernel, 0.45, start, mirrored)
     assert (np.isfinite(again) == np.isfinite(expected)).all()
     assert np.isfinite(again).any()
@@ -70,13 +70,13 @@ def test_a_cut_face_shows_the_blend(backend):
 
 def test_smoothed_particles_make_a_flatter_surface():
     p = lattice(14, 14, 4, 0.25, 3)
-    found = gb.anisotropy(gb.Particles(p, support=2.0), radius=4.0)
+    found = gb.fluids.find_anisotropy(gb.Particles(p, support=2.0), radius=4.0)
     down = np.stack([*np.random.default_rng(8).uniform(-4, 4, (2, 500)), np.full(500, 9.0)], 1)
     d = np.tile(np.float32([0, 0, -1]), (500, 1))
     rough = []
     smooth = gb.Particles(found.centers, anisotropy=found.G)
     for particles in (gb.Particles(p, support=2.0), smooth):
-        depth = gb.intersect(gb.Scene(particles, device="cpu"), down.astype(np.float32), d)[0]
+        depth = gb.Scene(particles, device="cpu").intersect(down.astype(np.float32), d)[0]
         assert np.isfinite(depth).all()
         rough.append(depth.std())
     assert rough[1] < 0.5 * rough[0]
@@ -90,11 +90,11 @@ def test_selection_and_update(backend):
     points = cloud(50, 9)
     scene.update(positions=p[::-1].copy(), anisotropy=g[::-1].copy())
     np.testing.assert_allclose(
-        gb.field(scene, points), field(p, g, 1.0, "murakami", points)[0], atol=1e-5
+        scene.field(points), field(p, g, 1.0, "murakami", points)[0], atol=1e-5
     )
     scene.update(anisotropy=None, support=0.3)
     np.testing.assert_allclose(
-        gb.field(scene, points), field(p, 0.3, 1.0, "murakami", points)[0], atol=1e-5
+        scene.field(points), field(p, 0.3, 1.0, "murakami", points)[0], atol=1e-5
     )
 
 

@@ -108,7 +108,7 @@ def test_temporal_offset_is_found(late):
     def place(t):
         return 6 * np.sin(1.9 * t) + 2 * np.sin(4.7 * t)
 
-    path = gb.phantoms.hand_path(2, 1, size=(24, 24), spacing=0.3)[:1]
+    path = gb.ultrasound.phantoms.hand_path(2, 1, size=(24, 24), spacing=0.3)[:1]
     poses = np.repeat(path, len(frame_times), axis=0)
     poses[:, 2, 3] += place(frame_times)
     rng = np.random.default_rng(1)
@@ -116,7 +116,7 @@ def test_temporal_offset_is_found(late):
     for axis in range(3):
         phantom = phantom + np.roll(phantom, 1, axis)
     lattice = np.array([[0.4, 0, 0, -6], [0, 0.4, 0, -2], [0, 0, 0.4, -12], [0, 0, 0, 1.0]])
-    frames = gb.phantoms.scan_volume(phantom, lattice, poses, (24, 24))
+    frames = gb.ultrasound.phantoms.scan_volume(phantom, lattice, poses, (24, 24))
     tracked = np.tile(np.eye(4), (len(pose_times), 1, 1))
     tracked[:, 2, 3] = place(pose_times - late)
     found = temporal_offset(frames, frame_times, tracked, pose_times)

@@ -113,14 +113,16 @@ def recording_with_delay(late: float) -> None:
     def place(t):
         return 6 * np.sin(1.9 * t) + 2 * np.sin(4.7 * t)
 
-    path = gb.phantoms.hand_path(2, 1, size=(24, 24), spacing=0.3)[:1]
+    path = gb.ultrasound.phantoms.hand_path(2, 1, size=(24, 24), spacing=0.3)[:1]
     poses = np.repeat(path, len(times), axis=0)
     poses[:, 2, 3] += place(times)
     phantom = np.random.default_rng(1).random((64, 32, 32)).astype(np.float32)
     for axis in range(3):
         phantom = phantom + np.roll(phantom, 1, axis)
     lattice = np.array([[0.4, 0, 0, -6], [0, 0.4, 0, -2], [0, 0, 0.4, -12], [0, 0, 0, 1.0]])
-    frames = gb.phantoms.scan_volume(phantom * 60, lattice, poses, (24, 24)).astype(np.uint8)
+    frames = gb.ultrasound.phantoms.scan_volume(phantom * 60, lattice, poses, (24, 24)).astype(
+        np.uint8
+    )
     tracked = np.tile(np.eye(4), (len(times), 1, 1))
     tracked[:, 2, 3] = place(times - late)
     write_recording(tracked, frames, times)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from cli_helpers import run_json
 from globule.cli import main
-from globule.scene.fluid import is_flat
+from globule.fluids.likeness import is_flat
 
 pytestmark = pytest.mark.usefixtures("folder")
 MACHINE = ["--device", "cpu", "--size", "160x120"]

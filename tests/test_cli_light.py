@@ -66,7 +66,7 @@ def test_presets(name):
     assert seen.std() > 8
     assert (seen != plain).any()
     scene = gb.Scene(ball(), device="cpu", surface="smooth")
-    settings = gb.preset(name, scene)
+    settings = gb.load_preset(name, scene)
     frame = gb.render(
         scene, gb.Camera((1, 1.2, 3), (0, 0, 0)), (48, 36), dataclasses.replace(settings, samples=1)
     )
@@ -80,7 +80,7 @@ def test_a_preset_does_not_depend_on_the_unit_of_length():
     seen = []
     for particles, unit in ((metres, 1), (millimetres, 1000)):
         scene = gb.Scene(particles, device="cpu", surface="smooth")
-        settings = dataclasses.replace(gb.preset("water", scene), samples=1)
+        settings = dataclasses.replace(gb.load_preset("water", scene), samples=1)
         camera = gb.Camera(np.multiply((1, 1.2, 3), unit), (0, 0, 0))
         seen.append(gb.render(scene, camera, (48, 36), settings).picture.astype(int))
     assert (np.abs(seen[0] - seen[1]) > 12).mean() < 0.02
@@ -254,7 +254,7 @@ def test_cuts_that_take_all_away(words, capsys):
 def test_layers_by():
     particles = ball()
     glass = gb.Material(transmission=1.0, index=1.0, absorption=0.0)
-    layers = gb.layers_by(particles, "side", {1: glass, 0: None}, device="cpu")
+    layers = gb.split_layers(particles, "side", {1: glass, 0: None}, device="cpu")
     assert [layer.material for layer in layers] == [glass, None]
     assert [len(layer.scene) for layer in layers] == [
         int((particles.attributes["side"] == side).sum()) for side in (1, 0)
@@ -264,7 +264,7 @@ def test_layers_by():
     assert middle[0] > 2 * middle[2]  # red is seen through what has no colour
     # Supports come from all particles, also where a phase is too thin to measure.
     particles.support = None
-    one, two = gb.layers_by(particles, "side", {0: None, 7: None}, device="cpu")
+    one, two = gb.split_layers(particles, "side", {0: None, 7: None}, device="cpu")
     assert one.scene.support == gb.Scene(particles, device="cpu").support
     assert len(two.scene) == 0
     gb.render([one, two], camera, (21, 21))
@@ -273,11 +273,11 @@ def test_layers_by():
 def test_unknown_presets_and_attributes():
     particles = ball()
     with pytest.raises(ValueError, match=r"name: expected one of blood, .*got 'jelly'"):
-        gb.preset("jelly", gb.Scene(particles, device="cpu"))
+        gb.load_preset("jelly", gb.Scene(particles, device="cpu"))
     with pytest.raises(ValueError, match=r"name: expected an attribute \(side\), got 'phase'"):
-        gb.layers_by(particles, "phase", {0: None})
+        gb.split_layers(particles, "phase", {0: None})
     with pytest.raises(ValueError, match="materials: expected 1 to 4, got 5"):
-        gb.layers_by(particles, "side", dict.fromkeys(range(5)))
+        gb.split_layers(particles, "side", dict.fromkeys(range(5)))
     particles.attributes["v"] = particles.positions
     with pytest.raises(ValueError, match=r"got 'v' \("):
-        gb.layers_by(particles, "v", {0: None})
+        gb.split_layers(particles, "v", {0: None})

@@ -36,7 +36,7 @@ def sequence(folder):
 
 def test_slice(particles, capsys):
     facts = run_json(capsys, "slice", particles, "--plane", "0,0,1,0.4", "-o", "a.csv", *CPU)
-    found = gb.sample(particles, gb.SamplePlane((0, 0, 1), 0.4), device="cpu")
+    found = gb.measure.sample(particles, gb.measure.SamplePlane((0, 0, 1), 0.4), device="cpu")
     assert facts["places"] == {"v": found.shape[0], "u": found.shape[1]}
     columns = table("a.csv")
     assert [*columns] == ["x", "y", "z", "field", "inside", "speed", "flow:0", "flow:1", "flow:2"]
@@ -79,7 +79,7 @@ def test_gauge(sequence, capsys):
     heights = np.array(columns["height_0"], float)
     np.testing.assert_allclose(np.diff(heights), 0.25, atol=1e-5)
     assert heights[0] == pytest.approx(
-        float(gb.gauge("frame_0.npz", (0.4, 0.4), device="cpu")), abs=1e-6
+        float(gb.measure.gauge("frame_0.npz", (0.4, 0.4), device="cpu")), abs=1e-6
     )
     assert columns["height_1"] == ["nan"] * 3
     assert facts["height_1"] == [None] * 3
@@ -93,13 +93,15 @@ def test_gauge_plot_and_map(sequence, capsys):
     for name in ("m.csv", "m.vti", "m.npz", "m.vtp"):
         assert main([*words, "--map", "-o", name]) == 0
     heights = np.array(table("m.csv")["height"], float)
-    assert np.nanmax(heights) == pytest.approx(float(gb.gauge("frame_0.npz", (0.4, 0.4))), abs=0.1)
+    assert np.nanmax(heights) == pytest.approx(
+        float(gb.measure.gauge("frame_0.npz", (0.4, 0.4))), abs=0.1
+    )
 
 
 def test_mesh(particles, capsys):
     words = ["mesh", particles, "--value", "speed", *CPU]
     facts = run_json(capsys, *words, "-o", "a.ply")
-    truth = gb.measure_surface(particles, device="cpu")
+    truth = gb.measure.measure_surface(particles, device="cpu")
     assert facts["volume"] == pytest.approx(truth.volume, rel=1e-6)
     assert facts["area_error"] == pytest.approx(truth.area_error, rel=1e-4)
     for name in ("a.stl", "a.obj", "a.vtp"):
@@ -136,10 +138,10 @@ def test_track(sequence, capsys):
     assert [*columns][:4] == ["frame", "time", "file", "volume"]
     np.testing.assert_allclose(np.diff(np.array(columns["y_max"], float)), 0.25, atol=2e-3)
     np.testing.assert_allclose(np.diff(facts["volume"]), 0, atol=facts["volume_error"][0])
-    here = gb.track_surface(sequence, device="cpu")
+    here = gb.measure.track_surface(sequence, device="cpu")
     for name, column in here.items():
         np.testing.assert_allclose(column, np.array(columns[name], float), rtol=1e-6)
-    again = gb.track_surface([gb.read(f"frame_{i}.npz") for i in range(3)], device="cpu")
+    again = gb.measure.track_surface([gb.read(f"frame_{i}.npz") for i in range(3)], device="cpu")
     np.testing.assert_array_equal(again["volume"], here["volume"])
 
 
@@ -270,9 +272,11 @@ def test_one_surface_and_one_spacing_for_all(folder, capsys):
     assert first["volume"] == pytest.approx(len(p) * 0.2**3, rel=0.03)
     for more in ([], again, ["--surface", "smooth"]):
         facts = run_json(capsys, "mesh", "ball.npz", "-o", "a.stl", *more, *CPU)
-        assert facts["volume"] == pytest.approx(gb.measure_surface(scene).volume, rel=1e-6)
+        assert facts["volume"] == pytest.approx(gb.measure.measure_surface(scene).volume, rel=1e-6)
         facts = run_json(capsys, "gauge", "ball.npz", "--at", "0,0", "-o", "g.csv", *more, *CPU)
-        assert facts["height_0"][0] == pytest.approx(float(gb.gauge(scene, (0, 0))), abs=1e-5)
+        assert facts["height_0"][0] == pytest.approx(
+            float(gb.measure.gauge(scene, (0, 0))), abs=1e-5
+        )
     for command in (["slice", "ball.npz", "--grid"], ["track", "ball.npz"], ["mesh", "ball.npz"],
                     ["gauge", "ball.npz", "--at", "0,0"]):  # fmt: skip
         out = ["-o", "a.stl" if command[0] == "mesh" else "a.csv", *CPU]

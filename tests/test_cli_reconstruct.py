@@ -81,7 +81,7 @@ def test_cross_validation(sweep, capsys):
 
 def test_jumping_poses_are_left_out_with_a_warning(sweep, capsys):
     sweep.world_from_image[11, :3, 3] += 60
-    gb.write_sweep("jump.npz", sweep)
+    gb.ultrasound.write_sweep("jump.npz", sweep)
     words = ["reconstruct", "jump.npz", "-o", "v.npz", "--voxel-size", "2", *CPU]
     assert main(words) == 0
     assert "frame 11: the pose jumps by 105 mm" in capsys.readouterr().err
@@ -92,7 +92,7 @@ def test_jumping_poses_are_left_out_with_a_warning(sweep, capsys):
 def test_a_step_and_a_probe_at_rest(sweep, capsys):
     """No frame is lost, and the step is said."""
     sweep.world_from_image[12:, :3, 3] += 300
-    gb.write_sweep("step.npz", sweep)
+    gb.ultrasound.write_sweep("step.npz", sweep)
     words = ["reconstruct", "step.npz", "-o", "v.npz", "--voxel-size", "4", *CPU]
     facts = run_json(capsys, *words)
     assert facts["frames"]["used"] == 24
@@ -100,7 +100,7 @@ def test_a_step_and_a_probe_at_rest(sweep, capsys):
     rest = small_sweep(30)
     rest.world_from_image[:18] = rest.world_from_image[18]
     rest.frames[:18] = rest.frames[18]
-    gb.write_sweep("rest.npz", rest)
+    gb.ultrasound.write_sweep("rest.npz", rest)
     facts = run_json(capsys, "reconstruct", "rest.npz", "-o", "v.npz", "--voxel-size", "1", *CPU)
     assert (facts["frames"]["used"], facts["warnings"]) == (30, [])
     assert facts["poses"] == ["frames 0 to 18: one pose in all frames"]
@@ -109,7 +109,7 @@ def test_a_step_and_a_probe_at_rest(sweep, capsys):
 
 def test_a_stack_with_poses(capsys):
     made = small_sweep(12)
-    gb.write_sweep("frames", made)
+    gb.ultrasound.write_sweep("frames", made)
     Path("frames/poses.csv").rename("poses.csv")
     words = ["frames", "--poses", "poses.csv", "-o", "v.npz", "--voxel-size", "2", *CPU]
     assert run_json(capsys, "reconstruct", *words, "--keep-outliers")["frames"]["used"] == 12
@@ -122,7 +122,7 @@ def test_mistakes_get_one_line(sweep, capsys):
     )
     Path("broken.igs.mha").write_bytes(Path("phantom.igs.mha").read_bytes()[:20000])
     lost = small_sweep(valid=[False] * 5)
-    gb.write_sweep("lost.npz", lost)
+    gb.ultrasound.write_sweep("lost.npz", lost)
     sweep, out = "phantom.igs.mha", ("-o", "v.nrrd")
     for words, what in [
         ([], "SWEEP"),
@@ -171,7 +171,7 @@ def test_info_of_a_sweep(sweep, capsys):
     assert facts["spacing"] == pytest.approx([0.8, 0.8])
     assert facts["outliers"] == []
     sweep.world_from_image[10, :3, 3] += 60
-    gb.write_sweep("jump.npz", sweep)
+    gb.ultrasound.write_sweep("jump.npz", sweep)
     assert run_json(capsys, "info", "jump.npz")["outliers"] == [10]
     assert main(["info", "jump.npz"]) == 0
     assert "frame 10: the pose jumps by 105 mm" in capsys.readouterr().out
@@ -180,7 +180,7 @@ def test_info_of_a_sweep(sweep, capsys):
 def test_convert_sweeps_and_volumes(sweep, capsys):
     for name in ("a.igs.nrrd", "b.npz", "c.igs.mha"):
         assert main(["convert", "phantom.igs.mha", name]) == 0
-        assert same(sweep, gb.read_sweep(name))
+        assert same(sweep, gb.ultrasound.read_sweep(name))
     capsys.readouterr()
     words = ["reconstruct", "b.npz", "-o", "v.sparse.npz", "--voxels", "24"]
     size = run_json(capsys, *words, *CPU)["volume"]["size"]
@@ -202,7 +202,10 @@ def test_a_recording_without_calibration(capsys):
     assert (facts["kind"], facts["frames"], facts["spacing"]) == ("sweep", 21, None)
     assert facts["transforms"] == ["ProbeToTracker", "ReferenceToTracker", "StylusToTracker"]
     assert main(["convert", str(source), "a.igs.nrrd"]) == 0
-    assert same(gb.read_sweep(source, plus=plus), gb.read_sweep("a.igs.nrrd", plus=plus))
+    assert same(
+        gb.ultrasound.read_sweep(source, plus=plus),
+        gb.ultrasound.read_sweep("a.igs.nrrd", plus=plus),
+    )
     assert main(["convert", "a.igs.nrrd", "a.npz"]) == 2
     assert "calibration" in capsys.readouterr().err
 

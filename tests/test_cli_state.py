@@ -71,7 +71,7 @@ def test_an_orthographic_camera(cloud):
 def test_a_volume_s_surface(capsys):
     z, y, x = np.mgrid[-9:10, -9:10, -9:10]
     values = np.clip(220 - 18 * np.sqrt(x * x + y * y + z * z), 0, 255).astype(np.uint8)
-    gb.write_volume("v.npz", gb.Volume(values, np.diag([2.0, 2.0, 2.0, 1.0])))
+    gb.volumes.write_volume("v.npz", gb.volumes.Volume(values, np.diag([2.0, 2.0, 2.0, 1.0])))
     camera = gb.Camera((60, 40, 80), (18, 18, 18))
     settings = {"slices__shown": False, "slices__level": 120.0, "surface__threshold": 0.5}
     expected = printed("v.npz", camera, **settings)

@@ -36,7 +36,7 @@ def test_shared_scene():
         scene.update(positions=points)
         for k, look in enumerate(looks):
             right[k].add(gb.render(scene, camera, SIZE, look).picture.tobytes())
-        fields.add(gb.field(scene, places).tobytes())
+        fields.add(scene.field(places).tobytes())
         counts.add(int(scene.neighbors(places, 0.05)[0][-1]))
 
     def worker(seed: int):
@@ -45,7 +45,7 @@ def test_shared_scene():
             if what == 0:
                 scene.update(positions=sets[rng.integers(4)])
             elif what == 1:
-                assert gb.field(scene, places).tobytes() in fields
+                assert scene.field(places).tobytes() in fields
             elif what == 2:
                 assert int(scene.neighbors(places, 0.05)[0][-1]) in counts
             elif what == 3:
@@ -74,9 +74,9 @@ def test_shared_simulation_and_reconstructor():
         right[plain.n_steps] = plain.hash()
         plain.step()
     sweep = small_sweep()
-    serial = added(gb.Reconstructor(0.5, device="cpu"), sweep, 5)
+    serial = added(gb.ultrasound.Reconstructor(0.5, device="cpu"), sweep, 5)
     whole = serial.volume().values
-    live = gb.Reconstructor(0.5, device="cpu", region=(serial._low, serial._high))
+    live = gb.ultrasound.Reconstructor(0.5, device="cpu", region=(serial._low, serial._high))
     added(live, sweep, 1)  # the lattice is the first frame's
     left, lock = list(range(1, len(sweep))), threading.Lock()
 

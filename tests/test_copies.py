@@ -37,7 +37,7 @@ def simulation_scene():
 
 
 def reconstructor():
-    return gb.Reconstructor(1.0, device="cpu")
+    return gb.ultrasound.Reconstructor(1.0, device="cpu")
 
 
 @pytest.mark.parametrize(

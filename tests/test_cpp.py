@@ -224,23 +224,23 @@ def test_volumes(made):
     poses[5, 0, 3] = np.nan
     mask = np.ones((40, 48), bool)
     mask[[0, 3]] = False
-    sweep = gb.Sweep(frames, poses, mask=mask)
+    sweep = gb.ultrasound.Sweep(frames, poses, mask=mask)
     for method in ("pvn-om", "vvn-om", "pvn", "vvn", "bezier", "frames"):
-        volume = gb.reconstruct(sweep, method, 0.7, device="cpu")
+        volume = gb.ultrasound.reconstruct(sweep, method, 0.7, device="cpu")
         same_volume(folder, f"volume_{method}", volume)
     for compounding in ("mean", "maximum", "latest", "first", "median"):
-        volume = gb.reconstruct(
+        volume = gb.ultrasound.reconstruct(
             sweep, "pvn-om", size=31, max_kernel=5, compounding=compounding, max_distance=1.5,
             device="cpu",
         )  # fmt: skip
         same_volume(folder, f"compound_{compounding}", volume)
     floats = frames.astype(np.float32) * np.float32(0.37) - np.float32(5)
     box = ((2, 3, 1), (20, 15, 12))
-    volume = gb.reconstruct(
-        gb.Sweep(floats, poses), "pvn-om", spacing=0.6, region=box, device="cpu"
+    volume = gb.ultrasound.reconstruct(
+        gb.ultrasound.Sweep(floats, poses), "pvn-om", spacing=0.6, region=box, device="cpu"
     )
     same_volume(folder, "volume_float", volume)
-    live = gb.Reconstructor(0.7, mask=mask, device="cpu")
+    live = gb.ultrasound.Reconstructor(0.7, mask=mask, device="cpu")
     for f in (12, 3, 20, 8, 0, 23, 16):
         live.add(frames[f], pose(f))
     same_volume(folder, "live", live.volume())
@@ -360,10 +360,10 @@ def test_volume_from_sweep(built, tmp_path):
     poses = np.zeros((60, 4, 4))
     poses[:] = np.diag([0.5, 0.5, 1, 1])
     poses[:, 2, 1], poses[:, 2, 3] = 0.002 * np.arange(60), 0.5 * np.arange(60)
-    sweep = gb.Sweep(frames, poses)
-    volume = gb.reconstruct(sweep, spacing=0.75, compounding="maximum", device="cpu")
+    sweep = gb.ultrasound.Sweep(frames, poses)
+    volume = gb.ultrasound.reconstruct(sweep, spacing=0.75, compounding="maximum", device="cpu")
     same(tmp_path, "volume.raw", volume.values)
-    live = gb.Reconstructor(0.75, device="cpu")
+    live = gb.ultrasound.Reconstructor(0.75, device="cpu")
     for image, place in zip(frames, poses, strict=True):
         live.add(image, place)
     same(tmp_path, "volume_live.raw", live.volume().values)

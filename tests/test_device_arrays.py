@@ -32,7 +32,7 @@ def test_gpu_memory_is_never_read_as_the_hosts():
         gb.Scene(Pretender(points), device="cpu", support=0.2)
     scene = gb.Scene(points, device="cpu", support=0.2)
     with pytest.raises(ValueError, match=r"^points: expected memory that can be reached"):
-        gb.field(scene, Pretender(points))
+        scene.field(Pretender(points))
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_cpu_scene_takes_gpu_arrays(cupy):
     scene = gb.Scene(cupy.asarray(points), device="cpu", support=0.1)
     right = gb.Scene(points, device="cpu", support=0.1)
     assert scene.octree.key_hash == right.octree.key_hash
-    assert (gb.field(scene, cupy.asarray(points)) == gb.field(right, points)).all()
+    assert (scene.field(cupy.asarray(points)) == right.field(points)).all()
 
 
 def test_colours_on_a_gpu_outlive_the_update_of_a_cpu_scene(cupy):
@@ -128,7 +128,7 @@ def test_two_gpus(cupy):
                         assert cupy.cuda.runtime.getDevice() == current
                     frame = gb.render(scene, camera, SIZE)
                     assert (frame.picture == right).all()
-                    assert (gb.field(scene, positions[:100]) > 0).all()
+                    assert (scene.field(positions[:100]) > 0).all()
                     del scene, frame
                     assert cupy.cuda.runtime.getDevice() == current
 
@@ -142,9 +142,9 @@ def test_the_current_gpu_stays(cupy):
 
 def test_results_on_the_gpu_are_ordered_for_the_consumers_stream(cupy):
     sweep = small_sweep()
-    right = gb.reconstruct(sweep, spacing=0.5, device="cpu")
-    there = gb.Sweep(cupy.asarray(sweep.frames), sweep.world_from_image)
-    volume = gb.reconstruct(there, spacing=0.5, device="cuda")
+    right = gb.ultrasound.reconstruct(sweep, spacing=0.5, device="cpu")
+    there = gb.ultrasound.Sweep(cupy.asarray(sweep.frames), sweep.world_from_image)
+    volume = gb.ultrasound.reconstruct(there, spacing=0.5, device="cuda")
     with cupy.cuda.Stream(non_blocking=True) as stream:
         for array in (cupy.asarray(volume.device_values), cupy.from_dlpack(volume.device_values)):
             assert (cupy.asnumpy(array + 0, stream=stream) == right.values).all()
@@ -162,6 +162,6 @@ def test_rays_of_a_gpu_without_length_meet_nothing(cupy):
     scene = gb.Scene(points_of(), support=0.1, device="cuda")
     origins = cupy.zeros((3, 3), cupy.float32) + cupy.asarray([0.5, 0.5, 9], cupy.float32)
     directions = cupy.asarray([[0, 0, 0], [0, 0, -1e-6], [0, 0, -1]], cupy.float32)
-    depth, _, _ = gb.intersect(scene, origins, directions)
+    depth, _, _ = scene.intersect(origins, directions)
     assert np.isinf(depth[:2]).all()
     assert depth[2] < 9

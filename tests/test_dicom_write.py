@@ -95,7 +95,7 @@ def test_it_is_a_volume_and_no_sweep():
     write_volume("a.dcm", volume())
     assert kind_of("a.dcm") == ("volume", "dicom")
     with pytest.raises(FormatError, match=r"got a volume \(dicom\).*read_volume"):
-        gb.read_sweep("a.dcm")
+        gb.ultrasound.read_sweep("a.dcm")
 
 
 def test_what_it_cannot_hold(tmp_path):
@@ -145,7 +145,7 @@ def test_enhanced_us_volumes_of_others(even):
 
 def test_commands(capsys):
     """reconstruct and convert write it, info and convert read it."""
-    gb.write_sweep("s.npz", small_sweep())
+    gb.ultrasound.write_sweep("s.npz", small_sweep())
     for name in ("v.dcm", "v.nrrd"):
         assert main(["reconstruct", "s.npz", "--voxel-size", "2", "-o", name]) == 0
     assert np.array_equal(read_volume("v.dcm").values, read_volume("v.nrrd").values)

@@ -48,8 +48,8 @@ def data(tmp_path_factory):
         gb.write(folder / f"frame_{i:04d}.vtk", few)
     (folder / "demo").mkdir()
     gb.write(folder / "demo" / "splash.npz", splash)
-    sweep = gb.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
-    gb.write_sweep(folder / "sweep.igs.mha", sweep)
+    sweep = gb.ultrasound.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
+    gb.ultrasound.write_sweep(folder / "sweep.igs.mha", sweep)
     (folder / "config.xml").write_text(
         "<PlusConfiguration><VolumeReconstruction OutputSpacing='1 1 1'/></PlusConfiguration>"
     )

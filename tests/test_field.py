@@ -54,14 +54,14 @@ def test_formula(backend, kernel):
     scene = gb.Scene(np.array([[1, 0, 0]]), kernel=kernel, support=a, **backend)
     expected = np.where(q < 1, FORMULAS[kernel](q), 0)
     loose = 2e-4 if kernel == "blinn" else 2e-6
-    np.testing.assert_allclose(gb.field(scene, points), expected, atol=loose)
-    assert gb.field(scene, points)[0] == pytest.approx(1, abs=loose)
-    assert (gb.field(scene, points)[-2:] == 0).all()
-    np.testing.assert_array_equal(gb.gradient(scene, points)[[0, -2, -1]], 0)
+    np.testing.assert_allclose(scene.field(points), expected, atol=loose)
+    assert scene.field(points)[0] == pytest.approx(1, abs=loose)
+    assert (scene.field(points)[-2:] == 0).all()
+    np.testing.assert_array_equal(scene.gradient(points)[[0, -2, -1]], 0)
     # Smooth where pieces meet, and at the support's edge.
     for edge in (1 / 3, 0.5, 1):
         x = np.array([[1 + a * (edge + s * 1e-3), 0, 0] for s in (-1, 1)], np.float32)
-        f, g = gb.field(scene, x), gb.gradient(scene, x)[:, 0]
+        f, g = scene.field(x), scene.gradient(x)[:, 0]
         assert abs(f[1] - f[0]) < 5e-3 * a
         assert abs(g[1] - g[0]) < 0.05
 
@@ -77,8 +77,8 @@ def test_field_and_gradient(backend, kernel, kind):
     steepest = 12 * np.abs(case.weight).max() / np.min(case.support)
     for octree in ("sparse", "dense"):
         scene = case.scene(octree=octree, **backend)
-        assert (np.abs(gb.field(scene, points) - f) <= most).all()
-        error = np.linalg.norm(gb.gradient(scene, points) - g, axis=1)
+        assert (np.abs(scene.field(points) - f) <= most).all()
+        error = np.linalg.norm(scene.gradient(points) - g, axis=1)
         assert (error <= 1e-6 * steepest + 1e-5 * np.linalg.norm(g, axis=1)).all()
 
 
@@ -112,10 +112,10 @@ def test_default_support_closes_a_lattice(backend, kernel):
     spacing = np.float32(0.37)
     scene = gb.Scene(lattice(12, 12, 12) * spacing, kernel=kernel, **backend)
     assert scene.support == pytest.approx(scene_module.DEFAULTS[kernel][0] * spacing, rel=0.15)
-    assert (gb.field(scene, cloud(500, 56, 4 * spacing)) > scene.threshold).all()
+    assert (scene.field(cloud(500, 56, 4 * spacing)) > scene.threshold).all()
     y, z = np.random.default_rng(57).uniform(-3 * spacing, 3 * spacing, (2, 400))
     rays = np.stack([np.full(400, 20 * spacing), y, z], 1)
-    depth = gb.intersect(scene, rays, np.tile([-1.0, 0, 0], (400, 1)))[0]
+    depth = scene.intersect(rays, np.tile([-1.0, 0, 0], (400, 1)))[0]
     face = 20 - depth / spacing  # in spacings from the middle; the last layer is at 5.5
     assert (face > 5.5).all()
     assert (face < 7.25).all()
@@ -124,9 +124,9 @@ def test_default_support_closes_a_lattice(backend, kernel):
 
 def test_shapes(backend):
     scene = gb.Scene(cloud(10), **backend)
-    assert gb.field(scene, np.zeros((0, 3))).shape == (0,)
-    assert gb.gradient(scene, np.zeros((0, 3))).shape == (0, 3)
-    assert gb.field(scene, np.zeros((4, 3), np.float64)).dtype == np.float32
-    assert gb.field(scene, [[0, 0, 0]]).shape == (1,)
+    assert scene.field(np.zeros((0, 3))).shape == (0,)
+    assert scene.gradient(np.zeros((0, 3))).shape == (0, 3)
+    assert scene.field(np.zeros((4, 3), np.float64)).dtype == np.float32
+    assert scene.field([[0, 0, 0]]).shape == (1,)
     not_packed = np.zeros((7, 6), np.float32)[:, ::2]
-    assert gb.gradient(scene, not_packed).shape == (7, 3)
+    assert scene.gradient(not_packed).shape == (7, 3)

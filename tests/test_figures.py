@@ -6,7 +6,6 @@ import importlib.util
 import sys
 from pathlib import Path
 
-import globule as gb
 import numpy as np
 import pytest
 from PIL import Image
@@ -111,7 +110,7 @@ def test_the_drawn_leaves_are_the_octree_s():
 def test_two_metaballs_fuse_where_the_figure_says():
     from bench.figures.fusing import DISTANCES, THRESHOLD, two
 
-    middle = [float(gb.field(two(d, "cpu"), np.zeros((1, 3), np.float32))[0]) for d in DISTANCES]
+    middle = [float(two(d, "cpu").field(np.zeros((1, 3), np.float32))[0]) for d in DISTANCES]
     assert middle[0] < THRESHOLD
     assert middle[1] < THRESHOLD < middle[2]
     assert middle == sorted(middle)
@@ -134,7 +133,7 @@ def test_no_hit_outside_of_the_supports():
     assert entered == [0, 1, 2, 3]
     assert len(events) == 8
     rays = np.float32([origin, [-3.2, -2.5, 0]]), np.float32([direction, direction])
-    depth = gb.intersect(scene, *rays)[0]
+    depth = scene.intersect(*rays)[0]
     assert events[2][0] < depth[0] < events[-1][0]
     assert np.isinf(depth[1])
 
@@ -147,8 +146,8 @@ def test_samples_crowd_near_the_surface():
     origin, direction = np.array([-3.6, -0.75, 0.0]), np.array([0.9656, 0.2600, 0.0])
     direction /= np.linalg.norm(direction)
     t = march(scene, origin, direction, 5.0)
-    hit = float(gb.intersect(scene, np.float32([origin]), np.float32([direction]))[0][0])
-    last = gb.field(scene, np.float32([origin + t[-1] * direction]))[0]
+    hit = float(scene.intersect(np.float32([origin]), np.float32([direction]))[0][0])
+    last = scene.field(np.float32([origin + t[-1] * direction]))[0]
     assert t[-1] == pytest.approx(hit, abs=0.003)
     assert last == pytest.approx(THRESHOLD, abs=0.01)
     assert (np.abs(t - hit) < 0.05).sum() > 5 > (t < hit - 0.5).sum() >= 3
@@ -178,11 +177,11 @@ def test_solid_mode_has_flatter_faces_and_sharper_edges():
         x = np.float32([0, 0.25, 0.5, top + 0.25])  # amid a face, and past its outermost row
         z = np.float32([0, 0.25, 0.5, 0.25])
         down = np.stack([x, np.full(4, 20), z], 1).astype(np.float32)
-        height = 20 - gb.intersect(scene, down, np.float32([[0, -1, 0]] * 4))[0]
+        height = 20 - scene.intersect(down, np.float32([[0, -1, 0]] * 4))[0]
         fall[kernel] = height[:3].mean() - height[3]
         corner = np.float32([[20, 20, 0.25]])
         d = np.float32([[-1, -1, 0]]) / np.float32(np.sqrt(2))
-        reach = 20 - gb.intersect(scene, corner, d)[0][0] / np.sqrt(2)
+        reach = 20 - scene.intersect(corner, d)[0][0] / np.sqrt(2)
         recession[kernel] = height[:3].mean() - reach
     assert abs(fall["solid"]) < 0.04 < 0.1 < fall["murakami"]
     assert recession["solid"] < 0.3

@@ -9,7 +9,7 @@ from scenes import CASES, KERNELS, Case, case, cloud, lattice, unit, with_rays
 
 
 def check(c: Case, scene: gb.Scene) -> None:
-    depth, normal, color = gb.intersect(scene, c.origins, c.directions)
+    depth, normal, color = scene.intersect(c.origins, c.directions)
     hit, points = check_depth(c, depth)
     np.testing.assert_array_equal(normal[~hit], 0)
     np.testing.assert_array_equal(color[~hit], 0)
@@ -87,13 +87,13 @@ def test_rays_in_any_order_are_the_same_rays(backend):
     c = case("hundred")
     scene = c.scene(**backend)
     mixed = np.random.default_rng(62).permutation(len(c.depth))
-    straight = gb.intersect(scene, c.origins, c.directions)
-    shuffled = gb.intersect(scene, c.origins[mixed], c.directions[mixed])
+    straight = scene.intersect(c.origins, c.directions)
+    shuffled = scene.intersect(c.origins[mixed], c.directions[mixed])
     np.testing.assert_array_equal(np.isfinite(straight[0][mixed]), np.isfinite(shuffled[0]))
     hit = np.isfinite(shuffled[0])
     np.testing.assert_allclose(straight[0][mixed][hit], shuffled[0][hit], atol=4e-5)
     for i in range(0, len(mixed), 101):
-        alone = gb.intersect(scene, c.origins[i : i + 1], c.directions[i : i + 1])[0]
+        alone = scene.intersect(c.origins[i : i + 1], c.directions[i : i + 1])[0]
         assert np.isfinite(alone[0]) == np.isfinite(straight[0][i])
 
 
@@ -116,14 +116,14 @@ def test_depth_counts_the_direction(backend):
     radius = np.sqrt(0.5)
     o = np.array([[5, 0, 0], [5, 0, 0], [0, 0, 0], [-5, 0, 0]], np.float32)
     d = np.array([[-1, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 0]], np.float32)
-    depth, normal, _ = gb.intersect(scene, o, d)
+    depth, normal, _ = scene.intersect(o, d)
     np.testing.assert_allclose(depth, [5 - radius, np.inf, radius, 5 - radius], rtol=1e-5)
     np.testing.assert_allclose(normal[[0, 2, 3]], [[1, 0, 0], [0, 0, 1], [-1, 0, 0]], atol=1e-5)
 
 
 def test_no_rays(backend):
     scene = gb.Scene(cloud(10), **backend)
-    depth, normal, color = gb.intersect(scene, np.zeros((0, 3)), np.zeros((0, 3)))
+    depth, normal, color = scene.intersect(np.zeros((0, 3)), np.zeros((0, 3)))
     assert depth.shape == (0,)
     assert normal.shape == color.shape == (0, 3)
 
@@ -200,7 +200,7 @@ def _random_case(seed: int) -> Case:
 def test_random_scenes_of_extreme_sizes(backend, seeds):
     for seed in seeds:
         c = random_case(seed)
-        found = gb.intersect(c.scene(**backend), c.origins, c.directions).distance
+        found = c.scene(**backend).intersect(c.origins, c.directions).distance
         check_depth(c, found, 1e-5)
 
 
@@ -216,7 +216,7 @@ def test_a_small_particle_in_the_edge_of_a_large_one(backend, ratio, distance):
         o = (p[0] + across * np.float32(distance)).astype(np.float32)
         c = with_rays(c, o, p[0] - o)
         scene = c.scene(**backend)
-        found = gb.intersect(scene, c.origins, c.directions).distance
+        found = scene.intersect(c.origins, c.directions).distance
         np.testing.assert_array_equal(np.isfinite(found), np.isfinite(c.depth))
         hit = np.isfinite(found)
         assert hit.any()

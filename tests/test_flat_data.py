@@ -4,8 +4,8 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import SMALL, run_json
+from globule.fluids.likeness import flat_spacing, is_flat
 from globule.pieces.shown import shown_scene
-from globule.scene.fluid import flat_spacing, is_flat
 
 
 def plane(n: int = 20, spacing: float = 0.5, z: float = 0.0) -> np.ndarray:
@@ -26,9 +26,9 @@ def test_which_particles_are_flat():
     lost = plane()
     lost[3] = np.nan
     assert is_flat(gb.Particles(lost))
-    assert gb.surface_of(gb.Particles(plane())) == "spheres"
+    assert gb.fluids.choose_surface(gb.Particles(plane())) == "spheres"
     for option in ({"support": 1.0}, {"threshold": 0.3}, {"kernel": "wyvill"}, {"octree": "dense"}):
-        assert gb.surface_of(gb.Particles(plane()), **option) == "balls"
+        assert gb.fluids.choose_surface(gb.Particles(plane()), **option) == "balls"
 
 
 @pytest.mark.parametrize("spacing", [1e-3, 0.5, 40.0])

@@ -56,7 +56,7 @@ mesh = gb.Mesh(*[np.array(a) for a in ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 
                [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])], device="cpu")
 show("mesh", gb.render([scene, mesh], camera, (61, 47), light).color)
 for method in ("pvn-om", "vvn-om", "pvn", "vvn", "bezier", "frames"):
-    volume = gb.reconstruct(small_sweep(), method=method, spacing=2.0, device="cpu")
+    volume = gb.ultrasound.reconstruct(small_sweep(), method=method, spacing=2.0, device="cpu")
     show(method, volume.values)
 sim = gb.Simulation(column(), device="cpu")
 sim.add(physics.lattice((0, 0, 0), (0.5, 0.4, 0.37), D), "water")

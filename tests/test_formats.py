@@ -111,12 +111,12 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
 @pytest.mark.parametrize("what", ["particles", "volume", "checkpoint", "frame"])
 def test_ctrl_c_in_an_archive_stays_ctrl_c(tmp_path, monkeypatch, place, what):
     """zipfile's end complained of the half member: a ValueError took the place of Ctrl-C."""
-    volume = gb.Volume(np.ones((2, 2, 2)), np.eye(4))
+    volume = gb.volumes.Volume(np.ones((2, 2, 2)), np.eye(4))
     frame = gb.render(sample(), gb.Camera((0, 0, 4), (0, 0, 0)), (8, 6))
     sim = gb.Simulation("dam-break", spacing=0.2, device="cpu")
     writes = {
         "particles": lambda: gb.write(tmp_path / "a.npz", sample()),
-        "volume": lambda: gb.write_volume(tmp_path / "a.npz", volume),
+        "volume": lambda: gb.volumes.write_volume(tmp_path / "a.npz", volume),
         "checkpoint": lambda: sim.save(tmp_path / "a.npz"),
         "frame": lambda: frame.save(tmp_path / "a.npz"),
     }  # fmt: skip

@@ -126,7 +126,7 @@ def test_volumes(extension, made, space):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, f"a{extension}")
         made.save(path)
-        found = gb.read_volume(path, space)
+        found = gb.volumes.read_volume(path, space)
     assert found.space == space
     assert found.values.dtype == made.values.dtype
     assert np.array_equal(found.values, made.values)
@@ -142,7 +142,7 @@ def test_volumes(extension, made, space):
 
 
 @st.composite
-def sweeps(draw: st.DrawFn) -> gb.Sweep:
+def sweeps(draw: st.DrawFn) -> gb.ultrasound.Sweep:
     shape = draw(st.tuples(st.integers(1, 4), st.integers(2, 6), st.integers(2, 6)))
     dtype = draw(st.sampled_from(["u1", "u2", "f4"]))
     elements = FLOATS if dtype == "f4" else hnp.from_dtype(np.dtype(dtype))
@@ -152,7 +152,7 @@ def sweeps(draw: st.DrawFn) -> gb.Sweep:
     valid = draw(hnp.arrays(bool, len(frames)).filter(np.any))
     times = np.cumsum(draw(hnp.arrays("f8", len(frames), elements=LENGTHS)))
     mask = draw(st.none() | hnp.arrays(bool, shape[1:]).filter(lambda m: m.any() and not m.all()))
-    return gb.Sweep(frames, poses, times if draw(st.booleans()) else None, valid, mask)
+    return gb.ultrasound.Sweep(frames, poses, times if draw(st.booleans()) else None, valid, mask)
 
 
 @pytest.mark.parametrize("name", ["a.igs.mha", "a.igs.nrrd", "a.mha", "a.nrrd", "a.npz", "folder"])
@@ -165,10 +165,10 @@ def test_sweeps(name, made):
         path = Path(folder, name)
         if name == "folder" and made.frames.dtype == np.float32:
             with pytest.raises(ValueError, match="uint8 or uint16"):
-                gb.write_sweep(path, made)
+                gb.ultrasound.write_sweep(path, made)
             return
-        gb.write_sweep(path, made)
-        assert same(made, gb.read_sweep(path))
+        gb.ultrasound.write_sweep(path, made)
+        assert same(made, gb.ultrasound.read_sweep(path))
 
 
 @given(

@@ -60,7 +60,7 @@ def test_images_tables_and_files_of_all_frames(make, capsys):
     with open("t.csv") as file:
         volumes = [float(row["volume"]) for row in csv.DictReader(file)]
     np.testing.assert_allclose(volumes, np.array(counts) * 1e-3, rtol=0.2)  # small ones are round
-    np.testing.assert_allclose(gb.track_surface(name)["volume"], volumes, rtol=1e-6)
+    np.testing.assert_allclose(gb.measure.track_surface(name)["volume"], volumes, rtol=1e-6)
     assert main(["convert", name, "c_%d.vtk"]) == 0
     assert [len(gb.read(f"c_{k}.vtk")) for k in range(N)] == counts
 
@@ -111,7 +111,7 @@ def test_a_last_frame_that_is_not_whole_stops_nothing_before_it(capsys):
 def test_lists_of_files_with_frames():
     frames = extended()
     Path("more.xyz").write_bytes(Path("frames.xyz").read_bytes())
-    assert len(gb.track_surface(["frames.xyz", "more.xyz"])["frame"]) == 2 * N
+    assert len(gb.measure.track_surface(["frames.xyz", "more.xyz"])["frame"]) == 2 * N
     source = open_source(["frames.xyz", "more.xyz"], "cpu", 1)
     assert source.n_frames == 2 * len(frames)
     source.close()

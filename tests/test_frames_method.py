@@ -6,8 +6,7 @@ import functools
 
 import numpy as np
 import pytest
-from globule import phantoms
-from globule.ultrasound import oracle
+from globule.ultrasound import oracle, phantoms
 from globule.ultrasound.reconstruct import reconstruct
 from globule.ultrasound.sweep import Sweep
 from globule.ultrasound.trust import cross_validate

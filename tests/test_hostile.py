@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from cli_helpers import refused
 from globule.formats import FormatError, kind_of
+from globule.formats.pictures.environment import read_environment
 from test_sim_checkpoints import SCENE
 
 NAN = float("nan")
@@ -75,7 +76,7 @@ def test_the_argument_is_named_in_one_line(call, named, scene):
 def test_a_number_is_no_path():
     """Python's `open` takes numbers, and closes what they stand for."""
     number = os.open(os.devnull, os.O_RDONLY)
-    for reader in (gb.read, gb.read_volume, gb.read_sweep, gb.read_environment):
+    for reader in (gb.read, gb.volumes.read_volume, gb.ultrasound.read_sweep, read_environment):
         for value in (number, True, b"a.npz", None):
             with pytest.raises(TypeError, match="path: expected a path, got"):
                 reader(value)
@@ -109,7 +110,7 @@ def test_what_progress_raises_comes_through_and_leaves_the_scene_usable(scene, a
 
 
 @pytest.mark.parametrize(
-    "reader", [gb.read, gb.read_volume, gb.read_sweep, gb.read_environment, gb.render]
+    "reader", [gb.read, gb.volumes.read_volume, gb.ultrasound.read_sweep, gb.Environment, gb.render]
 )
 def test_pipes_and_devices_are_refused_at_once(reader):
     os.mkfifo("pipe.npz")
@@ -120,7 +121,7 @@ def test_pipes_and_devices_are_refused_at_once(reader):
 
 
 def test_data_beside_a_header_that_is_no_file():
-    gb.write_volume("v.mha", gb.Volume(np.zeros((2, 2, 2), np.uint8), np.eye(4)))
+    gb.volumes.write_volume("v.mha", gb.volumes.Volume(np.zeros((2, 2, 2), np.uint8), np.eye(4)))
     with open("v.mha", "rb") as file:
         head = file.read().partition(b"ElementDataFile")[0]
     os.mkfifo("pipe")
@@ -129,7 +130,7 @@ def test_data_beside_a_header_that_is_no_file():
         with open("v.mhd", "wb") as file:
             file.write(head + b"ElementDataFile = " + name + b"\n")
         with pytest.raises(FormatError, match="ElementDataFile"):
-            gb.read_volume("v.mhd")
+            gb.volumes.read_volume("v.mhd")
 
 
 def test_a_picture_s_damage_is_a_format_error():
@@ -141,7 +142,7 @@ def test_a_picture_s_damage_is_a_format_error():
         with open("b.png", "wb") as file:
             file.write(damaged)
         with pytest.raises(FormatError, match=r"b\.png: "):
-            gb.read_environment("b.png")
+            gb.Environment("b.png")
 
 
 def test_an_obj_whose_vertex_lacks_a_number(caplog):
@@ -162,7 +163,7 @@ def test_a_dicom_file_that_says_it_is_larger_than_its_bytes():
         content[at : at + 2] = b"\xff\xff"
     with open("a.dcm", "wb") as file:
         file.write(content)
-    for reader in (gb.read_volume, gb.read_sweep):
+    for reader in (gb.volumes.read_volume, gb.ultrasound.read_sweep):
         with pytest.raises(FormatError) as error:
             reader("a.dcm")
         assert "expected at most" in one_line(error)
@@ -242,12 +243,12 @@ def test_a_camera_path_without_end(capsys):
 
 def test_a_file_is_not_converted_onto_itself(capsys):
     """A volume would become particles."""
-    gb.write_volume("v.npz", gb.Volume(np.full((4, 4, 4), 9, np.uint8), np.eye(4)))
+    gb.volumes.write_volume("v.npz", gb.volumes.Volume(np.full((4, 4, 4), 9, np.uint8), np.eye(4)))
     os.symlink("v.npz", "link.npz")
     np.savez("c.npz", positions=POSITIONS)
     for words in (("v.npz", "v.npz", "--level", "3"), ("v.npz", "link.npz"), ("c.npz", "c.npz")):
         assert "OUT: expected another file than IN" in refused(capsys, "convert", *words)
-    assert gb.read_volume("v.npz").shape == (4, 4, 4)
+    assert gb.volumes.read_volume("v.npz").shape == (4, 4, 4)
 
 
 # Simulations
@@ -316,7 +317,7 @@ def test_it_still_runs_after_all_of_them(full):
 
 def test_a_rigid_body_made_by_hand_is_known_after_loading():
     sim = gb.Simulation(SMALL, device="cpu")
-    sim.add_phase(gb.Phase("raft", kind="rigid"))
+    sim.add_phase(gb.sim.Phase("raft", kind="rigid"))
     with pytest.raises(ValueError, match="expected a rigid body"):
         sim.steer.body("raft")
     sim.add([[0.7, 0.2, 0.2], [0.8, 0.2, 0.2]], "raft")

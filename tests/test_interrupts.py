@@ -154,7 +154,7 @@ def test_reconstruct(method, stops, on):
     sweep = small_sweep()
 
     def make(_=None):
-        made = gb.reconstruct(sweep, method=method, spacing=0.8, **on)
+        made = gb.ultrasound.reconstruct(sweep, method=method, spacing=0.8, **on)
         return made.values.tobytes(), made.radius.tobytes()
 
     right = make()
@@ -177,8 +177,8 @@ def test_live(what, on, stops):
         "undo": lambda live: live.undo(),
         "volume": lambda live: live.volume(),
     }
-    right = added(gb.Reconstructor(0.5, **on), sweep, 5).volume()
-    for live in stops(lambda: added(gb.Reconstructor(0.5, **on), sweep, 2), calls[what]):
+    right = added(gb.ultrasound.Reconstructor(0.5, **on), sweep, 5).volume()
+    for live in stops(lambda: added(gb.ultrasound.Reconstructor(0.5, **on), sweep, 2), calls[what]):
         assert live.n_frames in {"add": (2, 3), "undo": (1, 2), "volume": (2,)}[what]
         volume = added(live, sweep, 5).volume()
         assert volume.values.tobytes() == right.values.tobytes()
@@ -186,7 +186,7 @@ def test_live(what, on, stops):
 
 
 def test_handlers_are_given_back_wherever_one_raises():
-    sweep, live = small_sweep(), gb.Reconstructor(0.5, device="cpu")
+    sweep, live = small_sweep(), gb.ultrasound.Reconstructor(0.5, device="cpu")
     add, other = partial(live.add, sweep.frames[0], sweep.world_from_image[0]), signal.SIGUSR1
     add()
     stop = 1
@@ -199,7 +199,7 @@ def test_handlers_are_given_back_wherever_one_raises():
 def test_calls_without_signal_handlers_leave_the_protection(monkeypatch):
     """A program in the background ignores Ctrl-C; its later handlers wait all the same."""
     sweep, came = small_sweep(), []
-    live = gb.Reconstructor(0.5, device="cpu")
+    live = gb.ultrasound.Reconstructor(0.5, device="cpu")
     before = {signal.SIGINT: signal.signal(signal.SIGINT, signal.SIG_IGN)}
     try:
         added(live, sweep, 1)  # no handler to replace
@@ -252,7 +252,7 @@ def test_a_handler_that_uses_the_same_object_is_told(recwarn):
 
     def handler(*_):
         try:
-            gb.field(scene, [[0, 0, 0]])
+            scene.field([[0, 0, 0]])
         except RuntimeError as error:
             said.append(str(error))
 

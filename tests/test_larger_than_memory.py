@@ -185,9 +185,9 @@ def test_what_pieces_cannot_do(little):
         lambda: many.octree.n_nodes,
         lambda: many.particles,
         lambda: many.become_smooth(),
-        lambda: gb.surface_mesh(many),
-        lambda: gb.measure_surface(many),
-        lambda: gb.project(many, CAMERA),
+        lambda: gb.measure.mesh_surface(many),
+        lambda: gb.measure.measure_surface(many),
+        lambda: gb.measure.project(many, CAMERA),
         lambda: gb.Scene(many),
     ):
         with pytest.raises(ValueError, match=line):

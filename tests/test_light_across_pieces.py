@@ -5,6 +5,7 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
+from globule.pieces.pieces import Pieces
 from globule.pieces.scene import SceneOnRanks
 from globule.render.pieces import wavefront
 from pieces_helpers import (
@@ -174,7 +175,7 @@ def test_layers_and_meshes(backend):
 @pytest.mark.few_backends
 @pytest.mark.parametrize("n", [3, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 8))])
 def test_pieces_one_after_the_other(n, backend):
-    pieces = gb.Pieces(PARTICLES, n, support=2.0, **backend)
+    pieces = Pieces(PARTICLES, n, support=2.0, **backend)
     try:
         many = gb.render(pieces, CAMERA, SIZE, ALL)
         one = gb.render(gb.Scene(PARTICLES, support=2.0, **backend), CAMERA, SIZE, ALL)

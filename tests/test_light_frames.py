@@ -229,7 +229,7 @@ def test_waves_meet_what_the_oracle_meets(backend, name, octree):
     typical = float(np.sqrt(np.min(c.support) * np.max(c.support)))
     far = np.abs(cell.distance[steep] - expected[steep]) > 1e-4 * typical + 1e-6 * expected[steep]
     assert np.count_nonzero(far) <= 1
-    depth, normal, _ = gb.intersect(scene, o.reshape(-1, 3), d.reshape(-1, 3))
+    depth, normal, _ = scene.intersect(o.reshape(-1, 3), d.reshape(-1, 3))
     assert np.count_nonzero(np.isfinite(depth).reshape(30, 40) != cell.mask) <= 2
     np.testing.assert_allclose(normal.reshape(30, 40, 3)[steep], cell.normal[steep], atol=2e-2)
 

@@ -233,7 +233,7 @@ def test_rays_from_anywhere(backend, seed):
     rng = np.random.default_rng(seed)
     o = rng.normal(0, 1.2, (100, 3)).astype(np.float32)
     d = np.array([direction(rng) for _ in o], np.float32)
-    found = gb.intersect(scene, o, d)
+    found = scene.intersect(o, d)
     medium = Medium(gb.Layer(scene), gb.RenderSettings(), ())
     t = np.full(len(o), np.inf)
     inside = medium.holds(o)

@@ -124,7 +124,7 @@ def test_live_with_transforms_and_with_embedded_poses():
 def test_the_real_sweep_replayed(capsys):
     """As PLUS sends it: probe and reference as the tracker sees them, calibration from the XML."""
     path, plus = (spine_data() / name for name in ("SpinePhantomFreehand.igs.mha", "NNMEAN.xml"))
-    sweep, recording = gb.read_sweep(path, plus=plus), igs.read(path)
+    sweep, recording = gb.ultrasound.read_sweep(path, plus=plus), igs.read(path)
 
     def replay() -> str:
         server = Server(sweep)
@@ -146,7 +146,7 @@ def test_the_real_sweep_replayed(capsys):
     facts = run_json(capsys, "reconstruct", *words)
     assert facts["frames"]["used"] == 21
     assert facts["live"]["grew"]
-    file = gb.reconstruct(sweep, spacing=0.5, device="cpu")
+    file = gb.ultrasound.reconstruct(sweep, spacing=0.5, device="cpu")
     assert facts["counts"]["measured"] == pytest.approx(file.n_measured, rel=0.02)
 
 
@@ -220,7 +220,7 @@ def test_a_killed_run_goes_on_with_all_that_it_recorded(sweep, capsys):
     # The same as of a stream that was never cut.
     run_json(capsys, *GROWS, "--live", served(sweep), "-o", "w.npz")
     assert np.array_equal(read_volume("v.npz").values, read_volume("w.npz").values)
-    again = gb.read_sweep("kept")
+    again = gb.ultrasound.read_sweep("kept")
     assert np.array_equal(again.frames, sweep.frames)
     assert np.allclose(again.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-4)
 
@@ -257,7 +257,9 @@ def test_a_recording_that_was_cut_anywhere():
         assert ours.image.dtype == theirs.image.dtype
         assert np.array_equal(ours.world_from_image, theirs.world_from_image)
     # Times that run backwards: frames and rows still belong together.
-    assert np.array_equal(gb.read_sweep("kept").world_from_image[2], frames[2].world_from_image)
+    assert np.array_equal(
+        gb.ultrasound.read_sweep("kept").world_from_image[2], frames[2].world_from_image
+    )
     Path("kept/frame_000003.png").write_bytes(b"no picture")
     with pytest.raises(ValueError, match=r"frame_000003\.png"):
         Recorder("kept")
@@ -381,7 +383,7 @@ def test_a_stream_in_ras_lies_where_it_is(embedded, capsys):
             messages.append(igtl.TransformMessage(pose, timestamp=when, device_name=name))
     words = [*GROWS, "--live", stream(messages), "-o", "v.nii.gz"]
     run_json(capsys, *words, *([] if embedded else ["--space", "RAS"]))
-    volume = gb.read_volume("v.nii.gz", space="RAS")
+    volume = gb.volumes.read_volume("v.nii.gz", space="RAS")
     z, y, x = np.unravel_index(np.argmax(volume.values), volume.shape)
     place = volume.world_from_voxel @ (x, y, z, 1)
     assert np.allclose(place[:3], (30, 20, 10), atol=0.6)

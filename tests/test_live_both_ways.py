@@ -111,14 +111,14 @@ def test_transforms_triangles_and_text_equal_those_of_pyigtl():
         messages.image("Volume", np.zeros((1, 2, 3), bool), place, 0)
 
 
-def blob_volume() -> gb.Volume:
+def blob_volume() -> gb.volumes.Volume:
     """A blob of radius 8 mm around LPS (-30, -20, 10), which is RAS (30, 20, 10)."""
     axes = np.arange(40) - 20.0
     z, y, x = np.meshgrid(axes, axes, axes, indexing="ij")
     values = np.clip(200 - 12.5 * np.sqrt(x * x + y * y + z * z), 0, 255).astype(np.uint8)
     place = np.eye(4)
     place[:3, 3] = np.array((-30, -20, 10)) - 20
-    return gb.Volume(values, place)
+    return gb.volumes.Volume(values, place)
 
 
 def test_the_surface_lies_where_the_values_are():
@@ -132,15 +132,15 @@ def test_the_surface_lies_where_the_values_are():
     # Voxels without data do not close the surface, and large volumes are made coarser.
     radius = np.zeros(volume.shape, np.uint8)
     radius[:, :, 20:] = 255
-    half, _ = surface(gb.Volume(volume.values, volume.world_from_voxel, radius), 100.0)
+    half, _ = surface(gb.volumes.Volume(volume.values, volume.world_from_voxel, radius), 100.0)
     assert half[:, 0].max() < -30.5
     assert len(half) < 0.6 * len(vertices)
     fine = np.kron(volume.values, np.ones((4, 4, 4), np.uint8))
     place = volume.world_from_voxel @ np.diag([0.25, 0.25, 0.25, 1])
     place[:3, 3] -= 0.375
-    coarse, _ = surface(gb.Volume(fine, place), 100.0)
+    coarse, _ = surface(gb.volumes.Volume(fine, place), 100.0)
     assert np.allclose(np.linalg.norm(coarse - center, axis=1), 8, atol=0.5)
-    assert surface(gb.Volume(np.zeros((4, 4, 4), np.uint8), np.eye(4))) is None
+    assert surface(gb.volumes.Volume(np.zeros((4, 4, 4), np.uint8), np.eye(4))) is None
     assert surface(volume, 1e6) is None
 
 
@@ -357,7 +357,7 @@ def test_reconstruct_serves_what_grows(sweep, capsys, monkeypatch):
         address = served(sweep, between=hold)
         words = [*GROWS, "--live", address, "-o", "v.npz", "--serve", str(port)]
         facts = run_json(capsys, *words, "--refresh", "0.1")
-    volume = gb.read_volume("v.npz")
+    volume = gb.volumes.read_volume("v.npz")
     assert np.array_equal(got["Volume"].image, volume.values)
     assert np.allclose(RAS @ got["Volume"].ijk_to_world_matrix, volume.world_from_voxel, atol=1e-4)
     assert np.array_equal(got["Trust"].image > 0, volume.radius != 255)

@@ -63,16 +63,16 @@ def test_flat_pool(axis, sign, backend):
     up = np.zeros(3)
     up[axis] = sign
     scene = gb.Scene(gb.Particles(positions, support=2.0), **backend)
-    found = gb.gauge(scene, columns, up)
+    found = gb.measure.gauge(scene, columns, up)
     truth = [flat_pool_height(column, 2.0) for column in columns]
     np.testing.assert_allclose(found, truth, atol=2e-6)
-    assert gb.gauge(scene, columns[2], up) == pytest.approx(found[2], abs=2e-6)
-    assert np.isnan(gb.gauge(scene, (50, 0), up))
+    assert gb.measure.gauge(scene, columns[2], up) == pytest.approx(found[2], abs=2e-6)
+    assert np.isnan(gb.measure.gauge(scene, (50, 0), up))
 
 
 def test_height_map(backend):
     scene = ball(**backend)
-    found = gb.height_map(scene, 0.05, up=(0, 0, 1))
+    found = gb.measure.map_heights(scene, 0.05, up=(0, 0, 1))
     assert found.dims == ("v", "u")
     away = np.hypot(found.points[..., 0] - 0.1, found.points[..., 1] + 0.2)
     clear = np.abs(away - RADIUS) > 1e-3
@@ -83,7 +83,7 @@ def test_height_map(backend):
     known = np.isfinite(found["height"])
     np.testing.assert_array_equal(found.points[known][:, 2], found["height"][known])
     assert np.isfinite(found.points).all()
-    below = gb.height_map(scene, 0.05, up=(0, 0, -1))
+    below = gb.measure.map_heights(scene, 0.05, up=(0, 0, -1))
     np.testing.assert_allclose(np.nanmax(below["height"]), RADIUS - 0.3, atol=1e-3)
 
 
@@ -99,7 +99,7 @@ def test_height_map(backend):
 )
 def test_gauge_refused(at, up, message):
     with pytest.raises((TypeError, ValueError), match=message):
-        gb.gauge(ball(device="cpu"), at, up)
+        gb.measure.gauge(ball(device="cpu"), at, up)
 
 
 # Meshes
@@ -132,10 +132,10 @@ def test_blocks_leave_no_seam(name, monkeypatch):
     trimesh = pytest.importorskip("trimesh")
     scene = shapes()[name]
     monkeypatch.setattr(mesh_module, "CELLS", 64)
-    whole = gb.surface_mesh(scene)
+    whole = gb.measure.mesh_surface(scene)
     for cells in (3, 8, 32):
         monkeypatch.setattr(mesh_module, "CELLS", cells)
-        found = gb.surface_mesh(scene)
+        found = gb.measure.mesh_surface(scene)
         assert len(found.vertices) == len(whole.vertices)
         assert len(found.faces) == len(whole.faces)
         assert trimesh.Trimesh(found.vertices, found.faces, process=False).is_watertight
@@ -145,16 +145,16 @@ def test_blocks_leave_no_seam(name, monkeypatch):
 def test_a_drop_far_away():
     """Empty space costs nothing, and mixed supports lose nothing."""
     p = gb.Particles([[0, 0, 0], [1000, -500, 2000], [1, 0, 0]], support=[0.8, 0.8, 3.0])
-    found = gb.measure_surface(p, 0.1, device="cpu")
+    found = gb.measure.measure_surface(p, 0.1, device="cpu")
     truth = 4 / 3 * np.pi * RADIUS**3
-    both = gb.measure_surface(p[[0, 2]], 0.1, device="cpu")
+    both = gb.measure.measure_surface(p[[0, 2]], 0.1, device="cpu")
     assert abs(found.volume - both.volume - truth) <= 2 * found.volume_error
 
 
 @pytest.mark.parametrize("name", shapes())
 def test_vertices_are_on_the_surface(name):
     scene = shapes()[name]
-    found = gb.surface_mesh(scene)
+    found = gb.measure.mesh_surface(scene)
     assert len(found.vertices) > 100
     coordinates = np.spacing(np.abs(found.vertices).max())  # a float32's
     assert (residual(scene, found.vertices) <= 1e-4 * found.spacing + coordinates).all()
@@ -179,7 +179,10 @@ def test_vertices_are_on_the_surface(name):
 
 def test_same_mesh_everywhere(backend, reference):
     p = gb.Particles(lattice(7, 6, 5, 0.2), support=2.0)
-    there, here = gb.surface_mesh(reference(p)), gb.surface_mesh(gb.Scene(p, **backend))
+    there, here = (
+        gb.measure.mesh_surface(reference(p)),
+        gb.measure.mesh_surface(gb.Scene(p, **backend)),
+    )
     assert abs(len(there.faces) - len(here.faces)) <= 0.001 * len(there.faces)
     assert here.volume == pytest.approx(there.volume, rel=1e-6)
 
@@ -188,14 +191,14 @@ def test_newton_alone_does_not_decide(monkeypatch):
     """Vertices whose Newton steps fail are found by bisection."""
     monkeypatch.setattr(mesh_module, "_NEWTON_STEPS", 0)
     scene = shapes()["lattice"]
-    found = gb.surface_mesh(scene)
+    found = gb.measure.mesh_surface(scene)
     assert residual(scene, found.vertices).max() <= 1e-4 * found.spacing
 
 
 def test_mesh_files(folder):
     trimesh = pytest.importorskip("trimesh")
     p = gb.Particles(BALL, support=0.8, attributes={"a speed": [7.0], "flow": [[1.0, 2, 3]]})
-    found = gb.surface_mesh(p, values=["a speed", "flow", "inside"], device="cpu")
+    found = gb.measure.mesh_surface(p, values=["a speed", "flow", "inside"], device="cpu")
     assert found.values["flow"].shape == (len(found.vertices), 3)
     np.testing.assert_allclose(found.values["a speed"], 7)
     for ending in ("ply", "stl", "obj"):
@@ -230,7 +233,7 @@ def test_mesh_files(folder):
 def test_one_ball():
     """Anywhere in the grid, the error estimate covers the truth and is no excuse."""
     for where in np.random.default_rng(3).uniform(-5, 5, (5, 3)):
-        found = gb.measure_surface(gb.Particles([where], support=0.8), 0.1, device="cpu")
+        found = gb.measure.measure_surface(gb.Particles([where], support=0.8), 0.1, device="cpu")
         volume, area = 4 / 3 * np.pi * RADIUS**3, 4 * np.pi * RADIUS**2
         assert abs(found.volume - volume) <= found.volume_error <= 0.05 * volume
         assert abs(found.area - area) <= found.area_error <= 0.03 * area
@@ -240,7 +243,7 @@ def test_ellipsoid():
     matrix = np.diag([1.0, 2.0, 3.0])
     turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
     p = gb.Particles(BALL, anisotropy=(turn @ matrix @ turn.T)[None])
-    found = gb.measure_surface(p, 0.04, device="cpu")
+    found = gb.measure.measure_surface(p, 0.04, device="cpu")
     axes = np.sqrt(1 - np.sqrt(0.6)) / np.diag(matrix)
     truth = 4 / 3 * np.pi * axes.prod()
     assert abs(found.volume - truth) <= found.volume_error <= 0.03 * truth
@@ -250,7 +253,9 @@ def test_box_of_a_lattice():
     """A block's volume against columns of the float64 field, a second of them."""
     n, support = 6, 2.0
     positions = lattice(n, n, n)
-    found = gb.measure_surface(gb.Scene(gb.Particles(positions, support=support), device="cpu"))
+    found = gb.measure.measure_surface(
+        gb.Scene(gb.Particles(positions, support=support), device="cpu")
+    )
     h = 0.125
     # By symmetry one octant is enough; the field's roots are found between the nodes.
     axis = (np.arange(int((n / 2 + 1.5) / h)) + 0.5) * h
@@ -282,18 +287,18 @@ def test_errors_cover_what_half_the_spacing_gives(name, share):
     p = gb.read(path)
     p = p[p.positions[:, 0] <= np.quantile(p.positions[:, 0], share)]
     scene = gb.Scene(p, device="cpu")
-    found = gb.measure_surface(scene)
-    fine = gb.measure_surface(scene, scene.spacing / 4)
+    found = gb.measure.measure_surface(scene)
+    fine = gb.measure.measure_surface(scene, scene.spacing / 4)
     assert abs(found.volume - fine.volume) <= found.volume_error <= 0.01 * fine.volume
     assert abs(found.area - fine.area) <= found.area_error <= 0.01 * fine.area
 
 
 def test_nothing_to_measure():
     for p in (gb.Particles(np.empty((0, 3))), gb.Particles(BALL, support=0.8, weight=0.1)):
-        assert gb.measure_surface(p, 0.1, device="cpu") == (0, 0, 0, 0)
-        found = gb.surface_mesh(p, 0.1, device="cpu")
+        assert gb.measure.measure_surface(p, 0.1, device="cpu") == (0, 0, 0, 0)
+        found = gb.measure.mesh_surface(p, 0.1, device="cpu")
         assert found.vertices.shape == found.faces.shape == (0, 3)
-        assert np.isnan(gb.gauge(p, [(0, 0)], device="cpu")).all()
+        assert np.isnan(gb.measure.gauge(p, [(0, 0)], device="cpu")).all()
 
 
 @pytest.mark.parametrize(
@@ -302,19 +307,23 @@ def test_nothing_to_measure():
      ("a", "spacing: expected a number"), (1e-4, "spacing: expected one that makes at most")],
 )  # fmt: skip
 def test_refused(spacing, message):
-    for measure in (gb.surface_mesh, gb.measure_surface):
+    for measure in (gb.measure.mesh_surface, gb.measure.measure_surface):
         with pytest.raises((TypeError, ValueError), match=message):
             measure(ball(device="cpu"), spacing)
     with pytest.raises(ValueError, match=r"values: expected one of .*got speed"):
-        gb.surface_mesh(ball(device="cpu"), values=["speed"])
+        gb.measure.mesh_surface(ball(device="cpu"), values=["speed"])
 
 
 def test_a_mesh_file_is_no_particles(tmp_path):
     path = tmp_path / "hull.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")
-    plane = gb.SamplePlane((0, 0, 1), 0.1)
-    works = (gb.measure_surface, lambda p: gb.gauge(p, (0, 0)), lambda p: gb.sample(p, plane))
-    for work in (*works, gb.project, lambda p: gb.track_surface([p])):
+    plane = gb.measure.SamplePlane((0, 0, 1), 0.1)
+    works = (
+        gb.measure.measure_surface,
+        lambda p: gb.measure.gauge(p, (0, 0)),
+        lambda p: gb.measure.sample(p, plane),
+    )
+    for work in (*works, gb.measure.project, lambda p: gb.measure.track_surface([p])):
         with pytest.raises(ValueError, match="expected particles or a volume, got the mesh"):
             work(path)
-    assert gb.measure_surface(gb.read(path, spacing=0.1), device="cpu").volume > 0
+    assert gb.measure.measure_surface(gb.read(path, spacing=0.1), device="cpu").volume > 0

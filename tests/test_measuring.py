@@ -11,7 +11,7 @@ from globule.cli import main
 from globule.ultrasound import phantoms
 from globule.ultrasound.measuring import (
     _variance,
-    error_length,
+    find_error_length,
     measure_distance,
     measure_volume,
 )
@@ -29,10 +29,10 @@ def ball(points: np.ndarray) -> np.ndarray:
     return 60 + 80 / (1 + np.exp(-(r - RADIUS) / 0.5))
 
 
-def known(values: np.ndarray, error: np.ndarray, radius=None) -> gb.Volume:
+def known(values: np.ndarray, error: np.ndarray, radius=None) -> gb.volumes.Volume:
     place = np.diag([SPACING, SPACING, SPACING, 1.0])
     place[:3, 3] = -10, 4, -10
-    return gb.Volume(values.astype(np.float32), place, radius, maps=lambda name: error)
+    return gb.volumes.Volume(values.astype(np.float32), place, radius, maps=lambda name: error)
 
 
 def grid() -> np.ndarray:
@@ -71,7 +71,7 @@ def test_against_errors_of_a_known_kind():
     assert found.mean() == pytest.approx(2 * RADIUS, abs=0.1)
 
 
-def scanned(seed: int) -> gb.Sweep:
+def scanned(seed: int) -> gb.ultrasound.Sweep:
     """A pass over the ball, with noise of its own in every pixel and a path of its own."""
     size, pixel = (56, 64), 0.4
     poses = phantoms.hand_path(22, 19.0, seed, pixel, size)
@@ -79,7 +79,7 @@ def scanned(seed: int) -> gb.Sweep:
     pixels = np.stack([columns, rows, 0 * rows, 0 * rows + 1], axis=-1)
     frames = np.stack([ball((pixels @ pose.T)[..., :3]) for pose in poses])
     frames += np.random.default_rng(seed).normal(0, 18, frames.shape)
-    return gb.Sweep(frames.clip(0, 255).astype(np.uint8), poses)
+    return gb.ultrasound.Sweep(frames.clip(0, 255).astype(np.uint8), poses)
 
 
 @pytest.mark.slow
@@ -89,8 +89,8 @@ def test_against_many_sweeps():
     volumes, distances = [], []
     for seed in range(16):
         sweep = scanned(seed)
-        volume = gb.reconstruct(sweep, spacing=SPACING, device="cpu")
-        length = error_length(sweep, SPACING)
+        volume = gb.ultrasound.reconstruct(sweep, spacing=SPACING, device="cpu")
+        length = find_error_length(sweep, SPACING)
         assert SPACING <= length <= 2
         options = {"below": 100.0, "center": (0, 14, 0), "radius": 8.5}
         volumes.append(measure_volume(volume, length, **options))
@@ -118,7 +118,7 @@ def test_parts_without_data_are_told():
         measure_distance(volume, (0, 14, -9), (0, 14, 9), 1.0)
 
 
-def wires(*places: float) -> gb.Volume:
+def wires(*places: float) -> gb.volumes.Volume:
     """Bright wires along y at these x, 14 mm deep."""
     points = grid()
     away = [(points[..., 0] - x) ** 2 + points[..., 2] ** 2 for x in places]
@@ -192,7 +192,7 @@ def test_mistakes():
 
 def test_the_command(tmp_path, capsys):
     path = str(tmp_path / "ball.npz")
-    gb.write_sweep(path, scanned(0))
+    gb.ultrasound.write_sweep(path, scanned(0))
     words = ["measure", path, "--voxel-size", "1", "--device", "cpu"]
     for more, what in [
         (["--distance", "0,0,0,0,0,0"], "--distance: expected a line of"),
@@ -219,4 +219,4 @@ def test_the_command(tmp_path, capsys):
 def test_transposed_poses():
     poses = scanned(0).world_from_image[:3]
     with pytest.raises(ValueError, match="probably transposed"):
-        gb.Sweep(np.zeros((3, 8, 8), np.uint8), poses.swapaxes(1, 2))
+        gb.ultrasound.Sweep(np.zeros((3, 8, 8), np.uint8), poses.swapaxes(1, 2))

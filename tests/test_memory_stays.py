@@ -69,7 +69,7 @@ def turn():
         held[kind].pop(int(rng.integers(len(held[kind]))))
     elif kind == "scene":
         some(kind).update(positions=points())
-        gb.field(some(kind), points())
+        some(kind).field(points())
     elif kind == "mesh":
         some(kind).update(rng.random((30, 3)))
         frame = render([some(kind), *held["scene"][:1]])

@@ -10,6 +10,7 @@ import pytest
 from cli_helpers import run_json
 from globule._base.colormaps import to_linear
 from globule.cli import main
+from globule.formats.pictures.environment import read_environment
 from globule.formats.triangles import has_faces, read
 from test_mesh_layers import BOX, BOX_FACES, sphere
 
@@ -221,7 +222,7 @@ def test_render_particles_beside_meshes(files, capsys):
     )
     assert "surrounds the particles: drawn as a thin wall" in tank["warnings"][0]
     assert tank["counts"]["hits"] != alone["counts"]["hits"]  # the camera shows the tank
-    image = gb.formats.pictures.environment.read_environment("c.png")
+    image = read_environment("c.png")
     assert image.shape[:2] == (36, 48)
     seen = run_json(
         capsys, "render", "fluid.ply", "-o", "d.png", *SMALL, "--with", "ball.ply:#00ff00",

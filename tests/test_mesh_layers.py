@@ -470,7 +470,7 @@ def test_fitted_cameras_and_presets():
     assert not frame.mask[:, 0].any()
     assert corners_of(mesh).shape == (8, 3)
     for name in ("glass", "clay"):
-        settings = gb.preset(name, mesh)
+        settings = gb.load_preset(name, mesh)
         assert settings.ground.height == pytest.approx(-1)
     rays_of = quiet(ambient=1.0, ambient_rays=2)
     assert gb.render(mesh, (32, 24), settings=rays_of).mask.any()

@@ -38,21 +38,21 @@ def test_local_spacing_is_the_mean_of_the_nearest(k):
         expected = brute_spacing(points, k)
         middle = np.median(expected)
         expected = np.clip(expected, spacing.LEAST * middle, spacing.MOST * middle)
-        assert np.allclose(gb.local_spacing(points, k), expected, rtol=1e-5)
+        assert np.allclose(gb.fluids.measure_spacing(points, k), expected, rtol=1e-5)
 
 
 def test_local_spacing_of_troubled_particles():
     points = np.random.default_rng(2).random((50, 3)).astype("f4")
     twice = np.concatenate([points, points])
-    assert np.allclose(gb.local_spacing(twice)[:50], gb.local_spacing(points))
+    assert np.allclose(gb.fluids.measure_spacing(twice)[:50], gb.fluids.measure_spacing(points))
     points[7] = np.nan
-    found = gb.local_spacing(points)
+    found = gb.fluids.measure_spacing(points)
     assert found[7] == np.median(np.delete(found, 7))
     assert np.isfinite(found).all()
-    assert (gb.local_spacing(np.zeros((5, 3))) == 1).all()
-    assert gb.local_spacing(np.zeros((0, 3))).shape == (0,)
+    assert (gb.fluids.measure_spacing(np.zeros((5, 3))) == 1).all()
+    assert gb.fluids.measure_spacing(np.zeros((0, 3))).shape == (0,)
     far = np.concatenate([points[:7], [[1e15, 0, 0]], points[8:] * 1e-9])
-    found = gb.local_spacing(far)
+    found = gb.fluids.measure_spacing(far)
     assert found.max() <= 1e6 * found.min()
     gb.Scene(gb.Particles(far, support=found), device="cpu")  # refuses a larger factor
 
@@ -99,20 +99,20 @@ def test_surfaces_are_closed(trimesh, lengths):
     torus = trimesh.creation.torus(1, 0.35, major_sections=30, minor_sections=12)
     box = trimesh.creation.box((1.2, 0.8, 1.0))
     for mesh in (torus, box):
-        assert covered(mesh, gb.mesh_particles(mesh, lengths)) == 1
+        assert covered(mesh, gb.sample_mesh(mesh, lengths)) == 1
 
 
 def test_samples_are_even(trimesh):
     """A flat square of very different triangles has the same field all over."""
     grid = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0.9, 0.2, 0]], float)
     faces = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
-    particles = gb.mesh_particles(trimesh.Trimesh(grid, faces, process=False), 0.05)
+    particles = gb.sample_mesh(trimesh.Trimesh(grid, faces, process=False), 0.05)
     assert particles.support == pytest.approx(0.1)
     assert particles.weight.max() <= 1 + 1e-6
     assert particles.weight.sum() == pytest.approx(4 / (3**0.5 / 2 * 0.05**2), rel=1e-4)
     points = np.random.default_rng(3).uniform(0.3, 1.7, (500, 3)).astype("f4")
     points[:, 2] = 0.05
-    values = gb.field(gb.Scene(particles, device="cpu"), points)
+    values = gb.Scene(particles, device="cpu").field(points)
     assert values.std() < 0.08 * values.mean()
     assert values.min() > 0.6
     assert (particles.positions[:, 2] == 0).all()
@@ -120,7 +120,7 @@ def test_samples_are_even(trimesh):
 
 def test_too_many_samples_name_what_would_do(trimesh):
     with pytest.raises(ValueError, match=r"50,000,000 points, got 0.0001 .* try 0.000") as caught:
-        gb.mesh_particles(trimesh.creation.box(), 1e-4)
+        gb.sample_mesh(trimesh.creation.box(), 1e-4)
     enough = float(str(caught.value).split()[-1])
     assert 1e-4 < enough < 1e-3
 
@@ -128,7 +128,7 @@ def test_too_many_samples_name_what_would_do(trimesh):
 @pytest.mark.parametrize("value", [0, -1, np.nan, np.inf])
 def test_wrong_spacing(value):
     with pytest.raises(ValueError, match="spacing: expected a positive number"):
-        gb.mesh_particles("a.obj", value)
+        gb.sample_mesh("a.obj", value)
 
 
 # files
@@ -142,7 +142,7 @@ def test_files(trimesh, extension, tmp_path):
     mesh.visual.vertex_colors = colors
     path = tmp_path / f"a{extension}"
     mesh.export(path)
-    for particles in (gb.read(path), gb.mesh_particles(path)):
+    for particles in (gb.read(path), gb.sample_mesh(path)):
         assert len(particles) == len(mesh.vertices)
         order = [np.abs(mesh.vertices - p).sum(axis=1).argmin() for p in particles.positions]
         assert np.allclose(particles.positions, mesh.vertices[order], atol=1e-6)
@@ -183,7 +183,7 @@ def test_coincident_vertices_are_one(trimesh):
     corners = TETRAHEDRON[FACES].reshape(-1, 3)
     mesh = trimesh.Trimesh(corners, np.arange(12).reshape(4, 3), process=False)
     mesh.visual.face_colors = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [0, 0, 0, 255]]
-    particles = gb.mesh_particles(mesh)
+    particles = gb.sample_mesh(mesh)
     assert len(particles) == 4
     at_origin = np.abs(particles.positions).sum(axis=1).argmin()
     assert np.allclose(particles.color[at_origin], 1 / 3, atol=1e-6)
@@ -197,7 +197,7 @@ def test_texture_is_sampled(trimesh):
     vertices = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]
     visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], image=texture)
     mesh = trimesh.Trimesh(vertices, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
-    particles = gb.mesh_particles(mesh, 0.05)
+    particles = gb.sample_mesh(mesh, 0.05)
     x = particles.positions[:, 0]
     assert np.allclose(particles.color[x < 0.9], [1, 0, 0], atol=1e-3)
     assert np.allclose(particles.color[x > 1.1], [0, 0, 1], atol=1e-3)
@@ -240,7 +240,7 @@ def test_textures_beside_a_mesh_are_read_and_no_other_file(trimesh, tmp_path, en
             head = b"glTF\2\0\0\0" + sizes[0] + sizes[1] + b"JSON"
             (folder / "a.glb").write_bytes(head + text + rest)
         try:
-            color = gb.mesh_particles(folder / f"a.{ending}", 0.2).color
+            color = gb.sample_mesh(folder / f"a.{ending}", 0.2).color
         except FormatError:
             assert name in outside
             continue
@@ -254,7 +254,7 @@ def test_scene_of_several_meshes(trimesh):
     scene = trimesh.Scene()
     scene.add_geometry(left)
     scene.add_geometry(right, transform=trimesh.transformations.translation_matrix([5, 0, 0]))
-    particles = gb.mesh_particles(scene)
+    particles = gb.sample_mesh(scene)
     assert len(particles) == 16
     assert particles.positions[:, 0].max() == pytest.approx(5.5)
     assert np.allclose(particles.color[particles.positions[:, 0] < 1], [1, 0, 0])
@@ -265,7 +265,9 @@ def test_points_without_triangles(trimesh, tmp_path):
     (tmp_path / "a.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in points))
     with pytest.warns(UserWarning, match="a.obj: expected a mesh with faces, got none: its 51 ver"):
         particles = gb.read(tmp_path / "a.obj")
-    assert np.allclose(particles.support, 2 * gb.local_spacing(points.astype("f4")), rtol=1e-5)
+    assert np.allclose(
+        particles.support, 2 * gb.fluids.measure_spacing(points.astype("f4")), rtol=1e-5
+    )
     assert particles.support[-1] > 10 * np.median(particles.support)
 
 
@@ -331,10 +333,10 @@ def test_glb_sizes_are_checked_before_memory_is_taken(trimesh, tmp_path):
 def test_scenes_of_too_many_triangles(trimesh, monkeypatch):
     monkeypatch.setattr(mesh_format, "MOST_SAMPLES", 100)
     scene = trimesh.Scene([trimesh.creation.icosphere(1)])
-    assert len(gb.mesh_particles(scene)) == 42
+    assert len(gb.sample_mesh(scene)) == 42
     scene.graph.update("again", geometry=next(iter(scene.geometry)))
     with pytest.raises(FormatError, match="at most 100 triangles, got 160"):
-        gb.mesh_particles(scene)
+        gb.sample_mesh(scene)
 
 
 def test_materials_without_pictures(trimesh, tmp_path):
@@ -352,8 +354,8 @@ def test_nan_vertices(trimesh):
     vertices = mesh.vertices.copy()
     vertices[3] = np.nan
     mesh = trimesh.Trimesh(vertices, mesh.faces, process=False, validate=False)
-    assert np.isfinite(gb.mesh_particles(mesh).support).all()
-    assert np.isfinite(gb.mesh_particles(mesh, 0.1).positions).all()
+    assert np.isfinite(gb.sample_mesh(mesh).support).all()
+    assert np.isfinite(gb.sample_mesh(mesh, 0.1).positions).all()
 
 
 def test_without_trimesh(monkeypatch, tmp_path):

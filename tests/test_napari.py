@@ -15,7 +15,7 @@ from sweep_helpers import small_sweep
 def test_volume(tmp_path):
     values = np.random.default_rng(0).integers(0, 99, (4, 5, 6)).astype(np.uint8)
     turn = np.array([[0, 0, 0.5, 7], [0.25, 0, 0, 8], [0, 2.0, 0, 9], [0, 0, 0, 1]])
-    gb.write_volume(tmp_path / "a.nrrd", gb.Volume(values, turn))
+    gb.volumes.write_volume(tmp_path / "a.nrrd", gb.volumes.Volume(values, turn))
     (data, about, kind), *_ = get_reader(str(tmp_path / "a.nrrd"))(str(tmp_path / "a.nrrd"))
     assert kind == "image"
     assert np.array_equal(data, values)
@@ -27,18 +27,18 @@ def test_volume(tmp_path):
 
 def test_origin_of_voxels():
     radius = np.array([0, 3, 130, 255], np.uint8).reshape(1, 1, 4)
-    volume = gb.Volume(np.ones((1, 1, 4), np.uint8), np.eye(4), radius)
+    volume = gb.volumes.Volume(np.ones((1, 1, 4), np.uint8), np.eye(4), radius)
     _, (labels, about, kind) = volume_layers(volume, "v")
     assert kind == "labels"
     assert labels.ravel().tolist() == [1, 2, 3, 0]
     assert not about["visible"]
-    assert len(volume_layers(gb.Volume(np.ones((1, 1, 4), np.uint8), np.eye(4)))) == 1
+    assert len(volume_layers(gb.volumes.Volume(np.ones((1, 1, 4), np.uint8), np.eye(4)))) == 1
 
 
 def test_sweep(tmp_path):
     sweep = small_sweep()
     path = str(tmp_path / "a.igs.mha")
-    gb.write_sweep(path, sweep)
+    gb.ultrasound.write_sweep(path, sweep)
     (data, about, kind), = get_reader(path)(path)  # fmt: skip
     assert kind == "image"
     assert np.array_equal(data, sweep.frames)

@@ -2,12 +2,14 @@
 
 import ast
 import dataclasses
+import inspect
 import io
 import logging
 import pickle
 import re
 import subprocess
 import sys
+from operator import attrgetter
 from pathlib import Path
 
 import globule as gb
@@ -17,6 +19,7 @@ from cli_helpers import cube
 from globule.cli import main
 from globule.data.attributes import attribute_colors
 from globule.render.settings import for_values
+from globule.scene.thesis import Thesis
 from light import ball
 from PIL import Image
 
@@ -49,7 +52,7 @@ def test_what_stands_for_a_scene(particles):
     scene.update(particles)
     assert len(scene) == len(p)
     assert gb.Camera.fit(particles) == gb.Camera.fit(p)
-    assert gb.local_spacing(particles).shape == (len(p),)
+    assert gb.fluids.measure_spacing(particles).shape == (len(p),)
 
 
 def test_a_simulation_is_shown_as_it_is():
@@ -96,18 +99,18 @@ MISTAKES = [
     (lambda s: gb.render(s, threshold=1), TypeError, r"threshold belongs .* globule\.Scene\("),
     (lambda s: gb.render(s, fov=30), TypeError, r"fov belongs to the camera: .*globule\.Camera\("),
     (lambda s: gb.render(s, colour_by="x"), TypeError, "color_by.*, got 'colour_by'"),
-    (lambda s: gb.render(s, settings="water"), TypeError, r"globule\.preset\('water', scene\)"),
+    (lambda s: gb.render(s, settings="water"), TypeError,
+     r"globule\.load_preset\('water', scene\)"),
     (lambda s: gb.render({"positions": [[0, 0, 0]]}), TypeError, r"globule\.Particles\(\*\*"),
     (lambda s: gb.render(None), TypeError, "scene: expected a Scene, .* got None"),
     (lambda s: gb.render("frame_*.vtk"), ValueError, r"globule\.render_sequence"),
     (lambda s: gb.render("splash"), FileNotFoundError, "splash"),
     (lambda s: gb.render([s, s], color_by="speed"), ValueError, r"globule\.color_by\("),
-    (lambda s: gb.Scene(gb.Volume(np.zeros((2, 2, 2), np.uint8), np.eye(4))), TypeError,
-     r"got Volume; globule\.iso_surface"),
-    (lambda s: gb.Scene(gb.phantoms.cylinders(n_frames=2)), TypeError, r"globule\.reconstruct"),
+    (lambda s: gb.Scene(gb.volumes.Volume(np.zeros((2, 2, 2), np.uint8), np.eye(4))), TypeError,
+     r"got Volume; globule\.volumes\.extract_iso_surface"),
+    (lambda s: gb.Scene(gb.ultrasound.phantoms.cylinders(n_frames=2)), TypeError,
+     r"globule\.ultrasound\.reconstruct"),
     (lambda s: gb.Scene(gb.Layer(s)), TypeError, r"got Layer; globule\.render\(layer\)"),
-    (lambda s: gb.field(s.particles, [[0, 0, 0]]), TypeError, r"make one: globule\.Scene\("),
-    (lambda s: gb.neighbors("a", [[0, 0, 0]], 1), TypeError, r"make one: globule\.Scene\("),
 ]  # fmt: skip
 
 
@@ -197,30 +200,49 @@ def test_a_sequence_in_colors(folder):
     frames = [gb.read("f_0.npz"), one]
     with pytest.raises(ValueError, match=r"range: expected \(lo, hi\)"):
         gb.render_sequence(iter(frames), "no%d.png", SIZE, color_by="speed")
-    assert gb.value_range(["f_0.npz", "f_2.npz"], "speed") == (0, 2)
-    low, high = gb.value_range([one], "x")
+    assert gb.find_value_range(["f_0.npz", "f_2.npz"], "speed") == (0, 2)
+    low, high = gb.find_value_range([one], "x")
     assert (low, high) == (one.positions[:, 0].min(), one.positions[:, 0].max())
 
 
-def test_questions_are_methods_and_functions(scene):
-    points = np.float32([[0, 0, 0], [0.2, 0.1, 0]])
-    rays = np.float32([[0, 0, 5], [0, 9, 5]]), np.float32([[0, 0, -1]] * 2)
-    values = scene.particles.attributes["speed"]
-    for name, arguments in [
-        ("field", (points,)),
-        ("gradient", (points,)),
-        ("neighbors", (points, 0.4)),
-        ("blend", (points, values)),
-        ("blend", (points, values.tolist())),
-        ("intersect", rays),
-    ]:
-        method = getattr(scene, name)(*arguments)
-        for one, other in zip(method, getattr(gb, name)(scene, *arguments), strict=True):
-            np.testing.assert_array_equal(one, other)
+def test_questions_take_lists_and_name_their_answers(scene):
+    rays = [[0, 0, 5], [0, 9, 5]], [[0, 0, -1]] * 2
+    points, values = [[0, 0, 0], [0.2, 0.1, 0]], scene.particles.attributes["speed"]
+    blended = scene.blend(points, values.tolist())
+    np.testing.assert_array_equal(scene.blend(np.float32(points), values), blended)
     hits = scene.intersect(*rays)
     assert hits.distance is hits[0]
     assert hits.distance[0] < 5
     assert np.isinf(hits.distance[1])
+
+
+def test_one_stands_for_a_list_of_one(scene, particles):
+    clip, light, layer = gb.ClipPlane((0, 0, 1), 0.1), gb.Headlight(0.5), gb.Layer(scene)
+    one, several = (
+        gb.render(make(gb.Layer(scene, clips=make(clip))), SIZE,
+                  settings={"lights": make(light)}, clips=make(clip))
+        for make in (lambda thing: thing, lambda thing: [thing])
+    )  # fmt: skip
+    np.testing.assert_array_equal(one.image, several.image)
+    assert gb.RenderSettings(lights=light) == gb.RenderSettings(lights=[light])
+    assert layer.clips == ()
+    whole = gb.find_value_range([particles], "speed")
+    assert gb.find_value_range(Path(particles), "speed") == whole
+    assert gb.find_value_range(gb.read(particles), "speed") == whole
+    tracked = [gb.measure.track_surface(given) for given in (Path(particles), [Path(particles)])]
+    np.testing.assert_array_equal(*(found["volume"] for found in tracked))
+
+
+def test_names_are_few_and_each_stands_in_one_place():
+    own = [name for name in gb.__all__ if not inspect.ismodule(getattr(gb, name))]
+    spaces = {name for name in gb.__all__ if name not in own}
+    assert len(own) <= 45
+    assert spaces == {"fluids", "measure", "sim", "ultrasound", "volumes"}
+    paths = own + [f"{space}.{name}" for space in spaces for name in getattr(gb, space).__all__]
+    things = {path: attrgetter(path)(gb) for path in paths}
+    assert len({id(thing) for thing in things.values()}) == len(things)
+    for path, thing in things.items():
+        assert inspect.isclass(thing) == path.rpartition(".")[2][0].isupper(), path
 
 
 def test_what_shows_itself(scene):
@@ -251,9 +273,9 @@ def test_progress(scene):
     assert seen == [(1, 2), (2, 2)]
     n = len(scene)
     for long in (
-        lambda: gb.anisotropy(scene.particles.positions, 0.5, progress=progress),
-        lambda: gb.without_strays(scene.particles, 0.5, progress=progress),
-        lambda: gb.local_spacing(scene.particles, progress=progress),
+        lambda: gb.fluids.find_anisotropy(scene.particles.positions, 0.5, progress=progress),
+        lambda: gb.fluids.remove_strays(scene.particles, 0.5, progress=progress),
+        lambda: gb.fluids.measure_spacing(scene.particles, progress=progress),
     ):
         seen.clear()
         long()
@@ -316,7 +338,7 @@ def test_attributes_are_checked():
         (gb.Material(), "color"),
         (gb.Sky(), "zenith"),
         (gb.ClipSphere((0, 0, 0), 1), "radius"),
-        (gb.Thesis(), "step"),
+        (Thesis(), "step"),
     ],
     ids=lambda value: type(value).__name__,
 )
@@ -381,7 +403,7 @@ def test_what_is_imported_later():
     for name in gb.__all__:
         assert getattr(gb, name) is not None
     assert callable(gb.render)
-    assert gb.volumes.slices.reslice is gb.reslice
+    assert gb.volumes.slices.reslice is gb.volumes.reslice
     with pytest.raises(AttributeError, match="no attribute 'reder'"):
         gb.reder  # noqa: B018
 
@@ -395,7 +417,7 @@ def test_type_checkers_see_the_same_names():
     tree = ast.parse(Path(gb.__file__).read_text(encoding="utf-8"))
     (block,) = [n for n in tree.body if isinstance(n, ast.If) and "TYPE" in ast.unparse(n.test)]
     seen = {alias.name: node.module for node in block.body for alias in node.names}
-    assert seen == gb._MODULE_OF
+    assert seen == {**gb._MODULE_OF, **dict.fromkeys(gb._SPACES)}
 
 
 def test_the_library_logs_and_never_prints():

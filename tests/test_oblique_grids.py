@@ -18,7 +18,7 @@ OBLIQUE = Rotation.from_quat([0.1, 0.7, -0.3, 0.5]).as_matrix()
 FIELD = np.array([0.7, -0.4, 1.1])  # gray levels a mm
 
 
-def linear_sweep(turn=TURN) -> gb.Sweep:
+def linear_sweep(turn=TURN) -> gb.ultrasound.Sweep:
     """30 frames, parallel within a degree, whose values are 120 + FIELD · place."""
     rng = np.random.default_rng(2)
     poses = np.tile(np.eye(4), (30, 1, 1))
@@ -28,20 +28,20 @@ def linear_sweep(turn=TURN) -> gb.Sweep:
         pose[:3, 3] = turn @ (-15, -10, 0.9 * i - 13)
     pixels = np.stack(np.meshgrid(np.arange(60), np.arange(50), indexing="xy"), axis=-1)
     places = np.einsum("fik,hwk->fhwi", poses[:, :3, :2], pixels) + poses[:, None, None, :3, 3]
-    return gb.Sweep((120 + places @ FIELD).astype(np.float32), poses)
+    return gb.ultrasound.Sweep((120 + places @ FIELD).astype(np.float32), poses)
 
 
-def rotated(sweep: gb.Sweep, turn: np.ndarray) -> gb.Sweep:
+def rotated(sweep: gb.ultrasound.Sweep, turn: np.ndarray) -> gb.ultrasound.Sweep:
     frame = np.eye(4)
     frame[:3, :3] = turn
-    return gb.Sweep(sweep.frames, frame @ sweep.world_from_image, sweep.timestamps)
+    return gb.ultrasound.Sweep(sweep.frames, frame @ sweep.world_from_image, sweep.timestamps)
 
 
 @pytest.mark.parametrize("spacing", [0.8, (0.6, 0.8, 1.7)])
 @pytest.mark.parametrize("axes", ["world", "sweep", OBLIQUE])
 def test_every_lattice_holds_the_field_s_values(spacing, axes):
     """The interpolation of a linear field is the field, on any lattice."""
-    volume = gb.reconstruct(linear_sweep(), spacing=spacing, axes=axes, device="cpu")
+    volume = gb.ultrasound.reconstruct(linear_sweep(), spacing=spacing, axes=axes, device="cpu")
     assert np.allclose(volume.spacing, spacing)
     turn = volume.world_from_voxel[:3, :3] / volume.spacing
     assert np.allclose(turn.T @ turn, np.eye(3), atol=1e-9)
@@ -60,30 +60,36 @@ def test_every_lattice_holds_the_field_s_values(spacing, axes):
 
 
 def test_axes_turn_with_the_sweep():
-    sweep = gb.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
+    sweep = gb.ultrasound.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
     for method in ("frames", "pvn-om"):
-        plain = gb.reconstruct(sweep, method, spacing=1.0, device="cpu")
-        turned = gb.reconstruct(rotated(sweep, TURN), method, spacing=1.0, axes=TURN, device="cpu")
+        plain = gb.ultrasound.reconstruct(sweep, method, spacing=1.0, device="cpu")
+        turned = gb.ultrasound.reconstruct(
+            rotated(sweep, TURN), method, spacing=1.0, axes=TURN, device="cpu"
+        )
         # A pixel on the face of two voxels may fall to the other one.
         assert plain.shape == turned.shape
         assert (plain.values != turned.values).mean() < 0.02
         frame = np.eye(4)
         frame[:3, :3] = TURN
         assert np.allclose(turned.world_from_voxel, frame @ plain.world_from_voxel, atol=1e-6)
-        same = gb.reconstruct(sweep, method, spacing=(1, 1, 1), axes=np.eye(3), device="cpu")
+        same = gb.ultrasound.reconstruct(
+            sweep, method, spacing=(1, 1, 1), axes=np.eye(3), device="cpu"
+        )
         assert np.array_equal(same.values, plain.values)
 
 
 def test_axes_of_the_sweep_need_fewer_voxels():
     sweep = linear_sweep()
-    world = gb.reconstruct(sweep, spacing=0.8, device="cpu")
-    along = gb.reconstruct(sweep, spacing=0.8, axes="sweep", device="cpu")
+    world = gb.ultrasound.reconstruct(sweep, spacing=0.8, device="cpu")
+    along = gb.ultrasound.reconstruct(sweep, spacing=0.8, axes="sweep", device="cpu")
     assert along.values.size < 0.5 * world.values.size
     assert along.n_empty / along.values.size < 0.25
     # Axes have the names of the world's axes that are nearest, and a straight sweep keeps them.
     straight = linear_sweep(np.eye(3))
     assert np.allclose(sweep_axes(straight), np.eye(3), atol=0.03)
-    back = gb.Sweep(straight.frames, straight.world_from_image @ np.diag([-1.0, 1, -1, 1]))
+    back = gb.ultrasound.Sweep(
+        straight.frames, straight.world_from_image @ np.diag([-1.0, 1, -1, 1])
+    )
     assert np.allclose(sweep_axes(back), np.eye(3), atol=0.03)
 
 
@@ -99,7 +105,7 @@ def test_mistakes_of_axes():
         ({"spacing": (1, 1, 99)}, "differ at most 30 times"),
     ):
         with pytest.raises(ValueError, match=message):
-            gb.reconstruct(sweep, **({"spacing": 1.0, "device": "cpu"} | given))
+            gb.ultrasound.reconstruct(sweep, **({"spacing": 1.0, "device": "cpu"} | given))
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "float32"])
@@ -108,7 +114,7 @@ def test_projections(dtype, tmp_path):
     values[4, 1, 2], values[0, 0, 0] = 200, 100
     radius = np.zeros(values.shape, np.uint8)
     radius[:, 4] = 255
-    volume = gb.Volume(values, np.eye(4), radius)
+    volume = gb.volumes.Volume(values, np.eye(4), radius)
     picture = max_projections(volume)
     gray = picture.astype(int).mean(axis=2)
     assert picture.shape == (6, 4 + 8 + 4 + 8 + 5, 3)
@@ -137,7 +143,7 @@ def test_a_method_that_fails_does_not_end_the_comparison(caplog):
 
 
 def test_the_command(folder, capsys):
-    gb.write_sweep("oblique.igs.mha", linear_sweep())
+    gb.ultrasound.write_sweep("oblique.igs.mha", linear_sweep())
     words = ["reconstruct", "oblique.igs.mha", "-o", "v.nrrd", "--device", "cpu"]
     words += ["--method", "frames", "--voxel-size", "1", "--three-view", "v.png"]
     plain = run_json(capsys, *words)["counts"]["voxels"]

@@ -113,7 +113,7 @@ def test_fixed_space(backend, bits):
     np.testing.assert_array_equal(scene.octree.lo, np.float32(bounds[0]))
     case = Case(p[inside], support=0.1)
     at = cloud(500, 23)
-    np.testing.assert_allclose(gb.field(scene, at), case.field(at)[0], atol=1e-6)
+    np.testing.assert_allclose(scene.field(at), case.field(at)[0], atol=1e-6)
     scene.update(positions=p * np.float32(0.5))  # some re-enter
     assert scene.octree.n_inside == np.count_nonzero(numpy_keys(p * np.float32(0.5), bits, bounds))
 
@@ -207,7 +207,7 @@ def test_update(backend, octree):
             truth = oracle.neighbors(p, at, 0.2)
             for mine, expected in zip(rows(scene.neighbors(at, 0.2)), truth, strict=True):
                 np.testing.assert_array_equal(np.sort(mine), expected)
-        np.testing.assert_array_equal(gb.field(scene, at), gb.field(fresh, at))
+        np.testing.assert_array_equal(scene.field(at), fresh.field(at))
 
 
 def test_update_of_single_fields(backend):
@@ -216,13 +216,13 @@ def test_update_of_single_fields(backend):
     at = cloud(300, 42)
     weight = np.linspace(-1, 2, 500).astype(np.float32)
     scene.update(weight=weight)
-    np.testing.assert_allclose(gb.field(scene, at), Case(p, 0.3, weight).field(at)[0], atol=1e-5)
+    np.testing.assert_allclose(scene.field(at), Case(p, 0.3, weight).field(at)[0], atol=1e-5)
     support = np.linspace(0.1, 0.5, 500).astype(np.float32)
     scene.update(support=support)
     truth = Case(p, support, weight).field(at)[0]
-    np.testing.assert_allclose(gb.field(scene, at), truth, atol=1e-5)
+    np.testing.assert_allclose(scene.field(at), truth, atol=1e-5)
     scene.update(gb.Particles(p[:100], support=0.2))
-    np.testing.assert_allclose(gb.field(scene, at), Case(p[:100], 0.2).field(at)[0], atol=1e-5)
+    np.testing.assert_allclose(scene.field(at), Case(p[:100], 0.2).field(at)[0], atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -244,6 +244,6 @@ def test_nodes_are_never_lost_when_the_tree_grows(backend):
     at = p[::20] + np.float32(0.01)
     for _ in range(3):
         scene.update(positions=p)
-        np.testing.assert_allclose(gb.field(scene, at), Case(p, 0.1).field(at)[0], rtol=1e-5)
+        np.testing.assert_allclose(scene.field(at), Case(p, 0.1).field(at)[0], rtol=1e-5)
         octree = scene.octree
     assert (octree.n_nodes, octree.n_leaves, octree.level) == numpy_nodes(numpy_keys(p, 32), 32, 10)

@@ -18,6 +18,7 @@ from globule.formats.ranges import has_ranges, ranges
 from globule.pieces import pieces as of_pieces
 from globule.pieces import store
 from globule.pieces.partition import Partition, histogram, space_around
+from globule.pieces.pieces import Pieces
 from pieces_helpers import own_shapes
 from PIL import Image
 from scenes import KERNELS
@@ -44,7 +45,7 @@ def agree(scene, pieces, camera=CAMERA, **options):
 
 
 def check(particles, n, backend, camera=CAMERA, clips=(), settings=None, **options):
-    pieces = gb.Pieces(particles, n, **options, **backend)
+    pieces = Pieces(particles, n, **options, **backend)
     scene = gb.Scene(particles, **options, **backend)
     try:
         agree(scene, pieces, camera, clips=clips, settings=settings)
@@ -103,7 +104,7 @@ def test_kernels_of_their_own(backend):
 def test_layers_and_an_orthographic_camera(backend):
     low, high = POSITIONS[POSITIONS[:, 1] < 7], POSITIONS[POSITIONS[:, 1] > 6]
     scenes = [gb.Scene(p, support=2.0, **backend) for p in (low, high)]
-    pieces = [gb.Pieces(p, n, support=2.0, **backend) for p, n in ((low, 3), (high, 2))]
+    pieces = [Pieces(p, n, support=2.0, **backend) for p, n in ((low, 3), (high, 2))]
     camera = gb.Camera.fit(POSITIONS, size=SIZE, margin=1, orthographic=True)
     red = gb.Material(color=(0.8, 0.1, 0.1))
     agree(
@@ -118,13 +119,13 @@ def test_several_samples_and_alpha(backend):
     settings = {"samples": 4, "transparent": True}
     particles = gb.Particles(POSITIONS, color=COLOR)
     check(particles, 3, backend, support=2.0, settings=settings, clips=[CUT])
-    pieces, scene = gb.Pieces(particles, 3, support=2.0), gb.Scene(particles, support=2.0)
+    pieces, scene = Pieces(particles, 3, support=2.0), gb.Scene(particles, support=2.0)
     alphas = [gb.render(s, CAMERA, SIZE, settings).alpha for s in (pieces, scene)]
     np.testing.assert_allclose(*alphas, atol=1e-3)
 
 
 def test_the_same_bits_again():
-    images = [gb.render(gb.Pieces(POSITIONS, 3, support=2.0), CAMERA, SIZE).color for _ in "ab"]
+    images = [gb.render(Pieces(POSITIONS, 3, support=2.0), CAMERA, SIZE).color for _ in "ab"]
     assert images[0].tobytes() == images[1].tobytes()
 
 
@@ -149,11 +150,11 @@ def test_each_piece_holds_all_that_reaches_its_cells():
 
 def test_mistakes():
     with pytest.raises(ValueError, match=r"^n: "):
-        gb.Pieces(POSITIONS, 0)
+        Pieces(POSITIONS, 0)
     with pytest.raises(ValueError, match=r"^surface: "):
-        gb.Pieces(POSITIONS, 2, surface="smooth", support=1.0)
+        Pieces(POSITIONS, 2, surface="smooth", support=1.0)
     with pytest.raises(MemoryError, match=r"^memory: expected more than"):
-        gb.Pieces(POSITIONS, memory=1e6)
+        Pieces(POSITIONS, memory=1e6)
 
 
 def test_a_rank_takes_little_more_than_its_share(monkeypatch):
@@ -162,7 +163,7 @@ def test_a_rank_takes_little_more_than_its_share(monkeypatch):
     points = RNG.random((200_000, 3), np.float32)
     tracemalloc.start()
     try:
-        pieces = gb.Pieces(points, comm=Alone(), support=0.02, device="cpu", threads=1)
+        pieces = Pieces(points, comm=Alone(), support=0.02, device="cpu", threads=1)
         tracemalloc.reset_peak()
         before = tracemalloc.get_traced_memory()[0]
         pieces._to_ranks(store.source_of(points))
@@ -177,7 +178,7 @@ def test_a_rank_takes_little_more_than_its_share(monkeypatch):
 
 
 def test_files_are_removed():
-    pieces = gb.Pieces(POSITIONS, 3, support=2.0)
+    pieces = Pieces(POSITIONS, 3, support=2.0)
     folder = pieces._files._folder.name
     assert os.listdir(folder)
     pieces.close()
@@ -363,5 +364,5 @@ def test_particles_without_a_place_are_counted(files, little, capsys):
     for name in ("none.npy", "nowhere.npy"):
         error = refused(capsys, "render", name, *words)
         assert f"{name}: expected particles, got none with a finite position" in error
-    pieces = gb.Pieces(np.zeros((9, 3)), memory=1e9)  # a box without extent
+    pieces = Pieces(np.zeros((9, 3)), memory=1e9)  # a box without extent
     assert pieces.partition.n == 1

@@ -39,8 +39,10 @@ def test_more_public_references(backend, name):
 def equals_reference(name, **backend):
     if not DATA.is_dir():
         pytest.skip("../shared/data/ultrasound is not here")
-    reference = gb.read_volume(DATA / f"{name}.reference.mha")
-    sweep = gb.read_sweep(DATA / "SpinePhantomFreehand.igs.mha", plus=DATA / f"{name}.xml")
+    reference = gb.volumes.read_volume(DATA / f"{name}.reference.mha")
+    sweep = gb.ultrasound.read_sweep(
+        DATA / "SpinePhantomFreehand.igs.mha", plus=DATA / f"{name}.xml"
+    )
     volume = reconstruct_plus(sweep, DATA / f"{name}.xml", **backend)
     slab = tuple(slice(n) for n in reference.shape)
     if name == "RECON":  # comes from an older PLUS, which rounded the number of voxels down
@@ -256,7 +258,7 @@ def test_what_the_command_makes_of_a_configuration(
     """A volume as the arithmetic says, or one line that names what is wrong."""
     monkeypatch.chdir(tmp_path)
     made = make_sweep(n=4, shape=(14, 17), gap=1.1)
-    gb.write_sweep("s.igs.mha", gb.Sweep(made.frames, made.world_from_image))
+    gb.ultrasound.write_sweep("s.igs.mha", gb.ultrasound.Sweep(made.frames, made.world_from_image))
     Path("c.xml").write_text(
         XML.format(f'OutputSpacing="1 0.9 1.1" {attributes}', ""), encoding="utf-8"
     )
@@ -271,5 +273,7 @@ def test_what_the_command_makes_of_a_configuration(
         return
     assert status == 0
     assert err == ""
-    values, _ = expected(gb.read_sweep("s.igs.mha", plus="c.xml"), read_plus_config("c.xml"))
-    np.testing.assert_array_equal(gb.read_volume("v.mha").values, values)
+    values, _ = expected(
+        gb.ultrasound.read_sweep("s.igs.mha", plus="c.xml"), read_plus_config("c.xml")
+    )
+    np.testing.assert_array_equal(gb.volumes.read_volume("v.mha").values, values)

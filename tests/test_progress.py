@@ -22,11 +22,11 @@ def folder(tmp_path, monkeypatch):
 
 
 @functools.cache
-def phantom() -> gb.Sweep:
-    return gb.phantoms.cylinders(n_frames=40, size=(12, 9), spacing=3.0)
+def phantom() -> gb.ultrasound.Sweep:
+    return gb.ultrasound.phantoms.cylinders(n_frames=40, size=(12, 9), spacing=3.0)
 
 
-def sweep() -> gb.Sweep:
+def sweep() -> gb.ultrasound.Sweep:
     return copy.deepcopy(phantom())
 
 
@@ -50,8 +50,8 @@ def heard(calls: list[tuple[int, int]], least: int) -> None:
 )
 def test_sweep_files(name, least):
     for work in (
-        lambda report: gb.write_sweep(name, sweep(), progress=report),
-        lambda report: gb.read_sweep(name, progress=report),
+        lambda report: gb.ultrasound.write_sweep(name, sweep(), progress=report),
+        lambda report: gb.ultrasound.read_sweep(name, progress=report),
     ):
         result, calls = followed(work)
         heard(calls, least)
@@ -64,8 +64,8 @@ def test_sweep_files(name, least):
 def test_volume_files(name, least):
     volume = Volume(np.arange(20 * 21 * 20, dtype=np.uint16).reshape(20, 21, 20), np.eye(4))
     for work in (
-        lambda report: gb.write_volume(name, volume, progress=report),
-        lambda report: gb.read_volume(name, progress=report),
+        lambda report: gb.volumes.write_volume(name, volume, progress=report),
+        lambda report: gb.volumes.read_volume(name, progress=report),
     ):
         result, calls = followed(work)
         heard(calls, least)
@@ -80,9 +80,9 @@ def test_reconstruction(compounding, dtype):
     made.frames = made.frames.astype(dtype)
     calls: list[tuple[int, int]] = []
     options = {"spacing": 4.0, "compounding": compounding, "device": "cpu"}
-    found = gb.reconstruct(made, **options, progress=lambda *call: calls.append(call))
+    found = gb.ultrasound.reconstruct(made, **options, progress=lambda *call: calls.append(call))
     heard(calls, 1 if compounding == "median" else 20)
-    expected = gb.reconstruct(made, **options)
+    expected = gb.ultrasound.reconstruct(made, **options)
     assert np.array_equal(found.values, expected.values)
     assert np.array_equal(found.radius, expected.radius)
 
@@ -94,10 +94,10 @@ def test_stopped_from_progress():
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        gb.reconstruct(sweep(), spacing=4.0, device="cpu", progress=stop)
+        gb.ultrasound.reconstruct(sweep(), spacing=4.0, device="cpu", progress=stop)
     for name in ("a.igs.mha", "frames"):
         with pytest.raises(KeyboardInterrupt):
-            gb.write_sweep(name, sweep(), progress=stop)
+            gb.ultrasound.write_sweep(name, sweep(), progress=stop)
     assert os.listdir() == []
 
 
@@ -110,7 +110,7 @@ def test_reprs_are_one_line_with_shape_type_spacing_and_frame():
     assert repr(made) == "Sweep(40 frames, 12 x 9 uint8, 3 x 3 mm, 40 valid, Reference, LPS)"
     made.valid[:] = False
     assert "no spacing, 0 valid" in repr(made)
-    live = gb.Reconstructor(4.0, device="cpu")
+    live = gb.ultrasound.Reconstructor(4.0, device="cpu")
     assert repr(live).startswith("Reconstructor(no frames yet, 4 mm, LPS, cpu")
     live.add(sweep().frames, sweep().world_from_image)
     x, y, z = live.volume().shape[::-1]

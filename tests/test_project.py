@@ -138,7 +138,7 @@ def galaxy(n: int = 3000) -> gb.Particles:
     return p
 
 
-def total(found: gb.Samples, name: str, *component: int) -> float:
+def total(found: gb.measure.Samples, name: str, *component: int) -> float:
     """The integral of a map over its plane."""
     values = found[name].astype(np.float64)[(..., *component)]
     return float(values.sum()) * np.prod(np.linalg.norm(found.steps, axis=1))
@@ -149,7 +149,9 @@ def total(found: gb.Samples, name: str, *component: int) -> float:
 @pytest.mark.parametrize("axis", [(0, 0, 1), (-1, 0, 0), (1, 2, -2)])
 def test_masses_add_up(kernel, axis, backend):
     p = galaxy()
-    found = gb.project(p, gb.SamplePlane(axis, spacing=0.05), kernel=kernel, **backend)
+    found = gb.measure.project(
+        p, gb.measure.SamplePlane(axis, spacing=0.05), kernel=kernel, **backend
+    )
     assert total(found, "density") == pytest.approx(p.attributes["mass"].sum(), rel=1e-3)
 
 
@@ -157,20 +159,22 @@ def test_supports_below_a_pixel(backend):
     """A coarse image has the mass of all particles, though rays pass between most of them."""
     p = galaxy()
     for spacing in (0.4, 1.0):
-        found = gb.project(p, gb.SamplePlane((0, 0, 1), spacing=spacing), **backend)
+        found = gb.measure.project(p, gb.measure.SamplePlane((0, 0, 1), spacing=spacing), **backend)
         assert total(found, "density") == pytest.approx(p.attributes["mass"].sum(), rel=1e-3)
 
 
 def test_values(backend):
     p = galaxy(500)
-    found = gb.project(p, values=["density", "thickness", "temperature", "velocity"], **backend)
+    found = gb.measure.project(
+        p, values=["density", "thickness", "temperature", "velocity"], **backend
+    )
     assert found["velocity"].shape == (*found.shape, 3)
     volume = p.attributes["mass"] / p.attributes["density"]
     heat, flow = p.attributes["temperature"], p.attributes["velocity"][:, 1]
     assert total(found, "thickness") == pytest.approx(volume.sum(), rel=1e-3)
     assert total(found, "temperature") == pytest.approx((volume * heat).sum(), rel=1e-3)
     assert total(found, "velocity", 1) == pytest.approx((volume * flow).sum(), rel=1e-2)
-    one = gb.project(p, values="temperature", volume=2.0, **backend)
+    one = gb.measure.project(p, values="temperature", volume=2.0, **backend)
     assert total(one, "temperature") == pytest.approx(2 * heat.sum(), rel=1e-3)
 
 
@@ -178,7 +182,9 @@ def test_a_slab_is_as_thick_as_it_is(backend):
     """Lines of sight through a lattice of 8 layers: 8 spacings of matter, wherever they pass."""
     positions = 0.1 * lattice(30, 30, 8)
     box = ((-0.5, -0.5, 0), (0.5, 0.5, 0))
-    found = gb.project(positions, gb.SamplePlane((0, 0, 1), 0, 0.013, box), "thickness", **backend)
+    found = gb.measure.project(
+        positions, gb.measure.SamplePlane((0, 0, 1), 0, 0.013, box), "thickness", **backend
+    )
     np.testing.assert_allclose(found["thickness"], 0.8, rtol=0.02)
     assert found["thickness"].mean() == pytest.approx(0.8, rel=0.015)
 
@@ -191,13 +197,13 @@ def test_camera_sees_what_parallel_lines_see(backend):
     p = galaxy(400)
     p.positions[:, 0] *= 2
     camera = gb.Camera((0, 0, 50), (0, 0, 0), (0, 1, 0), height=6.0)
-    found = gb.project(p, camera, size=(60, 40), **backend)
+    found = gb.measure.project(p, camera, size=(60, 40), **backend)
     assert found["density"].shape == (40, 60)
     np.testing.assert_allclose(found.points[0, 0], (-4.425, 2.925, 0), atol=1e-5)
     np.testing.assert_allclose(found.points[20, 40, :2], (found.coords["u"][40], -0.075), atol=1e-5)
     box = ((-4.425, -2.925, 0), (4.43, 2.93, 0))
     scene = gb.Scene(p, kernel="cubic_spline", device="cpu")
-    plane = gb.SamplePlane((0, 0, 1), 0, 0.15, box)
+    plane = gb.measure.SamplePlane((0, 0, 1), 0, 0.15, box)
     values = np.ones(len(p), np.float32)
     points = plane.lattice(scene).points().reshape(-1, 3)
     down = np.broadcast_to(np.float32([0, 0, -1]), points.shape)
@@ -207,7 +213,7 @@ def test_camera_sees_what_parallel_lines_see(backend):
     here = there.integrate(flat + np.float32([0, 0, 50]), down, values).reshape(40, 60)
     np.testing.assert_allclose(here[::-1], truth, atol=2e-4 * truth.max())
     far = gb.Camera((0, 0, 4000), (0, 0, 0), (0, 1, 0), fov=2 * np.degrees(np.arctan(3 / 4000)))
-    distant = gb.project(p, far, size=(60, 40), **backend)
+    distant = gb.measure.project(p, far, size=(60, 40), **backend)
     scale = found["density"].max()
     np.testing.assert_allclose(distant["density"] / scale, found["density"] / scale, atol=0.01)
 
@@ -215,8 +221,8 @@ def test_camera_sees_what_parallel_lines_see(backend):
 def test_behind_the_eye_is_nothing(backend):
     p = gb.Particles([[0, 0, 0], [0, 0, 10.0]], support=1.0)
     camera = gb.Camera((0, 0, 5), (0, 0, 0), height=0.1)
-    both = gb.project(p, camera, "thickness", (1, 1), volume=1.0, **backend)
-    first = gb.project(
+    both = gb.measure.project(p, camera, "thickness", (1, 1), volume=1.0, **backend)
+    first = gb.measure.project(
         gb.Scene(p[0], **backend), camera, "thickness", (1, 1), volume=1.0, **backend
     )
     assert both["thickness"] == first["thickness"] > 0
@@ -227,8 +233,8 @@ def test_large_and_small_units(backend):
         p = galaxy(300)
         p.positions *= np.float32(unit_of_length)
         p.support *= np.float32(unit_of_length)
-        plane = gb.SamplePlane((0, 0, 1), spacing=0.05 * unit_of_length)
-        found = gb.project(p, plane, volume=1e3, values="thickness", **backend)
+        plane = gb.measure.SamplePlane((0, 0, 1), spacing=0.05 * unit_of_length)
+        found = gb.measure.project(p, plane, volume=1e3, values="thickness", **backend)
         assert total(found, "thickness") == pytest.approx(300 * 1e3, rel=2e-3)
 
 
@@ -249,7 +255,7 @@ def test_refused(arguments, message):
     p = gb.Particles(cloud(20), support=0.5)
     given = {"values": "thickness", **arguments}
     with pytest.raises((TypeError, ValueError), match=message):
-        gb.project(p, device="cpu", **given)
+        gb.measure.project(p, device="cpu", **given)
 
 
 def test_integrate_refused():

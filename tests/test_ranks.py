@@ -17,6 +17,7 @@ from PIL import Image
 
 PROGRAM = """
 import globule as gb, numpy as np
+from globule.pieces.pieces import Pieces
 from mpi4py import MPI
 from pieces_helpers import CAMERA, CUT, SIZE
 from test_ranks import CASES, particles_of
@@ -28,7 +29,7 @@ for case, (spread, options) in CASES.items():
     mine = {"all": rows % comm.size == comm.rank, "last": rows + 1 > 0}[spread]
     if spread == "last" and comm.rank < comm.size - 1:
         mine[:] = False
-    pieces = gb.Pieces(particles[np.flatnonzero(mine)], comm=comm, device="cpu", **options)
+    pieces = Pieces(particles[np.flatnonzero(mine)], comm=comm, device="cpu", **options)
     frame = gb.render(pieces, CAMERA, SIZE, clips=[CUT])
     if comm.rank == 0:
         frame.save(f"{case}.npz")

@@ -20,7 +20,7 @@ from sweep_helpers import OnGpu
 
 
 def reconstruct(sweep, method="pvn-om", *args, **options):
-    return reconstruction.reconstruct(sweep, method, *args, **options)
+    return reconstruction(sweep, method, *args, **options)
 
 
 @dataclass

@@ -39,23 +39,25 @@ def tissue(seed: int, cell: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
     return (100 + 40 * values / values.std()).clip(0, 255), place
 
 
-def swept(volume, seed: int, n: int = 26, z: float = 0.0, noise: float = 8.0) -> gb.Sweep:
+def swept(
+    volume, seed: int, n: int = 26, z: float = 0.0, noise: float = 8.0
+) -> gb.ultrasound.Sweep:
     """A pass over tissue by a hand of its own, with noise in every pixel."""
     poses = phantoms.hand_path(n, 18.0, seed, PIXEL, SIZE)
     poses[:, 2, 3] += z
     frames = phantoms.scan_volume(*volume, poses, SIZE)
     frames += np.random.default_rng(seed).normal(0, noise, frames.shape)
-    return gb.Sweep(frames.clip(0, 255).astype(np.uint8), poses)
+    return gb.ultrasound.Sweep(frames.clip(0, 255).astype(np.uint8), poses)
 
 
-def displaced(sweep: gb.Sweep, truth: np.ndarray) -> gb.Sweep:
+def displaced(sweep: gb.ultrasound.Sweep, truth: np.ndarray) -> gb.ultrasound.Sweep:
     """The sweep as recorded in a world from which `truth` leads back."""
-    return gb.Sweep(
+    return gb.ultrasound.Sweep(
         sweep.frames, np.linalg.inv(truth) @ sweep.world_from_image, None, sweep.valid, sweep.mask
     )
 
 
-def error(found: np.ndarray, truth: np.ndarray, sweep: gb.Sweep) -> float:
+def error(found: np.ndarray, truth: np.ndarray, sweep: gb.ultrasound.Sweep) -> float:
     """Root mean square distance at the corners of all frames, mm."""
     corners = sweep.corners()[sweep.valid].reshape(-1, 3)
     apart = (found - truth)[:3]
@@ -99,14 +101,16 @@ def test_joined_volume_is_that_of_one_world(phantom):
     joined, [found] = register_and_join([fixed, displaced(other, truth)])
     assert len(joined) == len(fixed) + len(other)
     region = ((-10, 5, -6), (10, 25, 6))
-    want = gb.reconstruct(join_sweeps([fixed, other], [None, None]), spacing=1, region=region)
-    got = gb.reconstruct(joined, spacing=1, region=region)
-    wrong = gb.reconstruct(
+    want = gb.ultrasound.reconstruct(
+        join_sweeps([fixed, other], [None, None]), spacing=1, region=region
+    )
+    got = gb.ultrasound.reconstruct(joined, spacing=1, region=region)
+    wrong = gb.ultrasound.reconstruct(
         join_sweeps([fixed, displaced(other, truth)], [None, None]), spacing=1, region=region
     )
     known = ~(want.empty | got.empty | wrong.empty)
 
-    def rms(a: gb.Volume) -> float:
+    def rms(a: gb.volumes.Volume) -> float:
         return float(np.sqrt(np.mean((a.values[known] - want.values[known].astype(float)) ** 2)))
 
     assert rms(got) < 0.15 * rms(wrong)
@@ -124,7 +128,7 @@ def test_tissue_without_structure_is_refused():
     flat = np.full((8, 32, 32), 80, np.uint8)
     poses = phantoms.hand_path(8, 8.0, 0, 0.5, (32, 32))
     with pytest.raises(RegistrationError, match="correlation"):
-        register_sweeps(gb.Sweep(flat, poses), gb.Sweep(flat, poses))
+        register_sweeps(gb.ultrasound.Sweep(flat, poses), gb.ultrasound.Sweep(flat, poses))
 
 
 def test_mistakes(phantom):
@@ -135,7 +139,7 @@ def test_mistakes(phantom):
         register_sweeps(sweep, sweep, initial=2 * np.eye(4))
     with pytest.raises(ValueError, match=r"^sweeps: expected two or more, got 1"):
         register_and_join([sweep])
-    other = gb.Sweep(sweep.frames[:, 1:], sweep.world_from_image)
+    other = gb.ultrasound.Sweep(sweep.frames[:, 1:], sweep.world_from_image)
     with pytest.raises(ValueError, match=r"^sweeps\[1\]: expected images of uint8 \(64, 60\)"):
         register_and_join([sweep, other])
 
@@ -145,7 +149,9 @@ def test_parts_of_a_real_sweep():
     """Frames 0 to 13 and 8 to 20 of a spine phantom, the second part moved by 5 mm and 5 degrees;
     and its even against its odd frames, which share none."""
     folder = spine_data()
-    sweep = gb.read_sweep(folder / "SpinePhantomFreehand.igs.mha", plus=folder / "RECON.xml")
+    sweep = gb.ultrasound.read_sweep(
+        folder / "SpinePhantomFreehand.igs.mha", plus=folder / "RECON.xml"
+    )
     truth = motion((3, -2, 4), (4, -3, 2), np.mean(sweep.bounds(), axis=0))
     for fixed, other in ((sweep[:14], sweep[8:]), (sweep[0::2], sweep[1::2])):
         moving = displaced(other, truth)
@@ -159,20 +165,20 @@ def test_command(tmp_path, phantom, capsys):
     fixed, other = swept(phantom, 1), swept(phantom, 2)
     truth = motion((2, -2, 1), (2, 3, -2), np.mean(other.bounds(), axis=0))
     names = [str(tmp_path / name) for name in ("a.npz", "b.npz", "ab.nrrd", "ab.npz")]
-    gb.write_sweep(names[0], fixed)
-    gb.write_sweep(names[1], displaced(other, truth))
+    gb.ultrasound.write_sweep(names[0], fixed)
+    gb.ultrasound.write_sweep(names[1], displaced(other, truth))
     report = run_json(capsys, "register", names[0], names[1], "-o", names[2], "--sweep-output",
                       names[3], "--voxel-size", "1")  # fmt: skip
     found = np.array(report["registrations"][0]["fixed_from_moving"])
     assert error(found, truth, displaced(other, truth)) < 0.2
-    assert gb.read_volume(names[2]).spacing == pytest.approx([1, 1, 1])
-    assert len(gb.read_sweep(names[3])) == len(fixed) + len(other)
+    assert gb.volumes.read_volume(names[2]).spacing == pytest.approx([1, 1, 1])
+    assert len(gb.ultrasound.read_sweep(names[3])) == len(fixed) + len(other)
 
 
 def test_command_refuses(tmp_path, phantom, capsys):
     names = [str(tmp_path / name) for name in ("a.npz", "b.npz", "ab.nrrd")]
-    gb.write_sweep(names[0], swept(phantom, 1, n=14))
-    gb.write_sweep(names[1], swept(tissue(9), 2, n=14))
+    gb.ultrasound.write_sweep(names[0], swept(phantom, 1, n=14))
+    gb.ultrasound.write_sweep(names[1], swept(tissue(9), 2, n=14))
     said = refused(capsys, "register", *names[:2], "-o", names[2])
     assert "b.npz: expected sweeps of one anatomy" in said
     assert not (tmp_path / "ab.nrrd").exists()

@@ -22,8 +22,8 @@ def look(scene: gb.Scene, camera: gb.Camera | None = None) -> gb.Frame:
     assert not (frame.distance < 0).any()
     assert not np.isnan(frame.distance).any()
     points = cloud(20)
-    assert np.isfinite(gb.field(scene, points)).all()
-    assert np.isfinite(gb.gradient(scene, points)).all()
+    assert np.isfinite(scene.field(points)).all()
+    assert np.isfinite(scene.gradient(points)).all()
     offsets, indices = scene.neighbors(points, 0.5)
     assert offsets[-1] == len(indices)
     assert (indices < max(len(scene), 1)).all()
@@ -36,7 +36,7 @@ def look(scene: gb.Scene, camera: gb.Camera | None = None) -> gb.Frame:
 
 def hits(scene: gb.Scene, origins, directions) -> np.ndarray:
     """Rays as given, each direction of unit length."""
-    return gb.intersect(scene, np.asarray(origins, np.float32), unit(directions))[0]
+    return scene.intersect(np.asarray(origins, np.float32), unit(directions))[0]
 
 
 def check_against_oracle(c: Case, scene: gb.Scene, n: int = 200, seed: int = 80) -> None:
@@ -51,7 +51,7 @@ def check_against_oracle(c: Case, scene: gb.Scene, n: int = 200, seed: int = 80)
     support = np.broadcast_to(c.support, len(finite))[finite]
     weight = np.broadcast_to(c.weight, len(finite))[finite]
     clean = Case(c.positions[finite], support, weight, c.kernel, c.threshold)
-    truth, depth = clean.first_hit(o, d), gb.intersect(scene, o, d)[0]
+    truth, depth = clean.first_hit(o, d), scene.intersect(o, d)[0]
     np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(truth))
     hit = np.isfinite(truth)
     np.testing.assert_allclose(depth[hit], truth[hit], rtol=1e-6, atol=1e-4 * reach)
@@ -67,7 +67,7 @@ def test_no_particles(backend, options):
     assert not frame.mask.any()
     assert scene.octree.n_inside == 0
     assert np.isinf(hits(scene, [[0, 0, 5]], AHEAD)).all()
-    assert (gb.field(scene, cloud(5)) == 0).all()
+    assert (scene.field(cloud(5)) == 0).all()
     assert frame.attribute(np.zeros(0, np.float32)).shape == SIZE[::-1]
     assert np.isnan(scene.blend(cloud(3), np.zeros((0, 2), np.float32))).all()
     assert len(scene.neighbors(cloud(3), 1.0)[1]) == 0
@@ -116,7 +116,7 @@ def test_very_many_at_one_place(backend, alike, octree, n):
     radius = np.sqrt(0.5)
     np.testing.assert_allclose(hits(half, o, d), [3.5 - radius, radius, np.inf], atol=tolerance)
     assert np.isinf(hits(high, o, d)).all()
-    assert gb.field(low, [[0.5, 0.5, 0.5]])[0] == pytest.approx(n, rel=1e-5)
+    assert low.field([[0.5, 0.5, 0.5]])[0] == pytest.approx(n, rel=1e-5)
     for scene, seen in ((low, True), (half, True), (high, False)):
         frame = gb.render(scene, gb.Camera((0.5, 0.5, 4), (0.5, 0.5, 0.5)), (4, 3))
         assert frame.mask.any() == seen
@@ -148,7 +148,7 @@ def test_what_is_not_finite_has_no_influence(backend, options):
     assert scene.octree.n_inside == 400
     assert scene.octree.extent < 3
     at = cloud(100, 82)
-    np.testing.assert_allclose(gb.field(scene, at), gb.field(clean, at), rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(scene.field(at), clean.field(at), rtol=1e-6, atol=1e-7)
     assert look(scene).mask.any()  # the fitted camera looks at what is inside
     assert scene.neighbors(at, 0.3)[0][-1] == clean.neighbors(at, 0.3)[0][-1]
     c = Case(p, support=0.4)
@@ -175,7 +175,7 @@ def test_any_unit_of_length(backend, size):
     d = unit(np.random.default_rng(85).normal(size=(300, 3)))
     o = (small.positions - 3 * d).astype(np.float32)
     scene = gb.Scene(small.positions * np.float32(size), support=0.5 * size, **backend)
-    depth = gb.intersect(scene, o * np.float32(size), d)[0].astype(np.float64) / size
+    depth = scene.intersect(o * np.float32(size), d)[0].astype(np.float64) / size
     truth = small.first_hit(o, d)
     np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(truth))
     hit = np.isfinite(truth)
@@ -193,7 +193,7 @@ def test_zero_support(backend, octree):
     check_against_oracle(c, scene)
     on_top = p[::3][:50]  # where a support of zero would divide by zero
     kept = Case(p[support > 0], 0.4)
-    np.testing.assert_allclose(gb.field(scene, on_top), kept.field(on_top)[0], atol=1e-6)
+    np.testing.assert_allclose(scene.field(on_top), kept.field(on_top)[0], atol=1e-6)
     assert np.isfinite(scene.blend(on_top, np.ones(300, np.float32))).any()
     nothing = gb.Scene(gb.Particles(p, support=np.zeros(300)), octree=octree, **backend)
     assert not look(nothing, gb.Camera((0, 0, 5), (0, 0, 0))).mask.any()
@@ -215,7 +215,7 @@ def test_huge_support(backend, support):
     scene = scene_or_refusal(cloud(200, 87), backend, support=support)
     look(scene, gb.Camera((0, 0, 5), (0, 0, 0)))
     if support <= 1e10:
-        assert gb.field(scene, [[0.5, 0, 0]])[0] == pytest.approx(200, rel=1e-4)
+        assert scene.field([[0.5, 0, 0]])[0] == pytest.approx(200, rel=1e-4)
         radius = support * np.sqrt(1 - np.sqrt(scene.threshold / 200))
         assert hits(scene, [[0, 0, 0]], AHEAD)[0] == pytest.approx(radius, rel=2e-3)
 
@@ -235,8 +235,8 @@ def test_tiny_support(backend, support):
     p = cloud(200, 88)
     scene = scene_or_refusal(p, backend, support=support)
     look(scene, gb.Camera((0, 0, 5), (0, 0, 0)))
-    assert (gb.field(scene, cloud(50, 89)) == 0).all()
-    assert gb.field(scene, p[:1])[0] == pytest.approx(1, abs=1e-5)
+    assert (scene.field(cloud(50, 89)) == 0).all()
+    assert scene.field(p[:1])[0] == pytest.approx(1, abs=1e-5)
 
 
 @pytest.mark.parametrize("threshold", [1e-30, 1e-6, 1e-3])
@@ -277,7 +277,7 @@ def test_supports_of_many_spacings(backend, alike, octree):
     """A ray meets thousands of supports at once: more than any list holds."""
     c = crowd(alike)
     scene = c.scene(octree=octree, **backend)
-    depth = gb.intersect(scene, c.origins, c.directions)[0]
+    depth = scene.intersect(c.origins, c.directions)[0]
     np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(c.depth))
     hit = np.isfinite(c.depth)
     assert 10 < hit.sum() < len(hit)
@@ -303,7 +303,7 @@ def test_weights_of_any_size(backend, weight):
     truth = Case(p, 0.5).first_hit(o, d)
     for given in (weight, np.full(200, weight)):
         c = Case(p, 0.5, given, threshold=0.6 * weight)
-        depth = gb.intersect(c.scene(**backend), o, d)[0]
+        depth = c.scene(**backend).intersect(o, d)[0]
         np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(truth))
         hit = np.isfinite(truth)
         np.testing.assert_allclose(depth[hit], truth[hit], atol=1e-4)
@@ -324,12 +324,12 @@ def test_rays_that_are_none(backend):
     for octree in ("sparse", "dense"):
         scene = gb.Scene(cloud(200, 95), support=0.4, octree=octree, **backend)
         good_o, good_d = np.array([0, 0, 5], np.float32), np.array([0, 0, -1], np.float32)
-        expected = gb.intersect(scene, good_o[None], good_d[None])[0][0]
+        expected = scene.intersect(good_o[None], good_d[None])[0][0]
         bad = [np.nan, np.inf, -np.inf]
         o = [[b, 0, 5] for b in bad] + [[0, 0, 5]] * 5 + [[1e30, 0, 0], [0, 0, 1e18]]
         d = [[0, 0, -1]] * 3 + [[b, 0, -1] for b in bad] + [[0, 0, 0], [0, 0, -1]]
         d += [[-1, 0, 0], [0, 0, -1]]
-        depth = gb.intersect(scene, np.array(o, np.float32), np.array(d, np.float32))[0]
+        depth = scene.intersect(np.array(o, np.float32), np.array(d, np.float32))[0]
         assert not (depth[[0, 1, 2, 3, 4, 5, 6]] < 0).any()
         assert np.isinf(depth[:7]).all()
         assert depth[7] == pytest.approx(expected, abs=1e-4)  # good rays beside them stay good
@@ -348,8 +348,8 @@ def test_the_support_is_measured_as_soon_as_there_are_particles():
 def test_points_that_are_none(backend):
     scene = gb.Scene(cloud(200, 96), support=0.4, **backend)
     bad = np.array([[np.nan] * 3, [np.inf, 0, 0], [1e30, 0, 0], [-3e38] * 3], np.float32)
-    assert (gb.field(scene, bad) == 0).all()
-    assert (gb.gradient(scene, bad) == 0).all()
+    assert (scene.field(bad) == 0).all()
+    assert (scene.gradient(bad) == 0).all()
     assert np.isnan(scene.blend(bad, np.ones(200, np.float32))).all()
     assert scene.neighbors(bad, 1.0)[0][-1] == 0, "a place that is none is near to nothing"
     assert scene.neighbors([[0, 0, 0]], 1e30)[0][-1] == 200
@@ -408,17 +408,17 @@ def test_mistakes_in_questions(backend):
     scene = gb.Scene(cloud(5), **backend)
 
     for error, name, call in [
-        (ValueError, "points", lambda: gb.field(scene, np.zeros((4, 2)))),
-        (ValueError, "points", lambda: gb.gradient(scene, np.zeros(3))),
+        (ValueError, "points", lambda: scene.field(np.zeros((4, 2)))),
+        (ValueError, "points", lambda: scene.gradient(np.zeros(3))),
         (ValueError, "points", lambda: scene.neighbors(np.zeros((1, 4)), 1)),
         (ValueError, "radius", lambda: scene.neighbors(np.zeros((1, 3)), -1)),
         (TypeError, "radius", lambda: scene.neighbors(np.zeros((1, 3)), None)),
         (ValueError, "values", lambda: scene.blend(np.zeros((1, 3)), np.zeros(4))),
-        (ValueError, "origins", lambda: gb.intersect(scene, np.zeros((2, 2)), np.zeros((2, 2)))),
-        (ValueError, "directions", lambda: gb.intersect(scene, np.zeros((2, 3)), np.zeros((3, 3)))),
-        (ValueError, "directions", lambda: gb.intersect(scene, np.zeros((1, 3)), 2 * AHEAD)),
-        (TypeError, "points", lambda: gb.field(scene, "here")),
-        (TypeError, "points", lambda: gb.field(scene, [["a", 0, 0]])),
+        (ValueError, "origins", lambda: scene.intersect(np.zeros((2, 2)), np.zeros((2, 2)))),
+        (ValueError, "directions", lambda: scene.intersect(np.zeros((2, 3)), np.zeros((3, 3)))),
+        (ValueError, "directions", lambda: scene.intersect(np.zeros((1, 3)), 2 * AHEAD)),
+        (TypeError, "points", lambda: scene.field("here")),
+        (TypeError, "points", lambda: scene.field([["a", 0, 0]])),
         (TypeError, "update", lambda: scene.update(position=cloud(3))),
         (TypeError, "update", lambda: scene.update(gb.Particles(cloud(3)), weight=1.0)),
         (ValueError, "weight", lambda: scene.update(weight=np.ones(3))),

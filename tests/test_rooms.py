@@ -21,6 +21,7 @@ ROOMS = (
     "formats/volumes",
     "formats/sweeps",
     "scene",
+    "fluids",
     "pieces",
     "render",
     "volumes",
@@ -51,7 +52,7 @@ class Module(NamedTuple):
     """A module of the package by its dotted name below it; a package by its folder's."""
 
     name: str
-    tree: ast.Module
+    nodes: list[ast.AST]
     imports: list[Import]  # inside functions and for types, too
     variables: set[str]  # and arguments
 
@@ -68,7 +69,8 @@ def read_modules() -> dict[str, Module]:
         if path.name != "__init__.py":
             package.pop()
         imports, variables = [], set()
-        for node in ast.walk(tree):
+        nodes = list(ast.walk(tree))
+        for node in nodes:
             if isinstance(node, ast.arg):
                 variables.add(node.arg)
             elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
@@ -81,7 +83,7 @@ def read_modules() -> dict[str, Module]:
                 inner = f"{base}.{alias.name}" if base else alias.name
                 module = inner if inner in paths else base
                 imports.append(Import(module, alias.name, alias.asname or alias.name))
-        found[name] = Module(name, tree, imports, variables)
+        found[name] = Module(name, nodes, imports, variables)
     return found
 
 
@@ -111,6 +113,7 @@ def test_no_arrow_runs_against_the_flow(graph):
         for name, others in graph.items()
         for other in others
         if room(name) and room(other) and ROOMS.index(room(other)) > ROOMS.index(room(name))
+        if not other.startswith(f"{name}.")  # a package gives names of the rooms in it
     ]
     assert against == []
 
@@ -137,7 +140,7 @@ def test_modules_are_imported_by_name_in_tables_alone(modules):
     calls = {
         m.name
         for m in modules.values()
-        for node in ast.walk(m.tree)
+        for node in m.nodes
         if isinstance(node, ast.Call)
         and ast.unparse(node.func).endswith("import_module")
         and len(node.args) == 2  # relative to a package
@@ -154,7 +157,7 @@ def test_no_private_name_of_another_module(modules):
             if i.name.startswith("_") and i.name not in SHARED
         ]
         aliases = {i.alias for i in m.imports if i.module.rpartition(".")[2] == i.name}
-        for node in ast.walk(m.tree):
+        for node in m.nodes:
             if isinstance(node, ast.Attribute) and node.attr.startswith("_"):
                 owner = node.value
                 if isinstance(owner, ast.Name) and owner.id in aliases - SHARED:
@@ -166,7 +169,7 @@ def test_no_object_changes_its_class(modules):
     found = [
         f"{m.name}:{node.lineno}"
         for m in modules.values()
-        for node in ast.walk(m.tree)
+        for node in m.nodes
         if isinstance(node, ast.Attribute)
         and node.attr == "__class__"
         and not isinstance(node.ctx, ast.Load)
@@ -185,7 +188,7 @@ def changed_by(m: Module, modules: dict[str, Module]) -> list[str]:
         elif i.name in modules[i.module].variables:
             data.add(i.alias)
     found = []
-    for node in ast.walk(m.tree):
+    for node in m.nodes:
         owner: ast.AST | None = None
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             owner = node.func.value if node.func.attr in CHANGES else None

@@ -32,9 +32,9 @@ def blended(points: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 PLACES = {
-    "plane": gb.SamplePlane((0, 0, 2), 0.5, spacing=0.3),
-    "line": gb.SampleLine((-4, 0.1, 0), (4, 0.1, 0.2), 50),
-    "grid": gb.SampleGrid(0.7),
+    "plane": gb.measure.SamplePlane((0, 0, 2), 0.5, spacing=0.3),
+    "line": gb.measure.SampleLine((-4, 0.1, 0), (4, 0.1, 0.2), 50),
+    "grid": gb.measure.SampleGrid(0.7),
     "points": np.random.default_rng(0).uniform(-4, 4, (40, 3)),
 }
 
@@ -42,7 +42,9 @@ PLACES = {
 @pytest.mark.parametrize("where", PLACES.values(), ids=PLACES)
 def test_values_are_the_oracle_s(where, backend):
     scene = gb.Scene(particles(), **backend)
-    found = gb.sample(scene, where, ["field", "inside", "gradient", "height", "velocity", "x"])
+    found = gb.measure.sample(
+        scene, where, ["field", "inside", "gradient", "height", "velocity", "x"]
+    )
     points = found.points.reshape(-1, 3)
     field, gradient = oracle.field(POSITIONS, 2.0, 1.0, "murakami", points)
     np.testing.assert_allclose(found["field"].ravel(), field, atol=1e-6)
@@ -64,7 +66,7 @@ def test_values_are_the_oracle_s(where, backend):
 def test_places():
     scene = gb.Scene(particles(), device="cpu")
     lo, hi = (np.array(c, np.float64) for c in scene.particles.bounds())
-    plane = gb.sample(scene, PLACES["plane"], "field")
+    plane = gb.measure.sample(scene, PLACES["plane"], "field")
     assert plane.dims == ("v", "u")
     assert np.all(plane.points[..., 2] == np.float32(0.25))
     np.testing.assert_allclose(plane.points[0, :, 0], plane.coords["u"], atol=1e-6)
@@ -72,19 +74,19 @@ def test_places():
     np.testing.assert_allclose(plane.points[0, 0, :2], lo[:2] - 2, atol=1e-6)
     assert (plane.points[-1, -1, :2] <= hi[:2] + 2).all()
     assert (plane.points[-1, -1, :2] > hi[:2] + 2 - 0.3).all()
-    grid = gb.sample(scene, gb.SampleGrid(0.5, ((0, 0, 0), (1, 0.5, 2))), "field")
+    grid = gb.measure.sample(scene, gb.measure.SampleGrid(0.5, ((0, 0, 0), (1, 0.5, 2))), "field")
     assert grid.shape == (5, 2, 3)
     assert grid.dims == ("z", "y", "x")
     np.testing.assert_allclose(grid.points[4, 1, 2], (1, 0.5, 2))
-    line = gb.sample(scene, PLACES["line"], "field")
+    line = gb.measure.sample(scene, PLACES["line"], "field")
     np.testing.assert_allclose(line.points[[0, -1]], [(-4, 0.1, 0), (4, 0.1, 0.2)], atol=1e-6)
     np.testing.assert_allclose(np.diff(line.coords["s"]).sum(), np.hypot(8, 0.2))
     for normal in ((1, 0, 0), (0, 1, 0), (0, -1, 0), (1, 2, 3), (-3, 1, 0)):
-        oblique = gb.SamplePlane(normal, 0.4, 0.2).lattice(scene)
+        oblique = gb.measure.SamplePlane(normal, 0.4, 0.2).lattice(scene)
         length = np.linalg.norm(normal)
         np.testing.assert_allclose(oblique.points() @ normal, 0.4, atol=2e-6 * length)
         np.testing.assert_allclose(oblique.steps @ oblique.steps.T, 0.04 * np.eye(2), atol=1e-12)
-    default = gb.SamplePlane((0, 1, 0)).lattice(scene)
+    default = gb.measure.SamplePlane((0, 1, 0)).lattice(scene)
     assert np.linalg.norm(default.steps[0]) == pytest.approx(scene.spacing / 2)
     np.testing.assert_array_equal(np.sign(default.steps), [[0, 0, 1], [1, 0, 0]])
 
@@ -92,10 +94,10 @@ def test_places():
 def test_without_a_scene(folder):
     gb.write("few.vtk", particles())
     for source in (particles(), "few.vtk"):
-        found = gb.sample(source, [[0, 0, 0], [9, 9, 9]], device="cpu")
+        found = gb.measure.sample(source, [[0, 0, 0], [9, 9, 9]], device="cpu")
         assert [*found.values] == ["field", "inside", "height", "velocity"]
         assert found["inside"].tolist() == [True, False]
-    assert gb.sample(POSITIONS, [[0, 0, 0]])["inside"].all()
+    assert gb.measure.sample(POSITIONS, [[0, 0, 0]])["inside"].all()
 
 
 def test_large_values_keep_their_digits():
@@ -104,7 +106,7 @@ def test_large_values_keep_their_digits():
     points = np.float32([[0.1, 0.2, 0.3], [1, 1, 1]])
     truth = blended(points, p.attributes["pressure"])
     np.testing.assert_allclose(
-        gb.sample(gb.Scene(p, device="cpu"), points, "pressure")["pressure"],
+        gb.measure.sample(gb.Scene(p, device="cpu"), points, "pressure")["pressure"],
         truth,
         atol=0.01,
     )
@@ -116,7 +118,7 @@ def test_values_that_are_not_finite():
     p.attributes["height"][0] = np.inf
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = gb.sample(p, POSITIONS[[0, 119]], device="cpu")
+        found = gb.measure.sample(p, POSITIONS[[0, 119]], device="cpu")
     assert np.isnan(found["velocity"][:, 1]).all()
     assert np.isfinite(found["velocity"][:, 0]).all()
     assert found["height"][0] == np.inf
@@ -125,7 +127,7 @@ def test_values_that_are_not_finite():
 
 @pytest.mark.parametrize("where", PLACES.values(), ids=PLACES)
 def test_tables(where, folder):
-    found = gb.sample(particles(), where, device="cpu")
+    found = gb.measure.sample(particles(), where, device="cpu")
     found.save("a.csv")
     with open("a.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -145,7 +147,7 @@ def test_vtk(where, folder):
     pytest.importorskip("vtk")
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
-    found = gb.sample(particles(), where, device="cpu")
+    found = gb.measure.sample(particles(), where, device="cpu")
     if len(found.dims) < 3:
         found.save("a.vtp")
         data = by_vtk("a.vtp")
@@ -173,7 +175,7 @@ def test_vtk(where, folder):
 @pytest.mark.parametrize("where", PLACES.values(), ids=PLACES)
 def test_xarray(where):
     xarray = pytest.importorskip("xarray")
-    found = gb.sample(particles(), where, device="cpu")
+    found = gb.measure.sample(particles(), where, device="cpu")
     data = found.to_xarray()
     assert isinstance(data, xarray.Dataset)
     assert data["field"].dims == found.dims
@@ -188,7 +190,7 @@ def test_xarray(where):
 def test_without_xarray(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "xarray", None)
     with pytest.raises(MissingPackageError, match=r"globule\[measure\]"):
-        gb.sample(particles(), [[0, 0, 0]], device="cpu").to_xarray()
+        gb.measure.sample(particles(), [[0, 0, 0]], device="cpu").to_xarray()
 
 
 @pytest.mark.parametrize(
@@ -203,26 +205,33 @@ def test_without_xarray(monkeypatch):
         ([[0, 0, 0]], [], "values: expected at least one name"),
         ([[0, 0, 0]], 3, "values: expected names, got 3"),
         ([[0, 0, 0]], [None], "values: expected names"),
-        (gb.SampleGrid(1e-4), None, "spacing: expected one that makes at most .*try 0.0"),
-        (gb.SamplePlane((0, 0, 1), 0, 1e-9), None, "spacing: expected one that makes at most"),
+        (gb.measure.SampleGrid(1e-4), None, "spacing: expected one that makes at most .*try 0.0"),
+        (
+            gb.measure.SamplePlane((0, 0, 1), 0, 1e-9),
+            None,
+            "spacing: expected one that makes at most",
+        ),
     ],
 )
 def test_refused(where, values, message):
     with pytest.raises((TypeError, ValueError), match=message):
-        gb.sample(particles(), where, values, device="cpu")
+        gb.measure.sample(particles(), where, values, device="cpu")
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: gb.SamplePlane((0, 0, 0)), "normal: expected a direction"),
-        (lambda: gb.SamplePlane((0, 0, 1), np.nan), "offset: expected a finite number"),
-        (lambda: gb.SamplePlane((0, 0, 1), 0, -1), "spacing: expected a positive number"),
-        (lambda: gb.SamplePlane((0, 0, 1), box=((1, 0, 0), (0, 1, 1))), "box: expected two finite"),
-        (lambda: gb.SampleLine((0, 0, 0), (0, 0, 0)), "end: expected another point"),
-        (lambda: gb.SampleLine((0, 0, 0), (0, 0, 1), 1), "n: expected 2 to"),
-        (lambda: gb.SampleGrid(0), "spacing: expected a positive number"),
-        (lambda: gb.SampleGrid(1, "box"), "box: expected two finite corners"),
+        (lambda: gb.measure.SamplePlane((0, 0, 0)), "normal: expected a direction"),
+        (lambda: gb.measure.SamplePlane((0, 0, 1), np.nan), "offset: expected a finite number"),
+        (lambda: gb.measure.SamplePlane((0, 0, 1), 0, -1), "spacing: expected a positive number"),
+        (
+            lambda: gb.measure.SamplePlane((0, 0, 1), box=((1, 0, 0), (0, 1, 1))),
+            "box: expected two finite",
+        ),
+        (lambda: gb.measure.SampleLine((0, 0, 0), (0, 0, 0)), "end: expected another point"),
+        (lambda: gb.measure.SampleLine((0, 0, 0), (0, 0, 1), 1), "n: expected 2 to"),
+        (lambda: gb.measure.SampleGrid(0), "spacing: expected a positive number"),
+        (lambda: gb.measure.SampleGrid(1, "box"), "box: expected two finite corners"),
     ],
 )
 def test_refused_places(make, message):
@@ -231,7 +240,7 @@ def test_refused_places(make, message):
 
 
 def test_refused_files(folder):
-    found = gb.sample(particles(), [[0, 0, 0]], device="cpu")
+    found = gb.measure.sample(particles(), [[0, 0, 0]], device="cpu")
     for path in ("a.txt", "a", "no/such.csv"):
         with pytest.raises((ValueError, OSError)):
             found.save(path)
@@ -239,13 +248,13 @@ def test_refused_files(folder):
         found.save(3)
     p = gb.Particles(POSITIONS, attributes={"points": POSITIONS[:, 0]})
     with pytest.raises(ValueError, match="named points"):
-        gb.sample(p, [[0, 0, 0]], "points", device="cpu").save("a.npz")
+        gb.measure.sample(p, [[0, 0, 0]], "points", device="cpu").save("a.npz")
     assert not list(folder.iterdir())
 
 
 def test_no_particles():
     none = gb.Particles(np.empty((0, 3)))
-    found = gb.sample(none, [[0, 0, 0]], "field", device="cpu")
+    found = gb.measure.sample(none, [[0, 0, 0]], "field", device="cpu")
     assert found["field"].tolist() == [0]
     with pytest.raises(ValueError, match="bounds: expected a finite position"):
-        gb.sample(none, gb.SampleGrid(1), device="cpu")
+        gb.measure.sample(none, gb.measure.SampleGrid(1), device="cpu")

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from globule._base.device import of_rank
 from globule._base.ranks import run_threads
+from globule.pieces.pieces import Pieces
 from globule.render.pieces.whole_images import nearest_image
+from globule.scene.thesis import Thesis
 
 SIZE = (140, 100)
 RNG = np.random.default_rng(1)
@@ -122,8 +124,8 @@ def test_a_thread_that_fails_ends_all():
 def test_what_cannot_be_shared():
     scene = gb.Scene(POSITIONS, device="cpu", octree="dense")
     with pytest.raises(ValueError, match=r"^comm: "):
-        run_threads(1, lambda r: gb.render(scene, CAMERA, SIZE, thesis=gb.Thesis(), comm=r))
-    pieces = gb.Pieces(POSITIONS, 2, support=2.0, device="cpu")
+        run_threads(1, lambda r: gb.render(scene, CAMERA, SIZE, thesis=Thesis(), comm=r))
+    pieces = Pieces(POSITIONS, 2, support=2.0, device="cpu")
     with pytest.raises(ValueError, match=r"^comm: "):
         run_threads(1, lambda r: gb.render(pieces, CAMERA, SIZE, comm=r))
     with pytest.raises(TypeError, match=r"^comm: "):

@@ -57,7 +57,7 @@ OPERATIONS = {
     "tear": lambda sim, x: setattr(sim.phases["jelly"], "tear", x),
     "rub": lambda sim, x: setattr(sim.phases["jelly"], "friction", x),
     "tilt": lambda sim, x: setattr(sim.settings, "gravity", (x, 0, -9.81)),
-    "phase": lambda sim, x: f"oil {x}" in sim.phases or sim.add_phase(gb.Phase(f"oil {x}")),
+    "phase": lambda sim, x: f"oil {x}" in sim.phases or sim.add_phase(gb.sim.Phase(f"oil {x}")),
     "reset": lambda sim, x: sim.reset(),
 }
 
@@ -66,7 +66,7 @@ def steer(sim, x):
     """Move a boundary that was made by hand."""
     pose = np.eye(4)
     if "post" not in sim.phases:
-        sim.add_phase(gb.Phase("post", kind="boundary"))
+        sim.add_phase(gb.sim.Phase("post", kind="boundary"))
         sim.add([(-0.05, 0.05, 0.03)], "post")
         sim.steer.move_boundary("post", pose)
     pose[0, 3] = 0.02 * x

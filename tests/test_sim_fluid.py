@@ -201,7 +201,7 @@ def test_a_velocity_that_is_not_a_number_tells_its_story(backend):
 
 def test_boundaries_follow_their_poses(backend):
     sim = gb.Simulation(column(), **backend)
-    sim.add_phase(gb.Phase("paddle", kind="boundary"))
+    sim.add_phase(gb.sim.Phase("paddle", kind="boundary"))
     at = physics.lattice((0.1, 0, 0), (0.15, 0.5, 0.4), D)
     paddle = sim.add(at, "paddle")
     water = sim.add(physics.lattice((0.2, 0, 0), (0.5, 0.3, 0.4), D), "water")
@@ -221,7 +221,7 @@ def test_light_bodies_float_and_heavy_ones_sink(backend):
     heights = {}
     for name, density in (("cork", 300.0), ("stone", 3000.0)):
         sim = gb.Simulation(column(hi=(0.6, 0.8, 0.6)), **backend)
-        sim.add_phase(gb.Phase(name, kind="rigid"))
+        sim.add_phase(gb.sim.Phase(name, kind="rigid"))
         sim.add(physics.lattice((0, 0, 0), (0.6, 0.3, 0.6), D), "water")
         sim.add(physics.lattice((0.2, 0.35, 0.2), (0.4, 0.5, 0.4), D), name)
         sim.steer.make_rigid(name, density)

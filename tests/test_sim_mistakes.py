@@ -59,7 +59,7 @@ def push(sim, *more):
         (lambda sim: Emitter((0, 0, 0), (0, 0, 1), 0.1, 1, start=2, end=1), ValueError,
          "emitter.end: expected more than start, 2 s, got 1"),
         (lambda sim: sim.run(0.01, stop=5), TypeError, "stop: expected a function, got 5"),
-        (lambda sim: [sim.add_phase(gb.Phase(f"p{i}")) for i in range(32)], ValueError,
+        (lambda sim: [sim.add_phase(gb.sim.Phase(f"p{i}")) for i in range(32)], ValueError,
          "phases: expected at most 32, got 33 with 'p30'"),
     ],
 )  # fmt: skip

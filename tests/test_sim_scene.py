@@ -44,7 +44,9 @@ def test_a_fluid_is_drawn_as_render_draws_its_particles(backend):
 
 def test_the_surface_encloses_the_water_and_stays_inside_the_walls(backend):
     sim = simulation(backend)
-    measure = gb.measure_surface(gb.Scene(sim.shown_particles, surface="smooth", spacing=0.025))
+    measure = gb.measure.measure_surface(
+        gb.Scene(sim.shown_particles, surface="smooth", spacing=0.025)
+    )
     assert measure.volume == pytest.approx(0.2 * 0.2 * 0.3, rel=0.04)
     top, side = sim.scene.intersect(
         np.array([[0.1, 0.1, 1.0], [0.1, -1.0, 0.1]], "f4"),
@@ -196,7 +198,9 @@ def test_white_matter_is_of_the_same_body(tmp_path, backend):
     pytest.importorskip("SimpleITK", reason="the tomography's file needs SimpleITK")
     far = np.linalg.norm(np.mgrid[-8:9, -8:9, -8:9], axis=0) * 5.0
     head = np.where(far < 17.5, 200.0, np.where(far < 30.0, 100.0, 0.0)).astype(np.float32)
-    gb.write_volume(tmp_path / "head.nrrd", gb.Volume(head, np.diag([5.0, 5.0, 5.0, 1.0])))
+    gb.volumes.write_volume(
+        tmp_path / "head.nrrd", gb.volumes.Volume(head, np.diag([5.0, 5.0, 5.0, 1.0]))
+    )
     source = {"file": str(tmp_path / "head.nrrd"), "level": 50.0}
 
     def made(**keys):

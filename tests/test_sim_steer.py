@@ -254,7 +254,7 @@ def test_what_would_take_a_million_steps_a_frame_is_refused_at_the_next_step(sim
         (lambda s: setattr(s.settings, "gravity", "down"), ValueError,
          "settings.gravity: expected three numbers, got 'down'"),
         (lambda s: setattr(s.settings, "domain", 3), AttributeError, "cannot be changed after"),
-        (lambda s: s.add_phase("x"), TypeError, "phase: expected a gb.Phase, got 'x'"),
+        (lambda s: s.add_phase("x"), TypeError, "phase: expected a gb.sim.Phase, got 'x'"),
         (lambda s: gb.Simulation(spacing=0.1, domain=DOMAIN).add([(0, 0, 0)]), ValueError,
          "phase: expected fluids, solids or rigids in the scene, got none"),
     ],

@@ -76,7 +76,7 @@ def test_tissue_on_a_boundary_that_moves(backend):
     x = block(4, 4, 6)
     low = x[:, 2] < 0.5 * D
     sim = make(backend, x[~low], None, gravity=(0, 0, 0), damping=5.0)
-    sim.add_phase(gb.Phase("plate", kind="boundary"))
+    sim.add_phase(gb.sim.Phase("plate", kind="boundary"))
     plate = sim.add(x[low], "plate")
     both = np.concatenate([plate, np.arange(80)])
     sim.tissue.bond(both, 2500.0)

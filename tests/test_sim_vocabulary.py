@@ -137,9 +137,11 @@ def folder(tmp_path_factory):
     ball = 0.1 - np.linalg.norm(np.mgrid[-6:7, -6:7, -6:7] * 0.02, axis=0)
     world = np.diag([0.02, 0.02, 0.02, 1])
     world[:3, 3] = 0.1
-    gb.write_volume(path / "hole.npz", gb.Volume(-ball.astype(np.float32), world))
+    gb.volumes.write_volume(path / "hole.npz", gb.volumes.Volume(-ball.astype(np.float32), world))
     head = (ball > 0).astype(np.uint8)
-    gb.write_volume(path / "head.nrrd", gb.Volume(head, np.diag([20.0, 20.0, 20.0, 1])))
+    gb.volumes.write_volume(
+        path / "head.nrrd", gb.volumes.Volume(head, np.diag([20.0, 20.0, 20.0, 1]))
+    )
     corners = [f"v {x} {y} {z}" for x in (0, 0.3) for y in (0, 0.3) for z in (0, 0.3)]
     sides = ["f 1 2 4 3", "f 5 7 8 6", "f 1 5 6 2", "f 3 4 8 7", "f 1 3 7 5", "f 2 6 8 4"]
     (path / "box.obj").write_text("\n".join([*corners, *sides]))
@@ -227,13 +229,13 @@ def test_defaults_are_those_of_the_tables():
     tables = {"fluids": "fluid", "solids": "tissue", "boundaries": "boundary", "rigids": "rigid"}
     for name, kind in tables.items():
         sim = gb.Simulation(spacing=0.05, domain=domain, **{name: [{"name": "a"}]})
-        assert vars(sim.phases["a"]) == vars(gb.Phase("a", kind=kind))
+        assert vars(sim.phases["a"]) == vars(gb.sim.Phase("a", kind=kind))
     assert sim.settings.gravity == (0.0, 0.0, -9.81)
     assert not sim.settings.domain.walls
     fluid = gb.Simulation(gb.Particles(np.mgrid[0:3, 0:3, 0:3].reshape(3, -1).T * 0.05))
     assert fluid.settings.gravity == sim.settings.gravity
-    assert gb.Phase("oil", viscosity=1.0).implicit
-    assert not gb.Phase("oil").implicit
+    assert gb.sim.Phase("oil", viscosity=1.0).implicit
+    assert not gb.sim.Phase("oil").implicit
 
 
 def test_lists_are_all_tables():

@@ -115,7 +115,7 @@ def test_bodies_from_files(tmp_path, monkeypatch):
     grid = np.linalg.norm(np.mgrid[-15:16, -15:16, -15:16], axis=0) - 10
     affine = np.eye(4)
     affine[:3, 3] = -15
-    gb.write_volume("hole.npz", gb.Volume(grid.T.astype(np.float32), affine))
+    gb.volumes.write_volume("hole.npz", gb.volumes.Volume(grid.T.astype(np.float32), affine))
     scene = {
         "spacing": D,
         "domain": BLOCK["domain"],

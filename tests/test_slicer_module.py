@@ -66,7 +66,7 @@ def test_a_file_and_its_frames_give_the_same_volume(work, sweep):
     of_frames = work.reconstruct_frames(
         sweep.frames, ras @ sweep.world_from_image, 1.0, sweep.timestamps
     )
-    expected = gb.reconstruct(gb.read_sweep("phantom.igs.mha"), spacing=1.0)
+    expected = gb.ultrasound.reconstruct(gb.ultrasound.read_sweep("phantom.igs.mha"), spacing=1.0)
     x, y, z = expected.shape[2] // 2, expected.shape[1] // 2, expected.shape[0] // 2
     for shown in (of_file, of_frames):
         assert "24 of 24 frames" in shown.text
@@ -97,7 +97,7 @@ def test_a_live_run_ends_with_a_volume(work, sweep):
     text = run.stop()
     assert not run.running
     assert "24 frames" in text
-    volume = gb.read_volume("v.nrrd", space="RAS")
+    volume = gb.volumes.read_volume("v.nrrd", space="RAS")
     assert volume.values.max() > 100
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule.scene import smoothing
-from globule.scene.smoothing import anisotropy, without_strays
+from globule.fluids import smoothing
+from globule.fluids.smoothing import find_anisotropy, remove_strays
 
 
 def lattice(*shape: int) -> np.ndarray:
@@ -28,10 +28,10 @@ def test_strays_are_left_out():
     particles = gb.Particles(points, attributes={"id": np.arange(len(points))})
     scene = gb.Scene(particles, device="cpu")
     for where in (scene, 2.0):
-        assert np.array_equal(without_strays(particles, where).positions, block)
-        kept = without_strays(particles, where, min_neighbors=1)
+        assert np.array_equal(remove_strays(particles, where).positions, block)
+        kept = remove_strays(particles, where, min_neighbors=1)
         assert list(kept.attributes["id"]) == [*range(216), 217, 218]
-    assert len(without_strays(particles, 2.0, 0)) == 219
+    assert len(remove_strays(particles, 2.0, 0)) == 219
 
 
 @pytest.mark.parametrize(("place", "others"), [((3, 3, 3), 32), ((3, 3, 0), 22), ((3, 0, 0), 15)])
@@ -40,19 +40,19 @@ def test_neighbors_of_a_lattice(place, others):
     particles = gb.Particles(lattice(7, 7, 7))
     scene = gb.Scene(particles, device="cpu")
     for n, found in ((others, True), (others + 1, False)):
-        kept = without_strays(particles, scene, n).positions
+        kept = remove_strays(particles, scene, n).positions
         assert (kept == np.array(place)).all(axis=1).any() == found
 
 
 def test_strays_of_nothing():
     for points in (np.zeros((0, 3)), np.full((4, 3), np.nan)):
-        assert len(without_strays(gb.Particles(points), 1.0)) == 0
+        assert len(remove_strays(gb.Particles(points), 1.0)) == 0
     with pytest.raises(ValueError, match="radius: expected a positive number"):
-        without_strays(gb.Particles(lattice(2, 2, 2)), -1)
+        remove_strays(gb.Particles(lattice(2, 2, 2)), -1)
     with pytest.raises(ValueError, match="min_neighbors"):
-        without_strays(gb.Particles(lattice(2, 2, 2)), 1, -1)
+        remove_strays(gb.Particles(lattice(2, 2, 2)), 1, -1)
     with pytest.raises(ValueError, match="scene: expected 8 particles, got 1"):
-        without_strays(gb.Particles(lattice(2, 2, 2)), gb.Scene(np.zeros((1, 3)), device="cpu"))
+        remove_strays(gb.Particles(lattice(2, 2, 2)), gb.Scene(np.zeros((1, 3)), device="cpu"))
 
 
 # anisotropy
@@ -60,7 +60,7 @@ def test_strays_of_nothing():
 
 def test_inside_of_a_lattice_kernels_are_round():
     points = lattice(9, 9, 9)
-    found = anisotropy(points, support=2.0)
+    found = find_anisotropy(points, support=2.0)
     middle = at(points, (4, 4, 4))
     assert np.allclose(found.G[middle], np.eye(3) / 2, atol=0.01)
     assert np.allclose(found.centers[middle], points[middle], atol=1e-6)
@@ -69,14 +69,14 @@ def test_inside_of_a_lattice_kernels_are_round():
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
 def test_at_a_face_kernels_are_flat(scale):
     points = lattice(9, 9, 9) * np.float32(scale)
-    found = anisotropy(points, support=2.0 * scale)
+    found = find_anisotropy(points, support=2.0 * scale)
     face = at(points, (4 * scale, 4 * scale, 8 * scale))
     axes = 1 / np.diag(found.G[face]) / (2 * scale)  # by the support
     assert axes[2] < 0.5
     assert axes[:2] == pytest.approx(1, abs=0.1)
     assert np.allclose(found.G[face], np.diag(np.diag(found.G[face])), atol=1e-4 / scale)
     assert found.centers[face, 2] < points[face, 2]  # inwards
-    unsmoothed = anisotropy(points, support=2.0 * scale, smoothing=0)
+    unsmoothed = find_anisotropy(points, support=2.0 * scale, smoothing=0)
     assert np.array_equal(unsmoothed.centers, points)
 
 
@@ -84,17 +84,17 @@ def test_stretch_is_limited():
     sheet = lattice(15, 15, 1)
     middle = at(sheet, (7, 7, 0))
     for stretch in (1.0, 4.0, 9.0):
-        values = np.linalg.eigvalsh(anisotropy(sheet, 2.0, most_stretch=stretch).G[middle])
+        values = np.linalg.eigvalsh(find_anisotropy(sheet, 2.0, most_stretch=stretch).G[middle])
         assert values[2] / values[0] == pytest.approx(stretch, rel=1e-3)
 
 
 def test_few_neighbors_get_small_round_kernels():
     points = np.concatenate([lattice(9, 9, 9), [[50, 0, 0], [np.nan, 0, 0]]]).astype("f4")
-    found = anisotropy(points, support=2.0, few_size=0.25)
+    found = find_anisotropy(points, support=2.0, few_size=0.25)
     assert np.allclose(found.G[-2:], 2 * np.eye(3))
     assert np.array_equal(found.centers[-2:], points[-2:], equal_nan=True)
     assert np.isfinite(found.G).all()
-    coincident = anisotropy(np.zeros((40, 3)), support=2.0)
+    coincident = find_anisotropy(np.zeros((40, 3)), support=2.0)
     assert np.isfinite(coincident.G).all()
 
 
@@ -114,7 +114,7 @@ def test_against_a_double_loop(monkeypatch):
         expected_G[i] = R @ np.diag(1 / s) @ R.T / h if near.sum() - 1 > 25 else np.eye(3) / h / 0.5
         expected_centers[i] = 0.1 * x + 0.9 * mean
     monkeypatch.setattr(smoothing, "BLOCK_PAIRS", 500)  # many blocks
-    found = anisotropy(points, support=h, radius=radius)
+    found = find_anisotropy(points, support=h, radius=radius)
     assert np.allclose(found.G, expected_G, rtol=1e-3, atol=1e-3)
     assert np.allclose(found.centers, expected_centers, atol=1e-5)
 
@@ -132,10 +132,10 @@ def test_against_a_double_loop(monkeypatch):
 )
 def test_wrong_arguments(options, what):
     with pytest.raises(ValueError, match=what):
-        anisotropy(lattice(2, 2, 2), **options)
+        find_anisotropy(lattice(2, 2, 2), **options)
 
 
 def test_no_particles():
-    found = anisotropy(np.zeros((0, 3)), 1.0)
+    found = find_anisotropy(np.zeros((0, 3)), 1.0)
     assert found.G.shape == (0, 3, 3)
     assert found.centers.shape == (0, 3)

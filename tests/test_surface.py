@@ -4,7 +4,7 @@ import globule as gb
 import numpy as np
 import pytest
 from format_helpers import DATA
-from globule.scene.fluid import fluid_like
+from globule.fluids.likeness import assess_fluid
 from globule.scene.oracle import first_hit
 from scenes import lattice, unit
 
@@ -106,7 +106,7 @@ def test_kernels_equal_the_reference(backend, jitter):
     points = np.concatenate([points, [[np.nan, 0, 0]]]).astype("f4") * np.float32(0.02)
     scene = gb.Scene(points, surface="smooth", spacing=0.02, **backend)
     G, weight = scene.surface_kernels()
-    expected = gb.surface_kernels(points, 0.02)
+    expected = gb.fluids.find_surface_kernels(points, 0.02)
     there = np.isfinite(points).all(axis=1)
     np.testing.assert_allclose(G[there] * 0.02, expected.G[there] * 0.02, atol=1e-4)
     np.testing.assert_allclose(weight, expected.weight, atol=1e-4)
@@ -270,8 +270,8 @@ def test_spray_is_round():
 def test_what_is_fluid_like():
     rng = np.random.default_rng(0)
     cube = block(10, 10, 10).astype("f4")
-    assert fluid_like(gb.Particles(cube)).yes
-    assert fluid_like(gb.Particles(cube, support=2.0)).yes
+    assert assess_fluid(gb.Particles(cube)).yes
+    assert assess_fluid(gb.Particles(cube, support=2.0)).yes
     flat = block(20, 20, 1).astype("f4")
     for particles, why in (
         (gb.Particles(cube[:50]), "fewer than 100 particles"),
@@ -280,12 +280,12 @@ def test_what_is_fluid_like():
         (gb.Particles(cube, attributes={"phase": np.arange(1000) % 2}), "several phases"),
         (gb.Particles(flat[:, [0, 2, 1]]), "particles in a plane"),
     ):
-        assert fluid_like(particles) == (False, why)
-        assert gb.surface_of(particles) == "balls"
+        assert assess_fluid(particles) == (False, why)
+        assert gb.fluids.choose_surface(particles) == "balls"
     fluid = gb.Particles(cube)
-    assert gb.surface_of(fluid) == "smooth"
+    assert gb.fluids.choose_surface(fluid) == "smooth"
     for name, value in (("kernel", "wyvill"), ("support", 2.0), ("octree", "dense")):
-        assert gb.surface_of(fluid, **{name: value}) == "balls"
+        assert gb.fluids.choose_surface(fluid, **{name: value}) == "balls"
     camera = gb.Camera((20, 9, 30), (4, 4, 4))
     scenes = (fluid, gb.Scene(fluid, surface="smooth"), gb.Scene(fluid))
     seen = [gb.render(one, camera, (80, 60)).image for one in scenes]

@@ -440,7 +440,7 @@ def test_write_refuses_what_it_cannot_hold():
 
 
 def test_outliers_are_found_and_only_they():
-    sweep = gb.phantoms.cylinders(n_frames=40, size=(9, 9), pose_noise=(0.02, 0.02))
+    sweep = gb.ultrasound.phantoms.cylinders(n_frames=40, size=(9, 9), pose_noise=(0.02, 0.02))
     assert not check_poses(sweep).outliers.any()
     for wrong in ([7], [20, 21], [0], [39], [5, 9, 30]):
         broken = sweep.world_from_image.copy()
@@ -456,7 +456,7 @@ def test_outliers_are_found_and_only_they():
 
 @pytest.fixture(scope="module")
 def hand():
-    return gb.phantoms.cylinders(n_frames=80, size=(20, 20), pose_noise=(0.02, 0.02))
+    return gb.ultrasound.phantoms.cylinders(n_frames=80, size=(20, 20), pose_noise=(0.02, 0.02))
 
 
 def wrong_frames(hand, poses, frames=None, times=True):
@@ -537,7 +537,7 @@ def test_another_speed_limit(hand):
     (np.linalg.inv, "probably inverted"),
 ])  # fmt: skip
 def test_transforms_in_other_units_are_refused(change, what):
-    made = gb.phantoms.cylinders(n_frames=4, size=(300, 200))
+    made = gb.ultrasound.phantoms.cylinders(n_frames=4, size=(300, 200))
     poses = change(made.world_from_image)
     write_recording("made.igs.mha", made.frames, made.timestamps, poses, "Image")
     with pytest.raises(FormatError, match=what) as caught:
@@ -546,7 +546,7 @@ def test_transforms_in_other_units_are_refused(change, what):
 
 
 def test_poses_in_meters_beside_a_calibration_are_warned_of():
-    made = gb.phantoms.cylinders(n_frames=12, size=(30, 20))
+    made = gb.ultrasound.phantoms.cylinders(n_frames=12, size=(30, 20))
     poses = made.world_from_image.copy()
     poses[:, :3, :3] /= 0.12
     poses[:, :3, 3] += 300
@@ -575,7 +575,7 @@ def test_poses_that_mirror_are_warned_of(recwarn):
 
 def test_a_pose_of_zeros_is_a_frame_without_pose():
     """Before: one such matrix with status OK rejected the whole recording."""
-    made = gb.phantoms.cylinders(n_frames=6, size=(30, 20))
+    made = gb.ultrasound.phantoms.cylinders(n_frames=6, size=(30, 20))
     poses = made.world_from_image.copy()
     poses[3] = 0
     poses[5, :3, :2] = 0

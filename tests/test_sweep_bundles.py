@@ -100,7 +100,7 @@ def test_a_scene_of_slicer():
     np.testing.assert_allclose(sweep.world_from_image, poses, atol=1e-12)
     assert (sweep.space, sweep.world) == ("RAS", "Reference")
     os.rename("scan.mrb", "renamed.zip")
-    assert np.array_equal(gb.read_sweep("renamed.zip").frames, FRAMES)
+    assert np.array_equal(gb.ultrasound.read_sweep("renamed.zip").frames, FRAMES)
 
 
 def test_the_place_of_the_image_counts():

@@ -245,7 +245,7 @@ def test_tus_rec(name):
         assert sweep.world == "Tracker"
     timed = read_sweep(name, calibration="calib_matrix.csv", frame_times=20)
     assert np.allclose(timed.timestamps, np.arange(N) / 20)
-    gb.write_sweep("again.igs.mha", timed)
+    gb.ultrasound.write_sweep("again.igs.mha", timed)
     again = read_sweep("again.igs.mha")
     assert np.allclose(again.world_from_image, sweep.world_from_image, atol=1e-6)
     assert "give a calibration" in refused(name)

@@ -55,7 +55,7 @@ def clear(name: str) -> np.ndarray:
 def check(name: str, scene: gb.Scene, thesis: Thesis) -> None:
     """Hit or miss as the oracle has it and depths within 1e-3 supports, grazing rays aside."""
     c, sure = case(name), clear(name)
-    depth, normal, _ = gb.intersect(scene, c.origins, c.directions, thesis)
+    depth, normal, _ = scene.intersect(c.origins, c.directions, thesis)
     hit = np.isfinite(c.depth)
     wrong = np.nonzero(sure & (np.isfinite(depth) != hit))[0]
     assert len(wrong) == 0, (len(wrong), wrong[:5], c.depth[wrong[:5]], depth[wrong[:5]])
@@ -102,7 +102,7 @@ def test_large_steps_miss_what_is_thin(backend):
     scene = dense(c, **backend)
 
     def hits(thesis):
-        return np.isfinite(gb.intersect(scene, o, d, thesis)[0])
+        return np.isfinite(scene.intersect(o, d, thesis)[0])
 
     coarse = hits(Thesis(step=2.0))
     assert (coarse <= expected).all()
@@ -120,7 +120,7 @@ def test_terraces(backend):
     scene = dense(c, **backend)
 
     def late(**choice):
-        return gb.intersect(scene, o, d, Thesis(exterior=False, **choice))[0] - expected
+        return scene.intersect(o, d, Thesis(exterior=False, **choice))[0] - expected
 
     terraces = late(step=0.2, thresholds=0, refine=False)
     assert terraces.min() > -1e-4
@@ -177,7 +177,7 @@ def test_ghosts_are_enough_up_to_a_leaf(backend, depth):
     o = (target - 5 * d).astype(np.float32)
     expected = c.first_hit(o, d)
     scene = c.scene(octree="dense", level=depth, **backend)
-    found = gb.intersect(scene, o, d, Thesis("bezier"))[0]
+    found = scene.intersect(o, d, Thesis("bezier"))[0]
     assert (np.isfinite(found) != np.isfinite(expected)).sum() <= 1
     both = np.isfinite(found) & np.isfinite(expected)
     assert 50 < both.sum() < 600
@@ -209,7 +209,7 @@ def test_averaged_normals(backend):
 
     def normals(scene, origins, averaged):
         d = np.repeat(up, len(origins), 0)
-        return gb.intersect(scene, origins, d, Thesis("bezier", averaged_normals=averaged))[1]
+        return scene.intersect(origins, d, Thesis("bezier", averaged_normals=averaged))[1]
 
     gradient, averaged = normals(scene, o, False), normals(scene, o, True)
     np.testing.assert_allclose(np.linalg.norm(averaged, axis=1), 1, atol=1e-5)
@@ -245,7 +245,7 @@ def test_crowded_leaves_lose_nothing(backend):
     expected = c.first_hit(o, d)
     scene = dense(c, **backend)
     for thesis in (Thesis("bezier"), Thesis(step=0.05)):
-        found = gb.intersect(scene, o, d, thesis)[0]
+        found = scene.intersect(o, d, thesis)[0]
         np.testing.assert_array_equal(np.isfinite(found), np.isfinite(expected))
         np.testing.assert_allclose(found, expected, atol=1e-3 * 0.5)
 
@@ -276,7 +276,7 @@ RAY = np.zeros((1, 3), np.float32), np.float32([[0, 0, 1]])
     (lambda: Thesis(thresholds=2.5), "thresholds: expected"),
     (lambda: default_support(cloud(9), 9), "level: expected 0 to 8, got 9"),
     (lambda: default_support(cloud(1), 3), "positions: expected some extent, got 0"),
-    (lambda: gb.intersect(gb.Scene(cloud(9)), *RAY, Thesis()), 'a scene with octree="dense"'),
+    (lambda: gb.Scene(cloud(9)).intersect(*RAY, Thesis()), 'a scene with octree="dense"'),
     (lambda: gb.render(gb.Scene(cloud(9), "nishimura", octree="dense"), thesis=Thesis("bezier")),
      r"kernel: expected murakami or wyvill .* got 'nishimura'"),
     (lambda: gb.render(gb.Scene(cloud(9), octree="dense"), thesis="march"), "got 'march'"),

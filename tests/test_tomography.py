@@ -44,7 +44,7 @@ def ball(n: int = 24) -> np.ndarray:
 
 def test_voxels_lie_where_the_image_says():
     """Files: test_volume_places.py."""
-    particles = gb.tomography_particles(image(ramp()), labels=list(range(50, 60)))
+    particles = gb.volumes.sample_tomography(image(ramp()), labels=list(range(50, 60)))
     assert sorted(particles.attributes["label"]) == list(range(50, 60))
     for position, value in zip(particles.positions, particles.attributes["label"], strict=True):
         index = np.unravel_index(int(value), (3, 4, 5))
@@ -54,36 +54,36 @@ def test_voxels_lie_where_the_image_says():
 
 def test_series_of_one_moment(tmp_path):
     sitk.WriteImage(sitk.JoinSeries(image(ramp())), str(tmp_path / "a.nii"))
-    exact = gb.tomography_particles(image(ramp()), level=50)
-    read = gb.tomography_particles(tmp_path / "a.nii", level=50)
+    exact = gb.volumes.sample_tomography(image(ramp()), level=50)
+    read = gb.volumes.sample_tomography(tmp_path / "a.nii", level=50)
     assert np.allclose(read.positions, exact.positions, atol=1e-4)
     sitk.WriteImage(sitk.JoinSeries([image(ramp())] * 2), str(tmp_path / "b.nii"))
     with pytest.raises(FormatError, match="expected a volume of 3 axes, got sizes"):
-        gb.read_volume(tmp_path / "b.nii")
+        gb.volumes.read_volume(tmp_path / "b.nii")
 
 
 def test_support_is_two_voxels():
     for spacing, support in [((2, 2, 2), 4), (SPACING, 2), ((1, 1, 10), 10)]:
         # Slices far apart: a support below their distance would leave gaps between them.
-        particles = gb.tomography_particles(image(ball(), spacing), labels=1000)
+        particles = gb.volumes.sample_tomography(image(ball(), spacing), labels=1000)
         assert particles.support == pytest.approx(support)
 
 
 def test_labels_have_their_colors():
     values = np.zeros((4, 4, 4), np.uint8)
     values[0], values[1], values[2] = 1, 2, 13
-    particles = gb.tomography_particles(image(values), labels=[2, 13])
+    particles = gb.volumes.sample_tomography(image(values), labels=[2, 13])
     found = particles.attributes["label"]
     assert (np.bincount(found)[[2, 13]] == 16).all()
     assert len(found) == 32
     assert np.allclose(particles.color, categorical(found))
     assert not np.allclose(categorical([1]), categorical([2]))
-    assert len(gb.tomography_particles(image(values), labels=1)) == 16
-    assert len(gb.tomography_particles(image(values), labels=99)) == 0
+    assert len(gb.volumes.sample_tomography(image(values), labels=1)) == 16
+    assert len(gb.volumes.sample_tomography(image(values), labels=99)) == 0
 
 
 def test_grays_follow_the_intensity():
-    particles = gb.tomography_particles(image(ramp("f4")), level=10)
+    particles = gb.volumes.sample_tomography(image(ramp("f4")), level=10)
     order = np.argsort(particles.attributes["intensity"])
     gray = particles.color[order][particles.attributes["intensity"][order] >= 10]
     assert (np.ptp(gray, axis=1) == 0).all()
@@ -107,20 +107,20 @@ def test_otsu_parts_two_peaks():
 def test_nan_and_infinity_are_no_trouble():
     values = ramp("f4")
     values[0, 0, 0], values[2, 3, 4] = np.nan, np.inf
-    particles = gb.tomography_particles(image(values), level=30)
+    particles = gb.volumes.sample_tomography(image(values), level=30)
     assert (particles.attributes["intensity"] >= 30).sum() == 29
     assert np.isfinite(particles.color).all()
 
 
 def test_resampling():
     fine = image(ball(48), (0.5, 0.5, 1.0))
-    coarse = gb.tomography_particles(fine, level=500, spacing=2.0)
+    coarse = gb.volumes.sample_tomography(fine, level=500, spacing=2.0)
     assert coarse.support == pytest.approx(2 * surfaces.VOXELS["murakami"])
     coarse = tissue_voxels(fine, level=500, spacing=2.0)[0]
     exact = tissue_voxels(fine, level=500)[0]
     assert 8 * len(coarse) == pytest.approx(0.25 * len(exact), rel=0.1)  # the volume in mm³
     assert np.allclose(coarse.mean(axis=0), exact.mean(axis=0), atol=0.3)
-    labels = gb.tomography_particles(fine, labels=1000, spacing=0.4)
+    labels = gb.volumes.sample_tomography(fine, labels=1000, spacing=0.4)
     assert set(labels.attributes["label"]) == {1000}
 
 
@@ -128,9 +128,9 @@ def test_too_many_voxels_name_a_spacing(monkeypatch):
     monkeypatch.setattr(surfaces, "MOST_PARTICLES", 500)
     fine = image(ball(), (1, 1, 1))
     with pytest.raises(ValueError, match="at most 500 voxels to show, got") as caught:
-        gb.tomography_particles(fine, labels=1000)
+        gb.volumes.sample_tomography(fine, labels=1000)
     enough = float(str(caught.value).split()[-2])
-    assert 300 < len(gb.tomography_particles(fine, labels=1000, spacing=enough)) <= 500
+    assert 300 < len(gb.volumes.sample_tomography(fine, labels=1000, spacing=enough)) <= 500
 
 
 def test_dicom_series(tmp_path):
@@ -149,9 +149,9 @@ def test_dicom_series(tmp_path):
             part.SetMetaData("0020|0037", "1\\0\\0\\0\\1\\0")
             writer.SetFileName(str(tmp_path / f"{uid}.{i}.dcm"))
             writer.Execute(part)
-    particles = gb.tomography_particles(tmp_path, labels=59)  # of the series with 5 slices
+    particles = gb.volumes.sample_tomography(tmp_path, labels=59)  # of the series with 5 slices
     assert np.allclose(particles.positions, [[7, 9, 19]])
-    volume = gb.read_volume(tmp_path)
+    volume = gb.volumes.read_volume(tmp_path)
     assert (volume.shape, volume.space) == ((5, 4, 3), "LPS")
 
 
@@ -170,25 +170,27 @@ def test_dicom_series(tmp_path):
 )
 def test_wrong_arguments(options, what):
     with pytest.raises(ValueError, match=what):
-        gb.tomography_particles(image(ramp()), **options)
+        gb.volumes.sample_tomography(image(ramp()), **options)
 
 
 def test_what_is_no_volume():
     for other in (sitk.Image(4, 4, sitk.sitkInt16), sitk.Image(4, 4, 4, sitk.sitkComplexFloat32)):
         with pytest.raises(FormatError, match="expected"):
-            gb.tomography_particles(other)
+            gb.volumes.sample_tomography(other)
     with pytest.raises(FormatError, match="one number per voxel, got 3"):
-        gb.tomography_particles(sitk.Image([4, 4, 4], sitk.sitkVectorUInt8, 3))
+        gb.volumes.sample_tomography(sitk.Image([4, 4, 4], sitk.sitkVectorUInt8, 3))
     with pytest.raises(TypeError, match=r"expected a path, Volume or SimpleITK.Image, got list"):
-        gb.tomography_particles([1, 2])
+        gb.volumes.sample_tomography([1, 2])
 
 
 def test_sweep_is_no_volume(tmp_path):
     made = image(ramp())
     made.SetMetaData("Seq_Frame0000_ProbeToTrackerTransform", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1")
     sitk.WriteImage(made, str(tmp_path / "a.mha"))
-    with pytest.raises(FormatError, match=r"expected a volume, got a sweep .* globule.read_sweep"):
-        gb.read_volume(tmp_path / "a.mha")
+    with pytest.raises(
+        FormatError, match=r"expected a volume, got a sweep .* globule.ultrasound.read_sweep"
+    ):
+        gb.volumes.read_volume(tmp_path / "a.mha")
 
 
 @pytest.mark.parametrize("extension", [".nhdr", ".mhd"])
@@ -200,7 +202,7 @@ def test_cut_files(extension, tmp_path, capfd):
     for share in (0.3, 0.9):
         cut.write_bytes(whole[: int(share * len(whole))])
         with pytest.raises(FormatError) as caught:
-            gb.read_volume(path)
+            gb.volumes.read_volume(path)
         assert "\n" not in str(caught.value)
     assert capfd.readouterr() == ("", "")
 
@@ -212,7 +214,7 @@ def test_without_the_packages(monkeypatch, tmp_path):
         monkeypatch.setitem(sys.modules, name, None)
     for name, package in (("a.nii", "nibabel"), ("a.dcm", "SimpleITK")):
         with pytest.raises(gb.MissingPackageError, match=rf'{package} .* "globule\[medical\]"'):
-            gb.read_volume(tmp_path / name)
+            gb.volumes.read_volume(tmp_path / name)
 
 
 # the command line
@@ -267,7 +269,9 @@ def test_mistakes_of_the_commands(head, capsys):
 def test_gb_read_names_the_door_of_a_volume(tmp_path):
     sitk.WriteImage(image(ball()), str(tmp_path / "a.nrrd"))
     for options in ({}, {"level": 500}):
-        with pytest.raises(FormatError, match=r"a volume \(nrrd\): read it with globule.read_vol"):
+        with pytest.raises(
+            FormatError, match=r"a volume \(nrrd\): read it with globule\.volumes\.read_v"
+        ):
             gb.read(tmp_path / "a.nrrd", **options)
 
 
@@ -282,10 +286,10 @@ def test_tomography_and_iso_surface_agree(shift, tmp_path):
     made.SetSpacing(spacing.tolist())
     made.SetDirection(ROTATION.ravel().tolist())
     sitk.WriteImage(made, str(tmp_path / "a.nii.gz"))
-    volume = gb.read_volume(tmp_path / "a.nii.gz")
+    volume = gb.volumes.read_volume(tmp_path / "a.nii.gz")
     for level in (None, 1000.0 + shift):
-        surface = gb.iso_surface(volume, level)
-        particles = gb.tomography_particles(tmp_path / "a.nii.gz", level)
+        surface = gb.volumes.extract_iso_surface(volume, level)
+        particles = gb.volumes.sample_tomography(tmp_path / "a.nii.gz", level)
         assert np.array_equal(particles.positions, surface.particles.positions)
         values = surface.particles.attributes["value"]
         assert np.array_equal(particles.attributes["intensity"], values)
@@ -296,6 +300,6 @@ def test_tomography_and_iso_surface_agree(shift, tmp_path):
     assert np.median(radius) == pytest.approx(5, abs=0.15)
     assert tissue_voxels(volume, level)[0].shape[0] == (volume.values >= level).sum()
     turned = volume.in_space("RAS")
-    again = gb.tomography_particles(turned, level)
+    again = gb.volumes.sample_tomography(turned, level)
     assert np.array_equal(again.positions, particles.positions)
     assert np.array_equal(turned.values, volume.values)

@@ -40,7 +40,7 @@ def steps_off(image: np.ndarray, values: np.ndarray, lo: float, hi: float) -> np
 def test_flat_pixels_have_the_map_s_color_of_their_value(particles, name, backend):
     values = particles.attributes[name]
     scene = gb.Scene(particles, **backend)
-    flat = gb.preset("flat", scene)
+    flat = gb.load_preset("flat", scene)
     frame = gb.render(scene, size=(160, 120), settings=flat, color_by=name)
     shown = frame.attribute(values)
     hit = np.isfinite(shown)
@@ -52,7 +52,7 @@ def test_flat_pixels_have_the_map_s_color_of_their_value(particles, name, backen
 
 
 def test_flat_is_exact_inside_of_a_surface_with_samples_too(particles):
-    flat = dataclasses.replace(gb.preset("flat", gb.Scene(particles)), samples=8)
+    flat = dataclasses.replace(gb.load_preset("flat", gb.Scene(particles)), samples=8)
     frame = gb.render(particles, size=(160, 120), settings=flat, color_by="noise")
     values, shown = particles.attributes["noise"], frame.attribute(particles.attributes["noise"])
     inside = np.isfinite(shown)
@@ -70,7 +70,7 @@ def test_flat_without_values_shows_the_particles_own_colors():
     color = to_linear(np.array([30, 200, 120]) / 255)
     particles = gb.Particles(np.zeros((1, 3)), support=1.0, color=color.astype(np.float32))
     scene = gb.Scene(particles)
-    frame = gb.render(scene, size=(64, 64), settings=gb.preset("flat", scene))
+    frame = gb.render(scene, size=(64, 64), settings=gb.load_preset("flat", scene))
     assert (frame.image[frame.mask] == (30, 200, 120)).all()
 
 
@@ -101,7 +101,7 @@ def test_lights_presets_and_highlights_that_are_asked_for_stay(particles):
     frame = gb.render(scene, size=(64, 48), settings=asked, color_by="x0")
     assert frame._settings.lights == own
     assert frame._settings.specular == 0.7
-    clay = gb.preset("clay", scene)
+    clay = gb.load_preset("clay", scene)
     lit = for_values(clay)
     assert lit.lights == clay.lights
     assert lit.tone
@@ -172,7 +172,7 @@ def test_edges_of_a_transparent_image_have_no_fringe():
     """A white ball stays white at its edge, whatever was behind."""
     particles = gb.Particles(np.zeros((1, 3)), support=1.0, color=np.float32([1, 1, 1]))
     scene = gb.Scene(particles)
-    flat = dataclasses.replace(gb.preset("flat", scene), samples=16, transparent=True)
+    flat = dataclasses.replace(gb.load_preset("flat", scene), samples=16, transparent=True)
     image = gb.render(scene, size=(64, 64), settings=flat).image
     mixed = (image[..., 3] > 0) & (image[..., 3] < 255)
     assert mixed.sum() > 50

@@ -141,11 +141,11 @@ def test_a_sequence_s_frame_of_now():
 def test_a_volume_s_surface():
     z, y, x = np.mgrid[-9:10, -9:10, -9:10]
     values = np.clip(220 - 18 * np.sqrt(x * x + y * y + z * z), 0, 255).astype(np.uint8)
-    volume = gb.Volume(values, np.diag([2.0, 2.0, 2.0, 1.0]))
+    volume = gb.volumes.Volume(values, np.diag([2.0, 2.0, 2.0, 1.0]))
     for name in ("v.npz", "v.nii.gz"):
         if name == "v.nii.gz":
             pytest.importorskip("SimpleITK")
-        gb.write_volume(name, volume)
+        gb.volumes.write_volume(name, volume)
         look = {"slices__level": 120.0, "surface__kernel": "wendland_c2", "quality__samples": 1}
         with engine_of(name, slices__shown=False, **look) as engine:
             camera = gb.Camera((60, 40, 80), engine.source.bounds()[1] / 2)
@@ -155,8 +155,8 @@ def test_a_volume_s_surface():
 
 
 def test_a_sweep_s_volume():
-    made = gb.phantoms.cylinders(n_frames=12, size=(40, 36), spacing=1.0)
-    gb.write_sweep("sweep.igs.mha", made)
+    made = gb.ultrasound.phantoms.cylinders(n_frames=12, size=(40, 36), spacing=1.0)
+    gb.ultrasound.write_sweep("sweep.igs.mha", made)
     with engine_of("sweep.igs.mha", slices__shown=False, quality__samples=1) as engine:
         source = engine.source
         source.start()

@@ -187,12 +187,12 @@ def test_nothing_to_show_is_said_in_one_line(tmp_path, positions):
         open_source(str(path))
 
 
-def head() -> gb.Volume:
+def head() -> gb.volumes.Volume:
     values = np.zeros((20, 24, 28), np.uint8)
     values[4:16, 4:20, 4:24] = 180
     values[10, 12, 14] = 77
     pose = np.diag([2.0, 2.0, 2.0, 1.0])
-    return gb.Volume(values, pose, np.zeros(values.shape, np.uint8))
+    return gb.volumes.Volume(values, pose, np.zeros(values.shape, np.uint8))
 
 
 def test_a_slice_says_its_voxel():
@@ -225,7 +225,7 @@ def a_sweep():
     frames = np.full((3, 20, 24), 120, np.uint8)
     poses = np.repeat(np.eye(4)[None], 3, axis=0)
     poses[:, 2, 3] = np.arange(3)
-    return gb.Sweep(frames, poses)
+    return gb.ultrasound.Sweep(frames, poses)
 
 
 def test_a_sweep_says_what_to_do():

@@ -29,7 +29,7 @@ def test_values_along_a_line_are_those_of_sample():
     points = np.float32(LINE[0] + shares[:, None] * (LINE[1] - LINE[0]))
     for name in ("speed", "field", ""):
         plot = along_line(scene, LINE, name)
-        want = gb.sample(scene, points, [plot["name"]])[plot["name"]]
+        want = gb.measure.sample(scene, points, [plot["name"]])[plot["name"]]
         found = np.array([np.nan if v is None else v for v in plot["y"]])
         np.testing.assert_allclose(found, want, rtol=2e-5, atol=1e-6)
         assert plot["x"][-1] == pytest.approx(np.linalg.norm(LINE[1] - LINE[0]), rel=1e-5)

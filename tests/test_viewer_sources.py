@@ -77,10 +77,10 @@ def test_a_volume_with_slices_surface_and_overlay():
     z, y, x = np.mgrid[-12:13, -12:13, -12:13]
     values = np.clip(220 - 18 * np.sqrt(x * x + y * y + z * z), 0, 255).astype(np.uint8)
     radius = np.where(x > 4, 2, 0).astype(np.uint8)
-    volume = gb.Volume(values, np.diag([2.0, 2.0, 2.0, 1.0]), radius)
+    volume = gb.volumes.Volume(values, np.diag([2.0, 2.0, 2.0, 1.0]), radius)
     pose = np.eye(4)
     pose[:3, 3] = (-40, -10, 20)
-    sweep = gb.Sweep(np.full((2, 30, 30), 255, np.uint8), np.stack([pose, pose]))
+    sweep = gb.ultrasound.Sweep(np.full((2, 30, 30), 255, np.uint8), np.stack([pose, pose]))
     camera = gb.Camera((110, -100, 80), (24, 24, 24), (0, 0, 1))
     with engine_of((volume, sweep)) as engine:
 
@@ -106,7 +106,7 @@ def test_a_sweep_comes_in_and_is_undone():
     frames = rng.integers(80, 255, (12, 20, 24)).astype(np.uint8)
     poses = np.repeat(np.eye(4)[None], 12, axis=0)
     poses[:, 2, 3] = np.arange(12)
-    sweep = gb.Sweep(frames, poses)
+    sweep = gb.ultrasound.Sweep(frames, poses)
     with Watched(sweep) as watched:
         page, source = watched.program(), watched.viewer.source
         source._open = played(sweep, 1e6)

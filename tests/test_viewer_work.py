@@ -37,7 +37,7 @@ def scene_of(what: object, **settings: object) -> gb.Scene:
 
 def test_the_viewer_takes_the_surface_that_render_takes():
     for particles in (water(), cloud()):
-        assert scene_of(particles).surface == gb.surface_of(particles)
+        assert scene_of(particles).surface == gb.fluids.choose_surface(particles)
     assert scene_of(water()).surface == "smooth"
     assert scene_of(water()).threshold == pytest.approx(0.5)
     assert scene_of(water(), color__by="speed").surface == "smooth"
@@ -59,7 +59,7 @@ def test_the_image_is_that_of_render():
 
 def test_a_sequence_keeps_its_kind_of_surface():
     torn = gb.Particles(water().positions, support=np.linspace(0.1, 0.3, 512))
-    assert gb.surface_of(torn) == "balls"
+    assert gb.fluids.choose_surface(torn) == "balls"
     source, state = open_source([water(), torn]), State()
     for frame in (0, 1):
         state.set(time__frame=frame)

@@ -12,7 +12,7 @@ import pytest
 from globule.formats.errors import FormatError
 from globule.formats.volumes import WRITABLE, map_path, metaimage, nrrd
 from globule.volumes.files import read_volume, write_volume
-from globule.volumes.slices import reslice, reslice_frame, save_three_view, three_view
+from globule.volumes.slices import render_three_view, reslice, reslice_frame, save_three_view
 from globule.volumes.volume import EMPTY, FILLED, MEASURED, Volume
 from PIL import Image
 from sweep_helpers import random_poses
@@ -265,7 +265,7 @@ def test_emptiness_is_not_interpolated():
 
 
 def test_back_onto_the_frames():
-    sweep = gb.phantoms.cylinders(n_frames=4, size=(20, 30), gaps=0.4, seed=3)
+    sweep = gb.ultrasound.phantoms.cylinders(n_frames=4, size=(20, 30), gaps=0.4, seed=3)
     box = Volume(np.full((40, 40, 40), 9, np.uint8), np.array(
         [[2, 0, 0, -40], [0, 2, 0, -40], [0, 0, 2, -40], [0, 0, 0, 1.0]]))  # fmt: skip
     seen = reslice_frame(box, sweep, 0)
@@ -277,19 +277,19 @@ def test_back_onto_the_frames():
 
 
 def test_three_view():
-    shown = three_view(volume(), overlay=False)
+    shown = render_three_view(volume(), overlay=False)
     assert shown.dtype == np.uint8
     assert shown.ndim == 3
     plain = Volume(np.full((10, 20, 30), 200, np.uint8), np.diag([1.0, 2, 3, 1]))
-    picture = three_view(plain)
+    picture = render_three_view(plain)
     assert picture.shape == (40, 30 + 30 + 40 + 16, 3)  # square pixels of 1 mm
-    tinted = three_view(volume(), overlay=True)
+    tinted = render_three_view(volume(), overlay=True)
     n_colors = [len(np.unique(picture.reshape(-1, 3), axis=0)) for picture in (shown, tinted)]
     assert n_colors[0] < n_colors[1]
     with pytest.raises(ValueError, match="center"):
-        three_view(plain, center=(900, 0, 0))
+        render_three_view(plain, center=(900, 0, 0))
     nothing = Volume(np.zeros((4, 4, 4), np.uint8), np.eye(4), np.full((4, 4, 4), 255, np.uint8))
-    assert three_view(nothing).shape[2] == 3
+    assert render_three_view(nothing).shape[2] == 3
 
 
 def test_axes_of_the_planes_have_names_and_lengths():
@@ -298,7 +298,7 @@ def test_axes_of_the_planes_have_names_and_lengths():
     save_three_view("a.png", seen)
     sheet = np.asarray(Image.open("a.png"))
     margin = 18
-    for i, picture in enumerate((three_view(seen), three_view(seen, overlay=True))):
+    for i, picture in enumerate((render_three_view(seen), render_three_view(seen, overlay=True))):
         top = i * sheet.shape[0] // 2
         row = sheet[top : top + sheet.shape[0] // 2]
         assert np.array_equal(row[margin : margin + 80, margin : margin + 200], picture[:, :200])

@@ -8,7 +8,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.cli import main
-from globule.volumes.iso_surface import iso_surface
+from globule.volumes.iso_surface import extract_iso_surface
 from globule.volumes.volume import Volume
 from PIL import Image
 
@@ -28,7 +28,7 @@ def ball(spacing=(0.5, 0.5, 0.5), radius: float = 6.0, slope: float = 12.0) -> V
 @pytest.mark.parametrize("kernel", ["murakami", "wyvill", "cubic_spline"])
 def test_the_surface_lies_at_the_level(kernel):
     for level, radius, spacing in ((100.0, 6.0, (0.5, 0.5, 0.5)), (130.0, 3.5, (0.3, 0.5, 0.6))):
-        surface = iso_surface(ball(spacing), level, kernel)
+        surface = extract_iso_surface(ball(spacing), level, kernel)
         scene = gb.Scene(surface.particles, kernel, surface.threshold, device="cpu")
         camera = gb.Camera((3, -2, 60), (3, -2, 10), height=20)
         frame = gb.render(scene, camera, (80, 80))
@@ -43,7 +43,7 @@ def test_the_surface_lies_at_the_level(kernel):
 )
 def test_the_lattice_hardly_shows(kernel, most):
     """Normals where values change by 6 % of the level a voxel: degrees, root mean square."""
-    surface = iso_surface(ball(), 100.0, kernel)
+    surface = extract_iso_surface(ball(), 100.0, kernel)
     scene = gb.Scene(surface.particles, kernel, surface.threshold, device="cpu")
     frame = gb.render(scene, gb.Camera((30, -40, 60), (3, -2, 10), height=14), (90, 90))
     outward = frame.position[frame.mask] - [3, -2, 10]
@@ -54,22 +54,22 @@ def test_the_lattice_hardly_shows(kernel, most):
 
 def test_what_has_no_surface_is_refused():
     with pytest.raises(ValueError, match="level"):
-        iso_surface(ball(), 300.0)
+        extract_iso_surface(ball(), 300.0)
     with pytest.raises(ValueError, match="level"):
-        iso_surface(Volume(np.zeros((3, 3, 3), np.uint8), np.eye(4)))
+        extract_iso_surface(Volume(np.zeros((3, 3, 3), np.uint8), np.eye(4)))
     with pytest.raises(ValueError, match="kernel"):
-        iso_surface(ball(), 10.0, "magic")
+        extract_iso_surface(ball(), 10.0, "magic")
     shifted = ball()
     shifted.values -= 500
     with pytest.raises(ValueError, match="level"):
-        iso_surface(shifted, -500.5)
+        extract_iso_surface(shifted, -500.5)
 
 
 def test_render_of_other_volumes(tmp_path, monkeypatch, capsys):
     """VTK files, sparse ones, several at once; tomographies where labels are asked for."""
     monkeypatch.chdir(tmp_path)
     for name in ("a.vti", "b.sparse.npz", "c.mha"):
-        gb.write_volume(name, ball())
+        gb.volumes.write_volume(name, ball())
     machine = ["--size", "60x50", "--device", "cpu"]
     words = ["render", "a.vti", "b.sparse.npz", "c.mha", "-o", "{}.png", *machine]
     assert main(["render", "a.vti", "-o", "a.png", *machine]) == 0
@@ -84,7 +84,9 @@ def test_render_of_other_volumes(tmp_path, monkeypatch, capsys):
     assert main([*words, "--support", "1"]) == 2
     assert capsys.readouterr().err.count("globule: error: --support") == 1
     assert main(["render", "nowhere.vti", "-o", "n.png", *machine]) == 2
-    gb.write_sweep("sweep.igs.mha", gb.phantoms.cylinders(n_frames=4, size=(9, 8), spacing=4.0))
+    gb.ultrasound.write_sweep(
+        "sweep.igs.mha", gb.ultrasound.phantoms.cylinders(n_frames=4, size=(9, 8), spacing=4.0)
+    )
     capsys.readouterr()
     assert main(["render", "sweep.igs.mha", "-o", "n.png", *machine]) == 2
     assert "got a sweep" in capsys.readouterr().err
@@ -99,7 +101,7 @@ def test_voxels_of_any_shape(edge):
     volume = ball()
     volume.world_from_voxel[2, 2] = edge
     if edge == 6.0:
-        assert len(iso_surface(volume).particles)
+        assert len(extract_iso_surface(volume).particles)
         return
     with pytest.raises(ValueError, match="spacing: expected edges within"):
-        iso_surface(volume)
+        extract_iso_surface(volume)

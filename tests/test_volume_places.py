@@ -41,7 +41,7 @@ def volume() -> Volume:
 
 def same(path, volume: Volume, tolerance: float = 1e-12) -> None:
     """`tolerance`: of the place, mm; 1e-4 where a format rounds its geometry to float32."""
-    found = gb.read_volume(path)
+    found = gb.volumes.read_volume(path)
     assert found.space == "LPS"
     assert found.values.dtype == volume.values.dtype
     assert np.array_equal(found.values, volume.values)
@@ -71,7 +71,7 @@ def test_nibabel_in_metres_and_scaled(volume, tmp_path):
     made.header.set_xyzt_units("meter")
     made.header.set_slope_inter(0.5, -20)
     nibabel.save(made, tmp_path / "a.nii")
-    found = gb.read_volume(tmp_path / "a.nii")
+    found = gb.volumes.read_volume(tmp_path / "a.nii")
     assert np.array_equal(found.values, volume.values * np.float32(0.5) - 20)
     assert np.allclose(found.world_from_voxel, volume.world_from_voxel, atol=1e-4)
 

@@ -9,6 +9,7 @@ import sys
 
 import globule as gb
 import numpy as np
+from globule.scene.thesis import Thesis
 from sweep_helpers import small_sweep
 
 SIZE = (64, 48)
@@ -24,23 +25,23 @@ def scenes(device: str) -> None:
         scene = gb.Scene(gb.Particles(points, color=color), support=0.1, device=device, **options)
         for settings in (gb.RenderSettings(), light):
             gb.render(scene, camera, SIZE, settings).picture  # noqa: B018
-        gb.field(scene, points[:100])
-        gb.gradient(scene, points[:100])
+        scene.field(points[:100])
+        scene.gradient(points[:100])
         scene.neighbors(points[:100], 0.1)
         print("scene", options, flush=True)
     frame = gb.render(scene, camera, SIZE, clips=[gb.ClipSphere((0.5, 0.5, 0.5), 0.2)])
     frame.refine(2)
     dense = gb.Scene(points, support=0.1, device=device, octree="dense", level=4)
-    gb.render(dense, camera, SIZE, thesis=gb.Thesis())
+    gb.render(dense, camera, SIZE, thesis=Thesis())
     print("pictures", flush=True)
 
 
 def volumes(device: str) -> None:
     sweep = small_sweep()
     for method in ("pvn-om", "vvn-om", "pvn", "vvn", "bezier"):
-        gb.reconstruct(sweep, method=method, spacing=1.0, device=device)
-    gb.reconstruct(sweep, compounding="median", spacing=1.0, device=device)
-    live = gb.Reconstructor(1.0, device=device)
+        gb.ultrasound.reconstruct(sweep, method=method, spacing=1.0, device=device)
+    gb.ultrasound.reconstruct(sweep, compounding="median", spacing=1.0, device=device)
+    live = gb.ultrasound.Reconstructor(1.0, device=device)
     for i in range(len(sweep)):
         live.add(sweep.frames[i], sweep.world_from_image[i])
     live.volume()

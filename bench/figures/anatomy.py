@@ -17,7 +17,7 @@ from globule.data.surface import vertex_particles
 from globule.pieces.scene import Scene
 from globule.render.clips import ClipBox
 from globule.render.fit import fit_camera
-from globule.render.presets import preset
+from globule.render.presets import load_preset
 from globule.render.render import render
 
 from .style import show_frame
@@ -76,7 +76,7 @@ def brain(path: Any, device: str = "auto", dpi: float = 110) -> None:
     size = (int(6 * dpi * 1.5), int(4.8 * dpi * 1.5))
     camera = fit_camera(scene, size, direction=(0.95, 0.75, 0.7), up=UP, fov=30)
     with Figure(path, 6, 4.8, dpi) as figure:
-        frame = render(scene, camera, size, preset("tissue", scene, UP), clips=[slab])
+        frame = render(scene, camera, size, load_preset("tissue", scene, UP), clips=[slab])
         _shown(figure, frame.picture, f"{name}, {len(scene):,} metaballs")
 
 
@@ -133,7 +133,11 @@ def coloured_mesh(path: Any, device: str = "auto", dpi: float = 110) -> None:
     size = (int(6 * dpi * 1.5), int(4.4 * dpi * 1.5))
     camera = fit_camera(scene, size, direction=(-1, 0.3, 0.35), up=UP, fov=30)
     look = dataclasses.replace(
-        preset("clay", scene, UP), ground=None, sky=None, background=(1,) * 3, ambient=(0.45,) * 3
+        load_preset("clay", scene, UP),
+        ground=None,
+        sky=None,
+        background=(1,) * 3,
+        ambient=(0.45,) * 3,
     )
     with Figure(path, 6, 4.4, dpi) as figure:
         frame = render(scene, camera, size, look)

@@ -11,7 +11,6 @@ from globule.pieces.scene import Scene
 from globule.render.camera import Camera
 from globule.render.render import render
 from globule.render.settings import RenderSettings
-from globule.scene.query import field
 
 from .style import show_frame
 
@@ -41,11 +40,11 @@ def two_metaballs(path: Any, device: str = "auto", dpi: float = 110) -> None:
             above.set_title(f"distance {distance:.2f} a")
             x = np.linspace(-1.9, 1.9, 300, dtype=np.float32)
             points = np.stack([x, 0 * x, 0 * x], axis=1)
-            total = field(scene, points)
+            total = scene.field(points)
             for centre in (-distance / 2, distance / 2):
                 place = np.array([[centre, 0, 0]], np.float32)
                 lone = Scene(Particles(place, support=1.0), device=device)
-                below.plot(x, field(lone, points), color=GRAY, lw=1, ls=":")
+                below.plot(x, lone.field(points), color=GRAY, lw=1, ls=":")
             below.plot(x, total, color=BLUE, lw=2)
             below.fill_between(x, THRESHOLD, total, total > THRESHOLD, color=BLUE, alpha=0.25)
             below.axhline(THRESHOLD, color=ORANGE, lw=1.2, ls="--")

@@ -8,7 +8,6 @@ import numpy as np
 from globule._base.plot import BLUE, GRAY, GREEN, INK, ORANGE, PURPLE, RED, SKY, Figure
 from globule.data.particles import Particles
 from globule.pieces.scene import Scene
-from globule.scene.query import field, gradient, intersect
 from globule.scene.scene import KERNELS
 
 from .style import bare
@@ -21,13 +20,13 @@ def profile(kernel: str, r: np.ndarray, device: str = "auto") -> tuple[np.ndarra
     scene = Scene(Particles(np.zeros((1, 3)), support=1.0), kernel, device=device)
     points = np.zeros((len(r), 3), np.float32)
     points[:, 0] = r
-    return field(scene, points), gradient(scene, points)[:, 0]
+    return scene.field(points), scene.gradient(points)[:, 0]
 
 
 def radius(kernel: str, threshold: float, device: str = "auto") -> float:
     """Where the surface of one particle of support 1 lies, found by a ray."""
     scene = Scene(Particles(np.zeros((1, 3)), support=1.0), kernel, threshold, device=device)
-    depth, _, _ = intersect(scene, [[2.0, 0, 0]], [[-1.0, 0, 0]])
+    depth, _, _ = scene.intersect([[2.0, 0, 0]], [[-1.0, 0, 0]])
     return 2 - float(depth[0])
 
 
@@ -42,7 +41,7 @@ def one_metaball(path: Any, device: str = "auto", dpi: float = 110) -> None:
         x, y = np.meshgrid(axis, axis)
         points = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
         scene = Scene(Particles(np.zeros((1, 3)), support=1.0), device=device)
-        values = field(scene, points).reshape(x.shape)
+        values = scene.field(points).reshape(x.shape)
         bare(left, "the field in a plane")
         left.contourf(x, y, values, levels=np.linspace(0.001, 1, 11), cmap="Blues", vmax=1.35)
         left.contour(x, y, values, levels=[threshold], colors=ORANGE, linewidths=2.5)

@@ -8,7 +8,6 @@ import numpy as np
 from globule._base.plot import BLUE, GRAY, GREEN, INK, ORANGE, PURPLE, RED, SKY, Figure
 from globule.data.particles import Particles
 from globule.pieces.scene import Scene
-from globule.scene.query import field, intersect
 
 from .kernels import radius
 from .style import bare
@@ -42,7 +41,7 @@ def flat_scene(device: str = "auto", centres: np.ndarray = CENTRES) -> Scene:
 def plane_field(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The field at (x, y, 0), of the shape of x and y."""
     points = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
-    return field(scene, np.ascontiguousarray(points, np.float32)).reshape(x.shape)
+    return scene.field(np.ascontiguousarray(points, np.float32)).reshape(x.shape)
 
 
 def sphere_events(
@@ -88,7 +87,7 @@ def exterior_spheres(path: Any, device: str = "auto", dpi: float = 110) -> None:
             origin = np.array([-3.8, y, 0], np.float32)
             direction = np.array([1, slope, 0], np.float32)
             direction /= np.linalg.norm(direction)
-            depth = float(intersect(scene, origin[None], direction[None])[0][0])
+            depth = float(scene.intersect(origin[None], direction[None])[0][0])
             end = (origin + min(depth, 8.3) * direction)[:2]
             ax.annotate(
                 "",
@@ -116,7 +115,7 @@ def ordered_events(path: Any, device: str = "auto", dpi: float = 110) -> None:
     events = sphere_events(origin.astype(float), direction.astype(float), ON_A_RAY)
     names = {i: "ABCD"[k] for k, i in enumerate(i for _, i, entered in events if entered)}
     colors = dict(zip(names, (BLUE, RED, GREEN, PURPLE), strict=True))
-    hit = float(intersect(scene, origin[None], direction[None])[0][0])
+    hit = float(scene.intersect(origin[None], direction[None])[0][0])
     with Figure(path, 9, 7, dpi) as figure:
         above, below = figure.subplots(2, 1, height_ratios=[2.4, 1], sharex=True)
         above.axis("off")

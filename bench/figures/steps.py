@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from globule._base.plot import BLUE, GRAY, INK, ORANGE, RED, SKY, Figure
 from globule.scene.octree import morton
-from globule.scene.query import field
 
 from .rays import CENTRES, THRESHOLD, flat_scene, plane_field
 from .style import VIEW, bare, draw_cubes, flattened
@@ -21,7 +20,7 @@ def march(scene: Any, origin: np.ndarray, direction: np.ndarray, end: float) -> 
     the step is halved; after the last, bisection between the last two."""
 
     def f(t: float) -> float:
-        return float(field(scene, (origin + t * direction).astype(np.float32)[None])[0])
+        return float(scene.field((origin + t * direction).astype(np.float32)[None])[0])
 
     t, looked = 0.0, []
     while t < end:
@@ -74,9 +73,9 @@ def several_thresholds(path: Any, device: str = "auto", dpi: float = 110) -> Non
         above.set_xlim(-3.8, -0.2)
         above.set_ylim(-1.2, 0.75)
         fine = np.linspace(0, t[-1] + 0.3, 400)
-        curve = field(scene, (origin + fine[:, None] * direction).astype(np.float32))
+        curve = scene.field((origin + fine[:, None] * direction).astype(np.float32))
         below.plot(fine, curve, color=BLUE, lw=1.8)
-        values = field(scene, points)
+        values = scene.field(points)
         below.vlines(t, 0, values, color=RED, lw=0.8, alpha=0.6)
         below.plot(t, values, "o", color=RED, ms=4.5)
         for i, level in enumerate(LADDER):

@@ -39,7 +39,9 @@ def globule(case, picture: str) -> dict:
     gb.render(scene, camera, tuple(case["size"].tolist()), {"background": (1, 1, 1)}).save(picture)
     drawn = time.process_time()
     memory = peak()
-    mesh = gb.surface_mesh(scene, 0.5 * spacing)  # to measure the volume: the image needs none
+    mesh = gb.measure.mesh_surface(
+        scene, 0.5 * spacing
+    )  # to measure the volume: the image needs none
     found = result(case, built - begin, drawn - built, mesh.vertices, mesh.faces)
     return {**found, "memory": memory}
 

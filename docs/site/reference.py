@@ -37,6 +37,11 @@ AREAS = {
         "From a scene to an image: camera, light, materials, cuts, movies.",
     ),
     "formats": ("files", "Files", "Readers and writers of particles, meshes and tomographies."),
+    "fluids": (
+        "fluids",
+        "Fluids",
+        "Which surface shows a fluid's particles, and what makes it smoother.",
+    ),
     "volumes": ("volumes", "Volumes", "Regular grids of voxels: files, slices, iso-surfaces."),
     "measure": (
         "measure",
@@ -58,31 +63,15 @@ AREAS = {
 }
 FULL = {"render": "globule.render.render.render"}  # `globule.render` is a package, too
 TOGETHER = {"data": "scene", "pieces": "scene"}  # rooms that have one page
-ELSEWHERE = {
-    "colorize": "render",
-}  # names that stand on another page than their module's
+ELSEWHERE = {"colorize": "render"}  # names that stand on another page than their module's
 # What calls return and take without being a name of `gb`.
 ALSO = {
-    "scene": ["scene.octree.Octree"],
-    "volumes": [
-        "volumes.iso_surface.IsoSurface",
-        "volumes.slices.Slice",
-        "volumes.slices.reslice_frame",
-        "volumes.slices.three_view",
-        "volumes.slices.save_three_view",
+    "scene": [
+        "pieces.pieces.Pieces",
+        "scene.octree.Octree",
+        "scene.thesis.Thesis",
     ],
-    "ultrasound": [
-        "ultrasound.registration.register_sweeps",
-        "ultrasound.registration.register_and_join",
-        "ultrasound.registration.join_sweeps",
-        "ultrasound.registration.Registration",
-        "ultrasound.registration.RegistrationError",
-        "ultrasound.measuring.measure_distance",
-        "ultrasound.measuring.MeasuredDistance",
-        "ultrasound.measuring.measure_volume",
-        "ultrasound.measuring.MeasuredVolume",
-        "ultrasound.measuring.error_length",
-    ],
+    "render": ["render.frame.Picked", "render.views.Views"],
     "sim": [
         "sim.arrays.Arrays",
         "sim.operate.BondedTissue",
@@ -97,18 +86,28 @@ ALSO = {
 }
 
 
+def public() -> list[str]:
+    """The names of `gb` and of its spaces: "Scene", "measure.sample" …"""
+    own = [name for name in gb.__all__ if not inspect.ismodule(getattr(gb, name))]
+    spaces = [name for name in gb.__all__ if name not in own]
+    return own + [f"{space}.{name}" for space in spaces for name in getattr(gb, space).__all__]
+
+
 def room(name: str) -> str:
-    """The room of the package that a name of `gb.__all__` is documented with."""
-    thing = getattr(gb, name)
-    module = thing.__name__ if inspect.ismodule(thing) else thing.__module__
-    return ELSEWHERE.get(name, TOGETHER.get(module.split(".")[1], module.split(".")[1]))
+    """The room of the package that a public name is documented with."""
+    space, _, own = name.rpartition(".")
+    module = space or getattr(gb, own).__module__.split(".")[1]
+    return ELSEWHERE.get(name, TOGETHER.get(module, module))
 
 
 def python_pages() -> dict[str, str]:
-    """One page per area; together they hold every name of `gb.__all__`."""
+    """One page per area; together they hold every public name."""
     pages, rows = {}, []
     for key, (file, title, about) in AREAS.items():
-        names = sorted((n for n in gb.__all__ if room(n) == key), key=lambda n: (n[0].islower(), n))
+        names = sorted(
+            (n for n in public() if room(n) == key),
+            key=lambda n: ("." in n, n.rpartition(".")[2][0].islower(), n),
+        )
         lines = [f"# {title}", "", about, ""]
         for name in names:
             lines += _directive(FULL.get(name, f"globule.{name}"))
@@ -120,7 +119,7 @@ def python_pages() -> dict[str, str]:
         listed = ", ".join(f"{{py:obj}}`{n} <{FULL.get(n, f'globule.{n}')}>`" for n in names)
         rows.append(f"| [{title}]({file}.md) | {listed} |")
     files = [file for file, _, _ in AREAS.values()]
-    about = "All names of `import globule as gb`."
+    about = "All names of `import globule as gb` and of its spaces."
     pages["reference/python/index.md"] = _index("Python", about, "area | names", rows, files)
     return pages
 

@@ -67,8 +67,8 @@ def sweep_layers(sweep: Sweep, name: str = "sweep") -> list[Layer]:
     """The frames of a sweep as an image layer (F, H, W), in frames and mm.
 
     napari has one affine matrix for a layer, so that the frames lie above one another, not at their
-    poses; these, and the times, are in the layer's metadata. `globule.reconstruct` makes a volume
-    of a sweep.
+    poses; these, and the times, are in the layer's metadata.
+    `globule.ultrasound.reconstruct` makes a volume of a sweep.
     """
     pixel = np.linalg.norm(sweep.world_from_image[sweep.valid][:, :3, :2], axis=1)
     column, row = np.median(pixel, axis=0) if len(pixel) else (1.0, 1.0)

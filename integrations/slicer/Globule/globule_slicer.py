@@ -133,12 +133,12 @@ class Shown(NamedTuple):
 def reconstruct_file(
     path: str, voxel_size: float, calibration: str = "", poses: str = "", method: str = "frames"
 ) -> Shown:
-    """The volume of a tracked sweep's file. Raises as `globule.read_sweep` and
-    `globule.reconstruct` do."""
+    """The volume of a tracked sweep's file. Raises as `globule.ultrasound.read_sweep` and
+    `globule.ultrasound.reconstruct` do."""
     import globule as gb
 
-    sweep = gb.read_sweep(path, calibration=calibration or None, poses=poses or None)
-    return _shown(gb.reconstruct(sweep, spacing=voxel_size, method=method), sweep)
+    sweep = gb.ultrasound.read_sweep(path, calibration=calibration or None, poses=poses or None)
+    return _shown(gb.ultrasound.reconstruct(sweep, spacing=voxel_size, method=method), sweep)
 
 
 def reconstruct_frames(
@@ -149,8 +149,8 @@ def reconstruct_frames(
     4)."""
     import globule as gb
 
-    sweep = gb.Sweep(frames, np.asarray(ras_from_image, float), times, space="RAS")
-    return _shown(gb.reconstruct(sweep, spacing=voxel_size, method=method), sweep)
+    sweep = gb.ultrasound.Sweep(frames, np.asarray(ras_from_image, float), times, space="RAS")
+    return _shown(gb.ultrasound.reconstruct(sweep, spacing=voxel_size, method=method), sweep)
 
 
 def _shown(volume: Any, sweep: Any) -> Shown:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from .. import _core
 
 # Where an array lies, as in the core: host memory, or a GPU's by number.
+VectorLike: TypeAlias = "Sequence[float] | np.ndarray"  # (3,)
+ColorLike: TypeAlias = "float | Sequence[float] | np.ndarray"  # linear RGB (3,), or one for all
+
 HOST = -1
 _SOME_GPU = -2  # memory of a GPU; the core asks the driver which
 _CPU, _CUDA, _PINNED = 1, 2, 3  # DLPack device types; pinned memory is read as the host's

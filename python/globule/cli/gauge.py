@@ -12,7 +12,7 @@ import argparse
 
 import numpy as np
 
-from ..measure.gauge import gauge, height_map, up_axis
+from ..measure.gauge import gauge, map_heights, up_axis
 from ..measure.samples import EXTENSIONS, write_table
 from . import flags, measuring
 from .parser import Parser
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> None:
                     raise UserError("--map: expected one file, got several")
                 need_particles(path, scene.octree.n_inside)
                 with mistakes():
-                    found = height_map(scene, options.spacing, options.up)
+                    found = map_heights(scene, options.spacing, options.up)
                 rows.append(found["height"].ravel())
             else:
                 with mistakes():

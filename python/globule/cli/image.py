@@ -311,15 +311,13 @@ def spread(scene: Scene) -> str:
 
 def why_empty(scene: Scene, clips: Sequence[Any], fits: bool = False, hiding: str = "") -> str:
     """Why the image shows no surface, and how to fix that."""
-    from ..scene.query import field
-
     positions = scene.particles.positions
     taken: np.ndarray = np.zeros(len(positions), bool)
     for clip in clips:
         taken |= clip.takes(positions)
     if taken.all():
         return "no pixel hits the surface: the cuts take all particles away"
-    values = field(scene, positions[:: 1 + len(positions) // SAMPLES])
+    values = scene.field(positions[:: 1 + len(positions) // SAMPLES])
     highest = float(values.max())
     if highest > scene.threshold and hiding:
         return hiding

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..data.particles import SCALAR_FIELDS, Particles
 from ..data.spacing import n_coincident
+from ..fluids.likeness import assess_fluid, is_flat
 from ..formats import READABLE
 from ..formats.contents import Contents
 from ..formats.kind import kind_of
@@ -23,7 +24,6 @@ from ..pieces.scene import Scene
 from ..pieces.shown import shown_scene
 from ..render.camera import Camera
 from ..render.fit import fitted
-from ..scene.fluid import fluid_like, is_flat
 from . import camera_facts, flags, medical
 from . import medical as medical_files
 from .parser import Parser
@@ -149,7 +149,7 @@ def _surface(path: str, particles: Particles, scene: Scene) -> tuple[str, str]:
         return "balls", "voxels"
     if is_flat(particles):
         return "spheres", "2-D: one z"
-    found = fluid_like(particles, scene)
+    found = assess_fluid(particles, scene)
     return "smooth" if found.yes else "balls", found.why
 
 

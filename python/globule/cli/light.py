@@ -12,8 +12,8 @@ import numpy as np
 
 from .._base.colormaps import categorical
 from .._base.settings import SHARE
+from ..fluids.likeness import shows_flat
 from ..formats import FormatError
-from ..formats.pictures.environment import read_environment
 from ..pieces.scene import Scene
 from ..pieces.shown import shown_scene
 from ..render.clips import ClipBox
@@ -22,14 +22,13 @@ from ..render.frame import Frame
 from ..render.layers import MAX_LAYERS, Layer
 from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
-from ..render.presets import GROUNDS, PRESETS, ground_height, preset
+from ..render.presets import GROUNDS, PRESETS, ground_height, load_preset
 from ..render.settings import (
     RenderSettings,
     extent_of,
     for_flat_data,
     for_values,
 )
-from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
 from ..scene.rigid_bodies import RigidBodies
 from . import flags, look, meshes
@@ -121,7 +120,7 @@ class Light:
         if self._settings is None:
             options, own = self.options, dict(self._own)
             looks = options.preset in PRESETS
-            base = preset(options.preset, scene, options.up) if looks else RenderSettings()
+            base = load_preset(options.preset, scene, options.up) if looks else RenderSettings()
             if options.ground is not None:
                 own["ground"] = self._ground(base, scene)
             if options.background is not None:
@@ -284,7 +283,7 @@ def _sky(options: argparse.Namespace) -> Sky | Environment | None:
         return Sky(up=options.up)
     if text.lower().endswith(IMAGES):
         try:
-            return Environment(read_environment(text), up=options.up)
+            return Environment(text, up=options.up)
         except (FormatError, ValueError) as error:
             raise UserError(f"--sky: {error}") from error
         except OSError as error:

@@ -13,10 +13,10 @@ import numpy as np
 from .._base.settings import RADIANCE
 from ..data.attributes import attribute_colors, attribute_values
 from ..data.particles import Particles
+from ..fluids.smoothing import find_anisotropy
 from ..pieces.scene import Scene
 from ..render.lights import MAX_LIGHTS, DirectionalLight, Headlight, PointLight
 from ..scene.mesh import Mesh
-from ..scene.smoothing import anisotropy
 from .shared import UserError, count, number, vector
 
 Color = tuple[float, float, float]
@@ -94,7 +94,7 @@ def stretched(options: argparse.Namespace, particles: Particles) -> Particles:
             "--anisotropic: expected one support for all particles, got a support per particle; "
             "give --support"
         )
-    found = anisotropy(particles, support or 1.0)
+    found = find_anisotropy(particles, support or 1.0)
     return replace(particles, positions=found.centers, anisotropy=found.G)
 
 

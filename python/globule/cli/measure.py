@@ -105,7 +105,7 @@ def _warnings(volume: Any, level: float, found: float, silent: bool) -> list[str
 
 def run(options: argparse.Namespace) -> None:
     """Run `globule measure`."""
-    from ..ultrasound.measuring import error_length, measure_distance, measure_volume
+    from ..ultrasound.measuring import find_error_length, measure_distance, measure_volume
     from ..ultrasound.reconstruct import reconstruct
 
     level = options.above if options.above is not None else options.below
@@ -128,7 +128,7 @@ def run(options: argparse.Namespace) -> None:
                 volume = reconstruct(
                     sweep, spacing=options.spacing, device=options.device, threads=options.threads
                 )
-                length = error_length(sweep, options.spacing)
+                length = find_error_length(sweep, options.spacing)
         except MemoryError as error:
             raise UserError(str(error)) from error
         progress.step("measuring")

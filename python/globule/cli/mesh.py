@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 
 from ..formats.mesh_files import EXTENSIONS
-from ..measure.mesh import measured, surface_mesh
+from ..measure.mesh import measured, mesh_surface
 from ..pieces.scene import Scene
 from . import flags, measuring
 from .parser import Parser
@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> None:
         for _, path, scene in measuring.scenes(options, [options.file], progress, one=True):
             need_particles(path, scene.octree.n_inside)
             with mistakes():
-                mesh = surface_mesh(scene, options.spacing, options.values or ())
+                mesh = mesh_surface(scene, options.spacing, options.values or ())
                 if not len(mesh.faces):
                     raise UserError(_why_empty(options, path, scene))
                 found = measured(scene, mesh)

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 
 from ..data.particles import Particles
+from ..fluids.likeness import flat_spacing, is_flat
 from ..formats import FormatError
 from ..formats.triangles import has_faces
 from ..pieces.scene import Scene
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
 from ..render.layers import Layer
 from ..render.materials import Material
-from ..render.presets import PRESETS, preset
+from ..render.presets import PRESETS, load_preset
 from ..scene.capsules import Lines, Spheres
-from ..scene.fluid import flat_spacing, is_flat
 from ..scene.mesh import Mesh
 from ..scene.rigid_bodies import RigidBodies
 from . import flags, look
@@ -202,7 +202,7 @@ def layers(
             shape = read_mesh(path, options, solid=False)
             messages.append(f"{path} surrounds the particles: drawn as a thin wall, not as a body")
         with mistakes():
-            material = preset(word, shape, options.up).material if word else Material()
+            material = load_preset(word, shape, options.up).material if word else Material()
             if options.mesh_color is not None:
                 material = dataclasses.replace(material, color=options.mesh_color)
             found.append(Layer(shape, material, clips))

@@ -40,13 +40,13 @@ from typing import Any
 
 import numpy as np
 
+from ..fluids.likeness import shows_flat
 from ..pieces.scene import Scene
 from ..render.camera import Camera, view_axes
 from ..render.camera_path import round_camera
 from ..render.fit import fitted
 from ..render.settings import RenderSettings
 from ..render.views import view_cameras
-from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
 from . import (
     annotation,

@@ -24,7 +24,7 @@ from ..formats import FormatError, read_contents
 from ..formats.contents import Contents
 from ..formats.kind import kind_of
 from ..formats.registry import format_named, formats
-from ..volumes.tomography import tomography_particles
+from ..volumes.tomography import sample_tomography
 
 
 class UserError(Exception):
@@ -202,7 +202,7 @@ def read_file(path: str, may_be_empty: bool = False, **given: Any) -> Contents:
     try:
         volume = kind_of(path).kind == "volume"
         if volume:
-            contents = Contents(tomography_particles(path, **given))
+            contents = Contents(sample_tomography(path, **given))
         else:
             contents = read_contents(path, **given)
     except (FormatError, MissingPackageError) as error:

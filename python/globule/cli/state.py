@@ -9,7 +9,7 @@ import numpy as np
 
 from ..pieces.scene import Scene
 from ..render.camera import Camera
-from ..render.presets import preset
+from ..render.presets import load_preset
 from ..render.sequence import find_files
 from ..viewer.equivalent import render_words
 from ..viewer.state import State
@@ -73,4 +73,4 @@ def _no_sky(state: State, up: Any) -> bool:
     if state.look.sky != "preset" or state.look.preset == "plain":
         return state.look.sky != "gradient"
     point = Scene(np.zeros((1, 3), np.float32), support=1.0, device="cpu", threads=1)
-    return preset(state.look.preset, point, up).sky is None
+    return load_preset(state.look.preset, point, up).sky is None

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..measure.mesh import surface_mesh
+from ..measure.mesh import mesh_surface
 from ..measure.samples import write_table
 from ..measure.surface import default_spacing
 from ..measure.track import facts
@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> None:
 
         for _, path, scene in measuring.scenes(options, options.files, progress, made=made):
             with mistakes():
-                mesh = surface_mesh(scene, spacing)
+                mesh = mesh_surface(scene, spacing)
                 wrong = scene.octree.n_inside and not len(mesh.faces)
                 if wrong and (why := measuring.too_coarse(options, scene)):
                     raise UserError(f"{path}: {why}")

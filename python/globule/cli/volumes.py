@@ -48,11 +48,11 @@ def check_surface(path: str, options: argparse.Namespace) -> None:
 
 def read_surface(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:
     """The particles of the iso-surface, for the kernel's own threshold; and messages."""
-    from ..volumes.iso_surface import iso_surface
+    from ..volumes.iso_surface import extract_iso_surface
 
     volume = read_volume_file(path)
     try:
-        particles, threshold, level = iso_surface(volume, options.level, options.kernel)
+        particles, threshold, level = extract_iso_surface(volume, options.level, options.kernel)
     except ValueError as error:
         raise UserError(f"{path}: {error}") from error
     particles.weight = particles.weight * (DEFAULTS[options.kernel][1] / threshold)

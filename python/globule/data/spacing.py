@@ -28,7 +28,7 @@ def neighbor_spacing(
     positions: np.ndarray, k: int = 6, progress: Callable[[int, int], object] | None = None
 ) -> np.ndarray:
     """Mean distance (N,) float32 of each of the positions (N, 3) to its k nearest neighbors, as
-    `globule.local_spacing`, which says more."""
+    `globule.fluids.measure_spacing`, which says more."""
     from scipy.spatial import cKDTree
 
     result = np.full(len(positions), np.nan)

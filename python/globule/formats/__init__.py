@@ -19,11 +19,10 @@ from .contents import Box, Contents
 from .errors import FormatError, bad
 from .frames import FrameOf
 from .kind import Kind, kind_of, wrong_kind
-from .mesh import mesh_particles
 from .registry import FORMATS, Format, format_named, formats, function_of
 
 __all__ = ["EXTENSIONS", "READABLE", "WRITABLE", "Box", "Contents", "Format", "FormatError",
-           "Kind", "kind_of", "mesh_particles", "read", "read_contents", "write"]  # fmt: skip
+           "Kind", "kind_of", "read", "read_contents", "write"]  # fmt: skip
 
 # Read and written; by globule alone, and by all that is installed.
 EXTENSIONS = tuple(e for f in FORMATS if f.writes and not f.package for e in f.endings)
@@ -36,7 +35,7 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
 
     Args:
         path: of the file.
-        spacing: world units, for meshes only; see mesh_particles.
+        spacing: world units, for meshes only; see `globule.sample_mesh`.
         frame: which frame of a file with several; negative counts from the end. Default 0.
         species: which group of particles of a file with several, by its name in the file.
         columns: field or attribute -> name of a column or data set in the file; "x", "y" and "z",

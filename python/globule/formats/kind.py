@@ -90,10 +90,10 @@ _OBJ_WORDS = {"v", "vn", "vt", "f", "o", "g", "s", "l", "p", "mtllib", "usemtl"}
 _READERS = {  # who reads a kind, for error messages
     "particles": "globule.read",
     "mesh": "globule.read",
-    "volume": "globule.read_volume, or globule.tomography_particles for metaballs",
-    "sweep": "globule.read_sweep",
+    "volume": "globule.volumes.read_volume, or globule.volumes.sample_tomography for metaballs",
+    "sweep": "globule.ultrasound.read_sweep",
     "scene": "globule.Simulation",
-    "picture": "globule.read_environment",
+    "picture": "globule.Environment",
 }
 
 

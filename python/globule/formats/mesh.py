@@ -32,11 +32,11 @@ _LARGEST_ELEMENT = 64  # bytes, of a glTF accessor: a 4x4
 
 
 def read(path: str | os.PathLike[str], spacing: float | None = None) -> Particles:
-    """Read a mesh's vertices as metaballs; see mesh_particles."""
-    return mesh_particles(path, spacing)
+    """Read a mesh's vertices as metaballs; see `globule.sample_mesh`."""
+    return sample_mesh(path, spacing)
 
 
-def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
+def sample_mesh(mesh: Any, spacing: float | None = None) -> Particles:
     """A triangle mesh as metaballs.
 
     Without `spacing`, there is one metaball at each vertex, and vertices at the same position

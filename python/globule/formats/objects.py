@@ -136,7 +136,7 @@ def _of_xarray(value: Any) -> Particles:
     axes = [a for name, a in value.variables.items() if str(name).lower() in ("x", "y", "z")]
     if len({a.dims for a in axes}) > 1:
         raise ValueError("Dataset: expected x, y and z along one dimension of particles, got the "
-                         "axes of a grid; gb.Volume takes a grid")  # fmt: skip
+                         "axes of a grid; gb.volumes.Volume takes a grid")  # fmt: skip
     return _of_columns(value, {str(name): value[name] for name in value.variables})
 
 

@@ -17,7 +17,7 @@ from ..data.particles import Particles
 from ..data.surface import vertex_particles
 from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns
-from .mesh import mesh_particles
+from .mesh import sample_mesh
 from .ply_data import Element, read_columns, read_faces
 from .size import whole_file
 
@@ -55,13 +55,13 @@ _LONGEST_HEADER = 1 << 20
 
 
 def read(path: str | os.PathLike[str], spacing: float | None = None) -> Particles:
-    """Read the vertices with all their scalar properties; with a spacing, see mesh_particles.
+    """Read the vertices with all their scalar properties; with a spacing see `globule.sample_mesh`.
 
     Where there are faces, vertices at one place become one, those of no face are dropped, the
     support is the longest edge if the file gives none, and 8-bit colors are taken as sRGB.
     """
     if spacing is not None:
-        return mesh_particles(path, spacing)
+        return sample_mesh(path, spacing)
     particles, faces = read_triangles(path)
     return vertex_particles(particles, faces) if len(faces) else particles
 

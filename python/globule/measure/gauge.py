@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.arrays import to_host
+from .._base.arrays import VectorLike, to_host
 from .._base.checks import shown, three
 from ..pieces.scene import Scene
 from .places import SamplePlane
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def gauge(
     scene: Any,
     at: ArrayLike,
-    up: ArrayLike = (0, 1, 0),
+    up: VectorLike = (0, 1, 0),
     device: str = "auto",
     threads: int = 0,
 ) -> np.ndarray:
@@ -50,10 +50,10 @@ def gauge(
     return heights if places.ndim == 2 else heights[0]
 
 
-def height_map(
+def map_heights(
     scene: Any,
     spacing: float | None = None,
-    up: ArrayLike = (0, 1, 0),
+    up: VectorLike = (0, 1, 0),
     box: Any = None,
     device: str = "auto",
     threads: int = 0,
@@ -126,7 +126,7 @@ def _polished(scene: Scene, points: np.ndarray, axis: int) -> np.ndarray:
     return value
 
 
-def up_axis(up: Any) -> tuple[int, float]:
+def up_axis(up: VectorLike) -> tuple[int, float]:
     """The axis that `up` is along, and its sign."""
     direction = np.asarray(three("up", up))
     axis = int(np.argmax(np.abs(direction)))

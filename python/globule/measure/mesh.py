@@ -88,10 +88,10 @@ class SurfaceMesh:
         write_mesh(name, self.vertices, self.faces, self.normals, self.values)
 
 
-def surface_mesh(
+def mesh_surface(
     scene: Any,
     spacing: float | None = None,
-    values: Sequence[str] = (),
+    values: Sequence[str] | str = (),
     device: str = "auto",
     threads: int = 0,
 ) -> SurfaceMesh:
@@ -105,7 +105,7 @@ def surface_mesh(
         scene: a Scene; or Particles, positions (N, 3), or the name of a file, of which a Scene
             with all defaults is made.
         spacing: edge of the cubic cells, world units; default: half the particles' spacing.
-        values: names of attributes to blend at the vertices; see `sample`.
+        values: names of attributes, or a single one, to blend at the vertices; see `sample`.
         device, threads: as for `Scene`, if a scene must be made.
 
     Raises ValueError for a spacing that makes too many cells, TypeError and ValueError naming the
@@ -131,23 +131,23 @@ def measure_surface(
 ) -> SurfaceMeasure:
     """The volume that the surface encloses, and its area.
 
-    The mesh of `surface_mesh`, and the mesh of its triangles cut into four with the new vertices
+    The mesh of `mesh_surface`, and the mesh of its triangles cut into four with the new vertices
     moved onto the surface, are wrong by a multiple of their edges' square; Richardson's
     extrapolation (1911) takes it away. The error is the sum of the magnitudes of this correction
     over all triangles, plus that of float32 coordinates. It does not cover parts of the surface
     that are smaller than a cell.
 
     Args:
-        scene, spacing, device, threads: as for `surface_mesh`.
+        scene, spacing, device, threads: as for `mesh_surface`.
 
     Returns:
         `SurfaceMeasure`; all 0 where no field reaches the threshold.
 
-    Raises as `surface_mesh` does.
+    Raises as `mesh_surface` does.
     """
     if not isinstance(scene, Scene):
         scene = surface_scene(scene, device=device, threads=threads)
-    return measured(scene, surface_mesh(scene, spacing))
+    return measured(scene, mesh_surface(scene, spacing))
 
 
 def measured(scene: Scene, mesh: SurfaceMesh) -> SurfaceMeasure:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._base.arrays import box_corners
+from .._base.arrays import VectorLike, box_corners
 from .._base.checks import number, positive, shown, three, unit, whole
 from .._base.fixed import Fixed, read_only
 from ..pieces.scene import Scene
@@ -57,7 +57,7 @@ class SamplePlane(Fixed):
             projects to along the normal. Default: the box of the particles and their supports.
     """
 
-    normal: Any
+    normal: VectorLike
     offset: float = 0.0
     spacing: float | None = None
     box: Any = None
@@ -96,8 +96,8 @@ class SampleLine(Fixed):
         n: number of places, at least 2.
     """
 
-    start: Any
-    end: Any
+    start: VectorLike
+    end: VectorLike
     n: int = 256
 
     def _check(self) -> None:

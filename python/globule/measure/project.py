@@ -13,10 +13,10 @@ from .._base.arrays import to_host
 from .._base.checks import image_size, shown, unit
 from ..data.attributes import attribute_values
 from ..data.particles import FARTHEST, Particles
+from ..fluids.likeness import assess_fluid
 from ..pieces.scene import Scene
 from ..render.camera import Camera
 from ..scene import oracle
-from ..scene.fluid import fluid_like
 from .places import SamplePlane
 from .samples import Samples
 from .surface import box_of, default_spacing, in_blocks, measured_particles
@@ -59,9 +59,9 @@ def project(
             spacing apart unless a SamplePlane says otherwise.
         volume: of the particles, world units cubed: a number or (N,). Default: an attribute mass
             (mass, masses or m) over density (density, densities or rho); else, of particles of one
-            fluid (`fluid_like`), the cube of the spacing of their smooth surface; else one over the
-            sum of the kernels at each particle. Where all supports are alike, the median of these
-            sums stands for all: at a fluid's surface they are too small.
+            fluid (`globule.fluids.assess_fluid`), the cube of the spacing of their smooth surface;
+            else one over the sum of the kernels at each particle. Where all supports are alike, the
+            median of these sums stands for all: at a fluid's surface they are too small.
         kernel: one of `globule.scene.scene.KERNELS`.
         support: of all particles, world units; default: the particles' or the scene's own, else the
             kernel's default. For parallel lines, supports below two of their distances are widened
@@ -130,7 +130,7 @@ def _fluid_volume(scene: Scene | None, particles: Particles) -> float | None:
     if all(_first(particles, known) is not None for known in (_MASSES, _DENSITIES)):
         return None
     if scene is None or scene.surface == "balls":
-        if not fluid_like(particles).yes:
+        if not assess_fluid(particles).yes:
             return None
         scene = Scene(to_host(particles.positions), device="cpu")
     return scene.fluid_spacing() ** 3 or None if scene.surface != "spheres" else None

@@ -22,7 +22,7 @@ EXTENSIONS = (".csv", ".npz", ".vti", ".vtp")
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Values at places: the result of `sample`, `height_map` and `project`.
+    """Values at places: the result of `sample`, `map_heights` and `project`.
 
     `samples["speed"]` is `samples.values["speed"]`.
 

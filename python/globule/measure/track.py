@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from typing import Any
 
 import numpy as np
 
-from ..render.sequence import KeptScene, find_files, leader, with_frames
-from .mesh import SurfaceMesh, measured, surface_mesh
+from ..render.sequence import KeptScene, are_files, find_files, leader, with_frames
+from .mesh import SurfaceMesh, measured, mesh_surface
 from .surface import default_spacing, measured_particles, surface_scene
 
 
 def track_surface(
-    frames: str | Sequence[Any] | Iterable[Any],
+    frames: str | os.PathLike[str] | Sequence[Any] | Iterable[Any],
     spacing: float | None = None,
     device: str = "auto",
     threads: int = 0,
@@ -28,7 +29,7 @@ def track_surface(
     Args:
         frames: names of files, a pattern such as "frame_*.vtk", a file with several frames,
             Particles, or arrays of positions.
-        spacing: as for `surface_mesh`; default, for all: that of the largest file or list of
+        spacing: as for `mesh_surface`; default, for all: that of the largest file or list of
             particles, unless the first is about as large; of other iterables, that of the first.
         device, threads: as for `Scene`.
         progress: called as progress(done, total), where the number of frames is known; may raise
@@ -39,12 +40,12 @@ def track_surface(
         "area_error" as in `measure_surface`, "x_min", "x_max" … "z_max" in world units; NaN for a
         frame without surface.
 
-    Raises as `surface_mesh` does, and ValueError for a pattern without files.
+    Raises as `mesh_surface` does, and ValueError for a pattern without files.
     """
-    if isinstance(frames, str):
-        frames = with_frames(find_files([frames]))
-    elif isinstance(frames, (list, tuple)) and all(isinstance(one, str) for one in frames):
-        frames = with_frames(frames)
+    if isinstance(frames, (str, os.PathLike)):
+        frames = with_frames(find_files([os.fspath(frames)]))
+    elif are_files(frames):
+        frames = with_frames(list(map(os.fspath, frames)))
     total = len(frames) if isinstance(frames, Sized) else 0
     lead = None
     if isinstance(frames, Sequence) and (at := leader(frames)):
@@ -62,7 +63,7 @@ def track_surface(
         scene = scenes.show(
             particles, lambda p: surface_scene(p, device=device, threads=threads), made
         )
-        mesh = surface_mesh(scene, spacing)
+        mesh = mesh_surface(scene, spacing)
         rows.append({"frame": number} | facts(scene, mesh))
         if progress and total:
             progress(number + 1, total)

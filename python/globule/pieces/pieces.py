@@ -17,8 +17,8 @@ from .._base.owner import Owner
 from .._base.ranks import ranks_of
 from ..data.attributes import attribute_values, checked_range, color_by, ends_of_map
 from ..data.particles import Particles
+from ..fluids.likeness import assess_fluid
 from ..scene.fitting import octree_bytes, room_on
-from ..scene.fluid import fluid_like
 from ..scene.scene import (
     DEFAULTS,
     KERNELS,
@@ -294,7 +294,7 @@ class Pieces(Owner):
         sample = Particles(near[np.lexsort(near.T)])
         scene = SceneBase(sample, device="cpu", threads=self._options["threads"])
         if auto:
-            self.surface = "smooth" if fluid_like(sample, scene).yes else "balls"
+            self.surface = "smooth" if assess_fluid(sample, scene).yes else "balls"
         if self.surface == "balls":
             self.support = float(scene.support)
         elif self.spacing is None:

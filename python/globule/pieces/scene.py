@@ -63,7 +63,7 @@ class Scene(SceneBase):
             of one fluid with one spacing; it replaces `support` and has the kernel murakami and
             the default threshold 0.5.
             "spheres": each particle is a sphere of half a spacing, with the kernel murakami and a
-            support of its own. `surface_of` tells which one `render` takes.
+            support of its own. `choose_surface` tells which one `render` takes.
         spacing: of the particles for "smooth", world units: the cube root of a particle's volume.
             Default: the scene measures the spacing at its first build and keeps it.
         comm: an mpi4py communicator. The particles are then those that this rank has, anywhere

@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 from .._base.device import choose
+from ..fluids.likeness import FEWEST, assess_fluid, flat_spacing, is_flat, is_plain
 from ..scene.fitting import counted, lacking
-from ..scene.fluid import FEWEST, flat_spacing, fluid_like, is_flat, is_plain
 from ..scene.sources import as_particles
 from .scene import Scene, SceneInPieces
 
 
 def shown_scene(value: Any, **options: Any) -> Scene:
-    """The scene, with the surface of `surface_of`, of particles or what stands for them; its own
-    octree tells which one that is."""
+    """The scene, with the surface of `choose_surface`, of particles or what stands for them; its
+    own octree tells which one that is."""
     if "surface" in options or not is_plain(options):
         return Scene(as_particles("scene", value), **options)
     value, divided = unless_divided(value, **options)
@@ -25,7 +25,7 @@ def shown_scene(value: Any, **options: Any) -> Scene:
     if is_flat(particles):
         return Scene(particles, surface="spheres", spacing=flat_spacing(particles), **options)
     scene = Scene(particles, **options)
-    if fluid_like(particles, scene).yes:
+    if assess_fluid(particles, scene).yes:
         scene.become_smooth()
     return scene
 

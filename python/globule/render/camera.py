@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base.arrays import box_corners, on_gpu
+from .._base.arrays import VectorLike, box_corners, on_gpu
 from .._base.checks import flag, image_size, number, positive, shown, three, unit
 from .._base.fixed import Fixed, read_only
 from ..data.particles import FARTHEST
@@ -50,9 +50,9 @@ class Camera(Fixed):
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
-    eye: Any
-    look_at: Any
-    up: Any = (0.0, 1.0, 0.0)
+    eye: VectorLike
+    look_at: VectorLike
+    up: VectorLike = (0.0, 1.0, 0.0)
     fov: float = 40.0
     height: float | None = None
 
@@ -79,8 +79,8 @@ class Camera(Fixed):
     def fit(
         cls,
         particles: Any,
-        direction: ArrayLike = (0.6, 0.45, 1.0),
-        up: ArrayLike = (0.0, 1.0, 0.0),
+        direction: VectorLike = (0.6, 0.45, 1.0),
+        up: VectorLike = (0.0, 1.0, 0.0),
         fov: float = 40.0,
         size: tuple[int, int] = (1024, 782),
         margin: float = 0.0,
@@ -220,7 +220,7 @@ def _short(name: str, vector: Any) -> str:
     return f"{name}=({', '.join(f'{v:.6g}' for v in vector)})"
 
 
-def view_axes(up: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def view_axes(up: VectorLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Unit vectors to the right, upwards and towards the viewer, whatever axis is upwards: x, y, z
     where it is y."""
     above = np.array(up, dtype=np.float64) / (np.linalg.norm(up) or 1.0)

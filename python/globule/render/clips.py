@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from .. import _core
+from .._base.arrays import VectorLike
 from .._base.checks import flag, number, positive, three
 from .._base.fixed import Fixed, read_only
 
@@ -24,7 +25,7 @@ class ClipPlane(Fixed):
         offset: normal · x at the plane.
     """
 
-    normal: Any
+    normal: VectorLike
     offset: float = 0.0
 
     def takes(self, points: np.ndarray) -> np.ndarray:
@@ -54,8 +55,8 @@ class ClipBox(Fixed):
         keep: keep the inside instead.
     """
 
-    lo: Any
-    hi: Any
+    lo: VectorLike
+    hi: VectorLike
     keep: bool = False
 
     def takes(self, points: np.ndarray) -> np.ndarray:
@@ -85,7 +86,7 @@ class ClipSphere(Fixed):
         keep: keep the inside instead.
     """
 
-    center: Any
+    center: VectorLike
     radius: float
     keep: bool = False
 
@@ -101,3 +102,7 @@ class ClipSphere(Fixed):
     def _packed(self) -> Any:
         center, radius = three("center", self.center), positive("radius", self.radius)
         return _core.Clip(2, flag("keep", self.keep), center, [radius, 0.0, 0.0])
+
+
+Clip: TypeAlias = "ClipPlane | ClipBox | ClipSphere"
+CLIPS = (ClipPlane, ClipBox, ClipSphere)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.arrays import box_corners, to_host
-from ..scene.fluid import shows_flat
+from .._base.arrays import VectorLike, box_corners, to_host
+from ..fluids.likeness import shows_flat
 from ..scene.mesh import Mesh
 from ..scene.scene import REACH, SceneBase
 from .annotate import Annotation, corners_to_fit, room
@@ -33,7 +33,7 @@ def fit_camera(
     return Camera.fit(seen, size=size, margin=surface_reach(scene), **options)
 
 
-def first_direction(up: ArrayLike) -> np.ndarray:
+def first_direction(up: VectorLike) -> np.ndarray:
     """From the middle of a scene towards an eye in front, a little right and above: the default of
     `Camera.fit`, whatever axis is upwards."""
     right, above, front = view_axes(up)
@@ -70,5 +70,5 @@ def fitted(
         camera = replace(camera, eye=eye, look_at=middle)
     if camera.height is not None:
         return replace(camera, height=more * camera.height)
-    eye = camera.look_at + more * np.subtract(camera.eye, camera.look_at)
-    return replace(camera, eye=tuple(eye.tolist()))
+    away = more * np.subtract(camera.eye, camera.look_at)
+    return replace(camera, eye=tuple((camera.look_at + away).tolist()))

@@ -19,7 +19,7 @@ from ..pieces.shown import shown_scene, unless_divided
 from ..scene.mesh import Mesh
 from ..scene.scene import SceneBase
 from ..scene.sources import as_particles
-from .clips import ClipBox, ClipPlane, ClipSphere
+from .clips import CLIPS, Clip
 from .materials import Material
 
 MAX_LAYERS = 4
@@ -37,14 +37,14 @@ class Layer:
         scene: a `Scene` or a `Mesh`; or an argument of `Scene`: `Particles`, positions or a file's
             name.
         material: default: the material of the settings.
-        clips: cuts through this layer alone.
+        clips: cuts through this layer alone, or a single one.
 
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     scene: Any  # a Scene or a Mesh
     material: Material | None = None
-    clips: Sequence[ClipPlane | ClipBox | ClipSphere] = ()
+    clips: Sequence[Clip] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scene", as_scene(self.scene))
@@ -53,12 +53,12 @@ class Layer:
         object.__setattr__(self, "clips", _clips(self.clips))
 
 
-def layers_by(
+def split_layers(
     particles: Particles, name: str, materials: Mapping[Any, Material | None], **options: Any
 ) -> list[Layer]:
     """Divide particles by the values of an attribute. Each part is a layer for `render`.
 
-        render(layers_by(particles, "phase", {0: water, 1: oil}), settings=…)
+        render(split_layers(particles, "phase", {0: water, 1: oil}), settings=…)
 
     Each part is a scene of its own, and the fields of two phases do not add up. Where phases touch,
     both surfaces reach beyond their outermost particles. All parts have the same support: the
@@ -221,13 +221,15 @@ def scene_like(scene: SceneBase, particles: Particles) -> Scene:
     return Scene(particles, scene.kernel, scene.threshold, **options)
 
 
-def _clips(clips: Any) -> tuple[ClipPlane | ClipBox | ClipSphere, ...]:
+def _clips(clips: Any) -> tuple[Clip, ...]:
+    if isinstance(clips, CLIPS):
+        return (clips,)
     try:
         found = tuple(clips)
     except (TypeError, NotImplementedError):  # the latter: a memoryview
         expected = "a list of ClipPlane, ClipBox or ClipSphere"
         raise TypeError(f"clips: expected {expected}, got {shown(clips)}") from None
     for clip in found:
-        if not isinstance(clip, (ClipPlane, ClipBox, ClipSphere)):
+        if not isinstance(clip, CLIPS):
             raise TypeError(f"clips: expected ClipPlane, ClipBox or ClipSphere, got {shown(clip)}")
     return found

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from .._base.arrays import address
+from .._base.arrays import ColorLike, VectorLike, address
 from .._base.checks import number, three, unit
 from .._base.fixed import Fixed, fixed, read_only
 
@@ -26,7 +27,7 @@ class Headlight(Fixed):
         radiance: (3,) linear RGB, or one number for all three.
     """
 
-    radiance: Any = (0.35, 0.35, 0.35)
+    radiance: ColorLike = (0.35, 0.35, 0.35)
 
     def _check(self) -> None:
         self._pack()
@@ -47,8 +48,8 @@ class DirectionalLight(Fixed):
             angles give soft shadows, which several samples per pixel make smooth.
     """
 
-    direction: Any = (-0.4, 1.0, 0.6)
-    radiance: Any = (0.75, 0.73, 0.70)
+    direction: VectorLike = (-0.4, 1.0, 0.6)
+    radiance: ColorLike = (0.75, 0.73, 0.70)
     angle: float = 0.0
 
     def _check(self) -> None:
@@ -71,8 +72,8 @@ class PointLight(Fixed):
         radius: world units; 0 gives hard shadows.
     """
 
-    position: Any
-    radiance: Any = (0.75, 0.75, 0.75)
+    position: VectorLike
+    radiance: ColorLike = (0.75, 0.75, 0.75)
     radius: float = 0.0
 
     def _check(self) -> None:
@@ -81,6 +82,10 @@ class PointLight(Fixed):
     def _pack(self) -> tuple:
         radius = number("radius", self.radius, 0.0)
         return 2, three("position", self.position), three("radiance", self.radiance, 0.0), radius
+
+
+Light: TypeAlias = "Headlight | DirectionalLight | PointLight"
+LIGHTS = (Headlight, DirectionalLight, PointLight)
 
 
 @read_only
@@ -93,10 +98,10 @@ class Sky(Fixed):
         up: (3,) world, towards the zenith.
     """
 
-    zenith: Any = (0.30, 0.48, 0.80)
-    horizon: Any = (0.85, 0.90, 0.95)
-    ground: Any = (0.30, 0.28, 0.26)
-    up: Any = (0.0, 1.0, 0.0)
+    zenith: ColorLike = (0.30, 0.48, 0.80)
+    horizon: ColorLike = (0.85, 0.90, 0.95)
+    ground: ColorLike = (0.30, 0.28, 0.26)
+    up: VectorLike = (0.0, 1.0, 0.0)
 
     def _check(self) -> None:
         self._pack()
@@ -118,7 +123,7 @@ class Sky(Fixed):
         }
 
 
-def uniform_sky(color: Any) -> Sky:
+def uniform_sky(color: ColorLike) -> Sky:
     """The same radiance, (3,) linear RGB or one number, from everywhere."""
     return Sky(color, color, color)
 
@@ -133,7 +138,8 @@ class Environment(Fixed):
 
     Args:
         image: (H, W, 3) linear RGB radiance, equirectangular, row 0 at the zenith; at most 32768
-            pixels a side. `globule.read_environment` reads one.
+            pixels a side. Or the name of a file: .hdr, .exr, .png or .jpg, in which the light of
+            8-bit pictures is sRGB and 1 is white.
         strength: factor of the radiance.
         up: (3,) world, towards the zenith.
         turn: rotation about `up`, degrees.
@@ -141,16 +147,20 @@ class Environment(Fixed):
 
     image: Any = field(repr=False)
     strength: float = 1.0
-    up: Any = (0.0, 1.0, 0.0)
+    up: VectorLike = (0.0, 1.0, 0.0)
     turn: float = 0.0
 
     def __post_init__(self) -> None:
+        image = self.image
+        if isinstance(image, (str, os.PathLike)):
+            from ..formats.pictures.environment import read_environment
+
+            image = read_environment(image)
         try:
-            image = np.ascontiguousarray(self.image, np.float32)
+            image = np.ascontiguousarray(image, np.float32)
         except (TypeError, ValueError):
             raise TypeError(
-                f"image: expected an array (H, W, 3), got {type(self.image).__name__}; "
-                "globule.read_environment reads a file"
+                f"image: expected an array (H, W, 3) or a file's name, got {type(image).__name__}"
             ) from None
         if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape or max(image.shape) > 32768:
             raise ValueError(f"image: expected shape (H, W, 3), got {image.shape}")
@@ -207,9 +217,9 @@ class Ground(Fixed):
     """
 
     height: float
-    normal: Any = (0.0, 1.0, 0.0)
-    color: Any = (0.75, 0.75, 0.75)
-    other: Any = (0.55, 0.55, 0.55)
+    normal: VectorLike = (0.0, 1.0, 0.0)
+    color: ColorLike = (0.75, 0.75, 0.75)
+    other: ColorLike = (0.55, 0.55, 0.55)
     check: float = 0.0
     reflection: float = 0.0
 

@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Any
 
 from .. import _core
+from .._base.arrays import ColorLike
 from .._base.fixed import Fixed, read_only
 from .._base.settings import RADIANCE, SHARE, Number, check_all, setting
 
@@ -33,9 +34,10 @@ class Material(Fixed):
     index: float | None = setting(Number(1.0, 4.0), None, "index of refraction, such as 1.33 for "
         "water and 1.5 for glass. Reflection then follows Fresnel's equations too",
         label="Refractive index", usual="the preset's, else the particles'")  # fmt: skip
-    color: Any = setting(RADIANCE, None, "color of the surface", usual="the particles'")
-    absorption: Any = setting(RADIANCE, None, "absorption inside the medium after Beer's law",
-        "per world unit",
+    color: ColorLike | None = setting(RADIANCE, None, "color of the surface",
+        usual="the particles'")  # fmt: skip
+    absorption: ColorLike | None = setting(RADIANCE, None, "absorption inside the medium after "
+        "Beer's law", "per world unit",
         usual="the preset's, else the surface's color filters the light that enters")  # fmt: skip
     roughness: float = setting(SHARE, 0.0, "roughness of reflection and refraction. After GGX "
         "(Walter et al. 2007); several samples per pixel make it smooth")  # fmt: skip

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.arrays import to_host
+from .._base.arrays import ColorLike, VectorLike, to_host
 from ..pieces.scene import Scene
 from ..scene.mesh import Mesh
 from ..scene.scene import REACH
@@ -18,13 +18,13 @@ from .materials import Material
 from .settings import RenderSettings, extent_of
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    pass
 
 GROUNDS = {"plain": 0.0, "checker": 1 / 4}  # edges of their squares, of the scene's extent
 PRESETS = ("blood", "water", "glass", "tissue", "clay", "flat")
 
 
-def preset(name: str, scene: Scene | Mesh, up: ArrayLike = (0.0, 1.0, 0.0)) -> RenderSettings:
+def load_preset(name: str, scene: Scene | Mesh, up: VectorLike = (0.0, 1.0, 0.0)) -> RenderSettings:
     """Settings that show a scene as blood, water, glass, tissue or clay, or flat.
 
     Blood, water and glass have colors of their own; tissue and clay show the particles'. Flat is no
@@ -59,7 +59,7 @@ def preset(name: str, scene: Scene | Mesh, up: ArrayLike = (0.0, 1.0, 0.0)) -> R
 LOWEST = 256  # particles below which the surface is looked for
 
 
-def ground_height(scene: Scene | Mesh, up: ArrayLike = (0.0, 1.0, 0.0)) -> float:
+def ground_height(scene: Scene | Mesh, up: VectorLike = (0.0, 1.0, 0.0)) -> float:
     """Height along `up`, world units, of a ground that touches the scene's surface from below."""
     _, up, _ = view_axes(up)
     if isinstance(scene, Mesh):
@@ -87,7 +87,7 @@ def _per(length: float, *values: float) -> tuple[float, ...]:
 class _Stage:
     """The directions and the ground of a scene."""
 
-    def __init__(self, scene: Scene | Mesh, up: Any):
+    def __init__(self, scene: Scene | Mesh, up: VectorLike):
         self.right, self.up, self.front = view_axes(up)
         self.height = ground_height(scene, self.up)
         if isinstance(scene, Mesh):
@@ -95,19 +95,21 @@ class _Stage:
         else:
             self.colored = scene.particles.color is not None
 
-    def sun(self, radiance: Any, angle: float, right: float = -0.5) -> DirectionalLight:
+    def sun(self, radiance: ColorLike, angle: float, right: float = -0.5) -> DirectionalLight:
         """A light from above, a little in front, and `right` to the right, along `view_axes`."""
         towards = right * self.right + 1.0 * self.up + 0.45 * self.front
         return DirectionalLight(towards, radiance, angle)
 
-    def own_color(self, color: Any) -> Any:
+    def own_color(self, color: ColorLike) -> Any:
         """None where the particles have colors, for a material to show them."""
         return None if self.colored else color
 
-    def ground(self, color: Any, other: Any = None, check: float = 0.0) -> Ground:
+    def ground(
+        self, color: ColorLike, other: ColorLike | None = None, check: float = 0.0
+    ) -> Ground:
         return Ground(self.height, self.up, color, color if other is None else other, check)
 
-    def sky(self, zenith: Any, horizon: Any, ground: Any) -> Sky:
+    def sky(self, zenith: ColorLike, horizon: ColorLike, ground: ColorLike) -> Sky:
         return Sky(zenith, horizon, ground, self.up)
 
 

@@ -12,7 +12,7 @@ from ..pieces.scene import Scene, SceneInPieces, SceneOnRanks
 from ..scene.thesis import Thesis
 from .annotate import Annotation, traced_size
 from .camera import Camera
-from .clips import ClipBox, ClipPlane, ClipSphere
+from .clips import Clip
 from .frame import Frame
 from .layers import in_pieces, layers_of
 from .pieces.image import render_pieces
@@ -28,7 +28,7 @@ def render(
     camera: Camera | tuple[int, int] | None = None,
     size: tuple[int, int] | Camera | RenderSettings | Mapping[str, Any] = SIZE,
     settings: RenderSettings | Mapping[str, Any] | None = None,
-    clips: Sequence[ClipPlane | ClipBox | ClipSphere] = (),
+    clips: Clip | Sequence[Clip] = (),
     thesis: Thesis | None = None,
     *,
     color_by: str | None = None,
@@ -55,7 +55,7 @@ def render(
             size may replace the camera; settings may follow it.
         size: (width, height) pixels.
         settings: `RenderSettings`, or a dict of its fields.
-        clips: cuts through every scene.
+        clips: cuts through every scene, or a single one.
         thesis: trace the camera's rays as the source thesis does, with these choices; default:
             exactly.
         color_by: color the particles, or a mesh's vertices, by a field or attribute, instead of

@@ -36,7 +36,7 @@ from ..pieces.shown import shown_scene
 from .annotate import Annotation, bounds_of, drawing, traced_size
 from .camera import Camera
 from .camera_path import CameraPath
-from .clips import ClipBox, ClipPlane, ClipSphere
+from .clips import Clip
 from .fit import fitted
 from .frame import save_png
 from .render import camera_and_size, render
@@ -177,15 +177,16 @@ def read_ahead(items: Iterable[Any], n_ahead: int = 1) -> Iterator[Any]:
         stopped.set()
 
 
-def value_range(
-    frames: Iterable[Particles | str | os.PathLike[str]],
+def find_value_range(
+    frames: Particles | str | os.PathLike[str] | Iterable[Particles | str | os.PathLike[str]],
     name: str,
     progress: Callable[[int, int], object] | None = None,
 ) -> tuple[float, float]:
     """Lowest and highest finite value over all frames; (0, 1) if no value is finite.
 
     Args:
-        frames: `Particles`, or files' names.
+        frames: `Particles`, or files' names; or a single one, a pattern such as "frame_*.vtk", or a
+            file with several frames.
         name: as for `color_by`: an axis, a field, an attribute (a vector's length), or NAME:0 …
         progress: called as progress(done, total) after each frame; total is 0 if `frames` has no
             length. May raise to stop.
@@ -193,6 +194,10 @@ def value_range(
     Raises ValueError if a frame has no values of this name; FormatError, OSError for a file that
     cannot be read.
     """
+    if isinstance(frames, Particles):
+        frames = [frames]
+    elif isinstance(frames, (str, os.PathLike)):
+        frames = with_frames(find_files([os.fspath(frames)]))
     lo, hi = np.inf, -np.inf
     n = len(frames) if isinstance(frames, Sized) else 0
     for i, frame in enumerate(frames):
@@ -375,7 +380,7 @@ def render_sequence(
     n_frames: int | None = None,
     resume: bool = False,
     *,
-    clips: Sequence[ClipPlane | ClipBox | ClipSphere] = (),
+    clips: Clip | Sequence[Clip] = (),
     color_by: str | None = None,
     colormap: str = "viridis",
     range: tuple[float, float] | None = None,
@@ -435,7 +440,7 @@ def render_sequence(
         n_frames = n_views
     if isinstance(source, (str, os.PathLike)):
         source = with_frames(find_files([os.fspath(source)]))
-    elif _are_files(source):
+    elif are_files(source):
         source = with_frames(list(map(os.fspath, source))[:n_frames])
     if color_by is not None:
         settings = for_values(settings)
@@ -497,7 +502,7 @@ def render_sequence(
     return names
 
 
-def _are_files(source: Any) -> bool:
+def are_files(source: Any) -> bool:
     """Whether a source is a list of files' names."""
     listed = isinstance(source, Sequence) and len(source) > 0
     return listed and all(isinstance(one, (str, os.PathLike)) for one in source)
@@ -511,11 +516,9 @@ def _is_size(camera: Any) -> bool:
 
 def _range_of(source: Any, name: str) -> tuple[float, float]:
     """The values of `name` in all frames."""
-    if isinstance(source, Particles):
-        source = [source]
-    if not isinstance(source, Sequence):
+    if not isinstance(source, (Particles, Sequence)):
         raise ValueError("range: expected (lo, hi) for frames that are not there yet, got None")
-    return value_range(source, name)
+    return find_value_range(source, name)
 
 
 def _views(camera: Any, fps: float) -> tuple[Callable[[int], Camera], int | None]:
@@ -538,7 +541,7 @@ def _frames(
         source = itertools.repeat(source)
     elif hasattr(source, "step"):
         source = _steps(source)
-    if _are_files(source):
+    if are_files(source):
         files = list(source)[:n_frames]
         yield from read_ahead((i, read(f) if wanted(i) else None) for i, f in enumerate(files))
         return

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
+from .._base.arrays import ColorLike
 from .._base.checks import shown, three
 from .._base.fixed import Fixed, read_only
 from .._base.settings import (
@@ -27,12 +28,13 @@ from .._base.settings import (
 from ..scene.mesh import Mesh
 from ..scene.scene import SceneBase
 from .lights import (
+    LIGHTS,
     MAX_LIGHTS,
     DirectionalLight,
     Environment,
     Ground,
     Headlight,
-    PointLight,
+    Light,
     Sky,
     uniform_sky,
 )
@@ -62,13 +64,14 @@ class RenderSettings(Fixed):
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
-    lights: Sequence[Headlight | DirectionalLight | PointLight] = setting(
-        Each(Made(Headlight, DirectionalLight, PointLight), most=MAX_LIGHTS),
-        (Headlight(), DirectionalLight()), f"lights, up to {MAX_LIGHTS}")  # fmt: skip
-    ambient: Any = setting(Ambient(), (0.16, 0.18, 0.21), "radiance of the ambient light, which "
-        "comes from everywhere, or `sky` for the sky's own")  # fmt: skip
-    background: Any = setting(RADIANCE, (0.93, 0.94, 0.96), "radiance of the background, where "
-        "there is no sky", step=0.05)  # fmt: skip
+    lights: Sequence[Light] = setting(
+        Each(Made(*LIGHTS), most=MAX_LIGHTS),
+        (Headlight(), DirectionalLight()),
+        f"lights, up to {MAX_LIGHTS}, or a single one")  # fmt: skip
+    ambient: ColorLike | str = setting(Ambient(), (0.16, 0.18, 0.21), "radiance of the ambient "
+        "light, which comes from everywhere, or `sky` for the sky's own")  # fmt: skip
+    background: ColorLike = setting(RADIANCE, (0.93, 0.94, 0.96), "radiance of the background, "
+        "where there is no sky", step=0.05)  # fmt: skip
     material: Material = setting(Made(Material), Material(), "material of every scene that has "
         "none of its own")  # fmt: skip
     specular: float = setting(Number(0.0), 0.22, "highlight of the lights, for materials without a "
@@ -105,6 +108,8 @@ class RenderSettings(Fixed):
         usual="3 where a layer has a smooth surface or shows 2-D data, else 0")  # fmt: skip
 
     def _check(self) -> None:
+        if isinstance(self.lights, LIGHTS):
+            object.__setattr__(self, "lights", (self.lights,))
         self._packed  # noqa: B018  making it checks the fields
 
     @cached_property
@@ -221,7 +226,7 @@ def as_settings(value: RenderSettings | Mapping[str, Any] | None) -> RenderSetti
     if isinstance(value, str):
         raise TypeError(
             f"settings: expected RenderSettings or a dict of its fields, got {shown(value)}; "
-            f"globule.preset({value!r}, scene) makes a preset's"
+            f"globule.load_preset({value!r}, scene) makes a preset's"
         )
     if not isinstance(value, Mapping):
         raise TypeError(

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..data import attributes
 from ..data.particles import Particles
-from ..scene.fluid import shows_flat
+from ..fluids.likeness import shows_flat
 from ..scene.mesh import Mesh
 from ..scene.scene import SceneBase
 from ..scene.thesis import Thesis, check_tracing

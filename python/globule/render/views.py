@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import VectorLike
 from .._base.checks import image_size, shown
-from ..scene.fluid import shows_flat
+from ..fluids.likeness import shows_flat
 from ..scene.scene import SceneBase
 from ..scene.thesis import Thesis
 from .annotate import (
@@ -24,7 +25,7 @@ from .annotate import (
     traced_size,
 )
 from .camera import Camera, view_axes
-from .clips import ClipBox, ClipPlane, ClipSphere
+from .clips import Clip
 from .fit import fitted
 from .frame import Frame, save_png
 from .layers import layers_of
@@ -68,7 +69,7 @@ def view_cameras(
     scene: Any,
     views: Sequence[str | Camera],
     size: tuple[int, int],
-    up: Any = (0.0, 1.0, 0.0),
+    up: VectorLike = (0.0, 1.0, 0.0),
     fov: float = 40.0,
     around: Any = None,
     annotation: Annotation | None = None,
@@ -196,13 +197,13 @@ def draw_views(
 
 def render_views(
     scene: Any,
-    views: Iterable[str | Camera] = ("front", "top", "side", "iso"),
+    views: str | Camera | Iterable[str | Camera] = ("front", "top", "side", "iso"),
     size: tuple[int, int] = (1024, 782),
     settings: RenderSettings | Mapping[str, Any] | None = None,
-    clips: Sequence[ClipPlane | ClipBox | ClipSphere] = (),
+    clips: Clip | Sequence[Clip] = (),
     thesis: Thesis | None = None,
     *,
-    up: Any = (0.0, 1.0, 0.0),
+    up: VectorLike = (0.0, 1.0, 0.0),
     color_by: str | None = None,
     colormap: str = "viridis",
     range: tuple[float, float] | None = None,

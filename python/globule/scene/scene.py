@@ -446,7 +446,7 @@ class SceneBase(Owner):
         """Integrals along rays: the sum over the particles of value * the integral of b(r) from
         the ray's origin on, weights left out; in closed form, with float64 sums in Morton order.
 
-        `globule.project` makes column densities of them.
+        `globule.measure.project` makes column densities of them.
 
         Args:
             origins: (M, 3) world; NumPy or on the scene's device.

@@ -4,20 +4,35 @@ particles, of globule or of another package."""
 from __future__ import annotations
 
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
 from .._base.arrays import on_gpu
 from ..data.particles import Particles
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 # What to call for objects of later rooms and for likely mistakes, by the name of their type.
 _INSTEAD = {
-    "Volume": "; globule.iso_surface(volume).particles are those of its surface",
-    "Sweep": "; globule.reconstruct(sweep) makes a volume, globule.iso_surface its surface",
+    "Volume": "; globule.volumes.extract_iso_surface(volume).particles are those of its surface",
+    "Sweep": "; globule.ultrasound.reconstruct(sweep) makes a volume, "
+    "globule.volumes.extract_iso_surface its surface",
     "Layer": "; globule.render(layer) shows it",
     "dict": "; globule.Particles(**fields) takes a dict of fields",
 }
+
+
+class HasParticles(Protocol):
+    """An object with particles, such as a simulation."""
+
+    @property
+    def particles(self) -> Particles:
+        """The particles as they are now."""
+
+
+ParticlesLike: TypeAlias = "Particles | ArrayLike | str | os.PathLike[str] | HasParticles"
 _EXPECTED = "a Scene, Particles, positions (N, 3) or a file's name"
 
 

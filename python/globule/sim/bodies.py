@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..data.particles import Particles
-from ..scene.spacing import local_spacing
+from ..fluids.spacing import measure_spacing
 from .limits import NEAR, shape_of
 from .overlap import check_overlap
 from .rigidity import young_of_rigidity
@@ -222,7 +222,7 @@ def _shape(table: Any) -> Any:
 def scene_of_particles(particles: Particles) -> dict[str, Any]:
     """A scene of a fluid in its own box with walls, and as much room again above it: fluid that
     fills its box cannot flow. The particles themselves are not in it."""
-    d = float(np.median(local_spacing(particles.positions, k=3)))
+    d = float(np.median(measure_spacing(particles.positions, k=3)))
     lo, hi = (corner.astype(float) for corner in particles.bounds())
     hi[2] += hi[2] - lo[2] + d
     domain = {"lo": lo - d / 2, "hi": hi + d / 2, "walls": True}

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import VectorLike
 from .._base.checks import shown
 from .._base.settings import Number, Setting, Switch, settings_of
 from .scene_file import Emitter as Table
@@ -37,8 +38,8 @@ class Emitter(Steered):
 
     def __init__(
         self,
-        center: Any,
-        direction: Any,
+        center: VectorLike,
+        direction: VectorLike,
         radius: float,
         rate: float,
         fluid: str | None = None,

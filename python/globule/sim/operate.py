@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import address
+from .._base.arrays import VectorLike, address
 from .._base.checks import number, shown
 from .._base.interrupts import whole
 from .arrays import check_finite, ids_of, vector
@@ -148,7 +148,7 @@ class BondedTissue(Part):
         return cut(self._core, blade if relative else replace(blade, n_moving=0))
 
     @whole
-    def ablate(self, center: Any, radius: float) -> np.ndarray:
+    def ablate(self, center: VectorLike, radius: float) -> np.ndarray:
         """Remove the tissue within a ball; fixed particles stay.
 
         Args:
@@ -177,7 +177,7 @@ class BondedTissue(Part):
         return ids[hold == GONE]
 
     @whole
-    def suture(self, center: Any, radius: float) -> int:
+    def suture(self, center: VectorLike, radius: float) -> int:
         """Join cut tissue again: bonds within a ball that were cut or torn become whole.
 
         The lips must lie together (hold them with graspers): bonds whose ends are more than
@@ -210,7 +210,7 @@ class BondedTissue(Part):
         return len(joined) // 2  # each stands at both of its ends
 
     @whole
-    def cauterize(self, center: Any, radius: float) -> int:
+    def cauterize(self, center: VectorLike, radius: float) -> int:
         """Close the vessels within a ball: their bonds bleed neither now nor when cut later.
 
         Args:
@@ -359,7 +359,7 @@ class BondedTissue(Part):
 
 
 def _within(
-    arrays: dict[str, np.ndarray], n: int, entries: np.ndarray, center: Any, radius: float
+    arrays: dict[str, np.ndarray], n: int, entries: np.ndarray, center: VectorLike, radius: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Those of the entries of n particles' bonds whose middles lie in a ball; how far apart their
     ends are, m."""

@@ -15,7 +15,7 @@ from ..render.camera import Camera
 from ..render.fit import first_direction, fit_camera
 from ..render.frame import Frame
 from ..render.layers import beside, scene_like
-from ..render.presets import preset
+from ..render.presets import load_preset
 from ..render.render import render
 from ..render.sequence import KeptScene, MovieFrames
 from ..render.settings import RenderSettings, for_values
@@ -40,7 +40,7 @@ class Eye:
         self._camera: Camera | None = None
         self._settings: RenderSettings | None = None
         self._kept = KeptScene()
-        if self.view.eye is not None:
+        if self.view.eye is not None and self.view.look_at is not None:
             self._camera = Camera(self.view.eye, self.view.look_at, self.view.up, self.view.fov)
 
     def picture(self, sim: Any) -> Frame:
@@ -73,7 +73,7 @@ class Eye:
     def _light(self, scene: Scene) -> RenderSettings:
         if self.view.look is None:
             return RenderSettings()
-        settings = preset(self.view.look, scene, self.view.up)
+        settings = load_preset(self.view.look, scene, self.view.up)
         if self.view.ground is None or settings.ground is None:
             return settings
         return replace(settings, ground=replace(settings.ground, height=self.view.ground))

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import VectorLike
 from .._base.settings import Choice, Setting, check_all, documented, same, setting, settings_of
 from .scene_file import IMPLICIT_FROM, Boundary, Domain, Fluid, Rigid, SceneFile, Solid, Solver
 from .schema import NAME
@@ -119,7 +120,7 @@ class Settings(Steered, Solver):
     spacing: float = same(SceneFile, "spacing")
     fine_fluids: bool = same(SceneFile, "fine_fluids")
     domain: Domain = same(SceneFile, "domain")
-    gravity: Any = same(SceneFile, "gravity")
+    gravity: VectorLike = same(SceneFile, "gravity")
 
     def __post_init__(self) -> None:
         super().__post_init__()

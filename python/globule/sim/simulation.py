@@ -194,7 +194,7 @@ class Simulation(Owner):
             ValueError: the name exists already, or the phase is the 33rd.
         """
         if not isinstance(phase, Phase):
-            raise TypeError(f"phase: expected a gb.Phase, got {shown(phase)}")
+            raise TypeError(f"phase: expected a gb.sim.Phase, got {shown(phase)}")
         if len(self.phases) == MAX_PHASES:
             n = MAX_PHASES + 1
             raise ValueError(f"phases: expected at most {MAX_PHASES}, got {n} with {phase.name!r}")

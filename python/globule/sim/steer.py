@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import address
+from .._base.arrays import VectorLike, address
 from .._base.checks import number, shown
 from .._base.interrupts import whole
 from .arrays import check_finite, ids_of, numbers, vector
@@ -29,7 +29,7 @@ class Steer(Part):
         self._bodies: set[int] = set()  # phases that make_rigid was given
 
     @whole
-    def apply_force(self, force: Any, ids: Any = None) -> None:
+    def apply_force(self, force: VectorLike, ids: Any = None) -> None:
         """Apply a force to each particle during the next step; several calls add up.
 
         Args:
@@ -84,7 +84,11 @@ class Steer(Part):
 
     @whole
     def make_rigid(
-        self, phase: str, density: float, velocity: Any = (0, 0, 0), spin: Any = (0, 0, 0)
+        self,
+        phase: str,
+        density: float,
+        velocity: VectorLike = (0, 0, 0),
+        spin: VectorLike = (0, 0, 0),
     ) -> None:
         """Make one rigid body of the particles of a phase, which fill the body.
 

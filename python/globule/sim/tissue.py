@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from .._base.arrays import address
+from .._base.arrays import VectorLike, address
 from .._base.device import choose
 from .._base.owner import Owner
 from .blade import Blade, as_blade
@@ -101,7 +101,7 @@ class Tissue(Owner):
         self._core.instruments(list(motions), list(shapes))
 
     def advance(
-        self, dt: float, gravity: Any = (0, 0, 0), substeps: int = 0, iterations: int = 1
+        self, dt: float, gravity: VectorLike = (0, 0, 0), substeps: int = 0, iterations: int = 1
     ) -> int:
         """Move by dt seconds under gravity (3,) m/s²; returns the number of substeps."""
         return self._core.advance(dt, substeps, iterations, [float(g) for g in gravity])
@@ -119,7 +119,7 @@ class Tissue(Owner):
         """Cut the bonds that a blade crosses, as `BondedTissue.cut`; returns their number."""
         return cut(self._core, as_blade(blade))
 
-    def grasp(self, center: Any, radius: float, number: int = 0) -> None:
+    def grasp(self, center: VectorLike, radius: float, number: int = 0) -> None:
         """Hold the free particles within a ball (m), and release the old grasp `number`."""
         self._core.grasp([float(v) for v in center], radius, number)
 
@@ -136,7 +136,7 @@ class Tissue(Owner):
         own = np.asarray(self._core.felt()).reshape(-1, 6)[which]
         return own[:3], own[3:]
 
-    def remove(self, center: Any, radius: float) -> int:
+    def remove(self, center: VectorLike, radius: float) -> int:
         """Remove the particles within a ball (m); returns their number."""
         center = [float(v) for v in center]
         return self._core.remove((BALL, center, center, radius, [0.0, 0.0, 0.0]))

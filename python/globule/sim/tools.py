@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import address
+from .._base.arrays import VectorLike, address
 from .._base.checks import number as finite
 from .._base.checks import shown
 from .._base.checks import whole as int_in
@@ -225,7 +225,7 @@ class Tools(Named):
         self._pushers: list[Any] = []
 
     @whole
-    def grasp(self, center: Any, radius: float, number: int = 0) -> int:
+    def grasp(self, center: VectorLike, radius: float, number: int = 0) -> int:
         """Hold the free tissue within a ball; `move_grasp` moves the held tissue.
 
         Args:
@@ -254,8 +254,8 @@ class Tools(Named):
 
     @whole
     def move_grasp(
-        self, number: int = 0, velocity: Any = (0, 0, 0), spin: Any = (0, 0, 0),
-        center: Any = (0, 0, 0),
+        self, number: int = 0, velocity: VectorLike = (0, 0, 0), spin: VectorLike = (0, 0, 0),
+        center: VectorLike = (0, 0, 0),
     ) -> None:  # fmt: skip
         """Set the motion of a grasp: velocity m/s, and spin rad/s about center m, (3,) each; errors
         as for `grasp`."""

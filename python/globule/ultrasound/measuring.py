@@ -61,7 +61,7 @@ class MeasuredDistance(NamedTuple):
     between: str = "edges"
 
 
-def error_length(sweep: Sweep, spacing: float) -> float:
+def find_error_length(sweep: Sweep, spacing: float) -> float:
     """How far the errors of a volume of method `frames` are correlated, mm.
 
     Up to 4 frames are predicted from their neighbors. The edge is the cube root of the product of
@@ -134,7 +134,7 @@ def measure_volume(
 
     Args:
         volume: with the map `uncertainty` (method `frames`).
-        correlation: mm, see `error_length`.
+        correlation: mm, see `find_error_length`.
         above, below: gray level, one of them.
         center, radius: mm, world: only voxels in this ball count; default: all.
 
@@ -201,7 +201,7 @@ def measure_distance(
     Args:
         volume: with the map `uncertainty` (method `frames`).
         start, end: (3,) mm, world: points outside of the object or of the echoes, on both sides.
-        correlation: mm, see `error_length`.
+        correlation: mm, see `find_error_length`.
         width: mm, diameter of the disc across the line over which the profile is averaged.
 
     Raises ValueError: naming the argument, or that no two edges are found.

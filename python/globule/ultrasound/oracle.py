@@ -26,7 +26,8 @@ def reconstruct(
     max_distance: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values (Z, Y, X) float64, rounded where the frames are integers, and kernel radii (Z, Y, X)
-    uint8, as `Volume` has them. Arguments as for `globule.reconstruct`; max_distance for method
+    uint8, as `Volume` has them. Arguments as for `globule.ultrasound.reconstruct`; max_distance for
+    method
     frames only."""
     valid = np.flatnonzero(sweep.valid)
     frames = np.ascontiguousarray(sweep.frames[valid], np.float64)

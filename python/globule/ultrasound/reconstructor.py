@@ -67,7 +67,7 @@ class Reconstructor(Owner):
             frames, like other compoundings. The volume has the maps of count, variance and latest
             frame while the reconstructor keeps all its frames.
         max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads,
-        extrapolate: as for `globule.reconstruct`.
+        extrapolate: as for `globule.ultrasound.reconstruct`.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
@@ -93,7 +93,7 @@ class Reconstructor(Owner):
         )
         if compounding == "median":
             raise ValueError(
-                "compounding: a median needs all frames at once, use globule.reconstruct"
+                "compounding: a median needs all frames at once, use globule.ultrasound.reconstruct"
             )
         self._lock = threading.RLock()
         self._region = region

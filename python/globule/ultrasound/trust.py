@@ -59,7 +59,7 @@ def cross_validate(
         sweep: at least 2 k valid frames.
         k: folds: the valid frames are dealt out in turn, so that every k-th is left out at a time
             and each is predicted once, but for the first and the last, which nothing encloses.
-        method, options: those of `globule.reconstruct.reconstruct`.
+        method, options: those of `globule.ultrasound.reconstruct`.
         reconstruct: another function of that form.
 
     Raises ValueError if there are too few frames for k folds.

@@ -46,7 +46,7 @@ def view(
         up: (3,) upward direction, world; default: y, for volumes and sweeps z.
         camera: the `Camera` with which every browser starts; default: everything is visible.
         state: settings: the path of a TOML file, or a `globule.viewer.state.State`.
-        preset: a name in `globule.presets.PRESETS`.
+        preset: a name in `globule.render.presets.PRESETS`.
         browser: open the page in a browser of this machine.
         block: wait until Ctrl-C; default: yes in a program, no in an interactive session.
         device, threads: as for `Scene`.

@@ -159,14 +159,14 @@ def python_code(
         for field in dataclasses.fields(settings)
         if not _same(getattr(settings, field.name), getattr(plain, field.name))
     ]
-    thesis = f", gb.Thesis(root={surface.root!r})" if surface.root != "exact" else ""
+    thesis = f", Thesis(root={surface.root!r})" if surface.root != "exact" else ""
     lines = ["import globule as gb", *_imports(state), "", *origin.code]
     if color.by:
         ends = "values.min(), values.max()" if color.automatic else f"{color.low!r}, {color.high!r}"
         lines += [
             f"values = attribute_values(particles, {color.by!r})",
             f"ends = {ends}",
-            f"particles.color = colorize(values, {color.colormap!r}, *ends)",
+            f"particles.color = gb.colorize(values, {color.colormap!r}, *ends)",
         ]
     more = ""
     by_pixel = bool(color.by) and settings.is_flat  # a `color_by`, which takes one scene
@@ -189,8 +189,8 @@ def python_code(
         words += f", unit={color.legend_unit!r}" if color.legend_unit else ""
         words += f", position={color.legend_at!r}" if color.legend_at != "lower-right" else ""
         lines += [
-            f"picture = add_legend(frame.picture, {color.colormap!r}, *ends, {words})",
-            'save_png("picture.png", picture)',
+            f"picture = gb.add_legend(frame.picture, {color.colormap!r}, *ends, {words})",
+            'gb.save_png("picture.png", picture)',
         ]
     else:
         lines += ['frame.save("picture.png")']
@@ -214,13 +214,10 @@ def _scene_words(source: Source, scene: Any, state: State) -> str:
 
 
 def _imports(state: State) -> list[str]:
-    if not state.color.by:
-        return []
-    lines = [
-        "from globule.data.attributes import attribute_values",
-        "from globule import colorize",
-    ]
-    return lines + ["from globule import add_legend, save_png"] * state.color.legend
+    lines = ["from globule.scene.thesis import Thesis"] * (state.surface.root != "exact")
+    if state.color.by:
+        lines += ["from globule.data.attributes import attribute_values"]
+    return lines
 
 
 def _code(value: Any) -> str:

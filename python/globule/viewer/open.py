@@ -40,7 +40,8 @@ def open_source(what: Any, device: str = "auto", threads: int = 0, **reading: An
         what: a path, several paths (a sequence), the name of a shipped simulation, a scene's .toml,
             igtl://host:port, or an object.
         device, threads: as for `Scene`.
-        reading: keywords of `globule.read` (level, labels, spacing) or `globule.read_sweep`.
+        reading: keywords of `globule.read` (level, labels, spacing) or
+            `globule.ultrasound.read_sweep`.
 
     Raises:
         MissingPackageError: a live stream without the extra `live`.
@@ -145,7 +146,7 @@ def _medical(name: str, common: dict[str, Any], reading: dict[str, Any]) -> Sour
     from ..formats.kind import kind_or_none
     from ..ultrasound.files import read_sweep
     from ..volumes.files import read_volume
-    from ..volumes.tomography import tomography_particles
+    from ..volumes.tomography import sample_tomography
 
     title = os.path.basename(os.path.normpath(name))
     found = kind_or_none(name) if os.path.exists(name) else None
@@ -153,7 +154,7 @@ def _medical(name: str, common: dict[str, Any], reading: dict[str, Any]) -> Sour
     if kind == "sweep":
         return _sweep(title, read_sweep(name, **reading), common)
     if kind == "volume" and reading:
-        source = SceneSource(title, tomography_particles(name, **reading), **common)
+        source = SceneSource(title, sample_tomography(name, **reading), **common)
         source.maker.fluids = False  # voxels
         return source
     if kind == "volume":

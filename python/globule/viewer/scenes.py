@@ -11,8 +11,8 @@ import numpy as np
 from .._base.colormaps import colorize
 from ..data.attributes import attribute_values
 from ..data.particles import Particles
+from ..fluids import likeness
 from ..pieces.scene import Scene
-from ..scene import fluid
 from ..scene.scene import DEFAULTS, SMOOTH_THRESHOLD
 from ..scene.thesis import Thesis, fitting_level
 from .state import State
@@ -68,9 +68,9 @@ class SceneMaker:
             return self._given.surface
         if not self.fluids or state.look.preset == "thesis":
             return "balls"
-        if self._fluid is None or self._fluid[0] < fluid.FEWEST:
+        if self._fluid is None or self._fluid[0] < likeness.FEWEST:
             judged = self._leading(particles)
-            self._fluid = len(judged), fluid.fluid_like(judged).yes
+            self._fluid = len(judged), likeness.assess_fluid(judged).yes
         return "smooth" if self._fluid[1] else "balls"
 
     def _leading(self, particles: Particles) -> Particles:

@@ -17,7 +17,7 @@ from ..pieces.scene import Scene
 from ..render.annotate import bounds_of
 from ..render.camera import Camera
 from ..render.layers import Layer
-from ..render.presets import preset
+from ..render.presets import load_preset
 from ..render.settings import RenderSettings
 from ..scene.mesh import Mesh
 from .locks import FairLock
@@ -171,7 +171,7 @@ class Source:
         Lights and ground therefore keep their place while particles move.
         """
         if self._preset is None or self._preset[:2] != (name, tuple(up)):
-            self._preset = name, tuple(up), preset(name, scene, up)
+            self._preset = name, tuple(up), load_preset(name, scene, up)
         return self._preset[2]
 
     def plates(self, state: State) -> list[Plate]:

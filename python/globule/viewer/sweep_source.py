@@ -136,7 +136,7 @@ class SweepSource(VolumeSource):
         """Stop receiving and reconstruct the volume from all images.
 
         Args:
-            method: of `gb.reconstruct`.
+            method: of `gb.ultrasound.reconstruct`.
 
         Raises:
             ValueError: there is no image.
@@ -195,7 +195,7 @@ class SweepSource(VolumeSource):
     def origin(self, state: State) -> Origin:
         """The volume of the file by the same method, or of the images so far."""
         file = self.files[0] if self.files else "sweep.igs.mha"
-        read = f"gb.read_sweep({', '.join([repr(file), *self.option_code()])})"
+        read = f"gb.ultrasound.read_sweep({', '.join([repr(file), *self.option_code()])})"
         if self._method is not None:
             before = [
                 "globule",
@@ -208,13 +208,14 @@ class SweepSource(VolumeSource):
             before += ["--voxel-size", f"{self.spacing:.9g}", "-o", "volume.npz"]
             code = [
                 f"sweep = {read}",
-                f"volume = gb.reconstruct(sweep, method={self._method!r}, "
+                f"volume = gb.ultrasound.reconstruct(sweep, method={self._method!r}, "
                 f"spacing={self.spacing!r})",
             ]
             return self.surface_of("volume.npz", before, code, state)
         code = [
             f"sweep = {read}",
-            f"grown = gb.Reconstructor({self.spacing!r}, compounding={self.compounding!r})",
+            f"grown = gb.ultrasound.Reconstructor({self.spacing!r}, "
+            f"compounding={self.compounding!r})",
             f"for i in sweep.valid.nonzero()[0][:{len(self._taken)}]:",
             "    grown.add(sweep.frames[i], sweep.world_from_image[i])",
             "volume = grown.volume()",

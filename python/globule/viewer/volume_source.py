@@ -13,7 +13,7 @@ from ..render.camera import Camera, view_axes
 from ..render.clips import ClipBox
 from ..render.layers import Layer
 from ..ultrasound.sweep import Sweep
-from ..volumes.iso_surface import default_level, iso_surface
+from ..volumes.iso_surface import default_level, extract_iso_surface
 from ..volumes.slices import reslice, tinted
 from ..volumes.volume import EMPTY, Volume
 from .overlay import Plate
@@ -76,7 +76,7 @@ class VolumeSource(Source):
     def origin(self, state: State) -> Origin:
         """The file of the volume, with the iso-value."""
         file = self.files[0] if self.files else "volume.npz"
-        return self.surface_of(file, [], [f"volume = gb.read_volume({file!r})"], state)
+        return self.surface_of(file, [], [f"volume = gb.volumes.read_volume({file!r})"], state)
 
     def surface_of(self, file: str, before: list[str], code: list[str], state: State) -> Origin:
         """The origin of an iso-surface.
@@ -90,9 +90,10 @@ class VolumeSource(Source):
         shown = state.slices
         level = float(shown.level or self.level)
         code = [
-            "from globule import iso_surface",
             *code,
-            f"particles = iso_surface(volume, {level!r}, {state.surface.kernel!r}).particles",
+            f"surface = gb.volumes.extract_iso_surface(volume, {level!r}, "
+            f"{state.surface.kernel!r})",
+            "particles = surface.particles",
         ]
         left = ["slices"] * shown.shown + ["the sweep's image"] * shown.frame
         left += ["the hidden surface"] * (not shown.surface)
@@ -123,7 +124,7 @@ class VolumeSource(Source):
         asked = level, kernel
         if self._made is None or self._made[0] != asked:
             try:
-                surface = iso_surface(self.volume, level, kernel)
+                surface = extract_iso_surface(self.volume, level, kernel)
                 self._made = asked, surface.particles, surface.threshold
             except ValueError:  # no voxel reaches the level
                 nothing = Particles(NOTHING, support=1.0, attributes={"value": NOTHING[:, 0]})

@@ -13,7 +13,6 @@ from ..data.particles import Particles
 from ..pieces.scene import Scene
 from ..render.camera import Camera
 from ..render.render import render
-from ..scene.query import field
 from ..scene.scene import KERNELS
 from .volume import Volume
 
@@ -44,7 +43,9 @@ class IsoSurface(NamedTuple):
     level: float
 
 
-def iso_surface(volume: Volume, level: float | None = None, kernel: str = "murakami") -> IsoSurface:
+def extract_iso_surface(
+    volume: Volume, level: float | None = None, kernel: str = "murakami"
+) -> IsoSurface:
     """Particles whose field is the threshold where the volume, smoothed by the kernel, is `level`.
 
     Every voxel is a particle of weight value / level; a lattice of unit weights has the field
@@ -128,7 +129,7 @@ def save_surface(
     threads: int = 0, size: tuple[int, int] = (1024, 782),
 ) -> None:  # fmt: skip
     """Draw the iso-surface, seen whole, as a picture. Raises ValueError as `iso_surface` does."""
-    particles, threshold, _ = iso_surface(volume, level)
+    particles, threshold, _ = extract_iso_surface(volume, level)
     scene = Scene(particles, threshold=threshold, device=device, threads=threads)
     margin = float(np.max(particles.support))
     render(scene, Camera.fit(particles, size=size, margin=margin), size).save(path)
@@ -191,4 +192,4 @@ def _lattice_field(volume: Volume, support: float, kernel: str) -> float:
     steps = volume.world_from_voxel[:3, :3].T
     scene = Scene(Particles(index @ steps, support=support), kernel, device="cpu")
     inside = (np.stack(np.meshgrid(*[np.arange(6) / 6] * 3), axis=-1).reshape(-1, 3)) @ steps
-    return float(field(scene, inside).mean())
+    return float(scene.field(inside).mean())

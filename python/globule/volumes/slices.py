@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .._base.arrays import VectorLike
 from .._base.files import atomic_write
 from .plane_axes import with_axes
 from .volume import EMPTY, EXTRAPOLATED, FAR, FILLED, MEASURED, Volume, origin_of
@@ -117,8 +118,8 @@ def sample(
     return out, origin
 
 
-def three_view(
-    volume: Volume, center: ArrayLike | None = None, overlay: bool = False
+def render_three_view(
+    volume: Volume, center: VectorLike | None = None, overlay: bool = False
 ) -> np.ndarray:
     """The three planes along the volume's axes, side by side: (H, W, 3) uint8.
 
@@ -137,13 +138,16 @@ def three_view(
 
 
 def max_projections(volume: Volume) -> np.ndarray:
-    """Maximum-intensity projections along z, y and x, beside each other like `three_view`: (H, W,
-    3) uint8. Empty voxels do not count; a line without values is dark blue."""
+    """Maximum-intensity projections along z, y and x, beside each other: (H, W, 3) uint8, like
+    `render_three_view`. Empty voxels do not count; a line without values is dark blue."""
     return _beside(_projections(volume)[0])
 
 
 def save_three_view(
-    path: str | os.PathLike[str], volume: Volume, center: Any = None, projections: bool = False
+    path: str | os.PathLike[str],
+    volume: Volume,
+    center: VectorLike | None = None,
+    projections: bool = False,
 ) -> None:
     """Write a three-view image (.png): the values above, the same with the overlay below; with
     `projections`, maximum-intensity projections in a third row. Arrows beside the planes name the

@@ -18,7 +18,7 @@ from ..formats.volumes.dicom import from_itk
 from ..formats.volumes.geometry import VolumeData
 from ..scene.scene import DEFAULTS
 from .files import read_volume, volume_of
-from .iso_surface import check_count, default_level, evenly, iso_surface
+from .iso_surface import check_count, default_level, evenly, extract_iso_surface
 from .volume import Volume
 
 MOST_VOXELS = 2**31  # after resampling
@@ -26,7 +26,7 @@ _KERNEL = "murakami"  # a scene's default, whose threshold the surface is made f
 _DARKEST, _BRIGHTEST = 2, 98  # percentiles of the intensities at the gray ramp's ends
 
 
-def tomography_particles(
+def sample_tomography(
     image: Any,
     level: float | None = None,
     labels: int | Iterable[int] | None = None,
@@ -87,7 +87,7 @@ def _particles(volume: Volume, wanted: np.ndarray | None, level: float | None) -
     level = default_level(volume) if level is None else level
     if not (volume.values >= level).any():
         return Particles(np.zeros((0, 3), np.float32), attributes={"intensity": np.zeros(0)})
-    particles, threshold, _ = iso_surface(volume, level, _KERNEL)
+    particles, threshold, _ = extract_iso_surface(volume, level, _KERNEL)
     intensity = particles.attributes.pop("value")
     particles.weight = particles.weight * np.float32(DEFAULTS[_KERNEL][1] / threshold)
     particles.color = _grays(intensity, intensity[intensity >= level])
@@ -104,7 +104,7 @@ def tissue_voxels(
     """Middles of the voxels at or above a level, or of given labels: (N, 3) float64, mm, LPS; and
     their values (N,).
 
-    Arguments and errors are those of `tomography_particles`.
+    Arguments and errors are those of `sample_tomography`.
     """
     with _of_file(image):
         volume, wanted = _volume(image, level, labels, spacing)

@@ -2,7 +2,7 @@
 
 A configuration that PLUS reads gives the volume that one thread of PLUS writes: its 14-bit fixed
 point (Optimization FULL), its truncating running mean, its hole fillers. Use it to compare with
-PLUS; `globule.reconstruct` is better and faster.
+PLUS; `globule.ultrasound.reconstruct` is better and faster.
 Lasso et al., PLUS, IEEE Trans. Biomed. Eng. 61 (2014); source: github.com/IGSIO/IGSIO.
 """
 

@@ -11,13 +11,13 @@ from .._base.arrays import to_host
 from .._base.checks import whole
 from ..data.particles import Particles
 from ..data.spacing import neighbor_spacing
-from .sources import as_particles
+from ..scene.sources import as_particles
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-def local_spacing(
+def measure_spacing(
     positions: Particles | ArrayLike,
     k: int = 6,
     progress: Callable[[int, int], object] | None = None,

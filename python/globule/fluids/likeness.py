@@ -2,7 +2,7 @@
 
 - "spheres" of half a spacing for 2-D data, i.e. at least 100 particles of equal z. Images show them
   in flat colors, from above.
-- "smooth" for particles that look like those of one fluid (`fluid_like`).
+- "smooth" for particles that look like those of one fluid (`assess_fluid`).
 - "balls" for all others, and where a kernel, support, threshold or dense octree is asked for.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from .._base.arrays import extent, on_gpu, to_host
 from ..data.particles import Particles
-from .scene import SceneBase
+from ..scene.scene import SceneBase
 
 FEWEST = 100
 # Distances to the nearest particle: the one that 90 % reach over the one that 10 % reach. 1.3 in a
@@ -25,7 +25,7 @@ FLAT = 1e-6  # thickness over extent
 
 
 class Likeness(NamedTuple):
-    """What `fluid_like` found: yes or no, and why in a few words."""
+    """What `assess_fluid` found: yes or no, and why in a few words."""
 
     yes: bool
     why: str
@@ -41,7 +41,7 @@ def alike(value: Any) -> bool:
     return len(array) == 0 or bool(np.ptp(array) <= 1e-3 * abs(float(array[0])))
 
 
-def fluid_like(particles: Particles, scene: SceneBase | None = None) -> Likeness:
+def assess_fluid(particles: Particles, scene: SceneBase | None = None) -> Likeness:
     """Whether particles are those of one fluid.
 
     They are where there are at least 100, with supports and weights alike, of one phase, not in one
@@ -114,7 +114,7 @@ def flat_spacing(particles: Particles) -> float | None:
     return scene.fluid_spacing() or None
 
 
-def surface_of(particles: Particles, **options: Any) -> str:
+def choose_surface(particles: Particles, **options: Any) -> str:
     """ "smooth", "spheres" or "balls": the surface that `render` draws of particles.
 
     Args:
@@ -126,7 +126,7 @@ def surface_of(particles: Particles, **options: Any) -> str:
         return "balls"
     if is_flat(particles):
         return "spheres"
-    return "smooth" if fluid_like(particles).yes else "balls"
+    return "smooth" if assess_fluid(particles).yes else "balls"
 
 
 def shows_flat(scene: object) -> bool:

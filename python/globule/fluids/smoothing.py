@@ -17,7 +17,7 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.checks import number, positive, whole
 from ..data.particles import FARTHEST, Particles
-from .scene import SceneBase
+from ..scene.scene import SceneBase
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -37,7 +37,7 @@ class Anisotropy(NamedTuple):
     G: np.ndarray
 
 
-def without_strays(
+def remove_strays(
     particles: Particles,
     scene_or_radius: SceneBase | float,
     min_neighbors: int = 3,
@@ -78,7 +78,7 @@ def without_strays(
     return particles[keep]
 
 
-def anisotropy(
+def find_anisotropy(
     particles: Particles | ArrayLike,
     support: float | None = None,
     radius: float | None = None,
@@ -170,7 +170,7 @@ FULL, EVEN = 0.85, 0.02  # the same, and how far off the neighbors' mean may be:
 MASS = 105 / (32 * np.pi)  # 1 / integral of (1 - r²)² over the unit ball
 
 
-def surface_kernels(
+def find_surface_kernels(
     particles: Particles | ArrayLike,
     spacing: float,
     progress: Callable[[int, int], object] | None = None,
