@@ -25,12 +25,13 @@ from globule._base.settings import (
     setting,
     settings_of,
 )
+from globule.scene.thesis import Thesis
 from globule.ultrasound.options import Options
 from globule.viewer.page.widgets import facts_of
 from globule.viewer.state import GROUPS
 from sim_helpers import tables
 
-TABLES = [gb.RenderSettings, gb.Material, gb.Annotation, gb.Thesis, Options, *GROUPS.values()]
+TABLES = [gb.RenderSettings, gb.Material, gb.Annotation, Thesis, Options, *GROUPS.values()]
 TABLES += sorted(tables(), key=lambda table: table.__name__)
 
 
