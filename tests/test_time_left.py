@@ -30,21 +30,32 @@ def steps(left, clock, n, cost, dt):
 
 def test_it_is_said_once_after_three_steps():
     clock = Clock()
-    said = steps(TimeLeft(0.0, 2.0, clock), clock, 9, 0.25, 1e-4)
+    said = steps(TimeLeft(0.0, 2.0, 3, clock), clock, 9, 0.25, 1e-4)
     assert [k for k, line in enumerate(said, 1) if line] == [3]
     # 19,997 steps of 0.25 s
     assert said[2].startswith("83 min to go at 250 ms a step of 0.0001 s; Ctrl-C keeps")
 
 
+def test_a_picture_before_the_first_step_is_no_step():
+    """120 frames of 20 s, 2,397 steps of 0.1 s."""
+    clock = Clock()
+    left = TimeLeft(0.0, 2.4, 121, clock)
+    left.frame(0.0)
+    clock.now += 20.0
+    left.frame(0.0)
+    (said,) = filter(None, steps(left, clock, 5, 0.1, 1e-3))
+    assert said.startswith("44 min to go at 100 ms a step of 0.001 s and 20 s a frame; ")
+
+
 def test_a_run_of_less_than_a_minute_says_nothing():
     clock = Clock()
-    assert not any(steps(TimeLeft(0.0, 0.2, clock), clock, 9, 0.02, 1e-4))
+    assert not any(steps(TimeLeft(0.0, 0.2, 3, clock), clock, 9, 0.02, 1e-4))
 
 
 def test_the_pace_is_that_of_the_last_frames():
     """An emitter: each frame takes a second more than the one before."""
     clock = Clock()
-    left = TimeLeft(0.0, 100.0, clock)
+    left = TimeLeft(0.0, 100.0, 101, clock)
     for frame in range(80):
         left.frame(frame)
         clock.now += frame
@@ -53,7 +64,7 @@ def test_the_pace_is_that_of_the_last_frames():
 
 
 def test_nothing_is_known_before_the_first_step():
-    left = TimeLeft(1.0, 2.0, Clock())
+    left = TimeLeft(1.0, 2.0, 3, Clock())
     left.frame(1.0)
     assert left.seconds(1.0) is None
     assert left.words(1.0) == ""
@@ -71,5 +82,5 @@ def test_the_command_says_it(slow, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(time_left.TimeLeft.__init__, "__defaults__", (clock,))
     out = str(tmp_path / "dam")
     assert main(["simulate", "dam-break", "-o", out, "--spacing", "0.08", "--seconds", "0.1"]) == 0
-    said = re.findall(r"note: (.*) to go at .* ms a step of .* s; ", capsys.readouterr().err)
+    said = re.findall(r"note: (.*) to go at .* ms a step of .*; ", capsys.readouterr().err)
     assert len(said) == slow

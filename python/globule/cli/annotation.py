@@ -81,6 +81,8 @@ class Notes:
         if not options.color_by and (options.legend or legend):
             flag = "--legend" if options.legend else "--legend-at, --legend-title or --legend-unit"
             raise UserError(f"{flag}: expected --color-by beside a legend, got none")
+        if options.range and not options.color_by:
+            raise UserError("--range: expected --color-by beside it, got none")
         if options.views:
             for name in ("fit", "eye", "look_at", "ortho", "camera_path", "pick", "aov"):
                 if getattr(options, name):

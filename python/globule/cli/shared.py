@@ -284,7 +284,7 @@ def check_output(option: str, path: str, extensions: Sequence[str], made: str = 
     if made and not os.path.exists(folder) and os.path.abspath(folder) == os.path.abspath(made):
         return
     if not os.path.isdir(folder):
-        raise UserError(f"{option}: expected an existing folder, got {folder}")
+        raise UserError(f"{option}: expected an existing folder, got {folder} (mkdir -p makes it)")
     if os.path.exists(path) and not os.access(path, os.W_OK):
         raise UserError(f"{option}: expected a place that may be written, got {path}")
     if os.path.isfile(path) or not os.path.exists(path):  # else a pipe or a device

@@ -257,7 +257,7 @@ class _Job:
 
     def run(self, interrupted: Callable[[], int]) -> bool:
         """Make all frames; False if a signal stopped the run before the end."""
-        whole, left = True, TimeLeft(self.sim.time, (self.n_frames - 1) / self.fps)
+        whole, left = True, TimeLeft(self.sim.time, (self.n_frames - 1) / self.fps, self.n_frames)
 
         def state() -> str:
             now = self.sim.time
