@@ -7,7 +7,6 @@ property of a JSON Schema.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import inspect
 import math
@@ -90,7 +89,9 @@ class Kind:
         try:
             return self(self._read(text))
         except (TypeError, ValueError):
-            raise argparse.ArgumentTypeError(
+            from argparse import ArgumentTypeError
+
+            raise ArgumentTypeError(
                 f"expected {self.word or self.expected}, got {text!r}"
             ) from None
 

@@ -257,7 +257,9 @@ class _Job:
 
     def run(self, interrupted: Callable[[], int]) -> bool:
         """Make all frames; False if a signal stopped the run before the end."""
-        whole, left = True, TimeLeft(self.sim.time, (self.n_frames - 1) / self.fps, self.n_frames)
+        written = [self.options.resume and self._is_before(k) for k in range(self.n_frames)]
+        left = TimeLeft(self.sim.time, (self.n_frames - 1) / self.fps, written.count(False))
+        whole = True
 
         def state() -> str:
             now = self.sim.time
@@ -272,10 +274,10 @@ class _Job:
             return interrupted() != 0
 
         for k in range(self.n_frames):
-            left.frame(self.sim.time)
             self.progress.step(state())
-            if self.options.resume and self._is_before(k):
+            if written[k]:
                 continue  # written before the checkpoint
+            left.frame(self.sim.time)
             with self._timed("simulation"):
                 self.sim.run_to(k / self.fps, stop=stop)
             reached = self.sim.time > k / self.fps - 1e-9

@@ -84,7 +84,7 @@ class TimeLeft:
 
 
 def in_words(seconds: float) -> str:
-    """A duration with one or two digits: "40 s", "12 min", "3.5 h", "20 days"."""
+    """A duration, shortly: "40 s", "12 min", "3.5 h", "20 days"."""
     for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * size:
             return f"{float(f'{seconds / size:.2g}'):,g} {unit}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import inspect
 import os
-import tempfile
 import threading
 import warnings
 import weakref
@@ -24,11 +23,11 @@ from ..data.particles import FIELDS, Particles
 from ..scene.fitting import counted, lacking
 from ..scene.scene import KERNELS, SURFACES, SceneBase, check_choices
 from ..scene.sources import as_particles
-from .gathered import gathered
-from .pieces import Pieces
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+
+    from .pieces import Pieces
 
 MODES = ("auto", "pieces", "replicate")  # of a scene on ranks
 
@@ -180,6 +179,8 @@ class SceneInPieces(Scene):
         self._kernel = KERNELS.index(self.kernel)
         self.builds = 0
         self._make(particles, color)
+        import tempfile
+
         warnings.warn(
             f"scene: {self.why()}: they are in {self.pieces.partition.n} pieces, in temporary "
             f"files in {tempfile.gettempdir()}, and drawn one after the other",
@@ -188,6 +189,8 @@ class SceneInPieces(Scene):
 
     def _make(self, particles: Any, color: tuple[Any, Any, Any] | None) -> None:
         """Divide particles; what goes wrong on the way leaves the pieces from before."""
+        from .pieces import Pieces
+
         given = dict(zip(("color_by", "colormap", "range"), color or (), strict=False))
         pieces = Pieces(particles, memory=resident_bytes() + room(), **given, **self._options)
         if self.builds:
@@ -356,6 +359,8 @@ class SceneOnRanks(Scene):
 
     def pieces(self) -> Pieces:
         """The ranks' pieces of the particles."""
+        from .pieces import Pieces
+
         with self._lock:
             if self._pieces is None:
                 self._pieces = Pieces(self.particles, comm=self.ranks, threshold=self._iso,
@@ -368,6 +373,8 @@ class SceneOnRanks(Scene):
 
     def whole(self) -> SceneBase:
         """A scene of all particles, on every rank."""
+        from .gathered import gathered
+
         with self._lock:
             if self._old["whole"]:
                 everything = gathered(self.ranks, self.particles)

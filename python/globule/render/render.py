@@ -15,9 +15,7 @@ from .camera import Camera
 from .clips import Clip
 from .frame import Frame
 from .layers import in_pieces, layers_of
-from .pieces.image import render_pieces
 from .settings import NAMES, RenderSettings, as_settings, for_values
-from .spread import settled
 from .trace import trace
 
 SIZE = (1024, 782)  # of an image, where none is asked for
@@ -93,6 +91,8 @@ def render(
                     "annotate: expected no color_by with it for a scene on ranks or in pieces"
                 )
             settings, color_by = for_values(settings), None
+        from .spread import settled
+
         layers, comm = settled(spread[0], layers, settings, comm, annotate is not None)
     if any(in_pieces(layer.scene) for layer in layers):
         if thesis is not None or annotate is not None or color_by is not None:
@@ -102,6 +102,8 @@ def render(
             )
         if comm is not None:
             raise ValueError("comm: expected None with pieces, which have their own, got one")
+        from .pieces.image import render_pieces
+
         return render_pieces(layers, camera, size, settings, progress)
     color = None if color_by is None else (color_by, colormap, range)
     return trace(layers, camera, size, settings, thesis, color, annotate, total, progress, comm)
