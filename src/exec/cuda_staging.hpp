@@ -31,8 +31,19 @@ struct CopyRooms {
         for (cudaEvent_t e : done) check(cudaEventSynchronize(e));
     }
 
-    char* memory = nullptr;
-    int device = 0;        ///< of the events and the stream
+    CopyRooms(void* pinned, int its_device) : memory(static_cast<char*>(pinned)), device(its_device) {}
+    CopyRooms(const CopyRooms&) = delete;
+    CopyRooms& operator=(const CopyRooms&) = delete;
+    ~CopyRooms() {
+        for (cudaEvent_t e : done)
+            if (e) cudaEventDestroy(e);
+        if (ready) cudaEventDestroy(ready);
+        if (copies) cudaStreamDestroy(copies);
+        cudaFreeHost(memory);
+    }
+
+    char* memory;
+    int device;            ///< of the events and the stream
     std::size_t last = 0;  ///< event that was recorded last
     cudaEvent_t done[kRooms] = {};
     cudaEvent_t ready = nullptr;  ///< what the caller's stream did before an upload
@@ -71,11 +82,11 @@ public:
             cudaGetLastError();
             return nullptr;
         }
-        Lease made(new CopyRooms{static_cast<char*>(memory), device});
+        auto made = std::make_unique<CopyRooms>(memory, device);
         for (cudaEvent_t& e : made->done) check(cudaEventCreateWithFlags(&e, cudaEventDisableTiming));
         check(cudaEventCreateWithFlags(&made->ready, cudaEventDisableTiming));
         check(cudaStreamCreateWithFlags(&made->copies, cudaStreamNonBlocking));
-        return made;
+        return Lease(made.release());
     }
 
 private:
