@@ -11,6 +11,7 @@ import collections
 import contextlib
 import faulthandler
 import functools
+import gc
 import locale
 import os
 import signal
@@ -156,6 +157,17 @@ def pytest_sessionfinish(session, exitstatus):
 
 WRONG = pytest.StashKey[list[str]]()
 CPU_BEFORE = pytest.StashKey[float]()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session):
+    """What is collected stays to the end: looking for cycles in it took a fifth of the time."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_configure(config):

@@ -5,6 +5,8 @@ Imports for types count."""
 from __future__ import annotations
 
 import ast
+import gc
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -88,8 +90,10 @@ def read_modules() -> dict[str, Module]:
 
 
 @pytest.fixture(scope="module")
-def modules() -> dict[str, Module]:
-    return read_modules()
+def modules() -> Iterator[dict[str, Module]]:
+    gc.disable()  # it would go through a million nodes again and again
+    yield read_modules()
+    gc.enable()
 
 
 @pytest.fixture(scope="module")
