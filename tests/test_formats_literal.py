@@ -87,7 +87,7 @@ h 1 3 float
 def test_vtk_ascii_51(tmp_path, newline):
     p = read_text(tmp_path, "p.vtk", VTK_51.replace("\n", newline))
     assert np.allclose(p.positions, [[0, 0, 0], [1, 0, 0], [0, 1, 0.1]])
-    assert list(p.attributes) == ["density", "velocity", "n", "two words", "h"]
+    assert list(p.attributes) == ["density", "velocity", "n", "two words", "h", "material"]
     assert np.array_equal(p.attributes["density"], [10, np.nan, 30], equal_nan=True)
     assert p.attributes["velocity"].dtype == np.float64
     assert np.array_equal(p.attributes["velocity"][2], [7, 8, 9])

@@ -25,6 +25,7 @@ from ..render.sequence import (
     KeptScene,
     MovieFrames,
     find_files,
+    frames_of,
     is_whole,
     leader,
     natural,
@@ -329,7 +330,11 @@ def _camera_path(options: argparse.Namespace) -> CameraPath:
 
 def _read(path: str, options: argparse.Namespace) -> tuple[Particles | Mesh, list[str]]:
     if is_mesh(path, options):
-        return read_mesh(path, options), []
+        if options.frame is not None and not isinstance(path, FrameOf):
+            return read_mesh(FrameOf(path, options.frame), options), []
+        n_frames = 1 if isinstance(path, FrameOf) else frames_of(path)
+        message = first_of(path, n_frames, "an output with %d or .mp4 shows all")
+        return read_mesh(path, options), [message] if n_frames > 1 else []
     if is_surface(path, options):
         return read_surface(path, options)
     contents = read_file(path, len(set(options.particles)) > 1, **reading(options))

@@ -1,7 +1,9 @@
-"""The triangles of mesh files (.stl, .obj, .glb, .ply, .vtk, .vtp), for `globule.Mesh`."""
+"""The triangles of mesh files (.stl, .obj, .glb, .ply, VTK's and their collections), for
+`globule.Mesh`."""
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 
@@ -9,13 +11,12 @@ import numpy as np
 
 from ..data.particles import Particles
 from ..data.triangles import Triangles
-from . import mesh, ply, vtk_legacy
-from .errors import bad
+from . import mesh, ply, vtk_legacy, vtk_parts, vtk_xml
+from .errors import FormatError, bad
 from .kind import Kind, kind_of, kind_or_none, wrong_kind
 from .size import whole_file
-from .vtk_xml import VtkXml
 
-_FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp")
+_FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp", "vtu", *vtk_parts.FORMATS)
 
 
 def read(path: str | os.PathLike[str]) -> Triangles:
@@ -45,29 +46,58 @@ def _read(path: str | os.PathLike[str], kind: Kind) -> tuple[Particles, np.ndarr
         return ply.read_triangles(path)
     if kind.format == "vtk":
         return vtk_legacy.read_triangles(path)
-    if kind.format == "vtp":
-        file = VtkXml(path, whole_file(path, 4.0))
-        return file.particles(), file.triangles()
-    return mesh.read_triangles(path)
+    if kind.format in ("vtp", "vtu"):
+        return vtk_xml.read_triangles(path)
+    if kind.format not in vtk_parts.FORMATS:
+        return mesh.read_triangles(path)
+    parts, faces, first = [], [np.empty((0, 3), np.int64)], 0
+    for place in vtk_parts.places(path, kind.format):
+        if not has_faces(place):
+            continue  # particles beside the mesh, or nothing
+        part, found = _read(place, kind_of(place, "mesh"))
+        parts.append(part)
+        faces.append(found + first)
+        first += len(part)
+    return vtk_parts.join(parts or [Particles(np.empty((0, 3)))]), np.concatenate(faces)
 
 
 def has_faces(path: str | os.PathLike[str]) -> bool:
-    """Whether a file holds a triangle mesh, as far as its header or a glance tells. False for what
-    cannot be read: its reader says why."""
+    """Whether a file holds a triangle mesh and no particles beside, as far as its header or a
+    glance tells; of several frames, the first one or that of a `FrameOf`. False for what cannot be
+    read: its reader says why."""
     try:
         kind = kind_or_none(path)
         if kind is None:
             return False
-        if kind.format == "obj":
-            pattern = rb"(^|\n)f[ \t]"
-        elif kind.kind == "mesh":
-            return True
-        elif kind.format == "vtk":
-            pattern = rb"\n(POLYGONS|TRIANGLE_STRIPS)[ \t]+0*[1-9]"
-        elif kind.format == "vtp":
-            pattern = rb"NumberOf(Polys|Strips)[ \t]*=[ \t]*[\"']0*[1-9]"
-        else:
-            return False
-        return re.search(pattern, whole_file(path, 4.0), re.IGNORECASE) is not None
-    except OSError:
+        if kind.format in vtk_parts.FORMATS:
+            return _all_have_faces(vtk_parts.places(path, kind.format))
+        state = os.stat(path)
+        return _has_faces(os.path.abspath(path), kind, state.st_mtime_ns, state.st_size)
+    except (OSError, FormatError):
         return False
+
+
+@functools.lru_cache(1024)
+def _has_faces(path: str, kind: Kind, changed: int, size: int) -> bool:
+    """As `has_faces`, once for each state of a file. Raises FormatError and OSError."""
+    if kind.format == "obj":
+        return re.search(rb"(^|\n)f[ \t]", whole_file(path, 4.0)) is not None
+    if kind.format == "vtk":
+        return vtk_legacy.has_faces(path)
+    if kind.format in ("vtp", "vtu"):
+        return vtk_xml.has_faces(path)
+    return kind.kind == "mesh"
+
+
+def _all_have_faces(places: list[str]) -> bool:
+    """Whether the parts of a collection have faces, but for those without points. Raises
+    FormatError."""
+    from . import read as read_particles
+
+    found = False
+    for place in places:
+        if has_faces(place):
+            found = True
+        elif len(read_particles(place)):
+            return False
+    return found

@@ -1,7 +1,8 @@
 """Legacy VTK files (.vtk), versions up to 5.1: POLYDATA and UNSTRUCTURED_GRID.
 
-Points and point data are read, cells and cell data passed over. Follows "VTK File Formats"
-(Kitware), "Simple Legacy Formats", and vtkDataReader where the text leaves a choice.
+Points and point data are read, cell data of vertices as theirs, and faces as triangles. Follows
+"VTK File Formats" (Kitware), "Simple Legacy Formats", and vtkDataReader where the text leaves a
+choice.
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.files import atomic_write
 from ..data.particles import Particles
+from . import cells
 from .asciinum import end_of_tokens, parse_numbers
-from .errors import bad, shown
+from .cells import Cells
+from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
-from .polygons import fans
 from .size import check_memory, whole_file
 
 # vtkIdType is written as 32 bits and long as 64 in binary files.
@@ -52,23 +54,43 @@ _WRITTEN = {
     "f4": "float",
     "f8": "double",
 }
-_CELLS = ("CELLS", "VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS")
+_CELLS = {
+    "CELLS": 0,
+    "VERTICES": cells.VERTICES,
+    "LINES": cells.LINES,
+    "POLYGONS": cells.POLYGONS,
+    "TRIANGLE_STRIPS": cells.STRIPS,
+}
 _COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
 _ONE_COMPONENT = ("GLOBAL_IDS", "PEDIGREE_IDS", "EDGE_FLAGS")
 
 
 def read(path: str | os.PathLike[str]) -> Particles:
-    """Read the points and point data of a legacy VTK file."""
-    return _Reader(path, whole_file(path, 4.0)).read()
+    """Read the points and point data of a legacy VTK file, without ghosts."""
+    return _Reader(path, whole_file(path, 4.0)).particles()
 
 
 def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
-    """Read the points with their data, and the polygons and strips of POLYDATA as triangles
-    (F, 3)."""
-    reader = _Reader(path, whole_file(path, 4.0))
-    reader.faces = []
-    particles = reader.read()
-    return particles, np.concatenate([np.empty((0, 3), np.int64), *reader.faces])
+    """Read all points with their data, and the faces of the cells as triangles (F, 3)."""
+    return _Reader(path, whole_file(path, 4.0)).triangles()
+
+
+def has_faces(path: str | os.PathLike[str]) -> bool:
+    """Whether a file has cells with faces, as far as its words tell."""
+    data = whole_file(path, 4.0)
+    if re.search(rb"\n(POLYGONS|TRIANGLE_STRIPS)[ \t]+0*[1-9]", data, re.IGNORECASE):
+        return True
+    found = re.search(rb"\nCELL_TYPES[ \t]+(\d{1,18})[^\n]*\n", data, re.IGNORECASE)
+    if found is None:
+        return False
+    n, start = int(found[1]), found.end()
+    if b"BINARY" in data[: data.find(b"DATASET")].upper():
+        return cells.have_faces(np.frombuffer(data[start : start + 4 * n], ">u1")[3::4])
+    try:
+        types = parse_numbers(data[start : end_of_tokens(data, start, n)], np.dtype("i4"))
+    except ValueError:
+        return False  # its reader says what is wrong
+    return cells.have_faces(types)
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
@@ -122,9 +144,38 @@ class _Reader:
         self.version = 0
         self.points: np.ndarray | None = None
         self.arrays: dict[str, np.ndarray] = {}
-        self.faces: list[np.ndarray] | None = None  # (F, 3) each; None: not wanted
+        self.cell_arrays: dict[str, np.ndarray] = {}
+        self.lists: dict[str, tuple[int, int, int]] = {}  # of cells: place, and both numbers
+        self.n_cells = 0
 
-    def read(self) -> Particles:
+    def particles(self) -> Particles:
+        """The points that are no ghosts, with their data and that of vertex cells."""
+        points = self.read()
+        try:
+            arrays, kept = cells.point_arrays(
+                len(points), self.arrays, self.cell_arrays, self.n_cells, self.cells
+            )
+        except ValueError as error:
+            raise self.of_cells(error) from None
+        if kept is not None:
+            points, arrays = points[kept], {name: a[kept] for name, a in arrays.items()}
+        return particles_from(self.path, points, arrays)
+
+    def triangles(self) -> tuple[Particles, np.ndarray]:
+        """All points with their data, and triangles (F, 3)."""
+        points = self.read()
+        try:
+            faces = cells.triangles(points, self.cells(), self.arrays, self.cell_arrays)
+        except ValueError as error:
+            raise self.of_cells(error) from None
+        return particles_from(self.path, points, self.arrays), faces
+
+    def of_cells(self, error: ValueError) -> FormatError:
+        """A mistake in the cells; one of the text names its line already."""
+        return error if isinstance(error, FormatError) else bad(self.path, "cells", str(error))
+
+    def read(self) -> np.ndarray:
+        """The points (N, 3), and all arrays."""
         self.header()
         section, n_section = "", 0
         while (words := self.words()) is not None:
@@ -133,13 +184,17 @@ class _Reader:
                 n = self.count(words, 1)
                 self.points = self.numbers(3 * n, self.type_of(words, 2)).reshape(n, 3)
             elif keyword in _CELLS:
-                self.skip_cells(words)
+                self.skip_cells(keyword, words)
             elif keyword == "CELL_TYPES":
-                self.skip(self.count(words, 1), "int")
+                self.n_cells = self.count(words, 1)
+                self.lists[keyword] = self.position, self.n_cells, 0
+                self.skip(self.n_cells, "int")
             elif keyword in ("POINT_DATA", "CELL_DATA"):
                 section, n_section = keyword, self.count(words, 1)
                 if section == "POINT_DATA" and n_section != self.n_points():
                     self.fail(f"expected POINT_DATA {self.n_points()}, got {n_section}")
+                if section == "CELL_DATA" and n_section != self.n_cells:
+                    self.fail(f"expected CELL_DATA {self.n_cells}, got {n_section}")
             elif keyword == "METADATA":
                 self.skip_metadata()
             elif keyword == "FIELD":
@@ -150,7 +205,7 @@ class _Reader:
                 self.fail(f"expected a section of the data set, got {shown(words[0])}")
         if self.points is None:
             self.fail("expected POINTS, got the end of the file")
-        return particles_from(self.path, self.points, self.arrays)
+        return self.points
 
     def n_points(self) -> int:
         return 0 if self.points is None else len(self.points)
@@ -259,35 +314,49 @@ class _Reader:
             self.fail(f"expected {size} bytes of data after this line, got {left}")
         self.position += size
 
-    def skip_cells(self, words: list[bytes]) -> None:
+    def skip_cells(self, keyword: str, words: list[bytes]) -> None:
+        """Pass over a list of cells, which `cells` reads where they matter."""
         n, size = self.count(words, 1), self.count(words, 2)
-        keyword = words[0].upper()
-        wanted = self.faces is not None and keyword in (b"POLYGONS", b"TRIANGLE_STRIPS")
+        self.lists[keyword] = self.position, n, size
         if self.version < 5:
-            if not wanted:
-                self.skip(size, "int")
-                return
-            connectivity, offsets = self.old_cells(n, self.numbers(size, "int"))
+            self.skip(size, "int")
         else:
             # From 5.0 on: n offsets (one more than there are cells), then the connectivity.
-            parts = []
             for name, length in ((b"OFFSETS", n), (b"CONNECTIVITY", size)):
-                line = self.words() or [b"the end of the file"]
-                if line[0].upper() != name:
-                    self.fail(f"expected {name.decode()}, got {shown(line[0])}")
-                kind = self.type_of(line, 1)
-                if wanted:
-                    parts.append(self.numbers(length, kind).astype(np.int64))
-                else:
-                    self.skip(length, kind)
-            if not wanted:
-                return
-            offsets, connectivity = parts
-        if wanted and self.faces is not None and len(offsets):
-            found = fans(connectivity, offsets, keyword == b"TRIANGLE_STRIPS")
-            if found is None:
-                self.fail("expected offsets from 0 up to the length of the connectivity")
-            self.faces.append(found)
+                self.skip(length, self.type_below(name))
+        if keyword != "CELLS":
+            self.n_cells += n if self.version < 5 else max(n - 1, 0)
+
+    def type_below(self, name: bytes) -> str:
+        line = self.words() or [b"the end of the file"]
+        if line[0].upper() != name:
+            self.fail(f"expected {name.decode()}, got {shown(line[0])}")
+        return self.type_of(line, 1)
+
+    def cells(self) -> Cells:
+        """All cells; those of PolyData in the order of their data."""
+        found, unknown = [], np.empty(0, np.uint8)
+        if "CELL_TYPES" in self.lists:
+            self.position, n, _ = self.lists["CELL_TYPES"]
+            unknown = self.numbers(n, "int").astype(np.uint8)
+        for keyword, kind in _CELLS.items():
+            if keyword not in self.lists:
+                continue
+            self.position, n, size = self.lists[keyword]
+            if self.version < 5:
+                connectivity, offsets = self.old_cells(n, self.numbers(size, "int"))
+            else:
+                offsets = self.numbers(n, self.type_below(b"OFFSETS")).astype(np.int64)
+                kind_below = self.type_below(b"CONNECTIVITY")
+                connectivity = self.numbers(size, kind_below).astype(np.int64)
+            if not len(offsets):
+                continue
+            types = np.full(len(offsets) - 1, kind, np.uint8) if kind else unknown
+            if len(types) != len(offsets) - 1:
+                raise ValueError(f"expected CELL_TYPES {len(offsets) - 1}, got {len(types)}")
+            part = Cells(types, connectivity, offsets)
+            found.append(cells.without_streams(part) if not kind else part)
+        return found[0] if len(found) == 1 else cells.joined(found)
 
     def old_cells(self, n: int, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Connectivity and n + 1 offsets of cells that are each written behind its length."""
@@ -357,3 +426,5 @@ class _Reader:
     def keep(self, section: str, name: str, values: np.ndarray, k: int) -> None:
         if section == "POINT_DATA":
             self.arrays[name] = values if k == 1 else values.reshape(-1, k)
+        elif section == "CELL_DATA":
+            self.cell_arrays[name] = values if k == 1 else values.reshape(-1, k)

@@ -1,8 +1,8 @@
 """VTK XML files: .vtp (PolyData) and .vtu (UnstructuredGrid).
 
-Points and point data of all pieces are read; cells are passed over. Data arrays may be ascii,
-binary (base64), or appended (raw or base64), plain or compressed with zlib, lz4 or lzma. Follows
-"VTK File Formats" (Kitware), "XML File Formats".
+Points and point data of all pieces are read, cell data of vertices as theirs, and faces as
+triangles. Data arrays may be ascii, binary (base64), or appended (raw or base64), plain or
+compressed with zlib, lz4 or lzma. Follows "VTK File Formats" (Kitware), "XML File Formats".
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.files import atomic_write
 from ..data.particles import Particles
+from . import cells
 from .asciinum import parse_numbers
+from .cells import Cells
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
 from .guarded import need
-from .polygons import fans
 from .size import check_memory, check_size, whole_file
 from .xml import parse_xml
 
@@ -37,13 +38,35 @@ TYPES = {
     "Float32": "f4",
     "Float64": "f8",
 }
+_LISTS = {  # of PolyData, in the order of the cells' data
+    "Verts": cells.VERTICES,
+    "Lines": cells.LINES,
+    "Polys": cells.POLYGONS,
+    "Strips": cells.STRIPS,
+}
 _APPENDED = re.compile(rb"<AppendedData\b([^>]*)>\s*")
 _WRITTEN = {code: name for name, code in TYPES.items()} | {"b1": "UInt8"}
 
 
 def read(path: str | os.PathLike[str]) -> Particles:
-    """Read the points and point data of a .vtp or .vtu file."""
+    """Read the points and point data of a .vtp or .vtu file, without ghosts."""
     return VtkXml(path, whole_file(path, 2.0)).particles()
+
+
+def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
+    """Read all points with their data, and the faces of the cells as triangles (F, 3)."""
+    return VtkXml(path, whole_file(path, 4.0)).triangles()
+
+
+def has_faces(path: str | os.PathLike[str]) -> bool:
+    """Whether a file has cells with faces. Raises FormatError for a damaged file."""
+    data = whole_file(path, 4.0)
+    if re.search(rb"NumberOf(Polys|Strips)\s*=\s*[\"']0*[1-9]", data):
+        return True
+    if not re.search(rb"NumberOfCells\s*=\s*[\"']0*[1-9]", data):
+        return False
+    file = VtkXml(path, data)
+    return any(cells.have_faces(file.types(piece)) for piece in file.pieces())
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
@@ -154,37 +177,116 @@ class VtkXml:
         return found
 
     def particles(self) -> Particles:
-        """The points and point data of all pieces together."""
-        pieces = [self.piece(element) for element in self.pieces()]
+        """The points of all pieces that are no ghosts, with their data and that of vertex cells."""
+        return self.together([self.own_points(element) for element in self.pieces()])
+
+    def triangles(self) -> tuple[Particles, np.ndarray]:
+        """All points of all pieces with their data, and the faces of the cells (F, 3)."""
+        pieces, found, first = [], [np.empty((0, 3), np.int64)], 0
+        for element in self.pieces():
+            arrays = self.piece(element)
+            points = arrays["", 3]
+            try:
+                faces = cells.triangles(
+                    points, self.cells(element), _named(arrays), self.cell_arrays(element)
+                )
+            except ValueError as error:
+                raise self.of_cells(error) from None
+            pieces.append(arrays)
+            found.append(faces + first)
+            first += len(points)
+        return self.together(pieces), np.concatenate(found)
+
+    def together(self, pieces: list[dict[tuple[str, int], np.ndarray]]) -> Particles:
+        """The particles of all pieces, with the arrays that all with points have."""
         filled = [piece for piece in pieces if len(piece["", 3])] or pieces[:1]
         arrays = {}
         for key in filled[0]:
             if all(key in piece for piece in filled):
                 arrays[key] = np.concatenate([piece[key] for piece in filled])
         positions = arrays.pop(("", 3))
-        return particles_from(self.path, positions, {name: a for (name, _), a in arrays.items()})
+        return particles_from(self.path, positions, _named(arrays))
 
-    def triangles(self) -> np.ndarray:
-        """Triangles (F, 3) of the polygons and strips of PolyData, all pieces together."""
-        found, first = [np.empty((0, 3), np.int64)], 0
-        for piece in self.root.iterfind("PolyData/Piece"):
-            n_points = self.count(piece, "NumberOfPoints")
-            for name in ("Polys", "Strips"):
-                n = self.count(piece, f"NumberOf{name}", "0")
-                arrays = {a.get("Name"): a for a in piece.iterfind(f"{name}/DataArray")}
-                if not n:
-                    continue
-                if not {"connectivity", "offsets"} <= arrays.keys():
-                    raise self.bad(name, "expected the arrays connectivity and offsets")
-                ends = self.array(arrays["offsets"], n).astype(np.int64)
-                offsets = np.concatenate([[0], ends])
-                corners = self.array(arrays["connectivity"], max(int(ends[-1]), 0))
-                faces = fans(corners.astype(np.int64), offsets, name == "Strips")
-                if faces is None:
-                    raise self.bad(name, "expected offsets that grow")
-                found.append(faces + first)
-            first += n_points
-        return np.concatenate(found)
+    def own_points(self, element: Any) -> dict[tuple[str, int], np.ndarray]:
+        """As `piece`, without ghosts, and with the data of vertex cells."""
+        arrays = self.piece(element)
+        points = arrays.pop(("", 3))
+        n_cells = sum(self.count(element, name, "0") for name in _counts(element))
+        try:
+            found, kept = cells.point_arrays(
+                len(points), _named(arrays), self.cell_arrays(element), n_cells,
+                lambda: self.cells(element),
+            )  # fmt: skip
+        except ValueError as error:
+            raise self.of_cells(error) from None
+        keyed = {(name, 1 if a.ndim == 1 else a.shape[1]): a for name, a in found.items()}
+        keyed["", 3] = points
+        return keyed if kept is None else {key: a[kept] for key, a in keyed.items()}
+
+    def of_cells(self, error: ValueError) -> FormatError:
+        """A mistake in the cells; one of an array names it already."""
+        return error if isinstance(error, FormatError) else bad(self.path, "cells", str(error))
+
+    def cell_arrays(self, element: Any) -> dict[str, np.ndarray]:
+        """The arrays of a piece's cells by name."""
+        n = sum(self.count(element, name, "0") for name in _counts(element))
+        return {
+            a.get("Name", ""): self.array(a, n)
+            for a in element.iterfind("CellData/DataArray")
+            if n and a.get("type") in TYPES and a.get("Name")
+        }
+
+    def types(self, element: Any) -> np.ndarray:
+        """The types of a piece's cells in UnstructuredGrid."""
+        n = self.count(element, "NumberOfCells", "0")
+        named = self.cell_lists(element, "Cells", ("types",)) if n else {}
+        return self.array(named["types"], n).astype(np.uint8) if n else np.empty(0, np.uint8)
+
+    def cell_lists(self, element: Any, name: str, needed: tuple[str, ...]) -> dict[str, Any]:
+        """The elements of a list of cells by name. Raises FormatError without those needed."""
+        arrays = {a.get("Name", ""): a for a in element.iterfind(f"{name}/DataArray")}
+        if not arrays.keys() >= set(needed):
+            raise self.bad(name, f"expected the arrays {' and '.join(needed)}")
+        return arrays
+
+    def cells(self, element: Any) -> Cells:
+        """The cells of a piece; those of PolyData in the order of their data."""
+        found = []
+        for name in _counts(element):
+            n = self.count(element, name, "0")
+            if not n:
+                continue
+            name = name.removeprefix("NumberOf")
+            arrays = self.cell_lists(element, name, ("connectivity", "offsets"))
+            ends = self.array(arrays["offsets"], n).astype(np.int64)
+            offsets = np.concatenate([[0], ends])
+            corners = self.array(arrays["connectivity"], max(int(ends[-1]), 0)).astype(np.int64)
+            types = np.full(n, _LISTS[name], np.uint8) if name in _LISTS else self.types(element)
+            part = Cells(types, corners, offsets)
+            found.append(part if name in _LISTS else self.with_polyhedra(part, arrays))
+        return found[0] if len(found) == 1 else cells.joined(found)
+
+    def with_polyhedra(self, part: Cells, arrays: dict[str, Any]) -> Cells:
+        """The cells with the faces of polyhedra, as streams, or as VTK 9.4 and later write them."""
+        n = len(part.types)
+        if not (part.types == cells.POLYHEDRON).any():
+            return part
+        if {"faces", "faceoffsets"} <= arrays.keys():
+            ends = self.array(arrays["faceoffsets"], n).astype(np.int64)
+            stream = self.array(arrays["faces"], max(int(ends.max()), 0)).astype(np.int64)
+            solid = ends >= 0
+            begins = np.full(n, -1)
+            begins[solid] = np.concatenate([[0], ends[solid][:-1]])
+            return cells.with_streams(part, stream, begins)
+        names = ("polyhedron_to_faces", "polyhedron_offsets", "face_connectivity", "face_offsets")
+        if not arrays.keys() >= set(names):
+            raise self.bad("Cells", "expected the arrays faces and faceoffsets of polyhedra")
+        ends = self.array(arrays["polyhedron_offsets"], n).astype(np.int64)
+        of_cell = self.array(arrays["polyhedron_to_faces"], max(int(ends[-1]), 0)).astype(np.int64)
+        n_faces = int(of_cell.max(initial=-1)) + 1
+        offsets = self.array(arrays["face_offsets"], n_faces).astype(np.int64)
+        corners = self.array(arrays["face_connectivity"], int(offsets.max(initial=0)))
+        return cells.with_faces(part, corners.astype(np.int64), offsets, of_cell, ends)
 
     def piece(self, element: Any) -> dict[tuple[str, int], np.ndarray]:
         """Arrays by name and number of components; the points have the name ""."""
@@ -311,7 +413,8 @@ class MappedVtk(VtkXml):
 
 
 def is_mappable(path: str | os.PathLike[str]) -> bool:
-    """Whether a file has one piece, and all its arrays appended raw, without compression."""
+    """Whether a file has one piece, no ghosts and no cell data, and all its arrays appended raw,
+    without compression."""
     if not os.path.getsize(path):
         return False
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
@@ -319,8 +422,21 @@ def is_mappable(path: str | os.PathLike[str]) -> bool:
         if tag is None or b"raw" not in tag[1]:
             return False
         head = data[: tag.end()]
-    elsewhere = re.search(rb"""\bcompressor\s*=|format\s*=\s*["'](ascii|binary)""", head)
+    elsewhere = re.search(
+        rb"""\bcompressor\s*=|format\s*=\s*["'](ascii|binary)|vtkGhost|<CellData[^>]*>\s*<""", head
+    )
     return elsewhere is None and head.count(b"<Piece") == 1
+
+
+def _named(arrays: dict[tuple[str, int], np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: a for (name, _), a in arrays.items() if name}
+
+
+def _counts(element: Any) -> tuple[str, ...]:
+    """The attributes of a piece that count its cells."""
+    if element.get("NumberOfCells") is not None:
+        return ("NumberOfCells",)
+    return tuple(f"NumberOf{name}" for name in _LISTS)
 
 
 def _text(element: Any) -> str:

@@ -18,7 +18,7 @@ from .errors import bad, shown
 from .fields import particles_from
 from .hdf5 import read_arrays
 from .size import check_size, whole_file
-from .vtk_collections import below
+from .vtk_parts import below
 from .xml import parse_xml
 
 _MOST_ARRAYS = 1000

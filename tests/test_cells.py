@@ -1,0 +1,368 @@
+"""Cells of VTK's files: faces are triangles, data of vertices are attributes, ghosts are none."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import run_json
+from format_helpers import by_vtk
+from globule.formats import read_contents
+from globule.formats.frames import FrameOf
+from globule.formats.triangles import has_faces
+from globule.render.sequence import frames_of
+
+X = np.array(
+    [[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0], [0, 0, 1], [2, 0, 1], [2, 1, 1], [0, 1, 1]]
+)
+TETRAS = [[0, 1, 3, 4], [1, 2, 3, 6], [1, 6, 4, 5], [3, 4, 6, 7], [1, 3, 4, 6]]  # the whole box
+SMALL = ("--size", "64x48", "--device", "cpu")
+
+
+def area(mesh: gb.Mesh) -> float:
+    a, b, c = (np.asarray(mesh.vertices, np.float64)[mesh.faces[:, k]] for k in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def volume(mesh: gb.Mesh) -> float:
+    a, b, c = (np.asarray(mesh.vertices, np.float64)[mesh.faces[:, k]] for k in range(3))
+    return float(np.sum(a * np.cross(b, c)) / 6)
+
+
+def words(values) -> str:
+    return " ".join(str(v) for v in np.ravel(values))
+
+
+def array(name: str, kind: str, values, components: int = 1) -> str:
+    head = (
+        f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii">'
+    )
+    return f"{head}{words(values)}</DataArray>"
+
+
+def vtu(path, points, cells, types, point_data="", cell_data="", more=""):
+    corners = [i for cell in cells for i in cell]
+    ends = np.cumsum([len(cell) for cell in cells])
+    path.write_text(
+        '<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian">'
+        f'<UnstructuredGrid><Piece NumberOfPoints="{len(points)}" NumberOfCells="{len(cells)}">'
+        f"<Points>{array('P', 'Float64', points, 3)}</Points>"
+        f"<Cells>{array('connectivity', 'Int64', corners)}"
+        f"{array('offsets', 'Int64', ends)}{array('types', 'UInt8', types)}{more}</Cells>"
+        f"<PointData>{point_data}</PointData><CellData>{cell_data}</CellData>"
+        "</Piece></UnstructuredGrid></VTKFile>"
+    )
+    return path
+
+
+def vtk(path, points, cells, types, more=""):
+    rows = "\n".join(f"{len(cell)} {words(cell)}" for cell in cells)
+    n = sum(1 + len(cell) for cell in cells)
+    path.write_text(
+        "# vtk DataFile Version 3.0\ncells\nASCII\nDATASET UNSTRUCTURED_GRID\n"
+        f"POINTS {len(points)} double\n{words(points)}\nCELLS {len(cells)} {n}\n{rows}\n"
+        f"CELL_TYPES {len(cells)}\n{words(types)}\n{more}"
+    )
+    return path
+
+
+def pieces(path, *names):
+    parts = "".join(f'<Piece Source="{name}"/>' for name in names)
+    path.write_text(
+        f'<VTKFile type="PUnstructuredGrid" version="0.1"><PUnstructuredGrid>{parts}'
+        "</PUnstructuredGrid></VTKFile>"
+    )
+    return path
+
+
+def blocks(path, *names):
+    parts = "".join(f'<DataSet index="{i}" file="{name}"/>' for i, name in enumerate(names))
+    path.write_text(
+        f'<VTKFile type="vtkMultiBlockDataSet" version="1.0"><vtkMultiBlockDataSet>{parts}'
+        "</vtkMultiBlockDataSet></VTKFile>"
+    )
+    return path
+
+
+def collection(path, *names):
+    parts = "".join(f'<DataSet timestep="{i}" file="{name}"/>' for i, name in enumerate(names))
+    path.write_text(f'<VTKFile type="Collection"><Collection>{parts}</Collection></VTKFile>')
+    return path
+
+
+@pytest.mark.parametrize("write", [vtu, vtk])
+@pytest.mark.parametrize(
+    ("cells", "types", "expected", "solid"),
+    [
+        ([[0, 1, 2], [0, 2, 3]], [5, 5], 2, False),
+        ([[0, 1, 2, 3]], [9], 2, False),
+        ([[0, 1, 3, 2]], [8], 2, False),
+        ([[0, 1, 3, 2]], [6], 2, False),
+        ([[0, 1], [0, 1, 2, 3], [4]], [3, 7, 1], 2, False),
+        ([range(8)], [12], 10, True),
+        ([[0, 1, 3, 2, 4, 5, 7, 6]], [11], 10, True),
+        (TETRAS, [10] * 5, 10, True),
+        ([[0, 1, 3, 4, 5, 7], [1, 2, 3, 5, 6, 7]], [13, 13], 10, True),
+    ],
+)
+def test_outer_faces(tmp_path, write, cells, types, expected, solid):
+    path = write(tmp_path / f"a.{write.__name__}", X, cells, types)
+    assert has_faces(path)
+    mesh = gb.Mesh(path)
+    assert area(mesh) == pytest.approx(expected, rel=1e-6)
+    assert mesh.solid == solid
+    if solid:
+        assert volume(mesh) == pytest.approx(2, rel=1e-6)
+    assert len(gb.read(path)) == 8  # its points, for --as-particles
+
+
+def test_polyhedra(tmp_path):
+    faces = [[0, 4, 7, 3], [1, 2, 6, 5], [0, 1, 5, 4], [3, 7, 6, 2], [0, 3, 2, 1], [4, 5, 6, 7]]
+    stream = [6, *(i for face in faces for i in (4, *face))]
+    old = array("faces", "Int64", stream) + array("faceoffsets", "Int64", [-1, len(stream)])
+    new = (
+        array("face_connectivity", "Int64", faces) + array("face_offsets", "Int64", range(4, 25, 4))
+        + array("polyhedron_to_faces", "Int64", range(6))
+        + array("polyhedron_offsets", "Int64", [0, 6])
+    )  # fmt: skip
+    for more in (old, new):
+        path = vtu(tmp_path / "a.vtu", X, [[0], range(8)], [1, 42], more=more)
+        assert volume(gb.Mesh(path)) == pytest.approx(2)
+    path = vtk(tmp_path / "a.vtk", X, [[0], stream], [1, 42])
+    assert volume(gb.Mesh(path)) == pytest.approx(2)
+    with pytest.raises(gb.FormatError, match="faces of polyhedra, got too few numbers"):
+        gb.Mesh(vtk(tmp_path / "b.vtk", X, [stream[:-2]], [42]))
+    with pytest.raises(gb.FormatError, match="expected the arrays faces and faceoffsets"):
+        gb.Mesh(vtu(tmp_path / "b.vtu", X, [range(8)], [42]))
+
+
+def test_polygons_with_inward_corners(tmp_path):
+    arrow = np.array([[0, 0, 0], [3, 0, 0], [3, 3, 0], [0, 3, 0], [1, 2, 0], [1, 1, 0]])
+    u_shape = np.array([[0, 0, 0], [5, 0, 0], [5, 3, 0], [4, 3, 0], [4, 1, 0], [1, 1, 0],
+                        [1, 3, 0], [0, 3, 0]])  # fmt: skip
+    dart = np.array([[0, 0, 0], [2, 1, 0], [0, 2, 0], [1, 1, 0]])
+    for points, expected in ((arrow, 7), (u_shape, 9), (dart, 1)):
+        for turned in (points, points[:, [2, 0, 1]], points[::-1][:, [0, 2, 1]]):
+            for first in range(len(points)):
+                path = vtu(tmp_path / "a.vtu", np.roll(turned, first, 0), [range(len(points))], [7])
+                mesh = gb.Mesh(path)
+                assert area(mesh) == pytest.approx(expected)
+                assert len(mesh) == len(points) - 2
+
+
+def test_ghost_and_hidden_cells(tmp_path):
+    """A cell that another piece has covers faces, and is not drawn; a hidden cell uncovers them."""
+    x = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1, 2)])
+    two = [[0, 1, 4, 3, 6, 7, 10, 9], [1, 2, 5, 4, 7, 8, 11, 10]]
+    for flag, expected in ((0, 10), (1, 5), (8, 6), (32, 6)):
+        data = array("vtkGhostType", "UInt8", [0, flag])
+        path = vtu(tmp_path / "a.vtu", x, two, [12, 12], cell_data=data)
+        assert area(gb.Mesh(path)) == pytest.approx(expected), flag
+    hidden = array("vtkGhostType", "UInt8", [2 * (i == 2) for i in range(12)])
+    path = vtu(tmp_path / "b.vtu", x, two, [12, 12], point_data=hidden)
+    assert area(gb.Mesh(path)) == pytest.approx(6)
+    a = vtu(tmp_path / "a.vtu", x, two, [12, 12], cell_data=array("vtkGhostType", "UInt8", [0, 1]))
+    b = vtu(tmp_path / "b.vtu", x, two, [12, 12], cell_data=array("vtkGhostType", "UInt8", [1, 0]))
+    mesh = gb.Mesh(pieces(tmp_path / "ab.pvtu", a.name, b.name))
+    assert area(mesh) == pytest.approx(10)
+    assert volume(mesh) == pytest.approx(2)
+
+
+def test_ghost_points_are_no_particles(tmp_path):
+    cells, types = [[i] for i in range(8)], [1] * 8
+    flags = [0, 1, 0, 2, 0, 0, 1, 0]
+    ids = array("id", "Int64", range(8))
+    data = ids + array("vtkGhostType", "UInt8", flags)
+    found = gb.read(vtu(tmp_path / "a.vtu", X, cells, types, point_data=data))
+    assert found.attributes["id"].tolist() == [0, 2, 4, 5, 7]
+    assert list(found.attributes) == ["id"]
+    on_cells = array("vtkGhostType", "UInt8", flags)
+    found = gb.read(vtu(tmp_path / "b.vtu", X, cells, types, point_data=ids, cell_data=on_cells))
+    assert found.attributes["id"].tolist() == [0, 2, 3, 4, 5, 7]  # 2 means another thing on cells
+    old = f"POINT_DATA 8\nSCALARS vtkGhostLevels int 1\nLOOKUP_TABLE default\n{words(flags)}\n"
+    found = gb.read(vtk(tmp_path / "c.vtk", X, cells, types, old))
+    np.testing.assert_array_equal(found.positions, X[[0, 2, 4, 5, 7]])
+    whole = gb.read(pieces(tmp_path / "all.pvtu", "a.vtu", "b.vtu"))
+    assert whole.attributes["id"].tolist() == [0, 2, 4, 5, 7, 0, 2, 3, 4, 5, 7]
+
+
+def test_ghosts_of_a_file_in_ranges(tmp_path):
+    from globule.formats.ranges import has_ranges
+
+    gb.write(tmp_path / "a.vtu", gb.Particles(X))
+    gb.write(tmp_path / "b.vtu", gb.Particles(X, attributes={"vtkGhostType": np.arange(8) % 2}))
+    assert has_ranges(tmp_path / "a.vtu")
+    assert not has_ranges(tmp_path / "b.vtu")
+
+
+@pytest.mark.parametrize("write", [vtu, vtk])
+def test_cell_data_of_vertices_are_attributes(tmp_path, write):
+    """Vertices in another order than the points, and one point without a vertex."""
+    order, mass = [3, 1, 0, 2], [30, 10, 0, 20]
+    more = f"CELL_DATA 4\nSCALARS radius double 1\nLOOKUP_TABLE default\n{words(mass)}\n"
+    options = {"cell_data": array("radius", "Int32", mass)} if write is vtu else {"more": more}
+    path = write(tmp_path / f"a.{write.__name__}", X[:4], [[i] for i in order], [1] * 4, **options)
+    found = gb.read(path)
+    assert not has_faces(path)
+    assert found.attributes["radius"].tolist() == [0, 10, 20, 30]
+    assert found.attributes["radius"].dtype.kind == ("i" if write is vtu else "f")
+    path = write(tmp_path / f"b.{write.__name__}", X[:5], [[i] for i in order], [1] * 4, **options)
+    np.testing.assert_array_equal(gb.read(path).attributes["radius"], [0, 10, 20, 30, np.nan])
+    poly = [[3, 1], [0, 2]]  # two cells of two points each
+    options = {"cell_data": array("kind", "Int32", [7, 8])} if write is vtu else {
+        "more": "CELL_DATA 2\nSCALARS kind int 1\nLOOKUP_TABLE default\n7 8\n"}  # fmt: skip
+    path = write(tmp_path / f"c.{write.__name__}", X[:4], poly, [2, 2], **options)
+    assert gb.read(path).attributes["kind"].tolist() == [8, 7, 8, 7]
+
+
+def test_cell_data_of_polydata(tmp_path):
+    """The cells' data begin with the vertices', wherever these stand in the file."""
+    lines = "LINES 1 3\n2 0 1\nVERTICES 3 6\n1 2\n1 1\n1 0\n"
+    data = "CELL_DATA 4\nSCALARS id int 1\nLOOKUP_TABLE default\n12 11 10 99\n"
+    head = "# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n"
+    (tmp_path / "a.vtk").write_text(f"{head}{words(X[:3])}\n{lines}{data}")
+    assert gb.read(tmp_path / "a.vtk").attributes["id"].tolist() == [10, 11, 12]
+    (tmp_path / "b.vtk").write_text(f"{head}{words(X[:3])}\n{lines}{data.replace('A 4', 'A 3')}")
+    with pytest.raises(gb.FormatError, match="expected CELL_DATA 4, got 3"):
+        gb.read(tmp_path / "b.vtk")
+
+
+def test_collections_of_meshes(tmp_path):
+    a = vtu(tmp_path / "a.vtu", X, [range(8)], [12]).name
+    b = vtk(tmp_path / "b.vtk", X + [0, 0, 5], TETRAS[:1], [10]).name
+    none = vtu(tmp_path / "none.vtu", X[:0], [], []).name
+    p = vtu(tmp_path / "p.vtu", X, [[i] for i in range(8)], [1] * 8).name
+    assert area(gb.Mesh(pieces(tmp_path / "a.pvtu", a, none, a))) == pytest.approx(20)
+    both = blocks(tmp_path / "both.vtm", a, b)
+    assert has_faces(both)
+    assert area(gb.Mesh(both)) == pytest.approx(10 + area(gb.Mesh(tmp_path / "b.vtk")))
+    times = collection(tmp_path / "t.pvd", a, b, "both.vtm")
+    assert frames_of(str(times)) == 3
+    faces = [len(gb.Mesh(FrameOf(str(times), k))) for k in range(3)]
+    assert faces == [12, 4, 16]
+    series = {"file-series-version": "1.0", "files": [{"name": n, "time": 1} for n in (a, b)]}
+    (tmp_path / "s.vtu.series").write_text(json.dumps(series))
+    assert len(gb.Mesh(FrameOf(str(tmp_path / "s.vtu.series"), 1))) == 4
+    mixed = blocks(tmp_path / "mixed.vtm", a, p, none)
+    assert not has_faces(mixed)
+    with pytest.warns(UserWarning, match=r"mixed\.vtm: a mesh is left out beside the particles"):
+        assert len(read_contents(mixed).particles) == 8
+    assert len(gb.Mesh(mixed)) == 12
+    only = pieces(tmp_path / "only.pvtu", p, p)
+    assert not has_faces(only)
+    assert len(gb.read(only)) == 16
+
+
+def test_damaged_cells_are_refused(tmp_path):
+    with pytest.raises(gb.FormatError, match="expected indices from 0 to 7, got 0 to 8"):
+        gb.Mesh(vtu(tmp_path / "a.vtu", X, [[0, 1, 8]], [5]))
+    with pytest.raises(gb.FormatError, match="expected indices from 0 to 7, got -1 to 1"):
+        gb.Mesh(vtk(tmp_path / "a.vtk", X, [[0, 1, -1]], [5]))
+    text = vtk(tmp_path / "b.vtk", X, [[0, 1, 2]] * 2, [5, 5]).read_text()
+    (tmp_path / "b.vtk").write_text(text.replace("CELL_TYPES 2\n5 5", "CELL_TYPES 1\n5"))
+    with pytest.raises(gb.FormatError, match="expected CELL_TYPES 2, got 1"):
+        gb.Mesh(tmp_path / "b.vtk")
+    path = vtu(tmp_path / "c.vtu", X, [[0, 1, 2]], [5])
+    path.write_text(re.sub("Int64. Name=.offsets", 'Int64" Name="ends', path.read_text()))
+    with pytest.raises(gb.FormatError, match="expected the arrays connectivity and offsets"):
+        gb.Mesh(path)
+    with pytest.raises(gb.FormatError, match="expected a mesh with faces, got none"):
+        gb.Mesh(vtu(tmp_path / "d.vtu", X, [[0, 1]], [3]))
+
+
+def test_render_frames_of_meshes(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    a = vtu(tmp_path / "a.vtu", X, [range(8)], [12]).name
+    b = vtu(tmp_path / "b.vtu", X, TETRAS[:1], [10]).name
+    collection(tmp_path / "t.pvd", a, b)
+    still = run_json(capsys, "render", "t.pvd", "-o", "a.png", *SMALL)
+    assert still["counts"]["triangles"] == 12
+    assert "t.pvd has 2 frames, and this is the first" in still["warnings"][0]
+    last = run_json(capsys, "render", "t.pvd", "-o", "a.png", *SMALL, "--frame", "-1")
+    assert last["counts"]["triangles"] == 4
+    assert last["warnings"] == []
+    both = run_json(capsys, "render", "t.pvd", "-o", "f_%02d.png", *SMALL)
+    assert [frame["counts"]["triangles"] for frame in both["frames"]] == [12, 4]
+
+
+NAMES = (
+    "TRIANGLE", "QUAD", "PIXEL", "POLYGON", "TETRA", "VOXEL", "HEXAHEDRON", "WEDGE", "PYRAMID",
+    "QUADRATIC_TRIANGLE", "QUADRATIC_QUAD", "QUADRATIC_TETRA", "QUADRATIC_HEXAHEDRON",
+    "QUADRATIC_WEDGE", "QUADRATIC_PYRAMID", "BIQUADRATIC_QUAD", "POLYHEDRON",
+    "LAGRANGE_TRIANGLE", "LAGRANGE_QUADRILATERAL", "LAGRANGE_TETRAHEDRON", "PENTAGONAL_PRISM",
+    "HEXAGONAL_PRISM", "TRIQUADRATIC_HEXAHEDRON", "LAGRANGE_HEXAHEDRON", "LAGRANGE_WEDGE",
+    "BEZIER_TRIANGLE", "BEZIER_HEXAHEDRON",
+)  # fmt: skip
+STRAIGHT = NAMES[NAMES.index("PENTAGONAL_PRISM") :]  # drawn to 1e-6 where their faces are plane
+
+
+@pytest.mark.interop
+@pytest.mark.parametrize("name", NAMES)
+def test_areas_of_vtk(tmp_path, name):
+    """The area of the surface that VTK extracts, in every encoding it writes."""
+    vtk = pytest.importorskip("vtk", reason="vtk is not installed")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    source = vtk.vtkCellTypeSource()
+    source.SetCellType(getattr(vtk, f"VTK_{name}"))
+    source.SetCellOrder(2)
+    source.SetBlocksDimensions(2, 2, 2)
+    source.SetOutputPrecision(1)
+    source.Update()
+    grid = source.GetOutput()
+    points = vtk_to_numpy(grid.GetPoints().GetData())
+    if name not in STRAIGHT:
+        bend = np.stack([3 * points[:, 1] + points[:, 2], 2 * points[:, 2], 2.5 * points[:, 0]], 1)
+        points += 0.03 * np.sin(bend)
+    outer = vtk.vtkDataSetSurfaceFilter()
+    outer.SetInputData(grid)
+    cut = vtk.vtkTriangleFilter()
+    cut.SetInputConnection(outer.GetOutputPort())
+    measured = vtk.vtkMassProperties()
+    measured.SetInputConnection(cut.GetOutputPort())
+    measured.Update()
+    for ending, mode in (("vtu", "Ascii"), ("vtu", "Binary"), ("vtu", "Appended"), ("vtk", 42),
+                         ("vtk", 51)):  # fmt: skip
+        path = str(tmp_path / f"a.{ending}")
+        if ending == "vtu":
+            writer = vtk.vtkXMLUnstructuredGridWriter()
+            getattr(writer, f"SetDataModeTo{mode}")()
+        else:
+            writer = vtk.vtkUnstructuredGridWriter()
+            writer.SetFileVersion(mode)
+            writer.SetFileTypeToBinary()
+        writer.SetFileName(path)
+        writer.SetInputData(grid)
+        writer.Write()
+        assert area(gb.Mesh(path)) == pytest.approx(measured.GetSurfaceArea(), rel=1e-6)
+
+
+@pytest.mark.interop
+def test_cell_data_as_vtk_orders_them(tmp_path):
+    """What VTK says of vertex cells in a .vtp that holds lines and polygons, too."""
+    vtk = pytest.importorskip("vtk", reason="vtk is not installed")
+    path = tmp_path / "a.vtp"
+    lists = {"Polys": [[0, 1, 2]], "Lines": [[0, 1]], "Verts": [[2], [1], [0]]}
+    body = "".join(
+        f"<{name}>{array('connectivity', 'Int64', [i for cell in cells for i in cell])}"
+        f"{array('offsets', 'Int64', np.cumsum([len(c) for c in cells]))}</{name}>"
+        for name, cells in lists.items()
+    )
+    counts = " ".join(f'NumberOf{name}="{len(cells)}"' for name, cells in lists.items())
+    path.write_text(
+        f'<VTKFile type="PolyData" version="0.1"><PolyData><Piece NumberOfPoints="3" {counts} '
+        f'NumberOfStrips="0"><Points>{array("P", "Float32", X[:3], 3)}</Points><CellData>'
+        f"{array('id', 'Int32', [12, 11, 10, 5, 6])}</CellData>{body}</Piece></PolyData></VTKFile>"
+    )
+    data = by_vtk(path)
+    of_vertex = {}
+    for i in range(data.GetNumberOfVerts()):
+        ids = vtk.vtkIdList()
+        data.GetCellPoints(i, ids)
+        of_vertex[ids.GetId(0)] = int(data.GetCellData().GetArray("id").GetValue(i))
+    found = gb.read(path).attributes["id"]
+    assert found.tolist() == [of_vertex[i] for i in range(3)] == [10, 11, 12]
+    assert len(gb.Mesh(path)) == 1
