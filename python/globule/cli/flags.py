@@ -69,8 +69,8 @@ FLAGS: dict[str, dict[str, Any]] = {
     # Surface
     "--kernel": of(Surface, "kernel"),
     "--surface": row("NAME", "smooth: one surface that encloses the fluid's volume; balls: a ball "
-        "around each particle; spheres: spheres of half a spacing; auto: smooth for particles of "
-        "one fluid, spheres for 2-D data (all z equal)",
+        "around each particle; spheres: of the file's radii or half a spacing; auto: smooth for "
+        "one fluid, spheres for grains and 2-D data",
         ("auto", "smooth", "balls", "spheres")),
     "--particle-spacing": row("LENGTH", "spacing of a fluid's particles, the cube root of a "
         "particle's volume, world units", positive),
@@ -81,6 +81,8 @@ FLAGS: dict[str, dict[str, Any]] = {
         action="append"),
     "--resample": row("LENGTH", "edge of a volume's resampled voxels, or distance of the points on "
         "a mesh, in the file's unit", positive),
+    "--radius-is": row("NAME", "what a file's array radius holds: radius or diameter",
+        ("radius", "diameter")),
     "--frame": row("N", "number of a frame in a file with several, from 0; -1: the last", int),
     "--species": row("NAME", "group of particles in a file with several, by its name there"),
     "--clip": row("NX,NY,NZ,D", "cut away the side of a plane where nx x + ny y + nz z > d, world "
@@ -182,6 +184,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add(group, "--resample", "default: the file's own voxels and vertices")
     group = parser.add_argument_group("files of several frames or species")
     add(group, "--frame", "default: 0")
+    add(group, "--radius-is", "default: radius", default="radius")
     add(group, "--species", "default: gas, else the first or all")
 
 

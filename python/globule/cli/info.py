@@ -14,7 +14,7 @@ import numpy as np
 
 from ..data.particles import SCALAR_FIELDS, Particles
 from ..data.spacing import n_coincident
-from ..fluids.likeness import assess_fluid, is_flat
+from ..fluids.likeness import are_spheres, assess_fluid, is_flat
 from ..formats import READABLE
 from ..formats.contents import Contents
 from ..formats.kind import kind_of
@@ -147,6 +147,8 @@ def _surface(path: str, particles: Particles, scene: Scene) -> tuple[str, str]:
     """What `globule render` draws, and why."""
     if kind_of(path).kind == "volume":
         return "balls", "voxels"
+    if are_spheres(particles, scene):
+        return "spheres", "radii of the file, which do not overlap as a fluid's"
     if is_flat(particles):
         return "spheres", "2-D: one z"
     found = assess_fluid(particles, scene)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..data.particles import Particles
+from ..data.radii import find_radii
 from ..fluids.likeness import flat_spacing, is_flat
 from ..formats import FormatError
 from ..formats.triangles import has_faces
@@ -54,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     flags.own(group, "--spheres FILE[:RADIUS]", "plain spheres at the particles of a second file, "
         "world units", functools.partial(_with_radius, "spheres"), [],
-        usual="a radius of half a spacing", action="append")  # fmt: skip
+        usual="the file's radii, else half a spacing", action="append")  # fmt: skip
     flags.own(group, "--lines FILE[:RADIUS]", "a line through the points of a second file, in "
         "their order, world units", functools.partial(_with_radius, "lines"), [],
         usual="a radius of a 400th of the line's extent", action="append")  # fmt: skip
@@ -164,7 +165,7 @@ def files(options: argparse.Namespace) -> list[str]:
 
 def _capsules(options: argparse.Namespace, kind: str, path: str, radius: float | None) -> Mesh:
     """The spheres or the line of a file."""
-    particles = read_particles(path)
+    particles = read_particles(path, radius_is=options.radius_is)
     finite = np.isfinite(particles.positions).all(axis=1)
     if n_lost := int((~finite).sum()):
         have = "have" if n_lost > 1 else "has"
@@ -178,6 +179,9 @@ def _capsules(options: argparse.Namespace, kind: str, path: str, radius: float |
                 _THIN * float(np.linalg.norm(np.ptp(positions, axis=0))) if len(particles) else 1
             )
         return Lines(positions, radius or 1.0, color, **machine)
+    radii = find_radii(particles) if kind == "spheres" and radius is None else None
+    if radii is not None:
+        return Spheres(positions, radii, color, **machine)
     if radius is None:
         flat = flat_spacing(particles) if is_flat(particles) else None
         radius = 0.5 * (flat or Scene(positions, device="cpu").spacing or 1.0)

@@ -160,6 +160,7 @@ def reading(options: argparse.Namespace) -> dict[str, Any]:
         raise UserError("--level: expected no --label beside --level, got both")
     given = {"level": options.level, "labels": options.label, "spacing": options.resample}
     given |= {"frame": options.frame, "species": options.species}
+    given["radius_is"] = options.radius_is if options.radius_is != "radius" else None
     return {name: value for name, value in given.items() if value is not None}
 
 
@@ -175,7 +176,7 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
     if found.kind in ("particles", "mesh"):
-        known = format_named(found.format).options
+        known = (*format_named(found.format).options, "radius_is")
     else:
         known = ("level", "labels", "spacing") if found.kind == "volume" else ()
     for name in given:
@@ -183,8 +184,11 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
             if name in ("frame", "species"):
                 have = ", ".join(f.about for f in formats() if name in f.options)
                 raise UserError(f"--{name}: expected a file of {have}; got {path}")
-            option = {"labels": "--label", "spacing": "--resample"}.get(name, f"--{name}")
-            kind = "volume or mesh" if name == "spacing" else "volume"
+            flags = {"labels": "--label", "spacing": "--resample", "radius_is": "--radius-is"}
+            option = flags.get(name, f"--{name}")
+            kind = {"spacing": "volume or mesh", "radius_is": "file of particles"}.get(
+                name, "volume"
+            )
             raise UserError(f"{option}: expected a {kind} to read, got {path}")
 
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+import numpy as np
+
 from ..data.particles import Particles
 from ..pieces.scene import Scene
 from ..pieces.shown import shown_scene
 from . import flags
+from .shared import say
 
 
 def add_arguments(group: Any) -> None:
@@ -27,5 +30,11 @@ def scene_of(
     elif surface == "auto" and spacing:
         surface = "smooth"
     if surface == "auto":
-        return shown_scene(particles, **asked)
+        scene = shown_scene(particles, **asked)
+        if scene.surface == "spheres" and np.ndim(scene.support):
+            say(
+                "note: the particles are spheres of the file's radii, which do not overlap as a "
+                "fluid's; --surface smooth or balls draws another surface"
+            )
+        return scene
     return Scene(particles, surface=surface, spacing=spacing, **asked)

@@ -1,5 +1,6 @@
 """Which surface shows particles best, where nobody says which one:
 
+- "spheres" for particles that have radii and do not overlap as those of a fluid (`are_spheres`).
 - "spheres" of half a spacing for 2-D data, i.e. at least 100 particles of equal z. Images show them
   in flat colors, from above.
 - "smooth" for particles that look like those of one fluid (`assess_fluid`).
@@ -14,6 +15,7 @@ import numpy as np
 
 from .._base.arrays import extent, on_gpu, to_host
 from ..data.particles import Particles
+from ..data.radii import find_radii
 from ..scene.scene import SceneBase
 
 FEWEST = 100
@@ -21,6 +23,9 @@ FEWEST = 100
 # splash of SPH particles, 2.1 where its sheets tear, 2.8 of points that know nothing of each other.
 MOST_UNEVEN = 2.4
 SAMPLES = 512
+# The distance to the nearest particle over the sum of both radii, at half of the particles: grains
+# press into each other by a few hundredths, particles of a fluid overlap.
+LEAST_APART = 0.9
 FLAT = 1e-6  # thickness over extent
 
 
@@ -82,6 +87,33 @@ def assess_fluid(particles: Particles, scene: SceneBase | None = None) -> Likene
     return Likeness(True, "even spacing, one fluid")
 
 
+def are_spheres(particles: Particles, scene: SceneBase | None = None) -> bool:
+    """Whether particles have radii, in an attribute `radius`, `pscale` or `diameter`, and do not
+    overlap as those of a fluid: half of them are farther from the nearest one than 0.9 times the
+    sum of both radii.
+
+    Args:
+        particles: N particles.
+        scene: one of these particles, whose octree serves the search; default: a new one.
+    """
+    radii = find_radii(particles)
+    if radii is None or particles.anisotropy is not None:
+        return False
+    positions = to_host(particles.positions)
+    inside = np.flatnonzero(np.isfinite(positions).all(axis=1))
+    if not len(inside):
+        return False
+    some = inside[:: max(1, len(inside) // SAMPLES)][:SAMPLES]
+    scene = scene or SceneBase(Particles(positions), device="cpu")
+    offsets, index = scene.neighbors(positions[some], 2 * float(np.median(radii[some])))
+    row = np.repeat(np.arange(len(some)), np.diff(offsets).astype(np.int64))
+    apart = np.linalg.norm(positions[index].astype(np.float64) - positions[some][row], axis=1)
+    nearest = np.ones(len(some))
+    others = index != some[row]
+    np.minimum.at(nearest, row[others], (apart / (radii[index] + radii[some][row]))[others])
+    return bool(np.median(nearest) >= LEAST_APART)
+
+
 def is_flat(particles: Particles) -> bool:
     """Whether particles are 2-D data: at least 100, all finite ones at the same z, not in a line
     along an axis."""
@@ -124,7 +156,7 @@ def choose_surface(particles: Particles, **options: Any) -> str:
     """
     if not is_plain(options):
         return "balls"
-    if is_flat(particles):
+    if are_spheres(particles) or is_flat(particles):
         return "spheres"
     return "smooth" if assess_fluid(particles).yes else "balls"
 

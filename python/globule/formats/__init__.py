@@ -12,9 +12,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
+from .._base.checks import choice
 from ..data.particles import Particles
+from ..data.radii import with_halved_radii
 from .contents import Box, Contents
 from .errors import FormatError, bad
 from .frames import FrameOf
@@ -40,6 +43,7 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
         species: which group of particles of a file with several, by its name in the file.
         columns: field or attribute -> name of a column or data set in the file; "x", "y" and "z",
             or "positions", name the position. Everything that is not named is left out.
+        radius_is: "radius", or "diameter" where the file's array `radius` holds diameters.
 
     Returns:
         Particles; positions (N, 3) float32 in the file's units. `read_contents` returns the box,
@@ -58,6 +62,7 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
 
     Args, errors: as those of `read`.
     """
+    radius_is = choice("radius_is", options.pop("radius_is", "radius"), ("radius", "diameter"))
     kind = kind_of(path, "particles")
     if kind.kind not in ("particles", "mesh"):
         raise wrong_kind(path, "particles or a mesh", kind)
@@ -75,7 +80,10 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
         found = function_of(form)(path, **options)
     else:
         found = _by_others(form, path, options)
-    return found if isinstance(found, Contents) else Contents(found)
+    contents = found if isinstance(found, Contents) else Contents(found)
+    if radius_is == "diameter":
+        contents = replace(contents, particles=with_halved_radii(contents.particles))
+    return contents
 
 
 def _by_others(form: Format, path: Any, options: dict[str, Any]) -> Contents | Particles:

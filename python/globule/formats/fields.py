@@ -6,7 +6,7 @@ anisotropy with nine components) is that field. Where there is none of that name
     rgb, Cd, colors, rgba                       are taken as color (integers are divided by 255),
     smoothing_length, h                         give support = 2 h, SPH's usual kernel radius; some
                                                 formats know that their kernel ends elsewhere,
-    radius, pscale                              give support = 4 radius: a particle's radius is
+    radius, pscale, diameter                    give support = 4 radius: a particle's radius is
                                                 half the spacing, the support two spacings.
 
 Where the support comes from a smoothing length, mass and density give the weight; see
@@ -33,7 +33,7 @@ from .errors import bad
 
 _POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
 _COLOR_NAMES = ("color", "rgb", "cd", "colors", "rgba")
-_SUPPORT_NAMES = {"smoothing_length": 2, "h": 2, "radius": 4, "pscale": 4}
+_SUPPORT_NAMES = {"smoothing_length": 2, "h": 2, "radius": 4, "pscale": 4, "diameter": 2}
 _LENGTH_NAMES = ("smoothing_length", "h")
 _MASS_NAMES = ("mass", "masses", "m")
 _DENSITY_NAMES = ("density", "densities", "rho", "rhop")

@@ -17,6 +17,7 @@ import numpy as np
 from .._base.checks import MissingPackageError
 from .._base.memory import always_fits, largest_ratio
 from ..data.particles import FIELDS, Particles
+from ..data.radii import with_halved_radii
 from .bgeo import MappedBgeo
 from .bgeo import is_mappable as bgeo_is_mappable
 from .errors import FormatError, bad
@@ -61,12 +62,14 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
     Raises FormatError for a damaged file or another format; `read` also for a file that has changed
     since.
     """
+    halved = options.pop("radius_is", "radius") == "diameter"
     before, (n, read) = _state(path), _ranges(path, **options)
 
     def unchanged(first: int, last: int) -> Particles:
         # Other contents may also look damaged: what has changed comes first.
         try:
-            return read(first, last)
+            rows = read(first, last)
+            return with_halved_radii(rows) if halved else rows
         finally:
             if _state(path) != before:
                 raise bad(path, "", "expected a file that stays as it is, got one that changed "

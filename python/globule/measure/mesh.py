@@ -15,7 +15,16 @@ from ..data.particles import FARTHEST
 from ..formats.mesh_files import EXTENSIONS, write_mesh
 from ..pieces.scene import Scene
 from .sample import names_of, values_at
-from .surface import BLOCK, MOST_PLACES, box_of, default_spacing, in_blocks, surface_scene
+from .spheres import union_of_spheres
+from .surface import (
+    BLOCK,
+    MOST_PLACES,
+    box_of,
+    default_spacing,
+    in_blocks,
+    spheres_of,
+    surface_scene,
+)
 
 TOLERANCE = 1e-5  # |field - threshold| / |gradient| at a vertex, in edges of the grid
 CELLS = 32  # along the edge of a block
@@ -135,7 +144,8 @@ def measure_surface(
     moved onto the surface, are wrong by a multiple of their edges' square; Richardson's
     extrapolation (1911) takes it away. The error is the sum of the magnitudes of this correction
     over all triangles, plus that of float32 coordinates. It does not cover parts of the surface
-    that are smaller than a cell.
+    that are smaller than a cell. Spheres of which no three have a common point are measured in
+    closed form.
 
     Args:
         scene, spacing, device, threads: as for `mesh_surface`.
@@ -152,6 +162,11 @@ def measure_surface(
 
 def measured(scene: Scene, mesh: SurfaceMesh) -> SurfaceMeasure:
     """As `measure_surface`, of the mesh of a scene's surface."""
+    spheres = spheres_of(scene)
+    exact = None if spheres is None else union_of_spheres(*spheres)
+    if exact is not None:
+        rounding = float(np.finfo(np.float32).eps)
+        return SurfaceMeasure(exact[0], 3 * rounding * exact[0], exact[1], 2 * rounding * exact[1])
     if not len(mesh.faces):
         return SurfaceMeasure(0.0, 0.0, 0.0, 0.0)
     n = len(mesh.vertices)

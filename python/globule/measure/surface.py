@@ -13,6 +13,8 @@ from .._base.checks import shown
 from ..data.particles import Particles
 from ..pieces.scene import Scene
 from ..pieces.shown import shown_scene
+from ..render.layers import in_pieces
+from ..scene.scene import SPHERE_RADIUS, SPHERE_THRESHOLD
 from ..scene.sources import as_particles
 
 MOST_PLACES = 2**27  # of a grid; their field takes 0.5 GiB
@@ -62,8 +64,22 @@ def box_of(scene: Scene, margin: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     return lo.astype(np.float64) - reach, hi.astype(np.float64) + reach
 
 
+def spheres_of(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
+    """Centers (N, 3) and radii (N,), world, of a scene of spheres; None for another surface."""
+    if scene.surface != "spheres" or scene.threshold != SPHERE_THRESHOLD or in_pieces(scene):
+        return None
+    positions = to_host(scene.particles.positions)
+    radii = np.broadcast_to(SPHERE_RADIUS * to_host(scene.support), len(positions))
+    there = np.isfinite(positions).all(axis=1)
+    return positions[there], radii[there]
+
+
 def default_spacing(scene: Scene) -> float:
-    """Half the particles' spacing; for fewer particles than have one, an eighth of a support."""
+    """Half the particles' spacing; for fewer particles than have one, an eighth of a support; of
+    spheres of different radii, half the median radius."""
+    spheres = spheres_of(scene)
+    if spheres is not None and np.ndim(scene.support) and len(spheres[1]):
+        return float(np.median(spheres[1])) / 2
     return scene.spacing / 2 or float(np.max(to_host(scene.support))) / 8
 
 

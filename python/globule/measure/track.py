@@ -11,7 +11,7 @@ import numpy as np
 
 from ..render.sequence import KeptScene, are_files, find_files, leader, with_frames
 from .mesh import SurfaceMesh, measured, mesh_surface
-from .surface import default_spacing, measured_particles, surface_scene
+from .surface import default_spacing, measured_particles, spheres_of, surface_scene
 
 
 def track_surface(
@@ -77,6 +77,11 @@ def facts(scene: Any, mesh: SurfaceMesh) -> dict[str, float]:
     nothing = np.full(3, np.nan)
     lo = mesh.vertices.min(axis=0) if len(mesh.vertices) else nothing
     hi = mesh.vertices.max(axis=0) if len(mesh.vertices) else nothing
+    spheres = spheres_of(scene)
+    if spheres is not None and len(spheres[0]):
+        centers, radii = (a.astype(np.float64) for a in spheres)
+        lo = (centers - radii[:, None]).min(axis=0)
+        hi = (centers + radii[:, None]).max(axis=0)
     return found | dict(_extent(lo, hi))
 
 

@@ -61,8 +61,9 @@ class Scene(SceneBase):
             outside of the outermost particles (docs/design/surface.md). "smooth" is for particles
             of one fluid with one spacing; it replaces `support` and has the kernel murakami and
             the default threshold 0.5.
-            "spheres": each particle is a sphere of half a spacing, with the kernel murakami and a
-            support of its own. `choose_surface` tells which one `render` takes.
+            "spheres": each particle is a sphere, with the kernel murakami and a support of its
+            own: of the attribute `radius`, `pscale` or `diameter` (2 radii), without one and with
+            `spacing` of half a spacing. `choose_surface` tells which one `render` takes.
         spacing: of the particles for "smooth", world units: the cube root of a particle's volume.
             Default: the scene measures the spacing at its first build and keeps it.
         comm: an mpi4py communicator. The particles are then those that this rank has, anywhere

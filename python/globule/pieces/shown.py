@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from .._base.device import choose
-from ..fluids.likeness import FEWEST, assess_fluid, flat_spacing, is_flat, is_plain
+from ..data.radii import find_radii
+from ..fluids.likeness import FEWEST, are_spheres, assess_fluid, flat_spacing, is_flat, is_plain
 from ..scene.fitting import counted, lacking
 from ..scene.sources import as_particles
 from .scene import Scene, SceneInPieces
@@ -20,6 +21,11 @@ def shown_scene(value: Any, **options: Any) -> Scene:
     if divided is not None:
         return divided
     particles = as_particles("scene", value)
+    if find_radii(particles) is not None:
+        scene = Scene(particles, **options)
+        if are_spheres(particles, scene):
+            scene.become_spheres()
+            return scene
     if len(particles) < FEWEST:
         return Scene(particles, **options)
     if is_flat(particles):

@@ -15,6 +15,7 @@ from .._base.device import Device, choose
 from .._base.owner import Owner
 from ..data.attributes import color_by
 from ..data.particles import FIELDS, Particles
+from ..data.radii import find_radii
 from .octree import Octree
 from .sources import as_particles
 from .thesis import Thesis, check_tracing
@@ -50,8 +51,9 @@ REACH = {
 SURFACES = ("balls", "smooth", "spheres")
 SMOOTH_SUPPORT = 2.25  # spacings: of a kernel inside the fluid, src/field/surface_kernels.hpp
 SMOOTH_THRESHOLD = 0.5
-# A ball alone has a radius of half a spacing, and hardly reaches farther: b(0.94868) is 0.01.
-SPHERE_SUPPORT, SPHERE_THRESHOLD = 0.5 / 0.94868, 0.01
+# A ball alone has this radius, in supports, and hardly reaches farther: b(0.94868) is 0.01.
+SPHERE_RADIUS, SPHERE_THRESHOLD = 0.94868, 0.01
+SPHERE_SUPPORT = 0.5 / SPHERE_RADIUS  # spacings
 DEFAULT_COLOR = (0.28, 0.52, 0.80)
 MAX_PARTICLES = 2**31 - 64
 MAX_SUPPORT = 1e18  # past it squares overflow float32
@@ -198,6 +200,13 @@ class SceneBase(Owner):
             self.threshold = SMOOTH_THRESHOLD
             self._build(self.particles)
 
+    def become_spheres(self) -> None:
+        """Draw the same particles as spheres of the radii that they have."""
+        with self._lock:
+            self._spacing = self._support = None
+            self.surface, self.threshold = "spheres", SPHERE_THRESHOLD
+            self._build(self.particles)
+
     def _build(self, p: Particles) -> None:
         """Sort them into the octree. If that stops half way, the scene keeps its particles and
         builds them again when it is next used."""
@@ -209,6 +218,8 @@ class SceneBase(Owner):
         smooth = self.surface == "smooth"
         if smooth:
             support, one_support = ABSENT, SMOOTH_SUPPORT * spacing if spacing else None
+        elif self.surface == "spheres" and not spacing and (radii := find_radii(p)) is not None:
+            support, one_support = view("support", radii / SPHERE_RADIUS, None), None
         elif self.surface == "spheres":
             support, one_support = ABSENT, SPHERE_SUPPORT * spacing if spacing else found
         elif p.anisotropy is not None:
@@ -270,7 +281,8 @@ class SceneBase(Owner):
         if not checked and support.device == HOST:
             _check_supports(support.owner)
         build(1.0 if one_support is None else float(one_support))
-        own = p.support if p.anisotropy is None else support.owner
+        made = p.anisotropy is not None or self.surface == "spheres"
+        own = support.owner if made else p.support
         self.__dict__.update(  # in one go
             particles=p,
             support=one_support if support is ABSENT else own,

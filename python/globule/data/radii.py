@@ -1,0 +1,44 @@
+"""The radii of particles that are spheres."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._base.arrays import to_host
+from .particles import Particles
+
+_NAMES = {"radius": 1.0, "pscale": 1.0, "diameter": 0.5}  # in lower case, by radii
+
+
+def find_radii(particles: Particles) -> np.ndarray | None:
+    """Radii (N,) float32, world units, from the attribute `radius`, `pscale` or `diameter`; None
+    where the particles have none, or one that is not a finite number above 0."""
+    by_lower_name = {name.lower(): name for name in reversed(list(particles.attributes))}
+    for lower, factor in _NAMES.items():
+        if lower not in by_lower_name:
+            continue
+        values = to_host(particles.attributes[by_lower_name[lower]])
+        if values.ndim > 1 and values.shape[1:] == (1,):
+            values = values[:, 0]
+        if values.ndim != 1 or values.dtype.kind not in "iuf" or not len(values):
+            continue
+        with np.errstate(over="ignore"):
+            radii = (factor * values).astype(np.float32)
+        if (np.isfinite(radii) & (radii > 0)).all():
+            return radii
+    return None
+
+
+def with_halved_radii(particles: Particles) -> Particles:
+    """The particles of a file whose radii are diameters, and whose support, where it follows from
+    them, is twice too large; as they are without an attribute `radius` or `pscale`.
+    """
+    name = next((n for n in particles.attributes if n.lower() in ("radius", "pscale")), None)
+    if name is None:
+        return particles
+    radii, support = particles.attributes[name], particles.support
+    halved = particles[:]
+    halved.attributes = {**particles.attributes, name: radii / 2}
+    if support is not None and np.array_equal(support, 4 * radii.astype(np.float32)):
+        halved.support = support / 2
+    return halved

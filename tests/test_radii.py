@@ -1,0 +1,142 @@
+"""Particles with radii: spheres of that size, unless they overlap as a fluid's."""
+
+from __future__ import annotations
+
+import json
+
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import run_json
+from globule.cli import main
+from globule.data.radii import find_radii
+from globule.fluids.likeness import are_spheres
+from globule.measure.spheres import union_of_spheres
+from globule.scene.capsules import Spheres
+
+SMALL = ("--size", "64x48", "--device", "cpu")
+
+
+def grains(n: int, low: float, high: float, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Spheres of random radii at random places, none in another: the largest come first."""
+    rng = np.random.default_rng(seed)
+    radii = np.sort(rng.uniform(low, high, n))[::-1]
+    places: list[np.ndarray] = []
+    while len(places) < n:
+        p, held = rng.random(3), np.array(places).reshape(-1, 3)
+        apart = np.linalg.norm(held - p, axis=1)
+        if (apart >= radii[: len(held)] + radii[len(held)]).all():
+            places.append(p)
+    return np.array(places), radii
+
+
+def volume_of(radii: np.ndarray) -> float:
+    return float(4 / 3 * np.pi * np.sum(radii**3))
+
+
+def csv(path, places, radii, name="radius"):
+    rows = (",".join(f"{v:.9g}" for v in (*p, r)) for p, r in zip(places, radii, strict=True))
+    path.write_text("\n".join([f"x,y,z,{name}", *rows, ""]))
+    return str(path)
+
+
+def silhouette(scene, center, height) -> tuple[float, float]:
+    """The least and the largest x of what a camera along z sees, to a pixel of height / 200."""
+    camera = gb.Camera((*center[:2], 9.0), center, height=height)
+    xs = np.flatnonzero(gb.render(scene, camera, (200, 200), {"samples": 1}).mask.any(axis=0))
+    return center[0] + height * (xs[0] / 200 - 0.5), center[0] + height * ((xs[-1] + 1) / 200 - 0.5)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.03, 0.03), (0.01, 0.06)])
+def test_volume_and_area_of_random_spheres(folder, capsys, low, high):
+    places, radii = grains(300, low, high)
+    csv(folder / "grains.csv", places, radii)
+    assert main(["track", "grains.csv", "--sample-spacing", "0.05", "--json"]) == 0
+    out = capsys.readouterr()
+    assert "note: the particles are spheres of the file's radii" in out.err
+    report = json.loads(out.out)
+    assert report["area"][0] == pytest.approx(4 * np.pi * np.sum(radii**2), rel=1e-5)
+    assert report["volume"][0] == pytest.approx(volume_of(radii), rel=1e-5)
+    assert report["x_max"][0] == pytest.approx((places[:, 0] + radii).max(), rel=1e-5)
+    assert report["z_min"][0] == pytest.approx((places[:, 2] - radii).min(), rel=1e-4, abs=1e-6)
+
+
+def test_few_spheres_are_drawn_in_their_size(folder):
+    places, radii = np.array([[0, 0, 0], [0.7, 0, 0], [0.95, 0, 0]]), np.array([0.5, 0.2, 0.05])
+    dump = (
+        "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n3\nITEM: BOX BOUNDS ff ff ff\n-1 2\n-1 1\n-1 1\n"
+    )
+    rows = "\n".join(
+        f"{i} 1 {words(p)} {r}" for i, (p, r) in enumerate(zip(places, radii, strict=True))
+    )
+    (folder / "d.dump").write_text(f"{dump}ITEM: ATOMS id type x y z radius\n{rows}\n")
+    for scene in ("d.dump", gb.Scene("d.dump", surface="spheres")):
+        assert silhouette(scene, (0.25, 0, 0), 1.6) == pytest.approx((-0.5, 1), abs=0.009)
+    assert gb.fluids.choose_surface(gb.read("d.dump")) == "spheres"
+    csv(folder / "d.csv", places, 2 * radii, "Diameter")
+    assert silhouette("d.csv", (0.25, 0, 0), 1.6) == pytest.approx((-0.5, 1), abs=0.009)
+    given = gb.Scene("d.dump", surface="spheres", spacing=0.2)  # asked for: half a spacing
+    assert silhouette(given, (0, 0, 0), 0.4) == pytest.approx((-0.1, 0.1), abs=0.003)
+
+
+def words(values) -> str:
+    return " ".join(f"{v:g}" for v in values)
+
+
+def test_radii_that_are_diameters(folder, capsys):
+    places, radii = grains(120, 0.03, 0.06)
+    csv(folder / "a.csv", places, radii)
+    csv(folder / "b.csv", places, 2 * radii)
+    halved = gb.read("b.csv", radius_is="diameter")
+    np.testing.assert_allclose(find_radii(halved), radii, rtol=1e-6)
+    np.testing.assert_allclose(halved.support, 4 * radii, rtol=1e-6)
+    report = run_json(capsys, "track", "b.csv", "--radius-is", "diameter")
+    assert report["volume"][0] == pytest.approx(volume_of(radii), rel=1e-5)
+    with pytest.raises(ValueError, match="radius_is: expected radius or diameter, got 'width'"):
+        gb.read("b.csv", radius_is="width")
+
+
+def test_a_packing_is_not_a_fluid(folder, capsys):
+    """A lattice of grains that touch, or press into each other by a few hundredths."""
+    g = np.stack(np.meshgrid(*[np.arange(6.0)] * 3), -1).reshape(-1, 3)
+    for radius in (0.5, 0.52):
+        csv(folder / "p.csv", g, np.full(len(g), radius))
+        report = run_json(capsys, "info", "p.csv")
+        assert report["surface"] == "spheres"
+        lens = np.pi * (2 * radius - 1) ** 2 * (1 + 4 * radius) / 12
+        expected = 216 * volume_of(np.array([radius])) - 3 * 6 * 6 * 5 * lens
+        assert gb.measure.measure_surface("p.csv").volume == pytest.approx(expected, rel=1e-6)
+    csv(folder / "f.csv", g, np.full(len(g), 0.6))  # a fluid's particles overlap
+    assert run_json(capsys, "info", "f.csv")["surface"] == "smooth"
+    assert not are_spheres(gb.read("f.csv"))
+    assert not are_spheres(gb.Particles(g))
+    zero = gb.Particles(g, attributes={"radius": np.arange(len(g))})
+    assert find_radii(zero) is None
+
+
+def test_spheres_beside_particles_have_their_radii(folder, capsys, monkeypatch):
+    from globule.cli import meshes
+
+    made = []
+    monkeypatch.setattr(meshes, "Spheres", lambda *a, **k: made.append(a) or Spheres(*a, **k))
+    places, radii = grains(20, 0.02, 0.1)
+    csv(folder / "g.csv", places, radii)
+    gb.write("fluid.npz", gb.Particles(places))
+    words = ("render", "fluid.npz", "-o", "a.png", *SMALL)
+    run_json(capsys, *words, "--spheres", "g.csv")
+    np.testing.assert_allclose(made[0][1], radii, rtol=1e-6)
+    run_json(capsys, *words, "--spheres", "g.csv", "--radius-is", "diameter")
+    np.testing.assert_allclose(made[1][1], radii / 2, rtol=1e-6)
+    run_json(capsys, *words, "--spheres", "g.csv:0.3")
+    assert made[2][1] == 0.3
+
+
+def test_union_of_two_spheres_and_more():
+    """Two that meet, one inside another, three with a common point."""
+    x, r = np.array([[0, 0, 0], [1, 0, 0], [0.1, 0, 0]]), np.array([1, 1, 0.2])
+    lens = 5 * np.pi / 12
+    expected = (8 / 3 * np.pi - lens, 8 * np.pi - 2 * np.pi)
+    assert union_of_spheres(x[:2], r[:2]) == pytest.approx(expected)
+    assert union_of_spheres(x, r) == pytest.approx(expected)
+    assert union_of_spheres(x + [[0, 0, 0], [0, 0, 0], [0.4, 0.5, 0]], r * [1, 1, 4]) is None
+    assert union_of_spheres(x[:0], r[:0]) == (0, 0)
