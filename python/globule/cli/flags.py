@@ -84,6 +84,9 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--radius-is": row("NAME", "what a file's array radius holds: radius or diameter",
         ("radius", "diameter")),
     "--frame": row("N", "number of a frame in a file with several, from 0; -1: the last", int),
+    "--where": row("CONDITION", "only the particles for which it holds, such as 'type == 1 and "
+        "speed > 0.2': attributes, numbers, comparisons, in, and, or, not, + - * / **, abs, "
+        "sqrt, isfinite"),
     "--species": row("NAME", "group of particles in a file with several, by its name there"),
     "--clip": row("NX,NY,NZ,D", "cut away the side of a plane where nx x + ny y + nz z > d, world "
         "units", plane),
@@ -182,7 +185,8 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add(group, "--level", "default: Otsu's threshold")
     add(group, "--label", "may be repeated; default: all above --level")
     add(group, "--resample", "default: the file's own voxels and vertices")
-    group = parser.add_argument_group("files of several frames or species")
+    group = parser.add_argument_group("files of particles")
+    add(group, "--where", "default: all")
     add(group, "--frame", "default: 0")
     add(group, "--radius-is", "default: radius", default="radius")
     add(group, "--species", "default: gas, else the first or all")

@@ -34,6 +34,7 @@ _OF_PARTICLES = {
     "support": "--support",
     "threshold": "--threshold",
     "anisotropic": "--anisotropic",
+    "where": "--where",
 }
 
 

@@ -36,6 +36,7 @@ from .shared import (
     need_particles,
     print_json,
     read_particles,
+    reading,
     said_threads,
     say,
     warn,
@@ -78,7 +79,7 @@ def wanted(options: argparse.Namespace) -> bool:
         return _wanted(options, options.particles[0])
     if options.memory is not None:
         for path in dict.fromkeys(options.particles):
-            if _is_whole(path) and _wanted(options, path):
+            if _is_whole(path, options) and _wanted(options, path):
                 n = count(len(options.particles), "image")
                 raise UserError(
                     f"--memory: expected one image where a file is read in pieces, as {path} "
@@ -87,10 +88,11 @@ def wanted(options: argparse.Namespace) -> bool:
     return False
 
 
-def _is_whole(path: str) -> bool:
+def _is_whole(path: str, options: argparse.Namespace) -> bool:
     """Whether a file can be read; what is wrong with an image's file shows when its turn comes."""
+    given = reading(options)
     try:
-        return not has_ranges(path) or ranges(path).n >= 0
+        return not has_ranges(path, given) or ranges(path, **given).n >= 0
     except (ValueError, OSError, MissingPackageError):
         return False
 
@@ -98,37 +100,39 @@ def _is_whole(path: str) -> bool:
 def _wanted(options: argparse.Namespace, path: str) -> bool:
     if kind_of(path).kind != "particles":
         return False
+    given = reading(options)
     if options.memory is None:
-        found = None if needs_all(options) else counted_rows(path)
+        found = None if needs_all(options) else counted_rows(path, **given)
         if found is None:
             return False
         surface = options.surface if options.surface in BYTES else "smooth"
         n, row = found
         return lacking(n, n * row, surface, 32, choose(options.device)) is not None
     held = os.path.getsize(path)
-    if not has_ranges(path):
+    if not has_ranges(path, given):
         if 3 * held > options.memory:
+            beside = "".join(f" with --{name}" for name in given if has_ranges(path))
             raise UserError(
-                f"--memory: expected {NAMES}, whose ranges can be read, got {path}; "
+                f"--memory: expected {NAMES}, whose ranges can be read, got {path}{beside}; "
                 "globule convert writes .npz"
             )
         return False
     with mistakes():
-        n = ranges(path).n
+        n = ranges(path, **given).n
     # Smooth surfaces take most; the file's own arrays are read besides.
     return resident_bytes() + held + n * BYTES["smooth"] > options.memory
 
 
-def _share(path: str, comm: Any) -> Source:
+def _share(path: str, given: Mapping[str, Any], comm: Any) -> Source:
     """This rank's rows of a file; rank 0's are all where ranges cannot be read."""
-    if has_ranges(path):
-        whole = source_of(path)
+    if has_ranges(path, given):
+        whole = Source(*ranges(path, **given))
         if comm is None:
             return whole
         first, last = (whole.n * r // comm.size for r in (comm.rank, comm.rank + 1))
         return Source(last - first, lambda a, b: whole.read(first + a, first + b), whole.size)
-    particles = read_particles(path) if comm.rank == 0 else np.empty((0, 3), np.float32)
-    return source_of(particles)
+    root = comm is None or comm.rank == 0
+    return source_of(read_particles(path, **given) if root else np.empty((0, 3), np.float32))
 
 
 def run(
@@ -148,7 +152,7 @@ def run(
     limit = None if comm else options.memory or resident_bytes() + room()
     with mistakes(), _memory(options):
         try:
-            source = _share(path, comm)
+            source = _share(path, reading(options), comm)
             pieces = Pieces(
                 source, memory=limit, comm=comm,
                 color_by=options.color_by, colormap=options.colormap, range=options.range,

@@ -20,7 +20,7 @@ from ..render.pieces.light import turns
 from ..render.settings import RenderSettings
 from . import light
 from .pieces import needs_all
-from .shared import UserError, mistakes, say, text_of
+from .shared import UserError, mistakes, reading, say, text_of
 
 MODES = ("replicate", "pieces")
 
@@ -100,9 +100,10 @@ def replicates(options: argparse.Namespace, lit: light.Light) -> bool:
     forced = options.ranks == "replicate" or not particles or needs_all(options)
     if options.ranks == "pieces" or not (forced or _turns(lit)):
         return False
-    if particles and has_ranges(path) and choose(options.device).backend != "cuda":
+    given = reading(options)
+    if particles and has_ranges(path, given) and choose(options.device).backend != "cuda":
         with mistakes():
-            n = ranges(path).n
+            n = ranges(path, **given).n
         here = options.ranks_here
         need, free = here * replicated_bytes(n, "smooth"), free_bytes()
         if free and need > free:

@@ -159,7 +159,7 @@ def reading(options: argparse.Namespace) -> dict[str, Any]:
     if options.level is not None and options.label:
         raise UserError("--level: expected no --label beside --level, got both")
     given = {"level": options.level, "labels": options.label, "spacing": options.resample}
-    given |= {"frame": options.frame, "species": options.species}
+    given |= {"frame": options.frame, "species": options.species, "where": options.where}
     given["radius_is"] = options.radius_is if options.radius_is != "radius" else None
     return {name: value for name, value in given.items() if value is not None}
 
@@ -176,7 +176,7 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
     if found.kind in ("particles", "mesh"):
-        known = (*format_named(found.format).options, "radius_is")
+        known = (*format_named(found.format).options, "radius_is", "where")
     else:
         known = ("level", "labels", "spacing") if found.kind == "volume" else ()
     for name in given:
@@ -186,9 +186,8 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
                 raise UserError(f"--{name}: expected a file of {have}; got {path}")
             flags = {"labels": "--label", "spacing": "--resample", "radius_is": "--radius-is"}
             option = flags.get(name, f"--{name}")
-            kind = {"spacing": "volume or mesh", "radius_is": "file of particles"}.get(
-                name, "volume"
-            )
+            kinds = {"spacing": "volume or mesh", "radius_is": "file of particles"}
+            kind = kinds.get(name, kinds["radius_is"] if name == "where" else "volume")
             raise UserError(f"{option}: expected a {kind} to read, got {path}")
 
 
@@ -220,6 +219,9 @@ def read_file(path: str, may_be_empty: bool = False, **given: Any) -> Contents:
             raise UserError(
                 f"{path}: --level: expected an iso-value that voxels reach, got {given['level']:g}"
             )
+        if "where" in given:
+            expected = "expected a condition that some particle meets"
+            raise UserError(f"{path}: --where: {expected}, got {given['where']!r}")
         if "labels" in given:
             labels = ", ".join(map(str, given["labels"]))
             raise UserError(f"{path}: --label: expected a value that voxels have, got {labels}")

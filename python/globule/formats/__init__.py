@@ -18,6 +18,7 @@ from typing import Any
 from .._base.checks import choice
 from ..data.particles import Particles
 from ..data.radii import with_halved_radii
+from ..data.where import where
 from .contents import Box, Contents
 from .errors import FormatError, bad
 from .frames import FrameOf
@@ -43,6 +44,8 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
         species: which group of particles of a file with several, by its name in the file.
         columns: field or attribute -> name of a column or data set in the file; "x", "y" and "z",
             or "positions", name the position. Everything that is not named is left out.
+        where: a condition on the particles, such as "type == 1 and speed > 0.2"; see
+            `globule.data.where`.
         radius_is: "radius", or "diameter" where the file's array `radius` holds diameters.
 
     Returns:
@@ -62,6 +65,7 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
 
     Args, errors: as those of `read`.
     """
+    condition = options.pop("where", None)
     radius_is = choice("radius_is", options.pop("radius_is", "radius"), ("radius", "diameter"))
     kind = kind_of(path, "particles")
     if kind.kind not in ("particles", "mesh"):
@@ -83,6 +87,8 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     contents = found if isinstance(found, Contents) else Contents(found)
     if radius_is == "diameter":
         contents = replace(contents, particles=with_halved_radii(contents.particles))
+    if condition is not None:
+        contents = replace(contents, particles=where(contents.particles, condition))
     return contents
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import mmap
 import os
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -45,11 +45,15 @@ class Ranges(NamedTuple):
     read: Callable[[int, int], Particles]
 
 
-def has_ranges(path: str | os.PathLike[str]) -> bool:
-    """Whether the format of a file allows ranges."""
+def has_ranges(path: str | os.PathLike[str], given: Collection[str] = ()) -> bool:
+    """Whether the format of a file allows ranges, read with these options of `read`."""
     kind = kind_of(path, "particles").format
+    if kind == "hdf5":
+        return "where" not in given
     mappable = MAPPABLE.get(kind)
-    return kind in FORMATS or (mappable is not None and mappable(path))
+    return {*given} <= {"radius_is"} and (
+        kind in FORMATS or (mappable is not None and mappable(path))
+    )
 
 
 def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
@@ -57,7 +61,7 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
 
     Args:
         path: of the file.
-        options: those of the format's reader, as for `read`.
+        options: as for `read`, of those with which `has_ranges`.
 
     Raises FormatError for a damaged file or another format; `read` also for a file that has changed
     since.
@@ -108,14 +112,14 @@ def _ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
     )
 
 
-def counted_rows(path: str) -> tuple[int, float] | None:
+def counted_rows(path: str, **options: Any) -> tuple[int, float] | None:
     """The number of particles in a file, and the bytes that one takes when it is read; None for a
     file that is read whole, cannot be read, or is so small that it fits whatever it has."""
     try:
         most = os.path.getsize(path) * max(largest_ratio(), MOST_BYTES)
-        if always_fits(most) or not has_ranges(path):
+        if always_fits(most) or not has_ranges(path, options):
             return None
-        n, read = ranges(path)
+        n, read = ranges(path, **options)
         first = read(0, min(n, 1))
     except (ValueError, TypeError, OSError, MissingPackageError):
         return None  # who reads it says what is wrong

@@ -71,6 +71,8 @@ OPTIONS = {
     "spacing": "--resample",
     "frame": "--frame",
     "species": "--species",
+    "where": "--where",
+    "radius_is": "--radius-is",
     "calibration": "--calibration",
     "plus": "--plus",
 }
