@@ -315,6 +315,19 @@ def test_render_with_memory(files, little, capsys):
     assert "particles in" in capsys.readouterr().err  # a line says so
 
 
+def test_pieces_are_of_the_frame_that_is_asked_for(files, little, capsys):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File("run.h5part", "w") as file:
+        for i in range(2):
+            group = file.create_group(f"Step#{i}")
+            for k, name in enumerate("xyz"):
+                group[name] = POSITIONS[:: 2 - i, k]
+    words = ["render", "run.h5part", "-o", "a.png", "--size", "40x30", "--device", "cpu",
+             "--support", "2", "--memory", "100000"]  # fmt: skip
+    counts = [run_json(capsys, *words, "--frame", k)["counts"] for k in "01"]
+    assert [c["particles"] for c in counts] == [len(POSITIONS[::2]), len(POSITIONS)]
+
+
 def test_memory_that_suffices_makes_no_pieces(files, capsys):
     words = ["render", "a.npy", "-o", "a.png", "--size", "40x30", "--device", "cpu"]
     assert "pieces" not in run_json(capsys, *words, "--memory", "8G")["counts"]

@@ -164,10 +164,10 @@ from mpi4py import MPI
 from globule.cli import main, pieces
 
 
-def share(path, comm):
+def share(path, given, comm):
     if comm.rank == 1 or sys.argv[1] == "all":
         raise OSError("no such disk") if sys.argv[1] == "disk" else KeyboardInterrupt
-    return own(path, comm)
+    return own(path, given, comm)
 
 
 own, pieces._share = pieces._share, share
