@@ -26,6 +26,11 @@ def size(text: str) -> tuple[int, int]:
     return width, height
 
 
+def origin(text: str) -> tuple[float, float, float] | None:
+    """X,Y,Z; None for auto."""
+    return None if text == "auto" else vector(text)
+
+
 def row(metavar: str, help: str, kind: Any = None, **more: Any) -> dict[str, Any]:
     """A flag as `add_argument` takes it: a switch without a metavar. kind: parser of the value, or
     names to choose from."""
@@ -84,6 +89,9 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--radius-is": row("NAME", "what a file's array radius holds: radius or diameter",
         ("radius", "diameter")),
     "--frame": row("N", "number of a frame in a file with several, from 0; -1: the last", int),
+    "--origin": row("X,Y,Z", "place, world units, from which positions are given, and places of "
+        "flags and results too; auto: near particles whose coordinates float32 would not keep",
+        origin),
     "--where": row("CONDITION", "only the particles for which it holds, such as 'type == 1 and "
         "speed > 0.2': attributes, numbers, comparisons, in, and, or, not, + - * / **, abs, "
         "sqrt, isfinite"),
@@ -187,6 +195,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add(group, "--resample", "default: the file's own voxels and vertices")
     group = parser.add_argument_group("files of particles")
     add(group, "--where", "default: all")
+    add(group, "--origin", "default: auto")
     add(group, "--frame", "default: 0")
     add(group, "--radius-is", "default: radius", default="radius")
     add(group, "--species", "default: gas, else the first or all")

@@ -108,6 +108,7 @@ def describe(path: str, contents: Contents) -> dict[str, Any]:
             "edges": box.edges.tolist(),
             "periodic": list(box.periodic),
         },
+        "origin": list(particles.origin),
         "bounds": None,
         "spacing": None,
         "default_support": None,
@@ -233,7 +234,10 @@ def _lines(facts: dict[str, Any]) -> list[str]:
     lines += _contents_lines(facts)
     if facts["bounds"]:
         lo, hi = (" ".join(f"{v:.6g}" for v in facts["bounds"][end]) for end in ("lo", "hi"))
-        lines.append(f"  bounds     {lo}  to  {hi}")
+        from_there = ""
+        if any(facts["origin"]):
+            from_there = "  from " + ",".join(f"{v:.15g}" for v in facts["origin"])
+        lines.append(f"  bounds     {lo}  to  {hi}{from_there}")
         spacing = facts["spacing"]
         text = (
             f"{spacing:.4g}" if spacing else "unknown (too few particles, or all at one position)"

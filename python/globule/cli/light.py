@@ -12,6 +12,7 @@ import numpy as np
 
 from .._base.colormaps import categorical
 from .._base.settings import SHARE
+from ..data.particles import HERE
 from ..fluids.likeness import shows_flat
 from ..formats import FormatError
 from ..pieces.scene import Scene
@@ -193,7 +194,7 @@ class Light:
         path, color = options.beside[i]
         if meshes.is_mesh(path, options):
             return Layer(meshes.read_mesh(path, options), Material(color=color))
-        particles = read_particles(path)
+        particles = read_particles(path, origin=options.origin or HERE)
         if particles.color is None and color is None:
             color = categorical(np.array([i + 1]))[0]
         with mistakes():

@@ -31,6 +31,7 @@ from .shared import (
     read_particles,
     reading,
     say,
+    settle_origin,
     warn,
 )
 from .volumes import check_surface, is_surface, read_surface
@@ -89,6 +90,8 @@ def scenes(
     if not one and options.frame is None:
         files = with_frames(files, **reading(options))
     at = leader(files, **reading(options))
+    if len({*files}) > 1:
+        settle_origin(options, files[at])
 
     def lead() -> Particles:
         particles = _read(files[at], options)[0]
@@ -123,6 +126,7 @@ def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]
         particles, messages = read_surface(path, options)
     else:
         particles, messages = read_particles(path, True, **reading(options)), []
+        options.origin = particles.origin
     messages = [*messages, *left_out(path, particles), *doubled(path, particles)]
     if options.anisotropic:
         with mistakes():

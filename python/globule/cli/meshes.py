@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..data.particles import Particles
+from ..data.particles import HERE, Particles
 from ..data.radii import find_radii
 from ..fluids.likeness import flat_spacing, is_flat
 from ..formats import FormatError
@@ -112,7 +112,10 @@ def read_mesh(path: str, options: argparse.Namespace, solid: bool | None = None)
     """The mesh of a file. Raises UserError if it cannot be read."""
     try:
         with mistakes():
-            return Mesh(path, solid=solid, device=options.device, threads=options.threads)
+            mesh = Mesh(path, solid=solid, device=options.device, threads=options.threads)
+            if options.origin not in (None, HERE):  # of the particles beside which it stands
+                mesh.update(mesh.vertices - np.asarray(options.origin))
+            return mesh
     except FormatError as error:
         raise UserError(str(error)) from error
     except OSError as error:
@@ -166,7 +169,8 @@ def files(options: argparse.Namespace) -> list[str]:
 
 def _capsules(options: argparse.Namespace, kind: str, path: str, radius: float | None) -> Mesh:
     """The spheres or the line of a file."""
-    particles = read_particles(path, radius_is=options.radius_is)
+    origin = options.origin or HERE
+    particles = read_particles(path, radius_is=options.radius_is, origin=origin)
     finite = np.isfinite(particles.positions).all(axis=1)
     if n_lost := int((~finite).sum()):
         have = "have" if n_lost > 1 else "has"

@@ -48,6 +48,7 @@ from .shared import (
     read_file,
     reading,
     say,
+    settle_origin,
     warn,
 )
 from .volumes import is_surface, read_surface
@@ -96,6 +97,8 @@ class Series:
         self._at = 0  # of the file that leads
         if not any(is_mesh(path, options) for path in dict.fromkeys(files)):
             self._at = leader(files, **reading(options))
+            if len({*files}) > 1:
+                settle_origin(options, files[self._at], comm)
         self._kept = KeptScene(self._leading if self._at else None)
         if options.output.lower().endswith(".mp4"):
             check_output("-o", options.output, [".mp4"])
@@ -338,6 +341,7 @@ def _read(path: str, options: argparse.Namespace) -> tuple[Particles | Mesh, lis
     if is_surface(path, options):
         return read_surface(path, options)
     contents = read_file(path, len(set(options.particles)) > 1, **reading(options))
+    options.origin = contents.particles.origin
     if contents.n_frames == 1 or isinstance(path, FrameOf) or options.frame is not None:
         return contents.particles, []
     message = first_of(path, contents.n_frames, "an output with %d or .mp4 shows all")

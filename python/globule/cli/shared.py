@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import os
@@ -10,7 +11,6 @@ import re
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from .._base.checks import MissingPackageError
 from .._base.settings import Number, Vector
 from .._base.terminal import escaped
-from ..data.particles import FARTHEST, Particles
+from ..data.particles import FARTHEST, HERE, Particles
 from ..data.spacing import n_coincident
 from ..formats import FormatError, read_contents
 from ..formats.contents import Contents
@@ -31,7 +31,7 @@ class UserError(Exception):
     """The user's mistake: one line that says where, what was expected, and what came."""
 
 
-@contextmanager
+@contextlib.contextmanager
 def mistakes(path: str = "") -> Iterator[None]:
     """Turn what the library refuses in this block into a UserError, which names the file."""
     try:
@@ -160,8 +160,20 @@ def reading(options: argparse.Namespace) -> dict[str, Any]:
         raise UserError("--level: expected no --label beside --level, got both")
     given = {"level": options.level, "labels": options.label, "spacing": options.resample}
     given |= {"frame": options.frame, "species": options.species, "where": options.where}
+    given["origin"] = options.origin
     given["radius_is"] = options.radius_is if options.radius_is != "radius" else None
     return {name: value for name, value in given.items() if value is not None}
+
+
+def settle_origin(options: argparse.Namespace, path: str, comm: Any = None) -> None:
+    """One origin for all files and ranks: that which this file has for itself."""
+    if options.origin is not None:
+        return
+    found = None
+    if comm is None or comm.rank == 0:
+        with contextlib.suppress(Exception):  # whoever reads it in its turn says why
+            found = read_file(path, True, **reading(options)).particles.origin
+    options.origin = comm.bcast(found) if comm is not None else found
 
 
 # Files
@@ -179,6 +191,7 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
         known = (*format_named(found.format).options, "radius_is", "where")
     else:
         known = ("level", "labels", "spacing") if found.kind == "volume" else ()
+    known = (*known, "origin")
     for name in given:
         if name not in known:
             if name in ("frame", "species"):
@@ -205,7 +218,8 @@ def read_file(path: str, may_be_empty: bool = False, **given: Any) -> Contents:
     try:
         volume = kind_of(path).kind == "volume"
         if volume:
-            contents = Contents(sample_tomography(path, **given))
+            origin = given.pop("origin", HERE)
+            contents = Contents(sample_tomography(path, **given).at(origin))
         else:
             contents = read_contents(path, **given)
     except (FormatError, MissingPackageError) as error:

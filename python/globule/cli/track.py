@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> None:
         unit = {"volume": " cubed", "area": " squared"}.get(name, "")
         measuring.plot(options.plot, table, [name], f"{name}, world units{unit}")
     if options.json:
-        print_json({"file": options.output, **table})
+        print_json({"file": options.output, "origin": options.origin, **table})
         return
     if not options.output:
         return

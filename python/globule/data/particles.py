@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ FIELDS = ("positions", *SCALAR_FIELDS, "color", "anisotropy")
 
 FARTHEST = np.float32(1e18)  # past it a coordinate's square overflows float32
 MOST_ROUNDING = 0.2  # step of float32 by the spacing of particles: half of it moves them
+FINE_ROUNDING = 1e-3  # the same, where an origin is to be had
+HERE = (0.0, 0.0, 0.0)
 
 
 class Attributes(dict[str, Any]):
@@ -73,6 +75,8 @@ class Particles:
         color: (3,) or (N, 3) float32, linear RGB in [0, 1]; uint8 input is divided by 255.
         reflection, refraction, rigidity: float or (N,) float32.
         attributes: name -> (N,) or (N, k) array of any real numeric dtype.
+        origin: (x, y, z) float64, world: the place from which the positions are given, for
+            coordinates that float32 could not tell apart; `relative` finds one.
 
     None means "not given". A program may assign fields later; the assignment checks the value. The
     length N cannot change while any field has one value per particle.
@@ -90,19 +94,22 @@ class Particles:
     rigidity: Any = None
     anisotropy: Any = None
     attributes: dict[str, Any] = field(default_factory=dict)
+    origin: tuple[float, float, float] = HERE
 
     def __post_init__(self) -> None:
         self._check({})
         self.attributes = Attributes(self.attributes, len(self))
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name not in FIELDS and name != "attributes":
+        if name == "origin":
+            value = _origin(value)
+        elif name not in FIELDS and name != "attributes":
             known = ", ".join((*FIELDS, "attributes"))
             raise AttributeError(
                 f"Particles: expected one of {known}, got {name}; "
                 f"values of your own go to attributes[{name!r}]"
             )
-        if isinstance(vars(self).get("attributes"), Attributes):  # else it is still being made
+        elif isinstance(vars(self).get("attributes"), Attributes):  # else it is still being made
             value = self._checked(name, value)
         object.__setattr__(self, name, value)
 
@@ -173,7 +180,20 @@ class Particles:
             value = getattr(self, name)
             picked[name] = value[index] if self._of_each(name) else value
         attributes = {name: array[index] for name, array in self.attributes.items()}
-        return Particles(self.positions[index], **picked, attributes=attributes)
+        return Particles(self.positions[index], **picked, attributes=attributes, origin=self.origin)
+
+    def world_positions(self) -> np.ndarray:
+        """(N, 3) positions, world: float64 where there is an origin, else float32."""
+        positions = to_host(self.positions)
+        return positions if self.origin == HERE else positions + np.asarray(self.origin)
+
+    def at(self, origin: Iterable[float]) -> Particles:
+        """The same particles with positions given from another origin."""
+        origin = _origin(origin)
+        if origin == self.origin:
+            return self
+        moved = to_host(self.positions) + np.subtract(self.origin, origin)
+        return replace(self, positions=moved.astype(np.float32), origin=origin)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """(lowest, highest) corner of the finite positions: two (3,) float32, world.
@@ -216,10 +236,50 @@ def _positions(value: Any) -> Any:
 def lost_precision(positions: np.ndarray) -> str:
     """What to say of positions (N, 3) float64 so far from the origin that float32 cannot tell them
     apart, or moves them by a good part of their distance; "" where float32 keeps them."""
+    farthest, step, spacing, origin = _rounding(positions)
+    if step <= MOST_ROUNDING * spacing:
+        return ""
+    said = ",".join(f"{v + 0.0:.15g}" for v in origin)
+    return (
+        f"positions: near {farthest:.6g} float32 has steps of {step:.3g}, and the particles are "
+        f"about {spacing:.2g} apart: it cannot tell them apart; subtract an origin, such as "
+        f"{said}, from the float64 positions"
+    )
+
+
+def relative(positions: Any) -> tuple[Any, tuple[float, float, float]]:
+    """Positions (N, 3) given from an origin, and the origin: 0, 0, 0 where the positions are not
+    float64, or float32 keeps them; there they are what they were."""
+    if not isinstance(positions, np.ndarray) or positions.dtype.kind not in "iuf":
+        return positions, HERE
+    if positions.itemsize < 8 or positions.ndim != 2 or positions.shape[1] not in (2, 3):
+        return positions, HERE
+    if positions.shape[1] == 2:
+        positions = np.pad(positions, ((0, 0), (0, 1)))
+    _, step, spacing, origin = _rounding(positions)
+    if step <= FINE_ROUNDING * spacing:
+        return positions, HERE
+    found = _origin(origin)
+    return positions - found, found
+
+
+def _origin(value: Any) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(v) + 0.0 for v in value)
+    except (TypeError, ValueError):
+        raise ValueError(f"origin: expected (x, y, z), got {shown(value)}") from None
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ValueError(f"origin: expected three finite numbers, got {shown(value)}")
+    return x, y, z
+
+
+def _rounding(positions: np.ndarray) -> tuple[float, float, float, np.ndarray]:
+    """Of positions (N, 3): the farthest coordinate, float32's step there, the spacing of the
+    particles, and an origin near them; a spacing of inf where too few tell."""
     some = positions[:: 1 + len(positions) // 100_000]
     some = some[(np.abs(some) <= FARTHEST).all(axis=1)]
     if len(some) < 9:  # corners of a box, and what tells no spacing
-        return ""
+        return 0.0, 0.0, math.inf, np.zeros(3)
     lo, hi = np.percentile(some, (2, 98), axis=0)  # without strays
     extent = np.sort(hi - lo)[::-1]
     # As many particles a length, an area or a volume, whichever they fill.
@@ -229,15 +289,10 @@ def lost_precision(positions: np.ndarray) -> str:
     )
     farthest = float(max(np.abs(lo).max(), np.abs(hi).max()))
     step = float(np.spacing(np.float32(farthest)))
-    if not extent[0] > 0 or step <= MOST_ROUNDING * spacing:
-        return ""
+    if not extent[0] > 0:
+        return farthest, step, math.inf, np.zeros(3)
     power = 10.0 ** math.floor(math.log10(extent[0]))
-    origin = ",".join(f"{v + 0.0:.15g}" for v in np.floor(lo / power) * power)
-    return (
-        f"positions: near {farthest:.6g} float32 has steps of {step:.3g}, and the particles are "
-        f"about {spacing:.2g} apart: it cannot tell them apart; subtract an origin, such as "
-        f"{origin}, from the float64 positions"
-    )
+    return farthest, step, spacing, np.floor(lo / power) * power
 
 
 def _scalar_field(name: str, value: Any, n: int) -> Any:

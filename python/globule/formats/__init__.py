@@ -11,16 +11,18 @@ Which array of a file becomes which field of Particles is the same for all of th
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from .._base.checks import choice
-from ..data.particles import Particles
+from ..data.particles import Particles, lost_precision
 from ..data.radii import with_halved_radii
 from ..data.where import where
 from .contents import Box, Contents
 from .errors import FormatError, bad
+from .fields import say_origin
 from .frames import FrameOf
 from .kind import Kind, kind_of, wrong_kind
 from .registry import FORMATS, Format, format_named, formats, function_of
@@ -44,6 +46,8 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
         species: which group of particles of a file with several, by its name in the file.
         columns: field or attribute -> name of a column or data set in the file; "x", "y" and "z",
             or "positions", name the position. Everything that is not named is left out.
+        origin: (x, y, z) float64, world, from which the positions are given; "auto": one near the
+            particles where float32 would not keep the file's coordinates, else 0, 0, 0.
         where: a condition on the particles, such as "type == 1 and speed > 0.2"; see
             `globule.data.where`.
         radius_is: "radius", or "diameter" where the file's array `radius` holds diameters.
@@ -66,6 +70,7 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     Args, errors: as those of `read`.
     """
     condition = options.pop("where", None)
+    origin = options.pop("origin", "auto")
     radius_is = choice("radius_is", options.pop("radius_is", "radius"), ("radius", "diameter"))
     kind = kind_of(path, "particles")
     if kind.kind not in ("particles", "mesh"):
@@ -87,9 +92,21 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     contents = found if isinstance(found, Contents) else Contents(found)
     if radius_is == "diameter":
         contents = replace(contents, particles=with_halved_radii(contents.particles))
+    contents = replace(contents, particles=_from(contents.particles, origin, path))
     if condition is not None:
         contents = replace(contents, particles=where(contents.particles, condition))
     return contents
+
+
+def _from(particles: Particles, origin: Any, path: Any) -> Particles:
+    """Particles whose positions are given from an origin, which is said if it is new."""
+    if isinstance(origin, str) and origin == "auto":
+        say_origin(path, particles.origin)
+        return particles
+    moved = particles.at(origin)
+    if moved is not particles and (lost := lost_precision(particles.world_positions() - origin)):
+        warnings.warn(lost, stacklevel=3)
+    return moved
 
 
 def _by_others(form: Format, path: Any, options: dict[str, Any]) -> Contents | Particles:

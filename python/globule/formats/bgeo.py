@@ -12,12 +12,11 @@ from typing import IO, Any
 
 import numpy as np
 
-from .._base.arrays import to_host
 from .._base.files import atomic_write
 from .._base.memory import largest_ratio
 from ..data.particles import Particles
 from .errors import FormatError, bad, shown
-from .fields import particles_from, per_particle
+from .fields import kept_positions, particles_from, per_particle
 from .inflate import GZIP, Inflated
 from .size import ALWAYS, check_size
 
@@ -55,7 +54,8 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
 
     n = len(particles)
     homogeneous = np.ones((n, 1), np.float32)
-    words = [np.hstack([to_host(particles.positions), homogeneous]).view(np.uint32)]
+    positions = kept_positions(particles, path)
+    words = [np.hstack([positions, homogeneous]).view(np.uint32)]
     definitions = []
     for name, array in per_particle(particles).items():
         values = _float32_or_int32(name, array)

@@ -22,13 +22,15 @@ Formats made of columns (.ply, .xyz, .csv) hold an attribute with k components a
 
 from __future__ import annotations
 
+import os
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from .._base.arrays import to_host
-from ..data.particles import FIELDS, SCALAR_FIELDS, Particles
+from ..data.particles import FIELDS, HERE, SCALAR_FIELDS, Particles, lost_precision, relative
 from .errors import bad
 
 _POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
@@ -84,8 +86,9 @@ def particles_from(
         for name, array in attributes.items()
         if name and array.dtype.kind in "biuf" and array.ndim in (1, 2) and len(array) == n
     }
+    positions, origin = relative(positions)
     try:
-        return Particles(positions, attributes=attributes, **fields)
+        return Particles(positions, attributes=attributes, origin=origin, **fields)
     except (TypeError, ValueError) as error:
         raise bad(path, "", str(error)) from None
 
@@ -104,6 +107,27 @@ def per_particle(particles: Particles) -> dict[str, np.ndarray]:
         arrays["anisotropy"] = particles.anisotropy.reshape(n, 9)
     arrays.update({name: to_host(array) for name, array in particles.attributes.items()})
     return arrays
+
+
+def say_origin(path: Any, origin: tuple[float, float, float]) -> None:
+    """Warn that positions are not the file's own."""
+    if origin != HERE:
+        said = ",".join(f"{v:.15g}" for v in origin)
+        what = f"positions are given from {said}: float32 would not keep the file's coordinates"
+        warnings.warn(f"{os.fspath(path)}: {what}", stacklevel=4)
+
+
+def kept_positions(particles: Particles, path: Any) -> np.ndarray:
+    """Positions (N, 3) float32, world, for a format that has no longer type.
+
+    Raises ValueError for those that float32 does not keep.
+    """
+    if particles.origin == HERE:
+        return np.asarray(to_host(particles.positions))
+    positions = particles.world_positions()
+    if lost := lost_precision(positions):
+        raise ValueError(f"{path}: {lost}, or write .npz, .vtp or .csv, which keep float64")
+    return positions.astype(np.float32)
 
 
 def check_lengths(path: Any, arrays: Mapping[str, np.ndarray], n: int) -> None:
@@ -161,7 +185,7 @@ def split_columns(particles: Particles) -> dict[str, np.ndarray]:
 
     Raises ValueError if an attribute's column name is taken.
     """
-    positions = to_host(particles.positions)
+    positions = particles.world_positions()
     columns = {"x": positions[:, 0], "y": positions[:, 1], "z": positions[:, 2]}
     for name, array in per_particle(particles).items():
         if array.ndim == 1:

@@ -122,7 +122,7 @@ def with_places(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write .npz with everything, or .npy with the positions alone."""
-    positions = to_host(particles.positions)
+    positions = particles.world_positions()
     if not _is_npz(path):
         with atomic_write(path) as file:
             np.lib.format.write_array(file, positions, allow_pickle=False)

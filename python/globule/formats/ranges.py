@@ -21,7 +21,7 @@ from ..data.radii import with_halved_radii
 from .bgeo import MappedBgeo
 from .bgeo import is_mappable as bgeo_is_mappable
 from .errors import FormatError, bad
-from .fields import find_positions, particles_from
+from .fields import find_positions, particles_from, say_origin
 from .kind import kind_of
 from .numpy_format import DAMAGED, from_columns, read_header, with_places
 from .vtk_xml import MappedVtk
@@ -51,7 +51,7 @@ def has_ranges(path: str | os.PathLike[str], given: Collection[str] = ()) -> boo
     if kind == "hdf5":
         return "where" not in given
     mappable = MAPPABLE.get(kind)
-    return {*given} <= {"radius_is"} and (
+    return {*given} <= {"radius_is", "origin"} and (
         kind in FORMATS or (mappable is not None and mappable(path))
     )
 
@@ -67,12 +67,16 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
     since.
     """
     halved = options.pop("radius_is", "radius") == "diameter"
+    origin = options.pop("origin", "auto")
     before, (n, read) = _state(path), _ranges(path, **options)
+    if origin == "auto":
+        origin = read(0, min(n, 10_000)).origin
+        say_origin(path, origin)
 
     def unchanged(first: int, last: int) -> Particles:
         # Other contents may also look damaged: what has changed comes first.
         try:
-            rows = read(first, last)
+            rows = read(first, last).at(origin)
             return with_halved_radii(rows) if halved else rows
         finally:
             if _state(path) != before:

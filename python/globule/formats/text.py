@@ -11,9 +11,8 @@ import os
 
 import numpy as np
 
-from .._base.arrays import to_host
 from .._base.files import atomic_write
-from ..data.particles import Particles
+from ..data.particles import Particles, relative
 from .asciinum import format_rows, parse_rows, text_lines
 from .errors import bad, shown
 from .fields import per_particle
@@ -43,8 +42,10 @@ def read(path: str | os.PathLike[str]) -> Particles:
         expected = "a finite number" if column < 3 else "a number in [0, 1]"
         got = rows[row, column]
         raise bad(path, where, f"expected {expected} for {_COLUMNS[column]}, got {got:g}")
+    positions, origin = relative(rows[:, :3])
     return Particles(
-        rows[:, :3],
+        positions,
+        origin=origin,
         color=values[:, 3:6],
         reflection=values[:, 6],
         refraction=values[:, 7],
@@ -62,7 +63,8 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
     n = len(particles)
     arrays = per_particle(particles)
     table = np.zeros((n, len(_COLUMNS)), np.float32)
-    table[:, :3] = to_host(particles.positions)
+    positions = particles.world_positions()
+    table[:, :3] = positions
     table[:, 3:6] = arrays.get("color", 1.0)
     for column in range(6, 9):
         table[:, column] = arrays.get(_COLUMNS[column], 0.0)
@@ -75,4 +77,4 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
             raise ValueError(f"{name}: expected {expected} for {path}, got {got:g}")
     with atomic_write(path) as file:
         file.write(b"%d\n" % n)
-        file.writelines(format_rows(list(table.T), " "))
+        file.writelines(format_rows([*positions.T, *table[:, 3:].T], " "))

@@ -16,13 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import to_host
 from .._base.checks import missing
 from .._base.files import atomic_write
 from ..data.particles import Particles
 from .contents import Contents, frame_index
 from .errors import bad, shown
-from .fields import particles_from, per_particle
+from .fields import kept_positions, particles_from, per_particle
 from .guarded import decode, need
 
 _OWN = {"displayColor": "color", "velocities": "velocity", "ids": "id", "widths": "width"}
@@ -115,7 +114,7 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
     points = UsdGeom.Points.Define(stage, "/particles")
     stage.SetDefaultPrim(points.GetPrim())
-    x = np.ascontiguousarray(to_host(particles.positions), np.float32)
+    x = kept_positions(particles, path)
     points.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(x))
     variables = UsdGeom.PrimvarsAPI(points)
     arrays = per_particle(particles)

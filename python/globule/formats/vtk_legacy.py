@@ -13,7 +13,6 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .._base.arrays import to_host
 from .._base.files import atomic_write
 from ..data.particles import Particles
 from . import cells
@@ -102,8 +101,9 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
     n = len(particles)
     with atomic_write(path) as file:
         file.write(b"# vtk DataFile Version 3.0\nparticles\nBINARY\nDATASET POLYDATA\n")
-        file.write(b"POINTS %d float\n" % n)
-        file.write(to_host(particles.positions).astype(">f4").data)
+        points = particles.world_positions()
+        file.write(b"POINTS %d %s\n" % (n, b"float" if points.itemsize == 4 else b"double"))
+        file.write(points.astype(points.dtype.newbyteorder(">")).data)
         if n:
             vertices = np.ones((n, 2), ">i4")  # each vertex: a list of one point
             vertices[:, 1] = np.arange(n)

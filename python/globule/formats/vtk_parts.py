@@ -141,8 +141,9 @@ def join(parts: list[Particles]) -> Particles:
     for name, first in arrays[0].items():
         if all(name in a and a[name].shape[1:] == first.shape[1:] for a in arrays):
             joined[name] = np.concatenate([a[name] for a in arrays])
-    positions = np.concatenate([np.asarray(part.positions) for part in filled])
+    origin = filled[0].origin
+    positions = np.concatenate([np.asarray(part.at(origin).positions) for part in filled])
     fields = {name: joined.pop(name) for name in FIELDS if name in joined}
     if "anisotropy" in fields:
         fields["anisotropy"] = fields["anisotropy"].reshape(-1, 3, 3)
-    return Particles(positions, **fields, attributes=joined)
+    return Particles(positions, **fields, attributes=joined, origin=origin)

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import to_host
 from .._base.files import atomic_write
 from ..data.particles import Particles
 from . import cells
@@ -100,7 +99,7 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
         '<?xml version="1.0" encoding="utf-8"?>\n'
         f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
         f'<{kind}>\n<Piece NumberOfPoints="{n}" Number{"OfVerts" if poly else "OfCells"}="{n}">\n'
-        f"<Points>\n{array('Points', to_host(particles.positions))}</Points>\n<PointData>\n"
+        f"<Points>\n{array('Points', particles.world_positions())}</Points>\n<PointData>\n"
         + "".join(array(name, values) for name, values in per_particle(particles).items())
         + f"</PointData>\n<{cells}>\n"
         + array("connectivity", connectivity)

@@ -147,8 +147,9 @@ class SceneBase(Owner):
 
         `scene.update(positions=p)` keeps all fields except the attributes; arrays may have a
         different length and be on any device. The update rebuilds the octree; a measured support
-        stays. Images read color, reflection and refraction in place: float32 arrays must not change
-        until the next update. An interrupted update keeps the old particles.
+        stays, and so does the origin from which positions are given. Images read color, reflection
+        and refraction in place: float32 arrays must not change until the next update. An
+        interrupted update keeps the old particles.
 
         Args:
             particles: as for `Scene`.
@@ -167,6 +168,8 @@ class SceneBase(Owner):
             raise TypeError("update: expected particles or fields, got both")
         else:
             found = as_particles("particles", particles)
+            if isinstance(particles, (Particles, str, os.PathLike)):
+                found = found.at(self.particles.origin)
         with self._lock:
             self._build(found)
 

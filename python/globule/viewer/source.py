@@ -72,6 +72,7 @@ OPTIONS = {
     "frame": "--frame",
     "species": "--species",
     "where": "--where",
+    "origin": "--origin",
     "radius_is": "--radius-is",
     "calibration": "--calibration",
     "plus": "--plus",
