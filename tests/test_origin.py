@@ -8,6 +8,7 @@ import pytest
 from cli_helpers import run_json
 from globule.cli import main
 from globule.data.particles import HERE, relative
+from globule.render.legend import tick_labels
 from PIL import Image
 
 pytestmark = pytest.mark.usefixtures("folder")
@@ -130,3 +131,17 @@ def test_a_mesh_beside_stands_where_it_is(capsys):
         assert main(["render", *words]) == 0
         images.append(np.asarray(Image.open(f"{name}.png")).astype(int))
     assert np.abs(images[0] - images[1]).mean() < 0.1
+
+
+def test_large_ids_are_said_whole(capsys):
+    ids = 2**53 + 1 + 2 * np.arange(729, dtype=np.uint64)
+    gb.write("a.npz", gb.Particles(lattice().astype("f4"), attributes={"id": ids}))
+    assert main(["info", "a.npz"]) == 0
+    assert f"id: uint64 729, {ids[0]} to {ids[-1]}" in capsys.readouterr().out
+    words = ["render", "a.npz", "-o", "a.png", "--pick", "48,36", *MACHINE]
+    picked = run_json(capsys, *words)["picked"]["attributes"]["id"]
+    assert picked in ids.tolist()
+    assert main(words) == 0
+    assert f"id {picked}" in capsys.readouterr().out
+    texts = [text for _, text in tick_labels(float(ids[0]), float(ids[-1]), 5)]
+    assert len({*texts}) == len(texts) > 2

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from numbers import Integral
 from typing import Any
 
 
 def escaped(text: str, but: str = "") -> str:
     """A text with its control characters as Python writes them; but: characters that stay."""
     return "".join(c if c.isprintable() or c in but else repr(c)[1:-1] for c in text)
+
+
+def plain_number(value: Any, digits: int = 6) -> str:
+    """A number for people: a whole one with all of its digits, as ids need them."""
+    return f"{value}" if isinstance(value, Integral) else f"{value:.{digits}g}"
 
 
 class Plain:

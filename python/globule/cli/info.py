@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.terminal import plain_number
 from ..data.particles import SCALAR_FIELDS, Particles
 from ..data.spacing import n_coincident
 from ..fluids.likeness import are_spheres, assess_fluid, is_flat
@@ -252,7 +253,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
             unit = facts["units"].get(name, "")
             text = f"  {kind[:-1]:<9}  {name}: {about['dtype']} {shape}"
             if about["min"] is not None:
-                text += f", {about['min']:.6g} to {about['max']:.6g}"
+                text += f", {plain_number(about['min'])} to {plain_number(about['max'])}"
             text += f" [{unit}]" if unit else ""
             for bad in ("nan", "inf"):
                 if about[bad]:

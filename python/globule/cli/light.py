@@ -12,6 +12,7 @@ import numpy as np
 
 from .._base.colormaps import categorical
 from .._base.settings import SHARE
+from .._base.terminal import plain_number
 from ..data.particles import HERE
 from ..fluids.likeness import shows_flat
 from ..formats import FormatError
@@ -253,7 +254,7 @@ def say_picked(options: argparse.Namespace, seen: dict[str, Any] | None) -> str:
 
 
 def _text(value: Any) -> str:
-    return ",".join(f"{v:.6g}" for v in np.ravel(value))
+    return ",".join(plain_number(v) for v in np.ravel(value))
 
 
 def _matter(options: argparse.Namespace) -> dict[str, Any]:

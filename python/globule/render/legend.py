@@ -146,7 +146,7 @@ def tick_labels(lo: float, hi: float, most: int) -> list[tuple[float, str]]:
     step *= next((factor for factor in (1, 2, 5) if factor * step >= abs(span)), 10)
     largest = max(abs(lo), abs(hi))
     whole = math.floor(math.log10(largest)) + 1  # digits before the point
-    digits = min(9, max(3, math.ceil(math.log10(largest / step)) + 1, whole if whole <= 6 else 0))
+    digits = min(17, max(3, math.ceil(math.log10(largest / step)) + 1, whole if whole <= 6 else 0))
     ticks = [(0.0, lo), (1.0, hi)]
     first = math.ceil(min(lo, hi) / step)
     for i in range(first, first + most + 2):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..._base.terminal import plain_number
 from ...render.frame import Picked
 from ..engine import Client
 from ..markdown import table
@@ -323,4 +324,4 @@ def describe(found: Picked, unit: str = "") -> str:
 
 
 def _words(values: Any) -> str:
-    return ", ".join(f"{v:.5g}" for v in np.ravel(values))
+    return ", ".join(plain_number(v, 5) for v in np.ravel(values))
