@@ -222,7 +222,7 @@ def test_xyz(tmp_path):
     assert np.array_equal(p.attributes["column4"], [0.5, 0.25])
     p = read_text(tmp_path, "p.xyz", "2\nwater # 1\nO 0 0 0\nH 0.1 0 1e-1\n")
     assert np.array_equal(p.positions, np.float32([[0, 0, 0], [0.1, 0, 0.1]]))
-    assert not p.attributes
+    assert p.attributes["atomic_number"].tolist() == [8, 1]
 
 
 def test_csv(tmp_path):

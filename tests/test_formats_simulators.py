@@ -145,7 +145,7 @@ def test_lammps_data_of_spheres(tmp_path):
     assert close(particles.positions, INSIDE)
     assert close(particles.support, 4 * RADII)
     (tmp_path / "no.data").write_text(f"{head}Atoms # bpm/sphere\n\n{rows}\n")
-    with pytest.raises(FormatError, match=r"no\.data: line 10: expected 'Atoms # STYLE' with one"):
+    with pytest.raises(FormatError, match=r"no\.data: line 10: expected the columns id molecule"):
         gb.read(tmp_path / "no.data")
 
 
@@ -171,7 +171,7 @@ def test_extended_xyz_by_ase(tmp_path):
     assert np.array_equal(got.particles.attributes["kind"], np.arange(N) + 1)
     del frames[0].arrays["radius"]
     ase_io.write(tmp_path / "b.xyz", frames[0], format="extxyz")
-    assert close(gb.read(tmp_path / "b.xyz").support[:2], [4 * 0.66, 4 * 0.31])  # Cordero 2008
+    assert close(gb.read(tmp_path / "b.xyz").support[:2], [4 * 1.52, 4 * 1.20])  # Bondi 1964
 
 
 def text(word: str) -> bytes:

@@ -30,14 +30,14 @@ def test_parquet_of_pandas_with_a_map_of_columns(tmp_path, arrow):
 
     rho = arrow.array([None if i == 3 else 900.0 + i for i in range(N)])
     table = arrow.table({
-        "pos_x": X[:, 0], "pos_y": X[:, 1], "pos_z": X[:, 2], "rho": rho,
+        "lon": X[:, 0], "lat": X[:, 1], "depth": X[:, 2], "rho": rho,
         "name": [f"p{i}" for i in range(N)], "fast": arrow.array([i % 2 == 0 for i in range(N)]),
     })  # fmt: skip
     path = tmp_path / "run.parquet"
     pq.write_table(table, path, compression="gzip", row_group_size=7)
-    with pytest.raises(FormatError, match=r"expected columns x, y and z, got .pos_x .*columns="):
+    with pytest.raises(FormatError, match=r"expected columns x, y and z, got .lon .*columns="):
         gb.read(path)
-    named = {"x": "pos_x", "y": "pos_y", "z": "pos_z", "density": "rho"}
+    named = {"x": "lon", "y": "lat", "z": "depth", "density": "rho"}
     particles = gb.read(path, columns=named)
     assert np.array_equal(particles.positions, X)
     assert set(particles.attributes) == {"density"}

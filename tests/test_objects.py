@@ -8,7 +8,8 @@ import sys
 import globule as gb
 import numpy as np
 import pytest
-from globule.formats.extxyz import RADII
+from globule._base.colormaps import to_linear
+from globule.formats.elements import of_elements
 
 N = 20
 POSITIONS = np.random.default_rng(5).random((N, 3))
@@ -51,16 +52,24 @@ def test_ase():
     ase = pytest.importorskip("ase")
     atoms = ase.Atoms("CH" * (N // 2), positions=POSITIONS)
     particles = assert_positions(atoms)
-    assert np.allclose(particles.support[:2], [4 * 0.76, 4 * 0.31])
+    assert np.allclose(particles.support[:2], [4 * 1.70, 4 * 1.20])
     assert np.allclose(particles.attributes["mass"][:2], [12.011, 1.008])
 
 
-def test_the_covalent_radii_are_those_of_ase():
-    """Of all 96 elements of the table of Cordero et al."""
+def test_the_elements_are_those_of_ase():
+    """Numbers, van der Waals radii (Bondi's, else Alvarez') and Jmol's colors of 96 elements."""
     data = pytest.importorskip("ase.data")
-    theirs = zip(data.chemical_symbols[1:97], data.covalent_radii[1:97], strict=True)
-    for symbol, radius in theirs:
-        assert RADII[symbol] == pytest.approx(radius)
+    colors = pytest.importorskip("ase.data.colors").jmol_colors
+    others = pytest.importorskip("ase.data.vdw_alvarez").vdw_radii
+    symbols = data.chemical_symbols[1:97]
+    got = of_elements(symbols)
+    assert got["atomic_number"].tolist() == [*range(1, 97)]
+    bondi = data.vdw_radii[1:97]
+    expected = np.where(np.isfinite(bondi), bondi, others[1:97])
+    known = np.isfinite(expected)
+    assert np.allclose(got["radius"][known], expected[known], atol=0.006)
+    assert np.isfinite(got["radius"]).all()
+    assert np.allclose(got["color"], to_linear(colors[1:97]), atol=0.005)
 
 
 def test_mdanalysis():
@@ -71,7 +80,7 @@ def test_mdanalysis():
     universe.atoms.positions = POSITIONS.astype(np.float32)
     particles = assert_positions(universe)
     assert np.array_equal(particles.attributes["mass"], np.arange(N) + 1.0)
-    assert np.allclose(particles.support, 4 * 0.66)
+    assert np.allclose(particles.support, 4 * 1.52)
     assert len(gb.Scene(universe.atoms[:7], device="cpu").particles) == 7
 
 

@@ -31,6 +31,15 @@ def origin(text: str) -> tuple[float, float, float] | None:
     return None if text == "auto" else vector(text)
 
 
+def columns(text: str) -> dict[str, str]:
+    """FIELD=NAME,… of a table's columns."""
+    pairs = [part.partition("=") for part in text.split(",")]
+    found = {field.strip(): name.strip() for field, _, name in pairs}
+    if not all(found) or not all(found.values()) or len(found) < len(pairs):
+        raise argparse.ArgumentTypeError(f"expected x=NAME,y=NAME,z=NAME, got {text!r}")
+    return found
+
+
 def row(metavar: str, help: str, kind: Any = None, **more: Any) -> dict[str, Any]:
     """A flag as `add_argument` takes it: a switch without a metavar. kind: parser of the value, or
     names to choose from."""
@@ -96,6 +105,9 @@ FLAGS: dict[str, dict[str, Any]] = {
         "speed > 0.2': attributes, numbers, comparisons, in, and, or, not, + - * / **, abs, "
         "sqrt, isfinite"),
     "--species": row("NAME", "group of particles in a file with several, by its name there"),
+    "--columns": row("FIELD=NAME,…", "names of a table's columns, or an HDF5 file's data sets, for x, "
+        "y, z and fields", columns),
+    "--atom-style": row("STYLE", "atom style of a LAMMPS data file that does not name its own"),
     "--clip": row("NX,NY,NZ,D", "cut away the side of a plane where nx x + ny y + nz z > d, world "
         "units", plane),
     # Look
@@ -199,6 +211,9 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add(group, "--frame", "default: 0")
     add(group, "--radius-is", "default: radius", default="radius")
     add(group, "--species", "default: gas, else the first or all")
+    group = parser.add_argument_group("tables and LAMMPS data")
+    add(group, "--columns", "default: by their names")
+    add(group, "--atom-style", "default: by the number of columns")
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:

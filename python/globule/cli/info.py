@@ -19,6 +19,7 @@ from ..fluids.likeness import are_spheres, assess_fluid, is_flat
 from ..formats import READABLE
 from ..formats.contents import Contents
 from ..formats.kind import kind_of
+from ..formats.packed import plain_name
 from ..formats.registry import FORMATS
 from ..formats.triangles import has_faces
 from ..pieces.scene import Scene
@@ -44,6 +45,7 @@ EXAMPLES = """\
   globule info sweep.igs.mha --json
   globule info head.nii.gz --level 90"""
 
+_TABLES = ("xyz", "csv", "text")  # which endings do not tell apart
 SIZE = (1024, 782)  # of an image of `globule render`
 _FORMATS = {
     **{ending: form.about for form in FORMATS for ending in form.endings},
@@ -172,9 +174,14 @@ def _camera(path: str, particles: Particles, scene: Scene, surface: str) -> Came
 
 def _format_name(path: str) -> str:
     found = kind_of(path)
-    plain = f"{found.kind} ({found.format})"
-    endings = [ending for ending in _FORMATS if path.lower().endswith(ending)]
-    return _FORMATS[max(endings, key=len)] if endings else plain
+    about = next((form.about for form in FORMATS if form.name == found.format), "")
+    plain = about if found.format in _TABLES else f"{found.kind} ({found.format})"
+    for name, more in ((path, ""), (plain_name(path), ", packed")):
+        endings = [ending for ending in _FORMATS if name.lower().endswith(ending)]
+        if endings:
+            by_ending = _FORMATS[max(endings, key=len)]
+            return (plain if found.format in _TABLES else by_ending) + more
+    return plain
 
 
 def _size(path: str) -> int:

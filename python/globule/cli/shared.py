@@ -23,6 +23,7 @@ from ..data.spacing import n_coincident
 from ..formats import FormatError, read_contents
 from ..formats.contents import Contents
 from ..formats.kind import kind_of
+from ..formats.packed import plain_name
 from ..formats.registry import format_named, formats
 from ..volumes.tomography import sample_tomography
 
@@ -162,6 +163,7 @@ def reading(options: argparse.Namespace) -> dict[str, Any]:
     given |= {"frame": options.frame, "species": options.species, "where": options.where}
     given["origin"] = options.origin
     given["radius_is"] = options.radius_is if options.radius_is != "radius" else None
+    given |= {"columns": options.columns, "atom_style": options.atom_style}
     return {name: value for name, value in given.items() if value is not None}
 
 
@@ -194,9 +196,10 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
     known = (*known, "origin")
     for name in given:
         if name not in known:
-            if name in ("frame", "species"):
+            if name in ("frame", "species", "columns", "atom_style"):
                 have = ", ".join(f.about for f in formats() if name in f.options)
-                raise UserError(f"--{name}: expected a file of {have}; got {path}")
+                option = f"--{name.replace('_', '-')}"
+                raise UserError(f"{option}: expected a file of {have}; got {path}")
             flags = {"labels": "--label", "spacing": "--resample", "radius_is": "--radius-is"}
             option = flags.get(name, f"--{name}")
             kinds = {"spacing": "volume or mesh", "radius_is": "file of particles"}
@@ -254,6 +257,8 @@ def stem(path: str) -> str:
     from ..formats.volumes import WRITABLE
 
     name = os.path.basename(os.path.normpath(path))
+    if not name.lower().endswith((*READABLE, *WRITABLE)):
+        name = plain_name(name)
     endings = [end for end in (*READABLE, *WRITABLE) if name.lower().endswith(end)]
     return name[: -len(max(endings, key=len))] if endings else name
 

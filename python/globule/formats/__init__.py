@@ -25,6 +25,7 @@ from .errors import FormatError, bad
 from .fields import say_origin
 from .frames import FrameOf
 from .kind import Kind, kind_of, wrong_kind
+from .packed import unpacked
 from .registry import FORMATS, Format, format_named, formats, function_of
 
 __all__ = ["EXTENSIONS", "READABLE", "WRITABLE", "Box", "Contents", "Format", "FormatError",
@@ -40,7 +41,7 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
     """Read particles, or a mesh as particles, from a file with any extension.
 
     Args:
-        path: of the file.
+        path: of the file; one packed by gzip, bzip2, xz or zstd is unpacked.
         spacing: world units, for meshes only; see `globule.sample_mesh`.
         frame: which frame of a file with several; negative counts from the end. Default 0.
         species: which group of particles of a file with several, by its name in the file.
@@ -85,10 +86,11 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     columns = options.get("columns")
     if columns is not None and not isinstance(columns, Mapping):
         raise TypeError(f"columns: expected names by name, a dict, got {type(columns).__name__}")
-    if form in FORMATS:
-        found = function_of(form)(path, **options)
-    else:
-        found = _by_others(form, path, options)
+    with unpacked(path, form.name == "bgeo") as plain:
+        if form in FORMATS:
+            found = function_of(form)(plain, **options)
+        else:
+            found = _by_others(form, plain, options)
     contents = found if isinstance(found, Contents) else Contents(found)
     if radius_is == "diameter":
         contents = replace(contents, particles=with_halved_radii(contents.particles))

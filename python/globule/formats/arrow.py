@@ -19,7 +19,14 @@ from .._base.files import atomic_write
 from ..data.particles import Particles
 from .contents import Contents
 from .errors import bad, shown
-from .fields import find_positions, join_columns, particles_from, split_columns
+from .fields import (
+    COLUMNS,
+    find_positions,
+    join_columns,
+    particles_from,
+    place_names,
+    split_columns,
+)
 from .guarded import decode, need
 
 
@@ -55,6 +62,10 @@ def read(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None)
     if columns is not None:
         units = {ours: units[theirs] for ours, theirs in columns.items() if theirs in units}
         found = {ours: found[theirs] for ours, theirs in columns.items()}
+    else:
+        axes = place_names(found)
+        found = {axes.get(name, name): array for name, array in found.items()}
+        units = {axes.get(name, name): unit for name, unit in units.items()}
     lower = {name.lower(): name for name in found}
     if "x" in lower and "y" in lower and "z" not in lower:
         found["z"] = np.zeros(len(found[lower["x"]]))
@@ -63,8 +74,7 @@ def read(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None)
     positions = find_positions(arrays)
     if positions is None:
         got = shown(" ".join(about["columns"])) if about["columns"] else "no column of numbers"
-        advice = 'gb.read(path, columns={"x": "…", "y": "…", "z": "…"}) takes others'
-        raise bad(path, "", f"expected columns x, y and z, got {got}; {advice}")
+        raise bad(path, "", f"expected columns x, y and z, got {got}; {COLUMNS}")
     unit = units.pop("x", units.pop("positions", None))
     particles = particles_from(path, positions, arrays)
     held = {name: u for name, u in units.items() if name in particles.attributes}

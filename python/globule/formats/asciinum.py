@@ -12,6 +12,7 @@ from .errors import FormatError, bad, shown
 from .size import check_text, whole_file
 
 _CHUNK = 1 << 22
+_LOOKED_AT = 4096  # bytes of a text
 
 
 def parse_numbers(text: bytes, dtype: np.dtype) -> np.ndarray:
@@ -112,5 +113,20 @@ def text_lines(path: Any) -> list[str]:
     for memory."""
     data = whole_file(path, 7.0)
     check_text(path, data)
-    data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    return data.decode("utf-8", errors="replace").split("\n")
+    text = decoded(data)
+    if "\0" in text[:_LOOKED_AT]:
+        raise bad(path, "", "expected text, got binary data")
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def decoded(data: bytes) -> str:
+    """A text in UTF-16 that says so, or has a zero beside each letter of its beginning; else in
+    UTF-8, where bytes that are none become U+FFFD."""
+    begin = data[:_LOOKED_AT]
+    code = "utf-8-sig"
+    if begin[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        code = "utf-16"
+    elif b"\0" in begin:
+        even, odd = any(begin[::2]), any(begin[1::2])
+        code = "utf-16-le" if even and not odd else "utf-16-be" if odd and not even else code
+    return data.decode(code, errors="replace")

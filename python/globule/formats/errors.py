@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+_MOST_ODD = 3  # letters of a text that cannot be printed
+
 
 class FormatError(ValueError):
     """A file cannot be read: one line names the file, the place, the expected and the given
@@ -24,4 +26,10 @@ def shown(text: str | bytes) -> str:
     """A piece of a file, safe and short enough for an error message."""
     if isinstance(text, bytes):
         text = text.decode("latin-1")
+    if sum(map(_is_odd, text[:40])) > _MOST_ODD:
+        return "binary data"
     return repr(text if len(text) <= 40 else text[:37] + "...")
+
+
+def _is_odd(letter: str) -> bool:
+    return letter == "\ufffd" or not (letter.isprintable() or letter.isspace())

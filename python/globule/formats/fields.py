@@ -23,8 +23,9 @@ Formats made of columns (.ply, .xyz, .csv) hold an attribute with k components a
 from __future__ import annotations
 
 import os
+import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,15 @@ from ..data.particles import FIELDS, HERE, SCALAR_FIELDS, Particles, lost_precis
 from .errors import bad
 
 _POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
+# Before or behind an axis in a column's name; behind one; and before a number.
+_POSITION_WORDS = (
+    "", "pos", "position", "positions", "points", "point", "coord", "coords", "coordinate",
+    "coordinates", "location", "loc", "center", "centre", "centroid", "particleposition",
+    "particlepos", "particle", "world",
+)  # fmt: skip
+_UNIT_WORDS = ("m", "mm", "cm", "um", "nm", "km", "meters", "metres", "angstrom")
+_NUMBERED_WORDS = ("pos", "position", "positions", "points", "coord", "coords", "coordinates")
+COLUMNS = 'name them: --columns x=…,y=…,z=… or gb.read(path, columns={"x": …})'  # for messages
 _COLOR_NAMES = ("color", "rgb", "cd", "colors", "rgba")
 _SUPPORT_NAMES = {"smoothing_length": 2, "h": 2, "radius": 4, "pscale": 4, "diameter": 2}
 _LENGTH_NAMES = ("smoothing_length", "h")
@@ -154,6 +164,26 @@ def find_positions(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
         if name is not None and arrays[name].ndim == 2 and arrays[name].shape[1] == 3:
             return arrays.pop(name)
     return None
+
+
+def place_names(names: Iterable[str]) -> dict[str, str]:
+    """Which of a table's columns are x, y and z: column -> axis, empty where none are.
+
+    Columns x and y come first, in either case; else those of a word for positions and an axis:
+    `Pos.x`, `Points_0`, `pos[0]`, `X-coordinate`, `x_m`. Without a third, a table lies in a plane.
+    """
+    plain: dict[str, str] = {}
+    for name in names:
+        plain.setdefault(re.sub(r"[^a-z0-9]", "", name.lower()), name)
+    forms = [(end, word) for word in _POSITION_WORDS for end in ("{1}{0}", "{0}{1}")]
+    forms += [("{0}{1}", word) for word in _UNIT_WORDS] + [("{1}{0}", "r")]
+    tried = [("xyz", *form) for form in forms]
+    tried += [(a, "{1}{0}", word) for word in _NUMBERED_WORDS for a in ("012", "123")]
+    for axes, form, word in tried:
+        found = [plain.get(form.format(axis, word)) for axis in axes]
+        if found[0] and found[1]:
+            return {name: axis for name, axis in zip(found, "xyz", strict=True) if name}
+    return {}
 
 
 def join_columns(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

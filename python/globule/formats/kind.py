@@ -10,19 +10,23 @@ import os
 import re
 import stat
 import zipfile
-import zlib
 from typing import NamedTuple
 
 from .._base.checks import a_path
 from .._base.structured import parse_toml
+from .asciinum import decoded
 from .errors import FormatError, bad
+from .fields import place_names
+from .packed import packing, plain_name, unpacked, unpacked_head
 from .registry import FORMATS, Format, formats
+from .table import has_comma, separator_of
 
 _HEAD = 1 << 16  # bytes that are looked at
 _LINES = 60  # of text
 _MOST_OPENED = 20  # files of a folder
 _FEWEST_COLUMNS = 3
 _TEXT_COLUMNS = 9
+_TABLES = ("text", "xyz", "csv", "tsv", "pts")  # whose endings say that two columns are x and y
 
 PICTURE_ENDINGS = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
 
@@ -143,6 +147,9 @@ def _by_ending(path: str | os.PathLike[str], wanted: str | None = None) -> Kind 
         known.update(dict.fromkeys(form.endings, Kind(form.kind, form.name)))
     endings = [ending for ending in known if name.endswith(ending)]
     if not endings:
+        name = plain_name(name)
+        endings = [ending for ending in known if name.endswith(ending)]
+    if not endings:
         return None
     found = known[max(endings, key=len)]
     if wanted in _SHARED.get(found.format, ()):
@@ -154,14 +161,15 @@ def _by_content(path: str | os.PathLike[str], wanted: str | None) -> Kind | None
     with open(path, "rb") as file:
         head = file.read(_HEAD)
         size = os.fstat(file.fileno()).st_size
+    if packing(head):
+        head, size = unpacked_head(path, _HEAD), -1  # how many bytes it unpacks to is not known
     if head[:4] == b"PK\3\4":
-        return _in_archive(path, wanted)
-    if head[:2] == b"\x1f\x8b":
-        head, size = _unpacked(head), -1  # how many bytes it unpacks to is not known
+        with unpacked(path) as plain:
+            return _in_archive(plain, wanted)
     found = _by_magic(head, size) or _registered(head, formats())
     if found:
         return found
-    text = head.removeprefix(b"\xef\xbb\xbf").decode("utf-8", "replace")
+    text = decoded(head)
     if text.lstrip().startswith("<"):  # XML, in which VTK has raw data
         vtk = re.search(r"<VTKFile\b[^>]*?\btype *= *[\"'](\w+)", text)
         known = _XML.get(vtk[1]) if vtk else None
@@ -180,13 +188,6 @@ def _registered(head: bytes, known: tuple[Format, ...]) -> Kind | None:
         if form.content and re.match(form.content, head):
             return Kind(form.kind, form.name)
     return None
-
-
-def _unpacked(head: bytes) -> bytes:
-    try:
-        return zlib.decompressobj(zlib.MAX_WBITS + 16).decompress(head, _HEAD)
-    except zlib.error:
-        return b""
 
 
 def _by_magic(head: bytes, size: int) -> Kind | None:
@@ -271,10 +272,18 @@ def _in_table(lines: list[str], ending: Kind | None) -> Kind | None:
     """The format of a table of numbers."""
     rows = [line.split("#")[0].split() for line in lines[:3]]
     named = ending.format if ending else ""
-    mark = next((m for m in ",;" if any(m in line for line in lines[:2])), "")
-    if mark:
-        cells = [line.split(mark) for line in lines[:2]]
-        return Kind("particles", "csv") if _n_numbers(cells[-1]) >= _FEWEST_COLUMNS else None
+    fewest = 2 if named in _TABLES else _FEWEST_COLUMNS
+    last = lines[:2][-1]
+    mark = separator_of(last)
+    if mark == "\t" and (_n_numbers(rows[0]) or named == "xyz"):
+        mark = None  # as good as a blank
+    if mark is not None and mark in last:
+        cells = [cell.strip('" \t') for cell in last.split(mark)]
+        return Kind("particles", "csv") if _n_numbers(cells) >= fewest else None
+    names = place_names(rows[0])
+    head = len(names) >= 2 or (named in _TABLES and not _n_numbers(rows[0]))
+    if head and _n_numbers(rows[-1]) == len(rows[-1]) == len(rows[0]) >= fewest:
+        return Kind("particles", "csv")
     if len(rows[0]) == 1 and rows[0][0].isdigit():  # a count: nine columns follow, or a title
         nine = len(rows) > 1 and len(rows[1]) == _n_numbers(rows[1]) == _TEXT_COLUMNS
         if nine and named != "xyz":
@@ -285,8 +294,8 @@ def _in_table(lines: list[str], ending: Kind | None) -> Kind | None:
     if not rows:
         return None
     row = rows[0] if _n_numbers(rows[0][:1]) else rows[0][1:]  # an element's symbol
-    if len(row) >= _FEWEST_COLUMNS and _n_numbers(row) == len(row):
-        return Kind("particles", "xyz")
+    if len(row) >= fewest and _n_numbers(row) == len(row):
+        return Kind("particles", "csv" if any(map(has_comma, row)) else "xyz")
     return None
 
 
@@ -297,7 +306,7 @@ def _n_numbers(words: list[str]) -> int:
             float(word)
             n += 1
         except ValueError:
-            pass
+            n += has_comma(word)
     return n
 
 

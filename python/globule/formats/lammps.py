@@ -1,19 +1,24 @@
 """LAMMPS and LIGGGHTS: text dumps (`dump custom`, `dump atom`) and data files (`write_data`).
 
+A data file's atom style is that of the caller, else the one behind `Atoms #`, else the first whose
+columns fit: their number, whole numbers, types up to the header's, positions in the box.
+
 Scaled coordinates (xs) become those of the box, and unwrapped ones (xu) are wrapped into it. The
-support follows from a column `radius` or `diameter`.
+support follows from a column `radius` or `diameter`, else from the elements (see `elements`).
 """
 
 from __future__ import annotations
 
 import os
 import re
+import warnings
 from typing import Any
 
 import numpy as np
 
 from .asciinum import parse_rows, text_lines
 from .contents import Box, Contents, frame_index
+from .elements import of_elements
 from .errors import FormatError, bad, shown
 from .fields import join_columns, particles_from
 from .table import whole_numbers
@@ -21,16 +26,43 @@ from .table import whole_numbers
 # Columns of the section Atoms after the atom's number, by atom style.
 _STYLES = {
     "atomic": "type x y z",
-    "charge": "type q x y z",
     "molecular": "molecule type x y z",
     "bond": "molecule type x y z",
     "angle": "molecule type x y z",
+    "charge": "type q x y z",
     "full": "molecule type q x y z",
     "sphere": "type diameter density x y z",
     "granular": "type diameter density x y z",
+    "ellipsoid": "type ellipsoidflag density x y z",
+    "bpm/sphere": "molecule type diameter density x y z",
+    "line": "molecule type lineflag density x y z",
+    "tri": "molecule type triangleflag density x y z",
+    "dipole": "type q x y z mux muy muz",
+    "spin": "type x y z spx spy spz sp",
     "sph": "type rho esph cv x y z",
     "peri": "type volume density x y z",
+    "mdpd": "type rho x y z",
+    "dpd": "type theta x y z",
+    "edpd": "type temperature cv x y z",
+    "apip": "type lambda lambda_required x y z",
+    "body": "type bodyflag mass x y z",
+    "rheo": "type status rho x y z",
+    "rheo/thermal": "type status rho energy x y z",
+    "electron": "type q espin eradius x y z",
+    "template": "type molecule template_index template_atom x y z",
+    "smd": "type molecule volume mass kernel_radius contact_radius x0 y0 z0 x y z",
+    "wavepacket": "type q espin eradius etag cs_re cs_im x y z",
+    "dielectric": "molecule type q x y z mux muy muz area ed em epsilon curvature",
 }
+_HYBRID = "type x y z"  # and what the styles behind the word have beside it
+_OPEN = {"tdpd": "type x y z", "hybrid": _HYBRID}  # more columns follow, as many as there are
+_WHOLE = {
+    "id", "molecule", "type", "ellipsoidflag", "lineflag", "triangleflag", "bodyflag", "status",
+    "espin", "etag", "template_index", "template_atom", "ix", "iy", "iz",
+}  # fmt: skip
+_HEADERS = {"ellipsoids": "ellipsoid", "lines": "line", "triangles": "tri", "bodies": "body"}
+_LABEL = r"\s*(\d+)\s+(\S+)"
+_LOOKED_AT = 1000  # rows
 _MOST_HEADER = 200  # lines
 
 
@@ -56,6 +88,9 @@ def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     if len(rows) != n or at + 1 + n > end:
         raise bad(path, f"line {at + 1}", f"expected {n} atoms, got {min(len(rows), end - at - 1)}")
     columns = _columns(path, names, rows, at + 2)
+    if rows and "element" in names and "element" not in columns:
+        column = names.index("element")
+        columns = _with(of_elements([row.split()[column] for row in rows]), columns)
     time = _number(lines, items.get("TIMESTEP", -1))
     if "TIME" in items:
         time = _number(lines, items["TIME"])
@@ -65,15 +100,26 @@ def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     return _contents(path, f"line {at + 1}", columns, box, units, time, len(starts))
 
 
-def read_data(path: str | os.PathLike[str]) -> Contents:
-    """Read the section Atoms of a data file. Raises FormatError naming the line."""
+def read_data(path: str | os.PathLike[str], atom_style: str | None = None) -> Contents:
+    """Read the section Atoms of a data file.
+
+    `atom_style`: as of LAMMPS' command atom_style: "full", "hybrid sphere dipole".
+
+    Raises FormatError naming the line, ValueError for a style that LAMMPS does not have.
+    """
+    if atom_style is not None and not _is_known(atom_style.split()):
+        known = " ".join([*_STYLES, *_OPEN])
+        raise ValueError(f"atom_style: expected one of {known}, got {atom_style!r}")
     lines = text_lines(path)
     plain = [line.partition("#")[0].strip() for line in lines[:_MOST_HEADER]]
     head: dict[str, list[str]] = {}
     for line in plain[1:]:
         words = line.split()
-        for width, known in ((1, ("atoms",)), (2, ("xlo", "ylo", "zlo")), (3, ("xy",))):
-            if len(words) > width and words[width] in known:
+        counts: tuple[str, ...] = ("atoms", *_HEADERS) if len(words) == 2 else ()
+        if len(words) == 3 and words[1:] == ["atom", "types"]:
+            head["types"] = words[:1]
+        for width, wanted in ((1, counts), (2, ("xlo", "ylo", "zlo")), (3, ("xy",))):
+            if len(words) > width and words[width] in wanted:
                 head[words[width]] = words[:width]
     count = head.get("atoms", [""])[0]
     if not (count.isascii() and count.isdigit() and len(count) < 16):
@@ -83,20 +129,51 @@ def read_data(path: str | os.PathLike[str]) -> Contents:
     at = next(titled, -1)
     if at < 0:
         raise bad(path, "header", "expected a section Atoms, got none")
-    style = lines[at].partition("#")[2].strip().split(" ")[0]
+    style = atom_style or lines[at].partition("#")[2].strip()
     rows = [(i, line) for i, line in enumerate(lines[at + 1 :], at + 1) if line.strip()][:n]
     if len(rows) != n:
         raise bad(path, f"line {at + 1}", f"expected {n} atoms, got {len(rows)}")
-    first = rows[0][1].partition("#")[0].split() if rows else []
-    names = _atom_columns(path, at, style, len(first)) if rows else ["id", "x", "y", "z"]
-    columns = _columns(path, names, [line for _, line in rows], rows[0][0] + 1 if rows else 1)
     try:
         bounds = [[float(v) for v in head[axis]] for axis in ("xlo", "ylo", "zlo")]
         tilt = [float(v) for v in head.get("xy", ("0", "0", "0"))]
         box = _box(bounds, tilt, (True, True, True))
     except (KeyError, ValueError):
         box = None
+    names = ["id", "x", "y", "z"]
+    if rows:
+        some = [line.partition("#")[0].split() for _, line in rows[:_LOOKED_AT]]
+        names = _atom_columns(path, at, style.split(), some, head, box)
+    columns = _columns(path, names, [line for _, line in rows], rows[0][0] + 1 if rows else 1)
+    elements = _elements(lines[:at])
+    if rows and "type" in names and "type" not in columns:
+        column = names.index("type")
+        columns = _with(of_elements([line.split()[column] for _, line in rows]), columns)
+    elif "type" in columns and {*np.unique(columns["type"]).tolist()} <= elements.keys():
+        kinds, place = np.unique(columns["type"], return_inverse=True)
+        of_types = of_elements([elements[kind] for kind in kinds.tolist()])
+        columns = _with({name: array[place] for name, array in of_types.items()}, columns)
     return _contents(path, f"line {at + 1}", columns, box, {}, None, 1)
+
+
+def _with(of_elements: dict[str, np.ndarray], columns: dict[str, Any]) -> dict[str, Any]:
+    """The columns, and what elements give beside them."""
+    if "diameter" in columns:
+        of_elements.pop("radius", None)
+    return of_elements | columns
+
+
+def _elements(lines: list[str]) -> dict[int, str]:
+    """The word of each type of atom: a comment of the section Masses, or its label."""
+    found: dict[int, str] = {}
+    for title, row in (("Masses", r"\s*(\d+)\s+\S+\s*#\s*(\S+)"), ("Atom Type Labels", _LABEL)):
+        at = next((i for i, line in enumerate(lines) if line.strip() == title), len(lines))
+        for line in lines[at + 1 :]:
+            match = re.match(row, line)
+            if match:
+                found[int(match[1])] = match[2]
+            elif line.strip():
+                break
+    return found
 
 
 def _first_item(lines: list[str], i: int) -> int:
@@ -179,20 +256,95 @@ def _box(bounds: list[list[float]], tilt: list[float], periodic: Any) -> Box | N
     return Box(lo, edges, periodic)
 
 
-def _atom_columns(path: Any, at: int, style: str, n: int) -> list[str]:
-    if style not in _STYLES:
-        fits = [s for s, names in _STYLES.items() if len(names.split()) + 1 in (n, n - 3)]
-        if not (style == "" and len({_STYLES[s] for s in fits}) == 1):
-            known = " ".join(_STYLES)
-            problem = f"expected 'Atoms # STYLE' with one of {known}, got {shown(style)}"
-            raise bad(path, f"line {at + 1}", problem)
-        style = fits[0]
-    names = ["id", *_STYLES[style].split()]
-    if n == len(names) + 3:
-        names += ["ix", "iy", "iz"]
-    if n != len(names):
-        raise bad(path, f"line {at + 1}", f"expected {len(names)} columns ({style}), got {n}")
+def _is_known(style: list[str]) -> bool:
+    """Whether words are an atom style: one, or hybrid with those that it joins."""
+    if style[:1] == ["hybrid"]:
+        return all(word in _STYLES or word in _OPEN for word in style[1:])
+    return bool(style) and (style[0] in _STYLES or style[0] in _OPEN)
+
+
+def _own_columns(style: list[str]) -> list[str]:
+    """The names of a known style's columns."""
+    names = ["id", *(_OPEN.get(style[0]) or _STYLES[style[0]]).split()]
+    for word in style[1:] if style[0] == "hybrid" else ():
+        names += [c for c in (_OPEN.get(word) or _STYLES[word]).split() if c not in names]
     return names
+
+
+def _of_style(style: list[str], n: int) -> list[list[str]]:
+    """The names of n columns by a known style, in the order of likelihood: without the images of
+    periodic boxes, and with them."""
+    names = _own_columns(style)
+    if style[0] in _OPEN and n > len(names):  # what is behind may or may not be images
+        more = [f"column{i + 1}" for i in range(len(names), n)]
+        found = [names + more[:-3] + ["ix", "iy", "iz"]] if len(more) >= 3 else []
+        return [*found, names + more]
+    images = [*names, "ix", "iy", "iz"]
+    return [one for one in (images, names) if len(one) == n]
+
+
+def _atom_columns(
+    path: Any, at: int, style: list[str], rows: list[list[str]], head: dict, box: Box | None
+) -> list[str]:
+    """The names of the columns of the section Atoms, from its first rows."""
+    n, where = len(rows[0]), f"line {at + 1}"
+    known = _is_known(style)
+    styles = [style] if known else [[one] for one in _STYLES]
+    hints = [_HEADERS[k] for k in _HEADERS if head.get(k, ["0"])[0] not in ("0", "")]
+    if not known and not style:
+        styles.sort(key=lambda one: one[0] not in hints)
+    scores: dict[tuple[str, ...], tuple[float, str]] = {}
+    for one in styles:
+        for names in _of_style(one, n):
+            score = _likeness(names, rows, head, box)
+            if score >= 0:
+                scores.setdefault(tuple(names), (score, " ".join(one)))
+    best = max((score for score, _ in scores.values()), default=0.0)
+    found = {names: one for names, (score, one) in scores.items() if known or score == best}
+    if not found and known:  # with positions that are anywhere
+        found = {tuple(names): "" for names in _of_style(style, n)[:1]}
+    if not found:
+        if known:
+            columns = " ".join(_own_columns(style))
+            raise bad(path, where, f"expected the columns {columns} ({' '.join(style)}), got {n}")
+        raise bad(path, where, f"expected columns of a known atom style, got {n}; name it: "
+                  f"--atom-style, gb.read(path, atom_style=…): {' '.join(_STYLES)}")  # fmt: skip
+    if len(found) > 1 and not known:
+        first, *others = dict.fromkeys(found.values())
+        if others and first not in hints:
+            warnings.warn(f"{path}: expected 'Atoms # STYLE', got none that is known: read as "
+                          f"{first}; {' '.join(others)} would fit, too: --atom-style",
+                          stacklevel=2)  # fmt: skip
+    return list(next(iter(found)))
+
+
+def _likeness(names: list[str], rows: list[list[str]], head: dict, box: Box | None) -> float:
+    """How well rows of words fit these columns: on how many axes the positions differ, weighted by
+    how much of the box they take; -1 if they cannot be these columns."""
+    if any(len(row) != len(names) for row in rows):
+        return -1.0
+    columns = dict(zip(names, zip(*rows, strict=True), strict=True))
+    n_types = head.get("types", [""])[0]
+    for name in _WHOLE & columns.keys():
+        whole = all(re.fullmatch(r"[+-]?\d+", word) for word in columns[name])
+        if not whole and not (name == "type" and not any(map(_is_number, columns[name]))):
+            return -1.0
+    types = [word for word in columns["type"] if word.isdigit()]
+    if n_types.isdigit() and not all(1 <= int(word) <= int(n_types) for word in types):
+        return -1.0
+    try:
+        places = np.array([columns[axis] for axis in "xyz"], float).T
+    except ValueError:
+        return -1.0
+    spread = np.ptp(places, axis=0)
+    if box is None:
+        return float((spread > 0).sum())
+    sizes = np.abs(box.edges).sum(axis=0)
+    lo, hi = box.origin - sizes, box.origin + np.maximum(box.edges, 0).sum(axis=0) + sizes
+    if not ((places >= lo) & (places <= hi)).all():
+        return -1.0
+    shares = np.divide(spread, sizes, out=np.zeros(3), where=sizes > 0)
+    return float(np.round(np.minimum(shares, 1.0), 1).sum())
 
 
 def _columns(path: Any, names: list[str], rows: list[str], first: int) -> dict[str, np.ndarray]:

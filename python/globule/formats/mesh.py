@@ -22,6 +22,7 @@ from ..data.spacing import neighbor_spacing
 from ..data.surface import MOST_SAMPLES, sampled_particles, vertex_particles
 from .errors import FormatError, bad
 from .kind import kind_of, wrong_kind
+from .packed import opens_packed
 from .size import check_memory, check_size
 
 FORMATS = ("obj", "stl", "glb", "ply")
@@ -91,7 +92,7 @@ def _parts(mesh: Any) -> Particles | tuple[np.ndarray, _Colors]:
     if isinstance(mesh, (str, os.PathLike)):
         name = os.fspath(mesh)
         linear = kind_of(name, "mesh").format == "glb"
-        mesh = _load(trimesh, name)
+        mesh = _load(name, trimesh)
     scene = trimesh.Scene(mesh) if isinstance(mesh, trimesh.Trimesh) else mesh
     if not isinstance(scene, trimesh.Scene):
         raise TypeError(f"mesh: expected a path, Trimesh or Scene, got {type(mesh).__name__}")
@@ -165,7 +166,8 @@ def _points(name: str, parts: list[Any]) -> Particles:
     return Particles(positions, support=2 * neighbor_spacing(positions))
 
 
-def _load(trimesh: Any, path: str) -> Any:
+@opens_packed
+def _load(path: str, trimesh: Any) -> Any:
     kind = kind_of(path, "mesh")
     if kind.format not in FORMATS:
         raise wrong_kind(path, f"a mesh ({', '.join(FORMATS)})", kind)
@@ -206,7 +208,7 @@ def _beside(trimesh: Any, path: str) -> Any:
         def write(self, name: str, data: Any) -> None:
             raise PermissionError(name)
 
-    root = os.path.dirname(os.path.realpath(path))
+    root = os.path.dirname(os.path.realpath(str(path)))
     return Beside(root)
 
 

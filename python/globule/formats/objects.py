@@ -13,13 +13,14 @@ Positions are taken as they are: none is wrapped into a box.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from ..data.particles import Particles
-from .extxyz import RADII
+from .elements import of_elements
 from .fields import find_positions, join_columns, particles_from
 
 _YT_NAMES = {"particle_mass": "mass", "density": "density", "smoothing_length": "smoothing_length",
@@ -76,9 +77,7 @@ def _of_ase(value: Any) -> Particles:
     arrays["atomic_number"] = value.get_atomic_numbers()
     arrays["mass"] = value.get_masses()
     if not {"radius", "radii"} & arrays.keys():
-        radii = np.array([RADII.get(s, 0.0) for s in value.get_chemical_symbols()])
-        if len(radii) and (radii > 0).all():
-            arrays["radius"] = radii
+        arrays = of_elements(value.get_chemical_symbols()) | arrays
     if "radii" in arrays:
         arrays["radius"] = arrays.pop("radii")
     return _from(value, value.get_positions(), arrays)
@@ -94,12 +93,8 @@ def _of_mdanalysis(value: Any) -> Particles:
         except Exception:  # its NoDataError: the topology does not say
             continue
     if "radius" not in arrays:
-        try:
-            radii = np.array([RADII.get(str(e).capitalize(), 0.0) for e in atoms.elements])
-            if len(radii) and (radii > 0).all():
-                arrays["radius"] = radii
-        except Exception:
-            pass
+        with contextlib.suppress(Exception):
+            arrays = of_elements([str(e) for e in atoms.elements]) | arrays
     return _from(value, atoms.positions, arrays)
 
 

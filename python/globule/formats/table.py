@@ -2,10 +2,12 @@
 bars or blanks).
 
 .xyz  columns x y z [more]; a comment `# x y z name...` as the first line names them. A count and
-      a title before the rows, and an element symbol before each row (XMol), are passed over.
+      a title may come before the rows (XMol), and an element or type before each of them; a .pts
+      has a count alone.
 .csv  the first line may name the columns, with units: `x [m]`, `rho (kg/m3)`; columns that are not
       numbers are left out. Lines that begin with # or % are comments; the last of them before the
       rows names the columns where no other line does. A missing number of an attribute is NaN.
+      Decimal commas are understood where they do not separate.
 
 Two columns x and y without z lie in the plane z = 0.
 
@@ -26,9 +28,25 @@ from .._base.files import atomic_write
 from ..data.particles import Particles
 from .asciinum import format_rows, parse_rows, text_lines
 from .contents import Contents, frame_index
+from .elements import of_elements
 from .errors import FormatError, bad, shown
-from .fields import find_positions, join_columns, particles_from, split_columns
+from .fields import (
+    COLUMNS,
+    find_positions,
+    join_columns,
+    particles_from,
+    place_names,
+    split_columns,
+)
 
+# Columns of a .pts file, by their number: the intensity, and colors up to 255.
+_POINTS = {
+    3: ["x", "y", "z"],
+    4: ["x", "y", "z", "intensity"],
+    6: ["x", "y", "z", "red", "green", "blue"],
+    7: ["x", "y", "z", "intensity", "red", "green", "blue"],
+}
+_MOST_WHOLE = 100  # rows in which a decimal comma is looked for
 _MOST_BLANK = 10_000  # rows in which the first word of a column is looked for
 
 
@@ -92,15 +110,15 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     start = next((i for i, line in enumerate(lines) if _is_row(line)), None)
     if start is None:
         raise bad(path, "line 1", "expected column names or numbers, got an empty file")
-    separator = _separator(lines[start])
+    separator = separator_of(lines[start])
     names, head = _csv_words(path, lines[start], start, separator), start
-    if all(map(_is_number, names)):
+    if all(_is_number(name) or has_comma(name) for name in names):
         comments = [i for i, line in enumerate(lines[:start]) if line.strip()]
         said: list[str] = []
         if comments:
             head = comments[-1]
             text = lines[head].strip().lstrip("#%/ ")
-            for mark in dict.fromkeys((separator, _separator(text))):
+            for mark in dict.fromkeys((separator, separator_of(text))):
                 if len(words := _csv_words(path, text, head, mark)) == len(names):
                     said = words
                     break
@@ -122,6 +140,16 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     names, units = _units(names)
     if named is not None:
         names = _renamed(path, names, named)
+        units = {ours: units[theirs] for ours, theirs in named.items() if theirs in units}
+    else:
+        axes = place_names(names)
+        names = [axes.get(name, name) for name in names]
+        units = {axes.get(name, name): unit for name, unit in units.items()}
+    some = lines[first : first + _MOST_WHOLE] if first is not None else []
+    cells = (word for row in some if "," in row for word in _csv_words(path, row, 0, separator))
+    if any(map(has_comma, cells)):
+        rows = [_with_points(row, separator) for row in rows]
+        words = [word.replace(",", ".") if has_comma(word) else word for word in words]
     particles = _assemble(path, names, words, rows, start + 1, separator, head + 1)
     known = {**particles.attributes, "support": 0, "weight": 0}
     held = {k: u for k, u in units.items() if k in known}
@@ -135,13 +163,28 @@ def _is_row(line: str) -> bool:
     return bool(text) and text[0] not in "#%"
 
 
-def _separator(line: str) -> str | None:
-    """Semicolon, comma, tab, bar, or None for blanks; quoted text does not count."""
+def separator_of(line: str) -> str | None:
+    """Semicolon, comma, tab, bar, or None for blanks; quoted text and the commas of numbers do not
+    count."""
     plain = re.sub(r'"[^"]*"', "", line)
+    if all(map(has_comma, plain.split())) and len(plain.split()) > 1:
+        plain = plain.replace(",", ".")
     for mark in (";", ",", "\t", "|"):
         if mark in plain:
             return mark
     return None if len(plain.split()) > 1 else ","
+
+
+def has_comma(word: str) -> bool:
+    """Whether a word is a number with a decimal comma."""
+    return re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?|[+-]?\d+,", word) is not None
+
+
+def _with_points(row: str, separator: str | None) -> str:
+    """A row with decimal points in place of commas; where commas separate, in quotes alone."""
+    if separator != ",":
+        return row.replace(",", ".")
+    return re.sub(r'"([+-]?\d*),(\d*(?:[eE][+-]?\d+)?)"', r"\1.\2", row)
 
 
 def _units(names: list[str]) -> tuple[list[str], dict[str, str]]:
@@ -152,7 +195,7 @@ def _units(names: list[str]) -> tuple[list[str], dict[str, str]]:
         unit = (found[2] or found[3] or "") if found else ""
         if found and unit and not unit.isdigit():  # name[0] is a component
             plain.append(found[1])
-            units[found[1].lower() if found[1].lower() in ("x", "y", "z") else found[1]] = unit
+            units[found[1]] = unit
         else:
             plain.append(name)
     if len(set(plain)) < len(plain):
@@ -199,8 +242,12 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
     head = lines[0].split()
     if len(head) == 1 and head[0].isascii() and head[0].isdigit() and len(head[0]) < 16:
         count, start = int(head[0]), 2  # XMol: a count, a title
+        if _is_points(lines, count):
+            start = 1
     elif head and head[0].startswith("#"):
         names = lines[0].replace("#", " ", 1).split()
+        axes = place_names(names)
+        names = [axes.get(name, name) for name in names]
     first = next(
         (line for line in lines[start:] if line.strip() and not line.strip().startswith("#")), ""
     )
@@ -209,19 +256,51 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
         words = ["0"] * len(names)  # our own file of no particles
     if not words and count != 0:
         raise bad(path, f"line {len(lines)}", "expected rows x y z, got none")
-    if names is None or len(names) != len(words):
-        skip = 1 if words and not _is_number(words[0]) else 0
-        names = ["element"] * skip + _default_names(len(words) - skip)
-    if count == 0:
-        names = words = _default_names(3)
     rows = lines[start:]
     if count is not None and any("#" in line for line in rows):
         rows = [line.partition("#")[0] for line in rows]
-    particles = _assemble(path, names, words, rows, before + start + 1, None)
+    elements: dict[str, np.ndarray] = {}
+    if names is None or len(names) != len(words):
+        names = _POINTS.get(len(words), _default_names(len(words)))
+        if start != 1:
+            first_words = _first_words(rows, words, count)
+            if first_words and first_words[0].isdigit():
+                elements = {"type": np.array(first_words, np.int64)}
+            elif first_words:
+                elements = of_elements(first_words)
+            skip = 1 if first_words else 0
+            names = ["element"] * skip + _default_names(len(words) - skip)
+            words[:skip] = ["element"] * skip
+    if count == 0:
+        names = words = _default_names(3)
+    particles = _assemble(path, names, words, rows, before + start + 1, None, extra=elements)
     if count is not None and len(particles) != count:
         problem = f"expected {count} particles (line {before + 1}), got {len(particles)}"
         raise bad(path, f"line {before + len(lines)}", problem)
     return particles
+
+
+def _is_points(lines: list[str], count: int) -> bool:
+    """Whether the rows follow the count at once, as in .pts files of scanners."""
+    row = lines[1].split() if len(lines) > 1 else []
+    whole = sum(bool(line.strip()) for line in lines[1:]) == count
+    return whole and len(row) in _POINTS and all(map(_is_number, row))
+
+
+def _first_words(rows: list[str], words: list[str], count: int | None) -> list[str]:
+    """The first words of all rows if they are elements or types; else none.
+
+    Types are whole numbers before places with a point, below a count: so LAMMPS writes .xyz.
+    """
+    if len(words) < 4:
+        return []
+    if _is_number(words[0]):
+        points = all("." in word or "e" in word.lower() for word in words[1:4])
+        if count is None or len(words) != 4 or not (words[0].isdigit() and points):
+            return []
+    found = [row.split(None, 1)[0] for row in rows if row.strip() and row.lstrip()[0] != "#"]
+    numbers = _is_number(words[0])
+    return found if all(word.isdigit() for word in set(found)) == numbers else []
 
 
 def _assemble(
@@ -232,6 +311,7 @@ def _assemble(
     first_line: int,
     separator: str | None,
     names_line: int | None = None,
+    extra: Mapping[str, np.ndarray] | None = None,
 ) -> Particles:
     """Particles from rows; `words` is the first row, which tells the numbers from the words."""
     numeric = [
@@ -241,9 +321,9 @@ def _assemble(
         and (names[i] or not any(names))
     ]
     found = shown(" ".join(names))
-    no_positions = bad(
-        path, f"line {names_line or first_line}", f"expected columns x, y and z, got {found}"
-    )
+    advice = f"; {COLUMNS}" if names_line else ""
+    where = f"line {names_line or first_line}"
+    no_positions = bad(path, where, f"expected columns x, y and z, got {found}{advice}")
     # Two numbers beside a word without a name are not a place in a plane: one of three is damaged.
     if len(numeric) < 2 or (len(numeric) == 2 < len(words) and names_line is None):
         raise no_positions
@@ -277,7 +357,8 @@ def _assemble(
     points = find_positions(arrays)
     if points is None:
         raise no_positions
-    return particles_from(path, points, arrays)
+    more = {name: array for name, array in (extra or {}).items() if len(array) == len(points)}
+    return particles_from(path, points, more | arrays)
 
 
 def _with_nan(lines: list[str], separator: str) -> list[str]:

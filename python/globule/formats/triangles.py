@@ -14,11 +14,13 @@ from ..data.triangles import Triangles
 from . import mesh, ply, vtk_legacy, vtk_parts, vtk_xml
 from .errors import FormatError, bad
 from .kind import Kind, kind_of, kind_or_none, wrong_kind
+from .packed import opens_packed
 from .size import whole_file
 
 _FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp", "vtu", *vtk_parts.FORMATS)
 
 
+@opens_packed
 def read(path: str | os.PathLike[str]) -> Triangles:
     """Read vertices, triangles, colors and attributes of vertices; polygons become triangles.
 
@@ -61,6 +63,7 @@ def _read(path: str | os.PathLike[str], kind: Kind) -> tuple[Particles, np.ndarr
     return vtk_parts.join(parts or [Particles(np.empty((0, 3)))]), np.concatenate(faces)
 
 
+@opens_packed
 def has_faces(path: str | os.PathLike[str]) -> bool:
     """Whether a file holds a triangle mesh and no particles beside, as far as its header or a
     glance tells; of several frames, the first one or that of a `FrameOf`. False for what cannot be

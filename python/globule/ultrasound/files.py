@@ -13,6 +13,7 @@ import numpy as np
 from .._base.checks import a_path, number
 from ..formats.errors import FormatError, bad
 from ..formats.kind import Kind, kind_of, kind_or_none, wrong_kind
+from ..formats.packed import opens_packed
 from ..formats.sweeps import igs, slicer_bundle, stack, stradwin
 from ..formats.sweeps.poses import PoseTable, interpolate, read_poses, write_csv
 from ..formats.sweeps.transforms import (
@@ -163,6 +164,7 @@ def is_sweep(path: str | os.PathLike[str]) -> bool:
     return found is not None and found.kind == "sweep"
 
 
+@opens_packed
 def recording_of(
     path: str | os.PathLike[str], progress: Progress = None
 ) -> tuple[igs.Recording, dict[str, np.ndarray]]:

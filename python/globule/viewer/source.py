@@ -74,6 +74,8 @@ OPTIONS = {
     "where": "--where",
     "origin": "--origin",
     "radius_is": "--radius-is",
+    "columns": "--columns",
+    "atom_style": "--atom-style",
     "calibration": "--calibration",
     "plus": "--plus",
 }
@@ -160,6 +162,8 @@ class Source:
         """`reading` as options of a command."""
         words = []
         for name, value in self.reading.items():
+            if isinstance(value, dict):
+                value = ",".join(f"{field}={column}" for field, column in value.items())
             for one in value if isinstance(value, (list, tuple)) else [value]:
                 words += [OPTIONS[name], str(one)]
         return words

@@ -12,6 +12,7 @@ from ..._base.files import all_or_none
 from ..errors import FormatError
 from ..guarded import need
 from ..kind import kind_of, wrong_kind
+from ..packed import unpacked
 from . import dicom, dicom_write, medical, nifti, npz, vti
 from .geometry import VolumeData, checked, in_space
 from .raw import Progress
@@ -56,7 +57,8 @@ def read(path: str | os.PathLike[str], space: str = "LPS", progress: Progress = 
     kind = kind_of(path, "volume")
     if kind.format not in _READERS or (kind.kind != "volume" and kind.format != "dicom"):
         raise wrong_kind(path, "a volume", kind)
-    data = _done(kind.format, _READERS[kind.format], progress, path)
+    with unpacked(path, kind.format == "nifti") as plain:
+        data = _done(kind.format, _READERS[kind.format], progress, plain)
     return in_space(checked(path, data), space)
 
 

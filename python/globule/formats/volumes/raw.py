@@ -36,7 +36,7 @@ def beside(path: str | os.PathLike[str], field: str, name: str) -> IO[bytes]:
         or "\0" in name
     ):
         raise bad(path, field, f"expected one file of the same folder, got {shown(name)}")
-    place = os.path.join(os.path.dirname(os.fspath(path)), name)
+    place = os.path.join(os.path.dirname(str(path)), name)
     if not os.path.isfile(place):
         raise bad(path, field, f"expected the data beside it, got no file {shown(name)}")
     return open(place, "rb")

@@ -1,0 +1,371 @@
+"""Packed files, elements, LAMMPS' atom styles, and tables as other programs write them."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import lzma
+import sys
+import warnings
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.cli import main
+from globule.formats import FormatError, kind_of, packed, read_contents, size
+
+N = 24
+RNG = np.random.default_rng(41)
+X = np.round(RNG.random((N, 3)), 6)
+
+
+def zstd(data: bytes) -> bytes:
+    return pytest.importorskip("zstandard").ZstdCompressor().compress(data)
+
+
+PACKERS = {".gz": gzip.compress, ".bz2": bz2.compress, ".xz": lzma.compress, ".zst": zstd}
+packers = pytest.mark.parametrize("ending", PACKERS)
+
+
+@pytest.fixture(autouse=True)
+def in_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def rows(separator: str = " ", comma: str = ".") -> list[str]:
+    return [separator.join(f"{v:.6f}".replace(".", comma) for v in x) for x in X]
+
+
+def assert_places(path: str, expected: np.ndarray = X, **options: object) -> gb.Particles:
+    particles = gb.read(path, **options)
+    assert np.allclose(particles.positions, expected, atol=1e-6)
+    return particles
+
+
+# Packed files
+
+
+def csv(path: str) -> str:
+    Path(path).write_text("\n".join(["x,y,z", *rows(",")]))
+    return path
+
+
+def written(path: str) -> str:
+    gb.write(path, gb.Particles(X))
+    return path
+
+
+@packers
+@pytest.mark.parametrize("name", ["a.csv", "a.vtk", "a.vtp", "a.ply", "a.npz", "a.npy", "a.bgeo"])
+def test_packed_particles(name, ending):
+    (csv if name == "a.csv" else written)(name)
+    path = name + ending
+    Path(path).write_bytes(PACKERS[ending](Path(name).read_bytes()))
+    Path(name).unlink()
+    assert_places(path)
+    assert kind_of(path).kind == "particles"
+    Path("no_ending").write_bytes(Path(path).read_bytes())
+    assert_places("no_ending")
+
+
+@packers
+def test_several_members_and_padding(ending):
+    pack = PACKERS[ending]
+    halves = ["x,y,z", *rows(",")]
+    data = pack("\n".join(halves[:9] + [""]).encode()) + pack("\n".join(halves[9:]).encode())
+    Path("a" + ending).write_bytes(data + bytes(8))
+    assert_places("a" + ending)
+
+
+@packers
+def test_packed_hdf5_mesh_volume_and_collection(ending):
+    h5py = pytest.importorskip("h5py")
+    pack = PACKERS[ending]
+    with h5py.File("a.h5", "w") as file:
+        file["positions"] = X
+    Path("a.h5" + ending).write_bytes(pack(Path("a.h5").read_bytes()))
+    assert_places("a.h5" + ending)
+
+    Path("a.obj" + ending).write_bytes(pack(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"))
+    pytest.importorskip("trimesh")
+    assert gb.Mesh("a.obj" + ending, device="cpu").bounds()[1][0] == 1
+
+    values = RNG.random((3, 4, 5)).astype(np.float32)
+    gb.volumes.write_volume("a.nrrd", gb.volumes.Volume(values, np.eye(4)))
+    Path("a.nrrd" + ending).write_bytes(pack(Path("a.nrrd").read_bytes()))
+    assert np.array_equal(gb.volumes.read_volume("a.nrrd" + ending).values, values)
+
+    written("part.vtp")
+    Path("part.vtp" + ending).write_bytes(pack(Path("part.vtp").read_bytes()))
+    sets = f"<DataSet timestep='1' file='part.vtp{ending}'/>"
+    text = f"<VTKFile type='Collection'><Collection>{sets}</Collection></VTKFile>"
+    Path("a.pvd" + ending).write_bytes(pack(text.encode()))
+    assert_places("a.pvd" + ending)  # the packed one names a packed one beside it
+
+
+@packers
+def test_damaged_ones_say_so_in_one_line_without_binary_data(ending, capsys):
+    data = PACKERS[ending](Path(csv("a.csv")).read_bytes())
+    path = "a.csv" + ending
+    Path(path).write_bytes(data[:-9])
+    with pytest.raises(FormatError, match=rf"^a\.csv\{ending}: expected whole \w+ data, got"):
+        gb.read(path)
+    for bytes_ in (data[:20], data[:12] + bytes(range(256)), RNG.bytes(300)):
+        Path(path).write_bytes(bytes_)
+        assert main(["info", path]) == 2
+        said = capsys.readouterr().err
+        assert said.isascii() or "…" in said
+        assert said.strip().isprintable()
+        assert len(said) < 400
+
+
+@packers
+def test_bombs_are_refused_while_they_unpack(ending, monkeypatch):
+    monkeypatch.setattr(size, "ALWAYS", 1 << 20)
+    Path("a.csv" + ending).write_bytes(PACKERS[ending](bytes(1 << 25)))
+    with pytest.raises(FormatError, match=rf"^a\.csv\{ending}: expected at most 200 times"):
+        gb.read("a.csv" + ending)
+
+
+def test_a_window_larger_than_the_limit_is_refused(monkeypatch):
+    monkeypatch.setattr(packed, "_MOST_MEMORY", 1 << 16)
+    Path("a.csv.xz").write_bytes(lzma.compress(Path(csv("a.csv")).read_bytes()))
+    with pytest.raises(FormatError, match=r"a\.csv\.xz: expected whole xz data, got Memory"):
+        gb.read("a.csv.xz")
+
+
+def test_zstd_without_its_package_is_named(monkeypatch):
+    Path("a.csv.zst").write_bytes(zstd(b"x,y,z\n1,2,3\n"))
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    with pytest.raises(ImportError, match=r"zstandard is not installed\. Install it with"):
+        gb.read("a.csv.zst")
+
+
+def test_packed_names_on_the_command_line(capsys):
+    Path("a.csv.gz").write_bytes(gzip.compress(Path(csv("a.csv")).read_bytes()))
+    assert main(["info", "a.csv.gz"]) == 0
+    assert capsys.readouterr().out.startswith("a.csv.gz: table, comma-separated, packed, ")
+
+
+# Elements
+
+
+@pytest.mark.parametrize("ending", ["", ".gz"])
+def test_frames_of_xyz_keep_their_elements(ending):
+    words = ["O", "H", "h", "C13", "Na+"]
+    frames = []
+    for k in range(2):
+        lines = [f"{words[i % 5]} {row}" for i, row in enumerate(rows())]
+        frames += [str(N), f"frame {k}", *(lines if k == 0 else reversed(lines))]
+    data = ("\n".join(frames) + "\n").encode()
+    Path("a.xyz" + ending).write_bytes(gzip.compress(data) if ending else data)
+    got = read_contents("a.xyz" + ending, frame=1)
+    assert got.n_frames == 2
+    particles = got.particles
+    assert np.allclose(particles.positions, X[::-1])
+    numbers = np.array([8, 1, 1, 6, 11])[np.arange(N) % 5]
+    assert np.array_equal(particles.attributes["atomic_number"], numbers[::-1])
+    radii = np.array([1.52, 1.2, 1.2, 1.7, 2.27])[np.arange(N) % 5]
+    assert np.allclose(particles.attributes["radius"], radii[::-1])
+    assert np.allclose(particles.support, 4 * radii[::-1])
+    red, white = particles.color[::-1][0], particles.color[::-1][1]
+    assert red[0] == 1
+    assert red[1] < 0.01
+    assert np.array_equal(white, [1, 1, 1])
+
+
+def test_types_of_xyz():
+    """Numbers, as LAMMPS writes them, and words that are no elements."""
+    for name, words, types in (("a", ["2", "11"], [2, 11]), ("b", ["wall", "fluid"], [2, 1])):
+        lines = [f"{words[i % 2]} {row}" for i, row in enumerate(rows())]
+        Path(f"{name}.xyz").write_text("\n".join([str(N), "Atoms. Timestep: 0", *lines]) + "\n")
+        particles = assert_places(f"{name}.xyz")
+        assert particles.attributes["type"].tolist() == types * (N // 2)
+        assert particles.color is None
+        assert particles.support is None
+
+
+def test_a_dump_has_elements():
+    head = f"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n{N}\nITEM: ATOMS id element x y z\n"
+    Path("a.dump").write_text(head + "".join(f"{i} Si {row}\n" for i, row in enumerate(rows())))
+    particles = assert_places("a.dump")
+    assert (particles.attributes["atomic_number"] == 14).all()
+    assert np.allclose(particles.support, 4 * 2.1)
+
+
+# LAMMPS' atom styles
+
+ROWS = {
+    "atomic": "{i} 1 {x}",
+    "angle": "{i} 7 1 {x}",
+    "charge": "{i} 1 -0.5 {x}",
+    "full": "{i} 7 1 -0.5 {x}",
+    "sphere": "{i} 1 0.02 2.5 {x}",
+    "ellipsoid": "{i} 1 1 2.5 {x}",
+    "bpm/sphere": "{i} 7 1 0.02 2.5 {x}",
+    "line": "{i} 7 1 0 2.5 {x}",
+    "tri": "{i} 7 1 0 2.5 {x}",
+    "dipole": "{i} 1 -0.5 {x} 0 0 1.5",
+    "spin": "{i} 1 {x} 0 0 1 2.2",
+    "sph": "{i} 1 1.5 2.5 3.5 {x}",
+    "peri": "{i} 1 0.3 2.5 {x}",
+    "mdpd": "{i} 1 0.7 {x}",
+    "dpd": "{i} 1 0.7 {x}",
+    "edpd": "{i} 1 0.7 0.3 {x}",
+    "body": "{i} 1 0 2.5 {x}",
+    "rheo": "{i} 1 0 2.5 {x}",
+    "rheo/thermal": "{i} 1 0 2.5 1.5 {x}",
+    "electron": "{i} 1 1.5 0 0.4 {x}",
+    "template": "{i} 1 7 1 2 {x}",
+    "smd": "{i} 1 7 .1 .2 .3 .4 .5 .6 .7 {x}",
+    "wavepacket": "{i} 1 1.5 0 0.4 3 .1 .2 {x}",
+    "dielectric": "{i} 7 1 -0.5 {x} 0 0 1 .1 .2 .3 .4 .5",
+    "tdpd": "{i} 1 {x} 0.25 0.75",
+    "hybrid": "{i} 1 {x} 0.1 2.5",
+    "hybrid sphere": "{i} 1 {x} 0.02 2.5",
+    "hybrid dipole sphere": "{i} 1 {x} -0.5 0 0 1.5 0.02 2.5",
+}
+
+
+def data_file(style: str, row: str, images: str, types: int = 3, more: str = "") -> str:
+    head = f"L\n\n{N} atoms\n{types} atom types\n{more}\n0 1 xlo xhi\n0 1 ylo yhi\n0 1 zlo zhi\n\n"
+    lines = [row.format(i=i + 1, x=x) + images for i, x in enumerate(rows())]
+    Path("a.data").write_text(f"{head}Atoms{style}\n\n" + "\n".join(lines) + "\n")
+    return "a.data"
+
+
+@pytest.mark.parametrize("images", ["", " 0 -1 2"])
+@pytest.mark.parametrize("style", ROWS)
+def test_every_atom_style(style, images):
+    for said, options in ((f" # {style}", {}), ("", {"atom_style": style})):
+        particles = assert_places(data_file(said, ROWS[style], images), **options)
+        assert (particles.attributes["type"] == 1).all()
+        if "sphere" in style:
+            assert np.allclose(particles.support, 0.04)
+        if style in ("charge", "full", "dipole"):
+            assert (particles.attributes["q"] == -0.5).all()
+
+
+@pytest.mark.parametrize("images", ["", " 0 -1 2"])
+@pytest.mark.parametrize("style", [s for s in ROWS if "hybrid" not in s and s != "tdpd"])
+def test_positions_without_a_style(style, images):
+    """Whatever the style: its columns' number, numbers and the box tell where x is."""
+    path = data_file("", ROWS[style], images)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert_places(path)
+
+
+def test_what_is_guessed_is_said():
+    with pytest.warns(UserWarning, match="read as full; .*sphere.* would fit, too: --atom-style"):
+        gb.read(data_file("", "{i} 1 1 1 {x}", ""))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert_places(data_file("", "{i} 1 {x}", " 0 0 0"))  # nothing else fits
+        got = assert_places(data_file("", "{i} 1 1 2.5 {x}", "", more=f"{N} ellipsoids\n"))
+    assert "ellipsoidflag" in got.attributes
+    with pytest.raises(ValueError, match=r"atom_style: expected one of atomic .*, got 'sfere'"):
+        gb.read("a.data", atom_style="sfere")
+    with pytest.raises(FormatError, match=r"expected the columns id type x y z .atomic., got 7"):
+        gb.read("a.data", atom_style="atomic")
+    data_file(" # mine", "{i} 1 {x} 1 2 3 4 5 6 7 8 9 10 11 12", "")
+    with pytest.raises(FormatError, match="got 17; name it: --atom-style"):
+        gb.read("a.data")
+    assert main(["info", data_file("", ROWS["sphere"], ""), "--atom-style", "sphere"]) == 0
+
+
+def test_elements_of_a_data_file():
+    masses = "Masses\n\n1 15.999 # O\n2 1.008  # H\n\n"
+    path = data_file(" # full", "{i} 1 2 0.5 {x}", "", 2)
+    text = Path(path).read_text()
+    Path(path).write_text(text.replace("Atoms", masses + "Atoms"))
+    particles = assert_places(path)
+    assert (particles.attributes["atomic_number"] == 1).all()
+    assert np.allclose(particles.support, 4.8)
+    Path(path).write_text(text.replace(" 1 2 0.5", " 1 O 0.5"))  # labels of types
+    assert (assert_places(path).attributes["atomic_number"] == 8).all()
+
+
+# Tables
+
+
+@pytest.mark.parametrize("head", [
+    "Pos.x [m];Pos.y [m];Pos.z [m]", '"Points_0";"Points_1";"Points_2"', "pos_x;pos_y;pos_z",
+    "pos[0];pos[1];pos[2]", "X-coordinate;Y-coordinate;Z-coordinate", "X;Y;Z", "xpos;ypos;zpos",
+    "Points:0;Points:1;Points:2", "Position.X (mm);Position.Y (mm);Position.Z (mm)",
+    "x_m;y_m;z_m", "coordinates_0;coordinates_1;coordinates_2", "particle_position_x;"
+    "particle_position_y;particle_position_z", "X Coord;Y Coord;Z Coord", "rx;ry;rz",
+])  # fmt: skip
+def test_names_of_positions(head):
+    for name, separator in (("a.csv", ";"), ("a.csv", ","), ("a.tsv", "\t"), ("a.txt", "\t")):
+        title = separator.join(["Idp", *head.split(";")])
+        lines = [f"{i}{separator}{row}" for i, row in enumerate(rows(separator))]
+        Path(name).write_text("\n".join([title, *lines]))
+        particles = assert_places(name)
+        assert particles.attributes["Idp"].tolist() == [*range(N)]
+    if "[m]" in head or "(mm)" in head:
+        assert read_contents("a.csv").units["positions"] in ("m", "mm")
+
+
+def test_names_that_are_no_positions():
+    Path("a.csv").write_text("mx,my,mz,node1,node2\n1,2,3,4,5\n")
+    with pytest.raises(FormatError, match=r"a\.csv: line 1: .* got 'mx .*--columns x=…,y=…"):
+        gb.read("a.csv")
+    assert main(["info", "a.csv", "--columns", "x=node1,y=node2,density=mz"]) == 0
+    particles = gb.read("a.csv", columns={"x": "node1", "y": "node2", "density": "mz"})
+    assert particles.positions.tolist() == [[4, 5, 0]]
+    assert main(["info", "a.csv", "--columns", "x"]) == 2
+    Path("b.csv").write_text("x,y,z,pos_x,pos_y,pos_z\n1,2,3,4,5,6\n")
+    assert gb.read("b.csv").positions.tolist() == [[1, 2, 3]]
+
+
+@pytest.mark.parametrize("code", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize(("name", "head", "separator"), [
+    ("a.csv", "x,y,z,h [m]", ","), ("a.txt", "X Y Z H", " "), ("a.tsv", "x\ty\tz\tn", "\t"),
+    ("a.xyz", "", " "), ("a", "x;y;z;d", ";"),
+])  # fmt: skip
+def test_codes_of_text(code, name, head, separator):
+    lines = [f"{row}{separator}1.5" for row in rows(separator)]
+    Path(name).write_bytes("\r\n".join([head, *lines] if head else lines).encode(code))
+    particles = assert_places(name)
+    assert [a.tolist() for a in particles.attributes.values()] == [[1.5] * N]
+
+
+@pytest.mark.parametrize(("name", "head", "separator"), [
+    ("a.csv", "x;y;z", ";"), ("a.csv", "", ";"), ("a.tsv", "x\ty\tz", "\t"), ("a.tsv", "", "\t"),
+    ("a.txt", "x y z", " "), ("a.txt", "", " "), ("a.csv", "x|y|z", "|"),
+])  # fmt: skip
+def test_decimal_commas(name, head, separator):
+    lines = rows(separator, ",")
+    Path(name).write_text("\n".join([head, *lines] if head else lines))
+    assert_places(name)
+
+
+def test_decimal_commas_in_quotes_and_behind_whole_numbers():
+    cells = [",".join(f'"{v:.6f}"'.replace(".", ",") for v in x) for x in X]
+    Path("a.csv").write_text("\n".join(['"x","y","z","name"', *(c + ',"a,b"' for c in cells)]))
+    assert_places("a.csv")
+    Path("b.csv").write_text("x;y;z\n0;0;1\n0,5;-1,25e1;2\n")
+    assert gb.read("b.csv").positions.tolist() == [[0, 0, 1], [0.5, -12.5, 2]]
+    Path("c.csv").write_text("0,1,2\n3,4,5\n")  # commas that separate
+    assert gb.read("c.csv").positions.tolist() == [[0, 1, 2], [3, 4, 5]]
+
+
+@pytest.mark.parametrize("title", [True, False])
+def test_points_of_a_scanner(title):
+    lines = [f"{row} -1200 {i} 128 255" for i, row in enumerate(rows())]
+    Path("a.pts").write_text("\n".join([str(N), *lines] if title else lines))
+    particles = assert_places("a.pts")
+    if title:
+        assert (particles.attributes["intensity"] == -1200).all()
+        assert np.allclose(particles.color[3] * 255, [3, 128, 255])
+
+
+def test_two_columns_lie_in_a_plane():
+    plane = X * [1, 1, 0]
+    np.savetxt("a.txt", X[:, :2])
+    np.savetxt("b.txt", X[:, :2], header="pos_x pos_y")
+    np.savetxt("c.csv", X[:, :2], header="Points_0,Points_1", delimiter=",", comments="")
+    for name in ("a.txt", "b.txt", "c.csv"):
+        assert_places(name, plane)
