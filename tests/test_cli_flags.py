@@ -12,6 +12,7 @@ from cli_helpers import run_json
 from globule._base.settings import Color
 from globule.cli import build_parser, look, main
 from globule.cli.arguments import beside, ground
+from globule.cli.flags import columns
 from globule.cli.shared import UserError
 
 UNITS = re.compile(
@@ -78,7 +79,8 @@ def lacks(action: argparse.Action) -> str:
         if not default[1].startswith(shown):
             return f"the default {shown}"
     colored = isinstance(getattr(action.type, "__self__", None), Color)
-    if not (colored or action.type in (None, look.light, beside, ground) or UNITS.search(text)):
+    without = (None, look.light, beside, ground, columns)
+    if not (colored or action.type in without or UNITS.search(text)):
         return "a unit"
     unnamed = [c for c in action.choices or () if not re.search(rf"\b{re.escape(str(c))}\b", text)]
     return f"the choices {unnamed}" if unnamed and action.metavar else ""

@@ -205,7 +205,7 @@ STICKS = '<HoleFilling>\n<HoleFillingElement Type="STICK" NumberOfSticksToUse="1
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('<!DOCTYPE x [<!ENTITY a "b">]>\n<PlusConfiguration/>', "line 1: expected no DOCTYPE"),
+        ('<!DOCTYPE x [<!ENTITY a "b">]>\n<PlusConfiguration/>', "line 1: expected a DOCTYPE"),
         ("<PlusConfiguration>\n<a>\n</PlusConfiguration>", "line 3, column 3: expected XML"),
         ("\n<PlusConfiguration/>", "line 2: expected an element VolumeReconstruction, got none"),
         (XML.format("", ""),

@@ -311,7 +311,7 @@ def hdf5(path: str, ask: Any) -> tuple[dict, list]:
         for name, first, n in request:
             dataset = file[name]
             values = dataset[first : first + n] if dataset.ndim else dataset[()]
-            arrays.append(np.ascontiguousarray(values))
+            arrays.append(np.ascontiguousarray(values, "f8" if values.itemsize > 8 else None))
     return {}, arrays
 
 
@@ -327,19 +327,27 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
         if isinstance(item, h5py.Group) and depth < _MOST_NESTED:
             tree[place] = {"attributes": _attributes(item)}
             _walk(h5py, item, place, tree, depth + 1)
-        elif isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf":
+        elif isinstance(item, h5py.Dataset) and _is_numbers(item):
             if item.shape is None or item.is_virtual or item.external:
                 continue
             offset = item.id.get_offset()
+            long = item.dtype.itemsize > 8  # long double
             tree[place] = {
                 "attributes": _attributes(item),
                 "shape": item.shape,
-                "dtype": item.dtype.str,
-                "offset": -1 if offset is None else offset,
+                "dtype": "<f8" if long else item.dtype.str,
+                "offset": -1 if offset is None or long else offset,
             }
             of_frames = name.endswith("/Steps") or key == "NumberOfPoints"
             if item.size <= (_SMALL if of_frames else 0):
                 tree[place]["values"] = item[()].tolist()
+
+
+def _is_numbers(dataset: Any) -> bool:
+    try:
+        return dataset.dtype.kind in "biuf"
+    except (TypeError, ValueError):  # of a type that h5py does not know
+        return False
 
 
 def _attributes(item: Any) -> dict:
@@ -356,10 +364,17 @@ def _attributes(item: Any) -> dict:
             value = value.decode("utf-8", "replace")
         if isinstance(value, str):
             found[name] = value[:200]
-        elif getattr(value, "size", 65) <= 64 and value.dtype.kind in "biuf":
+            continue
+        size = getattr(value, "size", None)  # none: a reference, or an empty attribute
+        if size is None or size > 64 or not hasattr(value, "dtype"):
+            continue
+        if value.dtype.kind == "f":
+            found[name] = value.astype("f8").tolist()  # JSON knows no long double
+        elif value.dtype.kind in "biu":
             found[name] = value.tolist()
-        elif getattr(value, "size", 65) <= 64 and value.dtype.kind in "OS":
-            texts = [t.decode("utf-8", "replace") if isinstance(t, bytes) else t for t in value]
+        elif value.dtype.kind in "OS":
+            texts = [t.decode("utf-8", "replace") if isinstance(t, bytes) else t
+                     for t in value.flat]  # fmt: skip
             if all(isinstance(t, str) for t in texts):
                 found[name] = [t[:200] for t in texts]
     return found

@@ -83,11 +83,25 @@ def _some(layout: Layout, rows: tuple[int, int] | None) -> Layout:
     return layout
 
 
-def read_arrays(path: str | os.PathLike[str], places: Mapping[str, str]) -> dict[str, np.ndarray]:
-    """The data sets at places of a file, by a name of one's own. Raises FormatError."""
+def read_arrays(
+    path: str | os.PathLike[str],
+    places: Mapping[str, str],
+    rows: Mapping[str, tuple[int, int]] | None = None,
+) -> dict[str, np.ndarray]:
+    """The data sets at places of a file, by a name of one's own; of those in `rows` [first, last).
+
+    Raises FormatError.
+    """
 
     def layout(tree: Tree) -> Layout:
-        return Layout({k: [tree.source("/" + p.strip("/"))] for k, p in places.items()})
+        found = {k: tree.source("/" + p.strip("/")) for k, p in places.items()}
+        for name, (first, last) in (rows or {}).items():
+            n = found[name].n
+            if not 0 <= first <= last <= n:
+                problem = f"expected rows up to {n}, got {first} to {last}"
+                raise tree.bad(found[name].place, problem)
+            found[name] = found[name]._replace(first=first, n=last - first)
+        return Layout({name: [source] for name, source in found.items()})
 
     return _read(path, layout)[1]
 
@@ -117,7 +131,7 @@ def _read(path: Any, layout_of: Callable[[Tree], Layout]) -> tuple[Layout, dict[
             for source in sources:
                 offset = _offset(tree, source)
                 part = next(coming) if offset < 0 else _from_file(tree, source, offset, file)
-                parts.append(part * source.scale + source.shift if source.converted else part)
+                parts.append(part * source.scale if source.scale != 1.0 else part)
             arrays[name] = parts[0] if len(parts) == 1 else np.stack(parts, axis=1)
     return layout, arrays
 
@@ -191,10 +205,15 @@ def _fill(memory: memoryview, file: int, offset: int) -> bool:
 
 def _contents(path: Any, layout: Layout, arrays: dict[str, np.ndarray]) -> Contents:
     positions = arrays.pop("positions")
+    axes, moving = layout.axes
+    if axes:
+        placed = np.tile(np.array(layout.shift), (len(positions), 1))
+        placed[:, axes] += positions.reshape(len(positions), -1)
+        if moving:
+            placed[:, moving] += arrays.pop("offset").reshape(len(positions), -1)
+        positions = placed
     if positions.ndim != 2 or positions.shape[1] not in (2, 3):
         raise bad(path, "positions", f"expected shape (N, 3), got {positions.shape}")
-    if "offset" in layout.extra:
-        positions = positions + arrays.pop("offset")
     if positions.shape[1] == 2:
         positions = np.pad(positions, ((0, 0), (0, 1)))
     if layout.box is not None:

@@ -32,18 +32,12 @@ _MOST_COLUMNS = 1000
 
 
 class Source(NamedTuple):
-    """Rows [first, first + n) of a data set, times scale, plus shift."""
+    """Rows [first, first + n) of a data set, times scale."""
 
     place: str
     first: int
     n: int
     scale: float = 1.0
-    shift: float = 0.0
-
-    @property
-    def converted(self) -> bool:
-        """Whether scale and shift change anything."""
-        return self.scale != 1.0 or self.shift != 0.0
 
 
 @dataclass
@@ -57,7 +51,8 @@ class Layout:
     n_frames: int = 1
     species: tuple[str, ...] = ()
     support_per_h: float = 2.0
-    extra: tuple[str, ...] = ()
+    axes: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())  # of positions and offsets; (): all
+    shift: tuple[float, ...] = (0.0, 0.0, 0.0)  # of all positions
     constants: dict[str, float] = field(default_factory=dict)  # one value for all particles
     tree: Any = None
 
@@ -216,30 +211,41 @@ def openpmd(tree: Tree, species: str | None, pick: PickFrame) -> Layout | None:
     n = _openpmd_rows(tree, f"{group}/position/{first}")
     for record in tree.children(group):
         place = f"{group}/{record}"
-        parts = [place] if tree.is_data(place) else [f"{place}/{c}" for c in tree.children(place)]
+        names = [f"{place}/{c}" for c in sorted(tree.children(place))]  # as made: in any order
+        parts = [place] if tree.is_data(place) else names
         if all(tree.rows(p) == n for p in parts) and parts:
             found[record] = [
                 Source(p, 0, n, _number(tree.attributes(p).get("unitSI"), 1.0)) for p in parts
             ]
-    offsets = [_openpmd_constant(tree, f"{group}/positionOffset/{c}") for c in ("x", "y", "z")]
-    names = [f"{group}/position/{c}" for c in ("x", "y", "z")]
-    names = [name for name in names if name in tree]
-    if "position" not in found or len(names) < 2:
+    arrays: dict[str, list[Source]] = {"positions": []}
+    found.pop("position", None)
+    found.pop("positionOffset", None)
+    constants, axes, moving = [0.0, 0.0, 0.0], [], []
+    for axis, name in enumerate("xyz"):
+        place, offset = f"{group}/position/{name}", f"{group}/positionOffset/{name}"
+        if place not in tree:  # of a plane
+            continue
+        if _openpmd_rows(tree, place) != n:
+            raise tree.bad(f"{group}/position", "expected components x, y and z of one length")
+        constants[axis] = _openpmd_constant(tree, offset) or 0.0
+        if tree.is_data(place):
+            unit = _number(tree.attributes(place).get("unitSI"), 1.0)
+            arrays["positions"].append(Source(place, 0, n, unit))
+            axes.append(axis)
+        else:
+            constants[axis] += _openpmd_constant(tree, place) or 0.0
+        if tree.rows(offset) == n:
+            unit = _number(tree.attributes(offset).get("unitSI"), 1.0)
+            arrays.setdefault("offset", []).append(Source(offset, 0, n, unit))
+            moving.append(axis)
+    if len(axes) < 1 or n < 0:
         raise tree.bad(f"{group}/position", "expected components x, y and z of one length")
-    positions = [
-        Source(p, 0, n, _number(tree.attributes(p).get("unitSI"), 1.0), offset or 0.0)
-        for p, offset in zip(names, offsets, strict=False)
-    ]
-    del found["position"]
-    moving = found.pop("positionOffset", None)
-    arrays = {"positions": positions, **_lower(found)}
-    extra: tuple[str, ...] = ()
-    if moving is not None and len(moving) == len(positions):
-        arrays["offset"], extra = moving, ("offset",)
+    arrays |= _lower(found)
     about = tree.attributes(base)
     time = _number(about.get("time"), math.nan) * _number(about.get("timeUnitSI"), 1.0)
     units = {"positions": "m"} | {name: "SI" for name in arrays if name not in ("positions", "id")}
-    return Layout(arrays, None, units, _time(time), len(iterations), tuple(groups), extra=extra)
+    return Layout(arrays, None, units, _time(time), len(iterations), tuple(groups),
+                  axes=(tuple(axes), tuple(moving)), shift=tuple(constants))  # fmt: skip
 
 
 def vtkhdf(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:

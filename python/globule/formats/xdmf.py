@@ -1,13 +1,16 @@
 """XDMF 2 and 3: XML that says which arrays of HDF5 files beside it are positions and attributes.
 
 Numbers may be in the XML itself, or in HDF5 files below the XDMF file's folder. A temporal
-collection of grids has one frame a grid.
+collection of grids has one frame a grid. DataItems may be HyperSlabs, JOINs and references;
+XInclude takes elements of this document, and of others below its folder.
 """
 
 from __future__ import annotations
 
 import math
 import os
+import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,9 +22,10 @@ from .fields import particles_from
 from .hdf5 import read_arrays
 from .size import check_size, whole_file
 from .vtk_parts import below
+from .xinclude import find_all, include
 from .xml import parse_xml
 
-_MOST_ARRAYS = 1000
+_MOST_ARRAYS, _MOST_NESTED = 1000, 8
 
 
 def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
@@ -30,6 +34,7 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     root = parse_xml(path, data)
     if root.tag != "Xdmf":
         raise bad(path, f"<{root.tag[:40]}>", "expected <Xdmf>")
+    include(path, root)
     temporal = [g for g in root.iter("Grid") if g.get("CollectionType", "").lower() == "temporal"]
     if temporal:
         grids = temporal[0].findall("Grid")
@@ -37,8 +42,8 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
         grids = [g for g in root.iter("Grid") if g.find("Geometry") is not None][:1]
     if not grids:
         raise bad(path, "<Xdmf>", "expected a <Grid> with a <Geometry>, got none")
-    grid = grids[frame_index(path, frame, len(grids))]
-    geometry = grid.find("Geometry")
+    grid = _meant(path, root, grids[frame_index(path, frame, len(grids))])
+    geometry = _meant(path, root, grid.find("Geometry"))
     if geometry is None:
         raise bad(path, "<Grid>", "expected <Geometry>, got none")
     kind = geometry.get("GeometryType", geometry.get("Type", "XYZ")).upper()
@@ -46,10 +51,11 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
         raise bad(path, "<Geometry>", f"expected GeometryType XYZ or X_Y_Z, got {shown(kind)}")
     items = {"positions": geometry.findall("DataItem")}
     for element in grid.findall("Attribute")[:_MOST_ARRAYS]:
+        element = _meant(path, root, element)
         name = element.get("Name", "")
         if element.get("Center", "Node").lower() == "node" and name and name not in items:
             items[name] = element.findall("DataItem")[:1]
-    found = _arrays(path, items, len(data))
+    found = _arrays(path, root, items, len(data))
     parts = found.pop("positions")
     if "_" in kind:
         if len(parts) != len(kind) // 2 + 1 or len({p.size for p in parts}) != 1:
@@ -67,6 +73,19 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     return Contents(particles, time=_time(time), n_frames=len(grids))
 
 
+def _meant(path: Any, root: Any, element: Any) -> Any:
+    """The element that a Grid, Geometry or Attribute refers to; itself where it does not."""
+    reference = "" if element is None else element.get("Reference", "")
+    if not reference:
+        return element
+    text = (element.text or "").strip()
+    found = find_all(path, root, text if reference.upper() == "XML" else reference)
+    if len(found) != 1 or found[0].tag != element.tag or found[0].get("Reference"):
+        got = f"{len(found)} at {shown(text or reference)}"
+        raise bad(path, f"line {element.line}", f"expected one {element.tag}, got {got}")
+    return found[0]
+
+
 def _time(element: Any) -> float | None:
     try:
         value = float(element.get("Value", ""))
@@ -75,28 +94,124 @@ def _time(element: Any) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _arrays(path: Any, items: dict[str, list[Any]], held: int) -> dict[str, list[np.ndarray]]:
+def _arrays(
+    path: Any, root: Any, items: dict[str, list[Any]], held: int
+) -> dict[str, list[np.ndarray]]:
     """The arrays of <DataItem> elements: those of each HDF5 file are read together."""
-    found: dict[str, list[Any]] = {}
-    files: dict[str, dict[str, str]] = {}
+    reader = _Items(path, root, held)
+    plans = {}
     for name, elements in items.items():
         if not elements:
             raise bad(path, name[:40], "expected a <DataItem>, got none")
-        found[name] = [None] * len(elements)
-        for i, element in enumerate(elements):
-            text, how = (element.text or "").strip(), element.get("Format", "XML").upper()
-            if how == "XML":
-                found[name][i] = _numbers(path, name, element, text, held)
-            elif how == "HDF" and ":" in text:
-                file, _, place = text.rpartition(":")
-                files.setdefault(below(path, file), {})[f"{name}\n{i}"] = place
-            else:
-                raise bad(path, name[:40], f"expected a DataItem with HDF or XML, got {shown(how)}")
-    for file, places in files.items():
-        for key, array in read_arrays(file, places).items():
-            name, _, number = key.rpartition("\n")
-            found[name][int(number)] = array if array.ndim else array.reshape(1)
-    return found
+        plans[name] = [reader.plan(name[:40], element) for element in elements]
+    reader.read()
+    return {name: [plan() for plan in some] for name, some in plans.items()}
+
+
+class _Items:
+    """DataItems: `plan` says which data sets they need, and returns what makes the array after
+    `read` has read them."""
+
+    def __init__(self, path: Any, root: Any, held: int) -> None:
+        self.path, self.root, self.held = path, root, held
+        self.files: dict[str, tuple[dict[str, str], dict[str, tuple[int, int]]]] = {}
+        self.arrays: dict[str, np.ndarray] = {}
+        self.n = 0
+
+    def read(self) -> None:
+        """Read all data sets that the plans need."""
+        for file, (places, rows) in self.files.items():
+            self.arrays |= read_arrays(file, places, rows)
+
+    def plan(self, name: str, element: Any, depth: int = 0, rows: Any = None) -> Callable[[], Any]:
+        """What makes the array of an element; of its `rows` [first, last) alone, if it can."""
+        self.n += 1
+        if depth > _MOST_NESTED or self.n > _MOST_ARRAYS:
+            raise bad(self.path, name, "expected fewer nested DataItems, got one in itself")
+        text, reference = (element.text or "").strip(), element.get("Reference", "")
+        if reference:
+            xpath = text if reference.upper() == "XML" else reference
+            found = find_all(self.path, self.root, xpath)
+            if len(found) != 1 or found[0].tag != "DataItem":
+                got = f"{len(found)} elements at {shown(text or reference)}"
+                raise bad(self.path, name, f"expected one DataItem, got {got}")
+            return self.plan(name, found[0], depth + 1, rows)
+        kind = element.get("ItemType", element.get("Type", "Uniform")).lower()
+        children = element.findall("DataItem")
+        if kind in ("hyperslab", "function"):
+            make = self._slab if kind == "hyperslab" else self._joined
+            whole = make(name, element, children, depth)
+            return lambda: whole()[slice(*rows)] if rows else whole()
+        if kind != "uniform":
+            problem = f"expected ItemType Uniform, HyperSlab or Function, got {shown(kind)}"
+            raise bad(self.path, name, problem)
+        how = element.get("Format", "XML").upper()
+        if how == "XML":
+            values = _numbers(self.path, name, element, text, self.held)
+            return lambda: values[slice(*rows)] if rows else values
+        if how != "HDF" or ":" not in text:
+            expected = "expected a DataItem with HDF or XML"
+            raise bad(self.path, name, f"{expected}, got {shown(how)}")
+        file, _, place = text.rpartition(":")
+        places, ranges = self.files.setdefault(below(element.file or self.path, file), ({}, {}))
+        key = f"{name}\n{self.n}"
+        places[key] = place
+        if rows:
+            ranges[key] = rows
+        return lambda: np.atleast_1d(self.arrays[key])
+
+    def _slab(self, name: str, element: Any, children: list[Any], depth: int) -> Callable[[], Any]:
+        if len(children) != 2:
+            problem = f"expected a HyperSlab of two DataItems, got {len(children)}"
+            raise bad(self.path, name, problem)
+        about = self.plan(name, children[0], depth + 1)()
+        if about.size % 3 or not about.size or not (about == np.rint(about)).all():
+            raise bad(self.path, name, "expected starts, strides and counts of a HyperSlab")
+        start, stride, count = about.reshape(3, -1).clip(-1, 2.0**53).astype(np.int64).tolist()
+        ends = [a + s * (n - 1) + 1 for a, s, n in zip(start, stride, count, strict=True)]
+        if min(start) < 0 or min(stride) < 1 or min(count) < 1:
+            raise bad(self.path, name, f"expected a HyperSlab with counts from 1, got {count}")
+        whole = self.plan(name, children[1], depth + 1, (start[0], ends[0]))
+        words = element.get("Dimensions", "").split()
+
+        def cut() -> np.ndarray:
+            array = whole()
+            begins, lasts = [0, *start[1:]], [ends[0] - start[0], *ends[1:]]
+            if array.ndim != len(count) or any(
+                e > n for e, n in zip(lasts, array.shape, strict=True)
+            ):
+                got = f"a HyperSlab up to {ends}"
+                raise bad(self.path, name, f"expected one within {list(array.shape)}, got {got}")
+            steps = zip(begins, lasts, stride, strict=True)
+            array = array[tuple(slice(*step) for step in steps)]
+            if all(w.isdigit() and len(w) < 16 for w in words) and words:
+                shape = tuple(map(int, words))
+                if math.prod(shape) == array.size:
+                    array = array.reshape(shape)
+            one_step = len(array) == 1 and (array.ndim == 3 or array.shape[1:] > (3,))
+            return array[0] if one_step else array
+
+        return cut
+
+    def _joined(
+        self, name: str, element: Any, children: list[Any], depth: int
+    ) -> Callable[[], Any]:
+        function = re.sub(r"\s", "", element.get("Function", ""))
+        known = r"(?:JOIN)?\(?(\$\d{1,3}(?:[,;]\$\d{1,3})*)\)?"
+        match = re.fullmatch(known, function, re.IGNORECASE)
+        places = [int(word) for word in re.findall(r"\$(\d+)", function)] if match else []
+        if not places or max(places) >= len(children):
+            raise bad(self.path, name, f"expected JOIN($0, $1, …), got {shown(function)}")
+        plans = [self.plan(name, children[place], depth + 1) for place in places]
+
+        def join() -> np.ndarray:
+            parts = [plan() for plan in plans]
+            parts = [p[:, None] if p.ndim == 1 else p for p in parts]
+            if len({part.shape[:-1] for part in parts}) > 1:
+                raise bad(self.path, name, "expected arrays of one length to join, got several")
+            return np.concatenate(parts, axis=-1) if len(parts) > 1 else parts[0]
+
+        return join
 
 
 def _numbers(path: Any, name: str, element: Any, text: str, held: int) -> np.ndarray:

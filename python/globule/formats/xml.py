@@ -1,4 +1,4 @@
-"""XML for every format that uses it: no document type, hence no entities, and lines to report."""
+"""XML for every format that uses it: no declarations, hence no entities, and lines to report."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ class Element(ElementTree.Element):
     """An element that knows the `line` of the file, from 1, on which it starts."""
 
     line = 0
+    file: Any = None  # of an element that another file includes
 
 
 def parse_xml(path: Any, text: bytes) -> Any:
     """The root `Element` of an XML text.
 
-    Raises FormatError naming the line: for text that is not XML, a document type definition
-    (DOCTYPE), and more than 32 nested or 200,000 elements.
+    A DOCTYPE may name a definition, which is not opened. Raises FormatError naming the line: for
+    text that is not XML, declarations in a DOCTYPE, entities, and more than 32 nested or 200,000
+    elements.
     """
     builder: Any = ElementTree.TreeBuilder(element_factory=Element)
     parser = expat.ParserCreate()
@@ -30,7 +32,8 @@ def parse_xml(path: Any, text: bytes) -> Any:
     depth = n_elements = 0
 
     def refuse(*_: Any) -> None:
-        raise bad(path, f"line {parser.CurrentLineNumber}", "expected no DOCTYPE, got one")
+        where = f"line {parser.CurrentLineNumber}"
+        raise bad(path, where, "expected a DOCTYPE without declarations, and no entities, got one")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth, n_elements
@@ -48,7 +51,8 @@ def parse_xml(path: Any, text: bytes) -> Any:
         depth -= 1
         builder.end(tag)
 
-    parser.StartDoctypeDeclHandler = refuse
+    parser.EntityDeclHandler = parser.SkippedEntityHandler = refuse
+    parser.ElementDeclHandler = parser.AttlistDeclHandler = parser.NotationDeclHandler = refuse
     parser.StartElementHandler = start
     parser.EndElementHandler = end
     parser.CharacterDataHandler = builder.data

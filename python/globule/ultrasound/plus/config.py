@@ -86,7 +86,7 @@ def read_plus_config(path: str | os.PathLike[str]) -> PlusConfig:
     """Read the VolumeReconstruction element of a PLUS configuration (.xml).
 
     Raises:
-        FormatError: naming the line: the file is not XML, has a document type (DOCTYPE), lacks the
+        FormatError: naming the line: the file is not XML, has declarations in a DOCTYPE, lacks the
             element, or a value has a wrong form.
         OSError: the file cannot be read.
     """
