@@ -105,8 +105,8 @@ FLAGS: dict[str, dict[str, Any]] = {
         "speed > 0.2': attributes, numbers, comparisons, in, and, or, not, + - * / **, abs, "
         "sqrt, isfinite"),
     "--species": row("NAME", "group of particles in a file with several, by its name there"),
-    "--columns": row("FIELD=NAME,…", "names of a table's columns, or an HDF5 file's data sets, for x, "
-        "y, z and fields", columns),
+    "--columns": row("FIELD=NAME,…", "names of a table's columns, or an HDF5 file's data sets, for "
+        "x, y, z and fields", columns),
     "--atom-style": row("STYLE", "atom style of a LAMMPS data file that does not name its own"),
     "--clip": row("NX,NY,NZ,D", "cut away the side of a plane where nx x + ny y + nz z > d, world "
         "units", plane),
