@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import gzip
 import lzma
+import os
 import sys
 import warnings
 from pathlib import Path
@@ -12,8 +13,10 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import SMALL
 from globule.cli import main
 from globule.formats import FormatError, kind_of, packed, read_contents, size
+from globule.formats.frames import FrameOf
 
 N = 24
 RNG = np.random.default_rng(41)
@@ -102,6 +105,49 @@ def test_packed_hdf5_mesh_volume_and_collection(ending):
     text = f"<VTKFile type='Collection'><Collection>{sets}</Collection></VTKFile>"
     Path("a.pvd" + ending).write_bytes(pack(text.encode()))
     assert_places("a.pvd" + ending)  # the packed one names a packed one beside it
+
+
+def collection(path: str, *files: str) -> None:
+    sets = "".join(f"<DataSet timestep='{i}' file='{file}'/>" for i, file in enumerate(files))
+    text = f"<VTKFile type='Collection'><Collection>{sets}</Collection></VTKFile>"
+    Path(path).write_bytes(gzip.compress(text.encode()))
+
+
+def test_packed_frames_of_meshes(capsys):
+    triangle = "# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n"
+    for i in range(3):
+        data = f"{triangle}0 0 {i} 1 0 {i} 0 1 {i}\nPOLYGONS 1 4\n3 0 1 2\n"
+        Path(f"m{i}.vtk.gz").write_bytes(gzip.compress(data.encode()))
+    collection("a.pvd.gz", "m0.vtk", "m1.vtk.gz", "m2.vtk")  # written before they were packed
+    for i in range(3):
+        assert gb.Mesh(FrameOf("a.pvd.gz", i), device="cpu").bounds()[0][2] == i
+    assert main(["render", "a.pvd.gz", "-o", "p_%d.png", *SMALL]) == 0, capsys.readouterr().err
+    assert sorted(path.name for path in Path().glob("*.png")) == ["p_0.png", "p_1.png", "p_2.png"]
+
+
+def test_a_packed_file_beside_stays_below_the_folder():
+    folder = Path("own")
+    folder.mkdir()
+    written("part.vtp")
+    Path("part.vtp.gz").write_bytes(gzip.compress(Path("part.vtp").read_bytes()))
+    (folder / "link.vtp.gz").symlink_to(Path("part.vtp.gz").resolve())
+    collection("own/a.pvd.gz", "link.vtp")
+    below = "expected a file below the same folder, got"
+    with pytest.raises(FormatError, match=rf"{below} 'link\.vtp'"):
+        gb.read("own/a.pvd.gz")
+    collection("own/a.pvd.gz", "a.pvd")
+    with pytest.raises(FormatError, match=rf"{below} 'a\.pvd'"):
+        gb.read("own/a.pvd.gz")
+
+
+def test_only_files_are_opened_as_packed(capsys):
+    assert main(["info", "none.csv.gz"]) == 2
+    assert "none.csv.gz: expected a file to read, got: No such file" in capsys.readouterr().err
+    ends = os.pipe()
+    with packed.unpacked(ends[0]) as plain:
+        assert plain == ends[0]
+    for end in ends:
+        os.close(end)  # an OSError where it was closed before
 
 
 @packers

@@ -36,15 +36,17 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 class Unpacked(str):
-    """The path of an unpacked copy. In messages it is the name of the packed file, and so it is for
-    files that lie beside it."""
+    """The path of an unpacked copy, for the frame that a `FrameOf` stands for. In messages it
+    is the name of the packed file, and so it is for files that lie beside it."""
 
     packed: str
+    frame: int
 
     def __new__(cls, path: str, packed: str) -> Unpacked:
         """The path of a copy, and of the packed file."""
         one = super().__new__(cls, path)
         one.packed = packed
+        one.frame = getattr(packed, "frame", 0)
         return one
 
     def __str__(self) -> str:
@@ -87,12 +89,13 @@ def unpacked(
     path: str | os.PathLike[str], reads_gzip: bool = False
 ) -> Iterator[str | os.PathLike[str]]:
     """The path of an unpacked copy of a packed file, which is gone at the end of the block; the
-    path itself for a file or folder that is not packed, or where its reader `reads_gzip`.
+    path itself for what is no packed file, or where its reader `reads_gzip`.
 
     Raises FormatError for damaged data and for more than `gb.set_limits` allows;
     MissingPackageError for zstd without zstandard.
     """
-    if os.path.isdir(path):
+    if not isinstance(path, (str, os.PathLike)) or not os.path.isfile(path):
+        # Its reader says what is wrong. `open` takes numbers, and closes what they stand for.
         yield path
         return
     with open(path, "rb") as file:

@@ -20,7 +20,6 @@ from .size import whole_file
 _FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp", "vtu", *vtk_parts.FORMATS)
 
 
-@opens_packed
 def read(path: str | os.PathLike[str]) -> Triangles:
     """Read vertices, triangles, colors and attributes of vertices; polygons become triangles.
 
@@ -43,6 +42,7 @@ def read(path: str | os.PathLike[str]) -> Triangles:
     return Triangles(np.asarray(particles.positions), faces, color, attributes=particles.attributes)
 
 
+@opens_packed
 def _read(path: str | os.PathLike[str], kind: Kind) -> tuple[Particles, np.ndarray]:
     if kind.format == "ply":
         return ply.read_triangles(path)

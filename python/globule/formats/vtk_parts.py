@@ -17,8 +17,8 @@ from ..data.particles import FIELDS, Particles
 from .contents import frame_index
 from .errors import bad, shown
 from .fields import per_particle
-from .frames import FrameOf
 from .kind import kind_or_none
+from .packed import ENDINGS
 from .size import check_size, whole_file
 from .xml import parse_xml
 
@@ -38,7 +38,7 @@ class Parts(NamedTuple):
 def places(path: str | os.PathLike[str], form: str) -> list[str]:
     """The files of a collection of a format; of several frames, the first one or that of a
     `FrameOf`. Raises FormatError."""
-    frame = path.frame if isinstance(path, FrameOf) else 0
+    frame = getattr(path, "frame", 0)
     return checked_places(path, parts_of(path, form, frame).names, form)
 
 
@@ -114,14 +114,17 @@ def checked_places(path: Any, names: list[str], form: str) -> list[str]:
 
 
 def below(path: Any, name: str) -> str:
-    """The place of a file that a collection names; it lies below the collection's folder.
+    """The place of a file that a collection names, or of it packed; it lies below the collection's
+    folder.
 
     Raises FormatError.
     """
-    folder = os.path.realpath(os.path.dirname(os.fspath(path)))
-    place = os.path.realpath(os.path.join(folder, name)) if "\0" not in name else ""
-    inside = place.startswith(os.path.join(folder, ""))
-    if not name or not inside or place == os.path.realpath(path):
+    own = os.path.realpath(str(path))
+    folder = os.path.realpath(os.path.dirname(str(path)))
+    beside = os.path.join(folder, name) if "\0" not in name else ""
+    packed = (beside + ending for ending in ("", *ENDINGS))
+    place = os.path.realpath(next((found for found in packed if os.path.isfile(found)), beside))
+    if not name or not place.startswith(os.path.join(folder, "")) or place == own:
         raise bad(path, "", f"expected a file below the same folder, got {shown(name)}")
     if not os.path.isfile(place):
         raise bad(path, "", f"expected the file {shown(name)} beside it, got none")
