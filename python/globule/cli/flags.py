@@ -98,6 +98,8 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--radius-is": row("NAME", "what a file's array radius holds: radius or diameter",
         ("radius", "diameter")),
     "--frame": row("N", "number of a frame in a file with several, from 0; -1: the last", int),
+    "--scale": row("FACTOR", "factor of all lengths of the particles, such as 0.001 for a file in "
+        "mm", positive),
     "--origin": row("X,Y,Z", "place, world units, from which positions are given, and places of "
         "flags and results too; auto: near particles whose coordinates float32 would not keep",
         origin),
@@ -207,6 +209,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add(group, "--resample", "default: the file's own voxels and vertices")
     group = parser.add_argument_group("files of particles")
     add(group, "--where", "default: all")
+    add(group, "--scale", "default: 1")
     add(group, "--origin", "default: auto")
     add(group, "--frame", "default: 0")
     add(group, "--radius-is", "default: radius", default="radius")

@@ -35,6 +35,7 @@ _OF_PARTICLES = {
     "threshold": "--threshold",
     "anisotropic": "--anisotropic",
     "where": "--where",
+    "scale": "--scale",
 }
 
 

@@ -161,7 +161,7 @@ def reading(options: argparse.Namespace) -> dict[str, Any]:
         raise UserError("--level: expected no --label beside --level, got both")
     given = {"level": options.level, "labels": options.label, "spacing": options.resample}
     given |= {"frame": options.frame, "species": options.species, "where": options.where}
-    given["origin"] = options.origin
+    given |= {"origin": options.origin, "scale": options.scale}
     given["radius_is"] = options.radius_is if options.radius_is != "radius" else None
     given |= {"columns": options.columns, "atom_style": options.atom_style}
     return {name: value for name, value in given.items() if value is not None}
@@ -190,7 +190,7 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
     if found.kind in ("particles", "mesh"):
-        known = (*format_named(found.format).options, "radius_is", "where")
+        known = (*format_named(found.format).options, "radius_is", "where", "scale")
     else:
         known = ("level", "labels", "spacing") if found.kind == "volume" else ()
     known = (*known, "origin")
@@ -203,7 +203,7 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
             flags = {"labels": "--label", "spacing": "--resample", "radius_is": "--radius-is"}
             option = flags.get(name, f"--{name}")
             kinds = {"spacing": "volume or mesh", "radius_is": "file of particles"}
-            kind = kinds.get(name, kinds["radius_is"] if name == "where" else "volume")
+            kind = kinds.get(name, kinds["radius_is"] if name in ("where", "scale") else "volume")
             raise UserError(f"{option}: expected a {kind} to read, got {path}")
 
 

@@ -19,6 +19,7 @@ from typing import Any
 from .._base.checks import choice
 from ..data.particles import Particles, lost_precision
 from ..data.radii import with_halved_radii
+from ..data.scale import scaled
 from ..data.where import where
 from .contents import Box, Contents
 from .errors import FormatError, bad
@@ -51,6 +52,7 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
             particles where float32 would not keep the file's coordinates, else 0, 0, 0.
         where: a condition on the particles, such as "type == 1 and speed > 0.2"; see
             `globule.data.where`.
+        scale: factor of all lengths, such as 0.001 for a file in mm; see `globule.data.scale`.
         radius_is: "radius", or "diameter" where the file's array `radius` holds diameters.
 
     Returns:
@@ -71,7 +73,7 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     Args, errors: as those of `read`.
     """
     condition = options.pop("where", None)
-    origin = options.pop("origin", "auto")
+    origin, scale = options.pop("origin", "auto"), options.pop("scale", 1.0)
     radius_is = choice("radius_is", options.pop("radius_is", "radius"), ("radius", "diameter"))
     kind = kind_of(path, "particles")
     if kind.kind not in ("particles", "mesh"):
@@ -94,6 +96,9 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     contents = found if isinstance(found, Contents) else Contents(found)
     if radius_is == "diameter":
         contents = replace(contents, particles=with_halved_radii(contents.particles))
+    if scale != 1:
+        contents = replace(contents, particles=scaled(contents.particles, scale))
+        contents = replace(contents, box=contents.box and contents.box.scaled(scale))
     contents = replace(contents, particles=_from(contents.particles, origin, path))
     if condition is not None:
         contents = replace(contents, particles=where(contents.particles, condition))

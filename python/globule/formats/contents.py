@@ -33,6 +33,10 @@ class Box:
             raise ValueError("expected a finite box")
         return cls(origin.copy(), edges, _flags(periodic))
 
+    def scaled(self, factor: float) -> Box:
+        """The box with all lengths times a factor."""
+        return Box(self.origin * factor, self.edges * factor, self.periodic)
+
     def wrap(self, positions: np.ndarray) -> np.ndarray:
         """Positions (N, 3) float64 moved into the box along its periodic axes.
 

@@ -18,6 +18,7 @@ from .._base.checks import MissingPackageError
 from .._base.memory import always_fits, largest_ratio
 from ..data.particles import FIELDS, Particles
 from ..data.radii import with_halved_radii
+from ..data.scale import scaled
 from .bgeo import MappedBgeo
 from .bgeo import is_mappable as bgeo_is_mappable
 from .errors import FormatError, bad
@@ -51,7 +52,7 @@ def has_ranges(path: str | os.PathLike[str], given: Collection[str] = ()) -> boo
     if kind == "hdf5":
         return "where" not in given
     mappable = MAPPABLE.get(kind)
-    return {*given} <= {"radius_is", "origin"} and (
+    return {*given} <= {"radius_is", "origin", "scale"} and (
         kind in FORMATS or (mappable is not None and mappable(path))
     )
 
@@ -67,16 +68,16 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
     since.
     """
     halved = options.pop("radius_is", "radius") == "diameter"
-    origin = options.pop("origin", "auto")
+    origin, scale = options.pop("origin", "auto"), options.pop("scale", 1.0)
     before, (n, read) = _state(path), _ranges(path, **options)
     if origin == "auto":
-        origin = read(0, min(n, 10_000)).origin
+        origin = scaled(read(0, min(n, 10_000)), scale).origin
         say_origin(path, origin)
 
     def unchanged(first: int, last: int) -> Particles:
         # Other contents may also look damaged: what has changed comes first.
         try:
-            rows = read(first, last).at(origin)
+            rows = scaled(read(first, last), scale).at(origin)
             return with_halved_radii(rows) if halved else rows
         finally:
             if _state(path) != before:

@@ -73,6 +73,7 @@ OPTIONS = {
     "species": "--species",
     "where": "--where",
     "origin": "--origin",
+    "scale": "--scale",
     "radius_is": "--radius-is",
     "columns": "--columns",
     "atom_style": "--atom-style",
