@@ -68,6 +68,43 @@ def parse_rows(
     raise fault or bad(path, f"line {first_line}", f"expected rows of numbers, got {problem}")
 
 
+def parse_plain(
+    data: bytes, separator: str, n_columns: int, used: Sequence[int]
+) -> np.ndarray | None:
+    """The columns `used` of separated rows, (n, len(used)) float64, as `parse_rows` reads them but
+    in a fifth of the time, by pyarrow; None without it, and for a text that is not plain: quotes,
+    comments, and what is no finite number in these columns."""
+    if any(mark in data for mark in (b'"', b"#", b"%")):
+        return None
+    try:
+        import pyarrow
+        import pyarrow.csv
+    except ImportError:
+        return None
+    names = [str(i) for i in range(n_columns)]
+    kept = [names[i] for i in used]
+    try:
+        table = pyarrow.csv.read_csv(
+            pyarrow.py_buffer(data),
+            pyarrow.csv.ReadOptions(column_names=names, use_threads=False),
+            pyarrow.csv.ParseOptions(delimiter=separator, quote_char=False),
+            pyarrow.csv.ConvertOptions(
+                column_types=dict.fromkeys(kept, pyarrow.float64()), include_columns=kept,
+                null_values=[], check_utf8=False),
+        )  # fmt: skip
+    except pyarrow.ArrowInvalid:
+        return None
+    rows = np.empty((table.num_rows, len(kept)))
+    for i, column in enumerate(table.columns):
+        begin = 0
+        for chunk in column.chunks:  # not to_numpy, which loads pandas for half a second
+            values = np.frombuffer(chunk.buffers()[1], np.float64)[chunk.offset :][: len(chunk)]
+            rows[begin : begin + len(chunk), i] = values
+            begin += len(chunk)
+    # NumPy takes fewer words for them.
+    return rows if np.isfinite(rows.sum(axis=0)).all() else None
+
+
 def _find_fault(
     path: Any,
     lines: Sequence[str],
@@ -111,8 +148,18 @@ def format_rows(columns: Sequence[np.ndarray], separator: str) -> Iterator[bytes
 def text_lines(path: Any) -> list[str]:
     """A text file's lines, whatever the line ends. Raises FormatError for one that is too large
     for memory."""
+    return lines_of(path, text_data(path))
+
+
+def text_data(path: Any) -> bytes:
+    """A text file's bytes. Raises FormatError where it is too large for memory as lines."""
     data = whole_file(path, 7.0)
     check_text(path, data)
+    return data
+
+
+def lines_of(path: Any, data: bytes) -> list[str]:
+    """The lines of a text. Raises FormatError for what is none."""
     text = decoded(data)
     if "\0" in text[:_LOOKED_AT]:
         raise bad(path, "", "expected text, got binary data")

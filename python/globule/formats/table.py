@@ -26,7 +26,7 @@ import numpy as np
 
 from .._base.files import atomic_write
 from ..data.particles import Particles
-from .asciinum import format_rows, parse_rows, text_lines
+from .asciinum import format_rows, lines_of, parse_plain, parse_rows, text_data, text_lines
 from .contents import Contents, frame_index
 from .elements import of_elements
 from .errors import FormatError, bad, shown
@@ -46,8 +46,14 @@ _POINTS = {
     6: ["x", "y", "z", "red", "green", "blue"],
     7: ["x", "y", "z", "intensity", "red", "green", "blue"],
 }
+_PLAIN = 1 << 22  # bytes of a .csv that pays for loading pyarrow
+_HEAD = 1 << 16  # bytes of it that tell its columns
 _MOST_WHOLE = 100  # rows in which a decimal comma is looked for
 _MOST_BLANK = 10_000  # rows in which the first word of a column is looked for
+
+
+class _NotPlainError(Exception):
+    """A table that needs more than its first rows to tell how it is read."""
 
 
 def read_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None) -> Contents:
@@ -55,7 +61,14 @@ def read_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None = N
 
     `columns`: field or attribute -> column; "x", "y" and "z" are the position.
     """
-    return _read_csv(path, text_lines(path), columns)
+    data = text_data(path)
+    if len(data) >= _PLAIN:
+        head = data.find(b"\n", _HEAD) + 1
+        try:
+            return _read_csv(path, lines_of(path, data[:head]), columns, data[head:])
+        except (FormatError, _NotPlainError):
+            pass  # as a whole, which says the line at fault
+    return _read_csv(path, lines_of(path, data), columns)
 
 
 def read_xyz(path: str | os.PathLike[str], frame: int = 0) -> Contents:
@@ -106,7 +119,10 @@ def _quoted(name: str) -> str:
     return name
 
 
-def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = None) -> Contents:
+def _read_csv(
+    path: Any, lines: list[str], named: Mapping[str, str] | None = None, rest: bytes = b""
+) -> Contents:
+    """rest: plain rows behind the lines. Raises FormatError; _NotPlainError where they are not."""
     start = next((i for i, line in enumerate(lines) if _is_row(line)), None)
     if start is None:
         raise bad(path, "line 1", "expected column names or numbers, got an empty file")
@@ -133,9 +149,11 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     if len(words) != len(names):
         raise bad(path, f"line {start + 1}", f"expected {len(names)} columns, got {len(words)}")
     rows = lines[start:]
+    if rest and (first is None or not all(words)):
+        raise _NotPlainError
     if first is not None and separator is not None and not all(words):
         _fill_words(path, names, words, lines[first + 1 : first + _MOST_BLANK], separator)
-    if any(row.lstrip()[:1] in ("#", "%") for row in rows if row):
+    if any("#" in row or "%" in row for row in rows):
         rows = ["" if row.lstrip()[:1] in ("#", "%") else row for row in rows]
     names, units = _units(names)
     if named is not None:
@@ -150,7 +168,7 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     if any(map(has_comma, cells)):
         rows = [_with_points(row, separator) for row in rows]
         words = [word.replace(",", ".") if has_comma(word) else word for word in words]
-    particles = _assemble(path, names, words, rows, start + 1, separator, head + 1)
+    particles = _assemble(path, names, words, rows, start + 1, separator, head + 1, rest=rest)
     known = {**particles.attributes, "support": 0, "weight": 0}
     held = {k: u for k, u in units.items() if k in known}
     if "x" in units:
@@ -312,8 +330,10 @@ def _assemble(
     separator: str | None,
     names_line: int | None = None,
     extra: Mapping[str, np.ndarray] | None = None,
+    rest: bytes = b"",
 ) -> Particles:
-    """Particles from rows; `words` is the first row, which tells the numbers from the words."""
+    """Particles from rows; `words` is the first row, which tells the numbers from the words. rest:
+    plain rows behind them. Raises FormatError, _NotPlainError."""
     numeric = [
         i
         for i, word in enumerate(words)
@@ -344,6 +364,11 @@ def _assemble(
         places = [k for k, i in enumerate(numeric) if names[i].lower() in ("x", "y", "z")]
         if np.isnan(rows[:, places or [0, 1, 2]]).any():
             raise
+    if rest:
+        more = parse_plain(rest, separator, len(words), numeric) if separator else None
+        if more is None:
+            raise _NotPlainError
+        rows = np.concatenate([rows, more])
     columns: dict[str, np.ndarray] = {}
     for column, i in enumerate(numeric):
         name = names[i] or f"column{i + 1}"
