@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from cli_helpers import SMALL
 from globule.cli import main
-from globule.formats import FormatError, kind_of, packed, read_contents, size, table
+from globule.formats import FormatError, kind_of, packed, read_contents, size
 from globule.formats.frames import FrameOf
 
 N = 24
@@ -415,83 +415,3 @@ def test_two_columns_lie_in_a_plane():
     np.savetxt("c.csv", X[:, :2], header="Points_0,Points_1", delimiter=",", comments="")
     for name in ("a.txt", "b.txt", "c.csv"):
         assert_places(name, plane)
-
-
-def by_rows(path: str) -> gb.Particles | str:
-    """What a table reads as, or why it does not, by pyarrow where the text is plain."""
-    try:
-        return gb.read(path)
-    except FormatError as error:
-        return str(error)
-
-
-def plain_tables() -> dict[str, str]:
-    """Separated text, of which the marked ones are plain: all but the first rows by pyarrow."""
-    sep = {mark: "\n".join(rows(mark)) + "\n" for mark in ",;\t|"}
-    lines = rows(",")
-    return {
-        "plain": "x,y,z\n" + sep[","],
-        "plain, no names": sep[";"],
-        "plain, tabs": "x\ty\tz\n" + sep["\t"],
-        "plain, bars and no end": "# Pos.x [m] | Pos.y [m] | Pos.z [m]\n" + sep["|"][:-1],
-        "plain, line ends": ("x,y,z\n\n" + sep[","]).replace("\n", "\r\n"),
-        "plain, whole and words": "name,id,x,y,z\n"
-        + "".join(f"a{i}, {7 * i},{line}\n" for i, line in enumerate(lines)),
-        "plain, any digits": "x,y,z,a\n"
-        + "".join(f"{x:.17g},+{y:.3e},{z * 1e-310:g},{x * 1e300:.0f}\n" for x, y, z in X),
-        "blanks": "x y z\n" + "\n".join(rows()),
-        "quotes": "x,y,z\n" + sep[","] + '"1","2","3"\n',
-        "comment": "x,y,z\n" + sep[","] + "# 1,2,3\n1,2,3\n",
-        "percent": "a,x,y,z\n" + "".join(f"b,{line}\n" for line in lines) + "%c,1,2,3\n",
-        "missing": "x,y,z,a\n" + "".join(f"{line},1\n" for line in lines) + "1,2,3,",
-        "no number": "x,y,z,a\n" + "".join(f"{line},nan\n" for line in lines),
-        "no number of C": "x,y,z\n" + sep[","] + "nan(1),2,3\n",
-        "endless": "x,y,z\n" + sep[","] + "1e400,2,3\n",
-        "short": "x,y,z\n" + sep[","] + "1,2\n",
-        "long": "x,y,z\n" + sep[","] + "1,2,3,4\n" + sep[","],
-        "word": "x,y,z\n" + sep[","] + "1,two,3\n",
-        "commas": "x;y;z\n" + sep[";"].replace(".", ","),
-        "one line": "x,y,z," + "a" * 2000,
-    }
-
-
-@pytest.mark.parametrize("name", plain_tables())
-def test_large_tables_are_read_in_bulk_as_by_rows(name, monkeypatch):
-    pytest.importorskip("pyarrow")
-    Path("a.csv").write_bytes(plain_tables()[name].encode())
-    expected = by_rows("a.csv")
-    bulk, found = table.parse_plain, []
-    monkeypatch.setattr(table, "_PLAIN", 0)
-    monkeypatch.setattr(table, "_HEAD", 200)
-    monkeypatch.setattr(table, "parse_plain", lambda *a: found.append(bulk(*a)) or found[-1])
-    got = by_rows("a.csv")
-    assert any(rows is not None for rows in found) == name.startswith("plain")
-    if isinstance(expected, str):
-        assert got == expected
-        return
-    assert isinstance(got, gb.Particles)
-    assert got.positions.tobytes() == expected.positions.tobytes()
-    assert got.attributes.keys() == expected.attributes.keys()
-    for key, values in expected.attributes.items():
-        assert got.attributes[key].dtype == values.dtype
-        assert got.attributes[key].tobytes() == values.tobytes()
-
-
-def test_damaged_tables_read_the_same_in_bulk(monkeypatch):
-    pytest.importorskip("pyarrow")
-    whole = "x,y,z,id\n" + "".join(f"{line},{i}\n" for i, line in enumerate(rows(",")))
-    pieces = [b"nan", b"inf", b"-", b"e5", b"+", b'"', b"#", b"\n", b"\r", b",", b" ", b"\t", b"\0",
-              b"\xff", b"\xc2\xa0", b"_", b"0x", b"1e999", b".", b";", b"f", b"d0"]  # fmt: skip
-    for _ in range(100):
-        at, piece = int(RNG.integers(60, len(whole))), pieces[RNG.integers(len(pieces))]
-        data = whole.encode()[:at] + piece + whole.encode()[at + int(RNG.integers(3)) :]
-        Path("a.csv").write_bytes(data)
-        read = []
-        for plain in (1 << 22, 0):
-            monkeypatch.setattr(table, "_PLAIN", plain)
-            monkeypatch.setattr(table, "_HEAD", 50)
-            found = by_rows("a.csv")
-            arrays = {} if isinstance(found, str) else {"x": found.positions, **found.attributes}
-            read.append((found if isinstance(found, str) else "", list(arrays),
-                         [(a.dtype, a.tobytes()) for a in arrays.values()]))  # fmt: skip
-        assert read[0] == read[1], data

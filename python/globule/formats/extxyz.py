@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from ..data.attributes import VELOCITY_NAMES
-from .asciinum import parse_rows, text_lines
-from .contents import Box, Contents, frame_index
+from .asciinum import parse_rows
+from .contents import Box, Contents
 from .elements import of_elements
 from .errors import bad, shown
 from .fields import particles_from
+from .frames import text_frame
 from .table import whole_numbers
 
 _PAIR = re.compile(r"""([\w\-./]+)\s*=\s*(?:"([^"]*)"|'([^']*)'|\{([^}]*)\}|([^\s"'{]+))""")
@@ -27,27 +28,17 @@ _MOST_COLUMNS = 1000
 
 def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     """Read a frame of an extended XYZ file. Raises FormatError naming the line."""
-    lines = text_lines(path)
-    starts, at = [], 0
-    while at < len(lines) and lines[at].strip():
-        text = lines[at].strip()
-        if not (text.isascii() and text.isdigit() and len(text) < 16):
-            problem = f"expected the number of atoms, got {shown(text)}"
-            raise bad(path, f"line {at + 1}", problem)
-        starts.append(at)
-        at += int(text) + 2
-    if not starts:
-        raise bad(path, "line 1", "expected the number of atoms, got an empty line")
-    begin = starts[frame_index(path, frame, len(starts))]
-    n = int(lines[begin])
-    rows = lines[begin + 2 : begin + 2 + n]
+    lines, before, _, n_frames = text_frame(path, frame, _starts)
+    n = int(lines[0])
+    rows = lines[2 : 2 + n]
     if len(rows) < n or not all(row.strip() for row in rows):
         got = sum(bool(row.strip()) for row in rows)
-        raise bad(path, f"line {begin + 1}", f"expected {n} atoms, got {got}")
-    about = {m[1]: next(filter(None, m.groups()[1:]), "") for m in _PAIR.finditer(lines[begin + 1])}
-    where = f"line {begin + 2}"
+        raise bad(path, f"line {before + 1}", f"expected {n} atoms, got {got}")
+    pairs = _PAIR.finditer("".join(lines[1:2]))
+    about = {pair[1]: next(filter(None, pair.groups()[1:]), "") for pair in pairs}
+    where = f"line {before + 2}"
     arrays, words = _arrays(path, where, about.get("Properties", "species:S:1:pos:R:3"), rows,
-                            begin + 3)  # fmt: skip
+                            before + 3)  # fmt: skip
     positions = arrays.pop("pos", None)
     if positions is None or positions.shape != (n, 3):
         raise bad(path, where, "expected a property pos:R:3, got none")
@@ -58,7 +49,22 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
         arrays = of_elements(words["species"]) | arrays
     wrapped = positions if box is None else box.wrap(positions)
     particles = particles_from(path, wrapped, arrays)
-    return Contents(particles, box, {"positions": "Å"}, seconds, len(starts))
+    return Contents(particles, box, {"positions": "Å"}, seconds, n_frames)
+
+
+def _starts(path: Any, lines: list[str]) -> list[int]:
+    """Where each frame's count stands. Raises FormatError."""
+    starts, at = [], 0
+    while at < len(lines) and lines[at].strip():
+        text = lines[at].strip()
+        if not (text.isascii() and text.isdigit() and len(text) < 16):
+            problem = f"expected the number of atoms, got {shown(text)}"
+            raise bad(path, f"line {at + 1}", problem)
+        starts.append(at)
+        at += int(text) + 2
+    if not starts:
+        raise bad(path, "line 1", "expected the number of atoms, got an empty line")
+    return starts
 
 
 def _arrays(

@@ -1,6 +1,19 @@
-"""Files with several frames: each frame of one is a file's name that knows which it stands for."""
+"""Files with several frames: each frame of one is a file's name that knows which it stands for.
+Where the frames of a text begin is found once."""
 
 from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .asciinum import lines_of, text_data
+from .contents import frame_index
+from .size import check_text
+
+_MOST_KNOWN = 64  # files whose frames are kept in mind
 
 
 class FrameOf(str):
@@ -29,3 +42,67 @@ class FrameOf(str):
 
     def __hash__(self) -> int:
         return hash((str.__hash__(self), self.frame))
+
+
+class TextFrame(NamedTuple):
+    """One frame of a text file.
+
+    lines     of the frame
+    before    how many lines of the file come before it
+    head      the first two lines of the file
+    n_frames  of the file
+    """
+
+    lines: list[str]
+    before: int
+    head: list[str]
+    n_frames: int
+
+
+class _Known(NamedTuple):
+    """Where the frames of a file begin: their lines, and their bytes with the file's end."""
+
+    starts: list[int]
+    places: list[int]
+    head: list[str]
+
+
+_known: dict[tuple, _Known] = {}
+
+
+def text_frame(
+    path: Any, frame: int, starts_of: Callable[[Any, list[str]], list[int]]
+) -> TextFrame:
+    """The lines of one frame of a text. The first call for a state of the file reads all of it, a
+    later one only its frame.
+
+    starts_of: of a path and all lines, the line at which each frame begins.
+
+    Raises FormatError, and ValueError for a frame that the file does not have.
+    """
+    name = str(path)  # also of a packed one, which has another copy each time
+    state = os.stat(name)
+    key = (starts_of, os.path.abspath(name), state.st_mtime_ns, state.st_size)
+    if (known := _known.get(key)) is not None:
+        k = frame_index(path, frame, len(known.starts))
+        begin, end = known.places[k : k + 2]
+        with open(path, "rb") as file:
+            file.seek(begin)
+            data = file.read(end - begin)
+        check_text(path, data)
+        lines = lines_of(path, data)
+        if k + 1 < len(known.starts):
+            lines.pop()  # nothing, behind the last line's end
+        return TextFrame(lines, known.starts[k], known.head, len(known.starts))
+    data = text_data(path)
+    lines = lines_of(path, data)
+    starts = starts_of(path, lines)
+    k = frame_index(path, frame, len(starts))
+    if len(starts) > 1 and b"\0" not in data and data.count(b"\r") == data.count(b"\r\n"):
+        ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n")) + 1
+        places = [int(ends[line - 1]) if line else 0 for line in starts]
+        if len(_known) >= _MOST_KNOWN:
+            _known.clear()
+        _known[key] = _Known(starts, [*places, len(data)], lines[:2])
+    end = starts[k + 1] if k + 1 < len(starts) else len(lines)
+    return TextFrame(lines[starts[k] : end], starts[k], lines[:2], len(starts))

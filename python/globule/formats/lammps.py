@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from .asciinum import parse_rows, text_lines
-from .contents import Box, Contents, frame_index
+from .contents import Box, Contents
 from .elements import of_elements
 from .errors import FormatError, bad, shown
 from .fields import join_columns, particles_from
+from .frames import text_frame
 from .table import whole_numbers
 
 # Columns of the section Atoms after the atom's number, by atom style.
@@ -68,26 +69,22 @@ _MOST_HEADER = 200  # lines
 
 def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     """Read a frame of a text dump. Raises FormatError naming the line."""
-    lines = text_lines(path)
-    starts = [
-        _first_item(lines, i) for i, line in enumerate(lines) if line.startswith("ITEM: TIMESTEP")
-    ]
-    if not starts:
-        raise bad(path, "line 1", "expected ITEM: TIMESTEP, got none")
-    i = frame_index(path, frame, len(starts))
-    begin = starts[i]
-    end = starts[i + 1] if i + 1 < len(starts) else len(lines)
-    items, sections = _items(lines, begin, end)
-    n = _count(path, lines, items.get("NUMBER OF ATOMS", -1))
+    lines, before, head, n_frames = text_frame(path, frame, _starts)
+    items, sections = _items(lines)
+    n = _count(path, lines, items.get("NUMBER OF ATOMS", -1), before)
     if "ATOMS" not in items:
-        raise bad(path, f"line {begin + 1}", "expected ITEM: ATOMS, got none")
-    box = _dump_box(path, lines, *sections["BOX BOUNDS"]) if "BOX BOUNDS" in items else None
+        raise bad(path, f"line {before + 1}", "expected ITEM: ATOMS, got none")
+    box = None
+    if "BOX BOUNDS" in items:
+        at, title = sections["BOX BOUNDS"]
+        box = _dump_box(path, lines, at, title, before)
     at, title = sections["ATOMS"]
     names = title.split()
     rows = [line for line in lines[at + 1 : at + 1 + n] if line.strip()]
-    if len(rows) != n or at + 1 + n > end:
-        raise bad(path, f"line {at + 1}", f"expected {n} atoms, got {min(len(rows), end - at - 1)}")
-    columns = _columns(path, names, rows, at + 2)
+    where = f"line {before + at + 1}"
+    if len(rows) != n:
+        raise bad(path, where, f"expected {n} atoms, got {len(rows)}")
+    columns = _columns(path, names, rows, before + at + 2)
     if rows and "element" in names and "element" not in columns:
         column = names.index("element")
         columns = _with(of_elements([row.split()[column] for row in rows]), columns)
@@ -95,9 +92,18 @@ def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     if "TIME" in items:
         time = _number(lines, items["TIME"])
     units = {}
-    if lines[0].startswith("ITEM: UNITS"):  # once, before the first frame
-        units = {"positions": f"LAMMPS {lines[1].strip()[:20]}"}
-    return _contents(path, f"line {at + 1}", columns, box, units, time, len(starts))
+    if head[0].startswith("ITEM: UNITS"):  # once, before the first frame
+        units = {"positions": f"LAMMPS {head[1].strip()[:20]}"}
+    return _contents(path, where, columns, box, units, time, n_frames)
+
+
+def _starts(path: Any, lines: list[str]) -> list[int]:
+    """Where each frame begins. Raises FormatError."""
+    found = (i for i, line in enumerate(lines) if line.startswith("ITEM: TIMESTEP"))
+    starts = [_first_item(lines, i) for i in found]
+    if not starts:
+        raise bad(path, "line 1", "expected ITEM: TIMESTEP, got none")
+    return starts
 
 
 def read_data(path: str | os.PathLike[str], atom_style: str | None = None) -> Contents:
@@ -183,14 +189,11 @@ def _first_item(lines: list[str], i: int) -> int:
     return i
 
 
-def _items(lines: list[str], begin: int, end: int) -> tuple[dict, dict]:
+def _items(lines: list[str]) -> tuple[dict, dict]:
     """ITEM: name -> the line behind it; and name -> (its line, what follows the name)."""
     values, sections = {}, {}
-    i = begin
-    while i < end:
-        line = lines[i]
+    for i, line in enumerate(lines):
         if not line.startswith("ITEM: "):
-            i += 1
             continue
         title = line[6:].strip()
         names = ("TIMESTEP", "TIME", "NUMBER OF ATOMS", "BOX BOUNDS", "ATOMS")
@@ -199,14 +202,14 @@ def _items(lines: list[str], begin: int, end: int) -> tuple[dict, dict]:
                 values[name], sections[name] = i + 1, (i, title[len(name) :].strip())
         if title.startswith("ATOMS"):
             break
-        i += 1
     return values, sections
 
 
-def _count(path: Any, lines: list[str], i: int) -> int:
+def _count(path: Any, lines: list[str], i: int, before: int) -> int:
     text = lines[i].strip() if 0 <= i < len(lines) else ""
     if not (text.isascii() and text.isdigit() and len(text) < 16):
-        raise bad(path, f"line {i + 1}", f"expected the number of atoms, got {shown(text)}")
+        where = f"line {before + i + 1}"
+        raise bad(path, where, f"expected the number of atoms, got {shown(text)}")
     return int(text)
 
 
@@ -218,14 +221,14 @@ def _number(lines: list[str], i: int) -> float | None:
     return value if value is not None and np.isfinite(value) else None
 
 
-def _dump_box(path: Any, lines: list[str], at: int, title: str) -> Box | None:
+def _dump_box(path: Any, lines: list[str], at: int, title: str, before: int) -> Box | None:
     try:
         rows = [[float(v) for v in line.split()] for line in lines[at + 1 : at + 4]]
     except ValueError:
-        raise _bad_box(path, at) from None
+        raise _bad_box(path, before + at) from None
     width = 3 if "xy" in title else 2
     if len(rows) != 3 or any(len(row) < width for row in rows):
-        raise _bad_box(path, at)
+        raise _bad_box(path, before + at)
     periodic = tuple(word == "pp" for word in title.split()[-3:])
     if len(periodic) != 3:
         periodic = (False, False, False)

@@ -26,8 +26,8 @@ import numpy as np
 
 from .._base.files import atomic_write
 from ..data.particles import Particles
-from .asciinum import format_rows, lines_of, parse_plain, parse_rows, text_data, text_lines
-from .contents import Contents, frame_index
+from .asciinum import format_rows, lines_of, parse_plain, parse_rows, text_data
+from .contents import Contents
 from .elements import of_elements
 from .errors import FormatError, bad, shown
 from .fields import (
@@ -38,6 +38,7 @@ from .fields import (
     place_names,
     split_columns,
 )
+from .frames import text_frame
 
 # Columns of a .pts file, by their number: the intensity, and colors up to 255.
 _POINTS = {
@@ -73,15 +74,11 @@ def read_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None = N
 
 def read_xyz(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     """Read an .xyz. Columns of whole numbers without a point become int64, others float64."""
-    lines = text_lines(path)
-    starts = _frames_of_xyz(lines)
-    at = starts[frame_index(path, frame, len(starts))]
-    if len(starts) > 1:
-        lines = lines[at : at + 2 + int(lines[at])]
-    return Contents(_read_xyz(path, lines, at), n_frames=len(starts))
+    found = text_frame(path, frame, _frames_of_xyz)
+    return Contents(_read_xyz(path, found.lines, found.before), n_frames=found.n_frames)
 
 
-def _frames_of_xyz(lines: list[str]) -> list[int]:
+def _frames_of_xyz(_: Any, lines: list[str]) -> list[int]:
     """Where each frame's count stands, in a file that consists of a count, a title and as many
     rows again and again; else [0]."""
     starts, at = [], 0
@@ -365,10 +362,10 @@ def _assemble(
         if np.isnan(rows[:, places or [0, 1, 2]]).any():
             raise
     if rest:
-        more = parse_plain(rest, separator, len(words), numeric) if separator else None
-        if more is None:
+        behind = parse_plain(rest, separator, len(words), numeric) if separator else None
+        if behind is None:
             raise _NotPlainError
-        rows = np.concatenate([rows, more])
+        rows = np.concatenate([rows, behind])
     columns: dict[str, np.ndarray] = {}
     for column, i in enumerate(numeric):
         name = names[i] or f"column{i + 1}"
