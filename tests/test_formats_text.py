@@ -415,3 +415,41 @@ def test_two_columns_lie_in_a_plane():
     np.savetxt("c.csv", X[:, :2], header="Points_0,Points_1", delimiter=",", comments="")
     for name in ("a.txt", "b.txt", "c.csv"):
         assert_places(name, plane)
+
+
+def ovito(more: str, columns: str, species: str = "O") -> None:
+    """Extended XYZ as OVITO writes it: a box around the origin, names with capitals."""
+    box = 'Lattice="1 0 0 0 1 0 0 0 1" Origin="-0.5 -0.5 -0.5"'
+    about = f"{box} Properties=species:S:1:pos:R:3{more}"
+    lines = [f"{species} {a} {b} {c} {columns}" for a, b, c in X - 0.5]
+    Path("a.xyz").write_text("\n".join([str(N), about, *lines]))
+
+
+def test_the_box_of_ovito_has_an_origin():
+    ovito("", "")
+    found = read_contents("a.xyz")
+    assert np.allclose(found.particles.positions, X - 0.5, atol=1e-6)  # nothing to wrap
+    assert np.array_equal(found.box.origin, [-0.5] * 3)
+    Path("a.xyz").write_text(Path("a.xyz").read_text().replace("-0.5 -0.5 -0.5", "a b c"))
+    with pytest.raises(FormatError, match="line 2: expected 3 numbers in Origin, got 'a b c'"):
+        gb.read("a.xyz")
+
+
+def test_radii_and_colors_of_a_file_come_before_those_of_elements():
+    ovito(":Radius:R:1:Color:R:3", "0.05 1 0 0.5")
+    found = gb.read("a.xyz")
+    assert np.allclose(found.attributes["radius"], 0.05)
+    assert np.allclose(found.support, 0.2)
+    assert np.array_equal(found.color, [[1, 0, 0.5]] * N)
+    ovito(":diameter:R:1", "0.1")
+    assert np.allclose(gb.read("a.xyz").support, 0.2)
+    assert "radius" not in gb.read("a.xyz").attributes
+
+
+@pytest.mark.parametrize("name", ["Radius [m]", "RADIUS", "Diameter (m)"])
+def test_radii_in_capitals_give_the_support(name):
+    size_ = 0.1 if "Dia" in name else 0.05
+    Path("a.csv").write_text(f"x,y,z,{name}\n" + "".join(f"{row},{size_}\n" for row in rows(",")))
+    assert np.allclose(gb.read("a.csv").support, 0.2)
+    Path("a.csv").write_text("x,y,z,H\n" + "".join(f"{row},7\n" for row in rows(",")))
+    assert gb.read("a.csv").support is None  # an enthalpy

@@ -22,7 +22,10 @@ from .frames import text_frame
 from .table import whole_numbers
 
 _PAIR = re.compile(r"""([\w\-./]+)\s*=\s*(?:"([^"]*)"|'([^']*)'|\{([^}]*)\}|([^\s"'{]+))""")
-_NAMES = {**dict.fromkeys(VELOCITY_NAMES, "velocity"), "masses": "mass", "forces": "force"}
+_NAMES = {
+    **dict.fromkeys(VELOCITY_NAMES, "velocity"), "masses": "mass", "forces": "force",
+    "Radius": "radius", "Color": "color", "Mass": "mass",  # OVITO
+}  # fmt: skip
 _MOST_COLUMNS = 1000
 
 
@@ -46,7 +49,10 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     time = about.get("Time", about.get("time", ""))
     seconds = float(time) if re.fullmatch(r"[-+\d.eE]+", time) and _is_number(time) else None
     if n and "species" in words:
-        arrays = of_elements(words["species"]) | arrays
+        of_species = of_elements(words["species"])
+        if "diameter" in arrays:
+            of_species.pop("radius", None)
+        arrays = of_species | arrays
     wrapped = positions if box is None else box.wrap(positions)
     particles = particles_from(path, wrapped, arrays)
     return Contents(particles, box, {"positions": "Å"}, seconds, n_frames)
@@ -108,17 +114,22 @@ def _arrays(
 def _box(path: Any, where: str, about: dict[str, str]) -> Box | None:
     if "Lattice" not in about:
         return None
-    try:
-        values = np.array([float(v) for v in about["Lattice"].split()])
-        if values.shape != (9,) or not np.isfinite(values).all():
-            raise ValueError
-    except ValueError:
-        got = shown(about["Lattice"])
-        raise bad(path, where, f"expected nine numbers in Lattice, got {got}") from None
+    edges = _numbers(path, where, "Lattice", about["Lattice"], 9).reshape(3, 3)
+    origin = _numbers(path, where, "Origin", about.get("Origin", "0 0 0"), 3)  # OVITO
     flags = about.get("pbc", "T T T").split()
     periodic = [word.upper().startswith(("T", "1")) for word in flags]
     x, y, z = periodic if len(periodic) == 3 else [True] * 3
-    return Box(np.zeros(3), values.reshape(3, 3), (x, y, z))
+    return Box(origin, edges, (x, y, z))
+
+
+def _numbers(path: Any, where: str, name: str, text: str, n: int) -> np.ndarray:
+    try:
+        values = np.array([float(v) for v in text.split()])
+    except ValueError:
+        values = np.empty(0)
+    if values.shape != (n,) or not np.isfinite(values).all():
+        raise bad(path, where, f"expected {n} numbers in {name}, got {shown(text)}")
+    return values
 
 
 def _is_number(word: str) -> bool:

@@ -277,8 +277,10 @@ def _take_color(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: in
 def _derive_support(
     fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int, support_per_h: float
 ) -> None:
+    lower = {name.lower(): name for name in reversed(list(attributes)) if name != "H"}  # enthalpy
     for name, factor in _SUPPORT_NAMES.items():
-        value = _as_scalar(attributes[name], n) if name in attributes else None
+        held = name if name in attributes else lower.get(name)
+        value = _as_scalar(attributes[held], n) if held else None
         if value is not None and bool((np.isfinite(value) & (value >= 0)).all()):
             of_h = name in _LENGTH_NAMES
             with np.errstate(over="ignore"):
