@@ -7,7 +7,8 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from globule.formats import FormatError, read_contents
+from globule.formats import FormatError, read_contents, triangles
+from globule.formats.frames import FrameOf
 
 h5py = pytest.importorskip("h5py")
 N = 12
@@ -208,3 +209,84 @@ def test_constant_components_of_openpmd():
     expected = 1e-6 * X
     expected[:, 1] = 7e-6 + 1e-3
     assert np.allclose(particles.positions, expected, rtol=1e-5)
+
+
+# A unit square of two triangles below z = 1, and a cube of six tetrahedra.
+CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
+SQUARE = [[0, 1, 3], [0, 3, 2]]
+KUHN = [[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]]
+
+
+def item(values) -> str:
+    values = np.asarray(values)
+    text = " ".join(map(str, values.ravel().tolist()))
+    return f'<DataItem Dimensions="{" ".join(map(str, values.shape))}">{text}</DataItem>'
+
+
+def mesh(kind: str, connectivity: str, more: str = "", corners=CORNERS) -> str:
+    geometry = GEOMETRY.format(item(corners))
+    return f'<Grid><Topology TopologyType="{kind}">{connectivity}</Topology>{geometry}{more}</Grid>'
+
+
+def area(path: str) -> float:
+    found = triangles.read(path)
+    a, b, c = np.asarray(found.vertices, float)[found.faces.T]
+    return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+
+MIXED = [4, 0, 1, 3, 5, 4, 5, 7, 6, 3, 3, 0, 3, 2, 2, 2, 0, 7, 1, 1, 5]
+
+
+@pytest.mark.parametrize(
+    ("kind", "connectivity", "expected"),
+    [
+        ("Triangle", SQUARE, 1), ("Quadrilateral", [[0, 1, 3, 2]], 1), ("Tetrahedron", KUHN, 6),
+        ("Hexahedron", [[0, 1, 3, 2, 4, 5, 7, 6]], 6), ("Mixed", MIXED, 2),
+    ],
+)  # fmt: skip
+def test_cells_of_xdmf_are_a_mesh(kind, connectivity, expected):
+    xdmf(mesh(kind, item(connectivity)))
+    assert triangles.has_faces("a.xdmf")
+    assert area("a.xdmf") == pytest.approx(expected, rel=1e-6)
+    assert len(gb.read("a.xdmf")) == 8  # its points, for who asks for particles
+
+
+def test_a_dolfinx_run_is_a_sequence_of_meshes():
+    with h5py.File("x.h5", "a") as file:
+        file["cells"] = np.array(KUHN)
+        file["u"] = np.arange(8.0)
+    cells = '<DataItem Format="HDF" Dimensions="6 4">x.h5:/cells</DataItem>'
+    u = f'<Attribute Name="u" Center="Node">{hdf("u", "8 1")}</Attribute>'
+    steps = "".join(
+        mesh("tetrahedron", cells, f'<Time Value="{t}"/>{u}', CORNERS * t) for t in (1, 2, 3)
+    )
+    xdmf(f'<Grid CollectionType="Temporal">{steps}</Grid>', "<!DOCTYPE Xdmf SYSTEM 'Xdmf.dtd' []>")
+    for k in range(3):
+        found = gb.Mesh(FrameOf("a.xdmf", k), device="cpu")
+        assert found.bounds()[1].tolist() == [k + 1] * 3
+    assert triangles.read("a.xdmf").attributes["u"].ravel().tolist() == list(range(8))
+
+
+def test_points_and_lines_of_xdmf_stay_particles():
+    for kind, cells in (("Polyvertex", ""), ("Polyline", [[0, 1]]), ("Mixed", [1, 1, 5])):
+        xdmf(mesh(kind, item(cells) if cells else ""))
+        assert not triangles.has_faces("a.xdmf")
+        assert len(gb.read("a.xdmf")) == 8
+
+
+@pytest.mark.parametrize(
+    ("kind", "cells", "said"),
+    [
+        ("Triangle", [[0, 1, 8]], "expected indices from 0 to 7, got 0 to 8"),
+        ("Triangle", [[0, 1]], "expected 3 points a cell, got 2 in all"),
+        ("Mixed", [4, 0, 1], "expected the points of mixed cells, got too few numbers"),
+        ("Mixed", [4, 0, 1, 2, 99], "expected the number of a kind of cell, got 99"),
+        ("Mixed", [3, -1, 2], "expected the points of mixed cells, got too few numbers"),
+        ("Polygon", [0, 1, 2], "expected NodesPerElement from 3, got ''"),
+    ],
+)
+def test_damaged_cells_of_xdmf(kind, cells, said):
+    xdmf(mesh(kind, item(cells)))
+    with pytest.raises(FormatError, match=said):
+        triangles.read("a.xdmf")
+    triangles.has_faces("a.xdmf")  # says what it can

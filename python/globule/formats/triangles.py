@@ -11,13 +11,13 @@ import numpy as np
 
 from ..data.particles import Particles
 from ..data.triangles import Triangles
-from . import mesh, ply, vtk_legacy, vtk_parts, vtk_xml
+from . import mesh, ply, vtk_legacy, vtk_parts, vtk_xml, xdmf
 from .errors import FormatError, bad
 from .kind import Kind, kind_of, kind_or_none, wrong_kind
 from .packed import opens_packed
 from .size import whole_file
 
-_FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp", "vtu", *vtk_parts.FORMATS)
+_FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp", "vtu", "xdmf", *vtk_parts.FORMATS)
 
 
 def read(path: str | os.PathLike[str]) -> Triangles:
@@ -50,6 +50,8 @@ def _read(path: str | os.PathLike[str], kind: Kind) -> tuple[Particles, np.ndarr
         return vtk_legacy.read_triangles(path)
     if kind.format in ("vtp", "vtu"):
         return vtk_xml.read_triangles(path)
+    if kind.format == "xdmf":
+        return xdmf.read_triangles(path)
     if kind.format not in vtk_parts.FORMATS:
         return mesh.read_triangles(path)
     parts, faces, first = [], [np.empty((0, 3), np.int64)], 0
@@ -89,6 +91,8 @@ def _has_faces(path: str, kind: Kind, changed: int, size: int) -> bool:
         return vtk_legacy.has_faces(path)
     if kind.format in ("vtp", "vtu"):
         return vtk_xml.has_faces(path)
+    if kind.format == "xdmf":
+        return xdmf.has_faces(path)
     return kind.kind == "mesh"
 
 

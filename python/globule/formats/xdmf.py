@@ -2,7 +2,8 @@
 
 Numbers may be in the XML itself, or in HDF5 files below the XDMF file's folder. A temporal
 collection of grids has one frame a grid. DataItems may be HyperSlabs, JOINs and references;
-XInclude takes elements of this document, and of others below its folder.
+XInclude takes elements of this document, and of others below its folder. Cells with faces make a
+mesh.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from ..data.particles import Particles
+from . import cells
 from .asciinum import parse_numbers
 from .contents import Contents, frame_index
 from .errors import bad, shown
@@ -26,51 +29,158 @@ from .xinclude import find_all, include
 from .xml import parse_xml
 
 _MOST_ARRAYS, _MOST_NESTED = 1000, 8
+# Cells by their names (XdmfTopologyType): points of one, VTK's number, and as many points of it as
+# are drawn; those of an order above two, and of volumes of order two but tetrahedra, are corners.
+_CELLS = {
+    "triangle": (3, 5, 3), "quadrilateral": (4, 9, 4), "tetrahedron": (4, 10, 4),
+    "pyramid": (5, 14, 5), "wedge": (6, 13, 6), "hexahedron": (8, 12, 8),
+    "triangle_6": (6, 22, 6), "quadrilateral_8": (8, 23, 8), "quadrilateral_9": (9, 28, 9),
+    "tetrahedron_10": (10, 24, 10), "pyramid_13": (13, 14, 5), "wedge_15": (15, 13, 6),
+    "wedge_18": (18, 13, 6), "hexahedron_20": (20, 12, 8), "hexahedron_24": (24, 12, 8),
+    "hexahedron_27": (27, 12, 8),
+}  # fmt: skip
+_CELLS |= {"tri_6": _CELLS["triangle_6"], "quad_8": _CELLS["quadrilateral_8"],
+           "quad_9": _CELLS["quadrilateral_9"], "tet_10": _CELLS["tetrahedron_10"],
+           "hex_20": _CELLS["hexahedron_20"], "hex_27": _CELLS["hexahedron_27"]}  # fmt: skip
+_COUNTED = {1: cells.VERTICES, 2: cells.LINES, 3: cells.POLYGONS}  # a mixed cell says its points
+_NUMBERED = {
+    4: "triangle", 5: "quadrilateral", 6: "tetrahedron", 7: "pyramid", 8: "wedge",
+    9: "hexahedron", 35: "quadrilateral_9", 36: "triangle_6", 37: "quadrilateral_8",
+    38: "tetrahedron_10", 39: "pyramid_13", 40: "wedge_15", 41: "wedge_18", 48: "hexahedron_20",
+    49: "hexahedron_24", 50: "hexahedron_27",
+}  # fmt: skip
 
 
 def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     """Read the points and node-centered attributes of a grid. Raises FormatError."""
-    data = whole_file(path, 20.0)
-    root = parse_xml(path, data)
-    if root.tag != "Xdmf":
-        raise bad(path, f"<{root.tag[:40]}>", "expected <Xdmf>")
-    include(path, root)
-    temporal = [g for g in root.iter("Grid") if g.get("CollectionType", "").lower() == "temporal"]
-    if temporal:
-        grids = temporal[0].findall("Grid")
-    else:
-        grids = [g for g in root.iter("Grid") if g.find("Geometry") is not None][:1]
-    if not grids:
-        raise bad(path, "<Xdmf>", "expected a <Grid> with a <Geometry>, got none")
-    grid = _meant(path, root, grids[frame_index(path, frame, len(grids))])
-    geometry = _meant(path, root, grid.find("Geometry"))
-    if geometry is None:
-        raise bad(path, "<Grid>", "expected <Geometry>, got none")
-    kind = geometry.get("GeometryType", geometry.get("Type", "XYZ")).upper()
-    if kind not in ("XYZ", "XY", "X_Y_Z", "X_Y"):
-        raise bad(path, "<Geometry>", f"expected GeometryType XYZ or X_Y_Z, got {shown(kind)}")
-    items = {"positions": geometry.findall("DataItem")}
-    for element in grid.findall("Attribute")[:_MOST_ARRAYS]:
-        element = _meant(path, root, element)
-        name = element.get("Name", "")
-        if element.get("Center", "Node").lower() == "node" and name and name not in items:
-            items[name] = element.findall("DataItem")[:1]
-    found = _arrays(path, root, items, len(data))
-    parts = found.pop("positions")
-    if "_" in kind:
-        if len(parts) != len(kind) // 2 + 1 or len({p.size for p in parts}) != 1:
-            raise bad(path, "<Geometry>", f"expected {kind} arrays of one length")
-        positions = np.stack([p.reshape(-1) for p in parts], axis=1)
-    else:
-        positions = parts[0].reshape(-1, len(kind)) if parts[0].size % len(kind) == 0 else parts[0]
-    if positions.ndim != 2 or positions.shape[1] not in (2, 3):
-        raise bad(path, "<Geometry>", f"expected shape (N, 3), got {positions.shape}")
-    positions = np.pad(positions, ((0, 0), (0, 3 - positions.shape[1])))
-    arrays = {name: parts[0] for name, parts in found.items() if len(parts[0]) == len(positions)}
-    arrays = {k: a.reshape(len(a), -1) if a.ndim > 2 and a.size else a for k, a in arrays.items()}
-    time = grid.find("Time")
-    particles = particles_from(path, positions, arrays)
-    return Contents(particles, time=_time(time), n_frames=len(grids))
+    return _Grid(path, frame).contents()
+
+
+def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
+    """Read the points of a grid, of several frames the first or that of a `FrameOf`, and the faces
+    of its cells as triangles (F, 3). Raises FormatError."""
+    grid = _Grid(path, getattr(path, "frame", 0))
+    particles = grid.contents().particles
+    try:
+        positions = np.asarray(particles.positions)
+        return particles, cells.triangles(positions, grid.find_cells(), {}, {})
+    except ValueError as error:
+        raise bad(path, "<Topology>", str(error)) from None
+
+
+def has_faces(path: str | os.PathLike[str]) -> bool:
+    """Whether a grid has cells with faces. Raises FormatError."""
+    grid = _Grid(path, getattr(path, "frame", 0))
+    if grid.topology != "mixed":
+        return grid.topology in ("polygon", *_CELLS)
+    try:
+        return cells.have_faces(grid.find_cells().types)
+    except ValueError as error:
+        raise bad(path, "<Topology>", str(error)) from None
+
+
+class _Grid:
+    """A grid of one frame."""
+
+    def __init__(self, path: Any, frame: int) -> None:
+        data = whole_file(path, 20.0)
+        self.path, self.size = path, len(data)
+        self.root = root = parse_xml(path, data)
+        if root.tag != "Xdmf":
+            raise bad(path, f"<{root.tag[:40]}>", "expected <Xdmf>")
+        include(path, root)
+        temporal = [
+            g for g in root.iter("Grid") if g.get("CollectionType", "").lower() == "temporal"
+        ]
+        if temporal:
+            grids = temporal[0].findall("Grid")
+        else:
+            grids = [g for g in root.iter("Grid") if g.find("Geometry") is not None][:1]
+        if not grids:
+            raise bad(path, "<Xdmf>", "expected a <Grid> with a <Geometry>, got none")
+        self.n_frames = len(grids)
+        self.grid = _meant(path, root, grids[frame_index(path, frame, len(grids))])
+        self.element = _meant(path, root, self.grid.find("Topology"))
+        about = {} if self.element is None else self.element.attrib
+        self.topology = about.get("TopologyType", about.get("Type", "")).lower()
+
+    def find_cells(self) -> cells.Cells:
+        """The cells of a topology with faces; else none. Raises ValueError."""
+        stream = np.empty(0, np.int64)
+        if self.topology in ("mixed", "polygon", *_CELLS):
+            items = {"<Topology>": self.element.findall("DataItem")[:1]}
+            stream = _arrays(self.path, self.root, items, self.size)["<Topology>"][0].ravel()
+            stream = stream.astype(np.int64)
+        if self.topology == "mixed":
+            return _mixed(stream.tolist())
+        nodes, kind, corners = _CELLS.get(self.topology, (1, cells.POLYGONS, 1))
+        if self.topology == "polygon":
+            words = self.element.get("NodesPerElement", "")
+            if not (words.isdigit() and 2 < int(words) < 1000):
+                raise ValueError(f"expected NodesPerElement from 3, got {shown(words)}")
+            nodes = corners = int(words)
+        if len(stream) % nodes:
+            raise ValueError(f"expected {nodes} points a cell, got {len(stream)} in all")
+        stream = stream.reshape(-1, nodes)[:, :corners]
+        offsets = corners * np.arange(len(stream) + 1)
+        return cells.Cells(np.full(len(stream), kind, np.uint8), stream.ravel(), offsets)
+
+    def contents(self) -> Contents:
+        """The points with their data."""
+        path, root, grid = self.path, self.root, self.grid
+        geometry = _meant(path, root, grid.find("Geometry"))
+        if geometry is None:
+            raise bad(path, "<Grid>", "expected <Geometry>, got none")
+        kind = geometry.get("GeometryType", geometry.get("Type", "XYZ")).upper()
+        if kind not in ("XYZ", "XY", "X_Y_Z", "X_Y"):
+            raise bad(path, "<Geometry>", f"expected GeometryType XYZ or X_Y_Z, got {shown(kind)}")
+        items = {"positions": geometry.findall("DataItem")}
+        for element in grid.findall("Attribute")[:_MOST_ARRAYS]:
+            element = _meant(path, root, element)
+            name = element.get("Name", "")
+            if element.get("Center", "Node").lower() == "node" and name and name not in items:
+                items[name] = element.findall("DataItem")[:1]
+        found = _arrays(path, root, items, self.size)
+        parts = found.pop("positions")
+        if "_" in kind:
+            if len(parts) != len(kind) // 2 + 1 or len({p.size for p in parts}) != 1:
+                raise bad(path, "<Geometry>", f"expected {kind} arrays of one length")
+            positions = np.stack([p.reshape(-1) for p in parts], axis=1)
+        else:
+            whole = parts[0].size % len(kind) == 0
+            positions = parts[0].reshape(-1, len(kind)) if whole else parts[0]
+        if positions.ndim != 2 or positions.shape[1] not in (2, 3):
+            raise bad(path, "<Geometry>", f"expected shape (N, 3), got {positions.shape}")
+        positions = np.pad(positions, ((0, 0), (0, 3 - positions.shape[1])))
+        of_points = {k: a[0] for k, a in found.items() if len(a[0]) == len(positions)}
+        arrays = {
+            k: a.reshape(len(a), -1) if a.ndim > 2 and a.size else a for k, a in of_points.items()
+        }
+        particles = particles_from(path, positions, arrays)
+        return Contents(particles, time=_time(grid.find("Time")), n_frames=self.n_frames)
+
+
+def _mixed(stream: list[int]) -> cells.Cells:
+    """Cells of several kinds, each behind its number. Raises ValueError."""
+    types: list[int] = []
+    corners: list[int] = []
+    offsets, at = [0], 0
+    while at < len(stream):
+        number, at = stream[at], at + 1
+        if number in _COUNTED:
+            nodes, at = (stream[at] if at < len(stream) else -1), at + 1
+            kind, drawn = _COUNTED[number], nodes
+        elif number in _NUMBERED:
+            nodes, kind, drawn = _CELLS[_NUMBERED[number]]
+        else:
+            raise ValueError(f"expected the number of a kind of cell, got {number}")
+        if not 0 <= nodes <= len(stream) - at:
+            raise ValueError("expected the points of mixed cells, got too few numbers")
+        types.append(kind)
+        corners += stream[at : at + drawn]
+        at += nodes
+        offsets.append(len(corners))
+    return cells.Cells(np.array(types, np.uint8), np.array(corners, np.int64), np.array(offsets))
 
 
 def _meant(path: Any, root: Any, element: Any) -> Any:
