@@ -7,6 +7,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from globule.cli import main
 from globule.formats import FormatError, read_contents, triangles
 from globule.formats.frames import FrameOf
 
@@ -244,8 +245,10 @@ MIXED = [4, 0, 1, 3, 5, 4, 5, 7, 6, 3, 3, 0, 3, 2, 2, 2, 0, 7, 1, 1, 5]
         ("Hexahedron", [[0, 1, 3, 2, 4, 5, 7, 6]], 6), ("Mixed", MIXED, 2),
     ],
 )  # fmt: skip
-def test_cells_of_xdmf_are_a_mesh(kind, connectivity, expected):
+def test_cells_of_xdmf_are_a_mesh(kind, connectivity, expected, capsys):
     xdmf(mesh(kind, item(connectivity)))
+    assert main(["info", "a.xdmf"]) == 0
+    assert "surface    triangles (faces of the file)" in capsys.readouterr().out
     assert triangles.has_faces("a.xdmf")
     assert area("a.xdmf") == pytest.approx(expected, rel=1e-6)
     assert len(gb.read("a.xdmf")) == 8  # its points, for who asks for particles
@@ -278,6 +281,7 @@ def test_points_and_lines_of_xdmf_stay_particles():
     ("kind", "cells", "said"),
     [
         ("Triangle", [[0, 1, 8]], "expected indices from 0 to 7, got 0 to 8"),
+        ("Triangle", [[0, 1, np.nan]], "expected indices from 0 to 7, got "),
         ("Triangle", [[0, 1]], "expected 3 points a cell, got 2 in all"),
         ("Mixed", [4, 0, 1], "expected the points of mixed cells, got too few numbers"),
         ("Mixed", [4, 0, 1, 2, 99], "expected the number of a kind of cell, got 99"),

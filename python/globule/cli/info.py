@@ -151,6 +151,8 @@ def _surface(path: str, particles: Particles, scene: Scene) -> tuple[str, str]:
     """What `globule render` draws, and why."""
     if kind_of(path).kind == "volume":
         return "balls", "voxels"
+    if has_faces(path):
+        return "triangles", "faces of the file"
     if are_spheres(particles, scene):
         return "spheres", "radii of the file, which do not overlap as a fluid's"
     if is_flat(particles):

@@ -110,7 +110,8 @@ class _Grid:
         if self.topology in ("mixed", "polygon", *_CELLS):
             items = {"<Topology>": self.element.findall("DataItem")[:1]}
             stream = _arrays(self.path, self.root, items, self.size)["<Topology>"][0].ravel()
-            stream = stream.astype(np.int64)
+            with np.errstate(invalid="ignore"):  # no number is no point
+                stream = stream.astype(np.int64)
         if self.topology == "mixed":
             return _mixed(stream.tolist())
         nodes, kind, corners = _CELLS.get(self.topology, (1, cells.POLYGONS, 1))
