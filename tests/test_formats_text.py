@@ -453,3 +453,11 @@ def test_radii_in_capitals_give_the_support(name):
     assert np.allclose(gb.read("a.csv").support, 0.2)
     Path("a.csv").write_text("x,y,z,H\n" + "".join(f"{row},7\n" for row in rows(",")))
     assert gb.read("a.csv").support is None  # an enthalpy
+
+
+def test_yade_names_its_columns_in_one_word(tmp_path):
+    rows = ["#format x_y_z_r", "# periodic", "0 0 0 0.5", "2 0 0 0.5", "0 2 0 0.7"]
+    (tmp_path / "a.txt").write_text("\n".join(rows))
+    got = gb.read(tmp_path / "a.txt")
+    np.testing.assert_allclose(got.attributes["radius"], [0.5, 0.5, 0.7])
+    np.testing.assert_allclose(got.positions[1], [2, 0, 0])

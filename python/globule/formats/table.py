@@ -261,6 +261,8 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
             start = 1
     elif head and head[0].startswith("#"):
         names = lines[0].replace("#", " ", 1).split()
+        if len(names) == 2 and names[0] == "format":  # Yade's: `#format x_y_z_r_matId`
+            names = ["radius" if name == "r" else name for name in names[1].split("_")]
         axes = place_names(names)
         names = [axes.get(name, name) for name in names]
     first = next(
