@@ -7,6 +7,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "api/spacing.hpp"
 #include "arguments.hpp"
 #include "backends/open.hpp"
 #include "base/crc64.hpp"
@@ -83,6 +84,12 @@ NB_MODULE(_core, m) {
     m.def("dlpack_view", &dlpack_view);
     m.def("crc64", [](Address data, std::size_t n, std::uint64_t start) {
         return work([&] { return crc64(at<const std::uint8_t>(data), n, start); });
+    });
+    m.def("axes_of", [](Address positions, std::size_t n) {
+        const auto axes = work([&] { return axes_of(at<const float>(positions), n); });
+        nb::list rows;
+        for (const auto& a : axes) rows.append(nb::make_tuple(a.x, a.y, a.z));
+        return rows;
     });
     m.def("describe", [](const std::string& backend, int index) {
         bool ok = false;
@@ -213,8 +220,9 @@ NB_MODULE(_core, m) {
             d["extent"] = f.header.space.extent;
             return d;
         })
-        .def("spacing", [](PyScene& s) { return call<&Scene::spacing>(s.core); })
-        .def("fluid_spacing", [](PyScene& s) { return call<&Scene::fluid_spacing>(s.core); })
+        .def("spacing", [](PyScene& s, Address positions, std::size_t n, bool smooth) {
+            return work([&] { return measured_spacing(s.core, Gates({s.core.gate().get()}), at<const float>(positions), n, smooth); });
+        })
         .def("beside", [](PyScene& s, int which) {
             return PyScene{Handle<Scene>(s.core.backend(), {s.core.object(), call<&Scene::beside>(s.core, which)}, s.core.gate())};
         })

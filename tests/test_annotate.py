@@ -453,12 +453,12 @@ def test_a_turntable_shows_all_particles_from_all_sides(files):
 
 def test_transparent_and_flat_on_the_command_line(files):
     words = ["render", "frame_0.npz", *COMMON, "--color-by", "speed"]
-    assert main([*words, "--flat", "--transparent", "-o", "a.png"]) == 0
+    assert main([*words, "--flat", "--transparent", "--surface", "balls", "-o", "a.png"]) == 0
     flat = opened("a.png")
     assert flat.shape == (150, 200, 4)
     assert set(np.unique(flat[..., 3])) == {0, 255}
     frame = gb.render(
-        "frame_0.npz",
+        gb.Scene("frame_0.npz"),
         size=(200, 150),
         settings=dataclasses.replace(
             gb.load_preset("flat", gb.Scene("frame_0.npz")), transparent=True

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from cli_helpers import run_json
 from globule.cli import main
-from globule.fluids.likeness import is_flat
+from globule.data.spacing import normal_of
 
 pytestmark = pytest.mark.usefixtures("folder")
 MACHINE = ["--device", "cpu", "--size", "160x120"]
@@ -75,9 +75,9 @@ def test_a_stray_particle_is_named_and_left_out(away, capsys):
 
 def test_a_cube_with_a_stray_particle_is_not_flat():
     points = np.r_[lattice(8, 0.1), [[1e6, 0.3, 0.3]]]
-    assert not is_flat(gb.Particles(points.astype("f4")))
+    assert normal_of(points.astype("f4")) is None
     sheet = points * (1, 1, 0) + (0, 0, 3)
-    assert is_flat(gb.Particles(sheet.astype("f4")))
+    assert normal_of(sheet.astype("f4")) is not None
 
 
 def test_info_of_coordinates_that_are_all_too_far(tmp_path, capsys):

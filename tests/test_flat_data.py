@@ -4,7 +4,7 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import SMALL, run_json
-from globule.fluids.likeness import flat_spacing, is_flat
+from globule.data.spacing import normal_of
 from globule.pieces.shown import shown_scene
 
 
@@ -13,40 +13,67 @@ def plane(n: int = 20, spacing: float = 0.5, z: float = 0.0) -> np.ndarray:
     return np.c_[grid, np.full(len(grid), z)]
 
 
+def turned(points: np.ndarray, seed: int = 3) -> np.ndarray:
+    """In another plane, as float32 rounds it."""
+    turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return (points @ turn.T).astype("f4")
+
+
 def test_which_particles_are_flat():
-    assert is_flat(gb.Particles(plane(z=3.25)))
-    assert is_flat(gb.Particles(plane()[:, :2]))  # (N, 2)
+    def normal(points):
+        return normal_of(gb.Particles(points).finite_positions())
+
+    for points, expected in (
+        (plane(z=3.25), (0, 0, 1)),
+        (plane()[:, :2], (0, 0, 1)),  # (N, 2)
+        (plane(2), (0, 0, 1)),
+        (plane(z=2)[:, [0, 2, 1]], (0, -1, 0)),
+        (plane()[:, [2, 0, 1]], (1, 0, 0)),
+    ):
+        np.testing.assert_allclose(normal(points), expected, atol=1e-6)
     assert (gb.Particles(plane()[:, :2]).positions == plane().astype("f4")).all()
-    assert not is_flat(gb.Particles(plane(9)))  # fewer than 100
-    assert not is_flat(gb.Particles(plane()[:, [0, 2, 1]]))  # another plane
-    assert not is_flat(gb.Particles(plane() * [1, 0, 0]))  # a line
+    tilted = normal(turned(plane()))
+    assert np.ptp(turned(plane()).astype("f8") @ tilted) < 1e-5
+    assert normal(turned(plane(z=7) + (1e4, 2e4, 0))) is not None  # rounded by 1e-3
+    assert normal(plane() * [1, 0, 0]) is None  # a line
+    assert normal(turned(plane() * [1, 0, 0])) is None
     bent = plane()
     bent[7, 2] = 0.01
-    assert not is_flat(gb.Particles(bent))
+    assert normal(bent) is None
     lost = plane()
     lost[3] = np.nan
-    assert is_flat(gb.Particles(lost))
-    assert gb.fluids.choose_surface(gb.Particles(plane())) == "spheres"
+    assert normal(lost) is not None
+    for points in (plane(), plane(3), turned(plane())):
+        assert gb.fluids.choose_surface(gb.Particles(points)) == "spheres"
     for option in ({"support": 1.0}, {"threshold": 0.3}, {"kernel": "wyvill"}, {"octree": "dense"}):
         assert gb.fluids.choose_surface(gb.Particles(plane()), **option) == "balls"
 
 
 @pytest.mark.parametrize("spacing", [1e-3, 0.5, 40.0])
-def test_the_spacing_of_flat_data(spacing, capsys, tmp_path):
-    """A lattice's is found within 0.1 %; jitter of a fifth changes it by less than 4 %."""
-    points = plane(30, spacing)
-    assert flat_spacing(gb.Particles(points)) == pytest.approx(spacing, rel=1e-3)
+@pytest.mark.parametrize("n", [30, 33])  # all are tessellated, or patches
+def test_the_spacing_of_flat_data(spacing, n, capsys, tmp_path):
+    """A lattice's is found within 0.1 %, in any plane; jitter of a fifth changes it by 1 %."""
+
+    def found(points):
+        return gb.Scene(points, device="cpu").spacing
+
+    points = plane(n, spacing)
+    assert found(points) == pytest.approx(spacing, rel=1e-3)
+    assert found(turned(points)) == pytest.approx(spacing, rel=1e-3)
     hexagonal = points * (1, 0.75**0.5, 1)
     rows = np.rint(points[:, 1] / spacing).astype(int)
     hexagonal[:, 0] = points[:, 0] + 0.5 * spacing * (rows % 2)
     expected = pytest.approx(spacing * 0.75**0.25, rel=1e-3)
-    assert flat_spacing(gb.Particles(hexagonal)) == expected
+    assert found(hexagonal) == expected
     path = str(tmp_path / "hexagonal.npz")
     gb.write(path, gb.Particles(hexagonal))
     facts = run_json(capsys, "info", path)
     assert facts["spacing"] == gb.Scene(hexagonal, device="cpu").fluid_spacing() == expected
-    points[:, :2] += np.random.default_rng(1).uniform(-0.2, 0.2, (len(points), 2)) * spacing
-    assert flat_spacing(gb.Particles(points)) == pytest.approx(spacing, rel=0.04)
+    rng = np.random.default_rng(1)
+    points[:, :2] += rng.uniform(-0.2, 0.2, (len(points), 2)) * spacing
+    assert found(turned(points)) == pytest.approx(spacing, rel=0.01)
+    points[:, :2] = rng.random((len(points), 2)) * n * spacing
+    assert found(points) == pytest.approx(spacing, rel=0.03)
 
 
 def test_they_are_spheres_of_half_a_spacing(backend):
@@ -83,6 +110,18 @@ def test_an_image_of_flat_data(backend):
     assert not set(map(tuple, lit.image[hit])) <= {(0, 0, 0), (255, 0, 0)}
 
 
+def test_any_plane_is_seen_along_its_normal(backend):
+    """A sheet in x and z has the image of one in x and y, turned to the eye, with z upwards."""
+    points, colors = plane(20, 0.5), np.random.default_rng(4).random((400, 3))
+    settings = {"edge_samples": 0}
+    seen = [
+        gb.render(gb.Particles(points[:, order], color=colors), (96, 72), settings=settings).image
+        for order in ([0, 1, 2], [0, 2, 1], [2, 0, 1])
+    ]
+    for image in seen[1:]:
+        assert (np.abs(image.astype(int) - seen[0]).max(axis=2) > 1).mean() < 0.01
+
+
 def test_values_of_flat_data_have_their_colors(backend):
     particles = gb.Particles(plane(), attributes={"speed": np.linspace(0, 1, 400)})
     scene = shown_scene(particles, **backend)
@@ -95,7 +134,7 @@ def test_commands_say_it(capsys, tmp_path):
     path, out = str(tmp_path / "flat.npz"), str(tmp_path / "flat.png")
     gb.write(path, gb.Particles(plane()))
     facts = run_json(capsys, "info", path)
-    assert (facts["surface"], facts["why_surface"]) == ("spheres", "2-D: one z")
+    assert (facts["surface"], facts["why_surface"]) == ("spheres", "2-D: one plane")
     assert facts["spacing"] == pytest.approx(0.5, rel=0.02)
     done = run_json(capsys, "render", path, "-o", out, *SMALL)
     assert done["surface"] == "spheres"

@@ -27,7 +27,7 @@ def lattice(n: int) -> np.ndarray:
 
 def dump() -> list[np.ndarray]:
     """frames.lammpstrj: lattices of 4, 5, 6 and 7 particles an edge."""
-    frames = [lattice(4 + k) for k in range(N)]
+    frames = [lattice(5 + k) for k in range(N)]
     with open("frames.lammpstrj", "w") as file:
         for step, p in enumerate(frames):
             file.write(f"ITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{len(p)}\n")
@@ -38,7 +38,7 @@ def dump() -> list[np.ndarray]:
 
 def extended() -> list[np.ndarray]:
     """frames.xyz: the same lattices."""
-    frames = [lattice(4 + k) for k in range(N)]
+    frames = [lattice(5 + k) for k in range(N)]
     with open("frames.xyz", "w") as file:
         for p in frames:
             file.write(f'{len(p)}\nLattice="1 0 0 0 1 0 0 0 1" Properties=species:S:1:pos:R:3\n')

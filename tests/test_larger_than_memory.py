@@ -184,7 +184,7 @@ def test_what_pieces_cannot_do(little):
         lambda: many.integrate(POSITIONS[:1], [[0, 0, 1]], SPEED),
         lambda: many.octree.n_nodes,
         lambda: many.particles,
-        lambda: many.become_smooth(),
+        lambda: many.become("smooth"),
         lambda: gb.measure.mesh_surface(many),
         lambda: gb.measure.measure_surface(many),
         lambda: gb.measure.project(many, CAMERA),

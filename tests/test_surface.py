@@ -273,15 +273,22 @@ def test_what_is_fluid_like():
     assert assess_fluid(gb.Particles(cube)).yes
     assert assess_fluid(gb.Particles(cube, support=2.0)).yes
     flat = block(20, 20, 1).astype("f4")
-    for particles, why in (
-        (gb.Particles(cube[:50]), "fewer than 100 particles"),
-        (gb.Particles(rng.random((2000, 3))), "uneven spacing"),
-        (gb.Particles(cube, support=rng.uniform(1, 2, 1000)), "different supports"),
-        (gb.Particles(cube, attributes={"phase": np.arange(1000) % 2}), "several phases"),
-        (gb.Particles(flat[:, [0, 2, 1]]), "particles in a plane"),
+    for particles, why, surface in (
+        (gb.Particles(cube[:7]), "particles in a line", "spheres"),
+        (gb.Particles(block(7, 1, 1) * [1, 1, 0]), "particles in a line", "spheres"),
+        (gb.Particles(rng.random((7, 3))), "fewer than 8 particles", "spheres"),
+        (gb.Particles(rng.random((16, 3))), "scattered particles", "spheres"),
+        (gb.Particles(rng.random((2000, 3))), "scattered particles", "spheres"),
+        (gb.Particles(rng.random((24, 3)), support=0.1), "scattered particles", "balls"),
+        (gb.Particles(cube, support=rng.uniform(1, 2, 1000)), "different supports", "balls"),
+        (gb.Particles(cube, attributes={"phase": np.arange(1000) % 2}), "several phases", "balls"),
+        (gb.Particles(flat[:, [0, 2, 1]]), "particles in a plane", "spheres"),
+        (gb.Particles(cube[:1]), "all at one place", "balls"),
     ):
         assert assess_fluid(particles) == (False, why)
-        assert gb.fluids.choose_surface(particles) == "balls"
+        assert gb.fluids.choose_surface(particles) == surface
+    for n in (2, 3, 4):
+        assert gb.fluids.choose_surface(gb.Particles(block(n, n, n))) == "smooth"
     fluid = gb.Particles(cube)
     assert gb.fluids.choose_surface(fluid) == "smooth"
     for name, value in (("kernel", "wyvill"), ("support", 2.0), ("octree", "dense")):

@@ -110,7 +110,8 @@ public:
     /// not finite meets nothing.
     Intersections intersect(const ArrayView& origins, const ArrayView& directions) const;
 
-    /// Median spacing of the particles, world, measured around up to 1024 of them; 0 where there are too few.
+    /// Spacing of the particles, world; 0 where all are at one place.  Of fewer than 1000, and of those in a plane or line, from
+    /// their tessellation; of more balls the median around up to 1024 of them; of a smooth surface the one given or measured.
     double spacing() const;
     OctreeFacts octree(bool with_hashes = false) const;
     /// Keys in ascending order, (N,), and the particle that each belongs to, (N,).

@@ -70,6 +70,7 @@ struct Scene::Impl {
     double measured_support = 0;  ///< for particles that come without one; 0: not yet known
     bool whole = false;         ///< an update went through and nothing broke since
     std::size_t n = 0;
+    std::vector<float> few_or_flat;           ///< positions whose spacing is measured without the octree, or none
     double support = 0, largest_support = 0;  ///< of all; 0 where each has its own, or where an array on a GPU tells it
     std::shared_ptr<const void> held;         ///< copies that the scene still reads, also for frames that outlive its handle
 

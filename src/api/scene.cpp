@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "api/impl.hpp"
+#include "api/spacing.hpp"
 #include "field/surface_kernels.hpp"
 
 namespace globule {
@@ -12,10 +13,7 @@ namespace {
 constexpr std::size_t kMaxParticles = (std::size_t(1) << 31) - 64;
 constexpr double kMaxSupport = 1e18;  ///< past it squares overflow float32
 constexpr double kMaxRatio = 1e6;     ///< between the largest and the smallest support
-/// Of the spacing by volume over that by the 12th neighbour, which all 12 of a close packing are (1.28). Few particles are mostly
-/// surface, where the volume says too much.
-constexpr double kMostOverLocal = 1.3, kMostOverLocalOfFew = 1.05;
-constexpr std::size_t kFewParticles = 1000;
+constexpr std::size_t kDozen = 12;  ///< the spacing of so many is not kept
 constexpr core::float3 kColor{0.28f, 0.52f, 0.80f};
 constexpr int kMaxSamples = 65536;
 constexpr int kSmoothEdges = 3;  ///< more samples at edges of images with a smooth surface, by default
@@ -109,22 +107,6 @@ Stretched stretched(const ArrayView& view, std::size_t n) {
     return out;
 }
 
-/// Where neighbours tell nothing (a dozen particles or fewer, or all at one place): the box's edge shared out among them, or 1.
-double guessed_spacing(const core::FloatArray& p, std::size_t n) {
-    if (p.device != core::kHost) return 1;
-    float lo[3] = {INFINITY, INFINITY, INFINITY}, hi[3] = {-INFINITY, -INFINITY, -INFINITY};
-    bool any = false;
-    for (std::size_t i = 0; i < n; ++i) {
-        const float* at = p.data + 3 * i;
-        if (!(std::abs(at[0]) <= 1e18f && std::abs(at[1]) <= 1e18f && std::abs(at[2]) <= 1e18f)) continue;
-        any = true;
-        for (int k = 0; k < 3; ++k) lo[k] = std::min(lo[k], at[k]), hi[k] = std::max(hi[k], at[k]);
-    }
-    if (!any) return 1;
-    const double extent = std::max({hi[0] - lo[0], hi[1] - lo[1], hi[2] - lo[2]});
-    return extent > 0 ? extent / std::pow(double(n), 1.0 / 3.0) : 1;
-}
-
 Update check_update(const Particles& p, int device, bool dense, bool smooth, double own_support, double measured_support) {
     Update u;
     u.inputs = std::make_unique<Inputs>(device);
@@ -192,6 +174,7 @@ void Scene::Impl::update(const Particles& p) {
     Update u = check_update(p, core.device(), tree.dense, smooth, own_support, measured_support);
     const bool was_whole = whole;
     bool changed = false;
+    double found = 0;
     const auto build = [&](double one) {
         u.arrays.one_support = float(one);
         u.arrays.spacing = smooth ? float(one) / core::surface::kAxis : 0.0f;
@@ -204,22 +187,20 @@ void Scene::Impl::update(const Particles& p) {
         changed = true;
         whole = false;
     };
-    bool keep = false;  // a guess for too few particles is made anew
+    const float* positions = u.arrays.positions.device == core::kHost ? u.arrays.positions.data : nullptr;
     if (u.measured) {
         build(0);
-        double found = core.call_inside<&core::Scene::spacing>(inside);
-        if (smooth) {  // a particle's volume tells it; in bodies of few layers that is far more than neighbours say
-            const double volume = core.call_inside<&core::Scene::fluid_spacing>(inside);
-            if (volume <= (u.arrays.n < kFewParticles ? kMostOverLocalOfFew : kMostOverLocal) * found) found = volume;
-        }
-        keep = found > 0;
+        found = core::measured_spacing(core, inside, positions, u.arrays.n, smooth);
         const double spacings = smooth ? double(core::surface::kAxis) : defaults_of(kernel).spacings;
-        const double support_found = spacings * (found > 0 ? found : guessed_spacing(u.arrays.positions, u.arrays.n));
+        const double support_found = spacings * (found > 0 ? found : 1);
         if (support_found > kMaxSupport) refuse("support", "at most " + text(kMaxSupport), text(support_found));
         u.one_support = support_found;
     }
     build(u.one_support.value_or(1.0));
-    if (keep) measured_support = *u.one_support;
+    if (found > 0 && u.arrays.n > kDozen) measured_support = *u.one_support;
+    few_or_flat.clear();
+    if (positions && (u.arrays.n < core::kFewParticles || core::axes_of(positions, u.arrays.n).size() < 3))
+        few_or_flat.assign(positions, positions + 3 * u.arrays.n);
     held = std::move(u.inputs);
     n = u.arrays.n;
     support = u.one_support.value_or(0);
@@ -332,7 +313,14 @@ Intersections Scene::intersect(const ArrayView& origins, const ArrayView& direct
     return out;
 }
 
-double Scene::spacing() const { return Inside::of(*this, "scene").ask<&core::Scene::spacing>(); }
+double Scene::spacing() const {
+    const Impl& s = Inside::of(*this, "scene");
+    const core::Gates inside = s.gates();
+    s.check_whole();
+    if (s.smooth && s.measured_support > 0) return s.measured_support / core::surface::kAxis;
+    const float* positions = s.few_or_flat.empty() ? nullptr : s.few_or_flat.data();
+    return core::measured_spacing(s.core, inside, positions, s.few_or_flat.size() / 3, s.smooth);
+}
 OctreeFacts Scene::octree(bool with_hashes) const {
     const core::TreeFacts f = Inside::of(*this, "scene").ask<&core::Scene::facts>(with_hashes);
     OctreeFacts out;

@@ -97,7 +97,8 @@ TEST_CASE("the measured support stays, one that is given counts") {
     const std::vector<float> p = cube(8);
     Scene s({.positions = p}, on_cpu);
     const double measured = s.support();
-    CHECK(measured == doctest::Approx(0.2).epsilon(0.05));
+    CHECK(measured == doctest::Approx(0.2).epsilon(1e-4));
+    CHECK(s.spacing() == doctest::Approx(0.1).epsilon(1e-4));
     CHECK(s.margin() == doctest::Approx(0.85 * measured));
     std::vector<float> wide = p;
     for (float& v : wide) v *= 2;

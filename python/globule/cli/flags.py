@@ -84,7 +84,7 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--kernel": of(Surface, "kernel"),
     "--surface": row("NAME", "smooth: one surface that encloses the fluid's volume; balls: a ball "
         "around each particle; spheres: of the file's radii or half a spacing; auto: smooth for "
-        "one fluid, spheres for grains and 2-D data",
+        "one fluid, spheres for grains, 2-D and sprays",
         ("auto", "smooth", "balls", "spheres")),
     "--particle-spacing": row("LENGTH", "spacing of a fluid's particles, the cube root of a "
         "particle's volume, world units", positive),

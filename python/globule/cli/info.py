@@ -15,7 +15,7 @@ import numpy as np
 from .._base.terminal import plain_number
 from ..data.particles import SCALAR_FIELDS, Particles
 from ..data.spacing import n_coincident
-from ..fluids.likeness import are_spheres, assess_fluid, is_flat
+from ..fluids.likeness import RADII, suitable_surface
 from ..formats import READABLE
 from ..formats.contents import Contents
 from ..formats.kind import kind_of
@@ -124,15 +124,14 @@ def describe(path: str, contents: Contents) -> dict[str, Any]:
         facts["volume"] = {name: volume[name] for name in ("size", "spacing", "dtype", "space")}
     if finite.any():
         with mistakes(path):
-            if is_flat(particles):
-                scene = shown_scene(Particles(particles.positions), device="cpu")
-            else:
-                scene = Scene(particles.positions, device="cpu")
+            scene = Scene(particles.positions, device="cpu")
             lo, hi = particles.bounds()
         facts["bounds"] = {"lo": lo, "hi": hi}
         facts["surface"], facts["why_surface"] = _surface(path, particles, scene)
-        if facts["surface"] == "smooth":
-            scene.become_smooth()
+        if facts["why_surface"] == RADII:
+            scene = shown_scene(particles, device="cpu")
+        elif facts["surface"] in ("smooth", "spheres"):
+            scene.become(facts["surface"])
         facts["spacing"] = scene.spacing or None
         facts["default_support"] = scene.support
         with mistakes(path):
@@ -153,12 +152,7 @@ def _surface(path: str, particles: Particles, scene: Scene) -> tuple[str, str]:
         return "balls", "voxels"
     if has_faces(path):
         return "triangles", "faces of the file"
-    if are_spheres(particles, scene):
-        return "spheres", "radii of the file, which do not overlap as a fluid's"
-    if is_flat(particles):
-        return "spheres", "2-D: one z"
-    found = assess_fluid(particles, scene)
-    return "smooth" if found.yes else "balls", found.why
+    return suitable_surface(particles, scene)
 
 
 def _camera(path: str, particles: Particles, scene: Scene, surface: str) -> Camera | None:
@@ -169,7 +163,7 @@ def _camera(path: str, particles: Particles, scene: Scene, surface: str) -> Came
     if has_faces(path):
         return Camera.fit(np.array(np.meshgrid(*np.transpose(particles.bounds()))).reshape(3, -1).T)
     own = particles.support is not None or particles.anisotropy is not None
-    if own and surface != "smooth":
+    if own and surface == "balls":
         scene = shown_scene(particles, device="cpu")
     return fitted(scene, SIZE, None)
 
@@ -249,9 +243,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
             from_there = "  from " + ",".join(f"{v:.15g}" for v in facts["origin"])
         lines.append(f"  bounds     {lo}  to  {hi}{from_there}")
         spacing = facts["spacing"]
-        text = (
-            f"{spacing:.4g}" if spacing else "unknown (too few particles, or all at one position)"
-        )
+        text = f"{spacing:.4g}" if spacing else "unknown (all at one position)"
         lines.append(f"  spacing    {text}")
         lines.append(f"  surface    {facts['surface']} ({facts['why_surface']})")
     if facts["camera"]:

@@ -13,7 +13,6 @@ import numpy as np
 
 from ..data.particles import HERE, Particles
 from ..data.radii import find_radii
-from ..fluids.likeness import flat_spacing, is_flat
 from ..formats import FormatError
 from ..formats.triangles import has_faces
 from ..pieces.scene import Scene
@@ -189,8 +188,7 @@ def _capsules(options: argparse.Namespace, kind: str, path: str, radius: float |
     if radii is not None:
         return Spheres(positions, radii, color, **machine)
     if radius is None:
-        flat = flat_spacing(particles) if is_flat(particles) else None
-        radius = 0.5 * (flat or Scene(positions, device="cpu").spacing or 1.0)
+        radius = 0.5 * (Scene(positions, device="cpu").spacing or 1.0)
     return Spheres(positions, radius, color, **machine)
 
 

@@ -114,7 +114,7 @@ def add_arguments(parser: Parser) -> None:
     flags.add(parser, "--json")
     camera = parser.add_argument_group("camera")
     flags.own(camera, "--fit", "show all particles (the default)")
-    flags.add(camera, "--eye", "default: all is visible; 2-D data from above")
+    flags.add(camera, "--eye", "default: all is visible; 2-D along the normal")
     flags.add(camera, "--look-at", "default: the middle of the particles")
     flags.add(camera, "--up", "default: 0,1,0", default=(0, 1, 0))
     flags.add(camera, "--fov", "default: 40")

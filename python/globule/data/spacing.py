@@ -8,19 +8,17 @@ and keeps its detail where they are near.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import _core
 from .particles import FARTHEST
-
-if TYPE_CHECKING:
-    pass
 
 BLOCK = 1 << 16  # points whose neighbors are looked for between two calls of progress
 # Spacings are kept within these multiples of their median, so that the supports made of them stay
 # within the factor of 1e6 that a scene allows, whatever lies apart or on top of each other.
 LEAST, MOST = 2e-3, 500.0
+FEW = 1000  # particles: fewer are tessellated, as in src/api/spacing.cpp
 _MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
 
 
@@ -47,6 +45,32 @@ def neighbor_spacing(
             progress(begin + len(block), n)
     result[inside] = nearest[which]
     return within_limits(result)
+
+
+def axes_of(positions: np.ndarray) -> np.ndarray:
+    """Orthonormal axes (D, 3), the longest first, of the line, plane or space that holds finite
+    positions (N, 3); none where all are at one place. One particle far away does not make the
+    others flat."""
+    positions = np.ascontiguousarray(positions, np.float32)
+    return np.array(_core.axes_of(positions.ctypes.data, len(positions)))
+
+
+def normal_of(positions: np.ndarray) -> np.ndarray | None:
+    """Unit normal (3,) of the plane that holds finite positions (N, 3), if there is one; towards an
+    eye that sees the plane's x, or else its y, point to the right, with z or else y upwards."""
+    axes = axes_of(positions)
+    if len(axes) != 2:
+        return None
+    normal = np.cross(*axes)
+    normal[np.abs(normal) < 1e-6] = 0.0
+    normal /= np.linalg.norm(normal)
+    right = np.cross(upwards(normal), normal)
+    return normal if right[np.argmax(np.abs(right))] > 0 else 0.0 - normal
+
+
+def upwards(normal: np.ndarray) -> tuple[int, int, int]:
+    """What is upwards in an image along the normal of a plane."""
+    return (0, 1, 0) if abs(normal[2]) > 0.9 else (0, 0, 1)
 
 
 def edge_spacing(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:

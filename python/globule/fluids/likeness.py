@@ -1,8 +1,8 @@
 """Which surface shows particles best, where nobody says which one:
 
 - "spheres" for particles that have radii and do not overlap as those of a fluid (`are_spheres`).
-- "spheres" of half a spacing for 2-D data, i.e. at least 100 particles of equal z. Images show them
-  in flat colors, from above.
+- "spheres" of half a spacing for particles in a plane, which images show in flat colors along its
+  normal; for those in a line; and for scattered ones, which are no medium.
 - "smooth" for particles that look like those of one fluid (`assess_fluid`).
 - "balls" for all others, and where a kernel, support, threshold or dense octree is asked for.
 """
@@ -13,20 +13,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._base.arrays import extent, on_gpu, to_host
+from .._base.arrays import on_gpu, to_host
 from ..data.particles import Particles
 from ..data.radii import find_radii
+from ..data.spacing import axes_of, normal_of
 from ..scene.scene import SceneBase
 
-FEWEST = 100
+FEWEST = 8
+MANY = 100  # of fewer, distances tell less
 # Distances to the nearest particle: the one that 90 % reach over the one that 10 % reach. 1.3 in a
 # splash of SPH particles, 2.1 where its sheets tear, 2.8 of points that know nothing of each other.
 MOST_UNEVEN = 2.4
+MOST_UNEVEN_OF_FEW = 1.7
+# The median of these distances over the spacing: 0.55 of points that know nothing of each other,
+# 0.9 and more in a fluid.
+LEAST_CLOSE = 0.72
 SAMPLES = 512
 # The distance to the nearest particle over the sum of both radii, at half of the particles: grains
 # press into each other by a few hundredths, particles of a fluid overlap.
 LEAST_APART = 0.9
-FLAT = 1e-6  # thickness over extent
+RADII = "radii of the file, which do not overlap as a fluid's"
+SCATTERED = "scattered particles"
 
 
 class Likeness(NamedTuple):
@@ -49,16 +56,15 @@ def alike(value: Any) -> bool:
 def assess_fluid(particles: Particles, scene: SceneBase | None = None) -> Likeness:
     """Whether particles are those of one fluid.
 
-    They are where there are at least 100, with supports and weights alike, of one phase, not in one
+    They are where there are at least 8, with supports and weights alike, of one phase, not in one
     plane, and with similar distances to the nearest particle: the distance that 90 % of the
-    particles reach is at most 2.4 times the one that 10 % reach.
+    particles reach is at most 2.4 times the one that 10 % reach. Fewer than 100 are only where it
+    is at most 1.7 times, and half are at least 0.72 spacings from the nearest one.
 
     Args:
         particles: N particles.
         scene: one of these particles, whose octree serves the search; default: a new one.
     """
-    if len(particles) < FEWEST:
-        return Likeness(False, f"fewer than {FEWEST} particles")
     if particles.anisotropy is not None:
         return Likeness(False, "kernels of their own")
     for name in ("support", "weight"):
@@ -68,23 +74,24 @@ def assess_fluid(particles: Particles, scene: SceneBase | None = None) -> Likene
         if name in particles.attributes and len(np.unique(particles.attributes[name])) > 1:
             return Likeness(False, "several phases")
     inside = particles.finite_positions()
-    if len(inside) < FEWEST:
-        return Likeness(False, f"fewer than {FEWEST} finite positions")
-    size = _size(inside)
-    if size.max() == 0:
+    n = len(axes_of(inside))
+    if n == 0:
         return Likeness(False, "all at one place")
-    if _is_thin(inside, int(np.argmin(size))):
-        return Likeness(False, "particles in a plane")
+    if n < 3:
+        return Likeness(False, f"particles in a {'line' if n == 1 else 'plane'}")
+    if len(inside) < FEWEST:
+        return Likeness(False, f"fewer than {FEWEST} particles")
     scene = scene or SceneBase(Particles(inside), device="cpu")
     spacing = scene.spacing
     if not spacing > 0:
         return Likeness(False, "no spacing")
     some = inside[:: max(1, len(inside) // SAMPLES)][:SAMPLES]
     nearest = _nearest(scene, some, 3 * spacing)
-    low, high = np.percentile(nearest, (10, 90))
-    if not high <= MOST_UNEVEN * low:
-        return Likeness(False, "uneven spacing")
-    return Likeness(True, "even spacing, one fluid")
+    low, middle, high = np.percentile(nearest, (10, 50, 90))
+    many, close = len(inside) >= MANY, middle >= LEAST_CLOSE * spacing
+    if high <= (MOST_UNEVEN if many else MOST_UNEVEN_OF_FEW) * low and (many or close):
+        return Likeness(True, "even spacing, one fluid")
+    return Likeness(False, "uneven spacing" if many and close else SCATTERED)
 
 
 def are_spheres(particles: Particles, scene: SceneBase | None = None) -> bool:
@@ -114,38 +121,6 @@ def are_spheres(particles: Particles, scene: SceneBase | None = None) -> bool:
     return bool(np.median(nearest) >= LEAST_APART)
 
 
-def is_flat(particles: Particles) -> bool:
-    """Whether particles are 2-D data: at least 100, all finite ones at the same z, not in a line
-    along an axis."""
-    if len(particles) < FEWEST or particles.anisotropy is not None:
-        return False
-    inside = particles.finite_positions()
-    if len(inside) < FEWEST:
-        return False
-    if not _size(inside).max() > 0 or not _is_thin(inside, 2):
-        return False
-    return not (_is_thin(inside, 0) or _is_thin(inside, 1))
-
-
-def _is_thin(positions: np.ndarray, axis: int) -> bool:
-    """Whether positions (N, 3) lie in a plane across an axis. One particle far away does not make
-    the others flat: their distance from the middle counts."""
-    size = _size(positions)
-    if size[axis] > FLAT * size.max():
-        return False
-    if size[axis] == 0:
-        return True
-    away = np.median(np.abs(positions - np.median(positions, axis=0)), axis=0)
-    return bool(size[axis] <= FLAT * 4 * away.max())
-
-
-def flat_spacing(particles: Particles) -> float | None:
-    """The spacing of 2-D data, world units: `Scene.fluid_spacing`, which is the square root of the
-    area of a particle; None where that is nothing."""
-    scene = SceneBase(Particles(particles.finite_positions()), device="cpu")
-    return scene.fluid_spacing() or None
-
-
 def choose_surface(particles: Particles, **options: Any) -> str:
     """ "smooth", "spheres" or "balls": the surface that `render` draws of particles.
 
@@ -154,16 +129,27 @@ def choose_surface(particles: Particles, **options: Any) -> str:
         options: further arguments of `Scene`; a kernel, support, threshold or dense octree that is
             asked for makes it "balls".
     """
-    if not is_plain(options):
-        return "balls"
-    if are_spheres(particles) or is_flat(particles):
-        return "spheres"
-    return "smooth" if assess_fluid(particles).yes else "balls"
+    return suitable_surface(particles)[0] if is_plain(options) else "balls"
+
+
+def suitable_surface(particles: Particles, scene: SceneBase | None = None) -> tuple[str, str]:
+    """The surface of `choose_surface`, and why. scene: as for `assess_fluid`."""
+    if are_spheres(particles, scene):
+        return "spheres", RADII
+    own = particles.support is not None or particles.weight is not None
+    flat = particles.anisotropy is None and (len(particles) >= MANY or not own)
+    if flat and normal_of(particles.finite_positions()) is not None:
+        return "spheres", "2-D: one plane"
+    yes, why = assess_fluid(particles, scene)
+    if yes:
+        return "smooth", why
+    apart = why in (SCATTERED, "particles in a line", f"fewer than {FEWEST} particles")
+    return "balls" if own or not apart else "spheres", why
 
 
 def shows_flat(scene: object) -> bool:
-    """Whether a scene shows 2-D data as `render` does: seen from above, in flat colors."""
-    return isinstance(scene, SceneBase) and scene.surface == "spheres" and is_flat(scene.particles)
+    """Whether a scene shows 2-D data as `render` does: along the plane's normal, in flat colors."""
+    return isinstance(scene, SceneBase) and scene.surface == "spheres" and scene.normal is not None
 
 
 def is_plain(options: dict[str, Any]) -> bool:
@@ -171,11 +157,6 @@ def is_plain(options: dict[str, Any]) -> bool:
     others = {"kernel": "murakami", "threshold": None, "support": None}
     plain = all(options.get(name, usual) == usual for name, usual in others.items())
     return plain and options.get("octree") in (None, "sparse")
-
-
-def _size(positions: np.ndarray) -> np.ndarray:
-    lo, hi = extent(positions)
-    return hi - lo
 
 
 def _nearest(scene: SceneBase, points: np.ndarray, radius: float) -> np.ndarray:

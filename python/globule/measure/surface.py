@@ -75,12 +75,13 @@ def spheres_of(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def default_spacing(scene: Scene) -> float:
-    """Half the particles' spacing; for fewer particles than have one, an eighth of a support; of
-    spheres of different radii, half the median radius."""
+    """Half the particles' spacing, at most a quarter of the largest support; an eighth of a support
+    where all are at one place; of spheres of different radii, half the median radius."""
     spheres = spheres_of(scene)
     if spheres is not None and np.ndim(scene.support) and len(spheres[1]):
         return float(np.median(spheres[1])) / 2
-    return scene.spacing / 2 or float(np.max(to_host(scene.support))) / 8
+    support = float(np.max(to_host(scene.support)))
+    return min(scene.spacing / 2, support / 4) or support / 8
 
 
 def box_of_corners(box: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import to_host
+from .._base.arrays import box_corners, to_host
 from .._base.checks import choice, positive, whole
 from .._base.device import choose
 from .._base.memory import resident_bytes, trim
@@ -17,7 +17,8 @@ from .._base.owner import Owner
 from .._base.ranks import ranks_of
 from ..data.attributes import attribute_values, checked_range, color_by, ends_of_map
 from ..data.particles import Particles
-from ..fluids.likeness import assess_fluid
+from ..data.spacing import normal_of
+from ..fluids.likeness import suitable_surface
 from ..scene.fitting import octree_bytes, room_on
 from ..scene.scene import (
     DEFAULTS,
@@ -224,6 +225,11 @@ class Pieces(Owner):
         """(lowest, highest) corner of the particles: (3,) float64 each, world."""
         return self.low, self.high
 
+    @property
+    def normal(self) -> np.ndarray | None:
+        """Unit normal (3,) of the plane that holds all particles, if it is one across an axis."""
+        return normal_of(box_corners(self.low, self.high).astype(np.float32))
+
     def _settle(self, source: Source, threshold: float | None) -> None:
         """Surface, support and spacing, measured where nobody says them."""
         own = self._reach[1] > 0 or self.support is not None
@@ -294,12 +300,12 @@ class Pieces(Owner):
         sample = Particles(near[np.lexsort(near.T)])
         scene = SceneBase(sample, device="cpu", threads=self._options["threads"])
         if auto:
-            self.surface = "smooth" if assess_fluid(sample, scene).yes else "balls"
+            self.surface = suitable_surface(sample, scene)[0]
         if self.surface == "balls":
             self.support = float(scene.support)
         elif self.spacing is None:
-            scene.become_smooth()
-            self.spacing = float(scene.support) / SMOOTH_SUPPORT
+            scene.become(self.surface)
+            self.spacing = scene.spacing or 1.0
 
     def _counts(self, source: Source) -> np.ndarray:
         """Particles of all ranks in each cell."""

@@ -100,10 +100,10 @@ class Scene(SceneBase):
         if o["octree"] == "sparse" and o["level"] is None and o["bounds"] is None:
             lack = lacking(n, to_read, o["surface"], o["key_bits"], device)
         scene: Scene = object.__new__(Scene if lack is None else SceneInPieces)
-        scene._found = particles, device, lack
+        scene._counted = particles, device, lack
         return scene
 
-    _found: Any = None  # particles, read where only that tells how many there are; device; lack
+    _counted: Any = None  # particles, read where only that tells how many there are; device; lack
 
     def __init__(
         self,
@@ -123,8 +123,8 @@ class Scene(SceneBase):
         comm: Any = None,
         ranks: str = "auto",
     ):
-        if self._found is not None:
-            particles = vars(self).pop("_found")[0]
+        if self._counted is not None:
+            particles = vars(self).pop("_counted")[0]
         super().__init__(
             particles, kernel, threshold, support, key_bits, level, octree, device, threads,
             bounds, surface, spacing,
@@ -152,7 +152,7 @@ class SceneInPieces(Scene):
 
     def __init__(self, *given: Any, **named: Any):
         options = bound(given, named)
-        particles, device, lack = self._found
+        particles, device, lack = self._counted
         for name in ("particles", "device", "octree", "level", "bounds", "comm", "ranks"):
             del options[name]
         self._divide(particles, lack, device, None, **options)
@@ -282,7 +282,12 @@ class SceneInPieces(Scene):
         is 0."""
         return float(self.pieces.spacing or 0.0)
 
-    def become_smooth(self) -> None:
+    @property
+    def normal(self) -> np.ndarray | None:
+        """Unit normal (3,) of the plane that holds all particles, if there is one, world."""
+        return self.pieces.normal
+
+    def become(self, surface: str) -> None:
         """Not in pieces: give `surface` to `Scene`."""
         self._refuse()
 
@@ -428,6 +433,11 @@ class SceneOnRanks(Scene):
         raise ValueError(
             "scene: expected a scene in one process, got one on ranks, which can be drawn alone"
         )
+
+    @property
+    def normal(self) -> np.ndarray | None:
+        """Unit normal (3,) of the plane that holds all ranks' particles, if there is one, world."""
+        return self._made().normal
 
     def _made(self) -> Any:
         return self._pieces if self._used == self.pieces else self._whole

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from .._base.device import choose
-from ..data.radii import find_radii
-from ..fluids.likeness import FEWEST, are_spheres, assess_fluid, flat_spacing, is_flat, is_plain
+from ..fluids.likeness import RADII, is_plain, suitable_surface
 from ..scene.fitting import counted, lacking
 from ..scene.sources import as_particles
 from .scene import Scene, SceneInPieces
@@ -21,18 +20,12 @@ def shown_scene(value: Any, **options: Any) -> Scene:
     if divided is not None:
         return divided
     particles = as_particles("scene", value)
-    if find_radii(particles) is not None:
-        scene = Scene(particles, **options)
-        if are_spheres(particles, scene):
-            scene.become_spheres()
-            return scene
-    if len(particles) < FEWEST:
-        return Scene(particles, **options)
-    if is_flat(particles):
-        return Scene(particles, surface="spheres", spacing=flat_spacing(particles), **options)
     scene = Scene(particles, **options)
-    if assess_fluid(particles, scene).yes:
-        scene.become_smooth()
+    surface, why = suitable_surface(particles, scene)
+    if why == RADII:
+        scene.become_spheres()
+    elif surface != "balls":
+        scene.become(surface)
     return scene
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.arrays import VectorLike, box_corners, to_host
+from ..data.spacing import upwards
 from ..fluids.likeness import shows_flat
 from ..scene.mesh import Mesh
 from ..scene.scene import REACH, SceneBase
@@ -18,7 +19,10 @@ from .legend import strip_width
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-FROM_ABOVE: dict[str, Any] = {"direction": (0, 0, 1), "up": (0, 1, 0), "orthographic": True}
+
+def along_normal(normal: np.ndarray) -> dict[str, Any]:
+    """How a camera looks at 2-D data."""
+    return {"direction": normal, "up": upwards(normal), "orthographic": True}
 
 
 def fit_camera(
@@ -28,7 +32,8 @@ def fit_camera(
     if isinstance(scene, Mesh):
         return Camera.fit(corners_of(scene) if around is None else around, size=size, **options)
     if shows_flat(scene):
-        options = FROM_ABOVE | options
+        assert scene.normal is not None
+        options = along_normal(scene.normal) | options
     seen = scene.particles if around is None else around
     return Camera.fit(seen, size=size, margin=surface_reach(scene), **options)
 

@@ -46,10 +46,10 @@ def render(
     Args:
         scene: a `Scene`; a `Mesh`; an argument of `Scene`, i.e. `Particles`, (N, 3) positions or a
             file's name (a file with faces is drawn as its triangles); a simulation; or a list of up
-            to 4 of these or of `Layer`s for one image. 2-D data (at least 100 particles of equal z)
-            are shown as spheres of half a spacing, in flat colors where the settings leave the
-            lights at their default.
-        camera: default: `Camera.fit` of the first scene; of 2-D data from above, orthographic. A
+            to 4 of these or of `Layer`s for one image. 2-D data (particles in one plane) are shown
+            as spheres of half a spacing, in flat colors where the settings leave the lights at
+            their default.
+        camera: default: `Camera.fit` of the first scene; of 2-D data along the normal. A
             size may replace the camera; settings may follow it.
         size: (width, height) pixels.
         settings: `RenderSettings`, or a dict of its fields.

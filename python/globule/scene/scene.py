@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base.arrays import ABSENT, HOST, View, address, on_gpu, unit_vectors, view
+from .._base.arrays import ABSENT, HOST, View, address, on_gpu, to_host, unit_vectors, view
 from .._base.checks import choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
 from .._base.owner import Owner
 from ..data.attributes import color_by
 from ..data.particles import FIELDS, Particles
 from ..data.radii import find_radii
+from ..data.spacing import FEW, normal_of
 from .octree import Octree
 from .sources import as_particles
 from .thesis import Thesis, check_tracing
@@ -55,6 +56,7 @@ SMOOTH_THRESHOLD = 0.5
 SPHERE_RADIUS, SPHERE_THRESHOLD = 0.94868, 0.01
 SPHERE_SUPPORT = 0.5 / SPHERE_RADIUS  # spacings
 DEFAULT_COLOR = (0.28, 0.52, 0.80)
+A_DOZEN = 12
 MAX_PARTICLES = 2**31 - 64
 MAX_SUPPORT = 1e18  # past it squares overflow float32
 MAX_RATIO = 1e6  # between the largest and the smallest support
@@ -135,6 +137,7 @@ class SceneBase(Owner):
         self._stale = False
         self._support = None if support is None else positive("support", support)
         self._spacing = None if spacing is None else positive("spacing", spacing)
+        self._found: dict[str, Any] = {}  # what was measured of the particles
         self._known: dict[str, Any] = {}  # the particles' fields when the octree was built
         self._build(particles)
 
@@ -195,12 +198,12 @@ class SceneBase(Owner):
         """Color the particles by a value, from the next image on."""
         self.update(color_by(self.particles, name, colormap, range))
 
-    def become_smooth(self) -> None:
-        """Draw the smooth surface of the same particles, with the spacing that was measured."""
+    def become(self, surface: str) -> None:
+        """Draw "smooth" or "spheres" of the same particles, with the spacing that was measured."""
         with self._lock:
-            self._spacing = self._spacing or self.fluid_spacing() or None
-            self.surface, self._support = "smooth", None
-            self.threshold = SMOOTH_THRESHOLD
+            self._spacing = self._spacing or self._measured(surface) or None
+            self.surface, self._support = surface, None
+            self.threshold = self._defaults[1]
             self._build(self.particles)
 
     def become_spheres(self) -> None:
@@ -218,6 +221,7 @@ class SceneBase(Owner):
         if n > MAX_PARTICLES:
             raise ValueError(f"positions: expected at most {MAX_PARTICLES:,} particles, got {n:,}")
         stretch, most_stretch, found, spacing = ABSENT, 1.0, self._support, self._spacing
+        known: dict[str, Any] = {}
         smooth = self.surface == "smooth"
         if smooth:
             support, one_support = ABSENT, SMOOTH_SUPPORT * spacing if spacing else None
@@ -264,11 +268,12 @@ class SceneBase(Owner):
 
         if support is ABSENT and one_support is None:
             build(0.0)
-            measured = _fluid_spacing(self._raw, n) if smooth else self._raw.spacing()
-            one_support = self._defaults[0] * (measured or _guess_spacing(p, n))
-            if measured and smooth:
+            measured = _spacing(self._raw, p, self.surface)
+            known = dict.fromkeys(SURFACES if n < FEW else (self.surface,), measured)
+            one_support = self._defaults[0] * (measured or 1.0)
+            if measured and smooth and n > A_DOZEN:
                 spacing = measured
-            elif measured:  # too few particles: found anew next time
+            elif measured and n > A_DOZEN:  # of fewer it is found anew next time
                 found = one_support
         elif support is ABSENT:
             one_support = positive("support", one_support)
@@ -295,6 +300,7 @@ class SceneBase(Owner):
             _spacing=spacing,
             _arrays=[*arrays, support],  # the core reads them again when it gathers colors
             _stale=False,
+            _found=known,
         )
 
     def _stretch(self, matrices: np.ndarray) -> tuple[View, np.ndarray, float]:
@@ -318,20 +324,34 @@ class SceneBase(Owner):
 
     @property
     def spacing(self) -> float:
-        """Spacing of the particles, world units; 0 if the scene has too few particles. Of balls,
-        the median over up to 1024 particles, from their nearest neighbors. Of the smooth surface,
-        the cube root of a particle's volume, given or measured; of spheres, the one they were made
-        with."""
+        """Spacing of the particles, world units; 0 if the scene has none at two
+        places. Of the smooth surface and of spheres, the one given or measured first. Of fewer than
+        1000 particles or those in a plane or line, from their tessellation: the cube root of a
+        particle's volume, the square root of its area or its length. Of more balls, the median
+        over up to 1024 particles, from their nearest neighbors."""
         if self.surface != "balls" and self._spacing:
             return self._spacing
-        return self._scene.spacing()
+        return self._measured("balls")
 
     def fluid_spacing(self) -> float:
         """The spacing that a smooth surface of these particles has, world units: the cube root of a
-        particle's volume, measured around up to 1024 particles; 0 if they are too few."""
+        particle's volume, measured around up to 1024 particles; 0 if they are all at one
+        place."""
         if self.surface == "smooth" and self._spacing:
             return self._spacing
-        return _fluid_spacing(self._scene, len(self))
+        return self._measured("smooth")
+
+    def _measured(self, surface: str) -> float:
+        if surface not in self._found:
+            self._found[surface] = _spacing(self._scene, self.particles, surface)
+        return self._found[surface]
+
+    @property
+    def normal(self) -> np.ndarray | None:
+        """Unit normal (3,) of the plane that holds all particles, if there is one, world."""
+        if "normal" not in self._found:
+            self._found["normal"] = normal_of(self.particles.finite_positions())
+        return self._found["normal"]
 
     @property
     def octree(self) -> Octree:
@@ -497,6 +517,12 @@ class SceneBase(Owner):
         )
 
 
+def threshold_of(surface: str, kernel: str) -> float:
+    """The default iso-value."""
+    own = {"smooth": SMOOTH_THRESHOLD, "spheres": SPHERE_THRESHOLD}
+    return own.get(surface, DEFAULTS[kernel][1])
+
+
 def check_choices(kernel: str, surface: str, octree: str, key_bits: int) -> None:
     """Raise ValueError for arguments of a scene that are none of the choices there are."""
     choice("kernel", kernel, KERNELS)
@@ -545,18 +571,9 @@ def _space(bounds: Any) -> list[float]:
     return [float(x) for x in box.ravel()]
 
 
-def _fluid_spacing(core: Any, n: int) -> float:
-    """A particle's volume tells it; in bodies of few layers that is more than neighbors say."""
-    volume, neighbors = core.fluid_spacing(), core.spacing()
-    few = n < 1000  # as in src/api/scene.cpp; a close packing has 1.28
-    return volume if volume <= (1.05 if few else 1.3) * neighbors else neighbors
-
-
-def _guess_spacing(particles: Particles, n: int) -> float:
-    """The spacing where neighbors tell nothing (a dozen particles or fewer, or all at one place):
-    the box's edge divided by the cube root of the number of particles, or 1."""
-    if on_gpu(particles.positions) or len(particles.finite_positions()) == 0:
-        return 1.0
-    lo, hi = particles.bounds()
-    extent = float(np.max(hi - lo))
-    return extent / n ** (1 / 3) if extent > 0 else 1.0
+def _spacing(core: Any, particles: Particles, surface: str) -> float:
+    """The measured spacing, 0 where all are at one place; of a core's particles that it has."""
+    n, positions = len(particles), particles.positions
+    known = n < FEW or not on_gpu(positions)  # of many on a GPU it is that of a body
+    positions = np.ascontiguousarray(to_host(positions)) if known else np.empty(0)
+    return core.spacing(address(positions) if known else 0, n, surface == "smooth")

@@ -13,7 +13,7 @@ from ..data.attributes import attribute_values
 from ..data.particles import Particles
 from ..fluids import likeness
 from ..pieces.scene import Scene
-from ..scene.scene import DEFAULTS, SMOOTH_THRESHOLD
+from ..scene.scene import threshold_of
 from ..scene.thesis import Thesis, fitting_level
 from .state import State
 
@@ -47,13 +47,13 @@ class SceneMaker:
             self._given_threshold = given.threshold
         self.fluids = True
         self.lead: Callable[[], Particles] | None = None
-        self._fluid: tuple[int, bool] | None = None  # how many particles were judged, and how
+        self._judged: tuple[int, str] | None = None  # how many particles were judged, and how
         self._shown: Any = None if given is None else (given.particles, "")
         self._other: Scene | None = None
         self.range = (0.0, 1.0)  # of the color map
 
     def shape(self, particles: Particles, state: State, threshold: float | None = None) -> str:
-        """ "smooth" or "balls", by the rule of `globule.render`.
+        """ "smooth", "spheres" or "balls", by the rule of `globule.render`.
 
         Particles are judged once, so that a surface does not change its kind while it moves; a few
         particles are judged again when there are more.
@@ -68,10 +68,10 @@ class SceneMaker:
             return self._given.surface
         if not self.fluids or state.look.preset == "thesis":
             return "balls"
-        if self._fluid is None or self._fluid[0] < likeness.FEWEST:
+        if self._judged is None or self._judged[0] < likeness.MANY:
             judged = self._leading(particles)
-            self._fluid = len(judged), likeness.assess_fluid(judged).yes
-        return "smooth" if self._fluid[1] else "balls"
+            self._judged = len(judged), likeness.suitable_surface(judged)[0]
+        return self._judged[1]
 
     def _leading(self, particles: Particles) -> Particles:
         """Those that lead, or these where that frame cannot be read."""
@@ -82,7 +82,7 @@ class SceneMaker:
 
     def _wanted(self, particles: Particles, state: State, threshold: float | None) -> tuple:
         surface, shape = state.surface, self.shape(particles, state, threshold)
-        if shape == "smooth":  # finds kernel and supports itself
+        if shape != "balls":  # finds kernel and supports itself
             return "murakami", None, "exact", shape
         root = "exact" if surface.root == "exact" else "thesis"
         return surface.kernel, surface.support, root, shape
@@ -104,7 +104,7 @@ class SceneMaker:
         self._built, self._shown = wanted, shown
         given = self._given
         own = None if given is None or given.surface != wanted[3] else self._given_threshold
-        usual = SMOOTH_THRESHOLD if wanted[3] == "smooth" else DEFAULTS[state.surface.kernel][1]
+        usual = threshold_of(wanted[3], state.surface.kernel)
         for value in (state.surface.threshold, threshold, own, usual):
             if value is not None:
                 self._scene.threshold = float(value)
@@ -154,7 +154,7 @@ def scene_options(
     particles: Particles, kernel: str, support: float | None, root: str, shape: str, **machine: Any
 ) -> dict[str, Any]:
     """Further arguments of `Scene` for a support (None: automatic), root method and surface."""
-    if shape == "smooth":
+    if shape != "balls":
         return {"surface": shape}
     if root == "exact":
         return {} if support is None else {"support": support}

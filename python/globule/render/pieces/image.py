@@ -14,7 +14,7 @@ from ..._base.memory import trim
 from ...pieces.pieces import Pieces
 from ...scene.scene import SceneBase
 from ..camera import Camera
-from ..fit import FROM_ABOVE
+from ..fit import along_normal
 from ..frame import Frame
 from ..layers import Layer
 from ..materials import Material
@@ -331,6 +331,6 @@ def in_turn(
 def fit(scene: Pieces, size: tuple[int, int], **options: Any) -> Camera:
     """A camera that shows the box around all particles, with room for the surface."""
     lo, hi = scene.bounds()
-    if lo[2] == hi[2] and not options:
-        options = FROM_ABOVE
+    if scene.normal is not None and not options:
+        options = along_normal(scene.normal)
     return Camera.fit(box_corners(lo, hi), size=size, margin=scene.outside, **options)
