@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import os
 import sys
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from cli_helpers import SMALL, refused, run_json
 from format_helpers import DATA
+from globule import _core
 from globule._base.ranks import Alone
 from globule.cli import main
 from globule.formats.ranges import has_ranges, ranges
@@ -19,6 +21,7 @@ from globule.pieces import pieces as of_pieces
 from globule.pieces import store
 from globule.pieces.partition import Partition, histogram, space_around
 from globule.pieces.pieces import Pieces
+from globule.render.pieces import shading
 from pieces_helpers import own_shapes
 from PIL import Image
 from scenes import KERNELS
@@ -379,3 +382,49 @@ def test_particles_without_a_place_are_counted(files, little, capsys):
         assert f"{name}: expected particles, got none with a finite position" in error
     pieces = Pieces(np.zeros((9, 3)), memory=1e9)  # a box without extent
     assert pieces.partition.n == 1
+
+
+@pytest.mark.parametrize("own", [False, True])  # a support that all have
+def test_what_is_measured_is_that_of_one_scene(own):
+    """Surface, spacing and camera of pieces and ranks, by themselves."""
+    from globule._base.ranks import run_threads
+    from globule.pieces.shown import shown_scene
+    from globule.render.fit import fitted
+    from globule.render.pieces.image import fit
+
+    rng = np.random.default_rng(3)
+    points = np.stack(np.mgrid[:14, :12, :10], -1).reshape(-1, 3)
+    points = (points + rng.uniform(-0.1, 0.1, points.shape)).astype("f4")
+    support = 2.0 if own else None
+    one = shown_scene(gb.Particles(points, support=support), device="cpu")
+    camera = fitted(one, (160, 120), None)
+
+    def measured(pieces):
+        assert pieces.surface == one.surface == "smooth"
+        assert pieces.spacing == one.spacing
+        assert fit(pieces, (160, 120)) == camera
+
+    def rank(ranks):
+        first, last = (len(points) * r // ranks.size for r in (ranks.rank, ranks.rank + 1))
+        share = gb.Particles(points[first:last], support=support)
+        measured(Pieces(share, comm=ranks, surface="auto", device="cpu"))
+
+    whole = gb.Particles(points, support=support)
+    with contextlib.closing(Pieces(whole, n=3, surface="auto", device="cpu")) as pieces:
+        measured(pieces)
+    run_threads(3, rank)
+
+
+@pytest.mark.skipif(_core.cpu_backends()[-1] == "cpu_v2", reason="x86-64-v2 fuses nothing")
+@pytest.mark.parametrize("height", [None, 9.0])
+def test_rays_of_samples_are_the_cores(height):
+    """Bit by bit: else rays that graze the surface meet it here and miss it there."""
+    camera = gb.Camera((31, 22, 40), (6, 6, 6), height=height)
+    scene = gb.Scene(POSITIONS, support=2.0, device="cpu")
+    frame = gb.render(scene, camera, (80, 60), settings={"edge_samples": 0})
+    origins, directions = shading.rays_of(camera, (80, 60), np.arange(80 * 60))
+    hit = frame.mask.ravel()
+    assert hit.sum() > 500
+    t = frame.distance.reshape(-1, 1)[hit].astype(np.float64)
+    places = (t * directions[hit] + origins[hit]).astype(np.float32)
+    assert (places == frame.position.reshape(-1, 3)[hit]).all()

@@ -10,7 +10,9 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import cube
+from globule._demo.data import splash
 from globule.cli import main
+from globule.pieces.pieces import Pieces
 from launcher import mpirun
 from pieces_helpers import CAMERA, COLOR, CUT, PARTICLES, POSITIONS, SIZE, N
 from PIL import Image
@@ -72,6 +74,22 @@ from globule.cli import main
 for words in sys.argv[1:]:
     assert main(["render", *shlex.split(words), "--threads", "1"]) == 0
 """
+
+
+@pytest.mark.slow
+def test_the_splash_with_defaults(tmp_path, monkeypatch):
+    """On ranks and in pieces, no pixel differs from one process's by more than one level."""
+    monkeypatch.chdir(tmp_path)
+    gb.write("splash.npz", gb.Particles(splash()[0]))
+    words = ["render", "splash.npz", "--size", "640x480", "--threads", "1", "--device", "cpu"]
+    assert main([*words, "-o", "one.png"]) == 0
+    one = np.asarray(Image.open("one.png")).astype(int)
+    for n in (2, 3, 7):
+        run = mpirun(n, "-m", "globule", *words, "-o", f"{n}.png")
+        assert run.returncode == 0, run.stderr
+        pieces = Pieces(gb.read("splash.npz"), n=n, surface="auto", device="cpu")
+        for image in (np.asarray(Image.open(f"{n}.png")), gb.render(pieces, (640, 480)).image):
+            assert np.abs(one - image).max() <= 1
 
 
 @pytest.mark.slow

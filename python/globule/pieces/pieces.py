@@ -40,7 +40,8 @@ BYTES = {"balls": 80, "spheres": 80, "smooth": 125}
 DEVICE_SHARE = 0.8  # of the memory that a GPU has free, for a piece and its image
 OVERHEAD = 160_000_000  # bytes of the chunk that is being dealt out, or of an image
 SMOOTH_REACH = 3.375  # spacings: of a smooth kernel, and of the neighbors that shape it
-SAMPLE = 40_000  # particles at which spacing and surface are measured
+WHOLE = 1_000_000  # particles: of at most so many, spacing and surface are measured at all
+SAMPLE = 40_000  # of more, at about so many
 MOST_PIECES = 4096
 IMBALANCE = 1.25  # most particles of a rank over the mean; past it all are divided anew
 SLACK = 0.125  # of the extent, on each side, for particles that have left the space once
@@ -72,7 +73,8 @@ class Pieces(Owner):
             anywhere at first; each goes to the rank that owns it, and as a copy to those beside.
         color_by, colormap, range: as for `render`.
         kernel, threshold, support, surface, spacing, device, threads, key_bits: as for `Scene`;
-            surface may be "auto". What is not given is measured where the particles are densest.
+            surface may be "auto". What is not given is measured as of one
+            scene; of more than a million particles where they are densest.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
@@ -161,6 +163,7 @@ class Pieces(Owner):
         )
         ranks = self.ranks
         self.n_particles = int(ranks.total(np.int64(n)))
+        self._outlined = source if self.n_particles <= WHOLE else None
         lows, highs = ranks.least(low), ranks.most(high)
         empty = not np.isfinite(lows).all()
         self.low: np.ndarray = np.zeros(3) if empty else lows
@@ -225,6 +228,15 @@ class Pieces(Owner):
         """(lowest, highest) corner of the particles: (3,) float64 each, world."""
         return self.low, self.high
 
+    def outline(self) -> np.ndarray:
+        """The positions (N, 3) of all ranks' particles, as one scene's camera is fitted to them; of
+        more than a million the corners (8, 3) of their box."""
+        if self._outlined is None or not self.n_particles:
+            return box_corners(self.low, self.high)
+        parts = [to_host(some.positions) for some in self._outlined.chunks()]
+        own = np.concatenate([np.empty((0, 3), np.float32), *parts])
+        return self.ranks.concatenated(own)
+
     @property
     def normal(self) -> np.ndarray | None:
         """Unit normal (3,) of the plane that holds all particles, if it is one across an axis."""
@@ -234,7 +246,8 @@ class Pieces(Owner):
         """Surface, support and spacing, measured where nobody says them."""
         own = self._reach[1] > 0 or self.support is not None
         auto = self.surface == "auto"
-        if auto and (own or self.kernel != "murakami" or threshold is not None):
+        asked = self.support is not None or threshold is not None or self.kernel != "murakami"
+        if auto and asked:
             self.surface, auto = "balls", False
         if self.surface in ("smooth", "spheres"):
             if self.kernel != "murakami" or self.support is not None:
@@ -280,9 +293,30 @@ class Pieces(Owner):
         return bool(within.all()) and self._space(0.0).margin <= space.margin
 
     def _measure(self, source: Source, auto: bool) -> None:
-        """Spacing, and which surface, of the particles in the fullest cube and around it."""
-        each = max(self.n_particles, 1) / SAMPLE
-        level = int(np.clip(round(math.log(max(each, 1.0), 8)), 0, 5))
+        """Spacing, and which surface: those of one scene with all particles. Of more than fit,
+        those of the particles in the fullest cube, in an order of their own."""
+        if self.n_particles <= WHOLE:
+            rows = [self._layout.rows(some) for some in source.chunks()]
+        else:
+            rows = self._fullest(source)
+        rows.append(np.empty((0, self._layout.width), np.float32))
+        near = self.ranks.concatenated(np.concatenate(rows))
+        if self.n_particles > WHOLE:
+            near = near[np.lexsort(near.T)]
+        sample = self._layout.particles(near)
+        scene = SceneBase(Particles(sample.positions), self.kernel, device="cpu",
+                          threads=self._options["threads"])  # fmt: skip
+        if auto:
+            self.surface = suitable_surface(sample, scene)[0]
+        if self.surface == "balls":
+            self.support = self.support or (None if self._reach[1] > 0 else float(scene.support))
+        elif self.spacing is None:
+            scene.become(self.surface)
+            self.spacing = scene.spacing or 1.0
+
+    def _fullest(self, source: Source) -> list[np.ndarray]:
+        """The rows of this rank's particles in the cube that has most."""
+        level = int(np.clip(round(math.log(self.n_particles / SAMPLE, 8)), 0, 5))
         space = space_around(self.low, self.high, 0.0, 0.0)._replace(level=level)
         counts = np.zeros(8**level, np.int64)
         for some in source.chunks():
@@ -290,22 +324,12 @@ class Pieces(Owner):
         fullest = int(np.argmax(self.ranks.total(counts)))
         found, n = [], 0
         for some in source.chunks():
-            code = codes_of(cells_of(space, to_host(some.positions)))
-            found.append(to_host(some.positions)[code == fullest])
+            inside = codes_of(cells_of(space, to_host(some.positions))) == fullest
+            found.append(self._layout.rows(some[inside]))
             n += len(found[-1])
             if n > 50 * SAMPLE:
                 break
-        near = np.concatenate([a for part in self.ranks.all(found) for a in part] or
-                              [np.empty((0, 3), np.float32)])  # fmt: skip
-        sample = Particles(near[np.lexsort(near.T)])
-        scene = SceneBase(sample, device="cpu", threads=self._options["threads"])
-        if auto:
-            self.surface = suitable_surface(sample, scene)[0]
-        if self.surface == "balls":
-            self.support = float(scene.support)
-        elif self.spacing is None:
-            scene.become(self.surface)
-            self.spacing = scene.spacing or 1.0
+        return found
 
     def _counts(self, source: Source) -> np.ndarray:
         """Particles of all ranks in each cell."""

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ..._base.arrays import box_corners
 from ..._base.memory import trim
 from ...pieces.pieces import Pieces
 from ...scene.scene import SceneBase
@@ -329,8 +328,7 @@ def in_turn(
 
 
 def fit(scene: Pieces, size: tuple[int, int], **options: Any) -> Camera:
-    """A camera that shows the box around all particles, with room for the surface."""
-    lo, hi = scene.bounds()
+    """The camera of one scene with all particles, with room for the surface."""
     if scene.normal is not None and not options:
         options = along_normal(scene.normal)
-    return Camera.fit(box_corners(lo, hi), size=size, margin=scene.outside, **options)
+    return Camera.fit(scene.outline(), size=size, margin=scene.outside, **options)
