@@ -1,5 +1,7 @@
 """Coordinates that float32 would not keep: positions are given from an origin, files keep all."""
 
+import argparse
+import re
 import warnings
 
 import globule as gb
@@ -8,6 +10,7 @@ import pytest
 from cli_helpers import run_json
 from globule.cli import main
 from globule.data.particles import HERE, relative
+from globule.formats.vtk_data import write_polygons
 from globule.render.legend import tick_labels
 from PIL import Image
 
@@ -28,12 +31,14 @@ def read(name: str) -> gb.Particles:
 
 def test_float64_far_away_gets_an_origin_and_nothing_else_does():
     near = lattice()
-    for kept in (near, near + 10, (near + FAR).astype("f4"), near[:4] + FAR, np.empty((0, 3))):
+    for kept in (near, near + 10, (near + FAR).astype("f4"), near[:1] + FAR, np.empty((0, 3))):
         assert relative(kept)[1] == HERE
     positions, origin = relative(near + FAR)
     assert origin != HERE
     np.testing.assert_array_equal(positions + origin, near + FAR)
     assert np.abs(positions).max() < 10
+    few, origin = relative(near[:2] + FAR)  # two tell a spacing
+    np.testing.assert_array_equal(few + origin, near[:2] + FAR)
     flat, origin = relative((near + FAR)[:, :2])  # 2-D
     assert flat.shape[1] == 3
     assert origin[2] == 0
@@ -119,18 +124,87 @@ def test_pieces_of_a_file_have_one(capsys, monkeypatch):
     np.testing.assert_allclose(whole, lattice() + FAR, atol=1e-7)
 
 
-def test_a_mesh_beside_stands_where_it_is(capsys):
+def write_triangle(name: str, place: np.ndarray) -> None:
+    corners = place + [(0, 0, 3), (1, 0, 3), (0, 1, 3)]
+    if name.endswith(".vtp"):
+        write_polygons(name, corners, {}, polys=np.array([[0, 1, 2]]))
+        return
+    lines = [f"v {x} {y} {z}" for x, y, z in corners]
+    with open(name, "w") as file:
+        file.write("\n".join([*lines, "f 1 2 3", ""]))
+
+
+@pytest.mark.parametrize("to", [".obj", ".vtp"])
+def test_a_mesh_beside_stands_where_it_is(to, capsys):
     images = []
     for name, place in (("near", np.zeros(3)), ("far", FAR)):
         np.save(f"{name}.npy", lattice() + place)
-        corners = place + [(0, 0, 3), (1, 0, 3), (0, 1, 3)]
-        lines = [f"v {x} {y} {z}" for x, y, z in corners]
-        with open(f"{name}.obj", "w") as file:
-            file.write("\n".join([*lines, "f 1 2 3", ""]))
-        words = [f"{name}.npy", "-o", f"{name}.png", "--mesh", f"{name}.obj", *MACHINE]
+        write_triangle(f"{name}{to}", place)
+        words = [f"{name}.npy", "-o", f"{name}.png", "--mesh", f"{name}{to}", *MACHINE]
         assert main(["render", *words]) == 0
         images.append(np.asarray(Image.open(f"{name}.png")).astype(int))
     assert np.abs(images[0] - images[1]).mean() < 0.1
+
+
+@pytest.mark.parametrize("to", [".obj", ".vtp"])
+def test_a_mesh_alone_has_an_origin(to, capsys):
+    write_triangle(f"far{to}", FAR)
+    report = run_json(capsys, "render", f"far{to}", "-o", "far.png", *MACHINE)
+    assert np.abs(np.subtract(report["origin"], FAR)).max() < 10
+    assert np.abs(report["camera"]["look_at"]).max() < 10
+    with pytest.warns(UserWarning, match="positions are given from"):
+        mesh = gb.Mesh(f"far{to}")
+    world = np.unique(mesh.vertices + np.asarray(mesh.origin), axis=0)
+    np.testing.assert_allclose(world, FAR + [(0, 0, 3), (0, 1, 3), (1, 0, 3)], atol=1e-6)
+    there = gb.Particles(lattice(), origin=FAR)
+    assert np.allclose(gb.Mesh(f"far{to}", origin=FAR).vertices.max(axis=0), (1, 1, 3), atol=1e-6)
+    with pytest.raises(ValueError, match="scene: expected layers with one origin"):
+        gb.render([gb.Layer(there), gb.Layer(gb.Mesh(f"far{to}", origin=FAR - 1))], size=(96, 72))
+
+
+def test_rigid_bodies_beside_stand_where_they_are(monkeypatch):
+    from globule.cli import meshes
+
+    class Bodies:
+        def __init__(self, folder, **options):
+            self.together = gb.Mesh([(9, 0, 0), (10, 0, 0), (9, 1, 0)], [(0, 1, 2)])
+
+    monkeypatch.setattr(meshes, "RigidBodies", Bodies)
+    options = argparse.Namespace(device="cpu", threads=1, origin=(8.0, 0.0, 0.0))
+    bounds = meshes.read_bodies("bodies", options).together.bounds()
+    np.testing.assert_array_equal(bounds, [(1, 0, 0), (2, 1, 0)])
+
+
+@pytest.mark.parametrize("to", [".ply", ".obj", ".vtp", ".stl"])
+def test_meshes_are_written_in_world_coordinates(to, capsys):
+    np.save("a.npy", lattice() + FAR)
+    assert main(["mesh", "a.npy", "-o", f"b{to}"]) == 0
+    said = capsys.readouterr().err
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        mesh = gb.Mesh(f"b{to}")
+    middle = np.mean(mesh.bounds(), axis=0) + mesh.origin
+    if to == ".stl":  # float32
+        assert "b.stl: positions are given from" in said
+        middle += read("a.npy").origin
+    np.testing.assert_allclose(middle, FAR + 0.5, atol=0.01)
+
+
+@pytest.mark.parametrize("command", [["slice", "--grid"], ["project"], ["gauge", "--map"]])
+def test_samples_are_written_in_world_coordinates(command, capsys):
+    np.save("a.npy", lattice() + FAR)
+    name, *words = command
+    for to in (".csv", ".npz", ".vti", ".vtp"):
+        assert main([name, "a.npy", *words, "--sample-spacing", "0.25", "-o", f"b{to}"]) == 0
+    world = np.load("b.npz")["points"].reshape(-1, 3)
+    rows = np.genfromtxt("b.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(np.stack([rows[k] for k in "xyz"], 1), world, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(read("b.vtp").world_positions(), world, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(world[:, :2].mean(axis=0), (FAR + 0.5)[:2], atol=0.3)
+    with open("b.vti", "rb") as file:
+        origin = re.search(rb'Origin="([^"]*)"', file.read())[1].split()
+    if name != "gauge":  # whose points have heights
+        np.testing.assert_allclose(np.array(origin, float), world[0], rtol=0, atol=1e-6)
 
 
 def test_large_ids_are_said_whole(capsys):

@@ -101,7 +101,7 @@ def run(options: argparse.Namespace) -> None:
         measuring.plot(options.plot, table, list(columns), "height, world units")
     if options.json:
         whole = {"map": heights[0].reshape(found.shape)} if options.map else table
-        print_json({"file": options.output, **whole})
+        print_json({"file": options.output, "origin": options.origin, **whole})
         return
     if not options.output:
         return

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.device import choose
-from ..data.particles import Particles
+from ..data.particles import HERE, Particles
 from ..formats.frames import FrameOf
 from ..formats.kind import kind_of
 from ..pieces.scene import Scene
@@ -208,6 +208,7 @@ def _facts(options: argparse.Namespace, subject: Subject, hits: int) -> dict[str
         return {
             "device": said_threads(choose(options.device).description, options.threads),
             "closed": scene.closed,
+            "origin": list(scene.origin or HERE),
             "counts": {"triangles": len(scene), "hits": hits},
         }
     tree = scene.octree

@@ -112,9 +112,10 @@ def read_mesh(path: str, options: argparse.Namespace, solid: bool | None = None)
     """The mesh of a file. Raises UserError if it cannot be read."""
     try:
         with mistakes():
-            mesh = Mesh(path, solid=solid, device=options.device, threads=options.threads)
-            if options.origin not in (None, HERE):  # of the particles beside which it stands
-                mesh.update(mesh.vertices - np.asarray(options.origin))
+            machine: dict[str, Any] = {"device": options.device, "threads": options.threads}
+            origin = "auto" if options.origin is None else options.origin
+            mesh = Mesh(path, solid=solid, origin=origin, **machine)
+            options.origin = mesh.origin  # all others stand where this one does
             return mesh
     except FormatError as error:
         raise UserError(str(error)) from error
@@ -126,7 +127,12 @@ def read_bodies(path: str, options: argparse.Namespace) -> RigidBodies:
     """The rigid bodies of a folder. Raises UserError if it cannot be read."""
     try:
         with mistakes():
-            return RigidBodies(path, device=options.device, threads=options.threads)
+            bodies = RigidBodies(path, device=options.device, threads=options.threads)
+            if options.origin:
+                pose = np.eye(4)
+                pose[:3, 3] -= options.origin
+                bodies.together.pose = pose
+            return bodies
     except FormatError as error:
         raise UserError(str(error)) from error
     except OSError as error:

@@ -97,8 +97,8 @@ class Series:
         self._at = 0  # of the file that leads
         if not any(is_mesh(path, options) for path in dict.fromkeys(files)):
             self._at = leader(files, **reading(options))
-            if len({*files}) > 1:
-                settle_origin(options, files[self._at], comm)
+        if len({*files}) > 1:
+            settle_origin(options, files[self._at], comm)
         self._kept = KeptScene(self._leading if self._at else None)
         if options.output.lower().endswith(".mp4"):
             check_output("-o", options.output, [".mp4"])

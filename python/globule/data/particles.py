@@ -102,7 +102,7 @@ class Particles:
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name == "origin":
-            value = _origin(value)
+            value = as_origin(value)
         elif name not in FIELDS and name != "attributes":
             known = ", ".join((*FIELDS, "attributes"))
             raise AttributeError(
@@ -189,7 +189,7 @@ class Particles:
 
     def at(self, origin: Iterable[float]) -> Particles:
         """The same particles with positions given from another origin."""
-        origin = _origin(origin)
+        origin = as_origin(origin)
         if origin == self.origin:
             return self
         moved = to_host(self.positions) + np.subtract(self.origin, origin)
@@ -236,7 +236,7 @@ def _positions(value: Any) -> Any:
 def lost_precision(positions: np.ndarray) -> str:
     """What to say of positions (N, 3) float64 so far from the origin that float32 cannot tell them
     apart, or moves them by a good part of their distance; "" where float32 keeps them."""
-    farthest, step, spacing, origin = _rounding(positions)
+    farthest, step, spacing, origin = _rounding(positions, 9)  # fewer may be a box's corners
     if step <= MOST_ROUNDING * spacing:
         return ""
     said = ",".join(f"{v + 0.0:.15g}" for v in origin)
@@ -256,14 +256,15 @@ def relative(positions: Any) -> tuple[Any, tuple[float, float, float]]:
         return positions, HERE
     if positions.shape[1] == 2:
         positions = np.pad(positions, ((0, 0), (0, 1)))
-    _, step, spacing, origin = _rounding(positions)
+    _, step, spacing, origin = _rounding(positions, 2)
     if step <= FINE_ROUNDING * spacing:
         return positions, HERE
-    found = _origin(origin)
+    found = as_origin(origin)
     return positions - found, found
 
 
-def _origin(value: Any) -> tuple[float, float, float]:
+def as_origin(value: Any) -> tuple[float, float, float]:
+    """(x, y, z), checked. Raises ValueError."""
     try:
         x, y, z = (float(v) + 0.0 for v in value)
     except (TypeError, ValueError):
@@ -273,12 +274,12 @@ def _origin(value: Any) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _rounding(positions: np.ndarray) -> tuple[float, float, float, np.ndarray]:
+def _rounding(positions: np.ndarray, least: int) -> tuple[float, float, float, np.ndarray]:
     """Of positions (N, 3): the farthest coordinate, float32's step there, the spacing of the
-    particles, and an origin near them; a spacing of inf where too few tell."""
+    particles, and an origin near them; a spacing of inf where fewer than `least` tell."""
     some = positions[:: 1 + len(positions) // 100_000]
     some = some[(np.abs(some) <= FARTHEST).all(axis=1)]
-    if len(some) < 9:  # corners of a box, and what tells no spacing
+    if len(some) < least:
         return 0.0, 0.0, math.inf, np.zeros(3)
     lo, hi = np.percentile(some, (2, 98), axis=0)  # without strays
     extent = np.sort(hi - lo)[::-1]

@@ -15,6 +15,7 @@ class Triangles(NamedTuple):
     color       (N, 3) per vertex, linear RGB; or None
     face_color  (M, 3) per triangle, linear RGB; or None
     attributes  values per vertex, (N,) or (N, k), by name; or None
+    origin      (x, y, z) from which the vertices are given, world; None where nobody says
     """
 
     vertices: np.ndarray
@@ -22,3 +23,4 @@ class Triangles(NamedTuple):
     color: np.ndarray | None = None
     face_color: np.ndarray | None = None
     attributes: dict[str, np.ndarray] | None = None
+    origin: tuple[float, float, float] | None = None

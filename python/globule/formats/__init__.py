@@ -11,19 +11,18 @@ Which array of a file becomes which field of Particles is the same for all of th
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from .._base.checks import choice
-from ..data.particles import Particles, lost_precision
+from ..data.particles import Particles
 from ..data.radii import with_halved_radii
 from ..data.scale import scaled
 from ..data.where import where
 from .contents import Box, Contents
 from .errors import FormatError, bad
-from .fields import say_origin
+from .fields import given_from
 from .frames import FrameOf
 from .kind import Kind, kind_of, wrong_kind
 from .packed import unpacked
@@ -99,21 +98,10 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     if scale != 1:
         contents = replace(contents, particles=scaled(contents.particles, scale))
         contents = replace(contents, box=contents.box and contents.box.scaled(scale))
-    contents = replace(contents, particles=_from(contents.particles, origin, path))
+    contents = replace(contents, particles=given_from(contents.particles, origin, path))
     if condition is not None:
         contents = replace(contents, particles=where(contents.particles, condition))
     return contents
-
-
-def _from(particles: Particles, origin: Any, path: Any) -> Particles:
-    """Particles whose positions are given from an origin, which is said if it is new."""
-    if isinstance(origin, str) and origin == "auto":
-        say_origin(path, particles.origin)
-        return particles
-    moved = particles.at(origin)
-    if moved is not particles and (lost := lost_precision(particles.world_positions() - origin)):
-        warnings.warn(lost, stacklevel=3)
-    return moved
 
 
 def _by_others(form: Format, path: Any, options: dict[str, Any]) -> Contents | Particles:

@@ -127,6 +127,17 @@ def say_origin(path: Any, origin: tuple[float, float, float]) -> None:
         warnings.warn(f"{os.fspath(path)}: {what}", stacklevel=4)
 
 
+def given_from(particles: Particles, origin: Any, path: Any) -> Particles:
+    """Particles whose positions are given from an origin, which is said if it is new."""
+    if isinstance(origin, str) and origin == "auto":
+        say_origin(path, particles.origin)
+        return particles
+    moved = particles.at(origin)
+    if moved is not particles and (lost := lost_precision(particles.world_positions() - origin)):
+        warnings.warn(lost, stacklevel=4)
+    return moved
+
+
 def kept_positions(particles: Particles, path: Any) -> np.ndarray:
     """Positions (N, 3) float32, world, for a format that has no longer type.
 

@@ -11,13 +11,14 @@ import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import IO, Any
 
 import numpy as np
 
 from .._base.checks import missing, positive
 from .._base.colormaps import to_linear
-from ..data.particles import Particles
+from ..data.particles import Particles, relative
 from ..data.spacing import neighbor_spacing
 from ..data.surface import MOST_SAMPLES, sampled_particles, vertex_particles
 from .errors import FormatError, bad
@@ -62,8 +63,10 @@ def sample_mesh(mesh: Any, spacing: float | None = None) -> Particles:
         return found
     corners, colors = found
     if spacing is not None:
-        return sampled_particles(corners, spacing, colors)
-    vertices = Particles(corners.reshape(-1, 3), color=_at_corners(corners, colors))
+        places, origin = relative(corners.reshape(-1, 3))
+        found = sampled_particles(places.reshape(corners.shape), spacing, colors)
+        return replace(found, origin=origin)
+    vertices = _vertices(corners, colors)
     return vertex_particles(vertices, np.arange(len(vertices)).reshape(-1, 3))
 
 
@@ -76,8 +79,13 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]
     if isinstance(found, Particles):
         return found, np.empty((0, 3), np.int64)
     corners, colors = found
-    vertices = Particles(corners.reshape(-1, 3), color=_at_corners(corners, colors))
+    vertices = _vertices(corners, colors)
     return vertices, np.arange(len(vertices)).reshape(-1, 3)
+
+
+def _vertices(corners: np.ndarray, colors: _Colors) -> Particles:
+    positions, origin = relative(corners.reshape(-1, 3))
+    return Particles(positions, color=_at_corners(corners, colors), origin=origin)
 
 
 def _at_corners(corners: np.ndarray, colors: _Colors) -> np.ndarray | None:
@@ -160,10 +168,12 @@ def _points(name: str, parts: list[Any]) -> Particles:
         if name.lower().endswith(".stl"):
             _check_stl(name)
         raise bad(name, "", "expected a mesh with vertices, got none")
-    positions = np.concatenate(found).astype(np.float32)
+    positions, origin = relative(np.concatenate(found))
+    positions = positions.astype(np.float32)
     shown = f"its {len(positions):,} vertices are shown as points"
     warnings.warn(f"{name}: expected a mesh with faces, got none: {shown}", stacklevel=2)
-    return Particles(positions, support=2 * neighbor_spacing(positions))
+    support = 2 * neighbor_spacing(positions)
+    return Particles(positions, support=support, origin=origin)
 
 
 @opens_packed

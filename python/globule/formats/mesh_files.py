@@ -25,7 +25,7 @@ def write_mesh(
 
     Args:
         path: of the file.
-        vertices: (V, 3) float32.
+        vertices: (V, 3) float32 or float64.
         faces: (F, 3) int32.
         normals: (V, 3) float32 unit vectors.
         values: name -> (V,) or (V, k); .obj and .stl leave them out.

@@ -6,6 +6,7 @@ from __future__ import annotations
 import functools
 import os
 import re
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ..data.particles import Particles
 from ..data.triangles import Triangles
 from . import mesh, ply, vtk_legacy, vtk_parts, vtk_xml, xdmf
 from .errors import FormatError, bad
+from .fields import given_from
 from .kind import Kind, kind_of, kind_or_none, wrong_kind
 from .packed import opens_packed
 from .size import whole_file
@@ -20,8 +22,9 @@ from .size import whole_file
 _FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp", "vtu", "xdmf", *vtk_parts.FORMATS)
 
 
-def read(path: str | os.PathLike[str]) -> Triangles:
+def read(path: str | os.PathLike[str], origin: Any = "auto") -> Triangles:
     """Read vertices, triangles, colors and attributes of vertices; polygons become triangles.
+    origin: as for `globule.read`.
 
     Raises FormatError for a file without faces, of another kind, or damaged; MissingPackageError
     for .stl, .obj and .glb without trimesh.
@@ -36,10 +39,13 @@ def read(path: str | os.PathLike[str]) -> Triangles:
     if not 0 <= faces.min() <= faces.max() < n:
         got = f"{faces.min()} to {faces.max()}"
         raise bad(path, "faces", f"expected indices from 0 to {n - 1}, got {got}")
+    particles = given_from(particles, origin, path)
     color = particles.color
     if color is not None and color.ndim == 1:
         color = np.broadcast_to(color, (n, 3))
-    return Triangles(np.asarray(particles.positions), faces, color, attributes=particles.attributes)
+    return Triangles(
+        np.asarray(particles.positions), faces, color, None, particles.attributes, particles.origin
+    )
 
 
 @opens_packed

@@ -37,7 +37,7 @@ def gauge(
         device, threads: as for `Scene`, if a scene must be made.
 
     Returns:
-        (M,) float64, or a float for one gauge: world units along `up`, from the world's origin;
+        (M,) float64, or a float for one gauge: world units along `up`, from the particles' origin;
         NaN where the ray meets no surface.
 
     Raises TypeError and ValueError naming the argument, the expected and the given value.
@@ -83,7 +83,8 @@ def map_heights(
     flat[:, axis] = sign * np.where(known, heights, lowest)
     values = {"height": heights.astype(np.float32).reshape(lattice.shape)}
     coords = dict(zip(lattice.dims, lattice.coords, strict=True))
-    return Samples(points, values, lattice.dims, coords, lattice.steps)
+    origin = scene.particles.origin
+    return Samples(points, values, lattice.dims, coords, lattice.steps, origin)
 
 
 def heights_at(scene: Scene, places: np.ndarray, axis: int, sign: float) -> np.ndarray:

@@ -11,7 +11,8 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import a_path, missing, positive
-from ..data.particles import FARTHEST
+from ..data.particles import FARTHEST, HERE
+from ..formats.fields import say_origin
 from ..formats.mesh_files import EXTENSIONS, write_mesh
 from ..pieces.scene import Scene
 from .sample import names_of, values_at
@@ -55,6 +56,7 @@ class SurfaceMesh:
     normals   (V, 3) float32, unit length, outwards: against the field's gradient
     values    name -> (V,) or (V, k) float32, blended attributes at the vertices
     spacing   edge of the grid's cells, world units
+    origin    (x, y, z) float64, world, from which the vertices are given
     """
 
     vertices: np.ndarray
@@ -62,6 +64,7 @@ class SurfaceMesh:
     normals: np.ndarray
     values: dict[str, np.ndarray]
     spacing: float
+    origin: tuple[float, float, float] = HERE
 
     @property
     def volume(self) -> float:
@@ -87,14 +90,21 @@ class SurfaceMesh:
 
         Args:
             path: the extension gives the format. .ply and .vtp hold vertices, normals and values,
-                .obj vertices and normals, .stl triangles alone.
+                .obj vertices and normals, .stl triangles alone. Vertices become world coordinates,
+                float64 where there is an origin; .stl, which has no such type, keeps the origin.
 
         Raises ValueError for another extension.
         """
         name = a_path(path)
         if not name.lower().endswith(EXTENSIONS):
             raise ValueError(f"path: expected a name ending in {' '.join(EXTENSIONS)}, got {name}")
-        write_mesh(name, self.vertices, self.faces, self.normals, self.values)
+        vertices = self.vertices
+        if self.origin != HERE:
+            if name.lower().endswith(".stl"):
+                say_origin(name, self.origin)
+            else:
+                vertices = vertices + np.asarray(self.origin)
+        write_mesh(name, vertices, self.faces, self.normals, self.values)
 
 
 def mesh_surface(
@@ -129,7 +139,7 @@ def mesh_surface(
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
     found = values_at(scene, vertices, names)
-    return SurfaceMesh(vertices, faces, normals, found, spacing)
+    return SurfaceMesh(vertices, faces, normals, found, spacing, scene.particles.origin)
 
 
 def measure_surface(

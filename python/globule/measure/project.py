@@ -109,7 +109,7 @@ def project(
         first += column.shape[1]
         vector = name in particles.attributes and len(particles.attributes[name].shape) > 1
         samples.values[name] = part.reshape(*samples.shape, *part.shape[1:] if vector else ())
-    return samples
+    return replace(samples, origin=particles.origin)
 
 
 @functools.cache

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._base.checks import a_path, missing
 from .._base.files import atomic_write
+from ..data.particles import HERE
 from ..formats.vtk_data import write_image, write_polygons
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ class Samples:
     coords  dimension -> (n,) float64 coordinates, world units; for points their numbers
     steps   (d, 3) float64, world: from one place to the next along each dimension; (0, 3) for
             points
+    origin  (x, y, z) float64, world, from which points, coords and heights are given
     """
 
     points: np.ndarray
@@ -40,6 +42,7 @@ class Samples:
     dims: tuple[str, ...]
     coords: dict[str, np.ndarray]
     steps: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    origin: tuple[float, float, float] = HERE
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.values[name]
@@ -53,9 +56,13 @@ class Samples:
         """Number of places along each dimension."""
         return self.points.shape[:-1]
 
+    def world_points(self) -> np.ndarray:
+        """(*shape, 3) places, world: float64 where there is an origin, else float32."""
+        return self.points if self.origin == HERE else self.points + np.asarray(self.origin)
+
     def columns(self) -> dict[str, np.ndarray]:
         """The places as a table: x, y, z and all values, (M,) each; `NAME:0` … for components."""
-        flat = self.points.reshape(-1, 3)
+        flat = self.world_points().reshape(-1, 3)
         table = {axis: flat[:, i] for i, axis in enumerate("xyz")}
         for name, array in self.values.items():
             if array.ndim == len(self.dims):
@@ -87,10 +94,12 @@ class Samples:
         for i, axis in enumerate("xyz"):
             if axis not in self.dims:
                 places[axis] = (self.dims, self.points[..., i])
-        return xarray.Dataset(data, places)
+        return xarray.Dataset(data, places, {"origin": self.origin})
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the samples; the file appears whole or not at all.
+
+        The places become world coordinates, float64 where there is an origin; values stay.
 
         Args:
             path: the extension gives the format. .csv: one row a place. .npz: `points`, and each
@@ -109,7 +118,7 @@ class Samples:
             if "points" in self.values:
                 raise ValueError("values: expected no value named points in a .npz, got one")
             with atomic_write(name) as file:
-                np.savez_compressed(file, points=self.points, **self.values)  # type: ignore[arg-type]
+                np.savez_compressed(file, points=self.world_points(), **self.values)  # type: ignore[arg-type]
         elif extension == ".vti":
             self._save_image(name)
         else:
@@ -127,11 +136,11 @@ class Samples:
             across = np.cross(*steps)
             steps.append(across / np.linalg.norm(across) * np.linalg.norm(steps[0]))
             shape.append(1)
-        origin = self.points.reshape(-1, 3)[0].astype(np.float64)
+        origin = self.points.reshape(-1, 3)[0] + np.asarray(self.origin)
         write_image(path, origin, np.stack(steps), (shape[0], shape[1], shape[2]), self._flat())
 
     def _save_polygons(self, path: str) -> None:
-        points, number = self.points.reshape(-1, 3), np.arange(self.points.size // 3)
+        points, number = self.world_points().reshape(-1, 3), np.arange(self.points.size // 3)
         if self.dims == ("v", "u") and min(self.shape) > 1:
             n = number.reshape(self.shape)
             corners = [n[:-1, :-1], n[:-1, 1:], n[1:, 1:], n[1:, :-1]]

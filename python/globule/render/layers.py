@@ -152,12 +152,25 @@ def layers_of(scene: Any, clips: Any, color: tuple) -> tuple[Layer, ...]:
         layers.append(Layer(own.scene, own.material, (*own.clips, *everywhere)))
     # Last, so that the layers that were given keep their numbers.
     layers += [Layer(s, x.material, x.clips) for x in layers for s in beside(x.scene)]
+    _need_one_origin(layers)
     if len(layers) > MAX_LAYERS:
         raise ValueError(
             f"scene: expected at most {MAX_LAYERS} layers, got {len(layers)}: a simulation's "
             "tissue, fluids and other things that are shown are one each"
         )
     return tuple(layers)
+
+
+def _need_one_origin(layers: Sequence[Layer]) -> None:
+    """Refuse layers whose places are given from several origins."""
+    known = [x.scene.origin if isinstance(x.scene, Mesh) else x.scene.particles.origin
+             for x in layers if isinstance(x.scene, (Mesh, SceneBase)) and len(x.scene)]  # fmt: skip
+    origins = list(dict.fromkeys(origin for origin in known if origin is not None))
+    if len(origins) > 1:
+        raise ValueError(
+            f"scene: expected layers with one origin, got {origins[0]} and {origins[1]}: read "
+            f"each with origin={origins[0]}, or give Particles.at({origins[0]})"
+        )
 
 
 def beside(scene: Any) -> tuple[SceneBase, ...]:

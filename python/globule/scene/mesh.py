@@ -15,7 +15,7 @@ from .._base.checks import number, shown, thread_count
 from .._base.device import Device, choose
 from .._base.owner import Owner
 from ..data.attributes import attribute_colors
-from ..data.particles import Particles
+from ..data.particles import HERE, Particles, as_origin
 from ..data.spacing import merge_coincident
 from ..data.triangles import Triangles
 
@@ -62,6 +62,8 @@ class Mesh(Owner):
             False, unless its walls have two sides.
         smooth: images blend the normals of triangles that meet at less than this angle, degrees; 0:
             flat triangles.
+        origin: (x, y, z) float64, world, from which the vertices are given; "auto": of a file, as
+            `globule.read` has it; of others, not known.
         pose: (4, 4) matrix world_from_mesh of a rotation and a translation; default: identity.
         device: "auto", "cpu", "cuda" or "cuda:N", for images of meshes alone; beside particles a
             mesh is on the device of the particles.
@@ -79,6 +81,7 @@ class Mesh(Owner):
     closed: bool  # every edge joins triangles of opposite direction
     solid: bool
     smooth: float  # degrees
+    origin: tuple[float, float, float] | None  # of the vertices, world; None: not known
 
     def __init__(
         self,
@@ -89,19 +92,21 @@ class Mesh(Owner):
         face_color: ArrayLike | None = None,
         solid: bool | None = None,
         smooth: float = 30.0,
+        origin: Any = "auto",
         pose: ArrayLike | None = None,
         device: str = "auto",
         threads: int = 0,
     ):
         if color is not None and face_color is not None:
             raise ValueError("face_color: expected no color beside face_color, got both")
-        found = _triangles(vertices, faces)
+        found = _triangles(vertices, faces, origin)
         file = f"{os.fspath(vertices)}: " if isinstance(vertices, (str, os.PathLike)) else ""
         self._vertices = _checked_vertices(found.vertices, file)
         n = self._vertices.shape[0]
         self.vertices = self._vertices.owner
         self.faces = _checked_faces(found.faces, n)
         self.attributes = dict(found.attributes or {})
+        self.origin = found.origin if isinstance(origin, str) else as_origin(origin)
         if color is None and face_color is None:
             color, face_color = found.color, found.face_color
         self._one_color, self._color = _colors(color, face_color, n, len(self.faces))
@@ -158,7 +163,8 @@ class Mesh(Owner):
     @property
     def points(self) -> Particles:
         """The vertices, in the coordinates of the mesh, with the attributes."""
-        return Particles(to_host(self.vertices), attributes=self.attributes)
+        origin = self.origin or HERE
+        return Particles(to_host(self.vertices), attributes=self.attributes, origin=origin)
 
     def color_by(
         self, name: str, colormap: str = "viridis", range: tuple[float, float] | None = None
@@ -269,7 +275,7 @@ class Mesh(Owner):
         return f"Mesh({self._vertices.shape[0]} vertices, {len(self)} triangles, {kind})"
 
 
-def _triangles(vertices: Any, faces: Any) -> Triangles:
+def _triangles(vertices: Any, faces: Any, origin: Any) -> Triangles:
     """The triangles that the arguments of `Mesh` stand for."""
     if isinstance(vertices, Triangles):
         return vertices
@@ -278,7 +284,7 @@ def _triangles(vertices: Any, faces: Any) -> Triangles:
     if isinstance(vertices, (str, os.PathLike)):
         from ..formats.triangles import read  # formats are loaded when they are needed
 
-        return read(os.fspath(vertices))
+        return read(os.fspath(vertices), origin)
     if hasattr(vertices, "dump") and hasattr(vertices, "geometry"):  # trimesh.Scene
         vertices = vertices.to_mesh() if hasattr(vertices, "to_mesh") else vertices.dump(True)
     if hasattr(vertices, "vertices") and hasattr(vertices, "faces"):  # trimesh.Trimesh

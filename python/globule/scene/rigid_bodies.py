@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..data.particles import HERE
 from ..data.triangles import Triangles
 from ..formats import triangles
 from ..formats.errors import bad
@@ -80,7 +81,7 @@ class RigidBodies:
         machine: dict[str, Any] = {"device": device, "threads": threads}
         self.meshes = []
         for i in self._shown:
-            read = triangles.read(os.path.join(self.folder, bodies[i].mesh))
+            read = triangles.read(os.path.join(self.folder, bodies[i].mesh), HERE)
             scaled = Triangles(np.asarray(read.vertices) * bodies[i].scale, *read[1:])
             self.meshes.append(Mesh(scaled, **machine))
         self._ends = np.cumsum([0, *(len(mesh.vertices) for mesh in self.meshes)])
