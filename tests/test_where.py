@@ -60,6 +60,13 @@ def test_components_and_large_ids(particles):
     chosen = where(particles, "velocity[0] > 0 and `velocity:1` > 0")
     assert (chosen.attributes["velocity"][:, :2] > 0).all()
     assert 0 < len(chosen) < N
+    for numbers, condition in (
+        (np.array([5, 7, 2**64 - 1], np.uint64), "id - 6 > 0"),
+        (np.array([5, 7, 2**64 - 1], np.uint64), "-id < -6"),
+        (np.array([2, 4_000_000_001, 4_000_000_003]), "id * id > 4"),
+    ):  # unsigned numbers must not wrap around, nor long ones overflow
+        ids = gb.Particles(np.zeros((3, 3)), attributes={"id": numbers})
+        assert len(where(ids, condition)) == 2, condition
     assert list(where(particles, f"id == {2**53 + 1}").attributes["id"]) == [2**53 + 1]
 
 

@@ -93,9 +93,9 @@ class _Condition:
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             return np.logical_not(self._truth(of(node.operand), node.operand))
         if isinstance(node, ast.UnaryOp) and type(node.op) in OPERATORS:
-            return OPERATORS[type(node.op)](+np.asarray(of(node.operand)))
+            return OPERATORS[type(node.op)](*self._terms(of, node.operand))
         if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
-            return OPERATORS[type(node.op)](of(node.left), of(node.right))
+            return OPERATORS[type(node.op)](*self._terms(of, node.left, node.right))
         if isinstance(node, ast.Compare):
             return self._compared(node, of)
         if isinstance(node, ast.Call) and (function := self._function(node)):
@@ -128,6 +128,15 @@ class _Condition:
         if isinstance(value, int) and not -(2**63) <= value < 2**64:
             raise ValueError(f"expected numbers up to 2**64, got {shown(value)}")
         return value
+
+    def _terms(self, of: Callable[[ast.AST], Any], *nodes: ast.AST) -> list[Any]:
+        """Numbers to calculate with; whole ones in a type that neither wraps around nor rounds."""
+        terms = [of(node) for node in nodes]
+        for term, node in zip(terms, nodes, strict=True):
+            if np.asarray(term).dtype == bool:
+                raise ValueError(f"expected a number, got {self._words(node)}")
+        whole = all(np.asarray(term).dtype.kind in "iu" for term in terms)
+        return [np.asarray(term, np.longdouble) for term in terms] if whole else terms
 
     def _truth(self, value: Any, node: ast.AST) -> Any:
         if np.asarray(value).dtype != bool:

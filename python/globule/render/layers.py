@@ -163,8 +163,8 @@ def layers_of(scene: Any, clips: Any, color: tuple) -> tuple[Layer, ...]:
 
 def _need_one_origin(layers: Sequence[Layer]) -> None:
     """Refuse layers whose places are given from several origins."""
-    known = [x.scene.origin if isinstance(x.scene, Mesh) else x.scene.particles.origin
-             for x in layers if isinstance(x.scene, (Mesh, SceneBase)) and len(x.scene)]  # fmt: skip
+    shown = [x.scene for x in layers if isinstance(x.scene, (Mesh, SceneBase)) and len(x.scene)]
+    known = [s.origin if isinstance(s, Mesh) else s.particles.origin for s in shown]
     origins = list(dict.fromkeys(origin for origin in known if origin is not None))
     if len(origins) > 1:
         raise ValueError(
