@@ -12,6 +12,8 @@ from globule.cli import main
 from globule.data.particles import HERE, relative
 from globule.formats.vtk_data import write_polygons
 from globule.render.legend import tick_labels
+from globule.viewer.open import open_source
+from globule.viewer.state import State
 from PIL import Image
 
 pytestmark = pytest.mark.usefixtures("folder")
@@ -219,3 +221,48 @@ def test_large_ids_are_said_whole(capsys):
     assert f"id {picked}" in capsys.readouterr().out
     texts = [text for _, text in tick_labels(float(ids[0]), float(ids[-1]), 5)]
     assert len({*texts}) == len(texts) > 2
+
+
+def drifting(n: int = 3) -> list[gb.Particles]:
+    shift = np.array([100.0, 0, 0])
+    return [gb.Particles(lattice(), origin=FAR + k * shift) for k in range(n)]
+
+
+def test_values_of_places_are_given_from_one_origin():
+    frames = drifting()
+    empty = gb.Particles(np.empty((0, 3)))
+    assert gb.find_value_range([empty, *frames], "x") == (0, 201)
+    cameras = [gb.Camera((100 * k + 0.5, 0.5, 4), (100 * k + 0.5, 0.5, 0.5)) for k in range(3)]
+    gb.render_sequence(frames, "s_%d.png", cameras, (96, 72), color_by="x", range=(0, 201))
+    middles = [np.asarray(Image.open(f"s_{k}.png"))[36, 48].astype(int) for k in range(3)]
+    assert np.abs(middles[0] - middles[1]).max() > 30
+    assert np.abs(middles[1] - middles[2]).max() > 30
+
+
+def test_the_viewer_shows_all_frames_from_one_origin():
+    for k, frame in enumerate(drifting()):
+        gb.write(f"s_{k}.npz", frame)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for what in ([f"s_{k}.npz" for k in range(3)], drifting()):
+            source = open_source(what, device="cpu")
+            state = State()
+            assert np.ptp(source.outline(), axis=0)[0] > 200
+            state.time.frame = 2
+            source.advance(state)
+            np.testing.assert_allclose(source.bounds()[0], (200, 0, 0), atol=1e-4)
+            (layer,) = source.layers(state)
+            np.testing.assert_allclose(layer.scene.particles.bounds(), source.bounds(), atol=1e-4)
+            source.close()
+        assert open_source(["s_0.npz", "s_2.npz"]).reading["origin"] == tuple(FAR)
+
+
+def test_the_viewer_refuses_layers_of_two_origins():
+    one, other, _ = (gb.Scene(frame, support=0.3) for frame in drifting())
+    with pytest.raises(ValueError, match="scene: expected layers with one origin"):
+        open_source([one, other])
+
+
+def test_particles_say_what_another_origin_destroys():
+    with pytest.warns(UserWarning, match="float32 has steps"):
+        gb.Particles(lattice(), origin=FAR).at((0, 0, 0))

@@ -70,8 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "colors light, 0 to 1; shows the inside", SHARE.parse,
         usual="--transmission counts")  # fmt: skip
     flags.own(group, "--with FILE[:COLOR]", "particles or mesh of a second scene in the same "
-        "image; material, cuts and support flags do not apply to the second scene; may be repeated "
-        "up to 3 times", beside, [], dest="beside", action="append")  # fmt: skip
+        "image; material, cuts, support and reading flags do not apply to the second scene; may be "
+        "repeated up to 3 times", beside, [], dest="beside", action="append")  # fmt: skip
     group = parser.add_argument_group("cuts; the cut face shows the inside")
     add = group.add_argument
     flags.add(group, "--clip", "may be repeated; default: none", action="append", default=[])

@@ -188,11 +188,14 @@ class Particles:
         return positions if self.origin == HERE else positions + np.asarray(self.origin)
 
     def at(self, origin: Iterable[float]) -> Particles:
-        """The same particles with positions given from another origin."""
+        """The same particles with positions given from another origin; warns where float32 does not
+        keep them."""
         origin = as_origin(origin)
         if origin == self.origin:
             return self
         moved = to_host(self.positions) + np.subtract(self.origin, origin)
+        if lost := lost_precision(moved):
+            warnings.warn(lost, stacklevel=2)
         return replace(self, positions=moved.astype(np.float32), origin=origin)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:

@@ -132,10 +132,7 @@ def given_from(particles: Particles, origin: Any, path: Any) -> Particles:
     if isinstance(origin, str) and origin == "auto":
         say_origin(path, particles.origin)
         return particles
-    moved = particles.at(origin)
-    if moved is not particles and (lost := lost_precision(particles.world_positions() - origin)):
-        warnings.warn(lost, stacklevel=4)
-    return moved
+    return particles.at(origin)
 
 
 def kept_positions(particles: Particles, path: Any) -> np.ndarray:

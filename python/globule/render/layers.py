@@ -152,7 +152,7 @@ def layers_of(scene: Any, clips: Any, color: tuple) -> tuple[Layer, ...]:
         layers.append(Layer(own.scene, own.material, (*own.clips, *everywhere)))
     # Last, so that the layers that were given keep their numbers.
     layers += [Layer(s, x.material, x.clips) for x in layers for s in beside(x.scene)]
-    _need_one_origin(layers)
+    need_one_origin(layers)
     if len(layers) > MAX_LAYERS:
         raise ValueError(
             f"scene: expected at most {MAX_LAYERS} layers, got {len(layers)}: a simulation's "
@@ -161,7 +161,7 @@ def layers_of(scene: Any, clips: Any, color: tuple) -> tuple[Layer, ...]:
     return tuple(layers)
 
 
-def _need_one_origin(layers: Sequence[Layer]) -> None:
+def need_one_origin(layers: Sequence[Layer]) -> None:
     """Refuse layers whose places are given from several origins."""
     shown = [x.scene for x in layers if isinstance(x.scene, (Mesh, SceneBase)) and len(x.scene)]
     known = [s.origin if isinstance(s, Mesh) else s.particles.origin for s in shown]

@@ -182,7 +182,8 @@ def find_value_range(
     name: str,
     progress: Callable[[int, int], object] | None = None,
 ) -> tuple[float, float]:
-    """Lowest and highest finite value over all frames; (0, 1) if no value is finite.
+    """Lowest and highest finite value over all frames; (0, 1) if no value is finite. Places are
+    given from the origin of the first frame that has particles.
 
     Args:
         frames: `Particles`, or files' names; or a single one, a pattern such as "frame_*.vtk", or a
@@ -199,9 +200,12 @@ def find_value_range(
     elif isinstance(frames, (str, os.PathLike)):
         frames = with_frames(find_files([os.fspath(frames)]))
     lo, hi = np.inf, -np.inf
+    origin = None
     n = len(frames) if isinstance(frames, Sized) else 0
     for i, frame in enumerate(frames):
         particles = frame if isinstance(frame, Particles) else read(frame)
+        origin = particles.origin if origin is None and len(particles) else origin
+        particles = particles if origin is None else particles.at(origin)
         try:
             values = attribute_values(particles, name)
         except ValueError as error:
@@ -459,6 +463,7 @@ def render_sequence(
     at = leader(source[:n_frames]) if listed else 0
     kept = KeptScene((lambda: _particles_of(source[at])) if at else None)
     names: list[str] = []
+    origin = None
 
     def name(i: int) -> str:
         return movie.path(i) if movie else output % i
@@ -474,6 +479,8 @@ def render_sequence(
                 progress(i + 1, total)
             continue
         values = None
+        origin = particles.origin if origin is None and len(particles) else origin
+        particles = particles if origin is None else particles.at(origin)
         if color_by is not None:
             values = values_of(particles, color_by, colormap, range)
             particles = colored(particles, color_by, colormap, range)

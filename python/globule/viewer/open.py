@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import on_gpu, to_host
-from ..data.particles import Particles
+from ..data.particles import HERE, Particles
 from ..formats import read
 from ..formats.triangles import has_faces
 from ..pieces.scene import Scene
@@ -87,7 +87,7 @@ def _open_files(names: list[str], common: dict[str, Any], reading: dict[str, Any
     pattern = re.sub(r"\d+(?=\D*$)", "*", os.path.basename(files[0]))
     name = f"{pattern}, {len(files)} frames"
     source = SequenceSource(name, files, **common, read_frame=lambda path: read(path, **reading))
-    source.reading = reading
+    source.reading = _settled(reading, source)
     return source
 
 
@@ -134,8 +134,14 @@ def _open_name(name: str, common: dict[str, Any], reading: dict[str, Any]) -> So
         source = SceneSource(title, particles, **common)
     if not isinstance(source, SequenceSource):
         source.files = [name]
-    source.reading = reading
+    source.reading = _settled(reading, source)
     return source
+
+
+def _settled(reading: dict[str, Any], source: Source) -> dict[str, Any]:
+    """How each frame alone is read to stand where the source shows it."""
+    origin = source.given_from if isinstance(source, SequenceSource) else None
+    return reading if origin in (None, HERE) else {**reading, "origin": origin}
 
 
 def _medical(name: str, common: dict[str, Any], reading: dict[str, Any]) -> Source | None:

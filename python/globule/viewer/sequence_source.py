@@ -34,6 +34,8 @@ class SequenceSource(Source):
 
     Attributes:
         frame: index of the current frame.
+        given_from: origin of the positions in all frames, that of the first frame which has
+            particles; None before.
     """
 
     kind = "sequence"
@@ -49,7 +51,8 @@ class SequenceSource(Source):
         super().__init__(name)
         if not len(frames):
             raise ValueError("frames: expected at least one, got none")
-        self._frames, self._read = list(frames), read_frame
+        self._frames, self._read_frame = list(frames), read_frame
+        self.given_from: tuple[float, float, float] | None = None
         self.files = [os.fspath(f) for f in frames if not isinstance(f, Particles)]
         self.n_frames = len(self._frames)
         self.maker = SceneMaker(device, threads)
@@ -115,6 +118,12 @@ class SequenceSource(Source):
         """Stop reading."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
+    def _read(self, item: Any) -> Particles:
+        particles = item if isinstance(item, Particles) else self._read_frame(item)
+        if self.given_from is None and len(particles):
+            self.given_from = particles.origin
+        return particles if self.given_from is None else particles.at(self.given_from)
+
     def _fetch(self, i: int) -> Future:
         """A frame that is being read or has been read."""
         with self._fetching:  # images and time have threads of their own
@@ -124,7 +133,7 @@ class SequenceSource(Source):
                 item = self._frames[i]
                 if isinstance(item, Particles):
                     found: Future = Future()
-                    found.set_result(item)
+                    found.set_result(self._read(item))
                     return found
                 self._forget()
                 self._kept[i] = self._pool.submit(self._read, item)

@@ -16,7 +16,7 @@ from ..formats.frames import FrameOf
 from ..pieces.scene import Scene
 from ..render.annotate import bounds_of
 from ..render.camera import Camera
-from ..render.layers import Layer
+from ..render.layers import Layer, need_one_origin
 from ..render.presets import load_preset
 from ..render.settings import RenderSettings
 from ..scene.mesh import Mesh
@@ -266,6 +266,7 @@ class SceneSource(Source):
         self._clips: tuple = ()
         if isinstance(shown, list):
             given = [item if isinstance(item, Layer) else Layer(item) for item in shown]
+            need_one_origin(given)
             # Settings of the page are those of particles, wherever they stand.
             given.sort(key=lambda layer: isinstance(layer.scene, Mesh))
             first, *self.beside = given
