@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import gzip
 import os
@@ -16,7 +17,9 @@ from format_helpers import DATA
 from globule import _core
 from globule._base.ranks import Alone
 from globule.cli import main
+from globule.cli.ranks import replicates
 from globule.formats.ranges import has_ranges, ranges
+from globule.formats.vtk_data import write_polygons
 from globule.pieces import pieces as of_pieces
 from globule.pieces import store
 from globule.pieces.partition import Partition, histogram, space_around
@@ -329,6 +332,33 @@ def test_pieces_are_of_the_frame_that_is_asked_for(files, little, capsys):
              "--support", "2", "--memory", "100000"]  # fmt: skip
     counts = [run_json(capsys, *words, "--frame", k)["counts"] for k in "01"]
     assert [c["particles"] for c in counts] == [len(POSITIONS[::2]), len(POSITIONS)]
+
+
+def test_what_needs_all_particles_is_refused_with_pieces(files, little, capsys):
+    words = ["render", "a.npz", "-o", "a.png", "--support", "2", "--memory", "100000"]
+    with open("b.obj", "w") as file:
+        file.write("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    for flag in ("spheres", "lines", "mesh", "with"):
+        error = refused(capsys, *words, f"--{flag}", "b.obj" if flag == "mesh" else "a.npz")
+        assert f"--{flag}: expected none with a scene in pieces" in error
+
+
+def test_faces_are_not_drawn_in_pieces(files, little, capsys):
+    n = 50
+    corners = np.stack([*np.meshgrid(np.arange(n), np.arange(n)), np.zeros((n, n))], -1)
+    corner = np.arange(n * n).reshape(n, n)
+    quads = np.stack([corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]], -1)
+    write_polygons("m.vtp", corners.reshape(-1, 3), {}, polys=quads.reshape(-1, 4))
+    words = ["render", "m.vtp", "-o", "a.png", "--device", "cpu", "--size", "40x30"]
+    report = run_json(capsys, *words, "--memory", "100000")
+    assert report["counts"]["triangles"] == 2 * (n - 1) ** 2
+    given = dict.fromkeys(("ranks", "resample", "level", "label", "frame", "species", "where",
+                           "origin", "scale", "columns", "atom_style", "ground"))  # fmt: skip
+    options = argparse.Namespace(
+        particles=["m.vtp"], as_particles=False, radius_is="radius", **given
+    )
+    light = argparse.Namespace(_matter={}, _own={})
+    assert replicates(options, light)  # on each rank of mpiexec, too
 
 
 def test_memory_that_suffices_makes_no_pieces(files, capsys):

@@ -29,6 +29,7 @@ from ..render.pieces.image import fit
 from ..render.render import render
 from ..scene.fitting import lacking
 from . import annotation, camera_facts, light
+from .meshes import is_mesh
 from .shared import (
     UserError,
     count,
@@ -46,7 +47,7 @@ from .shared import (
 NOT_WITH_PIECES: dict[str, Any] = {
     "views": None, "anisotropic": False, "state": None, "preset": None, "beside": [], "pick": None,
     "octree": "sparse", "depth": None, "root": "exact", "camera_path": None, "turntable": None,
-    "meshes": [],
+    "meshes": [], "spheres": [], "lines": [],
 }  # fmt: skip
 _SIZES = {"": 1, "K": 1e3, "M": 1e6, "G": GIGABYTE, "T": 1e12}
 
@@ -98,7 +99,7 @@ def _is_whole(path: str, options: argparse.Namespace) -> bool:
 
 
 def _wanted(options: argparse.Namespace, path: str) -> bool:
-    if kind_of(path).kind != "particles":
+    if kind_of(path).kind != "particles" or is_mesh(path, options):
         return False
     given = reading(options)
     if options.memory is None:
@@ -142,7 +143,8 @@ def run(
     """Make the image of one file in pieces. towards: how the fitted camera looks."""
     for name, usual in NOT_WITH_PIECES.items():
         if getattr(options, name, usual) not in (usual, None, []):
-            flag = {"beside": "with", "depth": "octree-level"}.get(name, name.replace("_", "-"))
+            flags = {"beside": "with", "depth": "octree-level", "meshes": "mesh"}
+            flag = flags.get(name, name.replace("_", "-"))
             raise UserError(f"--{flag}: expected none with a scene in pieces, got one")
     if ground_needs_all(options):
         raise UserError("--ground: expected a height with a scene in pieces, got none")

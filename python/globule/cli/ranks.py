@@ -19,6 +19,7 @@ from ..pieces.gathered import replicated_bytes
 from ..render.pieces.light import turns
 from ..render.settings import RenderSettings
 from . import light
+from .meshes import is_mesh
 from .pieces import needs_all
 from .shared import UserError, mistakes, reading, say, text_of
 
@@ -94,7 +95,7 @@ def replicates(options: argparse.Namespace, lit: light.Light) -> bool:
     fit on every rank. Raises UserError where they do not fit and have to.
     """
     path = options.particles[0]
-    particles = kind_of(path).kind == "particles"
+    particles = kind_of(path).kind == "particles" and not is_mesh(path, options)
     if options.ranks == "pieces" and not particles:
         raise UserError(f"--ranks: expected particles for pieces, got {path}")
     forced = options.ranks == "replicate" or not particles or needs_all(options)
