@@ -166,6 +166,13 @@ def test_project(folder, capsys):
         assert main(["project", "a.npz", *words, *CPU]) == 0
     assert Image.open("a.png").size[0] > 400
     capsys.readouterr()
+    assert main(["project", "a.npz", "-o", "a.csv", "--scale", "0.1", *CPU]) == 0
+    assert "volumes are the file's masses over densities, which --scale leaves" in (
+        capsys.readouterr().err
+    )
+    words = ["--scale", "0.1", "--particle-volume", "1e-6"]
+    assert main(["project", "a.npz", "-o", "a.csv", *words, *CPU]) == 0
+    assert not capsys.readouterr().err
     gb.write("b.npz", cube(10, support=0.25))
     facts = run_json(capsys, "project", "b.npz", "-o", "a.npz", "--particle-volume", "0.5", *CPU)
     assert facts["total"]["thickness"] == pytest.approx(500, rel=1e-3)

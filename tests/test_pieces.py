@@ -343,6 +343,16 @@ def test_what_needs_all_particles_is_refused_with_pieces(files, little, capsys):
         assert f"--{flag}: expected none with a scene in pieces" in error
 
 
+def test_radii_that_pieces_do_not_have_are_said(files, little, capsys):
+    p = gb.Particles(LATTICE, attributes={"radius": np.full(len(LATTICE), 0.5)})
+    gb.write("r.npz", p)
+    words = ["render", "r.npz", "-o", "a.png", "--device", "cpu", "--size", "40x30"]
+    assert main([*words, "--memory", "500000"]) == 0
+    assert "pieces do not have the file's radii; more --memory draws" in capsys.readouterr().err
+    assert main(words) == 0
+    assert "pieces" not in capsys.readouterr().err
+
+
 def test_faces_are_not_drawn_in_pieces(files, little, capsys):
     n = 50
     corners = np.stack([*np.meshgrid(np.arange(n), np.arange(n)), np.zeros((n, n))], -1)

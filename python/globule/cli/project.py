@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 
 from ..measure.places import SamplePlane
-from ..measure.project import project
+from ..measure.project import has_volumes, project
 from ..measure.samples import EXTENSIONS
 from . import flags, measuring, slice
 from .parser import Parser
@@ -91,6 +91,11 @@ def run(options: argparse.Namespace) -> None:
             plane = SamplePlane(options.axis, 0.0, options.spacing)
             spacing = options.particle_spacing
             volume = spacing**3 if spacing else options.volume
+            if options.scale not in (None, 1) and volume is None and has_volumes(particles):
+                what = "volumes are the file's masses over densities, which --scale leaves"
+                warn(
+                    f"{options.file}: {what}; --particle-volume or --particle-spacing gives others"
+                )
             found = project(
                 particles, plane, names[:1] if image else names, volume=volume,
                 kernel=options.kernel, support=options.support, device=options.device,

@@ -125,9 +125,14 @@ def kernel_volume(kernel: str) -> float:
     return total
 
 
+def has_volumes(particles: Particles) -> bool:
+    """Whether particles have masses and densities."""
+    return all(_first(particles, known) is not None for known in (_MASSES, _DENSITIES))
+
+
 def _fluid_volume(scene: Scene | None, particles: Particles) -> float | None:
     """The volume of a particle of a fluid without masses and densities; None of all others."""
-    if all(_first(particles, known) is not None for known in (_MASSES, _DENSITIES)):
+    if has_volumes(particles):
         return None
     if scene is None or scene.surface == "balls":
         if not assess_fluid(particles).yes:
