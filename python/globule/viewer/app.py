@@ -31,6 +31,7 @@ from .recording import Shot
 from .roles import LOOK, MOST_CLIENTS, REFUSED, STEER, visitor
 from .source import Source
 from .state import MOST_BYTES, State
+from .wakeups import wake_always
 
 PAGE_EYE = (3.0, 3.0, 3.0)  # of viser's page before it gets a camera, page units
 MOST_WINDOW = 7680  # pixels of a side of a browser's window
@@ -120,6 +121,7 @@ class Viewer:
                 f"the version that globule needs: {how_to_install('view')}"
             )
         limit_messages(self.server, MOST_BYTES)
+        wake_always(self.server._websock_server.get_message_buffer())
         quiet_tasks(self.server)
         self.host, self.port = host, self.server.get_port()
         from .page import Page
@@ -199,6 +201,7 @@ class Viewer:
             self._met = True
             self.state.history.clear()
         no_uploads(browser)
+        wake_always(browser._websock_connection.get_message_buffer())
         sink = ViserSink(browser, lambda number: client.acknowledge(number))
         client = self.engine.add(sink, self.first_camera)
         client.role = who.role
