@@ -220,7 +220,7 @@ def _facts(options: argparse.Namespace, subject: Subject, hits: int) -> dict[str
         "surface": scene.surface,
         "support": _one_number(scene.support),
         "spacing": scene.spacing or None,
-        "origin": list(scene.particles.origin),
+        "origin": list(scene.origin),
         "memory": {"octree": tree.bytes},
         "counts": {
             "particles": subject.n,

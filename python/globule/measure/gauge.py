@@ -83,7 +83,7 @@ def map_heights(
     flat[:, axis] = sign * np.where(known, heights, lowest)
     values = {"height": heights.astype(np.float32).reshape(lattice.shape)}
     coords = dict(zip(lattice.dims, lattice.coords, strict=True))
-    origin = scene.particles.origin
+    origin = scene.origin
     return Samples(points, values, lattice.dims, coords, lattice.steps, origin)
 
 

@@ -139,7 +139,7 @@ def mesh_surface(
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
     found = values_at(scene, vertices, names)
-    return SurfaceMesh(vertices, faces, normals, found, spacing, scene.particles.origin)
+    return SurfaceMesh(vertices, faces, normals, found, spacing, scene.origin)
 
 
 def measure_surface(

@@ -58,9 +58,7 @@ def sample(
     else:
         points, dims, steps = _points(where), ("point",), np.empty((0, 3))
         coords = {"point": np.arange(len(points))}
-    return Samples(
-        points, values_at(scene, points, names), dims, coords, steps, scene.particles.origin
-    )
+    return Samples(points, values_at(scene, points, names), dims, coords, steps, scene.origin)
 
 
 def values_at(scene: Scene, points: np.ndarray, names: Sequence[str]) -> dict[str, np.ndarray]:

@@ -163,11 +163,8 @@ def layers_of(scene: Any, clips: Any, color: tuple) -> tuple[Layer, ...]:
 
 def need_one_origin(layers: Sequence[Layer]) -> None:
     """Refuse layers whose places are given from several origins."""
-    if len(layers) == 1:  # may be in pieces, which are drawn alone
-        return
     shown = [x.scene for x in layers if isinstance(x.scene, (Mesh, SceneBase)) and len(x.scene)]
-    known = [s.origin if isinstance(s, Mesh) else s.particles.origin for s in shown]
-    origins = list(dict.fromkeys(origin for origin in known if origin is not None))
+    origins = list(dict.fromkeys(s.origin for s in shown if s.origin is not None))
     if len(origins) > 1:
         raise ValueError(
             f"scene: expected layers with one origin, got {origins[0]} and {origins[1]}: read "

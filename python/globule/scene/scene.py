@@ -172,7 +172,7 @@ class SceneBase(Owner):
         else:
             found = as_particles("particles", particles)
             if isinstance(particles, (Particles, str, os.PathLike)):
-                found = found.at(self.particles.origin)
+                found = found.at(self.origin)
         with self._lock:
             self._build(found)
 
@@ -321,6 +321,11 @@ class SceneBase(Owner):
     @threshold.setter
     def threshold(self, value: float) -> None:
         self._threshold = positive("threshold", value)
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """Place, world units, from which the scene's positions are given; see `Particles`."""
+        return self.particles.origin
 
     @property
     def spacing(self) -> float:
