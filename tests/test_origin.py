@@ -117,8 +117,9 @@ def test_pieces_of_a_file_have_one(capsys, monkeypatch):
     from globule.formats.ranges import ranges
 
     np.savez("a.npz", positions=lattice() + FAR)
+    n, rows = ranges("a.npz")  # who only counts is told nothing
     with pytest.warns(UserWarning, match="positions are given from"):
-        n, rows = ranges("a.npz")
+        rows(0, 1)
     origins = {rows(k, k + 100).origin for k in range(0, n, 100)}
     assert len(origins) == 1
     assert origins != {HERE}
@@ -266,3 +267,12 @@ def test_the_viewer_refuses_layers_of_two_origins():
 def test_particles_say_what_another_origin_destroys():
     with pytest.warns(UserWarning, match="float32 has steps"):
         gb.Particles(lattice(), origin=FAR).at((0, 0, 0))
+
+
+def test_the_viewers_command_has_the_origin_in_one_flag():
+    from globule.viewer.source import Source
+
+    source = Source.__new__(Source)
+    source.reading = {"labels": [1, 2], "origin": tuple(FAR), "columns": {"x": "a"}}
+    words = "--label 1 --label 2 --origin 440750,5000000,100 --columns x=a"
+    assert source.option_words() == words.split()

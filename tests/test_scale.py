@@ -36,6 +36,15 @@ def test_all_lengths_follow_and_nothing_else():
             gb.read("a.npz", scale=wrong)
 
 
+def test_diameters_are_halved_and_scaled_in_ranges_as_in_whole_files():
+    np.savez("a.npz", positions=POINTS, radius=np.full(len(POINTS), 0.1))  # support: 4 radii
+    whole = gb.read("a.npz", scale=0.3, radius_is="diameter")
+    part = ranges("a.npz", scale=0.3, radius_is="diameter").read(2, 9)
+    np.testing.assert_array_equal(part.attributes["radius"], whole.attributes["radius"][2:9])
+    np.testing.assert_array_equal(part.support, whole.support[2:9])
+    np.testing.assert_allclose(part.support, 0.3 * 4 * 0.05, rtol=1e-6)
+
+
 def test_far_coordinates_are_scaled_before_float32():
     far = POINTS + (5e9, 0, 0)  # mm
     np.save("a.npy", far)

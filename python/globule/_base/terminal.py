@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from numbers import Integral
 from typing import Any
 
@@ -14,6 +15,11 @@ def escaped(text: str, but: str = "") -> str:
 def plain_number(value: Any, digits: int = 6) -> str:
     """A number for people: a whole one with all of its digits, as ids need them."""
     return f"{value}" if isinstance(value, Integral) else f"{value:.{digits}g}"
+
+
+def place_text(place: Iterable[float]) -> str:
+    """X,Y,Z as flags take it, with the digits of float64."""
+    return ",".join(f"{x + 0.0:.15g}" for x in place)
 
 
 class Plain:

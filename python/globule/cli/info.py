@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.terminal import plain_number
+from .._base.terminal import place_text, plain_number
 from ..data.particles import SCALAR_FIELDS, Particles
 from ..data.spacing import n_coincident
 from ..fluids.likeness import RADII, suitable_surface
@@ -240,7 +240,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         lo, hi = (" ".join(f"{v:.6g}" for v in facts["bounds"][end]) for end in ("lo", "hi"))
         from_there = ""
         if any(facts["origin"]):
-            from_there = "  from " + ",".join(f"{v:.15g}" for v in facts["origin"])
+            from_there = f"  from {place_text(facts['origin'])}"
         lines.append(f"  bounds     {lo}  to  {hi}{from_there}")
         spacing = facts["spacing"]
         text = f"{spacing:.4g}" if spacing else "unknown (all at one position)"

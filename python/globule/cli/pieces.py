@@ -133,8 +133,8 @@ def _share(path: str, given: Mapping[str, Any], comm: Any) -> Source:
             return whole
         first, last = (whole.n * r // comm.size for r in (comm.rank, comm.rank + 1))
         return Source(last - first, lambda a, b: whole.read(first + a, first + b), whole.size)
-    root = comm is None or comm.rank == 0
-    return source_of(read_particles(path, **given) if root else np.empty((0, 3), np.float32))
+    nothing = np.empty((0, 3), np.float32)
+    return source_of(nothing if comm.rank else read_particles(path, **given))
 
 
 def run(

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._base.arrays import dtype_name, extent, gpu_shape, on_gpu, to_host
 from .._base.checks import shown
+from .._base.terminal import place_text
 
 SCALAR_FIELDS = ("support", "weight", "reflection", "refraction", "rigidity")
 FIELDS = ("positions", *SCALAR_FIELDS, "color", "anisotropy")
@@ -242,11 +243,10 @@ def lost_precision(positions: np.ndarray) -> str:
     farthest, step, spacing, origin = _rounding(positions, 9)  # fewer may be a box's corners
     if step <= MOST_ROUNDING * spacing:
         return ""
-    said = ",".join(f"{v + 0.0:.15g}" for v in origin)
     return (
         f"positions: near {farthest:.6g} float32 has steps of {step:.3g}, and the particles are "
         f"about {spacing:.2g} apart: it cannot tell them apart; subtract an origin, such as "
-        f"{said}, from the float64 positions"
+        f"{place_text(origin)}, from the float64 positions"
     )
 
 

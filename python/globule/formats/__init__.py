@@ -96,8 +96,8 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     if radius_is == "diameter":
         contents = replace(contents, particles=with_halved_radii(contents.particles))
     if scale != 1:
-        contents = replace(contents, particles=scaled(contents.particles, scale))
-        contents = replace(contents, box=contents.box and contents.box.scaled(scale))
+        box = contents.box and contents.box.scaled(scale)
+        contents = replace(contents, particles=scaled(contents.particles, scale), box=box)
     contents = replace(contents, particles=given_from(contents.particles, origin, path))
     if condition is not None:
         contents = replace(contents, particles=where(contents.particles, condition))

@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import to_host
+from .._base.terminal import place_text
 from ..data.particles import FIELDS, HERE, SCALAR_FIELDS, Particles, lost_precision, relative
 from .errors import bad
 
@@ -122,8 +123,8 @@ def per_particle(particles: Particles) -> dict[str, np.ndarray]:
 def say_origin(path: Any, origin: tuple[float, float, float]) -> None:
     """Warn that positions are not the file's own."""
     if origin != HERE:
-        said = ",".join(f"{v:.15g}" for v in origin)
-        what = f"positions are given from {said}: float32 would not keep the file's coordinates"
+        said = f"positions are given from {place_text(origin)}"
+        what = f"{said}: float32 would not keep the file's coordinates"
         warnings.warn(f"{os.fspath(path)}: {what}", stacklevel=4)
 
 

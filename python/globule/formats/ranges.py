@@ -6,6 +6,7 @@ compression, HDF5, .bgeo without compression, and .vtu and .vtp whose one piece 
 
 from __future__ import annotations
 
+import functools
 import mmap
 import os
 import zipfile
@@ -70,15 +71,24 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
     halved = options.pop("radius_is", "radius") == "diameter"
     origin, scale = options.pop("origin", "auto"), options.pop("scale", 1.0)
     before, (n, read) = _state(path), _ranges(path, **options)
-    if origin == "auto":
-        origin = scaled(read(0, min(n, 10_000)), scale).origin
-        say_origin(path, origin)
+
+    def given(first: int, last: int) -> Particles:
+        rows = read(first, last)
+        return scaled(with_halved_radii(rows) if halved else rows, scale)
+
+    @functools.cache
+    def start() -> tuple[float, float, float]:
+        """One origin for all ranges; who only counts the rows reads none."""
+        if origin != "auto":
+            return origin
+        found = given(0, min(n, 10_000)).origin
+        say_origin(path, found)
+        return found
 
     def unchanged(first: int, last: int) -> Particles:
         # Other contents may also look damaged: what has changed comes first.
         try:
-            rows = scaled(read(first, last), scale).at(origin)
-            return with_halved_radii(rows) if halved else rows
+            return given(first, last).at(start())
         finally:
             if _state(path) != before:
                 raise bad(path, "", "expected a file that stays as it is, got one that changed "

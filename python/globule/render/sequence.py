@@ -200,12 +200,11 @@ def find_value_range(
     elif isinstance(frames, (str, os.PathLike)):
         frames = with_frames(find_files([os.fspath(frames)]))
     lo, hi = np.inf, -np.inf
-    origin = None
+    together = OneOrigin()
     n = len(frames) if isinstance(frames, Sized) else 0
     for i, frame in enumerate(frames):
         particles = frame if isinstance(frame, Particles) else read(frame)
-        origin = particles.origin if origin is None and len(particles) else origin
-        particles = particles if origin is None else particles.at(origin)
+        particles = together(particles)
         try:
             values = attribute_values(particles, name)
         except ValueError as error:
@@ -237,6 +236,19 @@ def _size(frame: Any) -> int:
     if isinstance(frame, (str, os.PathLike)):
         return os.path.getsize(frame) if os.path.isfile(frame) else 0
     return len(frame) if isinstance(frame, Sized) else 0
+
+
+class OneOrigin:
+    """The frames of a sequence, given from the origin of the first that has particles."""
+
+    def __init__(self) -> None:
+        self.origin: tuple[float, float, float] | None = None
+
+    def __call__(self, particles: Particles) -> Particles:
+        """The next frame."""
+        if self.origin is None and len(particles):
+            self.origin = particles.origin
+        return particles if self.origin is None else particles.at(self.origin)
 
 
 class KeptScene:
@@ -463,7 +475,7 @@ def render_sequence(
     at = leader(source[:n_frames]) if listed else 0
     kept = KeptScene((lambda: _particles_of(source[at])) if at else None)
     names: list[str] = []
-    origin = None
+    together = OneOrigin()
 
     def name(i: int) -> str:
         return movie.path(i) if movie else output % i
@@ -479,8 +491,7 @@ def render_sequence(
                 progress(i + 1, total)
             continue
         values = None
-        origin = particles.origin if origin is None and len(particles) else origin
-        particles = particles if origin is None else particles.at(origin)
+        particles = together(particles)
         if color_by is not None:
             values = values_of(particles, color_by, colormap, range)
             particles = colored(particles, color_by, colormap, range)

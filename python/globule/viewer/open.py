@@ -140,7 +140,7 @@ def _open_name(name: str, common: dict[str, Any], reading: dict[str, Any]) -> So
 
 def _settled(reading: dict[str, Any], source: Source) -> dict[str, Any]:
     """How each frame alone is read to stand where the source shows it."""
-    origin = source.given_from if isinstance(source, SequenceSource) else None
+    origin = source.together.origin if isinstance(source, SequenceSource) else None
     return reading if origin in (None, HERE) else {**reading, "origin": origin}
 
 

@@ -15,7 +15,7 @@ from .._base.arrays import box_corners
 from ..data.particles import Particles
 from ..formats import read
 from ..render.layers import Layer
-from ..render.sequence import leader
+from ..render.sequence import OneOrigin, leader
 from .scenes import SceneMaker
 from .source import Origin, Source
 from .state import State
@@ -34,8 +34,7 @@ class SequenceSource(Source):
 
     Attributes:
         frame: index of the current frame.
-        given_from: origin of the positions in all frames, that of the first frame which has
-            particles; None before.
+        together: gives the positions of all frames from one origin.
     """
 
     kind = "sequence"
@@ -52,7 +51,7 @@ class SequenceSource(Source):
         if not len(frames):
             raise ValueError("frames: expected at least one, got none")
         self._frames, self._read_frame = list(frames), read_frame
-        self.given_from: tuple[float, float, float] | None = None
+        self.together = OneOrigin()
         self.files = [os.fspath(f) for f in frames if not isinstance(f, Particles)]
         self.n_frames = len(self._frames)
         self.maker = SceneMaker(device, threads)
@@ -120,9 +119,7 @@ class SequenceSource(Source):
 
     def _read(self, item: Any) -> Particles:
         particles = item if isinstance(item, Particles) else self._read_frame(item)
-        if self.given_from is None and len(particles):
-            self.given_from = particles.origin
-        return particles if self.given_from is None else particles.at(self.given_from)
+        return self.together(particles)
 
     def _fetch(self, i: int) -> Future:
         """A frame that is being read or has been read."""

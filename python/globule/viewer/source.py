@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import box_corners
+from .._base.terminal import place_text
 from ..data.attributes import attribute_names
 from ..data.particles import Particles
 from ..formats.frames import FrameOf
@@ -165,6 +166,8 @@ class Source:
         for name, value in self.reading.items():
             if isinstance(value, dict):
                 value = ",".join(f"{field}={column}" for field, column in value.items())
+            elif name == "origin":
+                value = place_text(value)
             for one in value if isinstance(value, (list, tuple)) else [value]:
                 words += [OPTIONS[name], str(one)]
         return words
