@@ -242,6 +242,7 @@ def test_limits_are_set_and_given_back():
     assert memory.limits() == before
 
 
+@pytest.mark.slow
 def test_a_sound_file_above_the_ratio_is_read_if_the_ratio_is_raised(capsys):
     volume = gb.volumes.Volume(np.zeros((300, 300, 400), np.uint16), np.eye(4))
     gb.volumes.write_volume("v.nii.gz", volume)

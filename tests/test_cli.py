@@ -86,6 +86,7 @@ def test_interrupted_while_it_loads(folder, script):
     assert err == "globule: interrupted\n"
 
 
+@pytest.mark.slow
 def test_closed_pipe(particles):
     process = subprocess.Popen(
         [*COMMAND, "info", particles], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

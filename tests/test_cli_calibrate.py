@@ -161,6 +161,7 @@ def test_delay_of_a_water_tank(capsys):
     assert "uncertain" in error
 
 
+@pytest.mark.slow
 def test_pictures(capsys):
     pytest.importorskip("matplotlib")
     recording_with_delay(0.1)

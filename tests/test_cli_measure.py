@@ -260,6 +260,7 @@ def test_without_packages(particles, capsys, monkeypatch):
     assert "globule[measure]" in refused(capsys, "mesh", particles, "-o", "a.ply", *CPU)
 
 
+@pytest.mark.slow
 def test_one_surface_and_one_spacing_for_all(folder, capsys):
     """info, render, mesh, gauge and project speak of the same spacing, that of the fluid's volume,
     and giving it again changes nothing."""

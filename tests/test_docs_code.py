@@ -121,6 +121,7 @@ def test_code_and_commands_are_right_as_far_as_can_be_seen():
     assert [(place, what) for place, what in found if what] == []
 
 
+@pytest.mark.slow
 def test_a_block_that_fails_is_named(environment, tmp_path):
     page = tmp_path / "page.md"
     for text, said in (

@@ -15,7 +15,7 @@ from waiting import PATIENCE
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples"
 EXAMPLES = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
-QUICK = ("01", "05", "14")  # the others run with --matrix
+QUICK = ("01", "05")  # the others run with --matrix
 
 
 def test_they_are_numbered():

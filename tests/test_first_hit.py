@@ -44,6 +44,7 @@ def check_normals(c: Case, points: np.ndarray, normal: np.ndarray) -> None:
     assert (cosine > 0.999).all()
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] if n == "splash" else []) for n in CASES]
 )

@@ -26,6 +26,7 @@ def fuzz(*words: str) -> str:
     return made.stdout
 
 
+@pytest.mark.slow
 def test_new_mutants_and_all_findings(tmp_path):
     """Most findings by Python and by a command, where the originals can be made."""
     said = fuzz(

@@ -89,6 +89,7 @@ def test_every_kernel(kernel, backend):
 
 
 @pytest.mark.few_backends
+@pytest.mark.few_backends
 def test_cuts(backend):
     for clip in (CUT, gb.ClipSphere((8, 8, 10), 5.0), gb.ClipBox((0, 0, 0), (11, 8, 9), True)):
         check(PARTICLES, 3, backend, ONE_RAY, clips=[clip], support=2.0)
@@ -99,6 +100,7 @@ def test_smooth_surfaces_with_samples_at_edges(backend):
     check(PARTICLES, 3, backend, ONE_RAY, surface="smooth", spacing=1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.few_backends
 def test_particles_of_their_own(backend):
     rng = np.random.default_rng(6)

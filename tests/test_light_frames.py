@@ -207,6 +207,7 @@ QUICK = ("one", "mixed", "carved", "sheet_edge", "hundred", "inside", "cloud bli
 FAR_PLANE = [gb.ClipPlane((0.3, 0.2, 1), 1e5)]
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize(
     ("octree", "name"),
     [  # ellipsoids: in the sparse octree only

@@ -188,6 +188,7 @@ def test_live_reconstruct(sweep, capsys):
     assert (live.values != file.values).mean() < 0.02
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_with_all_that_it_recorded(sweep, capsys):
     """SIGKILL in the middle of a stream; the server then starts again a few frames back."""
     server = Server(sweep)
@@ -271,7 +272,10 @@ def test_a_recording_that_was_cut_anywhere():
 
 @pytest.mark.parametrize(
     ("flag", "after", "refresh"),
-    [("--three-view", (8, 14, 20), "0.001"), ("--surface-image", (12,), "3600")],
+    [
+        ("--three-view", (8, 14, 20), "0.001"),
+        pytest.param("--surface-image", (12,), "3600", marks=pytest.mark.slow),
+    ],
 )
 def test_an_image_is_drawn_while_frames_come(sweep, capsys, flag, after, refresh):
     address = served(sweep, between=Redrawn("v.png", after))

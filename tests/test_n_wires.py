@@ -350,6 +350,7 @@ def test_the_sweeps_of_fcal(tmp_path, capsys):
 # The command
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_command(capsys):
     *data, _ = sweep()

@@ -166,6 +166,7 @@ def rows(found) -> list[np.ndarray]:
     return np.split(indices, offsets[1:-1].astype(np.int64))
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("options", COMBINATIONS, ids=ids)
 @pytest.mark.parametrize("name", NAMES)
 def test_neighbors(backend, name, options):

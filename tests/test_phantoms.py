@@ -14,6 +14,7 @@ def digest(sweep) -> str:
     return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes():
     options = {"n_frames": 6, "size": (40, 50), "pose_noise": (0.1, 0.2), "gaps": 0.3}
     for make in (phantoms.cylinders, phantoms.breast):

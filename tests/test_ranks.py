@@ -196,7 +196,7 @@ sys.exit(main(["render", "a.npz", "-o", "a.png", "--support", "0.4"]))
 @pytest.mark.parametrize(
     ("fails", "line"),
     [
-        ("disk", "globule: error: rank 1: a.npz: no such disk"),
+        pytest.param("disk", "globule: error: rank 1: a.npz: no such disk", marks=pytest.mark.slow),
         pytest.param("all", "globule: interrupted", marks=pytest.mark.slow),
         pytest.param("one", "globule: error: rank 1: interrupted", marks=pytest.mark.slow),
     ],

@@ -69,6 +69,7 @@ def phantom():
     return tissue(1)
 
 
+@pytest.mark.slow
 def test_known_motion_of_a_phantom(phantom):
     """Two passes by two hands, one of them in a world turned by 8 degrees and 6 mm away."""
     fixed, other = swept(phantom, 1), swept(phantom, 2, z=4)

@@ -83,7 +83,7 @@ def whole_state(sim):
     return repr(sim._by_hand()), facts(sim), arrays
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, database=None,
+@settings(max_examples=20, deadline=None, derandomize=True, database=None,
           phases=[Phase.generate], suppress_health_check=[HealthCheck.too_slow])  # fmt: skip
 @given(
     before=st.lists(st.tuples(st.sampled_from(sorted(OPERATIONS)), SHARES), max_size=8),

@@ -216,6 +216,7 @@ def test_boundaries_follow_their_poses(backend):
     assert sim.step(0.004).n_escaped == 0
 
 
+@pytest.mark.slow
 @pytest.mark.few_backends
 def test_light_bodies_float_and_heavy_ones_sink(backend):
     heights = {}

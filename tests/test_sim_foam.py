@@ -281,6 +281,7 @@ def test_particles_and_an_image(runs):
     assert np.any(plain != white)
 
 
+@pytest.mark.slow
 def test_a_run_writes_foam_beside_its_frames(tmp_path, capsys):
     (tmp_path / "dam.toml").write_text(
         """

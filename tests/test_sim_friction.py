@@ -21,14 +21,14 @@ def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))
 
 
-ELASTIC = pytest.param("elastic tissue", "solid", marks=pytest.mark.slow)
+ON_TISSUE = [
+    pytest.param(f"{kind} tissue", "solid", marks=pytest.mark.slow) for kind in ("fixed", "elastic")
+]
 
 
 @pytest.mark.few_backends
 @pytest.mark.parametrize(("friction", "degrees"), [(0.2, 20.0), (0.5, 20.0), (0.3, 30.0)])
-@pytest.mark.parametrize(
-    ("floor", "model"), [("wall", "solid"), ("wall", "bonds"), ("fixed tissue", "solid"), ELASTIC]
-)
+@pytest.mark.parametrize(("floor", "model"), [("wall", "solid"), ("wall", "bonds"), *ON_TISSUE])
 def test_a_block_on_a_tilted_floor(backend, floor, model, friction, degrees):
     how = {"floor": floor, "model": model, "friction": friction, "degrees": degrees}
     check(truths.tilted_floor(**backend, **how))

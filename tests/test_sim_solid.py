@@ -21,8 +21,10 @@ MASS = DENSITY * D**3
 
 @pytest.mark.few_backends
 @pytest.mark.parametrize(("experiment", "how"), [
-    ("column", {"poisson": 0.0}), ("column", {"poisson": 0.45}), ("cantilever", {"poisson": 0.0}),
-    ("squeeze", {}), ("steps", {}), ("cut_column", {}), ("momentum", {}),
+    ("column", {"poisson": 0.0}), ("cantilever", {"poisson": 0.0}),
+    pytest.param("column", {"poisson": 0.45}, marks=pytest.mark.slow),
+    pytest.param("squeeze", {}, marks=pytest.mark.slow),
+    ("steps", {}), ("cut_column", {}), ("momentum", {}),
     ("vibration", {"periods": 8}),
 ])  # fmt: skip
 def test_truths(backend, experiment, how):

@@ -93,6 +93,7 @@ def test_restart_is_bit_identical(folder, capsys):
     assert rows == others
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "by", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
 )

@@ -78,6 +78,7 @@ def test_a_file_and_its_frames_give_the_same_volume(work, sweep):
     assert of_file.values.mean() == pytest.approx(of_frames.values.mean(), rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_live_run_ends_with_a_volume(work, sweep):
     """Started before its server, and stopped by the user."""
     pytest.importorskip("pyigtl", reason="live needs pyigtl")

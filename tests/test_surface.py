@@ -132,13 +132,13 @@ def test_many_particles_have_the_kernels_of_few(backend):
 
 @pytest.mark.few_backends
 def test_hits_equal_the_references(backend):
-    """Hit or miss as float64 says for the same kernels: 6,000 rays, half of them within 0.02
+    """Hit or miss as float64 says for the same kernels: 3,000 rays, half of them within 0.02
     spacings of a silhouette."""
     points = np.concatenate([ball(600), ball(30) + [9, 3, 0], block(8, 8, 1) - [16, 0, 0]])
     points = points.astype("f4")
     scene = smooth(points, **backend)
     G, weight = scene.surface_kernels()
-    n = 3000
+    n = 1500
     rng = np.random.default_rng(5)
     target = points[rng.integers(len(points), size=n)] + 1.2 * rng.normal(size=(n, 3))
     away = directions(n, 6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -108,41 +109,60 @@ def test_a_number_of_a_panel_changes_the_image(watched):
     watched.still(page, lambda p: silhouette(p) == pytest.approx(before, rel=0.02))
 
 
-def test_who_looks_cannot_steer_and_has_a_camera_of_its_own(watched):
+@contextmanager
+def looking(watched):
+    """The page of a second browser that looks, and its client."""
     (steering,) = watched.pages
-    viewer, before = watched.viewer, steering.client.camera
+    viewer = watched.viewer
     known = set(viewer.clients)
     with steering.context.expect_page() as opened:  # a tab with the steering page's cookies
         steering.evaluate("address => { open(address); }", viewer.look_address)
-    looking = opened.value
     try:
         until(lambda: set(viewer.clients) - known, "for the second browser")
-        own = viewer.clients[max(viewer.clients)]
+        yield opened.value, viewer.clients[max(viewer.clients)]
+    finally:
+        opened.value.close()
+
+
+def cutting_plane(page):
+    return page.locator("#globule-desk").get_by_role("button", name="Cutting plane")
+
+
+def test_who_looks_cannot_steer_and_has_a_camera_of_its_own(watched):
+    (steering,) = watched.pages
+    viewer, before = watched.viewer, steering.client.camera
+    with looking(watched) as (page, own):
         assert (steering.client.role, own.role) == ("steer", "look")
-        desk = looking.locator("#globule-desk")
-        desk.get_by_text("You look · 2 of 16 browsers").wait_for()
-        plane = desk.get_by_role("button", name="Cutting plane")
+        page.locator("#globule-desk").get_by_text("You look · 2 of 16 browsers").wait_for()
+        plane = cutting_plane(page)
         assert plane.is_disabled()
-        steering.locator("#globule-desk").get_by_role("button", name="Cutting plane").click()
-        looking.wait_for_function("b => b.ariaPressed == 'true'", arg=plane.element_handle())
+        cutting_plane(steering).click()
+        page.wait_for_function("b => b.ariaPressed == 'true'", arg=plane.element_handle())
         assert viewer.state.cuts.plane
+        cutting_plane(steering).click()
+        until(lambda: not viewer.state.cuts.plane)
         other = own.camera
-        at = middle(looking)
-        stroke(looking, at, at + (60, 30))
+        at = middle(page)
+        stroke(page, at, at + (60, 30))
         until(lambda: own.camera != other, "for the camera to move")
         assert steering.client.camera == before
-        open_folder(looking, "Annotations")
-        box = looking.get_by_label("Scale bar", exact=True).first
+        open_folder(page, "Annotations")
+        box = page.get_by_label("Scale bar", exact=True).first
         box.click()
         until(lambda: not box.is_checked())
         assert not viewer.state.notes.scale_bar
+
+
+@pytest.mark.slow
+def test_roles_are_the_same_after_both_connect_again(watched):
+    (steering,) = watched.pages
+    viewer = watched.viewer
+    with looking(watched) as (page, _):
         known = set(viewer.clients)
-        viewer.server._websock_server.disconnect_all_clients()  # both connect again
+        viewer.server._websock_server.disconnect_all_clients()
         until(lambda: len(set(viewer.clients) - known) == 2, "for both")
         roles = sorted(client.role for client in viewer.clients.values())
         assert roles == ["look", "steer"]
-        until(plane.is_disabled)
-        steering.locator("#globule-desk").get_by_role("button", name="Cutting plane").click()
-        until(lambda: not viewer.state.cuts.plane)
-    finally:
-        looking.close()
+        until(cutting_plane(page).is_disabled)
+        cutting_plane(steering).click()
+        until(lambda: viewer.state.cuts.plane)

@@ -93,7 +93,10 @@ def engine(folder):
         yield made
 
 
-@pytest.mark.parametrize("name", STATES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow) if k % 3 else n for k, n in enumerate(STATES)],
+)
 def test_command_and_program_make_the_same_picture(engine, name):
     engine.state.set(quality__samples=3, **STATES[name])
     check(engine, CAMERA, size=(160, 120))

@@ -89,6 +89,7 @@ def test_an_image_refines_while_others_are_made(splash):
     assert first.samples == 2
 
 
+@pytest.mark.slow
 def test_reset_and_the_timeline_take_the_foam_along():
     source = open_source(made())
     after = []

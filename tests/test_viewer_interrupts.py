@@ -59,6 +59,7 @@ def status(process: subprocess.Popen, name: str) -> str:
         return ""
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_being_recorded(tmp_path):
     av = pytest.importorskip("av")
     gb.write(tmp_path / "blob.npz", blob(50))

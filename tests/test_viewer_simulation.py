@@ -166,6 +166,7 @@ def pool():
         yield watched
 
 
+@pytest.mark.slow
 def test_suction_follows_a_stroke_on_the_surface(pool):
     page, source = pool.program(), pool.viewer.source
     sim, tool = source.simulation, source.simulation.tools["sucker"]

@@ -175,7 +175,7 @@ def test_a_change_stops_a_still_image_and_the_next_one_is_complete(shown):
 
 def test_a_waiting_person_interrupts_a_still_image_which_then_begins_again(shown):
     client, engine = shown.client, shown.engine
-    client.look(gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)), (1200, 900))
+    client.look(gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)), (800, 600))
     until(lambda: engine._still is not None, "for a still image to begin")
     engine.interrupt()
     until(lambda: shown.plans and shown.plans[-1].samples == 4, "for it to be complete")
