@@ -7,6 +7,7 @@ import light_reference
 import numpy as np
 import pytest
 from light_reference import GROUND
+from quick import every
 from reference_medium import KERNELS, Medium
 
 SIZE = (12, 9)
@@ -215,10 +216,7 @@ def compare(seed, **backend):
 
 
 @pytest.mark.few_backends
-@pytest.mark.parametrize(
-    "seed",
-    [pytest.param(s, marks=pytest.mark.slow) if k % 2 else s for k, s in enumerate(SEEDS)],
-)
+@pytest.mark.parametrize("seed", every(4, SEEDS))
 def test_random_scene(backend, seed):
     wrong, n_suspects = compare(seed, **backend)
     assert not wrong

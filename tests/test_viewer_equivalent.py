@@ -12,6 +12,7 @@ from globule.cli import main
 from globule.viewer.equivalent import command_line, python_code
 from globule.viewer.recording import Shot, checked_size
 from PIL import Image
+from quick import every
 from viewer_helpers import engine_of, until
 
 STATES = {
@@ -93,10 +94,7 @@ def engine(folder):
         yield made
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=pytest.mark.slow) if k % 3 else n for k, n in enumerate(STATES)],
-)
+@pytest.mark.parametrize("name", every(3, STATES))
 def test_command_and_program_make_the_same_picture(engine, name):
     engine.state.set(quality__samples=3, **STATES[name])
     check(engine, CAMERA, size=(160, 120))
