@@ -202,6 +202,7 @@ def test_what_lies_behind_the_data_is_not_read():
         assert taken < 200e6
 
 
+@pytest.mark.slow
 def test_memory_stays_below_the_limit():
     """Real data near the limit: either they are read within it, or refused before."""
     rng = np.random.default_rng(0)

@@ -255,14 +255,10 @@ def worst_corner(calibration: Calibration) -> float:
     return float(np.linalg.norm(difference, axis=1).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("degrees", "pose_noise", "n_draws"),
-    [
-        (20, 0.2, 10),
-        pytest.param(20, 0.0, 20, marks=pytest.mark.slow),
-        pytest.param(5, 0.05, 20, marks=pytest.mark.slow),
-        pytest.param(1, 0.0, 20, marks=pytest.mark.slow),
-    ],
+    [(20, 0.2, 10), (20, 0.0, 20), (5, 0.05, 20), (1, 0.0, 20)],
 )
 def test_the_expected_error_is_the_true_one(degrees, pose_noise, n_draws):
     """The expected error is within 30 % of the true one (rms of the draws), here 0.1 to 0.9 mm, and

@@ -3,6 +3,7 @@
 import globule as gb
 import numpy as np
 import pytest
+from quick import every
 from test_mesh_layers import box
 from test_surface import ball, smooth
 
@@ -41,7 +42,7 @@ NAMES = (
 
 
 @pytest.mark.few_backends
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", every(3, NAMES))
 def test_edges_have_all_samples_and_other_pixels_one(backend, name):
     layers, fields = scenes(name, backend)
 

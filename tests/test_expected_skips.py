@@ -51,6 +51,7 @@ def test_a_skip_that_is_expected_and_slow_tests_with_the_matrix(tmp_path):
     assert "2 passed, 1 skipped" in shown
 
 
+@pytest.mark.slow
 def test_a_skip_that_is_not_expected_and_no_slow_tests(tmp_path):
     (tmp_path / "expected.txt").write_text("# no moon\nno sun\n")
     found, shown = run(tmp_path, "--expected-skips", "expected.txt")

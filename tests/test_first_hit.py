@@ -61,6 +61,7 @@ def test_there_are_enough_rays():
     assert sum(np.isinf(case(n).depth).sum() for n in names) >= 5_000
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("name", ["one", "mixed", "carved", "sheet", "sheet_edge", "inside"])
 @pytest.mark.parametrize(
     "options", [{"octree": "dense", "level": 5}, {"key_bits": 64}, {"level": 2}], ids=str

@@ -25,6 +25,7 @@ def usd():
     return pytest.importorskip("pxr.Usd")
 
 
+@pytest.mark.slow
 def test_parquet_of_pandas_with_a_map_of_columns(tmp_path, arrow):
     import pyarrow.parquet as pq
 

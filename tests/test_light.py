@@ -25,6 +25,7 @@ from light import (
     refracted,
     sky_of,
 )
+from quick import every
 from scenes import KERNELS, cloud
 
 SKY = direction_sky()
@@ -149,7 +150,7 @@ MATTERS = {
 
 
 @pytest.mark.few_backends
-@pytest.mark.parametrize("matter", MATTERS)
+@pytest.mark.parametrize("matter", every(3, MATTERS))
 def test_furnace(backend, matter):
     """Where all around is 1 and nothing absorbs, everything is 1: no energy comes or goes."""
     rng = np.random.default_rng(60)

@@ -22,6 +22,7 @@ from light import (
     sky_of,
     unit,
 )
+from quick import every
 from scenes import cloud
 
 SIZE = (48, 40)
@@ -91,7 +92,7 @@ def changes(name, view, radii=(RADIUS,), aside=1e-4):
 
 @pytest.mark.few_backends
 @pytest.mark.parametrize("view", CAMERAS)
-@pytest.mark.parametrize("name", CUTS)
+@pytest.mark.parametrize("name", every(3, CUTS))
 def test_cut_ball(backend, name, view):
     """Depth, normal and which pixels are hit, against brute force over all intervals."""
     clips, camera = CUTS[name], CAMERAS[view]

@@ -51,6 +51,7 @@ def test_variance_of_a_cell_is_that_of_its_pairs():
     assert _variance(p, cells) == pytest.approx(want)
 
 
+@pytest.mark.slow
 def test_against_errors_of_a_known_kind():
     """120 volumes whose errors are equal in cubes of 2 voxels, and independent between them."""
     rng = np.random.default_rng(1)

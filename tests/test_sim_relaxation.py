@@ -19,11 +19,14 @@ MASS = DENSITY * D**3
 TWO = truths.SERIES[1]
 
 
-LONG = (pytest.param(name, marks=pytest.mark.slow) for name in ("cycles", "decays", "turned"))
+LONG = (
+    pytest.param(name, marks=pytest.mark.slow)
+    for name in ("creeping", "cycles", "decays", "turned")
+)
 
 
 @pytest.mark.few_backends
-@pytest.mark.parametrize("experiment", ["held", "creeping", "stays", *LONG])
+@pytest.mark.parametrize("experiment", ["held", "stays", *LONG])
 def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))
 

@@ -143,7 +143,7 @@ start = 0.06""",
 @pytest.mark.parametrize(
     "scene",
     [
-        pytest.param(FALLING, id="light"),
+        pytest.param(FALLING, id="light", marks=pytest.mark.slow),
         pytest.param(FALLING + "speeds = [0, 3]\n", id="speeds", marks=pytest.mark.slow),
         pytest.param(LATE, id="empty", marks=pytest.mark.slow),
     ],
@@ -253,6 +253,7 @@ def finished(tmp_path_factory):
     return path / "out"
 
 
+@pytest.mark.slow
 def test_curves_are_drawn(finished):
     pytest.importorskip("matplotlib")
     assert (finished / "diagnostics.png").read_bytes()[:4] == b"\x89PNG"

@@ -101,7 +101,8 @@ def test_exact_landmarks():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "n_draws"), [(2, 20), pytest.param(None, 40, marks=pytest.mark.slow)]
+    ("wrong", "n_draws"),
+    [pytest.param(2, 20, marks=pytest.mark.slow), pytest.param(None, 40, marks=pytest.mark.slow)],
 )
 def test_the_expected_error_at_the_wires(wrong, n_draws):
     """Draws of 0.4 mm noise: 0.35 mm true (rms of the worst end), 0.42 mm expected."""

@@ -73,14 +73,14 @@ def check(name: str, scene: gb.Scene, thesis: Thesis) -> None:
 
 
 @pytest.mark.few_backends
-@pytest.mark.parametrize("name", every(2, BEZIER))
+@pytest.mark.parametrize("name", every(3, BEZIER))
 def test_bezier_clipping_is_exact(backend, name):
     """But for rays that graze: all is float32."""
     check(name, dense(case(name), **backend), Thesis("bezier"))
 
 
 @pytest.mark.few_backends
-@pytest.mark.parametrize("name", MARCH)
+@pytest.mark.parametrize("name", every(3, MARCH))
 def test_marching_with_small_steps(backend, name):
     """Steps of 1/50 support, 1/800 near the surface: only chords shorter than that may be missed,
     on which the field rises by less than 1e-4 over the threshold."""

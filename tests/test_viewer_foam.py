@@ -113,6 +113,7 @@ def test_reset_and_the_timeline_take_the_foam_along():
     assert same(foam(source), after[N - 1])
 
 
+@pytest.mark.slow
 def test_a_running_viewer_sends_it():
     with Watched(made(), camera=CAMERA) as watched:
         client, source, errors = watched.program(answers=False).client, watched.viewer.source, []

@@ -38,7 +38,11 @@ def test_a_recording_outlasts_its_tab(opened, tmp_path, monkeypatch):
     assert not save._recorders
 
 
-@pytest.mark.parametrize("lost", [False, True], ids=["stopped", "first request lost"])
+@pytest.mark.parametrize(
+    "lost",
+    [False, pytest.param(True, marks=pytest.mark.slow)],
+    ids=["stopped", "first request lost"],
+)
 def test_a_click_does_not_wait_for_a_long_image(opened, lost):
     """The image in progress is stopped; otherwise the answer would come after the image."""
     viewer, program = opened
