@@ -69,24 +69,24 @@ def pytest_collection_modifyitems(config, items):
         if any(isinstance(value, str) and value == "cuda" for value in params.values()):
             item.add_marker("gpu")
     if not config.getoption("--matrix"):
-        slow = [item for item in items if item.get_closest_marker("slow")]
-        config.hook.pytest_deselected(items=slow)
-        again = [item for item in items if runs_elsewhere(item)]
-        config.hook.pytest_deselected(items=again)
-        gone = {*slow, *again}
+        slow = {item for item in items if item.get_closest_marker("slow")}
+        gone = slow.union(run_elsewhere(item for item in items if item not in slow))
+        config.hook.pytest_deselected(items=list(gone))
         items[:] = [item for item in items if item not in gone]
 
 
-def runs_elsewhere(item) -> bool:
-    """Whether a case that takes long runs on the other CPU level: those marked `few_backends` take
+def run_elsewhere(items) -> list:
+    """The cases that run on the other CPU level: those of a test that is marked `few_backends` take
     turns, and the only one of its kind runs on the best."""
-    if not item.get_closest_marker("few_backends"):
-        return False
-    params = getattr(item, "callspec", None) and item.callspec.params
-    if not params or params.get("backend") not in QUICK:
-        return False
-    turn = sum(index for name, index in item.callspec.indices.items() if name != "backend")
-    return QUICK[turn % len(QUICK)] != params["backend"]
+    found, turns = [], collections.defaultdict(dict)
+    for item in items:
+        backend = getattr(getattr(item, "callspec", None), "params", {}).get("backend")
+        if backend in QUICK and item.get_closest_marker("few_backends"):
+            cases = turns[item.parent.nodeid, item.originalname]
+            turn = cases.setdefault(item.callspec.id.replace(backend, "", 1), len(cases))
+            if QUICK[turn % len(QUICK)] != backend:
+                found.append(item)
+    return found
 
 
 @pytest.hookimpl(hookwrapper=True)

@@ -18,6 +18,7 @@ from globule.data.particles import Particles
 from globule.formats import FormatError
 from interrupts import count, interrupted, lines
 
+SLOW = pytest.mark.slow
 PACKAGES = {".parquet": "pyarrow", ".arrow": "pyarrow", ".usda": "pxr.Usd", ".usdc": "pxr.Usd"}
 STRETCH = np.random.default_rng(3).normal(size=(5, 3, 3)).astype(np.float32)
 STRETCH = STRETCH @ STRETCH.transpose(0, 2, 1) + np.eye(3, dtype=np.float32)
@@ -31,7 +32,10 @@ ROUND_TRIPS = {
 }
 
 
-@pytest.mark.parametrize("extension", [*FULL, *PACKAGES])
+@pytest.mark.parametrize(
+    "extension",
+    [*FULL, ".parquet", ".usdc", *(pytest.param(e, marks=SLOW) for e in (".arrow", ".usda"))],
+)
 def test_round_trip(extension, tmp_path):
     pytest.importorskip(PACKAGES.get(extension, "numpy"))
     for name, particles in ROUND_TRIPS.items():

@@ -89,7 +89,6 @@ def test_every_kernel(kernel, backend):
 
 
 @pytest.mark.few_backends
-@pytest.mark.few_backends
 def test_cuts(backend):
     for clip in (CUT, gb.ClipSphere((8, 8, 10), 5.0), gb.ClipBox((0, 0, 0), (11, 8, 9), True)):
         check(PARTICLES, 3, backend, ONE_RAY, clips=[clip], support=2.0)

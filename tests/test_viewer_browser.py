@@ -105,6 +105,14 @@ def test_a_number_of_a_panel_changes_the_image(watched):
     after = watched.still(page, lambda p: silhouette(p) < 0.9 * before)
     assert silhouette(after) > 0
     assert watched.viewer.state.surface.threshold == pytest.approx(1.8)
+
+
+def test_default_surface_takes_changes_back(watched):
+    (page,) = watched.pages
+    before = silhouette(watched.still(page))
+    watched.viewer.state.set(surface__threshold=1.8)
+    watched.still(page, lambda p: silhouette(p) < 0.9 * before)
+    open_folder(page, "Surface and quality")
     page.get_by_role("button", name="Default surface").click()
     watched.still(page, lambda p: silhouette(p) == pytest.approx(before, rel=0.02))
 
@@ -128,6 +136,7 @@ def cutting_plane(page):
     return page.locator("#globule-desk").get_by_role("button", name="Cutting plane")
 
 
+@pytest.mark.slow
 def test_who_looks_cannot_steer_and_has_a_camera_of_its_own(watched):
     (steering,) = watched.pages
     viewer, before = watched.viewer, steering.client.camera
