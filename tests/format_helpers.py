@@ -78,3 +78,14 @@ def by_vtk(path: Path | str) -> Any:
     reader.SetFileName(str(path))
     reader.Update()
     return reader.GetOutput()
+
+
+def structured_points(binary: bool = True) -> bytes:
+    """A legacy VTK file of 4 x 3 x 2 values 0 to 23."""
+    values = np.arange(24, dtype=">i2")
+    body = values.tobytes() if binary else " ".join(map(str, values)).encode()
+    head = (f"# vtk DataFile Version 3.0\nthe sea\n{'BINARY' if binary else 'ASCII'}\n"
+            "DATASET STRUCTURED_POINTS\nDIMENSIONS 4 3 2\nSPACING 0.5 1 2\nORIGIN 10 -20 30.25\n"
+            f"POINT_DATA 24\nSCALARS eta short 1\nLOOKUP_TABLE default\n")  # fmt: skip
+    more = b"\nVECTORS u short\n" + (bytes(144) if binary else b"0 " * 72)
+    return head.encode() + body + more + b"\n"

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import tomli_w
 from cli_helpers import cube
-from format_helpers import sample
+from format_helpers import sample, structured_points
 from globule import formats
 from globule.cli.shared import UserError
 from globule.cli.state import read_state
@@ -242,7 +242,16 @@ def _volumes() -> list[str]:
         encoding="utf-8",
     )
     names += _if_installed(lambda: _vtk_volume(values), "zlib.vti")
-    return [*names, "beside.mhd", "beside.nhdr", *_real("ultrasound", "RECON*.mha")]
+    for name, binary in (("binary.vtk", True), ("ascii.vtk", False)):
+        Path(name).write_bytes(structured_points(binary))
+    return [
+        *names,
+        "binary.vtk",
+        "ascii.vtk",
+        "beside.mhd",
+        "beside.nhdr",
+        *_real("ultrasound", "RECON*.mha"),
+    ]
 
 
 def _vtk_volume(values: np.ndarray) -> None:

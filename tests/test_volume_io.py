@@ -9,6 +9,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from format_helpers import structured_points
 from globule.formats.errors import FormatError
 from globule.formats.volumes import WRITABLE, map_path, metaimage, nrrd
 from globule.volumes.files import read_volume, write_volume
@@ -56,6 +57,30 @@ def test_maps(extension):
             assert read_volume("a" + extension).info["origin"] == "assumed"
             found = read_volume(map_path("a" + extension, name)).values
         assert np.array_equal(found, expected), name
+
+
+@pytest.mark.parametrize("binary", [True, False])
+def test_structured_points_of_legacy_vtk(binary):
+    Path("a.vtk").write_bytes(structured_points(binary))
+    found = read_volume("a.vtk")
+    assert np.array_equal(found.values, np.arange(24).reshape(2, 3, 4))
+    expected = np.diag([0.5, 1, 2, 1])
+    expected[:3, 3] = 10, -20, 30.25
+    assert np.array_equal(found.world_from_voxel, expected)
+    with pytest.raises(FormatError, match=r"got a volume .*read_volume"):
+        gb.read("a.vtk")
+    content = structured_points(binary)
+    for old, new, said in (
+        (b"DIMENSIONS 4 3 2", b"DIMENSIONS 4 3", "expected a count after 'DIMENSIONS'"),
+        (b"DIMENSIONS 4 3 2", b"DIMENSIONS 99999999 99999999 9", "expected POINT_DATA 8999"),
+        (b"SPACING 0.5", b"SPACING nan", "three numbers after 'SPACING'"),
+        (b"SPACING 0.5 1 2", b"SPACING 0.5 0 2", "expected"),
+        (b"SCALARS eta short 1", b"SCALARS eta short 2", "expected|after this line"),
+        (b"DIMENSIONS 4 3 2\n", b"", "expected POINT_DATA 0, got 24"),
+    ):
+        Path("b.vtk").write_bytes(content.replace(old, new))
+        with pytest.raises(FormatError, match=said):
+            read_volume("b.vtk")
 
 
 def test_a_volume_without_maps():

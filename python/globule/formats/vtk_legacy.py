@@ -1,4 +1,4 @@
-"""Legacy VTK files (.vtk), versions up to 5.1: POLYDATA and UNSTRUCTURED_GRID.
+"""Legacy VTK files (.vtk), versions up to 5.1: POLYDATA, UNSTRUCTURED_GRID, STRUCTURED_POINTS.
 
 Points and point data are read, cell data of vertices as theirs, and faces as triangles. Follows
 "VTK File Formats" (Kitware), "Simple Legacy Formats", and vtkDataReader where the text leaves a
@@ -7,6 +7,7 @@ choice.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from typing import Any, NoReturn
@@ -92,6 +93,13 @@ def has_faces(path: str | os.PathLike[str]) -> bool:
     return cells.have_faces(types)
 
 
+def read_image(
+    path: str | os.PathLike[str],
+) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+    """The point data of STRUCTURED_POINTS by name, each (Z, Y, X); the spacing and origin (3,)."""
+    return _Image(path, whole_file(path, 4.0)).image()
+
+
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write binary POLYDATA with a vertex at each point, so that viewers show the points.
 
@@ -134,6 +142,8 @@ def _decoded(word: bytes) -> str:
 
 
 class _Reader:
+    data_sets = ("POLYDATA", "UNSTRUCTURED_GRID")
+
     def __init__(self, path: Any, data: bytes) -> None:
         self.path = path
         self.data = data
@@ -176,20 +186,19 @@ class _Reader:
 
     def read(self) -> np.ndarray:
         """The points (N, 3), and all arrays."""
+        self.sections()
+        if self.points is None:
+            self.fail("expected POINTS, got the end of the file")
+        return self.points
+
+    def sections(self) -> None:
         self.header()
         section, n_section = "", 0
         while (words := self.words()) is not None:
             keyword = words[0].upper().decode("latin-1")
-            if keyword == "POINTS":
-                n = self.count(words, 1)
-                self.points = self.numbers(3 * n, self.type_of(words, 2)).reshape(n, 3)
-            elif keyword in _CELLS:
-                self.skip_cells(keyword, words)
-            elif keyword == "CELL_TYPES":
-                self.n_cells = self.count(words, 1)
-                self.lists[keyword] = self.position, self.n_cells, 0
-                self.skip(self.n_cells, "int")
-            elif keyword in ("POINT_DATA", "CELL_DATA"):
+            if self.geometry(keyword, words):
+                continue
+            if keyword in ("POINT_DATA", "CELL_DATA"):
                 section, n_section = keyword, self.count(words, 1)
                 if section == "POINT_DATA" and n_section != self.n_points():
                     self.fail(f"expected POINT_DATA {self.n_points()}, got {n_section}")
@@ -203,9 +212,21 @@ class _Reader:
                 self.attribute(keyword, words, section, n_section)
             else:
                 self.fail(f"expected a section of the data set, got {shown(words[0])}")
-        if self.points is None:
-            self.fail("expected POINTS, got the end of the file")
-        return self.points
+
+    def geometry(self, keyword: str, words: list[bytes]) -> bool:
+        """Read a section that says where points and cells are; False for any other."""
+        if keyword == "POINTS":
+            n = self.count(words, 1)
+            self.points = self.numbers(3 * n, self.type_of(words, 2)).reshape(n, 3)
+        elif keyword in _CELLS:
+            self.skip_cells(keyword, words)
+        elif keyword == "CELL_TYPES":
+            self.n_cells = self.count(words, 1)
+            self.lists[keyword] = self.position, self.n_cells, 0
+            self.skip(self.n_cells, "int")
+        else:
+            return False
+        return True
 
     def n_points(self) -> int:
         return 0 if self.points is None else len(self.points)
@@ -232,10 +253,11 @@ class _Reader:
             self.fail(f"expected ASCII or BINARY, got {shown(words[0])}")
         binary = words[0].upper() == b"BINARY"
         words = self.words() or []
-        kinds = ([b"DATASET", b"POLYDATA"], [b"DATASET", b"UNSTRUCTURED_GRID"])
-        if [word.upper() for word in words] not in kinds:
+        if [word.upper() for word in words] not in [
+            [b"DATASET", k.encode()] for k in self.data_sets
+        ]:
             got = shown(b" ".join(words))
-            self.fail(f"expected DATASET POLYDATA or UNSTRUCTURED_GRID, got {got}")
+            self.fail(f"expected DATASET {' or '.join(self.data_sets)}, got {got}")
         self.binary = binary
 
     def words(self) -> list[bytes] | None:
@@ -428,3 +450,46 @@ class _Reader:
             self.arrays[name] = values if k == 1 else values.reshape(-1, k)
         elif section == "CELL_DATA":
             self.cell_arrays[name] = values if k == 1 else values.reshape(-1, k)
+
+
+class _Image(_Reader):
+    """STRUCTURED_POINTS: values on a grid, with the first axis the fastest."""
+
+    data_sets = ("STRUCTURED_POINTS",)
+
+    def __init__(self, path: Any, data: bytes) -> None:
+        super().__init__(path, data)
+        self.size: tuple[int, ...] = ()  # x, y, z
+        self.spacing, self.origin = np.ones(3), np.zeros(3)
+
+    def image(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+        self.sections()
+        found = {name: a for name, a in self.arrays.items() if a.ndim == 1}
+        if not found:
+            self.fail("expected POINT_DATA with an array of one component, got none")
+        shape = self.size[::-1]
+        return {name: a.reshape(shape) for name, a in found.items()}, self.spacing, self.origin
+
+    def geometry(self, keyword: str, words: list[bytes]) -> bool:
+        if keyword == "DIMENSIONS":
+            self.size = tuple(self.count(words, i) for i in (1, 2, 3))
+            self.n_cells = math.prod(max(n - 1, 1) for n in self.size)
+        elif keyword in ("SPACING", "ASPECT_RATIO"):
+            self.spacing = self.three(words)
+        elif keyword == "ORIGIN":
+            self.origin = self.three(words)
+        else:
+            return False
+        return True
+
+    def n_points(self) -> int:
+        return math.prod(self.size) if self.size else 0
+
+    def three(self, words: list[bytes]) -> np.ndarray:
+        try:
+            values = np.array([float(word) for word in words[1:]])
+        except ValueError:
+            values = np.empty(0)
+        if len(values) != 3 or not np.isfinite(values).all():
+            self.fail(f"expected three numbers after {shown(words[0])}")
+        return values

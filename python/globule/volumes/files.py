@@ -4,6 +4,7 @@
     .nrrd .nhdr          NRRD, LPS or RAS
     .nii .nii.gz         NIfTI (nibabel), RAS, geometry in float32
     .vti                 VTK XML image data, with all maps
+    .vtk                 legacy VTK, STRUCTURED_POINTS, read only
     .npz                 NumPy, with all maps
     .sparse.npz          NumPy, occupied blocks only, with all maps
     .dcm                 DICOM: multi-frame secondary capture (written by pydicom), LPS
