@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -44,6 +45,7 @@ _KEPT = {
     ".dat": ("color", "reflection", "refraction", "rigidity"),
     ".npy": (),
 }
+_IN_METERS = (".usd", ".usda", ".usdc")
 _FLOAT32_ONLY = (".bgeo", ".bgeo.gz")
 
 
@@ -84,7 +86,7 @@ def run(options: argparse.Namespace) -> None:
         particles = contents.particles
         with mistakes():
             write(output, particles)
-        notes = losses(particles, output)
+        notes = losses(particles, output) + _units_lost(contents.units, output, options.scale)
         if contents.n_frames > 1 and len(files) == 1 and options.frame is None:
             notes.append(first_of(file, contents.n_frames, "an OUT with %d takes all"))
         for note in notes:
@@ -92,6 +94,15 @@ def run(options: argparse.Namespace) -> None:
                 say(f"note: {note}")
         said.update(notes)
         print(f"{output}: {count(len(particles))}")
+
+
+def _units_lost(units: Mapping[str, str], output: str, scale: float | None) -> list[str]:
+    """USD says the unit of its lengths, and particles have none: m is written."""
+    unit = units.get("positions", "")
+    factor = unit.removesuffix(" m")
+    if scale is not None or factor == unit or not output.lower().endswith(_IN_METERS):
+        return []
+    return [f"lengths in a unit of {unit} become m: --scale {factor} keeps them"]
 
 
 def losses(particles: Particles, output: str) -> list[str]:

@@ -76,7 +76,7 @@ FLAGS: dict[str, dict[str, Any]] = {
     # Camera
     "--eye": row("X,Y,Z", "camera position, world units", vector),
     "--look-at": row("X,Y,Z", "point in the middle of the image, world units", vector),
-    "--up": row("X,Y,Z", "direction that points up in the image", direction),
+    "--up": row("X,Y,Z", "upward direction in the image", direction),
     "--fov": row("DEG", "vertical field of view, degrees", positive),
     "--ortho": row("HEIGHT", "orthographic camera whose image has this height, world units",
         positive),
@@ -103,6 +103,8 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--origin": row("X,Y,Z", "place, world units, from which positions are given, and places of "
         "flags and results too; auto: near particles whose coordinates float32 would not keep",
         origin),
+    "--center": row("", "move particles by whole periods, so that what lies across periodic faces "
+        "of the file's box is whole, in its middle"),
     "--where": row("CONDITION", "only the particles for which it holds, such as 'type == 1 and "
         "speed > 0.2': attributes, numbers, comparisons, in, and, or, not, + - * / **, abs, "
         "sqrt, isfinite"),
@@ -211,6 +213,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add(group, "--where", "default: all")
     add(group, "--scale", "default: 1")
     add(group, "--origin", "default: auto")
+    add(group, "--center")
     add(group, "--frame", "default: 0")
     add(group, "--radius-is", "default: radius", default="radius")
     add(group, "--species", "default: gas, else the first or all")

@@ -2,7 +2,7 @@
 
 A gauge is a ray from above; its height is where the ray first meets the surface, in world units
 along --up, and nan where there is no surface. Spray above the surface is met first. The two
-coordinates of --at are the horizontal ones in the order x, y, z: x,z with the default --up.
+coordinates of --at are the horizontal ones in the order x, y, z: x,z where y is upwards.
 Several files, or a quoted pattern ('frame_*.vtk'), are one sequence with one support.
 --map writes the heights all over the ground of one file instead."""
 
@@ -25,6 +25,8 @@ from .shared import (
     need_particles,
     number,
     print_json,
+    say,
+    settle_up,
 )
 
 SUMMARY = "height of the free surface"
@@ -52,7 +54,7 @@ def add_arguments(parser: Parser) -> None:
     flags.own(one, "--at A,B", "horizontal coordinates of a gauge, world units; may be repeated",
         place, action="append")  # fmt: skip
     flags.own(one, "--map", "heights all over the ground of one file")
-    flags.add(parser, "--up", "along x, y or z; default: 0,1,0", default=(0, 1, 0))
+    flags.add(parser, "--up", "along x, y or z; default: by format")
     flags.add(parser, "--fps", "adds a column of times; default: none")
     flags.own(parser, "--plot FILE.png", "also draw the columns as curves")
     measuring.add_sample_spacing(parser)
@@ -66,8 +68,9 @@ def run(options: argparse.Namespace) -> None:
         check_output("-o", options.output, EXTENSIONS if options.map else (".csv",))
     elif options.map:
         raise UserError("-o: expected a file beside --map, got none")
-    with mistakes():
-        up_axis(options.up)
+    if options.up:
+        with mistakes():
+            up_axis(options.up)
     if options.spacing and not options.map:
         raise UserError("--sample-spacing: expected --map beside --sample-spacing, got none")
     if options.plot:
@@ -78,6 +81,10 @@ def run(options: argparse.Namespace) -> None:
     names, rows = [], []
     with Progress(len(options.files)) as progress:
         for i, path, scene in measuring.scenes(options, options.files, progress, one=options.map):
+            if not i:
+                settle_up(options, path)
+                if options.said_up:
+                    say(options.said_up)
             if options.map:
                 if i:
                     raise UserError("--map: expected one file, got several")

@@ -26,9 +26,10 @@ from .shared import (
     check_input,
     doubled,
     left_out,
+    lies_across,
     mistakes,
     positive,
-    read_particles,
+    read_file,
     reading,
     say,
     settle_origin,
@@ -125,7 +126,8 @@ def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]
     if is_surface(path, options):
         particles, messages = read_surface(path, options)
     else:
-        particles, messages = read_particles(path, True, **reading(options)), []
+        contents = read_file(path, True, **reading(options))
+        particles, messages = contents.particles, lies_across(path, contents, options)
         options.origin = particles.origin
     messages = [*messages, *left_out(path, particles), *doubled(path, particles)]
     if options.anisotropic:

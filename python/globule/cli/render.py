@@ -42,7 +42,7 @@ import numpy as np
 
 from ..fluids.likeness import shows_flat
 from ..pieces.scene import Scene
-from ..render.camera import Camera, view_axes
+from ..render.camera import Camera, first_direction, view_axes
 from ..render.camera_path import round_camera
 from ..render.fit import fitted
 from ..render.settings import RenderSettings
@@ -73,6 +73,7 @@ from .shared import (
     mistakes,
     print_json,
     reading,
+    say,
     stem,
 )
 from .volumes import check_surface, is_surface
@@ -116,7 +117,7 @@ def add_arguments(parser: Parser) -> None:
     flags.own(camera, "--fit", "show all particles (the default)")
     flags.add(camera, "--eye", "default: all is visible; 2-D along the normal")
     flags.add(camera, "--look-at", "default: the middle of the particles")
-    flags.add(camera, "--up", "default: 0,1,0", default=(0, 1, 0))
+    flags.add(camera, "--up", "default: by format")
     flags.add(camera, "--fov", "default: 40")
     flags.add(camera, "--ortho", "default: none, a perspective camera")
     annotation.add_views(camera)
@@ -330,6 +331,9 @@ def cameras(
 ) -> list[Camera]:
     """The cameras of all views of an image."""
     around = lit.around(scene, around)
+    if options.said_up and (options.turntable or not shows_flat(scene)):
+        say(options.said_up)
+        options.said_up = ""
     if not options.views:
         return [camera(options, scene, notes, around)]
     fov = options.fov or FOV
@@ -355,15 +359,9 @@ def _towards(options: argparse.Namespace, scene: Scene | Mesh | None) -> dict[st
     if shows_flat(scene) and not options.turntable:
         return {"fov": options.fov or FOV}
     return {
-        "direction": _direction(options.up), "up": options.up, "fov": options.fov or FOV,
+        "direction": first_direction(options.up), "up": options.up, "fov": options.fov or FOV,
         "orthographic": options.ortho is not None,
     }  # fmt: skip
-
-
-def _direction(up: tuple[float, float, float]) -> np.ndarray:
-    """Towards the eye: in front, a little to the right and above, for any `up`."""
-    right, above, front = view_axes(up)
-    return 0.6 * right + 0.45 * above + 1.0 * front
 
 
 def _content(counts: dict[str, int]) -> str:

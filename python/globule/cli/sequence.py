@@ -42,6 +42,7 @@ from .shared import (
     check_output,
     count,
     first_of,
+    lies_across,
     mistakes,
     need_particles,
     print_json,
@@ -49,6 +50,7 @@ from .shared import (
     reading,
     say,
     settle_origin,
+    settle_up,
     warn,
 )
 from .volumes import is_surface, read_surface
@@ -94,6 +96,7 @@ class Series:
             elif options.turntable and len(files) == 1:
                 files = files * options.turntable
         options.particles = files
+        settle_up(options, files[0], comm)
         self._at = 0  # of the file that leads
         if not any(is_mesh(path, options) for path in dict.fromkeys(files)):
             self._at = leader(files, **reading(options))
@@ -342,10 +345,10 @@ def _read(path: str, options: argparse.Namespace) -> tuple[Particles | Mesh, lis
         return read_surface(path, options)
     contents = read_file(path, len(set(options.particles)) > 1, **reading(options))
     options.origin = contents.particles.origin
-    if contents.n_frames == 1 or isinstance(path, FrameOf) or options.frame is not None:
-        return contents.particles, []
-    message = first_of(path, contents.n_frames, "an output with %d or .mp4 shows all")
-    return contents.particles, [message]
+    messages = lies_across(path, contents, options)
+    if contents.n_frames > 1 and not isinstance(path, FrameOf) and options.frame is None:
+        messages.append(first_of(path, contents.n_frames, "an output with %d or .mp4 shows all"))
+    return contents.particles, messages
 
 
 def _try_to_read(path: str, options: argparse.Namespace) -> Particles | Mesh | None:

@@ -17,10 +17,10 @@ import numpy as np
 
 from .._base.checks import MissingPackageError
 from .._base.settings import Number, Vector
-from .._base.terminal import escaped
-from ..data.particles import FARTHEST, HERE, Particles
+from .._base.terminal import escaped, place_text
+from ..data.particles import FARTHEST, HERE, UP, Particles
 from ..data.spacing import n_coincident
-from ..formats import FormatError, read_contents
+from ..formats import FormatError, read_contents, up_of
 from ..formats.contents import Contents
 from ..formats.kind import kind_of
 from ..formats.packed import plain_name
@@ -163,6 +163,7 @@ def reading(options: argparse.Namespace) -> dict[str, Any]:
     given |= {"frame": options.frame, "species": options.species, "where": options.where}
     given |= {"origin": options.origin, "scale": options.scale}
     given["radius_is"] = options.radius_is if options.radius_is != "radius" else None
+    given["center"] = options.center or None
     given |= {"columns": options.columns, "atom_style": options.atom_style}
     return {name: value for name, value in given.items() if value is not None}
 
@@ -178,6 +179,38 @@ def settle_origin(options: argparse.Namespace, path: str, comm: Any = None) -> N
     options.origin = comm.bcast(found) if comm is not None else found
 
 
+def settle_up(options: argparse.Namespace, path: str, comm: Any = None) -> None:
+    """The direction of --up, or that of the file, which becomes `options.said_up` to be said."""
+    options.said_up = ""
+    if options.up is not None:
+        return
+    options.up, why = UP, ""
+    with contextlib.suppress(ValueError, OSError, ImportError):  # whoever reads it says why
+        options.up, why = up_of(path)
+    if comm is None or comm.rank == 0:
+        options.said_up = up_said(options.up, why)
+
+
+def up_said(up: Any, why: str) -> str:
+    """What to say of a direction that is not the default; "" of that."""
+    if tuple(up) == UP:
+        return ""
+    return f"note: up is {place_text(up)}, {why}; --up chooses another direction"
+
+
+def lies_across(path: str, contents: Contents, options: argparse.Namespace) -> list[str]:
+    """A message about particles that periodic faces of their box cut in two; once a run."""
+    if options.center or contents.box is None or vars(options).get("said_across"):
+        return []
+    some = contents.particles[:: 1 + len(contents.particles) // 100_000]
+    axes = contents.box.cut_axes(some.world_positions())
+    if not axes:
+        return []
+    options.said_across = True
+    faces = f"the periodic faces along {' and '.join(axes)}"
+    return [f"{path}: the particles lie across {faces}; --center shows them whole"]
+
+
 # Files
 
 
@@ -190,7 +223,7 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
     if found.kind in ("particles", "mesh"):
-        known = (*format_named(found.format).options, "radius_is", "where", "scale")
+        known = (*format_named(found.format).options, "radius_is", "where", "scale", "center")
     else:
         known = ("level", "labels", "spacing") if found.kind == "volume" else ()
     known = (*known, "origin")
@@ -203,7 +236,8 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
             flags = {"labels": "--label", "spacing": "--resample", "radius_is": "--radius-is"}
             option = flags.get(name, f"--{name}")
             kinds = {"spacing": "volume or mesh", "radius_is": "file of particles"}
-            kind = kinds.get(name, kinds["radius_is"] if name in ("where", "scale") else "volume")
+            of_particles = name in ("where", "scale", "center")
+            kind = kinds.get(name, kinds["radius_is"] if of_particles else "volume")
             raise UserError(f"{option}: expected a {kind} to read, got {path}")
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..data.particles import UP
 from ..pieces.scene import Scene
 from ..render.camera import Camera
 from ..render.presets import load_preset
@@ -48,7 +49,7 @@ def defaults(parser: argparse.ArgumentParser, options: argparse.Namespace) -> di
     state, camera = read_state(options.state)
     with mistakes():
         volumes = [path for path in find_files(options.particles) if is_surface(path, options)]
-    up = options.up if camera is None else camera.up
+    up = (options.up or UP) if camera is None else camera.up
     unsaid = ("threshold", "support") if volumes else ()
     with mistakes(options.state):
         words = render_words(state, camera, up, _no_sky(state, up), unsaid)

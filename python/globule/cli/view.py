@@ -10,16 +10,18 @@ from __future__ import annotations
 import argparse
 import socket
 import webbrowser
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..formats import FormatError
+from ..data.particles import UP
+from ..formats import FormatError, up_of
 from ..render.camera import Camera
 from ..render.presets import PRESETS
 from . import flags
 from .parser import Parser
-from .shared import UserError, check_device, mistakes
+from .shared import UserError, check_device, mistakes, say, up_said
 from .shared import reading as reading_of
 from .state import read_state
 
@@ -60,7 +62,7 @@ def add_arguments(parser: Parser) -> None:
     first = parser.add_argument_group("start values; the page can change all of them")
     flags.add(first, "--eye", "default: all is visible")
     flags.add(first, "--look-at", "default: the middle of the particles")
-    flags.add(first, "--up", "default: 0,1,0; volumes 0,0,1")
+    flags.add(first, "--up", "default: by format")
     flags.add(first, "--fov", "default: 40", default=40.0)
     flags.add(first, "--ortho", "needs --eye; default: none, a perspective camera")
     flags.add(first, "--preset", "default: the simulation's, else none", choices=PRESETS)
@@ -114,6 +116,11 @@ def run(options: argparse.Namespace) -> None:
                 options.preset = source.preset
             if not options.state and not options.color_by:
                 state.set(**source.settings)
+            if options.up is None and camera is not None and not options.state:
+                camera = replace(camera, up=source.up)
+            of_file = options.up is None and source.kind in ("scene", "sequence")
+            if of_file and source.files and source.up != UP:
+                say(up_said(source.up, up_of(source.files[0])[1]))
             viewer = serve(source, options, options.up, camera, state, options.preset, token)
     except FormatError as error:
         raise UserError(str(error)) from error
@@ -209,9 +216,7 @@ def _settings(options: argparse.Namespace) -> tuple:
 
     state, camera = read_state(options.state) if options.state else (State(), None)
     if options.eye:
-        camera = Camera(
-            options.eye, options.look_at, options.up or (0, 1, 0), options.fov, options.ortho
-        )
+        camera = Camera(options.eye, options.look_at, options.up or UP, options.fov, options.ortho)
     changes = {
         "surface__kernel": options.kernel,
         "surface__support": options.support,

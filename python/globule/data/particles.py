@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import dtype_name, extent, gpu_shape, on_gpu, to_host
-from .._base.checks import shown
+from .._base.checks import shown, unit
 from .._base.terminal import place_text
 
 SCALAR_FIELDS = ("support", "weight", "reflection", "refraction", "rigidity")
@@ -22,6 +22,7 @@ FARTHEST = np.float32(1e18)  # past it a coordinate's square overflows float32
 MOST_ROUNDING = 0.2  # step of float32 by the spacing of particles: half of it moves them
 FINE_ROUNDING = 1e-3  # the same, where an origin is to be had
 HERE = (0.0, 0.0, 0.0)
+UP, Z_UP = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 class Attributes(dict[str, Any]):
@@ -78,6 +79,8 @@ class Particles:
         attributes: name -> (N,) or (N, k) array of any real numeric dtype.
         origin: (x, y, z) float64, world: the place from which the positions are given, for
             coordinates that float32 could not tell apart; `relative` finds one.
+        up: (x, y, z) of unit length, world: upwards in images; y, unless the format of the file
+            that was read has z there.
 
     None means "not given". A program may assign fields later; the assignment checks the value. The
     length N cannot change while any field has one value per particle.
@@ -96,6 +99,7 @@ class Particles:
     anisotropy: Any = None
     attributes: dict[str, Any] = field(default_factory=dict)
     origin: tuple[float, float, float] = HERE
+    up: tuple[float, float, float] = UP
 
     def __post_init__(self) -> None:
         self._check({})
@@ -104,6 +108,8 @@ class Particles:
     def __setattr__(self, name: str, value: Any) -> None:
         if name == "origin":
             value = as_origin(value)
+        elif name == "up":
+            value = tuple(unit("up", value))
         elif name not in FIELDS and name != "attributes":
             known = ", ".join((*FIELDS, "attributes"))
             raise AttributeError(
@@ -181,7 +187,8 @@ class Particles:
             value = getattr(self, name)
             picked[name] = value[index] if self._of_each(name) else value
         attributes = {name: array[index] for name, array in self.attributes.items()}
-        return Particles(self.positions[index], **picked, attributes=attributes, origin=self.origin)
+        return Particles(self.positions[index], **picked, attributes=attributes,
+                         origin=self.origin, up=self.up)  # fmt: skip
 
     def world_positions(self) -> np.ndarray:
         """(N, 3) positions, world: float64 where there is an origin, else float32."""

@@ -15,8 +15,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from .._base.checks import choice
-from ..data.particles import Particles
+import numpy as np
+
+from .._base.checks import choice, flag
+from ..data.particles import UP, Z_UP, Particles
 from ..data.radii import with_halved_radii
 from ..data.scale import scaled
 from ..data.where import where
@@ -29,7 +31,7 @@ from .packed import unpacked
 from .registry import FORMATS, Format, format_named, formats, function_of
 
 __all__ = ["EXTENSIONS", "READABLE", "WRITABLE", "Box", "Contents", "Format", "FormatError",
-           "Kind", "kind_of", "read", "read_contents", "write"]  # fmt: skip
+           "Kind", "kind_of", "read", "read_contents", "up_of", "write"]  # fmt: skip
 
 # Read and written; by globule alone, and by all that is installed.
 EXTENSIONS = tuple(e for f in FORMATS if f.writes and not f.package for e in f.endings)
@@ -52,6 +54,8 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
         where: a condition on the particles, such as "type == 1 and speed > 0.2"; see
             `globule.data.where`.
         scale: factor of all lengths, such as 0.001 for a file in mm; see `globule.data.scale`.
+        center: whether particles that lie across periodic faces of the file's box are moved, by
+            whole periods, so that they are whole and in its middle; see `Box.center`.
         radius_is: "radius", or "diameter" where the file's array `radius` holds diameters.
 
     Returns:
@@ -73,6 +77,7 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     """
     condition = options.pop("where", None)
     origin, scale = options.pop("origin", "auto"), options.pop("scale", 1.0)
+    center = flag("center", options.pop("center", False))
     radius_is = choice("radius_is", options.pop("radius_is", "radius"), ("radius", "diameter"))
     kind = kind_of(path, "particles")
     if kind.kind not in ("particles", "mesh"):
@@ -93,6 +98,8 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
         else:
             found = _by_others(form, plain, options)
     contents = found if isinstance(found, Contents) else Contents(found)
+    if form.up == "z":
+        contents.particles.up = Z_UP
     if radius_is == "diameter":
         contents = replace(contents, particles=with_halved_radii(contents.particles))
     if scale != 1:
@@ -101,7 +108,31 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     contents = replace(contents, particles=given_from(contents.particles, origin, path))
     if condition is not None:
         contents = replace(contents, particles=where(contents.particles, condition))
-    return contents
+    return _centered(contents) if center else contents
+
+
+def _centered(contents: Contents) -> Contents:
+    """With the particles in the middle of their periodic box."""
+    particles, box = contents.particles, contents.box
+    if box is None or not any(box.periodic):
+        got = "one without" if box else "no box"
+        raise ValueError(f"center: expected a file with a box and periodic faces, got {got}")
+    moved = box.center(particles.world_positions()) - particles.origin
+    return replace(contents, particles=replace(particles, positions=moved.astype(np.float32)))
+
+
+def up_of(path: str | os.PathLike[str]) -> tuple[tuple[float, float, float], str]:
+    """What a file of particles has upwards, (x, y, z) of unit length, and why: a few words.
+
+    Raises FormatError and OSErrors as `read` does.
+    """
+    kind = kind_of(path, "particles")
+    form = format_named(kind.format) if kind.kind in ("particles", "mesh") else None
+    if form is None or (form.up != "z" and form.name != "usd"):
+        return UP, "the default"
+    if form.name == "usd":
+        return function_of(form, "read_up")(path), "the file says so"
+    return Z_UP, f"as usual in this format ({form.about})"
 
 
 def _by_others(form: Format, path: Any, options: dict[str, Any]) -> Contents | Particles:

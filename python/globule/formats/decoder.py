@@ -469,11 +469,15 @@ def usd(path: str, ask: Any) -> tuple[dict, list]:
                 times.update(prim.GetAttribute(name).GetTimeSamples())
     rate = stage.GetTimeCodesPerSecond() or 24.0
     unit = UsdGeom.GetStageMetersPerUnit(stage)
-    paths, time = ask(0, prims=list(places), times=sorted(times), rate=rate, unit=unit)
+    up = str(UsdGeom.GetStageUpAxis(stage))
+    claim = {"prims": list(places), "times": sorted(times), "rate": rate, "unit": unit, "up": up}
+    paths, time, visible = ask(0, **claim)
     when = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
     names, arrays = [], []
     for place in paths:
         prim = places[place].GetPrim()
+        if visible and UsdGeom.Imageable(prim).ComputeVisibility(when) == "invisible":
+            continue
         found = _usd_arrays(UsdGeom, prim, places[place], when)
         matrix = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(when))
         if not np.array_equal(matrix, np.eye(4)):
@@ -515,9 +519,23 @@ def _usd_arrays(UsdGeom: Any, prim: Any, points: Any, when: Any) -> dict[str, An
         if name == "displayColor" and array.shape == (1, 3):
             array = np.repeat(array, len(x), axis=0)
         found[name] = array
+    shown = _usd_shown(UsdGeom, prim, when, len(x))
+    if shown is not None:
+        found = {k: a[shown] if len(a) == len(x) else a for k, a in found.items()}
+        x = found["points"]
     if found.get("widths", np.empty(0)).shape == (1,):
         found["widths"] = np.repeat(found["widths"], len(x))
     return found
+
+
+def _usd_shown(UsdGeom: Any, prim: Any, when: Any, n: int) -> Any:
+    """(n,) bool, which instances are visible; None: all."""
+    import numpy as np
+
+    if not prim.IsA(UsdGeom.PointInstancer):
+        return None
+    mask = UsdGeom.PointInstancer(prim).ComputeMaskAtTime(when)
+    return np.array(mask, bool) if len(mask) == n else None
 
 
 def _without_links(Sdf: Any, layer: Any) -> None:

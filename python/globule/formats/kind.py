@@ -302,7 +302,8 @@ def _in_table(lines: list[str], ending: Kind | None) -> Kind | None:
         return None
     row = rows[0] if _n_numbers(rows[0][:1]) else rows[0][1:]  # an element's symbol
     if len(row) >= fewest and _n_numbers(row) == len(row):
-        return Kind("particles", "csv" if any(map(has_comma, row)) else "xyz")
+        plain = "pts" if named == "pts" else "xyz"
+        return Kind("particles", "csv" if any(map(has_comma, row)) else plain)
     return None
 
 

@@ -29,6 +29,7 @@ class Format(NamedTuple):
     kind      "particles", or "mesh" for vertices with faces
     options   names of the reader's options
     about     what `globule info` calls the format
+    up        "y" or "z": the axis that its programs have upwards
     """
 
     name: str
@@ -41,6 +42,7 @@ class Format(NamedTuple):
     options: tuple[str, ...] = ()
     about: str = ""
     package: str = ""
+    up: str = "y"
 
 
 def _vtk(kind: bytes) -> bytes:
@@ -63,7 +65,8 @@ FORMATS = (
            about="table, comma-separated"),
     Format("tsv", ".table", (".tsv",), function="read_csv", options=("columns",),
            about="table, tab-separated"),
-    Format("pts", ".table", (".pts",), function="read_xyz", about="points of a scanner"),
+    Format("pts", ".table", (".pts",), function="read_xyz", about="points of a scanner",
+           up="z"),
     Format("npz", ".numpy_format", (".npz",), function="read_npz", writes=True,
            options=("columns", "species"), about="NumPy archive"),
     Format("npy", ".numpy_format", (".npy",), function="read_npy", writes=True,
@@ -73,16 +76,16 @@ FORMATS = (
     Format("glb", ".mesh", (".glb",), kind="mesh", options=("spacing",),
            about="glTF mesh, binary"),
     Format("gsd", ".gsd_frames", (".gsd",), rb"(?:\xdf\x65){4}", options=("frame",),
-           about="GSD, HOOMD-blue"),
+           about="GSD, HOOMD-blue", up="z"),
     Format("lammps-dump", ".lammps", (".dump", ".lammpstrj"), rb"ITEM: (?:TIMESTEP|UNITS|TIME)\b",
-           function="read_dump", options=("frame",), about="LAMMPS dump"),
+           function="read_dump", options=("frame",), about="LAMMPS dump", up="z"),
     Format("lammps-data", ".lammps", (".lmp", ".lammps"),
            rb"[^\n]*\n(?:[^\n]{0,200}\n){0,4}[ \t]*\d+[ \t]+atoms\b", function="read_data",
-           options=("atom_style",), about="LAMMPS data"),
+           options=("atom_style",), about="LAMMPS data", up="z"),
     Format("extxyz", ".extxyz", (".extxyz",),
            rb"\s*\d+[ \t]*\r?\n[^\n]*\b(?:Properties|Lattice)\s*=", options=("frame",),
-           about="extended XYZ"),
-    Format("bi4", ".bi4", (".bi4",), rb"#FileJBD ", about="DualSPHysics"),
+           about="extended XYZ", up="z"),
+    Format("bi4", ".bi4", (".bi4",), rb"#FileJBD ", about="DualSPHysics", up="z"),
     Format("pvd", ".vtk_collections", (".pvd",), _vtk(b"Collection"), function="read_pvd",
            options=("frame",), about="ParaView collection"),
     Format("vtm", ".vtk_collections", (".vtm",), _vtk(b"vtkMultiBlockDataSet"),
@@ -100,10 +103,11 @@ FORMATS = (
     Format("arrow", ".arrow", (".parquet", ".arrow", ".feather"), rb"PAR1|ARROW1\0\0", writes=True,
            options=("columns",), about="Parquet or Arrow table", package="pyarrow"),
     Format("pcd", ".pcd", (".pcd",), rb"(?:#[^\n]*\n\s*)*VERSION\s+\.?\d",
-           about="Point Cloud Library"),
-    Format("las", ".through", (".las", ".laz"), b"LASF", function="read_las", about="laser scan"),
+           about="Point Cloud Library", up="z"),
+    Format("las", ".through", (".las", ".laz"), b"LASF", function="read_las", about="laser scan",
+           up="z"),
     Format("pdb", ".through", (".pdb", ".ent", ".gro"), function="read_molecule",
-           options=("frame",), about="molecule, PDB or GRO"),
+           options=("frame",), about="molecule, PDB or GRO", up="z"),
     Format("snapshot", ".through", (".tipsy", ".gadget", ".gadget2"),
            rb"\x00\x01\x00\x00[\s\S]{256}\x00\x01\x00\x00|\x08\x00\x00\x00HEAD",
            function="read_snapshot", about="snapshot of Gadget or Tipsy"),

@@ -4,7 +4,8 @@ usd-core.
 Only the layer itself is read: references, payloads, sublayers and value clips, which name other
 files, are not followed. Points get the transform of their prim at the frame's time. A width is a
 diameter, so that the support is twice the width. Times are time codes over
-`timeCodesPerSecond`.
+`timeCodesPerSecond`. Prims and instances that are invisible at that time are left out; lengths are
+in the layer's units of `metersPerUnit`, and its `upAxis` is what particles have upwards.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 
 from .._base.checks import missing
 from .._base.files import atomic_write
-from ..data.particles import Particles
+from ..data.particles import UP, Z_UP, Particles
 from .contents import Contents, frame_index
 from .errors import bad, shown
 from .fields import kept_positions, particles_from, per_particle
@@ -33,8 +34,8 @@ def read(path: str | os.PathLike[str], frame: int = 0, species: str | None = Non
     Args:
         path: .usd, .usda or .usdc.
         frame: number of a time sample of the points; negative counts from the end.
-        species: path of a prim, "/World/fluid"; None: all points of the layer, with the arrays
-            that all of them have.
+        species: path of a prim, "/World/fluid", visible or not; None: all visible points of the
+            layer, with the arrays that all of them have.
 
     Raises FormatError, ValueError for a frame or species that the file does not have,
     MissingPackageError without usd-core.
@@ -56,7 +57,7 @@ def read(path: str | os.PathLike[str], frame: int = 0, species: str | None = Non
         if not times:
             frame_index(path, frame, 1)
         about["time"] = wanted
-        return 0.0, [[species] if species is not None else prims, wanted]
+        return 0.0, [[species], wanted, False] if species is not None else [prims, wanted, True]
 
     facts, sent = decode("usd", path, "a USD layer", choose=choose)
     parts: list[dict[str, np.ndarray]] = [{} for _ in facts["names"]]
@@ -72,8 +73,10 @@ def read(path: str | os.PathLike[str], frame: int = 0, species: str | None = Non
         arrays["radius"] = 0.5 * arrays.pop("width")
     time, rate = about["time"], about["rate"]
     unit = about["unit"]
+    particles = particles_from(path, positions, arrays)
+    particles.up = Z_UP if about["up"] == "Z" else UP
     return Contents(
-        particles_from(path, positions, arrays),
+        particles,
         units={"positions": "m" if unit == 1 else f"{unit:g} m"},
         time=None if time is None else time / rate,
         n_frames=max(len(about["times"]), 1),
@@ -81,8 +84,23 @@ def read(path: str | os.PathLike[str], frame: int = 0, species: str | None = Non
     )
 
 
+def read_up(path: str | os.PathLike[str]) -> tuple[float, float, float]:
+    """The direction of a layer's `upAxis`."""
+    need("pxr", "usd-core", "usd")
+    about: dict[str, Any] = {}
+
+    def choose(claim: dict) -> tuple[float, Any]:
+        about.update(claim)
+        return 0.0, [[], None, False]
+
+    decode("usd", path, "a USD layer", choose=choose)
+    return Z_UP if about["up"] == "Z" else UP
+
+
 def _joined(path: Any, parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """The arrays that all parts have, one after the other."""
+    """The arrays that all parts have, one after the other; no points where there are no parts."""
+    if not parts:
+        return {"points": np.empty((0, 3), np.float32)}
     for part in parts:
         n = len(part["points"])
         for name in list(part):
@@ -111,7 +129,7 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
         raise missing("usd-core", "usd") from None
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageUpAxis(stage, "Z" if particles.up == Z_UP else "Y")
     points = UsdGeom.Points.Define(stage, "/particles")
     stage.SetDefaultPrim(points.GetPrim())
     x = kept_positions(particles, path)

@@ -146,7 +146,7 @@ def join(parts: list[Particles]) -> Particles:
             joined[name] = np.concatenate([a[name] for a in arrays])
     origin = filled[0].origin
     positions = np.concatenate([np.asarray(part.at(origin).positions) for part in filled])
-    fields = {name: joined.pop(name) for name in FIELDS if name in joined}
+    fields: dict[str, Any] = {name: joined.pop(name) for name in FIELDS if name in joined}
     if "anisotropy" in fields:
         fields["anisotropy"] = fields["anisotropy"].reshape(-1, 3, 3)
     return Particles(positions, **fields, attributes=joined, origin=origin)

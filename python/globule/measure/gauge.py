@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def gauge(
     scene: Any,
     at: ArrayLike,
-    up: VectorLike = (0, 1, 0),
+    up: VectorLike | None = None,
     device: str = "auto",
     threads: int = 0,
 ) -> np.ndarray:
@@ -33,7 +33,7 @@ def gauge(
             with all defaults is made.
         at: (M, 2) world: the two horizontal coordinates of each gauge, in the order x, y, z; for
             `up` along y they are x and z. One gauge may be (2,).
-        up: (3,) along x, y or z: away from gravity.
+        up: (3,) along x, y or z: away from gravity; default: that of the particles.
         device, threads: as for `Scene`, if a scene must be made.
 
     Returns:
@@ -42,10 +42,12 @@ def gauge(
 
     Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
-    axis, sign = up_axis(up)
     places = _places(at)
+    if up is not None:
+        up_axis(up)  # checked before any work
     if not isinstance(scene, Scene):
         scene = surface_scene(scene, device=device, threads=threads)
+    axis, sign = up_axis(scene.up if up is None else up)
     heights = heights_at(scene, places.reshape(-1, 2), axis, sign)
     return heights if places.ndim == 2 else heights[0]
 
@@ -53,7 +55,7 @@ def gauge(
 def map_heights(
     scene: Any,
     spacing: float | None = None,
-    up: VectorLike = (0, 1, 0),
+    up: VectorLike | None = None,
     box: Any = None,
     device: str = "auto",
     threads: int = 0,
@@ -71,9 +73,11 @@ def map_heights(
 
     Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
-    axis, sign = up_axis(up)
+    if up is not None:
+        up_axis(up)  # checked before any work
     if not isinstance(scene, Scene):
         scene = surface_scene(scene, device=device, threads=threads)
+    axis, sign = up_axis(scene.up if up is None else up)
     lattice = SamplePlane(np.eye(3)[axis], 0.0, spacing, box).lattice(scene)
     points = lattice.points()
     flat = points.reshape(-1, 3)

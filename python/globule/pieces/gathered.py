@@ -48,4 +48,6 @@ def gathered(ranks: Alone, particles: Particles) -> Particles:
     }
     layout = Layout(tuple(n for n in names if n not in same), same)
     rows = ranks.together(lambda: layout.rows(particles))
-    return layout.particles(ranks.concatenated(rows))
+    everything = layout.particles(ranks.concatenated(rows))
+    everything.up = particles.up
+    return everything

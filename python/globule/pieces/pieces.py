@@ -163,6 +163,7 @@ class Pieces(Owner):
         )
         ranks = self.ranks
         self.n_particles = int(ranks.total(np.int64(n)))
+        self.up = source.up
         self._outlined = source if self.n_particles <= WHOLE else None
         lows, highs = ranks.least(low), ranks.most(high)
         empty = not np.isfinite(lows).all()

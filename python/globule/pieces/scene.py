@@ -258,6 +258,11 @@ class SceneInPieces(Scene):
         return getattr(self._given, "origin", HERE)
 
     @property
+    def up(self) -> tuple[float, float, float]:
+        """(x, y, z) of unit length, upwards in images: that of the particles."""
+        return self.pieces.up
+
+    @property
     def particles(self) -> Particles:  # type: ignore[override]
         """Not in pieces."""
         self._refuse()

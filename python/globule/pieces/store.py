@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.arrays import to_host
-from ..data.particles import FARTHEST, Particles
+from ..data.particles import FARTHEST, UP, Particles
 from ..scene.fitting import is_positions
 from ..scene.scene import DEFAULT_COLOR
 from ..scene.sources import as_particles
@@ -26,12 +26,14 @@ class Source(NamedTuple):
 
     n     their number
     read  read(first, last) -> Particles
+    up    theirs
     size  particles to read at a time
     """
 
     n: int
     read: Callable[[int, int], Particles]
     size: int = CHUNK
+    up: tuple[float, float, float] = UP
 
     def chunks(self, first: int = 0, last: int | None = None) -> Iterator[Particles]:
         """All particles that have a position, or those from `first` to `last`, range by range."""
@@ -55,7 +57,8 @@ def source_of(value: Any) -> Source:
     if is_positions(value):  # of a file mapped into memory, perhaps: never all of them
         return Source(len(value), lambda first, last: Particles(value[first:last]))
     particles = as_particles("particles", value)
-    return Source(len(particles), lambda first, last: particles[first:last])
+    n, up = len(particles), particles.up
+    return Source(n, lambda first, last: particles[first:last], up=up)
 
 
 class Layout(NamedTuple):

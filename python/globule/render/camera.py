@@ -79,8 +79,8 @@ class Camera(Fixed):
     def fit(
         cls,
         particles: Any,
-        direction: VectorLike = (0.6, 0.45, 1.0),
-        up: VectorLike = (0.0, 1.0, 0.0),
+        direction: VectorLike | None = None,
+        up: VectorLike | None = None,
         fov: float = 40.0,
         size: tuple[int, int] = (1024, 782),
         margin: float = 0.0,
@@ -90,8 +90,9 @@ class Camera(Fixed):
 
         Args:
             particles: `Particles`, `Scene`, (N, 3) positions, or the name of a file.
-            direction: (3,) world, from the particles' middle towards the eye.
-            up: (3,) direction that is upwards in the image.
+            direction: (3,) world, from the particles' middle towards the eye; default: in front, a
+                little to the right and above.
+            up: (3,) direction that is upwards in the image; default: that of the particles.
             fov: vertical field of view, degrees.
             size: (width, height) of the image, for its aspect.
             margin: world units added around the particles, e.g. their support.
@@ -102,8 +103,9 @@ class Camera(Fixed):
 
         Raises TypeError and ValueError: the argument, what was expected and what came.
         """
-        points, middle = _outline(particles)
-        size, up = image_size(size), three("up", up)
+        points, middle, own = _outline(particles)
+        size, up = image_size(size), three("up", own if up is None else up)
+        direction = first_direction(up) if direction is None else direction
         _check_fov(fov)
         number("margin", margin, 0.0)
         flag("orthographic", orthographic)
@@ -230,6 +232,12 @@ def view_axes(up: VectorLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.cross(above, front), above, front
 
 
+def first_direction(up: VectorLike) -> np.ndarray:
+    """Towards an eye in front, a little to the right and above, whatever axis is upwards."""
+    right, above, front = view_axes(up)
+    return 0.6 * right + 0.45 * above + front
+
+
 def _axes(forward: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit right and up vectors of an image seen along `forward`; an `up` along it is replaced."""
     right = _cross(forward, up)
@@ -245,16 +253,16 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
-def _outline(particles: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Points that stand for all particles, relative to the middle of their box, and that middle:
-    the positions, or the box's corners where they are many or on a GPU."""
+def _outline(particles: Any) -> tuple[np.ndarray, np.ndarray, tuple[float, float, float]]:
+    """Points that stand for all particles, relative to the middle of their box, that middle, and
+    what is upwards: the positions, or the box's corners where they are many or on a GPU."""
     in_pieces = getattr(particles, "in_pieces", False) is True
     owner = particles if in_pieces else as_particles("particles", particles)
     try:
         lo, hi = (v.astype(np.float64) for v in owner.bounds())
     except ValueError:  # no finite position
-        return np.zeros((1, 3)), np.zeros(3)
+        return np.zeros((1, 3)), np.zeros(3), owner.up
     middle = (lo + hi) / 2
     if in_pieces or on_gpu(owner.positions) or len(owner) > 1_000_000:
-        return box_corners(lo, hi) - middle, middle
-    return owner.finite_positions() - middle, middle
+        return box_corners(lo, hi) - middle, middle, owner.up
+    return owner.finite_positions() - middle, middle, owner.up

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.arrays import VectorLike, box_corners, to_host
+from .._base.arrays import box_corners, to_host
 from ..data.spacing import upwards
 from ..fluids.likeness import shows_flat
 from ..scene.mesh import Mesh
 from ..scene.scene import REACH, SceneBase
 from .annotate import Annotation, corners_to_fit, room
-from .camera import Camera, view_axes
+from .camera import Camera
 from .legend import strip_width
 
 if TYPE_CHECKING:
@@ -34,15 +34,9 @@ def fit_camera(
     if shows_flat(scene):
         assert scene.normal is not None
         options = along_normal(scene.normal) | options
+    options = {"up": scene.up} | options
     seen = scene.particles if around is None else around
     return Camera.fit(seen, size=size, margin=surface_reach(scene), **options)
-
-
-def first_direction(up: VectorLike) -> np.ndarray:
-    """From the middle of a scene towards an eye in front, a little right and above: the default of
-    `Camera.fit`, whatever axis is upwards."""
-    right, above, front = view_axes(up)
-    return 0.6 * right + 0.45 * above + front
 
 
 def surface_reach(scene: SceneBase) -> float:

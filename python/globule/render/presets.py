@@ -24,7 +24,7 @@ GROUNDS = {"plain": 0.0, "checker": 1 / 4}  # edges of their squares, of the sce
 PRESETS = ("blood", "water", "glass", "tissue", "clay", "flat")
 
 
-def load_preset(name: str, scene: Scene | Mesh, up: VectorLike = (0.0, 1.0, 0.0)) -> RenderSettings:
+def load_preset(name: str, scene: Scene | Mesh, up: VectorLike | None = None) -> RenderSettings:
     """Settings that show a scene as blood, water, glass, tissue or clay, or flat.
 
     Blood, water and glass have colors of their own; tissue and clay show the particles'. Flat is no
@@ -36,7 +36,7 @@ def load_preset(name: str, scene: Scene | Mesh, up: VectorLike = (0.0, 1.0, 0.0)
         name: blood, water, glass, tissue, clay or flat.
         scene: a `Scene` or a `Mesh`; the preset uses its size and lowest point. The image may show
             other scenes, too.
-        up: (3,) direction to the sky, away from the ground.
+        up: (3,) direction to the sky, away from the ground; default: that of the particles.
 
     Returns:
         `RenderSettings`.
@@ -53,15 +53,15 @@ def load_preset(name: str, scene: Scene | Mesh, up: VectorLike = (0.0, 1.0, 0.0)
     extent = extent_of(scene) or 1.0
     support = 0.0 if isinstance(scene, Mesh) else float(np.max(to_host(scene.support), initial=0.0))
     support = support or extent
-    return _MAKE[name](_Stage(scene, up), extent, support)
+    return _MAKE[name](_Stage(scene, scene.up if up is None else up), extent, support)
 
 
 LOWEST = 256  # particles below which the surface is looked for
 
 
-def ground_height(scene: Scene | Mesh, up: VectorLike = (0.0, 1.0, 0.0)) -> float:
+def ground_height(scene: Scene | Mesh, up: VectorLike | None = None) -> float:
     """Height along `up`, world units, of a ground that touches the scene's surface from below."""
-    _, up, _ = view_axes(up)
+    _, up, _ = view_axes(scene.up if up is None else up)
     if isinstance(scene, Mesh):
         return float((corners_of(scene) @ up).min())
     positions = scene.particles.finite_positions()

@@ -24,7 +24,7 @@ from .annotate import (
     skin_of,
     traced_size,
 )
-from .camera import Camera, view_axes
+from .camera import Camera, first_direction, view_axes
 from .clips import Clip
 from .fit import fitted
 from .frame import Frame, save_png
@@ -69,7 +69,7 @@ def view_cameras(
     scene: Any,
     views: Sequence[str | Camera],
     size: tuple[int, int],
-    up: VectorLike = (0.0, 1.0, 0.0),
+    up: VectorLike | None = None,
     fov: float = 40.0,
     around: Any = None,
     annotation: Annotation | None = None,
@@ -81,11 +81,12 @@ def view_cameras(
         scene: `Scene`.
         views: names in `VIEWS`, or cameras, which stay as they are.
         size: (width, height) of one view, pixels.
-        up: (3,) upward direction, world.
+        up: (3,) upward direction, world; default: that of the particles.
         fov: vertical field of view of iso, degrees.
         around: (M, 3) points to show, world units; default: the particles.
         annotation: to leave room for.
     """
+    up = scene.up if up is None else up
     right, above, front = view_axes(up)
     towards = {
         "front": front,
@@ -105,7 +106,7 @@ def view_cameras(
             known = ", ".join(VIEWS)
             raise ValueError(f"views: expected cameras or some of {known}, got {shown(view)}")
         flat = view != "iso"
-        direction = towards[view] if flat else 0.6 * right + 0.45 * above + front
+        direction = towards[view] if flat else first_direction(up)
         upwards = {"top": -front, "bottom": front}.get(view, above)
         cameras.append(
             fitted(
@@ -203,7 +204,7 @@ def render_views(
     clips: Clip | Sequence[Clip] = (),
     thesis: Thesis | None = None,
     *,
-    up: VectorLike = (0.0, 1.0, 0.0),
+    up: VectorLike | None = None,
     color_by: str | None = None,
     colormap: str = "viridis",
     range: tuple[float, float] | None = None,
@@ -221,7 +222,7 @@ def render_views(
         views: front, back, left, right (also: side), top, bottom, iso, or cameras.
         size: (width, height) of the whole image, pixels.
         settings, clips, thesis: as for `render`.
-        up: (3,) upward direction, world, for views by name.
+        up: (3,) upward direction, world, for views by name; default: that of the particles.
         color_by, colormap, range: as for `render`.
         annotate: `Annotation`: scale bar, axes and box are in each view, the rest in the image.
 

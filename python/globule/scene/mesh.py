@@ -15,7 +15,7 @@ from .._base.checks import number, shown, thread_count
 from .._base.device import Device, choose
 from .._base.owner import Owner
 from ..data.attributes import attribute_colors
-from ..data.particles import HERE, Particles, as_origin
+from ..data.particles import HERE, UP, Particles, as_origin
 from ..data.spacing import merge_coincident
 from ..data.triangles import Triangles
 
@@ -82,6 +82,7 @@ class Mesh(Owner):
     solid: bool
     smooth: float  # degrees
     origin: tuple[float, float, float] | None  # of the vertices, world; None: not known
+    up = UP  # in images, as of particles
 
     def __init__(
         self,

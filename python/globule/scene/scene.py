@@ -328,6 +328,11 @@ class SceneBase(Owner):
         return self.particles.origin
 
     @property
+    def up(self) -> tuple[float, float, float]:
+        """(x, y, z) of unit length, upwards in images: that of the particles."""
+        return self.particles.up
+
+    @property
     def spacing(self) -> float:
         """Spacing of the particles, world units; 0 if the scene has none at two
         places. Of the smooth surface and of spheres, the one given or measured first. Of fewer than

@@ -11,8 +11,8 @@ import numpy as np
 from .._base.colormaps import colorize
 from ..formats.pictures.video import need_av
 from ..pieces.scene import Scene
-from ..render.camera import Camera
-from ..render.fit import first_direction, fit_camera
+from ..render.camera import Camera, first_direction
+from ..render.fit import fit_camera
 from ..render.frame import Frame
 from ..render.layers import beside, scene_like
 from ..render.presets import load_preset

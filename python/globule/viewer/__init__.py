@@ -43,7 +43,7 @@ def view(
             which is part of `viewer.address`. Who opens `viewer.look_address` looks with a camera
             of their own and changes no setting.
         port: the first port to try; 0 takes any free one.
-        up: (3,) upward direction, world; default: y, for volumes and sweeps z.
+        up: (3,) upward direction, world; default: the particles', for volumes and sweeps z.
         camera: the `Camera` with which every browser starts; default: everything is visible.
         state: settings: the path of a TOML file, or a `globule.viewer.state.State`.
         preset: a name in `globule.render.presets.PRESETS`.

@@ -47,7 +47,7 @@ class Viewer:
         state: first settings.
         host: the address to listen on; any but a loopback address demands a token.
         port: the first port to try; 0 takes any free one.
-        up: (3,) upward direction, world; default: y, for volumes and sweeps z.
+        up: (3,) upward direction, world; default: the particles', for volumes and sweeps z.
         camera: with which every browser starts; default: everything is visible.
         title: of the page.
         token: with which browsers steer, where a token is demanded; default: a new one.

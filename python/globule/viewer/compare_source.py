@@ -39,7 +39,7 @@ class CompareSource(Source):
                     f"got a {source.kind}: {source.name}"
                 )
         self.first, self.second = first, second
-        self.maker, self.files = first.maker, first.files
+        self.maker, self.files, self.up = first.maker, first.files, first.up
         self.reading, self.beside = first.reading, first.beside
 
     @property

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import box_corners, on_gpu
-from ..render.camera import Camera
-from ..render.fit import first_direction, fit_camera, surface_reach
+from ..render.camera import Camera, first_direction
+from ..render.fit import fit_camera, surface_reach
 from ..scene.mesh import Mesh
 from ..sim.simulation_scene import SimulationScene
 from .source import Source

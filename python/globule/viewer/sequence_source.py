@@ -63,6 +63,7 @@ class SequenceSource(Source):
         at = leader(self._frames)
         self.maker.lead = (lambda: self._fetch(at).result()) if at else None
         self._now = self._fetch(0).result()
+        self.up = self._now.up
 
     def particles(self) -> Particles:
         """The particles of the current frame."""

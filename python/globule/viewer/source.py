@@ -12,7 +12,7 @@ import numpy as np
 from .._base.arrays import box_corners
 from .._base.terminal import place_text
 from ..data.attributes import attribute_names
-from ..data.particles import Particles
+from ..data.particles import UP, Particles
 from ..formats.frames import FrameOf
 from ..pieces.scene import Scene
 from ..render.annotate import bounds_of
@@ -73,6 +73,7 @@ OPTIONS = {
     "frame": "--frame",
     "species": "--species",
     "where": "--where",
+    "center": "--center",
     "origin": "--origin",
     "scale": "--scale",
     "radius_is": "--radius-is",
@@ -109,7 +110,7 @@ class Source:
     kind = "scene"
     n_frames = 0
     grows = False
-    up: Any = (0.0, 1.0, 0.0)
+    up: Any = UP
     camera: Camera | None = None
     fov = 40.0
     preset: str | None = None
@@ -168,6 +169,9 @@ class Source:
                 value = ",".join(f"{field}={column}" for field, column in value.items())
             elif name == "origin":
                 value = place_text(value)
+            if value is True:
+                words.append(OPTIONS[name])
+                continue
             for one in value if isinstance(value, (list, tuple)) else [value]:
                 words += [OPTIONS[name], str(one)]
         return words
@@ -277,6 +281,7 @@ class SceneSource(Source):
         else:
             found = shown
         self._shown: Particles | Scene | Mesh = found
+        self.up = found.up
         self.maker = SceneMaker(device, threads, found if isinstance(found, Scene) else None)
 
     def particles(self) -> Particles:

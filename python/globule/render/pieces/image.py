@@ -331,4 +331,5 @@ def fit(scene: Pieces, size: tuple[int, int], **options: Any) -> Camera:
     """The camera of one scene with all particles, with room for the surface."""
     if scene.normal is not None and not options:
         options = along_normal(scene.normal)
+    options = {"up": scene.up} | options
     return Camera.fit(scene.outline(), size=size, margin=scene.outside, **options)
