@@ -362,8 +362,8 @@ def test_faces_are_not_drawn_in_pieces(files, little, capsys):
     words = ["render", "m.vtp", "-o", "a.png", "--device", "cpu", "--size", "40x30"]
     report = run_json(capsys, *words, "--memory", "100000")
     assert report["counts"]["triangles"] == 2 * (n - 1) ** 2
-    names = "ranks resample level label frame species where origin center scale columns atom_style"
-    given = dict.fromkeys((*names.split(), "ground"))
+    names = "ranks resample level label frame species where origin center min_component scale"
+    given = dict.fromkeys((*names.split(), "columns", "atom_style", "ground"))
     options = argparse.Namespace(
         particles=["m.vtp"], as_particles=False, radius_is="radius", **given
     )

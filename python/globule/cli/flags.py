@@ -105,6 +105,8 @@ FLAGS: dict[str, dict[str, Any]] = {
         origin),
     "--center": row("", "move particles by whole periods, so that what lies across periodic faces "
         "of the file's box is whole, in its middle"),
+    "--min-component": row("N", "least number of particles of a connected component that stays",
+        Whole(1, 2**31).parse),
     "--where": row("CONDITION", "only the particles for which it holds, such as 'type == 1 and "
         "speed > 0.2': attributes, numbers, comparisons, in, and, or, not, + - * / **, abs, "
         "sqrt, isfinite"),
@@ -214,6 +216,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add(group, "--scale", "default: 1")
     add(group, "--origin", "default: auto")
     add(group, "--center")
+    add(group, "--min-component", "default: 1")
     add(group, "--frame", "default: 0")
     add(group, "--radius-is", "default: radius", default="radius")
     add(group, "--species", "default: gas, else the first or all")

@@ -35,6 +35,8 @@ _OF_PARTICLES = {
     "anisotropic": "--anisotropic",
     "where": "--where",
     "scale": "--scale",
+    "center": "--center",
+    "min_component": "--min-component",
 }
 
 

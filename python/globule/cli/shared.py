@@ -163,7 +163,7 @@ def reading(options: argparse.Namespace) -> dict[str, Any]:
     given |= {"frame": options.frame, "species": options.species, "where": options.where}
     given |= {"origin": options.origin, "scale": options.scale}
     given["radius_is"] = options.radius_is if options.radius_is != "radius" else None
-    given["center"] = options.center or None
+    given |= {"center": options.center or None, "min_component": options.min_component}
     given |= {"columns": options.columns, "atom_style": options.atom_style}
     return {name: value for name, value in given.items() if value is not None}
 
@@ -214,6 +214,9 @@ def lies_across(path: str, contents: Contents, options: argparse.Namespace) -> l
 # Files
 
 
+_OF_PARTICLES = ("radius_is", "where", "scale", "center", "min_component")  # of any format
+
+
 def check_input(path: str, given: Sequence[str] = ()) -> None:
     """Refuse a file that is not readable, has no known format, or has a format without the options
     `given`, before any work."""
@@ -223,7 +226,7 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
     if found.kind in ("particles", "mesh"):
-        known = (*format_named(found.format).options, "radius_is", "where", "scale", "center")
+        known = (*format_named(found.format).options, *_OF_PARTICLES)
     else:
         known = ("level", "labels", "spacing") if found.kind == "volume" else ()
     known = (*known, "origin")
@@ -233,11 +236,10 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
                 have = ", ".join(f.about for f in formats() if name in f.options)
                 option = f"--{name.replace('_', '-')}"
                 raise UserError(f"{option}: expected a file of {have}; got {path}")
-            flags = {"labels": "--label", "spacing": "--resample", "radius_is": "--radius-is"}
-            option = flags.get(name, f"--{name}")
-            kinds = {"spacing": "volume or mesh", "radius_is": "file of particles"}
-            of_particles = name in ("where", "scale", "center")
-            kind = kinds.get(name, kinds["radius_is"] if of_particles else "volume")
+            flags = {"labels": "--label", "spacing": "--resample"}
+            option = flags.get(name, f"--{name.replace('_', '-')}")
+            kind = "volume or mesh" if name == "spacing" else "volume"
+            kind = "file of particles" if name in _OF_PARTICLES else kind
             raise UserError(f"{option}: expected a {kind} to read, got {path}")
 
 
@@ -270,6 +272,9 @@ def read_file(path: str, may_be_empty: bool = False, **given: Any) -> Contents:
             raise UserError(
                 f"{path}: --level: expected an iso-value that voxels reach, got {given['level']:g}"
             )
+        if given.get("min_component", 1) > 1:
+            expected = "expected a component of so many particles"
+            raise UserError(f"{path}: --min-component: {expected}, got {given['min_component']}")
         if "where" in given:
             expected = "expected a condition that some particle meets"
             raise UserError(f"{path}: --where: {expected}, got {given['where']!r}")

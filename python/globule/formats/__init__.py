@@ -11,6 +11,7 @@ Which array of a file becomes which field of Particles is the same for all of th
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import choice, flag
+from ..data.components import without_small_components
 from ..data.particles import UP, Z_UP, Particles
 from ..data.radii import with_halved_radii
 from ..data.scale import scaled
@@ -54,6 +56,8 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
         where: a condition on the particles, such as "type == 1 and speed > 0.2"; see
             `globule.data.where`.
         scale: factor of all lengths, such as 0.001 for a file in mm; see `globule.data.scale`.
+        min_component: number of particles; components of fewer are left out, with a warning that
+            says how many; see `globule.data.components`. After `where` and `center`.
         center: whether particles that lie across periodic faces of the file's box are moved, by
             whole periods, so that they are whole and in its middle; see `Box.center`.
         radius_is: "radius", or "diameter" where the file's array `radius` holds diameters.
@@ -78,6 +82,7 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     condition = options.pop("where", None)
     origin, scale = options.pop("origin", "auto"), options.pop("scale", 1.0)
     center = flag("center", options.pop("center", False))
+    least = options.pop("min_component", 1)
     radius_is = choice("radius_is", options.pop("radius_is", "radius"), ("radius", "diameter"))
     kind = kind_of(path, "particles")
     if kind.kind not in ("particles", "mesh"):
@@ -108,7 +113,13 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     contents = replace(contents, particles=given_from(contents.particles, origin, path))
     if condition is not None:
         contents = replace(contents, particles=where(contents.particles, condition))
-    return _centered(contents) if center else contents
+    contents = _centered(contents) if center else contents
+    if least != 1:
+        kept, said = without_small_components(contents.particles, least)
+        contents = replace(contents, particles=kept)
+        if said:
+            warnings.warn(f"{os.fspath(path)}: {said}", stacklevel=3)
+    return contents
 
 
 def _centered(contents: Contents) -> Contents:

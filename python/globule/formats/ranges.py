@@ -51,7 +51,7 @@ def has_ranges(path: str | os.PathLike[str], given: Collection[str] = ()) -> boo
     """Whether the format of a file allows ranges, read with these options of `read`."""
     kind = kind_of(path, "particles").format
     if kind == "hdf5":
-        return not {"where", "center"} & {*given}
+        return not {"where", "center", "min_component"} & {*given}
     mappable = MAPPABLE.get(kind)
     return {*given} <= {"radius_is", "origin", "scale"} and (
         kind in FORMATS or (mappable is not None and mappable(path))

@@ -74,6 +74,7 @@ OPTIONS = {
     "species": "--species",
     "where": "--where",
     "center": "--center",
+    "min_component": "--min-component",
     "origin": "--origin",
     "scale": "--scale",
     "radius_is": "--radius-is",
