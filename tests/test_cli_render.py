@@ -10,7 +10,7 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import SMALL, at_edge, cube, refused, run_json
-from globule._base.colormaps import NAMES, colorize
+from globule._base.colormaps import CATEGORICAL, NAMES, colorize
 from globule.cli import main
 from PIL import Image
 
@@ -110,7 +110,7 @@ def test_color_by_values_that_are_not_finite(folder, capsys):
     assert gb.color_by(gb.Particles(np.zeros((0, 3)), attributes={"t": []}), "t").color.size == 0
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in CATEGORICAL])
 def test_colormaps(name):
     ends = colorize([0.0, 1.0], name, 0, 1)
     assert ends.dtype == np.float32

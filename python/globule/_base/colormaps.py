@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .checks import shown
+from .elements import ELEMENTS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -16,7 +17,8 @@ _SOURCES = {
     "viridis": "bids", "magma": "bids", "inferno": "bids", "plasma": "bids", "cividis": "cividis",
     "turbo": "google", "coolwarm": "matplotlib", "gray": "matlab",
 }  # fmt: skip
-NAMES = tuple(_SOURCES)
+CATEGORICAL = ("types", "elements")  # whole numbers, each with a color of its own
+NAMES = (*_SOURCES, *CATEGORICAL)
 NO_VALUE = (0.5, 0.5, 0.5)  # sRGB; the color of NaN
 # sRGB, for labels 1, 2, 3 …; the first seven are Okabe and Ito's, told apart by every eye.
 _PALETTE = "e69f00 56b4e9 009e73 d55e00 cc79a7 f0e442 0072b2 8c6bb1 b2df8a 999999 a6761d f4a6a6"
@@ -27,7 +29,8 @@ def colorize(values: ArrayLike, name: str, lo: float, hi: float) -> np.ndarray:
 
     Args:
         values: (N,) numbers.
-        name: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
+        name: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray; for whole numbers
+            types (twelve colors, which repeat) or elements (Jmol's, by the atomic number).
         lo, hi: values of the map's first and last color. Values outside have the color of the
             nearest end; NaN is gray. If lo equals hi, every value has the middle color.
 
@@ -39,11 +42,25 @@ def colorize(values: ArrayLike, name: str, lo: float, hi: float) -> np.ndarray:
     if not isinstance(name, str) or name not in NAMES:
         raise ValueError(f"colormap: expected one of {', '.join(NAMES)}, got {shown(name)}")
     v = np.asarray(values, dtype=np.float64)
+    if name in CATEGORICAL:
+        return _of_kinds(v, name)
     # Halved, so that the difference of the ends cannot overflow.
     place = (v / 2 - lo / 2) / (hi / 2 - lo / 2) if hi != lo else np.where(np.isnan(v), v, 0.5)
     color = _at(name, place)
     color[np.isnan(place)] = NO_VALUE
     return to_linear(color).astype(np.float32)
+
+
+def _of_kinds(values: np.ndarray, name: str) -> np.ndarray:
+    gray = to_linear(NO_VALUE).astype(np.float32)
+    known = np.abs(values) < 2**53
+    kinds = np.rint(np.where(known, values, 0)).astype(np.int64)
+    if name == "types":
+        return np.where(known[:, None], categorical(kinds), gray)
+    words = {number: color for number, _, color in ELEMENTS.values()}
+    colors = to_linear([hex_color(words[k]) for k in sorted(words)]).astype(np.float32)
+    known &= (kinds >= 1) & (kinds <= len(colors))
+    return np.where(known[:, None], colors[np.clip(kinds, 1, len(colors)) - 1], gray)
 
 
 def categorical(labels: Any) -> np.ndarray:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.device import choose
+from ..data.attributes import colormap_of, kinds_of
 from ..data.particles import HERE, Particles
 from ..formats.frames import FrameOf
 from ..formats.kind import kind_of
@@ -20,7 +21,7 @@ from ..render.annotate import Colors
 from ..render.camera import Camera
 from ..render.frame import Frame, save_png
 from ..render.render import render
-from ..render.trace import values_of
+from ..render.trace import points_of, values_of
 from ..scene.mesh import Mesh
 from ..scene.thesis import Thesis
 from . import annotation, camera_facts, light, look, meshes, sequence, surfaces, tracing
@@ -100,9 +101,12 @@ def picture(
         colors = None
         if options.color_by:
             assert subject.ends is not None
-            colors = Colors(options.colormap, *subject.ends, options.color_by)
+            name, points = options.color_by, points_of(scene)
+            kinds = kinds_of(points, name, options.colormap)
+            colormap = colormap_of(name, options.colormap)
+            colors = Colors(colormap, *subject.ends, name, kinds)
             if subject.particles is not None and lit.settings(scene).is_flat:
-                name, ends = options.color_by, subject.ends
+                ends = subject.ends
                 shown = values_of(subject.particles, name, options.colormap, ends)
                 for one in frames:
                     one._values = shown[:4]

@@ -15,6 +15,7 @@ import numpy as np
 from .._base.checks import MissingPackageError
 from .._base.device import choose
 from .._base.memory import GIGABYTE, resident_bytes, room
+from ..data.attributes import colormap_of
 from ..data.particles import FARTHEST
 from ..fluids.likeness import are_spheres
 from ..formats import FormatError
@@ -190,7 +191,8 @@ def run(
             colors = None
             if options.color_by:
                 assert pieces.range is not None
-                colors = Colors(options.colormap, *pieces.range, options.color_by)
+                name = options.color_by
+                colors = Colors(colormap_of(name, options.colormap), *pieces.range, name)
             if aov:
                 frame.save(aov)
             save_png(image, notes.picture(0, [frame], [camera], colors, None))

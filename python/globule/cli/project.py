@@ -55,7 +55,7 @@ def add_arguments(parser: Parser) -> None:
     flags.add(volume, "--particle-spacing", "default: measured")
     image = parser.add_argument_group("image")
     flags.own(image, "--log", "color by the decimal logarithm")
-    flags.add(image, "--colormap", "default: viridis", default="viridis")
+    flags.add(image, "--colormap", "default: auto, which is viridis", default="auto")
     flags.add(image, "--range", "default: the lowest and the highest value")
     flags.add(parser, "--json")
     surface = parser.add_argument_group("kernel")

@@ -138,7 +138,7 @@ def add_arguments(parser: Parser) -> None:
     tracing.add_arguments(parser)
     colors = parser.add_argument_group("color and light; radiances are linear, 1 is white")
     flags.add(colors, "--color-by", "default: the particles' color")
-    flags.add(colors, "--colormap", "default: viridis", default="viridis")
+    flags.add(colors, "--colormap", "default: auto", default="auto")
     flags.add(colors, "--range", "default: the lowest and the highest value")
     colors.add_argument(
         "--flat",

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .._base.colormaps import colorize
+from ..data.attributes import colormap_of
 from ..measure.places import SampleGrid, SampleLine, SamplePlane
 from ..measure.sample import sample
 from ..measure.samples import EXTENSIONS
@@ -84,7 +85,7 @@ def add_arguments(parser: Parser) -> None:
     measuring.add_values(where, "field, inside and all attributes")
     image = parser.add_argument_group("image")
     flags.own(image, "--inside", "draw only what is inside of the surface")
-    flags.add(image, "--colormap", "default: viridis", default="viridis")
+    flags.add(image, "--colormap", "default: auto, which is viridis", default="auto")
     flags.add(image, "--range", "default: the lowest and the highest value")
     flags.add(parser, "--json")
     measuring.add_surface(parser)
@@ -173,7 +174,8 @@ def draw(
     if hidden.all():
         raise ValueError(f"plane: expected one that meets {name}, got none in the slice")
     low, high = options.range or _range(values[~hidden & np.isfinite(values)])
-    linear = colorize(values.ravel(), options.colormap, low, high).reshape(*values.shape, 3)
+    colormap = colormap_of("", options.colormap)  # blended values, of no type
+    linear = colorize(values.ravel(), colormap, low, high).reshape(*values.shape, 3)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     image = np.rint(255 * srgb).astype(np.uint8)
     image[hidden] = 255
@@ -181,4 +183,4 @@ def draw(
     image = np.repeat(np.repeat(image[::-1], larger, axis=0), larger, axis=1)
     room = np.full((len(image), max(150, LEAST_SIDE), 3), 255, np.uint8)
     legend = np.concatenate([image, room], axis=1)
-    save_png(options.output, add_legend(legend, options.colormap, low, high, name))
+    save_png(options.output, add_legend(legend, colormap, low, high, name))

@@ -70,7 +70,7 @@ def add_arguments(parser: Parser) -> None:
     flags.add(first, "--support", "default: the file's, else two spacings")
     flags.add(first, "--threshold", "default: by kernel")
     flags.add(first, "--color-by", "default: the particles' color")
-    flags.add(first, "--colormap", "default: viridis")
+    flags.add(first, "--colormap", "default: auto")
     flags.add(first, "--range", "default: the lowest and the highest value")
     flags.add(first, "--clip", "default: none")
     flags.add_reading(parser)

@@ -12,11 +12,16 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import number, shown
-from .._base.colormaps import colorize
+from .._base.colormaps import CATEGORICAL, colorize
+from .._base.elements import ELEMENTS
 from .particles import SCALAR_FIELDS, Particles
 
 log = logging.getLogger("globule")
 
+# Attributes whose whole numbers are kinds, in lower case.
+TYPE_NAMES = ("type", "typeid", "species", "label", "phase", "classification")
+ELEMENT_NAMES = ("atomic_number", "element")
+MOST_KINDS = 24  # in a legend
 # How programs name the array of velocities, in lower case; the first that is there counts.
 VELOCITY_NAMES = ("velocity", "velocities", "vel", "velo", "v")
 
@@ -68,10 +73,33 @@ def attribute_values(particles: Particles, name: str) -> np.ndarray:
     raise ValueError(f"expected one of {', '.join(arrays)}, got {name}")
 
 
+def colormap_of(name: str, colormap: str) -> str:
+    """The color map that "auto" stands for: types or elements for an attribute that names them, in
+    any case, else viridis; another one is itself."""
+    if colormap != "auto":
+        return colormap
+    lower = name.lower()
+    return "elements" if lower in ELEMENT_NAMES else "types" if lower in TYPE_NAMES else "viridis"
+
+
+def kinds_of(particles: Particles, name: str, colormap: str) -> tuple[tuple[float, str], ...]:
+    """The values that a legend of types or elements lists, and their names; none for another color
+    map, or for more than `MOST_KINDS`."""
+    if colormap_of(name, colormap) not in CATEGORICAL:
+        return ()
+    values = attribute_values(particles, name)
+    found = np.unique(values[np.isfinite(values)])
+    symbols = {number: symbol for symbol, (number, _, _) in reversed(ELEMENTS.items())}
+    of_elements = colormap_of(name, colormap) == "elements"
+    names = symbols if of_elements else particles.names.get(name, {})
+    kinds = tuple((float(v), names.get(int(v), f"{v:.10g}")) for v in found[: MOST_KINDS + 1])
+    return kinds if len(kinds) <= MOST_KINDS else ()
+
+
 def attribute_colors(
     particles: Particles,
     name: str,
-    colormap: str = "viridis",
+    colormap: str = "auto",
     range: tuple[float, float] | None = None,
 ) -> AttributeColors:
     """Colors by a field or attribute, as `color_by` makes them, with what a legend needs.
@@ -84,13 +112,14 @@ def attribute_colors(
         lo, hi = checked_range(range)
     else:
         lo, hi = ends_of_map(name, known, len(values))
-    return AttributeColors(colorize(values, colormap, lo, hi), (lo, hi), len(values) - len(known))
+    color = colorize(values, colormap_of(name, colormap), lo, hi)
+    return AttributeColors(color, (lo, hi), len(values) - len(known))
 
 
 def color_by(
     particles: Particles,
     name: str,
-    colormap: str = "viridis",
+    colormap: str = "auto",
     range: tuple[float, float] | None = None,
 ) -> Particles:
     """The particles with colors by a field or attribute.
@@ -99,7 +128,9 @@ def color_by(
         particles: N particles.
         name: x, y, z, a field (support), an attribute (a vector's length), speed (the length of
             the velocity, see `velocity_name`), or NAME:0 … for a component.
-        colormap: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
+        colormap: viridis, magma, inferno, plasma, cividis, turbo, coolwarm, gray, types or
+            elements, as for `colorize`; auto: types or elements for an attribute of that name, else
+            viridis.
         range: (lo, hi), values of the map's first and last color; lo may be above hi. Default: the
             lowest and highest finite value. Values outside have the color of the nearest end; NaN
             is gray.

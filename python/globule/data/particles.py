@@ -79,6 +79,8 @@ class Particles:
         attributes: name -> (N,) or (N, k) array of any real numeric dtype.
         origin: (x, y, z) float64, world: the place from which the positions are given, for
             coordinates that float32 could not tell apart; `relative` finds one.
+        names: name of an attribute of whole numbers -> value -> name, such as that of a type;
+            legends show them.
         up: (x, y, z) of unit length, world: upwards in images; y, unless the format of the file
             that was read has z there.
 
@@ -100,6 +102,7 @@ class Particles:
     attributes: dict[str, Any] = field(default_factory=dict)
     origin: tuple[float, float, float] = HERE
     up: tuple[float, float, float] = UP
+    names: dict[str, dict[int, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._check({})
@@ -110,6 +113,8 @@ class Particles:
             value = as_origin(value)
         elif name == "up":
             value = tuple(unit("up", value))
+        elif name == "names":
+            value = {str(key): dict(words) for key, words in dict(value).items()}
         elif name not in FIELDS and name != "attributes":
             known = ", ".join((*FIELDS, "attributes"))
             raise AttributeError(
@@ -188,7 +193,7 @@ class Particles:
             picked[name] = value[index] if self._of_each(name) else value
         attributes = {name: array[index] for name, array in self.attributes.items()}
         return Particles(self.positions[index], **picked, attributes=attributes,
-                         origin=self.origin, up=self.up)  # fmt: skip
+                         origin=self.origin, up=self.up, names=self.names)  # fmt: skip
 
     def world_positions(self) -> np.ndarray:
         """(N, 3) positions, world: float64 where there is an origin, else float32."""

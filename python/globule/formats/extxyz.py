@@ -15,7 +15,7 @@ import numpy as np
 from ..data.attributes import VELOCITY_NAMES
 from .asciinum import parse_rows
 from .contents import Box, Contents
-from .elements import of_elements
+from .elements import of_elements, type_names
 from .errors import bad, shown
 from .fields import particles_from
 from .frames import text_frame
@@ -55,6 +55,7 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
         arrays = of_species | arrays
     wrapped = positions if box is None else box.wrap(positions)
     particles = particles_from(path, wrapped, arrays)
+    particles.names = type_names(words.get("species", []))
     return Contents(particles, box, {"positions": "Å"}, seconds, n_frames)
 
 

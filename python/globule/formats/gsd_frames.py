@@ -122,6 +122,10 @@ class _Gsd:
         step = self.chunk(frame, "configuration/step")
         time = float(step[0]) if step is not None and step.shape == (1,) else None
         particles = particles_from(self.path, wrapped, arrays)
+        if (words := self.chunk(frame, "particles/types")) is not None and words.ndim == 2:
+            rows = enumerate(words.astype(np.uint8))
+            kinds = {k: row.tobytes().split(b"\0")[0].decode("utf-8", "replace") for k, row in rows}
+            particles.names = {"type": kinds}
         return Contents(particles, box, {}, time, self.n_frames)
 
     def box(self, frame: int) -> Box | None:

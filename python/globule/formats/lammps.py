@@ -18,7 +18,7 @@ import numpy as np
 
 from .asciinum import parse_rows, text_lines
 from .contents import Box, Contents
-from .elements import of_elements
+from .elements import of_elements, type_names
 from .errors import FormatError, bad, shown
 from .fields import join_columns, particles_from
 from .frames import text_frame
@@ -84,17 +84,23 @@ def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     where = f"line {before + at + 1}"
     if len(rows) != n:
         raise bad(path, where, f"expected {n} atoms, got {len(rows)}")
-    columns = _columns(path, names, rows, before + at + 2)
+    columns, kinds = _columns(path, names, rows, before + at + 2), {}
     if rows and "element" in names and "element" not in columns:
         column = names.index("element")
-        columns = _with(of_elements([row.split()[column] for row in rows]), columns)
+        words = [row.split()[column] for row in rows]
+        kinds = type_names(words)
+        if "type" in columns:  # has the numbers that the words are for
+            kinds = {"type": dict(zip(columns["type"].tolist(), words, strict=True))}
+        columns = _with(of_elements(words), columns)
     time = _number(lines, items.get("TIMESTEP", -1))
     if "TIME" in items:
         time = _number(lines, items["TIME"])
     units = {}
     if head[0].startswith("ITEM: UNITS"):  # once, before the first frame
         units = {"positions": f"LAMMPS {head[1].strip()[:20]}"}
-    return _contents(path, where, columns, box, units, time, n_frames)
+    found = _contents(path, where, columns, box, units, time, n_frames)
+    found.particles.names = kinds
+    return found
 
 
 def _starts(path: Any, lines: list[str]) -> list[int]:
@@ -151,14 +157,19 @@ def read_data(path: str | os.PathLike[str], atom_style: str | None = None) -> Co
         names = _atom_columns(path, at, style.split(), some, head, box)
     columns = _columns(path, names, [line for _, line in rows], rows[0][0] + 1 if rows else 1)
     elements = _elements(lines[:at])
+    kinds = {"type": elements} if elements else {}
     if rows and "type" in names and "type" not in columns:
         column = names.index("type")
-        columns = _with(of_elements([line.split()[column] for _, line in rows]), columns)
+        words = [line.split()[column] for _, line in rows]
+        kinds = type_names(words)
+        columns = _with(of_elements(words), columns)
     elif "type" in columns and {*np.unique(columns["type"]).tolist()} <= elements.keys():
-        kinds, place = np.unique(columns["type"], return_inverse=True)
-        of_types = of_elements([elements[kind] for kind in kinds.tolist()])
+        numbers, place = np.unique(columns["type"], return_inverse=True)
+        of_types = of_elements([elements[number] for number in numbers.tolist()])
         columns = _with({name: array[place] for name, array in of_types.items()}, columns)
-    return _contents(path, f"line {at + 1}", columns, box, {}, None, 1)
+    found = _contents(path, f"line {at + 1}", columns, box, {}, None, 1)
+    found.particles.names = kinds
+    return found
 
 
 def _with(of_elements: dict[str, np.ndarray], columns: dict[str, Any]) -> dict[str, Any]:

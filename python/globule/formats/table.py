@@ -28,7 +28,7 @@ from .._base.files import atomic_write
 from ..data.particles import Particles
 from .asciinum import format_rows, lines_of, parse_plain, parse_rows, text_data
 from .contents import Contents
-from .elements import of_elements
+from .elements import of_elements, type_names
 from .errors import FormatError, bad, shown
 from .fields import (
     COLUMNS,
@@ -277,6 +277,7 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
     if count is not None and any("#" in line for line in rows):
         rows = [line.partition("#")[0] for line in rows]
     elements: dict[str, np.ndarray] = {}
+    kinds: dict[str, dict[int, str]] = {}
     if names is None or len(names) != len(words):
         names = _POINTS.get(len(words), _default_names(len(words)))
         if start != 1:
@@ -284,13 +285,14 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
             if first_words and first_words[0].isdigit():
                 elements = {"type": np.array(first_words, np.int64)}
             elif first_words:
-                elements = of_elements(first_words)
+                elements, kinds = of_elements(first_words), type_names(first_words)
             skip = 1 if first_words else 0
             names = ["element"] * skip + _default_names(len(words) - skip)
             words[:skip] = ["element"] * skip
     if count == 0:
         names = words = _default_names(3)
     particles = _assemble(path, names, words, rows, before + start + 1, None, extra=elements)
+    particles.names = kinds
     if count is not None and len(particles) != count:
         problem = f"expected {count} particles (line {before + 1}), got {len(particles)}"
         raise bad(path, f"line {before + len(lines)}", problem)

@@ -93,7 +93,7 @@ class Pieces(Owner):
         comm: Any = None,
         *,
         color_by: str | None = None,
-        colormap: str = "viridis",
+        colormap: str = "auto",
         range: tuple[float, float] | None = None,
         kernel: str = "murakami",
         threshold: float | None = None,

@@ -39,12 +39,14 @@ _COLORS: tuple[Color, ...] = ((214, 66, 56), (52, 150, 72), (58, 104, 214))  # o
 
 
 class Colors(NamedTuple):
-    """What a legend shows: color map, values of its first and last color, name of the values."""
+    """What a legend shows: color map, values of its first and last color, name of the values, and
+    the values and names of types or elements, where they are those."""
 
     colormap: str
     lo: float
     hi: float
     name: str
+    kinds: tuple[tuple[float, str], ...] = ()
 
 
 WORDS = Text(empty=True, longest=200)
@@ -294,7 +296,7 @@ def draw_sheet(
     label = annotation.legend_title or colors.name
     return draw_legend(
         canvas.pixels, colors.colormap, colors.lo, colors.hi, label, annotation.legend_unit, place,
-        scale, strip,
+        scale, strip, colors.kinds,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import whole
+from .._base.colormaps import CATEGORICAL
 from .._base.device import Device
 from .._base.files import atomic_write
 from .._base.owner import Owner
@@ -155,8 +156,9 @@ class Frame(Owner):
         """(H, W, 3) uint8, sRGB; (H, W, 4) with straight alpha where the settings say
         `transparent`. Annotations that were given to `render` are drawn in."""
         settings = self._settings
-        if self._values is not None and settings.is_flat:
-            own, colormap, lo, hi = self._values
+        shown = settings.is_flat and self._values
+        if shown and shown[1] not in CATEGORICAL:
+            own, colormap, lo, hi = shown
             blended = self.attribute(own)
             flat = with_values(self.color, blended, self._mixed, colormap, lo, hi)
             image = displayed(flat)

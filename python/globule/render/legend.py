@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .._base.colormaps import NAMES, map_colors
+from .._base.colormaps import CATEGORICAL, NAMES, colorize, map_colors
 from .canvas import DARK, Canvas, sizes
+from .display import displayed
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
 POSITIONS = ("lower-right", "lower-left", "upper-right", "upper-left", "outside")
 # Lengths as shares of the image's shorter side.
 _BAR_WIDTH, _BAR_HEIGHT = 0.024, 0.42
+_ROW, _HIGHEST = 1.2, 0.8  # of a kind, in heights of text; of the bar, of the image's height
 _LONGEST_TICK = 9  # digits for which a legend outside of the image has room
 _PAPER, _INK = (255, 255, 255), (DARK, (255, 255, 255))  # of a legend outside of the image
 
@@ -39,7 +42,7 @@ def add_legend(
     Args:
         image: (H, W, 3) uint8, sRGB, or (H, W, 4) with straight alpha; both sides at least 64
             pixels.
-        colormap: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
+        colormap: a name as for `colorize`; types and elements list whole numbers from lo to hi.
         lo, hi: values of the map's first and last color.
         label: name of the values; shortened to fit.
         scale: factor of all sizes.
@@ -67,8 +70,11 @@ def draw_legend(
     position: str,
     scale: float,
     strip: int,
+    kinds: Sequence[tuple[float, str]] = (),
 ) -> np.ndarray:
-    """As `add_legend`; `strip`: by how many pixels a legend outside makes the image wider."""
+    """As `add_legend`; `strip`: by how many pixels a legend outside makes the image wider; `kinds`:
+    values and names that a legend of types or elements lists; default: whole numbers from lo to hi.
+    """
     canvas = Canvas(image, scale)
     if colormap not in NAMES:
         raise ValueError(f"colormap: expected one of {', '.join(NAMES)}, got {colormap!r}")
@@ -77,13 +83,42 @@ def draw_legend(
     if position not in POSITIONS:
         raise ValueError(f"position: expected one of {', '.join(POSITIONS)}, got {position!r}")
     label = ", ".join(word for word in (" ".join(label.split()), unit) if word)
+    most = int(_HIGHEST * canvas.height / (_ROW * canvas.text_height()))
+    if colormap in CATEGORICAL and not kinds and hi - lo < most:
+        kinds = [(float(k), str(k)) for k in range(math.ceil(lo), math.floor(hi) + 1)]
+    shown = _Shown(colormap, lo, hi, tuple(kinds[:most]))
     if position == "outside":
         start = canvas.width
         canvas.widen(strip, _PAPER)
-        _draw(canvas, colormap, lo, hi, label, "middle-left", start)
+        _draw(canvas, shown, label, "middle-left", start)
     else:
-        _draw(canvas, colormap, lo, hi, label, position, 0)
+        _draw(canvas, shown, label, position, 0)
     return canvas.pixels
+
+
+class _Shown(NamedTuple):
+    """What a bar shows; kinds as for `draw_legend`, which are listed from the top."""
+
+    colormap: str
+    lo: float
+    hi: float
+    kinds: tuple[tuple[float, str], ...]
+
+    def ticks(self, most: int) -> list[tuple[float, str]]:
+        """Shares of the bar's length, from below, and texts; about `most` of a range."""
+        n = len(self.kinds)
+        if n:
+            return [(1 - (i + 0.5) / n, name) for i, (_, name) in enumerate(self.kinds)]
+        return tick_labels(self.lo, self.hi, most)
+
+    def colors(self, length: int) -> np.ndarray:
+        """(length, 3) uint8, from above."""
+        if self.colormap not in CATEGORICAL:
+            return map_colors(self.colormap, length)[::-1]
+        values = np.linspace(self.hi, self.lo, length)
+        if n := len(self.kinds):
+            values = np.array([value for value, _ in self.kinds])[np.arange(length) * n // length]
+        return displayed(colorize(values, self.colormap, self.lo, self.hi))
 
 
 def strip_width(size: tuple[int, int], scale: float = 1.0) -> int:
@@ -94,14 +129,12 @@ def strip_width(size: tuple[int, int], scale: float = 1.0) -> int:
     return round(2 * margin + 1.5 * max(4, round(_BAR_WIDTH * side)) + 0.6 * _LONGEST_TICK * font)
 
 
-def _draw(
-    canvas: Canvas, colormap: str, lo: float, hi: float, label: str, position: str, start: int
-) -> None:
+def _draw(canvas: Canvas, shown: _Shown, label: str, position: str, start: int) -> None:
     """Draw bar, ticks and label at a position of the image that begins with column `start`."""
     margin, line, text_height = canvas.margin, canvas.line, canvas.text_height()
     bar = max(4, round(_BAR_WIDTH * canvas.side))
-    length = round(_BAR_HEIGHT * canvas.side)
-    texts = tick_labels(lo, hi, max(2, round(length / (2.2 * text_height))))
+    length = max(round(_BAR_HEIGHT * canvas.side), round(_ROW * text_height * len(shown.kinds)))
+    texts = shown.ticks(max(2, round(length / (2.2 * text_height))))
     widest = math.ceil(max(canvas.text_width(text) for _, text in texts))
     gap = max(5, bar // 2)
     vertical, horizontal = position.split("-")
@@ -118,7 +151,7 @@ def _draw(
     top = bottom - length
     inks = _INK if start else canvas.ink(right - bar, top, right + gap + widest, bottom)
     canvas.fill(right - bar - line, top - line, right + line, bottom + line, inks[0])
-    colors = map_colors(colormap, length)[::-1]
+    colors = shown.colors(length)
     canvas.paste(np.repeat(colors[:, None], bar, axis=1), right - bar, top)
     for share, text in texts:
         at = bottom - 0.5 - share * (length - 1)

@@ -30,7 +30,7 @@ def render(
     thesis: Thesis | None = None,
     *,
     color_by: str | None = None,
-    colormap: str = "viridis",
+    colormap: str = "auto",
     range: tuple[float, float] | None = None,
     annotate: Annotation | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -60,7 +60,8 @@ def render(
             their own colors and the material's: x, y, z, support, an attribute (a vector's length),
             or NAME:0 … for a component. A `Scene` or `Mesh` keeps these colors. Where the settings
             leave the lights at their default, white and diffuse light keeps the colors' hue.
-        colormap: of `color_by`: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
+        colormap: of `color_by`: auto (types or elements for an attribute of that name, else
+            viridis), or a name as for `colorize`.
         range: (lo, hi), values of the map's ends; default: the lowest and highest finite value.
         annotate: `Annotation`, drawn into the frame's `image`.
         progress: called as progress(done, total) after each sample per pixel; may raise to stop.

@@ -398,7 +398,7 @@ def render_sequence(
     *,
     clips: Clip | Sequence[Clip] = (),
     color_by: str | None = None,
-    colormap: str = "viridis",
+    colormap: str = "auto",
     range: tuple[float, float] | None = None,
     annotate: Annotation | None = None,
     progress: Callable[[int, int], object] | None = None,

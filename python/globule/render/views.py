@@ -206,7 +206,7 @@ def render_views(
     *,
     up: VectorLike | None = None,
     color_by: str | None = None,
-    colormap: str = "viridis",
+    colormap: str = "auto",
     range: tuple[float, float] | None = None,
     annotate: Annotation | None = None,
 ) -> Views:

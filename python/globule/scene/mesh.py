@@ -168,7 +168,7 @@ class Mesh(Owner):
         return Particles(to_host(self.vertices), attributes=self.attributes, origin=origin)
 
     def color_by(
-        self, name: str, colormap: str = "viridis", range: tuple[float, float] | None = None
+        self, name: str, colormap: str = "auto", range: tuple[float, float] | None = None
     ) -> tuple[float, float]:
         """Color the vertices by x, y or z, an attribute (a vector's length), or NAME:0 … for a
         component; triangles blend the colors of their corners.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._base.colormaps import colorize
-from ..data.attributes import attribute_values
+from ..data.attributes import attribute_values, colormap_of
 from ..render.display import displayed
 from ..render.presets import PRESETS
 from ..scene.mesh import Mesh
@@ -131,7 +131,7 @@ class Model:
             counts = np.histogram(values, BINS, (lo, hi))[0]
             middles = np.linspace(lo, hi, BINS)
             low, high = ends if ends[1] > ends[0] else (lo, hi)
-            linear = colorize(middles, color.colormap, low, high)
+            linear = colorize(middles, colormap_of(color.by, color.colormap), low, high)
             self._plot = {
                 "counts": counts.tolist(),
                 "colors": displayed(linear).tolist(),

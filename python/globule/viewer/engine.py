@@ -328,6 +328,7 @@ class Engine:
                     "marks": client.marks + marks_of(source, state),
                     "depth": frame.distance if plates or state.notes.box else None,
                     "ends": source.maker.range,
+                    "kinds": source.maker.kinds,
                     **box_of(frame, state),
                 }
                 picture = frame.picture

@@ -6,6 +6,7 @@ import dataclasses
 import shlex
 from typing import Any
 
+from ..data.attributes import colormap_of
 from ..render.camera import Camera
 from ..render.clips import ClipBox, ClipPlane
 from .overlay import annotation_of
@@ -161,17 +162,18 @@ def python_code(
     ]
     thesis = f", Thesis(root={surface.root!r})" if surface.root != "exact" else ""
     lines = ["import globule as gb", *_imports(state), "", *origin.code]
+    colormap = colormap_of(color.by, color.colormap)
     if color.by:
         ends = "values.min(), values.max()" if color.automatic else f"{color.low!r}, {color.high!r}"
         lines += [
             f"values = attribute_values(particles, {color.by!r})",
             f"ends = {ends}",
-            f"particles.color = gb.colorize(values, {color.colormap!r}, *ends)",
+            f"particles.color = gb.colorize(values, {colormap!r}, *ends)",
         ]
     more = ""
     by_pixel = bool(color.by) and settings.is_flat  # a `color_by`, which takes one scene
     if by_pixel and not origin.beside:
-        more += f", color_by={color.by!r}, colormap={color.colormap!r}, range=ends"
+        more += f", color_by={color.by!r}, colormap={colormap!r}, range=ends"
     notes = dataclasses.replace(annotation_of(state), legend=False, legend_title="", legend_unit="")
     if notes.draws:
         more += f", annotate={_code(notes)}"
@@ -189,7 +191,7 @@ def python_code(
         words += f", unit={color.legend_unit!r}" if color.legend_unit else ""
         words += f", position={color.legend_at!r}" if color.legend_at != "lower-right" else ""
         lines += [
-            f"picture = gb.add_legend(frame.picture, {color.colormap!r}, *ends, {words})",
+            f"picture = gb.add_legend(frame.picture, {colormap!r}, *ends, {words})",
             'gb.save_png("picture.png", picture)',
         ]
     else:

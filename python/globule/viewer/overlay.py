@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..data.attributes import colormap_of
 from ..render.annotate import Annotation, Colors, bounds_of, draw_sheet, draw_view, skin_of
 from ..render.camera import Camera
 from ..render.canvas import LEAST_SIDE
@@ -79,6 +80,7 @@ def finish(
     size: tuple[int, int] | None = None,
     bounds: Any = None,
     skin: float = 0.0,
+    kinds: tuple[tuple[float, str], ...] = (),
 ) -> np.ndarray:
     """The image (H, W, 3) uint8 sRGB with its overlay.
 
@@ -92,6 +94,7 @@ def finish(
         size: (width, height) at which the browser shows the image. A smaller image is enlarged
             before marks and annotations are drawn, so that they stay sharp.
         bounds, skin: as for `draw_view`.
+        kinds: as those of `Colors`.
     """
     if plates and depth is not None:
         picture = draw_plates(picture, depth, camera, plates)
@@ -105,7 +108,8 @@ def finish(
     if marks:
         picture = draw_marks(picture, camera, marks)
     if drawn:
-        colors = Colors(state.color.colormap, *ends, state.color.by)
+        colormap = colormap_of(state.color.by, state.color.colormap)
+        colors = Colors(colormap, *ends, state.color.by, kinds)
         picture = draw_sheet(picture, notes, colors, scale=scale)
     return picture
 

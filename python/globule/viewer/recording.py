@@ -96,7 +96,8 @@ class Shot:
             frame = trace(source, state, camera, self._size, engine.up)
             before = state.version, source.version
             plates = source.plates(state)
-            ends, marks = source.maker.range, self._marks + marks_of(source, state)
+            ends, kinds = source.maker.range, source.maker.kinds
+            marks = self._marks + marks_of(source, state)
             box = box_of(frame, state)
         while frame.samples < self._samples:
             self._progress(frame.samples / self._samples)
@@ -106,7 +107,9 @@ class Shot:
                 frame.refine()
         depth = frame.distance if plates or box else None
         self.frame = frame
-        self.picture = finish(frame.picture, state, camera, marks, plates, depth, ends, **box)
+        self.picture = finish(
+            frame.picture, state, camera, marks, plates, depth, ends, kinds=kinds, **box
+        )
         return True
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._base.colormaps import colorize
-from ..data.attributes import attribute_values
+from ..data.attributes import attribute_values, colormap_of, kinds_of
 from ..data.particles import Particles
 from ..fluids import likeness
 from ..pieces.scene import Scene
@@ -51,6 +51,7 @@ class SceneMaker:
         self._shown: Any = None if given is None else (given.particles, "")
         self._other: Scene | None = None
         self.range = (0.0, 1.0)  # of the color map
+        self.kinds: tuple = ()  # of `Colors`
 
     def shape(self, particles: Particles, state: State, threshold: float | None = None) -> str:
         """ "smooth", "spheres" or "balls", by the rule of `globule.render`.
@@ -144,7 +145,8 @@ class SceneMaker:
             name: getattr(particles, name)
             for name in ("support", "weight", "reflection", "refraction", "rigidity")
         }
-        colors = colorize(values, color.colormap, *self.range)
+        self.kinds = kinds_of(particles, color.by, color.colormap)
+        colors = colorize(values, colormap_of(color.by, color.colormap), *self.range)
         return Particles(
             particles.positions, color=colors, attributes=particles.attributes, **fields
         )

@@ -104,8 +104,8 @@ class Coloring:
 
     by: str = setting(TEXT, "", "field or attribute of the particles that gives the color",
         label="Color by")  # fmt: skip
-    colormap: str = setting(Choice(*COLORMAPS), "viridis", "colors from the lowest to the highest "
-        "value", label="Color map")  # fmt: skip
+    colormap: str = setting(Choice("auto", *COLORMAPS), "auto", "colors from the lowest to the "
+        "highest value", label="Color map")  # fmt: skip
     automatic: bool = setting(Switch(), True, "from the lowest to the highest value",
         label="Automatic range")  # fmt: skip
     low: float = setting(Number(-1e30, 1e30), 0.0, "value of the first color", "in the unit of the "
