@@ -308,9 +308,10 @@ def hdf5(path: str, ask: Any) -> tuple[dict, list]:
         _walk(h5py, file, "", tree, 0)
         request = ask(0, tree=tree)
         arrays = []
-        for name, first, n in request:
+        for name, first, n, frame in request:
             dataset = file[name]
-            values = dataset[first : first + n] if dataset.ndim else dataset[()]
+            rows = slice(first, first + n) if frame is None else (frame, slice(first, first + n))
+            values = dataset[rows] if dataset.ndim else dataset[()]
             arrays.append(np.ascontiguousarray(values, "f8" if values.itemsize > 8 else None))
     return {}, arrays
 
@@ -338,7 +339,8 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
                 "dtype": "<f8" if long else item.dtype.str,
                 "offset": -1 if offset is None or long else offset,
             }
-            of_frames = name.endswith("/Steps") or key == "NumberOfPoints"
+            of_h5md = name.endswith(("/box", "/edges")) or place.endswith("/position/time")
+            of_frames = name.endswith("/Steps") or key == "NumberOfPoints" or of_h5md
             if item.size <= (_SMALL if of_frames else 0):
                 tree[place]["values"] = item[()].tolist()
 

@@ -1,5 +1,5 @@
-"""HDF5 files of particles: Gadget, AREPO, GIZMO, SWIFT, H5Part, PySPH, openPMD, VTKHDF, and others
-whose data sets are named plainly.
+"""HDF5 files of particles: Gadget, AREPO, GIZMO, SWIFT, H5Part, H5MD, PySPH, openPMD, VTKHDF, and
+others whose data sets are named plainly.
 
 `hdf5_layouts` says what lies where. h5py reads the tree of the file in a process of its own (see
 `guarded`); arrays that lie in the file as they are in memory are read here, at their offset.
@@ -38,8 +38,8 @@ def read(
 
     Args:
         path: of the file.
-        frame: its number in files with several (H5Part, openPMD, VTKHDF); negative counts from
-            the end.
+        frame: its number in files with several (H5Part, H5MD, openPMD, VTKHDF); negative counts
+            from the end.
         species: the group of particles: "PartType1", "fluid", "electrons"; None: gas
             ("PartType0") where there is some, else the first.
         columns: field or attribute -> path of a data set, in place of a known layout.
@@ -118,7 +118,7 @@ def _read(path: Any, layout_of: Callable[[Tree], Layout]) -> tuple[Layout, dict[
         for source in layout.sources():
             size += _n_bytes(tree, source)
             if _offset(tree, source) < 0:
-                request.append([source.place, source.first, source.n])
+                request.append([source.place, source.first, source.n, source.frame])
         layout.tree = tree
         return size, request
 
@@ -158,13 +158,16 @@ def _offset(tree: Tree, source: Source) -> int:
     about = tree[source.place]
     if about["offset"] < 0:
         return -1
-    row = np.dtype(about["dtype"]).itemsize * math.prod(about["shape"][1:])
-    return about["offset"] + source.first * row
+    item, shape = np.dtype(about["dtype"]).itemsize, about["shape"]
+    if source.frame is None:
+        return about["offset"] + source.first * item * math.prod(shape[1:])
+    row = item * math.prod(shape[2:])
+    return about["offset"] + (source.frame * shape[1] + source.first) * row
 
 
 def _shape(tree: Tree, source: Source) -> tuple[int, ...]:
     shape = tree[source.place]["shape"]
-    return (source.n, *shape[1:]) if shape else ()
+    return (source.n, *shape[1 if source.frame is None else 2 :]) if shape else ()
 
 
 def _n_bytes(tree: Tree, source: Source) -> int:

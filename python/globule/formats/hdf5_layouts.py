@@ -26,18 +26,20 @@ _NAMES = {
     "density": "density", "smoothinglength": "smoothing_length",
     "smoothinglengths": "smoothing_length", "particleids": "id", "rho": "density", "m": "mass",
 }  # fmt: skip
+_H5MD_NAMES = {"position": "positions", "species": "type"}
 # Smoothing lengths by SWIFT are those of Dehnen & Aly 2012; the kernel ends at this many of them.
 _SWIFT_GAMMA = 1.825742  # cubic spline, the default of SWIFT
 _MOST_COLUMNS = 1000
 
 
 class Source(NamedTuple):
-    """Rows [first, first + n) of a data set, times scale."""
+    """Rows [first, first + n) of a data set, or of its entry `frame`, times scale."""
 
     place: str
     first: int
     n: int
     scale: float = 1.0
+    frame: int | None = None
 
 
 @dataclass
@@ -248,6 +250,53 @@ def openpmd(tree: Tree, species: str | None, pick: PickFrame) -> Layout | None:
                   axes=(tuple(axes), tuple(moving)), shift=tuple(constants))  # fmt: skip
 
 
+def h5md(tree: Tree, species: str | None, pick: PickFrame) -> Layout | None:
+    """H5MD 1: /particles/GROUP with elements, of frames (T, N, …) in `value`, or fixed (N, …)."""
+    groups = [k for k in tree.children("/particles") if "/h5md" in tree]
+    groups = [k for k in groups if f"/particles/{k}/position" in tree]
+    if not groups:
+        return None
+    group = f"/particles/{_one_of(tree, species, groups, groups)}"
+    moving = tree.is_data(f"{group}/position/value")
+    place = f"{group}/position" + "/value" * moving
+    shape = tree.get(place, {}).get("shape", [])
+    if len(shape) != 2 + moving:
+        expected = "(T, N, D)" if moving else "(N, D)"
+        raise tree.bad(place, f"expected shape {expected}, got {tuple(shape)}")
+    n_frames = shape[0] if moving else 1
+    frame, n = pick(n_frames), shape[moving]
+    arrays = {}
+    for name in tree.children(group):
+        fixed, values = f"{group}/{name}", f"{group}/{name}/value"
+        key = _H5MD_NAMES.get(name, name)
+        if tree.rows(fixed) == n:
+            arrays[key] = [Source(fixed, 0, n)]
+        elif tree.is_data(values) and tree[values]["shape"][:2] == [n_frames, n]:
+            arrays[key] = [Source(values, 0, n, frame=frame)]
+    times = tree.get(f"{group}/position/time", {}).get("values")
+    time = _time(times[frame]) if isinstance(times, list) and len(times) == n_frames else None
+    about = {"positions": tree.attributes(place).get("unit", "")}
+    return Layout(arrays, _h5md_box(tree, f"{group}/box", frame, n_frames), about, time, n_frames,
+                  tuple(groups))  # fmt: skip
+
+
+def _h5md_box(tree: Tree, place: str, frame: int, n_frames: int) -> Box | None:
+    boundary = tree.attributes(place).get("boundary", [])
+    boundary = [boundary] if isinstance(boundary, str) else boundary
+    edges = tree.get(f"{place}/edges", {}).get("values")
+    moving = tree.get(f"{place}/edges/value", {}).get("values")
+    if isinstance(moving, list) and len(moving) == n_frames:
+        edges = moving[frame]
+    sizes = np.asarray(edges if edges is not None else np.nan, np.float64)
+    sizes = sizes * np.eye(3) if sizes.shape == (3,) else sizes
+    if sizes.shape != (3, 3) or not np.isfinite(sizes).all() or len(boundary) != 3:
+        return None
+    x, y, z = (word == "periodic" for word in boundary)
+    offset = tree.get(f"{place}/offset", {}).get("values", [0.0, 0.0, 0.0])
+    origin = np.asarray(offset, np.float64)
+    return Box(origin if origin.shape == (3,) else np.zeros(3), sizes, (x, y, z))
+
+
 def vtkhdf(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:
     """VTKHDF: PolyData or UnstructuredGrid, in pieces, over time ("VTKHDF File Format")."""
     if "/VTKHDF" not in tree:
@@ -313,7 +362,7 @@ def named(tree: Tree, columns: Mapping[str, str]) -> Layout:
     return Layout(found)
 
 
-LAYOUTS = (gadget, vtkhdf, openpmd, pysph, h5part, plain)
+LAYOUTS = (gadget, vtkhdf, openpmd, h5md, pysph, h5part, plain)
 
 
 def _one_of(tree: Tree, wanted: str | None, groups: list[str], default: list[str]) -> str:

@@ -65,6 +65,10 @@ def read_npz(
         arrays = {name: _named(path, arrays, column) for name, column in columns.items()}
     placed = with_places(arrays)
     positions = find_positions(placed)
+    if positions is None and len(arrays) == 1 and columns is None:
+        (alone,) = arrays.values()  # of np.savez without a name
+        if alone.ndim == 2 and alone.shape[1] in (2, 3):
+            return from_columns(path, alone)
     if positions is None:
         found = shown(", ".join(arrays))
         problem = f"expected positions (N, 3), or x, y and z (N,), got {found}"

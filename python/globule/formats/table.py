@@ -49,6 +49,7 @@ _POINTS = {
 }
 _PLAIN = 1 << 22  # bytes of a .csv that pays for loading pyarrow
 _HEAD = 1 << 16  # bytes of it that tell its columns
+_MOST_TITLES = 20  # lines before the names of the columns
 _MOST_WHOLE = 100  # rows in which a decimal comma is looked for
 _MOST_BLANK = 10_000  # rows in which the first word of a column is looked for
 
@@ -123,6 +124,7 @@ def _read_csv(
     start = next((i for i, line in enumerate(lines) if _is_row(line)), None)
     if start is None:
         raise bad(path, "line 1", "expected column names or numbers, got an empty file")
+    start = _titles(lines, start)
     separator = separator_of(lines[start])
     names, head = _csv_words(path, lines[start], start, separator), start
     if all(_is_number(name) or has_comma(name) for name in names):
@@ -173,6 +175,18 @@ def _read_csv(
     return Contents(particles, units=held)
 
 
+def _titles(lines: list[str], start: int) -> int:
+    """The line that names x and y behind titles that name no place, as EDEM and CFD-Post write
+    them; `start` where there is none."""
+    for i in range(start, min(start + _MOST_TITLES, len(lines) - 1)):
+        words = [word.strip('" ') for word in lines[i].split(separator_of(lines[i]))]
+        if all(map(_is_number, words)):
+            break
+        if place_names(_units(words)[0]):
+            return i
+    return start
+
+
 def _is_row(line: str) -> bool:
     text = line.strip()
     return bool(text) and text[0] not in "#%"
@@ -210,7 +224,7 @@ def _units(names: list[str]) -> tuple[list[str], dict[str, str]]:
         unit = (found[2] or found[3] or "") if found else ""
         if found and unit and not unit.isdigit():  # name[0] is a component
             plain.append(found[1])
-            units[found[1]] = unit
+            units[found[1]] = unit.strip()
         else:
             plain.append(name)
     if len(set(plain)) < len(plain):

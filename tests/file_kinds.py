@@ -1,0 +1,543 @@
+"""Small files as the programs of many origins write them, each with what must be read from it.
+
+A ball of `X` on a lattice is the fluid of most; grains are spheres that do not touch.
+"""
+
+from __future__ import annotations
+
+import base64
+import bz2
+import gzip
+import json
+import lzma
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+STEP = 0.1
+_GRID = np.stack(np.mgrid[-4:5, -4:5, -4:5], -1).reshape(-1, 3) * STEP
+X = _GRID[np.linalg.norm(_GRID, axis=1) < 0.401] + (1.0, 2.0, 3.0)
+N = len(X)
+FLUID = N * STEP**3
+CENTERS = np.stack(np.mgrid[:4, :3, :2], -1).reshape(-1, 3) * 0.5
+RADII = 0.1 + 0.005 * np.arange(len(CENTERS))
+SPHERES = float((4 / 3 * np.pi * RADII**3).sum())
+
+
+class Kind(NamedTuple):
+    """One kind of files. volume: of the surface; None: it has no certain one. names: attributes."""
+
+    name: str
+    file: str
+    make: Callable[[Path], Any]
+    n: int = N
+    volume: float | None = FLUID
+    frames: int = 1
+    periodic: str | None = None
+    unit: str = ""
+    names: tuple[str, ...] = ()
+    package: str = ""
+    places: np.ndarray = X
+
+
+KINDS: list[Kind] = []
+
+
+def kind(name: str, file: str, **expected: Any) -> Callable:
+    """Add the function that writes `file`."""
+
+    def add(make: Callable[[Path], Any]) -> Callable[[Path], Any]:
+        KINDS.append(Kind(name, file, make, **expected))
+        return make
+
+    return add
+
+
+def text(name: str, file: str, content: str, encoding: str = "utf-8", **expected: Any) -> None:
+    """Add a file of this text."""
+    kind(name, file, **expected)(lambda path: path.write_bytes(content.encode(encoding)))
+
+
+def grains(**more: Any) -> dict[str, Any]:
+    """What is expected of the spheres."""
+    return {"n": len(CENTERS), "volume": SPHERES, "places": CENTERS} | more
+
+
+def rows(x: np.ndarray, mark: str = " ", before: str = "", after: str = "") -> str:
+    """A line for each place."""
+    lines = (mark.join(f"{v:.6f}" for v in place) for place in x)
+    return "".join(f"{before}{line}{after}\n" for line in lines)
+
+
+def numbered(x: np.ndarray, mark: str = " ", after: str = "") -> str:
+    """A line for each place, with its number first."""
+    lines = rows(x, mark, "", after).splitlines()
+    return "".join(f"{i}{mark}{line}\n" for i, line in enumerate(lines, 1))
+
+
+def with_radii(mark: str = " ", factor: float = 1.0) -> str:
+    """A line for each sphere, with its radius last."""
+    table = np.column_stack([CENTERS, factor * RADII])
+    return rows(table, mark)
+
+
+# Tables
+
+text("ParaView table", "a.csv", '"Points:0","Points:1","Points:2"\n' + rows(X, ","))
+text("ParaView 5.10 table", "a.csv", '"Points_0","Points_1","Points_2"\n' + rows(X, ","))
+text("pandas with its index", "a.csv", ",x,y,z\n" + numbered(X, ","))
+text("R write.csv", "a.csv", '"","x","y","z"\n' + numbered(X, ","))
+text("MATLAB writematrix", "a.csv", rows(X, ","))
+text("DualSPHysics CSV", "a.csv",
+     "Pos.x [m];Pos.y [m];Pos.z [m];Idp;Rhop [kg/m^3]\n" + rows(X, ";", after=";7;1000"),
+     unit="m", names=("Rhop",))  # fmt: skip
+text("Excel in German", "a.csv", "\ufeffx;y;z\r\n" + rows(X, ";").replace(".", ","))
+text("Excel Unicode text", "a.txt", "\ufeffX\tY\tZ\r\n" + rows(X, "\t"), "utf-16")
+text("STAR-CCM+ table", "a.csv",
+     '"Pressure (Pa)","X (m)","Y (m)","Z (m)"\n' + rows(X, ",", "1.0,"),
+     unit="m", names=("Pressure",))  # fmt: skip
+text("Fluent ASCII", "a.csv",
+     "nodenumber,    x-coordinate,    y-coordinate,    z-coordinate\n"
+     + numbered(X, ","))  # fmt: skip
+text("CFD-Post export", "a.csv",
+     "[Name]\nfluid\n\n[Data]\nX [ m ], Y [ m ], Z [ m ], Pressure [ Pa ]\n"
+     + rows(X, ", ", after=", 1.0"), unit="m", names=("Pressure",))  # fmt: skip
+text("EDEM export", "a.csv",
+     "EXTRACTED DATA:\nTIME: 0.1\nParticle ID, Position X (m), Position Y (m), Position Z (m)\n"
+     + numbered(X, ", "), unit="m")  # fmt: skip
+text("COMSOL export", "a.txt",
+     "% Model:              run.mph\n% Dimension:          3\n"
+     "% x                       y                        z\n" + rows(X, "       "))  # fmt: skip
+text("Unity log", "a.csv", "Id,PosX,PosY,PosZ\n" + numbered(X, ","), names=("Id",))
+text("numpy.savetxt", "a.txt", "# x y z\n" + rows(X))
+text("gnuplot data", "a.dat", "# time 0.1\n# x y z\n" + rows(X) + "\n\n")
+text("CloudCompare ASCII", "a.txt", "//X Y Z R G B\n" + rows(X, after=" 255 0 0"))
+text("MeshLab XYZ with normals", "a.xyz", rows(X, after=" 0.0 0.0 1.0"))
+text("scanner's PTS", "a.pts", f"{N}\n" + rows(X, after=" -1033 12 34 56"), names=("intensity",))
+text("Yade", "a.txt", "#format x_y_z_r\n" + with_radii(), **grains(names=("radius",)))
+text("table of grains", "a.csv", "x,y,z,radius\n" + with_radii(","), **grains(names=("radius",)))
+kind("packed table", "a.csv.gz")(
+    lambda path: path.write_bytes(gzip.compress(b"x,y,z\n" + rows(X, ",").encode()))
+)
+kind("bzip2 table", "a.xyz.bz2")(lambda path: path.write_bytes(bz2.compress(rows(X).encode())))
+kind("xz table", "a.csv.xz")(
+    lambda path: path.write_bytes(lzma.compress(b"x,y,z\n" + rows(X, ",").encode()))
+)
+
+# Atoms
+
+_FRAMES = (X, X + (1.0, 0, 0))
+_NAMED = "".join(f"{N}\nframe {k}\n" + rows(x, before="Ar ") for k, x in enumerate(_FRAMES))
+text("VMD XYZ", "a.xyz", _NAMED, volume=None, frames=2, names=("atomic_number", "radius"))
+text("LAMMPS XYZ", "a.xyz", f"{N}\nAtoms. Timestep: 0\n" + rows(X, before="1 "), names=("type",))
+_DUMP = "".join(
+    f"ITEM: TIMESTEP\n{10 * k}\nITEM: NUMBER OF ATOMS\n{N}\nITEM: BOX BOUNDS pp pp ff\n"
+    "0.0 9.0\n0.0 9.0\n0.0 9.0\nITEM: ATOMS type x y z\n" + rows(x, before="1 ")
+    for k, x in enumerate(_FRAMES)
+)
+text("LAMMPS dump", "a.lammpstrj", _DUMP, frames=2, periodic="xy", names=("type",))
+text("LIGGGHTS dump", "a.dump",
+     f"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n{len(CENTERS)}\nITEM: BOX BOUNDS ff ff ff\n"
+     "-1 9\n-1 9\n-1 9\nITEM: ATOMS x y z radius\n" + with_radii(),
+     **grains(names=("radius",)), periodic="")  # fmt: skip
+_HEAD = f"LAMMPS data file\n\n{N} atoms\n1 atom types\n\n0 9 xlo xhi\n0 9 ylo yhi\n0 9 zlo zhi\n\n"
+_ATOMS = "".join(f"{i} 1 {row}\n" for i, row in enumerate(rows(X).splitlines(), 1))
+text("LAMMPS data", "a.data", f"{_HEAD}Masses\n\n1 1.0\n\nAtoms # atomic\n\n{_ATOMS}",
+     periodic="xyz", names=("type", "id"))  # fmt: skip
+text("ASE extended XYZ", "a.extxyz",
+     f'{N}\nLattice="9 0 0 0 9 0 0 0 9" Properties=species:S:1:pos:R:3 pbc="T T F"\n'
+     + rows(X, before="Ar "), volume=None, periodic="xy", unit="Å", names=("radius",))  # fmt: skip
+text("OVITO extended XYZ", "a.xyz",
+     f'{N}\nLattice="9 0 0 0 9 0 0 0 9" Origin="0 0 0" Properties=id:I:1:pos:R:3 Time=0.5\n'
+     + numbered(X), periodic="xyz", unit="Å", names=("id",))  # fmt: skip
+_PDB = "".join(
+    f"ATOM  {i:5d}  O   HOH A{1:4d}    {x:8.3f}{y:8.3f}{z:8.3f}  1.00  0.00           O\n"
+    for i, (x, y, z) in enumerate(X, 1)
+)
+text("PDB", "a.pdb", "CRYST1    9.000    9.000    9.000  90.00  90.00  90.00 P 1           1\n"
+     f"{_PDB}END\n", volume=None, periodic="xyz", unit="Å", names=("radius",),
+     package="MDAnalysis")  # fmt: skip
+_GRO = "".join(
+    f"{1:5d}SOL     OW{i:5d}{x:8.3f}{y:8.3f}{z:8.3f}\n" for i, (x, y, z) in enumerate(X / 10, 1)
+)
+text("GROMACS GRO", "a.gro", f"water\n{N}\n{_GRO}   0.90000   0.90000   0.90000\n", volume=None,
+     periodic="xyz", unit="Å", names=("radius",), package="MDAnalysis")  # fmt: skip
+
+
+@kind("HOOMD GSD", "a.gsd", frames=2, periodic="xyz", names=("type",), package="gsd.hoomd")
+def _(path: Path) -> None:
+    import gsd.hoomd
+
+    with gsd.hoomd.open(path, "w") as file:
+        for x in _FRAMES:
+            frame = gsd.hoomd.Frame()
+            frame.configuration.box = [18, 18, 18, 0, 0, 0]
+            frame.particles.N, frame.particles.position = N, x
+            frame.particles.types, frame.particles.typeid = ["A", "B"], np.arange(N) % 2
+            file.append(frame)
+
+
+# VTK
+
+
+def legacy(title: str, points: bytes, cells: str, data: str = "", kind: str = "POLYDATA") -> bytes:
+    head = f"# vtk DataFile Version 3.0\n{title}\nBINARY\nDATASET {kind}\nPOINTS {N} float\n"
+    return head.encode() + points + f"\n{cells}".encode() + data.encode()
+
+
+def _vertices(x: np.ndarray) -> bytes:
+    return np.column_stack([np.ones(len(x)), np.arange(len(x))]).astype(">i4").tobytes()
+
+
+_POINTS = X.astype(">f4").tobytes()
+
+
+@kind("DualSPHysics PartVTK", "a.vtk", names=("Idp", "Rhop"))
+def _(path: Path) -> None:
+    data = f"\nPOINT_DATA {N}\nSCALARS Idp unsigned_int\nLOOKUP_TABLE default\n".encode()
+    data += np.arange(N, dtype=">u4").tobytes() + b"\nSCALARS Rhop float\nLOOKUP_TABLE default\n"
+    data += np.full(N, 1000, ">f4").tobytes()
+    cells = f"VERTICES {N} {2 * N}\n".encode() + _vertices(X)
+    path.write_bytes(legacy("PartVtk", _POINTS, "") + cells + data)
+
+
+@kind("SPlisHSPlasH VTK", "a.vtk", names=("id",))
+def _(path: Path) -> None:
+    cells = f"CELLS 0 0\nCELL_TYPES 0\nPOINT_DATA {N}\nSCALARS id unsigned_int 1\n"
+    cells += "LOOKUP_TABLE id_table\n"
+    data = legacy("SPlisHSPlasH vtk particle data", _POINTS, cells, kind="UNSTRUCTURED_GRID")
+    path.write_bytes(data + np.arange(N, dtype=">u4").tobytes())
+
+
+text("LPP of LIGGGHTS", "a.vtk",
+     f"# vtk DataFile Version 2.0\nGenerated by lpp.py\nASCII\nDATASET POLYDATA\nPOINTS "
+     f"{len(CENTERS)} float\n{rows(CENTERS)}VERTICES {len(CENTERS)} {2 * len(CENTERS)}\n"
+     + "".join(f"1 {i}\n" for i in range(len(CENTERS)))
+     + f"POINT_DATA {len(CENTERS)}\nSCALARS radius float 1\nLOOKUP_TABLE default\n"
+     + "".join(f"{r:.6f}\n" for r in RADII), **grains(names=("radius",)))  # fmt: skip
+
+
+def xml(what: str, body: str, more: str = "") -> str:
+    order = f'byte_order="LittleEndian" header_type="UInt32"{more}'
+    return f'<?xml version="1.0"?>\n<VTKFile type="{what}" version="0.1" {order}>{body}</VTKFile>\n'
+
+
+def array(name: str, values: np.ndarray, packed: bool = False) -> str:
+    types = {"f": "Float", "i": "Int", "u": "UInt"}
+    raw, kind = values.tobytes(), types[values.dtype.kind] + str(8 * values.itemsize)
+    if packed:
+        data = zlib.compress(raw)
+        head = struct.pack("<4I", 1, len(raw), 0, len(data))
+        raw = base64.b64encode(head) + base64.b64encode(data)
+    else:
+        raw = base64.b64encode(struct.pack("<I", len(raw)) + raw)
+    k = values.shape[1] if values.ndim > 1 else 1
+    return (f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{k}" format="binary">'
+            f"{raw.decode()}</DataArray>")  # fmt: skip
+
+
+def polydata(x: np.ndarray, packed: bool = False) -> str:
+    n = len(x)
+    verts = array("connectivity", np.arange(n), packed) + array(
+        "offsets", np.arange(1, n + 1), packed
+    )
+    more = ' compressor="vtkZLibDataCompressor"' if packed else ""
+    points = f"<Points>{array('Points', x.astype('f4'), packed)}</Points><Verts>{verts}</Verts>"
+    piece = f'<Piece NumberOfPoints="{n}" NumberOfVerts="{n}">{points}</Piece>'
+    return xml("PolyData", f"<PolyData>{piece}</PolyData>", more)
+
+
+def grid(x: np.ndarray, data: str = "") -> str:
+    n = len(x)
+    cells = array("connectivity", np.arange(n)) + array("offsets", np.arange(1, n + 1))
+    cells += array("types", np.ones(n, "u1"))
+    points = f"<Points>{array('Points', x.astype('f4'))}</Points><Cells>{cells}</Cells>{data}"
+    piece = f'<Piece NumberOfPoints="{n}" NumberOfCells="{n}">{points}</Piece>'
+    return xml("UnstructuredGrid", f"<UnstructuredGrid>{piece}</UnstructuredGrid>")
+
+
+text("ParaView PolyData", "a.vtp", polydata(X, packed=True))
+text("SPHinXsys PolyData", "a.vtp", polydata(X))
+text("UnstructuredGrid of vertices", "a.vtu", grid(X))
+_GHOSTS = np.array([0] * N + [1] * 5, "u1")
+text("ghost points of ParaView", "a.vtu",
+     grid(np.r_[X, X[:5]], f"<PointData>{array('vtkGhostType', _GHOSTS)}</PointData>"))  # fmt: skip
+
+
+@kind("appended raw of PyEVTK", "a.vtu", names=("pressure",))
+def _(path: Path) -> None:
+    parts = [X.astype("f8"), np.arange(N), np.arange(1, N + 1), np.ones(N, "u1"), np.ones(N)]
+    data, tags = b"", []
+    for values in parts:
+        tags.append(f'format="appended" offset="{len(data)}"/>')
+        data += struct.pack("<I", values.nbytes) + values.tobytes()
+    p, c, o, t, s = tags
+    array = '<DataArray type="{}" Name="{}" NumberOfComponents="{}" {}'.format
+    cells = array("Int64", "connectivity", 1, c) + array("Int64", "offsets", 1, o)
+    body = f'<UnstructuredGrid><Piece NumberOfPoints="{N}" NumberOfCells="{N}"><Points>'
+    body += f"{array('Float64', 'points', 3, p)}</Points><Cells>{cells}"
+    body += f'{array("UInt8", "types", 1, t)}</Cells><PointData scalars="pressure">'
+    body += f"{array('Float64', 'pressure', 1, s)}</PointData></Piece></UnstructuredGrid>"
+    body += '<AppendedData encoding="raw">_'
+    before, after = xml("UnstructuredGrid", body + "</AppendedData>").split("</AppendedData>")
+    path.write_bytes(before.encode() + data + b"</AppendedData>" + after.encode())
+
+
+def parts(path: Path, ending: str) -> list[str]:
+    """The two halves of the fluid, beside a file."""
+    made = polydata if ending == "vtp" else grid
+    for k in (0, 1):
+        path.with_name(f"part_{k}.{ending}").write_text(made(X[k::2]), encoding="utf-8")
+    return [f"part_{k}.{ending}" for k in (0, 1)]
+
+
+@kind("pieces of PolyData", "a.pvtp")
+def _(path: Path) -> None:
+    pieces = "".join(f'<Piece Source="{name}"/>' for name in parts(path, "vtp"))
+    path.write_text(xml("PPolyData", f"<PPolyData>{pieces}</PPolyData>"), encoding="utf-8")
+
+
+@kind("pieces of UnstructuredGrid", "a.pvtu")
+def _(path: Path) -> None:
+    pieces = "".join(f'<Piece Source="{name}"/>' for name in parts(path, "vtu"))
+    body = f"<PUnstructuredGrid>{pieces}</PUnstructuredGrid>"
+    path.write_text(xml("PUnstructuredGrid", body), encoding="utf-8")
+
+
+@kind("blocks of ParaView", "a.vtm")
+def _(path: Path) -> None:
+    sets = "".join(f'<DataSet index="{i}" file="{f}"/>' for i, f in enumerate(parts(path, "vtp")))
+    body = f"<vtkMultiBlockDataSet>{sets}</vtkMultiBlockDataSet>"
+    path.write_text(xml("vtkMultiBlockDataSet", body), encoding="utf-8")
+
+
+def _two_frames(path: Path) -> list[str]:
+    for k, x in enumerate(_FRAMES):
+        path.with_name(f"frame_{k}.vtp").write_text(polydata(x), encoding="utf-8")
+    return ["frame_0.vtp", "frame_1.vtp"]
+
+
+@kind("ParaView collection", "a.pvd", frames=2)
+def _(path: Path) -> None:
+    sets = "".join(f'<DataSet timestep="{k}" file="{f}"/>' for k, f in enumerate(_two_frames(path)))
+    path.write_text(xml("Collection", f"<Collection>{sets}</Collection>"), encoding="utf-8")
+
+
+@kind("ParaView file series", "a.vtp.series", frames=2)
+def _(path: Path) -> None:
+    files = [{"name": f, "time": k} for k, f in enumerate(_two_frames(path))]
+    path.write_text(json.dumps({"file-series-version": "1.0", "files": files}), encoding="utf-8")
+
+
+# HDF5
+
+
+def hdf5(name: str, file: str = "a.hdf5", **expected: Any) -> Callable:
+    """Add the function that fills an HDF5 file."""
+
+    def add(fill: Callable[[Any], None]) -> Callable[[Any], None]:
+        @kind(name, file, package="h5py", **expected)
+        def _(path: Path) -> None:
+            import h5py
+
+            with h5py.File(path, "w") as file:
+                fill(file)
+
+        return fill
+
+    return add
+
+
+@hdf5("Gadget-4", periodic="xyz", names=("density", "mass"))
+def _(file: Any) -> None:
+    file.create_group("Header").attrs.update({"BoxSize": 9.0, "Time": 0.5, "NumPart_Total": [N]})
+    file.create_group("Parameters").attrs["PeriodicBoundariesOn"] = 1
+    file["PartType0/Coordinates"], file["PartType0/Density"] = X, np.ones(N)
+    file["PartType0/Masses"] = np.full(N, STEP**3)
+
+
+@hdf5("AREPO with a table of masses", periodic="", names=("mass",))
+def _(file: Any) -> None:
+    head = {"BoxSize": 9.0, "Time": 0.5, "MassTable": [0.0, 0.5, 0, 0, 0, 0]}
+    file.create_group("Header").attrs.update(head)
+    file["PartType1/Coordinates"] = X
+
+
+@hdf5("SWIFT", periodic="xyz", names=("density",), volume=None)
+def _(file: Any) -> None:
+    file.create_group("Header").attrs.update({"BoxSize": [9.0] * 3, "Time": [0.5]})
+    file.create_group("HydroScheme").attrs["Kernel gamma"] = 1.825742
+    file["PartType0/Coordinates"], file["PartType0/Densities"] = X, np.ones(N)
+    file["PartType0/SmoothingLengths"] = np.full(N, 0.12)
+
+
+@hdf5("PySPH", volume=None, names=("h", "mass"))
+def _(file: Any) -> None:
+    arrays = dict(zip("xyz", X.T, strict=True)) | {"h": np.full(N, 0.13), "m": np.ones(N)}
+    for name, values in arrays.items():
+        file[f"particles/fluid/arrays/{name}"] = values
+    file.create_group("solver_data").attrs["t"] = 0.5
+
+
+@hdf5("H5Part", "a.h5part", frames=2, names=("id",))
+def _(file: Any) -> None:
+    for k, x in enumerate(_FRAMES):
+        group = file.create_group(f"Step#{k}")
+        group["x"], group["y"], group["z"], group["id"] = *x.T, np.arange(N)
+
+
+@hdf5("WarpX openPMD", "a.h5", unit="m", names=("weighting",))
+def _(file: Any) -> None:
+    file.attrs.update({"openPMD": "1.1.0", "basePath": "/data/%T/", "particlesPath": "particles/"})
+    group = file.create_group("data/100/particles/electrons")
+    for axis, values in zip("xyz", X.T, strict=True):
+        group[f"position/{axis}"] = values
+        group[f"position/{axis}"].attrs["unitSI"] = 1.0
+        offset = group.create_group(f"positionOffset/{axis}")
+        offset.attrs.update({"value": 0.0, "shape": [N], "unitSI": 1.0})
+    group["weighting"] = np.ones(N)
+
+
+def _h5md(file: Any, boundary: list[bytes], edges: Any) -> Any:
+    file.create_group("h5md").attrs["version"] = [1, 1]
+    group = file.create_group("particles/all")
+    group["position/value"] = np.stack(_FRAMES)
+    group["position/step"], group["position/time"] = [0, 10], [0.0, 0.1]
+    group["position/value"].attrs["unit"] = "nm"
+    box = group.create_group("box")
+    box.attrs.update({"dimension": 3, "boundary": np.array(boundary)})
+    if edges is not None:
+        box["edges"] = edges
+    return group
+
+
+@hdf5("H5MD of ESPResSo", "a.h5", frames=2, periodic="xyz", unit="nm", names=("type", "mass"))
+def _(file: Any) -> None:
+    group = _h5md(file, [b"periodic"] * 3, None)
+    group["box/edges/value"] = np.tile(9.0 * np.eye(3), (2, 1, 1))
+    group["box/edges/step"] = [0, 10]
+    group["species/value"] = np.zeros((2, N), int)
+    group["mass"] = np.ones(N)  # the same in all frames
+
+
+@hdf5("H5MD of LAMMPS", "a.h5md.h5", frames=2, periodic="xy", unit="nm")
+def _(file: Any) -> None:
+    _h5md(file, [b"periodic", b"periodic", b"none"], np.full(3, 9.0))
+
+
+@hdf5("VTKHDF", "a.vtkhdf", names=("p",))
+def _(file: Any) -> None:
+    group = file.create_group("VTKHDF")
+    group.attrs.update({"Version": [2, 0], "Type": np.bytes_("PolyData")})
+    group["Points"], group["NumberOfPoints"] = X, [N]
+    group["PointData/p"] = np.ones(N)
+
+
+@hdf5("h5py by its names", "a.h5", names=("density",))
+def _(file: Any) -> None:
+    file["positions"], file["density"] = X, np.ones(N)
+
+
+@kind("XDMF with its HDF5", "a.xdmf", frames=2, names=("p",), package="h5py")
+def _(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path.with_name("a.h5"), "w") as file:
+        for k, x in enumerate(_FRAMES):
+            file[f"x{k}"], file[f"p{k}"] = x, np.ones(N)
+    grids = "".join(
+        f'<Grid><Time Value="{k}"/><Geometry GeometryType="XYZ"><DataItem Dimensions="{N} 3" '
+        f'NumberType="Float" Precision="8" Format="HDF">a.h5:/x{k}</DataItem></Geometry><Attribute '
+        f'Name="p" Center="Node"><DataItem Dimensions="{N}" Format="HDF" Precision="8">a.h5:/p{k}'
+        "</DataItem></Attribute></Grid>"
+        for k in (0, 1)
+    )
+    collection = f'<Grid GridType="Collection" CollectionType="Temporal">{grids}</Grid>'
+    head = '<?xml version="1.0"?>\n<!DOCTYPE Xdmf SYSTEM "Xdmf.dtd" []>\n'
+    body = f'{head}<Xdmf Version="3.0"><Domain>{collection}</Domain></Xdmf>'
+    path.write_text(body, encoding="utf-8")
+
+
+# NumPy, points of scanners and of editors
+
+kind("numpy.save", "a.npy")(lambda path: np.save(path, X))
+kind("numpy.savez by name", "a.npz", names=("speed",))(
+    lambda path: np.savez(path, positions=X, speed=np.ones(N))
+)
+kind("numpy.savez without a name", "a.npz")(lambda path: np.savez(path, X))
+kind("numpy.savez of axes", "a.npz")(lambda path: np.savez(path, x=X[:, 0], y=X[:, 1], z=X[:, 2]))
+
+text("PLY of CloudCompare", "a.ply",
+     f"ply\nformat ascii 1.0\ncomment Created by CloudCompare\nelement vertex {N}\n"
+     "property float x\nproperty float y\nproperty float z\nproperty float scalar_p\nend_header\n"
+     + rows(X, after=" 1.0"), names=("scalar_p",))  # fmt: skip
+
+
+@kind("PLY of Open3D", "a.ply")
+def _(path: Path) -> None:
+    head = f"ply\nformat binary_little_endian 1.0\ncomment Created by Open3D\nelement vertex {N}\n"
+    head += "property double x\nproperty double y\nproperty double z\nend_header\n"
+    path.write_bytes(head.encode() + X.astype("<f8").tobytes())
+
+
+_PCD = f"""# .PCD v.7 - Point Cloud Data file format
+VERSION .7
+FIELDS x y z
+SIZE 4 4 4
+TYPE F F F
+COUNT 1 1 1
+WIDTH {N}
+HEIGHT 1
+VIEWPOINT 0 0 0 1 0 0 0
+POINTS {N}
+"""
+text("PCD, ASCII", "a.pcd", f"{_PCD}DATA ascii\n{rows(X)}")
+kind("PCD, binary", "a.pcd")(
+    lambda path: path.write_bytes(f"{_PCD}DATA binary\n".encode() + X.astype("<f4").tobytes())
+)
+
+
+@kind("LAS", "a.las", package="laspy", names=("intensity",))
+def _(path: Path) -> None:
+    import laspy
+
+    header = laspy.LasHeader(point_format=3, version="1.2")
+    header.scales, header.offsets = [1e-6] * 3, [0.0] * 3
+    scan = laspy.LasData(header)
+    scan.x, scan.y, scan.z = X.T
+    scan.write(path)
+
+
+@kind("pandas Parquet", "a.parquet", package="pyarrow", names=("speed",))
+def _(path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    columns = dict(zip("xyz", X.T, strict=True)) | {"speed": np.ones(N)}
+    parquet.write_table(pa.table(columns), path)
+
+
+@kind("Arrow of polars", "a.arrow", package="pyarrow")
+def _(path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import feather
+
+    feather.write_feather(pa.table(dict(zip("xyz", X.T, strict=True))), path)
+
+
+@kind("USD points of Houdini", "a.usda", package="pxr", unit="0.01 m")
+def _(path: Path) -> None:
+    points = ", ".join(f"({x:.6f}, {y:.6f}, {z:.6f})" for x, y, z in X)
+    head = '#usda 1.0\n(\n    metersPerUnit = 0.01\n    upAxis = "Y"\n)\n'
+    path.write_text(f'{head}def Points "p"\n{{\n    point3f[] points = [{points}]\n}}\n')
+
+
+@kind("Partio bgeo", "a.bgeo")
+def _(path: Path) -> None:
+    import globule as gb
+
+    gb.write(path, gb.Particles(X))
