@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from test_formats_simulators import INSIDE, bi4
 
 STEP = 0.1
 _GRID = np.stack(np.mgrid[-4:5, -4:5, -4:5], -1).reshape(-1, 3) * STEP
@@ -42,6 +43,8 @@ class Kind(NamedTuple):
     names: tuple[str, ...] = ()
     package: str = ""
     places: np.ndarray = X
+    area: float | None = None  # of a mesh
+    ghosts: bool = False
 
 
 KINDS: list[Kind] = []
@@ -141,17 +144,18 @@ _DUMP = "".join(
 )
 text("LAMMPS dump", "a.lammpstrj", _DUMP, frames=2, periodic="xy", names=("type",))
 text("LIGGGHTS dump", "a.dump",
-     f"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n{len(CENTERS)}\nITEM: BOX BOUNDS ff ff ff\n"
+     f"ITEM: UNITS\nsi\nITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n{len(CENTERS)}\n"
+     "ITEM: BOX BOUNDS ff ff ff\n"
      "-1 9\n-1 9\n-1 9\nITEM: ATOMS x y z radius\n" + with_radii(),
-     **grains(names=("radius",)), periodic="")  # fmt: skip
+     **grains(names=("radius",)), periodic="", unit="LAMMPS si")  # fmt: skip
 _HEAD = f"LAMMPS data file\n\n{N} atoms\n1 atom types\n\n0 9 xlo xhi\n0 9 ylo yhi\n0 9 zlo zhi\n\n"
 _ATOMS = "".join(f"{i} 1 {row}\n" for i, row in enumerate(rows(X).splitlines(), 1))
-text("LAMMPS data", "a.data", f"{_HEAD}Masses\n\n1 1.0\n\nAtoms # atomic\n\n{_ATOMS}",
+text("LAMMPS data", "a.lmp", f"{_HEAD}Masses\n\n1 1.0\n\nAtoms # atomic\n\n{_ATOMS}",
      periodic="xyz", names=("type", "id"))  # fmt: skip
 text("ASE extended XYZ", "a.extxyz",
      f'{N}\nLattice="9 0 0 0 9 0 0 0 9" Properties=species:S:1:pos:R:3 pbc="T T F"\n'
      + rows(X, before="Ar "), volume=None, periodic="xy", unit="Å", names=("radius",))  # fmt: skip
-text("OVITO extended XYZ", "a.xyz",
+text("OVITO extended XYZ", "a.extxyz",
      f'{N}\nLattice="9 0 0 0 9 0 0 0 9" Origin="0 0 0" Properties=id:I:1:pos:R:3 Time=0.5\n'
      + numbered(X), periodic="xyz", unit="Å", names=("id",))  # fmt: skip
 _PDB = "".join(
@@ -240,14 +244,14 @@ def array(name: str, values: np.ndarray, packed: bool = False) -> str:
             f"{raw.decode()}</DataArray>")  # fmt: skip
 
 
-def polydata(x: np.ndarray, packed: bool = False) -> str:
+def polydata(x: np.ndarray, packed: bool = False, data: str = "") -> str:
     n = len(x)
     verts = array("connectivity", np.arange(n), packed) + array(
         "offsets", np.arange(1, n + 1), packed
     )
     more = ' compressor="vtkZLibDataCompressor"' if packed else ""
     points = f"<Points>{array('Points', x.astype('f4'), packed)}</Points><Verts>{verts}</Verts>"
-    piece = f'<Piece NumberOfPoints="{n}" NumberOfVerts="{n}">{points}</Piece>'
+    piece = f'<Piece NumberOfPoints="{n}" NumberOfVerts="{n}">{points}{data}</Piece>'
     return xml("PolyData", f"<PolyData>{piece}</PolyData>", more)
 
 
@@ -264,8 +268,13 @@ text("ParaView PolyData", "a.vtp", polydata(X, packed=True))
 text("SPHinXsys PolyData", "a.vtp", polydata(X))
 text("UnstructuredGrid of vertices", "a.vtu", grid(X))
 _GHOSTS = np.array([0] * N + [1] * 5, "u1")
-text("ghost points of ParaView", "a.vtu",
-     grid(np.r_[X, X[:5]], f"<PointData>{array('vtkGhostType', _GHOSTS)}</PointData>"))  # fmt: skip
+_GHOSTLY, _MARKED = np.r_[X, X[:5]], f"<PointData>{array('vtkGhostType', _GHOSTS)}</PointData>"
+text("ghost points of UnstructuredGrid", "a.vtu", grid(_GHOSTLY, _MARKED), ghosts=True)
+text("ghost points of PolyData", "a.vtp", polydata(_GHOSTLY, data=_MARKED), ghosts=True)
+text("ghost points of legacy VTK", "a.vtk",
+     f"# vtk DataFile Version 3.0\nghosts\nASCII\nDATASET POLYDATA\nPOINTS {N + 5} float\n"
+     f"{rows(_GHOSTLY)}POINT_DATA {N + 5}\nSCALARS vtkGhostType unsigned_char 1\n"
+     f"LOOKUP_TABLE default\n{' '.join(map(str, _GHOSTS))}\n", ghosts=True)  # fmt: skip
 
 
 @kind("appended raw of PyEVTK", "a.vtu", names=("pressure",))
@@ -506,19 +515,20 @@ def _(path: Path) -> None:
     import laspy
 
     header = laspy.LasHeader(point_format=3, version="1.2")
-    header.scales, header.offsets = [1e-6] * 3, [0.0] * 3
+    header.scales, header.offsets = np.full(3, 1e-6), np.zeros(3)
     scan = laspy.LasData(header)
     scan.x, scan.y, scan.z = X.T
     scan.write(path)
 
 
-@kind("pandas Parquet", "a.parquet", package="pyarrow", names=("speed",))
+@kind("Parquet with units", "a.parquet", package="pyarrow", names=("speed",), unit="m")
 def _(path: Path) -> None:
     import pyarrow as pa
     from pyarrow import parquet
 
-    columns = dict(zip("xyz", X.T, strict=True)) | {"speed": np.ones(N)}
-    parquet.write_table(pa.table(columns), path)
+    table = pa.table(dict(zip("xyz", X.T, strict=True)) | {"speed": np.ones(N)})
+    units = [field.with_metadata({"unit": "m"}) for field in table.schema]
+    parquet.write_table(table.cast(pa.schema(units)), path)
 
 
 @kind("Arrow of polars", "a.arrow", package="pyarrow")
@@ -541,3 +551,136 @@ def _(path: Path) -> None:
     import globule as gb
 
     gb.write(path, gb.Particles(X))
+
+
+# More that give radii
+
+text("tab-separated grains", "a.tsv", "x [m]\ty [m]\tz [m]\tRadius [m]\n" + with_radii("\t"),
+     **grains(names=("Radius",)), unit="m")  # fmt: skip
+text("LAMMPS data of spheres", "a.lmp",
+     f"LAMMPS data file\n\n{len(CENTERS)} atoms\n1 atom types\n\n-1 9 xlo xhi\n-1 9 ylo yhi\n"
+     "-1 9 zlo zhi\n\nAtoms # sphere\n\n"
+     + "".join(
+         f"{i} 1 {2 * r:.6f} 2500.0 {x:.6f} {y:.6f} {z:.6f}\n"
+         for i, ((x, y, z), r) in enumerate(zip(CENTERS, RADII, strict=True), 1)
+     ), **grains(names=("diameter",)), periodic="xyz")  # fmt: skip
+
+
+@kind("PCD of grains", "a.pcd", **grains(names=("radius",)))
+def _(path: Path) -> None:
+    head = _PCD.replace("x y z\n", "x y z radius\n").replace("4 4 4", "4 4 4 4")
+    head = head.replace("F F F", "F F F F").replace("1 1 1\n", "1 1 1 1\n", 1)
+    head = head.replace(str(N), str(len(CENTERS)))
+    path.write_text(f"{head}DATA ascii\n{with_radii()}", encoding="utf-8")
+
+
+@hdf5("grains in HDF5", "a.h5", **grains(names=("radius",)))
+def _(file: Any) -> None:
+    file["positions"], file["radius"] = CENTERS, RADII
+
+
+text("XDMF with its numbers", "a.xmf",
+     '<Xdmf><Domain><Grid><Geometry GeometryType="XYZ"><DataItem Format="XML" Dimensions="'
+     f'{len(CENTERS)} 3">{rows(CENTERS)}</DataItem></Geometry><Attribute Name="radius" '
+     f'Center="Node"><DataItem Format="XML" Dimensions="{len(CENTERS)}">'
+     f"{' '.join(map(str, RADII))}</DataItem></Attribute></Grid></Domain></Xdmf>",
+     **grains(names=("radius",)))  # fmt: skip
+
+
+@kind("HOOMD grains", "a.gsd", periodic="xyz", package="gsd.hoomd",
+      **grains(names=("diameter", "radius")))  # fmt: skip
+def _(path: Path) -> None:
+    import gsd.hoomd
+
+    with gsd.hoomd.open(path, "w") as file:
+        frame = gsd.hoomd.Frame()
+        frame.configuration.box = [18, 18, 18, 0, 0, 0]
+        frame.particles.N, frame.particles.position = len(CENTERS), CENTERS
+        frame.particles.diameter = 2 * RADII
+        file.append(frame)
+
+
+# Meshes: a cube of edge 1
+
+_CORNERS = np.stack(np.mgrid[:2, :2, :2], -1).reshape(-1, 3).astype(float)
+_QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4],
+                   [1, 5, 7, 3]])  # fmt: skip
+_TRIANGLES = _QUADS[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+_HEXAHEDRON = np.array([0, 4, 6, 2, 1, 5, 7, 3])
+
+
+def cube(**more: Any) -> dict[str, Any]:
+    """What is expected of the cube."""
+    return {"n": 8, "volume": None, "places": _CORNERS, "area": 6.0} | more
+
+
+def _faces(before: str, faces: np.ndarray, first: int = 0) -> str:
+    return "".join(f"{before}{' '.join(str(i + first) for i in face)}\n" for face in faces)
+
+
+text("OBJ of Blender", "a.obj",
+     f"# Blender\no Cube\n{rows(_CORNERS, before='v ')}s off\n{_faces('f ', _QUADS, 1)}",
+     **cube(package="trimesh"))  # fmt: skip
+text("PLY of MeshLab", "a.ply",
+     "ply\nformat ascii 1.0\ncomment VCGLIB generated\nelement vertex 8\nproperty float x\n"
+     "property float y\nproperty float z\nelement face 6\n"
+     "property list uchar int vertex_indices\nend_header\n"
+     f"{rows(_CORNERS)}{_faces('4 ', _QUADS)}", **cube())  # fmt: skip
+text("STL of OpenSCAD", "a.stl",
+     "solid OpenSCAD_Model\n"
+     + "".join(
+         "facet normal 0 0 0\nouter loop\n" + rows(_CORNERS[t], before="vertex ")
+         + "endloop\nendfacet\n"
+         for t in _TRIANGLES
+     ) + "endsolid OpenSCAD_Model\n", **cube(package="trimesh"))  # fmt: skip
+text("legacy polygons", "a.vtk",
+     f"# vtk DataFile Version 3.0\nmesh\nASCII\nDATASET POLYDATA\nPOINTS 8 float\n{rows(_CORNERS)}"
+     f"POLYGONS 6 30\n{_faces('4 ', _QUADS)}", **cube())  # fmt: skip
+text("polygons of ParaView", "a.vtp",
+     xml("PolyData", '<PolyData><Piece NumberOfPoints="8" NumberOfPolys="6"><Points>'
+         f'{array("Points", _CORNERS)}</Points><Polys>{array("connectivity", _QUADS.ravel())}'
+         f'{array("offsets", 4 * np.arange(1, 7))}</Polys></Piece></PolyData>'),
+     **cube())  # fmt: skip
+text("hexahedron of meshio", "a.vtu",
+     xml("UnstructuredGrid", '<UnstructuredGrid><Piece NumberOfPoints="8" NumberOfCells="1">'
+         f'<Points>{array("Points", _CORNERS)}</Points><Cells>{array("connectivity", _HEXAHEDRON)}'
+         f'{array("offsets", np.array([8]))}{array("types", np.array([12], "u1"))}</Cells></Piece>'
+         "</UnstructuredGrid>"), **cube())  # fmt: skip
+text("XDMF of meshio", "a.xdmf",
+     '<Xdmf Version="3.0"><Domain><Grid><Geometry GeometryType="XYZ"><DataItem DataType="Float" '
+     f'Dimensions="8 3" Format="XML">{rows(_CORNERS)}</DataItem></Geometry><Topology TopologyType='
+     '"Quadrilateral" NumberOfElements="6"><DataItem DataType="Int" Dimensions="6 4" Format="XML">'
+     f'{_faces("", _QUADS)}</DataItem></Topology></Grid></Domain></Xdmf>', **cube())  # fmt: skip
+
+
+@kind("glTF of three.js", "a.glb", **cube(package="trimesh"))
+def _(path: Path) -> None:
+    corners, faces = _CORNERS.astype("<f4").tobytes(), _TRIANGLES.astype("<u2").tobytes()
+    views = [{"buffer": 0, "byteLength": len(corners)},
+             {"buffer": 0, "byteOffset": len(corners), "byteLength": len(faces)}]  # fmt: skip
+    ends = {"min": [0, 0, 0], "max": [1, 1, 1]}
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3", **ends},
+        {"bufferView": 1, "componentType": 5123, "count": 36, "type": "SCALAR"},
+    ]
+    primitive = {"attributes": {"POSITION": 0}, "indices": 1}
+    scene = {"asset": {"version": "2.0"}, "buffers": [{"byteLength": len(corners) + len(faces)}],
+             "bufferViews": views, "accessors": accessors, "scene": 0, "scenes": [{"nodes": [0]}],
+             "nodes": [{"mesh": 0}], "meshes": [{"primitives": [primitive]}]}  # fmt: skip
+    said = json.dumps(scene).encode()
+    said += b" " * (-len(said) % 4)
+    data = corners + faces
+    chunks = struct.pack("<I4s", len(said), b"JSON") + said
+    chunks += struct.pack("<I4s", len(data), b"BIN\0") + data
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+
+
+# The rest
+
+text("nine columns", "a.txt", f"{N}\n" + rows(X, after=" 0.5 0.5 0.5 0 0 1"))
+
+
+@kind("DualSPHysics bi4", "a.bi4", n=30, volume=None, periodic="", unit="m", names=("density",),
+      places=INSIDE)  # fmt: skip
+def _(path: Path) -> None:
+    path.write_bytes(bi4())

@@ -509,9 +509,9 @@ class _Stream:
         """The first `size` bytes; a longer header may be asked for next."""
         self.header_size = size
         raw = self.take(self.start, size)
-        last = self.start + 4 * -(-size // 3)
-        if self.is_base64 and size % 3 and self.source[last - 1] == ord("="):
-            self.end_header()
+        last, padding = self.start + 4 * -(-size // 3), b"=" * (-size % 3)
+        if self.is_base64 and padding and self.source[last - len(padding) : last] == padding:
+            self.end_header()  # one = less ends data of one byte
         return raw
 
     def end_header(self) -> None:
