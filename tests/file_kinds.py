@@ -480,6 +480,20 @@ kind("numpy.savez by name", "a.npz", names=("speed",))(
 kind("numpy.savez without a name", "a.npz")(lambda path: np.savez(path, X))
 kind("numpy.savez of axes", "a.npz")(lambda path: np.savez(path, x=X[:, 0], y=X[:, 1], z=X[:, 2]))
 
+
+def records(x: np.ndarray) -> np.ndarray:
+    """A structured array, as pandas' to_records and yt have it."""
+    found = np.zeros(len(x), [("x", "f4"), ("y", "f4"), ("z", ">f8"), ("id", "i8"), ("name", "S3")])
+    found["x"], found["y"], found["z"] = x.T
+    return found
+
+
+kind("pandas records", "a.npy", names=("id",))(lambda path: np.save(path, records(X)))
+kind("records in an archive", "a.npz", names=("id",))(lambda path: np.savez(path, data=records(X)))
+kind("records of vectors", "a.npy", names=("mass",))(
+    lambda path: np.save(path, np.array([(x, 1.0) for x in X], [("pos", "f8", 3), ("mass", "f4")]))
+)
+
 text("PLY of CloudCompare", "a.ply",
      f"ply\nformat ascii 1.0\ncomment Created by CloudCompare\nelement vertex {N}\n"
      "property float x\nproperty float y\nproperty float z\nproperty float scalar_p\nend_header\n"

@@ -72,7 +72,8 @@ def test_one_image_says_which_frame_it_shows(capsys):
     assert main(["render", "frames.lammpstrj", "--frame", "-1", "-o", "p.png", *SMALL]) == 0
     out, err = capsys.readouterr()
     assert f"{len(frames[-1])} particles" in out
-    assert not err
+    assert "note: up is 0,0,1" in err
+    assert err.count("\n") == 1  # and nothing about frames
     assert main(["convert", "frames.lammpstrj", "c.vtk"]) == 0
     assert "has 4 frames" in capsys.readouterr().err
 

@@ -38,11 +38,14 @@ DAMAGED = (  # what a damaged archive raises
 
 def read_npy(path: str | os.PathLike[str]) -> Particles:
     """Read .npy, (N, 2), (N, 3) or wider: the first columns are the positions, the others become
-    attributes `column4` and so on."""
+    attributes `column4` and so on. Of a structured array, fields are as arrays of an .npz."""
     with open(path, "rb") as file:
         size = os.fstat(file.fileno()).st_size
         check_size(path, "array", size, size, 3.0)
-        return from_columns(path, read_array(path, "array", file, size))
+        array = read_array(path, "array", file, size, records=True)
+    if array.dtype.names is None:
+        return from_columns(path, array)
+    return _from_arrays(path, _fields({"array": array}))
 
 
 def read_npz(
@@ -60,15 +63,26 @@ def read_npz(
         return contents
     if species is not None:
         raise ValueError(f"species: expected none for {path}, which has no groups")
-    arrays = read_archive(path)
+    arrays = _fields(read_archive(path, records=True))
     if columns is not None:
         arrays = {name: _named(path, arrays, column) for name, column in columns.items()}
+    elif len(arrays) == 1 and next(iter(arrays.values())).ndim == 2 and "positions" not in arrays:
+        return from_columns(path, *arrays.values())  # of np.savez without a name
+    return _from_arrays(path, arrays)
+
+
+def _fields(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """With the fields of structured arrays in their place."""
+    found: dict[str, np.ndarray] = {}
+    for name, array in arrays.items():
+        fields = array.dtype.names
+        found |= {name: array} if fields is None else {k: array[k] for k in fields}
+    return found
+
+
+def _from_arrays(path: Any, arrays: dict[str, np.ndarray]) -> Particles:
     placed = with_places(arrays)
     positions = find_positions(placed)
-    if positions is None and len(arrays) == 1 and columns is None:
-        (alone,) = arrays.values()  # of np.savez without a name
-        if alone.ndim == 2 and alone.shape[1] in (2, 3):
-            return from_columns(path, alone)
     if positions is None:
         found = shown(", ".join(arrays))
         problem = f"expected positions (N, 3), or x, y and z (N,), got {found}"
@@ -164,8 +178,9 @@ def _is_npz(path: str | os.PathLike[str]) -> bool:
     return os.fspath(path).lower().endswith(".npz")
 
 
-def read_archive(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
-    """The numeric arrays of an .npz by name. Raises FormatError naming the array."""
+def read_archive(path: str | os.PathLike[str], records: bool = False) -> dict[str, np.ndarray]:
+    """The numeric arrays of an .npz by name; records: structured ones, too. Raises FormatError
+    naming the array."""
     arrays = {}
     name = "archive"
     try:
@@ -178,7 +193,7 @@ def read_archive(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
             for info in members:
                 name = info.filename.removesuffix(".npy")
                 with archive.open(info) as member:
-                    arrays[name] = read_array(path, name, member, info.file_size)
+                    arrays[name] = read_array(path, name, member, info.file_size, records)
                     member.read(1)  # the end, where the checksum is
     except DAMAGED as error:
         raise bad(path, name, f"expected an .npz archive, got {error}") from None
@@ -186,10 +201,10 @@ def read_archive(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
 
 
 def read_header(
-    path: Any, name: str, file: IO[bytes], file_size: int
+    path: Any, name: str, file: IO[bytes], file_size: int, records: bool = False
 ) -> tuple[tuple[int, ...], bool, np.dtype]:
     """Shape, Fortran's order and type of an .npy stream of `file_size` bytes, which holds all
-    numbers of that shape. Raises FormatError."""
+    numbers of that shape; records: or structures of numbers. Raises FormatError."""
     begin = file.tell()
     try:
         version = np.lib.format.read_magic(file)
@@ -202,7 +217,7 @@ def read_header(
         header_size = file.tell() - begin
     except Exception as error:  # the header is parsed as Python text, which fails in many ways
         raise bad(path, name, f"expected an .npy header, got {error}") from None
-    if dtype.hasobject or dtype.fields is not None:
+    if dtype.hasobject or (dtype.fields is not None and not records):
         raise bad(path, name, f"expected plain numbers, got dtype {shown(str(dtype))}")
     shape = tuple(map(int, shape))  # True is an int to NumPy's parser
     count = math.prod(shape)
@@ -215,9 +230,12 @@ def read_header(
     return shape, fortran, dtype
 
 
-def read_array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndarray:
-    """One .npy stream of `file_size` bytes, checked before memory is taken. Raises FormatError."""
-    shape, fortran, dtype = read_header(path, name, file, file_size)
+def read_array(
+    path: Any, name: str, file: IO[bytes], file_size: int, records: bool = False
+) -> np.ndarray:
+    """One .npy stream of `file_size` bytes, checked before memory is taken; records: as for
+    `read_header`. Raises FormatError."""
+    shape, fortran, dtype = read_header(path, name, file, file_size, records)
     count = math.prod(shape)
     size = count * dtype.itemsize
     array = np.empty(count, dtype)
