@@ -698,3 +698,15 @@ text("nine columns", "a.txt", f"{N}\n" + rows(X, after=" 0.5 0.5 0.5 0 0 1"))
       places=INSIDE)  # fmt: skip
 def _(path: Path) -> None:
     path.write_bytes(bi4())
+
+
+_TEC = 'TITLE = "fluid"\nVARIABLES = "X" "Y" "Z" "P"\n'
+text("Tecplot of SPHysics", "a.dat", _TEC + f'ZONE T="fluid", I={N}, F=POINT\n'
+     + rows(X, after=" 1.0"), names=("P",))  # fmt: skip
+text("Tecplot of SPHinXsys", "a.plt",
+     " VARIABLES = \"x\",\"y\",\"z\",\"ID\"\n" + "".join(
+         f'ZONE T="water", SOLUTIONTIME={k}.5, DATAPACKING=POINT\n' + rows(x, after=" 7")
+         for k, x in enumerate(_FRAMES)
+     ), names=("ID",), frames=2)  # fmt: skip
+text("Tecplot of grains", "a.tec",
+     "variables = x, y, z, radius\nzone\n" + with_radii(), **grains(names=("radius",)))  # fmt: skip

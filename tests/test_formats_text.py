@@ -461,3 +461,25 @@ def test_yade_names_its_columns_in_one_word(tmp_path):
     got = gb.read(tmp_path / "a.txt")
     np.testing.assert_allclose(got.attributes["radius"], [0.5, 0.5, 0.7])
     np.testing.assert_allclose(got.positions[1], [2, 0, 0])
+
+
+def test_tecplot_zones(tmp_path):
+    path = tmp_path / "a.dat"
+    both = 'VARIABLES = "X"\n"Y"\n"T"\nZONE T="a"\n1 2 3\n4 5 6\nZONE T="b"\n7 8 9\n'
+    path.write_text(both)
+    got = gb.read(path)  # two zones of one time, in a plane
+    assert got.positions.tolist() == [[1, 2, 0], [4, 5, 0], [7, 8, 0]]
+    assert got.attributes["T"].tolist() == [3, 6, 9]
+    path.write_text("VARIABLES = X Y Z\nZONE\nnan 0 0\n-1 2 3\n")
+    assert len(gb.read(path)) == 2
+    path.write_text("VARIABLES = X Y Z\nZONE N=2, E=1, F=FEPOINT\n0 0 0\n1 0 0\n1 2 2\n")
+    assert len(gb.read(path)) == 2  # elements are left out
+    for content, problem in (
+        ("VARIABLES = X Y Z\nZONE DATAPACKING=BLOCK\n1 2\n", "line 2: expected DATAPACKING=POINT"),
+        ("VARIABLES = A B\nZONE\n1 2\n", "expected VARIABLES with x and y among them, got 'A B'"),
+        ("VARIABLES = X Y\nZONE\n", "expected a zone with rows, got none"),
+        ("VARIABLES = X Y\nZONE\n1 a\n", "line 3"),
+    ):
+        path.write_text(content)
+        with pytest.raises(ValueError, match=problem):
+            gb.read(path)

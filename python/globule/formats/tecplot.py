@@ -1,0 +1,94 @@
+"""Tecplot's ASCII files of points, as SPHinXsys, SPHysics and others write them.
+
+`VARIABLES` names the columns, and each `ZONE` has a row per point. Zones of different SOLUTIONTIME
+are frames; others are one set of particles. Zones in blocks (DATAPACKING=BLOCK) are not read.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .asciinum import parse_rows, text_lines
+from .contents import Contents, frame_index
+from .errors import bad, shown
+from .fields import find_positions, join_columns, particles_from, place_names
+from .table import whole_numbers
+
+_ROW = re.compile(r"\s*(?:[-+.\d]|nan\b|inf\b)", re.IGNORECASE)
+_ADVICE = "expected VARIABLES with x and y among them"
+
+
+class _Zone(NamedTuple):
+    """Lines [first, last) of a zone's rows, and its time."""
+
+    first: int
+    last: int
+    time: float | None
+
+
+def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
+    """Read the zones of one time. Raises FormatError naming the line."""
+    lines = text_lines(path)
+    names, zones = _zones(path, lines)
+    times = list(dict.fromkeys(zone.time for zone in zones))
+    time = times[frame_index(path, frame, len(times))]
+    axes = place_names(names)
+    if not axes:
+        raise bad(path, "line 1", f"{_ADVICE}, got {shown(' '.join(names))}")
+    parts = [
+        parse_rows(path, lines[zone.first : zone.last], zone.first + 1, len(names))
+        for zone in zones
+        if zone.time == time
+    ]
+    rows = np.concatenate(parts)
+    words = lines[zones[0].first].split()
+    columns = {
+        axes.get(name, name): whole_numbers(rows[:, i], words[i]) for i, name in enumerate(names)
+    }
+    columns.setdefault("z", np.zeros(len(rows)))
+    arrays = join_columns(columns)
+    positions = find_positions(arrays)
+    return Contents(particles_from(path, positions, arrays), time=time, n_frames=len(times))
+
+
+def _zones(path: Any, lines: list[str]) -> tuple[list[str], list[_Zone]]:
+    """The names of the columns, and the zones that have rows."""
+    said = [i for i, line in enumerate(lines) if not _ROW.match(line)]
+    names: list[str] = []
+    zones, head = [], ""
+    for i, after in zip(said, [*said[1:], len(lines)], strict=True):
+        head += f" {lines[i].partition('#')[0]}"
+        if after == i + 1:
+            continue
+        names = _names(head) or names
+        if not names:
+            raise bad(path, f"line {i + 1}", f"{_ADVICE}, got none")
+        zones.append(_zone(path, head, i + 1, after))
+        head = ""
+    if not zones:
+        raise bad(path, f"line {len(lines)}", "expected a zone with rows, got none")
+    return names, zones
+
+
+def _names(head: str) -> list[str]:
+    found = re.search(r"\bVARIABLES\s*=(.*?)(?=\b(?:ZONE|TITLE|DATASETAUXDATA)\b|$)", head, re.I)
+    words = re.findall(r'"([^"]*)"|([^\s,"]+)', found[1]) if found else []
+    return [quoted.strip() or plain for quoted, plain in words]
+
+
+def _zone(path: Any, head: str, first: int, last: int) -> _Zone:
+    keys: dict[str, str] = dict(re.findall(r"\b(\w+)\s*=\s*\"?([^\s,\"]+)", head.upper()))
+    packing = keys.get("DATAPACKING", keys.get("F", "POINT"))
+    if packing not in ("POINT", "FEPOINT"):
+        raise bad(path, f"line {first}", f"expected DATAPACKING=POINT, got {shown(packing)}")
+    n = keys.get("NODES", keys.get("N", ""))  # elements come behind them
+    time = keys.get("SOLUTIONTIME", "")
+    try:
+        at = float(time) if time else None
+    except ValueError:
+        raise bad(path, f"line {first}", f"expected a number, got {shown(time)}") from None
+    return _Zone(first, min(last, first + int(n)) if n.isdigit() else last, at)
