@@ -451,6 +451,28 @@ def _(file: Any) -> None:
     file["positions"], file["density"] = X, np.ones(N)
 
 
+def _matlab(path: Path, **matrices: np.ndarray) -> None:
+    """A file as `save -v7.3` writes it: a header before HDF5, and axes in reverse."""
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, matrix in matrices.items():
+            file[name] = matrix.T
+            file[name].attrs["MATLAB_class"] = np.bytes_("double")
+    with open(path, "r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
+
+
+@kind("MATLAB 7.3, a matrix", "a.mat", package="h5py", names=("speed",))
+def _(path: Path) -> None:
+    _matlab(path, positions=X, speed=np.ones((N, 1)))
+
+
+@kind("MATLAB 7.3, vectors", "a.mat", package="h5py", names=("mass",))
+def _(path: Path) -> None:
+    _matlab(path, x=X[:, :1], y=X[:, 1:2], z=X[:, 2:].T, mass=np.ones((1, N)))
+
+
 @kind("XDMF with its HDF5", "a.xdmf", frames=2, names=("p",), package="h5py")
 def _(path: Path) -> None:
     import h5py

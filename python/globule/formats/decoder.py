@@ -311,7 +311,10 @@ def hdf5(path: str, ask: Any) -> tuple[dict, list]:
         for name, first, n, frame in request:
             dataset = file[name]
             rows = slice(first, first + n) if frame is None else (frame, slice(first, first + n))
-            values = dataset[rows] if dataset.ndim else dataset[()]
+            if _of_matlab(dataset):
+                values = np.squeeze(dataset[()]).T[rows]
+            else:
+                values = dataset[rows] if dataset.ndim else dataset[()]
             arrays.append(np.ascontiguousarray(values, "f8" if values.itemsize > 8 else None))
     return {}, arrays
 
@@ -331,11 +334,13 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
         elif isinstance(item, h5py.Dataset) and _is_numbers(item):
             if item.shape is None or item.is_virtual or item.external:
                 continue
-            offset = item.id.get_offset()
+            matlab = _of_matlab(item)
+            offset = None if matlab else item.id.get_offset()
+            shape = tuple(n for n in item.shape[::-1] if n != 1) if matlab else item.shape
             long = item.dtype.itemsize > 8  # long double
             tree[place] = {
                 "attributes": _attributes(item),
-                "shape": item.shape,
+                "shape": shape,
                 "dtype": "<f8" if long else item.dtype.str,
                 "offset": -1 if offset is None or long else offset,
             }
@@ -343,6 +348,11 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
             of_frames = name.endswith("/Steps") or key == "NumberOfPoints" or of_h5md
             if item.size <= (_SMALL if of_frames else 0):
                 tree[place]["values"] = item[()].tolist()
+
+
+def _of_matlab(dataset: Any) -> bool:
+    """Whether MATLAB wrote a matrix, whose axes come in reverse; vectors have one axis here."""
+    return dataset.ndim == 2 and "MATLAB_class" in dataset.attrs
 
 
 def _is_numbers(dataset: Any) -> bool:
