@@ -173,8 +173,15 @@ class Watched:
 
         def settled() -> bool:
             pacer = client.pacer
-            if client.frame is None or pacer.in_flight or pacer.making:
+            if (
+                client.frame is None
+                or pacer.in_flight
+                or pacer.making
+                or pacer._changed is not None
+            ):
                 return False
+            if pacer._wanted != self.viewer.engine._what(client):
+                return False  # of settings that are no more
             shown = [f for f in self.shown if f.camera == client.camera and f.still]
             return bool(shown) and pacer._samples > 0 and changed(shown[-1].picture)
 

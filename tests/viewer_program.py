@@ -66,7 +66,9 @@ class Program:
             address.replace("http", "ws", 1),
             subprotocols=[f"viser-v{viser.__version__}"],
             max_size=None,
+            ping_interval=None,  # on a busy machine an answer may take longer than it would wait
         )
+        self.closed = ""  # why the connection has ended
         threading.Thread(target=self._read, daemon=True).start()
         self.look()
 
@@ -80,8 +82,9 @@ class Program:
                     self._take(message)
                 if self.camera != before:
                     self.look()
-        except ConnectionClosed:
-            return
+            self.closed = "the connection was closed"
+        except ConnectionClosed as error:
+            self.closed = str(error)
 
     def _take(self, message: dict) -> None:
         kind = message["type"]
@@ -142,10 +145,13 @@ class Program:
             return self.heard(lambda message: wanted in str(message))
 
         def found() -> dict | None:
+            closed = self.closed  # before the last messages are looked at
             while self._messages:
                 message = self._messages.pop(0)
                 if wanted(message):
                     return message
+            if closed:
+                raise AssertionError(f"waited for a message in vain: {closed}")
             return None
 
         return until(found, "for a message")
