@@ -142,7 +142,7 @@ def _decoded(word: bytes) -> str:
 
 
 class _Reader:
-    data_sets = ("POLYDATA", "UNSTRUCTURED_GRID")
+    data_sets: tuple[str, ...] = ("POLYDATA", "UNSTRUCTURED_GRID")
 
     def __init__(self, path: Any, data: bytes) -> None:
         self.path = path
