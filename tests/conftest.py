@@ -68,7 +68,8 @@ def pytest_collection_modifyitems(config, items):
         params = getattr(getattr(item, "callspec", None), "params", {})
         if any(isinstance(value, str) and value == "cuda" for value in params.values()):
             item.add_marker("gpu")
-    if not config.getoption("--matrix"):
+    named = any("::" in str(word) for word in config.args)  # runs whatever its marks are
+    if not config.getoption("--matrix") and not named:
         slow = {item for item in items if item.get_closest_marker("slow")}
         gone = slow.union(run_elsewhere(item for item in items if item not in slow))
         config.hook.pytest_deselected(items=list(gone))
@@ -137,20 +138,21 @@ def pytest_terminal_summary(terminalreporter, config):
 
 def pytest_sessionfinish(session, exitstatus):
     """A skip that nobody expects is a failure: something is not installed, or has gone. So is a
-    file that takes long, unless long_files.txt has it."""
+    file that takes long, unless long_files.txt has it. Both count with --expected-skips."""
     config = session.config
     if hasattr(config, "workerinput"):  # the process that deals out the tests does this
         return
     reporter = config.pluginmanager.getplugin("terminalreporter")
-    wrong = too_long(cpu_of_files(reporter), lines_of(LONG_FILES))
+    long, wrong = too_long(cpu_of_files(reporter), lines_of(LONG_FILES)), []
     if skips := config.getoption("--expected-skips"):
+        wrong += long  # elsewhere a processor may be slow
         expected = [line for file in skips for line in lines_of(file)]
         for report in reporter.stats.get("skipped", ()):
             reason = report.longrepr
             reason = reason[2] if isinstance(reason, tuple) else str(reason)
             if not any(part in reason for part in expected):
                 wrong.append(f"unexpected skip: {report.nodeid}: {reason}")
-    config.stash[WRONG] = sorted(set(wrong))
+    config.stash[WRONG] = sorted({*wrong, *long})
     if wrong and exitstatus == 0:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 

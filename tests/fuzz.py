@@ -50,7 +50,7 @@ from globule import cli, formats
 from globule.formats import guarded
 
 SECONDS = 10  # of the processor, for one file
-PATIENCE = 90  # s, until a process that does nothing is ended
+PATIENCE = 300  # s, until a process that does nothing is ended
 MEMORY = 1 << 29  # bytes, which readers may take
 SLACK = 1 << 28  # bytes, of libraries that are loaded and of what is done with a file
 SHARE_OF_COMMANDS = 0.25

@@ -1,4 +1,4 @@
-"""Which cases of many `make test` runs."""
+"""Which of many cases `make test` runs."""
 
 from __future__ import annotations
 

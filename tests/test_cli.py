@@ -68,7 +68,7 @@ def test_interrupted(particles, folder, by):
 @pytest.mark.parametrize("script", [False, True], ids=["-m", "script"])
 def test_interrupted_while_it_loads(folder, script):
     with open("numpy.py", "w", encoding="utf-8") as file:
-        file.write("import time\nprint('loading', flush=True)\ntime.sleep(60)\n")
+        file.write("import signal\nprint('loading', flush=True)\nsignal.pause()\n")
     with open("globule", "w", encoding="utf-8") as file:  # as pip makes it
         file.write("import sys\nfrom globule.__main__ import main\nsys.exit(main())\n")
     path = os.pathsep.join([os.getcwd(), os.path.dirname(os.path.dirname(gb.__file__))])

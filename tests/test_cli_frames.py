@@ -45,7 +45,7 @@ def test_species_of_hdf5(folder, capsys):
 def test_refused_in_one_line(folder, capsys):
     np.save("a.npy", np.random.default_rng(0).random((9, 3)))
     for words, said in (
-        (["a.npy", "--frame", "1"], "--frame: expected a file of table, blank-separated, GSD"),
+        (["a.npy", "--frame", "1"], "--frame: expected a file of table, "),
         (["run.extxyz", "--species", "O"], "--species: expected a file of NumPy archive, HDF5"),
         (["run.extxyz", "--frame", "2"], "frame: expected -2 to 1"),
     ):

@@ -20,6 +20,7 @@ from docs_blocks import Block, blocks
 from globule._demo.data import dam_break_particles
 from globule.cli import build_parser
 from globule.cli.shared import UserError, join_negative
+from waiting import PATIENCE
 
 BROWSERS = True  # conftest.py: what these tests wait for has a limit of its own
 ROOT = Path(__file__).resolve().parents[1]
@@ -28,7 +29,6 @@ PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 WITH_CODE = [path for path in PAGES if any(not block.reason for block in blocks(path))]
 HELPER = str(Path(__file__).with_name("docs_blocks.py"))
 OPERATORS = ("|", ">", "&&", "&", ";")
-PATIENCE = 180  # s a page
 QUICK = ("render-on-a-gpu",)  # the others run in `make test-all`
 
 

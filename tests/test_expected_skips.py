@@ -58,6 +58,9 @@ def test_a_skip_that_is_not_expected_and_no_slow_tests(tmp_path):
     assert found == 1, shown
     assert "unexpected skip: test_small.py::test_skipped: Skipped: no moon tonight" in shown
     assert "1 passed, 1 skipped, 1 deselected" in shown
+    (tmp_path / "expected.txt").unlink()
+    found, shown = run(tmp_path, "test_small.py::test_slow")
+    assert "2 passed, 1 skipped" in shown
 
 
 def test_files_that_take_long_are_listed():

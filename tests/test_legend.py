@@ -70,6 +70,12 @@ def test_ticks_of_extreme_ranges(ends):
     assert len(ticks) <= 8
 
 
+def test_ticks_leave_room_for_the_ends():
+    for hi in (1.04, 1.01, 2.03, 1.96):
+        shares = [share for share, _ in tick_labels(0, hi, 5)]
+        assert min(np.diff(shares)) > 0.6 / 5 - 1e-9, hi
+
+
 @pytest.mark.parametrize(
     ("arguments", "what"),
     [

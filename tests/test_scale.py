@@ -55,10 +55,12 @@ def test_far_coordinates_are_scaled_before_float32():
 
 def test_boxes_too():
     with open("a.xyz", "w") as file:
-        file.write('1\nLattice="4 0 0 0 4 0 0 0 4" Properties=species:S:1:pos:R:3\nO 1 2 3\n')
+        file.write('1\nLattice="4 0 0 0 4 0 0 0 4" Origin="1 2 -3" ')
+        file.write("Properties=species:S:1:pos:R:3\nO 1 2 0\n")
     found = read_contents("a.xyz", scale=0.1)
     np.testing.assert_allclose(found.box.edges, 0.4 * np.eye(3))
-    np.testing.assert_allclose(found.particles.positions, [[0.1, 0.2, 0.3]], rtol=1e-6)
+    np.testing.assert_allclose(found.box.origin, [0.1, 0.2, -0.3])
+    np.testing.assert_allclose(found.particles.positions, [[0.1, 0.2, 0]], rtol=1e-6)
 
 
 def test_commands_take_it(capsys):

@@ -81,7 +81,7 @@ def behind(tmp_path):
         yield viewer, address
     finally:
         proxy.terminate()
-        proxy.wait(20)
+        proxy.wait(PATIENCE)
         viewer.close()
 
 

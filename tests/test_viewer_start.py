@@ -13,7 +13,7 @@ import urllib.request
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import talk, told, until
+from viewer_helpers import PATIENCE, talk, told, until
 
 pytest.importorskip("viser")
 
@@ -179,4 +179,4 @@ def test_the_command_without_a_file(tmp_path):
             assert b"globule/desk.js" in answer.read()
     finally:
         run.terminate()
-        run.wait(30)
+        run.wait(PATIENCE)
