@@ -429,3 +429,20 @@ def test_the_library_logs_and_never_prints():
         if isinstance(node, ast.Call) and getattr(node.func, "id", None) == "print"
     ]
     assert printing == []
+
+
+def test_an_update_of_another_length_names_what_stays():
+    p = gb.Particles(np.zeros((10, 3)), color=np.ones((10, 3)), weight=np.ones(10))
+    scene = gb.Scene(p, support=0.2, device="cpu")
+    with pytest.raises(ValueError, match=r"positions: expected 10 rows, as weight has, got 12; "
+                       "give weight and color too, or new Particles"):  # fmt: skip
+        scene.update(positions=np.zeros((12, 3)))
+    scene.update(positions=np.zeros((12, 3)), weight=np.ones(12), color=np.ones((12, 3)))
+    assert len(scene.particles) == 12
+
+
+def test_particles_that_are_nowhere_are_said():
+    positions = np.random.default_rng(0).random((600, 3))
+    positions[7, 1], positions[300] = np.nan, np.inf
+    with pytest.warns(UserWarning, match="positions: 2 of 600 are not drawn: they have NaN or inf"):
+        gb.Scene(positions, device="cpu")

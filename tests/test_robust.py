@@ -122,6 +122,7 @@ def test_very_many_at_one_place(backend, alike, octree, n):
         assert frame.mask.any() == seen
 
 
+@pytest.mark.filterwarnings("ignore:positions")
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_what_is_not_finite_has_no_influence(backend, options):
     rng = np.random.default_rng(81)
@@ -438,7 +439,7 @@ def test_an_update_checks_what_is_new(backend):
     assert scene.support is support
     was, image = scene.particles, gb.render(scene, size=SIZE).image
     for name, fields, got in [
-        ("support", {"positions": cloud(n + 1)}, f"({n},)"),
+        ("positions", {"positions": cloud(n + 1)}, f"{n + 1}; give support too"),
         ("positions", {"positions": np.zeros((3, 4))}, "(3, 4)"),
         ("support", {"support": -support}, "-0.3"),
         ("support", {"support": support * np.logspace(-9, 0, n)}, "3e-10"),

@@ -124,7 +124,8 @@ def describe(path: str, contents: Contents) -> dict[str, Any]:
         facts["volume"] = {name: volume[name] for name in ("size", "spacing", "dtype", "space")}
     if finite.any():
         with mistakes(path):
-            scene = Scene(Particles(particles.positions, up=particles.up), device="cpu")
+            drawn = particles.positions if finite.all() else particles.positions[finite]
+            scene = Scene(Particles(drawn, up=particles.up), device="cpu")
             lo, hi = particles.bounds()
         facts["bounds"] = {"lo": lo, "hi": hi}
         facts["surface"], facts["why_surface"] = _surface(path, particles, scene)

@@ -160,6 +160,14 @@ class Particles:
 
     def _with(self, fields: dict[str, Any], known: dict[str, Any]) -> Particles:
         """With other arrays for some fields, and without attributes; `known` as for `_check`."""
+        n, given = len(self), getattr(fields.get("positions"), "shape", ())
+        each = [f for f in (*SCALAR_FIELDS, "color", "anisotropy") if self._of_each(f)]
+        stay = [f for f in each if f not in fields]
+        if given[1:] == (3,) and given[0] != n and stay:
+            raise ValueError(
+                f"positions: expected {n:,} rows, as {stay[0]} has, got {given[0]:,}; "
+                f"give {' and '.join(stay)} too, or new Particles"
+            )
         new = object.__new__(Particles)
         vars(new).update(vars(self), attributes={})
         vars(new).update(fields)
@@ -221,6 +229,12 @@ class Particles:
         if len(finite) == 0:
             raise ValueError(f"bounds: expected a finite position, got none in {len(self)}")
         return extent(finite)
+
+    def n_missing(self) -> int:
+        """How many particles on the host have NaN or inf in a coordinate: they are not drawn."""
+        if not len(self) or on_gpu(self.positions) or np.isfinite(extent(self.positions)).all():
+            return 0
+        return int((~np.isfinite(self.positions).all(axis=1)).sum())
 
     def finite_positions(self) -> np.ndarray:
         """The positions inside the octree: (M, 3) float32, M <= N, a NumPy array; where all are

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import warnings
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -110,6 +111,9 @@ class SceneBase(Owner):
         check_choices(kernel, surface, octree, key_bits)
         self.device = choose(device)
         particles = as_particles("particles", particles)
+        if n := particles.n_missing():
+            what = f"{n:,} of {len(particles):,} are not drawn: they have NaN or inf"
+            warnings.warn(f"positions: {what}", stacklevel=3)
         own = surface != "balls"
         if own and (kernel, octree, support) != ("murakami", "sparse", None):
             raise ValueError(
