@@ -160,12 +160,13 @@ class Particles:
 
     def _with(self, fields: dict[str, Any], known: dict[str, Any]) -> Particles:
         """With other arrays for some fields, and without attributes; `known` as for `_check`."""
-        n, given = len(self), getattr(fields.get("positions"), "shape", ())
+        n = len(self)
         each = [f for f in (*SCALAR_FIELDS, "color", "anisotropy") if self._of_each(f)]
         stay = [f for f in each if f not in fields]
-        if given[1:] == (3,) and given[0] != n and stay:
+        shape = getattr(fields.get("positions"), "shape", (n, 3))
+        if stay and len(shape) == 2 and shape[1] == 3 and shape[0] != n:
             raise ValueError(
-                f"positions: expected {n:,} rows, as {stay[0]} has, got {given[0]:,}; "
+                f"positions: expected {n:,} rows, as {stay[0]} has, got {shape[0]:,}; "
                 f"give {' and '.join(stay)} too, or new Particles"
             )
         new = object.__new__(Particles)
