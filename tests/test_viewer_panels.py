@@ -72,6 +72,19 @@ def test_each_widget_sets_its_setting_and_follows_it(watched):
         )
 
 
+def test_a_preset_is_one_change(watched):
+    state = watched.viewer.state
+    page = watched.program(answers=False)
+    before, version = state.to_toml(), state.version
+    handle = watched.viewer.page.binder.widgets["look.preset"]
+    update = {"type": "GuiUpdateMessage", "uuid": handle._impl.uuid}
+    page.say({**update, "updates": {"value": "glass"}})
+    until(lambda: state.version > version, "for the preset")
+    assert (state.look.preset, state.look.shadows) == ("glass", True)
+    state.history.undo()
+    assert state.to_toml() == before
+
+
 @pytest.mark.parametrize(
     ("before", "change"),
     [

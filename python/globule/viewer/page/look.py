@@ -7,6 +7,10 @@ from typing import Any
 from ..picture import preset_look
 from .panel import Panel
 
+_OF_PRESETS = (
+    "matter", "lights", "sky", "ground", "shadows", "bounces", "ambient_rays", "exposure"
+)  # fmt: skip
+
 
 class LookPanel(Panel):
     """Preset, material, lights and surroundings."""
@@ -15,7 +19,7 @@ class LookPanel(Panel):
 
     def build(self) -> None:
         """Make the widgets."""
-        self.add("look", "preset").on_update(self.safe(self._preset))
+        preset = self.add("look", "preset", also=lambda: _changes(self.viewer, preset.value))
         self.add("look", "shadows")
         self.add("look", "ambient_rays")
         self.add("look", "bounces")
@@ -30,24 +34,14 @@ class LookPanel(Panel):
             for name in ("lights", "azimuth", "elevation", "angle", "headlight"):
                 self.add("look", name)
 
-    def _preset(self, event: Any) -> None:
-        if event.client is not None:
-            use_preset(self.viewer, event.target.value)
-
 
 def use_preset(viewer: Any, name: str) -> None:
     """Set a preset with all its settings; `viewer`: `globule.viewer.app.Viewer`."""
+    viewer.state.set(look__preset=name, **_changes(viewer, name))
+
+
+def _changes(viewer: Any, name: str) -> dict[str, Any]:
+    """The other settings that a preset has."""
     with viewer.source.lock:
         look = preset_look(viewer.source, viewer.state.snapshot(), name, viewer.up)
-    names = (
-        "preset",
-        "matter",
-        "lights",
-        "sky",
-        "ground",
-        "shadows",
-        "bounces",
-        "ambient_rays",
-        "exposure",
-    )
-    viewer.state.set(**{f"look__{name}": getattr(look, name) for name in names})
+    return {f"look__{name}": getattr(look, name) for name in _OF_PRESETS}
