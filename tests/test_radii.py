@@ -140,3 +140,13 @@ def test_union_of_two_spheres_and_more():
     assert union_of_spheres(x, r) == pytest.approx(expected)
     assert union_of_spheres(x + [[0, 0, 0], [0, 0, 0], [0.4, 0.5, 0]], r * [1, 1, 4]) is None
     assert union_of_spheres(x[:0], r[:0]) == (0, 0)
+
+
+def test_atoms_are_spheres_though_bonds_overlap():
+    water = np.array([[0, 0, 0], [0.96, 0, 0], [-0.24, 0.93, 0]])
+    radius = np.array([1.52, 1.2, 1.2])
+    atoms = gb.Particles(water, attributes={"radius": radius, "atomic_number": np.array([8, 1, 1])})
+    assert are_spheres(atoms)
+    assert not are_spheres(gb.Particles(0.5 * water, attributes=atoms.attributes))
+    del atoms.attributes["atomic_number"]
+    assert not are_spheres(atoms)

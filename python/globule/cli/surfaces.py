@@ -33,8 +33,8 @@ def scene_of(
         scene = shown_scene(particles, **asked)
         if scene.surface == "spheres" and np.ndim(scene.support):
             say(
-                "note: the particles are spheres of the file's radii, which do not overlap as a "
-                "fluid's; --surface smooth or balls draws another surface"
+                "note: the particles are spheres of the file's radii (atoms, or no overlap as a "
+                "fluid's); --surface smooth or balls draws another surface"
             )
         return scene
     return Scene(particles, surface=surface, spacing=spacing, **asked)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.arrays import on_gpu, to_host
+from ..data.attributes import ELEMENT_NAMES
 from ..data.particles import Particles
 from ..data.radii import find_radii
 from ..data.spacing import axes_of, normal_of
@@ -32,7 +33,8 @@ SAMPLES = 512
 # The distance to the nearest particle over the sum of both radii, at half of the particles: grains
 # press into each other by a few hundredths, particles of a fluid overlap.
 LEAST_APART = 0.9
-RADII = "radii of the file, which do not overlap as a fluid's"
+BONDED = 0.25  # of the sum of two van der Waals radii: 0.31 in hydrogen, 0.35 in water
+RADII = "radii of the file, of atoms or without a fluid's overlap"
 SCATTERED = "scattered particles"
 
 
@@ -97,7 +99,8 @@ def assess_fluid(particles: Particles, scene: SceneBase | None = None) -> Likene
 def are_spheres(particles: Particles, scene: SceneBase | None = None) -> bool:
     """Whether particles have radii, in an attribute `radius`, `pscale` or `diameter`, and do not
     overlap as those of a fluid: half of them are farther from the nearest one than 0.9 times the
-    sum of both radii.
+    sum of both radii; 0.25 times that of atoms, with an attribute `atomic_number` or `element`,
+    since bonds are a third of it.
 
     Args:
         particles: N particles.
@@ -118,7 +121,8 @@ def are_spheres(particles: Particles, scene: SceneBase | None = None) -> bool:
     nearest = np.ones(len(some))
     others = index != some[row]
     np.minimum.at(nearest, row[others], (apart / (radii[index] + radii[some][row]))[others])
-    return bool(np.median(nearest) >= LEAST_APART)
+    atoms = any(name.lower() in ELEMENT_NAMES for name in particles.attributes)
+    return bool(np.median(nearest) >= (BONDED if atoms else LEAST_APART))
 
 
 def choose_surface(particles: Particles, **options: Any) -> str:
