@@ -19,7 +19,7 @@ class LookPanel(Panel):
 
     def build(self) -> None:
         """Make the widgets."""
-        preset = self.add("look", "preset", also=lambda: _changes(self.viewer, preset.value))
+        preset: Any = self.add("look", "preset", also=lambda: _changes(self.viewer, preset.value))
         self.add("look", "shadows")
         self.add("look", "ambient_rays")
         self.add("look", "bounces")
