@@ -47,7 +47,8 @@ def left_out(path: str, particles: Particles, far: bool = True) -> list[str]:
 
     Raises UserError where most lie farther than float32 can square.
     """
-    n, n_finite = len(particles), int(np.isfinite(particles.positions).all(axis=1).sum())
+    n = len(particles)
+    n_finite = n - particles.n_missing()
     n_far = n_finite - len(particles.finite_positions())
     if n_far > n_finite / 2:
         what = f"got farther ones of {n_far:,} of {count(n)}; scale the positions"

@@ -133,7 +133,7 @@ class Particles:
             return None if value is None else _CHECKS[name](name, value, len(self))
         positions, n = _positions(value), len(self)
         if len(positions) != n:
-            each = [f for f in (*SCALAR_FIELDS, "color", "anisotropy") if self._of_each(f)]
+            each = self._each()
             if each or self.attributes:
                 raise ValueError(
                     f"positions: expected shape ({n}, 3), as {(*each, *self.attributes)[0]} has "
@@ -141,6 +141,10 @@ class Particles:
                 )
             object.__setattr__(self, "attributes", Attributes({}, len(positions)))
         return positions
+
+    def _each(self) -> list[str]:
+        """The fields with one value a particle."""
+        return [f for f in (*SCALAR_FIELDS, "color", "anisotropy") if self._of_each(f)]
 
     def _of_each(self, name: str) -> bool:
         """Whether a field has one value a particle, rather than one for all or none."""
@@ -161,8 +165,7 @@ class Particles:
     def _with(self, fields: dict[str, Any], known: dict[str, Any]) -> Particles:
         """With other arrays for some fields, and without attributes; `known` as for `_check`."""
         n = len(self)
-        each = [f for f in (*SCALAR_FIELDS, "color", "anisotropy") if self._of_each(f)]
-        stay = [f for f in each if f not in fields]
+        stay = [f for f in self._each() if f not in fields]
         shape = getattr(fields.get("positions"), "shape", (n, 3))
         if stay and len(shape) == 2 and shape[1] == 3 and shape[0] != n:
             raise ValueError(
