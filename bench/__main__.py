@@ -36,16 +36,12 @@ ABOUT = {
 def build_parser() -> Parser:
     """The parser of all names."""
     parser = Parser(
-        prog="python -m bench",
-        usage="python -m bench NAME [options]",
-        description=(__doc__ or "").partition("\n\n")[0],
+        prog="python -m bench", usage="python -m bench NAME [options]", description=(__doc__ or "").partition("\n\n")[0]
     )
     parser.notes = (__doc__ or "").partition("\n\n")[2]
     parser.examples = EXAMPLES
     flags.add(parser, "--list")
-    names = parser.add_subparsers(
-        metavar="NAME", dest="name", parser_class=Parser, prog="python -m bench"
-    )
+    names = parser.add_subparsers(metavar="NAME", dest="name", parser_class=Parser, prog="python -m bench")
     for name, (usage, add, run, examples) in _NAMES.items():
         command = names.add_parser(
             name,
@@ -88,9 +84,7 @@ def _add_thesis(parser: Parser) -> None:
 
 
 def _add_ultrasound(parser: Parser) -> None:
-    parser.add_argument(
-        "tables", nargs="*", metavar="TABLE", help=f"tables: {' '.join(TABLES)} (default: all)"
-    )
+    parser.add_argument("tables", nargs="*", metavar="TABLE", help=f"tables: {' '.join(TABLES)} (default: all)")
     flags.add(parser, "--list")
     _add_common(parser)
 

@@ -46,27 +46,19 @@ def main() -> None:
     parser.add_argument("--size", default="1920x1080")
     parser.add_argument("--surface", choices=("smooth", "balls"), default="smooth")
     parser.add_argument("--edges", type=int, default=3, help="samples at edges")
-    parser.add_argument(
-        "--at", default="0,1.1", help="simulated seconds at which frames are measured"
-    )
+    parser.add_argument("--at", default="0,1.1", help="simulated seconds at which frames are measured")
     parser.add_argument("-o", "--output", help="a PNG of the last image")
     options = parser.parse_args()
 
     size = tuple(int(v) for v in options.size.split("x"))
     sim = gb.Simulation(
-        "brain-surgery",
-        spacing=options.spacing,
-        fine_fluids=options.fine_fluids,
-        device=options.device,
+        "brain-surgery", spacing=options.spacing, fine_fluids=options.fine_fluids, device=options.device
     )
     view = sim.file.view
     camera = gb.Camera(view.eye, view.look_at, view.up, view.fov)
     sim.scene.surface = options.surface
     settings = replace(
-        gb.load_preset("tissue", sim.scene, view.up),
-        samples=1,
-        ambient_rays=0,
-        edge_samples=options.edges,
+        gb.load_preset("tissue", sim.scene, view.up), samples=1, ambient_rays=0, edge_samples=options.edges
     )
     print(machine(str(sim.scene.device)))
     print("   at, s  steps, ms  image, ms  frames/s  slowest, ms  steps a frame  fastest, m/s")
@@ -74,12 +66,7 @@ def main() -> None:
         if at > sim.time:
             sim.run(at - sim.time)
         row, frame = frames(sim, camera, settings, size, options.frames)
-        print(
-            "".join(
-                f"{cell:>{w}}" for cell, w in zip(row, (8, 11, 11, 10, 13, 15, 14), strict=True)
-            ),
-            flush=True,
-        )
+        print("".join(f"{cell:>{w}}" for cell, w in zip(row, (8, 11, 11, 10, 13, 15, 14), strict=True)), flush=True)
     if options.output:
         frame.save(options.output)
 

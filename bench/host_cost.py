@@ -92,9 +92,7 @@ def main() -> None:
         "update and render": (
             update_and_render, lambda f: f.trace_seconds + scene.octree.build_seconds),
     }  # fmt: skip
-    rows = [
-        {"call": name, **microseconds(*parts, n=options.calls)} for name, parts in calls.items()
-    ]
+    rows = [{"call": name, **microseconds(*parts, n=options.calls)} for name, parts in calls.items()]
     print_table(machine(scene.device.description), rows)
     if options.output:
         write_csv(options.output, rows)

@@ -87,8 +87,7 @@ def radial(path: FramePath, pair: tuple[int, int], points: np.ndarray) -> np.nda
         for dv in (-1, 0, 1):
             for du in (-1, 0, 1):
                 column, row = (
-                    np.rint((c - (n - 1) / 2) / n) * n + (n - 1) / 2 + d * n
-                    for c, n, d in ((u, nx, du), (v, ny, dv))
+                    np.rint((c - (n - 1) / 2) / n) * n + (n - 1) / 2 + d * n for c, n, d in ((u, nx, du), (v, ny, dv))
                 )
                 value, inside = path.sample(f, column, row)
                 x, y = path.poses[f, 3:6], path.poses[f, 6:9]
@@ -120,9 +119,7 @@ def errors(sweep: Any, k: int, **options: Any) -> dict[str, tuple[float, float, 
     for fold in range(k):
         left_out = [i for rank, i in enumerate(indices[1:-1]) if rank % k == fold]
         valid = sweep.valid & ~np.isin(np.arange(len(sweep)), left_out)
-        rest = gb.ultrasound.Sweep(
-            sweep.frames, sweep.world_from_image, valid=valid, mask=sweep.mask
-        )
+        rest = gb.ultrasound.Sweep(sweep.frames, sweep.world_from_image, valid=valid, mask=sweep.mask)
         volumes = {method: gb.ultrasound.reconstruct(rest, method, **options) for method in METHODS}
         spacing = float(volumes["frames"].spacing[0])
         for f in left_out:
@@ -141,10 +138,7 @@ def errors(sweep: Any, k: int, **options: Any) -> dict[str, tuple[float, float, 
                 own = inside & np.isfinite(values)
                 square = (values - seen) ** 2
                 sums[name] += square[own].sum(), own.sum(), square[common].sum(), common.sum()
-    return {
-        name: (np.sqrt(a / max(b, 1)), np.sqrt(c / max(d, 1)), b / n)
-        for name, (a, b, c, d) in sums.items()
-    }
+    return {name: (np.sqrt(a / max(b, 1)), np.sqrt(c / max(d, 1)), b / n) for name, (a, b, c, d) in sums.items()}
 
 
 def main() -> None:
@@ -169,10 +163,7 @@ def main() -> None:
     for name, sweep in sweeps.items():
         found = errors(sweep[:: options.every], options.k, device="cpu", **place)
         for method, (own, common, share) in sorted(found.items(), key=lambda item: item[1][1]):
-            print(
-                f"| {name} | {method} | {own:.2f} | {common:.2f} | {100 * share:.1f} % |",
-                flush=True,
-            )
+            print(f"| {name} | {method} | {own:.2f} | {common:.2f} | {100 * share:.1f} % |", flush=True)
 
 
 if __name__ == "__main__":

@@ -25,9 +25,7 @@ SETTINGS = {
     "shadow + 4 ambient rays": gb.RenderSettings(shadows=True, ambient_rays=4),
     "mirror, depth 4": gb.RenderSettings(material=gb.Material(reflection=0.3), sky=gb.Sky()),
     "reflection + refraction, depth 4": gb.RenderSettings(material=WATER, sky=gb.Sky()),
-    "reflection + refraction + shadow": gb.RenderSettings(
-        material=WATER, sky=gb.Sky(), shadows=True
-    ),
+    "reflection + refraction + shadow": gb.RenderSettings(material=WATER, sky=gb.Sky(), shadows=True),
 }
 
 
@@ -50,10 +48,7 @@ def main() -> None:
         sets = [cupy.asarray(positions)]
         sets.append(sets[0] + cupy.float32(0.1 * spacing))
     scene = gb.Scene(
-        gb.Particles(sets[0], support=2 * spacing),
-        threshold=0.6,
-        device=options.device,
-        threads=options.threads,
+        gb.Particles(sets[0], support=2 * spacing), threshold=0.6, device=options.device, threads=options.threads
     )
     rows: list[dict] = []
     for name, settings in SETTINGS.items():

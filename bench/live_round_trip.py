@@ -52,9 +52,7 @@ def send(port: int, rate: float, seconds: float, begun: float, images: bool) -> 
             if images:
                 data = pyigtl.ImageMessage(shown[i % 8], timestamp=when, device_name="Image").pack()
             else:
-                message = pyigtl.TransformMessage(
-                    pose(when - begun), timestamp=when, device_name="ImageToReference"
-                )
+                message = pyigtl.TransformMessage(pose(when - begun), timestamp=when, device_name="ImageToReference")
                 data = message.pack()
             time.sleep(max(0.0, due - time.time()))
             connection.sendall(data)

@@ -29,9 +29,7 @@ def ball(n_triangles: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
     vertices, faces = [], []
     for axis in range(3):
         for sign in (1, -1):
-            turned = np.roll(
-                sheet * (1, sign, sign), axis, axis=1
-            )  # a rotation: faces look outwards
+            turned = np.roll(sheet * (1, sign, sign), axis, axis=1)  # a rotation: faces look outwards
             faces.append(two + len(vertices) * len(sheet))
             vertices.append(turned)
     d = np.concatenate(vertices)
@@ -76,9 +74,7 @@ def main() -> None:
     positions, spacing = pool(options.particles)
     lo, hi = positions.min(axis=0), positions.max(axis=0)
     middle = (lo + hi) / 2
-    scene = gb.Scene(
-        gb.Particles(positions, support=2 * spacing), threshold=0.6, device=options.device
-    )
+    scene = gb.Scene(gb.Particles(positions, support=2 * spacing), threshold=0.6, device=options.device)
     gpu = scene.device.name != "cpu"
     vertices, faces = ball(options.triangles, 0.25 * float(np.ptp(positions[:, 0])))
     mesh = gb.Mesh(vertices, faces, color=(0.8, 0.4, 0.2))
@@ -116,9 +112,7 @@ def main() -> None:
         ("mesh with poles + particles", [scene, poles], shadows, None),
         ("glass mesh + particles", [scene, gb.Layer(mesh, glass)], glassy, None),
     ]
-    print(
-        f"{len(mesh):,} triangles, {len(scene):,} particles, {width}x{height}, {scene.device.name}"
-    )
+    print(f"{len(mesh):,} triangles, {len(scene):,} particles, {width}x{height}, {scene.device.name}")
     frames = options.frames or (100 if gpu else 2)
     for name, layers, settings, change in rows:
         for i in range(3 if gpu else 1):

@@ -102,9 +102,7 @@ class Lattice:
                 v = ((v >> ((v >> 28) + 4)) ^ v) * np.uint32(277803737)
                 v = (v >> 22) ^ v
                 noise = (v >> 8).astype(np.float32) * np.float32(2**-24)
-                points[first : first + len(k), axis] = (
-                    whole.astype(np.float32) + np.float32(0.25) * noise
-                )
+                points[first : first + len(k), axis] = whole.astype(np.float32) + np.float32(0.25) * noise
         return points
 
 

@@ -97,10 +97,7 @@ def check(sim: gb.Simulation, seconds: float, error: float, quiet: bool) -> int:
                 (f"{r.n_escaped} particles escaped", r.n_escaped > 0),
                 (f"energy grew by {gain / mass:.3g} J/kg", gain > most),
                 (f"mean compression {r.compression:.2%}", r.compression > 2 * error),
-                (
-                    f"99.9th percentile {r.high_compression:.2%}",
-                    r.high_compression > max(10 * error, 0.1),
-                ),
+                (f"99.9th percentile {r.high_compression:.2%}", r.high_compression > max(10 * error, 0.1)),
                 (f"{n_fast} particles at up to {r.most_speed:.3g} m/s", n_fast > 1e-5 * r.n_solved),
             )
             if bad
@@ -109,9 +106,7 @@ def check(sim: gb.Simulation, seconds: float, error: float, quiet: bool) -> int:
             print(f"step {r.step} at {r.time:.4g} s: " + "; ".join(wrong))
             return 1
     wall = time.perf_counter() - wall
-    print(
-        f"{sim.time - begin:.4g} s in {sim.n_steps} steps, {halved} halvings, {wall:.4g} s of wall"
-    )
+    print(f"{sim.time - begin:.4g} s in {sim.n_steps} steps, {halved} halvings, {wall:.4g} s of wall")
     for name, value in worst.items():
         print(f"largest {name:24} {value:.4g}")
     print("nothing lost, no energy gained")
@@ -137,10 +132,7 @@ def main() -> int:
     parser.add_argument("--record", metavar="MACHINE", help="write to docs/measured.csv, too")
     a = parser.parse_args()
 
-    if a.splash:
-        sim = splash(a.splash, a.error, a.device, a.threads)
-    else:
-        sim = column(a.n, a.error, a.device, a.threads)
+    sim = splash(a.splash, a.error, a.device, a.threads) if a.splash else column(a.n, a.error, a.device, a.threads)
     if a.check:
         return check(sim, a.seconds, a.error, a.quiet)
     for _ in range(a.warm):

@@ -78,9 +78,7 @@ def main() -> int:
                 f"{counts['fluid']:8d} {counts['escaped']:8d} {resident():10.0f}",
                 flush=True,
             )
-    print(
-        f"{n_cuts} cuts, {n_bonds_cut} bonds, {sim.tissue.n_pieces} pieces, {sim.time:.1f} s: sound"
-    )
+    print(f"{n_cuts} cuts, {n_bonds_cut} bonds, {sim.tissue.n_pieces} pieces, {sim.time:.1f} s: sound")
     return 0
 
 

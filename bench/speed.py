@@ -49,9 +49,7 @@ def measure(name: str, device: str, frames: int, threads: int) -> dict:
         sets = [cupy.asarray(positions)]
         if n <= 20_000_000:
             sets.append(sets[0] + cupy.float32(0.1 * spacing))
-    scene = gb.Scene(
-        gb.Particles(sets[0], support=2 * spacing), threshold=0.6, device=device, threads=threads
-    )
+    scene = gb.Scene(gb.Particles(sets[0], support=2 * spacing), threshold=0.6, device=device, threads=threads)
     builds, traces = [], []
     for i in range(frames):
         scene.update(positions=sets[i % len(sets)])
@@ -82,8 +80,7 @@ def measure(name: str, device: str, frames: int, threads: int) -> dict:
     in_flight = 0.0
     if on_gpu and n <= 2_000_000:
         scenes = [scene] + [
-            gb.Scene(gb.Particles(sets[0], support=2 * spacing), threshold=0.6, device=device)
-            for _ in range(2)
+            gb.Scene(gb.Particles(sets[0], support=2 * spacing), threshold=0.6, device=device) for _ in range(2)
         ]
         for start_up in (True, False):
             start = time.perf_counter()
@@ -127,23 +124,14 @@ def main() -> None:
             print(f"splash: {SPLASH_SHARED.name} is not there, skipped")
             continue
         frames = options.frames or (200 if device != "cpu" else 5)
-        rows.append(
-            measure(name, device, frames if not name.endswith("00000000") else 5, options.threads)
-        )
+        rows.append(measure(name, device, frames if not name.endswith("00000000") else 5, options.threads))
         row = rows[-1]
-        print(
-            "  ".join(
-                f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()
-            ),
-            flush=True,
-        )
+        print("  ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()), flush=True)
     print(f"machine: {machine(rows[0]['device'])}")
     if options.output:
         write_csv(options.output, rows)
     if options.record:
-        record(
-            "speed", options.record, {case_of(row["scene"], row["particles"]): row for row in rows}
-        )
+        record("speed", options.record, {case_of(row["scene"], row["particles"]): row for row in rows})
 
 
 def case_of(scene: str, n: int) -> str:

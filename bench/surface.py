@@ -33,11 +33,7 @@ def measure(name: str, device: str, frames: int, size: tuple[int, int]) -> Row:
     clock = time.perf_counter if on_gpu else time.process_time
     camera = gb.Camera.fit(positions, size=size)
     row: Row = {"particles": len(positions)}
-    for what, surface, edges in (
-        ("balls", "balls", 0),
-        ("smooth", "smooth", 0),
-        ("edges", "smooth", 3),
-    ):
+    for what, surface, edges in (("balls", "balls", 0), ("smooth", "smooth", 0), ("edges", "smooth", 3)):
         kind = {"spacing": spacing} if surface == "smooth" else {"support": 2 * spacing}
         scene = gb.Scene(sets[0], surface=surface, device=device, **kind)
         settings = gb.RenderSettings(edge_samples=edges)
@@ -76,9 +72,7 @@ def main() -> None:
     if options.record:
         record("surface", options.record, cases)
     pool = resting_pool(device=options.device)
-    print(
-        f"simulated pool at rest, {pool.n} particles: normals {pool.angle:.2f} degrees rms;", end=""
-    )
+    print(f"simulated pool at rest, {pool.n} particles: normals {pool.angle:.2f} degrees rms;", end="")
     print(f" height {pool.height:+.3f} spacings, changes by {pool.flicker:.4f} rms each 20 ms")
 
 

@@ -250,9 +250,7 @@ def grasp(person: Person) -> str:
     person.drag((x, y), (x - 60, y - 60), hold=True)
     force = person.page.locator("#globule-desk .force:visible")
     try:
-        said = person.until(
-            lambda: force.count() and re.search(r"[\d.]+ m?N", force.inner_text()), "a force"
-        )
+        said = person.until(lambda: force.count() and re.search(r"[\d.]+ m?N", force.inner_text()), "a force")
         return f"force {said[0]}"
     finally:
         person.page.mouse.up()
@@ -289,9 +287,7 @@ def timed(person: Person, name: str, does: Callable[[], str], folder: Path) -> b
         said, done = f"{type(error).__name__}: {str(error).splitlines()[0]}", False
     seconds = time.monotonic() - begin - person.looked
     done &= seconds < MOST
-    told = (
-        f"{name:24} {'done' if done else 'NOT DONE':8} {seconds:5.1f} s and {person.looked:.1f} s"
-    )
+    told = f"{name:24} {'done' if done else 'NOT DONE':8} {seconds:5.1f} s and {person.looked:.1f} s"
     print(f"{told} of looking, {person.clicks} clicks: {said}", flush=True)
     person.page.screenshot(path=folder / f"{name.replace(' ', '-')}.png", timeout=1000 * MOST)
     return done
@@ -315,9 +311,7 @@ def main() -> int:
             if not wanted:
                 continue
             with start_page(Path(folder)) as address:
-                page = browser.new_page(
-                    viewport={"width": width, "height": height}, accept_downloads=True
-                )
+                page = browser.new_page(viewport={"width": width, "height": height}, accept_downloads=True)
                 page.goto(address)
                 person = Person(page)
                 if title:

@@ -36,9 +36,7 @@ class Throttle:
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
         # Small buffers: what waits must wait at the sender, as on a real link's narrow end.
-        server = self._loop.run_until_complete(
-            asyncio.start_server(self._accept, "127.0.0.1", 0, limit=PIECE)
-        )
+        server = self._loop.run_until_complete(asyncio.start_server(self._accept, "127.0.0.1", 0, limit=PIECE))
         self.port = server.sockets[0].getsockname()[1]
         self._ready.set()
         self._loop.run_forever()
@@ -53,14 +51,10 @@ class Throttle:
         there, back = await asyncio.open_connection("127.0.0.1", self.target, limit=PIECE)
         with contextlib.suppress(asyncio.CancelledError):
             await asyncio.gather(
-                self._pass(reader, back, None),
-                self._pass(there, writer, self.bytes_per_second),
-                return_exceptions=True,
+                self._pass(reader, back, None), self._pass(there, writer, self.bytes_per_second), return_exceptions=True
             )
 
-    async def _pass(
-        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, rate: float | None
-    ) -> None:
+    async def _pass(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, rate: float | None) -> None:
         waiting: asyncio.Queue = asyncio.Queue(64)
 
         async def deliver() -> None:

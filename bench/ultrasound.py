@@ -55,9 +55,7 @@ def make_sweep(n: int, shape: tuple[int, int]) -> gb.ultrasound.Sweep:
     return gb.ultrasound.Sweep(frames, poses)
 
 
-def measure(
-    sweep: gb.ultrasound.Sweep, size: int, method: str, device: str, threads: int, runs: int
-) -> dict:
+def measure(sweep: gb.ultrasound.Sweep, size: int, method: str, device: str, threads: int, runs: int) -> dict:
     frames, chosen, options = sweep.frames, choose(device), Options(method)
     low, high = bounds(sweep.world_from_image, None, frames.shape[1:])
     # The thesis' volumes are cubes of `size` voxels.
@@ -140,14 +138,10 @@ def main() -> None:
     rows = []
     for size in options.sizes.split(","):
         for method in options.methods.split(","):
-            rows.append(
-                measure(sweep, int(size), method, options.device, options.threads, options.runs)
-            )
+            rows.append(measure(sweep, int(size), method, options.device, options.threads, options.runs))
             show(rows[-1])
     show(live(options.device, options.threads))
-    print(
-        f"machine: {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
-    )
+    print(f"machine: {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
     if options.output:
         write_csv(options.output, rows)
 

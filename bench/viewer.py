@@ -65,9 +65,7 @@ class Session:
 
         def acknowledge(now: float, number: int) -> None:
             before = [one for one in pacer.in_flight if one.number <= number]
-            done.extend(
-                (now, now - one.seen, now - one.sent, one.n_bytes, one.still) for one in before
-            )
+            done.extend((now, now - one.seen, now - one.sent, one.n_bytes, one.still) for one in before)
             keep(now, number)
 
         pacer.acknowledge = acknowledge
@@ -79,22 +77,13 @@ class Session:
         self.i = i
         pacer.acknowledge = keep
         rows = np.array([row for row in done if not row[4]], float).reshape(-1, 5)
-        return {
-            "at": rows[:, 0],
-            "latency": rows[:, 1],
-            "transfer": rows[:, 2],
-            "bytes": rows[:, 3],
-        }
+        return {"at": rows[:, 0], "latency": rows[:, 1], "transfer": rows[:, 2], "bytes": rows[:, 3]}
 
     def until_sharp(self) -> float:
         """Seconds from a last change until a picture of full size has arrived."""
         began, number = time.monotonic(), self.client.number
         self.client.look(self.cameras[(self.i + 7) % len(self.cameras)], self.size)
-        while not (
-            self.client.pacer._samples
-            and not self.client.pacer.in_flight
-            and self.client.number > number
-        ):
+        while not (self.client.pacer._samples and not self.client.pacer.in_flight and self.client.number > number):
             time.sleep(0.002)
         return time.monotonic() - began
 
@@ -108,9 +97,7 @@ def cloud(n: int) -> gb.Particles:
     edge = round((2.6 * n) ** (1 / 3))
     x, z, y = (
         a.reshape(-1)
-        for a in np.meshgrid(
-            np.arange(edge), np.arange(edge), np.arange(max(1, edge // 2)), indexing="ij"
-        )
+        for a in np.meshgrid(np.arange(edge), np.arange(edge), np.arange(max(1, edge // 2)), indexing="ij")
     )
     top = edge / 2 * (0.75 + 0.25 * np.sin(7 * x / edge) * np.cos(5 * z / edge))
     positions = np.stack([x, y, z], 1)[y <= top] + np.random.default_rng(1).uniform(
@@ -176,11 +163,7 @@ def of_click(options: argparse.Namespace) -> list[tuple[str, str]]:
 
 def of_still(options: argparse.Namespace) -> list[tuple[str, str]]:
     """A first image of full size of the view at rest, from the camera to the bytes of its JPEG."""
-    source, state, size = (
-        SceneSource("bench", cloud(options.particles), options.device),
-        State(),
-        options.still,
-    )
+    source, state, size = (SceneSource("bench", cloud(options.particles), options.device), State(), options.still)
     with source.lock:
         scene = source.layers(state)[0].scene
     cameras = orbit(fit_camera(scene, size), n=24)
@@ -201,10 +184,7 @@ def of_still(options: argparse.Namespace) -> list[tuple[str, str]]:
     return [
         ("device", scene.device.description),
         ("particles", f"{len(scene.particles):,}"),
-        (
-            "size",
-            f"{size[0]}x{size[1]}, {state.quality.sharpness} % quality, a color for each pixel",
-        ),
+        ("size", f"{size[0]}x{size[1]}, {state.quality.sharpness} % quality, a color for each pixel"),
         *words.items(),
         ("bytes", f"{len(data):,}"),
     ]
@@ -281,9 +261,7 @@ def of_browser(options: argparse.Namespace) -> list[tuple[str, str]]:
     ]
     rows = []
     began = time.perf_counter()
-    viewer = gb.view(
-        cloud(options.particles), port=0, browser=False, block=False, device=options.device
-    )
+    viewer = gb.view(cloud(options.particles), port=0, browser=False, block=False, device=options.device)
     rows.append(("start of the viewer", f"{time.perf_counter() - began:.2f} s"))
     with sync_playwright() as playwright, Throttle(viewer.port, 8e6, 0.02) as slow:
         chromium = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=flags)
@@ -340,9 +318,7 @@ def pixels(text: str) -> tuple[int, ...]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", default="auto")
     parser.add_argument("--particles", type=int, default=25_000)
     parser.add_argument("--size", default="1280x720", type=pixels)
@@ -368,9 +344,7 @@ def main() -> None:
         print(f"{part:{wide[0]}}  {what:{wide[1]}}  {value}")
     if options.output:
         os.makedirs(options.output, exist_ok=True)
-        with open(
-            os.path.join(options.output, "viewer.csv"), "w", encoding="utf-8", newline=""
-        ) as file:
+        with open(os.path.join(options.output, "viewer.csv"), "w", encoding="utf-8", newline="") as file:
             csv.writer(file).writerows([("part", "what", "value"), *table])
 
 

@@ -23,13 +23,7 @@ from globule.viewer.state import State
 from .socket_sink import SocketSink
 
 N_TURNS = 240
-FLAGS = [
-    "--headless=new",
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--incognito",
-]
+FLAGS = ["--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--incognito"]
 
 
 class Memory:

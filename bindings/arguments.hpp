@@ -16,16 +16,15 @@ namespace globule::core {
 namespace nb = nanobind;
 
 using Address = std::uintptr_t;
-template <class T>
-T* at(Address a) { return reinterpret_cast<T*>(a); }
+template <class T> T* at(Address a) { return reinterpret_cast<T*>(a); }
 
 /// (address, device, stream) as in base/device.hpp; address 0 stands for an absent array.
 using Array = std::tuple<Address, int, std::uintptr_t>;
-template <class T = const float>
-ArrayAt<T> array(const Array& a) { return {at<T>(std::get<0>(a)), std::get<1>(a), std::get<2>(a)}; }
+template <class T = const float> ArrayAt<T> array(const Array& a) {
+    return {at<T>(std::get<0>(a)), std::get<1>(a), std::get<2>(a)};
+}
 
-template <class T>
-T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
+template <class T> T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
 
 /// For tests: every poll asks and is counted, and one acts as Ctrl-C does (stop_at_poll in _core.pyi).
 struct Counted {
@@ -64,19 +63,15 @@ inline void stop_at_poll(std::optional<std::uint64_t> poll) {
 }
 
 /// Runs without the GIL.
-template <class Fn>
-decltype(auto) work(const Fn& fn) {
+template <class Fn> decltype(auto) work(const Fn& fn) {
     try {
         nb::gil_scoped_release release;
         return fn();
-    } catch (const Error& e) {
-        raise(e);
-    }
+    } catch (const Error& e) { raise(e); }
 }
 
 /// Calls an entry of a handle without the GIL.
-template <auto Method, class O, class... A>
-auto call(const Handle<O>& object, const A&... arguments) {
+template <auto Method, class O, class... A> auto call(const Handle<O>& object, const A&... arguments) {
     return work([&] { return object.template call<Method>(arguments...); });
 }
 

@@ -35,7 +35,8 @@ nb::ndarray<nb::numpy, T> read_image(PyFrame& f, std::size_t height, std::size_t
     const std::size_t bytes = height * width * channels * sizeof(T);
     const BackendApi& backend = f.core.backend();
     void* pinned = backend.take_pinned(bytes);
-    std::unique_ptr<Room> room(pinned ? new Room{&backend, pinned, bytes} : new Room{nullptr, std::malloc(bytes), bytes});
+    std::unique_ptr<Room> room(
+        pinned ? new Room{&backend, pinned, bytes} : new Room{nullptr, std::malloc(bytes), bytes});
     if (!room->data) throw std::bad_alloc();
     work([&] { f.core.read<&Frame::read>(image, ArrayAt<void>{room->data, pinned ? kPinned : kHost}); });
     T* data = static_cast<T*>(room->data);
@@ -62,7 +63,7 @@ nb::tuple dlpack_view(nb::ndarray<nb::ro> a) {
         strides.append(a.stride(i));
     }
     return nb::make_tuple(Address(a.data()), nb::tuple(shape), nb::tuple(strides), int(a.dtype().code),
-                          int(a.dtype().bits), a.device_type(), a.device_id(), nb::cast(a));
+        int(a.dtype().bits), a.device_type(), a.device_id(), nb::cast(a));
 }
 
 }  // namespace
@@ -99,24 +100,32 @@ NB_MODULE(_core, m) {
     m.def("let_wait", [](int device, std::uintptr_t stream) {
         work([&] { check_status(open_backend("cuda").let_wait(device, stream)); });
     });
-    m.def("gpu_array", [](Address data, const std::vector<std::size_t>& shape, int code, int bits, int device, nb::object owner) {
-        const nb::dlpack::dtype dtype{std::uint8_t(code), std::uint8_t(bits), 1};
-        return nb::ndarray<>(at<void>(data), shape.size(), shape.data(), owner, nullptr, dtype, nb::device::cuda::value, device);
-    });
+    m.def("gpu_array",
+        [](Address data, const std::vector<std::size_t>& shape, int code, int bits, int device, nb::object owner) {
+            const nb::dlpack::dtype dtype{std::uint8_t(code), std::uint8_t(bits), 1};
+            return nb::ndarray<>(
+                at<void>(data), shape.size(), shape.data(), owner, nullptr, dtype, nb::device::cuda::value, device);
+        });
     m.def("oracle_field", [](std::size_t n, Address positions, Address matrices, Address weight, int kernel,
-                             std::size_t m, Address points, Address value, Address gradient) {
-        work([&] { oracle::field({n, at<float>(positions), at<double>(matrices), at<double>(weight), {KernelName(kernel)}},
-                                 m, at<double>(points), at<double>(value), at<double>(gradient)); });
+                              std::size_t m, Address points, Address value, Address gradient) {
+        work([&] {
+            oracle::field({n, at<float>(positions), at<double>(matrices), at<double>(weight), {KernelName(kernel)}}, m,
+                at<double>(points), at<double>(value), at<double>(gradient));
+        });
     });
     m.def("oracle_first_hit", [](std::size_t n, Address positions, Address matrices, Address weight, int kernel,
-                                 double tau, std::size_t m, Address origins, Address directions, Address t) {
-        work([&] { oracle::first_hit({n, at<float>(positions), at<double>(matrices), at<double>(weight), {KernelName(kernel)}},
-                                     tau, m, at<float>(origins), at<float>(directions), at<double>(t)); });
+                                  double tau, std::size_t m, Address origins, Address directions, Address t) {
+        work([&] {
+            oracle::first_hit({n, at<float>(positions), at<double>(matrices), at<double>(weight), {KernelName(kernel)}},
+                tau, m, at<float>(origins), at<float>(directions), at<double>(t));
+        });
     });
-    m.def("oracle_mesh_first_hit", [](Address vertices, std::size_t n, Address faces, std::size_t m, Address origins, Address directions, Address t,
-                                      Address face, Address edge) {
-        work([&] { oracle::mesh_first_hit(at<float>(vertices), n, at<std::uint32_t>(faces), m, at<float>(origins), at<float>(directions), at<double>(t),
-                                          at<std::uint32_t>(face), at<double>(edge)); });
+    m.def("oracle_mesh_first_hit", [](Address vertices, std::size_t n, Address faces, std::size_t m, Address origins,
+                                       Address directions, Address t, Address face, Address edge) {
+        work([&] {
+            oracle::mesh_first_hit(at<float>(vertices), n, at<std::uint32_t>(faces), m, at<float>(origins),
+                at<float>(directions), at<double>(t), at<std::uint32_t>(face), at<double>(edge));
+        });
     });
     m.def("morton", [](int bits, const std::string& what, std::vector<std::uint64_t> args) -> nb::object {
         auto run = [&]<class Key>(Key) -> nb::object {
@@ -154,150 +163,189 @@ NB_MODULE(_core, m) {
         .def("trace_seconds", [](PyFrame& f) { return work([&] { return f.core.read<&Frame::trace_seconds>(); }); });
 
     nb::class_<PyScene>(m, "Scene")
-        .def("__init__", [](PyScene* self, const std::string& backend, int index, int threads) {
-            new (self) PyScene{work([&] { return make_scene(open_backend(backend), index, threads, &poll_signals); })};
-        })
-        .def("build", [](PyScene& s, std::size_t n, Array positions, Array support, float one_support, Array weight,
-                         float one_weight, Array color, std::vector<float> one_color, Array reflection, float one_reflection,
-                         Array refraction, float one_refraction, Array stretch, float most_stretch, float spacing, int key_bits, int depth, bool dense, std::vector<float> space,
-                         bool given_up) {
-            TreeRequest request{key_bits, depth, dense, !space.empty(), {}, {}};
-            if (!space.empty()) {
-                request.lo = {space.at(0), space.at(1), space.at(2)};
-                request.hi = {space.at(3), space.at(4), space.at(5)};
-            }
-            work([&] {
-                Arrays all(s.core.device());
-                auto held = std::make_shared<Arrays>(s.core.device());
-                const SceneArrays arrays{n, all.reach("positions", array(positions), 3 * n), all.reach("support", array(support), n),
-                                         all.reach("weight", array(weight), n), held->reach("color", array(color), 3 * n),
-                                         held->reach("reflection", array(reflection), n), held->reach("refraction", array(refraction), n),
-                                         all.reach("anisotropy", array(stretch), 6 * n), most_stretch, one_support, one_weight, spacing, vec(one_color),
-                                         one_reflection, one_refraction, given_up};
-                s.core.call<&Scene::build>(arrays, request);
-                s.held = std::move(held);
-            });
-        })
-        .def("build_mesh", [](PyScene& s, std::size_t n_vertices, Array vertices, std::size_t n_faces, Array faces, Array places, Array corners, Array begins,
-                              std::size_t n_places, float smooth_cosine, Array color, bool color_of_faces, std::vector<float> one_color, bool closed,
-                              bool capsules, Array radius, float one_radius) {
-            work([&] {
-                Arrays all(s.core.device());
-                auto held = std::make_shared<Arrays>(s.core.device());
-                const MeshArrays arrays{n_vertices, n_faces, all.reach("vertices", array(vertices), 3 * n_vertices),
-                                        held->reach("faces", array<const std::uint32_t>(faces), (capsules ? 2 : 3) * n_faces),
-                                        array<const std::uint32_t>(places), array<const std::uint32_t>(corners), array<const std::uint32_t>(begins),
-                                        n_places, smooth_cosine, held->reach("color", array(color), 3 * (color_of_faces ? n_faces : n_vertices)), color_of_faces,
-                                        vec(one_color), closed, capsules, all.reach("radius", array(radius), n_faces), one_radius};
-                s.core.call<&Scene::build_mesh>(arrays);
-                s.held = std::move(held);
-            });
-        })
-        .def("place_mesh", [](PyScene& s, const std::vector<float>& rows) {
-            call<&Scene::place_mesh>(s.core, Pose{{rows.at(0), rows.at(1), rows.at(2)}, {rows.at(4), rows.at(5), rows.at(6)},
-                                                  {rows.at(8), rows.at(9), rows.at(10)}, {rows.at(3), rows.at(7), rows.at(11)}});
-        })
-        .def("intersect_mesh", [](PyScene& s, std::size_t n, Array origins, Array directions, Address t, Address normal, Address face) {
-            work([&] {
-                Arrays all(s.core.device());
-                s.core.call<&Scene::intersect_mesh>(n, all.reach("origins", array(origins), 3 * n), all.reach("directions", array(directions), 3 * n),
-                                                    at<float>(t), at<float>(normal), at<std::uint32_t>(face));
-            });
-        })
-        .def("facts", [](PyScene& s, bool with_hashes) {
-            const TreeFacts f = call<&Scene::facts>(s.core, with_hashes);
-            nb::dict d;
-            d["n_nodes"] = f.n_nodes;
-            d["n_leaves"] = f.n_leaves;
-            d["n_inside"] = f.n_inside;
-            d["depth"] = f.header.depth;
-            d["deepest"] = f.header.deepest;
-            d["bytes"] = f.bytes;
-            d["key_hash"] = f.key_hash;
-            d["node_hash"] = f.node_hash;
-            d["build_seconds"] = f.build_seconds;
-            d["lo"] = nb::make_tuple(f.header.space.lo.x, f.header.space.lo.y, f.header.space.lo.z);
-            d["extent"] = f.header.space.extent;
-            return d;
-        })
-        .def("spacing", [](PyScene& s, Address positions, std::size_t n, bool smooth) {
-            return work([&] { return measured_spacing(s.core, Gates({s.core.gate().get()}), at<const float>(positions), n, smooth); });
-        })
-        .def("beside", [](PyScene& s, int which) {
-            return PyScene{Handle<Scene>(s.core.backend(), {s.core.object(), call<&Scene::beside>(s.core, which)}, s.core.gate())};
-        })
-        .def("sorted", [](PyScene& s, Address keys, Address index) {
-            call<&Scene::sorted>(s.core, at<std::uint64_t>(keys), at<std::uint32_t>(index));
-        })
-        .def("surface_kernels", [](PyScene& s, Address stretch, Address weight) {
-            call<&Scene::surface_kernels>(s.core, at<float>(stretch), at<float>(weight));
-        })
-        .def("render", [](PyScene&, const std::vector<Layer>& layers, const CameraRays& view, const Look& look,
-                          const ThesisRequest* thesis, int passes, const PyFrame* before) {
-            const PictureRequest request = picture(layers, view, look, thesis, passes);
-            std::vector<Handle<Scene>> scenes;
-            for (const Layer& layer : layers) scenes.push_back(std::get<0>(layer)->core);
-            return PyFrame{work([&] { return render(scenes, request, before ? before->core : Handle<Frame>()); })};
-        }, nb::arg("layers"), nb::arg("view"), nb::arg("look"), nb::arg("thesis").none(), nb::arg("passes"), nb::arg("before").none())
-        .def("intersect", [](PyScene& s, int kernel, float threshold, const ThesisRequest* thesis, std::size_t n, Array origins, Array directions,
-                             Address t, Address normal, Address albedo) {
-            work([&] {
-                Arrays all(s.core.device());
-                s.core.call<&Scene::intersect>(field_of(kernel, threshold, thesis), n, all.reach("origins", array(origins), 3 * n),
-                                               all.reach("directions", array(directions), 3 * n), at<float>(t), at<float>(normal), at<float>(albedo));
-            });
-        }, nb::arg("kernel"), nb::arg("threshold"), nb::arg("thesis").none(), nb::arg("n"), nb::arg("origins"), nb::arg("directions"), nb::arg("t"),
-           nb::arg("normal"), nb::arg("albedo"))
-        .def("march_parts", [](PyScene& s, int kernel, float threshold, const std::vector<Clip*>& clips, std::size_t n, Address ray, Address from, Address to,
-                               Address side, Address t, Address cap, Address looks) {
-            work([&] {
-                s.core.call<&Scene::march_parts>(field_of(kernel, threshold), copies(clips), RayParts{n, at<float>(ray), at<float>(from), at<float>(to), at<std::int8_t>(side)},
-                                                 at<float>(t), at<std::int32_t>(cap), at<float>(looks));
-            });
-        })
-        .def("occlude_parts", [](PyScene& s, int kernel, float threshold, const std::vector<Clip*>& clips, const Material& material, std::size_t n, Address ray,
-                                 Address from, Address to, Address side, Address distance, Address left, Address on, Address crossings, Address test) {
-            work([&] {
-                s.core.call<&Scene::occlude_parts>(field_of(kernel, threshold), copies(clips), material,
-                                                   RayParts{n, at<float>(ray), at<float>(from), at<float>(to), at<std::int8_t>(side)},
-                                                   ShadowParts{at<float>(distance), at<float>(left), at<float>(on), at<std::int32_t>(crossings),
-                                                               at<std::int8_t>(test)});
-            });
-        })
-        .def("evaluate", [](PyScene& s, int kernel, std::size_t n, Array points, Address value, Address gradient) {
-            work([&] {
-                Arrays all(s.core.device());
-                s.core.call<&Scene::evaluate>(field_of(kernel), n, all.reach("points", array(points), 3 * n), at<float>(value), at<float>(gradient));
-            });
-        })
-        .def("blend", [](PyScene& s, int kernel, std::size_t n, Array points, Array values, std::size_t n_rows, int channels, Address out) {
-            work([&] {
-                Arrays all(s.core.device());
-                s.core.call<&Scene::blend>(field_of(kernel), n, all.reach("points", array(points), 3 * n),
-                                           all.reach("values", array(values), n_rows * channels), n_rows, channels, at<float>(out));
-            });
-        })
-        .def("integrate", [](PyScene& s, int kernel, std::size_t n, Array origins, Array directions, Array values, std::size_t n_rows,
-                             int channels, Address out) {
-            work([&] {
-                Arrays all(s.core.device());
-                s.core.call<&Scene::integrate>(field_of(kernel), n, all.reach("origins", array(origins), 3 * n),
-                                               all.reach("directions", array(directions), 3 * n),
-                                               all.reach("values", array(values), n_rows * channels), n_rows, channels, at<float>(out));
-            });
-        })
-        .def("neighbors", [](PyScene& s, std::size_t n, Array points, float radius) {
-            auto* found = new Neighbors(work([&] {
-                Arrays all(s.core.device());
-                return s.core.call<&Scene::neighbors>(n, all.reach("points", array(points), 3 * n), radius);
-            }));
-            nb::capsule owner(found, [](void* p) noexcept { delete static_cast<Neighbors*>(p); });
-            return nb::make_tuple(
-                nb::ndarray<nb::numpy, std::uint64_t>(found->offsets.data(), {found->offsets.size()}, owner),
-                nb::ndarray<nb::numpy, std::uint32_t>(found->indices.data(), {found->indices.size()}, owner));
-        })
+        .def("__init__",
+            [](PyScene* self, const std::string& backend, int index, int threads) {
+                new (self)
+                    PyScene{work([&] { return make_scene(open_backend(backend), index, threads, &poll_signals); })};
+            })
+        .def("build",
+            [](PyScene& s, std::size_t n, Array positions, Array support, float one_support, Array weight,
+                float one_weight, Array color, std::vector<float> one_color, Array reflection, float one_reflection,
+                Array refraction, float one_refraction, Array stretch, float most_stretch, float spacing, int key_bits,
+                int depth, bool dense, std::vector<float> space, bool given_up) {
+                TreeRequest request{key_bits, depth, dense, !space.empty(), {}, {}};
+                if (!space.empty()) {
+                    request.lo = {space.at(0), space.at(1), space.at(2)};
+                    request.hi = {space.at(3), space.at(4), space.at(5)};
+                }
+                work([&] {
+                    Arrays all(s.core.device());
+                    auto held = std::make_shared<Arrays>(s.core.device());
+                    const SceneArrays arrays{n, all.reach("positions", array(positions), 3 * n),
+                        all.reach("support", array(support), n), all.reach("weight", array(weight), n),
+                        held->reach("color", array(color), 3 * n), held->reach("reflection", array(reflection), n),
+                        held->reach("refraction", array(refraction), n), all.reach("anisotropy", array(stretch), 6 * n),
+                        most_stretch, one_support, one_weight, spacing, vec(one_color), one_reflection, one_refraction,
+                        given_up};
+                    s.core.call<&Scene::build>(arrays, request);
+                    s.held = std::move(held);
+                });
+            })
+        .def("build_mesh",
+            [](PyScene& s, std::size_t n_vertices, Array vertices, std::size_t n_faces, Array faces, Array places,
+                Array corners, Array begins, std::size_t n_places, float smooth_cosine, Array color,
+                bool color_of_faces, std::vector<float> one_color, bool closed, bool capsules, Array radius,
+                float one_radius) {
+                work([&] {
+                    Arrays all(s.core.device());
+                    auto held = std::make_shared<Arrays>(s.core.device());
+                    const MeshArrays arrays{n_vertices, n_faces, all.reach("vertices", array(vertices), 3 * n_vertices),
+                        held->reach("faces", array<const std::uint32_t>(faces), (capsules ? 2 : 3) * n_faces),
+                        array<const std::uint32_t>(places), array<const std::uint32_t>(corners),
+                        array<const std::uint32_t>(begins), n_places, smooth_cosine,
+                        held->reach("color", array(color), 3 * (color_of_faces ? n_faces : n_vertices)), color_of_faces,
+                        vec(one_color), closed, capsules, all.reach("radius", array(radius), n_faces), one_radius};
+                    s.core.call<&Scene::build_mesh>(arrays);
+                    s.held = std::move(held);
+                });
+            })
+        .def("place_mesh",
+            [](PyScene& s, const std::vector<float>& rows) {
+                call<&Scene::place_mesh>(
+                    s.core, Pose{{rows.at(0), rows.at(1), rows.at(2)}, {rows.at(4), rows.at(5), rows.at(6)},
+                                {rows.at(8), rows.at(9), rows.at(10)}, {rows.at(3), rows.at(7), rows.at(11)}});
+            })
+        .def("intersect_mesh",
+            [](PyScene& s, std::size_t n, Array origins, Array directions, Address t, Address normal, Address face) {
+                work([&] {
+                    Arrays all(s.core.device());
+                    s.core.call<&Scene::intersect_mesh>(n, all.reach("origins", array(origins), 3 * n),
+                        all.reach("directions", array(directions), 3 * n), at<float>(t), at<float>(normal),
+                        at<std::uint32_t>(face));
+                });
+            })
+        .def("facts",
+            [](PyScene& s, bool with_hashes) {
+                const TreeFacts f = call<&Scene::facts>(s.core, with_hashes);
+                nb::dict d;
+                d["n_nodes"] = f.n_nodes;
+                d["n_leaves"] = f.n_leaves;
+                d["n_inside"] = f.n_inside;
+                d["depth"] = f.header.depth;
+                d["deepest"] = f.header.deepest;
+                d["bytes"] = f.bytes;
+                d["key_hash"] = f.key_hash;
+                d["node_hash"] = f.node_hash;
+                d["build_seconds"] = f.build_seconds;
+                d["lo"] = nb::make_tuple(f.header.space.lo.x, f.header.space.lo.y, f.header.space.lo.z);
+                d["extent"] = f.header.space.extent;
+                return d;
+            })
+        .def("spacing",
+            [](PyScene& s, Address positions, std::size_t n, bool smooth) {
+                return work([&] {
+                    return measured_spacing(
+                        s.core, Gates({s.core.gate().get()}), at<const float>(positions), n, smooth);
+                });
+            })
+        .def("beside",
+            [](PyScene& s, int which) {
+                return PyScene{Handle<Scene>(
+                    s.core.backend(), {s.core.object(), call<&Scene::beside>(s.core, which)}, s.core.gate())};
+            })
+        .def("sorted",
+            [](PyScene& s, Address keys, Address index) {
+                call<&Scene::sorted>(s.core, at<std::uint64_t>(keys), at<std::uint32_t>(index));
+            })
+        .def("surface_kernels",
+            [](PyScene& s, Address stretch, Address weight) {
+                call<&Scene::surface_kernels>(s.core, at<float>(stretch), at<float>(weight));
+            })
+        .def(
+            "render",
+            [](PyScene&, const std::vector<Layer>& layers, const CameraRays& view, const Look& look,
+                const ThesisRequest* thesis, int passes, const PyFrame* before) {
+                const PictureRequest request = picture(layers, view, look, thesis, passes);
+                std::vector<Handle<Scene>> scenes;
+                for (const Layer& layer : layers) scenes.push_back(std::get<0>(layer)->core);
+                return PyFrame{work([&] { return render(scenes, request, before ? before->core : Handle<Frame>()); })};
+            },
+            nb::arg("layers"), nb::arg("view"), nb::arg("look"), nb::arg("thesis").none(), nb::arg("passes"),
+            nb::arg("before").none())
+        .def(
+            "intersect",
+            [](PyScene& s, int kernel, float threshold, const ThesisRequest* thesis, std::size_t n, Array origins,
+                Array directions, Address t, Address normal, Address albedo) {
+                work([&] {
+                    Arrays all(s.core.device());
+                    s.core.call<&Scene::intersect>(field_of(kernel, threshold, thesis), n,
+                        all.reach("origins", array(origins), 3 * n), all.reach("directions", array(directions), 3 * n),
+                        at<float>(t), at<float>(normal), at<float>(albedo));
+                });
+            },
+            nb::arg("kernel"), nb::arg("threshold"), nb::arg("thesis").none(), nb::arg("n"), nb::arg("origins"),
+            nb::arg("directions"), nb::arg("t"), nb::arg("normal"), nb::arg("albedo"))
+        .def("march_parts",
+            [](PyScene& s, int kernel, float threshold, const std::vector<Clip*>& clips, std::size_t n, Address ray,
+                Address from, Address to, Address side, Address t, Address cap, Address looks) {
+                work([&] {
+                    s.core.call<&Scene::march_parts>(field_of(kernel, threshold), copies(clips),
+                        RayParts{n, at<float>(ray), at<float>(from), at<float>(to), at<std::int8_t>(side)},
+                        at<float>(t), at<std::int32_t>(cap), at<float>(looks));
+                });
+            })
+        .def("occlude_parts",
+            [](PyScene& s, int kernel, float threshold, const std::vector<Clip*>& clips, const Material& material,
+                std::size_t n, Address ray, Address from, Address to, Address side, Address distance, Address left,
+                Address on, Address crossings, Address test) {
+                work([&] {
+                    s.core.call<&Scene::occlude_parts>(field_of(kernel, threshold), copies(clips), material,
+                        RayParts{n, at<float>(ray), at<float>(from), at<float>(to), at<std::int8_t>(side)},
+                        ShadowParts{at<float>(distance), at<float>(left), at<float>(on), at<std::int32_t>(crossings),
+                            at<std::int8_t>(test)});
+                });
+            })
+        .def("evaluate",
+            [](PyScene& s, int kernel, std::size_t n, Array points, Address value, Address gradient) {
+                work([&] {
+                    Arrays all(s.core.device());
+                    s.core.call<&Scene::evaluate>(field_of(kernel), n, all.reach("points", array(points), 3 * n),
+                        at<float>(value), at<float>(gradient));
+                });
+            })
+        .def("blend",
+            [](PyScene& s, int kernel, std::size_t n, Array points, Array values, std::size_t n_rows, int channels,
+                Address out) {
+                work([&] {
+                    Arrays all(s.core.device());
+                    s.core.call<&Scene::blend>(field_of(kernel), n, all.reach("points", array(points), 3 * n),
+                        all.reach("values", array(values), n_rows * channels), n_rows, channels, at<float>(out));
+                });
+            })
+        .def("integrate",
+            [](PyScene& s, int kernel, std::size_t n, Array origins, Array directions, Array values, std::size_t n_rows,
+                int channels, Address out) {
+                work([&] {
+                    Arrays all(s.core.device());
+                    s.core.call<&Scene::integrate>(field_of(kernel), n, all.reach("origins", array(origins), 3 * n),
+                        all.reach("directions", array(directions), 3 * n),
+                        all.reach("values", array(values), n_rows * channels), n_rows, channels, at<float>(out));
+                });
+            })
+        .def("neighbors",
+            [](PyScene& s, std::size_t n, Array points, float radius) {
+                auto* found = new Neighbors(work([&] {
+                    Arrays all(s.core.device());
+                    return s.core.call<&Scene::neighbors>(n, all.reach("points", array(points), 3 * n), radius);
+                }));
+                nb::capsule owner(found, [](void* p) noexcept { delete static_cast<Neighbors*>(p); });
+                return nb::make_tuple(
+                    nb::ndarray<nb::numpy, std::uint64_t>(found->offsets.data(), {found->offsets.size()}, owner),
+                    nb::ndarray<nb::numpy, std::uint32_t>(found->indices.data(), {found->indices.size()}, owner));
+            })
         .def("synchronize", [](PyScene& s) { call<&Scene::synchronize>(s.core); })
         .def("cancel", [](PyScene& s) { s.core.object()->cancel(); })
-        .def("thesis_work", [](PyScene& s, std::size_t n, Address out) { call<&Scene::thesis_work>(s.core, n, at<ThesisWork>(out)); });
+        .def("thesis_work",
+            [](PyScene& s, std::size_t n, Address out) { call<&Scene::thesis_work>(s.core, n, at<ThesisWork>(out)); });
     bind_simulation(m);
 }

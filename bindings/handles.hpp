@@ -4,9 +4,7 @@
 
 namespace globule::core {
 
-struct PyFrame {
-    Handle<Frame> core;
-};
+struct PyFrame { Handle<Frame> core; };
 struct PyScene {
     Handle<Scene> core;
     std::shared_ptr<Arrays> held;  ///< copies of attributes that pictures read until the next build

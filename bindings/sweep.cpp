@@ -18,8 +18,7 @@ struct PyReconstructor {
     ScalarType type = ScalarType::u8;
 
     /// Calls a method of the grid for frames of the present type.
-    template <auto Method, class... A>
-    auto grid(const A&... arguments) const {
+    template <auto Method, class... A> auto grid(const A&... arguments) const {
         return work([&] {
             const Gates inside({core.gate().get()});
             SweepGrid* grid = core.call_inside<&Reconstructor::grid>(inside, type);
@@ -34,10 +33,12 @@ struct Frames {
     Arrays arrays;
     FramesView view;
 
-    Frames(const PyReconstructor& s, const Array& values, Address poses, Address mask, int n, int height, int width, std::uint32_t first_order)
+    Frames(const PyReconstructor& s, const Array& values, Address poses, Address mask, int n, int height, int width,
+        std::uint32_t first_order)
         : arrays(s.core.device()) {
         const std::size_t item = s.type == ScalarType::u8 ? 1 : s.type == ScalarType::u16 ? 2 : 4;
-        const AnyArray reached = work([&] { return arrays.reach_bytes("frames", array<const void>(values), item * n * height * width); });
+        const AnyArray reached =
+            work([&] { return arrays.reach_bytes("frames", array<const void>(values), item * n * height * width); });
         view = {reached, at<const std::int64_t>(poses), at<const std::uint8_t>(mask), n, height, width, first_order};
     }
 };
@@ -66,7 +67,8 @@ nb::tuple plus(PyReconstructor& self, const nb::dict& d, const nb::list& fillers
     r.accumulator = at<std::uint16_t>(item<Address>(d, "accumulator"));
     r.origin = at<std::uint8_t>(item<Address>(d, "origin"));
     for (nb::handle h : fillers) {
-        auto [type, length, n_sticks, ratio, weights] = nb::cast<std::tuple<int, int, int, float, std::vector<float>>>(h);
+        auto [type, length, n_sticks, ratio, weights] =
+            nb::cast<std::tuple<int, int, int, float, std::vector<float>>>(h);
         r.fillers.push_back({type, length, n_sticks, ratio, std::move(weights)});
     }
     work([&] {
@@ -80,11 +82,11 @@ nb::tuple plus(PyReconstructor& self, const nb::dict& d, const nb::list& fillers
 
 using Three = std::array<int, 3>;  ///< along x, y, z
 
-void oracle_sweep(const std::string& method, Address values, Address poses, Address mask, const std::vector<int>& frames,
-                  const std::vector<int>& size, bool whole, int compounding, int reach, bool printed, Address out, Address radius,
-                  Address distance) {
-    const oracle::SweepInput in{frames.at(0), frames.at(1), frames.at(2), at<const double>(values), at<const std::int64_t>(poses),
-                                at<const std::uint8_t>(mask), {size.at(0), size.at(1), size.at(2)}, whole};
+void oracle_sweep(const std::string& method, Address values, Address poses, Address mask,
+    const std::vector<int>& frames, const std::vector<int>& size, bool whole, int compounding, int reach, bool printed,
+    Address out, Address radius, Address distance) {
+    const oracle::SweepInput in{frames.at(0), frames.at(1), frames.at(2), at<const double>(values),
+        at<const std::int64_t>(poses), at<const std::uint8_t>(mask), {size.at(0), size.at(1), size.at(2)}, whole};
     work([&] {
         if (method == "vvn" || method == "vvn-om") {
             oracle::gather(in, reach, printed, at<double>(out), at<std::uint8_t>(radius));
@@ -102,52 +104,61 @@ void oracle_sweep(const std::string& method, Address values, Address poses, Addr
 void bind_sweep(nb::module_& m) {
     m.def("oracle_sweep", &oracle_sweep);
     nb::class_<PyReconstructor>(m, "Reconstructor")
-        .def("__init__", [](PyReconstructor* self, const std::string& backend, int index, int threads) {
-            new (self) PyReconstructor{work([&] { return make_reconstructor(open_backend(backend), index, threads, &poll_signals); })};
-        })
-        .def("start", [](PyReconstructor& s, int type, int compounding, bool wide, double scale, int nx, int ny, int nz) {
-            s.type = ScalarType(type);
-            s.grid<&SweepGrid::start>(GridRequest{s.type, compounding, wide, scale, {nx, ny, nz}});
-        })
-        .def("grow", [](PyReconstructor& s, Three size, Three shift) { s.grid<&SweepGrid::grow>(size.data(), shift.data()); })
-        .def("add", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, std::uint32_t order, int sign) {
-            s.grid<&SweepGrid::add>(Frames(s, values, poses, mask, n, h, w, order).view, sign);
-        })
-        .def("median", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w) {
-            s.grid<&SweepGrid::median>(Frames(s, values, poses, mask, n, h, w, 0).view);
-        })
-        .def("bezier", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w) {
-            s.grid<&SweepGrid::bezier>(Frames(s, values, poses, mask, n, h, w, 0).view);
-        })
-        .def("fill", [](PyReconstructor& s, int method, Array values, Address poses, Address mask, int n, int h, int w, int reach,
-                        Address weights, int kind, Address out, Address radius, bool extrapolate, double max_gap, Address spread, Address contrast) {
-            s.grid<&SweepGrid::fill>(FillMethod(method), Frames(s, values, poses, mask, n, h, w, 0).view,
-                                     FillRequest{reach, at<const std::uint32_t>(weights), kind, at<void>(out), at<std::uint8_t>(radius), extrapolate, max_gap,
-                                                 at<float>(spread), at<float>(contrast)});
-        })
-        .def("filled", [](PyReconstructor& s) {
-            const DenseArrays a = s.grid<&SweepGrid::filled>();
-            return nb::make_tuple(reinterpret_cast<Address>(a.values), reinterpret_cast<Address>(a.radius));
-        })
-        .def("read_filled", [](PyReconstructor& s, Three first, Three size, Address values, Address radius) {
-            s.grid<&SweepGrid::read_filled>(first.data(), size.data(), DenseArrays{at<void>(values), at<std::uint8_t>(radius)});
-        })
-        .def("count_map", [](PyReconstructor& s, Address out) { s.grid<&SweepGrid::count_map>(at<std::uint32_t>(out)); })
-        .def("variance_map", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, Address out) {
-            s.grid<&SweepGrid::variance_map>(Frames(s, values, poses, mask, n, h, w, 0).view, at<float>(out));
-        })
-        .def("source_map", [](PyReconstructor& s, std::uint32_t pixels, Address out) {
-            s.grid<&SweepGrid::source_map>(pixels, at<std::int32_t>(out));
-        })
-        .def("facts", [](PyReconstructor& s) {
-            const VolumeFacts f = s.grid<&SweepGrid::facts>();
-            nb::dict d;
-            d["n_blocks"] = f.n_blocks;
-            d["bytes"] = f.bytes;
-            d["bin_seconds"] = f.bin_seconds;
-            d["fill_seconds"] = f.fill_seconds;
-            return d;
-        })
+        .def("__init__",
+            [](PyReconstructor* self, const std::string& backend, int index, int threads) {
+                new (self) PyReconstructor{
+                    work([&] { return make_reconstructor(open_backend(backend), index, threads, &poll_signals); })};
+            })
+        .def("start",
+            [](PyReconstructor& s, int type, int compounding, bool wide, double scale, int nx, int ny, int nz) {
+                s.type = ScalarType(type);
+                s.grid<&SweepGrid::start>(GridRequest{s.type, compounding, wide, scale, {nx, ny, nz}});
+            })
+        .def("grow",
+            [](PyReconstructor& s, Three size, Three shift) { s.grid<&SweepGrid::grow>(size.data(), shift.data()); })
+        .def("add",
+            [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, std::uint32_t order,
+                int sign) { s.grid<&SweepGrid::add>(Frames(s, values, poses, mask, n, h, w, order).view, sign); })
+        .def("median", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h,
+                           int w) { s.grid<&SweepGrid::median>(Frames(s, values, poses, mask, n, h, w, 0).view); })
+        .def("bezier", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h,
+                           int w) { s.grid<&SweepGrid::bezier>(Frames(s, values, poses, mask, n, h, w, 0).view); })
+        .def("fill",
+            [](PyReconstructor& s, int method, Array values, Address poses, Address mask, int n, int h, int w,
+                int reach, Address weights, int kind, Address out, Address radius, bool extrapolate, double max_gap,
+                Address spread, Address contrast) {
+                s.grid<&SweepGrid::fill>(FillMethod(method), Frames(s, values, poses, mask, n, h, w, 0).view,
+                    FillRequest{reach, at<const std::uint32_t>(weights), kind, at<void>(out), at<std::uint8_t>(radius),
+                        extrapolate, max_gap, at<float>(spread), at<float>(contrast)});
+            })
+        .def("filled",
+            [](PyReconstructor& s) {
+                const DenseArrays a = s.grid<&SweepGrid::filled>();
+                return nb::make_tuple(reinterpret_cast<Address>(a.values), reinterpret_cast<Address>(a.radius));
+            })
+        .def("read_filled",
+            [](PyReconstructor& s, Three first, Three size, Address values, Address radius) {
+                s.grid<&SweepGrid::read_filled>(
+                    first.data(), size.data(), DenseArrays{at<void>(values), at<std::uint8_t>(radius)});
+            })
+        .def(
+            "count_map", [](PyReconstructor& s, Address out) { s.grid<&SweepGrid::count_map>(at<std::uint32_t>(out)); })
+        .def("variance_map",
+            [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, Address out) {
+                s.grid<&SweepGrid::variance_map>(Frames(s, values, poses, mask, n, h, w, 0).view, at<float>(out));
+            })
+        .def("source_map", [](PyReconstructor& s, std::uint32_t pixels,
+                               Address out) { s.grid<&SweepGrid::source_map>(pixels, at<std::int32_t>(out)); })
+        .def("facts",
+            [](PyReconstructor& s) {
+                const VolumeFacts f = s.grid<&SweepGrid::facts>();
+                nb::dict d;
+                d["n_blocks"] = f.n_blocks;
+                d["bytes"] = f.bytes;
+                d["bin_seconds"] = f.bin_seconds;
+                d["fill_seconds"] = f.fill_seconds;
+                return d;
+            })
         .def("free_bytes", [](PyReconstructor& s) { return call<&Reconstructor::free_bytes>(s.core); })
         .def("plus", &plus);
 }

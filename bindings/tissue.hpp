@@ -2,6 +2,4 @@
 #pragma once
 #include "api/guard.hpp"
 
-struct PyTissue {
-    globule::core::Handle<globule::core::Tissue> core;
-};
+struct PyTissue { globule::core::Handle<globule::core::Tissue> core; };

@@ -13,7 +13,7 @@ EXAMPLES = sorted((DOCS.parent / "examples").glob("[0-9][0-9]_*.py"))
 
 
 def pack(source: Path, target: Path, largest: int = LARGEST) -> None:
-    """Copy a PNG, with fewer colours where it would be large."""
+    """Copy a PNG, with fewer colors where it would be large."""
     picture = Image.open(source).convert("RGB")
     for n_colors in (None, 256, 128, 64, 32):
         kept = picture.quantize(n_colors, kmeans=3) if n_colors else picture

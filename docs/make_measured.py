@@ -50,11 +50,7 @@ TABLES = {
     ),
     "speed on a CPU": Table(
         "speed",
-        (
-            "Xeon (AVX-512), 1 thread",
-            "Xeon (AVX-512), 2 cores",
-            "Xeon host of the H200, 16 cores",
-        ),
+        ("Xeon (AVX-512), 1 thread", "Xeon (AVX-512), 2 cores", "Xeon host of the H200, 16 cores"),
         (Column("build", "build_ms", "{:.3g} ms"), Column("trace", "trace_ms", "{:.3g} ms")),
     ),
     "smooth surface on a GPU": Table(

@@ -74,7 +74,7 @@ def stroke(page: Any, viewer: Any) -> None:
         page.wait_for_timeout(60)
 
 
-def colour(page: Any, viewer: Any) -> None:
+def color(page: Any, viewer: Any) -> None:
     folder(page, "View")
     folder(page, "Color by value")
     choose(page, "Color by", "y")
@@ -211,7 +211,7 @@ PICTURES: dict[str, tuple[Callable[[], Any], Callable[[Any, Any], None]]] = {
     "first": (splash, first),
     "cut": (splash, cut),
     "stroke": (splash, stroke),
-    "colour": (splash, colour),
+    "color": (splash, color),
     "light": (splash, light),
     "surface": (splash, surface),
     "measure": (splash, measure),

@@ -31,7 +31,5 @@ class Fountain:
 
 
 camera = gb.Camera(eye=(0.3, 0.9, 2.2), look_at=(0, 0.27, 0), fov=38)
-files = gb.render_sequence(
-    Fountain(), "fountain_%02d.png", camera, size=(360, 360), n_frames=12, threshold=0.4
-)
+files = gb.render_sequence(Fountain(), "fountain_%02d.png", camera, size=(360, 360), n_frames=12, threshold=0.4)
 print(f"{files[0]} to {files[-1]}")

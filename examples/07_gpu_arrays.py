@@ -54,7 +54,4 @@ for step in range(30):
     positions = package.stack([flat[:, 0], height, flat[:, 2]], 1)  # a new array for each frame
     scene.update(positions=positions)
 gb.render(scene, gb.Camera((1.5, 1.2, 2.0), (0, 0, 0)), (800, 600)).save("wave.png")
-print(
-    f"{len(scene):,} particles from {package.__name__}, built in "
-    f"{1e3 * scene.octree.build_seconds:.2f} ms"
-)
+print(f"{len(scene):,} particles from {package.__name__}, built in {1e3 * scene.octree.build_seconds:.2f} ms")

@@ -19,9 +19,7 @@ gb.render(scene, camera, (480, 360), water).save("water.png")
 
 # `dataclasses.replace` changes a part of the settings, or of their material.
 blood = gb.load_preset("blood", scene)
-thinner = dataclasses.replace(
-    blood.material, absorption=tuple(0.6 * a for a in blood.material.absorption)
-)
+thinner = dataclasses.replace(blood.material, absorption=tuple(0.6 * a for a in blood.material.absorption))
 blood = dataclasses.replace(blood, material=thinner, samples=2)
 frame = gb.render(scene, camera, (480, 360), blood)
 frame.refine(2)  # two samples a pixel more; the first two are kept

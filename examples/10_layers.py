@@ -35,9 +35,7 @@ lump = np.array([0.45, 0.1, 0.35]) + rng.normal(0, 0.07, (80, 3))
 positions = np.concatenate([body, vessels[:, :3], lump])
 counts = [len(body), len(vessels), len(lump)]
 support = np.concatenate([np.full(counts[0], 0.13), vessels[:, 3], np.full(counts[2], 0.12)])
-particles = gb.Particles(
-    positions, support=support, attributes={"phase": np.repeat([0, 1, 2], counts)}
-)
+particles = gb.Particles(positions, support=support, attributes={"phase": np.repeat([0, 1, 2], counts)})
 
 skin = gb.Material(transmission=0.75, index=1.0, color=(0.80, 0.45, 0.38), absorption=0.1)
 red = gb.Material(color=(0.55, 0.02, 0.02), specular=0.6)

@@ -40,10 +40,7 @@ def pytest_addoption(parser):
     group = parser.getgroup("globule")
     group.addoption("--matrix", action="store_true", help="every CPU level and slow tests too")
     group.addoption(
-        "--expected-skips",
-        metavar="FILE",
-        action="append",
-        help="fail on a skip whose reason no line of the FILEs has",
+        "--expected-skips", metavar="FILE", action="append", help="fail on a skip whose reason no line of the FILEs has"
     )
 
 

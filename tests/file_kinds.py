@@ -123,13 +123,9 @@ text("MeshLab XYZ with normals", "a.xyz", rows(X, after=" 0.0 0.0 1.0"))
 text("scanner's PTS", "a.pts", f"{N}\n" + rows(X, after=" -1033 12 34 56"), names=("intensity",))
 text("Yade", "a.txt", "#format x_y_z_r\n" + with_radii(), **grains(names=("radius",)))
 text("table of grains", "a.csv", "x,y,z,radius\n" + with_radii(","), **grains(names=("radius",)))
-kind("packed table", "a.csv.gz")(
-    lambda path: path.write_bytes(gzip.compress(b"x,y,z\n" + rows(X, ",").encode()))
-)
+kind("packed table", "a.csv.gz")(lambda path: path.write_bytes(gzip.compress(b"x,y,z\n" + rows(X, ",").encode())))
 kind("bzip2 table", "a.xyz.bz2")(lambda path: path.write_bytes(bz2.compress(rows(X).encode())))
-kind("xz table", "a.csv.xz")(
-    lambda path: path.write_bytes(lzma.compress(b"x,y,z\n" + rows(X, ",").encode()))
-)
+kind("xz table", "a.csv.xz")(lambda path: path.write_bytes(lzma.compress(b"x,y,z\n" + rows(X, ",").encode())))
 
 # Atoms
 
@@ -165,9 +161,7 @@ _PDB = "".join(
 text("PDB", "a.pdb", "CRYST1    9.000    9.000    9.000  90.00  90.00  90.00 P 1           1\n"
      f"{_PDB}END\n", volume=None, periodic="xyz", unit="Å", names=("radius",),
      package="MDAnalysis")  # fmt: skip
-_GRO = "".join(
-    f"{1:5d}SOL     OW{i:5d}{x:8.3f}{y:8.3f}{z:8.3f}\n" for i, (x, y, z) in enumerate(X / 10, 1)
-)
+_GRO = "".join(f"{1:5d}SOL     OW{i:5d}{x:8.3f}{y:8.3f}{z:8.3f}\n" for i, (x, y, z) in enumerate(X / 10, 1))
 text("GROMACS GRO", "a.gro", f"water\n{N}\n{_GRO}   0.90000   0.90000   0.90000\n", volume=None,
      periodic="xyz", unit="Å", names=("radius",), package="MDAnalysis")  # fmt: skip
 
@@ -246,9 +240,7 @@ def array(name: str, values: np.ndarray, packed: bool = False) -> str:
 
 def polydata(x: np.ndarray, packed: bool = False, data: str = "") -> str:
     n = len(x)
-    verts = array("connectivity", np.arange(n), packed) + array(
-        "offsets", np.arange(1, n + 1), packed
-    )
+    verts = array("connectivity", np.arange(n), packed) + array("offsets", np.arange(1, n + 1), packed)
     more = ' compressor="vtkZLibDataCompressor"' if packed else ""
     points = f"<Points>{array('Points', x.astype('f4'), packed)}</Points><Verts>{verts}</Verts>"
     piece = f'<Piece NumberOfPoints="{n}" NumberOfVerts="{n}">{points}{data}</Piece>'
@@ -496,9 +488,7 @@ def _(path: Path) -> None:
 # NumPy, points of scanners and of editors
 
 kind("numpy.save", "a.npy")(lambda path: np.save(path, X))
-kind("numpy.savez by name", "a.npz", names=("speed",))(
-    lambda path: np.savez(path, positions=X, speed=np.ones(N))
-)
+kind("numpy.savez by name", "a.npz", names=("speed",))(lambda path: np.savez(path, positions=X, speed=np.ones(N)))
 kind("numpy.savez without a name", "a.npz")(lambda path: np.savez(path, X))
 kind("numpy.savez of axes", "a.npz")(lambda path: np.savez(path, x=X[:, 0], y=X[:, 1], z=X[:, 2]))
 
@@ -541,9 +531,7 @@ VIEWPOINT 0 0 0 1 0 0 0
 POINTS {N}
 """
 text("PCD, ASCII", "a.pcd", f"{_PCD}DATA ascii\n{rows(X)}")
-kind("PCD, binary", "a.pcd")(
-    lambda path: path.write_bytes(f"{_PCD}DATA binary\n".encode() + X.astype("<f4").tobytes())
-)
+kind("PCD, binary", "a.pcd")(lambda path: path.write_bytes(f"{_PCD}DATA binary\n".encode() + X.astype("<f4").tobytes()))
 
 
 @kind("LAS", "a.las", package="laspy", names=("intensity",))

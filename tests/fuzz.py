@@ -173,8 +173,7 @@ class Fuzzer:
         names: dict[str, list[str]] = json.loads(made.stdout.splitlines()[-1])
         self.places = {kind: Path(folder, kind.replace(" ", "_")) for kind in names}
         self.files = {
-            kind: [(name, (self.places[kind] / name).read_bytes()) for name in of]
-            for kind, of in names.items()
+            kind: [(name, (self.places[kind] / name).read_bytes()) for name in of] for kind, of in names.items()
         }
         self.kinds = list(self.files)
         self.weights = [KINDS[kind].weight for kind in self.kinds]
@@ -325,9 +324,7 @@ def run(fuzzer: Fuzzer, numbers: range, options: argparse.Namespace) -> int:
 
 
 def in_forks(
-    fuzzer: Fuzzer,
-    shares: Sequence[range],
-    work: Callable[[range], Iterator[tuple[str, str, str]]],
+    fuzzer: Fuzzer, shares: Sequence[range], work: Callable[[range], Iterator[tuple[str, str, str]]]
 ) -> Iterator[tuple[str, str, str]]:
     """What `work` yields, each share in a process of its own."""
     mine, theirs = os.pipe()

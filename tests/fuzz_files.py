@@ -113,12 +113,9 @@ def _simulators() -> list[str]:
     Path("a.bi4").write_bytes(made.bi4())
     made.write_parts(here, ".vtp")
     sets = '<DataSet timestep="1" file="sub/part0.vtp"/><DataSet file="sub/part1.vtp"/>'
-    Path("a.pvd").write_text(
-        f'<VTKFile type="Collection"><Collection>{sets}</Collection></VTKFile>', encoding="utf-8"
-    )
+    Path("a.pvd").write_text(f'<VTKFile type="Collection"><Collection>{sets}</Collection></VTKFile>', encoding="utf-8")
     Path("a.vtp.series").write_text(
-        '{"file-series-version": "1.0", "files": [{"name": "sub/part0.vtp", "time": 1}]}',
-        encoding="utf-8",
+        '{"file-series-version": "1.0", "files": [{"name": "sub/part0.vtp", "time": 1}]}', encoding="utf-8"
     )
     rows = "".join(f"O {x:.6f} {y:.6f} {z:.6f} 0.5 7\n" for x, y, z in made.OUTSIDE)
     Path("a.extxyz").write_text(
@@ -128,9 +125,7 @@ def _simulators() -> list[str]:
     )
     atoms = "".join(f"{i} 1 {x:.6f} {y:.6f} {z:.6f}\n" for i, (x, y, z) in enumerate(made.INSIDE))
     Path("a.lmp").write_text(
-        f"data\n\n{made.N} atoms\n0 1 xlo xhi\n0 1 ylo yhi\n0 1 zlo zhi\n\nAtoms # atomic\n\n"
-        + atoms,
-        encoding="utf-8",
+        f"data\n\n{made.N} atoms\n0 1 xlo xhi\n0 1 ylo yhi\n0 1 zlo zhi\n\nAtoms # atomic\n\n" + atoms, encoding="utf-8"
     )
     numbers = " ".join(f"{v:.6f}" for v in made.INSIDE.ravel())
     Path("a.xdmf").write_text(
@@ -150,8 +145,7 @@ def _simulators() -> list[str]:
     for kind, ending in (("PPolyData", "p"), ("PUnstructuredGrid", "u")):
         piece = f'<Piece Source="sub/part0.vt{ending}"/>'
         Path(f"a.pvt{ending}").write_text(
-            f'<VTKFile type="{kind}"><{kind} GhostLevel="0">{piece}</{kind}></VTKFile>',
-            encoding="utf-8",
+            f'<VTKFile type="{kind}"><{kind} GhostLevel="0">{piece}</{kind}></VTKFile>', encoding="utf-8"
         )
     names = ["a.xdmf", "a.dump", "a.bi4", "a.pvd", "a.vtp.series", "a.extxyz", "a.lmp"]
     names += ["a.vtm", "a.pvtp", "a.pvtu", "pysph.npz"]
@@ -244,14 +238,7 @@ def _volumes() -> list[str]:
     names += _if_installed(lambda: _vtk_volume(values), "zlib.vti")
     for name, binary in (("binary.vtk", True), ("ascii.vtk", False)):
         Path(name).write_bytes(structured_points(binary))
-    return [
-        *names,
-        "binary.vtk",
-        "ascii.vtk",
-        "beside.mhd",
-        "beside.nhdr",
-        *_real("ultrasound", "RECON*.mha"),
-    ]
+    return [*names, "binary.vtk", "ascii.vtk", "beside.mhd", "beside.nhdr", *_real("ultrasound", "RECON*.mha")]
 
 
 def _vtk_volume(values: np.ndarray) -> None:

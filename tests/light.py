@@ -8,10 +8,10 @@ import globule as gb
 import numpy as np
 from globule.render.lights import uniform_sky
 
-CENTRE = np.array([0.2, -0.1, 0.4])
+CENTER = np.array([0.2, -0.1, 0.4])
 SUPPORT = 1.3
 RADIUS = SUPPORT * np.sqrt(1 - np.sqrt(0.6))  # of one murakami metaball at threshold 0.6
-CAMERA = gb.Camera((1.6, 1.1, 2.9), CENTRE, fov=30)
+CAMERA = gb.Camera((1.6, 1.1, 2.9), CENTER, fov=30)
 ONE_SKY = uniform_sky((1.0, 1.0, 1.0))
 # Nothing but what the materials mirror, let through and scatter; every ray is followed to the end.
 QUIET = gb.RenderSettings(lights=(), ambient=0.0, background=0.0, specular=0.0, cutoff=0.0)
@@ -27,8 +27,8 @@ def glass(index: float, **changes) -> gb.Material:
     return dataclasses.replace(CLEAR, index=index, **changes)
 
 
-def ball(centre=CENTRE, support=SUPPORT, color=(1.0, 0.5, 0.25), **options) -> gb.Scene:
-    particles = gb.Particles(np.reshape(centre, (1, 3)), support=support, color=color)
+def ball(center=CENTER, support=SUPPORT, color=(1.0, 0.5, 0.25), **options) -> gb.Scene:
+    particles = gb.Particles(np.reshape(center, (1, 3)), support=support, color=color)
     return gb.Scene(particles, threshold=0.6, **options)
 
 
@@ -73,9 +73,9 @@ def sky_of(d) -> np.ndarray:
     return (1 + np.asarray(d)) / 2
 
 
-def meet_ball(o, d, centre=CENTRE, radius=RADIUS):
-    """Both distances to a ball, NaN where missed, and the rays' distance from its centre."""
-    v = o - centre
+def meet_ball(o, d, center=CENTER, radius=RADIUS):
+    """Both distances to a ball, NaN where missed, and the rays' distance from its center."""
+    v = o - center
     along = dot(v, d)
     away = np.linalg.norm(v - along * d, axis=-1, keepdims=True)
     with np.errstate(invalid="ignore"):
@@ -111,7 +111,7 @@ def glass_ball(o, d, index: float, depth: int, inside=False, absorption=0.0) -> 
     generation = 0
     if not inside:
         p = o + np.where(away < RADIUS, near, 0) * d
-        n = (p - CENTRE) / RADIUS
+        n = (p - CENTER) / RADIUS
         mirror = fresnel(np.minimum(-dot(d, n), 1), index)
         out = out + weight * mirror * sky_of(mirrored(d, n))
         weight, o, d = weight * (1 - mirror), p, refracted(d, n, index)
@@ -122,7 +122,7 @@ def glass_ball(o, d, index: float, depth: int, inside=False, absorption=0.0) -> 
         far = np.nan_to_num(meet_ball(o, d)[1])
         weight = weight * np.exp(-absorption * far)
         p = o + far * d
-        n = (CENTRE - p) / RADIUS
+        n = (CENTER - p) / RADIUS
         mirror = fresnel(np.minimum(np.abs(dot(d, n)), 1), 1 / index)
         out = out + weight * (1 - mirror) * sky_of(refracted(d, n, 1 / index))
         weight, o, d = weight * mirror, p, mirrored(d, n)
@@ -147,10 +147,10 @@ def spans(clip, o, d):
     return np.nan_to_num(near), np.nan_to_num(far)
 
 
-def first_change(o, d, clips, centre=CENTRE, radius=RADIUS):
+def first_change(o, d, clips, center=CENTER, radius=RADIUS):
     """Brute force: where a ray first enters or leaves a cut ball, and which clip (-1: the ball
     itself) bounds it there; inf where nowhere. (H, W)"""
-    near, far, _ = meet_ball(o, d, centre, radius)
+    near, far, _ = meet_ball(o, d, center, radius)
     shapes = [(np.nan_to_num(near), np.nan_to_num(far), True)]
     shapes += [(*spans(c, o, d), getattr(c, "keep", False)) for c in clips]
 

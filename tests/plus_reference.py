@@ -180,11 +180,7 @@ def one(filler, values, acc, at):
         for i in range(x - r, x + r + 1):
             for j in range(y - r, y + r + 1):
                 for k in range(z - r, z + r + 1):
-                    if not (
-                        0 <= i < values.shape[2]
-                        and 0 <= j < values.shape[1]
-                        and 0 <= k < values.shape[0]
-                    ):
+                    if not (0 <= i < values.shape[2] and 0 <= j < values.shape[1] and 0 <= k < values.shape[0]):
                         continue
                     a = acc[k, j, i]
                     if not a:
@@ -192,11 +188,7 @@ def one(filler, values, acc, at):
                     w = 1.0
                     if filler.type != "NEAREST_NEIGHBOR":
                         w = weights[k - z + half, j - y + half, i - x + half]
-                        w = (
-                            float(F32(a) * w)
-                            if filler.type == "GAUSSIAN_ACCUMULATION"
-                            else float(w)
-                        )
+                        w = float(F32(a) * w) if filler.type == "GAUSSIAN_ACCUMULATION" else float(w)
                     total += float(values[k, j, i]) * w
                     weight_sum += w
                     known += 1

@@ -76,10 +76,7 @@ class Medium:
         """Out of the medium, at points of its surface where rays cross it along d; cut faces', of
         the clip that keeps one side of the point and not the other."""
         h = 1e-5 * self.reach
-        f = [
-            self.shares(points + h * e).sum(1) - self.shares(points - h * e).sum(1)
-            for e in np.eye(3)
-        ]
+        f = [self.shares(points + h * e).sum(1) - self.shares(points - h * e).sum(1) for e in np.eye(3)]
         gradient = np.stack(f, -1)
         out = -unit(np.where(np.linalg.norm(gradient, axis=1, keepdims=True) > 0, gradient, 1.0))
         changes = self.kept(points - EPS * d) != self.kept(points + EPS * d)
@@ -97,7 +94,7 @@ class Medium:
         return out
 
     def looks(self, points):
-        """Blended colour, reflection and refraction factor."""
+        """Blended color, reflection and refraction factor."""
         w = np.maximum(self.shares(points), 0)
         w = w / np.maximum(w.sum(1, keepdims=True), 1e-30)
         return w @ self.colors, w @ self.reflections, w @ self.refractions

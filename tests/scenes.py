@@ -43,13 +43,7 @@ class Case:
 
     def first_hit(self, origins, directions) -> np.ndarray:
         return oracle.first_hit(
-            self.positions,
-            self.shape(),
-            self.weight,
-            self.kernel,
-            self.threshold,
-            origins,
-            directions,
+            self.positions, self.shape(), self.weight, self.kernel, self.threshold, origins, directions
         )
 
     def field(self, points):
@@ -73,7 +67,7 @@ def unit(v: np.ndarray) -> np.ndarray:
 
 
 def with_camera(case: Case, camera: gb.Camera, pixels: int, pairs: int, halvings: int) -> Case:
-    """Rays of a coarse picture, and then, from pairs of neighbours between which the oracle's
+    """Rays of a coarse picture, and then, from pairs of neighbors between which the oracle's
     depth jumps, rays ever closer to the jump: by halving, down to 2^-halvings of a pixel."""
     eye, forward, right, up = camera.frame((pixels, pixels))
 
@@ -115,10 +109,7 @@ def with_camera(case: Case, camera: gb.Camera, pixels: int, pairs: int, halvings
         a, ta = np.where(to_a[:, None], middle, a), np.where(to_a, tm, ta)
         b, tb = np.where(to_a[:, None], b, middle), np.where(to_a, tb, tm)
     return dataclasses.replace(
-        case,
-        origins=np.concatenate(origins),
-        directions=np.concatenate(directions),
-        depth=np.concatenate(depth),
+        case, origins=np.concatenate(origins), directions=np.concatenate(directions), depth=np.concatenate(depth)
     )
 
 
@@ -138,7 +129,7 @@ def cloud(n: int, seed: int = 0, size: float = 1.0) -> np.ndarray:
 
 
 def one(**options) -> Case:
-    """A ball seen at R (1 ± 10^-k) from its centre, k = 2 … 6."""
+    """A ball seen at R (1 ± 10^-k) from its center, k = 2 … 6."""
     case = Case(np.array([[0.1, -0.2, 0.3]], np.float32), support=0.8, **options)
     if options:
         return with_camera(case, gb.Camera((1, 2, 3), case.positions[0]), 16, 40, 16)
@@ -248,22 +239,13 @@ def stretched(kernel: str, weights: bool) -> Case:
     )
 
 
-CASES = {
-    f.__name__: f
-    for f in (one, mixed, carved, sheet, sheet_edge, hundred, orthographic, inside, splash)
-}
+CASES = {f.__name__: f for f in (one, mixed, carved, sheet, sheet_edge, hundred, orthographic, inside, splash)}
 CASES |= {f"one {k}": functools.partial(one, kernel=k) for k in KERNELS[1:]}
 CASES |= {f"cloud {k}": functools.partial(of_kernel, k, False) for k in KERNELS}
 CASES |= {f"weights {k}": functools.partial(of_kernel, k, True) for k in KERNELS}
 CASES |= {
     f"stretched {k} {w}": functools.partial(stretched, k, w)
-    for k, w in (
-        ("murakami", False),
-        ("murakami", True),
-        ("blinn", False),
-        ("cubic_spline", True),
-        ("solid", False),
-    )
+    for k, w in (("murakami", False), ("murakami", True), ("blinn", False), ("cubic_spline", True), ("solid", False))
 }
 
 

@@ -89,13 +89,9 @@ def test_selection_and_update(backend):
     scene = gb.Scene(particles, **backend)
     points = cloud(50, 9)
     scene.update(positions=p[::-1].copy(), anisotropy=g[::-1].copy())
-    np.testing.assert_allclose(
-        scene.field(points), field(p, g, 1.0, "murakami", points)[0], atol=1e-5
-    )
+    np.testing.assert_allclose(scene.field(points), field(p, g, 1.0, "murakami", points)[0], atol=1e-5)
     scene.update(anisotropy=None, support=0.3)
-    np.testing.assert_allclose(
-        scene.field(points), field(p, 0.3, 1.0, "murakami", points)[0], atol=1e-5
-    )
+    np.testing.assert_allclose(scene.field(points), field(p, 0.3, 1.0, "murakami", points)[0], atol=1e-5)
 
 
 @pytest.mark.parametrize(

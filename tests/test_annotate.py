@@ -460,9 +460,7 @@ def test_transparent_and_flat_on_the_command_line(files):
     frame = gb.render(
         gb.Scene("frame_0.npz"),
         size=(200, 150),
-        settings=dataclasses.replace(
-            gb.load_preset("flat", gb.Scene("frame_0.npz")), transparent=True
-        ),
+        settings=dataclasses.replace(gb.load_preset("flat", gb.Scene("frame_0.npz")), transparent=True),
         color_by="speed",
     )
     assert (frame.image == flat).all()

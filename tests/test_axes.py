@@ -66,8 +66,7 @@ def test_images_have_it_upwards(capsys):
     assert main(["render", "a.dump", "-o", "a.png", *SMALL]) == 0
     said = capsys.readouterr().err.splitlines()
     assert [line for line in said if "up is" in line] == [
-        "globule: note: up is 0,0,1, as usual in this format (LAMMPS dump); --up chooses another "
-        "direction"
+        "globule: note: up is 0,0,1, as usual in this format (LAMMPS dump); --up chooses another direction"
     ]
     still = run_json(capsys, "render", "a.dump", "-o", "a.png", *SMALL)
     movie = run_json(capsys, "render", "both.dump", "-o", "b_%d.png", *SMALL)
@@ -177,8 +176,7 @@ def test_a_droplet_across_a_face_is_whole(capsys):
     assert table["x_max"][0] - table["x_min"][0] == pytest.approx(2 * RADIUS, abs=STEP)
     cut = run_json(capsys, "render", "a.dump", "-o", "a.png", *SMALL)
     assert cut["warnings"] == [
-        "a.dump: the particles lie across the periodic faces along x and y; --center shows them "
-        "whole"
+        "a.dump: the particles lie across the periodic faces along x and y; --center shows them whole"
     ]
     whole = run_json(capsys, "render", "a.dump", "-o", "a.png", "--center", *SMALL)
     assert whole["warnings"] == []

@@ -110,9 +110,7 @@ def test_times_and_memory(monkeypatch):
     volume = Volume(np.ones((2, 2, 2), np.uint8), np.eye(4), info=info)
     asked = []
     monkeypatch.setattr(ultrasound, "_sweep", lambda n: n)
-    monkeypatch.setattr(
-        ultrasound, "reconstruct", lambda s, m, size, **_: asked.append((s, m, size)) or volume
-    )
+    monkeypatch.setattr(ultrasound, "reconstruct", lambda s, m, size, **_: asked.append((s, m, size)) or volume)
     times, memory = ultrasound.times_and_memory(Setting("out", device="cpu"))
     assert (times.name, memory.name) == ("4.1", "4.2")
     assert len(times.rows) == 36

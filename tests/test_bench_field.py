@@ -117,8 +117,6 @@ def test_one_command(tmp_path):
         assert float(row["peak_mib"]) > 10
     assert "threshold 0.6" in (tmp_path / "out" / "results.md").read_text(encoding="utf-8")
     assert (tmp_path / "out" / "ball-globule-balls.png").exists()
-    bad = subprocess.run(
-        [*command, "--scenes", "cube"], cwd=tmp_path, capture_output=True, text=True
-    )
+    bad = subprocess.run([*command, "--scenes", "cube"], cwd=tmp_path, capture_output=True, text=True)
     assert bad.returncode == 2
     assert "scene: expected one of ball" in bad.stderr

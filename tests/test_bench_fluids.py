@@ -94,9 +94,7 @@ def test_column_of_globule(bench, tmp_path):
     assert row["compression"] < 0.01
     assert row["energy"] < start["energy"]
     assert row["front"] > start["front"]
-    assert row["per_cpu_second"] == pytest.approx(
-        row["particles"] * row["steps"] / row["cpu"] / 1e6
-    )
+    assert row["per_cpu_second"] == pytest.approx(row["particles"] * row["steps"] / row["cpu"] / 1e6)
     assert done.stdout.count(f"| column, {row['particles']} | 1.0% | 1 | globule |") == 2
     with open(tmp_path / "rows.csv", encoding="utf-8") as file:
         assert [r["program"] for r in csv.DictReader(file)] == ["start", "globule"]

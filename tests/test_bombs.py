@@ -217,8 +217,7 @@ def test_memory_stays_below_the_limit():
     Path("short.xyz").write_bytes(b"1 1 1\n" * 400_000)
     Path("empty.csv").write_bytes(b"x,y,z\n1,2,3\n" + b"\n" * 4_000_000)
     Path("ascii.vtk").write_bytes(
-        b"# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 400000 double\n"
-        + b"1 1 1 " * 400_000
+        b"# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 400000 double\n" + b"1 1 1 " * 400_000
     )
     values = rng.integers(0, 9, (100, 100, 10)).repeat(16, axis=2)  # is packed fast
     volume = gb.volumes.Volume(values.astype(np.int16), np.eye(4))

@@ -157,9 +157,7 @@ def water_tank(seed: int = 0, late: float = 0.06, noise: float = 3.0):
     sizes, rates, phases = rng.uniform((0.3, 0.6, 0), (1, 1.6, 7), (5, 3)).T
 
     def height(t):
-        return sum(
-            s * np.sin(2 * np.pi * r * t + p) for s, r, p in zip(sizes, rates, phases, strict=True)
-        )
+        return sum(s * np.sin(2 * np.pi * r * t + p) for s, r, p in zip(sizes, rates, phases, strict=True))
 
     rows = np.arange(120)[:, None]
     columns = np.arange(90)
@@ -257,8 +255,7 @@ def worst_corner(calibration: Calibration) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("degrees", "pose_noise", "n_draws"),
-    [(20, 0.2, 10), (20, 0.0, 20), (5, 0.05, 20), (1, 0.0, 20)],
+    ("degrees", "pose_noise", "n_draws"), [(20, 0.2, 10), (20, 0.0, 20), (5, 0.05, 20), (1, 0.0, 20)]
 )
 def test_the_expected_error_is_the_true_one(degrees, pose_noise, n_draws):
     """The expected error is within 30 % of the true one (rms of the draws), here 0.1 to 0.9 mm, and

@@ -104,8 +104,7 @@ def test_wrong_keys(tmp_path, keys, parts):
 
 
 @pytest.mark.parametrize(
-    ("name", "text"),
-    [("p.toml", "key ="), ("p.json", "{"), ("p.txt", ""), ("p.json", '{"keys": []}')],
+    ("name", "text"), [("p.toml", "key ="), ("p.json", "{"), ("p.txt", ""), ("p.json", '{"keys": []}')]
 )
 def test_wrong_files(tmp_path, name, text):
     (tmp_path / name).write_text(text)
@@ -134,6 +133,4 @@ def test_movies_without_end_are_refused(unit, last):
     keys = [{unit: 0, "eye": [2, 2, 2], "look_at": [0, 0, 0]}, {unit: last}]
     with pytest.raises(ValueError, match=f"key 2: {unit}: expected at most 1,000,000 frames, got"):
         CameraPath(keys)
-    assert (
-        CameraPath([keys[0], {unit: 30_000}]).n_frames == 30_000 * (30 if unit == "time" else 1) + 1
-    )
+    assert CameraPath([keys[0], {unit: 30_000}]).n_frames == 30_000 * (30 if unit == "time" else 1) + 1

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cli_helpers import SMALL, cube, refused, run_json
 from globule.render.fit import corners_of
-from light import CAMERA, CENTRE, RADIUS, direction_sky, glass, glass_ball, meet_ball, quiet, rays
+from light import CAMERA, CENTER, RADIUS, direction_sky, glass, glass_ball, meet_ball, quiet, rays
 from test_surface import ball, smooth
 
 SIZE = (64, 48)
@@ -110,7 +110,7 @@ def test_first_hits_are_those_of_closed_forms(backend, name):
 
 
 def test_small_spheres_far_away(backend):
-    """A ball of 1 mm at a kilometre is met to within float32's rounding of the distance."""
+    """A ball of 1 mm at a kilometer is met to within float32's rounding of the distance."""
     shape = gb.Spheres([[1000.0, 0, 0]], 1e-3, **backend)
     up = np.linspace(-1.5e-3, 1.5e-3, 32).astype("f4")
     o = np.c_[np.zeros(32), up, np.zeros(32)].astype("f4")
@@ -164,7 +164,7 @@ def test_a_sphere_casts_the_shadow_of_a_disc(backend):
 
 def test_a_glass_sphere_bends_light_as_snell_says(backend):
     sky = direction_sky()
-    sphere = gb.Spheres([CENTRE], RADIUS, **backend)
+    sphere = gb.Spheres([CENTER], RADIUS, **backend)
     o, d = rays(CAMERA, SIZE)
     clear = np.abs(meet_ball(o, d)[2][..., 0] - RADIUS) > 0.01 * RADIUS
     for index, bounces in ((1.0, 8), (1.5, 5)):
@@ -179,9 +179,7 @@ def test_a_cut_sphere_has_a_flat_face(backend, name):
     shape = gb.Spheres([[0, 0, 0]], 1.0, **backend)
     if name == "lines":
         shape = gb.Lines([[-1, 0, 0], [1, 0, 0]], 1.0, **backend)
-    frame = gb.render(
-        shape, gb.Camera((1, 2, 9), (0, 0, 0)), SIZE, clips=[gb.ClipPlane((0, 0, 1), 0.25)]
-    )
+    frame = gb.render(shape, gb.Camera((1, 2, 9), (0, 0, 0)), SIZE, clips=[gb.ClipPlane((0, 0, 1), 0.25)])
     at, hit = frame.position[frame.mask], frame.mask
     assert at[:, 2].max() < 0.25 + 1e-5
     face = np.abs(at[:, 2] - 0.25) < 1e-5

@@ -15,9 +15,7 @@ from globule.formats.frames import FrameOf
 from globule.formats.triangles import has_faces
 from globule.render.sequence import frames_of
 
-X = np.array(
-    [[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0], [0, 0, 1], [2, 0, 1], [2, 1, 1], [0, 1, 1]]
-)
+X = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0], [0, 0, 1], [2, 0, 1], [2, 1, 1], [0, 1, 1]])
 TETRAS = [[0, 1, 3, 4], [1, 2, 3, 6], [1, 6, 4, 5], [3, 4, 6, 7], [1, 3, 4, 6]]  # the whole box
 SMALL = ("--size", "64x48", "--device", "cpu")
 
@@ -37,9 +35,7 @@ def words(values) -> str:
 
 
 def array(name: str, kind: str, values, components: int = 1) -> str:
-    head = (
-        f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii">'
-    )
+    head = f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii">'
     return f"{head}{words(values)}</DataArray>"
 
 
@@ -72,8 +68,7 @@ def vtk(path, points, cells, types, more=""):
 def pieces(path, *names):
     parts = "".join(f'<Piece Source="{name}"/>' for name in names)
     path.write_text(
-        f'<VTKFile type="PUnstructuredGrid" version="0.1"><PUnstructuredGrid>{parts}'
-        "</PUnstructuredGrid></VTKFile>"
+        f'<VTKFile type="PUnstructuredGrid" version="0.1"><PUnstructuredGrid>{parts}</PUnstructuredGrid></VTKFile>'
     )
     return path
 

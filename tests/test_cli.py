@@ -88,9 +88,7 @@ def test_interrupted_while_it_loads(folder, script):
 
 @pytest.mark.slow
 def test_closed_pipe(particles):
-    process = subprocess.Popen(
-        [*COMMAND, "info", particles], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    process = subprocess.Popen([*COMMAND, "info", particles], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     process.stdout.close()
     assert process.wait(timeout=PATIENCE) == 1
     assert process.stderr.read() == ""
@@ -102,11 +100,7 @@ def test_closed_pipe(particles):
     [
         (MemoryError(), 1, "globule: error: not enough memory\n"),
         (KeyError("inside"), 1, "globule: error: 'inside'\n"),
-        (
-            OSError(28, "No space left on device", "a.png"),
-            1,
-            "globule: error: a.png: No space left on device\n",
-        ),
+        (OSError(28, "No space left on device", "a.png"), 1, "globule: error: a.png: No space left on device\n"),
         (KeyboardInterrupt(), 130, "globule: interrupted\n"),
     ],
 )
@@ -279,9 +273,7 @@ def test_examples_in_the_help_work(module, examples, monkeypatch):
         monkeypatch.setattr("globule.viewer.app.Viewer.wait", lambda viewer: viewer.close())
         monkeypatch.setattr("globule.viewer.app.Viewer.open_browser", lambda viewer: None)
         # The start page, where somebody chooses at once.
-        monkeypatch.setattr(
-            "globule.viewer.start.Start.wait", lambda start: start._open("splash.npz")
-        )
+        monkeypatch.setattr("globule.viewer.start.Start.wait", lambda start: start._open("splash.npz"))
         monkeypatch.setattr("webbrowser.open", lambda address: True)
     for words in map(str.split, module.EXAMPLES.splitlines()):
         assert words[:2] == ["globule", name]

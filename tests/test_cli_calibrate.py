@@ -77,9 +77,7 @@ def test_marks_in_a_recording(capsys):
     assert (found.temporal_offset, found.clip) == (-0.25, (1, 1, 3, 2))
     for row, what in (("12,3,4", "valid pose"), ("13,3,4", "frame of 0 to 12"),
                       ("1.5,3,4", "frame"), ("1,3", "row 14"), ("1,x,3", "number")):  # fmt: skip
-        Path("marks.csv").write_text(
-            "\n".join(["frame,column,row", *lines, row]) + "\n", encoding="utf-8"
-        )
+        Path("marks.csv").write_text("\n".join(["frame,column,row", *lines, row]) + "\n", encoding="utf-8")
         assert main(["calibrate", *words]) == 2
         error = capsys.readouterr().err
         assert what in error
@@ -120,9 +118,7 @@ def recording_with_delay(late: float) -> None:
     for axis in range(3):
         phantom = phantom + np.roll(phantom, 1, axis)
     lattice = np.array([[0.4, 0, 0, -6], [0, 0.4, 0, -2], [0, 0, 0.4, -12], [0, 0, 0, 1.0]])
-    frames = gb.ultrasound.phantoms.scan_volume(phantom * 60, lattice, poses, (24, 24)).astype(
-        np.uint8
-    )
+    frames = gb.ultrasound.phantoms.scan_volume(phantom * 60, lattice, poses, (24, 24)).astype(np.uint8)
     tracked = np.tile(np.eye(4), (len(times), 1, 1))
     tracked[:, 2, 3] = place(times - late)
     write_recording(tracked, frames, times)

@@ -35,12 +35,7 @@ def parsers(parser: argparse.ArgumentParser | None = None) -> Iterator[argparse.
 
 def flags() -> list[tuple[str, argparse.Action]]:
     """Command and action of every flag."""
-    return [
-        (parser.prog, action)
-        for parser in parsers()
-        for action in parser._actions
-        if action.option_strings
-    ]
+    return [(parser.prog, action) for parser in parsers() for action in parser._actions if action.option_strings]
 
 
 def sentence(action: argparse.Action) -> str:

@@ -67,18 +67,16 @@ def test_presets(name):
     assert (seen != plain).any()
     scene = gb.Scene(ball(), device="cpu", surface="smooth")
     settings = gb.load_preset(name, scene)
-    frame = gb.render(
-        scene, gb.Camera((1, 1.2, 3), (0, 0, 0)), (48, 36), dataclasses.replace(settings, samples=1)
-    )
+    frame = gb.render(scene, gb.Camera((1, 1.2, 3), (0, 0, 0)), (48, 36), dataclasses.replace(settings, samples=1))
     assert (np.abs(frame.picture.astype(int) - seen) <= 1).all()
 
 
 def test_a_preset_does_not_depend_on_the_unit_of_length():
-    metres, millimetres = ball(), ball()
-    millimetres.positions = millimetres.positions * np.float32(1000)
-    millimetres.support = 500.0
+    meters, millimeters = ball(), ball()
+    millimeters.positions = millimeters.positions * np.float32(1000)
+    millimeters.support = 500.0
     seen = []
-    for particles, unit in ((metres, 1), (millimetres, 1000)):
+    for particles, unit in ((meters, 1), (millimeters, 1000)):
         scene = gb.Scene(particles, device="cpu", surface="smooth")
         settings = dataclasses.replace(gb.load_preset("water", scene), samples=1)
         camera = gb.Camera(np.multiply((1, 1.2, 3), unit), (0, 0, 0))
@@ -121,10 +119,7 @@ def test_light_options_reach_the_picture():
     ):
         assert (picture(*words.split()) != plain).any(), words
     light = ["--light", "dir:1,1,0", "--ground"]
-    hard, soft = (
-        picture(*light, "--shadows"),
-        picture("--light", "dir:1,1,0,20", *light[2:], "--shadows"),
-    )
+    hard, soft = (picture(*light, "--shadows"), picture("--light", "dir:1,1,0,20", *light[2:], "--shadows"))
     assert hard.sum() < picture(*light).sum()
     assert (soft != hard).any()
     mirror = ["--reflection", "0.8", "--sky", "gradient", "--samples", "2"]
@@ -228,10 +223,7 @@ def test_a_picked_particle_is_the_file_s(capsys):
         ("--with missing.npz", "missing.npz"),
         ("--with a.npz --with a.npz --with a.npz --with a.npz", "--with"),
         ("--with ball.npz:#zz", "--with: expected FILE or FILE:COLOR, COLOR being R,G,B"),
-        (
-            "--preset thesis --with ball.npz",
-            "--with: expected no --with beside --preset thesis, which",
-        ),
+        ("--preset thesis --with ball.npz", "--with: expected no --with beside --preset thesis, which"),
         ("--root march --with ball.npz", "--with: expected no --with beside --root march, which"),
         ("--preset thesis --clip 1,0,0,0", "clips"),
     ],
@@ -261,7 +253,7 @@ def test_layers_by():
     ]
     camera = gb.Camera((4, 0, 0), (0, 0, 0))
     middle = gb.render(layers, camera, (21, 21)).color[10, 10]
-    assert middle[0] > 2 * middle[2]  # red is seen through what has no colour
+    assert middle[0] > 2 * middle[2]  # red is seen through what has no color
     # Supports come from all particles, also where a phase is too thin to measure.
     particles.support = None
     one, two = gb.split_layers(particles, "side", {0: None, 7: None}, device="cpu")

@@ -40,9 +40,7 @@ def test_slice(particles, capsys):
     assert facts["places"] == {"v": found.shape[0], "u": found.shape[1]}
     columns = table("a.csv")
     assert [*columns] == ["x", "y", "z", "field", "inside", "speed", "flow:0", "flow:1", "flow:2"]
-    np.testing.assert_array_equal(
-        np.array(columns["speed"], np.float32), found["speed"].astype(np.float32).ravel()
-    )
+    np.testing.assert_array_equal(np.array(columns["speed"], np.float32), found["speed"].astype(np.float32).ravel())
     for words in (
         ["--grid", "-o", "a.vti"],
         ["--line", "0,0,0,1,1,1", "-o", "a.vtp", "--value", "flow:1"],
@@ -78,9 +76,7 @@ def test_gauge(sequence, capsys):
     assert columns["file"] == [f"frame_{i}.npz" for i in range(3)]
     heights = np.array(columns["height_0"], float)
     np.testing.assert_allclose(np.diff(heights), 0.25, atol=1e-5)
-    assert heights[0] == pytest.approx(
-        float(gb.measure.gauge("frame_0.npz", (0.4, 0.4), device="cpu")), abs=1e-6
-    )
+    assert heights[0] == pytest.approx(float(gb.measure.gauge("frame_0.npz", (0.4, 0.4), device="cpu")), abs=1e-6)
     assert columns["height_1"] == ["nan"] * 3
     assert facts["height_1"] == [None] * 3
 
@@ -93,9 +89,7 @@ def test_gauge_plot_and_map(sequence, capsys):
     for name in ("m.csv", "m.vti", "m.npz", "m.vtp"):
         assert main([*words, "--map", "-o", name]) == 0
     heights = np.array(table("m.csv")["height"], float)
-    assert np.nanmax(heights) == pytest.approx(
-        float(gb.measure.gauge("frame_0.npz", (0.4, 0.4))), abs=0.1
-    )
+    assert np.nanmax(heights) == pytest.approx(float(gb.measure.gauge("frame_0.npz", (0.4, 0.4))), abs=0.1)
 
 
 def test_mesh(particles, capsys):
@@ -117,9 +111,7 @@ def test_mesh_of_other_surfaces(particles, capsys):
                  ["--anisotropic"]):  # fmt: skip
         seen.add(run_json(capsys, "mesh", particles, "-o", "a.ply", *more, *CPU)["volume"])
     assert len(seen) == 5
-    coarse = run_json(
-        capsys, "mesh", particles, "-o", "a.ply", "--sample-spacing", "0.1666666", *CPU
-    )
+    coarse = run_json(capsys, "mesh", particles, "-o", "a.ply", "--sample-spacing", "0.1666666", *CPU)
     assert coarse["triangles"] < base["triangles"] / 2
 
 
@@ -167,9 +159,7 @@ def test_project(folder, capsys):
     assert Image.open("a.png").size[0] > 400
     capsys.readouterr()
     assert main(["project", "a.npz", "-o", "a.csv", "--scale", "0.1", *CPU]) == 0
-    assert "volumes are the file's masses over densities, which --scale leaves" in (
-        capsys.readouterr().err
-    )
+    assert "volumes are the file's masses over densities, which --scale leaves" in (capsys.readouterr().err)
     words = ["--scale", "0.1", "--particle-volume", "1e-6"]
     assert main(["project", "a.npz", "-o", "a.csv", *words, *CPU]) == 0
     assert not capsys.readouterr().err
@@ -202,14 +192,8 @@ def test_project(folder, capsys):
         (["gauge", "none_*.npz", "--at", "1,2", "-o", "a.csv"], "expected a pattern that matches"),
         (["mesh", "cube.npz", "-o", "a.glb"], "-o: expected a name ending in .ply"),
         (["mesh", "cube.npz", "-o", "a.ply", "--sample-spacing", "1e-6"], "--sample-spacing"),
-        (
-            ["mesh", "cube.npz", "-o", "a.ply", "--sample-spacing", "5"],
-            "--sample-spacing: expected one that meets",
-        ),
-        (
-            ["track", "cube.npz", "-o", "a.csv", "--sample-spacing", "50"],
-            "--sample-spacing: expected one that meets",
-        ),
+        (["mesh", "cube.npz", "-o", "a.ply", "--sample-spacing", "5"], "--sample-spacing: expected one that meets"),
+        (["track", "cube.npz", "-o", "a.csv", "--sample-spacing", "50"], "--sample-spacing: expected one that meets"),
         (["mesh", "cube.npz", "-o", "a.ply", "--threshold", "1e6"], "expected a surface, got none"),
         (["mesh", "cube.npz", "-o", "a.ply", "--level", "3"], "--level: expected a volume"),
         (["track", "cube.npz", "-o", "a.ply"], "-o: expected a name ending in .csv"),
@@ -282,16 +266,11 @@ def test_one_surface_and_one_spacing_for_all(folder, capsys):
         facts = run_json(capsys, "mesh", "ball.npz", "-o", "a.stl", *more, *CPU)
         assert facts["volume"] == pytest.approx(gb.measure.measure_surface(scene).volume, rel=1e-6)
         facts = run_json(capsys, "gauge", "ball.npz", "--at", "0,0", "-o", "g.csv", *more, *CPU)
-        assert facts["height_0"][0] == pytest.approx(
-            float(gb.measure.gauge(scene, (0, 0))), abs=1e-5
-        )
+        assert facts["height_0"][0] == pytest.approx(float(gb.measure.gauge(scene, (0, 0))), abs=1e-5)
     for command in (["slice", "ball.npz", "--grid"], ["track", "ball.npz"], ["mesh", "ball.npz"],
                     ["gauge", "ball.npz", "--at", "0,0"]):  # fmt: skip
         out = ["-o", "a.stl" if command[0] == "mesh" else "a.csv", *CPU]
-        smooth, balls = (
-            run_json(capsys, *command, *out, *CPU, "--surface", name)
-            for name in ("smooth", "balls")
-        )
+        smooth, balls = (run_json(capsys, *command, *out, *CPU, "--surface", name) for name in ("smooth", "balls"))
         assert smooth != balls
     total = len(p) * spacing**3
     for more in ([], again):
@@ -300,10 +279,7 @@ def test_one_surface_and_one_spacing_for_all(folder, capsys):
 
 
 def test_tables_without_a_file_are_printed(sequence, capsys):
-    for words, column in (
-        (["gauge", sequence, "--at", "0.5,0.5"], "height_0"),
-        (["track", sequence], "volume"),
-    ):
+    for words, column in ((["gauge", sequence, "--at", "0.5,0.5"], "height_0"), (["track", sequence], "volume")):
         assert main([*words, "-o", "a.csv", *CPU]) == 0
         capsys.readouterr()
         assert main([*words, *CPU]) == 0

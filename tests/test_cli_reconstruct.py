@@ -117,9 +117,7 @@ def test_a_stack_with_poses(capsys):
 
 def test_mistakes_get_one_line(sweep, capsys):
     write_calibration("probe.toml", Calibration(np.diag([0.1, 0.1, 0.1, 1])))
-    Path("singular.toml").write_text(
-        "probe_from_image = [[0,0,0,0],[0,0,0,0],[0,0,0,0],[0,0,0,1]]", encoding="utf-8"
-    )
+    Path("singular.toml").write_text("probe_from_image = [[0,0,0,0],[0,0,0,0],[0,0,0,0],[0,0,0,1]]", encoding="utf-8")
     Path("broken.igs.mha").write_bytes(Path("phantom.igs.mha").read_bytes()[:20000])
     lost = small_sweep(valid=[False] * 5)
     gb.ultrasound.write_sweep("lost.npz", lost)
@@ -202,10 +200,7 @@ def test_a_recording_without_calibration(capsys):
     assert (facts["kind"], facts["frames"], facts["spacing"]) == ("sweep", 21, None)
     assert facts["transforms"] == ["ProbeToTracker", "ReferenceToTracker", "StylusToTracker"]
     assert main(["convert", str(source), "a.igs.nrrd"]) == 0
-    assert same(
-        gb.ultrasound.read_sweep(source, plus=plus),
-        gb.ultrasound.read_sweep("a.igs.nrrd", plus=plus),
-    )
+    assert same(gb.ultrasound.read_sweep(source, plus=plus), gb.ultrasound.read_sweep("a.igs.nrrd", plus=plus))
     assert main(["convert", "a.igs.nrrd", "a.npz"]) == 2
     assert "calibration" in capsys.readouterr().err
 

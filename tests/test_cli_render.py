@@ -47,10 +47,7 @@ def test_render_json(particles, capsys):
     assert facts["support"] == pytest.approx(2.25 * facts["spacing"])
     assert facts["spacing"] == pytest.approx(1 / 6, rel=0.02)
     scene = gb.Scene(gb.read(particles), device="cpu", surface="smooth")
-    assert facts["hashes"] == {
-        "key_hash": scene.octree.key_hash,
-        "node_hash": scene.octree.node_hash,
-    }
+    assert facts["hashes"] == {"key_hash": scene.octree.key_hash, "node_hash": scene.octree.node_hash}
     with np.load("a.npz") as arrays:
         assert set(arrays) == {"color", "distance", "position", "normal", "albedo", "mask"}
         assert arrays["mask"].sum() == counts["hits"]
@@ -64,11 +61,7 @@ def test_render_is_what_the_library_makes(particles):
     scene = gb.Scene(gb.read(particles), "wyvill", 0.5, 0.4, device="cpu")
     third = (1 / 3,) * 3
     settings = gb.RenderSettings(
-        lights=(
-            gb.Headlight(third),
-            gb.DirectionalLight((-1, 0, 1), third),
-            gb.PointLight((-3, 3, 3), third),
-        ),
+        lights=(gb.Headlight(third), gb.DirectionalLight((-1, 0, 1), third), gb.PointLight((-3, 3, 3), third)),
         ambient=0.2,
         background=(0.1, 0.2, 0.3),
     )

@@ -56,9 +56,7 @@ COMP_CWORD={len(typed) - 1}
 "$(complete -p globule | sed 's/.*-F \\([^ ]*\\).*/\\1/')"
 printf '%s\\n' "${{COMPREPLY[@]}}"
 """
-    done = subprocess.run(
-        ["bash", "--norc", "-c", script], capture_output=True, text=True, timeout=PATIENCE
-    )
+    done = subprocess.run(["bash", "--norc", "-c", script], capture_output=True, text=True, timeout=PATIENCE)
     assert done.stderr == ""
     assert done.returncode == 0
     found = {word.strip() for word in done.stdout.splitlines()}

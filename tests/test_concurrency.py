@@ -161,9 +161,7 @@ def test_the_interpreter_is_free_during_native_work():
 
 def printed(code: str) -> list[str]:
     """Lines that a program prints."""
-    ran = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=True
-    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=True)
     return ran.stdout.splitlines()
 
 

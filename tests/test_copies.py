@@ -40,9 +40,7 @@ def reconstructor():
     return gb.ultrasound.Reconstructor(1.0, device="cpu")
 
 
-@pytest.mark.parametrize(
-    "make", [scene, mesh, frame, octree, simulation, simulation_scene, reconstructor]
-)
+@pytest.mark.parametrize("make", [scene, mesh, frame, octree, simulation, simulation_scene, reconstructor])
 @pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, pickle.dumps])
 def test_copies_are_refused(make, way):
     with pytest.raises(TypeError, match="cannot be copied or pickled, since it owns memory"):

@@ -24,9 +24,7 @@ CMAKE = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{o
 
 
 def run(*command, **options):
-    return subprocess.run(
-        [str(c) for c in command], capture_output=True, text=True, timeout=PATIENCE, **options
-    )
+    return subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=PATIENCE, **options)
 
 
 @pytest.fixture(scope="module")
@@ -313,7 +311,7 @@ def test_toy_sph_cuda(built, tmp_path):
     assert "after 30 steps" in done.stdout
     p = np.fromfile(tmp_path / "toy_sph_cuda.raw", np.float32).reshape(-1, 3)
     color = np.tile(np.float32([0.1, 0, 0.8]), (len(p), 1))
-    # nvcc contracts the sum of the colour into one rounding
+    # nvcc contracts the sum of the color into one rounding
     layer = np.arange(len(p)) // 20 % 24
     color[:, 1] = np.float32(np.float64(np.float32(0.3)) + np.float64(np.float32(0.02)) * layer)
     particles = gb.Particles(p, support=float(np.float32(0.05)), color=color)

@@ -54,7 +54,7 @@ def test_cpu_scene_takes_gpu_arrays(cupy):
     assert (scene.field(cupy.asarray(points)) == right.field(points)).all()
 
 
-def test_colours_on_a_gpu_outlive_the_update_of_a_cpu_scene(cupy):
+def test_colors_on_a_gpu_outlive_the_update_of_a_cpu_scene(cupy):
     points = points_of()
     color = np.random.default_rng(2).random(points.shape).astype(np.float32)
     given = gb.Particles(cupy.asarray(points), support=0.1, color=cupy.asarray(color))

@@ -121,9 +121,7 @@ def test_enhanced_us_volumes_of_others(even):
     file.SOPClassUID = file.file_meta.MediaStorageSOPClassUID = "1.2.840.10008.5.1.4.1.1.6.2"
     shared = file.SharedFunctionalGroupsSequence[0]
     directions = pydicom.Dataset()
-    directions.ImageOrientationVolume = [
-        float(v) for v in shared.PlaneOrientationSequence[0].ImageOrientationPatient
-    ]
+    directions.ImageOrientationVolume = [float(v) for v in shared.PlaneOrientationSequence[0].ImageOrientationPatient]
     shared.PlaneOrientationVolumeSequence = [directions]
     del shared.PlaneOrientationSequence
     for frame in file.PerFrameFunctionalGroupsSequence:
@@ -150,9 +148,7 @@ def test_commands(capsys):
         assert main(["reconstruct", "s.npz", "--voxel-size", "2", "-o", name]) == 0
     assert np.array_equal(read_volume("v.dcm").values, read_volume("v.nrrd").values)
     assert main(["convert", "v.dcm", "w.mha"]) == 0
-    np.testing.assert_allclose(
-        read_volume("w.mha").world_from_voxel, read_volume("v.nrrd").world_from_voxel, atol=1e-9
-    )
+    np.testing.assert_allclose(read_volume("w.mha").world_from_voxel, read_volume("v.nrrd").world_from_voxel, atol=1e-9)
     capsys.readouterr()
     assert main(["info", "v.dcm"]) == 0
     assert "v.dcm: volume" in capsys.readouterr().out

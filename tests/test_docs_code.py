@@ -73,9 +73,7 @@ def environment(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    "path",
-    [pytest.param(p, marks=() if p.stem in QUICK else pytest.mark.slow) for p in WITH_CODE],
-    ids=name,
+    "path", [pytest.param(p, marks=() if p.stem in QUICK else pytest.mark.slow) for p in WITH_CODE], ids=name
 )
 def test_code(path, data, environment, tmp_path):
     for file in data.rglob("*"):
@@ -84,9 +82,7 @@ def test_code(path, data, environment, tmp_path):
             os.link(file, tmp_path / file.relative_to(data))
     command = [sys.executable, HELPER, str(path)]
     options = {"cwd": tmp_path, "env": environment, "text": True, "start_new_session": True}
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **options
-    ) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **options) as process:
         try:
             out, _ = process.communicate(timeout=PATIENCE)
         except subprocess.TimeoutExpired:

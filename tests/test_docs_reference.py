@@ -50,12 +50,8 @@ def test_every_declaration_of_the_headers_is_on_its_page():
     for path in reference.HEADERS.glob("*.hpp"):
         text = pages[f"reference/headers/{path.stem}.md"]
         code = path.read_text(encoding="utf-8")
-        declared = re.findall(
-            r"^(?:class|struct|enum class) (?:GLOBULE_API )?(\w+)\b[^;]*$", code, flags=re.M
-        )
-        declared += re.findall(
-            r"^(?:GLOBULE_API|inline|constexpr) [^=;{]*?(\w+)\(", code, flags=re.M
-        )
+        declared = re.findall(r"^(?:class|struct|enum class) (?:GLOBULE_API )?(\w+)\b[^;]*$", code, flags=re.M)
+        declared += re.findall(r"^(?:GLOBULE_API|inline|constexpr) [^=;{]*?(\w+)\(", code, flags=re.M)
         for name in declared:
             assert f"## {name}\n" in text, f"{path.name}: {name}"
         assert "private:" not in text

@@ -72,9 +72,7 @@ def test_edges_have_all_samples_and_other_pixels_one(backend, name):
     assert (image().color == (edges if smooth else one).color).all()
 
 
-@pytest.mark.parametrize(
-    ("size", "samples"), [((97, 61), 2), ((61, 9), 5), ((41, 3), 64), ((3, 50), 7)]
-)
+@pytest.mark.parametrize(("size", "samples"), [((97, 61), 2), ((61, 9), 5), ((41, 3), 64), ((3, 50), 7)])
 def test_images_of_any_size_have_all_samples_at_edges(backend, size, samples):
     """Their rays are traced by bands of rows, which do not always divide the image."""
     scene = smooth(ball(1500), **backend)
@@ -97,9 +95,7 @@ def test_a_frame_with_edges_is_refined_as_one_without(backend):
     assert frame.samples == 4
     assert (frame.color == many.color).all()
     assert (frame.image == many.image).all()
-    shown = gb.render(
-        layers, CAMERA, SIZE, settings={**fields, "samples": 4}, progress=lambda *_: None
-    )
+    shown = gb.render(layers, CAMERA, SIZE, settings={**fields, "samples": 4}, progress=lambda *_: None)
     assert (shown.image == many.image).all()
 
 

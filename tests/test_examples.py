@@ -32,9 +32,7 @@ def test_example(path, tmp_path):
     words = ast.get_docstring(ast.parse(text))
     assert words
     assert text.count("\n") <= 60
-    done = subprocess.run(
-        [sys.executable, str(path)], cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE
-    )
+    done = subprocess.run([sys.executable, str(path)], cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
     said = [line for line in done.stderr.splitlines() if "Warp CUDA warning" not in line]
     assert said == []  # Warp says that it finds no driver

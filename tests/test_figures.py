@@ -14,8 +14,7 @@ from bench.__main__ import main
 from bench.figures import FIGURES, caption
 
 needs_matplotlib = pytest.mark.skipif(
-    importlib.util.find_spec("matplotlib") is None,
-    reason="matplotlib is not installed (the extra `figures`)",
+    importlib.util.find_spec("matplotlib") is None, reason="matplotlib is not installed (the extra `figures`)"
 )
 
 
@@ -24,9 +23,7 @@ QUICK = {"3.4", "5.1", "6.1"}  # an octree, a plot, an image
 
 
 @needs_matplotlib
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] if n not in QUICK else []) for n in FIGURES]
-)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n not in QUICK else []) for n in FIGURES])
 def test_figure(name, tmp_path):
     path = tmp_path / "figure.png"
     FIGURES[name](path, "cpu", DPI)

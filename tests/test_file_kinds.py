@@ -113,9 +113,7 @@ def gives_radii(form: Format, kinds: list[Kind], folder: Path) -> bool:
     names = {name.lower() for kind in kinds for name in kind.names}
     if names & {"radius", "diameter"}:
         return True
-    if not form.writes or (
-        form.package and not find_spec({"usd-core": "pxr"}.get(form.package, form.package))
-    ):
+    if not form.writes or (form.package and not find_spec({"usd-core": "pxr"}.get(form.package, form.package))):
         return bool(form.writes and form.package)
     path = folder / f"own{form.endings[0]}"
     gb.write(path, gb.Particles(CENTERS, attributes={"radius": RADII}))

@@ -21,16 +21,13 @@ def check_depth(c: Case, depth: np.ndarray, share: float = 2e-7) -> tuple[np.nda
     float32, counted from the eye."""
     hit = np.isfinite(c.depth)
     wrong = np.nonzero(np.isfinite(depth) != hit)[0]
-    assert len(wrong) == 0, [
-        (c.origins[i].tolist(), c.directions[i].tolist(), c.depth[i], depth[i]) for i in wrong[:5]
-    ]
+    assert len(wrong) == 0, [(c.origins[i].tolist(), c.directions[i].tolist(), c.depth[i], depth[i]) for i in wrong[:5]]
     points = c.origins[hit] + c.depth[hit, None] * c.directions[hit].astype(np.float64)
     allowed = 1e-4 * c.smallest(points) + share * c.depth[hit]
     error = np.abs(depth[hit] - c.depth[hit])
     far = np.nonzero(error > allowed)[0][:5]
     assert len(far) == 0, [
-        (c.origins[hit][i].tolist(), c.directions[hit][i].tolist(), c.depth[hit][i], error[i])
-        for i in far
+        (c.origins[hit][i].tolist(), c.directions[hit][i].tolist(), c.depth[hit][i], error[i]) for i in far
     ]
     return hit, points
 
@@ -45,9 +42,7 @@ def check_normals(c: Case, points: np.ndarray, normal: np.ndarray) -> None:
 
 
 @pytest.mark.few_backends
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] if n == "splash" else []) for n in CASES]
-)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n == "splash" else []) for n in CASES])
 def test_first_hit(backend, name):
     c = case(name)
     check(c, c.scene(**backend))
@@ -63,9 +58,7 @@ def test_there_are_enough_rays():
 
 @pytest.mark.few_backends
 @pytest.mark.parametrize("name", ["one", "mixed", "carved", "sheet", "sheet_edge", "inside"])
-@pytest.mark.parametrize(
-    "options", [{"octree": "dense", "level": 5}, {"key_bits": 64}, {"level": 2}], ids=str
-)
+@pytest.mark.parametrize("options", [{"octree": "dense", "level": 5}, {"key_bits": 64}, {"level": 2}], ids=str)
 def test_first_hit_in_other_octrees(backend, name, options):
     c = case(name)
     check(c, c.scene(**options, **backend))
@@ -160,9 +153,7 @@ def test_first_hit_at_any_extent(backend, extent, mixed):
 def random_case(seed: int) -> Case:
     """Supports over six orders, extents and offsets of up to 1e7 of the smallest, negative weights,
     particles at one place; rays from near and far."""
-    for further in range(
-        seed, seed + 10**9, 10**6
-    ):  # past 1e7 a float32 cannot tell supports apart
+    for further in range(seed, seed + 10**9, 10**6):  # past 1e7 a float32 cannot tell supports apart
         c = _random_case(further)
         if max(np.abs(c.positions).max(), np.abs(c.origins).max()) < 1e7 * c.support.min():
             return c
@@ -265,10 +256,10 @@ def test_cells_find_what_tiles_find_at_any_extent(backend, extent, kind):
 
 def test_the_oracle_on_one_ball():
     """Murakami: (1 - (r/a)^2)^2 = tau is a sphere of radius a sqrt(1 - sqrt(tau))."""
-    a, tau, centre = 0.8, float(np.float32(0.6)), np.array([0.1, -0.2, 0.3], np.float32)
+    a, tau, center = 0.8, float(np.float32(0.6)), np.array([0.1, -0.2, 0.3], np.float32)
     radius = float(np.float32(a)) * np.sqrt(1 - np.sqrt(tau))
     c = case("one")
-    v = c.origins.astype(np.float64) - centre
+    v = c.origins.astype(np.float64) - center
     d = c.directions.astype(np.float64)
     dd, vd = (d * d).sum(1), (v * d).sum(1)
     disc = vd**2 - dd * ((v * v).sum(1) - radius**2)

@@ -33,9 +33,7 @@ def test_what_is_given_may_change_afterwards():
         light.radiance[0] = 1
 
 
-@pytest.mark.parametrize(
-    "copied", [copy.copy, copy.deepcopy, lambda made: pickle.loads(pickle.dumps(made))]
-)
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda made: pickle.loads(pickle.dumps(made))])
 def test_copies_of_what_was_used(copied):
     image = np.random.default_rng(0).random((4, 8, 3))
     settings = gb.RenderSettings(sky=gb.Environment(image), ambient="sky", ambient_rays=2)

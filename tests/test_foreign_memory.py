@@ -88,9 +88,7 @@ def test_memory_of_others_changes_nothing(tmp_path):
     found = []
     for preload in ("", str(library)):
         environment = {**os.environ, "PYTHONPATH": path, "LD_PRELOAD": preload}
-        done = subprocess.run(
-            [sys.executable, "-c", PARTS], env=environment, capture_output=True, text=True
-        )
+        done = subprocess.run([sys.executable, "-c", PARTS], env=environment, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr[-2000:]
         found.append(done.stdout.splitlines())
     assert len(found[0]) > 12

@@ -33,8 +33,7 @@ ROUND_TRIPS = {
 
 
 @pytest.mark.parametrize(
-    "extension",
-    [*FULL, ".parquet", ".usdc", *(pytest.param(e, marks=SLOW) for e in (".arrow", ".usda"))],
+    "extension", [*FULL, ".parquet", ".usdc", *(pytest.param(e, marks=SLOW) for e in (".arrow", ".usda"))]
 )
 def test_round_trip(extension, tmp_path):
     pytest.importorskip(PACKAGES.get(extension, "numpy"))

@@ -190,15 +190,10 @@ HUGE_COUNTS = [
         )
     ],
     ("a.ply", f"ply\nformat ascii 1.0\nelement vertex {HUGE}\nproperty int x\nend_header\n1\n"),
+    ("a.ply", f"ply\nformat binary_little_endian 1.0\nelement vertex {HUGE}\nproperty int x\nend_header\n1\n"),
     (
         "a.ply",
-        "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {HUGE}\nproperty int x\nend_header\n1\n",
-    ),
-    (
-        "a.ply",
-        "ply\nformat binary_little_endian 1.0\n"
-        f"element e {HUGE}\nelement vertex 1\nproperty char x\nend_header\n1\n",
+        f"ply\nformat binary_little_endian 1.0\nelement e {HUGE}\nelement vertex 1\nproperty char x\nend_header\n1\n",
     ),
     (
         "a.ply",
@@ -250,9 +245,7 @@ def test_xml_blocks_lie(sizes, tmp_path):
 
 
 def test_xml_entities_and_depth(tmp_path):
-    lol = '<!ENTITY a "lol">' + "".join(
-        f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(9)
-    )
+    lol = '<!ENTITY a "lol">' + "".join(f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(9))
     path = tmp_path / "a.vtp"
     path.write_text(f"<!DOCTYPE x [{lol}]><VTKFile>&j;</VTKFile>")
     assert "DOCTYPE" in reads_or_refuses(path)
@@ -394,8 +387,7 @@ def test_what_stands_beside_the_particles_does_no_harm(tmp_path, monkeypatch):
     """A title that is a section's name, and columns and names that nobody asks for."""
     monkeypatch.chdir(tmp_path)
     Path("a.lmp").write_text(
-        "Atoms in a box\n\n1 atoms\n\n0 1 xlo xhi\n0 1 ylo yhi\n0 1 zlo zhi\n\nAtoms # atomic\n\n"
-        "1 1 0.5 0.5 0.5\n"
+        "Atoms in a box\n\n1 atoms\n\n0 1 xlo xhi\n0 1 ylo yhi\n0 1 zlo zhi\n\nAtoms # atomic\n\n1 1 0.5 0.5 0.5\n"
     )
     assert gb.read("a.lmp").positions.tolist() == [[0.5, 0.5, 0.5]]
     pa = pytest.importorskip("pyarrow")

@@ -198,7 +198,7 @@ end_header
 def test_ply_ascii(tmp_path):
     p = read_text(tmp_path, "p.ply", PLY)
     assert np.array_equal(p.positions, [[1, 2, 3], [4, 5, 6]])
-    # A face makes it a mesh: bytes of colour are sRGB, supports are the longest edges.
+    # A face makes it a mesh: bytes of color are sRGB, supports are the longest edges.
     assert np.allclose(p.color, [[1, 0, 0.0331], [0, 1, 0]], atol=1e-4)
     assert np.allclose(p.support, 27**0.5)
     assert np.array_equal(p.attributes["id"], [7, 8])

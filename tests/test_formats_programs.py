@@ -163,10 +163,7 @@ def test_plyfile_agrees(order, tmp_path):
     rows["x"], rows["q"], rows["z"] = np.arange(5) / 3, np.arange(5), 0.25
     faces = np.empty(2, [("vertex_indices", "i4", (3,))])
     faces["vertex_indices"] = [[0, 1, 2], [2, 3, 4]]
-    elements = [
-        plyfile.PlyElement.describe(faces, "face"),
-        plyfile.PlyElement.describe(rows, "vertex"),
-    ]
+    elements = [plyfile.PlyElement.describe(faces, "face"), plyfile.PlyElement.describe(rows, "vertex")]
     ascii = order == "ascii"
     data = plyfile.PlyData(elements, text=ascii, byte_order="=" if ascii else order)
     data.write(str(tmp_path / "p.ply"))

@@ -10,12 +10,7 @@ import globule as gb
 import numpy as np
 import pytest
 from format_helpers import FULL, assert_same
-from globule.formats.sweeps.poses import (
-    PoseTable,
-    interpolate,
-    read_poses,
-    write_csv,
-)
+from globule.formats.sweeps.poses import PoseTable, interpolate, read_poses, write_csv
 from globule.formats.sweeps.transforms import (
     Transform,
     chain,
@@ -171,10 +166,7 @@ def test_sweeps(name, made):
         assert same(made, gb.ultrasound.read_sweep(path))
 
 
-@given(
-    matrices=st.lists(rigid(), min_size=1, max_size=5),
-    flips=st.lists(st.booleans(), min_size=5, max_size=5),
-)
+@given(matrices=st.lists(rigid(), min_size=1, max_size=5), flips=st.lists(st.booleans(), min_size=5, max_size=5))
 @QUICK
 def test_chains(matrices, flips):
     """Along a row of frames, whichever way round the file has each transform."""

@@ -88,12 +88,9 @@ def dump(path: Path, columns: str, positions: np.ndarray) -> None:
     text = "ITEM: UNITS\nsi\n"
     for step in (0, 500):
         rows = [
-            f"{i + 1} 1 Si {x:.9g} {y:.9g} {z:.9g} {RADII[i]:.9g} {step} 0 -1"
-            for i, (x, y, z) in enumerate(positions)
+            f"{i + 1} 1 Si {x:.9g} {y:.9g} {z:.9g} {RADII[i]:.9g} {step} 0 -1" for i, (x, y, z) in enumerate(positions)
         ]
-        text += DUMP.format(
-            time=0.001 * step, step=step, n=N, columns=columns, rows="\n".join(rows)
-        )
+        text += DUMP.format(time=0.001 * step, step=step, n=N, columns=columns, rows="\n".join(rows))
     path.write_text(text, encoding="utf-8")
 
 
@@ -156,9 +153,7 @@ def test_extended_xyz_by_ase(tmp_path):
 
     frames = []
     for i in range(2):
-        atoms = ase.Atoms(
-            "OH" * (N // 2), positions=OUTSIDE, cell=[1, 1, 1], pbc=[True, True, False]
-        )
+        atoms = ase.Atoms("OH" * (N // 2), positions=OUTSIDE, cell=[1, 1, 1], pbc=[True, True, False])
         atoms.set_array("radius", RADII.astype(float))
         atoms.set_array("kind", np.arange(N) + i)
         frames.append(atoms)
@@ -256,9 +251,7 @@ def test_pvd_and_series(tmp_path):
 def test_collections_open_files_below_them_alone(tmp_path, name):
     (tmp_path / "run").mkdir()
     gb.write(tmp_path / "secret.vtp", gb.Particles(INSIDE))
-    content = (
-        f'<VTKFile type="Collection"><Collection><DataSet file="{name}"/></Collection></VTKFile>'
-    )
+    content = f'<VTKFile type="Collection"><Collection><DataSet file="{name}"/></Collection></VTKFile>'
     (tmp_path / "run/a.pvd").write_text(content)
     with pytest.raises(FormatError, match=r"a\.pvd: expected (a|the) file "):
         gb.read(tmp_path / "run/a.pvd")
@@ -368,8 +361,7 @@ def test_a_reader_of_another_package(tmp_path, monkeypatch):
         module.replace("'mine'", "'rows'").replace("('.mine',), rb'MINE'", "('.rows',)")
     )
     points = (
-        "[globule.readers]\nmine = their_reader:FORMAT\nbroken = no_such_module:FORMAT\n"
-        "rows = their_tables:FORMAT\n"
+        "[globule.readers]\nmine = their_reader:FORMAT\nbroken = no_such_module:FORMAT\nrows = their_tables:FORMAT\n"
     )
     (tmp_path / "theirs-1.0.dist-info/entry_points.txt").write_text(points)
     monkeypatch.syspath_prepend(tmp_path)

@@ -123,9 +123,7 @@ def test_usd_of_its_own_library(tmp_path, usd, ending):
 def test_usd_library_reads_ours(tmp_path, usd):
     from pxr import UsdGeom
 
-    gb.write(
-        tmp_path / "a.usd", Particles(X, support=0.4, color=X, attributes={"id": np.arange(N)})
-    )
+    gb.write(tmp_path / "a.usd", Particles(X, support=0.4, color=X, attributes={"id": np.arange(N)}))
     stage = usd.Stage.Open(str(tmp_path / "a.usd"))
     points = UsdGeom.Points(stage.GetDefaultPrim())
     assert np.array_equal(np.array(points.GetPointsAttr().Get()), X)

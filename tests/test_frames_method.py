@@ -20,9 +20,7 @@ def sweep_at(places, shape=(30, 40), spacing=0.4, values=None, dtype=np.uint8):
     poses = np.tile(np.diag([spacing, spacing, spacing, 1.0]), (len(places), 1, 1))
     poses[:, :3, 3] = places
     columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
-    points = (
-        np.stack([columns, rows, 0 * rows, 1 + 0 * rows], axis=-1) @ poses.swapaxes(1, 2)[:, None]
-    )
+    points = np.stack([columns, rows, 0 * rows, 1 + 0 * rows], axis=-1) @ poses.swapaxes(1, 2)[:, None]
     if values is None:
         frames = rng.integers(0, 256, (len(places), *shape)).astype(dtype)
     else:

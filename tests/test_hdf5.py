@@ -260,8 +260,7 @@ def test_xdmf_by_meshio(tmp_path, monkeypatch, how):
     assert particles.attributes["velocity"].shape == (N, 3)
     if how == "HDF":
         Path("a.xdmf").write_text(
-            Path("a.xdmf").read_text(encoding="utf-8").replace("a.h5:", "../b.h5:"),
-            encoding="utf-8",
+            Path("a.xdmf").read_text(encoding="utf-8").replace("a.h5:", "../b.h5:"), encoding="utf-8"
         )
         with pytest.raises(FormatError, match=r"a\.xdmf: expected a file below the same folder"):
             gb.read("a.xdmf")
@@ -291,9 +290,7 @@ def test_columns_name_the_data_sets(tmp_path):
         file["run/size"] = H
     with pytest.raises(FormatError, match=r"own\.h5: expected particles .* h5py .* gb\.Particles"):
         gb.read(tmp_path / "own.h5")
-    particles = gb.read(
-        tmp_path / "own.h5", columns={"positions": "run/where", "radius": "run/size"}
-    )
+    particles = gb.read(tmp_path / "own.h5", columns={"positions": "run/where", "radius": "run/size"})
     assert np.array_equal(particles.positions[:, :2], POSITIONS[:, :2].astype(np.float32))
     assert not particles.positions[:, 2].any()  # 2-D data lie in the plane z = 0
     assert np.allclose(particles.support, 4 * H)

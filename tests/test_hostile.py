@@ -100,9 +100,7 @@ def test_what_progress_raises_comes_through_and_leaves_the_scene_usable(scene, a
 
     with pytest.raises(Stop):
         gb.render(scene, (24, 16), settings=settings, progress=stop)
-    again = gb.render(
-        scene, (24, 16), settings=settings, progress=lambda *_: gb.render(scene, (4, 4))
-    )
+    again = gb.render(scene, (24, 16), settings=settings, progress=lambda *_: gb.render(scene, (4, 4)))
     assert np.array_equal(again.color, expected)
 
 

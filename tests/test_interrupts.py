@@ -203,9 +203,7 @@ def test_calls_without_signal_handlers_leave_the_protection(monkeypatch):
     before = {signal.SIGINT: signal.signal(signal.SIGINT, signal.SIG_IGN)}
     try:
         added(live, sweep, 1)  # no handler to replace
-        before[signal.SIGALRM] = signal.signal(
-            signal.SIGALRM, lambda *_: came.append(live.n_frames)
-        )
+        before[signal.SIGALRM] = signal.signal(signal.SIGALRM, lambda *_: came.append(live.n_frames))
         bin_frames = live._bin
 
         def bin_and_signal(added, sign):

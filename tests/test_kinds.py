@@ -66,9 +66,7 @@ def test_sweeps(extension):
         assert kind_of(name).kind == "sweep"
         assert np.array_equal(gb.ultrasound.read_sweep(name).frames, made.frames)
         for reader in (gb.read, gb.volumes.read_volume):
-            with pytest.raises(
-                FormatError, match=r"got a sweep .* with globule.ultrasound.read_sweep"
-            ):
+            with pytest.raises(FormatError, match=r"got a sweep .* with globule.ultrasound.read_sweep"):
                 reader(name)
 
 
@@ -132,9 +130,7 @@ def test_endings_break_ties_only():
     assert kind_of("a.npz").kind == "particles"
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"\0\1\2\3" * 99, b"dear reader,\nnumbers: none\n", b"<html>"]
-)
+@pytest.mark.parametrize("content", [b"", b"\0\1\2\3" * 99, b"dear reader,\nnumbers: none\n", b"<html>"])
 def test_what_nobody_knows(content):
     with open("letter", "wb") as file:
         file.write(content)

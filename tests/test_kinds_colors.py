@@ -42,9 +42,7 @@ def test_names_choose_the_map(name):
 
 def test_names_of_files():
     with open("a.xyz", "w") as file:
-        file.write(
-            "4\n\n" + "".join(f"{w} {x} {y} {z}\n" for w, (x, y, z) in zip("BACA", X, strict=True))
-        )
+        file.write("4\n\n" + "".join(f"{w} {x} {y} {z}\n" for w, (x, y, z) in zip("BACA", X, strict=True)))
     found = gb.read("a.xyz")  # C is an element, A is not
     assert found.names == {"type": {1: "A", 2: "B", 3: "C"}}
     assert kinds_of(found[1:3], "type", "auto") == ((1.0, "A"), (3.0, "C"))
@@ -66,9 +64,7 @@ def test_names_of_lammps():
         file.write("".join(f"{i + 1} {1 + i % 2} {x} {y} {z}\n" for i, (x, y, z) in enumerate(X)))
     assert gb.read("a.data").names == {"type": {1: "water", 2: "salt"}}
     with open("a.dump", "w") as file:
-        file.write(
-            "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n4\nITEM: ATOMS id type element x y z\n"
-        )
+        file.write("ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n4\nITEM: ATOMS id type element x y z\n")
         rows = zip((2, 1, 2, 1), "OHOH", X, strict=True)
         file.write("".join(f"1 {t} {w} {x} {y} {z}\n" for t, w, (x, y, z) in rows))
     found = gb.read("a.dump")

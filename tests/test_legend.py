@@ -1,4 +1,4 @@
-"""The colour bar in a picture, and the colour maps behind it."""
+"""The color bar in a picture, and the color maps behind it."""
 
 from __future__ import annotations
 
@@ -49,11 +49,7 @@ def test_text_stands_out():
         (-1.234567, 8.9, ["-1.23", "0", "2", "4", "6", "8.9"]),
         (1, 0, ["1", "0.8", "0.6", "0.4", "0.2", "0"]),
         (5, 5, ["5"]),
-        (
-            101325.2,
-            101327.9,
-            ["101325.2", "101325.5", "101326", "101326.5", "101327", "101327.5", "101327.9"],
-        ),
+        (101325.2, 101327.9, ["101325.2", "101325.5", "101326", "101326.5", "101327", "101327.5", "101327.9"]),
     ],
 )
 def test_ticks(lo, hi, texts):

@@ -6,7 +6,7 @@ import pytest
 from globule.render.lights import uniform_sky
 from light import (
     CAMERA,
-    CENTRE,
+    CENTER,
     MIRROR,
     ONE_SKY,
     RADIUS,
@@ -53,16 +53,16 @@ def test_glass_ball_moves_the_checkerboard(backend):
     """Refracted positions, not only directions: a checkered ground seen through the ball."""
     ground = gb.Ground(-1.2, color=1.0, other=0.0, check=0.23)
     look = quiet(sky=uniform_sky(0.5), ambient=1.0, ground=ground, material=glass(1.5), bounces=8)
-    camera, size = gb.Camera((0.9, 3.5, 1.5), CENTRE, fov=22), (64, 48)
+    camera, size = gb.Camera((0.9, 3.5, 1.5), CENTER, fov=22), (64, 48)
     frame = gb.render(ball(**backend), camera, size, look)
     o, d = rays(camera, size)
     near, _, away = meet_ball(o, d)
     with np.errstate(invalid="ignore"):
-        p, n = o + near * d, (o + near * d - CENTRE) / RADIUS
+        p, n = o + near * d, (o + near * d - CENTER) / RADIUS
         through = 1 - fresnel(-dot(d, n), 1.5)
         d1 = refracted(d, n, 1.5)
         p = p + meet_ball(p, d1)[1] * d1
-        n = (CENTRE - p) / RADIUS
+        n = (CENTER - p) / RADIUS
         through = through * (1 - fresnel(-dot(d1, n), 1 / 1.5))
         d2 = refracted(d1, n, 1 / 1.5)
         t = (-1.2 - p[..., 1:2]) / d2[..., 1:2]
@@ -90,14 +90,14 @@ def plane_axes():
 def test_total_internal_reflection(backend):
     """From inside, directions past the critical angle see the ball's inside mirrored."""
     index = 1.5
-    eye = CENTRE + np.array([0.75 * RADIUS, 0, 0])
+    eye = CENTER + np.array([0.75 * RADIUS, 0, 0])
     camera = gb.Camera(eye, eye + (0.1, 0.2, 1.0), fov=100)
     for depth in (0, 1, 6):
         look = quiet(sky=SKY, material=glass(index), bounces=depth)
         frame = gb.render(ball(**backend), camera, SIZE, look)
         o, d = rays(camera, SIZE)
         far = meet_ball(o, d)[1]
-        sine = np.sqrt(1 - dot(d, (o + far * d - CENTRE) / RADIUS) ** 2)[..., 0]
+        sine = np.sqrt(1 - dot(d, (o + far * d - CENTER) / RADIUS) ** 2)[..., 0]
         total = sine > 1 / index
         assert 200 < total.sum() < total.size - 200
         np.testing.assert_allclose(frame.distance, far[..., 0], atol=3e-5)
@@ -111,13 +111,13 @@ def test_total_internal_reflection(backend):
 def test_fresnel(backend, index):
     """Straight on ((n - 1) / (n + 1))^2, at a glance 1, in between the two polarisations' mean."""
     look = quiet(sky=ONE_SKY, bounces=1, material=gb.Material(0.0, 0.0, index))
-    camera = gb.Camera(CENTRE + (0, 0, 6), CENTRE, height=2 * RADIUS)
+    camera = gb.Camera(CENTER + (0, 0, 6), CENTER, height=2 * RADIUS)
     color = gb.render(ball(**backend), camera, (201, 201), look).color
     assert color[100, 100, 0] == pytest.approx(((index - 1) / (index + 1)) ** 2, abs=1e-4)
     x = (np.arange(201) + 0.5) / 201 * 2 - 1
     cosine = np.sqrt(1 - x**2)
     np.testing.assert_allclose(color[100, :, 0], fresnel(cosine, index), atol=4e-3)
-    rim = CENTRE + (RADIUS, 0, 0)
+    rim = CENTER + (RADIUS, 0, 0)
     camera = gb.Camera(rim + (0, 0, 6), rim, height=1e-5 * RADIUS)
     frame = gb.render(ball(**backend), camera, (99, 1), look)
     glance = frame.color[frame.mask][:, 0]
@@ -129,7 +129,7 @@ def test_fresnel(backend, index):
 def test_schlick(backend):
     """A reflection factor without an index grows towards grazing angles by Schlick's rule."""
     look = quiet(sky=ONE_SKY, material=gb.Material(reflection=0.3, transmission=0.0))
-    camera = gb.Camera(CENTRE + (0, 0, 6), CENTRE, height=2 * RADIUS)
+    camera = gb.Camera(CENTER + (0, 0, 6), CENTER, height=2 * RADIUS)
     color = gb.render(ball(**backend), camera, (101, 101), look).color[50, :, 0]
     cosine = np.sqrt(1 - ((np.arange(101) + 0.5) / 101 * 2 - 1) ** 2)
     np.testing.assert_allclose(color, 0.3 + 0.7 * (1 - cosine) ** 5, atol=3e-3)
@@ -155,23 +155,12 @@ def test_furnace(backend, matter):
     """Where all around is 1 and nothing absorbs, everything is 1: no energy comes or goes."""
     rng = np.random.default_rng(60)
     particles = gb.Particles(
-        cloud(60, 60),
-        support=0.6,
-        color=(1, 1, 1),
-        reflection=rng.uniform(0, 1, 60),
-        refraction=rng.uniform(0, 1, 60),
+        cloud(60, 60), support=0.6, color=(1, 1, 1), reflection=rng.uniform(0, 1, 60), refraction=rng.uniform(0, 1, 60)
     )
     scene = gb.Scene(particles, threshold=0.6, **backend)
     camera = gb.Camera((1.5, 1, 2.5), (0, 0, 0), fov=45)
     for depth, cutoff in ((0, 0.0), (3, 1 / 128), (12, 0.0)):
-        look = quiet(
-            sky=ONE_SKY,
-            ambient="sky",
-            material=MATTERS[matter],
-            bounces=depth,
-            cutoff=cutoff,
-            samples=2,
-        )
+        look = quiet(sky=ONE_SKY, ambient="sky", material=MATTERS[matter], bounces=depth, cutoff=cutoff, samples=2)
         color = gb.render(scene, camera, (40, 30), look).color
         assert color.max() < 1.01
         assert color.min() > 0.99
@@ -179,13 +168,7 @@ def test_furnace(backend, matter):
 
 def test_furnace_with_ambient_rays(backend):
     """A ball alone hides nothing from itself; in a cloud light can only be lost."""
-    look = quiet(
-        sky=ONE_SKY,
-        ambient="sky",
-        ambient_rays=16,
-        ambient_distance=9.0,
-        material=gb.Material(0.0, 0.0),
-    )
+    look = quiet(sky=ONE_SKY, ambient="sky", ambient_rays=16, ambient_distance=9.0, material=gb.Material(0.0, 0.0))
     color = gb.render(ball(color=(1, 1, 1), **backend), CAMERA, SIZE, look).color
     np.testing.assert_allclose(color, 1, atol=1e-2)
     many = gb.Scene(gb.Particles(cloud(60, 60), support=0.6, color=(1, 1, 1)), **backend)
@@ -195,7 +178,7 @@ def test_furnace_with_ambient_rays(backend):
 
 
 def test_beer_through_a_ball(backend):
-    """Straight through the centre: exp(-a 2 R), for each colour its own; off it by the chord."""
+    """Straight through the center: exp(-a 2 R), for each color its own; off it by the chord."""
     a = np.array([0.3, 1.0, 2.5])
     look = quiet(sky=ONE_SKY, material=glass(1.0, absorption=a))
     frame = gb.render(ball(**backend), CAMERA, (49, 41), look)
@@ -232,11 +215,11 @@ def test_mirror_and_glass_of_every_kernel(backend, kernel, octree):
     q = np.linspace(0, 1, 200_001)
     radius = SUPPORT * np.interp(-0.6, -FORMULAS[kernel](q), q)
     scene = ball(kernel=kernel, octree=octree, **backend)
-    camera = gb.Camera(CENTRE + (0, 0, 5), CENTRE, height=2.2 * radius)
+    camera = gb.Camera(CENTER + (0, 0, 5), CENTER, height=2.2 * radius)
     o, d = rays(camera, (24, 24))
     near, _, away = meet_ball(o, d, radius=radius)
     seen = (away < 0.98 * radius)[..., 0]
-    normal = (o + near * d - CENTRE) / radius
+    normal = (o + near * d - CENTER) / radius
     mirror = gb.render(scene, camera, (24, 24), quiet(sky=SKY, material=MIRROR))
     np.testing.assert_allclose(mirror.color[seen], sky_of(mirrored(d, normal))[seen], atol=3e-3)
     straight = gb.render(scene, camera, (24, 24), quiet(sky=SKY, material=glass(1.0)))

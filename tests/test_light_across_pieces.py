@@ -8,19 +8,7 @@ import pytest
 from globule.pieces.pieces import Pieces
 from globule.pieces.scene import SceneOnRanks
 from globule.render.pieces import wavefront
-from pieces_helpers import (
-    ALL,
-    CAMERA,
-    COLOR,
-    CUT,
-    GLASS,
-    OF_A_FEW,
-    PARTICLES,
-    POSITIONS,
-    SIZE,
-    N,
-    mine,
-)
+from pieces_helpers import ALL, CAMERA, COLOR, CUT, GLASS, OF_A_FEW, PARTICLES, POSITIONS, SIZE, N, mine
 from pieces_helpers import on as on_all
 from pieces_helpers import same as same_image
 from scenes import KERNELS
@@ -80,9 +68,7 @@ QUICK = ("murakami", "wendland_c2")
 
 
 @pytest.mark.few_backends
-@pytest.mark.parametrize(
-    "kernel", [pytest.param(k, marks=[] if k in QUICK else [pytest.mark.slow]) for k in KERNELS]
-)
+@pytest.mark.parametrize("kernel", [pytest.param(k, marks=[] if k in QUICK else [pytest.mark.slow]) for k in KERNELS])
 def test_every_kernel(kernel, backend):
     support = 3.2 if kernel == "blinn" else 2.5
     check(PARTICLES, 3, backend, ONE_RAY, kernel=kernel, support=support)
@@ -125,10 +111,7 @@ def test_eyes_inside_and_parallel_rays(backend):
 @pytest.mark.parametrize("n", [2, pytest.param(7, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "settings",
-    [
-        pytest.param(MIRROR, id="mirror", marks=pytest.mark.slow),
-        pytest.param(ALL | {"bounces": 4}, id="glass"),
-    ],
+    [pytest.param(MIRROR, id="mirror", marks=pytest.mark.slow), pytest.param(ALL | {"bounces": 4}, id="glass")],
 )
 def test_spray(n, settings, backend):
     """Reflections in small drops turn the last bits of a hit into other pixels."""

@@ -28,10 +28,7 @@ CASES = {
     "light goes inside": (OUTSIDE, {"settings": {"material": WATER, "bounces": 4}}),
     "a cut opens it": (OUTSIDE, {"settings": SHADOWS, "clips": [gb.ClipPlane((1, 0, 0), 0.0)]}),
     "the eye is inside": (gb.Camera((0, 0, 0), (1, 0.3, 0.2)), {"settings": SHADOWS}),
-    "from a plane": (
-        gb.Camera((0, 0, 60), (0, 0, 0), (0, 1, 0), height=50),
-        {"settings": SHADOWS},
-    ),
+    "from a plane": (gb.Camera((0, 0, 60), (0, 0, 0), (0, 1, 0), height=50), {"settings": SHADOWS}),
 }
 
 

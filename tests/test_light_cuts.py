@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from light import (
     CAMERA,
-    CENTRE,
+    CENTER,
     MIRROR,
     RADIUS,
     ball,
@@ -26,7 +26,7 @@ from quick import every
 from scenes import cloud
 
 SIZE = (48, 40)
-C, R = CENTRE, RADIUS
+C, R = CENTER, RADIUS
 OFF = float(np.dot(C, (1, 2, 2)))
 CUTS = {
     "plane": [gb.ClipPlane((1, 2, 2), OFF + 0.6 * R)],
@@ -38,11 +38,7 @@ CUTS = {
     "sphere": [gb.ClipSphere(C + (0.3, 0.4, 0.5), 0.6 * R)],
     "sphere kept": [gb.ClipSphere(C + (0.2, 0.1, 0.0), 0.9 * R, keep=True)],
     "slab": [gb.ClipPlane((0, 0, 1), C[2] + 0.2 * R), gb.ClipPlane((0, 0, -1), 0.1 * R - C[2])],
-    "corner": [
-        gb.ClipPlane((1, 0, 0), C[0]),
-        gb.ClipPlane((0, 1, 0), C[1]),
-        gb.ClipPlane((0, 0, 1), C[2] + 0.3 * R),
-    ],
+    "corner": [gb.ClipPlane((1, 0, 0), C[0]), gb.ClipPlane((0, 1, 0), C[1]), gb.ClipPlane((0, 0, 1), C[2] + 0.3 * R)],
     "many": [
         gb.ClipPlane((1, 2, 2), OFF + 0.8 * R),
         gb.ClipBox(C, C + (2, 2, 2)),
@@ -112,14 +108,12 @@ def test_cut_ball(backend, name, view):
 
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
 @pytest.mark.parametrize("kernel", ["murakami", "blinn", "wendland_c2"])
-def test_the_cut_face_shows_the_colours_inside(backend, kernel, octree):
+def test_the_cut_face_shows_the_colors_inside(backend, kernel, octree):
     """Deep inside, where cells hold no lists of particles, as at the rim."""
     rng = np.random.default_rng(62)
     p = cloud(900, 62, 2.0)
     color = rng.uniform(0, 1, p.shape).astype(np.float32)
-    scene = gb.Scene(
-        gb.Particles(p, support=1.0, color=color), kernel=kernel, octree=octree, **backend
-    )
+    scene = gb.Scene(gb.Particles(p, support=1.0, color=color), kernel=kernel, octree=octree, **backend)
     for clip in (
         gb.ClipPlane((1, 1, 2), 0.5),
         gb.ClipBox((0, -0.5, 0.2), (5, 5, 5)),
@@ -176,11 +170,7 @@ def test_a_mirror_shows_the_cut_face(backend):
 def test_the_shadow_of_a_cut_ball(backend, name):
     clips = CUTS[name]
     sun = unit((0.4, 1.0, 0.3))
-    look = quiet(
-        lights=[gb.DirectionalLight(sun, (1, 1, 1))],
-        shadows=True,
-        ground=gb.Ground(-0.9, color=1.0),
-    )
+    look = quiet(lights=[gb.DirectionalLight(sun, (1, 1, 1))], shadows=True, ground=gb.Ground(-0.9, color=1.0))
     camera, size = gb.Camera((0.2, 4, 2.5), (0, -0.9, 0.2), fov=40), (64, 48)
     frame = gb.render(ball(**backend), camera, size, look, clips)
     ground = np.abs(frame.position[..., 1] + 0.9) < 1e-4
@@ -205,9 +195,7 @@ def test_light_falls_into_a_hollow(backend, own):
     """A shadow ray that begins where the medium was taken away and meets a cut face first."""
     k = 0.6
     factors = (None, None) if own else (0.0, k)
-    particles = gb.Particles(
-        C.reshape(1, 3), support=1.3, color=(1, 1, 1), reflection=[0.0], refraction=[k]
-    )
+    particles = gb.Particles(C.reshape(1, 3), support=1.3, color=(1, 1, 1), reflection=[0.0], refraction=[k])
     look = quiet(
         lights=[gb.DirectionalLight((0, 1, 0), (1, 1, 1))],
         shadows=True,
@@ -227,9 +215,7 @@ def test_light_falls_into_a_hollow(backend, own):
 
 def test_cut_glass_is_glass(backend):
     """A ball of clear glass cut in half refracts at its flat face as at its round one."""
-    look = quiet(
-        sky=direction_sky(), material=gb.Material(0.0, 1.0, 1.5, absorption=0.0), bounces=1
-    )
+    look = quiet(sky=direction_sky(), material=gb.Material(0.0, 1.0, 1.5, absorption=0.0), bounces=1)
     clip = gb.ClipPlane((0, 0, 1), C[2])
     camera = gb.Camera(C + (0.4, 0.3, 5), C, height=1.3 * R)
     frame = gb.render(ball(**backend), camera, SIZE, look, [clip])

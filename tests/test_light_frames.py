@@ -7,7 +7,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.render.lights import uniform_sky
-from light import CENTRE, ONE_SKY, ball, direction_sky, quiet
+from light import CENTER, ONE_SKY, ball, direction_sky, quiet
 from scenes import CASES, case, cloud
 
 IMAGES = ("picture", "color", "distance", "position", "normal", "albedo")
@@ -129,18 +129,13 @@ def test_refine_by_no_or_too_many_samples_is_refused(samples):
         look(ball(), (4, 4)).refine(samples)
 
 
-WAYS = pytest.mark.parametrize(
-    "way", [(gb.RenderSettings(), ()), (EVERYTHING, CUTS)], ids=["plain", "everything"]
-)
+WAYS = pytest.mark.parametrize("way", [(gb.RenderSettings(), ()), (EVERYTHING, CUTS)], ids=["plain", "everything"])
 
 
 @WAYS
 @pytest.mark.parametrize("alike", [True, False])
 def test_threads_do_not_change_a_bit(alike, way):
-    one, *many = (
-        look(gb.Scene(busy(alike=alike), device="cpu", threads=n), (41, 33), *way)
-        for n in (1, 2, 5)
-    )
+    one, *many = (look(gb.Scene(busy(alike=alike), device="cpu", threads=n), (41, 33), *way) for n in (1, 2, 5))
     for other in many:
         assert_same(one, other)
 
@@ -164,13 +159,13 @@ def test_odd_sizes(backend, size):
 
 def test_rows_do_not_depend_on_the_band_they_are_in(backend):
     """A tall picture is traced in bands of rows; the sky and depth go on across them."""
-    camera = gb.Camera(CENTRE + (0, 0, 9), CENTRE, height=40.0)
+    camera = gb.Camera(CENTER + (0, 0, 9), CENTER, height=40.0)
     frame = gb.render(ball(**backend), camera, (3, 2000), quiet(sky=direction_sky(64)))
     y = (0.5 - (np.arange(2000) + 0.5) / 2000) * 40
     seen = np.abs(y) < 0.6
     assert frame.mask[seen, 1].all()
     assert not frame.mask[np.abs(y) > 0.7].any()
-    np.testing.assert_allclose(frame.position[seen, 1, 1], y[seen] + CENTRE[1], atol=1e-4)
+    np.testing.assert_allclose(frame.position[seen, 1, 1], y[seen] + CENTER[1], atol=1e-4)
 
 
 @pytest.mark.parametrize("alike", [True, False])
@@ -237,9 +232,7 @@ def test_waves_meet_what_the_oracle_meets(backend, name, octree):
 
 @pytest.mark.few_backends
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
-@pytest.mark.parametrize(
-    "kind", ["none", "one", "NaN", "all NaN", "negative", "mixed", "coincident", "64-bit keys"]
-)
+@pytest.mark.parametrize("kind", ["none", "one", "NaN", "all NaN", "negative", "mixed", "coincident", "64-bit keys"])
 def test_hard_particles_under_all_lights(backend, kind, octree):
     options = {"octree": octree, "threshold": 0.5}
     if kind == "none":
@@ -310,13 +303,7 @@ def test_pick(backend):
 def test_picking_on_a_cut_face(backend):
     p = cloud(500, 66)
     scene = gb.Scene(gb.Particles(p, support=0.5), **backend)
-    frame = gb.render(
-        scene,
-        gb.Camera((0, 0, 5), (0, 0, 0), fov=25),
-        (21, 21),
-        quiet(),
-        [gb.ClipPlane((0, 0, 1), 0.1)],
-    )
+    frame = gb.render(scene, gb.Camera((0, 0, 5), (0, 0, 0), fov=25), (21, 21), quiet(), [gb.ClipPlane((0, 0, 1), 0.1)])
     for column, row in ((10, 10), (5, 8), (14, 12)):
         found = frame.pick(column, row)
         assert found.position[2] == pytest.approx(0.1, abs=1e-5)

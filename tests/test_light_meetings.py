@@ -4,9 +4,9 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.render.lights import uniform_sky
-from light import CENTRE, ONE_SKY, RADIUS, ball, block, quiet, rays
+from light import CENTER, ONE_SKY, RADIUS, ball, block, quiet, rays
 
-C, R = CENTRE, RADIUS
+C, R = CENTER, RADIUS
 DOWN = gb.Camera((0, 0, 6), (0, 0, 0), height=1.0)
 BELOW = gb.Camera((0, 0, -1), (0.1, 0, -2), fov=20)
 SUN = {"lights": [gb.DirectionalLight((0, 0, 1), (1, 1, 1))], "shadows": True}
@@ -96,11 +96,7 @@ def test_a_ground_never_mirrors_itself(backend):
 def test_the_ground_shows_through_a_cut_that_lies_in_it(backend):
     black = uniform_sky((0, 0, 0))
     look = quiet(
-        ambient=1.0,
-        sky=black,
-        material=veil(0.9),
-        **SUN,
-        ground=gb.Ground(-0.5, (0, 0, 1), color=(0.2, 0.4, 0.6)),
+        ambient=1.0, sky=black, material=veil(0.9), **SUN, ground=gb.Ground(-0.5, (0, 0, 1), color=(0.2, 0.4, 0.6))
     )
     for camera in (DOWN, gb.Camera((0.3, 0.2, 6), (0.1, 0, 0), fov=10)):
         scene = block(color=(0, 0, 0), **backend)
@@ -138,11 +134,7 @@ def test_camera_inside_where_more_overlap_than_a_list_holds(backend):
     scene = gb.Scene(gb.Particles(near, support=1.0), threshold=2700, **backend)
     camera = gb.Camera((0.03, 0.02, 0.01), (1, 0, 0), fov=60)
     clear = gb.render(
-        scene,
-        camera,
-        (5, 4),
-        quiet(sky=ONE_SKY, material=veil(0.8, 0.5), bounces=1),
-        [gb.ClipPlane((0, 0, 1), 9.0)],
+        scene, camera, (5, 4), quiet(sky=ONE_SKY, material=veil(0.8, 0.5), bounces=1), [gb.ClipPlane((0, 0, 1), 9.0)]
     )
     plain = gb.render(scene, camera, (5, 4))
     assert plain.mask.all()

@@ -15,32 +15,7 @@ SIZE = (12, 9)
 TOLERANCE = {"color": 6e-3, "distance": 1e-3, "normal": 5e-3, "albedo": 5e-3}
 IMAGES = tuple(TOLERANCE)
 # Found among some thousand: each with a feature that others lack, most of them once wrong.
-SEEDS = (
-    5,
-    6,
-    10,
-    19,
-    39,
-    42,
-    46,
-    48,
-    49,
-    59,
-    61,
-    64,
-    68,
-    72,
-    73,
-    94,
-    135,
-    175,
-    182,
-    184,
-    197,
-    205,
-    1225,
-    2359,
-)
+SEEDS = (5, 6, 10, 19, 39, 42, 46, 48, 49, 59, 61, 64, 68, 72, 73, 94, 135, 175, 182, 184, 197, 205, 1225, 2359)
 
 
 def direction(rng):
@@ -141,15 +116,7 @@ def random_picture(seed):
     sky = gb.Sky(up=direction(rng)) if rng.random() < 0.7 else None
     depth, cutoff = int(rng.integers(6)), float(rng.choice([0.0, 1 / 128]))
     settings = gb.RenderSettings(
-        lights,
-        ambient,
-        background,
-        material,
-        shadows=shadows,
-        sky=sky,
-        ground=ground,
-        bounces=depth,
-        cutoff=cutoff,
+        lights, ambient, background, material, shadows=shadows, sky=sky, ground=ground, bounces=depth, cutoff=cutoff
     )
     eye = direction(rng) * rng.choice([rng.uniform(0, 1.2), rng.uniform(3, 6)])
     look_at, up, fov = rng.normal(0, 0.3, 3), direction(rng), float(rng.uniform(20, 70))
@@ -182,10 +149,7 @@ def unsure(layers, camera, settings, clips, pixels):
     """The reference at some pixels, finely, and by image where it differs for rays a little aside:
     edges."""
     shifts = 1e-3 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3), 0.1 * np.eye(3)])
-    some = [
-        light_reference.render(layers, camera, SIZE, settings, clips, pixels, shift, 1200)
-        for shift in shifts
-    ]
+    some = [light_reference.render(layers, camera, SIZE, settings, clips, pixels, shift, 1200) for shift in shifts]
     out = {}
     for k in IMAGES:
         with np.errstate(invalid="ignore"):
@@ -225,7 +189,7 @@ def test_random_scene(backend, seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_rays_from_anywhere(backend, seed):
-    """`intersect`, from inside and outside: distance, normal and colour."""
+    """`intersect`, from inside and outside: distance, normal and color."""
     particles, options, _, _ = random_picture(9000 + seed)[0][0]
     scene = gb.Scene(particles, **options, **backend)
     rng = np.random.default_rng(seed)

@@ -4,19 +4,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.scene import oracle
-from light import (
-    CAMERA,
-    CENTRE,
-    ONE_SKY,
-    RADIUS,
-    ball,
-    block,
-    glass,
-    meet_ball,
-    quiet,
-    rays,
-    unit,
-)
+from light import CAMERA, CENTER, ONE_SKY, RADIUS, ball, block, glass, meet_ball, quiet, rays, unit
 
 SIZE = (48, 40)
 ABOVE = gb.Camera((0.2, 5, 2.5), (0.2, -1, 0.2), fov=35)
@@ -34,7 +22,7 @@ def test_terminator(backend, shadows):
     o, d = rays(CAMERA, SIZE)
     near, _, away = meet_ball(o, d)
     inner = (away < 0.99 * RADIUS)[..., 0]
-    cosine = (o + near * d - CENTRE) @ sun / RADIUS
+    cosine = (o + near * d - CENTER) @ sun / RADIUS
     assert (cosine[inner] < -0.1).sum() > 30
     assert (cosine[inner] > 0.1).sum() > 30
     expected = np.maximum(cosine, 0)[..., None] * (1, 0.5, 0.25)
@@ -58,10 +46,7 @@ def test_shadow_on_the_ground(backend, name):
     p = frame.position.astype(np.float64)
     ground = np.abs(p[..., 1] + 1) < 1e-4
     assert ground.sum() > 800
-    if isinstance(light, gb.PointLight):
-        to = light.position - p
-    else:
-        to = np.broadcast_to(light.direction, p.shape)
+    to = light.position - p if isinstance(light, gb.PointLight) else np.broadcast_to(light.direction, p.shape)
     reach = np.linalg.norm(to, axis=-1)
     near, _, away = meet_ball(p, unit(to))
     beyond = isinstance(light, gb.PointLight) & (near[..., 0] > reach)
@@ -111,9 +96,7 @@ def test_ambient_occlusion_of_an_open_half_space(backend):
     """Over the flat face of a cut block nothing is hidden."""
     look = quiet(ambient=1.0, ambient_rays=16, ambient_distance=50.0, material=CLAY, samples=2)
     camera = gb.Camera((0.5, 6, 1), (0, 0, 0), fov=20)
-    frame = gb.render(
-        block(color=(1, 1, 1), **backend), camera, SIZE, look, [gb.ClipPlane((0, 1, 0), 0.5)]
-    )
+    frame = gb.render(block(color=(1, 1, 1), **backend), camera, SIZE, look, [gb.ClipPlane((0, 1, 0), 0.5)])
     np.testing.assert_allclose(frame.distance * -rays(camera, SIZE)[1][..., 1], 5.5, rtol=1e-5)
     np.testing.assert_allclose(frame.color, 1, atol=1e-5)
 
@@ -142,7 +125,7 @@ def test_ambient_rays_from_the_sky(backend):
     """Light from a gradient of a sky: its integral over the half space, weighted by cosines."""
     sky = gb.Sky(zenith=1.0, horizon=0.5, ground=0.0)
     look = quiet(sky=sky, ambient="sky", ambient_rays=64, material=CLAY, ambient_distance=9.0)
-    camera = gb.Camera(CENTRE + (4, 1, 3), CENTRE, fov=20)
+    camera = gb.Camera(CENTER + (4, 1, 3), CENTER, fov=20)
     frame = gb.render(ball(color=(1, 1, 1), **backend), camera, (24, 20), look)
     seen = meet_ball(*rays(camera, (24, 20)))[2][..., 0] < 0.97 * RADIUS
     n = frame.normal[seen].astype(np.float64)
@@ -161,7 +144,7 @@ def test_ambient_rays_from_the_sky(backend):
     [(0.8, None), (1.0, (1.0, 1.0, 1.0)), (1.0, (2.0, 0.5, 0.5)), (1.0, (0.0, 2.0, 2.0))],
 )
 def test_sunlight_through_a_ball(backend, transmission, absorption):
-    """What a shadow ray crosses lets its transmission through at each surface. Shadows are grey:
+    """What a shadow ray crosses lets its transmission through at each surface. Shadows are gray:
     the mean of the three absorptions counts."""
     sun = gb.DirectionalLight((0, 1, 0), (1, 1, 1))
     material = gb.Material(0.0, transmission, 1.0, absorption=absorption)
@@ -169,21 +152,19 @@ def test_sunlight_through_a_ball(backend, transmission, absorption):
     camera = gb.Camera((3, 2, 0), (0.2, -1, 0.4), fov=40)
     frame = gb.render(ball(**backend), camera, SIZE, look)
     p = frame.position.astype(np.float64)
-    axis = np.linalg.norm(p[..., [0, 2]] - CENTRE[[0, 2]], axis=-1)
+    axis = np.linalg.norm(p[..., [0, 2]] - CENTER[[0, 2]], axis=-1)
     ground = np.abs(p[..., 1] + 1) < 1e-4
     inside = 0.95 if absorption else 0.98
     inner, outer = ground & (axis < inside * RADIUS), ground & (axis > 1.02 * RADIUS)
     assert inner.sum() > 30
     chord = 2 * np.sqrt(RADIUS**2 - axis[inner] ** 2)
     expected = transmission**2 * np.exp(-np.mean(absorption or 0.0) * chord)
-    np.testing.assert_allclose(
-        frame.color[inner][:, 0], expected, rtol=5e-3 if absorption else 1e-4
-    )
+    np.testing.assert_allclose(frame.color[inner][:, 0], expected, rtol=5e-3 if absorption else 1e-4)
     np.testing.assert_allclose(frame.color[outer], 1, atol=1e-4)
 
 
 def test_translucent_over_opaque(backend):
-    """A veil of transmission k scatters (1 - k) of its own colour and filters the rest by it."""
+    """A veil of transmission k scatters (1 - k) of its own color and filters the rest by it."""
     veil_color, core_color, k = np.array((0.9, 0.6, 0.3)), np.array((0.2, 0.5, 1.0)), 0.7
     veil = ball((0, 0, 0), 2.0, color=veil_color, **backend)
     core = ball((0, 0, 0), 0.9, color=core_color, **backend)
@@ -205,19 +186,17 @@ def test_translucent_over_opaque(backend):
 
 
 @pytest.mark.parametrize(
-    "from_middle",
-    [(2, 2, 3), (-0.4, -0.2, -0.2), (0.2, 0.1, 0.2)],
-    ids=["outside", "inside one", "inside both"],
+    "from_middle", [(2, 2, 3), (-0.4, -0.2, -0.2), (0.2, 0.1, 0.2)], ids=["outside", "inside one", "inside both"]
 )
 def test_a_ray_inside_both_layers(backend, from_middle):
     """Where two media overlap, both absorb."""
     a, b = np.array((0.4, 1.0, 0.0)), np.array((1.0, 0.0, 0.7))
-    place = CENTRE + (0.3, 0.2, 0.1)
+    place = CENTER + (0.3, 0.2, 0.1)
     layers = [
         gb.Layer(ball(**backend), glass(1.0, absorption=a)),
         gb.Layer(ball(place, **backend), glass(1.0, absorption=b)),
     ]
-    camera = gb.Camera(CENTRE + from_middle, place, fov=40)
+    camera = gb.Camera(CENTER + from_middle, place, fov=40)
     o, d = rays(camera, SIZE)
     path = [
         np.nan_to_num(np.maximum(far, 0) - np.maximum(near, 0))
@@ -226,7 +205,7 @@ def test_a_ray_inside_both_layers(backend, from_middle):
     frame = gb.render(layers, camera, SIZE, quiet(sky=ONE_SKY, bounces=8))
     expected = np.exp(-a * path[0] - b * path[1])
     clear = np.ones(frame.mask.shape, bool)
-    for c in (CENTRE, place):
+    for c in (CENTER, place):
         clear &= (np.abs(meet_ball(o, d, c)[2] - RADIUS) > 0.01 * RADIUS)[..., 0]
     np.testing.assert_allclose(frame.color[clear], expected[clear], rtol=0.01)
 
@@ -263,13 +242,13 @@ def test_dim_light_throws_shadows_too(backend):
 @pytest.mark.parametrize("kind", ["sun", "ambient"])
 def test_no_light_from_below_the_ground(backend, kind):
     """The underside of a ball that touches the ground is dark."""
-    ground = gb.Ground(CENTRE[1] - RADIUS, color=0.0)
+    ground = gb.Ground(CENTER[1] - RADIUS, color=0.0)
     if kind == "sun":
         light = gb.DirectionalLight((0, -1, 0), (1, 1, 1))
         look = quiet(lights=[light], shadows=True, ground=ground)
     else:
         look = quiet(ambient=1.0, ambient_rays=32, ambient_distance=9.0, ground=ground)
-    camera = gb.Camera(CENTRE + (0, 0, 5), CENTRE, height=2 * RADIUS)
+    camera = gb.Camera(CENTER + (0, 0, 5), CENTER, height=2 * RADIUS)
     frame = gb.render(ball(color=(1, 1, 1), **backend), camera, (21, 21), look)
     below = frame.mask & (frame.normal[..., 1] < -0.8)
     assert below.sum() > 10
@@ -279,10 +258,9 @@ def test_no_light_from_below_the_ground(backend, kind):
 def test_shadows_are_exact(backend):
     """Light arrives exactly where the float64 oracle finds nothing on the way."""
     rng = np.random.default_rng(5)
-    p = (
-        np.stack(np.meshgrid(*[np.arange(10.0)] * 3), -1).reshape(-1, 3)
-        + rng.normal(0, 0.15, (1000, 3))
-    ).astype(np.float32)
+    p = (np.stack(np.meshgrid(*[np.arange(10.0)] * 3), -1).reshape(-1, 3) + rng.normal(0, 0.15, (1000, 3))).astype(
+        np.float32
+    )
     p = p[rng.random(1000) < 0.35]  # drops and gaps: light comes through narrow ones
     a = 1.3
     sun = np.float32(unit((0.9, 0.25, 0.5)))

@@ -200,10 +200,7 @@ def test_a_killed_run_goes_on_with_all_that_it_recorded(sweep, capsys):
     table = Path("kept/poses.csv")
     try:
         until(
-            lambda: (
-                process.poll() is not None
-                or (table.is_file() and table.read_bytes().count(b"\n") > 6)
-            ),
+            lambda: process.poll() is not None or (table.is_file() and table.read_bytes().count(b"\n") > 6),
             "for frames on the disk",
         )
     finally:
@@ -258,9 +255,7 @@ def test_a_recording_that_was_cut_anywhere():
         assert ours.image.dtype == theirs.image.dtype
         assert np.array_equal(ours.world_from_image, theirs.world_from_image)
     # Times that run backwards: frames and rows still belong together.
-    assert np.array_equal(
-        gb.ultrasound.read_sweep("kept").world_from_image[2], frames[2].world_from_image
-    )
+    assert np.array_equal(gb.ultrasound.read_sweep("kept").world_from_image[2], frames[2].world_from_image)
     Path("kept/frame_000003.png").write_bytes(b"no picture")
     with pytest.raises(ValueError, match=r"frame_000003\.png"):
         Recorder("kept")
@@ -272,10 +267,7 @@ def test_a_recording_that_was_cut_anywhere():
 
 @pytest.mark.parametrize(
     ("flag", "after", "refresh"),
-    [
-        ("--three-view", (8, 14, 20), "0.001"),
-        pytest.param("--surface-image", (12,), "3600", marks=pytest.mark.slow),
-    ],
+    [("--three-view", (8, 14, 20), "0.001"), pytest.param("--surface-image", (12,), "3600", marks=pytest.mark.slow)],
 )
 def test_an_image_is_drawn_while_frames_come(sweep, capsys, flag, after, refresh):
     address = served(sweep, between=Redrawn("v.png", after))

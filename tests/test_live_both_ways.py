@@ -277,17 +277,13 @@ def test_tracker_and_images_from_two_servers(monkeypatch):
     check_places(sweep, 0.2)
 
 
-@pytest.mark.parametrize(
-    ("clock", "first"), [(0.0, "tracker"), (0.0, "images"), (-5000.0, "images")]
-)
+@pytest.mark.parametrize(("clock", "first"), [(0.0, "tracker"), (0.0, "images"), (-5000.0, "images")])
 def test_clocks_of_two_servers(clock, first, monkeypatch):
     """Images arrive 120 ms late, the servers start in any order, clocks together or apart."""
     n, late = 45, 0.4
     tracker, images = tracker_and_images(n, clock)
     came = [Arrived(1, message, 7 + t) for t, message in tracker if t > late or first != "images"]
-    came += [
-        Arrived(0, message, 7.12 + t) for t, message in images if t > late or first == "images"
-    ]
+    came += [Arrived(0, message, 7.12 + t) for t, message in images if t > late or first == "images"]
     came.sort(key=lambda arrived: arrived.when)
 
     def arrivals(base, places, idle, wait, connected):

@@ -117,9 +117,7 @@ def shapes() -> dict[str, gb.Scene]:
         "lattice": gb.Scene(gb.Particles(jittered, support=2.0), **options),
         "spline": gb.Scene(gb.Particles(jittered), "cubic_spline", **options),
         "solid": gb.Scene(gb.Particles(jittered), "solid", **options),
-        "weights": gb.Scene(
-            gb.Particles(jittered, support=1.9, weight=rng.uniform(-0.5, 1.5, 210)), **options
-        ),
+        "weights": gb.Scene(gb.Particles(jittered, support=1.9, weight=rng.uniform(-0.5, 1.5, 210)), **options),
         "ellipsoid": gb.Scene(gb.Particles(BALL, anisotropy=stretched), **options),
         "neck": gb.Scene(gb.Particles(two, support=1.0), **options),
         "far": gb.Scene(gb.Particles(jittered + 1000, support=2.0), **options),
@@ -179,10 +177,7 @@ def test_vertices_are_on_the_surface(name):
 
 def test_same_mesh_everywhere(backend, reference):
     p = gb.Particles(lattice(7, 6, 5, 0.2), support=2.0)
-    there, here = (
-        gb.measure.mesh_surface(reference(p)),
-        gb.measure.mesh_surface(gb.Scene(p, **backend)),
-    )
+    there, here = (gb.measure.mesh_surface(reference(p)), gb.measure.mesh_surface(gb.Scene(p, **backend)))
     assert abs(len(there.faces) - len(here.faces)) <= 0.001 * len(there.faces)
     assert here.volume == pytest.approx(there.volume, rel=1e-6)
 
@@ -204,9 +199,7 @@ def test_mesh_files(folder):
     for ending in ("ply", "stl", "obj"):
         found.save(f"a.{ending}")
         read = trimesh.load_mesh(f"a.{ending}", process=False)
-        np.testing.assert_array_equal(
-            np.asarray(read.triangles, np.float32), found.vertices[found.faces]
-        )
+        np.testing.assert_array_equal(np.asarray(read.triangles, np.float32), found.vertices[found.faces])
     plyfile = pytest.importorskip("plyfile")
     vertex = plyfile.PlyData.read("a.ply")["vertex"]
     np.testing.assert_array_equal(vertex["nx"], found.normals[:, 0])
@@ -218,9 +211,7 @@ def test_mesh_files(folder):
     found.save("a.vtp")
     data = by_vtk("a.vtp")
     assert data.GetNumberOfPolys() == len(found.faces)
-    np.testing.assert_array_equal(
-        vtk_to_numpy(data.GetPointData().GetArray("flow")), found.values["flow"]
-    )
+    np.testing.assert_array_equal(vtk_to_numpy(data.GetPointData().GetArray("flow")), found.values["flow"])
     faces = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
     np.testing.assert_array_equal(faces, found.faces)
     with pytest.raises(ValueError, match=r"path: expected a name ending in \.ply"):
@@ -253,9 +244,7 @@ def test_box_of_a_lattice():
     """A block's volume against columns of the float64 field, a second of them."""
     n, support = 6, 2.0
     positions = lattice(n, n, n)
-    found = gb.measure.measure_surface(
-        gb.Scene(gb.Particles(positions, support=support), device="cpu")
-    )
+    found = gb.measure.measure_surface(gb.Scene(gb.Particles(positions, support=support), device="cpu"))
     h = 0.125
     # By symmetry one octant is enough; the field's roots are found between the nodes.
     axis = (np.arange(int((n / 2 + 1.5) / h)) + 0.5) * h
@@ -318,11 +307,7 @@ def test_a_mesh_file_is_no_particles(tmp_path):
     path = tmp_path / "hull.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")
     plane = gb.measure.SamplePlane((0, 0, 1), 0.1)
-    works = (
-        gb.measure.measure_surface,
-        lambda p: gb.measure.gauge(p, (0, 0)),
-        lambda p: gb.measure.sample(p, plane),
-    )
+    works = (gb.measure.measure_surface, lambda p: gb.measure.gauge(p, (0, 0)), lambda p: gb.measure.sample(p, plane))
     for work in (*works, gb.measure.project, lambda p: gb.measure.track_surface([p])):
         with pytest.raises(ValueError, match="expected particles or a volume, got the mesh"):
             work(path)

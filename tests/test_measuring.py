@@ -9,12 +9,7 @@ import numpy as np
 import pytest
 from globule.cli import main
 from globule.ultrasound import phantoms
-from globule.ultrasound.measuring import (
-    _variance,
-    find_error_length,
-    measure_distance,
-    measure_volume,
-)
+from globule.ultrasound.measuring import _variance, find_error_length, measure_distance, measure_volume
 from globule.ultrasound.wires import read_phantom
 from globule.volumes.volume import FAR
 from sweep_helpers import calibration_data
@@ -44,10 +39,7 @@ def grid() -> np.ndarray:
 def test_variance_of_a_cell_is_that_of_its_pairs():
     rng = np.random.default_rng(0)
     p, cells = rng.random(60), rng.integers(0, 7, 60)
-    want = sum(
-        np.minimum.outer(p[cells == c], p[cells == c]).sum() - p[cells == c].sum() ** 2
-        for c in range(7)
-    )
+    want = sum(np.minimum.outer(p[cells == c], p[cells == c]).sum() - p[cells == c].sum() ** 2 for c in range(7))
     assert _variance(p, cells) == pytest.approx(want)
 
 
@@ -96,10 +88,7 @@ def test_against_many_sweeps():
         options = {"below": 100.0, "center": (0, 14, 0), "radius": 8.5}
         volumes.append(measure_volume(volume, length, **options))
         distances.append(measure_distance(volume, (0, 5, 0), (0, 23, 0), length, width=2))
-    for results, name, truth in (
-        (volumes, "volume", 4 / 3 * np.pi * RADIUS**3),
-        (distances, "distance", 2 * RADIUS),
-    ):
+    for results, name, truth in ((volumes, "volume", 4 / 3 * np.pi * RADIUS**3), (distances, "distance", 2 * RADIUS)):
         found = np.array([getattr(r, name) for r in results])
         predicted = np.mean([r.std for r in results])
         seen = found.std(ddof=1)

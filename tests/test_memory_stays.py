@@ -106,9 +106,7 @@ print(*left)
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="no /proc")
 def test_three_thousand_turns(backend):
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, backend["device"]], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", RUN, backend["device"]], capture_output=True, text=True, check=True)
     left = [int(n) for n in done.stdout.split()]
     assert len(left) == 8
     assert left[-1] < 1.05 * left[1]  # the first 500 load what is used

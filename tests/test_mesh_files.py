@@ -189,9 +189,7 @@ def test_a_mesh_in_the_colors_of_its_values(files, capsys):
     words = ("--color-by", "x", "--colormap", "magma", *flat, "--aov", "a.npz")
     run_json(capsys, "render", "fluid.vtp", "-o", "a.png", *words)
     seen = np.load("a.npz")
-    inside = seen["mask"] & (
-        np.abs(seen["position"][..., :2]).max(axis=-1) < 0.9
-    )  # not the silhouette
+    inside = seen["mask"] & (np.abs(seen["position"][..., :2]).max(axis=-1) < 0.9)  # not the silhouette
     assert inside.sum() > 100
     expected = gb.colorize(seen["position"][inside][:, 0], "magma", -1, 1)
     np.testing.assert_allclose(seen["color"][inside], expected, atol=0.05)
@@ -217,9 +215,7 @@ def test_render_particles_beside_meshes(files, capsys):
     beside = run_json(capsys, "render", "fluid.ply", "-o", "b.png", *SMALL, *words)
     assert beside["warnings"] == []
     assert beside["counts"]["hits"] == pytest.approx(alone["counts"]["hits"], rel=0.1)
-    tank = run_json(
-        capsys, "render", "fluid.ply", "-o", "c.png", *SMALL, "--mesh", "tank.ply:glass"
-    )
+    tank = run_json(capsys, "render", "fluid.ply", "-o", "c.png", *SMALL, "--mesh", "tank.ply:glass")
     assert "surrounds the particles: drawn as a thin wall" in tank["warnings"][0]
     assert tank["counts"]["hits"] != alone["counts"]["hits"]  # the camera shows the tank
     image = read_environment("c.png")

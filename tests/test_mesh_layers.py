@@ -8,17 +8,7 @@ import pytest
 from globule import _core
 from globule._base.arrays import address
 from globule.render.fit import corners_of
-from light import (
-    CENTRE,
-    MIRROR,
-    block,
-    direction_sky,
-    glass,
-    quiet,
-    rays,
-    sky_of,
-    unit,
-)
+from light import CENTER, MIRROR, block, direction_sky, glass, quiet, rays, sky_of, unit
 from quick import every
 from test_light_cuts import CAMERAS, CUTS, changes, normal_of
 
@@ -36,12 +26,12 @@ def box(low, high, **options) -> gb.Mesh:
     return gb.Mesh(low + BOX * (high - low), BOX_FACES, **options)
 
 
-def sphere(n: int, radius=1.0, centre=(0.0, 0.0, 0.0)) -> tuple[np.ndarray, np.ndarray]:
+def sphere(n: int, radius=1.0, center=(0.0, 0.0, 0.0)) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of a ball with n rings, closed."""
     theta, phi = np.linspace(0, np.pi, n + 1)[1:-1], np.linspace(0, 2 * np.pi, 2 * n + 1)[:-1]
     ring = np.stack([np.cos(phi), np.sin(phi)], -1)
     points = [[[0, 0, 1]], *(np.c_[np.sin(t) * ring, np.full(2 * n, np.cos(t))] for t in theta)]
-    vertices = np.concatenate([*points, [[0, 0, -1]]]) * radius + centre
+    vertices = np.concatenate([*points, [[0, 0, -1]]]) * radius + center
     k, j = np.arange(2 * n), (np.arange(2 * n) + 1) % (2 * n)
     faces = [np.c_[np.zeros(2 * n), 1 + k, 1 + j]]
     for r in range(n - 2):
@@ -77,19 +67,13 @@ MESHES = {
     "soup": (SOUP.reshape(-1, 3).astype(np.float32), np.arange(1200).reshape(-1, 3)),
     "box": (BOX * 1.4 - 0.7, BOX_FACES),
     "nested": (  # all boxes hold the middle, and the tree is deep
-        (
-            np.random.default_rng(8).normal(size=(1200, 3, 3))
-            * 0.97 ** np.arange(1200)[:, None, None]
-        )
+        (np.random.default_rng(8).normal(size=(1200, 3, 3)) * 0.97 ** np.arange(1200)[:, None, None])
         .reshape(-1, 3)
         .astype(np.float32),
         np.arange(3600).reshape(-1, 3),
     ),
     "one": (np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0.3]]), np.array([[0, 1, 2]])),
-    "all at one place": (
-        np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0.3]]),
-        np.array([[0, 1, 2]] * 300),
-    ),
+    "all at one place": (np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0.3]]), np.array([[0, 1, 2]] * 300)),
 }
 
 
@@ -120,9 +104,7 @@ def test_no_ray_slips_between_triangles(backend):
     vertices, faces = sphere(12)
     rng = np.random.default_rng(3)
     u = rng.random((len(faces), 1))
-    targets = np.concatenate(
-        [vertices[faces[:, 0]], vertices[faces[:, 0]] * u + vertices[faces[:, 1]] * (1 - u)]
-    )
+    targets = np.concatenate([vertices[faces[:, 0]], vertices[faces[:, 0]] * u + vertices[faces[:, 1]] * (1 - u)])
     targets = np.tile(targets, (10, 1))
     for shift in (0.0, 1000.0):  # where positions are rounded to 6e-5
         o = rng.uniform(-0.4, 0.4, targets.shape)
@@ -135,9 +117,7 @@ def test_no_ray_slips_between_triangles(backend):
 def test_a_pose_moves_the_mesh_without_its_vertices(backend):
     vertices, faces = MESHES["soup"]
     angle = 0.7
-    turn = np.array(
-        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
-    )
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn, (0.3, -0.2, 0.5)
     mesh = gb.Mesh(vertices, faces, **backend)
@@ -235,9 +215,7 @@ def test_beside_particles_the_nearer_surface_shows(backend):
     wall = box((-3, -3, 2), (0, 9, 9), color=(1, 0.5, 0.25))
     both = gb.render([scene, wall], CAMERA_FAR, SIZE, quiet(ambient=1.0))
     o, d = rays(CAMERA_FAR, SIZE)
-    found = wall.intersect(
-        *(np.broadcast_to(x, d.shape).reshape(-1, 3).astype("f4") for x in (o, d))
-    )
+    found = wall.intersect(*(np.broadcast_to(x, d.shape).reshape(-1, 3).astype("f4") for x in (o, d)))
     t = found.distance.reshape(SIZE[::-1])
     nearest = np.minimum(t, plain.distance)
     hit = np.isfinite(nearest)
@@ -413,7 +391,7 @@ def test_a_cut_solid(backend, name, view):
     """Depth, normal and which pixels are hit, against brute force over all intervals."""
     clips, camera = CUTS[name], CAMERAS[view]
     n, radius = 60, 0.6
-    frame = gb.render(gb.Mesh(*sphere(n, radius, CENTRE), **backend), camera, SIZE, quiet(), clips)
+    frame = gb.render(gb.Mesh(*sphere(n, radius, CENTER), **backend), camera, SIZE, quiet(), clips)
     o, d = rays(camera, SIZE)
     t, which, sure = changes(name, view, (radius, radius * (1 - 2 / n**2)), 1e-3)
     assert sure.mean() > 0.7
@@ -423,7 +401,7 @@ def test_a_cut_solid(backend, name, view):
     p = o + np.where(np.isfinite(t), t, 0)[..., None] * d
     for k in range(-1, len(clips)):
         here = seen & (which == k)
-        expected = (p[here] - CENTRE) / radius if k < 0 else normal_of(clips[k], p[here])
+        expected = (p[here] - CENTER) / radius if k < 0 else normal_of(clips[k], p[here])
         np.testing.assert_allclose(frame.normal[here], expected, atol=0.06 if k < 0 else 2e-3)
         if k >= 0:
             np.testing.assert_allclose(frame.distance[here], t[here], atol=2e-5)

@@ -1,4 +1,4 @@
-"""Meshes as metaballs: spacings, closed surfaces, colours, and files that are none."""
+"""Meshes as metaballs: spacings, closed surfaces, colors, and files that are none."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def test_files(trimesh, extension, tmp_path):
         if extension == ".stl":
             assert particles.color is None
             continue
-        shown = colors[order, :3] / 255  # glTF's vertex colours are linear by definition
+        shown = colors[order, :3] / 255  # glTF's vertex colors are linear by definition
         expected = shown if extension == ".glb" else to_linear(shown)
         assert np.allclose(particles.color, expected, atol=2e-3)
     assert len(gb.read(path, spacing=0.1)) > 2 * len(mesh.vertices)
@@ -218,8 +218,7 @@ def test_textures_beside_a_mesh_are_read_and_no_other_file(trimesh, tmp_path, en
         if ending == "obj":
             (folder / "a.mtl").write_text(f"newmtl m\nKd 1 0 0\nmap_Kd {name}\n")
             (folder / "a.obj").write_text(
-                "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\n"
-                "vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+                "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
             )
         else:
             visual = trimesh.visual.TextureVisuals(
@@ -233,10 +232,7 @@ def test_textures_beside_a_mesh_are_read_and_no_other_file(trimesh, tmp_path, en
             text = json.dumps(tree).encode()
             text += b" " * (-len(text) % 4)
             rest = content[20 + length :]
-            sizes = (
-                (20 + len(text) + len(rest)).to_bytes(4, "little"),
-                len(text).to_bytes(4, "little"),
-            )
+            sizes = ((20 + len(text) + len(rest)).to_bytes(4, "little"), len(text).to_bytes(4, "little"))
             head = b"glTF\2\0\0\0" + sizes[0] + sizes[1] + b"JSON"
             (folder / "a.glb").write_bytes(head + text + rest)
         try:
@@ -265,9 +261,7 @@ def test_points_without_triangles(trimesh, tmp_path):
     (tmp_path / "a.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in points))
     with pytest.warns(UserWarning, match="a.obj: expected a mesh with faces, got none: its 51 ver"):
         particles = gb.read(tmp_path / "a.obj")
-    assert np.allclose(
-        particles.support, 2 * gb.fluids.measure_spacing(points.astype("f4")), rtol=1e-5
-    )
+    assert np.allclose(particles.support, 2 * gb.fluids.measure_spacing(points.astype("f4")), rtol=1e-5)
     assert particles.support[-1] > 10 * np.median(particles.support)
 
 
@@ -342,8 +336,7 @@ def test_scenes_of_too_many_triangles(trimesh, monkeypatch):
 def test_materials_without_pictures(trimesh, tmp_path):
     (tmp_path / "a.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd nowhere.png\n")
     (tmp_path / "a.obj").write_text(
-        "mtllib a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
-        "f 1/1 2/2 3/3\n"
+        "mtllib a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
     )
     for options in ({}, {"spacing": 0.2}):
         assert (gb.read(tmp_path / "a.obj", **options).color == [1, 0, 0]).all()

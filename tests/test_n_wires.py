@@ -11,21 +11,10 @@ import numpy as np
 import pytest
 from globule.cli import main
 from globule.formats.errors import FormatError
-from globule.ultrasound.calibration import (
-    Calibration,
-    read_calibration,
-    turn_by,
-    write_calibration,
-)
+from globule.ultrasound.calibration import Calibration, read_calibration, turn_by, write_calibration
 from globule.ultrasound.marks import read_tracked
 from globule.ultrasound.n_wires import calibrate_n_wires, validate_n_wires
-from globule.ultrasound.wires import (
-    NWirePhantom,
-    find_dots,
-    find_wires,
-    read_phantom,
-    write_phantom,
-)
+from globule.ultrasound.wires import NWirePhantom, find_dots, find_wires, read_phantom, write_phantom
 from sweep_helpers import calibration_data, write_recording
 
 SIZE = (330, 250)  # columns, rows
@@ -98,9 +87,7 @@ def sweep(
         extra = rng.uniform(5, np.array(SIZE) - 5, (false_dots, 2))
         for column, row in [*dots[keep], *extra]:
             size = rng.uniform(1.2, 1.8)
-            around = np.s_[
-                max(0, int(row) - 9) : int(row) + 11, max(0, int(column) - 9) : int(column) + 11
-            ]
+            around = np.s_[max(0, int(row) - 9) : int(row) + 11, max(0, int(column) - 9) : int(column) + 11]
             bright = rng.uniform(140, 250) * np.exp(
                 -((columns[around] - column) ** 2 / size**2 + (rows[around] - row) ** 2) / 2
             )
@@ -213,10 +200,7 @@ def test_the_temporal_offset_is_found_with_the_matrix():
     assert apart < 0.02
     assert corner_error(free.calibration).max() < corner_error(fixed.calibration).max()
     *more, _ = sweep(seed=5, late=0.25)
-    errors = [
-        np.median(validate_n_wires(found.calibration, *more, phantom())[0].three_d)
-        for found in (free, fixed)
-    ]
+    errors = [np.median(validate_n_wires(found.calibration, *more, phantom())[0].three_d) for found in (free, fixed)]
     assert errors[0] < 0.7 * errors[1]
 
 
@@ -289,10 +273,7 @@ def plus_points(tag):
     root = ElementTree.parse(calibration_data() / "FreehandCalibration3NWires.results.xml")
     return np.array(
         [
-            [
-                [float(x) for x in point.get("Position").split()[:2]]
-                for point in frame.find("SegmentedPoints")
-            ]
+            [[float(x) for x in point.get("Position").split()[:2]] for point in frame.find("SegmentedPoints")]
             for frame in root.find(f".//{tag}").findall("Frame")
         ]
     )

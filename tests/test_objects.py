@@ -124,9 +124,7 @@ def test_tables():
 
 def test_xarray_and_arrow():
     xarray = pytest.importorskip("xarray")
-    data = xarray.Dataset(
-        {a: ("n", POSITIONS[:, k]) for k, a in enumerate("xyz")} | {"h": ("n", H)}
-    )
+    data = xarray.Dataset({a: ("n", POSITIONS[:, k]) for k, a in enumerate("xyz")} | {"h": ("n", H)})
     assert np.array_equal(assert_positions(data).support, 2 * H)
     assert_positions(xarray.DataArray(POSITIONS))
     axes = {a: np.arange(3.0) for a in "xyz"}  # of a grid, not three particles

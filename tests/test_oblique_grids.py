@@ -63,18 +63,14 @@ def test_axes_turn_with_the_sweep():
     sweep = gb.ultrasound.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
     for method in ("frames", "pvn-om"):
         plain = gb.ultrasound.reconstruct(sweep, method, spacing=1.0, device="cpu")
-        turned = gb.ultrasound.reconstruct(
-            rotated(sweep, TURN), method, spacing=1.0, axes=TURN, device="cpu"
-        )
+        turned = gb.ultrasound.reconstruct(rotated(sweep, TURN), method, spacing=1.0, axes=TURN, device="cpu")
         # A pixel on the face of two voxels may fall to the other one.
         assert plain.shape == turned.shape
         assert (plain.values != turned.values).mean() < 0.02
         frame = np.eye(4)
         frame[:3, :3] = TURN
         assert np.allclose(turned.world_from_voxel, frame @ plain.world_from_voxel, atol=1e-6)
-        same = gb.ultrasound.reconstruct(
-            sweep, method, spacing=(1, 1, 1), axes=np.eye(3), device="cpu"
-        )
+        same = gb.ultrasound.reconstruct(sweep, method, spacing=(1, 1, 1), axes=np.eye(3), device="cpu")
         assert np.array_equal(same.values, plain.values)
 
 
@@ -87,9 +83,7 @@ def test_axes_of_the_sweep_need_fewer_voxels():
     # Axes have the names of the world's axes that are nearest, and a straight sweep keeps them.
     straight = linear_sweep(np.eye(3))
     assert np.allclose(sweep_axes(straight), np.eye(3), atol=0.03)
-    back = gb.ultrasound.Sweep(
-        straight.frames, straight.world_from_image @ np.diag([-1.0, 1, -1, 1])
-    )
+    back = gb.ultrasound.Sweep(straight.frames, straight.world_from_image @ np.diag([-1.0, 1, -1, 1]))
     assert np.allclose(sweep_axes(back), np.eye(3), atol=0.03)
 
 
@@ -133,9 +127,7 @@ def test_projections(dtype, tmp_path):
 def test_a_method_that_fails_does_not_end_the_comparison(caplog):
     """Four frames: bezier needs as many, and has fewer once some are left out."""
     sweep = linear_sweep()[:5]
-    found = compare_methods(
-        sweep, 2, ("frames", "no such method", "pvn-om"), spacing=1.0, device="cpu"
-    )
+    found = compare_methods(sweep, 2, ("frames", "no such method", "pvn-om"), spacing=1.0, device="cpu")
     assert list(found) == ["frames", "pvn-om"]
     assert "cross-validation without no such method" in caplog.text
     with pytest.raises(ValueError, match="no such method"):

@@ -176,9 +176,7 @@ def test_neighbors(backend, name, options):
         at = at[np.isfinite(at).all(1)]
         rank = np.empty(len(p), np.int64)
         rank[scene.octree.sorted_keys(len(p))[1]] = np.arange(len(p))
-        for mine, truth in zip(
-            rows(scene.neighbors(at, radius)), oracle.neighbors(p, at, radius), strict=True
-        ):
+        for mine, truth in zip(rows(scene.neighbors(at, radius)), oracle.neighbors(p, at, radius), strict=True):
             np.testing.assert_array_equal(np.sort(mine), truth)
             assert (np.diff(rank[mine]) > 0).all()  # in Morton order
 
@@ -226,9 +224,7 @@ def test_update_of_single_fields(backend):
     np.testing.assert_allclose(scene.field(at), Case(p[:100], 0.2).field(at)[0], atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    "options", [{}, {"key_bits": 64}, {"octree": "dense", "level": 5}], ids=str
-)
+@pytest.mark.parametrize("options", [{}, {"key_bits": 64}, {"octree": "dense", "level": 5}], ids=str)
 def test_steady_state_needs_no_more_memory(backend, options):
     scene = gb.Scene(cloud(20_000, 43), support=0.1, **options, **backend)
     sizes = []

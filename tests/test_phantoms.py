@@ -30,9 +30,7 @@ def test_cylinders_are_as_thick_and_as_far_apart_as_asked(diameter, n_frames):
     assert sweep.valid.all()
     i = n_frames // 2
     dark = np.argwhere(sweep.frames[i] < 40)
-    world = sweep.world_from_image[i] @ np.stack(
-        [dark[:, 1], dark[:, 0], np.zeros(len(dark)), np.ones(len(dark))]
-    )
+    world = sweep.world_from_image[i] @ np.stack([dark[:, 1], dark[:, 0], np.zeros(len(dark)), np.ones(len(dark))])
     nearest = np.rint(world[0] / 12.6)
     assert set(nearest) == {-1, 0, 1}
     for k in (-1, 0, 1):
@@ -61,7 +59,7 @@ def test_speckle_is_fixed_in_space_and_rayleigh():
     values = sweep.frames[0].astype(float)
     assert values.std() / values.mean() == pytest.approx(np.sqrt(4 / np.pi - 1), rel=0.1)
     assert phantoms.scan(flat, 2, speckle=0.0, size=(9, 9)).frames.std() == 0
-    # Two frames close to each other see the same speckle; millimetres on, another one.
+    # Two frames close to each other see the same speckle; millimeters on, another one.
     for length, least, most in ((0.0, 0.5, 1.01), (3.0, -0.1, 0.1)):
         frames = phantoms.scan(flat, 2, length=length, size=(200, 200)).frames
         assert least < np.corrcoef(frames[0].ravel(), frames[1].ravel())[0, 1] < most

@@ -206,8 +206,7 @@ def files(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["a.npy", "a.npz", "own.npz", "a.h5", "a.vtu", "a.vtp", "big_endian.vtu", "a.bgeo", "b.bgeo"],
+    "name", ["a.npy", "a.npz", "own.npz", "a.h5", "a.vtu", "a.vtp", "big_endian.vtu", "a.bgeo", "b.bgeo"]
 )
 def test_ranges_of_files(name, files):
     if name == "a.h5":
@@ -364,9 +363,7 @@ def test_faces_are_not_drawn_in_pieces(files, little, capsys):
     assert report["counts"]["triangles"] == 2 * (n - 1) ** 2
     names = "ranks resample level label frame species where origin center min_component scale"
     given = dict.fromkeys((*names.split(), "columns", "atom_style", "ground"))
-    options = argparse.Namespace(
-        particles=["m.vtp"], as_particles=False, radius_is="radius", **given
-    )
+    options = argparse.Namespace(particles=["m.vtp"], as_particles=False, radius_is="radius", **given)
     light = argparse.Namespace(_matter={}, _own={})
     assert replicates(options, light)  # on each rank of mpiexec, too
 

@@ -40,9 +40,7 @@ def equals_reference(name, **backend):
     if not DATA.is_dir():
         pytest.skip("../shared/data/ultrasound is not here")
     reference = gb.volumes.read_volume(DATA / f"{name}.reference.mha")
-    sweep = gb.ultrasound.read_sweep(
-        DATA / "SpinePhantomFreehand.igs.mha", plus=DATA / f"{name}.xml"
-    )
+    sweep = gb.ultrasound.read_sweep(DATA / "SpinePhantomFreehand.igs.mha", plus=DATA / f"{name}.xml")
     volume = reconstruct_plus(sweep, DATA / f"{name}.xml", **backend)
     slab = tuple(slice(n) for n in reference.shape)
     if name == "RECON":  # comes from an older PLUS, which rounded the number of voxels down
@@ -66,9 +64,7 @@ def sweep_and_config(dtype, **settings):
 
 def expected(sweep, config, importance=None):
     shape = sweep.frames.shape[1:]
-    origin, spacing, size = _box(
-        config, [m.tolist() for m in sweep.world_from_image], shape, "round"
-    )
+    origin, spacing, size = _box(config, [m.tolist() for m in sweep.world_from_image], shape, "round")
     matrices = _voxel_from_image([m.tolist() for m in sweep.world_from_image], origin, spacing)
     sources = pixel_sources(config, shape, config.fan_angles, importance)
     values, acc = plus_reference.insert(config, sweep.frames, matrices, size, sources, importance)
@@ -135,12 +131,8 @@ def test_every_configuration_is_the_oracle_s(backend, dtype, interpolation):
 
 def test_saturated_accumulator(backend):
     """More than 255 pixels in a voxel: a recursive filter instead of the mean."""
-    for optimization, interpolation in itertools.product(
-        ("NONE", "FULL"), ("NEAREST_NEIGHBOR", "LINEAR")
-    ):
-        sweep, config = sweep_and_config(
-            np.uint8, optimization=optimization, interpolation=interpolation
-        )
+    for optimization, interpolation in itertools.product(("NONE", "FULL"), ("NEAREST_NEIGHBOR", "LINEAR")):
+        sweep, config = sweep_and_config(np.uint8, optimization=optimization, interpolation=interpolation)
         config.spacing = (6.0, 6.0, 6.0)
         volume = reconstruct_plus(sweep, config, **backend)
         values, acc = expected(sweep, config)
@@ -161,9 +153,7 @@ def test_skip_and_invalid_frames():
 
 
 def test_fan_detection():
-    config = PlusConfig(
-        (1, 1, 1), fan_angles=(-45, 45), fan_origin=(100, -20), fan_start=20, fan_stop=220
-    )
+    config = PlusConfig((1, 1, 1), fan_angles=(-45, 45), fan_origin=(100, -20), fan_start=20, fan_stop=220)
     j, i = np.indices((200, 200))
     angle = np.degrees(np.arctan2(i - 100, j + 20))
     frame = np.where((angle > -30) & (angle < 25), 120, 5).astype(np.uint8)
@@ -174,9 +164,7 @@ def test_fan_detection():
     assert detect_fan(config, np.zeros((200, 200), np.uint8)) is None
 
 
-XML = (
-    """<PlusConfiguration><VolumeReconstruction {}>{}</VolumeReconstruction></PlusConfiguration>"""
-)
+XML = """<PlusConfiguration><VolumeReconstruction {}>{}</VolumeReconstruction></PlusConfiguration>"""
 
 
 def test_configuration(tmp_path):
@@ -252,16 +240,12 @@ def test_importance_mask_is_needed():
         ('FanAnglesDeg="-40 30" FanRadiusStopPixel="0"', "fan"),
     ],
 )
-def test_what_the_command_makes_of_a_configuration(
-    tmp_path, monkeypatch, capsys, attributes, message
-):
+def test_what_the_command_makes_of_a_configuration(tmp_path, monkeypatch, capsys, attributes, message):
     """A volume as the arithmetic says, or one line that names what is wrong."""
     monkeypatch.chdir(tmp_path)
     made = make_sweep(n=4, shape=(14, 17), gap=1.1)
     gb.ultrasound.write_sweep("s.igs.mha", gb.ultrasound.Sweep(made.frames, made.world_from_image))
-    Path("c.xml").write_text(
-        XML.format(f'OutputSpacing="1 0.9 1.1" {attributes}', ""), encoding="utf-8"
-    )
+    Path("c.xml").write_text(XML.format(f'OutputSpacing="1 0.9 1.1" {attributes}', ""), encoding="utf-8")
     words = ["reconstruct", "s.igs.mha", "--plus", "c.xml", "-o", "v.mha", "--device", "cpu"]
     status = main(words)
     err = capsys.readouterr().err
@@ -273,7 +257,5 @@ def test_what_the_command_makes_of_a_configuration(
         return
     assert status == 0
     assert err == ""
-    values, _ = expected(
-        gb.ultrasound.read_sweep("s.igs.mha", plus="c.xml"), read_plus_config("c.xml")
-    )
+    values, _ = expected(gb.ultrasound.read_sweep("s.igs.mha", plus="c.xml"), read_plus_config("c.xml"))
     np.testing.assert_array_equal(gb.volumes.read_volume("v.mha").values, values)

@@ -45,9 +45,7 @@ def heard(calls: list[tuple[int, int]], least: int) -> None:
     assert done[-1] == totals[0]
 
 
-@pytest.mark.parametrize(
-    ("name", "least"), [("a.igs.mha", 4), ("a.igs.nrrd", 4), ("a.npz", 1), ("frames", 40)]
-)
+@pytest.mark.parametrize(("name", "least"), [("a.igs.mha", 4), ("a.igs.nrrd", 4), ("a.npz", 1), ("frames", 40)])
 def test_sweep_files(name, least):
     for work in (
         lambda report: gb.ultrasound.write_sweep(name, sweep(), progress=report),
@@ -58,9 +56,7 @@ def test_sweep_files(name, least):
     assert np.array_equal(result.frames, sweep().frames)
 
 
-@pytest.mark.parametrize(
-    ("name", "least"), [("a.mha", 8), ("a.nrrd", 8), ("a.nii.gz", 1), ("a.vti", 1), ("a.npz", 1)]
-)
+@pytest.mark.parametrize(("name", "least"), [("a.mha", 8), ("a.nrrd", 8), ("a.nii.gz", 1), ("a.vti", 1), ("a.npz", 1)])
 def test_volume_files(name, least):
     volume = Volume(np.arange(20 * 21 * 20, dtype=np.uint16).reshape(20, 21, 20), np.eye(4))
     for work in (
@@ -103,9 +99,7 @@ def test_stopped_from_progress():
 
 def test_reprs_are_one_line_with_shape_type_spacing_and_frame():
     volume = Volume(np.zeros((3, 4, 5), np.uint16), np.diag([0.5, 0.5, 2, 1]), space="RAS")
-    assert repr(volume) == (
-        "Volume(5 x 4 x 3 uint16, 0.5 x 0.5 x 2 mm, RAS, 60 measured, 0 filled, 0 empty)"
-    )
+    assert repr(volume) == ("Volume(5 x 4 x 3 uint16, 0.5 x 0.5 x 2 mm, RAS, 60 measured, 0 filled, 0 empty)")
     made = sweep()
     assert repr(made) == "Sweep(40 frames, 12 x 9 uint8, 3 x 3 mm, 40 valid, Reference, LPS)"
     made.valid[:] = False

@@ -150,9 +150,7 @@ def total(found: gb.measure.Samples, name: str, *component: int) -> float:
 @pytest.mark.parametrize("axis", [(0, 0, 1), (-1, 0, 0), (1, 2, -2)])
 def test_masses_add_up(kernel, axis, backend):
     p = galaxy()
-    found = gb.measure.project(
-        p, gb.measure.SamplePlane(axis, spacing=0.05), kernel=kernel, **backend
-    )
+    found = gb.measure.project(p, gb.measure.SamplePlane(axis, spacing=0.05), kernel=kernel, **backend)
     assert total(found, "density") == pytest.approx(p.attributes["mass"].sum(), rel=1e-3)
 
 
@@ -166,9 +164,7 @@ def test_supports_below_a_pixel(backend):
 
 def test_values(backend):
     p = galaxy(500)
-    found = gb.measure.project(
-        p, values=["density", "thickness", "temperature", "velocity"], **backend
-    )
+    found = gb.measure.project(p, values=["density", "thickness", "temperature", "velocity"], **backend)
     assert found["velocity"].shape == (*found.shape, 3)
     volume = p.attributes["mass"] / p.attributes["density"]
     heat, flow = p.attributes["temperature"], p.attributes["velocity"][:, 1]
@@ -183,9 +179,7 @@ def test_a_slab_is_as_thick_as_it_is(backend):
     """Lines of sight through a lattice of 8 layers: 8 spacings of matter, wherever they pass."""
     positions = 0.1 * lattice(30, 30, 8)
     box = ((-0.5, -0.5, 0), (0.5, 0.5, 0))
-    found = gb.measure.project(
-        positions, gb.measure.SamplePlane((0, 0, 1), 0, 0.013, box), "thickness", **backend
-    )
+    found = gb.measure.project(positions, gb.measure.SamplePlane((0, 0, 1), 0, 0.013, box), "thickness", **backend)
     np.testing.assert_allclose(found["thickness"], 0.8, rtol=0.02)
     assert found["thickness"].mean() == pytest.approx(0.8, rel=0.015)
 
@@ -223,9 +217,7 @@ def test_behind_the_eye_is_nothing(backend):
     p = gb.Particles([[0, 0, 0], [0, 0, 10.0]], support=1.0)
     camera = gb.Camera((0, 0, 5), (0, 0, 0), height=0.1)
     both = gb.measure.project(p, camera, "thickness", (1, 1), volume=1.0, **backend)
-    first = gb.measure.project(
-        gb.Scene(p[0], **backend), camera, "thickness", (1, 1), volume=1.0, **backend
-    )
+    first = gb.measure.project(gb.Scene(p[0], **backend), camera, "thickness", (1, 1), volume=1.0, **backend)
     assert both["thickness"] == first["thickness"] > 0
 
 

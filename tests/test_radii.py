@@ -63,12 +63,8 @@ def test_volume_and_area_of_random_spheres(folder, capsys, low, high):
 
 def test_few_spheres_are_drawn_in_their_size(folder):
     places, radii = np.array([[0, 0, 0], [0.7, 0, 0], [0.95, 0, 0]]), np.array([0.5, 0.2, 0.05])
-    dump = (
-        "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n3\nITEM: BOX BOUNDS ff ff ff\n-1 2\n-1 1\n-1 1\n"
-    )
-    rows = "\n".join(
-        f"{i} 1 {words(p)} {r}" for i, (p, r) in enumerate(zip(places, radii, strict=True))
-    )
+    dump = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n3\nITEM: BOX BOUNDS ff ff ff\n-1 2\n-1 1\n-1 1\n"
+    rows = "\n".join(f"{i} 1 {words(p)} {r}" for i, (p, r) in enumerate(zip(places, radii, strict=True)))
     (folder / "d.dump").write_text(f"{dump}ITEM: ATOMS id type x y z radius\n{rows}\n")
     for scene in ("d.dump", gb.Scene("d.dump", surface="spheres")):
         assert silhouette(scene, (0.25, 0, 0), 1.6) == pytest.approx((-0.5, 1), abs=0.009)

@@ -165,9 +165,7 @@ def test_maps(backend):
         np.testing.assert_array_equal(volume.source, source)
         n = np.maximum(count, 1)
         variance = square / n - (total / n) ** 2
-        np.testing.assert_allclose(
-            volume.variance, np.maximum(variance, 0), rtol=1e-4, atol=1e-4 * variance.max()
-        )
+        np.testing.assert_allclose(volume.variance, np.maximum(variance, 0), rtol=1e-4, atol=1e-4 * variance.max())
 
 
 def test_distance_limit_and_maps_of_origin(backend):

@@ -8,12 +8,7 @@ import pytest
 from cli_helpers import refused, run_json
 from globule.ultrasound import phantoms
 from globule.ultrasound.calibration import turn_by
-from globule.ultrasound.registration import (
-    RegistrationError,
-    join_sweeps,
-    register_and_join,
-    register_sweeps,
-)
+from globule.ultrasound.registration import RegistrationError, join_sweeps, register_and_join, register_sweeps
 from sweep_helpers import spine_data
 
 SIZE, PIXEL = (60, 64), 0.5  # columns and rows; mm
@@ -39,9 +34,7 @@ def tissue(seed: int, cell: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
     return (100 + 40 * values / values.std()).clip(0, 255), place
 
 
-def swept(
-    volume, seed: int, n: int = 26, z: float = 0.0, noise: float = 8.0
-) -> gb.ultrasound.Sweep:
+def swept(volume, seed: int, n: int = 26, z: float = 0.0, noise: float = 8.0) -> gb.ultrasound.Sweep:
     """A pass over tissue by a hand of its own, with noise in every pixel."""
     poses = phantoms.hand_path(n, 18.0, seed, PIXEL, SIZE)
     poses[:, 2, 3] += z
@@ -102,9 +95,7 @@ def test_joined_volume_is_that_of_one_world(phantom):
     joined, [found] = register_and_join([fixed, displaced(other, truth)])
     assert len(joined) == len(fixed) + len(other)
     region = ((-10, 5, -6), (10, 25, 6))
-    want = gb.ultrasound.reconstruct(
-        join_sweeps([fixed, other], [None, None]), spacing=1, region=region
-    )
+    want = gb.ultrasound.reconstruct(join_sweeps([fixed, other], [None, None]), spacing=1, region=region)
     got = gb.ultrasound.reconstruct(joined, spacing=1, region=region)
     wrong = gb.ultrasound.reconstruct(
         join_sweeps([fixed, displaced(other, truth)], [None, None]), spacing=1, region=region
@@ -150,9 +141,7 @@ def test_parts_of_a_real_sweep():
     """Frames 0 to 13 and 8 to 20 of a spine phantom, the second part moved by 5 mm and 5 degrees;
     and its even against its odd frames, which share none."""
     folder = spine_data()
-    sweep = gb.ultrasound.read_sweep(
-        folder / "SpinePhantomFreehand.igs.mha", plus=folder / "RECON.xml"
-    )
+    sweep = gb.ultrasound.read_sweep(folder / "SpinePhantomFreehand.igs.mha", plus=folder / "RECON.xml")
     truth = motion((3, -2, 4), (4, -3, 2), np.mean(sweep.bounds(), axis=0))
     for fixed, other in ((sweep[:14], sweep[8:]), (sweep[0::2], sweep[1::2])):
         moving = displaced(other, truth)

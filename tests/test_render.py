@@ -4,7 +4,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.scene import oracle
-from light import CENTRE, RADIUS, ball, meet_ball, rays
+from light import CENTER, RADIUS, ball, meet_ball, rays
 from scenes import KERNELS, Case, case, cloud
 from test_field import FORMULAS
 
@@ -30,7 +30,7 @@ def test_one_ball(backend, name, size):
     np.testing.assert_allclose(frame.distance[inner], depth[inner], atol=3e-5)
     position = o + frame.distance[..., None] * d
     np.testing.assert_allclose(frame.position[inner], position[inner], atol=3e-6)
-    normal = (frame.position - CENTRE) / RADIUS
+    normal = (frame.position - CENTER) / RADIUS
     np.testing.assert_allclose(frame.normal[inner], normal[inner], atol=2e-4)
     np.testing.assert_allclose(np.linalg.norm(frame.normal[frame.mask], axis=-1), 1, atol=1e-5)
     assert np.isnan(frame.position[~frame.mask]).all()
@@ -65,11 +65,7 @@ def test_image_orientation(backend, height):
     colors = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], np.float32)
     scene = gb.Scene(gb.Particles(p, support=0.6, color=colors), **backend)
     frame = gb.render(scene, gb.Camera((0, 0, 8), (0, 0, 0), height=height), (80, 60))
-    for color, right, low in (
-        ((1, 0, 0), True, None),
-        ((0, 1, 0), None, False),
-        ((0, 0, 1), False, True),
-    ):
+    for color, right, low in (((1, 0, 0), True, None), ((0, 1, 0), None, False), ((0, 0, 1), False, True)):
         ys, xs = np.nonzero((np.abs(frame.albedo - color) < 1e-5).all(-1))
         assert len(xs) > 5
         assert right is None or (xs.mean() > 45 if right else xs.mean() < 35)
@@ -127,13 +123,9 @@ def blend_truth(c: Case, points: np.ndarray, values: np.ndarray) -> np.ndarray:
     """sum w v / sum w, w = max(weight b, 0), from fields of one particle each."""
     n = len(c.positions)
     support, weight = np.broadcast_to(c.support, n), np.broadcast_to(c.weight, n)
-    w = np.stack(
-        [
-            oracle.field(c.positions[i], support[i], weight[i], c.kernel, points)[0]
-            for i in range(n)
-        ],
-        1,
-    ).clip(0)
+    w = np.stack([oracle.field(c.positions[i], support[i], weight[i], c.kernel, points)[0] for i in range(n)], 1).clip(
+        0
+    )
     return w @ values / w.sum(1, keepdims=True)
 
 
@@ -182,9 +174,7 @@ def test_fit_shows_everything(backend, orthographic, size):
     p = cloud(2000, 75) * np.array([3, 1, 0.5], np.float32) + 7
     scene = gb.Scene(p, support=0.3, **backend)
     for direction in ((0.6, 0.45, 1), (0, 1, 0), (-1, 0, 0)):
-        camera = gb.Camera.fit(
-            scene, direction=direction, size=size, margin=0.3, orthographic=orthographic
-        )
+        camera = gb.Camera.fit(scene, direction=direction, size=size, margin=0.3, orthographic=orthographic)
         mask = gb.render(scene, camera, size).mask
         assert not (mask[0].any())
         assert not (mask[-1].any())

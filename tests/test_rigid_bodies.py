@@ -23,9 +23,7 @@ def write_run(folder, poses, scales=((1, 1, 1), (2, 3, 4)), walls=(0, 0)) -> Non
     trimesh.creation.icosphere(1).export(folder / "ball.obj")
     header = struct.pack("<I", 2)
     for name, scale, wall in zip((b"box.obj", b"ball.obj"), scales, walls, strict=True):
-        header += (
-            struct.pack("<I", len(name)) + name + struct.pack("<3fb4f", *scale, wall, *[1] * 4)
-        )
+        header += struct.pack("<I", len(name)) + name + struct.pack("<3fb4f", *scale, wall, *[1] * 4)
     for frame, bodies in enumerate(poses, 1):
         data = b"".join(pose_bytes(*body) for body in bodies)
         (folder / f"rb_data_{frame}.bin").write_bytes((header if frame == 1 else b"") + data)
@@ -33,10 +31,7 @@ def write_run(folder, poses, scales=((1, 1, 1), (2, 3, 4)), walls=(0, 0)) -> Non
 
 def moves(n: int) -> list:
     turn = Rotation.from_rotvec
-    return [
-        [((k, 0, 0), np.eye(3)), ((0, k, 5), turn((0.3 * k, 0.1, -0.2 * k)).as_matrix())]
-        for k in range(n)
-    ]
+    return [[((k, 0, 0), np.eye(3)), ((0, k, 5), turn((0.3 * k, 0.1, -0.2 * k)).as_matrix())] for k in range(n)]
 
 
 def test_meshes_are_where_the_files_say(tmp_path):
@@ -91,9 +86,7 @@ def test_damaged_files_are_refused(tmp_path):
     first.write_bytes(whole)
     bodies = gb.RigidBodies(tmp_path, device="cpu")
     second.write_bytes(second.read_bytes() + b"1")
-    with pytest.raises(
-        gb.FormatError, match=r"rb_data_2.bin: expected 96 bytes for 2 bodies, got 97"
-    ):
+    with pytest.raises(gb.FormatError, match=r"rb_data_2.bin: expected 96 bytes for 2 bodies, got 97"):
         bodies.place(2)
     second.write_bytes(pose_bytes((0, 0, 0), 2 * np.eye(3)) * 2)
     with pytest.raises(gb.FormatError, match="body 0: pose: expected a rotation"):
@@ -113,9 +106,7 @@ def test_a_sequence_of_images_moves_them(tmp_path, monkeypatch, capsys):
     for i, frame in enumerate((1, 3)):
         bodies.place(frame)
         camera = gb.Camera((2, 3, 30), (0, 0, 0), fov=40)
-        want = gb.render(
-            [gb.Scene(gb.read(f"fluid_{frame}.npz")), bodies.together], camera, (40, 30)
-        )
+        want = gb.render([gb.Scene(gb.read(f"fluid_{frame}.npz")), bodies.together], camera, (40, 30))
         shown = np.load(f"out_{i}.npz")["distance"]
         assert np.isfinite(shown).sum() > 20
         assert (np.isfinite(shown) == want.mask).mean() > 0.97

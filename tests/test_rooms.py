@@ -174,9 +174,7 @@ def test_no_object_changes_its_class(modules):
         f"{m.name}:{node.lineno}"
         for m in modules.values()
         for node in m.nodes
-        if isinstance(node, ast.Attribute)
-        and node.attr == "__class__"
-        and not isinstance(node.ctx, ast.Load)
+        if isinstance(node, ast.Attribute) and node.attr == "__class__" and not isinstance(node.ctx, ast.Load)
     ]
     assert found == []
 

@@ -22,9 +22,7 @@ def defaults(header: str, name: str) -> dict[str, object]:
     text = re.sub(r"//.*", "", (ROOT / f"include/globule/{header}.hpp").read_text())
     body = re.search(rf"(?:struct|class)(?: GLOBULE_API)? {name} {{(.*?)\n}};", text, re.S)[1]
     found: dict[str, object] = {}
-    for member, assigned, braced in re.findall(
-        r"(\w+)(?: = (?:\w+(?=\{))?([^,;{}]*))?(\{[^{}]*\})?(?=[,;])", body
-    ):
+    for member, assigned, braced in re.findall(r"(\w+)(?: = (?:\w+(?=\{))?([^,;{}]*))?(\{[^{}]*\})?(?=[,;])", body):
         words = (braced or assigned).strip("{} ")
         if words in ("true", "false"):
             found[member] = words == "true"

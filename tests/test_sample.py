@@ -42,9 +42,7 @@ PLACES = {
 @pytest.mark.parametrize("where", PLACES.values(), ids=PLACES)
 def test_values_are_the_oracle_s(where, backend):
     scene = gb.Scene(particles(), **backend)
-    found = gb.measure.sample(
-        scene, where, ["field", "inside", "gradient", "height", "velocity", "x"]
-    )
+    found = gb.measure.sample(scene, where, ["field", "inside", "gradient", "height", "velocity", "x"])
     points = found.points.reshape(-1, 3)
     field, gradient = oracle.field(POSITIONS, 2.0, 1.0, "murakami", points)
     np.testing.assert_allclose(found["field"].ravel(), field, atol=1e-6)
@@ -58,9 +56,7 @@ def test_values_are_the_oracle_s(where, backend):
     assert found["velocity"].shape == (*found.shape, 2)
     known = np.isfinite(heights)
     np.testing.assert_allclose(found["velocity"].reshape(-1, 2)[known, 1], 2, atol=1e-6)
-    np.testing.assert_array_equal(
-        found["x"].ravel()[known], found["velocity"][..., 0].ravel()[known]
-    )
+    np.testing.assert_array_equal(found["x"].ravel()[known], found["velocity"][..., 0].ravel()[known])
 
 
 def test_places():
@@ -106,9 +102,7 @@ def test_large_values_keep_their_digits():
     points = np.float32([[0.1, 0.2, 0.3], [1, 1, 1]])
     truth = blended(points, p.attributes["pressure"])
     np.testing.assert_allclose(
-        gb.measure.sample(gb.Scene(p, device="cpu"), points, "pressure")["pressure"],
-        truth,
-        atol=0.01,
+        gb.measure.sample(gb.Scene(p, device="cpu"), points, "pressure")["pressure"], truth, atol=0.01
     )
 
 
@@ -155,9 +149,7 @@ def test_vtk(where, folder):
         np.testing.assert_array_equal(points, found.points.reshape(-1, 3))
         cells = (data.GetNumberOfVerts(), data.GetNumberOfLines(), data.GetNumberOfPolys())
         n = np.prod([n - 1 for n in found.shape])
-        assert (
-            cells == {"point": (len(points), 0, 0), "s": (0, 1, 0), "v": (0, 0, n)}[found.dims[0]]
-        )
+        assert cells == {"point": (len(points), 0, 0), "s": (0, 1, 0), "v": (0, 0, n)}[found.dims[0]]
     if len(found.dims) < 2 or found.dims == ("point",):
         with pytest.raises(ValueError, match=r"use \.vtp"):
             found.save("a.vti")
@@ -206,11 +198,7 @@ def test_without_xarray(monkeypatch):
         ([[0, 0, 0]], 3, "values: expected names, got 3"),
         ([[0, 0, 0]], [None], "values: expected names"),
         (gb.measure.SampleGrid(1e-4), None, "spacing: expected one that makes at most .*try 0.0"),
-        (
-            gb.measure.SamplePlane((0, 0, 1), 0, 1e-9),
-            None,
-            "spacing: expected one that makes at most",
-        ),
+        (gb.measure.SamplePlane((0, 0, 1), 0, 1e-9), None, "spacing: expected one that makes at most"),
     ],
 )
 def test_refused(where, values, message):
@@ -224,10 +212,7 @@ def test_refused(where, values, message):
         (lambda: gb.measure.SamplePlane((0, 0, 0)), "normal: expected a direction"),
         (lambda: gb.measure.SamplePlane((0, 0, 1), np.nan), "offset: expected a finite number"),
         (lambda: gb.measure.SamplePlane((0, 0, 1), 0, -1), "spacing: expected a positive number"),
-        (
-            lambda: gb.measure.SamplePlane((0, 0, 1), box=((1, 0, 0), (0, 1, 1))),
-            "box: expected two finite",
-        ),
+        (lambda: gb.measure.SamplePlane((0, 0, 1), box=((1, 0, 0), (0, 1, 1))), "box: expected two finite"),
         (lambda: gb.measure.SampleLine((0, 0, 0), (0, 0, 0)), "end: expected another point"),
         (lambda: gb.measure.SampleLine((0, 0, 0), (0, 0, 1), 1), "n: expected 2 to"),
         (lambda: gb.measure.SampleGrid(0), "spacing: expected a positive number"),

@@ -14,9 +14,7 @@ POINTS = RNG.random((N, 3)).astype(np.float32)
 NORMALS = RNG.normal(size=(N, 3)).astype(np.float32)
 COLORS = RNG.integers(0, 256, (N, 3), np.uint8)
 LABELS = RNG.integers(0, 7, N).astype(np.uint16)
-ROW = np.dtype(
-    [("p", "<f4", 3), ("n", "<f4", 3), ("rgb", "<u4"), ("pad", "u1", 2), ("label", "<u2")]
-)
+ROW = np.dtype([("p", "<f4", 3), ("n", "<f4", 3), ("rgb", "<u4"), ("pad", "u1", 2), ("label", "<u2")])
 HEADER = """# .PCD v0.7 - Point Cloud Data file format
 VERSION 0.7
 FIELDS x y z normal_x normal_y normal_z rgb _ label
@@ -60,8 +58,7 @@ def write_pcd(path, how: str) -> None:
     head = HEADER.format(n=N, how=how, rgb="F" if how == "binary" else "U").encode()
     if how == "ascii":
         lines = [
-            " ".join(map(repr, [*p.tolist(), *n.tolist(), int(c), 0, 0, int(label)]))
-            for p, n, c, _, label in table
+            " ".join(map(repr, [*p.tolist(), *n.tolist(), int(c), 0, 0, int(label)])) for p, n, c, _, label in table
         ]
         path.write_bytes(head + "\n".join(lines).encode() + b"\n")
     elif how == "binary":
@@ -152,8 +149,7 @@ def pdb(path, n_frames: int = 1) -> None:
         lines += [f"MODEL     {k + 1:4d}"] * (n_frames > 1)
         for i, (e, x, y, z) in enumerate(WATER):
             lines.append(
-                f"ATOM  {i + 1:5d}  {e:<3s} HOH A   1    {x + k:8.3f}{y:8.3f}{z:8.3f}  1.00  0.00"
-                f"          {e:>2s}"
+                f"ATOM  {i + 1:5d}  {e:<3s} HOH A   1    {x + k:8.3f}{y:8.3f}{z:8.3f}  1.00  0.00          {e:>2s}"
             )
         lines += ["ENDMDL"] * (n_frames > 1)
     path.write_text("\n".join([*lines, "END", ""]))

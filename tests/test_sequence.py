@@ -125,7 +125,7 @@ def test_a_pattern_makes_pictures(files, capsys):
     assert (np.diff(middles) > 1).all()  # and the block moves through a view that stands still
 
 
-def test_the_colour_range_is_constant(files):
+def test_the_color_range_is_constant(files):
     command = ["--color-by", "speed", "--eye", "1,0.5,6", "--look-at", "1,0.5,0", *SMALL]
     assert main(["render", *files, "-o", "a_%d.png", *command]) == 0
     assert main(["render", *files, "-o", "b_%d.png", *command, "--range", "0,4"]) == 0
@@ -144,10 +144,7 @@ def test_empty_first_files_do_not_decide(files):
 
 
 def test_a_path_around_one_file(files):
-    keys = [
-        {"time": 0, "eye": [0.5, 0.5, 4], "look_at": [0.5, 0.5, 0.5]},
-        {"time": 1, "eye": [4, 0.5, 0.5]},
-    ]
+    keys = [{"time": 0, "eye": [0.5, 0.5, 4], "look_at": [0.5, 0.5, 0.5]}, {"time": 1, "eye": [4, 0.5, 0.5]}]
     with open("path.json", "w", encoding="utf-8") as file:
         json.dump(keys, file)
     command = ["render", files[0], "--camera-path", "path.json", "--fps", "2", *SMALL]
@@ -343,9 +340,7 @@ def test_the_frame_with_most_particles_decides_for_all(tmp_path):
     for k, frame in enumerate(frames):
         gb.write(tmp_path / f"e_{k}.npz", frame)
     for source in (frames, str(tmp_path / "e_*.npz")):
-        np.testing.assert_allclose(
-            gb.measure.track_surface(source)["volume"][2:], truth[2:], rtol=0.07
-        )
+        np.testing.assert_allclose(gb.measure.track_surface(source)["volume"][2:], truth[2:], rtol=0.07)
     size = (96, 72)
     camera = gb.Camera.fit(frames[-1], size=size)
     gb.render_sequence(str(tmp_path / "e_*.npz"), tmp_path / "p_%d.png", camera, size)

@@ -50,9 +50,7 @@ def test_one_field_makes_everything():
     assert rate.words == "flow, l/s, 0 to 2. It is [steady](#x)"
     assert rate.brief == "flow, l/s, 0 to 2"
     assert "rate: flow, l/s, 0 to 2. It is steady; default: full." in Tap.__doc__
-    assert facts_of(rate) | {"kind": "real", "least": 0.0, "most": 2.0, "label": "Rate"} == (
-        facts_of(rate)
-    )
+    assert facts_of(rate) | {"kind": "real", "least": 0.0, "most": 2.0, "label": "Rate"} == (facts_of(rate))
     schema = schema_of(Tap)
     assert schema["required"] == ["name"]
     assert schema["properties"]["rate"] == {

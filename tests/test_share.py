@@ -85,9 +85,7 @@ def test_only_the_image(backend):
         return frame.image, frame.mask
 
     image, mask = shared(3, work, backend)
-    np.testing.assert_array_equal(
-        image, gb.render(gb.Scene(POSITIONS, **backend), CAMERA, SIZE).image
-    )
+    np.testing.assert_array_equal(image, gb.render(gb.Scene(POSITIONS, **backend), CAMERA, SIZE).image)
     assert not mask.any()
 
 

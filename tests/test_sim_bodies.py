@@ -69,10 +69,7 @@ def test_a_free_body_keeps_its_angular_momentum(backend):
 @pytest.mark.parametrize("speeds", [(1.0, -1.0), (1.0, 0.0), (0.0, -1.0)])
 def test_bodies_that_meet_keep_their_momentum(backend, speeds, order):
     """Whichever comes first in the scene; what is lost is energy."""
-    tables = [
-        ("a", (0, 0, 0), {"velocity": (speeds[0], 0, 0)}),
-        ("b", (0.14, 0, 0), {"velocity": (speeds[1], 0, 0)}),
-    ]
+    tables = [("a", (0, 0, 0), {"velocity": (speeds[0], 0, 0)}), ("b", (0.14, 0, 0), {"velocity": (speeds[1], 0, 0)})]
     sim = boxes(backend, tables[::order])
     before = momenta(sim).sum(axis=0)
     sim.run(0.1)
@@ -90,10 +87,7 @@ def test_boxes_stand_on_each_other(backend, densities):
     """On four corners each: they settle among the particles of what is below, and stay; what is
     light is not shot away from under what is heavy, which may slide off it."""
     d = 0.02
-    tables = [
-        ("a", (0, 0, 0), {"density": densities[0]}),
-        ("b", (0, 0.1, 0), {"density": densities[1]}),
-    ]
+    tables = [("a", (0, 0, 0), {"density": densities[0]}), ("b", (0, 0.1, 0), {"density": densities[1]})]
     sim = boxes(
         backend, tables, gravity=(0, -9.81, 0),
         domain={"lo": (-0.5, 0, -0.5), "hi": (0.5, 0.5, 0.5), "walls": True},
@@ -156,9 +150,7 @@ def test_a_body_and_the_fluid_that_it_hits_keep_their_momentum(backend, meeting)
 
     def now():
         body, totals = sim.steer.body("box"), sim.record.totals()
-        kinetic = (
-            0.5 * mass * (body["velocity"] ** 2).sum() + 0.5 * inertia * (body["spin"] ** 2).sum()
-        )
+        kinetic = 0.5 * mass * (body["velocity"] ** 2).sum() + 0.5 * inertia * (body["spin"] ** 2).sum()
         return mass * body["velocity"] + totals["momentum"], kinetic + totals["kinetic"]
 
     before, energy = now()

@@ -44,9 +44,7 @@ OPERATIONS = {
     "ablate": lambda sim, x: sim.tissue.ablate((-0.04 + 0.03 * x, 0, 0.02), 0.006),
     "grasp": lambda sim, x: sim.tools.grasp((-0.03, 0, 0.024 * x), 0.008, 5),
     "pull": lambda sim, x: sim.tools.move_grasp(5, (0, 0, 0.1 * x)),
-    "press": lambda sim, x: sim.tools.set_pushers(
-        [(0, (-0.02, 0, 0.04), (0, 0, 0), 0.01, (0, 0, -x))]
-    ),
+    "press": lambda sim, x: sim.tools.set_pushers([(0, (-0.02, 0, 0.04), (0, 0, 0), 0.01, (0, 0, -x))]),
     "hold": lambda sim, x: setattr(sim.tools["grip"], "on", x < 0.7),
     "move": lambda sim, x: sim.tools["grip"].move_to((-0.015, 0, 0.024 + 0.002 * x)),
     "suck": lambda sim, x: setattr(sim.tools["sucker"], "on", x < 0.7),

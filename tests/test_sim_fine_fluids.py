@@ -15,9 +15,7 @@ TENSION = 0.058
 
 
 def make(backend, positions, fixed=None, model="solid", **keys):
-    return tissue_and_blood(
-        backend, positions, 2500.0, fixed, model, **{"fine_fluids": True} | keys
-    )
+    return tissue_and_blood(backend, positions, 2500.0, fixed, model, **{"fine_fluids": True} | keys)
 
 
 def block(nx, ny, nz, spacing=D):

@@ -1,4 +1,4 @@
-"""Fluids: neighbours, determinism, changes between steps, what enters and leaves, restart."""
+"""Fluids: neighbors, determinism, changes between steps, what enters and leaves, restart."""
 
 from __future__ import annotations
 
@@ -80,9 +80,7 @@ def test_it_does_not_matter_where_in_memory_neighbors_are(backend):
 def test_same_bits_for_any_thread_count():
     def run(threads):
         description = column(gravity=(1.0, -9.81, 0.5))
-        description["fluids"] = [
-            {"name": "water", "viscosity": 5.0, "implicit": True, "surface_tension": 0.5}
-        ]
+        description["fluids"] = [{"name": "water", "viscosity": 5.0, "implicit": True, "surface_tension": 0.5}]
         sim = gb.Simulation(description, device="cpu", threads=threads)
         sim.add(physics.lattice((0, 0, 0), (0.3, 0.5, 0.4), D), "water")
         for _ in range(15):
@@ -303,8 +301,7 @@ def test_a_full_box_under_gravity_does_not_pack_at_its_bottom(backend):
 def test_fluid_that_fills_its_space_keeps_its_momentum(backend):
     size = 8 * D
     sim = gb.Simulation(
-        column(walls=False, hi=(size, size, size), periodic=("x", "y", "z"), gravity=(0, 0, 0)),
-        **backend,
+        column(walls=False, hi=(size, size, size), periodic=("x", "y", "z"), gravity=(0, 0, 0)), **backend
     )
     at = physics.lattice((0, 0, 0), (size, size, size), D)
     wave = 0.1 * np.sin(2 * np.pi * at[:, 1] / size)

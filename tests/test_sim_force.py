@@ -58,9 +58,7 @@ def test_a_floor_carries_what_stands_on_it(backend, model):
     weight = len(x) * MASS * 9.81
     np.testing.assert_allclose(force, (0, 0, -weight), atol=0.02 * weight)
     arm = x.mean(0, dtype="f8")
-    np.testing.assert_allclose(
-        torque, np.cross(arm, (0, 0, -weight)), atol=0.02 * weight * arm.max()
-    )
+    np.testing.assert_allclose(torque, np.cross(arm, (0, 0, -weight)), atol=0.02 * weight * arm.max())
 
 
 @pytest.mark.parametrize("model", ["bonds", "solid"])

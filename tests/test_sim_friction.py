@@ -21,9 +21,7 @@ def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))
 
 
-ON_TISSUE = [
-    pytest.param(f"{kind} tissue", "solid", marks=pytest.mark.slow) for kind in ("fixed", "elastic")
-]
+ON_TISSUE = [pytest.param(f"{kind} tissue", "solid", marks=pytest.mark.slow) for kind in ("fixed", "elastic")]
 
 
 @pytest.mark.few_backends
@@ -83,9 +81,7 @@ def test_a_contact_has_the_larger_coefficient(backend):
 
 def test_any_friction_only_stops(backend):
     """Far more friction than it takes stops a body, and no more: a block swings on its feet."""
-    tissue = Tissue(
-        lattice(4, 4, 2), SPACING, 2500.0, DENSITY, friction=100.0, damping=30.0, **backend
-    )
+    tissue = Tissue(lattice(4, 4, 2), SPACING, 2500.0, DENSITY, friction=100.0, damping=30.0, **backend)
     tissue.velocities = (0.05, 0.0, -0.01)
     tissue.instruments([], [(HALF_SPACE, (0, 0, 0), (0, 0, 1), 0.0, (0, 0, 0))])
     for _ in range(200):

@@ -197,8 +197,7 @@ def test_a_boundary_beside_the_domain_or_coming_in_is_taken(tmp_path):
     path = tmp_path / "scene.toml"
     for plate in (
         PLATE.replace("sphere", "box") + "{ lo = [0, 0, -0.2], hi = [1, 0.4, -0.01] }",
-        "[[boundaries]]\nname = 'b'\nkeys = [{ time = 0 }]\nsphere = "
-        "{ center = [5, 5, 5], radius = 1 }",
+        "[[boundaries]]\nname = 'b'\nkeys = [{ time = 0 }]\nsphere = { center = [5, 5, 5], radius = 1 }",
     ):
         path.write_text(SCENE + plate)
         assert len(bodies(read_scene(path))) == 3

@@ -19,10 +19,7 @@ MASS = DENSITY * D**3
 TWO = truths.SERIES[1]
 
 
-LONG = (
-    pytest.param(name, marks=pytest.mark.slow)
-    for name in ("creeping", "cycles", "decays", "turned")
-)
+LONG = (pytest.param(name, marks=pytest.mark.slow) for name in ("creeping", "cycles", "decays", "turned"))
 
 
 @pytest.mark.few_backends
@@ -79,9 +76,7 @@ def test_the_reference_with_a_past_is_its_energys_derivative():
     derivative(lambda y: solids.forces(y, rest, bonds, material, D, past), x, (0, 21, 63))
 
 
-@pytest.mark.parametrize(
-    "how", [{"relaxation": ((0.5, 2e-4), (0.3, 1e-3))}, {"plastic": 0.02, "creep": 2000.0}]
-)
+@pytest.mark.parametrize("how", [{"relaxation": ((0.5, 2e-4), (0.3, 1e-3))}, {"plastic": 0.02, "creep": 2000.0}])
 def test_turned_bodies_have_turned_forces_and_no_less_memory(backend, how):
     """Half way through its relaxation or flow one of two bodies is turned."""
     rest, dt, q = jittered((4, 5, 6)), 1e-5, turn()
@@ -96,9 +91,7 @@ def test_turned_bodies_have_turned_forces_and_no_less_memory(backend, how):
     assert np.abs(after - before @ q.T).max() < 1e-4 * np.abs(before).max()
 
 
-@pytest.mark.parametrize(
-    "how", [{"relaxation": ((0.6, 1e-3),)}, {"plastic": 0.02, "creep": 1000.0}]
-)
+@pytest.mark.parametrize("how", [{"relaxation": ((0.6, 1e-3),)}, {"plastic": 0.02, "creep": 1000.0}])
 def test_held_still_energy_only_falls(backend, how):
     rest = jittered((4, 5, 6))
     tissue = solid(rest, 0.3, fixed=np.ones(len(rest), bool), **how, **backend)

@@ -44,13 +44,10 @@ def test_a_fluid_is_drawn_as_render_draws_its_particles(backend):
 
 def test_the_surface_encloses_the_water_and_stays_inside_the_walls(backend):
     sim = simulation(backend)
-    measure = gb.measure.measure_surface(
-        gb.Scene(sim.shown_particles, surface="smooth", spacing=0.025)
-    )
+    measure = gb.measure.measure_surface(gb.Scene(sim.shown_particles, surface="smooth", spacing=0.025))
     assert measure.volume == pytest.approx(0.2 * 0.2 * 0.3, rel=0.04)
     top, side = sim.scene.intersect(
-        np.array([[0.1, 0.1, 1.0], [0.1, -1.0, 0.1]], "f4"),
-        np.array([[0, 0, -1], [0, 1, 0]], "f4"),
+        np.array([[0.1, 0.1, 1.0], [0.1, -1.0, 0.1]], "f4"), np.array([[0, 0, -1], [0, 1, 0]], "f4")
     ).distance
     assert 1.0 - top == pytest.approx(0.3, abs=0.003)
     assert side - 1.0 == pytest.approx(0.0, abs=0.003)
@@ -198,16 +195,13 @@ def test_white_matter_is_of_the_same_body(tmp_path, backend):
     pytest.importorskip("SimpleITK", reason="the tomography's file needs SimpleITK")
     far = np.linalg.norm(np.mgrid[-8:9, -8:9, -8:9], axis=0) * 5.0
     head = np.where(far < 17.5, 200.0, np.where(far < 30.0, 100.0, 0.0)).astype(np.float32)
-    gb.volumes.write_volume(
-        tmp_path / "head.nrrd", gb.volumes.Volume(head, np.diag([5.0, 5.0, 5.0, 1.0]))
-    )
+    gb.volumes.write_volume(tmp_path / "head.nrrd", gb.volumes.Volume(head, np.diag([5.0, 5.0, 5.0, 1.0])))
     source = {"file": str(tmp_path / "head.nrrd"), "level": 50.0}
 
     def made(**keys):
         solid = {"name": "brain", "tomography": source | keys, "color": [0.4, 0.3, 0.2]}
         return gb.Simulation(
-            {"spacing": 0.005, "domain": {"lo": [-0.1] * 3, "hi": [0.1] * 3}, "solids": [solid]},
-            **backend,
+            {"spacing": 0.005, "domain": {"lo": [-0.1] * 3, "hi": [0.1] * 3}, "solids": [solid]}, **backend
         )
 
     sim = made(white=[0.9, 0.9, 0.8], white_level=150.0)

@@ -15,8 +15,7 @@ D = truths.SPACING
 
 @pytest.mark.few_backends
 @pytest.mark.parametrize(
-    "experiment",
-    ["column", "cantilever", "stiffness", "momentum", "free_fall", "tearing", "creep", "contact"],
+    "experiment", ["column", "cantilever", "stiffness", "momentum", "free_fall", "tearing", "creep", "contact"]
 )
 def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))

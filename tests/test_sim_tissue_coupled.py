@@ -14,9 +14,7 @@ from bench.tables import physics_tissue as truths
 D = 0.004
 
 
-def make(
-    backend, positions, young=2500.0, fixed=None, model="solid", gravity=(0, 0, -9.81), **tissue
-):
+def make(backend, positions, young=2500.0, fixed=None, model="solid", gravity=(0, 0, -9.81), **tissue):
     return tissue_and_blood(backend, positions, young, fixed, model, tissue, gravity=gravity)
 
 
@@ -53,7 +51,7 @@ def test_hanging_tissue_stays_and_its_cut_piece_falls(backend):
     assert np.abs(sim.positions[~lower] - x[~lower]).max() < 3 * D
 
 
-def test_cut_pairs_leave_the_neighbour_lists(backend):
+def test_cut_pairs_leave_the_neighbor_lists(backend):
     x = block(4, 4, 8)
     sim = make(backend, x, gravity=(0, 0, 0), model="bonds")  # a solid's own pairs are in no list
 

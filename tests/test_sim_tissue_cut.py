@@ -33,11 +33,7 @@ def orientation(a, b, c, d) -> int:
     """Exact sign of the determinant of b - a, c - a, d - a."""
     origin = [Fraction(float(o)) for o in a]
     u, v, w = ([Fraction(float(q)) - o for q, o in zip(p, origin, strict=True)] for p in (b, c, d))
-    det = (
-        u[0] * (v[1] * w[2] - v[2] * w[1])
-        - u[1] * (v[0] * w[2] - v[2] * w[0])
-        + u[2] * (v[0] * w[1] - v[1] * w[0])
-    )
+    det = u[0] * (v[1] * w[2] - v[2] * w[1]) - u[1] * (v[0] * w[2] - v[2] * w[0]) + u[2] * (v[0] * w[1] - v[1] * w[0])
     return (det > 0) - (det < 0)
 
 

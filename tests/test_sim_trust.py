@@ -89,11 +89,7 @@ def test_nothing_passes_an_edge(backend):
 @pytest.mark.few_backends
 @pytest.mark.parametrize(
     ("name", "spacing"),
-    [
-        ("dam-break", 0.04),
-        ("droplet", 0.001),
-        pytest.param("poiseuille", None, marks=pytest.mark.slow),
-    ],
+    [("dam-break", 0.04), ("droplet", 0.001), pytest.param("poiseuille", None, marks=pytest.mark.slow)],
 )
 def test_energy_does_not_grow(backend, name, spacing):
     """A surface has a known energy at the start: kinetic and potential energy stay below their

@@ -57,9 +57,7 @@ HIGH = "the pressure in a drop of 10 spacings is 1.072 times 2 sigma / R; the bo
 TOO_HIGH = [pytest.mark.slow, pytest.mark.xfail(raises=AssertionError, reason=HIGH)]
 
 
-@pytest.mark.parametrize(
-    "cells", [5, pytest.param(7, marks=pytest.mark.slow), pytest.param(10, marks=TOO_HIGH)]
-)
+@pytest.mark.parametrize("cells", [5, pytest.param(7, marks=pytest.mark.slow), pytest.param(10, marks=TOO_HIGH)])
 def test_pressure_in_a_drop(cells):
     check(physics_fluid.laplace(sizes=(cells,)))
 

@@ -139,9 +139,7 @@ def folder(tmp_path_factory):
     world[:3, 3] = 0.1
     gb.volumes.write_volume(path / "hole.npz", gb.volumes.Volume(-ball.astype(np.float32), world))
     head = (ball > 0).astype(np.uint8)
-    gb.volumes.write_volume(
-        path / "head.nrrd", gb.volumes.Volume(head, np.diag([20.0, 20.0, 20.0, 1]))
-    )
+    gb.volumes.write_volume(path / "head.nrrd", gb.volumes.Volume(head, np.diag([20.0, 20.0, 20.0, 1])))
     corners = [f"v {x} {y} {z}" for x in (0, 0.3) for y in (0, 0.3) for z in (0, 0.3)]
     sides = ["f 1 2 4 3", "f 5 7 8 6", "f 1 5 6 2", "f 3 4 8 7", "f 1 3 7 5", "f 2 6 8 4"]
     (path / "box.obj").write_text("\n".join([*corners, *sides]))
@@ -216,10 +214,7 @@ def test_the_scenes_have_every_key(folder):
     for scene in SCENES.values():
         found |= not_default(read_scene(scene))
     assert found == {
-        (kind, field.name)
-        for kind, table in TABLES.items()
-        for field in dataclasses.fields(table)
-        if field.metadata
+        (kind, field.name) for kind, table in TABLES.items() for field in dataclasses.fields(table) if field.metadata
     }
 
 

@@ -94,9 +94,7 @@ def test_restart_is_bit_identical(folder, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "by", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("by", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder, by):
     words = [sys.executable, "-m", "globule", "simulate", "dam.toml", "--seconds", "1000"]
     process = subprocess.Popen([*words, "--device", "cpu"], stderr=subprocess.PIPE, text=True)
@@ -277,10 +275,7 @@ def test_a_curve_of_one_point_is_seen(tmp_path):
     [
         (["nowhere.toml"], "expected a .toml file or one of dam-break"),
         (["dam.toml", "--resume"], "--resume: expected frames/checkpoint.npz"),
-        (
-            ["dam.toml", "--spacing", "9"],
-            "spacing: expected less than half the domain, 0.2 m, got 9",
-        ),
+        (["dam.toml", "--spacing", "9"], "spacing: expected less than half the domain, 0.2 m, got 9"),
         (["dam.toml", "--video", "a.avi"], "--video: expected a name ending in .mp4"),
         (["dam.toml", "--format", "xls"], "argument --format"),
         (["dam.toml", "--fps", "1e6", "--seconds", "2"], "--seconds: expected at most 1,000,000"),

@@ -121,12 +121,7 @@ def test_rigidity_of_the_nine_columns_is_obeyed(tmp_path):
     text = SCENE + '[[solids]]\nname = "all"\nparticles.file = "p.txt"\n'
     parts = [body for body in bodies(read_scene(scene(tmp_path, text))) if len(body.positions) < 4]
     tissue, liquid = parts
-    assert (tissue.name, tissue.kind, liquid.name, liquid.kind) == (
-        "all",
-        "tissue",
-        "water",
-        "fluid",
-    )
+    assert (tissue.name, tissue.kind, liquid.name, liquid.kind) == ("all", "tissue", "water", "fluid")
     assert np.allclose(liquid.positions, [[0.05, 0.5, 0.5]])
     assert tissue.fixed.tolist() == [False, False, True]
     assert np.allclose(tissue.young[:2], [100 * 10**1.2, 100 * 10**3.2])
@@ -137,10 +132,7 @@ def test_rigidity_of_youngs_modulus():
     assert np.allclose(rigidity_of_young(young_of_rigidity([0.1, 0.5, 0.9])), [0.1, 0.5, 0.9])
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=[pytest.mark.slow] * (n == "brain-surgery")) for n in SHIPPED],
-)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "brain-surgery")) for n in SHIPPED])
 def test_shipped_scenes_are_sound(name):
     found = read_scene(name)
     lo, hi = np.asarray(found.domain.lo), np.asarray(found.domain.hi)
@@ -155,8 +147,7 @@ def test_shipped_scenes_are_sound(name):
 
 
 @pytest.mark.parametrize(
-    ("kind", "name"),
-    [("fluids", "walls"), ("boundaries", "walls"), ("fluids", "brain white matter")],
+    ("kind", "name"), [("fluids", "walls"), ("boundaries", "walls"), ("fluids", "brain white matter")]
 )
 def test_names_that_globule_gives_are_taken(kind, name):
     parts = {

@@ -42,11 +42,7 @@ def test_filled_volume(shape, volume):
 
 
 @pytest.mark.parametrize(
-    "shape",
-    [
-        Sphere((0, 0, 0), 1.0),
-        *(pytest.param(s, marks=pytest.mark.slow) for s in (ball_grid(), box_mesh())),
-    ],
+    "shape", [Sphere((0, 0, 0), 1.0), *(pytest.param(s, marks=pytest.mark.slow) for s in (ball_grid(), box_mesh()))]
 )
 @pytest.mark.parametrize("hollow", [False, True])
 def test_layer_is_behind_the_surface(shape, hollow):
@@ -124,9 +120,7 @@ def test_shells_of_seven_spacings_have_no_holes_in_images(kind, n):
             shape, normal = Box((-half * D,) * 3, (half * D,) * 3), np.array([0, 0, 1.0])
             seen = normal + np.stack([*np.meshgrid(u, u, indexing="ij"), np.zeros((41, 41))], -1)
         scene = gb.Scene(surface(shape, D), surface="smooth", spacing=D, device="cpu")
-        places = (half - BEHIND) * D * seen + np.linspace(-0.6, 0.3, 4)[
-            :, None, None, None
-        ] * D * normal
+        places = (half - BEHIND) * D * seen + np.linspace(-0.6, 0.3, 4)[:, None, None, None] * D * normal
         field = np.reshape(scene.field(places.reshape(-1, 3)), (4, -1))
         return (field.max(0) < scene.threshold).mean()
 

@@ -63,9 +63,7 @@ def test_python_of_slicer(work, tmp_path):
 def test_a_file_and_its_frames_give_the_same_volume(work, sweep):
     of_file = work.reconstruct_file("phantom.igs.mha", 1.0)
     ras = np.diag([-1.0, -1.0, 1.0, 1.0])
-    of_frames = work.reconstruct_frames(
-        sweep.frames, ras @ sweep.world_from_image, 1.0, sweep.timestamps
-    )
+    of_frames = work.reconstruct_frames(sweep.frames, ras @ sweep.world_from_image, 1.0, sweep.timestamps)
     expected = gb.ultrasound.reconstruct(gb.ultrasound.read_sweep("phantom.igs.mha"), spacing=1.0)
     x, y, z = expected.shape[2] // 2, expected.shape[1] // 2, expected.shape[0] // 2
     for shown in (of_file, of_frames):
@@ -87,9 +85,7 @@ def test_a_live_run_ends_with_a_volume(work, sweep):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     server = Server(sweep)
-    settings = work.LiveSettings(
-        images=server.address, voxel_size=1.0, port=port, record="kept", output="v.nrrd"
-    )
+    settings = work.LiveSettings(images=server.address, voxel_size=1.0, port=port, record="kept", output="v.nrrd")
     run = work.LiveRun(settings, sys.executable)
     assert run.running
     server.serve(slice(None))

@@ -35,9 +35,7 @@ def test_lattices(size):
 
 
 @pytest.mark.parametrize("jitter", [0.1, 0.2, 0.3])
-@pytest.mark.parametrize(
-    "size", [(9, 1, 1), (2, 2, 2), (3, 3, 3), (6, 7, 1), (6, 5, 4), (34, 34, 1)]
-)
+@pytest.mark.parametrize("size", [(9, 1, 1), (2, 2, 2), (3, 3, 3), (6, 7, 1), (6, 5, 4), (34, 34, 1)])
 def test_jitter(size, jitter):
     """Within 3 %, on average over as many draws as few particles need to tell."""
     points, rng, found = lattice(*size), np.random.default_rng(7), []

@@ -9,12 +9,7 @@ import numpy as np
 import pytest
 from globule.cli import main
 from globule.formats.errors import FormatError
-from globule.ultrasound.calibration import (
-    Calibration,
-    read_calibration,
-    turn_by,
-    write_calibration,
-)
+from globule.ultrasound.calibration import Calibration, read_calibration, turn_by, write_calibration
 from globule.ultrasound.plus_setup import read_plus, write_plus
 from globule.ultrasound.stylus import calibrate_stylus, register_landmarks
 from globule.ultrasound.wires import read_phantom
@@ -55,9 +50,7 @@ def test_exact_pivot():
 )
 def test_the_expected_error_of_the_tip(turn, n_wrong, n_draws):
     """Over the draws the expected error is the true one (rms) within 30 %, outliers or not."""
-    draws = [
-        calibrate_stylus(pivoting(s, turn=turn, n_wrong=n_wrong), None) for s in range(n_draws)
-    ]
+    draws = [calibrate_stylus(pivoting(s, turn=turn, n_wrong=n_wrong), None) for s in range(n_draws)]
     true = np.array([np.linalg.norm(found.tip - TIP) for found in draws])
     expected = np.array([found.error for found in draws])
     assert np.sqrt(np.mean(true**2)) == pytest.approx(np.sqrt(np.mean(expected**2)), rel=0.3)
@@ -101,8 +94,7 @@ def test_exact_landmarks():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "n_draws"),
-    [pytest.param(2, 20, marks=pytest.mark.slow), pytest.param(None, 40, marks=pytest.mark.slow)],
+    ("wrong", "n_draws"), [pytest.param(2, 20, marks=pytest.mark.slow), pytest.param(None, 40, marks=pytest.mark.slow)]
 )
 def test_the_expected_error_at_the_wires(wrong, n_draws):
     """Draws of 0.4 mm noise: 0.35 mm true (rms of the worst end), 0.42 mm expected."""
@@ -163,9 +155,7 @@ def test_landmark_command(capsys):
     assert again.landmarks.keys() == LANDMARKS.keys()
     assert again.error < 0.2
     assert main([*words, "-o", "there.toml"]) == 0
-    assert np.allclose(
-        read_phantom("there.toml").reference_from_phantom, again.reference_from_phantom
-    )
+    assert np.allclose(read_phantom("there.toml").reference_from_phantom, again.reference_from_phantom)
     Path("touched.csv").write_text("name,x,y,z\n#9,1,2,3\n", encoding="utf-8")
     assert main(words) == 2
     assert "got #9" in capsys.readouterr().err

@@ -59,10 +59,7 @@ def test_a_ball_has_its_particles_volume(backend, n):
 
 
 @pytest.mark.parametrize("measured", [False, True])
-@pytest.mark.parametrize(
-    "shape",
-    every(3, [(40, 40, 1), (10, 10, 10), (24, 24, 4), (30, 30, 2)]),
-)
+@pytest.mark.parametrize("shape", every(3, [(40, 40, 1), (10, 10, 10), (24, 24, 4), (30, 30, 2)]))
 def test_boxes_and_sheets_have_their_particles_volume(shape, measured):
     """Turned: at any angle to the axes; with the spacing that is given, or that is measured."""
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
@@ -193,8 +190,7 @@ FLUIDS = [
 
 
 @pytest.mark.parametrize(
-    ("name", "spacing"),
-    [*(pytest.param(*f, marks=pytest.mark.slow) for f in FLUIDS[:3]), *FLUIDS[3:]],
+    ("name", "spacing"), [*(pytest.param(*f, marks=pytest.mark.slow) for f in FLUIDS[:3]), *FLUIDS[3:]]
 )
 def test_spacing_and_volume_of_real_fluid(name, spacing):
     path = DATA / name
@@ -207,9 +203,7 @@ def test_spacing_and_volume_of_real_fluid(name, spacing):
     known = gb.Scene(particles.positions, surface="smooth", spacing=spacing, device="cpu")
     assert random_volume(known, spacing) / n == pytest.approx(1, abs=0.03)
     # Most of the small bunny lies near a surface: its spacing is measured 1 % too large.
-    assert random_volume(scene, spacing) / n == pytest.approx(
-        1, abs=0.04 if "bunny" in name else 0.03
-    )
+    assert random_volume(scene, spacing) / n == pytest.approx(1, abs=0.04 if "bunny" in name else 0.03)
 
 
 @pytest.mark.parametrize("shape", [(10, 10, 10), (40, 40, 1), (30, 30, 2)])
@@ -227,10 +221,7 @@ def test_spacing_of_bodies_and_sheets(backend, shape, jitter):
 def test_spacing_of_close_packings(packing, jitter):
     """Of their shells of equal distances as well."""
     cells = block(12, 12, 12)
-    more = {
-        "body-centered": [[0.5] * 3],
-        "face-centered": [[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]],
-    }
+    more = {"body-centered": [[0.5] * 3], "face-centered": [[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]]}
     points = np.concatenate([cells, *(cells + shift for shift in more[packing])])
     points = points + jitter * np.random.default_rng(2).normal(size=points.shape)
     spacing = (1 / (1 + len(more[packing]))) ** (1 / 3)
@@ -249,9 +240,7 @@ def test_a_torn_sheet_is_closed_and_encloses_its_volume():
         away -= size * np.round(away / size)
         distance = np.linalg.norm(away, axis=2)
         near = np.argsort(distance, axis=1)[:, 1:7]
-        away, distance = (
-            np.take_along_axis(a, near[..., None], 1) for a in (away, distance[..., None])
-        )
+        away, distance = (np.take_along_axis(a, near[..., None], 1) for a in (away, distance[..., None]))
         push = away / distance * np.maximum(1.1 * size / np.sqrt(n) - distance, 0)
         points = (points + 0.1 * push.sum(axis=1)) % size
     scene = smooth(np.c_[points, np.zeros(n)].astype("f4"), device="cpu")

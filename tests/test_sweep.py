@@ -14,12 +14,7 @@ import numpy as np
 import pytest
 from globule.formats.errors import FormatError
 from globule.formats.sweeps import igs
-from globule.formats.sweeps.poses import (
-    PoseTable,
-    interpolate,
-    read_poses,
-    write_csv,
-)
+from globule.formats.sweeps.poses import PoseTable, interpolate, read_poses, write_csv
 from globule.formats.volumes import nrrd
 from globule.ultrasound.calibration import Calibration, write_calibration
 from globule.ultrasound.files import is_sweep, read_sweep, write_sweep
@@ -128,8 +123,7 @@ def write_igs(path: str, edges: dict, n: int = 4, orientation: str = "MFA", **fi
 
 
 @pytest.mark.parametrize(
-    ("orientation", "rows", "columns"),
-    [("MFA", 1, 1), ("UFA", 1, -1), ("MN", -1, 1), ("UND", -1, -1)],
+    ("orientation", "rows", "columns"), [("MFA", 1, 1), ("UFA", 1, -1), ("MN", -1, 1), ("UND", -1, -1)]
 )
 def test_orientation(orientation, rows, columns):
     stored = write_igs("a.mha", {"ImageToReference": [PIXEL] * 4}, orientation=orientation)
@@ -461,9 +455,7 @@ def hand():
 
 def wrong_frames(hand, poses, frames=None, times=True):
     """Frames that are outliers, and the kinds of what was found."""
-    check = check_poses(
-        Sweep(hand.frames if frames is None else frames, poses, hand.timestamps if times else None)
-    )
+    check = check_poses(Sweep(hand.frames if frames is None else frames, poses, hand.timestamps if times else None))
     return np.flatnonzero(check.outliers).tolist(), [f.kind for f in check.findings]
 
 
@@ -607,7 +599,7 @@ def test_colors_of_nrrd_are_where_its_kinds_say(kinds, shape):
     if colors:
         expected = np.moveaxis(values, colors[0], -1)
         one = expected.shape[-1] == 1
-        expected = expected[..., 0] if one else igs.to_grey(expected[..., :3])
+        expected = expected[..., 0] if one else igs.to_gray(expected[..., :3])
     expected = expected.reshape(-1, *expected.shape[-2:])
     assert np.array_equal(frames, expected)
 
@@ -617,7 +609,7 @@ def test_a_colored_picture_of_metaimage_is_one_frame():
     head = "ObjectType = Image\nNDims = 2\nDimSize = 30 20\nElementNumberOfChannels = 3\n"
     head += "ElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
     Path("made.mha").write_bytes(head.encode() + values.tobytes())
-    assert np.array_equal(igs.read("made.mha").frames, igs.to_grey(values)[None])
+    assert np.array_equal(igs.read("made.mha").frames, igs.to_gray(values)[None])
     nrrd.write("made.nrrd", values[..., :2], {"kinds": "vector domain domain"})
     with pytest.raises(FormatError, match="RGB"):
         igs.read("made.nrrd")

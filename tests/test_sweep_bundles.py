@@ -36,9 +36,7 @@ def refused(path, **options) -> str:
 # 3D Slicer
 
 
-def sequence(
-    name, frames=FRAMES, space="right-anterior-superior", step=1.0, times=TIMES, first=False
-) -> None:
+def sequence(name, frames=FRAMES, space="right-anterior-superior", step=1.0, times=TIMES, first=False) -> None:
     """A sequence of images as Slicer writes it, by pynrrd; the list of items is its last axis, or
     its first."""
     nrrd = pytest.importorskip("nrrd", reason="needs pynrrd")
@@ -188,10 +186,7 @@ def stradwin(name="scan", moves=None, frames=FRAMES, without="", **fields) -> np
     }  # fmt: skip
     settings.pop(without, None)
     lines = ["A comment", *(f"{key} {value}" for key, value in settings.items())]
-    lines += [
-        f"IM {0.04 * i!r} " + " ".join(repr(float(value)) for value in move)
-        for i, move in enumerate(moves)
-    ]
+    lines += [f"IM {0.04 * i!r} " + " ".join(repr(float(value)) for value in move) for i, move in enumerate(moves)]
     Path(f"{name}.sw").write_text("\n".join(lines) + "\n")
     Path(f"{name}.sxi").write_bytes(frames.tobytes())
     pixel = np.diag([0.2, 0.3, 1, 1])  # mm

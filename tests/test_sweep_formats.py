@@ -147,9 +147,7 @@ def test_ndi(separator, angles):
     assert close(table, poses)
     assert np.allclose(table.times, 100 + np.arange(N) / 30)
     text = Path("tool.csv").read_text(encoding="utf-8").splitlines()
-    Path("two.csv").write_text(
-        "\n".join(line + separator + line for line in text), encoding="utf-8"
-    )
+    Path("two.csv").write_text("\n".join(line + separator + line for line in text), encoding="utf-8")
     refuses("two.csv", "expected one tool, got 2")
 
 

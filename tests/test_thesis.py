@@ -191,10 +191,7 @@ def test_the_face_rule_changes_nothing(backend, root):
     for name in ("carved", "hundred"):
         scene = dense(case(name), **backend)
         camera = gb.Camera((7, 9, 12) if name == "carved" else (2, 1, 3), (0, 0, 0))
-        on, off = (
-            gb.render(scene, camera, (96, 96), thesis=Thesis(root, face_rule=rule))
-            for rule in (True, False)
-        )
+        on, off = (gb.render(scene, camera, (96, 96), thesis=Thesis(root, face_rule=rule)) for rule in (True, False))
         assert on.mask.any()
         np.testing.assert_array_equal(on.distance, off.distance)
         np.testing.assert_array_equal(on.picture, off.picture)
@@ -313,10 +310,7 @@ def test_roots_on_the_command_line(folder, capsys):
         assert (mask != exact).mean() < 0.01
     coarse = picture(capsys, "ball.npz", "--root", "march", "--step", "1")[1]
     assert coarse.sum() < exact.sum()
-    assert (
-        "try --octree-level 3"
-        in picture(capsys, "ball.npz", "--root", "march", "--octree-level", "6")[2]
-    )
+    assert "try --octree-level 3" in picture(capsys, "ball.npz", "--root", "march", "--octree-level", "6")[2]
 
 
 def test_the_preset(folder, capsys):

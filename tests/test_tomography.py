@@ -1,4 +1,4 @@
-"""Tomographies as metaballs: which voxels, where in the world, in what colour; bad files."""
+"""Tomographies as metaballs: which voxels, where in the world, in what color; bad files."""
 
 from __future__ import annotations
 
@@ -187,9 +187,7 @@ def test_sweep_is_no_volume(tmp_path):
     made = image(ramp())
     made.SetMetaData("Seq_Frame0000_ProbeToTrackerTransform", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1")
     sitk.WriteImage(made, str(tmp_path / "a.mha"))
-    with pytest.raises(
-        FormatError, match=r"expected a volume, got a sweep .* globule.ultrasound.read_sweep"
-    ):
+    with pytest.raises(FormatError, match=r"expected a volume, got a sweep .* globule.ultrasound.read_sweep"):
         gb.volumes.read_volume(tmp_path / "a.mha")
 
 
@@ -269,9 +267,7 @@ def test_mistakes_of_the_commands(head, capsys):
 def test_gb_read_names_the_door_of_a_volume(tmp_path):
     sitk.WriteImage(image(ball()), str(tmp_path / "a.nrrd"))
     for options in ({}, {"level": 500}):
-        with pytest.raises(
-            FormatError, match=r"a volume \(nrrd\): read it with globule\.volumes\.read_v"
-        ):
+        with pytest.raises(FormatError, match=r"a volume \(nrrd\): read it with globule\.volumes\.read_v"):
             gb.read(tmp_path / "a.nrrd", **options)
 
 

@@ -128,8 +128,7 @@ def test_displayed_is_srgb():
     ("samples", "more"),
     [
         *itertools.product(
-            [{"samples": 1}, {"samples": 8}],
-            [{}, {"shadows": True, "ambient_rays": 2}, {"sky": gb.Sky()}],
+            [{"samples": 1}, {"samples": 8}], [{}, {"shadows": True, "ambient_rays": 2}, {"sky": gb.Sky()}]
         ),
         ({"edge_samples": 3}, {}),
     ],

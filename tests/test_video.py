@@ -1,4 +1,4 @@
-"""Movies: right number, right size, right colours, and whole or not at all."""
+"""Movies: right number, right size, right colors, and whole or not at all."""
 
 from __future__ import annotations
 
@@ -29,9 +29,7 @@ def pictures(n: int, width: int, height: int) -> list[np.ndarray]:
 
 
 @needs_av
-@pytest.mark.parametrize(
-    ("size", "fps"), [((64, 48), 24), ((41, 31), 29.97), ((2, 2), 60), ((1, 1), 25)]
-)
+@pytest.mark.parametrize(("size", "fps"), [((64, 48), 24), ((41, 31), 29.97), ((2, 2), 60), ((1, 1), 25)])
 def test_a_movie_holds_its_pictures_and_what_players_need(tmp_path, size, fps):
     made = pictures(7, *size)
     assert write_movie(tmp_path / "a.mp4", iter(made), fps) == 7
@@ -56,10 +54,7 @@ def test_the_same_pictures_make_the_same_bytes(tmp_path):
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:242, :322]
     wave = [128 + 100 * np.sin((x + 3 * k) / 17) * np.cos((y - 2 * k) / 23) for k in range(12)]
-    pictures = [
-        np.clip(w[..., None] + rng.normal(0, 3, (242, 322, 3)), 0, 255).astype(np.uint8)
-        for w in wave
-    ]
+    pictures = [np.clip(w[..., None] + rng.normal(0, 3, (242, 322, 3)), 0, 255).astype(np.uint8) for w in wave]
     made = set()
     for _ in range(8):
         write_movie(tmp_path / "a.mp4", pictures, 12)

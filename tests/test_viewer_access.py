@@ -7,14 +7,7 @@ from viewer_helpers import PATIENCE, Watched, blob, open_folder, until
 
 BROWSERS = True  # see hang_guard
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
-PANELS = (
-    "Cut",
-    "Color by value",
-    "Annotations",
-    "Material and light",
-    "Surface and quality",
-    "Save and record",
-)
+PANELS = ("Cut", "Color by value", "Annotations", "Material and light", "Surface and quality", "Save and record")
 RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"]
 BOXES = """() => Object.fromEntries(['.tools', '.layers', '.time'].map(name => {
     const box = document.querySelector('#globule-desk ' + name).getBoundingClientRect();
@@ -83,9 +76,7 @@ def test_no_serious_finding_of_axe(watched, scheme):
     def clean():  # the page gives names to new widgets a moment later
         violations = axe.Axe().run(page, options={"runOnly": RULES}).response["violations"]
         found[:] = [
-            f"{v['impact']} {v['id']}: {v['nodes'][0]['html'][:200]}"
-            for v in violations
-            if v["impact"] != "minor"
+            f"{v['impact']} {v['id']}: {v['nodes'][0]['html'][:200]}" for v in violations if v["impact"] != "minor"
         ]
         return not found
 

@@ -66,9 +66,7 @@ def test_dragging_moves_the_servers_camera(watched):
     at = middle(page)
     stroke(page, at, at + (100, 40))
     until(lambda: page.client.camera != first)
-    watched.still(
-        page, lambda p: p.shape != before.shape or np.abs(p.astype(int) - before).mean() > 1
-    )
+    watched.still(page, lambda p: p.shape != before.shape or np.abs(p.astype(int) - before).mean() > 1)
     moved = page.client.camera
     assert moved.look_at == pytest.approx(first.look_at, abs=1e-6)
     away = [np.linalg.norm(np.subtract(c.eye, c.look_at)) for c in (first, moved)]

@@ -77,10 +77,7 @@ def test_strangers_and_long_messages_are_refused(viewer):
 
     program = Program(viewer.address)
     word = until(lambda: program.word)
-    for path, said, code in (
-        ("desk?word=guessed", "x", 1008),
-        (f"desk?word={word}", 100_000 * "x", 1009),
-    ):
+    for path, said, code in (("desk?word=guessed", "x", 1008), (f"desk?word={word}", 100_000 * "x", 1009)):
         with talk(viewer.port, path) as one, pytest.raises(ConnectionClosed) as closed:  # noqa: PT012
             one.send(said)
             told(one, lambda model: False)
@@ -101,9 +98,7 @@ def test_the_histogram_counts_all_particles(viewer):
 def test_layers_can_be_hidden():
     source = open_source([gb.Layer(blob(150)), gb.Layer(blob(150, 2))])
     camera, size = gb.Camera((0, 0, 6), (0, 0, 0)), (60, 40)
-    both, first, second = (
-        traced(source, camera, size, layers__hidden=number).picture for number in ("", "2", "1")
-    )
+    both, first, second = (traced(source, camera, size, layers__hidden=number).picture for number in ("", "2", "1"))
     assert np.array_equal(first, gb.render(blob(150), camera, size).picture)
     assert not np.array_equal(second, both)
 
@@ -192,8 +187,7 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
         press("Play or pause")
         until(lambda: not state.time.playing)
         names = desk.locator("button, select, input").evaluate_all(
-            "all => all.map(e => e.getAttribute('aria-label') || e.closest('label')?.innerText"
-            " || e.innerText)"
+            "all => all.map(e => e.getAttribute('aria-label') || e.closest('label')?.innerText || e.innerText)"
         )
         assert all(name and name.strip() for name in names)
         folder("View", "up").click()  # closes it

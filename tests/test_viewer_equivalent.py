@@ -17,12 +17,8 @@ from viewer_helpers import engine_of, until
 
 STATES = {
     "plain": {},
-    "surface": {
-        "surface__threshold": 0.9,
-        "surface__support": 0.5,
-        "surface__kernel": "wendland_c2",
-    },
-    "colour": {"color__by": "speed", "color__colormap": "turbo", "color__legend": True},
+    "surface": {"surface__threshold": 0.9, "surface__support": 0.5, "surface__kernel": "wendland_c2"},
+    "color": {"color__by": "speed", "color__colormap": "turbo", "color__legend": True},
     "range": {"color__by": "y", "color__automatic": False, "color__low": -1.0, "color__high": 0.5},
     "cuts": {
         "cuts__plane": True,
@@ -76,7 +72,7 @@ STATES = {
         "notes__axes": True,
     },
     "flat": {"look__preset": "flat", "color__by": "speed"},
-    "coloured clay": {"look__preset": "clay", "color__by": "speed", "color__legend": False},
+    "colored clay": {"look__preset": "clay", "color__by": "speed", "color__legend": False},
 }
 
 
@@ -218,9 +214,7 @@ def test_plates_and_marks_stand_where_they_are(height):
     pose = np.diag([0.05, 0.05, 1.0, 1.0])
     pose[:3, 3] = (-1.5, -1.0, 0.3)
     depth = np.full(size[::-1], np.inf, np.float32)
-    drawn = draw_plates(
-        np.full((*size[::-1], 3), 9, np.uint8), depth, camera, [Plate(texture, pose)]
-    )
+    drawn = draw_plates(np.full((*size[::-1], 3), 9, np.uint8), depth, camera, [Plate(texture, pose)])
     rows, columns = np.nonzero(drawn[..., 0] == 255)
     ((x, y),) = camera.project([pose[:3] @ (45, 30, 0, 1)], size)
     assert len(rows)

@@ -29,10 +29,7 @@ def test_names_and_legend_are_as_sharp_in_a_moving_picture():
     state.set(color__by="y")
     marks = [Mark(((0.0, 0.5, 0.0),), "scalpel")]
     small, large = (np.full((h, w, 3), 200, np.uint8) for h, w in ((60, 80), (600, 800)))
-    seen = [
-        finish(picture, state, CAMERA, marks, [], None, (0.0, 1.0), (800, 600))
-        for picture in (small, large)
-    ]
+    seen = [finish(picture, state, CAMERA, marks, [], None, (0.0, 1.0), (800, 600)) for picture in (small, large)]
     assert np.array_equal(*seen)
     assert (seen[0] != large).any()
     assert finish(small, state, CAMERA, [], [], None, (0.0, 1.0)).shape == small.shape
@@ -242,10 +239,7 @@ def test_a_sweep_says_what_to_do():
 def test_the_tab_has_the_sources_name():
     guard = Guard(None, "a <b> · globule")
     page, kind = b"<html><head><title>Viser</title></head></html>", "text/html; charset=utf-8"
-    for how, pack, unpack in (
-        ("identity", bytes, bytes),
-        ("gzip", gzip.compress, gzip.decompress),
-    ):
+    for how, pack, unpack in (("identity", bytes, bytes), ("gzip", gzip.compress, gzip.decompress)):
         sizes = {"Content-Type": kind, "Content-Encoding": how, "Content-Length": "0"}
         answer = SimpleNamespace(body=pack(page), headers=sizes)
         guard._finish(answer)

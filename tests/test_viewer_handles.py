@@ -44,9 +44,7 @@ def test_a_stroke_never_drags_a_handle(chromium):
         take_tool(page, "Cut")
         assert not handles.plane.visible
         drawn, cut = [], watched.viewer.cut_along
-        watched.viewer.cut_along = lambda points, camera: (
-            drawn.append(points) or cut(points, camera)
-        )
+        watched.viewer.cut_along = lambda points, camera: drawn.append(points) or cut(points, camera)
         camera, ends = page.client.camera, np.add(middle(page), ((-60, -60), (60, 80)))
         for k in (1, 2):  # the handle of the last stroke's plane would stand in the way
             stroke(page, *ends)

@@ -39,9 +39,7 @@ def test_a_recording_outlasts_its_tab(opened, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "lost",
-    [False, pytest.param(True, marks=pytest.mark.slow)],
-    ids=["stopped", "first request lost"],
+    "lost", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["stopped", "first request lost"]
 )
 def test_a_click_does_not_wait_for_a_long_image(opened, lost):
     """The image in progress is stopped; otherwise the answer would come after the image."""
@@ -88,9 +86,7 @@ def test_a_long_sequence_keeps_only_so_many_frames(tmp_path, monkeypatch):
 
     one = sequence_source._bytes(frame)
     monkeypatch.setattr(sequence_source, "KEPT_BYTES", 10 * one)
-    source = sequence_source.SequenceSource(
-        "long", [f"{i}.npz" for i in range(200)], read_frame=read_frame
-    )
+    source = sequence_source.SequenceSource("long", [f"{i}.npz" for i in range(200)], read_frame=read_frame)
     try:
         state = State()
         for i in [*range(1, 60), *range(150, 40, -1)]:

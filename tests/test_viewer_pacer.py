@@ -141,7 +141,7 @@ def test_settings_become_a_file_and_come_back():
     [
         ("[surface]\nthreshold = -1.0", "surface.threshold: expected a number from 1e-06 to"),
         ("[surface]\nkernel = 'cubic'", "surface.kernel: expected one of murakami"),
-        ("[surface]\ncolour = 1", "surface.colour: expected one of kernel, threshold"),
+        ("[surface]\ncolor = 1", "surface.color: expected one of kernel, threshold"),
         ("[look]\nshadows = 1", "look.shadows: expected true or false, got 1"),
         ("[cuts]\nnormal = [1, 2]", "normal: expected three numbers"),
         ("[cuts]\nnormal = [1, nan, 0]", "normal[1]: expected a number from -1 to 1, got nan"),

@@ -66,9 +66,7 @@ def test_each_widget_sets_its_setting_and_follows_it(watched):
             assert getattr(getattr(state, group), name) == pytest.approx(value), key
         state.set(**{key.replace(".", "__"): before})
         page.heard(
-            lambda m, u=handle._impl.uuid, v=value: (
-                m.get("uuid") == u and m.get("updates", {}).get("value", v) != v
-            )
+            lambda m, u=handle._impl.uuid, v=value: m.get("uuid") == u and m.get("updates", {}).get("value", v) != v
         )
 
 
@@ -102,10 +100,7 @@ def test_a_preset_is_one_change(watched):
         ({}, {"look__lights": "own"}),
         ({"look__lights": "own"}, {"look__azimuth": 120.0}),
         ({"look__sky": "gradient"}, {"look__matter": "own", "look__reflection": 1.0}),
-        (
-            {"look__sky": "gradient", "look__matter": "own", "look__reflection": 1.0},
-            {"look__bounces": 0},
-        ),
+        ({"look__sky": "gradient", "look__matter": "own", "look__reflection": 1.0}, {"look__bounces": 0}),
         ({}, {"color__by": "speed"}),
         ({"color__by": "speed"}, {"color__legend": False}),
         ({"color__by": "speed"}, {"color__automatic": False, "color__high": 10.0}),

@@ -64,9 +64,7 @@ def behind(tmp_path):
     )  # fmt: skip
     viewer = view(blob(300), demand_token=True)
     port = free_port()
-    (tmp_path / "nginx.conf").write_text(
-        CONFIGURATION.format(folder=tmp_path, port=port, inner=viewer.port)
-    )
+    (tmp_path / "nginx.conf").write_text(CONFIGURATION.format(folder=tmp_path, port=port, inner=viewer.port))
     words = [NGINX, "-c", str(tmp_path / "nginx.conf"), "-e", str(tmp_path / "error.log")]
     proxy = subprocess.Popen(words, stdout=sys.stderr)
     address = f"https://localhost:{port}/view/"

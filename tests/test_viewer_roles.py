@@ -208,10 +208,7 @@ def test_who_floods_waits_and_the_others_do_not(shared, caplog):
     looking, steering = Program(shared.look_address), Program(shared.address)
     until(lambda: len(shared.clients) == 2)
     evil = "x\nglobule: ok\x1b[2J\x1b]0;t\x07"
-    with (
-        toolbar(shared, looking, shared.look_token) as flood,
-        toolbar(shared, steering, shared.token) as asks,
-    ):
+    with toolbar(shared, looking, shared.look_token) as flood, toolbar(shared, steering, shared.token) as asks:
         for i in range(1300):
             flood.send(json.dumps({"do": f"{evil}{i}"}))
             if i == 1100:

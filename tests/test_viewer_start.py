@@ -164,9 +164,7 @@ def test_the_command_without_a_file(tmp_path):
     env = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
     run = subprocess.Popen(words, env=env, stdout=subprocess.PIPE, text=True, bufsize=1)
     lines: list[str] = []
-    threading.Thread(
-        target=lambda: lines.extend(iter(run.stdout.readline, "")), daemon=True
-    ).start()
+    threading.Thread(target=lambda: lines.extend(iter(run.stdout.readline, "")), daemon=True).start()
     try:
         until(lambda: any("choose" in line for line in lines), "for the address")
         address = lines[0].split()[-1]

@@ -38,9 +38,7 @@ def test_the_surface_lies_at_the_level(kernel):
         assert np.abs(distance - radius).max() < 0.4
 
 
-@pytest.mark.parametrize(
-    ("kernel", "most"), [("murakami", 16), ("wyvill", 10), ("nishimura", 4), ("cubic_spline", 2)]
-)
+@pytest.mark.parametrize(("kernel", "most"), [("murakami", 16), ("wyvill", 10), ("nishimura", 4), ("cubic_spline", 2)])
 def test_the_lattice_hardly_shows(kernel, most):
     """Normals where values change by 6 % of the level a voxel: degrees, root mean square."""
     surface = extract_iso_surface(ball(), 100.0, kernel)
@@ -84,9 +82,7 @@ def test_render_of_other_volumes(tmp_path, monkeypatch, capsys):
     assert main([*words, "--support", "1"]) == 2
     assert capsys.readouterr().err.count("globule: error: --support") == 1
     assert main(["render", "nowhere.vti", "-o", "n.png", *machine]) == 2
-    gb.ultrasound.write_sweep(
-        "sweep.igs.mha", gb.ultrasound.phantoms.cylinders(n_frames=4, size=(9, 8), spacing=4.0)
-    )
+    gb.ultrasound.write_sweep("sweep.igs.mha", gb.ultrasound.phantoms.cylinders(n_frames=4, size=(9, 8), spacing=4.0))
     capsys.readouterr()
     assert main(["render", "sweep.igs.mha", "-o", "n.png", *machine]) == 2
     assert "got a sweep" in capsys.readouterr().err

@@ -37,9 +37,7 @@ CASES = {
     "0.2 < y <= z": lambda x, t, s, k: (x[:, 1] > 0.2) & (x[:, 1] <= x[:, 2]),
     "type - 1 < 0": lambda x, t, s, k: t < 1,
     "-type + 2 >= 1": lambda x, t, s, k: t <= 1,
-    "(x - 0.5)**2 + (y - 0.5)**2 < 0.1": lambda x, t, s, k: (
-        ((x[:, :2].astype(float) - 0.5) ** 2).sum(1) < 0.1
-    ),
+    "(x - 0.5)**2 + (y - 0.5)**2 < 0.1": lambda x, t, s, k: ((x[:, :2].astype(float) - 0.5) ** 2).sum(1) < 0.1,
     "`Temp [K]` > 300": lambda x, t, s, k: k > 300,
     "not isfinite(`Temp [K]`)": lambda x, t, s, k: ~np.isfinite(k),
     "x > 2": lambda x, t, s, k: x[:, 0] > 2,

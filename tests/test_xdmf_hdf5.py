@@ -40,9 +40,7 @@ def xdmf(body: str, doctype: str = "", name: str = "a.xdmf") -> str:
 
 
 def slab(numbers: str, item: str, size: str = "") -> str:
-    about = (
-        f'<DataItem Dimensions="3 {len(numbers.split()) // 3}" Format="XML">{numbers}</DataItem>'
-    )
+    about = f'<DataItem Dimensions="3 {len(numbers.split()) // 3}" Format="XML">{numbers}</DataItem>'
     return f'<DataItem ItemType="HyperSlab" Dimensions="{size}">{about}{item}</DataItem>'
 
 
@@ -167,9 +165,7 @@ def test_attributes_of_any_type():
     assert got.time == 2.5
 
 
-def openpmd(
-    order: str, offsets: dict[str, object], constants: dict[str, float] | None = None
-) -> str:
+def openpmd(order: str, offsets: dict[str, object], constants: dict[str, float] | None = None) -> str:
     with h5py.File("run.h5", "w", track_order=True) as file:
         file.attrs["openPMD"], file.attrs["particlesPath"] = "1.1.0", "particles/"
         base = file.create_group("data/0/particles/e", track_order=True)
@@ -260,9 +256,7 @@ def test_a_dolfinx_run_is_a_sequence_of_meshes():
         file["u"] = np.arange(8.0)
     cells = '<DataItem Format="HDF" Dimensions="6 4">x.h5:/cells</DataItem>'
     u = f'<Attribute Name="u" Center="Node">{hdf("u", "8 1")}</Attribute>'
-    steps = "".join(
-        mesh("tetrahedron", cells, f'<Time Value="{t}"/>{u}', CORNERS * t) for t in (1, 2, 3)
-    )
+    steps = "".join(mesh("tetrahedron", cells, f'<Time Value="{t}"/>{u}', CORNERS * t) for t in (1, 2, 3))
     xdmf(f'<Grid CollectionType="Temporal">{steps}</Grid>', "<!DOCTYPE Xdmf SYSTEM 'Xdmf.dtd' []>")
     for k in range(3):
         found = gb.Mesh(FrameOf("a.xdmf", k), device="cpu")

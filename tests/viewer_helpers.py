@@ -20,13 +20,7 @@ from globule.viewer.state import State
 from waiting import PATIENCE, until
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-FLAGS = [
-    "--headless=new",
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-]
+FLAGS = ["--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 WINDOW = {"width": 700, "height": 480}
 
 
@@ -165,20 +159,13 @@ class Watched:
             client.camera.eye, fitted.eye, atol=0.02 * viewer.placement.extent
         )
 
-    def still(
-        self, page: Any, changed: Callable[[np.ndarray], bool] = lambda picture: True
-    ) -> np.ndarray:
+    def still(self, page: Any, changed: Callable[[np.ndarray], bool] = lambda picture: True) -> np.ndarray:
         """The next sharp picture of a page that is as asked, and has arrived."""
         client = page.client
 
         def settled() -> bool:
             pacer = client.pacer
-            if (
-                client.frame is None
-                or pacer.in_flight
-                or pacer.making
-                or pacer._changed is not None
-            ):
+            if client.frame is None or pacer.in_flight or pacer.making or pacer._changed is not None:
                 return False
             if pacer._wanted != self.viewer.engine._what(client):
                 return False  # of settings that are no more

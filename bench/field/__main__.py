@@ -39,9 +39,7 @@ def case_of(name: str, most: int) -> Case:
 
 
 def cpu_seconds() -> float:
-    own, children = (
-        resource.getrusage(w) for w in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    )
+    own, children = (resource.getrusage(w) for w in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
 
 
@@ -168,11 +166,7 @@ def page(lines: list[str], versions: dict[str, str], options: argparse.Namespace
         f"Settings: {PEERS[name].SETTINGS}."
         for name in versions
     ]
-    skipped = [
-        f"- **{name}**: not here; `{PEERS[name].INSTALL}`."
-        for name in options.programs
-        if name not in versions
-    ]
+    skipped = [f"- **{name}**: not here; `{PEERS[name].INSTALL}`." for name in options.programs if name not in versions]
     table = [f"| {HEAD} |", "|" + "---|" * 11, *lines]
     about = f"{width} x {height} pixels. Machine: {machine(processor())}"
     return "\n".join([
@@ -183,9 +177,7 @@ def page(lines: list[str], versions: dict[str, str], options: argparse.Namespace
 
 def main() -> None:
     parser = argparse.ArgumentParser(
-        prog="python bench/field",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog="python bench/field", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
 
     def names(text: str) -> list[str]:
@@ -206,9 +198,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.one:
         found = run_one(*options.one, options, options.output)
-        print(
-            json.dumps({k: v if isinstance(v, (str, int)) else float(v) for k, v in found.items()})
-        )
+        print(json.dumps({k: v if isinstance(v, (str, int)) else float(v) for k, v in found.items()}))
         return
     for kind, known, given in (("scene", SCENES, options.scenes),
                                ("program", PEERS, options.programs)):  # fmt: skip

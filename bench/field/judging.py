@@ -48,10 +48,7 @@ class Surface:
         far = to @ axis
         apart = np.sqrt(np.maximum((to**2).sum(1) - far**2, 0))
         kept = apart <= wide + slope * np.maximum(far + self.reach, 0) + 1.01 * self.reach
-        cut = (
-            np.broadcast_to(a, (len(kept), *np.shape(a)[1:]))[kept]
-            for a in (self.support, self.weight)
-        )
+        cut = (np.broadcast_to(a, (len(kept), *np.shape(a)[1:]))[kept] for a in (self.support, self.weight))
         return Surface(self.positions[kept], *cut, self.kernel, self.threshold)
 
     def first_hit(self, origins: np.ndarray, directions: np.ndarray) -> tuple:
@@ -95,9 +92,7 @@ def squares(size: tuple[int, int], n: int) -> list[np.ndarray]:
     squares where all would take too long for `n` particles."""
     numbers = np.arange(size[0] * size[1]).reshape(size[1], size[0])
     found = [
-        numbers[y : y + TILE, x : x + TILE].ravel()
-        for y in range(0, size[1], TILE)
-        for x in range(0, size[0], TILE)
+        numbers[y : y + TILE, x : x + TILE].ravel() for y in range(0, size[1], TILE) for x in range(0, size[0], TILE)
     ]
     most = max(int(WORK / (n + PARTICLES)), 1)
     if len(found) > most:

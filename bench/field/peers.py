@@ -65,10 +65,7 @@ class Peer:
 class Globule(Peer):
     """Metaballs, the exact intersection for each ray."""
 
-    SETTINGS = (
-        'Scene(surface="balls"): kernel (1 - r²/R²)², R = two spacings, threshold 0.6; '
-        "no edge samples"
-    )
+    SETTINGS = 'Scene(surface="balls"): kernel (1 - r²/R²)², R = two spacings, threshold 0.6; no edge samples'
     PACKAGES, INSTALL = ("globule",), "pip install globule"
     KIND = "balls"
 
@@ -121,9 +118,7 @@ class GlobuleSmooth(Globule):
 class PovRay(Peer):
     """`blob`: the same metaballs, the exact root for each ray. It reads a text of all particles."""
 
-    SETTINGS = (
-        "blob with strength 1, radius two spacings, threshold 0.6; no antialiasing, no shadows"
-    )
+    SETTINGS = "blob with strength 1, radius two spacings, threshold 0.6; no antialiasing, no shadows"
     INSTALL = "apt-get install povray"
 
     def __init__(self, case: Case, size: tuple[int, int]):
@@ -210,17 +205,13 @@ class Meshed(Window):
         rows = np.c_[np.full(len(faces), 3), faces].ravel().astype(np.int64)
         self.drawn = self.pv.PolyData(np.asarray(vertices, np.float32), rows)
         self.drawn.point_data.active_normals = np.asarray(normals, np.float32)
-        return self.plotter.add_mesh(
-            self.drawn, color=shared.COLOR, smooth_shading=True, specular=0.3, render=False
-        )
+        return self.plotter.add_mesh(self.drawn, color=shared.COLOR, smooth_shading=True, specular=0.3, render=False)
 
     def judged(self, camera: Any) -> tuple[np.ndarray, np.ndarray | None]:
         mask, _ = super().judged(camera)
         self.drawn["shown"] = 0.5 + 0.5 * self.drawn.point_data.active_normals
         self.plotter.remove_actor(self.actor, render=False)
-        self.actor = self.plotter.add_mesh(
-            self.drawn, scalars="shown", rgb=True, lighting=False, render=False
-        )
+        self.actor = self.plotter.add_mesh(self.drawn, scalars="shown", rgb=True, lighting=False, render=False)
         coded = self.image(camera) / 127.5 - 1
         return mask, coded / np.maximum(np.linalg.norm(coded, axis=-1, keepdims=True), 1e-9)
 
@@ -347,9 +338,7 @@ class Ovito(Peer):
         self.positions = positions
         if getattr(self, "pipeline", None) is not None:
             self.pipeline.remove_from_scene()
-        self.pipeline = shared.ovito_pipeline(
-            positions, self.case.radius(), 0.5 * self.case.spacing
-        )
+        self.pipeline = shared.ovito_pipeline(positions, self.case.radius(), 0.5 * self.case.spacing)
         self.pipeline.compute()
         self.pipeline.add_to_scene()
 
@@ -361,9 +350,7 @@ class Ovito(Peer):
     def _array(self, camera: Any, background: tuple) -> np.ndarray:
         view = shared.ovito_view(camera.eye, camera.look_at, camera.up, camera.fov)
         path = Path(tempfile.gettempdir()) / f"ovito-{os.getpid()}.png"
-        view.render_image(
-            self.size, filename=str(path), background=background, renderer=self._renderer()
-        )
+        view.render_image(self.size, filename=str(path), background=background, renderer=self._renderer())
         from PIL import Image
 
         with Image.open(path) as image:
@@ -417,9 +404,7 @@ class Mitsuba(Peer):
     def _sensor(self, camera: Any) -> Any:
         mi, unit = self.mi, self.case.spacing
         eye, target = np.divide(camera.eye, unit), np.divide(camera.look_at, unit)
-        world = mi.ScalarTransform4f().look_at(
-            origin=eye.tolist(), target=target.tolist(), up=list(camera.up)
-        )
+        world = mi.ScalarTransform4f().look_at(origin=eye.tolist(), target=target.tolist(), up=list(camera.up))
         reach = float(np.linalg.norm(target - eye))
         return mi.load_dict({
             "type": "perspective", "fov": float(camera.fov), "fov_axis": "y", "to_world": world,

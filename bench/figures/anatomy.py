@@ -95,16 +95,10 @@ def surface_mesh() -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
 
 def knot(around: int = 400, across: int = 26) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A tube along a trefoil knot: vertices, faces, the angle across it."""
-    t, a = np.meshgrid(
-        np.arange(around) / around * 2 * np.pi,
-        np.arange(across) / across * 2 * np.pi,
-        indexing="ij",
-    )
+    t, a = np.meshgrid(np.arange(around) / around * 2 * np.pi, np.arange(across) / across * 2 * np.pi, indexing="ij")
 
     def curve(t: np.ndarray) -> np.ndarray:
-        return np.stack(
-            [np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], -1
-        )
+        return np.stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], -1)
 
     ahead = curve(t + 1e-3) - curve(t - 1e-3)
     side = np.cross(ahead, [0.0, 0.0, 1.0])
@@ -112,9 +106,7 @@ def knot(around: int = 400, across: int = 26) -> tuple[np.ndarray, np.ndarray, n
     other = np.cross(side, ahead)
     other /= np.linalg.norm(other, axis=-1, keepdims=True)
     radius = 0.42 + 0.05 * np.cos(8 * t)
-    vertices = curve(t) + radius[..., None] * (
-        np.cos(a)[..., None] * side + np.sin(a)[..., None] * other
-    )
+    vertices = curve(t) + radius[..., None] * (np.cos(a)[..., None] * side + np.sin(a)[..., None] * other)
     i, j = (grid.ravel() for grid in np.indices((around, across)))
     i1, j1 = (i + 1) % around, (j + 1) % across
     corners = [k * across + m for k, m in ((i, j), (i1, j), (i1, j1), (i, j1))]
@@ -122,7 +114,7 @@ def knot(around: int = 400, across: int = 26) -> tuple[np.ndarray, np.ndarray, n
     return 20 * vertices.reshape(-1, 3), faces, np.cos(a + 2 * t).ravel()
 
 
-def coloured_mesh(path: Any, device: str = "auto", dpi: float = 110) -> None:
+def colored_mesh(path: Any, device: str = "auto", dpi: float = 110) -> None:
     """A colored mesh shown by metaballs at its vertices alone: no triangle is drawn, and between
     the vertices their colors blend smoothly."""
     vertices, faces, values, name = surface_mesh()
@@ -133,11 +125,7 @@ def coloured_mesh(path: Any, device: str = "auto", dpi: float = 110) -> None:
     size = (int(6 * dpi * 1.5), int(4.4 * dpi * 1.5))
     camera = fit_camera(scene, size, direction=(-1, 0.3, 0.35), up=UP, fov=30)
     look = dataclasses.replace(
-        load_preset("clay", scene, UP),
-        ground=None,
-        sky=None,
-        background=(1,) * 3,
-        ambient=(0.45,) * 3,
+        load_preset("clay", scene, UP), ground=None, sky=None, background=(1,) * 3, ambient=(0.45,) * 3
     )
     with Figure(path, 6, 4.4, dpi) as figure:
         frame = render(scene, camera, size, look)

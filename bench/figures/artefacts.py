@@ -20,24 +20,17 @@ from .style import box_edges, draw_boxes, show_frame
 COLOR = (0.20, 0.45, 0.75)
 # From the side, so that steps and creases throw some shade.
 SETTINGS = RenderSettings(
-    lights=(Headlight((0.25,) * 3), DirectionalLight((-1.0, 0.8, 0.4), (0.85,) * 3)),
-    background=(1, 1, 1),
+    lights=(Headlight((0.25,) * 3), DirectionalLight((-1.0, 0.8, 0.4), (0.85,) * 3)), background=(1, 1, 1)
 )
 LARGE_STEP, SMALL_STEP = 0.16, 0.01  # in supports
 SPACE = ((0, 0, 0), (4, 4, 4))  # of figure 5.6: leaves of edge 1, as large as the supports
 ALONE, PAIR = [[1.72, 1.45, 1.5]], [[1.5, 1.42, 1.5], [2.42, 1.62, 1.5]]
 
 
-def dense_scene(
-    centres: Any, support: float, level: int, device: str = "auto", bounds: Any = None
-) -> Scene:
+def dense_scene(centers: Any, support: float, level: int, device: str = "auto", bounds: Any = None) -> Scene:
     """Metaballs of one color in a dense octree, as the thesis's tracing needs it."""
-    particles = Particles(
-        np.array(centres, np.float32), support=support, color=np.array(COLOR, np.float32)
-    )
-    return Scene(
-        particles, threshold=0.4, octree="dense", level=level, device=device, bounds=bounds
-    )
+    particles = Particles(np.array(centers, np.float32), support=support, color=np.array(COLOR, np.float32))
+    return Scene(particles, threshold=0.4, octree="dense", level=level, device=device, bounds=bounds)
 
 
 def marched(step: float) -> Thesis:
@@ -70,16 +63,16 @@ def ghosts(path: Any, device: str = "auto", dpi: float = 110) -> None:
     size = (int(4.2 * dpi * 2), int(2.7 * dpi * 2))
     with Figure(path, 8.4, 5.8, dpi) as figure:
         axes = figure.subplots(2, 2)
-        for row, name, centres in ((0, "a", ALONE), (1, "b", PAIR)):
-            scene = dense_scene(centres, 1.0, 2, device, SPACE)
-            leaves = np.unique(np.floor(np.array(centres, np.float32)), axis=0)
+        for row, name, centers in ((0, "a", ALONE), (1, "b", PAIR)):
+            scene = dense_scene(centers, 1.0, 2, device, SPACE)
+            leaves = np.unique(np.floor(np.array(centers, np.float32)), axis=0)
             edges = np.concatenate([box_edges(leaf, leaf + 1) for leaf in leaves])
             for column, seen in ((0, False), (1, True)):
                 ax = axes[row, column]
                 frame = render(scene, camera, size, SETTINGS, thesis=Thesis(ghosts=seen))
                 show_frame(ax, frame.picture)
                 draw_boxes(ax, camera, frame, edges, INK, 0.8, 0.25)
-                ax.set_title(f"({name}) {'own and neighbours’' if seen else 'own'} particles")
+                ax.set_title(f"({name}) {'own and neighbors’' if seen else 'own'} particles")
 
 
 def cluster(device: str = "auto") -> Scene:
@@ -95,7 +88,7 @@ def normals(path: Any, device: str = "auto", dpi: float = 110) -> None:
     size = (int(9 * dpi), int(7.2 * dpi))
     camera = fit_camera(scene, size, fov=30)
     with Figure(path, 9, 4, dpi) as figure:
-        titles = ("averaged centres", "gradient of the field")
+        titles = ("averaged centers", "gradient of the field")
         for ax, averaged in zip(figure.subplots(1, 2), (True, False), strict=True):
             thesis = Thesis(averaged_normals=averaged)
             show_frame(ax, render(scene, camera, size, SETTINGS, thesis=thesis).picture)

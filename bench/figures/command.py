@@ -11,14 +11,7 @@ import time
 
 from globule.cli import flags
 from globule.cli.parser import Parser
-from globule.cli.shared import (
-    Progress,
-    UserError,
-    check_device,
-    count,
-    make_folder,
-    positive,
-)
+from globule.cli.shared import Progress, UserError, check_device, count, make_folder, positive
 
 from . import FIGURES, caption
 
@@ -31,9 +24,7 @@ EXAMPLES = """\
 
 def add_arguments(parser: Parser) -> None:
     """The arguments of `python -m bench figures`."""
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", help=f"figures: {' '.join(FIGURES)} (default: all)"
-    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"figures: {' '.join(FIGURES)} (default: all)")
     flags.add(parser, "--output", "folder; default: figures", default="figures")
     parser.add_argument(
         "--dpi",

@@ -14,15 +14,15 @@ from globule.render.settings import RenderSettings
 
 from .style import show_frame
 
-DISTANCES = (1.65, 1.44, 1.38, 1.1, 0.6)  # of the centres, in supports
+DISTANCES = (1.65, 1.44, 1.38, 1.1, 0.6)  # of the centers, in supports
 THRESHOLD = 0.5
 
 
 def two(distance: float, device: str = "auto") -> Scene:
     """Two metaballs of support 1 at a distance along x."""
-    centres = np.array([[-distance / 2, 0, 0], [distance / 2, 0, 0]], np.float32)
+    centers = np.array([[-distance / 2, 0, 0], [distance / 2, 0, 0]], np.float32)
     color = np.array([[0.12, 0.36, 0.72], [0.85, 0.40, 0.05]], np.float32)
-    return Scene(Particles(centres, support=1.0, color=color), threshold=THRESHOLD, device=device)
+    return Scene(Particles(centers, support=1.0, color=color), threshold=THRESHOLD, device=device)
 
 
 def two_metaballs(path: Any, device: str = "auto", dpi: float = 110) -> None:
@@ -41,8 +41,8 @@ def two_metaballs(path: Any, device: str = "auto", dpi: float = 110) -> None:
             x = np.linspace(-1.9, 1.9, 300, dtype=np.float32)
             points = np.stack([x, 0 * x, 0 * x], axis=1)
             total = scene.field(points)
-            for centre in (-distance / 2, distance / 2):
-                place = np.array([[centre, 0, 0]], np.float32)
+            for center in (-distance / 2, distance / 2):
+                place = np.array([[center, 0, 0]], np.float32)
                 lone = Scene(Particles(place, support=1.0), device=device)
                 below.plot(x, lone.field(points), color=GRAY, lw=1, ls=":")
             below.plot(x, total, color=BLUE, lw=2)

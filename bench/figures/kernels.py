@@ -51,7 +51,7 @@ def one_metaball(path: Any, device: str = "auto", dpi: float = 110) -> None:
         left.text(0, -1.1, "support a", ha="center", color=GRAY)
         left.text(0.05, d + 0.05, "surface", color=ORANGE)
         r = np.linspace(0, 1.15, 300)
-        right.set_title("the field along a ray from the centre (murakami)")
+        right.set_title("the field along a ray from the center (murakami)")
         right.plot(r, profile("murakami", r, device)[0], color=BLUE, lw=2.5)
         right.axhline(threshold, color=ORANGE, lw=1.2, ls="--")
         right.plot([d, d], [0, threshold], color=ORANGE, lw=1.2, ls="--")

@@ -28,7 +28,7 @@ def octree_coordinate(u: float, extent: float, device: str = "auto") -> int:
     return morton.decode(int(keys[0]) & (INSIDE - 1))[0]
 
 
-def keys_and_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> None:
+def keys_and_neighbors(path: Any, device: str = "auto", dpi: float = 110) -> None:
     """Keys say where cells are: a cell's key begins with its parent's, and a neighbor's differs in
     bits of the crossed axis only, up to the level at which the step stays inside."""
     from matplotlib.patches import Rectangle
@@ -45,9 +45,7 @@ def keys_and_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> No
             cell = np.array(morton.decode(key - INSIDE)) >> (LEVELS - 3)
             side = 8 / 2**level
             x, y = float(cell[0]), float(cell[1])
-            left.add_patch(
-                Rectangle((x, y), side, side, facecolor=shades[level - 1], edgecolor=BLUE, lw=1.8)
-            )
+            left.add_patch(Rectangle((x, y), side, side, facecolor=shades[level - 1], edgecolor=BLUE, lw=1.8))
         places = (((6, 0.9), None), ((6.9, 5.2), (5, 3.5)), ((1.9, 1.0), (5.3, 2.4)))
         for level, (place, tip) in enumerate(places, 1):
             node = key >> 3 * (LEVELS - level) << 3 * (LEVELS - level)
@@ -63,7 +61,7 @@ def keys_and_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> No
                 family="DejaVu Sans Mono",
                 arrowprops=arrow,
             )
-        bare(right, "a cell of level 3 and its neighbours in that layer")
+        bare(right, "a cell of level 3 and its neighbors in that layer")
         middle = INSIDE + (morton.encode(3, 5, 0) << 3 * (LEVELS - 3))
         for dx in (-1, 0, 1):
             for dy in (-1, 0, 1):
@@ -81,9 +79,7 @@ def keys_and_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> No
                     color=INK if dx == dy == 0 else GRAY,
                     fontsize=9,
                 )
-        right.text(
-            0.5, -1.28, "red: bits of x, green: bits of y that changed", ha="center", color=GRAY
-        )
+        right.text(0.5, -1.28, "red: bits of x, green: bits of y that changed", ha="center", color=GRAY)
         right.set_xlim(-1.05, 2.05)
         right.set_ylim(-1.4, 2.05)
 
@@ -115,7 +111,7 @@ def quantised_positions(path: Any, device: str = "auto", dpi: float = 110) -> No
             left.text(1024, y - 0.24, "1024", ha="center", color=GRAY, fontsize=9)
         left.set_xlim(-60, 1060)
         left.set_ylim(-0.4, 2.5)
-        bare(right, "points near z = 50, coloured by their cell")
+        bare(right, "points near z = 50, colored by their cell")
         right.set_aspect("auto")
         values = np.linspace(169.05, 172.95, 40)
         cells = np.array([octree_coordinate(v / 1024 * 300, 300, device) for v in values])
@@ -166,13 +162,7 @@ def dense_array(path: Any, device: str = "auto", dpi: float = 110) -> None:
                 at = x + width * i / n
                 ax.plot([at, at], [0, 1], color=INK, lw=0.8 if level < 2 else 0.3)
             last = first + n - 1
-            ax.text(
-                x + width / 2,
-                -0.3,
-                f"{first}" if not level else f"{first} … {last}",
-                ha="center",
-                va="center",
-            )
+            ax.text(x + width / 2, -0.3, f"{first}" if not level else f"{first} … {last}", ha="center", va="center")
             ax.text(x + width / 2, -0.72, f"level {level}", ha="center", va="center", color=GRAY)
             starts.append((x, width, first, n))
             first, x = first + n, x + width
@@ -190,9 +180,7 @@ def dense_array(path: Any, device: str = "auto", dpi: float = 110) -> None:
             (target, 2.1, f"001 011 → (8² − 1)/7 + 11 = {place}", BLUE),
             (target3, 2.8, f"{other} − (8³ − 1)/7 = {other - first3} → {triplets(key, 3)}", RED),
         ):
-            ax.annotate(
-                "", (at, 1.02), (at, top - 0.15), arrowprops={"arrowstyle": "->", "color": color}
-            )
+            ax.annotate("", (at, 1.02), (at, top - 0.15), arrowprops={"arrowstyle": "->", "color": color})
             ax.text(
                 at,
                 top,

@@ -13,7 +13,7 @@ from .kernels import radius
 from .style import bare
 
 THRESHOLD = 0.5
-CENTRES = np.array(
+CENTERS = np.array(
     [
         [-2.3, 0.25],
         [-1.6, -0.3],
@@ -32,9 +32,9 @@ CENTRES = np.array(
 ON_A_RAY = np.array([[-1.7, 0.75], [-0.75, -0.6], [0.45, 0.35], [1.6, -0.1], [2.95, 1.1]])
 
 
-def flat_scene(device: str = "auto", centres: np.ndarray = CENTRES) -> Scene:
+def flat_scene(device: str = "auto", centers: np.ndarray = CENTERS) -> Scene:
     """Metaballs of support 1 with their centers in the plane z = 0."""
-    positions = np.array([[x, y, 0] for x, y in centres], np.float32)
+    positions = np.array([[x, y, 0] for x, y in centers], np.float32)
     return Scene(Particles(positions, support=1.0), threshold=THRESHOLD, device=device)
 
 
@@ -44,13 +44,11 @@ def plane_field(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return scene.field(np.ascontiguousarray(points, np.float32)).reshape(x.shape)
 
 
-def sphere_events(
-    origin: np.ndarray, direction: np.ndarray, centres: np.ndarray
-) -> list[tuple[float, int, bool]]:
+def sphere_events(origin: np.ndarray, direction: np.ndarray, centers: np.ndarray) -> list[tuple[float, int, bool]]:
     """Distance, sphere, and whether it is entered, of all supports that the ray meets, in order."""
     events = []
-    for i, centre in enumerate(centres):
-        v = np.append(centre, 0) - origin
+    for i, center in enumerate(centers):
+        v = np.append(center, 0) - origin
         middle = float(v @ direction)
         square = 1 - float(v @ v) + middle**2
         if square > 0:
@@ -66,9 +64,9 @@ def exterior_spheres(path: Any, device: str = "auto", dpi: float = 110) -> None:
         ax = figure.subplots()
         bare(ax)
         _surface(ax, scene)
-        for x, y in CENTRES:
+        for x, y in CENTERS:
             _circle(ax, x, y, 1, GRAY, "--", 1.1)
-        alone, d = CENTRES[-1], radius("murakami", THRESHOLD, device)
+        alone, d = CENTERS[-1], radius("murakami", THRESHOLD, device)
         _circle(ax, alone[0], alone[1], d, ORANGE, "-", 2.4)
         tip = alone + d * np.array([0.8, 0.6])
         ax.annotate(
@@ -93,13 +91,7 @@ def exterior_spheres(path: Any, device: str = "auto", dpi: float = 110) -> None:
                 "",
                 end,
                 origin[:2],
-                arrowprops={
-                    "arrowstyle": "->",
-                    "color": color,
-                    "lw": 1.8,
-                    "shrinkA": 0,
-                    "shrinkB": 0,
-                },
+                arrowprops={"arrowstyle": "->", "color": color, "lw": 1.8, "shrinkA": 0, "shrinkB": 0},
             )
             ax.text(-3.8, y + shift, text, color=color)
         ax.text(3.95, -1.2, "supports", color=GRAY)
@@ -124,12 +116,7 @@ def ordered_events(path: Any, device: str = "auto", dpi: float = 110) -> None:
         for i, (x, y) in enumerate(ON_A_RAY):
             _circle(above, x, y, 1, colors.get(i, GRAY), "-" if i in names else "--", 1.6)
             above.plot(x, y, "o", color=colors.get(i, GRAY), ms=4)
-        above.annotate(
-            "",
-            (3.9, 0),
-            origin[:2],
-            arrowprops={"arrowstyle": "->", "color": INK, "lw": 1.6, "shrinkA": 0},
-        )
+        above.annotate("", (3.9, 0), origin[:2], arrowprops={"arrowstyle": "->", "color": INK, "lw": 1.6, "shrinkA": 0})
         for t, i, entered in events:
             at = origin[0] + t
             face = colors[i] if entered else "white"
@@ -137,16 +124,7 @@ def ordered_events(path: Any, device: str = "auto", dpi: float = 110) -> None:
             below.axvline(at, color=colors[i], lw=1.1, ls="-" if entered else ":")
             if entered:
                 for ax, x, y in ((above, at - 0.08, 0.1), (below, at - 0.04, 0.88)):
-                    ax.text(
-                        x,
-                        y,
-                        names[i],
-                        color=colors[i],
-                        fontsize=13,
-                        ha="right",
-                        weight="bold",
-                        zorder=6,
-                    )
+                    ax.text(x, y, names[i], color=colors[i], fontsize=13, ha="right", weight="bold", zorder=6)
         x = np.linspace(-3.2, 4.05, 600)
         f = plane_field(scene, x, 0 * x)
         below.plot(x, f, color=INK, lw=2)

@@ -78,8 +78,7 @@ def scattered(path: Any, device: str = "auto", dpi: float = 110) -> None:
     lo, hi = np.quantile(crowd, [0.05, 0.98])
     scene.update(Particles(positions, support=support, color=colorize(crowd, "viridis", lo, hi)))
     settings = RenderSettings(
-        lights=(Headlight((0.5,) * 3), DirectionalLight((-0.5, 1, 0.4), (0.8,) * 3)),
-        background=(1, 1, 1),
+        lights=(Headlight((0.5,) * 3), DirectionalLight((-0.5, 1, 0.4), (0.8,) * 3)), background=(1, 1, 1)
     )
     camera = Camera((0.8, 0.75, 2.3), (0.5, 0.49, 0.12), fov=31)
     with Figure(path, 4.9, 4.5, dpi) as figure:
@@ -108,9 +107,7 @@ def solid(path: Any, device: str = "auto", dpi: float = 110) -> None:
             ax.set_title("metaballs (murakami)" if kernel == "murakami" else "solid mode")
 
 
-def at_the_border(
-    device: str = "auto", bounds: Any = None, n: int = 400
-) -> tuple[Scene, np.ndarray]:
+def at_the_border(device: str = "auto", bounds: Any = None, n: int = 400) -> tuple[Scene, np.ndarray]:
     """Metaballs close to the faces of the unit cube, and its corners (2, 3). The cube is the
     octree's space, unless `bounds` are given; supports reach beyond it."""
     rng = np.random.default_rng(65)

@@ -8,7 +8,7 @@ import numpy as np
 from globule._base.plot import BLUE, GRAY, INK, ORANGE, RED, SKY, Figure
 from globule.scene.octree import morton
 
-from .rays import CENTRES, THRESHOLD, flat_scene, plane_field
+from .rays import CENTERS, THRESHOLD, flat_scene, plane_field
 from .style import VIEW, bare, draw_cubes, flattened
 
 LADDER = (0.05, 0.2, 0.35, THRESHOLD)  # τ_0 < τ_1 < … < τ
@@ -51,23 +51,11 @@ def several_thresholds(path: Any, device: str = "auto", dpi: float = 110) -> Non
         values = plane_field(scene, x, y)
         shades = ["#eef5fb", "#d9e9f6", "#bed9ef", SKY]
         above.contourf(x, y, values, levels=[*LADDER, 9], colors=shades)
-        above.contour(
-            x,
-            y,
-            values,
-            levels=LADDER,
-            colors=[GRAY, GRAY, GRAY, BLUE],
-            linewidths=[0.8, 0.8, 0.8, 2.2],
-        )
-        inside = CENTRES[CENTRES[:, 0] < -0.3]
+        above.contour(x, y, values, levels=LADDER, colors=[GRAY, GRAY, GRAY, BLUE], linewidths=[0.8, 0.8, 0.8, 2.2])
+        inside = CENTERS[CENTERS[:, 0] < -0.3]
         above.plot(*inside.T, ".", color=BLUE)
         tip = origin + (t[-1] + 0.25) * direction
-        above.annotate(
-            "",
-            tip[:2],
-            origin[:2],
-            arrowprops={"arrowstyle": "->", "color": INK, "shrinkA": 0, "lw": 1},
-        )
+        above.annotate("", tip[:2], origin[:2], arrowprops={"arrowstyle": "->", "color": INK, "shrinkA": 0, "lw": 1})
         points = (origin + t[:, None] * direction).astype(np.float32)
         above.plot(*points[:, :2].T, "o", color=RED, ms=4.5, zorder=5)
         above.set_xlim(-3.8, -0.2)
@@ -83,12 +71,10 @@ def several_thresholds(path: Any, device: str = "auto", dpi: float = 110) -> Non
             below.axhline(level, color=ORANGE if last else GRAY, lw=1.1, ls="--")
             name = f"τ = {level:g}" if last else f"τ{'₀₁₂'[i]} = {level:g}"
             below.text(0.02, level + 0.01, name, color=ORANGE if last else GRAY)
-        below.set(
-            xlim=(0, fine[-1]), ylim=(0, 0.62), xlabel="distance along the ray", ylabel="field"
-        )
+        below.set(xlim=(0, fine[-1]), ylim=(0, 0.62), xlabel="distance along the ray", ylabel="field")
 
 
-def skipped_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> None:
+def skipped_neighbors(path: Any, device: str = "auto", dpi: float = 110) -> None:
     """A ray enters the middle cell through its left face: the search has already visited the
     nine neighbors on that side, and 17 of 26 remain."""
     level, levels = 2, 10
@@ -112,24 +98,13 @@ def skipped_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> Non
             for one in apart[here][np.argsort(apart[here] @ VIEW[2])]:
                 middle = (one == [2.05, 1, 1]).all()
                 face = RED if layer == 0 else "#f0b73c" if middle else "#c6dcef"
-                draw_cubes(
-                    ax, one[None], 0.86, face, alpha=1 if middle else 0.5, width=0.9, edge="#3c4650"
-                )
+                draw_cubes(ax, one[None], 0.86, face, alpha=1 if middle else 0.5, width=0.9, edge="#3c4650")
             if layer == 0:
                 start, face = flattened([[0.86, 1.43, 1.43], [2.05, 1.43, 1.43]])
                 outside = flattened([-1.6, 1.43, 1.43])
                 ax.plot(*np.stack([outside, start]).T, color=INK, lw=2, ls=(0, (2, 1.5)))
                 ax.annotate(
-                    "",
-                    face,
-                    start,
-                    arrowprops={
-                        "arrowstyle": "-|>",
-                        "color": INK,
-                        "lw": 2,
-                        "shrinkA": 0,
-                        "shrinkB": 0,
-                    },
+                    "", face, start, arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 2, "shrinkA": 0, "shrinkB": 0}
                 )
             place = flattened([2.05 * layer + 0.43, -0.55, 2.9])
             ax.text(*place, name, ha="center", va="top", color=color, fontsize=12)

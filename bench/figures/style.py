@@ -102,13 +102,7 @@ def show_frame(ax: Any, picture: np.ndarray) -> None:
 
 
 def draw_boxes(
-    ax: Any,
-    camera: Camera,
-    frame: Any,
-    edges: np.ndarray,
-    color: str,
-    width: float = 1.2,
-    hidden: float = 0.15,
+    ax: Any, camera: Camera, frame: Any, edges: np.ndarray, color: str, width: float = 1.2, hidden: float = 0.15
 ) -> None:
     """Edges (M, 2, 3) over a rendered frame; what the surface hides is drawn faintly, with
     the opacity `hidden`."""
@@ -125,8 +119,6 @@ def draw_boxes(
     pieces = np.stack([pixels[:, :-1], pixels[:, 1:]], axis=2).reshape(-1, 2, 2)
     in_front = (seen[:, :-1] & seen[:, 1:]).ravel()
     ax.add_collection(LineCollection(pieces[in_front], colors=color, linewidths=width))
-    ax.add_collection(
-        LineCollection(pieces[~in_front], colors=color, linewidths=width, alpha=hidden)
-    )
+    ax.add_collection(LineCollection(pieces[~in_front], colors=color, linewidths=width, alpha=hidden))
     ax.set_xlim(0, size[0])
     ax.set_ylim(size[1], 0)

@@ -69,9 +69,7 @@ def in_space(path: Any, device: str = "auto", dpi: float = 110) -> None:
             _curve(ax, cells, 3.2 if level == 1 else 2.2)
             if level == 1:
                 for j, cell in enumerate(cells):
-                    ax.text(
-                        *(cell + [0.06, 0, 0.1]), f"{j:03b}", fontsize=11, family="DejaVu Sans Mono"
-                    )
+                    ax.text(*(cell + [0.06, 0, 0.1]), f"{j:03b}", fontsize=11, family="DejaVu Sans Mono")
             ax.set_box_aspect((1, 1, 1), zoom=1.12)
             for name, color in zip("xyz", AXES, strict=True):
                 getattr(ax, f"set_{name}label")(name, color=color, labelpad=-10)
@@ -129,9 +127,7 @@ def _bit(ax: Any, x: float, y: float, value: int, color: str) -> None:
     from matplotlib.patches import Rectangle
 
     face = color if value else "white"
-    ax.add_patch(
-        Rectangle((x - 0.42, y - 0.42), 0.84, 0.84, facecolor=face, edgecolor=color, lw=1.4)
-    )
+    ax.add_patch(Rectangle((x - 0.42, y - 0.42), 0.84, 0.84, facecolor=face, edgecolor=color, lw=1.4))
     ax.text(
         x,
         y - 0.02,

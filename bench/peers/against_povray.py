@@ -26,9 +26,7 @@ from bench.speed import load, write_csv  # noqa: E402
 def measure(name: str, size: tuple[int, int]) -> dict:
     positions, spacing = load(name)
     camera = gb.Camera.fit(positions, size=size)
-    scene = gb.Scene(
-        gb.Particles(positions, support=2 * spacing), threshold=0.6, device="cpu", threads=1
-    )
+    scene = gb.Scene(gb.Particles(positions, support=2 * spacing), threshold=0.6, device="cpu", threads=1)
     gb.render(scene, camera, size)
     times = []
     for _ in range(5):
@@ -62,11 +60,7 @@ def main() -> None:
     width, _, height = options.size.partition("x")
     rows = [measure(name, (int(width), int(height))) for name in options.scenes.split(",")]
     for row in rows:
-        print(
-            "  ".join(
-                f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()
-            )
-        )
+        print("  ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()))
     if options.output:
         write_csv(options.output, rows)
 

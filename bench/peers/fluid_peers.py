@@ -19,11 +19,7 @@ from fluid_judge import GRAVITY, REST_DENSITY, wall_factor
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 MOST_ITERATIONS = 100  # SPlisHSPlasH's default
-PACKAGES = {
-    "globule": ["globule"],
-    "SPlisHSPlasH": ["pysplishsplash"],
-    "SPlisHSPlasH tight": ["pysplishsplash"],
-}
+PACKAGES = {"globule": ["globule"], "SPlisHSPlasH": ["pysplishsplash"], "SPlisHSPlasH tight": ["pysplishsplash"]}
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
@@ -88,9 +84,7 @@ def splishsplash(case, run: dict, folder: Path, tight: bool = False) -> dict:
     field["velocity"][:] = case["velocity"][field["id"]]
     walls = sim.getBoundaryModel(0)
     if walls.numberOfParticles() != len(case["walls"]):
-        raise ValueError(
-            f"expected {len(case['walls'])} particles of walls, got {walls.numberOfParticles()}"
-        )
+        raise ValueError(f"expected {len(case['walls'])} particles of walls, got {walls.numberOfParticles()}")
     for i in range(walls.numberOfParticles()):
         walls.setVolume(i, walls.getVolume(i) * wall_factor())
     # A scene's tolerance does not reach the solver, which keeps its own defaults.
@@ -144,9 +138,7 @@ def _splishsplash_begun(sph, case, run: dict, folder: Path):
         },
         "Materials": [{**water, "maxEmitterParticles": 0}],
         "FluidModels": [{"id": "Fluid", "particleFile": "fluid.bgeo", **still}],
-        "RigidBodies": [
-            {"geometryFile": "triangle.obj", "particleFile": "walls.bgeo", "isWall": True, **still}
-        ],
+        "RigidBodies": [{"geometryFile": "triangle.obj", "particleFile": "walls.bgeo", "isWall": True, **still}],
     }
     (folder / "scene.json").write_text(json.dumps(scene))
     base = sph.Exec.SimulatorBase()
@@ -167,8 +159,4 @@ def _splishsplash_begun(sph, case, run: dict, folder: Path):
     return base
 
 
-PEERS = {
-    "globule": globule,
-    "SPlisHSPlasH": splishsplash,
-    "SPlisHSPlasH tight": partial(splishsplash, tight=True),
-}
+PEERS = {"globule": globule, "SPlisHSPlasH": splishsplash, "SPlisHSPlasH tight": partial(splishsplash, tight=True)}

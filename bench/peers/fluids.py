@@ -156,9 +156,7 @@ def rows_of(name: str, options, path: Path, peers: dict[str, dict]) -> list[dict
             run = {"error": error, "threads": threads, "seconds": options.seconds or SECONDS[name]}
             first = None
             for peer, extra in peers.items():
-                all_runs = (
-                    measured(peer, path, run, extra, options.limit) for _ in range(options.runs)
-                )
+                all_runs = (measured(peer, path, run, extra, options.limit) for _ in range(options.runs))
                 runs = [found for found in all_runs if found]
                 if not runs:
                     continue
@@ -196,9 +194,7 @@ def tables(rows: list[dict]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     numbers = {"error": lambda s: [float(v) for v in s.split(",")]}
     numbers["threads"] = lambda s: [int(v) for v in s.split(",")]
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the splash's file")

@@ -13,13 +13,13 @@ Each scene is drawn with several looks, each of which leaves to POV-Ray nothing 
     straight  index 1 with absorption: no ray bends, so that only lengths count
     both      glass over a mirroring checkered ground with the sun's shadow
 
-The sky tells directions, (d + 1) / 2 as linear colour; `background` is never seen. Both follow rays
+The sky tells directions, (d + 1) / 2 as linear color; `background` is never seen. Both follow rays
 to the same weight. POV-Ray starts secondary rays 0.001 units on, so lengths are scaled until that
 is little; its pictures are linear, 16 bits, one ray a pixel.
 
 A table is printed: mean absolute differences in levels of 255, linear and as sRGB, the largest of
-the three colours counting: of all pixels; `away` from silhouettes, where the 3 x 3 pixels around
-show one surface; and of the `steady` share of these, whose colour in our own picture stays within a
+the three colors counting: of all pixels; `away` from silhouettes, where the 3 x 3 pixels around
+show one surface; and of the `steady` share of these, whose color in our own picture stays within a
 level when the eye moves by 1e-4 supports. Light that is bent or mirrored several times is chaotic:
 there the last digit of a root decides where a ray ends, in either program. `over_2`: the share of
 steady pixels that differ by more than two levels. With --out, ours, POV-Ray's, and 16 times the
@@ -93,9 +93,7 @@ def on_ground(look: str) -> bool:
 
 def ours(b: Blob, look: str, camera: gb.Camera, size: tuple[int, int], device: str) -> gb.Frame:
     color = COLOR if b.color is None else b.color
-    scene = gb.Scene(
-        gb.Particles(b.positions, support=b.support, color=color), threshold=TAU, device=device
-    )
+    scene = gb.Scene(gb.Particles(b.positions, support=b.support, color=color), threshold=TAU, device=device)
     absorption = tuple(a / b.support for a in ABSORPTION)
     material = {
         "clay": gb.Material(0.0, 0.0),
@@ -123,14 +121,10 @@ def ground(b: Blob, look: str) -> gb.Ground | None:
     if not on_ground(look):
         return None
     height = float(b.positions[:, 1].min()) - b.support
-    return gb.Ground(
-        height, color=0.9, other=0.3, check=2 * b.support, reflection=0.25 if look == "both" else 0
-    )
+    return gb.Ground(height, color=0.9, other=0.3, check=2 * b.support, reflection=0.25 if look == "both" else 0)
 
 
-def theirs(
-    b: Blob, look: str, camera: gb.Camera, size: tuple[int, int], folder: Path
-) -> np.ndarray:
+def theirs(b: Blob, look: str, camera: gb.Camera, size: tuple[int, int], folder: Path) -> np.ndarray:
     """Linear picture (H, W, 3), 0 to 1."""
     num, vec = povray._num, povray._vec
     view = {"eye": camera.eye, "look_at": camera.look_at, "up": camera.up, "fov": camera.fov}
@@ -143,8 +137,7 @@ def theirs(
     )
     lines = [
         "#version 3.7;",
-        "global_settings { assumed_gamma 1 ambient_light 1"
-        f" max_trace_level {DEPTH + 2} adc_bailout {num(CUTOFF)} }}",
+        f"global_settings {{ assumed_gamma 1 ambient_light 1 max_trace_level {DEPTH + 2} adc_bailout {num(CUTOFF)} }}",
         f"camera {{ perspective location {vec(eye)} direction {vec(forward)}"
         f" right {vec(right * (2 * t * size[0] / size[1]))} up {vec(up * (2 * t))} }}",
         f"light_source {{ {vec(SUN * far)} rgb {SUN_LIGHT} parallel point_at 0 }}",
@@ -165,24 +158,17 @@ def theirs(
     fade = f"fade_power 1001 fade_distance {num(1 / a.max())} fade_color {vec(1 - a / a.max())}"
     texture, interior = {
         "clay": ("pigment { rgb 0 }", ""),  # each component has its own
-        "mirror": (
-            "pigment { rgb 0 } finish { ambient 0 diffuse 0 reflection { 0.6, 1 falloff 5 } }",
-            "",
-        ),
+        "mirror": ("pigment { rgb 0 } finish { ambient 0 diffuse 0 reflection { 0.6, 1 falloff 5 } }", ""),
         "glass": (f"pigment {{ rgb 1 transmit 1 }} {glass}", "interior { ior 1.5 }"),
         "beer": (f"pigment {{ rgb 1 transmit 1 }} {glass}", f"interior {{ ior 1.5 {fade} }}"),
-        "straight": (
-            "pigment { rgb 1 transmit 1 } finish { ambient 0 diffuse 0 }",
-            f"interior {{ ior 1 {fade} }}",
-        ),
+        "straight": ("pigment { rgb 1 transmit 1 } finish { ambient 0 diffuse 0 }", f"interior {{ ior 1 {fade} }}"),
         "both": (f"pigment {{ rgb 1 transmit 1 }} {glass}", "interior { ior 1.5 }"),
     }[look]
     rows = []
     for k, p in enumerate(b.positions.astype(float)):
         tint = COLOR if b.color is None else b.color[k]
         own = (
-            f" texture {{ pigment {{ rgb {vec(np.asarray(tint, float))} }}"
-            f" finish {{ ambient {AMBIENT} diffuse 1 }} }}"
+            f" texture {{ pigment {{ rgb {vec(np.asarray(tint, float))} }} finish {{ ambient {AMBIENT} diffuse 1 }} }}"
         )
         rows.append(f"sphere {{ {vec(p)}, {num(b.support)}, 1{own if look == 'clay' else ''} }}")
     lines += [f"blob {{ threshold {TAU}", *rows, f"texture {{ {texture} }} {interior} }}"]
@@ -206,13 +192,11 @@ def one_surface(frame: gb.Frame, support: float) -> np.ndarray:
 
 
 def steady(b: Blob, look: str, camera: gb.Camera, picture: np.ndarray, device: str) -> np.ndarray:
-    """Pixels whose colour stays within a level when the eye moves by 1e-4 supports, which is what
+    """Pixels whose color stays within a level when the eye moves by 1e-4 supports, which is what
     bent rays make of a difference in the last digits."""
     same = np.ones(picture.shape[:2], bool)
     for way in 1e-4 * b.support * np.concatenate([np.eye(3), -np.eye(3)]):
-        moved = dataclasses.replace(
-            camera, eye=np.add(camera.eye, way), look_at=np.add(camera.look_at, way)
-        )
+        moved = dataclasses.replace(camera, eye=np.add(camera.eye, way), look_at=np.add(camera.look_at, way))
         other = ours(b, look, moved, picture.shape[1::-1], device).color
         same &= np.abs(other - picture).max(-1) < 1 / 255
     return same

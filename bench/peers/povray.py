@@ -48,16 +48,14 @@ def find_povray() -> str | None:
     return shutil.which("povray")
 
 
-def fit_camera(
-    positions: np.ndarray, fov: float = 40.0, direction=(0.6, 0.45, 1.0)
-) -> dict[str, Any]:
+def fit_camera(positions: np.ndarray, fov: float = 40.0, direction=(0.6, 0.45, 1.0)) -> dict[str, Any]:
     """Camera whose vertical field of view just holds the bounding sphere of the positions' box."""
     lo, hi = positions.min(0).astype(float), positions.max(0).astype(float)
-    centre, radius = (lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2
+    center, radius = (lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2
     d = np.asarray(direction, float)
     d /= np.linalg.norm(d)
-    eye = centre + d * (max(radius, 1e-9) / math.sin(math.radians(fov) / 2))
-    return {"eye": eye.tolist(), "look_at": centre.tolist(), "up": (0.0, 1.0, 0.0), "fov": fov}
+    eye = center + d * (max(radius, 1e-9) / math.sin(math.radians(fov) / 2))
+    return {"eye": eye.tolist(), "look_at": center.tolist(), "up": (0.0, 1.0, 0.0), "fov": fov}
 
 
 def frame_vectors(camera: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -71,7 +69,7 @@ def frame_vectors(camera: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def pixel_rays(camera: dict[str, Any], size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Eye (3,) and unit directions (H, W, 3) of the rays through the pixel centres, row 0 on
+    """Eye (3,) and unit directions (H, W, 3) of the rays through the pixel centers, row 0 on
     top."""
     width, height = size
     eye, right, up, forward = frame_vectors(camera)
@@ -82,9 +80,7 @@ def pixel_rays(camera: dict[str, Any], size: tuple[int, int]) -> tuple[np.ndarra
     return eye, d / np.linalg.norm(d, axis=-1, keepdims=True)
 
 
-def depth_range(
-    positions: np.ndarray, support: np.ndarray | float, camera: dict[str, Any]
-) -> tuple[float, float]:
+def depth_range(positions: np.ndarray, support: np.ndarray | float, camera: dict[str, Any]) -> tuple[float, float]:
     """`near` and `far` distances from the eye that hold every support, with a margin of 1 %."""
     distance = np.linalg.norm(positions.astype(float) - np.asarray(camera["eye"], float), axis=1)
     near, far = float((distance - support).min()), float((distance + support).max())
@@ -127,9 +123,7 @@ def write_scene(
         f" right {_vec(right * (2 * t * width / height))} up {_vec(up * (2 * t))} }}",
     ]
     if mode == "depth":
-        offset = "+".join(
-            f"({axis}-({_num(e)}))*({axis}-({_num(e)}))" for axis, e in zip("xyz", eye, strict=True)
-        )
+        offset = "+".join(f"({axis}-({_num(e)}))*({axis}-({_num(e)}))" for axis, e in zip("xyz", eye, strict=True))
         lines += [
             "background { rgb 0 }",
             f"#declare D = function(x,y,z) {{ (sqrt({offset})-{_num(near)})/{_num(far - near)} }}",
@@ -176,9 +170,7 @@ def write_scene(
     return near, far
 
 
-def run(
-    scene: str | Path, size: tuple[int, int] = (1024, 782), threads: int = 1
-) -> tuple[np.ndarray, float, float]:
+def run(scene: str | Path, size: tuple[int, int] = (1024, 782), threads: int = 1) -> tuple[np.ndarray, float, float]:
     """Render `scene`: the picture (H, W, 3) uint16, linear, CPU seconds (user + system) and wall
     seconds.
 
@@ -197,9 +189,7 @@ def run(
     ]  # fmt: skip
     with tempfile.TemporaryFile() as log:
         start = time.perf_counter()
-        child = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=scene.parent
-        )
+        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=scene.parent)
         _, status, usage = os.wait4(child.pid, 0)
         wall = time.perf_counter() - start
         child.returncode = os.waitstatus_to_exitcode(status)
@@ -212,10 +202,7 @@ def run(
 
 def render_seconds() -> float | None:
     """CPU seconds of tracing alone in the last `run`, without parsing, as POV-Ray reports them."""
-    found = re.search(
-        r"Trace Time:.*?\n.*?using \d+ thread\(s\) with ([\d.]+) CPU-seconds",
-        getattr(run, "log", ""),
-    )
+    found = re.search(r"Trace Time:.*?\n.*?using \d+ thread\(s\) with ([\d.]+) CPU-seconds", getattr(run, "log", ""))
     return float(found.group(1)) if found else None
 
 
@@ -227,9 +214,7 @@ def read_ppm16(path: str | Path) -> np.ndarray:
         raise ValueError(f"{path}: expected a binary PPM with maximum 65535, got {data[:20]!r}")
     width, height = int(head.group(1)), int(head.group(2))
     return (
-        np.frombuffer(data, ">u2", offset=head.end(), count=width * height * 3)
-        .reshape(height, width, 3)
-        .astype("u2")
+        np.frombuffer(data, ">u2", offset=head.end(), count=width * height * 3).reshape(height, width, 3).astype("u2")
     )
 
 
@@ -237,9 +222,7 @@ def hit_mask_and_depth(image: np.ndarray, near: float, far: float) -> tuple[np.n
     """Mask (H, W) bool and distance along the ray (H, W) float64, inf where missed, of a depth
     picture."""
     mask = image[..., 2] > 32767
-    coarse = (
-        image[..., 0] / 65535 * 256
-    )  # known to 1/512, so it settles which of 256 steps green divides
+    coarse = image[..., 0] / 65535 * 256  # known to 1/512, so it settles which of 256 steps green divides
     fine = image[..., 1] / 65535
     value = (np.round(coarse - fine) + fine) / 256
     return mask, np.where(mask, near + value * (far - near), np.inf)
@@ -280,39 +263,26 @@ def save_png(path: str | Path, image: np.ndarray) -> None:
 
 
 def self_test(out: Path) -> None:
-    """Answers known by analysis: pixel centres, silhouette, depth and orientation. Raises
+    """Answers known by analysis: pixel centers, silhouette, depth and orientation. Raises
     AssertionError."""
     size, radius, strength, tau = (160, 120), 1.0, 1.0, 0.36
-    d_m = radius * math.sqrt(
-        1 - math.sqrt(tau / strength)
-    )  # where one metaball's field is the threshold
+    d_m = radius * math.sqrt(1 - math.sqrt(tau / strength))  # where one metaball's field is the threshold
     for fov in (30.0, 17.3):
-        camera = {
-            "eye": (0.3, -0.2, 4.0),
-            "look_at": (0.11, 0.07, 0.0),
-            "up": (0, 1, 0),
-            "fov": fov,
-        }
-        range_ = write_scene(
-            out / "self.pov", np.zeros((1, 3)), radius, strength, tau, camera, "depth", size
-        )
+        camera = {"eye": (0.3, -0.2, 4.0), "look_at": (0.11, 0.07, 0.0), "up": (0, 1, 0), "fov": fov}
+        range_ = write_scene(out / "self.pov", np.zeros((1, 3)), radius, strength, tau, camera, "depth", size)
         mask, depth = hit_mask_and_depth(run(out / "self.pov", size)[0], *range_)
         eye, ray = pixel_rays(camera, size)
         middle = -(ray @ eye)
         square = d_m**2 - (eye @ eye - middle**2)
-        assert np.array_equal(mask, square > 0), (
-            f"silhouette: {(mask != (square > 0)).sum()} pixels differ"
-        )
+        assert np.array_equal(mask, square > 0), f"silhouette: {(mask != (square > 0)).sum()} pixels differ"
         truth = middle - np.sqrt(np.maximum(square, 0))
         error = float(np.abs(depth - truth)[mask].max())
         # Half a pixel would shift depth by two orders more than the 24-bit mapping's own step.
         assert error < 2e-5, f"depth: {error}"
-        print(
-            f"self-test, fov {fov}: {mask.sum()} pixels hit, none wrong, depth within {error:.1e}"
-        )
-    centres = np.array([[0.0, 0, 0], [1.2, 0, 0], [0, 0.8, 0]])
+        print(f"self-test, fov {fov}: {mask.sum()} pixels hit, none wrong, depth within {error:.1e}")
+    centers = np.array([[0.0, 0, 0], [1.2, 0, 0], [0, 0.8, 0]])
     camera = {"eye": (0, 0, 6.0), "look_at": (0, 0, 0), "up": (0, 1, 0), "fov": 40.0}
-    range_ = write_scene(out / "self.pov", centres, 0.5, 1.0, tau, camera, "depth", size)
+    range_ = write_scene(out / "self.pov", centers, 0.5, 1.0, tau, camera, "depth", size)
     mask, _ = hit_mask_and_depth(run(out / "self.pov", size)[0], *range_)
     assert mask[:, 100:].any(), "x must grow to the right"
     assert not mask[:, :60].any(), "x must grow to the right"
@@ -335,12 +305,8 @@ def _triple(text: str) -> tuple[float, float, float]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description="Render particles with POV-Ray's blob and compare."
-    )
-    parser.add_argument(
-        "particles", nargs="?", help=".npz with positions, and support and weight if it has them"
-    )
+    parser = argparse.ArgumentParser(description="Render particles with POV-Ray's blob and compare.")
+    parser.add_argument("particles", nargs="?", help=".npz with positions, and support and weight if it has them")
     parser.add_argument("--size", default="1024x782")
     parser.add_argument("--support", type=float)
     parser.add_argument("--threshold", type=float, default=0.6)
@@ -351,9 +317,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--mode", choices=(*MODES, "both"), default="both")
     parser.add_argument("-o", "--out", type=Path)
     parser.add_argument("--depth-npy", type=Path, help="our depth, (H, W), inf where missed")
-    parser.add_argument(
-        "--compare", action="store_true", help="compare --depth-npy with POV-Ray's depth"
-    )
+    parser.add_argument("--compare", action="store_true", help="compare --depth-npy with POV-Ray's depth")
     parser.add_argument("--self-test", action="store_true", help="check against analysis and leave")
     options = parser.parse_args(arguments)
     if find_povray() is None:
@@ -381,33 +345,15 @@ def main(arguments: list[str] | None = None) -> int:
         camera["eye"] = options.eye
     if options.look_at is not None:
         camera["look_at"] = options.look_at
-    report: dict[str, Any] = {
-        "particles": len(positions),
-        "rays": width * height,
-        "threads": options.threads,
-    }
+    report: dict[str, Any] = {"particles": len(positions), "rays": width * height, "threads": options.threads}
     modes = MODES if options.mode == "both" else (options.mode,)
     if options.compare and "depth" not in modes:
         modes = (*modes, "depth")
     for mode in modes:
         scene = out / f"{mode}.pov"
-        range_ = write_scene(
-            scene,
-            positions,
-            support,
-            weight,
-            options.threshold,
-            camera,
-            mode,
-            (width, height),
-            color,
-        )
+        range_ = write_scene(scene, positions, support, weight, options.threshold, camera, mode, (width, height), color)
         image, cpu, wall = run(scene, (width, height), options.threads)
-        report[mode] = {
-            "cpu_s": round(cpu, 3),
-            "wall_s": round(wall, 3),
-            "trace_cpu_s": render_seconds(),
-        }
+        report[mode] = {"cpu_s": round(cpu, 3), "wall_s": round(wall, 3), "trace_cpu_s": render_seconds()}
         if mode == "depth":
             mask, depth = hit_mask_and_depth(image, *range_)
             report["hit"] = int(mask.sum())

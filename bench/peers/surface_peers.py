@@ -30,18 +30,14 @@ def globule(case, picture: str) -> dict:
     import globule as gb
 
     x, spacing = case["positions"], float(case["spacing"])
-    camera = gb.Camera(
-        *(tuple(case[k].tolist()) for k in ("eye", "look_at", "up")), float(case["fov"])
-    )
+    camera = gb.Camera(*(tuple(case[k].tolist()) for k in ("eye", "look_at", "up")), float(case["fov"]))
     begin = time.process_time()
     scene = gb.Scene(gb.Particles(x, color=tuple(c**2.2 for c in COLOR)), surface="smooth")
     built = time.process_time()
     gb.render(scene, camera, tuple(case["size"].tolist()), {"background": (1, 1, 1)}).save(picture)
     drawn = time.process_time()
     memory = peak()
-    mesh = gb.measure.mesh_surface(
-        scene, 0.5 * spacing
-    )  # to measure the volume: the image needs none
+    mesh = gb.measure.mesh_surface(scene, 0.5 * spacing)  # to measure the volume: the image needs none
     found = result(case, built - begin, drawn - built, mesh.vertices, mesh.faces)
     return {**found, "memory": memory}
 
@@ -138,11 +134,7 @@ def pyvista(case, picture: str) -> dict:
 
     def spheres(plotter: pv.Plotter) -> None:
         plotter.add_points(
-            case["positions"],
-            style="points_gaussian",
-            render_points_as_spheres=True,
-            emissive=False,
-            color=COLOR,
+            case["positions"], style="points_gaussian", render_points_as_spheres=True, emissive=False, color=COLOR
         ).mapper.scale_factor = 0.5 * float(case["spacing"])
 
     begin = time.process_time()
@@ -180,13 +172,7 @@ def newton(case, picture: str) -> dict:
     return result(case, built - begin, time.process_time() - built, vertices, faces)
 
 
-PEERS = {
-    "globule": globule,
-    "splashsurf": splashsurf,
-    "OVITO": ovito,
-    "PyVista": pyvista,
-    "Newton": newton,
-}
+PEERS = {"globule": globule, "splashsurf": splashsurf, "OVITO": ovito, "PyVista": pyvista, "Newton": newton}
 
 
 def draw(case, add, picture: str) -> None:
@@ -208,11 +194,7 @@ def draw_mesh(case, vertices, faces, normals, picture: str) -> None:
 
     mesh = pv.PolyData(vertices, np.c_[np.full(len(faces), 3), faces].ravel().astype(np.int64))
     mesh.point_data.active_normals = np.asarray(normals, np.float32)
-    draw(
-        case,
-        lambda p: p.add_mesh(mesh, color=COLOR, smooth_shading=True, specular=0.3),
-        picture,
-    )
+    draw(case, lambda p: p.add_mesh(mesh, color=COLOR, smooth_shading=True, specular=0.3), picture)
 
 
 def peak() -> float:

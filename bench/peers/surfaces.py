@@ -90,19 +90,13 @@ def side_by_side(pictures: dict[tuple[str, str], Path], out: Path) -> None:
     peers = list(dict.fromkeys(peer for _, peer in pictures))
     head, rows = 44, []
     for case in cases:
-        images = {
-            p: Image.open(pictures[case, p]).convert("RGB") for p in peers if (case, p) in pictures
-        }
+        images = {p: Image.open(pictures[case, p]).convert("RGB") for p in peers if (case, p) in pictures}
         white = Image.new("RGB", SIZE, "white")
-        boxes = [
-            ImageChops.difference(i, white).getbbox() or (0, 0, *SIZE) for i in images.values()
-        ]
+        boxes = [ImageChops.difference(i, white).getbbox() or (0, 0, *SIZE) for i in images.values()]
         low, high = np.min(boxes, axis=0)[:2] - 8, np.max(boxes, axis=0)[2:] + 8
         height = round(WIDTH * (high[1] - low[1]) / (high[0] - low[0]))
         cut = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
-        rows.append(
-            (height, {p: i.crop(cut).resize((WIDTH, height), 1) for p, i in images.items()})
-        )
+        rows.append((height, {p: i.crop(cut).resize((WIDTH, height), 1) for p, i in images.items()}))
     sheet = Image.new("RGB", (WIDTH * len(peers), sum(h for h, _ in rows) + head), "white")
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(26)
     for i, peer in enumerate(peers):
@@ -116,9 +110,7 @@ def side_by_side(pictures: dict[tuple[str, str], Path], out: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the particle files")
     parser.add_argument("--cases", default=",".join([*FILES, "pool"]))
     parser.add_argument("--peers", default=",".join(PEERS))
@@ -142,10 +134,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for case in options.cases.split(","):
             if case in FILES and not (options.data / FILES[case][0]).exists():
-                print(
-                    f"{case}: skipped; {options.data / FILES[case][0]} is not there",
-                    file=sys.stderr,
-                )
+                print(f"{case}: skipped; {options.data / FILES[case][0]} is not there", file=sys.stderr)
                 continue
             path = prepare(case, options.data, Path(folder))
             n = len(np.load(path)["positions"])

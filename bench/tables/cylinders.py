@@ -48,8 +48,7 @@ def measure_cylinders(
         gray = sums / np.maximum(counts, 1)
         radius = diameter / 2 / float(spacing[0])
         tried = [
-            _circle(gray, counts > 0, ((np.array(at) - origin[:2]) / spacing[:2]).tolist(), radius)
-            for at in places
+            _circle(gray, counts > 0, ((np.array(at) - origin[:2]) / spacing[:2]).tolist(), radius) for at in places
         ]
         found = [circle for circle in tried if circle]
         if len(found) == len(tried):

@@ -41,9 +41,7 @@ The experiments are `bench.tables.physics_fluid`, `physics_flows`, `physics_bodi
 """
 
 
-def run(
-    device: str = "auto", threads: int = 0, output: str | None = None, quick: bool = False
-) -> list[dict[str, Any]]:
+def run(device: str = "auto", threads: int = 0, output: str | None = None, quick: bool = False) -> list[dict[str, Any]]:
     """Run all experiments, print their rows, and return them.
 
     Args:
@@ -149,12 +147,7 @@ def page(rows: list[dict[str, Any]], description: str, quick: bool = False) -> s
     n_met = len(rows) - len(unmet)
     command = "python -m bench physics" + (" --quick" if quick else "")
     return PAGE.format(
-        command=command,
-        n=len(rows),
-        n_met=n_met,
-        machine=description,
-        tables="\n".join(lines),
-        unmet=said,
+        command=command, n=len(rows), n_met=n_met, machine=description, tables="\n".join(lines), unmet=said
     )
 
 

@@ -113,19 +113,12 @@ def floating_box(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[
     measured, _ = swing_of(t, y - y.mean(), omega)
     whole = t > t[-1] - 2 * 2 * np.pi / omega
     return [
-        near(
-            "floating box: draft, m",
-            draft,
-            float(np.mean(np.array(drafts)[whole])),
-            0.3 * d / draft,
-        ),
+        near("floating box: draft, m", draft, float(np.mean(np.array(drafts)[whole])), 0.3 * d / draft),
         near("floating box: frequency of heave, rad/s", omega, measured, 0.08),
     ]
 
 
-def _sphere(
-    density: float, device: str, threads: int, cells: int, seconds: float = 0.02
-) -> tuple[float, float]:
+def _sphere(density: float, device: str, threads: int, cells: int, seconds: float = 0.02) -> tuple[float, float]:
     """Acceleration, m/s², down: expected and measured, of a sphere that is let go under water.
 
     The sphere is held until the water's lattice has come to rest around it. Its acceleration is
@@ -235,9 +228,7 @@ def kleefsman(device: str = "cpu", threads: int = 0, spacing: float = 0.04025) -
     for k, name in enumerate(("H2", "H4")):
         means = [found[np.abs(t - when) < 0.02, k].mean() for when in KLEEFSMAN[:, 0]]
         worst = np.abs(np.array(means) - KLEEFSMAN[:, 1 + k]).max() / KLEEFSMAN_DEPTH
-        rows.append(
-            at_most(f"Kleefsman: depth at {name}, largest error over 0.55 m", 0.05, float(worst))
-        )
+        rows.append(at_most(f"Kleefsman: depth at {name}, largest error over 0.55 m", 0.05, float(worst)))
     return [
         near("Kleefsman: water reaches the box, s", KLEEFSMAN_ARRIVAL, arrival, 0.05),
         *rows,
@@ -257,8 +248,7 @@ def shell(lo: tuple, hi: tuple, d: float) -> np.ndarray:
     inner_lo = np.array(lo) + (b, d / 2, b)
     inner_hi = np.array(hi) - b
     axes = [
-        np.linspace(one, two, max(2, round((two - one) / d) + 1))
-        for one, two in zip(inner_lo, inner_hi, strict=True)
+        np.linspace(one, two, max(2, round((two - one) / d) + 1)) for one, two in zip(inner_lo, inner_hi, strict=True)
     ]
     at = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
     outside = np.isclose(at[:, [0, 2]], inner_lo[[0, 2]]) | np.isclose(at, inner_hi)[:, [0, 2]]

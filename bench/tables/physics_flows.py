@@ -17,12 +17,7 @@ from .physics_fluid import GRAVITY, Row, at_most, lattice, near, tank
 
 
 def slice_of(
-    spacing: float,
-    size: float,
-    fluids: list[dict[str, Any]],
-    device: str,
-    threads: int,
-    **solver: Any,
+    spacing: float, size: float, fluids: list[dict[str, Any]], device: str, threads: int, **solver: Any
 ) -> Simulation:
     """A simulation without walls and gravity, repeating along z, from -size to size along x, y."""
     domain = {"lo": (-size, -size, 0), "hi": (size, size, 8 * spacing), "periodic": ["z"]}
@@ -85,11 +80,7 @@ def rotating_square(device: str = "cpu", threads: int = 0, cells: int = 24) -> l
     turned = now["angular_momentum"][2] / first["angular_momentum"][2]
     return [
         near("rotating square: angular momentum after one radian", 1.0, turned, 0.02),
-        at_most(
-            "rotating square: kinetic energy over the first",
-            1.0 + 1e-4,
-            now["kinetic"] / first["kinetic"],
-        ),
+        at_most("rotating square: kinetic energy over the first", 1.0 + 1e-4, now["kinetic"] / first["kinetic"]),
     ]
 
 
@@ -203,9 +194,7 @@ def pipe_poiseuille(device: str = "cpu", threads: int = 0, cells: int = 10) -> l
     fit = np.polyfit(r2, u, 1)
     return [
         near("pipe: u_max", top, fit[1], 0.05),
-        near(
-            "pipe: radius at which the fitted profile is 0", radius, np.sqrt(-fit[1] / fit[0]), 0.03
-        ),
+        near("pipe: radius at which the fitted profile is 0", radius, np.sqrt(-fit[1] / fit[0]), 0.03),
     ]
 
 
@@ -238,9 +227,7 @@ def rotating_bucket(device: str = "cpu", threads: int = 0, cells: int = 12) -> l
             found.append(curvature_of(sim.positions[ids], radius, d))
     kept = sim.record.totals()["angular_momentum"][1] / first
     return [
-        near(
-            "bucket: curvature of the surface, 1/m", spin**2 / GRAVITY, float(np.mean(found)), 0.1
-        ),
+        near("bucket: curvature of the surface, 1/m", spin**2 / GRAVITY, float(np.mean(found)), 0.1),
         near("bucket: angular momentum kept in 1 s", 1.0, kept, 0.1),
     ]
 
@@ -289,9 +276,7 @@ def torricelli(device: str = "cpu", threads: int = 0, cells: int = 24) -> list[R
         surface = p[top][:, 1].mean() * 2
         heads.append(2 * GRAVITY * (surface - p[jet][:, 1].mean()))
         speeds.append((v[jet] ** 2).sum(1).mean())
-    return [
-        near("Torricelli: v² over 2 g h of the jet", 1.0, np.mean(speeds) / np.mean(heads), 0.06)
-    ]
+    return [near("Torricelli: v² over 2 g h of the jet", 1.0, np.mean(speeds) / np.mean(heads), 0.06)]
 
 
 def interface(

@@ -112,14 +112,9 @@ def dam_break(device: str = "cpu", threads: int = 0, cells: int = 16) -> list[Ro
         compression.append(report.compression)
     measured = MARTIN_MOYCE[:, 1]
     delays = np.linspace(-0.6, 0.6, 121)
-    errors = [
-        np.abs(np.interp(MARTIN_MOYCE[:, 0] + s, times, fronts) / measured - 1).max()
-        for s in delays
-    ]
+    errors = [np.abs(np.interp(MARTIN_MOYCE[:, 0] + s, times, fronts) / measured - 1).max() for s in delays]
     return [
-        at_most(
-            "dam break: front against Martin & Moyce, largest error", 0.1, float(np.min(errors))
-        ),
+        at_most("dam break: front against Martin & Moyce, largest error", 0.1, float(np.min(errors))),
         at_most("dam break: mean compression", 0.001, float(np.mean(compression))),
         at_most("dam break: particles lost", 0, report.n_escaped),
     ]
@@ -199,9 +194,7 @@ def free_fall(device: str = "cpu", threads: int = 0) -> list[Row]:
     v, moved = sim.velocities[ids], sim.positions[ids] - at
     return [
         near("free fall: speed", GRAVITY * sim.time, -v[:, 1].mean(), 1e-5),
-        at_most(
-            "free fall: spread of displacements, spacings", 1e-3, np.ptp(moved, axis=0).max() / d
-        ),
+        at_most("free fall: spread of displacements, spacings", 1e-3, np.ptp(moved, axis=0).max() / d),
     ]
 
 
@@ -214,14 +207,7 @@ def emitter(device: str = "cpu", threads: int = 0) -> list[Row]:
     sim.run(1.0)
     expected = rate * sim.time / d**3
     count = len(sim) - walls
-    return [
-        Row(
-            "emitter: particles after 1 s, to within one",
-            expected,
-            count,
-            abs(count - expected) <= 1,
-        )
-    ]
+    return [Row("emitter: particles after 1 s, to within one", expected, count, abs(count - expected) <= 1)]
 
 
 def ball(radius: float, spacing: float) -> np.ndarray:
@@ -241,9 +227,7 @@ def drop(radius: float, d: float, sigma: float, mu: float, device: str, threads:
     return sim
 
 
-def laplace(
-    device: str = "cpu", threads: int = 0, sizes: tuple[int, ...] = (5, 7, 10)
-) -> list[Row]:
+def laplace(device: str = "cpu", threads: int = 0, sizes: tuple[int, ...] = (5, 7, 10)) -> list[Row]:
     """Pressure in drops at rest, whose radii are some numbers of spacings."""
     d, sigma, n = 0.001, 0.07, 100
     rows = []
@@ -283,9 +267,7 @@ def oscillation(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[R
         times.append(sim.time)
         shape.append(q[0] - 0.5 * (q[1] + q[2]))
     measured = frequency(np.array(times), np.array(shape))
-    return [
-        near("drop: omega^2 R^3 rho / sigma", 8.0, measured**2 * 1000 * radius**3 / sigma, 0.05)
-    ]
+    return [near("drop: omega^2 R^3 rho / sigma", 8.0, measured**2 * 1000 * radius**3 / sigma, 0.05)]
 
 
 def frequency(t: np.ndarray, y: np.ndarray) -> float:
@@ -304,14 +286,4 @@ def frequency(t: np.ndarray, y: np.ndarray) -> float:
     return best[1]
 
 
-EXPERIMENTS = (
-    free_fall,
-    momentum,
-    hydrostatic,
-    dam_break,
-    poiseuille,
-    taylor_green,
-    emitter,
-    laplace,
-    oscillation,
-)
+EXPERIMENTS = (free_fall, momentum, hydrostatic, dam_break, poiseuille, taylor_green, emitter, laplace, oscillation)

@@ -73,9 +73,7 @@ def timoshenko(across: int, length: float, force: float, poisson: float) -> floa
     return force * length**3 / (3 * MODULUS * inertia) + force * length / (kappa * area * shear)
 
 
-def cantilever_tip(
-    device: str, threads: int = 0, across: int = 5, poisson: float = 0.3, **how: Any
-) -> float:
+def cantilever_tip(device: str, threads: int = 0, across: int = 5, poisson: float = 0.3, **how: Any) -> float:
     """Deflection of a clamped beam's tip over Timoshenko's; the beam begins half a spacing beyond
     the two fixed layers, where their cubes end."""
     x = lattice(across, across, 8 * across + 2)

@@ -225,9 +225,7 @@ def thin_fast(device: str, threads: int = 0) -> list[Row]:
             tissue.advance(dt)
             edges = [
                 edge + drift * t
-                for edge, t in zip(
-                    _stroke(9.5, places[i], places[i + 1]), (i * dt, (i + 1) * dt), strict=True
-                )
+                for edge, t in zip(_stroke(9.5, places[i], places[i + 1]), (i * dt, (i + 1) * dt), strict=True)
             ]
             n_cut += tissue.cut(blade.sweep(*edges))
             tissue.follow()
@@ -247,9 +245,7 @@ def tearing(device: str, threads: int = 0) -> list[Row]:
         n_torn = tissue.tear(0.01)
         # Only the bonds along z reach the whole strain: 9 of them a layer.
         expected = 9 * 9 if torn else 0
-        rows.append(
-            row(f"stretched by {strain:g}: bonds torn", expected, n_torn, n_torn == expected)
-        )
+        rows.append(row(f"stretched by {strain:g}: bonds torn", expected, n_torn, n_torn == expected))
     return rows
 
 

@@ -54,7 +54,4 @@ def _text(value: Any) -> str:
 
 def machine(device: str) -> str:
     """One line about the machine. device: a scene's `device.description`."""
-    return (
-        f"{platform.machine()}, {os.cpu_count()} cores, {device}, "
-        f"Python {platform.python_version()}"
-    )
+    return f"{platform.machine()}, {os.cpu_count()} cores, {device}, Python {platform.python_version()}"

@@ -53,9 +53,7 @@ def resting_pool(settle: float = 2.4, frames: int = 20, **backend: Any) -> Resti
     top = 1.5 * DEPTH
     origins = np.stack([x, np.full_like(x, top), z], -1).reshape(-1, 3) * SPACING
     down = np.tile(np.array([0, -1, 0], np.float32), (len(origins), 1))
-    scene = Scene(
-        simulation.shown_particles.positions, surface="smooth", spacing=SPACING, **backend
-    )
+    scene = Scene(simulation.shown_particles.positions, surface="smooth", spacing=SPACING, **backend)
     heights, angles, expected = [], [], []
     for _ in range(frames):
         simulation.run(0.02)

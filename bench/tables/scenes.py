@@ -27,9 +27,7 @@ def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.nda
     counts, heights = _columns(int(n * (1 - DROPLET_SHARE)))
     positions: np.ndarray = np.empty((n, 3), np.float32)
     filled = 0
-    for i, (row, height) in enumerate(
-        zip(counts, heights, strict=True)
-    ):  # one slab of the lattice per x
+    for i, (row, height) in enumerate(zip(counts, heights, strict=True)):  # one slab of the lattice per x
         m = int(row.sum())
         slab = positions[filled : filled + m]
         slab[:, 0] = i
@@ -51,9 +49,7 @@ def _columns(n: int) -> tuple[np.ndarray, np.ndarray]:
     width = max(1, round((3 * n) ** (1 / 3)))
     u = np.arange(width) / width * (2 * np.pi)
     x, z = u[:, None], u[None, :]
-    wave = (
-        np.sin(2 * x + z) + 0.7 * np.sin(3 * z - x + 1.0) + 0.35 * np.sin(7 * x + 4 * z + 2.0)
-    ) * (0.01 * width)
+    wave = (np.sin(2 * x + z) + 0.7 * np.sin(3 * z - x + 1.0) + 0.35 * np.sin(7 * x + 4 * z + 2.0)) * (0.01 * width)
     heights = np.maximum(n / width**2 + wave - wave.mean(), 0.0)
     counts = np.floor(heights).astype(np.int64)
     # Rounding down loses about half a particle a column: give it back where the loss was largest.
@@ -76,8 +72,7 @@ def _droplets(out: np.ndarray, counts: np.ndarray, rng: np.random.Generator) -> 
     while filled < len(out):
         m = min(int(rng.choice(sizes)), len(out) - filled)
         center = np.array(
-            [rng.uniform(0, width), top + 4 + rng.exponential(0.12 * width), rng.uniform(0, width)],
-            np.float32,
+            [rng.uniform(0, width), top + 4 + rng.exponential(0.12 * width), rng.uniform(0, width)], np.float32
         )
         out[filled : filled + m] = ball[:m] + center + rng.uniform(-0.05, 0.05, (m, 3))
         filled += m

@@ -63,9 +63,7 @@ def _steps(setting: Setting, sweep: Sweep, size: int) -> Iterable[tuple[str, flo
     wall, cores, volume = _best(lambda: reconstruct(sweep, "pvn-om", size=size, **options))
     alone = _binning_cores(setting, sweep, size)
     there = placed(sweep, setting.device)
-    seconds = _best(lambda: reconstruct(there, "pvn-om", size=size, **options))[2].info[
-        "bin_seconds"
-    ]
+    seconds = _best(lambda: reconstruct(there, "pvn-om", size=size, **options))[2].info["bin_seconds"]
     yield "nearest binning", seconds, alone, volume
     yield "binning, holes to 9³", wall, cores, volume
     yield "between frames", *_best(lambda: reconstruct(sweep, "frames", size=size, **options))

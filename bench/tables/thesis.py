@@ -105,8 +105,7 @@ def run(
     speed = [k for k in rows[0] if "nodes" not in k and "MiB" not in k]
     memory = [k for k in rows[0] if k not in speed]
     print_table(
-        f"Table 6.1: frames per second, {SIZE[0] * SIZE[1]:,} rays, octree rebuilt every frame; "
-        "source: GTX 1080",
+        f"Table 6.1: frames per second, {SIZE[0] * SIZE[1]:,} rays, octree rebuilt every frame; source: GTX 1080",
         [{k: row[k] for k in speed} for row in rows],
     )
     print_table(
@@ -125,9 +124,7 @@ def nodes(kind: str, octree: Octree) -> Row:
     return {f"{kind} nodes": octree.n_nodes, f"{kind} MiB": mib}
 
 
-def measure(
-    scene: Scene, positions: np.ndarray, shift: float, thesis: Thesis | None, frames: int
-) -> dict[str, Any]:
+def measure(scene: Scene, positions: np.ndarray, shift: float, thesis: Thesis | None, frames: int) -> dict[str, Any]:
     """Frames per second of wall time, build and trace of the last frame in ms, and its hits."""
     frames = frames or (3 if scene.device.name == "cpu" else 100)
     sets: list[Any] = [positions, positions + np.float32(shift)]

@@ -94,8 +94,7 @@ def _on_device(setting: Setting, sweep: Sweep, method: str, size: int, volume: V
     if there is sweep:
         return spent(volume)
     return min(
-        spent(reconstruct(there, method, size=(size,) * 3, device=setting.device, extrapolate=True))
-        for _ in range(5)
+        spent(reconstruct(there, method, size=(size,) * 3, device=setting.device, extrapolate=True)) for _ in range(5)
     )
 
 
@@ -261,15 +260,11 @@ def octree_compared(setting: Setting) -> Iterable[Table]:
     return _removal(setting, "4.7", ("pvn", "pvn-om"), 2)
 
 
-def _removal(
-    setting: Setting, figure: str, methods: tuple[str, str], repeats: int
-) -> Iterable[Table]:
+def _removal(setting: Setting, figure: str, methods: tuple[str, str], repeats: int) -> Iterable[Table]:
     repeats = min(repeats, 2) if setting.quick else repeats
     reference, name = reference_volume(setting.quick)
     setting.say(f"{figure}: {name}, {repeats} x {len(SHARES)} shares")
-    curves = removed_slices(
-        reference, methods, repeats, device=setting.device, threads=setting.threads
-    )
+    curves = removed_slices(reference, methods, repeats, device=setting.device, threads=setting.threads)
     _plot(setting, figure, curves, methods, name)
     columns = ["removed %"]
     for method in methods:
@@ -288,9 +283,7 @@ def _removal(
     yield Table(figure, "MSE/MSE_0 against removed slices", tuple(columns), rows, tuple(notes))
 
 
-def _plot(
-    setting: Setting, figure: str, curves: Removal, methods: Sequence[str], name: str
-) -> None:
+def _plot(setting: Setting, figure: str, curves: Removal, methods: Sequence[str], name: str) -> None:
     """Write FOLDER/FIGURE.png, if matplotlib is installed."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg

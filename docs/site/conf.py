@@ -11,11 +11,7 @@ import globule as gb
 project = "globule"
 copyright = "the globule contributors"
 version = release = gb.__version__
-extensions = [
-    "myst_parser",
-    "sphinx.ext.autodoc",
-    "sphinx.ext.napoleon",
-]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 myst_heading_anchors = 4
 suppress_warnings = ["myst.header"]  # the changelog's sections
 

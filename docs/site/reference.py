@@ -66,11 +66,7 @@ TOGETHER = {"data": "scene", "pieces": "scene"}  # rooms that have one page
 ELSEWHERE = {"colorize": "render"}  # names that stand on another page than their module's
 # What calls return and take without being a name of `gb`.
 ALSO = {
-    "scene": [
-        "pieces.pieces.Pieces",
-        "scene.octree.Octree",
-        "scene.thesis.Thesis",
-    ],
+    "scene": ["pieces.pieces.Pieces", "scene.octree.Octree", "scene.thesis.Thesis"],
     "render": ["render.frame.Picked", "render.views.Views"],
     "sim": [
         "sim.arrays.Arrays",

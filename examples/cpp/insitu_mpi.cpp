@@ -1,10 +1,10 @@
 // A simulation on several ranks that draws the exact surface of all its particles at every step, where they are:
 //   mpiexec -n 4 insitu_mpi [steps [spacing [draw every so many steps [device]]]]
 //
-// Weakly compressible SPH (Monaghan 1994, Becker & Teschner 2007): a dam that breaks in a tank of 2 x 1 x 0.5 m.  The ranks are
-// a grid in x and z; each has the particles in its column and, as ghost particles, those of the others within two supports.
-// Nothing is copied for the image: the ghosts that the forces need are the halo that the image needs.
-// The result has the same bits on any number of ranks: neighbours are summed in the order of their numbers.
+// Weakly compressible SPH (Monaghan 1994, Becker & Teschner 2007): a dam that breaks in a tank of 2 x 1 x 0.5 m.  The
+// ranks are a grid in x and z; each has the particles in its column and, as ghost particles, those of the others within
+// two supports. Nothing is copied for the image: the ghosts that the forces need are the halo that the image needs. The
+// result has the same bits on any number of ranks: neighbors are summed in the order of their numbers.
 #include <mpi.h>
 
 #include <globule/globule.hpp>
@@ -47,13 +47,13 @@ struct Ranks {
         return k <= 0 ? -far : k >= grid[axis] ? far : kTank[2 * axis] * float(k) / float(grid[axis]);
     }
     /// Every rank whose column, widened by `wide`, holds x; without this one.
-    template <class F>
-    void each_other(const std::array<float, 3>& x, float wide, F&& fn) const {
+    template <class F> void each_other(const std::array<float, 3>& x, float wide, F&& fn) const {
         for (int k = 0; k < size; ++k) {
             int at[2];
             MPI_Cart_coords(comm, k, 2, at);
             bool inside = k != rank;
-            for (int a = 0; a < 2; ++a) inside = inside && x[2 * a] >= border(a, at[a]) - wide && x[2 * a] < border(a, at[a] + 1) + wide;
+            for (int a = 0; a < 2; ++a)
+                inside = inside && x[2 * a] >= border(a, at[a]) - wide && x[2 * a] < border(a, at[a] + 1) + wide;
             if (inside) fn(k);
         }
     }
@@ -77,7 +77,8 @@ struct Ranks {
         MPI_Alltoall(out.data(), 1, MPI_INT, in.data(), 1, MPI_INT, comm);
         std::exclusive_scan(in.begin(), in.end(), at.begin(), 0);
         std::vector<Particle> came(std::size_t(at.back() + in.back()) / sizeof(Particle));
-        MPI_Alltoallv(sent.data(), out.data(), from.data(), MPI_BYTE, came.data(), in.data(), at.data(), MPI_BYTE, comm);
+        MPI_Alltoallv(
+            sent.data(), out.data(), from.data(), MPI_BYTE, came.data(), in.data(), at.data(), MPI_BYTE, comm);
         return came;
     }
 };
@@ -88,7 +89,8 @@ public:
     const float spacing, support, step;
     std::vector<float> positions;  // (N, 3), flat: of own particles and ghosts, by number
 
-    Water(const Ranks& ranks, float spacing_) : spacing(spacing_), support(2 * spacing_), step(0.25f * spacing_ / kSound), ranks_(ranks) {
+    Water(const Ranks& ranks, float spacing_)
+        : spacing(spacing_), support(2 * spacing_), step(0.25f * spacing_ / kSound), ranks_(ranks) {
         const int n[3] = {int(kDam[0] / spacing), int(kDam[1] / spacing), int(kDam[2] / spacing)};
         for (int i = 0; i < n[0] * n[1] * n[2]; ++i) {
             const int at[3] = {i % n[0], i / n[0] % n[1], i / n[0] / n[1]};
@@ -106,7 +108,8 @@ public:
     void advance() {
         const std::size_t n = all_.size();
         std::vector<float> pressure(n), density(n);
-        const float mass = kDensity * spacing * spacing * spacing, normal = 21 / (2 * 3.14159265f * support * support * support);
+        const float mass = kDensity * spacing * spacing * spacing,
+                    normal = 21 / (2 * 3.14159265f * support * support * support);
         for (std::size_t i = 0; i < n; ++i) {  // that of the outer ghosts is too small, but no own particle sees them
             float sum = 0;
             each_near(i, [&](std::size_t, float q, const float*) { sum += kernel(q); });
@@ -124,8 +127,12 @@ public:
                 const Particle &a = all_[i], &b = all_[j];
                 float closing = 0;
                 for (int c = 0; c < 3; ++c) closing += (a.v[c] - b.v[c]) * away[c];
-                const float viscous = closing < 0 ? -kViscosity * support * kSound * closing / ((r * r + 0.01f * support * support) * 0.5f * (density[i] + density[j])) : 0;
-                const float push = pressure[i] / (density[i] * density[i]) + pressure[j] / (density[j] * density[j]) + viscous;
+                const float viscous = closing < 0
+                                          ? -kViscosity * support * kSound * closing /
+                                                ((r * r + 0.01f * support * support) * 0.5f * (density[i] + density[j]))
+                                          : 0;
+                const float push =
+                    pressure[i] / (density[i] * density[i]) + pressure[j] / (density[j] * density[j]) + viscous;
                 for (int c = 0; c < 3; ++c) force[c] -= mass * push * normal * slope(q) / support * away[c] / r;
             });
             for (int c = 0; c < 3; ++c) p.v[c] += step * force[c];
@@ -172,7 +179,8 @@ private:
         own_.insert(own_.end(), stay.begin(), stay.end());
         sort(own_);
         for (auto& some : to) some.clear();
-        for (const Particle& p : own_) ranks_.each_other(p.x, 2.1f * support, [&](int k) { to[std::size_t(k)].push_back(p); });
+        for (const Particle& p : own_)
+            ranks_.each_other(p.x, 2.1f * support, [&](int k) { to[std::size_t(k)].push_back(p); });
         all_ = ranks_.exchange(to);
         all_.insert(all_.end(), own_.begin(), own_.end());
         sort(all_);
@@ -194,11 +202,11 @@ private:
     }
 
     /// fn(j, distance / support, x_i - x_j) for all particles j within the support of i.
-    template <class F>
-    void each_near(std::size_t i, F&& fn) const {
+    template <class F> void each_near(std::size_t i, F&& fn) const {
         const auto& x = all_[i].x;
         int low[3], high[3];
-        for (int c = 0; c < 3; ++c) low[c] = std::max(cell(x, c) - 1, 0), high[c] = std::min(cell(x, c) + 1, cells_[c] - 1);
+        for (int c = 0; c < 3; ++c)
+            low[c] = std::max(cell(x, c) - 1, 0), high[c] = std::min(cell(x, c) + 1, cells_[c] - 1);
         for (int z = low[2]; z <= high[2]; ++z)
             for (int y = low[1]; y <= high[1]; ++y) {
                 const int row = (z * cells_[1] + y) * cells_[0];
@@ -216,7 +224,8 @@ private:
 
 int main(int n_arguments, char** arguments) {
     MPI_Init(&n_arguments, &arguments);
-    const int steps = n_arguments > 1 ? std::atoi(arguments[1]) : 400, every = n_arguments > 3 ? std::max(1, std::atoi(arguments[3])) : 1;
+    const int steps = n_arguments > 1 ? std::atoi(arguments[1]) : 400,
+              every = n_arguments > 3 ? std::max(1, std::atoi(arguments[3])) : 1;
     const float spacing = n_arguments > 2 ? float(std::atof(arguments[2])) : 0.03f;
     const int width = 640, height = 400;
     int failed = 0;
@@ -226,7 +235,8 @@ int main(int n_arguments, char** arguments) {
             Water water(ranks, spacing);
             // The tank is the octree's space on every rank: rays are then traced alike, to the bit.
             const globule::Box tank{{0, 0, 0}, {kTank[0], kTank[1], kTank[2]}};
-            const globule::SceneOptions options{.device = n_arguments > 4 ? arguments[4] : "cpu", .threads = 1, .bounds = tank};
+            const globule::SceneOptions options{
+                .device = n_arguments > 4 ? arguments[4] : "cpu", .threads = 1, .bounds = tank};
             globule::Scene scene = globule::mpi::together(ranks.comm, [&] { return globule::Scene(options); });
             const globule::Camera camera{.eye = {1.3, 1.0, 2.6}, .look_at = {0.95, 0.3, 0.25}};
             globule::mpi::Image image;
@@ -237,10 +247,12 @@ int main(int n_arguments, char** arguments) {
                 const double between = MPI_Wtime();
                 if (s % every == 0) {
                     globule::mpi::together(ranks.comm, [&] {
-                        scene.update({.positions = water.positions, .support = water.support, .color = {0.1, 0.35, 0.8}});
+                        scene.update(
+                            {.positions = water.positions, .support = water.support, .color = {0.1, 0.35, 0.8}});
                         return true;
                     });
-                    image = globule::mpi::render(ranks.comm, scene, ranks.box(), 1e-3 * water.support, camera, width, height);
+                    image = globule::mpi::render(
+                        ranks.comm, scene, ranks.box(), 1e-3 * water.support, camera, width, height);
                 }
                 simulated += between - start, drawn += MPI_Wtime() - between;
             }
@@ -248,8 +260,11 @@ int main(int n_arguments, char** arguments) {
             MPI_Reduce(&own, &all, 1, MPI_UNSIGNED_LONG, MPI_SUM, 0, ranks.comm);
             if (ranks.rank == 0) {
                 if (!image.rgb.empty()) write_ppm("insitu_mpi.ppm", image.rgb, width, height);
-                std::printf("insitu_mpi.ppm: %lu particles on %d ranks, %d steps; simulating %.2f ms a step, drawing %.2f ms: %.0f %% of the time\n", all, ranks.size,
-                            steps, 1e3 * simulated / std::max(steps, 1), 1e3 * drawn / std::max(steps, 1), 100 * drawn / std::max(simulated + drawn, 1e-9));
+                std::printf(
+                    "insitu_mpi.ppm: %lu particles on %d ranks, %d steps; simulating %.2f ms a step, drawing %.2f ms: "
+                    "%.0f %% of the time\n",
+                    all, ranks.size, steps, 1e3 * simulated / std::max(steps, 1), 1e3 * drawn / std::max(steps, 1),
+                    100 * drawn / std::max(simulated + drawn, 1e-9));
             }
         } catch (const std::exception& e) {
             if (ranks.rank == 0) std::fprintf(stderr, "%s\n", e.what());

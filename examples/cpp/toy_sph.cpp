@@ -1,6 +1,7 @@
 // A toy simulation of your own, drawn at every step from the arrays where it keeps them:   toy_sph [steps [device]]
 //
-// The forces come from globule's own neighbour search; the simulation is a toy (weakly compressible SPH without finesse).
+// The forces come from globule's own neighbor search; the simulation is a toy (weakly compressible SPH without
+// finesse).
 #include <globule/globule.hpp>
 
 #include <algorithm>
@@ -10,7 +11,8 @@
 
 namespace {
 
-constexpr float kSpacing = 0.05f, kSupport = 2 * kSpacing, kStiffness = 40.0f, kFriction = 4.0f, kGravity = 9.81f, kStep = 0.002f;
+constexpr float kSpacing = 0.05f, kSupport = 2 * kSpacing, kStiffness = 40.0f, kFriction = 4.0f, kGravity = 9.81f,
+                kStep = 0.002f;
 
 /// Water in a box of 1 x 1 x 0.5 with a floor and walls.
 struct Toy {
@@ -73,7 +75,8 @@ int main(int n_arguments, char** arguments) {
     const int steps = n_arguments > 1 ? std::atoi(arguments[1]) : 200, width = 320, height = 240;
     try {
         Toy toy;
-        // Views of the toy's arrays: nothing is copied but what a GPU needs.  They stay valid, as the vectors never grow.
+        // Views of the toy's arrays: nothing is copied but what a GPU needs.  They stay valid, as the vectors never
+        // grow.
         const globule::Particles particles{.positions = toy.positions, .support = kSupport, .color = toy.colors};
         globule::Scene scene(particles, {.device = n_arguments > 2 ? arguments[2] : "auto"});
         const globule::Camera camera{.eye = {0.5, 0.9, 2.2}, .look_at = {0.5, 0.3, 0.25}};

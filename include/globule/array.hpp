@@ -20,8 +20,7 @@ concept Element = std::same_as<T, std::uint8_t> || std::same_as<T, std::uint16_t
                   std::same_as<T, std::uint64_t> || std::same_as<T, std::int32_t> || std::same_as<T, std::int64_t> ||
                   std::same_as<T, float> || std::same_as<T, double>;
 
-template <Element T>
-constexpr DType dtype_of() {
+template <Element T> constexpr DType dtype_of() {
     if constexpr (std::same_as<T, std::uint8_t>) return DType::uint8;
     else if constexpr (std::same_as<T, std::uint16_t>) return DType::uint16;
     else if constexpr (std::same_as<T, std::uint32_t>) return DType::uint32;
@@ -43,9 +42,9 @@ struct Location {
     static constexpr int host = -1;      ///< memory that the processor reads, page-locked or not
     static constexpr int some_gpu = -2;  ///< memory of a GPU; the address tells which
     int device = host;                   ///< or the GPU's number
-    /// The CUDA stream on which the array is written or read, as a number: 1 the default stream, 2 the per-thread default
-    /// stream, else a cudaStream_t; 0: nothing to wait for.  globule reads an array after what the stream was given before
-    /// the call, and the stream goes on after globule has read or written it.
+    /// The CUDA stream on which the array is written or read, as a number: 1 the default stream, 2 the per-thread
+    /// default stream, else a cudaStream_t; 0: nothing to wait for.  globule reads an array after what the stream was
+    /// given before the call, and the stream goes on after globule has read or written it.
     std::uintptr_t stream = 0;
 };
 
@@ -82,7 +81,8 @@ class MutableArrayView {
 public:
     MutableArrayView() = default;
     template <Element T>
-    MutableArrayView(T* data, Shape shape, Location where = {}) : data_(data), type_(dtype_of<T>()), shape_(shape), where_(where) {}
+    MutableArrayView(T* data, Shape shape, Location where = {})
+        : data_(data), type_(dtype_of<T>()), shape_(shape), where_(where) {}
     template <Element T>
     MutableArrayView(std::vector<T>& values) : MutableArrayView(values.data(), Shape(values.size())) {}
     template <Element T>
@@ -108,19 +108,19 @@ public:
     /// No array.
     ArrayView() = default;
     template <Element T>
-    ArrayView(const T* data, Shape shape, Location where = {}) : data_(data), type_(dtype_of<T>()), shape_(shape), where_(where) {}
+    ArrayView(const T* data, Shape shape, Location where = {})
+        : data_(data), type_(dtype_of<T>()), shape_(shape), where_(where) {}
     /// (n,) in host memory.
-    template <Element T>
-    ArrayView(const std::vector<T>& values) : ArrayView(values.data(), Shape(values.size())) {}
-    template <Element T>
-    ArrayView(std::span<const T> values) : ArrayView(values.data(), Shape(values.size())) {}
-    template <Element T>
-    ArrayView(std::span<T> values) : ArrayView(values.data(), Shape(values.size())) {}
+    template <Element T> ArrayView(const std::vector<T>& values) : ArrayView(values.data(), Shape(values.size())) {}
+    template <Element T> ArrayView(std::span<const T> values) : ArrayView(values.data(), Shape(values.size())) {}
+    template <Element T> ArrayView(std::span<T> values) : ArrayView(values.data(), Shape(values.size())) {}
     /// (n, K) in host memory.
     template <Element T, std::size_t K>
-    ArrayView(const std::vector<std::array<T, K>>& rows) : ArrayView(rows.empty() ? nullptr : rows[0].data(), Shape(rows.size(), K)) {}
+    ArrayView(const std::vector<std::array<T, K>>& rows)
+        : ArrayView(rows.empty() ? nullptr : rows[0].data(), Shape(rows.size(), K)) {}
     template <Element T, std::size_t K>
-    ArrayView(std::span<const std::array<T, K>> rows) : ArrayView(rows.empty() ? nullptr : rows[0].data(), Shape(rows.size(), K)) {}
+    ArrayView(std::span<const std::array<T, K>> rows)
+        : ArrayView(rows.empty() ? nullptr : rows[0].data(), Shape(rows.size(), K)) {}
     ArrayView(const MutableArrayView& a) : data_(a.data()), type_(a.dtype()), shape_(a.shape()), where_(a.where()) {}
 
     const void* data() const { return data_; }

@@ -8,13 +8,14 @@
 namespace globule {
 
 struct Device {
-    std::string name{};       ///< "cpu" or "cuda:N"
-    std::string description{}; ///< one line
-    std::string note{};       ///< why "auto" took no GPU; empty otherwise
+    std::string name{};         ///< "cpu" or "cuda:N"
+    std::string description{};  ///< one line
+    std::string note{};         ///< why "auto" took no GPU; empty otherwise
 };
 
-/// The device that this name stands for: "cpu", "cuda" (the first GPU), "cuda:N", or "auto", which takes the first GPU that
-/// can be used and otherwise the CPU.  The environment variable GLOBULE_SIMD=v2|v3|v4 chooses the CPU library by hand.
+/// The device that this name stands for: "cpu", "cuda" (the first GPU), "cuda:N", or "auto", which takes the first GPU
+/// that can be used and otherwise the CPU.  The environment variable GLOBULE_SIMD=v2|v3|v4 chooses the CPU library by
+/// hand.
 ///
 /// Throws Error: invalid for another name; device where that device cannot be used, with the reason.
 GLOBULE_API Device find_device(const std::string& device = "auto");

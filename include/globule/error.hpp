@@ -19,8 +19,8 @@ enum class ErrorCode {
     diverged    ///< a simulation's step made a velocity that is not a number
 };
 
-/// The only exception that leaves globule's calls, but for std::bad_alloc where a returned array finds no room.  what(): one line
-/// that names the argument, what was expected and what came.
+/// The only exception that leaves globule's calls, but for std::bad_alloc where a returned array finds no room. what():
+/// one line that names the argument, what was expected and what came.
 class GLOBULE_API Error : public std::runtime_error {
 public:
     Error(ErrorCode code, const std::string& message) : std::runtime_error(message), code_(code) {}

@@ -1,5 +1,5 @@
-// globule: particles in, smooth exact surfaces and volumes out.  This header includes all others; docs/reference/cpp.md begins with
-// examples.
+// globule: particles in, smooth exact surfaces and volumes out.  This header includes all others; docs/reference/cpp.md
+// begins with examples.
 #pragma once
 #include "globule/array.hpp"
 #include "globule/camera.hpp"

@@ -14,9 +14,10 @@ namespace globule {
 
 /// Vertices and the triangles between them.  Mesh copies what it needs.
 struct Triangles {
-    ArrayView vertices{};  ///< (N, 3), or flat (3 N,), coordinates of the mesh; float32, in host memory float64 is converted
-    ArrayView faces{};     ///< (M, 3), or flat, uint32 or int32 in host memory: vertices of each triangle, all below N
-    Colors color{};        ///< (N, 3) linear RGB of the vertices in [0, 1], or one for all; default: gray
+    ArrayView
+        vertices{};  ///< (N, 3), or flat (3 N,), coordinates of the mesh; float32, in host memory float64 is converted
+    ArrayView faces{};  ///< (M, 3), or flat, uint32 or int32 in host memory: vertices of each triangle, all below N
+    Colors color{};     ///< (N, 3) linear RGB of the vertices in [0, 1], or one for all; default: gray
 };
 
 struct MeshOptions {
@@ -31,8 +32,8 @@ struct MeshOptions {
 
 /// Triangles on one device, ready for images: Layer::mesh.  Copies are handles of the same mesh.
 ///
-/// Any thread may call any method.  All methods throw Error: invalid for an argument (nothing was changed), cancelled, memory,
-/// device.
+/// Any thread may call any method.  All methods throw Error: invalid for an argument (nothing was changed), cancelled,
+/// memory, device.
 class GLOBULE_API Mesh {
 public:
     /// An empty handle.

@@ -34,14 +34,7 @@ from .render.camera import Camera  # noqa: E402
 from .render.clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
 from .render.frame import Frame, save_png  # noqa: E402
 from .render.layers import Layer, split_layers  # noqa: E402
-from .render.lights import (  # noqa: E402
-    DirectionalLight,
-    Environment,
-    Ground,
-    Headlight,
-    PointLight,
-    Sky,
-)
+from .render.lights import DirectionalLight, Environment, Ground, Headlight, PointLight, Sky  # noqa: E402
 from .render.materials import Material  # noqa: E402
 from .render.render import render  # noqa: E402
 from .render.settings import RenderSettings  # noqa: E402

@@ -23,28 +23,13 @@ def oracle_sweep(
 
 class Reconstructor:
     def __init__(self, arg0: str, arg1: int, arg2: int, /) -> None: ...
-    def start(
-        self, arg0: int, arg1: int, arg2: bool, arg3: float, arg4: int, arg5: int, arg6: int, /
-    ) -> None: ...
+    def start(self, arg0: int, arg1: int, arg2: bool, arg3: float, arg4: int, arg5: int, arg6: int, /) -> None: ...
     def grow(self, arg0: Sequence[int], arg1: Sequence[int], /) -> None: ...
     def add(
-        self,
-        arg0: tuple[int, int, int],
-        arg1: int,
-        arg2: int,
-        arg3: int,
-        arg4: int,
-        arg5: int,
-        arg6: int,
-        arg7: int,
-        /,
+        self, arg0: tuple[int, int, int], arg1: int, arg2: int, arg3: int, arg4: int, arg5: int, arg6: int, arg7: int, /
     ) -> None: ...
-    def median(
-        self, arg0: tuple[int, int, int], arg1: int, arg2: int, arg3: int, arg4: int, arg5: int, /
-    ) -> None: ...
-    def bezier(
-        self, arg0: tuple[int, int, int], arg1: int, arg2: int, arg3: int, arg4: int, arg5: int, /
-    ) -> None: ...
+    def median(self, arg0: tuple[int, int, int], arg1: int, arg2: int, arg3: int, arg4: int, arg5: int, /) -> None: ...
+    def bezier(self, arg0: tuple[int, int, int], arg1: int, arg2: int, arg3: int, arg4: int, arg5: int, /) -> None: ...
     def fill(
         self,
         arg0: int,
@@ -66,20 +51,10 @@ class Reconstructor:
         /,
     ) -> None: ...
     def filled(self) -> tuple: ...
-    def read_filled(
-        self, arg0: Sequence[int], arg1: Sequence[int], arg2: int, arg3: int, /
-    ) -> None: ...
+    def read_filled(self, arg0: Sequence[int], arg1: Sequence[int], arg2: int, arg3: int, /) -> None: ...
     def count_map(self, arg: int, /) -> None: ...
     def variance_map(
-        self,
-        arg0: tuple[int, int, int],
-        arg1: int,
-        arg2: int,
-        arg3: int,
-        arg4: int,
-        arg5: int,
-        arg6: int,
-        /,
+        self, arg0: tuple[int, int, int], arg1: int, arg2: int, arg3: int, arg4: int, arg5: int, arg6: int, /
     ) -> None: ...
     def source_map(self, arg0: int, arg1: int, /) -> None: ...
     def facts(self) -> dict: ...
@@ -139,9 +114,7 @@ class View:
     ) -> None: ...
 
 class Clip:
-    def __init__(
-        self, arg0: int, arg1: bool, arg2: Sequence[float], arg3: Sequence[float], /
-    ) -> None: ...
+    def __init__(self, arg0: int, arg1: bool, arg2: Sequence[float], arg3: Sequence[float], /) -> None: ...
 
 class Thesis:
     def __init__(
@@ -188,9 +161,7 @@ def nearest_pixels(
     """
 
 def pack_hits(
-    arg0: Annotated[
-        NDArray[numpy.int64], dict(shape=(None,), order="C", device="cpu", writable=False)
-    ],
+    arg0: Annotated[NDArray[numpy.int64], dict(shape=(None,), order="C", device="cpu", writable=False)],
     arg1: int,
     arg2: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")],
     arg3: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu")],
@@ -229,45 +200,15 @@ def crc64(arg0: int, arg1: int, arg2: int, /) -> int: ...
 def axes_of(arg0: int, arg1: int, /) -> list: ...
 def describe(arg0: str, arg1: int, /) -> tuple: ...
 def let_wait(arg0: int, arg1: int, /) -> None: ...
-def gpu_array(
-    arg0: int, arg1: Sequence[int], arg2: int, arg3: int, arg4: int, arg5: object, /
-) -> NDArray: ...
+def gpu_array(arg0: int, arg1: Sequence[int], arg2: int, arg3: int, arg4: int, arg5: object, /) -> NDArray: ...
 def oracle_field(
-    arg0: int,
-    arg1: int,
-    arg2: int,
-    arg3: int,
-    arg4: int,
-    arg5: int,
-    arg6: int,
-    arg7: int,
-    arg8: int,
-    /,
+    arg0: int, arg1: int, arg2: int, arg3: int, arg4: int, arg5: int, arg6: int, arg7: int, arg8: int, /
 ) -> None: ...
 def oracle_first_hit(
-    arg0: int,
-    arg1: int,
-    arg2: int,
-    arg3: int,
-    arg4: int,
-    arg5: float,
-    arg6: int,
-    arg7: int,
-    arg8: int,
-    arg9: int,
-    /,
+    arg0: int, arg1: int, arg2: int, arg3: int, arg4: int, arg5: float, arg6: int, arg7: int, arg8: int, arg9: int, /
 ) -> None: ...
 def oracle_mesh_first_hit(
-    arg0: int,
-    arg1: int,
-    arg2: int,
-    arg3: int,
-    arg4: int,
-    arg5: int,
-    arg6: int,
-    arg7: int,
-    arg8: int,
-    /,
+    arg0: int, arg1: int, arg2: int, arg3: int, arg4: int, arg5: int, arg6: int, arg7: int, arg8: int, /
 ) -> None: ...
 def morton(arg0: int, arg1: str, arg2: Sequence[int], /) -> object: ...
 
@@ -330,14 +271,7 @@ class Scene:
     ) -> None: ...
     def place_mesh(self, arg: Sequence[float], /) -> None: ...
     def intersect_mesh(
-        self,
-        arg0: int,
-        arg1: tuple[int, int, int],
-        arg2: tuple[int, int, int],
-        arg3: int,
-        arg4: int,
-        arg5: int,
-        /,
+        self, arg0: int, arg1: tuple[int, int, int], arg2: tuple[int, int, int], arg3: int, arg4: int, arg5: int, /
     ) -> None: ...
     def facts(self, arg: bool, /) -> dict: ...
     def spacing(self, arg0: int, arg1: int, arg2: bool, /) -> float: ...
@@ -398,9 +332,7 @@ class Scene:
         arg13: int,
         /,
     ) -> None: ...
-    def evaluate(
-        self, arg0: int, arg1: int, arg2: tuple[int, int, int], arg3: int, arg4: int, /
-    ) -> None: ...
+    def evaluate(self, arg0: int, arg1: int, arg2: tuple[int, int, int], arg3: int, arg4: int, /) -> None: ...
     def blend(
         self,
         arg0: int,

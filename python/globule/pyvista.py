@@ -29,10 +29,7 @@ _MISS = 2.0  # a depth behind everything
 
 
 def add_particles(
-    plotter: Any,
-    particles: Any,
-    settings: RenderSettings | dict[str, Any] | None = None,
-    **options: Any,
+    plotter: Any, particles: Any, settings: RenderSettings | dict[str, Any] | None = None, **options: Any
 ) -> ParticlesActor:
     """Add the surface of particles to a window.
 

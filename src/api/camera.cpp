@@ -83,7 +83,8 @@ Camera Camera::fit(const ArrayView& positions, const FitOptions& o) {
     check_finite("up", o.up);
     if (!(norm(o.direction) > 0)) refuse("direction", "a direction", text(o.direction));
     check_fov(o.fov);
-    if (o.width < 1 || o.height < 1) refuse("width, height", "at least 1 pixel", std::to_string(o.width) + " x " + std::to_string(o.height));
+    if (o.width < 1 || o.height < 1)
+        refuse("width, height", "at least 1 pixel", std::to_string(o.width) + " x " + std::to_string(o.height));
     if (!(std::isfinite(o.margin) && o.margin >= 0)) refuse("margin", "a number >= 0", text(o.margin));
     Vec3 middle;
     const std::vector<Vec3> points = outline(positions, middle);
@@ -129,7 +130,8 @@ Camera Camera::fit(const ArrayView& positions, const FitOptions& o) {
         distance = depth + *camera.height;
     } else {
         camera.look_at = middle + right * ((across.plus - across.minus) / 2) + up * ((upward.plus - upward.minus) / 2);
-        distance = std::max({(across.plus + across.minus + 2 * grown) / (2 * (slope * aspect)), (upward.plus + upward.minus + 2 * grown) / (2 * slope), depth});
+        distance = std::max({(across.plus + across.minus + 2 * grown) / (2 * (slope * aspect)),
+            (upward.plus + upward.minus + 2 * grown) / (2 * slope), depth});
     }
     camera.eye = camera.look_at + back * distance;
     return camera;
@@ -138,7 +140,8 @@ Camera Camera::fit(const ArrayView& positions, const FitOptions& o) {
 core::CameraRays rays(const Camera& c, int width, int height) {
     constexpr int kMaxPixels = 1 << 28;
     if (width < 1 || height < 1 || std::int64_t(width) * height > kMaxPixels)
-        refuse("size", "1 to " + std::to_string(kMaxPixels) + " pixels", std::to_string(width) + " x " + std::to_string(height));
+        refuse("size", "1 to " + std::to_string(kMaxPixels) + " pixels",
+            std::to_string(width) + " x " + std::to_string(height));
     check_finite("eye", c.eye);
     check_finite("look_at", c.look_at);
     check_finite("up", c.up);

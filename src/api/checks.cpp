@@ -20,7 +20,9 @@ const char* name_of(DType type) {
     return names[int(type)];
 }
 std::string name_of_device(int device) {
-    return device == core::kHost ? "the host" : device == core::kSomeDevice ? "a GPU" : "cuda:" + std::to_string(device);
+    return device == core::kHost         ? "the host"
+           : device == core::kSomeDevice ? "a GPU"
+                                         : "cuda:" + std::to_string(device);
 }
 
 namespace {
@@ -39,14 +41,17 @@ double positive(const char* name, double value) {
     return value;
 }
 int whole(const char* name, int value, int least, int most) {
-    if (value < least || value > most) refuse(name, std::to_string(least) + " to " + std::to_string(most), std::to_string(value));
+    if (value < least || value > most)
+        refuse(name, std::to_string(least) + " to " + std::to_string(most), std::to_string(value));
     return value;
 }
 core::float3 three(const char* name, const Vec3& value, double least, double most) {
     const core::float3 v = single(value);
     for (const double x : {double(v.x), double(v.y), double(v.z)})
         if (!(std::isfinite(x) && x >= least && x <= most))
-            refuse(name, "three finite numbers" + (least > -kInfinity || most < kInfinity ? ", " + range(least, most) : ""), text(value));
+            refuse(name,
+                "three finite numbers" + (least > -kInfinity || most < kInfinity ? ", " + range(least, most) : ""),
+                text(value));
     return v;
 }
 Vec3 unit(const char* name, const Vec3& value) {
@@ -67,7 +72,8 @@ std::size_t rows_of(const char* name, const ArrayView& view, std::size_t columns
 }
 
 core::FloatArray Inputs::floats(const char* name, const ArrayView& view, std::size_t columns, std::size_t n) {
-    if (const std::size_t there = rows_of(name, view, columns); there != n) refuse(name, std::to_string(n) + " rows", std::to_string(there));
+    if (const std::size_t there = rows_of(name, view, columns); there != n)
+        refuse(name, std::to_string(n) + " rows", std::to_string(there));
     if (n && !view.data()) refuse(name, "an address", "null");
     if (view.dtype() == DType::float32) {
         const core::AnyArray a = bytes(name, view);
@@ -75,7 +81,8 @@ core::FloatArray Inputs::floats(const char* name, const ArrayView& view, std::si
     }
     const bool convertible = view.dtype() == DType::float64 || (view.dtype() == DType::uint8 && columns == 3);
     if (view.where().device != Location::host || !convertible)
-        refuse(name, view.where().device == Location::host ? "float32 or float64" : "float32 on a GPU", name_of(view.dtype()));
+        refuse(name, view.where().device == Location::host ? "float32 or float64" : "float32 on a GPU",
+            name_of(view.dtype()));
     std::vector<float>& to = converted_.emplace_back(n * columns);
     if (view.dtype() == DType::float64) {
         const double* from = static_cast<const double*>(view.data());
@@ -87,12 +94,14 @@ core::FloatArray Inputs::floats(const char* name, const ArrayView& view, std::si
     return {to.data(), core::kHost, 0};
 }
 
-void check_range(const char* name, const core::FloatArray& array, std::size_t n, std::size_t columns, double least, double most) {
+void check_range(
+    const char* name, const core::FloatArray& array, std::size_t n, std::size_t columns, double least, double most) {
     if (!array.data || array.device != core::kHost) return;
     const float lo = float(least), hi = float(most), limit = std::numeric_limits<float>::max();
     for (std::size_t i = 0; i < n * columns; ++i) {
         const float v = array.data[i];
-        if (!(v >= lo && v <= hi && v >= -limit && v <= limit)) refuse(name, range(least, most), text(v) + " (particle " + std::to_string(i / columns) + ")");
+        if (!(v >= lo && v <= hi && v >= -limit && v <= limit))
+            refuse(name, range(least, most), text(v) + " (particle " + std::to_string(i / columns) + ")");
     }
 }
 

@@ -1,5 +1,5 @@
-// Checks of single arguments, and arrays of the caller's where an object can use them.  Each message names the argument, what
-// was expected and what came.
+// Checks of single arguments, and arrays of the caller's where an object can use them.  Each message names the
+// argument, what was expected and what came.
 #pragma once
 #include <cmath>
 #include <limits>
@@ -49,7 +49,8 @@ inline Vec3 operator-(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] 
 /// Rows of a view that holds `columns` numbers in each: (n, columns) or flat; columns 1: (n,) or (n, 1).
 std::size_t rows_of(const char* name, const ArrayView& view, std::size_t columns);
 
-/// Arrays that an object on `device` reads, as float32, and the copies that this takes; it lives as long as they are read.
+/// Arrays that an object on `device` reads, as float32, and the copies that this takes; it lives as long as they are
+/// read.
 class Inputs {
 public:
     explicit Inputs(int device) : arrays_(device), device_(device) {}
@@ -62,10 +63,13 @@ public:
         return floats(name, view, columns, n);
     }
     core::AnyArray bytes(const char* name, const ArrayView& view) {
-        return arrays_.reach_bytes(name, {view.data(), view.where().device, view.where().stream}, view.shape().size() * size_of(view.dtype()));
+        return arrays_.reach_bytes(
+            name, {view.data(), view.where().device, view.where().stream}, view.shape().size() * size_of(view.dtype()));
     }
     /// An array of ours.
-    core::FloatArray keep(std::vector<float> values) { return {converted_.emplace_back(std::move(values)).data(), core::kHost, 0}; }
+    core::FloatArray keep(std::vector<float> values) {
+        return {converted_.emplace_back(std::move(values)).data(), core::kHost, 0};
+    }
 
 private:
     core::Arrays arrays_;
@@ -74,6 +78,7 @@ private:
 };
 
 /// Throws unless all numbers of a host array are finite and in [least, most]; arrays on a GPU are not looked at.
-void check_range(const char* name, const core::FloatArray& array, std::size_t n, std::size_t columns, double least, double most);
+void check_range(
+    const char* name, const core::FloatArray& array, std::size_t n, std::size_t columns, double least, double most);
 
 }  // namespace globule

@@ -12,7 +12,9 @@ namespace {
 
 Chosen cpu() {
     const std::vector<std::string> levels = core::cpu_backends();
-    if (levels.empty()) throw Error(ErrorCode::device, "no CPU backend runs here: the processor is older than x86-64-v2, or libglobule_cpu_*.so are missing");
+    if (levels.empty())
+        throw Error(ErrorCode::device,
+            "no CPU backend runs here: the processor is older than x86-64-v2, or libglobule_cpu_*.so are missing");
     std::string name = levels.back();
     if (const char* wanted = std::getenv("GLOBULE_SIMD")) {
         name = std::string("cpu_") + wanted;
@@ -31,7 +33,8 @@ Chosen cpu() {
 Chosen cuda(int index) {
     const core::BackendApi& backend = core::open_backend("cuda");
     static std::mutex mutex;
-    static std::map<int, std::string> known;  // the driver takes its time to say what a device is; an error is asked for again
+    static std::map<int, std::string>
+        known;  // the driver takes its time to say what a device is; an error is asked for again
     const std::lock_guard lock(mutex);
     auto found = known.find(index);
     if (found == known.end()) {
@@ -51,9 +54,11 @@ Chosen choose(const std::string& device) {
     if (device == "cuda") return cuda(0);
     if (device.starts_with("cuda:")) {
         const std::string digits = device.substr(5);
-        if (!digits.empty() && digits.size() <= 4 && digits.find_first_not_of("0123456789") == std::string::npos) return cuda(std::stoi(digits));
+        if (!digits.empty() && digits.size() <= 4 && digits.find_first_not_of("0123456789") == std::string::npos)
+            return cuda(std::stoi(digits));
     }
-    if (device != "auto") throw Error(ErrorCode::invalid, "device: expected auto, cpu, cuda or cuda:N, got \"" + device + "\"");
+    if (device != "auto")
+        throw Error(ErrorCode::invalid, "device: expected auto, cpu, cuda or cuda:N, got \"" + device + "\"");
     try {
         return cuda(0);
     } catch (const Error& e) {

@@ -25,8 +25,7 @@ void watch_forks() {
     (void)watching;
 }
 
-template <class O, class Make>
-Handle<O> made(const BackendApi& backend, const Make& make) {
+template <class O, class Make> Handle<O> made(const BackendApi& backend, const Make& make) {
     check_not_forked();
     std::shared_ptr<O> object;
     check_status(make(&object));
@@ -39,19 +38,27 @@ void check_not_forked() {
     watch_forks();
     if (forked)
         throw Error(ErrorCode::forked,
-                    "this process was forked from one that had used globule, whose threads and devices it does not have: start it anew "
-                    "(in Python: multiprocessing.get_context(\"spawn\"))");
+            "this process was forked from one that had used globule, whose threads and devices it does not have: start "
+            "it anew "
+            "(in Python: multiprocessing.get_context(\"spawn\"))");
 }
 
 void check_status(const Status& status) {
     switch (status.code) {
-        case Code::ok: return;
-        case Code::cancelled: throw Error(ErrorCode::cancelled, status.message);
-        case Code::refused: throw Error(ErrorCode::invalid, status.message);
-        case Code::stale: throw Error(ErrorCode::stale, status.message);
-        case Code::memory: throw Error(ErrorCode::memory, status.message);
-        case Code::device: throw Error(ErrorCode::device, status.message);
-        case Code::failed: throw Error(ErrorCode::internal, status.message);
+        case Code::ok:
+            return;
+        case Code::cancelled:
+            throw Error(ErrorCode::cancelled, status.message);
+        case Code::refused:
+            throw Error(ErrorCode::invalid, status.message);
+        case Code::stale:
+            throw Error(ErrorCode::stale, status.message);
+        case Code::memory:
+            throw Error(ErrorCode::memory, status.message);
+        case Code::device:
+            throw Error(ErrorCode::device, status.message);
+        case Code::failed:
+            throw Error(ErrorCode::internal, status.message);
     }
 }
 
@@ -59,7 +66,9 @@ void Gate::lock() {
     check_not_forked();
     const std::thread::id self = std::this_thread::get_id();
     if (owner_.load(std::memory_order_relaxed) == self)
-        throw Error(ErrorCode::busy, "this thread is inside another call on the same object (a signal handler, say): call again when that returned");
+        throw Error(ErrorCode::busy,
+            "this thread is inside another call on the same object (a signal handler, say): call again when that "
+            "returned");
     mutex_.lock();
     owner_.store(self, std::memory_order_relaxed);
 }
@@ -73,7 +82,8 @@ Handle<Scene> make_scene(const BackendApi& backend, int device, int threads, Pol
     return made<Scene>(backend, [&](auto* out) { return backend.make_scene(device, threads, poll, out); });
 }
 Handle<Reconstructor> make_reconstructor(const BackendApi& backend, int device, int threads, Poll* poll) {
-    return made<Reconstructor>(backend, [&](auto* out) { return backend.make_reconstructor(device, threads, poll, out); });
+    return made<Reconstructor>(
+        backend, [&](auto* out) { return backend.make_reconstructor(device, threads, poll, out); });
 }
 Handle<Tissue> make_tissue(const BackendApi& backend, int device, int threads, Poll* poll) {
     return made<Tissue>(backend, [&](auto* out) { return backend.make_tissue(device, threads, poll, out); });
@@ -91,7 +101,8 @@ std::string describe(const BackendApi& backend, int device, bool& ok) {
     return text;
 }
 
-Handle<Frame> render(const std::vector<Handle<Scene>>& layers, const PictureRequest& request, const Handle<Frame>& before) {
+Handle<Frame> render(
+    const std::vector<Handle<Scene>>& layers, const PictureRequest& request, const Handle<Frame>& before) {
     std::vector<Gate*> gates;
     for (const Handle<Scene>& layer : layers) gates.push_back(layer.gate().get());
     const Gates inside(std::move(gates));
@@ -104,14 +115,17 @@ AnyArray Arrays::reach_bytes(const char* name, const AnyArray& array, std::size_
     try {
         cuda = &open_backend("cuda");
     } catch (const Error& e) {
-        throw Error(ErrorCode::invalid, std::string(name) + ": expected memory that can be reached, got an array on a GPU (" + e.what() + ")");
+        throw Error(ErrorCode::invalid,
+            std::string(name) + ": expected memory that can be reached, got an array on a GPU (" + e.what() + ")");
     }
     AnyArray found = array;
     if (found.device == kSomeDevice) {
         const Status status = cuda->locate(array.data, &found.device);
         if (status.code != Code::ok)
-            throw Error(ErrorCode::invalid, std::string(name) + ": expected memory that can be reached, got an address on a GPU that does not answer (" +
-                                                status.message + ")");
+            throw Error(ErrorCode::invalid,
+                std::string(name) +
+                    ": expected memory that can be reached, got an address on a GPU that does not answer (" +
+                    status.message + ")");
     }
     if (found.device == kHost || device_ != kHost) return found;
     copies_.push_back(std::make_unique<char[]>(bytes ? bytes : 1));

@@ -1,7 +1,7 @@
-// The guard: the one way into a backend's objects.  In this order, for each call: a forked process is refused; the object's
-// lock is taken; the backend's entry (backends/entry.hpp) sets the device, forgets earlier requests to stop, runs, which orders
-// arrays after the caller's streams (pipeline/arrays.hpp), gives the caller's device back and marks what was left half made;
-// what failed is thrown as one Error.
+// The guard: the one way into a backend's objects.  In this order, for each call: a forked process is refused; the
+// object's lock is taken; the backend's entry (backends/entry.hpp) sets the device, forgets earlier requests to stop,
+// runs, which orders arrays after the caller's streams (pipeline/arrays.hpp), gives the caller's device back and marks
+// what was left half made; what failed is thrown as one Error.
 #pragma once
 #include <algorithm>
 #include <atomic>
@@ -60,8 +60,7 @@ GLOBULE_API void check_not_forked();
 GLOBULE_API void check_status(const Status& status);
 
 /// An object of a backend, its entries and its gate.
-template <class O>
-class Handle {
+template <class O> class Handle {
 public:
     Handle() = default;
     Handle(const BackendApi& backend, std::shared_ptr<O> object, std::shared_ptr<Gate> gate)
@@ -73,13 +72,12 @@ public:
     int device() const { return object_->device(); }
     explicit operator bool() const { return object_ != nullptr; }
 
-    template <auto Method, class... A>
-    auto call(A&&... arguments) const {
-        return call_inside<Method>(Gates(gate_ ? std::vector<Gate*>{gate_.get()} : std::vector<Gate*>{}), std::forward<A>(arguments)...);
+    template <auto Method, class... A> auto call(A&&... arguments) const {
+        return call_inside<Method>(
+            Gates(gate_ ? std::vector<Gate*>{gate_.get()} : std::vector<Gate*>{}), std::forward<A>(arguments)...);
     }
     /// Where other objects' gates were taken with this one's.
-    template <auto Method, class... A>
-    auto call_inside(const Gates&, A&&... arguments) const {
+    template <auto Method, class... A> auto call_inside(const Gates&, A&&... arguments) const {
         const auto method = [&]() -> decltype(auto) { return (object_.get()->*Method)(std::forward<A>(arguments)...); };
         if constexpr (std::is_void_v<decltype(method())>) return run(method);
         else {
@@ -89,16 +87,15 @@ public:
         }
     }
     /// Finished frames do not change: they need no gate.
-    template <auto Method, class... A>
-    auto read(A&&... arguments) const {
+    template <auto Method, class... A> auto read(A&&... arguments) const {
         check_not_forked();
         return call_inside<Method>(Gates({}), std::forward<A>(arguments)...);
     }
 
 private:
-    template <class Body>
-    void run(const Body& body) const {
-        check_status(backend_->run(*object_, [](void* context) { (*static_cast<const Body*>(context))(); }, const_cast<Body*>(&body)));
+    template <class Body> void run(const Body& body) const {
+        check_status(backend_->run(
+            *object_, [](void* context) { (*static_cast<const Body*>(context))(); }, const_cast<Body*>(&body)));
     }
 
     const BackendApi* backend_ = nullptr;
@@ -115,14 +112,15 @@ GLOBULE_API Handle<Simulation> make_simulation(const Handle<Scene>& scene);
 GLOBULE_API std::string describe(const BackendApi& backend, int device, bool& ok);
 
 /// All layers' scenes are locked; none changes before the picture was asked for.
-GLOBULE_API Handle<Frame> render(const std::vector<Handle<Scene>>& layers, const PictureRequest& request, const Handle<Frame>& before);
+GLOBULE_API Handle<Frame> render(
+    const std::vector<Handle<Scene>>& layers, const PictureRequest& request, const Handle<Frame>& before);
 
-/// Arrays of one call, where an object on `device` can use them: what lies on a GPU is copied to the host for a CPU's object.
+/// Arrays of one call, where an object on `device` can use them: what lies on a GPU is copied to the host for a CPU's
+/// object.
 class GLOBULE_API Arrays {
 public:
     explicit Arrays(int device) : device_(device) {}
-    template <class T>
-    ArrayAt<const T> reach(const char* name, const ArrayAt<const T>& array, std::size_t n) {
+    template <class T> ArrayAt<const T> reach(const char* name, const ArrayAt<const T>& array, std::size_t n) {
         const AnyArray found = reach_bytes(name, {array.data, array.device, array.stream}, n * sizeof(T));
         return {static_cast<const T*>(found.data), found.device, found.stream};
     }

@@ -31,8 +31,7 @@ struct Inside {
     using SceneImpl = Scene::Impl;
     using FrameImpl = Frame::Impl;
 
-    template <class H>
-    static const auto& of(const H& handle, const char* what) {
+    template <class H> static const auto& of(const H& handle, const char* what) {
         if (!handle.impl_) refuse(what, std::string("a ") + what, "an empty handle (default-made or moved from)");
         return *handle.impl_;
     }
@@ -68,11 +67,11 @@ struct Scene::Impl {
     double own_support = 0;       ///< of the options; 0: none
     bool smooth = false;          ///< one smooth surface, measured_support belongs to it
     double measured_support = 0;  ///< for particles that come without one; 0: not yet known
-    bool whole = false;         ///< an update went through and nothing broke since
+    bool whole = false;           ///< an update went through and nothing broke since
     std::size_t n = 0;
     std::vector<float> few_or_flat;           ///< positions whose spacing is measured without the octree, or none
     double support = 0, largest_support = 0;  ///< of all; 0 where each has its own, or where an array on a GPU tells it
-    std::shared_ptr<const void> held;         ///< copies that the scene still reads, also for frames that outlive its handle
+    std::shared_ptr<const void> held;  ///< copies that the scene still reads, also for frames that outlive its handle
 
     /// Of a simulation, which it keeps alive: its number of particles, behind the same gate.
     std::shared_ptr<const std::size_t> n_of_owner;
@@ -84,8 +83,7 @@ struct Scene::Impl {
     core::FieldRequest field() const { return {kernel, float(threshold), {}}; }
     core::Gates gates() const { return core::Gates({core.gate().get()}); }
 
-    template <auto Method, class... A>
-    auto ask(A&&... arguments) const {
+    template <auto Method, class... A> auto ask(A&&... arguments) const {
         const core::Gates inside({core.gate().get()});
         check_whole();
         return core.call_inside<Method>(inside, std::forward<A>(arguments)...);
@@ -96,7 +94,8 @@ struct Scene::Impl {
 struct Mesh::Impl {
     /// What images of the mesh read; the scene keeps it.
     struct Held {
-        std::vector<std::uint32_t> faces, order, begins;  ///< order: corners by vertex; begins: where each vertex's begin
+        std::vector<std::uint32_t> faces, order,
+            begins;  ///< order: corners by vertex; begins: where each vertex's begin
         Inputs inputs;
     };
     std::shared_ptr<Inside::SceneImpl> scene;
@@ -116,8 +115,8 @@ struct Frame::Impl {
     int device_number = core::kHost;
     int width = 0, height = 0;
     std::vector<std::shared_ptr<Inside::SceneImpl>> scenes;
-    core::PictureRequest request;        ///< its passes are not used
-    std::shared_ptr<const void> sky;     ///< keeps the request's image alive
+    core::PictureRequest request;     ///< its passes are not used
+    std::shared_ptr<const void> sky;  ///< keeps the request's image alive
 };
 
 /// Support in spacings and iso-value, by kernel.

@@ -15,12 +15,14 @@ std::vector<std::uint32_t> faces_of(const ArrayView& view, std::size_t n_vertice
     const std::size_t n = rows_of("faces", view, 3);
     if (n > kMaxFaces) refuse("faces", "at most " + std::to_string(kMaxFaces), std::to_string(n));
     if (view.where().device != Location::host) refuse("faces", "host memory", "memory of a GPU");
-    if (view.dtype() != DType::uint32 && view.dtype() != DType::int32) refuse("faces", "uint32 or int32", name_of(view.dtype()));
+    if (view.dtype() != DType::uint32 && view.dtype() != DType::int32)
+        refuse("faces", "uint32 or int32", name_of(view.dtype()));
     if (n && !view.data()) refuse("faces", "an address", "null");
     const auto* from = static_cast<const std::uint32_t*>(view.data());  // a negative number is a very large one
     std::vector<std::uint32_t> faces(from, from + 3 * n);
     for (const std::uint32_t v : faces)
-        if (v >= n_vertices) refuse("faces", "numbers of vertices below " + std::to_string(n_vertices), std::to_string(std::int32_t(v)));
+        if (v >= n_vertices)
+            refuse("faces", "numbers of vertices below " + std::to_string(n_vertices), std::to_string(std::int32_t(v)));
     return faces;
 }
 
@@ -94,9 +96,11 @@ void Mesh::place(const Matrix4& p) {
     const Impl& m = Inside::of(*this, "mesh");
     const Vec3 x{p[0], p[1], p[2]}, y{p[4], p[5], p[6]}, z{p[8], p[9], p[10]};
     double off = std::abs(norm(x) - 1);
-    for (const double e : {norm(y) - 1, norm(z) - 1, dot(x, y), dot(y, z), dot(z, x), dot(cross(x, y), z) - 1, p[12], p[13], p[14], p[15] - 1})
+    for (const double e : {norm(y) - 1, norm(z) - 1, dot(x, y), dot(y, z), dot(z, x), dot(cross(x, y), z) - 1, p[12],
+             p[13], p[14], p[15] - 1})
         off = std::max(off, std::abs(e));
-    if (!(off < 1e-3)) refuse("world_from_mesh", "a rotation and a translation; change the vertices for any other map", "another");
+    if (!(off < 1e-3))
+        refuse("world_from_mesh", "a rotation and a translation; change the vertices for any other map", "another");
     const core::float3 at = three("world_from_mesh", {p[3], p[7], p[11]});
     m.scene->core.call<&core::Scene::place_mesh>(core::Pose{single(x), single(y), single(z), at});
 }

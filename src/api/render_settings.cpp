@@ -25,13 +25,17 @@ Vec3 across(const Vec3& up) {
     return {a[0] / length, a[1] / length, a[2] / length};
 }
 
-core::Light packed(const Headlight& l) { return {core::LightKind::head, {0, 0, 1}, three("radiance", l.radiance, 0), 0}; }
+core::Light packed(const Headlight& l) {
+    return {core::LightKind::head, {0, 0, 1}, three("radiance", l.radiance, 0), 0};
+}
 core::Light packed(const DirectionalLight& l) {
     const double half = double(number("angle", l.angle, 0, 170)) / 2;
-    return {core::LightKind::directional, single(unit("direction", l.direction)), three("radiance", l.radiance, 0), float(std::tan(half * kRadians))};
+    return {core::LightKind::directional, single(unit("direction", l.direction)), three("radiance", l.radiance, 0),
+        float(std::tan(half * kRadians))};
 }
 core::Light packed(const PointLight& l) {
-    return {core::LightKind::point, three("position", l.position), three("radiance", l.radiance, 0), number("radius", l.radius, 0)};
+    return {core::LightKind::point, three("position", l.position), three("radiance", l.radiance, 0),
+        number("radius", l.radius, 0)};
 }
 
 core::Sky packed(const Sky& sky) {
@@ -57,8 +61,8 @@ core::Sky packed(const Environment& e) {
 }
 
 core::Ground packed(const Ground& g) {
-    return {true, single(unit("normal", g.normal)), number("height", g.height), three("color", g.color, 0), three("other", g.other, 0),
-            number("check", g.check, 0), number("reflection", g.reflection, 0, 1)};
+    return {true, single(unit("normal", g.normal)), number("height", g.height), three("color", g.color, 0),
+        three("other", g.other, 0), number("check", g.check, 0), number("reflection", g.reflection, 0, 1)};
 }
 
 }  // namespace
@@ -66,7 +70,8 @@ core::Ground packed(const Ground& g) {
 Environment::Environment(const ArrayView& image) {
     static std::atomic<std::uint64_t> ids{1};
     const Shape& s = image.shape();
-    if (s.rank() != 3 || s[2] != 3 || s.size() == 0 || s[0] > 32768 || s[1] > 32768) refuse("image", "shape (H, W, 3)", text(s));
+    if (s.rank() != 3 || s[2] != 3 || s.size() == 0 || s[0] > 32768 || s[1] > 32768)
+        refuse("image", "shape (H, W, 3)", text(s));
     Inputs inputs(core::kHost);
     const core::FloatArray pixels = inputs.floats("image", ArrayView(image), 3 * s[1], s[0]);
     check_range("image", pixels, s.size(), 1, 0, kInfinity);
@@ -96,8 +101,10 @@ Vec3 Environment::mean() const {
 Look look(const RenderSettings& s) {
     Look out;
     core::Lighting& l = out.lighting;
-    if (s.lights.size() > core::kMaxLights) refuse("lights", "at most " + std::to_string(core::kMaxLights), std::to_string(s.lights.size()));
-    for (const Light& light : s.lights) l.lights[l.n_lights++] = std::visit([](const auto& one) { return packed(one); }, light);
+    if (s.lights.size() > core::kMaxLights)
+        refuse("lights", "at most " + std::to_string(core::kMaxLights), std::to_string(s.lights.size()));
+    for (const Light& light : s.lights)
+        l.lights[l.n_lights++] = std::visit([](const auto& one) { return packed(one); }, light);
     l.shadows = s.shadows;
     l.ambient_rays = whole("ambient_rays", s.ambient_rays, 0, 256);
     l.ambient_distance = number("ambient_distance", s.ambient_distance.value_or(0), 0);
@@ -122,11 +129,17 @@ Look look(const RenderSettings& s) {
 }
 
 core::Material material(const Material& m, const Look& look) {
-    const auto given = [](const char* name, const std::optional<double>& v, double most) { return v ? number(name, *v, 0, most) : -1.0f; };
-    const auto color = [](const char* name, const std::optional<Vec3>& v) { return v ? three(name, *v, 0) : core::float3{-1, -1, -1}; };
-    return {given("reflection", m.reflection, 1), given("transmission", m.transmission, 1), m.index ? number("index", *m.index, 1, 4) : 0.0f,
-            number("roughness", m.roughness, 0, 1), color("color", m.color), color("absorption", m.absorption),
-            m.specular ? number("specular", *m.specular, 0) : look.specular, m.shininess ? number("shininess", *m.shininess, 0) : look.shininess};
+    const auto given = [](const char* name, const std::optional<double>& v, double most) {
+        return v ? number(name, *v, 0, most) : -1.0f;
+    };
+    const auto color = [](const char* name, const std::optional<Vec3>& v) {
+        return v ? three(name, *v, 0) : core::float3{-1, -1, -1};
+    };
+    return {given("reflection", m.reflection, 1), given("transmission", m.transmission, 1),
+        m.index ? number("index", *m.index, 1, 4) : 0.0f, number("roughness", m.roughness, 0, 1),
+        color("color", m.color), color("absorption", m.absorption),
+        m.specular ? number("specular", *m.specular, 0) : look.specular,
+        m.shininess ? number("shininess", *m.shininess, 0) : look.shininess};
 }
 
 namespace {
@@ -136,7 +149,8 @@ core::Clip packed(const ClipPlane& c) {
     const double length = norm(normal);
     if (length == 0) refuse("normal", "a direction", text(c.normal));
     if (!std::isfinite(c.offset)) refuse("offset", "a finite number", text(c.offset));
-    return {core::ClipKind::plane, false, single({normal[0] / length, normal[1] / length, normal[2] / length}), {float(c.offset / length), 0, 0}};
+    return {core::ClipKind::plane, false, single({normal[0] / length, normal[1] / length, normal[2] / length}),
+        {float(c.offset / length), 0, 0}};
 }
 core::Clip packed(const ClipBox& c) {
     const core::float3 lo = three("low", c.low), hi = three("high", c.high);

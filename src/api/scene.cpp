@@ -13,7 +13,7 @@ namespace {
 constexpr std::size_t kMaxParticles = (std::size_t(1) << 31) - 64;
 constexpr double kMaxSupport = 1e18;  ///< past it squares overflow float32
 constexpr double kMaxRatio = 1e6;     ///< between the largest and the smallest support
-constexpr std::size_t kDozen = 12;  ///< the spacing of so many is not kept
+constexpr std::size_t kDozen = 12;    ///< the spacing of so many is not kept
 constexpr core::float3 kColor{0.28f, 0.52f, 0.80f};
 constexpr int kMaxSamples = 65536;
 constexpr int kSmoothEdges = 3;  ///< more samples at edges of images with a smooth surface, by default
@@ -27,7 +27,8 @@ struct Update {
     double largest_support = 0;
 };
 
-core::FloatArray field(Inputs& inputs, const char* name, const Scalars& given, std::size_t n, float& one, double least = -kInfinity, double most = kInfinity) {
+core::FloatArray field(Inputs& inputs, const char* name, const Scalars& given, std::size_t n, float& one,
+    double least = -kInfinity, double most = kInfinity) {
     if (given.one()) one = number(name, *given.one(), least, most);
     if (!given.each().given()) return {};
     const core::FloatArray each = inputs.floats(name, given.each(), 1, n);
@@ -43,7 +44,8 @@ double check_supports(const core::FloatArray& support, std::size_t n) {
         if (support.data[i] > 0) smallest = std::min(smallest, support.data[i]);
     }
     if (largest > kMaxSupport) refuse("support", "at most " + text(kMaxSupport), text(largest));
-    if (largest > kMaxRatio * smallest) refuse("support", "all within a factor of " + text(kMaxRatio), text(smallest) + " to " + text(largest));
+    if (largest > kMaxRatio * smallest)
+        refuse("support", "all within a factor of " + text(kMaxRatio), text(smallest) + " to " + text(largest));
     return largest;
 }
 
@@ -56,7 +58,8 @@ Vec3 eigenvalues(double a[3][3]) {
             for (int q = p + 1; q < 3; ++q) {
                 if (a[p][q] == 0) continue;
                 const double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
-                const double t = (theta >= 0 ? 1 : -1) / (std::abs(theta) + std::sqrt(theta * theta + 1)), c = 1 / std::sqrt(t * t + 1), s = t * c;
+                const double t = (theta >= 0 ? 1 : -1) / (std::abs(theta) + std::sqrt(theta * theta + 1)),
+                             c = 1 / std::sqrt(t * t + 1), s = t * c;
                 for (int k = 0; k < 3; ++k) {
                     const double x = a[k][p], y = a[k][q];
                     a[k][p] = c * x - s * y;
@@ -97,7 +100,8 @@ Stretched stretched(const ArrayView& view, std::size_t n) {
             }
         const Vec3 short_ = std::isfinite(size) ? eigenvalues(a) : Vec3{0, 0, 0};
         if (!(skew <= 1e-4 * size && short_[0] > 0))
-            refuse("anisotropy", "symmetric positive definite matrices", "another (particle " + std::to_string(i) + ")");
+            refuse(
+                "anisotropy", "symmetric positive definite matrices", "another (particle " + std::to_string(i) + ")");
         const float six[6] = {g[0], g[4], g[8], g[1], g[2], g[5]};
         std::copy(six, six + 6, &out.six[6 * i]);
         out.longest[i] = float(1.0001 / short_[0]);  // rounding must not cut off what it reaches
@@ -107,14 +111,16 @@ Stretched stretched(const ArrayView& view, std::size_t n) {
     return out;
 }
 
-Update check_update(const Particles& p, int device, bool dense, bool smooth, double own_support, double measured_support) {
+Update check_update(
+    const Particles& p, int device, bool dense, bool smooth, double own_support, double measured_support) {
     Update u;
     u.inputs = std::make_unique<Inputs>(device);
     core::SceneArrays& a = u.arrays;
     Inputs& in = *u.inputs;
     if (!p.positions.given()) refuse("positions", "an array", "none");
     a.positions = in.rows("positions", p.positions, 3, a.n);
-    if (a.n > kMaxParticles) refuse("positions", "at most " + std::to_string(kMaxParticles) + " particles", std::to_string(a.n));
+    if (a.n > kMaxParticles)
+        refuse("positions", "at most " + std::to_string(kMaxParticles) + " particles", std::to_string(a.n));
     if (smooth) {
         if (measured_support > 0) u.one_support = measured_support;
         else u.measured = true;
@@ -136,7 +142,8 @@ Update check_update(const Particles& p, int device, bool dense, bool smooth, dou
     } else {
         u.measured = true;
     }
-    if (u.one_support && *u.one_support > kMaxSupport) refuse("support", "at most " + text(kMaxSupport), text(*u.one_support));
+    if (u.one_support && *u.one_support > kMaxSupport)
+        refuse("support", "at most " + text(kMaxSupport), text(*u.one_support));
     if (a.support.data && a.support.device == core::kHost) u.largest_support = check_supports(a.support, a.n);
     a.weight = field(in, "weight", p.weight, a.n, a.one_weight);
     a.reflection = field(in, "reflection", p.reflection, a.n, a.one_reflection);
@@ -165,7 +172,8 @@ const KernelDefaults& defaults_of(core::KernelName kernel) {
 }
 
 void Scene::Impl::check_whole() const {
-    if (!n_of_owner && !whole) throw Error(ErrorCode::stale, "scene: its octree was not finished: update the scene first");
+    if (!n_of_owner && !whole)
+        throw Error(ErrorCode::stale, "scene: its octree was not finished: update the scene first");
 }
 
 void Scene::Impl::update(const Particles& p) {
@@ -181,7 +189,8 @@ void Scene::Impl::update(const Particles& p) {
         try {
             core.call_inside<&core::Scene::build>(inside, u.arrays, tree);
         } catch (const Error& e) {
-            whole = was_whole && !changed && e.code() == ErrorCode::invalid;  // then it was refused before anything changed
+            whole =
+                was_whole && !changed && e.code() == ErrorCode::invalid;  // then it was refused before anything changed
             throw;
         }
         changed = true;
@@ -209,7 +218,8 @@ void Scene::Impl::update(const Particles& p) {
 }
 
 Scene::Scene(const SceneOptions& o) : impl_(std::make_shared<Impl>()) {
-    if (int(o.kernel) < 0 || int(o.kernel) > int(Kernel::solid)) refuse("kernel", "one of the seven", std::to_string(int(o.kernel)));
+    if (int(o.kernel) < 0 || int(o.kernel) > int(Kernel::solid))
+        refuse("kernel", "one of the seven", std::to_string(int(o.kernel)));
     const bool dense = o.octree == OctreeKind::dense;
     if (o.key_bits != 32 && o.key_bits != 64) refuse("key_bits", "32 or 64", std::to_string(o.key_bits));
     if (dense && o.key_bits != 32) refuse("key_bits", "32, which the dense octree uses", "64");
@@ -217,7 +227,10 @@ Scene::Scene(const SceneOptions& o) : impl_(std::make_shared<Impl>()) {
     impl_->kernel = core::KernelName(o.kernel);
     impl_->smooth = o.surface == Surface::smooth;
     if (impl_->smooth && (o.kernel != Kernel::murakami || dense || o.support))
-        refuse("surface", "the kernel murakami, the sparse octree and no support with a smooth one", dense ? "the dense octree" : o.support ? "a support" : "another kernel");
+        refuse("surface", "the kernel murakami, the sparse octree and no support with a smooth one",
+            dense       ? "the dense octree"
+            : o.support ? "a support"
+                        : "another kernel");
     if (o.spacing && !impl_->smooth) refuse("spacing", "a smooth surface with it", "balls");
     const double by_default = impl_->smooth ? double(core::surface::kThreshold) : defaults_of(impl_->kernel).threshold;
     impl_->threshold = o.threshold ? positive("threshold", *o.threshold) : by_default;
@@ -244,7 +257,8 @@ Scene::Scene(const Particles& particles, const SceneOptions& options) : Scene(op
 
 void Scene::update(const Particles& particles) { Inside::shared(*this)->update(particles); }
 
-Frame Scene::render(const Camera& camera, int width, int height, const RenderSettings& settings, const std::vector<Clip>& clips) const {
+Frame Scene::render(
+    const Camera& camera, int width, int height, const RenderSettings& settings, const std::vector<Clip>& clips) const {
     return globule::render({Layer{.scene = *this}}, camera, width, height, settings, clips);
 }
 
@@ -272,7 +286,8 @@ std::vector<float> Scene::blend(const ArrayView& points, const ArrayView& values
     std::size_t m;
     const core::FloatArray p = in.rows("points", points, 3, m);
     const Shape& shape = values.shape();
-    if (shape.rank() < 1 || shape.rank() > 2 || (shape.rank() == 2 && (shape[1] < 1 || shape[1] > 1024))) refuse("values", "shape (N,) or (N, K)", text(shape));
+    if (shape.rank() < 1 || shape.rank() > 2 || (shape.rank() == 2 && (shape[1] < 1 || shape[1] > 1024)))
+        refuse("values", "shape (N,) or (N, K)", text(shape));
     const std::size_t channels = shape.rank() == 2 ? shape[1] : 1;
     const core::FloatArray v = in.floats("values", values, channels, shape[0]);
     std::vector<float> out(channels * m);
@@ -380,7 +395,8 @@ void Scene::synchronize() const { Inside::of(*this, "scene").core.call<&core::Sc
 namespace {
 
 /// The picture's next samples; its scenes are locked.
-std::shared_ptr<const Inside::FrameImpl> trace(Inside::FrameImpl f, const core::Gates& inside, int samples, const core::Handle<core::Frame>& before) {
+std::shared_ptr<const Inside::FrameImpl> trace(
+    Inside::FrameImpl f, const core::Gates& inside, int samples, const core::Handle<core::Frame>& before) {
     f.request.passes = samples;
     const core::Handle<core::Scene>& first = f.scenes[0]->core;
     f.core = {first.backend(), first.call_inside<&core::Scene::render>(inside, f.request, before.object()), nullptr};
@@ -394,7 +410,8 @@ core::Gates gates_of(const Inside::FrameImpl& f) {
 
 }  // namespace
 
-Frame render(const std::vector<Layer>& layers, const Camera& camera, int width, int height, const RenderSettings& settings, const std::vector<Clip>& clips) {
+Frame render(const std::vector<Layer>& layers, const Camera& camera, int width, int height,
+    const RenderSettings& settings, const std::vector<Clip>& clips) {
     if (layers.empty() || layers.size() > core::kMaxLayers)
         refuse("layers", "1 to " + std::to_string(core::kMaxLayers), std::to_string(layers.size()));
     const Look seen = look(settings);
@@ -403,15 +420,18 @@ Frame render(const std::vector<Layer>& layers, const Camera& camera, int width, 
     f.request.lighting = seen.lighting;
     f.request.sky_image = seen.sky_image;
     f.request.sky_id = seen.sky_id;
-    if (const auto* environment = std::get_if<Environment>(&settings.sky)) f.sky = std::make_shared<const Environment>(*environment);
+    if (const auto* environment = std::get_if<Environment>(&settings.sky))
+        f.sky = std::make_shared<const Environment>(*environment);
     f.width = width;
     f.height = height;
     for (const Layer& layer : layers) {
         if (layer.scene && layer.mesh) refuse("layers", "a scene or a mesh in each", "both");
         const auto& scene = layer.mesh ? Inside::shared(layer.mesh)->scene : Inside::shared(layer.scene);
-        if (!f.scenes.empty() && (scene->chosen.backend != f.scenes[0]->chosen.backend || scene->chosen.index != f.scenes[0]->chosen.index))
+        if (!f.scenes.empty() &&
+            (scene->chosen.backend != f.scenes[0]->chosen.backend || scene->chosen.index != f.scenes[0]->chosen.index))
             refuse("layers", "all on " + f.scenes[0]->chosen.device.name, scene->chosen.device.name);
-        f.request.lighting.materials[f.request.layers.size()] = material(layer.material ? *layer.material : settings.material, seen);
+        f.request.lighting.materials[f.request.layers.size()] =
+            material(layer.material ? *layer.material : settings.material, seen);
         core::LayerRequest request{scene->core.object().get(), scene->field(), {}};
         for (const auto* list : {&layer.clips, &clips})
             for (const Clip& c : *list) request.clips.push_back(clip(c));

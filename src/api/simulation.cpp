@@ -19,9 +19,11 @@ core::SimulationSettings packed(const SimulationSettings& s) {
     p.lo = three("domain.low", s.domain.low);
     p.hi = three("domain.high", s.domain.high);
     for (int k = 0; k < 3; ++k) {
-        if (!(s.domain.low[k] < s.domain.high[k])) refuse("domain", "low below high in each axis", text(s.domain.low) + " and " + text(s.domain.high));
+        if (!(s.domain.low[k] < s.domain.high[k]))
+            refuse("domain", "low below high in each axis", text(s.domain.low) + " and " + text(s.domain.high));
         p.periodic[k] = s.periodic[k];
-        if (s.periodic[k] && s.domain.high[k] - s.domain.low[k] < 8 * s.spacing) throw Error(ErrorCode::invalid, "periodic: expected an axis at least 8 spacings long");
+        if (s.periodic[k] && s.domain.high[k] - s.domain.low[k] < 8 * s.spacing)
+            throw Error(ErrorCode::invalid, "periodic: expected an axis at least 8 spacings long");
     }
     p.gravity = three("gravity", s.gravity);
     p.cfl = float(positive("cfl", s.cfl));
@@ -43,7 +45,8 @@ core::SimulationSettings packed(const SimulationSettings& s) {
 
 core::sim::Phase packed(const Phase& f, double spacing) {
     const std::string of = "phases[\"" + f.name + "\"].";
-    if (f.kind != PhaseKind::fluid && f.kind != PhaseKind::boundary) refuse(of + "kind", "fluid or boundary", std::to_string(int(f.kind)));
+    if (f.kind != PhaseKind::fluid && f.kind != PhaseKind::boundary)
+        refuse(of + "kind", "fluid or boundary", std::to_string(int(f.kind)));
     core::sim::Phase p;
     p.kind = core::sim::Kind(f.kind);
     p.density = number((of + "density").c_str(), f.density, 1e-3, 1e6);
@@ -58,32 +61,40 @@ core::sim::Phase packed(const Phase& f, double spacing) {
     p.shown = f.shown.value_or(f.kind == PhaseKind::fluid);
     if (f.kind == PhaseKind::fluid) {
         const auto check = [&](const char* name, double step) {
-            if (step < kLeastStep) refuse(of + name, "a value that allows steps of at least " + text(kLeastStep) + " s", "one that allows " + text(step) + " s");
+            if (step < kLeastStep)
+                refuse(of + name, "a value that allows steps of at least " + text(kLeastStep) + " s",
+                    "one that allows " + text(step) + " s");
         };
         if (f.viscosity > 0 && !f.implicit) check("viscosity", 0.125 * spacing * spacing * f.density / f.viscosity);
         if (f.surface_tension > 0)
-            check("surface_tension", 0.4 * std::sqrt(f.density * spacing * spacing * spacing / (2 * std::numbers::pi * f.surface_tension)));
+            check("surface_tension",
+                0.4 * std::sqrt(f.density * spacing * spacing * spacing / (2 * std::numbers::pi * f.surface_tension)));
     }
     return p;
 }
 
-/// One layer of particles half a spacing outside of a box's faces, x slowest.  Along a periodic axis the layer has no end, and no
-/// face closes it.
+/// One layer of particles half a spacing outside of a box's faces, x slowest.  Along a periodic axis the layer has no
+/// end, and no face closes it.
 std::vector<float> box_walls(const Box& box, double spacing, const std::array<bool, 3>& periodic) {
     std::int64_t n[3], beyond[3];
     double total = 1;
     for (int k = 0; k < 3; ++k) {
         const double cells = std::max(std::rint((box.high[k] - box.low[k]) / spacing - 1e-6), 1.0);
         total *= cells + 2;
-        if (!(cells < 1e7) || !(total < 1e15)) refuse("spacing", "a domain of fewer spacings", text(cells) + " along an axis");
+        if (!(cells < 1e7) || !(total < 1e15))
+            refuse("spacing", "a domain of fewer spacings", text(cells) + " along an axis");
         n[k] = std::int64_t(cells);
         beyond[k] = periodic[k] ? 0 : 1;
     }
     std::vector<float> out;
-    const auto on_face = [&](int k, std::int64_t i) { return !periodic[k] && (i == 0 || i == n[k] + 2 * beyond[k] - 1); };
+    const auto on_face = [&](int k, std::int64_t i) {
+        return !periodic[k] && (i == 0 || i == n[k] + 2 * beyond[k] - 1);
+    };
     const auto put = [&](std::int64_t x, std::int64_t y, std::int64_t z) {
         const std::int64_t i[3] = {x, y, z};
-        for (int k = 0; k < 3; ++k) out.push_back(float(box.low[k] + (double(i[k] - beyond[k]) + 0.5) * ((box.high[k] - box.low[k]) / double(n[k]))));
+        for (int k = 0; k < 3; ++k)
+            out.push_back(
+                float(box.low[k] + (double(i[k] - beyond[k]) + 0.5) * ((box.high[k] - box.low[k]) / double(n[k]))));
     };
     const std::int64_t last = n[2] + 2 * beyond[2] - 1;
     for (std::int64_t x = 0; x < n[0] + 2 * beyond[0]; ++x)
@@ -101,10 +112,12 @@ std::vector<float> box_walls(const Box& box, double spacing, const std::array<bo
 StepReport told(const core::StepReport& r) {
     StepReport out;
     out.time = r.time, out.dt = r.dt, out.step = r.step;
-    out.iterations = r.iterations, out.divergence_iterations = r.divergence_iterations, out.viscosity_iterations = r.viscosity_iterations;
+    out.iterations = r.iterations, out.divergence_iterations = r.divergence_iterations,
+    out.viscosity_iterations = r.viscosity_iterations;
     out.error = r.error, out.divergence_error = r.divergence_error;
     out.most_error = r.most_error, out.most_divergence_error = r.most_divergence_error;
-    out.compression = r.compression, out.high_compression = r.high_compression, out.most_compression = r.most_compression;
+    out.compression = r.compression, out.high_compression = r.high_compression,
+    out.most_compression = r.most_compression;
     out.n_halved = r.n_halved;
     out.n = r.n, out.n_solved = r.n_solved, out.n_escaped = r.n_escaped;
     out.most_speed = r.most_speed;
@@ -127,12 +140,10 @@ struct Simulation::Impl {
     std::size_t n = 0;
 
     core::Gates gates() const { return core::Gates({core.gate().get()}); }
-    template <auto Method, class... A>
-    auto call(const core::Gates& inside, A&&... arguments) const {
+    template <auto Method, class... A> auto call(const core::Gates& inside, A&&... arguments) const {
         return core.call_inside<Method>(inside, std::forward<A>(arguments)...);
     }
-    template <auto Method>
-    auto ask() const {
+    template <auto Method> auto ask() const {
         const core::Gates inside = gates();
         return call<Method>(inside);
     }
@@ -146,7 +157,8 @@ struct Simulation::Impl {
         }
         refuse("phase", "one of " + all, "\"" + phase + "\"");
     }
-    std::uint32_t add(const core::Gates& inside, const float* positions, std::size_t m, const float* velocities, core::float3 velocity, int phase) {
+    std::uint32_t add(const core::Gates& inside, const float* positions, std::size_t m, const float* velocities,
+        core::float3 velocity, int phase) {
         const std::uint32_t first = call<&core::Simulation::add>(inside, m, positions, velocities, velocity, phase);
         n = call<&core::Simulation::size>(inside);
         return first;
@@ -154,7 +166,8 @@ struct Simulation::Impl {
     double next_dt(const core::Gates& inside) const {
         const double dt = call<&core::Simulation::next_dt>(inside), time = call<&core::Simulation::time>(inside);
         if (!(time + dt > time))
-            throw Error(ErrorCode::diverged, "the steps come to " + text(dt) + " s at " + text(time) + " s: expected less gravity, lower speeds, or other materials");
+            throw Error(ErrorCode::diverged, "the steps come to " + text(dt) + " s at " + text(time) +
+                                                 " s: expected less gravity, lower speeds, or other materials");
         return dt;
     }
     StepReport step(const core::Gates& inside, double dt) {
@@ -162,21 +175,21 @@ struct Simulation::Impl {
         n = call<&core::Simulation::size>(inside);
         if (r.lost) {
             const core::float3 p = r.lost->position;
-            throw Error(ErrorCode::diverged, "particle " + std::to_string(r.lost->id) + " (" + phases.at(std::size_t(r.lost->phase)).name + ") at " + text(Vec3{p.x, p.y, p.z}) +
-                                                 " got a velocity that is not a number in step " + std::to_string(r.step) + " at " + text(r.time) + " s");
+            throw Error(ErrorCode::diverged,
+                "particle " + std::to_string(r.lost->id) + " (" + phases.at(std::size_t(r.lost->phase)).name + ") at " +
+                    text(Vec3{p.x, p.y, p.z}) + " got a velocity that is not a number in step " +
+                    std::to_string(r.step) + " at " + text(r.time) + " s");
         }
         return told(r);
     }
 
-    template <class T>
-    std::vector<T> read(const core::Gates& inside, const char* name, std::size_t columns) const {
+    template <class T> std::vector<T> read(const core::Gates& inside, const char* name, std::size_t columns) const {
         std::vector<T> out(n * columns);
         if (n) call<&core::Simulation::read>(inside, std::string(name), static_cast<void*>(out.data()));
         return out;
     }
     /// In id order, the first `wanted` of `columns` numbers.
-    template <class T>
-    std::vector<T> in_order(const char* name, std::size_t columns, std::size_t wanted) const {
+    template <class T> std::vector<T> in_order(const char* name, std::size_t columns, std::size_t wanted) const {
         const core::Gates inside = gates();
         const std::vector<std::uint32_t> ids = read<std::uint32_t>(inside, "id", 1);
         const std::vector<T> all = read<T>(inside, name, columns);
@@ -190,7 +203,8 @@ struct Simulation::Impl {
     }
 };
 
-Simulation::Simulation(const SimulationSettings& settings, const SimulationOptions& o) : impl_(std::make_shared<Impl>()) {
+Simulation::Simulation(const SimulationSettings& settings, const SimulationOptions& o)
+    : impl_(std::make_shared<Impl>()) {
     Impl& s = *impl_;
     s.settings = settings;
     s.phases = o.phases;
@@ -201,23 +215,28 @@ Simulation::Simulation(const SimulationSettings& settings, const SimulationOptio
         walls.kind = PhaseKind::boundary;
         s.phases.push_back(walls);
     }
-    if (s.phases.size() > core::sim::kMaxPhases) refuse("phases", "at most " + std::to_string(core::sim::kMaxPhases) + ", walls included", std::to_string(s.phases.size()));
+    if (s.phases.size() > core::sim::kMaxPhases)
+        refuse("phases", "at most " + std::to_string(core::sim::kMaxPhases) + ", walls included",
+            std::to_string(s.phases.size()));
     for (std::size_t k = 0; k < s.phases.size(); ++k) {
         if (s.phases[k].name.empty()) refuse("phases", "names", "an empty one");
         for (std::size_t j = 0; j < k; ++j)
-            if (s.phases[j].name == s.phases[k].name) refuse("phases", "different names", "\"" + s.phases[k].name + "\" twice");
+            if (s.phases[j].name == s.phases[k].name)
+                refuse("phases", "different names", "\"" + s.phases[k].name + "\" twice");
     }
     const core::SimulationSettings sent = packed(settings);
     std::vector<core::sim::Phase> materials;
     for (const Phase& p : s.phases) materials.push_back(packed(p, settings.spacing));
     const int threads = whole("threads", o.threads, 0, 4096);
-    const std::vector<float> walls = o.walls ? box_walls(settings.domain, settings.spacing, settings.periodic) : std::vector<float>();
+    const std::vector<float> walls =
+        o.walls ? box_walls(settings.domain, settings.spacing, settings.periodic) : std::vector<float>();
     s.chosen = choose(o.device);
     s.scene = core::make_scene(*s.chosen.backend, s.chosen.index, threads, nullptr);
     s.core = core::make_simulation(s.scene);
     const core::Gates inside = s.gates();
     s.call<&core::Simulation::configure>(inside, sent);
-    for (std::size_t k = 0; k < materials.size(); ++k) s.call<&core::Simulation::set_phase>(inside, int(k), materials[k]);
+    for (std::size_t k = 0; k < materials.size(); ++k)
+        s.call<&core::Simulation::set_phase>(inside, int(k), materials[k]);
     if (!walls.empty()) s.add(inside, walls.data(), walls.size() / 3, nullptr, {0, 0, 0}, s.number_of("walls"));
 }
 
@@ -226,7 +245,8 @@ std::uint32_t Simulation::add(const ArrayView& positions, const std::string& pha
     Inputs in(core::kHost);
     std::size_t m;
     const core::FloatArray p = in.rows("positions", positions, 3, m);
-    const core::FloatArray v = velocities.each().given() ? in.floats("velocities", velocities.each(), 3, m) : core::FloatArray{};
+    const core::FloatArray v =
+        velocities.each().given() ? in.floats("velocities", velocities.each(), 3, m) : core::FloatArray{};
     check_range("positions", p, m, 3, -kInfinity, kInfinity);
     check_range("velocities", v, m, 3, -kInfinity, kInfinity);
     const core::float3 one = velocities.one() ? three("velocities", *velocities.one()) : core::float3{0, 0, 0};
@@ -262,7 +282,9 @@ std::optional<StepReport> Simulation::run(double seconds) {
     std::optional<StepReport> report;
     for (;;) {
         const core::Gates inside = impl_->gates();  // for each step: others may look between two
-        if (impl_->stop) throw Error(ErrorCode::cancelled, "run: cancelled at " + text(impl_->call<&core::Simulation::time>(inside)) + " s");
+        if (impl_->stop)
+            throw Error(
+                ErrorCode::cancelled, "run: cancelled at " + text(impl_->call<&core::Simulation::time>(inside)) + " s");
         const double rest = end - impl_->call<&core::Simulation::time>(inside);
         if (!(rest > 1e-9 * std::max(end, 1e-3))) break;
         const double dt = impl_->next_dt(inside);
@@ -280,8 +302,10 @@ void Simulation::configure(const SimulationSettings& settings) {
     const core::SimulationSettings sent = packed(settings);
     const core::Gates inside = impl_->gates();
     const SimulationSettings& old = impl_->settings;
-    if (settings.spacing != old.spacing) refuse("spacing", text(old.spacing) + " as at the start", text(settings.spacing));
-    if (settings.domain.low != old.domain.low || settings.domain.high != old.domain.high) throw Error(ErrorCode::invalid, "domain: expected that of the start, got another");
+    if (settings.spacing != old.spacing)
+        refuse("spacing", text(old.spacing) + " as at the start", text(settings.spacing));
+    if (settings.domain.low != old.domain.low || settings.domain.high != old.domain.high)
+        throw Error(ErrorCode::invalid, "domain: expected that of the start, got another");
     impl_->call<&core::Simulation::configure>(inside, sent);
     impl_->settings = settings;
 }
@@ -290,7 +314,8 @@ void Simulation::set_phase(const Phase& phase) {
     const core::Gates inside = impl_->gates();
     const int which = impl_->number_of(phase.name);
     Phase& old = impl_->phases[std::size_t(which)];
-    if (phase.kind != old.kind) throw Error(ErrorCode::invalid, "phases[\"" + phase.name + "\"].kind: expected that of the start, got another");
+    if (phase.kind != old.kind)
+        throw Error(ErrorCode::invalid, "phases[\"" + phase.name + "\"].kind: expected that of the start, got another");
     impl_->call<&core::Simulation::set_phase>(inside, which, packed(phase, impl_->settings.spacing));
     old = phase;
 }
@@ -305,11 +330,21 @@ double Simulation::next_dt() const {
 }
 const std::string& Simulation::device() const { return Inside::of(*this, "simulation").chosen.device.name; }
 
-std::vector<std::uint32_t> Simulation::ids() const { return Inside::of(*this, "simulation").in_order<std::uint32_t>("id", 1, 1); }
-std::vector<float> Simulation::positions() const { return Inside::of(*this, "simulation").in_order<float>("place", 4, 3); }
-std::vector<float> Simulation::velocities() const { return Inside::of(*this, "simulation").in_order<float>("velocity", 4, 3); }
-std::vector<float> Simulation::pressure() const { return Inside::of(*this, "simulation").in_order<float>("pressure", 1, 1); }
-std::vector<std::uint8_t> Simulation::phase() const { return Inside::of(*this, "simulation").in_order<std::uint8_t>("phase", 1, 1); }
+std::vector<std::uint32_t> Simulation::ids() const {
+    return Inside::of(*this, "simulation").in_order<std::uint32_t>("id", 1, 1);
+}
+std::vector<float> Simulation::positions() const {
+    return Inside::of(*this, "simulation").in_order<float>("place", 4, 3);
+}
+std::vector<float> Simulation::velocities() const {
+    return Inside::of(*this, "simulation").in_order<float>("velocity", 4, 3);
+}
+std::vector<float> Simulation::pressure() const {
+    return Inside::of(*this, "simulation").in_order<float>("pressure", 1, 1);
+}
+std::vector<std::uint8_t> Simulation::phase() const {
+    return Inside::of(*this, "simulation").in_order<std::uint8_t>("phase", 1, 1);
+}
 
 Scene Simulation::scene() const {
     const Impl& s = Inside::of(*this, "simulation");
@@ -318,7 +353,8 @@ Scene Simulation::scene() const {
     scene->chosen = s.chosen;
     scene->kernel = core::KernelName::murakami;
     // What is shown of a fluid has a smooth surface; here is no tissue.
-    scene->smooth = std::ranges::any_of(s.phases, [](const Phase& p) { return p.kind == PhaseKind::fluid && p.shown.value_or(true); });
+    scene->smooth = std::ranges::any_of(
+        s.phases, [](const Phase& p) { return p.kind == PhaseKind::fluid && p.shown.value_or(true); });
     const core::Gates inside = s.gates();
     s.call<&core::Simulation::draw>(inside, scene->smooth ? core::sim::Drawn::smooth : core::sim::Drawn::balls);
     scene->threshold = scene->smooth ? double(core::surface::kThreshold) : defaults_of(scene->kernel).threshold;

@@ -1,12 +1,13 @@
-// Few particles are mostly surface, and in a plane or a line a ball of neighbours is mostly empty: there the spacing comes from
-// the Delaunay tessellation. Simplices whose empty balls are larger than some spacings are left out (an alpha complex, Edelsbrunner
-// and Muecke 1994), so that what lies apart stays apart. Inside of it a particle has the volume that it shares with others: sum of
-// volumes / sum of the corners' parts of a full angle. Rows and layers, which have no volume, follow from the complex's intrinsic
-// volumes: N = V3 / s^3 + V2 / s^2 + V1 / s + V0 for a lattice of spacing s (docs/design/surface.md).
+// Few particles are mostly surface, and in a plane or a line a ball of neighbors is mostly empty: there the spacing
+// comes from the Delaunay tessellation. Simplices whose empty balls are larger than some spacings are left out (an
+// alpha complex, Edelsbrunner and Muecke 1994), so that what lies apart stays apart. Inside of it a particle has the
+// volume that it shares with others: sum of volumes / sum of the corners' parts of a full angle. Rows and layers, which
+// have no volume, follow from the complex's intrinsic volumes: N = V3 / s^3 + V2 / s^2 + V1 / s + V0 for a lattice of
+// spacing s (docs/design/surface.md).
 //
-// Each particle's simplices are found by themselves, from its Voronoi cell: faces, edges and corners of the cell are edges,
-// triangles and tetrahedra at the particle, and their distance from it is the radius of the simplex's smallest empty ball. Each
-// simplex is divided among its corners, so that some of many particles stand for all.
+// Each particle's simplices are found by themselves, from its Voronoi cell: faces, edges and corners of the cell are
+// edges, triangles and tetrahedra at the particle, and their distance from it is the radius of the simplex's smallest
+// empty ball. Each simplex is divided among its corners, so that some of many particles stand for all.
 #include "api/spacing.hpp"
 
 #include <algorithm>
@@ -24,14 +25,18 @@ namespace {
 
 using Vec = Vec3<double>;
 
-constexpr double kFarthest = 1e18;                     ///< coordinates of an octree
-constexpr double kThin = 1e-6, kFarThin = 1e-3;        ///< extent across a plane or line over that along it; most that rounding may make of it
-constexpr double kRounding = 4.0 / (1 << 24);          ///< of coordinates
-constexpr double kLargest[] = {0, 3.0, 2.0, 1.5};      ///< radius of a simplex's ball, spacings, by the dimension
-constexpr double kJitter = 1e-5;                       ///< spacings, against points of lattices, whose tessellation is not unique
-constexpr double kBody = 0.12, kClearlyBody = 0.4;     ///< least share of the particles' volume between them; eight corners of a cube: 1/8
-constexpr double kAlike = 0.12;                        ///< how far the two ways may differ
-constexpr double kMostOverNeighbours = 1.3;            ///< of the spacing by volume; a close packing has 1.28
+constexpr double kFarthest = 1e18;  ///< coordinates of an octree
+constexpr double kThin = 1e-6,
+                 kFarThin =
+                     1e-3;  ///< extent across a plane or line over that along it; most that rounding may make of it
+constexpr double kRounding = 4.0 / (1 << 24);      ///< of coordinates
+constexpr double kLargest[] = {0, 3.0, 2.0, 1.5};  ///< radius of a simplex's ball, spacings, by the dimension
+constexpr double kJitter = 1e-5;  ///< spacings, against points of lattices, whose tessellation is not unique
+constexpr double kBody = 0.12,
+                 kClearlyBody =
+                     0.4;        ///< least share of the particles' volume between them; eight corners of a cube: 1/8
+constexpr double kAlike = 0.12;  ///< how far the two ways may differ
+constexpr double kMostOverNeighbors = 1.3;  ///< of the spacing by volume; a close packing has 1.28
 constexpr double kTurn = 2 * std::numbers::pi;
 
 std::uint64_t hashed(std::uint64_t x) {  // splitmix64
@@ -41,16 +46,14 @@ std::uint64_t hashed(std::uint64_t x) {  // splitmix64
     return x ^ (x >> 31);
 }
 
-/// What the simplices of one ball's size add to V0 to V3 of the complex, as far as one of their corners answers for them, and to
-/// the sum of angles of those of the highest dimension, parts of a full angle.
-struct Part {
-    double radius, volume[4], angle;
-};
+/// What the simplices of one ball's size add to V0 to V3 of the complex, as far as one of their corners answers for
+/// them, and to the sum of angles of those of the highest dimension, parts of a full angle.
+struct Part { double radius, volume[4], angle; };
 
 /// The cell of the point at 0: all that is nearer to it than to the others.
 class Cell {
 public:
-    /// A cube of half an edge, which neighbours cut.
+    /// A cube of half an edge, which neighbors cut.
     explicit Cell(double half) {
         for (int k = 0; k < 6; ++k) {
             const double at = k % 2 ? 2 * half : -2 * half;
@@ -60,11 +63,12 @@ public:
             for (int y = 2; y < 4; ++y)
                 for (int z = 4; z < 6; ++z) (x + y + z) % 2 ? add(x, y, z) : add(y, x, z);
     }
-    /// Cuts off what is nearer to another point. As of the Delaunay tessellation by Bowyer and Watson: corners that go leave a
-    /// ring of edges, each of which is a corner with the new plane.
+    /// Cuts off what is nearer to another point. As of the Delaunay tessellation by Bowyer and Watson: corners that go
+    /// leave a ring of edges, each of which is a corner with the new plane.
     void cut(const Vec& other) {
         const double far = 0.5 * dot(other, other);
-        const auto gone = std::stable_partition(corners_.begin(), corners_.end(), [&](const Corner& c) { return dot(c.at, other) <= far; });
+        const auto gone = std::stable_partition(
+            corners_.begin(), corners_.end(), [&](const Corner& c) { return dot(c.at, other) <= far; });
         if (gone == corners_.end()) return;
         sides_.clear();
         for (auto c = gone; c != corners_.end(); ++c)
@@ -106,7 +110,8 @@ public:
             if (nearest[a] == std::numeric_limits<double>::infinity()) continue;  // later ones cut its face off
             const Vec middle = others_[a] * 0.5;
             const double half = length(middle);
-            const bool inside = std::all_of(others_.begin(), others_.end(), [&](const Vec& q) { return dot(middle, q) <= (0.5 + 1e-12) * dot(q, q); });
+            const bool inside = std::all_of(others_.begin(), others_.end(),
+                [&](const Vec& q) { return dot(middle, q) <= (0.5 + 1e-12) * dot(q, q); });
             out.push_back({inside ? half : nearest[a], {-0.5, half, 0, 0}, dimension == 1 ? 0.5 : 0});
         }
         out.push_back({0, {1, 0, 0, 0}, 0});
@@ -144,7 +149,8 @@ private:
             const double dihedral = std::atan2(length(cross(one, other)), dot(one, other));
             turns += l[k] * (0.5 - dihedral / kTurn);
         }
-        const double solid = 2 * std::atan2(six, l[0] * l[1] * l[2] + dot(p[0], p[1]) * l[2] + dot(p[1], p[2]) * l[0] + dot(p[2], p[0]) * l[1]);
+        const double solid = 2 * std::atan2(six, l[0] * l[1] * l[2] + dot(p[0], p[1]) * l[2] + dot(p[1], p[2]) * l[0] +
+                                                     dot(p[2], p[0]) * l[1]);
         return {length(c.at), {-0.25, 0.5 * turns, -faces / 6, six / 24}, dimension == 3 ? solid / (2 * kTurn) : 0};
     }
 
@@ -228,10 +234,13 @@ double nearest_distance(const std::vector<Vec>& points, const std::vector<std::s
 /// Spacing of points, each once, ascending by x; y and z are 0 where the dimension is less.
 double tessellated_spacing(std::vector<Vec> points, int dimension) {
     std::vector<std::size_t> picked;
-    for (std::size_t i = 0; i < std::min(points.size(), kFewParticles); ++i) picked.push_back(points.size() <= kFewParticles ? i : hashed(i) % points.size());
+    for (std::size_t i = 0; i < std::min(points.size(), kFewParticles); ++i)
+        picked.push_back(points.size() <= kFewParticles ? i : hashed(i) % points.size());
     const double unit = nearest_distance(points, picked);
     for (std::size_t i = 0; i < points.size(); ++i) {
-        const auto off = [&](int k) { return k < dimension ? kJitter * (double(hashed(3 * i + k) >> 11) / double(1ull << 52) - 1) : 0; };
+        const auto off = [&](int k) {
+            return k < dimension ? kJitter * (double(hashed(3 * i + k) >> 11) / double(1ull << 52) - 1) : 0;
+        };
         points[i] = points[i] * (1 / unit) + Vec{off(0), off(1), off(2)};
     }
     const double extent = points.back().x - points.front().x;
@@ -272,7 +281,8 @@ std::vector<Vec> axes_of(const float* positions, std::size_t n) {
         all.clear();
         for (std::size_t i = 0; i < n; i += stride) {
             const float* p = positions + 3 * i;
-            if (abs(p[0]) <= kFarthest && abs(p[1]) <= kFarthest && abs(p[2]) <= kFarthest) all.push_back({p[0], p[1], p[2]});
+            if (abs(p[0]) <= kFarthest && abs(p[1]) <= kFarthest && abs(p[2]) <= kFarthest)
+                all.push_back({p[0], p[1], p[2]});
         }
     };
     chosen(std::max<std::size_t>(1, n / kFewParticles));
@@ -288,13 +298,15 @@ std::vector<Vec> axes_of(const float* positions, std::size_t n) {
     Sym3<double> spread{};
     for (const Vec& p : all) {
         const Vec d = (p - middle) * (size > 0 ? 1 / size : 1);
-        spread = {spread.xx + d.x * d.x, spread.yy + d.y * d.y, spread.zz + d.z * d.z, spread.xy + d.x * d.y, spread.xz + d.x * d.z, spread.yz + d.y * d.z};
+        spread = {spread.xx + d.x * d.x, spread.yy + d.y * d.y, spread.zz + d.z * d.z, spread.xy + d.x * d.y,
+            spread.xz + d.x * d.z, spread.yz + d.y * d.z};
     }
     const Eigen3<double> e = eigen(spread);
     std::array<int, 3> order{0, 1, 2};
     std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return e.value[a] > e.value[b]; });
     std::vector<Vec> axes;
-    for (const std::size_t stride : {std::max<std::size_t>(1, n / kFewParticles), std::size_t(1)}) {  // some tell mostly
+    for (const std::size_t stride :
+        {std::max<std::size_t>(1, n / kFewParticles), std::size_t(1)}) {  // some tell mostly
         chosen(stride);
         double extent = 0, across[3];
         for (int k = 0; k < 3; ++k) {
@@ -312,7 +324,8 @@ std::vector<Vec> axes_of(const float* positions, std::size_t n) {
         }
         axes.clear();
         for (int k = 0; k < 3; ++k)
-            if (across[k] > std::max(kThin * extent, std::min(kRounding * scale, kFarThin * extent))) axes.push_back(e.axis[order[k]]);
+            if (across[k] > std::max(kThin * extent, std::min(kRounding * scale, kFarThin * extent)))
+                axes.push_back(e.axis[order[k]]);
         if (axes.size() == 3) break;
     }
     return axes;
@@ -328,7 +341,8 @@ double few_or_flat_spacing(const float* positions, std::size_t n) {
         if (!(abs(p[0]) <= kFarthest && abs(p[1]) <= kFarthest && abs(p[2]) <= kFarthest)) continue;
         if (points.empty()) first = {p[0], p[1], p[2]};
         const Vec d = Vec{p[0], p[1], p[2]} - first;
-        points.push_back({dot(d, axes[0]), axes.size() > 1 ? dot(d, axes[1]) : 0, axes.size() > 2 ? dot(d, axes[2]) : 0});
+        points.push_back(
+            {dot(d, axes[0]), axes.size() > 1 ? dot(d, axes[1]) : 0, axes.size() > 2 ? dot(d, axes[2]) : 0});
     }
     std::sort(points.begin(), points.end(), less);
     points.erase(std::unique(points.begin(), points.end(), same), points.end());
@@ -336,16 +350,19 @@ double few_or_flat_spacing(const float* positions, std::size_t n) {
     return tessellated_spacing(std::move(points), int(axes.size()));
 }
 
-double measured_spacing(const Handle<Scene>& scene, const Gates& inside, const float* positions, std::size_t n, bool smooth) {
+double measured_spacing(
+    const Handle<Scene>& scene, const Gates& inside, const float* positions, std::size_t n, bool smooth) {
     if (positions) {
         const double found = few_or_flat_spacing(positions, n);
-        if (found > 0 && found < 1 / kFarthest) return std::numeric_limits<double>::infinity();  // as by float32, which cannot square it
+        if (found > 0 && found < 1 / kFarthest)
+            return std::numeric_limits<double>::infinity();  // as by float32, which cannot square it
         if (found > 0 || n < kFewParticles) return found;
     }
-    const double neighbours = scene.call_inside<&Scene::spacing>(inside);
-    if (!smooth) return neighbours;
-    const double volume = scene.call_inside<&Scene::fluid_spacing>(inside);  // in bodies of few layers that is far more than neighbours say
-    return volume <= kMostOverNeighbours * neighbours ? volume : neighbours;
+    const double neighbors = scene.call_inside<&Scene::spacing>(inside);
+    if (!smooth) return neighbors;
+    const double volume = scene.call_inside<&Scene::fluid_spacing>(
+        inside);  // in bodies of few layers that is far more than neighbors say
+    return volume <= kMostOverNeighbors * neighbors ? volume : neighbors;
 }
 
 }  // namespace globule::core

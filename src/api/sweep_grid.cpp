@@ -27,7 +27,8 @@ std::vector<FixedPose> VoxelGrid::poses(const Poses& world_from_image) const {
             for (int k = 0; k < 3; ++k) {
                 const double m = world_from_image[f][4 * k + (part == 0 ? 3 : part - 1)];
                 const double v = part == 0 ? (m - low[k]) / spacing : m / spacing;
-                if (!(std::abs(v) < 268435456.0)) throw Error(ErrorCode::invalid, "sweep: a pose lies too far from the volume for this spacing");
+                if (!(std::abs(v) < 268435456.0))
+                    throw Error(ErrorCode::invalid, "sweep: a pose lies too far from the volume for this spacing");
                 out[f][3 * part + k] = std::int64_t(std::rint(v * 4294967296.0));
             }
     return out;
@@ -58,8 +59,10 @@ Box bounds(const Poses& world_from_image, const FrameShape& s) {
 }
 
 VoxelGrid make_grid(Box box, std::optional<double> spacing, std::optional<int> size, const std::optional<Box>& region,
-                    const Vec3& anchor) {
-    if (spacing.has_value() == size.has_value()) throw Error(ErrorCode::invalid, std::string("spacing, size: expected one of them, got ") + (size ? "both" : "neither"));
+    const Vec3& anchor) {
+    if (spacing.has_value() == size.has_value())
+        throw Error(
+            ErrorCode::invalid, std::string("spacing, size: expected one of them, got ") + (size ? "both" : "neither"));
     if (region) {
         box = *region;
         for (int k = 0; k < 3; ++k)
@@ -70,7 +73,8 @@ VoxelGrid make_grid(Box box, std::optional<double> spacing, std::optional<int> s
     double edge, n[3];
     Vec3 corner;
     if (size) {
-        const double wanted = whole("size", *size, 1, int(kMaxAxis)), slack = region ? 1.0 : 1 + 1e-6;  // so that the last pixels lie inside
+        const double wanted = whole("size", *size, 1, int(kMaxAxis)),
+                     slack = region ? 1.0 : 1 + 1e-6;  // so that the last pixels lie inside
         edge = std::max({extent[0] * slack / wanted, extent[1] * slack / wanted, extent[2] * slack / wanted});
         if (!(edge > 0)) throw Error(ErrorCode::invalid, "size: all pixels lie at one place, give a spacing");
         for (int k = 0; k < 3; ++k) {
@@ -81,21 +85,26 @@ VoxelGrid make_grid(Box box, std::optional<double> spacing, std::optional<int> s
         edge = positive("spacing", *spacing);
         for (int k = 0; k < 3; ++k) {
             const double face = anchor[k] - 0.5 * edge;
-            const auto first = [&](double p) { return region ? std::ceil((p - anchor[k]) / edge - 1e-6) : std::floor((p - face) / edge + 1e-9); };
-            n[k] = region ? std::max(first(box.high[k]) - first(box.low[k]), 1.0) : first(box.high[k]) - first(box.low[k]) + 1;
+            const auto first = [&](double p) {
+                return region ? std::ceil((p - anchor[k]) / edge - 1e-6) : std::floor((p - face) / edge + 1e-9);
+            };
+            n[k] = region ? std::max(first(box.high[k]) - first(box.low[k]), 1.0)
+                          : first(box.high[k]) - first(box.low[k]) + 1;
             corner[k] = face + first(box.low[k]) * edge;
         }
     }
     VoxelGrid grid{corner, edge, {}};
     for (int k = 0; k < 3; ++k) {
-        if (!(n[k] <= double(kMaxAxis))) refuse("spacing", "at most " + std::to_string(kMaxAxis) + " voxels along an axis", text(n[k]));
+        if (!(n[k] <= double(kMaxAxis)))
+            refuse("spacing", "at most " + std::to_string(kMaxAxis) + " voxels along an axis", text(n[k]));
         grid.size[k] = std::int64_t(n[k]);
     }
     return grid;
 }
 
 bool crowded(const std::vector<FixedPose>& poses, const FrameShape& s) {
-    // A plane meets a voxel in a disc of diameter sqrt 3 at most; rows and columns fit into that as their distances allow.
+    // A plane meets a voxel in a disc of diameter sqrt 3 at most; rows and columns fit into that as their distances
+    // allow.
     const double whole = double(s.height) * s.width;
     double sum = 0;
     for (const FixedPose& p : poses) {
@@ -111,7 +120,8 @@ bool crowded(const std::vector<FixedPose>& poses, const FrameShape& s) {
 namespace {
 
 /// Memory that a reconstruction takes besides the frames, at most, bytes; voxels so many times larger.
-double estimate(const VoxelGrid& grid, const std::vector<FixedPose>& poses, double times, const FrameShape& s, std::size_t item, ReconstructionMethod method) {
+double estimate(const VoxelGrid& grid, const std::vector<FixedPose>& poses, double times, const FrameShape& s,
+    std::size_t item, ReconstructionMethod method) {
     using enum ReconstructionMethod;
     const double n = grid.n_voxels(), pixels = double(poses.size()) * s.height * s.width;
     double blocks = 1;
@@ -124,7 +134,8 @@ double estimate(const VoxelGrid& grid, const std::vector<FixedPose>& poses, doub
     double touched = 0;
     for (const FixedPose& p : poses) {
         double step[2] = {};
-        for (int k = 0; k < 6; ++k) step[k / 3] = std::max(step[k / 3], std::abs(double(p[3 + k])) / times / 17179869184.0);
+        for (int k = 0; k < 6; ++k)
+            step[k / 3] = std::max(step[k / 3], std::abs(double(p[3 + k])) / times / 17179869184.0);
         touched += 3 * (step[0] * s.width + 2) * (step[1] * s.height + 2);
     }
     return dense + points + std::min({blocks, touched, pixels}) * 64 * double(16 + item + 8);
@@ -132,9 +143,11 @@ double estimate(const VoxelGrid& grid, const std::vector<FixedPose>& poses, doub
 
 }  // namespace
 
-void check_memory(const VoxelGrid& grid, const std::vector<FixedPose>& poses, const FrameShape& shape, std::size_t item, ReconstructionMethod method,
-                  std::uint64_t available) {
-    const auto needed = [&](double times) { return estimate(times == 1 ? grid : grid.coarser(times), poses, times, shape, item, method); };
+void check_memory(const VoxelGrid& grid, const std::vector<FixedPose>& poses, const FrameShape& shape, std::size_t item,
+    ReconstructionMethod method, std::uint64_t available) {
+    const auto needed = [&](double times) {
+        return estimate(times == 1 ? grid : grid.coarser(times), poses, times, shape, item, method);
+    };
     const double least = needed(1), there = double(available);
     if (!available || least <= there) return;
     constexpr double kMostTimes = 1e5;
@@ -142,9 +155,11 @@ void check_memory(const VoxelGrid& grid, const std::vector<FixedPose>& poses, co
     while (needed(times) > 0.95 * there && times < kMostTimes) times *= 1.05;
     std::string size;
     for (const std::int64_t k : grid.size) size += (size.empty() ? "" : " x ") + std::to_string(k);
-    throw Error(ErrorCode::memory, "spacing: " + size + " voxels at " + text(grid.spacing) + " mm need up to " + text(least / 1073741824.0) + " GiB, " +
-                                       text(there / 1073741824.0) + " GiB are free; " +
-                                       (times >= kMostTimes ? std::string("no spacing would fit, take fewer frames") : text(grid.spacing * times * 1.005) + " mm would fit"));
+    throw Error(ErrorCode::memory, "spacing: " + size + " voxels at " + text(grid.spacing) + " mm need up to " +
+                                       text(least / 1073741824.0) + " GiB, " + text(there / 1073741824.0) +
+                                       " GiB are free; " +
+                                       (times >= kMostTimes ? std::string("no spacing would fit, take fewer frames")
+                                                            : text(grid.spacing * times * 1.005) + " mm would fit"));
 }
 
 std::uint64_t free_host_bytes() {

@@ -13,30 +13,37 @@ namespace globule {
 namespace {
 
 constexpr int kMaxKernel = 253, kLargestTable = 31;  ///< radius up to which hole weights come from a table
-constexpr int kBlock = 4, kTile = 16;                ///< voxels; blocks of x: the grid grows by whole blocks, along x by whole tiles
+constexpr int kBlock = 4, kTile = 16;  ///< voxels; blocks of x: the grid grows by whole blocks, along x by whole tiles
 
 core::ScalarType scalar(const char* name, DType type) {
     switch (type) {
-        case DType::uint8: return core::ScalarType::u8;
-        case DType::uint16: return core::ScalarType::u16;
-        case DType::float32: return core::ScalarType::f32;
-        default: refuse(name, "uint8, uint16 or float32", name_of(type));
+        case DType::uint8:
+            return core::ScalarType::u8;
+        case DType::uint16:
+            return core::ScalarType::u16;
+        case DType::float32:
+            return core::ScalarType::f32;
+        default:
+            refuse(name, "uint8, uint16 or float32", name_of(type));
     }
 }
 
 /// Largest radius of a hole's kernel, voxels.
 int reach_of(int max_kernel, const std::optional<double>& max_distance, double spacing) {
     int reach = (max_kernel - 1) / 2;
-    if (max_distance) reach = std::min(reach, int(std::min(std::floor(*max_distance / spacing + 1e-9), double(kMaxKernel))));
+    if (max_distance)
+        reach = std::min(reach, int(std::min(std::floor(*max_distance / spacing + 1e-9), double(kMaxKernel))));
     return reach;
 }
 void check_filling(int max_kernel, const std::optional<double>& max_distance) {
     if (max_kernel < 1 || max_kernel > kMaxKernel || max_kernel % 2 == 0)
-        refuse("max_kernel", "an odd number of 1 to " + std::to_string(kMaxKernel) + " voxels", std::to_string(max_kernel));
+        refuse("max_kernel", "an odd number of 1 to " + std::to_string(kMaxKernel) + " voxels",
+            std::to_string(max_kernel));
     if (max_distance && !(*max_distance >= 0)) refuse("max_distance", "0 mm or more", text(*max_distance));
 }
 void check_compounding(Compounding c) {
-    if (int(c) < 0 || int(c) > int(Compounding::median)) refuse("compounding", "one of the five", std::to_string(int(c)));
+    if (int(c) < 0 || int(c) > int(Compounding::median))
+        refuse("compounding", "one of the five", std::to_string(int(c)));
 }
 
 /// exp(-d2 / sigma2) as integers of 24 bits: [sigma2][d2], both up to 3 reach^2, voxels^2; empty where too large.
@@ -45,7 +52,9 @@ std::vector<std::uint32_t> hole_weights(int reach) {
     const int n = 3 * reach * reach + 1;
     std::vector<std::uint32_t> table(std::size_t(n) * n);
     for (int s = 0; s < n; ++s)
-        for (int d = 0; d < n; ++d) table[std::size_t(s) * n + d] = std::uint32_t(std::rint(std::exp(-double(d) / std::max(double(s), 1.0)) * 16777216.0));
+        for (int d = 0; d < n; ++d)
+            table[std::size_t(s) * n + d] =
+                std::uint32_t(std::rint(std::exp(-double(d) / std::max(double(s), 1.0)) * 16777216.0));
     return table;
 }
 
@@ -75,9 +84,12 @@ bool finite(const Matrix4& m) {
 void check_pose(const Matrix4& m, std::size_t i) {
     const std::string frame = " (frame " + std::to_string(i) + ")";
     if (!finite(m)) refuse("world_from_image", "finite numbers up to 1e9 mm", "another" + frame);
-    if (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1) refuse("world_from_image", "last row 0 0 0 1", text(m[12]) + " " + text(m[13]) + " " + text(m[14]) + " " + text(m[15]) + frame);
+    if (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1)
+        refuse("world_from_image", "last row 0 0 0 1",
+            text(m[12]) + " " + text(m[13]) + " " + text(m[14]) + " " + text(m[15]) + frame);
     const Vec3 x{m[0], m[4], m[8]}, y{m[1], m[5], m[9]};
-    if (!(norm(cross(x, y)) > 1e-9 * (dot(x, x) + dot(y, y)))) refuse("world_from_image", "columns 0 and 1 that span a plane", "a singular matrix" + frame);
+    if (!(norm(cross(x, y)) > 1e-9 * (dot(x, x) + dot(y, y))))
+        refuse("world_from_image", "columns 0 and 1 that span a plane", "a singular matrix" + frame);
 }
 
 /// Frames in host memory or on the reconstructor's device; floats on the host, where they are looked at.
@@ -92,9 +104,11 @@ struct Frames {
 
     Frames(const ArrayView& view, int device) : here(device) {
         const Shape& s = view.shape();
-        if ((s.rank() != 3 && s.rank() != 2) || s.size() == 0) refuse("frames", "shape (F, H, W), none of them 0", text(s));
+        if ((s.rank() != 3 && s.rank() != 2) || s.size() == 0)
+            refuse("frames", "shape (F, H, W), none of them 0", text(s));
         if (!view.data()) refuse("frames", "an address", "null");
-        if (s.size() >= std::size_t(1) << 32) refuse("frames", "fewer than 2^32 pixels in all", std::to_string(s.size()));
+        if (s.size() >= std::size_t(1) << 32)
+            refuse("frames", "fewer than 2^32 pixels in all", std::to_string(s.size()));
         const int first = s.rank() - 2;
         if (s[0] > 0x7fffffff || s[1] > 0x7fffffff) refuse("frames", "fewer than 2^31 along an axis", text(s));
         n = first ? int(s[0]) : 1;
@@ -117,7 +131,8 @@ struct Frames {
         const core::AnyArray all = host.bytes("frames", view);
         const std::size_t bytes = item * height * width;
         picked.resize(which.size() * bytes);
-        for (std::size_t k = 0; k < which.size(); ++k) std::memcpy(&picked[k * bytes], static_cast<const char*>(all.data) + which[k] * bytes, bytes);
+        for (std::size_t k = 0; k < which.size(); ++k)
+            std::memcpy(&picked[k * bytes], static_cast<const char*>(all.data) + which[k] * bytes, bytes);
         at = {picked.data(), core::kHost, 0};
         n = int(which.size());
     }
@@ -128,9 +143,11 @@ class Grid {
 public:
     Grid(const core::Handle<core::Reconstructor>& core, core::ScalarType type, const core::Gates& inside)
         : inside_(inside),
-          handle_(core.backend(), std::shared_ptr<core::SweepGrid>(core.object(), core.call_inside<&core::Reconstructor::grid>(inside, type)), nullptr) {}
-    template <auto Method, class... A>
-    auto call(A&&... arguments) const {
+          handle_(core.backend(),
+              std::shared_ptr<core::SweepGrid>(
+                  core.object(), core.call_inside<&core::Reconstructor::grid>(inside, type)),
+              nullptr) {}
+    template <auto Method, class... A> auto call(A&&... arguments) const {
         return handle_.call_inside<Method>(inside_, std::forward<A>(arguments)...);
     }
 
@@ -150,13 +167,15 @@ Volume made(const VoxelGrid& grid, DType dtype) {
     v.radius.resize(n);
     return v;
 }
-core::GridRequest request_of(core::ScalarType type, Compounding compounding, bool wide, double scale, const VoxelGrid& grid) {
+core::GridRequest request_of(
+    core::ScalarType type, Compounding compounding, bool wide, double scale, const VoxelGrid& grid) {
     return {type, int(compounding), wide, scale, {int(grid.size[0]), int(grid.size[1]), int(grid.size[2])}};
 }
 
 std::vector<std::uint8_t> mask_of(const ArrayView& mask, int height, int width) {
     if (!mask.given()) return {};
-    if (mask.where().device != Location::host || mask.dtype() != DType::uint8) refuse("mask", "uint8 in host memory", "another array");
+    if (mask.where().device != Location::host || mask.dtype() != DType::uint8)
+        refuse("mask", "uint8 in host memory", "another array");
     if (!(mask.shape() == Shape(height, width)) && !(mask.shape() == Shape(std::size_t(height) * width)))
         refuse("mask", "shape " + text(Shape(height, width)) + " as the frames", text(mask.shape()));
     const auto* p = static_cast<const std::uint8_t*>(mask.data());
@@ -169,7 +188,8 @@ std::vector<std::uint8_t> mask_of(const ArrayView& mask, int height, int width) 
 
 std::vector<std::uint8_t> Volume::filled() const {
     std::vector<std::uint8_t> out(radius.size());
-    for (std::size_t i = 0; i < out.size(); ++i) out[i] = radius[i] == empty_radius ? 0 : radius[i] == 0 ? 1 : radius[i] < 128 ? 2 : 3;
+    for (std::size_t i = 0; i < out.size(); ++i)
+        out[i] = radius[i] == empty_radius ? 0 : radius[i] == 0 ? 1 : radius[i] < 128 ? 2 : 3;
     return out;
 }
 
@@ -177,19 +197,23 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     using enum ReconstructionMethod;
     if (int(o.method) < 0 || o.method > along_path) refuse("method", "one of the six", std::to_string(int(o.method)));
     check_compounding(o.compounding);
-    if (o.method != pvn_om && o.compounding != Compounding::mean) refuse("compounding", "mean for this method", "another");
+    if (o.method != pvn_om && o.compounding != Compounding::mean)
+        refuse("compounding", "mean for this method", "another");
     check_filling(o.max_kernel, o.max_distance);
     const int threads = whole("threads", o.threads, 0, 4096);
     const Chosen chosen = choose(o.device);
-    const core::Handle<core::Reconstructor> core = core::make_reconstructor(*chosen.backend, chosen.index, threads, nullptr);
+    const core::Handle<core::Reconstructor> core =
+        core::make_reconstructor(*chosen.backend, chosen.index, threads, nullptr);
 
     if (sweep.frames.shape().rank() != 3) refuse("frames", "shape (F, H, W)", text(sweep.frames.shape()));
     Frames frames(sweep.frames, core.device());
     const Poses all = poses_of(sweep.world_from_image, std::size_t(frames.n));
     const std::uint8_t* valid = nullptr;
     if (sweep.valid.given()) {
-        if (sweep.valid.where().device != Location::host || sweep.valid.dtype() != DType::uint8 || !(sweep.valid.shape() == Shape(frames.n)))
-            refuse("valid", text(Shape(frames.n)) + " uint8 in host memory", text(sweep.valid.shape()) + " " + name_of(sweep.valid.dtype()));
+        if (sweep.valid.where().device != Location::host || sweep.valid.dtype() != DType::uint8 ||
+            !(sweep.valid.shape() == Shape(frames.n)))
+            refuse("valid", text(Shape(frames.n)) + " uint8 in host memory",
+                text(sweep.valid.shape()) + " " + name_of(sweep.valid.dtype()));
         valid = static_cast<const std::uint8_t*>(sweep.valid.data());
     }
     std::vector<std::size_t> which;
@@ -209,7 +233,8 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     const Vec3 top = grid.top();
     for (int k = 0; k < 3; ++k)
         if (grid.low[k] > box.high[k] || top[k] < box.low[k])
-            refuse("region", "a box that meets the frames', " + text(box.low) + " to " + text(box.high) + " mm", text(grid.low) + " to " + text(top));
+            refuse("region", "a box that meets the frames', " + text(box.low) + " to " + text(box.high) + " mm",
+                text(grid.low) + " to " + text(top));
     const std::vector<FixedPose> poses = grid.poses(poses_mm);
     const std::uint64_t on_device = core.call<&core::Reconstructor::free_bytes>();
     check_memory(grid, poses, shape, frames.item, o.method, on_device ? on_device : free_host_bytes());
@@ -227,13 +252,15 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     if (o.method == bezier) g.call<&core::SweepGrid::bezier>(view);
     else if (o.method == pvn_om && o.compounding == Compounding::median) g.call<&core::SweepGrid::median>(view);
     else if (o.method == pvn_om || o.method == along_path) g.call<&core::SweepGrid::add>(view, 1);
-    const core::FillMethod fill = o.method == vvn_om ? core::FillMethod::points
-                                  : o.method == pvn  ? core::FillMethod::plain_bins
-                                  : o.method == vvn  ? core::FillMethod::plain_points
+    const core::FillMethod fill = o.method == vvn_om       ? core::FillMethod::points
+                                  : o.method == pvn        ? core::FillMethod::plain_bins
+                                  : o.method == vvn        ? core::FillMethod::plain_points
                                   : o.method == along_path ? core::FillMethod::frames
-                                                     : core::FillMethod::bins;
-    g.call<&core::SweepGrid::fill>(fill, view, core::FillRequest{reach, weights.empty() ? nullptr : weights.data(), 0, volume.bytes.data(), volume.radius.data(), o.extrapolate,
-                                                                                 o.method == along_path && o.max_distance ? 2 * *o.max_distance / grid.spacing : -1});
+                                                           : core::FillMethod::bins;
+    g.call<&core::SweepGrid::fill>(fill, view,
+        core::FillRequest{reach, weights.empty() ? nullptr : weights.data(), 0, volume.bytes.data(),
+            volume.radius.data(), o.extrapolate,
+            o.method == along_path && o.max_distance ? 2 * *o.max_distance / grid.spacing : -1});
     return volume;
 }
 
@@ -248,8 +275,8 @@ struct Reconstructor::Impl {
     std::optional<VoxelGrid> grid;
     Vec3 face{};  ///< a corner of the lattice of voxels
     using Voxel = std::array<std::int64_t, 3>;
-    Voxel origin{};         ///< the grid's first voxel on the lattice
-    Voxel low{}, high{};    ///< the volume's, and past its last
+    Voxel origin{};       ///< the grid's first voxel on the lattice
+    Voxel low{}, high{};  ///< the volume's, and past its last
     DType dtype{};
     core::ScalarType type{};
     int height = 0, width = 0;
@@ -269,13 +296,17 @@ struct Reconstructor::Impl {
         return out;
     }
     Vec3 place(const Voxel& v) const {
-        return {face[0] + double(v[0]) * options.spacing, face[1] + double(v[1]) * options.spacing, face[2] + double(v[2]) * options.spacing};
+        return {face[0] + double(v[0]) * options.spacing, face[1] + double(v[1]) * options.spacing,
+            face[2] + double(v[2]) * options.spacing};
     }
     void reserve(const VoxelGrid& g, const Poses& poses, const core::Gates& inside) const {
         const std::int64_t largest = std::max({g.size[0], g.size[1], g.size[2]});
-        if (largest > kMaxAxis) refuse("world_from_image", "at most " + std::to_string(kMaxAxis) + " voxels along an axis", std::to_string(largest));
+        if (largest > kMaxAxis)
+            refuse("world_from_image", "at most " + std::to_string(kMaxAxis) + " voxels along an axis",
+                std::to_string(largest));
         const std::uint64_t there = core.call_inside<&core::Reconstructor::free_bytes>(inside);
-        check_memory(g, g.poses(poses), shape(), size_of(dtype), ReconstructionMethod::pvn_om, there ? there : free_host_bytes());
+        check_memory(g, g.poses(poses), shape(), size_of(dtype), ReconstructionMethod::pvn_om,
+            there ? there : free_host_bytes());
     }
     void make_room(const Poses& poses, const core::Gates& inside);
     void add(const ArrayView& frames, const ArrayView& world_from_image);
@@ -316,7 +347,9 @@ void Reconstructor::Impl::make_room(const Poses& poses, const core::Gates& insid
     if (options.region) return;
     auto [from, to] = lattice(box);
     std::array<std::int64_t, 3> before{}, after{};
-    const auto blocks = [](std::int64_t voxels) { return voxels > 0 ? (voxels + kBlock - 1) / kBlock : -(-voxels / kBlock); };  // rounded up
+    const auto blocks = [](std::int64_t voxels) {
+        return voxels > 0 ? (voxels + kBlock - 1) / kBlock : -(-voxels / kBlock);
+    };  // rounded up
     bool grows = false;
     for (int k = 0; k < 3; ++k) {
         from[k] = std::min(from[k], low[k]);
@@ -357,22 +390,27 @@ void Reconstructor::Impl::add(const ArrayView& frames_view, const ArrayView& wor
     for (std::size_t f = 0; f < poses.size(); ++f) check_pose(poses[f], f);
     if (!grid) {
         if (!options.mask.empty() && options.mask.size() != std::size_t(frames.height) * frames.width)
-            refuse("mask", "shape " + text(Shape(frames.height, frames.width)) + " as the frames", std::to_string(options.mask.size()) + " pixels");
+            refuse("mask", "shape " + text(Shape(frames.height, frames.width)) + " as the frames",
+                std::to_string(options.mask.size()) + " pixels");
         dtype = frames.dtype, type = frames.type, height = frames.height, width = frames.width;
         scale = frames.scale();
     }
     if (frames.dtype != dtype || frames.height != height || frames.width != width)
-        refuse("frames", text(Shape(height, width)) + " " + name_of(dtype) + " as before", text(Shape(frames.height, frames.width)) + " " + name_of(frames.dtype));
+        refuse("frames", text(Shape(height, width)) + " " + name_of(dtype) + " as before",
+            text(Shape(frames.height, frames.width)) + " " + name_of(frames.dtype));
     if (type == core::ScalarType::f32) {
         float largest = 0;
         for (std::size_t i = 0; i < frames.pixels(); ++i) largest = std::max(largest, std::abs(frames.floats()[i]));
-        if (double(largest) * scale > 274877906944.0) throw Error(ErrorCode::invalid, "frames: values are more than 256 times those of the first frames");
+        if (double(largest) * scale > 274877906944.0)
+            throw Error(ErrorCode::invalid, "frames: values are more than 256 times those of the first frames");
     }
     const bool ordered = options.compounding == Compounding::latest || options.compounding == Compounding::first;
-    if (ordered && order + frames.pixels() >= std::uint64_t(1) << 32) refuse("frames", "fewer than 2^32 pixels in all", "more");
+    if (ordered && order + frames.pixels() >= std::uint64_t(1) << 32)
+        refuse("frames", "fewer than 2^32 pixels in all", "more");
     make_room(poses, inside);
     const std::vector<FixedPose> fixed = grid->poses(poses);
-    const core::FramesView view{frames.at, fixed[0].data(), shape().mask, frames.n, height, width, std::uint32_t(order)};
+    const core::FramesView view{
+        frames.at, fixed[0].data(), shape().mask, frames.n, height, width, std::uint32_t(order)};
     Grid(core, type, inside).call<&core::SweepGrid::add>(view, 1);
     order += frames.pixels();
     n_frames += std::size_t(frames.n);
@@ -392,7 +430,8 @@ Volume Reconstructor::Impl::volume() {
     const std::vector<std::uint32_t> weights = hole_weights(reach());
     Volume v = made(part, dtype);
     core_grid.call<&core::SweepGrid::fill>(core::FillMethod::bins, core::FramesView{},
-                                           core::FillRequest{reach(), weights.empty() ? nullptr : weights.data(), 0, nullptr, nullptr, options.extrapolate});
+        core::FillRequest{
+            reach(), weights.empty() ? nullptr : weights.data(), 0, nullptr, nullptr, options.extrapolate});
     core_grid.call<&core::SweepGrid::read_filled>(first, size, core::DenseArrays{v.bytes.data(), v.radius.data()});
     return v;
 }

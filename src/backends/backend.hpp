@@ -28,35 +28,37 @@ namespace globule::core {
 
 struct SceneArrays {
     std::size_t n = 0;
-    FloatArray positions;                 // (n, 3)
-    FloatArray support, weight, color;    // (n,), (n,), (n, 3); null: the one value below
-    FloatArray reflection, refraction;    // (n,)
-    FloatArray stretch;                   // (n, 6) xx yy zz xy xz yz, 1 / world; null: balls; sparse octree only
+    FloatArray positions;               // (n, 3)
+    FloatArray support, weight, color;  // (n,), (n,), (n, 3); null: the one value below
+    FloatArray reflection, refraction;  // (n,)
+    FloatArray stretch;                 // (n, 6) xx yy zz xy xz yz, 1 / world; null: balls; sparse octree only
     float most_stretch = 1.0f;
     float one_support = 0.0f, one_weight = 1.0f;
-    float spacing = 0.0f;                 // of particles that make one smooth surface, in place of supports; 0: balls or ellipsoids as given
+    float spacing =
+        0.0f;  // of particles that make one smooth surface, in place of supports; 0: balls or ellipsoids as given
     float3 one_color{0, 0, 0};
     float one_reflection = 0.0f, one_refraction = 0.0f;
-    bool given_up = false;                // the host's pages of `positions` may go as soon as they are read
+    bool given_up = false;  // the host's pages of `positions` may go as soon as they are read
 };
 
 /// A triangle mesh, or capsules, which rays meet instead of a field.
 struct MeshArrays {
     std::size_t n_vertices = 0, n_faces = 0;
-    FloatArray vertices;                      // (n_vertices, 3)
-    ArrayAt<const std::uint32_t> faces;       // (n_faces, 3), of capsules (n_faces, 2), all below n_vertices
-    // Normals between triangles that meet at less than an angle.  Corners are numbered 3 face + k; null: the triangles' own.
+    FloatArray vertices;                 // (n_vertices, 3)
+    ArrayAt<const std::uint32_t> faces;  // (n_faces, 3), of capsules (n_faces, 2), all below n_vertices
+    // Normals between triangles that meet at less than an angle.  Corners are numbered 3 face + k; null: the triangles'
+    // own.
     ArrayAt<const std::uint32_t> place_of_corner;  // (3 n_faces,) corners at one place have the same number
     ArrayAt<const std::uint32_t> corners;          // (3 n_faces,) by place
     ArrayAt<const std::uint32_t> corners_begin;    // (n_places + 1,) where each place's begin; host
     std::size_t n_places = 0;
     float smooth_cosine = 1.0f;
-    FloatArray color;                         // (n_vertices, 3) or (n_faces, 3); null: the one below
+    FloatArray color;  // (n_vertices, 3) or (n_faces, 3); null: the one below
     bool color_of_faces = false;
     float3 one_color{0, 0, 0};
-    bool closed = false;                      // it has an inside, and all normals point out of it
-    bool capsules = false;                    // a face joins two vertices, which may be one, with a radius
-    FloatArray radius;                        // (n_faces,); null: the one below
+    bool closed = false;    // it has an inside, and all normals point out of it
+    bool capsules = false;  // a face joins two vertices, which may be one, with a radius
+    FloatArray radius;      // (n_faces,); null: the one below
     float one_radius = 0.0f;
 };
 
@@ -71,7 +73,7 @@ struct TreeRequest {
 struct TreeFacts {
     TreeHeader header;
     std::uint64_t n_inside, n_nodes, n_leaves, bytes;
-    std::uint64_t key_hash, node_hash;    // filled only when asked
+    std::uint64_t key_hash, node_hash;  // filled only when asked
     double build_seconds;
 };
 
@@ -104,10 +106,10 @@ struct RemoteRays {
 };
 /// What they meet.
 struct RemoteHits {
-    float* t;            ///< (n,) infinite: nothing
-    std::int8_t* side;   ///< (n,) before t: +1, -1; unknown sides alone are read
-    std::int32_t* cap;   ///< (n,) of a cut face its clip, else -1
-    float* looks;        ///< (n, 8) normal, colour, reflection, refraction
+    float* t;           ///< (n,) infinite: nothing
+    std::int8_t* side;  ///< (n,) before t: +1, -1; unknown sides alone are read
+    std::int32_t* cap;  ///< (n,) of a cut face its clip, else -1
+    float* looks;       ///< (n, 8) normal, color, reflection, refraction
 };
 /// Who answers for a scene whose particles lie elsewhere.  False: the caller's thread has the reason.
 struct Remote {
@@ -122,15 +124,15 @@ struct LayerRequest {
     Scene* scene;
     FieldRequest field;
     std::vector<Clip> clips;
-    Remote remote{};   ///< where the scene itself is empty
+    Remote remote{};  ///< where the scene itself is empty
 };
 
 /// Parts of rays through a scene that is one piece of several, in host memory; all (n,) but the first.
 struct RayParts {
     std::size_t n;
-    const float* ray;          ///< (n, 6) origin, unit direction
-    const float *from, *to;    ///< along the ray; from below 0: from the surface on
-    std::int8_t* side;         ///< in and out
+    const float* ray;        ///< (n, 6) origin, unit direction
+    const float *from, *to;  ///< along the ray; from below 0: from the surface on
+    std::int8_t* side;       ///< in and out
 };
 /// Of shadow rays: see trace/segment.hpp.
 struct ShadowParts {
@@ -141,11 +143,11 @@ struct ShadowParts {
 };
 
 struct PictureRequest {
-    std::vector<LayerRequest> layers;   // all of one backend and device
+    std::vector<LayerRequest> layers;  // all of one backend and device
     CameraRays camera;
-    Lighting lighting;                  // its sky's image and the layers' materials included
-    const float* sky_image = nullptr;   // (height, width, 3) in host memory
-    std::uint64_t sky_id = 0;           // another number for another image
+    Lighting lighting;                 // its sky's image and the layers' materials included
+    const float* sky_image = nullptr;  // (height, width, 3) in host memory
+    std::uint64_t sky_id = 0;          // another number for another image
     int passes = 1;
 };
 
@@ -155,8 +157,9 @@ struct Scene : Object {
     /// A scene is of particles or of a mesh.
     virtual void build_mesh(const MeshArrays& arrays) = 0;
     virtual void place_mesh(const Pose& pose) = 0;
-    virtual void intersect_mesh(std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t, float* normal, std::uint32_t* face) = 0;
-    virtual float extent() = 0;   // longest edge of the box of what it holds
+    virtual void intersect_mesh(std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t,
+        float* normal, std::uint32_t* face) = 0;
+    virtual float extent() = 0;  // longest edge of the box of what it holds
     virtual TreeFacts facts(bool with_hashes) = 0;
     virtual float spacing() = 0;  // of the particles built last; 0 where there are too few
     virtual float fluid_spacing() = 0;
@@ -165,24 +168,27 @@ struct Scene : Object {
     virtual void surface_kernels(float* stretch, float* weight) = 0;
     /// The picture; passes are added to those of `before`, a frame of the same size, if given, which stays as it is.
     virtual std::shared_ptr<Frame> render(const PictureRequest& request, const std::shared_ptr<Frame>& before) = 0;
-    virtual void intersect(const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions,
-                           float* t, float* normal, float* albedo) = 0;
-    virtual void evaluate(const FieldRequest& field, std::size_t n, const FloatArray& points, float* value, float* gradient) = 0;
+    virtual void intersect(const FieldRequest& field, std::size_t n, const FloatArray& origins,
+        const FloatArray& directions, float* t, float* normal, float* albedo) = 0;
+    virtual void evaluate(
+        const FieldRequest& field, std::size_t n, const FloatArray& points, float* value, float* gradient) = 0;
     /// values: (n_rows, channels), a row a particle.
-    virtual void blend(const FieldRequest& field, std::size_t n, const FloatArray& points, const FloatArray& values, std::size_t n_rows,
-                       int channels, float* out) = 0;
+    virtual void blend(const FieldRequest& field, std::size_t n, const FloatArray& points, const FloatArray& values,
+        std::size_t n_rows, int channels, float* out) = 0;
     /// Along rays from their origins on: sum of value times the integral of the kernel; values as for blend.
-    virtual void integrate(const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions,
-                           const FloatArray& values, std::size_t n_rows, int channels, float* out) = 0;
+    virtual void integrate(const FieldRequest& field, std::size_t n, const FloatArray& origins,
+        const FloatArray& directions, const FloatArray& values, std::size_t n_rows, int channels, float* out) = 0;
     virtual Neighbors neighbors(std::size_t n, const FloatArray& points, float radius) = 0;
     virtual void synchronize() = 0;
     /// Where parts of rays meet the surface first: t (infinite: not in the part), cap, looks as RemoteHits.
-    virtual void march_parts(const FieldRequest& field, const std::vector<Clip>& clips, const RayParts& parts, float* t, std::int32_t* cap, float* looks) = 0;
-    virtual void occlude_parts(const FieldRequest& field, const std::vector<Clip>& clips, const Material& material, const RayParts& parts,
-                               const ShadowParts& shadow) = 0;
+    virtual void march_parts(const FieldRequest& field, const std::vector<Clip>& clips, const RayParts& parts, float* t,
+        std::int32_t* cap, float* looks) = 0;
+    virtual void occlude_parts(const FieldRequest& field, const std::vector<Clip>& clips, const Material& material,
+        const RayParts& parts, const ShadowParts& shadow) = 0;
     /// For a simulation that works on this scene's octree.
     virtual SceneAccess share() = 0;
-    /// What its pictures show beside tissue as layers of their own: fluids (0), boundaries and rigid bodies (1). Owned by this scene.
+    /// What its pictures show beside tissue as layers of their own: fluids (0), boundaries and rigid bodies (1). Owned
+    /// by this scene.
     virtual Scene* beside(int which) = 0;
     /// Of the n rays traced last, by a request that counts.
     virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
@@ -202,10 +208,12 @@ struct BackendApi {
     Status (*fetch)(void* to, const AnyArray& from, std::size_t bytes) noexcept;
     /// What is given to a caller's stream from now on finds all done that objects on the device were asked for.
     Status (*let_wait)(int device, std::uintptr_t stream) noexcept;
-    /// Host memory that this backend's devices write by themselves, null where there is none; kept for the next that wants it.
+    /// Host memory that this backend's devices write by themselves, null where there is none; kept for the next that
+    /// wants it.
     void* (*take_pinned)(std::size_t bytes) noexcept;
     void (*give_pinned_back)(void* room, std::size_t bytes) noexcept;
-    /// Calls function(context), which calls a method of the object, on its device; what the method throws becomes a status.
+    /// Calls function(context), which calls a method of the object, on its device; what the method throws becomes a
+    /// status.
     Status (*run)(Object& object, void (*function)(void* context), void* context) noexcept;
 };
 

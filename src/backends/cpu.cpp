@@ -26,7 +26,8 @@ Status simulation(const std::shared_ptr<Scene>& of, std::shared_ptr<Simulation>*
 Status describe(int, bool* ok, std::string* out) noexcept {
     return caught([&] {
         *ok = true;
-        *out = "CPU, " + std::to_string(omp_get_max_threads()) + " threads, " + std::to_string(GB_WIDTH) + " lanes (" GB_ISA ")";
+        *out = "CPU, " + std::to_string(omp_get_max_threads()) + " threads, " + std::to_string(GB_WIDTH) +
+               " lanes (" GB_ISA ")";
     });
 }
 Status locate(const void*, int* device) noexcept {
@@ -41,7 +42,8 @@ Status let_wait(int, std::uintptr_t) noexcept { return {}; }
 void* take_pinned(std::size_t) noexcept { return nullptr; }
 void give_pinned_back(void*, std::size_t) noexcept {}
 
-constexpr BackendApi kApi{scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned, give_pinned_back, run<Scope>};
+constexpr BackendApi kApi{scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned,
+    give_pinned_back, run<Scope>};
 
 }  // namespace
 }  // namespace globule::core

@@ -40,8 +40,8 @@ std::string description(int index, bool& ok) {
     if (cudaDriverGetVersion(&driver) != cudaSuccess || driver == 0) return "no NVIDIA driver found";
     const cudaError_t status = cudaGetDeviceCount(&count);
     if (status == cudaErrorInsufficientDriver)
-        return "the NVIDIA driver supports CUDA " + std::to_string(driver / 1000) + "." + std::to_string(driver % 1000 / 10) +
-               ", older than the " + std::to_string(CUDART_VERSION / 1000) + "." +
+        return "the NVIDIA driver supports CUDA " + std::to_string(driver / 1000) + "." +
+               std::to_string(driver % 1000 / 10) + ", older than the " + std::to_string(CUDART_VERSION / 1000) + "." +
                std::to_string(CUDART_VERSION % 1000 / 10) + " that globule was built with";
     if (status != cudaSuccess) return std::string("no usable GPU: ") + cudaGetErrorString(status);
     if (index >= count) return "no GPU number " + std::to_string(index) + ", there are " + std::to_string(count);
@@ -51,8 +51,9 @@ std::string description(int index, bool& ok) {
     const Scope scope(index);
     if (cudaFuncGetAttributes(&attributes, run_each<Shade>) != cudaSuccess) {
         cudaGetLastError();
-        return std::string("no code for ") + properties.name + " (compute capability " + std::to_string(properties.major) +
-               "." + std::to_string(properties.minor) + ") in this build; set CMAKE_CUDA_ARCHITECTURES";
+        return std::string("no code for ") + properties.name + " (compute capability " +
+               std::to_string(properties.major) + "." + std::to_string(properties.minor) +
+               ") in this build; set CMAKE_CUDA_ARCHITECTURES";
     }
     ok = true;
     return std::string(properties.name) + ", " + std::to_string(properties.totalGlobalMem >> 30) + " GiB";
@@ -96,7 +97,8 @@ void give_pinned_back(void* room, std::size_t bytes) noexcept {
     caught([&] { PinnedImages::give_back(room, bytes); });
 }
 
-constexpr BackendApi kApi{scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned, give_pinned_back, run<Scope>};
+constexpr BackendApi kApi{scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned,
+    give_pinned_back, run<Scope>};
 
 }  // namespace
 }  // namespace globule::core

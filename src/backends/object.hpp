@@ -14,7 +14,8 @@ struct Object {
     virtual void begin() {}
     /// An entry was interrupted or failed: what it was making counts as not there, so that it is made again.
     virtual void invalidate() noexcept {}
-    /// For objects whose entries are short and cannot be made again from what the caller has: nothing stops them half way.
+    /// For objects whose entries are short and cannot be made again from what the caller has: nothing stops them half
+    /// way.
     virtual Interrupt* whole() noexcept { return nullptr; }
     /// From any thread: the entry that is running, if any, is to stop.
     virtual void cancel() noexcept {}

@@ -49,13 +49,15 @@ const BackendApi& open_backend(const std::string& name) {
     const std::lock_guard lock(mutex);
     if (auto it = open.find(name); it != open.end()) return *it->second;
     const std::filesystem::path path = file_of(name);
-    if (!std::filesystem::exists(path)) throw Error(ErrorCode::device, "this build has no " + name + " backend (" + path.filename().string() + ")");
+    if (!std::filesystem::exists(path))
+        throw Error(ErrorCode::device, "this build has no " + name + " backend (" + path.filename().string() + ")");
     void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
     if (!library) throw Error(ErrorCode::device, "cannot load the " + name + " backend: " + dlerror());
     const auto* interface = static_cast<const char*>(dlsym(library, "globule_interface"));
     const auto* api = static_cast<const BackendApi*>(dlsym(library, "globule_backend"));
     if (!interface || !api || std::string_view(interface) != GLOBULE_INTERFACE)
-        throw Error(ErrorCode::device, "the " + name + " backend library is of another version (interface " + (interface ? interface : "not named") +
+        throw Error(ErrorCode::device, "the " + name + " backend library is of another version (interface " +
+                                           (interface ? interface : "not named") +
                                            ", expected " GLOBULE_INTERFACE "): install globule again");
     return *(open[name] = api);
 }

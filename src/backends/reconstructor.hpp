@@ -13,15 +13,15 @@ enum class ScalarType { u8, u16, f32 };
 
 /// A reconstruction as the PLUS toolkit does it; numbers of the enumerations as in sweep/plus_*.hpp.
 struct PlusRequest {
-    AnyArray frames;                         ///< (n_frames, height, width)
+    AnyArray frames;  ///< (n_frames, height, width)
     ScalarType type;
     int n_frames, height, width;
-    const double* voxel_from_image;          ///< (n_frames, 3, 4): columns x, y, normal (unused), origin
-    const std::int32_t* sources;             ///< (n_masks, height, width)
+    const double* voxel_from_image;  ///< (n_frames, 3, 4): columns x, y, normal (unused), origin
+    const std::int32_t* sources;     ///< (n_masks, height, width)
     int n_masks;
-    const std::uint32_t* mask_of_frame;      ///< (n_frames,)
-    const std::uint8_t* importance;          ///< (height, width) or null
-    int size[3];                             ///< voxels along x, y, z
+    const std::uint32_t* mask_of_frame;  ///< (n_frames,)
+    const std::uint8_t* importance;      ///< (height, width) or null
+    int size[3];                         ///< voxels along x, y, z
     int interpolation, optimization, compounding;
     bool rejects;
     double rejection;
@@ -30,27 +30,27 @@ struct PlusRequest {
         float least_ratio;
         std::vector<float> weights;
     };
-    std::vector<Filler> fillers;             ///< none: holes stay
+    std::vector<Filler> fillers;  ///< none: holes stay
     bool fill_holes;
-    void* values;                            ///< out: (z, y, x) of the frames' type
-    std::uint16_t* accumulator;              ///< out: (z, y, x)
-    std::uint8_t* origin;                    ///< out: (z, y, x) 0 measured, 1 filled, 255 neither
-    double insert_seconds, fill_seconds;     ///< out
+    void* values;                         ///< out: (z, y, x) of the frames' type
+    std::uint16_t* accumulator;           ///< out: (z, y, x)
+    std::uint8_t* origin;                 ///< out: (z, y, x) 0 measured, 1 filled, 255 neither
+    double insert_seconds, fill_seconds;  ///< out
 };
 
 /// A volume's grid and how values are kept; sweep/bin.hpp.
 struct GridRequest {
     ScalarType type;
-    int compounding;    ///< sweep::Compounding
+    int compounding;  ///< sweep::Compounding
     bool wide;
     double scale;
-    int size[3];        ///< voxels along x, y, z
+    int size[3];  ///< voxels along x, y, z
 };
 
 struct FramesView {
-    AnyArray values;                  ///< (n, height, width) of the grid's type
-    const std::int64_t* poses;        ///< (n, 9): origin, column step, row step; 32 fractional bits
-    const std::uint8_t* mask;         ///< (height, width) or null
+    AnyArray values;            ///< (n, height, width) of the grid's type
+    const std::int64_t* poses;  ///< (n, 9): origin, column step, row step; 32 fractional bits
+    const std::uint8_t* mask;   ///< (height, width) or null
     int n, height, width;
     std::uint32_t first_order;
 };
@@ -58,15 +58,17 @@ struct FramesView {
 enum class FillMethod { bins, points, plain_bins, plain_points, frames };
 
 struct FillRequest {
-    int reach;                        ///< largest radius of a kernel, voxels
-    const std::uint32_t* weights;     ///< (3 reach^2 + 1) squared: [sigma^2][d^2], 2^24 = 1
-    int kind;                         ///< sweep::HoleWeights
-    void* values;                     ///< out: (z, y, x); null: kept by the backend, and of `bins` only what changed since is filled
-    std::uint8_t* radius;             ///< out: (z, y, x): 0 measured, k filled, 128 + k extrapolated, 255 empty
-    bool extrapolate;                 ///< keep what is filled without data on both sides
-    double max_gap = -1;              ///< frames: farthest that joined images may be apart, voxels; negative: five usual steps
-    float* spread = nullptr;          ///< out, frames: (z, y, x) mean of |d0 d1| / |d0 - d1| of the distances from the images on both sides, voxels; -1: no value
-    float* contrast = nullptr;        ///< out, frames: (z, y, x) mean square of the difference of both images; -1: not between images
+    int reach;                     ///< largest radius of a kernel, voxels
+    const std::uint32_t* weights;  ///< (3 reach^2 + 1) squared: [sigma^2][d^2], 2^24 = 1
+    int kind;                      ///< sweep::HoleWeights
+    void* values;  ///< out: (z, y, x); null: kept by the backend, and of `bins` only what changed since is filled
+    std::uint8_t* radius;     ///< out: (z, y, x): 0 measured, k filled, 128 + k extrapolated, 255 empty
+    bool extrapolate;         ///< keep what is filled without data on both sides
+    double max_gap = -1;      ///< frames: farthest that joined images may be apart, voxels; negative: five usual steps
+    float* spread = nullptr;  ///< out, frames: (z, y, x) mean of |d0 d1| / |d0 - d1| of the distances from the images
+                              ///< on both sides, voxels; -1: no value
+    float* contrast =
+        nullptr;  ///< out, frames: (z, y, x) mean square of the difference of both images; -1: not between images
 };
 
 /// A dense volume, (z, y, x); none where null.

@@ -16,19 +16,19 @@ namespace globule::core {
 
 /// How a simulation is run; between steps any of it may change but spacing, fine_fluids and domain.
 struct SimulationSettings {
-    float spacing = 0.0f;            ///< of particles, world units (m); the kernel's support is twice that
-    bool fine_fluids = false;        ///< fluids have half that spacing
-    float3 lo{0, 0, 0}, hi{0, 0, 0}; ///< the domain: who leaves it is no longer simulated
-    bool periodic[3] = {};           ///< axes along which the domain repeats
+    float spacing = 0.0f;             ///< of particles, world units (m); the kernel's support is twice that
+    bool fine_fluids = false;         ///< fluids have half that spacing
+    float3 lo{0, 0, 0}, hi{0, 0, 0};  ///< the domain: who leaves it is no longer simulated
+    bool periodic[3] = {};            ///< axes along which the domain repeats
     float3 gravity{0, 0, 0};
-    float cfl = 1.0f;                ///< dt = 0.4 cfl spacing / v_max
+    float cfl = 1.0f;  ///< dt = 0.4 cfl spacing / v_max
     float longest_step = 0.005f;
     float density_error = 0.001f, divergence_error = 0.001f;  ///< mean, relative
     int least_iterations = 2, most_iterations = 100;
-    double viscosity_error = 1e-4;   ///< of the implicit solve, relative
+    double viscosity_error = 1e-4;  ///< of the implicit solve, relative
     bool weakly_compressible = false;
-    float sound_speed = 0.0f;        ///< of the weakly compressible fluid
-    float extra_viscosity = 0.0f;    ///< dynamic, between all fluids
+    float sound_speed = 0.0f;      ///< of the weakly compressible fluid
+    float extra_viscosity = 0.0f;  ///< dynamic, between all fluids
 };
 
 /// A particle whose velocity is not a number any more.
@@ -42,18 +42,20 @@ struct StepReport {
     double dt = 0, time = 0;
     std::uint64_t step = 0;
     int iterations = 0, divergence_iterations = 0, viscosity_iterations = 0;
-    double error = 0, divergence_error = 0;        ///< as the solvers left them, mean and relative
+    double error = 0, divergence_error = 0;            ///< as the solvers left them, mean and relative
     double most_error = 0, most_divergence_error = 0;  ///< the largest
-    double compression = 0, high_compression = 0, most_compression = 0;  ///< max(rho/rho0 - 1, 0) of the positions that the step began with: mean, what 0.1 % exceed, largest
-    int n_halved = 0;                              ///< how often it was made anew, half as long, since energy came from nowhere
+    double compression = 0, high_compression = 0,
+           most_compression =
+               0;  ///< max(rho/rho0 - 1, 0) of the positions that the step began with: mean, what 0.1 % exceed, largest
+    int n_halved = 0;  ///< how often it was made anew, half as long, since energy came from nowhere
     std::uint64_t n = 0, n_solved = 0, n_escaped = 0;
-    std::uint64_t n_removed = 0;                   ///< by sinks, in this step
+    std::uint64_t n_removed = 0;  ///< by sinks, in this step
     double most_speed = 0;
     std::vector<std::pair<std::string, double>> seconds;  ///< per stage
-    std::optional<LostParticle> lost;              ///< the step was made, but cannot be trusted
+    std::optional<LostParticle> lost;                     ///< the step was made, but cannot be trusted
 };
 
-/// Rows of neighbours, compressed.
+/// Rows of neighbors, compressed.
 struct Neighbors {
     std::vector<std::uint64_t> offsets;
     std::vector<std::uint32_t> indices;
@@ -65,7 +67,8 @@ struct Simulation : Object {
     virtual void configure(const SimulationSettings& settings) = 0;
     virtual void set_phase(int which, const sim::Phase& phase) = 0;
     /// The first of the m new ids; velocities may be null.
-    virtual std::uint32_t add(std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) = 0;
+    virtual std::uint32_t add(
+        std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) = 0;
     virtual void remove(std::size_t m, const std::uint32_t* ids) = 0;
     /// As add, at the end of the next step.
     virtual std::uint32_t emit(std::size_t m, const float* positions, const float* velocities, int phase) = 0;
@@ -74,7 +77,8 @@ struct Simulation : Object {
     virtual void capture(int phase, const sim::Pose& now) = 0;
     virtual void move_to(int phase, const sim::Pose& next) = 0;
     /// A phase of kind rigid becomes a body of its own; inertia about the center, row by row.
-    virtual void make_body(int phase, double mass, const double center[3], const double inertia[9], const double velocity[3], const double spin[3]) = 0;
+    virtual void make_body(int phase, double mass, const double center[3], const double inertia[9],
+        const double velocity[3], const double spin[3]) = 0;
     /// Center, velocity, spin (3 each) and the rotation (9, row by row).
     virtual std::vector<double> body(int phase) = 0;
     /// Bodies, poses, and where particles are in their bodies, as bytes that set_motion takes.
@@ -93,7 +97,7 @@ struct Simulation : Object {
     virtual void settle() = 0;
     /// Acceleration times mass of each particle, by slot, until the next step ends; null: none.
     virtual void set_forces(const float* forces) = 0;
-    /// Lists of neighbours as compressed rows of slots, one for each solved particle.
+    /// Lists of neighbors as compressed rows of slots, one for each solved particle.
     virtual void neighbors(std::vector<std::uint32_t>& rows, Neighbors& out) = 0;
     /// Densities over rest density (n), and vorticities (n, 3), 1/s, by slot.
     virtual void flow(float* density, float* vorticity) = 0;

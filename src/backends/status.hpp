@@ -13,12 +13,8 @@ struct Status {
 };
 
 /// The caller's mistake, found before anything was changed.
-struct Refused : std::invalid_argument {
-    using std::invalid_argument::invalid_argument;
-};
+struct Refused : std::invalid_argument { using std::invalid_argument::invalid_argument; };
 /// What the call needs was half made by one that was interrupted or failed; it has to be made again first.
-struct Stale : std::logic_error {
-    using std::logic_error::logic_error;
-};
+struct Stale : std::logic_error { using std::logic_error::logic_error; };
 
 }  // namespace globule::core

@@ -15,26 +15,27 @@ namespace globule::core {
 /// A body's arrays in host memory, in the tissue's own order: particles that are close stand close.
 struct TissueArrays {
     std::uint32_t n = 0;
-    const std::uint32_t* ids;            ///< (n,)
-    const float* positions;              ///< (n, 3)
-    const float* inverse_mass;           ///< (n,) 1/kg; 0 for what never moves by itself
-    const float* bound;                  ///< (n,) largest eigenvalue of Σ n nᵀ over its bonds, with a margin
-    const std::uint8_t* hold;            ///< (n,) tissue::kFree ...
-    const std::uint8_t* phase;           ///< (n,)
-    const std::uint64_t* offsets;        ///< (n + 1,) bonds of each particle; every bond stands at both ends
+    const std::uint32_t* ids;      ///< (n,)
+    const float* positions;        ///< (n, 3)
+    const float* inverse_mass;     ///< (n,) 1/kg; 0 for what never moves by itself
+    const float* bound;            ///< (n,) largest eigenvalue of Σ n nᵀ over its bonds, with a margin
+    const std::uint8_t* hold;      ///< (n,) tissue::kFree ...
+    const std::uint8_t* phase;     ///< (n,)
+    const std::uint64_t* offsets;  ///< (n + 1,) bonds of each particle; every bond stands at both ends
     const std::uint32_t* other;
-    const float* length;                 ///< m
-    const float* stiffness;              ///< N/m
-    float contact;                       ///< m, distance that cut faces keep: the spacing
-    const float* lame = nullptr;         ///< (2, n) volume times μ and volume times λ, J, of a solid (sim/solid.hpp); null: bonds alone
-    float frequency = 0.0f;              ///< 1/s, of the solid's stiffest motion
-    const float* relaxation = nullptr;   ///< (n_terms, 2) share of μ that relaxes, and its rate, 1/s
-    std::uint32_t n_terms = 0;           ///< up to tissue::kMostTerms
+    const float* length;     ///< m
+    const float* stiffness;  ///< N/m
+    float contact;           ///< m, distance that cut faces keep: the spacing
+    const float* lame =
+        nullptr;  ///< (2, n) volume times μ and volume times λ, J, of a solid (sim/solid.hpp); null: bonds alone
+    float frequency = 0.0f;             ///< 1/s, of the solid's stiffest motion
+    const float* relaxation = nullptr;  ///< (n_terms, 2) share of μ that relaxes, and its rate, 1/s
+    std::uint32_t n_terms = 0;          ///< up to tissue::kMostTerms
 };
 
 struct TissueStep {
     float dt;
-    int substeps;                        ///< 0: as many as the stiffest bond asks for
+    int substeps;  ///< 0: as many as the stiffest bond asks for
     int iterations = 1;
     float3 gravity;
 };
@@ -49,9 +50,9 @@ struct BladeSweep {
 
 /// What bleeds: its numbers count from 1.
 struct BloodVessel {
-    float speed;                         ///< m/s of blood at a cut end
-    double pool;                         ///< m³ that is left
-    int phase;                           ///< of the blood
+    float speed;  ///< m/s of blood at a cut end
+    double pool;  ///< m³ that is left
+    int phase;    ///< of the blood
 };
 
 struct Tissue : Object {
@@ -66,13 +67,15 @@ struct Tissue : Object {
     virtual std::uint32_t pieces() = 0;
     virtual void grasp(const float3& center, float radius, int number) = 0;
     virtual std::uint32_t remove(const tissue::Shape& region) = 0;
-    /// Of the last step's mean: force (N) and moment (N m) on each grasp, about its center, then on each shape, about its point a: 6 each.
+    /// Of the last step's mean: force (N) and moment (N m) on each grasp, about its center, then on each shape, about
+    /// its point a: 6 each.
     virtual std::vector<double> felt() = 0;
-    virtual std::uint32_t n() = 0;                           ///< with the places that are nobody's
-    virtual std::uint32_t n_bonds() = 0;                     ///< whole ones
-    virtual double elastic_energy() = 0;                     ///< J, of whole bonds
-    virtual int substeps(float dt) = 0;                      ///< that keep the static stiffness exact
-    virtual void get(float* positions, float* velocities, std::uint32_t* piece, std::uint8_t* hold, std::uint32_t* ids) = 0;  ///< any may be null
+    virtual std::uint32_t n() = 0;        ///< with the places that are nobody's
+    virtual std::uint32_t n_bonds() = 0;  ///< whole ones
+    virtual double elastic_energy() = 0;  ///< J, of whole bonds
+    virtual int substeps(float dt) = 0;   ///< that keep the static stiffness exact
+    virtual void get(float* positions, float* velocities, std::uint32_t* piece, std::uint8_t* hold,
+        std::uint32_t* ids) = 0;  ///< any may be null
     virtual void set(const float* positions, const float* velocities) = 0;
     /// (n, 3) m/s², beside gravity, until others are set; null: none.
     virtual void accelerate(const float* accelerations) = 0;

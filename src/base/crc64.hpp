@@ -1,4 +1,5 @@
-// The 64-bit cyclic redundancy check of OpenIGTLink: polynomial of ECMA-182, highest bit first, no initial or final inversion.
+// The 64-bit cyclic redundancy check of OpenIGTLink: polynomial of ECMA-182, highest bit first, no initial or final
+// inversion.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -6,7 +7,8 @@
 
 namespace globule::core {
 
-/// Sixteen bytes a step (Kounavis & Berry 2005, "slicing"): table[k] is the check of a byte with k zero bytes behind it.
+/// Sixteen bytes a step (Kounavis & Berry 2005, "slicing"): table[k] is the check of a byte with k zero bytes behind
+/// it.
 inline std::uint64_t crc64(const std::uint8_t* data, std::size_t n, std::uint64_t crc = 0) {
     using Tables = std::array<std::array<std::uint64_t, 256>, 16>;
     static const Tables tables = [] {

@@ -6,16 +6,14 @@
 namespace globule::core {
 
 /// Calls fn when its scope is left by an exception; what fn throws then is lost.
-template <class Fn>
-class OnFailure {
+template <class Fn> class OnFailure {
 public:
     explicit OnFailure(Fn fn) : fn_(std::move(fn)) {}
     ~OnFailure() {
         if (std::uncaught_exceptions() == before_) return;
         try {
             fn_();
-        } catch (...) {
-        }
+        } catch (...) {}
     }
     OnFailure(const OnFailure&) = delete;
     OnFailure& operator=(const OnFailure&) = delete;

@@ -10,8 +10,7 @@ struct alignas(16) Quad {
 };
 
 /// The same for a packet of lanes, structure of arrays.
-template <class F>
-struct Four {
+template <class F> struct Four {
     F x, y, z, w;
     GB_FN Vec3<F> xyz() const { return {x, y, z}; }
 };

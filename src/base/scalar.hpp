@@ -7,10 +7,8 @@
 
 namespace globule::core {
 
-template <class T>
-GB_FN T min(T a, T b) { return a < b ? a : b; }
-template <class T>
-GB_FN T max(T a, T b) { return a > b ? a : b; }
+template <class T> GB_FN T min(T a, T b) { return a < b ? a : b; }
+template <class T> GB_FN T max(T a, T b) { return a > b ? a : b; }
 GB_FN float select(bool m, float a, float b) { return m ? a : b; }
 GB_FN double select(bool m, double a, double b) { return m ? a : b; }
 GB_FN bool any(bool m) { return m; }
@@ -26,7 +24,6 @@ GB_FN float exp(float x) { return expf(x); }
 
 GB_FN constexpr float infinity() { return std::numeric_limits<float>::infinity(); }
 
-template <class T>
-GB_FN T ceil_div(T a, T b) { return (a + b - 1) / b; }
+template <class T> GB_FN T ceil_div(T a, T b) { return (a + b - 1) / b; }
 
 }  // namespace globule::core

@@ -25,9 +25,7 @@ typedef float VecF __attribute__((vector_size(4 * GB_WIDTH)));
 typedef std::int32_t VecI __attribute__((vector_size(4 * GB_WIDTH)));
 
 /// Lane mask: every lane 0 or -1.
-struct WideB {
-    VecI v;
-};
+struct WideB { VecI v; };
 struct WideF {
     VecF v;
     WideF() = default;
@@ -40,9 +38,18 @@ GB_FN WideF operator-(WideF a, WideF b) { return a.v - b.v; }
 GB_FN WideF operator*(WideF a, WideF b) { return a.v * b.v; }
 GB_FN WideF operator/(WideF a, WideF b) { return a.v / b.v; }
 GB_FN WideF operator-(WideF a) { return -a.v; }
-GB_FN WideF& operator+=(WideF& a, WideF b) { a.v += b.v; return a; }
-GB_FN WideF& operator-=(WideF& a, WideF b) { a.v -= b.v; return a; }
-GB_FN WideF& operator*=(WideF& a, WideF b) { a.v *= b.v; return a; }
+GB_FN WideF& operator+=(WideF& a, WideF b) {
+    a.v += b.v;
+    return a;
+}
+GB_FN WideF& operator-=(WideF& a, WideF b) {
+    a.v -= b.v;
+    return a;
+}
+GB_FN WideF& operator*=(WideF& a, WideF b) {
+    a.v *= b.v;
+    return a;
+}
 GB_FN WideB operator<(WideF a, WideF b) { return {a.v < b.v}; }
 GB_FN WideB operator>(WideF a, WideF b) { return {a.v > b.v}; }
 GB_FN WideB operator<=(WideF a, WideF b) { return {a.v <= b.v}; }
@@ -89,9 +96,7 @@ inline constexpr int kWideD = GB_WIDTH / 2;
 typedef double VecD __attribute__((vector_size(4 * GB_WIDTH)));
 typedef std::int64_t VecL __attribute__((vector_size(4 * GB_WIDTH)));
 typedef std::int32_t VecH __attribute__((vector_size(2 * GB_WIDTH)));
-struct WideBD {
-    VecL v;
-};
+struct WideBD { VecL v; };
 struct WideD {
     VecD v;
     WideD() = default;
@@ -103,7 +108,10 @@ GB_FN WideD operator+(WideD a, WideD b) { return a.v + b.v; }
 GB_FN WideD operator-(WideD a, WideD b) { return a.v - b.v; }
 GB_FN WideD operator*(WideD a, WideD b) { return a.v * b.v; }
 GB_FN WideD operator/(WideD a, WideD b) { return a.v / b.v; }
-GB_FN WideD& operator+=(WideD& a, WideD b) { a.v += b.v; return a; }
+GB_FN WideD& operator+=(WideD& a, WideD b) {
+    a.v += b.v;
+    return a;
+}
 GB_FN WideBD operator<=(WideD a, WideD b) { return {a.v <= b.v}; }
 GB_FN WideBD operator>(WideD a, WideD b) { return {a.v > b.v}; }
 GB_FN unsigned bits(WideBD m) {

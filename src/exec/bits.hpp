@@ -69,23 +69,20 @@ GB_FN float quick_quotient(float a, float b) {
     return a / b;
 #endif
 }
-template <class F>
-GB_FN F quick_root(F a) { return sqrt(a); }
-template <class F>
-GB_FN F quick_quotient(F a, F b) { return a / b; }
+template <class F> GB_FN F quick_root(F a) { return sqrt(a); }
+template <class F> GB_FN F quick_quotient(F a, F b) { return a / b; }
 
-// Atomics on what other threads of the same launch touch, too: std::atomic_ref on the host, libcu++'s at the device's scope in CUDA.
-// Relaxed unless said otherwise.  Sums, greatest, least and bits are of integers, so that no order can change the result.
+// Atomics on what other threads of the same launch touch, too: std::atomic_ref on the host, libcu++'s at the device's
+// scope in CUDA. Relaxed unless said otherwise.  Sums, greatest, least and bits are of integers, so that no order can
+// change the result.
 //
-// The device keeps its own intrinsics where libcu++ (CUDA 13.0) makes worse code of the same thing: it emits generic ATOM instead of RED, for
-// 64 bits with a branch for shared memory, and for a byte's store a loop of compare-and-swap.
+// The device keeps its own intrinsics where libcu++ (CUDA 13.0) makes worse code of the same thing: it emits generic
+// ATOM instead of RED, for 64 bits with a branch for shared memory, and for a byte's store a loop of compare-and-swap.
 #if defined(__CUDACC__)
-template <class T>
-using AtomicRef = cuda::atomic_ref<T, cuda::thread_scope_device>;
+template <class T> using AtomicRef = cuda::atomic_ref<T, cuda::thread_scope_device>;
 inline constexpr auto kRelaxed = cuda::std::memory_order_relaxed, kAcquireRelease = cuda::std::memory_order_acq_rel;
 #else
-template <class T>
-using AtomicRef = std::atomic_ref<T>;
+template <class T> using AtomicRef = std::atomic_ref<T>;
 inline constexpr auto kRelaxed = std::memory_order_relaxed, kAcquireRelease = std::memory_order_acq_rel;
 #endif
 
@@ -117,8 +114,7 @@ GB_FN void atomic_or(std::uint64_t* at, std::uint64_t v) {
 }
 
 /// Puts v where yields(now, v); std::atomic_ref has neither minimum nor maximum before C++26.
-template <class T, class Yields>
-GB_FN void replace_where(T* at, T v, const Yields& yields) {
+template <class T, class Yields> GB_FN void replace_where(T* at, T v, const Yields& yields) {
     AtomicRef<T> ref(*at);
     T now = ref.load(kRelaxed);
     while (yields(now, v) && !ref.compare_exchange_weak(now, v, kRelaxed, kRelaxed)) {}
@@ -159,7 +155,9 @@ GB_FN float read_fresh(const float* p) {
 }
 
 /// Flags that several threads may raise and look at.
-GB_FN void raise_flag(std::uint32_t* flag, std::uint32_t raised = 1) { AtomicRef<std::uint32_t>(*flag).store(raised, kRelaxed); }
+GB_FN void raise_flag(std::uint32_t* flag, std::uint32_t raised = 1) {
+    AtomicRef<std::uint32_t>(*flag).store(raised, kRelaxed);
+}
 GB_FN void raise_flag(std::uint8_t* flag) {
 #if defined(__CUDA_ARCH__)
     *static_cast<volatile std::uint8_t*>(flag) = 1;

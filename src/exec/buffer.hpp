@@ -7,15 +7,15 @@
 
 namespace globule::core {
 
-template <class T, class Exec>
-class Buffer {
+template <class T, class Exec> class Buffer {
 public:
     explicit Buffer(Exec& exec) : exec_(&exec) {}
     Buffer(const Buffer&) = delete;
     Buffer& operator=(const Buffer&) = delete;
     ~Buffer() { exec_->release(data_); }
 
-    /// At least n items; contents are lost when it grows.  What grew once will again: then there is room for an eighth more.
+    /// At least n items; contents are lost when it grows.  What grew once will again: then there is room for an eighth
+    /// more.
     T* reserve(std::size_t n) {
         if (n > capacity_) {
             if (capacity_ > 0) n += n / 8;

@@ -17,13 +17,14 @@ namespace globule::core {
 class CopyCrew {
 public:
     CopyCrew(std::size_t n_parts, std::size_t part_bytes)
-        : n_(n_parts), pieces_(part_bytes / kPiece), copied_(new std::atomic<std::uint32_t>[n_parts]{}) {}
+        : n_(n_parts), pieces_(part_bytes / kPiece), copied_(new std::atomic<std::uint32_t>[n_parts] {}) {}
 
     std::size_t limit() const { return limit_.load(std::memory_order_relaxed); }
     void allow_next() { limit_.fetch_add(1, std::memory_order_release); }
     bool is_copied(std::size_t part) const { return copied_[part].load(std::memory_order_acquire) == pieces_; }
 
-    /// prepare(thread, threads) once on each, before all else; copy(part, from, to) bytes of a part; serve() until it says that all is done.
+    /// prepare(thread, threads) once on each, before all else; copy(part, from, to) bytes of a part; serve() until it
+    /// says that all is done.
     template <class Prepare, class Copy, class Serve>
     void run(const Prepare& prepare, const Copy& copy, const Serve& serve) {
         std::exception_ptr error;
@@ -53,8 +54,7 @@ private:
     static constexpr int kThreads = 8;
     static constexpr std::size_t kPiece = 128 << 10;
 
-    template <class Copy>
-    bool copy_one(const Copy& copy) {
+    template <class Copy> bool copy_one(const Copy& copy) {
         std::size_t i = next_.load(std::memory_order_relaxed);
         do {
             if (i >= n_ * pieces_ || i / pieces_ >= limit_.load(std::memory_order_acquire)) return false;

@@ -25,11 +25,11 @@
 
 namespace globule::core {
 
-/// What threads of a loop throw, such as a lack of memory: no exception may leave the loop, so the first waits for its end.
+/// What threads of a loop throw, such as a lack of memory: no exception may leave the loop, so the first waits for its
+/// end.
 class Thrown {
 public:
-    template <class Fn>
-    void guard(const Fn& fn) noexcept {
+    template <class Fn> void guard(const Fn& fn) noexcept {
         try {
             fn();
         } catch (...) {
@@ -52,8 +52,8 @@ public:
     using Lanes = CpuLanes;
     using Packet = CpuPacket;
     static constexpr bool on_device = false;
-    static constexpr std::size_t wave_size = 1 << 17;       ///< pixels at a time
-    static constexpr std::size_t n_streams = 1;             ///< that work side by side
+    static constexpr std::size_t wave_size = 1 << 17;  ///< pixels at a time
+    static constexpr std::size_t n_streams = 1;        ///< that work side by side
 
     Cpu(int, int threads, Poll* poll) : Cpu(threads, std::make_shared<Interrupt>(poll)) {}
     Interrupt& interrupt() const { return *interrupt_; }
@@ -82,7 +82,8 @@ public:
     void give_up(const void* p, std::size_t bytes) {
 #ifdef __linux__
         const std::size_t page = std::size_t(sysconf(_SC_PAGESIZE));
-        const std::size_t begin = ceil_div(reinterpret_cast<std::size_t>(p), page) * page, end = (reinterpret_cast<std::size_t>(p) + bytes) / page * page;
+        const std::size_t begin = ceil_div(reinterpret_cast<std::size_t>(p), page) * page,
+                          end = (reinterpret_cast<std::size_t>(p) + bytes) / page * page;
         if (begin < end) madvise(reinterpret_cast<void*>(begin), end - begin, MADV_DONTNEED);
 #endif
     }
@@ -111,13 +112,16 @@ public:
             return;
         }
 #pragma omp parallel for schedule(static) num_threads(threads_)
-        for (std::size_t at = 0; at < bytes; at += part) std::memset(static_cast<char*>(p) + at, 0, min(part, bytes - at));
+        for (std::size_t at = 0; at < bytes; at += part)
+            std::memset(static_cast<char*>(p) + at, 0, min(part, bytes - at));
     }
     void synchronize() {}
     /// Another stream of the same device, and what is given to it from now on waits for another's work so far.
     std::shared_ptr<Cpu> sibling() const { return std::shared_ptr<Cpu>(new Cpu(threads_, interrupt_)); }
     /// One that may be used beside this, by another thread; nothing stops it.
-    std::shared_ptr<Cpu> reader() const { return std::shared_ptr<Cpu>(new Cpu(threads_, std::make_shared<Interrupt>())); }
+    std::shared_ptr<Cpu> reader() const {
+        return std::shared_ptr<Cpu>(new Cpu(threads_, std::make_shared<Interrupt>()));
+    }
     void follow(Cpu&, int = 0) {}
     /// Memory that may still be taken; 0: not known here.
     std::uint64_t free_bytes() const { return 0; }
@@ -129,8 +133,7 @@ public:
         explicit Stage(const char*) {}
     };
     /// A value of the device's that is asked for now and looked at later, without waiting.
-    template <class T>
-    class Answer {
+    template <class T> class Answer {
     public:
         void ask(Cpu&, const T* from) { value_ = *from; }
         const T* look() const { return &value_; }
@@ -154,27 +157,25 @@ public:
         return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
     }
 
-    template <class Functor>
-    void for_each(std::size_t n, const Functor& functor) {
+    template <class Functor> void for_each(std::size_t n, const Functor& functor) {
 #pragma omp parallel for schedule(static) num_threads(threads_) if (n > 2048)
         for (std::size_t i = 0; i < n; ++i) functor(i);
         interrupt_->check();
     }
 
     /// Rows in packets of SIMD lanes; the last packet's lanes go past n, into padding.
-    template <class Functor>
-    void for_each_packet(std::size_t n, const Functor& functor) {
+    template <class Functor> void for_each_packet(std::size_t n, const Functor& functor) {
 #pragma omp parallel for schedule(static) num_threads(threads_) if (n > 256)
         for (std::size_t i = 0; i < n; i += Packet::width) functor.template run<Packet>(i);
         interrupt_->check();
     }
 
-    template <class Functor>
-    void for_each_packet_team(std::size_t n, const Functor& functor) { for_each_packet(n, functor); }
+    template <class Functor> void for_each_packet_team(std::size_t n, const Functor& functor) {
+        for_each_packet(n, functor);
+    }
 
     /// As for_each, for items of very different length.
-    template <class Functor>
-    void for_each_uneven(std::size_t n, const Functor& functor) {
+    template <class Functor> void for_each_uneven(std::size_t n, const Functor& functor) {
         constexpr std::size_t chunk = 256;
         Thrown thrown;
 #pragma omp parallel num_threads(threads_) if (n > chunk)
@@ -193,8 +194,7 @@ public:
     }
 
     /// Few pieces of much and uneven work each; dealt out as threads become free.
-    template <class Functor>
-    void for_each_task(std::size_t n, const Functor& functor) {
+    template <class Functor> void for_each_task(std::size_t n, const Functor& functor) {
         Thrown thrown;
 #pragma omp parallel num_threads(threads_)
         {
@@ -211,21 +211,19 @@ public:
 
     /// Items that take a number of steps known to none beforehand: begin(i, state), where that is true
     /// advance(state, true) while it is true, then end(state).
-    template <class Walk>
-    void for_each_walk(std::size_t n, const Walk& walk) {
-        for_each_uneven(n, Steps<Walk>{walk});
+    template <class Walk> void for_each_walk(std::size_t n, const Walk& walk) { for_each_uneven(n, Steps<Walk>{walk}); }
+
+    template <class Functor> void for_each_sparse(std::size_t n, const Functor& functor) {
+        for_each_uneven(n, functor);
     }
 
-    template <class Functor>
-    void for_each_sparse(std::size_t n, const Functor& functor) { for_each_uneven(n, functor); }
-
     /// One group of lanes a tile, as many tiles as *n says.
-    template <class Functor>
-    void for_each_tile_of(const std::uint32_t* n, const Functor& functor) { for_each_tile(*n, functor); }
+    template <class Functor> void for_each_tile_of(const std::uint32_t* n, const Functor& functor) {
+        for_each_tile(*n, functor);
+    }
 
     /// One group of lanes a tile; tiles are dealt out as threads become free.
-    template <class Functor>
-    void for_each_tile(std::size_t n, const Functor& functor) {
+    template <class Functor> void for_each_tile(std::size_t n, const Functor& functor) {
         using Scratch = typename Functor::template Scratch<Group>;
         Thrown thrown;
 #pragma omp parallel num_threads(threads_)
@@ -280,14 +278,14 @@ public:
     }
     /// And `then`, unless it is over.
     template <class T, class Map, class Combine, class Then>
-    void reduce_in_order(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out, const Then& then) {
+    void reduce_in_order(
+        std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out, const Then& then) {
         if (then.is_over()) return;
         reduce_in_order(n, map, combine, identity, out);
         then(0);
     }
 
-    template <class T>
-    void exclusive_scan(std::size_t n, T* values) {
+    template <class T> void exclusive_scan(std::size_t n, T* values) {
         std::vector<T> sums(threads_ + 1, T(0));
         const std::size_t part = ceil_div<std::size_t>(n, threads_);
 #pragma omp parallel for num_threads(threads_) schedule(static, 1)
@@ -311,8 +309,8 @@ public:
 
     /// Stable least-significant-digit radix sort by the low `bits`; the result ends in keys, values.
     template <class Key>
-    void sort_pairs(std::size_t n, Key* keys, Key* keys_spare, std::uint32_t* values,
-                    std::uint32_t* values_spare, int bits) {
+    void sort_pairs(
+        std::size_t n, Key* keys, Key* keys_spare, std::uint32_t* values, std::uint32_t* values_spare, int bits) {
         constexpr int digit_bits = 8, digits = 1 << digit_bits;
         const std::size_t part = ceil_div<std::size_t>(n, threads_);
         std::vector<std::size_t> offsets(std::size_t(threads_) * digits);
@@ -359,8 +357,7 @@ public:
     }
 
 private:
-    template <class Walk>
-    struct Steps {
+    template <class Walk> struct Steps {
         const Walk& walk;
         void operator()(std::size_t i) const {
             typename Walk::State state{};

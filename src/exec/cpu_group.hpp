@@ -15,9 +15,7 @@ struct CpuGroup {
     static constexpr int stack_capacity = 512;
     using F = WideF;
     using B = WideB;
-    struct U {
-        std::uint32_t v[kWidth];
-    };
+    struct U { std::uint32_t v[kWidth]; };
     B first_lanes(int n) const {
         static constexpr std::int32_t numbers[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
         VecI lane;
@@ -94,8 +92,7 @@ struct CpuGroup {
         return {items < Items{} + v};
     }
     /// The set lanes' values side by side; a whole group's worth of memory may be written.
-    template <class V, class T>
-    void keep(const B& m, const V& v, T* to) const {
+    template <class V, class T> void keep(const B& m, const V& v, T* to) const {
 #if defined(__AVX512F__)
         __m512i all;
         std::memcpy(&all, &v, sizeof all);
@@ -106,8 +103,7 @@ struct CpuGroup {
     }
 
     /// Three floats and a number for each of n items, read one at a time or a group's worth.
-    template <int n>
-    struct List {
+    template <int n> struct List {
         float x[n], y[n], z[n];
         std::uint32_t id[n];
         Vec3<float> point(int i) const { return {x[i], y[i], z[i]}; }
@@ -118,7 +114,9 @@ struct CpuGroup {
             z[i] = p.z;
             id[i] = k;
         }
-        Vec3<F> points(const CpuGroup& g, int i) const { return {g.load_run(x + i), g.load_run(y + i), g.load_run(z + i)}; }
+        Vec3<F> points(const CpuGroup& g, int i) const {
+            return {g.load_run(x + i), g.load_run(y + i), g.load_run(z + i)};
+        }
         /// The set lanes' points side by side, from place i on; a whole group's worth of memory may be written.
         void keep(const CpuGroup& g, const B& m, const Vec3<F>& p, int i) {
             g.keep(m, p.x, x + i);
@@ -130,23 +128,20 @@ struct CpuGroup {
     struct LaneOf {};
     /// As on the GPU, each lane with its own ray alone.
     template <bool, class Sum, class Part>
-    static void share_rays(LaneOf&, const B&, const Vec3<F>& p, const Vec3<F>& d, const F& sign, Sum& sum, const Part& part) {
+    static void share_rays(
+        LaneOf&, const B&, const Vec3<F>& p, const Vec3<F>& d, const F& sign, Sum& sum, const Part& part) {
         part(p, d, sign, 0, 1, sum);
     }
 
     /// Runs of up to 8 siblings side by side in the lanes.
     static constexpr int run_width = width < 8 ? width : 8;
     static constexpr int n_runs = width / run_width;
-    struct Runs {
-        std::uint32_t first[n_runs];
-    };
-    template <class Entry>
-    struct Entries {
+    struct Runs { std::uint32_t first[n_runs]; };
+    template <class Entry> struct Entries {
         Entry run[n_runs];
         int n;
     };
-    template <class Entry>
-    Entries<Entry> take(const Entry* stack, int n) const {
+    template <class Entry> Entries<Entry> take(const Entry* stack, int n) const {
         Entries<Entry> e{};
         for (int r = 0; r < n; ++r) e.run[r] = stack[r];
         e.n = n;
@@ -154,8 +149,7 @@ struct CpuGroup {
     }
     /// Lays the taken runs out; part p of a run that is wider than the group begins at p run_width.
     /// Returns the lanes that hold a node.
-    template <class Entry>
-    B lay_out(const Entries<Entry>& e, int part, Runs& runs) const {
+    template <class Entry> B lay_out(const Entries<Entry>& e, int part, Runs& runs) const {
         B lanes = none();
         for (int r = 0; r < n_runs; ++r) {
             const int count = r < e.n ? int(e.run[r].count()) - part * run_width : 0;
@@ -182,17 +176,14 @@ struct CpuGroup {
     }
 
     /// fn(lane) for each set lane, one after the other, all lanes taking part.
-    template <class Fn>
-    void each(const B& m, const Fn& fn) const {
+    template <class Fn> void each(const B& m, const Fn& fn) const {
         for (unsigned set = bits(m); set; set &= set - 1) fn(__builtin_ctz(set));
     }
     /// fn(lane) for each set lane, every lane for itself.
-    template <class Fn>
-    void per_lane(const B& m, const Fn& fn) const { each(m, fn); }
+    template <class Fn> void per_lane(const B& m, const Fn& fn) const { each(m, fn); }
 
     /// fn(lane) for all lanes.
-    template <class Fn>
-    static void for_lanes(const Fn& fn) {
+    template <class Fn> static void for_lanes(const Fn& fn) {
         for (int i = 0; i < width; ++i) fn(i);
     }
 
@@ -200,25 +191,21 @@ struct CpuGroup {
     /// The set lanes, one bit each.
     std::uint32_t set_of(const B& m) const { return bits(m); }
     /// fn(lane) in every lane.
-    template <class Fn>
-    F map(const Fn& fn) const {
+    template <class Fn> F map(const Fn& fn) const {
         F r;
         for (int i = 0; i < width; ++i) r.v[i] = fn(i);
         return r;
     }
     /// fn() called once, its result known to all lanes.
-    template <class Fn>
-    auto from_first(const Fn& fn) const { return fn(); }
+    template <class Fn> auto from_first(const Fn& fn) const { return fn(); }
 
     /// write(lane, place) for each set lane, places counting up from n; returns the new n.
-    template <class Write>
-    int append(const B& m, int n, const Write& write) const {
+    template <class Write> int append(const B& m, int n, const Write& write) const {
         for (unsigned set = bits(m); set; set &= set - 1) write(__builtin_ctz(set), n++);
         return n;
     }
     /// fn(j) for j < n, shared out among the lanes, and the sum of what the lanes hold.
-    template <class Fn>
-    void share(int n, const Fn& fn) const {
+    template <class Fn> void share(int n, const Fn& fn) const {
         for (int j = 0; j < n; ++j) fn(j);
     }
     double total(double mine) const { return mine; }
@@ -269,8 +256,7 @@ struct CpuLanes {
         return r;
     }
     /// fn(lane) in every lane.
-    template <class Fn>
-    static F map(const Fn& fn) {
+    template <class Fn> static F map(const Fn& fn) {
         F r;
         for (int i = 0; i < width; ++i) r.v[i] = fn(i);
         return r;
@@ -311,8 +297,7 @@ struct CpuLanes {
         return r;
     }
     /// fn(slot, v) where v > 0.
-    template <class Fn>
-    static void where_positive(const Slots& s, const D& v, const Fn& fn) {
+    template <class Fn> static void where_positive(const Slots& s, const D& v, const Fn& fn) {
         for (unsigned set = bits(v > D(0.0)); set; set &= set - 1) {
             const int i = __builtin_ctz(set);
             fn(std::uint32_t(s.slot[i]), v.v[i]);

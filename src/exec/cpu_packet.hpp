@@ -18,29 +18,25 @@ struct CpuPacket {
     static constexpr std::uint32_t team = 1;
     GB_FN static std::uint32_t member() { return 0; }
     GB_FN static const F& own(const F& v) { return v; }
-    template <class... T>
-    GB_FN static bool add_up(T&...) { return true; }
+    template <class... T> GB_FN static bool add_up(T&...) { return true; }
 
     /// Asks memory for what will be read soon.
-    template <class T>
-    GB_FN static void fetch(const T* p) {
+    template <class T> GB_FN static void fetch(const T* p) {
         for (std::size_t i = 0; i < sizeof(T); i += 64) __builtin_prefetch(reinterpret_cast<const char*>(p) + i);
     }
-    template <class T>
-    GB_FN static const T& read(const T& p) { return p; }
-    template <class T, class Fn>
-    GB_FN static void write(T& p, const Fn& fn) { fn(p); }
+    template <class T> GB_FN static const T& read(const T& p) { return p; }
+    template <class T, class Fn> GB_FN static void write(T& p, const Fn& fn) { fn(p); }
     GB_FN static F load(const float* p) {
         F r;
         std::memcpy(&r.v, p, sizeof r.v);
         return r;
     }
     GB_FN static void store(float* p, const F& v) { std::memcpy(p, &v.v, sizeof v.v); }
-    template <class Index>
-    GB_FN static F gather(const float* p, const Index* index) {
+    template <class Index> GB_FN static F gather(const float* p, const Index* index) {
         F r;
 #if defined(__AVX512F__)
-        if constexpr (sizeof(Index) == 2) r.v = (VecF)_mm512_i32gather_ps(_mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i*)index)), p, 4);
+        if constexpr (sizeof(Index) == 2)
+            r.v = (VecF)_mm512_i32gather_ps(_mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i*)index)), p, 4);
         else r.v = (VecF)_mm512_i32gather_ps(_mm512_loadu_si512(index), p, 4);
 #else
         for (int i = 0; i < width; ++i) r.v[i] = p[index[i]];
@@ -51,8 +47,7 @@ struct CpuPacket {
         for (int i = 0; i < width; ++i) p[index[i]] = v.v[i];
     }
     /// Four values of each lane's item: loads of 16 bytes and a transposition beat four gathers.
-    template <class Index>
-    GB_FN static Four<F> gather(const Quad* p, const Index* index) {
+    template <class Index> GB_FN static Four<F> gather(const Quad* p, const Index* index) {
 #if defined(__AVX512F__)
         const auto four = [&](int i) {
             __m512 r = _mm512_castps128_ps512(_mm_load_ps(&p[index[i]].x));
@@ -64,16 +59,17 @@ struct CpuPacket {
         const __m512 ab = _mm512_unpacklo_ps(a, b), cd = _mm512_unpacklo_ps(c, d);
         const __m512 AB = _mm512_unpackhi_ps(a, b), CD = _mm512_unpackhi_ps(c, d);
         return {(VecF)_mm512_shuffle_ps(ab, cd, 0x44), (VecF)_mm512_shuffle_ps(ab, cd, 0xee),
-                (VecF)_mm512_shuffle_ps(AB, CD, 0x44), (VecF)_mm512_shuffle_ps(AB, CD, 0xee)};
+            (VecF)_mm512_shuffle_ps(AB, CD, 0x44), (VecF)_mm512_shuffle_ps(AB, CD, 0xee)};
 #elif defined(__AVX2__)
         const auto two = [&](int i) {
-            return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(&p[index[i]].x)), _mm_load_ps(&p[index[i + 4]].x), 1);
+            return _mm256_insertf128_ps(
+                _mm256_castps128_ps256(_mm_load_ps(&p[index[i]].x)), _mm_load_ps(&p[index[i + 4]].x), 1);
         };
         const __m256 a = two(0), b = two(1), c = two(2), d = two(3);
         const __m256 ab = _mm256_unpacklo_ps(a, b), cd = _mm256_unpacklo_ps(c, d);
         const __m256 AB = _mm256_unpackhi_ps(a, b), CD = _mm256_unpackhi_ps(c, d);
         return {(VecF)_mm256_shuffle_ps(ab, cd, 0x44), (VecF)_mm256_shuffle_ps(ab, cd, 0xee),
-                (VecF)_mm256_shuffle_ps(AB, CD, 0x44), (VecF)_mm256_shuffle_ps(AB, CD, 0xee)};
+            (VecF)_mm256_shuffle_ps(AB, CD, 0x44), (VecF)_mm256_shuffle_ps(AB, CD, 0xee)};
 #else
         Four<F> r;
         for (int i = 0; i < width; ++i) {
@@ -133,8 +129,9 @@ struct CpuPacket {
         std::uint32_t first;
         GB_FN bool are_far() const { return first == ~0u; }
     };
-    template <class T>
-    GB_FN static auto gather(const T* p, const Bases& from, const std::uint16_t* slots) { return gather(p + from.first, slots); }
+    template <class T> GB_FN static auto gather(const T* p, const Bases& from, const std::uint16_t* slots) {
+        return gather(p + from.first, slots);
+    }
     /// Writes the slots of a packet's lists, which are in slot order, in 16 bits.
     class ShortSlots {
     public:
@@ -170,8 +167,7 @@ struct CpuPacket {
         return most;
     }
     /// fn(lane) in every lane.
-    template <class Fn>
-    GB_FN static F map(const Fn& fn) {
+    template <class Fn> GB_FN static F map(const Fn& fn) {
         F r;
         for (int i = 0; i < width; ++i) r.v[i] = fn(i);
         return r;

@@ -20,26 +20,25 @@
 
 namespace globule::core {
 
-/// What every kernel begins with: it starts while the one before ends (Cuda::launch), and what that one wrote is there only now.
+/// What every kernel begins with: it starts while the one before ends (Cuda::launch), and what that one wrote is there
+/// only now.
 __device__ inline void wait_for_last_kernel() {
 #if __CUDA_ARCH__ >= 900
     cudaGridDependencySynchronize();
 #endif
 }
 /// Tells what a program was compiled for (Cuda::can_overlap).
-template <class = void>
-__global__ void run_nothing() {}
+template <class = void> __global__ void run_nothing() {}
 
-template <class Functor>
-__global__ void run_each(std::size_t n, Functor functor) {
+template <class Functor> __global__ void run_each(std::size_t n, Functor functor) {
     wait_for_last_kernel();
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i < n) functor(i);
 }
 
-/// Where more registers serve a functor better than more warps, it says 1: then the compiler asks for some neighbors before it waits for the first.
-template <class Functor>
-constexpr int packet_blocks() {
+/// Where more registers serve a functor better than more warps, it says 1: then the compiler asks for some neighbors
+/// before it waits for the first.
+template <class Functor> constexpr int packet_blocks() {
     if constexpr (requires { Functor::packet_blocks; }) return Functor::packet_blocks;
     else return 0;
 }
@@ -58,11 +57,12 @@ __global__ void __launch_bounds__(32 * kTeam) run_teams(std::size_t n, Functor f
     if (row < n) functor.template run<CudaTeam<kTeam>>(row);
 }
 
-/// The sum of all items and what follows from it, in one launch: blocks add up a thousand items each, and the block that
-/// ends last adds these sums.  The order is that of the items.
+/// The sum of all items and what follows from it, in one launch: blocks add up a thousand items each, and the block
+/// that ends last adds these sums.  The order is that of the items.
 inline constexpr int kSumThreads = 256, kSumItems = 1024;
 template <class T, class Map, class Combine, class Then>
-__global__ void __launch_bounds__(kSumThreads) run_sum(std::size_t n, Map map, Combine combine, T identity, T* parts, unsigned* arrived, T* out, Then then) {
+__global__ void __launch_bounds__(kSumThreads)
+    run_sum(std::size_t n, Map map, Combine combine, T identity, T* parts, unsigned* arrived, T* out, Then then) {
     using Block = cub::BlockReduce<T, kSumThreads>;
     __shared__ typename Block::TempStorage room;
     __shared__ bool is_last;
@@ -71,7 +71,8 @@ __global__ void __launch_bounds__(kSumThreads) run_sum(std::size_t n, Map map, C
     const std::size_t begin = std::size_t(blockIdx.x) * kSumItems + threadIdx.x;
     T sum = identity;
 #pragma unroll
-    for (int k = 0; k < kSumItems; k += kSumThreads) sum = combine(sum, begin + k < n ? map(begin + k) : identity);  // all are asked for at once
+    for (int k = 0; k < kSumItems; k += kSumThreads)
+        sum = combine(sum, begin + k < n ? map(begin + k) : identity);  // all are asked for at once
     sum = Block(room).Reduce(sum, combine);
     if (threadIdx.x == 0) {
         parts[blockIdx.x] = sum;
@@ -94,22 +95,21 @@ __global__ void __launch_bounds__(kSumThreads) run_sum(std::size_t n, Map map, C
 inline constexpr int kWarpsPerBlock = 4;
 inline constexpr int kWalkBlocks = 5;  ///< of 128 threads to a processor, in run_walks: 96 registers a thread
 
-/// Blocks of tiles that a processor holds at one time: 4 leaves 128 registers a thread; a functor that does with 96 says 5.
-template <class Functor>
-constexpr int tile_blocks() {
+/// Blocks of tiles that a processor holds at one time: 4 leaves 128 registers a thread; a functor that does with 96
+/// says 5.
+template <class Functor> constexpr int tile_blocks() {
     if constexpr (requires { Functor::tile_blocks; }) return Functor::tile_blocks;
     else return 4;
 }
 /// Tiles of a block: one alone where they differ much in length, so that none waits for the others to leave.
-template <class Functor>
-constexpr int warps_per_block() {
+template <class Functor> constexpr int warps_per_block() {
     if constexpr (requires { Functor::tiles_of_block; }) return Functor::tiles_of_block;
     else return kWarpsPerBlock;
 }
 
 template <class Functor>
-__global__ void __launch_bounds__(32 * warps_per_block<Functor>(), tile_blocks<Functor>() * kWarpsPerBlock / warps_per_block<Functor>())
-    run_tiles(std::size_t n, Functor functor) {
+__global__ void __launch_bounds__(32 * warps_per_block<Functor>(),
+    tile_blocks<Functor>() * kWarpsPerBlock / warps_per_block<Functor>()) run_tiles(std::size_t n, Functor functor) {
     wait_for_last_kernel();
     using Scratch = typename Functor::template Scratch<CudaGroup>;
     constexpr int warps = warps_per_block<Functor>();
@@ -120,8 +120,7 @@ __global__ void __launch_bounds__(32 * warps_per_block<Functor>(), tile_blocks<F
     if (tile < n) functor(group, scratch[warp], tile);
 }
 
-template <class Functor>
-__global__ void __launch_bounds__(128) run_uneven(std::size_t n, Functor functor) {
+template <class Functor> __global__ void __launch_bounds__(128) run_uneven(std::size_t n, Functor functor) {
     wait_for_last_kernel();
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i < n) functor(i);
@@ -129,8 +128,7 @@ __global__ void __launch_bounds__(128) run_uneven(std::size_t n, Functor functor
 
 /// Few items a warp: where they differ much, what one lane does the others wait for (docs/design/meshes.md).
 inline constexpr int kSparse = 8;
-template <class Functor>
-__global__ void __launch_bounds__(128) run_sparse(std::size_t n, Functor functor) {
+template <class Functor> __global__ void __launch_bounds__(128) run_sparse(std::size_t n, Functor functor) {
     wait_for_last_kernel();
     const int lane = threadIdx.x & 31;
     const std::size_t i = (std::size_t(blockIdx.x) * 4 + threadIdx.x / 32) * kSparse + lane;
@@ -140,7 +138,8 @@ __global__ void __launch_bounds__(128) run_sparse(std::size_t n, Functor functor
 /// Lanes that are done with their item take the next ones, some at a time, so that a warp stays full
 /// whatever the items' lengths (Aila & Laine 2009).  All lanes advance together, active or not.
 template <class Walk>
-__global__ void __launch_bounds__(128, kWalkBlocks) run_walks(unsigned long long n, unsigned long long* next, Walk walk) {
+__global__ void __launch_bounds__(128, kWalkBlocks)
+    run_walks(unsigned long long n, unsigned long long* next, Walk walk) {
     wait_for_last_kernel();
     constexpr unsigned all = 0xffffffffu;
     constexpr int kIdle = 20;  // lanes that wait before new items are taken
@@ -193,8 +192,8 @@ public:
     using Lanes = CudaLanes;
     using Packet = CudaPacket;
     static constexpr bool on_device = true;
-    static constexpr std::size_t wave_size = 1 << 22;       ///< pixels at a time
-    static constexpr std::size_t n_streams = 4;             ///< that work side by side
+    static constexpr std::size_t wave_size = 1 << 22;  ///< pixels at a time
+    static constexpr std::size_t n_streams = 4;        ///< that work side by side
 
     explicit Cuda(int device, int, Poll* poll) : Cuda(device, std::make_shared<Interrupt>(poll)) {}
     ~Cuda() {
@@ -273,12 +272,9 @@ public:
         release(p);
         return moved;
     }
-    void upload(void* to, const void* from, std::size_t bytes) {
-        staging_.upload(to, from, bytes, stream_);
-    }
+    void upload(void* to, const void* from, std::size_t bytes) { staging_.upload(to, from, bytes, stream_); }
     /// The same; arrived(n) is called whenever the first n bytes may be used by what is asked for then.
-    template <class Arrived>
-    void upload(void* to, const void* from, std::size_t bytes, Arrived& arrived) {
+    template <class Arrived> void upload(void* to, const void* from, std::size_t bytes, Arrived& arrived) {
         staging_.upload(to, from, bytes, stream_, arrived);
     }
     void download(void* to, const void* from, std::size_t bytes) {
@@ -293,14 +289,20 @@ public:
         check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream_));
         check(cudaStreamSynchronize(stream_));
     }
-    void copy(void* to, const void* from, std::size_t bytes) { check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, stream_)); }
+    void copy(void* to, const void* from, std::size_t bytes) {
+        check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, stream_));
+    }
     void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
     void synchronize() { check(cudaStreamSynchronize(stream_)); }
-    /// Another stream of the same device, and what is given to it from now on waits for another's work so far, or up to a mark.
-    /// urgent: its work goes before that of other streams.
-    std::shared_ptr<Cuda> sibling(bool urgent = false) const { return std::shared_ptr<Cuda>(new Cuda(device_, interrupt_, urgent)); }
+    /// Another stream of the same device, and what is given to it from now on waits for another's work so far, or up to
+    /// a mark. urgent: its work goes before that of other streams.
+    std::shared_ptr<Cuda> sibling(bool urgent = false) const {
+        return std::shared_ptr<Cuda>(new Cuda(device_, interrupt_, urgent));
+    }
     /// One that may be used beside this, by another thread; nothing stops it.
-    std::shared_ptr<Cuda> reader() const { return std::shared_ptr<Cuda>(new Cuda(device_, std::make_shared<Interrupt>())); }
+    std::shared_ptr<Cuda> reader() const {
+        return std::shared_ptr<Cuda>(new Cuda(device_, std::make_shared<Interrupt>()));
+    }
     void follow(Cuda& other, int mark) { check(cudaStreamWaitEvent(stream_, other.marks_[mark])); }
     void follow(Cuda& other) {
         check(cudaEventRecord(other.done_, other.stream_));
@@ -332,8 +334,7 @@ public:
         Stage& operator=(const Stage&) = delete;
     };
     /// A value of the device's that is asked for now and looked at later, without waiting.
-    template <class T>
-    class Answer {
+    template <class T> class Answer {
     public:
         Answer() = default;
         ~Answer() {
@@ -386,42 +387,36 @@ public:
         cudaEvent_t begin_ = nullptr, end_ = nullptr;
     };
 
-    template <class Functor>
-    void for_each(std::size_t n, const Functor& functor) {
+    template <class Functor> void for_each(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
         const unsigned threads = n < 4096 ? 32 : 256;
         launch(run_each<Functor>, ceil_div<std::size_t>(n, threads), threads, n, functor);
     }
-    template <class Functor>
-    void for_each_task(std::size_t n, const Functor& functor) {
+    template <class Functor> void for_each_task(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
         constexpr unsigned threads = 64;
         launch(run_each<Functor>, ceil_div<std::size_t>(n, threads), threads, n, functor);
     }
-    template <class Functor>
-    void for_each_tile(std::size_t n, const Functor& functor) {
+    template <class Functor> void for_each_tile(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
         constexpr int warps = warps_per_block<Functor>();
         launch(run_tiles<Functor>, ceil_div<std::size_t>(n, warps), 32 * warps, n, functor);
     }
 
-    template <class Functor>
-    void for_each_uneven(std::size_t n, const Functor& functor) {
+    template <class Functor> void for_each_uneven(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
         launch(run_uneven<Functor>, ceil_div<std::size_t>(n, 128), 128, n, functor);
     }
-    template <class Functor>
-    void for_each_sparse(std::size_t n, const Functor& functor) {
+    template <class Functor> void for_each_sparse(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
         launch(run_sparse<Functor>, ceil_div<std::size_t>(n, 4 * kSparse), 128, n, functor);
     }
-    template <class Walk>
-    void for_each_walk(std::size_t n, const Walk& walk) {
+    template <class Walk> void for_each_walk(std::size_t n, const Walk& walk) {
         interrupt_->check();
         if (n == 0) return;
         unsigned long long* next = next_.reserve(1);
@@ -429,23 +424,20 @@ public:
         const unsigned blocks = unsigned(min<std::size_t>(ceil_div<std::size_t>(n, 128), kWalkBlocks * n_processors_));
         launch(run_walks<Walk>, blocks, 128, n, next, walk);
     }
-    template <class Functor>
-    void for_each_tile_of(const std::uint32_t* n, const Functor& functor) {
+    template <class Functor> void for_each_tile_of(const std::uint32_t* n, const Functor& functor) {
         interrupt_->check();
         launch(run_tiles_of<Functor>, 16 * n_processors_, 32 * kWarpsPerBlock, n, functor);
     }
 
     /// One thread a row.
-    template <class Functor>
-    void for_each_packet(std::size_t n, const Functor& functor) {
+    template <class Functor> void for_each_packet(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
         launch(run_packets<Functor>, ceil_div<std::size_t>(n, 128), 128, n, functor);
     }
 
     /// The same for functors that know teams: few rows are shared by several warps.
-    template <class Functor>
-    void for_each_packet_team(std::size_t n, const Functor& functor) {
+    template <class Functor> void for_each_packet_team(std::size_t n, const Functor& functor) {
         constexpr int kTeam = 4;
         constexpr std::size_t kFull = 1 << 16;  ///< rows that keep a GPU busy by themselves
         if (n == 0 || n >= kFull) return for_each_packet(n, functor);
@@ -460,29 +452,30 @@ public:
     }
     /// And `then`, unless it is over.
     template <class T, class Map, class Combine, class Then>
-    void reduce_in_order(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out, const Then& then) {
+    void reduce_in_order(
+        std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out, const Then& then) {
         interrupt_->check();
         const std::size_t blocks = max<std::size_t>(ceil_div<std::size_t>(n, kSumItems), 1);
         if (!arrived_.data()) clear(arrived_.reserve(1), sizeof(unsigned));
         T* parts = reinterpret_cast<T*>(parts_.reserve(blocks * sizeof(T)));
-        launch(run_sum<T, Map, Combine, Then>, blocks, kSumThreads, n, map, combine, identity, parts, arrived_.data(), out, then);
+        launch(run_sum<T, Map, Combine, Then>, blocks, kSumThreads, n, map, combine, identity, parts, arrived_.data(),
+            out, then);
     }
     template <class T, class Map, class Combine>
     void reduce(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
         with_temporary([&](void* room, std::size_t& bytes) {
-            return cub::DeviceReduce::TransformReduce(room, bytes, thrust::counting_iterator<std::size_t>(0), out, n,
-                                                      combine, map, identity, stream_);
+            return cub::DeviceReduce::TransformReduce(
+                room, bytes, thrust::counting_iterator<std::size_t>(0), out, n, combine, map, identity, stream_);
         });
     }
-    template <class T>
-    void exclusive_scan(std::size_t n, T* values) {
+    template <class T> void exclusive_scan(std::size_t n, T* values) {
         with_temporary([&](void* room, std::size_t& bytes) {
             return cub::DeviceScan::ExclusiveSum(room, bytes, values, values, n, stream_);
         });
     }
     template <class Key>
-    void sort_pairs(std::size_t n, Key* keys, Key* keys_spare, std::uint32_t* values, std::uint32_t* values_spare,
-                    int bits) {
+    void sort_pairs(
+        std::size_t n, Key* keys, Key* keys_spare, std::uint32_t* values, std::uint32_t* values_spare, int bits) {
         interrupt_->check();
         if (n == 0) return;
         cub::DoubleBuffer<Key> k(keys, keys_spare);
@@ -490,14 +483,20 @@ public:
         with_temporary([&](void* room, std::size_t& bytes) {
             return cub::DeviceRadixSort::SortPairs(room, bytes, k, v, n, 0, bits, stream_);
         });
-        if (k.Current() != keys) check(cudaMemcpyAsync(keys, k.Current(), n * sizeof(Key), cudaMemcpyDeviceToDevice, stream_));
+        if (k.Current() != keys)
+            check(cudaMemcpyAsync(keys, k.Current(), n * sizeof(Key), cudaMemcpyDeviceToDevice, stream_));
         if (v.Current() != values)
             check(cudaMemcpyAsync(values, v.Current(), n * sizeof(std::uint32_t), cudaMemcpyDeviceToDevice, stream_));
     }
 
 private:
     Cuda(int device, std::shared_ptr<Interrupt> interrupt, bool urgent = false)
-        : device_(device), interrupt_(std::move(interrupt)), temporary_(*this), next_(*this), parts_(*this), arrived_(*this) {
+        : device_(device),
+          interrupt_(std::move(interrupt)),
+          temporary_(*this),
+          next_(*this),
+          parts_(*this),
+          arrived_(*this) {
         const DeviceScope scope(device_);
         check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
         can_overlap_ = can_overlap();
@@ -541,8 +540,7 @@ private:
         kept = total / kPoolShare;
         check(cudaMemPoolSetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &kept));
     }
-    template <class Call>
-    void with_temporary(const Call& call) {
+    template <class Call> void with_temporary(const Call& call) {
         // Room is mostly there already; asking CUB how much it takes costs as much as starting its kernels.
         std::size_t bytes = temporary_.capacity();
         if (bytes) {
@@ -555,7 +553,7 @@ private:
     }
 
     static constexpr std::uintptr_t kLegacyStream = 1;  ///< as 0: the default stream
-    static constexpr std::uint64_t kPoolShare = 16;  ///< of the device's memory that released memory may keep
+    static constexpr std::uint64_t kPoolShare = 16;     ///< of the device's memory that released memory may keep
 
     int device_;
     std::shared_ptr<Interrupt> interrupt_;

@@ -21,12 +21,9 @@ struct CudaGroup {
     __device__ B only(int which) const { return lane() == which; }
     __device__ B none() const { return false; }
 
-    template <class T>
-    __device__ static T get(const T& v, int) { return v; }
-    template <class T>
-    __device__ static void put(T& v, int, T x) { v = x; }
-    template <class T>
-    __device__ static T pick(const T& v, int lane) { return __shfl_sync(all, v, lane); }
+    template <class T> __device__ static T get(const T& v, int) { return v; }
+    template <class T> __device__ static void put(T& v, int, T x) { v = x; }
+    template <class T> __device__ static T pick(const T& v, int lane) { return __shfl_sync(all, v, lane); }
 
     __device__ bool any(B m) const { return __any_sync(all, m); }
     __device__ int count(B m) const { return __popc(__ballot_sync(all, m)); }
@@ -63,18 +60,18 @@ struct CudaGroup {
     __device__ U numbers(std::uint32_t first) const { return first + lane(); }
     __device__ B differ(const std::uint32_t* run, std::uint32_t v) const { return run[lane()] != v; }
     __device__ B before(const std::uint32_t* run, std::uint32_t v) const { return run[lane()] < v; }
-    template <class T>
-    __device__ void keep(B m, T v, T* to) const {
+    template <class T> __device__ void keep(B m, T v, T* to) const {
         const unsigned set = __ballot_sync(all, m);
         if (m) to[__popc(set & ((1u << lane()) - 1))] = v;
     }
 
-    template <int n>
-    struct List {
+    template <int n> struct List {
         float4 item[n];
         __device__ Vec3<float> point(int i) const { return {item[i].x, item[i].y, item[i].z}; }
         __device__ std::uint32_t number(int i) const { return __float_as_uint(item[i].w); }
-        __device__ void set(int i, const Vec3<float>& p, std::uint32_t k) { item[i] = {p.x, p.y, p.z, __uint_as_float(k)}; }
+        __device__ void set(int i, const Vec3<float>& p, std::uint32_t k) {
+            item[i] = {p.x, p.y, p.z, __uint_as_float(k)};
+        }
         __device__ Vec3<float> points(const CudaGroup& g, int i) const {
             const float4 v = item[i + g.lane()];
             return {v.x, v.y, v.z};
@@ -90,45 +87,39 @@ struct CudaGroup {
     static constexpr int n_runs = 4;
     using Runs = std::uint32_t;
     /// Each lane holds the run that it will look at.
-    template <class Entry>
-    struct Entries {
+    template <class Entry> struct Entries {
         Entry mine;
         bool valid;
     };
-    template <class Entry>
-    __device__ Entries<Entry> take(const Entry* stack, int n) const {
+    template <class Entry> __device__ Entries<Entry> take(const Entry* stack, int n) const {
         const int r = lane() / run_width;
         return {r < n ? stack[r] : Entry{}, r < n};
     }
-    template <class Entry>
-    __device__ B lay_out(const Entries<Entry>& e, int, Runs& runs) const {
+    template <class Entry> __device__ B lay_out(const Entries<Entry>& e, int, Runs& runs) const {
         const int c = lane() % run_width;
         const bool present = e.valid && c < int(e.mine.count());
         runs = present ? e.mine.first() + c : 0;
         return present;
     }
-    template <class T>
-    __device__ T load(const T* p, const Runs& runs) const { return __ldg(p + runs); }
+    template <class T> __device__ T load(const T* p, const Runs& runs) const { return __ldg(p + runs); }
     __device__ static std::uint32_t index(const Runs& runs, int) { return runs; }
     __device__ B is_leaf(const U& meta) const { return meta >> 31; }
 
-    template <class Fn>
-    __device__ void each(B m, const Fn& fn) const {
+    template <class Fn> __device__ void each(B m, const Fn& fn) const {
         for (unsigned set = __ballot_sync(all, m); set; set &= set - 1) fn(__ffs(set) - 1);
     }
-    template <class Fn>
-    __device__ void per_lane(B m, const Fn& fn) const {
+    template <class Fn> __device__ void per_lane(B m, const Fn& fn) const {
         if (m) fn(lane());
         __syncwarp();
     }
-    template <class Fn>
-    __device__ static void for_lanes(const Fn& fn) { fn(0); }
+    template <class Fn> __device__ static void for_lanes(const Fn& fn) { fn(0); }
     __device__ int lane_number(int) const { return lane(); }
     using LaneOf = std::uint8_t[width];
-    /// part(p, d, sign, first, stride, sum) adds every stride-th item from the first on to a ray's sum.  Where no more than
-    /// half of the lanes are active, two to eight of them share out each active lane's ray.
+    /// part(p, d, sign, first, stride, sum) adds every stride-th item from the first on to a ray's sum.  Where no more
+    /// than half of the lanes are active, two to eight of them share out each active lane's ray.
     template <bool Bounds, class Sum, class Part>
-    __device__ void share_rays(LaneOf& lane_of, B active, const Vec3<float>& p, const Vec3<float>& d, float sign, Sum& sum, const Part& part) const {
+    __device__ void share_rays(LaneOf& lane_of, B active, const Vec3<float>& p, const Vec3<float>& d, float sign,
+        Sum& sum, const Part& part) const {
         const RanksInWarp rays(active);
         if (rays.n > width / 2) return part(p, d, sign, 0, 1, sum);
         const WarpTeams teams{rays.n > 8 ? 1 : rays.n > 4 ? 2 : 3, 0};
@@ -143,22 +134,18 @@ struct CudaGroup {
         sum = teams.template total<Bounds>(sum, rays.rank);
     }
     __device__ std::uint32_t set_of(B m) const { return __ballot_sync(all, m); }
-    template <class Fn>
-    __device__ F map(const Fn& fn) const { return fn(lane()); }
-    template <class Fn>
-    __device__ std::uint32_t from_first(const Fn& fn) const {
+    template <class Fn> __device__ F map(const Fn& fn) const { return fn(lane()); }
+    template <class Fn> __device__ std::uint32_t from_first(const Fn& fn) const {
         std::uint32_t v = 0;
         if (lane() == 0) v = fn();
         return __shfl_sync(all, v, 0);
     }
-    template <class Write>
-    __device__ int append(B m, int n, const Write& write) const {
+    template <class Write> __device__ int append(B m, int n, const Write& write) const {
         const unsigned set = __ballot_sync(all, m);
         if (m) write(lane(), n + __popc(set & ((1u << lane()) - 1)));
         return n + __popc(set);
     }
-    template <class Fn>
-    __device__ void share(int n, const Fn& fn) const {
+    template <class Fn> __device__ void share(int n, const Fn& fn) const {
         for (int j = lane(); j < n; j += width) fn(j);
         __syncwarp();
     }
@@ -192,14 +179,15 @@ struct CudaLanes {
         to[2] = v.z;
         to[3] = v.w;
     }
-    GB_FN static std::uint32_t slot(const float* block, int) { return reinterpret_cast<const std::uint32_t*>(block)[3]; }
+    GB_FN static std::uint32_t slot(const float* block, int) {
+        return reinterpret_cast<const std::uint32_t*>(block)[3];
+    }
     __device__ static void store(float* block, float x, float y, float z, std::uint32_t slot) {
         *reinterpret_cast<float4*>(block) = {x, y, z, __uint_as_float(slot)};
     }
     GB_FN static float sum(float v) { return v; }
     GB_FN static float largest(float v) { return v; }
-    template <class Fn>
-    GB_FN static float map(const Fn& fn) { return fn(0); }
+    template <class Fn> GB_FN static float map(const Fn& fn) { return fn(0); }
 
     // Float64, as CpuLanes has it.
     using D = double;
@@ -209,8 +197,7 @@ struct CudaLanes {
     GB_FN static D gather(const float* p, Slots s, std::size_t stride = 1, int k = 0) { return p[stride * s + k]; }
     GB_FN static D counted(Slots, D v) { return v; }
     GB_FN static double sum(double v) { return v; }
-    template <class Fn>
-    GB_FN static void where_positive(Slots s, D v, const Fn& fn) {
+    template <class Fn> GB_FN static void where_positive(Slots s, D v, const Fn& fn) {
         if (v > 0.0) fn(s, v);
     }
 
@@ -218,11 +205,12 @@ struct CudaLanes {
     static constexpr int list_unit = 8;      ///< blocks of a list come by so many
     static constexpr int cells_at_once = 2;  ///< that a ray passes before the others get their turn
 
-    /// Field of each active lane's source at its own t: teams of 4 lanes take one ray at a time, of 8 where no more than
-    /// four rays are left, so that all lanes work in a warp of few active rays or with lists of different length.
+    /// Field of each active lane's source at its own t: teams of 4 lanes take one ray at a time, of 8 where no more
+    /// than four rays are left, so that all lanes work in a warp of few active rays or with lists of different length.
     template <class Source, class Limits>
     __device__ static auto evaluate(const Source& source, float t, const Limits& lim, bool active, bool bounds) {
-        return __any_sync(all, active && bounds) ? by_teams<true>(source, t, lim, active) : by_teams<false>(source, t, lim, active);
+        return __any_sync(all, active && bounds) ? by_teams<true>(source, t, lim, active)
+                                                 : by_teams<false>(source, t, lim, active);
     }
 
 private:

@@ -15,16 +15,15 @@ struct CudaPacket {
     static constexpr std::uint32_t team = 1;
     __device__ static std::uint32_t member() { return 0; }
     __device__ static F own(F v) { return v; }
-    template <class... T>
-    __device__ static bool add_up(T&...) { return true; }
+    template <class... T> __device__ static bool add_up(T&...) { return true; }
 
     __device__ static void fetch(const void*) {}  ///< other warps work while one waits
     /// Its eight bytes together.
-    template <class T>
-    __device__ static T read(const T& p) { return __builtin_bit_cast(T, *reinterpret_cast<const uint2*>(&p)); }
+    template <class T> __device__ static T read(const T& p) {
+        return __builtin_bit_cast(T, *reinterpret_cast<const uint2*>(&p));
+    }
     /// What fn(T&) sets.
-    template <class T, class Fn>
-    __device__ static void write(T& p, const Fn& fn) {
+    template <class T, class Fn> __device__ static void write(T& p, const Fn& fn) {
         T v;
         fn(v);
         *reinterpret_cast<uint2*>(&p) = __builtin_bit_cast(uint2, v);
@@ -51,17 +50,18 @@ struct CudaPacket {
         return __half2float(s);
     }
 
-    /// Where slots of 16 bits count from (sim/neighbors.hpp): the neighbours of a warp are two runs of slots where the curve jumps.
+    /// Where slots of 16 bits count from (sim/neighbors.hpp): the neighbors of a warp are two runs of slots where the
+    /// curve jumps.
     struct alignas(8) Bases {
         std::uint32_t first, second;
         __device__ bool are_far() const { return first == ~0u; }
     };
-    template <class T>
-    __device__ static auto gather(const T* p, const Bases& from, const std::uint16_t* slots) {
+    template <class T> __device__ static auto gather(const T* p, const Bases& from, const std::uint16_t* slots) {
         const std::uint32_t slot = (*slots & kRun ? from.second : from.first) + (*slots & (kRun - 1));
         return gather(p, &slot);
     }
-    /// Writes the slots of a warp's lists, which are in slot order, in 16 bits: all lanes of the rows that there are call it.
+    /// Writes the slots of a warp's lists, which are in slot order, in 16 bits: all lanes of the rows that there are
+    /// call it.
     class ShortSlots {
     public:
         __device__ ShortSlots(const std::uint32_t* index, const std::uint32_t* count, std::size_t n_rows_from_here) {
@@ -97,25 +97,22 @@ struct CudaPacket {
         bool near_ = true;
     };
     __device__ static std::uint32_t longest(const std::uint32_t* counts) { return *counts; }
-    template <class Fn>
-    __device__ static F map(const Fn& fn) { return fn(0); }
+    template <class Fn> __device__ static F map(const Fn& fn) { return fn(0); }
     __device__ static float get(F v, int) { return v; }
 
 private:
     static constexpr std::uint32_t kRun = 1u << 15;
 };
 
-/// Several warps to 32 rows: each takes every team-th neighbor, and the first one adds up, in order.  A GPU that rows alone
-/// do not fill waits for memory less.
-template <int kTeam>
-struct CudaTeam : CudaPacket {
+/// Several warps to 32 rows: each takes every team-th neighbor, and the first one adds up, in order.  A GPU that rows
+/// alone do not fill waits for memory less.
+template <int kTeam> struct CudaTeam : CudaPacket {
     static constexpr std::uint32_t team = kTeam;
     __device__ static std::uint32_t member() { return threadIdx.x / 32; }
     /// A row's own share of a sum: once.
     __device__ static F own(F v) { return member() == 0 ? v : 0.0f; }
     /// The sums of the whole team, where true; the others have done their work.
-    template <class... T>
-    __device__ static bool add_up(T&... sums) {
+    template <class... T> __device__ static bool add_up(T&... sums) {
         __shared__ float parts[kTeam - 1][sizeof...(T)][32];
         const std::uint32_t lane = threadIdx.x % 32, m = member();
         int i = 0;

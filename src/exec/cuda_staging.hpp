@@ -197,20 +197,25 @@ public:
         check(cudaStreamWaitEvent(rooms->copies, rooms->ready));
         CopyCrew crew(parts.size(), kRoom);
         std::size_t sent = 0, there = 0;
-        crew.run([](int, int) {}, [&](std::size_t k, std::size_t first, std::size_t end) {
-            if (first < parts[k].bytes) std::memcpy(rooms->room(k) + first, parts[k].host + first, min(end, parts[k].bytes) - first);
-        }, [&] {
-            while (crew.limit() < parts.size() && (crew.limit() < kRooms || (crew.limit() < sent + kRooms && rooms->is_done(crew.limit()))))
-                crew.allow_next();
-            if (crew.is_copied(sent)) {
-                const StagedPart& part = parts[sent];
-                check(cudaMemcpyAsync(part.device, rooms->room(sent), part.bytes, cudaMemcpyHostToDevice, rooms->copies));
-                check(cudaEventRecord(rooms->done[rooms->last = sent++ % kRooms], rooms->copies));
-                check(cudaStreamWaitEvent(stream, rooms->done[rooms->last]));
-                arrived(there += part.bytes);
-            }
-            return sent == parts.size();
-        });
+        crew.run([](int, int) {},
+            [&](std::size_t k, std::size_t first, std::size_t end) {
+                if (first < parts[k].bytes)
+                    std::memcpy(rooms->room(k) + first, parts[k].host + first, min(end, parts[k].bytes) - first);
+            },
+            [&] {
+                while (crew.limit() < parts.size() &&
+                       (crew.limit() < kRooms || (crew.limit() < sent + kRooms && rooms->is_done(crew.limit()))))
+                    crew.allow_next();
+                if (crew.is_copied(sent)) {
+                    const StagedPart& part = parts[sent];
+                    check(cudaMemcpyAsync(
+                        part.device, rooms->room(sent), part.bytes, cudaMemcpyHostToDevice, rooms->copies));
+                    check(cudaEventRecord(rooms->done[rooms->last = sent++ % kRooms], rooms->copies));
+                    check(cudaStreamWaitEvent(stream, rooms->done[rooms->last]));
+                    arrived(there += part.bytes);
+                }
+                return sent == parts.size();
+            });
     }
     void upload(void* to, const void* from, std::size_t bytes, cudaStream_t stream) {
         Nothing nothing;
@@ -233,7 +238,8 @@ public:
         check(cudaStreamSynchronize(stream));
     }
     /// Two arrays, both or none of which are large.
-    void download(void* to, const void* from, std::size_t bytes, void* to2, const void* from2, std::size_t bytes2, cudaStream_t stream) {
+    void download(void* to, const void* from, std::size_t bytes, void* to2, const void* from2, std::size_t bytes2,
+        cudaStream_t stream) {
         std::vector<StagedPart> parts;
         add_parts(parts, to, const_cast<void*>(from), bytes);
         add_parts(parts, to2, const_cast<void*>(from2), bytes2);
@@ -261,27 +267,34 @@ private:
         CopyCrew crew(parts.size(), kRoom);
         std::size_t asked = 0, out = 0;
         // The system gives the pages of new host memory while the device is busy.
-        crew.run([&](int thread, int threads) {
-            for (std::size_t k = thread; k < parts.size(); k += threads)
-                for (std::size_t at = 0; at < parts[k].bytes; at += kPage) static_cast<volatile char*>(parts[k].host)[at] = 0;
-        }, [&](std::size_t k, std::size_t first, std::size_t end) {
-            if (first < parts[k].bytes) std::memcpy(parts[k].host + first, rooms->room(k) + first, min(end, parts[k].bytes) - first);
-        }, [&] {
-            while (out < asked && crew.is_copied(out)) ++out;
-            for (; asked < parts.size() && asked < out + kRooms; ++asked) {
-                check(cudaMemcpyAsync(rooms->room(asked), parts[asked].device, parts[asked].bytes, cudaMemcpyDeviceToHost, stream));
-                check(cudaEventRecord(rooms->done[rooms->last = asked % kRooms], stream));
-            }
-            while (crew.limit() < asked && rooms->is_done(crew.limit())) crew.allow_next();
-            return out == parts.size();
-        });
+        crew.run(
+            [&](int thread, int threads) {
+                for (std::size_t k = thread; k < parts.size(); k += threads)
+                    for (std::size_t at = 0; at < parts[k].bytes; at += kPage)
+                        static_cast<volatile char*>(parts[k].host)[at] = 0;
+            },
+            [&](std::size_t k, std::size_t first, std::size_t end) {
+                if (first < parts[k].bytes)
+                    std::memcpy(parts[k].host + first, rooms->room(k) + first, min(end, parts[k].bytes) - first);
+            },
+            [&] {
+                while (out < asked && crew.is_copied(out)) ++out;
+                for (; asked < parts.size() && asked < out + kRooms; ++asked) {
+                    check(cudaMemcpyAsync(
+                        rooms->room(asked), parts[asked].device, parts[asked].bytes, cudaMemcpyDeviceToHost, stream));
+                    check(cudaEventRecord(rooms->done[rooms->last = asked % kRooms], stream));
+                }
+                while (crew.limit() < asked && rooms->is_done(crew.limit())) crew.allow_next();
+                return out == parts.size();
+            });
         return true;
     }
 
     /// Page-locked room for few bytes, free until the stream has been waited for; null where bytes are many.
     char* small_room(std::size_t bytes, cudaStream_t stream) {
         if (bytes == 0 || bytes > kSmall) return nullptr;
-        if (!small_ && cudaHostAlloc(reinterpret_cast<void**>(&small_), kSmallRoom, cudaHostAllocPortable) != cudaSuccess) {
+        if (!small_ &&
+            cudaHostAlloc(reinterpret_cast<void**>(&small_), kSmallRoom, cudaHostAllocPortable) != cudaSuccess) {
             cudaGetLastError();
             small_ = nullptr;
             return nullptr;

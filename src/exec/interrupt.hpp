@@ -58,7 +58,9 @@ public:
 
 private:
     using Clock = std::chrono::steady_clock;
-    std::chrono::milliseconds pause() const { return std::chrono::milliseconds(poll_->pause_ms.load(std::memory_order_relaxed)); }
+    std::chrono::milliseconds pause() const {
+        return std::chrono::milliseconds(poll_->pause_ms.load(std::memory_order_relaxed));
+    }
 
     Poll* poll_;
     int held_ = 0;

@@ -33,8 +33,7 @@ struct WarpTeams {
         return {__shfl_sync(all, v.x, lane), __shfl_sync(all, v.y, lane), __shfl_sync(all, v.z, lane)};
     }
     /// Adds up what the members hold, and gives each ray's lane its team's sum.
-    template <bool Bounds, class Sum>
-    __device__ Sum total(Sum sum, int rank) const {
+    template <bool Bounds, class Sum> __device__ Sum total(Sum sum, int rank) const {
         for (int s = size() / 2; s; s >>= 1) {
             sum.f += __shfl_xor_sync(all, sum.f, s);
             sum.slope += __shfl_xor_sync(all, sum.slope, s);

@@ -1,5 +1,5 @@
 // Integrals of the basis functions along a line, in closed form and float64.  With q = r/a and the
-// line at distance h from the centre (both in supports), q^2 = h^2 + u^2; every kernel but blinn is,
+// line at distance h from the center (both in supports), q^2 = h^2 + u^2; every kernel but blinn is,
 // piece by piece, a polynomial in q.
 #pragma once
 #include "field/kernels.hpp"
@@ -37,17 +37,23 @@ GB_FN double two_pieces(double h2, double u, double bound, const double (&inner)
 /// Integral of b over [0, u], u >= 0, h^2 + u^2 <= 1.
 GB_FN double half_column(const AnyKernel& kernel, double h2, double u) {
     switch (kernel.name) {
-    case KernelName::murakami: return PowersOnLine(h2, u)({1, 0, -2, 0, 1, 0, 0});
-    case KernelName::wyvill: return PowersOnLine(h2, u)({1, 0, -22.0 / 9.0, 0, 17.0 / 9.0, 0, -4.0 / 9.0});
-    case KernelName::solid: return PowersOnLine(h2, u)({1, 0, -4, 0, 5, 0, -2});
-    case KernelName::wendland_c2: return PowersOnLine(h2, u)({1, 0, -10, 20, -15, 4, 0});
-    case KernelName::nishimura: return two_pieces(h2, u, 1.0 / 3.0, {1, 0, -3, 0, 0, 0, 0}, {1.5, -3, 1.5, 0, 0, 0, 0});
-    case KernelName::cubic_spline: return two_pieces(h2, u, 0.5, {1, 0, -6, 6, 0, 0, 0}, {2, -6, 6, -2, 0, 0, 0});
-    case KernelName::blinn: {
-        constexpr double k = AnyKernel::blinn_k, root_k = 3.393070212207556, half_root_pi = 0.8862269254527579;
-        const double gauss = exp(-k * h2) * (half_root_pi / root_k) * ::erf(root_k * u);
-        return gauss - AnyKernel::blinn_cut * ((1.0 + k) * u - k * (h2 * u + u * u * u / 3.0));
-    }
+        case KernelName::murakami:
+            return PowersOnLine(h2, u)({1, 0, -2, 0, 1, 0, 0});
+        case KernelName::wyvill:
+            return PowersOnLine(h2, u)({1, 0, -22.0 / 9.0, 0, 17.0 / 9.0, 0, -4.0 / 9.0});
+        case KernelName::solid:
+            return PowersOnLine(h2, u)({1, 0, -4, 0, 5, 0, -2});
+        case KernelName::wendland_c2:
+            return PowersOnLine(h2, u)({1, 0, -10, 20, -15, 4, 0});
+        case KernelName::nishimura:
+            return two_pieces(h2, u, 1.0 / 3.0, {1, 0, -3, 0, 0, 0, 0}, {1.5, -3, 1.5, 0, 0, 0, 0});
+        case KernelName::cubic_spline:
+            return two_pieces(h2, u, 0.5, {1, 0, -6, 6, 0, 0, 0}, {2, -6, 6, -2, 0, 0, 0});
+        case KernelName::blinn: {
+            constexpr double k = AnyKernel::blinn_k, root_k = 3.393070212207556, half_root_pi = 0.8862269254527579;
+            const double gauss = exp(-k * h2) * (half_root_pi / root_k) * ::erf(root_k * u);
+            return gauss - AnyKernel::blinn_cut * ((1.0 + k) * u - k * (h2 * u + u * u * u / 3.0));
+        }
     }
     return 0.0;
 }

@@ -4,8 +4,7 @@
 
 namespace globule::core {
 
-template <class F>
-struct Eigen3 {
+template <class F> struct Eigen3 {
     F value[3];
     Vec3<F> axis[3];  ///< unit vectors
 
@@ -15,15 +14,15 @@ struct Eigen3 {
         for (int k = 0; k < 3; ++k) {
             const Vec3<F>& e = axis[k];
             const Vec3<F> t = e * s[k];
-            m = {m.xx + t.x * e.x, m.yy + t.y * e.y, m.zz + t.z * e.z, m.xy + t.x * e.y, m.xz + t.x * e.z, m.yz + t.y * e.z};
+            m = {m.xx + t.x * e.x, m.yy + t.y * e.y, m.zz + t.z * e.z, m.xy + t.x * e.y, m.xz + t.x * e.z,
+                m.yz + t.y * e.z};
         }
         return m;
     }
 };
 
 /// By Jacobi's cyclic rotations; five sweeps leave nothing that float32 could hold.
-template <class F>
-GB_FN Eigen3<F> eigen(const Sym3<F>& m) {
+template <class F> GB_FN Eigen3<F> eigen(const Sym3<F>& m) {
     const F zero = F(0.0f), one = F(1.0f);
     F d[3] = {m.xx, m.yy, m.zz}, off[3] = {m.yz, m.xz, m.xy};  // off[k]: of the two other axes
     Vec3<F> e[3] = {{one, zero, zero}, {zero, one, zero}, {zero, zero, one}};

@@ -1,9 +1,10 @@
 // Boxes -> centers -> keys -> sort -> binary radix tree -> nodes of four, all on the device, nothing read back.
 //
-// Karras 2012: inner node i of the binary tree begins or ends at sorted item i and holds all items whose keys share a prefix
-// that its neighbor on the other side does not have; equal keys go on with the items' places.  Leaves carry their boxes towards
-// the root, whoever arrives last at a node goes on.  Then each inner node takes, instead of its two children, up to four of its
-// descendants: while there is room, the child with the largest surface is replaced by its own two.
+// Karras 2012: inner node i of the binary tree begins or ends at sorted item i and holds all items whose keys share a
+// prefix that its neighbor on the other side does not have; equal keys go on with the items' places.  Leaves carry
+// their boxes towards the root, whoever arrives last at a node goes on.  Then each inner node takes, instead of its two
+// children, up to four of its descendants: while there is room, the child with the largest surface is replaced by its
+// own two.
 #pragma once
 #include "exec/bits.hpp"
 #include "exec/buffer.hpp"
@@ -15,14 +16,12 @@ namespace globule::core {
 namespace mesh_build {
 
 using Key = std::uint64_t;
-inline constexpr std::uint32_t kLeaf = 1u << 31;   ///< of a binary node's child: a sorted item
-inline constexpr std::uint32_t kLeafItems = WideNode::most_of_leaf;  ///< a subtree with no more items is a leaf of the wide tree
+inline constexpr std::uint32_t kLeaf = 1u << 31;  ///< of a binary node's child: a sorted item
+inline constexpr std::uint32_t kLeafItems =
+    WideNode::most_of_leaf;  ///< a subtree with no more items is a leaf of the wide tree
 
-struct Bounds {
-    Box all, centers;
-};
-template <class Boxes>
-struct BoundsOf {
+struct Bounds { Box all, centers; };
+template <class Boxes> struct BoundsOf {
     Boxes boxes;
     GB_FN Bounds operator()(std::size_t i) const {
         const Box b = boxes(i);
@@ -31,11 +30,12 @@ struct BoundsOf {
     }
 };
 struct Unite {
-    GB_FN Bounds operator()(const Bounds& a, const Bounds& b) const { return {a.all.united(b.all), a.centers.united(b.centers)}; }
+    GB_FN Bounds operator()(const Bounds& a, const Bounds& b) const {
+        return {a.all.united(b.all), a.centers.united(b.centers)};
+    }
 };
 
-template <class Boxes>
-struct MakeKeys {
+template <class Boxes> struct MakeKeys {
     Boxes boxes;
     const Bounds* bounds;
     Key* keys;
@@ -48,12 +48,13 @@ struct MakeKeys {
 };
 
 struct Binary {
-    std::uint32_t *left, *right, *first, *last;   ///< of inner nodes
+    std::uint32_t *left, *right, *first, *last;  ///< of inner nodes
     std::uint32_t *parent_of_item, *parent_of_node, *arrived;
-    float* box;                                   ///< (n - 1, 6)
+    float* box;  ///< (n - 1, 6)
     GB_FN Box box_of(std::size_t i) const {
         const float* b = box + 6 * i;
-        return {{read_fresh(b), read_fresh(b + 1), read_fresh(b + 2)}, {read_fresh(b + 3), read_fresh(b + 4), read_fresh(b + 5)}};
+        return {{read_fresh(b), read_fresh(b + 1), read_fresh(b + 2)},
+            {read_fresh(b + 3), read_fresh(b + 4), read_fresh(b + 5)}};
     }
 };
 
@@ -63,7 +64,8 @@ struct Link {
     Binary tree;
     GB_FN int shared(std::int64_t i, std::int64_t j) const {
         if (j < 0 || j >= n) return -1;
-        return keys[i] != keys[j] ? leading_zeros(keys[i] ^ keys[j]) : 64 + leading_zeros(std::uint32_t(i) ^ std::uint32_t(j));
+        return keys[i] != keys[j] ? leading_zeros(keys[i] ^ keys[j])
+                                  : 64 + leading_zeros(std::uint32_t(i) ^ std::uint32_t(j));
     }
     GB_FN void operator()(std::size_t at) const {
         const std::int64_t i = std::int64_t(at), d = shared(i, i + 1) > shared(i, i - 1) ? 1 : -1;
@@ -94,15 +96,13 @@ struct Link {
 };
 
 /// Boxes of items in Morton order.
-template <class Boxes>
-struct SortedBoxes {
+template <class Boxes> struct SortedBoxes {
     Boxes boxes;
     const std::uint32_t* index;
     GB_FN Box operator()(std::size_t k) const { return boxes(index[k]); }
 };
 
-template <class Boxes>
-struct CarryBoxes {
+template <class Boxes> struct CarryBoxes {
     SortedBoxes<Boxes> items;
     Binary tree;
     GB_FN Box box_of(std::uint32_t child) const { return child & kLeaf ? items(child & ~kLeaf) : tree.box_of(child); }
@@ -117,14 +117,15 @@ struct CarryBoxes {
     }
 };
 
-template <class Boxes>
-struct Widen {
+template <class Boxes> struct Widen {
     CarryBoxes<Boxes> boxes;
     const Bounds* bounds;
-    std::size_t n;               ///< items
+    std::size_t n;  ///< items
     WideNode* nodes;
     BoxTreeHeader* header;
-    GB_FN std::uint32_t count(std::uint32_t child) const { return child & kLeaf ? 1 : boxes.tree.last[child] - boxes.tree.first[child] + 1; }
+    GB_FN std::uint32_t count(std::uint32_t child) const {
+        return child & kLeaf ? 1 : boxes.tree.last[child] - boxes.tree.first[child] + 1;
+    }
 
     GB_FN void operator()(std::size_t i) const {
         const float farthest = n ? bounds->all.farthest() : 0.0f;
@@ -169,7 +170,9 @@ struct Widen {
             out.hi[0][k] = b.hi.x + pad;
             out.hi[1][k] = b.hi.y + pad;
             out.hi[2][k] = b.hi.z + pad;
-            out.child[k] = !there ? WideNode::none : count(child[k]) <= kLeafItems ? WideNode::leaf_of(first, count(child[k])) : child[k];
+            out.child[k] = !there                          ? WideNode::none
+                           : count(child[k]) <= kLeafItems ? WideNode::leaf_of(first, count(child[k]))
+                                                           : child[k];
         }
         nodes[i] = out;
     }
@@ -178,21 +181,21 @@ struct Widen {
 }  // namespace mesh_build
 
 /// Owns the hierarchy over the items of one scene.
-template <class Exec>
-class BoxHierarchy {
+template <class Exec> class BoxHierarchy {
 public:
-    explicit BoxHierarchy(Exec& exec) : exec_(exec), bounds_(exec), keys_(exec), words_(exec), boxes_(exec), nodes_(exec), header_(exec) {}
+    explicit BoxHierarchy(Exec& exec)
+        : exec_(exec), bounds_(exec), keys_(exec), words_(exec), boxes_(exec), nodes_(exec), header_(exec) {}
 
     /// boxes(i): of the caller's i-th item; what it reads must stay until the work is done.
-    template <class Boxes>
-    void build(std::size_t n, const Boxes& boxes) {
+    template <class Boxes> void build(std::size_t n, const Boxes& boxes) {
         using namespace mesh_build;
         Bounds* bounds = bounds_.reserve(1);
         const std::size_t inner = n > 1 ? n - 1 : 0, nodes = max<std::size_t>(inner, 1);
         Key* keys = keys_.reserve(2 * n + 1);
         std::uint32_t* words = words_.reserve(2 * n + 7 * nodes);
         std::uint32_t *spare = words + n, *more = words + 2 * n;  // the parents of items take the spare's room
-        const Binary tree{more, more + nodes, more + 2 * nodes, more + 3 * nodes, spare, more + 4 * nodes, more + 5 * nodes, boxes_.reserve(6 * nodes)};
+        const Binary tree{more, more + nodes, more + 2 * nodes, more + 3 * nodes, spare, more + 4 * nodes,
+            more + 5 * nodes, boxes_.reserve(6 * nodes)};
         exec_.reduce(n, BoundsOf<Boxes>{boxes}, Unite{}, Bounds{Box::nothing(), Box::nothing()}, bounds);
         exec_.for_each(n, MakeKeys<Boxes>{boxes, bounds, keys, words});
         exec_.sort_pairs(n, keys, keys + n, words, spare, 3 * morton::Traits<Key>::levels);

@@ -1,5 +1,5 @@
-// Capsules, and where rays meet them: all points within a radius of a segment, whose ends may be one place, which makes a ball.
-// In float64, so that a small one far from the ray's origin is met to within its own rounding.
+// Capsules, and where rays meet them: all points within a radius of a segment, whose ends may be one place, which makes
+// a ball. In float64, so that a small one far from the ray's origin is met to within its own rounding.
 #pragma once
 #include "mesh/rays.hpp"
 
@@ -10,9 +10,7 @@ struct Capsules {
     static constexpr int n_corners = 2;
     const Quad* ends;  ///< (2 n,) in Morton order, w: the radius
 
-    struct Ray {
-        Vec3<double> o, d;
-    };
+    struct Ray { Vec3<double> o, d; };
     GB_FN static Vec3<double> wide(const float3& v) { return {double(v.x), double(v.y), double(v.z)}; }
     GB_FN Ray prepare(const float3& o, const float3& d) const { return {wide(o), wide(d)}; }
 
@@ -25,8 +23,8 @@ struct Capsules {
             out = max(out, to);
         }
     };
-    /// b: from the ray's origin to the ball's center, along: its part along the ray.  The chord's half comes from the distance
-    /// between the center and the ray (Haines et al. 2019), which cancels less than the usual formula.
+    /// b: from the ray's origin to the ball's center, along: its part along the ray.  The chord's half comes from the
+    /// distance between the center and the ray (Haines et al. 2019), which cancels less than the usual formula.
     GB_FN static void unite_ball(Inside& inside, const Vec3<double>& d, const Vec3<double>& b, double radius) {
         const double along = dot(b, d), dd = dot(d, d), at = along / dd;
         const Vec3<double> off = b - d * at;
@@ -35,7 +33,8 @@ struct Capsules {
         const double half = sqrt(square / dd);
         inside.unite(at - half, at + half);
     }
-    /// A capsule is convex: the union of the two balls and the part of a cylinder between them is one interval of the ray.
+    /// A capsule is convex: the union of the two balls and the part of a cylinder between them is one interval of the
+    /// ray.
     GB_FN Inside cross(const Ray& r, std::uint32_t k) const {
         const Quad p = ends[std::size_t(2) * k], q = ends[std::size_t(2) * k + 1];
         const double radius = double(p.w);
@@ -73,7 +72,8 @@ struct Capsules {
     }
     GB_FN bool may_meet(const Ray&, std::uint32_t) const { return true; }
     /// Capsule k against what was found so far, as for triangles.
-    GB_FN bool meet(const Ray& r, std::uint32_t k, std::uint32_t index, const RayRange& range, bool found, ItemHit& hit) const {
+    GB_FN bool meet(
+        const Ray& r, std::uint32_t k, std::uint32_t index, const RayRange& range, bool found, ItemHit& hit) const {
         const Inside inside = cross(r, k);
         if (!(inside.in <= inside.out)) return false;
         bool better = false;
@@ -96,7 +96,8 @@ struct Capsules {
         return square > 0.0f ? min(max(dot(at - a, axis) / square, 0.0f), 1.0f) : 0.0f;
     }
     GB_FN float3 normal(std::uint32_t k, const float3& at) const {
-        const float3 a = ends[std::size_t(2) * k].xyz(), axis = ends[std::size_t(2) * k + 1].xyz() - a, n = at - (a + axis * along(k, at));
+        const float3 a = ends[std::size_t(2) * k].xyz(), axis = ends[std::size_t(2) * k + 1].xyz() - a,
+                     n = at - (a + axis * along(k, at));
         return dot(n, n) > 0.0f ? normalize(n) : float3{0, 0, 1};
     }
     /// Shares of the two ends.

@@ -22,8 +22,8 @@ struct ItemHit {
 };
 
 /// The nearest item, ties to the lower index; with `any` the first that is found.
-/// items.prepare(o, d) gives what one ray needs; items.meet(prepared, slot, range, hit) improves hit, and does so only where
-/// items.may_meet(prepared, slot).
+/// items.prepare(o, d) gives what one ray needs; items.meet(prepared, slot, range, hit) improves hit, and does so only
+/// where items.may_meet(prepared, slot).
 template <bool any, class Items>
 GB_FN ItemHit walk_boxes(const BoxTree& tree, const Items& items, const RayRange& range) {
     ItemHit hit;
@@ -35,8 +35,8 @@ GB_FN ItemHit walk_boxes(const BoxTree& tree, const Items& items, const RayRange
     // A leaf's items are tested side by side, without a branch: one after the other, each would wait for its own loads.
     const auto look = [&](std::uint32_t first, std::uint32_t n) {
         std::uint32_t met = 0;
-        GB_UNROLL for (std::uint32_t j = 0; j < WideNode::most_of_leaf; ++j)
-            met |= std::uint32_t(items.may_meet(ray, first + min(j, n - 1))) << j;
+        GB_UNROLL for (std::uint32_t j = 0; j < WideNode::most_of_leaf; ++j) met |=
+            std::uint32_t(items.may_meet(ray, first + min(j, n - 1))) << j;
         for (met &= (1u << n) - 1; met && !(any && found); met &= met - 1) {
             const std::uint32_t k = first + std::uint32_t(trailing_zeros(met));
             if (items.meet(ray, k, tree.index[k], range, found, hit)) found = true;
@@ -57,13 +57,18 @@ GB_FN ItemHit walk_boxes(const BoxTree& tree, const Items& items, const RayRange
         const WideNode& node = tree.nodes[at];
         float t[WideNode::width];
         std::uint32_t child[WideNode::width];
-        GB_UNROLL for (int k = 0; k < WideNode::width; ++k) {  // both sides, though one counts: their loads are wide ones
-            const float lx = node.lo[0][k], ly = node.lo[1][k], lz = node.lo[2][k], hx = node.hi[0][k], hy = node.hi[1][k], hz = node.hi[2][k];
-            const float in = max(max(((inv.x >= 0.0f ? lx : hx) - range.o.x) * inv.x, ((inv.y >= 0.0f ? ly : hy) - range.o.y) * inv.y),
-                                 ((inv.z >= 0.0f ? lz : hz) - range.o.z) * inv.z);
+        GB_UNROLL for (int k = 0; k < WideNode::width;
+            ++k) {  // both sides, though one counts: their loads are wide ones
+            const float lx = node.lo[0][k], ly = node.lo[1][k], lz = node.lo[2][k], hx = node.hi[0][k],
+                        hy = node.hi[1][k], hz = node.hi[2][k];
+            const float in = max(
+                max(((inv.x >= 0.0f ? lx : hx) - range.o.x) * inv.x, ((inv.y >= 0.0f ? ly : hy) - range.o.y) * inv.y),
+                ((inv.z >= 0.0f ? lz : hz) - range.o.z) * inv.z);
             // Ize 2013: the far side a little farther makes up for rounding.
-            const float out = min(min(((inv.x >= 0.0f ? hx : lx) - range.o.x) * inv.x, ((inv.y >= 0.0f ? hy : ly) - range.o.y) * inv.y),
-                                  ((inv.z >= 0.0f ? hz : lz) - range.o.z) * inv.z) * 1.0000004f;
+            const float out = min(min(((inv.x >= 0.0f ? hx : lx) - range.o.x) * inv.x,
+                                      ((inv.y >= 0.0f ? hy : ly) - range.o.y) * inv.y),
+                                  ((inv.z >= 0.0f ? hz : lz) - range.o.z) * inv.z) *
+                              1.0000004f;
             t[k] = in <= out && out >= range.from && in <= hit.t ? in : infinity();
             child[k] = node.child[k];
         }

@@ -1,7 +1,7 @@
 // Normals at the corners of a mesh: the mean of those of the triangles around that meet this one at less than an angle,
-// weighted by their own angles there (Thürmer & Wüthrich 1998).  Where very many corners share a place (an apex, the cap of a
-// cylinder, faces filled up with zeros) their normals are first added up by direction, so that a mesh takes time for its corners
-// and not for their pairs; the angle is then that to a direction's mean.
+// weighted by their own angles there (Thürmer & Wüthrich 1998).  Where very many corners share a place (an apex, the
+// cap of a cylinder, faces filled up with zeros) their normals are first added up by direction, so that a mesh takes
+// time for its corners and not for their pairs; the angle is then that to a direction's mean.
 #pragma once
 #include "base/quad.hpp"
 #include "base/vec.hpp"
@@ -41,7 +41,10 @@ struct DirectionCells {
     GB_FN static int cell(const float3& d) {
         const float ax = abs(d.x), ay = abs(d.y), az = abs(d.z), most = max(ax, max(ay, az));
         const int axis = ax == most ? 0 : ay == most ? 1 : 2;
-        const float w = axis == 0 ? d.x : axis == 1 ? d.y : d.z, u = (axis == 0 ? d.y : d.x) / most, v = (axis == 2 ? d.y : d.z) / most;
+        const float w = axis == 0   ? d.x
+                        : axis == 1 ? d.y
+                                    : d.z,
+                    u = (axis == 0 ? d.y : d.x) / most, v = (axis == 2 ? d.y : d.z) / most;
         const auto at = [](float x) { return min(int((x + 1.0f) * (0.5f * kAcross)), kAcross - 1); };
         return ((2 * axis + (w < 0.0f)) * kAcross + at(u)) * kAcross + at(v);
     }
@@ -58,7 +61,8 @@ struct CornerNormals {
     }
     GB_FN void operator()(std::size_t k) const {
         const std::size_t first = k - k % 3;
-        const float3 p = vertex(k), a = normalize(vertex(first + (k + 1) % 3) - p), b = normalize(vertex(first + (k + 2) % 3) - p);
+        const float3 p = vertex(k), a = normalize(vertex(first + (k + 1) % 3) - p),
+                     b = normalize(vertex(first + (k + 2) % 3) - p);
         const float3 n = normalize(cross(a, b));
         normals[k] = {n.x, n.y, n.z, acosf(min(max(dot(a, b), -1.0f), 1.0f))};
     }
@@ -72,12 +76,14 @@ struct AddByDirection {
     float3* sums;  ///< (parts, cells)
     GB_FN void operator()(std::size_t part) const {
         const std::uint32_t i = many.of_part(std::uint32_t(part)), v = many.places[i];
-        const std::uint32_t first = by_place.begin[v] + (std::uint32_t(part) - many.parts_begin[i]) * kPart, end = min(first + kPart, by_place.begin[v + 1]);
+        const std::uint32_t first = by_place.begin[v] + (std::uint32_t(part) - many.parts_begin[i]) * kPart,
+                            end = min(first + kPart, by_place.begin[v + 1]);
         float3* sum = sums + part * DirectionCells::n;
         for (int c = 0; c < DirectionCells::n; ++c) sum[c] = {0, 0, 0};
         for (std::uint32_t j = first; j < end; ++j) {
             const Quad n = normals[by_place.corners[j]];
-            if (dot(n.xyz(), n.xyz()) > 0.0f) sum[DirectionCells::cell(n.xyz())] = sum[DirectionCells::cell(n.xyz())] + n.xyz() * n.w;
+            if (dot(n.xyz(), n.xyz()) > 0.0f)
+                sum[DirectionCells::cell(n.xyz())] = sum[DirectionCells::cell(n.xyz())] + n.xyz() * n.w;
         }
     }
 };
@@ -88,7 +94,8 @@ struct AddParts {
     GB_FN void operator()(std::size_t k) const {
         const std::size_t i = k / DirectionCells::n, c = k % DirectionCells::n;
         float3 sum{0, 0, 0};
-        for (std::size_t part = many.parts_begin[i]; part < many.parts_begin[i + 1]; ++part) sum = sum + sums[part * DirectionCells::n + c];
+        for (std::size_t part = many.parts_begin[i]; part < many.parts_begin[i + 1]; ++part)
+            sum = sum + sums[part * DirectionCells::n + c];
         sums[many.parts_begin[i] * std::size_t(DirectionCells::n) + c] = sum;
     }
 };

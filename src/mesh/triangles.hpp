@@ -1,5 +1,6 @@
-// Triangles, and where rays meet them: the watertight test of Woop, Benthin & Wald 2013.  Its products of two float32 numbers are
-// taken in float64, where they are exact: two triangles always agree about a shared edge, whatever a compiler fuses.
+// Triangles, and where rays meet them: the watertight test of Woop, Benthin & Wald 2013.  Its products of two float32
+// numbers are taken in float64, where they are exact: two triangles always agree about a shared edge, whatever a
+// compiler fuses.
 #pragma once
 #include "mesh/rays.hpp"
 
@@ -48,17 +49,20 @@ struct Triangles {
         r.turn(c[0], ax, ay, az);
         r.turn(c[1], bx, by, bz);
         r.turn(c[2], cx, cy, cz);
-        const double u = double(cx) * by - double(cy) * bx, v = double(ax) * cy - double(ay) * cx, w = double(bx) * ay - double(by) * ax;
+        const double u = double(cx) * by - double(cy) * bx, v = double(ax) * cy - double(ay) * cx,
+                     w = double(bx) * ay - double(by) * ax;
         return !(bool(u < 0) | bool(v < 0) | bool(w < 0)) | !(bool(u > 0) | bool(v > 0) | bool(w > 0));
     }
     /// Triangle k against what was found so far, in hit.t (range.to where nothing was); true: it is what counts now.
-    GB_FN bool meet(const Ray& r, std::uint32_t k, std::uint32_t index, const RayRange& range, bool found, ItemHit& hit) const {
+    GB_FN bool meet(
+        const Ray& r, std::uint32_t k, std::uint32_t index, const RayRange& range, bool found, ItemHit& hit) const {
         const Quad* c = corners + std::size_t(3) * k;
         float ax, ay, az, bx, by, bz, cx, cy, cz;
         r.turn(c[0], ax, ay, az);
         r.turn(c[1], bx, by, bz);
         r.turn(c[2], cx, cy, cz);
-        const double u = double(cx) * by - double(cy) * bx, v = double(ax) * cy - double(ay) * cx, w = double(bx) * ay - double(by) * ax;
+        const double u = double(cx) * by - double(cy) * bx, v = double(ax) * cy - double(ay) * cx,
+                     w = double(bx) * ay - double(by) * ax;
         if ((u < 0 || v < 0 || w < 0) && (u > 0 || v > 0 || w > 0)) return false;
         const double det = u + v + w;
         if (det == 0) return false;
@@ -83,7 +87,8 @@ struct Triangles {
         const float3 a = c[0].xyz(), e = c[1].xyz() - a, f = c[2].xyz() - a, n = cross(e, f), at = p - a;
         const float square = dot(n, n);
         if (!(square > 0.0f)) return {1, 0, 0};
-        const float y = min(max(dot(cross(at, f), n) / square, 0.0f), 1.0f), z = min(max(dot(cross(e, at), n) / square, 0.0f), 1.0f - y);
+        const float y = min(max(dot(cross(at, f), n) / square, 0.0f), 1.0f),
+                    z = min(max(dot(cross(e, at), n) / square, 0.0f), 1.0f - y);
         return {1.0f - y - z, y, z};
     }
 };

@@ -12,9 +12,12 @@ struct Box {
         return {{inf, inf, inf}, {-inf, -inf, -inf}};
     }
     GB_FN Box united(const Box& b) const {
-        return {{min(lo.x, b.lo.x), min(lo.y, b.lo.y), min(lo.z, b.lo.z)}, {max(hi.x, b.hi.x), max(hi.y, b.hi.y), max(hi.z, b.hi.z)}};
+        return {{min(lo.x, b.lo.x), min(lo.y, b.lo.y), min(lo.z, b.lo.z)},
+            {max(hi.x, b.hi.x), max(hi.y, b.hi.y), max(hi.z, b.hi.z)}};
     }
-    GB_FN float3 middle() const { return {0.5f * lo.x + 0.5f * hi.x, 0.5f * lo.y + 0.5f * hi.y, 0.5f * lo.z + 0.5f * hi.z}; }
+    GB_FN float3 middle() const {
+        return {0.5f * lo.x + 0.5f * hi.x, 0.5f * lo.y + 0.5f * hi.y, 0.5f * lo.z + 0.5f * hi.z};
+    }
     /// Half its surface.
     GB_FN float area() const {
         const float3 d = hi - lo;
@@ -40,8 +43,8 @@ struct alignas(64) WideNode {
 
 /// What a build finds out; lives beside the tree, on the device.
 struct BoxTreeHeader {
-    Box box;       ///< of all items
-    float near;    ///< rounding of positions nearby: rays that begin on a surface look so far back
+    Box box;     ///< of all items
+    float near;  ///< rounding of positions nearby: rays that begin on a surface look so far back
 };
 
 /// Items in Morton order and the boxes around them.
@@ -49,7 +52,7 @@ struct BoxTree {
     const BoxTreeHeader* header;
     const WideNode* nodes;
     const std::uint32_t *first, *last;  ///< of each inner node's items
-    const std::uint32_t* index;  ///< of each item, its place in the caller's arrays
+    const std::uint32_t* index;         ///< of each item, its place in the caller's arrays
 };
 
 /// Where a solid stands: world = R local + at, R's rows.

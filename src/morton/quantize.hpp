@@ -20,20 +20,17 @@ GB_FN bool is_inside(const float3& p, const float3& lo, const float3& hi) {
 }
 
 /// Truncation makes cell membership exact; the maximum itself is clamped into the last cell.
-template <class Key>
-GB_FN Key quantize(float u, float lo, float scale) {
+template <class Key> GB_FN Key quantize(float u, float lo, float scale) {
     const float cells = float(1 << Traits<Key>::levels);
     const float q = (u - lo) * scale;
     return q >= cells ? Key(1 << Traits<Key>::levels) - 1 : Key(q > 0.0f ? q : 0.0f);
 }
 
-template <class Key>
-GB_FN Key key_of(const float3& p, const Space& space) {
+template <class Key> GB_FN Key key_of(const float3& p, const Space& space) {
     const float cells = float(1 << Traits<Key>::levels);
     const float scale = space.extent > 0.0f ? cells / space.extent : 0.0f;
-    return Traits<Key>::inside | encode(quantize<Key>(p.x, space.lo.x, scale),
-                                        quantize<Key>(p.y, space.lo.y, scale),
-                                        quantize<Key>(p.z, space.lo.z, scale));
+    return Traits<Key>::inside | encode(quantize<Key>(p.x, space.lo.x, scale), quantize<Key>(p.y, space.lo.y, scale),
+                                     quantize<Key>(p.z, space.lo.z, scale));
 }
 
 }  // namespace globule::core::morton

@@ -23,18 +23,19 @@ struct ParticleInput {
     const float* positions = nullptr;  ///< (n, 3)
     Attribute support;
     Attribute weight;
-    const float* stretch = nullptr;    ///< (n, 6): SortedParticles
+    const float* stretch = nullptr;  ///< (n, 6): SortedParticles
     float most_stretch = 1.0f;
-    bool given_up = false;             ///< `positions` may be emptied once they are sorted
+    bool given_up = false;  ///< `positions` may be emptied once they are sorted
 };
 
 struct TreeParams {
     int key_bits = 32;
-    int depth = 10;           ///< deepest level, at most 10 or 21 (dense: 8)
+    int depth = 10;  ///< deepest level, at most 10 or 21 (dense: 8)
     bool dense = false;
-    bool fixed_space = false; ///< otherwise the bounding cube of the particles
+    bool fixed_space = false;  ///< otherwise the bounding cube of the particles
     float3 lo{0, 0, 0}, hi{0, 0, 0};
-    float typical_support = 0.0f, most_weight = 0.0f;  ///< of all pieces, where this is one of several; 0: of these particles
+    float typical_support = 0.0f,
+          most_weight = 0.0f;  ///< of all pieces, where this is one of several; 0: of these particles
 };
 
 namespace build {
@@ -62,9 +63,8 @@ struct PointBounds {
 struct Unite {
     GB_FN Bounds operator()(const Bounds& a, const Bounds& b) const {
         return {{min(a.lo.x, b.lo.x), min(a.lo.y, b.lo.y), min(a.lo.z, b.lo.z)},
-                {max(a.hi.x, b.hi.x), max(a.hi.y, b.hi.y), max(a.hi.z, b.hi.z)},
-                min(a.least_support, b.least_support), max(a.most_support, b.most_support),
-                max(a.most_weight, b.most_weight)};
+            {max(a.hi.x, b.hi.x), max(a.hi.y, b.hi.y), max(a.hi.z, b.hi.z)}, min(a.least_support, b.least_support),
+            max(a.most_support, b.most_support), max(a.most_weight, b.most_weight)};
     }
 };
 /// The octree's space: the caller's, or the particles' own.
@@ -85,8 +85,7 @@ struct SpaceOf {
     }
 };
 
-template <class Key>
-struct MakeKeys {
+template <class Key> struct MakeKeys {
     const float* positions;
     SpaceOf space;
     Key* keys;
@@ -101,8 +100,7 @@ struct MakeKeys {
     }
 };
 
-template <class Key>
-struct Gather {
+template <class Key> struct Gather {
     ParticleInput in;
     const Key* keys;
     std::uint32_t* n_outside;
@@ -118,7 +116,8 @@ struct Gather {
             return;
         }
         constexpr Key inside = morton::Traits<Key>::inside;
-        if ((keys[i] & inside) && (i == 0 || !(keys[i - 1] & inside))) *n_outside = std::uint32_t(i);  // they sort to the front
+        if ((keys[i] & inside) && (i == 0 || !(keys[i - 1] & inside)))
+            *n_outside = std::uint32_t(i);  // they sort to the front
         const std::uint32_t from = index[i];
         const float3 p = read3(in.positions, from);
         x[i] = p.x;
@@ -132,8 +131,7 @@ struct Gather {
 
 /// Walks one chunk of sorted keys and calls start(i, from, to) wherever nodes of levels
 /// from ... to start; the last of them is a leaf.
-template <class Key>
-struct Starts {
+template <class Key> struct Starts {
     const Key* keys;
     std::size_t n;
     int depth;
@@ -148,8 +146,7 @@ struct Starts {
             level = max(level, shared(j, j + kLeafSize));
         return min(level + 1, depth);
     }
-    template <class Start>
-    GB_FN void walk(std::size_t chunk, const Start& start) const {
+    template <class Start> GB_FN void walk(std::size_t chunk, const Start& start) const {
         const std::size_t begin = chunk * kChunk;
         const std::size_t end = min(n, begin + kChunk);
         int leaf = begin ? leaf_level(begin - 1) : 0;
@@ -164,8 +161,7 @@ struct Starts {
     }
 };
 
-template <class Key>
-struct CountNodes {
+template <class Key> struct CountNodes {
     Starts<Key> starts;
     std::size_t n_chunks;
     std::uint32_t* counts;  ///< [level][chunk], one row of zeros at the end
@@ -204,8 +200,7 @@ struct WriteHeader {
     }
 };
 
-template <class Key>
-struct EmitNodes {
+template <class Key> struct EmitNodes {
     Starts<Key> starts;
     std::size_t n_chunks;
     const std::uint32_t* offsets;
@@ -232,8 +227,7 @@ struct EmitNodes {
 };
 
 /// The box of particles and what they reach, a group of lanes at a time.
-template <class Group>
-struct LeafBox {
+template <class Group> struct LeafBox {
     using F = typename Group::F;
     F lo[3] = {F(infinity()), F(infinity()), F(infinity())}, hi[3] = {F(-infinity()), F(-infinity()), F(-infinity())};
 
@@ -248,11 +242,14 @@ struct LeafBox {
         }
     }
     /// An ellipsoid |G v| <= 1 reaches as far along an axis as that row of G's inverse is long.
-    GB_FN static void ellipsoids(Group& g, const SortedParticles& particles, std::size_t at, const typename Group::B& which, const F& a, F* reach) {
+    GB_FN static void ellipsoids(Group& g, const SortedParticles& particles, std::size_t at,
+        const typename Group::B& which, const F& a, F* reach) {
         F m[6];
         for (int k = 0; k < 6; ++k) {
             m[k] = F(k < 3 ? 1.0f : 0.0f);
-            g.per_lane(which, [&](int lane) { Group::put(m[k], lane, particles.stretch[6 * (at + lane) + k] * Group::get(a, lane)); });
+            g.per_lane(which, [&](int lane) {
+                Group::put(m[k], lane, particles.stretch[6 * (at + lane) + k] * Group::get(a, lane));
+            });
         }
         const F xx = m[1] * m[2] - m[5] * m[5], yy = m[0] * m[2] - m[4] * m[4], zz = m[0] * m[1] - m[3] * m[3],
                 xy = m[4] * m[5] - m[3] * m[2], xz = m[3] * m[5] - m[4] * m[1], yz = m[3] * m[4] - m[5] * m[0];
@@ -263,41 +260,35 @@ struct LeafBox {
     }
     GB_FN Node leaf(Group& g, std::uint32_t begin, std::uint32_t count) const {
         return {{g.smallest(lo[0]), g.smallest(lo[1]), g.smallest(lo[2])},
-                {g.largest(hi[0]), g.largest(hi[1]), g.largest(hi[2])},
-                begin, Node::leaf_bit | count};
+            {g.largest(hi[0]), g.largest(hi[1]), g.largest(hi[2])}, begin, Node::leaf_bit | count};
     }
 };
 
 /// Boxes of the leaves, a group of lanes to each.
-template <class Key>
-struct BoxLeaves {
+template <class Key> struct BoxLeaves {
     struct Nothing {};
-    template <class Group>
-    using Scratch = Nothing;
+    template <class Group> using Scratch = Nothing;
 
     Starts<Key> starts;
     const TreeHeader* header;
     SortedParticles particles;
     NodeArrays nodes;
 
-    template <class Group>
-    GB_FN void operator()(Group& g, Nothing&, std::size_t i) const {
+    template <class Group> GB_FN void operator()(Group& g, Nothing&, std::size_t i) const {
         if (i >= header->n_nodes || !Node::is_leaf(nodes.meta[i])) return;
         const Node leaf = make_leaf(g, nodes.first[i], int(Node::count(nodes.meta[i])));
         g.sync();
         if (g.is_first()) nodes.set(i, leaf);
     }
     /// All particles from `begin` on that share its cell of that level.
-    template <class Group>
-    GB_FN Node make_leaf(Group& g, std::uint32_t begin, int level) const {
+    template <class Group> GB_FN Node make_leaf(Group& g, std::uint32_t begin, int level) const {
         LeafBox<Group> box;
         std::size_t end = begin;
         int n_here = Group::width;
         while (n_here == Group::width) {
             typename Group::B ours = g.none();
-            g.per_lane(g.first_lanes(Group::width), [&](int lane) {
-                Group::put(ours, lane, starts.shared(begin, end + lane) >= level);
-            });
+            g.per_lane(g.first_lanes(Group::width),
+                [&](int lane) { Group::put(ours, lane, starts.shared(begin, end + lane) >= level); });
             box.add(g, particles, end, ours);
             n_here = g.count(ours);
             end += n_here;
@@ -309,19 +300,18 @@ struct BoxLeaves {
 /// The same for leaves that are known, when their particles reach elsewhere.
 struct RefitLeaves {
     struct Nothing {};
-    template <class Group>
-    using Scratch = Nothing;
+    template <class Group> using Scratch = Nothing;
 
     const TreeHeader* header;
     SortedParticles particles;
     NodeArrays nodes;
 
-    template <class Group>
-    GB_FN void operator()(Group& g, Nothing&, std::size_t i) const {
+    template <class Group> GB_FN void operator()(Group& g, Nothing&, std::size_t i) const {
         if (i >= header->n_nodes || !Node::is_leaf(nodes.meta[i])) return;
         const std::uint32_t begin = nodes.first[i], count = Node::count(nodes.meta[i]);
         LeafBox<Group> box;
-        for (std::uint32_t k = 0; k < count; k += Group::width) box.add(g, particles, begin + k, g.first_lanes(int(count - k)));
+        for (std::uint32_t k = 0; k < count; k += Group::width)
+            box.add(g, particles, begin + k, g.first_lanes(int(count - k)));
         const Node leaf = box.leaf(g, begin, count);
         if (g.is_first()) nodes.set(i, leaf);
     }
@@ -351,7 +341,7 @@ struct CarryBoxes {
             for (std::uint32_t k = 0; k < 8; ++k) {  // the last one again where there are fewer: all loads at once
                 const std::uint32_t c = begin + min(k, n_children - 1);
                 out.unite({read_fresh(&nodes.box[0][c]), read_fresh(&nodes.box[1][c]), read_fresh(&nodes.box[2][c])},
-                          {read_fresh(&nodes.box[3][c]), read_fresh(&nodes.box[4][c]), read_fresh(&nodes.box[5][c])});
+                    {read_fresh(&nodes.box[3][c]), read_fresh(&nodes.box[4][c]), read_fresh(&nodes.box[5][c])});
             }
             nodes.set(at, out);
         }
@@ -403,12 +393,22 @@ struct CarryDense {
 }  // namespace build
 
 /// Owns the sorted particles and the tree of one scene on one backend.
-template <class Exec>
-class Octree {
+template <class Exec> class Octree {
 public:
     explicit Octree(Exec& exec)
-        : exec_(exec), bounds_(exec), keys_(exec), positions_(exec), index_(exec), support_(exec),
-          weight_(exec), stretch_(exec), counts_(exec), scratch_(exec), nodes_(exec), dense_(exec), header_(exec) {}
+        : exec_(exec),
+          bounds_(exec),
+          keys_(exec),
+          positions_(exec),
+          index_(exec),
+          support_(exec),
+          weight_(exec),
+          stretch_(exec),
+          counts_(exec),
+          scratch_(exec),
+          nodes_(exec),
+          dense_(exec),
+          header_(exec) {}
 
     void build(const ParticleInput& in, const TreeParams& params) {
         n_ = in.n;
@@ -423,7 +423,8 @@ public:
         sorted_.weight = weight;
     }
 
-    /// Room for a support, a weight and a matrix of each sorted particle; what is written there holds from reshape() on.
+    /// Room for a support, a weight and a matrix of each sorted particle; what is written there holds from reshape()
+    /// on.
     struct Shapes {
         float *support, *weight, *stretch, *shortest;  ///< (n,), (n,), (n, 6), (n,)
     };
@@ -446,7 +447,8 @@ public:
         exec_.for_each(1, build::ScaleMostWeight{header, most_weight});
         exec_.clear(scratch + 2 * capacity_, n_nodes * sizeof *scratch);
         exec_.for_each_tile(n_nodes, build::RefitLeaves{header, sorted_, node_arrays()});
-        exec_.for_each(n_nodes, build::CarryBoxes{header, node_arrays(), scratch, scratch + capacity_, scratch + 2 * capacity_});
+        exec_.for_each(
+            n_nodes, build::CarryBoxes{header, node_arrays(), scratch, scratch + capacity_, scratch + 2 * capacity_});
     }
 
     SparseTree sparse() const { return {header_.data(), node_arrays()}; }
@@ -468,22 +470,23 @@ public:
     NodeArrays node_arrays() const {
         float* p = nodes_.data();
         const std::size_t c = capacity_;
-        return {{p, p + c, p + 2 * c, p + 3 * c, p + 4 * c, p + 5 * c},
-                reinterpret_cast<std::uint32_t*>(p + 6 * c), reinterpret_cast<std::uint32_t*>(p + 7 * c)};
+        return {{p, p + c, p + 2 * c, p + 3 * c, p + 4 * c, p + 5 * c}, reinterpret_cast<std::uint32_t*>(p + 6 * c),
+            reinterpret_cast<std::uint32_t*>(p + 7 * c)};
     }
     const DenseNode* dense_nodes() const { return dense_.data(); }
     /// Memory that n particles take at least, one support and weight for all: keys, positions, index, counts.
     static std::uint64_t least_bytes(std::size_t n, int key_bits, int depth) {
-        return n * (key_bits / 8 + 3 * sizeof(float) + sizeof(std::uint32_t)) + (depth + 2) * ceil_div<std::uint64_t>(n, kChunk) * sizeof(std::uint32_t);
+        return n * (key_bits / 8 + 3 * sizeof(float) + sizeof(std::uint32_t)) +
+               (depth + 2) * ceil_div<std::uint64_t>(n, kChunk) * sizeof(std::uint32_t);
     }
     std::size_t bytes() const {
         return bounds_.bytes() + keys_.bytes() + positions_.bytes() + index_.bytes() + support_.bytes() +
-               weight_.bytes() + stretch_.bytes() + counts_.bytes() + scratch_.bytes() + nodes_.bytes() + dense_.bytes();
+               weight_.bytes() + stretch_.bytes() + counts_.bytes() + scratch_.bytes() + nodes_.bytes() +
+               dense_.bytes();
     }
 
 private:
-    template <class Key>
-    void sort_and_build(const ParticleInput& in) {
+    template <class Key> void sort_and_build(const ParticleInput& in) {
         using namespace build;
         const std::size_t n = in.n, padded = ceil_div<std::size_t>(n, 64) * 64 + 64;
         Bounds* bounds = bounds_.reserve(1);
@@ -497,26 +500,27 @@ private:
         const SpaceOf space{params_, bounds};
         exec_.for_each(n, MakeKeys<Key>{in.positions, space, keys, index, &header->n_outside, n});
         // The sorted positions are written after the sort, so their room serves as its spare.
-        exec_.sort_pairs(n, keys, reinterpret_cast<Key*>(x), index,
-                         reinterpret_cast<std::uint32_t*>(x + 2 * padded),
-                         3 * morton::Traits<Key>::levels + 1);
+        exec_.sort_pairs(n, keys, reinterpret_cast<Key*>(x), index, reinterpret_cast<std::uint32_t*>(x + 2 * padded),
+            3 * morton::Traits<Key>::levels + 1);
         float* support = in.support.data ? support_.reserve(padded) : nullptr;
         float* weight = in.weight.data ? weight_.reserve(padded) : nullptr;
         float* stretch = in.stretch ? stretch_.reserve(6 * padded) : nullptr;
-        exec_.for_each(n ? padded : 0, Gather<Key>{in, keys, &header->n_outside, index, x, x + padded, x + 2 * padded, support, weight, stretch});
+        exec_.for_each(n ? padded : 0,
+            Gather<Key>{in, keys, &header->n_outside, index, x, x + padded, x + 2 * padded, support, weight, stretch});
         if constexpr (!Exec::on_device) {
             if (in.given_up) exec_.give_up(in.positions, 3 * n * sizeof(float));
         }
-        sorted_ = {x, x + padded, x + 2 * padded, index, {support, in.support.uniform}, {weight, in.weight.uniform}, stretch, in.most_stretch};
+        sorted_ = {x, x + padded, x + 2 * padded, index, {support, in.support.uniform}, {weight, in.weight.uniform},
+            stretch, in.most_stretch};
         build_nodes(keys, n, space);
     }
 
-    template <class Key>
-    void build_nodes(const Key* keys, std::size_t n, const build::SpaceOf& space) {
+    template <class Key> void build_nodes(const Key* keys, std::size_t n, const build::SpaceOf& space) {
         using namespace build;
-        // A node that is no leaf holds more than kLeafSize particles, and each level has each particle at most once: all
-        // nodes together are fewer than 2^32, so that their sums do not wrap.
-        static_assert((std::uint64_t(1) << 31) * (kLeafSize + 1 + kMaxLevels) / (kLeafSize + 1) < (std::uint64_t(1) << 32));
+        // A node that is no leaf holds more than kLeafSize particles, and each level has each particle at most once:
+        // all nodes together are fewer than 2^32, so that their sums do not wrap.
+        static_assert(
+            (std::uint64_t(1) << 31) * (kLeafSize + 1 + kMaxLevels) / (kLeafSize + 1) < (std::uint64_t(1) << 32));
         const std::size_t n_chunks = max<std::size_t>(1, ceil_div<std::size_t>(n, kChunk));
         const int depth = params_.depth;
         const Starts<Key> starts{keys, n, depth};
@@ -531,19 +535,20 @@ private:
         if (params_.dense) return build_dense(reinterpret_cast<const std::uint32_t*>(keys), n);
         std::uint32_t* scratch = scratch_.reserve(3 * capacity);
         exec_.for_each(n_chunks, EmitNodes<Key>{starts, n_chunks, counts, header, node_arrays(), scratch,
-                                                scratch + capacity, scratch + 2 * capacity});
+                                     scratch + capacity, scratch + 2 * capacity});
         const std::size_t n_nodes = Exec::on_device ? capacity : header->n_nodes;
         exec_.for_each_tile(n_nodes, BoxLeaves<Key>{starts, header, sorted_, node_arrays()});
         exec_.for_each(n_nodes, CarryBoxes{header, node_arrays(), scratch, scratch + capacity, scratch + 2 * capacity});
     }
 
-    /// Room for the nodes.  A device is asked, and waited for, only when the number of particles has left the range that was
-    /// seen before, or when an earlier build is known not to have fitted its room; otherwise there is slack.
+    /// Room for the nodes.  A device is asked, and waited for, only when the number of particles has left the range
+    /// that was seen before, or when an earlier build is known not to have fitted its room; otherwise there is slack.
     void make_room(const std::uint32_t* counts, std::size_t n_chunks, std::size_t n) {
         if (Exec::on_device && n <= seen_ && n >= seen_ / 4 && fitted()) return;
         std::uint32_t wanted;
         exec_.download(&wanted, counts + (params_.depth + 1) * n_chunks, sizeof wanted);
-        if (wanted > kMaxNodes) throw Refused("octree: expected at most 2^29 nodes, got " + std::to_string(wanted) + ": lower `depth`");
+        if (wanted > kMaxNodes)
+            throw Refused("octree: expected at most 2^29 nodes, got " + std::to_string(wanted) + ": lower `depth`");
         if (capacity_ == 0 || wanted > capacity_ || wanted < capacity_ / 4) {
             const std::size_t room = ceil_div<std::size_t>(wanted + wanted / 4, 64) * 64 + 64;
             capacity_ = 0;
@@ -552,7 +557,8 @@ private:
         }
         seen_ = n + n / 4;
     }
-    /// Whether the last build, as far as it is known without waiting, neither stopped short nor left most of its room empty.
+    /// Whether the last build, as far as it is known without waiting, neither stopped short nor left most of its room
+    /// empty.
     bool fitted() {
         const TreeHeader* h = last_.look();
         return !h || (h->n_wanted <= h->n_nodes && h->n_nodes >= capacity_ / 8);

@@ -8,9 +8,9 @@ namespace globule::core {
 inline constexpr int kMaxDenseDepth = 8;
 
 struct DenseNode {
-    std::uint32_t first, last;    ///< run of particles [first, last); empty cells 0, 0
-    std::uint32_t child_mask;     ///< bit c: child c holds particles
-    float reach;                  ///< largest support of a particle inside
+    std::uint32_t first, last;  ///< run of particles [first, last); empty cells 0, 0
+    std::uint32_t child_mask;   ///< bit c: child c holds particles
+    float reach;                ///< largest support of a particle inside
 };
 
 struct DenseTree {
@@ -28,12 +28,11 @@ struct DenseTree {
         const morton::Space& space = header->space;
         const float edge = space.extent / float(1 << level);
         // A position may lie a rounding error outside of the cell that truncation gave it.
-        const float reach = n.reach + 1e-5f * edge +
-                            4e-7f * (abs(space.lo.x) + abs(space.lo.y) +
-                                     abs(space.lo.z) + space.extent);
+        const float reach =
+            n.reach + 1e-5f * edge + 4e-7f * (abs(space.lo.x) + abs(space.lo.y) + abs(space.lo.z) + space.extent);
         Node out;
-        out.lo = {space.lo.x + float(cell.x) * edge, space.lo.y + float(cell.y) * edge,
-                  space.lo.z + float(cell.z) * edge};
+        out.lo = {
+            space.lo.x + float(cell.x) * edge, space.lo.y + float(cell.y) * edge, space.lo.z + float(cell.z) * edge};
         out.hi = {out.lo.x + edge + reach, out.lo.y + edge + reach, out.lo.z + edge + reach};
         out.lo = {out.lo.x - reach, out.lo.y - reach, out.lo.z - reach};
         if (n.last <= n.first) {

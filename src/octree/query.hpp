@@ -1,5 +1,5 @@
 // Questions at a point: who reaches it, who is near it.  One traversal, one thread a point; the
-// float64 last word of the tracer and the public field, gradient and neighbour calls use it.
+// float64 last word of the tracer and the public field, gradient and neighbor calls use it.
 #pragma once
 #include "field/column.hpp"
 #include "field/influence.hpp"
@@ -14,9 +14,7 @@ namespace globule::core {
 template <class Tree, class Opens, class Leaf>
 GB_FN void for_each_leaf_where(const Tree& tree, const Opens& opens, const Leaf& leaf) {
     if (tree.empty()) return;
-    struct Run {
-        std::uint32_t next, end;
-    } stack[kMaxLevels + 2];
+    struct Run { std::uint32_t next, end; } stack[kMaxLevels + 2];
     int top = 0;
     stack[0] = {0, 1};
     while (top >= 0) {
@@ -38,9 +36,13 @@ GB_FN void for_each_leaf_where(const Tree& tree, const Opens& opens, const Leaf&
 /// The same over all leaves whose box meets the box [lo, hi].
 template <class Tree, class Leaf>
 GB_FN void for_each_leaf(const Tree& tree, const float3& lo, const float3& hi, const Leaf& leaf) {
-    for_each_leaf_where(tree, [&](const Node& node) {
-        return !(node.lo.x > hi.x || node.lo.y > hi.y || node.lo.z > hi.z || node.hi.x < lo.x || node.hi.y < lo.y || node.hi.z < lo.z);
-    }, leaf);
+    for_each_leaf_where(
+        tree,
+        [&](const Node& node) {
+            return !(node.lo.x > hi.x || node.lo.y > hi.y || node.lo.z > hi.z || node.hi.x < lo.x || node.hi.y < lo.y ||
+                     node.hi.z < lo.z);
+        },
+        leaf);
 }
 
 /// The same for a whole group of lanes, which looks at all children of a node at once.
@@ -61,8 +63,9 @@ GB_FN void for_each_leaf(Group& g, const Tree& tree, const float3& lo, const flo
     };
     const auto meeting = [&](std::uint32_t first, int n) {
         float* const* box = tree.nodes.box;
-        const auto out = (g.load_run(box[0] + first) > F(hi.x)) | (g.load_run(box[1] + first) > F(hi.y)) | (g.load_run(box[2] + first) > F(hi.z)) |
-                         (g.load_run(box[3] + first) < F(lo.x)) | (g.load_run(box[4] + first) < F(lo.y)) | (g.load_run(box[5] + first) < F(lo.z));
+        const auto out = (g.load_run(box[0] + first) > F(hi.x)) | (g.load_run(box[1] + first) > F(hi.y)) |
+                         (g.load_run(box[2] + first) > F(hi.z)) | (g.load_run(box[3] + first) < F(lo.x)) |
+                         (g.load_run(box[4] + first) < F(lo.y)) | (g.load_run(box[5] + first) < F(lo.z));
         return g.set_of(g.first_lanes(n) & !out);
     };
     const auto open = [&](std::uint32_t first, int n) {
@@ -80,7 +83,8 @@ GB_FN void for_each_leaf(Group& g, const Tree& tree, const float3& lo, const flo
         }
         const int child = trailing_zeros(now.set);
         now.set &= now.set - 1;
-        const std::uint32_t meta = Group::pick(metas, child), first = Group::pick(firsts, child), count = Node::count(meta);
+        const std::uint32_t meta = Group::pick(metas, child), first = Group::pick(firsts, child),
+                            count = Node::count(meta);
         if (Node::is_leaf(meta)) {
             leaf(first, count);
         } else if (count) {
@@ -99,15 +103,16 @@ GB_FN void for_each_touching(const Tree& tree, const float3& lo, const float3& h
 }
 
 /// A sorted particle's shape, as field/influence.hpp asks for it.
-template <class F>
-struct SortedShape {
+template <class F> struct SortedShape {
     const SortedParticles& particles;
     std::uint32_t slot;
     GB_FN F x(const Vec3<F>& v) const { return particles.x_at(slot, v); }
-    GB_FN Vec3<F> half_gradient(const Vec3<F>& v, F slope, F c) const { return particles.half_gradient(slot, v) * (slope * c); }
+    GB_FN Vec3<F> half_gradient(const Vec3<F>& v, F slope, F c) const {
+        return particles.half_gradient(slot, v) * (slope * c);
+    }
 };
 
-/// visit(v, shape) if the particle reaches p; v: from its centre to p.
+/// visit(v, shape) if the particle reaches p; v: from its center to p.
 template <class F, class Visit>
 GB_FN void if_reaching(const SortedParticles& particles, std::uint32_t slot, const Vec3<F>& p, const Visit& visit) {
     const Vec3<F> v{p.x - F(particles.x[slot]), p.y - F(particles.y[slot]), p.z - F(particles.z[slot])};
@@ -125,8 +130,7 @@ GB_FN void for_each_reaching(const Tree& tree, const SortedParticles& particles,
 }
 
 /// Field and gradient at points, float64 sums: f = sum c b(r), grad f.
-template <class Tree>
-struct EvaluateField {
+template <class Tree> struct EvaluateField {
     Tree tree;
     SortedParticles particles;
     AnyKernel kernel;
@@ -137,11 +141,12 @@ struct EvaluateField {
         const Vec3<double> p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
         double f = 0;
         Vec3<double> half{0, 0, 0};
-        for_each_reaching(tree, particles, p, [&](std::uint32_t j, const Vec3<double>& v, const SortedShape<double>& shape) {
-            const Influence<double> s = influence(kernel, shape, v, double(particles.weight[j]));
-            f += s.value;
-            half = half + s.half_gradient;
-        });
+        for_each_reaching(
+            tree, particles, p, [&](std::uint32_t j, const Vec3<double>& v, const SortedShape<double>& shape) {
+                const Influence<double> s = influence(kernel, shape, v, double(particles.weight[j]));
+                f += s.value;
+                half = half + s.half_gradient;
+            });
         if (field) field[i] = float(f);
         if (gradient) {
             gradient[3 * i] = float(2.0 * half.x);
@@ -153,15 +158,14 @@ struct EvaluateField {
 
 /// Influence-weighted mean of `channels` values a particle: sum w v / sum w, w = max(c b, 0)
 /// (§6.0.2).  NaN where nothing reaches.
-template <class Tree>
-struct Blend {
+template <class Tree> struct Blend {
     Tree tree;
     SortedParticles particles;
     AnyKernel kernel;
     const float* points;
     const float* values;  ///< (n, channels), caller's order
     int channels;
-    float* out;           ///< (m, channels)
+    float* out;  ///< (m, channels)
     GB_FN void operator()(std::size_t i) const {
         const float3 p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
         float* mine = out + i * channels;
@@ -198,8 +202,7 @@ private:
 
 /// Integrals along rays, from their origin on: sum over j of value_j times the integral of particle j's
 /// kernel, weights left out.  Float64 sums in Morton order.
-template <class Tree>
-struct IntegrateLines {
+template <class Tree> struct IntegrateLines {
     static constexpr int most_channels = 8;
     Tree tree;
     SortedParticles particles;
@@ -210,13 +213,15 @@ struct IntegrateLines {
     float* out;                         ///< (m, channels)
     GB_FN void operator()(std::size_t i) const {
         const HalfLine ray{{origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]},
-                           {directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]}};
+            {directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]}};
         double sums[most_channels];
         for (int c = 0; c < count; ++c) sums[c] = 0.0;
         if (dot(ray.d, ray.d) > 0.5)
-            for_each_leaf_where(tree, [&](const Node& node) { return ray.meets(node); }, [&](std::uint32_t begin, std::uint32_t n) {
-                for (std::uint32_t j = begin; j < begin + n; ++j) add(ray, j, sums);
-            });
+            for_each_leaf_where(
+                tree, [&](const Node& node) { return ray.meets(node); },
+                [&](std::uint32_t begin, std::uint32_t n) {
+                    for (std::uint32_t j = begin; j < begin + n; ++j) add(ray, j, sums);
+                });
         for (int c = 0; c < count; ++c) out[i * channels + first + c] = float(sums[c]);
     }
 
@@ -246,14 +251,13 @@ private:
 };
 
 /// Particles within `radius` of each point, as compressed rows.  Run twice: counts, then indices.
-template <class Tree>
-struct FindNeighbors {
+template <class Tree> struct FindNeighbors {
     Tree tree;
     SortedParticles particles;
     const float* points;
     float radius;
-    std::uint64_t* offsets;    ///< (m + 1,)
-    std::uint32_t* indices;    ///< null in the counting run
+    std::uint64_t* offsets;  ///< (m + 1,)
+    std::uint32_t* indices;  ///< null in the counting run
     GB_FN void operator()(std::size_t i) const {
         const float3 p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
         const float3 r{radius, radius, radius};
@@ -269,10 +273,9 @@ struct FindNeighbors {
     }
 };
 
-/// Spacing around sampled particles, from the distance r to the 12th neighbour: a volume of
+/// Spacing around sampled particles, from the distance r to the 12th neighbor: a volume of
 /// 4/3 pi r^3 holds 12.5 particles.  0 where there are too few particles or too many coincide.
-template <class Tree>
-struct LocalSpacing {
+template <class Tree> struct LocalSpacing {
     Tree tree;
     SortedParticles particles;
     std::size_t begin, n, stride;  ///< particles [begin, n) are inside
@@ -295,14 +298,15 @@ struct LocalSpacing {
                     d = t;
                 }
         };
-        // Neighbours along the curve bound the radius, so that the walk of the tree stays short.
+        // Neighbors along the curve bound the radius, so that the walk of the tree stays short.
         const std::size_t from = at - begin > std::size_t(k) ? at - k : begin;
         for (std::size_t j = from; j < min(n, at + k + 1); ++j)
             if (j != at) insert(j);
         const float r = sqrt(nearest[k - 1]);
         for (int i = 0; i < k; ++i) nearest[i] = infinity();
-        for_each_touching(tree, {p.x - r, p.y - r, p.z - r}, {p.x + r, p.y + r, p.z + r},
-                          [&](std::uint32_t j) { if (j != at) insert(j); });
+        for_each_touching(tree, {p.x - r, p.y - r, p.z - r}, {p.x + r, p.y + r, p.z + r}, [&](std::uint32_t j) {
+            if (j != at) insert(j);
+        });
         out[s] = sqrt(nearest[k - 1]) * 0.6946f;  // (4/3 pi / 12.5)^(1/3)
     }
 };

@@ -35,7 +35,7 @@ void range(const std::vector<Ball>& balls, const AnyKernel& kernel, double t0, d
 
 /// First point of [t0, t1] where sign (tau - f) is no longer positive, by exclusion and bisection.
 double search(const std::vector<Ball>& all, const AnyKernel& kernel, double tau, double sign, double t0, double t1,
-              double least_width, double slack) {
+    double least_width, double slack) {
     std::vector<Ball> here;
     const double pad = least_width;
     for (const Ball& s : all)
@@ -63,7 +63,7 @@ void field(const Particles& p, std::size_t m, const double* points, double* valu
         Vec3<double> g{0, 0, 0};
         for (std::size_t j = 0; j < p.n; ++j) {
             const Vec3<double> r{points[3 * i] - p.positions[3 * j], points[3 * i + 1] - p.positions[3 * j + 1],
-                                 points[3 * i + 2] - p.positions[3 * j + 2]};
+                points[3 * i + 2] - p.positions[3 * j + 2]};
             const Sym3<double> m = matrix(p, j);
             const Vec3<double> w = m * r;
             const double x = dot(w, w);
@@ -82,13 +82,14 @@ void field(const Particles& p, std::size_t m, const double* points, double* valu
     }
 }
 
-void first_hit(const Particles& p, double tau, std::size_t m, const float* origins, const float* directions, double* t) {
+void first_hit(
+    const Particles& p, double tau, std::size_t m, const float* origins, const float* directions, double* t) {
 #pragma omp parallel for schedule(dynamic, 16)
     for (std::size_t i = 0; i < m; ++i) {
         const Vec3<double> o{origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]};
         const Vec3<double> d{directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]};
-        // Each ball's part of the ray in 64 bits of mantissa, counted from where the first begins: then float64 is as precise for an
-        // eye far away.
+        // Each ball's part of the ray in 64 bits of mantissa, counted from where the first begins: then float64 is as
+        // precise for an eye far away.
         using Long = long double;
         struct Met {
             Vec3<Long> v, e;
@@ -102,7 +103,8 @@ void first_hit(const Particles& p, double tau, std::size_t m, const float* origi
             const Sym3<double> m64 = matrix(p, j);
             if (!(m64.xx > 0)) continue;
             const Sym3<Long> m{m64.xx, m64.yy, m64.zz, m64.xy, m64.xz, m64.yz};
-            const Vec3<Long> away{Long(o.x) - p.positions[3 * j], Long(o.y) - p.positions[3 * j + 1], Long(o.z) - p.positions[3 * j + 2]};
+            const Vec3<Long> away{
+                Long(o.x) - p.positions[3 * j], Long(o.y) - p.positions[3 * j + 1], Long(o.z) - p.positions[3 * j + 2]};
             const Met ball{m * away, m * Vec3<Long>{d.x, d.y, d.z}, p.weight[j]};
             const Long speed2 = dot(ball.e, ball.e), s = -dot(ball.v, ball.e) / speed2;
             const Vec3<Long> nearest = ball.v + ball.e * s;
@@ -125,7 +127,8 @@ void first_hit(const Particles& p, double tau, std::size_t m, const float* origi
         std::vector<Ball> balls;
         for (const Met& m : met) {
             const Vec3<Long> v = m.v + m.e * base;
-            balls.push_back({{double(v.x), double(v.y), double(v.z)}, {double(m.e.x), double(m.e.y), double(m.e.z)}, m.weight});
+            balls.push_back(
+                {{double(v.x), double(v.y), double(v.z)}, {double(m.e.x), double(m.e.y), double(m.e.z)}, m.weight});
         }
         std::vector<double> from_base;
         for (const Long e : events) from_base.push_back(std::max(0.0, double(e - base)));
@@ -135,7 +138,8 @@ void first_hit(const Particles& p, double tau, std::size_t m, const float* origi
             // A support far behind the first may be so small that float64 does not count its parts.
             const double width = std::max(1e-9 * smallest, 4e-16 * from_base[k + 1]);
             if (from_base[k + 1] > from_base[k])
-                t[i] = search(balls, p.kernel, tau, sign, from_base[k], from_base[k + 1], width, 1e-13 * (tau + heaviness));
+                t[i] = search(
+                    balls, p.kernel, tau, sign, from_base[k], from_base[k + 1], width, 1e-13 * (tau + heaviness));
         }
         t[i] += double(base);
     }

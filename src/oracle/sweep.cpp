@@ -8,9 +8,7 @@
 namespace globule::core::oracle {
 namespace {
 
-struct Point {
-    double x, y, z, value;
-};
+struct Point { double x, y, z, value; };
 
 std::size_t place(const int size[3], int x, int y, int z) { return (std::size_t(z) * size[1] + y) * size[0] + x; }
 double rounded(double v, bool whole) { return whole ? std::floor(v + 0.5) : v; }
@@ -50,8 +48,7 @@ double compound(std::vector<Point> points, int mode) {
 }
 
 /// Calls visit for the voxels of the cube that lie in the grid.
-template <class Visit>
-void for_cube(const int size[3], int x, int y, int z, int r, const Visit& visit) {
+template <class Visit> void for_cube(const int size[3], int x, int y, int z, int r, const Visit& visit) {
     for (int k = std::max(z - r, 0); k <= std::min(z + r, size[2] - 1); ++k)
         for (int j = std::max(y - r, 0); j <= std::min(y + r, size[1] - 1); ++j)
             for (int i = std::max(x - r, 0); i <= std::min(x + r, size[0] - 1); ++i) visit(i, j, k);
@@ -69,8 +66,7 @@ double weighted(const std::vector<std::pair<double, double>>& near, bool printed
     return sum / (printed ? double(near.size()) : weights);
 }
 
-template <class Visit>
-void for_voxels(const int size[3], const Visit& visit) {
+template <class Visit> void for_voxels(const int size[3], const Visit& visit) {
     for (int z = 0; z < size[2]; ++z)
         for (int y = 0; y < size[1]; ++y)
             for (int x = 0; x < size[0]; ++x) visit(x, y, z, place(size, x, y, z));
@@ -81,7 +77,8 @@ void for_voxels(const int size[3], const Visit& visit) {
 void bin(const SweepInput& in, int compounding, double* out) {
     const auto all = lists(in);
     for (std::size_t i = 0; i < all.size(); ++i)
-        out[i] = all[i].empty() ? std::numeric_limits<double>::quiet_NaN() : rounded(compound(all[i], compounding), in.whole);
+        out[i] = all[i].empty() ? std::numeric_limits<double>::quiet_NaN()
+                                : rounded(compound(all[i], compounding), in.whole);
 }
 
 void bezier(const SweepInput& in, double* out, double* distance) {
@@ -118,7 +115,8 @@ void bezier(const SweepInput& in, double* out, double* distance) {
                     if (!inside(in, p)) continue;
                     for (const Point& c : control) {
                         double& least = distance[place(in.size, int(p.x), int(p.y), int(p.z))];
-                        least = std::min(least, std::max({std::abs(p.x - c.x), std::abs(p.y - c.y), std::abs(p.z - c.z)}));
+                        least =
+                            std::min(least, std::max({std::abs(p.x - c.x), std::abs(p.y - c.y), std::abs(p.z - c.z)}));
                     }
                     sums[place(in.size, int(p.x), int(p.y), int(p.z))] += p.value;
                     counts[place(in.size, int(p.x), int(p.y), int(p.z))] += 1;
@@ -137,7 +135,8 @@ void bezier(const SweepInput& in, double* out, double* distance) {
         out[i] = counts[i] > 0 ? rounded(sums[i] / counts[i], in.whole) : std::numeric_limits<double>::quiet_NaN();
 }
 
-void fill(const int size[3], bool whole, const double* bins, int reach, bool printed, double* out, std::uint8_t* radius) {
+void fill(
+    const int size[3], bool whole, const double* bins, int reach, bool printed, double* out, std::uint8_t* radius) {
     for_voxels(size, [&](int x, int y, int z, std::size_t at) {
         out[at] = bins[at];
         radius[at] = 0;

@@ -21,8 +21,7 @@ const T* bring(Exec& exec, Buffer<T, Exec>& room, const ArrayAt<const T>& array,
 }
 
 /// The caller's streams go on when what was given to `exec` has read these arrays.
-template <class Exec, class... T>
-void let_callers_go_on(Exec& exec, const ArrayAt<T>&... arrays) {
+template <class Exec, class... T> void let_callers_go_on(Exec& exec, const ArrayAt<T>&... arrays) {
     const auto one = [&](const auto& array) {
         if (array.data && array.device == exec.device()) exec.let_caller_wait(array.stream);
     };

@@ -15,8 +15,7 @@
 namespace globule::core {
 
 /// One build: sorted particles, tree, and their attributes in the caller's order.
-template <class Exec>
-struct Built {
+template <class Exec> struct Built {
     Octree<Exec> octree;
     Attributes attributes{};
     Buffer<float, Exec> color, reflection, refraction;
@@ -24,8 +23,7 @@ struct Built {
     explicit Built(Exec& exec) : octree(exec), color(exec), reflection(exec), refraction(exec) {}
 };
 
-template <class Exec>
-class Builder {
+template <class Exec> class Builder {
 public:
     explicit Builder(std::shared_ptr<Exec> exec)
         : lanes_{exec}, builder_(exec), positions_(*exec), support_(*exec), weight_(*exec), stretch_(*exec) {
@@ -46,7 +44,8 @@ public:
         if (beside) {
             for (auto& lane : lanes_) lane->mark(kRead + now_);  // what reads the present tree has been asked for
             now_ = (now_ + 1) % kTrees;
-            if (n_builds_ <= kTrees) built_[now_] = std::make_unique<Built<Exec>>(*builder_);  // the first one was on another stream
+            if (n_builds_ <= kTrees)
+                built_[now_] = std::make_unique<Built<Exec>>(*builder_);  // the first one was on another stream
             for (auto& lane : lanes_) builder_->follow(*lane, kRead + now_);
         }
         Exec& exec = *builder_;
@@ -54,7 +53,8 @@ public:
         input.n = in.n;
         input.positions = bring(exec, positions_, in.positions, 3 * in.n);
         const bool smooth = in.spacing > 0.0f;
-        input.support = smooth ? Attribute{nullptr, surface::kAxis * in.spacing} : Attribute{bring(exec, support_, in.support, in.n), in.one_support};
+        input.support = smooth ? Attribute{nullptr, surface::kAxis * in.spacing}
+                               : Attribute{bring(exec, support_, in.support, in.n), in.one_support};
         input.weight = {bring(exec, weight_, in.weight, in.n), in.one_weight};
         input.stretch = bring(exec, stretch_, in.stretch, 6 * in.n);
         input.most_stretch = in.most_stretch;
@@ -65,8 +65,8 @@ public:
         b.attributes.reflection = {bring(exec, b.reflection, in.reflection, in.n), in.one_reflection};
         b.attributes.refraction = {bring(exec, b.refraction, in.refraction, in.n), in.one_refraction};
         exec.mark(0);
-        b.octree.build(input, {request.key_bits, request.depth, request.dense, request.fixed_space, request.lo, request.hi,
-                               request.typical_support, request.most_weight});
+        b.octree.build(input, {request.key_bits, request.depth, request.dense, request.fixed_space, request.lo,
+                                  request.hi, request.typical_support, request.most_weight});
         if (smooth && in.n) make_smooth(exec, b.octree, in.spacing);
         exec.mark(1);
         let_callers_go_on(exec, in.positions, in.support, in.weight, in.stretch);
@@ -92,7 +92,8 @@ public:
         shared_ = whole_ = true;
         return now().octree;
     }
-    /// Instead of the shared tree, one smooth surface around particles of one spacing is drawn, or their balls; those at NaN are left out.
+    /// Instead of the shared tree, one smooth surface around particles of one spacing is drawn, or their balls; those
+    /// at NaN are left out.
     void draw_own(std::size_t n, const float* positions, float spacing, bool smooth = true) {
         const typename Exec::Stage stage("build");
         Exec& exec = *lanes_[0];
@@ -112,12 +113,12 @@ public:
     void draw_shared() { now_ = 0; }
 
 private:
-    /// Ellipsoids and weights from the particles' neighbours, in place of their supports.
+    /// Ellipsoids and weights from the particles' neighbors, in place of their supports.
     static void make_smooth(Exec& exec, Octree<Exec>& octree, float spacing) {
         const typename Exec::Stage stage("surface kernels");
         const auto shapes = octree.shapes();
         const FindSurfaceKernels<SparseTree> find{octree.sparse(), octree.particles(), octree.size(), spacing,
-                                                  shapes.support, shapes.weight, shapes.stretch, shapes.shortest};
+            shapes.support, shapes.weight, shapes.stretch, shapes.shortest};
         exec.for_each_tile(ceil_div<std::size_t>(octree.size(), Exec::Group::width), find);
         octree.reshape(shapes, surface::kThin * spacing, surface::kMostStretch, surface::kFace);
     }
@@ -142,7 +143,8 @@ private:
     std::vector<std::shared_ptr<Exec>> lanes_;  ///< the first is the scene's own
     std::shared_ptr<Exec> builder_;
     std::unique_ptr<Built<Exec>> built_[kTrees];
-    Buffer<float, Exec> positions_, support_, weight_, stretch_;  ///< copies of what lies elsewhere, in use until the build is done
+    Buffer<float, Exec> positions_, support_, weight_,
+        stretch_;  ///< copies of what lies elsewhere, in use until the build is done
     std::size_t n_builds_ = 0;
     unsigned turn_ = 0;
     int now_ = 0;

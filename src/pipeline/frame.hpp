@@ -8,7 +8,8 @@ namespace globule::core {
 
 /// More samples of the pixels at silhouettes and creases.
 template <class Exec>
-void smooth_edges(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field, const Lighting& lighting, FrameImages<Exec>& frame) {
+void smooth_edges(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field, const Lighting& lighting,
+    FrameImages<Exec>& frame) {
     const typename Exec::Stage stage("edges");
     std::uint8_t* edge = frame.edge();
     exec.for_each(frame.rays.n, MarkEdges{frame.rays, frame.hits(), nullptr, nullptr, edge});
@@ -16,7 +17,8 @@ void smooth_edges(Exec& exec, const Traced<Exec>& scene, const FieldRequest& fie
     RaySource rays = frame.rays;
     rays.pass = 1;
     rays.samples = std::uint32_t(lighting.edge_samples);
-    const int height = frame.rays.rows(), width = frame.rays.camera.width, band = ceil_div(ceil_div(height, lighting.edge_samples), 8) * 8;
+    const int height = frame.rays.rows(), width = frame.rays.camera.width,
+              band = ceil_div(ceil_div(height, lighting.edge_samples), 8) * 8;
     const std::size_t most = std::size_t(min(band, height)) * width * rays.samples;
     float* room = frame.sums.reserve(7 * most);
     const Hits hits{room, room + most, room + 4 * most, frame.undecided(most)};
@@ -27,13 +29,15 @@ void smooth_edges(Exec& exec, const Traced<Exec>& scene, const FieldRequest& fie
         rays.only = edge + first;
         scene.trace(exec, field, rays, hits);
         scene.resolve(exec, field, rays, hits);
-        exec.for_each(rays.n, AddEdgeSamples{{rays, hits, lighting, frame.color() + 3 * first, frame.picture() + 3 * first}});
+        exec.for_each(
+            rays.n, AddEdgeSamples{{rays, hits, lighting, frame.color() + 3 * first, frame.picture() + 3 * first}});
     }
 }
 
 /// The particles have been built (pipeline/build.hpp); work goes to `exec`, nothing is waited for.
 template <class Exec>
-void make_frame(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field, const Lighting& lighting, FrameImages<Exec>& frame) {
+void make_frame(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field, const Lighting& lighting,
+    FrameImages<Exec>& frame) {
     const typename Exec::Stage stage("frame");
     const RaySource& rays = frame.rays;
     const Hits hits = frame.hits();
@@ -58,9 +62,10 @@ inline bool ends_light(const Lighting& lighting, const Material& m, const Attrib
 inline bool is_plain(const PictureRequest& request, const Attributes& attributes) {
     const Lighting& l = request.lighting;
     const Material& m = l.materials[0];
-    return request.layers.size() == 1 && request.layers[0].clips.empty() && !request.layers[0].remote && !acts(-1.0f, attributes.wetness) && !acts(m.reflection, attributes.reflection) &&
-           !acts(m.transmission, attributes.refraction) && m.index == 0.0f && l.n_visibilities() == 0 && !l.sky_light && !l.show_sky &&
-           !l.ground.present;
+    return request.layers.size() == 1 && request.layers[0].clips.empty() && !request.layers[0].remote &&
+           !acts(-1.0f, attributes.wetness) && !acts(m.reflection, attributes.reflection) &&
+           !acts(m.transmission, attributes.refraction) && m.index == 0.0f && l.n_visibilities() == 0 && !l.sky_light &&
+           !l.show_sky && !l.ground.present;
 }
 
 }  // namespace globule::core

@@ -13,15 +13,14 @@
 namespace globule::core {
 
 /// The images of one frame, and when it was made.
-template <class Exec>
-struct FrameImages {
-    Buffer<float, Exec> block;      ///< per pixel: depth, normal, albedo, colour, then bytes: picture, layer
-    Buffer<float, Exec> sums;       ///< over passes: light, and as displayed
+template <class Exec> struct FrameImages {
+    Buffer<float, Exec> block;  ///< per pixel: depth, normal, albedo, color, then bytes: picture, layer
+    Buffer<float, Exec> sums;   ///< over passes: light, and as displayed
     typename Exec::Timer timer;
     RaySource rays{};
     int n_passes = 0;
-    bool plain = false;             ///< made in one go, without sums
-    bool has_edges = false;         ///< some pixels have more samples than n_passes
+    bool plain = false;                 ///< made in one go, without sums
+    bool has_edges = false;             ///< some pixels have more samples than n_passes
     std::vector<std::uint64_t> states;  ///< of the layers' scenes, each another number after it has changed
 
     explicit FrameImages(Exec& exec) : block(exec), sums(exec), undecided_(exec) {}
@@ -37,7 +36,8 @@ struct FrameImages {
         return {p, p + 1};
     }
     Hits hits() const {
-        return {block.data(), block.data() + rays.n, block.data() + 4 * rays.n, {undecided_.data(), undecided_.data() + 1}};
+        return {
+            block.data(), block.data() + rays.n, block.data() + 4 * rays.n, {undecided_.data(), undecided_.data() + 1}};
     }
     float* color() const { return block.data() + 7 * rays.n; }
     std::uint8_t* picture() const { return reinterpret_cast<std::uint8_t*>(block.data() + 10 * rays.n); }
@@ -50,10 +50,10 @@ private:
     Buffer<std::uint32_t, Exec> undecided_;  ///< their number, then the rays that float64 finishes
 };
 
-template <class Exec>
-class FramePool {
+template <class Exec> class FramePool {
 public:
-    explicit FramePool(std::shared_ptr<Exec> exec) : exec_(std::move(exec)), reader_(exec_->reader()), room_(*reader_), answer_(*reader_) {
+    explicit FramePool(std::shared_ptr<Exec> exec)
+        : exec_(std::move(exec)), reader_(exec_->reader()), room_(*reader_), answer_(*reader_) {
         free_.reserve(kKept);
     }
 
@@ -85,11 +85,16 @@ public:
         images.timer.let_follow(*reader_);
         const std::size_t n = images.rays.n;
         switch (image) {
-            case Image::depth: return copy(out, images.hits().t, n * sizeof(float));
-            case Image::normal: return copy(out, images.hits().normal, 3 * n * sizeof(float));
-            case Image::albedo: return copy(out, images.hits().albedo, 3 * n * sizeof(float));
-            case Image::color: return copy(out, images.color(), 3 * n * sizeof(float));
-            case Image::picture: return copy(out, images.picture(), 3 * n);
+            case Image::depth:
+                return copy(out, images.hits().t, n * sizeof(float));
+            case Image::normal:
+                return copy(out, images.hits().normal, 3 * n * sizeof(float));
+            case Image::albedo:
+                return copy(out, images.hits().albedo, 3 * n * sizeof(float));
+            case Image::color:
+                return copy(out, images.color(), 3 * n * sizeof(float));
+            case Image::picture:
+                return copy(out, images.picture(), 3 * n);
             case Image::position: {
                 float* p = room_.reserve(3 * n);
                 reader_->for_each(n, HitPositions{images.rays, images.hits().t, p});
@@ -126,10 +131,10 @@ private:
 };
 
 /// A frame as it leaves the scene: its images stay until it is let go.
-template <class Exec>
-class FinishedFrame final : public Frame {
+template <class Exec> class FinishedFrame final : public Frame {
 public:
-    FinishedFrame(std::shared_ptr<FramePool<Exec>> pool, int device) : pool_(std::move(pool)), images_(pool_->take()), device_(device) {}
+    FinishedFrame(std::shared_ptr<FramePool<Exec>> pool, int device)
+        : pool_(std::move(pool)), images_(pool_->take()), device_(device) {}
     ~FinishedFrame() override { pool_->give_back(std::move(images_)); }
 
     int device() const noexcept override { return device_; }

@@ -59,29 +59,46 @@ struct GatherCapsules {
 };
 
 /// First hits of rays, in world units; face: the caller's number, where t is finite.
-template <class Items>
-struct MeetMesh {
+template <class Items> struct MeetMesh {
     SolidShape<Items> solid;
     const float *origins, *directions;
     float *t, *normal;
     std::uint32_t* face;
     GB_FN void operator()(std::size_t i) const {
-        const float3 o{origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]}, d{directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]};
+        const float3 o{origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]},
+            d{directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]};
         const bool usable = dot(d, d) > 0.5f;
         const Crossing c = usable ? solid.cross({}, o, d, 0.0f, infinity(), 0.0f) : Crossing{};
         const bool hit = c.item.t < infinity();
         t[i] = c.item.t;
-        const float3 n = hit ? solid.pose.turned(solid.items.normal(c.item.slot, solid.pose.to_local(o + d * c.item.t))) : float3{0, 0, 0};
+        const float3 n = hit ? solid.pose.turned(solid.items.normal(c.item.slot, solid.pose.to_local(o + d * c.item.t)))
+                             : float3{0, 0, 0};
         write3(normal, i, solid.closed || c.item.entering ? n : n * -1.0f);
         face[i] = hit ? c.item.index : 0xffffffffu;
     }
 };
 
-template <class Exec>
-class MeshStore {
+template <class Exec> class MeshStore {
 public:
     explicit MeshStore(Exec& exec)
-        : hierarchy_(exec), corners_(exec), vertices_(exec), radius_(exec), normals_(exec), color_(exec), faces_(exec), places_(exec), order_(exec), begins_(exec), many_(exec), parts_(exec), corner_normals_(exec), sums_(exec), origins_(exec), directions_(exec), results_(exec), indices_(exec) {}
+        : hierarchy_(exec),
+          corners_(exec),
+          vertices_(exec),
+          radius_(exec),
+          normals_(exec),
+          color_(exec),
+          faces_(exec),
+          places_(exec),
+          order_(exec),
+          begins_(exec),
+          many_(exec),
+          parts_(exec),
+          corner_normals_(exec),
+          sums_(exec),
+          origins_(exec),
+          directions_(exec),
+          results_(exec),
+          indices_(exec) {}
 
     bool is_there() const { return there_; }
     bool is_closed() const { return mesh_.closed; }
@@ -99,13 +116,15 @@ public:
             const CapsuleBoxes boxes{vertices, faces, bring(exec, radius_, in.radius, n), in.one_radius};
             hierarchy_.build(n, boxes);
             exec.for_each(n_corners * n, GatherCapsules{boxes, hierarchy_.tree().index, corners});
-            capsules_ = {hierarchy_.tree(), {corners}, in.closed, faces, nullptr, color, in.color_of_faces, in.one_color, mesh_.pose};
+            capsules_ = {hierarchy_.tree(), {corners}, in.closed, faces, nullptr, color, in.color_of_faces,
+                in.one_color, mesh_.pose};
             mesh_.closed = in.closed;
         } else {
             const TriangleBoxes boxes{vertices, faces};
             hierarchy_.build(n, boxes);
             exec.for_each(n_corners * n, GatherTriangles{boxes, hierarchy_.tree().index, corners});
-            mesh_ = {hierarchy_.tree(), {corners}, in.closed, faces, smooth(exec, boxes, in), color, in.color_of_faces, in.one_color, mesh_.pose};
+            mesh_ = {hierarchy_.tree(), {corners}, in.closed, faces, smooth(exec, boxes, in), color, in.color_of_faces,
+                in.one_color, mesh_.pose};
         }
         let_callers_go_on(exec, in.vertices, in.color, in.radius);
         there_ = true;
@@ -119,11 +138,14 @@ public:
     }
     void place(const Pose& pose) { mesh_.pose = capsules_.pose = pose; }
 
-    void intersect(Exec& exec, std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t, float* normal, std::uint32_t* face) {
+    void intersect(Exec& exec, std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t,
+        float* normal, std::uint32_t* face) {
         float* out = results_.reserve(4 * n);
         std::uint32_t* faces = indices_.reserve(n);
         const float *o = bring(exec, origins_, origins, 3 * n), *d = bring(exec, directions_, directions, 3 * n);
-        with_solid([&]<class Items>(const SolidShape<Items>& solid) { exec.for_each_uneven(n, MeetMesh<Items>{solid, o, d, out, out + n, faces}); });
+        with_solid([&]<class Items>(const SolidShape<Items>& solid) {
+            exec.for_each_uneven(n, MeetMesh<Items>{solid, o, d, out, out + n, faces});
+        });
         exec.download(t, out, n * sizeof(float));
         exec.download(normal, out + n, 3 * n * sizeof(float));
         exec.download(face, faces, n * sizeof(std::uint32_t));
@@ -134,21 +156,23 @@ public:
             exec.for_each_sparse(rays.source.n_items(), MarchSolid<Items>{solid, clips, rays, layer, found});
         });
     }
-    void keep(Exec& exec, const Clips& clips, const WaveRays& rays, int layer, const LayerHits& found, const WaveHits& hits) const {
+    void keep(Exec& exec, const Clips& clips, const WaveRays& rays, int layer, const LayerHits& found,
+        const WaveHits& hits) const {
         with_solid([&]<class Items>(const SolidShape<Items>& solid) {
-            exec.for_each_uneven(rays.source.n_items(), Keep<SolidSurface<Items>>{{solid}, clips, rays, layer, found, hits});
+            exec.for_each_uneven(
+                rays.source.n_items(), Keep<SolidSurface<Items>>{{solid}, clips, rays, layer, found, hits});
         });
     }
-    void occlude(Exec& exec, const Clips& clips, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer,
-                 float* visibility) const {
+    void occlude(Exec& exec, const Clips& clips, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits,
+        int layer, float* visibility) const {
         with_solid([&]<class Items>(const SolidShape<Items>& solid) {
-            exec.for_each_sparse(rays.source.n_items() * lighting.n_visibilities(), OccludeSolid<Items>{solid, clips, lighting, rays, hits, layer, visibility});
+            exec.for_each_sparse(rays.source.n_items() * lighting.n_visibilities(),
+                OccludeSolid<Items>{solid, clips, lighting, rays, hits, layer, visibility});
         });
     }
 
 private:
-    template <class Fn>
-    void with_solid(const Fn& fn) const {
+    template <class Fn> void with_solid(const Fn& fn) const {
         if (capsules_there_) fn(capsules_);
         else fn(mesh_);
     }
@@ -164,13 +188,16 @@ private:
             crowded.push_back(std::uint32_t(v));
             parts.push_back(parts.back() + ceil_div(at, kPart));
         }
-        const CornersByPlace by_place{bring(exec, order_, in.corners, n), bring(exec, begins_, in.corners_begin, in.n_places + 1)};
-        const ManyCorners many{bring(exec, many_, {crowded.data()}, crowded.size()), bring(exec, parts_, {parts.data()}, parts.size()), std::uint32_t(crowded.size())};
+        const CornersByPlace by_place{
+            bring(exec, order_, in.corners, n), bring(exec, begins_, in.corners_begin, in.n_places + 1)};
+        const ManyCorners many{bring(exec, many_, {crowded.data()}, crowded.size()),
+            bring(exec, parts_, {parts.data()}, parts.size()), std::uint32_t(crowded.size())};
         float3* sums = sums_.reserve(std::size_t(parts.back()) * DirectionCells::n);
         exec.for_each_task(parts.back(), AddByDirection{own, by_place, many, sums});
         exec.for_each(crowded.size() * DirectionCells::n, AddParts{many, sums});
         float* normals = normals_.reserve(3 * n);
-        exec.for_each_uneven(n, SmoothNormals{own, bring(exec, places_, in.place_of_corner, n), by_place, many, sums, in.smooth_cosine, normals});
+        exec.for_each_uneven(n, SmoothNormals{own, bring(exec, places_, in.place_of_corner, n), by_place, many, sums,
+                                    in.smooth_cosine, normals});
         return normals;
     }
 

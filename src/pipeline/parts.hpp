@@ -7,19 +7,19 @@
 namespace globule::core {
 
 /// Host memory in and out.
-template <class Exec>
-class PartTracer {
+template <class Exec> class PartTracer {
 public:
     explicit PartTracer(Exec& exec) : floats_(exec), integers_(exec), bytes_(exec), undecided_(exec) {}
 
     /// The cells are there, everywhere.
-    void march(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field, const Clips& clips, const RayParts& in, float* t, std::int32_t* cap,
-               float* looks) {
+    void march(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field, const Clips& clips, const RayParts& in,
+        float* t, std::int32_t* cap, float* looks) {
         const std::size_t n = in.n;
         if (n == 0) return;
         float* room = floats_.reserve(23 * n);
         const Parts parts = bring(exec, in, room);
-        float *found_t = room + 8 * n, *origins = found_t + n, *directions = origins + 3 * n, *found_looks = directions + 3 * n;
+        float *found_t = room + 8 * n, *origins = found_t + n, *directions = origins + 3 * n,
+              *found_looks = directions + 3 * n;
         std::int32_t* found_cap = integers_.reserve(n);
         std::uint32_t* undecided = undecided_.reserve(n + 1);
         const LayerHits found{found_t, found_cap, parts.side, nullptr, {undecided, undecided + 1}};
@@ -31,9 +31,10 @@ public:
             exec.for_each_walk(n, MarchPart<Tracer>{{{tracer, clips}, found}, parts});
             exec.for_each(n, SplitRays{parts.ray, origins, directions});
             const RaySource source{{}, origins, directions, n};
-            exec.for_each_tile_of(undecided, ResolveRays<Tree, Tracer::PerParticle>{
-                                                 tracer.tree, scene.octree().particles(), {field.kernel}, field.threshold, nullptr, {}, source,
-                                                 {found.t, nullptr, nullptr, found.undecided}, clips, found.sign, found.cap});
+            exec.for_each_tile_of(
+                undecided, ResolveRays<Tree, Tracer::PerParticle>{tracer.tree, scene.octree().particles(),
+                               {field.kernel}, field.threshold, nullptr, {}, source,
+                               {found.t, nullptr, nullptr, found.undecided}, clips, found.sign, found.cap});
             exec.for_each_uneven(n, LookAtParts<Tracer>{{tracer, scene.attributes()}, parts, found, found_looks});
         });
         exec.download(t, found.t, n * sizeof(float));
@@ -42,8 +43,8 @@ public:
         exec.download(in.side, parts.side, n);
     }
 
-    void occlude(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field, const Clips& clips, const Material& material, const RayParts& in,
-                 const ShadowParts& shadow) {
+    void occlude(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field, const Clips& clips,
+        const Material& material, const RayParts& in, const ShadowParts& shadow) {
         const std::size_t n = in.n;
         if (n == 0) return;
         float* room = floats_.reserve(11 * n);
@@ -59,8 +60,9 @@ public:
         lighting.materials[0] = material;
         scene.with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
-            exec.for_each_walk(n, OccludePart<Tracer>{{{tracer, clips}, scene.attributes(), lighting, {}, {}, 0, nullptr}, parts, distance, left, on,
-                                                      crossings, test});
+            exec.for_each_walk(
+                n, OccludePart<Tracer>{{{tracer, clips}, scene.attributes(), lighting, {}, {}, 0, nullptr}, parts,
+                       distance, left, on, crossings, test});
         });
         exec.download(shadow.left, left, n * sizeof(float));
         exec.download(shadow.on, on, n * sizeof(float));

@@ -1,4 +1,5 @@
-// Frames in which light makes several turns: waves of rays (pipeline/waves.hpp) through all layers, band by band, pass after pass.
+// Frames in which light makes several turns: waves of rays (pipeline/waves.hpp) through all layers, band by band, pass
+// after pass.
 #pragma once
 #include <deque>
 #include <vector>
@@ -13,8 +14,7 @@
 namespace globule::core {
 
 /// One scene of the picture, ready to be traced.
-template <class Exec>
-struct PictureLayer {
+template <class Exec> struct PictureLayer {
     Traced<Exec> scene;
     FieldRequest field;
     Clips clips;
@@ -22,8 +22,7 @@ struct PictureLayer {
 };
 
 /// What pictures of one scene keep from frame to frame.
-template <class Exec>
-class PictureMaker {
+template <class Exec> class PictureMaker {
 public:
     explicit PictureMaker(std::shared_ptr<Exec> exec) : exec_(std::move(exec)), sky_(*exec_), spare_(*exec_) {}
 
@@ -54,35 +53,41 @@ public:
     }
 
     /// by_tiles: light makes no turns but shadows, and nothing is cut (trace/seen.hpp); else layers have their cells.
-    void add_passes(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame, int passes, bool by_tiles) {
+    void add_passes(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame,
+        int passes, bool by_tiles) {
         const typename Exec::Stage stage("frame of waves");
         by_tiles_ = by_tiles;
         const std::size_t n = frame.rays.n;
         frame.sums.reserve(frame.floats_of_sums(n));
         // Some bands at once, so that one works while another's last rays are on their way.
         while (waves_.size() < Exec::n_streams) waves_.emplace_back(waves_.empty() ? exec_ : exec_->sibling());
-        const OnFailure gathers([&] { gather(); });  // a frame that was stopped lets its images go: nobody writes them any more then
+        const OnFailure gathers(
+            [&] { gather(); });  // a frame that was stopped lets its images go: nobody writes them any more then
         scatter();
         for (int p = 0; p < passes; ++p) {
             const int pass = frame.n_passes++;
             add_pass(layers, lighting, frame, pass, pass ? spare(n) : frame.hits(), nullptr);
         }
         gather();
-        if (frame.n_passes == 1 && lighting.edge_samples > 0 && !layers[0].field.thesis) smooth_edges(layers, lighting, frame);
+        if (frame.n_passes == 1 && lighting.edge_samples > 0 && !layers[0].field.thesis)
+            smooth_edges(layers, lighting, frame);
     }
 
 private:
     /// More samples of the pixels at edges.
-    void smooth_edges(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame) {
+    void smooth_edges(
+        const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame) {
         const typename Exec::Stage stage("edges");
         const std::size_t n = frame.rays.n;
         std::uint8_t* edge = frame.edge();
         const bool contrast = lighting.edge_contrast && lighting.ambient_rays == 0;  // their noise is everywhere
-        exec_->for_each(n, MarkEdges{frame.rays, frame.hits(), frame.layer(), contrast ? frame.picture() : nullptr, edge});
+        exec_->for_each(
+            n, MarkEdges{frame.rays, frame.hits(), frame.layer(), contrast ? frame.picture() : nullptr, edge});
         frame.has_edges = true;
         scatter();
         if (by_tiles_) add_pass(layers, lighting, frame, 1, spare(n), edge, lighting.edge_samples);
-        for (int k = 1; !by_tiles_ && k <= lighting.edge_samples; ++k) add_pass(layers, lighting, frame, k, spare(n), edge);
+        for (int k = 1; !by_tiles_ && k <= lighting.edge_samples; ++k)
+            add_pass(layers, lighting, frame, k, spare(n), edge);
         gather();
     }
     void scatter() {
@@ -100,8 +105,8 @@ private:
     }
 
     /// only: the pixels that have a ray; null: all.  packed: of so many passes at once, or 0.
-    void add_pass(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame, int pass, const Hits& first,
-                  const std::uint8_t* only, int packed = 0) {
+    void add_pass(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame,
+        int pass, const Hits& first, const std::uint8_t* only, int packed = 0) {
         const CameraRays& camera = frame.rays.camera;
         const std::size_t n_streams = layers[0].field.thesis ? 1 : Exec::n_streams;
         const std::uint32_t height = std::uint32_t(camera.height), band = rows_of_band(camera, n_streams);
@@ -113,8 +118,8 @@ private:
             for (std::size_t k = 0; k < n_streams && next_row < height; ++k) {
                 const std::uint32_t rows = min(band, height - next_row);
                 const std::size_t at = std::size_t(next_row) * camera.width;
-                waves_[k].start(camera, next_row, rows, std::uint32_t(pass), only ? only + at : nullptr, std::uint32_t(packed),
-                                {first.t + at, first.normal + 3 * at, first.albedo + 3 * at, {}});
+                waves_[k].start(camera, next_row, rows, std::uint32_t(pass), only ? only + at : nullptr,
+                    std::uint32_t(packed), {first.t + at, first.normal + 3 * at, first.albedo + 3 * at, {}});
                 turn(waves_[k]);
                 bands.push_back({&waves_[k], at, std::size_t(rows) * camera.width});
                 next_row += rows;
@@ -139,11 +144,13 @@ private:
     /// So that the waves' memory does not grow with the picture; whole tiles high.
     static std::uint32_t rows_of_band(const CameraRays& camera, std::size_t n_streams) {
         constexpr std::size_t kRows = 16;
-        const std::size_t most_rows = Exec::wave_size / n_streams / camera.width, share = ceil_div<std::size_t>(camera.height, n_streams);
+        const std::size_t most_rows = Exec::wave_size / n_streams / camera.width,
+                          share = ceil_div<std::size_t>(camera.height, n_streams);
         return std::uint32_t(max(kRows, min(most_rows / kRows, ceil_div<std::size_t>(share, kRows)) * kRows));
     }
 
-    void trace(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, Waves<Exec>& waves, int n_layers) const {
+    void trace(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, Waves<Exec>& waves,
+        int n_layers) const {
         const auto by_tiles = [&](int k) { return by_tiles_ && !layers[k].scene.mesh.is_there(); };
         waves.trace(
             lighting, n_layers, by_tiles_ ? Share::kTile : 1,
@@ -153,7 +160,9 @@ private:
                 layers[k].scene.march(exec, layers[k].field, layers[k].clips, rays, k, found, n_layers == 1);
             },
             [&](Exec& exec, const WaveRays& rays, int k, const LayerHits& found, const WaveHits& hits) {
-                if (by_tiles(k)) return exec.for_each(rays.source.n, KeepSeen{layers[k].scene.attributes(), rays, k, waves.seen(found), hits});
+                if (by_tiles(k))
+                    return exec.for_each(
+                        rays.source.n, KeepSeen{layers[k].scene.attributes(), rays, k, waves.seen(found), hits});
                 if (layers[k].remote) return layers[k].remote->keep(exec, layers[k].clips, rays, k, found, hits);
                 layers[k].scene.keep(exec, layers[k].field, layers[k].clips, rays, k, found, hits);
             },
@@ -164,8 +173,8 @@ private:
             });
     }
     /// Of an opaque layer, light by light.
-    static void cast_shadows(Exec& exec, const PictureLayer<Exec>& layer, const Lighting& lighting, Waves<Exec>& waves, const WaveRays& rays, const WaveHits& hits,
-                             int k, float* visibility) {
+    static void cast_shadows(Exec& exec, const PictureLayer<Exec>& layer, const Lighting& lighting, Waves<Exec>& waves,
+        const WaveRays& rays, const WaveHits& hits, int k, float* visibility) {
         const typename Exec::Stage stage("shadows");
         const std::size_t n = rays.source.n;
         float *origin, *direction, *distance;
@@ -178,16 +187,19 @@ private:
         source.only = wanted;
         source.of_pixels = !source.packed;
         for (int which = 0; which < lighting.n_visibilities(); ++which) {
-            exec.for_each(n, AimShadows{lighting, rays, hits, k, which, visibility, origin, direction, distance, wanted});
+            exec.for_each(
+                n, AimShadows{lighting, rays, hits, k, which, visibility, origin, direction, distance, wanted});
             layer.scene.see_shadows(exec, layer.field, source, ends);
             exec.for_each(n, Darken{wanted, ends.t, distance, visibility + std::size_t(which) * n});
         }
     }
-    void finish(const Band& b, const Lighting& lighting, FrameImages<Exec>& frame, int passes, const std::uint8_t* only) {
+    void finish(
+        const Band& b, const Lighting& lighting, FrameImages<Exec>& frame, int passes, const std::uint8_t* only) {
         const std::size_t n = frame.rays.n;
         float* sums = frame.sums.data();
-        b.waves->exec().for_each(b.n, Finish{b.waves->sum(), b.waves->first_hits().layer, b.waves->place_of(), lighting.edge_samples, only ? only + b.at : nullptr, b.at, lighting.exposure, passes, sums, sums + 3 * n,
-                                            frame.color(), frame.picture(), frame.layer()});
+        b.waves->exec().for_each(b.n, Finish{b.waves->sum(), b.waves->first_hits().layer, b.waves->place_of(),
+                                          lighting.edge_samples, only ? only + b.at : nullptr, b.at, lighting.exposure,
+                                          passes, sums, sums + 3 * n, frame.color(), frame.picture(), frame.layer()});
     }
 
     std::shared_ptr<Exec> exec_;

@@ -1,4 +1,4 @@
-// Questions at points: the field, attributes, neighbours, the particles' spacing; and facts about the octree itself.
+// Questions at points: the field, attributes, neighbors, the particles' spacing; and facts about the octree itself.
 #pragma once
 #include <algorithm>
 #include <vector>
@@ -14,8 +14,7 @@ inline std::uint64_t hash_bytes(const void* data, std::size_t n, std::uint64_t h
     return h;
 }
 
-template <class Tree>
-struct CountLeaf {
+template <class Tree> struct CountLeaf {
     Tree tree;
     GB_FN std::uint32_t operator()(std::size_t i) const { return Node::is_leaf(tree.node(std::uint32_t(i)).meta); }
 };
@@ -23,11 +22,17 @@ struct Add {
     GB_FN std::uint32_t operator()(std::uint32_t a, std::uint32_t b) const { return a + b; }
 };
 
-template <class Exec>
-class Questions {
+template <class Exec> class Questions {
 public:
     explicit Questions(Exec& exec)
-        : exec_(exec), points_(exec), more_points_(exec), values_(exec), results_(exec), offsets_(exec), indices_(exec), count_(exec) {}
+        : exec_(exec),
+          points_(exec),
+          more_points_(exec),
+          values_(exec),
+          results_(exec),
+          offsets_(exec),
+          indices_(exec),
+          count_(exec) {}
 
     TreeFacts facts(const Octree<Exec>& octree, bool with_hashes) {
         TreeFacts f{};
@@ -35,7 +40,8 @@ public:
         f.n_inside = octree.size() - f.header.n_outside;
         f.n_nodes = octree.params().dense ? octree.n_dense_nodes() : f.header.n_nodes;
         std::uint32_t* count = count_.reserve(1);
-        with_tree(octree, [&](auto tree) { exec_.reduce(f.n_nodes, CountLeaf<decltype(tree)>{tree}, Add{}, 0u, count); });
+        with_tree(
+            octree, [&](auto tree) { exec_.reduce(f.n_nodes, CountLeaf<decltype(tree)>{tree}, Add{}, 0u, count); });
         std::uint32_t leaves;
         exec_.download(&leaves, count, sizeof leaves);
         f.n_leaves = leaves;
@@ -44,14 +50,15 @@ public:
         return f;
     }
 
-    /// Median distance to the nearest neighbours, around up to 1024 particles; 0 where there are too few.
+    /// Median distance to the nearest neighbors, around up to 1024 particles; 0 where there are too few.
     float spacing(const Octree<Exec>& octree) {
         return share_of_samples(octree, 0.5, [&](auto tree, std::size_t begin, std::size_t stride, float* out) {
             return LocalSpacing<decltype(tree)>{tree, octree.particles(), begin, octree.size(), stride, out};
         });
     }
 
-    /// Cube root of a particle's volume, if they are those of one fluid, which is nowhere denser than at rest, but for noise.
+    /// Cube root of a particle's volume, if they are those of one fluid, which is nowhere denser than at rest, but for
+    /// noise.
     float fluid_spacing(const Octree<Exec>& octree) {
         float guess = spacing(octree);
         for (int i = 0; i < 3 && guess > 0.0f; ++i)
@@ -73,9 +80,10 @@ public:
         exec_.download(index, octree.particles().index, n * 4);
     }
 
-    void intersect(const Traced<Exec>& scene, const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions,
-                   float* t, float* normal, float* albedo) {
-        const RaySource rays{{}, bring(exec_, points_, origins, 3 * n), bring(exec_, more_points_, directions, 3 * n), n};
+    void intersect(const Traced<Exec>& scene, const FieldRequest& field, std::size_t n, const FloatArray& origins,
+        const FloatArray& directions, float* t, float* normal, float* albedo) {
+        const RaySource rays{
+            {}, bring(exec_, points_, origins, 3 * n), bring(exec_, more_points_, directions, 3 * n), n};
         float* out = results_.reserve(7 * n);
         std::uint32_t* undecided = indices_.reserve(n + 1);
         const Hits hits{out, out + n, out + 4 * n, {undecided, undecided + 1}};
@@ -86,19 +94,20 @@ public:
         exec_.download(albedo, hits.albedo, 3 * n * sizeof(float));
     }
 
-    void evaluate(const Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& points, float* value, float* gradient) {
+    void evaluate(const Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& points, float* value,
+        float* gradient) {
         const float* p = bring(exec_, points_, points, 3 * n);
         float* out = results_.reserve(4 * n);
         with_tree(octree, [&](auto tree) {
-            exec_.for_each(n, EvaluateField<decltype(tree)>{tree, octree.particles(), {kernel}, p, value ? out : nullptr,
-                                                           gradient ? out + n : nullptr});
+            exec_.for_each(n, EvaluateField<decltype(tree)>{tree, octree.particles(), {kernel}, p,
+                                  value ? out : nullptr, gradient ? out + n : nullptr});
         });
         if (value) exec_.download(value, out, n * sizeof(float));
         if (gradient) exec_.download(gradient, out + n, 3 * n * sizeof(float));
     }
 
-    void blend(const Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& points, const FloatArray& values, int channels,
-               float* result) {
+    void blend(const Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& points,
+        const FloatArray& values, int channels, float* result) {
         const float* p = bring(exec_, points_, points, 3 * n);
         const float* v = bring(exec_, values_, values, octree.size() * channels);
         float* out = results_.reserve(n * channels);
@@ -108,15 +117,16 @@ public:
         exec_.download(result, out, n * channels * sizeof(float));
     }
 
-    void integrate(const Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& origins, const FloatArray& directions,
-                   const FloatArray& values, int channels, float* result) {
+    void integrate(const Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& origins,
+        const FloatArray& directions, const FloatArray& values, int channels, float* result) {
         const float *o = bring(exec_, points_, origins, 3 * n), *d = bring(exec_, more_points_, directions, 3 * n);
         const float* v = bring(exec_, values_, values, octree.size() * channels);
         float* out = results_.reserve(n * channels);
         with_tree(octree, [&](auto tree) {
             using Lines = IntegrateLines<decltype(tree)>;
             for (int first = 0; first < channels; first += Lines::most_channels)
-                exec_.for_each(n, Lines{tree, octree.particles(), {kernel}, o, d, v, channels, first, min(channels - first, Lines::most_channels), out});
+                exec_.for_each(n, Lines{tree, octree.particles(), {kernel}, o, d, v, channels, first,
+                                      min(channels - first, Lines::most_channels), out});
         });
         exec_.download(result, out, n * channels * sizeof(float));
     }
@@ -142,8 +152,7 @@ public:
 
 private:
     /// Of what up to 1024 particles answer, the value that a share of them is below; 0 where nobody has an answer.
-    template <class Make>
-    float share_of_samples(const Octree<Exec>& octree, double share, const Make& make) {
+    template <class Make> float share_of_samples(const Octree<Exec>& octree, double share, const Make& make) {
         const std::size_t begin = octree.header().n_outside, n_inside = octree.size() - begin;
         if (n_inside == 0) return 0.0f;
         const std::size_t stride = max<std::size_t>(1, n_inside / 1024);

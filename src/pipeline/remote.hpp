@@ -1,4 +1,5 @@
-// A layer of a picture whose particles lie elsewhere: its rays go to the host, which knows who answers (docs/design/pieces.md).
+// A layer of a picture whose particles lie elsewhere: its rays go to the host, which knows who answers
+// (docs/design/pieces.md).
 #pragma once
 #include <vector>
 
@@ -10,8 +11,7 @@
 namespace globule::core {
 
 /// The same three questions as to Traced.
-template <class Exec>
-class RemoteScene {
+template <class Exec> class RemoteScene {
 public:
     explicit RemoteScene(Exec& exec) : floats_(exec), looks_(exec), sides_(exec), places_(exec) {}
 
@@ -32,7 +32,8 @@ public:
         cap_.resize(m);
         sent_looks_.resize(8 * m);
         const RemoteRays asked{m, packed_.data(), nullptr, packed_sides_.data()};
-        if (!who_.march(who_.who, asked, {t_.data(), packed_sides_.data(), cap_.data(), sent_looks_.data()})) throw Cancelled{};
+        if (!who_.march(who_.who, asked, {t_.data(), packed_sides_.data(), cap_.data(), sent_looks_.data()}))
+            throw Cancelled{};
         // Back to where the rays are; those that have none meet nothing.
         host_floats_.assign(n, infinity());
         host_caps_.assign(n, -1);
@@ -49,11 +50,14 @@ public:
         exec.upload(found.sign, host_sides_.data(), n);
         exec.upload(looks_.reserve(8 * n), host_looks_.data(), 8 * n * sizeof(float));
     }
-    void keep(Exec& exec, const Clips& clips, const WaveRays& rays, int layer, const LayerHits& found, const WaveHits& hits) {
-        exec.for_each_uneven(rays.source.n_items(), Keep<RemoteSurface>{{looks_.data()}, clips, rays, layer, found, hits});
+    void keep(
+        Exec& exec, const Clips& clips, const WaveRays& rays, int layer, const LayerHits& found, const WaveHits& hits) {
+        exec.for_each_uneven(
+            rays.source.n_items(), Keep<RemoteSurface>{{looks_.data()}, clips, rays, layer, found, hits});
         exec.synchronize();  // another band of the picture uses the same room
     }
-    void occlude(Exec& exec, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer, float* visibility) {
+    void occlude(Exec& exec, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer,
+        float* visibility) {
         const std::size_t items = rays.source.n_items(), all = items * lighting.n_visibilities();
         const std::size_t most = max<std::size_t>(1, kAtOnce / max<std::size_t>(items, 1)) * items;
         for (std::size_t first = 0; first < all; first += most) {

@@ -13,8 +13,7 @@
 
 namespace globule::core {
 
-template <class Exec>
-class SceneImpl final : public Scene {
+template <class Exec> class SceneImpl final : public Scene {
 public:
     SceneImpl(int device, int threads, Poll* poll) : SceneImpl(std::make_shared<Exec>(device, threads, poll)) {}
 
@@ -45,7 +44,8 @@ public:
         mesh_.place(pose);
     }
 
-    void intersect_mesh(std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t, float* normal, std::uint32_t* face) override {
+    void intersect_mesh(std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t, float* normal,
+        std::uint32_t* face) override {
         if (!mesh_.is_there()) throw Stale("scene: expected a mesh, got none");
         mesh_.intersect(*exec_, n, origins, directions, t, normal, face);
     }
@@ -65,37 +65,41 @@ public:
         exec_->download(stretch, p.stretch, 6 * octree().size() * sizeof(float));
         exec_->download(weight, p.weight.data, octree().size() * sizeof(float));
     }
-    void intersect(const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t, float* normal,
-                   float* albedo) override {
+    void intersect(const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions,
+        float* t, float* normal, float* albedo) override {
         octree();
         questions_.intersect(traced(), field, n, origins, directions, t, normal, albedo);
     }
-    void evaluate(const FieldRequest& field, std::size_t n, const FloatArray& points, float* value, float* gradient) override {
+    void evaluate(
+        const FieldRequest& field, std::size_t n, const FloatArray& points, float* value, float* gradient) override {
         questions_.evaluate(octree(), field.kernel, n, points, value, gradient);
     }
-    void blend(const FieldRequest& field, std::size_t n, const FloatArray& points, const FloatArray& values, std::size_t n_rows, int channels,
-               float* out) override {
+    void blend(const FieldRequest& field, std::size_t n, const FloatArray& points, const FloatArray& values,
+        std::size_t n_rows, int channels, float* out) override {
         if (n_rows != octree().size())
-            throw Refused("values: expected " + std::to_string(octree().size()) + " rows, got " + std::to_string(n_rows));
+            throw Refused(
+                "values: expected " + std::to_string(octree().size()) + " rows, got " + std::to_string(n_rows));
         questions_.blend(octree(), field.kernel, n, points, values, channels, out);
     }
-    void integrate(const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions, const FloatArray& values,
-                   std::size_t n_rows, int channels, float* out) override {
+    void integrate(const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions,
+        const FloatArray& values, std::size_t n_rows, int channels, float* out) override {
         if (n_rows != octree().size())
-            throw Refused("values: expected " + std::to_string(octree().size()) + " rows, got " + std::to_string(n_rows));
+            throw Refused(
+                "values: expected " + std::to_string(octree().size()) + " rows, got " + std::to_string(n_rows));
         questions_.integrate(octree(), field.kernel, n, origins, directions, values, channels, out);
     }
     Neighbors neighbors(std::size_t n, const FloatArray& points, float radius) override {
         return questions_.neighbors(octree(), n, points, radius);
     }
 
-    void march_parts(const FieldRequest& field, const std::vector<Clip>& clips, const RayParts& parts, float* t, std::int32_t* cap, float* looks) override {
+    void march_parts(const FieldRequest& field, const std::vector<Clip>& clips, const RayParts& parts, float* t,
+        std::int32_t* cap, float* looks) override {
         octree();
         traced().prepare_cells(*exec_, field, true, {0, 0, 0});
         parts_.march(*exec_, traced(), field, pictures_.bring_clips(0, clips), parts, t, cap, looks);
     }
-    void occlude_parts(const FieldRequest& field, const std::vector<Clip>& clips, const Material& material, const RayParts& parts,
-                       const ShadowParts& shadow) override {
+    void occlude_parts(const FieldRequest& field, const std::vector<Clip>& clips, const Material& material,
+        const RayParts& parts, const ShadowParts& shadow) override {
         octree();
         traced().prepare_cells(*exec_, field, true, {0, 0, 0});
         parts_.occlude(*exec_, traced(), field, pictures_.bring_clips(0, clips), material, parts, shadow);
@@ -106,8 +110,10 @@ public:
         FrameImages<Exec>& images = frame->images();
         const auto* older = before ? &static_cast<const FinishedFrame<Exec>&>(*before).images() : nullptr;
         const std::vector<std::uint64_t> states = states_of(request);
-        if (older && older->states != states) throw Refused("refine: expected the scene as it was rendered, but it was updated since: render it again");
-        const bool plain = !older && request.passes == 1 && !mesh_.is_there() && is_plain(request, traced().attributes());
+        if (older && older->states != states)
+            throw Refused("refine: expected the scene as it was rendered, but it was updated since: render it again");
+        const bool plain =
+            !older && request.passes == 1 && !mesh_.is_there() && is_plain(request, traced().attributes());
         Exec& exec = plain ? builder_.next_lane() : *exec_;
         images.timer.let_follow(exec);  // another frame had this memory
         images.resize({request.camera, nullptr, nullptr, std::size_t(request.camera.width) * request.camera.height});
@@ -134,21 +140,21 @@ public:
     SceneAccess share() override {
         shared_ = true;
         return {exec_.get(), &builder_.share(),
-                [this](const SceneAccess::Shown& s) {
-                    if (s.smooth) builder_.draw_own(s.n, s.smooth, s.spacing);
-                    else builder_.draw_shared();
-                    look_like(s, {s.wetness, 0.0f});
-                    const float* positions[2] = {s.fluids, s.things};
-                    for (int k = 0; k < 2; ++k) {
-                        if (!positions[k] || !beside_[k]) continue;
-                        beside_[k]->builder_.draw_own(s.n, positions[k], k == 0 ? s.fluid_spacing : s.spacing, k == 0);
-                        beside_[k]->look_like(s, {nullptr, k == 0 ? 1.0f : 0.0f});
-                    }
-                },
-                [this](std::function<void()> before_use) {
-                    if (before_use) before_use_ = std::move(before_use);
-                    else before_use_ = [] { throw Stale("scene: its simulation is gone"); };
-                }};
+            [this](const SceneAccess::Shown& s) {
+                if (s.smooth) builder_.draw_own(s.n, s.smooth, s.spacing);
+                else builder_.draw_shared();
+                look_like(s, {s.wetness, 0.0f});
+                const float* positions[2] = {s.fluids, s.things};
+                for (int k = 0; k < 2; ++k) {
+                    if (!positions[k] || !beside_[k]) continue;
+                    beside_[k]->builder_.draw_own(s.n, positions[k], k == 0 ? s.fluid_spacing : s.spacing, k == 0);
+                    beside_[k]->look_like(s, {nullptr, k == 0 ? 1.0f : 0.0f});
+                }
+            },
+            [this](std::function<void()> before_use) {
+                if (before_use) before_use_ = std::move(before_use);
+                else before_use_ = [] { throw Stale("scene: its simulation is gone"); };
+            }};
     }
 
     Scene* beside(int which) override {
@@ -169,14 +175,22 @@ public:
 
 private:
     explicit SceneImpl(std::shared_ptr<Exec> exec)
-        : exec_(std::move(exec)), builder_(exec_), cells_(*exec_), mesh_(*exec_), near_(*exec_), work_(*exec_), questions_(*exec_), parts_(*exec_), pictures_(exec_),
+        : exec_(std::move(exec)),
+          builder_(exec_),
+          cells_(*exec_),
+          mesh_(*exec_),
+          near_(*exec_),
+          work_(*exec_),
+          questions_(*exec_),
+          parts_(*exec_),
+          pictures_(exec_),
           frames_(std::make_shared<FramePool<Exec>>(exec_)) {}
 
     Octree<Exec>& octree() const {
         if (!builder_.is_whole()) throw Stale("scene: its octree was not finished: update the scene first");
         return builder_.now().octree;
     }
-    /// Colours and factors of a simulation's particles.
+    /// Colors and factors of a simulation's particles.
     void look_like(const SceneAccess::Shown& s, const Attribute& wetness) {
         Attributes& a = builder_.now().attributes;
         a.color = s.color;
@@ -192,11 +206,13 @@ private:
     /// Refuses what cannot fit before anything is taken.
     void check_room(std::size_t n, const TreeRequest& request) const {
         if (n > kMaxParticles)
-            throw Refused("positions: expected at most " + std::to_string(kMaxParticles) + " particles, got " + std::to_string(n));
-        const std::uint64_t needed = Octree<Exec>::least_bytes(n, request.key_bits, request.depth), there = n > kWorthAsking ? exec_->free_bytes() : 0;
+            throw Refused("positions: expected at most " + std::to_string(kMaxParticles) + " particles, got " +
+                          std::to_string(n));
+        const std::uint64_t needed = Octree<Exec>::least_bytes(n, request.key_bits, request.depth),
+                            there = n > kWorthAsking ? exec_->free_bytes() : 0;
         if (there && needed > there + builder_.bytes())
-            throw Refused("positions: an octree of " + std::to_string(n) + " particles takes at least " + gibibytes(needed) + ", got " +
-                          gibibytes(there) + " of free memory");
+            throw Refused("positions: an octree of " + std::to_string(n) + " particles takes at least " +
+                          gibibytes(needed) + ", got " + gibibytes(there) + " of free memory");
     }
     static std::string gibibytes(std::uint64_t bytes) {
         const std::uint64_t tenths = (bytes * 10) >> 30;
@@ -234,17 +250,20 @@ private:
         };
         const OnFailure let_go([&] { let_others_go_on(); });
         bool inside = request.camera.orthographic;  // whose rays may begin there
-        bool by_tiles = lighting.ambient_rays == 0 && (lighting.bounces == 0 || !lighting.ground.present || lighting.ground.reflection == 0.0f);
+        bool by_tiles = lighting.ambient_rays == 0 &&
+                        (lighting.bounces == 0 || !lighting.ground.present || lighting.ground.reflection == 0.0f);
         for (std::size_t k = 0; k < request.layers.size(); ++k) {
             const LayerRequest& layer = request.layers[k];
             const Attributes& attributes = static_cast<SceneImpl*>(layer.scene)->builder_.now().attributes;
             inside = inside || !layer.clips.empty() || acts(lighting.materials[k].transmission, attributes.refraction);
-            by_tiles = by_tiles && !layer.field.thesis && !layer.remote && layer.clips.empty() && ends_light(lighting, lighting.materials[k], attributes);
+            by_tiles = by_tiles && !layer.field.thesis && !layer.remote && layer.clips.empty() &&
+                       ends_light(lighting, lighting.materials[k], attributes);
         }
         for (std::size_t k = 0; k < request.layers.size(); ++k) {
             const LayerRequest& layer = request.layers[k];
             SceneImpl& scene = *static_cast<SceneImpl*>(layer.scene);
-            layers.push_back({scene.traced(), layer.field, pictures_.bring_clips(k, layer.clips), pictures_.remote(k, layer.remote)});
+            layers.push_back({scene.traced(), layer.field, pictures_.bring_clips(k, layer.clips),
+                pictures_.remote(k, layer.remote)});
             if (layer.remote) continue;
             if (!by_tiles) scene.traced().prepare_cells(*scene.exec_, layer.field, inside, request.camera.eye);
             if (scene.mesh_.is_there()) (scene.mesh_.is_closed() ? lighting.closed : lighting.sheets) |= 1u << k;
@@ -270,7 +289,7 @@ private:
     std::shared_ptr<FramePool<Exec>> frames_;
     std::function<void()> before_use_;
     std::unique_ptr<SceneImpl> beside_[2];  ///< fluids; boundaries and bodies
-    std::uint64_t state_ = 0;  ///< counts what changes the picture
+    std::uint64_t state_ = 0;               ///< counts what changes the picture
     bool shared_ = false;
 };
 

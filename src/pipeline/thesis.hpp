@@ -9,8 +9,7 @@
 namespace globule::core {
 
 /// What a trace needs beside the rays; `near` and `work` keep their room from frame to frame.
-template <class Exec>
-struct ThesisTracer {
+template <class Exec> struct ThesisTracer {
     Exec& exec;
     const Octree<Exec>& octree;
     Buffer<std::uint8_t, Exec>& near;
@@ -48,9 +47,8 @@ private:
         const float lone = particles.weight.data
                                ? std::numeric_limits<float>::quiet_NaN()
                                : thesis::lone_surface(kernel, particles.weight.uniform, field.threshold);
-        const thesis::TraceRays<Kernel, Search> trace{tree, flags, particles, kernel, search, choice,
-                                                      field.threshold, lone, color, one_color, rays, hits,
-                                                      choice.count ? work.reserve(rays.n) : nullptr};
+        const thesis::TraceRays<Kernel, Search> trace{tree, flags, particles, kernel, search, choice, field.threshold,
+            lone, color, one_color, rays, hits, choice.count ? work.reserve(rays.n) : nullptr};
         exec.for_each_tile(trace.template n_tiles<typename Exec::Group>(), trace);
     }
 };

@@ -10,28 +10,44 @@ namespace globule::core {
 
 /// One band of rows and its buffers, which grow to the largest wave and stay.  start, then trace and go_on
 /// by turns; between the two the host may turn to another band, on a stream of its own.
-template <class Exec>
-class Waves {
+template <class Exec> class Waves {
 public:
     explicit Waves(std::shared_ptr<Exec> exec)
-        : exec_(std::move(exec)), sides_{Side(*exec_), Side(*exec_)}, hits_(*exec_), first_(*exec_), layer_(*exec_), found_(*exec_),
-          cap_(*exec_), sign_(*exec_), item_(*exec_), visibility_(*exec_), n_children_(*exec_), sum_(*exec_), undecided_(*exec_), tile_floats_(*exec_), packed_(*exec_), wanted_(*exec_), is_there_(*exec_) {}
+        : exec_(std::move(exec)),
+          sides_{Side(*exec_), Side(*exec_)},
+          hits_(*exec_),
+          first_(*exec_),
+          layer_(*exec_),
+          found_(*exec_),
+          cap_(*exec_),
+          sign_(*exec_),
+          item_(*exec_),
+          visibility_(*exec_),
+          n_children_(*exec_),
+          sum_(*exec_),
+          undecided_(*exec_),
+          tile_floats_(*exec_),
+          packed_(*exec_),
+          wanted_(*exec_),
+          is_there_(*exec_) {}
 
     Exec& exec() { return *exec_; }
 
-    /// One pass over rows [first_row, first_row + rows) of the camera's picture, or of those pixels that `only` names; the first hits
-    /// go to `first`.  packed: so many passes over those pixels, packed.
-    void start(const CameraRays& camera, std::uint32_t first_row, std::uint32_t rows, std::uint32_t pass, const std::uint8_t* only, std::uint32_t packed,
-               const Hits& first) {
+    /// One pass over rows [first_row, first_row + rows) of the camera's picture, or of those pixels that `only` names;
+    /// the first hits go to `first`.  packed: so many passes over those pixels, packed.
+    void start(const CameraRays& camera, std::uint32_t first_row, std::uint32_t rows, std::uint32_t pass,
+        const std::uint8_t* only, std::uint32_t packed, const Hits& first) {
         const std::size_t n_pixels = std::size_t(rows) * camera.width;
         std::uint64_t* sum = sum_.reserve(3 * n_pixels);
         exec_->clear(sum, 3 * n_pixels * sizeof(std::uint64_t));
         side_ = &sides_[0];
         other_ = &sides_[1];
-        rays_ = {{camera, nullptr, nullptr, n_pixels, first_row, pass, only}, nullptr, nullptr, side_->ids.reserve(2 * n_pixels)};
+        rays_ = {{camera, nullptr, nullptr, n_pixels, first_row, pass, only}, nullptr, nullptr,
+            side_->ids.reserve(2 * n_pixels)};
         std::uint32_t* layer = layer_.reserve(n_pixels);
         float* more = first_.reserve(3 * n_pixels);
-        hits_now_ = first_hits_ = {first.t, first.normal, first.albedo, more, more + n_pixels, more + 2 * n_pixels, layer};
+        hits_now_ =
+            first_hits_ = {first.t, first.normal, first.albedo, more, more + n_pixels, more + 2 * n_pixels, layer};
         generation_ = 0;
         place_of_ = nullptr;
         if (packed) pack(packed);
@@ -40,10 +56,12 @@ public:
     /// The present generation.  march(exec, rays, layer, found): distances; keep(exec, rays, layer, found, hits):
     /// what is nearest; occlude(exec, rays, hits, layer, visibility).  margin: of pixels around a share's own.
     template <class March, class Keep, class Occlude>
-    void trace(const Lighting& lighting, int n_layers, int margin, const March& march, const Keep& keep, const Occlude& occlude) {
+    void trace(const Lighting& lighting, int n_layers, int margin, const March& march, const Keep& keep,
+        const Occlude& occlude) {
         const std::size_t n = rays_.source.n, items = rays_.source.n_items();
         std::uint32_t* undecided = undecided_.reserve(n + 1);
-        const LayerHits found{found_.reserve(n), cap_.reserve(n), sign_.reserve(n), item_.reserve(n), {undecided, undecided + 1}};
+        const LayerHits found{
+            found_.reserve(n), cap_.reserve(n), sign_.reserve(n), item_.reserve(n), {undecided, undecided + 1}};
         for (int layer = 0; layer < n_layers; ++layer) {
             LayerHits of_layer = found;
             march(*exec_, rays_, layer, of_layer);
@@ -52,11 +70,13 @@ public:
         if (lighting.ground.present) exec_->for_each(n, MeetGround{lighting.ground, rays_, hits_now_, margin});
         const int n_visibilities = lighting.n_visibilities();
         float* visibility = n_visibilities ? visibility_.reserve(n_visibilities * n) : nullptr;
-        for (int layer = 0; n_visibilities && layer < n_layers; ++layer) occlude(*exec_, rays_, hits_now_, layer, visibility);
+        for (int layer = 0; n_visibilities && layer < n_layers; ++layer)
+            occlude(*exec_, rays_, hits_now_, layer, visibility);
         std::uint32_t* place = n_children_.reserve(2 * items + 1);
         exec_->clear(place + 2 * items, sizeof *place);
         const std::uint32_t first_pixel = rays_.source.first_row * std::uint32_t(rays_.source.camera.width);
-        exec_->for_each(items, Lit{lighting, rays_, hits_now_, visibility, generation_, sum_.data(), first_pixel, place});
+        exec_->for_each(
+            items, Lit{lighting, rays_, hits_now_, visibility, generation_, sum_.data(), first_pixel, place});
         if (generation_ < lighting.bounces) exec_->exclusive_scan(2 * items + 1, place);
     }
 
@@ -72,12 +92,14 @@ public:
         float* block = other_->floats.reserve(9 * n);
         std::uint32_t* ids = other_->ids.reserve(2 * n);
         const RaySource& now = rays_.source;
-        const WaveRays next{{now.camera, block, block + 3 * n, n, now.first_row, now.pass}, block + 6 * n, ids + n, ids};
+        const WaveRays next{
+            {now.camera, block, block + 3 * n, n, now.first_row, now.pass}, block + 6 * n, ids + n, ids};
         exec_->for_each(items, Spawn{lighting, rays_, hits_now_, generation_, place, next, block, block + 3 * n});
         rays_ = next;
         std::swap(side_, other_);
         float* hits = hits_.reserve(11 * n);
-        hits_now_ = {hits, hits + n, hits + 4 * n, hits + 7 * n, hits + 8 * n, hits + 9 * n, reinterpret_cast<std::uint32_t*>(hits + 10 * n)};
+        hits_now_ = {hits, hits + n, hits + 4 * n, hits + 7 * n, hits + 8 * n, hits + 9 * n,
+            reinterpret_cast<std::uint32_t*>(hits + 10 * n)};
         ++generation_;
         return true;
     }
@@ -87,7 +109,8 @@ public:
         float* room = tile_floats_.reserve(8 * n);
         return {found.t, room, room + 3 * n, found.undecided, found.sign, room + 6 * n};
     }
-    /// Room for shadow rays, while the layer's hits are not needed any more: origins, directions, distances of the light, and where rays end.
+    /// Room for shadow rays, while the layer's hits are not needed any more: origins, directions, distances of the
+    /// light, and where rays end.
     void shadow_room(float*& origin, float*& direction, float*& distance, Hits& hits, std::uint8_t*& wanted) {
         const std::size_t n = rays_.source.n;
         origin = tile_floats_.reserve(8 * n);
@@ -127,7 +150,8 @@ private:
         place_of_ = numbers + n;
         exec_->clear(sum_.reserve(3 * n), 3 * n * sizeof(std::uint64_t));
         float* hits = hits_.reserve(10 * n);  // nobody asks for these later
-        hits_now_ = first_hits_ = {hits, hits + n, hits + 4 * n, hits + 7 * n, hits + 8 * n, hits + 9 * n, layer_.reserve(n)};
+        hits_now_ =
+            first_hits_ = {hits, hits + n, hits + 4 * n, hits + 7 * n, hits + 8 * n, hits + 9 * n, layer_.reserve(n)};
     }
 
     struct Side {

@@ -1,5 +1,5 @@
-// How fast a fluid meets what is around it: a drop that falls through the air, or moves along with its stream, needs no shorter
-// steps for that.  Speeds alone cannot tell, since they change with the coordinate frame.
+// How fast a fluid meets what is around it: a drop that falls through the air, or moves along with its stream, needs no
+// shorter steps for that.  Speeds alone cannot tell, since they change with the coordinate frame.
 #pragma once
 #include "exec/bits.hpp"
 #include "octree/query.hpp"
@@ -7,15 +7,14 @@
 
 namespace globule::core::sim {
 
-/// The step that is ahead if nothing is too fast for it, and how far a particle may move in a step where others stand still.
-struct Ahead {
-    float dt = 0.0f, far = 0.0f;
-};
+/// The step that is ahead if nothing is too fast for it, and how far a particle may move in a step where others stand
+/// still.
+struct Ahead { float dt = 0.0f, far = 0.0f; };
 
-/// The speed that limits the next step, far / speed, of each particle.  Of tissue and of what is slow, its own.  Of a fluid, what the worst of
-/// its pairs allows: two may move by 2 far towards each other, as two that move at full speed could; those
-/// further apart until they are a spacing from each other.  Positions are those of the tree.  A spacing of a pair is the mean of both; speeds of
-/// what is smaller count as so much faster.
+/// The speed that limits the next step, far / speed, of each particle.  Of tissue and of what is slow, its own.  Of a
+/// fluid, what the worst of its pairs allows: two may move by 2 far towards each other, as two that move at full speed
+/// could; those further apart until they are a spacing from each other.  Positions are those of the tree.  A spacing of
+/// a pair is the mean of both; speeds of what is smaller count as so much faster.
 struct OwnSpeed {
     State state;
     const Phase* phases;
@@ -35,11 +34,9 @@ struct OwnSpeed {
 };
 
 /// A group of lanes for each of the fast: they are few, and one thread alone would keep all others waiting.
-template <class Tree>
-struct Approach {
+template <class Tree> struct Approach {
     struct Nothing {};
-    template <class Group>
-    using Scratch = Nothing;
+    template <class Group> using Scratch = Nothing;
 
     Tree tree;
     State state;
@@ -49,16 +46,17 @@ struct Approach {
     const std::uint32_t* fast;
     float* speed2;
 
-    template <class Group>
-    GB_FN void operator()(Group& g, Nothing&, std::size_t k) const {
+    template <class Group> GB_FN void operator()(Group& g, Nothing&, std::size_t k) const {
         const std::uint32_t i = fast[k];
         const float3 v = state.velocity[i].xyz(), x = state.place[i].xyz(), to = x + v * ahead.dt;
-        const float3 lo{min(x.x, to.x), min(x.y, to.y), min(x.z, to.z)}, hi{max(x.x, to.x), max(x.y, to.y), max(x.z, to.z)};
+        const float3 lo{min(x.x, to.x), min(x.y, to.y), min(x.z, to.z)},
+            hi{max(x.x, to.x), max(x.y, to.y), max(x.z, to.z)};
         typename Group::F counts = typename Group::F(ahead.far / ahead.dt);
         for_each_leaf(g, tree, lo, hi, [&](std::uint32_t begin, std::uint32_t n) {
             for (std::uint32_t at = 0; at < n; at += Group::width)
                 g.per_lane(g.first_lanes(int(n - at)), [&](int lane) {
-                    Group::put(counts, lane, max(Group::get(counts, lane), pair(x, v, i, begin + at + g.lane_number(lane))));
+                    Group::put(
+                        counts, lane, max(Group::get(counts, lane), pair(x, v, i, begin + at + g.lane_number(lane))));
                 });
         });
         const float all = g.largest(counts);

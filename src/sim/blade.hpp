@@ -14,9 +14,7 @@ namespace globule::core::tissue {
 using Wide = __int128;
 
 /// A point of the grid; coordinates below 2^31, so that determinants stay below 2^99.
-struct GridPoint {
-    std::int64_t x, y, z;
-};
+struct GridPoint { std::int64_t x, y, z; };
 GB_FN GridPoint operator-(const GridPoint& a, const GridPoint& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
 GB_FN GridPoint operator+(const GridPoint& a, const GridPoint& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
 
@@ -32,9 +30,7 @@ struct Grid {
     GB_FN GridPoint snap(const float3& p) const { return {snap(p.x, 0), snap(p.y, 1), snap(p.z, 2)}; }
 };
 
-struct WidePoint {
-    Wide x, y, z;
-};
+struct WidePoint { Wide x, y, z; };
 GB_FN WidePoint cross(const GridPoint& a, const GridPoint& b) {
     return {Wide(a.y) * b.z - Wide(a.z) * b.y, Wide(a.z) * b.x - Wide(a.x) * b.z, Wide(a.x) * b.y - Wide(a.y) * b.x};
 }
@@ -43,9 +39,7 @@ GB_FN int sign(Wide v) { return (v > 0) - (v < 0); }
 /// Sign of v · (ε, ε², ε³).
 GB_FN int sign_along_shift(const WidePoint& v) { return v.x != 0 ? sign(v.x) : v.y != 0 ? sign(v.y) : sign(v.z); }
 
-struct Triangle {
-    GridPoint a, b, c;
-};
+struct Triangle { GridPoint a, b, c; };
 
 /// On which side of the triangle's plane p lies; 0 only if the triangle has no area.
 GB_FN int side_of_plane(const Triangle& t, const GridPoint& p) {
@@ -73,14 +67,15 @@ struct SweptSurface {
     const GridPoint* vertices = nullptr;
     const std::uint32_t* triangles = nullptr;  ///< (n, 3)
     std::uint32_t n = 0, n_moving = 0;
-    float3 lo, hi;                             ///< box of all vertices, with a margin for snapping
+    float3 lo, hi;  ///< box of all vertices, with a margin for snapping
 
     GB_FN GridPoint vertex(std::uint32_t v, const GridPoint& shift) const {
         return v < n_moving ? vertices[v] + shift : vertices[v];
     }
     GB_FN bool crossed(const GridPoint& p, const GridPoint& q, const GridPoint& shift) const {
         for (std::uint32_t i = 0; i < n; ++i) {
-            const Triangle t{vertex(triangles[3 * i], shift), vertex(triangles[3 * i + 1], shift), vertex(triangles[3 * i + 2], shift)};
+            const Triangle t{vertex(triangles[3 * i], shift), vertex(triangles[3 * i + 1], shift),
+                vertex(triangles[3 * i + 2], shift)};
             if (may_meet(t, p, q) && crosses(t, p, q)) return true;
         }
         return false;
@@ -109,7 +104,8 @@ struct Cut {
             if (o <= t || bonds.length[e] <= 0.0f) continue;
             const float3 there = at[o].xyz();
             const float3 moved = before ? (here + there - before[t] - before[o]) * 0.5f : float3{0, 0, 0};
-            if (!near(here.x, there.x, moved.x, surface.lo.x, surface.hi.x) || !near(here.y, there.y, moved.y, surface.lo.y, surface.hi.y) ||
+            if (!near(here.x, there.x, moved.x, surface.lo.x, surface.hi.x) ||
+                !near(here.y, there.y, moved.y, surface.lo.y, surface.hi.y) ||
                 !near(here.z, there.z, moved.z, surface.lo.z, surface.hi.z))
                 continue;
             const GridPoint p = surface.grid.snap(here), q = surface.grid.snap(there);

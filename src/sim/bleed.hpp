@@ -9,9 +9,7 @@ inline constexpr int kMaxVessels = 32;
 
 /// Speed of the blood that leaves each vessel's cut ends, m/s: its pressure times its conductance; 0 where
 /// the pool is empty.  Number 0 is no vessel.
-struct Vessels {
-    float speed[kMaxVessels + 1] = {};
-};
+struct Vessels { float speed[kMaxVessels + 1] = {}; };
 
 /// Where a particle of blood comes out, and of which particle's end.
 struct Drop {
@@ -20,7 +18,8 @@ struct Drop {
 };
 
 /// Collects each cut end's blood until it is one particle's worth; then the end asks for room.
-/// A plane that cuts an area A of a lattice breaks 5 A / d² bonds, and both ends bleed: d² / 10 for each, d the tissue's spacing.
+/// A plane that cuts an area A of a lattice breaks 5 A / d² bonds, and both ends bleed: d² / 10 for each, d the
+/// tissue's spacing.
 struct Bleed {
     Bonds bonds;
     const Quad* at;
@@ -29,7 +28,7 @@ struct Bleed {
     float spacing, share, dt;  ///< share: volume of a particle of blood, over the tissue's
     float* volume;
     std::uint32_t* n_asking;
-    Drop* asking;          ///< in any order; velocity: the way outwards
+    Drop* asking;  ///< in any order; velocity: the way outwards
 
     GB_FN void operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
@@ -51,13 +50,11 @@ struct Bleed {
     }
 };
 
-/// The nearest free place around each end that asks, in any order.  A group of lanes for each: one thread alone waits for
-/// memory longer than the rest of the step takes.
-template <class Tree>
-struct FindRoom {
+/// The nearest free place around each end that asks, in any order.  A group of lanes for each: one thread alone waits
+/// for memory longer than the rest of the step takes.
+template <class Tree> struct FindRoom {
     struct Nothing {};
-    template <class Group>
-    using Scratch = Nothing;
+    template <class Group> using Scratch = Nothing;
 
     Tree tree;
     SortedParticles particles;
@@ -70,13 +67,13 @@ struct FindRoom {
     std::uint32_t* n_found;
     Drop* found;
 
-    template <class Group>
-    GB_FN void operator()(Group& g, Nothing&, std::size_t k) const {
+    template <class Group> GB_FN void operator()(Group& g, Nothing&, std::size_t k) const {
         const Drop end = asking[k];
         const std::uint32_t free = free_ways(g, end.at, end.velocity);
         if (free == 0 || !g.is_first()) return;
         const float3 way = direction(trailing_zeros(std::uint64_t(free)), end.velocity);
-        found[atomic_take(n_found, 1)] = {end.at + way * spacing, velocity[end.t].xyz() + way * vessels.speed[end.vessel], end.t, end.vessel};
+        found[atomic_take(n_found, 1)] = {
+            end.at + way * spacing, velocity[end.t].xyz() + way * vessels.speed[end.vessel], end.t, end.vessel};
     }
     static constexpr int kWays = 15;
     /// Spacings to others.  Amid eight particles of a lattice, fine blood would have 0.87 and be shut in.
@@ -92,8 +89,7 @@ struct FindRoom {
         return {k & 1 ? a : -a, k & 2 ? a : -a, (k - 6) & 4 ? a : -a};
     }
     /// A bit for each way whose place, a spacing from x, has room: one walk of the tree for all.
-    template <class Group>
-    GB_FN std::uint32_t free_ways(Group& g, const float3& x, const float3& outwards) const {
+    template <class Group> GB_FN std::uint32_t free_ways(Group& g, const float3& x, const float3& outwards) const {
         using F = typename Group::F;
         const float room = (blood < 1.0f ? kRoomOfFine : kRoom) * spacing, reach = 1.001f * (spacing + room);
         const float inner = reach - 2.0f * spacing;  // the boxes of the tree's leaves stand off by the support
@@ -101,9 +97,11 @@ struct FindRoom {
         std::uint32_t free = (1u << kWays) - 1;
         for_each_leaf(g, tree, x - r, x + r, [&](std::uint32_t begin, std::uint32_t n) {
             for (std::uint32_t at = 0; at < n && free != 0; at += Group::width) {
-                const F px = g.load_run(particles.x + begin + at), py = g.load_run(particles.y + begin + at), pz = g.load_run(particles.z + begin + at);
+                const F px = g.load_run(particles.x + begin + at), py = g.load_run(particles.y + begin + at),
+                        pz = g.load_run(particles.z + begin + at);
                 F apart = F(room);
-                if (sizes.of) apart = select(g.load_run(sizes.of + begin + at) < F(1.0f), F(kRoom * blood * spacing), apart);
+                if (sizes.of)
+                    apart = select(g.load_run(sizes.of + begin + at) < F(1.0f), F(kRoom * blood * spacing), apart);
                 const auto within = [&](const float3& p, const F& far) {
                     const F dx = px - F(p.x), dy = py - F(p.y), dz = pz - F(p.z);
                     return g.any(g.first_lanes(int(n - at)) & (dx * dx + dy * dy + dz * dz < far * far));
@@ -125,8 +123,7 @@ struct Spend {
 };
 
 /// Blood touches the tissue within reach.
-template <class Packet>
-struct Touch {
+template <class Packet> struct Touch {
     sim::Lists<Packet> lists;
     sim::State state;
     Members members;
@@ -154,7 +151,7 @@ struct Wet {
         wetness[t] = min(max(wetness[t] + (touched[t] ? 5.0f : -0.005f) * dt, 0.0f), 1.0f);
     }
 };
-/// Wet tissue shows the blood's colour through its own.
+/// Wet tissue shows the blood's color through its own.
 struct Stain {
     const std::uint32_t *id, *slot_of, *rank;
     const float* wetness;

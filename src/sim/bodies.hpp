@@ -6,13 +6,18 @@
 
 namespace globule::core {
 
-template <class Exec>
-class Bodies {
+template <class Exec> class Bodies {
 public:
     using Packet = typename Exec::Packet;
 
     Bodies(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
-        : exec_(exec), state_(state), settings_(settings), home_(exec), bump_(exec), share_(exec), solve_(exec, state, bodies_) {}
+        : exec_(exec),
+          state_(state),
+          settings_(settings),
+          home_(exec),
+          bump_(exec),
+          share_(exec),
+          solve_(exec, state, bodies_) {}
 
     void capture(int phase, const sim::Pose& now) {
         if (home_.capacity() < state_.next_id) {  // ids of other bodies keep their places
@@ -27,7 +32,8 @@ public:
         exec_.for_each(state_.n, sim::Capture{state_.view(), std::uint8_t(phase), now, home_.data()});
     }
     void move_to(int phase, const sim::Pose& next) { next_poses_[phase] = next; }
-    void make_body(int phase, double mass, const double center[3], const double inertia[9], const double velocity[3], const double spin[3]) {
+    void make_body(int phase, double mass, const double center[3], const double inertia[9], const double velocity[3],
+        const double spin[3]) {
         RigidBody::M m;
         std::copy(inertia, inertia + 9, m.begin());
         RigidBody body(mass, {center[0], center[1], center[2]}, m);
@@ -78,7 +84,8 @@ public:
     /// Boundaries get the velocities that lead them to their next poses; whether there are any.
     bool carry(float dt) {
         for (const auto& [phase, pose] : next_poses_)
-            exec_.for_each(state_.n, sim::Carry{state_.view(), std::uint8_t(phase), pose, home_.data(), state_.period(), dt});
+            exec_.for_each(
+                state_.n, sim::Carry{state_.view(), std::uint8_t(phase), pose, home_.data(), state_.period(), dt});
         return !next_poses_.empty();
     }
 
@@ -88,16 +95,20 @@ public:
         for (auto& [phase, body] : bodies_) {
             body.advance(dt);
             body.wrap(settings_.lo, state_.period().length);
-            exec_.for_each(state_.n, sim::Carry{state_.view(), std::uint8_t(phase), body.pose(), home_.data(), state_.period(), dt});
+            exec_.for_each(state_.n,
+                sim::Carry{state_.view(), std::uint8_t(phase), body.pose(), home_.data(), state_.period(), dt});
         }
     }
-    /// Rigid bodies: what they keep out pushes them back.  The share of it, by phase, after which both move on together, or null: all.
+    /// Rigid bodies: what they keep out pushes them back.  The share of it, by phase, after which both move on
+    /// together, or null: all.
     const float* push_back(const sim::Contact<Packet>& contact) {
         if (bodies_.empty()) return nullptr;
         std::vector<float> shares(sim::kMaxPhases, 1.0f);
         for (auto& [phase, body] : bodies_) {
             sim::Bump* bump = bump_.reserve(1);
-            exec_.reduce_in_order(state_.n_rows, sim::BumpOf<Packet>{contact, std::uint8_t(phase), state_.volume(), body.center_float()}, sim::AddBump{}, sim::Bump{}, bump);
+            exec_.reduce_in_order(state_.n_rows,
+                sim::BumpOf<Packet>{contact, std::uint8_t(phase), state_.volume(), body.center_float()}, sim::AddBump{},
+                sim::Bump{}, bump);
             sim::Bump b;
             exec_.download(&b, bump, sizeof b);
             const float share = shares[phase] = float(body.mass() / (body.mass() + b.mass));
@@ -115,7 +126,8 @@ public:
 
 private:
     /// Every particle of what moves needs a place of its own in it.
-    void check_home(const std::vector<Quad>& home, const std::map<int, sim::Pose>& poses, const std::map<int, RigidBody>& bodies) {
+    void check_home(
+        const std::vector<Quad>& home, const std::map<int, sim::Pose>& poses, const std::map<int, RigidBody>& bodies) {
         if (poses.empty() && bodies.empty()) return;
         std::vector<std::uint8_t> phase(state_.n);
         std::vector<std::uint32_t> id(state_.n);
@@ -123,7 +135,8 @@ private:
         exec_.download(id.data(), state_.view().id, id.size() * sizeof id[0]);
         for (std::size_t i = 0; i < id.size(); ++i) {
             if (!poses.count(phase[i]) && !bodies.count(phase[i])) continue;
-            if (id[i] >= home.size()) throw Refused("checkpoint: expected a place of every particle of a body that moves, got fewer");
+            if (id[i] >= home.size())
+                throw Refused("checkpoint: expected a place of every particle of a body that moves, got fewer");
             const Quad& h = home[id[i]];
             if (!(std::abs(h.x) + std::abs(h.y) + std::abs(h.z) < INFINITY))
                 throw Refused("checkpoint: expected finite places of a body that moves, got others");

@@ -37,7 +37,8 @@ struct BondBlocks {
                 other[e - entries_before] = before + std::min(in.n - 1, b * kBlock + (e - first[b]) % kBlock);
         for (std::uint32_t t = 0; t < in.n; ++t)
             for (std::uint64_t i = in.offsets[t]; i < in.offsets[t + 1]; ++i) {
-                const std::size_t e = first[t / kBlock] - entries_before + std::size_t(i - in.offsets[t]) * kBlock + t % kBlock;
+                const std::size_t e =
+                    first[t / kBlock] - entries_before + std::size_t(i - in.offsets[t]) * kBlock + t % kBlock;
                 other[e] = before + in.other[i];
                 length[e] = in.length[i];
                 stiffness[e] = in.stiffness[i];

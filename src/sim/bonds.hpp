@@ -9,21 +9,21 @@
 namespace globule::core::tissue {
 
 inline constexpr int kMaxPhases = 32;
-inline constexpr int kBlock = 32;  ///< particles whose bonds lie interleaved
+inline constexpr int kBlock = 32;         ///< particles whose bonds lie interleaved
 inline constexpr float kNotSlid = -1.0f;  ///< in the place of a density
 
 /// Every bond is entered at both of its ends, so that each particle sums up its own bonds in one fixed
-/// order and nobody writes to another's.  Entry k of particle t lies in its block's row k: neighbouring
-/// particles' entries are neighbours in memory.
+/// order and nobody writes to another's.  Entry k of particle t lies in its block's row k: neighboring
+/// particles' entries are neighbors in memory.
 struct Bonds {
-    std::uint32_t n = 0;                     ///< particles, in the tissue's own order
-    const std::uint32_t* first = nullptr;    ///< (n_blocks + 1,) entry where a block begins
-    const std::uint32_t* other = nullptr;    ///< particle at the other end
-    float* length = nullptr;                 ///< at rest; negative: cut, only a contact; 0: no bond
-    const float* stiffness = nullptr;        ///< 1 / compliance, N/m
-    const std::uint8_t* vessel = nullptr;    ///< number of the vessel, 0: none
-    std::uint8_t* scarred = nullptr;         ///< per particle: whether any of its bonds went
-    float* spared = nullptr;                 ///< per particle of a solid: as in OwnPairs; null: springs
+    std::uint32_t n = 0;                   ///< particles, in the tissue's own order
+    const std::uint32_t* first = nullptr;  ///< (n_blocks + 1,) entry where a block begins
+    const std::uint32_t* other = nullptr;  ///< particle at the other end
+    float* length = nullptr;               ///< at rest; negative: cut, only a contact; 0: no bond
+    const float* stiffness = nullptr;      ///< 1 / compliance, N/m
+    const std::uint8_t* vessel = nullptr;  ///< number of the vessel, 0: none
+    std::uint8_t* scarred = nullptr;       ///< per particle: whether any of its bonds went
+    float* spared = nullptr;               ///< per particle of a solid: as in OwnPairs; null: springs
 
     GB_FN std::uint32_t begin(std::uint32_t t) const { return first[t / kBlock] + t % kBlock; }
     GB_FN std::uint32_t end(std::uint32_t t) const { return first[t / kBlock + 1]; }
@@ -56,7 +56,8 @@ struct Materials {
     float friction[kMaxPhases] = {};      ///< coefficient of what it meets
 };
 
-/// Where particles add up what instruments feel of them; the first of the arrays (2, n) is for grasps, then one for each shape.
+/// Where particles add up what instruments feel of them; the first of the arrays (2, n) is for grasps, then one for
+/// each shape.
 struct Felt {
     float3* felt = nullptr;  ///< null: nobody asks
     std::uint32_t n = 0;
@@ -67,13 +68,15 @@ struct Felt {
         own[n] = own[n] + cross(arm, impulse);
     }
     /// `impulse`: of the bonds.
-    GB_FN void add_held(std::uint32_t t, std::uint8_t hold, const float3& x, const float3& impulse, float inverse_mass, float dt, const Motions& motions) const {
+    GB_FN void add_held(std::uint32_t t, std::uint8_t hold, const float3& x, const float3& impulse, float inverse_mass,
+        float dt, const Motions& motions) const {
         if (!felt || hold < kGrasped) return;
         const float3 weight = inverse_mass > 0.0f ? gravity * (dt / inverse_mass) : float3{0, 0, 0};
         add(0, t, impulse + weight, x - motions.center[hold - kGrasped]);
     }
     /// x and u leave the shapes, which feel it.
-    GB_FN void keep_out(const Shapes& shapes, std::uint32_t t, float3& x, float3& u, float inverse_mass, float friction, float dt) const {
+    GB_FN void keep_out(const Shapes& shapes, std::uint32_t t, float3& x, float3& u, float inverse_mass, float friction,
+        float dt) const {
         shapes.keep_out(x, u, friction, dt, [&](int s, const float3& change) {
             if (felt && inverse_mass > 0.0f) add(1 + s, t, change * (-1.0f / inverse_mass), x - shapes.shape[s].a);
         });
@@ -87,32 +90,33 @@ struct Felt {
 /// A W Aᵀ by its diagonal (p = w times the largest eigenvalue of Σ n nᵀ).  So the static stiffness is exact as
 /// long as α̃ >= κ, which decides the number of substeps, and beyond that the solve stays stable and softens.
 /// Later iterations, Δλ = -(C + α̃λ) / (α̃ + κ), lead to the implicit solution.
-template <bool single>      ///< iteration: nothing is written among the loads of the bonds, so that they need not wait for each other
+template <bool single>  ///< iteration: nothing is written among the loads of the bonds, so that they need not wait for
+                        ///< each other
 struct Relax {
     Bonds bonds;
-    const Quad* at;       ///< predicted position, p
+    const Quad* at;  ///< predicted position, p
     Quad* next;
-    Quad* velocity;       ///< velocity, inverse mass
+    Quad* velocity;  ///< velocity, inverse mass
     const float3* acceleration;
     const std::uint8_t* hold;
     const std::uint8_t* phase;
-    float* lambda;          ///< per entry, where there are more
+    float* lambda;  ///< per entry, where there are more
     Materials materials;
     Motions motions;
     Shapes shapes;
     Walls walls;
     Felt felt;
-    float dt, contact;      ///< contact: distance that cut faces keep
-    bool is_first, is_last; ///< iteration of the substep
-    bool predicts;          ///< another substep follows
+    float dt, contact;       ///< contact: distance that cut faces keep
+    bool is_first, is_last;  ///< iteration of the substep
+    bool predicts;           ///< another substep follows
 
-    template <class Packet>
-    GB_FN void run(std::size_t row) const {
+    template <class Packet> GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         std::uint32_t own[Packet::width];  // rows side by side; those past the end do the last one's work again
         for (int lane = 0; lane < Packet::width; ++lane) own[lane] = min(std::uint32_t(row) + lane, bonds.n - 1);
         bool any_asks = false;
-        for (int lane = 0; lane < Packet::width; ++lane) any_asks |= hold[own[lane]] == kFree || (felt.felt && hold[own[lane]] >= kGrasped);
+        for (int lane = 0; lane < Packet::width; ++lane)
+            any_asks |= hold[own[lane]] == kFree || (felt.felt && hold[own[lane]] >= kGrasped);
         const Four<F> here = Packet::gather(at, own);
         const F zero = F(0.0f), one = F(1.0f), k_to_step = F(dt * dt), touching = F(contact);
         F x = zero, y = zero, z = zero;
@@ -180,7 +184,8 @@ struct Predict {
     float dt;
     GB_FN void operator()(std::size_t t) const {
         const Quad x = at[t], v = velocity[t];
-        const float3 u = hold[t] == kFree ? v.xyz() + acceleration[t] * dt : motions.velocity_at(hold[t], x.xyz(), v.xyz());
+        const float3 u =
+            hold[t] == kFree ? v.xyz() + acceleration[t] * dt : motions.velocity_at(hold[t], x.xyz(), v.xyz());
         const float3 y = x.xyz() + u * dt;
         velocity[t] = {u.x, u.y, u.z, v.w};
         at[t] = {y.x, y.y, y.z, x.w};

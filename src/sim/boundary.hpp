@@ -12,8 +12,7 @@ inline constexpr float kWallShare = 1.2f;
 
 /// V_b = gamma / sum_b W over the boundary particles of the same phase; gamma: the plane's share of the
 /// lattice's sum, times the above.
-template <class Tree>
-struct BoundaryVolumes {
+template <class Tree> struct BoundaryVolumes {
     Tree tree;
     State state;
     const Phase* phases;
@@ -44,8 +43,7 @@ struct BoundaryVolumes {
 /// what is within kTouching of any particle of a wall does not approach that one.
 inline constexpr float kTouching = 0.5f, kLeastHeight = 0.15f, kHeightReach = 1.1f;  // spacings
 
-template <class Packet>
-struct Contact {
+template <class Packet> struct Contact {
     Lists<Packet> lists;
     const float* nearest;  ///< per row
     State state;
@@ -55,8 +53,8 @@ struct Contact {
     const float* share;        ///< per phase, of the change that its bodies' masses allow; null: all
 
     struct Kept {
-        bool out = false;            ///< of a boundary, whose particle `by` is the nearest
-        float3 velocity{0, 0, 0};    ///< then
+        bool out = false;          ///< of a boundary, whose particle `by` is the nearest
+        float3 velocity{0, 0, 0};  ///< then
         std::uint32_t by = 0;
     };
 
@@ -96,27 +94,29 @@ struct Contact {
             const float s = approach * min((0.8f - r) * (1.0f / 0.3f), 1.0f);
             v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
         }
-        const float room = max(dot(mean, normal) - kLeastHeight * spacing, 0.0f), rest = dot(v.xyz() - wall, normal) * dt + room;
+        const float room = max(dot(mean, normal) - kLeastHeight * spacing, 0.0f),
+                    rest = dot(v.xyz() - wall, normal) * dt + room;
         if (rest < 0.0f) {
             const float s = rest / dt;
             v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
         }
-        if (r < kTouching) each_of_walls(row, [&](std::uint32_t j, const Quad& q) {
-            const float3 away = period.template shortest<true>(p.xyz() - q.xyz());
-            const float d2 = dot(away, away);
-            if (!(d2 < kTouching * kTouching * spacing * spacing)) return;
-            const float s = dot(v.xyz() - state.velocity[j].xyz(), away) / max(d2, 1e-12f * spacing * spacing);
-            if (s < 0.0f) v = {v.x - s * away.x, v.y - s * away.y, v.z - s * away.z, v.w};
-        });
+        if (r < kTouching)
+            each_of_walls(row, [&](std::uint32_t j, const Quad& q) {
+                const float3 away = period.template shortest<true>(p.xyz() - q.xyz());
+                const float d2 = dot(away, away);
+                if (!(d2 < kTouching * kTouching * spacing * spacing)) return;
+                const float s = dot(v.xyz() - state.velocity[j].xyz(), away) / max(d2, 1e-12f * spacing * spacing);
+                if (s < 0.0f) v = {v.x - s * away.x, v.y - s * away.y, v.z - s * away.z, v.w};
+            });
         kept.out = v.x != before.x || v.y != before.y || v.z != before.z;
         kept.velocity = v.xyz();
         return kept;
     }
 
 private:
-    /// fn(slot, place) of each neighbour that is a boundary's.  Places are asked for some at once: few rows are near a wall, and each waits for memory.
-    template <class Fn>
-    GB_FN void each_of_walls(std::size_t row, const Fn& fn) const {
+    /// fn(slot, place) of each neighbor that is a boundary's.  Places are asked for some at once: few rows are near a
+    /// wall, and each waits for memory.
+    template <class Fn> GB_FN void each_of_walls(std::size_t row, const Fn& fn) const {
         constexpr std::uint32_t kAtOnce = 8;
         const std::uint32_t n = lists.count[row];
         for (std::uint32_t k = 0; k < n; k += kAtOnce) {

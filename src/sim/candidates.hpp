@@ -21,9 +21,8 @@ struct Bunch {
     GB_FN float3 middle() const { return {0.5f * (lo.x + hi.x), 0.5f * (lo.y + hi.y), 0.5f * (lo.z + hi.z)}; }
 };
 
-/// The rows of a tile, a lane each; `count`: neighbours so far.
-template <class Group>
-struct TileRows {
+/// The rows of a tile, a lane each; `count`: neighbors so far.
+template <class Group> struct TileRows {
     typename Group::F x, y, z;
     typename Group::U slot, count;
 };
@@ -41,16 +40,17 @@ struct Nearness {
     Sizes sizes;
 };
 
-template <class Group, bool mixed, int capacity>
-struct CandidatesByRow {
+template <class Group, bool mixed, int capacity> struct CandidatesByRow {
     static constexpr int places = capacity + Group::width;
     float x[places], y[places], z[places];
     std::uint32_t slot[places], found[places];
     float size[mixed ? places : 1];
 
-    /// Of a group's worth of particles from `begin` on, at (px, py, pz), those that may be near; how many there are then.
-    GB_FN int add(const Group& g, int n, typename Group::B may, const typename Group::F& px, const typename Group::F& py, const typename Group::F& pz,
-                  std::uint32_t begin, const Nearness& near, const Bunch&) {
+    /// Of a group's worth of particles from `begin` on, at (px, py, pz), those that may be near; how many there are
+    /// then.
+    GB_FN int add(const Group& g, int n, typename Group::B may, const typename Group::F& px,
+        const typename Group::F& py, const typename Group::F& pz, std::uint32_t begin, const Nearness& near,
+        const Bunch&) {
         g.keep(may, px, x + n);
         g.keep(may, py, y + n);
         g.keep(may, pz, z + n);
@@ -59,12 +59,14 @@ struct CandidatesByRow {
         return n + g.count(may);
     }
     /// The bunch's rows take up those of n candidates that are theirs.
-    GB_FN void look(const Group& g, int n, TileRows<Group>& rows, const Bunch& b, const Nearness& near, const float3&, const TileLists& out) {
+    GB_FN void look(const Group& g, int n, TileRows<Group>& rows, const Bunch& b, const Nearness& near, const float3&,
+        const TileLists& out) {
         g.sync();
         for (std::uint32_t set = b.set; set; set &= set - 1) {
             const int row = trailing_zeros(set);
             const std::uint32_t before = g.pick(rows.count, row);
-            const int m = find(g, n, {g.pick(rows.x, row), g.pick(rows.y, row), g.pick(rows.z, row)}, g.pick(rows.slot, row), near);
+            const int m = find(
+                g, n, {g.pick(rows.x, row), g.pick(rows.y, row), g.pick(rows.z, row)}, g.pick(rows.slot, row), near);
             g.sync();
             const int room = max(int(out.places) - int(before), 0);
             g.share(min(m, room), [&](int k) { out.index[std::size_t(before + k) * Group::width + row] = found[k]; });
@@ -87,7 +89,8 @@ private:
                 sure = V(h2 * (1.0f - kDoubt)) * m2;
                 possible = V(h2 * (1.0f + kDoubt)) * m2;
             }
-            const V dx = V(at.x) - g.load_run(x + k), dy = V(at.y) - g.load_run(y + k), dz = V(at.z) - g.load_run(z + k);
+            const V dx = V(at.x) - g.load_run(x + k), dy = V(at.y) - g.load_run(y + k),
+                    dz = V(at.z) - g.load_run(z + k);
             const V r2 = dx * dx + dy * dy + dz * dz;
             typename Group::B mine = g.first_lanes(n_near - k) & (r2 < possible) & g.differ(slot + k, own);
             const typename Group::B doubtful = mine & !(r2 < sure);
@@ -106,18 +109,19 @@ private:
     }
 };
 
-/// With places from the bunch's middle, t = |c|^2 - 2 x.c + |x|^2 - h^2 is below 0 where c is near x: four operations a candidate, since
-/// |c|^2 is the same for all rows.  Its roundings add up to less than kDoubt times the square of the farthest place; where t is as close to 0, float64 decides.
-template <class Group, bool mixed, int capacity>
-struct CandidatesByLane {
+/// With places from the bunch's middle, t = |c|^2 - 2 x.c + |x|^2 - h^2 is below 0 where c is near x: four operations a
+/// candidate, since |c|^2 is the same for all rows.  Its roundings add up to less than kDoubt times the square of the
+/// farthest place; where t is as close to 0, float64 decides.
+template <class Group, bool mixed, int capacity> struct CandidatesByLane {
     static constexpr int places = capacity + 32, words = places / 32;
-    Quad item[places];                ///< c, |c|^2; of two sizes less (h s / 2)^2
+    Quad item[places];  ///< c, |c|^2; of two sizes less (h s / 2)^2
     std::uint32_t slot[places];
     float size[mixed ? places : 1];
-    std::uint32_t mask[words][32];    ///< of each row, the first candidate in the highest bit
+    std::uint32_t mask[words][32];  ///< of each row, the first candidate in the highest bit
     std::uint8_t lane_of[32];
 
-    GB_FN int add(const Group& g, int n, bool may, float px, float py, float pz, std::uint32_t begin, const Nearness& near, const Bunch& b) {
+    GB_FN int add(const Group& g, int n, bool may, float px, float py, float pz, std::uint32_t begin,
+        const Nearness& near, const Bunch& b) {
         return g.append(may, n, [&](int lane, int at) {
             const float3 o = b.middle();
             const float x = px - o.x, y = py - o.y, z = pz - o.z;
@@ -130,7 +134,8 @@ struct CandidatesByLane {
             }
         });
     }
-    GB_FN void look(const Group& g, int n, TileRows<Group>& rows, const Bunch& b, const Nearness& near, const float3& shift, const TileLists& out) {
+    GB_FN void look(const Group& g, int n, TileRows<Group>& rows, const Bunch& b, const Nearness& near,
+        const float3& shift, const TileLists& out) {
         const int lane = g.lane();
         const bool mine = b.set >> lane & 1;
         if (lane < (32 - n % 32) % 32) {  // so that words are full
@@ -147,7 +152,7 @@ struct CandidatesByLane {
             total += std::uint32_t(count_bits(of_word));
             full |= std::uint32_t(of_word != 0) << w;
         }
-        // All rows write their k-th neighbour together.
+        // All rows write their k-th neighbor together.
         const std::uint32_t longest = g.largest(total);
         int first = 0;
         for (std::uint32_t k = 0; k < longest; ++k) {
@@ -169,15 +174,18 @@ struct CandidatesByLane {
 
 private:
     /// The masks.  Where rows are few, several lanes share the words of one.
-    GB_FN void test(const Group& g, int n, const TileRows<Group>& rows, const Bunch& b, const Nearness& near, const float3& shift) {
+    GB_FN void test(
+        const Group& g, int n, const TileRows<Group>& rows, const Bunch& b, const Nearness& near, const float3& shift) {
         const int n_rows = count_bits(b.set), log_share = n_rows > 16 ? 0 : n_rows > 8 ? 1 : 2;
         const bool busy = g.lane() >> log_share < n_rows;
         const int row = busy ? lane_of[g.lane() >> log_share] : 0;
         const std::uint32_t own = g.pick(rows.slot, row);
         const float3 o = b.middle(), half = b.hi - o;
         const float x = g.pick(rows.x, row) - o.x, y = g.pick(rows.y, row) - o.y, z = g.pick(rows.z, row) - o.z;
-        const float h = mixed ? 0.5f * near.support * near.sizes.of[own] : near.support, reach = sqrt(dot(half, half)) + near.support, band = kDoubt * reach * reach;
-        const float square = busy ? x * x + y * y + z * z - h * h : infinity(), x2 = -2.0f * x, y2 = -2.0f * y, z2 = -2.0f * z;
+        const float h = mixed ? 0.5f * near.support * near.sizes.of[own] : near.support,
+                    reach = sqrt(dot(half, half)) + near.support, band = kDoubt * reach * reach;
+        const float square = busy ? x * x + y * y + z * z - h * h : infinity(), x2 = -2.0f * x, y2 = -2.0f * y,
+                    z2 = -2.0f * z;
         [[maybe_unused]] const float cross = -h * near.support;
         const auto beyond = [&](int k) {
             const Quad& c = item[k];

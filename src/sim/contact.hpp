@@ -1,4 +1,5 @@
-// What tissue cannot enter: instruments (balls, capsules, half-spaces) and walls; and Coulomb friction, docs/design/tissue.md.
+// What tissue cannot enter: instruments (balls, capsules, half-spaces) and walls; and Coulomb friction,
+// docs/design/tissue.md.
 #pragma once
 #include "base/quad.hpp"
 #include "base/vec.hpp"
@@ -18,8 +19,8 @@ GB_FN float3 sliding(const float3& u, const float3& n) { return u - n * dot(u, n
 struct Shape {
     enum Kind : std::int32_t { ball, capsule, half_space };
     Kind kind;
-    float3 a, b;      ///< centre; both ends of the axis; a point of the plane and its outward normal
-    float radius;     ///< half-space: how far the surface stands off the plane
+    float3 a, b;   ///< center; both ends of the axis; a point of the plane and its outward normal
+    float radius;  ///< half-space: how far the surface stands off the plane
     float3 velocity;
     float friction = 0.0f;  ///< coefficient; a contact has the larger one of its two sides
 
@@ -46,9 +47,9 @@ struct Shapes {
     Shape shape[kMaxShapes] = {};
     int n = 0;
 
-    /// Moves x out of every shape; u loses what of it goes in, and what friction takes: met(shape, its change).  `dt` has led u to x.
-    template <class Met>
-    GB_FN void keep_out(float3& x, float3& u, float friction, float dt, const Met& met) const {
+    /// Moves x out of every shape; u loses what of it goes in, and what friction takes: met(shape, its change).  `dt`
+    /// has led u to x.
+    template <class Met> GB_FN void keep_out(float3& x, float3& u, float friction, float dt, const Met& met) const {
         for (int s = 0; s < n; ++s) {
             float3 out;
             const float depth = shape[s].distance(x, out);
@@ -78,9 +79,10 @@ struct Shapes {
 
 /// Walls that a step's particles stand before, as planes, while the substeps last.
 struct Walls {
-    const Quad* plane = nullptr;  ///< per particle: normal, and how far along it the particle may go at the step's start; null: no walls
-    const float* speed = nullptr; ///< of the plane along its normal
-    const Quad* rub = nullptr;    ///< the plane's velocity, and the coefficient of friction; null: none has any
+    const Quad* plane = nullptr;   ///< per particle: normal, and how far along it the particle may go at the step's
+                                   ///< start; null: no walls
+    const float* speed = nullptr;  ///< of the plane along its normal
+    const Quad* rub = nullptr;     ///< the plane's velocity, and the coefficient of friction; null: none has any
     float elapsed = 0.0f;
 
     /// Moves x out; u loses what of it goes in, and what friction takes.  `dt` has led u to x.

@@ -10,10 +10,12 @@
 namespace globule::core::tissue {
 
 inline constexpr std::uint32_t kNobody = 0xffffffffu;
-inline constexpr float kSlid = 0.95f;       ///< of the distance at rest: particles on both sides of a cut that are closer have slid along it
+inline constexpr float kSlid =
+    0.95f;  ///< of the distance at rest: particles on both sides of a cut that are closer have slid along it
 inline constexpr float kAnyDensity = 1e30f;
-inline constexpr float kClose = 1.5f;       ///< spacings: what is farther from each other does not press
-inline constexpr float kWallHeight = 1.1f;  ///< above a wall's particles, spacings, a little more than where it leaves a lattice at rest (1.055)
+inline constexpr float kClose = 1.5f;  ///< spacings: what is farther from each other does not press
+inline constexpr float kWallHeight =
+    1.1f;  ///< above a wall's particles, spacings, a little more than where it leaves a lattice at rest (1.055)
 
 /// Finds each tissue particle's slot, position and velocity.  Who has left the simulation is gone.  What is
 /// held stands in the density solve like a boundary: it pushes, and is not pushed.
@@ -24,7 +26,7 @@ struct Gather {
     std::uint32_t* slot;
     Quad *at, *velocity;
     std::uint8_t* hold;
-    float volume;            ///< of a particle
+    float volume;  ///< of a particle
     std::uint32_t* n_lost;
     std::uint32_t* n_changed;  ///< held since the last time, or let go
     GB_FN void operator()(std::size_t t) const {
@@ -70,7 +72,8 @@ struct TakeAcceleration {
     float per_dt;
     float3* acceleration;
     GB_FN void operator()(std::size_t t) const {
-        acceleration[t] = slot[t] == sim::kGone ? float3{0, 0, 0} : (state.velocity[slot[t]].xyz() - velocity[t].xyz()) * per_dt;
+        acceleration[t] =
+            slot[t] == sim::kGone ? float3{0, 0, 0} : (state.velocity[slot[t]].xyz() - velocity[t].xyz()) * per_dt;
     }
 };
 
@@ -124,26 +127,30 @@ struct Members {
 };
 
 /// What each free particle is near to, within the lists' reach.
-enum Beside : std::uint8_t { kAlone, kFluid, kOther };  ///< kFluid: or a face of a cut that slid along this one; kOther: another body
+enum Beside : std::uint8_t {
+    kAlone,
+    kFluid,
+    kOther
+};  ///< kFluid: or a face of a cut that slid along this one; kOther: another body
 
-/// What stands before each free particle.  Pressure acts once a step, on tissue whose substeps have not felt it.  Walls are therefore planes
-/// that the substeps know: no particle comes nearer than it is, or than it would be at rest.  What else it meets shortens the steps.
-template <class Packet>
-struct FindContacts {
+/// What stands before each free particle.  Pressure acts once a step, on tissue whose substeps have not felt it.  Walls
+/// are therefore planes that the substeps know: no particle comes nearer than it is, or than it would be at rest.  What
+/// else it meets shortens the steps.
+template <class Packet> struct FindContacts {
     sim::Lists<Packet> lists;
     sim::State state;
     const sim::Phase* phases;
     Members members;
     const std::uint32_t* body;
-    const Quad* rest;        ///< of solids, else null
+    const Quad* rest;  ///< of solids, else null
     const std::uint8_t* scarred;
-    float* spared;           ///< as in OwnPairs
+    float* spared;  ///< as in OwnPairs
     sim::Period period;
     sim::Spline spline;
     float spacing;
     Quad* plane;
     float* speed;
-    Quad* rub;               ///< as in Walls; null: nothing has friction
+    Quad* rub;  ///< as in Walls; null: nothing has friction
     std::uint8_t* beside;
     GB_FN void operator()(std::size_t row) const {
         const std::uint32_t slot = lists.rows[row], t = members(state.id[slot]);
@@ -173,7 +180,9 @@ struct FindContacts {
             sum = sum + away * s;
             velocity = velocity + state.velocity[j].xyz() * s;
             total += s;
-            if (rub) smooth.add(away, state.velocity[j].xyz(), max(phases[state.phase[slot]].friction, phases[state.phase[j]].friction), q.w, spline);
+            if (rub)
+                smooth.add(away, state.velocity[j].xyz(),
+                    max(phases[state.phase[slot]].friction, phases[state.phase[j]].friction), q.w, spline);
         }
         beside[t] = near;
         if (!(total > 0.0f)) return;
@@ -195,7 +204,8 @@ struct FindContacts {
     }
     GB_FN bool other_body(std::uint32_t t, std::uint32_t o) const { return o != kNobody && body[o] != body[t]; }
 
-    /// The same sums weighted by the kernel's slope.  The nearest particles' rule gives a wall bumps, which slow what slides by a tenth.
+    /// The same sums weighted by the kernel's slope.  The nearest particles' rule gives a wall bumps, which slow what
+    /// slides by a tenth.
     struct Smooth {
         float3 sum{0, 0, 0}, velocity{0, 0, 0};
         float total = 0.0f, friction = 0.0f;

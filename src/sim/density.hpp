@@ -13,39 +13,38 @@ namespace globule::core::sim {
 
 /// Per row, so that a packet reads them side by side.
 struct Rows {
-    float* density;            ///< delta
-    float *gx, *gy, *gz;       ///< G
-    float* inverse_rho;        ///< 0: not in the density solve
+    float* density;       ///< delta
+    float *gx, *gy, *gz;  ///< G
+    float* inverse_rho;   ///< 0: not in the density solve
     float* alpha;
-    float* boundary;           ///< distance of the nearest boundary particle
-    float* bulk;               ///< 1 where there is fluid or wall all around
+    float* boundary;  ///< distance of the nearest boundary particle
+    float* bulk;      ///< 1 where there is fluid or wall all around
 };
 
-inline constexpr float kFreeGradient = 0.4f;   ///< of the density, per spacing: more is a surface's (a lattice's: 0.51)
-inline constexpr float kLeastDensity = 0.5f;   ///< of what is inside of a fluid
+inline constexpr float kFreeGradient = 0.4f;  ///< of the density, per spacing: more is a surface's (a lattice's: 0.51)
+inline constexpr float kLeastDensity = 0.5f;  ///< of what is inside of a fluid
 /// Least share of the lattice's value below |G|^2 / rho + ...: where gradients cancel, as between the
 /// particles of a wall, the step along them must not grow without bounds.
 inline constexpr float kLeastStiffness = 0.2f;
 
-template <class Packet_, bool periodic, bool mixed>
-struct Densities {
+template <class Packet_, bool periodic, bool mixed> struct Densities {
     Lists<Packet_> lists;
     const Quad* place;
     Rows out;
     Spline spline;
     Period period;
     float volume;
-    float lattice_squares;   ///< sum of |g h|^2 in the lattice
-    const float* within;     ///< density that is there without the lists, per row, 0 of what is no solid; null: none
+    float lattice_squares;  ///< sum of |g h|^2 in the lattice
+    const float* within;    ///< density that is there without the lists, per row, 0 of what is no solid; null: none
     Sizes sizes;
-    template <class Packet>
-    GB_FN void run(std::size_t row) const {
+    template <class Packet> GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         const Four<F> mine = Packet::gather(place, lists.rows + row);
         const F zero = F(0.0f), h = F(spline.support), own = F(volume);
         F size = F(1.0f);
         if constexpr (mixed) size = Packet::gather(sizes.of, lists.rows + row);
-        F density = within ? own * spline(zero) + Packet::load(within + row) : own * spline(zero), gx = zero, gy = zero, gz = zero, squares = zero, nearest = h;
+        F density = within ? own * spline(zero) + Packet::load(within + row) : own * spline(zero), gx = zero, gy = zero,
+          gz = zero, squares = zero, nearest = h;
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t at = lists.at(row);
         typename Packet::ShortSlots shorts(lists.index + at, lists.count + row, lists.n_rows - row);
@@ -72,13 +71,18 @@ struct Densities {
             gx += x;
             gy += y;
             gz += z;
-            squares += mixed ? (x * x + y * y + z * z) * max(-other.w, zero) * weight : (x * x + y * y + z * z) * max(-other.w, zero);
+            squares += mixed ? (x * x + y * y + z * z) * max(-other.w, zero) * weight
+                             : (x * x + y * y + z * z) * max(-other.w, zero);
         }
         shorts.finish(lists.bases + row / Packet::stride);
         const F rho = max(-mine.w, zero);  // its inverse
         const F sum = (gx * gx + gy * gy + gz * gz) * rho + squares;
         const F solved = select(rho > zero, F(1.0f), zero);
-        const F alpha = solved * select(sum > zero, h * h / max(sum, mixed ? F(kLeastStiffness * lattice_squares) * rho / (size * size) : F(kLeastStiffness * lattice_squares) * rho), zero);
+        const F alpha = solved * select(sum > zero,
+                                     h * h /
+                                         max(sum, mixed ? F(kLeastStiffness * lattice_squares) * rho / (size * size)
+                                                        : F(kLeastStiffness * lattice_squares) * rho),
+                                     zero);
         Packet::store(out.density + row, density);
         Packet::store(out.gx + row, gx);
         Packet::store(out.gy + row, gy);
@@ -87,8 +91,13 @@ struct Densities {
         Packet::store(out.alpha + row, alpha);
         Packet::store(out.boundary + row, nearest);
         const float free = 2.0f * kFreeGradient;  // per support
-        auto inside = (mixed ? gx * gx + gy * gy + gz * gz < F(free * free) / (size * size) : gx * gx + gy * gy + gz * gz < F(free * free)) & (density > F(kLeastDensity));
-        if (within) inside = inside & (Packet::load(within + row) <= zero) & (Packet::load(within + row) >= zero);  // neighbors of solids are not in the lists: nothing may pull
+        auto inside = (mixed ? gx * gx + gy * gy + gz * gz < F(free * free) / (size * size)
+                             : gx * gx + gy * gy + gz * gz < F(free * free)) &
+                      (density > F(kLeastDensity));
+        if (within)
+            inside =
+                inside & (Packet::load(within + row) <= zero) &
+                (Packet::load(within + row) >= zero);  // neighbors of solids are not in the lists: nothing may pull
         Packet::store(out.bulk + row, select(inside, F(1.0f), zero));
     }
 };
@@ -108,7 +117,8 @@ struct Compression {
         for (int k = 1; k < kSteps; ++k) {
             if (over[k] > limit) continue;
             const double a = std::log(double(over[k - 1])), b = std::log(std::max(double(over[k]), 0.5));
-            return std::min(most, kLeastStep * std::exp2(k - 1 + (a - std::log(std::max(limit, 0.5))) / std::max(a - b, 1e-9)));
+            return std::min(
+                most, kLeastStep * std::exp2(k - 1 + (a - std::log(std::max(limit, 0.5))) / std::max(a - b, 1e-9)));
         }
         return most;
     }
@@ -129,7 +139,8 @@ struct CompressionOf {
 };
 struct AddCompression {
     GB_FN Compression operator()(const Compression& a, const Compression& b) const {
-        Compression c{a.sum + b.sum, a.most > b.most ? a.most : b.most, a.n + b.n, a.n_free + b.n_free, a.density + b.density, {}};
+        Compression c{a.sum + b.sum, a.most > b.most ? a.most : b.most, a.n + b.n, a.n_free + b.n_free,
+            a.density + b.density, {}};
         for (int k = 0; k < kSteps; ++k) c.over[k] = a.over[k] + b.over[k];
         return c;
     }

@@ -4,9 +4,7 @@
 
 namespace globule::core::sim {
 
-struct Totals {
-    double mass = 0, kinetic = 0, potential = 0, momentum[3] = {}, angular[3] = {}, center[3] = {};
-};
+struct Totals { double mass = 0, kinetic = 0, potential = 0, momentum[3] = {}, angular[3] = {}, center[3] = {}; };
 struct TotalsOf {
     State state;
     const std::uint32_t* rows;

@@ -1,7 +1,7 @@
 // What instruments feel of tissue: impulses of a step, and their moments.
 //
-// A grasp feels what bonds do to the particles that it holds, their weight, and what pressure does to them; not their own
-// inertia.  A shape feels what it takes from the particles that meet it.  Each particle adds up its own substeps.
+// A grasp feels what bonds do to the particles that it holds, their weight, and what pressure does to them; not their
+// own inertia.  A shape feels what it takes from the particles that meet it.  Each particle adds up its own substeps.
 #pragma once
 #include "sim/bonds.hpp"
 #include "sim/couple.hpp"
@@ -11,9 +11,9 @@ namespace globule::core::tissue {
 
 /// Of one instrument, over all particles.
 struct FeltOf {
-    const float3* felt;       ///< (2, n): impulses and moments
-    const std::uint8_t* hold; ///< null: of a shape
-    std::uint8_t number;      ///< of those that are held so
+    const float3* felt;        ///< (2, n): impulses and moments
+    const std::uint8_t* hold;  ///< null: of a shape
+    std::uint8_t number;       ///< of those that are held so
     std::uint32_t n;
     GB_FN sim::Impulse operator()(std::size_t t) const {
         sim::Impulse sum;

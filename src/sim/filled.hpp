@@ -14,19 +14,18 @@ namespace globule::core::sim {
 
 inline constexpr double kFreeShare = 0.002;    ///< of all particles: more are a surface
 inline constexpr double kLeastFilling = 0.99;  ///< mean density: with less, gaps are on their way to open
-inline constexpr double kFilledAim = 0.1;      ///< of the divergence's tolerance: no density solve makes good what is left
-inline constexpr float kShift = 1.5f, kMostShift = 0.2f;  ///< spacings^2 of density gradient per spacing of the fastest's way; at most
+inline constexpr double kFilledAim = 0.1;  ///< of the divergence's tolerance: no density solve makes good what is left
+inline constexpr float kShift = 1.5f,
+                       kMostShift = 0.2f;  ///< spacings^2 of density gradient per spacing of the fastest's way; at most
 
 /// M^-1 of every row's particle, as (xx, yy, zz) and (xy, xz, yz); boundaries have 1.
-template <class Packet_, bool periodic>
-struct InverseMoments {
+template <class Packet_, bool periodic> struct InverseMoments {
     Lists<Packet_> lists;
     const Quad* place;
     Period period;
     float inverse_support;
     Quad *diagonal, *rest;  ///< per slot
-    template <class Packet>
-    GB_FN void run(std::size_t row) const {
+    template <class Packet> GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         const Four<F> mine = Packet::gather(place, lists.rows + row);
         const F zero = F(0.0f), one = F(1.0f), s = F(-inverse_support);
@@ -49,8 +48,11 @@ struct InverseMoments {
         const F a = yy * zz - yz * yz, b = xz * yz - xy * zz, c = xy * yz - xz * yy, det = xx * a + xy * b + xz * c;
         const auto good = det > F(0.3f);  // else too one-sided to be corrected
         const F f = one / select(good, det, one);
-        Packet::scatter(diagonal, lists.rows + row, {select(good, f * a, one), select(good, f * (xx * zz - xz * xz), one), select(good, f * (xx * yy - xy * xy), one), zero});
-        Packet::scatter(rest, lists.rows + row, {select(good, f * b, zero), select(good, f * c, zero), select(good, f * (xy * xz - xx * yz), zero), zero});
+        Packet::scatter(diagonal, lists.rows + row,
+            {select(good, f * a, one), select(good, f * (xx * zz - xz * xz), one),
+                select(good, f * (xx * yy - xy * xy), one), zero});
+        Packet::scatter(rest, lists.rows + row,
+            {select(good, f * b, zero), select(good, f * c, zero), select(good, f * (xy * xz - xx * yz), zero), zero});
     }
 };
 struct NoCorrection {
@@ -61,28 +63,29 @@ struct NoCorrection {
     }
 };
 
-template <class Packet_>
-struct CorrectGradients {
+template <class Packet_> struct CorrectGradients {
     Lists<Packet_> lists;
     const Quad *place, *diagonal, *rest;
     Rows out;
     Quad* plain;  ///< G as it was, per row
     float support, lattice_squares;
-    template <class Packet>
-    GB_FN void run(std::size_t row) const {
+    template <class Packet> GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         const Four<F> d = Packet::gather(diagonal, lists.rows + row), r = Packet::gather(rest, lists.rows + row);
-        const F zero = F(0.0f), half = F(0.5f), one = F(1.0f), h = F(support), rho = Packet::load(out.inverse_rho + row);
+        const F zero = F(0.0f), half = F(0.5f), one = F(1.0f), h = F(support),
+                rho = Packet::load(out.inverse_rho + row);
         F gx = zero, gy = zero, gz = zero, squares = zero;
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t at = lists.at(row);
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
             lists.fetch_next(at);
-            const Four<F> e = Packet::gather(diagonal, lists.index + at), s = Packet::gather(rest, lists.index + at), other = Packet::gather(place, lists.index + at);
+            const Four<F> e = Packet::gather(diagonal, lists.index + at), s = Packet::gather(rest, lists.index + at),
+                          other = Packet::gather(place, lists.index + at);
             const F m = select(other.w > zero, one, half);
             const auto [x, y, z] = lists.gradient(at) * m;
-            const auto [a, b, c] = lists.keep_gradient(at, {(d.x + e.x) * x + (r.x + s.x) * y + (r.y + s.y) * z, (r.x + s.x) * x + (d.y + e.y) * y + (r.z + s.z) * z,
-                                                            (r.y + s.y) * x + (r.z + s.z) * y + (d.z + e.z) * z});
+            const auto [a, b, c] = lists.keep_gradient(at, {(d.x + e.x) * x + (r.x + s.x) * y + (r.y + s.y) * z,
+                                                               (r.x + s.x) * x + (d.y + e.y) * y + (r.z + s.z) * z,
+                                                               (r.y + s.y) * x + (r.z + s.z) * y + (d.z + e.z) * z});
             gx += a;
             gy += b;
             gz += c;
@@ -90,7 +93,8 @@ struct CorrectGradients {
         }
         const F sum = (gx * gx + gy * gy + gz * gz) * rho + squares;
         const F alpha = select(rho > zero, h * h / max(sum, F(kLeastStiffness * lattice_squares) * rho), zero);
-        Packet::scatter_rows(plain, row, Four<F>{Packet::load(out.gx + row), Packet::load(out.gy + row), Packet::load(out.gz + row), zero});
+        Packet::scatter_rows(plain, row,
+            Four<F>{Packet::load(out.gx + row), Packet::load(out.gy + row), Packet::load(out.gz + row), zero});
         Packet::store(out.gx + row, gx);
         Packet::store(out.gy + row, gy);
         Packet::store(out.gz + row, gz);

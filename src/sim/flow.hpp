@@ -7,19 +7,17 @@
 
 namespace globule::core::sim {
 
-/// Below this determinant of M (a half space has 0.1), neighbours do not tell a curl: 0.
+/// Below this determinant of M (a half space has 0.1), neighbors do not tell a curl: 0.
 inline constexpr float kLeastMoment = 0.003f;
 
-template <class Packet_, bool periodic>
-struct Flow {
+template <class Packet_, bool periodic> struct Flow {
     Lists<Packet_> lists;
     const Quad *place, *velocity;
     Rows rows;
     Period period;
     float inverse_support;
     Quad* out;  ///< vorticity and density over rest density, per slot
-    template <class Packet>
-    GB_FN void run(std::size_t row) const {
+    template <class Packet> GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         const Four<F> mine = Packet::gather(place, lists.rows + row), v = Packet::gather(velocity, lists.rows + row);
         const F zero = F(0.0f), one = F(1.0f), s = F(inverse_support);
@@ -29,7 +27,8 @@ struct Flow {
         std::size_t at = lists.at(row);
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
             lists.fetch_next(at);
-            const Four<F> other = Packet::gather(place, lists.index + at), u = Packet::gather(velocity, lists.index + at);
+            const Four<F> other = Packet::gather(place, lists.index + at),
+                          u = Packet::gather(velocity, lists.index + at);
             const Vec3<F> d = period.template shortest<periodic>(mine.xyz() - other.xyz());
             const F m = select(other.w < zero, s, zero);
             const auto [gx, gy, gz] = lists.gradient(at) * m;
@@ -52,13 +51,15 @@ struct Flow {
         }
         // The inverse: its columns times the determinant.
         const F axx = yy * zz - yz * yz, ayy = xx * zz - xz * xz, azz = xx * yy - xy * xy;
-        const F axy = xz * yz - xy * zz, axz = xy * yz - xz * yy, ayz = xy * xz - xx * yz, det = xx * axx + xy * axy + xz * axz;
+        const F axy = xz * yz - xy * zz, axz = xy * yz - xz * yy, ayz = xy * xz - xx * yz,
+                det = xx * axx + xy * axy + xz * axz;
         const auto told = det > F(kLeastMoment);
         const F f = select(told, one / select(told, det, one), zero);
         const F dw_dy = wx * axy + wy * ayy + wz * ayz, dv_dz = vx * axz + vy * ayz + vz * azz;
         const F du_dz = ux * axz + uy * ayz + uz * azz, dw_dx = wx * axx + wy * axy + wz * axz;
         const F dv_dx = vx * axx + vy * axy + vz * axz, du_dy = ux * axy + uy * ayy + uz * ayz;
-        Packet::scatter(out, lists.rows + row, {f * (dw_dy - dv_dz), f * (du_dz - dw_dx), f * (dv_dx - du_dy), Packet::load(rows.density + row)});
+        Packet::scatter(out, lists.rows + row,
+            {f * (dw_dy - dv_dz), f * (du_dz - dw_dx), f * (dv_dx - du_dy), Packet::load(rows.density + row)});
     }
 };
 

@@ -1,6 +1,6 @@
 // The fluid solver's stages over any Exec, in the order in which a step calls them:
 //
-//   find_lists           neighbours of every row (start_lists begins early, while the host has other things to do)
+//   find_lists           neighbors of every row (start_lists begins early, while the host has other things to do)
 //   densities            densities, gradients, the free surface
 //   forces               gravity, viscosity, tension, what the user asks for
 //   correct_divergence   velocities that compress nothing; or correct_filled, where there is no free surface
@@ -19,22 +19,46 @@
 
 namespace globule::core {
 
-template <class Exec>
-class Fluid {
+template <class Exec> class Fluid {
 public:
     using Tree = SparseTree;
     using Packet = typename Exec::Packet;
     using Lists = sim::Lists<Packet>;
 
     Fluid(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
-        : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), list_pairs_(exec), list_bases_(exec), row_values_(exec),
-          change_(exec), error_(exec), accelerations_(exec), outcome_(exec), residuals_(exec), iterate_(exec), lift_(exec), kept_(exec), before_(exec), kicked_(exec), compression_(exec), most_count_(exec),
-          cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), conjugate_(exec), surface_(exec, state, settings) {}
+        : exec_(exec),
+          state_(state),
+          settings_(settings),
+          list_counts_(exec),
+          list_index_(exec),
+          list_pairs_(exec),
+          list_bases_(exec),
+          row_values_(exec),
+          change_(exec),
+          error_(exec),
+          accelerations_(exec),
+          outcome_(exec),
+          residuals_(exec),
+          iterate_(exec),
+          lift_(exec),
+          kept_(exec),
+          before_(exec),
+          kicked_(exec),
+          compression_(exec),
+          most_count_(exec),
+          cohesion_(exec),
+          diagonal_(exec),
+          residual_(exec),
+          direction_(exec),
+          applied_(exec),
+          conjugate_(exec),
+          surface_(exec, state, settings) {}
 
     const Lists& lists() const { return lists_; }
     const sim::Rows& rows() const { return rows_; }
 
-    /// Begins to look for neighbours.  A step does so for the next one: the device is busy while the host has other things to do.
+    /// Begins to look for neighbors.  A step does so for the next one: the device is busy while the host has other
+    /// things to do.
     void start_lists() {
         const std::size_t padded = padded_rows();
         std::uint32_t* longest = most_count_.reserve(1);
@@ -47,7 +71,8 @@ public:
         lists_.index = list_index_.reserve(padded * places_);
         const float h = state_.spline().support;
         sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
-            const sim::FindLists<Tree, Packet, mixed> find{state_.tree().sparse(), {state_.tree().particles(), h, state_.sizes()}, lists_, state_.view().place, state_.period(), longest};
+            const sim::FindLists<Tree, Packet, mixed> find{state_.tree().sparse(),
+                {state_.tree().particles(), h, state_.sizes()}, lists_, state_.view().place, state_.period(), longest};
             exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width), find);
         });
         started_ = true;
@@ -87,14 +112,16 @@ public:
         }
     }
 
-    /// Densities over rest density, and vorticities, 1/s, by slot; 0 for what the solver does not move.  The lists are there.
+    /// Densities over rest density, and vorticities, 1/s, by slot; 0 for what the solver does not move.  The lists are
+    /// there.
     void flow(float* density, float* vorticity) {
         const std::size_t n = state_.n_rows;
         Quad* found = applied_.reserve(state_.n + 64);
         exec_.clear(found, (state_.n + 64) * sizeof(Quad));
         weigh();
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
-            exec_.for_each_packet(n, sim::Flow<Packet, periodic>{lists_, state_.view().place, state_.view().velocity, rows_, state_.period(), state_.spline().inverse, found});
+            exec_.for_each_packet(n, sim::Flow<Packet, periodic>{lists_, state_.view().place, state_.view().velocity,
+                                         rows_, state_.period(), state_.spline().inverse, found});
         });
         std::vector<Quad> all(state_.n);
         exec_.download(all.data(), found, all.size() * sizeof(Quad));
@@ -110,34 +137,49 @@ public:
         const std::size_t n = state_.n_rows;
         weigh();
         surface_.find(lists_, rows_, padded_rows());
-        exec_.reduce_in_order(n, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
+        exec_.reduce_in_order(n, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{},
+            sim::Compression{}, compression_.reserve(1));
     }
 
     /// Of the positions that densities() saw, where the device has it.
     const sim::Compression* compression() const { return compression_.data(); }
 
-    /// Velocities before a step, and after its forces: what the step may be undone to, and what its solves may not exceed.
+    /// Velocities before a step, and after its forces: what the step may be undone to, and what its solves may not
+    /// exceed.
     void keep_before() { keep(before_); }
     void keep_kicked() { keep(kicked_); }
-    void undo() { exec_.for_each(state_.n_rows, sim::Undo{lists_.rows, before_.data(), state_.view().velocity, state_.view().divergence_impulse}); }
+    void undo() {
+        exec_.for_each(state_.n_rows,
+            sim::Undo{lists_.rows, before_.data(), state_.view().velocity, state_.view().divergence_impulse});
+    }
 
     sim::Progress correct_divergence(float dt, RigidSolve<Exec>& bodies) {
-        const Criterion all{std::min(kVelocityAim * settings_.divergence_error, kMostVelocityAim), kOver, kOverShare, kMost};
-        return solve({rows_.alpha, state_.view().divergence_impulse, 0.0f, all, 1, false, rows_.bulk, -kAtmosphere * dt, 1.0f, kOmega, 1.0f}, dt, divergence_took_, &bodies).progress;
+        const Criterion all{
+            std::min(kVelocityAim * settings_.divergence_error, kMostVelocityAim), kOver, kOverShare, kMost};
+        return solve({rows_.alpha, state_.view().divergence_impulse, 0.0f, all, 1, false, rows_.bulk, -kAtmosphere * dt,
+                         1.0f, kOmega, 1.0f},
+            dt, divergence_took_, &bodies)
+            .progress;
     }
-    /// Of the velocities that are there now, which are kept.  The outcome has the kinetic energy before and after the first solve.
+    /// Of the velocities that are there now, which are kept.  The outcome has the kinetic energy before and after the
+    /// first solve.
     sim::Outcome correct_density(float dt) {
         keep(kept_);
-        exec_.reduce_in_order(state_.n_rows, sim::KineticOf{rows_.inverse_rho, kicked_.data(), kept_.data()}, sim::AddKinetic{}, sim::Kinetic{}, &outcome_.reserve_zero(1)->kinetic);
+        exec_.reduce_in_order(state_.n_rows, sim::KineticOf{rows_.inverse_rho, kicked_.data(), kept_.data()},
+            sim::AddKinetic{}, sim::Kinetic{}, &outcome_.reserve_zero(1)->kinetic);
         const double mean = kAim * settings_.density_error;
         const Criterion all{mean, kOver, kLiftShare, std::max(kLiftMost, kLiftLeast / mean)};
-        const sim::Outcome out = solve({rows_.alpha, lift(), kMostExcess, all, settings_.least_iterations, false, rows_.bulk, 0.0f, 0.0f, kOmegaPlain, 0.0f}, dt, density_took_, nullptr);
-        exec_.for_each(state_.n_rows, sim::LimitPush{lists_.rows, kept_.data(), kMostPush * settings_.spacing / dt, state_.sizes(), state_.view().velocity});
+        const sim::Outcome out = solve({rows_.alpha, lift(), kMostExcess, all, settings_.least_iterations, false,
+                                           rows_.bulk, 0.0f, 0.0f, kOmegaPlain, 0.0f},
+            dt, density_took_, nullptr);
+        exec_.for_each(state_.n_rows, sim::LimitPush{lists_.rows, kept_.data(), kMostPush * settings_.spacing / dt,
+                                          state_.sizes(), state_.view().velocity});
         return out;
     }
     /// After the move: the velocities of the first solve.
     void end_split(float dt) {
-        exec_.for_each(state_.n_rows, sim::EndSplit{lists_.rows, kept_.data(), before_.data(), 1.0f / dt, state_.view().velocity, state_.view().growth});
+        exec_.for_each(state_.n_rows, sim::EndSplit{lists_.rows, kept_.data(), before_.data(), 1.0f / dt,
+                                          state_.view().velocity, state_.view().growth});
     }
 
     /// Whether it has no free surface, of the positions that densities() saw.
@@ -155,22 +197,30 @@ public:
         Quad* plain = accelerations_.reserve(state_.n_rows + 64);
         exec_.for_each(state_.n + 1, sim::NoCorrection{diagonal, rest});
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
-            exec_.for_each_packet(state_.n_rows, sim::InverseMoments<Packet, periodic>{lists_, s.place, state_.period(), state_.spline().inverse, diagonal, rest});
+            exec_.for_each_packet(state_.n_rows, sim::InverseMoments<Packet, periodic>{lists_, s.place, state_.period(),
+                                                     state_.spline().inverse, diagonal, rest});
         });
-        exec_.for_each_packet(state_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_, plain, state_.spline().support, state_.lattice_squares()});
+        exec_.for_each_packet(state_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_,
+                                                 plain, state_.spline().support, state_.lattice_squares()});
         exec_.clear(s.growth, 4 * state_.n);
         const Criterion mean{sim::kFilledAim * settings_.divergence_error, kOver, 1.0, infinity()};
-        return solve({rows_.alpha, s.divergence_impulse, 0.0f, mean, settings_.least_iterations, true, nullptr, -infinity(), 1.0f, kOmega, 1.0f}, dt, divergence_took_, &bodies).progress;
+        return solve({rows_.alpha, s.divergence_impulse, 0.0f, mean, settings_.least_iterations, true, nullptr,
+                         -infinity(), 1.0f, kOmega, 1.0f},
+            dt, divergence_took_, &bodies)
+            .progress;
     }
     /// Velocities that lead particles from where they are dense, for one move; what was theirs is kept.
     void shift(float dt) {
         if (!filled_) return;
-        const float d = settings_.spacing, far = min(sim::kShift * std::sqrt(state_.summary.speeds.most2) * dt, sim::kMostShift * d) * d;
-        exec_.for_each(state_.n_rows, sim::Shift{lists_.rows, rows_.inverse_rho, accelerations_.data(), far * state_.spline().inverse / dt, state_.view().velocity,
-                                                 residual_.reserve(state_.n_rows + 64)});
+        const float d = settings_.spacing,
+                    far = min(sim::kShift * std::sqrt(state_.summary.speeds.most2) * dt, sim::kMostShift * d) * d;
+        exec_.for_each(state_.n_rows,
+            sim::Shift{lists_.rows, rows_.inverse_rho, accelerations_.data(), far * state_.spline().inverse / dt,
+                state_.view().velocity, residual_.reserve(state_.n_rows + 64)});
     }
     void end_shift() {
-        if (filled_) exec_.for_each(state_.n_rows, sim::GiveBack{lists_.rows, residual_.data(), state_.view().velocity});
+        if (filled_)
+            exec_.for_each(state_.n_rows, sim::GiveBack{lists_.rows, residual_.data(), state_.view().velocity});
         filled_ = false;
     }
     /// Momentum that an impulse carries across a face; corrected gradients carry all of it.
@@ -184,15 +234,17 @@ public:
         exec_.clear(progress, sizeof *progress);
         exec_.clear(change, 4 * (state_.n + 64));
         exec_.clear(s.growth, 4 * state_.n);
-        exec_.for_each(state_.n_rows, sim::TaitPressure{lists_.rows, rows_, settings_.sound_speed, dt, s.pressure, change});
-        exec_.for_each_packet(state_.n_rows, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, state_.spline().inverse});
+        exec_.for_each(
+            state_.n_rows, sim::TaitPressure{lists_.rows, rows_, settings_.sound_speed, dt, s.pressure, change});
+        exec_.for_each_packet(
+            state_.n_rows, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, state_.spline().inverse});
         bodies.start_pressure();
         bodies.push_back(*this, change, progress);
         bodies.end_pressure();
     }
 
-    /// Gravity, viscosity, tension, adhesion, and what the user asks for (may be null); the iterations of implicit viscosity.
-    /// Rigid bodies feel viscosity, tension and adhesion, too.
+    /// Gravity, viscosity, tension, adhesion, and what the user asks for (may be null); the iterations of implicit
+    /// viscosity. Rigid bodies feel viscosity, tension and adhesion, too.
     int forces(float dt, const float* user, RigidSolve<Exec>& bodies) {
         bodies.start();
         const sim::State s = state_.view();
@@ -214,21 +266,27 @@ public:
         exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, acceleration, settings_.gravity, dt, s.velocity});
         if (user) {
             Quad* a = accelerations_.reserve(n + 64);
-            exec_.for_each(n, sim::UserForces{lists_.rows, rows_.inverse_rho, 1.0f / state_.volume(), state_.sizes(), user, a});
+            exec_.for_each(
+                n, sim::UserForces{lists_.rows, rows_.inverse_rho, 1.0f / state_.volume(), state_.sizes(), user, a});
             exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, a, {0, 0, 0}, dt, s.velocity});
         }
         bodies.kick(settings_.gravity, dt);
         return implicit ? implicit_viscosity(dt, bodies) : 0;
     }
-    void find_pull(std::uint8_t phase, const float3& center, sim::Drag* out) const { surface_.pull_body(lists_, phase, center, out); }
+    void find_pull(std::uint8_t phase, const float3& center, sim::Drag* out) const {
+        surface_.pull_body(lists_, phase, center, out);
+    }
     sim::HoldOf<Packet> hold_of(std::uint8_t phase, const float3& center) const {
-        return {lists_, state_.view(), rows_.boundary, state_.period(), state_.sizes(), state_.spline().support, phase, center};
+        return {lists_, state_.view(), rows_.boundary, state_.period(), state_.sizes(), state_.spline().support, phase,
+            center};
     }
     /// What a body of one phase feels of the fluid's velocities, by slot; cohesion: by slot, or null.
-    void find_drag(const Quad* velocity, float viscous_share, const float* cohesion, std::uint8_t phase, const float3& center, sim::Drag* out) const {
+    void find_drag(const Quad* velocity, float viscous_share, const float* cohesion, std::uint8_t phase,
+        const float3& center, sim::Drag* out) const {
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
             sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
-                const sim::DragOf<Packet, periodic, mixed> of{lists_, state_.view(), velocity, rows_.boundary, interaction(viscous_share), cohesion, phase, center};
+                const sim::DragOf<Packet, periodic, mixed> of{lists_, state_.view(), velocity, rows_.boundary,
+                    interaction(viscous_share), cohesion, phase, center};
                 exec_.reduce_in_order(state_.n_rows, of, sim::AddDrag{}, sim::Drag{}, out);
             });
         });
@@ -240,7 +298,9 @@ private:
         const Quad* place = state_.view().place;
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
             sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
-                exec_.for_each_packet(state_.n_rows, sim::Densities<Packet, periodic, mixed>{lists_, place, rows_, state_.spline(), state_.period(), state_.volume(), state_.lattice_squares(), within_, state_.sizes()});
+                exec_.for_each_packet(state_.n_rows,
+                    sim::Densities<Packet, periodic, mixed>{lists_, place, rows_, state_.spline(), state_.period(),
+                        state_.volume(), state_.lattice_squares(), within_, state_.sizes()});
             });
         });
     }
@@ -248,7 +308,8 @@ private:
     void reserve_rows() {
         const std::size_t padded = padded_rows();
         float* v = row_values_.reserve(8 * padded);
-        for (float** array : {&rows_.density, &rows_.gx, &rows_.gy, &rows_.gz, &rows_.inverse_rho, &rows_.alpha, &rows_.boundary, &rows_.bulk}) {
+        for (float** array : {&rows_.density, &rows_.gx, &rows_.gy, &rows_.gz, &rows_.inverse_rho, &rows_.alpha,
+                 &rows_.boundary, &rows_.bulk}) {
             *array = v;
             v += padded;
         }
@@ -268,12 +329,14 @@ private:
         exec_.clear(p, 4 * (state_.n + 64));
         return p;
     }
-    void keep(Buffer<Quad, Exec>& where) { exec_.for_each(state_.n_rows, sim::KeepVelocity{lists_.rows, state_.view().velocity, where.reserve(state_.n_rows + 64)}); }
+    void keep(Buffer<Quad, Exec>& where) {
+        exec_.for_each(
+            state_.n_rows, sim::KeepVelocity{lists_.rows, state_.view().velocity, where.reserve(state_.n_rows + 64)});
+    }
 
-    /// When a solve is done: by the mean, by the share of particles above `over` times that mean, and by the largest, over that mean, too.
-    struct Criterion {
-        double mean, over, share, most;
-    };
+    /// When a solve is done: by the mean, by the share of particles above `over` times that mean, and by the largest,
+    /// over that mean, too.
+    struct Criterion { double mean, over, share, most; };
     /// What a solve asks of the velocities.
     struct Aim {
         const float* alpha;
@@ -287,7 +350,8 @@ private:
         float share;        ///< of the last pressure that it starts with
         float omega, momentum;
     };
-    /// `took`: iterations of the last solve of this kind; on the device the host looks at the progress only after as many.  `bodies`: those that give way, or null.
+    /// `took`: iterations of the last solve of this kind; on the device the host looks at the progress only after as
+    /// many.  `bodies`: those that give way, or null.
     sim::Outcome solve(const Aim& aim, float dt, int& took, RigidSolve<Exec>* bodies) {
         const std::size_t n = state_.n_rows;
         const sim::State s = state_.view();
@@ -303,14 +367,16 @@ private:
         exec_.clear(change, 4 * (state_.n + 64));
         exec_.clear(iterate + n, 4 * 64);  // the last packet's rows past the end are added up too, times 0
         const float* alpha = bodies ? bodies->start_pressure(*this, aim.alpha) : aim.alpha;
-        exec_.for_each(n, sim::WarmStart{lists_.rows, alpha, aim.impulse, change, iterate, aim.bulk, aim.share * dt, aim.least});
+        exec_.for_each(
+            n, sim::WarmStart{lists_.rows, alpha, aim.impulse, change, iterate, aim.bulk, aim.share * dt, aim.least});
 
         const Criterion& c = aim.criterion;
         const float least_excess = aim.filled ? 0.0f : -infinity();
         const sim::Push<Packet> push{lists_, rows_, change, s.velocity, progress, inverse_support};
-        const sim::Relax<Packet> relax{lists_, rows_, alpha, s.velocity, aim.impulse, change, iterate, error, turn, progress, inverse_support, 1.0f / dt,
-                                       aim.most_excess, least_excess, aim.bulk, aim.least, aim.omega};
-        const sim::Judge judge{found, dt, double(n), c.mean, c.most * c.mean, c.share, std::uint32_t(aim.iterations), aim.momentum, aim.most_excess > 0.0f ? nullptr : compression(), settings_.density_error, progress};
+        const sim::Relax<Packet> relax{lists_, rows_, alpha, s.velocity, aim.impulse, change, iterate, error, turn,
+            progress, inverse_support, 1.0f / dt, aim.most_excess, least_excess, aim.bulk, aim.least, aim.omega};
+        const sim::Judge judge{found, dt, double(n), c.mean, c.most * c.mean, c.share, std::uint32_t(aim.iterations),
+            aim.momentum, aim.most_excess > 0.0f ? nullptr : compression(), settings_.density_error, progress};
         const sim::ResidualsOf residuals{error, turn, float(c.over * c.mean / dt)};
         sim::Outcome out{};
         sim::Progress& p = out.progress;
@@ -329,20 +395,24 @@ private:
         } while (!p.done && int(p.iterations) < settings_.most_iterations);
         took = int(p.iterations);
         if (bodies) bodies->end_pressure();
-        if (aim.share > 0.0f) exec_.for_each(n, sim::Applied{lists_.rows, aim.impulse, change, 1.0f / dt, flux(), s.pressure});
+        if (aim.share > 0.0f)
+            exec_.for_each(n, sim::Applied{lists_.rows, aim.impulse, change, 1.0f / dt, flux(), s.pressure});
         return out;
     }
 
     sim::Interaction interaction(float share) const {
-        return {state_.spline(), state_.period(), 2.0f * share, settings_.extra_viscosity, settings_.spacing, state_.volume(), state_.sizes()};
+        return {state_.spline(), state_.period(), 2.0f * share, settings_.extra_viscosity, settings_.spacing,
+            state_.volume(), state_.sizes()};
     }
     const Quad* pair_forces(float viscous_share, bool sticks, float* diagonal) {
         const sim::State s = state_.view();
         Quad* out = accelerations_.reserve(state_.n_rows + 64);
         float* cohesion = cohesion_.reserve(state_.n + 64);
         if (sticks) exec_.for_each(state_.n + 1, sim::CohesionOf{s, state_.phases(), cohesion});
-        const auto add = [&]<bool periodic, bool sticky, bool mixed>(std::bool_constant<periodic>, std::bool_constant<sticky>, std::bool_constant<mixed>) {
-            const sim::PairForces<Packet, periodic, sticky, mixed> forces{lists_, s.place, s.velocity, rows_, interaction(viscous_share), cohesion, diagonal, out};
+        const auto add = [&]<bool periodic, bool sticky, bool mixed>(
+                             std::bool_constant<periodic>, std::bool_constant<sticky>, std::bool_constant<mixed>) {
+            const sim::PairForces<Packet, periodic, sticky, mixed> forces{
+                lists_, s.place, s.velocity, rows_, interaction(viscous_share), cohesion, diagonal, out};
             exec_.for_each_packet(state_.n_rows, forces);
         };
         sim::with_period(state_.period(), [&](auto periodic) {
@@ -366,8 +436,10 @@ private:
         const Quad* acceleration = pair_forces(1.0f, false, diagonal);
         exec_.clear(direction, (state_.n + 64) * sizeof(Quad));
         exec_.clear(c, sizeof *c);
-        exec_.for_each(n, sim::StartConjugate{lists_.rows, rows_.inverse_rho, diagonal, acceleration, s.velocity, dt, residual, direction});
-        exec_.reduce_in_order(n, sim::ResidualSquare{lists_.rows, residual, state_.sizes()}, sim::AddDouble{}, 0.0, &c->rz_new);
+        exec_.for_each(n, sim::StartConjugate{lists_.rows, rows_.inverse_rho, diagonal, acceleration, s.velocity, dt,
+                              residual, direction});
+        exec_.reduce_in_order(
+            n, sim::ResidualSquare{lists_.rows, residual, state_.sizes()}, sim::AddDouble{}, 0.0, &c->rz_new);
         bodies.start(*this, c, dt);
         exec_.for_each(1, sim::JudgeConjugate{c, settings_.viscosity_error});
         sim::Conjugate state{};
@@ -377,13 +449,16 @@ private:
                 bodies.spread_direction(direction);
                 sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
                     sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
-                        exec_.for_each_packet(n, sim::ApplyViscosity<Packet, periodic, mixed>{lists_, s.place, direction, rows_, interaction(1.0f), c, dt, applied});
+                        exec_.for_each_packet(n, sim::ApplyViscosity<Packet, periodic, mixed>{lists_, s.place,
+                                                     direction, rows_, interaction(1.0f), c, dt, applied});
                     });
                 });
-                exec_.reduce_in_order(n, sim::DirectionSquare{lists_.rows, direction, applied, state_.sizes()}, sim::AddDouble{}, 0.0, &c->pq);
+                exec_.reduce_in_order(n, sim::DirectionSquare{lists_.rows, direction, applied, state_.sizes()},
+                    sim::AddDouble{}, 0.0, &c->pq);
                 bodies.multiply(*this, direction, c, dt);
                 exec_.for_each(n, sim::StepConjugate{lists_.rows, c, direction, applied, s.velocity, residual});
-                exec_.reduce_in_order(n, sim::ResidualSquare{lists_.rows, residual, state_.sizes()}, sim::AddDouble{}, 0.0, &c->rz_new);
+                exec_.reduce_in_order(
+                    n, sim::ResidualSquare{lists_.rows, residual, state_.sizes()}, sim::AddDouble{}, 0.0, &c->rz_new);
                 bodies.step(c);
                 exec_.for_each(n, sim::TurnConjugate{lists_.rows, c, residual, direction});
                 bodies.turn(c);
@@ -395,16 +470,19 @@ private:
         return int(state.iterations) - 1;
     }
 
-    static constexpr double kAim = 0.8;          // the error is predicted along straight lines: what comes is a fifth more
-    static constexpr double kVelocityAim = 0.1;  // of the divergence's tolerance: what is left adds up from step to step
+    static constexpr double kAim = 0.8;  // the error is predicted along straight lines: what comes is a fifth more
+    static constexpr double kVelocityAim =
+        0.1;  // of the divergence's tolerance: what is left adds up from step to step
     static constexpr double kMostVelocityAim = 2e-4;
-    static constexpr double kOver = 4.0, kOverShare = 0.0005, kMost = 50.0;  // times the mean, the share of the particles, times the mean
-    static constexpr double kLiftShare = 0.001, kLiftMost = 10.0, kLiftLeast = 0.03;  // the same for places; no less than 3 % for the largest
-    static constexpr float kOmega = 0.3f;        // momentum asks for shorter steps than 0.5
+    static constexpr double kOver = 4.0, kOverShare = 0.0005,
+                            kMost = 50.0;  // times the mean, the share of the particles, times the mean
+    static constexpr double kLiftShare = 0.001, kLiftMost = 10.0,
+                            kLiftLeast = 0.03;  // the same for places; no less than 3 % for the largest
+    static constexpr float kOmega = 0.3f;       // momentum asks for shorter steps than 0.5
     static constexpr float kOmegaPlain = 0.5f;
     static constexpr float kAtmosphere = 101325.0f;
-    static constexpr float kMostExcess = 0.1f;   // of the density, that one step undoes
-    static constexpr float kMostPush = 0.1f;     // spacings
+    static constexpr float kMostExcess = 0.1f;  // of the density, that one step undoes
+    static constexpr float kMostPush = 0.1f;    // spacings
 
     Exec& exec_;
     SimulationState<Exec>& state_;

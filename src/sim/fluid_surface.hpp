@@ -6,14 +6,19 @@
 
 namespace globule::core {
 
-template <class Exec>
-class FluidSurface {
+template <class Exec> class FluidSurface {
 public:
     using Packet = typename Exec::Packet;
     using Lists = sim::Lists<Packet>;
 
     FluidSurface(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
-        : exec_(exec), state_(state), settings_(settings), quads_(exec), words_(exec), row_of_(exec), directions_(exec) {}
+        : exec_(exec),
+          state_(state),
+          settings_(settings),
+          quads_(exec),
+          words_(exec),
+          row_of_(exec),
+          directions_(exec) {}
 
     /// Whether any fluid has tension.
     bool is_there() const { return is_there_; }
@@ -31,10 +36,13 @@ public:
         const float d = spacing(), other = 0.5f * (settings_.spacing + d), h = state_.spline().support;
         exec_.clear(skin_.n_rows, 4);
         exec_.for_each(state_.n + 1, sim::MarkSkin{s, state_.phases(), skin_, d});
-        exec_.for_each(state_.n_rows, sim::ListSteep{lists.rows, lists.count, s, state_.phases(), rows, sim::kSurfaceGradient * h / d, skin_});
+        exec_.for_each(state_.n_rows,
+            sim::ListSteep{lists.rows, lists.count, s, state_.phases(), rows, sim::kSurfaceGradient * h / d, skin_});
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
-            const sim::MarkTension<Packet, periodic> mark{lists, s, state_.period(), directions_.data(), 1.0f / d, state_.phases(), skin_};
-            const sim::FindFacets<Packet, periodic> facets{lists, skin_, state_.period(), directions_.data(), d, sim::kReach * sim::kReach * other * other};
+            const sim::MarkTension<Packet, periodic> mark{
+                lists, s, state_.period(), directions_.data(), 1.0f / d, state_.phases(), skin_};
+            const sim::FindFacets<Packet, periodic> facets{
+                lists, skin_, state_.period(), directions_.data(), d, sim::kReach * sim::kReach * other * other};
             exec_.for_each_tile_of(skin_.n_rows, mark);
             exec_.for_each_tile_of(skin_.n_rows, facets);
         });
@@ -43,23 +51,28 @@ public:
     void pull(const Lists& lists, const sim::Rows& rows, Quad* acceleration) {
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
             const float s = state_.size_of_fluid();
-            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists, tension(), rows.inverse_rho, 1.0f / (state_.volume() * s * s * s), acceleration});
+            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists, tension(), rows.inverse_rho,
+                                              1.0f / (state_.volume() * s * s * s), acceleration});
             if (!has_others_) return;
             std::uint32_t* row_of = row_of_.reserve(state_.n + 64);
             exec_.for_each(state_.n_rows, sim::RowOf{lists.rows, row_of});
-            exec_.for_each(state_.n_rows, sim::PullTissue<Packet, periodic>{{lists, tension(), row_of}, rows.inverse_rho, 1.0f / state_.volume(), acceleration});
+            exec_.for_each(state_.n_rows, sim::PullTissue<Packet, periodic>{{lists, tension(), row_of},
+                                              rows.inverse_rho, 1.0f / state_.volume(), acceleration});
         });
     }
     /// After that: what it does to a rigid body.
     void pull_body(const Lists& lists, std::uint8_t phase, const float3& center, sim::Drag* out) const {
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
-            const sim::PullBody<Packet, periodic> of{{lists, tension(), row_of_.data()}, state_.view(), state_.period(), phase, center, 1.0f / state_.volume()};
+            const sim::PullBody<Packet, periodic> of{{lists, tension(), row_of_.data()}, state_.view(), state_.period(),
+                phase, center, 1.0f / state_.volume()};
             exec_.reduce_in_order(state_.n_rows, of, sim::AddDrag{}, sim::Drag{}, out);
         });
     }
 
 private:
-    sim::Tension tension() const { return {state_.view().place, skin_, state_.period(), sim::kSurfaceOffset * spacing()}; }
+    sim::Tension tension() const {
+        return {state_.view().place, skin_, state_.period(), sim::kSurfaceOffset * spacing()};
+    }
     /// Of the fluids.
     float spacing() const { return settings_.spacing * state_.size_of_fluid(); }
     void reserve(std::size_t padded) {
@@ -71,7 +84,8 @@ private:
             word += n * padded;
             return taken;
         };
-        skin_ = {quads, quads + state_.n + 64, take(2 * sim::kMostFacets), take(1), take(sim::kDirections / 32), take(1), word, padded};
+        skin_ = {quads, quads + state_.n + 64, take(2 * sim::kMostFacets), take(1), take(sim::kDirections / 32),
+            take(1), word, padded};
         if (directions_.data()) return;
         const sim::Directions directions;
         exec_.upload(directions_.reserve(1), &directions, sizeof directions);

@@ -1,8 +1,9 @@
 // Coulomb friction of tissue: between cut faces in the substeps, and between what the density solve presses together.
 //
-// Both sides of a pair compute the same impulse with opposite signs.  It is at most the coefficient times the pair's normal impulse.  It is
-// also at most c |sliding|, where the sum of the c of all pairs of a particle is at most half its mass (its whole mass, against what does
-// not give way).  So the matrix of all c is at most that of the masses: sliding never turns round, and energy never grows.
+// Both sides of a pair compute the same impulse with opposite signs.  It is at most the coefficient times the pair's
+// normal impulse.  It is also at most c |sliding|, where the sum of the c of all pairs of a particle is at most half
+// its mass (its whole mass, against what does not give way).  So the matrix of all c is at most that of the masses:
+// sliding never turns round, and energy never grows.
 #pragma once
 #include "sim/couple.hpp"
 #include "sim/pressure.hpp"
@@ -13,7 +14,7 @@ namespace globule::core::tissue {
 /// Between cut faces: for each particle the impulse of a substep.  A pair's normal is its own direction.
 struct Rub {
     Bonds bonds;
-    const Quad* at;        ///< that the contacts' forces came from; w: inverse mass times the largest eigenvalue, of springs
+    const Quad* at;  ///< that the contacts' forces came from; w: inverse mass times the largest eigenvalue, of springs
     const Quad* velocity;  ///< after these; w: inverse mass
     const std::uint8_t* hold;
     const std::uint8_t* phase;
@@ -31,9 +32,11 @@ struct Rub {
                 const std::uint32_t o = bonds.other[e];
                 const float press = presses(t, e), mu = max(materials.friction[phase[t]], materials.friction[phase[o]]);
                 if (!(press > 0.0f && mu > 0.0f)) continue;
-                const float3 along = sliding(velocity[t].xyz() - velocity[o].xyz(), normalize(at[t].xyz() - at[o].xyz()));
+                const float3 along =
+                    sliding(velocity[t].xyz() - velocity[o].xyz(), normalize(at[t].xyz() - at[o].xyz()));
                 const float speed = length(along), all = press / own, others = press / pressing(o);
-                const float a = hold[t] == kFree ? all / velocity[t].w : 0.0f, b = hold[o] == kFree ? others / velocity[o].w : 0.0f;
+                const float a = hold[t] == kFree ? all / velocity[t].w : 0.0f,
+                            b = hold[o] == kFree ? others / velocity[o].w : 0.0f;
                 const float c = a > 0.0f && b > 0.0f ? 0.5f * min(a, b) : max(a, b);
                 if (speed > 0.0f) sum = sum - along * min(c, mu * press / speed);
             }
@@ -45,7 +48,8 @@ struct Rub {
         const std::uint32_t o = bonds.other[e];
         if (!(bonds.length[e] < 0.0f) || hold[o] == kGone || (hold[t] != kFree && hold[o] != kFree)) return 0.0f;
         const float deep = contact - length(at[t].xyz() - at[o].xyz()), k = bonds.stiffness[e] * dt;
-        return deep > 0.0f && deep < contact ? deep * k / (is_solid ? 1.0f : max(1.0f, k * dt * (at[t].w + at[o].w))) : 0.0f;
+        return deep > 0.0f && deep < contact ? deep * k / (is_solid ? 1.0f : max(1.0f, k * dt * (at[t].w + at[o].w)))
+                                             : 0.0f;
     }
     GB_FN float pressing(std::uint32_t t) const {
         float sum = 0.0f;
@@ -75,8 +79,9 @@ struct TakeRub {
 
 /// Where tissue is pressed against others, in units of P |g|.
 struct Loads {
-    Quad* of_slot;            ///< of tissue's rows: the normal towards its inside, as long as the share of the pushes that pulls leave; Σ pushes
-    double* of_rigid;         ///< per phase: Σ pushes
+    Quad* of_slot;  ///< of tissue's rows: the normal towards its inside, as long as the share of the pushes that pulls
+                    ///< leave; Σ pushes
+    double* of_rigid;                  ///< per phase: Σ pushes
     float mass[sim::kMaxPhases] = {};  ///< of rigid bodies
 };
 
@@ -86,27 +91,25 @@ struct RigidMass {
 };
 
 /// Contacts of a row of tissue in its list, where there is friction.
-template <class Packet>
-struct PressedPairs {
+template <class Packet> struct PressedPairs {
     sim::Lists<Packet> lists;
     sim::State state;
     const sim::Phase* phases;
     Members members;
     const std::uint32_t* body;  ///< null: solids, which have in the lists only pairs that a cut has parted
     sim::Period period;
-    float volume, per_pressure; ///< impulse over P |g|
+    float volume, per_pressure;  ///< impulse over P |g|
     Loads loads;
 
     struct Pair {
         std::uint32_t j;
         float mu;
-        float3 out;   ///< -g, away from j
+        float3 out;  ///< -g, away from j
         float p;
         GB_FN float push() const { return max(p, 0.0f) * length(out); }
     };
     /// fn(pair) for each of them.
-    template <class Fn>
-    GB_FN void each(std::size_t row, const Fn& fn) const {
+    template <class Fn> GB_FN void each(std::size_t row, const Fn& fn) const {
         const std::uint32_t i = lists.rows[row], t = members(state.id[i]);
         if (t == kNobody) return;
         for (std::uint32_t k = 0, n = lists.count[row]; k < n; ++k) {
@@ -144,15 +147,15 @@ struct PressedPairs {
         if (!(dot(normal, normal) > 0.0f)) return {0, 0, 0};
         normal = normalize(normal);
         const float3 along = sliding(state.velocity[i].xyz() - state.velocity[pair.j].xyz(), normal);
-        const float speed = length(along), most = pair.mu * per_pressure * left * pair.p * max(dot(pair.out, normal), 0.0f);
+        const float speed = length(along),
+                    most = pair.mu * per_pressure * left * pair.p * max(dot(pair.out, normal), 0.0f);
         return speed > 0.0f ? along * -min(c, most / speed) : float3{0, 0, 0};
     }
     /// A body that turns gives way more easily at its rim than its mass tells.
     static constexpr float kGivesByTurning = 0.25f;
 };
 
-template <class Packet>
-struct FindLoads {
+template <class Packet> struct FindLoads {
     PressedPairs<Packet> pairs;
     GB_FN void operator()(std::size_t row) const {
         float3 out{0, 0, 0}, pushes{0, 0, 0}, all{0, 0, 0};
@@ -170,8 +173,7 @@ struct FindLoads {
     }
 };
 /// How hard tissue presses a rigid body.
-template <class Packet>
-struct LoadOf {
+template <class Packet> struct LoadOf {
     PressedPairs<Packet> pairs;
     std::uint8_t phase;
     GB_FN double operator()(std::size_t row) const {
@@ -183,8 +185,7 @@ struct LoadOf {
     }
 };
 /// Change of each row's velocity.
-template <class Packet>
-struct RubPressed {
+template <class Packet> struct RubPressed {
     PressedPairs<Packet> pairs;
     Quad* change;
     GB_FN void operator()(std::size_t row) const {
@@ -196,8 +197,7 @@ struct RubPressed {
     }
 };
 /// What it does to those that `Feels` takes, about a center.
-template <class Packet, class Feels>
-struct RubImpulse {
+template <class Packet, class Feels> struct RubImpulse {
     PressedPairs<Packet> pairs;
     Feels feels;
     float3 center;

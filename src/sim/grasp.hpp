@@ -20,8 +20,7 @@ struct Motions {
 };
 
 /// Takes hold of the free particles within a ball, and lets go of what `number` held before.
-template <class At>
-struct Grasp {
+template <class At> struct Grasp {
     const At* at;
     std::uint8_t* hold;
     float3 center;

@@ -10,7 +10,7 @@ namespace globule::core::sim {
 struct UserForces {
     const std::uint32_t* rows;
     const float* inverse_rho;
-    float per_volume;     ///< of size 1
+    float per_volume;  ///< of size 1
     Sizes sizes;
     const float* forces;  ///< (n, 3) by slot
     Quad* acceleration;
@@ -50,15 +50,15 @@ struct Kick {
     }
 };
 
-/// x += dt v, as the octree takes positions.  Those outside of the domain rest; tissue does not come in again on a periodic domain's
-/// other side, as its bonds know of one copy.  One whose next place is not a number stays
-/// where it was; the highest of their ids is reported.
+/// x += dt v, as the octree takes positions.  Those outside of the domain rest; tissue does not come in again on a
+/// periodic domain's other side, as its bonds know of one copy.  One whose next place is not a number stays where it
+/// was; the highest of their ids is reported.
 struct Move {
     State state;
     float dt;
     const TreeHeader* header;
     Period period;
-    float3 lo;                    ///< of the domain
+    float3 lo;  ///< of the domain
     const Phase* phases;
     float* positions;             ///< (n, 3)
     std::uint32_t* not_a_number;  ///< id + 1
@@ -68,7 +68,8 @@ struct Move {
         if (i >= header->n_outside) {
             to = {p.x + dt * v.x, p.y + dt * v.y, p.z + dt * v.z};
             if (phases[state.phase[i]].kind != Kind::tissue)
-                to = {Period::wrap(to.x, lo.x, period.length.x), Period::wrap(to.y, lo.y, period.length.y), Period::wrap(to.z, lo.z, period.length.z)};
+                to = {Period::wrap(to.x, lo.x, period.length.x), Period::wrap(to.y, lo.y, period.length.y),
+                    Period::wrap(to.z, lo.z, period.length.z)};
             if (!(abs(to.x) + abs(to.y) + abs(to.z) < infinity())) {
                 atomic_max(not_a_number, state.id[i] + 1);
                 to = p.xyz();
@@ -106,16 +107,17 @@ struct CopyQuads {
 
 /// New particles behind those that are there.
 struct Append {
-    State state;              ///< n: before
+    State state;                          ///< n: before
     const float *positions, *velocities;  ///< (m, 3); velocities may be null
     std::uint8_t phase;
-    float w;                  ///< of place
-    float3 velocity;          ///< where there are no velocities
+    float w;          ///< of place
+    float3 velocity;  ///< where there are no velocities
     std::uint32_t first_id;
     GB_FN void operator()(std::size_t k) const {
         const std::size_t i = state.n + k;
         state.place[i] = {positions[3 * k], positions[3 * k + 1], positions[3 * k + 2], w};
-        const float3 v = velocities ? float3{velocities[3 * k], velocities[3 * k + 1], velocities[3 * k + 2]} : velocity;
+        const float3 v =
+            velocities ? float3{velocities[3 * k], velocities[3 * k + 1], velocities[3 * k + 2]} : velocity;
         state.velocity[i] = {v.x, v.y, v.z, 0.0f};
         state.id[i] = first_id + std::uint32_t(k);
         state.phase[i] = phase;
@@ -188,7 +190,8 @@ struct FlagGone {
     }
 };
 
-/// 1 for slots that the solver moves; those outside of the domain come first and rest, tissue that is held goes where it is led.
+/// 1 for slots that the solver moves; those outside of the domain come first and rest, tissue that is held goes where
+/// it is led.
 struct FlagRows {
     State state;
     const Phase* phases;
@@ -214,9 +217,7 @@ struct WriteRows {
 };
 
 /// Squared: the speed, the one that limits the next step, and the one that pressure can give (p / rho).
-struct Speeds {
-    float most2, limiting2, pressing2;
-};
+struct Speeds { float most2, limiting2, pressing2; };
 /// Of those inside.
 struct SpeedsOf {
     const Quad* velocity;
@@ -224,8 +225,8 @@ struct SpeedsOf {
     const float* growth;
     const Quad* place;
     const float* pressure;
-    Sizes sizes;             ///< what is smaller counts as so much faster
-    float gravity, far;      ///< m/s^2, which the step allows for; how far a step may lead
+    Sizes sizes;         ///< what is smaller counts as so much faster
+    float gravity, far;  ///< m/s^2, which the step allows for; how far a step may lead
     const TreeHeader* header;
     GB_FN Speeds operator()(std::size_t i) const {
         if (i < header->n_outside) return {0.0f, 0.0f, 0.0f};
@@ -235,11 +236,14 @@ struct SpeedsOf {
         // v dt + a dt^2 / 2 = far
         const float size = sizes.at(i), per_size2 = 1.0f / (size * size);
         const float a = max(growth[i] - gravity, 0.0f), limit = 0.5f * (sqrt(v2) + sqrt(v2 + 2.0f * a * (far * size)));
-        return {v2, (a > 0.0f ? limit * limit : v2) * per_size2, max(pressure[i], 0.0f) * max(-place[i].w, 0.0f) * per_size2};
+        return {v2, (a > 0.0f ? limit * limit : v2) * per_size2,
+            max(pressure[i], 0.0f) * max(-place[i].w, 0.0f) * per_size2};
     }
 };
 struct Fastest {
-    GB_FN Speeds operator()(const Speeds& a, const Speeds& b) const { return {max(a.most2, b.most2), max(a.limiting2, b.limiting2), max(a.pressing2, b.pressing2)}; }
+    GB_FN Speeds operator()(const Speeds& a, const Speeds& b) const {
+        return {max(a.most2, b.most2), max(a.limiting2, b.limiting2), max(a.pressing2, b.pressing2)};
+    }
 };
 
 /// What the host learns after a step.
@@ -256,7 +260,8 @@ struct Summarize {
     const Compression* compression;  ///< or null
     Summary* out;
     GB_FN void operator()(std::size_t) const {
-        *out = {*speeds, *n_rows, header->n_outside, *not_a_number, header->n_nodes, header->n_wanted, compression ? *compression : Compression{}};
+        *out = {*speeds, *n_rows, header->n_outside, *not_a_number, header->n_nodes, header->n_wanted,
+            compression ? *compression : Compression{}};
     }
 };
 

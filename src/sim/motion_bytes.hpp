@@ -16,14 +16,12 @@ class MotionWriter {
 public:
     std::vector<char> bytes;
     void count(std::uint64_t n) { put(n); }
-    template <class Numbers>
-    void numbers(const Numbers& all) {
+    template <class Numbers> void numbers(const Numbers& all) {
         for (const auto x : all) put(x);
     }
 
 private:
-    template <class T>
-    void put(T x) {
+    template <class T> void put(T x) {
         const char* from = reinterpret_cast<const char*>(&x);
         bytes.insert(bytes.end(), from, from + sizeof x);
     }
@@ -34,11 +32,11 @@ public:
     /// How many items follow, each of at least so many bytes.
     std::size_t count(std::size_t item) {
         const auto n = take<std::uint64_t>();
-        if (n > (bytes_.size() - at_) / item) throw Refused("checkpoint: expected all of the bodies that move, got a part");
+        if (n > (bytes_.size() - at_) / item)
+            throw Refused("checkpoint: expected all of the bodies that move, got a part");
         return n;
     }
-    template <class T, std::size_t n>
-    std::array<T, n> numbers(bool finite = true) {
+    template <class T, std::size_t n> std::array<T, n> numbers(bool finite = true) {
         std::array<T, n> out;
         for (T& x : out) {
             x = take<T>();
@@ -57,11 +55,13 @@ public:
     }
 
 private:
-    [[noreturn]] static void refuse() { throw Refused("checkpoint: expected phases and finite numbers of the bodies that move, got others"); }
-    template <class T>
-    T take() {
+    [[noreturn]] static void refuse() {
+        throw Refused("checkpoint: expected phases and finite numbers of the bodies that move, got others");
+    }
+    template <class T> T take() {
         T x;
-        if (bytes_.size() - at_ < sizeof x) throw Refused("checkpoint: expected all of the bodies that move, got a part");
+        if (bytes_.size() - at_ < sizeof x)
+            throw Refused("checkpoint: expected all of the bodies that move, got a part");
         std::memcpy(&x, bytes_.data() + at_, sizeof x);
         at_ += sizeof x;
         return x;
@@ -70,7 +70,8 @@ private:
     std::size_t at_ = 0;
 };
 
-inline std::vector<char> save_motion(const std::vector<Quad>& home, const std::map<int, sim::Pose>& poses, const std::map<int, RigidBody>& bodies) {
+inline std::vector<char> save_motion(
+    const std::vector<Quad>& home, const std::map<int, sim::Pose>& poses, const std::map<int, RigidBody>& bodies) {
     MotionWriter out;
     out.count(home.size());
     for (const Quad& q : home) out.numbers(std::array{q.x, q.y, q.z, q.w});
@@ -86,7 +87,8 @@ inline std::vector<char> save_motion(const std::vector<Quad>& home, const std::m
     }
     return out.bytes;
 }
-inline void load_motion(const std::vector<char>& bytes, std::vector<Quad>& home, std::map<int, sim::Pose>& poses, std::map<int, RigidBody>& bodies) {
+inline void load_motion(const std::vector<char>& bytes, std::vector<Quad>& home, std::map<int, sim::Pose>& poses,
+    std::map<int, RigidBody>& bodies) {
     MotionReader in(bytes);
     home.clear();
     for (std::size_t n = in.count(4 * sizeof(float)); n > 0; --n) {

@@ -1,13 +1,12 @@
-// Which pairs of one body the density solve sees.  Springs: all but those whose bond was cut.  Solids: only those that cuts have parted;
-// the body's stress acts between the others.
+// Which pairs of one body the density solve sees.  Springs: all but those whose bond was cut.  Solids: only those that
+// cuts have parted; the body's stress acts between the others.
 #pragma once
 #include "sim/couple.hpp"
 
 namespace globule::core::tissue {
 
-/// Pairs whose bond was cut leave each other's neighbour lists: no density across a cut.
-template <class Packet>
-struct Veto {
+/// Pairs whose bond was cut leave each other's neighbor lists: no density across a cut.
+template <class Packet> struct Veto {
     sim::Lists<Packet> lists;
     sim::State state;
     Members members;
@@ -28,8 +27,8 @@ struct Veto {
     }
 };
 
-/// Whether cuts have taken every way from t to o along one bond, or two.  Pairs without such a way from the beginning are not parted.
-/// The same from both ends.
+/// Whether cuts have taken every way from t to o along one bond, or two.  Pairs without such a way from the beginning
+/// are not parted. The same from both ends.
 GB_FN bool parted(const Bonds& bonds, std::uint32_t t, std::uint32_t o) {
     if (!bonds.scarred[t] && !bonds.scarred[o]) return false;
     const std::uint32_t end = bonds.end(t), its_end = bonds.end(o);
@@ -52,16 +51,17 @@ GB_FN bool parted(const Bonds& bonds, std::uint32_t t, std::uint32_t o) {
     return was_one;
 }
 
-/// Pairs of one solid body leave its lists: the body's stress acts between them, and the density solve would act once more.  What they
-/// are of the density stays, as at rest, so that others meet a body of full density.
+/// Pairs of one solid body leave its lists: the body's stress acts between them, and the density solve would act once
+/// more.  What they are of the density stays, as at rest, so that others meet a body of full density.
 ///
-/// Parted pairs stay, as those of two bodies.  But faces of a fresh cut lie together as they did before it, and what is strained is denser
-/// than at rest: it would fly apart.  Until faces slide (FindContacts), cut bonds alone keep them apart, and parted pairs do not count.  From
-/// then on, a particle is spared the density that it has too much, as long as it has it.
+/// Parted pairs stay, as those of two bodies.  But faces of a fresh cut lie together as they did before it, and what is
+/// strained is denser than at rest: it would fly apart.  Until faces slide (FindContacts), cut bonds alone keep them
+/// apart, and parted pairs do not count.  From then on, a particle is spared the density that it has too much, as long
+/// as it has it.
 ///
-/// Which pairs are parted takes hundreds of loads each, and only rows beside a cut ask: they are listed, and taken by a group of lanes each.
-template <class Packet>
-struct OwnPairs {
+/// Which pairs are parted takes hundreds of loads each, and only rows beside a cut ask: they are listed, and taken by a
+/// group of lanes each.
+template <class Packet> struct OwnPairs {
     sim::Lists<Packet> lists;
     sim::State state;
     Members members;
@@ -80,10 +80,9 @@ struct OwnPairs {
         return dot(r, r);
     }
 
-    /// fn(k, tissue particle) of each of n neighbors that is of t's body, until it returns false; false then.  Each takes loads that wait for
-    /// the one before: those of some neighbors go side by side.
-    template <class Fn>
-    GB_FN bool each_of_body(std::size_t row, std::uint32_t t, std::uint32_t n, const Fn& fn) const {
+    /// fn(k, tissue particle) of each of n neighbors that is of t's body, until it returns false; false then.  Each
+    /// takes loads that wait for the one before: those of some neighbors go side by side.
+    template <class Fn> GB_FN bool each_of_body(std::size_t row, std::uint32_t t, std::uint32_t n, const Fn& fn) const {
         constexpr std::uint32_t kAtOnce = 8;
         const std::uint32_t mine = body[t];
         for (std::uint32_t k = 0; k < n; k += kAtOnce) {
@@ -99,13 +98,12 @@ struct OwnPairs {
 };
 
 /// Rows away from cuts; the others are listed.
-template <class Packet>
-struct LeaveOut {
+template <class Packet> struct LeaveOut {
     OwnPairs<Packet> pairs;
     const std::uint8_t* scarred;  ///< null: nobody
     sim::Spline spline;
     float volume;
-    float* within;                ///< density, per row; not 0
+    float* within;                     ///< density, per row; not 0
     std::uint32_t *n_beside, *beside;  ///< rows beside cuts, in any order
     GB_FN void operator()(std::size_t row) const {
         const sim::Lists<Packet>& lists = pairs.lists;
@@ -126,27 +124,23 @@ struct LeaveOut {
         within[row] = sum;
     }
     GB_FN bool is_beside(std::size_t row, std::uint32_t t, std::uint32_t n) const {
-        return scarred[t] || !pairs.each_of_body(row, t, n, [&](std::uint32_t, std::uint32_t o) { return !scarred[o]; });
+        return scarred[t] ||
+               !pairs.each_of_body(row, t, n, [&](std::uint32_t, std::uint32_t o) { return !scarred[o]; });
     }
 };
 
 /// Rows beside cuts: a lane to each pair.  The sums are in the lists' order.
-template <class Packet>
-struct LeaveOutBeside {
-    template <class Group>
-    struct Scratch {
-        float within[Group::width], across[Group::width];
-    };
+template <class Packet> struct LeaveOutBeside {
+    template <class Group> struct Scratch { float within[Group::width], across[Group::width]; };
     OwnPairs<Packet> pairs;
-    Bonds bonds;            ///< spared: that density, or kNotSlid
+    Bonds bonds;  ///< spared: that density, or kNotSlid
     sim::Period period;
     sim::Spline spline;
     float volume;
-    float* within;          ///< density, per row; not 0
+    float* within;  ///< density, per row; not 0
     const std::uint32_t* beside;
 
-    template <class Group>
-    GB_FN void operator()(Group& g, Scratch<Group>& s, std::size_t item) const {
+    template <class Group> GB_FN void operator()(Group& g, Scratch<Group>& s, std::size_t item) const {
         const std::size_t row = beside[item];
         const std::uint32_t t = pairs.member(row), n = pairs.lists.count[row];
         float sum = 0.0f, across = 0.0f;
@@ -172,7 +166,8 @@ private:
         if (far && !bonds.scarred[t]) return;
         if (far || parted(bonds, t, o)) {
             const sim::State& state = pairs.state;
-            const float3 now = period.template shortest<true>(state.place[lists.rows[row]].xyz() - state.place[j].xyz());
+            const float3 now =
+                period.template shortest<true>(state.place[lists.rows[row]].xyz() - state.place[j].xyz());
             across = volume * spline(length(now));
             return;
         }

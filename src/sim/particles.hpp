@@ -12,14 +12,28 @@
 
 namespace globule::core {
 
-template <class Exec>
-class SimulationState {
+template <class Exec> class SimulationState {
 public:
     using Tree = SparseTree;
 
     SimulationState(Exec& exec, Octree<Exec>& tree)
-        : exec_(exec), tree_(tree), copies_{Copy(exec), Copy(exec)}, positions_(exec), new_positions_(exec), new_velocities_(exec),
-          slot_of_(exec), phases_(exec), flags_(exec), rows_(exec), index_(exec), size_(exec), summary_(exec), speeds_(exec), limiting2_(exec), fast_(exec), not_a_number_(exec) {
+        : exec_(exec),
+          tree_(tree),
+          copies_{Copy(exec), Copy(exec)},
+          positions_(exec),
+          new_positions_(exec),
+          new_velocities_(exec),
+          slot_of_(exec),
+          phases_(exec),
+          flags_(exec),
+          rows_(exec),
+          index_(exec),
+          size_(exec),
+          summary_(exec),
+          speeds_(exec),
+          limiting2_(exec),
+          fast_(exec),
+          not_a_number_(exec) {
         exec_.upload(phases_.reserve(sim::kMaxPhases), phase_table.data(), sizeof phase_table);
         exec_.clear(not_a_number_.reserve(1), 4);
     }
@@ -54,7 +68,8 @@ public:
         period_.length = {s.periodic[0] ? size.x : 0.0f, s.periodic[1] ? size.y : 0.0f, s.periodic[2] ? size.z : 0.0f};
         // Boundaries stand half a spacing outside of the domain's faces.
         const float out = 2.0f * s.spacing;
-        params_ = {32, 10, false, true, {s.lo.x - out, s.lo.y - out, s.lo.z - out}, {s.hi.x + out, s.hi.y + out, s.hi.z + out}};
+        params_ = {32, 10, false, true, {s.lo.x - out, s.lo.y - out, s.lo.z - out},
+            {s.hi.x + out, s.hi.y + out, s.hi.z + out}};
         if (widest(s) > 1024.0f * 2.0f * s.spacing) {  // a deepest cell would hold too many
             params_.key_bits = 64;
             params_.depth = 21;
@@ -77,7 +92,8 @@ public:
     /// Behind the others, in no order yet: settle() follows.
     std::uint32_t append(std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) {
         if (n + m > 0x7fffffffull) throw Refused("simulation: expected fewer than 2^31 particles");
-        if (m > 0xffffff00ull - next_id) throw Refused("simulation: expected fewer than 2^32 particles in all, those that have left included");
+        if (m > 0xffffff00ull - next_id)
+            throw Refused("simulation: expected fewer than 2^32 particles in all, those that have left included");
         make_room(n + m);
         float* p = new_positions_.reserve(3 * m);
         exec_.upload(p, positions, 12 * m);
@@ -133,7 +149,8 @@ public:
         reorder(sorted.index, n, sorted.x, sorted.y, sorted.z);
         if (volumes_stale_) {
             const float gamma = gamma_;
-            exec_.for_each_uneven(n, sim::BoundaryVolumes<Tree>{tree_.sparse(), view(), phases_.data(), spline_, period_, gamma});
+            exec_.for_each_uneven(
+                n, sim::BoundaryVolumes<Tree>{tree_.sparse(), view(), phases_.data(), spline_, period_, gamma});
             volumes_stale_ = false;
         }
         flag_rows();
@@ -147,8 +164,8 @@ public:
         n_rows = found;
     }
 
-    /// What the host needs to know before the next step; waits for the device.  `ahead`: where fluids count by how they approach others;
-    /// `compression`: of the step that ends, or null.
+    /// What the host needs to know before the next step; waits for the device.  `ahead`: where fluids count by how they
+    /// approach others; `compression`: of the step that ends, or null.
     void summarize(const sim::Ahead* ahead, float gravity, float far, const sim::Compression* compression) {
         const sim::State s = view();
         const TreeHeader* header = tree_.sparse().header;
@@ -158,11 +175,15 @@ public:
             std::uint32_t* fast = fast_.reserve(n + 1);
             exec_.clear(fast, sizeof *fast);
             exec_.for_each(n, sim::OwnSpeed{s, phases_.data(), sizes(), *ahead, limiting2, fast, fast + 1});
-            exec_.for_each_tile_of(fast, sim::Approach<Tree>{tree_.sparse(), s, sizes(), *ahead, 0.5f * spline_.support, fast + 1, limiting2});
+            exec_.for_each_tile_of(fast,
+                sim::Approach<Tree>{tree_.sparse(), s, sizes(), *ahead, 0.5f * spline_.support, fast + 1, limiting2});
         }
-        exec_.reduce(n, sim::SpeedsOf{s.velocity, limiting2, s.growth, s.place, s.pressure, sizes(), gravity, far, header}, sim::Fastest{}, sim::Speeds{0.0f, 0.0f, 0.0f}, speeds_.reserve(1));
+        exec_.reduce(n,
+            sim::SpeedsOf{s.velocity, limiting2, s.growth, s.place, s.pressure, sizes(), gravity, far, header},
+            sim::Fastest{}, sim::Speeds{0.0f, 0.0f, 0.0f}, speeds_.reserve(1));
         sim::Summary* out = summary_.reserve(1);
-        exec_.for_each(1, sim::Summarize{speeds_.data(), flags_.data() + n, not_a_number_.data(), header, compression, out});
+        exec_.for_each(
+            1, sim::Summarize{speeds_.data(), flags_.data() + n, not_a_number_.data(), header, compression, out});
         exec_.download(&summary, out, sizeof summary);
         n_rows = summary.n_rows;
         if (summary.n_wanted > summary.n_nodes) tree_.header();  // the next build makes room
@@ -182,7 +203,8 @@ private:
         Buffer<std::uint32_t, Exec> id;
         Buffer<std::uint8_t, Exec> phase;
         Buffer<float, Exec> pressure, growth, divergence_impulse;
-        explicit Copy(Exec& e) : place(e), velocity(e), id(e), phase(e), pressure(e), growth(e), divergence_impulse(e) {}
+        explicit Copy(Exec& e)
+            : place(e), velocity(e), id(e), phase(e), pressure(e), growth(e), divergence_impulse(e) {}
         std::size_t capacity() const { return place.capacity() ? place.capacity() - 64 : 0; }
         void reserve(std::size_t n) {
             place.reserve(n + 64);
@@ -194,7 +216,8 @@ private:
             divergence_impulse.reserve(n + 64);
         }
         sim::State view(std::size_t n) {
-            return {n, place.data(), velocity.data(), id.data(), phase.data(), pressure.data(), growth.data(), divergence_impulse.data()};
+            return {n, place.data(), velocity.data(), id.data(), phase.data(), pressure.data(), growth.data(),
+                divergence_impulse.data()};
         }
     };
 
@@ -210,7 +233,8 @@ private:
             slot_of_.reserve(next_id + next_id / 2 + 64);
             exec_.for_each(slot_of_.capacity(), sim::Fill{slot_of_.data(), sim::kGone});
         }
-        exec_.for_each(count + 1, sim::Reorder{from, other.view(count), index, x, y, z, phases_.data(), slot_of_.data()});
+        exec_.for_each(
+            count + 1, sim::Reorder{from, other.view(count), index, x, y, z, phases_.data(), slot_of_.data()});
         now_ = 1 - now_;
         n = count;
     }

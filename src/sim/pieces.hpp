@@ -12,7 +12,7 @@ struct OwnLabel {
     GB_FN void operator()(std::size_t t) const { label[t] = std::uint32_t(t); }
 };
 
-/// Every particle offers its label's parent to its neighbours and to their labels.
+/// Every particle offers its label's parent to its neighbors and to their labels.
 struct Hook {
     Bonds bonds;
     std::uint32_t* label;

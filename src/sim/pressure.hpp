@@ -7,7 +7,8 @@
 //                  not below 0 at a surface, not below the least impulse inside (a proximal step)
 //           Y_i <- X_i + beta (X_i - what it was)               momentum (Beck & Teboulle 2009), from 0 again where the
 //                                                               last step led uphill (O'Donoghue & Candes 2015)
-//           r_i  = (X_i - Y_i) / (omega alpha_i)                0 at the solution: too little pressure counts, and too much
+//           r_i  = (X_i - Y_i) / (omega alpha_i)                0 at the solution: too little pressure counts, and too
+//           much
 // Velocities: nothing is undone, so that a solve takes energy and never gives any, from whatever P it starts.
 // Places (least impulse 0, no momentum): what is too dense moves apart, and its velocity stays.
 // A boundary's particles have no pressure of their own.  The velocities in memory always belong to the P
@@ -19,16 +20,15 @@ namespace globule::core::sim {
 
 /// How far a solve has come; lives on the device, so that the loop need not wait for the host.
 struct Progress {
-    double error;             ///< mean of |r| dt: of the density, relative
-    double most;              ///< the largest
-    double over;              ///< the share of particles with more than kOver times the mean that is allowed
+    double error;  ///< mean of |r| dt: of the density, relative
+    double most;   ///< the largest
+    double over;   ///< the share of particles with more than kOver times the mean that is allowed
     std::uint32_t iterations;
     std::uint32_t done;
-    float t, beta;            ///< momentum of the iterates
+    float t, beta;  ///< momentum of the iterates
 };
 
-template <class Packet_>
-struct Push {
+template <class Packet_> struct Push {
     static constexpr int packet_blocks = 1;  ///< at least, at one time on a GPU's processor
     Lists<Packet_> lists;
     Rows rows;
@@ -36,8 +36,7 @@ struct Push {
     Quad* velocity;
     const Progress* progress;
     float inverse_support;
-    template <class Packet>
-    GB_FN void run(std::size_t row) const {
+    template <class Packet> GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         if (progress->done) return;
         const std::uint32_t* slot = lists.rows + row;
@@ -67,27 +66,25 @@ struct Push {
     }
 };
 
-template <class Packet_>
-struct Relax {
+template <class Packet_> struct Relax {
     static constexpr int packet_blocks = 1;  ///< at least, at one time on a GPU's processor
     Lists<Packet_> lists;
     Rows rows;
-    const float* alpha;    ///< per row
+    const float* alpha;  ///< per row
     const Quad* velocity;
-    float* pressure;       ///< P, per slot: where velocities are judged
-    float* change;         ///< dP, per slot
-    float* iterate;        ///< P without momentum, per row
-    float *error, *turn;   ///< |r|; above 0 where the last step of P led too far, per row
+    float* pressure;      ///< P, per slot: where velocities are judged
+    float* change;        ///< dP, per slot
+    float* iterate;       ///< P without momentum, per row
+    float *error, *turn;  ///< |r|; above 0 where the last step of P led too far, per row
     const Progress* progress;
     float inverse_support;
     float per_dt;
-    float most_excess;     ///< of the density, that is to be undone: 0 where velocities are solved for
-    float least_excess;    ///< 0: gaps do not close
-    const float* bulk;     ///< per row: above 0 where pressures may be below 0; null: everywhere
+    float most_excess;   ///< of the density, that is to be undone: 0 where velocities are solved for
+    float least_excess;  ///< 0: gaps do not close
+    const float* bulk;   ///< per row: above 0 where pressures may be below 0; null: everywhere
     float least_impulse;
     float omega;
-    template <class Packet>
-    GB_FN void run(std::size_t row) const {
+    template <class Packet> GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         if (progress->done) return;
         const std::uint32_t* slot = lists.rows + row;
@@ -96,7 +93,8 @@ struct Relax {
         const F inside = bulk ? Packet::load(bulk + row) : F(1.0f), beta = F(progress->beta);
         const F before = Packet::gather(pressure, slot), last = Packet::load(iterate + row);
         const Four<F> v = Packet::gather(velocity, slot);
-        F sum = Packet::own(v.x * Packet::load(rows.gx + row) + v.y * Packet::load(rows.gy + row) + v.z * Packet::load(rows.gz + row));
+        F sum = Packet::own(
+            v.x * Packet::load(rows.gx + row) + v.y * Packet::load(rows.gy + row) + v.z * Packet::load(rows.gz + row));
         const std::uint32_t n = Packet::longest(lists.count + row);
         lists.with_slots(row, [&](const auto& gather) {
             for (std::uint32_t k = Packet::member(); k < n; k += Packet::team) {
@@ -129,14 +127,15 @@ struct Relax {
 struct WarmStart {
     const std::uint32_t* rows;
     const float* alpha;
-    float* pressure;   ///< in: Pa, out: P
+    float* pressure;  ///< in: Pa, out: P
     float* change;
     float* iterate;
     const float* bulk;
     float dt, least_impulse;  ///< dt: times the share
     GB_FN void operator()(std::size_t row) const {
         const std::uint32_t slot = rows[row];
-        const float p = alpha[row] > 0.0f ? max(dt * pressure[slot], !bulk || bulk[row] > 0.0f ? least_impulse : 0.0f) : 0.0f;
+        const float p =
+            alpha[row] > 0.0f ? max(dt * pressure[slot], !bulk || bulk[row] > 0.0f ? least_impulse : 0.0f) : 0.0f;
         pressure[slot] = p;
         change[slot] = p;
         iterate[row] = p;
@@ -150,7 +149,7 @@ inline constexpr float kFlux = 0.966f;
 /// The pressure that velocities have seen: without what the last relax would have added.
 struct Applied {
     const std::uint32_t* rows;
-    float* impulse;    ///< in: P, out: Pa
+    float* impulse;  ///< in: P, out: Pa
     const float* change;
     float per_dt, flux;
     float* pressure;
@@ -162,13 +161,13 @@ struct Applied {
 };
 
 /// Of all rows: sum and largest of |r|, how many are above a limit, and what tells a turn.
-struct Residuals {
-    double sum, most, n_over, turn;
-};
+struct Residuals { double sum, most, n_over, turn; };
 struct ResidualsOf {
     const float *error, *turn;
     float limit;
-    GB_FN Residuals operator()(std::size_t row) const { return {error[row], error[row], error[row] > limit ? 1.0 : 0.0, turn[row]}; }
+    GB_FN Residuals operator()(std::size_t row) const {
+        return {error[row], error[row], error[row] > limit ? 1.0 : 0.0, turn[row]};
+    }
 };
 struct AddResiduals {
     GB_FN Residuals operator()(const Residuals& a, const Residuals& b) const {
@@ -180,16 +179,18 @@ struct AddDouble {
 };
 
 inline constexpr double kTighten = 1.5;
-inline constexpr float kFirstT = 3.0f;  ///< momentum as after some iterations, as a solve starts near its solution; also an iteration after a restart
+inline constexpr float kFirstT = 3.0f;  ///< momentum as after some iterations, as a solve starts near its solution;
+                                        ///< also an iteration after a restart
 struct Judge {
     const Residuals* found;
     double dt, n;
-    double tolerance;      ///< of the mean
-    double most;           ///< of the largest
-    double over;           ///< of the share of particles above the limit that ResidualsOf counts with
+    double tolerance;  ///< of the mean
+    double most;       ///< of the largest
+    double over;       ///< of the share of particles above the limit that ResidualsOf counts with
     std::uint32_t least_iterations;
-    float momentum;        ///< 0: none
-    const Compression* there;  ///< of what is to become velocities, or null: more than is allowed asks for smaller errors
+    float momentum;  ///< 0: none
+    const Compression*
+        there;  ///< of what is to become velocities, or null: more than is allowed asks for smaller errors
     double allowed;
     Progress* progress;
     GB_FN bool is_over() const { return progress->done; }
@@ -198,9 +199,13 @@ struct Judge {
         progress->most = found->most * dt;
         progress->over = found->n_over / n;
         progress->iterations += 1;
-        const double share = there && there->n > 0.0 ? min(1.0, kTighten * allowed * there->n / max(there->sum, 1e-30)) : 1.0, s = share * share;
-        progress->done = progress->iterations >= least_iterations && progress->error <= s * tolerance && progress->most <= s * most && progress->over <= over;
-        const float t = found->turn > 0.0 ? 1.0f : max(progress->t, kFirstT), next = 0.5f * (1.0f + sqrt(1.0f + 4.0f * t * t));
+        const double share = there && there->n > 0.0 ? min(1.0, kTighten * allowed * there->n / max(there->sum, 1e-30))
+                                                     : 1.0,
+                     s = share * share;
+        progress->done = progress->iterations >= least_iterations && progress->error <= s * tolerance &&
+                         progress->most <= s * most && progress->over <= over;
+        const float t = found->turn > 0.0 ? 1.0f : max(progress->t, kFirstT),
+                    next = 0.5f * (1.0f + sqrt(1.0f + 4.0f * t * t));
         progress->beta = momentum * (t - 1.0f) / next;
         progress->t = next;
     }

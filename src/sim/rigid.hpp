@@ -40,15 +40,14 @@ struct Carry {
     GB_FN void operator()(std::size_t i) const {
         if (state.phase[i] != phase) return;
         const Quad at = state.place[i];
-        const float3 v = period.template shortest<true>(pose.to_world(home[state.id[i]].xyz()) - at.xyz()) * (1.0f / dt);
+        const float3 v =
+            period.template shortest<true>(pose.to_world(home[state.id[i]].xyz()) - at.xyz()) * (1.0f / dt);
         state.velocity[i] = {v.x, v.y, v.z, state.velocity[i].w};
     }
 };
 
 /// Impulse and its moment about a point; float64, added in an order that no thread count changes.
-struct Impulse {
-    double p[3] = {}, l[3] = {};
-};
+struct Impulse { double p[3] = {}, l[3] = {}; };
 struct AddImpulse {
     GB_FN Impulse operator()(Impulse a, const Impulse& b) const {
         for (int k = 0; k < 3; ++k) {
@@ -66,9 +65,9 @@ struct OfPhase {
     GB_FN bool operator()(std::uint32_t j) const { return phases[j] == phase; }
 };
 
-/// What the pressure, or the suction, of one row's fluid does to the particles that `Feels` takes: V P g of each pair, at those.
-template <class Packet, class Feels>
-struct PressureImpulse {
+/// What the pressure, or the suction, of one row's fluid does to the particles that `Feels` takes: V P g of each pair,
+/// at those.
+template <class Packet, class Feels> struct PressureImpulse {
     Lists<Packet> lists;
     State state;
     const float* nearest;
@@ -102,10 +101,11 @@ struct Bump {
     double mass = 0;
 };
 struct AddBump {
-    GB_FN Bump operator()(const Bump& a, const Bump& b) const { return {AddImpulse{}(a.impulse, b.impulse), a.mass + b.mass}; }
+    GB_FN Bump operator()(const Bump& a, const Bump& b) const {
+        return {AddImpulse{}(a.impulse, b.impulse), a.mass + b.mass};
+    }
 };
-template <class Packet>
-struct BumpOf {
+template <class Packet> struct BumpOf {
     Contact<Packet> contact;
     std::uint8_t phase;
     float volume;  ///< of a particle of size 1
@@ -116,7 +116,8 @@ struct BumpOf {
         if (!kept.out || state.phase[kept.by] != phase) return {};
         const std::uint32_t slot = contact.lists.rows[row];
         const float mass = volume * contact.sizes.volume(slot) / -state.place[slot].w;
-        const float3 p = (state.velocity[slot].xyz() - kept.velocity) * mass, l = cross(contact.period.template shortest<true>(state.place[slot].xyz() - center), p);
+        const float3 p = (state.velocity[slot].xyz() - kept.velocity) * mass,
+                     l = cross(contact.period.template shortest<true>(state.place[slot].xyz() - center), p);
         return {{{p.x, p.y, p.z}, {l.x, l.y, l.z}}, mass};
     }
 };
@@ -127,8 +128,8 @@ struct PhaseSet {
     void add(int phase) { bits[phase / 64] |= std::uint64_t(1) << phase % 64; }
 };
 
-/// How deep a body's particles are in other boundaries, and where from its center.  One point stands for all that are in one
-/// octant: a box stands on four, and does not rock.
+/// How deep a body's particles are in other boundaries, and where from its center.  One point stands for all that are
+/// in one octant: a box stands on four, and does not rock.
 inline constexpr int kOctants = 8;
 struct Touch {
     double weight = 0, arm[3] = {}, normal[3] = {}, velocity[3] = {};
@@ -146,8 +147,7 @@ struct AddTouch {
         return a;
     }
 };
-template <class Packet>
-struct TouchOf {
+template <class Packet> struct TouchOf {
     Lists<Packet> lists;
     State state;
     std::uint8_t phase;
@@ -171,7 +171,8 @@ struct TouchOf {
             const float3 v = state.velocity[j].xyz();
             sum.weight += deep;
             sum.depth = sum.depth > deep ? sum.depth : double(deep);
-            const float pv[3] = {arm.x, arm.y, arm.z}, av[3] = {away.x / r, away.y / r, away.z / r}, vv[3] = {v.x, v.y, v.z};
+            const float pv[3] = {arm.x, arm.y, arm.z}, av[3] = {away.x / r, away.y / r, away.z / r},
+                        vv[3] = {v.x, v.y, v.z};
             for (int c = 0; c < 3; ++c) {
                 sum.arm[c] += double(deep) * pv[c];
                 sum.normal[c] += double(deep) * av[c];

@@ -28,11 +28,13 @@ public:
     /// 0 of what has none.
     M inverse_inertia_now() const {
         const M& m = inertia_;
-        const double det = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
+        const double det = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) +
+                           m[2] * (m[3] * m[7] - m[4] * m[6]);
         if (!(det > 0)) return M{};
-        return turned({(m[4] * m[8] - m[5] * m[7]) / det, (m[2] * m[7] - m[1] * m[8]) / det, (m[1] * m[5] - m[2] * m[4]) / det,
-                       (m[5] * m[6] - m[3] * m[8]) / det, (m[0] * m[8] - m[2] * m[6]) / det, (m[2] * m[3] - m[0] * m[5]) / det,
-                       (m[3] * m[7] - m[4] * m[6]) / det, (m[1] * m[6] - m[0] * m[7]) / det, (m[0] * m[4] - m[1] * m[3]) / det});
+        return turned({(m[4] * m[8] - m[5] * m[7]) / det, (m[2] * m[7] - m[1] * m[8]) / det,
+            (m[1] * m[5] - m[2] * m[4]) / det, (m[5] * m[6] - m[3] * m[8]) / det, (m[0] * m[8] - m[2] * m[6]) / det,
+            (m[2] * m[3] - m[0] * m[5]) / det, (m[3] * m[7] - m[4] * m[6]) / det, (m[1] * m[6] - m[0] * m[7]) / det,
+            (m[0] * m[4] - m[1] * m[3]) / det});
     }
 
     void push(const double p[3], const double l[3]) {
@@ -56,7 +58,8 @@ public:
     /// A center beyond a domain that repeats comes in again on the other side.
     void wrap(const float3& lo, const float3& period) {
         for (int k = 0; k < 3; ++k)
-            if (const double length = (&period.x)[k]; length > 0) center_[k] -= length * std::floor((center_[k] - (&lo.x)[k]) / length);
+            if (const double length = (&period.x)[k]; length > 0)
+                center_[k] -= length * std::floor((center_[k] - (&lo.x)[k]) / length);
     }
 
     /// All that it is, for a checkpoint.
@@ -109,22 +112,23 @@ private:
         }
         orthonormalize();
     }
-    static V cross3(const V& a, const V& b) { return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}; }
+    static V cross3(const V& a, const V& b) {
+        return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+    }
     static sim::Pose pose(const V& c, const M& r) {
-        return {{float(r[0]), float(r[3]), float(r[6])}, {float(r[1]), float(r[4]), float(r[7])}, {float(r[2]), float(r[5]), float(r[8])},
-                {float(c[0]), float(c[1]), float(c[2])}};
+        return {{float(r[0]), float(r[3]), float(r[6])}, {float(r[1]), float(r[4]), float(r[7])},
+            {float(r[2]), float(r[5]), float(r[8])}, {float(c[0]), float(c[1]), float(c[2])}};
     }
     /// What a moment adds to the spin.
-    V turn(const V& l) const {
-        return times(inverse_inertia_now(), l);
-    }
+    V turn(const V& l) const { return times(inverse_inertia_now(), l); }
     /// In the axes of the world, of what is told in those of the body.
     M turned(const M& m) const {
         M out{};
         for (int r = 0; r < 3; ++r)
             for (int c = 0; c < 3; ++c)
                 for (int i = 0; i < 3; ++i)
-                    for (int k = 0; k < 3; ++k) out[3 * r + c] += rotation_[3 * r + i] * m[3 * i + k] * rotation_[3 * c + k];
+                    for (int k = 0; k < 3; ++k)
+                        out[3 * r + c] += rotation_[3 * r + i] * m[3 * i + k] * rotation_[3 * c + k];
         return out;
     }
     void orthonormalize() {

@@ -1,4 +1,5 @@
-// What one row's fluid does to a rigid body: by viscosity and adhesion, and by a pressure of its own; and what surfaces do to a body's row.
+// What one row's fluid does to a rigid body: by viscosity and adhesion, and by a pressure of its own; and what surfaces
+// do to a body's row.
 #pragma once
 #include "sim/pressure.hpp"
 #include "sim/rigid.hpp"
@@ -13,16 +14,17 @@ struct Drag {
     double weight = 0;  ///< force per speed
 };
 struct AddDrag {
-    GB_FN Drag operator()(const Drag& a, const Drag& b) const { return {AddImpulse{}(a.force, b.force), a.weight + b.weight}; }
+    GB_FN Drag operator()(const Drag& a, const Drag& b) const {
+        return {AddImpulse{}(a.force, b.force), a.weight + b.weight};
+    }
 };
 
 /// The opposite of what PairForces, or ApplyViscosity, has for a row's fluid from the particles of one body.
-template <class Packet, bool periodic, bool mixed>
-struct DragOf {
+template <class Packet, bool periodic, bool mixed> struct DragOf {
     Lists<Packet> lists;
     State state;
-    const Quad* velocity;   ///< per slot
-    const float* nearest;   ///< per row
+    const Quad* velocity;  ///< per slot
+    const float* nearest;  ///< per row
     Interaction pair;
     const float* cohesion;  ///< per slot, or null
     std::uint8_t phase;
@@ -63,8 +65,7 @@ struct DragOf {
 };
 
 /// What the surface of a fluid with tension does to one row of a body.
-template <class Packet, bool periodic>
-struct PullBody {
+template <class Packet, bool periodic> struct PullBody {
     PullOther<Packet, periodic> pull;
     State state;
     Period period;
@@ -74,22 +75,20 @@ struct PullBody {
     GB_FN Drag operator()(std::size_t row) const {
         const std::uint32_t slot = pull.lists.rows[row];
         if (state.phase[slot] != phase) return {};
-        const float3 f = pull(row) * per_volume, l = cross(period.template shortest<true>(state.place[slot].xyz() - center), f);
+        const float3 f = pull(row) * per_volume,
+                     l = cross(period.template shortest<true>(state.place[slot].xyz() - center), f);
         return {{{f.x, f.y, f.z}, {l.x, l.y, l.z}}, 0.0};
     }
 };
 
 /// How a row's pressure holds a body, or what many do at most.
-struct Arm {
-    double force = 0, moment = 0;
-};
+struct Arm { double force = 0, moment = 0; };
 struct AddArm {
     GB_FN Arm operator()(const Arm& a, const Arm& b) const { return {a.force + b.force, a.moment + b.moment}; }
 };
 
 /// Force of a row's pressure of 1 on a body, and its moment; over its volume, times the support.
-template <class Packet>
-struct HoldOf {
+template <class Packet> struct HoldOf {
     Lists<Packet> lists;
     State state;
     const float* nearest;
@@ -99,9 +98,7 @@ struct HoldOf {
     std::uint8_t phase;
     float3 center;
 
-    struct Hold {
-        float3 force{0, 0, 0}, moment{0, 0, 0};
-    };
+    struct Hold { float3 force{0, 0, 0}, moment{0, 0, 0}; };
     GB_FN Hold operator()(std::size_t row) const {
         Hold sum;
         if (!(nearest[row] < support) || !(state.place[lists.rows[row]].w < 0.0f)) return sum;
@@ -116,8 +113,7 @@ struct HoldOf {
         return sum;
     }
 };
-template <class Packet>
-struct ArmOf {
+template <class Packet> struct ArmOf {
     HoldOf<Packet> hold;
     GB_FN Arm operator()(std::size_t row) const {
         const auto h = hold(row);
@@ -126,8 +122,7 @@ struct ArmOf {
     }
 };
 /// What the last change of P does to a body.
-template <class Packet>
-struct PushOf {
+template <class Packet> struct PushOf {
     HoldOf<Packet> hold;
     const float* change;  ///< dP, per slot
     GB_FN Drag operator()(std::size_t row) const {

@@ -1,4 +1,5 @@
-// A rigid body's velocity and spin as unknowns, and contacts of bodies with walls and with each other: impulses are equal and opposite.
+// A rigid body's velocity and spin as unknowns, and contacts of bodies with walls and with each other: impulses are
+// equal and opposite.
 #pragma once
 #include <vector>
 
@@ -11,10 +12,12 @@ struct Unknown {
     std::uint8_t phase = 0;
     float3 center{0, 0, 0};
     double mass = 0, inertia[9] = {}, inverse[9] = {};  ///< world
-    Impulse free, motion;        ///< velocity and spin: by what fluid does, and by what bodies and walls that it touches allow
+    Impulse free,
+        motion;  ///< velocity and spin: by what fluid does, and by what bodies and walls that it touches allow
     Drag drag;
-    Arm reach;                   ///< sums of lengths
-    // Conjugate gradients: the preconditioner's share of the mass in what a speed costs, velocities and spins, impulses and their moments.
+    Arm reach;  ///< sums of lengths
+    // Conjugate gradients: the preconditioner's share of the mass in what a speed costs, velocities and spins, impulses
+    // and their moments.
     double share = 1;
     Impulse change, direction;
     Impulse residual, product;
@@ -63,17 +66,18 @@ struct Unknown {
 /// A place where two bodies touch, or one and what key frames move.
 struct Meeting {
     int body = 0, other = -1;
-    Impulse one, given;              ///< an impulse of 1, and what it adds to the body's motion
+    Impulse one, given;  ///< an impulse of 1, and what it adds to the body's motion
     Impulse of_other, given_to_other;
-    double gives = 0.0;              ///< speed between both, of an impulse of 1
-    double wanted = 0.0;             ///< speed between both, m/s, at least
-    double impulse = 0.0;            ///< so far
+    double gives = 0.0;    ///< speed between both, of an impulse of 1
+    double wanted = 0.0;   ///< speed between both, m/s, at least
+    double impulse = 0.0;  ///< so far
 
     static constexpr double kSlop = 0.05;   ///< spacings that it may be deep
     static constexpr double kLeaves = 0.1;  ///< of what is deeper, in a step
 
     /// False: nobody touches.
-    bool prepare(const std::vector<Unknown>& all, int a, int b, const Touch& touch, const Period& period, double spacing, double dt) {
+    bool prepare(const std::vector<Unknown>& all, int a, int b, const Touch& touch, const Period& period,
+        double spacing, double dt) {
         double n[3], arm[3], size = 0.0;
         for (int k = 0; k < 3; ++k) size += touch.normal[k] * touch.normal[k];
         if (!(touch.weight > 0.0) || !(size > 0.0)) return false;
@@ -101,8 +105,8 @@ struct Meeting {
         Unknown::add(all[body].motion, j, given);
         if (other >= 0) Unknown::add(all[other].motion, -j, given_to_other);
     }
-    /// No nearer to each other; deeper places are left slowly.  Impulses push only, in sum: what an earlier round gave too much, a later one takes.
-    /// Returns the change of speed.
+    /// No nearer to each other; deeper places are left slowly.  Impulses push only, in sum: what an earlier round gave
+    /// too much, a later one takes. Returns the change of speed.
     GB_FN double operator()(Unknown* all) {
         double speed = Unknown::dot6(one, all[body].motion);
         if (other >= 0) speed -= Unknown::dot6(of_other, all[other].motion);
@@ -112,14 +116,16 @@ struct Meeting {
         return j * gives;
     }
 };
-/// Of all bodies, the motion that is free, and then what meetings make of it: Gauss-Seidel until nobody's speed changes by more than `small`.
+/// Of all bodies, the motion that is free, and then what meetings make of it: Gauss-Seidel until nobody's speed changes
+/// by more than `small`.
 struct Meetings {
     Meeting* meeting;
     int n, rounds;
     double small;
     GB_FN void operator()(Unknown* body, int n_bodies) const {
         for (int b = 0; b < n_bodies; ++b) body[b].motion = body[b].free;
-        for (int m = 0; m < n; ++m) meeting[m].push(body, meeting[m].impulse);  // of the last time, which is near to this one's
+        for (int m = 0; m < n; ++m)
+            meeting[m].push(body, meeting[m].impulse);  // of the last time, which is near to this one's
         double most = 2.0 * small;
         for (int round = 0; round < rounds && n > 0 && most > small; ++round) {
             most = 0.0;

@@ -1,4 +1,4 @@
-// What a picture needs: particles known by their rank among the ids that are left, phases as colours.
+// What a picture needs: particles known by their rank among the ids that are left, phases as colors.
 #pragma once
 #include "sim/state.hpp"
 
@@ -14,12 +14,13 @@ struct IsThere {
 struct Show {
     State state;
     const Phase* phases;
-    const std::uint32_t* rank;    ///< of each id
-    std::uint32_t* index;         ///< per slot
-    float* weight;                ///< per slot; null: all are shown
-    float *smooth, *fluids, *things;  ///< by rank (n, 3): places of those that a surface is of, NaN for the others; null: not asked for
-    bool apart;                   ///< fluids and things are not in `smooth`
-    float* color;                 ///< by rank
+    const std::uint32_t* rank;  ///< of each id
+    std::uint32_t* index;       ///< per slot
+    float* weight;              ///< per slot; null: all are shown
+    float *smooth, *fluids,
+        *things;   ///< by rank (n, 3): places of those that a surface is of, NaN for the others; null: not asked for
+    bool apart;    ///< fluids and things are not in `smooth`
+    float* color;  ///< by rank
     float *reflection, *refraction;
     GB_FN void operator()(std::size_t i) const {
         const Phase& p = phases[state.phase[i]];

@@ -2,8 +2,8 @@
 //
 // The order of a step (each a named call below; dt is known before it begins, from the speeds that the
 // last step ended with):
-//   1  find_lists    neighbour lists, from the octree of the present positions
-//                    -> pairs whose bond is cut are nobody's neighbours; where rigid bodies touch
+//   1  find_lists    neighbor lists, from the octree of the present positions
+//                    -> pairs whose bond is cut are nobody's neighbors; where rigid bodies touch
 //   2  densities     delta, G, alpha of every row; V grad W of every pair is kept
 //   3  forces        gravity, viscosity, tension, what the user asked for
 //                    and bonds, which take their substeps on State::velocity
@@ -25,16 +25,28 @@
 
 namespace globule::core {
 
-template <class Exec>
-class SimulationImpl final : public Simulation {
+template <class Exec> class SimulationImpl final : public Simulation {
 public:
     using Packet = typename Exec::Packet;
 
     explicit SimulationImpl(std::shared_ptr<Scene> scene)
-        : scene_(std::move(scene)), access_(scene_->share()), exec_(*static_cast<Exec*>(access_.exec)),
-          state_(exec_, *static_cast<Octree<Exec>*>(access_.octree)), fluid_(exec_, state_, settings_), bodies_(exec_, state_, settings_),
-          tissue_(exec_), forces_(exec_), sinks_(exec_), totals_(exec_), color_(exec_), reflection_(exec_), weight_(exec_), shown_(exec_), wetness_(exec_),
-          rank_(exec_), ids_(exec_) {
+        : scene_(std::move(scene)),
+          access_(scene_->share()),
+          exec_(*static_cast<Exec*>(access_.exec)),
+          state_(exec_, *static_cast<Octree<Exec>*>(access_.octree)),
+          fluid_(exec_, state_, settings_),
+          bodies_(exec_, state_, settings_),
+          tissue_(exec_),
+          forces_(exec_),
+          sinks_(exec_),
+          totals_(exec_),
+          color_(exec_),
+          reflection_(exec_),
+          weight_(exec_),
+          shown_(exec_),
+          wetness_(exec_),
+          rank_(exec_),
+          ids_(exec_) {
         access_.before_use([this] { show(); });
         tissue_.before_use([this] {
             begin();
@@ -59,14 +71,17 @@ public:
     }
     void set_phase(int which, const sim::Phase& given) override {
         sim::Phase phase = given;
-        if (phase.kind == sim::Kind::fluid) phase.viscosity = std::max(phase.viscosity, sim::least_viscosity(phase, spacing_of(phase)));
+        if (phase.kind == sim::Kind::fluid)
+            phase.viscosity = std::max(phase.viscosity, sim::least_viscosity(phase, spacing_of(phase)));
         state_.set_phase(which, phase);
         stale_ = true;
         disturbed();
-        exec_.for_each(state_.n, sim::SetMaterial{state_.view(), std::uint8_t(which), state_.w_of(which), phase.viscosity});
+        exec_.for_each(
+            state_.n, sim::SetMaterial{state_.view(), std::uint8_t(which), state_.w_of(which), phase.viscosity});
     }
 
-    std::uint32_t add(std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) override {
+    std::uint32_t add(
+        std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) override {
         const std::uint32_t first = state_.append(m, positions, velocities, velocity, phase);
         settle();
         return first;
@@ -89,14 +104,16 @@ public:
         return first;
     }
     void set_sinks(const std::vector<sim::Sink>& sinks) override {
-        if (sinks.size() > std::size_t(sim::kMaxSinks)) throw Refused("sinks: expected at most " + std::to_string(sim::kMaxSinks));
+        if (sinks.size() > std::size_t(sim::kMaxSinks))
+            throw Refused("sinks: expected at most " + std::to_string(sim::kMaxSinks));
         n_sinks_ = int(sinks.size());
         exec_.upload(sinks_.reserve(sim::kMaxSinks), sinks.data(), sinks.size() * sizeof(sim::Sink));
     }
 
     void capture(int phase, const sim::Pose& now) override { bodies_.capture(phase, now); }
     void move_to(int phase, const sim::Pose& next) override { bodies_.move_to(phase, next); }
-    void make_body(int phase, double mass, const double center[3], const double inertia[9], const double velocity[3], const double spin[3]) override {
+    void make_body(int phase, double mass, const double center[3], const double inertia[9], const double velocity[3],
+        const double spin[3]) override {
         bodies_.make_body(phase, mass, center, inertia, velocity, spin);
     }
     std::vector<double> body(int phase) override { return bodies_.body(phase); }
@@ -106,8 +123,9 @@ public:
 
     sim::Totals totals() override {
         sim::Totals* out = totals_.reserve(1);
-        exec_.reduce_in_order(state_.n_rows, sim::TotalsOf{state_.view(), state_.rows(), state_.sizes(), state_.volume(), settings_.gravity}, sim::AddTotals{},
-                              sim::Totals{}, out);
+        exec_.reduce_in_order(state_.n_rows,
+            sim::TotalsOf{state_.view(), state_.rows(), state_.sizes(), state_.volume(), settings_.gravity},
+            sim::AddTotals{}, sim::Totals{}, out);
         sim::Totals t;
         exec_.download(&t, out, sizeof t);
         return t;
@@ -145,7 +163,8 @@ public:
         if (state_.n_rows == 0) bodies_.solve().kick(settings_.gravity, dt);
         if (state_.n_rows > 0) {
             tissue_.change(fluid_.lists(), state_.view(), dt);
-            tissue_.find_contacts(fluid_.lists(), state_.view(), state_.phases(), state_.period(), state_.spline(), rubs());
+            tissue_.find_contacts(
+                fluid_.lists(), state_.view(), state_.phases(), state_.period(), state_.spline(), rubs());
             mark("neighbors");
             fluid_.densities();
             mark("density");
@@ -278,7 +297,7 @@ public:
     }
 
 private:
-    /// Brings the scene up to date: which particles are seen, in which colour.
+    /// Brings the scene up to date: which particles are seen, in which color.
     void show() {
         begin();
         if (!stale_) return;
@@ -299,10 +318,11 @@ private:
         const bool balls = drawn_ == sim::Drawn::balls, apart = drawn_ == sim::Drawn::tissue;
         float* weight = all_shown || !balls ? nullptr : weight_.reserve(n + 64);
         float* places = balls ? nullptr : shown_.reserve((apart ? 9 : 3) * n);
-        float *of_fluids = apart && fluids ? places + 3 * n : nullptr, *of_things = apart && things ? places + 6 * n : nullptr;
+        float *of_fluids = apart && fluids ? places + 3 * n : nullptr,
+              *of_things = apart && things ? places + 6 * n : nullptr;
         float* reflection = mirrors ? reflection_.reserve(2 * n) : nullptr;
-        exec_.for_each(n, sim::Show{state_.view(), state_.phases(), rank, index, weight, places, of_fluids, of_things, apart, color_.reserve(3 * n), reflection,
-                                    reflection ? reflection + n : nullptr});
+        exec_.for_each(n, sim::Show{state_.view(), state_.phases(), rank, index, weight, places, of_fluids, of_things,
+                              apart, color_.reserve(3 * n), reflection, reflection ? reflection + n : nullptr});
         float* wetness = tissue_.has_vessels() ? wetness_.reserve(n) : nullptr;
         const float* blood = state_.phase_table[wetness ? tissue_.phase_of_blood(1) : 0].color;
         if (wetness) {
@@ -311,8 +331,8 @@ private:
         }
         state_.tree().relabel(index, {weight, 1.0f});
         const float d = settings_.spacing, of_fluid = d * state_.size_of_fluid();
-        access_.rebuilt({n, places, of_fluids, of_things, apart ? d : of_fluid, of_fluid, color_.data(), reflection, reflection ? reflection + n : nullptr, wetness,
-                          {blood[0], blood[1], blood[2]}});
+        access_.rebuilt({n, places, of_fluids, of_things, apart ? d : of_fluid, of_fluid, color_.data(), reflection,
+            reflection ? reflection + n : nullptr, wetness, {blood[0], blood[1], blood[2]}});
         stale_ = false;
     }
 
@@ -322,9 +342,12 @@ private:
         return k.after > 1.02 * k.before + 0.5 * k.mass * fall;
     }
     static constexpr int kMostHalvings = 4;
-    static constexpr double kLeastByPressure = 0.2;  // of the step that speeds allow: an impact's pressure is over at once
+    static constexpr double kLeastByPressure =
+        0.2;  // of the step that speeds allow: an impact's pressure is over at once
 
-    float spacing_of(const sim::Phase& p) const { return p.kind == sim::Kind::fluid ? settings_.spacing * state_.size_of_fluid() : settings_.spacing; }
+    float spacing_of(const sim::Phase& p) const {
+        return p.kind == sim::Kind::fluid ? settings_.spacing * state_.size_of_fluid() : settings_.spacing;
+    }
     /// Of particles of size 1.
     double farthest_move() const { return 0.4 * settings_.cfl * settings_.spacing; }
     /// That forces other than pressure allow, whatever the speeds.
@@ -333,7 +356,8 @@ private:
         for (const sim::Phase& p : state_.phase_table) {
             if (p.kind != sim::Kind::fluid && p.kind != sim::Kind::tissue) continue;
             const double d = spacing_of(p);
-            if (p.tension > 0) dt = std::min(dt, 0.4 * std::sqrt(p.density * d * d * d / (2 * 3.14159265358979 * p.tension)));
+            if (p.tension > 0)
+                dt = std::min(dt, 0.4 * std::sqrt(p.density * d * d * d / (2 * 3.14159265358979 * p.tension)));
             const double mu = p.viscosity + settings_.extra_viscosity;
             if (mu > 0 && !p.implicit_viscosity) dt = std::min(dt, 0.125 * d * d * p.density / mu);
         }
@@ -343,7 +367,8 @@ private:
     /// Beside tissue, whose every step is dear, a fluid in free fall does not shorten the steps.
     void summarize(const sim::Compression* compression = nullptr) {
         const sim::Ahead ahead{float(longest_step()), float(farthest_move())};
-        state_.summarize(by_approach() ? &ahead : nullptr, length(settings_.gravity), float(farthest_move()), compression);
+        state_.summarize(
+            by_approach() ? &ahead : nullptr, length(settings_.gravity), float(farthest_move()), compression);
     }
 
     /// Somebody other than a step changed something: what is known of the particles may be wrong.
@@ -353,7 +378,8 @@ private:
     }
     void find_lists() {
         fluid_.find_lists();
-        fluid_.set_within(tissue_.veto(fluid_.lists(), state_.view(), state_.period(), state_.spline(), state_.volume()));
+        fluid_.set_within(
+            tissue_.veto(fluid_.lists(), state_.view(), state_.period(), state_.spline(), state_.volume()));
     }
     /// What acts on velocities beside pressure: forces, then bonds.
     void push(float dt, StepReport& r) {
@@ -366,17 +392,20 @@ private:
     }
 
     void feel_pressure(float dt) {
-        tissue_.feel_pressure(fluid_.lists(), state_.view(), fluid_.rows().boundary, state_.period(), state_.sizes(), state_.volume(), state_.spline().support, dt, fluid_.flux());
+        tissue_.feel_pressure(fluid_.lists(), state_.view(), fluid_.rows().boundary, state_.period(), state_.sizes(),
+            state_.volume(), state_.spline().support, dt, fluid_.flux());
     }
 
     /// Whether tissue has friction with anything.
     bool rubs() const {
-        return std::any_of(state_.phase_table.begin(), state_.phase_table.end(), [](const sim::Phase& p) { return p.friction > 0.0f; });
+        return std::any_of(state_.phase_table.begin(), state_.phase_table.end(),
+            [](const sim::Phase& p) { return p.friction > 0.0f; });
     }
     void rub(float dt) {
         if (!rubs()) return;
-        tissue_.rub(fluid_.lists(), state_.view(), state_.phases(), bodies_.masses(), state_.period(), state_.volume(), state_.spline().support, dt, fluid_.flux(),
-                    [&](int phase, const sim::Impulse& impulse) { bodies_.push(phase, impulse); });
+        tissue_.rub(fluid_.lists(), state_.view(), state_.phases(), bodies_.masses(), state_.period(), state_.volume(),
+            state_.spline().support, dt, fluid_.flux(),
+            [&](int phase, const sim::Impulse& impulse) { bodies_.push(phase, impulse); });
     }
 
     void gather_tissue() {
@@ -408,21 +437,25 @@ private:
             const int phase = tissue_.phase_of_blood(d.vessel);
             if (emitted_.empty() || emitted_.back().phase != phase) emitted_.push_back({{}, {}, phase});
             emitted_.back().positions.insert(emitted_.back().positions.end(), {at.x, at.y, at.z});
-            emitted_.back().velocities.insert(emitted_.back().velocities.end(), {d.velocity.x, d.velocity.y, d.velocity.z});
+            emitted_.back().velocities.insert(
+                emitted_.back().velocities.end(), {d.velocity.x, d.velocity.y, d.velocity.z});
         }
     }
 
-    /// Sinks take fluid out, emitted particles come in; whether there are others now, whose positions are in the state then.
+    /// Sinks take fluid out, emitted particles come in; whether there are others now, whose positions are in the state
+    /// then.
     bool take_and_give(StepReport& r) {
         if (n_sinks_ == 0 && emitted_.empty()) return false;
         exec_.for_each(state_.n, sim::TakePositions{state_.positions(), state_.view().place});
         if (n_sinks_ > 0) {
             std::uint32_t* flags = state_.flags();
-            exec_.for_each(state_.n + 1, sim::FlagKept{state_.view(), state_.phases(), state_.positions(), sinks_.data(), n_sinks_, flags});
+            exec_.for_each(state_.n + 1,
+                sim::FlagKept{state_.view(), state_.phases(), state_.positions(), sinks_.data(), n_sinks_, flags});
             r.n_removed = state_.keep(flags);
         }
         const bool others = r.n_removed > 0 || !emitted_.empty();
-        for (const Emitted& e : emitted_) state_.append(e.positions.size() / 3, e.positions.data(), e.velocities.data(), {}, e.phase);
+        for (const Emitted& e : emitted_)
+            state_.append(e.positions.size() / 3, e.positions.data(), e.velocities.data(), {}, e.phase);
         emitted_.clear();
         return others;
     }
@@ -430,7 +463,8 @@ private:
     /// Nobody enters what is solid.  Velocities that last push rigid bodies back.
     void contact(float dt, bool lasts) {
         if (state_.n_rows == 0) return;
-        sim::Contact<Packet> contact{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(), state_.sizes(), settings_.spacing, dt, nullptr};
+        sim::Contact<Packet> contact{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(),
+            state_.sizes(), settings_.spacing, dt, nullptr};
         if (lasts) contact.share = bodies_.push_back(contact);
         exec_.for_each(state_.n_rows, contact);
     }
@@ -438,7 +472,8 @@ private:
         contact(dt, !split);
         fluid_.shift(dt);
         float* positions = state_.positions();
-        exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(), settings_.lo, state_.phases(), positions, state_.not_a_number()});
+        exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(),
+                                     settings_.lo, state_.phases(), positions, state_.not_a_number()});
         fluid_.end_shift();
         if (split) fluid_.end_split(dt);
         if (state_.n_rows > 0) tissue_.add_rest(state_.view());
@@ -456,7 +491,8 @@ private:
         r.n = state_.n;
         r.n_escaped = state_.summary.n_outside;
         r.most_speed = std::sqrt(double(state_.summary.speeds.most2));
-        for (int i = 1; i < n_marks_; ++i) r.seconds.push_back({stage_[i], exec_.elapsed(kFirstMark + i - 1, kFirstMark + i)});
+        for (int i = 1; i < n_marks_; ++i)
+            r.seconds.push_back({stage_[i], exec_.elapsed(kFirstMark + i - 1, kFirstMark + i)});
         if (earlier > 0.0) r.seconds.front().second += earlier;
         n_marks_ = 0;
         if (state_.summary.not_a_number) r.lost = lost_particle(state_.summary.not_a_number - 1);

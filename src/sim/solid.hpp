@@ -1,8 +1,10 @@
-// Solids on the bonds' neighborhoods: total-Lagrangian SPH (Bonet & Lok 1999) with the zero-energy control of Silling 2017 and
-// Ganzenmüller 2015, stable neo-Hookean stress (Smith 2018).  docs/design/solids.md derives what is stated here.
+// Solids on the bonds' neighborhoods: total-Lagrangian SPH (Bonet & Lok 1999) with the zero-energy control of Silling
+// 2017 and Ganzenmüller 2015, stable neo-Hookean stress (Smith 2018).  docs/design/solids.md derives what is stated
+// here.
 //
-// Energy: Σ_i V_i [Ψ(F_i) + b_i/2V_i Σ_j c_ij |x_ij - F_i X_ij|²], F_i = Σ_j c_ij x_ij ⊗ C_i X_ij, C_i = (Σ_j c_ij X_ij ⊗ X_ij)⁻¹.
-// F_i is the least-squares fit with the same weights c, so that the second term's derivative through F_i vanishes, and
+// Energy: Σ_i V_i [Ψ(F_i) + b_i/2V_i Σ_j c_ij |x_ij - F_i X_ij|²], F_i = Σ_j c_ij x_ij ⊗ C_i X_ij, C_i = (Σ_j c_ij X_ij
+// ⊗ X_ij)⁻¹. F_i is the least-squares fit with the same weights c, so that the second term's derivative through F_i
+// vanishes, and
 //   f_i = Σ_j c_ij [(Q_i + Q_j) X_ij + (b_i + b_j) x_ij],  Q = V P(F) C - b F.
 // Linear and angular momentum are conserved, as the energy knows neither place nor orientation.
 #pragma once
@@ -10,8 +12,8 @@
 
 namespace globule::core::tissue {
 
-/// Energy that holds each neighbor at the place that F gives it, per volume, in shear moduli.  The outermost particles' F is that of a
-/// place inside of them; without this share, bending would be too soft.
+/// Energy that holds each neighbor at the place that F gives it, per volume, in shear moduli.  The outermost particles'
+/// F is that of a place inside of them; without this share, bending would be too soft.
 inline constexpr float kSteadiness = 4.5f;
 /// The least of it that bodies keep whose shear modulus relaxes: theirs is that of the part that lasts.
 inline constexpr double kLeastSteady = 0.1;
@@ -19,18 +21,17 @@ inline constexpr double kLeastSteady = 0.1;
 inline constexpr float kSteepest = 4.0f;
 
 /// -W'(q) / q of the cubic spline whose support is two spacings, but for a factor.
-template <class F>
-GB_FN F solid_weight(const F& q) {
+template <class F> GB_FN F solid_weight(const F& q) {
     const F beyond = max(F(2.0f) - q, F(0.0f));
     return select(q < F(1.0f), F(3.0f) - F(2.25f) * q, F(0.75f) * beyond * beyond / max(q, F(1.0f)));
 }
 
 /// What particles are made of, and their place in the body at rest; arrays have room for whole blocks.
 struct Solid {
-    Quad* rest = nullptr;              ///< position at rest
-    const float* lame = nullptr;       ///< (2, stride) volume times μ, volume times λ
-    float* correction = nullptr;       ///< (6, stride) C: xx xy xz yy yz zz
-    Quad* rows = nullptr;              ///< (3, stride) rows of Q, and that coordinate at rest
+    Quad* rest = nullptr;         ///< position at rest
+    const float* lame = nullptr;  ///< (2, stride) volume times μ, volume times λ
+    float* correction = nullptr;  ///< (6, stride) C: xx xy xz yy yz zz
+    Quad* rows = nullptr;         ///< (3, stride) rows of Q, and that coordinate at rest
     std::uint32_t stride = 0;
     float spacing = 0.0f;
 };
@@ -39,7 +40,7 @@ struct Solid {
 struct Correct {
     Bonds bonds;
     Solid solid;
-    Quad* at;  ///< w: b
+    Quad* at;            ///< w: b
     const float* terms;  ///< as in Memory
     std::uint32_t n_terms;
     GB_FN void operator()(std::size_t i) const {
@@ -52,13 +53,14 @@ struct Correct {
         for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
             if (!(bonds.length[e] > 0.0f)) continue;
             const float3 r = solid.rest[bonds.other[e]].xyz() - here;
-            const double c = solid_weight(float(bonds.length[e] * per_d)), x = r.x * per_d, y = r.y * per_d, z = r.z * per_d;
+            const double c = solid_weight(float(bonds.length[e] * per_d)), x = r.x * per_d, y = r.y * per_d,
+                         z = r.z * per_d;
             m[0] += c * x * x, m[1] += c * x * y, m[2] += c * x * z;
             m[3] += c * y * y, m[4] += c * y * z, m[5] += c * z * z;
             sum += c * (x * x + y * y + z * z);
         }
         double k[6] = {m[3] * m[5] - m[4] * m[4], m[2] * m[4] - m[1] * m[5], m[1] * m[4] - m[2] * m[3],
-                       m[0] * m[5] - m[2] * m[2], m[1] * m[2] - m[0] * m[4], m[0] * m[3] - m[1] * m[1]};
+            m[0] * m[5] - m[2] * m[2], m[1] * m[2] - m[0] * m[4], m[0] * m[3] - m[1] * m[1]};
         const double det = m[0] * k[0] + m[1] * k[1] + m[2] * k[2];
         bool certain = det > 1e-9 * sum * sum * sum;
         if (certain) {
@@ -67,14 +69,18 @@ struct Correct {
             for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
                 if (!(bonds.length[e] > 0.0f)) continue;
                 const float3 r = solid.rest[bonds.other[e]].xyz() - here;
-                const double c = solid_weight(float(bonds.length[e] * per_d)), x = r.x * per_d, y = r.y * per_d, z = r.z * per_d;
-                const double gx = k[0] * x + k[1] * y + k[2] * z, gy = k[1] * x + k[3] * y + k[4] * z, gz = k[2] * x + k[4] * y + k[5] * z;
+                const double c = solid_weight(float(bonds.length[e] * per_d)), x = r.x * per_d, y = r.y * per_d,
+                             z = r.z * per_d;
+                const double gx = k[0] * x + k[1] * y + k[2] * z, gy = k[1] * x + k[3] * y + k[4] * z,
+                             gz = k[2] * x + k[4] * y + k[5] * z;
                 steep += c * sqrt(gx * gx + gy * gy + gz * gz);
             }
             certain = steep < kSteepest;
         }
-        for (int a = 0; a < 6; ++a) solid.correction[a * std::size_t(solid.stride) + t] = certain ? float(k[a] * per_d * per_d) : 0.0f;
-        at[t].w = certain ? float(kSteadiness * solid.lame[t] / sum * per_d * per_d * max(lasting, kLeastSteady)) : -1.0f;
+        for (int a = 0; a < 6; ++a)
+            solid.correction[a * std::size_t(solid.stride) + t] = certain ? float(k[a] * per_d * per_d) : 0.0f;
+        at[t].w =
+            certain ? float(kSteadiness * solid.lame[t] / sum * per_d * per_d * max(lasting, kLeastSteady)) : -1.0f;
     }
 };
 
@@ -86,23 +92,22 @@ struct FindQuiet {
     GB_FN void operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
         bool all = stays(hold[t]);
-        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) all &= bonds.length[e] == 0.0f || stays(hold[bonds.other[e]]);
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock)
+            all &= bonds.length[e] == 0.0f || stays(hold[bonds.other[e]]);
         quiet[t] = all;
     }
     GB_FN static bool stays(std::uint8_t hold) { return hold == kFixed || hold == kGone; }
 };
 
 /// F of each particle, and from it Q.  With a memory, it goes on by a substep, of quiet ones, too.
-template <class Memory>
-struct Strain {
+template <class Memory> struct Strain {
     Bonds bonds;
     Solid solid;
     const Quad* at;
     const std::uint8_t* quiet;
     [[no_unique_address]] Memory memory;
 
-    template <class Packet>
-    GB_FN void run(std::size_t row) const {
+    template <class Packet> GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         std::uint32_t own[Packet::width];
         for (int lane = 0; lane < Packet::width; ++lane) own[lane] = min(std::uint32_t(row) + lane, bonds.n - 1);
@@ -114,7 +119,8 @@ struct Strain {
         const Four<F> x = Packet::gather(at, own), X = Packet::gather(solid.rest, own);
         const F zero = F(0.0f), one = F(1.0f), per_d = F(1.0f / solid.spacing);
         F d00 = zero, d01 = zero, d02 = zero, d10 = zero, d11 = zero, d12 = zero, d20 = zero, d21 = zero, d22 = zero;
-        for (std::uint32_t e = bonds.begin(std::uint32_t(row)), end = bonds.end(std::uint32_t(row)); e < end; e += kBlock) {
+        for (std::uint32_t e = bonds.begin(std::uint32_t(row)), end = bonds.end(std::uint32_t(row)); e < end;
+            e += kBlock) {
             const F l = Packet::load(bonds.length + e);
             const Four<F> y = Packet::gather(at, bonds.other + e), Y = Packet::gather(solid.rest, bonds.other + e);
             const F c = select(l > zero, solid_weight(l * per_d), zero);
@@ -128,9 +134,12 @@ struct Strain {
         const std::size_t n = solid.stride;
         const F c00 = Packet::load(C), c01 = Packet::load(C + n), c02 = Packet::load(C + 2 * n);
         const F c11 = Packet::load(C + 3 * n), c12 = Packet::load(C + 4 * n), c22 = Packet::load(C + 5 * n);
-        const F f00 = d00 * c00 + d01 * c01 + d02 * c02, f01 = d00 * c01 + d01 * c11 + d02 * c12, f02 = d00 * c02 + d01 * c12 + d02 * c22;
-        const F f10 = d10 * c00 + d11 * c01 + d12 * c02, f11 = d10 * c01 + d11 * c11 + d12 * c12, f12 = d10 * c02 + d11 * c12 + d12 * c22;
-        const F f20 = d20 * c00 + d21 * c01 + d22 * c02, f21 = d20 * c01 + d21 * c11 + d22 * c12, f22 = d20 * c02 + d21 * c12 + d22 * c22;
+        const F f00 = d00 * c00 + d01 * c01 + d02 * c02, f01 = d00 * c01 + d01 * c11 + d02 * c12,
+                f02 = d00 * c02 + d01 * c12 + d02 * c22;
+        const F f10 = d10 * c00 + d11 * c01 + d12 * c02, f11 = d10 * c01 + d11 * c11 + d12 * c12,
+                f12 = d10 * c02 + d11 * c12 + d12 * c22;
+        const F f20 = d20 * c00 + d21 * c01 + d22 * c02, f21 = d20 * c01 + d21 * c11 + d22 * c12,
+                f22 = d20 * c02 + d21 * c12 + d22 * c22;
         // P = μ F + ((λ + μ)(J - 1) - μ) cof F
         const F k00 = f11 * f22 - f12 * f21, k01 = f12 * f20 - f10 * f22, k02 = f10 * f21 - f11 * f20;
         const F k10 = f02 * f21 - f01 * f22, k11 = f00 * f22 - f02 * f20, k12 = f01 * f20 - f00 * f21;
@@ -141,10 +150,13 @@ struct Strain {
         [[maybe_unused]] Symmetric<F> past{};  // P = F (μ + past) + ...
         if constexpr (Memory::any) {
             const F known = max(J, F(kFlattest));
-            const Symmetric<F> inverse = square(k00, k01, k02, k10, k11, k12, k20, k21, k22).times(one / (known * known));
-            past = memory.template go_on<Packet>(row, square(f00, f01, f02, f10, f11, f12, f20, f21, f22), inverse, J, mu, lambda);
+            const Symmetric<F> inverse =
+                square(k00, k01, k02, k10, k11, k12, k20, k21, k22).times(one / (known * known));
+            past = memory.template go_on<Packet>(
+                row, square(f00, f01, f02, f10, f11, f12, f20, f21, f22), inverse, J, mu, lambda);
         }
-        const auto line = [&](const F& f0, const F& f1, const F& f2, const F& k0, const F& k1, const F& k2, const F& place, int a) {
+        const auto line = [&](const F& f0, const F& f1, const F& f2, const F& k0, const F& k1, const F& k2,
+                              const F& place, int a) {
             F p0 = mu * f0 + s * k0, p1 = mu * f1 + s * k1, p2 = mu * f2 + s * k2;
             if constexpr (Memory::any) {
                 p0 = p0 + f0 * past.xx + f1 * past.xy + f2 * past.xz;
@@ -165,9 +177,9 @@ struct Strain {
 struct Push {
     Bonds bonds;
     Solid solid;
-    const Quad* at;       ///< w: b
+    const Quad* at;  ///< w: b
     Quad* next;
-    Quad* velocity;       ///< velocity, inverse mass
+    Quad* velocity;  ///< velocity, inverse mass
     const float3* acceleration;
     const std::uint8_t* hold;
     const std::uint8_t* phase;
@@ -178,16 +190,17 @@ struct Push {
     Felt felt;
     float dt;
 
-    template <class Packet>
-    GB_FN void run(std::size_t row) const {
+    template <class Packet> GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         std::uint32_t own[Packet::width];
         for (int lane = 0; lane < Packet::width; ++lane) own[lane] = min(std::uint32_t(row) + lane, bonds.n - 1);
         bool any_asks = false;
-        for (int lane = 0; lane < Packet::width; ++lane) any_asks |= hold[own[lane]] == kFree || (felt.felt && hold[own[lane]] >= kGrasped);
+        for (int lane = 0; lane < Packet::width; ++lane)
+            any_asks |= hold[own[lane]] == kFree || (felt.felt && hold[own[lane]] >= kGrasped);
         const std::size_t n = solid.stride;
         const Quad *rows0 = solid.rows, *rows1 = solid.rows + n, *rows2 = solid.rows + 2 * n;
-        const Four<F> x = Packet::gather(at, own), q0 = Packet::gather(rows0, own), q1 = Packet::gather(rows1, own), q2 = Packet::gather(rows2, own);
+        const Four<F> x = Packet::gather(at, own), q0 = Packet::gather(rows0, own), q1 = Packet::gather(rows1, own),
+                      q2 = Packet::gather(rows2, own);
         const F zero = F(0.0f), half = F(0.5f), per_d = F(1.0f / solid.spacing), touching = F(solid.spacing);
         F f0 = zero, f1 = zero, f2 = zero;
         const std::uint32_t end = any_asks ? bonds.end(std::uint32_t(row)) : 0;
@@ -201,7 +214,8 @@ struct Push {
             // Springs where an end has no F; cut faces keep a distance, and never pull.
             const F distance = sqrt(r0 * r0 + r1 * r1 + r2 * r2);
             const F ends = select(x.w < zero, half, zero) + select(y.w < zero, half, zero);
-            const F spring = k * select(l > zero, ends * (distance - l), select(l < zero, min(distance - touching, zero), zero));
+            const F spring =
+                k * select(l > zero, ends * (distance - l), select(l < zero, min(distance - touching, zero), zero));
             const F along = c * (max(x.w, zero) + max(y.w, zero)) + select(distance > zero, spring / distance, zero);
             f0 = f0 + (c * ((q0.x + p0.x) * R0 + (q0.y + p0.y) * R1 + (q0.z + p0.z) * R2) + along * r0);
             f1 = f1 + (c * ((q1.x + p1.x) * R0 + (q1.y + p1.y) * R1 + (q1.z + p1.z) * R2) + along * r1);
@@ -256,7 +270,8 @@ GB_FN double steepness(const Bonds& bonds, const Solid& solid, std::uint32_t t) 
     for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
         if (!(bonds.length[e] > 0.0f)) continue;
         const float3 R = solid.rest[bonds.other[e]].xyz() - rest;
-        const float3 g{C(0) * R.x + C(1) * R.y + C(2) * R.z, C(1) * R.x + C(3) * R.y + C(4) * R.z, C(2) * R.x + C(4) * R.y + C(5) * R.z};
+        const float3 g{C(0) * R.x + C(1) * R.y + C(2) * R.z, C(1) * R.x + C(3) * R.y + C(4) * R.z,
+            C(2) * R.x + C(4) * R.y + C(5) * R.z};
         sum += solid_weight(bonds.length[e] / solid.spacing) * length(g);
     }
     return sum;
@@ -270,17 +285,19 @@ GB_FN double cofactor(const double f[9], double k[9]) {
     return f[0] * k[0] + f[1] * k[1] + f[2] * k[2];
 }
 
-/// How many times as stiff as in a block at rest a particle may be.  Strained: ∂P/∂F = μ + (λ + μ) cof F ⊗ cof F + ((λ + μ)(J - 1) - μ) ∂cof F/∂F,
-/// whose last factor is at most |F|.  With few neighbors on one side: F follows each of them more steeply than in the corner of a block.
+/// How many times as stiff as in a block at rest a particle may be.  Strained: ∂P/∂F = μ + (λ + μ) cof F ⊗ cof F + ((λ
+/// + μ)(J - 1) - μ) ∂cof F/∂F, whose last factor is at most |F|.  With few neighbors on one side: F follows each of
+/// them more steeply than in the corner of a block.
 inline constexpr double kSteepCorner = 3.0;  ///< Σ c |C X|, 1/spacings
 struct Strained {
-    double stiffness, rate;  ///< over that of a block at rest; 1/s, at which the lengths of pairs change, or their directions
+    double stiffness,
+        rate;  ///< over that of a block at rest; 1/s, at which the lengths of pairs change, or their directions
 };
 struct Stiffening {
     Bonds bonds;
     Solid solid;
     const Quad *at, *velocity;
-    const float* stays;  ///< as in Memory: a yielded shape's metric G multiplies μ
+    const float* stays;         ///< as in Memory: a yielded shape's metric G multiplies μ
     const std::uint8_t* quiet;  ///< those can do no harm
     Strained* out;
     GB_FN void operator()(std::size_t i) const {
@@ -303,8 +320,13 @@ struct Stiffening {
         gradient(bonds, solid, at, t, f);
         const double J = cofactor(f, k), mu = solid.lame[t], lambda = solid.lame[solid.stride + t];
         for (int a = 0; a < 9; ++a) squares += f[a] * f[a], area += k[a] * k[a];
-        const double yielded = stays ? max(double(stays[t]) + stays[3 * std::size_t(solid.stride) + t] + stays[5 * std::size_t(solid.stride) + t], 0.0) : 0.0;
-        const double s = (lambda + mu) * (J - 1.0) - mu, strained = (mu * (1.0 + yielded) + (lambda + mu) * area + max(s, -s) * sqrt(squares)) / (5.0 * mu + 3.0 * lambda);
+        const double yielded = stays ? max(double(stays[t]) + stays[3 * std::size_t(solid.stride) + t] +
+                                               stays[5 * std::size_t(solid.stride) + t],
+                                           0.0)
+                                     : 0.0;
+        const double s = (lambda + mu) * (J - 1.0) - mu,
+                     strained = (mu * (1.0 + yielded) + (lambda + mu) * area + max(s, -s) * sqrt(squares)) /
+                                (5.0 * mu + 3.0 * lambda);
         const double steep = steepness(bonds, solid, t) * solid.spacing / kSteepCorner;
         return strained * max(steep * steep, 1.0);
     }
@@ -356,7 +378,8 @@ struct SolidEnergy {
             }
         });
         const double mu = solid.lame[t], lambda = solid.lame[solid.stride + t];
-        const double energy = 0.5 * mu * (squares - 3.0) - mu * (J - 1.0) + 0.5 * (lambda + mu) * (J - 1.0) * (J - 1.0) + 0.5 * b * steady;
+        const double energy = 0.5 * mu * (squares - 3.0) - mu * (J - 1.0) +
+                              0.5 * (lambda + mu) * (J - 1.0) * (J - 1.0) + 0.5 * b * steady;
         return n_terms || stays ? energy + energy_of_memory(terms, n_terms, stays, solid.stride, t, f, mu) : energy;
     }
 };

@@ -1,9 +1,10 @@
 // Velocities and places apart.
 //
-// A step solves twice.  The first solve makes velocities that compress nothing further; they are kept.  The second one moves
-// what is too dense apart, by velocities of one move that are given back: density that was lost comes back without
-// becoming speed (Cornelis et al. 2019).  With one solve for both, a column of 160 layers whose lowest are compressed by a
-// sixth in some steps of 5 ms gets (delta - 1) / dt of them as a velocity: shorter steps make it faster, without end.
+// A step solves twice.  The first solve makes velocities that compress nothing further; they are kept.  The second one
+// moves what is too dense apart, by velocities of one move that are given back: density that was lost comes back
+// without becoming speed (Cornelis et al. 2019).  With one solve for both, a column of 160 layers whose lowest are
+// compressed by a sixth in some steps of 5 ms gets (delta - 1) / dt of them as a velocity: shorter steps make it
+// faster, without end.
 #pragma once
 #include "sim/pressure.hpp"
 
@@ -74,7 +75,9 @@ struct KineticOf {
     }
 };
 struct AddKinetic {
-    GB_FN Kinetic operator()(const Kinetic& a, const Kinetic& b) const { return {a.before + b.before, a.after + b.after, a.mass + b.mass}; }
+    GB_FN Kinetic operator()(const Kinetic& a, const Kinetic& b) const {
+        return {a.before + b.before, a.after + b.after, a.mass + b.mass};
+    }
 };
 
 /// What the host learns of a solve.

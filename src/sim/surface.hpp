@@ -4,7 +4,7 @@
 // alpha shape; Edelsbrunner & Mücke 1994): a facet is three particles that such a ball touches with nobody in
 // it.  Its vertices lie at the surface, outside of their particles.  Tension is what the facets' area
 // costs: every vertex is pulled by -sigma dA/dx.  The three pulls of a facet add up to nothing, and so does their
-// torque: momentum is kept.  Each particle finds the facets around it by itself, from its own neighbours;
+// torque: momentum is kept.  Each particle finds the facets around it by itself, from its own neighbors;
 // all three come to the same ones, for they ask the same questions with the same numbers.
 // Facets reach to the particles of walls and tissue, which hold them: a surface ends there, it is not drawn away.
 #pragma once
@@ -13,25 +13,28 @@
 
 namespace globule::core::sim {
 
-inline constexpr int kMostFacets = 32;        ///< around a particle; about 6 in a surface, 12 in a sheet, 30 in spray
-inline constexpr int kMostNear = 48;          ///< neighbours at the surface that are looked at
-inline constexpr int kMostAround = 192;       ///< neighbours; about 30 are usual, who has more than this is at no surface
-inline constexpr float kSurfaceGradient = 0.1f;  ///< of the density, per spacing: less is not at a surface (with 0.2, some that are)
+inline constexpr int kMostFacets = 32;   ///< around a particle; about 6 in a surface, 12 in a sheet, 30 in spray
+inline constexpr int kMostNear = 48;     ///< neighbors at the surface that are looked at
+inline constexpr int kMostAround = 192;  ///< neighbors; about 30 are usual, who has more than this is at no surface
+inline constexpr float kSurfaceGradient =
+    0.1f;  ///< of the density, per spacing: less is not at a surface (with 0.2, some that are)
 /// Spacings from the outermost particles to the surface: with this one, facets enclose the fluid's volume (within 1 %
 /// in drops of 5 to 10 spacings), for the density solve packs particles closer at the surface than inside.
 inline constexpr float kSurfaceOffset = 0.69f;
-/// Least viscosity of a fluid with tension, in sqrt(density tension spacing).  Facets come and go as particles move, which is work that
-/// no energy knows of: with less viscosity, the outermost particles boil, drops swell and swing too slowly.
+/// Least viscosity of a fluid with tension, in sqrt(density tension spacing).  Facets come and go as particles move,
+/// which is work that no energy knows of: with less viscosity, the outermost particles boil, drops swell and swing too
+/// slowly.
 inline constexpr float kLeastViscosity = 0.0075f;
 inline float least_viscosity(const Phase& phase, float spacing) {
     return phase.tension > 0.0f ? kLeastViscosity * std::sqrt(phase.density * phase.tension * spacing) : 0.0f;
 }
-inline constexpr float kJitter = 1e-3f;       ///< spacings: four of a lattice lie on one ball
+inline constexpr float kJitter = 1e-3f;  ///< spacings: four of a lattice lie on one ball
 
-/// Spacings: who is nearer with jitter is nearer than 2 without, and in the list of neighbours.
+/// Spacings: who is nearer with jitter is nearer than 2 without, and in the list of neighbors.
 inline constexpr float kFarthest = 2.0f - 4.0f * kJitter;
 
-/// Spacings from fluid to what is not: fluid that lies against a wall is nearer, and one that is not yet there is not drawn to it.
+/// Spacings from fluid to what is not: fluid that lies against a wall is nearer, and one that is not yet there is not
+/// drawn to it.
 inline constexpr float kReach = 1.2f;
 
 /// Directions all around, none farther than 16 degrees from one of them.
@@ -63,14 +66,14 @@ struct Directions {
     }
 };
 /// Where a ball of one spacing's radius touches a particle in any direction, nobody is in one of this radius
-/// that touches it in the nearest of the directions above, at one spacing's distance of their centres.
+/// that touches it in the nearest of the directions above, at one spacing's distance of their centers.
 inline constexpr float kSurelyEmpty = 0.72f;
 inline constexpr float kSurelyEmptyFiner = 0.86f;
 
 /// Who may be at the surface of a fluid with tension.
 struct Skin {
-    Quad* place;        ///< per slot: position (jittered); w: tension, 0 where not at a surface, -1: not fluid
-    Quad* normal;       ///< per slot: outwards, at most 1 long; w: tension
+    Quad* place;            ///< per slot: position (jittered); w: tension, 0 where not at a surface, -1: not fluid
+    Quad* normal;           ///< per slot: outwards, at most 1 long; w: tension
     std::uint32_t* facets;  ///< (kMostFacets, 2, padded rows): slots of the other two vertices
     std::uint32_t* count;   ///< per row
     std::uint32_t* open;    ///< (kDirections / 32, padded rows): bits of the directions that may have nobody
@@ -101,7 +104,8 @@ struct MarkSkin {
         const Quad p = state.place[i];
         const std::uint32_t id = 3u * state.id[i];
         const float s = kJitter * spacing;
-        skin.place[i] = {p.x + s * jitter(id), p.y + s * jitter(id + 1), p.z + s * jitter(id + 2), phases[state.phase[i]].kind == Kind::fluid ? 0.0f : -1.0f};
+        skin.place[i] = {p.x + s * jitter(id), p.y + s * jitter(id + 1), p.z + s * jitter(id + 2),
+            phases[state.phase[i]].kind == Kind::fluid ? 0.0f : -1.0f};
     }
 };
 /// Lists the rows of fluids with tension where the density has a gradient.
@@ -117,27 +121,26 @@ struct ListSteep {
         skin.count[row] = 0;
         const Phase& phase = phases[state.phase[slots[row]]];
         const float3 g{values.gx[row], values.gy[row], values.gz[row]};
-        if (phase.kind != Kind::fluid || !(phase.tension > 0.0f) || !(dot(g, g) > least_gradient * least_gradient)) return;
+        if (phase.kind != Kind::fluid || !(phase.tension > 0.0f) || !(dot(g, g) > least_gradient * least_gradient))
+            return;
         if (neighbors[row] <= std::uint32_t(kMostAround)) skin.rows[atomic_take(skin.n_rows, 1)] = std::uint32_t(row);
     }
 };
 
-template <class F>
-GB_FN Vec3<F> wide(const float3& p) { return {F(p.x), F(p.y), F(p.z)}; }
-/// Slots of a row's n neighbours; the last run of lanes is filled up with nobody, who is far away.
+template <class F> GB_FN Vec3<F> wide(const float3& p) { return {F(p.x), F(p.y), F(p.z)}; }
+/// Slots of a row's n neighbors; the last run of lanes is filled up with nobody, who is far away.
 template <class Group, class Packet>
 GB_FN void list_slots(Group& g, const Lists<Packet>& lists, std::size_t row, int n, std::uint32_t* slots) {
-    g.share(ceil_div(n, Group::width) * Group::width, [&](int k) { slots[k] = k < n ? lists.index[lists.at(row, std::uint32_t(k))] : lists.n; });
+    g.share(ceil_div(n, Group::width) * Group::width,
+        [&](int k) { slots[k] = k < n ? lists.index[lists.at(row, std::uint32_t(k))] : lists.n; });
 }
 
-/// Of these, the particles that a ball may touch.  A group's lanes are directions, then neighbours.
-template <class Packet, bool periodic>
-struct MarkTension {
-    template <class Group>
-    struct Scratch {
-        std::uint32_t slot[kMostAround];  ///< of the neighbours, to a full run of lanes
+/// Of these, the particles that a ball may touch.  A group's lanes are directions, then neighbors.
+template <class Packet, bool periodic> struct MarkTension {
+    template <class Group> struct Scratch {
+        std::uint32_t slot[kMostAround];                       ///< of the neighbors, to a full run of lanes
         float x[kMostAround], y[kMostAround], z[kMostAround];  ///< in spacings from the particle
-        float reach[kMostAround];  ///< half of 1 + their squared distance
+        float reach[kMostAround];                              ///< half of 1 + their squared distance
     };
     Lists<Packet> lists;
     State state;
@@ -146,8 +149,7 @@ struct MarkTension {
     float per_spacing;
     const Phase* phases;
     Skin skin;
-    template <class Group>
-    GB_FN void operator()(Group& g, Scratch<Group>& near, std::size_t item) const {
+    template <class Group> GB_FN void operator()(Group& g, Scratch<Group>& near, std::size_t item) const {
         using F = typename Group::F;
         constexpr int parts = kDirections / Group::width;
         const std::size_t row = skin.rows[item];
@@ -157,7 +159,8 @@ struct MarkTension {
         g.sync();
         list_slots(g, lists, row, n, near.slot);
         for (int k = 0; k < n; k += Group::width) {
-            const Vec3<F> d = period.template shortest<periodic>(g.gather(state.place, near.slot + k).xyz() - at) * F(per_spacing);
+            const Vec3<F> d =
+                period.template shortest<periodic>(g.gather(state.place, near.slot + k).xyz() - at) * F(per_spacing);
             g.store_run(d.x, near.x + k);
             g.store_run(d.y, near.y + k);
             g.store_run(d.z, near.z + k);
@@ -170,11 +173,14 @@ struct MarkTension {
         for (int k = 0; k < n; ++k)
             for (int p = 0; p < parts; ++p) {
                 const int first = p * Group::width;
-                deep[p] = max(deep[p], F(near.x[k]) * g.load_run(directions->x + first) + (F(near.y[k]) * g.load_run(directions->y + first) +
-                                        (F(near.z[k]) * g.load_run(directions->z + first) + F(margin - near.reach[k]))));
+                deep[p] = max(
+                    deep[p], F(near.x[k]) * g.load_run(directions->x + first) +
+                                 (F(near.y[k]) * g.load_run(directions->y + first) +
+                                     (F(near.z[k]) * g.load_run(directions->z + first) + F(margin - near.reach[k]))));
             }
         std::uint32_t open[kDirections / 32] = {};
-        for (int p = 0; p < parts; ++p) open[p * Group::width / 32] |= g.set_of(deep[p] < F(0.0f)) << p * Group::width % 32;
+        for (int p = 0; p < parts; ++p)
+            open[p * Group::width / 32] |= g.set_of(deep[p] < F(0.0f)) << p * Group::width % 32;
         for (int w = 0; w < kDirections / 32; ++w)
             for (std::uint32_t set = open[w]; set; set &= set - 1)
                 if (open_around(g, near, n, directions->finer[32 * w + trailing_zeros(set)])) {
@@ -193,7 +199,9 @@ private:
         for (int c = 0; c < kFiner; ++c) {
             bool open = true;
             for (int k = 0; k < n && open; k += Group::width) {
-                const F along = F(directions[c].x) * g.load_run(near.x + k) + F(directions[c].y) * g.load_run(near.y + k) + F(directions[c].z) * g.load_run(near.z + k);
+                const F along = F(directions[c].x) * g.load_run(near.x + k) +
+                                F(directions[c].y) * g.load_run(near.y + k) +
+                                F(directions[c].z) * g.load_run(near.z + k);
                 open = !g.any(along + F(margin) >= g.load_run(near.reach + k));
             }
             if (open) return true;
@@ -209,8 +217,8 @@ GB_FN void vertices(const Skin& skin, std::size_t row, std::uint32_t facet, std:
     k = skin.facets[at + skin.padded];
 }
 
-/// What the facets' tension adds to the accelerations.  The flow inside of a drop grows with the distance from its middle:
-/// what a vertex does is more than what its particle does, as the roots of the facet's areas are.
+/// What the facets' tension adds to the accelerations.  The flow inside of a drop grows with the distance from its
+/// middle: what a vertex does is more than what its particle does, as the roots of the facet's areas are.
 struct Tension {
     const Quad* place;
     Skin skin;
@@ -232,8 +240,7 @@ struct Tension {
     }
 };
 
-template <class Packet, bool periodic>
-struct PullSurface {
+template <class Packet, bool periodic> struct PullSurface {
     Lists<Packet> lists;
     Tension tension;
     const float* inverse_rho;
@@ -261,10 +268,9 @@ struct RowOf {
     GB_FN void operator()(std::size_t row) const { row_of[rows[row]] = std::uint32_t(row); }
 };
 
-/// What facets do to tissue or a rigid body that they reach to, so that momentum is kept, N.  These find no facets; they ask those of the
-/// fluid beside them, each facet at the first of its vertices that are fluid.
-template <class Packet, bool periodic>
-struct PullOther {
+/// What facets do to tissue or a rigid body that they reach to, so that momentum is kept, N.  These find no facets;
+/// they ask those of the fluid beside them, each facet at the first of its vertices that are fluid.
+template <class Packet, bool periodic> struct PullOther {
     Lists<Packet> lists;
     Tension tension;
     const std::uint32_t* row_of;
@@ -289,8 +295,7 @@ struct PullOther {
         return pull;
     }
 };
-template <class Packet, bool periodic>
-struct PullTissue {
+template <class Packet, bool periodic> struct PullTissue {
     PullOther<Packet, periodic> pull;
     const float* inverse_rho;
     float per_volume;

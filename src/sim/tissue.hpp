@@ -18,15 +18,66 @@
 
 namespace globule::core {
 
-template <class Exec>
-class TissueImpl : public Tissue {
+template <class Exec> class TissueImpl : public Tissue {
 public:
     explicit TissueImpl(Exec& exec)
-        : exec_(exec), at_(exec), next_(exec), velocity_(exec), acceleration_(exec), pull_(exec), before_(exec), rest_(exec), id_(exec),
-          slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
-          volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
-          vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), strained_(exec), rest_at_(exec), rows_(exec), spared_(exec),
-          lame_(exec), terms_(exec), stays_(exec), correction_(exec), frequency_(exec), beside_cuts_(exec), body_(exec), beside_(exec), quiet_(exec), within_(exec), felt_(exec), felt_sum_(exec), pressed_(exec), plane_(exec), plane_speed_(exec), plane_rub_(exec), loads_(exec), change_(exec), rub_(exec), rigid_loads_(exec) {}
+        : exec_(exec),
+          at_(exec),
+          next_(exec),
+          velocity_(exec),
+          acceleration_(exec),
+          pull_(exec),
+          before_(exec),
+          rest_(exec),
+          id_(exec),
+          slot_(exec),
+          hold_(exec),
+          phase_(exec),
+          scarred_(exec),
+          touched_(exec),
+          first_(exec),
+          other_(exec),
+          length_(exec),
+          stiffness_(exec),
+          vessel_(exec),
+          volume_(exec),
+          wetness_(exec),
+          lambda_(exec),
+          label_(exec),
+          least_id_(exec),
+          piece_(exec),
+          count_(exec),
+          of_id_(exec),
+          vertices_(exec),
+          triangles_(exec),
+          asking_(exec),
+          found_(exec),
+          spent_(exec),
+          energy_(exec),
+          strained_(exec),
+          rest_at_(exec),
+          rows_(exec),
+          spared_(exec),
+          lame_(exec),
+          terms_(exec),
+          stays_(exec),
+          correction_(exec),
+          frequency_(exec),
+          beside_cuts_(exec),
+          body_(exec),
+          beside_(exec),
+          quiet_(exec),
+          within_(exec),
+          felt_(exec),
+          felt_sum_(exec),
+          pressed_(exec),
+          plane_(exec),
+          plane_speed_(exec),
+          plane_rub_(exec),
+          loads_(exec),
+          change_(exec),
+          rub_(exec),
+          rigid_loads_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
     Interrupt* whole() noexcept override { return &exec_.interrupt(); }
@@ -58,7 +109,8 @@ public:
     /// Moves the tissue by its own forces alone.
     int advance(const TissueStep& step) override {
         if (n_ == 0) return 0;
-        if (is_solid_ && step.iterations != 1) throw Refused("iterations: expected 1 for a solid, got " + std::to_string(step.iterations));
+        if (is_solid_ && step.iterations != 1)
+            throw Refused("iterations: expected 1 for a solid, got " + std::to_string(step.iterations));
         exec_.for_each(n_, tissue::Accelerate{acceleration_.data(), pulled_ ? pull_.data() : nullptr, step.gravity});
         return take_substeps(step.dt, step.substeps, step.iterations, step.gravity);
     }
@@ -71,9 +123,7 @@ public:
         });
     }
 
-    void follow() override {
-        exec_.for_each(n_, tissue::Remember{at_.data(), before_.data()});
-    }
+    void follow() override { exec_.for_each(n_, tissue::Remember{at_.data(), before_.data()}); }
 
     std::uint32_t cut(const BladeSweep& blade) override;
 
@@ -82,7 +132,8 @@ public:
 
     void grasp(const float3& center, float radius, int number) override {
         if (number < 0 || number >= tissue::kMaxGrasps)
-            throw Refused("number: expected 0 to " + std::to_string(tissue::kMaxGrasps - 1) + ", got " + std::to_string(number));
+            throw Refused(
+                "number: expected 0 to " + std::to_string(tissue::kMaxGrasps - 1) + ", got " + std::to_string(number));
         disturbed();
         const std::uint32_t bit = 1u << number;
         grasped_ = radius > 0.0f ? grasped_ | bit : grasped_ & ~bit;
@@ -92,9 +143,8 @@ public:
     /// Takes the particles inside the shape away, with all their bonds.
     std::uint32_t remove(const tissue::Shape& region) override {
         disturbed();
-        const std::uint32_t n_removed = counted([&](std::uint32_t* n) {
-            exec_.for_each(n_, tissue::TakeAway{at_.data(), hold_.data(), region, n});
-        });
+        const std::uint32_t n_removed = counted(
+            [&](std::uint32_t* n) { exec_.for_each(n_, tissue::TakeAway{at_.data(), hold_.data(), region, n}); });
         if (n_removed) exec_.for_each(n_, tissue::DropBonds{bonds(), hold_.data()});
         return n_removed;
     }
@@ -107,8 +157,10 @@ public:
             if (holds && !(grasped_ >> i & 1u)) continue;
             sim::Impulse all[3], *sum = felt_sum_.reserve(1);
             const std::size_t first = holds ? 0 : 2 * std::size_t(1 + i - tissue::kMaxGrasps) * n_;
-            exec_.reduce_in_order(n_, tissue::FeltOf{felt_.data() + first, holds ? hold_.data() : nullptr, std::uint8_t(tissue::kGrasped + i), n_},
-                                  sim::AddImpulse{}, sim::Impulse{}, sum);
+            exec_.reduce_in_order(n_,
+                tissue::FeltOf{
+                    felt_.data() + first, holds ? hold_.data() : nullptr, std::uint8_t(tissue::kGrasped + i), n_},
+                sim::AddImpulse{}, sim::Impulse{}, sum);
             exec_.download(&all[0], sum, sizeof *sum);
             if (holds) exec_.download(&all[1], pressed_.data() + 2 * i, 2 * sizeof *sum);
             for (int k = 0; k < 3; ++k) {
@@ -129,7 +181,10 @@ public:
         double sum, *out = energy_.reserve(1);
         if (is_solid_) {
             correct();
-            exec_.reduce_in_order(n_, tissue::SolidEnergy{bonds(), solid(), at_.data(), terms_.data(), yielded_ ? stays_.data() : nullptr, n_terms_}, sim::AddDouble{}, 0.0, out);
+            exec_.reduce_in_order(n_,
+                tissue::SolidEnergy{
+                    bonds(), solid(), at_.data(), terms_.data(), yielded_ ? stays_.data() : nullptr, n_terms_},
+                sim::AddDouble{}, 0.0, out);
         } else {
             exec_.reduce_in_order(n_, tissue::EnergyOf{bonds(), at_.data()}, sim::AddDouble{}, 0.0, out);
         }
@@ -137,7 +192,8 @@ public:
         return sum;
     }
 
-    void get(float* positions, float* velocities, std::uint32_t* piece, std::uint8_t* hold, std::uint32_t* ids) override {
+    void get(
+        float* positions, float* velocities, std::uint32_t* piece, std::uint8_t* hold, std::uint32_t* ids) override {
         take_out(at_, positions);
         take_out(velocity_, velocities);
         if (piece) {
@@ -159,7 +215,8 @@ public:
     }
     void set_vessel(std::size_t number, const BloodVessel& vessel) override {
         if (number < 1 || number > std::size_t(tissue::kMaxVessels))
-            throw Refused("vessel: expected a number from 1 to " + std::to_string(tissue::kMaxVessels) + ", got " + std::to_string(number));
+            throw Refused("vessel: expected a number from 1 to " + std::to_string(tissue::kMaxVessels) + ", got " +
+                          std::to_string(number));
         if (number > vessels_.size()) vessels_.resize(number);
         vessels_[number - 1] = vessel;
     }
@@ -168,7 +225,8 @@ public:
 
     std::vector<std::pair<std::string, std::size_t>> arrays() override {
         std::vector<std::pair<std::string, std::size_t>> out;
-        each_array([&](const char* name, auto& buffer, std::size_t n) { out.push_back({name, n * sizeof *buffer.data()}); });
+        each_array(
+            [&](const char* name, auto& buffer, std::size_t n) { out.push_back({name, n * sizeof *buffer.data()}); });
         return out;
     }
     void read(const std::string& name, void* out) override {
@@ -195,28 +253,32 @@ public:
     void disturbed() { gathered_ = settled_ = false; }
     /// Where the particles are now; whether other particles are held than before, which takes waiting for the device.
     bool gather(const sim::State& state, const sim::Phase* phases, const std::uint32_t* slot_of, float volume);
-    /// No density across the cuts of springs, nor within solids; the density of the rows that is there without their lists, or null.
+    /// No density across the cuts of springs, nor within solids; the density of the rows that is there without their
+    /// lists, or null.
     template <class Packet>
-    const float* veto(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Period& period, const sim::Spline& spline, float volume);
+    const float* veto(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Period& period,
+        const sim::Spline& spline, float volume);
     /// What the pressure that led to these velocities does to what is held; after push.
     template <class Packet>
-    void feel_pressure(const sim::Lists<Packet>& lists, const sim::State& state, const float* nearest, const sim::Period& period, const sim::Sizes& sizes, float volume, float support,
-                       float dt, float flux);
-    /// Friction between what the pressure that led to these velocities presses together; after feel_pressure.  on_rigid(phase, impulse): rigid
-    /// bodies feel it, too.
+    void feel_pressure(const sim::Lists<Packet>& lists, const sim::State& state, const float* nearest,
+        const sim::Period& period, const sim::Sizes& sizes, float volume, float support, float dt, float flux);
+    /// Friction between what the pressure that led to these velocities presses together; after feel_pressure.
+    /// on_rigid(phase, impulse): rigid bodies feel it, too.
     template <class Packet, class OnRigid>
-    void rub(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases, const std::map<int, tissue::RigidMass>& rigids, const sim::Period& period, float volume,
-             float support, float dt, float flux, const OnRigid& on_rigid);
+    void rub(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases,
+        const std::map<int, tissue::RigidMass>& rigids, const sim::Period& period, float volume, float support,
+        float dt, float flux, const OnRigid& on_rigid);
     /// What happens to tissue once a step, while its particles stand: it tears, and gets wet.
-    template <class Packet>
-    void change(const sim::Lists<Packet>& lists, const sim::State& state, float dt);
+    template <class Packet> void change(const sim::Lists<Packet>& lists, const sim::State& state, float dt);
     /// What tissue meets: walls, which the substeps keep it out of, and others.
     template <class Packet>
-    void find_contacts(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases, const sim::Period& period, const sim::Spline& spline, bool rubs);
+    void find_contacts(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases,
+        const sim::Period& period, const sim::Spline& spline, bool rubs);
     /// After a step whose next one is chosen by speeds alone: `far` is how far a particle may move in it.
     void count_as(const sim::State& state, float far) {
         const float substep = far * float(fastest_);
-        exec_.for_each(n_, tissue::CountAs{state, slot_.data(), beside_.data(), {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByOthers}});
+        exec_.for_each(n_, tissue::CountAs{state, slot_.data(), beside_.data(),
+                               {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByOthers}});
     }
     /// Before the forces.
     void take_velocities(const sim::State& state) {
@@ -225,9 +287,11 @@ public:
     /// After the forces: the bonds' substeps, into the state's velocities.
     void push(const sim::State& state, float dt, const float3& gravity) {
         if (n_ == 0) return;
-        exec_.for_each(n_, tissue::TakeAcceleration{state, slot_.data(), velocity_.data(), 1.0f / dt, acceleration_.data()});
+        exec_.for_each(
+            n_, tissue::TakeAcceleration{state, slot_.data(), velocity_.data(), 1.0f / dt, acceleration_.data()});
         take_substeps(dt, 0, 1, gravity);
-        exec_.for_each(n_, tissue::GiveVelocity{state, slot_.data(), at_.data(), velocity_.data(), 1.0f / dt, rest_.data()});
+        exec_.for_each(
+            n_, tissue::GiveVelocity{state, slot_.data(), at_.data(), velocity_.data(), 1.0f / dt, rest_.data()});
     }
     /// After the density solve, before particles move.
     void hold_on(const sim::State& state, float dt) {
@@ -236,41 +300,52 @@ public:
     /// After they moved.
     void add_rest(const sim::State& state) { exec_.for_each(n_, tissue::AddRest{state, slot_.data(), rest_.data()}); }
 
-    /// Blood that comes out of cut ends: the device looks for room, while the tree is that of the positions.  After gather.
+    /// Blood that comes out of cut ends: the device looks for room, while the tree is that of the positions.  After
+    /// gather.
     template <class Tree>
     void bleed(const Tree& tree, const SortedParticles& particles, const sim::Sizes& sizes, float dt);
     /// The drops that it found, in the order of the tissue, not too close to each other, as long as the pools last.
     std::vector<tissue::Drop> drops();
     int phase_of_blood(std::uint32_t vessel) const { return vessels_[vessel - 1].phase; }
 
-    /// Blood shows on what it wetted; colours and wetness by rank of the ids.
-    void stain(const std::uint32_t* rank, const std::uint32_t* slot_of, const float* blood, float* color, float* wetness) {
-        exec_.for_each(n_, tissue::Stain{id_.data(), slot_of, rank, wetness_.data(), {blood[0], blood[1], blood[2]}, color, wetness});
+    /// Blood shows on what it wetted; colors and wetness by rank of the ids.
+    void stain(
+        const std::uint32_t* rank, const std::uint32_t* slot_of, const float* blood, float* color, float* wetness) {
+        exec_.for_each(n_,
+            tissue::Stain{id_.data(), slot_of, rank, wetness_.data(), {blood[0], blood[1], blood[2]}, color, wetness});
     }
 
 private:
-    static constexpr float kWithin = 2.6f;             ///< spacings at rest: a solid's pairs that are closer are its stress's, not the density solve's
+    static constexpr float kWithin =
+        2.6f;  ///< spacings at rest: a solid's pairs that are closer are its stress's, not the density solve's
     static constexpr double kBorne = 1.5, kMostStiffening = 64.0;
     static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
-    static constexpr float kSubstepsByFluid = 4.0f, kSubstepsByOthers = 2.0f;  ///< of a step, where tissue is beside these
-    static constexpr float kJumpOfPart = 0.5f, kReachOfGrasp = 8.0f, kMostJumps = 4096.0f;  ///< spacings that a grasp moves; that what it holds is from its center
-    static constexpr int kSubstepsOfPart = 16;         ///< after as many the strain is looked at again
+    static constexpr float kSubstepsByFluid = 4.0f,
+                           kSubstepsByOthers = 2.0f;  ///< of a step, where tissue is beside these
+    static constexpr float kJumpOfPart = 0.5f, kReachOfGrasp = 8.0f,
+                           kMostJumps =
+                               4096.0f;         ///< spacings that a grasp moves; that what it holds is from its center
+    static constexpr int kSubstepsOfPart = 16;  ///< after as many the strain is looked at again
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
     static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
 
     tissue::Bonds bonds() {
-        return {n_, first_.data(), other_.data(), length_.data(), stiffness_.data(), vessel_.data(), scarred_.data(), is_solid_ ? spared_.data() : nullptr};
+        return {n_, first_.data(), other_.data(), length_.data(), stiffness_.data(), vessel_.data(), scarred_.data(),
+            is_solid_ ? spared_.data() : nullptr};
     }
     tissue::Members members() { return {of_id_.data(), n_ids_}; }
     double drop_volume() const { return std::pow(double(contact_) * size_of_fluid_, 3); }
 
-    tissue::Solid solid() { return {rest_at_.data(), lame_.data(), correction_.data(), rows_.data(), stride(), contact_}; }
+    tissue::Solid solid() {
+        return {rest_at_.data(), lame_.data(), correction_.data(), rows_.data(), stride(), contact_};
+    }
     std::uint32_t stride() const { return ceil_div<std::uint32_t>(n_, tissue::kBlock) * tissue::kBlock; }
     /// Positions at rest, and what particles are made of, beside those of other bodies.
     void add_solid(const TissueArrays& in, std::uint32_t old, std::uint32_t before, const std::vector<Quad>& at);
     void put_none_slid();
     /// Rows of `was` items each become `rows` of `all`; what is new is 0.
-    std::vector<float> widened(const Buffer<float, Exec>& buffer, std::uint32_t rows_were, std::uint32_t was, std::uint32_t rows, std::uint32_t all);
+    std::vector<float> widened(const Buffer<float, Exec>& buffer, std::uint32_t rows_were, std::uint32_t was,
+        std::uint32_t rows, std::uint32_t all);
     /// After bonds went, what is made of the whole ones.
     void correct() {
         if (corrected_) return;
@@ -284,12 +359,15 @@ private:
     /// Nothing is felt yet; where the substeps of a step add it up.
     tissue::Felt begin_felt(float dt, const float3& gravity);
 
-    /// How many times as many substeps as at rest the next ones of `dt` seconds need.  They are stable up to four times the stiffness at rest; the
-    /// stiffest particle tells how much more there is, and the pair that strains fastest how much may come until this is asked again.
+    /// How many times as many substeps as at rest the next ones of `dt` seconds need.  They are stable up to four times
+    /// the stiffness at rest; the stiffest particle tells how much more there is, and the pair that strains fastest how
+    /// much may come until this is asked again.
     double hurry(const Quad* at, float dt);
-    /// In how many parts a step's strain is looked at, so that what grasps hold does not jump away from its neighbors before.
+    /// In how many parts a step's strain is looked at, so that what grasps hold does not jump away from its neighbors
+    /// before.
     int jumps(float dt) const;
-    /// Symplectic: exact at rest, and energy neither grows nor decays.  Strain changes within a step, and with it the substeps.
+    /// Symplectic: exact at rest, and energy neither grows nor decays.  Strain changes within a step, and with it the
+    /// substeps.
     int take_solid_substeps(float whole_dt, int asked, const float3& gravity);
 
     int take_substeps(float whole_dt, int asked, int iterations, const float3& gravity);
@@ -301,8 +379,7 @@ private:
     /// every sweep through this tissue.
     tissue::SweptSurface on_grid(const BladeSweep& blade);
 
-    template <class Launch>
-    std::uint32_t count(const Launch& launch) {
+    template <class Launch> std::uint32_t count(const Launch& launch) {
         if (n_ == 0) return 0;
         std::uint32_t n = 0, *counter = count_.reserve(1);
         exec_.clear(counter, sizeof n);
@@ -311,8 +388,7 @@ private:
         return n;
     }
     /// Bonds that went change the pieces.
-    template <class Launch>
-    std::uint32_t counted(const Launch& launch) {
+    template <class Launch> std::uint32_t counted(const Launch& launch) {
         const std::uint32_t n = count(launch);
         scar(n);
         return n;
@@ -323,21 +399,20 @@ private:
     }
 
     /// Everything that lasts, with the number of its items.
-    template <class Fn>
-    void each_array(const Fn& fn);
+    template <class Fn> void each_array(const Fn& fn);
 
     /// What follows from the particles' number and ids.
     void make_room();
     /// Square root of the largest κ / α, from what is stored.
     double fastest_bond();
 
-    template <class T>
-    void put(Buffer<T, Exec>& buffer, const T* from, std::size_t n) {
+    template <class T> void put(Buffer<T, Exec>& buffer, const T* from, std::size_t n) {
         if (n) exec_.upload(buffer.reserve(n), from, n * sizeof(T));
     }
     /// n_old items stay, `between` fills up to place `begin`, then come m new ones.
     template <class T>
-    void extend(Buffer<T, Exec>& buffer, std::size_t n_old, std::size_t begin, const T* more, std::size_t m, const T& between);
+    void extend(
+        Buffer<T, Exec>& buffer, std::size_t n_old, std::size_t begin, const T* more, std::size_t m, const T& between);
     void take_out(const Buffer<Quad, Exec>& buffer, float* to);
     void put_in(Buffer<Quad, Exec>& buffer, const float* from);
 
@@ -345,10 +420,11 @@ private:
     std::uint32_t n_ = 0, n_entries_ = 0, n_pieces_ = 0, n_ids_ = 0;
     std::uint64_t n_scars_ = 0;  ///< bonds that went; 0: none
     float contact_ = 0.0f, size_of_fluid_ = 1.0f;
-    double fastest_ = 0.0;       ///< 1/s: substeps a second
+    double fastest_ = 0.0;  ///< 1/s: substeps a second
     bool pieces_known_ = false, pulled_ = false, tears_ = false, yields_ = false, rubs_ = false, bleeds_ = false;
     bool is_written_ = false;  ///< from outside, array by array
-    bool gathered_ = false, settled_ = false;  ///< as the state has the particles; nobody since a gather has changed who is held
+    bool gathered_ = false,
+         settled_ = false;  ///< as the state has the particles; nobody since a gather has changed who is held
     tissue::Materials materials_;
     tissue::Motions motions_;
     tissue::Shapes shapes_;
@@ -373,39 +449,36 @@ private:
     bool broken_ = false;
     bool is_solid_ = false, corrected_ = false;  ///< not bonds alone; no bond went since the corrections
     Buffer<Quad, Exec> rest_at_, rows_;
-    Buffer<float, Exec> spared_;                 ///< as in OwnPairs
+    Buffer<float, Exec> spared_;  ///< as in OwnPairs
     Buffer<float, Exec> lame_, terms_, stays_, correction_, frequency_;
-    std::uint32_t n_terms_ = 0;                  ///< of Prony series, the most that a body has
-    bool yielded_ = false;                       ///< stays_ is there
-    Buffer<std::uint32_t, Exec> beside_cuts_;    ///< rows: how many, then which
-    Buffer<std::uint32_t, Exec> body_;           ///< bodies, as they were made: the least member
+    std::uint32_t n_terms_ = 0;                ///< of Prony series, the most that a body has
+    bool yielded_ = false;                     ///< stays_ is there
+    Buffer<std::uint32_t, Exec> beside_cuts_;  ///< rows: how many, then which
+    Buffer<std::uint32_t, Exec> body_;         ///< bodies, as they were made: the least member
     bool bodies_known_ = false;
     Buffer<std::uint8_t, Exec> beside_, quiet_;
     Buffer<float, Exec> within_;
-    std::uint32_t grasped_ = 0;                  ///< bits of the grasps that hold
+    std::uint32_t grasped_ = 0;  ///< bits of the grasps that hold
     bool feels_ = false;
     int felt_shapes_ = 0;
-    float felt_dt_ = 0.0f;                       ///< of the last step
+    float felt_dt_ = 0.0f;  ///< of the last step
     Buffer<float3, Exec> felt_;
     Buffer<sim::Impulse, Exec> felt_sum_;
-    Buffer<sim::Impulse, Exec> pressed_;         ///< of pressure and of its friction, per grasp
-    Buffer<Quad, Exec> plane_;                   ///< of the wall before each particle
+    Buffer<sim::Impulse, Exec> pressed_;  ///< of pressure and of its friction, per grasp
+    Buffer<Quad, Exec> plane_;            ///< of the wall before each particle
     Buffer<float, Exec> plane_speed_;
     Buffer<Quad, Exec> plane_rub_, loads_, change_;  ///< friction: of planes, of what is pressed together
-    Buffer<float3, Exec> rub_;                   ///< of cut faces
+    Buffer<float3, Exec> rub_;                       ///< of cut faces
     Buffer<double, Exec> rigid_loads_;
 };
 
 /// Tissue alone, with its own means.
-template <class Exec>
-struct OwnExec {
-    Exec exec;
-};
-template <class Exec>
-class TissueAlone final : private OwnExec<Exec>, public TissueImpl<Exec> {
+template <class Exec> struct OwnExec { Exec exec; };
+template <class Exec> class TissueAlone final : private OwnExec<Exec>, public TissueImpl<Exec> {
 public:
     template <class... Args>
-    explicit TissueAlone(Args&&... args) : OwnExec<Exec>{Exec(std::forward<Args>(args)...)}, TissueImpl<Exec>(this->exec) {}
+    explicit TissueAlone(Args&&... args)
+        : OwnExec<Exec>{Exec(std::forward<Args>(args)...)}, TissueImpl<Exec>(this->exec) {}
 };
 
 }  // namespace globule::core

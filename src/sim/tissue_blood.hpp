@@ -15,7 +15,8 @@ void TissueImpl<Exec>::change(const sim::Lists<Packet>& lists, const sim::State&
     if (!stains) return;
     std::uint8_t* touched = touched_.reserve(n_);
     exec_.clear(touched, n_);
-    exec_.for_each(lists.n_rows, tissue::Touch<Packet>{lists, state, members(), stains, 1.3f * contact_ * (0.5f + 0.5f * size_of_fluid_), touched});
+    exec_.for_each(lists.n_rows, tissue::Touch<Packet>{lists, state, members(), stains,
+                                     1.3f * contact_ * (0.5f + 0.5f * size_of_fluid_), touched});
     exec_.for_each(n_, tissue::Wet{touched, dt, wetness_.data()});
 }
 
@@ -30,12 +31,14 @@ void TissueImpl<Exec>::bleed(const Tree& tree, const SortedParticles& particles,
     if (!bleeds_) return;
     tissue::Drop *asking = asking_.reserve(n_), *found = found_.reserve(n_ + 1);
     exec_.clear(found, sizeof *found);
-    exec_.for_each(n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, contact_, size_of_fluid_ * size_of_fluid_ * size_of_fluid_, dt, volume_.data(), &found->vessel, asking});
-    exec_.for_each_tile_of(&found->vessel, tissue::FindRoom<Tree>{tree, particles, asking, velocity_.data(), flowing, sizes, contact_, size_of_fluid_, &found->t, found + 1});
+    exec_.for_each(
+        n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, contact_,
+                size_of_fluid_ * size_of_fluid_ * size_of_fluid_, dt, volume_.data(), &found->vessel, asking});
+    exec_.for_each_tile_of(&found->vessel, tissue::FindRoom<Tree>{tree, particles, asking, velocity_.data(), flowing,
+                                               sizes, contact_, size_of_fluid_, &found->t, found + 1});
 }
 
-template <class Exec>
-std::vector<tissue::Drop> TissueImpl<Exec>::drops() {
+template <class Exec> std::vector<tissue::Drop> TissueImpl<Exec>::drops() {
     std::vector<tissue::Drop> out;
     if (!bleeds_) return out;
     std::vector<tissue::Drop> found(std::min<std::size_t>(kDropsToBegin, n_ + 1));  // first of all, how many there are

@@ -4,16 +4,15 @@
 
 namespace globule::core {
 
-template <class Exec>
-std::uint32_t TissueImpl<Exec>::cut(const BladeSweep& blade) {
+template <class Exec> std::uint32_t TissueImpl<Exec>::cut(const BladeSweep& blade) {
     if (n_ == 0 || blade.n_triangles == 0) return 0;
     const tissue::SweptSurface sweep = on_grid(blade);
     const float3* before = blade.n_moving ? before_.data() : nullptr;
-    return counted([&](std::uint32_t* n_cut) { exec_.for_each(n_, tissue::Cut{bonds(), at_.data(), before, sweep, n_cut}); });
+    return counted(
+        [&](std::uint32_t* n_cut) { exec_.for_each(n_, tissue::Cut{bonds(), at_.data(), before, sweep, n_cut}); });
 }
 
-template <class Exec>
-tissue::SweptSurface TissueImpl<Exec>::on_grid(const BladeSweep& blade) {
+template <class Exec> tissue::SweptSurface TissueImpl<Exec>::on_grid(const BladeSweep& blade) {
     tissue::SweptSurface sweep;
     sweep.grid.cells_per_unit = std::exp2(std::floor(std::log2(65536.0 / contact_)));
     std::vector<tissue::GridPoint> vertices(blade.n_vertices);
@@ -35,23 +34,20 @@ tissue::SweptSurface TissueImpl<Exec>::on_grid(const BladeSweep& blade) {
     return sweep;
 }
 
-template <class Exec>
-std::uint32_t TissueImpl<Exec>::pieces() {
+template <class Exec> std::uint32_t TissueImpl<Exec>::pieces() {
     if (pieces_known_) return n_pieces_;
     std::uint32_t* label = label_.reserve(n_);
     find_labels(label);
     std::uint32_t* least_id = least_id_.reserve(n_);
     exec_.for_each(n_, sim::Fill{least_id, ~0u});
-    n_pieces_ = count([&](std::uint32_t* n) {
-        exec_.for_each(n_, tissue::LeastId{label, id_.data(), hold_.data(), least_id, n});
-    });
+    n_pieces_ = count(
+        [&](std::uint32_t* n) { exec_.for_each(n_, tissue::LeastId{label, id_.data(), hold_.data(), least_id, n}); });
     exec_.for_each(n_, tissue::TakeLeastId{label, least_id, piece_.reserve(n_)});
     pieces_known_ = true;
     return n_pieces_;
 }
 
-template <class Exec>
-void TissueImpl<Exec>::find_labels(std::uint32_t* label) {
+template <class Exec> void TissueImpl<Exec>::find_labels(std::uint32_t* label) {
     exec_.for_each(n_, tissue::OwnLabel{label});
     for (std::uint32_t changed = n_ > 0; changed;) {
         std::uint32_t* flag = count_.reserve(1);

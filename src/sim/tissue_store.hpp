@@ -4,8 +4,7 @@
 
 namespace globule::core {
 
-template <class Exec>
-void TissueImpl<Exec>::add(const TissueArrays& in) {
+template <class Exec> void TissueImpl<Exec>::add(const TissueArrays& in) {
     if (in.n == 0) return;
     if (n_ > 0 && is_solid_ != (in.lame != nullptr))
         throw Refused("tissue: expected bodies of one model, got solids beside bonds");
@@ -50,19 +49,22 @@ void TissueImpl<Exec>::add(const TissueArrays& in) {
 }
 
 template <class Exec>
-void TissueImpl<Exec>::add_solid(const TissueArrays& in, std::uint32_t old, std::uint32_t before, const std::vector<Quad>& at) {
+void TissueImpl<Exec>::add_solid(
+    const TissueArrays& in, std::uint32_t old, std::uint32_t before, const std::vector<Quad>& at) {
     extend(rest_at_, old, before, at.data(), in.n, Quad{0, 0, 0, 0});
     const std::vector<float> none(in.n, tissue::kNotSlid);
     extend(spared_, old, before, none.data(), in.n, tissue::kNotSlid);
     const std::uint32_t all = before + ceil_div<std::uint32_t>(in.n, tissue::kBlock) * tissue::kBlock, was = stride();
     std::vector<float> lame = widened(lame_, 2, was, 2, all);
-    for (int k = 0; k < 2; ++k) std::copy_n(in.lame + k * std::size_t(in.n), in.n, lame.data() + k * std::size_t(all) + before);
+    for (int k = 0; k < 2; ++k)
+        std::copy_n(in.lame + k * std::size_t(in.n), in.n, lame.data() + k * std::size_t(all) + before);
     put(lame_, lame.data(), lame.size());
     const std::uint32_t n_terms = std::max(n_terms_, in.n_terms);
     std::vector<float> terms = widened(terms_, tissue::kTermRows * n_terms_, was, tissue::kTermRows * n_terms, all);
     for (std::uint32_t k = 0; k < in.n_terms; ++k)
         for (int a = 0; a < 2; ++a)
-            std::fill_n(terms.data() + (tissue::kTermRows * k + a) * std::size_t(all) + before, in.n, in.relaxation[2 * k + a]);
+            std::fill_n(
+                terms.data() + (tissue::kTermRows * k + a) * std::size_t(all) + before, in.n, in.relaxation[2 * k + a]);
     put(terms_, terms.data(), terms.size());
     n_terms_ = n_terms;
     const std::vector<float> stays = yielded_ ? widened(stays_, 6, was, 6, all) : std::vector<float>();
@@ -74,56 +76,60 @@ void TissueImpl<Exec>::add_solid(const TissueArrays& in, std::uint32_t old, std:
     exec_.synchronize();
 }
 
-template <class Exec>
-void TissueImpl<Exec>::put_none_slid() {
+template <class Exec> void TissueImpl<Exec>::put_none_slid() {
     const std::vector<float> none(is_solid_ ? n_ : 0, tissue::kNotSlid);
     put(spared_, none.data(), none.size());
     exec_.synchronize();
 }
 
 template <class Exec>
-std::vector<float> TissueImpl<Exec>::widened(const Buffer<float, Exec>& buffer, std::uint32_t rows_were, std::uint32_t was, std::uint32_t rows, std::uint32_t all) {
+std::vector<float> TissueImpl<Exec>::widened(const Buffer<float, Exec>& buffer, std::uint32_t rows_were,
+    std::uint32_t was, std::uint32_t rows, std::uint32_t all) {
     std::vector<float> out(rows * std::size_t(all), 0.0f), earlier(rows_were * std::size_t(was));
     if (!earlier.empty()) exec_.download(earlier.data(), buffer.data(), earlier.size() * sizeof(float));
-    for (std::uint32_t k = 0; k < rows_were; ++k) std::copy_n(earlier.data() + k * std::size_t(was), was, out.data() + k * std::size_t(all));
+    for (std::uint32_t k = 0; k < rows_were; ++k)
+        std::copy_n(earlier.data() + k * std::size_t(was), was, out.data() + k * std::size_t(all));
     return out;
 }
 
-template <class Exec>
-void TissueImpl<Exec>::write(const std::string& name, const void* in, std::size_t bytes) {
+template <class Exec> void TissueImpl<Exec>::write(const std::string& name, const void* in, std::size_t bytes) {
     disturbed();
     if (name == "hold") n_ = std::uint32_t(bytes);
     if (name == "hold" || name == "id") is_written_ = name == "hold";
     if (name == "other") n_entries_ = std::uint32_t(bytes / 4);
     if (name == "hold") is_solid_ = yielded_ = false, n_terms_ = 0;
     if (name == "rest") is_solid_ = bytes > 0;
-    if (name == "terms" && n_) n_terms_ = std::uint32_t(std::min<std::size_t>(bytes / (sizeof(float) * tissue::kTermRows * stride()), tissue::kMostTerms));
+    if (name == "terms" && n_)
+        n_terms_ = std::uint32_t(
+            std::min<std::size_t>(bytes / (sizeof(float) * tissue::kTermRows * stride()), tissue::kMostTerms));
     if (name == "stays") yielded_ = bytes > 0;
     if (name == "hold" || name == "body") bodies_known_ = name == "body" && bytes > 0;
     if (name == "hold") {
         grasped_ = 0;
         for (std::size_t t = 0; t < bytes; ++t)
-            if (const int g = static_cast<const std::uint8_t*>(in)[t] - tissue::kGrasped; g >= 0 && g < tissue::kMaxGrasps) grasped_ |= 1u << g;
+            if (const int g = static_cast<const std::uint8_t*>(in)[t] - tissue::kGrasped;
+                g >= 0 && g < tissue::kMaxGrasps)
+                grasped_ |= 1u << g;
     }
     each_array([&](const char* its, auto& buffer, std::size_t n) {
         if (name != its) return;
         const std::size_t wanted = n * sizeof *buffer.data();
         if (bytes != wanted)
-            throw Refused("tissue_" + name + ": expected " + std::to_string(wanted) + " bytes, got " + std::to_string(bytes));
+            throw Refused(
+                "tissue_" + name + ": expected " + std::to_string(wanted) + " bytes, got " + std::to_string(bytes));
         exec_.upload(buffer.reserve(n), in, wanted);
     });
     exec_.synchronize();
     if (name == "rest") put_none_slid();  // earlier versions did not save it
     if (name == "id") {
         make_room();
-        if (!bodies_known_) exec_.clear(body_.reserve(n_), n_ * sizeof *body_.data());  // earlier versions saved those of solids alone
-        n_scars_ = 1;  // as if there were some
+        if (!bodies_known_)
+            exec_.clear(body_.reserve(n_), n_ * sizeof *body_.data());  // earlier versions saved those of solids alone
+        n_scars_ = 1;                                                   // as if there were some
     }
 }
 
-template <class Exec>
-template <class Fn>
-void TissueImpl<Exec>::each_array(const Fn& fn) {
+template <class Exec> template <class Fn> void TissueImpl<Exec>::each_array(const Fn& fn) {
     fn("hold", hold_, n_);
     fn("other", other_, n_entries_);
     fn("rest", rest_at_, is_solid_ ? n_ : 0);
@@ -147,8 +153,7 @@ void TissueImpl<Exec>::each_array(const Fn& fn) {
     fn("id", id_, n_);
 }
 
-template <class Exec>
-void TissueImpl<Exec>::make_room() {
+template <class Exec> void TissueImpl<Exec>::make_room() {
     for (auto* b : {&acceleration_, &rest_}) b->reserve(n_);
     next_.reserve(n_);
     slot_.reserve(n_);
@@ -176,8 +181,7 @@ void TissueImpl<Exec>::make_room() {
     fastest_ = frequency;  // stable up to twice that step: what is strained is stiffer
 }
 
-template <class Exec>
-double TissueImpl<Exec>::fastest_bond() {
+template <class Exec> double TissueImpl<Exec>::fastest_bond() {
     std::vector<Quad> at(n_);
     std::vector<std::uint32_t> first(ceil_div<std::size_t>(n_, tissue::kBlock) + 1), other(n_entries_);
     std::vector<float> stiffness(n_entries_);
@@ -187,14 +191,16 @@ double TissueImpl<Exec>::fastest_bond() {
     exec_.download(stiffness.data(), stiffness_.data(), n_entries_ * sizeof stiffness[0]);
     double fastest2 = 0.0;
     for (std::uint32_t t = 0; t < n_; ++t)
-        for (std::uint32_t e = first[t / tissue::kBlock] + t % tissue::kBlock; e < first[t / tissue::kBlock + 1]; e += tissue::kBlock)
+        for (std::uint32_t e = first[t / tissue::kBlock] + t % tissue::kBlock; e < first[t / tissue::kBlock + 1];
+            e += tissue::kBlock)
             fastest2 = std::max(fastest2, double(stiffness[e]) * (double(at[t].w) + at[other[e]].w));
     return std::sqrt(fastest2);
 }
 
 template <class Exec>
 template <class T>
-void TissueImpl<Exec>::extend(Buffer<T, Exec>& buffer, std::size_t n_old, std::size_t begin, const T* more, std::size_t m, const T& between) {
+void TissueImpl<Exec>::extend(
+    Buffer<T, Exec>& buffer, std::size_t n_old, std::size_t begin, const T* more, std::size_t m, const T& between) {
     std::vector<T> all(begin + m, between);
     if (n_old) exec_.download(all.data(), buffer.data(), n_old * sizeof(T));
     if (m) std::memcpy(all.data() + begin, more, m * sizeof(T));
@@ -202,16 +208,14 @@ void TissueImpl<Exec>::extend(Buffer<T, Exec>& buffer, std::size_t n_old, std::s
     exec_.synchronize();
 }
 
-template <class Exec>
-void TissueImpl<Exec>::take_out(const Buffer<Quad, Exec>& buffer, float* to) {
+template <class Exec> void TissueImpl<Exec>::take_out(const Buffer<Quad, Exec>& buffer, float* to) {
     if (!to) return;
     std::vector<Quad> all(n_);
     exec_.download(all.data(), buffer.data(), n_ * sizeof(Quad));
     for (std::size_t t = 0; t < n_; ++t) std::memcpy(to + 3 * t, &all[t], 3 * sizeof(float));
 }
 
-template <class Exec>
-void TissueImpl<Exec>::put_in(Buffer<Quad, Exec>& buffer, const float* from) {
+template <class Exec> void TissueImpl<Exec>::put_in(Buffer<Quad, Exec>& buffer, const float* from) {
     if (!from) return;
     std::vector<Quad> all(n_);
     exec_.download(all.data(), buffer.data(), n_ * sizeof(Quad));

@@ -4,8 +4,7 @@
 
 namespace globule::core {
 
-template <class Exec>
-tissue::Felt TissueImpl<Exec>::begin_felt(float dt, const float3& gravity) {
+template <class Exec> tissue::Felt TissueImpl<Exec>::begin_felt(float dt, const float3& gravity) {
     felt_dt_ = dt;
     felt_shapes_ = shapes_.n;
     feels_ = grasped_ != 0 || shapes_.n > 0;
@@ -16,26 +15,26 @@ tissue::Felt TissueImpl<Exec>::begin_felt(float dt, const float3& gravity) {
     return {felt_.data(), n_, gravity};
 }
 
-template <class Exec>
-double TissueImpl<Exec>::hurry(const Quad* at, float dt) {
+template <class Exec> double TissueImpl<Exec>::hurry(const Quad* at, float dt) {
     tissue::Strained most, *out = strained_.reserve(1 + std::size_t(n_)), *each = out + 1;
-    exec_.for_each(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr, quiet_.data(), each});
+    exec_.for_each(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr,
+                           quiet_.data(), each});
     exec_.reduce_in_order(n_, tissue::StrainedOf{each}, tissue::MostStrained{}, tissue::Strained{1.0, 0.0}, out);
     exec_.download(&most, out, sizeof most);
     return std::sqrt(std::min(std::max(1.0, most.stiffness / kBorne), kMostStiffening)) *  // 1 where it is no number
            std::min(std::max(1.0, most.rate * dt / kStrainOfPart), kMostByStrain);
 }
 
-template <class Exec>
-int TissueImpl<Exec>::jumps(float dt) const {
+template <class Exec> int TissueImpl<Exec>::jumps(float dt) const {
     float fastest = 0.0f;
     for (int g = 0; g < tissue::kMaxGrasps; ++g)
-        if (grasped_ >> g & 1u) fastest = std::max(fastest, length(motions_.velocity[g]) + length(motions_.spin[g]) * kReachOfGrasp * contact_);
+        if (grasped_ >> g & 1u)
+            fastest =
+                std::max(fastest, length(motions_.velocity[g]) + length(motions_.spin[g]) * kReachOfGrasp * contact_);
     return int(std::min(std::ceil(fastest * dt / (kJumpOfPart * contact_)), kMostJumps));
 }
 
-template <class Exec>
-int TissueImpl<Exec>::take_solid_substeps(float whole_dt, int asked, const float3& gravity) {
+template <class Exec> int TissueImpl<Exec>::take_solid_substeps(float whole_dt, int asked, const float3& gravity) {
     moved();
     correct();
     if (yields_ && !yielded_) {
@@ -55,13 +54,15 @@ int TissueImpl<Exec>::take_solid_substeps(float whole_dt, int asked, const float
             shapes_.move(dt);
             walls_.elapsed += dt;
             if (n_terms_ || yielded_) {
-                const tissue::Memory memory{terms_.data(), yielded_ ? stays_.data() : nullptr, phase_.data(), materials_, n_terms_, stride(), n_, dt};
+                const tissue::Memory memory{terms_.data(), yielded_ ? stays_.data() : nullptr, phase_.data(),
+                    materials_, n_terms_, stride(), n_, dt};
                 exec_.for_each_packet(n_, tissue::Strain<tissue::Memory>{bonds(), solid(), at, quiet_.data(), memory});
             } else {
                 exec_.for_each_packet(n_, tissue::Strain<tissue::NoMemory>{bonds(), solid(), at, quiet_.data(), {}});
             }
-            exec_.for_each_packet(n_, tissue::Push{bonds(), solid(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
-                                                   materials_, motions_, shapes_, walls_, felt, dt});
+            exec_.for_each_packet(
+                n_, tissue::Push{bonds(), solid(), at, next, velocity_.data(), acceleration_.data(), hold_.data(),
+                        phase_.data(), materials_, motions_, shapes_, walls_, felt, dt});
             rub_cuts(at, next, dt, dt, felt);
             std::swap(at, next);
         }
@@ -82,9 +83,9 @@ int TissueImpl<Exec>::take_substeps(float whole_dt, int asked, int iterations, c
     float* lambda = iterations > 1 ? lambda_.reserve(n_entries_) : nullptr;
     Quad *at = at_.data(), *next = next_.data();
     const auto relax = [&]<bool single>(std::bool_constant<single>, int s, int k) {
-        exec_.for_each_packet(n_, tissue::Relax<single>{bonds(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
-                                                     lambda, materials_, motions_, shapes_, walls_, felt, dt, contact_, k == 0, k + 1 == iterations,
-                                                     s + 1 < n_substeps});
+        exec_.for_each_packet(n_, tissue::Relax<single>{bonds(), at, next, velocity_.data(), acceleration_.data(),
+                                      hold_.data(), phase_.data(), lambda, materials_, motions_, shapes_, walls_, felt,
+                                      dt, contact_, k == 0, k + 1 == iterations, s + 1 < n_substeps});
         if (k + 1 == iterations) rub_cuts(at, next, dt, s + 1 < n_substeps ? 2.0f * dt : dt, felt);
         std::swap(at, next);
     };
@@ -103,8 +104,10 @@ template <class Exec>
 void TissueImpl<Exec>::rub_cuts(const Quad* at, Quad* next, float dt, float ahead, const tissue::Felt& felt) {
     if (!rubs_ || n_scars_ == 0) return;
     float3* impulse = rub_.reserve(n_);
-    exec_.for_each(n_, tissue::Rub{bonds(), at, velocity_.data(), hold_.data(), phase_.data(), materials_, dt, contact_, is_solid_, impulse});
-    exec_.for_each(n_, tissue::TakeRub{scarred_.data(), hold_.data(), impulse, next, velocity_.data(), motions_, felt, ahead});
+    exec_.for_each(n_, tissue::Rub{bonds(), at, velocity_.data(), hold_.data(), phase_.data(), materials_, dt, contact_,
+                           is_solid_, impulse});
+    exec_.for_each(
+        n_, tissue::TakeRub{scarred_.data(), hold_.data(), impulse, next, velocity_.data(), motions_, felt, ahead});
 }
 
 }  // namespace globule::core

@@ -1,4 +1,4 @@
-// Viscosity and adhesion between neighbours.
+// Viscosity and adhesion between neighbors.
 //
 // Viscosity (Morris 1997):
 //   rho_i a_i = 2 sum_j mu_ij V_j v_ij x_ij . grad W_ij / |x_ij|^2
@@ -22,45 +22,41 @@ inline constexpr float kCohesion = 1.6673f;
 struct Interaction {
     Spline spline;
     Period period;
-    float viscosity_scale;       ///< 2; 0 where viscosity is somebody else's
-    float extra_viscosity;       ///< of all pairs of fluid
+    float viscosity_scale;  ///< 2; 0 where viscosity is somebody else's
+    float extra_viscosity;  ///< of all pairs of fluid
     float spacing, volume;
     Sizes sizes;
 
     /// 2 mu V_j x . grad W / |x|^2 of one pair.
-    template <class F>
-    GB_FN F viscous(const F& slope, const F& mu, const F& v) const {
+    template <class F> GB_FN F viscous(const F& slope, const F& mu, const F& v) const {
         return F(viscosity_scale) * mu * v * slope;
     }
     /// 1 where both are fluid, else 1 + wall's share: the velocity behind the wall mirrors mine.
-    template <class F>
-    GB_FN F mirror(const F& nearest) const {
+    template <class F> GB_FN F mirror(const F& nearest) const {
         return F(1.0f) + F(0.5f * spacing) / max(nearest - F(0.5f * spacing), F(0.25f * spacing));
     }
-    template <class F>
-    GB_FN F attraction(const F& r) const {
+    template <class F> GB_FN F attraction(const F& r) const {
         const F q = r * F(spline.inverse), a = max(F(1.0f) - q, F(0.0f)) * q, c = F(64.0f) * a * a * a;
         return select(q > F(0.5f), c, F(2.0f) * c - F(1.0f));
     }
     /// The attraction's force per distance, of two with an adhesion of 1; `reach`: r over the mean size.
-    template <class F>
-    GB_FN F pull(const F& reach, const F& r) const {
-        return select(reach < F(spline.support), F(-kCohesion * spacing / volume) * attraction(reach) / max(r, F(1e-3f * spacing)), F(0.0f));
+    template <class F> GB_FN F pull(const F& reach, const F& r) const {
+        return select(reach < F(spline.support),
+            F(-kCohesion * spacing / volume) * attraction(reach) / max(r, F(1e-3f * spacing)), F(0.0f));
     }
 };
 
-/// Accelerations of all rows by what acts between neighbours.
-template <class Packet_, bool periodic, bool sticks, bool mixed>
-struct PairForces {
+/// Accelerations of all rows by what acts between neighbors.
+template <class Packet_, bool periodic, bool sticks, bool mixed> struct PairForces {
     Lists<Packet_> lists;
     const Quad *place, *velocity;
     Rows rows;
     Interaction pair;
-    const float* cohesion;  ///< per slot: root of a fluid's tension, of a boundary's adhesion; less than 0: of tissue's tension
-    float* diagonal;        ///< of the implicit operator less rho, over dt; or null
-    Quad* acceleration;     ///< per row
-    template <class Packet>
-    GB_FN void run(std::size_t row) const {
+    const float*
+        cohesion;  ///< per slot: root of a fluid's tension, of a boundary's adhesion; less than 0: of tissue's tension
+    float* diagonal;     ///< of the implicit operator less rho, over dt; or null
+    Quad* acceleration;  ///< per row
+    template <class Packet> GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         const std::uint32_t* slot = lists.rows + row;
         const Four<F> at = Packet::gather(place, slot), v = Packet::gather(velocity, slot);
@@ -99,7 +95,8 @@ struct PairForces {
             z += s * (v.z - u.z);
             if constexpr (sticks) {
                 const F theirs = Packet::gather(cohesion, lists.index + k);
-                F f = pair.pull(reach, r) * max(select(solid, mine * theirs, zero - mine * theirs), zero);  // tissue with fluid: below 0
+                F f = pair.pull(reach, r) *
+                      max(select(solid, mine * theirs, zero - mine * theirs), zero);  // tissue with fluid: below 0
                 if constexpr (mixed) f *= share;
                 x += f * d.x;
                 y += f * d.y;
@@ -122,7 +119,9 @@ struct CohesionOf {
             return;
         }
         const Phase& p = phases[state.phase[i]];
-        out[i] = state.place[i].w >= 0.0f ? sqrt(p.adhesion) : p.kind == Kind::fluid ? sqrt(p.tension) : -sqrt(p.tension);
+        out[i] = state.place[i].w >= 0.0f ? sqrt(p.adhesion)
+                 : p.kind == Kind::fluid  ? sqrt(p.tension)
+                                          : -sqrt(p.tension);
     }
 };
 
@@ -135,8 +134,7 @@ struct Conjugate {
     std::uint32_t iterations, done;
 };
 
-template <class Packet_, bool periodic, bool mixed>
-struct ApplyViscosity {
+template <class Packet_, bool periodic, bool mixed> struct ApplyViscosity {
     Lists<Packet_> lists;
     const Quad *place, *direction;  ///< w of direction: viscosity
     Rows rows;
@@ -144,8 +142,7 @@ struct ApplyViscosity {
     const Conjugate* state;
     float dt;
     Quad* out;  ///< per row
-    template <class Packet>
-    GB_FN void run(std::size_t row) const {
+    template <class Packet> GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         if (state->done) return;
         const std::uint32_t* slot = lists.rows + row;
@@ -159,7 +156,8 @@ struct ApplyViscosity {
         std::size_t k = lists.at(row);
         for (std::uint32_t i = 0; i < n; ++i, k += Packet::stride) {
             lists.fetch_next_index(k);
-            const Four<F> other = Packet::gather(place, lists.index + k), u = Packet::gather(direction, lists.index + k);
+            const Four<F> other = Packet::gather(place, lists.index + k),
+                          u = Packet::gather(direction, lists.index + k);
             const Vec3<F> d = pair.period.template shortest<periodic>(at.xyz() - other.xyz());
             const F r2 = dot(d, d);
             F w, slope;

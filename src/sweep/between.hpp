@@ -1,5 +1,6 @@
-// Which filled voxels lie between data: on a straight line along an axis or a diagonal, measured voxels lie on both sides within the
-// kernel's reach.  The others are extrapolated: they are emptied, or labeled.  Rows of 64 voxels are words of bits.
+// Which filled voxels lie between data: on a straight line along an axis or a diagonal, measured voxels lie on both
+// sides within the kernel's reach.  The others are extrapolated: they are emptied, or labeled.  Rows of 64 voxels are
+// words of bits.
 #pragma once
 #include "sweep/dense.hpp"
 #include "sweep/holes.hpp"
@@ -26,8 +27,7 @@ struct Words {
     }
 };
 
-template <class T>
-struct MarkMeasured {
+template <class T> struct MarkMeasured {
     Grid grid;
     Words words;
     DenseVolume<T> volume;
@@ -42,12 +42,11 @@ struct MarkMeasured {
     }
 };
 
-template <class T>
-struct KeepBetween {
+template <class T> struct KeepBetween {
     MarkMeasured<T> measured;
     int reach;
-    bool extrapolate;              ///< label the others instead of emptying them
-    const std::uint32_t* dirty;    ///< per block: 0 where nothing changed since; null: all may have
+    bool extrapolate;            ///< label the others instead of emptying them
+    const std::uint32_t* dirty;  ///< per block: 0 where nothing changed since; null: all may have
 
     GB_FN void operator()(std::size_t i) const {
         const Grid& grid = measured.grid;

@@ -10,22 +10,22 @@ namespace globule::core::sweep {
 
 inline constexpr std::uint32_t kCurve = kMostFilled + 1, kPixel = kCurve;
 
-template <class T>
-struct BezierRows {
+template <class T> struct BezierRows {
     Images<T> images;
     Grid grid;
-    double scale;                 ///< samples are summed as rint(value * scale)
+    double scale;  ///< samples are summed as rint(value * scale)
     const std::uint32_t* slots;
-    std::uint32_t* wanted;        ///< first run: blocks that samples need
-    std::uint64_t* bins;          ///< second run: (slots, 64, 2) sums and counts
-    std::uint32_t* nearness;      ///< (slots, 64) kCurve less the smallest distance of a sample from a pixel, voxels
+    std::uint32_t* wanted;    ///< first run: blocks that samples need
+    std::uint64_t* bins;      ///< second run: (slots, 64, 2) sums and counts
+    std::uint32_t* nearness;  ///< (slots, 64) kCurve less the smallest distance of a sample from a pixel, voxels
 
     /// Row `i % height` of curve `i / height`.
     GB_FN void operator()(std::size_t i) const {
         const int row = int(i % images.height), start = 3 * int(i / images.height);
         const int degree = min(3, images.n - 1 - start);
         for (int column = 0; column < images.width; ++column)
-            if (!images.mask || images.mask[std::size_t(row) * images.width + column]) curve(start, degree, row, column);
+            if (!images.mask || images.mask[std::size_t(row) * images.width + column])
+                curve(start, degree, row, column);
     }
     GB_FN void curve(int start, int degree, int row, int column) const {
         double p[4][3] = {}, v[4] = {};
@@ -91,8 +91,7 @@ struct BezierRows {
 };
 
 /// Voxels that hold pixels and no sample take the mean of the pixels.
-template <class T>
-struct BinPixelsOffCurves {
+template <class T> struct BinPixelsOffCurves {
     Images<T> images;
     Grid grid;
     double scale;
@@ -103,14 +102,14 @@ struct BinPixelsOffCurves {
         for_each_pixel(images, row, grid, [&](std::size_t block, int voxel, int column) {
             const std::size_t bin = std::size_t(slots[block]) * kVoxels + voxel;
             if (nearness[bin]) return;
-            atomic_add(bins + 2 * bin, std::uint64_t(std::int64_t(rint(double(images.values[row * images.width + column]) * scale))));
+            atomic_add(bins + 2 * bin,
+                std::uint64_t(std::int64_t(rint(double(images.values[row * images.width + column]) * scale))));
             atomic_add(bins + 2 * bin + 1, 1);
         });
     }
 };
 /// Marks the voxels that pixels lie in.
-template <class T>
-struct MarkPixels {
+template <class T> struct MarkPixels {
     Images<T> images;
     Grid grid;
     const std::uint32_t* slots;
@@ -122,8 +121,7 @@ struct MarkPixels {
     }
 };
 /// Voxels that curves cross without a pixel in them are filled, not measured.
-template <class T>
-struct LabelCurves {
+template <class T> struct LabelCurves {
     Grid grid;
     const std::uint32_t* block_of_slot;
     const std::uint32_t* nearness;

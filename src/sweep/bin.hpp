@@ -14,8 +14,8 @@ inline constexpr int kCountBits = 24;  ///< of a packed mean; the sum has the ot
 /// How a value is turned into integers and back.
 struct Coding {
     Compounding mode;
-    bool wide;      ///< mean: sum and count in a word each, instead of packed in one
-    double scale;   ///< sums are of rint(value * scale); 1 for pixels that are integers
+    bool wide;     ///< mean: sum and count in a word each, instead of packed in one
+    double scale;  ///< sums are of rint(value * scale); 1 for pixels that are integers
     GB_FN int words() const { return mode == Compounding::mean && wide ? 2 : 1; }
 };
 
@@ -26,8 +26,7 @@ GB_FN std::uint32_t ordered_bits(float v) {
 }
 GB_FN std::uint32_t ordered_bits(std::uint8_t v) { return v; }
 GB_FN std::uint32_t ordered_bits(std::uint16_t v) { return v; }
-template <class T>
-GB_FN T from_ordered_bits(std::uint32_t b) {
+template <class T> GB_FN T from_ordered_bits(std::uint32_t b) {
     if constexpr (sizeof(T) == 4) {
         b = b & 0x80000000u ? b & 0x7fffffffu : ~b;
         T v;
@@ -37,17 +36,14 @@ GB_FN T from_ordered_bits(std::uint32_t b) {
         return T(b);
     }
 }
-template <class T>
-GB_FN std::int64_t quantized(T v, double scale) {
+template <class T> GB_FN std::int64_t quantized(T v, double scale) {
     if constexpr (sizeof(T) == 4) return std::int64_t(rint(v * scale));
     else return v;
 }
-template <class T>
-inline constexpr bool is_real = sizeof(T) == 4;
+template <class T> inline constexpr bool is_real = sizeof(T) == 4;
 
 /// Sums over the run of pixels of a row that fall into one voxel; then one addition to memory.
-template <class T>
-struct BinRows {
+template <class T> struct BinRows {
     Images<T> images;
     Grid grid;
     Coding coding;
@@ -74,7 +70,8 @@ struct BinRows {
     GB_FN std::uint64_t ranked(T value, std::uint32_t order) const {
         const std::uint64_t v = ordered_bits(value);
         if (coding.mode == Compounding::maximum) return v + 1;
-        const std::uint64_t rank = coding.mode == Compounding::latest ? std::uint64_t(order) + 1 : ~std::uint64_t(order) & kNone;
+        const std::uint64_t rank =
+            coding.mode == Compounding::latest ? std::uint64_t(order) + 1 : ~std::uint64_t(order) & kNone;
         return rank << 32 | v;
     }
     GB_FN void deposit(std::size_t at, std::int64_t sum, std::uint64_t count) const {
@@ -88,8 +85,7 @@ struct BinRows {
     }
 };
 /// The same, a pixel a thread.
-template <class T>
-struct BinPixels {
+template <class T> struct BinPixels {
     BinRows<T> rows;
     GB_FN void operator()(std::size_t i) const {
         visit_pixel(rows.images, i, rows.grid, [&](std::size_t block, int voxel) {
@@ -101,20 +97,18 @@ struct BinPixels {
     }
 };
 
-/// Bins of one block become values and a mask of the voxels that have one.  A group takes a block, its lanes are voxels.
-template <class T>
-struct FinishBlock {
+/// Bins of one block become values and a mask of the voxels that have one.  A group takes a block, its lanes are
+/// voxels.
+template <class T> struct FinishBlock {
     Coding coding;
     const std::uint32_t* block_of_slot;
     const std::uint64_t* bins;
     const std::uint32_t* changed;  ///< per block, or null: all did
-    T* values;            ///< (slots, 64)
-    std::uint64_t* masks; ///< per block of the grid
+    T* values;                     ///< (slots, 64)
+    std::uint64_t* masks;          ///< per block of the grid
     struct Nothing {};
-    template <class Group>
-    using Scratch = Nothing;
-    template <class Group>
-    GB_FN void operator()(Group& g, Nothing&, std::size_t slot) const {
+    template <class Group> using Scratch = Nothing;
+    template <class Group> GB_FN void operator()(Group& g, Nothing&, std::size_t slot) const {
         const std::size_t block = block_of_slot[slot];
         if (changed && !changed[block]) return;
         std::uint64_t mask = 0;

@@ -19,7 +19,8 @@ struct Cell {
 };
 GB_FN int square(Cell d) { return d.x * d.x + d.y * d.y + d.z * d.z; }
 
-/// The one coder of voxels: a voxel is place 0 to 63 of a block; bits zzyyxx of the place are the low two of its coordinates.
+/// The one coder of voxels: a voxel is place 0 to 63 of a block; bits zzyyxx of the place are the low two of its
+/// coordinates.
 struct Block {
     GB_FN static Cell of(Cell voxel) { return {voxel.x >> 2, voxel.y >> 2, voxel.z >> 2}; }
     GB_FN static int place(Cell voxel) { return (voxel.z & 3) << 4 | (voxel.y & 3) << 2 | (voxel.x & 3); }
@@ -69,7 +70,8 @@ GB_FN void for_each_pixel(const Images<T>& images, std::size_t row, const Grid& 
 /// Calls visit(block, voxel in block, column) for pixel i of all, if it lies inside.
 template <class T, class Visit>
 GB_FN void visit_pixel(const Images<T>& images, std::size_t i, const Grid& grid, const Visit& visit) {
-    const std::uint32_t row = std::uint32_t(i) / std::uint32_t(images.width), column = std::uint32_t(i) % std::uint32_t(images.width);
+    const std::uint32_t row = std::uint32_t(i) / std::uint32_t(images.width),
+                        column = std::uint32_t(i) % std::uint32_t(images.width);
     const std::uint32_t f = row / std::uint32_t(images.height), j = row % std::uint32_t(images.height);
     if (images.mask && !images.mask[std::size_t(j) * images.width + column]) return;
     const Pose& pose = images.poses[f];
@@ -128,8 +130,7 @@ GB_FN void for_each_run(const Images<T>& images, std::size_t row, const Grid& gr
 }
 
 /// Marks the blocks that pixels fall into as changed, and those that have no place yet as wanted.
-template <class T>
-struct TouchBlocks {
+template <class T> struct TouchBlocks {
     Images<T> images;
     Grid grid;
     const std::uint32_t* slots;
@@ -144,8 +145,7 @@ struct TouchBlocks {
     }
 };
 /// The same, a pixel a thread.
-template <class T>
-struct TouchPixels {
+template <class T> struct TouchPixels {
     TouchBlocks<T> rows;
     GB_FN void operator()(std::size_t i) const {
         visit_pixel(rows.images, i, rows.grid, [&](std::size_t block, int) { rows.mark(block); });
@@ -178,11 +178,12 @@ struct Growth {
 struct MoveSlots {
     Growth growth;
     std::uint32_t* block_of_slot;
-    GB_FN void operator()(std::size_t slot) const { block_of_slot[slot] = std::uint32_t(growth.moved(block_of_slot[slot])); }
+    GB_FN void operator()(std::size_t slot) const {
+        block_of_slot[slot] = std::uint32_t(growth.moved(block_of_slot[slot]));
+    }
 };
 /// A row of a table, for the larger one.
-template <class U>
-struct MoveTableRow {
+template <class U> struct MoveTableRow {
     Growth growth;
     const U* from;
     U* to;
@@ -199,14 +200,12 @@ struct MoveTableRow {
     }
 };
 
-template <class T>
-struct Copy {
+template <class T> struct Copy {
     const T* from;
     T* to;
     GB_FN void operator()(std::size_t i) const { to[i] = from[i]; }
 };
-template <class T>
-struct Set {
+template <class T> struct Set {
     T* to;
     T value;
     GB_FN void operator()(std::size_t i) const { to[i] = value; }

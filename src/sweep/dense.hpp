@@ -7,7 +7,7 @@ namespace globule::core::sweep {
 
 inline constexpr std::uint8_t kFar = 255;  ///< radius of a voxel that stays empty
 
-inline constexpr int kTile = 64;          ///< voxels of a tile along x; kBlock along y and z
+inline constexpr int kTile = 64;  ///< voxels of a tile along x; kBlock along y and z
 inline constexpr std::size_t kTileVoxels = kTile * kBlock * kBlock;
 
 /// Tiles of a grid along x; along y and z they are its blocks.
@@ -18,11 +18,11 @@ GB_FN std::size_t tile(const Grid& grid, Cell voxel) {
 }
 
 /// Values and radii of a whole grid.
-template <class T>
-struct DenseVolume {
+template <class T> struct DenseVolume {
     T* values;
     std::uint8_t* radius;
-    const std::uint32_t* tiles = nullptr;  ///< null: (z, y, x); else where each tile lies, kNone if it is far from all data
+    const std::uint32_t* tiles =
+        nullptr;  ///< null: (z, y, x); else where each tile lies, kNone if it is far from all data
 
     GB_FN bool holds(const Grid& grid, Cell v) const { return !tiles || tiles[tile(grid, v)] != kNone; }
     GB_FN std::size_t at(const Grid& grid, Cell v) const {
@@ -32,16 +32,14 @@ struct DenseVolume {
 };
 
 /// A place in a volume.
-template <class T>
-struct Corner {
+template <class T> struct Corner {
     Grid grid;
     DenseVolume<T> volume;
     int first[3];
 };
 
 /// A row of a box of voxels, from one volume into the arrays of another; either may be left out.
-template <class T>
-struct CopyRow {
+template <class T> struct CopyRow {
     Corner<T> from, to;
     int size[3];
     GB_FN void operator()(std::size_t row) const {

@@ -12,8 +12,7 @@
 
 namespace globule::core::sweep {
 
-template <class T>
-struct FillBlock {
+template <class T> struct FillBlock {
     static constexpr int kReach = kBlock, kWide = 3 * kBlock;  ///< largest radius; voxels of a row
 
     static constexpr int kSumBits = 24;  ///< of up to 48 values of 16 bits; their number lies above
@@ -26,13 +25,12 @@ struct FillBlock {
         std::uint16_t rows[kWide][kWide];             ///< [z][y]
         std::uint16_t strips[kReach][kWide][kBlock];  ///< [radius - 1][z][y], joined over y
         std::uint16_t cubes[kReach][kBlock][kBlock];  ///< and over z
-        std::uint32_t values[is_real<T> ? 1 : kWide * kWide * kWide];  ///< (z, y, x); of integers: 1 << kSumBits | value, or 0
+        std::uint32_t
+            values[is_real<T> ? 1 : kWide * kWide * kWide];  ///< (z, y, x); of integers: 1 << kSumBits | value, or 0
     };
-    template <class Group>
-    using Scratch = Room;
+    template <class Group> using Scratch = Room;
 
-    template <class Group>
-    GB_FN void operator()(Group& group, Room& s, std::size_t block) const {
+    template <class Group> GB_FN void operator()(Group& group, Room& s, std::size_t block) const {
         const Bins<T>& bins = each.filler.bins;
         const Grid& grid = bins.grid;
         if (each.skips(block)) return;
@@ -56,7 +54,8 @@ struct FillBlock {
         group.share(kWide * kBlock, [&](int i) {
             const int y = i % kBlock + kBlock, z = i / kBlock;
             std::uint16_t row = s.rows[z][y];
-            for (int r = 1; r <= kReach; ++r) s.strips[r - 1][z][y - kBlock] = row |= s.rows[z][y - r] | s.rows[z][y + r];
+            for (int r = 1; r <= kReach; ++r)
+                s.strips[r - 1][z][y - kBlock] = row |= s.rows[z][y - r] | s.rows[z][y + r];
         });
         group.share(kBlock * kBlock * kReach, [&](int i) {
             const int y = i % kBlock, z = i / kBlock % kBlock + kBlock, r = i / (kBlock * kBlock) + 1;
@@ -88,13 +87,16 @@ struct FillBlock {
             radius = 0;
         } else {
             int r = 1;
-            while (r <= filler.tables.cubes.reach && !(s.cubes[r - 1][l.z][l.y] >> (kBlock + l.x - r) & ((2u << 2 * r) - 1))) ++r;
+            while (r <= filler.tables.cubes.reach &&
+                   !(s.cubes[r - 1][l.z][l.y] >> (kBlock + l.x - r) & ((2u << 2 * r) - 1)))
+                ++r;
             if (r <= filler.tables.cubes.reach) {
                 radius = std::uint8_t(r);
                 if constexpr (is_real<T>) {
                     filler.weigh(l, value, [&](const auto& visit) { for_each_hit(s, l, r, visit); });
                 } else {
-                    const std::uint32_t* middle = s.values + ((l.z + kBlock) * kWide + l.y + kBlock) * kWide + l.x + kBlock;
+                    const std::uint32_t* middle =
+                        s.values + ((l.z + kBlock) * kWide + l.y + kBlock) * kWide + l.x + kBlock;
                     if (r == 1) value = weighted<1>(middle);
                     else if (r == 2) value = weighted<2>(middle);
                     else if (r == 3) value = weighted<3>(middle);
@@ -115,38 +117,36 @@ struct FillBlock {
         }
         return sum;
     }
-    template <int r>
-    GB_FN T weighted(const std::uint32_t* v) const {
+    template <int r> GB_FN T weighted(const std::uint32_t* v) const {
         constexpr int n = (r + 1) * (r + 2) / 2;
         std::uint32_t sums[n];
         int sigma2 = 0;
         GB_UNROLL
-        for (int b = 0; b <= r; ++b)
-            GB_UNROLL
-            for (int a = 0; a <= b; ++a) {
-                std::uint32_t sum = mirrored(v, a, b, r);
-                if (b != r) sum += mirrored(v, a, r, b) + mirrored(v, r, a, b);
-                if (a != b) sum += mirrored(v, b, a, r) + (b != r ? mirrored(v, b, r, a) + mirrored(v, r, b, a) : mirrored(v, r, r, a));
-                sums[b * (b + 1) / 2 + a] = sum;
-                if (sum) sigma2 = max(sigma2, a * a + b * b + r * r);
-            }
+        for (int b = 0; b <= r; ++b) GB_UNROLL
+        for (int a = 0; a <= b; ++a) {
+            std::uint32_t sum = mirrored(v, a, b, r);
+            if (b != r) sum += mirrored(v, a, r, b) + mirrored(v, r, a, b);
+            if (a != b)
+                sum += mirrored(v, b, a, r) +
+                       (b != r ? mirrored(v, b, r, a) + mirrored(v, r, b, a) : mirrored(v, r, r, a));
+            sums[b * (b + 1) / 2 + a] = sum;
+            if (sum) sigma2 = max(sigma2, a * a + b * b + r * r);
+        }
         const HoleTables& tables = each.filler.tables;
         std::uint64_t total = 0, weight = 0, known = 0;
         GB_UNROLL
-        for (int b = 0; b <= r; ++b)
-            GB_UNROLL
-            for (int a = 0; a <= b; ++a) {
-                const std::uint32_t sum = sums[b * (b + 1) / 2 + a];
-                if (!sum) continue;
-                const std::uint64_t w = tables.weight(sigma2, a * a + b * b + r * r);
-                total += w * (sum & ((1u << kSumBits) - 1));
-                weight += w * (sum >> kSumBits);
-                known += sum >> kSumBits;
-            }
+        for (int b = 0; b <= r; ++b) GB_UNROLL
+        for (int a = 0; a <= b; ++a) {
+            const std::uint32_t sum = sums[b * (b + 1) / 2 + a];
+            if (!sum) continue;
+            const std::uint64_t w = tables.weight(sigma2, a * a + b * b + r * r);
+            total += w * (sum & ((1u << kSumBits) - 1));
+            weight += w * (sum >> kSumBits);
+            known += sum >> kSumBits;
+        }
         return Sums<T>::quotient(total, tables.kind == HoleWeights::normalized ? weight : known << 24);
     }
-    template <class Visit>
-    GB_FN void for_each_hit(const Room& s, Cell l, int r, const Visit& visit) const {
+    template <class Visit> GB_FN void for_each_hit(const Room& s, Cell l, int r, const Visit& visit) const {
         each.filler.tables.cubes.for_each_block(l, r, [&](Cell away, std::uint64_t cube) {
             const int i = ((away.z + 1) * 3 + away.y + 1) * 3 + away.x + 1;
             const std::uint64_t hits = s.masks[i] & cube;

@@ -3,7 +3,8 @@
 //
 //   load     the tile's voxels and those up to a reach around them: values, 0 where there is none, and what is known
 //   add_up   for each voxel (x, y) and each pair a <= b: what lies at (+-a, +-b) and (+-b, +-a) of it, by row and plane
-//   fill     radius by radius, 32 voxels of a row as lanes: sums of planes +-c give those of the distances d^2 = a^2 + b^2 + c^2,
+//   fill     radius by radius, 32 voxels of a row as lanes: sums of planes +-c give those of the distances d^2 = a^2 +
+//   b^2 + c^2,
 //            on which alone a weight depends; lanes whose cube holds something first get its weighted mean
 //
 // A voxel's cube of radius r so takes a handful of additions a lane instead of hundreds of look-ups.
@@ -14,16 +15,11 @@
 
 namespace globule::core::sweep {
 
-template <class T>
-struct LaneSum;
-template <>
-struct LaneSum<std::uint8_t> {
+template <class T> struct LaneSum;
+template <> struct LaneSum<std::uint8_t> {
     using type = std::uint16_t;  ///< at most 48 values at one distance
 };
-template <>
-struct LaneSum<std::uint16_t> {
-    using type = std::uint32_t;
-};
+template <> struct LaneSum<std::uint16_t> { using type = std::uint32_t; };
 
 /// What the surface of a cube of radius r has of distances: their squares, ascending.
 struct Distances {
@@ -44,9 +40,8 @@ struct Distances {
     }
 };
 
-template <class T>
-struct FillTile {
-    static constexpr int kReach = kBlock;                  ///< largest radius: one block
+template <class T> struct FillTile {
+    static constexpr int kReach = kBlock;  ///< largest radius: one block
     static constexpr int kLong = kTile, kHalo = kBlock + 2 * kReach;
     static constexpr int kPairs = (kReach + 1) * (kReach + 2) / 2;  ///< a <= b
     static constexpr int kLanes = 32;
@@ -57,14 +52,12 @@ struct FillTile {
     struct Room {
         S values[kHalo][kHalo][kLong + 2 * kReach];  ///< 0 where not measured
         std::uint8_t known[kHalo][kHalo][kLong + 2 * kReach];
-        S sums[kPairs][kHalo][kBlock][kLong];        ///< [a <= b][z][y][x]
+        S sums[kPairs][kHalo][kBlock][kLong];  ///< [a <= b][z][y][x]
         std::uint8_t counts[kPairs][kHalo][kBlock][kLong];
     };
-    template <class Group>
-    using Scratch = Room;
+    template <class Group> using Scratch = Room;
 
-    template <class Group>
-    void operator()(Group&, Room& room, std::size_t i) const {
+    template <class Group> void operator()(Group&, Room& room, std::size_t i) const {
         const Grid& grid = each.filler.bins.grid;
         const int columns = tile_columns(grid);
         const Cell tile{int(i % columns), int(i / columns % grid.blocks[1]), int(i / columns / grid.blocks[1])};
@@ -82,8 +75,7 @@ struct FillTile {
 
 private:
     /// row(its first voxel)
-    template <class Row>
-    void for_each_row(Cell first, const Row& row) const {
+    template <class Row> void for_each_row(Cell first, const Row& row) const {
         const Grid& grid = each.filler.bins.grid;
         for (int z = first.z; z < min(first.z + kBlock, grid.size[2]); ++z)
             for (int y = first.y; y < min(first.y + kBlock, grid.size[1]); ++y) row(Cell{first.x, y, z});
@@ -109,7 +101,8 @@ private:
         memset(s.known, 0, sizeof s.known);
         for (int z = 0; z < 3; ++z)
             for (int y = 0; y < 3; ++y)
-                for (int x = 0; x < kLong / kBlock + 2; ++x) load_block(s, first + Cell{x - 1, y - 1, z - 1}, Cell{x, y, z});
+                for (int x = 0; x < kLong / kBlock + 2; ++x)
+                    load_block(s, first + Cell{x - 1, y - 1, z - 1}, Cell{x, y, z});
     }
     static constexpr int kRow = kBlock;  ///< voxels of a block that lie side by side
     /// A block of the grid into the room's block `to`.
@@ -148,13 +141,12 @@ private:
                     }
         }
     }
-    template <class U>
-    static void mirror(const U* left, const U* right, bool two, U* out) {
+    template <class U> static void mirror(const U* left, const U* right, bool two, U* out) {
         for (int x = 0; x < kLong; ++x) out[x] = U(left[x] + (two ? right[x] : U(0)));
     }
-    /// What is at (+-a, +-b) and (+-b, +-a), each place once: two of the four, or three, are the same where a or b is 0 or a = b.
-    template <class U>
-    static void mirror_both(const U (*in)[kHalo][kLong], int a, int b, int y, U* out) {
+    /// What is at (+-a, +-b) and (+-b, +-a), each place once: two of the four, or three, are the same where a or b is 0
+    /// or a = b.
+    template <class U> static void mirror_both(const U (*in)[kHalo][kLong], int a, int b, int y, U* out) {
         const U *p = in[a][y - b], *q = in[a][y + b], *u = in[b][y - a], *v = in[b][y + a];
         if (b == 0) memcpy(out, p, kLong * sizeof(U));
         else if (a == b)
@@ -166,7 +158,8 @@ private:
     }
 
     void fill_row(const Room& s, Cell row, int width) const {
-        static const Distances distances[kReach + 1] = {Distances(0), Distances(1), Distances(2), Distances(3), Distances(4)};
+        static const Distances distances[kReach + 1] = {
+            Distances(0), Distances(1), Distances(2), Distances(3), Distances(4)};
         const std::size_t base = each.out.at(each.filler.bins.grid, row);
         const int j = row.y & 3, k = (row.z & 3) + kReach;
         for (int x = 0; x < width; x += kLanes) {
@@ -197,7 +190,8 @@ private:
         alignas(64) std::uint8_t counts[Distances::kMost][kLanes];
     };
     /// The lanes whose cube of radius r is the first to hold something; how many.
-    int fill_lanes(const Room& s, const Distances& distances, int r, int x, int j, int k, std::uint8_t* hole, std::size_t base) const {
+    int fill_lanes(const Room& s, const Distances& distances, int r, int x, int j, int k, std::uint8_t* hole,
+        std::size_t base) const {
         ByDistance by;
         add_surface(s, distances, r, x, j, k, by);
         alignas(64) std::uint8_t found[kLanes] = {};
@@ -225,8 +219,7 @@ private:
                     add(s.counts[p][k - c][j] + x, s.counts[p][k + c][j] + x, c != 0, by.counts[at]);
                 }
     }
-    template <class U>
-    static void add(const U* p, const U* q, bool two, U* out) {
+    template <class U> static void add(const U* p, const U* q, bool two, U* out) {
         if (two)
             for (int l = 0; l < kLanes; ++l) out[l] = U(out[l] + p[l] + q[l]);
         else

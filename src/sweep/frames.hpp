@@ -1,17 +1,19 @@
-// Interpolation between neighboring images along the probe's path (after Coupe et al., "3D freehand ultrasound reconstruction
-// based on probe trajectory", MICCAI 2005; their weights by distance, at pixel coordinates that move with the probe).
+// Interpolation between neighboring images along the probe's path (after Coupe et al., "3D freehand ultrasound
+// reconstruction based on probe trajectory", MICCAI 2005; their weights by distance, at pixel coordinates that move
+// with the probe).
 //
-// A voxel at the signed distances d0 and d1 from the planes of two consecutive images lies between them where the signs differ.
-// At the share t = d0 / (d0 - d1) of the way its pixel is (u, v) = (1 - t) (u0, v0) + t (u1, v1), where (u0, v0) and (u1, v1) are the
-// voxel's projections onto the planes; its value is (1 - t) I0(u, v) + t I1(u, v), the images bilinear. Where several passes of the
-// probe enclose a voxel, their values are averaged with weights 1 / (q + kOwn), q = |d0 d1| / |d0 - d1|: the variance of a linear
-// interpolation grows with q where values differ in proportion to their distance (linear variogram).
+// A voxel at the signed distances d0 and d1 from the planes of two consecutive images lies between them where the signs
+// differ. At the share t = d0 / (d0 - d1) of the way its pixel is (u, v) = (1 - t) (u0, v0) + t (u1, v1), where (u0,
+// v0) and (u1, v1) are the voxel's projections onto the planes; its value is (1 - t) I0(u, v) + t I1(u, v), the images
+// bilinear. Where several passes of the probe enclose a voxel, their values are averaged with weights 1 / (q + kOwn), q
+// = |d0 d1| / |d0 - d1|: the variance of a linear interpolation grows with q where values differ in proportion to their
+// distance (linear variogram).
 //
-// A voxel stands for its volume: averaged over n by n pixels before, and then bilinear, an image is smoothed with the variance
-// n^2 / 12 + n^2 / 6 along an axis, that of a voxel's width s, s^2 / 12, where n = s / sqrt 3.
+// A voxel stands for its volume: averaged over n by n pixels before, and then bilinear, an image is smoothed with the
+// variance n^2 / 12 + n^2 / 6 along an axis, that of a voxel's width s, s^2 / 12, where n = s / sqrt 3.
 //
-// One worker owns a brick of voxels and takes pairs of images in their order: the same bits for any number of threads. Floats are
-// relative to anchors every 16 voxels on both backends, and nothing is contracted: the same bits on both.
+// One worker owns a brick of voxels and takes pairs of images in their order: the same bits for any number of threads.
+// Floats are relative to anchors every 16 voxels on both backends, and nothing is contracted: the same bits on both.
 #pragma once
 #include <algorithm>
 #include <cmath>
@@ -21,17 +23,20 @@
 
 namespace globule::core::sweep {
 
-inline constexpr float kOwn = 1;              ///< voxels; added to q
+inline constexpr float kOwn = 1;                           ///< voxels; added to q
 inline constexpr double kFootprint = 0.57735026918962576;  ///< 1 / sqrt 3, voxels
 inline constexpr int kAnchor = 16;
 
-/// From a voxel (x, y, z, 1) to its distance from an image's plane, voxels, and to its column and row among averaged pixels.
+/// From a voxel (x, y, z, 1) to its distance from an image's plane, voxels, and to its column and row among averaged
+/// pixels.
 struct Plane {
     double map[3][4];
     GB_FN double at(int k, double x, double y, double z) const {
         return ((map[k][3] + map[k][2] * z) + map[k][1] * y) + map[k][0] * x;
     }
-    GB_FN double reach(int k, double x, double y, double z) const { return abs(map[k][0]) * x + abs(map[k][1]) * y + abs(map[k][2]) * z; }
+    GB_FN double reach(int k, double x, double y, double z) const {
+        return abs(map[k][0]) * x + abs(map[k][1]) * y + abs(map[k][2]) * z;
+    }
 };
 
 /// How many pixels are averaged, and of what size the images then are.
@@ -46,11 +51,12 @@ struct Path {
     std::vector<Plane> planes;
     std::vector<std::uint8_t> joined;  ///< whether an image is joined to the next
 
-    /// max_gap: farthest that two images may be apart that are joined, at their corners, voxels; negative: five of the sweep's steps.
-    template <class T>
-    Path(const Images<T>& images, double max_gap) : planes(images.n), joined(images.n) {
+    /// max_gap: farthest that two images may be apart that are joined, at their corners, voxels; negative: five of the
+    /// sweep's steps.
+    template <class T> Path(const Images<T>& images, double max_gap) : planes(images.n), joined(images.n) {
         const auto whole = [](const Fix* step) {
-            const double length = std::sqrt(double(step[0]) * step[0] + double(step[1]) * step[1] + double(step[2]) * step[2]) * 0x1p-32;
+            const double length =
+                std::sqrt(double(step[0]) * step[0] + double(step[1]) * step[1] + double(step[2]) * step[2]) * 0x1p-32;
             return length > 0 ? int(std::clamp(std::floor(kFootprint / length + 1e-6), 1.0, 64.0)) : 1;
         };
         const Pose& first = images.poses[0];
@@ -89,15 +95,15 @@ private:
         }
         return p;
     }
-    template <class T>
-    void join(const Images<T>& images, double max_gap) {
+    template <class T> void join(const Images<T>& images, double max_gap) {
         int left = 0, right = images.width - 1, top = 0, bottom = images.height - 1;
         if (images.mask) {
             left = images.width, right = 0, top = images.height, bottom = 0;
             for (int j = 0; j < images.height; ++j)
                 for (int i = 0; i < images.width; ++i)
                     if (images.mask[std::size_t(j) * images.width + i])
-                        left = std::min(left, i), right = std::max(right, i), top = std::min(top, j), bottom = std::max(bottom, j);
+                        left = std::min(left, i), right = std::max(right, i), top = std::min(top, j),
+                        bottom = std::max(bottom, j);
         }
         std::vector<double> steps;
         for (int f = 0; f + 1 < images.n; ++f) {
@@ -107,7 +113,9 @@ private:
                 const Fix column = corner & 1 ? right : left, row = corner & 2 ? bottom : top;
                 double square = 0;
                 for (int k = 0; k < 3; ++k) {
-                    const double step = double(b.origin[k] - a.origin[k] + column * (b.x[k] - a.x[k]) + row * (b.y[k] - a.y[k])) * 0x1p-32;
+                    const double step =
+                        double(b.origin[k] - a.origin[k] + column * (b.x[k] - a.x[k]) + row * (b.y[k] - a.y[k])) *
+                        0x1p-32;
                     square += step * step;
                 }
                 longest = std::max(longest, std::sqrt(square));
@@ -131,15 +139,15 @@ private:
 };
 
 /// Means of averaging.x by averaging.y pixels; of those inside of the mask.
-template <class T>
-struct AverageRows {
+template <class T> struct AverageRows {
     Images<T> images;
     Averaging averaging;
     float* out;          ///< (n, height, width)
     std::uint8_t* mask;  ///< (height, width) written with the first image; or null
     GB_FN void operator()(std::size_t row) const {
         const std::size_t f = row / averaging.height;
-        const int j = int(row % averaging.height), first = j * averaging.y, last = min(first + averaging.y, images.height);
+        const int j = int(row % averaging.height), first = j * averaging.y,
+                  last = min(first + averaging.y, images.height);
         for (int i = 0; i < averaging.width; ++i) {
             const int left = i * averaging.x, right = min(left + averaging.x, images.width);
             float sum = 0;
@@ -157,17 +165,15 @@ struct AverageRows {
 };
 
 /// Images as they are sampled: pixels as they came, or averaged.
-template <class V>
-struct Sampled {
+template <class V> struct Sampled {
     const V* values;           ///< (n, height, width)
     const std::uint8_t* mask;  ///< (height, width), or null
     int n, height, width;
-    float right, bottom;       ///< just past the last column and row of pixels
+    float right, bottom;  ///< just past the last column and row of pixels
 
-    /// Values of images f and f + 1 at n places (u, v), for those that are wanted; no longer wanted are those without a pixel.
-    /// Everything but the reading of pixels is the same for all places, so that a CPU takes them together.
-    template <int n>
-    GB_FN void at(int f, const float* u, const float* v, int* wanted, float* a, float* b) const {
+    /// Values of images f and f + 1 at n places (u, v), for those that are wanted; no longer wanted are those without a
+    /// pixel. Everything but the reading of pixels is the same for all places, so that a CPU takes them together.
+    template <int n> GB_FN void at(int f, const float* u, const float* v, int* wanted, float* a, float* b) const {
         float s[n], r[n], w00[n], w10[n], w01[n], w11[n];
         float p00[n], p10[n], p01[n], p11[n], q00[n], q10[n], q01[n], q11[n];
         int at00[n], at10[n], at01[n], at11[n];
@@ -176,20 +182,25 @@ struct Sampled {
             const float x = wanted[l] ? u[l] : 0.0f, y = wanted[l] ? v[l] : 0.0f;
             const int i = int(x + 1.0f) - 1, j = int(y + 1.0f) - 1;
             s[l] = x - float(i), r[l] = y - float(j);
-            const int i0 = max(i, 0), i1 = min(i + 1, width - 1), j0 = max(j, 0) * width, j1 = min(j + 1, height - 1) * width;
+            const int i0 = max(i, 0), i1 = min(i + 1, width - 1), j0 = max(j, 0) * width,
+                      j1 = min(j + 1, height - 1) * width;
             at00[l] = j0 + i0, at10[l] = j0 + i1, at01[l] = j1 + i0, at11[l] = j1 + i1;
-            w00[l] = (1.0f - s[l]) * (1.0f - r[l]), w10[l] = s[l] * (1.0f - r[l]), w01[l] = (1.0f - s[l]) * r[l], w11[l] = s[l] * r[l];
+            w00[l] = (1.0f - s[l]) * (1.0f - r[l]), w10[l] = s[l] * (1.0f - r[l]), w01[l] = (1.0f - s[l]) * r[l],
+            w11[l] = s[l] * r[l];
         }
         const std::size_t image = std::size_t(height) * width;
         const V *p = values + f * image, *q = p + image;
         for (int l = 0; l < n; ++l) {
-            if (mask && wanted[l]) weigh(l, s[l], r[l], at00[l], at10[l], at01[l], at11[l], wanted[l], w00, w10, w01, w11);
+            if (mask && wanted[l])
+                weigh(l, s[l], r[l], at00[l], at10[l], at01[l], at11[l], wanted[l], w00, w10, w01, w11);
             if (!wanted[l]) {
                 p00[l] = p10[l] = p01[l] = p11[l] = q00[l] = q10[l] = q01[l] = q11[l] = 0.0f;
                 continue;
             }
-            p00[l] = float(p[at00[l]]), p10[l] = float(p[at10[l]]), p01[l] = float(p[at01[l]]), p11[l] = float(p[at11[l]]);
-            q00[l] = float(q[at00[l]]), q10[l] = float(q[at10[l]]), q01[l] = float(q[at01[l]]), q11[l] = float(q[at11[l]]);
+            p00[l] = float(p[at00[l]]), p10[l] = float(p[at10[l]]), p01[l] = float(p[at01[l]]),
+            p11[l] = float(p[at11[l]]);
+            q00[l] = float(q[at00[l]]), q10[l] = float(q[at10[l]]), q01[l] = float(q[at01[l]]),
+            q11[l] = float(q[at11[l]]);
         }
         for (int l = 0; l < n; ++l) {
             a[l] = (w00[l] * p00[l] + w10[l] * p10[l]) + (w01[l] * p01[l] + w11[l] * p11[l]);
@@ -199,8 +210,8 @@ struct Sampled {
 
 private:
     /// The weights of place l among the pixels inside of the mask; not wanted if the nearest one is none.
-    GB_FN void weigh(int l, float s, float r, int at00, int at10, int at01, int at11, int& wanted, float* w00, float* w10, float* w01,
-                     float* w11) const {
+    GB_FN void weigh(int l, float s, float r, int at00, int at10, int at01, int at11, int& wanted, float* w00,
+        float* w10, float* w01, float* w11) const {
         if (!mask[r < 0.5f ? (s < 0.5f ? at00 : at10) : (s < 0.5f ? at01 : at11)]) {
             wanted = 0;
             return;
@@ -215,8 +226,7 @@ private:
 };
 
 /// A brick of voxels, by a group.
-template <class T, class V, bool on_device>
-struct FillBetween {
+template <class T, class V, bool on_device> struct FillBetween {
     static constexpr int kLanes = on_device ? 1 : kAnchor;  ///< voxels along x at a time
     static constexpr int kX = on_device ? 8 : kAnchor, kY = on_device ? 8 : kAnchor, kZ = on_device ? 4 : kAnchor;
     static constexpr int kRows = kX / kLanes * kY * kZ, kPairs = 64;
@@ -237,37 +247,35 @@ struct FillBetween {
             return ((m[3] + m[2] * z) + m[1] * y) + m[0] * x;
         }
     };
-    struct Sum {
-        float value[kLanes], weight[kLanes], number[kLanes], contrast[kLanes], nearest[kLanes];
-    };
+    struct Sum { float value[kLanes], weight[kLanes], number[kLanes], contrast[kLanes], nearest[kLanes]; };
     struct Room {
         std::uint32_t list[kPairs + 64];
         Pair pairs[kPairs];
         Sum sums[kRows];
     };
-    template <class Group>
-    using Scratch = Room;
+    template <class Group> using Scratch = Room;
 
     static std::size_t n_bricks(const Grid& g) {
         return std::size_t(ceil_div(g.size[0], kX)) * ceil_div(g.size[1], kY) * ceil_div(g.size[2], kZ);
     }
 
-    template <class Group>
-    GB_FN void operator()(Group& g, Room& room, std::size_t i) const {
+    template <class Group> GB_FN void operator()(Group& g, Room& room, std::size_t i) const {
         const Grid& grid = bins.grid;
         const int nx = ceil_div(grid.size[0], kX), ny = ceil_div(grid.size[1], kY);
         const Cell first{int(i % nx) * kX, int(i / nx % ny) * kY, int(i / nx / ny) * kZ};
         const Cell anchor{first.x / kAnchor * kAnchor, first.y / kAnchor * kAnchor, first.z / kAnchor * kAnchor};
         g.share(kRows, [&](int row) {
             Sum& sum = room.sums[row];
-            for (int l = 0; l < kLanes; ++l) sum.value[l] = sum.weight[l] = sum.number[l] = sum.contrast[l] = 0.0f, sum.nearest[l] = 1e9f;
+            for (int l = 0; l < kLanes; ++l)
+                sum.value[l] = sum.weight[l] = sum.number[l] = sum.contrast[l] = 0.0f, sum.nearest[l] = 1e9f;
         });
         int n = 0;
         for (int k = 0; k < images.n - 1; k += Group::width) {
             typename Group::B near = g.none();
             Group::for_lanes([&](int lane) {
                 const int pair = k + g.lane_number(lane);
-                Group::put(near, lane, pair < images.n - 1 && joined[pair] && meets(first, planes[pair], planes[pair + 1]));
+                Group::put(
+                    near, lane, pair < images.n - 1 && joined[pair] && meets(first, planes[pair], planes[pair + 1]));
             });
             if (!g.any(near)) continue;
             if (n + Group::width > kPairs) {
@@ -292,14 +300,14 @@ private:
         const double hx = 0.5 * (kX - 1), hy = 0.5 * (kY - 1), hz = 0.5 * (kZ - 1), slack = 1e-3;
         const double x = first.x + hx, y = first.y + hy, z = first.z + hz;
         for (int k = 0; k < 3; ++k) {
-            const double p = a.at(k, x, y, z), q = b.at(k, x, y, z), rp = a.reach(k, hx, hy, hz) + slack, rq = b.reach(k, hx, hy, hz) + slack;
+            const double p = a.at(k, x, y, z), q = b.at(k, x, y, z), rp = a.reach(k, hx, hy, hz) + slack,
+                         rq = b.reach(k, hx, hy, hz) + slack;
             const double low = k ? -0.5 : 0.0, high = k == 0 ? 0.0 : k == 1 ? images.right : images.bottom;
             if ((p + rp < low && q + rq < low) || (p - rp > high && q - rq > high)) return false;
         }
         return true;
     }
-    template <class Group>
-    GB_FN void take(Group& g, Room& room, int n, Cell first, Cell anchor) const {
+    template <class Group> GB_FN void take(Group& g, Room& room, int n, Cell first, Cell anchor) const {
         g.share(n, [&](int i) {
             Pair& pair = room.pairs[i];
             pair.frame = int(room.list[i]);
@@ -362,7 +370,9 @@ private:
             out.values[at] = value;
             out.radius[at] = measured ? 0 : known ? std::uint8_t(min(int(sum.nearest[l]) + 1, kMostFilled)) : kFar;
             if (!spread) continue;
-            spread[at] = known ? max(sum.number[l] / sum.weight[l] - kOwn, 0.0f) : measured ? 0.0f : -1.0f;  // the weighted mean of q
+            spread[at] = known      ? max(sum.number[l] / sum.weight[l] - kOwn, 0.0f)
+                         : measured ? 0.0f
+                                    : -1.0f;  // the weighted mean of q
             contrast[at] = known ? sum.contrast[l] / sum.weight[l] : -1.0f;
         }
     }

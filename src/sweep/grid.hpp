@@ -18,17 +18,42 @@
 
 namespace globule::core {
 
-template <class Exec, class T>
-class GridImpl final : public SweepGrid {
-    template <class U>
-    using Room = Buffer<U, Exec>;
+template <class Exec, class T> class GridImpl final : public SweepGrid {
+    template <class U> using Room = Buffer<U, Exec>;
 
 public:
     explicit GridImpl(Exec& exec)
-        : exec_(exec), frames_(exec), mask_(exec), poses_(exec), slots_(exec), wanted_(exec), changed_(exec), blocks_(exec), bins_(exec),
-          squares_(exec), values_(exec), masks_(exec), near_(exec), tiles_(exec), tables_(exec), weights_(exec), out_(exec), radius_(exec),
-          keys_(exec), pixels_(exec), places_(exec), point_values_(exec), runs_(exec), nearness_(exec), words_(exec),
-          averaged_(exec), averaged_mask_(exec), planes_(exec), joined_(exec), spread_(exec), contrast_(exec) {}
+        : exec_(exec),
+          frames_(exec),
+          mask_(exec),
+          poses_(exec),
+          slots_(exec),
+          wanted_(exec),
+          changed_(exec),
+          blocks_(exec),
+          bins_(exec),
+          squares_(exec),
+          values_(exec),
+          masks_(exec),
+          near_(exec),
+          tiles_(exec),
+          tables_(exec),
+          weights_(exec),
+          out_(exec),
+          radius_(exec),
+          keys_(exec),
+          pixels_(exec),
+          places_(exec),
+          point_values_(exec),
+          runs_(exec),
+          nearness_(exec),
+          words_(exec),
+          averaged_(exec),
+          averaged_mask_(exec),
+          planes_(exec),
+          joined_(exec),
+          spread_(exec),
+          contrast_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
     void begin() override { exec_.interrupt().clear(); }
@@ -54,8 +79,8 @@ public:
         const Change change(*this);
         const Grid old = grid_;
         resize(size);
-        const Growth growth{{old.blocks[0], old.blocks[1], old.blocks[2]}, {grid_.blocks[0], grid_.blocks[1], grid_.blocks[2]},
-                            {shift[0], shift[1], shift[2]}};
+        const Growth growth{{old.blocks[0], old.blocks[1], old.blocks[2]},
+            {grid_.blocks[0], grid_.blocks[1], grid_.blocks[2]}, {shift[0], shift[1], shift[2]}};
         exec_.for_each(n_slots_, MoveSlots{growth, blocks_.data()});
         move(slots_, growth, kNone);
         if (all_changed_) return void(changed_.reserve(grid_.n_blocks()));
@@ -66,12 +91,16 @@ public:
             Room<std::uint8_t> radius(exec_);
             const DenseVolume<T> larger{values.reserve(grid_.n_voxels()), radius.reserve(grid_.n_voxels())};
             set_empty(larger, 0, grid_.n_voxels());
-            copy_box({old, kept(), {}}, {grid_, larger, {kBlock * shift[0], kBlock * shift[1], kBlock * shift[2]}}, old.size);
+            copy_box({old, kept(), {}}, {grid_, larger, {kBlock * shift[0], kBlock * shift[1], kBlock * shift[2]}},
+                old.size);
             values.swap(out_);
             radius.swap(radius_);
         } else {
-            move(tiles_, {{tile_columns(old), old.blocks[1], old.blocks[2]}, {tile_columns(grid_), grid_.blocks[1], grid_.blocks[2]},
-                           {shift[0] * kBlock / kTile, shift[1], shift[2]}}, kNone);
+            move(tiles_,
+                {{tile_columns(old), old.blocks[1], old.blocks[2]},
+                    {tile_columns(grid_), grid_.blocks[1], grid_.blocks[2]},
+                    {shift[0] * kBlock / kTile, shift[1], shift[2]}},
+                kNone);
         }
     }
 
@@ -123,7 +152,8 @@ public:
         std::uint32_t* nearness = nearness_.reserve(n_slots_ * kVoxels);
         exec_.clear(nearness, n_slots_ * kVoxels * sizeof *nearness);
         exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), nullptr, bins_.data(), nearness});
-        exec_.for_each(rows(frames), BinPixelsOffCurves<T>{frames, grid_, coding_.scale, slots_.data(), nearness, bins_.data()});
+        exec_.for_each(
+            rows(frames), BinPixelsOffCurves<T>{frames, grid_, coding_.scale, slots_.data(), nearness, bins_.data()});
         exec_.for_each(rows(frames), MarkPixels<T>{frames, grid_, slots_.data(), nearness});
         curves_ = true;
         exec_.mark(1);
@@ -163,9 +193,7 @@ public:
         }
     }
 
-    void count_map(std::uint32_t* out) override {
-        scatter(out, 0u, sweep::CountOf{bins_.data()});
-    }
+    void count_map(std::uint32_t* out) override { scatter(out, 0u, sweep::CountOf{bins_.data()}); }
     void variance_map(const FramesView& view, float* out) override {
         const sweep::Images<T> frames = bring(view);
         std::uint64_t* squares = squares_.reserve(n_slots_ * sweep::kVoxels);
@@ -178,15 +206,17 @@ public:
     }
 
     VolumeFacts facts() override {
-        const std::uint64_t bytes = frames_.bytes() + slots_.bytes() + wanted_.bytes() + blocks_.bytes() + bins_.bytes() +
-                                    squares_.bytes() + values_.bytes() + masks_.bytes() + near_.bytes() + tiles_.bytes() + out_.bytes() + radius_.bytes() +
-                                    keys_.bytes() + pixels_.bytes() + places_.bytes() + point_values_.bytes() + runs_.bytes() +
-                                    nearness_.bytes() + words_.bytes() + averaged_.bytes() + spread_.bytes() + contrast_.bytes();
+        const std::uint64_t bytes =
+            frames_.bytes() + slots_.bytes() + wanted_.bytes() + blocks_.bytes() + bins_.bytes() + squares_.bytes() +
+            values_.bytes() + masks_.bytes() + near_.bytes() + tiles_.bytes() + out_.bytes() + radius_.bytes() +
+            keys_.bytes() + pixels_.bytes() + places_.bytes() + point_values_.bytes() + runs_.bytes() +
+            nearness_.bytes() + words_.bytes() + averaged_.bytes() + spread_.bytes() + contrast_.bytes();
         return {n_slots_, bytes, exec_.elapsed(0, 1), exec_.elapsed(2, 3)};
     }
 
 private:
-    /// While it lives, what was binned is changed: if that fails the bins are lost. Only what comes first may be stopped half way.
+    /// While it lives, what was binned is changed: if that fails the bins are lost. Only what comes first may be
+    /// stopped half way.
     class Change {
     public:
         explicit Change(GridImpl& grid, bool is_first = false) : grid_(grid) {
@@ -223,11 +253,11 @@ private:
             grid_.blocks[k] = ceil_div(size[k], sweep::kBlock);
         }
     }
-    template <class U>
-    void move(Room<U>& table, const sweep::Growth& growth, U outside) {
+    template <class U> void move(Room<U>& table, const sweep::Growth& growth, U outside) {
         Room<U> moved(exec_);
         moved.reserve(growth.n_cells());
-        exec_.for_each(std::size_t(growth.to[1]) * growth.to[2], sweep::MoveTableRow<U>{growth, table.data(), moved.data(), outside});
+        exec_.for_each(std::size_t(growth.to[1]) * growth.to[2],
+            sweep::MoveTableRow<U>{growth, table.data(), moved.data(), outside});
         moved.swap(table);
     }
     void copy_box(const sweep::Corner<T>& from, const sweep::Corner<T>& to, const int size[3]) {
@@ -235,7 +265,8 @@ private:
     }
     void download(const DenseArrays& out, const sweep::DenseVolume<T>& from, const sweep::Grid& grid) {
         const std::size_t n = grid.n_voxels();
-        if (out.values && out.radius) return exec_.download(out.values, from.values, n * sizeof(T), out.radius, from.radius, n);
+        if (out.values && out.radius)
+            return exec_.download(out.values, from.values, n * sizeof(T), out.radius, from.radius, n);
         if (out.values) exec_.download(out.values, from.values, n * sizeof(T));
         if (out.radius) exec_.download(out.radius, from.radius, n);
     }
@@ -264,7 +295,8 @@ private:
             binned = n;
         }
     };
-    static constexpr std::size_t kGroup = 4 << 20;  ///< bytes of frames that are worth a kernel while others are on their way
+    static constexpr std::size_t kGroup =
+        4 << 20;  ///< bytes of frames that are worth a kernel while others are on their way
 
     void bin(const sweep::Images<T>& frames, int sign) {
         const sweep::BinRows<T> bin{frames, grid_, coding_, slots_.data(), bins_.data(), sign};
@@ -277,19 +309,19 @@ private:
         static_assert(sizeof(sweep::Pose) == 9 * sizeof(std::int64_t));
         const std::size_t image = std::size_t(view.height) * view.width;
         const auto* poses = reinterpret_cast<const sweep::Pose*>(view.poses);
-        sweep::Images<T> out{static_cast<const T*>(view.values.data), poses, view.mask, view.n, view.height, view.width, view.first_order};
+        sweep::Images<T> out{static_cast<const T*>(view.values.data), poses, view.mask, view.n, view.height, view.width,
+            view.first_order};
         if (pixels || view.values.device == exec_.device() || view.values.device != kHost)
-            out.values = ::globule::core::bring<Exec, T>(exec_, frames_, {out.values, view.values.device, view.values.stream}, view.n * image);
-        else
-            out.values = frames_.reserve(view.n * image);
+            out.values = ::globule::core::bring<Exec, T>(
+                exec_, frames_, {out.values, view.values.device, view.values.stream}, view.n * image);
+        else out.values = frames_.reserve(view.n * image);
         if (Exec::on_device) {
             out.poses = upload(poses_, poses, view.n);
             if (view.mask) out.mask = upload(mask_, view.mask, image);
         }
         return out;
     }
-    template <class U>
-    const U* upload(Room<U>& room, const U* from, std::size_t n) {
+    template <class U> const U* upload(Room<U>& room, const U* from, std::size_t n) {
         U* to = room.reserve(n ? n : 1);
         exec_.upload(to, from, n * sizeof(U));
         return to;
@@ -308,7 +340,8 @@ private:
         const std::size_t before = n_slots_ * sweep::kVoxels * words, n = std::size_t(n_new) * sweep::kVoxels * words;
         bins_.keep(before, before + n);
         exec_.clear(bins_.data() + before, n * sizeof(std::uint64_t));
-        exec_.for_each(grid_.n_blocks(), sweep::PlaceBlocks{wanted, std::uint32_t(n_slots_), slots_.data(), blocks_.data()});
+        exec_.for_each(
+            grid_.n_blocks(), sweep::PlaceBlocks{wanted, std::uint32_t(n_slots_), slots_.data(), blocks_.data()});
         n_slots_ += n_new;
     }
     void touch(const sweep::Images<T>& frames, std::uint32_t* wanted) {
@@ -327,7 +360,8 @@ private:
     void finish(bool some) {
         if (some) values_.keep(n_finished_ * sweep::kVoxels, n_slots_ * sweep::kVoxels);
         else reserve_values();
-        const sweep::FinishBlock<T> blocks{coding_, blocks_.data(), bins_.data(), some ? changed_.data() : nullptr, values_.data(), masks_.data()};
+        const sweep::FinishBlock<T> blocks{
+            coding_, blocks_.data(), bins_.data(), some ? changed_.data() : nullptr, values_.data(), masks_.data()};
         exec_.for_each_tile(n_slots_, blocks);
     }
 
@@ -412,7 +446,8 @@ private:
         using namespace sweep;
         finish(false);
         const auto* poses = reinterpret_cast<const sweep::Pose*>(view.poses);
-        const Path path(Images<T>{nullptr, poses, view.mask, view.n, view.height, view.width, 0}, r.max_gap);  // what the host reads
+        const Path path(Images<T>{nullptr, poses, view.mask, view.n, view.height, view.width, 0},
+            r.max_gap);  // what the host reads
         const Images<T> frames = bring(view);
         const Averaging& a = path.averaging;
         const std::size_t n_rows = std::size_t(view.n) * a.height;
@@ -429,7 +464,8 @@ private:
         const auto fill = [&](const auto* pixels, const std::uint8_t* mask) {
             using V = std::remove_const_t<std::remove_pointer_t<decltype(pixels)>>;
             using Fill = FillBetween<T, V, Exec::on_device>;
-            exec_.for_each_tile(Fill::n_bricks(grid_), Fill{{pixels, mask, view.n, a.height, a.width, right, bottom}, planes, joined, bins, out, spread, contrast});
+            exec_.for_each_tile(Fill::n_bricks(grid_), Fill{{pixels, mask, view.n, a.height, a.width, right, bottom},
+                                                           planes, joined, bins, out, spread, contrast});
         };
         if (a.any()) {
             float* averaged = averaged_.reserve(n_rows * a.width);
@@ -471,7 +507,8 @@ private:
         using namespace sweep;
         if constexpr (Exec::on_device) {
             const int reach = each.filler.tables.cubes.reach;
-            if (reach == 0 || reach > FillBlock<T>::kReach) return exec_.for_each(grid_.n_blocks() * kVoxels, EachVoxel<FillVoxel<T>>{grid_, each});
+            if (reach == 0 || reach > FillBlock<T>::kReach)
+                return exec_.for_each(grid_.n_blocks() * kVoxels, EachVoxel<FillVoxel<T>>{grid_, each});
             if (!each.dirty) set_empty(each.out, 0, grid_.n_voxels());
             exec_.for_each_tile(grid_.n_blocks(), FillBlock<T>{each});
         } else {
@@ -481,7 +518,8 @@ private:
             }
             if constexpr (!is_real<T>)
                 if (each.filler.tables.cubes.reach <= FillTile<T>::kReach) {
-                    exec_.for_each_tile(std::size_t(tile_columns(grid_)) * grid_.blocks[1] * grid_.blocks[2], FillTile<T>{each});
+                    exec_.for_each_tile(
+                        std::size_t(tile_columns(grid_)) * grid_.blocks[1] * grid_.blocks[2], FillTile<T>{each});
                     return;
                 }
             exec_.for_each_tile(grid_.n_blocks(), EachVoxel<FillVoxel<T>>{grid_, each});
@@ -511,7 +549,8 @@ private:
         return points;
     }
 
-    void fill_points(const sweep::Images<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
+    void fill_points(
+        const sweep::Images<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
         using namespace sweep;
         std::uint32_t* wanted = wanted_list();
         touch(frames, wanted);
@@ -527,13 +566,15 @@ private:
         exec_.clear(first, 2 * n_bins * sizeof *first);
         exec_.for_each(n, MarkRuns{n, keys_.data(), grid_, false, slots_.data(), first, first + n_bins, masks_.data()});
         const std::uint32_t* near = spread_near(tables.cubes.span);
-        const GatherVoxel<T> each{{{{grid_, slots_.data(), masks_.data(), nullptr}, tables}, points, first, first + n_bins}, out, near};
+        const GatherVoxel<T> each{
+            {{{grid_, slots_.data(), masks_.data(), nullptr}, tables}, points, first, first + n_bins}, out, near};
         const EachVoxel<GatherVoxel<T>> all{grid_, each};
         if constexpr (Exec::on_device) exec_.for_each(grid_.n_blocks() * kVoxels, all);
         else exec_.for_each_tile(grid_.n_blocks(), all);
     }
 
-    void fill_plain_bins(const sweep::Images<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
+    void fill_plain_bins(
+        const sweep::Images<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
         using namespace sweep;
         const std::size_t n = grid_.n_voxels();
         std::uint64_t* bins = bins_.reserve(2 * n);
@@ -548,7 +589,8 @@ private:
     }
     std::uint8_t* mask_room(std::size_t n) { return reinterpret_cast<std::uint8_t*>(near_.reserve(n / 4 + 1)); }
 
-    void fill_plain_points(const sweep::Images<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
+    void fill_plain_points(
+        const sweep::Images<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
         using namespace sweep;
         int bits = 1;
         while (grid_.n_voxels() >> bits) ++bits;
@@ -558,11 +600,11 @@ private:
         std::uint32_t* first = runs_.reserve(2 * n_bins);
         exec_.clear(first, 2 * n_bins * sizeof *first);
         exec_.for_each(n, MarkRuns{n, keys_.data(), grid_, true, nullptr, first, first + n_bins, nullptr});
-        exec_.for_each_task(n_bins, GatherPlain<T>{grid_, tables.cubes.reach, tables.kind, points, first, first + n_bins, out});
+        exec_.for_each_task(
+            n_bins, GatherPlain<T>{grid_, tables.cubes.reach, tables.kind, points, first, first + n_bins, out});
     }
 
-    template <class Out, class Of>
-    void scatter(Out* host, Out empty, const Of& of) {
+    template <class Out, class Of> void scatter(Out* host, Out empty, const Of& of) {
         Room<Out> room(exec_);
         Out* out = Exec::on_device ? room.reserve(grid_.n_voxels()) : host;
         exec_.for_each(grid_.n_voxels(), sweep::Set<Out>{out, empty});
@@ -574,12 +616,12 @@ private:
     sweep::Grid grid_{};
     sweep::Coding coding_{};
     std::size_t n_slots_ = 0;
-    bool taken_ = false;              ///< values came from a median, not from bins
+    bool taken_ = false;  ///< values came from a median, not from bins
     bool changing_ = false, broken_ = false;
     bool first_ = false, emptied_ = false;  ///< the change found no bins; it failed and there are none again
-    bool all_changed_ = true;        ///< nothing of the last finished bins may be used
-    std::size_t n_finished_ = 0;      ///< slots that had values then
-    std::size_t n_tiles_ = 0;        ///< of the volume that is kept, on the CPU
+    bool all_changed_ = true;               ///< nothing of the last finished bins may be used
+    std::size_t n_finished_ = 0;            ///< slots that had values then
+    std::size_t n_tiles_ = 0;               ///< of the volume that is kept, on the CPU
     std::vector<std::uint64_t> host_masks_;
     Room<T> frames_;
     Room<std::uint8_t> mask_;
@@ -599,7 +641,7 @@ private:
     Room<T> point_values_;
     Room<std::uint32_t> runs_;
     Room<std::uint32_t> nearness_;
-    bool curves_ = false;             ///< bins are of curves
+    bool curves_ = false;  ///< bins are of curves
     Room<std::uint64_t> words_;
     Room<float> averaged_;
     Room<std::uint8_t> averaged_mask_;

@@ -18,23 +18,20 @@ namespace globule::core::sweep {
 enum class HoleWeights { normalized, printed };
 
 /// Values of voxels by block.
-template <class T>
-struct Bins {
+template <class T> struct Bins {
     Grid grid;
     const std::uint32_t* slots;
     const std::uint64_t* masks;
     const T* values;
 };
 
-template <class T>
-struct Sums {
+template <class T> struct Sums {
     using Total = std::uint64_t;
     GB_FN static Total term(std::uint32_t weight, T value) { return std::uint64_t(weight) * value; }
     /// To nearest, halves up; exact while sums stay below 2^53.
     GB_FN static T quotient(Total sum, std::uint64_t weight) { return T(double(sum + weight / 2) / double(weight)); }
 };
-template <>
-struct Sums<float> {
+template <> struct Sums<float> {
     using Total = double;
     GB_FN static double term(std::uint32_t weight, float value) { return double(weight) * value; }
     GB_FN static float quotient(double sum, std::uint64_t weight) { return float(sum / double(weight)); }
@@ -42,15 +39,15 @@ struct Sums<float> {
 
 /// What the cube of a radius covers of a row of four: masks of the block's bits by axis.
 struct CubeMasks {
-    int reach;                  ///< largest radius
-    int span;                   ///< blocks that it reaches on either side
-    const std::uint64_t* masks; ///< [axis][radius][place in block][block offset + span]
+    int reach;                   ///< largest radius
+    int span;                    ///< blocks that it reaches on either side
+    const std::uint64_t* masks;  ///< [axis][radius][place in block][block offset + span]
     GB_FN const std::uint64_t* of(int axis, int radius, int place) const {
         return masks + ((std::size_t(axis) * (reach + 1) + radius) * kBlock + place) * (2 * span + 1) + span;
     }
-    /// visit(blocks away, bits of that block in the cube) for the blocks that the cube of radius r around voxel l of a block meets.
-    template <class Visit>
-    GB_FN void for_each_block(Cell l, int r, const Visit& visit) const {
+    /// visit(blocks away, bits of that block in the cube) for the blocks that the cube of radius r around voxel l of a
+    /// block meets.
+    template <class Visit> GB_FN void for_each_block(Cell l, int r, const Visit& visit) const {
         const std::uint64_t *mx = of(0, r, l.x), *my = of(1, r, l.y), *mz = of(2, r, l.z);
         const Cell from = Block::of({l.x - r, l.y - r, l.z - r}), to = Block::of({l.x + r, l.y + r, l.z + r});
         for (int z = from.z; z <= to.z; ++z)
@@ -86,14 +83,12 @@ struct HoleTables {
 };
 
 /// Fills voxel `place` of a block; returns the radius, kFar where nothing is in reach.
-template <class T>
-struct HoleFiller {
+template <class T> struct HoleFiller {
     Bins<T> bins;
     HoleTables tables;
 
     /// visit(blocks away, block, bits) for blocks with voxels in the cube around voxel l of a block.
-    template <class Visit>
-    GB_FN void for_each_hit(Cell around, Cell l, int r, const Visit& visit) const {
+    template <class Visit> GB_FN void for_each_hit(Cell around, Cell l, int r, const Visit& visit) const {
         tables.cubes.for_each_block(l, r, [&](Cell away, std::uint64_t cube) {
             if (!bins.grid.has_block(around + away)) return;
             const std::size_t block = bins.grid.block(around + away);
@@ -106,7 +101,9 @@ struct HoleFiller {
         const Cell l = Block::inside(place);
         for (int r = 1; r <= tables.cubes.reach; ++r)
             if (weigh(l, out, [&](const auto& visit) {
-                    for_each_hit(around, l, r, [&](Cell away, std::size_t block, std::uint64_t hits) { visit(away, bins.slots[block], hits); });
+                    for_each_hit(around, l, r, [&](Cell away, std::size_t block, std::uint64_t hits) {
+                        visit(away, bins.slots[block], hits);
+                    });
                 }))
                 return std::uint8_t(r);
         out = T{};
@@ -114,8 +111,7 @@ struct HoleFiller {
     }
     /// The weighted mean of the hits around voxel l; false where there is none.  for_each calls
     /// visit(blocks away, slot, bits), the same way each time.
-    template <class ForEach>
-    GB_FN bool weigh(Cell l, T& out, const ForEach& for_each) const {
+    template <class ForEach> GB_FN bool weigh(Cell l, T& out, const ForEach& for_each) const {
         int sigma2 = 0;
         for_each([&](Cell away, std::uint32_t, std::uint64_t hits) {
             const Cell d = Block::first(away) - l;
@@ -141,8 +137,7 @@ struct HoleFiller {
 };
 
 /// A voxel of the dense volume, block by block.
-template <class T>
-struct FillVoxel {
+template <class T> struct FillVoxel {
     HoleFiller<T> filler;
     DenseVolume<T> out;
     const std::uint32_t* near;   ///< per block: 0 where no data is in reach
@@ -166,10 +161,9 @@ struct FillVoxel {
         }
     }
 };
-/// Each voxel for itself: any radius, any type.  A block a tile on the CPU; a thread a voxel on the GPU, where tiles of so
-/// much code get half as many registers again (92 instead of 64 for VVN-OM), and so fewer warps at a time.
-template <class Each>
-struct EachVoxel {
+/// Each voxel for itself: any radius, any type.  A block a tile on the CPU; a thread a voxel on the GPU, where tiles of
+/// so much code get half as many registers again (92 instead of 64 for VVN-OM), and so fewer warps at a time.
+template <class Each> struct EachVoxel {
     Grid grid;
     Each each;
     GB_FN void operator()(std::size_t voxel) const {
@@ -177,10 +171,8 @@ struct EachVoxel {
         if (!each.skips(block)) each(grid.block(block), block, int(voxel % kVoxels));
     }
     struct Nothing {};
-    template <class Group>
-    using Scratch = Nothing;
-    template <class Group>
-    GB_FN void operator()(Group& g, Nothing&, std::size_t block) const {
+    template <class Group> using Scratch = Nothing;
+    template <class Group> GB_FN void operator()(Group& g, Nothing&, std::size_t block) const {
         if (each.skips(block)) return;
         const Cell b = grid.block(block);
         g.share(kVoxels, [&](int place) { each(b, block, place); });
@@ -188,8 +180,7 @@ struct EachVoxel {
 };
 
 /// A row of blocks where no hole is to be filled: empty rows of voxels, then those that have pixels.
-template <class T>
-struct CopyBlockRow {
+template <class T> struct CopyBlockRow {
     FillVoxel<T> each;
     GB_FN void operator()(std::size_t i) const {
         const Bins<T>& bins = each.filler.bins;
@@ -216,17 +207,16 @@ struct CopyBlockRow {
     }
 };
 
-/// Blocks within `span` blocks of one with data, one axis at a time.  A group takes a row of blocks, its lanes go along x.
+/// Blocks within `span` blocks of one with data, one axis at a time.  A group takes a row of blocks, its lanes go along
+/// x.
 struct SpreadNear {
     Grid grid;
     int axis, span;
     const std::uint32_t* from;
     std::uint32_t* to;
     struct Nothing {};
-    template <class Group>
-    using Scratch = Nothing;
-    template <class Group>
-    GB_FN void operator()(Group& g, Nothing&, std::size_t row) const {
+    template <class Group> using Scratch = Nothing;
+    template <class Group> GB_FN void operator()(Group& g, Nothing&, std::size_t row) const {
         const int n = grid.blocks[0], at[3] = {0, int(row % grid.blocks[1]), int(row / grid.blocks[1])};
         const std::uint32_t* in = from + row * n;
         std::uint32_t* out = to + row * n;

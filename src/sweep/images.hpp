@@ -10,23 +10,20 @@ namespace globule::core::sweep {
 using Fix = std::int64_t;  ///< 32 fractional bits
 inline constexpr int kFraction = 32;
 
-/// Voxel coordinates of pixel centre (column, row): origin + column * x + row * y.
-struct Pose {
-    Fix origin[3], x[3], y[3];
-};
+/// Voxel coordinates of pixel center (column, row): origin + column * x + row * y.
+struct Pose { Fix origin[3], x[3], y[3]; };
 
 GB_FN Fix floor_divide(Fix a, Fix b) {
     const Fix q = a / b;
     return q - (a % b != 0 && (a < 0) != (b < 0));
 }
 
-template <class T>
-struct Images {
+template <class T> struct Images {
     const T* values;           ///< (n, height, width)
     const Pose* poses;         ///< (n,)
     const std::uint8_t* mask;  ///< (height, width), or null: all pixels
     int n, height, width;
-    std::uint32_t first_order; ///< of the first pixel among all that were ever added
+    std::uint32_t first_order;  ///< of the first pixel among all that were ever added
 };
 
 /// A row of pixels and its piece inside of a box of voxels.
@@ -35,8 +32,7 @@ struct Row {
     int first, last;     ///< columns inside; none where first > last
 };
 
-template <class T>
-GB_FN Row row_inside(const Images<T>& images, std::size_t i, const int* size) {
+template <class T> GB_FN Row row_inside(const Images<T>& images, std::size_t i, const int* size) {
     const Pose& pose = images.poses[i / images.height];
     const Fix row = Fix(i % images.height);
     Fix first = 0, last = images.width - 1;

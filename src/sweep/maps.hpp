@@ -5,8 +5,7 @@
 namespace globule::core::sweep {
 
 /// Squares of the values, summed per voxel.
-template <class T>
-struct SquareRows {
+template <class T> struct SquareRows {
     Images<T> images;
     Grid grid;
     double scale;
@@ -21,8 +20,7 @@ struct SquareRows {
 };
 
 /// Writes one value a voxel of the occupied blocks into a dense map.
-template <class Out, class Of>
-struct ScatterMap {
+template <class Out, class Of> struct ScatterMap {
     Grid grid;
     const std::uint32_t* block_of_slot;
     Of of;

@@ -9,11 +9,10 @@ struct Cube {
     Cell lo, hi;  ///< inclusive
     GB_FN static Cube around(const Grid& grid, Cell c, int r) {
         return {{max(c.x - r, 0), max(c.y - r, 0), max(c.z - r, 0)},
-                {min(c.x + r, grid.size[0] - 1), min(c.y + r, grid.size[1] - 1), min(c.z + r, grid.size[2] - 1)}};
+            {min(c.x + r, grid.size[0] - 1), min(c.y + r, grid.size[1] - 1), min(c.z + r, grid.size[2] - 1)}};
     }
     /// visit(voxel)
-    template <class Visit>
-    GB_FN void for_each(const Visit& visit) const {
+    template <class Visit> GB_FN void for_each(const Visit& visit) const {
         for (int z = lo.z; z <= hi.z; ++z)
             for (int y = lo.y; y <= hi.y; ++y)
                 for (int x = lo.x; x <= hi.x; ++x) visit(Cell{x, y, z});
@@ -21,8 +20,7 @@ struct Cube {
 };
 
 /// Sum and count of every voxel of the dense grid.
-template <class T>
-struct BinPlain {
+template <class T> struct BinPlain {
     Images<T> images;
     Grid grid;
     double scale;
@@ -35,8 +33,7 @@ struct BinPlain {
         });
     }
 };
-template <class T>
-struct FinishPlain {
+template <class T> struct FinishPlain {
     FinishBlock<T> finish;
     T* values;
     std::uint8_t* measured;
@@ -47,8 +44,7 @@ struct FinishPlain {
     }
 };
 
-template <class T>
-struct FillPlain {
+template <class T> struct FillPlain {
     Grid grid;
     const T* values;
     const std::uint8_t* measured;
@@ -84,8 +80,7 @@ struct FillPlain {
     }
 };
 
-template <class T>
-struct GatherPlain {
+template <class T> struct GatherPlain {
     Grid grid;
     int reach;
     HoleWeights kind;

@@ -11,12 +11,22 @@
 
 namespace globule::core {
 
-template <class Exec>
-class Plus {
+template <class Exec> class Plus {
 public:
     explicit Plus(Exec& exec)
-        : exec_(exec), images_(exec), values_(exec), filled_(exec), acc_(exec), poses_(exec), sources_(exec),
-          masks_(exec), importance_(exec), origin_(exec), words_(exec), near_(exec), weights_(exec) {}
+        : exec_(exec),
+          images_(exec),
+          values_(exec),
+          filled_(exec),
+          acc_(exec),
+          poses_(exec),
+          sources_(exec),
+          masks_(exec),
+          importance_(exec),
+          origin_(exec),
+          words_(exec),
+          near_(exec),
+          weights_(exec) {}
 
     void run(PlusRequest& r) {
         if (r.type == ScalarType::u8) run_as<std::uint8_t>(r);
@@ -25,8 +35,7 @@ public:
     }
 
 private:
-    template <class T>
-    void run_as(PlusRequest& r) {
+    template <class T> void run_as(PlusRequest& r) {
         using namespace plus;
         const std::size_t image = std::size_t(r.height) * r.width;
         const Grid grid{{r.size[0], r.size[1], r.size[2]}};
@@ -42,8 +51,9 @@ private:
         slices.mask_of_image = bring(masks_, r.mask_of_frame, r.n_frames);
         slices.importance = r.importance ? bring(importance_, r.importance, image) : nullptr;
         const T* frames = static_cast<const T*>(r.frames.data);
-        frames = reinterpret_cast<const T*>(::globule::core::bring<Exec, char>(
-            exec_, images_, {static_cast<const char*>(r.frames.data), r.frames.device, r.frames.stream}, r.n_frames * image * sizeof(T)));
+        frames = reinterpret_cast<const T*>(::globule::core::bring<Exec, char>(exec_, images_,
+            {static_cast<const char*>(r.frames.data), r.frames.device, r.frames.stream},
+            r.n_frames * image * sizeof(T)));
 
         exec_.mark(0);
         T* values = reinterpret_cast<T*>(values_.reserve(grid.size() * sizeof(T)));
@@ -67,17 +77,18 @@ private:
 
     template <class T, class F>
     void insert(const PlusRequest& r, const plus::Slices& slices, const T* frames, const plus::Grid& grid, T* values,
-                std::uint16_t* acc) {
+        std::uint16_t* acc) {
         using namespace plus;
         InsertBrick<T, F> task{slices, frames, grid, Exec::on_device ? 4 : 32, {}, Interpolation(r.interpolation),
-                                 Optimization(r.optimization), Compounding(r.compounding), values, acc};
+            Optimization(r.optimization), Compounding(r.compounding), values, acc};
         std::size_t n = 1;
         for (int k = 0; k < 3; ++k) n *= task.n_bricks[k] = ceil_div(grid.n[k], task.edge);
         exec_.for_each_task(n, task);
     }
 
     template <class T>
-    T* fill(const PlusRequest& r, const plus::Grid& grid, const T* values, const std::uint16_t* acc, std::uint8_t* origin) {
+    T* fill(
+        const PlusRequest& r, const plus::Grid& grid, const T* values, const std::uint16_t* acc, std::uint8_t* origin) {
         using namespace plus;
         if (r.fillers.size() > kMaxFillers) throw Refused("HoleFilling: expected at most 16 elements");
         const int n_words = ceil_div(grid.n[0], 64);
@@ -85,10 +96,12 @@ private:
         std::uint64_t* words = words_.reserve(n);
         std::uint64_t* near = near_.reserve(2 * n);
         T* out = reinterpret_cast<T*>(filled_.reserve(grid.size() * sizeof(T)));
-        FillRow<T> task{{grid, values, acc}, {words, n_words, grid.n[1], grid.n[2]}, near, int(r.fillers.size()), {}, out, origin};
+        FillRow<T> task{
+            {grid, values, acc}, {words, n_words, grid.n[1], grid.n[2]}, near, int(r.fillers.size()), {}, out, origin};
 
         std::vector<float> weights;
-        for (const PlusRequest::Filler& f : r.fillers) weights.insert(weights.end(), f.weights.begin(), f.weights.end());
+        for (const PlusRequest::Filler& f : r.fillers)
+            weights.insert(weights.end(), f.weights.begin(), f.weights.end());
         const float* room = bring(weights_, weights.data(), weights.size());
         int reach = 0;
         for (std::size_t i = 0; i < r.fillers.size(); ++i) {
@@ -145,8 +158,7 @@ private:
         return all;
     }
 
-    template <class T>
-    const T* bring(Buffer<T, Exec>& room, const T* host, std::size_t n) {
+    template <class T> const T* bring(Buffer<T, Exec>& room, const T* host, std::size_t n) {
         if constexpr (!Exec::on_device && !std::is_same_v<T, plus::ImagePose>) return host;
         T* to = room.reserve(n ? n : 1);
         exec_.upload(to, host, n * sizeof(T));

@@ -1,4 +1,5 @@
-// PLUS' hole fillers, 64 voxels of a row at once: which of them are known, and which are still holes, are the bits of a word.
+// PLUS' hole fillers, 64 voxels of a row at once: which of them are known, and which are still holes, are the bits of a
+// word.
 //
 //   MarkOccupied   one bit a voxel: where the accumulator is not 0
 //   MarkNear       the words that have anything within the fillers' reach; in the others all fillers fail
@@ -53,11 +54,11 @@ struct MarkMeasured {
     GB_FN void operator()(std::size_t i) const { origin[i] = acc[i] ? 0 : 255; }
 };
 
-/// True where anything lies within `reach` rows and planes of a word's row, in it or its neighbours.
+/// True where anything lies within `reach` rows and planes of a word's row, in it or its neighbors.
 struct MarkNear {
     Occupancy rows;
     int reach;
-    int axis;  ///< 0: neighbour words; 1: along y; 2: along z
+    int axis;  ///< 0: neighbor words; 1: along y; 2: along z
     std::uint64_t* out;
     GB_FN void operator()(std::size_t i) const {
         const auto [w, y, z] = rows.place(i);
@@ -70,8 +71,7 @@ struct MarkNear {
 };
 
 /// 64 voxels of a row: each filler in turn, until one succeeds.
-template <class T>
-struct FillRow {
+template <class T> struct FillRow {
     Holes<T> holes;
     Occupancy known;
     const std::uint64_t* near;
@@ -107,8 +107,10 @@ struct FillRow {
     }
     /// Fills what it can of the voxels whose bits are set; which ones.
     GB_FN std::uint64_t fill(const Filler& filler, const Word& at, std::uint64_t todo) const {
-        if (filler.type == FillerType::stick && filler.n_sticks == 1 && filler.size <= kLongest + 1) return shortest_sticks(filler.size, at, todo);
-        if (!Scalar<T>::is_float && filler.type == FillerType::nearest_neighbor && filler.size <= 2 * kWidest + 2) return smallest_cubes(filler, at, todo);
+        if (filler.type == FillerType::stick && filler.n_sticks == 1 && filler.size <= kLongest + 1)
+            return shortest_sticks(filler.size, at, todo);
+        if (!Scalar<T>::is_float && filler.type == FillerType::nearest_neighbor && filler.size <= 2 * kWidest + 2)
+            return smallest_cubes(filler, at, todo);
         return one_by_one(filler, at, todo);
     }
     GB_FN std::uint64_t one_by_one(const Filler& filler, Word at, std::uint64_t todo) const {
@@ -122,9 +124,9 @@ struct FillRow {
         return done;
     }
 
-    // The smallest cubes that hold something.  A cube holds something where the rows within its radius do within as many voxels along x:
-    // rows of bits are widened by a voxel on either side a radius, and or-ed.  Sums of integers do not mind the order, so bits
-    // say which values are added up; floats go one voxel after the other.
+    // The smallest cubes that hold something.  A cube holds something where the rows within its radius do within as
+    // many voxels along x: rows of bits are widened by a voxel on either side a radius, and or-ed.  Sums of integers do
+    // not mind the order, so bits say which values are added up; floats go one voxel after the other.
 
     static constexpr int kWidest = 4;  ///< radius
 
@@ -134,7 +136,8 @@ struct FillRow {
         std::uint64_t left[n][n], here[n][n], right[n][n];
         /// 64 bits of row (z, y) that begin `from` to the right of ours; |from| < 64.
         GB_FN std::uint64_t bits(int z, int y, int from) const {
-            const std::uint64_t a = left[z + kWidest][y + kWidest], b = here[z + kWidest][y + kWidest], c = right[z + kWidest][y + kWidest];
+            const std::uint64_t a = left[z + kWidest][y + kWidest], b = here[z + kWidest][y + kWidest],
+                                c = right[z + kWidest][y + kWidest];
             return from < 0 ? b << -from | a >> (64 + from) : from ? b >> from | c << (64 - from) : b;
         }
     };
@@ -164,7 +167,8 @@ struct FillRow {
         return done;
     }
     /// From radius r - 1 to r; the voxels whose cube of radius r holds something.
-    GB_FN static std::uint64_t widen(const Around& rows, std::uint64_t (&wide)[Around::n][Around::n], int reach, int r) {
+    GB_FN static std::uint64_t widen(
+        const Around& rows, std::uint64_t (&wide)[Around::n][Around::n], int reach, int r) {
         std::uint64_t hit = 0;
         for (int z = kWidest - reach; z <= kWidest + reach; ++z)
             for (int y = kWidest - reach; y <= kWidest + reach; ++y) {
@@ -185,10 +189,11 @@ struct FillRow {
             }
     }
 
-    // The shortest stick alone, all ties of it averaged.  Bits say, for each direction and number of steps, which voxels have their first
-    // known voxel there; a stick of so many steps altogether has its ends where both of two such words are set.
+    // The shortest stick alone, all ties of it averaged.  Bits say, for each direction and number of steps, which
+    // voxels have their first known voxel there; a stick of so many steps altogether has its ends where both of two
+    // such words are set.
 
-    static constexpr int kLongest = 8;  ///< steps
+    static constexpr int kLongest = 8;                   ///< steps
     using Steps = std::uint64_t[kSticks][kLongest + 1];  ///< [direction][steps to the first known voxel]
 
     GB_FN std::uint64_t shortest_sticks(int limit, const Word& at, std::uint64_t todo) const {
@@ -217,8 +222,10 @@ struct FillRow {
         }
         return done;
     }
-    /// Steps to the first known voxel along a direction, forward (sign 1) or back, of the voxels whose bits are set; whether any has one.
-    GB_FN bool first_known(int limit, const Word& at, int direction, int sign, std::uint64_t open, std::uint64_t (&steps)[kLongest + 1]) const {
+    /// Steps to the first known voxel along a direction, forward (sign 1) or back, of the voxels whose bits are set;
+    /// whether any has one.
+    GB_FN bool first_known(int limit, const Word& at, int direction, int sign, std::uint64_t open,
+        std::uint64_t (&steps)[kLongest + 1]) const {
         const signed char* d = StickDirections::number(direction);
         const std::uint64_t all = open;
         for (int j = 1; j < limit; ++j) {
@@ -235,7 +242,8 @@ struct FillRow {
             if (next[c] <= limit && (!best || next[c] * next[c] * c < next[best] * next[best] * best)) best = c;
         return best;
     }
-    GB_FN T average(const Steps& ahead, const Steps& behind, int from, int to, int steps, int bit, std::size_t at) const {
+    GB_FN T average(
+        const Steps& ahead, const Steps& behind, int from, int to, int steps, int bit, std::size_t at) const {
         const Grid& grid = holes.grid;
         double sum = 0, weight_sum = 0;
         for (int i = from; i < to; ++i)
@@ -244,7 +252,9 @@ struct FillRow {
                 const signed char* d = StickDirections::number(i);
                 const long long step = (d[2] * (long long)grid.n[1] + d[1]) * grid.n[0] + d[0];
                 const double weight = Holes<T>::stick_weight(j, steps - j, d);
-                sum += Holes<T>::stick_value(j, steps - j, holes.values[at + j * step], holes.values[at - (steps - j) * step]) * weight;
+                sum += Holes<T>::stick_value(
+                           j, steps - j, holes.values[at + j * step], holes.values[at - (steps - j) * step]) *
+                       weight;
                 weight_sum += weight;
             }
         return T(sum / weight_sum);

@@ -1,9 +1,11 @@
-// PLUS' hole fillers, one voxel at a time, as PLUS states them.  Each looks at the unfilled volume only, at voxels whose
-// accumulator is not 0; it gives a value, or 0 and no.  plus_fill.hpp asks them, or does the same for 64 voxels at once.
+// PLUS' hole fillers, one voxel at a time, as PLUS states them.  Each looks at the unfilled volume only, at voxels
+// whose accumulator is not 0; it gives a value, or 0 and no.  plus_fill.hpp asks them, or does the same for 64 voxels
+// at once.
 //
 //   Gaussian and its like   the mean of what is known in a window, weighted by the place in it, if enough is known
 //   nearest                 the mean of what the smallest cube holds that holds something
-//   sticks                  lines through the voxel in 13 directions, from what is known on one side to what is on the other:
+//   sticks                  lines through the voxel in 13 directions, from what is known on one side to what is on the
+//   other:
 //                           the shortest ones' values between their ends
 #pragma once
 #include "sweep/plus_insert.hpp"
@@ -14,10 +16,10 @@ enum class FillerType { gaussian, gaussian_accumulation, distance_weight_inverse
 
 struct Filler {
     FillerType type;
-    int size;               ///< of the window, or the longest stick
+    int size;  ///< of the window, or the longest stick
     int n_sticks;
-    float least_ratio;      ///< of known voxels in the window; more is needed
-    const float* weights;   ///< (size, size, size) z y x, or null
+    float least_ratio;     ///< of known voxels in the window; more is needed
+    const float* weights;  ///< (size, size, size) z y x, or null
     GB_FN int reach() const { return type == FillerType::stick ? max(size - 1, 0) : max((size - 1) / 2, 0); }
 };
 
@@ -28,8 +30,7 @@ inline constexpr int kSticks = 13;
 struct StickDirections {
     GB_FN static const signed char* number(int i) {
         static constexpr signed char all[kSticks][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 0}, {1, 0, 1},
-                                                        {0, 1, 1}, {1, -1, 0}, {1, 0, -1}, {0, 1, -1}, {1, 1, 1},
-                                                        {-1, 1, 1}, {1, -1, 1}, {-1, -1, 1}};
+            {0, 1, 1}, {1, -1, 0}, {1, 0, -1}, {0, 1, -1}, {1, 1, 1}, {-1, 1, 1}, {1, -1, 1}, {-1, -1, 1}};
         return all[i];
     }
     /// The first direction of squared length 1, 2 or 3; 4: past the last.
@@ -39,8 +40,7 @@ struct StickDirections {
     }
 };
 
-template <class T>
-struct Holes {
+template <class T> struct Holes {
     Grid grid;
     const T* values;
     const std::uint16_t* acc;
@@ -62,7 +62,8 @@ struct Holes {
                     const std::size_t at = grid.index(i, j, k);
                     const std::uint16_t a = acc[at];
                     if (!a) continue;
-                    const float w = filler.weights[size * size * (k - z + range) + size * (j - y + range) + (i - x + range)];
+                    const float w =
+                        filler.weights[size * size * (k - z + range) + size * (j - y + range) + (i - x + range)];
                     const double weight = filler.type == FillerType::gaussian_accumulation ? a * w : w;
                     sum += values[at] * weight;
                     weight_sum += weight;
@@ -72,7 +73,8 @@ struct Holes {
     }
     GB_FN bool finish(const Filler& filler, double sum, double weight_sum, int known, T& out) const {
         out = T(0);
-        if (weight_sum == 0 || !(double(known) / (filler.size * filler.size * filler.size) > filler.least_ratio)) return false;
+        if (weight_sum == 0 || !(double(known) / (filler.size * filler.size * filler.size) > filler.least_ratio))
+            return false;
         out = T(sum / weight_sum);
         return true;
     }
@@ -157,9 +159,7 @@ struct Holes {
     }
 
 private:
-    struct Span {
-        int first, last;
-    };
+    struct Span { int first, last; };
     /// Voxels within r along an axis that lie inside of the grid.
     GB_FN Span around(int v, int r, int axis) const { return {max(v - r, 0), min(v + r, grid.n[axis] - 1)}; }
 };

@@ -11,7 +11,7 @@ enum class Interpolation { nearest, linear };
 enum class Optimization { none, partial, full };
 enum class Compounding { latest, maximum, mean, importance };
 
-inline constexpr int kWhole = 256;         ///< accumulator of one pixel inserted with weight 1
+inline constexpr int kWhole = 256;  ///< accumulator of one pixel inserted with weight 1
 inline constexpr int kFullest = 65535;
 inline constexpr int kThreshold = kFullest - kWhole;
 
@@ -35,18 +35,15 @@ inline constexpr std::int32_t kTwice = 1 << 30;
 struct Slices {
     int n_images, height, width;
     const ImagePose* poses;
-    const std::int32_t* sources;        ///< (n_masks, height, width)
-    const std::uint32_t* mask_of_image; ///< (n_images,)
-    const std::uint8_t* importance;     ///< (height, width) or null
+    const std::int32_t* sources;         ///< (n_masks, height, width)
+    const std::uint32_t* mask_of_image;  ///< (n_images,)
+    const std::uint8_t* importance;      ///< (height, width) or null
     bool rejects;
-    double rejection;                   ///< darker pixels are left out
-    double slack;                       ///< voxels that fixed-point places may differ from exact ones
+    double rejection;  ///< darker pixels are left out
+    double slack;      ///< voxels that fixed-point places may differ from exact ones
 };
 
-template <class T>
-struct Scalar {
-    static constexpr bool is_float = T(0.3) > 0;
-};
+template <class T> struct Scalar { static constexpr bool is_float = T(0.3) > 0; };
 
 /// Nearest: the new value of a voxel and its accumulator.
 template <class T>
@@ -87,20 +84,13 @@ GB_FN Fixed blend_importance(Fixed f, int in, int importance, int acc, int out, 
 GB_FN Fixed blend_importance(Fixed f, float in, int importance, int acc, float out, Fixed a) {
     return Fixed::of(in * importance * f.single() / a.single() + (Fixed::of_int(acc) / a).single() * out);
 }
-template <class T, class V>
-GB_FN T stored(V v) {
+template <class T, class V> GB_FN T stored(V v) {
     if constexpr (!Scalar<T>::is_float) return T(round_of(v));
     else if constexpr (std::is_same_v<V, Fixed>) return v.single();
     else return T(v);
 }
-template <class T>
-struct Wide {
-    using type = int;
-};
-template <>
-struct Wide<float> {
-    using type = float;
-};
+template <class T> struct Wide { using type = int; };
+template <> struct Wide<float> { using type = float; };
 
 /// One of the eight corners; f is its weight, not 0.
 template <class F, class T>
@@ -124,12 +114,11 @@ GB_FN void insert_linear(F f, T pixel, int importance, T& out, std::uint16_t& ac
     acc = std::uint16_t(min(round_of(a), kFullest));
 }
 
-template <class T, class F>
-struct InsertBrick {
+template <class T, class F> struct InsertBrick {
     Slices slices;
     const T* images;  ///< (n_images, height, width)
     Grid grid;
-    int edge;         ///< of a brick, voxels
+    int edge;  ///< of a brick, voxels
     int n_bricks[3];
     Interpolation interpolation;
     Optimization optimization;
@@ -195,7 +184,8 @@ struct InsertBrick {
         if (!(lo <= hi)) return;
         const std::size_t pixels = std::size_t(slices.height) * slices.width;
         const T* image = images + number * pixels;
-        const std::int32_t* sources = slices.sources + slices.mask_of_image[number] * pixels + std::size_t(row) * slices.width;
+        const std::int32_t* sources =
+            slices.sources + slices.mask_of_image[number] * pixels + std::size_t(row) * slices.width;
         for (int column = int(lo); column <= int(hi); ++column) {
             std::int32_t source = sources[column];
             if (source < 0) continue;
@@ -213,7 +203,9 @@ struct InsertBrick {
         }
     }
 
-    GB_FN Fixed place(const ImagePose&, int, Fixed start, Fixed step, int, int column) const { return start + column * step; }
+    GB_FN Fixed place(const ImagePose&, int, Fixed start, Fixed step, int, int column) const {
+        return start + column * step;
+    }
     GB_FN double place(const ImagePose& pose, int k, double start, double step, int row, int column) const {
         if (optimization == Optimization::partial) return start + column * step;
         return pose.x[k] * column + pose.y[k] * row + pose.origin[k];

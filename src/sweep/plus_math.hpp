@@ -17,7 +17,9 @@ GB_FN int round_of(double x) { return int(static_cast<long long>(x + 10307921510
 GB_FN std::int32_t wrap_multiply(std::int32_t a, std::int32_t b) {
     return std::int32_t(std::uint32_t(a) * std::uint32_t(b));
 }
-GB_FN std::int32_t wrap_add(std::int32_t a, std::int32_t b) { return std::int32_t(std::uint32_t(a) + std::uint32_t(b)); }
+GB_FN std::int32_t wrap_add(std::int32_t a, std::int32_t b) {
+    return std::int32_t(std::uint32_t(a) + std::uint32_t(b));
+}
 
 /// A number with 14 fractional bits.
 struct Fixed {
@@ -38,7 +40,9 @@ struct Fixed {
 
 GB_FN Fixed operator+(Fixed a, Fixed b) { return Fixed::raw(wrap_add(a.i, b.i)); }
 GB_FN Fixed operator-(Fixed a, Fixed b) { return Fixed::raw(wrap_add(a.i, -b.i)); }
-GB_FN Fixed operator*(Fixed a, Fixed b) { return Fixed::raw(wrap_add(wrap_multiply(a.i, b.i), 1 << (kPoint - 1)) >> kPoint); }
+GB_FN Fixed operator*(Fixed a, Fixed b) {
+    return Fixed::raw(wrap_add(wrap_multiply(a.i, b.i), 1 << (kPoint - 1)) >> kPoint);
+}
 GB_FN Fixed operator*(int a, Fixed b) { return Fixed::raw(wrap_multiply(a, b.i)); }
 GB_FN Fixed operator/(Fixed a, Fixed b) { return Fixed::of(double(a.i) / b.i); }
 GB_FN int floor_of(Fixed x) { return x.i >> kPoint; }
@@ -47,16 +51,13 @@ GB_FN bool is_zero(Fixed x) { return x.i == 0; }
 GB_FN bool is_zero(double x) { return x == 0; }
 
 /// What both arithmetics must be able to do: Fixed (optimisation FULL) and double (PARTIAL, NONE).
-template <class F>
-struct Number;
-template <>
-struct Number<Fixed> {
+template <class F> struct Number;
+template <> struct Number<Fixed> {
     GB_FN static Fixed of(double x) { return Fixed::of(x); }
     GB_FN static Fixed of_int(int v) { return Fixed::of_int(v); }
     GB_FN static bool at_least_eighth(Fixed x) { return x.i >= (1 << kPoint) / 8; }
 };
-template <>
-struct Number<double> {
+template <> struct Number<double> {
     GB_FN static double of(double x) { return x; }
     GB_FN static double of_int(int v) { return v; }
     GB_FN static bool at_least_eighth(double x) { return x >= 0.125; }

@@ -11,8 +11,7 @@ namespace globule::core::sweep {
 /// How a voxel's key is made: Morton code (the octree's leaf) or place in the plain grid.
 enum class Keying { morton, plain, bins };
 
-template <class T>
-struct CountRow {
+template <class T> struct CountRow {
     Images<T> images;
     Grid grid;
     std::uint32_t* counts;
@@ -23,13 +22,12 @@ struct CountRow {
     }
 };
 
-template <class T>
-struct EmitPoints {
+template <class T> struct EmitPoints {
     Images<T> images;
     Grid grid;
     Keying keying;
-    const std::uint32_t* slots;   ///< keying bins: key = place in the bins, then the value
-    const std::uint32_t* offsets; ///< of each row
+    const std::uint32_t* slots;    ///< keying bins: key = place in the bins, then the value
+    const std::uint32_t* offsets;  ///< of each row
     std::uint64_t* keys;
     std::uint32_t* pixels;
     GB_FN void operator()(std::size_t row) const {
@@ -41,15 +39,16 @@ struct EmitPoints {
         });
     }
     GB_FN std::uint64_t key(std::size_t block, int voxel, std::size_t pixel) const {
-        if (keying == Keying::bins) return (std::uint64_t(slots[block]) * kVoxels + voxel) << 32 | ordered_bits(images.values[pixel]);
+        if (keying == Keying::bins)
+            return (std::uint64_t(slots[block]) * kVoxels + voxel) << 32 | ordered_bits(images.values[pixel]);
         const Cell v = Block::voxel(grid.block(block), voxel);
-        return keying == Keying::morton ? morton::encode(std::uint64_t(v.x), std::uint64_t(v.y), std::uint64_t(v.z)) : grid.voxel(v);
+        return keying == Keying::morton ? morton::encode(std::uint64_t(v.x), std::uint64_t(v.y), std::uint64_t(v.z))
+                                        : grid.voxel(v);
     }
 };
 
 /// The middle value of each run of equal bins; of an even number the mean of the middle two.
-template <class T>
-struct TakeMedian {
+template <class T> struct TakeMedian {
     std::size_t n;
     const std::uint64_t* keys;
     const std::uint32_t* block_of_slot;
@@ -60,7 +59,8 @@ struct TakeMedian {
         if (i && keys[i - 1] >> 32 == bin) return;
         std::size_t end = i + 1;
         while (end < n && keys[end] >> 32 == bin) ++end;
-        const T a = from_ordered_bits<T>(std::uint32_t(keys[(i + end - 1) / 2])), b = from_ordered_bits<T>(std::uint32_t(keys[(i + end) / 2]));
+        const T a = from_ordered_bits<T>(std::uint32_t(keys[(i + end - 1) / 2])),
+                b = from_ordered_bits<T>(std::uint32_t(keys[(i + end) / 2]));
         if constexpr (is_real<T>) values[bin] = 0.5f * a + 0.5f * b;
         else values[bin] = T((a + b + 1) / 2);
         atomic_or(masks + block_of_slot[bin / kVoxels], std::uint64_t(1) << bin % kVoxels);
@@ -68,13 +68,11 @@ struct TakeMedian {
 };
 
 /// Points in key order: place inside of their voxel, in voxels, and value.
-template <class T>
-struct SortedPoints {
+template <class T> struct SortedPoints {
     float *x, *y, *z;
     T* values;
 };
-template <class T>
-struct GatherPoints {
+template <class T> struct GatherPoints {
     Images<T> images;
     const std::uint32_t* pixels;
     SortedPoints<T> points;
@@ -134,10 +132,9 @@ GB_FN float exp_of_share(float q) {
     return s * 0.60653066f;
 }
 
-/// Weighted mean of the points within rho of a voxel's centre, given voxel by voxel, each d voxels away; twice over the
+/// Weighted mean of the points within rho of a voxel's center, given voxel by voxel, each d voxels away; twice over the
 /// same points, first for the farthest.  Weights have 24 bits: sums of integers are exact.
-template <class T>
-struct Sphere {
+template <class T> struct Sphere {
     SortedPoints<T> points;
     float rho2;
     std::int32_t farthest = 0;  ///< bits of sigma^2; they order like the numbers
@@ -185,8 +182,7 @@ struct Sphere {
 };
 
 /// VVN-OM: the cube grows from 3^3 until its inscribed sphere, rho = half its edge, holds a point.
-template <class T>
-struct GatherSphere {
+template <class T> struct GatherSphere {
     HoleFiller<T> filler;  ///< for its masks; its values are not used
     SortedPoints<T> points;
     const std::uint32_t *first, *last;
@@ -204,8 +200,7 @@ struct GatherSphere {
         out = T{};
         return kFar;
     }
-    template <class Visit>
-    GB_FN void for_each_run(Cell around, Cell l, int r, const Visit& visit) const {
+    template <class Visit> GB_FN void for_each_run(Cell around, Cell l, int r, const Visit& visit) const {
         filler.for_each_hit(around, l, r, [&](Cell away, std::size_t block, std::uint64_t hits) {
             for (; hits; hits &= hits - 1) {
                 const int u = trailing_zeros(hits);
@@ -216,8 +211,7 @@ struct GatherSphere {
     }
 };
 
-template <class T>
-struct GatherVoxel {
+template <class T> struct GatherVoxel {
     GatherSphere<T> gather;
     DenseVolume<T> out;
     const std::uint32_t* near;

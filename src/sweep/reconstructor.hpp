@@ -6,8 +6,7 @@
 
 namespace globule::core {
 
-template <class Exec>
-class ReconstructorImpl final : public Reconstructor {
+template <class Exec> class ReconstructorImpl final : public Reconstructor {
 public:
     template <class... Args>
     explicit ReconstructorImpl(Args&&... args) : exec_(std::forward<Args>(args)...), plus_(exec_) {}
@@ -16,9 +15,7 @@ public:
     void begin() override { exec_.interrupt().clear(); }
     void cancel() noexcept override { exec_.interrupt().request(); }
 
-    void plus(PlusRequest& request) override {
-        plus_.run(request);
-    }
+    void plus(PlusRequest& request) override { plus_.run(request); }
 
     SweepGrid* grid(ScalarType type) override {
         if (!grid_ || type != type_) {

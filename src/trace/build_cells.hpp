@@ -10,11 +10,11 @@
 namespace globule::core {
 
 inline constexpr std::uint32_t kAlmostFull = kListed + 1;  ///< of classify(), until look_closer()
-inline constexpr float kAlmost = 0.4f;      ///< bounds over a whole cell give so much of the threshold
-inline constexpr float kCloseBy = 0.2f;     ///< in supports: particles no farther away tell a full brick (docs/design/cells.md)
+inline constexpr float kAlmost = 0.4f;                     ///< bounds over a whole cell give so much of the threshold
+inline constexpr float kCloseBy =
+    0.2f;  ///< in supports: particles no farther away tell a full brick (docs/design/cells.md)
 
-template <class Lanes, class Tree, class Kernel, bool PerParticle>
-struct BuildCells {
+template <class Lanes, class Tree, class Kernel, bool PerParticle> struct BuildCells {
     template <class Group>
     struct Scratch : TileScratch<Group, std::conditional_t<PerParticle, BallCandidate, AlikeCandidate>> {
         CellList cell[kBrickCells];  ///< n: particles that reach; first: state until lists have places
@@ -24,16 +24,15 @@ struct BuildCells {
     Tree tree;
     SortedParticles particles;
     Kernel kernel;
-    float tau;               ///< over the common weight unless PerParticle
+    float tau;  ///< over the common weight unless PerParticle
     CellGrid* grid;
     std::uint32_t* bricks;
-    const std::uint32_t* next;   ///< bricks to be looked at
+    const std::uint32_t* next;  ///< bricks to be looked at
     CellList* lists;
     float* blocks;
     std::uint32_t max_lists, max_blocks;
 
-    template <class Group>
-    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t i) const {
+    template <class Group> GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t i) const {
         if (i >= grid->n_next) return;
         const std::uint32_t brick = next[i];
         g.sync();
@@ -52,8 +51,7 @@ private:
     }
 
     /// Whether the particles in the brick and close to it alone fill it: most bricks need no others.
-    template <class Group>
-    GB_FN bool is_deep_inside(Group& g, Scratch<Group>& scratch, const float3& lo) const {
+    template <class Group> GB_FN bool is_deep_inside(Group& g, Scratch<Group>& scratch, const float3& lo) const {
         if constexpr (PerParticle) {
             return false;
         } else {
@@ -64,8 +62,7 @@ private:
 
     /// Cells and lists of the brick at lo; returns its state.  Where more particles reach it than the scratch holds,
     /// by parts of it.
-    template <class Group>
-    GB_FN std::uint32_t lay_out(Group& g, Scratch<Group>& scratch, const float3& lo) const {
+    template <class Group> GB_FN std::uint32_t lay_out(Group& g, Scratch<Group>& scratch, const float3& lo) const {
         std::uint32_t place = kUnlisted;
         int size = kBrick;  // of a part, in cells
         for (int part = 0; part < cube(kBrick / size); ++part) {
@@ -89,20 +86,21 @@ private:
         return place;
     }
 
-    /// A part's cells, the first of which is `first`, as classify() left them in the scratch; n < 0: it could not be told.
+    /// A part's cells, the first of which is `first`, as classify() left them in the scratch; n < 0: it could not be
+    /// told.
     template <class Group>
     GB_FN void write_cells(Group& g, Scratch<Group>& scratch, CellList* first, int size, int n) const {
         for (int c = 0; c < cube(size); ++c) {
             const CellList found = n < 0 ? CellList{kUnlisted, 0, 0, 0} : scratch.cell[c];
-            const CellList written = found.first == kListed ? list(g, scratch, size, c, n, found) : CellList{found.first, 0, 0, 0};
+            const CellList written =
+                found.first == kListed ? list(g, scratch, size, c, n, found) : CellList{found.first, 0, 0, 0};
             const int x = c % size, y = c / size % size, z = c / (size * size);
             if (g.is_first()) first[(z * kBrick + y) * kBrick + x] = written;
         }
     }
 
     /// One lane takes n from the counter; all lanes know where it begins.
-    template <class Group>
-    GB_FN static std::uint32_t take(Group& g, std::uint32_t* counter, std::uint32_t n) {
+    template <class Group> GB_FN static std::uint32_t take(Group& g, std::uint32_t* counter, std::uint32_t n) {
         return g.from_first([&] { return atomic_take(counter, n); });
     }
 
@@ -118,22 +116,24 @@ private:
         const float slack = grid->slack * edge;
         // Nodes' boxes hold whole supports.
         const float more = slack - (PerParticle ? 0.0f : (1.0f - share) * particles.support.uniform);
-        const float3 lo = corner - float3{more, more, more}, hi = corner + float3{edge + more, edge + more, edge + more};
+        const float3 lo = corner - float3{more, more, more},
+                     hi = corner + float3{edge + more, edge + more, edge + more};
         int n = 0;
         bool room = true;
         walk_tree(
             g, scratch.stack, tree,
             [&](const B& lanes, const Boxes<Group>& b) {
-                return lanes & (b.lo[0] <= F(hi.x)) & (b.hi[0] >= F(lo.x)) & (b.lo[1] <= F(hi.y)) & (b.hi[1] >= F(lo.y)) &
-                       (b.lo[2] <= F(hi.z)) & (b.hi[2] >= F(lo.z));
+                return lanes & (b.lo[0] <= F(hi.x)) & (b.hi[0] >= F(lo.x)) & (b.lo[1] <= F(hi.y)) &
+                       (b.hi[1] >= F(lo.y)) & (b.lo[2] <= F(hi.z)) & (b.hi[2] >= F(lo.z));
             },
             [&](const B& leaves, const Boxes<Group>& boxes) {
                 room = list_particles(g, scratch, particles, at, scale, leaves, boxes, n,
-                                      [&](const B& present, const F& x, const F& y, const F& z, const F& a, std::uint32_t) {
-                    const F reach = (PerParticle ? a : a * F(share)) + F(slack);
-                    const F nx = max(abs(x) - half, F(0.0f)), ny = max(abs(y) - half, F(0.0f)), nz = max(abs(z) - half, F(0.0f));
-                    return present & (a > F(0.0f)) & (nx * nx + ny * ny + nz * nz < reach * reach);
-                });
+                    [&](const B& present, const F& x, const F& y, const F& z, const F& a, std::uint32_t) {
+                        const F reach = (PerParticle ? a : a * F(share)) + F(slack);
+                        const F nx = max(abs(x) - half, F(0.0f)), ny = max(abs(y) - half, F(0.0f)),
+                                nz = max(abs(z) - half, F(0.0f));
+                        return present & (a > F(0.0f)) & (nx * nx + ny * ny + nz * nz < reach * reach);
+                    });
                 return room;
             });
         g.sync();
@@ -141,8 +141,7 @@ private:
     }
 
     /// Bounds the field in each of size^3 cells.  Returns kEmpty or kFull where all are, else kListed.
-    template <class Group>
-    GB_FN std::uint32_t classify(Group& g, Scratch<Group>& scratch, int size, int n) const {
+    template <class Group> GB_FN std::uint32_t classify(Group& g, Scratch<Group>& scratch, int size, int n) const {
         using F = typename Group::F;
         using B = typename Group::B;
         const float edge = grid->edge / tree.header->typical_support, half = (0.5f + grid->slack) * edge;
@@ -162,18 +161,18 @@ private:
             for (int turn = 0; turn < 8; ++turn) {
                 for (int j = turn; j < n; j += 8) {
                     const float3 q = scratch.list.point(j);
-                    const F near = bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, half, scratch.shape[j].inverse_a2,
-                                         scratch.shape[j].weight, scratch.list.number(j));
+                    const F near = bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, half,
+                        scratch.shape[j].inverse_a2, scratch.shape[j].weight, scratch.list.number(j));
                     count += select(near < F(1.0002f), F(1.0f), F(0.0f));
                 }
                 if (!PerParticle && !g.any(cells & (low <= F(tau + margin)))) break;
             }
             const B empty = cells & (high < F(tau - margin)), full = cells & (low > F(tau + margin));
             g.per_lane(cells, [&](int lane) {
-                const std::uint32_t state = Group::get(empty, lane)                      ? kEmpty
-                                            : Group::get(full, lane)                     ? kFull
+                const std::uint32_t state = Group::get(empty, lane)                 ? kEmpty
+                                            : Group::get(full, lane)                ? kFull
                                             : Group::get(low, lane) > kAlmost * tau ? kAlmostFull
-                                                                                         : kListed;
+                                                                                    : kListed;
                 scratch.cell[first + g.lane_number(lane)] = {state, std::uint32_t(Group::get(count, lane)), 0, 0};
             });
             all_empty = all_empty && !g.any(cells & !empty);
@@ -189,13 +188,15 @@ private:
         using F = typename Group::F;
         using B = typename Group::B;
         constexpr int W = Lanes::width;
-        const std::uint32_t wanted = found.n, n_blocks = ceil_div<std::uint32_t>(wanted, W * Lanes::list_unit) * Lanes::list_unit;
+        const std::uint32_t wanted = found.n,
+                            n_blocks = ceil_div<std::uint32_t>(wanted, W * Lanes::list_unit) * Lanes::list_unit;
         const std::uint32_t first = take(g, &grid->n_blocks, n_blocks);
         if (first + n_blocks > max_blocks || wanted == 0) return {kUnlisted, 0, 0, 0};
         float* to = blocks + std::size_t(first) * (W * kStride);
         const float edge = grid->edge / tree.header->typical_support, half = (0.5f + grid->slack) * edge;
-        const float3 at{(float(c % size) + 0.5f - 0.5f * size) * edge, (float(c / size % size) + 0.5f - 0.5f * size) * edge,
-                        (float(c / (size * size)) + 0.5f - 0.5f * size) * edge};
+        const float3 at{(float(c % size) + 0.5f - 0.5f * size) * edge,
+            (float(c / size % size) + 0.5f - 0.5f * size) * edge,
+            (float(c / (size * size)) + 0.5f - 0.5f * size) * edge};
         int filled = 0;
         for (int j = 0; j < n; j += Group::width) {
             const Vec3<F> q = scratch.list.points(g, j);
@@ -207,7 +208,9 @@ private:
             Sym3<F> form;  // the square of an ellipsoid's matrix
             if constexpr (Kernel::stretched) {
                 F m[6], most_x;
-                for (int c = 0; c < 6; ++c) m[c] = g.map([&](int k) { return j + k < n ? kernel.component(scratch.list.number(j + k), c) : 0.0f; });
+                for (int c = 0; c < 6; ++c)
+                    m[c] = g.map(
+                        [&](int k) { return j + k < n ? kernel.component(scratch.list.number(j + k), c) : 0.0f; });
                 const Sym3<F> matrix{m[0], m[1], m[2], m[3], m[4], m[5]};
                 range_in_cube(matrix, Vec3<F>{x, y, z}, half, least_x, most_x);
                 form = square(matrix);
@@ -224,7 +227,7 @@ private:
                 }
                 if constexpr (Kernel::stretched) {
                     const float six[6] = {Group::get(form.xx, k), Group::get(form.yy, k), Group::get(form.zz, k),
-                                          Group::get(form.xy, k), Group::get(form.xz, k), Group::get(form.yz, k)};
+                        Group::get(form.xy, k), Group::get(form.xz, k), Group::get(form.yz, k)};
                     for (int c = 0; c < 6; ++c) block[(6 + c) * W] = six[c];
                 }
             });
@@ -248,8 +251,7 @@ private:
     }
 
     /// Bounds the field in the octants of a listed cell.
-    template <class Group>
-    GB_FN void octants(Group& g, const float* of, float edge, CellList& made) const {
+    template <class Group> GB_FN void octants(Group& g, const float* of, float edge, CellList& made) const {
         using F = typename Group::F;
         constexpr int W = Lanes::width;
         const float quarter = 0.25f * edge, half = (0.25f + grid->slack) * edge, margin = 1e-4f * (tau + 1.0f);
@@ -263,7 +265,7 @@ private:
                 const float* block = of + std::size_t(j / W) * (W * kStride);
                 const float* p = block + j % W;
                 bound(low, high, F(p[0]) - cx, F(p[W]) - cy, F(p[2 * W]) - cz, half, PerParticle ? p[4 * W] : 1.0f,
-                      PerParticle ? p[5 * W] : 1.0f, Lanes::slot(block, j % W));
+                    PerParticle ? p[5 * W] : 1.0f, Lanes::slot(block, j % W));
             }
             const typename Group::B eight = g.first_lanes(8 - first);
             made.empty |= g.set_of(eight & (high < F(tau - margin))) << first;
@@ -271,13 +273,14 @@ private:
         }
     }
 
-    /// Whether the octants of cells that classify() found almost full are full, so that they need no list: bounds over a whole cell
-    /// cannot tell where the field inside is only twice the threshold, as a fluid's is.  Returns what classify() does.
-    template <class Group>
-    GB_FN std::uint32_t look_closer(Group& g, Scratch<Group>& scratch, int size, int n) const {
+    /// Whether the octants of cells that classify() found almost full are full, so that they need no list: bounds over
+    /// a whole cell cannot tell where the field inside is only twice the threshold, as a fluid's is.  Returns what
+    /// classify() does.
+    template <class Group> GB_FN std::uint32_t look_closer(Group& g, Scratch<Group>& scratch, int size, int n) const {
         using F = typename Group::F;
         constexpr int at_once = Group::width < 8 ? 1 : Group::width / 8;  // cells
-        const float edge = grid->edge / tree.header->typical_support, quarter = 0.25f * edge, half = (0.25f + grid->slack) * edge, margin = 1e-4f * (tau + 1.0f);
+        const float edge = grid->edge / tree.header->typical_support, quarter = 0.25f * edge,
+                    half = (0.25f + grid->slack) * edge, margin = 1e-4f * (tau + 1.0f);
         bool rises = true;  // the field, by each particle
         for (int j = 0; PerParticle && j < n; ++j) rises = rises && scratch.shape[j].weight >= 0.0f;
         for (int c = 0; c < cube(size);) {
@@ -292,22 +295,25 @@ private:
                 F cx(0.0f), cy(0.0f), cz(0.0f), low(0.0f), high(0.0f);
                 g.for_lanes([&](int lane) {
                     const int o = first + g.lane_number(lane), at = which[min(o / 8, found - 1)];
-                    const auto centre = [&](int cell, int upper) { return (float(cell) + 0.5f - 0.5f * size) * edge + (upper ? quarter : -quarter); };
-                    Group::put(cx, lane, centre(at % size, o & 1));
-                    Group::put(cy, lane, centre(at / size % size, o & 2));
-                    Group::put(cz, lane, centre(at / (size * size), o & 4));
+                    const auto center = [&](int cell, int upper) {
+                        return (float(cell) + 0.5f - 0.5f * size) * edge + (upper ? quarter : -quarter);
+                    };
+                    Group::put(cx, lane, center(at % size, o & 1));
+                    Group::put(cy, lane, center(at / size % size, o & 2));
+                    Group::put(cz, lane, center(at / (size * size), o & 4));
                 });
                 const auto octants = g.first_lanes(min(8 * found - first, int(Group::width)));
                 for (int turn = 0; turn < 8; ++turn) {
                     for (int j = turn; j < n; j += 8) {
                         const float3 q = scratch.list.point(j);
-                        bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, half, scratch.shape[j].inverse_a2, scratch.shape[j].weight,
-                              scratch.list.number(j));
+                        bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, half, scratch.shape[j].inverse_a2,
+                            scratch.shape[j].weight, scratch.list.number(j));
                     }
                     if (rises && !g.any(octants & (low <= F(tau + margin)))) break;
                 }
                 const std::uint32_t not_full = g.set_of(octants & (low <= F(tau + margin)));
-                for (int i = first / 8; i < found && 8 * i < first + Group::width; ++i)  // of a group of 4 lanes half a cell
+                for (int i = first / 8; i < found && 8 * i < first + Group::width;
+                    ++i)  // of a group of 4 lanes half a cell
                     full[i] = full[i] && (Group::width < 8 ? not_full : not_full >> (8 * i - first) & 0xff) == 0;
             }
             g.sync();
@@ -319,14 +325,17 @@ private:
         return all ? kFull : kListed;
     }
 
-    /// Adds one particle's bounds over cubes, it being (x, y, z) away from their centres; returns how near they come, in supports squared.
+    /// Adds one particle's bounds over cubes, it being (x, y, z) away from their centers; returns how near they come,
+    /// in supports squared.
     template <class F>
-    GB_FN F bound(F& low, F& high, const F& x, const F& y, const F& z, float half, float i2, float c, std::uint32_t slot) const {
+    GB_FN F bound(
+        F& low, F& high, const F& x, const F& y, const F& z, float half, float i2, float c, std::uint32_t slot) const {
         const F dx = abs(x), dy = abs(y), dz = abs(z);
         const F nx = max(dx - F(half), F(0.0f)), ny = max(dy - F(half), F(0.0f)), nz = max(dz - F(half), F(0.0f));
         const F fx = dx + F(half), fy = dy + F(half), fz = dz + F(half);
         F near = (nx * nx + ny * ny + nz * nz) * F(i2), far = (fx * fx + fy * fy + fz * fz) * F(i2);
-        if constexpr (Kernel::stretched) range_in_cube(kernel.template matrix<float>(slot), Vec3<F>{x, y, z}, half, near, far);
+        if constexpr (Kernel::stretched)
+            range_in_cube(kernel.template matrix<float>(slot), Vec3<F>{x, y, z}, half, near, far);
         F most_b, least_b;
         kernel.range(min(near, F(1.0f)), min(far, F(1.0f)), least_b, most_b);
         low += F(c) * (c > 0.0f ? least_b : most_b);

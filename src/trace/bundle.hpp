@@ -17,8 +17,7 @@ GB_FN Bundle bundle_around(const float3& o, const float3& d, float r0, float r1)
 }
 
 /// The bundle's radius near distance t.
-template <class F>
-GB_FN F radius_at(const Bundle& b, F t) {
+template <class F> GB_FN F radius_at(const Bundle& b, F t) {
     // 1.06: the widest point may lie a bundle radius further on; r1 < 0.05 (flock.hpp sees to it).
     return F(1.06f) * (F(b.r0) + F(b.r1) * max(t, F(0.0f)));
 }

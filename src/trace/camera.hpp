@@ -1,16 +1,16 @@
-// Where rays come from: a camera's pixel centres, or arrays.
+// Where rays come from: a camera's pixel centers, or arrays.
 #pragma once
 #include "trace/random.hpp"
 
 namespace globule::core {
 
-/// Which pixels one of several devices makes: squares of the picture, dealt in turn, and an apron around them that only the
-/// search for edges looks at.
+/// Which pixels one of several devices makes: squares of the picture, dealt in turn, and an apron around them that only
+/// the search for edges looks at.
 struct Share {
-    int device = 0, n = 1;  ///< of n devices
-    int square = 64;        ///< edge in pixels, whole tiles of rays
-    int step = 1;           ///< by how many devices the next row of squares is shifted
-    bool apron = false;     ///< one pixel wide
+    int device = 0, n = 1;           ///< of n devices
+    int square = 64;                 ///< edge in pixels, whole tiles of rays
+    int step = 1;                    ///< by how many devices the next row of squares is shifted
+    bool apron = false;              ///< one pixel wide
     static constexpr int kTile = 8;  ///< no tile of rays is wider or higher: rays of a tile are traced together
 
     GB_FN bool owns(int column, int row) const {
@@ -20,11 +20,12 @@ struct Share {
     GB_FN bool near(int column, int row, int margin) const {
         if (owns(column, row)) return true;
         const int x = max(column - margin, 0), y = max(row - margin, 0);
-        return apron && (owns(x, y) || owns(column + margin, y) || owns(x, row + margin) || owns(column + margin, row + margin));
+        return apron &&
+               (owns(x, y) || owns(column + margin, y) || owns(x, row + margin) || owns(column + margin, row + margin));
     }
 };
 
-/// Pinhole (fov > 0) or orthographic.  Row 0 is the top of the image; the centre of pixel (0, 0) is
+/// Pinhole (fov > 0) or orthographic.  Row 0 is the top of the image; the center of pixel (0, 0) is
 /// half a pixel inside the top left corner.
 struct CameraRays {
     float3 eye;
@@ -33,12 +34,11 @@ struct CameraRays {
     bool orthographic;
     Share share{};
 
-    template <class F>
-    GB_FN void operator()(F column, F row, Vec3<F>& o, Vec3<F>& d) const {
+    template <class F> GB_FN void operator()(F column, F row, Vec3<F>& o, Vec3<F>& d) const {
         const F sx = (column + F(0.5f)) * F(2.0f / float(width)) - F(1.0f);
         const F sy = F(1.0f) - (row + F(0.5f)) * F(2.0f / float(height));
-        const Vec3<F> across{F(right.x) * sx + F(up.x) * sy, F(right.y) * sx + F(up.y) * sy,
-                             F(right.z) * sx + F(up.z) * sy};
+        const Vec3<F> across{
+            F(right.x) * sx + F(up.x) * sy, F(right.y) * sx + F(up.y) * sy, F(right.z) * sx + F(up.z) * sy};
         const Vec3<F> ahead{F(forward.x), F(forward.y), F(forward.z)};
         const Vec3<F> at{F(eye.x), F(eye.y), F(eye.z)};
         o = orthographic ? at + across : at;
@@ -51,23 +51,29 @@ struct RaySource {
     CameraRays camera;
     const float* origins = nullptr;
     const float* directions = nullptr;
-    std::size_t n = 0;  ///< rays, or pixels
-    std::uint32_t first_row = 0;  ///< of the camera's picture; ray 0 is its first pixel
-    std::uint32_t pass = 0;       ///< 0: through the pixels' centres; else anywhere in the pixel
+    std::size_t n = 0;                   ///< rays, or pixels
+    std::uint32_t first_row = 0;         ///< of the camera's picture; ray 0 is its first pixel
+    std::uint32_t pass = 0;              ///< 0: through the pixels' centers; else anywhere in the pixel
     const std::uint8_t* only = nullptr;  ///< pixels that have a ray where it is not 0; null: all
-    std::uint32_t samples = 1;           ///< rays of each pixel of `only`, of as many passes: ray k n + i is pixel i's k-th
-    bool of_pixels = false;              ///< origins: one for each of the camera's pixels, whose tiles they form
-    std::uint32_t packed = 0;            ///< not 0: origins are the camera's rays of some pixels, so many for each (trace/packed.hpp)
+    std::uint32_t samples = 1;  ///< rays of each pixel of `only`, of as many passes: ray k n + i is pixel i's k-th
+    bool of_pixels = false;     ///< origins: one for each of the camera's pixels, whose tiles they form
+    std::uint32_t packed =
+        0;  ///< not 0: origins are the camera's rays of some pixels, so many for each (trace/packed.hpp)
     GB_FN std::size_t n_rays() const { return n * samples; }
 
-    static constexpr std::uint32_t kEdge = 64, kSquare = kEdge * kEdge, kBlock = 64;  ///< of squares; of the blocks of 8 x 8 pixels in them
-    /// Work items: the pixels in Morton order within squares of 64, so that neighbours in memory, and
+    static constexpr std::uint32_t kEdge = 64, kSquare = kEdge * kEdge,
+                                   kBlock = 64;  ///< of squares; of the blocks of 8 x 8 pixels in them
+    /// Work items: the pixels in Morton order within squares of 64, so that neighbors in memory, and
     /// the rays that they send on, see the same places.
     GB_FN std::size_t n_items() const {
-        return origins ? n : std::size_t(ceil_div<std::uint32_t>(camera.width, kEdge)) * ceil_div<std::uint32_t>(rows(), kEdge) * kSquare;
+        return origins ? n
+                       : std::size_t(ceil_div<std::uint32_t>(camera.width, kEdge)) *
+                             ceil_div<std::uint32_t>(rows(), kEdge) * kSquare;
     }
     /// Whether a ray is wanted; to trace it, the rest of its tile may be.
-    GB_FN bool has(std::size_t i, int margin = 1) const { return (!only || only[i]) && (camera.share.n == 1 || mine(i, margin)); }
+    GB_FN bool has(std::size_t i, int margin = 1) const {
+        return (!only || only[i]) && (camera.share.n == 1 || mine(i, margin));
+    }
     GB_FN bool mine(std::size_t i, int margin) const {
         if (origins) return true;
         const std::uint32_t width = std::uint32_t(camera.width), pixel = std::uint32_t(i) + first_row * width;
@@ -76,8 +82,10 @@ struct RaySource {
     /// The ray of work item k; n: none.
     GB_FN std::size_t swizzled(std::size_t k) const {
         if (origins) return k < n && only && !only[k] ? n : k;
-        const std::uint32_t square = std::uint32_t(k / kSquare), in = std::uint32_t(k % kSquare), across = ceil_div<std::uint32_t>(camera.width, kEdge);
-        const std::uint32_t x = square % across * kEdge + every_other(in), y = square / across * kEdge + every_other(in >> 1);
+        const std::uint32_t square = std::uint32_t(k / kSquare), in = std::uint32_t(k % kSquare),
+                            across = ceil_div<std::uint32_t>(camera.width, kEdge);
+        const std::uint32_t x = square % across * kEdge + every_other(in),
+                            y = square / across * kEdge + every_other(in >> 1);
         if (x >= std::uint32_t(camera.width)) return n;
         const std::size_t i = min(std::size_t(y) * camera.width + x, n);
         return i < n && !has(i) ? n : i;

@@ -1,4 +1,4 @@
-// First crossing of the threshold on one ray that has no neighbours, cell by cell (trace/cells.hpp), by the safe
+// First crossing of the threshold on one ray that has no neighbors, cell by cell (trace/cells.hpp), by the safe
 // steps of trace/march.hpp.  One thread a ray; its evaluations are shared out by Lanes (exec/).
 #pragma once
 #include "trace/block_source.hpp"
@@ -17,7 +17,7 @@ struct CellRay {
     float sign;                    ///< +1 outside, -1 inside, 0 not known yet
     float t;                       ///< in a cell: from where the ray enters it, scaled; at the end: along the ray
     float end;                     ///< of the cell, likewise
-    float3 p0;                     ///< where it enters, from the cell's centre, scaled
+    float3 p0;                     ///< where it enters, from the cell's center, scaled
     CellList list;                 ///< n = 0: between cells
     float sharp;                   ///< largest 1 / support in the list
     float rise, fall, window_end;  ///< bounds in force, and how far
@@ -48,8 +48,7 @@ GB_FN Way step_along(const Along<float>& s, const Limits<float>& lim, float rise
     return Way::on;
 }
 
-template <class Lanes_, class Tree, class Kernel_, bool PerParticle_>
-struct CellTracer {
+template <class Lanes_, class Tree, class Kernel_, bool PerParticle_> struct CellTracer {
     using Lanes = Lanes_;
     using Kernel = Kernel_;
     static constexpr bool PerParticle = PerParticle_;
@@ -58,23 +57,25 @@ struct CellTracer {
     Tree tree;
     SortedParticles particles;
     Kernel kernel;
-    float tau;       ///< over the common weight unless PerParticle
+    float tau;  ///< over the common weight unless PerParticle
     Cells cells;
 
     GB_FN CellList list_of(const CellWalk& walk, bool& whole_brick) const {
         const std::uint32_t brick = cells.bricks[walk.brick()];
         whole_brick = brick < kListed;
-        return whole_brick ? CellList{brick, 0, 0, 0} : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
+        return whole_brick ? CellList{brick, 0, 0, 0}
+                           : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
     }
     GB_FN Source source(const CellList& list, const float3& p0, const float3& d) const {
-        return {cells.blocks, list.first, int(ceil_div<std::uint32_t>(list.n, Lanes::width * Lanes::list_unit)) * Lanes::list_unit, kernel, p0, d};
+        return {cells.blocks, list.first,
+            int(ceil_div<std::uint32_t>(list.n, Lanes::width * Lanes::list_unit)) * Lanes::list_unit, kernel, p0, d};
     }
-    /// Where the ray enters the cell, from its centre, scaled: here distance from the eye would cost precision.
+    /// Where the ray enters the cell, from its center, scaled: here distance from the eye would cost precision.
     GB_FN float3 in_cell(const CellWalk& walk, const float3& o) const {
         const double scale = cells.grid->scale, t = double(walk.base) + double(walk.t);
-        const float3 c = walk.centre(), d = walk.d;
+        const float3 c = walk.center(), d = walk.d;
         return {float((double(o.x) + t * d.x - c.x) * scale), float((double(o.y) + t * d.y - c.y) * scale),
-                float((double(o.z) + t * d.z - c.z) * scale)};
+            float((double(o.z) + t * d.z - c.z) * scale)};
     }
 
     /// A ray that looks for a crossing in [from, to] and begins on a known side, or, with sign 0, anywhere.
@@ -97,10 +98,12 @@ struct CellTracer {
         Source src{cells.blocks, 0, 0, kernel, {0, 0, 0}, {0, 0, 0}};  // lanes that only help need the kernel too
         Limits<float> lim{};
         if (here) {
-            const float heaviest = PerParticle ? tree.header->most_weight : 1.0f, sharp = PerParticle ? ray.sharp : 1.0f;
+            const float heaviest = PerParticle ? tree.header->most_weight : 1.0f,
+                        sharp = PerParticle ? ray.sharp : 1.0f;
             src = source(ray.list, ray.p0, ray.walk.d);
-            lim = {tau, min(kWindow / sharp, max(ray.end - ray.t, 1e-6f)), 5e-6f * (heaviest + tau) * sharp * max(1.0f, cells.grid->edge * cells.grid->scale),
-                   2e-5f / sharp, ray.sign};
+            lim = {tau, min(kWindow / sharp, max(ray.end - ray.t, 1e-6f)),
+                5e-6f * (heaviest + tau) * sharp * max(1.0f, cells.grid->edge * cells.grid->scale), 2e-5f / sharp,
+                ray.sign};
         }
         const bool fresh = ray.t >= ray.window_end;
         const Along<float> s = Lanes::evaluate(src, ray.t, lim, here, fresh);
@@ -146,7 +149,8 @@ private:
                 const Source src = source(list, ray.p0, walk.d);
                 if constexpr (PerParticle) {
                     ray.sharp = src.sharpest() * particles.most_stretch;
-                    if (particles.least_axis > 0.0f) ray.sharp = min(ray.sharp, tree.header->typical_support / particles.least_axis);
+                    if (particles.least_axis > 0.0f)
+                        ray.sharp = min(ray.sharp, tree.header->typical_support / particles.least_axis);
                 }
                 if (ray.sign == 0.0f) ray.sign = src.template at<false>(0.0f, {}).f > tau ? -1.0f : 1.0f;
                 return Way::on;

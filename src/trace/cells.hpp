@@ -6,21 +6,22 @@
 
 namespace globule::core {
 
-inline constexpr int kBrick = 4;                       ///< cells a side
+inline constexpr int kBrick = 4;  ///< cells a side
 inline constexpr int kBrickCells = kBrick * kBrick * kBrick;
-inline constexpr std::uint32_t kMaxBricks = 1u << 21;  ///< and one for every 16 particles; where space is larger, cells are larger
+inline constexpr std::uint32_t kMaxBricks =
+    1u << 21;  ///< and one for every 16 particles; where space is larger, cells are larger
 
 struct CellGrid {
     float3 lo;
-    float edge, per;          ///< of a cell, and how many to a unit of length; corners and centres are float32 without rounding
-    float slack;              ///< in cells: float32 may take a ray so far past a cell's side; cells know what is there too
-    float scale;              ///< 1 / typical support
-    int nx, ny, nz;           ///< bricks
+    float edge, per;  ///< of a cell, and how many to a unit of length; corners and centers are float32 without rounding
+    float slack;      ///< in cells: float32 may take a ray so far past a cell's side; cells know what is there too
+    float scale;      ///< 1 / typical support
+    int nx, ny, nz;   ///< bricks
     std::uint32_t n_bricks;
-    std::uint32_t n_lists;    ///< bricks with lists wanted so far
-    std::uint32_t n_blocks;   ///< blocks of particles wanted so far
-    std::uint32_t n_next;     ///< bricks to be looked at next
-    bool everywhere;          ///< also bricks that no ray from outside can reach
+    std::uint32_t n_lists;   ///< bricks with lists wanted so far
+    std::uint32_t n_blocks;  ///< blocks of particles wanted so far
+    std::uint32_t n_next;    ///< bricks to be looked at next
+    bool everywhere;         ///< also bricks that no ray from outside can reach
 
     GB_FN bool holds(const float3& p) const { return covers(p - lo); }
     /// The same of a point that counts from the corner.
@@ -32,9 +33,9 @@ struct CellGrid {
 
 /// What a cell, or a whole brick, holds.
 inline constexpr std::uint32_t kEmpty = 0, kFull = 1;
-inline constexpr std::uint32_t kUnlisted = 2;          ///< a surface, but no room for its particles
-inline constexpr std::uint32_t kListed = 3;            ///< brick: kListed + number of its lists
-inline constexpr std::uint32_t kUnseen = 0xffffffff;   ///< brick: something reaches it; while cells are made
+inline constexpr std::uint32_t kUnlisted = 2;         ///< a surface, but no room for its particles
+inline constexpr std::uint32_t kListed = 3;           ///< brick: kListed + number of its lists
+inline constexpr std::uint32_t kUnseen = 0xffffffff;  ///< brick: something reaches it; while cells are made
 
 /// Floats a particle in a block; four at a time, as a GPU loads them.
 GB_FN constexpr int block_stride(bool per_particle, bool stretched) { return stretched ? 12 : per_particle ? 8 : 4; }
@@ -46,19 +47,25 @@ struct CellList {
     std::uint32_t n : 16, empty : 8, full : 8;
 };
 
-/// Octants of a cell that the ray p + t d, p from the cell's centre, passes for t in [0, end]; inv = 1 / d.
+/// Octants of a cell that the ray p + t d, p from the cell's center, passes for t in [0, end]; inv = 1 / d.
 GB_FN std::uint32_t octants_on(const float3& p, const float3& d, const float3& inv, float end) {
     const float inf = infinity();
-    const auto turn = [&](float a, float v, float iv) { return a * v < 0.0f && (-a < end * v) == (v > 0.0f) ? -a * iv : inf; };
-    const std::uint32_t first = (p.x > 0.0f || (p.x == 0.0f && d.x > 0.0f)) | (p.y > 0.0f || (p.y == 0.0f && d.y > 0.0f)) << 1 |
+    const auto turn = [&](float a, float v, float iv) {
+        return a * v < 0.0f && (-a < end * v) == (v > 0.0f) ? -a * iv : inf;
+    };
+    const std::uint32_t first = (p.x > 0.0f || (p.x == 0.0f && d.x > 0.0f)) |
+                                (p.y > 0.0f || (p.y == 0.0f && d.y > 0.0f)) << 1 |
                                 (p.z > 0.0f || (p.z == 0.0f && d.z > 0.0f)) << 2;
     const float tx = turn(p.x, d.x, inv.x), ty = turn(p.y, d.y, inv.y), tz = turn(p.z, d.z, inv.z);
-    const auto by = [&](float t) { return 1u << (first ^ (std::uint32_t(tx <= t) | std::uint32_t(ty <= t) << 1 | std::uint32_t(tz <= t) << 2)); };
+    const auto by = [&](float t) {
+        return 1u << (first ^ (std::uint32_t(tx <= t) | std::uint32_t(ty <= t) << 1 | std::uint32_t(tz <= t) << 2));
+    };
     return 1u << first | (tx < inf ? by(tx) : 0u) | (ty < inf ? by(ty) : 0u) | (tz < inf ? by(tz) : 0u);
 }
 
-/// The cells in memory.  A block holds Lanes::width particles: x y z relative to the cell's centre in
-/// typical supports, the particle's slot, and where particles differ 1 / support^2 and weight, and the square of an ellipsoid's matrix.
+/// The cells in memory.  A block holds Lanes::width particles: x y z relative to the cell's center in
+/// typical supports, the particle's slot, and where particles differ 1 / support^2 and weight, and the square of an
+/// ellipsoid's matrix.
 struct Cells {
     const CellGrid* grid;
     const std::uint32_t* bricks;  ///< (n_bricks,)
@@ -66,15 +73,15 @@ struct Cells {
     const float* blocks;
 };
 
-/// A ray's way through the cells, brick by brick where those are alike throughout. Its distances count from where the ray
-/// comes to the grid, so that they are as precise for an eye far away.
+/// A ray's way through the cells, brick by brick where those are alike throughout. Its distances count from where the
+/// ray comes to the grid, so that they are as precise for an eye far away.
 struct CellWalk {
     const CellGrid* grid;
     float3 d, inv;
-    float base;        ///< distance along the ray where the walk begins
-    float3 at;         ///< from the grid's corner to the ray's point there
-    int x, y, z;       ///< cell; outside: x < 0
-    float t;           ///< where the ray enters it, from `base` on
+    float base;   ///< distance along the ray where the walk begins
+    float3 at;    ///< from the grid's corner to the ray's point there
+    int x, y, z;  ///< cell; outside: x < 0
+    float t;      ///< where the ray enters it, from `base` on
 
     CellWalk() = default;
     GB_FN CellWalk(const CellGrid& g, const float3& origin, const float3& direction, float from)
@@ -99,19 +106,21 @@ struct CellWalk {
     }
     GB_FN bool inside() const { return x >= 0; }
     GB_FN std::uint32_t brick() const {
-        return (std::uint32_t(z / kBrick) * grid->ny + std::uint32_t(y / kBrick)) * grid->nx + std::uint32_t(x / kBrick);
+        return (std::uint32_t(z / kBrick) * grid->ny + std::uint32_t(y / kBrick)) * grid->nx +
+               std::uint32_t(x / kBrick);
     }
     GB_FN int cell_in_brick() const { return ((z % kBrick) * kBrick + y % kBrick) * kBrick + x % kBrick; }
-    GB_FN float3 centre() const {
+    GB_FN float3 center() const {
         return {grid->lo.x + (float(x) + 0.5f) * grid->edge, grid->lo.y + (float(y) + 0.5f) * grid->edge,
-                grid->lo.z + (float(z) + 0.5f) * grid->edge};
+            grid->lo.z + (float(z) + 0.5f) * grid->edge};
     }
     /// Where the ray leaves the cell.
     GB_FN float leave() const {
         return max(t, min(min(side(x, 1, at.x, inv.x), side(y, 1, at.y, inv.y)), side(z, 1, at.z, inv.z)));
     }
-    /// The grid walk of Amanatides & Woo 1987, but sides are found from their planes instead of being added up, so that no
-    /// error grows on a long way, and cells come in two sizes.  To the next cell (size 1) or past the brick (size kBrick) that holds this one.
+    /// The grid walk of Amanatides & Woo 1987, but sides are found from their planes instead of being added up, so that
+    /// no error grows on a long way, and cells come in two sizes.  To the next cell (size 1) or past the brick (size
+    /// kBrick) that holds this one.
     GB_FN void step(int size) {
         const float bx = side(x, size, at.x, inv.x), by = side(y, size, at.y, inv.y), bz = side(z, size, at.z, inv.z);
         const float next = min(min(bx, by), bz), per = grid->per;
@@ -141,9 +150,7 @@ private:
         slab(at.z, d.z, inv.z, brick * grid->nz, leave);
     }
     GB_FN static float inverse(float v) { return 1.0f / (abs(v) > kTiny ? v : kTiny); }
-    GB_FN static int place(float v, float per, int lo, int hi) {
-        return int(max(float(lo), min(v * per, float(hi))));
-    }
+    GB_FN static int place(float v, float per, int lo, int hi) { return int(max(float(lo), min(v * per, float(hi)))); }
     GB_FN void slab(float a, float v, float i, float size, float& leave) {
         if (abs(v) <= kTiny) {
             if (a < 0.0f || a > size) leave = -1.0f;

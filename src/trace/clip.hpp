@@ -9,9 +9,9 @@ enum class ClipKind : int { plane, box, sphere };
 
 struct Clip {
     ClipKind kind;
-    bool keep;   ///< keeps what is inside the shape, instead of taking it away
-    float3 a;    ///< plane: unit normal of the half space dot(a, x) > b.x; box: low corner; sphere: centre
-    float3 b;    ///< plane: offset; box: high corner; sphere: radius
+    bool keep;  ///< keeps what is inside the shape, instead of taking it away
+    float3 a;   ///< plane: unit normal of the half space dot(a, x) > b.x; box: low corner; sphere: center
+    float3 b;   ///< plane: offset; box: high corner; sphere: radius
 
     /// The ray's part inside the shape; in > out: none.
     GB_FN void inside(const float3& o, const float3& d, float& in, float& out) const {
@@ -33,7 +33,7 @@ struct Clip {
         } else {
             const float3 v = o - a;
             const float along = dot(v, d);
-            const float3 foot = v - d * along;  // the ray's point nearest to the centre
+            const float3 foot = v - d * along;  // the ray's point nearest to the center
             const float square = b.x * b.x - dot(foot, foot);
             if (square <= 0.0f) {
                 in = infinity();
@@ -78,7 +78,8 @@ struct Clips {
 
     /// The first interval [begin, end] at or after t that all clips keep; false: none.  `at_begin`,
     /// `at_end`: the clips that bound it, -1 for none.
-    GB_FN bool next(const float3& o, const float3& d, float t, float& begin, float& end, int& at_begin, int& at_end) const {
+    GB_FN bool next(
+        const float3& o, const float3& d, float t, float& begin, float& end, int& at_begin, int& at_end) const {
         begin = t;
         at_begin = at_end = -1;
         for (bool moved = true; moved;) {

@@ -7,16 +7,17 @@ namespace globule::core {
 
 /// Where a ray meets one layer, while that is being found out.
 struct LayerHits {
-    float* t;               ///< infinity: nowhere; of undecided rays: only float64 can tell from there on
-    std::int32_t* cap;      ///< the clip whose cut face it is, -1: the surface itself; null: never
-    std::int8_t* sign;      ///< +1: outside before t, or where it is undecided; -1: inside; 0: only float64 can tell; null: not kept
-    std::uint32_t* item;    ///< of a solid: 2 * item, and 1 where the ray enters
+    float* t;           ///< infinity: nowhere; of undecided rays: only float64 can tell from there on
+    std::int32_t* cap;  ///< the clip whose cut face it is, -1: the surface itself; null: never
+    std::int8_t*
+        sign;  ///< +1: outside before t, or where it is undecided; -1: inside; 0: only float64 can tell; null: not kept
+    std::uint32_t* item;  ///< of a solid: 2 * item, and 1 where the ray enters
     UndecidedRays undecided{};
 };
 
-/// A tracer that goes through what the clips keep; rays that meet none have launches of their own, with fewer registers.
-template <class Tracer, bool clipped>
-struct Cut {
+/// A tracer that goes through what the clips keep; rays that meet none have launches of their own, with fewer
+/// registers.
+template <class Tracer, bool clipped> struct Cut {
     Tracer tracer;
     Clips clips;
 
@@ -33,9 +34,10 @@ struct Cut {
     }
     GB_FN bool holds_by_tree(const float3& p) const {
         float f = 0.0f;
-        for_each_reaching(tracer.tree, tracer.particles, p, [&](std::uint32_t j, const float3& v, const SortedShape<float>& shape) {
-            f += influence(tracer.kernel, shape, v, Tracer::PerParticle ? tracer.particles.weight[j] : 1.0f).value;
-        });
+        for_each_reaching(
+            tracer.tree, tracer.particles, p, [&](std::uint32_t j, const float3& v, const SortedShape<float>& shape) {
+                f += influence(tracer.kernel, shape, v, Tracer::PerParticle ? tracer.particles.weight[j] : 1.0f).value;
+            });
         return f > tracer.tau;
     }
 
@@ -49,7 +51,9 @@ struct Cut {
         s.to = s.end = to;
         s.cap = -1;
         if (tracer.tree.empty()) return Way::missed;
-        if constexpr (clipped) return sign != 0.0f && begins_at_face(s, o, d, from, sign) ? Way::crossed : next_interval(s, o, d, from, sign);
+        if constexpr (clipped)
+            return sign != 0.0f && begins_at_face(s, o, d, from, sign) ? Way::crossed
+                                                                       : next_interval(s, o, d, from, sign);
         tracer.start(s.ray, o, d, from, to, sign);
         return Way::on;
     }

@@ -1,14 +1,14 @@
-// Silhouettes and creases of a picture: pixels beside a jump of distance, normal, layer or colour get more samples, anywhere
-// in the pixel (Whitted 1980; Mitchell 1987).  The first sample stays the pixel's distance and normal.
+// Silhouettes and creases of a picture: pixels beside a jump of distance, normal, layer or color get more samples,
+// anywhere in the pixel (Whitted 1980; Mitchell 1987).  The first sample stays the pixel's distance and normal.
 #pragma once
 #include "trace/shade.hpp"
 
 namespace globule::core {
 
-inline constexpr float kCrease = 0.6f;   ///< cosine between normals of neighbouring pixels
+inline constexpr float kCrease = 0.6f;                  ///< cosine between normals of neighboring pixels
 inline constexpr std::uint8_t kEdge = 1, kEdgeHit = 2;  ///< marks: the first sample missed, or hit
-inline constexpr float kJump = 2.0f;     ///< from the plane of a neighbour's hit, in pixels
-inline constexpr int kContrast = 24;     ///< of 255, in any channel
+inline constexpr float kJump = 2.0f;                    ///< from the plane of a neighbor's hit, in pixels
+inline constexpr int kContrast = 24;                    ///< of 255, in any channel
 
 struct MarkEdges {
     RaySource rays;
@@ -19,8 +19,8 @@ struct MarkEdges {
     GB_FN void operator()(std::size_t i) const {
         const int width = rays.camera.width, x = int(i % width), y = int(i / width);
         const bool found = rays.camera.share.owns(x, y) &&
-                           ((x > 0 && differ(i, i - 1)) || (x + 1 < width && differ(i, i + 1)) || (y > 0 && differ(i, i - width)) ||
-                            (y + 1 < rays.rows() && differ(i, i + width)));
+                           ((x > 0 && differ(i, i - 1)) || (x + 1 < width && differ(i, i + 1)) ||
+                               (y > 0 && differ(i, i - width)) || (y + 1 < rays.rows() && differ(i, i + width)));
         edge[i] = !found ? 0 : hits.t[i] < infinity() ? kEdgeHit : kEdge;
     }
 
@@ -43,10 +43,12 @@ private:
         const float off = max(abs(dot(apart, n)), abs(dot(apart, m)));
         return off * off > kJump * kJump * dot(beside, beside);
     }
-    GB_FN float3 normal(std::size_t i) const { return {hits.normal[3 * i], hits.normal[3 * i + 1], hits.normal[3 * i + 2]}; }
+    GB_FN float3 normal(std::size_t i) const {
+        return {hits.normal[3 * i], hits.normal[3 * i + 1], hits.normal[3 * i + 2]};
+    }
 };
 
-/// The marked pixels' colours become the means of their first sample and the others.
+/// The marked pixels' colors become the means of their first sample and the others.
 struct AddEdgeSamples {
     Shade shade;  ///< of the other samples' hits; its images are the frame's, from the first pixel of these rays on
     GB_FN void operator()(std::size_t i) const {
@@ -56,7 +58,8 @@ struct AddEdgeSamples {
         float light[3], sum[3];
         for (int a = 0; a < 3; ++a) {
             light[a] = shade.color[3 * i + a];
-            sum[a] = shade.shown(light[a], edge == kEdgeHit);  // a hit's and the background's light are displayed differently
+            sum[a] = shade.shown(
+                light[a], edge == kEdgeHit);  // a hit's and the background's light are displayed differently
         }
         for (std::uint32_t k = 0; k < rays.samples; ++k) {
             const std::size_t ray = k * rays.n + i;

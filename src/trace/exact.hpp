@@ -1,6 +1,7 @@
-// Where a ray crosses the surface, in float64: Newton's steps from a crossing that float32 found.  Float64 sums are almost always
-// the same when they are rounded to float32, whatever their order, so that what light goes on from depends on the ray and the
-// particles, and not on the tile, the cells or the piece that found the hit (docs/design/pieces.md).
+// Where a ray crosses the surface, in float64: Newton's steps from a crossing that float32 found.  Float64 sums are
+// almost always the same when they are rounded to float32, whatever their order, so that what light goes on from
+// depends on the ray and the particles, and not on the tile, the cells or the piece that found the hit
+// (docs/design/pieces.md).
 #pragma once
 #include <type_traits>
 
@@ -9,9 +10,9 @@
 
 namespace globule::core {
 
-/// The field around a point of a ray, in world units: from the particles of the point's cell or, where that has no list, the octree.
-template <class Tracer>
-struct ExactField {
+/// The field around a point of a ray, in world units: from the particles of the point's cell or, where that has no
+/// list, the octree.
+template <class Tracer> struct ExactField {
     using Lanes = typename Tracer::Lanes;
     using D = typename Lanes::D;
     using Slots = typename Lanes::Slots;
@@ -26,17 +27,17 @@ struct ExactField {
     }
 
     /// Value and half the gradient; each(particle, value) for those that add to the field.
-    template <class Each>
-    GB_FN Influence<double> at(const Vec3<double>& p, const Each& each) const {
+    template <class Each> GB_FN Influence<double> at(const Vec3<double>& p, const Each& each) const {
         const std::uint32_t* index = tracer.particles.index;
         if (list.n == 0) {
             Influence<double> sum{0.0, {0.0, 0.0, 0.0}};
-            for_each_reaching(tracer.tree, tracer.particles, p, [&](std::uint32_t j, const Vec3<double>& v, const SortedShape<double>& shape) {
-                const double weight = Tracer::PerParticle ? double(tracer.particles.weight[j]) : 1.0;
-                const Influence<double> own = influence(tracer.kernel, shape, v, weight);
-                sum = {sum.value + own.value, sum.half_gradient + own.half_gradient};
-                if (own.value > 0.0) each(index[j], own.value);
-            });
+            for_each_reaching(tracer.tree, tracer.particles, p,
+                [&](std::uint32_t j, const Vec3<double>& v, const SortedShape<double>& shape) {
+                    const double weight = Tracer::PerParticle ? double(tracer.particles.weight[j]) : 1.0;
+                    const Influence<double> own = influence(tracer.kernel, shape, v, weight);
+                    sum = {sum.value + own.value, sum.half_gradient + own.half_gradient};
+                    if (own.value > 0.0) each(index[j], own.value);
+                });
             return sum;
         }
         D f(0.0);
@@ -45,7 +46,8 @@ struct ExactField {
             f += own.value;
             half = half + own.half_gradient;
             if constexpr (!std::is_same_v<Each, Nobody>)
-                Lanes::where_positive(slots, own.value, [&](std::uint32_t slot, double value) { each(index[slot], value); });
+                Lanes::where_positive(
+                    slots, own.value, [&](std::uint32_t slot, double value) { each(index[slot], value); });
         });
         return {Lanes::sum(f), {Lanes::sum(half.x), Lanes::sum(half.y), Lanes::sum(half.z)}};
     }
@@ -54,15 +56,15 @@ struct ExactField {
     };
 
 private:
-    template <class Fn>
-    GB_FN void for_each_part(const Vec3<double>& p, const Fn& fn) const {
+    template <class Fn> GB_FN void for_each_part(const Vec3<double>& p, const Fn& fn) const {
         constexpr int W = Lanes::width, stride = W * block_stride(Tracer::PerParticle, Kernel::stretched);
         const SortedParticles& all = tracer.particles;
         const float* block = tracer.cells.blocks + std::size_t(list.first) * stride;
         for (int n = int(list.n); n > 0; n -= W, block += stride) {
             for (int first = 0; first < min(n, W); first += Lanes::part) {
                 const Slots slots = Lanes::slots(block, first, min(n - first, int(Lanes::part)));
-                const Vec3<D> v{D(p.x) - Lanes::gather(all.x, slots), D(p.y) - Lanes::gather(all.y, slots), D(p.z) - Lanes::gather(all.z, slots)};
+                const Vec3<D> v{D(p.x) - Lanes::gather(all.x, slots), D(p.y) - Lanes::gather(all.y, slots),
+                    D(p.z) - Lanes::gather(all.z, slots)};
                 const D weight = Lanes::counted(slots, Tracer::PerParticle ? own(all.weight, slots) : D(1.0));
                 if constexpr (Kernel::stretched) {
                     D m[6];
@@ -75,13 +77,18 @@ private:
             }
         }
     }
-    GB_FN static D own(const Attribute& a, const Slots& slots) { return a.data ? Lanes::gather(a.data, slots) : D(double(a.uniform)); }
+    GB_FN static D own(const Attribute& a, const Slots& slots) {
+        return a.data ? Lanes::gather(a.data, slots) : D(double(a.uniform));
+    }
 };
 
-/// Moves t from a crossing to the root of the field nearby; at(point) gives value and half the gradient.  Returns the latter.
+/// Moves t from a crossing to the root of the field nearby; at(point) gives value and half the gradient.  Returns the
+/// latter.
 template <class At>
-GB_FN Vec3<double> settle(const At& at, double tau, double typical, const Vec3<double>& o, const Vec3<double>& d, double& t) {
-    // Float32 is off by 1e-7 supports, where a ray grazes the surface by up to 1e-4, and two roundings of t: farther away, the root is another one.
+GB_FN Vec3<double> settle(
+    const At& at, double tau, double typical, const Vec3<double>& o, const Vec3<double>& d, double& t) {
+    // Float32 is off by 1e-7 supports, where a ray grazes the surface by up to 1e-4, and two roundings of t: farther
+    // away, the root is another one.
     const double found = t, most = 1e-3 * typical + 2.4e-7 * t;
     for (int step = 0; step < 5; ++step) {
         const Influence<double> here = at(o + d * t, step > 0);

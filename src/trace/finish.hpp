@@ -6,18 +6,19 @@ namespace globule::core {
 
 /// One pass more into the picture.
 struct Finish {
-    const std::uint64_t* sum;       ///< (n, 3) of this pass, of the pixels from `first` on
-    const std::uint32_t* layer;     ///< (n,) what the pass's primary rays met
-    const std::uint32_t* place_of;  ///< (n,) a pixel's first ray, of packed rays, which are several passes'; null: its own place
-    int n_passes;                   ///< of packed rays
-    const std::uint8_t* only;       ///< (n,) pixels that the pass had; null: all
+    const std::uint64_t* sum;    ///< (n, 3) of this pass, of the pixels from `first` on
+    const std::uint32_t* layer;  ///< (n,) what the pass's primary rays met
+    const std::uint32_t*
+        place_of;  ///< (n,) a pixel's first ray, of packed rays, which are several passes'; null: its own place
+    int n_passes;  ///< of packed rays
+    const std::uint8_t* only;  ///< (n,) pixels that the pass had; null: all
     std::size_t first;
     float exposure;
-    int passes;                     ///< with these
-    float *total, *shown;           ///< (all pixels, 3) sums over passes, as light and as displayed
+    int passes;            ///< with these
+    float *total, *shown;  ///< (all pixels, 3) sums over passes, as light and as displayed
     float* color;
     std::uint8_t* picture;
-    std::uint8_t* seen;             ///< (all pixels,) what the first pass met: kMissed, kGround, or the layer
+    std::uint8_t* seen;  ///< (all pixels,) what the first pass met: kMissed, kGround, or the layer
     GB_FN void operator()(std::size_t i) const {
         if (only && !only[i]) return;
         if (passes == 1) seen[first + i] = std::uint8_t(layer[i]);

@@ -6,19 +6,18 @@
 
 namespace globule::core {
 
-template <class Group>
-struct Flock {
+template <class Group> struct Flock {
     using F = typename Group::F;
     using B = typename Group::B;
     static constexpr int V = Group::vectors;
 
-    int leader;      ///< its number among the tile's rays
-    float3 o, d;     ///< its ray
-    float far;       ///< from o to the farthest corner of the octree's box
-    float spread;    ///< rays stay so close to the leader's, all the way to there
+    int leader;    ///< its number among the tile's rays
+    float3 o, d;   ///< its ray
+    float far;     ///< from o to the farthest corner of the octree's box
+    float spread;  ///< rays stay so close to the leader's, all the way to there
     B in[V];
-    Bundle bundle;   ///< around them all
-    float loose;     ///< how far apart they come; 0: one ray, or several that coincide
+    Bundle bundle;  ///< around them all
+    float loose;    ///< how far apart they come; 0: one ray, or several that coincide
 
     /// A pending ray from the tile's middle, if there is one, else any; false: none is left.
     GB_FN bool choose_leader(Group& g, const TileRays<Group>& rays, const float3& lo, const float3& hi) {
@@ -33,7 +32,7 @@ struct Flock {
         }
         if (leader < 0) return false;
         far = length(float3{max(abs(lo.x - o.x), abs(hi.x - o.x)), max(abs(lo.y - o.y), abs(hi.y - o.y)),
-                            max(abs(lo.z - o.z), abs(hi.z - o.z))});
+            max(abs(lo.z - o.z), abs(hi.z - o.z))});
         return true;
     }
     /// The pending rays within `spread`; returns the least distance that one of them has come.

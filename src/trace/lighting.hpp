@@ -14,16 +14,17 @@ inline constexpr std::uint32_t kBelowGround = 1u << 31;  ///< among a ray's `ins
 struct Ground {
     bool present;
     float3 normal;
-    float offset;           ///< points with dot(normal, p) == offset
-    float3 color, other;    ///< of a checkerboard's two kinds of field
-    float field;            ///< edge of one, world
+    float offset;         ///< points with dot(normal, p) == offset
+    float3 color, other;  ///< of a checkerboard's two kinds of field
+    float field;          ///< edge of one, world
     float reflection;
 
     /// Where a ray that begins above or below it meets it.  It lets nothing through: the side is the primary ray's,
     /// and no rounding lets a ray meet it where that has been mirrored, or pass where a cut face lies in it.
     GB_FN float meet(const float3& o, const float3& d, std::uint32_t inside) const {
         const float speed = dot(normal, d);
-        return (inside & kBelowGround ? speed > 0.0f : speed < 0.0f) ? max((offset - dot(normal, o)) / speed, 0.0f) : infinity();
+        return (inside & kBelowGround ? speed > 0.0f : speed < 0.0f) ? max((offset - dot(normal, o)) / speed, 0.0f)
+                                                                     : infinity();
     }
 };
 
@@ -32,21 +33,21 @@ struct Lighting {
     Light lights[kMaxLights];
     int n_lights;
     bool shadows;
-    int ambient_rays;         ///< per sample
-    float ambient_distance;   ///< world
-    bool sky_light;           ///< ambient light is the sky's, else `ambient`
+    int ambient_rays;        ///< per sample
+    float ambient_distance;  ///< world
+    bool sky_light;          ///< ambient light is the sky's, else `ambient`
     float3 ambient;
     float3 background;
-    bool show_sky;            ///< behind the scene, instead of the background
+    bool show_sky;  ///< behind the scene, instead of the background
     Sky sky;
     Ground ground;
     Material materials[kMaxLayers];
     std::uint32_t closed = 0;   ///< bit k: layer k is a mesh with an inside, which displaces the fields there
     std::uint32_t sheets = 0;   ///< bit k: layer k is a mesh without
-    int bounces;              ///< mirrored and transmitted generations
-    int edge_samples = 0;  ///< more samples at edges of an image of one sample
+    int bounces;                ///< mirrored and transmitted generations
+    int edge_samples = 0;       ///< more samples at edges of an image of one sample
     bool edge_contrast = true;  ///< whether contrasts are edges, where light makes turns
-    float cutoff;             ///< smallest weight that is followed
+    float cutoff;               ///< smallest weight that is followed
     float exposure;
 
     /// Of the layers that a ray is inside of, those whose media are there.

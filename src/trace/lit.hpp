@@ -9,7 +9,8 @@ namespace globule::core {
 GB_FN void accumulate(std::uint64_t* sum, std::uint32_t pixel, const float3& c) {
     const float v[3] = {c.x, c.y, c.z};
     for (int k = 0; k < 3; ++k)
-        if (v[k] > 0.0f) atomic_add(sum + std::size_t(3) * pixel + k, std::uint64_t(min(v[k], 1048576.0f) * 4294967296.0f));
+        if (v[k] > 0.0f)
+            atomic_add(sum + std::size_t(3) * pixel + k, std::uint64_t(min(v[k], 1048576.0f) * 4294967296.0f));
 }
 
 /// The light that leaves each hit towards its ray, and how many rays go on from there.
@@ -20,8 +21,8 @@ struct Lit {
     const float* visibility;
     int generation;
     std::uint64_t* sum;
-    std::uint32_t first_pixel;   ///< that `sum` begins with; packed rays have a sum each
-    std::uint32_t* n_children;   ///< (2 items,) mirrored, then transmitted: rays of a kind stay together
+    std::uint32_t first_pixel;  ///< that `sum` begins with; packed rays have a sum each
+    std::uint32_t* n_children;  ///< (2 items,) mirrored, then transmitted: rays of a kind stay together
 
     GB_FN void operator()(std::size_t item) const {
         const std::size_t i = rays.source.swizzled(item), items = rays.source.n_items();
@@ -32,7 +33,8 @@ struct Lit {
         float3 weight = rays.throughput_of(i);
         const std::uint32_t pixel = rays.source.packed ? std::uint32_t(i) : rays.pixel_of(i) - first_pixel;
         if (hits.layer[i] == kMissed) {
-            accumulate(sum, pixel, weight * (rays.primary() && !lighting.show_sky ? lighting.background : lighting.sky(d)));
+            accumulate(
+                sum, pixel, weight * (rays.primary() && !lighting.show_sky ? lighting.background : lighting.sky(d)));
             return;
         }
         const Point h = point_of(lighting, rays, hits, i);
@@ -44,7 +46,8 @@ struct Lit {
     }
 
     /// What Beer's law leaves of the light on the way to the hit.
-    GB_FN static float3 attenuation(const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, std::size_t i) {
+    GB_FN static float3 attenuation(
+        const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, std::size_t i) {
         float3 left{1, 1, 1};
         const std::uint32_t media = lighting.media(rays.inside[i]);
         for (int k = 0; k < kMaxLayers; ++k) {
@@ -60,11 +63,13 @@ private:
         const float share = h.split.matte;
         float3 c{0, 0, 0};
         int which = 0;
-        if (lighting.ambient_rays == 0) c = (lighting.sky_light ? lighting.sky.blurred(h.normal) : lighting.ambient) * h.albedo * share;
+        if (lighting.ambient_rays == 0)
+            c = (lighting.sky_light ? lighting.sky.blurred(h.normal) : lighting.ambient) * h.albedo * share;
         for (; which < lighting.ambient_rays; ++which) {
             float3 light = lighting.ambient;
             if (lighting.sky_light)
-                light = lighting.sky(cosine_direction(h.normal, sample(pixel, 8, rays.pass_of(i) * std::uint32_t(lighting.ambient_rays) + which)));
+                light = lighting.sky(cosine_direction(
+                    h.normal, sample(pixel, 8, rays.pass_of(i) * std::uint32_t(lighting.ambient_rays) + which)));
             c = c + light * h.albedo * (share * visibility[which * n + i] / float(lighting.ambient_rays));
         }
         for (int k = 0; k < lighting.n_lights; ++k) {
@@ -77,7 +82,9 @@ private:
                 l = camera.orthographic ? camera.forward * -1.0f : normalize(camera.eye - h.p);
             }
             if (lighting.casts(k)) seen = visibility[which++ * n + i];
-            c = c + reflected_light(h.albedo * share, h.specular, h.shininess, h.normal, h.d, l, lighting.lights[k].radiance) * seen;
+            c = c + reflected_light(
+                        h.albedo * share, h.specular, h.shininess, h.normal, h.d, l, lighting.lights[k].radiance) *
+                        seen;
         }
         return c;
     }

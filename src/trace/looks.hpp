@@ -6,11 +6,11 @@ namespace globule::core {
 
 /// Per-particle appearance, in the caller's order; where data is null one value holds for all.
 struct Attributes {
-    const float* color;       ///< (n, 3)
+    const float* color;  ///< (n, 3)
     float3 one_color;
     Attribute reflection, refraction;
-    Attribute wetness;          ///< 0 to 1: under a film of liquid where it is 1
-    float3 wet;                 ///< the film's colour, which is in `color` already
+    Attribute wetness;  ///< 0 to 1: under a film of liquid where it is 1
+    float3 wet;         ///< the film's color, which is in `color` already
     GB_FN bool uniform() const { return !color && !reflection.data && !refraction.data && !wetness.data; }
 };
 
@@ -39,8 +39,9 @@ struct BlendedAttributes {
     }
     GB_FN Looks with(const float3& gradient) const {
         const double scale = color.scale();
-        Looks looks{gradient, of.color ? to_float(color.sum * scale) : of.one_color, of.reflection.data ? float(reflection * scale) : of.reflection.uniform,
-                    of.refraction.data ? float(refraction * scale) : of.refraction.uniform, of.wetness.uniform};
+        Looks looks{gradient, of.color ? to_float(color.sum * scale) : of.one_color,
+            of.reflection.data ? float(reflection * scale) : of.reflection.uniform,
+            of.refraction.data ? float(refraction * scale) : of.refraction.uniform, of.wetness.uniform};
         if (of.wetness.data) looks.wetness = under_film(float(wetness * scale), of.wet, looks.color);
         return looks;
     }
@@ -48,7 +49,8 @@ struct BlendedAttributes {
 
 /// At t along a ray.  settles: t is a crossing, and moves to where float64 has it.
 template <class Tracer>
-GB_FN Looks looks_at(const Tracer& tracer, const Attributes& attributes, const float3& o, const float3& d, float& t, bool settles) {
+GB_FN Looks looks_at(
+    const Tracer& tracer, const Attributes& attributes, const float3& o, const float3& d, float& t, bool settles) {
     using Field = ExactField<Tracer>;
     const Field field(tracer, o, d, t);
     BlendedAttributes blended(attributes);

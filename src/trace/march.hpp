@@ -21,15 +21,13 @@
 namespace globule::core {
 
 /// What one evaluation on the ray gives.
-template <class F>
-struct Along {
+template <class F> struct Along {
     F f, slope;
     F rise;  ///< bound on sign f'' over the window that begins here; only where it was asked for
     F fall;  ///< bound on -sign f'', likewise
 };
 
-template <class F>
-struct Limits {
+template <class F> struct Limits {
     F tau, window, error, least_step;
     F sign;  ///< +1 outside, -1 inside
 };
@@ -69,16 +67,18 @@ GB_FN void add_along(Along<F>& sum, const Kernel& kernel, F x, F u, F i2, F c, c
     }
 }
 
-/// Adds one particle: v = point - centre, i2 = 1/a^2, c its weight (both 1 unless PerParticle).
+/// Adds one particle: v = point - center, i2 = 1/a^2, c its weight (both 1 unless PerParticle).
 template <bool PerParticle, bool Bounds, bool Tight, class F, class Kernel>
-GB_FN void add(Along<F>& sum, const Kernel& kernel, const Vec3<F>& v, const Vec3<F>& d, F i2, F c, const Limits<F>& lim) {
+GB_FN void add(
+    Along<F>& sum, const Kernel& kernel, const Vec3<F>& v, const Vec3<F>& d, F i2, F c, const Limits<F>& lim) {
     const F r2 = dot(v, v);
     add_along<PerParticle, Bounds, Tight>(sum, kernel, PerParticle ? r2 * i2 : r2, dot(v, d), i2, c, lim);
 }
 
 /// As add, of a particle with the matrix m in place of 1/a: in m's space the ray has the speed |m d|.
 template <bool Bounds, bool Tight, class F, class Kernel>
-GB_FN void add_stretched(Along<F>& sum, const Kernel& kernel, const Sym3<F>& m, const Vec3<F>& v, const Vec3<F>& d, F c, const Limits<F>& lim) {
+GB_FN void add_stretched(Along<F>& sum, const Kernel& kernel, const Sym3<F>& m, const Vec3<F>& v, const Vec3<F>& d, F c,
+    const Limits<F>& lim) {
     const Vec3<F> w = m * v, e = m * d;
     const F speed2 = dot(e, e);
     add_along<true, Bounds, Tight>(sum, kernel, dot(w, w), dot(w, e) / speed2, speed2, c, lim);
@@ -86,7 +86,8 @@ GB_FN void add_stretched(Along<F>& sum, const Kernel& kernel, const Sym3<F>& m, 
 
 /// As add_stretched, from the square of the matrix; c: its weight.
 template <bool Bounds, bool Tight, class F, class Kernel>
-GB_FN void add_ellipsoid(Along<F>& sum, const Kernel& kernel, const Sym3<F>& form, const F& c, const Vec3<F>& v, const Vec3<F>& d, const Limits<F>& lim) {
+GB_FN void add_ellipsoid(Along<F>& sum, const Kernel& kernel, const Sym3<F>& form, const F& c, const Vec3<F>& v,
+    const Vec3<F>& d, const Limits<F>& lim) {
     const Vec3<F> w = form * v;
     const F x = dot(v, w), along = dot(d, w);
     if constexpr (Bounds && (Tight || !Kernel::linear_rise)) {
@@ -109,8 +110,7 @@ GB_FN void add_ellipsoid(Along<F>& sum, const Kernel& kernel, const Sym3<F>& for
 }
 
 /// Candidates from the tile's list.
-template <class Candidate, class Group, class Kernel>
-struct ListSource {
+template <class Candidate, class Group, class Kernel> struct ListSource {
     using F = typename Group::F;
     using B = typename Group::B;
     Group& g;
@@ -120,25 +120,25 @@ struct ListSource {
     Vec3<F> p0, d;
 
     GB_FN bool any(const B& lanes) const { return g.any(lanes); }
-    template <bool Bounds>
-    GB_FN Along<F> at(F t, const Limits<F>& lim, const B& active) const {
+    template <bool Bounds> GB_FN Along<F> at(F t, const Limits<F>& lim, const B& active) const {
         Along<F> sum{F(0), F(0), F(0), F(0)};
         g.template share_rays<Bounds>(scratch.lane_of, active, p0 + d * t, d, lim.sign, sum,
-                     [&](const Vec3<F>& p, const Vec3<F>& along, const F& sign, int first, int stride, Along<F>& mine) {
-            Limits<F> of_ray = lim;
-            of_ray.sign = sign;
-            for (int j = first; j < n; j += stride) {
-                const float3 q = scratch.list.point(j);
-                const Vec3<F> v{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
-                if constexpr (Candidate::ellipsoid) {
-                    const EllipsoidCandidate of = scratch.shape[j];
-                    add_ellipsoid<Bounds, false>(mine, kernel, of.template form_as<F>(), F(of.weight), v, along, of_ray);
-                } else if constexpr (Candidate::per_particle)
-                    add<true, Bounds, false>(mine, kernel, v, along, F(scratch.shape[j].inverse_a2), F(scratch.shape[j].weight), of_ray);
-                else
-                    add<false, Bounds, false>(mine, kernel, v, along, F(1), F(1), of_ray);
-            }
-        });
+            [&](const Vec3<F>& p, const Vec3<F>& along, const F& sign, int first, int stride, Along<F>& mine) {
+                Limits<F> of_ray = lim;
+                of_ray.sign = sign;
+                for (int j = first; j < n; j += stride) {
+                    const float3 q = scratch.list.point(j);
+                    const Vec3<F> v{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
+                    if constexpr (Candidate::ellipsoid) {
+                        const EllipsoidCandidate of = scratch.shape[j];
+                        add_ellipsoid<Bounds, false>(
+                            mine, kernel, of.template form_as<F>(), F(of.weight), v, along, of_ray);
+                    } else if constexpr (Candidate::per_particle)
+                        add<true, Bounds, false>(
+                            mine, kernel, v, along, F(scratch.shape[j].inverse_a2), F(scratch.shape[j].weight), of_ray);
+                    else add<false, Bounds, false>(mine, kernel, v, along, F(1), F(1), of_ray);
+                }
+            });
         sum.slope = F(2) * sum.slope;
         // 8: b falls at most so much per unit A, and no faster where the window leaves it.
         if constexpr (Bounds && (!Candidate::per_particle || (Candidate::ellipsoid && Kernel::linear_rise)))
@@ -151,20 +151,20 @@ struct ListSource {
 /// One particle in float64 and world units.
 template <bool Bounds>
 GB_FN void add_exact(Along<double>& sum, const SortedParticles& particles, const AnyKernel& kernel, std::uint32_t slot,
-                     const Vec3<double>& p, const Vec3<double>& d, const Limits<double>& lim) {
+    const Vec3<double>& p, const Vec3<double>& d, const Limits<double>& lim) {
     const double a = particles.support[slot];
     const Vec3<double> v{p.x - particles.x[slot], p.y - particles.y[slot], p.z - particles.z[slot]};
     if (a > 0 && particles.stretch)
-        add_stretched<Bounds, false>(sum, kernel, particles.matrix<double>(slot), v, d, double(particles.weight[slot]), lim);
-    else if (a > 0)
-        add<true, Bounds, false>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
+        add_stretched<Bounds, false>(
+            sum, kernel, particles.matrix<double>(slot), v, d, double(particles.weight[slot]), lim);
+    else if (a > 0) add<true, Bounds, false>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
 }
 
 /// Walks lanes from t to `end`.  `hit`: crossed at t.  `doubtful`: this precision cannot tell from t on.
 /// The bounds cost more than f and f' together and hold for a whole window, so they are asked for
 /// only when some lane has used its window up.
-/// Leaving: rays may begin on the surface itself, on a known side: while one moves away from the threshold it has not met
-/// it, however near it is (as step_along in trace/cell_tracer.hpp).
+/// Leaving: rays may begin on the surface itself, on a known side: while one moves away from the threshold it has not
+/// met it, however near it is (as step_along in trace/cell_tracer.hpp).
 template <bool Leaving = false, class F, class B, class Source>
 GB_FN void march(const Source& source, const Limits<F>& lim, F end, B active, F& t, B& hit, B& doubtful) {
     F rise = F(0), fall = F(0), window_end = t;
@@ -189,7 +189,8 @@ GB_FN void march(const Source& source, const Limits<F>& lim, F end, B active, F&
         B towards = active;
         if constexpr (Leaving) {
             const B away = slope <= F(0), curved = rise > F(0);
-            const F back = quick_quotient(quick_root(max(under, F(0))) - slope, select(curved, rise, F(1)));  // the bound's second root
+            const F back = quick_quotient(
+                quick_root(max(under, F(0))) - slope, select(curved, rise, F(1)));  // the bound's second root
             move = select(away, select(curved, max(back, lim.least_step), rest), move);
             towards = towards & !away;
         }

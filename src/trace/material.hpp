@@ -14,17 +14,20 @@ struct Material {
     float index;         ///< of refraction; 0: from the transmission
     float roughness;     ///< of mirrored and transmitted directions, 0 to 1
     float3 color;        ///< x negative: the particles' own
-    float3 absorption;   ///< per world unit (Beer); x negative: the colour filters on entry instead
+    float3 absorption;   ///< per world unit (Beer); x negative: the color filters on entry instead
     float specular, shininess;
 
     /// What Beer's law leaves of white light after a length inside.
     GB_FN float mean_beer(float length) const {
-        return absorption.x < 0.0f ? 1.0f : expf(-(absorption.x + absorption.y + absorption.z) * (1.0f / 3.0f) * length);
+        return absorption.x < 0.0f ? 1.0f
+                                   : expf(-(absorption.x + absorption.y + absorption.z) * (1.0f / 3.0f) * length);
     }
 };
 
 /// The index of refraction of a medium whose particles' own factors are not known here.
-GB_FN float index_of(const Material& m) { return m.index > 0.0f ? m.index : m.transmission > 0.0f ? 1.0f + m.transmission / 3.0f : 1.0f; }
+GB_FN float index_of(const Material& m) {
+    return m.index > 0.0f ? m.index : m.transmission > 0.0f ? 1.0f + m.transmission / 3.0f : 1.0f;
+}
 
 /// What Beer's law leaves of light after a length inside.
 GB_FN float3 beer(const Material& m, float length) {
@@ -36,7 +39,8 @@ GB_FN float3 beer(const Material& m, float length) {
 GB_FN float fresnel(float cosine, float eta) {
     const float g2 = eta * eta - 1.0f + cosine * cosine;
     if (g2 <= 0.0f) return 1.0f;  // total internal reflection
-    const float g = sqrt(g2), a = (g - cosine) / (g + cosine), b = (cosine * (g + cosine) - 1.0f) / (cosine * (g - cosine) + 1.0f);
+    const float g = sqrt(g2), a = (g - cosine) / (g + cosine),
+                b = (cosine * (g + cosine) - 1.0f) / (cosine * (g - cosine) + 1.0f);
     return 0.5f * a * a * (1.0f + b * b);
 }
 
@@ -47,19 +51,20 @@ GB_FN float3 refracted(const float3& d, const float3& n, float eta) {
     return normalize(d * (1.0f / eta) + n * (cosine / eta - sqrt(max(inside, 0.0f))));
 }
 
-/// Shares of the incoming light; they add up to 1 (transmission per colour: less where a colour filters).
+/// Shares of the incoming light; they add up to 1 (transmission per color: less where a color filters).
 struct Split {
     float mirror;
     float3 through;
     float matte;
     float eta;
 };
-/// What lies at a surface: a medium; a medium that another one displaces there, so that nothing bends or mirrors; a thin pane.
+/// What lies at a surface: a medium; a medium that another one displaces there, so that nothing bends or mirrors; a
+/// thin pane.
 enum class Border { medium, displaced, pane };
 
 /// entering: from outside into the medium; around: index of refraction of what lies outside of it.
-GB_FN Split split(const Material& m, const float3& albedo, float reflection, float refraction, float cosine, bool entering,
-                  Border border = Border::medium, float around = 1.0f) {
+GB_FN Split split(const Material& m, const float3& albedo, float reflection, float refraction, float cosine,
+    bool entering, Border border = Border::medium, float around = 1.0f) {
     const float rho = m.reflection >= 0.0f ? m.reflection : reflection;
     const float kappa = m.transmission >= 0.0f ? m.transmission : refraction;
     const bool filters = entering && m.absorption.x < 0.0f;
@@ -72,7 +77,8 @@ GB_FN Split split(const Material& m, const float3& albedo, float reflection, flo
     float eta = entering ? index : 1.0f / index;
     if (index != 1.0f) {
         const float once = fresnel(cosine, eta);
-        mirror += (1.0f - mirror) * (border == Border::pane ? 2.0f * once / (1.0f + once) : once);  // a pane's two faces
+        mirror +=
+            (1.0f - mirror) * (border == Border::pane ? 2.0f * once / (1.0f + once) : once);  // a pane's two faces
     }
     if (border == Border::pane) eta = 1.0f;
     const float rest = 1.0f - mirror;

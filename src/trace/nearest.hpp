@@ -7,8 +7,7 @@
 namespace globule::core {
 
 /// Rays to their first crossing of one layer. A work that begins with `cut.start`.
-template <class Tracer, bool clipped>
-struct ToCrossing {
+template <class Tracer, bool clipped> struct ToCrossing {
     Cut<Tracer, clipped> cut;
     LayerHits out;
     struct State {
@@ -30,8 +29,7 @@ struct ToCrossing {
 };
 
 /// The rays of a wave.
-template <class Tracer, bool clipped>
-struct March : ToCrossing<Tracer, clipped> {
+template <class Tracer, bool clipped> struct March : ToCrossing<Tracer, clipped> {
     WaveRays rays;
     int layer;
     using State = typename ToCrossing<Tracer, clipped>::State;
@@ -42,17 +40,18 @@ struct March : ToCrossing<Tracer, clipped> {
         rays.source.get(s.i, o, d);
         const float sign = rays.primary() ? 0.0f : rays.inside[s.i] >> layer & 1 ? -1.0f : 1.0f;
         s.of.ray.sign = 1.0f;
-        s.way = this->cut.start(s.of, o, d, rays.primary() ? 0.0f : kStart * this->cut.tracer.tree.header->typical_support, infinity(), sign);
+        s.way = this->cut.start(s.of, o, d,
+            rays.primary() ? 0.0f : kStart * this->cut.tracer.tree.header->typical_support, infinity(), sign);
         return true;
     }
 };
 
 /// What Keep asks about the surface of a field.
-template <class Tracer>
-struct FieldSurface {
+template <class Tracer> struct FieldSurface {
     Tracer tracer;
     Attributes attributes;
-    bool exact = true;  ///< crossings are moved to where float64 has them; false: a tracer of another kind has found them
+    bool exact =
+        true;  ///< crossings are moved to where float64 has them; false: a tracer of another kind has found them
     GB_FN Looks looks(const float3& o, const float3& d, float& t, const LayerHits& found, std::size_t i) const {
         return looks_at(tracer, attributes, o, d, t, exact && !(found.cap && found.cap[i] >= 0));
     }
@@ -60,8 +59,7 @@ struct FieldSurface {
 };
 
 /// The nearest of the layers so far, and what it looks like.
-template <class Surface>
-struct Keep {
+template <class Surface> struct Keep {
     Surface surface;
     Clips clips;
     WaveRays rays;
@@ -117,8 +115,8 @@ struct MeetGround {
         const float3 p = o + d * t;
         float3 s, u;
         tangents(ground.normal, s, u);
-        const bool odd = ground.field > 0.0f &&
-                         (int(floorf(dot(p, s) / ground.field)) + int(floorf(dot(p, u) / ground.field))) & 1;
+        const bool odd =
+            ground.field > 0.0f && (int(floorf(dot(p, s) / ground.field)) + int(floorf(dot(p, u) / ground.field))) & 1;
         out.t[i] = t;
         out.layer[i] = kGround;
         write3(out.normal, i, ground.normal);

@@ -13,15 +13,18 @@ struct ShadowRay {
     float3 o, d;
     float distance;
     std::uint32_t inside;
-    float* out;   ///< its share of light so far
+    float* out;  ///< its share of light so far
 
-    /// The k-th of n_visibilities * n_items; false: nothing to find out.  Layer 0 begins the share and tests the ground.
-    GB_FN bool start(std::size_t k, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer, float* visibility) {
+    /// The k-th of n_visibilities * n_items; false: nothing to find out.  Layer 0 begins the share and tests the
+    /// ground.
+    GB_FN bool start(std::size_t k, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer,
+        float* visibility) {
         const std::size_t items = rays.source.n_items(), i = rays.source.swizzled(k % items);
         return i < rays.source.n && start(i, int(k / items), lighting, rays, hits, layer, visibility);
     }
     /// Ray i's, to ambient light or light number `which`.
-    GB_FN bool start(std::size_t i, int which, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer, float* visibility) {
+    GB_FN bool start(std::size_t i, int which, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits,
+        int layer, float* visibility) {
         out = visibility + std::size_t(which) * rays.source.n + i;
         if (layer == 0) *out = 1.0f;
         if (hits.layer[i] == kMissed || *out == 0.0f) return false;
@@ -29,7 +32,8 @@ struct ShadowRay {
         const std::uint32_t pixel = rays.pixel_of(i), stream = 16 + std::uint32_t(which);
         if (which < lighting.ambient_rays) {
             if (h.split.matte * largest(rays.throughput_of(i)) < 0.25f * lighting.cutoff) return false;
-            d = cosine_direction(h.normal, sample(pixel, 8, rays.pass_of(i) * std::uint32_t(lighting.ambient_rays) + which));
+            d = cosine_direction(
+                h.normal, sample(pixel, 8, rays.pass_of(i) * std::uint32_t(lighting.ambient_rays) + which));
             distance = lighting.ambient_distance;
         } else {
             which -= lighting.ambient_rays;
@@ -38,8 +42,9 @@ struct ShadowRay {
                 if (lighting.casts(light) && which-- == 0) break;
             lighting.towards(light, h.p, sample(pixel, stream, rays.pass_of(i)), d, distance);
             // From behind, or too little to matter even in full view.
-            const float3 full = rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, h.specular, h.shininess,
-                                                                        h.normal, h.d, d, lighting.lights[light].radiance);
+            const float3 full =
+                rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, h.specular, h.shininess, h.normal,
+                                            h.d, d, lighting.lights[light].radiance);
             if (largest(full) * lighting.exposure < 0.125f * lighting.cutoff) return false;
         }
         if (dot(d, h.normal) <= 0.0f) return false;
@@ -54,8 +59,7 @@ struct ShadowRay {
 };
 
 /// Shadow and ambient rays through one layer: what part of the light comes through, (n_visibilities, n).
-template <class Tracer, bool clipped>
-struct Occlude {
+template <class Tracer, bool clipped> struct Occlude {
     Cut<Tracer, clipped> cut;
     Attributes attributes;
     Lighting lighting;
@@ -90,7 +94,8 @@ struct Occlude {
     }
     GB_FN void end(const State& s) const { *s.out *= s.left; }
 
-    static constexpr float kDoubt = 0.05f;  ///< in typical supports: so much further float32 tells which side a ray is on
+    static constexpr float kDoubt =
+        0.05f;  ///< in typical supports: so much further float32 tells which side a ray is on
 protected:
     /// At a crossing, in doubt or at the end; whether the ray goes on.
     GB_FN bool settle(State& s) const {

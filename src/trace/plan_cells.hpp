@@ -11,12 +11,11 @@ inline constexpr float kCellEdge = 0.4f;  ///< in typical supports: fewest parti
 inline constexpr float kStretchedCellEdge = 0.3f;  ///< of ellipsoids, whose support is their longest axis
 
 /// Grid over the octree's root box, which holds all supports.
-template <class Tree>
-struct PlanCells {
+template <class Tree> struct PlanCells {
     Tree tree;
     bool stretched;
     float most_bricks;
-    bool everywhere;   ///< else only what rays from outside can reach, if the eye is outside
+    bool everywhere;  ///< else only what rays from outside can reach, if the eye is outside
     float3 eye;
     CellGrid* grid;
     GB_FN void operator()(std::size_t) const {
@@ -25,15 +24,18 @@ struct PlanCells {
             const Node box = tree.node(0);
             const float3 size = box.hi - box.lo;
             g.edge = (stretched ? kStretchedCellEdge : kCellEdge) * tree.header->typical_support;
-            // A coordinate is at most 2^18 edges, an edge 5 bits long and the grid's corner a multiple of its last bit: so corners and
-            // centres of cells need no more than float32's 24 bits, and all who count from them count from the same place.
+            // A coordinate is at most 2^18 edges, an edge 5 bits long and the grid's corner a multiple of its last bit:
+            // so corners and centers of cells need no more than float32's 24 bits, and all who count from them count
+            // from the same place.
             g.edge = max(g.edge, 4e-6f * (length(box.lo) + length(box.hi)));
             for (;; g.edge *= 1.25f) {
                 int exponent;
                 const float digits = frexpf(g.edge, &exponent) * 32.0f;
                 g.edge = ldexpf(rintf(digits), exponent - 5);
-                const float unit = ldexpf(1.0f, exponent - 5), per = 1.0f / (g.edge * kBrick), more = 0.01f + unit * per;
-                const float nx = ceilf(size.x * per + more), ny = ceilf(size.y * per + more), nz = ceilf(size.z * per + more);
+                const float unit = ldexpf(1.0f, exponent - 5), per = 1.0f / (g.edge * kBrick),
+                            more = 0.01f + unit * per;
+                const float nx = ceilf(size.x * per + more), ny = ceilf(size.y * per + more),
+                            nz = ceilf(size.z * per + more);
                 if (!(nx * ny * nz <= most_bricks)) continue;
                 g.nx = int(nx);
                 g.ny = int(ny);
@@ -52,23 +54,26 @@ struct PlanCells {
 };
 
 /// Marks the bricks that a leaf's supports may reach, so that empty space costs no walk of the tree.
-template <class Tree>
-struct MarkBricks {
+template <class Tree> struct MarkBricks {
     Tree tree;
     std::size_t n_nodes;
     const CellGrid* grid;
-    std::uint32_t* bricks;   ///< cleared
+    std::uint32_t* bricks;  ///< cleared
     GB_FN void operator()(std::size_t i) const {
         if (grid->n_bricks == 0 || !tree.holds(i)) return;
         const Node node = tree.node(std::uint32_t(i));
         if (!Node::is_leaf(node.meta) || Node::count(node.meta) == 0) return;
         const float per = 1.0f / (grid->edge * kBrick);
-        const int x0 = place(node.lo.x - grid->lo.x, per, -1, grid->nx), x1 = place(node.hi.x - grid->lo.x, per, 1, grid->nx);
-        const int y0 = place(node.lo.y - grid->lo.y, per, -1, grid->ny), y1 = place(node.hi.y - grid->lo.y, per, 1, grid->ny);
-        const int z0 = place(node.lo.z - grid->lo.z, per, -1, grid->nz), z1 = place(node.hi.z - grid->lo.z, per, 1, grid->nz);
+        const int x0 = place(node.lo.x - grid->lo.x, per, -1, grid->nx),
+                  x1 = place(node.hi.x - grid->lo.x, per, 1, grid->nx);
+        const int y0 = place(node.lo.y - grid->lo.y, per, -1, grid->ny),
+                  y1 = place(node.hi.y - grid->lo.y, per, 1, grid->ny);
+        const int z0 = place(node.lo.z - grid->lo.z, per, -1, grid->nz),
+                  z1 = place(node.hi.z - grid->lo.z, per, 1, grid->nz);
         for (int z = z0; z <= z1; ++z)
             for (int y = y0; y <= y1; ++y)
-                for (int x = x0; x <= x1; ++x) raise_flag(bricks + (std::size_t(z) * grid->ny + y) * grid->nx + x, kUnseen);
+                for (int x = x0; x <= x1; ++x)
+                    raise_flag(bricks + (std::size_t(z) * grid->ny + y) * grid->nx + x, kUnseen);
     }
 
 private:
@@ -101,7 +106,8 @@ private:
         for (int dz = -1; dz <= 1; ++dz)
             for (int dy = -1; dy <= 1; ++dy)
                 for (int dx = -1; dx <= 1; ++dx) {
-                    const std::uint32_t state = bricks[(std::size_t(z + dz) * grid->ny + (y + dy)) * grid->nx + (x + dx)];
+                    const std::uint32_t state =
+                        bricks[(std::size_t(z + dz) * grid->ny + (y + dy)) * grid->nx + (x + dx)];
                     if (state != kFull && state != kUnseen) return true;
                 }
         return false;

@@ -13,8 +13,7 @@ template <class Group, bool PerParticle>
 using ResolveScratch = TileScratch<Group, std::conditional_t<PerParticle, BallCandidate, AlikeCandidate>>;
 
 /// The list's particles in float64 and world units, shared out among the lanes.
-template <bool PerParticle, class Group>
-struct SharedListSource {
+template <bool PerParticle, class Group> struct SharedListSource {
     Group& g;
     const ResolveScratch<Group, PerParticle>& scratch;
     int n;
@@ -22,8 +21,7 @@ struct SharedListSource {
     AnyKernel kernel;
     Vec3<double> o, d;
     GB_FN bool any(bool active) const { return active; }
-    template <bool Bounds>
-    GB_FN Along<double> at(double t, const Limits<double>& lim, bool = true) const {
+    template <bool Bounds> GB_FN Along<double> at(double t, const Limits<double>& lim, bool = true) const {
         Along<double> sum{0, 0, 0, 0};
         const Vec3<double> p = o + d * t;
         g.share(n, [&](int j) { add_exact<Bounds>(sum, particles, kernel, scratch.list.number(j), p, d, lim); });
@@ -49,16 +47,14 @@ struct SharedListSource {
 };
 
 /// Straight from the tree: where even the thinnest slab holds more than a list can.
-template <class Tree, class Group>
-struct TreeSource {
+template <class Tree, class Group> struct TreeSource {
     Group& g;
     const Tree& tree;
     const SortedParticles& particles;
     AnyKernel kernel;
     Vec3<double> o, d;
     GB_FN bool any(bool active) const { return active; }
-    template <bool Bounds>
-    GB_FN Along<double> at(double t, const Limits<double>& lim, bool = true) const {
+    template <bool Bounds> GB_FN Along<double> at(double t, const Limits<double>& lim, bool = true) const {
         Along<double> sum{0, 0, 0, 0};
         const Vec3<double> p = o + d * t, q = p + d * (Bounds ? lim.window : 0.0);
         const float3 lo{float(min(p.x, q.x)), float(min(p.y, q.y)), float(min(p.z, q.z))};
@@ -73,10 +69,8 @@ struct TreeSource {
 };
 
 /// Tile k is the k-th of out.undecided.  Leaving: rays begin outside, and may begin on the surface (march()).
-template <class Tree, bool PerParticle, bool Leaving = false>
-struct ResolveRays {
-    template <class Group>
-    using Scratch = ResolveScratch<Group, PerParticle>;
+template <class Tree, bool PerParticle, bool Leaving = false> struct ResolveRays {
+    template <class Group> using Scratch = ResolveScratch<Group, PerParticle>;
 
     Tree tree;
     SortedParticles particles;
@@ -85,15 +79,14 @@ struct ResolveRays {
     const float* color;
     float3 one_color;
     RaySource rays;
-    Hits out;                          ///< normal null: distances alone
+    Hits out;  ///< normal null: distances alone
     Clips clips{};
-    std::int8_t* sign = nullptr;       ///< +1 or -1: the side where each ray is at its t; 0 or null: to be found
-    std::int32_t* cap = nullptr;       ///< with clips: where a cut face is met, its clip
-    const float* wetness = nullptr;    ///< of the particles, as out.wetness is wanted
-    float3 film{};                     ///< its colour
+    std::int8_t* sign = nullptr;     ///< +1 or -1: the side where each ray is at its t; 0 or null: to be found
+    std::int32_t* cap = nullptr;     ///< with clips: where a cut face is met, its clip
+    const float* wetness = nullptr;  ///< of the particles, as out.wetness is wanted
+    float3 film{};                   ///< its color
 
-    template <class Group>
-    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t k) const {
+    template <class Group> GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t k) const {
         const std::size_t i = out.undecided.ray[k];
         float3 o, d;
         rays.get(i, o, d);
@@ -118,12 +111,10 @@ struct ResolveRays {
                 if (wetness) wet += w * wetness[particles.index[slot]];
             });
         };
-        if (hit && n > 0)
-            g.share(n, [&](int j) { add(scratch.list.number(j)); });
+        if (hit && n > 0) g.share(n, [&](int j) { add(scratch.list.number(j)); });
         else if (hit)
-            for_each_leaf(tree, to_float(p), to_float(p), [&](std::uint32_t first, std::uint32_t count) {
-                g.share(count, [&](int j) { add(first + j); });
-            });
+            for_each_leaf(tree, to_float(p), to_float(p),
+                [&](std::uint32_t first, std::uint32_t count) { g.share(count, [&](int j) { add(first + j); }); });
         gradient = total(g, gradient);
         blended = {total(g, blended.sum), g.total(blended.total)};
         if (wetness) wet = g.total(wet) * blended.scale();
@@ -140,12 +131,14 @@ struct ResolveRays {
         write3(out.albedo, i, seen);
     }
 
-    template <class Group>
-    GB_FN static Vec3<double> total(const Group& g, const Vec3<double>& v) { return {g.total(v.x), g.total(v.y), g.total(v.z)}; }
+    template <class Group> GB_FN static Vec3<double> total(const Group& g, const Vec3<double>& v) {
+        return {g.total(v.x), g.total(v.y), g.total(v.z)};
+    }
 
     /// First root or cut face of ray i, from where it is undecided, through what the clips keep.
     template <class Group>
-    GB_FN double solve_kept(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, std::size_t i, int& n) const {
+    GB_FN double solve_kept(
+        Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, std::size_t i, int& n) const {
         double side = Leaving ? 1.0 : sign ? double(sign[i]) : 0.0;
         float from = out.t[i], begin, end;
         int at_begin, at_end;
@@ -177,10 +170,11 @@ struct ResolveRays {
         return infinity();
     }
 
-    /// First root in [from, to), or infinity; side: +1 outside there, -1 inside, 0 to be found; n: candidates in the list that found it, 0 if none did.
+    /// First root in [from, to), or infinity; side: +1 outside there, -1 inside, 0 to be found; n: candidates in the
+    /// list that found it, 0 if none did.
     template <class Group>
     GB_FN double solve(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, double from, double to,
-                       double side, int& n) const {
+        double side, int& n) const {
         const float typical = tree.header->typical_support;
         const Vec3<double> o2{o.x, o.y, o.z}, d2{d.x, d.y, d.z};
         const TreeSource<Tree, Group> straight{g, tree, particles, kernel, o2, d2};
@@ -203,9 +197,9 @@ struct ResolveRays {
             double t = max(from, double(slab.z));
             bool hit;
             if (found.n > 0)
-                hit = search(SharedListSource<PerParticle, Group>{g, scratch, found.n, particles, kernel, o2, d2}, lim, t, slab.end());
-            else
-                hit = search(straight, lim, t, slab.end());
+                hit = search(SharedListSource<PerParticle, Group>{g, scratch, found.n, particles, kernel, o2, d2}, lim,
+                    t, slab.end());
+            else hit = search(straight, lim, t, slab.end());
             n = max(found.n, 0);
             if (hit) return t < to ? t : infinity();
             slab.step(smallest, true);
@@ -216,8 +210,8 @@ struct ResolveRays {
     /// A root between t and end; a place where f comes within rounding of the threshold counts as one.
     template <class Source>
     GB_FN bool search(const Source& source, const Limits<double>& lim, double& t, double end) const {
-        // A slab far away is deep, or float32 could not tell its ends apart: march() takes its steps in rounds, and none
-        // where nothing is.
+        // A slab far away is deep, or float32 could not tell its ends apart: march() takes its steps in rounds, and
+        // none where nothing is.
         for (int round = 0; round < 100; ++round) {
             t = source.next(t);
             if (!(t < end)) return false;

@@ -1,5 +1,5 @@
-// Pictures in which light makes no turns but shadows, tile by tile (trace/tile.hpp): neighbouring pixels' shadow rays are
-// neighbours, too, so that no cells are needed.
+// Pictures in which light makes no turns but shadows, tile by tile (trace/tile.hpp): neighboring pixels' shadow rays
+// are neighbors, too, so that no cells are needed.
 #pragma once
 #include "trace/hits.hpp"
 #include "trace/looks.hpp"
@@ -47,8 +47,8 @@ struct AimShadows {
     WaveHits hits;
     int layer, which;
     float* visibility;
-    float *origin, *direction;   ///< (n, 3)
-    float* distance;             ///< of the light
+    float *origin, *direction;  ///< (n, 3)
+    float* distance;            ///< of the light
     std::uint8_t* wanted;
     GB_FN void operator()(std::size_t i) const {
         ShadowRay ray;

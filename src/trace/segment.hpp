@@ -1,5 +1,5 @@
-// Rays of a wave whose particles lie elsewhere, from the outside: as arrays that the host sends to the pieces that hold the particles
-// (docs/design/pieces.md), and what a piece makes of its part of them.
+// Rays of a wave whose particles lie elsewhere, from the outside: as arrays that the host sends to the pieces that hold
+// the particles (docs/design/pieces.md), and what a piece makes of its part of them.
 #pragma once
 #include "trace/nearest.hpp"
 #include "trace/occlude.hpp"
@@ -14,8 +14,8 @@ inline constexpr std::int8_t kNoRay = 2;  ///< a side that no ray has
 struct ListRays {
     WaveRays rays;
     int layer;
-    float* ray;          ///< (n, 6) origin, direction
-    std::int8_t* side;   ///< (n,) +1 outside, -1 inside, 0 not known, kNoRay
+    float* ray;         ///< (n, 6) origin, direction
+    std::int8_t* side;  ///< (n,) +1 outside, -1 inside, 0 not known, kNoRay
     GB_FN void operator()(std::size_t i) const {
         if (!rays.source.has(i)) {
             side[i] = kNoRay;
@@ -31,7 +31,7 @@ struct ListRays {
 
 /// What Keep asks about a surface that others have found.
 struct RemoteSurface {
-    const float* found;  ///< (n, 8) normal, colour, reflection, refraction
+    const float* found;  ///< (n, 8) normal, color, reflection, refraction
     GB_FN Looks looks(const float3&, const float3&, float, const LayerHits&, std::size_t i) const {
         const float* v = found + 8 * i;
         return {{v[0], v[1], v[2]}, {v[3], v[4], v[5]}, v[6], v[7]};
@@ -46,10 +46,10 @@ struct ListShadowRays {
     WaveHits hits;
     int layer;
     float* visibility;
-    std::size_t first;    ///< of the n_visibilities * n_items
-    float* ray;           ///< (items, 7) origin, direction, distance
+    std::size_t first;  ///< of the n_visibilities * n_items
+    float* ray;         ///< (items, 7) origin, direction, distance
     std::int8_t* side;
-    std::uint32_t* place; ///< in `visibility`
+    std::uint32_t* place;  ///< in `visibility`
     GB_FN void operator()(std::size_t k) const {
         ShadowRay shadow;
         float* to = ray + 7 * k;
@@ -72,9 +72,9 @@ struct Dim {
 
 /// Parts of rays: from where, or below 0: from the surface on; to where; on which side.
 struct Parts {
-    const float *ray;          ///< (n, 6) origin, direction
-    const float *from, *to;    ///< (n,) distances along the ray
-    std::int8_t* side;         ///< (n,) in and out: +1 outside, -1 inside, 0 not known
+    const float* ray;        ///< (n, 6) origin, direction
+    const float *from, *to;  ///< (n,) distances along the ray
+    std::int8_t* side;       ///< (n,) in and out: +1 outside, -1 inside, 0 not known
     GB_FN void get(std::size_t i, float3& o, float3& d) const {
         const float* v = ray + 6 * i;
         o = {v[0], v[1], v[2]};
@@ -95,8 +95,7 @@ struct SplitRays {
 };
 
 /// To the first crossing in each part.
-template <class Tracer>
-struct MarchPart : ToCrossing<Tracer, true> {
+template <class Tracer> struct MarchPart : ToCrossing<Tracer, true> {
     Parts parts;
     using State = typename ToCrossing<Tracer, true>::State;
     GB_FN bool begin(std::size_t i, State& s) const {
@@ -104,14 +103,14 @@ struct MarchPart : ToCrossing<Tracer, true> {
         float3 o, d;
         parts.get(i, o, d);
         s.of.ray.sign = 1.0f;
-        s.way = this->cut.start(s.of, o, d, parts.begin(i, this->cut.tracer.tree.header->typical_support), parts.to[i], float(parts.side[i]));
+        s.way = this->cut.start(s.of, o, d, parts.begin(i, this->cut.tracer.tree.header->typical_support), parts.to[i],
+            float(parts.side[i]));
         return true;
     }
 };
 
 /// What the crossings look like.
-template <class Tracer>
-struct LookAtParts {
+template <class Tracer> struct LookAtParts {
     FieldSurface<Tracer> surface;
     Parts parts;
     LayerHits found;
@@ -133,14 +132,14 @@ struct LookAtParts {
 };
 
 /// Shadow rays through their parts; what is left of the light, and where each goes on.
-template <class Tracer>
-struct OccludePart : Occlude<Tracer, true> {
+template <class Tracer> struct OccludePart : Occlude<Tracer, true> {
     using Whole = Occlude<Tracer, true>;
     Parts parts;
-    const float* distance;     ///< (n,) of the whole ray
-    float *left, *on;          ///< (n,) light, in and out; where the ray goes on
-    std::int32_t* crossings;   ///< (n,) in and out
-    std::int8_t* test;         ///< (n,) in and out: whether the ray stopped in doubt, and its medium has to be looked at at `from`
+    const float* distance;    ///< (n,) of the whole ray
+    float *left, *on;         ///< (n,) light, in and out; where the ray goes on
+    std::int32_t* crossings;  ///< (n,) in and out
+    std::int8_t*
+        test;  ///< (n,) in and out: whether the ray stopped in doubt, and its medium has to be looked at at `from`
     struct State : Whole::State {
         std::size_t i;
         bool tests, stops;

@@ -32,7 +32,8 @@ struct Shade {
         rays.get(i, o, d);
         const float3 p = o + d * hits.t[i];
         const Material& m = s.materials[0];
-        const float3 a = m.color.x >= 0.0f ? m.color : float3{hits.albedo[3 * i], hits.albedo[3 * i + 1], hits.albedo[3 * i + 2]};
+        const float3 a =
+            m.color.x >= 0.0f ? m.color : float3{hits.albedo[3 * i], hits.albedo[3 * i + 1], hits.albedo[3 * i + 2]};
         float3 n{hits.normal[3 * i], hits.normal[3 * i + 1], hits.normal[3 * i + 2]};
         const bool from_inside = dot(n, d) > 0.0f;
         if (from_inside) n = n * -1.0f;

@@ -4,17 +4,17 @@
 
 namespace globule::core {
 
-inline constexpr float kMaxWindows = 32.0f; ///< a slab is at most so many of the list's smallest supports deep
+inline constexpr float kMaxWindows = 32.0f;  ///< a slab is at most so many of the list's smallest supports deep
 
 /// Slabs at distance z are at least so deep, or float32 would not move on.
 GB_FN float least_advance(float z) { return 4e-7f * z; }
 
 struct Slab {
-    float z;         ///< begins at this distance
-    float dz;        ///< and ends so much farther on
-    float3 at;       ///< the axis point at z, which the list is relative to
-    float typical;   ///< support
-    float whole;     ///< depth where nothing speaks against it, in supports
+    float z;        ///< begins at this distance
+    float dz;       ///< and ends so much farther on
+    float3 at;      ///< the axis point at z, which the list is relative to
+    float typical;  ///< support
+    float whole;    ///< depth where nothing speaks against it, in supports
 
     GB_FN Slab(float from, float typical_support, float supports)
         : z(from), dz(supports * typical_support), at{0, 0, 0}, typical(typical_support), whole(supports) {}
@@ -47,8 +47,8 @@ struct Slab {
 /// The slab's particles.  Where the list cannot hold them narrow() may take rays from the bundle; while it returns
 /// false the slab is made thinner.  n < 0: even the thinnest holds too much.
 template <class Candidate, class Group, class Tree, class Narrow>
-GB_FN Gathered gather_slab(Group& g, TileScratch<Group, Candidate>& scratch, const Tree& tree, const SortedParticles& particles,
-                           const Bundle& bundle, Slab& slab, const Narrow& narrow) {
+GB_FN Gathered gather_slab(Group& g, TileScratch<Group, Candidate>& scratch, const Tree& tree,
+    const SortedParticles& particles, const Bundle& bundle, Slab& slab, const Narrow& narrow) {
     const float scale = 1.0f / slab.typical;
     for (;;) {
         slab.dz = max(slab.dz, least_advance(slab.z));

@@ -1,4 +1,5 @@
-// Rays to the surface of a solid (mesh/: triangles or capsules), through what the clips keep of it: what trace/cut.hpp is to a field.
+// Rays to the surface of a solid (mesh/: triangles or capsules), through what the clips keep of it: what trace/cut.hpp
+// is to a field.
 #pragma once
 #include "mesh/capsules.hpp"
 #include "mesh/triangles.hpp"
@@ -15,14 +16,13 @@ struct Crossing {
 };
 
 /// A mesh, or capsules, as rays see it.
-template <class Items>
-struct SolidShape {
+template <class Items> struct SolidShape {
     BoxTree tree;
     Items items;
-    bool closed;                  ///< has an inside; else a sheet
-    const std::uint32_t* faces;   ///< (n, 3) or (n, 2) vertices, the caller's order
-    const float* normals;         ///< (3 n, 3) of corners; null: the items' own
-    const float* color;           ///< per vertex or per face, or null
+    bool closed;                 ///< has an inside; else a sheet
+    const std::uint32_t* faces;  ///< (n, 3) or (n, 2) vertices, the caller's order
+    const float* normals;        ///< (3 n, 3) of corners; null: the items' own
+    const float* color;          ///< per vertex or per face, or null
     bool color_of_faces;
     float3 one_color;
     Pose pose;
@@ -38,7 +38,8 @@ struct SolidShape {
             c.item.t = max(c.item.t, from);
             return c;
         }
-        // A surface of another layer, at which the ray begins, may lie in a cut face of this one, which the ray passes too.
+        // A surface of another layer, at which the ray begins, may lie in a cut face of this one, which the ray passes
+        // too.
         float begin, end;
         int at_begin, at_end;
         for (float at = from - near; clips.next(o, d, at, begin, end, at_begin, at_end) && begin < to; at = end) {
@@ -56,7 +57,8 @@ struct SolidShape {
             if (end >= to) break;
             if (here <= 0 && closed) {
                 const ItemHit after = next(p, e, end, infinity(), 0, near);
-                if (here < 0 || (after.t < infinity() && !after.entering)) return cut(after, at_end, max(end, from), false);
+                if (here < 0 || (after.t < infinity() && !after.entering))
+                    return cut(after, at_end, max(end, from), false);
             }
             here = closed ? 1 : 0;
         }
@@ -65,11 +67,13 @@ struct SolidShape {
     }
     /// Whether anything at all lies between: faster, without clips.
     GB_FN bool blocks(const float3& o, const float3& d, float to, float sign) const {
-        const RayRange range{pose.to_local(o), pose.turned_back(d), closed ? -tree.header->near : 0.0f, to, closed ? int(sign) : 0, closed ? 0.0f : tree.header->near};
+        const RayRange range{pose.to_local(o), pose.turned_back(d), closed ? -tree.header->near : 0.0f, to,
+            closed ? int(sign) : 0, closed ? 0.0f : tree.header->near};
         return walk_boxes<true>(tree, items, range).t < infinity();
     }
 
-    /// What the surface looks like where a ray met it.  Its normal is turned against rays that enter and along rays that leave.
+    /// What the surface looks like where a ray met it.  Its normal is turned against rays that enter and along rays
+    /// that leave.
     GB_FN Looks looks(const float3& o, const float3& d, float t, std::uint32_t slot, bool entering) const {
         const std::uint32_t index = tree.index[slot];
         const float3 at = pose.to_local(o + d * t);
@@ -84,7 +88,9 @@ struct SolidShape {
             if (normals) normal = mix(normals, i, i + 1, last);
             if (color && !color_of_faces) mixed = mix(color, faces[i], faces[i + 1], faces[last]);
         }
-        if (color && color_of_faces) mixed = {color[std::size_t(3) * index], color[std::size_t(3) * index + 1], color[std::size_t(3) * index + 2]};
+        if (color && color_of_faces)
+            mixed = {
+                color[std::size_t(3) * index], color[std::size_t(3) * index + 1], color[std::size_t(3) * index + 2]};
         normal = normalize(pose.turned(normal));
         if (!closed && !entering) normal = normal * -1.0f;
         // Rounding, or a normal between corners, must not make an entry of an exit.
@@ -94,7 +100,8 @@ struct SolidShape {
     }
 
 private:
-    /// side: looks for faces where the ray enters (+1) or leaves (-1) alone, so that it cannot meet again the surface it begins on.
+    /// side: looks for faces where the ray enters (+1) or leaves (-1) alone, so that it cannot meet again the surface
+    /// it begins on.
     GB_FN ItemHit next(const float3& p, const float3& e, float from, float to, int side, float near) const {
         return walk_boxes<false>(tree, items, {p, e, from, to, side, closed ? 0.0f : near});
     }
@@ -106,8 +113,7 @@ private:
 };
 
 /// Rays to their first crossing of a solid.
-template <class Items>
-struct MarchSolid {
+template <class Items> struct MarchSolid {
     SolidShape<Items> solid;
     Clips clips;
     WaveRays rays;
@@ -128,8 +134,7 @@ struct MarchSolid {
 };
 
 /// What Keep asks about a solid.
-template <class Items>
-struct SolidSurface {
+template <class Items> struct SolidSurface {
     SolidShape<Items> solid;
     GB_FN Looks looks(const float3& o, const float3& d, float t, const LayerHits& found, std::size_t i) const {
         return solid.looks(o, d, t, found.item[i] >> 1, found.item[i] & 1);
@@ -138,8 +143,7 @@ struct SolidSurface {
 };
 
 /// Shadow and ambient rays through a solid: what part of the light comes through, (n_visibilities, n).
-template <class Items>
-struct OccludeSolid {
+template <class Items> struct OccludeSolid {
     SolidShape<Items> solid;
     Clips clips;
     Lighting lighting;

@@ -13,7 +13,7 @@ struct Spawn {
     int generation;
     const std::uint32_t* place;
     WaveRays out;
-    float *origin, *direction;   ///< of `out`
+    float *origin, *direction;  ///< of `out`
     GB_FN void operator()(std::size_t item) const {
         const std::size_t i = rays.source.swizzled(item), through = rays.source.n_items() + item;
         if (place[item + 1] == place[item] && place[through + 1] == place[through]) return;
@@ -24,7 +24,7 @@ struct Spawn {
         if (largest(h.split.through) > 0.0f) {
             const std::uint32_t bit = lighting.sheets >> hits.layer[i] & 1 ? 0u : 1u << hits.layer[i];
             send(through, weight * h.split.through, refracted(h.d, facet(h, i, 1), h.split.eta), h, i,
-                 h.entering ? rays.inside[i] | bit : rays.inside[i] & ~bit);
+                h.entering ? rays.inside[i] | bit : rays.inside[i] & ~bit);
         }
     }
 
@@ -41,7 +41,8 @@ private:
         const bool usable = dot(n, h.d) < 0.0f && dot(mirrored(h.d, n), h.normal) > 0.0f;
         return usable ? n : h.normal;
     }
-    GB_FN void send(std::size_t child, const float3& weight, const float3& d, const Point& h, std::size_t i, std::uint32_t inside) const {
+    GB_FN void send(std::size_t child, const float3& weight, const float3& d, const Point& h, std::size_t i,
+        std::uint32_t inside) const {
         const std::uint32_t at = place[child];
         if (place[child + 1] == at) return;
         write3(origin, at, h.p);

@@ -1,4 +1,4 @@
-// Rays that have neighbours, a picture's above all, by tiles: a flock of close rays at a time goes slab by slab
+// Rays that have neighbors, a picture's above all, by tiles: a flock of close rays at a time goes slab by slab
 // through what its bundle meets.  bundle -> gather -> march -> what the hit looks like, all in float32; a ray that
 // float32 cannot decide is left to trace/resolve.hpp.
 #pragma once
@@ -8,37 +8,35 @@
 
 namespace globule::core {
 
-inline constexpr float kSlab = 1.5f;    ///< depth of a slab to begin with, in typical supports, where particles are balls
+inline constexpr float kSlab = 1.5f;  ///< depth of a slab to begin with, in typical supports, where particles are balls
 inline constexpr float kSpread = 8.0f;  ///< of a flock to begin with, likewise
 
-/// What rays of tiles are for: to see the surface, also wet tissue; or shadows, which begin outside, at a surface, and ask for distances alone.
+/// What rays of tiles are for: to see the surface, also wet tissue; or shadows, which begin outside, at a surface, and
+/// ask for distances alone.
 enum class Sight { surface, wet_surface, shadow };
 
-template <class Tree, class Kernel, bool PerParticle, Sight sight = Sight::surface>
-struct TraceTiles {
+template <class Tree, class Kernel, bool PerParticle, Sight sight = Sight::surface> struct TraceTiles {
     static constexpr int tile_blocks = PerParticle ? 4 : 5;  ///< of tiles at one time on a GPU's processor
     static constexpr int tiles_of_block = Kernel::stretched ? 1 : 4;
     static constexpr float slab_depth = Kernel::stretched ? 1.25f : kSlab, window = Kernel::stretched ? 0.75f : kWindow;
-    using Candidate = std::conditional_t<Kernel::stretched, EllipsoidCandidate, std::conditional_t<PerParticle, BallCandidate, AlikeCandidate>>;
-    template <class Group>
-    using Scratch = TileScratch<Group, Candidate>;
+    using Candidate = std::conditional_t<Kernel::stretched, EllipsoidCandidate,
+        std::conditional_t<PerParticle, BallCandidate, AlikeCandidate>>;
+    template <class Group> using Scratch = TileScratch<Group, Candidate>;
 
     Tree tree;
     SortedParticles particles;
     Kernel kernel;
-    float tau;             ///< over the common weight unless PerParticle
-    const float* color;    ///< (n, 3), caller's order, or null
+    float tau;           ///< over the common weight unless PerParticle
+    const float* color;  ///< (n, 3), caller's order, or null
     float3 one_color;
     RaySource rays;
     Hits out;
     const float* wetness = nullptr;  ///< (n,) of wet surfaces, caller's order
-    float3 film{};                   ///< its colour
+    float3 film{};                   ///< its color
 
-    template <class Group>
-    std::size_t n_tiles() const { return typename TileRays<Group>::Layout{rays}.n_tiles(); }
+    template <class Group> std::size_t n_tiles() const { return typename TileRays<Group>::Layout{rays}.n_tiles(); }
 
-    template <class Group>
-    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t number) const {
+    template <class Group> GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t number) const {
         Tile<Group> tile{{}, {rays}, number};
         if (rays.samples > 1 && !tile.layout.mark(g, number, scratch.marked)) return;
         const float typical = tree.header->typical_support;
@@ -52,17 +50,16 @@ struct TraceTiles {
             trace(g, scratch, tile, flock, typical);
             for (int v = 0; v < Group::vectors; ++v) tile.pending[v] = tile.pending[v] & !flock.in[v];
         }
-        for (int v = 0; v < Group::vectors; ++v) g.per_lane(tile.missed[v], [&](int lane) { write_miss(index(tile, v, lane)); });
+        for (int v = 0; v < Group::vectors; ++v)
+            g.per_lane(tile.missed[v], [&](int lane) { write_miss(index(tile, v, lane)); });
     }
 
 private:
-    template <class Group>
-    struct Tile : TileRays<Group> {
+    template <class Group> struct Tile : TileRays<Group> {
         typename TileRays<Group>::Layout layout;
         std::size_t number;
     };
-    template <class Group>
-    GB_FN std::size_t index(const Tile<Group>& tile, int v, int lane) const {
+    template <class Group> GB_FN std::size_t index(const Tile<Group>& tile, int v, int lane) const {
         return tile.layout.ray(tile.number, v * Group::width + lane);
     }
 
@@ -71,7 +68,8 @@ private:
     GB_FN void trace(Group& g, Scratch<Group>& scratch, Tile<Group>& tile, Flock<Group>& flock, float typical) const {
         Slab slab(flock.assemble(g, tile), typical, slab_depth);
         {
-            Walk<Candidate, Group, Tree> walk(g, scratch, tree, particles, flock.bundle, slab.z, flock.bundle.axis_point(slab.z));
+            Walk<Candidate, Group, Tree> walk(
+                g, scratch, tree, particles, flock.bundle, slab.z, flock.bundle.axis_point(slab.z));
             tile.advance(flock.in, slab.z = seek(walk));
         }
         while (slab.z < infinity()) {
@@ -93,14 +91,16 @@ private:
 
     /// The flock through one slab; false: all its rays are done.
     template <class Group>
-    GB_FN bool pass(Group& g, Scratch<Group>& scratch, Tile<Group>& tile, Flock<Group>& flock, const Gathered& found, const Slab& slab) const {
+    GB_FN bool pass(Group& g, Scratch<Group>& scratch, Tile<Group>& tile, Flock<Group>& flock, const Gathered& found,
+        const Slab& slab) const {
         using F = typename Group::F;
         using B = typename Group::B;
         bool more = false;
         for (int v = 0; v < Group::vectors; ++v) {
             B& in = flock.in[v];
             if (!g.any(in)) continue;
-            const B done = found.n > 0 ? march_lanes(g, scratch, tile, v, in, found, slab) : leave(g, tile, v, in, tile.t[v]);
+            const B done =
+                found.n > 0 ? march_lanes(g, scratch, tile, v, in, found, slab) : leave(g, tile, v, in, tile.t[v]);
             tile.pending[v] = tile.pending[v] & !done;
             tile.missed[v] = tile.missed[v] & !done;
             in = in & !done;
@@ -112,8 +112,8 @@ private:
 
     /// Marches the active lanes of one vector through the list's slab; returns those that are done.
     template <class Group>
-    GB_FN typename Group::B march_lanes(Group& g, Scratch<Group>& scratch, Tile<Group>& tile, int v, const typename Group::B& active,
-                                        const Gathered& found, const Slab& slab) const {
+    GB_FN typename Group::B march_lanes(Group& g, Scratch<Group>& scratch, Tile<Group>& tile, int v,
+        const typename Group::B& active, const Gathered& found, const Slab& slab) const {
         using F = typename Group::F;
         using B = typename Group::B;
         const float typical = slab.typical, scale = 1.0f / typical;  // lengths are scaled by it
@@ -121,7 +121,8 @@ private:
         const ListSource<Candidate, Group, Kernel> source{g, scratch, found.n, kernel, p0, d};
         const float heaviest = PerParticle ? tree.header->most_weight : 1.0f;
         const float sharp = max(1.0f, found.sharpest);  // where float32's error is largest
-        Limits<F> lim{F(tau), F(window / found.sharpest), F(5e-6f * (heaviest + tau) * sharp), F(2e-5f / found.sharpest), F(1.0f)};
+        Limits<F> lim{F(tau), F(window / found.sharpest), F(5e-6f * (heaviest + tau) * sharp),
+            F(2e-5f / found.sharpest), F(1.0f)};
         F t = max((tile.t[v] - F(slab.z)) * F(scale), F(0.0f));
         const B unknown = tile.fresh[v] & active;
         if (g.any(unknown)) {
@@ -156,7 +157,8 @@ private:
 
     /// Leaves rays to resolve.hpp from t on.
     template <class Group>
-    GB_FN typename Group::B leave(Group& g, const Tile<Group>& tile, int v, const typename Group::B& which, const typename Group::F& t) const {
+    GB_FN typename Group::B leave(
+        Group& g, const Tile<Group>& tile, int v, const typename Group::B& which, const typename Group::F& t) const {
         g.per_lane(which, [&](int lane) {
             const std::size_t i = index(tile, v, lane);
             out.t[i] = before(Group::get(t, lane));
@@ -174,10 +176,10 @@ private:
         write3(out.albedo, i, {0, 0, 0});
     }
 
-    /// Where rays hit, and what that looks like: gradient and blended colour, from the same list.
+    /// Where rays hit, and what that looks like: gradient and blended color, from the same list.
     template <class Group>
-    GB_FN void write_hits(Group& g, const Scratch<Group>& scratch, const Tile<Group>& tile, int v, const typename Group::B& hit, int n,
-                          const Vec3<typename Group::F>& p, const typename Group::F& t) const {
+    GB_FN void write_hits(Group& g, const Scratch<Group>& scratch, const Tile<Group>& tile, int v,
+        const typename Group::B& hit, int n, const Vec3<typename Group::F>& p, const typename Group::F& t) const {
         using F = typename Group::F;
         if (sight == Sight::shadow || !out.normal) {
             g.per_lane(hit, [&](int lane) {
@@ -200,22 +202,26 @@ private:
         const Vec3<F> normal = normalize(gradient), mean = blended.mean();
         g.per_lane(hit, [&](int lane) {
             const std::size_t i = index(tile, v, lane);
-            float3 seen = color ? float3{Group::get(mean.x, lane), Group::get(mean.y, lane), Group::get(mean.z, lane)} : one_color;
+            float3 seen = color ? float3{Group::get(mean.x, lane), Group::get(mean.y, lane), Group::get(mean.z, lane)}
+                                : one_color;
             out.t[i] = Group::get(t, lane);
-            write3(out.normal, i, {-Group::get(normal.x, lane), -Group::get(normal.y, lane), -Group::get(normal.z, lane)});
-            if constexpr (sight == Sight::wet_surface) out.wetness[i] = under_film(Group::get(wet, lane) / max(Group::get(blended.total, lane), 1e-30f), film, seen);
+            write3(
+                out.normal, i, {-Group::get(normal.x, lane), -Group::get(normal.y, lane), -Group::get(normal.z, lane)});
+            if constexpr (sight == Sight::wet_surface)
+                out.wetness[i] =
+                    under_film(Group::get(wet, lane) / max(Group::get(blended.total, lane), 1e-30f), film, seen);
             write3(out.albedo, i, seen);
             write_sign(tile, v, lane, i);
         });
     }
-    template <class Group>
-    GB_FN void write_sign(const Tile<Group>& tile, int v, int lane, std::size_t i) const {
+    template <class Group> GB_FN void write_sign(const Tile<Group>& tile, int v, int lane, std::size_t i) const {
         if (out.sign) out.sign[i] = Group::get(tile.sign[v], lane) < 0.0f ? std::int8_t(-1) : std::int8_t(1);
     }
-    /// Of the list's j-th particle, r from its centre.
+    /// Of the list's j-th particle, r from its center.
     template <class F, class Scratch>
     GB_FN Influence<F> influence_of(const Scratch& scratch, int j, const Vec3<F>& r) const {
-        if constexpr (Candidate::ellipsoid) return influence(kernel, Form<F>{scratch.shape[j].template form_as<F>()}, r, F(scratch.shape[j].weight));
+        if constexpr (Candidate::ellipsoid)
+            return influence(kernel, Form<F>{scratch.shape[j].template form_as<F>()}, r, F(scratch.shape[j].weight));
         else return influence(kernel, Ball<F>{F(scratch.shape[j].inverse_a2)}, r, F(scratch.shape[j].weight));
     }
 };

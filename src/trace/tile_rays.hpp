@@ -5,10 +5,9 @@
 
 namespace globule::core {
 
-/// Tiles of `size` rays: of a picture, rectangles of pixels `across` wide; else rays that follow one another.  Where pixels
-/// have several rays, a rectangle has as many tiles, which its marked pixels' rays fill one after the other.
-template <int across, int size>
-struct TileLayout {
+/// Tiles of `size` rays: of a picture, rectangles of pixels `across` wide; else rays that follow one another.  Where
+/// pixels have several rays, a rectangle has as many tiles, which its marked pixels' rays fill one after the other.
+template <int across, int size> struct TileLayout {
     const RaySource& rays;
     std::uint32_t* marked = nullptr;  ///< pixels of the rectangle that have several rays
     int n_marked = 0;
@@ -27,8 +26,7 @@ struct TileLayout {
         return int(of) < n_marked ? marked[of] + rays.n * (at - of * rays.samples) : rays.n_rays();
     }
     /// Before the rays of such a tile are asked for; false: it has none.
-    template <class Group>
-    GB_FN bool mark(Group& g, std::size_t tile, std::uint32_t* room) {
+    template <class Group> GB_FN bool mark(Group& g, std::size_t tile, std::uint32_t* room) {
         marked = room;
         for (int first = 0; first < size; first += Group::width) {
             typename Group::B has = g.none();
@@ -55,22 +53,23 @@ private:
 };
 
 /// In a group's vectors of lanes, a ray a lane.
-template <class Group>
-struct TileRays {
+template <class Group> struct TileRays {
     using F = typename Group::F;
     using B = typename Group::B;
     static constexpr int V = Group::vectors;
     using Layout = TileLayout<8, Group::width * V>;
 
     Vec3<F> o[V], d[V];
-    F t[V];          ///< no root before
-    F sign[V];       ///< +1 outside, -1 inside
-    B pending[V];    ///< may still hit
-    B fresh[V];      ///< not known yet whether it begins inside
-    B missed[V];     ///< neither hit nor left undecided so far
+    F t[V];        ///< no root before
+    F sign[V];     ///< +1 outside, -1 inside
+    B pending[V];  ///< may still hit
+    B fresh[V];    ///< not known yet whether it begins inside
+    B missed[V];   ///< neither hit nor left undecided so far
 
-    /// Rays of the tile up to where they meet `box`; `slack` makes up for rounding there.  They begin at `from`; known: outside.
-    GB_FN void start(Group& g, const Layout& layout, std::size_t tile, const float3& lo, const float3& hi, float slack, float from = 0.0f, bool known = false) {
+    /// Rays of the tile up to where they meet `box`; `slack` makes up for rounding there.  They begin at `from`; known:
+    /// outside.
+    GB_FN void start(Group& g, const Layout& layout, std::size_t tile, const float3& lo, const float3& hi, float slack,
+        float from = 0.0f, bool known = false) {
         for (int v = 0; v < V; ++v) {
             const B valid = load(g, layout, tile, v);
             // Slab test; per axis, a direction of zero never divides.

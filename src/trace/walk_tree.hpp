@@ -15,14 +15,13 @@ struct Siblings {
 };
 
 /// A group's worth of nodes.
-template <class Group>
-struct Boxes {
+template <class Group> struct Boxes {
     typename Group::F lo[3], hi[3];
     typename Group::U first, meta;
 };
 template <class Group>
-GB_FN void load_boxes(Group& g, const SparseTree& tree, const typename Group::Runs& runs, const typename Group::B&,
-                      Boxes<Group>& out) {
+GB_FN void load_boxes(
+    Group& g, const SparseTree& tree, const typename Group::Runs& runs, const typename Group::B&, Boxes<Group>& out) {
     for (int k = 0; k < 3; ++k) {
         out.lo[k] = g.load(tree.nodes.box[k], runs);
         out.hi[k] = g.load(tree.nodes.box[k + 3], runs);
@@ -32,7 +31,7 @@ GB_FN void load_boxes(Group& g, const SparseTree& tree, const typename Group::Ru
 }
 template <class Group>
 GB_FN void load_boxes(Group& g, const DenseTree& tree, const typename Group::Runs& runs, const typename Group::B& lanes,
-                      Boxes<Group>& out) {
+    Boxes<Group>& out) {
     using F = typename Group::F;
     for (int k = 0; k < 3; ++k) out.lo[k] = out.hi[k] = F(0.0f);
     g.per_lane(lanes, [&](int lane) {
@@ -49,8 +48,7 @@ GB_FN void load_boxes(Group& g, const DenseTree& tree, const typename Group::Run
 }
 
 /// Where a walk begins: with the root's children, if there are any, which spares it a batch of one node.
-template <class Tree>
-GB_FN Siblings topmost(const Tree& tree) {
+template <class Tree> GB_FN Siblings topmost(const Tree& tree) {
     const Node root = tree.node(0);
     const std::uint32_t n = Node::is_leaf(root.meta) ? 0 : Node::count(root.meta);
     return n ? Siblings::of(root.first, n) : Siblings::of(0, 1);

@@ -10,15 +10,17 @@ inline constexpr std::uint32_t kMissed = 0xff, kGround = 0xfe;
 /// The rays of one wave; origins and directions null in the first, whose rays are the camera's, unless they are packed.
 struct WaveRays {
     RaySource source;
-    float* throughput;          ///< (n, 3); null: 1
-    std::uint32_t* pixel;       ///< of the picture; null: the ray's own number
-    std::uint32_t* inside;      ///< bit k: begins inside layer k; kBelowGround
+    float* throughput;      ///< (n, 3); null: 1
+    std::uint32_t* pixel;   ///< of the picture; null: the ray's own number
+    std::uint32_t* inside;  ///< bit k: begins inside layer k; kBelowGround
     GB_FN bool primary() const { return !source.origins || source.packed; }
     GB_FN std::uint32_t pixel_of(std::size_t i) const {
         return pixel ? pixel[i] : std::uint32_t(i) + source.first_row * std::uint32_t(source.camera.width);
     }
     /// Of a ray's random numbers.
-    GB_FN std::uint32_t pass_of(std::size_t i) const { return source.packed ? source.pass + std::uint32_t(i % source.packed) : source.pass; }
+    GB_FN std::uint32_t pass_of(std::size_t i) const {
+        return source.packed ? source.pass + std::uint32_t(i % source.packed) : source.pass;
+    }
     GB_FN float3 throughput_of(std::size_t i) const {
         return throughput ? float3{throughput[3 * i], throughput[3 * i + 1], throughput[3 * i + 2]} : float3{1, 1, 1};
     }
@@ -27,9 +29,9 @@ struct WaveRays {
 /// What they meet first.
 struct WaveHits {
     float* t;
-    float *normal, *albedo;           ///< (n, 3)
+    float *normal, *albedo;                    ///< (n, 3)
     float *reflection, *refraction, *wetness;  ///< (n,) blended factors
-    std::uint32_t* layer;             ///< kMissed, kGround, or the layer
+    std::uint32_t* layer;                      ///< kMissed, kGround, or the layer
 };
 
 /// A hit, as light sees it.
@@ -67,7 +69,8 @@ GB_FN Point point_of(const Lighting& lighting, const WaveRays& rays, const WaveH
         if (h.material->color.x >= 0.0f) h.albedo = h.material->color;
         float around;
         const Border border = lighting.border(layer, rays.inside[i], around);
-        h.split = split(*h.material, h.albedo, hits.reflection[i], hits.refraction[i], cosine, h.entering, border, around);
+        h.split =
+            split(*h.material, h.albedo, hits.reflection[i], hits.refraction[i], cosine, h.entering, border, around);
     }
     return h;
 }

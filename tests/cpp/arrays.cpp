@@ -27,11 +27,12 @@ TEST_CASE("positions may be flat, rows, or float64") {
     for (std::size_t i = 0; i < flat.size(); i += 3) rows.push_back({flat[i], flat[i + 1], flat[i + 2]});
     const Camera camera = Camera::fit(flat);
     const auto a = Scene({.positions = flat}, on_cpu).render(camera, 64, 48).image();
-    CHECK(a == Scene({.positions = ArrayView(flat.data(), {flat.size() / 3, 3})}, on_cpu).render(camera, 64, 48).image());
+    CHECK(
+        a == Scene({.positions = ArrayView(flat.data(), {flat.size() / 3, 3})}, on_cpu).render(camera, 64, 48).image());
     CHECK(a == Scene({.positions = rows}, on_cpu).render(Camera::fit(rows), 64, 48).image());
 }
 
-TEST_CASE("converted colours outlive the caller's") {
+TEST_CASE("converted colors outlive the caller's") {
     const std::vector<float> p = cube(6);
     const Camera camera = Camera::fit(p);
     std::vector<float> red;
@@ -58,11 +59,15 @@ TEST_CASE("what is wrong with an array is named") {
     CHECK_SAYS(s.update({}), "positions: expected an array, got none");
     CHECK_SAYS(s.update({.positions = std::vector<float>(4)}), "positions: expected shape (N, 3) or (3 N,), got (4,)");
     CHECK_SAYS(s.update({.positions = std::vector<int>(3)}), "positions: expected float32 or float64, got int32");
-    CHECK_SAYS(s.update({.positions = ArrayView(static_cast<const float*>(nullptr), {2, 3})}), "positions: expected an address, got null");
-    CHECK_SAYS(s.update({.positions = p, .color = std::vector<float>(3 * n, 2.0f)}), "color: expected 0 to 1, got 2 (particle 0)");
-    CHECK_SAYS(s.update({.positions = p, .support = std::vector<float>(n, -1.0f)}), "support: expected a number >= 0, got -1 (particle 0)");
+    CHECK_SAYS(s.update({.positions = ArrayView(static_cast<const float*>(nullptr), {2, 3})}),
+        "positions: expected an address, got null");
+    CHECK_SAYS(s.update({.positions = p, .color = std::vector<float>(3 * n, 2.0f)}),
+        "color: expected 0 to 1, got 2 (particle 0)");
+    CHECK_SAYS(s.update({.positions = p, .support = std::vector<float>(n, -1.0f)}),
+        "support: expected a number >= 0, got -1 (particle 0)");
     CHECK_SAYS(s.update({.positions = p, .support = 0}), "support: expected a positive number, got 0");
-    CHECK_SAYS(s.update({.positions = p, .anisotropy = std::vector<float>(9 * n)}), "anisotropy: expected symmetric positive definite");
+    CHECK_SAYS(s.update({.positions = p, .anisotropy = std::vector<float>(9 * n)}),
+        "anisotropy: expected symmetric positive definite");
     std::vector<float> far(n, 1.0f);
     far[1] = 1e9f;
     CHECK_SAYS(s.update({.positions = p, .support = far}), "support: expected all within a factor of 1e+06");
@@ -77,10 +82,13 @@ TEST_CASE("an array on a GPU that cannot be reached is refused, never read") {
     const std::vector<float> p = cube(3);
     Scene s({.positions = p}, on_cpu);
     const auto* address = reinterpret_cast<const float*>(0x1000);
-    CHECK_SAYS(s.update({.positions = ArrayView(address, {27, 3}, on_gpu())}), "positions: expected memory that can be reached, got an a");
-    CHECK_SAYS(s.update({.positions = p, .color = ArrayView(address, {27, 3}, on_gpu())}), "color: expected memory that can be reached");
+    CHECK_SAYS(s.update({.positions = ArrayView(address, {27, 3}, on_gpu())}),
+        "positions: expected memory that can be reached, got an a");
+    CHECK_SAYS(s.update({.positions = p, .color = ArrayView(address, {27, 3}, on_gpu())}),
+        "color: expected memory that can be reached");
     const Frame f = s.render(Camera::fit(p), 8, 8);
-    CHECK_SAYS(f.color(MutableArrayView(const_cast<float*>(address), {8, 8, 3}, on_gpu())), "color: expected host memory, where this frame is, got memory of a GPU");
+    CHECK_SAYS(f.color(MutableArrayView(const_cast<float*>(address), {8, 8, 3}, on_gpu())),
+        "color: expected host memory, where this frame is, got memory of a GPU");
 }
 
 TEST_CASE("rows of an image go from top to bottom, and positions lie on the rays") {
@@ -113,7 +121,7 @@ TEST_CASE("rows of an image go from top to bottom, and positions lie on the rays
     CHECK_SAYS(f.image(MutableArrayView(into.data(), {h, w, 3})), "image: expected an array of uint8, got float32");
 }
 
-TEST_CASE("neighbours are rows, and the field is the sum of kernels") {
+TEST_CASE("neighbors are rows, and the field is the sum of kernels") {
     const std::vector<float> p = cube(4), points{0.15f, 0.15f, 0.15f, 9, 9, 9};
     const Scene s({.positions = p}, {.support = 0.2, .device = "cpu"});
     const Neighbors found = s.neighbors(points, 0.12);
@@ -146,8 +154,10 @@ TEST_CASE("pieces of a scene share their space") {
     const std::vector<float> p = cube(4), half(p.begin(), p.begin() + 96);
     const Scene all({.positions = p}, {.support = 0.2, .device = "cpu"});
     const OctreeFacts facts = all.octree();
-    const Box cubical{facts.low, {facts.low[0] + facts.extent, facts.low[1] + facts.extent, facts.low[2] + facts.extent}};
-    const Scene piece({.positions = half}, {.support = 0.2, .device = "cpu", .bounds = cubical, .typical_support = 0.3, .most_weight = 2});
+    const Box cubical{
+        facts.low, {facts.low[0] + facts.extent, facts.low[1] + facts.extent, facts.low[2] + facts.extent}};
+    const Scene piece({.positions = half},
+        {.support = 0.2, .device = "cpu", .bounds = cubical, .typical_support = 0.3, .most_weight = 2});
     const OctreeFacts of_piece = piece.octree();
     CHECK(of_piece.low == facts.low);
     CHECK(of_piece.extent == facts.extent);

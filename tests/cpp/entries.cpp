@@ -43,14 +43,16 @@ TEST_CASE("what a method throws comes back as a code") {
         core::Code code;
         std::string message;
         bool invalidates;
-    } cases[] = {{0, core::Code::ok, "", false},           {1, core::Code::cancelled, "interrupted", true}, {2, core::Code::refused, "two", false},
-                 {3, core::Code::stale, "three", false},   {4, core::Code::memory, "out of memory", true},  {5, core::Code::failed, "five", true},
-                 {6, core::Code::failed, "", true},       {7, core::Code::device, "seven", true}};
+    } cases[] = {{0, core::Code::ok, "", false}, {1, core::Code::cancelled, "interrupted", true},
+        {2, core::Code::refused, "two", false}, {3, core::Code::stale, "three", false},
+        {4, core::Code::memory, "out of memory", true}, {5, core::Code::failed, "five", true},
+        {6, core::Code::failed, "", true}, {7, core::Code::device, "seven", true}};
     for (const auto& c : cases) {
         Thrower object;
         int result = -1;
         auto method = [&] { result = object.go(c.what); };
-        const core::Status status = core::run<Scope>(object, [](void* context) { (*static_cast<decltype(method)*>(context))(); }, &method);
+        const core::Status status =
+            core::run<Scope>(object, [](void* context) { (*static_cast<decltype(method)*>(context))(); }, &method);
         CHECK(status.code == c.code);
         CHECK(status.message == c.message);
         CHECK(object.begun == 1);

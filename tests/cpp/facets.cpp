@@ -1,4 +1,4 @@
-// Lanes of a group that stand for no pair of neighbours read what is left in memory: no facet may come of it.
+// Lanes of a group that stand for no pair of neighbors read what is left in memory: no facet may come of it.
 #include <doctest.h>
 
 #include <cstdint>
@@ -28,8 +28,14 @@ struct Triangle {
     sim::Directions directions;
 
     Triangle()
-        : place(padded, {2e18f, 2e18f, 2e18f, 0.0f}), normal(padded, {0, 0, 0, 0}), rows(padded, n), counts(padded, 0), index(padded * padded, n),
-          facets(2 * sim::kMostFacets * padded, 77), count(padded, 0), open(sim::kDirections / 32 * padded, ~0u) {
+        : place(padded, {2e18f, 2e18f, 2e18f, 0.0f}),
+          normal(padded, {0, 0, 0, 0}),
+          rows(padded, n),
+          counts(padded, 0),
+          index(padded * padded, n),
+          facets(2 * sim::kMostFacets * padded, 77),
+          count(padded, 0),
+          open(sim::kDirections / 32 * padded, ~0u) {
         place[0] = {0.0f, 0.0f, 0.0f, 1.0f};
         place[1] = {1.0f, 0.0f, 0.0f, 1.0f};
         place[2] = {0.4f, 0.9f, 0.1f, 1.0f};
@@ -52,7 +58,8 @@ struct Triangle {
     }
     /// How many facets each particle finds, with these bits in all of the scratch memory.
     std::vector<std::uint32_t> find(std::uint32_t left) {
-        const sim::Skin skin{place.data(), normal.data(), facets.data(), count.data(), open.data(), rows.data(), &n_rows, padded};
+        const sim::Skin skin{
+            place.data(), normal.data(), facets.data(), count.data(), open.data(), rows.data(), &n_rows, padded};
         const Find find{lists(), skin, {}, &directions, 1.0f, sim::kReach * sim::kReach};
         const auto scratch = std::make_unique<Scratch>();
         std::vector<std::uint32_t> words(sizeof(Scratch) / 4, left);
@@ -75,7 +82,8 @@ std::uint32_t bits(float v) {
 
 TEST_CASE("facets do not depend on what is left in memory") {
     const float inf = std::numeric_limits<float>::infinity();
-    for (const std::uint32_t left : {0u, ~0u, bits(1.0f), bits(1e10f), bits(-1e19f), bits(1e30f), bits(3e38f), bits(inf), bits(-inf)}) {
+    for (const std::uint32_t left :
+        {0u, ~0u, bits(1.0f), bits(1e10f), bits(-1e19f), bits(1e30f), bits(3e38f), bits(inf), bits(-inf)}) {
         CAPTURE(left);
         Triangle t;
         CHECK(t.find(left) == std::vector<std::uint32_t>{2, 2, 2});

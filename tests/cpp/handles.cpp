@@ -8,7 +8,8 @@
 using namespace globule;
 
 TEST_CASE("the library has the headers' version") {
-    const std::string expected = std::to_string(GLOBULE_VERSION_MAJOR) + "." + std::to_string(GLOBULE_VERSION_MINOR) + "." + std::to_string(GLOBULE_VERSION_PATCH);
+    const std::string expected = std::to_string(GLOBULE_VERSION_MAJOR) + "." + std::to_string(GLOBULE_VERSION_MINOR) +
+                                 "." + std::to_string(GLOBULE_VERSION_PATCH);
     CHECK(version() == expected);
 }
 
@@ -66,7 +67,9 @@ TEST_CASE("settings, cameras and layers are checked") {
     const std::vector<float> p = cube(3);
     const Scene s({.positions = p}, on_cpu);
     const Camera c = Camera::fit(p);
-    const auto draw = [&](const RenderSettings& settings, const std::vector<Clip>& clips = {}) { s.render(c, 8, 8, settings, clips); };
+    const auto draw = [&](const RenderSettings& settings, const std::vector<Clip>& clips = {}) {
+        s.render(c, 8, 8, settings, clips);
+    };
     CHECK_SAYS(draw({.samples = 0}), "samples: expected 1 to 65536, got 0");
     CHECK_SAYS(draw({.exposure = NAN}), "exposure: expected a number >= 0");
     CHECK_SAYS(draw({.lights = std::vector<Light>(9, Headlight{})}), "lights: expected at most 8, got 9");
@@ -83,7 +86,8 @@ TEST_CASE("settings, cameras and layers are checked") {
 
 TEST_CASE("a scene without particles asks for them") {
     Scene s(on_cpu);
-    CHECK(error_of([&] { s.spacing(); }, ErrorCode::stale) == "scene: its octree was not finished: update the scene first");
+    CHECK(error_of([&] { s.spacing(); }, ErrorCode::stale) ==
+          "scene: its octree was not finished: update the scene first");
     CHECK_SAYS(s.update({.positions = std::vector<float>(2)}), "positions");
     error_of([&] { s.render({}); }, ErrorCode::stale);
     s.update({.positions = std::vector<float>()});
@@ -183,29 +187,40 @@ TEST_CASE("volumes: layout, types, errors") {
         const Matrix4 m{1, 0, 0, 10, 0, 1, 0, 20, 0, 0, 1, double(f), 0, 0, 0, 1};
         poses.insert(poses.end(), m.begin(), m.end());
     }
-    const Sweep sweep{.frames = ArrayView(frames.data(), {n, h, w}), .world_from_image = ArrayView(poses.data(), {n, 4, 4})};
+    const Sweep sweep{
+        .frames = ArrayView(frames.data(), {n, h, w}), .world_from_image = ArrayView(poses.data(), {n, 4, 4})};
     const Volume v = reconstruct(sweep, {.spacing = 1, .device = "cpu"});
     CHECK(v.size == std::array<std::size_t, 3>{5, 4, 3});
-    CHECK(std::vector<std::uint8_t>(v.values<std::uint8_t>().begin(), v.values<std::uint8_t>().end()) == frames);  // x fastest
+    CHECK(std::vector<std::uint8_t>(v.values<std::uint8_t>().begin(), v.values<std::uint8_t>().end()) ==
+          frames);  // x fastest
     CHECK(v.values<float>().empty());
     CHECK(v.world_from_voxel[3] == doctest::Approx(10));
     CHECK(v.filled() == std::vector<std::uint8_t>(60, 1));
     std::vector<float> floats(frames.begin(), frames.end());
-    const Volume f = reconstruct({.frames = ArrayView(floats.data(), {n, h, w}), .world_from_image = ArrayView(poses.data(), {n, 4, 4})}, {.spacing = 1, .device = "cpu"});
+    const Volume f = reconstruct(
+        {.frames = ArrayView(floats.data(), {n, h, w}), .world_from_image = ArrayView(poses.data(), {n, 4, 4})},
+        {.spacing = 1, .device = "cpu"});
     CHECK(std::vector<float>(f.values<float>().begin(), f.values<float>().end()) == floats);
     CHECK_SAYS(reconstruct(sweep, {.device = "cpu"}), "spacing, size: expected one of them, got neither");
     CHECK_SAYS(reconstruct(sweep, {.spacing = 1, .max_kernel = 2}), "max_kernel: expected an odd number");
-    CHECK_SAYS(reconstruct(sweep, {.method = ReconstructionMethod::vvn, .spacing = 1, .compounding = Compounding::latest}), "compounding: expected mean");
+    CHECK_SAYS(
+        reconstruct(sweep, {.method = ReconstructionMethod::vvn, .spacing = 1, .compounding = Compounding::latest}),
+        "compounding: expected mean");
     CHECK_SAYS(reconstruct({}, {.spacing = 1, .device = "cpu"}), "frames: expected shape");
-    CHECK_SAYS(reconstruct({.frames = sweep.frames, .world_from_image = floats}, {.spacing = 1, .device = "cpu"}), "world_from_image: expected float64");
-    CHECK_SAYS(reconstruct(sweep, {.spacing = 1, .region = Box{{90, 90, 90}, {91, 91, 91}}, .device = "cpu"}), "region: expected a box that meets");
-    CHECK(error_of([&] { reconstruct(sweep, {.spacing = 1e-4, .device = "cpu"}); }, ErrorCode::memory).find("mm would fit") != std::string::npos);
+    CHECK_SAYS(reconstruct({.frames = sweep.frames, .world_from_image = floats}, {.spacing = 1, .device = "cpu"}),
+        "world_from_image: expected float64");
+    CHECK_SAYS(reconstruct(sweep, {.spacing = 1, .region = Box{{90, 90, 90}, {91, 91, 91}}, .device = "cpu"}),
+        "region: expected a box that meets");
+    CHECK(error_of([&] { reconstruct(sweep, {.spacing = 1e-4, .device = "cpu"}); }, ErrorCode::memory)
+              .find("mm would fit") != std::string::npos);
 
     Reconstructor r({.spacing = 1, .device = "cpu"});
     CHECK_SAYS(r.volume(), "volume: expected frames to be added first");
     r.add(sweep.frames, sweep.world_from_image);
     CHECK(r.n_frames() == 3);
     CHECK(r.volume().size == v.size);
-    CHECK_SAYS(r.add(ArrayView(frames.data(), {5, 4}), ArrayView(poses.data(), {4, 4})), "frames: expected (4, 5) uint8 as before, got (5, 4) uint8");
-    CHECK_SAYS(Reconstructor({.spacing = 1, .compounding = Compounding::median}), "compounding: a median needs all frames");
+    CHECK_SAYS(r.add(ArrayView(frames.data(), {5, 4}), ArrayView(poses.data(), {4, 4})),
+        "frames: expected (4, 5) uint8 as before, got (5, 4) uint8");
+    CHECK_SAYS(
+        Reconstructor({.spacing = 1, .compounding = Compounding::median}), "compounding: a median needs all frames");
 }

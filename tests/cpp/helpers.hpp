@@ -17,8 +17,7 @@ inline std::vector<float> cube(int side) {
 inline const globule::SceneOptions on_cpu{.device = "cpu"};
 
 /// The error that a call throws, or none.
-template <class Call>
-std::string error_of(const Call& call, globule::ErrorCode code = globule::ErrorCode::invalid) {
+template <class Call> std::string error_of(const Call& call, globule::ErrorCode code = globule::ErrorCode::invalid) {
     try {
         call();
     } catch (const globule::Error& e) {

@@ -1,5 +1,5 @@
-// Loops of the CPU's threads: sums, scans and sorts against the standard library's, at sizes around their parts; what an item
-// throws is thrown by the loop and does not end the process.
+// Loops of the CPU's threads: sums, scans and sorts against the standard library's, at sizes around their parts; what
+// an item throws is thrown by the loop and does not end the process.
 #include <doctest.h>
 
 #include <algorithm>
@@ -20,16 +20,11 @@ struct RunsOut {
     }
 };
 struct TileRunsOut {
-    template <class Group>
-    struct Scratch {};
-    template <class Group>
-    void operator()(Group&, Scratch<Group>&, std::size_t i) const {
-        RunsOut{}(i);
-    }
+    template <class Group> struct Scratch {};
+    template <class Group> void operator()(Group&, Scratch<Group>&, std::size_t i) const { RunsOut{}(i); }
 };
 struct ScratchRunsOut : TileRunsOut {
-    template <class Group>
-    struct Scratch : TileRunsOut::Scratch<Group> {
+    template <class Group> struct Scratch : TileRunsOut::Scratch<Group> {
         Scratch() { throw std::bad_alloc(); }
     };
 };
@@ -71,7 +66,8 @@ TEST_CASE("sums, scans and sorts are the standard library's") {
             CHECK(scanned == expected);
 
             std::vector<std::uint32_t> order = index;
-            std::stable_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return keys[a] < keys[b]; });
+            std::stable_sort(
+                order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return keys[a] < keys[b]; });
             cpu.sort_pairs(n, keys.data(), spare.data(), index.data(), spare_index.data(), 24);
             CHECK(std::is_sorted(keys.begin(), keys.end()));
             CHECK(index == order);

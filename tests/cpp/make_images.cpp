@@ -13,8 +13,7 @@ namespace {
 
 std::string folder;
 
-template <class T>
-void save(const std::string& name, const std::vector<T>& values) {
+template <class T> void save(const std::string& name, const std::vector<T>& values) {
     std::ofstream file(folder + "/" + name, std::ios::binary);
     file.write(reinterpret_cast<const char*>(values.data()), std::streamsize(values.size() * sizeof(T)));
 }
@@ -46,13 +45,20 @@ void draw(const std::vector<float>& p) {
         support.push_back(0.2f + 0.0625f * float(i % 3));
         weight.push_back(i % 5 ? 1.0f : 0.5f);
     }
-    const Particles particles{.positions = p, .support = support, .weight = weight, .color = color, .reflection = 0.25, .refraction = 0.5};
+    const Particles particles{
+        .positions = p, .support = support, .weight = weight, .color = color, .reflection = 0.25, .refraction = 0.5};
     const Scene s(particles, {.octree = OctreeKind::dense, .device = "cpu"});
-    const Camera flat = Camera::fit(p, {.direction = {-1, 0.5, 0.25}, .up = {0, 0, 1}, .width = w, .height = h, .margin = s.margin(), .orthographic = true});
+    const Camera flat = Camera::fit(p, {.direction = {-1, 0.5, 0.25},
+                                           .up = {0, 0, 1},
+                                           .width = w,
+                                           .height = h,
+                                           .margin = s.margin(),
+                                           .orthographic = true});
     save("orthographic", s.render(flat, w, h, {}, {ClipPlane{{1, 0.5, 0}, 0.5}}).image());
 
     RenderSettings rich;
-    rich.lights = {DirectionalLight{.direction = {1, 2, 0.5}, .angle = 2}, PointLight{.position = {2, 3, 4}, .radius = 0.25}};
+    rich.lights = {
+        DirectionalLight{.direction = {1, 2, 0.5}, .angle = 2}, PointLight{.position = {2, 3, 4}, .radius = 0.25}};
     rich.ambient = std::nullopt;
     rich.sky = Sky{};
     rich.ground = Ground{.height = -0.25, .check = 0.5, .reflection = 0.25};
@@ -60,7 +66,8 @@ void draw(const std::vector<float>& p) {
     rich.ambient_rays = 3;
     rich.samples = 2;
     const Camera camera = Camera::fit(p, {.width = w, .height = h});
-    const Frame f = s.render(camera, w, h, rich, {ClipSphere{{0.5, 0.5, 0.5}, 0.25}, ClipBox{{-9, -9, -9}, {9, 9, 0.75}, true}});
+    const Frame f =
+        s.render(camera, w, h, rich, {ClipSphere{{0.5, 0.5, 0.5}, 0.25}, ClipBox{{-9, -9, -9}, {9, 9, 0.75}, true}});
     save("rich", f.image());
     save("rich_refined", f.refine(2).image());
     save("rich_normal", f.normal());
@@ -76,12 +83,20 @@ void draw(const std::vector<float>& p) {
     std::vector<float> shifted = p;
     for (float& v : shifted) v += 0.3f;
     const Scene other({.positions = shifted, .color = {0.75, 0.25, 0.125}}, {.support = 0.25, .device = "cpu"});
-    save("layers", render({{s, {}, {ClipPlane{{0, 1, 0}, 0.5}}}, {other, Material{.transmission = 0.75, .index = 1.25, .absorption = Vec3{1, 2, 3}}}}, camera, w, h, mirror).image());
+    save("layers", render({{s, {}, {ClipPlane{{0, 1, 0}, 0.5}}},
+                              {other, Material{.transmission = 0.75, .index = 1.25, .absorption = Vec3{1, 2, 3}}}},
+                       camera, w, h, mirror)
+                       .image());
 }
 
 void simulate() {
-    Simulation sim({.spacing = 0.05, .domain = {{0, 0, 0}, {1, 0.75, 0.5}}, .periodic = {false, false, true}, .gravity = {0, -9.81, 0}},
-                   {.phases = {{.name = "water", .viscosity = 0.5}, {.name = "oil", .density = 800, .color = {0.75, 0.5, 0.25}}}, .walls = true, .device = "cpu"});
+    Simulation sim({.spacing = 0.05,
+                       .domain = {{0, 0, 0}, {1, 0.75, 0.5}},
+                       .periodic = {false, false, true},
+                       .gravity = {0, -9.81, 0}},
+        {.phases = {{.name = "water", .viscosity = 0.5}, {.name = "oil", .density = 800, .color = {0.75, 0.5, 0.25}}},
+            .walls = true,
+            .device = "cpu"});
     std::vector<float> water, oil;
     for (int x = 0; x < 6; ++x)
         for (int y = 0; y < 10; ++y)
@@ -113,16 +128,23 @@ void volumes(const std::vector<char>& bytes) {
     poses[16 * 5 + 3] = NAN;  // a lost pose
     std::vector<std::uint8_t> mask(std::size_t(h) * w, 1);
     for (int x = 0; x < w; ++x) mask[std::size_t(x)] = mask[std::size_t(3) * w + std::size_t(x)] = 0;
-    const Sweep sweep{.frames = ArrayView(frames, {n, h, w}), .world_from_image = ArrayView(poses.data(), {n, 4, 4}), .mask = ArrayView(mask.data(), {h, w})};
+    const Sweep sweep{.frames = ArrayView(frames, {n, h, w}),
+        .world_from_image = ArrayView(poses.data(), {n, 4, 4}),
+        .mask = ArrayView(mask.data(), {h, w})};
     const char* methods[] = {"pvn-om", "vvn-om", "pvn", "vvn", "bezier", "frames"};
-    for (int m = 0; m < 6; ++m) save(std::string("volume_") + methods[m], reconstruct(sweep, {.method = ReconstructionMethod(m), .spacing = 0.7, .device = "cpu"}));
+    for (int m = 0; m < 6; ++m)
+        save(std::string("volume_") + methods[m],
+            reconstruct(sweep, {.method = ReconstructionMethod(m), .spacing = 0.7, .device = "cpu"}));
     const char* compoundings[] = {"mean", "maximum", "latest", "first", "median"};
     for (int c = 0; c < 5; ++c)
-        save(std::string("compound_") + compoundings[c], reconstruct(sweep, {.size = 31, .max_kernel = 5, .compounding = Compounding(c), .max_distance = 1.5, .device = "cpu"}));
+        save(std::string("compound_") + compoundings[c],
+            reconstruct(sweep,
+                {.size = 31, .max_kernel = 5, .compounding = Compounding(c), .max_distance = 1.5, .device = "cpu"}));
     std::vector<float> floats(frames, frames + std::size_t(n) * h * w);
     for (float& v : floats) v = v * 0.37f - 5.0f;
-    save("volume_float", reconstruct({.frames = ArrayView(floats.data(), {n, h, w}), .world_from_image = ArrayView(poses.data(), {n, 4, 4})},
-                                     {.spacing = 0.6, .region = Box{{2, 3, 1}, {20, 15, 12}}, .device = "cpu"}));
+    save("volume_float", reconstruct({.frames = ArrayView(floats.data(), {n, h, w}),
+                                         .world_from_image = ArrayView(poses.data(), {n, 4, 4})},
+                             {.spacing = 0.6, .region = Box{{2, 3, 1}, {20, 15, 12}}, .device = "cpu"}));
     Reconstructor r({.spacing = 0.7, .mask = mask, .device = "cpu"});
     for (const int f : {12, 3, 20, 8, 0, 23, 16}) {
         const Matrix4 m = pose(f);

@@ -85,12 +85,15 @@ TEST_CASE("new vertices that are refused change nothing") {
 TEST_CASE("mistakes of meshes are named") {
     const std::vector<std::uint32_t> far{0, 1, 3};
     const std::vector<float> one{0, 0, 0};
-    CHECK_SAYS(Mesh({.vertices = kCorners, .faces = far}, {.device = "cpu"}), "faces: expected numbers of vertices below 3, got 3");
-    CHECK_SAYS(Mesh({.vertices = kCorners, .faces = kCorners}, {.device = "cpu"}), "faces: expected uint32 or int32, got float32");
+    CHECK_SAYS(Mesh({.vertices = kCorners, .faces = far}, {.device = "cpu"}),
+        "faces: expected numbers of vertices below 3, got 3");
+    CHECK_SAYS(Mesh({.vertices = kCorners, .faces = kCorners}, {.device = "cpu"}),
+        "faces: expected uint32 or int32, got float32");
     CHECK_SAYS(Mesh({.vertices = kCorners, .faces = kFace}, {.smooth = 200, .device = "cpu"}), "smooth: expected");
     Mesh mesh({.vertices = kCorners, .faces = kFace}, {.device = "cpu"});
     CHECK_SAYS(mesh.update(one), "vertices: expected 3 rows, got 1");
     CHECK_SAYS(Mesh().size(), "mesh: expected a mesh, got an empty handle");
     const Scene scene({.positions = one, .support = 1.0}, on_cpu);
-    CHECK_SAYS(render({Layer{.scene = scene, .mesh = mesh}}, kCamera, 9, 9), "layers: expected a scene or a mesh in each, got both");
+    CHECK_SAYS(render({Layer{.scene = scene, .mesh = mesh}}, kCamera, 9, 9),
+        "layers: expected a scene or a mesh in each, got both");
 }

@@ -1,4 +1,4 @@
-// Slots of neighbours in 16 bits: the same neighbours, or all 32 bits where a packet's are too far from each other.
+// Slots of neighbors in 16 bits: the same neighbors, or all 32 bits where a packet's are too far from each other.
 #include <doctest.h>
 
 #include <cstdint>
@@ -32,9 +32,10 @@ struct Some {
         lists.bases = &bases;
         count[Packet::width - 1] = 0;
         for (std::size_t row = 0; row + 1 < std::size_t(Packet::width); ++row)
-            for (std::uint32_t k = 0; k < kPlaces; ++k) index[lists.at(row, k)] = std::uint32_t(300'000 + 10 * row + 1000 * k);
+            for (std::uint32_t k = 0; k < kPlaces; ++k)
+                index[lists.at(row, k)] = std::uint32_t(300'000 + 10 * row + 1000 * k);
     }
-    /// Whether 16 bits are enough; either way they tell of the same neighbours, with the first in the place of nobody.
+    /// Whether 16 bits are enough; either way they tell of the same neighbors, with the first in the place of nobody.
     bool shorten() {
         std::vector<float> number(kNobody + 1);
         for (std::uint32_t i = 0; i <= kNobody; ++i) number[i] = float(i);
@@ -81,7 +82,7 @@ TEST_CASE("far slots have 32 bits") {
     CHECK(!below.shorten());
 }
 
-TEST_CASE("nobody has neighbours") {
+TEST_CASE("nobody has neighbors") {
     Some some;
     some.count.assign(some.count.size(), 0);
     some.index.assign(some.index.size(), kNobody);

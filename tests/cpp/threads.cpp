@@ -10,8 +10,7 @@ using namespace globule;
 namespace {
 
 /// Runs fn(k) on n threads; what they throw fails the test.
-template <class Fn>
-void on_threads(int n, const Fn& fn) {
+template <class Fn> void on_threads(int n, const Fn& fn) {
     std::vector<std::thread> threads;
     std::atomic<int> n_failed{0};
     for (int k = 0; k < n; ++k)
@@ -55,7 +54,9 @@ TEST_CASE("threads on one scene wait for each other; frames are read by any") {
     const Camera camera = Camera::fit(large);
     const auto of_small = Scene({.positions = small}, on_cpu).render(camera, 64, 48).image();
     Scene s({.positions = small}, {.support = 0.2, .device = "cpu"});
-    const auto expected_small = s.render(camera, 64, 48).image(), expected_large = Scene({.positions = large}, {.support = 0.2, .device = "cpu"}).render(camera, 64, 48).image();
+    const auto expected_small = s.render(camera, 64, 48).image(),
+               expected_large =
+                   Scene({.positions = large}, {.support = 0.2, .device = "cpu"}).render(camera, 64, 48).image();
     const Frame shared = s.render(camera, 64, 48);
     std::atomic<int> wrong{0};
     on_threads(4, [&](int k) {
@@ -88,7 +89,8 @@ TEST_CASE("two threads draw layers in opposite orders") {
     const Camera camera = Camera::fit(p);
     const Scene a({.positions = p}, on_cpu), b({.positions = cube(4)}, on_cpu);
     on_threads(2, [&](int k) {
-        for (int i = 0; i < 10; ++i) render(k ? std::vector<Layer>{{a}, {b}} : std::vector<Layer>{{b}, {a}}, camera, 32, 24);
+        for (int i = 0; i < 10; ++i)
+            render(k ? std::vector<Layer>{{a}, {b}} : std::vector<Layer>{{b}, {a}}, camera, 32, 24);
     });
 }
 
@@ -104,10 +106,12 @@ TEST_CASE("a call that is stopped leaves its scene right or asks for an update")
     int n_stopped[2] = {0, 0}, wrong = 0;
     for (int i = 0; n_stopped[0] < 4 || n_stopped[1] < 4; ++i) {
         const bool updates = i % 2;
-        const bool stopped = is_stopped(i / 2 % 4 * 200, [&] { s.cancel(); }, [&] {
-            if (updates) s.update({.positions = p});
-            else wrong += picture() != expected;
-        });
+        const bool stopped = is_stopped(
+            i / 2 % 4 * 200, [&] { s.cancel(); },
+            [&] {
+                if (updates) s.update({.positions = p});
+                else wrong += picture() != expected;
+            });
         n_stopped[updates] += stopped;
         try {
             wrong += picture() != expected;
@@ -138,17 +142,17 @@ TEST_CASE("a reconstruction that is stopped is right at the next call, or says t
     for (int i = 0; n_stopped < 6; ++i) {
         Reconstructor r(options);
         bool added = false;
-        n_stopped += is_stopped(i % 6 * 2000, [&] { r.cancel(); }, [&] {
-            r.add(images, places);
-            added = true;
-            wrong += r.volume().bytes != expected.bytes;
-        });
+        n_stopped += is_stopped(
+            i % 6 * 2000, [&] { r.cancel(); },
+            [&] {
+                r.add(images, places);
+                added = true;
+                wrong += r.volume().bytes != expected.bytes;
+            });
         try {
             if (!added) r.add(images, places);
             wrong += r.volume().bytes != expected.bytes;
-        } catch (const Error& e) {
-            CHECK(int(e.code()) == int(ErrorCode::stale));
-        }
+        } catch (const Error& e) { CHECK(int(e.code()) == int(ErrorCode::stale)); }
     }
     CHECK(wrong == 0);
 }

@@ -172,9 +172,7 @@ class GlobuleWidget(ScriptedLoadableModuleWidget):
         """Volume and trust map as nodes of the scene."""
         for name, values in (("Ultrasound", shown.values), ("Trust", shown.trust)):
             label = "vtkMRMLLabelMapVolumeNode" if name == "Trust" else "vtkMRMLScalarVolumeNode"
-            node = slicer.util.addVolumeFromArray(
-                values, ijkToRAS=shown.ras_from_voxel, name=name, nodeClassName=label
-            )
+            node = slicer.util.addVolumeFromArray(values, ijkToRAS=shown.ras_from_voxel, name=name, nodeClassName=label)
             if name == "Ultrasound":
                 slicer.util.setSliceViewerLayers(background=node, fit=True)
         self.status.text = shown.text

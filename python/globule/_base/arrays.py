@@ -119,9 +119,7 @@ class DeviceArray:
         if stream not in (None, -1, 0, 1):  # the default stream waits for the core's by itself
             _core.let_wait(device, stream)
         code = {"i": 0, "u": 1, "f": 2}[self.dtype.kind]
-        return _core.gpu_array(
-            self.address, list(self.shape), code, 8 * self.itemsize, device, self.owner
-        )
+        return _core.gpu_array(self.address, list(self.shape), code, 8 * self.itemsize, device, self.owner)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         array = self._fetch() if self._fetch else to_host(self.owner)

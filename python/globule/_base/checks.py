@@ -159,6 +159,4 @@ def missing(package: str, extra: str) -> MissingPackageError:
         package: its name, as users know it ("PyAV").
         extra: the extra of globule that installs it ("video").
     """
-    return MissingPackageError(
-        f"{package} is not installed. Install it with: {how_to_install(extra)}", name=package
-    )
+    return MissingPackageError(f"{package} is not installed. Install it with: {how_to_install(extra)}", name=package)

@@ -60,9 +60,7 @@ class Figure:
         for n_colors in (None, 256, 128, 64):  # a palette only if the file is large
             packed, kept = io.BytesIO(), picture
             if n_colors:
-                kept = picture.quantize(
-                    n_colors, Image.Quantize.MEDIANCUT, kmeans=3, dither=Image.Dither.NONE
-                )
+                kept = picture.quantize(n_colors, Image.Quantize.MEDIANCUT, kmeans=3, dither=Image.Dither.NONE)
             kept.save(packed, format="PNG", optimize=True)
             if packed.tell() < LARGE:
                 break

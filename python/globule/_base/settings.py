@@ -91,9 +91,7 @@ class Kind:
         except (TypeError, ValueError):
             from argparse import ArgumentTypeError
 
-            raise ArgumentTypeError(
-                f"expected {self.word or self.expected}, got {text!r}"
-            ) from None
+            raise ArgumentTypeError(f"expected {self.word or self.expected}, got {text!r}") from None
 
     def _read(self, text: str) -> Any:
         return text
@@ -245,9 +243,7 @@ class Each(Kind):
 class Vector(Kind):
     """Some numbers, each in [least, most]."""
 
-    def __init__(
-        self, n: int = 3, least: float = -math.inf, most: float = math.inf, whole: bool = False
-    ):
+    def __init__(self, n: int = 3, least: float = -math.inf, most: float = math.inf, whole: bool = False):
         self.n = n
         self.each = Whole(int(least), int(most)) if whole else Number(least, most)
         self.expected = f"{['', 'one', 'two', 'three', 'four'][n]} numbers"

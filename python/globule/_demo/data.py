@@ -85,18 +85,10 @@ def splash(n_target: int = 60_000) -> tuple[np.ndarray, np.ndarray, float]:
     spacing = 0.0198 * (60_000 / n_target) ** (1 / 3)
     rng = np.random.default_rng(2024)
     jets = _Jets(rng)
-    pieces = [
-        _pool(spacing),
-        _column(spacing),
-        _wall(spacing, jets),
-        _rim(spacing, jets),
-        *_spray(spacing, jets, rng),
-    ]
+    pieces = [_pool(spacing), _column(spacing), _wall(spacing, jets), _rim(spacing, jets), *_spray(spacing, jets, rng)]
     positions = np.concatenate(pieces)
     positions += rng.uniform(-JITTER * spacing, JITTER * spacing, positions.shape)
-    color = np.stack(
-        [np.interp(positions[:, 1], RAMP[:, 0], RAMP[:, c]) for c in (1, 2, 3)], axis=1
-    )
+    color = np.stack([np.interp(positions[:, 1], RAMP[:, 0], RAMP[:, c]) for c in (1, 2, 3)], axis=1)
     return positions.astype(np.float32), color.astype(np.float32), float(spacing)
 
 
@@ -123,11 +115,7 @@ def _surface(r: np.ndarray, angle: np.ndarray) -> np.ndarray:
     out = r - CROWN_RADIUS
     hollow = -0.055 / (1 + np.exp(out / 0.03))
     foot = 0.06 * np.exp(-((out / 0.06) ** 2))
-    ripple = (
-        0.020
-        * np.cos(out * 36 - 2.4 + 0.25 * np.sin(2 * angle))
-        * np.exp(-(((out - 0.24) / 0.2) ** 2))
-    )
+    ripple = 0.020 * np.cos(out * 36 - 2.4 + 0.25 * np.sin(2 * angle)) * np.exp(-(((out - 0.24) / 0.2) ** 2))
     inner = 0.010 * np.cos(r * 60) * np.exp(-((r / 0.25) ** 2))
     swell = 0.006 * np.sin(5 * r * np.cos(angle - 0.7) + 1) * np.clip(out * 4, 0, 1)
     return hollow + foot + ripple + inner + swell
@@ -157,16 +145,12 @@ def _column(s: float) -> np.ndarray:
     for y in np.arange(foot + s / 2, top, s):
         radius = 0.030 + 0.16 * np.exp(-(y - foot) / 0.06) + 0.006 * np.cos(y * 22)
         if y > top - 2 * bulb:  # the end is a ball, which the neck runs into
-            radius = max(
-                radius * (y < top - bulb), np.sqrt(max(0.0, bulb**2 - (y - top + bulb) ** 2))
-            )
+            radius = max(radius * (y < top - bulb), np.sqrt(max(0.0, bulb**2 - (y - top + bulb) ** 2)))
         r, angle = _disc(radius, s, phase=7 * y)
         keep = y > _surface(r, angle) + 0.4 * s
         lean = np.array([0.03, 0.0, -0.02]) * y**2
         layers.append(_from_polar(r[keep], np.full(int(keep.sum()), y), angle[keep]) + lean)
-    return np.concatenate(
-        [*layers, _ball((0.020, 0.80, -0.014), 0.078, s), _ball((0.030, 0.985, -0.020), 0.030, s)]
-    )
+    return np.concatenate([*layers, _ball((0.020, 0.80, -0.014), 0.078, s), _ball((0.030, 0.985, -0.020), 0.030, s)])
 
 
 def _wall(s: float, jets: _Jets) -> np.ndarray:
@@ -194,10 +178,7 @@ def _rim(s: float, jets: _Jets) -> np.ndarray:
     r, y = _wall_point(np.ones(n), angle, jets)
     across, around = _disc(0.026, s)
     return np.concatenate(
-        [
-            _from_polar(r + a * np.cos(b), y + a * np.sin(b), angle)
-            for a, b in zip(across, around, strict=True)
-        ]
+        [_from_polar(r + a * np.cos(b), y + a * np.sin(b), angle) for a, b in zip(across, around, strict=True)]
     )
 
 
@@ -222,27 +203,17 @@ def _spray(s: float, jets: _Jets, rng: np.random.Generator) -> list[np.ndarray]:
             side = np.cross(forward, [0.0, 0.0, 1.0] if abs(forward[2]) < 0.8 else [1.0, 0.0, 0.0])
             side /= np.linalg.norm(side)
             a, b = _disc(0.026 * (1 - t) ** 0.7, s, phase=float(i))
-            across = np.outer(a * np.cos(b), side) + np.outer(
-                a * np.sin(b), np.cross(forward, side)
-            )
+            across = np.outer(a * np.cos(b), side) + np.outer(a * np.sin(b), np.cross(forward, side))
             out.append(path(t) + across)
         out.append(_ball(path(1.0), 0.018 + 0.014 * reach, s))
         t = 1.0
         for size in (0.026, 0.018, 0.010)[: 1 + int(3 * reach * rng.random() + 0.6)]:
             t += rng.uniform(0.42, 0.62)
-            out.append(
-                _ball(path(t) + rng.uniform(-0.012, 0.012, 3), size * rng.uniform(0.75, 1.1), s)
-            )
+            out.append(_ball(path(t) + rng.uniform(-0.012, 0.012, 3), size * rng.uniform(0.75, 1.1), s))
     for _ in range(26):  # the finest drops, thrown out farther
         angle, r = rng.uniform(0, TAU), 0.55 + 0.40 * rng.random() ** 1.6
         y = 0.30 + rng.uniform(-0.16, 0.46) * (1.3 - r)
-        out.append(
-            _ball(
-                _from_polar(np.array([r]), np.array([y]), np.array([angle]))[0],
-                rng.uniform(0.004, 0.018),
-                s,
-            )
-        )
+        out.append(_ball(_from_polar(np.array([r]), np.array([y]), np.array([angle]))[0], rng.uniform(0.004, 0.018), s))
     return out
 
 

@@ -57,8 +57,7 @@ class _Overview(Parser):
         options = self._action_groups[1]
         known = {action.dest: action for action in commands._choices_actions}
         parts: list[tuple[str | None, str | None, list[Any]]] = [
-            (title, None, [known[_name(module)] for module in modules])
-            for title, modules in GROUPS.items()
+            (title, None, [known[_name(module)] for module in modules]) for title, modules in GROUPS.items()
         ]
         return [*parts, (options.title, None, options._group_actions)]
 
@@ -78,9 +77,7 @@ def build_parser() -> Parser:
         metavar="SHELL",
         help=f"print the completion script of a shell and exit: {', '.join(SHELLS)}",
     )
-    commands = parser.add_subparsers(
-        metavar="COMMAND", dest="command", parser_class=Parser, prog="globule"
-    )
+    commands = parser.add_subparsers(metavar="COMMAND", dest="command", parser_class=Parser, prog="globule")
     for module in COMMANDS:
         name, about = _name(module), module.__doc__ or ""
         command = commands.add_parser(

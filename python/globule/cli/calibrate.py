@@ -52,11 +52,7 @@ def add_arguments(parser: Parser) -> None:
     """The arguments of `globule calibrate`."""
     add = parser.add_argument
     add("marks", nargs="?", metavar="MARKS", help="table of marked pixels, .csv")
-    flags.add(
-        parser,
-        "--output",
-        "calibration .toml or PLUS configuration .xml; default: none, only print the result",
-    )
+    flags.add(parser, "--output", "calibration .toml or PLUS configuration .xml; default: none, only print the result")
     flags.own(parser, "--sweep SWEEP", "recording of the marked frames, the wires, the motion or "
         "the stylus: PLUS file, or stack of images with --poses")  # fmt: skip
     flags.add(parser, "--poses", "default: none")
@@ -127,8 +123,7 @@ def _check(options: argparse.Namespace) -> None:
         check_output("-o", options.output, [".toml", ".xml"])
         if not given and not options.calibration:
             raise UserError(
-                "-o: expected MARKS or --calibration for the matrix, got neither; without -o, the "
-                "offset is printed"
+                "-o: expected MARKS or --calibration for the matrix, got neither; without -o, the offset is printed"
             )
     if options.picture:
         check_output("--picture", options.picture, [".png"])
@@ -153,9 +148,7 @@ def _report(options: argparse.Namespace) -> dict[str, Any]:
 
 def _tracked(options: argparse.Namespace, path: str, tool: str = "Probe") -> Tracked:
     own = path == options.sweep  # the table of poses and the rate are those of --sweep
-    return read_tracked(
-        path, options.poses if own else None, options.frame_times if own else None, tool
-    )
+    return read_tracked(path, options.poses if own else None, options.frame_times if own else None, tool)
 
 
 def _calibrated(
@@ -214,10 +207,7 @@ def _kept(calibration: Calibration, earlier: Calibration | None) -> Calibration:
 
 
 def _write(options: argparse.Namespace, calibration: Calibration, messages: list[str]) -> None:
-    base = next(
-        (p for p in (options.phantom, options.calibration) if p and p.lower().endswith(".xml")),
-        None,
-    )
+    base = next((p for p in (options.phantom, options.calibration) if p and p.lower().endswith(".xml")), None)
     write_calibration(options.output, calibration, base)
     if options.output.lower().endswith(".xml") and calibration.temporal_offset:
         messages.append(
@@ -342,9 +332,7 @@ def _wire_warnings(options: argparse.Namespace, found: NWireCalibration) -> list
     return messages
 
 
-def _wire_report(
-    phantom: NWirePhantom, errors: WireErrors, dots: Any, n_images: int
-) -> dict[str, Any]:
+def _wire_report(phantom: NWirePhantom, errors: WireErrors, dots: Any, n_images: int) -> dict[str, Any]:
     return {
         "images": n_images, "found": int(dots.found.sum()), "used": len(errors.frames),
         **errors.summary(),
@@ -358,16 +346,12 @@ def _wire_report(
     }  # fmt: skip
 
 
-def _registered(
-    options: argparse.Namespace, phantom: NWirePhantom, report: dict[str, Any]
-) -> NWirePhantom:
+def _registered(options: argparse.Namespace, phantom: NWirePhantom, report: dict[str, Any]) -> NWirePhantom:
     names, touched = read_landmarks(options.landmarks)
     unknown = [name for name in names if name not in phantom.landmarks]
     if unknown:
         known = ", ".join(phantom.landmarks) or "none"
-        raise UserError(
-            f"{options.landmarks}: expected landmarks of the phantom ({known}), got {unknown[0]}"
-        )
+        raise UserError(f"{options.landmarks}: expected landmarks of the phantom ({known}), got {unknown[0]}")
     own = np.array([phantom.landmarks[name] for name in names])
     found = register_landmarks(own, touched, phantom.wires.reshape(-1, 3))
     report["registration"] = {
@@ -385,9 +369,7 @@ def _registered(
         from ..ultrasound.calibration_plots import draw_residuals
 
         draw_residuals(options.picture, found.residuals, found.weights, "landmark")
-    return dataclasses.replace(
-        phantom, reference_from_phantom=found.matrix, error=max(found.error, 0.05)
-    )
+    return dataclasses.replace(phantom, reference_from_phantom=found.matrix, error=max(found.error, 0.05))
 
 
 def _write_registration(options: argparse.Namespace, phantom: NWirePhantom) -> None:
@@ -478,9 +460,7 @@ def _lines_of_registration(report: dict[str, Any]) -> list[str]:
     if "registration" not in report:
         return []
     found = report["registration"]
-    residuals = ", ".join(
-        f"{name} {size:.2f}" for name, size in zip(found["names"], found["residuals"], strict=True)
-    )
+    residuals = ", ".join(f"{name} {size:.2f}" for name, size in zip(found["names"], found["residuals"], strict=True))
     return [
         f"{count(len(found['names']), 'landmark')}: rms {found['rms']:.3f} mm, expected error at "
         f"the wires {found['error']:.2f} mm (1 sigma)",

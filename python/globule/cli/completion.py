@@ -23,8 +23,7 @@ def script(parser: argparse.ArgumentParser, shell: str) -> str:
         import shtab
     except ImportError as error:
         raise UserError(
-            f"--print-completion: expected the package shtab, got none: {sys.executable} -m pip "
-            "install shtab"
+            f"--print-completion: expected the package shtab, got none: {sys.executable} -m pip install shtab"
         ) from error
     _mark(parser, shtab.FILE)
     return shtab.complete(parser, shell)

@@ -19,17 +19,7 @@ from ..render.sequence import with_frames
 from . import flags, medical
 from . import medical as medical_files
 from .parser import Parser
-from .shared import (
-    UserError,
-    check_input,
-    check_output,
-    count,
-    first_of,
-    mistakes,
-    read_file,
-    reading,
-    say,
-)
+from .shared import UserError, check_input, check_output, count, first_of, mistakes, read_file, reading, say
 
 SUMMARY = "files from one format to another"
 USAGE = "IN OUT"
@@ -118,7 +108,5 @@ def losses(particles: Particles, output: str) -> list[str]:
         for name, array in particles.attributes.items():
             dtype = np.dtype(array.dtype)
             if dtype.kind == "f" and dtype.itemsize > 4:
-                lost.append(
-                    f"{name} is rounded from {dtype} to float32, the longest type of {extension}"
-                )
+                lost.append(f"{name} is rounded from {dtype} to float32, the longest type of {extension}")
     return lost

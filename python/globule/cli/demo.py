@@ -48,13 +48,7 @@ def run(options: argparse.Namespace) -> None:
         particles, spacing = dam_break_particles()
         progress.step("building the octree")
         with mistakes():
-            scene = Scene(
-                particles,
-                device=options.device,
-                threads=options.threads,
-                surface="smooth",
-                spacing=spacing,
-            )
+            scene = Scene(particles, device=options.device, threads=options.threads, surface="smooth", spacing=spacing)
         progress.step("tracing")
         frame = render(scene, Camera(EYE, LOOK_AT), SIZE)
         trace_seconds = frame.trace_seconds
@@ -70,10 +64,7 @@ def run(options: argparse.Namespace) -> None:
     program = _program()
     near = os.path.join(options.output, "near.png")
     print("next, try:")
-    print(
-        f"  {program} render {shlex.quote(data)} -o {shlex.quote(near)} "
-        "--eye 0.1,0.7,0.9 --look-at 0.5,0.25,0"
-    )
+    print(f"  {program} render {shlex.quote(data)} -o {shlex.quote(near)} --eye 0.1,0.7,0.9 --look-at 0.5,0.25,0")
     water = shlex.quote(os.path.join(options.output, "water.png"))
     print(f"  {program} render {shlex.quote(data)} -o {water} --preset water --size 512x391")
     print(f"  {program} info {shlex.quote(data)}")

@@ -25,16 +25,7 @@ from ..render.trace import points_of, values_of
 from ..scene.mesh import Mesh
 from ..scene.thesis import Thesis
 from . import annotation, camera_facts, light, look, meshes, sequence, surfaces, tracing
-from .shared import (
-    Progress,
-    UserError,
-    count,
-    doubled,
-    left_out,
-    mistakes,
-    need_particles,
-    said_threads,
-)
+from .shared import Progress, UserError, count, doubled, left_out, mistakes, need_particles, said_threads
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
 FEW = 0.005  # share of the pixels below which a fitted image shows almost nothing
@@ -134,11 +125,7 @@ def picture(
 
 
 def _particles(
-    options: argparse.Namespace,
-    series: sequence.Series,
-    path: str,
-    particles: Particles,
-    messages: list[str],
+    options: argparse.Namespace, series: sequence.Series, path: str, particles: Particles, messages: list[str]
 ) -> Subject:
     """The scene of a file's particles that have a position, in their colors."""
     finite = np.isfinite(particles.positions).all(axis=1)
@@ -260,9 +247,7 @@ def _traced(
         if settings.samples > 1:
             first = dataclasses.replace(first, edge_samples=0)
         layers = lit.layers(scene)
-        frames = [
-            render(layers, view, notes.size, first, thesis=thesis, comm=comm) for view in views
-        ]
+        frames = [render(layers, view, notes.size, first, thesis=thesis, comm=comm) for view in views]
         seconds = sum(frame.trace_seconds for frame in frames)
         for k in range(2, settings.samples + 1):  # one by one, for progress and Ctrl-C
             progress.show(f"tracing {path}: sample {k} of {settings.samples}")

@@ -29,14 +29,7 @@ from ..render.fit import fitted
 from . import camera_facts, flags, medical
 from . import medical as medical_files
 from .parser import Parser
-from .shared import (
-    check_input,
-    count,
-    mistakes,
-    print_json,
-    read_file,
-    reading,
-)
+from .shared import check_input, count, mistakes, print_json, read_file, reading
 
 SUMMARY = "the contents of a file"
 USAGE = "FILE"
@@ -64,8 +57,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "file",
         metavar="FILE",
-        help=f"particles: {' '.join(READABLE)}; "
-        f"sweeps and volumes: {' '.join(medical_files.EXTENSIONS)}",
+        help=f"particles: {' '.join(READABLE)}; sweeps and volumes: {' '.join(medical_files.EXTENSIONS)}",
     )
     flags.add(parser, "--json")
     flags.add_reading(parser)
@@ -105,12 +97,7 @@ def describe(path: str, contents: Contents) -> dict[str, Any]:
         "time": contents.time,
         "species": list(contents.species),
         "units": dict(contents.units),
-        "box": box
-        and {
-            "origin": box.origin.tolist(),
-            "edges": box.edges.tolist(),
-            "periodic": list(box.periodic),
-        },
+        "box": box and {"origin": box.origin.tolist(), "edges": box.edges.tolist(), "periodic": list(box.periodic)},
         "origin": list(particles.origin),
         "bounds": None,
         "spacing": None,
@@ -214,9 +201,7 @@ def _contents_lines(facts: dict[str, Any]) -> list[str]:
         box = facts["box"]
         edges = "  ".join(" ".join(f"{v:.6g}" for v in edge) for edge in box["edges"])
         origin = " ".join(f"{v:.6g}" for v in box["origin"])
-        periodic = "".join(
-            axis for axis, is_so in zip("xyz", box["periodic"], strict=True) if is_so
-        )
+        periodic = "".join(axis for axis, is_so in zip("xyz", box["periodic"], strict=True) if is_so)
         lines.append(f"  box        from {origin}, edges {edges}")
         lines[-1] += f", periodic along {periodic}" if periodic else ""
     return lines

@@ -25,12 +25,7 @@ from ..render.layers import MAX_LAYERS, Layer
 from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
 from ..render.presets import GROUNDS, PRESETS, ground_height, load_preset
-from ..render.settings import (
-    RenderSettings,
-    extent_of,
-    for_flat_data,
-    for_values,
-)
+from ..render.settings import RenderSettings, extent_of, for_flat_data, for_values
 from ..scene.mesh import Mesh
 from ..scene.rigid_bodies import RigidBodies
 from . import flags, look, meshes
@@ -45,9 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of light, material and cuts."""
     group = parser.add_argument_group("light")
     add, preset = group.add_argument, ", or the preset's"
-    flags.add_settings(
-        group, RenderSettings, "shadows", note=preset, action=argparse.BooleanOptionalAction
-    )
+    flags.add_settings(group, RenderSettings, "shadows", note=preset, action=argparse.BooleanOptionalAction)
     flags.add_settings(group, RenderSettings, "ambient_rays", "bounces", note=preset)
     flags.add_settings(group, RenderSettings, "exposure")
     flags.add_settings(group, RenderSettings, "samples", note=", with a preset other than flat 4")

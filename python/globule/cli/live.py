@@ -78,9 +78,7 @@ class Live:
     growing   arguments of `Reconstructor`; None if the volume cannot grow
     """
 
-    def __init__(
-        self, options: argparse.Namespace, progress: Progress, growing: dict[str, Any] | None
-    ):
+    def __init__(self, options: argparse.Namespace, progress: Progress, growing: dict[str, Any] | None):
         if options.serve and growing is None:
             raise UserError("--serve: expected --method pvn-om without a median, which can grow")
         self.options, self.progress, self.growing = options, progress, growing
@@ -115,9 +113,7 @@ class Live:
             except ConnectionError as error:
                 raise UserError(f"--{error}") from error
             except OSError as error:
-                name = (
-                    error.filename or options.record or options.three_view or options.surface_image
-                )
+                name = error.filename or options.record or options.three_view or options.surface_image
                 message = f"{name}: cannot be written: {error.strerror or error}"
                 raise UserError(message) from error
             finally:
@@ -147,9 +143,7 @@ class Live:
                 "server dropped them, or the connection was broken"
             )
         if c.missed_poses:
-            lines.append(
-                f"{count(c.missed_poses, 'pose')} never arrived, by the gaps of the stamps"
-            )
+            lines.append(f"{count(c.missed_poses, 'pose')} never arrived, by the gaps of the stamps")
         if c.clock_difference:
             lines.append(
                 f"the clocks of tracker and images differ by {c.clock_difference:.3f} s; arrival "
@@ -170,10 +164,7 @@ class Live:
                       "clients": self.server.connections}  # fmt: skip
         if not self.seconds:
             return facts
-        return facts | {
-            "median_seconds": float(np.median(self.seconds)),
-            "longest_seconds": max(self.seconds),
-        }
+        return facts | {"median_seconds": float(np.median(self.seconds)), "longest_seconds": max(self.seconds)}
 
     def _take(self, n: int, frame: LiveFrame) -> None:
         self.n_frames = n
@@ -237,9 +228,7 @@ class Live:
         if self._drawing is not None:
             self._drawing.result()  # raises the error of the last drawing
         self._drawn = now
-        self._drawing = self._draughtsman.submit(
-            draw, self.reconstructor.volume(), self.options, []
-        )
+        self._drawing = self._draughtsman.submit(draw, self.reconstructor.volume(), self.options, [])
         self.n_drawn += 1
 
     def _reconstructor(self, frame: LiveFrame) -> Any:

@@ -91,8 +91,7 @@ def stretched(options: argparse.Namespace, particles: Particles) -> Particles:
         support = float(support[0]) if np.ptp(support) == 0 else support
     if support is not None and not isinstance(support, float):
         raise UserError(
-            "--anisotropic: expected one support for all particles, got a support per particle; "
-            "give --support"
+            "--anisotropic: expected one support for all particles, got a support per particle; give --support"
         )
     found = find_anisotropy(particles, support or 1.0)
     return replace(particles, positions=found.centers, anisotropy=found.G)
@@ -110,9 +109,7 @@ def color_by(
     return found.color, found.range
 
 
-def color_mesh(
-    options: argparse.Namespace, path: str, mesh: Mesh, messages: list[str]
-) -> tuple[float, float]:
+def color_mesh(options: argparse.Namespace, path: str, mesh: Mesh, messages: list[str]) -> tuple[float, float]:
     """Give the vertices the colors of the values that --color-by names; returns the values at the
     map's ends; adds to the messages."""
     with _names_of(path):

@@ -68,14 +68,7 @@ def add_arguments(parser: Parser) -> None:
         )
     flags.own(parser, "--within X,Y,Z,R", "ball whose voxels count for --above and --below: center "
         "and radius, mm, world", _numbers(4), usual="all voxels")  # fmt: skip
-    add(
-        "--voxel-size",
-        dest="spacing",
-        type=positive,
-        required=True,
-        metavar="MM",
-        help="edge of a voxel, mm",
-    )
+    add("--voxel-size", dest="spacing", type=positive, required=True, metavar="MM", help="edge of a voxel, mm")
     flags.add(parser, "--calibration", "default: the recording's own transforms")
     flags.add(parser, "--plus", "default: none")
     flags.add(parser, "--json")
@@ -125,9 +118,7 @@ def run(options: argparse.Namespace) -> None:
         progress.step("reconstructing")
         try:
             with mistakes():
-                volume = reconstruct(
-                    sweep, spacing=options.spacing, device=options.device, threads=options.threads
-                )
+                volume = reconstruct(sweep, spacing=options.spacing, device=options.device, threads=options.threads)
                 length = find_error_length(sweep, options.spacing)
         except MemoryError as error:
             raise UserError(str(error)) from error
@@ -141,9 +132,7 @@ def run(options: argparse.Namespace) -> None:
             ball = options.within or (None,) * 4
             center = ball[:3] if options.within else None
             with _mistakes("--within"):
-                counted = measure_volume(
-                    volume, length, options.above, options.below, center, ball[3]
-                )
+                counted = measure_volume(volume, length, options.above, options.below, center, ball[3])
             report["volume"] = counted._asdict()
             report["warnings"] = _warnings(volume, level, counted.volume, options.json)
     if options.json:

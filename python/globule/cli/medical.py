@@ -71,10 +71,7 @@ def lines(facts: dict[str, Any]) -> list[str]:
     if facts["spacing"] is None and "valid" in facts:
         return [*found, f"  poses      none is valid, in {facts['world']} ({facts['space']})"]
     if facts["spacing"] is None:
-        return [
-            *found,
-            "  poses      need a calibration: no transform leads from the image to the world",
-        ]
+        return [*found, "  poses      need a calibration: no transform leads from the image to the world"]
     spacing = " x ".join(f"{s:.6g}" for s in facts["spacing"])
     strange = [f"  outliers   {finding}" for finding in facts["findings"]]
     if len(strange) > 20:

@@ -13,15 +13,7 @@ from ..measure.mesh import measured, mesh_surface
 from ..pieces.scene import Scene
 from . import flags, measuring
 from .parser import Parser
-from .shared import (
-    Progress,
-    UserError,
-    check_output,
-    count,
-    mistakes,
-    need_particles,
-    print_json,
-)
+from .shared import Progress, UserError, check_output, count, mistakes, need_particles, print_json
 
 SUMMARY = "the surface as triangles, with its volume and area"
 USAGE = "FILE -o PATH"

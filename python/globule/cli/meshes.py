@@ -188,9 +188,7 @@ def _capsules(options: argparse.Namespace, kind: str, path: str, radius: float |
     positions, color = particles.positions, particles.color
     if kind == "lines":
         if radius is None:
-            radius = (
-                _THIN * float(np.linalg.norm(np.ptp(positions, axis=0))) if len(particles) else 1
-            )
+            radius = _THIN * float(np.linalg.norm(np.ptp(positions, axis=0))) if len(particles) else 1
         return Lines(positions, radius or 1.0, color, **machine)
     radii = find_radii(particles) if kind == "spheres" and radius is None else None
     if radii is not None:
@@ -201,9 +199,7 @@ def _capsules(options: argparse.Namespace, kind: str, path: str, radius: float |
 
 
 def layers(
-    options: argparse.Namespace,
-    clips: list[ClipPlane | ClipBox | ClipSphere],
-    particles: Particles | None,
+    options: argparse.Namespace, clips: list[ClipPlane | ClipBox | ClipSphere], particles: Particles | None
 ) -> tuple[list[Layer], list[str], list[RigidBodies]]:
     """The layers of --mesh, --spheres and --lines, messages about them, and what moves."""
     found, messages, moving = [], [], []

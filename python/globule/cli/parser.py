@@ -32,9 +32,7 @@ class Parser(argparse.ArgumentParser):
 
     def has_short_help(self) -> None:
         """Add `--help-all`, and print all there."""
-        self.add_argument(
-            "--help-all", action=_Help, dest="help", help="print the help with all options and exit"
-        )
+        self.add_argument("--help-all", action=_Help, dest="help", help="print the help with all options and exit")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As argparse, but what is not known is a mistake of this command."""
@@ -96,9 +94,7 @@ class _Formatter(argparse.RawDescriptionHelpFormatter):
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         """Paragraphs as wide as the terminal; those with indented lines as they are."""
         blocks = text.split("\n\n")
-        return "\n\n".join(
-            block if "\n  " in f"\n{block}" else textwrap.fill(block, width) for block in blocks
-        )
+        return "\n\n".join(block if "\n  " in f"\n{block}" else textwrap.fill(block, width) for block in blocks)
 
     def _format_action_invocation(self, action: argparse.Action) -> str:
         if not action.option_strings or action.nargs == 0:
@@ -111,9 +107,7 @@ class _Help(argparse.Action):
     """Print the help and exit."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, help: str = ""):
-        super().__init__(
-            option_strings, argparse.SUPPRESS, nargs=0, default=argparse.SUPPRESS, help=help
-        )
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, default=argparse.SUPPRESS, help=help)
 
     def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
         print(parser.help_text(option == "--help-all" or not parser.essential), end="")

@@ -22,8 +22,6 @@ def draw(volume: Volume, options: argparse.Namespace, messages: list[str]) -> No
         from ..volumes.iso_surface import save_surface
 
         try:
-            save_surface(
-                options.surface_image, volume, device=options.device, threads=options.threads
-            )
+            save_surface(options.surface_image, volume, device=options.device, threads=options.threads)
         except ValueError as error:
             messages.append(f"--surface: no image written: {error}")

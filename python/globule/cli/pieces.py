@@ -116,8 +116,7 @@ def _wanted(options: argparse.Namespace, path: str) -> bool:
         if 3 * held > options.memory:
             beside = "".join(f" with --{name}" for name in given if has_ranges(path))
             raise UserError(
-                f"--memory: expected {NAMES}, whose ranges can be read, got {path}{beside}; "
-                "globule convert writes .npz"
+                f"--memory: expected {NAMES}, whose ranges can be read, got {path}{beside}; globule convert writes .npz"
             )
         return False
     with mistakes():
@@ -224,9 +223,7 @@ def _memory(options: argparse.Namespace) -> Iterator[None]:
         raise UserError(f"--{error}") from error
 
 
-def _camera(
-    options: argparse.Namespace, pieces: Pieces, size: tuple[int, int], towards: Mapping[str, Any]
-) -> Camera:
+def _camera(options: argparse.Namespace, pieces: Pieces, size: tuple[int, int], towards: Mapping[str, Any]) -> Camera:
     """The camera that the options ask for."""
     middle = options.look_at or (pieces.low + pieces.high) / 2
     if options.eye:

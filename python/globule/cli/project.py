@@ -93,9 +93,7 @@ def run(options: argparse.Namespace) -> None:
             volume = spacing**3 if spacing else options.volume
             if options.scale not in (None, 1) and volume is None and has_volumes(particles):
                 what = "volumes are the file's masses over densities, which --scale leaves"
-                warn(
-                    f"{options.file}: {what}; --particle-volume or --particle-spacing gives others"
-                )
+                warn(f"{options.file}: {what}; --particle-volume or --particle-spacing gives others")
             found = project(
                 particles, plane, names[:1] if image else names, volume=volume,
                 kernel=options.kernel, support=options.support, device=options.device,

@@ -34,9 +34,7 @@ def communicator() -> Any:
     try:
         from mpi4py import MPI
     except ImportError:
-        raise UserError(
-            'several ranks: expected mpi4py, which is not installed; pip install "globule[mpi]"'
-        ) from None
+        raise UserError('several ranks: expected mpi4py, which is not installed; pip install "globule[mpi]"') from None
     return MPI.COMM_WORLD if MPI.COMM_WORLD.size > 1 else None
 
 

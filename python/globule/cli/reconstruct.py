@@ -146,9 +146,7 @@ def run(options: argparse.Namespace) -> None:
         outliers, findings = _without_outliers(sweep, options, messages)
         n_lost = len(sweep) - sweep.n_valid - len(outliers)
         if n_lost:
-            messages.append(
-                f"{n_lost:,} of {count(len(sweep), 'frame')} left out: no valid pose or image"
-            )
+            messages.append(f"{n_lost:,} of {count(len(sweep), 'frame')} left out: no valid pose or image")
         validations = {}
         if options.cross_validate:
             progress.step("predicting frames from the others")
@@ -197,11 +195,7 @@ def run(options: argparse.Namespace) -> None:
 
 def _check_apart(options: argparse.Namespace) -> None:
     """Refuse an output that would replace an input or another output."""
-    names = {
-        "-o": options.output,
-        "--three-view": options.three_view,
-        "--surface-image": options.surface_image,
-    }
+    names = {"-o": options.output, "--three-view": options.three_view, "--surface-image": options.surface_image}
     taken = {"SWEEP": options.sweep, "--mask": options.mask, "--poses": options.poses,
              "--plus": options.plus, "--calibration": options.calibration}  # fmt: skip
     for option, name in names.items():
@@ -209,9 +203,7 @@ def _check_apart(options: argparse.Namespace) -> None:
             continue
         for other, path in taken.items():
             if path and os.path.realpath(path) == os.path.realpath(name):
-                raise UserError(
-                    f"{option}: expected a name of its own, got that of {other}, {name}"
-                )
+                raise UserError(f"{option}: expected a name of its own, got that of {other}, {name}")
         taken[option] = name
 
 
@@ -239,9 +231,7 @@ def _check(options: argparse.Namespace) -> None:
             other = "--live" if options.live else "--bounds"
             raise UserError(f"--volume-axes: expected no {other} beside --volume-axes, got both")
         if _exact(options):
-            raise UserError(
-                "--volume-axes: expected --method beside --plus, as PLUS's axes are the world's"
-            )
+            raise UserError("--volume-axes: expected --method beside --plus, as PLUS's axes are the world's")
     _check_apart(options)
     if options.calibration and options.plus:
         raise UserError("--plus: expected no --calibration beside --plus, got both")
@@ -284,9 +274,7 @@ def _sweep(options: argparse.Namespace) -> Sweep:
     )  # fmt: skip
 
 
-def _without_outliers(
-    sweep: Sweep, options: argparse.Namespace, messages: list[str]
-) -> tuple[list[int], list[str]]:
+def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> tuple[list[int], list[str]]:
     """Mark frames whose pose is wrong as invalid; return their numbers, and all findings."""
     from ..ultrasound.trust import check_poses
 
@@ -298,14 +286,10 @@ def _without_outliers(
     if found:
         wrong = [str(f) for f in check.findings if f.kind not in ("step", "identical")]
         which = "; ".join(wrong[:8]) + ("; …" if len(wrong) > 8 else "")
-        messages.append(
-            f"{count(len(found), 'frame')} left out (--keep-outliers keeps these frames): {which}"
-        )
+        messages.append(f"{count(len(found), 'frame')} left out (--keep-outliers keeps these frames): {which}")
     for finding in check.findings:
         if finding.kind == "step":
-            messages.append(
-                f"{finding}; if the tracked reference has moved, the volume shows the anatomy twice"
-            )
+            messages.append(f"{finding}; if the tracked reference has moved, the volume shows the anatomy twice")
         elif finding.kind == "identical" and finding.last - finding.first >= len(sweep) - 1:
             messages.append(f"{finding}; the tracker has not followed the probe")
     return found, [str(finding) for finding in check.findings]
@@ -380,9 +364,7 @@ def _fitting(name: str | None = None) -> Iterator[None]:
         raise UserError(f"{error.filename}: cannot be read: {error.strerror}") from error
 
 
-def _cross_validate(
-    sweep: Sweep, options: argparse.Namespace, messages: list[str]
-) -> dict[str, Any]:
+def _cross_validate(sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> dict[str, Any]:
     from ..ultrasound.trust import compare_methods
 
     if sweep.n_valid < 2 * options.cross_validate:
@@ -391,9 +373,7 @@ def _cross_validate(
     methods = (options.method,) if options.method else COMPARED
     failures: dict[str, str] = {}
     with _fitting():
-        found = compare_methods(
-            sweep, options.cross_validate, methods, failures, **_options_of(options)
-        )
+        found = compare_methods(sweep, options.cross_validate, methods, failures, **_options_of(options))
     messages += [f"{method} predicts no frame: {error}" for method, error in failures.items()]
     return found
 
@@ -403,9 +383,7 @@ def _volume(sweep: Sweep, options: argparse.Namespace) -> Volume:
         if _exact(options):
             from ..ultrasound.plus.reconstruct import reconstruct_plus
 
-            return reconstruct_plus(
-                sweep, options.plus, device=options.device, threads=options.threads
-            )
+            return reconstruct_plus(sweep, options.plus, device=options.device, threads=options.threads)
         from ..ultrasound.reconstruct import reconstruct
 
         return reconstruct(sweep, method=_method(options), **_options_of(options))

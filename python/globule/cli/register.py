@@ -93,14 +93,10 @@ def run(options: argparse.Namespace) -> None:
         volume = None
         if options.output:
             progress.step("reconstructing")
-            grid: dict[str, Any] = (
-                {"size": _SIZE} if options.spacing is None else {"spacing": options.spacing}
-            )
+            grid: dict[str, Any] = {"size": _SIZE} if options.spacing is None else {"spacing": options.spacing}
             try:
                 with mistakes():
-                    volume = reconstruct(
-                        joined, device=options.device, threads=options.threads, **grid
-                    )
+                    volume = reconstruct(joined, device=options.device, threads=options.threads, **grid)
             except MemoryError as error:
                 raise UserError(str(error)) from error
             with mistakes():
@@ -112,9 +108,7 @@ def run(options: argparse.Namespace) -> None:
                 write_sweep(options.sweep_output, joined)
     report: dict[str, Any] = {
         "fixed": names[0],
-        "registrations": [
-            {"sweep": name, **one._asdict()} for name, one in zip(names[1:], found, strict=True)
-        ],
+        "registrations": [{"sweep": name, **one._asdict()} for name, one in zip(names[1:], found, strict=True)],
         "frames": len(joined),
         "output": options.output,
         "sweep_output": options.sweep_output,

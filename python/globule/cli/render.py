@@ -48,19 +48,7 @@ from ..render.fit import fitted
 from ..render.settings import RenderSettings
 from ..render.views import view_cameras
 from ..scene.mesh import Mesh
-from . import (
-    annotation,
-    flags,
-    light,
-    look,
-    meshes,
-    pieces,
-    ranks,
-    sequence,
-    state,
-    surfaces,
-    tracing,
-)
+from . import annotation, flags, light, look, meshes, pieces, ranks, sequence, state, surfaces, tracing
 from .image import picture
 from .parser import Parser
 from .shared import (
@@ -101,12 +89,7 @@ DEFAULT_VIEW = Camera((1.2, 0.9, 2.0), (0, 0, 0))  # where there is nothing to f
 def add_arguments(parser: Parser) -> None:
     """The arguments of `globule render`."""
     add = parser.add_argument
-    add(
-        "particles",
-        nargs="+",
-        metavar="FILE",
-        help="particles, mesh or volume, or a folder with a DICOM series",
-    )
+    add("particles", nargs="+", metavar="FILE", help="particles, mesh or volume, or a folder with a DICOM series")
     flags.add(parser, "--output", "image.png or movie.mp4", required=True)
     flags.add(parser, "--size", "default: 1024x782", default=(1024, 782))
     flags.add(parser, "--state", "default: none")
@@ -237,9 +220,7 @@ def _run(options: argparse.Namespace, comm: Any) -> None:
             print(light.say_picked(options, report["picked"]))
 
 
-def outputs(
-    options: argparse.Namespace, images: list[str] | None
-) -> tuple[list[str], list[str | None]]:
+def outputs(options: argparse.Namespace, images: list[str] | None) -> tuple[list[str], list[str | None]]:
     """The files to write, one image and perhaps one .npz per input, all checked to be writable.
     images: those of a movie."""
     for path in options.particles:
@@ -284,10 +265,7 @@ def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list
 
 
 def camera(
-    options: argparse.Namespace,
-    scene: Scene | Mesh | None,
-    notes: annotation.Notes,
-    around: Any = None,
+    options: argparse.Namespace, scene: Scene | Mesh | None, notes: annotation.Notes, around: Any = None
 ) -> Camera:
     """The camera that the options ask for; without a scene, only the options are checked.
 
@@ -299,13 +277,7 @@ def camera(
         base = DEFAULT_VIEW
         if scene is not None and not nothing:
             around = _all_around(options, scene, around) if options.turntable else around
-            base = fitted(
-                scene,
-                notes.size,
-                notes.annotation,
-                around,
-                **_towards(options, scene),
-            )
+            base = fitted(scene, notes.size, notes.annotation, around, **_towards(options, scene))
             if shows_flat(scene) and not options.turntable:
                 return base
             if options.turntable:
@@ -323,11 +295,7 @@ def camera(
 
 
 def cameras(
-    options: argparse.Namespace,
-    lit: light.Light,
-    notes: annotation.Notes,
-    scene: Scene | Mesh,
-    around: Any,
+    options: argparse.Namespace, lit: light.Light, notes: annotation.Notes, scene: Scene | Mesh, around: Any
 ) -> list[Camera]:
     """The cameras of all views of an image."""
     around = lit.around(scene, around)

@@ -163,9 +163,7 @@ class Series:
         if span and values[0] <= values[1]:
             options.range = (float(values[0]), float(values[1]))
 
-    def pictures(
-        self, images: list[str], arrays: list[str | None]
-    ) -> Iterator[tuple[int, str, str, str | None]]:
+    def pictures(self, images: list[str], arrays: list[str | None]) -> Iterator[tuple[int, str, str, str | None]]:
         """Number, file and outputs of all images to make; `read` then has the particles.
 
         The first file always comes first: the camera comes from this file.
@@ -325,9 +323,7 @@ def shows_all(output: str) -> bool:
 
 def _camera_path(options: argparse.Namespace) -> CameraPath:
     if options.eye or options.look_at or options.fit or options.ortho:
-        raise UserError(
-            "--camera-path: expected no --fit, --eye, --look-at or --ortho beside --camera-path"
-        )
+        raise UserError("--camera-path: expected no --fit, --eye, --look-at or --ortho beside --camera-path")
     try:
         return CameraPath.load(options.camera_path, options.fps)
     except OSError as error:

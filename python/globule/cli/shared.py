@@ -56,11 +56,7 @@ def left_out(path: str, particles: Particles, far: bool = True) -> list[str]:
     found = [(n - n_finite, "no finite position")]
     if far:
         found.append((n_far, f"a coordinate beyond {FARTHEST:g}"))
-    return [
-        f"{path}: {k:,} of {count(n)} {'have' if k > 1 else 'has'} {what}, left out"
-        for k, what in found
-        if k
-    ]
+    return [f"{path}: {k:,} of {count(n)} {'have' if k > 1 else 'has'} {what}, left out" for k, what in found if k]
 
 
 def doubled(path: str, particles: Particles) -> list[str]:
@@ -270,9 +266,7 @@ def read_file(path: str, may_be_empty: bool = False, **given: Any) -> Contents:
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
     if not len(contents.particles) and not may_be_empty:
         if "level" in given:
-            raise UserError(
-                f"{path}: --level: expected an iso-value that voxels reach, got {given['level']:g}"
-            )
+            raise UserError(f"{path}: --level: expected an iso-value that voxels reach, got {given['level']:g}")
         if given.get("min_component", 1) > 1:
             expected = "expected a component of so many particles"
             raise UserError(f"{path}: --min-component: {expected}, got {given['min_component']}")
@@ -322,9 +316,7 @@ def check_voxel_size(spacing: float | None, sweep: Any) -> None:
     low, high = sweep.bounds()
     if spacing > (high - low).max():
         box = " x ".join(f"{v:.3g}" for v in high - low)
-        raise UserError(
-            f"--voxel-size: expected voxels smaller than the sweep of {box} mm, got {spacing:g} mm"
-        )
+        raise UserError(f"--voxel-size: expected voxels smaller than the sweep of {box} mm, got {spacing:g} mm")
 
 
 def read_volume_file(path: str) -> Any:

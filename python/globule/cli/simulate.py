@@ -118,17 +118,7 @@ def _view(options: argparse.Namespace) -> None:
     from ..sim.simulation import Simulation
     from ..viewer.simulation_source import SimulationSource
 
-    for name in (
-        "seconds",
-        "fps",
-        "format",
-        "no_frames",
-        "video",
-        "images",
-        "size",
-        "checkpoint",
-        "json",
-    ):
+    for name in ("seconds", "fps", "format", "no_frames", "video", "images", "size", "checkpoint", "json"):
         if getattr(options, name):
             option = name.replace("_", "-")
             raise UserError(f"--view: expected no --{option} beside --view, which writes nothing")
@@ -180,17 +170,14 @@ class _Job:
             own = not (options.seconds or options.fps)
             key = f"{options.scene}: seconds" if own else "--seconds"
             raise UserError(
-                f"{key}: expected at most {MOST_FRAMES:,} frames, got {seconds:g} s at "
-                f"{self.fps:g} frames per second"
+                f"{key}: expected at most {MOST_FRAMES:,} frames, got {seconds:g} s at {self.fps:g} frames per second"
             )
         output = replace(scene.output, fps=self.fps, format=self.format)
         self.scene = replace(scene, seconds=seconds, output=output)
         self.n_frames = int(seconds * self.fps + 1e-6) + 1
         self.checkpoint = os.path.join(self.folder, CHECKPOINT)
         try:
-            self.pictures = Pictures(
-                self.scene, options.images, options.video, options.size, options.resume
-            )
+            self.pictures = Pictures(self.scene, options.images, options.video, options.size, options.resume)
         except ImportError as error:
             raise UserError(f"--video: {error}") from error
         where = {"device": options.device, "threads": options.threads}
@@ -231,9 +218,7 @@ class _Job:
         for name in ("fps", "format"):
             had, asked = getattr(before, name), getattr(self, name)
             if had != asked:
-                raise UserError(
-                    f"--resume: expected --{name} {had}, as before the interruption, got {asked}"
-                )
+                raise UserError(f"--resume: expected --{name} {had}, as before the interruption, got {asked}")
 
     def _is_before(self, k: int) -> bool:
         """Whether the time of frame k is not after the time of the checkpoint."""
@@ -251,8 +236,7 @@ class _Job:
         except ValueError as error:
             frames = os.path.join(self.folder, f"frame_*.{self.format}")
             raise UserError(
-                f"--video: {error}; resume without --video, then: globule render '{frames}' -o "
-                f"{self.options.video}"
+                f"--video: {error}; resume without --video, then: globule render '{frames}' -o {self.options.video}"
             ) from error
 
     def run(self, interrupted: Callable[[], int]) -> bool:
@@ -372,9 +356,7 @@ class _Job:
             say(f"note: stopped at {sim.time:.4g} s; --resume continues from {self.checkpoint}")
 
 
-def _resumed(
-    kind: type[Simulation], folder: str, scene: SceneFile, name: str, where: dict[str, Any]
-) -> Simulation:
+def _resumed(kind: type[Simulation], folder: str, scene: SceneFile, name: str, where: dict[str, Any]) -> Simulation:
     """The simulation of the folder's checkpoint. Only duration, view and output of the scene may
     differ from those of the checkpoint."""
     from ..sim.scene_read import as_dict, read_scene
@@ -390,8 +372,7 @@ def _resumed(
     for key in (*now, *before):
         if key not in free and now.get(key) != before.get(key):
             raise UserError(
-                f"--resume: expected {checkpoint} of the present {name}, got a checkpoint with "
-                f"another {key}"
+                f"--resume: expected {checkpoint} of the present {name}, got a checkpoint with another {key}"
             )
     return simulation
 

@@ -23,16 +23,7 @@ from ..render.frame import save_png
 from ..render.legend import add_legend
 from . import flags, measuring
 from .parser import Parser
-from .shared import (
-    Progress,
-    UserError,
-    check_output,
-    count,
-    mistakes,
-    need_particles,
-    number,
-    print_json,
-)
+from .shared import Progress, UserError, check_output, count, mistakes, need_particles, number, print_json
 
 SUMMARY = "values on planes, lines and grids"
 USAGE = "FILE -o PATH"
@@ -152,11 +143,7 @@ def _range(array: np.ndarray) -> list[float]:
 
 
 def draw(
-    options: argparse.Namespace,
-    values: np.ndarray,
-    name: str,
-    log: bool,
-    inside: np.ndarray | None = None,
+    options: argparse.Namespace, values: np.ndarray, name: str, log: bool, inside: np.ndarray | None = None
 ) -> None:
     """Write the values (V, U) or (V, U, k) of a plane as a .png, v upwards, at least 480 pixels a
     side; white where they are not finite, and outside where --inside is given."""

@@ -20,9 +20,7 @@ def add_arguments(group: Any) -> None:
     flags.add(group, "--particle-spacing", "default: measured")
 
 
-def scene_of(
-    options: argparse.Namespace, particles: Particles, as_balls: bool, **asked: Any
-) -> Scene:
+def scene_of(options: argparse.Namespace, particles: Particles, as_balls: bool, **asked: Any) -> Scene:
     """The scene of the particles. as_balls: auto is balls, as for voxels; asked: for `Scene`."""
     surface, spacing = options.surface, options.particle_spacing
     if surface == "auto" and as_balls:

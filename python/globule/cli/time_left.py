@@ -20,13 +20,7 @@ class TimeLeft:
         clock: wall time, s.
     """
 
-    def __init__(
-        self,
-        begin: float,
-        end: float,
-        n_frames: int,
-        clock: Callable[[], float] = time.perf_counter,
-    ):
+    def __init__(self, begin: float, end: float, n_frames: int, clock: Callable[[], float] = time.perf_counter):
         self.begin, self.end, self.n_frames, self.clock = begin, end, n_frames, clock
         self.n_steps, self.n_written = 0, -1
         self._steps = self._frames = 0.0  # s of all of them

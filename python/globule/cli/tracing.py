@@ -27,13 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("tracing")
     flags.add_settings(group, Surface, "root")
     flags.add_settings(group, Thesis, "step")
-    flags.add(
-        group,
-        "--preset",
-        "or thesis; default: none",
-        action=look.OneLook,
-        choices=tuple(PRESETS),
-    )
+    flags.add(group, "--preset", "or thesis; default: none", action=look.OneLook, choices=tuple(PRESETS))
 
 
 def settle(options: argparse.Namespace) -> Thesis | None:
@@ -49,10 +43,7 @@ def settle(options: argparse.Namespace) -> Thesis | None:
         return None
     if options.beside:
         asked = "--preset thesis" if options.preset == "thesis" else f"--root {options.root}"
-        raise UserError(
-            f"--with: expected no --with beside {asked}, which shows one scene, got "
-            f"{options.beside[0][0]}"
-        )
+        raise UserError(f"--with: expected no --with beside {asked}, which shows one scene, got {options.beside[0][0]}")
     options.octree = options.octree or "dense"
     if options.octree != "dense":
         raise UserError(f"--octree: expected dense with --root {options.root}, got sparse")
@@ -73,9 +64,7 @@ def octree_mistakes() -> Iterator[None]:
         raise UserError(re.sub(r"^(depth|level):", "--octree-level:", str(error))) from error
 
 
-def support_and_depth(
-    options: argparse.Namespace, particles: Particles
-) -> tuple[float | None, int | None]:
+def support_and_depth(options: argparse.Namespace, particles: Particles) -> tuple[float | None, int | None]:
     """The support and the octree's level that fit together (§3.6); given flags win.
 
     The octree is as deep as leaves no smaller than the supports allow. With --preset thesis and

@@ -225,11 +225,7 @@ def _settings(options: argparse.Namespace) -> tuple:
         "color__colormap": options.colormap,
     }
     if options.range:
-        changes |= {
-            "color__automatic": False,
-            "color__low": options.range[0],
-            "color__high": options.range[1],
-        }
+        changes |= {"color__automatic": False, "color__low": options.range[0], "color__high": options.range[1]}
     if options.clip:
         length = np.linalg.norm(options.clip.normal)
         normal, offset = np.asarray(options.clip.normal) / length, options.clip.offset / length

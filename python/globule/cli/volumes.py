@@ -41,9 +41,7 @@ def check_surface(path: str, options: argparse.Namespace) -> None:
         if getattr(options, name) is not None:
             raise UserError(f"--{name}: expected --level for the volume {path}, got --{name}")
     if tracked:
-        raise UserError(
-            f"{path}: expected a volume, got a sweep; globule reconstruct makes a volume of it"
-        )
+        raise UserError(f"{path}: expected a volume, got a sweep; globule reconstruct makes a volume of it")
 
 
 def read_surface(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:
@@ -58,6 +56,4 @@ def read_surface(path: str, options: argparse.Namespace) -> tuple[Particles, lis
     particles.weight = particles.weight * (DEFAULTS[options.kernel][1] / threshold)
     if options.level is not None:
         return particles, []
-    return particles, [
-        f"{os.path.basename(path)}: surface at {level:.4g}; --level sets another iso-value"
-    ]
+    return particles, [f"{os.path.basename(path)}: surface at {level:.4g}; --level sets another iso-value"]

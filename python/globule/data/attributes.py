@@ -97,10 +97,7 @@ def kinds_of(particles: Particles, name: str, colormap: str) -> tuple[tuple[floa
 
 
 def attribute_colors(
-    particles: Particles,
-    name: str,
-    colormap: str = "auto",
-    range: tuple[float, float] | None = None,
+    particles: Particles, name: str, colormap: str = "auto", range: tuple[float, float] | None = None
 ) -> AttributeColors:
     """Colors by a field or attribute, as `color_by` makes them, with what a legend needs.
 
@@ -117,10 +114,7 @@ def attribute_colors(
 
 
 def color_by(
-    particles: Particles,
-    name: str,
-    colormap: str = "auto",
-    range: tuple[float, float] | None = None,
+    particles: Particles, name: str, colormap: str = "auto", range: tuple[float, float] | None = None
 ) -> Particles:
     """The particles with colors by a field or attribute.
 

@@ -118,8 +118,7 @@ class Particles:
         elif name not in FIELDS and name != "attributes":
             known = ", ".join((*FIELDS, "attributes"))
             raise AttributeError(
-                f"Particles: expected one of {known}, got {name}; "
-                f"values of your own go to attributes[{name!r}]"
+                f"Particles: expected one of {known}, got {name}; values of your own go to attributes[{name!r}]"
             )
         elif isinstance(vars(self).get("attributes"), Attributes):  # else it is still being made
             value = self._checked(name, value)
@@ -318,8 +317,7 @@ def _rounding(positions: np.ndarray, least: int) -> tuple[float, float, float, n
     extent = np.sort(hi - lo)[::-1]
     # As many particles a length, an area or a volume, whichever they fill.
     spacing = max(
-        float(np.exp(np.log(np.maximum(extent[:d], 1e-300)).mean()) / len(positions) ** (1 / d))
-        for d in (1, 2, 3)
+        float(np.exp(np.log(np.maximum(extent[:d], 1e-300)).mean()) / len(positions) ** (1 / d)) for d in (1, 2, 3)
     )
     farthest = float(max(np.abs(lo).max(), np.abs(hi).max()))
     step = float(np.spacing(np.float32(farthest)))

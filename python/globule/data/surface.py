@@ -42,9 +42,7 @@ def vertex_particles(vertices: Particles, faces: np.ndarray) -> Particles:
     return merged[used]
 
 
-def sample_triangles(
-    corners: np.ndarray, spacing: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def sample_triangles(corners: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points all over triangles, about `spacing` apart.
 
     Each triangle is cut into n x n equal parts whose edges are at most sqrt(2) spacings, and each
@@ -86,9 +84,7 @@ def sample_triangles(
 
 
 def sampled_particles(
-    corners: np.ndarray,
-    spacing: float,
-    color: Callable[[np.ndarray, np.ndarray], np.ndarray | None],
+    corners: np.ndarray, spacing: float, color: Callable[[np.ndarray, np.ndarray], np.ndarray | None]
 ) -> Particles:
     """Metaballs all over triangles, with a support of two spacings.
 
@@ -99,9 +95,7 @@ def sampled_particles(
     """
     triangle, barycentric, weight = sample_triangles(corners, spacing)
     positions = np.einsum("mk,mkc->mc", barycentric, corners[triangle])
-    return Particles(
-        positions, support=2 * spacing, weight=weight, color=color(triangle, barycentric)
-    )
+    return Particles(positions, support=2 * spacing, weight=weight, color=color(triangle, barycentric))
 
 
 def _middles_of_parts(n: int) -> np.ndarray:

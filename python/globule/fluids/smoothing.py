@@ -171,9 +171,7 @@ MASS = 105 / (32 * np.pi)  # 1 / integral of (1 - r²)² over the unit ball
 
 
 def find_surface_kernels(
-    particles: Particles | ArrayLike,
-    spacing: float,
-    progress: Callable[[int, int], object] | None = None,
+    particles: Particles | ArrayLike, spacing: float, progress: Callable[[int, int], object] | None = None
 ) -> SurfaceKernels:
     """An ellipsoid and a weight for each particle, so that the surface of the summed kernels at the
     threshold 0.5 encloses the particles' volume.
@@ -252,12 +250,7 @@ def _kernels(covariance: np.ndarray, most_stretch: float) -> np.ndarray:
 
 
 def _moments(
-    positions: np.ndarray,
-    rows: np.ndarray,
-    offsets: np.ndarray,
-    index: np.ndarray,
-    radius: float,
-    power: int = 3,
+    positions: np.ndarray, rows: np.ndarray, offsets: np.ndarray, index: np.ndarray, radius: float, power: int = 3
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weighted mean (M, 3), from each particle, and covariance (M, 3, 3) of its neighbors."""
     own = np.repeat(positions[rows], np.diff(offsets), axis=0).astype(np.float64)
@@ -275,10 +268,7 @@ def _moments(
 
 
 def _neighbor_blocks(
-    scene: SceneBase,
-    positions: np.ndarray,
-    radius: float,
-    progress: Callable[[int, int], object] | None,
+    scene: SceneBase, positions: np.ndarray, radius: float, progress: Callable[[int, int], object] | None
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """The neighbors of the particles with finite positions, as many rows at a time as fit.
 

@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 
 
 def measure_spacing(
-    positions: Particles | ArrayLike,
-    k: int = 6,
-    progress: Callable[[int, int], object] | None = None,
+    positions: Particles | ArrayLike, k: int = 6, progress: Callable[[int, int], object] | None = None
 ) -> np.ndarray:
     """Mean distance of each particle to its k nearest neighbors, without particles at the same
     position.

@@ -98,10 +98,7 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     if columns is not None and not isinstance(columns, Mapping):
         raise TypeError(f"columns: expected names by name, a dict, got {type(columns).__name__}")
     with unpacked(path, form.name == "bgeo") as plain:
-        if form in FORMATS:
-            found = function_of(form)(plain, **options)
-        else:
-            found = _by_others(form, plain, options)
+        found = function_of(form)(plain, **options) if form in FORMATS else _by_others(form, plain, options)
     contents = found if isinstance(found, Contents) else Contents(found)
     if form.up == "z":
         contents.particles.up = Z_UP

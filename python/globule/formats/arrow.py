@@ -19,14 +19,7 @@ from .._base.files import atomic_write
 from ..data.particles import Particles
 from .contents import Contents
 from .errors import bad, shown
-from .fields import (
-    COLUMNS,
-    find_positions,
-    join_columns,
-    particles_from,
-    place_names,
-    split_columns,
-)
+from .fields import COLUMNS, find_positions, join_columns, particles_from, place_names, split_columns
 from .guarded import decode, need
 
 

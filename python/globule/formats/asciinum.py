@@ -45,9 +45,7 @@ def end_of_tokens(data: bytes, start: int, n: int) -> int:
     return -1
 
 
-def parse_rows(
-    path: Any, lines: Sequence[str], first_line: int, n_columns: int, **options: Any
-) -> np.ndarray:
+def parse_rows(path: Any, lines: Sequence[str], first_line: int, n_columns: int, **options: Any) -> np.ndarray:
     """Rows of numbers (n, n_columns) float64. `first_line` is the number of lines[0] in the file.
 
     `options` are those of numpy.loadtxt. Raises FormatError with the line and column at fault.
@@ -68,9 +66,7 @@ def parse_rows(
     raise fault or bad(path, f"line {first_line}", f"expected rows of numbers, got {problem}")
 
 
-def parse_plain(
-    data: bytes, separator: str, n_columns: int, used: Sequence[int]
-) -> np.ndarray | None:
+def parse_plain(data: bytes, separator: str, n_columns: int, used: Sequence[int]) -> np.ndarray | None:
     """The columns `used` of separated rows, (n, len(used)) float64, as `parse_rows` reads them but
     in a fifth of the time, by pyarrow; None without it, and for a text that is not plain: quotes,
     comments, and what is no finite number in these columns."""
@@ -106,11 +102,7 @@ def parse_plain(
 
 
 def _find_fault(
-    path: Any,
-    lines: Sequence[str],
-    first_line: int,
-    n_columns: int,
-    options: dict[str, Any],
+    path: Any, lines: Sequence[str], first_line: int, n_columns: int, options: dict[str, Any]
 ) -> FormatError | None:
     """The first line that does not hold numbers; only walked when the fast way failed."""
     for number, line in enumerate(lines, first_line):

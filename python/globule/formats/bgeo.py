@@ -132,9 +132,7 @@ class MappedBgeo:
             stream = _Stream(path, file, held, held)
             n, width, self._columns = _head(stream)
             if 4 * n * width > held - stream.position:
-                raise stream.bad(
-                    f"expected {4 * n * width} bytes, got {held - stream.position} more"
-                )
+                raise stream.bad(f"expected {4 * n * width} bytes, got {held - stream.position} more")
             self.words = np.empty((0, width), ">u4")
             if n:
                 self.words = np.memmap(path, ">u4", "r", stream.position, (n, width))

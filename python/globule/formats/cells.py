@@ -129,9 +129,7 @@ class Cells(NamedTuple):
                 return "expected offsets from 0 up to the length of the connectivity"
             used = corners[offsets[0] : offsets[-1]]
             if len(used) and not 0 <= used.min() <= used.max() < n_points:
-                return (
-                    f"expected indices from 0 to {n_points - 1}, got {used.min()} to {used.max()}"
-                )
+                return f"expected indices from 0 to {n_points - 1}, got {used.min()} to {used.max()}"
         return ""
 
 
@@ -221,10 +219,7 @@ def without_streams(cells: Cells) -> Cells:
 
 
 def triangles(
-    points: np.ndarray,
-    cells: Cells,
-    arrays: dict[str, np.ndarray],
-    cell_arrays: dict[str, np.ndarray],
+    points: np.ndarray, cells: Cells, arrays: dict[str, np.ndarray], cell_arrays: dict[str, np.ndarray]
 ) -> np.ndarray:
     """Triangles (F, 3) int64 of all faces, and of those faces of volumes that no two of them share.
 
@@ -395,9 +390,7 @@ def cut(points: np.ndarray, polygons: np.ndarray) -> np.ndarray:
     places = points[polygons]
     if k > 4:
         fan = np.array([(0, i, i + 1) for i in range(1, k - 1)])
-        normals = np.cross(
-            places[:, fan[:, 1]] - places[:, :1], places[:, fan[:, 2]] - places[:, :1]
-        )
+        normals = np.cross(places[:, fan[:, 1]] - places[:, :1], places[:, fan[:, 2]] - places[:, :1])
         inside = (np.einsum("pfc,pc->pf", normals, normals.sum(axis=1)) >= 0).all(axis=1)
         hard = [_ears(p)[None] for p in places[~inside]] if k <= _MOST_CORNERS else []
         if not hard:
@@ -459,11 +452,7 @@ def ghost_flags(arrays: dict[str, np.ndarray], n: int) -> np.ndarray | None:
 
 
 def point_arrays(
-    n: int,
-    arrays: dict[str, np.ndarray],
-    cell_arrays: dict[str, np.ndarray],
-    n_cells: int,
-    cells: Callable[[], Cells],
+    n: int, arrays: dict[str, np.ndarray], cell_arrays: dict[str, np.ndarray], n_cells: int, cells: Callable[[], Cells]
 ) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
     """The arrays of points, with those of vertex cells, and which points (n,) are no ghosts; None:
     all of them. cells: called where the cells matter.
@@ -484,9 +473,7 @@ def point_arrays(
     owner = np.repeat(np.arange(len(sizes)), sizes)
     if of_cells is not None:
         own = (of_cells & (_GHOST_CELL | _HIDDEN_CELL)) == 0
-        lost |= (np.bincount(used, minlength=n) > 0) & ~(
-            np.bincount(used[own[owner]], minlength=n) > 0
-        )
+        lost |= (np.bincount(used, minlength=n) > 0) & ~(np.bincount(used[own[owner]], minlength=n) > 0)
     vertices = np.isin(found.types, (_VERTEX, VERTICES))[owner]
     cell_of = np.full(n, -1)
     cell_of[used[vertices]] = owner[vertices]

@@ -137,19 +137,13 @@ def _place_of_enhanced_us(path: str) -> dict:
     places = np.array([f.PlanePositionVolumeSequence[0].ImagePositionVolume for f in frames], float)
     steps = np.diff(places, axis=0)
     if len(steps) and np.abs(steps - steps[0]).max() > 1e-3 * np.abs(steps[0]).max():
-        raise ValueError(
-            "planes at even distances, got others: a volume for each time or data type"
-        )
+        raise ValueError("planes at even distances, got others: a volume for each time or data type")
     z = steps[0] if len(steps) else np.cross(x, y) * float(measures.SliceThickness)
     between = float(np.linalg.norm(z))
     if not between > 0:
         raise ValueError("planes at different places, got several at one")
     directions = np.stack([x, y, z / between], axis=1)
-    return {
-        "spacing": [column, row, between],
-        "origin": places[0].tolist(),
-        "direction": directions.ravel().tolist(),
-    }
+    return {"spacing": [column, row, between], "origin": places[0].tolist(), "direction": directions.ravel().tolist()}
 
 
 _MOST_REGIONS = 64
@@ -167,9 +161,7 @@ def regions(path: str, ask: Any) -> tuple[dict, list]:
     import pydicom
 
     ask(0)
-    data = pydicom.dcmread(
-        path, stop_before_pixels=True, specific_tags=["SequenceOfUltrasoundRegions"]
-    )
+    data = pydicom.dcmread(path, stop_before_pixels=True, specific_tags=["SequenceOfUltrasoundRegions"])
     found = []
     for item in list(data.get("SequenceOfUltrasoundRegions") or [])[:_MOST_REGIONS]:
         values = {name: item.get(keyword) for name, keyword in _REGION.items()}
@@ -237,9 +229,7 @@ def sweep_h5(path: str, ask: Any) -> tuple[dict, list]:
                 raise ValueError(f"{one.name} in this file, got a link to another file")
         n = len(frames)
         if frames.ndim != 3 or tforms.shape != (n, 4, 4):
-            raise ValueError(
-                f"frames (N, H, W) and tforms (N, 4, 4), got {frames.shape} and {tforms.shape}"
-            )
+            raise ValueError(f"frames (N, H, W) and tforms (N, 4, 4), got {frames.shape} and {tforms.shape}")
         ask(frames.size * frames.dtype.itemsize + tforms.size * 8, sizes=list(frames.shape))
         native = np.ascontiguousarray(frames[()], frames.dtype.newbyteorder("="))
         return {}, [native, np.ascontiguousarray(tforms[()], np.float64)]
@@ -425,10 +415,7 @@ def arrow(path: str, ask: Any) -> tuple[dict, list]:
     if len(set(schema.names)) < len(schema.names):
         raise ValueError("columns of different names, got one twice")
     names = ask(0, columns=widths, units=units)
-    if parquet:
-        table = source.read(columns=names, use_threads=False)
-    else:
-        table = source.read_all().select(names)
+    table = source.read(columns=names, use_threads=False) if parquet else source.read_all().select(names)
     arrays, kept, ragged = [], [], []
     for name in names:
         column = table.column(name).combine_chunks()

@@ -15,10 +15,7 @@ class FormatError(ValueError):
 def bad(path: Any, where: str, problem: str) -> FormatError:
     """A FormatError `path: where: problem`; `where` may be empty."""
     # Either may quote the file: one line, of bounded length, whatever is in it.
-    parts = [
-        " ".join(str(path).splitlines()),
-        *(" ".join(part.split())[:200] for part in (where, problem)),
-    ]
+    parts = [" ".join(str(path).splitlines()), *(" ".join(part.split())[:200] for part in (where, problem))]
     return FormatError(": ".join(part for part in parts if part))
 
 

@@ -38,10 +38,26 @@ from .errors import bad
 _POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
 # Before or behind an axis in a column's name; behind one; and before a number.
 _POSITION_WORDS = (
-    "", "pos", "position", "positions", "points", "point", "coord", "coords", "coordinate",
-    "coordinates", "location", "loc", "center", "centre", "centroid", "particleposition",
-    "particlepos", "particle", "world",
-)  # fmt: skip
+    "",
+    "pos",
+    "position",
+    "positions",
+    "points",
+    "point",
+    "coord",
+    "coords",
+    "coordinate",
+    "coordinates",
+    "location",
+    "loc",
+    "center",
+    "centre",
+    "centroid",
+    "particleposition",
+    "particlepos",
+    "particle",
+    "world",
+)
 _UNIT_WORDS = ("m", "mm", "cm", "um", "nm", "km", "meters", "metres", "angstrom")
 _NUMBERED_WORDS = ("pos", "position", "positions", "points", "coord", "coords", "coordinates")
 COLUMNS = 'name them: --columns x=…,y=…,z=… or gb.read(path, columns={"x": …})'  # for messages
@@ -57,11 +73,7 @@ _VECTORS = {
     ("red", "green", "blue"): "color",
     ("r", "g", "b"): "color",
 }
-_COMPONENTS = {
-    "velocity": ("vx", "vy", "vz"),
-    "normal": ("nx", "ny", "nz"),
-    "color": ("red", "green", "blue"),
-}
+_COMPONENTS = {"velocity": ("vx", "vy", "vz"), "normal": ("nx", "ny", "nz"), "color": ("red", "green", "blue")}
 
 
 def particles_from(
@@ -236,9 +248,7 @@ def split_columns(particles: Particles) -> dict[str, np.ndarray]:
                 names = list(_COMPONENTS[name])
         for column_name, part in zip(names, parts, strict=True):
             if column_name in columns:
-                raise ValueError(
-                    f"attributes[{name!r}]: expected a name of its own, got column {column_name!r}"
-                )
+                raise ValueError(f"attributes[{name!r}]: expected a name of its own, got column {column_name!r}")
             columns[column_name] = part
     return columns
 
@@ -283,9 +293,7 @@ def _take_color(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: in
         return
 
 
-def _derive_support(
-    fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int, support_per_h: float
-) -> None:
+def _derive_support(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int, support_per_h: float) -> None:
     lower = {name.lower(): name for name in reversed(list(attributes)) if name != "H"}  # enthalpy
     for name, factor in _SUPPORT_NAMES.items():
         held = name if name in attributes else lower.get(name)

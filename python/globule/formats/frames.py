@@ -70,9 +70,7 @@ class _Known(NamedTuple):
 _known: dict[tuple, _Known] = {}
 
 
-def text_frame(
-    path: Any, frame: int, starts_of: Callable[[Any, list[str]], list[int]]
-) -> TextFrame:
+def text_frame(path: Any, frame: int, starts_of: Callable[[Any, list[str]], list[int]]) -> TextFrame:
     """The lines of one frame of a text. The first call for a state of the file reads all of it, a
     later one only its frame.
 

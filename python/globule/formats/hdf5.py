@@ -53,10 +53,7 @@ def read(
 
 
 def count(
-    path: str | os.PathLike[str],
-    frame: int = 0,
-    species: str | None = None,
-    columns: Mapping[str, str] | None = None,
+    path: str | os.PathLike[str], frame: int = 0, species: str | None = None, columns: Mapping[str, str] | None = None
 ) -> int:
     """Particles of a frame of an HDF5 file; arguments and errors: as those of `read`."""
     n = 0
@@ -77,16 +74,13 @@ def _some(layout: Layout, rows: tuple[int, int] | None) -> Layout:
         n, (first, last) = layout.arrays["positions"][0].n, rows
         for name, sources in layout.arrays.items():
             layout.arrays[name] = [
-                s._replace(first=s.first + first, n=last - first) if s.n == n else s
-                for s in sources
+                s._replace(first=s.first + first, n=last - first) if s.n == n else s for s in sources
             ]
     return layout
 
 
 def read_arrays(
-    path: str | os.PathLike[str],
-    places: Mapping[str, str],
-    rows: Mapping[str, tuple[int, int]] | None = None,
+    path: str | os.PathLike[str], places: Mapping[str, str], rows: Mapping[str, tuple[int, int]] | None = None
 ) -> dict[str, np.ndarray]:
     """The data sets at places of a file, by a name of one's own; of those in `rows` [first, last).
 

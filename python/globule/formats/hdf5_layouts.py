@@ -216,9 +216,7 @@ def openpmd(tree: Tree, species: str | None, pick: PickFrame) -> Layout | None:
         names = [f"{place}/{c}" for c in sorted(tree.children(place))]  # as made: in any order
         parts = [place] if tree.is_data(place) else names
         if all(tree.rows(p) == n for p in parts) and parts:
-            found[record] = [
-                Source(p, 0, n, _number(tree.attributes(p).get("unitSI"), 1.0)) for p in parts
-            ]
+            found[record] = [Source(p, 0, n, _number(tree.attributes(p).get("unitSI"), 1.0)) for p in parts]
     arrays: dict[str, list[Source]] = {"positions": []}
     found.pop("position", None)
     found.pop("positionOffset", None)

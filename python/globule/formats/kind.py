@@ -78,9 +78,7 @@ _MAGIC = (  # at the file's beginning
 )
 # Plane Position Sequence and Plane Position (Volume) Sequence of DICOM: frames that are planes.
 _PLANES = (b"\x20\x00\x13\x91SQ", b"\x20\x00\x0e\x93SQ")
-_GRID = re.compile(
-    rb"# vtk DataFile[^\n]*\n[^\n]*\n\s*\w+\s+DATASET\s+STRUCTURED_POINTS\b", re.IGNORECASE
-)
+_GRID = re.compile(rb"# vtk DataFile[^\n]*\n[^\n]*\n\s*\w+\s+DATASET\s+STRUCTURED_POINTS\b", re.IGNORECASE)
 _XML = {
     "PolyData": Kind("particles", "vtp"),
     "UnstructuredGrid": Kind("particles", "vtu"),
@@ -202,9 +200,7 @@ def _by_magic(head: bytes, size: int) -> Kind | None:
             return kind
     if head[344:348] in (b"n+1\0", b"ni1\0") or head[4:8] in (b"n+2\0", b"ni2\0"):
         return Kind("volume", "nifti")
-    if re.match(
-        rb"# vtk DataFile[^\n]*\n[^\n]*\n\s*\w+\s+DATASET\s+STRUCTURED_POINTS\b", head, re.I
-    ):
+    if re.match(rb"# vtk DataFile[^\n]*\n[^\n]*\n\s*\w+\s+DATASET\s+STRUCTURED_POINTS\b", head, re.I):
         return Kind("volume", "structured points")
     if head[128:132] == b"DICM":
         return Kind("volume" if any(tag in head for tag in _PLANES) else "sweep", "dicom")

@@ -50,9 +50,7 @@ def _write_ply(path: Any, vertices: Any, faces: Any, normals: Any, values: Any) 
         rows[name] = column
     triangles = np.empty(len(faces), [("n", "u1"), ("corners", "<i4", 3)])
     triangles["n"], triangles["corners"] = 3, faces
-    properties = "".join(
-        f"property {_PLY[c.dtype.str[1:]]} {name}\n" for name, c in columns.items()
-    )
+    properties = "".join(f"property {_PLY[c.dtype.str[1:]]} {name}\n" for name, c in columns.items())
     head = (
         f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n{properties}"
         f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"

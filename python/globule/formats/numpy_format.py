@@ -49,9 +49,7 @@ def read_npy(path: str | os.PathLike[str]) -> Particles:
 
 
 def read_npz(
-    path: str | os.PathLike[str],
-    columns: Mapping[str, str] | None = None,
-    species: str | None = None,
+    path: str | os.PathLike[str], columns: Mapping[str, str] | None = None, species: str | None = None
 ) -> Particles | Contents:
     """Read .npz: positions (N, 3) or (N, 2), or x, y, z; fields per particle or as scalars;
     attributes (N, ...). Of PySPH's: the group `species`, or "fluid".
@@ -154,9 +152,7 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
     write_arrays(path, arrays)
 
 
-def write_arrays(
-    path: str | os.PathLike[str], arrays: Mapping[str, np.ndarray], packed: bool = False
-) -> None:
+def write_arrays(path: str | os.PathLike[str], arrays: Mapping[str, np.ndarray], packed: bool = False) -> None:
     """Write an .npz, which appears whole or not at all. packed: deflate the arrays.
 
     numpy.savez cannot hold an array named "file", and makes a ValueError of Ctrl-C.
@@ -230,9 +226,7 @@ def read_header(
     return shape, fortran, dtype
 
 
-def read_array(
-    path: Any, name: str, file: IO[bytes], file_size: int, records: bool = False
-) -> np.ndarray:
+def read_array(path: Any, name: str, file: IO[bytes], file_size: int, records: bool = False) -> np.ndarray:
     """One .npy stream of `file_size` bytes, checked before memory is taken; records: as for
     `read_header`. Raises FormatError."""
     shape, fortran, dtype = read_header(path, name, file, file_size, records)

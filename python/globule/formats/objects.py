@@ -157,16 +157,12 @@ def _of_columns(value: Any, columns: dict[str, Any]) -> Particles:
     lower = {name.lower(): name for name in found}
     if "x" in lower and "y" in lower and "z" not in lower:
         found["z"] = np.zeros(len(found[lower["x"]]))
-    arrays = join_columns(
-        {k: a for k, a in found.items() if a.ndim == 1 and len(a) == _rows(found)}
-    )
+    arrays = join_columns({k: a for k, a in found.items() if a.ndim == 1 and len(a) == _rows(found)})
     arrays |= {k: a for k, a in found.items() if a.ndim > 1}
     positions = find_positions(arrays)
     if positions is None:
         kind = type(value).__name__
-        names = ", ".join(
-            name if name in found else f"{name} (no numbers)" for name in list(columns)[:20]
-        )
+        names = ", ".join(name if name in found else f"{name} (no numbers)" for name in list(columns)[:20])
         raise ValueError(f"{kind}: expected columns x, y and z, got {names or 'none'}; "
                          "gb.Particles(table[[…]].to_numpy()) takes others")  # fmt: skip
     return _from(value, positions, arrays)

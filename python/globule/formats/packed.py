@@ -85,9 +85,7 @@ def unpacked_head(path: str | os.PathLike[str], size: int) -> bytes:
 
 
 @contextmanager
-def unpacked(
-    path: str | os.PathLike[str], reads_gzip: bool = False
-) -> Iterator[str | os.PathLike[str]]:
+def unpacked(path: str | os.PathLike[str], reads_gzip: bool = False) -> Iterator[str | os.PathLike[str]]:
     """The path of an unpacked copy of a packed file, which is gone at the end of the block; the
     path itself for what is no packed file, or where its reader `reads_gzip`.
 

@@ -91,9 +91,7 @@ def _row(path: Any, said: dict[str, list[str]]) -> np.dtype:
         code = {"F": "f", "I": "i", "U": "u"}.get(kind.upper())
         sizes_of = ("4", "8") if code == "f" else ("1", "2", "4", "8")
         if code is None or size not in sizes_of or not re.fullmatch(r"[1-9]\d{0,5}", count):
-            raise bad(
-                path, name, f"expected a known TYPE, SIZE and COUNT, got {kind} {size} {count}"
-            )
+            raise bad(path, name, f"expected a known TYPE, SIZE and COUNT, got {kind} {size} {count}")
         own = name if name not in [c[0] for c in columns] and name != "_" else f"_{k}"
         shape = () if count == "1" else (int(count),)
         columns.append((own, f"<{code}{size}", *([shape] if shape else [])))

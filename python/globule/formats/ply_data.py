@@ -121,16 +121,11 @@ def _columns_with_lists(
             where = f"element {element.name}, row {row}"
             problem = "expected the properties that the header lists, got other data"
             raise bad(path, where, problem) from None
-    columns = {
-        name: _cast(np.array(values, np.float64), np.dtype(scalars[name]))
-        for name, values in kept.items()
-    }
+    columns = {name: _cast(np.array(values, np.float64), np.dtype(scalars[name])) for name, values in kept.items()}
     return columns, position
 
 
-def read_faces(
-    path: Any, data: bytes, position: int, element: Element, order: str
-) -> tuple[np.ndarray | None, int]:
+def read_faces(path: Any, data: bytes, position: int, element: Element, order: str) -> tuple[np.ndarray | None, int]:
     """Triangles (F, 3) int64, polygons cut into fans, and the position behind the element.
 
     None for the triangles if no property lists corners.
@@ -151,9 +146,7 @@ def read_faces(
     return np.concatenate([np.empty((0, 3), np.int64), *fans]), position
 
 
-def _equal_faces(
-    data: bytes, position: int, element: Element, order: str, name: str
-) -> tuple[np.ndarray, int] | None:
+def _equal_faces(data: bytes, position: int, element: Element, order: str, name: str) -> tuple[np.ndarray, int] | None:
     """Binary faces (F, k) that all have as many corners as the first, or None. This is the usual
     case, and a thousand times faster than row by row."""
     fields: list[Any] = []

@@ -55,11 +55,7 @@ def read(path: Any, archive: zipfile.ZipFile, species: str | None = None) -> Con
         arrays["velocity"] = np.stack([arrays.pop(name) for name in "uvw"], axis=1)
     particles = particles_from(path, arrays.pop("positions"), arrays)
     time = solver.get("t")
-    return Contents(
-        particles,
-        time=float(time) if isinstance(time, (int, float)) else None,
-        species=tuple(found),
-    )
+    return Contents(particles, time=float(time) if isinstance(time, (int, float)) else None, species=tuple(found))
 
 
 def _dictionary(path: Any, archive: zipfile.ZipFile, member: str) -> dict[Any, Any]:
@@ -116,9 +112,7 @@ class _Array:
             dtype = np.dtype(self.kind.order + self.kind.code)
             if len(data) != math.prod(self.shape) * dtype.itemsize:
                 raise ValueError(f"{len(data)} bytes for {dtype} {self.shape}")
-            array = np.frombuffer(data, dtype).reshape(
-                self.shape, order="F" if self.fortran else "C"
-            )
+            array = np.frombuffer(data, dtype).reshape(self.shape, order="F" if self.fortran else "C")
         except Exception as error:  # anything may be in its place
             raise bad(path, name, f"expected an array, got {error}") from None
         return np.ascontiguousarray(array, dtype.newbyteorder("="))

@@ -116,14 +116,11 @@ def _ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
         from . import hdf5
 
         n = hdf5.count(path, **options)
-        return Ranges(
-            n, lambda first, last: hdf5.read(path, rows=(first, last), **options).particles
-        )
+        return Ranges(n, lambda first, last: hdf5.read(path, rows=(first, last), **options).particles)
     if has_ranges(path):
         return _of_bgeo(path) if kind.format == "bgeo" else _of_vtk(path)
     raise FormatError(
-        f"{path}: expected {NAMES}, whose ranges can be read, got {kind.format}; "
-        "globule convert writes .npz"
+        f"{path}: expected {NAMES}, whose ranges can be read, got {kind.format}; globule convert writes .npz"
     )
 
 

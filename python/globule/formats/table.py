@@ -30,14 +30,7 @@ from .asciinum import format_rows, lines_of, parse_plain, parse_rows, text_data
 from .contents import Contents
 from .elements import of_elements, type_names
 from .errors import FormatError, bad, shown
-from .fields import (
-    COLUMNS,
-    find_positions,
-    join_columns,
-    particles_from,
-    place_names,
-    split_columns,
-)
+from .fields import COLUMNS, find_positions, join_columns, particles_from, place_names, split_columns
 from .frames import text_frame
 
 # Columns of a .pts file, by their number: the intensity, and colors up to 255.
@@ -117,9 +110,7 @@ def _quoted(name: str) -> str:
     return name
 
 
-def _read_csv(
-    path: Any, lines: list[str], named: Mapping[str, str] | None = None, rest: bytes = b""
-) -> Contents:
+def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = None, rest: bytes = b"") -> Contents:
     """rest: plain rows behind the lines. Raises FormatError; _NotPlainError where they are not."""
     start = next((i for i, line in enumerate(lines) if _is_row(line)), None)
     if start is None:
@@ -251,9 +242,7 @@ def _csv_words(path: Any, line: str, i: int, separator: str | None) -> list[str]
         raise bad(path, f"line {i + 1}", f"expected separated values, got {error}") from None
 
 
-def _fill_words(
-    path: Any, names: list[str], words: list[str], lines: list[str], separator: str
-) -> None:
+def _fill_words(path: Any, names: list[str], words: list[str], lines: list[str], separator: str) -> None:
     """For named columns that are empty in the first row, the first word of a later row."""
     blank = [i for i, word in enumerate(words) if not word and names[i]]
     for line in lines:
@@ -279,9 +268,7 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
             names = ["radius" if name == "r" else name for name in names[1].split("_")]
         axes = place_names(names)
         names = [axes.get(name, name) for name in names]
-    first = next(
-        (line for line in lines[start:] if line.strip() and not line.strip().startswith("#")), ""
-    )
+    first = next((line for line in lines[start:] if line.strip() and not line.strip().startswith("#")), "")
     words = first.partition("#")[0].split()
     if not words and names and [name.lower() for name in names[:3]] == ["x", "y", "z"]:
         words = ["0"] * len(names)  # our own file of no particles

@@ -46,9 +46,7 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     ]
     rows = np.concatenate(parts)
     words = lines[zones[0].first].split()
-    columns = {
-        axes.get(name, name): whole_numbers(rows[:, i], words[i]) for i, name in enumerate(names)
-    }
+    columns = {axes.get(name, name): whole_numbers(rows[:, i], words[i]) for i, name in enumerate(names)}
     columns.setdefault("z", np.zeros(len(rows)))
     arrays = join_columns(columns)
     positions = find_positions(arrays)

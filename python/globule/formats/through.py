@@ -45,11 +45,7 @@ def read_las(path: str | os.PathLike[str]) -> Particles:
         import laspy
     except ImportError:
         raise missing("laspy", "formats") from None
-    with (
-        open(path, "rb") as file,
-        _by("laspy", path),
-        laspy.open(file, closefd=False) as scan,
-    ):
+    with open(path, "rb") as file, _by("laspy", path), laspy.open(file, closefd=False) as scan:
         n, size = scan.header.point_count, scan.header.point_format.size
         held = os.path.getsize(path)
         if not scan.header.are_points_compressed and n * size > held:

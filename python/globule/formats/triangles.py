@@ -43,9 +43,7 @@ def read(path: str | os.PathLike[str], origin: Any = "auto") -> Triangles:
     color = particles.color
     if color is not None and color.ndim == 1:
         color = np.broadcast_to(color, (n, 3))
-    return Triangles(
-        np.asarray(particles.positions), faces, color, None, particles.attributes, particles.origin
-    )
+    return Triangles(np.asarray(particles.positions), faces, color, None, particles.attributes, particles.origin)
 
 
 @opens_packed

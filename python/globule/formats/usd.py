@@ -49,9 +49,7 @@ def read(path: str | os.PathLike[str], frame: int = 0, species: str | None = Non
         if not prims:
             raise bad(path, "", "expected prims of type Points or PointInstancer, got none")
         if species is not None and species not in prims:
-            raise ValueError(
-                f"species: expected one of {shown(', '.join(prims))} for {path}, got {species!r}"
-            )
+            raise ValueError(f"species: expected one of {shown(', '.join(prims))} for {path}, got {species!r}")
         times = claim["times"]
         wanted = times[frame_index(path, frame, len(times))] if times else None
         if not times:

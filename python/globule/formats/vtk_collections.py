@@ -49,8 +49,5 @@ def _contents(path: Any, form: str, frame: int) -> Contents:
         n = sum(meshes)
         parts = [part for (part, _), mesh in zip(filled, meshes, strict=True) if not mesh]
         left_out = "a mesh is" if n == 1 else f"{n} meshes are"
-        warnings.warn(
-            f"{os.fspath(path)}: {left_out} left out beside the particles; --mesh draws meshes",
-            stacklevel=2,
-        )
+        warnings.warn(f"{os.fspath(path)}: {left_out} left out beside the particles; --mesh draws meshes", stacklevel=2)
     return Contents(join(parts), time=found.time, n_frames=found.n_frames)

@@ -61,9 +61,7 @@ def write_polygons(
     data = _Appended()
     index = np.int32 if len(points) < 2**31 else np.int64
     cells = {"Verts": verts, "Lines": lines, "Polys": polys}
-    counts = "".join(
-        f' NumberOf{name}="{0 if cell is None else len(cell)}"' for name, cell in cells.items()
-    )
+    counts = "".join(f' NumberOf{name}="{0 if cell is None else len(cell)}"' for name, cell in cells.items())
     parts = [f"<Points>\n{data.add('Points', points)}</Points>\n"]
     parts.append(f"<PointData>\n{data.add_all(arrays)}</PointData>\n")
     for name, cell in cells.items():
@@ -73,10 +71,7 @@ def write_polygons(
                 f"<{name}>\n{data.add('connectivity', cell.reshape(-1).astype(index))}"
                 f"{data.add('offsets', ends.astype(index))}</{name}>\n"
             )
-    body = (
-        f'<PolyData>\n<Piece NumberOfPoints="{len(points)}"{counts}>\n'
-        f"{''.join(parts)}</Piece>\n</PolyData>\n"
-    )
+    body = f'<PolyData>\n<Piece NumberOfPoints="{len(points)}"{counts}>\n{"".join(parts)}</Piece>\n</PolyData>\n'
     data.write(path, "PolyData", body)
 
 

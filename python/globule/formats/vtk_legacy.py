@@ -93,9 +93,7 @@ def has_faces(path: str | os.PathLike[str]) -> bool:
     return cells.have_faces(types)
 
 
-def read_image(
-    path: str | os.PathLike[str],
-) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+def read_image(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
     """The point data of STRUCTURED_POINTS by name, each (Z, Y, X); the spacing and origin (3,)."""
     return _Image(path, whole_file(path, 4.0)).image()
 
@@ -130,10 +128,7 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
 
 def _encoded(name: str) -> str:
     """A name as one word, the way VTK does it: %20 for a blank."""
-    return "".join(
-        chr(byte) if 33 <= byte < 127 and byte not in b'"%' else f"%{byte:02X}"
-        for byte in name.encode()
-    )
+    return "".join(chr(byte) if 33 <= byte < 127 and byte not in b'"%' else f"%{byte:02X}" for byte in name.encode())
 
 
 def _decoded(word: bytes) -> str:
@@ -162,9 +157,7 @@ class _Reader:
         """The points that are no ghosts, with their data and that of vertex cells."""
         points = self.read()
         try:
-            arrays, kept = cells.point_arrays(
-                len(points), self.arrays, self.cell_arrays, self.n_cells, self.cells
-            )
+            arrays, kept = cells.point_arrays(len(points), self.arrays, self.cell_arrays, self.n_cells, self.cells)
         except ValueError as error:
             raise self.of_cells(error) from None
         if kept is not None:
@@ -233,10 +226,7 @@ class _Reader:
 
     def fail(self, problem: str) -> NoReturn:
         """Raise for the line read last; binary files have no useful line numbers."""
-        if self.binary:
-            where = f"byte {self.line_start}"
-        else:
-            where = f"line {self.data.count(10, 0, self.line_start) + 1}"
+        where = f"byte {self.line_start}" if self.binary else f"line {self.data.count(10, 0, self.line_start) + 1}"
         raise bad(self.path, where, problem)
 
     def header(self) -> None:
@@ -253,9 +243,7 @@ class _Reader:
             self.fail(f"expected ASCII or BINARY, got {shown(words[0])}")
         binary = words[0].upper() == b"BINARY"
         words = self.words() or []
-        if [word.upper() for word in words] not in [
-            [b"DATASET", k.encode()] for k in self.data_sets
-        ]:
+        if [word.upper() for word in words] not in [[b"DATASET", k.encode()] for k in self.data_sets]:
             got = shown(b" ".join(words))
             self.fail(f"expected DATASET {' or '.join(self.data_sets)}, got {got}")
         self.binary = binary
@@ -427,7 +415,7 @@ class _Reader:
         if keyword == "COLOR_SCALARS":
             k = self.components(words, 2)
             values = self.numbers(k * n, "unsigned_char" if self.binary else "float")
-            # Whatever its name, this section says that the numbers are colours.
+            # Whatever its name, this section says that the numbers are colors.
             name = name if k not in (3, 4) or "rgba" in self.arrays else "rgba"
         elif keyword == "SCALARS":
             kind = self.type_of(words, 2)

@@ -72,9 +72,7 @@ def _of_series(path: Any) -> list[tuple[float | None, list[str]]]:
         files = json.loads(data)["files"]
         return [(_time(f.get("time", "")), [str(f["name"])]) for f in files]
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        raise bad(
-            path, "", 'expected {"files": [{"name": …, "time": …}]}, got other JSON'
-        ) from None
+        raise bad(path, "", 'expected {"files": [{"name": …, "time": …}]}, got other JSON') from None
 
 
 def _root(path: Any, *kinds: str) -> Any:

@@ -186,9 +186,7 @@ class VtkXml:
             arrays = self.piece(element)
             points = arrays["", 3]
             try:
-                faces = cells.triangles(
-                    points, self.cells(element), _named(arrays), self.cell_arrays(element)
-                )
+                faces = cells.triangles(points, self.cells(element), _named(arrays), self.cell_arrays(element))
             except ValueError as error:
                 raise self.of_cells(error) from None
             pieces.append(arrays)
@@ -421,9 +419,7 @@ def is_mappable(path: str | os.PathLike[str]) -> bool:
         if tag is None or b"raw" not in tag[1]:
             return False
         head = data[: tag.end()]
-    elsewhere = re.search(
-        rb"""\bcompressor\s*=|format\s*=\s*["'](ascii|binary)|vtkGhost|<CellData[^>]*>\s*<""", head
-    )
+    elsewhere = re.search(rb"""\bcompressor\s*=|format\s*=\s*["'](ascii|binary)|vtkGhost|<CellData[^>]*>\s*<""", head)
     return elsewhere is None and head.count(b"<Piece") == 1
 
 
@@ -443,9 +439,7 @@ def _text(element: Any) -> str:
     return (element.text or "") + "".join(child.tail or "" for child in element)
 
 
-def _unpack(
-    how: str, raw: bytes, packed_sizes: list[int], sizes: list[int], stream: _Stream
-) -> bytes:
+def _unpack(how: str, raw: bytes, packed_sizes: list[int], sizes: list[int], stream: _Stream) -> bytes:
     blocks, position = [], 0
     unpack = {"zlib": _zlib, "lz4": _lz4, "lzma": _lzma}[how]
     for packed_size, size in zip(packed_sizes, sizes, strict=True):

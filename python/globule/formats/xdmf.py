@@ -89,9 +89,7 @@ class _Grid:
         if root.tag != "Xdmf":
             raise bad(path, f"<{root.tag[:40]}>", "expected <Xdmf>")
         include(path, root)
-        temporal = [
-            g for g in root.iter("Grid") if g.get("CollectionType", "").lower() == "temporal"
-        ]
+        temporal = [g for g in root.iter("Grid") if g.get("CollectionType", "").lower() == "temporal"]
         if temporal:
             grids = temporal[0].findall("Grid")
         else:
@@ -154,9 +152,7 @@ class _Grid:
             raise bad(path, "<Geometry>", f"expected shape (N, 3), got {positions.shape}")
         positions = np.pad(positions, ((0, 0), (0, 3 - positions.shape[1])))
         of_points = {k: a[0] for k, a in found.items() if len(a[0]) == len(positions)}
-        arrays = {
-            k: a.reshape(len(a), -1) if a.ndim > 2 and a.size else a for k, a in of_points.items()
-        }
+        arrays = {k: a.reshape(len(a), -1) if a.ndim > 2 and a.size else a for k, a in of_points.items()}
         particles = particles_from(path, positions, arrays)
         return Contents(particles, time=_time(grid.find("Time")), n_frames=self.n_frames)
 
@@ -205,9 +201,7 @@ def _time(element: Any) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _arrays(
-    path: Any, root: Any, items: dict[str, list[Any]], held: int
-) -> dict[str, list[np.ndarray]]:
+def _arrays(path: Any, root: Any, items: dict[str, list[Any]], held: int) -> dict[str, list[np.ndarray]]:
     """The arrays of <DataItem> elements: those of each HDF5 file are read together."""
     reader = _Items(path, root, held)
     plans = {}
@@ -288,9 +282,7 @@ class _Items:
         def cut() -> np.ndarray:
             array = whole()
             begins, lasts = [0, *start[1:]], [ends[0] - start[0], *ends[1:]]
-            if array.ndim != len(count) or any(
-                e > n for e, n in zip(lasts, array.shape, strict=True)
-            ):
+            if array.ndim != len(count) or any(e > n for e, n in zip(lasts, array.shape, strict=True)):
                 got = f"a HyperSlab up to {ends}"
                 raise bad(self.path, name, f"expected one within {list(array.shape)}, got {got}")
             steps = zip(begins, lasts, stride, strict=True)
@@ -304,9 +296,7 @@ class _Items:
 
         return cut
 
-    def _joined(
-        self, name: str, element: Any, children: list[Any], depth: int
-    ) -> Callable[[], Any]:
+    def _joined(self, name: str, element: Any, children: list[Any], depth: int) -> Callable[[], Any]:
         function = re.sub(r"\s", "", element.get("Function", ""))
         known = r"(?:JOIN)?\(?(\$\d{1,3}(?:[,;]\$\d{1,3})*)\)?"
         match = re.fullmatch(known, function, re.IGNORECASE)

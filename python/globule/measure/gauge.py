@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 
 
 def gauge(
-    scene: Any,
-    at: ArrayLike,
-    up: VectorLike | None = None,
-    device: str = "auto",
-    threads: int = 0,
+    scene: Any, at: ArrayLike, up: VectorLike | None = None, device: str = "auto", threads: int = 0
 ) -> np.ndarray:
     """The height of the surface at wave gauges: where a ray from above first meets the surface.
 

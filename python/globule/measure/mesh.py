@@ -17,15 +17,7 @@ from ..formats.mesh_files import EXTENSIONS, write_mesh
 from ..pieces.scene import Scene
 from .sample import names_of, values_at
 from .spheres import union_of_spheres
-from .surface import (
-    BLOCK,
-    MOST_PLACES,
-    box_of,
-    default_spacing,
-    in_blocks,
-    spheres_of,
-    surface_scene,
-)
+from .surface import BLOCK, MOST_PLACES, box_of, default_spacing, in_blocks, spheres_of, surface_scene
 
 TOLERANCE = 1e-5  # |field - threshold| / |gradient| at a vertex, in edges of the grid
 CELLS = 32  # along the edge of a block
@@ -108,11 +100,7 @@ class SurfaceMesh:
 
 
 def mesh_surface(
-    scene: Any,
-    spacing: float | None = None,
-    values: Sequence[str] | str = (),
-    device: str = "auto",
-    threads: int = 0,
+    scene: Any, spacing: float | None = None, values: Sequence[str] | str = (), device: str = "auto", threads: int = 0
 ) -> SurfaceMesh:
     """The surface as triangles, by marching cubes (Lewiner et al. 2003, scikit-image).
 
@@ -142,12 +130,7 @@ def mesh_surface(
     return SurfaceMesh(vertices, faces, normals, found, spacing, scene.origin)
 
 
-def measure_surface(
-    scene: Any,
-    spacing: float | None = None,
-    device: str = "auto",
-    threads: int = 0,
-) -> SurfaceMeasure:
+def measure_surface(scene: Any, spacing: float | None = None, device: str = "auto", threads: int = 0) -> SurfaceMeasure:
     """The volume that the surface encloses, and its area.
 
     The mesh of `mesh_surface`, and the mesh of its triangles cut into four with the new vertices
@@ -263,10 +246,7 @@ def _blocks(scene: Scene, lo: np.ndarray, edge: float) -> np.ndarray:
     packed = np.unique(_packed(first) * 27 + (last - first) @ (9, 3, 1))
     first, span = _unpacked(packed // 27), packed % 27
     span = np.stack([span // 9, span // 3 % 3, span % 3], axis=1)
-    found = [
-        _packed(first[(step <= span).all(axis=1)] + step)
-        for step in np.array(list(np.ndindex(3, 3, 3)))
-    ]
+    found = [_packed(first[(step <= span).all(axis=1)] + step) for step in np.array(list(np.ndindex(3, 3, 3)))]
     return _unpacked(np.unique(np.concatenate(found)))
 
 
@@ -304,9 +284,7 @@ def _welded(places: np.ndarray, faces: np.ndarray, edge: int) -> tuple[np.ndarra
     on_side = (~between & (cell % edge == 0)).any(axis=1) & (between.sum(axis=1) == 1)
     rows = np.flatnonzero(on_side)
     axis = np.argmax(between[rows], axis=1)
-    _, first, which = np.unique(
-        np.column_stack([cell[rows], axis]), axis=0, return_index=True, return_inverse=True
-    )
+    _, first, which = np.unique(np.column_stack([cell[rows], axis]), axis=0, return_index=True, return_inverse=True)
     same = np.arange(len(places))
     same[rows] = rows[first[which.reshape(-1)]]
     kept = same == np.arange(len(places))
@@ -314,9 +292,7 @@ def _welded(places: np.ndarray, faces: np.ndarray, edge: int) -> tuple[np.ndarra
     return places[kept], number[same[faces]]
 
 
-def _onto_surface(
-    scene: Scene, points: np.ndarray, spacing: float, tolerance: float = TOLERANCE
-) -> np.ndarray:
+def _onto_surface(scene: Scene, points: np.ndarray, spacing: float, tolerance: float = TOLERANCE) -> np.ndarray:
     """Points (V, 3) float64 near the surface, moved onto it along the gradient; the tolerance is in
     spacings."""
     start, level = points.copy(), scene.threshold

@@ -188,9 +188,7 @@ def _first(particles: Particles, names: Sequence[str]) -> np.ndarray | None:
     return None
 
 
-def _columns(
-    particles: Particles, names: Sequence[str], volumes: np.ndarray
-) -> dict[str, np.ndarray]:
+def _columns(particles: Particles, names: Sequence[str], volumes: np.ndarray) -> dict[str, np.ndarray]:
     """Name -> (N, k) float64: the values times the particles' volumes."""
     found = {}
     for name in names:
@@ -215,9 +213,7 @@ def _columns(
     return found
 
 
-def _integrals(
-    scene: Scene, origins: np.ndarray, directions: np.ndarray, columns: np.ndarray
-) -> np.ndarray:
+def _integrals(scene: Scene, origins: np.ndarray, directions: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Integrals (M, k) float64 of columns (N, k), each spread by its particle's kernel."""
     with np.errstate(over="ignore"):
         values = columns * _spread(scene)[:, None]

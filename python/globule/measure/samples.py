@@ -81,11 +81,7 @@ class Samples:
             import xarray
         except ImportError:
             raise missing("xarray", "measure") from None
-        components = {
-            name: f"{name}_component"
-            for name, array in self.values.items()
-            if array.ndim > len(self.dims)
-        }
+        components = {name: f"{name}_component" for name, array in self.values.items() if array.ndim > len(self.dims)}
         data: dict[str, Any] = {
             name: ((*self.dims, components[name]) if name in components else self.dims, array)
             for name, array in self.values.items()

@@ -56,9 +56,7 @@ def _pairs(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return a[meet], b[meet], d[meet]
 
 
-def _caps_meet(
-    centers: np.ndarray, radii: np.ndarray, a: np.ndarray, b: np.ndarray, angle: np.ndarray
-) -> bool:
+def _caps_meet(centers: np.ndarray, radii: np.ndarray, a: np.ndarray, b: np.ndarray, angle: np.ndarray) -> bool:
     """Whether two caps on one sphere have a common point. a, b: each pair both ways; angle: (P,)
     between the axis of the cap on `a` and its rim."""
     order = np.argsort(a, kind="stable")

@@ -60,9 +60,7 @@ def track_surface(
             if spacing is None and scene.octree.n_inside:
                 spacing = default_spacing(scene)
 
-        scene = scenes.show(
-            particles, lambda p: surface_scene(p, device=device, threads=threads), made
-        )
+        scene = scenes.show(particles, lambda p: surface_scene(p, device=device, threads=threads), made)
         mesh = mesh_surface(scene, spacing)
         rows.append({"frame": number} | facts(scene, mesh))
         if progress and total:

@@ -136,9 +136,7 @@ class Partition:
                 rest = rest[~near]
         return found
 
-    def needed(
-        self, points: np.ndarray, reach: np.ndarray | float
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def needed(self, points: np.ndarray, reach: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """Which pieces hold which particles: rows and pieces, (M,) each, M >= N, ordered by piece.
 
         Args:
@@ -173,9 +171,7 @@ class Partition:
             rows.append(far[near[k]])
             pieces.append(owners[corner, k])
         for i in np.flatnonzero(wide_ones):  # kernels wider than a cell
-            box = np.stack(
-                np.meshgrid(*(np.arange(low[i, k], high[i, k] + 1) for k in range(3))), axis=-1
-            )
+            box = np.stack(np.meshgrid(*(np.arange(low[i, k], high[i, k] + 1) for k in range(3))), axis=-1)
             others = np.unique(self.owners[codes_of(box)])
             others = others[others != home[i]]
             rows.append(np.full(len(others), far[i]))

@@ -158,9 +158,7 @@ class Pieces(Owner):
 
     def _survey(self, source: Source) -> None:
         """What must be known of all particles before they are divided."""
-        low, high, values, reach, weight, n, factors, layout = self.ranks.together(
-            lambda: self._own_survey(source)
-        )
+        low, high, values, reach, weight, n, factors, layout = self.ranks.together(lambda: self._own_survey(source))
         ranks = self.ranks
         self.n_particles = int(ranks.total(np.int64(n)))
         self.up = source.up

@@ -214,9 +214,7 @@ class SceneInPieces(Scene):
         if particles is None:
             unknown = fields.keys() - set(FIELDS)
             if unknown:
-                raise TypeError(
-                    f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}"
-                )
+                raise TypeError(f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}")
             if isinstance(self._given, (str, os.PathLike)):
                 raise ValueError(
                     "update: expected particles or a file's name with a scene in pieces of "
@@ -358,10 +356,7 @@ class SceneOnRanks(Scene):
             if particles is None:
                 unknown = fields.keys() - set(FIELDS)
                 if unknown:
-                    raise TypeError(
-                        f"update: unknown field {sorted(unknown)[0]!r}, "
-                        f"expected {', '.join(FIELDS)}"
-                    )
+                    raise TypeError(f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}")
                 return self.particles._with(fields, self._known)
             if fields:
                 raise TypeError("update: expected particles or fields, got both")
@@ -440,9 +435,7 @@ class SceneOnRanks(Scene):
 
     @property
     def _scene(self) -> Any:
-        raise ValueError(
-            "scene: expected a scene in one process, got one on ranks, which can be drawn alone"
-        )
+        raise ValueError("scene: expected a scene in one process, got one on ranks, which can be drawn alone")
 
     @property
     def normal(self) -> np.ndarray | None:

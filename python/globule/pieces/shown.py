@@ -29,9 +29,7 @@ def shown_scene(value: Any, **options: Any) -> Scene:
     return scene
 
 
-def unless_divided(
-    value: Any, color: tuple[Any, Any, Any] | None = None, **options: Any
-) -> tuple[Any, Scene | None]:
+def unless_divided(value: Any, color: tuple[Any, Any, Any] | None = None, **options: Any) -> tuple[Any, Scene | None]:
     """What stands for particles, read where only that tells how many there are, and their scene in
     pieces if they do not fit into the memory as one.
 

@@ -15,17 +15,7 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.checks import shown, three
 from .._base.fixed import Fixed, read_only
-from .._base.settings import (
-    Choice,
-    Kind,
-    Number,
-    Switch,
-    Text,
-    Whole,
-    WrongType,
-    check_all,
-    setting,
-)  # fmt: skip
+from .._base.settings import Choice, Kind, Number, Switch, Text, Whole, WrongType, check_all, setting
 from ..scene.scene import SceneBase
 from .box import corner, draw_box, short
 from .camera import Camera
@@ -90,26 +80,36 @@ class Annotation(Fixed):
     """
 
     title: str = setting(WORDS, "", "title at the top")
-    scale_bar: bool = setting(Switch(), False, "draw a bar of a round length, true at the distance "
+    scale_bar: bool = setting(
+        Switch(),
+        False,
+        "draw a bar of a round length, true at the distance "
         "of the camera's `look_at`. The length is 1, 2 or 5 times a power of ten, and true "
-        "everywhere in an orthographic image")  # fmt: skip
+        "everywhere in an orthographic image",
+    )
     axes: bool = setting(Switch(), False, "draw the directions of x, y and z")
-    box: Any = setting(BoxKind(), False, "draw the bounding box of the particles' centers with "
+    box: Any = setting(
+        BoxKind(),
+        False,
+        "draw the bounding box of the particles' centers with "
         "coordinates along its edges. Of a sequence: of the frame that leads. Or its lowest and "
         "highest corner, two (3,), world. Parts of edges behind the surface are "
-        "hidden")  # fmt: skip
+        "hidden",
+    )
     unit: str = setting(WORDS, "", "unit of lengths for scale bar and box", label="Unit of lengths")
     time: float | None = setting(Number(), None, "time of the image, or of the first frame")
     time_step: float = setting(Number(), 0.0, "time from one frame of a sequence to the next")
     time_unit: str = setting(WORDS, "s", "unit of the time")
-    step: int | None = setting(Whole(-(2**53), 2**53), None, "number of the image, or of the first "
-        "frame; each adds 1")  # fmt: skip
-    legend: bool | str = setting(LegendKind(*POSITIONS), False, "draw the color map and its range "
+    step: int | None = setting(Whole(-(2**53), 2**53), None, "number of the image, or of the first frame; each adds 1")
+    legend: bool | str = setting(
+        LegendKind(*POSITIONS),
+        False,
+        "draw the color map and its range "
         "into the image. Or the legend's place: lower-right, lower-left, upper-right, upper-left, "
         "or outside, on a strip that takes a part of the image's width. True stands for "
-        "lower-right, of several views for outside. Needs colors of values")  # fmt: skip
-    legend_title: str = setting(WORDS, "", "name of the values in the legend",
-        usual="the name of what colors are by")  # fmt: skip
+        "lower-right, of several views for outside. Needs colors of values",
+    )
+    legend_title: str = setting(WORDS, "", "name of the values in the legend", usual="the name of what colors are by")
     legend_unit: str = setting(WORDS, "", "unit of the values in the legend")
 
     def _check(self) -> None:
@@ -131,9 +131,7 @@ class Annotation(Fixed):
         return any(words) or self.time is not None or self.step is not None
 
 
-def traced_size(
-    annotation: Annotation | None, size: tuple[int, int], several: bool = False
-) -> tuple[int, int]:
+def traced_size(annotation: Annotation | None, size: tuple[int, int], several: bool = False) -> tuple[int, int]:
     """The size to trace for an annotated image of a size: without the strip of a legend, and
     without the header of several views.
 
@@ -148,8 +146,7 @@ def traced_size(
     if min(size[0] - strip, size[1] - header) < LEAST_SIDE:
         beside = " beside the legend" if strip else ""
         raise ValueError(
-            f"size: expected at least {LEAST_SIDE} pixels a side{beside} for annotations, "
-            f"got {size[0]}x{size[1]}"
+            f"size: expected at least {LEAST_SIDE} pixels a side{beside} for annotations, got {size[0]}x{size[1]}"
         )
     return size[0] - strip, size[1] - header
 
@@ -295,9 +292,17 @@ def draw_sheet(
     place = "lower-right" if annotation.legend is True else str(annotation.legend)
     label = annotation.legend_title or colors.name
     return draw_legend(
-        canvas.pixels, colors.colormap, colors.lo, colors.hi, label, annotation.legend_unit, place,
-        scale, strip, colors.kinds,
-    )  # fmt: skip
+        canvas.pixels,
+        colors.colormap,
+        colors.lo,
+        colors.hi,
+        label,
+        annotation.legend_unit,
+        place,
+        scale,
+        strip,
+        colors.kinds,
+    )
 
 
 def round_length(most: float) -> float:

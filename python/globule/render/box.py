@@ -14,9 +14,7 @@ from .canvas import Canvas, Color
 _MOST_PIECES = 4000  # of an edge that are tested for being hidden
 
 
-def draw_box(
-    canvas: Canvas, camera: Camera, box: np.ndarray, distance: Any, skin: float, unit: str
-) -> None:
+def draw_box(canvas: Canvas, camera: Camera, box: np.ndarray, distance: Any, skin: float, unit: str) -> None:
     """Draw the box (2, 3), world; distance, skin: as for `annotate.draw_view`; unit: of the ticks'
     coordinates."""
     size = (canvas.width, canvas.height)
@@ -84,9 +82,7 @@ def visible_parts(
     return parts
 
 
-def _within(
-    ends: np.ndarray, camera: Camera, size: tuple[int, int], around: float = 0.1
-) -> np.ndarray | None:
+def _within(ends: np.ndarray, camera: Camera, size: tuple[int, int], around: float = 0.1) -> np.ndarray | None:
     """The part of a line (2, 3), world, that is in an image of (width, height) or near it; None
     without one. around: of the half size of the image, that still counts."""
     eye, forward, right, up = camera.frame(size)
@@ -119,9 +115,7 @@ def _without_short(seen: np.ndarray, what: bool, least: int) -> np.ndarray:
     return seen
 
 
-def _labelled_edge(
-    box: np.ndarray, axis: int, camera: Camera, size: tuple[int, int]
-) -> np.ndarray | None:
+def _labelled_edge(box: np.ndarray, axis: int, camera: Camera, size: tuple[int, int]) -> np.ndarray | None:
     """Both ends (2, 3) of the edge along an axis that is on the outline of the box in the image:
     the lowest one, or the one most to the left where it is upright; None without one."""
     others = [a for a in range(3) if a != axis]
@@ -132,9 +126,7 @@ def _labelled_edge(
         ends = np.stack([corner(box, low), corner(box, low + np.eye(3, dtype=int)[axis])])
         middle = ends.mean(axis=0)
         towards = -camera.towards(middle[None])[0]
-        facing = [
-            (1 if side else -1) * towards[a] > 1e-6 for a, side in zip(others, sides, strict=True)
-        ]
+        facing = [(1 if side else -1) * towards[a] > 1e-6 for a, side in zip(others, sides, strict=True)]
         line = camera.project(ends, size)
         if facing[0] == facing[1] or not np.isfinite(line).all():
             continue

@@ -126,9 +126,7 @@ class Camera(Fixed):
 
         depth = float(np.max(z)) + 2 * grown
         if orthographic:
-            (cx, width), (cy, height) = (
-                (float(v.max() + v.min()) / 2, float(np.ptp(v))) for v in (x, y)
-            )
+            (cx, width), (cy, height) = ((float(v.max() + v.min()) / 2, float(np.ptp(v))) for v in (x, y))
             target = middle + right * cx + true_up * cy
             size_y = 1.05 * max(height + 2 * grown, (width + 2 * grown) / aspect)
             return cls(tuple(target + back * (depth + size_y)), tuple(target), up, fov, size_y)
@@ -168,11 +166,7 @@ class Camera(Fixed):
         """Unit directions (N, 3) float64 of the rays through points (N, 3), world."""
         points = np.asarray(points, np.float64)
         ahead = np.subtract(self.look_at, self.eye)
-        away = (
-            points - np.asarray(self.eye)
-            if self.height is None
-            else np.broadcast_to(ahead, points.shape)
-        )
+        away = points - np.asarray(self.eye) if self.height is None else np.broadcast_to(ahead, points.shape)
         return away / np.linalg.norm(away, axis=1, keepdims=True)
 
     def project(self, points: ArrayLike, size: tuple[int, int]) -> np.ndarray:
@@ -193,9 +187,7 @@ class Camera(Fixed):
             return np.linalg.norm(away, axis=1)
         return away @ self.frame((1, 1))[1]
 
-    def ray(
-        self, size: tuple[int, int], screen: Sequence[float] | np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def ray(self, size: tuple[int, int], screen: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Origin and unit direction, (3,) float64 each, world, of the ray through a place (x, y) of
         an image, (0, 0) its top left and (1, 1) its lower right corner."""
         eye, forward, right, up = self.frame(size)

@@ -44,9 +44,7 @@ class CameraPath:
             value.
     """
 
-    def __init__(
-        self, keys: Sequence[dict[str, Any]], fps: float = 30.0, interpolation: str = "smooth"
-    ):
+    def __init__(self, keys: Sequence[dict[str, Any]], fps: float = 30.0, interpolation: str = "smooth"):
         if interpolation not in ("smooth", "linear"):
             raise ValueError(f"interpolation: expected smooth or linear, got {interpolation!r}")
         frames, cameras = _checked(keys, fps)

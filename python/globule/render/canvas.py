@@ -82,19 +82,11 @@ class Canvas:
     def fill(self, left: int, top: int, right: int, bottom: int, color: Color) -> None:
         """Put one opaque color into whole pixels; right and bottom are not included."""
         top, left = max(0, top), max(0, left)
-        height, width = (
-            max(0, min(bottom, self.height) - top),
-            max(0, min(right, self.width) - left),
-        )
+        height, width = (max(0, min(bottom, self.height) - top), max(0, min(right, self.width) - left))
         self.paste(np.full((height, width, 3), color, np.uint8), left, top)
 
     def lines(
-        self,
-        paths: Sequence[Any],
-        color: Color,
-        width: float | None = None,
-        opacity: float = 1.0,
-        filled: bool = False,
+        self, paths: Sequence[Any], color: Color, width: float | None = None, opacity: float = 1.0, filled: bool = False
     ) -> None:
         """Draw paths, (n, 2) each, as lines of one width, pixels, or as filled polygons."""
         from PIL import Image, ImageDraw

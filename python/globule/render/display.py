@@ -30,9 +30,7 @@ def shoulder(light: np.ndarray) -> np.ndarray:
     return np.minimum(light, 0.8) + 0.2 * (1 - 1 / (1 + 5 * over))
 
 
-def straight(
-    image: np.ndarray, color: np.ndarray, alpha: np.ndarray, exposure: float, tone: bool
-) -> np.ndarray:
+def straight(image: np.ndarray, color: np.ndarray, alpha: np.ndarray, exposure: float, tone: bool) -> np.ndarray:
     """An image (H, W, 4) uint8 with straight alpha (H, W), of the image (H, W, 3) in front of black
     and its linear light (H, W, 3)."""
     mixed = (alpha > 0) & (alpha < 1)
@@ -42,9 +40,7 @@ def straight(
     return np.concatenate([image, np.rint(255 * alpha)[..., None].astype(np.uint8)], axis=2)
 
 
-def with_values(
-    color: np.ndarray, blended: np.ndarray, mixed: bool, colormap: str, lo: float, hi: float
-) -> np.ndarray:
+def with_values(color: np.ndarray, blended: np.ndarray, mixed: bool, colormap: str, lo: float, hi: float) -> np.ndarray:
     """The colors (H, W, 3) of a flat image, with the color of the blended value in each pixel in
     place of the blend of the particles' colors.
 

@@ -89,9 +89,7 @@ class Frame(Owner):
         """Rays per pixel so far."""
         return self._frame.passes()
 
-    def refine(
-        self, samples: int = 1, progress: Callable[[int, int], object] | None = None
-    ) -> Frame:
+    def refine(self, samples: int = 1, progress: Callable[[int, int], object] | None = None) -> Frame:
         """Add samples to each pixel: edges, soft shadows and rough reflections become smooth.
 
         Arrays that the program reads afterwards include all samples; arrays read before do not
@@ -242,9 +240,7 @@ class Frame(Owner):
         Returns:
             (H, W) or (H, W, K) float32; NaN elsewhere.
         """
-        scenes = [
-            (k, x.scene) for k, x in enumerate(self._layers) if isinstance(x.scene, SceneBase)
-        ]
+        scenes = [(k, x.scene) for k, x in enumerate(self._layers) if isinstance(x.scene, SceneBase)]
         if not scenes:
             raise ValueError("attribute: expected a layer of particles, got meshes alone")
         (first, scene), points = scenes[0], self.position.reshape(-1, 3)

@@ -145,10 +145,7 @@ def layers_of(scene: Any, clips: Any, color: tuple) -> tuple[Layer, ...]:
         if isinstance(own.scene, SceneBase) and own.scene.device != device_of(layers or [own]):
             scenes = [x.scene for x in layers if isinstance(x.scene, SceneBase)]
             if scenes:
-                raise ValueError(
-                    f"scene: expected all layers on {scenes[0].device.name}, "
-                    f"got {own.scene.device.name}"
-                )
+                raise ValueError(f"scene: expected all layers on {scenes[0].device.name}, got {own.scene.device.name}")
         layers.append(Layer(own.scene, own.material, (*own.clips, *everywhere)))
     # Last, so that the layers that were given keep their numbers.
     layers += [Layer(s, x.material, x.clips) for x in layers for s in beside(x.scene)]

@@ -138,10 +138,8 @@ def _draw(canvas: Canvas, shown: _Shown, label: str, position: str, start: int) 
     widest = math.ceil(max(canvas.text_width(text) for _, text in texts))
     gap = max(5, bar // 2)
     vertical, horizontal = position.split("-")
-    if horizontal == "right":
-        right = canvas.width - margin - widest - gap - line  # right and bottom not included
-    else:
-        right = start + margin + line + bar
+    # Right and bottom are not included.
+    right = canvas.width - margin - widest - gap - line if horizontal == "right" else start + margin + line + bar
     if vertical == "lower":
         bottom = canvas.height - margin - text_height // 2
     elif vertical == "upper":

@@ -53,6 +53,4 @@ class Material(Fixed):
     def _packed(self) -> Any:
         """What the core takes; below 0 (index: 0) what is left to others."""
         none = {"index": 0.0, "color": [-1.0] * 3, "absorption": [-1.0] * 3}
-        return _core.Material(
-            {k: none.get(k, -1.0) if v is None else v for k, v in check_all(self).items()}
-        )
+        return _core.Material({k: none.get(k, -1.0) if v is None else v for k, v in check_all(self).items()})

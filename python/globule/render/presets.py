@@ -44,10 +44,7 @@ def load_preset(name: str, scene: Scene | Mesh, up: VectorLike | None = None) ->
     Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not isinstance(scene, (Scene, Mesh)):
-        raise TypeError(
-            f"scene: expected a Scene or a Mesh, got {type(scene).__name__}; "
-            "make one: globule.Scene(...)"
-        )
+        raise TypeError(f"scene: expected a Scene or a Mesh, got {type(scene).__name__}; make one: globule.Scene(...)")
     if name not in PRESETS:
         raise ValueError(f"name: expected one of {', '.join(PRESETS)}, got {name!r}")
     extent = extent_of(scene) or 1.0
@@ -104,9 +101,7 @@ class _Stage:
         """None where the particles have colors, for a material to show them."""
         return None if self.colored else color
 
-    def ground(
-        self, color: ColorLike, other: ColorLike | None = None, check: float = 0.0
-    ) -> Ground:
+    def ground(self, color: ColorLike, other: ColorLike | None = None, check: float = 0.0) -> Ground:
         return Ground(self.height, self.up, color, color if other is None else other, check)
 
     def sky(self, zenith: ColorLike, horizon: ColorLike, ground: ColorLike) -> Sky:
@@ -200,11 +195,4 @@ def _flat(stage: _Stage, extent: float, support: float) -> RenderSettings:
     return RenderSettings(lights=(), ambient=1.0, material=material, tone=False)
 
 
-_MAKE = {
-    "blood": _blood,
-    "water": _water,
-    "glass": _glass,
-    "tissue": _tissue,
-    "clay": _clay,
-    "flat": _flat,
-}
+_MAKE = {"blood": _blood, "water": _water, "glass": _glass, "tissue": _tissue, "clay": _clay, "flat": _flat}

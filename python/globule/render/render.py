@@ -88,9 +88,7 @@ def render(
     if spread:
         if color_by is not None:
             if annotate is not None:
-                raise ValueError(
-                    "annotate: expected no color_by with it for a scene on ranks or in pieces"
-                )
+                raise ValueError("annotate: expected no color_by with it for a scene on ranks or in pieces")
             settings, color_by = for_values(settings), None
         from .spread import settled
 
@@ -98,8 +96,7 @@ def render(
     if any(in_pieces(layer.scene) for layer in layers):
         if thesis is not None or annotate is not None or color_by is not None:
             raise ValueError(
-                "scene: expected no thesis, annotate and color_by with pieces; "
-                "Pieces(..., color_by=...) colors them"
+                "scene: expected no thesis, annotate and color_by with pieces; Pieces(..., color_by=...) colors them"
             )
         if comm is not None:
             raise ValueError("comm: expected None with pieces, which have their own, got one")

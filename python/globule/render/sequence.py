@@ -341,9 +341,7 @@ class MovieFrames:
             self._stale = False
         os.makedirs(self.folder, exist_ok=True)
 
-    def restore(
-        self, n_done: int, n: int, size: tuple[int, int], kept: Callable[[int], str] | None = None
-    ) -> None:
+    def restore(self, n_done: int, n: int, size: tuple[int, int], kept: Callable[[int], str] | None = None) -> None:
         """Make sure that images 0 to n_done - 1 of n are there. Where the movie was whole before,
         they come from the PNGs that `kept` names, or are decoded from the movie.
 
@@ -551,9 +549,7 @@ def _views(camera: Any, fps: float) -> tuple[Callable[[int], Camera], int | None
     return camera, camera.n_frames
 
 
-def _frames(
-    source: Any, n_frames: int | None, wanted: Callable[[int], bool]
-) -> Iterator[tuple[int, Particles | None]]:
+def _frames(source: Any, n_frames: int | None, wanted: Callable[[int], bool]) -> Iterator[tuple[int, Particles | None]]:
     """The frames of any source; files that are not wanted are not read, and give None."""
     if isinstance(source, Particles):
         source = itertools.repeat(source)

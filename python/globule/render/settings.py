@@ -13,31 +13,10 @@ from .. import _core
 from .._base.arrays import ColorLike
 from .._base.checks import shown, three
 from .._base.fixed import Fixed, read_only
-from .._base.settings import (
-    RADIANCE,
-    SHARE,
-    Color,
-    Each,
-    Made,
-    Number,
-    Switch,
-    Whole,
-    check_all,
-    setting,
-)  # fmt: skip
+from .._base.settings import RADIANCE, SHARE, Color, Each, Made, Number, Switch, Whole, check_all, setting
 from ..scene.mesh import Mesh
 from ..scene.scene import SceneBase
-from .lights import (
-    LIGHTS,
-    MAX_LIGHTS,
-    DirectionalLight,
-    Environment,
-    Ground,
-    Headlight,
-    Light,
-    Sky,
-    uniform_sky,
-)
+from .lights import LIGHTS, MAX_LIGHTS, DirectionalLight, Environment, Ground, Headlight, Light, Sky, uniform_sky
 from .materials import Material
 
 MAX_SAMPLES = 65536
@@ -67,45 +46,77 @@ class RenderSettings(Fixed):
     lights: Sequence[Light] = setting(
         Each(Made(*LIGHTS), most=MAX_LIGHTS),
         (Headlight(), DirectionalLight()),
-        f"lights, up to {MAX_LIGHTS}, or a single one")  # fmt: skip
-    ambient: ColorLike | str = setting(Ambient(), (0.16, 0.18, 0.21), "radiance of the ambient "
-        "light, which comes from everywhere, or `sky` for the sky's own")  # fmt: skip
-    background: ColorLike = setting(RADIANCE, (0.93, 0.94, 0.96), "radiance of the background, "
-        "where there is no sky", step=0.05)  # fmt: skip
-    material: Material = setting(Made(Material), Material(), "material of every scene that has "
-        "none of its own")  # fmt: skip
-    specular: float = setting(Number(0.0), 0.22, "highlight of the lights, for materials without a "
-        "value of their own")  # fmt: skip
+        f"lights, up to {MAX_LIGHTS}, or a single one",
+    )
+    ambient: ColorLike | str = setting(
+        Ambient(),
+        (0.16, 0.18, 0.21),
+        "radiance of the ambient light, which comes from everywhere, or `sky` for the sky's own",
+    )
+    background: ColorLike = setting(
+        RADIANCE, (0.93, 0.94, 0.96), "radiance of the background, where there is no sky", step=0.05
+    )
+    material: Material = setting(Made(Material), Material(), "material of every scene that has none of its own")
+    specular: float = setting(Number(0.0), 0.22, "highlight of the lights, for materials without a value of their own")
     shininess: float = setting(Number(0.0), 60.0, "exponent of the highlight, as `specular`")
-    exposure: float = setting(Number(0.0), 1.0, "factor of the image's radiance", "no unit",
-        slider=(0.1, 4.0), step=0.05)  # fmt: skip
+    exposure: float = setting(
+        Number(0.0), 1.0, "factor of the image's radiance", "no unit", slider=(0.1, 4.0), step=0.05
+    )
     shadows: bool = setting(Switch(), False, "lights cast shadows. Headlights cast none")
-    ambient_rays: int = setting(Whole(0, 256), 0, "ambient occlusion: number of rays per sample "
-        "that test how open a place is", label="Ambient occlusion", slider=(0, 32))  # fmt: skip
-    ambient_distance: float | None = setting(Number(0.0), None, "length of the rays of ambient "
-        "occlusion", "world units", usual="a tenth of the scene's extent")  # fmt: skip
-    sky: Sky | Environment | None = setting(Made(Sky, Environment), None, "light from all around, "
-        "also visible behind the scene", usual="none, the background everywhere")  # fmt: skip
+    ambient_rays: int = setting(
+        Whole(0, 256),
+        0,
+        "ambient occlusion: number of rays per sample that test how open a place is",
+        label="Ambient occlusion",
+        slider=(0, 32),
+    )
+    ambient_distance: float | None = setting(
+        Number(0.0),
+        None,
+        "length of the rays of ambient occlusion",
+        "world units",
+        usual="a tenth of the scene's extent",
+    )
+    sky: Sky | Environment | None = setting(
+        Made(Sky, Environment),
+        None,
+        "light from all around, also visible behind the scene",
+        usual="none, the background everywhere",
+    )
     ground: Ground | None = setting(Made(Ground), None, "a plane under the scene")
-    bounces: int = setting(Whole(0, 32), 4, "number of reflections and refractions that a ray "
-        "follows", slider=(0, 16))  # fmt: skip
-    cutoff: float = setting(SHARE, 1 / 32, "a ray that carries less than this share of a pixel's "
-        "light ends in the sky")  # fmt: skip
-    samples: int = setting(Whole(1, MAX_SAMPLES), 1, "number of rays per pixel. The first goes "
-        "through the pixel's center, the others anywhere in it", label="Samples when still",
-        slider=(1, 64))  # fmt: skip
-    tone: bool = setting(Switch(), True, "whether `Frame.image` compresses light above 0.8. False: "
-        "`Frame.image` is `Frame.color` in sRGB, clipped at 1, without `exposure`")  # fmt: skip
-    transparent: bool = setting(Switch(), False, "whether `Frame.image` is RGBA. A pixel's alpha "
+    bounces: int = setting(Whole(0, 32), 4, "number of reflections and refractions that a ray follows", slider=(0, 16))
+    cutoff: float = setting(SHARE, 1 / 32, "a ray that carries less than this share of a pixel's light ends in the sky")
+    samples: int = setting(
+        Whole(1, MAX_SAMPLES),
+        1,
+        "number of rays per pixel. The first goes through the pixel's center, the others anywhere in it",
+        label="Samples when still",
+        slider=(1, 64),
+    )
+    tone: bool = setting(
+        Switch(),
+        True,
+        "whether `Frame.image` compresses light above 0.8. False: "
+        "`Frame.image` is `Frame.color` in sRGB, clipped at 1, without `exposure`",
+    )
+    transparent: bool = setting(
+        Switch(),
+        False,
+        "whether `Frame.image` is RGBA. A pixel's alpha "
         "is the share of its rays that hit a surface or the ground; an image of several samples "
-        "has smooth edges")  # fmt: skip
-    edge_samples: int | None = setting(Whole(0, 64), None, "more rays for pixels beside a jump of "
+        "has smooth edges",
+    )
+    edge_samples: int | None = setting(
+        Whole(0, 64),
+        None,
+        "more rays for pixels beside a jump of "
         "distance, normal or layer (silhouettes, creases, cuts) in images of one sample a pixel. "
         "In images with shadows, reflection, transmission, clips, sky, ground or several layers, "
         "pixels beside a jump of color (a tenth of white as displayed, in any channel) have them "
         "too, unless the image is `transparent` or has ambient rays. Images of more samples have "
         "no edge samples",
-        usual="3 where a layer has a smooth surface or shows 2-D data, else 0")  # fmt: skip
+        usual="3 where a layer has a smooth surface or shows 2-D data, else 0",
+    )
 
     def _check(self) -> None:
         if isinstance(self.lights, LIGHTS):
@@ -142,9 +153,7 @@ class RenderSettings(Fixed):
     @property
     def is_flat(self) -> bool:
         """Whether every surface shows its own color, without light."""
-        return not (self.lights or self.ambient_rays or self.tone) and _light(self) == _light(
-            _WHITE
-        )
+        return not (self.lights or self.ambient_rays or self.tone) and _light(self) == _light(_WHITE)
 
     def _look(self, scenes: Sequence[SceneBase | Mesh], behind: float | None = None) -> Any:
         """What the core takes for an image of `scenes`; behind: as for `_pack`."""
@@ -229,9 +238,7 @@ def as_settings(value: RenderSettings | Mapping[str, Any] | None) -> RenderSetti
             f"globule.load_preset({value!r}, scene) makes a preset's"
         )
     if not isinstance(value, Mapping):
-        raise TypeError(
-            f"settings: expected RenderSettings or a dict of its fields, got {shown(value)}"
-        )
+        raise TypeError(f"settings: expected RenderSettings or a dict of its fields, got {shown(value)}")
     for name in value:
         if name not in NAMES:
             raise TypeError(f"settings: expected some of {', '.join(NAMES)}, got {name!r}")

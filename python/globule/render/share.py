@@ -30,13 +30,7 @@ class Share:
         edges: whether pixels at edges have more samples.
     """
 
-    def __init__(
-        self,
-        comm: Any,
-        camera: Camera,
-        size: tuple[int, int],
-        edges: bool,
-    ):
+    def __init__(self, comm: Any, camera: Camera, size: tuple[int, int], edges: bool):
         self.ranks, self.size = ranks_of(comm), size
         self.ranks.same(size=tuple(size))
         self.arrays = ["picture"] if self.ranks.only_image else list(ARRAYS)
@@ -50,15 +44,9 @@ class Share:
         owner = (columns + rows * step) % n
         frame = camera.frame(size).ravel().tolist()
         orthographic = camera.height is not None
-        self.views = [
-            _core.View(frame, *size, orthographic, (rank, n, self.square, step, edges))
-            for rank in range(n)
-        ]
+        self.views = [_core.View(frame, *size, orthographic, (rank, n, self.square, step, edges)) for rank in range(n)]
         self.view = self.views[self.ranks.rank]
-        ends = [
-            np.minimum(self.square * np.arange(k + 1), m)
-            for k, m in ((down, height), (across, width))
-        ]
+        ends = [np.minimum(self.square * np.arange(k + 1), m) for k, m in ((down, height), (across, width))]
         area = np.outer(np.diff(ends[0]), np.diff(ends[1]))
         self.pixels = [int(area[owner == rank].sum()) for rank in range(n)]
 

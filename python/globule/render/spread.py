@@ -15,11 +15,7 @@ from .settings import RenderSettings
 
 
 def settled(
-    first: SceneInPieces | SceneOnRanks,
-    layers: Sequence[Layer],
-    settings: RenderSettings,
-    comm: Any,
-    whole: bool,
+    first: SceneInPieces | SceneOnRanks, layers: Sequence[Layer], settings: RenderSettings, comm: Any, whole: bool
 ) -> tuple[tuple[Layer, ...], Any]:
     """The layers with pieces or scenes of all particles in the place of those in pieces or on
     ranks, and the ranks that share out the pixels of the latter.
@@ -33,9 +29,7 @@ def settled(
     return on_ranks(first, layers, settings, comm, whole)
 
 
-def in_pieces(
-    first: SceneInPieces, layers: Sequence[Layer], comm: Any, whole: bool
-) -> tuple[Layer, ...]:
+def in_pieces(first: SceneInPieces, layers: Sequence[Layer], comm: Any, whole: bool) -> tuple[Layer, ...]:
     """The layers with pieces in the place of scenes in pieces."""
     if comm is not None:
         raise ValueError(
@@ -47,8 +41,7 @@ def in_pieces(
     if any(isinstance(x.scene, SceneOnRanks) for x in layers):
         raise ValueError("scene: expected all layers on the same ranks")
     return tuple(
-        Layer(x.scene.pieces, x.material, x.clips) if isinstance(x.scene, SceneInPieces) else x
-        for x in layers
+        Layer(x.scene.pieces, x.material, x.clips) if isinstance(x.scene, SceneInPieces) else x for x in layers
     )
 
 

@@ -59,17 +59,12 @@ def trace(
         share = Share(comm, camera, size, settings._mixes(scenes))
         view = share.view
     device = device_of(layers)
-    kinds = [
-        ((layer.material or settings.material)._packed, [c._packed for c in layer.clips])
-        for layer in layers
-    ]
+    kinds = [((layer.material or settings.material)._packed, [c._packed for c in layer.clips]) for layer in layers]
     for layer in layers:
         if isinstance(layer.scene, SceneBase):
             check_tracing(layer.scene, thesis)
         elif thesis is not None:
-            raise ValueError(
-                "thesis: expected particles alone with the thesis's tracing, got a mesh"
-            )
+            raise ValueError("thesis: expected particles alone with the thesis's tracing, got a mesh")
     way = None if thesis is None else thesis._packed
 
     def surfaces() -> list[tuple[int, float]]:

@@ -15,15 +15,7 @@ from .._base.checks import image_size, shown
 from ..fluids.likeness import shows_flat
 from ..scene.scene import SceneBase
 from ..scene.thesis import Thesis
-from .annotate import (
-    Annotation,
-    Colors,
-    bounds_of,
-    draw_sheet,
-    draw_view,
-    skin_of,
-    traced_size,
-)
+from .annotate import Annotation, Colors, bounds_of, draw_sheet, draw_view, skin_of, traced_size
 from .camera import Camera, first_direction, view_axes
 from .clips import Clip
 from .fit import fitted
@@ -109,16 +101,7 @@ def view_cameras(
         direction = towards[view] if flat else first_direction(up)
         upwards = {"top": -front, "bottom": front}.get(view, above)
         cameras.append(
-            fitted(
-                scene,
-                size,
-                annotation,
-                around,
-                direction=direction,
-                up=upwards,
-                fov=fov,
-                orthographic=flat,
-            )
+            fitted(scene, size, annotation, around, direction=direction, up=upwards, fov=fov, orthographic=flat)
         )
     return _one_scale(views, cameras)
 

@@ -26,14 +26,10 @@ class Capsules(Mesh):
     overlap, opaque ones are right; of transparent ones images show the border between the two.
     """
 
-    def __init__(
-        self, points: Any, ends: np.ndarray, radius: Any, color: Any, device: str, threads: int
-    ):
+    def __init__(self, points: Any, ends: np.ndarray, radius: Any, color: Any, device: str, threads: int):
         places = view("positions", points, 3)
         nothing = np.empty((0, 3), np.int64)
-        super().__init__(
-            Triangles(points, nothing), color=color, smooth=0, device=device, threads=threads
-        )
+        super().__init__(Triangles(points, nothing), color=color, smooth=0, device=device, threads=threads)
         self.faces = ends
         self.closed = self.solid = True
         self._radius, self._one_radius = _checked_radius(radius, places.shape[0])
@@ -121,13 +117,7 @@ class Lines(Capsules):
     """
 
     def __init__(
-        self,
-        points: Any,
-        radius: float,
-        color: ArrayLike | None = None,
-        *,
-        device: str = "auto",
-        threads: int = 0,
+        self, points: Any, radius: float, color: ArrayLike | None = None, *, device: str = "auto", threads: int = 0
     ):
         single = hasattr(points, "__array_interface__") or hasattr(points, "shape")
         lines = [points] if single else list(points)

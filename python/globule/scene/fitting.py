@@ -33,9 +33,7 @@ def room_on(device: Device) -> float:
     return min(free, limits()["memory"] or math.inf)
 
 
-def lacking(
-    n: int, to_read: float, surface: str, key_bits: int, device: Device
-) -> tuple[float, float] | None:
+def lacking(n: int, to_read: float, surface: str, key_bits: int, device: Device) -> tuple[float, float] | None:
     """Bytes that a scene takes and that are free where these do not suffice; else None.
 
     to_read: bytes that reading the particles takes.

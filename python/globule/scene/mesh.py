@@ -149,9 +149,7 @@ class Mesh(Owner):
         faces, colors, the pose and `solid` stay."""
         found = _checked_vertices(vertices)
         if found.shape != self._vertices.shape:
-            raise ValueError(
-                f"vertices: expected {self._vertices.shape[0]:,}, got {found.shape[0]:,}"
-            )
+            raise ValueError(f"vertices: expected {self._vertices.shape[0]:,}, got {found.shape[0]:,}")
         with self._lock:
             self._vertices, self.vertices = found, found.owner
             self._version += 1
@@ -208,12 +206,8 @@ class Mesh(Owner):
         n = o.shape[0]
         distance, normal = np.empty(n, np.float32), np.empty((n, 3), np.float32)
         face = np.empty(n, np.uint32)
-        self.build(self.device).intersect_mesh(
-            n, o.place, d.place, address(distance), address(normal), address(face)
-        )
-        return MeshIntersections(
-            distance, normal, np.where(face == MISSED, -1, face.astype(np.int64))
-        )
+        self.build(self.device).intersect_mesh(n, o.place, d.place, address(distance), address(normal), address(face))
+        return MeshIntersections(distance, normal, np.where(face == MISSED, -1, face.astype(np.int64)))
 
     def contains(self, points: ArrayLike) -> np.ndarray:
         """Whether points (M, 3), world, lie inside; (M,) bool. An open mesh contains nothing."""
@@ -224,9 +218,7 @@ class Mesh(Owner):
         direction = np.array([0.5257, 0.6179, 0.5846], np.float32)
         direction /= np.linalg.norm(direction)
         found = self.intersect(to_host(p.owner), np.broadcast_to(direction, p.shape))
-        a, b, c = (
-            to_host(self.vertices)[self.faces[np.maximum(found.face, 0), k]] for k in range(3)
-        )
+        a, b, c = (to_host(self.vertices)[self.faces[np.maximum(found.face, 0), k]] for k in range(3))
         outward = np.cross(b - a, c - a) @ self._pose[:3, :3].T @ direction
         return (found.face >= 0) & (outward > 0)
 
@@ -301,9 +293,7 @@ def _triangles(vertices: Any, faces: Any, origin: Any) -> Triangles:
     if hasattr(vertices, "triangulate") and hasattr(vertices, "points"):  # pyvista
         surface = vertices.extract_surface() if not hasattr(vertices, "regular_faces") else vertices
         surface = surface.triangulate()
-        return Triangles(
-            np.asarray(surface.points), np.asarray(surface.faces).reshape(-1, 4)[:, 1:]
-        )
+        return Triangles(np.asarray(surface.points), np.asarray(surface.faces).reshape(-1, 4)[:, 1:])
     raise TypeError(
         "vertices: expected (N, 3) numbers with faces (M, 3), a file's name, or an object with "
         f"vertices and faces, got {shown(vertices)}"
@@ -328,9 +318,7 @@ def _checked_faces(faces: Any, n: int) -> np.ndarray:
     if array.size == 0:
         return np.empty((0, 3), np.uint32)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
-        raise ValueError(
-            f"faces: expected integers of shape (M, 3), got {array.dtype} {array.shape}"
-        )
+        raise ValueError(f"faces: expected integers of shape (M, 3), got {array.dtype} {array.shape}")
     if len(array) > MAX_FACES:
         raise ValueError(f"faces: expected at most {MAX_FACES:,}, got {len(array):,}")
     if int(array.min()) < 0 or int(array.max()) >= n:
@@ -394,9 +382,7 @@ def _checked_pose(pose: Any) -> np.ndarray:
     turn = matrix[:3, :3]
     rigid = np.abs(turn @ turn.T - np.eye(3)).max() <= _RIGID and np.linalg.det(turn) > 0
     if not rigid or not np.allclose(matrix[3], (0, 0, 0, 1)):
-        raise ValueError(
-            "pose: expected a rotation and a translation; transform the vertices for any other map"
-        )
+        raise ValueError("pose: expected a rotation and a translation; transform the vertices for any other map")
     return matrix
 
 

@@ -21,16 +21,12 @@ def _particles(positions: Any, support: Any, weight: Any) -> tuple:
         a = np.ascontiguousarray(support[:, (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)])
     else:
         a = np.zeros((n, 6))
-        a[:, :3] = np.divide(1, support, out=np.zeros_like(support), where=support > 0).reshape(
-            -1, 1
-        )
+        a[:, :3] = np.divide(1, support, out=np.zeros_like(support), where=support > 0).reshape(-1, 1)
     w = np.ascontiguousarray(np.broadcast_to(np.asarray(weight, np.float32), n), np.float64)
     return p, a, w
 
 
-def field(
-    positions: Any, support: Any, weight: Any, kernel: str, points: Any
-) -> tuple[np.ndarray, np.ndarray]:
+def field(positions: Any, support: Any, weight: Any, kernel: str, points: Any) -> tuple[np.ndarray, np.ndarray]:
     """Field (M,) and gradient (M, 3), float64."""
     p, a, w = _particles(positions, support, weight)
     x = np.ascontiguousarray(points, np.float64)
@@ -50,13 +46,7 @@ def field(
 
 
 def first_hit(
-    positions: Any,
-    support: Any,
-    weight: Any,
-    kernel: str,
-    threshold: float,
-    origins: Any,
-    directions: Any,
+    positions: Any, support: Any, weight: Any, kernel: str, threshold: float, origins: Any, directions: Any
 ) -> np.ndarray:
     """Smallest t >= 0 at which the field along o + t d is the threshold, float64; inf: none."""
     p, a, w = _particles(positions, support, weight)

@@ -61,14 +61,7 @@ class RigidBodies:
         OSError: a file cannot be read.
     """
 
-    def __init__(
-        self,
-        folder: str | os.PathLike[str],
-        *,
-        walls: bool = False,
-        device: str = "auto",
-        threads: int = 0,
-    ):
+    def __init__(self, folder: str | os.PathLike[str], *, walls: bool = False, device: str = "auto", threads: int = 0):
         self.folder = os.fspath(folder)
         found = (_NAME.fullmatch(name) for name in os.listdir(self.folder))
         self.frames = sorted(int(match[1]) for match in found if match)
@@ -87,9 +80,7 @@ class RigidBodies:
         self._ends = np.cumsum([0, *(len(mesh.vertices) for mesh in self.meshes)])
         faces = [mesh.faces + end for mesh, end in zip(self.meshes, self._ends, strict=False)]
         empty = np.empty((0, 3), np.uint32)
-        self.together = Mesh(
-            np.zeros((self._ends[-1], 3), np.float32), np.concatenate([empty, *faces]), **machine
-        )
+        self.together = Mesh(np.zeros((self._ends[-1], 3), np.float32), np.concatenate([empty, *faces]), **machine)
         self.place(self.frames[0])
 
     def place(self, frame: int) -> None:

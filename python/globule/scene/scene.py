@@ -147,9 +147,7 @@ class SceneBase(Owner):
 
     _gives_up = False  # whether the build may empty the positions once it has read them
 
-    def update(
-        self, particles: Particles | ArrayLike | str | os.PathLike[str] | None = None, **fields: Any
-    ) -> None:
+    def update(self, particles: Particles | ArrayLike | str | os.PathLike[str] | None = None, **fields: Any) -> None:
         """The next frame: new particles, or new arrays for some of their fields.
 
         `scene.update(positions=p)` keeps all fields except the attributes; arrays may have a
@@ -167,9 +165,7 @@ class SceneBase(Owner):
         if particles is None:
             unknown = fields.keys() - set(FIELDS)
             if unknown:
-                raise TypeError(
-                    f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}"
-                )
+                raise TypeError(f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}")
             found = self.particles._with(fields, self._known)
         elif fields:
             raise TypeError("update: expected particles or fields, got both")
@@ -192,10 +188,7 @@ class SceneBase(Owner):
     @property
     def _defaults(self) -> tuple[float, float]:
         """The support in spacings, and the threshold."""
-        own = {
-            "smooth": (SMOOTH_SUPPORT, SMOOTH_THRESHOLD),
-            "spheres": (SPHERE_SUPPORT, SPHERE_THRESHOLD),
-        }
+        own = {"smooth": (SMOOTH_SUPPORT, SMOOTH_THRESHOLD), "spheres": (SPHERE_SUPPORT, SPHERE_THRESHOLD)}
         return own.get(self.surface, DEFAULTS[self.kernel])
 
     def _color_by(self, name: str, colormap: str, range: tuple[float, float] | None) -> None:
@@ -421,9 +414,7 @@ class SceneBase(Owner):
         self._scene.evaluate(self._kernel, p.shape[0], p.place, 0, address(out))
         return out
 
-    def intersect(
-        self, origins: ArrayLike, directions: ArrayLike, thesis: Thesis | None = None
-    ) -> Intersections:
+    def intersect(self, origins: ArrayLike, directions: ArrayLike, thesis: Thesis | None = None) -> Intersections:
         """First intersection of arbitrary rays with the surface.
 
         Args:
@@ -486,9 +477,7 @@ class SceneBase(Owner):
         v = view("values", values, None if flat else shape[-1] if shape else 1)
         channels = 1 if flat else v.shape[1]
         out = np.empty((p.shape[0], channels), np.float32)
-        self._scene.blend(
-            self._kernel, p.shape[0], p.place, v.place, v.shape[0], channels, address(out)
-        )
+        self._scene.blend(self._kernel, p.shape[0], p.place, v.place, v.shape[0], channels, address(out))
         return out[:, 0] if flat else out
 
     def integrate(self, origins: ArrayLike, directions: ArrayLike, values: ArrayLike) -> np.ndarray:
@@ -514,9 +503,7 @@ class SceneBase(Owner):
         v = view("values", values, None if flat else shape[-1] if shape else 1)
         channels = 1 if flat else v.shape[1]
         out = np.empty((o.shape[0], channels), np.float32)
-        self._scene.integrate(
-            self._kernel, o.shape[0], o.place, d.place, v.place, v.shape[0], channels, address(out)
-        )
+        self._scene.integrate(self._kernel, o.shape[0], o.place, d.place, v.place, v.shape[0], channels, address(out))
         return out[:, 0] if flat else out
 
     def __len__(self) -> int:
@@ -565,10 +552,7 @@ def _check_supports(support: np.ndarray) -> None:
     if largest > MAX_SUPPORT:
         raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {largest:g}")
     if largest > MAX_RATIO * smallest:
-        raise ValueError(
-            f"support: expected all within a factor of {MAX_RATIO:g}, "
-            f"got {smallest:g} to {largest:g}"
-        )
+        raise ValueError(f"support: expected all within a factor of {MAX_RATIO:g}, got {smallest:g} to {largest:g}")
 
 
 def _space(bounds: Any) -> list[float]:
@@ -579,9 +563,7 @@ def _space(bounds: Any) -> list[float]:
     except (TypeError, ValueError):
         box = np.empty(0, np.float32)
     if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
-        raise ValueError(
-            f"bounds: expected two finite corners ((x, y, z), (x, y, z)), got {shown(bounds)}"
-        )
+        raise ValueError(f"bounds: expected two finite corners ((x, y, z), (x, y, z)), got {shown(bounds)}")
     return [float(x) for x in box.ravel()]
 
 

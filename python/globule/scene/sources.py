@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 # What to call for objects of later rooms and for likely mistakes, by the name of their type.
 _INSTEAD = {
     "Volume": "; globule.volumes.extract_iso_surface(volume).particles are those of its surface",
-    "Sweep": "; globule.ultrasound.reconstruct(sweep) makes a volume, "
-    "globule.volumes.extract_iso_surface its surface",
+    "Sweep": "; globule.ultrasound.reconstruct(sweep) makes a volume, globule.volumes.extract_iso_surface its surface",
     "Layer": "; globule.render(layer) shows it",
     "dict": "; globule.Particles(**fields) takes a dict of fields",
 }

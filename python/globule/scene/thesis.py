@@ -86,14 +86,11 @@ def check_tracing(scene: Traced, thesis: Thesis | None) -> None:
         raise ValueError('octree: expected a scene with octree="dense" for the thesis, got sparse')
     if thesis.root == "bezier" and scene.kernel not in POLYNOMIAL_KERNELS:
         raise ValueError(
-            f"kernel: expected {' or '.join(POLYNOMIAL_KERNELS)} for Bézier clipping, "
-            f"got {scene.kernel!r}"
+            f"kernel: expected {' or '.join(POLYNOMIAL_KERNELS)} for Bézier clipping, got {scene.kernel!r}"
         )
 
 
-def work(
-    scene: Traced, origins: Any, directions: Any, thesis: Thesis
-) -> tuple[np.ndarray, np.ndarray]:
+def work(scene: Traced, origins: Any, directions: Any, thesis: Thesis) -> tuple[np.ndarray, np.ndarray]:
     """The cost of rays up to their first hit.
 
     Args:

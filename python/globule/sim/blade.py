@@ -54,9 +54,7 @@ class Knife:
         faces = _moved(self.faces.reshape(-1, 3), now)
         corners = len(swept.vertices) + np.arange(len(faces), dtype=np.uint32).reshape(-1, 3)
         return Blade(
-            np.concatenate([swept.vertices, faces]),
-            np.concatenate([swept.triangles, corners]),
-            swept.n_moving,
+            np.concatenate([swept.vertices, faces]), np.concatenate([swept.triangles, corners]), swept.n_moving
         )
 
 

@@ -192,9 +192,7 @@ def _boundary(scene: SceneFile, table: Boundary, shape: Any) -> list[Body]:
     return [_body(scene, table, "boundary", positions)]
 
 
-def _body(
-    scene: SceneFile, table: Any, kind: str, positions: np.ndarray, velocities: Any = None
-) -> Body:
+def _body(scene: SceneFile, table: Any, kind: str, positions: np.ndarray, velocities: Any = None) -> Body:
     if not len(positions):
         raise ValueError(f"expected particles, got none at a spacing of {scene.spacing:g} m")
     lo, hi = scene.domain.lo, scene.domain.hi

@@ -22,9 +22,7 @@ def path_of(name: str | os.PathLike[str]) -> str:
     return name if name.lower().endswith(".npz") else f"{name}.npz"
 
 
-def save(
-    name: str | os.PathLike[str], arrays: dict[str, np.ndarray], facts: dict[str, Any]
-) -> None:
+def save(name: str | os.PathLike[str], arrays: dict[str, np.ndarray], facts: dict[str, Any]) -> None:
     """Write arrays and facts (what JSON can hold); the file appears whole or not at all."""
     if os.path.isdir(name):
         raise IsADirectoryError(f"{os.fspath(name)}: expected a file, got a folder")
@@ -52,7 +50,5 @@ def load(name: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], dict[str,
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: expected a checkpoint of a simulation, got {error}") from None
     if facts.pop("version", None) != VERSION:
-        raise ValueError(
-            f"{path}: expected version {VERSION} of a checkpoint, got another; run it again"
-        )
+        raise ValueError(f"{path}: expected version {VERSION} of a checkpoint, got another; run it again")
     return arrays, facts

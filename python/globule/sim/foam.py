@@ -184,9 +184,7 @@ class Foam(Part):
         count = np.floor(n + uniform(table.seed, flow.ids[rows], step, 0)).astype(np.int64)
         from_ = np.repeat(rows, count)
         nth = np.arange(len(from_)) - np.repeat(np.cumsum(count) - count, count)
-        radius, angle, back, life = (
-            uniform(table.seed, flow.ids[from_], step, 4 * nth + k) for k in range(1, 5)
-        )
+        radius, angle, back, life = (uniform(table.seed, flow.ids[from_], step, 4 * nth + k) for k in range(1, 5))
         velocity = flow.velocities[from_]
         axis = velocity / np.linalg.norm(velocity, axis=1, keepdims=True)
         helper = np.eye(3)[np.argmin(np.abs(axis), axis=1)]

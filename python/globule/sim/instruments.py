@@ -47,9 +47,7 @@ class Motion:
     def __init__(self, keys: list[Key]):
         for i in range(1, len(keys)):
             if keys[i].time <= keys[i - 1].time:
-                raise Problem(
-                    (i, "time"), f"expected more than {keys[i - 1].time:g}, got {keys[i].time:g}"
-                )
+                raise Problem((i, "time"), f"expected more than {keys[i - 1].time:g}, got {keys[i].time:g}")
         from scipy.spatial.transform import Rotation, Slerp
 
         position, turn, on = (0.0, 0.0, 0.0), Rotation.identity(), True

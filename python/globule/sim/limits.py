@@ -116,9 +116,7 @@ def check_emitter(name: str, emitter: Any, spacing: float, frame: float) -> None
     _check_step((f"emitters[{name!r}]", "rate"), step, frame)
 
 
-def _check_inside(
-    path: Path, first: np.ndarray, last: np.ndarray, domain: Any, reach: float = 0.0
-) -> None:
+def _check_inside(path: Path, first: np.ndarray, last: np.ndarray, domain: Any, reach: float = 0.0) -> None:
     lo, hi = domain.bounds()
     if (last < lo - reach).any() or (first > hi + reach).any():
         expected = f"expected a place in the domain, {_corners(lo, hi)}"

@@ -57,9 +57,7 @@ class Elasticity:
         return volumes, frequency
 
 
-def substep_rate(
-    young: float, poisson: float | None, density: float, spacing: float, model: str
-) -> float:
+def substep_rate(young: float, poisson: float | None, density: float, spacing: float, model: str) -> float:
     """Substeps a second that tissue at rest takes: young Pa, density kg/m³, spacing m."""
     if model != "solid":
         return _STIFFEST_SPRINGS * math.sqrt(young / density) / spacing
@@ -114,7 +112,5 @@ def prony_series(relaxation: Any) -> tuple[tuple[float, float], ...]:
             raise ValueError(f"relaxation: expected {expected}, got {time:g}")
     if sum(share for share, _ in pairs) > MOST_SHARE:
         total = sum(share for share, _ in pairs)
-        raise ValueError(
-            f"relaxation: expected shares of at most {MOST_SHARE:g} together, got {total:g}"
-        )
+        raise ValueError(f"relaxation: expected shares of at most {MOST_SHARE:g} together, got {total:g}")
     return pairs

@@ -29,11 +29,7 @@ def check_overlap(scene: Any, found: Sequence[tuple[str, Any]]) -> None:
     solver, edge = scene.solver, EDGE * scene.spacing
     if scene.solids or solver.method == "wcsph":  # these do not stop, as Record has it
         return
-    loose = [
-        (name, body)
-        for name, body in found
-        if body.kind in ("fluid", "rigid") and len(body.positions)
-    ]
+    loose = [(name, body) for name, body in found if body.kind in ("fluid", "rigid") and len(body.positions)]
     if len(loose) < 2:
         return
     bodies = [(name, body, *_corners(body.positions)) for name, body in loose]
@@ -53,8 +49,7 @@ def check_overlap(scene: Any, found: Sequence[tuple[str, Any]]) -> None:
         if compression > max(OVERFULL, 10 * solver.max_error):
             corners = " to ".join("(" + ", ".join(f"{x:.3g}" for x in at) + ")" for at in (lo, hi))
             raise SceneError(
-                f"{other}: expected room beside {name}, got particles of both in the same places, "
-                f"in {corners}"
+                f"{other}: expected room beside {name}, got particles of both in the same places, in {corners}"
             )
 
 
@@ -67,9 +62,7 @@ def _corners(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([x.min() for x in positions.T]), np.array([x.max() for x in positions.T])
 
 
-def _volumes(
-    body: Any, share: float, lo: np.ndarray, hi: np.ndarray, edge: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _volumes(body: Any, share: float, lo: np.ndarray, hi: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
     """The numbers of the cubes between two corners that have particles, and the share of each that
     the particles fill."""
     inside = np.ones(len(body.positions), bool)

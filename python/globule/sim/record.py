@@ -144,9 +144,7 @@ class Record(Part):
         rows, seconds = facts["diagnostics"], facts["seconds"]
         counts = facts["n_removed"], facts["n_cut"]
         good = isinstance(rows, list) and all(
-            isinstance(row, dict)
-            and all(isinstance(v, (int, float)) for v in row.values())
-            and "n_escaped" in row
+            isinstance(row, dict) and all(isinstance(v, (int, float)) for v in row.values()) and "n_escaped" in row
             for row in rows
         )
         good = good and isinstance(seconds, dict)

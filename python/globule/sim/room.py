@@ -44,9 +44,7 @@ def check_room(scene: Any, shapes: dict[int, Any]) -> None:
     )
 
 
-def _needs(
-    scene: Any, shapes: dict[int, Any], spacing: float
-) -> Iterator[tuple[float, float, str]]:
+def _needs(scene: Any, shapes: dict[int, Any], spacing: float) -> Iterator[tuple[float, float, str]]:
     """Bytes, number of particles and name, with another spacing, m, than the scene's own."""
     size = spacing / scene.spacing
     for kind, of_each in BYTES.items():

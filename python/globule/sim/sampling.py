@@ -44,8 +44,7 @@ def fill(shape: Any, spacing: float) -> np.ndarray:
     if count > MOST_PARTICLES:
         fits = 1.01 * spacing * (count / MOST_PARTICLES) ** (1 / 3)
         raise ValueError(
-            f"expected at most {MOST_PARTICLES:,} particles, got {count:,.0f}; a spacing of "
-            f"{fits:.3g} m would fit"
+            f"expected at most {MOST_PARTICLES:,} particles, got {count:,.0f}; a spacing of {fits:.3g} m would fit"
         )
     if isinstance(shape, Mesh):
         return shape.inside_lattice(spacing)

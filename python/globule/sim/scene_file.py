@@ -21,20 +21,11 @@ from .._base.settings import (
     Whole,
     same,
     setting,
-)  # fmt: skip
+)
 from ..formats import EXTENSIONS
 from . import limits
 from .instruments import Instrument, Key, Motion
-from .materials import (
-    LONGEST,
-    MODEL,
-    MODELS,
-    MOST_POISSON,
-    MOST_SHARE,
-    SHORTEST,
-    check_model,
-    prony_series,
-)
+from .materials import LONGEST, MODEL, MODELS, MOST_POISSON, MOST_SHARE, SHORTEST, check_model, prony_series
 from .sampling import ENDS, FACES
 from .schema import (
     DENSITY,
@@ -49,7 +40,7 @@ from .schema import (
     VISCOSITY,
     Rising,
     exactly_one,
-)  # fmt: skip
+)
 from .shapes import Box, Cylinder, Plane, Sphere
 from .sources import DistanceFile, MeshFile, ParticleFile, Tomography
 
@@ -65,25 +56,39 @@ WALLS = "walls"  # the phase of the domain's walls
 class Solver(Table):
     """Method, limits and accuracy of the solver's steps."""
 
-    method: str = setting(Choice("dfsph", "wcsph"), "dfsph", '"dfsph", or "wcsph": weakly '
-        "compressible (Tait's equation), as a cross-check")  # fmt: skip
-    max_error: float = setting(Number(1e-6, 0.1), 0.001, "mean compression that the density solve "
-        "leaves; 0.1 % of the particles may have four times as much, a share")  # fmt: skip
-    divergence_error: float | None = setting(Number(1e-6, 0.1), None, "ten times the mean "
-        "compression that velocities may add in a step (2e-4 at most), a share",
-        usual="`max_error`")  # fmt: skip
-    viscosity_error: float = setting(Number(1e-9, 0.1), 1e-4, "relative residual of implicit "
-        "viscosity")  # fmt: skip
+    method: str = setting(
+        Choice("dfsph", "wcsph"),
+        "dfsph",
+        '"dfsph", or "wcsph": weakly compressible (Tait\'s equation), as a cross-check',
+    )
+    max_error: float = setting(
+        Number(1e-6, 0.1),
+        0.001,
+        "mean compression that the density solve leaves; 0.1 % of the particles may have four times as much, a share",
+    )
+    divergence_error: float | None = setting(
+        Number(1e-6, 0.1),
+        None,
+        "ten times the mean compression that velocities may add in a step (2e-4 at most), a share",
+        usual="`max_error`",
+    )
+    viscosity_error: float = setting(Number(1e-9, 0.1), 1e-4, "relative residual of implicit viscosity")
     min_iterations: int = setting(Whole(0, 1_000_000), 2, "fewest iterations of both solves")
     max_iterations: int = setting(Whole(1, 1_000_000), 100, "most iterations of both solves")
-    cfl: float = setting(Number(1e-3, 2.0), 1.0, "a step is at most 0.4 cfl spacing / fastest "
+    cfl: float = setting(
+        Number(1e-3, 2.0),
+        1.0,
+        "a step is at most 0.4 cfl spacing / fastest "
         "speed; the square root of pressure / density counts as a speed. On key frames, boundaries "
-        "and graspers at work move at most 0.4 cfl spacing in a step")  # fmt: skip
+        "and graspers at work move at most 0.4 cfl spacing in a step",
+    )
     max_dt: float = setting(POSITIVE, 0.005, "longest step", "s")
-    sound_speed: float | None = setting(POSITIVE, None, "speed of sound, of wcsph", "m/s",
-        usual="10 times the speed of a fall through the domain")  # fmt: skip
-    extra_viscosity: float = setting(VISCOSITY, 0.0, "viscosity between all fluids, of wcsph, "
-        "which damps its waves", "Pa s")  # fmt: skip
+    sound_speed: float | None = setting(
+        POSITIVE, None, "speed of sound, of wcsph", "m/s", usual="10 times the speed of a fall through the domain"
+    )
+    extra_viscosity: float = setting(
+        VISCOSITY, 0.0, "viscosity between all fluids, of wcsph, which damps its waves", "Pa s"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -101,11 +106,14 @@ class Domain(Table):
     lo: tuple = setting(PLACE, help="corner where x, y and z are least", unit="m")
     hi: tuple = setting(PLACE, help="corner where x, y and z are largest", unit="m")
     walls: bool = setting(Switch(), False, "whether the faces of the domain are boundaries")
-    open: list = setting(Each(Choice(*FACES), distinct=True), [], 'faces without a wall: "-x", '
-        '"+x" … "+z"')  # fmt: skip
-    periodic: list = setting(Each(Choice("x", "y", "z"), distinct=True), [], "axes along which the "
+    open: list = setting(Each(Choice(*FACES), distinct=True), [], 'faces without a wall: "-x", "+x" … "+z"')
+    periodic: list = setting(
+        Each(Choice("x", "y", "z"), distinct=True),
+        [],
+        "axes along which the "
         'domain repeats: "x", "y", "z". Tissue does not come in again on the other side: it counts '
-        "as escaped")  # fmt: skip
+        "as escaped",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -174,13 +182,20 @@ class Viscous(Flowing):
     """What the viscosity solver moves."""
 
     particles: ParticleFile | None = setting(ParticleFile, None, PART)
-    viscosity: float = setting(VISCOSITY, 0.001, "dynamic viscosity; a fluid with surface tension "
+    viscosity: float = setting(
+        VISCOSITY,
+        0.001,
+        "dynamic viscosity; a fluid with surface tension "
         "has at least 0.0075 sqrt(density · surface_tension · spacing), without which its surface "
-        "[boils](../design/simulation.md#drops)", "Pa s")  # fmt: skip
-    implicit: bool | None = setting(Switch(), None, "whether the viscosity solver is implicit, "
-        "which allows long steps", usual="from 1 Pa s up")  # fmt: skip
-    surface_tension: float = setting(TENSION, 0.0, "surface tension; of tissue: fluids with one "
-        "stick to the tissue", "N/m")  # fmt: skip
+        "[boils](../design/simulation.md#drops)",
+        "Pa s",
+    )
+    implicit: bool | None = setting(
+        Switch(), None, "whether the viscosity solver is implicit, which allows long steps", usual="from 1 Pa s up"
+    )
+    surface_tension: float = setting(
+        TENSION, 0.0, "surface tension; of tissue: fluids with one stick to the tissue", "N/m"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -213,33 +228,56 @@ class Solid(Viscous):
     shapes = SOLID_SHAPES
     tomography: Tomography | None = setting(Tomography, None, PART)
     density: float = same(Flowing, "density", default=1040.0)
-    young: float | None = setting(Number(1e-3, 1e13), None, "Young's modulus; the time that a run "
+    young: float | None = setting(
+        Number(1e-3, 1e13),
+        None,
+        "Young's modulus; the time that a run "
         "takes grows with its root. At most 100,000 substeps in a step of `max_dt` and 1,000,000 "
-        "in a frame", "Pa", usual="from `rigidity`")  # fmt: skip
-    rigidity: float | None = setting(Number(above=0.0, most=0.999), None, "0 to 1: 100 Pa · 10^(4 "
-        "· rigidity)", usual="0.35, brain")  # fmt: skip
-    model: str = setting(Choice(*MODELS), MODEL, '`"solid"`: total-Lagrangian SPH with exact '
+        "in a frame",
+        "Pa",
+        usual="from `rigidity`",
+    )
+    rigidity: float | None = setting(
+        Number(above=0.0, most=0.999), None, "0 to 1: 100 Pa · 10^(4 · rigidity)", usual="0.35, brain"
+    )
+    model: str = setting(
+        Choice(*MODELS),
+        MODEL,
+        '`"solid"`: total-Lagrangian SPH with exact '
         'moduli ([solids](../design/solids.md)); `"bonds"`: springs along the bonds, ν = 1/4 in '
         "themselves and [about 0.44 in a simulation](../design/tissue.md#in-the-step), 14 % too "
-        "soft at 5 particles across, faster in small bodies; the same of all solids")  # fmt: skip
-    poisson: float | None = setting(Number(0.0, MOST_POISSON), None, "Poisson's ratio of `model = "
-        '"solid"`', usual="0.45")  # fmt: skip
-    relaxation: list | None = setting(Each(Relaxation), None, 'Prony series of `model = "solid"`: '
+        "soft at 5 particles across, faster in small bodies; the same of all solids",
+    )
+    poisson: float | None = setting(
+        Number(0.0, MOST_POISSON), None, 'Poisson\'s ratio of `model = "solid"`', usual="0.45"
+    )
+    relaxation: list | None = setting(
+        Each(Relaxation),
+        None,
+        'Prony series of `model = "solid"`: '
         "up to two { **share**, **time** }: this share of the shear modulus, at most 0.99, relaxes "
         "in this time, s; all shares together below 1. `young` is the modulus of sudden "
-        "motion")  # fmt: skip
+        "motion",
+    )
     viscosity: float = same(Viscous, "viscosity", default=0.0)
     damping: float = setting(Number(0.0, 1e6), 0.0, "damping of the tissue's motion", "1/s")
     tear: float = setting(Number(0.0, 1e6), 0.0, "strain at which a bond breaks; 0: never")
-    plastic: float = setting(Number(0.0, 1e6), 0.0, "strain beyond which a part of the strain is "
+    plastic: float = setting(
+        Number(0.0, 1e6),
+        0.0,
+        "strain beyond which a part of the strain is "
         'permanent; 0: never. For a bond, its own strain; for `model = "solid"`, the elastic '
         "strain of a pulled bar, and the equivalent shear of other deformations "
-        "([solids](../design/solids.md#strain-that-stays))")  # fmt: skip
-    creep: float = setting(Number(above=0.0, most=1e6), 1.0, "rate at which the excess strain "
-        "becomes permanent", "1/s")  # fmt: skip
-    friction: float = setting(FRICTION, 0.0, "coefficient of the tissue's contacts: with walls, "
+        "([solids](../design/solids.md#strain-that-stays))",
+    )
+    creep: float = setting(Number(above=0.0, most=1e6), 1.0, "rate at which the excess strain becomes permanent", "1/s")
+    friction: float = setting(
+        FRICTION,
+        0.0,
+        "coefficient of the tissue's contacts: with walls, "
         "rigid bodies, pushers, other tissue, and of cut faces. A contact has the larger "
-        "coefficient of its two sides ([friction](../design/tissue.md#friction))")  # fmt: skip
+        "coefficient of its two sides ([friction](../design/tissue.md#friction))",
+    )
     fixed: list = setting(Each(Shape), [], "{ box, sphere or cylinder }: fixed parts of the tissue")
     color: tuple = same(Body, "color", default=(0.62, 0.38, 0.35), usual="flesh")
 
@@ -266,17 +304,23 @@ class Boundary(Body):
     plane: Plane | None = setting(Plane, None, PART)
     distance: DistanceFile | None = setting(DistanceFile, None, PART)
     hollow: bool = setting(Switch(), False, "whether particles move inside the boundary")
-    open: list = setting(Each(Choice(*FACES, *ENDS), distinct=True), [], "missing faces: of a box "
-        '"-x" … "+z", of a cylinder "start", "end"')  # fmt: skip
-    keys: list = setting(Each(Key), [], "[key frames](#key-frames) that move the boundary",
-        usual="none: at rest")  # fmt: skip
-    adhesion: float = setting(TENSION, 0.0, "fluids with a surface tension stick to the body as to "
-        "a fluid of that tension", "N/m")  # fmt: skip
-    friction: float = setting(FRICTION, 0.0, "coefficient of its contacts with tissue, as of "
-        "solids")  # fmt: skip
-    shown: bool = setting(Switch(), False, "whether images show the boundary; beside fluids a "
+    open: list = setting(
+        Each(Choice(*FACES, *ENDS), distinct=True),
+        [],
+        'missing faces: of a box "-x" … "+z", of a cylinder "start", "end"',
+    )
+    keys: list = setting(Each(Key), [], "[key frames](#key-frames) that move the boundary", usual="none: at rest")
+    adhesion: float = setting(
+        TENSION, 0.0, "fluids with a surface tension stick to the body as to a fluid of that tension", "N/m"
+    )
+    friction: float = setting(FRICTION, 0.0, "coefficient of its contacts with tissue, as of solids")
+    shown: bool = setting(
+        Switch(),
+        False,
+        "whether images show the boundary; beside fluids a "
         "shell [less than seven spacings thick](../design/surface.md#what-is-not-reached) may have "
-        "holes")  # fmt: skip
+        "holes",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -296,8 +340,7 @@ class Rigid(Flowing):
     ([design](../design/simulation.md#rigid-bodies))."""
 
     shapes = RIGID_SHAPES
-    spin: tuple = setting(Vector(least=-1e6, most=1e6), (0.0, 0.0, 0.0), "angular velocity at the "
-        "start", "rad/s")  # fmt: skip
+    spin: tuple = setting(Vector(least=-1e6, most=1e6), (0.0, 0.0, 0.0), "angular velocity at the start", "rad/s")
     adhesion: float = same(Boundary, "adhesion")
     friction: float = same(Boundary, "friction")
     color: tuple = same(Body, "color", default=(0.6, 0.5, 0.3), usual="wood")
@@ -357,8 +400,7 @@ class Vessel(Table):
     fluid: str = setting(NAME, help="name of the blood's fluid")
     path: list = setting(POINTS, help="points of the vessel's center line", unit="m")
     radius: float = setting(POSITIVE, help="radius of the tube", unit="m")
-    pressure: float = setting(Number(above=0.0, most=1e9), 2000.0, "pressure above the outside",
-        "Pa")  # fmt: skip
+    pressure: float = setting(Number(above=0.0, most=1e9), 2000.0, "pressure above the outside", "Pa")
     pool: float = setting(POSITIVE, help="blood that the vessel can lose", unit="m³")
 
 
@@ -369,21 +411,29 @@ class Foam(Table):
     the values at which a potential is 0 and 1. Without gravity, `approach` and `speed` are
     required."""
 
-    approach: tuple | None = setting(Rising(), None, "limits of trapped air: the weighted sum of "
-        "the speeds with which neighbors come closer", "m/s",
-        usual="2 and 8 times sqrt(gravity · spacing)")  # fmt: skip
-    curvature: tuple = setting(Rising(), (0.5, 2.0), "limits of the wave crest: the weighted sum "
-        "of 1 - cosine between normals")  # fmt: skip
-    speed: tuple | None = setting(Rising(), None, "limits of the kinetic energy, as speeds", "m/s",
-        usual="3 and 10 times sqrt(gravity · spacing)")  # fmt: skip
-    air_rate: float = setting(Number(0.0, 1e6), 500.0, "new particles of trapped air per fluid "
-        "particle, at most", "1/s")  # fmt: skip
-    crest_rate: float = setting(Number(0.0, 1e6), 2000.0, "new particles of wave crests per fluid "
-        "particle, at most", "1/s")  # fmt: skip
-    lifetime: float = setting(POSITIVE, 2.0, "mean lifetime of foam; each one's is from half to "
-        "one and a half of it", "s")  # fmt: skip
-    max_particles: int = setting(Whole(1, 100_000_000), 200_000, "most particles; beyond, the "
-        "oldest go")  # fmt: skip
+    approach: tuple | None = setting(
+        Rising(),
+        None,
+        "limits of trapped air: the weighted sum of the speeds with which neighbors come closer",
+        "m/s",
+        usual="2 and 8 times sqrt(gravity · spacing)",
+    )
+    curvature: tuple = setting(
+        Rising(), (0.5, 2.0), "limits of the wave crest: the weighted sum of 1 - cosine between normals"
+    )
+    speed: tuple | None = setting(
+        Rising(), None, "limits of the kinetic energy, as speeds", "m/s", usual="3 and 10 times sqrt(gravity · spacing)"
+    )
+    air_rate: float = setting(
+        Number(0.0, 1e6), 500.0, "new particles of trapped air per fluid particle, at most", "1/s"
+    )
+    crest_rate: float = setting(
+        Number(0.0, 1e6), 2000.0, "new particles of wave crests per fluid particle, at most", "1/s"
+    )
+    lifetime: float = setting(
+        POSITIVE, 2.0, "mean lifetime of foam; each one's is from half to one and a half of it", "s"
+    )
+    max_particles: int = setting(Whole(1, 100_000_000), 200_000, "most particles; beyond, the oldest go")
     seed: int = setting(Whole(0, 2**31 - 1), 0, "seed of the random numbers")
 
 
@@ -391,20 +441,25 @@ class Foam(Table):
 class View(Table):
     """Camera and look of the scene's images."""
 
-    eye: tuple | None = setting(PLACE, None, "camera position, beside `look_at`", "m",
-        usual="the whole scene is in view")  # fmt: skip
-    look_at: tuple | None = setting(PLACE, None, "point in the middle of the image, beside `eye`",
-        "m")  # fmt: skip
+    eye: tuple | None = setting(
+        PLACE, None, "camera position, beside `look_at`", "m", usual="the whole scene is in view"
+    )
+    look_at: tuple | None = setting(PLACE, None, "point in the middle of the image, beside `eye`", "m")
     up: tuple = setting(Direction(), (0.0, 0.0, 1.0), "direction that points up in the image")
     fov: float = setting(Number(above=0.0, most=170.0), 40.0, "vertical field of view", "degrees")
-    look: str | None = setting(Choice("water", "blood", "glass", "tissue", "clay"), None,
-        '"water", "blood", "glass", "tissue" or "clay"', usual="plain")  # fmt: skip
-    ground: float | None = setting(Number(-1e6, 1e6), None, "height of the look's ground along "
-        "`up`", "m", usual="the lowest point of the scene")  # fmt: skip
-    speeds: tuple | None = setting(Rising(), None, "color by speed: the speeds at the ends of the "
-        "color map", "m/s", usual="color by phase")  # fmt: skip
-    size: tuple = setting(Vector(2, 1, 16384, whole=True), (640, 480), "width and height of images",
-        "pixels")  # fmt: skip
+    look: str | None = setting(
+        Choice("water", "blood", "glass", "tissue", "clay"),
+        None,
+        '"water", "blood", "glass", "tissue" or "clay"',
+        usual="plain",
+    )
+    ground: float | None = setting(
+        Number(-1e6, 1e6), None, "height of the look's ground along `up`", "m", usual="the lowest point of the scene"
+    )
+    speeds: tuple | None = setting(
+        Rising(), None, "color by speed: the speeds at the ends of the color map", "m/s", usual="color by phase"
+    )
+    size: tuple = setting(Vector(2, 1, 16384, whole=True), (640, 480), "width and height of images", "pixels")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -419,8 +474,9 @@ class Output(Table):
     """Frames that a run writes."""
 
     fps: float = setting(Number(above=0.0, most=1e6), 30.0, "frames per second")
-    format: str = setting(Choice(*(name[1:] for name in EXTENSIONS)), "vtp", "format of frames: "
-        "any format that globule writes")  # fmt: skip
+    format: str = setting(
+        Choice(*(name[1:] for name in EXTENSIONS)), "vtp", "format of frames: any format that globule writes"
+    )
 
 
 @dataclass(kw_only=True)
@@ -430,11 +486,14 @@ class SceneFile(Table):
     spacing: float = setting(POSITIVE, help="distance between particles", unit="m")
     domain: Domain = setting(Domain, help="[table](#domain)")
     title: str = setting(NAME, "", "title of the scene")
-    gravity: tuple = setting(Vector(least=-1e6, most=1e6), (0.0, 0.0, -9.81), "acceleration of "
-        "gravity", "m/s²")  # fmt: skip
-    fine_fluids: bool = setting(Switch(), False, "whether the particles of all fluids have half "
+    gravity: tuple = setting(Vector(least=-1e6, most=1e6), (0.0, 0.0, -9.81), "acceleration of gravity", "m/s²")
+    fine_fluids: bool = setting(
+        Switch(),
+        False,
+        "whether the particles of all fluids have half "
         "the spacing, beside [tissue and boundaries](../design/tissue.md#blood-finer-than-tissue) "
-        "of the whole one")  # fmt: skip
+        "of the whole one",
+    )
     seconds: float = setting(POSITIVE, 1.0, "length of the run", "s")
     solver: Solver = setting(Solver, Solver, "[table](#solver)")
     fluids: list = setting(Each(Fluid), [], LIST)
@@ -490,9 +549,7 @@ class SceneFile(Table):
         return self.spacing / 2 if self.fine_fluids else self.spacing
 
 
-LISTS = (
-    "fluids", "solids", "boundaries", "rigids", "instruments", "emitters", "sinks", "vessels"
-)  # fmt: skip
+LISTS = ("fluids", "solids", "boundaries", "rigids", "instruments", "emitters", "sinks", "vessels")
 
 
 def white_matter(name: str) -> str:

@@ -147,9 +147,7 @@ class Simulation(Owner):
         for body, ids in added:
             if body.kind == "tissue":
                 table = body.table
-                self.tissue.bond(
-                    ids, body.young, body.fixed, table.model, table.poisson, table.pairs
-                )
+                self.tissue.bond(ids, body.young, body.fixed, table.model, table.poisson, table.pairs)
         for vessel in scene.vessels:
             self.tissue.add_vessel(vessel)
         empty = {body.name for body, ids in added if not len(ids)}
@@ -203,9 +201,7 @@ class Simulation(Owner):
         self.phases[phase.name] = phase
 
     @whole
-    def add(
-        self, positions: ArrayLike, phase: str | None = None, velocities: ArrayLike = 0.0
-    ) -> np.ndarray:
+    def add(self, positions: ArrayLike, phase: str | None = None, velocities: ArrayLike = 0.0) -> np.ndarray:
         """Add particles.
 
         Args:
@@ -350,10 +346,7 @@ class Simulation(Owner):
         return self.run_to(self.time + seconds, stop, progress)
 
     def run_to(
-        self,
-        end: float,
-        stop: Callable[[], bool] | None = None,
-        progress: Callable[[int, int], Any] | None = None,
+        self, end: float, stop: Callable[[], bool] | None = None, progress: Callable[[int, int], Any] | None = None
     ) -> StepReport | None:
         """Simulate up to a time, s since the start. A time in the past needs no step.
 
@@ -482,11 +475,7 @@ class Simulation(Owner):
             OSError: a file that cannot be written.
         """
         self._send()
-        facts = {
-            "scene": as_dict(self.file),
-            "record": self.record._facts(),
-            "by_hand": self._by_hand(),
-        }
+        facts = {"scene": as_dict(self.file), "record": self.record._facts(), "by_hand": self._by_hand()}
         state = self.arrays.state()
         try:
             self.arrays._check_state(state)
@@ -497,9 +486,7 @@ class Simulation(Owner):
         _log.info("%s: checkpoint at %g s", checkpoint.path_of(name), self.time)
 
     @classmethod
-    def load(
-        cls, name: str | os.PathLike[str], device: str = "auto", threads: int = 0
-    ) -> Simulation:
+    def load(cls, name: str | os.PathLike[str], device: str = "auto", threads: int = 0) -> Simulation:
         """A simulation that continues from a file of `save`, on the CPU with the same bits.
 
         Raises:
@@ -519,9 +506,7 @@ class Simulation(Owner):
             ArithmeticError, MemoryError,
         ) as error:  # fmt: skip
             what = f"{error} is missing" if isinstance(error, KeyError) else error
-            raise ValueError(
-                f"{checkpoint.path_of(name)}: expected a checkpoint of a simulation, {what}"
-            ) from error
+            raise ValueError(f"{checkpoint.path_of(name)}: expected a checkpoint of a simulation, {what}") from error
 
     @whole
     def reset(self) -> None:

@@ -27,9 +27,7 @@ def relaxed(past: np.ndarray, F: np.ndarray, material: Elasticity, dt: float) ->
     return to + kept[:, None, None, None] * (past - to)
 
 
-def yielded(
-    stays: np.ndarray, F: np.ndarray, material: Elasticity, at: float, rate: float, dt: float
-) -> np.ndarray:
+def yielded(stays: np.ndarray, F: np.ndarray, material: Elasticity, at: float, rate: float, dt: float) -> np.ndarray:
     """Inverse metric (N, 3, 3) of the part that does not relax, after dt seconds at F: what is
     beyond the yield strain `at` falls at `rate`, in principal logarithmic stretches."""
     ratio = material.lame / (2 * (material.lame + material.shear))

@@ -126,9 +126,7 @@ class Tomography(Table):
         else:
             from ..volumes.tomography import tissue_voxels
 
-            positions, values = tissue_voxels(
-                self.file, self.level, self.labels, spacing / self.scale
-            )
+            positions, values = tissue_voxels(self.file, self.level, self.labels, spacing / self.scale)
             least = np.inf if self.white_level is None else self.white_level
             white = values >= least
         if not len(positions):

@@ -56,9 +56,7 @@ def check_crowds(place: np.ndarray, spacing: float) -> None:
         raise ValueError(f"place: {expected}, got {most}")
 
 
-def check_tissue(
-    state: Mapping[str, np.ndarray], next_id: int, n_phases: int, n_vessels: int, longest: float
-) -> None:
+def check_tissue(state: Mapping[str, np.ndarray], next_id: int, n_phases: int, n_vessels: int, longest: float) -> None:
     """Refuse tissue whose arrays do not fit together.
 
     Args:

@@ -84,11 +84,7 @@ class Steer(Part):
 
     @whole
     def make_rigid(
-        self,
-        phase: str,
-        density: float,
-        velocity: VectorLike = (0, 0, 0),
-        spin: VectorLike = (0, 0, 0),
+        self, phase: str, density: float, velocity: VectorLike = (0, 0, 0), spin: VectorLike = (0, 0, 0)
     ) -> None:
         """Make one rigid body of the particles of a phase, which fill the body.
 
@@ -133,12 +129,7 @@ class Steer(Part):
         if which not in self._bodies:
             raise ValueError(f"phase: expected a rigid body, got {phase!r}")
         v = np.array(self._solver.core.body(which))
-        return {
-            "center": v[:3],
-            "velocity": v[3:6],
-            "spin": v[6:9],
-            "rotation": v[9:].reshape(3, 3),
-        }
+        return {"center": v[:3], "velocity": v[3:6], "spin": v[6:9], "rotation": v[9:].reshape(3, 3)}
 
     def _send_forces(self) -> None:
         """Hand the forces of the next step to the core, and forget them."""

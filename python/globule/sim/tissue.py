@@ -100,9 +100,7 @@ class Tissue(Owner):
         """
         self._core.instruments(list(motions), list(shapes))
 
-    def advance(
-        self, dt: float, gravity: VectorLike = (0, 0, 0), substeps: int = 0, iterations: int = 1
-    ) -> int:
+    def advance(self, dt: float, gravity: VectorLike = (0, 0, 0), substeps: int = 0, iterations: int = 1) -> int:
         """Move by dt seconds under gravity (3,) m/s²; returns the number of substeps."""
         return self._core.advance(dt, substeps, iterations, [float(g) for g in gravity])
 
@@ -208,6 +206,4 @@ def cut(core: Any, blade: Blade) -> int:
     """Cut bonds of a core's tissue; returns their number."""
     vertices = np.ascontiguousarray(blade.vertices, np.float64)
     corners = np.ascontiguousarray(blade.triangles, np.uint32)
-    return core.cut(
-        address(vertices), len(vertices), blade.n_moving, address(corners), len(corners)
-    )
+    return core.cut(address(vertices), len(vertices), blade.n_moving, address(corners), len(corners))

@@ -37,9 +37,7 @@ class _Fit(NamedTuple):
     period: float
     probe: np.ndarray
     residual: np.ndarray  # (K,) without the sawtooth
-    columns: (
-        np.ndarray
-    )  # (C, K) unit vectors: each sawtooth that was tried, of the residual's space
+    columns: np.ndarray  # (C, K) unit vectors: each sawtooth that was tried, of the residual's space
     best: int
 
 

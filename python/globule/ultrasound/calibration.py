@@ -138,9 +138,7 @@ def _of_tus_rec(path: str | os.PathLike[str]) -> Calibration:
 
 
 def write_calibration(
-    path: str | os.PathLike[str],
-    calibration: Calibration,
-    base: str | os.PathLike[str] | None = None,
+    path: str | os.PathLike[str], calibration: Calibration, base: str | os.PathLike[str] | None = None
 ) -> None:
     """Write a calibration (.toml), or the transform from Image to Probe of a PLUS configuration
     (.xml); every number survives exactly. A configuration holds no temporal offset and region.
@@ -194,10 +192,7 @@ class PointTarget(NamedTuple):
 
 
 def calibrate_point_target(
-    pixels: ArrayLike,
-    world_from_probe: ArrayLike,
-    size: tuple[int, int] | None = None,
-    most_error: float | None = 2.0,
+    pixels: ArrayLike, world_from_probe: ArrayLike, size: tuple[int, int] | None = None, most_error: float | None = 2.0
 ) -> PointTarget:
     """Calibrate from one fixed point in images of many poses, for example a crossing of two wires
     or a bead.
@@ -369,9 +364,7 @@ def _missing(model: _Model, fit: Fit, corners: Any, turns: np.ndarray) -> str:
         added = _Model(model.start, pixels, poses)
         slopes = numerical_jacobian(added.residuals, fit.parameters).reshape(-1, 11)
         more = information + slopes.T @ slopes / max(fit.sigma, 1e-12) ** 2
-        error = corner_errors(
-            fit._replace(covariance=np.linalg.pinv(more, rcond=1e-14)), model.matrix, corners
-        ).max()
+        error = corner_errors(fit._replace(covariance=np.linalg.pinv(more, rcond=1e-14)), model.matrix, corners).max()
         if error < best:
             best, found = error, name
     return found
@@ -412,7 +405,5 @@ def _observations(pixels: Any, world_from_probe: Any) -> tuple[np.ndarray, np.nd
     for name, array in (("pixels", pixels), ("world_from_probe", poses)):
         good = np.isfinite(array).reshape(len(array), -1).all(axis=1)
         if not good.all():
-            raise ValueError(
-                f"{name}: expected finite numbers, got NaN or inf (observation {np.argmin(good)})"
-            )
+            raise ValueError(f"{name}: expected finite numbers, got NaN or inf (observation {np.argmin(good)})")
     return pixels, poses

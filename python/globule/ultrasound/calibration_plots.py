@@ -32,9 +32,7 @@ def draw_offset(path: Any, found: Any) -> None:
         above.set_title(f"temporal offset {found.offset:+.4f} ± {found.uncertainty:.4f} s{doubt}")
 
 
-def draw_wires(
-    path: Any, frames: np.ndarray, found: Any, phantom: Any, validation: Any = None
-) -> None:
+def draw_wires(path: Any, frames: np.ndarray, found: Any, phantom: Any, validation: Any = None) -> None:
     """Dots and where the wires should be, in three images; errors over the images."""
     errors, points = found.errors, found.points.points
     shown = errors.frames[np.linspace(0, len(errors.frames) - 1, 3).astype(int)]

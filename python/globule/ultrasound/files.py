@@ -112,9 +112,7 @@ def read_sweep(
                 path, arrays, len(recording.frames)
             )
         if "tforms" in arrays:
-            recording.edges["Probe", "Tracker"] = _from_arrays(
-                path, arrays, len(recording.frames), "tforms"
-            )
+            recording.edges["Probe", "Tracker"] = _from_arrays(path, arrays, len(recording.frames), "tforms")
         edges |= recording.edges
         metadata["frame_fields"] = recording.frame_fields
     if setup.calibration:  # it counts, whatever the file says of the image
@@ -126,9 +124,7 @@ def read_sweep(
     return sweep
 
 
-def write_sweep(
-    path: str | os.PathLike[str], sweep: Sweep, progress: Callable[[int, int], None] | None = None
-) -> None:
+def write_sweep(path: str | os.PathLike[str], sweep: Sweep, progress: Callable[[int, int], None] | None = None) -> None:
     """Write a sweep: .igs.mha, .igs.nrrd, .npz, or a new folder of PNG files with poses.csv.
 
     The writer stores the fields of the original file unchanged, and adds the calibration. Changed
@@ -304,9 +300,7 @@ def _assembled(
         raise bad(path, "", str(error)) from None
 
 
-def _shifted(
-    path: Any, recording: igs.Recording, edges: Edges, way: list[tuple[str, str]], offset: float
-) -> Edges:
+def _shifted(path: Any, recording: igs.Recording, edges: Edges, way: list[tuple[str, str]], offset: float) -> Edges:
     """The tracker's transforms on the way, each at offset later than its frame."""
     if recording.times is None:
         raise bad(path, "Timestamp", "expected a time in every frame, for a temporal offset")
@@ -361,9 +355,7 @@ def _agree(path: Any, arrays: dict[str, np.ndarray], setup: Setup) -> None:
         raise bad(path, "", f"{problem}: it belongs to another depth setting")
 
 
-def _from_arrays(
-    path: Any, arrays: dict[str, np.ndarray], n: int, name: str = "world_from_image"
-) -> Transform:
+def _from_arrays(path: Any, arrays: dict[str, np.ndarray], n: int, name: str = "world_from_image") -> Transform:
     matrices = arrays[name]
     if matrices.shape != (n, 4, 4) or matrices.dtype.kind not in "iuf":
         got = f"{matrices.dtype} {matrices.shape}"
@@ -448,9 +440,7 @@ def _gives_pose(sweep: Sweep, i: int, fields: dict[str, str], way: list[tuple[st
     return exact and _statuses_ok(fields, way)
 
 
-def _with_direct_pose(
-    sweep: Sweep, i: int, fields: dict[str, str], way: list[tuple[str, str]]
-) -> dict[str, str]:
+def _with_direct_pose(sweep: Sweep, i: int, fields: dict[str, str], way: list[tuple[str, str]]) -> dict[str, str]:
     """The fields with the pose as one transform: PLUS allows one way between two frames."""
     replaced = [name + end for name in _steps(way) for end in ("", "Status")]
     fields = {name: text for name, text in fields.items() if name not in replaced}

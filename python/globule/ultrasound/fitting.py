@@ -114,9 +114,7 @@ def _minimized(
     return found, function(found)
 
 
-def numerical_jacobian(
-    function: Callable[[np.ndarray], np.ndarray], parameters: np.ndarray
-) -> np.ndarray:
+def numerical_jacobian(function: Callable[[np.ndarray], np.ndarray], parameters: np.ndarray) -> np.ndarray:
     """(N, k, P): slopes of residuals (N, k), by central differences."""
     slopes = []
     for i, value in enumerate(parameters):

@@ -46,9 +46,7 @@ class VoxelGrid:
         """(F, 9) int64: origin, column step, row step, in voxels with 32 fractional bits."""
         m = world_from_image[:, :3, :]
         origin = (m[:, :, 3] - self.low) / self.spacing
-        voxels = np.concatenate(
-            [origin, m[:, :, 0] / self.spacing, m[:, :, 1] / self.spacing], axis=1
-        )
+        voxels = np.concatenate([origin, m[:, :, 0] / self.spacing, m[:, :, 1] / self.spacing], axis=1)
         if not (np.abs(voxels) < 2.0**28).all():
             raise ValueError("sweep: a pose lies too far from the volume for this spacing")
         return np.ascontiguousarray(np.rint(voxels * 2.0**32), np.int64)
@@ -75,12 +73,7 @@ def areas(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def make_grid(
-    low: np.ndarray,
-    high: np.ndarray,
-    spacing: float | None,
-    size: Any,
-    region: Any,
-    anchor: np.ndarray | None = None,
+    low: np.ndarray, high: np.ndarray, spacing: float | None, size: Any, region: Any, anchor: np.ndarray | None = None
 ) -> VoxelGrid:
     """A grid over the box of all pixels, or over `region`.
 
@@ -90,10 +83,7 @@ def make_grid(
     evenly.
     """
     if (spacing is None) == (size is None):
-        raise ValueError(
-            "spacing, size: expected one of them, got "
-            + ("both" if size is not None else "neither")
-        )
+        raise ValueError("spacing, size: expected one of them, got " + ("both" if size is not None else "neither"))
     anchor = low if anchor is None else anchor
     if region is not None:
         low, high = _region(region)
@@ -118,9 +108,7 @@ def make_grid(
             n = last - first + 1
         corner = face + first * spacing
     if (n > MAX_AXIS).any():
-        raise ValueError(
-            f"spacing: expected at most {MAX_AXIS} voxels along an axis, got {int(n.max())}"
-        )
+        raise ValueError(f"spacing: expected at most {MAX_AXIS} voxels along an axis, got {int(n.max())}")
     return VoxelGrid(corner, spacing, tuple(int(v) for v in n))
 
 
@@ -132,24 +120,18 @@ def on_lattice(point: np.ndarray, face: np.ndarray, spacing: float) -> np.ndarra
 def _region(region: Any) -> tuple[np.ndarray, np.ndarray]:
     box = np.asarray(region, np.float64)
     if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] >= box[1]).any():
-        raise ValueError(
-            f"region: expected two corners ((x, y, z), (x, y, z)), low and high, got {region!r}"
-        )
+        raise ValueError(f"region: expected two corners ((x, y, z), (x, y, z)), low and high, got {region!r}")
     return box[0], box[1]
 
 
 def _sizes(size: Any) -> np.ndarray:
     n = np.asarray(size)
     if n.dtype.kind not in "iu" or n.shape not in ((), (3,)) or (n < 1).any():
-        raise ValueError(
-            f"size: expected voxels along the longest axis, or three numbers x, y, z, got {size!r}"
-        )
+        raise ValueError(f"size: expected voxels along the longest axis, or three numbers x, y, z, got {size!r}")
     return n.astype(np.float64)
 
 
-def estimate_bytes(
-    grid: VoxelGrid, poses: np.ndarray, shape: tuple[int, int], itemsize: int, method: str
-) -> int:
+def estimate_bytes(grid: VoxelGrid, poses: np.ndarray, shape: tuple[int, int], itemsize: int, method: str) -> int:
     """Memory that a reconstruction takes besides the frames, at most, bytes."""
     n, blocks = grid.n_voxels, math.prod(-(-s // 4) for s in grid.size)
     h, w = shape
@@ -160,16 +142,12 @@ def estimate_bytes(
     points = pixels * (36 + itemsize) if method in ("vvn", "vvn-om") else 0
     if method == "frames" and len(poses):  # averaged images, if a voxel holds several pixels
         steps = np.linalg.norm(poses[0, 3:].reshape(2, 3), axis=1) / 2.0**32
-        averaged = math.prod(
-            int(v) for v in np.clip(np.floor(1 / np.sqrt(3) / steps + 1e-6), 1, 64)
-        )
+        averaged = math.prod(int(v) for v in np.clip(np.floor(1 / np.sqrt(3) / steps + 1e-6), 1, 64))
         points = 4 * pixels // averaged if averaged > 1 else 0
     if method == "vvn":
         return dense + points + 8 * n
     # A frame's plane crosses at most about three blocks for each block that its face covers.
-    steps = (
-        np.abs(poses[:, 3:].reshape(-1, 2, 3)).max(2) / 2.0**34 if len(poses) else np.zeros((0, 2))
-    )
+    steps = np.abs(poses[:, 3:].reshape(-1, 2, 3)).max(2) / 2.0**34 if len(poses) else np.zeros((0, 2))
     touched = 3 * ((steps[:, 0] * w + 2) * (steps[:, 1] * h + 2)).sum()
     return dense + points + int(min(blocks, touched, pixels)) * 64 * (16 + itemsize + 8)
 

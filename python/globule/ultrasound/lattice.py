@@ -16,9 +16,7 @@ from .sweep import Sweep
 _MOST_RATIO = 30.0  # of the longest edge of a voxel to the shortest
 
 
-def lattice_frame(
-    sweep: Sweep, axes: Any, spacing: Any, region: Any
-) -> tuple[np.ndarray | None, float | None]:
+def lattice_frame(sweep: Sweep, axes: Any, spacing: Any, region: Any) -> tuple[np.ndarray | None, float | None]:
     """The frame of a lattice, and the spacing in it.
 
     Args:
@@ -97,9 +95,7 @@ def _steps(spacing: Any) -> np.ndarray:
     if steps.shape != (3,) or not (np.isfinite(steps).all() and (steps > 0).all()):
         raise ValueError(f"spacing: expected a positive number or three, got {spacing!r}")
     if steps.max() > _MOST_RATIO * steps.min():
-        raise ValueError(
-            f"spacing: expected edges that differ at most {_MOST_RATIO:g} times, got {spacing!r}"
-        )
+        raise ValueError(f"spacing: expected edges that differ at most {_MOST_RATIO:g} times, got {spacing!r}")
     return steps
 
 

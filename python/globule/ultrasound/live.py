@@ -292,9 +292,7 @@ class _Assembler:
                 self._add_transform(name, message.timestamp, matrix, arrived.server)
         yield from self._frames(False)
 
-    def _add_transform(
-        self, name: tuple[str, str], time: float, matrix: np.ndarray, server: int
-    ) -> None:
+    def _add_transform(self, name: tuple[str, str], time: float, matrix: np.ndarray, server: int) -> None:
         """A sample, on the clock of the images' server."""
         if server and self.clocks:
             difference = self.clocks.difference
@@ -313,18 +311,16 @@ class _Assembler:
         for frame in self.matcher.frames(ended):
             self.counts.frames += 1
             place = frame.world_from_image
-            yield LiveFrame(
-                frame.time, frame.image, _RAS @ place if self.space == "RAS" else place, frame.world
-            )
+            yield LiveFrame(frame.time, frame.image, _RAS @ place if self.space == "RAS" else place, frame.world)
         self.counts.without_pose = self.matcher.n_without_pose
 
 
 def _plane(image: np.ndarray) -> np.ndarray:
     """(1, H, W) or (1, H, W, 3) to (H, W), in native byte order."""
-    from ..formats.sweeps.igs import to_grey
+    from ..formats.sweeps.igs import to_gray
 
     if image.ndim == 4:
-        image = to_grey(image[..., :3])
+        image = to_gray(image[..., :3])
     if image.ndim != 3 or image.shape[0] != 1:
         raise ValueError(f"live: expected 2D images, got shape {image.shape}")
     return np.ascontiguousarray(image[0], image.dtype.newbyteorder("="))

@@ -49,11 +49,7 @@ class LiveOutput:
     """
 
     def __init__(
-        self,
-        server: Broadcaster,
-        volume: Callable[[], Volume],
-        refresh: float = 1.0,
-        level: float | None = None,
+        self, server: Broadcaster, volume: Callable[[], Volume], refresh: float = 1.0, level: float | None = None
     ):
         self._server, self._volume, self._level = server, volume, level
         self._refresh = refresh
@@ -112,9 +108,7 @@ class LiveOutput:
                 return
             frame, n, counts = newest
             volume = self._volume()
-            self._server.send(
-                messages.image("Volume", volume.values, volume.world_from_voxel, frame.time)
-            )
+            self._server.send(messages.image("Volume", volume.values, volume.world_from_voxel, frame.time))
             self._server.send(_slice(volume, frame))
             self.n_volumes, self.n_frames = self.n_volumes + 1, n
             with self._changed:
@@ -174,9 +168,7 @@ def surface(volume: Volume, level: float | None = None) -> tuple[np.ndarray, np.
     coarse = Volume(values, np.eye(4), np.where(known, np.uint8(0), np.uint8(FAR)))
     try:
         level = default_level(coarse) if level is None else level
-        vertices, faces, _, _ = marching_cubes(
-            values, level, mask=known, gradient_direction="descent"
-        )
+        vertices, faces, _, _ = marching_cubes(values, level, mask=known, gradient_direction="descent")
     except (ValueError, RuntimeError):  # of one value, below the level, or too thin
         return None
     if not len(faces):
@@ -191,10 +183,7 @@ def surface(volume: Volume, level: float | None = None) -> tuple[np.ndarray, np.
 def _halved(values: np.ndarray, known: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """Means of two neighbors along an axis, of those that are known."""
     n = values.shape[axis] // 2 * 2
-    even, odd = (
-        tuple(slice(start, n, 2) if k == axis else slice(None) for k in range(3))
-        for start in (0, 1)
-    )
+    even, odd = (tuple(slice(start, n, 2) if k == axis else slice(None) for k in range(3)) for start in (0, 1))
     a, b, in_a, in_b = values[even], values[odd], known[even], known[odd]
     return np.where(in_a & in_b, (a + b) / 2, np.where(in_a, a, b)), in_a | in_b
 

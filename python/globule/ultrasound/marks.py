@@ -35,9 +35,7 @@ class Tracked(NamedTuple):
     by_frame_ok: np.ndarray
 
 
-def read_tracked(
-    path: Any, poses: Any = None, frame_times: Any = None, tool: str = "Probe"
-) -> Tracked:
+def read_tracked(path: Any, poses: Any = None, frame_times: Any = None, tool: str = "Probe") -> Tracked:
     """Frames and poses of the probe, or of another tool: of a PLUS file, or of a stack of images
     and a table."""
     recording, _ = recording_of(path)
@@ -64,9 +62,7 @@ def read_tracked(
     return Tracked(recording.frames, times, *table[1:], table.times, *by_frame)
 
 
-def read_marks(
-    path: str | os.PathLike[str], recording: Tracked | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def read_marks(path: str | os.PathLike[str], recording: Tracked | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (N, 2) and world_from_probe (N, 4, 4) of a table. Raises FormatError with the row."""
     if not os.fspath(path).lower().endswith(".csv"):
         raise bad(path, "", "expected a table of marks, .csv")
@@ -118,9 +114,7 @@ def read_landmarks(path: str | os.PathLike[str]) -> tuple[list[str], np.ndarray]
     columns = [name.strip().lower() for name in lines[0]] if lines else []
     wanted = ("name", "x", "y", "z")
     if not set(wanted) <= set(columns):
-        raise bad(
-            path, "line 1", f"expected columns {' '.join(wanted)}, got {shown(','.join(columns))}"
-        )
+        raise bad(path, "line 1", f"expected columns {' '.join(wanted)}, got {shown(','.join(columns))}")
     names, points = [], []
     for number, line in enumerate(filter(None, lines[1:]), 2):
         where = f"row {number}"

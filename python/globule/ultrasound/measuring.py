@@ -82,9 +82,7 @@ def find_error_length(sweep: Sweep, spacing: float) -> float:
         raise ValueError("sweep: expected three frames side by side, got none")
     tested = [tested[i] for i in np.unique(np.linspace(0, len(tested) - 1, _TESTED).astype(int))]
     height, width = path.frames.shape[1:]
-    rows, columns = (
-        np.arange(max(0, (n - _SIDE) // 2), min(n, (n + _SIDE) // 2)) for n in (height, width)
-    )
+    rows, columns = (np.arange(max(0, (n - _SIDE) // 2), min(n, (n + _SIDE) // 2)) for n in (height, width))
     j, i = np.meshgrid(rows, columns, indexing="ij")
     sums: list[list[np.ndarray]] = [[], []]
     for f in tested:
@@ -184,9 +182,7 @@ def _variance(chance: np.ndarray, cells: np.ndarray) -> float:
     return float(np.maximum(pairs - np.bincount(group, p) ** 2, 0).sum())
 
 
-def measure_distance(
-    volume: Volume, start: Any, end: Any, correlation: float, width: float = 0.0
-) -> MeasuredDistance:
+def measure_distance(volume: Volume, start: Any, end: Any, correlation: float, width: float = 0.0) -> MeasuredDistance:
     """The distance of the two edges or the two bright echoes that a line crosses, and how well it
     is known.
 
@@ -242,18 +238,11 @@ def measure_distance(
     edges = a + np.outer([t1, t2], (b - a) / length)
     before, middle, behind = (float(v) for v in fitted.levels)
     edge_std = np.sqrt(np.maximum(np.diag(covariance)[3:5], 0))
-    return MeasuredDistance(
-        float(t2 - t1), std, edges, edge_std, (before, middle, behind), rms, fitted.between
-    )
+    return MeasuredDistance(float(t2 - t1), std, edges, edge_std, (before, middle, behind), rms, fitted.between)
 
 
 def _profile(
-    volume: Volume,
-    start: np.ndarray,
-    along: np.ndarray,
-    t: np.ndarray,
-    width: float,
-    correlation: float,
+    volume: Volume, start: np.ndarray, along: np.ndarray, t: np.ndarray, width: float, correlation: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Means over discs around points along a line, and their errors, gray levels."""
     across = np.linalg.svd(along[None])[2][1:]

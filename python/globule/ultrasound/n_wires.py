@@ -118,9 +118,7 @@ def calibrate_n_wires(
     all wires, or if they do not determine the calibration.
     """
     if phantom.reference_from_phantom is None:
-        raise ValueError(
-            "phantom: expected reference_from_phantom, got none; register its landmarks first"
-        )
+        raise ValueError("phantom: expected reference_from_phantom, got none; register its landmarks first")
     frames = np.asarray(frames)
     frame_times, pose_times = (np.asarray(t, np.float64) for t in (frame_times, pose_times))
     order = np.argsort(pose_times, kind="stable")
@@ -144,8 +142,7 @@ def calibrate_n_wires(
     if best is None:
         got = f"{int(answers[0].found.sum())} of {len(frames)}"
         raise ValueError(
-            f"frames: expected {_FEWEST} or more that show all {len(phantom.wires)} wires and have "
-            f"poses, got {got}"
+            f"frames: expected {_FEWEST} or more that show all {len(phantom.wires)} wires and have poses, got {got}"
         )
     wires = best[1]
     better = None
@@ -291,9 +288,7 @@ class _Wires(NamedTuple):
 
         blocks = np.arange(len(self.times)) * _BLOCKS // len(self.times)
         groups = np.repeat(blocks, len(self.phantom.wires))
-        return robust_fit(
-            residuals, np.zeros(9 if free else 8), groups=groups, floor=0.01, tuning=_TUNING
-        )
+        return robust_fit(residuals, np.zeros(9 if free else 8), groups=groups, floor=0.01, tuning=_TUNING)
 
     def considered(self, fit: Fit) -> Fit:
         """The fit with the covariance that the phantom's registration adds (a consider covariance,
@@ -301,9 +296,7 @@ class _Wires(NamedTuple):
         change = fit.parameters[8] if len(fit.parameters) > 8 else 0.0
         poses = self.tracked.at(self.times + self.offset + change)[0]
         matrix = self.start.matrix(fit.parameters)
-        slopes = numerical_jacobian(
-            lambda moved: self.expected(matrix, poses, moved).reshape(-1, 2), np.zeros(6)
-        )
+        slopes = numerical_jacobian(lambda moved: self.expected(matrix, poses, moved).reshape(-1, 2), np.zeros(6))
         root = np.sqrt(fit.weights)[:, None, None]
         jacobian = (root * fit.jacobian).reshape(-1, len(fit.parameters))
         effect = np.linalg.lstsq(jacobian, (root * slopes).reshape(-1, 6), rcond=None)[0]

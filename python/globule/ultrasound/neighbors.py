@@ -37,18 +37,13 @@ class FramePath:
     """
 
     def __init__(
-        self,
-        frames: np.ndarray,
-        poses: np.ndarray,
-        mask: np.ndarray | None = None,
-        max_gap: float | None = None,
+        self, frames: np.ndarray, poses: np.ndarray, mask: np.ndarray | None = None, max_gap: float | None = None
     ):
         self.frames, self.poses, self.mask = frames, np.asarray(poses, np.float64), mask
         origin, x, y = (self.poses[:, k : k + 3] for k in (0, 3, 6))
         lengths = np.linalg.norm(x[0]), np.linalg.norm(y[0])
         self.averaged = tuple(
-            int(np.clip(np.floor(_FOOTPRINT / length + 1e-6), 1, 64)) if length > 0 else 1
-            for length in lengths
+            int(np.clip(np.floor(_FOOTPRINT / length + 1e-6), 1, 64)) if length > 0 else 1 for length in lengths
         )
         normal = np.cross(x, y)
         normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -105,10 +100,7 @@ class FramePath:
         nearest = np.zeros(len(u), bool)
         for dj in (0, 1):
             for di in (0, 1):
-                at = (
-                    np.clip(j + dj, 0, image.shape[0] - 1),
-                    np.clip(i + di, 0, image.shape[1] - 1),
-                )
+                at = (np.clip(j + dj, 0, image.shape[0] - 1), np.clip(i + di, 0, image.shape[1] - 1))
                 share = (u - i if di else 1 - (u - i)) * (v - j if dj else 1 - (v - j)) * used[at]
                 total += share * image[at]
                 weights += share
@@ -217,11 +209,7 @@ def path_error(path: FramePath) -> PathError | None:
             power = float(np.clip(np.log(growth) / np.log(spread2.mean() / unit), 0.1, 1.0))
     variance = float(contrast.var())
     share = float(np.mean((error - error.mean()) * (contrast - contrast.mean())))
-    share = (
-        float(np.clip(share / variance, 0, excess / max(contrast.mean(), 1e-9)))
-        if variance
-        else 0.0
-    )
+    share = float(np.clip(share / variance, 0, excess / max(contrast.mean(), 1e-9))) if variance else 0.0
     floor = float(excess - share * contrast.mean())
     # In the volume, the frames on both sides are one step apart instead of two.
     step = float(np.concatenate(steps).mean())
@@ -242,6 +230,4 @@ def _pixels(path: FramePath, f: int) -> tuple[np.ndarray, np.ndarray]:
     rows, columns = np.mgrid[step // 2 : height : step, step // 2 : width : step]
     used = np.ones(rows.shape, bool) if path.mask is None else path.mask[rows, columns] != 0
     rows, columns = rows[used], columns[used]
-    return np.column_stack([columns, rows]).astype(float), path.frames[f][rows, columns].astype(
-        float
-    )
+    return np.column_stack([columns, rows]).astype(float), path.frames[f][rows, columns].astype(float)

@@ -29,11 +29,7 @@ Echo = Callable[[np.ndarray], np.ndarray]  # (..., 3) mm to echogenicity in [0, 
 
 
 def cylinders(
-    diameter: float = 3.0,
-    n_frames: int | None = None,
-    separation: float = 12.6,
-    seed: int = 0,
-    **options: Any,
+    diameter: float = 3.0, n_frames: int | None = None, separation: float = 12.6, seed: int = 0, **options: Any
 ) -> Sweep:
     """Three dark cylinders along z, `diameter` mm thick, their axes `separation` mm apart along x.
 
@@ -89,9 +85,7 @@ def _lobules(seed: int) -> tuple[np.ndarray, np.ndarray, Any]:
     return fat, corner, step
 
 
-def scan_volume(
-    values: Any, world_from_voxel: Any, world_from_image: Any, size: tuple[int, int]
-) -> np.ndarray:
+def scan_volume(values: Any, world_from_voxel: Any, world_from_image: Any, size: tuple[int, int]) -> np.ndarray:
     """Frames (F, rows, columns) float32 of any volume along any path, 0 outside; trilinear.
 
     values (Z, Y, X); world_from_voxel (4, 4); world_from_image (F, 4, 4), mm; size columns, rows.
@@ -183,9 +177,7 @@ def scan(
 def _pixels(matrix: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Where the pixels of a frame lie: (rows, columns, 3)."""
     columns, rows = np.arange(size[0]), np.arange(size[1])
-    return (
-        matrix[:3, 0] * columns[None, :, None] + matrix[:3, 1] * rows[:, None, None] + matrix[:3, 3]
-    )
+    return matrix[:3, 0] * columns[None, :, None] + matrix[:3, 1] * rows[:, None, None] + matrix[:3, 3]
 
 
 def _smooth(rng: np.random.Generator, s: np.ndarray) -> np.ndarray:

@@ -35,10 +35,7 @@ def check_pixels(matrices: np.ndarray, shape: tuple[int, int]) -> None:
                 advice += " and the pixel size with them"
                 break
     got = " x ".join(f"{step:.3g}" for step in size)
-    raise ValueError(
-        f"world_from_image: expected pixels of {_SMALLEST:g} to {_LARGEST:g} mm, got {got} mm; "
-        f"{advice}"
-    )
+    raise ValueError(f"world_from_image: expected pixels of {_SMALLEST:g} to {_LARGEST:g} mm, got {got} mm; {advice}")
 
 
 def check_hand(path: object, world_from_image: np.ndarray) -> None:

@@ -135,9 +135,7 @@ def _typical(corners: np.ndarray, times: np.ndarray) -> float:
     return float(np.percentile(slower, 80))
 
 
-def _best_path(
-    corners: np.ndarray, times: np.ndarray, typical: float, interval: float
-) -> np.ndarray:
+def _best_path(corners: np.ndarray, times: np.ndarray, typical: float, interval: float) -> np.ndarray:
     """The frames that are kept (see `check_poses`)."""
     n = len(corners)
     unit = typical * interval
@@ -162,9 +160,7 @@ def _best_path(
     return np.array(path[::-1])
 
 
-def _jumps(
-    kept: np.ndarray, corners: np.ndarray, judged: np.ndarray, on_path: np.ndarray
-) -> list[PoseFinding]:
+def _jumps(kept: np.ndarray, corners: np.ndarray, judged: np.ndarray, on_path: np.ndarray) -> list[PoseFinding]:
     """Runs of frames that are off the path."""
     off = np.flatnonzero(~on_path[judged])
     findings = []
@@ -220,8 +216,5 @@ def _changes(sweep: Sweep, kept: np.ndarray) -> np.ndarray | None:
         return None
     thin = sweep.frames[:, ::4, ::4]
     return np.array(
-        [
-            float(np.abs(np.subtract(thin[b], thin[a], dtype=np.float32)).mean())
-            for a, b in itertools.pairwise(kept)
-        ]
+        [float(np.abs(np.subtract(thin[b], thin[a], dtype=np.float32)).mean()) for a, b in itertools.pairwise(kept)]
     )

@@ -40,11 +40,7 @@ class _Edges:
         i, j = np.triu_indices(n, 2)
         keep = (i >= 2) & (j <= n - 2)
         i, j = i[keep], j[keep]
-        gain = (
-            sums[i] ** 2 / i
-            + (sums[j] - sums[i]) ** 2 / (j - i)
-            + (sums[n] - sums[j]) ** 2 / (n - j)
-        )
+        gain = sums[i] ** 2 / i + (sums[j] - sums[i]) ** 2 / (j - i) + (sums[n] - sums[j]) ** 2 / (n - j)
         k = int(np.argmax(gain))
         a, b = int(i[k]), int(j[k])
         levels = [profile[:a].mean(), profile[a:b].mean(), profile[b:].mean()]
@@ -70,9 +66,7 @@ class _Echoes:
         right = np.flatnonzero(half[a:])
         low = int(left[-1]) if len(left) else -1
         high = a + int(right[0]) if len(right) else len(t)
-        outside = np.where(
-            (np.arange(len(t)) <= low) | (np.arange(len(t)) >= high), profile, -np.inf
-        )
+        outside = np.where((np.arange(len(t)) <= low) | (np.arange(len(t)) >= high), profile, -np.inf)
         b = int(np.argmax(outside))
         a, b = min(a, b), max(a, b)
         width = max((high - low) * t[1] / 2.4, edge)

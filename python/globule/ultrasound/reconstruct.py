@@ -15,14 +15,7 @@ from .._base.checks import thread_count
 from .._base.device import choose
 from .._base.memory import free_bytes as free_host_bytes
 from ..volumes.volume import Volume
-from .grid import (
-    VoxelGrid,
-    areas,
-    bounds,
-    check_memory,
-    estimate_bytes,
-    make_grid,
-)
+from .grid import VoxelGrid, areas, bounds, check_memory, estimate_bytes, make_grid
 from .lattice import lattice_frame
 from .neighbors import FramePath, PathError, path_error
 from .options import COMPOUNDINGS, HOLE_WEIGHTS, Options
@@ -140,12 +133,7 @@ def reconstruct(
         core.free_bytes() or free_host_bytes(),
         grid,
     )
-    whole = (
-        located(frames),
-        address(poses),
-        0 if mask is None else address(mask),
-        *frames.shape,
-    )
+    whole = (located(frames), address(poses), 0 if mask is None else address(mask), *frames.shape)
     start(core, grid, frames, options, crowded(poses, frames.shape[1:]))
     if options.method == "bezier":
         core.bezier(*whole)
@@ -160,12 +148,7 @@ def reconstruct(
         values, radius = filled_on_device(core, grid, frames.dtype, options, whole, chosen.index)
     else:
         values, radius = fill(core, grid, frames.dtype, options, whole)
-    info = {
-        **core.facts(),
-        "estimated_bytes": needed,
-        "device": chosen.name,
-        "method": options.method,
-    }
+    info = {**core.facts(), "estimated_bytes": needed, "device": chosen.name, "method": options.method}
     source = FrameMaps(chosen, threads, grid, frames, poses, mask, valid, options)
     if options.method == "frames":
         error = source.error()
@@ -178,11 +161,7 @@ def reconstruct(
 
 
 def _add(
-    core: Any,
-    whole: tuple,
-    itemsize: int,
-    poses: np.ndarray,
-    progress: Callable[[int, int], None] | None,
+    core: Any, whole: tuple, itemsize: int, poses: np.ndarray, progress: Callable[[int, int], None] | None
 ) -> None:
     """Bin all frames, in pieces if somebody wants to hear of them; the bits are the same."""
     if progress is None:
@@ -199,12 +178,7 @@ def _add(
 
 
 def start(
-    core: Any,
-    grid: VoxelGrid,
-    frames: np.ndarray,
-    options: Options,
-    wide: bool = True,
-    scale: float | None = None,
+    core: Any, grid: VoxelGrid, frames: np.ndarray, options: Options, wide: bool = True, scale: float | None = None
 ) -> None:
     """An empty grid in `core`; not `wide`: no voxel may hold 2^24 pixels or more."""
     compounding = COMPOUNDINGS.index(options.compounding)
@@ -235,12 +209,7 @@ def value_scale(frames: np.ndarray, method: str = "pvn-om") -> float:
 
 
 def fill(
-    core: Any,
-    grid: VoxelGrid,
-    dtype: Any,
-    options: Options,
-    whole: tuple,
-    last: tuple | None = None,
+    core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple, last: tuple | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Dense values and kernel radii (Z, Y, X), in the arrays `last` of a call before if given."""
     values, radius = last if last is not None else empty_volume(grid.size, dtype)
@@ -253,9 +222,7 @@ def update(core: Any, grid: VoxelGrid, options: Options) -> None:
     _fill(core, grid, options, (NOWHERE, 0, 0, 0, 0, 0), 0, 0)
 
 
-def read_kept(
-    core: Any, first: Sequence[int], size: Sequence[int], dtype: Any
-) -> tuple[np.ndarray, np.ndarray]:
+def read_kept(core: Any, first: Sequence[int], size: Sequence[int], dtype: Any) -> tuple[np.ndarray, np.ndarray]:
     """Values and radii of a box of the volume that `core` keeps; voxels x, y, z."""
     values, radius = empty_volume(size, dtype)
     core.read_filled(first, size, address(values), address(radius))
@@ -352,9 +319,7 @@ class FrameMaps:
         self.frames = np.asarray(self.frames)
         error = self.error() if self.options.method == "frames" else None
         if error is None:
-            raise ValueError(
-                "uncertainty: expected a volume of method frames with three frames side by side"
-            )
+            raise ValueError("uncertainty: expected a volume of method frames with three frames side by side")
         core = _core.Reconstructor(self.chosen.backend, self.chosen.index, self.threads)
         n, height, width = self.frames.shape
         mask = 0 if self.mask is None else address(self.mask)
@@ -413,16 +378,12 @@ def check_frames(frames: Any) -> np.ndarray | DeviceArray:
 def check_poses(world_from_image: np.ndarray) -> None:
     """ValueError for poses that are no finite, regular affine maps."""
     if world_from_image.ndim != 3 or world_from_image.shape[1:] != (4, 4):
-        raise ValueError(
-            f"world_from_image: expected shape (F, 4, 4), got {world_from_image.shape}"
-        )
+        raise ValueError(f"world_from_image: expected shape (F, 4, 4), got {world_from_image.shape}")
     if not np.isfinite(world_from_image).all():
         raise ValueError("world_from_image: expected finite numbers, got NaN or infinity")
     x, y = world_from_image[:, :3, 0], world_from_image[:, :3, 1]
     if not (areas(x, y) > 1e-12 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)).all():
-        raise ValueError(
-            "world_from_image: expected axes that span a plane, got a singular calibration"
-        )
+        raise ValueError("world_from_image: expected axes that span a plane, got a singular calibration")
 
 
 def check_mask(mask: Any, shape: tuple[int, int]) -> np.ndarray | None:

@@ -16,26 +16,9 @@ from .._base.interrupts import whole
 from .._base.memory import free_bytes as free_host_bytes
 from .._base.owner import Owner
 from ..volumes.volume import Volume
-from .grid import (
-    MAX_AXIS,
-    VoxelGrid,
-    bounds,
-    check_memory,
-    estimate_bytes,
-    make_grid,
-    on_lattice,
-)
+from .grid import MAX_AXIS, VoxelGrid, bounds, check_memory, estimate_bytes, make_grid, on_lattice
 from .options import Options
-from .reconstruct import (
-    FrameMaps,
-    check_frames,
-    check_mask,
-    check_poses,
-    read_kept,
-    start,
-    update,
-    value_scale,
-)
+from .reconstruct import FrameMaps, check_frames, check_mask, check_poses, read_kept, start, update, value_scale
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -88,13 +71,9 @@ class Reconstructor(Owner):
         space: str = "LPS",
         extrapolate: bool = False,
     ):
-        self._options = Options(
-            "pvn-om", max_kernel, compounding, hole_weights, max_distance, extrapolate
-        )
+        self._options = Options("pvn-om", max_kernel, compounding, hole_weights, max_distance, extrapolate)
         if compounding == "median":
-            raise ValueError(
-                "compounding: a median needs all frames at once, use globule.ultrasound.reconstruct"
-            )
+            raise ValueError("compounding: a median needs all frames at once, use globule.ultrasound.reconstruct")
         self._lock = threading.RLock()
         self._region = region
         self._mask = mask
@@ -140,9 +119,7 @@ class Reconstructor(Owner):
             world_from_image = world_from_image[None]
         check_poses(world_from_image)
         if len(world_from_image) != len(frames):
-            raise ValueError(
-                f"poses: expected {len(frames)}, one a frame, got {len(world_from_image)}"
-            )
+            raise ValueError(f"poses: expected {len(frames)}, one a frame, got {len(world_from_image)}")
         if self._type is None:
             self._begin(frames)
         self._check_alike(frames)
@@ -197,9 +174,9 @@ class Reconstructor(Owner):
             frames = np.concatenate([a.frames for a in added])
             poses = grid.poses(np.concatenate([a.world_from_image for a in added]))
             index = np.arange(len(frames))
-            return FrameMaps(
-                self._chosen, self._threads, grid, frames, poses, self._used, index, self._options
-            ).make(name)
+            return FrameMaps(self._chosen, self._threads, grid, frames, poses, self._used, index, self._options).make(
+                name
+            )
 
         return make
 
@@ -272,52 +249,30 @@ class Reconstructor(Owner):
 
     def _lattice(self, added: _Added) -> tuple[np.ndarray, np.ndarray]:
         """The frames' first voxels on the lattice, and the voxels past their last."""
-        low, high = (
-            on_lattice(p, self._face, self.spacing).astype(int) for p in (added.low, added.high)
-        )
+        low, high = (on_lattice(p, self._face, self.spacing).astype(int) for p in (added.low, added.high))
         return low, high + 1
 
     def _reserve(self, grid: VoxelGrid, added: _Added) -> None:
         if max(grid.size) > MAX_AXIS:
-            raise ValueError(
-                f"poses: expected at most {MAX_AXIS} voxels along an axis, got {max(grid.size)}"
-            )
+            raise ValueError(f"poses: expected at most {MAX_AXIS} voxels along an axis, got {max(grid.size)}")
         shape, itemsize = self._shape, self._type.itemsize
         poses = grid.poses(added.world_from_image)
         check_memory(
-            lambda times: estimate_bytes(
-                grid.coarser(times), poses / times, shape, itemsize, "pvn-om"
-            ),
+            lambda times: estimate_bytes(grid.coarser(times), poses / times, shape, itemsize, "pvn-om"),
             self._core.free_bytes() or free_host_bytes(),
             grid,
         )
 
     def _start(self) -> None:
         assert self._grid is not None
-        start(
-            self._core,
-            self._grid,
-            np.empty(0, self._type),
-            self._options,
-            wide=True,
-            scale=self._scale,
-        )
+        start(self._core, self._grid, np.empty(0, self._type), self._options, wide=True, scale=self._scale)
 
     def _bin(self, added: _Added, sign: int) -> None:
         assert self._grid is not None
         n, height, width = added.frames.shape
         poses = self._grid.poses(added.world_from_image)
         mask = 0 if self._used is None else address(self._used)
-        self._core.add(
-            located(added.frames),
-            address(poses),
-            mask,
-            n,
-            height,
-            width,
-            self._order % 2**32,
-            sign,
-        )
+        self._core.add(located(added.frames), address(poses), mask, n, height, width, self._order % 2**32, sign)
         if sign > 0:
             self._order += added.frames.size
 

@@ -87,10 +87,7 @@ def region_mask(
             raise ValueError(f"mask: expected shape {shape} as the frames, got {mask.shape}")
         inside &= mask != 0
     if not inside.any():
-        raise ValueError(
-            f"region: expected pixels inside clip, fan and mask of {width}x{height} "
-            "frames, got none"
-        )
+        raise ValueError(f"region: expected pixels inside clip, fan and mask of {width}x{height} frames, got none")
     return None if inside.all() else inside
 
 
@@ -100,9 +97,7 @@ def _numbers(name: str, value: Any, fields: tuple[str, ...]) -> list[float]:
     except (TypeError, ValueError, OverflowError):
         numbers = []
     if len(numbers) != len(fields) or not all(map(math.isfinite, numbers)):
-        raise ValueError(
-            f"{name}: expected {len(fields)} numbers ({', '.join(fields)}), got {value!r}"
-        )
+        raise ValueError(f"{name}: expected {len(fields)} numbers ({', '.join(fields)}), got {value!r}")
     return numbers
 
 

@@ -142,9 +142,7 @@ def register_sweeps(
         spacing,
     )  # fmt: skip
     if check and (wrong := _distrust(report, limit)):
-        raise RegistrationError(
-            f"moving: expected sweeps of one anatomy that register, got {wrong}", report
-        )
+        raise RegistrationError(f"moving: expected sweeps of one anatomy that register, got {wrong}", report)
     return report
 
 
@@ -250,10 +248,7 @@ def _pixels(sweep: Sweep, spacing: float) -> tuple[np.ndarray, np.ndarray, np.nd
     most about 30,000 squares; and the part of each that stands for itself."""
     frames = np.flatnonzero(sweep.valid)
     height, width = sweep.frames.shape[1:]
-    nx, ny = (
-        min(max(1, round(spacing / step)), n)
-        for step, n in zip(sweep.spacing, (width, height), strict=True)
-    )
+    nx, ny = (min(max(1, round(spacing / step)), n) for step, n in zip(sweep.spacing, (width, height), strict=True))
     rows, columns = height // ny, width // nx
     step = -(-len(frames) * rows * columns // _POINTS)
     if step > 1:  # the ends count, and what lies between them evenly
@@ -273,9 +268,7 @@ def _pixels(sweep: Sweep, spacing: float) -> tuple[np.ndarray, np.ndarray, np.nd
     return np.concatenate(points), np.concatenate(seen), np.concatenate(part)
 
 
-def _registered(
-    fixed: _Level, moving: _Level, start: np.ndarray, part: int | None = None
-) -> np.ndarray:
+def _registered(fixed: _Level, moving: _Level, start: np.ndarray, part: int | None = None) -> np.ndarray:
     """fixed_from_moving of the best correlation near a start.
 
     Gauss-Newton steps of the turn about the points' center and of the shift, with free gain and

@@ -119,9 +119,7 @@ class _Reader:
                         deadline = time.monotonic() + self.idle
         if first and not self.connections[self.number]:
             host, port = self.place
-            raise ConnectionError(
-                f"live: expected a server at igtl://{host}:{port}, got none: {last}"
-            )
+            raise ConnectionError(f"live: expected a server at igtl://{host}:{port}, got none: {last}")
 
 
 _NOTHING = object()
@@ -152,9 +150,7 @@ def _message(base: Any, connection: socket.socket, deadline: float, stop: thread
     return message
 
 
-def _read(
-    connection: socket.socket, n: int, deadline: float, stop: threading.Event
-) -> bytes | None:
+def _read(connection: socket.socket, n: int, deadline: float, stop: threading.Event) -> bytes | None:
     parts = bytearray()
     while len(parts) < n:
         try:

@@ -58,9 +58,7 @@ class Setup:
     def mask(self, shape: tuple[int, int], default: Any = None) -> np.ndarray | None:
         """The pixels that show tissue, (H, W) bool, None for all; `default` if no mask is given."""
         try:
-            return region_mask(
-                shape, self._clip, self._fan, default if self._mask is None else self._mask
-            )
+            return region_mask(shape, self._clip, self._fan, default if self._mask is None else self._mask)
         except ValueError as error:
             if self._source is None or isinstance(error, FormatError):
                 raise

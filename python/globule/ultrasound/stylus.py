@@ -79,12 +79,9 @@ def calibrate_stylus(reference_from_stylus: ArrayLike, most_error: float | None 
     error = float(np.sqrt(np.trace(fit.covariance[:3, :3])))
     if most_error is not None and error > most_error:
         raise ValueError(
-            f"poses: expected an error of the tip of at most {most_error:g} mm, got {error:.2g} mm "
-            f"(1 sigma); {advice}"
+            f"poses: expected an error of the tip of at most {most_error:g} mm, got {error:.2g} mm (1 sigma); {advice}"
         )
-    return Pivot(
-        fit.parameters[:3], fit.parameters[3:], _rms(fit), error, fit.residuals, fit.weights, turn
-    )
+    return Pivot(fit.parameters[:3], fit.parameters[3:], _rms(fit), error, fit.residuals, fit.weights, turn)
 
 
 def register_landmarks(

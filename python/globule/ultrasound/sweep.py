@@ -167,9 +167,7 @@ def _poses(value: Any, n: int) -> tuple[np.ndarray, np.ndarray]:
         hint = ""
         if (matrices[finite][:, :, 3] == (0, 0, 0, 1)).all():
             hint = "; the matrices are probably transposed"
-        raise ValueError(
-            f"world_from_image: expected last row 0 0 0 1, got {row} (frame {i}){hint}"
-        )
+        raise ValueError(f"world_from_image: expected last row 0 0 0 1, got {row} (frame {i}){hint}")
     safe = np.where(finite[:, None, None], matrices, np.eye(4))
     u, v = safe[:, :3, 0], safe[:, :3, 1]
     area = np.linalg.norm(np.cross(u, v), axis=1)

@@ -108,10 +108,7 @@ def temporal_offset(
         by_line = _by_line(frames, frame_times, places, pose_times, most, method == "line")
         if by_line is not None and (method == "line" or not by_line.doubt):
             return by_line
-    differences = [
-        float(np.abs(np.subtract(b, a, dtype=np.float32)).mean())
-        for a, b in itertools.pairwise(frames)
-    ]
+    differences = [float(np.abs(np.subtract(b, a, dtype=np.float32)).mean()) for a, b in itertools.pairwise(frames)]
     times, motion = _speed(frame_times, differences)
     by_speckle = _compared(times, motion, probe[0], probe[1][:, None], most, "speckle")
     return by_speckle if by_line is None or not by_speckle.doubt else by_line
@@ -131,8 +128,7 @@ def _by_line(
     times = frame_times[found]
     at = [(1 - s) * lines.span[0] + s * lines.span[1] for s in (0.25, 0.5, 0.75)]
     left, middle, right = (
-        _compared(times, lines.at(c)[found], pose_times, places, most, "line", c == at[1])
-        for c in at
+        _compared(times, lines.at(c)[found], pose_times, places, most, "line", c == at[1]) for c in at
     )
     skew = 2 * (right.offset - left.offset)
     return _with_beat(middle, pose_times, places)._replace(skew=skew)
@@ -148,7 +144,7 @@ def _with_beat(found: TemporalOffset, pose_times: np.ndarray, places: np.ndarray
     beat = find_beat(times, motion, pose_times[order], places[order], found.offset, _BLOCKS)
     if beat is None:
         return found
-    probe = _centred(beat.probe)
+    probe = _centered(beat.probe)
     correlation = float(np.mean(motion * probe))
     return found._replace(
         offset=beat.offset, uncertainty=beat.uncertainty, correlation=correlation,
@@ -196,7 +192,7 @@ def _compared(
         random = _scores(shifted, _surrogates(motion), every).max(axis=1)
         by_chance = float((random >= scores[best]).mean())
     basis = _basis(shifted[best : best + 1], every)[0]
-    fitted = _centred(basis @ (basis.T @ motion))
+    fitted = _centered(basis @ (basis.T @ motion))
     return TemporalOffset(
         offset, float(scores[best]), uncertainty, by_chance, method, None,
         _doubt(by_chance, scores[best], uncertainty), Curves(times, motion, fitted, lags, scores),
@@ -258,7 +254,7 @@ def _surrogates(signal: np.ndarray) -> np.ndarray:
     spectrum = np.abs(np.fft.rfft(signal))
     phases = rng.uniform(0, 2 * np.pi, (_SURROGATES, len(spectrum)))
     made = np.fft.irfft(spectrum * np.exp(1j * phases), len(signal), axis=1)
-    return np.array([_centred(one) for one in made])
+    return np.array([_centered(one) for one in made])
 
 
 def _speed(times: np.ndarray, distances: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -277,7 +273,7 @@ def _normal(name: str, signal: np.ndarray) -> np.ndarray:
     return (signal - signal.mean()) / spread
 
 
-def _centred(signal: np.ndarray) -> np.ndarray:
+def _centered(signal: np.ndarray) -> np.ndarray:
     """Mean 0 and deviation 1; all 0 if the signal never changes."""
     spread = signal.std()
     return (signal - signal.mean()) / spread if spread > 0 else np.zeros(len(signal))

@@ -15,14 +15,7 @@ from .sweep import Sweep
 
 log = logging.getLogger("globule")
 
-__all__ = [
-    "PoseCheck",
-    "PoseFinding",
-    "Validation",
-    "check_poses",
-    "compare_methods",
-    "cross_validate",
-]
+__all__ = ["PoseCheck", "PoseFinding", "Validation", "check_poses", "compare_methods", "cross_validate"]
 
 
 class Validation(NamedTuple):
@@ -47,11 +40,7 @@ class Validation(NamedTuple):
 
 
 def cross_validate(
-    sweep: Sweep,
-    k: int,
-    method: str = "pvn-om",
-    reconstruct: Callable[..., Any] | None = None,
-    **options: Any,
+    sweep: Sweep, k: int, method: str = "pvn-om", reconstruct: Callable[..., Any] | None = None, **options: Any
 ) -> Validation:
     """Omit frames, reconstruct from the other frames, predict the omitted frames, and compare.
 
@@ -100,11 +89,7 @@ def cross_validate(
 
 
 def compare_methods(
-    sweep: Sweep,
-    k: int,
-    methods: Sequence[str],
-    failures: dict[str, str] | None = None,
-    **options: Any,
+    sweep: Sweep, k: int, methods: Sequence[str], failures: dict[str, str] | None = None, **options: Any
 ) -> dict[str, Validation]:
     """`cross_validate` for each method.
 

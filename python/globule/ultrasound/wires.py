@@ -138,9 +138,7 @@ def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
             ends = ("EndPointFront", "EndPointBack")
             wires.append([_point(path, wire, end) for end in ends])
     for mark in root.iter("Landmark"):
-        landmarks[mark.get("Name") or str(len(landmarks) + 1)] = np.array(
-            _point(path, mark, "Position")
-        )
+        landmarks[mark.get("Name") or str(len(landmarks) + 1)] = np.array(_point(path, mark, "Position"))
     matrix, error = None, 0.5
     for element in root.iter("Transform"):
         if (element.get("From"), element.get("To")) == ("Phantom", "Reference"):
@@ -176,10 +174,7 @@ def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
 
 def write_phantom(path: str | os.PathLike[str], phantom: NWirePhantom) -> None:
     """Write a phantom as TOML; every number survives exactly."""
-    lines = [
-        f"names = {list(phantom.names)!r}",
-        "wires = [  # outer, diagonal, outer: two ends, mm",
-    ]
+    lines = [f"names = {list(phantom.names)!r}", "wires = [  # outer, diagonal, outer: two ends, mm"]
     for pattern in phantom.wires.reshape(-1, 3, 2, 3).tolist():
         lines.append(f"  {pattern!r},")
     lines.append("]")
@@ -388,9 +383,7 @@ def _matches(dots: np.ndarray, phantom: NWirePhantom) -> dict[int, tuple[float, 
     return best
 
 
-def _middles(
-    dots: np.ndarray, place: np.ndarray, near: float
-) -> tuple[np.ndarray, np.ndarray] | None:
+def _middles(dots: np.ndarray, place: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Of each pattern the brightest dot on the line between its outer two, and how far off."""
     free = np.setdiff1d(np.arange(len(dots)), place)
     if len(free) < len(place) // 2:

@@ -94,9 +94,7 @@ class Viewer:
             around = source.outline()
             self._outline = outermost(source, scene) if around is None else around
         self._camera_given = camera is not None
-        self.first_camera = camera or first_camera(
-            scene, self.up, around, source.camera, source.fov
-        )
+        self.first_camera = camera or first_camera(scene, self.up, around, source.camera, source.fov)
         self._asked_port = port
         self.token = self.look_token = None
         if host not in LOCAL or demand_token:
@@ -262,9 +260,7 @@ class Viewer:
 
     def camera_of(self, camera: Any) -> Camera:
         """The camera, world, of a browser's camera."""
-        return self.placement.camera(
-            camera.position, camera.look_at, camera.up_direction, camera.fov
-        )
+        return self.placement.camera(camera.position, camera.look_at, camera.up_direction, camera.fov)
 
     def move(self, browser: Any, camera: Camera) -> None:
         """Move a browser's camera; `camera`: world."""
@@ -286,9 +282,7 @@ class Viewer:
         self._frame_callbacks.append(called)
         return called
 
-    def _on_picture(
-        self, client: Client, number: int, picture: np.ndarray, plan: Plan
-    ) -> np.ndarray:
+    def _on_picture(self, client: Client, number: int, picture: np.ndarray, plan: Plan) -> np.ndarray:
         for called in self._frame_callbacks:
             changed = called(ShownFrame(number, picture, client.camera, plan.still, self))
             if changed is not None:
@@ -337,18 +331,12 @@ class Viewer:
         normal = normal / np.linalg.norm(normal)
         normal = normal if normal @ (right + up) > 0 else -normal
         self.state.set(
-            cuts__plane=True,
-            cuts__normal=tuple(normal.tolist()),
-            cuts__point=tuple(((first + last) / 2).tolist()),
+            cuts__plane=True, cuts__normal=tuple(normal.tolist()), cuts__point=tuple(((first + last) / 2).tolist())
         )
         return "Added a cutting plane along the stroke. *Plane* in the toolbar removes it."
 
     def screenshot(
-        self,
-        path: Any,
-        size: tuple[int, int] = FIRST_SIZE,
-        samples: int | None = None,
-        camera: Camera | None = None,
+        self, path: Any, size: tuple[int, int] = FIRST_SIZE, samples: int | None = None, camera: Camera | None = None
     ) -> Shot:
         """Write the image to a file (.png, .exr).
 
@@ -361,15 +349,11 @@ class Viewer:
         Returns:
             The image with its traced frame.
         """
-        shot = Shot(
-            self.engine, camera or self.first_camera, size, samples or self.state.quality.samples
-        )
+        shot = Shot(self.engine, camera or self.first_camera, size, samples or self.state.quality.samples)
         shot.save(path)
         return shot
 
-    def equivalent(
-        self, camera: Camera | None = None, size: tuple[int, int] = FIRST_SIZE
-    ) -> tuple[str, str]:
+    def equivalent(self, camera: Camera | None = None, size: tuple[int, int] = FIRST_SIZE) -> tuple[str, str]:
         """A command and a Python program that make the same image.
 
         Args:
@@ -493,9 +477,7 @@ def check_host(host: str) -> None:
         with socket.socket(family, kind) as tried:
             tried.bind(address)
     except OSError as error:
-        raise ValueError(
-            f"host: expected an address of this machine, got {host!r}: {error.strerror}"
-        ) from None
+        raise ValueError(f"host: expected an address of this machine, got {host!r}: {error.strerror}") from None
 
 
 def need_viser() -> Any:

@@ -35,8 +35,7 @@ class CompareSource(Source):
         for source in (first, second):
             if source.kind != "scene":
                 raise ValueError(
-                    "compare: expected particles or meshes that do not change, "
-                    f"got a {source.kind}: {source.name}"
+                    f"compare: expected particles or meshes that do not change, got a {source.kind}: {source.name}"
                 )
         self.first, self.second = first, second
         self.maker, self.files, self.up = first.maker, first.files, first.up
@@ -79,10 +78,7 @@ class CompareSource(Source):
         """The settings with one range of colors for both data sets."""
         if not (state.color.by and state.color.automatic):
             return state
-        found = [
-            attribute_values(source.particles(), state.color.by)
-            for source in (self.first, self.second)
-        ]
+        found = [attribute_values(source.particles(), state.color.by) for source in (self.first, self.second)]
         values = np.concatenate([one[np.isfinite(one)] for one in found])
         lo, hi = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
         other = state.snapshot()

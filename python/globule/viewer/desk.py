@@ -27,10 +27,7 @@ FILES = {
     "/globule/desk.js": ("application/javascript", "desk.js"),
     "/globule/desk.css": ("text/css; charset=utf-8", "desk.css"),
 }
-HEAD = (
-    b'<link rel="stylesheet" href="globule/desk.css">'
-    b'<script defer src="globule/desk.js"></script></head>'
-)
+HEAD = b'<link rel="stylesheet" href="globule/desk.css"><script defer src="globule/desk.js"></script></head>'
 TICK = 0.3  # s between two looks at what changes by itself
 MOST_ACTION = 4096  # bytes
 WIDE_PANEL = 490.0  # pixels, in a 4K window with larger letters

@@ -48,9 +48,7 @@ class Client:
     def __init__(self, engine: Engine, sink: Sink, camera: Camera):
         self.engine, self.sink, self.camera = engine, sink, camera
         self.pacer = Pacer()
-        self.frame: Frame | Split | None = (
-            None  # the last traced; only the tracing thread changes it
-        )
+        self.frame: Frame | Split | None = None  # the last traced; only the tracing thread changes it
         self.frame_version: Any = None
         self.number = 0
         self.role = STEER
@@ -177,9 +175,7 @@ class Engine:
         self._still: tuple[Client, Any] | None = None  # whose still image; its scene
         self._stopping: tuple[Client, Any] | None = None  # the still image that is to stop
         self._threads = [
-            threading.Thread(
-                target=self._keep_up, args=(work,), name=f"globule {name}", daemon=True
-            )
+            threading.Thread(target=self._keep_up, args=(work,), name=f"globule {name}", daemon=True)
             for name, work in (("trace", self._trace), ("time", self._time))
         ]
         state.listen(lambda changed: self.interrupt())
@@ -282,9 +278,7 @@ class Engine:
             for i in range(len(self.clients)):
                 client = self.clients[(self._turn + i) % len(self.clients)]
                 what = self._what(client)
-                plan = client.pacer.plan(
-                    now, what, quality.samples, quality.sharpness, quality.width
-                )
+                plan = client.pacer.plan(now, what, quality.samples, quality.sharpness, quality.width)
                 if plan is not None:
                     self._turn = (self._turn + i + 1) % len(self.clients)
                     return client, plan, client.pacer.started(), what
@@ -352,9 +346,7 @@ class Engine:
         scene = self.source.maker.last_scene
         return None if line is None else along_line(scene, line, state.color.by)
 
-    def _traced(
-        self, client: Client, plan: Plan, what: tuple, state: State, camera: Camera
-    ) -> Frame | Split:
+    def _traced(self, client: Client, plan: Plan, what: tuple, state: State, camera: Camera) -> Frame | Split:
         """The next frame of a client. The caller holds the source's lock."""
         frame = client.frame
         if not (plan.refine and frame is not None and client.frame_version == what):

@@ -16,9 +16,7 @@ from .source import Source
 from .state import State
 
 
-def command_line(
-    source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any
-) -> str:
+def command_line(source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any) -> str:
     """A `globule render` command; for a live source, a `globule view` command.
 
     A comment at the end lists what the command omits. The caller holds the source's lock.
@@ -39,9 +37,7 @@ def command_line(
     return before + shlex.join(words) + (f"  # without: {', '.join(left)}" if left else "")
 
 
-def render_words(
-    state: State, camera: Camera | None, up: Any, no_sky: bool, unsaid: tuple[str, ...] = ()
-) -> list[str]:
+def render_words(state: State, camera: Camera | None, up: Any, no_sky: bool, unsaid: tuple[str, ...] = ()) -> list[str]:
     """The flags of `globule render` for these settings.
 
     Args:
@@ -98,15 +94,10 @@ def _light_words(state: State, up: Any) -> list[str]:
 
 def _note_words(state: State) -> list[str]:
     """Legend and annotations."""
-    words = _changed(
-        state.notes, title="title", scale_bar="scale-bar", axes="axes", box="box", unit="unit"
-    )
+    words = _changed(state.notes, title="title", scale_bar="scale-bar", axes="axes", box="box", unit="unit")
     if state.color.by and state.color.legend:
         words += ["--legend"] + _changed(
-            state.color,
-            legend_at="legend-at",
-            legend_title="legend-title",
-            legend_unit="legend-unit",
+            state.color, legend_at="legend-at", legend_title="legend-title", legend_unit="legend-unit"
         )
     return words
 
@@ -142,18 +133,14 @@ def _cut_words(state: State) -> list[str]:
     return words
 
 
-def python_code(
-    source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any
-) -> str:
+def python_code(source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any) -> str:
     """A program that makes the image. The caller holds the source's lock."""
     origin, surface, color = source.origin(state), state.surface, state.color
     scene = source.scene(state)
     made = origin.scene or f"gb.Scene(particles, {_scene_words(source, scene, state)})"
     if origin.beside:
         made = f"[{', '.join([made, *origin.beside])}]"
-    settings = dataclasses.replace(
-        seen_settings(source, state, scene, up), samples=state.quality.samples
-    )
+    settings = dataclasses.replace(seen_settings(source, state, scene, up), samples=state.quality.samples)
     plain = type(settings)()
     changes = [
         f"    {field.name}={_code(getattr(settings, field.name))},"
@@ -208,9 +195,7 @@ def _scene_words(source: Source, scene: Any, state: State) -> str:
     options = {
         **({} if smooth else {"kernel": surface.kernel}),
         "threshold": float(scene.threshold),
-        **scene_options(
-            source.particles(), surface.kernel, surface.support, surface.root, scene.surface
-        ),
+        **scene_options(source.particles(), surface.kernel, surface.support, surface.root, scene.surface),
     }
     return ", ".join(f"{name}={_code(value)}" for name, value in options.items())
 

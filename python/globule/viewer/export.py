@@ -32,10 +32,7 @@ def notebook(title: str, command: str, code: str) -> str:
         ("markdown", INTRODUCTION.format(title=title, more=more)),
         ("code", code),
         ("code", SHOW),
-        (
-            "markdown",
-            f"In a terminal, this command makes the same image:\n\n```sh\n{command}\n```\n",
-        ),
+        ("markdown", f"In a terminal, this command makes the same image:\n\n```sh\n{command}\n```\n"),
     ]
     facts = {
         "cells": [_cell(i, kind, text) for i, (kind, text) in enumerate(cells)],

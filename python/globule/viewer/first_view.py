@@ -50,9 +50,7 @@ def left_out(scene: Any) -> list[str]:
     ]
 
 
-def first_camera(
-    scene: Any, up: Any, around: Any, like: Camera | None = None, fov: float = 40.0
-) -> Camera:
+def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None, fov: float = 40.0) -> Camera:
     """A camera that shows everything.
 
     Args:

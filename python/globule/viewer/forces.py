@@ -38,9 +38,5 @@ def by_name(row: dict[str, float]) -> dict[str, str]:
 
 def force_words(felt: dict[str, float]) -> str:
     """Forces (N) by name as a line of Markdown, without a hand that holds nothing; "": none."""
-    shown = [
-        f"{plain(name)}: {newtons(force)}"
-        for name, force in felt.items()
-        if force or name != "hand"
-    ]
+    shown = [f"{plain(name)}: {newtons(force)}" for name, force in felt.items() if force or name != "hand"]
     return " · ".join(["**Force**", *shown]) if shown else ""

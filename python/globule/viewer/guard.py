@@ -52,9 +52,7 @@ POLICY = (
     "object-src 'none'; frame-ancestors 'self'; form-action 'none'; base-uri 'self'"
 )
 # A host of a header: a name, or an address of version 6 in brackets, and a port.
-HOST = re.compile(
-    r"(?:\[(?P<six>[0-9A-Fa-f:.]+)\]|(?P<name>[0-9A-Za-z.-]+))(?::(?P<port>[0-9]{1,5}))?"
-)
+HOST = re.compile(r"(?:\[(?P<six>[0-9A-Fa-f:.]+)\]|(?P<name>[0-9A-Za-z.-]+))(?::(?P<port>[0-9]{1,5}))?")
 # viser's page unpacks its script, and adds it to the page as an element.
 ADDED = b'document.createElement("script");'
 
@@ -151,9 +149,7 @@ class Guard:
         del response.headers["Content-Length"]
         response.headers["Content-Length"] = str(len(response.body))
 
-    def serve(
-        self, handler: Any, host: str, port: int, protocol: str | None = None, **options: Any
-    ) -> Any:
+    def serve(self, handler: Any, host: str, port: int, protocol: str | None = None, **options: Any) -> Any:
         """`websockets.asyncio.server.serve`, with this guard before every answer.
 
         protocol: of websockets that `handler` talks with; None: any.
@@ -241,16 +237,11 @@ class Guard:
 
         serve = functools.partial(self.serve, protocol=f"viser-v{viser.__version__}")
         opening = Renamed(
-            websockets,
-            asyncio=Renamed(
-                websockets.asyncio, server=Renamed(websockets.asyncio.server, serve=serve)
-            ),
+            websockets, asyncio=Renamed(websockets.asyncio, server=Renamed(websockets.asyncio.server, serve=serve))
         )
 
         class Socket(infra.WebsockServer):
-            _background_worker = with_names(
-                infra.WebsockServer._background_worker, _infra, websockets=opening
-            )
+            _background_worker = with_names(infra.WebsockServer._background_worker, _infra, websockets=opening)
 
             async def _handle_incoming_message(own, client_id: Any, message: Any) -> None:
                 who = visitor()
@@ -262,9 +253,7 @@ class Guard:
                     self.roles.refuse(who, client_id, message)
 
         class Server(viser.ViserServer):
-            __init__ = with_names(
-                viser.ViserServer.__init__, _viser, infra=Renamed(infra, WebsockServer=Socket)
-            )
+            __init__ = with_names(viser.ViserServer.__init__, _viser, infra=Renamed(infra, WebsockServer=Socket))
 
         return Server(host, port, verbose=False)
 
@@ -293,11 +282,7 @@ class Renamed:
 def with_names(function: Any, module: Any, **names: Any) -> Any:
     """A copy of a module's function in which some global names mean something else."""
     copy = FunctionType(
-        function.__code__,
-        {**vars(module), **names},
-        function.__name__,
-        function.__defaults__,
-        function.__closure__,
+        function.__code__, {**vars(module), **names}, function.__name__, function.__defaults__, function.__closure__
     )
     copy.__kwdefaults__ = function.__kwdefaults__
     return copy

@@ -21,9 +21,7 @@ class History:
         lock: of the settings.
     """
 
-    def __init__(
-        self, get: Callable[[str], Any], set: Callable[..., Any], lock: AbstractContextManager
-    ):
+    def __init__(self, get: Callable[[str], Any], set: Callable[..., Any], lock: AbstractContextManager):
         self._get, self._set, self._lock = get, set, lock
         self.clock = time.monotonic
         self._done: list[dict[str, Any]] = []  # values before each change

@@ -61,9 +61,7 @@ def widget(
         height = traitlets.Int(480).tag(sync=True)
         view = traitlets.Dict().tag(sync=True)
 
-        def screenshot(
-            self, path: Any, size: tuple[int, int] = (1280, 720), samples: int = 16
-        ) -> None:
+        def screenshot(self, path: Any, size: tuple[int, int] = (1280, 720), samples: int = 16) -> None:
             """Write the image of the current view (.png, .exr); size: (width, height)."""
             Shot(self.engine, self.client.camera, size, samples).save(path)
 

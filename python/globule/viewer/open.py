@@ -128,8 +128,7 @@ def _open_name(name: str, common: dict[str, Any], reading: dict[str, Any]) -> So
         if not (np.abs(places) < FAR).all(axis=1).any():  # False for NaN, too
             got = f"{len(places):,} with others" if len(places) else "none"
             raise ValueError(
-                f"{name}: nothing to show: expected particles with finite positions "
-                f"below {FAR:g}, got {got}"
+                f"{name}: nothing to show: expected particles with finite positions below {FAR:g}, got {got}"
             )
         source = SceneSource(title, particles, **common)
     if not isinstance(source, SequenceSource):

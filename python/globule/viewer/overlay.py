@@ -124,9 +124,7 @@ def enlarged(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return np.asarray(small.resize(size, Image.Resampling.BILINEAR))
 
 
-def draw_plates(
-    picture: np.ndarray, depth: np.ndarray, camera: Camera, plates: list[Plate]
-) -> np.ndarray:
+def draw_plates(picture: np.ndarray, depth: np.ndarray, camera: Camera, plates: list[Plate]) -> np.ndarray:
     """The image (H, W, 3) with plates where nothing hides them; `depth`: as for `finish`."""
     height, width = depth.shape
     nearest = depth.reshape(-1).astype(np.float32).copy()
@@ -189,10 +187,7 @@ def draw_marks(picture: np.ndarray, camera: Camera, marks: list[Mark]) -> np.nda
         for px, py in seen if len(seen) < 3 and not mark.thin else ():
             r = 4 * unit
             draw.ellipse(
-                (px - r, py - r, px + r, py + r),
-                fill=mark.color,
-                outline=(255,) * 3,
-                width=max(1, round(unit)),
+                (px - r, py - r, px + r, py + r), fill=mark.color, outline=(255,) * 3, width=max(1, round(unit))
             )
         if mark.text and seen:
             place = seen[-1][0] + 9 * unit, seen[-1][1] - 9 * unit
@@ -201,12 +196,7 @@ def draw_marks(picture: np.ndarray, camera: Camera, marks: list[Mark]) -> np.nda
             down = free_below(box, taken)
             taken.append((box[0], box[1] + down, box[2], box[3] + down + 2 * unit))
             draw.multiline_text(
-                (place[0], place[1] + down),
-                mark.text,
-                (20, 24, 30),
-                font,
-                stroke_width=rim,
-                stroke_fill=(255,) * 3,
+                (place[0], place[1] + down), mark.text, (20, 24, 30), font, stroke_width=rim, stroke_fill=(255,) * 3
             )
     return np.asarray(image)
 

@@ -106,9 +106,7 @@ class Strokes:
             ValueError: there is no cut to undo.
         """
         if not self._before:
-            raise ValueError(
-                "undo: expected a cut with the tool Cut, got none (the last 5 can be undone)"
-            )
+            raise ValueError("undo: expected a cut with the tool Cut, got none (the last 5 can be undone)")
         return self._before.pop()
 
     def forget_after(self, steps: int) -> None:

@@ -28,12 +28,7 @@ MOST_MOVING_AMBIENT = 2  # rays per sample for ambient occlusion while something
 
 
 def trace(
-    source: Source,
-    state: State,
-    camera: Camera,
-    size: tuple[int, int],
-    up: Any,
-    moving: bool = False,
+    source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any, moving: bool = False
 ) -> Frame | Split:
     """A frame with one sample per pixel; `Frame.refine` adds more.
 

@@ -73,6 +73,4 @@ class Placement:
             eye = target + before * away / np.linalg.norm(away)  # in front of everything
             return Camera(eye, target, up, height=height)
         fov = float(np.clip(np.degrees(fov), 1.0, 175.0))
-        return Camera(
-            tuple(eye.tolist()), tuple(target.tolist()), tuple(np.asarray(up).tolist()), fov
-        )
+        return Camera(tuple(eye.tolist()), tuple(target.tolist()), tuple(np.asarray(up).tolist()), fov)

@@ -37,9 +37,7 @@ def checked_size(size: Any) -> tuple[int, int]:
     """(width, height), pixels. Raises ValueError for sides or a memory need out of range."""
     width, height = (int(v) for v in size)
     if not (min(width, height) >= LEAST_SIDE and max(width, height) <= MOST_SIDE):
-        raise ValueError(
-            f"size: expected sides of {LEAST_SIDE} to {MOST_SIDE} pixels, got {width}x{height}"
-        )
+        raise ValueError(f"size: expected sides of {LEAST_SIDE} to {MOST_SIDE} pixels, got {width}x{height}")
     if width * height > MAX_PIXELS:
         raise ValueError(f"size: expected at most {MAX_PIXELS:,} pixels, got {width}x{height}")
     free = free_bytes()
@@ -107,9 +105,7 @@ class Shot:
                 frame.refine()
         depth = frame.distance if plates or box else None
         self.frame = frame
-        self.picture = finish(
-            frame.picture, state, camera, marks, plates, depth, ends, kinds=kinds, **box
-        )
+        self.picture = finish(frame.picture, state, camera, marks, plates, depth, ends, kinds=kinds, **box)
         return True
 
     def save(self, path: str | os.PathLike[str]) -> None:

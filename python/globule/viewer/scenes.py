@@ -142,14 +142,11 @@ class SceneMaker:
             lo, hi = (known.min(), known.max()) if known.size else (0.0, 1.0)
         self.range = float(lo), float(hi)
         fields = {
-            name: getattr(particles, name)
-            for name in ("support", "weight", "reflection", "refraction", "rigidity")
+            name: getattr(particles, name) for name in ("support", "weight", "reflection", "refraction", "rigidity")
         }
         self.kinds = kinds_of(particles, color.by, color.colormap)
         colors = colorize(values, colormap_of(color.by, color.colormap), *self.range)
-        return Particles(
-            particles.positions, color=colors, attributes=particles.attributes, **fields
-        )
+        return Particles(particles.positions, color=colors, attributes=particles.attributes, **fields)
 
 
 def scene_options(
@@ -174,7 +171,5 @@ def thesis_of(state: State) -> Thesis | None:
     if surface.root == "exact":
         return None
     if surface.shape == "smooth":
-        raise ValueError(
-            f"surface: expected balls or auto with the root method {surface.root}, got smooth"
-        )
+        raise ValueError(f"surface: expected balls or auto with the root method {surface.root}, got smooth")
     return Thesis(root=surface.root)

@@ -141,12 +141,7 @@ class SimulationSource(Source):
         scene = getattr(self.simulation, "scene", None)
         plain = (surface.support, surface.root, surface.threshold) == (None, "exact", None)
         plain = plain and not state.color.by and not (self.has_tissue and surface.shape == "balls")
-        return (
-            scene is not None
-            and plain
-            and surface.kernel == scene.kernel
-            and not self.is_smooth(state)
-        )
+        return scene is not None and plain and surface.kernel == scene.kernel and not self.is_smooth(state)
 
     def is_smooth(self, state: State) -> bool:
         """Whether one smooth surface is around a copy of all that is shown."""
@@ -382,9 +377,8 @@ class SimulationSource(Source):
             self.by_hand = True
             self.version += 1
             pieces = self.simulation.tissue.n_pieces
-        return (
-            f"**Cut {self.n_cut:,} bonds**, {pieces:,} {'piece' if pieces == 1 else 'pieces'}."
-            + ("" if self.running else " Press Run to see it open.")
+        return f"**Cut {self.n_cut:,} bonds**, {pieces:,} {'piece' if pieces == 1 else 'pieces'}." + (
+            "" if self.running else " Press Run to see it open."
         )
 
     def note_settings(self, n: int) -> None:

@@ -228,9 +228,7 @@ class Source:
         """One line for the page about what the source does now; never waits for `lock`."""
         return ""
 
-    def probe(
-        self, state: State, camera: Camera, size: tuple[int, int], screen: Any, nearest: float
-    ) -> Probed | None:
+    def probe(self, state: State, camera: Camera, size: tuple[int, int], screen: Any, nearest: float) -> Probed | None:
         """What lies in front of the surface at a place of the image. The caller holds `lock`.
 
         Args:
@@ -263,11 +261,7 @@ class SceneSource(Source):
     """Particles, a scene, or layers, which only the program changes."""
 
     def __init__(
-        self,
-        name: str,
-        shown: Particles | Scene | Mesh | list[Layer],
-        device: str = "auto",
-        threads: int = 0,
+        self, name: str, shown: Particles | Scene | Mesh | list[Layer], device: str = "auto", threads: int = 0
     ):
         super().__init__(name)
         self._material = None

@@ -34,10 +34,29 @@ STALLED = 60.0  # s after which a part of an upload comes no more
 MOST_RECENT = 8
 # Formats whose files never name another file.
 ENDINGS = (
-    ".vtk", ".vtp", ".vtu", ".bgeo", ".bgeo.gz", ".ply", ".xyz", ".csv", ".txt", ".dat", ".npz",
-    ".npy", ".obj", ".stl", ".glb", ".nii", ".nii.gz", ".nrrd", ".mha", ".vti", ".igs.mha",
+    ".vtk",
+    ".vtp",
+    ".vtu",
+    ".bgeo",
+    ".bgeo.gz",
+    ".ply",
+    ".xyz",
+    ".csv",
+    ".txt",
+    ".dat",
+    ".npz",
+    ".npy",
+    ".obj",
+    ".stl",
+    ".glb",
+    ".nii",
+    ".nii.gz",
+    ".nrrd",
+    ".mha",
+    ".vti",
+    ".igs.mha",
     ".igs.nrrd",
-)  # fmt: skip
+)
 SCENES = {
     SPLASH: "Water that falls back from a wall: 29,160 particles",
     "dam-break": "A column of water collapses in a box",
@@ -67,11 +86,7 @@ class Start:
     """
 
     def __init__(
-        self,
-        open_what: Callable[[str], Source],
-        host: str = "127.0.0.1",
-        port: int = 0,
-        demand_token: bool = False,
+        self, open_what: Callable[[str], Source], host: str = "127.0.0.1", port: int = 0, demand_token: bool = False
     ):
         self._open, self.host = open_what, host
         tokens = host not in LOCAL or demand_token
@@ -124,9 +139,7 @@ class Start:
         tries = range(self._asked_port, self._asked_port + (1000 if self._asked_port else 1))
         for port in tries:
             try:
-                async with guard.serve(
-                    self._talk, self.host, port, process_request=_page, compression=None
-                ) as server:
+                async with guard.serve(self._talk, self.host, port, process_request=_page, compression=None) as server:
                     self.port = server.sockets[0].getsockname()[1]
                     self._ready.set()
                     await stop.wait()
@@ -155,9 +168,7 @@ class Start:
                 except Exception as error:
                     self._forget(first)
                     words = str(error) or type(error).__name__
-                    words = re.sub(
-                        re.escape(self._folder + os.sep) + f"[^{os.sep}]+{os.sep}", "", words
-                    )
+                    words = re.sub(re.escape(self._folder + os.sep) + f"[^{os.sep}]+{os.sep}", "", words)
                     await connection.send(json.dumps({"error": words}))
 
     async def _do(self, connection: Any, text: str | bytes, first: list[str]) -> None:
@@ -207,8 +218,7 @@ class Start:
 
     async def _receive(self, connection: Any, name: str, size: Any) -> str:
         """Receive a file of a browser; returns the path of the copy."""
-        ending = next((e for e in sorted(ENDINGS, key=len, reverse=True)
-                       if name.lower().endswith(e)), None)  # fmt: skip
+        ending = next((e for e in sorted(ENDINGS, key=len, reverse=True) if name.lower().endswith(e)), None)
         if ending is None:
             raise ValueError(f"{name[-60:]}: expected a file with one of {' '.join(ENDINGS)}")
         free = shutil.disk_usage(self._folder).free // 2

@@ -27,7 +27,7 @@ from .._base.settings import (
     schema_of,
     setting,
     settings_of,
-)  # fmt: skip
+)
 from .._base.structured import parse_toml, read_text
 from ..data.particles import FARTHEST
 from ..render.annotate import Annotation
@@ -58,16 +58,34 @@ class Surface:
     """The implicit surface of the particles."""
 
     kernel: str = setting(Choice(*KERNELS), "murakami", "kernel of the particles")
-    threshold: float | None = setting(Number(1e-6, 1e6), None, "iso-value of the particles' summed "
-        "field; a higher value makes a thinner surface", "no unit", usual="by kernel")  # fmt: skip
-    support: float | None = setting(Number(1e-18, FAR), None, "support radius of every particle's "
-        "kernel", "world units", usual="the file's, else two spacings")  # fmt: skip
-    root: str = setting(Choice("exact", *ROOTS), "exact", "search for the surface along a ray: "
+    threshold: float | None = setting(
+        Number(1e-6, 1e6),
+        None,
+        "iso-value of the particles' summed field; a higher value makes a thinner surface",
+        "no unit",
+        usual="by kernel",
+    )
+    support: float | None = setting(
+        Number(1e-18, FAR),
+        None,
+        "support radius of every particle's kernel",
+        "world units",
+        usual="the file's, else two spacings",
+    )
+    root: str = setting(
+        Choice("exact", *ROOTS),
+        "exact",
+        "search for the surface along a ray: "
         "exact, or as in the source thesis on the dense octree, march (points with thresholds) or "
-        "bezier (clipping)", label="Root method")  # fmt: skip
-    shape: str = setting(Choice("auto", "smooth", "balls"), "auto", "smooth: one surface around a "
-        "fluid; auto: smooth where the particles are those of a fluid",
-        label="Kind of surface")  # fmt: skip
+        "bezier (clipping)",
+        label="Root method",
+    )
+    shape: str = setting(
+        Choice("auto", "smooth", "balls"),
+        "auto",
+        "smooth: one surface around a fluid; auto: smooth where the particles are those of a fluid",
+        label="Kind of surface",
+    )
 
 
 @dataclass
@@ -81,16 +99,16 @@ class Look:
     index: float = same(Material, "index", default=1.33)
     roughness: float = same(Material, "roughness")
     lights: str = setting(Choice(*OWN), "preset", "own: use the sun and headlight below")
-    azimuth: float = setting(Number(-180.0, 180.0), -34.0, "angle from the front, positive to the "
-        "right", "degrees", label="Sun azimuth")  # fmt: skip
-    elevation: float = setting(Number(-90.0, 90.0), 54.0, "angle above the horizon", "degrees",
-        label="Sun elevation")  # fmt: skip
-    angle: float = setting(Number(0.0, 60.0), 0.5, "angular diameter; a larger sun makes softer "
-        "shadows", "degrees", label="Sun size")  # fmt: skip
+    azimuth: float = setting(
+        Number(-180.0, 180.0), -34.0, "angle from the front, positive to the right", "degrees", label="Sun azimuth"
+    )
+    elevation: float = setting(Number(-90.0, 90.0), 54.0, "angle above the horizon", "degrees", label="Sun elevation")
+    angle: float = setting(
+        Number(0.0, 60.0), 0.5, "angular diameter; a larger sun makes softer shadows", "degrees", label="Sun size"
+    )
     headlight: bool = setting(Switch(), True, "a light at the camera")
     exposure: float = same(RenderSettings, "exposure")
-    sky: str = setting(Choice("preset", "none", "gradient"), "preset", "background, and light from "
-        "all around")  # fmt: skip
+    sky: str = setting(Choice("preset", "none", "gradient"), "preset", "background, and light from all around")
     ground: str = setting(Choice("preset", "none", *GROUNDS), "preset", "a plane under the scene")
     background: tuple = same(RenderSettings, "background")
     shadows: bool = same(RenderSettings, "shadows")
@@ -102,16 +120,15 @@ class Look:
 class Coloring:
     """Colors by the values of a field or attribute."""
 
-    by: str = setting(TEXT, "", "field or attribute of the particles that gives the color",
-        label="Color by")  # fmt: skip
-    colormap: str = setting(Choice("auto", *COLORMAPS), "auto", "colors from the lowest to the "
-        "highest value", label="Color map")  # fmt: skip
-    automatic: bool = setting(Switch(), True, "from the lowest to the highest value",
-        label="Automatic range")  # fmt: skip
-    low: float = setting(Number(-1e30, 1e30), 0.0, "value of the first color", "in the unit of the "
-        "values", label="From")  # fmt: skip
-    high: float = setting(Number(-1e30, 1e30), 1.0, "value of the last color", "in the unit of the "
-        "values", label="To")  # fmt: skip
+    by: str = setting(TEXT, "", "field or attribute of the particles that gives the color", label="Color by")
+    colormap: str = setting(
+        Choice("auto", *COLORMAPS), "auto", "colors from the lowest to the highest value", label="Color map"
+    )
+    automatic: bool = setting(Switch(), True, "from the lowest to the highest value", label="Automatic range")
+    low: float = setting(
+        Number(-1e30, 1e30), 0.0, "value of the first color", "in the unit of the values", label="From"
+    )
+    high: float = setting(Number(-1e30, 1e30), 1.0, "value of the last color", "in the unit of the values", label="To")
     legend: bool = setting(Switch(), True, "draw the color map into the image")
     legend_at: str = setting(Choice(*CORNERS), "lower-right", "corner of the legend", label="Place")
     legend_title: str = same(Annotation, "legend_title")
@@ -134,8 +151,7 @@ class Cuts:
     """Clips: a plane, a box and a sphere. Coordinates are in world units."""
 
     plane: bool = setting(Switch(), False, "remove one side of a plane")
-    normal: tuple = setting(Vector(3, -1.0, 1.0), (1.0, 0.0, 0.0), "direction to the side that is "
-        "removed", "no unit")  # fmt: skip
+    normal: tuple = setting(Vector(3, -1.0, 1.0), (1.0, 0.0, 0.0), "direction to the side that is removed", "no unit")
     point: tuple = setting(PLACE, ORIGIN, "a point on the plane", "world units")
     box: bool = setting(Switch(), False, "remove the inside of a box")
     lo: tuple = setting(PLACE, (-1.0,) * 3, "low corner of the box", "world units")
@@ -152,32 +168,37 @@ class Quality:
     """Samples, size and JPEG quality of the images on the page."""
 
     samples: int = same(RenderSettings, "samples", default=16)
-    rate: float = setting(Number(1.0, 120.0), 20.0, "images per second while something moves",
-        label="Target frame rate", slider=(1.0, 60.0), step=1.0)  # fmt: skip
-    sharpness: int = setting(Whole(30, 100), 92, "JPEG quality of images while nothing moves",
-        label="JPEG quality when still", step=1)  # fmt: skip
-    width: int = setting(Whole(160, 7680), 1920, "largest width of an image", "pixels",
-        label="Largest width")  # fmt: skip
+    rate: float = setting(
+        Number(1.0, 120.0),
+        20.0,
+        "images per second while something moves",
+        label="Target frame rate",
+        slider=(1.0, 60.0),
+        step=1.0,
+    )
+    sharpness: int = setting(
+        Whole(30, 100), 92, "JPEG quality of images while nothing moves", label="JPEG quality when still", step=1
+    )
+    width: int = setting(Whole(160, 7680), 1920, "largest width of an image", "pixels", label="Largest width")
 
 
 @dataclass
 class Slices:
     """The visible parts of a volume: slices, the iso-surface, images of its sweep."""
 
-    shown: bool = setting(Switch(), True, "three orthogonal planes through the volume",
-        label="Show slices")  # fmt: skip
+    shown: bool = setting(Switch(), True, "three orthogonal planes through the volume", label="Show slices")
     x: float = setting(SHARE, 0.5, "position along the volume's first axis", label="x slice")
     y: float = setting(SHARE, 0.5, "position along the volume's second axis", label="y slice")
     z: float = setting(SHARE, 0.5, "position along the volume's third axis", label="z slice")
-    overlay: bool = setting(Switch(), False, "tint filled voxels orange and empty voxels blue",
-        label="Measured / filled")  # fmt: skip
+    overlay: bool = setting(
+        Switch(), False, "tint filled voxels orange and empty voxels blue", label="Measured / filled"
+    )
     surface: bool = setting(Switch(), True, "the iso-surface of the volume", label="Show surface")
-    open: bool = setting(Switch(), True, "remove the corner of the surface in front of the slices",
-        label="Cut open")  # fmt: skip
-    level: float | None = setting(Number(1e-6, 1e9), None, "of the surface", "in the units of the "
-        "volume", label="Iso-value")  # fmt: skip
-    frame: bool = setting(Switch(), False, "one image of the sweep at its place",
-        label="Show sweep image")  # fmt: skip
+    open: bool = setting(Switch(), True, "remove the corner of the surface in front of the slices", label="Cut open")
+    level: float | None = setting(
+        Number(1e-6, 1e9), None, "of the surface", "in the units of the volume", label="Iso-value"
+    )
+    frame: bool = setting(Switch(), False, "one image of the sweep at its place", label="Show sweep image")
     number: int = setting(Whole(0, 1_000_000), 0, "index in the sweep", label="Sweep image")
 
 
@@ -192,8 +213,7 @@ class Layers:
 class Compare:
     """Two data sets in one image."""
 
-    at: float = setting(SHARE, 0.5, "share of the image, from the left, of the first",
-        label="Divider")  # fmt: skip
+    at: float = setting(SHARE, 0.5, "share of the image, from the left, of the first", label="Divider")
 
 
 @dataclass
@@ -212,8 +232,15 @@ class Time:
     frame: int = setting(Whole(0, 10_000_000), 0, "index in the sequence")
     playing: bool = setting(Switch(), False, "key: space bar", label="Play")
     loop: bool = setting(Switch(), True, "start again after the last frame")
-    rate: float = setting(Number(0.1, 1000.0), 24.0, "frame rate of the playback",
-        "frames per second", label="Frames per second", slider=(1.0, 60.0), step=1.0)  # fmt: skip
+    rate: float = setting(
+        Number(0.1, 1000.0),
+        24.0,
+        "frame rate of the playback",
+        "frames per second",
+        label="Frames per second",
+        slider=(1.0, 60.0),
+        step=1.0,
+    )
 
 
 Names = set[str]  # of settings, as "surface.kernel"; in class State, `set` is a method
@@ -332,9 +359,7 @@ class State:
             facts["bookmarks"] = {name: _facts(view) for name, view in state.bookmarks.items()}
         return tomli_w.dumps(facts)
 
-    def load_toml(
-        self, text: str, taken: Callable[[str, Any], Any] = lambda key, value: value
-    ) -> Camera | None:
+    def load_toml(self, text: str, taken: Callable[[str, Any], Any] = lambda key, value: value) -> Camera | None:
         """Take the settings of a TOML text, and the defaults for all that it does not name.
 
         Args:

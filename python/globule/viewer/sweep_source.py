@@ -80,10 +80,7 @@ class SweepSource(VolumeSource):
         self.running = False
         with self._binning:
             self._reconstructor = Reconstructor(
-                self.spacing,
-                compounding=self.compounding,
-                device=self._device,
-                threads=self._threads,
+                self.spacing, compounding=self.compounding, device=self._device, threads=self._threads
             )
             self._frames, self._taken = None, []
         with self.lock:
@@ -144,9 +141,7 @@ class SweepSource(VolumeSource):
         self.running = False
         with self._binning:
             if not self._taken:
-                raise ValueError(
-                    "sweep: expected images, got none yet. Press Start to receive images."
-                )
+                raise ValueError("sweep: expected images, got none yet. Press Start to receive images.")
             frames, poses = (np.stack(arrays) for arrays in zip(*self._taken, strict=True))
         mask = None if self.sweep is None else self.sweep.mask
         self._making = method
@@ -197,25 +192,16 @@ class SweepSource(VolumeSource):
         file = self.files[0] if self.files else "sweep.igs.mha"
         read = f"gb.ultrasound.read_sweep({', '.join([repr(file), *self.option_code()])})"
         if self._method is not None:
-            before = [
-                "globule",
-                "reconstruct",
-                file,
-                *self.option_words(),
-                "--method",
-                self._method,
-            ]
+            before = ["globule", "reconstruct", file, *self.option_words(), "--method", self._method]
             before += ["--voxel-size", f"{self.spacing:.9g}", "-o", "volume.npz"]
             code = [
                 f"sweep = {read}",
-                f"volume = gb.ultrasound.reconstruct(sweep, method={self._method!r}, "
-                f"spacing={self.spacing!r})",
+                f"volume = gb.ultrasound.reconstruct(sweep, method={self._method!r}, spacing={self.spacing!r})",
             ]
             return self.surface_of("volume.npz", before, code, state)
         code = [
             f"sweep = {read}",
-            f"grown = gb.ultrasound.Reconstructor({self.spacing!r}, "
-            f"compounding={self.compounding!r})",
+            f"grown = gb.ultrasound.Reconstructor({self.spacing!r}, compounding={self.compounding!r})",
             f"for i in sweep.valid.nonzero()[0][:{len(self._taken)}]:",
             "    grown.add(sweep.frames[i], sweep.world_from_image[i])",
             "volume = grown.volume()",
@@ -248,9 +234,7 @@ def played(sweep: Sweep, rate: float = 20.0) -> Callable[[], Iterator[tuple[Any,
     return frames
 
 
-def received(
-    address: str, edges: Any, temporal_offset: float = 0.0
-) -> Callable[[], Iterator[tuple[Any, Any]]]:
+def received(address: str, edges: Any, temporal_offset: float = 0.0) -> Callable[[], Iterator[tuple[Any, Any]]]:
     """The images of an OpenIGTLink server.
 
     Args:

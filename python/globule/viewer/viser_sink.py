@@ -28,18 +28,14 @@ class ViserSink:
         self.client = client
         self._connection = client._websock_connection
         self._acknowledge = acknowledge
-        self._connection.register_handler(
-            _messages.LocalStorageGetItemResponseMessage, self._answered
-        )
+        self._connection.register_handler(_messages.LocalStorageGetItemResponseMessage, self._answered)
 
     def send(self, number: int, data: bytes, plan: Plan) -> None:
         """Send one JPEG; nothing happens after the browser has left."""
         if self._connection.get_message_buffer().done:
             return  # the browser has left
         self._connection.queue_message(_messages.BackgroundImageMessage("jpeg", data, None))
-        self._connection.queue_message(
-            _messages.LocalStorageGetItemRequestMessage(ACKNOWLEDGED, f"globule-{number}")
-        )
+        self._connection.queue_message(_messages.LocalStorageGetItemRequestMessage(ACKNOWLEDGED, f"globule-{number}"))
         self.client.flush()
 
     def error(self, message: str) -> None:
@@ -48,9 +44,7 @@ class ViserSink:
             return
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            self.client.add_notification(
-                "Not possible", message, color="red", auto_close_seconds=12.0
-            )
+            self.client.add_notification("Not possible", message, color="red", auto_close_seconds=12.0)
 
     def _answered(self, client_id: int, message: Any) -> None:
         name, _, number = message.request_uuid.partition("-")

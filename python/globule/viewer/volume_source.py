@@ -43,14 +43,7 @@ class VolumeSource(Source):
     up = (0.0, 0.0, 1.0)
     unit = "mm"
 
-    def __init__(
-        self,
-        name: str,
-        volume: Volume,
-        sweep: Sweep | None = None,
-        device: str = "auto",
-        threads: int = 0,
-    ):
+    def __init__(self, name: str, volume: Volume, sweep: Sweep | None = None, device: str = "auto", threads: int = 0):
         super().__init__(name)
         self.sweep = sweep
         self.n_sweep_frames = 0 if sweep is None else len(sweep)
@@ -91,15 +84,12 @@ class VolumeSource(Source):
         level = float(shown.level or self.level)
         code = [
             *code,
-            f"surface = gb.volumes.extract_iso_surface(volume, {level!r}, "
-            f"{state.surface.kernel!r})",
+            f"surface = gb.volumes.extract_iso_surface(volume, {level!r}, {state.surface.kernel!r})",
             "particles = surface.particles",
         ]
         left = ["slices"] * shown.shown + ["the sweep's image"] * shown.frame
         left += ["the hidden surface"] * (not shown.surface)
-        return Origin(
-            [file, "--level", f"{level:.9g}"], code, before, left, unsaid=("threshold", "support")
-        )
+        return Origin([file, "--level", f"{level:.9g}"], code, before, left, unsaid=("threshold", "support"))
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner (3,) of the volume's voxel centers, mm."""
@@ -177,9 +167,7 @@ class VolumeSource(Source):
         hi = np.where(seen, hi + room, at + behind)
         return [ClipBox(tuple(lo.tolist()), tuple(hi.tolist()))]
 
-    def probe(
-        self, state: State, camera: Camera, size: tuple[int, int], screen: Any, nearest: float
-    ) -> Probed | None:
+    def probe(self, state: State, camera: Camera, size: tuple[int, int], screen: Any, nearest: float) -> Probed | None:
         """The voxel of a slice at a place of the image. The caller holds `lock`."""
         eye, direction = camera.ray(size, screen)
         found = None

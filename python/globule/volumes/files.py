@@ -28,9 +28,7 @@ from .volume import FAR, MAPS, Volume
 
 
 def read_volume(
-    path: str | os.PathLike[str],
-    space: str = "LPS",
-    progress: Callable[[int, int], None] | None = None,
+    path: str | os.PathLike[str], space: str = "LPS", progress: Callable[[int, int], None] | None = None
 ) -> Volume:
     """Read a volume; values become uint8, uint16 or float32, the first type that holds them.
 
@@ -79,10 +77,7 @@ def volume_of(data: VolumeData) -> Volume:
 
 
 def write_volume(
-    path: str | os.PathLike[str],
-    volume: Volume,
-    maps: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    path: str | os.PathLike[str], volume: Volume, maps: bool = False, progress: Callable[[int, int], None] | None = None
 ) -> None:
     """Write a volume in the format of the path's extension, whole or not at all.
 

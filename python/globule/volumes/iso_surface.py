@@ -43,9 +43,7 @@ class IsoSurface(NamedTuple):
     level: float
 
 
-def extract_iso_surface(
-    volume: Volume, level: float | None = None, kernel: str = "murakami"
-) -> IsoSurface:
+def extract_iso_surface(volume: Volume, level: float | None = None, kernel: str = "murakami") -> IsoSurface:
     """Particles whose field is the threshold where the volume, smoothed by the kernel, is `level`.
 
     Every voxel is a particle of weight value / level; a lattice of unit weights has the field
@@ -113,8 +111,7 @@ def check_count(volume: Volume, n: int) -> None:
     if n > MOST_PARTICLES:
         edge = 1.05 * math.prod(volume.spacing) ** (1 / 3) * (n / MOST_PARTICLES) ** (1 / 3)
         raise ValueError(
-            f"volume: expected at most {MOST_PARTICLES:,} voxels to show, got {n:,}; "
-            f"resample to {edge:.3g} mm"
+            f"volume: expected at most {MOST_PARTICLES:,} voxels to show, got {n:,}; resample to {edge:.3g} mm"
         )
 
 

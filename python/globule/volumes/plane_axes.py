@@ -31,8 +31,8 @@ def with_axes(pictures: list[np.ndarray], names: list[tuple[str, str]], step: fl
     width = sum(margin + picture.shape[1] for picture in pictures)
     image = Image.new("RGB", (width + _GAP, height + _GAP), _PAPER)
     draw = ImageDraw.Draw(image)
-    millimetres = _round_length(0.25 * max(sides) * step)
-    whole = millimetres / step
+    millimeters = _round_length(0.25 * max(sides) * step)
+    whole = millimeters / step
     left, middle = 0, margin // 2
     for picture, (right, down) in zip(pictures, names, strict=True):
         left += margin
@@ -42,7 +42,7 @@ def with_axes(pictures: list[np.ndarray], names: list[tuple[str, str]], step: fl
         along, across = (whole if whole <= side else 0 for side in picture.shape[1::-1])
         _arrow(draw, (left, y), (left + along, y), size)
         _arrow(draw, (x, margin), (x, margin + across), size)
-        place, text = left + along + size / 2, f"{right}  {millimetres:g} mm"
+        place, text = left + along + size / 2, f"{right}  {millimeters:g} mm"
         fits = along and place + draw.textlength(text, font=font) <= left + picture.shape[1]
         draw.text((place, y), text if fits else right, _INK, font, anchor="lm")
         draw.text((x, margin + across + size / 4), down, _INK, font, anchor="ma")

@@ -32,9 +32,7 @@ class Slice(NamedTuple):
     origin: np.ndarray
 
 
-def reslice(
-    volume: Volume, world_from_plane: ArrayLike, size: tuple[int, int], linear: bool = True
-) -> Slice:
+def reslice(volume: Volume, world_from_plane: ArrayLike, size: tuple[int, int], linear: bool = True) -> Slice:
     """A volume's values on a plane.
 
     Args:
@@ -82,9 +80,7 @@ def reslice_frame(volume: Volume, sweep: Any, i: int, linear: bool = True) -> Sl
     return reslice(volume, sweep.world_from_image[i], (width, height), linear)
 
 
-def sample(
-    values: np.ndarray, radius: np.ndarray, points: np.ndarray, linear: bool
-) -> tuple[np.ndarray, np.ndarray]:
+def sample(values: np.ndarray, radius: np.ndarray, points: np.ndarray, linear: bool) -> tuple[np.ndarray, np.ndarray]:
     """Values (...) float32 and origins (...) uint8 at voxel coordinates (..., 3), x first.
 
     values, radius (Z, Y, X): those of a Volume.
@@ -118,9 +114,7 @@ def sample(
     return out, origin
 
 
-def render_three_view(
-    volume: Volume, center: VectorLike | None = None, overlay: bool = False
-) -> np.ndarray:
+def render_three_view(volume: Volume, center: VectorLike | None = None, overlay: bool = False) -> np.ndarray:
     """The three planes along the volume's axes, side by side: (H, W, 3) uint8.
 
     Args:
@@ -144,10 +138,7 @@ def max_projections(volume: Volume) -> np.ndarray:
 
 
 def save_three_view(
-    path: str | os.PathLike[str],
-    volume: Volume,
-    center: VectorLike | None = None,
-    projections: bool = False,
+    path: str | os.PathLike[str], volume: Volume, center: VectorLike | None = None, projections: bool = False
 ) -> None:
     """Write a three-view image (.png): the values above, the same with the overlay below; with
     `projections`, maximum-intensity projections in a third row. Arrows beside the planes name the

@@ -27,10 +27,7 @@ _DARKEST, _BRIGHTEST = 2, 98  # percentiles of the intensities at the gray ramp'
 
 
 def sample_tomography(
-    image: Any,
-    level: float | None = None,
-    labels: int | Iterable[int] | None = None,
-    spacing: float | None = None,
+    image: Any, level: float | None = None, labels: int | Iterable[int] | None = None, spacing: float | None = None
 ) -> Particles:
     """A volume as metaballs: its iso-surface at a level, or the voxels of given labels.
 
@@ -81,9 +78,7 @@ def _particles(volume: Volume, wanted: np.ndarray | None, level: float | None) -
         label = values.astype(np.int32)
         edges = volume.spacing
         support = max(2 * math.prod(edges) ** (1 / 3), float(edges.max()))
-        return Particles(
-            positions, support=support, color=categorical(label), attributes={"label": label}
-        )
+        return Particles(positions, support=support, color=categorical(label), attributes={"label": label})
     level = default_level(volume) if level is None else level
     if not (volume.values >= level).any():
         return Particles(np.zeros((0, 3), np.float32), attributes={"intensity": np.zeros(0)})
@@ -96,10 +91,7 @@ def _particles(volume: Volume, wanted: np.ndarray | None, level: float | None) -
 
 
 def tissue_voxels(
-    image: Any,
-    level: float | None = None,
-    labels: int | Iterable[int] | None = None,
-    spacing: float | None = None,
+    image: Any, level: float | None = None, labels: int | Iterable[int] | None = None, spacing: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Middles of the voxels at or above a level, or of given labels: (N, 3) float64, mm, LPS; and
     their values (N,).
@@ -117,9 +109,7 @@ def tissue_voxels(
         return _voxels(volume, shown)
 
 
-def _volume(
-    image: Any, level: float | None, labels: Any, spacing: float | None
-) -> tuple[Volume, np.ndarray | None]:
+def _volume(image: Any, level: float | None, labels: Any, spacing: float | None) -> tuple[Volume, np.ndarray | None]:
     """The volume, resampled if a spacing is given, and the labels as an array."""
     wanted = _labels(level, labels)
     if spacing is not None:
@@ -180,9 +170,7 @@ def _resampled(volume: Volume, spacing: float, smooth: bool) -> Volume:
         sigma = np.where(scale > 1, scale / 2.355, 0.0)
         values = ndimage.gaussian_filter(values.astype(np.float32), sigma, mode="nearest")
     shape = tuple(size[::-1].astype(int))
-    values = ndimage.affine_transform(
-        values, scale, (scale - 1) / 2, shape, order=int(smooth), mode="nearest"
-    )
+    values = ndimage.affine_transform(values, scale, (scale - 1) / 2, shape, order=int(smooth), mode="nearest")
     direction = volume.world_from_voxel[:3, :3] / edges
     origin = volume.world_from_voxel[:3, 3] + direction @ ((spacing - edges) / 2)
     matrix = np.eye(4)

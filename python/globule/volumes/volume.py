@@ -13,12 +13,7 @@ from ..formats import volumes as formats
 from ..formats.volumes.geometry import VolumeData, in_space
 
 EMPTY, MEASURED, FILLED, EXTRAPOLATED = 0, 1, 2, 3
-MAPS = (
-    "count",
-    "variance",
-    "source",
-    "uncertainty",
-)  # besides `radius`, which says measured, filled or empty
+MAPS = ("count", "variance", "source", "uncertainty")  # besides `radius`, which says measured, filled or empty
 FAR = 255  # in the map of kernel radii: no data within reach
 BEYOND = 128  # added to the radius of an extrapolated voxel
 
@@ -167,9 +162,7 @@ class Volume:
     def _map(self, name: str) -> np.ndarray:
         if name not in self._maps:
             if self._make_map is None:
-                raise ValueError(
-                    f"{name}: this volume was not made from a sweep here, it has no such map"
-                )
+                raise ValueError(f"{name}: this volume was not made from a sweep here, it has no such map")
             self._maps[name] = self._make_map(name)
         return self._maps[name]
 
@@ -187,10 +180,7 @@ class Volume:
         return Volume(self.values, matrix, self.radius, space, self.info, self._map)
 
     def save(
-        self,
-        path: str | os.PathLike[str],
-        maps: bool = False,
-        progress: Callable[[int, int], None] | None = None,
+        self, path: str | os.PathLike[str], maps: bool = False, progress: Callable[[int, int], None] | None = None
     ) -> None:
         """Write the volume in the format of the path's extension, whole or not at all.
 
@@ -218,10 +208,7 @@ class Volume:
         spacing = " x ".join(f"{s:.4g}" for s in self.spacing)
         extrapolated = f"{self.n_extrapolated} extrapolated, " if self.n_extrapolated else ""
         origins = f"{self.n_measured} measured, {self.n_filled} filled, {extrapolated}"
-        return (
-            f"Volume({x} x {y} x {z} {self.values.dtype}, {spacing} mm, {self.space}, "
-            f"{origins}{self.n_empty} empty)"
-        )
+        return f"Volume({x} x {y} x {z} {self.values.dtype}, {spacing} mm, {self.space}, {origins}{self.n_empty} empty)"
 
 
 def origin_of(radius: np.ndarray) -> np.ndarray:

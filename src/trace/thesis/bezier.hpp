@@ -7,13 +7,12 @@
 
 namespace globule::core::thesis {
 
-template <int degree>
-struct Bernstein {
+template <int degree> struct Bernstein {
     float c[degree + 1];
 
     GB_FN void add(float weight, const float (&w)[3]) {
-        const float square[5] = {w[0] * w[0], w[0] * w[1], (w[0] * w[2] + 2.0f * w[1] * w[1]) * (1.0f / 3.0f),
-                                 w[1] * w[2], w[2] * w[2]};
+        const float square[5] = {
+            w[0] * w[0], w[0] * w[1], (w[0] * w[2] + 2.0f * w[1] * w[1]) * (1.0f / 3.0f), w[1] * w[2], w[2] * w[2]};
         if constexpr (degree == 4) {
             for (int k = 0; k < 5; ++k) c[k] += weight * square[k];
         } else {
@@ -71,8 +70,7 @@ struct Bernstein {
     }
 };
 
-template <int degree>
-struct Bezier {
+template <int degree> struct Bezier {
     /// First point of [from, end] where sign (tau - f) is no longer positive.
     GB_FN bool operator()(Candidates& candidates, float tau, float sign, float from, float end, float& t) const {
         for (t = from; t < end;) {
@@ -89,8 +87,8 @@ struct Bezier {
                 if (s.enter > t || s.leave < next) return;
                 const float a = particles.support[s.slot], scale = 1.0f / (a * a);
                 const float since0 = t - s.enter, since1 = next - s.enter, till0 = s.leave - t, till1 = s.leave - next;
-                const float w[3] = {since0 * till0 * scale, 0.5f * (since0 * till1 + since1 * till0) * scale,
-                                    since1 * till1 * scale};
+                const float w[3] = {
+                    since0 * till0 * scale, 0.5f * (since0 * till1 + since1 * till0) * scale, since1 * till1 * scale};
                 g.add(sign * particles.weight[s.slot], w);
             });
             const float u = g.first_root();

@@ -1,4 +1,4 @@
-// The candidates of a leaf (§5.3): its own particles, and those of its ghost neighbours whose distance
+// The candidates of a leaf (§5.3): its own particles, and those of its ghost neighbors whose distance
 // to the leaf is at most their support.
 #pragma once
 #include "trace/thesis/exterior.hpp"
@@ -17,7 +17,7 @@ struct GatherRules {
 class Candidates {
 public:
     GB_FN Candidates(const DenseTree& tree, const SortedParticles& particles, const Grid& grid, const Ray& ray,
-                     const GatherRules& rules)
+        const GatherRules& rules)
         : tree_(tree), particles_(particles), grid_(grid), ray_(ray), rules_(rules) {}
 
     GB_FN void gather(const Visit& leaf) {
@@ -32,8 +32,7 @@ public:
     }
 
     /// visit(candidate) for all; in order of entry where the list holds them.
-    template <class Fn>
-    GB_FN void each(const Fn& visit) const {
+    template <class Fn> GB_FN void each(const Fn& visit) const {
         if (complete_) {
             for (int i = 0; i < n_; ++i) visit(list_[i]);
             return;
@@ -54,9 +53,7 @@ public:
     GB_FN void count_sum() { ++work_.sums; }
 
 private:
-    struct Run {
-        std::uint32_t first, last;
-    };
+    struct Run { std::uint32_t first, last; };
     static constexpr int kListed = 64;
     static constexpr std::uint32_t kNowhere = ~0u;
 
@@ -66,7 +63,7 @@ private:
         return true;
     }
 
-    /// Was the leaf before this one its neighbour across the face through which the ray enters?
+    /// Was the leaf before this one its neighbor across the face through which the ray enters?
     GB_FN bool crossed_face(const Visit& leaf) const {
         if (cell_ == kNowhere) return false;
         Key behind;

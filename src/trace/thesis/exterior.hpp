@@ -39,8 +39,7 @@ GB_FN bool meet_lone(const Candidate& c, float a, float lone, float from, float 
 }
 
 /// (d_m / a)^2 for particles of one weight, by bisection, once a frame.
-template <class Kernel>
-inline float lone_surface(const Kernel& kernel, float weight, float tau) {
+template <class Kernel> inline float lone_surface(const Kernel& kernel, float weight, float tau) {
     const auto above = [&](double x) {
         double b, slope;
         kernel(x, b, slope);

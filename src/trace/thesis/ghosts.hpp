@@ -1,4 +1,4 @@
-// Ghost neighbours (§5.3): a particle acts on its own leaf and on those of the 26 around it that its
+// Ghost neighbors (§5.3): a particle acts on its own leaf and on those of the 26 around it that its
 // support reaches, found by key arithmetic.  Right while no support is larger than a leaf's edge.
 //
 // So a surface may lie in a leaf without particles (Fig. 5.6a), and the traversal must open that too:
@@ -21,13 +21,14 @@ struct CellBox {
         const auto c = morton::decode(triplets);
         const float3 from = grid.space.lo;
         lo = {grid.plane(from.x, level, c.x), grid.plane(from.y, level, c.y), grid.plane(from.z, level, c.z)};
-        hi = {grid.plane(from.x, level, c.x + 1), grid.plane(from.y, level, c.y + 1), grid.plane(from.z, level, c.z + 1)};
+        hi = {
+            grid.plane(from.x, level, c.x + 1), grid.plane(from.y, level, c.y + 1), grid.plane(from.z, level, c.z + 1)};
     }
     /// Is the particle's distance to the cell at most its support?
     GB_FN bool within(const SortedParticles& particles, std::uint32_t slot) const {
         const float3 q = particles.position(slot), below = lo - q, above = q - hi;
-        const float3 apart{max(max(below.x, above.x), 0.0f), max(max(below.y, above.y), 0.0f),
-                           max(max(below.z, above.z), 0.0f)};
+        const float3 apart{
+            max(max(below.x, above.x), 0.0f), max(max(below.y, above.y), 0.0f), max(max(below.z, above.z), 0.0f)};
         const float a = particles.support[slot];
         return dot(apart, apart) <= a * a;
     }
@@ -44,7 +45,7 @@ public:
                 part_[axis][step + 1] = moved & (morton::Traits<Key>::inside | morton::spread(~Key(0)) << axis);
             }
     }
-    /// False where that neighbour lies outside the octree.
+    /// False where that neighbor lies outside the octree.
     GB_FN bool get(int dx, int dy, int dz, Key& out) const {
         const Key x = part_[0][dx + 1], y = part_[1][dy + 1], z = part_[2][dz + 1];
         out = x | y | z;

@@ -1,21 +1,19 @@
-// What a hit looks like: gradient normal (5.2, corrected) or the averaged centres' (Fig. 5.8a), and the
-// blended colour (§6.0.2).
+// What a hit looks like: gradient normal (5.2, corrected) or the averaged centers' (Fig. 5.8a), and the
+// blended color (§6.0.2).
 #pragma once
 #include "field/influence.hpp"
 #include "trace/thesis/candidates.hpp"
 
 namespace globule::core::thesis {
 
-struct Look {
-    float3 normal, albedo;
-};
+struct Look { float3 normal, albedo; };
 
 template <class Kernel>
 GB_FN Look look(const Candidates& candidates, const Kernel& kernel, const float* color, const float3& one_color,
-                bool averaged, float t) {
+    bool averaged, float t) {
     const SortedParticles& particles = candidates.particles();
     const float3 p = candidates.ray().at(t);
-    float3 gradient{0, 0, 0}, centres = gradient;
+    float3 gradient{0, 0, 0}, centers = gradient;
     BlendedColor<float> blended;
     float n = 0.0f;
     candidates.each([&](const Candidate& s) {
@@ -25,12 +23,12 @@ GB_FN Look look(const Candidates& candidates, const Kernel& kernel, const float*
         if (!(ball.x(v) < 1.0f)) return;
         const Influence<float> of = influence(kernel, ball, v, particles.weight[s.slot]);
         gradient = gradient + of.half_gradient;
-        centres = centres + v;
+        centers = centers + v;
         n += 1.0f;
         blended.add(color, particles.index[s.slot], max(of.value, 0.0f));
     });
-    // p less the mean of the centres is the mean of p less each; all reach alike, the far as the near.
-    const float3 normal = averaged ? normalize(centres * (1.0f / max(n, 1.0f))) : normalize(gradient) * -1.0f;
+    // p less the mean of the centers is the mean of p less each; all reach alike, the far as the near.
+    const float3 normal = averaged ? normalize(centers * (1.0f / max(n, 1.0f))) : normalize(gradient) * -1.0f;
     return {normal, color ? blended.mean() : one_color};
 }
 

@@ -13,13 +13,11 @@ struct Ray {
     GB_FN float3 at(float t) const { return o + d * t; }
 
 private:
-    GB_FN static float reciprocal(float v) {
-        return 1.0f / (abs(v) > 1e-18f ? v : v < 0.0f ? -1e-18f : 1e-18f);
-    }
+    GB_FN static float reciprocal(float v) { return 1.0f / (abs(v) > 1e-18f ? v : v < 0.0f ? -1e-18f : 1e-18f); }
 };
 
 /// Where the cells are.  Cells at the border reach out by `pad`: a surface may lie outside the cube
-/// that encloses the particles' centres (Fig. 6.5).
+/// that encloses the particles' centers (Fig. 6.5).
 struct Grid {
     morton::Space space;
     int depth;
@@ -64,7 +62,7 @@ GB_FN bool slab_test(const Grid& grid, const Ray& ray, Visit& visit) {
     return visit.enter <= visit.leave;
 }
 
-/// Which nodes are walked: those that hold particles, or, with ghosts, also their neighbours
+/// Which nodes are walked: those that hold particles, or, with ghosts, also their neighbors
 /// (`near`, made by ghosts.hpp), into which the surface may reach.
 struct Occupied {
     const DenseNode* nodes;
@@ -75,7 +73,9 @@ struct Occupied {
 class Stack {
 public:
     GB_FN Stack(const Grid& grid, const Ray& ray, const Occupied& occupied)
-        : grid_(grid), ray_(ray), occupied_(occupied),
+        : grid_(grid),
+          ray_(ray),
+          occupied_(occupied),
           nearest_((ray.d.x < 0.0f ? 1u : 0u) | (ray.d.y < 0.0f ? 2u : 0u) | (ray.d.z < 0.0f ? 4u : 0u)) {
         push({0, 0, 0.0f, 0.0f, 0});
     }

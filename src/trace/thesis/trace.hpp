@@ -9,8 +9,7 @@
 namespace globule::core::thesis {
 
 /// f along the ray, from the candidates.
-template <class Kernel>
-struct FieldOnRay {
+template <class Kernel> struct FieldOnRay {
     Candidates& candidates;
     const Kernel& kernel;
     GB_FN float operator()(float t) const {
@@ -31,8 +30,7 @@ struct FieldOnRay {
 };
 
 /// Search: March, its step in typical supports, or Bezier<degree>.
-template <class Kernel, class Search>
-struct TraceRays {
+template <class Kernel, class Search> struct TraceRays {
     DenseTree tree;
     const std::uint8_t* near;  ///< from MarkNear, or null without ghosts
     SortedParticles particles;
@@ -40,27 +38,23 @@ struct TraceRays {
     Search search;
     ThesisRequest choice;
     float tau;
-    float lone;                ///< lone_surface(), or NaN where weights differ
-    const float* color;        ///< (n, 3), caller's order, or null
+    float lone;          ///< lone_surface(), or NaN where weights differ
+    const float* color;  ///< (n, 3), caller's order, or null
     float3 one_color;
     RaySource rays;
     Hits out;
-    ThesisWork* work;          ///< (n,), or null
+    ThesisWork* work;  ///< (n,), or null
 
     static constexpr bool marches = requires(Search s) { s.step; };
 
     struct Nothing {};
-    template <class Group>
-    using Scratch = Nothing;
-    template <class Group>
-    using Layout = TileLayout<4, Group::width>;  ///< no wider than the narrowest group
+    template <class Group> using Scratch = Nothing;
+    template <class Group> using Layout = TileLayout<4, Group::width>;  ///< no wider than the narrowest group
 
-    template <class Group>
-    std::size_t n_tiles() const { return Layout<Group>{rays}.n_tiles(); }
+    template <class Group> std::size_t n_tiles() const { return Layout<Group>{rays}.n_tiles(); }
 
     /// Tiles of pixels are only how rays are dealt out: each lane traces its own, alone.
-    template <class Group>
-    GB_FN void operator()(Group& g, Nothing&, std::size_t tile) const {
+    template <class Group> GB_FN void operator()(Group& g, Nothing&, std::size_t tile) const {
         g.per_lane(g.first_lanes(Group::width), [&](int lane) {
             const std::size_t i = Layout<Group>{rays}.ray(tile, lane);
             if (i < rays.n) trace_ray(i);
@@ -90,8 +84,8 @@ private:
         o = {float(o.x + double(start) * d.x), float(o.y + double(start) * d.y), float(o.z + double(start) * d.z)};
         const Ray ray(o, d);
         Stack stack(grid, ray, {tree.nodes, near});
-        Candidates candidates(tree, particles, grid, ray,
-                              {choice.ghosts, choice.face_rule, choice.exterior || !marches});
+        Candidates candidates(
+            tree, particles, grid, ray, {choice.ghosts, choice.face_rule, choice.exterior || !marches});
         float sign = 1.0f;  // -1 where the ray begins inside the medium
         for (Visit leaf; stack.next(leaf);) {
             candidates.gather(leaf);

@@ -71,9 +71,7 @@ def read_exr(path: str | os.PathLike[str], most_pixels: int) -> np.ndarray:
     facts, planes = decode("exr", path, "an OpenEXR picture", most_pixels)
     picked = planes * 3 if len(planes) == 1 else planes
     if len(picked) < 3 or len({plane.shape for plane in picked}) > 1:
-        raise bad(
-            path, "channels", f"expected R G B or Y, got {shown(' '.join(facts['channels']))}"
-        )
+        raise bad(path, "channels", f"expected R G B or Y, got {shown(' '.join(facts['channels']))}")
     if picked[0].ndim != 2:
         raise bad(path, "channels", f"expected a picture, got shape {picked[0].shape}")
     return np.stack(picked, axis=2)

@@ -110,7 +110,7 @@ def _stream(av: Any, movie: Any, size: tuple[int, int], fps: float) -> Any:
     # Without B-frames: with them, x264 gives other bits in one of four runs.
     stream.options = {"crf": CRF, "bf": "0"}
     context = stream.codec_context
-    # Without these tags players guess the matrix by the size, and colours shift.
+    # Without these tags players guess the matrix by the size, and colors shift.
     context.colorspace = context.color_primaries = context.color_trc = 1  # BT.709
     context.color_range = 1  # 16 to 235
     return stream

@@ -125,7 +125,7 @@ def _planes(path: Any, image: RawImage, is_nrrd: bool) -> np.ndarray:
         if array.shape[-1] not in (1, 3, 4):
             expected = "1, 3 (RGB) or 4 (RGBA) values a pixel"
             raise bad(path, "kinds", f"expected {expected}, got {array.shape[-1]}")
-        array = array[..., 0] if array.shape[-1] == 1 else to_grey(array[..., :3])
+        array = array[..., 0] if array.shape[-1] == 1 else to_gray(array[..., :3])
     if array.ndim == 2:
         array = array[None]
     if array.ndim == 4 and array.shape[1] == 1:
@@ -171,10 +171,10 @@ def _channel_axis(image: RawImage, is_nrrd: bool) -> int | None:
     return n - 1 if n == 4 and image.array.shape[-1] == 3 else None
 
 
-def to_grey(array: np.ndarray) -> np.ndarray:
+def to_gray(array: np.ndarray) -> np.ndarray:
     """(..., 3) RGB to (...), ITU-R BT.601, rounded where the type is an integer."""
-    grey = array @ np.array([0.299, 0.587, 0.114])
-    return (np.rint(grey) if array.dtype.kind in "iu" else grey).astype(array.dtype)
+    gray = array @ np.array([0.299, 0.587, 0.114])
+    return (np.rint(gray) if array.dtype.kind in "iu" else gray).astype(array.dtype)
 
 
 def _flips(path: Any, orientation: str) -> tuple[int, int]:

@@ -51,9 +51,7 @@ def image(name: str, values: np.ndarray, world_from_voxel: np.ndarray, time: flo
     if values.dtype.name not in _SCALARS:
         raise TypeError(f"values: expected one of {', '.join(_SCALARS)}, got {values.dtype}")
     if values.ndim != 3 or max(values.shape) > 65535:
-        raise ValueError(
-            f"values: expected (Z, Y, X) with at most 65535 an axis, got {values.shape}"
-        )
+        raise ValueError(f"values: expected (Z, Y, X) with at most 65535 an axis, got {values.shape}")
     size = values.shape[::-1]
     matrix = RAS_FROM_LPS @ np.asarray(world_from_voxel, np.float64)
     center = matrix[:3, :3] @ ((np.array(size) - 1) / 2) + matrix[:3, 3]

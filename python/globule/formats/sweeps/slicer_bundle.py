@@ -29,18 +29,22 @@ from .poses import PoseTable, interpolate
 from .transforms import Edges, Transform, parse_matrix, split_name
 
 _DAMAGED = (
-    zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError,
-    OverflowError, UnicodeError,
-)  # fmt: skip
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    OSError,
+    OverflowError,
+    UnicodeError,
+)
 _IMAGES = (".seq.nrrd", ".nrrd")
 _TRANSFORMS = (".seq.mha", ".seq.mhd", ".mha", ".mhd")
 _FIELD = re.compile(r"Seq_Frame(\d{1,9})_([^=]+?) *= *(.*)")
 _SLICE = 3  # axes of an item
 
 
-def read(
-    path: str | os.PathLike[str], progress: Progress = None
-) -> tuple[igs.Recording, dict[str, np.ndarray]]:
+def read(path: str | os.PathLike[str], progress: Progress = None) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """The recording of a scene with one sequence of images, and `space`, which is RAS.
 
     Edges come from sequences and single transforms that are named like ImageToReference; sequences
@@ -155,9 +159,7 @@ def _transforms(path: Any, name: str, file: Path) -> dict[tuple[str, str], PoseT
     return tables
 
 
-def _at(
-    path: Any, key: tuple[str, str], table: PoseTable, times: np.ndarray | None, n: int
-) -> Transform:
+def _at(path: Any, key: tuple[str, str], table: PoseTable, times: np.ndarray | None, n: int) -> Transform:
     """The transforms at the images' times."""
     same = table.times is not None and times is not None and np.array_equal(table.times, times)
     if times is None or same:
@@ -197,9 +199,7 @@ def _place(file: Path, fields: dict[str, str]) -> np.ndarray:
     origin = fields.get("space origin", "(0,0,0)")
     words = words or ["(1,0,0)", "(0,1,0)", "(0,0,1)"]
     try:
-        vectors = np.array([
-            [float(number) for number in word.strip("()").split(",")] for word in (*words, origin)
-        ])  # fmt: skip
+        vectors = np.array([[float(number) for number in word.strip("()").split(",")] for word in (*words, origin)])
     except ValueError:
         vectors = np.empty(0)
     if vectors.shape != (_SLICE + 1, 3) or not np.isfinite(vectors).all():

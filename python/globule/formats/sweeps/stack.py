@@ -27,9 +27,18 @@ MASK = "mask.png"  # of a folder: not a frame
 _TISSUE, _CM = 1, 3  # Region Spatial Format 2D; Physical Units cm
 # What Pillow raises for a damaged file.
 _DAMAGED = (
-    OSError, SyntaxError, ValueError, MemoryError, TypeError, LookupError, ArithmeticError,
-    RuntimeError, AssertionError, AttributeError, struct.error,
-)  # fmt: skip
+    OSError,
+    SyntaxError,
+    ValueError,
+    MemoryError,
+    TypeError,
+    LookupError,
+    ArithmeticError,
+    RuntimeError,
+    AssertionError,
+    AttributeError,
+    struct.error,
+)
 
 
 class Stack(NamedTuple):
@@ -76,11 +85,9 @@ def read_folder(path: str | os.PathLike[str], progress: Progress = None) -> Stac
         except FormatError:
             raise
         except (*_DAMAGED, Image.DecompressionBombError) as error:
-            raise bad(
-                path, name, f"expected a picture, got {str(error) or 'too large a one'}"
-            ) from None
+            raise bad(path, name, f"expected a picture, got {str(error) or 'too large a one'}") from None
         if picture.ndim == 3:
-            picture = igs.to_grey(picture[..., :3])
+            picture = igs.to_gray(picture[..., :3])
         if picture.dtype == np.int32:  # Pillow's mode I: 16-bit PNG
             picture = picture.astype(np.uint16)
         if not i:
@@ -108,7 +115,7 @@ def read_tiff(path: str | os.PathLike[str]) -> Stack:
             for page in ImageSequence.Iterator(image):
                 colored = page.mode in ("P", "PA", "LA", "RGB", "RGBA", "CMYK", "YCbCr")
                 picture = np.asarray(page.convert("RGB") if colored else page)
-                picture = igs.to_grey(picture[..., :3]) if picture.ndim == 3 else picture.copy()
+                picture = igs.to_gray(picture[..., :3]) if picture.ndim == 3 else picture.copy()
                 if frames and (picture.shape, picture.dtype) != (frames[0].shape, frames[0].dtype):
                     expected = f"{frames[0].dtype} {frames[0].shape} as the first"
                     got = f"{picture.dtype} {picture.shape}"
@@ -171,7 +178,7 @@ def read_dicom(path: str | os.PathLike[str]) -> Stack:
     """
     frames, tags = dicom.read_frames(path)
     if frames.ndim > 2 and frames.shape[-1] in (3, 4):
-        frames = igs.to_grey(frames[..., :3])
+        frames = igs.to_gray(frames[..., :3])
     if frames.ndim == 2:
         frames = frames[None]
     if frames.ndim != 3:
@@ -180,9 +187,7 @@ def read_dicom(path: str | os.PathLike[str]) -> Stack:
     return Stack(frames, times, _tissue(path, frames.shape[1:], dicom.read_regions(path)))
 
 
-def _tissue(
-    path: Any, shape: tuple[int, ...], regions: list[dict[str, Any]]
-) -> dict[str, np.ndarray]:
+def _tissue(path: Any, shape: tuple[int, ...], regions: list[dict[str, Any]]) -> dict[str, np.ndarray]:
     """The largest region of tissue in cm: `mask` (H, W), `mm_per_pixel` (2,) along a row and a
     column, `reference_pixel` (2,) column and row; nothing if there is none. Raises FormatError."""
     where = "Sequence of Ultrasound Regions"
@@ -208,11 +213,7 @@ def _tissue(
         mask[int(y0) : int(y1) + 1, int(x0) : int(x1) + 1] = True
         # The reference pixel counts from the region's corner.
         reference = [region["reference_x"] or 0.0, region["reference_y"] or 0.0]
-        found = {
-            "mask": mask,
-            "mm_per_pixel": 10 * np.abs(deltas),
-            "reference_pixel": np.array([x0, y0]) + reference,
-        }
+        found = {"mask": mask, "mm_per_pixel": 10 * np.abs(deltas), "reference_pixel": np.array([x0, y0]) + reference}
     return found
 
 

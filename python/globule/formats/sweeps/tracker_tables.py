@@ -174,10 +174,7 @@ def _ndi(path: Any, text: str) -> list[Row]:
         ok = line[state].strip().upper() in ("OK", "ENABLED", "VISIBLE", "1")
         words = [line[column] if ok else "" for column in columns]
         values = np.array([_number(path, where, word) for word in words])
-        if clock is None:
-            time = _number(path, where, line[frame]) / _NDI_RATE
-        else:
-            time = _number(path, where, line[clock])
+        time = _number(path, where, line[frame]) / _NDI_RATE if clock is None else _number(path, where, line[clock])
         seen = ok and bool(np.isfinite(values).all())
         if seen and not quaternion:
             turned = Rotation.from_euler("ZYX", values[3:], degrees=True)

@@ -84,9 +84,7 @@ def write(path: str | os.PathLike[str], data: VolumeData) -> None:
         file.save_as(out, enforce_file_format=True)
 
 
-def _frames(
-    pydicom: Any, file: Any, matrix: np.ndarray, spacing: np.ndarray, axes: np.ndarray, depth: int
-) -> None:
+def _frames(pydicom: Any, file: Any, matrix: np.ndarray, spacing: np.ndarray, axes: np.ndarray, depth: int) -> None:
     """The functional groups: what all frames share, and where each lies."""
 
     def item(**elements: Any) -> Any:
@@ -102,18 +100,12 @@ def _frames(
     file.FrameIncrementPointer = 0x52009230  # Per-frame Functional Groups Sequence
     file.SharedFunctionalGroupsSequence = [
         item(
-            PixelMeasuresSequence=item(
-                PixelSpacing=[y, x], SliceThickness=z, SpacingBetweenSlices=z
-            ),
+            PixelMeasuresSequence=item(PixelSpacing=[y, x], SliceThickness=z, SpacingBetweenSlices=z),
             PlaneOrientationSequence=item(ImageOrientationPatient=texts(axes[:, :2].T.ravel())),
         )
     ]
     file.PerFrameFunctionalGroupsSequence = [
-        item(
-            PlanePositionSequence=item(
-                ImagePositionPatient=texts(matrix[:3, 3] + i * matrix[:3, 2])
-            ),
-        )
+        item(PlanePositionSequence=item(ImagePositionPatient=texts(matrix[:3, 3] + i * matrix[:3, 2])))
         for i in range(depth)
     ]
 

@@ -42,9 +42,7 @@ def read_metaimage(path: str | os.PathLike[str], progress: Progress = None) -> V
     return VolumeData(array, place(directions * spacing, origin))
 
 
-def write_metaimage(
-    path: str | os.PathLike[str], data: VolumeData, progress: Progress = None
-) -> None:
+def write_metaimage(path: str | os.PathLike[str], data: VolumeData, progress: Progress = None) -> None:
     """Write a .mha in LPS."""
     matrix = in_space(data, "LPS").world_from_voxel
     spacing, directions = spacing_and_directions(matrix)

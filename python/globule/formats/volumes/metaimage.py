@@ -131,12 +131,7 @@ def _layout(path: Any, fields: dict[str, str]) -> tuple[tuple[int, ...], np.dtyp
 
 
 def _data(
-    path: Any,
-    file: IO[bytes],
-    fields: dict[str, str],
-    shape: tuple[int, ...],
-    dtype: np.dtype,
-    progress: Progress,
+    path: Any, file: IO[bytes], fields: dict[str, str], shape: tuple[int, ...], dtype: np.dtype, progress: Progress
 ) -> np.ndarray:
     skip = fields.get("HeaderSize", "0")
     if skip not in ("0", "-1"):

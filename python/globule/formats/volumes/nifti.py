@@ -19,7 +19,7 @@ from ..size import bytes_of, check_size
 from .geometry import VolumeData, in_space, plain
 from .raw import LONGEST_HEADER
 
-_MILLIMETRES = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
+_MILLIMETERS = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
 _HEADER_1, _HEADER_2 = 348, 540  # bytes, of NIfTI-1 and NIfTI-2
 _LARGEST_SIDE = 32767  # voxels, of NIfTI-1
 
@@ -77,7 +77,7 @@ def read(path: str | os.PathLike[str]) -> VolumeData:
     if slope is not None and (slope, intercept) != (1, 0):
         values = values * np.float64(slope) + intercept
     affine = np.array(affine, np.float64)
-    affine[:3] *= _MILLIMETRES[unit]
+    affine[:3] *= _MILLIMETERS[unit]
     return VolumeData(values, affine, "RAS")
 
 

@@ -48,9 +48,7 @@ def write(path: str | os.PathLike[str], data: VolumeData) -> None:
     arrays = {"values": data.values, **data.maps}
     if os.fspath(path).lower().endswith(".sparse.npz"):
         arrays = _sparse(arrays)
-    write_arrays(
-        path, {"world_from_voxel": data.world_from_voxel, "space": np.array(data.space), **arrays}
-    )
+    write_arrays(path, {"world_from_voxel": data.world_from_voxel, "space": np.array(data.space), **arrays})
 
 
 def _sparse(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -74,9 +72,7 @@ def _sparse(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return packed
 
 
-def _dense(
-    path: Any, arrays: dict[str, np.ndarray], held: dict[str, np.ndarray]
-) -> dict[str, np.ndarray]:
+def _dense(path: Any, arrays: dict[str, np.ndarray], held: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     sizes, blocks = arrays.get("shape", np.empty(0)), arrays["blocks"]
     if not (sizes.shape == (3,) and sizes.dtype.kind in "iu" and (sizes > 0).all()):
         raise bad(path, "shape", f"expected three sizes, got {sizes.dtype} {sizes.shape}")

@@ -130,12 +130,7 @@ def _layout(path: Any, fields: dict[str, str]) -> tuple[tuple[int, ...], np.dtyp
 
 
 def _data(
-    path: Any,
-    file: IO[bytes],
-    fields: dict[str, str],
-    shape: tuple[int, ...],
-    dtype: np.dtype,
-    progress: Progress,
+    path: Any, file: IO[bytes], fields: dict[str, str], shape: tuple[int, ...], dtype: np.dtype, progress: Progress
 ) -> np.ndarray:
     for name in ("byte skip", "byteskip", "line skip", "lineskip"):
         if fields.get(name, "0") != "0":

@@ -29,12 +29,7 @@ class RawImage(NamedTuple):
 
 def beside(path: str | os.PathLike[str], field: str, name: str) -> IO[bytes]:
     """Open the data's file that a header names in `field`. Raises FormatError if there is none."""
-    if (
-        not name
-        or os.path.basename(name) != name
-        or name.upper().startswith("LIST")
-        or "\0" in name
-    ):
+    if not name or os.path.basename(name) != name or name.upper().startswith("LIST") or "\0" in name:
         raise bad(path, field, f"expected one file of the same folder, got {shown(name)}")
     place = os.path.join(os.path.dirname(str(path)), name)
     if not os.path.isfile(place):
@@ -86,9 +81,7 @@ def deflated(array: np.ndarray, window_bits: int, progress: Progress = None) -> 
     yield packer.flush()
 
 
-def _inflate(
-    path: Any, file: IO[bytes], into: memoryview, left: int, window_bits: int, progress: Progress
-) -> None:
+def _inflate(path: Any, file: IO[bytes], into: memoryview, left: int, window_bits: int, progress: Progress) -> None:
     """Fill `into` with all that the rest of the file, `left` bytes, unpacks to."""
     size, end = len(into), file.tell() + left
     data = Inflated(file, window_bits)

@@ -48,9 +48,7 @@ class PiecesFrame(Frame):
 
     def pick(self, column: int, row: int) -> Any:
         """Not for scenes in pieces."""
-        raise ValueError(
-            "pick: expected one scene, got pieces; frame.position has the places of the hits"
-        )
+        raise ValueError("pick: expected one scene, got pieces; frame.position has the places of the hits")
 
     def attribute(self, values: Any) -> np.ndarray:
         """Not for scenes in pieces: give `color_by` to `Pieces`."""
@@ -156,13 +154,7 @@ def render_pieces(
 class Job:
     """One image: which rays go through which pieces."""
 
-    def __init__(
-        self,
-        layers: Sequence[Layer],
-        camera: Camera | None,
-        size: tuple[int, int],
-        settings: RenderSettings,
-    ):
+    def __init__(self, layers: Sequence[Layer], camera: Camera | None, size: tuple[int, int], settings: RenderSettings):
         self.layers, self.size, self.settings = layers, size, settings
         pieces = [x.scene for x in layers if isinstance(x.scene, Pieces)]
         self.ranks = next((p.ranks for p in pieces if p.ranks.size > 1), pieces[0].ranks)
@@ -263,9 +255,7 @@ class Job:
         return np.broadcast_to(found, len(o)) if one_eye else found
 
 
-def put_owned(
-    hits: Hits, scene: Pieces, piece: int, rays: Rays, found: tuple[Any, Any, Any], layer: int
-) -> None:
+def put_owned(hits: Hits, scene: Pieces, piece: int, rays: Rays, found: tuple[Any, Any, Any], layer: int) -> None:
     """Keep a piece's hits in its own cells: for rays that begin outside of the medium and weights
     of at least 0 the first of all pieces' is the whole scene's. rays(numbers): their origins and
     directions; `found` is the caller's no more."""

@@ -26,9 +26,7 @@ class Spokesman(SceneBase):
 
     def __init__(self, pieces: Pieces, answers: Answers):
         low, high = pieces.bounds()
-        super().__init__(
-            np.empty((0, 3), np.float32), support=1.0, bounds=(low, high), **pieces._options
-        )
+        super().__init__(np.empty((0, 3), np.float32), support=1.0, bounds=(low, high), **pieces._options)
         self.surface, self.kernel = pieces.surface, pieces.kernel
         self._kernel, self.threshold = KERNELS.index(pieces.kernel), pieces.threshold
         self.answers = answers

@@ -39,9 +39,7 @@ def rays_of(
     return origins, directions
 
 
-def _core_rays(
-    camera: Camera, size: tuple[int, int], pixels: np.ndarray, sample: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _core_rays(camera: Camera, size: tuple[int, int], pixels: np.ndarray, sample: int) -> tuple[np.ndarray, np.ndarray]:
     """`rays_of` with the core's roundings, where it fuses products and sums (not in x86-64-v2)."""
     one, half, two = np.float32(1), np.float32(0.5), np.float32(2)
     column, row = (pixels % size[0]).astype(np.float32), (pixels // size[0]).astype(np.float32)
@@ -65,11 +63,7 @@ def _fused(a: np.ndarray, b: Any, c: Any) -> np.ndarray:
 
 
 def shade(
-    hits: Hits,
-    origins: np.ndarray,
-    directions: np.ndarray,
-    settings: RenderSettings,
-    materials: Sequence[Material],
+    hits: Hits, origins: np.ndarray, directions: np.ndarray, settings: RenderSettings, materials: Sequence[Material]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Light (K, 3) float32, linear, and the same as displayed, i.e. with exposure and tone curve,
     before the transfer curve: (K, 3)."""
@@ -94,9 +88,7 @@ def _surface(
     n = hits.normal[at]
     behind = np.einsum("ij,ij->i", n, d) > 0
     n = np.where(behind[:, None], -n, n)
-    albedo = (
-        hits.albedo[at] if m.color is None else np.array(three("color", m.color, 0.0), np.float32)
-    )
+    albedo = hits.albedo[at] if m.color is None else np.array(three("color", m.color, 0.0), np.float32)
     specular = s.specular if m.specular is None else m.specular
     shininess = s.shininess if m.shininess is None else m.shininess
     light = np.array(three("ambient", s.ambient, 0.0), np.float32) * albedo * np.ones_like(n)
@@ -113,21 +105,15 @@ def _surface(
         half = towards - d
         half = half / np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-30)
         shine = specular * np.maximum(np.einsum("ij,ij->i", n, half), 0) ** np.float32(shininess)
-        lit = np.array(three("radiance", one.radiance, 0.0), np.float32) * (
-            albedo * cosine[:, None] + shine[:, None]
-        )
+        lit = np.array(three("radiance", one.radiance, 0.0), np.float32) * (albedo * cosine[:, None] + shine[:, None])
         light += np.where(cosine[:, None] > 0, lit, 0)
     if m.absorption is not None:
-        through = np.exp(
-            -np.array(three("absorption", m.absorption, 0.0), np.float32) * hits.t[at, None]
-        )
+        through = np.exp(-np.array(three("absorption", m.absorption, 0.0), np.float32) * hits.t[at, None])
         light = np.where(behind[:, None], light * through, light)
     return light
 
 
-def edges(
-    hits: Hits, camera: Camera, size: tuple[int, int], picture: np.ndarray | None
-) -> np.ndarray:
+def edges(hits: Hits, camera: Camera, size: tuple[int, int], picture: np.ndarray | None) -> np.ndarray:
     """Pixels beside a jump of distance, normal, layer or color: their numbers (K,).
 
     picture: (n, 3) uint8 where contrasts count; None: they do not.

@@ -75,10 +75,7 @@ class Wavefront:
         scenes = [list(spread.pieces.here().values()) for spread in self.layers.values()]
         builds = [scene.builds for part in scenes for scene in part]
         if self._builds not in (None, builds):
-            raise ValueError(
-                "refine: expected the scene as it was rendered, but it was updated since: "
-                "render it again"
-            )
+            raise ValueError("refine: expected the scene as it was rendered, but it was updated since: render it again")
         self._builds = builds
         try:
             made = make()
@@ -122,9 +119,7 @@ class Wavefront:
         offset = np.zeros(n, np.float32)
         far = np.flatnonzero(enter > FAR * partition.space.margin)
         offset[far] = rows[far, FROM]
-        rows[far, RAY : RAY + 3] = (o[far] + offset[far, None].astype(np.float64) * d[far]).astype(
-            np.float32
-        )
+        rows[far, RAY : RAY + 3] = (o[far] + offset[far, None].astype(np.float64) * d[far]).astype(np.float32)
         rows[far, FROM] = 0
         rows[far, DISTANCE] -= offset[far]
         rows[:, NUMBER] = bits(np.arange(n))
@@ -229,9 +224,7 @@ class Wavefront:
                 self._out.setdefault(int(rank), []).append(some)
 
 
-def march_part(
-    spread: Spread, scene: SceneBase, rows: np.ndarray, leave: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def march_part(spread: Spread, scene: SceneBase, rows: np.ndarray, leave: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rays through one piece's cells: which have met something, and their answers; the others'
     rows go on."""
     n, margin = len(rows), spread.pieces.partition.space.margin
@@ -275,9 +268,7 @@ def occlude_part(
     return done, answers_of(rows[done], None)
 
 
-def answers_of(
-    rows: np.ndarray, t: np.ndarray | None, cap: Any = -1, looks: Any = 0.0
-) -> np.ndarray:
+def answers_of(rows: np.ndarray, t: np.ndarray | None, cap: Any = -1, looks: Any = 0.0) -> np.ndarray:
     """Answers to rays: at t; None: they have met nothing, or what is left of their light."""
     out = np.zeros((len(rows), WIDTH), np.float32)
     what = whole_numbers(rows[:, WHAT])
@@ -289,9 +280,7 @@ def answers_of(
     return out
 
 
-def skip_empty(
-    partition: Partition, held: np.ndarray, o: Any, d: Any, start: Any, last: Any, waiting: Any
-) -> None:
+def skip_empty(partition: Partition, held: np.ndarray, o: Any, d: Any, start: Any, last: Any, waiting: Any) -> None:
     """Rays that wait for pieces without particles go on to the next one, in place."""
     while True:
         k = np.flatnonzero((waiting >= 0) & ~held[waiting])

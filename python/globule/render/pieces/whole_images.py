@@ -8,9 +8,7 @@ from ... import _core
 from ..._base.ranks import Alone
 
 
-def nearest_image(
-    ranks: Alone, depth: np.ndarray, picture: np.ndarray
-) -> tuple[np.ndarray, np.ndarray] | None:
+def nearest_image(ranks: Alone, depth: np.ndarray, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """The image of all ranks' pieces, on rank 0; elsewhere None.
 
     For eyes outside, weights of at least 0, no cuts, one sample a pixel and light that makes no

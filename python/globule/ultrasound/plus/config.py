@@ -16,13 +16,7 @@ from ...formats.xml import parse_xml
 INTERPOLATIONS = ("NEAREST_NEIGHBOR", "LINEAR")
 OPTIMIZATIONS = ("NONE", "PARTIAL", "FULL")
 COMPOUNDINGS = ("LATEST", "MAXIMUM", "MEAN", "IMPORTANCE_MASK")
-FILLERS = (
-    "GAUSSIAN",
-    "GAUSSIAN_ACCUMULATION",
-    "DISTANCE_WEIGHT_INVERSE",
-    "NEAREST_NEIGHBOR",
-    "STICK",
-)
+FILLERS = ("GAUSSIAN", "GAUSSIAN_ACCUMULATION", "DISTANCE_WEIGHT_INVERSE", "NEAREST_NEIGHBOR", "STICK")
 
 LEAST_SPACING, MOST_SPACING = 1e-6, 1e6  # mm, of voxels
 
@@ -106,10 +100,7 @@ def read_plus_config(path: str | os.PathLike[str]) -> PlusConfig:
     read.into(config, "interpolation", read.choice("Interpolation", INTERPOLATIONS))
     read.into(config, "optimization", read.choice("Optimization", OPTIMIZATIONS))
     config.compounding = _compounding(read)
-    for name, attribute in (
-        ("clip_origin", "ClipRectangleOrigin"),
-        ("clip_size", "ClipRectangleSize"),
-    ):
+    for name, attribute in (("clip_origin", "ClipRectangleOrigin"), ("clip_size", "ClipRectangleSize")):
         value = read.numbers(attribute, 2)
         read.into(config, name, value and tuple(int(v) for v in value))
     read.into(config, "fan_angles", read.numbers("FanAngles", 2))
@@ -127,9 +118,7 @@ def read_plus_config(path: str | os.PathLike[str]) -> PlusConfig:
     read.into(config, "recompute_spacing", read.flag("RecomputeOutputSpacing", "TRUE", "FALSE"))
     read.into(config, "fill_holes", read.flag("FillHoles", "ON", "OFF"))
     if config.fill_holes:
-        config.fillers = [
-            _filler(path, e) for e in found[0].iter() if e.tag.lower() == "holefillingelement"
-        ]
+        config.fillers = [_filler(path, e) for e in found[0].iter() if e.tag.lower() == "holefillingelement"]
         if not config.fillers:
             raise read.bad("FillHoles", "expected a HoleFillingElement for ON, got none")
     name = found[0].get("ImportanceMaskFilename")

@@ -52,9 +52,7 @@ def _round(x: float) -> int:
     return int(x + (0.5 if x >= 0 else -0.5))
 
 
-def _widest(
-    angles: list[float], values: np.ndarray, config: PlusConfig, high: float
-) -> tuple[float, float]:
+def _widest(angles: list[float], values: np.ndarray, config: PlusConfig, high: float) -> tuple[float, float]:
     """The widest run in which at least half of a moving window is bright."""
     n = 2 * config.detect_radius
     bright = np.concatenate(([0], np.cumsum(values >= config.detect_brightness)))

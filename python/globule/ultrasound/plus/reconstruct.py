@@ -22,14 +22,7 @@ from ..._base.memory import free_bytes as free_host_bytes
 from ...volumes.volume import Volume
 from ..grid import VoxelGrid, check_memory
 from ..region import read_mask
-from .config import (
-    COMPOUNDINGS,
-    FILLERS,
-    INTERPOLATIONS,
-    OPTIMIZATIONS,
-    PlusConfig,
-    read_plus_config,
-)
+from .config import COMPOUNDINGS, FILLERS, INTERPOLATIONS, OPTIMIZATIONS, PlusConfig, read_plus_config
 from .fan import detect_fan
 from .region import pixel_sources
 
@@ -83,27 +76,19 @@ def reconstruct_plus(
     chosen = choose(device)
     core = _core.Reconstructor(chosen.backend, chosen.index, thread_count(threads))
     grid = VoxelGrid(np.array(origin), min(spacing), tuple(size))
-    bytes_each = 2 * (
-        2 * frames.itemsize + 3
-    )  # values, filled, accumulator, origin; here and there
+    bytes_each = 2 * (2 * frames.itemsize + 3)  # values, filled, accumulator, origin; here and there
     needed = check_memory(
-        lambda times: grid.coarser(times).n_voxels * bytes_each,
-        core.free_bytes() or free_host_bytes(),
-        grid,
+        lambda times: grid.coarser(times).n_voxels * bytes_each, core.free_bytes() or free_host_bytes(), grid
     )
 
     kept = [f for f in range(0, len(frames), config.skip) if sweep.valid[f]]
-    found = [
-        detect_fan(config, frames[f]) if config.detect_fan else config.fan_angles for f in kept
-    ]
+    found = [detect_fan(config, frames[f]) if config.detect_fan else config.fan_angles for f in kept]
     kept = [f for f, a in zip(kept, found, strict=True) if a is not None]
     angles = [a for a in found if a is not None]
     distinct = sorted(set(angles)) or [config.fan_angles]
     sources = np.stack([pixel_sources(config, (h, w), a, mask) for a in distinct])
     mask_of_frame = np.array([distinct.index(a) for a in angles], np.uint32)
-    matrices = _voxel_from_image(
-        [sweep.world_from_image[f].tolist() for f in kept], origin, spacing
-    )
+    matrices = _voxel_from_image([sweep.world_from_image[f].tolist() for f in kept], origin, spacing)
 
     if not np.isfinite(matrices).all():
         raise ValueError("poses: expected places that float64 holds in voxels, got others")
@@ -157,10 +142,7 @@ def _box(config: PlusConfig, poses: list, shape: tuple[int, int], extent: str) -
         (cx, cy), (dx, dy) = config.clip_origin, config.clip_size
         x0, x1, y0, y1 = max(x0, cx), min(x1, cx + dx), max(y0, cy), min(y1, cy + dy)
     places = [
-        [m[k][0] * x + m[k][1] * y + m[k][3] for k in range(3)]
-        for m in poses
-        for x in (x0, x1)
-        for y in (y0, y1)
+        [m[k][0] * x + m[k][1] * y + m[k][3] for k in range(3)] for m in poses for x in (x0, x1) for y in (y0, y1)
     ]
     lo, hi = np.min(places, axis=0).tolist(), np.max(places, axis=0).tolist()
     spacing = list(config.spacing)
@@ -179,9 +161,7 @@ def _importance(config: PlusConfig, mask: Any, shape: tuple[int, int]) -> np.nda
         return None
     if mask is None:
         if config.importance_file is None:
-            raise ValueError(
-                "importance_mask: CompoundingMode is IMPORTANCE_MASK, expected a mask, got none"
-            )
+            raise ValueError("importance_mask: CompoundingMode is IMPORTANCE_MASK, expected a mask, got none")
         mask = read_mask(config.importance_file)
     mask = np.ascontiguousarray(mask, np.uint8)
     if mask.shape != shape:
@@ -206,10 +186,7 @@ def _voxel_from_image(poses: list, origin: list, spacing: list) -> np.ndarray:
 
 def _product(a: list, b: list) -> list:
     return [
-        [
-            a[i][0] * b[0][k] + a[i][1] * b[1][k] + a[i][2] * b[2][k] + a[i][3] * b[3][k]
-            for k in range(4)
-        ]
+        [a[i][0] * b[0][k] + a[i][1] * b[1][k] + a[i][2] * b[2][k] + a[i][3] * b[3][k] for k in range(4)]
         for i in range(4)
     ]
 

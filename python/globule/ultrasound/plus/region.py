@@ -12,10 +12,7 @@ TWICE = 1 << 30
 
 
 def pixel_sources(
-    config: PlusConfig,
-    shape: tuple[int, int],
-    angles: tuple[float, float],
-    importance: np.ndarray | None,
+    config: PlusConfig, shape: tuple[int, int], angles: tuple[float, float], importance: np.ndarray | None
 ) -> np.ndarray:
     """For each image position the pixel that PLUS inserts there.
 
@@ -71,9 +68,7 @@ def _ceil(x: float) -> int:
     return -_floor(-x)
 
 
-def _unoptimized(
-    config: PlusConfig, shape: tuple[int, int], angles: tuple[float, float]
-) -> np.ndarray:
+def _unoptimized(config: PlusConfig, shape: tuple[int, int], angles: tuple[float, float]) -> np.ndarray:
     """(H, W) bool, the test per pixel of optimisation NONE."""
     x0, x1, y0, y1 = _clip(config, shape)
     j, i = np.indices(shape)

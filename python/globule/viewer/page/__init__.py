@@ -10,20 +10,7 @@ from ..desk import Desk
 from ..log import log
 from ..markdown import plain
 from ..roles import Roles
-from . import (
-    color,
-    cuts,
-    help,
-    look,
-    notes,
-    play,
-    save,
-    statistics,
-    surface,
-    tools,
-    volume,
-    widgets,
-)
+from . import color, cuts, help, look, notes, play, save, statistics, surface, tools, volume, widgets
 from . import view as view_panel
 
 WELCOME = (
@@ -83,11 +70,7 @@ class Page:
     def paint(self, gui: Any, dark: bool = False) -> None:
         """The theme of the page, of all browsers or of one; gui: `viser.GuiApi`."""
         gui.configure_theme(
-            show_logo=False,
-            show_share_button=False,
-            control_width="medium",
-            brand_color=(26, 76, 134),
-            dark_mode=dark,
+            show_logo=False, show_share_button=False, control_width="medium", brand_color=(26, 76, 134), dark_mode=dark
         )
 
     def _keep_ticking(self) -> None:

@@ -39,9 +39,7 @@ class Color(Panel):
     def build(self) -> None:
         """Make the widgets."""
         names = (NONE, *self.viewer.source.color_names())
-        by: Any = self.add(
-            "color", "by", options=names, none=NONE, also=lambda: self._opaque(by.value)
-        )
+        by: Any = self.add("color", "by", options=names, none=NONE, also=lambda: self._opaque(by.value))
         self.add("color", "colormap")
         automatic: Any = self.add(
             "color", "automatic", also=lambda: {} if automatic.value else self._shown("low", "high")

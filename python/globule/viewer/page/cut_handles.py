@@ -72,9 +72,7 @@ class CutHandles:
                 handle.visible = on and free
                 if self._dragged is handle:  # its end is not reported
                     self._dragged = None
-            if handle is not self._dragged and not np.allclose(
-                handle.position, place(at), atol=1e-6
-            ):
+            if handle is not self._dragged and not np.allclose(handle.position, place(at), atol=1e-6):
                 handle.position = place(at)
         normal = np.asarray(cuts.normal) / (np.linalg.norm(cuts.normal) or 1)
         turned = not np.allclose(SO3(self.plane.wxyz).as_matrix()[:, 0], normal, atol=1e-5)

@@ -25,9 +25,7 @@ class CutPanel(Panel):
         cuts, plain = self.state.cuts, type(self.state.cuts)()
         if cuts == plain:  # no file was loaded
             self._begin()
-        self.gui.add_markdown(
-            "Switch on a plane, box or sphere, then drag its handles in the image."
-        )
+        self.gui.add_markdown("Switch on a plane, box or sphere, then drag its handles in the image.")
         self.add("cuts", "plane")
         faces = self.gui.add_button_group("Faces", ("x", "y", "z", "view", "flip"), hint=FACES)
         faces.on_click(self.safe(self._face))

@@ -7,9 +7,7 @@ from typing import Any
 from ..picture import preset_look
 from .panel import Panel
 
-_OF_PRESETS = (
-    "matter", "lights", "sky", "ground", "shadows", "bounces", "ambient_rays", "exposure"
-)  # fmt: skip
+_OF_PRESETS = ("matter", "lights", "sky", "ground", "shadows", "bounces", "ambient_rays", "exposure")
 
 
 class LookPanel(Panel):

@@ -37,9 +37,7 @@ class Panel:
     def build(self) -> None:
         """Make the widgets."""
 
-    def button(
-        self, label: str, called: Any, hint: str = "", private: bool = False, key: str = ""
-    ) -> Any:
+    def button(self, label: str, called: Any, hint: str = "", private: bool = False, key: str = "") -> Any:
         """A button; `called` gets the browser (`viser.ClientHandle`) in which it was pressed.
 
         private: it changes only this browser's view, so that those who look may press it.

@@ -64,9 +64,7 @@ class Save(Panel):
         self.cancel_button.visible = False
         with gui.add_folder("All settings", expand_by_default=False):
             self.button("Save settings", self.save_state, "As a TOML file", True)
-            self.upload = gui.add_upload_button(
-                "Load settings", mime_type=".toml,text/plain", hint=LOAD
-            )
+            self.upload = gui.add_upload_button("Load settings", mime_type=".toml,text/plain", hint=LOAD)
             self.upload.on_upload(self.safe(self._load))
             hint = "Both make the same image"
             self.button("As command and Python", self.show_equivalent, hint, True)
@@ -77,9 +75,7 @@ class Save(Panel):
         """(width, height), pixels. Raises ValueError."""
         match = re.fullmatch(r"\s*(\d{1,5})\s*[x×,]\s*(\d{1,5})\s*", self.size.value)
         if not match:
-            raise ValueError(
-                f"Size: expected WIDTHxHEIGHT such as {FIRST_SIZE}, got {self.size.value!r}"
-            )
+            raise ValueError(f"Size: expected WIDTHxHEIGHT such as {FIRST_SIZE}, got {self.size.value!r}")
         return checked_size((match[1], match[2]))
 
     def chosen_extension(self) -> str:
@@ -100,9 +96,9 @@ class Save(Panel):
             browser,
             "Image",
             f"globule{extension}",
-            lambda progress: Shot(
-                self.viewer.engine, client.camera, size, samples, client.marks, progress
-            ).encoded(extension),
+            lambda progress: Shot(self.viewer.engine, client.camera, size, samples, client.marks, progress).encoded(
+                extension
+            ),
         )
 
     def turntable(self, browser: Any) -> None:
@@ -118,9 +114,7 @@ class Save(Panel):
 
         self._make(browser, "Turntable", "turntable.mp4", made)
 
-    def _make(
-        self, browser: Any, title: str, name: str, made: Callable[[Callable[[float], None]], bytes]
-    ) -> None:
+    def _make(self, browser: Any, title: str, name: str, made: Callable[[Callable[[float], None]], bytes]) -> None:
         """Make the bytes of a file with a note about the progress; give them to the browser."""
         key = browser.client_id
         with self._lock:
@@ -190,8 +184,7 @@ class Save(Panel):
         if len(content) > MOST_BYTES:
             raise ValueError(f"settings: expected at most {MOST_BYTES} bytes, got {len(content)}")
         camera = self.state.load_toml(
-            content.decode("utf-8"),
-            lambda key, value: self.page.binder.nearest(event.client, key, value),
+            content.decode("utf-8"), lambda key, value: self.page.binder.nearest(event.client, key, value)
         )
         if camera is not None:
             self.viewer.move(event.client, camera)

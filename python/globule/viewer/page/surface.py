@@ -38,14 +38,7 @@ class SurfacePanel(Panel):
             also=self._stay,
         )
         unit = viewer.source.unit and f", {viewer.source.unit}"
-        self.add(
-            "surface",
-            "support",
-            label=f"Support{unit}",
-            least=0.25 * support,
-            most=4 * support,
-            usual=support,
-        )
+        self.add("surface", "support", label=f"Support{unit}", least=0.25 * support, most=4 * support, usual=support)
         self.add("surface", "shape")
         self.add("surface", "kernel")
         self.add("surface", "root")

@@ -75,10 +75,7 @@ class Hand:
         self._seen: tuple[Any, np.ndarray] | None = None
         with tools.folder:
             self.choice = browser.gui.add_dropdown(
-                "Mouse tool",
-                self.choices,
-                initial_value=ROTATE,
-                hint="Key T selects the next tool",
+                "Mouse tool", self.choices, initial_value=ROTATE, hint="Key T selects the next tool"
             )
             self.text = browser.gui.add_markdown(HINT)
         caught = safe(self.page)
@@ -151,9 +148,7 @@ class Hand:
         if self.tool == MEASURE and len(self.picked) == 2:
             a, b = (np.asarray(p.position, np.float64) for p in self.picked)
             distance = float(np.linalg.norm(b - a))
-            self.text.content = (
-                f"**Distance {distance:.6g}{self.unit}**  \nfrom {_words(a)} to {_words(b)}"
-            )
+            self.text.content = f"**Distance {distance:.6g}{self.unit}**  \nfrom {_words(a)} to {_words(b)}"
             self._keep_line(a, b)
             return
         x, y, z = (float(v) for v in found.position)
@@ -209,10 +204,7 @@ class Hand:
     @staticmethod
     def _pixel(frame: Any, screen: tuple[float, float]) -> tuple[int, int]:
         width, height = frame.size
-        return (
-            int(np.clip(screen[0] * width, 0, width - 1)),
-            int(np.clip(screen[1] * height, 0, height - 1)),
-        )
+        return (int(np.clip(screen[0] * width, 0, width - 1)), int(np.clip(screen[1] * height, 0, height - 1)))
 
     # Strokes
 

@@ -26,9 +26,7 @@ class VolumePanel(Panel):
         self.add("slices", "surface")
         self.add("slices", "open")
         source = self.viewer.source
-        self.level = self.add(
-            "slices", "level", least=source.least_level, most=source.most_level, usual=source.level
-        )
+        self.level = self.add("slices", "level", least=source.least_level, most=source.most_level, usual=source.level)
         if source.n_sweep_frames:
             self.add("slices", "frame")
             self.add("slices", "number", most=max(1, source.n_sweep_frames - 1))

@@ -10,16 +10,7 @@ from typing import Any
 
 from viser import GuiSliderHandle
 
-from ..._base.settings import (
-    Choice,
-    Number,
-    Setting,
-    Switch,
-    Text,
-    Vector,
-    Whole,
-    sentence,
-)  # fmt: skip
+from ..._base.settings import Choice, Number, Setting, Switch, Text, Vector, Whole, sentence
 from ..state import FAR, State, field_of
 
 WIDGETS: dict[str, Any] = {"switch": Switch, "whole": Whole, "real": Number, "triple": Vector,
@@ -179,10 +170,7 @@ def facts_of(one: Setting) -> dict[str, Any]:
     name = next(name for name, kinds in WIDGETS.items() if isinstance(one.kind, kinds))
     number = one.kind.each if name == "triple" else one.kind
     least, most = one.slider or (getattr(number, "least", None), getattr(number, "most", None))
-    facts: dict[str, Any] = {
-        "kind": name,
-        "label": one.label or sentence(one.name.replace("_", " ")),
-    }
+    facts: dict[str, Any] = {"kind": name, "label": one.label or sentence(one.name.replace("_", " "))}
     facts |= {"hint": sentence(one.brief), "options": one.kind.choices or ()}
     facts |= {"least": least, "most": most}
     return facts | ({"step": one.step} if one.step else {})
