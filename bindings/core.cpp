@@ -1,4 +1,4 @@
-// globule._core: scenes, frames and the reference implementations.
+// globule._core: scenes and frames.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
@@ -11,8 +11,6 @@
 #include "arguments.hpp"
 #include "backends/open.hpp"
 #include "base/crc64.hpp"
-#include "oracle/field.hpp"
-#include "oracle/mesh.hpp"
 #include "picture.hpp"
 #include "pixels.hpp"
 
@@ -106,27 +104,6 @@ NB_MODULE(_core, m) {
             return nb::ndarray<>(
                 at<void>(data), shape.size(), shape.data(), owner, nullptr, dtype, nb::device::cuda::value, device);
         });
-    m.def("oracle_field", [](std::size_t n, Address positions, Address matrices, Address weight, int kernel,
-                              std::size_t m, Address points, Address value, Address gradient) {
-        work([&] {
-            oracle::field({n, at<float>(positions), at<double>(matrices), at<double>(weight), {KernelName(kernel)}}, m,
-                at<double>(points), at<double>(value), at<double>(gradient));
-        });
-    });
-    m.def("oracle_first_hit", [](std::size_t n, Address positions, Address matrices, Address weight, int kernel,
-                                  double tau, std::size_t m, Address origins, Address directions, Address t) {
-        work([&] {
-            oracle::first_hit({n, at<float>(positions), at<double>(matrices), at<double>(weight), {KernelName(kernel)}},
-                tau, m, at<float>(origins), at<float>(directions), at<double>(t));
-        });
-    });
-    m.def("oracle_mesh_first_hit", [](Address vertices, std::size_t n, Address faces, std::size_t m, Address origins,
-                                       Address directions, Address t, Address face, Address edge) {
-        work([&] {
-            oracle::mesh_first_hit(at<float>(vertices), n, at<std::uint32_t>(faces), m, at<float>(origins),
-                at<float>(directions), at<double>(t), at<std::uint32_t>(face), at<double>(edge));
-        });
-    });
     m.def("morton", [](int bits, const std::string& what, std::vector<std::uint64_t> args) -> nb::object {
         auto run = [&]<class Key>(Key) -> nb::object {
             using namespace morton;

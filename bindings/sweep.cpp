@@ -7,7 +7,6 @@
 
 #include "arguments.hpp"
 #include "backends/open.hpp"
-#include "oracle/sweep.hpp"
 
 using namespace globule::core;
 
@@ -82,27 +81,9 @@ nb::tuple plus(PyReconstructor& self, const nb::dict& d, const nb::list& fillers
 
 using Three = std::array<int, 3>;  ///< along x, y, z
 
-void oracle_sweep(const std::string& method, Address values, Address poses, Address mask,
-    const std::vector<int>& frames, const std::vector<int>& size, bool whole, int compounding, int reach, bool printed,
-    Address out, Address radius, Address distance) {
-    const oracle::SweepInput in{frames.at(0), frames.at(1), frames.at(2), at<const double>(values),
-        at<const std::int64_t>(poses), at<const std::uint8_t>(mask), {size.at(0), size.at(1), size.at(2)}, whole};
-    work([&] {
-        if (method == "vvn" || method == "vvn-om") {
-            oracle::gather(in, reach, printed, at<double>(out), at<std::uint8_t>(radius));
-            return;
-        }
-        std::vector<double> bins(std::size_t(in.size[0]) * in.size[1] * in.size[2]);
-        if (method == "bezier") oracle::bezier(in, bins.data(), at<double>(distance));
-        else oracle::bin(in, compounding, bins.data());
-        oracle::fill(in.size, whole, bins.data(), reach, printed, at<double>(out), at<std::uint8_t>(radius));
-    });
-}
-
 }  // namespace
 
 void bind_sweep(nb::module_& m) {
-    m.def("oracle_sweep", &oracle_sweep);
     nb::class_<PyReconstructor>(m, "Reconstructor")
         .def("__init__",
             [](PyReconstructor* self, const std::string& backend, int index, int threads) {

@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.."
 command -v nvcc > /dev/null || { echo "CUDA: nvcc is not installed, so not checked"; exit 0; }
 if nvidia-smi > /dev/null 2>&1; then exit 0; fi  # the build compiled them
 
-sources=$(find src include cmake CMakeLists.txt -type f ! -path 'src/api/*' ! -path 'src/oracle/*' ! -name 'cpu*.cpp' | LC_ALL=C sort)
+sources=$(find src include cmake CMakeLists.txt -type f ! -path 'src/api/*' ! -name 'cpu*.cpp' | LC_ALL=C sort)
 hash=$({ nvcc --version; cat $sources; } | sha256sum | cut -c 1-32)
 note=${XDG_CACHE_HOME:-${HOME:-/nonexistent}/.cache}/globule/cuda-passed/$hash
 done=build/cuda-checked/$hash

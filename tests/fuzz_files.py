@@ -361,7 +361,7 @@ def _exr() -> list[str]:
 
 
 def _read_picture(path: str) -> None:
-    image = gb.Environment(path)
+    image = gb.Environment(path).image
     assert image.shape[2:] == (3,)
     assert np.isfinite(image).all()
 

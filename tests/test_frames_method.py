@@ -6,7 +6,8 @@ import functools
 
 import numpy as np
 import pytest
-from globule.ultrasound import oracle, phantoms
+import sweep_oracle
+from globule.ultrasound import phantoms
 from globule.ultrasound.reconstruct import reconstruct
 from globule.ultrasound.sweep import Sweep
 from globule.ultrasound.trust import cross_validate
@@ -60,7 +61,7 @@ def two_hand_passes(spacing, masked):
         sweep.mask = (columns - 20) ** 2 + rows**2 < 30**2
         sweep.mask[14:18, 20:23] = False
     volume = reconstruct(sweep, spacing=spacing, device="cpu")
-    right = oracle.reconstruct(sweep, grid_of(volume), "frames")
+    right = sweep_oracle.reconstruct(sweep, grid_of(volume), "frames")
     return sweep, volume.world_from_voxel, *right
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from format_helpers import by_vtk
 from globule.measure import mesh as mesh_module
-from globule.scene import oracle
 from scenes import SPLASH, lattice
+
+import oracle
 
 pytest.importorskip("skimage", reason="pip install 'globule[measure]'")
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule import _core
-from globule._base.arrays import address
 from globule.render.fit import corners_of
 from light import CENTER, MIRROR, block, direction_sky, glass, quiet, rays, sky_of, unit
 from quick import every
 from test_light_cuts import CAMERAS, CUTS, changes, normal_of
+
+from oracle import mesh_first_hit
 
 SIZE = (48, 40)
 BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
@@ -40,17 +40,6 @@ def sphere(n: int, radius=1.0, center=(0.0, 0.0, 0.0)) -> tuple[np.ndarray, np.n
     last = 1 + 2 * n * (n - 2)
     faces += [np.c_[last + k, np.full(2 * n, len(vertices) - 1), last + j]]
     return vertices.astype(np.float32), np.concatenate(faces).astype(np.int64)
-
-
-def oracle(vertices, faces, o, d):
-    """Distance, face and nearness to an edge of the first hits, by brute force in float64."""
-    v, f = np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.uint32)
-    t, face, edge = np.empty(len(o)), np.empty(len(o), np.uint32), np.empty(len(o))
-    _core.oracle_mesh_first_hit(
-        address(v), len(f), address(f), len(o), address(o), address(d),
-        address(t), address(face), address(edge),
-    )  # fmt: skip
-    return t, face, edge
 
 
 def random_rays(n: int, seed: int, spread=2.0, at=0.9) -> tuple[np.ndarray, np.ndarray]:
@@ -84,7 +73,7 @@ def test_first_hits_are_those_of_brute_force(backend, name):
     mesh = gb.Mesh(vertices, faces, **backend)
     o, d = random_rays(30_000, 1)
     found = mesh.intersect(o, d)
-    t, face, edge = oracle(vertices, mesh.faces, o, d)
+    t, face, edge = mesh_first_hit(vertices, mesh.faces, o, d)
     differs = np.isfinite(t) != np.isfinite(found.distance)
     assert (edge[differs] < 1e-5).all()
     assert differs.sum() <= 3

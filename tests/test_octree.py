@@ -5,8 +5,9 @@ import functools
 import globule as gb
 import numpy as np
 import pytest
-from globule.scene import oracle
 from scenes import Case, cloud, lattice
+
+import oracle
 
 LEVELS = {32: 10, 64: 21}
 LEAF = 32  # a cell with more particles is split

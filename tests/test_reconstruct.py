@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import sweep_oracle
 from globule._base.device import choose
-from globule.ultrasound import oracle as sweep_oracle
 from globule.ultrasound import reconstruct as reconstruction
 from globule.ultrasound.grid import VoxelGrid
 from globule.ultrasound.options import METHODS

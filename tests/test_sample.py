@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from format_helpers import by_vtk
 from globule._base.checks import MissingPackageError
-from globule.scene import oracle
 from scenes import lattice
+
+import oracle
 
 POSITIONS = lattice(6, 5, 4, 0.1)
 

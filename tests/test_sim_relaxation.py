@@ -5,7 +5,8 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule.sim import materials, solids
+import solids
+from globule.sim import materials
 from globule.sim.bonds import build_bonds
 from sim_helpers import assert_same_state, check, jittered, reloaded
 from test_sim_solid import derivative

@@ -7,7 +7,8 @@ import itertools
 import globule as gb
 import numpy as np
 import pytest
-from globule.sim import materials, solids
+import solids
+from globule.sim import materials
 from globule.sim.bonds import build_bonds
 from globule.sim.tissue import Tissue
 from sim_helpers import check, jittered

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from globule.scene import oracle
+
+from tests import oracle
 
 TILE = 16  # pixels: an edge of the squares that are judged together
 WORK = 1e8  # particles looked at for all squares of an image

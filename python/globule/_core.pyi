@@ -4,23 +4,6 @@ from typing import Annotated
 import numpy
 from numpy.typing import NDArray
 
-def oracle_sweep(
-    arg0: str,
-    arg1: int,
-    arg2: int,
-    arg3: int,
-    arg4: Sequence[int],
-    arg5: Sequence[int],
-    arg6: bool,
-    arg7: int,
-    arg8: int,
-    arg9: bool,
-    arg10: int,
-    arg11: int,
-    arg12: int,
-    /,
-) -> None: ...
-
 class Reconstructor:
     def __init__(self, arg0: str, arg1: int, arg2: int, /) -> None: ...
     def start(self, arg0: int, arg1: int, arg2: bool, arg3: float, arg4: int, arg5: int, arg6: int, /) -> None: ...
@@ -201,15 +184,6 @@ def axes_of(arg0: int, arg1: int, /) -> list: ...
 def describe(arg0: str, arg1: int, /) -> tuple: ...
 def let_wait(arg0: int, arg1: int, /) -> None: ...
 def gpu_array(arg0: int, arg1: Sequence[int], arg2: int, arg3: int, arg4: int, arg5: object, /) -> NDArray: ...
-def oracle_field(
-    arg0: int, arg1: int, arg2: int, arg3: int, arg4: int, arg5: int, arg6: int, arg7: int, arg8: int, /
-) -> None: ...
-def oracle_first_hit(
-    arg0: int, arg1: int, arg2: int, arg3: int, arg4: int, arg5: float, arg6: int, arg7: int, arg8: int, arg9: int, /
-) -> None: ...
-def oracle_mesh_first_hit(
-    arg0: int, arg1: int, arg2: int, arg3: int, arg4: int, arg5: int, arg6: int, arg7: int, arg8: int, /
-) -> None: ...
 def morton(arg0: int, arg1: str, arg2: Sequence[int], /) -> object: ...
 
 class Frame:

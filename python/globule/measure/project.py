@@ -16,7 +16,6 @@ from ..data.particles import FARTHEST, Particles
 from ..fluids.likeness import assess_fluid
 from ..pieces.scene import Scene
 from ..render.camera import Camera
-from ..scene import oracle
 from .places import SamplePlane
 from .samples import Samples
 from .surface import box_of, default_spacing, in_blocks, measured_particles
@@ -115,12 +114,12 @@ def project(
 @functools.cache
 def kernel_volume(kernel: str) -> float:
     """The integral of a kernel of support 1 over all space."""
+    one = Scene(Particles([(0.0, 0.0, 0.0)]), support=1.0, kernel=kernel, device="cpu")
     x, weight = np.polynomial.legendre.leggauss(40)
     total = 0.0
     for lo, hi in ((0, 1 / 3), (1 / 3, 1 / 2), (1 / 2, 1)):  # between them all kernels are smooth
         q = lo + (hi - lo) * (x + 1) / 2
-        points = np.stack([q, 0 * q, 0 * q], axis=1)
-        b, _ = oracle.field(np.zeros((1, 3)), 1.0, 1.0, kernel, points)
+        b = one.field(np.stack([q, 0 * q, 0 * q], axis=1))
         total += (hi - lo) / 2 * float(np.sum(weight * b * 4 * np.pi * q * q))
     return total
 

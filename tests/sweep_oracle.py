@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-
-from .. import _core
-from .._base.arrays import address
-from ..volumes.volume import BEYOND, FAR
-from .grid import VoxelGrid
-from .neighbors import FramePath, interpolate
-from .options import COMPOUNDINGS, HOLE_WEIGHTS
-from .reconstruct import check_mask
+from globule.ultrasound.grid import VoxelGrid
+from globule.ultrasound.neighbors import FramePath, interpolate
+from globule.ultrasound.options import COMPOUNDINGS, HOLE_WEIGHTS
+from globule.ultrasound.reconstruct import check_mask
+from globule.volumes.volume import BEYOND, FAR
+from oracle.library import call
 
 
 def reconstruct(
@@ -38,21 +36,12 @@ def reconstruct(
     radius = np.empty(grid.size[::-1], np.uint8)
     reach = (max_kernel - 1) // 2
     distance = np.zeros(grid.size[::-1])
-    _core.oracle_sweep(
-        "pvn-om" if method == "frames" else method,
-        address(frames),
-        address(poses),
-        0 if mask is None else address(mask),
-        list(frames.shape),
-        list(grid.size),
-        whole,
-        COMPOUNDINGS.index(compounding),
-        0 if method == "frames" else reach,
-        HOLE_WEIGHTS.index(hole_weights) == 1,
-        address(values),
-        address(radius),
-        address(distance),
-    )
+    sizes = np.array(frames.shape, np.int32), np.array(grid.size, np.int32)
+    call(
+        "oracle_sweep", {"bezier": 1, "vvn": 2, "vvn-om": 2}.get(method, 0), frames, poses, mask, *sizes, whole,
+        COMPOUNDINGS.index(compounding), 0 if method == "frames" else reach, HOLE_WEIGHTS.index(hole_weights) == 1,
+        values, radius, distance,
+    )  # fmt: skip
     if method == "frames":
         gap = None if max_distance is None else 2 * max_distance / grid.spacing
         path = FramePath(frames, poses / 2.0**32, mask, gap)

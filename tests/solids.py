@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-
-from .bonds import Bonds
-from .materials import Elasticity
+from globule.sim.bonds import Bonds
+from globule.sim.materials import Elasticity
 
 STEADINESS = 4.5  # energy against zero-energy modes, shear moduli; src/sim/solid.hpp has the same
 LEAST_STEADY = 0.1  # of it, however much of the shear modulus relaxes; as there

@@ -1,12 +1,21 @@
-#include "oracle/sweep.hpp"
-
+// The reference for volumes from sweeps: float64, brute force, slow and obvious.
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <vector>
 
-namespace globule::core::oracle {
 namespace {
+
+/// Images as float64, with the poses that the fast paths use (32 fractional bits).
+struct SweepInput {
+    int n, height, width;
+    const double* values;       ///< (n, height, width)
+    const std::int64_t* poses;  ///< (n, 9): origin, column step, row step, voxels
+    const std::uint8_t* mask;   ///< (height, width) or null
+    int size[3];                ///< voxels x, y, z
+    bool whole;                 ///< values are rounded to integers, halves up
+};
 
 struct Point { double x, y, z, value; };
 
@@ -72,8 +81,7 @@ template <class Visit> void for_voxels(const int size[3], const Visit& visit) {
             for (int x = 0; x < size[0]; ++x) visit(x, y, z, place(size, x, y, z));
 }
 
-}  // namespace
-
+/// One value a voxel, NaN where no pixel falls; compounding as sweep::Compounding.
 void bin(const SweepInput& in, int compounding, double* out) {
     const auto all = lists(in);
     for (std::size_t i = 0; i < all.size(); ++i)
@@ -81,6 +89,8 @@ void bin(const SweepInput& in, int compounding, double* out) {
                                 : rounded(compound(all[i], compounding), in.whole);
 }
 
+/// Mean of samples along Bezier curves through pixels of four images, and each voxel's smallest distance of a sample
+/// from a pixel along an axis, voxels; 0 where a pixel lies in the voxel.
 void bezier(const SweepInput& in, double* out, double* distance) {
     const std::size_t n_voxels = std::size_t(in.size[0]) * in.size[1] * in.size[2];
     std::vector<double> sums(n_voxels), counts(n_voxels);
@@ -135,6 +145,7 @@ void bezier(const SweepInput& in, double* out, double* distance) {
         out[i] = counts[i] > 0 ? rounded(sums[i] / counts[i], in.whole) : std::numeric_limits<double>::quiet_NaN();
 }
 
+/// Fills NaN voxels from the smallest cube with a value; radius 0 measured, 255 still empty (value 0).
 void fill(
     const int size[3], bool whole, const double* bins, int reach, bool printed, double* out, std::uint8_t* radius) {
     for_voxels(size, [&](int x, int y, int z, std::size_t at) {
@@ -156,6 +167,7 @@ void fill(
     });
 }
 
+/// VVN: every voxel from the pixels in the smallest sphere (rho = radius + 1/2) that holds one.
 void gather(const SweepInput& in, int reach, bool printed, double* out, std::uint8_t* radius) {
     const auto all = lists(in);
     for_voxels(in.size, [&](int x, int y, int z, std::size_t at) {
@@ -177,4 +189,16 @@ void gather(const SweepInput& in, int reach, bool printed, double* out, std::uin
     });
 }
 
-}  // namespace globule::core::oracle
+}  // namespace
+
+/// method: 0 bins, 1 bezier, 2 voxel by voxel.
+extern "C" void oracle_sweep(int method, const double* values, const std::int64_t* poses, const std::uint8_t* mask,
+    const int frames[3], const int size[3], bool whole, int compounding, int reach, bool printed, double* out,
+    std::uint8_t* radius, double* distance) {
+    const SweepInput in{frames[0], frames[1], frames[2], values, poses, mask, {size[0], size[1], size[2]}, whole};
+    if (method == 2) return gather(in, reach, printed, out, radius);
+    std::vector<double> bins(std::size_t(size[0]) * size[1] * size[2]);
+    if (method == 1) bezier(in, bins.data(), distance);
+    else bin(in, compounding, bins.data());
+    fill(in.size, whole, bins.data(), reach, printed, out, radius);
+}

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from globule.scene.scene import KERNELS
 
-from .. import _core
-from .._base.arrays import address
-from .scene import KERNELS
+from .library import call
 
 
 def _particles(positions: Any, support: Any, weight: Any) -> tuple:
@@ -31,17 +30,7 @@ def field(positions: Any, support: Any, weight: Any, kernel: str, points: Any) -
     p, a, w = _particles(positions, support, weight)
     x = np.ascontiguousarray(points, np.float64)
     value, gradient = np.empty(len(x)), np.empty((len(x), 3))
-    _core.oracle_field(
-        len(p),
-        address(p),
-        address(a),
-        address(w),
-        KERNELS.index(kernel),
-        len(x),
-        address(x),
-        address(value),
-        address(gradient),
-    )
+    call("oracle_field", len(p), p, a, w, KERNELS.index(kernel), len(x), x, value, gradient)
     return value, gradient
 
 
@@ -53,19 +42,17 @@ def first_hit(
     o = np.ascontiguousarray(origins, np.float32).reshape(-1, 3)
     d = np.ascontiguousarray(directions, np.float32).reshape(-1, 3)
     t = np.empty(len(o))
-    _core.oracle_first_hit(
-        len(p),
-        address(p),
-        address(a),
-        address(w),
-        KERNELS.index(kernel),
-        float(np.float32(threshold)),
-        len(o),
-        address(o),
-        address(d),
-        address(t),
-    )
+    call("oracle_first_hit", len(p), p, a, w, KERNELS.index(kernel), float(np.float32(threshold)), len(o), o, d, t)
     return t
+
+
+def mesh_first_hit(vertices: Any, faces: Any, origins: Any, directions: Any) -> tuple[np.ndarray, ...]:
+    """Distance, face and nearness to an edge of the first hits on triangles, each (M,)."""
+    v, f = np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.uint32)
+    o, d = np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(directions, np.float32)
+    t, face, edge = np.empty(len(o)), np.empty(len(o), np.uint32), np.empty(len(o))
+    call("oracle_mesh_first_hit", v, len(f), f, len(o), o, d, t, face, edge)
+    return t, face, edge
 
 
 def neighbors(positions: Any, points: Any, radius: float) -> list[np.ndarray]:

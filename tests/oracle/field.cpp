@@ -1,10 +1,21 @@
-#include "oracle/field.hpp"
-
+// The reference for fields and their first hits: float64, brute force, slow and obvious.
 #include <algorithm>
 #include <vector>
 
-namespace globule::core::oracle {
+#include "base/vec.hpp"
+#include "field/kernels.hpp"
+
+namespace globule::core {
 namespace {
+
+/// The particles as float64 views.  Particle j adds weight b(|G (x - q)|); G is 0 where it reaches nothing.
+struct Particles {
+    std::size_t n;
+    const float* positions;
+    const double* matrices;  ///< (n, 6) xx yy zz xy xz yz; 1 / support on the diagonal: a ball
+    const double* weight;
+    AnyKernel kernel;
+};
 
 /// A particle on a ray, where its support is the unit ball: at v + e t.
 struct Ball {
@@ -56,7 +67,15 @@ double search(const std::vector<Ball>& all, const AnyKernel& kernel, double tau,
 
 }  // namespace
 
-void field(const Particles& p, std::size_t m, const double* points, double* value, double* gradient) {
+}  // namespace globule::core
+
+using namespace globule::core;
+
+/// f and grad f at m points.
+extern "C" void oracle_field(std::size_t n, const float* positions, const double* matrices, const double* weight,
+    int kernel, std::size_t m, const double* points, double* value, double* gradient) {
+    const Particles p{n, positions, matrices, weight, {KernelName(kernel)}};
+
 #pragma omp parallel for schedule(dynamic, 64)
     for (std::size_t i = 0; i < m; ++i) {
         double f = 0;
@@ -74,16 +93,17 @@ void field(const Particles& p, std::size_t m, const double* points, double* valu
             g = g + (m * w) * (p.weight[j] * slope * 2.0);
         }
         value[i] = f;
-        if (gradient) {
-            gradient[3 * i] = g.x;
-            gradient[3 * i + 1] = g.y;
-            gradient[3 * i + 2] = g.z;
-        }
+        gradient[3 * i] = g.x;
+        gradient[3 * i + 1] = g.y;
+        gradient[3 * i + 2] = g.z;
     }
 }
 
-void first_hit(
-    const Particles& p, double tau, std::size_t m, const float* origins, const float* directions, double* t) {
+/// Smallest t >= 0 with f(o + t d) = tau (directions need not have unit length; t counts them); infinity where there is
+/// none.
+extern "C" void oracle_first_hit(std::size_t n, const float* positions, const double* matrices, const double* weight,
+    int kernel, double tau, std::size_t m, const float* origins, const float* directions, double* t) {
+    const Particles p{n, positions, matrices, weight, {KernelName(kernel)}};
 #pragma omp parallel for schedule(dynamic, 16)
     for (std::size_t i = 0; i < m; ++i) {
         const Vec3<double> o{origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]};
@@ -144,5 +164,3 @@ void first_hit(
         t[i] += double(base);
     }
 }
-
-}  // namespace globule::core::oracle

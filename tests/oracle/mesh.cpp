@@ -1,15 +1,16 @@
-#include "oracle/mesh.hpp"
-
+// First hits of rays on triangles by brute force in float64 (Möller & Trumbore 1997).
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 
 #include "base/vec.hpp"
 
-namespace globule::core::oracle {
-
-void mesh_first_hit(const float* vertices, std::size_t n, const std::uint32_t* faces, std::size_t m,
+/// vertices (·, 3), faces (n, 3), origins and directions (m, 3); t (m,) infinite where missed; face (m,) the nearest's
+/// number, ties to the lower; edge (m,): how near the ray passes to any triangle's edge, as the smallest |barycentric
+/// coordinate| of a triangle that it meets or just misses.
+extern "C" void oracle_mesh_first_hit(const float* vertices, std::size_t n, const std::uint32_t* faces, std::size_t m,
     const float* origins, const float* directions, double* t, std::uint32_t* face, double* edge) {
-    using V = Vec3<double>;
+    using V = globule::core::Vec3<double>;
     const auto at = [](const float* p, std::size_t i) { return V{p[3 * i], p[3 * i + 1], p[3 * i + 2]}; };
 #pragma omp parallel for schedule(dynamic, 64)
     for (std::size_t i = 0; i < m; ++i) {
@@ -32,5 +33,3 @@ void mesh_first_hit(const float* vertices, std::size_t n, const std::uint32_t* f
         }
     }
 }
-
-}  // namespace globule::core::oracle
