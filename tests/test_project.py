@@ -7,12 +7,11 @@ import itertools
 
 import globule as gb
 import numpy as np
+import oracle
 import pytest
 from globule.measure.project import kernel_volume
 from quick import every
 from scenes import KERNELS, cloud, lattice, unit
-
-import oracle
 
 
 def quadrature(positions, matrices, values, kernel, origins, directions) -> np.ndarray:
