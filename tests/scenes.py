@@ -9,9 +9,8 @@ from typing import Any
 
 import globule as gb
 import numpy as np
-import pytest
-
 import oracle
+import pytest
 
 SPLASH = Path(__file__).resolve().parents[2] / "shared/data/particles/splash_117649.npz"
 KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2", "solid")

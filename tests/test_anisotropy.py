@@ -4,10 +4,9 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.cli import main
+from oracle import field, first_hit
 from PIL import Image
 from scenes import case, cloud, lattice, stretched_matrices
-
-from oracle import field, first_hit
 
 N = 400
 

@@ -2,11 +2,10 @@
 
 import globule as gb
 import numpy as np
+import oracle
 import pytest
 from globule.scene import scene as scene_module
 from scenes import KERNELS, Case, cloud, lattice
-
-import oracle
 
 # b(q), q = r / a, as in spec/2 with its errata; blinn is cut where it has fallen to 1e-5.
 FORMULAS = {

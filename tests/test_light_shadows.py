@@ -2,10 +2,9 @@
 
 import globule as gb
 import numpy as np
+import oracle
 import pytest
 from light import CAMERA, CENTER, ONE_SKY, RADIUS, ball, block, glass, meet_ball, quiet, rays, unit
-
-import oracle
 
 SIZE = (48, 40)
 ABOVE = gb.Camera((0.2, 5, 2.5), (0.2, -1, 0.2), fov=35)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import globule as gb
 import numpy as np
+import oracle
 import pytest
 from format_helpers import by_vtk
 from globule.measure import mesh as mesh_module
 from scenes import SPLASH, lattice
-
-import oracle
 
 pytest.importorskip("skimage", reason="pip install 'globule[measure]'")
 

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from globule.render.fit import corners_of
 from light import CENTER, MIRROR, block, direction_sky, glass, quiet, rays, sky_of, unit
+from oracle import mesh_first_hit
 from quick import every
 from test_light_cuts import CAMERAS, CUTS, changes, normal_of
-
-from oracle import mesh_first_hit
 
 SIZE = (48, 40)
 BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)

@@ -4,10 +4,9 @@ import functools
 
 import globule as gb
 import numpy as np
+import oracle
 import pytest
 from scenes import Case, cloud, lattice
-
-import oracle
 
 LEVELS = {32: 10, 64: 21}
 LEAF = 32  # a cell with more particles is split

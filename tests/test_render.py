@@ -2,12 +2,11 @@
 
 import globule as gb
 import numpy as np
+import oracle
 import pytest
 from light import CENTER, RADIUS, ball, meet_ball, rays
 from scenes import KERNELS, Case, case, cloud
 from test_field import FORMULAS
-
-import oracle
 
 CAMERAS = {
     "perspective": gb.Camera((2, 1.5, 3), (0, 0, 0), fov=35),

@@ -7,12 +7,11 @@ import warnings
 
 import globule as gb
 import numpy as np
+import oracle
 import pytest
 from format_helpers import by_vtk
 from globule._base.checks import MissingPackageError
 from scenes import lattice
-
-import oracle
 
 POSITIONS = lattice(6, 5, 4, 0.1)
 

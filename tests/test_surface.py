@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from format_helpers import DATA
 from globule.fluids.likeness import assess_fluid
+from oracle import first_hit
 from quick import every
 from scenes import lattice, unit
 
 from bench.tables.resting_pool import resting_pool
-from oracle import first_hit
 
 
 def block(*shape: int) -> np.ndarray:
