@@ -78,7 +78,7 @@ struct Clips {
 
     /// The first interval [begin, end] at or after t that all clips keep; false: none.  `at_begin`,
     /// `at_end`: the clips that bound it, -1 for none.
-    GB_FN bool next(
+    GB_FN_APART bool next(
         const float3& o, const float3& d, float t, float& begin, float& end, int& at_begin, int& at_end) const {
         begin = t;
         at_begin = at_end = -1;

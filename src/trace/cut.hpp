@@ -22,7 +22,7 @@ template <class Tracer, bool clipped> struct Cut {
     Clips clips;
 
     /// Whether the medium is at a point of the ray.
-    GB_FN bool holds(const float3& o, const float3& d, float t) const {
+    GB_FN_APART bool holds(const float3& o, const float3& d, float t) const {
         const CellWalk walk(*tracer.cells.grid, o, d, t);
         if (!walk.inside() || walk.distance() > t) return false;
         bool whole_brick;
@@ -32,7 +32,7 @@ template <class Tracer, bool clipped> struct Cut {
         const Limits<float> none{};
         return tracer.source(list, tracer.in_cell(walk, o), d).template at<false>(0.0f, none).f > tracer.tau;
     }
-    GB_FN bool holds_by_tree(const float3& p) const {
+    GB_FN_APART bool holds_by_tree(const float3& p) const {
         float f = 0.0f;
         for_each_reaching(
             tracer.tree, tracer.particles, p, [&](std::uint32_t j, const float3& v, const SortedShape<float>& shape) {
@@ -76,7 +76,7 @@ template <class Tracer, bool clipped> struct Cut {
 private:
     /// A clip may cut several layers: whether the surface that a ray begins at, of another layer, lies in a cut face of
     /// this one, which the ray passes too.
-    GB_FN bool begins_at_face(State& s, const float3& o, const float3& d, float from, float sign) const {
+    GB_FN_APART bool begins_at_face(State& s, const float3& o, const float3& d, float from, float sign) const {
         const float beside = kStart * tracer.tree.header->typical_support, before = from - 2.0f * beside;
         float begin, end;
         int at_begin, at_end;
@@ -90,7 +90,7 @@ private:
         s.cap = sign < 0.0f ? at_end : at_begin;
         return true;
     }
-    GB_FN Way next_interval(State& s, const float3& o, const float3& d, float from, float sign) const {
+    GB_FN_APART Way next_interval(State& s, const float3& o, const float3& d, float from, float sign) const {
         float begin, end;
         int at_begin, at_end;
         if (!clips.next(o, d, from, begin, end, at_begin, at_end) || begin >= s.to) return Way::missed;

@@ -27,7 +27,7 @@ template <class Tracer> struct ExactField {
     }
 
     /// Value and half the gradient; each(particle, value) for those that add to the field.
-    template <class Each> GB_FN Influence<double> at(const Vec3<double>& p, const Each& each) const {
+    template <class Each> GB_FN_APART Influence<double> at(const Vec3<double>& p, const Each& each) const {
         const std::uint32_t* index = tracer.particles.index;
         if (list.n == 0) {
             Influence<double> sum{0.0, {0.0, 0.0, 0.0}};

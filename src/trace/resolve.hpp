@@ -21,7 +21,7 @@ template <bool PerParticle, class Group> struct SharedListSource {
     AnyKernel kernel;
     Vec3<double> o, d;
     GB_FN bool any(bool active) const { return active; }
-    template <bool Bounds> GB_FN Along<double> at(double t, const Limits<double>& lim, bool = true) const {
+    template <bool Bounds> GB_FN_APART Along<double> at(double t, const Limits<double>& lim, bool = true) const {
         Along<double> sum{0, 0, 0, 0};
         const Vec3<double> p = o + d * t;
         g.share(n, [&](int j) { add_exact<Bounds>(sum, particles, kernel, scratch.list.number(j), p, d, lim); });
@@ -29,7 +29,7 @@ template <bool PerParticle, class Group> struct SharedListSource {
         return sum;
     }
     /// From t on, where the ray is in a support or comes to one; infinity: nowhere.
-    GB_FN double next(double t) const {
+    GB_FN_APART double next(double t) const {
         double first = infinity();
         g.share(n, [&](int j) {
             const std::uint32_t slot = scratch.list.number(j);
@@ -54,7 +54,7 @@ template <class Tree, class Group> struct TreeSource {
     AnyKernel kernel;
     Vec3<double> o, d;
     GB_FN bool any(bool active) const { return active; }
-    template <bool Bounds> GB_FN Along<double> at(double t, const Limits<double>& lim, bool = true) const {
+    template <bool Bounds> GB_FN_APART Along<double> at(double t, const Limits<double>& lim, bool = true) const {
         Along<double> sum{0, 0, 0, 0};
         const Vec3<double> p = o + d * t, q = p + d * (Bounds ? lim.window : 0.0);
         const float3 lo{float(min(p.x, q.x)), float(min(p.y, q.y)), float(min(p.z, q.z))};
@@ -173,8 +173,8 @@ template <class Tree, bool PerParticle, bool Leaving = false> struct ResolveRays
     /// First root in [from, to), or infinity; side: +1 outside there, -1 inside, 0 to be found; n: candidates in the
     /// list that found it, 0 if none did.
     template <class Group>
-    GB_FN double solve(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, double from, double to,
-        double side, int& n) const {
+    GB_FN_APART double solve(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, double from,
+        double to, double side, int& n) const {
         const float typical = tree.header->typical_support;
         const Vec3<double> o2{o.x, o.y, o.z}, d2{d.x, d.y, d.z};
         const TreeSource<Tree, Group> straight{g, tree, particles, kernel, o2, d2};
@@ -209,7 +209,7 @@ template <class Tree, bool PerParticle, bool Leaving = false> struct ResolveRays
 
     /// A root between t and end; a place where f comes within rounding of the threshold counts as one.
     template <class Source>
-    GB_FN bool search(const Source& source, const Limits<double>& lim, double& t, double end) const {
+    GB_FN_APART bool search(const Source& source, const Limits<double>& lim, double& t, double end) const {
         // A slab far away is deep, or float32 could not tell its ends apart: march() takes its steps in rounds, and
         // none where nothing is.
         for (int round = 0; round < 100; ++round) {

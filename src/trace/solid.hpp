@@ -28,7 +28,8 @@ template <class Items> struct SolidShape {
     Pose pose;
 
     /// sign: where the ray begins, +1 outside, -1 inside, both on a surface; 0 not known, at the camera.
-    GB_FN Crossing cross(const Clips& clips, const float3& o, const float3& d, float from, float to, float sign) const {
+    GB_FN_APART Crossing cross(
+        const Clips& clips, const float3& o, const float3& d, float from, float to, float sign) const {
         const float3 p = pose.to_local(o), e = pose.turned_back(d);
         const float near = sign != 0.0f ? tree.header->near : 0.0f;
         Crossing c;
@@ -74,7 +75,7 @@ template <class Items> struct SolidShape {
 
     /// What the surface looks like where a ray met it.  Its normal is turned against rays that enter and along rays
     /// that leave.
-    GB_FN Looks looks(const float3& o, const float3& d, float t, std::uint32_t slot, bool entering) const {
+    GB_FN_APART Looks looks(const float3& o, const float3& d, float t, std::uint32_t slot, bool entering) const {
         const std::uint32_t index = tree.index[slot];
         const float3 at = pose.to_local(o + d * t);
         float3 normal = items.normal(slot, at), mixed = one_color;
@@ -102,7 +103,7 @@ template <class Items> struct SolidShape {
 private:
     /// side: looks for faces where the ray enters (+1) or leaves (-1) alone, so that it cannot meet again the surface
     /// it begins on.
-    GB_FN ItemHit next(const float3& p, const float3& e, float from, float to, int side, float near) const {
+    GB_FN_APART ItemHit next(const float3& p, const float3& e, float from, float to, int side, float near) const {
         return walk_boxes<false>(tree, items, {p, e, from, to, side, closed ? 0.0f : near});
     }
     GB_FN static Crossing cut(ItemHit color_of, std::int32_t cap, float t, bool entering) {

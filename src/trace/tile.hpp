@@ -157,7 +157,7 @@ private:
 
     /// Leaves rays to resolve.hpp from t on.
     template <class Group>
-    GB_FN typename Group::B leave(
+    GB_FN_APART typename Group::B leave(
         Group& g, const Tile<Group>& tile, int v, const typename Group::B& which, const typename Group::F& t) const {
         g.per_lane(which, [&](int lane) {
             const std::size_t i = index(tile, v, lane);
@@ -178,7 +178,7 @@ private:
 
     /// Where rays hit, and what that looks like: gradient and blended color, from the same list.
     template <class Group>
-    GB_FN void write_hits(Group& g, const Scratch<Group>& scratch, const Tile<Group>& tile, int v,
+    GB_FN_APART void write_hits(Group& g, const Scratch<Group>& scratch, const Tile<Group>& tile, int v,
         const typename Group::B& hit, int n, const Vec3<typename Group::F>& p, const typename Group::F& t) const {
         using F = typename Group::F;
         if (sight == Sight::shadow || !out.normal) {
