@@ -2,7 +2,7 @@
 
 A test that takes `backend` runs on the best CPU level with several threads, on the plainest with
 one, and on the GPU where there is one. With --matrix it runs on every CPU level with several
-threads too, and tests marked `slow` run.
+threads too, and tests marked `slow` run: if they are marked `few_backends` as well, on one of them.
 """
 
 from __future__ import annotations
@@ -65,21 +65,25 @@ def pytest_collection_modifyitems(config, items):
         params = getattr(getattr(item, "callspec", None), "params", {})
         if any(isinstance(value, str) and value == "cuda" for value in params.values()):
             item.add_marker("gpu")
-    named = any("::" in str(word) for word in config.args)  # runs whatever its marks are
-    if not config.getoption("--matrix") and not named:
-        slow = {item for item in items if item.get_closest_marker("slow")}
+    if any("::" in str(word) for word in config.args):  # runs whatever its marks are
+        return
+    slow = {item for item in items if item.get_closest_marker("slow")}
+    if config.getoption("--matrix"):
+        gone = {*run_elsewhere(item for item in items if item in slow)}
+    else:
         gone = slow.union(run_elsewhere(item for item in items if item not in slow))
+    if gone:
         config.hook.pytest_deselected(items=list(gone))
         items[:] = [item for item in items if item not in gone]
 
 
 def run_elsewhere(items) -> list:
-    """The cases that run on the other CPU level: those of a test that is marked `few_backends` take
-    turns, and the only one of its kind runs on the best."""
+    """The cases that run on another CPU level: those of a test that is marked `few_backends` take
+    turns on the two of QUICK, and the only one of its kind runs on the best."""
     found, turns = [], collections.defaultdict(dict)
     for item in items:
         backend = getattr(getattr(item, "callspec", None), "params", {}).get("backend")
-        if backend in QUICK and item.get_closest_marker("few_backends"):
+        if backend not in (None, "cuda") and item.get_closest_marker("few_backends"):
             cases = turns[item.parent.nodeid, item.originalname]
             turn = cases.setdefault(item.callspec.id.replace(backend, "", 1), len(cases))
             if QUICK[turn % len(QUICK)] != backend:

@@ -98,7 +98,7 @@ MISTAKES = [
     (lambda s: gb.render(s, samples=4), TypeError, r"samples belongs to .* settings=\{'samples'"),
     (lambda s: gb.render(s, threshold=1), TypeError, r"threshold belongs .* globule\.Scene\("),
     (lambda s: gb.render(s, fov=30), TypeError, r"fov belongs to the camera: .*globule\.Camera\("),
-    (lambda s: gb.render(s, color_by="x"), TypeError, "color_by.*, got 'color_by'"),
+    (lambda s: gb.render(s, colour_by="x"), TypeError, "color_by.*, got 'colour_by'"),
     (lambda s: gb.render(s, settings="water"), TypeError,
      r"globule\.load_preset\('water', scene\)"),
     (lambda s: gb.render({"positions": [[0, 0, 0]]}), TypeError, r"globule\.Particles\(\*\*"),
@@ -291,7 +291,7 @@ def test_particles_check_what_is_assigned():
         ("positions", np.zeros((n, 4)), ValueError, r"positions: expected shape \(N, 3\)"),
         ("attributes", {"speed": np.ones(2)}, ValueError, r"attributes\['speed'\]: expected shape"),
         ("attributes", 5, TypeError, "attributes: expected a dict of arrays, got 5"),
-        ("color", (1, 0, 0), AttributeError, r"expected one of .*, got color; .*attributes\["),
+        ("colour", (1, 0, 0), AttributeError, r"expected one of .*, got colour; .*attributes\["),
     ]:
         with pytest.raises(error, match=message):
             setattr(p, name, value)

@@ -20,7 +20,7 @@ NOT_COMPARED |= {"tone", "transparent"}  # of Python alone: how an image is made
 def defaults(header: str, name: str) -> dict[str, object]:
     """Members of a C++ struct with their initial values: None, a bool, a number or a tuple."""
     text = re.sub(r"//.*", "", (ROOT / f"include/globule/{header}.hpp").read_text())
-    body = re.search(rf"(?:struct|class)(?: GLOBULE_API)? {name} {{(.*?)\n}};", text, re.S)[1]
+    body = re.search(rf"(?:struct|class)(?: GLOBULE_API)? {name} {{(.*?)(?:\n| )}};", text, re.S)[1]
     found: dict[str, object] = {}
     for member, assigned, braced in re.findall(r"(\w+)(?: = (?:\w+(?=\{))?([^,;{}]*))?(\{[^{}]*\})?(?=[,;])", body):
         words = (braced or assigned).strip("{} ")

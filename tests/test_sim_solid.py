@@ -33,6 +33,7 @@ def test_truths(backend, experiment, how):
 
 
 @pytest.mark.slow
+@pytest.mark.few_backends
 @pytest.mark.parametrize(("experiment", "how"), [
     ("column", {"poisson": 0.3}), ("cantilever", {"poisson": 0.3}),
     ("cantilever", {"poisson": 0.45}), ("turns", {}),

@@ -155,6 +155,7 @@ def test_energy_of_solids_does_not_grow(backend, name, spacing):
 
 
 @pytest.mark.slow
+@pytest.mark.few_backends
 @pytest.mark.parametrize(("model", "share"), [("bonds", 0.04), ("solid", 1e-3)])
 def test_a_cut_block_gains_no_energy(backend, model, share):
     """One half topples over the edge of the table. With pressure from the table once a step alone,
@@ -176,6 +177,7 @@ def test_a_cut_block_gains_no_energy(backend, model, share):
     assert least < 0.95 * first  # it falls, and damping takes of it
 
 
+@pytest.mark.few_backends
 @pytest.mark.parametrize("model", ["bonds", "solid"])
 @pytest.mark.parametrize("other", ["tissue", pytest.param("water", marks=pytest.mark.slow)])
 def test_what_meets_tissue_gives_no_energy(backend, model, other):

@@ -304,7 +304,7 @@ def test_one_turntable_at_a_time_which_can_be_cancelled(watched, page):
     page.heard("turntable: one is in progress")
     page.set("Cancel")
     until(lambda: not save._jobs, "for the turntable to end")
-    assert not save.cancel_button.visible
+    until(lambda: not save.cancel_button.visible, "for its button to go")
 
 
 def test_settings_are_saved_and_loaded(watched, page):
