@@ -2,7 +2,7 @@
 # make test    set everything up, then check format, lint and types, and run the quick tests: the best CPU level, the
 #              plainest with one thread, the GPU if there is one
 # make test-all  every test: each CPU level, all browser tests, documents, other programs' files, slow physics, 2,000
-#              damaged files, CUDA compiled where nvcc is
+#              damaged files
 # make release-check  test-all, sanitizers, 20,000 damaged files, the wheel on Python 3.10 to 3.13, the GPU
 # make bench   speed of build and trace; against POV-Ray too where that is installed
 # make sanitize  the C++ tests and a part of the others under AddressSanitizer, UBSan and ThreadSanitizer
@@ -52,12 +52,13 @@ test: check
 	@tests/check_cuda.sh
 	@$(TESTS) $(TEST_OPTIONS)
 
-ALL := $(MAKE) --no-print-directory GLOBULE_LEVELS=all GLOBULE_CUDA=$(if $(shell command -v nvcc),$(GLOBULE_CUDA:AUTO=ON),$(GLOBULE_CUDA))
+ALL := $(MAKE) --no-print-directory GLOBULE_LEVELS=all
 
 test-all:
 	@$(ALL) check matrix
 
-matrix: $(VENV)/has-interop docs
+matrix: $(VENV)/has-interop
+	@tests/check_cuda.sh
 	@$(TESTS) --matrix $(TEST_OPTIONS)
 	@nice $(PY) tests/fuzz.py -n 2000 --numbers 97
 
