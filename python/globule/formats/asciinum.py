@@ -16,7 +16,8 @@ _LOOKED_AT = 4096  # bytes of a text
 
 
 def parse_numbers(text: bytes, dtype: np.dtype) -> np.ndarray:
-    """All blank-separated numbers of `text`. Raises ValueError if one of them is not a number."""
+    """All blank-separated numbers of `text`. Raises ValueError, "got …", if one of them is not a
+    number of this type."""
     text = text.strip()
     if not text:
         return np.empty(0, dtype)
@@ -25,9 +26,26 @@ def parse_numbers(text: bytes, dtype: np.dtype) -> np.ndarray:
         warnings.simplefilter("error")  # NumPy before 2.3 only warns of what is not a number
         try:
             values = np.fromstring(text, dtype=wide, sep=" ")
-        except DeprecationWarning as error:
-            raise ValueError(str(error)) from None
+        except (DeprecationWarning, ValueError):
+            raise ValueError("got other text") from None
+    if dtype.kind in "iu" and len(values):
+        low, high = np.iinfo(dtype).min, np.iinfo(dtype).max
+        if values.min() < low or values.max() > high:
+            raise ValueError(f"got {values[(values < low) | (values > high)][0]}")
+        at_end = dtype.itemsize == 8 and (values.max() == high or values.min() == low)  # NumPy stops there
+        if at_end and (beyond := [word for word in text.split() if not low <= int(word) <= high]):
+            raise ValueError(f"got {shown(beyond[0])}")
     return values.astype(dtype, copy=False)
+
+
+def cast(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Numbers in the type that a file gives them. Raises ValueError, "got …", for one that this
+    type of whole numbers does not hold."""
+    with np.errstate(all="ignore"):
+        found = values.astype(dtype)
+    if dtype.kind in "iu" and (wrong := found != values).any():
+        raise ValueError(f"got {values[wrong][0]:g}")
+    return found
 
 
 def end_of_tokens(data: bytes, start: int, n: int) -> int:

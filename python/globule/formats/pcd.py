@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from .asciinum import cast
 from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from
 from .size import check_size
@@ -119,13 +120,15 @@ def _of_text(path: Any, data: bytes, row: np.dtype, n: int) -> dict[str, np.ndar
     except ValueError as error:
         raise bad(path, "DATA", f"expected numbers, got others: {error}") from None
     found, at = {}, 0
-    with np.errstate(invalid="ignore", over="ignore"):
-        for name in row.names or ():
-            base, shape = row[name].base, row[name].shape
-            k = int(np.prod(shape, dtype=int))
-            values = table[:, at] if not shape else table[:, at : at + k]
-            found[name] = values if base.kind == "f" and base.itemsize == 8 else values.astype(base)
-            at += k
+    for name in row.names or ():
+        base, shape = row[name].base, row[name].shape
+        k = int(np.prod(shape, dtype=int))
+        values = table[:, at] if not shape else table[:, at : at + k]
+        try:
+            found[name] = cast(values, base)
+        except ValueError as error:
+            raise bad(path, f"DATA, field {name}", f"expected numbers of type {base}, {error}") from None
+        at += k
     return found
 
 

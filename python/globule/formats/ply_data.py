@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .asciinum import end_of_tokens, parse_numbers
+from .asciinum import cast, end_of_tokens, parse_numbers
 from .errors import FormatError, bad
 
 _CORNERS = ("vertex_indices", "vertex_index")
@@ -50,8 +50,7 @@ def read_columns(
         except ValueError:
             problem = "expected numbers, got other text"
             raise bad(path, f"element {element.name}", problem) from None
-        dtypes = [np.dtype(kind) for _, kind, _ in properties]
-        columns = [_cast(rows[:, i], dtype) for i, dtype in enumerate(dtypes)]
+        columns = [_cast(path, element, p[0], rows[:, i], p[1]) for i, p in enumerate(properties)]
         return dict(zip(names, columns, strict=True)), end
     if order and not element.has_lists:
         row = np.dtype([(f"f{i}", order + kind) for i, (_, kind, _) in enumerate(properties)])
@@ -63,9 +62,12 @@ def read_columns(
     return _columns_with_lists(path, data, position, element, order)
 
 
-def _cast(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    with np.errstate(all="ignore"):
-        return values.astype(dtype)
+def _cast(path: Any, element: Element, name: str, values: np.ndarray, kind: str) -> np.ndarray:
+    try:
+        return cast(values, np.dtype(kind))
+    except ValueError as error:
+        where = f"element {element.name}, property {name}"
+        raise bad(path, where, f"expected numbers of type {np.dtype(kind)}, {error}") from None
 
 
 def _columns_with_lists(
@@ -121,7 +123,7 @@ def _columns_with_lists(
             where = f"element {element.name}, row {row}"
             problem = "expected the properties that the header lists, got other data"
             raise bad(path, where, problem) from None
-    columns = {name: _cast(np.array(values, np.float64), np.dtype(scalars[name])) for name, values in kept.items()}
+    columns = {name: _cast(path, element, name, np.array(v, np.float64), scalars[name]) for name, v in kept.items()}
     return columns, position
 
 
@@ -136,13 +138,14 @@ def read_faces(path: Any, data: bytes, position: int, element: Element, order: s
     found = _equal_faces(data, position, element, order, name) if order else None
     if found is not None:
         polygons, position = found
-        return _fans(polygons), position
+        return _fans(_cast(path, element, name, polygons, "i8")), position
     lists: dict[str, list[list[float]]] = {name: []}
     _, position = _columns_with_lists(path, data, position, element, order, lists)
     by_size: dict[int, list[list[float]]] = {}
     for corners in lists[name]:
         by_size.setdefault(len(corners), []).append(corners)
-    fans = [_fans(np.array(same, np.float64)) for size, same in by_size.items() if size > 2]
+    equal = [np.array(same, np.float64) for size, same in by_size.items() if size > 2]
+    fans = [_fans(_cast(path, element, name, corners, "i8")) for corners in equal]
     return np.concatenate([np.empty((0, 3), np.int64), *fans]), position
 
 
@@ -176,8 +179,6 @@ def _equal_faces(data: bytes, position: int, element: Element, order: str, name:
 
 
 def _fans(polygons: np.ndarray) -> np.ndarray:
-    """Triangles (F, 3) int64 of polygons (P, k), all from each polygon's first corner."""
-    with np.errstate(invalid="ignore"):
-        corners = polygons.astype(np.int64)
-    fans = [corners[:, [0, i, i + 1]] for i in range(1, corners.shape[1] - 1)]
+    """Triangles (F, 3) of polygons (P, k) int64, all from each polygon's first corner."""
+    fans = [polygons[:, [0, i, i + 1]] for i in range(1, polygons.shape[1] - 1)]
     return np.concatenate([np.empty((0, 3), np.int64), *fans])

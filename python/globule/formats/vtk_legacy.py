@@ -303,11 +303,11 @@ class _Reader:
         if self.binary:
             return np.frombuffer(raw, dtype.newbyteorder(">")).astype(dtype)
         try:
-            values = parse_numbers(raw, dtype)
-        except ValueError:
-            values = np.empty(0)
+            values, got = parse_numbers(raw, dtype), "got other text"
+        except ValueError as error:
+            values, got = np.empty(0), str(error)
         if len(values) != n:
-            self.fail(f"expected {n} numbers of type {kind} after this line, got other text")
+            self.fail(f"expected {n} numbers of type {kind} after this line, {got}")
         return values
 
     def skip(self, n: int, kind: str) -> None:

@@ -348,8 +348,9 @@ class VtkXml:
     def _ascii(self, element: Any, name: str, n: int, dtype: np.dtype) -> np.ndarray:
         try:
             values = parse_numbers(_text(element).encode(), dtype)
-        except ValueError:
-            raise self.bad(name, f"expected {n} numbers, got other text") from None
+        except ValueError as error:
+            kind = element.get("type", "")
+            raise self.bad(name, f"expected {n} numbers of type {kind}, {error}") from None
         if len(values) != n:
             raise self.bad(name, f"expected {n} numbers, got {len(values)}")
         return values
