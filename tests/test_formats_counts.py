@@ -7,6 +7,9 @@ from pathlib import Path
 import globule as gb
 import pytest
 
+DATA = "t\n\n{} atoms\n\nAtoms # atomic\n\n1 1 .1 .2 .3\n2 1 .4 .5 .6\n"
+DUMP = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n{}\nITEM: ATOMS {} x y z\n1 1 .1 .2 .3\n2 1 .4 .5 .6\n"
+ZONE = "VARIABLES = X Y {}\nZONE {}\n# rows\n1 2 3\n\n4 5 6\n"
 VTK = "# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 1 float\n1 2 3\nPOINT_DATA 1\n"
 SCALARS = VTK + "SCALARS a {} 1\nLOOKUP_TABLE default\n{}\n"
 XML = (
@@ -24,6 +27,16 @@ PCD = "VERSION 0.7\nFIELDS x y z a\nSIZE 4 4 4 1\nTYPE F F F U\nWIDTH 1\nHEIGHT 
 @pytest.mark.parametrize(
     ("name", "good", "wrong", "problem"),
     [
+        ("a.lmp", DATA.format(2), DATA.format(1), "line 5: expected 1 atoms, got '2 1 .4 .5 .6' behind them"),
+        ("a.lmp", DATA.format(2), DATA.format(3), "line 5: expected 3 atoms, got 2"),
+        ("a.dump", DUMP.format(2, "id type"), DUMP.format(1, "id type"), "line 5: expected 1 atoms, got '2 1 .4"),
+        ("a.dump", DUMP.format(2, "id type"), DUMP.format(2, "id id"), "line 5: expected different column names, got "),
+        ("a.tec", ZONE.format("Z", "I=2, J=1"), ZONE.format("Z", "I=1"), "expected 1 points in the zone, got 2 rows"),
+        ("a.tec", ZONE.format("Z", ""), ZONE.format("Z", "I=2, J=2"), "expected 4 points in the zone, got 2 rows"),
+        ("a.tec", ZONE.format("T", "N=2"), ZONE.format("T", "N=3"), "expected 3 points in the zone, got 2 rows"),
+        ("a.tec", ZONE.format("T", "I=2"), ZONE.format("X", "I=2"), "expected different names, got 'X' twice"),
+        ("a.pts", "2\n1 2 3\n4 5 6\n", "1\n1 2 3\n4 5 6\n", r"expected 1 particles \(line 1\), got 2"),
+        ("a.xyz", "1\nProperties=pos:R:3:a:R:1\n1 2 3 4\n", "1\nProperties=pos:R:3:pos:R:3\n1 2 3 4 5 6\n", "twice"),
         ("a.vtk", SCALARS.format("unsigned_char", 255), SCALARS.format("unsigned_char", 256), "unsigned_char.*got 256"),
         ("a.vtk", SCALARS.format("int", -(2**31)), SCALARS.format("int", 3 * 10**9), "int.*got 3000000000"),
         ("a.vtk", SCALARS.format("long", 2**63 - 1), SCALARS.format("long", 2**63), "long.*got '9223372036854775808'"),

@@ -88,6 +88,9 @@ def _arrays(
             raise bad(path, where, problem)
         fields.append((name, kind, column, int(width)))
         column += int(width)
+    names = [name for name, *_ in fields]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise bad(path, where, f"expected different names in Properties, got {shown(twice[0])} twice")
     if column > _MOST_COLUMNS:
         raise bad(path, where, f"expected at most {_MOST_COLUMNS} columns, got {column}")
     numeric = [i for _, kind, c, w in fields if kind in "RI" for i in range(c, c + w)]

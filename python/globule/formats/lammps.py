@@ -80,10 +80,12 @@ def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
         box = _dump_box(path, lines, at, title, before)
     at, title = sections["ATOMS"]
     names = title.split()
-    rows = [line for line in lines[at + 1 : at + 1 + n] if line.strip()]
+    behind = [line for line in lines[at + 1 :] if line.strip()]
+    rows, behind = behind[:n], behind[n : n + 1]
     where = f"line {before + at + 1}"
-    if len(rows) != n:
-        raise bad(path, where, f"expected {n} atoms, got {len(rows)}")
+    if len(rows) != n or (behind and not behind[0].startswith("ITEM:")):
+        got = f"{shown(behind[0].strip())} behind them" if behind else len(rows)
+        raise bad(path, where, f"expected {n} atoms, got {got}")
     columns, kinds = _columns(path, names, rows, before + at + 2), {}
     if rows and "element" in names and "element" not in columns:
         column = names.index("element")
@@ -142,9 +144,12 @@ def read_data(path: str | os.PathLike[str], atom_style: str | None = None) -> Co
     if at < 0:
         raise bad(path, "header", "expected a section Atoms, got none")
     style = atom_style or lines[at].partition("#")[2].strip()
-    rows = [(i, line) for i, line in enumerate(lines[at + 1 :], at + 1) if line.strip()][:n]
-    if len(rows) != n:
-        raise bad(path, f"line {at + 1}", f"expected {n} atoms, got {len(rows)}")
+    rows = [(i, line) for i, line in enumerate(lines[at + 1 :], at + 1) if line.strip()]
+    behind = next((line for _, line in rows[n:] if not line.lstrip().startswith("#")), "Z")
+    if len(rows) < n or not behind.lstrip()[0].isalpha():
+        got = len(rows) if len(rows) < n else f"{shown(behind.strip())} behind them"
+        raise bad(path, f"line {at + 1}", f"expected {n} atoms, got {got}")
+    rows = rows[:n]
     try:
         bounds = [[float(v) for v in head[axis]] for axis in ("xlo", "ylo", "zlo")]
         tilt = [float(v) for v in head.get("xy", ("0", "0", "0"))]
@@ -369,7 +374,10 @@ def _columns(path: Any, names: list[str], rows: list[str], first: int) -> dict[s
     if len(words) != len(names):
         raise bad(path, f"line {first}", f"expected {len(names)} columns, got {len(words)}")
     numeric = [i for i, word in enumerate(words) if _is_number(word)]
-    if len(set(names)) < len(names) or not numeric:
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise bad(path, f"line {first - 1}", f"expected different column names, got {shown(twice)} twice")
+    if not numeric:
         raise bad(path, f"line {first}", f"expected columns of numbers, got {shown(rows[0])}")
     options: dict[str, Any] = {"comments": "#"}
     if len(numeric) < len(words):

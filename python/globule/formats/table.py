@@ -260,7 +260,7 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
     head = lines[0].split()
     if len(head) == 1 and head[0].isascii() and head[0].isdigit() and len(head[0]) < 16:
         count, start = int(head[0]), 2  # XMol: a count, a title
-        if _is_points(lines, count):
+        if os.fspath(path).lower().endswith(".pts") or _is_points(lines, count):
             start = 1
     elif head and head[0].startswith("#"):
         names = lines[0].replace("#", " ", 1).split()

@@ -6,6 +6,7 @@ are frames; others are one set of particles. Zones in blocks (DATAPACKING=BLOCK)
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from typing import Any, NamedTuple
@@ -23,10 +24,9 @@ _ADVICE = "expected VARIABLES with x and y among them"
 
 
 class _Zone(NamedTuple):
-    """Lines [first, last) of a zone's rows, and its time."""
+    """Which lines are a zone's rows, and its time."""
 
-    first: int
-    last: int
+    rows: list[int]
     time: float | None
 
 
@@ -39,13 +39,15 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     axes = place_names(names)
     if not axes:
         raise bad(path, "line 1", f"{_ADVICE}, got {shown(' '.join(names))}")
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise bad(path, "VARIABLES", f"expected different names, got {shown(twice[0])} twice")
     parts = [
-        parse_rows(path, lines[zone.first : zone.last], zone.first + 1, len(names))
+        parse_rows(path, lines[zone.rows[0] : zone.rows[-1] + 1], zone.rows[0] + 1, len(names), comments="#")
         for zone in zones
         if zone.time == time
     ]
     rows = np.concatenate(parts)
-    words = lines[zones[0].first].split()
+    words = lines[zones[0].rows[0]].split()
     columns = {axes.get(name, name): whole_numbers(rows[:, i], words[i]) for i, name in enumerate(names)}
     columns.setdefault("z", np.zeros(len(rows)))
     arrays = join_columns(columns)
@@ -55,17 +57,18 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
 
 def _zones(path: Any, lines: list[str]) -> tuple[list[str], list[_Zone]]:
     """The names of the columns, and the zones that have rows."""
-    said = [i for i, line in enumerate(lines) if not _ROW.match(line)]
+    said = [i for i, line in enumerate(lines) if line.partition("#")[0].strip() and not _ROW.match(line)]
     names: list[str] = []
     zones, head = [], ""
     for i, after in zip(said, [*said[1:], len(lines)], strict=True):
         head += f" {lines[i].partition('#')[0]}"
-        if after == i + 1:
+        rows = [k for k in range(i + 1, after) if _ROW.match(lines[k])]
+        if not rows:
             continue
         names = _names(head) or names
         if not names:
             raise bad(path, f"line {i + 1}", f"{_ADVICE}, got none")
-        zones.append(_zone(path, head, i + 1, after))
+        zones.append(_zone(path, head, i + 1, rows))
         head = ""
     if not zones:
         raise bad(path, f"line {len(lines)}", "expected a zone with rows, got none")
@@ -78,15 +81,21 @@ def _names(head: str) -> list[str]:
     return [quoted.strip() or plain for quoted, plain in words]
 
 
-def _zone(path: Any, head: str, first: int, last: int) -> _Zone:
+def _zone(path: Any, head: str, where: int, rows: list[int]) -> _Zone:
     keys: dict[str, str] = dict(re.findall(r"\b(\w+)\s*=\s*\"?([^\s,\"]+)", head.upper()))
     packing = keys.get("DATAPACKING", keys.get("F", "POINT"))
     if packing not in ("POINT", "FEPOINT"):
-        raise bad(path, f"line {first}", f"expected DATAPACKING=POINT, got {shown(packing)}")
-    n = keys.get("NODES", keys.get("N", ""))  # elements come behind them
+        raise bad(path, f"line {where}", f"expected DATAPACKING=POINT, got {shown(packing)}")
+    nodes = keys.get("NODES", keys.get("N", ""))  # elements come behind them
+    sides = [nodes] if nodes else [keys[axis] for axis in "IJK" if axis in keys]
+    if sides and all(re.fullmatch(r"\d{1,15}", side) for side in sides):
+        n = math.prod(map(int, sides))
+        if len(rows) < max(n, 1) or (len(rows) > n and not nodes):
+            raise bad(path, f"line {where}", f"expected {n} points in the zone, got {len(rows)} rows")
+        rows = rows[:n]
     time = keys.get("SOLUTIONTIME", "")
     try:
         at = float(time) if time else None
     except ValueError:
-        raise bad(path, f"line {first}", f"expected a number, got {shown(time)}") from None
-    return _Zone(first, min(last, first + int(n)) if n.isdigit() else last, at)
+        raise bad(path, f"line {where}", f"expected a number, got {shown(time)}") from None
+    return _Zone(rows, at)
