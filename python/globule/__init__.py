@@ -1,13 +1,13 @@
 """Mesh-free visualization: particles in, smooth exact surfaces out."""
 
-import os
-from importlib import import_module as _import_module
-from typing import TYPE_CHECKING as _TYPE_CHECKING
-from typing import Any as _Any
-
 from ._base.starting import quiet_interrupts
 
-quiet_interrupts()  # before what takes a while to load
+quiet_interrupts()  # before what takes a while to load, which `typing` is already
+
+import os  # noqa: E402
+from importlib import import_module as _import_module  # noqa: E402
+from typing import TYPE_CHECKING as _TYPE_CHECKING  # noqa: E402
+from typing import Any as _Any  # noqa: E402
 
 # OpenMP threads that spin for long slow down whatever runs beside them, and those that sleep at
 # once wake late: they check 400 times (some 5 µs) before they sleep. The runtime reads this once,

@@ -3,7 +3,6 @@
 import os
 import signal
 import sys
-from typing import Any
 
 
 def quiet_interrupts() -> None:
@@ -27,6 +26,6 @@ def _is_command() -> bool:
     return os.path.splitext(os.path.basename(program))[0] == "globule"
 
 
-def _end(*_: Any) -> None:
+def _end(*_: object) -> None:
     os.write(2, b"globule: interrupted\n")
     os._exit(130)
