@@ -316,3 +316,17 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(particles, ca
     expected = "expected a folder" if words[-1] == "cube.npz" else "expected a place"
     assert expected in said
     assert words[-1] in said
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["render", "cube.npz", "-o", f"{'a' * 300}.png"], "-o: expected a shorter name, got 304 letters"),
+        (["convert", "cube.npz", f"{'a' * 300}.ply"], "OUT: expected a shorter name, got 304 letters"),
+        (["info", "cube.npz", "--columns", "a" * 9000], "expected x=NAME,y=NAME,z=NAME, got 'aaa"),
+    ],
+)
+def test_what_is_too_long_is_refused_in_a_short_line(particles, capsys, words, problem):
+    said = refused(capsys, *words)
+    assert problem in said
+    assert len(said) < 700

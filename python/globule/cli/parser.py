@@ -10,6 +10,7 @@ from typing import Any
 
 from .shared import UserError
 
+_LONGEST = 500  # letters of a message that repeats what was given
 ALWAYS = ("--help", "--help-all", "--version")
 
 
@@ -51,7 +52,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> Any:
         """Raise UserError with the message of argparse."""
-        raise UserError(f"{message} (`{self.prog} --help` lists the options)")
+        short = message if len(message) <= _LONGEST else f"{message[:_LONGEST]} …"
+        raise UserError(f"{short} (`{self.prog} --help` lists the options)")
 
     def format_help(self) -> str:
         """The text of `--help`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import json
 import math
 import os
@@ -342,6 +343,12 @@ def check_output(option: str, path: str, extensions: Sequence[str], made: str = 
         return
     if not os.path.isdir(folder):
         raise UserError(f"{option}: expected an existing folder, got {folder} (mkdir -p makes it)")
+    try:
+        os.lstat(path)
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            name = os.path.basename(path)
+            raise UserError(f"{option}: expected a shorter name, got {len(name)} letters: {name[:40]} …") from None
     if os.path.exists(path) and not os.access(path, os.W_OK):
         raise UserError(f"{option}: expected a place that may be written, got {path}")
     if os.path.isfile(path) or not os.path.exists(path):  # else a pipe or a device
