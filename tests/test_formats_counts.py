@@ -56,3 +56,18 @@ def test_what_a_file_says_of_its_rows_holds(tmp_path: Path, name: str, good: str
     with pytest.raises(ValueError, match=problem) as refusal:
         gb.read(path)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "columns", "problem"),
+    [
+        ('x,y,z\n"1,000",2.5,3\n', None, "line 2: expected one decimal mark in all numbers, got '1,000' and '2.5'"),
+        ("x,y,z\n1,\u0662,3\n", None, "line 2, column 2: expected a number, got '\u0662'"),
+        ("x,y,z\n1,2,3\n", {"x": "x", "y": "y", "z": "z", "density": "x"}, "got 'x' for x and density"),
+    ],
+)
+def test_tables_name_what_is_wrong(tmp_path: Path, content: str, columns: dict | None, problem: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(content, encoding="utf-8")
+    with pytest.raises(ValueError, match=problem):
+        gb.read(path, columns=columns)

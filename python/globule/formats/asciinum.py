@@ -134,7 +134,7 @@ def _find_fault(
             return bad(path, f"line {number}", f"expected {n_columns} numbers, got {len(words)}")
         for column in used:
             try:
-                if "_" in words[column]:  # which Python's numbers may have
+                if "_" in words[column] or not words[column].strip().isascii():  # as Python's numbers may be
                     raise ValueError
                 float(words[column])
             except ValueError:

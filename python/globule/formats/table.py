@@ -154,8 +154,11 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
         names = [axes.get(name, name) for name in names]
         units = {axes.get(name, name): unit for name, unit in units.items()}
     some = lines[first : first + _MOST_WHOLE] if first is not None else []
-    cells = (word for row in some if "," in row for word in _csv_words(path, row, 0, separator))
-    if any(map(has_comma, cells)):
+    cells = [word for row in some for word in _csv_words(path, row, 0, separator)] if "," in "".join(some) else []
+    if comma := next(filter(has_comma, cells), ""):
+        if point := next((word for word in cells if "." in word and _is_number(word)), ""):
+            problem = f"expected one decimal mark in all numbers, got {shown(comma)} and {shown(point)}"
+            raise bad(path, f"line {start + 1}", problem)
         rows = [_with_points(row, separator) for row in rows]
         words = [word.replace(",", ".") if has_comma(word) else word for word in words]
     particles = _assemble(path, names, words, rows, start + 1, separator, head + 1, rest=rest)
@@ -230,6 +233,10 @@ def _renamed(path: Any, names: list[str], named: Mapping[str, str]) -> list[str]
             got = shown(" ".join(names))
             raise bad(path, "line 1", f"expected the column {shown(column)}, got {got}")
     wanted = {column: name for name, column in named.items()}
+    if twice := [name for name, column in named.items() if wanted[column] != name]:
+        column = named[twice[0]]
+        problem = f"expected different columns, got {shown(column)} for {twice[0]} and {wanted[column]}"
+        raise bad(path, "line 1", problem)
     return [wanted.get(name, "") for name in names]
 
 
