@@ -23,8 +23,8 @@ struct ShadowRay {
         return i < rays.source.n && start(i, int(k / items), lighting, rays, hits, layer, visibility);
     }
     /// Ray i's, to ambient light or light number `which`.
-    GB_FN_APART bool start(std::size_t i, int which, const Lighting& lighting, const WaveRays& rays,
-        const WaveHits& hits, int layer, float* visibility) {
+    GB_FN bool start(std::size_t i, int which, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits,
+        int layer, float* visibility) {
         out = visibility + std::size_t(which) * rays.source.n + i;
         if (layer == 0) *out = 1.0f;
         if (hits.layer[i] == kMissed || *out == 0.0f) return false;
@@ -98,7 +98,7 @@ template <class Tracer, bool clipped> struct Occlude {
         0.05f;  ///< in typical supports: so much further float32 tells which side a ray is on
 protected:
     /// At a crossing, in doubt or at the end; whether the ray goes on.
-    GB_FN_APART bool settle(State& s) const {
+    GB_FN bool settle(State& s) const {
         const CellRay& ray = s.of.ray;
         const float3 o = ray.o, l = ray.walk.d;
         const float typical = cut.tracer.tree.header->typical_support;
