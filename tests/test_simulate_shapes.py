@@ -105,6 +105,40 @@ def test_motion_goes_straight_and_turns_evenly():
     assert [motion.on(t) for t in (0.5, 1.0, 3.9, 4.0)] == [False, True, True, False]
 
 
+@pytest.mark.parametrize("angle", [170, 206, 360, 720, -1000])
+@pytest.mark.parametrize("first", [{}, {"axis": (0, 0, 1), "angle": 30}, {"axis": (0, 0, -1), "angle": -30}])
+def test_keys_turn_by_the_angle_asked_for(first, angle):
+    begin = abs(first.get("angle", 0))
+    motion = Motion([
+        Key(time=1.0, position=(1, 0, 0), **first), Key(time=2.0, position=(3, 0, 0), axis=(0, 0, 2), angle=angle)
+    ])  # fmt: skip
+    for share in (0.0, 0.25, 0.5, 0.9, 1.0):
+        at = np.radians(begin + share * (angle - begin))
+        pose = motion.pose(1 + share)
+        assert np.allclose(pose[:3, 0], [np.cos(at), np.sin(at), 0], atol=1e-12)
+        assert np.allclose(pose[:3, 3], [1 + 2 * share, 0, 0])
+    way = 0.5 * np.radians(abs(angle - begin)) * 0.1 + 1.0
+    assert np.isclose(motion.way(1.25, 1.75, 0.1), way)
+    assert np.isclose(motion.way(0.0, 9.0, 0.1), 2 * way)
+
+
+def test_keys_turn_about_an_axis_that_moves():
+    """A stirrer that tilts while it turns twice."""
+    axes = np.array([[0, 0, 1.0], [0, 0.6, 0.8], [1.0, 0, 0]])
+    motion = Motion([Key(time=i, axis=tuple(axis), angle=720 * i) for i, axis in enumerate(axes)])
+    for time in (0.3, 0.95, 1.0, 1.2, 1.7):
+        i = int(time)
+        arc = np.arccos(axes[i] @ axes[i + 1])
+        a, b = np.sin((1 - (time - i)) * arc), np.sin((time - i) * arc)
+        axis = (a * axes[i] + b * axes[i + 1]) / np.sin(arc)
+        turn = motion.pose(time)[:3, :3]
+        assert np.allclose(turn @ axis, axis)
+        assert np.allclose(turn @ turn.T, np.eye(3))
+        aside = np.cross(axis, [0.0, 1, 0])
+        angle = np.radians(720 * time)
+        assert np.allclose(turn @ aside, np.cos(angle) * aside + np.sin(angle) * np.cross(axis, aside))
+
+
 @pytest.mark.parametrize("n", [7, 8, 9])
 @pytest.mark.parametrize("kind", ["cylinder", "box"])
 def test_shells_of_seven_spacings_have_no_holes_in_images(kind, n):
@@ -126,3 +160,22 @@ def test_shells_of_seven_spacings_have_no_holes_in_images(kind, n):
 
     assert open_share(n) == 0
     assert open_share(5) > 0.05
+
+
+def test_a_mesh_that_turns_shortens_the_steps(tmp_path):
+    """Whatever the shape, its particles go at most 0.4 spacings in a step."""
+    corners = np.array([[0, 0, 0], [0.5, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+    faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + ["f " + " ".join(str(i + 1) for i in face) for face in faces]
+    (tmp_path / "blade.obj").write_text("\n".join(lines))
+    turning = [{"time": 0, "axis": [0, 0, 1], "angle": 0}, {"time": 1, "axis": [0, 0, 1], "angle": 3600}]
+    sim = gb.Simulation(
+        {
+            "spacing": 0.02, "gravity": [0, 0, 0], "domain": {"lo": [-1, -1, -1], "hi": [1, 1, 1]},
+            "boundaries": [{"name": "blade", "mesh": {"file": str(tmp_path / "blade.obj")}, "keys": turning}],
+        },
+        device="cpu", threads=1,
+    )  # fmt: skip
+    reach = np.linalg.norm(sim.positions, axis=1).max()
+    assert 0.45 < reach < 0.55
+    assert sim.dt == pytest.approx(0.4 * 0.02 / (20 * np.pi * reach), rel=1e-3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,8 +16,9 @@ from .schema import NAME, PLACE, POINTS, POSITIVE
 @dataclass(kw_only=True)
 class Key(Table):
     """Key frames move boundaries and instruments. If a frame omits a key, the key keeps the value
-    of the previous frame. Positions follow straight lines between key frames; rotations have a
-    constant angular speed."""
+    of the previous frame. Positions follow straight lines between key frames. The angle changes at
+    a constant rate and may pass whole turns: from 0 to 720 degrees, the body turns twice. Where the
+    axes of two key frames differ, the axis goes from one to the other along the shortest arc."""
 
     time: float = setting(Number(least=0.0), help="time, rising from key frame to key frame",
         unit="s")  # fmt: skip
@@ -33,9 +35,9 @@ class Key(Table):
 
 
 class Motion:
-    """A pose for every time: positions along straight lines between the key frames, rotations by
-    the shortest turn at constant speed (slerp). The motion rests before the first frame and after
-    the last.
+    """A pose for every time: positions along straight lines between the key frames, angles at a
+    constant rate about an axis that goes the shortest arc. The motion rests before the first frame
+    and after the last.
 
     Args:
         keys: `Key`s, rising in time; the first position is the origin unless given.
@@ -48,48 +50,47 @@ class Motion:
         for i in range(1, len(keys)):
             if keys[i].time <= keys[i - 1].time:
                 raise Problem((i, "time"), f"expected more than {keys[i - 1].time:g}, got {keys[i].time:g}")
-        from scipy.spatial.transform import Rotation, Slerp
-
-        position, turn, on = (0.0, 0.0, 0.0), Rotation.identity(), True
+        position, turn, on = (0.0, 0.0, 0.0), (None, 0.0), True
         self.times = [float(k.time) for k in keys]
         positions, turns, self.switches = [], [], []
         for k in keys:
             position = k.position if k.position is not None else position
             if k.axis is not None:
-                angle = math.radians(math.remainder(k.angle or 0.0, 360.0))
-                turn = Rotation.from_rotvec(angle * np.asarray(k.axis))
+                turn = np.asarray(k.axis, float), math.radians(k.angle or 0.0)
             on = k.on if k.on is not None else on
             positions.append(position)
             turns.append(turn)
             self.switches.append(on)
         self.positions = np.array(positions, float)
-        several = len(keys) > 1
-        self._turns = Slerp(self.times, Rotation.concatenate(turns)) if several else lambda _: turn
+        self._turns = [_Turn(*a, *b) for a, b in pairwise([*turns, turns[-1]])]
         self._resting: tuple[int, np.ndarray] | None = None
 
     def pose(self, time: float) -> np.ndarray:
         """(4, 4) world_from_instrument at a time, s; m."""
         i, share = self._between(time)
         if share > 0:
-            return self._at(time)
+            return self._at(i, share)
         if self._resting is None or self._resting[0] != i:  # asked for at every step
-            self._resting = i, self._at(self.times[i])
+            self._resting = i, self._at(i, 0.0)
         return self._resting[1].copy()
 
-    def _at(self, time: float) -> np.ndarray:
+    def _at(self, i: int, share: float) -> np.ndarray:
         pose = np.eye(4)
-        pose[:3, 3] = [np.interp(time, self.times, line) for line in self.positions.T]
-        pose[:3, :3] = self._turns(time).as_matrix()
+        after = self.positions[min(i + 1, len(self.positions) - 1)]
+        pose[:3, 3] = (1 - share) * self.positions[i] + share * after
+        pose[:3, :3] = self._turns[i].at(share)
         return pose
 
     def way(self, start: float, end: float, reach: float) -> float:
-        """How far a point moves, m, between two times, s; reach: from the point turned about, m."""
-        if start >= self.times[-1] or end <= self.times[0]:
-            return 0.0
-        before, after = self.pose(start), self.pose(end)
-        turn = np.trace(before[:3, :3].T @ after[:3, :3])
-        angle = math.acos(min(1.0, max(-1.0, 0.5 * (turn - 1))))
-        return float(np.linalg.norm(after[:3, 3] - before[:3, 3])) + reach * angle
+        """How far a point moves at most, m, between two times, s; reach: from the point turned
+        about, m."""
+        way = 0.0
+        first, last = self._between(start), self._between(end)
+        for i in range(first[0], min(last[0] + 1, len(self.times) - 1)):
+            share = (last[1] if i == last[0] else 1.0) - (first[1] if i == first[0] else 0.0)
+            moved = float(np.linalg.norm(self.positions[i + 1] - self.positions[i]))
+            way += share * (moved + reach * self._turns[i].most)
+        return way
 
     def on(self, time: float) -> bool:
         """Whether the instrument works at a time, s, by the previous key frame; off before the
@@ -101,6 +102,38 @@ class Motion:
         if i < 0 or i + 1 >= len(self.times):
             return max(0, min(i, len(self.times) - 1)), 0.0
         return i, (time - self.times[i]) / (self.times[i + 1] - self.times[i])
+
+
+class _Turn:
+    """From one key frame's rotation to the next one's.
+
+    Args:
+        axis, angle: before, (3,) of length 1, or None where none was given, and rad.
+        next_axis, next_angle: after.
+
+    Attributes:
+        most: how far the rotation can turn in all, rad.
+    """
+
+    def __init__(self, axis: np.ndarray | None, angle: float, next_axis: np.ndarray | None, next_angle: float):
+        axis = next_axis if axis is None else axis
+        axis = np.array([0.0, 0.0, 1.0]) if axis is None else axis
+        next_axis = axis if next_axis is None else next_axis
+        across = np.cross(axis, next_axis)
+        sine, cosine = float(np.linalg.norm(across)), float(axis @ next_axis)
+        if sine < 1e-12 and cosine < 0:  # the same line the other way round
+            next_angle, cosine = -next_angle, 1.0
+        self._arc = math.atan2(sine, cosine)
+        self._axis, self._angle, self._by = axis, angle, next_angle - angle
+        self._aside = np.cross(across / sine, axis) if sine > 1e-12 else np.zeros(3)
+        self.most = abs(self._by) + 2 * self._arc
+
+    def at(self, share: float) -> np.ndarray:
+        """The rotation (3, 3) after a share of the time, 0 to 1."""
+        arc, angle = share * self._arc, self._angle + share * self._by
+        x, y, z = math.cos(arc) * self._axis + math.sin(arc) * self._aside
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
 
 @dataclass(kw_only=True)

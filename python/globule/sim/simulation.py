@@ -24,7 +24,7 @@ from .arrays import Arrays, check_finite, ids_of, real
 from .bodies import Body, bodies, scene_of_particles
 from .emitter import Emitter
 from .foam import Foam
-from .limits import check_emitter, shape_of
+from .limits import check_emitter
 from .operate import BondedTissue
 from .record import Record
 from .scene_file import SceneFile
@@ -407,7 +407,7 @@ class Simulation(Owner):
         grasper will be. What goes through others in one step leaves them with any speed."""
         time, far = self.time, 0.4 * self.settings.cfl * self.settings.fluid_spacing
         ways = [
-            partial(table.motion.way, reach=_reach(table, self.file.domain))
+            partial(table.motion.way, reach=self.steer._reach[table.name])
             for table in self.file.boundaries
             if table.motion
         ]
@@ -556,15 +556,6 @@ class Simulation(Owner):
         self.tissue._take_up(by_hand)
         self.tools._take_up(by_hand)
         self._send()
-
-
-def _reach(table: Any, domain: Any) -> float:
-    """How far a boundary's particles are from the point that it turns about, m; 0: not known."""
-    _, shape = shape_of(table)
-    if not hasattr(shape, "bounds"):
-        return 0.0
-    corners = np.clip(shape.bounds(), *domain.bounds())  # a plane has no end
-    return float(np.linalg.norm(np.abs(corners).max(axis=0)))
 
 
 def _values(phase: Phase) -> dict[str, Any]:

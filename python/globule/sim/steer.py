@@ -25,6 +25,7 @@ class Steer(Part):
         super().__init__(solver)
         self._forces = np.empty(0, np.uint32), np.empty((0, 3), np.float32)  # of these ids
         self._moving: set[int] = set()  # phases of boundaries that have a pose
+        self._reach: dict[str, float] = {}  # m, of their particles from the point that they turn about
         self._sinks: list[list[float]] = []
         self._bodies: set[int] = set()  # phases that make_rigid was given
 
@@ -80,6 +81,8 @@ class Steer(Part):
             self._solver.core.move_to(which, values)
         else:
             self._solver.core.capture(which, values)
+            away = self._solver.positions()[self._solver.phase() == which] - np.float32(values).reshape(4, 4)[:3, 3]
+            self._reach[phase] = float(np.linalg.norm(away, axis=1).max(initial=0.0))
             self._moving.add(which)
 
     @whole
