@@ -179,3 +179,70 @@ def test_a_mesh_that_turns_shortens_the_steps(tmp_path):
     reach = np.linalg.norm(sim.positions, axis=1).max()
     assert 0.45 < reach < 0.55
     assert sim.dt == pytest.approx(0.4 * 0.02 / (20 * np.pi * reach), rel=1e-3)
+
+
+def _led(shape, periodic, keys, **more):
+    """A wall on key frames in a domain that repeats."""
+    scene = {
+        "spacing": 0.05, "gravity": [0, 0, 0], "fluids": [{"name": "water"}],
+        "domain": {"lo": [-0.5, -0.5, -0.5], "hi": [0.5, 0.5, 0.5], "periodic": list(periodic)},
+        "boundaries": [{"name": "wall", **shape, "keys": keys}],
+    } | more  # fmt: skip
+    return gb.Simulation(scene, device="cpu", threads=1)
+
+
+WALLS = {
+    "plane": {"plane": {"point": [0, 0, 0], "normal": [1, 1, 0]}},
+    "box": {"box": {"lo": [-0.2, -0.1, -0.1], "hi": [0.2, 0.1, 0.1]}},
+    "sphere": {"sphere": {"center": [0.3, 0, 0], "radius": 0.25}},
+    "cylinder": {"cylinder": {"start": [0, 0, -0.2], "end": [0, 0, 0.2], "radius": 0.15}},
+}
+
+
+@pytest.mark.parametrize("periodic", ["x", "y", "z", "xy", "xyz"])
+@pytest.mark.parametrize("shape", WALLS)
+def test_walls_go_across_periodic_sides_for_ever(shape, periodic):
+    """A thousand lengths of the domain away, a wall is where it is asked to be, and as fast."""
+    way = np.array([1000.25 * (axis in periodic) for axis in "xyz"])
+    keys = [{"time": 0}, {"time": 1, "position": way.tolist()}, {"time": 2, "position": (way * 1.0001).tolist()}]
+    sim = _led(WALLS[shape], periodic, keys)
+    begin = sim.positions.astype(float)
+    sim.step(1.0)  # as after a long run
+    for _ in range(2):
+        sim.step(0.01)
+        off = sim.positions - begin - way * (1 + 1e-4 * (sim.time - 1))
+        off -= np.round(off) * [axis in periodic for axis in "xyz"]
+        assert np.abs(off).max() < 1e-5
+    assert np.abs(sim.velocities - 1e-4 * way).max() < 1e-3
+
+
+def test_a_wall_that_leaves_or_begins_outside_comes_in():
+    """Key frames lead a wall whose particles are outside of the domain, too."""
+    keys = [{"time": 0}, {"time": 1, "position": [0.8, 0, 0]}, {"time": 2, "position": [-0.1, 0, 0]}]
+    sim = _led({"box": {"lo": [-0.9, -0.1, -0.1], "hi": [-0.6, 0.1, 0.1]}}, "", keys)
+    begin = sim.positions.copy()
+    for time, x in ((0.5, 0.4), (1.0, 0.8), (2.0, -0.1)):
+        sim.run_to(time)
+        assert np.allclose(sim.positions, begin + np.float32([x, 0, 0]), atol=1e-6)
+        assert np.abs(sim.velocities).max() < 1.0
+    assert sim.record.diagnostics[-1]["n_escaped"] == len(begin)
+
+
+def test_fluid_under_a_wall_that_slides_round_stays_calm():
+    """Couette's flow for three lengths of the domain."""
+    d, keys = 0.05, [{"time": 0}, {"time": 2, "position": [3, 0, 0]}]
+    sim = _led(
+        {"plane": {"point": [0, 0, 0.2], "normal": [0, 0, -1]}}, "xy", keys,
+        domain={"lo": [-0.5, 0, -0.35], "hi": [0.5, 8 * d, 0.35], "periodic": ["x", "y"]},
+        fluids=[{"name": "oil", "viscosity": 200.0, "box": {"lo": [-0.5, 0, -0.2], "hi": [0.5, 8 * d, 0.2]}}],
+        boundaries=[
+            {"name": "wall", "plane": {"point": [0, 0, 0.2], "normal": [0, 0, -1]}, "keys": keys},
+            {"name": "floor", "plane": {"point": [0, 0, -0.2], "normal": [0, 0, 1]}},
+        ],
+        solver={"max_dt": 0.02},
+    )  # fmt: skip
+    fluid = np.asarray(sim.arrays.phase) == 0
+    sim.run_to(2.0)
+    speed, height = sim.velocities[fluid, 0], sim.positions[fluid, 2]
+    assert np.abs(speed - 1.5 * (height + 0.2) / 0.4).max() < 0.15
+    assert sim.record.diagnostics[-1]["max_speed"] < 1.6

@@ -50,8 +50,9 @@ struct Kick {
     }
 };
 
-/// x += dt v, as the octree takes positions.  Those outside of the domain rest; tissue does not come in again on a
-/// periodic domain's other side, as its bonds know of one copy.  One whose next place is not a number stays where it
+/// x += dt v, as the octree takes positions.  Those outside of the domain rest, except for boundaries, which follow
+/// their poses and come in; tissue does not come in again on a periodic domain's other side, as its bonds know of one
+/// copy.  One whose next place is not a number stays where it
 /// was; the highest of their ids is reported.
 struct Move {
     State state;
@@ -65,9 +66,11 @@ struct Move {
     GB_FN void operator()(std::size_t i) const {
         const Quad p = state.place[i], v = state.velocity[i];
         float3 to = p.xyz();
-        if (i >= header->n_outside) {
+        const Kind kind = phases[state.phase[i]].kind;
+        const bool led = kind == Kind::boundary && dot(v.xyz(), v.xyz()) > 0.0f;
+        if (i >= header->n_outside || led) {
             to = {p.x + dt * v.x, p.y + dt * v.y, p.z + dt * v.z};
-            if (phases[state.phase[i]].kind != Kind::tissue)
+            if (kind != Kind::tissue)
                 to = {Period::wrap(to.x, lo.x, period.length.x), Period::wrap(to.y, lo.y, period.length.y),
                     Period::wrap(to.z, lo.z, period.length.z)};
             if (!(abs(to.x) + abs(to.y) + abs(to.z) < infinity())) {

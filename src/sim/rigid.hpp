@@ -29,20 +29,25 @@ struct Capture {
     }
 };
 
-/// Velocities that take a phase's particles to its next pose within dt.
+/// Velocities that take a phase's particles to its next pose within dt: to the nearest copy of their place there, from
+/// which they may be any number of periods away.
 struct Carry {
     State state;
     std::uint8_t phase;
     Pose pose;
     const Quad* home;
-    Period period;  ///< a particle may be on the domain's other side
+    Period period;
     float dt;
     GB_FN void operator()(std::size_t i) const {
         if (state.phase[i] != phase) return;
-        const Quad at = state.place[i];
+        const float3 way = pose.to_world(home[state.id[i]].xyz()) - state.place[i].xyz();
         const float3 v =
-            period.template shortest<true>(pose.to_world(home[state.id[i]].xyz()) - at.xyz()) * (1.0f / dt);
+            float3{nearest(way.x, period.length.x), nearest(way.y, period.length.y), nearest(way.z, period.length.z)} *
+            (1.0f / dt);
         state.velocity[i] = {v.x, v.y, v.z, state.velocity[i].w};
+    }
+    GB_FN static float nearest(float way, float length) {
+        return length > 0.0f ? way - length * floor(way / length + 0.5f) : way;
     }
 };
 

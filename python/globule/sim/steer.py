@@ -76,12 +76,16 @@ class Steer(Part):
         if self._solver.phases[phase].kind != "boundary":
             raise ValueError(f"phase: expected one of kind boundary, got {phase!r}")
         numbers("pose", pose, (4, 4))
-        values = check_rigid("pose", pose).reshape(16).tolist()
+        pose = check_rigid("pose", pose)
         if which in self._moving:
-            self._solver.core.move_to(which, values)
+            domain, near = self._solver.file.domain, pose.copy()
+            for axis in map("xyz".index, domain.periodic):  # far away, float32 would not tell small ways
+                lo, length = domain.lo[axis], domain.hi[axis] - domain.lo[axis]
+                near[axis, 3] -= length * np.floor((pose[axis, 3] - lo) / length)
+            self._solver.core.move_to(which, near.reshape(16).tolist())
         else:
-            self._solver.core.capture(which, values)
-            away = self._solver.positions()[self._solver.phase() == which] - np.float32(values).reshape(4, 4)[:3, 3]
+            self._solver.core.capture(which, pose.reshape(16).tolist())
+            away = self._solver.positions()[self._solver.phase() == which] - pose[:3, 3]
             self._reach[phase] = float(np.linalg.norm(away, axis=1).max(initial=0.0))
             self._moving.add(which)
 
