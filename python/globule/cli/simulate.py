@@ -100,10 +100,12 @@ def run(options: argparse.Namespace) -> None:
         with job.progress, _interrupts() as interrupted:
             try:
                 whole = job.run(interrupted)
-            except BaseException:
+            except BaseException as error:
                 with suppress(Exception):  # the first error is said
                     job.write_diagnostics()  # which show why a run stopped
                 job.note_kept_images()
+                if isinstance(error, ArithmeticError):  # of the scene, as `Simulation.step` says
+                    raise UserError(str(error)) from error
                 raise
             job.write_diagnostics()
         job.report(whole, time.perf_counter() - start)

@@ -50,7 +50,8 @@ class Motion:
         for i in range(1, len(keys)):
             if keys[i].time <= keys[i - 1].time:
                 raise Problem((i, "time"), f"expected more than {keys[i - 1].time:g}, got {keys[i].time:g}")
-        position, turn, on = (0.0, 0.0, 0.0), (None, 0.0), True
+        turn: tuple[np.ndarray | None, float] = None, 0.0
+        position, on = (0.0, 0.0, 0.0), True
         self.times = [float(k.time) for k in keys]
         positions, turns, self.switches = [], [], []
         for k in keys:

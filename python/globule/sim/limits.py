@@ -106,7 +106,7 @@ def check_material(phase: Any, spacing: float, frame: float) -> None:
     """Raise Problem where a phase of a running simulation needs steps that are too short. frame: s
     between two images."""
     if phase.kind in ("fluid", "tissue"):
-        for name, step in _steps_of_material(phase, spacing):
+        for name, step in steps_of_material(phase, spacing):
             _check_step((f"phases[{phase.name!r}]", name), step, frame)
 
 
@@ -206,7 +206,7 @@ def _steps(scene: Any) -> Iterator[tuple[Path, float]]:
         yield ("gravity",), far / (11 * fall if solver.method == "wcsph" else fall)
     small = scene.fluid_spacing / d
     for i, fluid in enumerate(scene.fluids):
-        for name, step in _steps_of_material(fluid, small * d):
+        for name, step in steps_of_material(fluid, small * d):
             yield ("fluids", i, name), step
     for kind in ("fluids", "solids", "rigids"):
         for i, table in enumerate(getattr(scene, kind)):
@@ -222,7 +222,8 @@ def _steps(scene: Any) -> Iterator[tuple[Path, float]]:
         yield ("emitters", i, "rate"), _step_of_emitter(emitter, small * d, small * far)
 
 
-def _steps_of_material(material: Any, d: float) -> Iterator[tuple[str, float]]:
+def steps_of_material(material: Any, d: float) -> Iterator[tuple[str, float]]:
+    """Key and longest step, s, of each property that shortens steps; d: the spacing, m."""
     if material.viscosity and not material.implicit:
         yield "viscosity", 0.125 * d * d * material.density / material.viscosity
     if material.surface_tension:

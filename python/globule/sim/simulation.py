@@ -27,6 +27,7 @@ from .foam import Foam
 from .limits import check_emitter
 from .operate import BondedTissue
 from .record import Record
+from .runaway import Runaway
 from .scene_file import SceneFile
 from .scene_read import as_dict, errors_of, read_scene
 from .settings import MAX_PHASES, SETTINGS, Phase, StepReport
@@ -119,6 +120,7 @@ class Simulation(Owner):
         self.tissue: BondedTissue = BondedTissue(solver)
         self.tools: Tools = Tools(solver)
         self.steer: Steer = Steer(solver)
+        self._runaway = Runaway(solver, self.steer)
         self.arrays: Arrays = Arrays(solver, (self.steer, self.tissue))
         self.scene = SimulationScene(solver, self.arrays)
         self.foam: Foam = Foam(solver)
@@ -229,6 +231,7 @@ class Simulation(Owner):
         check_finite("velocities", v)
         each = np.ascontiguousarray(v) if v.shape == p.shape else None
         one = [0.0, 0.0, 0.0] if each is not None else np.broadcast_to(v, 3).tolist()
+        self._solver.pushed = True
         first = self._core.add(len(p), address(p), 0 if each is None else address(each), one, which)
         return np.arange(first, first + len(p), dtype=np.uint32)
 
@@ -255,8 +258,8 @@ class Simulation(Owner):
 
         Raises:
             ValueError: a dt that is not above 0, or a material that needs too many steps.
-            ArithmeticError: a velocity that is not a number, steps that come to nothing, or fluid
-                without room.
+            ArithmeticError: a velocity that is not a number, speeds, energies or steps that nothing
+                in the scene can give, or fluid without room.
         """
         if dt is not None:
             dt = number("dt", dt)
@@ -285,7 +288,9 @@ class Simulation(Owner):
             positions, velocities = emitter.emit(self.settings.fluid_spacing, self.time, dt)
             if n := len(positions):
                 which = self._solver.number_of(emitter.fluid)
+                self._runaway._give("emitters", float(np.linalg.norm(velocities[0])))
                 self._core.emit(n, address(positions), address(velocities), which)
+        self._runaway._before(dt)
         self.steer._send_forces()
         done = self._core.step(dt)
         if "lost" in done:
@@ -302,6 +307,7 @@ class Simulation(Owner):
             self.record.n_cut += tool.operate(self.tissue, self.time)
         self.foam._advance(report.dt)
         self.record._note(report)
+        self._runaway._check(report)
         return report
 
     def _prepare(self, dt: float) -> None:
@@ -391,7 +397,9 @@ class Simulation(Owner):
         return self._next_dt()
 
     def _next_dt(self) -> float:
-        dt = self._within_reach(self._core.next_dt())
+        dt = self._core.next_dt()
+        self._runaway._check_step(dt)
+        dt = self._within_reach(dt)
         if not self.time + dt > self.time:
             gravity = math.hypot(*self.settings.gravity)
             speed = np.linalg.norm(self.velocities.astype(float), axis=1).max(initial=0)

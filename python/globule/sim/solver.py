@@ -37,6 +37,7 @@ class Solver:
         phases: the materials by name, in the order of their numbers.
         traced: the core's scene, in the solver's memory.
         core: the core's solver.
+        pushed: whether others than steps gave speeds that nobody took note of.
         n_removed: particles that sinks, suction, ablation or `remove` took away.
     """
 
@@ -47,6 +48,7 @@ class Solver:
         self.phases: dict[str, Phase] = Kept("phases", Phase)
         self.traced = _core.Scene(device.backend, device.index, threads)
         self.core = _core.Simulation(self.traced)
+        self.pushed = True
         self.n_removed = 0
         self._phases_sent: list[dict[str, Any]] = []
         self._settings_sent: dict[str, Any] = {}
@@ -105,6 +107,7 @@ class Solver:
 
     def write(self, name: str, values: np.ndarray) -> None:
         """Replace an array of `ARRAYS`, in the solver's order."""
+        self.pushed = True
         if len(self):
             self.core.write(name, address(np.ascontiguousarray(values, ARRAYS[name][0])))
 

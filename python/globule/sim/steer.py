@@ -26,6 +26,9 @@ class Steer(Part):
         self._forces = np.empty(0, np.uint32), np.empty((0, 3), np.float32)  # of these ids
         self._moving: set[int] = set()  # phases of boundaries that have a pose
         self._reach: dict[str, float] = {}  # m, of their particles from the point that they turn about
+        self._poses: dict[str, np.ndarray] = {}  # the last of each
+        self._ways: dict[str, float] = {}  # m, that the next step leads each at most
+        self._fastest_body = 0.0  # m/s, at a start
         self._sinks: list[list[float]] = []
         self._bodies: set[int] = set()  # phases that make_rigid was given
 
@@ -77,6 +80,14 @@ class Steer(Part):
             raise ValueError(f"phase: expected one of kind boundary, got {phase!r}")
         numbers("pose", pose, (4, 4))
         pose = check_rigid("pose", pose)
+        if phase not in self._reach:
+            away = self._solver.positions()[self._solver.phase() == which] - pose[:3, 3]
+            self._reach[phase] = float(np.linalg.norm(away, axis=1).max(initial=0.0))
+        before = self._poses.get(phase, pose)
+        cosine = (np.trace(before[:3, :3].T @ pose[:3, :3]) - 1) / 2
+        turned = self._reach[phase] * np.arccos(np.clip(cosine, -1.0, 1.0))
+        self._ways[phase] = float(np.linalg.norm(pose[:3, 3] - before[:3, 3]) + turned)
+        self._poses[phase] = pose
         if which in self._moving:
             domain, near = self._solver.file.domain, pose.copy()
             for axis in map("xyz".index, domain.periodic):  # far away, float32 would not tell small ways
@@ -85,8 +96,6 @@ class Steer(Part):
             self._solver.core.move_to(which, near.reshape(16).tolist())
         else:
             self._solver.core.capture(which, pose.reshape(16).tolist())
-            away = self._solver.positions()[self._solver.phase() == which] - pose[:3, 3]
-            self._reach[phase] = float(np.linalg.norm(away, axis=1).max(initial=0.0))
             self._moving.add(which)
 
     @whole
@@ -123,6 +132,8 @@ class Steer(Part):
         values = np.concatenate([center, inertia.ravel(), velocity, spin]).astype(float)
         solver.core.make_body(which, each * len(at), values.tolist())
         self._bodies.add(which)
+        fastest = np.linalg.norm(velocity) + np.linalg.norm(spin) * np.linalg.norm(x, axis=1).max()
+        self._fastest_body = max(self._fastest_body, float(fastest))
 
     @whole
     def body(self, phase: str) -> dict[str, np.ndarray]:
