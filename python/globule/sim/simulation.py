@@ -397,9 +397,8 @@ class Simulation(Owner):
         return self._next_dt()
 
     def _next_dt(self) -> float:
-        dt = self._core.next_dt()
-        self._runaway._check_step(dt)
-        dt = self._within_reach(dt)
+        allowed = self._core.next_dt()
+        dt = self._within_reach(allowed)
         if not self.time + dt > self.time:
             gravity = math.hypot(*self.settings.gravity)
             speed = np.linalg.norm(self.velocities.astype(float), axis=1).max(initial=0)
@@ -407,6 +406,7 @@ class Simulation(Owner):
                 f"the steps come to {dt:g} s at {self.time:g} s: expected less gravity "
                 f"(it is {gravity:g} m/s²), lower speeds (up to {speed:g} m/s), or other materials"
             )
+        self._runaway._check_step(allowed)
         return dt
 
     def _within_reach(self, dt: float) -> float:
