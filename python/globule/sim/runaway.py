@@ -53,40 +53,60 @@ class Runaway(Part):
         """m/s that all causes can give together; at least what does not shorten the steps."""
         return math.hypot(self._far / self._solver.settings.max_dt, *self._given.values())
 
-    @whole
-    def _before(self, dt: float) -> None:
-        """Note what a step of dt seconds can give; 0: what was given up to now."""
+    def _note(self) -> None:
+        """Note what the scene can give, whatever the step."""
         solver, settings = self._solver, self._solver.settings
-        lo, hi = settings.domain.bounds()
-        gravity, across = np.asarray(settings.gravity, float), float(np.linalg.norm(hi - lo))
         if solver.pushed:  # by others than steps
             solver.pushed = False
             velocity = solver.read("velocity")[:, :3].astype(float)
             self._give("the speeds given", float(np.linalg.norm(velocity, axis=1).max(initial=0.0)))
-        phases = solver.phases.values()
-        lightest = min((phase.density or 1000.0 for phase in phases if phase.kind != "boundary"), default=1000.0)
-        self._give("gravity", math.sqrt(2 * float(np.linalg.norm(gravity)) * across))
-        around = [axis in settings.domain.periodic for axis in "xyz"]
-        self._add("a fall through periodic sides", float(np.linalg.norm(gravity[around])) * dt)
-        for name, way in self._steer._ways.items() if dt > 0 else ():
-            # Out of a gap, fluid is faster by as much as the gap is narrower.
-            self._give(f"boundary {name}", across / settings.fluid_spacing * way / dt)
-        for phase in phases:
+        if not solver.changed:
+            return
+        solver.changed = False
+        self._give("gravity", math.sqrt(2 * math.hypot(*settings.gravity) * self._across))
+        for phase in solver.phases.values():
             if tension := max(phase.surface_tension or 0.0, phase.adhesion or 0.0):
-                speed = math.sqrt(12 * tension / (lightest * settings.fluid_spacing))
+                speed = math.sqrt(12 * tension / (self._lightest * settings.fluid_spacing))
                 self._give(f"surface tension of {phase.name}", speed)
         if settings.method == "wcsph":
             self._give("sound", settings._pack()["sound_speed"])
+
+    @property
+    def _across(self) -> float:
+        """m, of the domain."""
+        lo, hi = self._solver.settings.domain.bounds()
+        return float(np.linalg.norm(hi - lo))
+
+    @property
+    def _lightest(self) -> float:
+        """kg/m³ of what moves."""
+        moving = [p for p in self._solver.phases.values() if p.kind != "boundary"]
+        return min((phase.density or 1000.0 for phase in moving), default=1000.0)
+
+    @whole
+    def _before(self, dt: float) -> None:
+        """Note what a step of dt seconds can give."""
+        if not self._watches:
+            return
+        self._note()
+        settings = self._solver.settings
+        if around := [settings.gravity["xyz".index(axis)] for axis in settings.domain.periodic]:
+            self._add("a fall through periodic sides", math.hypot(*around) * dt)
+        for name, way in self._steer._ways.items():
+            # Out of a gap, fluid is faster by as much as the gap is narrower.
+            self._give(f"boundary {name}", self._across / settings.fluid_spacing * way / dt)
         if len(self._steer._forces[0]):
             force = float(np.linalg.norm(self._steer._forces[1], axis=1).max())
-            self._add("forces", force * dt / (lightest * settings.fluid_spacing**3))
+            self._add("forces", force * dt / (self._lightest * settings.fluid_spacing**3))
         self._give("rigid bodies", self._steer._fastest_body)
 
     def _check_step(self, dt: float) -> None:
         """Refuse a step that the core wants so short. Raises ArithmeticError."""
-        self._before(0.0)
+        if not self._watches:
+            return
+        self._note()
         least = LEAST * min(self._far / self._speed, self._shortest_of_materials())
-        if self._watches and dt < least:
+        if dt < least:
             self._refuse(f"and the steps come to {dt:.3g} s (at least {least:.3g} s)")
 
     def _shortest_of_materials(self) -> float:

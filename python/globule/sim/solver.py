@@ -38,6 +38,7 @@ class Solver:
         traced: the core's scene, in the solver's memory.
         core: the core's solver.
         pushed: whether others than steps gave speeds that nobody took note of.
+        changed: the same of settings and materials.
         n_removed: particles that sinks, suction, ablation or `remove` took away.
     """
 
@@ -48,7 +49,7 @@ class Solver:
         self.phases: dict[str, Phase] = Kept("phases", Phase)
         self.traced = _core.Scene(device.backend, device.index, threads)
         self.core = _core.Simulation(self.traced)
-        self.pushed = True
+        self.pushed = self.changed = True
         self.n_removed = 0
         self._phases_sent: list[dict[str, Any]] = []
         self._settings_sent: dict[str, Any] = {}
@@ -81,6 +82,7 @@ class Solver:
         if self._settings_sent != settings:
             self.core.configure(settings)
             self._settings_sent = settings
+            self.changed = True
         frame = 1 / self.file.output.fps
         check_densities({
             (f"phases[{name!r}]", "density"): phase.density
@@ -95,6 +97,7 @@ class Solver:
                 check_material(phase, self.spacing_of(phase), frame)
                 self.core.set_phase(i, packed)
                 self._phases_sent[i] = packed
+                self.changed = True
 
     def read(self, name: str) -> np.ndarray:
         """An array of `ARRAYS` in the solver's order: (N,) or (N, 4)."""
