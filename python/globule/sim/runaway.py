@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from .._base.interrupts import whole
 from .limits import steps_of_material
 from .part import Part
 from .settings import StepReport
@@ -83,9 +82,8 @@ class Runaway(Part):
         moving = [p for p in self._solver.phases.values() if p.kind != "boundary"]
         return min((phase.density or 1000.0 for phase in moving), default=1000.0)
 
-    @whole
     def _before(self, dt: float) -> None:
-        """Note what a step of dt seconds can give."""
+        """Note what a step of dt seconds can give; inside of the step, which holds the lock."""
         if not self._watches:
             return
         self._note()
