@@ -216,6 +216,23 @@ def test_a_small_particle_in_the_edge_of_a_large_one(backend, ratio, distance):
         np.testing.assert_allclose(found[hit], c.depth[hit], rtol=3e-7)
 
 
+@pytest.mark.parametrize("distance", [1e5, 3e6, 1e7])
+def test_large_and_tiny_particles_from_far_away(backend, distance):
+    """From where float32 tells less than a support of the largest, and 10¹² of the smallest."""
+    rng = np.random.default_rng(67)
+    support = (10 ** rng.uniform(-5.9, 0, 30)).astype(np.float32)
+    support[:2] = 1, 1.001e-6
+    c = Case((2 * rng.normal(size=(30, 3))).astype(np.float32), support, threshold=0.1)
+    u = unit(rng.normal(size=(20, 3)))
+    o = (c.positions[0] + distance * u).astype(np.float32)
+    c = with_rays(c, o, c.positions[0] - o)
+    found = c.scene(**backend).intersect(c.origins, c.directions).distance
+    np.testing.assert_array_equal(np.isfinite(found), np.isfinite(c.depth))
+    hit = np.isfinite(found)
+    assert hit.sum() >= 5
+    np.testing.assert_allclose(found[hit], c.depth[hit], rtol=3e-7)
+
+
 @pytest.mark.parametrize(
     ("extent", "kind"),
     [(1, "alike"), (1, "mixed"), (1, "stretched"), (1e7, "mixed")]

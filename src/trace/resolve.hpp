@@ -176,14 +176,19 @@ template <class Tree, bool PerParticle, bool Leaving = false> struct ResolveRays
     GB_FN_APART double solve(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, double from,
         double to, double side, int& n) const {
         const float typical = tree.header->typical_support;
-        const Vec3<double> o2{o.x, o.y, o.z}, d2{d.x, d.y, d.z};
+        const Node box = tree.node(0);
+        // From where the ray comes near the octree: far from its origin, float32 would make slabs deeper than supports
+        // and bundles wider.
+        const double base = before(box, o, d);
+        const Vec3<double> d2{d.x, d.y, d.z}, o2 = Vec3<double>{o.x, o.y, o.z} + d2 * base;
+        from = max(from - base, 0.0);
+        to -= base;
         const TreeSource<Tree, Group> straight{g, tree, particles, kernel, o2, d2};
         const double size = double(tau) + tree.header->most_weight;
         Limits<double> lim{tau, kWindow * typical, 1e-13 * size, 1e-12 * typical, 1.0};
-        const Node box = tree.node(0);
         if (side != 0.0) lim.sign = side;
         else if (morton::is_inside(o, box.lo, box.hi) && straight.template at<false>(0.0, lim).f > tau) lim.sign = -1.0;
-        const Bundle ray = bundle_around(o, d, 0.0f, 0.0f);
+        const Bundle ray = bundle_around(to_float(o2), d, 0.0f, 0.0f);
         Slab slab(float(from), typical, 1.0f);
         while (slab.z < to) {
             const Gathered found = gather_slab(g, scratch, tree, particles, ray, slab, [] { return false; });
@@ -201,10 +206,17 @@ template <class Tree, bool PerParticle, bool Leaving = false> struct ResolveRays
                     t, slab.end());
             else hit = search(straight, lim, t, slab.end());
             n = max(found.n, 0);
-            if (hit) return t < to ? t : infinity();
+            if (hit) return t < to ? base + t : infinity();
             slab.step(smallest, true);
         }
         return infinity();
+    }
+
+    /// A distance at which the ray has not yet come to the box; 0 near it.
+    GB_FN static double before(const Node& box, const float3& o, const float3& d) {
+        const Vec3<double> lo{box.lo.x, box.lo.y, box.lo.z}, size = Vec3<double>{box.hi.x, box.hi.y, box.hi.z} - lo;
+        const Vec3<double> to = lo + size * 0.5 - Vec3<double>{o.x, o.y, o.z}, along{d.x, d.y, d.z};
+        return max(dot(to, along) / dot(along, along) - (size.x + size.y + size.z), 0.0);
     }
 
     /// A root between t and end; a place where f comes within rounding of the threshold counts as one.
