@@ -262,8 +262,14 @@ def test_ranges_refuse_other_files(files):
     assert not has_ranges("text.vtu")
 
     np.savez_compressed("small.npz", positions=POSITIONS)
+    assert not has_ranges("small.npz")
     with pytest.raises(gb.FormatError, match="without compression"):
         ranges("small.npz")
+    np.save("a.npy", POSITIONS)
+    with open("a.npy", "rb") as plain, gzip.open("a.npy.gz", "wb") as file:
+        file.write(plain.read())
+    assert has_ranges("a.npy")
+    assert not has_ranges("a.npy.gz")
     for name in ("a.ply", "a.bgeo.gz"):
         gb.write(name, gb.Particles(POSITIONS))
         assert not has_ranges(name)
@@ -342,14 +348,31 @@ def test_what_needs_all_particles_is_refused_with_pieces(files, little, capsys):
         assert f"--{flag}: expected none with a scene in pieces" in error
 
 
-def test_radii_that_pieces_do_not_have_are_said(files, little, capsys):
-    p = gb.Particles(LATTICE, attributes={"radius": np.full(len(LATTICE), 0.5)})
-    gb.write("r.npz", p)
-    words = ["render", "r.npz", "-o", "a.png", "--device", "cpu", "--size", "40x30"]
-    assert main([*words, "--memory", "500000"]) == 0
-    assert "pieces do not have the file's radii; more --memory draws" in capsys.readouterr().err
-    assert main(words) == 0
-    assert "pieces" not in capsys.readouterr().err
+def test_pieces_have_the_radii_of_the_file(files, little, capsys):
+    """Grains of several sizes, atoms, and phases, which are no fluid: as of one scene."""
+    radii = RNG.uniform(0.2, 0.45, len(LATTICE))
+    atoms = {"radius": np.full(len(LATTICE), 0.9), "atomic_number": np.ones(len(LATTICE), np.int32)}
+    several = {"phase": np.arange(len(LATTICE)) // 300}
+    shown = {"g": ({"radius": radii}, "spheres"), "a": (atoms, "spheres"), "p": (several, "balls")}
+    for name, (attributes, surface) in shown.items():
+        gb.write(f"{name}.npz", gb.Particles(LATTICE, attributes=attributes))
+        words = ["render", f"{name}.npz", "--device", "cpu", "--size", "80x60"]
+        one = run_json(capsys, *words, "-o", "one.png")
+        many = run_json(capsys, *words, "-o", "many.png", "--memory", "100000")
+        assert (one["surface"], many["surface"]) == (surface, surface)
+        assert many["counts"]["pieces"] > 1
+        pictures = [np.asarray(Image.open(f"{f}.png"), int) for f in ("one", "many")]
+        assert np.abs(pictures[0] - pictures[1]).max() <= 1
+
+
+def test_radii_of_some_ranges_alone_are_none(backend):
+    """As of one scene: spheres of half a spacing."""
+    radii = np.where(np.arange(len(LATTICE)) < 1000, 0.3, np.nan)
+    particles = gb.Particles(LATTICE, attributes={"radius": radii})
+    source = store.source_of(particles)._replace(size=500)
+    pieces = Pieces(source, 3, surface="spheres", **backend)
+    agree(gb.Scene(particles, surface="spheres", **backend), pieces)
+    pieces.close()
 
 
 def test_faces_are_not_drawn_in_pieces(files, little, capsys):

@@ -13,6 +13,7 @@ from pieces_helpers import (
     COLOR,
     CUT,
     GLASS,
+    LATTICE,
     OF_A_FEW,
     PARTICLES,
     POSITIONS,
@@ -32,7 +33,7 @@ def check(particles, n, backend, camera=CAMERA, clips=(), settings=None, **optio
         assert len(scene) == len(particles)
         return gb.render(scene, camera, SIZE, settings, clips)
 
-    scene = gb.Scene(particles, **options, **backend)
+    scene = gb.Scene(particles, **options | {"ranks": "auto"}, **backend)
     same(gb.render(scene, camera, SIZE, settings, clips), on(n, work, backend)[0])
 
 
@@ -48,6 +49,12 @@ def test_smooth_surfaces(backend):
 def test_kernels_of_their_own(backend):
     for particles, options in own_shapes():
         check(particles, 3, backend, clips=[CUT], **options)
+
+
+@pytest.mark.parametrize("mode", ["pieces", "replicate"])
+def test_spheres_have_the_radii_of_the_particles(mode, backend):
+    radii = np.random.default_rng(2).uniform(0.2, 0.45, N)
+    check(gb.Particles(LATTICE, attributes={"radius": radii}), 3, backend, surface="spheres", ranks=mode)
 
 
 @pytest.mark.parametrize("n", [2, 3])

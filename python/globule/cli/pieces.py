@@ -17,7 +17,6 @@ from .._base.device import choose
 from .._base.memory import GIGABYTE, resident_bytes, room
 from ..data.attributes import colormap_of
 from ..data.particles import FARTHEST
-from ..fluids.likeness import are_spheres
 from ..formats import FormatError
 from ..formats.kind import kind_of
 from ..formats.ranges import NAMES, counted_rows, has_ranges, ranges
@@ -156,11 +155,6 @@ def run(
     with mistakes(), _memory(options):
         try:
             source = _share(path, reading(options), comm)
-            if options.surface in ("auto", "spheres"):
-                some = source.read(0, min(source.n, 10_000))
-                if are_spheres(some):
-                    whole = "--ranks replicate draws" if comm else "more --memory draws"
-                    said(f"{path}: pieces do not have the file's radii; {whole} such spheres")
             pieces = Pieces(
                 source, memory=limit, comm=comm,
                 color_by=options.color_by, colormap=options.colormap, range=options.range,

@@ -69,6 +69,17 @@ def read_npz(
     return _from_arrays(path, arrays)
 
 
+def is_mappable(path: str | os.PathLike[str]) -> bool:
+    """Whether an .npz has arrays without compression, and is not PySPH's; true of a damaged one."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+    except DAMAGED:
+        return True
+    stored = all(one.compress_type == zipfile.ZIP_STORED for one in members)
+    return stored and not {*pysph_npz.MEMBERS} <= {one.filename for one in members}
+
+
 def _fields(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """With the fields of structured arrays in their place."""
     found: dict[str, np.ndarray] = {}

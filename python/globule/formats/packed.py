@@ -67,6 +67,14 @@ def packing(head: bytes) -> str:
     return next((how for how, magic in _MAGIC.items() if head.startswith(magic)), "")
 
 
+def is_packed(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is packed."""
+    if not os.path.isfile(path):
+        return False
+    with open(path, "rb") as file:
+        return bool(packing(file.read(8)))
+
+
 def unpacked_head(path: str | os.PathLike[str], size: int) -> bytes:
     """The first `size` bytes that a packed file unpacks to; fewer where it is damaged or shorter.
 

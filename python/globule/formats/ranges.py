@@ -26,11 +26,15 @@ from .errors import FormatError, bad
 from .fields import find_positions, particles_from, say_origin
 from .kind import kind_of
 from .numpy_format import DAMAGED, from_columns, read_header, with_places
+from .numpy_format import is_mappable as npz_is_mappable
+from .packed import is_packed
 from .vtk_xml import MappedVtk
 from .vtk_xml import is_mappable as vtk_is_mappable
 
-FORMATS = ("npy", "npz", "hdf5")
-MAPPABLE = {"vtu": vtk_is_mappable, "vtp": vtk_is_mappable, "bgeo": bgeo_is_mappable}
+FORMATS = ("npy", "hdf5")
+MAPPABLE = {
+    "npz": npz_is_mappable, "vtu": vtk_is_mappable, "vtp": vtk_is_mappable, "bgeo": bgeo_is_mappable,
+}  # fmt: skip
 NAMES = ".npy, .npz, HDF5, .bgeo without compression or raw appended .vtu"  # for messages
 MOST_BYTES = 64.0  # that a scene takes for one byte of a file without compression
 _LOCAL_HEADER = 30  # bytes before a zip member's name and extra field
@@ -50,6 +54,8 @@ class Ranges(NamedTuple):
 def has_ranges(path: str | os.PathLike[str], given: Collection[str] = ()) -> bool:
     """Whether the format of a file allows ranges, read with these options of `read`."""
     kind = kind_of(path, "particles").format
+    if is_packed(path):
+        return False
     if kind == "hdf5":
         return not {"where", "center", "min_component"} & {*given}
     mappable = MAPPABLE.get(kind)

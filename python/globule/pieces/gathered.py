@@ -10,7 +10,7 @@ from .._base.arrays import to_host
 from .._base.ranks import Alone
 from ..data.particles import Particles
 from .pieces import BYTES, check_reach
-from .store import COLUMNS, Layout
+from .store import COLUMNS, TELLING, Layout
 
 LIGHT_BYTES = 1470  # a particle of a pool of a million: the cells that light needs, on a CPU
 FACTORS = ("reflection", "refraction")
@@ -22,7 +22,7 @@ def replicated_bytes(n: int, surface: str) -> float:
 
 
 def gathered(ranks: Alone, particles: Particles) -> Particles:
-    """All ranks' particles, in the order of the ranks, on every one; without attributes."""
+    """All ranks' particles, in the order of the ranks, on every one; without attributes but `radius`."""
 
     def fields() -> tuple[tuple[str, ...], dict[str, Any]]:
         each, one = [], {}
@@ -34,12 +34,16 @@ def gathered(ranks: Alone, particles: Particles) -> Particles:
                 each.append(name)
             else:
                 one[name] = value if np.ndim(value) == 0 else np.asarray(to_host(value)).tolist()
+        if TELLING["radius"](particles) is not None:
+            each.append("radius")
         return tuple(each), one
 
     found = [f for f, n in ranks.all((ranks.together(fields), len(particles))) if n]
     found = found or [((), {})]
     check_reach([Layout(*f) for f in found])
     names = sorted({name for each, one in found for name in (*each, *one)})
+    if not all("radius" in each for each, _ in found):
+        names = [name for name in names if name != "radius"]
     ones = [[one.get(name) for _, one in found] for name in names]
     same = {
         name: values[0]

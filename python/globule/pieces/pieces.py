@@ -17,8 +17,9 @@ from .._base.owner import Owner
 from .._base.ranks import ranks_of
 from ..data.attributes import attribute_values, checked_range, color_by, ends_of_map
 from ..data.particles import Particles
+from ..data.radii import find_radii
 from ..data.spacing import normal_of
-from ..fluids.likeness import suitable_surface
+from ..fluids.likeness import RADII, suitable_surface
 from ..scene.fitting import octree_bytes, room_on
 from ..scene.scene import (
     DEFAULTS,
@@ -26,13 +27,14 @@ from ..scene.scene import (
     REACH,
     SMOOTH_SUPPORT,
     SMOOTH_THRESHOLD,
+    SPHERE_RADIUS,
     SPHERE_SUPPORT,
     SPHERE_THRESHOLD,
     SURFACES,
     SceneBase,
 )
 from .partition import Partition, Space, box_of, cells_of, codes_of, histogram, space_around
-from .store import CHUNK, Columns, Files, Layout, Source, layout_of, source_of
+from .store import CHUNK, TELLING, Columns, Files, Layout, Source, layout_of, source_of
 
 # Bytes that a piece takes for each of its particles while it is read, built and traced, measured:
 # 58 and 95 on a CPU, with the rows themselves.
@@ -122,8 +124,7 @@ class Pieces(Owner):
         self._files: Files | None = None
         source = source_of(particles)
         self._survey(source)
-        self.surface = surface
-        self._settle(source, threshold)
+        self._settle(source, surface, threshold)
         if n is not None:
             whole("n", n, 1, MOST_PIECES)
         self.space = self._space(0.0)
@@ -148,6 +149,8 @@ class Pieces(Owner):
         trim()  # what an image has left
         source = self.ranks.together(lambda: source_of(particles))
         self._survey(source)
+        if self.surface == "spheres" and self.spacing is None and not self._has_radii:
+            self._measure(source, False)
         self._kernels()
         most = max(IMBALANCE, 1.1 * self._best)
         if not self._in_space() or self._imbalance(source) > most:
@@ -170,7 +173,7 @@ class Pieces(Owner):
         # The kernel `solid` is negative in its outer part.
         self.negative = float(ranks.least(np.float64(weight))) < 0 or self.kernel == "solid"
         self.factors = float(ranks.most(np.float64(factors)))
-        self._reach = ranks.most(np.array(reach))
+        self._reach, self._radii = ranks.most(np.array(reach)).reshape(2, 2)
         ends = np.array([ranks.least(values[:1])[0], ranks.most(values[1:])[0]])
         if self._color[0] is not None:
             name, colormap, own = self._color
@@ -189,7 +192,7 @@ class Pieces(Owner):
         particles, largest factor of reflection or refraction, and layout."""
         low: np.ndarray = np.full(3, np.inf)
         high: np.ndarray = np.full(3, -np.inf)
-        values, reach = np.array([np.inf, -np.inf]), [0.0, 0.0]
+        values, reach = np.array([np.inf, -np.inf]), [0.0, 0.0, 0.0, 0.0]  # by support, by radius
         weight, n, factors = np.inf, 0, 0.0
         layout: Layout | None = None
         for some in source.chunks():
@@ -204,9 +207,10 @@ class Pieces(Owner):
                 weight = min(weight, float(np.min(to_host(some.weight))))
             for factor in (some.reflection, some.refraction):
                 factors = max(factors, 0.0 if factor is None else float(np.max(to_host(factor))))
-            axes = _reach(some, self.support)
-            if axes is not None:
-                reach = [max(reach[0], float(np.median(axes))), max(reach[1], float(np.max(axes)))]
+            for k, axes in (0, _reach(some, self.support)), (2, _radii(some)):
+                if axes is not None:
+                    reach[k] = max(reach[k], float(np.median(axes)))
+                    reach[k + 1] = max(reach[k + 1], float(np.max(axes)))
             if self._color[0] is not None and self._color[2] is None:
                 found_values = attribute_values(some, self._color[0])
                 known = found_values[np.isfinite(found_values)]
@@ -241,8 +245,9 @@ class Pieces(Owner):
         """Unit normal (3,) of the plane that holds all particles, if it is one across an axis."""
         return normal_of(box_corners(self.low, self.high).astype(np.float32))
 
-    def _settle(self, source: Source, threshold: float | None) -> None:
+    def _settle(self, source: Source, surface: str, threshold: float | None) -> None:
         """Surface, support and spacing, measured where nobody says them."""
+        self.surface = surface
         own = self._reach[1] > 0 or self.support is not None
         auto = self.surface == "auto"
         asked = self.support is not None or threshold is not None or self.kernel != "murakami"
@@ -256,7 +261,8 @@ class Pieces(Owner):
                 )
         elif self.spacing is not None and not auto:
             raise ValueError("spacing: expected surface='smooth' with it, got 'balls'")
-        unknown = self.spacing is None if self.surface != "balls" else not own
+        made = self.surface == "smooth" or (self.surface == "spheres" and not self._has_radii)
+        unknown = self.spacing is None if made else self.surface == "balls" and not own
         if auto or unknown:
             self._measure(source, auto)
         usual = {"smooth": SMOOTH_THRESHOLD, "spheres": SPHERE_THRESHOLD}
@@ -271,12 +277,21 @@ class Pieces(Owner):
             self._layout = self._layout.with_each("weight")
             self.support = SMOOTH_SUPPORT * self.spacing
             self._typical = self.reach = 2 * SMOOTH_REACH * self.spacing
+        elif self.surface == "spheres" and self._has_radii:
+            self._typical, self.reach = map(float, self._radii)
         elif self.surface == "spheres":
             assert self.spacing is not None
             self.support = self.reach = self._typical = SPHERE_SUPPORT * self.spacing
         else:
             one = self.support
             self._typical, self.reach = (one, one) if one else (float(v) for v in self._reach)
+        radii = self.surface == "spheres" and self._has_radii
+        self._layout = self._layout.without(*(name for name in TELLING if name != "radius" or not radii))
+
+    @property
+    def _has_radii(self) -> bool:
+        """Whether spheres have radii of their own."""
+        return self.spacing is None and ("radius" in self._layout.each or not self.n_particles)
 
     def _space(self, slack: float) -> Space:
         """The cells around all particles, and so much of their extent on each side."""
@@ -305,11 +320,12 @@ class Pieces(Owner):
         sample = self._layout.particles(near)
         scene = SceneBase(Particles(sample.positions), self.kernel, device="cpu",
                           threads=self._options["threads"])  # fmt: skip
+        why = ""
         if auto:
-            self.surface = suitable_surface(sample, scene)[0]
+            self.surface, why = suitable_surface(sample, scene)
         if self.surface == "balls":
             self.support = self.support or (None if self._reach[1] > 0 else float(scene.support))
-        elif self.spacing is None:
+        elif self.spacing is None and why != RADII:
             scene.become(self.surface)
             self.spacing = scene.spacing or 1.0
 
@@ -423,8 +439,10 @@ class Pieces(Owner):
 
     def _placed(self, some: Particles) -> tuple[np.ndarray, np.ndarray]:
         """The rows (M, width) of the pieces, and whose they are (M,), in order."""
-        axes = _reach(some, self.support)
-        reach = self.reach if self.surface != "balls" or axes is None else axes
+        axes = _reach(some, self.support) if self.surface == "balls" else None
+        if self.surface == "spheres" and self._has_radii:
+            axes = _radii(some)
+        reach = self.reach if axes is None else axes
         positions = to_host(some.positions)
         row, piece = self.partition.needed(positions, reach)
         name, colormap, ends = self._color
@@ -500,7 +518,7 @@ class Pieces(Owner):
     @property
     def outside(self) -> float:
         """How far from a particle the surface may lie, world units."""
-        return REACH[self.kernel] * float(self.support or self._reach[1])
+        return REACH[self.kernel] * float(self.support or self.reach)
 
 
 def _reach(particles: Particles, support: float | None) -> Any:
@@ -508,6 +526,12 @@ def _reach(particles: Particles, support: float | None) -> Any:
     if particles.anisotropy is not None:
         return 1 / np.linalg.eigvalsh(particles.anisotropy.astype(np.float64))[:, 0]
     return support if support else None if particles.support is None else to_host(particles.support)
+
+
+def _radii(particles: Particles) -> Any:
+    """How far spheres reach: (N,); None where the particles have no radii."""
+    radii = find_radii(particles)
+    return None if radii is None else radii / SPHERE_RADIUS
 
 
 def check_reach(layouts: Sequence[Layout]) -> None:
@@ -520,10 +544,10 @@ def check_reach(layouts: Sequence[Layout]) -> None:
 
 def _both(a: Layout, b: Layout) -> Layout:
     """A layout for the particles of two."""
-    each = list(a.each)
+    each = [name for name in a.each if name not in TELLING or name in b.each]
     one = {}
     for name in (*b.each, *b.one, *a.one):
-        if name in each or name in one:
+        if name in each or name in one or name in TELLING:
             continue
         if name in b.each or not _same(a.one.get(name), b.one.get(name)):
             each.append(name)

@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.arrays import to_host
+from ..data.attributes import ELEMENT_NAMES
 from ..data.particles import FARTHEST, UP, Particles
+from ..data.radii import find_radii
 from ..scene.fitting import is_positions
 from ..scene.scene import DEFAULT_COLOR
 from ..scene.sources import as_particles
@@ -18,6 +20,12 @@ from ..scene.sources import as_particles
 CHUNK = 1 << 17  # particles that are in memory at a time while they are dealt out
 COLUMNS = {"positions": 3, "support": 1, "weight": 1, "color": 3, "anisotropy": 9,
            "reflection": 1, "refraction": 1}  # fmt: skip
+# Attributes by which the surface is chosen.
+TELLING: dict[str, Callable[[Particles], np.ndarray | None]] = {
+    "radius": find_radii,
+    "phase": lambda particles: _told(particles, ("phase", "phases")),
+    "element": lambda particles: _told(particles, ELEMENT_NAMES),
+}
 USUAL = {"color": DEFAULT_COLOR, "reflection": 0.0, "refraction": 0.0}  # of what is missing; else 1
 
 
@@ -64,7 +72,7 @@ def source_of(value: Any) -> Source:
 class Layout(NamedTuple):
     """How particles become rows of float32.
 
-    each  fields with columns of their own, beside the positions
+    each  fields, and attributes that tell, with columns of their own, beside the positions
     one   fields with one value for all particles
     """
 
@@ -78,30 +86,35 @@ class Layout(NamedTuple):
 
     def place(self, name: str) -> int:
         """The column where a field begins."""
-        return 3 + sum(COLUMNS[k] for k in self.each[: self.each.index(name)])
+        return sum(self.widths[: 1 + self.each.index(name)])
 
     def with_each(self, name: str) -> Layout:
         """With columns for a field."""
         one = {k: v for k, v in self.one.items() if k != name}
-        return Layout((*(k for k in self.each if k != name), name), one)
+        return Layout((*self.without(name).each, name), one)
+
+    def without(self, *names: str) -> Layout:
+        """Without columns for these."""
+        return Layout(tuple(k for k in self.each if k not in names), self.one)
 
     def rows(self, particles: Particles) -> np.ndarray:
         """(N, width) float32."""
         n = len(particles)
         parts = [to_host(particles.positions)]
         for name in self.each:
-            own = getattr(particles, name)
+            own = TELLING[name](particles) if name in TELLING else getattr(particles, name)
             own = USUAL.get(name, 1.0) if own is None else to_host(own)
             value = np.asarray(own, np.float32)
+            width = COLUMNS.get(name, 1)
             if value.ndim < (2 if name == "color" else 1):  # one value in this range alone
-                value = np.broadcast_to(value, (n, COLUMNS[name]))
-            parts.append(value.reshape(n, COLUMNS[name]))
+                value = np.broadcast_to(value, (n, width))
+            parts.append(value.reshape(n, width))
         return np.concatenate(parts, axis=1)
 
     @property
     def widths(self) -> list[int]:
         """Columns of the positions and of each field."""
-        return [3, *(COLUMNS[name] for name in self.each)]
+        return [3, *(COLUMNS.get(name, 1) for name in self.each)]
 
     def particles(self, rows: np.ndarray) -> Particles:
         """The particles of rows (N, width)."""
@@ -113,7 +126,8 @@ class Layout(NamedTuple):
         shapes = {1: (-1,), 3: (-1, 3), 9: (-1, 3, 3)}
         each = [column.reshape(shapes[column.shape[1]]) for column in columns]
         fields: dict[str, Any] = dict(zip(self.each, each[1:], strict=True))
-        return Particles(each[0], **self.one, **fields)
+        told = {name: fields.pop(name) for name in TELLING if name in fields}
+        return Particles(each[0], **self.one, **fields, attributes=told)
 
 
 class Columns:
@@ -148,7 +162,14 @@ def layout_of(particles: Particles, support: float | None) -> Layout:
             each.append(name)
         else:
             one[name] = value
+    each += [name for name, find in TELLING.items() if find(particles) is not None]
     return Layout(tuple(each), one)
+
+
+def _told(particles: Particles, names: tuple[str, ...]) -> np.ndarray | None:
+    """The first attribute of these names, one number a particle."""
+    found = (to_host(v) for k, v in particles.attributes.items() if k.lower() in names)
+    return next((v for v in found if v.ndim == 1 and v.dtype.kind in "biuf"), None)
 
 
 class Files:
