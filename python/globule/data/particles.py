@@ -309,7 +309,7 @@ def as_origin(value: Any) -> tuple[float, float, float]:
 def _rounding(positions: np.ndarray, least: int) -> tuple[float, float, float, np.ndarray]:
     """Of positions (N, 3): the farthest coordinate, float32's step there, the spacing of the
     particles, and an origin near them; a spacing of inf where fewer than `least` tell."""
-    some = positions[:: 1 + len(positions) // 100_000]
+    some = positions[:: 1 + len(positions) // 20_000]
     some = some[(np.abs(some) <= FARTHEST).all(axis=1)]
     if len(some) < least:
         return 0.0, 0.0, math.inf, np.zeros(3)

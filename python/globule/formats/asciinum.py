@@ -84,10 +84,13 @@ def parse_rows(path: Any, lines: Sequence[str], first_line: int, n_columns: int,
     raise fault or bad(path, f"line {first_line}", f"expected rows of numbers, got {problem}")
 
 
-def parse_plain(data: bytes, separator: str, n_columns: int, used: Sequence[int]) -> np.ndarray | None:
-    """The columns `used` of separated rows, (n, len(used)) float64, as `parse_rows` reads them but
-    in a fifth of the time, by pyarrow; None without it, and for a text that is not plain: quotes,
-    comments, and what is no finite number in these columns."""
+def parse_plain(
+    data: bytes, separator: str, n_columns: int, used: Sequence[int], before: np.ndarray
+) -> np.ndarray | None:
+    """The rows `before` (m, len(used)), and behind them the columns `used` of separated rows,
+    (m + n, len(used)) float64, as `parse_rows` reads them but in a fifth of the time, by pyarrow;
+    None without it, and for a text that is not plain: quotes, comments, and what is no finite
+    number in these columns."""
     if any(mark in data for mark in (b'"', b"#", b"%")):
         return None
     try:
@@ -108,15 +111,16 @@ def parse_plain(data: bytes, separator: str, n_columns: int, used: Sequence[int]
         )  # fmt: skip
     except pyarrow.ArrowInvalid:
         return None
-    rows = np.empty((table.num_rows, len(kept)))
+    rows = np.empty((len(before) + table.num_rows, len(kept)))
+    rows[: len(before)] = before
     for i, column in enumerate(table.columns):
-        begin = 0
+        begin = len(before)
         for chunk in column.chunks:  # not to_numpy, which loads pandas for half a second
             values = np.frombuffer(chunk.buffers()[1], np.float64)[chunk.offset :][: len(chunk)]
             rows[begin : begin + len(chunk), i] = values
             begin += len(chunk)
     # NumPy takes fewer words for them.
-    return rows if np.isfinite(rows.sum(axis=0)).all() else None
+    return rows if np.isfinite(rows[len(before) :].sum(axis=0)).all() else None
 
 
 def _find_fault(

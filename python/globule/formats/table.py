@@ -374,10 +374,10 @@ def _assemble(
         if np.isnan(rows[:, places or [0, 1, 2]]).any():
             raise
     if rest:
-        behind = parse_plain(rest, separator, len(words), numeric) if separator else None
-        if behind is None:
+        whole = parse_plain(rest, separator, len(words), numeric, rows) if separator else None
+        if whole is None:
             raise _NotPlainError
-        rows = np.concatenate([rows, behind])
+        rows = whole
     columns: dict[str, np.ndarray] = {}
     for column, i in enumerate(numeric):
         name = names[i] or f"column{i + 1}"
