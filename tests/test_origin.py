@@ -81,6 +81,7 @@ def test_all_frames_have_one_origin(capsys):
     assert main(["track", "s_0.npy", "s_1.npy", "s_2.npy", "-o", "t.csv"]) == 0
     rows = np.genfromtxt("t.csv", delimiter=",", names=True, dtype=None, encoding=None)
     np.testing.assert_allclose(np.diff(rows["x_min"]), 0.4, atol=2e-3)
+    np.testing.assert_allclose(rows["z_min"], FAR[2] + lattice()[:, 2].min(), atol=0.2)
     np.testing.assert_allclose(rows["volume"], rows["volume"][0], rtol=1e-4)
     assert main(["render", "s_*.npy", "-o", "s_%d.png", *MACHINE]) == 0
     images = [np.asarray(Image.open(f"s_{k}.png")).astype(int) for k in range(3)]
@@ -208,6 +209,17 @@ def test_samples_are_written_in_world_coordinates(command, capsys):
         origin = re.search(rb'Origin="([^"]*)"', file.read())[1].split()
     if name != "gauge":  # whose points have heights
         np.testing.assert_allclose(np.array(origin, float), world[0], rtol=0, atol=1e-6)
+
+
+def test_gauges_and_images_are_written_in_world_coordinates(capsys):
+    np.save("a.npy", lattice() + FAR)
+    words = ["gauge", "a.npy", "--at", "0.5,0.5", "--up", "0,0,-1", "--origin", "440750,5000000,100"]
+    assert main([*words, "-o", "g.csv"]) == 0
+    height = np.genfromtxt("g.csv", delimiter=",", names=True)["height_0"]
+    np.testing.assert_allclose(height, -FAR[2], atol=0.2)  # that of the lowest layer
+    assert main(["render", "a.npy", "-o", "a.png", "--aov", "a.npz", *MACHINE]) == 0
+    aov = np.load("a.npz")
+    np.testing.assert_allclose(aov["position"][aov["mask"]].mean(axis=0), FAR + 0.5, atol=0.7)
 
 
 def test_large_ids_are_said_whole(capsys):

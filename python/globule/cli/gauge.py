@@ -103,7 +103,9 @@ def run(options: argparse.Namespace) -> None:
     columns = {f"height_{k}": heights[:, k] for k in range(len(options.at or ()))}
     table = {**measuring.times(options, len(rows)), "file": np.array(names), **columns}
     if not options.map and (options.output or not options.json):
-        write_table(options.output, table)
+        axis, sign = up_axis(scene.up if options.up is None else options.up)
+        above = sign * scene.origin[axis]  # files have world coordinates
+        write_table(options.output, table | {name: column + above for name, column in columns.items()})
     if options.plot:
         measuring.plot(options.plot, table, list(columns), "height, world units")
     if options.json:

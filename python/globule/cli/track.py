@@ -73,8 +73,9 @@ def run(options: argparse.Namespace) -> None:
             names.append(path)
     table: dict[str, Any] = {**measuring.times(options, len(rows)), "file": np.array(names)}
     table |= {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    at = dict(zip("xyz", scene.origin, strict=True))  # files have world coordinates
     if options.output or not options.json:
-        write_table(options.output, table)
+        write_table(options.output, table | {name: table[name] + at[name[0]] for name in COLUMNS[2:]})
     if options.plot:
         name = options.plot_column
         unit = {"volume": " cubed", "area": " squared"}.get(name, "")

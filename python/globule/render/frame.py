@@ -16,6 +16,7 @@ from .._base.colormaps import CATEGORICAL
 from .._base.device import Device
 from .._base.files import atomic_write
 from .._base.owner import Owner
+from ..data.particles import HERE
 from ..scene.mesh import Mesh
 from ..scene.scene import SceneBase
 from .display import displayed, straight, with_values
@@ -253,8 +254,8 @@ class Frame(Owner):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the image (.png) or every array (.npz, .exr); whole or not at all.
 
-        A .npz has `color`, `distance`, `position`, `normal`, `albedo` and `mask`. Raises ValueError
-        for another ending.
+        A .npz has `color`, `distance`, `position`, `normal`, `albedo` and `mask`; positions become
+        world coordinates, float64 where there is an origin. Raises ValueError for another ending.
         """
         name = str(path).lower()
         if name.endswith(".png"):
@@ -263,7 +264,11 @@ class Frame(Owner):
             from ..formats.numpy_format import write_arrays
 
             names = ("color", "distance", "position", "normal", "albedo", "mask")
-            write_arrays(path, {name: getattr(self, name) for name in names}, packed=True)
+            arrays = {name: getattr(self, name) for name in names}
+            origin = next((o for x in self._layers if (o := getattr(x.scene, "origin", HERE)) != HERE), HERE)
+            if origin != HERE:
+                arrays["position"] = arrays["position"] + np.asarray(origin)
+            write_arrays(path, arrays, packed=True)
         elif name.endswith(".exr"):
             from ..formats.pictures.exr import frame_channels, write_exr
 
