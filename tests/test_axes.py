@@ -225,3 +225,25 @@ def test_box_of_any_shape():
     assert Box.of_sizes(0, 1, True).cut_axes(full) == []
     nothing = np.full((3, 3), np.nan)
     assert np.isnan(Box.of_sizes(0, 1, True).center(nothing)).all()
+
+
+def test_npz_keeps_up_and_names(capsys):
+    """What is converted looks as before: z upwards, and types by their names."""
+    x = ball((0.5, 0.5, 0.5))
+    with open("a.extxyz", "w") as file:
+        file.write(f"{len(x)}\nProperties=species:S:1:pos:R:3\n")
+        file.write("".join(f"{'AB'[k % 2]} {a:.9g} {b:.9g} {c:.9g}\n" for k, (a, b, c) in enumerate(x)))
+    assert main(["convert", "a.extxyz", "a.npz"]) == 0
+    given, kept = gb.read("a.extxyz"), gb.read("a.npz")
+    assert kept.names == given.names != {}
+    assert kept.up == given.up == Z_UP == Pieces("a.npz", 2, support=0.1).up
+    assert up_of("a.npz") == (Z_UP, "the file says so")
+    np.savez("plain.npz", positions=x)
+    assert (gb.read("plain.npz").up, up_of("plain.npz")) == (UP, (UP, "the default"))
+    with open("a.npz", "rb") as file:
+        data = file.read()
+    for other in (b'[1, {"up"', b'{"up": [0, 0, 0], "n"', b'{"up": [0, 0, {}], "'):  # of the same length
+        place = data.rindex(b'{"up": [0')
+        with open("b.npz", "wb") as file:
+            file.write(data[:place] + other + data[place + len(other) :])
+        assert gb.read("b.npz").up == UP

@@ -136,10 +136,11 @@ def up_of(path: str | os.PathLike[str]) -> tuple[tuple[float, float, float], str
     """
     kind = kind_of(path, "particles")
     form = format_named(kind.format) if kind.kind in ("particles", "mesh") else None
-    if form is None or (form.up != "z" and form.name != "usd"):
+    if form is not None and form.name in ("usd", "npz"):
+        up = function_of(form, "read_up")(path)
+        return up, "the default" if form.name == "npz" and up == UP else "the file says so"
+    if form is None or form.up != "z":
         return UP, "the default"
-    if form.name == "usd":
-        return function_of(form, "read_up")(path), "the file says so"
     return Z_UP, f"as usual in this format ({form.about})"
 
 

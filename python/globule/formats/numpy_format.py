@@ -5,6 +5,7 @@ Pickled objects are never loaded; those of PySPH are read by `pysph_npz`.
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import zipfile
@@ -15,8 +16,9 @@ from typing import IO, Any
 import numpy as np
 
 from .._base.arrays import to_host
+from .._base.checks import unit
 from .._base.files import atomic_write
-from ..data.particles import SCALAR_FIELDS, Particles
+from ..data.particles import SCALAR_FIELDS, UP, Particles
 from . import pysph_npz
 from .contents import Contents
 from .errors import bad, shown
@@ -66,7 +68,31 @@ def read_npz(
         arrays = {name: _named(path, arrays, column) for name, column in columns.items()}
     elif len(arrays) == 1 and next(iter(arrays.values())).ndim == 2 and "positions" not in arrays:
         return from_columns(path, *arrays.values())  # of np.savez without a name
-    return _from_arrays(path, arrays)
+    particles = _from_arrays(path, arrays)
+    particles.up, names = _facts(path)
+    particles.names = {name: kinds for name, kinds in names.items() if name in particles.attributes}
+    return particles
+
+
+def read_up(path: str | os.PathLike[str]) -> tuple[float, float, float]:
+    """The direction that `write` has kept, or y."""
+    return _facts(path)[0]
+
+
+def _facts(path: Any) -> tuple[tuple[float, float, float], dict[str, dict[int, str]]]:
+    """`up` and `names` of the archive's comment; those of particles that say nothing where it is not
+    the one that `write` makes."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            facts = json.loads(archive.comment)
+        names = {
+            str(name): {int(value): str(word) for value, word in kinds.items()}
+            for name, kinds in facts["names"].items()
+        }
+        x, y, z = unit("up", facts["up"])
+        return (x, y, z), names
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, *DAMAGED):
+        return UP, {}
 
 
 def is_mappable(path: str | os.PathLike[str]) -> bool:
@@ -160,11 +186,15 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
         if value is not None:
             arrays[name] = np.asarray(value) if isinstance(value, float) else to_host(value)
     arrays.update({name: to_host(array) for name, array in particles.attributes.items()})
-    write_arrays(path, arrays)
+    facts = {"up": particles.up, "names": particles.names}
+    write_arrays(path, arrays, comment=json.dumps(facts).encode())
 
 
-def write_arrays(path: str | os.PathLike[str], arrays: Mapping[str, np.ndarray], packed: bool = False) -> None:
-    """Write an .npz, which appears whole or not at all. packed: deflate the arrays.
+def write_arrays(
+    path: str | os.PathLike[str], arrays: Mapping[str, np.ndarray], packed: bool = False, comment: bytes = b""
+) -> None:
+    """Write an .npz, which appears whole or not at all. packed: deflate the arrays. comment: of the
+    archive, left out where it is longer than an archive's may be.
 
     numpy.savez cannot hold an array named "file", and makes a ValueError of Ctrl-C.
     """
@@ -175,6 +205,7 @@ def write_arrays(path: str | os.PathLike[str], arrays: Mapping[str, np.ndarray],
             for name, array in arrays.items():
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                     np.lib.format.write_array(member, np.asarray(array), allow_pickle=False)
+            archive.comment = comment if len(comment) < 1 << 16 else b""
             archive.close()
         except BaseException:
             archive.fp = None  # closing would complain of the half member; the file is thrown away

@@ -58,10 +58,11 @@ def source_of(value: Any) -> Source:
     if isinstance(value, Source):
         return value
     if isinstance(value, (str, os.PathLike)):
-        from ..formats.ranges import ranges  # formats are loaded when they are needed
+        from ..formats import up_of  # formats are loaded when they are needed
+        from ..formats.ranges import ranges
 
         n, read = ranges(value)
-        return Source(n, read)
+        return Source(n, read, up=up_of(value)[0])
     if is_positions(value):  # of a file mapped into memory, perhaps: never all of them
         return Source(len(value), lambda first, last: Particles(value[first:last]))
     particles = as_particles("particles", value)
