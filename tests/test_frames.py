@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import csv
+import gzip
+import os
 import pickle
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 from cli_helpers import SMALL
 from globule.cli import main
+from globule.formats import packed
 from globule.formats.frames import FrameOf
 from globule.render.sequence import with_frames
 from globule.viewer.open import open_source
@@ -124,3 +127,23 @@ def test_frames_are_not_the_file():
     assert one == FrameOf("a", 1) != other
     assert len({one, other, FrameOf("a", 1), "a"}) == 3
     assert str(one) == "a"
+
+
+def test_a_packed_file_is_unpacked_once_for_all_of_its_frames(monkeypatch):
+    frames, unpacked = dump(), []
+    plain = packed._unpack
+    monkeypatch.setattr(packed, "_unpack", lambda *given: unpacked.append(plain(*given)) or unpacked[-1])
+    for name in ("a.lammpstrj.gz", "b.lammpstrj.gz"):
+        with gzip.open(name, "wb") as file:
+            file.write(Path("frames.lammpstrj").read_bytes())
+    for name in ("a.lammpstrj.gz", "b.lammpstrj.gz"):
+        unpacked.clear()
+        for k, frame in enumerate(frames):
+            np.testing.assert_allclose(gb.read(FrameOf(name, k)).positions, frame, atol=1e-6)
+        assert len(unpacked) == 1
+    kept = unpacked[0]
+    with gzip.open("b.lammpstrj.gz", "wb") as file:  # another content
+        file.write(Path("frames.lammpstrj").read_bytes().replace(b"0.1", b"0.2"))
+    assert (gb.read(FrameOf("b.lammpstrj.gz", 0)).positions != frames[0]).any()
+    assert len(unpacked) == 2
+    assert not os.path.exists(kept)

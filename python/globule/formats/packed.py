@@ -1,4 +1,5 @@
-"""Files packed by gzip, bzip2, xz or zstd, for every reader: an unpacked copy of a while.
+"""Files packed by gzip, bzip2, xz or zstd, for every reader: an unpacked copy of a while. That of a
+file with several frames stays until another one's is made.
 
 How much a file may unpack to is the rule of `size`, checked while it is unpacked.
 """
@@ -10,6 +11,7 @@ import functools
 import lzma
 import os
 import tempfile
+import threading
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -109,18 +111,63 @@ def unpacked(path: str | os.PathLike[str], reads_gzip: bool = False) -> Iterator
         if not how or (how == "gzip" and reads_gzip):
             yield path
             return
+        if hasattr(path, "frame"):  # others of its frames follow
+            with _kept(path, file, how) as folder:
+                yield Unpacked(os.path.join(folder, plain_name(path)), os.fspath(path))
+            return
         with tempfile.TemporaryDirectory(prefix="globule-") as folder:
-            copy = os.path.join(folder, plain_name(path))
-            held, size = os.fstat(file.fileno()).st_size, 0
-            with open(copy, "wb") as out:
-                try:
-                    for piece in _pieces(file, how):
-                        size += len(piece)
-                        check_size(path, "", size, held)
-                        out.write(piece)
-                except _ERRORS as error:
-                    raise bad(path, "", f"expected whole {how} data, got {error}") from None
-            yield Unpacked(copy, os.fspath(path))
+            yield Unpacked(_unpack(path, file, how, folder), os.fspath(path))
+
+
+class _Copy:
+    """An unpacked copy in a folder of its own, and how many use it now."""
+
+    def __init__(self) -> None:
+        self.folder, self.users = tempfile.TemporaryDirectory(prefix="globule-"), 0
+
+
+_copies: dict[tuple, _Copy] = {}  # by the file's state and the process, whose children leave it alone
+_copying = threading.Lock()
+
+
+@contextmanager
+def _kept(path: Any, file: IO[bytes], how: str) -> Iterator[str]:
+    """The folder of a copy, which stays until another file's is made or the process ends."""
+    state = os.fstat(file.fileno())
+    key = (os.getpid(), plain_name(path), state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns)
+    with _copying:
+        for other, copy in list(_copies.items()):
+            if other != key and other[0] == key[0] and not copy.users:
+                _copies.pop(other).folder.cleanup()
+        copy = _copies.get(key) or _Copy()
+        if key not in _copies:
+            try:
+                _unpack(path, file, how, copy.folder.name)
+            except BaseException:
+                copy.folder.cleanup()
+                raise
+            _copies[key] = copy
+        copy.users += 1
+    try:
+        yield copy.folder.name
+    finally:
+        with _copying:
+            copy.users -= 1
+
+
+def _unpack(path: Any, file: IO[bytes], how: str, folder: str) -> str:
+    """The path of a copy in a folder. Raises FormatError."""
+    copy = os.path.join(folder, plain_name(path))
+    held, size = os.fstat(file.fileno()).st_size, 0
+    with open(copy, "wb") as out:
+        try:
+            for piece in _pieces(file, how):
+                size += len(piece)
+                check_size(path, "", size, held)
+                out.write(piece)
+        except _ERRORS as error:
+            raise bad(path, "", f"expected whole {how} data, got {error}") from None
+    return copy
 
 
 def opens_packed(function: _Function) -> _Function:
