@@ -263,6 +263,39 @@ def test_fluid_without_room_is_refused():
         sim.run(1.0)
 
 
+def deep(layers: int, backend) -> gb.Simulation:
+    """Water 8 particles wide, periodic, under an open top."""
+    d = 0.02
+    box = {"lo": (0, 0, 0), "hi": (8 * d, 8 * d, (layers + 10) * d)}
+    domain = box | {"walls": True, "open": ["+z"], "periodic": ["x", "y"]}
+    sim = gb.Simulation({"spacing": d, "domain": domain, "fluids": [{"name": "water"}]}, **backend)
+    sim.add(physics.lattice((0, 0, 0), (8 * d, 8 * d, layers * d), d), "water")
+    return sim
+
+
+@pytest.mark.few_backends
+@pytest.mark.parametrize("layers", [120, pytest.param(520, marks=pytest.mark.slow)])
+def test_deep_water_does_not_fall_into_itself(backend, layers):
+    """What is allowed to be left in each layer, a ten-thousandth, let 120 layers fall freely and their toe give way; a
+    surface of one layer in 500 is one."""
+    sim = deep(layers, backend)
+    while sim.time < 0.02:
+        report = sim.step()
+    assert report.compression < 0.001
+    assert -sim.velocities[:, 2].mean() < 0.4 * 9.81 * sim.time
+
+
+@pytest.mark.slow
+@pytest.mark.few_backends
+@pytest.mark.parametrize("layers", [60, 240])
+def test_deep_water_stays(backend, layers):
+    sim = deep(layers, backend)
+    worst = 0.0
+    while sim.time < 0.4:
+        worst = max(worst, sim.step().compression)
+    assert worst < 0.002
+
+
 @pytest.mark.few_backends
 def test_full_box_goes_on(backend):
     sim = gb.Simulation(column(gravity=(0, 0, 0)), **backend)

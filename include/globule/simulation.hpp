@@ -15,17 +15,18 @@
 namespace globule {
 
 struct SimulationSettings {
-    double spacing = 0;                            ///< of particles, m; the kernel's support is twice that
-    Box domain{};                                  ///< m; particles that leave it are no longer simulated
-    std::array<bool, 3> periodic{};                ///< axes along which the domain repeats; at least 8 spacings long
-    Vec3 gravity{0, 0, -9.81};                     ///< m/s^2; z is up
-    double cfl = 1;                                ///< dt = 0.4 cfl spacing / v_max
-    double max_dt = 0.005;                         ///< longest step, s
-    double max_error = 0.001;                      ///< mean compression that the density solver leaves, a share
-    std::optional<double> divergence_error{};      ///< the same of the divergence solver; default: max_error
-    int min_iterations = 2, max_iterations = 100;  ///< of both solvers
-    double viscosity_error = 1e-4;                 ///< relative residual of implicit viscosity
-    bool weakly_compressible = false;              ///< Tait's equation instead of a pressure solve
+    double spacing = 0;                        ///< of particles, m; the kernel's support is twice that
+    Box domain{};                              ///< m; particles that leave it are no longer simulated
+    std::array<bool, 3> periodic{};            ///< axes along which the domain repeats; at least 8 spacings long
+    Vec3 gravity{0, 0, -9.81};                 ///< m/s^2; z is up
+    double cfl = 1;                            ///< dt = 0.4 cfl spacing / v_max
+    double max_dt = 0.005;                     ///< longest step, s
+    double max_error = 0.001;                  ///< mean compression that the density solver leaves, a share
+    std::optional<double> divergence_error{};  ///< the same of the divergence solver; default: max_error
+    int min_iterations = 2;                    ///< of both solvers
+    std::optional<int> max_iterations{};       ///< default: 100; of velocities one for each layer, if that is more
+    double viscosity_error = 1e-4;             ///< relative residual of implicit viscosity
+    bool weakly_compressible = false;          ///< Tait's equation instead of a pressure solve
     std::optional<double>
         sound_speed{};           ///< of the weakly compressible fluid, m/s; default: 10 falls through the domain
     double extra_viscosity = 0;  ///< between all fluids, Pa s

@@ -31,7 +31,7 @@ core::SimulationSettings packed(const SimulationSettings& s) {
     p.density_error = float(positive("max_error", s.max_error));
     p.divergence_error = float(positive("divergence_error", s.divergence_error.value_or(s.max_error)));
     p.least_iterations = whole("min_iterations", s.min_iterations, 0, 1'000'000);
-    p.most_iterations = whole("max_iterations", s.max_iterations, 1, 1'000'000);
+    if (s.max_iterations) p.most_iterations = whole("max_iterations", *s.max_iterations, 1, 1'000'000);
     p.viscosity_error = positive("viscosity_error", s.viscosity_error);
     p.weakly_compressible = s.weakly_compressible;
     if (s.sound_speed) positive("sound_speed", *s.sound_speed);

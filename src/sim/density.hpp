@@ -103,12 +103,23 @@ template <class Packet_, bool periodic, bool mixed> struct Densities {
 };
 
 /// Of the rows that take part: sum and largest of max(delta - 1, 0), how many they are, how many are at a
-/// surface, the sum of delta, and how many are compressed by more than kLeastStep 2^k.
+/// surface, the sum of delta, of heights over where gravity leads and of their squares (spacings), and how many are
+/// compressed by more than kLeastStep 2^k.
 inline constexpr int kSteps = 16;
 inline constexpr double kLeastStep = 1e-5;
+inline constexpr double kLayers = 12.0;  ///< with so many, velocities may leave all that is allowed
 struct Compression {
-    double sum, most, n, n_free, density;
+    double sum, most, n, n_free, density, height, height2;
     std::uint32_t over[kSteps];
+
+    /// As many evenly filled layers stand as high.
+    GB_FN double layers() const {
+        const double mean = height / max(n, 1.0);
+        return sqrt(12.0 * max(height2 / max(n, 1.0) - mean * mean, 0.0));
+    }
+    /// Share of its tolerance that a solve for velocities may leave: what is left in each layer adds up to a column's
+    /// fall.
+    GB_FN double share_of_layers() const { return kLayers / max(layers(), kLayers); }
 
     /// What a share of the particles exceeds: exact at the steps, between them as a power.
     double exceeded_by(double share) const {
@@ -126,12 +137,16 @@ struct Compression {
 struct CompressionOf {
     Rows rows;
     float free_gradient;  ///< |G| times the support of those at a surface
+    const std::uint32_t* slot;
+    const Quad* place;
+    float3 up;  ///< over the spacing
     GB_FN Compression operator()(std::size_t row) const {
         Compression c{};
         if (!(rows.inverse_rho[row] > 0.0f)) return c;
         const double e = max(rows.density[row] - 1.0f, 0.0f);
         const float3 g{rows.gx[row], rows.gy[row], rows.gz[row]};
-        c = {e, e, 1.0, dot(g, g) > free_gradient * free_gradient ? 1.0 : 0.0, rows.density[row], {}};
+        const double h = dot(place[slot[row]].xyz(), up);
+        c = {e, e, 1.0, dot(g, g) > free_gradient * free_gradient ? 1.0 : 0.0, rows.density[row], h, h * h, {}};
         float step = float(kLeastStep);
         for (int k = 0; k < kSteps; ++k, step *= 2.0f) c.over[k] = e > step;
         return c;
@@ -140,7 +155,7 @@ struct CompressionOf {
 struct AddCompression {
     GB_FN Compression operator()(const Compression& a, const Compression& b) const {
         Compression c{a.sum + b.sum, a.most > b.most ? a.most : b.most, a.n + b.n, a.n_free + b.n_free,
-            a.density + b.density, {}};
+            a.density + b.density, a.height + b.height, a.height2 + b.height2, {}};
         for (int k = 0; k < kSteps; ++k) c.over[k] = a.over[k] + b.over[k];
         return c;
     }

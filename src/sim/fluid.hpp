@@ -137,8 +137,11 @@ public:
         const std::size_t n = state_.n_rows;
         weigh();
         surface_.find(lists_, rows_, padded_rows());
-        exec_.reduce_in_order(n, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{},
-            sim::Compression{}, compression_.reserve(1));
+        const float g = length(settings_.gravity);
+        const float3 up = g > 0.0f ? settings_.gravity * (-1.0f / (g * settings_.spacing)) : float3{0, 0, 0};
+        exec_.reduce_in_order(n,
+            sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient, lists_.rows, state_.view().place, up},
+            sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
     }
 
     /// Of the positions that densities() saw, where the device has it.
@@ -186,7 +189,9 @@ public:
     bool fills_its_space() {
         sim::Compression c{};
         exec_.download(&c, compression(), sizeof c);
-        return c.n_free <= sim::kFreeShare * c.n && c.density >= sim::kLeastFilling * c.n;
+        // Half a layer is less than any column's surface.
+        const double free = std::min(sim::kFreeShare, 0.5 / std::max(c.layers(), 1.0));
+        return c.n_free <= free * c.n && c.density >= sim::kLeastFilling * c.n;
     }
     /// Velocities without divergence, of fluid that fills its space; the next move shifts.
     sim::Progress correct_filled(float dt, RigidSolve<Exec>& bodies) {
@@ -375,9 +380,10 @@ private:
         const sim::Push<Packet> push{lists_, rows_, change, s.velocity, progress, inverse_support};
         const sim::Relax<Packet> relax{lists_, rows_, alpha, s.velocity, aim.impulse, change, iterate, error, turn,
             progress, inverse_support, 1.0f / dt, aim.most_excess, least_excess, aim.bulk, aim.least, aim.omega};
+        const sim::Compression* there = aim.most_excess > 0.0f ? nullptr : compression();
         const sim::Judge judge{found, dt, double(n), c.mean, c.most * c.mean, c.share, std::uint32_t(aim.iterations),
-            aim.momentum, aim.most_excess > 0.0f ? nullptr : compression(), settings_.density_error, progress};
-        const sim::ResidualsOf residuals{error, turn, float(c.over * c.mean / dt)};
+            most_iterations(), settings_.most_iterations == 0, aim.momentum, there, settings_.density_error, progress};
+        const sim::ResidualsOf residuals{error, turn, float(c.over * c.mean / dt), there};
         sim::Outcome out{};
         sim::Progress& p = out.progress;
         int at_once = Exec::on_device ? max(took, aim.iterations) : 1;
@@ -392,7 +398,7 @@ private:
             }
             exec_.download(&out, outcome, sizeof out);
             at_once = max(1, int(p.iterations) / 4);
-        } while (!p.done && int(p.iterations) < settings_.most_iterations);
+        } while (!p.done);
         took = int(p.iterations);
         if (bodies) bodies->end_pressure();
         if (aim.share > 0.0f)
@@ -400,6 +406,9 @@ private:
         return out;
     }
 
+    std::uint32_t most_iterations() const {
+        return settings_.most_iterations > 0 ? settings_.most_iterations : settings_.kIterations;
+    }
     sim::Interaction interaction(float share) const {
         return {state_.spline(), state_.period(), 2.0f * share, settings_.extra_viscosity, settings_.spacing,
             state_.volume(), state_.sizes()};
@@ -465,7 +474,7 @@ private:
                 exec_.for_each(1, sim::JudgeConjugate{c, settings_.viscosity_error});
             }
             exec_.download(&state, c, sizeof state);
-        } while (!state.done && state.iterations < std::uint32_t(settings_.most_iterations));
+        } while (!state.done && state.iterations < most_iterations());
         bodies.end_viscosity();
         return int(state.iterations) - 1;
     }

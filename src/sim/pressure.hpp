@@ -24,8 +24,8 @@ struct Progress {
     double most;   ///< the largest
     double over;   ///< the share of particles with more than kOver times the mean that is allowed
     std::uint32_t iterations;
-    std::uint32_t done;
-    float t, beta;  ///< momentum of the iterates
+    std::uint32_t done;  ///< also where there were as many iterations as may be
+    float t, beta;       ///< momentum of the iterates
 };
 
 template <class Packet_> struct Push {
@@ -165,8 +165,10 @@ struct Residuals { double sum, most, n_over, turn; };
 struct ResidualsOf {
     const float *error, *turn;
     float limit;
+    const Compression* there;  ///< as Judge has it
     GB_FN Residuals operator()(std::size_t row) const {
-        return {error[row], error[row], error[row] > limit ? 1.0 : 0.0, turn[row]};
+        const double most = there ? there->share_of_layers() * limit : limit;
+        return {error[row], error[row], error[row] > most ? 1.0 : 0.0, turn[row]};
     }
 };
 struct AddResiduals {
@@ -188,9 +190,11 @@ struct Judge {
     double most;       ///< of the largest
     double over;       ///< of the share of particles above the limit that ResidualsOf counts with
     std::uint32_t least_iterations;
-    float momentum;  ///< 0: none
-    const Compression*
-        there;  ///< of what is to become velocities, or null: more than is allowed asks for smaller errors
+    std::uint32_t most_iterations;
+    bool by_layers;            ///< velocities: or as many as layers
+    float momentum;            ///< 0: none
+    const Compression* there;  ///< of what is to become velocities, or null: more than is allowed, and layers, ask for
+                               ///< smaller errors
     double allowed;
     Progress* progress;
     GB_FN bool is_over() const { return progress->done; }
@@ -201,9 +205,12 @@ struct Judge {
         progress->iterations += 1;
         const double share = there && there->n > 0.0 ? min(1.0, kTighten * allowed * there->n / max(there->sum, 1e-30))
                                                      : 1.0,
-                     s = share * share;
-        progress->done = progress->iterations >= least_iterations && progress->error <= s * tolerance &&
-                         progress->most <= s * most && progress->over <= over;
+                     s = share * share * (there ? there->share_of_layers() : 1.0);
+        // Pressure goes two spacings an iteration: in fewer than a column has layers it would not come through.
+        const double at_most = max<double>(most_iterations, by_layers && there ? there->layers() : 0.0);
+        progress->done = (progress->iterations >= least_iterations && progress->error <= s * tolerance &&
+                             progress->most <= s * most && progress->over <= over) ||
+                         progress->iterations >= at_most;
         const float t = found->turn > 0.0 ? 1.0f : max(progress->t, kFirstT),
                     next = 0.5f * (1.0f + sqrt(1.0f + 4.0f * t * t));
         progress->beta = momentum * (t - 1.0f) / next;

@@ -74,7 +74,12 @@ class Solver(Table):
     )
     viscosity_error: float = setting(Number(1e-9, 0.1), 1e-4, "relative residual of implicit viscosity")
     min_iterations: int = setting(Whole(0, 1_000_000), 2, "fewest iterations of both solves")
-    max_iterations: int = setting(Whole(1, 1_000_000), 100, "most iterations of both solves")
+    max_iterations: int | None = setting(
+        Whole(1, 1_000_000),
+        None,
+        "most iterations of both solves",
+        usual="100, of velocities one for each layer of the fluids, if that is more",
+    )
     cfl: float = setting(
         Number(1e-3, 2.0),
         1.0,
@@ -92,8 +97,9 @@ class Solver(Table):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.min_iterations > self.max_iterations:
-            expected = f"expected at most max_iterations, {self.max_iterations}"
+        most = self.max_iterations or 100
+        if self.min_iterations > most:
+            expected = f"expected at most max_iterations, {most}"
             raise Problem(("min_iterations",), f"{expected}, got {self.min_iterations}")
 
 

@@ -155,7 +155,7 @@ class Settings(Steered, Solver):
             "gravity": list(self.gravity), "cfl": self.cfl, "longest_step": self.max_dt,
             "density_error": self.max_error,
             "divergence_error": self.divergence_error or self.max_error,
-            "least_iterations": self.min_iterations, "most_iterations": self.max_iterations,
+            "least_iterations": self.min_iterations, "most_iterations": self.max_iterations or 0,
             "viscosity_error": self.viscosity_error, "weakly_compressible": wcsph,
             "sound_speed": sound_speed if wcsph else 0.0, "extra_viscosity": self.extra_viscosity,
         }  # fmt: skip
