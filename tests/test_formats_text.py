@@ -417,6 +417,61 @@ def test_two_columns_lie_in_a_plane():
         assert_places(name, plane)
 
 
+LONG = [2**53 + 1, 2**63 - 1]
+
+
+@pytest.mark.parametrize(("name", "text"), [
+    ("a.csv", "x,y,z,id\n0,0,0,{}\n\n1,1,1,{}\n# no row\n"),
+    ("b.csv", '"x";"y";"z";"id"\n0;0;0;"{}"\n1;1;1;"{}"\n'),
+    ("a.xyz", "# x y z id\n0 0 0 {}\n1 1 1 {} # no word\n"),
+    ("e.xyz", "2\nProperties=species:S:1:pos:R:3:id:I:1\nH 0 0 0 {}\nH 1 1 1 {}\n"),
+    ("a.lammpstrj", "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n2\nITEM: BOX BOUNDS pp pp pp\n0 2\n0 2\n0 2\n"
+     "ITEM: ATOMS x y z element id\n0 0 0 H {}\n1 1 1 H {}\n"),
+    ("a.dat", "VARIABLES = X Y Z id\nZONE\n0 0 0 {}\nZONE\n1 1 1 {}\n"),
+])  # fmt: skip
+def test_whole_numbers_are_exact(name, text):
+    for numbers, kind in ((LONG, np.int64), ([2**64 - 1, 1], np.uint64)):
+        Path(name).write_text(text.format(*numbers))
+        ids = gb.read(name).attributes["id"]
+        assert ids.dtype == kind
+        assert ids.tolist() == numbers
+    Path(name).write_text(text.format(2**64 + 1, -1))
+    with pytest.warns(UserWarning, match=f"^{name}: column 'id': float64 rounds '{2**64 + 1}'$"):
+        assert gb.read(name).attributes["id"].tolist() == [2.0**64, -1]
+    Path(name).write_text(text.format(2**64, -1))  # which float64 holds
+    assert gb.read(name).attributes["id"].tolist() == [2**64, -1]
+
+
+def test_whole_numbers_behind_the_head_are_exact(monkeypatch):
+    monkeypatch.setattr("globule.formats.table._PLAIN", 1)
+    monkeypatch.setattr("globule.formats.table._HEAD", 1)
+    for missing in ("", f"1,1,1,{LONG[0]}\n"):
+        Path("a.csv").write_text(f"x,y,z,id\n0,0,0,1\n{missing}1,1,1,{LONG[1]}\n")
+        assert gb.read("a.csv").attributes["id"][-1] == LONG[1]
+
+
+@pytest.mark.parametrize("word", ["NA", "N/A", "#N/A", "null", "None", ""])
+def test_missing_numbers(word):
+    for separator in ", " if word else ",":
+        cells = [[0, 0, 0, word, 1, "Na"], [1, 1, 1, 2.5, word, word], [2, 2, 2, word, word, "O"]]
+        lines = [separator.join(map(str, row)) for row in [["x", "y", "z", "t", "n", "kind"], *cells]]
+        Path("a.csv").write_text("\n".join(lines))
+        found = gb.read("a.csv").attributes
+        np.testing.assert_array_equal(found["t"], [np.nan, 2.5, np.nan])
+        np.testing.assert_array_equal(found["n"], [1, np.nan, np.nan])
+        assert [*found] == ["t", "n"]
+    Path("b.csv").write_text(f"x,y,z\n0,{word},0\n")
+    with pytest.raises(FormatError, match="line 2, column 2: expected a number, got"):
+        gb.read("b.csv")
+
+
+def test_a_column_named_positions_is_an_attribute():
+    Path("a.csv").write_text("x,y,z,positions\n0,0,0,1\n1,1,1,2\n")
+    found = gb.read("a.csv")
+    assert found.positions.tolist() == [[0, 0, 0], [1, 1, 1]]
+    assert found.attributes["positions_attribute"].tolist() == [1, 2]
+
+
 def ovito(more: str, columns: str, species: str = "O") -> None:
     """Extended XYZ as OVITO writes it: a box around the origin, names with capitals."""
     box = 'Lattice="1 0 0 0 1 0 0 0 1" Origin="-0.5 -0.5 -0.5"'

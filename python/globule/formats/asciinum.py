@@ -84,6 +84,14 @@ def parse_rows(path: Any, lines: Sequence[str], first_line: int, n_columns: int,
     raise fault or bad(path, f"line {first_line}", f"expected rows of numbers, got {problem}")
 
 
+def parse_words(lines: Sequence[str], column: int, **options: Any) -> list[str]:
+    """The words of a column of rows that `parse_rows` has read with these options."""
+    options = {"comments": None, **options, "usecols": [column], "ndmin": 1}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of lines without a row
+        return np.loadtxt(lines, str, **options).tolist()
+
+
 def parse_plain(
     data: bytes, separator: str, n_columns: int, used: Sequence[int], before: np.ndarray
 ) -> np.ndarray | None:

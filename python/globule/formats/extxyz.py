@@ -109,7 +109,8 @@ def _arrays(
         else:
             values = table[:, place[c] : place[c] + n]
             if kind == "I":
-                values = np.stack([whole_numbers(v, "0") for v in values.T], axis=1)
+                columns = [whole_numbers(path, name, v, "0", rows, c + k) for k, v in enumerate(values.T)]
+                values = np.stack(columns, axis=1)
             values = np.ascontiguousarray(values[:, 0] if n == 1 else values)
             arrays[name if name == "pos" else _NAMES.get(name, name)] = values
     return arrays, words

@@ -212,6 +212,8 @@ def join_columns(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     columns = dict(columns)
     arrays: dict[str, np.ndarray] = {}
     by_lower_name = {name.lower(): name for name in reversed(list(columns))}
+    if "positions" in columns and by_lower_name.keys() >= {"x", "y", "z"}:
+        columns["positions_attribute"] = columns.pop("positions")
     for components, vector in _VECTORS.items():
         names = [by_lower_name[part] for part in components if part in by_lower_name]
         if len(names) < 3 or vector in columns or vector in arrays:

@@ -383,7 +383,10 @@ def _columns(path: Any, names: list[str], rows: list[str], first: int) -> dict[s
     if len(numeric) < len(words):
         options["usecols"] = numeric
     table = parse_rows(path, rows, first, len(numeric), **options)
-    return {names[i]: whole_numbers(table[:, k], words[i]) for k, i in enumerate(numeric)}
+    return {
+        names[i]: whole_numbers(path, names[i], table[:, k], words[i], rows, i, comments="#")
+        for k, i in enumerate(numeric)
+    }
 
 
 def _is_number(word: str) -> bool:

@@ -6,7 +6,8 @@ bars or blanks).
       has a count alone.
 .csv  the first line may name the columns, with units: `x [m]`, `rho (kg/m3)`; columns that are not
       numbers are left out. Lines that begin with # or % are comments; the last of them before the
-      rows names the columns where no other line does. A missing number of an attribute is NaN.
+      rows names the columns where no other line does. A missing number of an attribute is NaN:
+      a cell that is empty, `NA`, `N/A`, `null` or `None`.
       Decimal commas are understood where they do not separate.
 
 Two columns x and y without z lie in the plane z = 0.
@@ -16,17 +17,19 @@ Columns without a name become attributes `column4`, `column5` and so on.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import os
 import re
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from .._base.files import atomic_write
 from ..data.particles import Particles
-from .asciinum import format_rows, lines_of, parse_plain, parse_rows, text_data
+from .asciinum import format_rows, lines_of, parse_plain, parse_rows, parse_words, text_data
 from .contents import Contents
 from .elements import of_elements, type_names
 from .errors import FormatError, bad, shown
@@ -45,6 +48,7 @@ _HEAD = 1 << 16  # bytes of it that tell its columns
 _MOST_TITLES = 20  # lines before the names of the columns
 _MOST_WHOLE = 100  # rows in which a decimal comma is looked for
 _MOST_BLANK = 10_000  # rows in which the first word of a column is looked for
+_MISSING = ("", "NA", "<NA>", "N/A", "#N/A", "n/a", "NULL", "null", "None", "--")  # in the place of a number
 
 
 class _NotPlainError(Exception):
@@ -139,9 +143,10 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     if len(words) != len(names):
         raise bad(path, f"line {start + 1}", f"expected {len(names)} columns, got {len(words)}")
     rows = lines[start:]
-    if rest and (first is None or not all(words)):
+    missing = any(word in _MISSING for word in words)
+    if rest and (first is None or missing):
         raise _NotPlainError
-    if first is not None and separator is not None and not all(words):
+    if first is not None and missing:
         _fill_words(path, names, words, lines[first + 1 : first + _MOST_BLANK], separator)
     if any("#" in row or "%" in row for row in rows):
         rows = ["" if row.lstrip()[:1] in ("#", "%") else row for row in rows]
@@ -249,14 +254,14 @@ def _csv_words(path: Any, line: str, i: int, separator: str | None) -> list[str]
         raise bad(path, f"line {i + 1}", f"expected separated values, got {error}") from None
 
 
-def _fill_words(path: Any, names: list[str], words: list[str], lines: list[str], separator: str) -> None:
-    """For named columns that are empty in the first row, the first word of a later row."""
-    blank = [i for i, word in enumerate(words) if not word and names[i]]
+def _fill_words(path: Any, names: list[str], words: list[str], lines: list[str], separator: str | None) -> None:
+    """For named columns that miss a number in the first row, the first word of a later row."""
+    blank = [i for i, word in enumerate(words) if word in _MISSING and names[i]]
     for line in lines:
         if not blank:
             return
         row = _csv_words(path, line, 0, separator) if _is_row(line) else []
-        for i in [i for i in blank if i < len(row) and row[i]]:
+        for i in [i for i in blank if i < len(row) and row[i] not in _MISSING]:
             words[i] = row[i]
             blank.remove(i)
 
@@ -366,10 +371,10 @@ def _assemble(
     try:
         rows = parse_rows(path, lines, first_line, len(numeric), **options)
     except FormatError:  # a missing number of an attribute is NaN; a missing position is a mistake
-        filled = [] if separator is None else _with_nan(lines, separator)
-        if filled in ([], lines):
+        filled = _with_nan(lines, separator)
+        if filled == lines:
             raise
-        rows = parse_rows(path, filled, first_line, len(numeric), **options)
+        rows, lines = parse_rows(path, filled, first_line, len(numeric), **options), filled
         places = [k for k, i in enumerate(numeric) if names[i].lower() in ("x", "y", "z")]
         if np.isnan(rows[:, places or [0, 1, 2]]).any():
             raise
@@ -383,7 +388,9 @@ def _assemble(
         name = names[i] or f"column{i + 1}"
         if name in columns:
             raise bad(path, "line 1", f"expected different column names, got {shown(name)} twice")
-        columns[name] = whole_numbers(rows[:, column], words[i])
+        if rest and is_long(rows[:, column], words[i]):
+            raise _NotPlainError
+        columns[name] = whole_numbers(path, name, rows[:, column], words[i], lines, i, **options)
     lower = {name.lower(): name for name in columns}
     if "x" in lower and "y" in lower and "z" not in lower:
         columns["z"] = np.zeros(len(rows))
@@ -395,20 +402,45 @@ def _assemble(
     return particles_from(path, points, more | arrays)
 
 
-def _with_nan(lines: list[str], separator: str) -> list[str]:
-    """Lines with nan where there is nothing between two separators."""
-    mark = re.escape(separator)
-    nothing = re.compile(rf"(^|{mark}) *(?={mark}|$)")
+def _with_nan(lines: list[str], separator: str | None) -> list[str]:
+    """Lines with nan where there is no number between two separators."""
+    mark = re.escape(separator) if separator else r"\s+"
+    words = "|".join(map(re.escape, _MISSING if separator else _MISSING[1:]))
+    nothing = re.compile(rf"(^|{mark}) *(?:{words}) *(?={mark}|$)")
     return [nothing.sub(r"\1nan", line) if line.strip() else line for line in lines]
 
 
-def whole_numbers(column: np.ndarray, first_word: str) -> np.ndarray:
-    """A column (N,) float64, as int64 where all are whole and the first is written without a
-    point."""
-    if not first_word.lstrip("+-").isdigit():
-        return column
-    exact = (np.abs(column) < 2.0**53) & (column == np.rint(column))
-    return column.astype(np.int64) if exact.all() else column
+def whole_numbers(
+    path: Any, name: str, column: np.ndarray, first_word: str, lines: Sequence[str], i: int, **options: Any
+) -> np.ndarray:
+    """A column (N,) float64, as whole numbers where all are and the first is written without a
+    point: int64, or uint64 beyond.
+
+    Args:
+        name: of the column, for the warning that float64 rounds its numbers.
+        lines: the rows as text, from whose i-th words numbers come that float64 would round.
+        options: those of numpy.loadtxt that the rows were read with.
+    """
+    if not is_long(column, first_word):
+        exact = _is_whole(first_word) and (column == np.rint(column)).all()
+        return column.astype(np.int64) if exact else column
+    words = parse_words(lines, i, **options)
+    if all(map(_is_whole, words)):
+        for kind in (np.int64, np.uint64):
+            with contextlib.suppress(OverflowError):
+                return np.array([int(word) for word in words], kind)
+    if rounded := next((w for w in words if _is_whole(w) and float(w) != int(w)), ""):
+        warnings.warn(f"{path}: column {shown(name)}: float64 rounds {shown(rounded)}", stacklevel=2)
+    return column
+
+
+def is_long(column: np.ndarray, first_word: str) -> bool:
+    """Whether a column (N,) of whole numbers may have some that float64 does not hold."""
+    return _is_whole(first_word) and bool((np.abs(column) >= 2.0**53).any())
+
+
+def _is_whole(word: str) -> bool:
+    return word.lstrip("+-").isdigit()
 
 
 def _default_names(n: int) -> list[str]:

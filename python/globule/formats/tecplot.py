@@ -41,14 +41,14 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
         raise bad(path, "line 1", f"{_ADVICE}, got {shown(' '.join(names))}")
     if twice := [name for name in names if names.count(name) > 1]:
         raise bad(path, "VARIABLES", f"expected different names, got {shown(twice[0])} twice")
-    parts = [
-        parse_rows(path, lines[zone.rows[0] : zone.rows[-1] + 1], zone.rows[0] + 1, len(names), comments="#")
-        for zone in zones
-        if zone.time == time
-    ]
-    rows = np.concatenate(parts)
-    words = lines[zones[0].rows[0]].split()
-    columns = {axes.get(name, name): whole_numbers(rows[:, i], words[i]) for i, name in enumerate(names)}
+    texts = {zone.rows[0]: lines[zone.rows[0] : zone.rows[-1] + 1] for zone in zones if zone.time == time}
+    rows = np.concatenate([parse_rows(path, text, i + 1, len(names), comments="#") for i, text in texts.items()])
+    text = [line for part in texts.values() for line in part]
+    words = text[0].split()
+    columns = {
+        axes.get(name, name): whole_numbers(path, name, rows[:, i], words[i], text, i, comments="#")
+        for i, name in enumerate(names)
+    }
     columns.setdefault("z", np.zeros(len(rows)))
     arrays = join_columns(columns)
     positions = find_positions(arrays)
