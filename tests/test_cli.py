@@ -65,8 +65,8 @@ def test_interrupted(particles, folder, by):
     assert sorted(os.listdir()) == before
 
 
-@pytest.mark.parametrize("script", [False, True], ids=["-m", "script"])
-def test_interrupted_while_it_loads(folder, script):
+@pytest.mark.parametrize(("script", "by"), [(False, signal.SIGINT), (True, signal.SIGINT), (True, signal.SIGTERM)])
+def test_interrupted_while_it_loads(folder, script, by):
     with open("numpy.py", "w", encoding="utf-8") as file:
         file.write("import signal\nprint('loading', flush=True)\nsignal.pause()\n")
     with open("globule", "w", encoding="utf-8") as file:  # as pip makes it
@@ -79,9 +79,9 @@ def test_interrupted_while_it_loads(folder, script):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     assert process.stdout.readline() == "loading\n"
-    process.send_signal(signal.SIGINT)
+    process.send_signal(by)
     out, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 130
+    assert process.returncode == 128 + by
     assert out == ""
     assert err == "globule: interrupted\n"
 

@@ -1,20 +1,26 @@
-"""Ctrl-C while a command is still being loaded: it ends without a traceback."""
+"""Ctrl-C and SIGTERM while a command is still being loaded: it ends without a traceback."""
 
 import os
 import signal
 import sys
 
+_USUAL = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+
 
 def quiet_interrupts() -> None:
-    """End at once at Ctrl-C, until `usual_interrupts`, where this process is the command."""
-    if _is_command() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _end)
+    """End at once at Ctrl-C and SIGTERM, until `usual_interrupts`, where this process is the
+    command."""
+    if _is_command():
+        for number, usual in _USUAL.items():
+            if signal.getsignal(number) is usual:
+                signal.signal(number, _end)
 
 
 def usual_interrupts() -> None:
     """KeyboardInterrupt at Ctrl-C again."""
-    if signal.getsignal(signal.SIGINT) is _end:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    for number, usual in _USUAL.items():
+        if signal.getsignal(number) is _end:
+            signal.signal(number, usual)  # type: ignore[arg-type]
 
 
 def _is_command() -> bool:
@@ -26,6 +32,6 @@ def _is_command() -> bool:
     return os.path.splitext(os.path.basename(program))[0] == "globule"
 
 
-def _end(*_: object) -> None:
+def _end(number: int, _: object) -> None:
     os.write(2, b"globule: interrupted\n")
-    os._exit(130)
+    os._exit(128 + number)
