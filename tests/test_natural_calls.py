@@ -81,6 +81,26 @@ def test_a_size_in_the_cameras_place(scene):
     assert gb.render(scene, size=CAMERA).size == gb.render(scene).size == (1024, 782)
 
 
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda p: gb.Particles(p, radius=1), "Particles(positions, support, weight, color, reflection, refraction, "
+         "rigidity, anisotropy, attributes, origin, up, names): got an unexpected keyword argument 'radius'"),
+        (lambda p: gb.Scene(p, surfce="smooth"), "argument 'surfce', did you mean surface?"),
+        (lambda p: gb.Camera((0, 0, 1), (0, 0, 0), heigth=1), "'heigth', did you mean height?"),
+        (lambda p: gb.load_preset("watr"), "load_preset(name, scene, up): missing a required argument: 'scene'"),
+        (lambda p: gb.load_preset("watr", gb.Scene(p)), "flat, got 'watr', did you mean water?"),
+        (lambda p: gb.Scene(p, kernel="murakamy"), "got 'murakamy', did you mean murakami?"),
+        (lambda p: gb.Simulation("dam-brake"), "brain-surgery, got dam-brake, did you mean dam-break?"),
+    ],
+)  # fmt: skip
+def test_words_that_are_not_known(call, message):
+    with pytest.raises((TypeError, ValueError, OSError)) as raised:
+        call([[0.0, 0, 0]])
+    assert str(raised.value).endswith(message)
+    assert isinstance(raised.value, TypeError) == ("argument" in str(raised.value))
+
+
 def test_settings_as_a_dict(scene):
     look = {"shadows": True, "samples": 2, "background": 0.5}
     expected = gb.render(scene, SIZE, settings=gb.RenderSettings(**look))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
 import operator
 import os
@@ -9,12 +11,14 @@ import reprlib
 import shlex
 import sys
 import textwrap
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
 MAX_PIXELS = 2**28  # of an image
+
+_Called = TypeVar("_Called", bound=Callable[..., Any])
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
@@ -28,11 +32,48 @@ def shown(value: Any) -> str:
         return f"a very large {type(value).__name__}"
 
 
+def near(word: str, known: Iterable[str]) -> str:
+    """For an error message: what may have been meant; "" where nothing is near."""
+    import difflib
+
+    found = difflib.get_close_matches(word, known, 1)
+    return f", did you mean {found[0]}?" if found else ""
+
+
+def named(called: _Called) -> _Called:
+    """Decorate a public class or function: a call with arguments that it does not have, or without
+    those that it needs, says which there are."""
+    function = called.__init__ if isinstance(called, type) else called  # type: ignore[misc]
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return function(*args, **kwargs)
+        except TypeError as error:
+            if error.__traceback__ is None or error.__traceback__.tb_next is not None:
+                raise  # of what it does
+            signature = inspect.signature(function)
+            try:
+                signature.bind(*args, **kwargs)
+            except TypeError as problem:
+                known = [name for name in signature.parameters if name != "self"]
+                wrong = next((name for name in kwargs if name not in known), "")
+                said = f"{called.__name__}({', '.join(known)}): {problem}{near(wrong, known)}"
+            else:
+                raise
+            raise TypeError(said) from None
+
+    if not isinstance(called, type):
+        return call  # type: ignore[return-value]  # `wraps` keeps the signature
+    called.__init__ = call  # type: ignore[misc]
+    return called
+
+
 def choice(name: str, value: Any, known: Sequence[Any]) -> Any:
     """One of the known words or numbers."""
     if not isinstance(value, type(known[0])) or value not in known:
         expected = " or ".join([", ".join(map(str, known[:-1])), str(known[-1])])
-        raise ValueError(f"{name}: expected {expected}, got {shown(value)}")
+        raise ValueError(f"{name}: expected {expected}, got {shown(value)}{near(str(value), map(str, known))}")
     return value
 
 

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from .checks import named
 from .settings import check_all, documented
 
 _Class = TypeVar("_Class", bound=type)
@@ -33,7 +34,7 @@ class Fixed:
 
 def read_only(cls: _Class) -> _Class:
     """Decorate a frozen dataclass: its settings stand in its docstring, and an assignment says what
-    to write instead."""
+    to write instead, a call what it has."""
 
     def refuse(self: Any, name: str, *_: Any) -> None:
         known = [field.name for field in fields(self)]
@@ -45,7 +46,7 @@ def read_only(cls: _Class) -> _Class:
         )
 
     cls.__setattr__ = cls.__delattr__ = refuse  # type: ignore[assignment]  # a method for each
-    return documented(cls)
+    return named(documented(cls))
 
 
 def fixed(value: Any) -> Any:

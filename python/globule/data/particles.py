@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import dtype_name, extent, gpu_shape, on_gpu, to_host
-from .._base.checks import shown, unit
+from .._base.checks import named, shown, unit
 from .._base.terminal import place_text
 
 SCALAR_FIELDS = ("support", "weight", "reflection", "refraction", "rigidity")
@@ -59,6 +59,7 @@ class Attributes(dict[str, Any]):
         return Attributes, (dict(self), self._n)
 
 
+@named
 @dataclass(eq=False, repr=False)
 class Particles:
     """A set of N particles.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from .. import _core
-from .._base.checks import choice, positive, shown, thread_count
+from .._base.checks import choice, named, positive, shown, thread_count
 from .._base.device import Device, choose, of_rank
 from .._base.memory import free_bytes, resident_bytes, room
 from .._base.ranks import ranks_of
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 MODES = ("auto", "pieces", "replicate")  # of a scene on ranks
 
 
+@named
 class Scene(SceneBase):
     """Particles sorted into an octree, ready to be traced.
 

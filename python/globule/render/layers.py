@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import on_gpu, to_host
-from .._base.checks import shown
+from .._base.checks import named, shown
 from .._base.device import Device
 from ..data import attributes
 from ..data.particles import Particles
@@ -25,6 +25,7 @@ from .materials import Material
 MAX_LAYERS = 4
 
 
+@named
 @dataclass(frozen=True)
 class Layer:
     """One of several scenes in an image, with its own material and clips.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from .._base.checks import named
 from .._base.colormaps import CATEGORICAL, NAMES, colorize, map_colors
 from .canvas import DARK, Canvas, sizes
 from .display import displayed
@@ -23,6 +24,7 @@ _LONGEST_TICK = 9  # digits for which a legend outside of the image has room
 _PAPER, _INK = (255, 255, 255), (DARK, (255, 255, 255))  # of a legend outside of the image
 
 
+@named
 def add_legend(
     image: ArrayLike,
     colormap: str,

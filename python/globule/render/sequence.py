@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.checks import named
 from .._base.files import atomic_write
 from ..data.attributes import attribute_values, checked_range
 from ..data.attributes import color_by as colored
@@ -384,6 +385,7 @@ class MovieFrames:
         self.remove()
 
 
+@named
 def render_sequence(
     source: Any,
     output: str | os.PathLike[str],

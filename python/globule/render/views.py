@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import VectorLike
-from .._base.checks import image_size, shown
+from .._base.checks import image_size, named, shown
 from ..fluids.likeness import shows_flat
 from ..scene.scene import SceneBase
 from ..scene.thesis import Thesis
@@ -179,6 +179,7 @@ def draw_views(
     return draw_sheet(whole, notes, colors, strip, header) if notes.draws else whole
 
 
+@named
 def render_views(
     scene: Any,
     views: str | Camera | Iterable[str | Camera] = ("front", "top", "side", "iso"),

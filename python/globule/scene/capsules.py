@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.arrays import ABSENT, View, to_host, view
-from .._base.checks import positive, shown
+from .._base.checks import named, positive, shown
 from ..data.triangles import Triangles
 from .mesh import Mesh
 
@@ -69,6 +69,7 @@ class Capsules(Mesh):
         return True, self._radius.place, self._one_radius
 
 
+@named
 class Spheres(Capsules):
     """Plain spheres for an image: boundary particles, tracers, markers.
 
@@ -100,6 +101,7 @@ class Spheres(Capsules):
         return f"Spheres({len(self):,})"
 
 
+@named
 class Lines(Capsules):
     """Lines with a round cross-section for an image: trajectories, streamlines, axes, edges.
 

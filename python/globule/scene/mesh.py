@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import ABSENT, HOST, View, address, to_host, unit_vectors, view
-from .._base.checks import number, shown, thread_count
+from .._base.checks import named, number, shown, thread_count
 from .._base.device import Device, choose
 from .._base.owner import Owner
 from ..data.attributes import attribute_colors
@@ -41,6 +41,7 @@ class MeshIntersections(NamedTuple):
     face: np.ndarray
 
 
+@named
 class Mesh(Owner):
     """Triangles for an image, alone or in a `Layer` beside particles.
 

@@ -10,8 +10,8 @@ from dataclasses import is_dataclass
 from pathlib import Path as File
 from typing import Any
 
+from .._base.checks import near, shown
 from .._base.checks import positive as positive_number
-from .._base.checks import shown
 from .._base.settings import Problem, read_table, settings_of
 from .._base.structured import parse_toml, read_text
 from .scene_file import BOUNDARY_SHAPES, LISTS, RIGID_SHAPES, SOLID_SHAPES, SceneFile
@@ -74,8 +74,9 @@ def read_scene(scene: Any, spacing: float | None = None, **keys: Any) -> SceneFi
             scene, lines = _parsed(path)
         except OSError as error:
             expected = f"expected a .toml file or one of {', '.join(SHIPPED)}"
-            got = f"{os.fspath(path)}: {error.strerror}"
-            raise type(error)(f"SCENE: {expected}, got {got}") from None
+            hint = near(name, SHIPPED) if isinstance(error, FileNotFoundError) else ""
+            hint = hint or f": {error.strerror}"
+            raise type(error)(f"SCENE: {expected}, got {name}{hint}") from None
     try:
         if isinstance(scene, SceneFile):
             scene = {name: getattr(scene, name) for name in settings_of(SceneFile)}

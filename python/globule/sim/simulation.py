@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.arrays import address
-from .._base.checks import number, shown, thread_count
+from .._base.checks import named, number, shown, thread_count
 from .._base.device import choose
 from .._base.interrupts import whole
 from .._base.owner import Owner
@@ -48,6 +48,7 @@ _PARTS = ("file", "settings", "phases", "emitters", "scene", "arrays", "tissue",
 _log = logging.getLogger(__name__)
 
 
+@named
 class Simulation(Owner):
     """A simulation of fluids, tissue and rigid bodies.
 

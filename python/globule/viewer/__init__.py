@@ -5,10 +5,13 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
+from .._base.checks import named
+
 if TYPE_CHECKING:
     from .app import Viewer
 
 
+@named
 def view(
     what: Any,
     *,
