@@ -9,12 +9,14 @@ import threading
 from contextlib import ExitStack, closing, contextmanager
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from viewer_helpers import PATIENCE, blob, talk, told, until, view
 
 pytest.importorskip("viser")
 
 import msgspec
+from globule.viewer.guard import OTHERS, OneLine
 from globule.viewer.roles import LOOK, LOOKING, PRIVATE_ACTIONS, STEER, VISITOR
 from viewer_program import CAMERA, Program
 from websockets.exceptions import InvalidStatus
@@ -129,7 +131,7 @@ def test_who_looks_presses_shared_buttons_and_changes_nothing_about_them(shared)
             looking.say({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates})
         for updates in wrong[:2]:
             steering.say({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates})
-        steering.heard("expected the value of a control")
+        steering.heard("expected a value that the control can hold")
     looking.command("Look from: top")  # after all others of its connection
     looking.heard(lambda m: m["type"] == "SetCameraPositionMessage" and m["position"][1] > 1)
     assert facts() == before
@@ -330,3 +332,52 @@ def test_who_returns_takes_the_place_of_a_connection_that_broke(shared, role, mo
 def test_numbers_of_browsers_that_make_no_sense():
     with pytest.raises(ValueError, match="most_clients: expected 1 or more, got 0"):
         view(blob(), most_clients=0)
+
+
+def test_values_that_would_end_every_connection_are_refused(shared):
+    """A finger that rests on a key types numbers that no message can hold."""
+    steering = Program(shared.address)
+
+    def change(key, value):
+        uuid = shared.page.binder.widgets[key]._impl.uuid
+        steering.say({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}})
+
+    for key, values in {
+        "quality.samples": (1e20, -1e300, "9" * 30, True, None, [1], float("nan")),
+        "cuts.plane": (1, "x", None),
+        "surface.kernel": ("", "x" * 20_000, 3),
+        "cuts.point": ([1.0], [1.0, 2.0, "x"], [1e30, float("inf"), 0.0], 5, None),
+    }.items():
+        widget = shared.page.binder.widgets[key]
+        before = widget.value
+        for value in values:
+            change(key, value)
+            back = steering.heard(lambda m, w=widget: m.get("uuid") == w._impl.uuid and "updates" in m)
+            assert np.array_equal(back["updates"]["value"], before)
+            assert widget.value == before
+    change("quality.samples", 3)
+    until(lambda: shared.state.quality.samples == 3)
+    other = Program(shared.address)
+    until(lambda: other.images or other.closed, "for an image")
+    assert not other.closed
+    steering.close()
+    other.close()
+
+
+def test_what_viser_warns_of_reaches_no_terminal(shared, recwarn, caplog):
+    looking = Program(shared.look_address)
+    until(lambda: shared.page.tools.hands)
+    for i in range(40):
+        looking.say(CAMERA | {"position": [f"\x1b[2J{i}"]})
+    looking.command("Look from: top")
+    looking.heard(lambda m: m["type"] == "SetCameraPositionMessage" and m["position"][1] > 1)
+    assert not recwarn
+    assert not any("\x1b" in record.getMessage() for record in caplog.records)
+    looking.close()
+
+
+def test_strangers_write_few_lines(caplog):
+    said = OneLine()
+    for i in range(40):
+        said.say("connection handler failed", ValueError(f"{i}"))
+    assert len(caplog.records) == OTHERS[0]

@@ -27,6 +27,7 @@ import itertools
 import logging
 import re
 import secrets
+import warnings
 from types import FunctionType
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -36,6 +37,7 @@ from .log import Repeats, log
 from .roles import LOOK, REFUSED, STEER, VISITOR, Allowance, Visitor, visitor
 
 REPEAT = 5.0  # s before the same message is logged again
+OTHERS = 10, REPEAT  # messages about connections at once, and s for each more
 MOST_MESSAGE = 1024 * 1024  # bytes of one message from a client
 CLOSING = 1.0  # s that a client may take to close its side
 # Messages of one connection at once, and s for each more: a mouse sends a tenth of that. What comes
@@ -296,7 +298,7 @@ class OneLine(logging.Handler):
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
-        self._repeats = Repeats(REPEAT)
+        self._repeats, self._others = Repeats(REPEAT), Allowance(*OTHERS)
 
     def emit(self, record: logging.LogRecord) -> None:
         """Log a record of websockets."""
@@ -313,7 +315,7 @@ class OneLine(logging.Handler):
         first = str(error).partition("\n")[0][:200] if error is not None else ""
         why = "" if error is None else f": {type(error).__name__}{first and ': '}{first}"
         line = f"page: {what}{why}"
-        if self._repeats.new(line):
+        if self._repeats.new(line) and self._others.take():
             log.warning("%s", line)
 
 
@@ -325,7 +327,9 @@ def connection_logger() -> logging.Logger:
 
 
 def quiet_tasks(server: Any) -> None:
-    """Log one line, too, for messages that a viser server cannot handle."""
+    """Log one line, too, for messages that a viser server cannot handle, and none about values of
+    browsers and messages to those that have left, of which viser warns."""
+    warnings.filterwarnings("ignore", r"(?s)\[viser\] .* does not match annotation |Queued a \w+ on a closed ")
     loop = server._websock_server._background_event_loop
     loop.call_soon_threadsafe(loop.set_exception_handler, OneLine().of_task)
 

@@ -8,16 +8,21 @@ reads values, measures and saves images. The token in the address decides (`guar
 from __future__ import annotations
 
 import contextlib
+import math
+import numbers
 import time
 from collections.abc import Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 STEER, LOOK, REFUSED = "steer", "look", "refused"
 MOST_CLIENTS = 16
 LOOKING = "You are looking; only a browser that steers changes the settings."
 REPEAT = 3.0  # s before a browser is told again that it looks
+MOST_TEXT = 10_000  # characters in a field
 AT_ONCE = 2  # actions of a browser that looks: an image, and the button that cancels it
 # Actions of the toolbar that change nothing for others.
 PRIVATE_ACTIONS = {"tool", "fit", "picture", "state", "dark", "wide", "series"}
@@ -89,12 +94,24 @@ class Roles:
     def may(self, who: Visitor, message: Any) -> bool:
         """Whether a browser may send a message to what all browsers share."""
         updates = getattr(message, "updates", None)
-        if updates is not None and set(updates) != {"value"}:
-            return False  # viser would set any attribute of a widget
+        if updates is not None and not self._holds(message):
+            return False
+        places = [(getattr(message, name, None), n) for name, n in (("position", 3), ("wxyz", 4))]
+        if not all(place is None or _is_like((0.0,) * n, place) for place, n in places):
+            return False  # viser would send it to all browsers
         if who.role != LOOK:
             return who.role == STEER
         uuid = getattr(message, "uuid", None)
         return uuid in self._private and (updates is None or self._pressed(uuid, updates["value"]))
+
+    def _holds(self, message: Any) -> bool:
+        """Whether a message sets a control to a value that it can hold: viser would set any other
+        attribute, and send any value to all browsers, some of which end their connections."""
+        if set(message.updates) != {"value"}:
+            return False
+        handle = self.viewer.server.gui._gui_input_handle_from_uuid.get(message.uuid)
+        options, value = getattr(handle, "options", None), message.updates["value"]
+        return handle is None or (_is_like(handle._impl.value, value) if options is None else value in options)
 
     @contextlib.contextmanager
     def turn(self, browser: Any) -> Iterator[None]:
@@ -133,7 +150,7 @@ class Roles:
             return
         self._restore(browser, message)
         if who.role == STEER:
-            self.viewer.page.complain(browser, "page: expected the value of a control")
+            self.viewer.page.complain(browser, "page: expected a value that the control can hold")
         elif who.tellings.take():
             client = self.viewer.clients.get(client_id)
             if client is not None:
@@ -158,3 +175,15 @@ class Roles:
                 answers.append(_messages.SetOrientationMessage(message.name, turn))  # type: ignore[arg-type]
         for answer in answers:
             browser._websock_connection.queue_message(answer)
+
+
+def _is_like(known: Any, value: Any) -> bool:
+    """Whether a value that came can stand in the place of a known one."""
+    if isinstance(known, (bool, np.bool_)) or isinstance(value, bool):
+        return isinstance(known, (bool, np.bool_)) and isinstance(value, bool)
+    if isinstance(known, numbers.Real):
+        most = 2.0**63 if isinstance(known, numbers.Integral) else math.inf  # of whole numbers in messages
+        return isinstance(value, (int, float)) and abs(value) < most
+    if isinstance(known, tuple):
+        return isinstance(value, (list, tuple)) and len(value) == len(known) and all(map(_is_like, known, value))
+    return isinstance(known, str) and isinstance(value, str) and len(value) <= MOST_TEXT

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -42,9 +41,7 @@ class ViserSink:
         """Show a message as a notification of the page."""
         if self._connection.get_message_buffer().done:
             return
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            self.client.add_notification("Not possible", message, color="red", auto_close_seconds=12.0)
+        self.client.add_notification("Not possible", message, color="red", auto_close_seconds=12.0)
 
     def _answered(self, client_id: int, message: Any) -> None:
         name, _, number = message.request_uuid.partition("-")

@@ -21,6 +21,7 @@ WELCOME = (
 
 TICK = 0.3  # s
 LONGEST_NAME = 24  # letters that fit into the panel's heading
+LONGEST_COMPLAINT = 500  # characters
 
 
 class Page:
@@ -118,6 +119,7 @@ class Page:
         client = None if browser is None else self.viewer.clients.get(browser.client_id)
         if browser is not None and (client is None or not client.complaints.take()):
             return  # it has left, or was told enough
+        message = message if len(message) <= LONGEST_COMPLAINT else f"{message[:LONGEST_COMPLAINT]} …"
         log.warning("%s", escaped(message))
         for one in [client] if client is not None else list(self.viewer.clients.values()):
             one.sink.error(message)
