@@ -8,6 +8,7 @@ import pickle
 import globule as gb
 import numpy as np
 import pytest
+from globule.sim.emitter import Emitter
 
 POINTS = np.random.default_rng(0).random((300, 3)).astype(np.float32)
 
@@ -56,3 +57,32 @@ def test_values_are_copied():
         assert np.array_equal(again.positions, POINTS)
         camera = gb.Camera((0, 0, 4), (0, 0, 0))
         assert way(camera) == camera
+
+
+def test_parts_of_a_simulation_are_refused():
+    """Each shares the solver's memory, which the simulation of the original would go on with."""
+    sim = gb.Simulation("cut-block", spacing=0.005, device="cpu")
+    parts = [sim.record, sim.steer, sim.arrays, sim.foam, sim.tissue, sim.tools, *sim.tools.values()]
+    for part in parts:
+        for way in (copy.copy, copy.deepcopy, pickle.dumps):
+            with pytest.raises(TypeError, match="cannot be copied or pickled, since it owns memory"):
+                way(part)
+
+
+def test_phases_and_emitters_are_values():
+    sim = simulation()
+    sim.emitters["tap"] = Emitter((0.2, 0.3, 0.1), (0, -1, 0), 0.05, 1e-4)
+    for way in (copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))):
+        again = way(sim.phases)
+        assert again == sim.phases
+        with pytest.raises(KeyError, match="phases: expected one of water"):
+            again["x"]
+        assert way(sim.emitters)["tap"].rate == 1e-4
+
+
+def test_what_has_arrays_is_compared_as_itself():
+    frames = frame(), frame()
+    for one, other in (frames, [f.pick(4, 3) for f in frames]):
+        assert one != other
+        assert one == one
+        assert len({one, other}) == 2

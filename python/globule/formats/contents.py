@@ -14,7 +14,7 @@ _LEAST_RESULTANT = 0.1  # of a middle: a slab that fills nine tenths of a period
 _FEWEST_CUT, _SLICES, _EMPTY_SLICES = 200, 64, 4  # fewer particles leave slices empty by chance
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Box:
     """The box of a simulation, a parallelepiped.
 

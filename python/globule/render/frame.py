@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Picked:
     """The data behind a pixel.
 
@@ -49,7 +49,7 @@ class Picked:
     face: int | None = None
 
 
-@dataclass(repr=False)
+@dataclass(repr=False, eq=False)
 class Frame(Owner):
     """A finished image. Arrays stay on the device until the program reads them; then they are NumPy
     arrays.

@@ -7,10 +7,11 @@ from typing import Protocol
 
 import numpy as np
 
+from .._base.owner import Owner
 from .solver import Solver
 
 
-class Part:
+class Part(Owner):
     """Base of a simulation's parts: each locks as its solver does."""
 
     def __init__(self, solver: Solver):

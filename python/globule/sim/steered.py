@@ -33,6 +33,10 @@ class Named(dict):
         setattr(thing, "_label", label)  # noqa: B010  # its messages begin with it
         super().__setitem__(name, thing)
 
+    def __reduce__(self) -> Any:
+        """For `copy` and `pickle`: what it holds is checked by its own words."""
+        return type(self), (self._what, self._kind), None, None, iter(self.items())
+
     def update(self, *args: Any, **kwargs: Any) -> None:
         """Assign each of several things."""
         for name, thing in dict(*args, **kwargs).items():

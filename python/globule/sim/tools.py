@@ -11,6 +11,7 @@ from .._base.checks import number as finite
 from .._base.checks import shown
 from .._base.checks import whole as int_in
 from .._base.interrupts import whole
+from .._base.owner import Owner
 from .._base.settings import Setting, Switch, settings_of
 from .arrays import numbers, vector
 from .blade import Knife, check_rigid, scalpel
@@ -26,7 +27,7 @@ _AT_REST = ((0.0,) * 3,) * 3
 BELLY = 0.3  # of a scalpel's length: how far its edge stands below the tip
 
 
-class Tool(Steered):
+class Tool(Owner, Steered):
     """An instrument of a running simulation.
 
     Key frames determine the pose of the instrument and whether the instrument works, until the
@@ -211,7 +212,7 @@ def _spin(turn: np.ndarray) -> np.ndarray:
     return axis * (angle / sine) if sine > 1e-12 else np.zeros(3)
 
 
-class Tools(Named):
+class Tools(Owner, Named):
     """A simulation's instruments by their names, and grasps and pushers.
 
     `sim.tools["scalpel"].move_to(pose)` moves an instrument of the scene. `grasp` and `set_pushers`

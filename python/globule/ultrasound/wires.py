@@ -29,7 +29,7 @@ _STRETCH = 1.5  # most difference of scales in a cut through parallel wires
 _NEAR = 0.12  # of the smallest distance between parallel wires: a dot is where it is expected
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NWirePhantom:
     """The wires of a phantom, mm, in the phantom's frame.
 
