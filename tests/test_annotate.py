@@ -197,6 +197,9 @@ def test_a_box_without_particles_and_lines_through_the_eye():
     ends = inside.project([[0, 0, 0], [1, 1, 0]], (240, 240))
     assert (np.abs(np.flatnonzero(new.any(axis=1))[[0, -1]] - ends[::-1, 1]) < 130).all()
     assert 300 < new.sum() < 12000
+    on_an_edge = gb.Camera((0.5, 0, 0), (0.5, 1, 1))
+    with np.errstate(all="raise"):
+        draw_view(gray(240, 240), box, on_an_edge)
 
 
 # Text

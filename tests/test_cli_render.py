@@ -111,6 +111,8 @@ def test_colormaps(name):
     assert (colorize([-5.0, np.inf], name, 0, 1) == ends).all()
     assert np.isfinite(colorize([3.0, np.nan], name, 3, 3)).all()
     assert np.isfinite(colorize([-1e308, 1e308], name, -1e308, 1e308)).all()
+    with np.errstate(over="raise"):
+        assert (colorize([-1e300, 1e300], name, 0, 1e-300) == ends).all()
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,8 @@ def colorize(values: ArrayLike, name: str, lo: float, hi: float) -> np.ndarray:
     if name in CATEGORICAL:
         return _of_kinds(v, name)
     # Halved, so that the difference of the ends cannot overflow.
-    place = (v / 2 - lo / 2) / (hi / 2 - lo / 2) if hi != lo else np.where(np.isnan(v), v, 0.5)
+    with np.errstate(over="ignore"):  # far beyond the ends
+        place = (v / 2 - lo / 2) / (hi / 2 - lo / 2) if hi != lo else np.where(np.isnan(v), v, 0.5)
     color = _at(name, place)
     color[np.isnan(place)] = NO_VALUE
     return to_linear(color).astype(np.float32)

@@ -163,11 +163,12 @@ class Camera(Fixed):
         return kept[1]
 
     def towards(self, points: ArrayLike) -> np.ndarray:
-        """Unit directions (N, 3) float64 of the rays through points (N, 3), world."""
+        """Unit directions (N, 3) float64 of the rays through points (N, 3), world; NaN at the eye."""
         points = np.asarray(points, np.float64)
         ahead = np.subtract(self.look_at, self.eye)
         away = points - np.asarray(self.eye) if self.height is None else np.broadcast_to(ahead, points.shape)
-        return away / np.linalg.norm(away, axis=1, keepdims=True)
+        with np.errstate(invalid="ignore"):
+            return away / np.linalg.norm(away, axis=1, keepdims=True)
 
     def project(self, points: ArrayLike, size: tuple[int, int]) -> np.ndarray:
         """Where points (N, 3), world, are in an image of (width, height): (N, 2) float64 pixels,
