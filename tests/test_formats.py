@@ -174,6 +174,27 @@ def test_an_interrupt_at_any_moment_leaves_no_temporary_file(tmp_path, monkeypat
         assert {file.name for file in tmp_path.iterdir()} <= {"p.bin"}
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device without space")
+@pytest.mark.parametrize("extension", [".npy", ".npz", ".csv", ".ply", ".vtp", ".bgeo.gz"])
+def test_a_full_disk_is_said_with_the_file(extension, tmp_path):
+    path = tmp_path / f"p{extension}"
+    path.symlink_to("/dev/full")
+    with pytest.raises(OSError, match=f"No space left on device: '.*/p{extension}'"):
+        formats.write(path, Particles(np.eye(3)))
+
+
+def test_a_file_that_is_read_only_is_not_replaced(tmp_path, monkeypatch):
+    path = tmp_path / "p.csv"
+    path.write_text("old")
+    path.chmod(0o400)
+    may = os.access  # of root, anything
+    monkeypatch.setattr(os, "access", lambda name, how: may(name, how) and not how & os.W_OK)
+    with pytest.raises(PermissionError, match=r"Permission denied: '.*/p\.csv'"):
+        formats.write(path, Particles(np.eye(3)))
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["p.csv"]
+
+
 def test_atomic_write_follows_links(tmp_path):
     (tmp_path / "real.txt").write_text("old")
     (tmp_path / "link.txt").symlink_to("real.txt")

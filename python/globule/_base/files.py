@@ -53,21 +53,34 @@ def _remove(waiting: list[tuple[str, str]]) -> None:
 
 
 @contextmanager
+def _naming(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Errors of writing in this block say of which file."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _WRITE_ERRORS and not error.filename:
+            error.filename = os.fspath(path)
+        raise
+
+
+@contextmanager
 def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[Any]]:
     """Open `path` for writing so that readers see the old file or the complete new one.
 
     Writes go to a temporary file in the same folder, which replaces `path` when the block ends.
     If the block raises (KeyboardInterrupt included), the temporary file is removed and `path` is
-    untouched. A file that is replaced keeps its permissions. Mode is "wb" or "w" (UTF-8, newlines
-    as given).
+    untouched. A file that is replaced keeps its permissions; one that its owner has made read-only
+    is refused. Mode is "wb" or "w" (UTF-8, newlines as given).
     """
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
     target = os.path.realpath(path)  # a link keeps pointing at the file it names
     if os.path.exists(target) and not os.path.isfile(target):
         # A device or pipe (/dev/stdout) must not be replaced; a folder fails here by itself.
-        with open(target, mode, **text) as file:
+        with _naming(path), open(target, mode, **text) as file:
             yield file
         return
+    if os.path.exists(target) and not os.access(target, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), os.fspath(path))
     folder, name = os.path.split(target)
     temporary = os.path.join(folder, f".{name[:100]}.{os.urandom(6).hex()}.tmp")
     try:  # from here on: an interrupt while the file is opened may come when it is there already
@@ -77,7 +90,7 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[
         except OSError as error:
             error.filename = os.fspath(path)  # the user never chose the temporary name
             raise
-        with file:
+        with _naming(path), file:
             with suppress(OSError):  # nothing to replace; nothing is written yet
                 os.chmod(temporary, stat.S_IMODE(os.stat(target).st_mode))
             yield file
@@ -86,9 +99,7 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[
             os.replace(temporary, target)
         else:
             waiting.append((temporary, target))
-    except BaseException as error:
-        if isinstance(error, OSError) and error.errno in _WRITE_ERRORS and not error.filename:
-            error.filename = os.fspath(path)
+    except BaseException:
         with suppress(OSError):  # it was never made, or has its place already
             os.unlink(temporary)
         raise

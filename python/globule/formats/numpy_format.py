@@ -178,7 +178,9 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
     positions = particles.world_positions()
     if not _is_npz(path):
         with atomic_write(path) as file:
-            np.lib.format.write_array(file, positions, allow_pickle=False)
+            header = np.lib.format.header_data_from_array_1_0(np.ascontiguousarray(positions))
+            np.lib.format.write_array_header_1_0(file, header)
+            file.write(np.ascontiguousarray(positions).data)  # NumPy's own writing hides why it fails
         return
     arrays = {"positions": positions}
     for name in (*SCALAR_FIELDS, "color", "anisotropy"):
