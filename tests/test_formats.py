@@ -174,6 +174,21 @@ def test_an_interrupt_at_any_moment_leaves_no_temporary_file(tmp_path, monkeypat
         assert {file.name for file in tmp_path.iterdir()} <= {"p.bin"}
 
 
+@pytest.mark.parametrize("name", ["\x1b[2J", "a\0b", "\ud800"])
+@pytest.mark.parametrize("extension", [".vtp", ".csv", ".npz"])
+def test_names_that_no_file_can_hold(name, extension, tmp_path):
+    """A .vtp with them could not be read, an .npz lost the array."""
+    with pytest.raises(ValueError, match=r"attributes\['.*'\]: expected a name without control characters"):
+        formats.write(tmp_path / f"p{extension}", Particles(np.eye(3), attributes={name: np.ones(3)}))
+    assert not os.listdir(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["a;b", "a|b", "a\tb", "a,b", 'a"b', "v (m; s)"])
+def test_names_with_separators(name, tmp_path):
+    formats.write(tmp_path / "p.csv", Particles(np.eye(3), attributes={name: np.arange(3)}))
+    assert {*formats.read(tmp_path / "p.csv").attributes} == {name.replace(" (m; s)", "")}
+
+
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device without space")
 @pytest.mark.parametrize("extension", [".npy", ".npz", ".csv", ".ply", ".vtp", ".bgeo.gz"])
 def test_a_full_disk_is_said_with_the_file(extension, tmp_path):

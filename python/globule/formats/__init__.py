@@ -26,7 +26,7 @@ from ..data.scale import scaled
 from ..data.where import where
 from .contents import Box, Contents
 from .errors import FormatError, bad
-from .fields import given_from
+from .fields import check_names, given_from
 from .frames import FrameOf
 from .kind import Kind, kind_of, wrong_kind
 from .packed import unpacked
@@ -168,6 +168,7 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
     form = _writer(path)
     if not isinstance(particles, Particles):
         raise TypeError(f"particles: expected Particles, got {type(particles).__name__}")
+    check_names(particles.attributes)
     function_of(form, "write")(path, particles)
 
 

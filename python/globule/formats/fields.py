@@ -116,6 +116,14 @@ def particles_from(
         raise bad(path, "", str(error)) from None
 
 
+def check_names(names: Iterable[str]) -> None:
+    """Refuse names of arrays that XML, text and zip archives cannot hold: with control characters
+    or halves of characters. Raises ValueError."""
+    for name in names:
+        if re.search("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]", name):
+            raise ValueError(f"attributes[{name!r}]: expected a name without control characters; rename it")
+
+
 def per_particle(particles: Particles) -> dict[str, np.ndarray]:
     """All fields but the positions, and the attributes, as host arrays (N,) or (N, k)."""
     n = len(particles)

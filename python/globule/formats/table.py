@@ -109,7 +109,7 @@ def _is_csv(path: str | os.PathLike[str]) -> bool:
 
 
 def _quoted(name: str) -> str:
-    if any(mark in name for mark in '",\r\n') or name != name.strip():
+    if any(mark in name for mark in '",;|\t\r\n') or name != name.strip():
         return '"' + " ".join(name.splitlines()).replace('"', '""') + '"'
     return name
 

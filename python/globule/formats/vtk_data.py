@@ -9,6 +9,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from .._base.files import atomic_write
+from .fields import check_names
 from .vtk_xml import TYPES
 
 _NAMES = {code: name for name, code in TYPES.items()}
@@ -87,6 +88,7 @@ class _Appended:
 
     def add(self, name: str, values: np.ndarray) -> str:
         """The element of an array (n,) or (n, k)."""
+        check_names([name])
         if values.dtype == bool:
             values = values.astype(np.uint8)
         values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
