@@ -101,6 +101,16 @@ def test_words_that_are_not_known(call, message):
     assert isinstance(raised.value, TypeError) == ("argument" in str(raised.value))
 
 
+@pytest.mark.parametrize("call", [
+    lambda: gb.Scene(gb.Particles(np.full((2, 3), np.nan)), device="cpu"),
+    lambda: gb.Particles(np.random.default_rng(0).random((50, 3)) + 1e9),
+])  # fmt: skip
+def test_warnings_name_the_line_of_the_program(call):
+    with pytest.warns(UserWarning, match="positions: ") as warned:
+        call()
+    assert [w.filename for w in warned] == [__file__]
+
+
 def test_settings_as_a_dict(scene):
     look = {"shadows": True, "samples": 2, "background": 0.5}
     expected = gb.render(scene, SIZE, settings=gb.RenderSettings(**look))

@@ -263,7 +263,7 @@ def _positions(value: Any) -> Any:
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"positions: expected shape (N, 3), got {array.shape}")
     if array.itemsize > 4 and (lost := lost_precision(array)):
-        warnings.warn(lost, stacklevel=5)
+        warnings.warn(lost, stacklevel=6)
     return _float32(array)
 
 

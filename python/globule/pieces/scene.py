@@ -186,7 +186,7 @@ class SceneInPieces(Scene):
         warnings.warn(
             f"scene: {self.why()}: they are in {self.pieces.partition.n} pieces, in temporary "
             f"files in {tempfile.gettempdir()}, and drawn one after the other",
-            stacklevel=4,
+            stacklevel=5,
         )
 
     def _make(self, particles: Any, color: tuple[Any, Any, Any] | None) -> None:

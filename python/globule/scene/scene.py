@@ -113,7 +113,7 @@ class SceneBase(Owner):
         particles = as_particles("particles", particles)
         if n := particles.n_missing():
             what = f"{n:,} of {len(particles):,} are not drawn: they have NaN or inf"
-            warnings.warn(f"positions: {what}", stacklevel=3)
+            warnings.warn(f"positions: {what}", stacklevel=4)
         own = surface != "balls"
         if own and (kernel, octree, support) != ("murakami", "sparse", None):
             raise ValueError(
