@@ -333,7 +333,7 @@ def test_a_checkpoint_whose_array_lies_about_its_size():
             if info.filename == "place.npy":
                 content = content.replace(b"'shape': (", b"'shape': (9999999999, ", 1)
             new.writestr(info.filename, content)
-    with pytest.raises(ValueError, match=r"b\.npz: expected a checkpoint"):
+    with pytest.raises(ValueError, match=r"^b\.npz: expected a checkpoint of a simulation, got (?!b\.npz)"):
         gb.Simulation.load("b", device="cpu")
     with pytest.raises(FileNotFoundError):
         gb.Simulation.load("none")

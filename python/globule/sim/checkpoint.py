@@ -48,7 +48,8 @@ def load(name: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], dict[str,
         arrays = read_archive(path)
         facts = dict(parse_json(arrays.pop("_facts").tobytes()))
     except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{path}: expected a checkpoint of a simulation, got {error}") from None
+        got = "another archive" if isinstance(error, KeyError) else str(error).removeprefix(f"{path}: ")
+        raise ValueError(f"{path}: expected a checkpoint of a simulation, got {got}") from None
     if facts.pop("version", None) != VERSION:
         raise ValueError(f"{path}: expected version {VERSION} of a checkpoint, got another; run it again")
     return arrays, facts
