@@ -24,7 +24,7 @@ struct SimulationSettings {
     double max_error = 0.001;                  ///< mean compression that the density solver leaves, a share
     std::optional<double> divergence_error{};  ///< the same of the divergence solver; default: max_error
     int min_iterations = 2;                    ///< of both solvers
-    std::optional<int> max_iterations{};       ///< default: 100; of velocities one for each layer, if that is more
+    std::optional<int> max_iterations{};       ///< default: 121; of velocities one for each layer, if that is more
     double viscosity_error = 1e-4;             ///< relative residual of implicit viscosity
     bool weakly_compressible = false;          ///< Tait's equation instead of a pressure solve
     std::optional<double>

@@ -25,7 +25,7 @@ struct SimulationSettings {
     float longest_step = 0.005f;
     float density_error = 0.001f, divergence_error = 0.001f;  ///< mean, relative
     int least_iterations = 2, most_iterations = 0;            ///< most, 0: kIterations, of velocities as many as layers
-    static constexpr int kIterations = 100;
+    static constexpr int kIterations = 121;
     double viscosity_error = 1e-4;  ///< of the implicit solve, relative
     bool weakly_compressible = false;
     float sound_speed = 0.0f;      ///< of the weakly compressible fluid

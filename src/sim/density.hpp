@@ -107,7 +107,7 @@ template <class Packet_, bool periodic, bool mixed> struct Densities {
 /// compressed by more than kLeastStep 2^k.
 inline constexpr int kSteps = 16;
 inline constexpr double kLeastStep = 1e-5;
-inline constexpr double kLayers = 12.0;  ///< with so many, velocities may leave all that is allowed
+inline constexpr double kLayers = 60.0;  ///< with so many, velocities may leave all that is allowed
 struct Compression {
     double sum, most, n, n_free, density, height, height2;
     std::uint32_t over[kSteps];
@@ -118,8 +118,11 @@ struct Compression {
         return sqrt(12.0 * max(height2 / max(n, 1.0) - mean * mean, 0.0));
     }
     /// Share of its tolerance that a solve for velocities may leave: what is left in each layer adds up to a column's
-    /// fall.
-    GB_FN double share_of_layers() const { return kLayers / max(layers(), kLayers); }
+    /// fall, and under its pressure steps are shorter.
+    GB_FN double share_of_layers() const {
+        const double share = kLayers / max(layers(), kLayers);
+        return share * share;
+    }
 
     /// What a share of the particles exceeds: exact at the steps, between them as a power.
     double exceeded_by(double share) const {

@@ -78,7 +78,7 @@ class Solver(Table):
         Whole(1, 1_000_000),
         None,
         "most iterations of both solves",
-        usual="100, of velocities one for each layer of the fluids, if that is more",
+        usual="121, of velocities one for each layer of the fluids, if that is more",
     )
     cfl: float = setting(
         Number(1e-3, 2.0),
@@ -97,7 +97,7 @@ class Solver(Table):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        most = self.max_iterations or 100
+        most = self.max_iterations or 121
         if self.min_iterations > most:
             expected = f"expected at most max_iterations, {most}"
             raise Problem(("min_iterations",), f"{expected}, got {self.min_iterations}")
