@@ -114,7 +114,11 @@ class Frame(Owner):
         return self
 
     def pick(self, column: int, row: int) -> Picked | None:
-        """The data behind a pixel, counted from the top left; None: background or ground."""
+        """The data behind a pixel, counted from the top left; None: background or ground.
+
+        Position, normal and distance are the image's; particle and attributes those of the scene
+        as it is now, nearest to that position (`Scene.update` may have moved it since).
+        """
         column = whole("column", column, 0, self.size[0] - 1)
         row = whole("row", row, 0, self.size[1] - 1)
         position, normal = self.position[row, column], self.normal[row, column]
@@ -233,7 +237,7 @@ class Frame(Owner):
         return self._frame.trace_seconds()
 
     def attribute(self, values: ArrayLike) -> np.ndarray:
-        """Values of the first particles' scene, blended at each pixel that shows that scene.
+        """Values of the first particles' scene, as it is now, blended at each pixel that shows it.
 
         Args:
             values: (N,) or (N, K) numbers, one row a particle.
