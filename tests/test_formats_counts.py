@@ -30,7 +30,7 @@ PCD = "VERSION 0.7\nFIELDS x y z a\nSIZE 4 4 4 1\nTYPE F F F U\nWIDTH 1\nHEIGHT 
         ("a.lmp", DATA.format(2), DATA.format(1), "line 5: expected 1 atoms, got '2 1 .4 .5 .6' behind them"),
         ("a.lmp", DATA.format(2), DATA.format(3), "line 5: expected 3 atoms, got 2"),
         ("a.dump", DUMP.format(2, "id type"), DUMP.format(1, "id type"), "line 5: expected 1 atoms, got '2 1 .4"),
-        ("a.dump", DUMP.format(2, "id type"), DUMP.format(2, "id id"), "line 5: expected different column names, got "),
+        ("a.dump", DUMP.format(2, "id type"), DUMP.format(2, "id id"), "line 5: expected different names, got "),
         ("a.tec", ZONE.format("Z", "I=2, J=1"), ZONE.format("Z", "I=1"), "expected 1 points in the zone, got 2 rows"),
         ("a.tec", ZONE.format("Z", ""), ZONE.format("Z", "I=2, J=2"), "expected 4 points in the zone, got 2 rows"),
         ("a.tec", ZONE.format("T", "N=2"), ZONE.format("T", "N=3"), "expected 3 points in the zone, got 2 rows"),

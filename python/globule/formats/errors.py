@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 _MOST_ODD = 3  # letters of a text that cannot be printed
@@ -17,6 +18,12 @@ def bad(path: Any, where: str, problem: str) -> FormatError:
     # Either may quote the file: one line, of bounded length, whatever is in it.
     parts = [" ".join(str(path).splitlines()), *(" ".join(part.split())[:200] for part in (where, problem))]
     return FormatError(": ".join(part for part in parts if part))
+
+
+def require_different(path: Any, where: str, names: Sequence[str]) -> None:
+    """Raises a FormatError where a name stands twice."""
+    if twice := [name for k, name in enumerate(names) if name in names[:k]]:
+        raise bad(path, where, f"expected different names, got {shown(twice[0])} twice")
 
 
 def shown(text: str | bytes) -> str:

@@ -16,7 +16,7 @@ from ..data.attributes import VELOCITY_NAMES
 from .asciinum import parse_rows
 from .contents import Box, Contents
 from .elements import of_elements, type_names
-from .errors import bad, shown
+from .errors import bad, require_different, shown
 from .fields import particles_from
 from .frames import text_frame
 from .table import whole_numbers
@@ -89,8 +89,7 @@ def _arrays(
         fields.append((name, kind, column, int(width)))
         column += int(width)
     names = [name for name, *_ in fields]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise bad(path, where, f"expected different names in Properties, got {shown(twice[0])} twice")
+    require_different(path, f"{where}, Properties", names)
     if column > _MOST_COLUMNS:
         raise bad(path, where, f"expected at most {_MOST_COLUMNS} columns, got {column}")
     numeric = [i for _, kind, c, w in fields if kind in "RI" for i in range(c, c + w)]

@@ -19,7 +19,7 @@ import numpy as np
 from .asciinum import parse_rows, text_lines
 from .contents import Box, Contents
 from .elements import of_elements, type_names
-from .errors import FormatError, bad, shown
+from .errors import FormatError, bad, require_different, shown
 from .fields import join_columns, particles_from
 from .frames import text_frame
 from .table import whole_numbers
@@ -374,9 +374,7 @@ def _columns(path: Any, names: list[str], rows: list[str], first: int) -> dict[s
     if len(words) != len(names):
         raise bad(path, f"line {first}", f"expected {len(names)} columns, got {len(words)}")
     numeric = [i for i, word in enumerate(words) if _is_number(word)]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise bad(path, f"line {first - 1}", f"expected different column names, got {shown(twice)} twice")
+    require_different(path, f"line {first - 1}", names)
     if not numeric:
         raise bad(path, f"line {first}", f"expected columns of numbers, got {shown(rows[0])}")
     options: dict[str, Any] = {"comments": "#"}

@@ -15,7 +15,7 @@ import numpy as np
 
 from .asciinum import parse_rows, text_lines
 from .contents import Contents, frame_index
-from .errors import bad, shown
+from .errors import bad, require_different, shown
 from .fields import find_positions, join_columns, particles_from, place_names
 from .table import whole_numbers
 
@@ -39,8 +39,7 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     axes = place_names(names)
     if not axes:
         raise bad(path, "line 1", f"{_ADVICE}, got {shown(' '.join(names))}")
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise bad(path, "VARIABLES", f"expected different names, got {shown(twice[0])} twice")
+    require_different(path, "VARIABLES", names)
     texts = {zone.rows[0]: lines[zone.rows[0] : zone.rows[-1] + 1] for zone in zones if zone.time == time}
     rows = np.concatenate([parse_rows(path, text, i + 1, len(names), comments="#") for i, text in texts.items()])
     text = [line for part in texts.values() for line in part]
