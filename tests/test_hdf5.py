@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from pathlib import Path
 
 import globule as gb
@@ -11,6 +12,8 @@ import numpy as np
 import pytest
 from globule import cli
 from globule.formats import FormatError, hdf5, read_contents
+from globule.formats.frames import FrameOf
+from globule.formats.triangles import has_faces
 
 h5py = pytest.importorskip("h5py")
 N = 50
@@ -243,6 +246,88 @@ def test_vtkhdf_over_time(tmp_path):
     assert (got.time, got.n_frames) == (0.5, 2)
     assert np.array_equal(got.particles.positions, POSITIONS[10:].astype(np.float32))
     assert np.array_equal(got.particles.attributes["mass"], (MASS + np.arange(N))[10:])
+
+
+CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float)
+
+
+def vtkhdf_mesh(path, **changed) -> None:
+    """Two unit cubes that share a face, in parts of their own, then a square away from them, of two triangles."""
+    with h5py.File(path, "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs["Version"], root.attrs["Type"] = (2, 0), np.bytes_("UnstructuredGrid")
+        tables = {
+            "Points": np.concatenate([CUBE, CUBE + (1, 0, 0), CUBE[:4] + (0, 0, 9)]),
+            "NumberOfPoints": [8, 8, 4], "NumberOfCells": [1, 1, 2], "NumberOfConnectivityIds": [8, 8, 6],
+            "Connectivity": [*range(8), *range(8), 0, 1, 2, 0, 2, 3], "Offsets": [0, 8, 0, 8, 0, 3, 6],
+            "Types": np.array([12, 12, 5, 5], np.uint8),
+            "Steps/Values": [0.0, 0.5], "Steps/PartOffsets": [0, 2], "Steps/NumberOfParts": [2, 1],
+            "Steps/PointOffsets": [0, 16], "Steps/CellOffsets": [0, 2], "Steps/ConnectivityIdOffsets": [0, 16],
+        }  # fmt: skip
+        for name, values in (tables | changed).items():
+            root[name] = values
+
+
+def area(mesh: gb.Mesh) -> float:
+    a, b, c = np.moveaxis(np.asarray(mesh.vertices)[np.asarray(mesh.faces)], 1, 0)
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+
+
+def test_cells_of_vtkhdf_are_meshes(tmp_path):
+    """Points of two parts are two points, so that the shared face is drawn from both sides."""
+    vtkhdf_mesh(tmp_path / "a.vtkhdf")
+    assert has_faces(tmp_path / "a.vtkhdf")
+    mesh = gb.Mesh(tmp_path / "a.vtkhdf")
+    assert area(mesh) == pytest.approx(12)
+    assert len(mesh.vertices) == 16
+    vtkhdf(tmp_path / "points.vtkhdf")
+    assert not has_faces(tmp_path / "points.vtkhdf")
+
+
+def test_a_later_frame_of_cells(tmp_path):
+    vtkhdf_mesh(tmp_path / "a.vtkhdf")
+    mesh = gb.Mesh(FrameOf(tmp_path / "a.vtkhdf", 1))
+    assert len(mesh.vertices) == 4
+    assert area(mesh) == pytest.approx(1)
+    assert np.all(np.asarray(mesh.vertices)[:, 2] == 9)
+
+
+@pytest.mark.parametrize(
+    ("changed", "problem"),
+    [
+        ({"Offsets": [0, 8, 0]}, "/VTKHDF/Offsets: expected at least 4 rows, got 3"),
+        ({"Offsets": [0, 9, 0, 8, 0, 3, 6]}, "expected offsets from 0 up to"),
+        ({"Offsets": [5, 2, 0, 8, 0, 3, 6]}, "expected offsets from 0 up to"),
+        ({"NumberOfCells": [10**12, 1, 2]}, "/VTKHDF/Types: expected at least 1000000000000 rows"),
+        ({"NumberOfConnectivityIds": []}, "/VTKHDF/Steps: expected 1 entries, got 0"),
+        ({"Connectivity": [*range(8), *range(1, 9), 0, 1, 2, 0, 2, 3]}, "expected indices from 0 to 15, got 0 to 16"),
+        ({"Types": np.array([12, 42, 5, 5], np.uint8)}, "expected cells other than polyhedra"),
+    ],
+)
+def test_damaged_cells_of_vtkhdf(tmp_path, changed, problem):
+    vtkhdf_mesh(tmp_path / "a.vtkhdf", **changed)
+    with pytest.raises(gb.FormatError, match=re.escape(problem)):
+        gb.Mesh(tmp_path / "a.vtkhdf")
+
+
+@pytest.mark.interop
+def test_meshes_by_vtks_hdf_writer(tmp_path):
+    vtk = pytest.importorskip("vtk")
+    grid = vtk.vtkCellTypeSource()
+    grid.SetCellType(vtk.VTK_TETRA)
+    grid.SetBlocksDimensions(2, 3, 4)
+    sphere = vtk.vtkSphereSource()
+    for source, expected in ((grid, 2 * (6 + 8 + 12)), (sphere, None)):
+        source.Update()
+        writer = vtk.vtkHDFWriter()
+        writer.SetFileName(str(tmp_path / "a.vtkhdf"))
+        writer.SetInputData(source.GetOutput())
+        writer.Write()
+        if expected is None:
+            mass = vtk.vtkMassProperties()
+            mass.SetInputData(source.GetOutput())
+            expected = mass.GetSurfaceArea()
+        assert area(gb.Mesh(tmp_path / "a.vtkhdf")) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.interop

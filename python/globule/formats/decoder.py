@@ -335,7 +335,8 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
                 "offset": -1 if offset is None or long else offset,
             }
             of_h5md = name.endswith(("/box", "/edges")) or place.endswith("/position/time")
-            of_frames = name.endswith("/Steps") or key == "NumberOfPoints" or of_h5md
+            of_parts = key in ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
+            of_frames = name.endswith("/Steps") or of_parts or of_h5md
             if item.size <= (_SMALL if of_frames else 0):
                 tree[place]["values"] = item[()].tolist()
 

@@ -48,7 +48,7 @@ def read(
     Raises FormatError for data of an unknown layout, ValueError for a frame or species that the
     file does not have, MissingPackageError without h5py.
     """
-    layout, arrays = _read(path, lambda tree: _some(_layout(tree, frame, species, columns), rows))
+    layout, arrays = read_layout(path, lambda tree: _some(_layout(tree, frame, species, columns), rows))
     return _contents(path, layout, arrays)
 
 
@@ -64,7 +64,7 @@ def count(
         n = layout.arrays["positions"][0].n
         return Layout({})
 
-    _read(path, none)
+    read_layout(path, none)
     return n
 
 
@@ -97,10 +97,11 @@ def read_arrays(
             found[name] = found[name]._replace(first=first, n=last - first)
         return Layout({name: [source] for name, source in found.items()})
 
-    return _read(path, layout)[1]
+    return read_layout(path, layout)[1]
 
 
-def _read(path: Any, layout_of: Callable[[Tree], Layout]) -> tuple[Layout, dict[str, np.ndarray]]:
+def read_layout(path: Any, layout_of: Callable[[Tree], Layout]) -> tuple[Layout, dict[str, np.ndarray]]:
+    """What layout_of chooses from the tree of a file, and its arrays. Raises FormatError."""
     need("h5py", "h5py", "formats")
     layout = Layout({})
 

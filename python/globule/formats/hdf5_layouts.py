@@ -319,13 +319,13 @@ def vtkhdf(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:
         n_frames = len(values)
         i = pick(n_frames)
         time = values[i]
-        part = _at(tree, _values(steps, "PartOffsets"), i, i)
-        parts = _at(tree, _values(steps, "NumberOfParts"), i, 1)
-        first = _at(tree, _values(steps, "PointOffsets"), i, sum(counts[:part]))
+        part = frame_entry(tree, _values(steps, "PartOffsets"), i, i)
+        parts = frame_entry(tree, _values(steps, "NumberOfParts"), i, 1)
+        first = frame_entry(tree, _values(steps, "PointOffsets"), i, sum(counts[:part]))
         n = sum(counts[part : part + parts])
         for name in data:
             offsets = tree.get(f"/VTKHDF/Steps/PointDataOffsets/{name}", {}).get("values")
-            begins[name] = _at(tree, offsets, i, first)
+            begins[name] = frame_entry(tree, offsets, i, first)
     for name, begin in (("Points", first), *begins.items()):
         rows = points.n if name == "Points" else data[name].n
         if begin < 0 or n < 0 or begin + n > rows:
@@ -395,15 +395,15 @@ def _values(steps: dict[str, dict], name: str) -> list | None:
     return steps.get(name, {}).get("values")
 
 
-def _at(tree: Tree, values: Any, i: int, default: int) -> int:
-    """Entry i of a table of frames: its first column where there are several."""
+def frame_entry(tree: Tree, values: Any, i: int, default: int, column: int = 0) -> int:
+    """Entry i of a table of frames or parts; a column of it where there are several. Raises FormatError."""
     if values is None:
         return default
     if i >= len(values):
         raise tree.bad("/VTKHDF/Steps", f"expected {i + 1} entries, got {len(values)}")
     value = values[i]
     while isinstance(value, list) and value:
-        value = value[0]
+        value = value[min(column, len(value) - 1)]
     return int(_number(value, -1))
 
 

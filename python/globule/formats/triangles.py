@@ -12,14 +12,14 @@ import numpy as np
 
 from ..data.particles import Particles
 from ..data.triangles import Triangles
-from . import mesh, ply, vtk_legacy, vtk_parts, vtk_xml, xdmf
+from . import mesh, ply, vtk_legacy, vtk_parts, vtk_xml, vtkhdf, xdmf
 from .errors import FormatError, bad
 from .fields import given_from
 from .kind import Kind, kind_of, kind_or_none, wrong_kind
 from .packed import opens_packed
 from .size import whole_file
 
-_FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp", "vtu", "xdmf", *vtk_parts.FORMATS)
+_FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp", "vtu", "xdmf", "hdf5", *vtk_parts.FORMATS)
 
 
 def read(path: str | os.PathLike[str], origin: Any = "auto") -> Triangles:
@@ -56,6 +56,8 @@ def _read(path: str | os.PathLike[str], kind: Kind) -> tuple[Particles, np.ndarr
         return vtk_xml.read_triangles(path)
     if kind.format == "xdmf":
         return xdmf.read_triangles(path)
+    if kind.format == "hdf5":
+        return vtkhdf.read_triangles(path)
     if kind.format not in vtk_parts.FORMATS:
         return mesh.read_triangles(path)
     parts, faces, first = [], [np.empty((0, 3), np.int64)], 0
@@ -97,6 +99,8 @@ def _has_faces(path: str, kind: Kind, changed: int, size: int) -> bool:
         return vtk_xml.has_faces(path)
     if kind.format == "xdmf":
         return xdmf.has_faces(path)
+    if kind.format == "hdf5":
+        return vtkhdf.has_faces(path)
     return kind.kind == "mesh"
 
 
