@@ -97,6 +97,20 @@ def test_a_translucent_mesh_before_the_surface(plotter):
     assert np.abs(image[hit] - expected).max() <= 2
 
 
+def test_the_window_has_world_coordinates(plotter):
+    """Of particles that are given from an origin, the window's meshes are not."""
+    scene, origin = ball(), np.array([4e5, 5e6, 30.0])
+    far = gb.Scene(gb.Particles(scene.particles.positions, support=0.3, origin=origin, color=scene.particles.color))
+    gb.pyvista.add_particles(plotter, far, SETTINGS)
+    look_from(plotter, origin + (0, 0, 4), origin, (0, 1, 0))
+    image = seen(plotter)
+    frame = gb.render(scene, gb.Camera((0, 0, 4), (0, 0, 0), fov=plotter.camera.view_angle), SIZE, SETTINGS)
+    hit = np.isfinite(frame.distance)
+    assert (np.abs(image[hit] - frame.image[hit].astype(int)) <= 1).all()
+    assert not image[~hit].any()
+    assert np.allclose(plotter.bounds[::2], origin - 1.2, atol=0.5)
+
+
 def test_update_and_remove(plotter):
     actor = gb.pyvista.add_particles(plotter, ball(), SETTINGS)
     look_from(plotter, (0, 0, 6), (0, 0, 0), (0, 1, 0))

@@ -8,6 +8,7 @@ that meshes, translucent ones too, lie in front of it, behind it or cut it.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -139,7 +140,7 @@ class ParticlesActor:
         if len(particles.finite_positions()):
             corners = np.asarray(particles.bounds(), np.float64)
         support = 0.0 if self.scene.support is None else float(np.max(self.scene.support))
-        (x0, y0, z0), (x1, y1, z1) = corners + [[-support / 2], [support / 2]]
+        (x0, y0, z0), (x1, y1, z1) = corners + [[-support / 2], [support / 2]] + self._origin()
         points = vtkPoints()
         places = np.array([[x0, y0, z0], [x1, y0, z0], [x1, y1, z1], [x0, y1, z1]], np.float32)
         points.SetData(numpy_to_vtk(places, deep=True))
@@ -155,6 +156,10 @@ class ParticlesActor:
         window.GetPointData().SetTCoords(across)
         return window
 
+    def _origin(self) -> np.ndarray:
+        """(3,) float64, world: the window has world coordinates, the scene those from here."""
+        return np.array(self.scene.particles.origin, np.float64)
+
     def _draw(self, *_: Any) -> None:
         """Before each frame: render if the view is another one, and place the depths."""
         if not self.actor.GetVisibility():
@@ -162,7 +167,8 @@ class ParticlesActor:
         view, size = self._renderer.GetActiveCamera(), tuple(self._renderer.GetSize())
         if min(size) < 1 or max(size) > 16384:
             return
-        camera = camera_of(view)
+        camera, origin = camera_of(view), self._origin()
+        camera = replace(camera, eye=np.subtract(camera.eye, origin), look_at=np.subtract(camera.look_at, origin))
         wanted = (camera, size, self._version)
         if wanted != self._of_frame:
             self.frame = render(self.scene, camera, size, self._settings, **self._options)
@@ -180,7 +186,7 @@ class ParticlesActor:
         pixels = np.full((*self.frame.image.shape[:2], 4), _MISS, np.float32)
         hit = np.isfinite(self.frame.distance)
         pixels[..., :3] = self.frame.image[..., :3] / np.float32(255)
-        where = self.frame.position[hit].astype(np.float64)
+        where = self.frame.position[hit] + self._origin()
         z, w = where @ rows[:, :3].T[:, 0] + rows[0, 3], where @ rows[1, :3] + rows[1, 3]
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = 0.5 + 0.5 * z / w
