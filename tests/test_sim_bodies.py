@@ -45,6 +45,15 @@ def test_a_body_goes_round_and_round(backend):
         assert np.abs(sim.steer.body(name)["spin"]).max() < 0.05
 
 
+def test_a_bodys_particles_are_not_removed():
+    """They went, and the body went on without them."""
+    sim = boxes({"device": "cpu"}, [("a", (0, 0, 0), {}), ("b", (0.5, 0, 0), {})])
+    with pytest.raises(ValueError, match="ids: expected no particles of a rigid body, got 2 of 'b'"):
+        sim.remove(sim.ids[[-1, -2]])
+    assert len(sim) == 250
+    sim.step()
+
+
 def test_a_free_body_keeps_its_angular_momentum(backend):
     """About an axis that is none of its own, so that its spin changes."""
     size, spin = (0.2, 0.06, 0.12), np.array((0.1, 3.0, 0.1))

@@ -242,13 +242,18 @@ class Simulation(Owner):
         simulation already removed have no effect.
 
         Raises:
-            ValueError: an id that `add` never returned.
+            ValueError: an id that `add` never returned, or that of a rigid body's particle: its
+                mass would stay.
         """
         given = ids_of(ids)
         unknown = given[(given < 0) | (given >= self._core.next_id())]
         if len(unknown):
             raise ValueError(f"ids: expected numbers that add() gave, got {unknown[0]}")
         gone = np.ascontiguousarray(given, np.uint32)
+        theirs = self._solver.phase()[np.isin(self._solver.read("id"), gone)]
+        for name, phase in self.phases.items():
+            if phase.kind == "rigid" and (n := int((theirs == self._solver.number_of(name)).sum())):
+                raise ValueError(f"ids: expected no particles of a rigid body, got {n} of {name!r}")
         self._solver.remove(gone)
 
     def step(self, dt: float | None = None) -> StepReport:
