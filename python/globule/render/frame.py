@@ -269,7 +269,7 @@ class Frame(Owner):
 
             names = ("color", "distance", "position", "normal", "albedo", "mask")
             arrays = {name: getattr(self, name) for name in names}
-            origin = next((o for x in self._layers if (o := getattr(x.scene, "origin", HERE)) != HERE), HERE)
+            origin = next((o for x in self._layers if (o := getattr(x.scene, "origin", HERE) or HERE) != HERE), HERE)
             if origin != HERE:
                 arrays["position"] = arrays["position"] + np.asarray(origin)
             write_arrays(path, arrays, packed=True)
