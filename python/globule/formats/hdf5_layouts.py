@@ -319,10 +319,9 @@ def vtkhdf(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:
         n_frames = len(values)
         i = pick(n_frames)
         time = values[i]
-        part = frame_entry(tree, _values(steps, "PartOffsets"), i, i)
-        parts = frame_entry(tree, _values(steps, "NumberOfParts"), i, 1)
+        part, end = vtkhdf_parts(tree, i, len(counts))
         first = frame_entry(tree, _values(steps, "PointOffsets"), i, sum(counts[:part]))
-        n = sum(counts[part : part + parts])
+        n = sum(counts[part:end])
         for name in data:
             offsets = tree.get(f"/VTKHDF/Steps/PointDataOffsets/{name}", {}).get("values")
             begins[name] = frame_entry(tree, offsets, i, first)
@@ -334,6 +333,15 @@ def vtkhdf(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:
     arrays = {"positions": [Source(points.place, first, n)]}
     arrays |= {k: [Source(s.place, begins[k], n)] for k, s in data.items() if k != "positions"}
     return Layout(arrays, time=_time(time), n_frames=n_frames)
+
+
+def vtkhdf_parts(tree: Tree, frame: int, n_parts: int) -> tuple[int, int]:
+    """The first part of a frame and the one behind its last; all where there are no frames."""
+    if "/VTKHDF/Steps" not in tree:
+        return 0, n_parts
+    steps = {name: tree.get(f"/VTKHDF/Steps/{name}", {}) for name in ("PartOffsets", "NumberOfParts")}
+    first = frame_entry(tree, _values(steps, "PartOffsets"), frame, frame)
+    return first, first + frame_entry(tree, _values(steps, "NumberOfParts"), frame, 1)
 
 
 def plain(tree: Tree, species: str | None, _: PickFrame) -> Layout | None:

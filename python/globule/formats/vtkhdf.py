@@ -13,18 +13,19 @@ from ..data.particles import Particles
 from . import cells, hdf5
 from .contents import frame_index
 from .errors import bad
-from .hdf5_layouts import Layout, Source, Tree, frame_entry
+from .hdf5_layouts import Layout, Source, Tree, frame_entry, vtkhdf_parts
 
 _GLANCE = 1 << 20  # bytes in which the group's name stands
 _LISTS = {"Vertices": cells.VERTICES, "Lines": cells.LINES, "Polygons": cells.POLYGONS, "Strips": cells.STRIPS}
 
 
 class _Part(NamedTuple):
-    """Cells of a part of a frame: their type, None where each has its own; what to read; the part's first point."""
+    """Cells of a part of a frame: their type, None where each has its own; what to read; the part's points."""
 
     kind: int | None
     sources: dict[str, Source]
     first_point: int
+    n_points: int
 
 
 def has_faces(path: str | os.PathLike[str]) -> bool:
@@ -52,14 +53,15 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]
 
 
 def _cells(part: _Part, arrays: dict[str, np.ndarray], k: str) -> cells.Cells:
-    """The cells of part k, of the frame's points. Raises ValueError for those that cannot be joined to others."""
+    """The cells of part k, of the frame's points. Raises ValueError for those that are damaged."""
     offsets, corners = (arrays[k + name].astype(np.int64) for name in ("Offsets", "Connectivity"))
     types = arrays[f"{k}Types"] if part.kind is None else np.full(len(offsets) - 1, part.kind)
-    if offsets[0] < 0 or (np.diff(offsets) < 0).any() or offsets[-1] > len(corners):
-        raise ValueError("expected offsets from 0 up to the length of the connectivity")
     if (types == cells.POLYHEDRON).any():
         raise ValueError("expected cells other than polyhedra")
-    return cells.Cells(types.astype(np.uint8), corners + part.first_point, offsets)
+    own = cells.Cells(types.astype(np.uint8), corners, offsets)
+    if problem := own.problem(part.n_points):
+        raise ValueError(problem)
+    return own._replace(connectivity=corners + part.first_point)
 
 
 def _read(path: Any, names: tuple[str, ...]) -> tuple[list[_Part], dict[str, np.ndarray]]:
@@ -81,8 +83,7 @@ def _parts(tree: Tree, frame: int) -> Iterator[_Part]:
 
     i = frame_index(tree.path, frame, len(table("Steps/Values") or [0.0]))
     counts = table("NumberOfPoints") or [tree.rows("/VTKHDF/Points")]
-    first = frame_entry(tree, table("Steps/PartOffsets"), i, 0 if "/VTKHDF/Steps" not in tree else i)
-    last = first + frame_entry(tree, table("Steps/NumberOfParts"), i, len(counts) if "/VTKHDF/Steps" not in tree else 1)
+    first, last = vtkhdf_parts(tree, i, len(counts))
     solid = tree.attributes("/VTKHDF").get("Type") == "UnstructuredGrid"
     for column, (name, kind) in enumerate({"": None}.items() if solid else _LISTS.items()):
         group = f"/VTKHDF/{name}".rstrip("/")
@@ -106,5 +107,6 @@ def _parts(tree: Tree, frame: int) -> Iterator[_Part]:
                 if begin < 0 or size < 0 or begin + size > tree.rows(place):
                     raise tree.bad(place, f"expected at least {begin + size} rows, got {tree.rows(place)}")
                 sources[array] = Source(place, begin, size)
-            yield _Part(kind, sources, point)
-            cell, corner, point = cell + n, corner + k, point + frame_entry(tree, counts, p, 0)
+            own = frame_entry(tree, counts, p, 0)
+            yield _Part(kind, sources, point, own)
+            cell, corner, point = cell + n, corner + k, point + own

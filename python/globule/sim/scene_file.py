@@ -69,7 +69,8 @@ class Solver(Table):
     divergence_error: float | None = setting(
         Number(1e-6, 0.1),
         None,
-        "ten times the mean compression that velocities may add in a step (2e-4 at most), a share",
+        "ten times the mean compression that velocities may add in a step (2e-4 at most; above 60 layers less), "
+        "a share",
         usual="`max_error`",
     )
     viscosity_error: float = setting(Number(1e-9, 0.1), 1e-4, "relative residual of implicit viscosity")

@@ -250,9 +250,10 @@ class Simulation(Owner):
         if len(unknown):
             raise ValueError(f"ids: expected numbers that add() gave, got {unknown[0]}")
         gone = np.ascontiguousarray(given, np.uint32)
-        theirs = self._solver.phase()[np.isin(self._solver.read("id"), gone)]
-        for name, phase in self.phases.items():
-            if phase.kind == "rigid" and (n := int((theirs == self._solver.number_of(name)).sum())):
+        rigid = [name for name, phase in self.phases.items() if phase.kind == "rigid"]
+        theirs = self._solver.phase()[np.isin(self._solver.read("id"), gone)] if rigid else gone[:0]
+        for name in rigid:
+            if n := int((theirs == self._solver.number_of(name)).sum()):
                 raise ValueError(f"ids: expected no particles of a rigid body, got {n} of {name!r}")
         self._solver.remove(gone)
 
