@@ -14,6 +14,7 @@ from globule import cli
 from globule.formats import FormatError, hdf5, read_contents
 from globule.formats.frames import FrameOf
 from globule.formats.triangles import has_faces
+from test_cells import area
 
 h5py = pytest.importorskip("h5py")
 N = 50
@@ -268,11 +269,6 @@ def vtkhdf_mesh(path, **changed) -> None:
             root[name] = values
 
 
-def area(mesh: gb.Mesh) -> float:
-    a, b, c = np.moveaxis(np.asarray(mesh.vertices)[np.asarray(mesh.faces)], 1, 0)
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
-
-
 def test_cells_of_vtkhdf_are_meshes(tmp_path):
     """Points of two parts are two points, so that the shared face is drawn from both sides."""
     vtkhdf_mesh(tmp_path / "a.vtkhdf")
@@ -282,14 +278,10 @@ def test_cells_of_vtkhdf_are_meshes(tmp_path):
     assert len(mesh.vertices) == 16
     vtkhdf(tmp_path / "points.vtkhdf")
     assert not has_faces(tmp_path / "points.vtkhdf")
-
-
-def test_a_later_frame_of_cells(tmp_path):
-    vtkhdf_mesh(tmp_path / "a.vtkhdf")
-    mesh = gb.Mesh(FrameOf(tmp_path / "a.vtkhdf", 1))
-    assert len(mesh.vertices) == 4
-    assert area(mesh) == pytest.approx(1)
-    assert np.all(np.asarray(mesh.vertices)[:, 2] == 9)
+    later = gb.Mesh(FrameOf(tmp_path / "a.vtkhdf", 1))
+    assert len(later.vertices) == 4
+    assert area(later) == pytest.approx(1)
+    assert np.all(np.asarray(later.vertices)[:, 2] == 9)
 
 
 @pytest.mark.parametrize(
@@ -349,24 +341,6 @@ def test_xdmf_by_meshio(tmp_path, monkeypatch, how):
         )
         with pytest.raises(FormatError, match=r"a\.xdmf: expected a file below the same folder"):
             gb.read("a.xdmf")
-
-
-def test_xdmf_over_time(tmp_path):
-    grids = ""
-    with h5py.File(tmp_path / "run.h5", "w") as file:
-        for i in range(2):
-            file[f"{i}/x"], file[f"{i}/h"] = POSITIONS + i, H
-            grids += (
-                f'<Grid><Time Value="{i / 2}"/><Geometry GeometryType="XYZ"><DataItem Format="HDF" '
-                f'Dimensions="{N} 3">run.h5:/{i}/x</DataItem></Geometry><Attribute Name="h" '
-                f'Center="Node"><DataItem Format="HDF">run.h5:/{i}/h</DataItem></Attribute></Grid>'
-            )
-    text = f'<Xdmf><Domain><Grid CollectionType="Temporal">{grids}</Grid></Domain></Xdmf>'
-    (tmp_path / "run.xmf").write_text(text)
-    got = read_contents(tmp_path / "run.xmf", frame=-1)
-    assert (got.n_frames, got.time) == (2, 0.5)
-    assert np.array_equal(got.particles.positions, (POSITIONS + 1).astype(np.float32))
-    assert np.array_equal(got.particles.support, 2 * H)
 
 
 def test_columns_name_the_data_sets(tmp_path):

@@ -70,6 +70,7 @@ def test_names_of_lammps():
     found = gb.read("a.dump")
     assert found.names == {"type": {2: "O", 1: "H"}}
     assert found.attributes["atomic_number"].tolist() == [8, 1, 8, 1]
+    assert np.allclose(found.support, np.multiply(4, [1.52, 1.2, 1.52, 1.2]))
 
 
 @pytest.mark.interop
