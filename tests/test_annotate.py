@@ -14,7 +14,7 @@ from cli_helpers import at_edge, cube, refused
 from globule.cli import main
 from globule.render import annotate, canvas
 from globule.render.annotate import draw_view, scale_bar
-from globule.render.box import _within, round_values, visible_parts
+from globule.render.box import round_values, visible_parts
 from globule.render.canvas import Canvas, sizes
 from globule.render.legend import POSITIONS
 from globule.render.views import VIEWS, Grid, view_cameras
@@ -282,6 +282,25 @@ def test_text_on_transparent_pixels():
     assert np.abs(over - opaque).max() <= 3
 
 
+def test_a_label_stays_inside_of_the_image():
+    blank = np.full((100, 120, 3), 255, np.uint8)
+    drawn = {}
+    for place in ((40.0, 50.0), (-30.0, 50.0), (200.0, 50.0), (60.0, -20.0), (60.0, 300.0)):
+        canvas = Canvas(blank)
+        canvas.text(place, "y, m", "mm", inks=((0, 0, 0), (255, 255, 255)), inside=True)
+        drawn[place] = int((canvas.pixels < 128).sum())
+    assert len(set(drawn.values())) == 1, drawn
+    assert drawn[40.0, 50.0] > 20
+
+
+def test_a_title_is_in_the_middle_of_image_and_legend():
+    blank = np.full((200, 300, 3), 255, np.uint8)
+    for strip in (0, 60):
+        image = annotate.draw_sheet(blank, gb.Annotation(title="Title"), None, strip)
+        columns = np.flatnonzero((image < 128).any(axis=(0, 2)))
+        assert (columns[0] + columns[-1]) / 2 == pytest.approx((300 + strip) / 2, abs=3)
+
+
 @pytest.mark.parametrize(
     ("fields", "what"),
     [
@@ -471,13 +490,6 @@ def test_transparent_and_flat_on_the_command_line(files):
     assert len(np.unique(opened("b.png")[..., 3])) > 3
 
 
-def test_views_on_the_command_line(files):
-    words = ["render", "frame_0.npz", *COMMON, "--views", "front,iso", "-o", "v.png"]
-    assert main(words) == 0
-    expected = gb.render_views("frame_0.npz", ("front", "iso"), (200, 150)).image
-    assert (opened("v.png") == expected).all()
-
-
 @pytest.mark.parametrize(
     ("words", "what"),
     [
@@ -513,16 +525,3 @@ def test_a_box_that_is_much_larger_than_the_image(orthographic):
             gb.render(scene, camera, (96, 72), annotate=gb.Annotation(box=True)).image  # noqa: B018
             assert tracemalloc.get_traced_memory()[1] < 50e6
             tracemalloc.stop()
-
-
-def test_the_part_of_a_line_in_the_image():
-    camera, size = gb.Camera((0, 0, 5), (0, 0, 0), fov=40.0), (100, 100)
-    half = 5 * np.tan(np.radians(20))
-    found = _within(np.array([[-1e6, 0, 0], [1e6, 0, 0.0]]), camera, size, 0.0)
-    np.testing.assert_allclose(found, [[-half, 0, 0], [half, 0, 0]], atol=1e-9)
-    through = _within(np.array([[0, 0, 9], [0, 0, -9.0]]), camera, size)  # begins behind the eye
-    assert through[0, 2] == pytest.approx(5, abs=1e-6)
-    np.testing.assert_allclose(through[1], [0, 0, -9])
-    assert _within(np.array([[9, 9, 0], [10, 9, 0.0]]), camera, size) is None
-    inside = np.array([[0, 0, 0], [0.1, 0.2, 0.3]])
-    np.testing.assert_allclose(_within(inside, camera, size), inside)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import stat
+from pathlib import Path
 
 import globule as gb
 import numpy as np
@@ -17,37 +18,22 @@ from PIL import Image
 pytestmark = pytest.mark.usefixtures("folder")
 
 
-def test_render_writes_a_picture(particles, capsys):
-    assert main(["render", particles, "-o", "a.png", *SMALL]) == 0
-    out, err = capsys.readouterr()
-    assert out.startswith("a.png: 216 particles")
-    assert out.count("\n") == 1
-    assert err == ""
-    picture = np.asarray(Image.open("a.png"))
-    assert picture.shape == (30, 40, 3)
-    assert (picture[15, 20] != picture[0, 0]).any()
-
-
 def test_render_json(particles, capsys):
     facts = run_json(capsys, "render", particles, "-o", "a.png", "--aov", "a.npz", *SMALL)
-    assert facts["images"] == ["a.png"]
-    assert facts["aov"] == "a.npz"
+    scene = gb.Scene(gb.read(particles), device="cpu", surface="smooth")
+    hashes = {"key_hash": scene.octree.key_hash, "node_hash": scene.octree.node_hash}
+    expected = {"images": ["a.png"], "aov": "a.npz", "kernel": "murakami", "threshold": 0.5, "surface": "smooth"}
+    assert (expected | {"hashes": hashes}).items() <= facts.items()
     assert set(facts["times"]) == {"read", "build", "trace", "write", "total"}
-    assert all(t >= 0 for t in facts["times"].values())
+    assert min(facts["times"].values()) >= 0
     assert facts["memory"]["octree"] > 0
     counts = facts["counts"]
-    assert counts["particles"] == counts["inside"] == 216
-    assert counts["outside"] == 0
+    assert {"particles": 216, "inside": 216, "outside": 0}.items() <= counts.items()
     assert counts["leaves"] <= counts["nodes"]
     assert 0 < counts["hits"] < 40 * 30
     assert "CPU" in facts["device"]
-    assert facts["kernel"] == "murakami"
-    assert facts["threshold"] == 0.5
-    assert facts["surface"] == "smooth"
     assert facts["support"] == pytest.approx(2.25 * facts["spacing"])
     assert facts["spacing"] == pytest.approx(1 / 6, rel=0.02)
-    scene = gb.Scene(gb.read(particles), device="cpu", surface="smooth")
-    assert facts["hashes"] == {"key_hash": scene.octree.key_hash, "node_hash": scene.octree.node_hash}
     with np.load("a.npz") as arrays:
         assert set(arrays) == {"color", "distance", "position", "normal", "albedo", "mask"}
         assert arrays["mask"].sum() == counts["hits"]
@@ -274,3 +260,75 @@ def test_a_camera_that_looks_past(particles, capsys):
     words = ["--eye", "0,0,9", "--look-at", "0,0,99"]
     assert main(["render", particles, "-o", "a.png", *SMALL, *words]) == 0
     assert "looks past" in capsys.readouterr().err
+
+
+def test_flags_that_would_be_ignored_are_refused(capsys):
+    gb.write("a.npz", cube())
+    Path("m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    for words in (["--preset", "water", "--flat"], ["--flat", "--preset", "water"]):
+        said = refused(capsys, "render", "a.npz", "-o", "a.png", *words)
+        assert "expected one look" in said
+        assert "water" in said
+    assert main(["render", "a.npz", "-o", "a.png", *SMALL, "--flat", "--preset", "flat"]) == 0
+    capsys.readouterr()
+    said = refused(capsys, "render", "m.obj", "-o", "a.png", *SMALL, "--surface", "smooth")
+    assert "--surface: expected particles" in said
+
+
+@pytest.mark.parametrize("n", [1, 3, 64])
+def test_the_threads_said_are_those_asked_for(n, capsys):
+    gb.write("a.npz", cube())
+    assert main(["render", "a.npz", "-o", "a.png", *SMALL, "--threads", str(n)]) == 0
+    assert f" {n} thread{'s' * (n > 1)}," in capsys.readouterr().out
+
+
+def test_particles_left_out_are_counted(capsys):
+    positions = cube().positions
+    gb.write("a.npz", gb.Particles(positions))
+    positions[0], positions[1, 2], positions[2] = np.nan, np.inf, -np.inf
+    gb.write("n.npz", gb.Particles(positions, attributes={"speed": np.arange(216.0)}))
+    found = run_json(capsys, "render", "n.npz", "-o", "n.png", "--color-by", "speed", *SMALL)
+    counts = found["counts"]
+    assert (counts["particles"], counts["inside"], counts["outside"]) == (216, 213, 3)
+    assert counts["hits"] > 0
+    assert any("3 of 216 particles have no finite position" in w for w in found["warnings"])
+    assert main(["render", "a.npz", "-o", "a.png", *SMALL, "--spheres", "n.npz:0.1"]) == 0
+    assert "3 of 216 particles of n.npz have no finite position" in capsys.readouterr().err
+
+
+def flat() -> gb.Particles:
+    return gb.Particles(np.stack(np.mgrid[:12, :10], -1).reshape(-1, 2) * 0.5)
+
+
+@pytest.mark.parametrize("kind", ["fluid", "balls", "flat", "ortho"])
+def test_the_fitted_camera_is_given_back_by_its_flags(kind, capsys):
+    particles = {"flat": flat(), "balls": cube(support=0.4)}.get(kind, cube())
+    gb.write("a.npz", particles)
+    more = ["--ortho", "2"] if kind == "ortho" else []
+    camera = run_json(capsys, "render", "a.npz", "-o", "a.png", *SMALL, *more)["camera"]
+    assert ("height" in camera) == (kind in ("flat", "ortho"))
+    words = camera["flags"].split()
+    assert main(["render", "a.npz", "-o", "b.png", *SMALL, *words]) == 0
+    a, b = (np.asarray(Image.open(f"{name}.png")).astype(int) for name in "ab")
+    assert np.abs(a - b).max() <= 2
+    assert a.std() > 1
+
+
+@pytest.mark.parametrize("particles", [cube(), cube(support=0.4), flat()])
+def test_info_says_the_camera_of_the_image(particles, capsys):
+    gb.write("a.npz", particles)
+    told = run_json(capsys, "info", "a.npz")["camera"]
+    used = run_json(capsys, "render", "a.npz", "-o", "a.png", "--device", "cpu")["camera"]
+    assert told.keys() == used.keys()
+    for name in told.keys() - {"flags"}:
+        assert told[name] == pytest.approx(used[name], rel=1e-6, abs=1e-6), name
+    main(["info", "a.npz"])
+    assert f"camera     {told['flags']}" in capsys.readouterr().out
+
+
+def test_each_view_has_its_camera(capsys):
+    gb.write("a.npz", cube())
+    words = ["render", "a.npz", "-o", "a.png", "--size", "300x150", "--views", "front,iso"]
+    front, iso = run_json(capsys, *words)["cameras"]
+    assert "height" in front
+    assert "fov" in iso

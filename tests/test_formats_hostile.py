@@ -258,6 +258,14 @@ def test_xml_entities_and_depth(tmp_path):
     assert "expected XML" in reads_or_refuses(path)
 
 
+def test_a_cut_off_stl(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    path = tmp_path / "box.stl"
+    trimesh.creation.box().export(path)
+    path.write_bytes(path.read_bytes()[:300])
+    assert "expected 684 bytes for the 12 triangles of its header, got 300" in reads_or_refuses(path)
+
+
 def npy(shape: str, descr: str = "'<f8'", data: bytes = b"12345678") -> bytes:
     header = f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + data

@@ -12,7 +12,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL
+from cli_helpers import SMALL, refused, run_json
 from globule.cli import main
 from globule.formats import packed
 from globule.formats.frames import FrameOf
@@ -79,6 +79,21 @@ def test_one_image_says_which_frame_it_shows(capsys):
     assert err.count("\n") == 1  # and nothing about frames
     assert main(["convert", "frames.lammpstrj", "c.vtk"]) == 0
     assert "has 4 frames" in capsys.readouterr().err
+    assert main(["convert", "frames.lammpstrj", "c.vtk", "--frame", "1"]) == 0
+    assert len(gb.read("c.vtk")) == len(frames[1])
+    capsys.readouterr()
+    assert run_json(capsys, "info", "frames.lammpstrj", "--frame", "-2")["particles"] == len(frames[-2])
+
+
+def test_options_of_files_that_do_not_have_them(capsys):
+    extended()
+    np.save("a.npy", lattice(3))
+    for words, said in (
+        (["a.npy", "--frame", "1"], "--frame: expected a file of table, "),
+        (["frames.xyz", "--species", "O"], "--species: expected a file of NumPy archive, HDF5"),
+        (["frames.xyz", "--frame", "4"], "frame: expected -4 to 3"),
+    ):
+        assert said in refused(capsys, "info", *words)
 
 
 def test_the_viewer_plays_them():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refused, run_json
 from globule import cli
 from globule.formats import FormatError, hdf5, read_contents
 from globule.formats.frames import FrameOf
@@ -400,10 +400,11 @@ def test_info_lists_what_a_file_holds_and_no_option_is_ignored(tmp_path, capsys)
     assert "species    PartType0, PartType1: --species NAME" in told
     assert "  box        from 0 0 0, edges 1 0 0  0 1 0  0 0 1, periodic along xyz" in told
     assert "  time       " in told
+    assert run_json(capsys, "info", str(path), "--species", "PartType1")["particles"] == 7
+    assert "species: expected one of PartType0, PartType1" in refused(capsys, "info", str(path), "--species", "gas")
     with pytest.raises(ValueError, match=r"frame: expected -1 to 0 for .*run\.hdf5, got 3"):
         gb.read(path, frame=3)
     with pytest.raises(ValueError, match="species: expected none beside columns"):
         gb.read(path, species="PartType0", columns={"positions": "PartType0/Coordinates"})
     h5part(tmp_path / "run.h5part")
-    assert cli.main(["info", str(tmp_path / "run.h5part"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["frames"] == 3
+    assert run_json(capsys, "info", str(tmp_path / "run.h5part"))["frames"] == 3

@@ -1,10 +1,10 @@
-"""Shadows hard and soft, ambient occlusion, and several scenes in one picture."""
+"""Shadows hard and soft, and ambient occlusion."""
 
 import globule as gb
 import numpy as np
 import oracle
 import pytest
-from light import CAMERA, CENTER, ONE_SKY, RADIUS, ball, block, glass, meet_ball, quiet, rays, unit
+from light import CAMERA, CENTER, RADIUS, ball, block, meet_ball, quiet, rays, unit
 
 SIZE = (48, 40)
 ABOVE = gb.Camera((0.2, 5, 2.5), (0.2, -1, 0.2), fov=35)
@@ -137,94 +137,6 @@ def test_ambient_rays_from_the_sky(backend):
     error = frame.color[seen][:, 0] - expected
     assert np.abs(error).max() < 0.05
     assert abs(error.mean()) < 0.005
-
-
-@pytest.mark.parametrize(
-    ("transmission", "absorption"),
-    [(0.8, None), (1.0, (1.0, 1.0, 1.0)), (1.0, (2.0, 0.5, 0.5)), (1.0, (0.0, 2.0, 2.0))],
-)
-def test_sunlight_through_a_ball(backend, transmission, absorption):
-    """What a shadow ray crosses lets its transmission through at each surface. Shadows are gray:
-    the mean of the three absorptions counts."""
-    sun = gb.DirectionalLight((0, 1, 0), (1, 1, 1))
-    material = gb.Material(0.0, transmission, 1.0, absorption=absorption)
-    look = quiet(lights=[sun], shadows=True, ground=GROUND, material=material)
-    camera = gb.Camera((3, 2, 0), (0.2, -1, 0.4), fov=40)
-    frame = gb.render(ball(**backend), camera, SIZE, look)
-    p = frame.position.astype(np.float64)
-    axis = np.linalg.norm(p[..., [0, 2]] - CENTER[[0, 2]], axis=-1)
-    ground = np.abs(p[..., 1] + 1) < 1e-4
-    inside = 0.95 if absorption else 0.98
-    inner, outer = ground & (axis < inside * RADIUS), ground & (axis > 1.02 * RADIUS)
-    assert inner.sum() > 30
-    chord = 2 * np.sqrt(RADIUS**2 - axis[inner] ** 2)
-    expected = transmission**2 * np.exp(-np.mean(absorption or 0.0) * chord)
-    np.testing.assert_allclose(frame.color[inner][:, 0], expected, rtol=5e-3 if absorption else 1e-4)
-    np.testing.assert_allclose(frame.color[outer], 1, atol=1e-4)
-
-
-def test_translucent_over_opaque(backend):
-    """A veil of transmission k scatters (1 - k) of its own color and filters the rest by it."""
-    veil_color, core_color, k = np.array((0.9, 0.6, 0.3)), np.array((0.2, 0.5, 1.0)), 0.7
-    veil = ball((0, 0, 0), 2.0, color=veil_color, **backend)
-    core = ball((0, 0, 0), 0.9, color=core_color, **backend)
-    layers = [gb.Layer(veil, gb.Material(0.0, k, 1.0)), gb.Layer(core, CLAY)]
-    camera = gb.Camera((0, 0, 6), (0, 0, 0), height=2.0)
-    frame = gb.render(layers, camera, (40, 40), quiet(ambient=0.5, background=0.0))
-    o, _ = rays(camera, (40, 40))
-    ratio = np.sqrt(1 - np.sqrt(0.6))
-    axis = np.linalg.norm(o[..., :2], axis=-1)
-    on_core = axis < 0.97 * 0.9 * ratio
-    off_core = (axis > 1.03 * 0.9 * ratio) & (axis < 1.9 * ratio)
-    front = (1 - k) * veil_color * 0.5
-    inner = k * veil_color * core_color * 0.5
-    back = k * veil_color * (1 - k) * veil_color * 0.5  # the veil's far side, seen from inside
-    assert on_core.sum() > 100
-    assert off_core.sum() > 100
-    np.testing.assert_allclose(frame.color[on_core], [front + inner] * on_core.sum(), atol=1e-5)
-    np.testing.assert_allclose(frame.color[off_core], [front + back] * off_core.sum(), atol=1e-5)
-
-
-@pytest.mark.parametrize(
-    "from_middle", [(2, 2, 3), (-0.4, -0.2, -0.2), (0.2, 0.1, 0.2)], ids=["outside", "inside one", "inside both"]
-)
-def test_a_ray_inside_both_layers(backend, from_middle):
-    """Where two media overlap, both absorb."""
-    a, b = np.array((0.4, 1.0, 0.0)), np.array((1.0, 0.0, 0.7))
-    place = CENTER + (0.3, 0.2, 0.1)
-    layers = [
-        gb.Layer(ball(**backend), glass(1.0, absorption=a)),
-        gb.Layer(ball(place, **backend), glass(1.0, absorption=b)),
-    ]
-    camera = gb.Camera(CENTER + from_middle, place, fov=40)
-    o, d = rays(camera, SIZE)
-    path = [
-        np.nan_to_num(np.maximum(far, 0) - np.maximum(near, 0))
-        for near, far, _ in (meet_ball(o, d), meet_ball(o, d, place))
-    ]
-    frame = gb.render(layers, camera, SIZE, quiet(sky=ONE_SKY, bounces=8))
-    expected = np.exp(-a * path[0] - b * path[1])
-    clear = np.ones(frame.mask.shape, bool)
-    for c in (CENTER, place):
-        clear &= (np.abs(meet_ball(o, d, c)[2] - RADIUS) > 0.01 * RADIUS)[..., 0]
-    np.testing.assert_allclose(frame.color[clear], expected[clear], rtol=0.01)
-
-
-def test_ground_mirrors(backend):
-    """A mirror of a ground shows the ball upside down: the mirrored camera's picture of it."""
-    camera = gb.Camera((0.2, 0.3, 5), (0.2, -1.0, 0.4), fov=30)
-    ground = gb.Ground(-1.0, color=0.0, reflection=1.0)
-    look = quiet(ambient=1.0, ground=ground)
-    frame = gb.render(ball(**backend), camera, SIZE, look)
-    o, d = rays(camera, SIZE)
-    direct = meet_ball(o, d)[2] < RADIUS
-    below = (-1 - o[..., 1:2]) / d[..., 1:2]
-    flip = np.array([1.0, -1.0, 1.0])
-    _, _, away = meet_ball(o + below * d, d * flip)
-    seen = (~direct & (below > 0) & (np.abs(away - RADIUS) > 5e-3))[..., 0]
-    expected = np.where(away < RADIUS, (1.0, 0.5, 0.25), 0.0)
-    assert (away[seen] < RADIUS).sum() > 50
-    np.testing.assert_allclose(frame.color[seen], expected[seen], atol=1e-5)
 
 
 def test_dim_light_throws_shadows_too(backend):
