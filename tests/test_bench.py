@@ -14,15 +14,11 @@ import pytest
 from globule.volumes.volume import Volume
 
 from bench.__main__ import main
-from bench.tables import report, sweep_speed, ultrasound
+from bench.tables import physics, physics_fluid, report, sweep_speed, ultrasound
 from bench.tables.cylinders import measure_cylinders
 from bench.tables.table import Setting, Table
 
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("GLOBULE_TRACEBACK", raising=False)
+pytestmark = pytest.mark.usefixtures("folder")
 
 
 def rods(diameter: float, blur: int = 0, noise: float = 0.0, spacing: float = 0.2) -> Volume:
@@ -132,14 +128,6 @@ def test_mistakes(capsys):
     assert main(["ultrasound", "4.3", "-o", "file"]) == 2
 
 
-def test_table_text():
-    table = Table("4.1", "title", ("x", "seconds"), [(1, 0.123456), (2, None)], ("note",))
-    assert table.text().splitlines() == [
-        "4.1  title", "x  seconds", "-  -------", "1   0.1235", "2        -", "note",
-    ]  # fmt: skip
-    assert table.markdown().splitlines()[2] == "| 1 | 0.1235 |"
-
-
 @pytest.mark.slow
 def test_speed_of_a_sweep(monkeypatch):
     monkeypatch.setattr(sweep_speed, "SIZE", (64, 48))
@@ -180,3 +168,34 @@ def test_recorded_numbers_take_the_place_of_older_ones(tmp_path):
     report.record("speed", "A", {"x": {"fps": 12.3456, "hash": "f00"}, "y": {"n": 3}}, path)
     lines = path.read_bytes().decode().split("\n")
     assert lines[1:-1] == ["speed,A,x,fps,12.35", "speed,B,x,fps,20", "speed,A,y,n,3"]
+
+
+def rows(device, threads):
+    return [physics_fluid.near("speed", 2.0, 1.9, 0.1), physics_fluid.at_most("drift", 0.2, 0.5)]
+
+
+def test_a_page_says_what_is_not_met(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(physics, "experiments", lambda quick: [("Fluids", rows)])
+    words = ["physics", "-o", str(tmp_path), "--device", "cpu"]
+    assert main(words) == 0
+    assert "drift" in capsys.readouterr().out
+    assert main([*words, "--json"]) == 0
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert [row["measured"] for row in found["physics"]] == [1.9, 0.5]
+    assert found["csv"] == str(tmp_path / "physics.csv")
+    assert "drift" in err
+    with open(tmp_path / "physics.csv", encoding="utf-8") as file:
+        found = list(csv.DictReader(file))
+    assert [row["measured"] for row in found] == ["1.9", "0.5"]
+    text = (tmp_path / "physics.md").read_text()
+    assert "2 truths, 1 met" in text
+    assert "Not met: drift." in text
+    assert "## Fluids" in text
+    assert "| drift | ≤ 0.2 | 0.5 | **not met** |" in text
+
+
+def test_a_plot_is_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    physics.plot(tmp_path / "p.png", [{"part": "Fluids", **r._asdict()} for r in rows("cpu", 0)])
+    assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"

@@ -155,18 +155,6 @@ def test_search_from_disk(site, opened):
     assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
 
 
-@pytest.mark.browser
-def test_light_and_dark(site, opened):
-    page, _ = opened
-    page.goto((site / "index.html").as_uri())
-    colors = set()
-    for mode in ("light", "dark"):
-        page.locator(".theme-switch-button").first.click()
-        page.locator(f".theme-change-button[data-mode={mode}]").first.click()
-        colors.add(page.evaluate("getComputedStyle(document.body).backgroundColor"))
-    assert len(colors) == 2
-
-
 def test_a_broken_link_stops_the_build(tmp_path, capsys):
     from sphinx.cmd.build import main
 

@@ -104,37 +104,6 @@ def test_the_drawn_leaves_are_the_octree_s():
     assert {tuple(c) for c in occupied_cells(codes, 4)} == {tuple(np.minimum(c, 15)) for c in grid}
 
 
-def test_two_metaballs_fuse_where_the_figure_says():
-    from bench.figures.fusing import DISTANCES, THRESHOLD, two
-
-    middle = [float(two(d, "cpu").field(np.zeros((1, 3), np.float32))[0]) for d in DISTANCES]
-    assert middle[0] < THRESHOLD
-    assert middle[1] < THRESHOLD < middle[2]
-    assert middle == sorted(middle)
-
-
-def test_octree_coordinates_are_cut_off():
-    from bench.figures.levels import octree_coordinate
-
-    places = ((200, 400), (520, 600), (50, 300), (300, 300))
-    assert [octree_coordinate(*at, "cpu") for at in places] == [512, 887, 170, 1023]
-
-
-def test_no_hit_outside_of_the_supports():
-    from bench.figures.rays import ON_A_RAY, flat_scene, sphere_events
-
-    scene = flat_scene("cpu", ON_A_RAY)
-    origin, direction = np.array([-3.2, 0, 0]), np.array([1.0, 0, 0])
-    events = sphere_events(origin, direction, ON_A_RAY)
-    entered = [i for _, i, enters in events if enters]
-    assert entered == [0, 1, 2, 3]
-    assert len(events) == 8
-    rays = np.float32([origin, [-3.2, -2.5, 0]]), np.float32([direction, direction])
-    depth = scene.intersect(*rays)[0]
-    assert events[2][0] < depth[0] < events[-1][0]
-    assert np.isinf(depth[1])
-
-
 def test_samples_crowd_near_the_surface():
     from bench.figures.rays import THRESHOLD, flat_scene
     from bench.figures.steps import march
@@ -148,51 +117,6 @@ def test_samples_crowd_near_the_surface():
     assert t[-1] == pytest.approx(hit, abs=0.003)
     assert last == pytest.approx(THRESHOLD, abs=0.01)
     assert (np.abs(t - hit) < 0.05).sum() > 5 > (t < hit - 0.5).sum() >= 3
-
-
-def test_one_metaball_apart_stays_a_sphere():
-    from bench.figures.rendered import nine_leaves
-
-    scene, cells = nine_leaves("cpu")
-    positions = scene.particles.positions
-    inside = [((positions >= c) & (positions < c + 1)).all(axis=1).sum() for c in cells]
-    assert sum(inside) == 100
-    assert min(inside) > 0
-    assert inside[-1] == 1
-    offsets, _ = scene.neighbors(positions[-1:], 1.0)
-    assert offsets[-1] == 1  # nobody near
-
-
-def test_solid_mode_has_flatter_faces_and_sharper_edges():
-    from bench.figures.rendered import cube
-
-    n = 12
-    top = (n - 1) / 2
-    fall, recession = {}, {}
-    for kernel in ("murakami", "solid"):
-        scene = cube(kernel, "cpu", n)
-        x = np.float32([0, 0.25, 0.5, top + 0.25])  # amid a face, and past its outermost row
-        z = np.float32([0, 0.25, 0.5, 0.25])
-        down = np.stack([x, np.full(4, 20), z], 1).astype(np.float32)
-        height = 20 - scene.intersect(down, np.float32([[0, -1, 0]] * 4))[0]
-        fall[kernel] = height[:3].mean() - height[3]
-        corner = np.float32([[20, 20, 0.25]])
-        d = np.float32([[-1, -1, 0]]) / np.float32(np.sqrt(2))
-        reach = 20 - scene.intersect(corner, d)[0][0] / np.sqrt(2)
-        recession[kernel] = height[:3].mean() - reach
-    assert abs(fall["solid"]) < 0.04 < 0.1 < fall["murakami"]
-    assert recession["solid"] < 0.3
-    assert recession["murakami"] > 0.45
-
-
-def test_clusters_and_voids():
-    from bench.figures.rendered import clusters
-
-    positions = clusters()
-    assert positions.shape == (100_000, 3)
-    inner = positions[(np.abs(positions[:, :2] - 0.5) < 0.4).all(axis=1)]
-    counts, _ = np.histogramdd(inner[:, :2], bins=30)
-    assert counts.std() / counts.mean() > 3 * counts.mean() ** -0.5  # far from a random scatter
 
 
 def test_without_nilearn_shapes_stand_in(monkeypatch):

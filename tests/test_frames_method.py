@@ -113,17 +113,6 @@ def test_a_linear_field_is_reproduced(backend, dtype):
     assert error.max() < tolerance + (0.5 if rounding else 0)
 
 
-def test_passes_are_averaged(backend):
-    """Two passes through each other, of values 100 and 200: 150 wherever both enclose a voxel."""
-    there, back = line(8, 1.0), line(8, 1.0, 0.0)[::-1]
-    sweep = sweep_at(np.concatenate([there, back]))
-    sweep.frames[:8], sweep.frames[8:] = 100, 200
-    volume = reconstruct(sweep, spacing=0.5, **backend)
-    inner = (centers(volume)[..., 2] > 0.3) & (centers(volume)[..., 2] < 6.7) & ~volume.empty
-    assert inner.sum() > 1000
-    assert set(np.unique(volume.values[inner])) == {150}
-
-
 def two_passes():
     """Two passes, 40 mm apart, in one recording."""
     there, back = line(10, 0.8), line(10, 0.8)[::-1].copy()
