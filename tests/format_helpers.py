@@ -89,3 +89,20 @@ def structured_points(binary: bool = True) -> bytes:
             f"POINT_DATA 24\nSCALARS eta short 1\nLOOKUP_TABLE default\n")  # fmt: skip
     more = b"\nVECTORS u short\n" + (bytes(144) if binary else b"0 " * 72)
     return head.encode() + body + more + b"\n"
+
+
+def write_dump(path: str, *frames: np.ndarray, faces: str = "pp pp ff") -> None:
+    """LAMMPS' dump of these positions in a box of 1 x 1 x 2."""
+    with open(path, "w", encoding="utf-8") as file:
+        for k, x in enumerate(frames):
+            file.write(f"ITEM: TIMESTEP\n{k}\nITEM: NUMBER OF ATOMS\n{len(x)}\nITEM: BOX BOUNDS {faces}\n")
+            file.write("0 1\n0 1\n0 2\nITEM: ATOMS id type x y z\n")
+            file.writelines(f"{i + 1} 1 {a:.9g} {b:.9g} {c:.9g}\n" for i, (a, b, c) in enumerate(x))
+
+
+def write_extxyz(path: str, *frames: np.ndarray) -> None:
+    """Extended XYZ of the same."""
+    with open(path, "w", encoding="utf-8") as file:
+        for x in frames:
+            file.write(f'{len(x)}\nLattice="1 0 0 0 1 0 0 0 2" pbc="T T F" Properties=species:S:1:pos:R:3\n')
+            file.writelines(f"H {a:.9g} {b:.9g} {c:.9g}\n" for a, b, c in x)

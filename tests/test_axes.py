@@ -8,6 +8,7 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import SMALL, refused, run_json
+from format_helpers import write_dump, write_extxyz
 from globule.cli import main
 from globule.data.particles import UP, Z_UP
 from globule.formats import Box, read_contents, up_of
@@ -21,23 +22,6 @@ def ball(middle: tuple[float, float, float]) -> np.ndarray:
     """A lattice in a ball of `RADIUS`."""
     x = np.stack(np.mgrid[-5:6, -5:6, -5:6], -1).reshape(-1, 3) * STEP
     return x[np.linalg.norm(x, axis=1) < RADIUS] + middle
-
-
-def write_dump(path: str, *frames: np.ndarray, faces: str = "pp pp ff") -> None:
-    text = ""
-    for k, x in enumerate(frames):
-        text += f"ITEM: TIMESTEP\n{k}\nITEM: NUMBER OF ATOMS\n{len(x)}\n"
-        text += f"ITEM: BOX BOUNDS {faces}\n0 1\n0 1\n0 2\nITEM: ATOMS id type x y z\n"
-        text += "".join(f"{i + 1} 1 {a:.9g} {b:.9g} {c:.9g}\n" for i, (a, b, c) in enumerate(x))
-    with open(path, "w") as file:
-        file.write(text)
-
-
-def write_extxyz(path: str, x: np.ndarray) -> None:
-    rows = "".join(f"H {a:.9g} {b:.9g} {c:.9g}\n" for a, b, c in x)
-    lattice = 'Lattice="1 0 0 0 1 0 0 0 2" pbc="T T F" Properties=species:S:1:pos:R:3'
-    with open(path, "w") as file:
-        file.write(f"{len(x)}\n{lattice}\n{rows}")
 
 
 def test_up_of_formats():

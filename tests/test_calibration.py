@@ -99,27 +99,30 @@ def test_bad_files(tmp_path, text, what):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("late", [-0.12, 0.0, 0.08])
-def test_temporal_offset_is_found(late):
-    # A probe that moves to and fro over the phantom; the tracker's clock is late by `late`.
-    frame_times = np.arange(160) / 25
-    pose_times = np.arange(-200, 1600) / 200  # poses at another rate: speeds belong to middles
+def to_and_fro(t):
+    """Where a probe is at a time, mm."""
+    return 6 * np.sin(1.9 * t) + 2 * np.sin(4.7 * t)
 
-    def place(t):
-        return 6 * np.sin(1.9 * t) + 2 * np.sin(4.7 * t)
 
-    path = gb.ultrasound.phantoms.hand_path(2, 1, size=(24, 24), spacing=0.3)[:1]
-    poses = np.repeat(path, len(frame_times), axis=0)
-    poses[:, 2, 3] += place(frame_times)
-    rng = np.random.default_rng(1)
-    phantom = rng.random((64, 32, 32)).astype(np.float32)
+def images_to_and_fro(times: np.ndarray) -> np.ndarray:
+    """What a probe that moves to and fro over a phantom sees."""
+    poses = np.repeat(gb.ultrasound.phantoms.hand_path(2, 1, size=(24, 24), spacing=0.3)[:1], len(times), axis=0)
+    poses[:, 2, 3] += to_and_fro(times)
+    phantom = np.random.default_rng(1).random((64, 32, 32)).astype(np.float32)
     for axis in range(3):
         phantom = phantom + np.roll(phantom, 1, axis)
     lattice = np.array([[0.4, 0, 0, -6], [0, 0.4, 0, -2], [0, 0, 0.4, -12], [0, 0, 0, 1.0]])
-    frames = gb.ultrasound.phantoms.scan_volume(phantom, lattice, poses, (24, 24))
+    return gb.ultrasound.phantoms.scan_volume(phantom * 60, lattice, poses, (24, 24)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("late", [-0.12, 0.0, 0.08])
+def test_temporal_offset_is_found(late):
+    """The tracker's clock is late."""
+    frame_times = np.arange(160) / 25
+    pose_times = np.arange(-200, 1600) / 200  # poses at another rate: speeds belong to middles
     tracked = np.tile(np.eye(4), (len(pose_times), 1, 1))
-    tracked[:, 2, 3] = place(pose_times - late)
-    found = temporal_offset(frames, frame_times, tracked, pose_times)
+    tracked[:, 2, 3] = to_and_fro(pose_times - late)
+    found = temporal_offset(images_to_and_fro(frame_times), frame_times, tracked, pose_times)
     assert found.offset == pytest.approx(late, abs=0.015)
     assert found.correlation > 0.7
     assert abs(found.offset - late) < 4 * found.uncertainty < 0.2
@@ -130,7 +133,7 @@ def test_chance_tells_when_the_image_knows_nothing_of_the_probe():
     times = np.arange(160) / 25
     rng = np.random.default_rng(5)
     poses = np.tile(np.eye(4), (160, 1, 1))
-    poses[:, 0, 3] = 6 * np.sin(1.9 * times) + 2 * np.sin(4.7 * times)
+    poses[:, 0, 3] = to_and_fro(times)
     found = temporal_offset(rng.random((160, 6, 6)), times, poses, times)
     assert found.chance > 0.05
 

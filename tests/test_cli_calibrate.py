@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import refused, run_json
@@ -14,7 +13,7 @@ from globule.formats.sweeps.transforms import format_matrix
 from globule.ultrasound.calibration import Calibration, read_calibration, write_calibration
 from PIL import Image
 from sweep_helpers import calibration_data
-from test_calibration import TARGET, TRUTH, observations, small_turns
+from test_calibration import TARGET, TRUTH, images_to_and_fro, observations, small_turns, to_and_fro
 
 pytestmark = pytest.mark.usefixtures("folder")
 POSE = [f"m{row}{column}" for row in range(3) for column in range(4)]
@@ -105,23 +104,11 @@ def test_marks_that_do_not_determine_the_calibration(capsys):
 
 
 def recording_with_delay(late: float) -> None:
-    """A probe that moves to and fro; where the image is, the tracker says `late` afterwards."""
+    """Where the image is, the tracker says `late` afterwards."""
     times = np.arange(200) / 25
-
-    def place(t):
-        return 6 * np.sin(1.9 * t) + 2 * np.sin(4.7 * t)
-
-    path = gb.ultrasound.phantoms.hand_path(2, 1, size=(24, 24), spacing=0.3)[:1]
-    poses = np.repeat(path, len(times), axis=0)
-    poses[:, 2, 3] += place(times)
-    phantom = np.random.default_rng(1).random((64, 32, 32)).astype(np.float32)
-    for axis in range(3):
-        phantom = phantom + np.roll(phantom, 1, axis)
-    lattice = np.array([[0.4, 0, 0, -6], [0, 0.4, 0, -2], [0, 0, 0.4, -12], [0, 0, 0, 1.0]])
-    frames = gb.ultrasound.phantoms.scan_volume(phantom * 60, lattice, poses, (24, 24)).astype(np.uint8)
     tracked = np.tile(np.eye(4), (len(times), 1, 1))
-    tracked[:, 2, 3] = place(times - late)
-    write_recording(tracked, frames, times)
+    tracked[:, 2, 3] = to_and_fro(times - late)
+    write_recording(tracked, images_to_and_fro(times), times)
 
 
 def test_delay(capsys):

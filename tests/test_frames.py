@@ -13,6 +13,7 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import SMALL, refused, run_json
+from format_helpers import write_dump, write_extxyz
 from globule.cli import main
 from globule.formats import packed
 from globule.formats.frames import FrameOf
@@ -29,23 +30,16 @@ def lattice(n: int) -> np.ndarray:
 
 
 def dump() -> list[np.ndarray]:
-    """frames.lammpstrj: lattices of 4, 5, 6 and 7 particles an edge."""
+    """frames.lammpstrj: lattices of 5, 6, 7 and 8 particles an edge."""
     frames = [lattice(5 + k) for k in range(N)]
-    with open("frames.lammpstrj", "w") as file:
-        for step, p in enumerate(frames):
-            file.write(f"ITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{len(p)}\n")
-            file.write("ITEM: BOX BOUNDS ff ff ff\n" + 3 * "0 1\n" + "ITEM: ATOMS id type x y z\n")
-            file.writelines(f"{i + 1} 1 {x:g} {y:g} {z:g}\n" for i, (x, y, z) in enumerate(p))
+    write_dump("frames.lammpstrj", *frames, faces="ff ff ff")
     return frames
 
 
 def extended() -> list[np.ndarray]:
     """frames.xyz: the same lattices."""
     frames = [lattice(5 + k) for k in range(N)]
-    with open("frames.xyz", "w") as file:
-        for p in frames:
-            file.write(f'{len(p)}\nLattice="1 0 0 0 1 0 0 0 1" Properties=species:S:1:pos:R:3\n')
-            file.writelines(f"H {x:g} {y:g} {z:g}\n" for x, y, z in p)
+    write_extxyz("frames.xyz", *frames)
     return frames
 
 

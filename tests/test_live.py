@@ -388,30 +388,35 @@ def test_a_stream_in_ras_lies_where_it_is(embedded, capsys):
     assert np.allclose(lps.world_from_image, poses, atol=1e-4)
 
 
-def tracked(n=40, image_shift=0.0, true_delay=0.0):
-    """A tracker at 60 Hz and images at 30 Hz: x = 20 sin t; an image shows the place of its time
-    less `true_delay`; its stamp is later than that of the tracker's sample by `image_shift`."""
-    timed = []
+def tracker_and_images(n: int = 40, shift: float = 0.0, delay: float = 0.0, clock: float = 0.0):
+    """A tracker of 60 Hz, images of 30 Hz that begin `shift` later, each message with its time (s), and
+    the places x = 20 sin t that the images show, `delay` later. clock: what the tracker's shows beyond."""
+    tracker = []
     for i in range(2 * n):
-        t = i / 60
         matrix = np.eye(4)
-        matrix[0, 3] = 20 * np.sin(t)
-        timed.append((t, igtl.TransformMessage(matrix, timestamp=1000 + t,
-                                               device_name="ProbeToReference")))  # fmt: skip
-    places = []
-    for i in range(n):
-        t = i / 30 + image_shift
-        places.append(20 * np.sin(t - true_delay))
-        image = np.full((1, 8, 8), i, np.uint8)
-        timed.append((t, igtl.ImageMessage(image, timestamp=1000 + t, device_name="Image")))
-    return [message for _, message in sorted(timed, key=lambda item: item[0])], np.array(places)
+        matrix[0, 3] = 20 * np.sin(i / 60)
+        sent = igtl.TransformMessage(matrix, timestamp=1000 + i / 60 + clock, device_name="ProbeToReference")
+        tracker.append((i / 60, sent))
+    times = np.arange(n) / 30 + shift
+    pixels = np.arange(n, dtype=np.uint8)[:, None, None, None] * np.ones((1, 8, 8), np.uint8)
+    images = [
+        (t, igtl.ImageMessage(image, timestamp=1000 + t, device_name="Image"))
+        for t, image in zip(times.tolist(), pixels, strict=True)
+    ]
+    return tracker, images, 20 * np.sin(times - delay)
+
+
+def tracked(shift: float = 0.0, delay: float = 0.0):
+    """The same on one line, in the order of their times."""
+    tracker, images, places = tracker_and_images(shift=shift, delay=delay)
+    return [message for _, message in sorted([*tracker, *images], key=lambda item: item[0])], places
 
 
 def test_stamps_of_tracker_and_image_apart():
     """Before: 4 ms apart gave no frame at all."""
     calibration = Calibration(np.eye(4))
     for shift in (0.0, 0.004):
-        messages, places = tracked(image_shift=shift)
+        messages, places = tracked(shift)
         counts = LiveCounts()
         sweep = receive_sweep(stream(messages), calibration, idle=0.5, counts=counts)
         assert len(sweep) == 40
@@ -424,7 +429,7 @@ def test_stamps_of_tracker_and_image_apart():
 def test_the_calibration_s_temporal_offset_counts():
     """Before: live ignored it."""
     calibration = Calibration(np.eye(4), temporal_offset=-0.1)
-    messages, places = tracked(true_delay=0.1)
+    messages, places = tracked(delay=0.1)
     counts = LiveCounts()
     sweep = receive_sweep(stream(messages), calibration, idle=0.5, counts=counts)
     assert counts.images == 40
@@ -433,7 +438,7 @@ def test_the_calibration_s_temporal_offset_counts():
     other = receive_sweep(stream(messages), calibration, idle=0.5, temporal_offset=0.0)
     assert np.abs(other.world_from_image[:, 0, 3] - places).max() > 1
     later = Calibration(np.eye(4), temporal_offset=0.1)
-    messages, places = tracked(true_delay=-0.1)
+    messages, places = tracked(delay=-0.1)
     sweep = receive_sweep(stream(messages), later, idle=0.5)
     assert np.allclose(sweep.world_from_image[:, 0, 3], places[: len(sweep)], atol=1e-3)
     assert len(sweep) >= 36
