@@ -267,11 +267,6 @@ def test_one_surface_and_one_spacing_for_all(folder, capsys):
         assert facts["volume"] == pytest.approx(gb.measure.measure_surface(scene).volume, rel=1e-6)
         facts = run_json(capsys, "gauge", "ball.npz", "--at", "0,0", "-o", "g.csv", *more, *CPU)
         assert facts["height_0"][0] == pytest.approx(float(gb.measure.gauge(scene, (0, 0))), abs=1e-5)
-    for command in (["slice", "ball.npz", "--grid"], ["track", "ball.npz"], ["mesh", "ball.npz"],
-                    ["gauge", "ball.npz", "--at", "0,0"]):  # fmt: skip
-        out = ["-o", "a.stl" if command[0] == "mesh" else "a.csv", *CPU]
-        smooth, balls = (run_json(capsys, *command, *out, *CPU, "--surface", name) for name in ("smooth", "balls"))
-        assert smooth != balls
     total = len(p) * spacing**3
     for more in ([], again):
         facts = run_json(capsys, "project", "ball.npz", "-o", "a.npz", *more, *CPU)

@@ -10,7 +10,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, at_edge, cube, refused, run_json
+from cli_helpers import SMALL, cube, refused, run_json
 from globule._base.colormaps import CATEGORICAL, NAMES, colorize
 from globule.cli import main
 from PIL import Image
@@ -63,14 +63,6 @@ def test_orthographic_and_octree_options(particles, capsys):
     wide = run_json(capsys, *command, *words)["counts"]["hits"]
     words = ["--ortho", "2", "--key-bits", "64", "--octree-level", "18", "--surface", "balls"]
     assert run_json(capsys, *command, *words)["counts"]["hits"] > 3 * wide
-
-
-@pytest.mark.parametrize("up", ["1,0,0", "0,1,0", "0,0,1", "0,0,-1", "1,1,1"])
-def test_fit_shows_all_whatever_is_upwards(particles, up):
-    assert main(["render", particles, "-o", "a.png", "--up", up, *SMALL, "--aov", "a.npz"]) == 0
-    with np.load("a.npz") as arrays:
-        assert arrays["mask"].any()
-        assert not at_edge(arrays["mask"])
 
 
 def test_color_by_values_that_are_not_finite(folder, capsys):
