@@ -30,6 +30,7 @@ from globule.ultrasound.marks import read_marks, read_tracked
 from globule.ultrasound.plus.config import read_plus_config
 from globule.viewer.state import State
 from sweep_helpers import example_files, small_sweep
+from test_environment import bright, hdr
 from test_formats_hostile import FOREIGN
 from test_sim_checkpoints import SCENE
 
@@ -291,16 +292,9 @@ def _pictures() -> list[str]:
     color = rng.integers(0, 255, (12, 24, 3)).astype(np.uint8)
     Image.fromarray(color).save("a.png")
     Image.fromarray(color).save("a.jpg")
-    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.5\n\n-Y 12 +X 24\n"
-    pixels = rng.integers(100, 140, (12, 24, 4)).astype(np.uint8)
-    Path("flat.hdr").write_bytes(head + pixels.tobytes())
-    rows = b""
-    for row in pixels:
-        rows += bytes((2, 2, 0, 24))
-        for plane in row.T:
-            rows += bytes((128 + 10, 7, 14)) + plane[:14].tobytes()
-    Path("runs.hdr").write_bytes(head + rows)
-    return ["a.png", "a.jpg", "flat.hdr", "runs.hdr"]
+    for coding in ("flat", "runs", "old"):
+        Path(f"{coding}.hdr").write_bytes(hdr(bright(24, 12), coding))
+    return ["a.png", "a.jpg", "flat.hdr", "runs.hdr", "old.hdr"]
 
 
 def _exr() -> list[str]:

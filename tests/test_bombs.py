@@ -21,7 +21,6 @@ from cli_helpers import refused
 from globule._base import memory
 from globule.cli import main
 from globule.formats import FormatError
-from globule.formats.inflate import GZIP, Inflated
 from test_formats_hostile import bgeo
 
 pytestmark = pytest.mark.usefixtures("folder")
@@ -259,22 +258,6 @@ def test_a_sound_file_above_the_ratio_is_read_if_the_ratio_is_raised(capsys):
     words = ("info", "v.nii.gz", "--max-ratio", "2000", "--max-memory", "0.01")
     assert "v.nii.gz: data: expected data that fit in 0.01 GB" in refused(capsys, *words)
     assert memory.limits() == before
-
-
-@pytest.mark.parametrize("members", [1, 3])
-def test_inflated(members):
-    content = bytes(range(256)) * 40
-    packed = b"".join(gzip.compress(content[i::members], mtime=0) for i in range(members))
-    expected = b"".join(content[i::members] for i in range(members))
-    data = Inflated(io.BytesIO(packed), GZIP)
-    data.skip(100)
-    room = bytearray(len(expected) - 200)
-    assert data.fill(memoryview(room)) == len(room)
-    assert bytes(room) == expected[100:-100]
-    assert data.read(1000) == expected[-100:]
-    assert (data.finish(), data.ended) == (0, True)
-    with pytest.raises(EOFError):
-        Inflated(io.BytesIO(packed[:-1]), GZIP).read(len(expected) + 1)
 
 
 def test_a_scene_needs_no_more_memory_than_may_be_taken(capsys):

@@ -147,20 +147,12 @@ def test_info(particles, capsys):
     assert "speed: float64 216, 0 to 215" in out
     assert "flow" in out
     facts = run_json(capsys, "info", particles)
-    assert facts["particles"] == 216
-    assert facts["format"] == "NumPy archive"
+    assert {"particles": 216, "format": "NumPy archive", "surface": "smooth"}.items() <= facts.items()
     assert facts["bounds"]["lo"] == [0, 0, 0]
     assert facts["spacing"] == pytest.approx(1 / 6, rel=0.02)
-    assert facts["surface"] == "smooth"
     assert facts["default_support"] == pytest.approx(2.25 * facts["spacing"])  # as render says
-    assert facts["attributes"]["speed"] == {
-        "dtype": "float64",
-        "shape": [216],
-        "min": 0,
-        "max": 215,
-        "nan": 0,
-        "inf": 0,
-    }
+    speed = {"dtype": "float64", "shape": [216], "min": 0, "max": 215, "nan": 0, "inf": 0}
+    assert facts["attributes"]["speed"] == speed
 
 
 def test_info_of_troubled_particles(capsys):
@@ -310,8 +302,6 @@ def test_help_and_version(capsys):
     ids=lambda words: f"{words[0]} {words[-1]}",
 )
 def test_a_place_that_cannot_be_written_is_refused_before_the_work(particles, capsys, words):
-    if words[1] == "figures":
-        pytest.importorskip("matplotlib")
     said = refused(capsys, *words)
     expected = "expected a folder" if words[-1] == "cube.npz" else "expected a place"
     assert expected in said

@@ -170,8 +170,6 @@ def test_wrong_content(extension, tmp_path):
 
 
 HUGE = 999_999_999_999
-
-
 HUGE_COUNTS = [
     ("a.txt", f"{HUGE}\n1 2 3 0 0 0 0 0 0\n"),
     ("a.xyz", f"{HUGE}\n\n1 2 3\n"),
@@ -428,39 +426,19 @@ def test_what_is_said_of_a_number_that_is_none(tmp_path, monkeypatch):
 
 
 DATA = "t\n\n{} atoms\n\nAtoms # atomic\n\n1 1 .1 .2 .3\n2 1 .4 .5 .6\n"
-
-
 DUMP = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n{}\nITEM: ATOMS {} x y z\n1 1 .1 .2 .3\n2 1 .4 .5 .6\n"
-
-
 ZONE = "VARIABLES = X Y {}\nZONE {}\n# rows\n1 2 3\n\n4 5 6\n"
-
-
 VTK = "# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 1 float\n1 2 3\nPOINT_DATA 1\n"
-
-
 SCALARS = VTK + "SCALARS a {} 1\nLOOKUP_TABLE default\n{}\n"
-
-
 XML = (
     '<VTKFile type="PolyData" byte_order="LittleEndian"><PolyData><Piece NumberOfPoints="1"><Points><DataArray '
     'type="Float32" NumberOfComponents="3" format="ascii">1 2 3</DataArray></Points><PointData><DataArray '
     'type="{}" Name="a" format="ascii">{}</DataArray></PointData></Piece></PolyData></VTKFile>'
 )
-
-
 PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-
-
 ROWS = "end_header\n1 2 3{0}\n1 3 3{0}\n2 2 3{0}\n"
-
-
 BYTE = PLY + "property uchar a\n" + ROWS
-
-
 FACE = PLY + "element face 1\nproperty list uchar int vertex_indices\n" + ROWS.format("") + "3 0 1 {}\n"
-
-
 PCD = "VERSION 0.7\nFIELDS x y z a\nSIZE 4 4 4 1\nTYPE F F F U\nWIDTH 1\nHEIGHT 1\nDATA ascii\n1 2 3 {}\n"
 
 

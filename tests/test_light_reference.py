@@ -6,9 +6,8 @@ import globule as gb
 import light_reference
 import numpy as np
 import pytest
-from light_reference import GROUND
+from light_reference import GROUND, KERNELS, Medium
 from quick import every
-from reference_medium import KERNELS, Medium
 
 SIZE = (12, 9)
 # Shadow rays give up below 0.004.
