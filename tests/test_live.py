@@ -227,10 +227,7 @@ def test_a_recording_that_was_cut_anywhere():
     poses = np.diag([0.5, 0.5, 1, 1]) + np.arange(5)[:, None, None] / 64
     poses[:, 3] = 0, 0, 0, 1
     images = np.random.default_rng(0).integers(0, 65536, (5, 4, 6)).astype(np.uint16)
-    frames = [
-        LiveFrame(5.0 - 0.5 * i, image, pose, "Tracker")
-        for i, (image, pose) in enumerate(zip(images, poses, strict=True))
-    ]
+    frames = [LiveFrame(5.0 - 0.5 * i, images[i], poses[i], "Tracker") for i in range(5)]
 
     def record() -> int:
         """Record what is left; how many frames were kept before."""
