@@ -103,25 +103,6 @@ def test_json(capsys, monkeypatch):
     assert Path("out/4.3.csv").read_text(encoding="utf-8") == "a,b\n1,\n"
 
 
-def test_times_and_memory(monkeypatch):
-    info = {"bytes": 2**20, "bin_seconds": 0.25, "fill_seconds": 0.5}
-    volume = Volume(np.ones((2, 2, 2), np.uint8), np.eye(4), info=info)
-    asked = []
-    monkeypatch.setattr(ultrasound, "_sweep", lambda n: n)
-    monkeypatch.setattr(ultrasound, "reconstruct", lambda s, m, size, **_: asked.append((s, m, size)) or volume)
-    times, memory = ultrasound.times_and_memory(Setting("out", device="cpu"))
-    assert (times.name, memory.name) == ("4.1", "4.2")
-    assert len(times.rows) == 36
-    assert len(memory.rows) == 18
-    assert {(131, "pvn-om", (512,) * 3), (51, "vvn", (128,) * 3)} <= set(asked)
-    first = dict(zip(times.columns, times.rows[0], strict=True))
-    assert first["source s"] == 0.72
-    assert first["octree, source"] == pytest.approx(4.98 / 0.72)
-    assert first["on device s"] == 0.75
-    assert first["source/ours"] == pytest.approx(0.72 / first["ours s"])
-    assert memory.rows[0][3:5] == (1390, 1.0)
-
-
 def test_mistakes(capsys):
     assert main(["ultrasound", "9.9"]) == 2
     assert "4.3" in capsys.readouterr().err
@@ -401,26 +382,6 @@ def test_column_of_globule(bench, tmp_path):
     assert done.stdout.count(f"| column, {row['particles']} | 1.0% | 1 | globule |") == 2
     with open(tmp_path / "rows.csv", encoding="utf-8") as file:
         assert [r["program"] for r in csv.DictReader(file)] == ["start", "globule"]
-
-
-def test_peers_that_do_not_start_are_told_in_a_line(bench, tmp_path, monkeypatch):
-    fluids, _ = bench
-    monkeypatch.setitem(fluids.PACKAGES, "SPlisHSPlasH", ["no_such_package"])
-    assert fluids.environment("SPlisHSPlasH") == ({}, "pip install no_such_package")
-    for name, text, said in (
-        ("it_crashes", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "(signal 11)"),
-        ("it_raises", "raise ImportError('no libX11')", "ImportError: no libX11"),
-        ("it_needs_gl", "import os; assert 'LD_PRELOAD' in os.environ", ""),
-    ):
-        (tmp_path / f"{name}.py").write_text(text)
-        monkeypatch.syspath_prepend(tmp_path)
-        monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
-        monkeypatch.delenv("LD_PRELOAD", raising=False)
-        monkeypatch.setitem(fluids.PACKAGES, "SPlisHSPlasH", [name])
-        extra, why = fluids.environment("SPlisHSPlasH")
-        assert said in why
-        assert bool(why) == bool(said)
-        assert extra == ({} if said else fluids.SYSTEM_GL)
 
 
 def test_both_compute_the_same_flow(bench, tmp_path):

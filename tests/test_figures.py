@@ -78,47 +78,6 @@ def test_the_gallery_is_complete():
 # What the figures state.
 
 
-@pytest.mark.parametrize(("level", "n_axes"), [(1, 2), (3, 2), (1, 3), (2, 3)])
-def test_the_curve_visits_every_cell_once(level, n_axes):
-    from bench.figures.z_order import z_order
-
-    cells = z_order(level, n_axes)
-    n = 2**level
-    assert len(cells) == n**n_axes
-    assert len({tuple(c) for c in cells}) == len(cells)
-    assert cells.min() == 0
-    assert cells.max() == n - 1
-    # Each block of 2^n_axes steps stays within one cell of the level above.
-    blocks = (cells // 2).reshape(-1, 2**n_axes, n_axes)
-    assert (blocks == blocks[:, :1]).all()
-
-
-def test_the_drawn_leaves_are_the_octree_s():
-    from bench.figures.leaves import leaf_cells, occupied_cells, scene_and_codes
-
-    scene, codes, positions = scene_and_codes("cpu")
-    cells = leaf_cells(codes)
-    assert len(cells) == scene.octree.n_leaves
-    assert cells[:, 0].max() == scene.octree.level
-    grid = np.unique(((positions - scene.octree.lo) / scene.octree.extent * 16).astype(int), axis=0)
-    assert {tuple(c) for c in occupied_cells(codes, 4)} == {tuple(np.minimum(c, 15)) for c in grid}
-
-
-def test_samples_crowd_near_the_surface():
-    from bench.figures.rays import THRESHOLD, flat_scene
-    from bench.figures.steps import march
-
-    scene = flat_scene("cpu")
-    origin, direction = np.array([-3.6, -0.75, 0.0]), np.array([0.9656, 0.2600, 0.0])
-    direction /= np.linalg.norm(direction)
-    t = march(scene, origin, direction, 5.0)
-    hit = float(scene.intersect(np.float32([origin]), np.float32([direction]))[0][0])
-    last = scene.field(np.float32([origin + t[-1] * direction]))[0]
-    assert t[-1] == pytest.approx(hit, abs=0.003)
-    assert last == pytest.approx(THRESHOLD, abs=0.01)
-    assert (np.abs(t - hit) < 0.05).sum() > 5 > (t < hit - 0.5).sum() >= 3
-
-
 def test_without_nilearn_shapes_stand_in(monkeypatch):
     from bench.figures import anatomy
 

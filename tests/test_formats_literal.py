@@ -204,18 +204,6 @@ def test_ply_ascii(tmp_path):
     assert np.array_equal(p.attributes["id"], [7, 8])
 
 
-def test_ply_big_endian_with_lists(tmp_path):
-    header = (
-        "ply\nformat binary_big_endian 1.0\nelement face 2\nproperty list uchar short v\n"
-        "element vertex 1\nproperty double x\nproperty double y\nproperty list uchar int l\n"
-        "property double z\nend_header\n"
-    )
-    faces = struct.pack(">B2hB", 2, 0, 1, 0)
-    p = read_text(tmp_path, "p.ply", header.encode() + faces + struct.pack(">ddBid", 1, 2, 1, 9, 3))
-    assert np.array_equal(p.positions, [[1, 2, 3]])
-    assert not p.attributes
-
-
 def test_xyz(tmp_path):
     p = read_text(tmp_path, "p.xyz", "# any comment\n1 2 3 0.5\n\n4\t5 6 0.25 # one more\n")
     assert np.array_equal(p.positions, [[1, 2, 3], [4, 5, 6]])

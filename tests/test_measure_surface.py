@@ -230,37 +230,6 @@ def test_one_ball():
         assert abs(found.area - area) <= found.area_error <= 0.03 * area
 
 
-def test_ellipsoid():
-    matrix = np.diag([1.0, 2.0, 3.0])
-    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
-    p = gb.Particles(BALL, anisotropy=(turn @ matrix @ turn.T)[None])
-    found = gb.measure.measure_surface(p, 0.04, device="cpu")
-    axes = np.sqrt(1 - np.sqrt(0.6)) / np.diag(matrix)
-    truth = 4 / 3 * np.pi * axes.prod()
-    assert abs(found.volume - truth) <= found.volume_error <= 0.03 * truth
-
-
-def test_box_of_a_lattice():
-    """A block's volume against columns of the float64 field, a second of them."""
-    n, support = 6, 2.0
-    positions = lattice(n, n, n)
-    found = gb.measure.measure_surface(gb.Scene(gb.Particles(positions, support=support), device="cpu"))
-    h = 0.125
-    # By symmetry one octant is enough; the field's roots are found between the nodes.
-    axis = (np.arange(int((n / 2 + 1.5) / h)) + 0.5) * h
-    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
-    f, _ = oracle.field(positions, support, 1.0, "murakami", grid)
-    f = f.reshape([len(axis)] * 3) - 0.6
-    f = np.concatenate([f[..., :1], f], axis=2)  # the mirror image below the first node
-    low, high = np.minimum(f[..., 1:], f[..., :-1]), np.maximum(f[..., 1:], f[..., :-1])
-    share = np.clip(high / np.maximum(high - low, 1e-30), 0, 1)  # of each piece that is inside
-    share[high <= 0], share[low > 0] = 0, 1
-    share[..., 0] /= 2
-    truth = 8 * share.sum() * h**3
-    assert abs(found.volume - truth) <= found.volume_error + 0.002 * truth
-    assert found.volume_error <= 0.02 * truth
-
-
 @pytest.mark.parametrize(
     ("name", "share"),
     [
