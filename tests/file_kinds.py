@@ -11,7 +11,6 @@ import gzip
 import json
 import lzma
 import struct
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -183,33 +182,24 @@ kind("HOOMD grains", "a.gsd", periodic="xyz", package="gsd.hoomd", **grains(name
 # VTK
 
 
-def legacy(title: str, points: bytes, cells: str, data: str = "", kind: str = "POLYDATA") -> bytes:
-    head = f"# vtk DataFile Version 3.0\n{title}\nBINARY\nDATASET {kind}\nPOINTS {N} float\n"
-    return head.encode() + points + f"\n{cells}".encode() + data.encode()
-
-
-def _vertices(x: np.ndarray) -> bytes:
-    return np.column_stack([np.ones(len(x)), np.arange(len(x))]).astype(">i4").tobytes()
-
-
-_POINTS = X.astype(">f4").tobytes()
+def legacy(dataset: str, rest: bytes) -> bytes:
+    head = f"# vtk DataFile Version 3.0\nparticles\nBINARY\nDATASET {dataset}\nPOINTS {N} float\n"
+    return head.encode() + X.astype(">f4").tobytes() + b"\n" + rest
 
 
 @kind("DualSPHysics PartVTK", "a.vtk", names=("Idp", "Rhop"))
 def _(path: Path) -> None:
-    data = f"\nPOINT_DATA {N}\nSCALARS Idp unsigned_int\nLOOKUP_TABLE default\n".encode()
-    data += np.arange(N, dtype=">u4").tobytes() + b"\nSCALARS Rhop float\nLOOKUP_TABLE default\n"
-    data += np.full(N, 1000, ">f4").tobytes()
-    cells = f"VERTICES {N} {2 * N}\n".encode() + _vertices(X)
-    path.write_bytes(legacy("PartVtk", _POINTS, "") + cells + data)
+    cells = np.column_stack([np.ones(N), np.arange(N)]).astype(">i4").tobytes()
+    ids = f"\nPOINT_DATA {N}\nSCALARS Idp unsigned_int\nLOOKUP_TABLE default\n".encode()
+    ids += np.arange(N, dtype=">u4").tobytes()
+    rhop = b"\nSCALARS Rhop float\nLOOKUP_TABLE default\n" + np.full(N, 1000, ">f4").tobytes()
+    path.write_bytes(legacy("POLYDATA", f"VERTICES {N} {2 * N}\n".encode() + cells + ids + rhop))
 
 
 @kind("SPlisHSPlasH VTK", "a.vtk", names=("id",))
 def _(path: Path) -> None:
-    cells = f"CELLS 0 0\nCELL_TYPES 0\nPOINT_DATA {N}\nSCALARS id unsigned_int 1\n"
-    cells += "LOOKUP_TABLE id_table\n"
-    data = legacy("SPlisHSPlasH vtk particle data", _POINTS, cells, kind="UNSTRUCTURED_GRID")
-    path.write_bytes(data + np.arange(N, dtype=">u4").tobytes())
+    cells = f"CELLS 0 0\nCELL_TYPES 0\nPOINT_DATA {N}\nSCALARS id unsigned_int 1\nLOOKUP_TABLE id_table\n"
+    path.write_bytes(legacy("UNSTRUCTURED_GRID", cells.encode() + np.arange(N, dtype=">u4").tobytes()))
 
 
 text("LPP of LIGGGHTS", "a.vtk",
@@ -220,32 +210,24 @@ text("LPP of LIGGGHTS", "a.vtk",
      + "".join(f"{r:.6f}\n" for r in RADII), **grains(names=("radius",)))  # fmt: skip
 
 
-def xml(what: str, body: str, more: str = "") -> str:
-    order = f'byte_order="LittleEndian" header_type="UInt32"{more}'
+def xml(what: str, body: str) -> str:
+    order = 'byte_order="LittleEndian" header_type="UInt32"'
     return f'<?xml version="1.0"?>\n<VTKFile type="{what}" version="0.1" {order}>{body}</VTKFile>\n'
 
 
-def array(name: str, values: np.ndarray, packed: bool = False) -> str:
-    types = {"f": "Float", "i": "Int", "u": "UInt"}
-    raw, kind = values.tobytes(), types[values.dtype.kind] + str(8 * values.itemsize)
-    if packed:
-        data = zlib.compress(raw)
-        head = struct.pack("<4I", 1, len(raw), 0, len(data))
-        raw = base64.b64encode(head) + base64.b64encode(data)
-    else:
-        raw = base64.b64encode(struct.pack("<I", len(raw)) + raw)
+def array(name: str, values: np.ndarray) -> str:
+    kind = {"f": "Float", "i": "Int", "u": "UInt"}[values.dtype.kind] + str(8 * values.itemsize)
     k = values.shape[1] if values.ndim > 1 else 1
-    return (f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{k}" format="binary">'
-            f"{raw.decode()}</DataArray>")  # fmt: skip
+    data = base64.b64encode(struct.pack("<I", values.nbytes) + values.tobytes()).decode()
+    return f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{k}" format="binary">{data}</DataArray>'
 
 
-def polydata(x: np.ndarray, packed: bool = False, data: str = "") -> str:
+def polydata(x: np.ndarray, data: str = "") -> str:
     n = len(x)
-    verts = array("connectivity", np.arange(n), packed) + array("offsets", np.arange(1, n + 1), packed)
-    more = ' compressor="vtkZLibDataCompressor"' if packed else ""
-    points = f"<Points>{array('Points', x.astype('f4'), packed)}</Points><Verts>{verts}</Verts>"
+    verts = array("connectivity", np.arange(n)) + array("offsets", np.arange(1, n + 1))
+    points = f"<Points>{array('Points', x.astype('f4'))}</Points><Verts>{verts}</Verts>"
     piece = f'<Piece NumberOfPoints="{n}" NumberOfVerts="{n}">{points}{data}</Piece>'
-    return xml("PolyData", f"<PolyData>{piece}</PolyData>", more)
+    return xml("PolyData", f"<PolyData>{piece}</PolyData>")
 
 
 def grid(x: np.ndarray, data: str = "") -> str:
@@ -257,13 +239,12 @@ def grid(x: np.ndarray, data: str = "") -> str:
     return xml("UnstructuredGrid", f"<UnstructuredGrid>{piece}</UnstructuredGrid>")
 
 
-text("ParaView PolyData", "a.vtp", polydata(X, packed=True))
 text("SPHinXsys PolyData", "a.vtp", polydata(X))
 text("UnstructuredGrid of vertices", "a.vtu", grid(X))
 _GHOSTS = np.array([0] * N + [1] * 5, "u1")
 _GHOSTLY, _MARKED = np.r_[X, X[:5]], f"<PointData>{array('vtkGhostType', _GHOSTS)}</PointData>"
 text("ghost points of UnstructuredGrid", "a.vtu", grid(_GHOSTLY, _MARKED), ghosts=True)
-text("ghost points of PolyData", "a.vtp", polydata(_GHOSTLY, data=_MARKED), ghosts=True)
+text("ghost points of PolyData", "a.vtp", polydata(_GHOSTLY, _MARKED), ghosts=True)
 text("ghost points of legacy VTK", "a.vtk",
      f"# vtk DataFile Version 3.0\nghosts\nASCII\nDATASET POLYDATA\nPOINTS {N + 5} float\n"
      f"{rows(_GHOSTLY)}POINT_DATA {N + 5}\nSCALARS vtkGhostType unsigned_char 1\n"
@@ -278,17 +259,14 @@ def parts(path: Path, ending: str) -> list[str]:
     return [f"part_{k}.{ending}" for k in (0, 1)]
 
 
-@kind("pieces of PolyData", "a.pvtp")
-def _(path: Path) -> None:
-    pieces = "".join(f'<Piece Source="{name}"/>' for name in parts(path, "vtp"))
-    path.write_text(xml("PPolyData", f"<PPolyData>{pieces}</PPolyData>"), encoding="utf-8")
+def pieces(path: Path) -> None:
+    what = {".pvtp": "PPolyData", ".pvtu": "PUnstructuredGrid"}[path.suffix]
+    body = "".join(f'<Piece Source="{name}"/>' for name in parts(path, path.suffix[2:]))
+    path.write_text(xml(what, f"<{what}>{body}</{what}>"), encoding="utf-8")
 
 
-@kind("pieces of UnstructuredGrid", "a.pvtu")
-def _(path: Path) -> None:
-    pieces = "".join(f'<Piece Source="{name}"/>' for name in parts(path, "vtu"))
-    body = f"<PUnstructuredGrid>{pieces}</PUnstructuredGrid>"
-    path.write_text(xml("PUnstructuredGrid", body), encoding="utf-8")
+kind("pieces of PolyData", "a.pvtp")(pieces)
+kind("pieces of UnstructuredGrid", "a.pvtu")(pieces)
 
 
 @kind("blocks of ParaView", "a.vtm")

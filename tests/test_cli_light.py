@@ -209,11 +209,8 @@ def test_a_picked_particle_is_the_file_s(capsys):
     [
         ("--clip 0,0,0,1", "--clip"),
         ("--clip-box 0,0,0,1,1,0", "--clip-box"),
-        ("--clip-sphere 0,0,0,-1", "--clip-sphere"),
         ("--sky missing.hdr", "missing.hdr"),
-        ("--reflection 1.5", "--reflection"),
         ("--opacity 0.5 --transmission 1", "--opacity"),
-        ("--samples 0", "--samples"),
         ("--light dir:0,0,0", "--light"),
         ("--pick 48,0", "--pick"),
         ("--with missing.npz", "missing.npz"),

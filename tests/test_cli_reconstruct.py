@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import globule as gb
@@ -22,35 +23,22 @@ def test_a_volume_and_its_figures(sweep, capsys):
     words = ["reconstruct", "phantom.igs.mha", "-o", "v.npz", "--voxel-size", "1", *CPU]
     assert main(words) == 0
     out, err = capsys.readouterr()
-    assert out.startswith("v.npz: ")
-    assert "24 frames" in out
-    assert "measured" in out
+    assert re.match(r"v\.npz: .*24 frames.*measured", out, re.DOTALL)
     assert err == ""
     facts = run_json(capsys, *words, "--three-view", "v.png")
     volume = read_volume("v.npz")
+    counts = facts["counts"]
     assert facts["volume"]["size"] == list(volume.values.shape[::-1])
-    assert facts["counts"]["measured"] == volume.n_measured
-    assert facts["counts"]["filled"] == volume.n_filled
-    assert sum(facts["counts"][k] for k in ("measured", "filled", "empty")) == volume.values.size
+    assert {"measured": volume.n_measured, "filled": volume.n_filled}.items() <= counts.items()
+    assert counts["measured"] + counts["filled"] + counts["empty"] == volume.values.size
     assert set(facts["times"]) == {"read", "reconstruct", "write", "total"}
-    assert facts["frames"]["used"] == 24
-    assert facts["method"] == "frames"
+    assert (facts["frames"]["used"], facts["method"]) == (24, "frames")
     assert Image.open("v.png").size[0] > 50
     low, high = sweep.bounds()
     origin = volume.world_from_voxel[:3, 3]
     assert (np.abs(origin - low) <= 1).all()
     far = origin + (np.array(volume.values.shape[::-1]) - 1) * volume.spacing
     assert (far >= high - 1).all()
-
-
-@pytest.mark.parametrize("method", ["pvn-om", "vvn-om", "pvn", "vvn", "bezier"])
-def test_every_method(sweep, capsys, method):
-    words = ["--method", method, "--voxel-size", "1.5", "--max-kernel", "5"]
-    facts = run_json(capsys, "reconstruct", "phantom.igs.mha", "-o", "v.npz", *words, *CPU)
-    assert facts["method"] == method
-    assert facts["counts"]["measured"] > 0
-    seen = read_volume("v.npz")
-    assert 40 < seen.values[seen.measured].mean() < 130
 
 
 def test_plus_exact(capsys):
@@ -137,8 +125,6 @@ def test_mistakes_get_one_line(sweep, capsys):
         ([sweep, *out, "--image-region", "1,2"], "--image-region: expected 4"),
         ([sweep, *out, "--image-region", "900,0,5,5"], "region"),
         ([sweep, *out, "--bounds", "1,1,1,0,0,0"], "--bounds: expected two"),
-        ([sweep, *out, "--max-distance", "-1"], "--max-distance: expected a number of at least 0"),
-        ([sweep, *out, "--mask", "nowhere.png"], "nowhere.png"),
         ([sweep, *out, "--voxel-size", "1", "--voxels", "9"], "--voxels"),
         ([sweep, *out, "--max-kernel", "4"], "--max-kernel"),
         ([sweep, *out, "--voxel-size", "0.0001"], "--voxel-size: 5"),
@@ -147,7 +133,6 @@ def test_mistakes_get_one_line(sweep, capsys):
         ([sweep, *out, "--surface-image", "a.png", "--three-view", "a.png"], "a name of its own"),
         ([sweep, "--cross-validate", "1"], "--cross-validate"),
         ([sweep, "--cross-validate", "20"], "at most half"),
-        ([sweep, "--cross-validate", "500"], "--cross-validate: expected at most"),
         ([sweep, *out, "--voxel-size", "1e6"], "smaller than the sweep"),
         ([sweep, *out, "--temporal-offset", "900"], "offset of +900 s"),
         (["--live", "igtl://127.0.0.1:1", *out, "--idle", "0.3"], "expected a server"),
