@@ -301,9 +301,8 @@ def test_a_title_is_in_the_middle_of_image_and_legend():
         assert (columns[0] + columns[-1]) / 2 == pytest.approx((300 + strip) / 2, abs=3)
 
 
-@pytest.mark.parametrize(
-    ("fields", "what"),
-    [
+def test_wrong_annotations():
+    for fields, what in (
         ({"title": 3}, "title: expected a text"),
         ({"scale_bar": 0.1}, "scale_bar: expected"),
         ({"box": 3}, "box: expected a bool or"),
@@ -311,11 +310,9 @@ def test_a_title_is_in_the_middle_of_image_and_legend():
         ({"time": "now"}, "time: expected"),
         ({"step": 1.5}, "step: expected"),
         ({"legend": "above"}, "legend: expected a bool or one of"),
-    ],
-)
-def test_wrong_annotations(fields, what):
-    with pytest.raises((TypeError, ValueError), match=what):
-        gb.Annotation(**fields)
+    ):
+        with pytest.raises((TypeError, ValueError), match=what):
+            gb.Annotation(**fields)
 
 
 def test_wrong_uses():
@@ -490,9 +487,8 @@ def test_transparent_and_flat_on_the_command_line(files):
     assert len(np.unique(opened("b.png")[..., 3])) > 3
 
 
-@pytest.mark.parametrize(
-    ("words", "what"),
-    [
+def test_mistakes_on_the_command_line(files, capsys):
+    for words, what in (
         (["--legend-at", "outside"], "expected --color-by beside a legend"),
         (["--views", "front", "--eye", "1,2,3"], "--views: expected no --eye"),
         (["--views", "front", "--pick", "1,2"], "--views: expected no --pick"),
@@ -501,10 +497,8 @@ def test_transparent_and_flat_on_the_command_line(files):
         (["--time", "1,2,3"], "--time: expected START or START,STEP"),
         (["--turntable", "1"], "--turntable: expected a whole number from 2"),
         (["--transparent", "-o", "a.mp4"], "--transparent: expected images"),
-    ],
-)
-def test_mistakes_on_the_command_line(files, words, what, capsys):
-    assert what in refused(capsys, "render", "frame_0.npz", "-o", "a.png", *words)
+    ):
+        assert what in refused(capsys, "render", "frame_0.npz", "-o", "a.png", *words)
 
 
 @pytest.mark.parametrize("orthographic", [False, True])

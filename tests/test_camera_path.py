@@ -75,9 +75,8 @@ def test_times_and_files(tmp_path):
     assert CameraPath.load(listed)(20) == CameraPath(KEYS)(20)
 
 
-@pytest.mark.parametrize(
-    ("keys", "parts"),
-    [
+def test_wrong_keys(tmp_path):
+    for keys, parts in (
         ([], ["key", "list"]),
         ([{"eye": [0, 0, 1], "look_at": [0, 0, 0]}], ["key 1", "frame or time"]),
         ([KEYS[0], {"time": 3}], ["key 2", "expected frame", "got time"]),
@@ -90,17 +89,15 @@ def test_times_and_files(tmp_path):
         ([KEYS[0], {"frame": 4, "eyes": [1, 2, 3]}], ["key 2", "eyes"]),
         ([KEYS[0], {"frame": 4, "eye": [0, 0, 0]}], ["key 2", "look_at"]),
         ([KEYS[0], 7], ["key 2", "7"]),
-    ],
-)
-def test_wrong_keys(tmp_path, keys, parts):
-    with pytest.raises(ValueError, match=parts[0]) as error:
-        CameraPath(keys)
-    assert all(part in str(error.value) for part in parts), error.value
-    path = tmp_path / "p.json"
-    path.write_text(json.dumps(keys))
-    with pytest.raises(ValueError, match=r"p\.json: ") as error:
-        CameraPath.load(path)
-    assert parts[0] in str(error.value)
+    ):
+        with pytest.raises(ValueError, match=parts[0]) as error:
+            CameraPath(keys)
+        assert all(part in str(error.value) for part in parts), error.value
+        path = tmp_path / "p.json"
+        path.write_text(json.dumps(keys))
+        with pytest.raises(ValueError, match=r"p\.json: ") as error:
+            CameraPath.load(path)
+        assert parts[0] in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -217,9 +217,8 @@ def test_new_places(backend):
         spheres.update(np.zeros((2, 3)))
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
+def test_mistakes_are_named():
+    for make, message in (
         (lambda: gb.Spheres([[0, 0, 0]], 0.0), "radius: expected"),
         (lambda: gb.Spheres(np.zeros((3, 3)), [1, 2]), "radius: expected 3 numbers, got 2"),
         (lambda: gb.Spheres(np.zeros((2, 3)), [1, -2]), r"got -2 \(sphere 1\)"),
@@ -227,11 +226,9 @@ def test_new_places(backend):
         (lambda: gb.Lines(np.zeros((2, 3)), [1, 2]), "radius: expected one number"),
         (lambda: gb.Lines(np.zeros((2, 2)), 1.0), "points"),
         (lambda: gb.Spheres([[0, np.nan, 0]], 1.0), "finite"),
-    ],
-)
-def test_mistakes_are_named(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
+    ):
+        with pytest.raises(ValueError, match=message):
+            make()
 
 
 def test_nothing_is_drawn_of_nothing(backend):

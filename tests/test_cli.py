@@ -286,9 +286,8 @@ def test_help_and_version(capsys):
     assert capsys.readouterr().out == f"globule {gb.__version__}\n"
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(particles, capsys):
+    for words in (
         ["render", "cube.npz", "-o", "/proc/a.png"],
         ["convert", "cube.npz", "/proc/a.ply"],
         ["reconstruct", "cube.npz", "-o", "/proc/a.nrrd"],
@@ -298,25 +297,19 @@ def test_help_and_version(capsys):
         ["simulate", "dam-break", "--images", "cube.npz"],
         ["demo", "-o", "/proc/a/b"],
         ["demo", "-o", "cube.npz"],
-    ],
-    ids=lambda words: f"{words[0]} {words[-1]}",
-)
-def test_a_place_that_cannot_be_written_is_refused_before_the_work(particles, capsys, words):
-    said = refused(capsys, *words)
-    expected = "expected a folder" if words[-1] == "cube.npz" else "expected a place"
-    assert expected in said
-    assert words[-1] in said
+    ):
+        said = refused(capsys, *words)
+        expected = "expected a folder" if words[-1] == "cube.npz" else "expected a place"
+        assert expected in said
+        assert words[-1] in said
 
 
-@pytest.mark.parametrize(
-    ("words", "problem"),
-    [
+def test_what_is_too_long_is_refused_in_a_short_line(particles, capsys):
+    for words, problem in (
         (["render", "cube.npz", "-o", f"{'a' * 300}.png"], "-o: expected a shorter name, got 304 letters"),
         (["convert", "cube.npz", f"{'a' * 300}.ply"], "OUT: expected a shorter name, got 304 letters"),
         (["info", "cube.npz", "--columns", "a" * 9000], "expected x=NAME,y=NAME,z=NAME, got 'aaa"),
-    ],
-)
-def test_what_is_too_long_is_refused_in_a_short_line(particles, capsys, words, problem):
-    said = refused(capsys, *words)
-    assert problem in said
-    assert len(said) < 700
+    ):
+        said = refused(capsys, *words)
+        assert problem in said
+        assert len(said) < 700

@@ -40,22 +40,19 @@ def picture(*words: str) -> np.ndarray:
 EYE = gb.Camera((1, 1.2, 3), (0, 0, 0))
 
 
-@pytest.mark.parametrize(
-    ("words", "clips"),
-    [
+def test_every_cut():
+    for words, clips in (
         ("--clip -1,0,2,0", [gb.ClipPlane((-1, 0, 2), 0)]),
         ("--clip-box -9,-9,0,9,9,9", [gb.ClipBox((-9, -9, 0), (9, 9, 9))]),
         ("--clip-sphere 0,0,1,1", [gb.ClipSphere((0, 0, 1), 1)]),
         ("--crop -9,-9,-9,9,0,9", [gb.ClipBox((-9, -9, -9), (9, 0, 9), keep=True)]),
         ("--clip 1,0,0,0 --clip 0,1,0,0", [gb.ClipPlane((1, 0, 0), 0), gb.ClipPlane((0, 1, 0), 0)]),
-    ],
-)
-def test_every_cut(words, clips):
-    picture(*words.split(), "--aov", "a.npz")
-    frame = gb.render(gb.Scene(ball(), device="cpu", surface="smooth"), EYE, (48, 36), clips=clips)
-    assert frame.mask.sum() > 100
-    with np.load("a.npz") as arrays:
-        np.testing.assert_array_equal(arrays["distance"], frame.distance)
+    ):
+        picture(*words.split(), "--aov", "a.npz")
+        frame = gb.render(gb.Scene(ball(), device="cpu", surface="smooth"), EYE, (48, 36), clips=clips)
+        assert frame.mask.sum() > 100
+        with np.load("a.npz") as arrays:
+            np.testing.assert_array_equal(arrays["distance"], frame.distance)
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -204,9 +201,8 @@ def test_a_picked_particle_is_the_file_s(capsys):
     assert picked["particle"] == np.nanargmin(away)
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
+def test_mistakes(capsys):
+    for words, named in (
         ("--clip 0,0,0,1", "--clip"),
         ("--clip-box 0,0,0,1,1,0", "--clip-box"),
         ("--sky missing.hdr", "missing.hdr"),
@@ -219,10 +215,8 @@ def test_a_picked_particle_is_the_file_s(capsys):
         ("--preset thesis --with ball.npz", "--with: expected no --with beside --preset thesis, which"),
         ("--root march --with ball.npz", "--with: expected no --with beside --root march, which"),
         ("--preset thesis --clip 1,0,0,0", "clips"),
-    ],
-)
-def test_mistakes(words, named, capsys):
-    assert named in refused(capsys, "render", "ball.npz", "-o", "a.png", *SMALL, *words.split())
+    ):
+        assert named in refused(capsys, "render", "ball.npz", "-o", "a.png", *SMALL, *words.split())
 
 
 @pytest.mark.parametrize("words", [

@@ -120,9 +120,8 @@ def test_several_files_need_a_pattern(particles, capsys):
     assert "twice" in refused(capsys, "render", particles, "cube.ply", "-o", "a_{}.png")
 
 
-@pytest.mark.parametrize(
-    ("words", "part"),
-    [
+def test_mistakes_of_render(particles, capsys):
+    for words, part in (
         (["-o", "a"], ".png"),
         ([], "-o"),
         (["-o", "a.png", "--size", "99999x99999"], "99999x99999"),
@@ -141,10 +140,8 @@ def test_several_files_need_a_pattern(particles, capsys):
         (["-o", "a.png", "--aov", "cube.npz"], "cube.npz"),
         (["-o", "a.png", "--no-such-option"], "--no-such-option"),
         (["-o", "a.png", "--siz", "4x4"], "--siz"),
-    ],
-)
-def test_mistakes_of_render(particles, capsys, words, part):
-    assert part in refused(capsys, "render", particles, *words)
+    ):
+        assert part in refused(capsys, "render", particles, *words)
 
 
 def test_input_mistakes(folder, capsys):

@@ -17,9 +17,8 @@ def cloud(folder):
     return "cloud.npz"
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
+def test_mistakes(cloud, capsys, folder, monkeypatch):
+    for options, message in (
         (["empty.csv"], "empty.csv"),
         (["missing.vtk"], "missing.vtk: cannot be read: No such file or directory"),
         (["frame_*.vtk"], "frame_*.vtk"),
@@ -36,17 +35,15 @@ def cloud(folder):
         (["brain-surgery"], '-m pip install "globule[atlas]"'),
         (["cloud.npz", "--up", "0,0,0"], "--up: expected a direction other than 0,0,0"),
         (["igtl://"], "live: expected igtl://host:port, got 'igtl://'"),
-    ],
-)
-def test_mistakes(cloud, options, message, capsys, folder, monkeypatch):
-    for missing in ("pyigtl", "pyigtl.messages", "nilearn"):
-        monkeypatch.setitem(sys.modules, missing, None)
-    (folder / "empty.csv").write_text("x,y,z\n")
-    (folder / "bad.toml").write_text("[cuts]\nplane = 3\n")
-    assert main(["view", "--no-browser", "--port", "0", *options]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+    ):
+        for missing in ("pyigtl", "pyigtl.messages", "nilearn"):
+            monkeypatch.setitem(sys.modules, missing, None)
+        (folder / "empty.csv").write_text("x,y,z\n")
+        (folder / "bad.toml").write_text("[cuts]\nplane = 3\n")
+        assert main(["view", "--no-browser", "--port", "0", *options]) == 2
+        error = capsys.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1
 
 
 def test_options_become_settings(cloud, monkeypatch, tmp_path):

@@ -237,16 +237,13 @@ def test_without_regions_a_calibration_is_asked_for(tmp_path):
         read_sweep(tmp_path / "cine.dcm", poses=tmp_path / "poses.csv")
 
 
-@pytest.mark.parametrize(
-    ("bad_region", "said"),
-    [
+def test_regions_that_cannot_be(tmp_path):
+    for bad_region, said in (
         (region(4, 5, 40, 14, 0.02, 0.03), "expected a region in the 24x16 pixels"),
         (region(9, 5, 4, 14, 0.02, 0.03), "expected a region in the 24x16 pixels"),
         (region(4, 5, 20, 14, 0.0, 0.03), "expected corners and sizes of pixels"),
         (region(4, 5, 20, 14, float("nan"), 0.03), "expected corners and sizes of pixels"),
-    ],
-)
-def test_regions_that_cannot_be(tmp_path, bad_region, said):
-    write(tmp_path / "cine.dcm", [bad_region])
-    with pytest.raises(FormatError, match=said):
-        read_sweep(tmp_path / "cine.dcm", poses=tmp_path / "poses.csv")
+    ):
+        write(tmp_path / "cine.dcm", [bad_region])
+        with pytest.raises(FormatError, match=said):
+            read_sweep(tmp_path / "cine.dcm", poses=tmp_path / "poses.csv")

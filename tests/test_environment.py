@@ -143,9 +143,8 @@ def test_pictures_become_linear(extension, tmp_path):
     assert np.allclose(image[:, 10:], 0.5, atol=0.01)  # sRGB 188 is half of white
 
 
-@pytest.mark.parametrize(
-    ("data", "what"),
-    [
+def test_bad_hdr(tmp_path):
+    for data, what in (
         (b"nonsense", "expected '#\\?RADIANCE'"),
         (HEAD, "an empty line and the size"),
         (HEAD + b"\n-Y 0 +X 5\n", "expected a size like"),
@@ -158,14 +157,12 @@ def test_pictures_become_linear(extension, tmp_path):
         (HEAD + b"\n-Y 1 +X 2\n" + b"\x80\x80\x80\x80" + 9 * b"\1\1\1\xff", "expected 2 pixels"),
         (HEAD + b"\n-Y 1 +X 8\n\2\2\0\x08" + 40 * b"\xff", "row 0: expected 8 pixels"),
         (HEAD + b"\n-Y 1 +X 8\n\2\2\0\x09" + 40 * b"\x88", "row 0: expected the start"),
-    ],
-)
-def test_bad_hdr(data, what, tmp_path):
-    (tmp_path / "a.hdr").write_bytes(data)
-    with pytest.raises(FormatError, match=what) as caught:
-        read_environment(tmp_path / "a.hdr")
-    assert "\n" not in str(caught.value)
-    assert "a.hdr" in str(caught.value)
+    ):
+        (tmp_path / "a.hdr").write_bytes(data)
+        with pytest.raises(FormatError, match=what) as caught:
+            read_environment(tmp_path / "a.hdr")
+        assert "\n" not in str(caught.value)
+        assert "a.hdr" in str(caught.value)
 
 
 def test_other_files(tmp_path, monkeypatch):

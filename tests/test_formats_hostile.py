@@ -316,9 +316,8 @@ def test_zip_that_announces_too_much(tmp_path):
     assert "a claim of" in reads_or_refuses(path)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
+def test_nine_columns_name_the_place(tmp_path):
+    for content, message in (
         ("", "line 1: expected the number of particles"),
         ("two\n", "line 1: expected the number of particles, got 'two'"),
         ("2\n1 2 3 0 0 0 0 0 0\n", "line 3: expected 2 particles (line 1), got 1"),
@@ -334,17 +333,14 @@ def test_zip_that_announces_too_much(tmp_path):
         ("1\n1 2 3 0 0 0 0 0 -1\n", "line 2, column 9: expected a number in [0, 1] for rigidity"),
         ("1\n1 2 3 0 0 0 nan 0 0\n", "line 2, column 7: expected a number in [0, 1]"),
         ("1\n# 2 3 0 0 0 0 0 0\n", "line 2, column 1: expected a number, got '#'"),
-    ],
-)
-def test_nine_columns_name_the_place(content, message, tmp_path):
-    path = tmp_path / "p.txt"
-    path.write_text(content)
-    assert f"{path}: {message}" in reads_or_refuses(path)
+    ):
+        path = tmp_path / "p.txt"
+        path.write_text(content)
+        assert f"{path}: {message}" in reads_or_refuses(path)
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
+def test_errors_name_the_place(tmp_path):
+    for name, content, message in (
         ("a.csv", "x,y,z\n1,2,3\n4,five,6\n", "line 3, column 2: expected a number, got 'five'"),
         ("a.csv", "x,y,z\n1,2,3\n4,5\n", "line 3: expected 3 numbers, got 2"),
         ("a.csv", "x,a\n1,2\n", "expected columns x, y and z"),
@@ -356,29 +352,24 @@ def test_nine_columns_name_the_place(content, message, tmp_path):
         ("a.vtk", ascii_vtk().decode().replace("DATA 25", "DATA 26"), "expected POINT_DATA 25"),
         ("a.vtk", ascii_vtk().decode().replace(" 24\n", " x\n"), "expected 25 numbers of type"),
         ("a.vtu", "<VTKFile>\n<a></VTKFile>", "line 2, column 6: expected XML, got mismatched tag"),
-    ],
-)
-def test_errors_name_the_place(name, content, message, tmp_path):
-    path = tmp_path / name
-    path.write_text(content)
-    assert message in reads_or_refuses(path)
+    ):
+        path = tmp_path / name
+        path.write_text(content)
+        assert message in reads_or_refuses(path)
 
 
-@pytest.mark.parametrize(
-    ("arrays", "expected"),
-    [
+def test_an_npz_array_of_another_length_is_refused(tmp_path):
+    for arrays, expected in (
         ({"support": np.ones(N - 1)}, f"support: expected shape ({N},) or one number, got (24,)"),
         ({"velocity": np.ones((7, 3))}, f"velocity: expected shape ({N}, 3), got (7, 3)"),
         ({"color": np.ones((N + 1, 3))}, f"color: expected shape ({N}, 3) or (3,), got (26, 3)"),
         ({"radius": np.ones(1)}, f"radius: expected shape ({N},) or one number, got (1,)"),
-    ],
-)
-def test_an_npz_array_of_another_length_is_refused(tmp_path, arrays, expected):
-    path = tmp_path / "p.npz"
-    np.savez(path, positions=np.ones((N, 3)), **arrays)
-    with pytest.raises(FormatError) as refused:
-        formats.read(path)
-    assert str(refused.value) == f"{path}: {expected}"
+    ):
+        path = tmp_path / "p.npz"
+        np.savez(path, positions=np.ones((N, 3)), **arrays)
+        with pytest.raises(FormatError) as refused:
+            formats.read(path)
+        assert str(refused.value) == f"{path}: {expected}"
 
 
 def test_npz_arrays_that_are_about_something_else_are_left_out(tmp_path):
@@ -442,9 +433,8 @@ FACE = PLY + "element face 1\nproperty list uchar int vertex_indices\n" + ROWS.f
 PCD = "VERSION 0.7\nFIELDS x y z a\nSIZE 4 4 4 1\nTYPE F F F U\nWIDTH 1\nHEIGHT 1\nDATA ascii\n1 2 3 {}\n"
 
 
-@pytest.mark.parametrize(
-    ("name", "good", "wrong", "problem"),
-    [
+def test_what_a_file_says_of_its_rows_holds(tmp_path):
+    for name, good, wrong, problem in (
         ("a.lmp", DATA.format(2), DATA.format(1), "line 5: expected 1 atoms, got '2 1 .4 .5 .6' behind them"),
         ("a.lmp", DATA.format(2), DATA.format(3), "line 5: expected 3 atoms, got 2"),
         ("a.dump", DUMP.format(2, "id type"), DUMP.format(1, "id type"), "line 5: expected 1 atoms, got '2 1 .4"),
@@ -464,28 +454,23 @@ PCD = "VERSION 0.7\nFIELDS x y z a\nSIZE 4 4 4 1\nTYPE F F F U\nWIDTH 1\nHEIGHT 
         ("a.ply", BYTE.format(" 1.0"), BYTE.format(" 0.5"), "element vertex, property a: .*uint8, got 0.5"),
         ("a.ply", FACE.format(2), FACE.format(1.5), "element face, property vertex_indices: .*got 1.5"),
         ("a.pcd", PCD.format(255), PCD.format(-1), "DATA, field a: .*uint8, got -1"),
-    ],
-)
-def test_what_a_file_says_of_its_rows_holds(tmp_path: Path, name: str, good: str, wrong: str, problem: str) -> None:
-    path = tmp_path / name
-    path.write_text(good)
-    assert 1 <= len(gb.read(path)) <= 3
-    path.write_text(wrong)
-    with pytest.raises(ValueError, match=problem) as refusal:
-        gb.read(path)
-    assert "\n" not in str(refusal.value)
+    ):
+        path = tmp_path / name
+        path.write_text(good)
+        assert 1 <= len(gb.read(path)) <= 3
+        path.write_text(wrong)
+        with pytest.raises(ValueError, match=problem) as refusal:
+            gb.read(path)
+        assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize(
-    ("content", "columns", "problem"),
-    [
+def test_tables_name_what_is_wrong(tmp_path):
+    for content, columns, problem in (
         ('x,y,z\n"1,000",2.5,3\n', None, "line 2: expected one decimal mark in all numbers, got '1,000' and '2.5'"),
         ("x,y,z\n1,\u0662,3\n", None, "line 2, column 2: expected a number, got '\u0662'"),
         ("x,y,z\n1,2,3\n", {"x": "x", "y": "y", "z": "z", "density": "x"}, "got 'x' for x and density"),
-    ],
-)
-def test_tables_name_what_is_wrong(tmp_path: Path, content: str, columns: dict | None, problem: str) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(content, encoding="utf-8")
-    with pytest.raises(ValueError, match=problem):
-        gb.read(path, columns=columns)
+    ):
+        path = tmp_path / "a.csv"
+        path.write_text(content, encoding="utf-8")
+        with pytest.raises(ValueError, match=problem):
+            gb.read(path, columns=columns)

@@ -261,20 +261,17 @@ def test_blocks_and_pieces_by_vtk(tmp_path):
     assert close(particles.attributes["mass"], np.arange(N) + 0.5)
 
 
-@pytest.mark.parametrize(
-    ("table", "units"),
-    [
+def test_tables(tmp_path):
+    for table, units in (
         ("# by hand\nx [m];y [m];z [m];rho [kg/m3]\n1;2;3;1000\n4;5;6;1001\n", {"positions": "m", "rho": "kg/m3"}),
         ("x\ty\tz\trho (kg/m3)\n1\t2\t3\t1000\n# half\n4\t5\t6\t1001\n", {"rho": "kg/m3"}),
         ("# time = 0.5\n# x, y, z, rho\n1,2,3,1000\n4,5,6,1001\n", {}),
-    ],
-)
-def test_tables(tmp_path, table, units):
-    (tmp_path / "a.csv").write_text(table)
-    got = read_contents(tmp_path / "a.csv")
-    assert np.array_equal(got.particles.positions, [[1, 2, 3], [4, 5, 6]])
-    assert got.particles.attributes["rho"].tolist() == [1000, 1001]
-    assert got.units == units
+    ):
+        (tmp_path / "a.csv").write_text(table)
+        got = read_contents(tmp_path / "a.csv")
+        assert np.array_equal(got.particles.positions, [[1, 2, 3], [4, 5, 6]])
+        assert got.particles.attributes["rho"].tolist() == [1000, 1001]
+        assert got.units == units
 
 
 def test_a_column_map(tmp_path):

@@ -81,16 +81,6 @@ def test_hand_paths_equal_the_reference(backend, spacing, masked):
     assert volume.n_empty
 
 
-def test_any_number_of_threads_gives_the_same_bits(backend):
-    sweep = hand(passes=3, size=(40, 34))
-    volume = reconstruct(sweep, spacing=0.35, **backend)
-    for threads in (1, 3):
-        one = reconstruct(sweep, spacing=0.35, device="cpu", threads=threads)
-        np.testing.assert_array_equal(volume.values, one.values)
-        np.testing.assert_array_equal(volume.radius, one.radius)
-        np.testing.assert_array_equal(volume.uncertainty, one.uncertainty)
-
-
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_a_linear_field_is_reproduced(backend, dtype):
     """Between frames that also move sideways; a projection onto the nearer frame would not do."""

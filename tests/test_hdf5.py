@@ -284,9 +284,8 @@ def test_cells_of_vtkhdf_are_meshes(tmp_path):
     assert np.all(np.asarray(later.vertices)[:, 2] == 9)
 
 
-@pytest.mark.parametrize(
-    ("changed", "problem"),
-    [
+def test_damaged_cells_of_vtkhdf(tmp_path):
+    for changed, problem in (
         ({"Offsets": [0, 8, 0]}, "/VTKHDF/Offsets: expected at least 4 rows, got 3"),
         ({"Offsets": [0, 9, 0, 8, 0, 3, 6]}, "expected offsets from 0 up to"),
         ({"Offsets": [5, 2, 0, 8, 0, 3, 6]}, "expected offsets from 0 up to"),
@@ -294,12 +293,10 @@ def test_cells_of_vtkhdf_are_meshes(tmp_path):
         ({"NumberOfConnectivityIds": []}, "/VTKHDF/Steps: expected 1 entries, got 0"),
         ({"Connectivity": [*range(8), *range(1, 9), 0, 1, 2, 0, 2, 3]}, "expected indices from 0 to 7, got 1 to 8"),
         ({"Types": np.array([12, 42, 5, 5], np.uint8)}, "expected cells other than polyhedra"),
-    ],
-)
-def test_damaged_cells_of_vtkhdf(tmp_path, changed, problem):
-    vtkhdf_mesh(tmp_path / "a.vtkhdf", **changed)
-    with pytest.raises(gb.FormatError, match=re.escape(problem)):
-        gb.Mesh(tmp_path / "a.vtkhdf")
+    ):
+        vtkhdf_mesh(tmp_path / "a.vtkhdf", **changed)
+        with pytest.raises(gb.FormatError, match=re.escape(problem)):
+            gb.Mesh(tmp_path / "a.vtkhdf")
 
 
 @pytest.mark.interop

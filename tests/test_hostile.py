@@ -42,9 +42,8 @@ def one_line(error: pytest.ExceptionInfo) -> str:
 # Calls
 
 
-@pytest.mark.parametrize(
-    ("call", "named"),
-    [
+def test_the_argument_is_named_in_one_line(scene):
+    for call, named in (
         (lambda s: gb.Camera.fit(s, size="x"), "size"),
         (lambda s: gb.Camera.fit(s, fov=0), "fov"),
         (lambda s: gb.Camera.fit(s, up=(1, 2)), "up"),
@@ -65,12 +64,10 @@ def one_line(error: pytest.ExceptionInfo) -> str:
         (lambda s: gb.render(s, color_by=np.zeros((9, 9))), "color_by"),
         (lambda s: gb.render(s, color_by="x", range=np.zeros((3, 3, 3))), "range"),
         (lambda s: gb.render(s, size=list(range(10000))), "size"),
-    ],
-)
-def test_the_argument_is_named_in_one_line(call, named, scene):
-    with pytest.raises((TypeError, ValueError)) as error:
-        call(scene)
-    assert one_line(error).startswith(f"{named}: expected ")
+    ):
+        with pytest.raises((TypeError, ValueError)) as error:
+            call(scene)
+        assert one_line(error).startswith(f"{named}: expected ")
 
 
 def test_a_number_is_no_path():

@@ -50,18 +50,15 @@ def test_text_stands_out():
         assert (np.abs(label.astype(int) - value).max(axis=2) > 150).sum() > 30
 
 
-@pytest.mark.parametrize(
-    ("lo", "hi", "texts"),
-    [
+def test_ticks():
+    for lo, hi, texts in (
         (0, 1, ["0", "0.2", "0.4", "0.6", "0.8", "1"]),
         (-1.234567, 8.9, ["-1.23", "0", "2", "4", "6", "8.9"]),
         (1, 0, ["1", "0.8", "0.6", "0.4", "0.2", "0"]),
         (5, 5, ["5"]),
         (101325.2, 101327.9, ["101325.2", "101325.5", "101326", "101326.5", "101327", "101327.5", "101327.9"]),
-    ],
-)
-def test_ticks(lo, hi, texts):
-    assert [text for _, text in tick_labels(lo, hi, 6)] == texts
+    ):
+        assert [text for _, text in tick_labels(lo, hi, 6)] == texts
 
 
 @pytest.mark.parametrize("ends", [(1e300, -1e300), (-1.7e308, 1.7e308), (0, 3e-320), (5, 5 + 1e-9)])
@@ -80,19 +77,16 @@ def test_ticks_leave_room_for_the_ends():
         assert min(np.diff(shares)) > 0.6 / 5 - 1e-9, hi
 
 
-@pytest.mark.parametrize(
-    ("arguments", "what"),
-    [
+def test_wrong_arguments():
+    for arguments, what in (
         ((gray(63, 100), "viridis", 0, 1), "image: expected at least 64 pixels a side"),
         ((gray(100, 100)[..., :1], "viridis", 0, 1), "image: expected"),
         ((gray(100, 100) / 255, "viridis", 0, 1), "image: expected .*uint8"),
         ((gray(100, 100), "jet", 0, 1), "colormap: expected one of"),
         ((gray(100, 100), "viridis", np.nan, 1), "range: expected two finite"),
-    ],
-)
-def test_wrong_arguments(arguments, what):
-    with pytest.raises(ValueError, match=what):
-        add_legend(*arguments)
+    ):
+        with pytest.raises(ValueError, match=what):
+            add_legend(*arguments)
 
 
 def test_long_labels_are_shortened():

@@ -56,9 +56,8 @@ def test_settings(error, name, value, got):
     refuse(error, name, got, settings={name: value})
 
 
-@pytest.mark.parametrize(
-    ("name", "call"),
-    [
+def test_other_things_than_expected():
+    for name, call in (
         ("material", lambda: dataclasses.replace(QUIET, material=0.5)),
         ("material", lambda: gb.Layer(ball(), "clay")),
         ("lights", lambda: dataclasses.replace(QUIET, lights=0.5)),
@@ -70,11 +69,9 @@ def test_settings(error, name, value, got):
         ("settings", lambda: gb.render(ball(), settings={"shadow": True})),
         ("settings", lambda: gb.render(ball(), settings=3)),
         ("scene", lambda: gb.render(5)),
-    ],
-)
-def test_other_things_than_expected(name, call):
-    with pytest.raises(TypeError, match=f"{name}: expected .*, got "):
-        call()
+    ):
+        with pytest.raises(TypeError, match=f"{name}: expected .*, got "):
+            call()
 
 
 MATERIALS = [
@@ -160,15 +157,11 @@ def test_layers():
     assert gb.render([ball() for _ in range(4)], CAMERA, (4, 3)).mask.shape == (3, 4)
 
 
-@pytest.mark.parametrize(
-    ("error", "size", "got"),
-    [
+def test_sizes():
+    for error, size, got in (
         (ValueError, (3, -1), "3x-1"),
         (TypeError, "big", "'big'"),
         (TypeError, (1, 2, 3), "(1, 2, 3)"),
         (ValueError, (2**20, 2**20), "1048576x"),
-    ],
-    ids=str,
-)
-def test_sizes(error, size, got):
-    refuse(error, "size", got, size=size)
+    ):
+        refuse(error, "size", got, size=size)
