@@ -1,7 +1,5 @@
 """What the tests of the command line share: a cube of particles, commands, refusals."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

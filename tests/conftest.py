@@ -5,8 +5,6 @@ one, and on the GPU where there is one. With --matrix it runs on every CPU level
 threads too, and tests marked `slow` run: if they are marked `few_backends` as well, on one of them.
 """
 
-from __future__ import annotations
-
 import collections
 import contextlib
 import faulthandler

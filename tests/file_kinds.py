@@ -3,8 +3,6 @@
 A ball of `X` on a lattice is the fluid of most; grains are spheres that do not touch.
 """
 
-from __future__ import annotations
-
 import base64
 import bz2
 import gzip

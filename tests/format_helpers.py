@@ -1,7 +1,5 @@
 """Particles with every field, and whether a format kept them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -14,8 +14,6 @@ mutants for any number of jobs. `--together` takes one process for all files ins
 each: quicker, but what ends it is not told apart. The exit status is 1 if there was a fault.
 """
 
-from __future__ import annotations
-
 import argparse
 import collections
 import contextlib

@@ -4,8 +4,6 @@
 them, and which command does.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Closed forms for the tests of light: a sky that tells directions, balls, glass, cuts."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import globule as gb

@@ -3,8 +3,6 @@ octree, no cells, no intervals. A ray is sampled densely, and a surface is where
 here?" changes. Randomness is left out: no ambient rays, no soft lights, no roughness, one sample a pixel.
 """
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 from globule.render.lights import uniform_sky

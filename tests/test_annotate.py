@@ -1,7 +1,5 @@
 """What is drawn into an image, measured in its pixels: lengths, directions, edges, places."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import tracemalloc

@@ -1,7 +1,5 @@
 """What is upwards in a file, and what lies across the periodic faces of its box."""
 
-from __future__ import annotations
-
 import json
 
 import globule as gb

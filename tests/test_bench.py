@@ -1,7 +1,5 @@
 """`python -m bench` and the benchmarks beside others: tables are complete, truths and judges are right."""
 
-from __future__ import annotations
-
 import csv
 import itertools
 import json

@@ -1,8 +1,6 @@
 """Small files that claim to be large are refused before they are unpacked: at once, in one line,
 within the memory that was set."""
 
-from __future__ import annotations
-
 import functools
 import gzip
 import io

@@ -1,7 +1,5 @@
 """Point-target calibration, temporal offset, and the calibration's file."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Cameras that move: through their keys, without jumps, and a clear word about wrong keys."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

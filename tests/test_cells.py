@@ -1,7 +1,5 @@
 """Cells of VTK's files: faces are triangles, data of vertices are attributes, ghosts are none."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """The command line as a whole: how it ends, and the commands that inform, convert and help."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

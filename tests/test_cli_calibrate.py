@@ -1,7 +1,5 @@
 """`globule calibrate`: marks and poses in, a calibration out that `reconstruct` takes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

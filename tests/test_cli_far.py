@@ -1,7 +1,5 @@
 """Particles far from the origin or from each other: what is lost is said."""
 
-from __future__ import annotations
-
 import warnings
 
 import globule as gb

@@ -1,7 +1,5 @@
 """All flags of all commands: one meaning each, help with the default, words refused."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import shutil

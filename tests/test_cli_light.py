@@ -1,7 +1,5 @@
 """Light, matter and cuts on the command line, presets, and phases as layers."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

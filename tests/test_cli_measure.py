@@ -1,7 +1,5 @@
 """The commands that measure a surface: files and facts, sequences, refusals."""
 
-from __future__ import annotations
-
 import csv
 import os
 from pathlib import Path

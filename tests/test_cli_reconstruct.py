@@ -1,7 +1,5 @@
 """`globule reconstruct`, and what info and convert do with sweeps and volumes."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`globule render`: pictures of one file and of several, mistakes, particles that make trouble."""
 
-from __future__ import annotations
-
 import json
 import os
 import stat

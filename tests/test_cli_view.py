@@ -1,7 +1,5 @@
 """`globule view` from the command line: mistakes in one line, with status 2 and no server."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small connected components are left out, and how many is said."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest

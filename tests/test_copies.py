@@ -1,7 +1,5 @@
 """What owns memory of the core is not copied in silence; values are, and stay what they were when made."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import pickle

@@ -1,7 +1,5 @@
 """The C++ interface: built outside of the tree against the installed package, equal to Python's."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

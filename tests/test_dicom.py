@@ -1,7 +1,5 @@
 """DICOM: output as pydicom, SimpleITK and globule's own reader see it; mm per pixel and tissue of cine."""
 
-from __future__ import annotations
-
 import datetime
 import itertools
 

@@ -1,7 +1,5 @@
 """Every block of Python and every command of the documentation runs, and the reference is complete."""
 
-from __future__ import annotations
-
 import argparse
 import io
 import os

@@ -1,7 +1,5 @@
 """The site is built without a warning, opens from disk, asks nobody else, and can be searched."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Environment images and EXR files: known values, every coding, bad files."""
 
-from __future__ import annotations
-
 import sys
 
 import globule as gb

@@ -1,7 +1,5 @@
 """The tests' own options: --expected-skips, --matrix for slow tests, and files that take long."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The thesis's figures: each is drawn, and what it shows is so."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files as programs of many origins write them: counts, bounds, volume, frames, box and units."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import warnings

@@ -1,8 +1,6 @@
 """What lies in memory before we write to it changes nothing: with NaN there, all results are the
 same bits. Parts of arrays that only fill up a packet of SIMD lanes are easily forgotten."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

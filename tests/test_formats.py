@@ -1,7 +1,5 @@
 """Every particle format reads back what it wrote, whole or not at all."""
 
-from __future__ import annotations
-
 import gc
 import os
 import zipfile

@@ -1,7 +1,5 @@
 """Malformed files: only FormatError or valid particles may come out, at once."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import io

@@ -1,7 +1,5 @@
 """Literal files: what each format looks like when somebody else wrote it."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import struct

@@ -1,7 +1,5 @@
 """Files of VTK, meshio and plyfile, and of other people's simulations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from format_helpers import DATA, N, assert_same, by_vtk, sample

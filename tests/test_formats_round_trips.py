@@ -1,7 +1,5 @@
 """What is written is read again, whatever its shape, type and place; transforms compose."""
 
-from __future__ import annotations
-
 import string
 import tempfile
 from pathlib import Path

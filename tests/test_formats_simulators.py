@@ -1,7 +1,5 @@
 """Files of simulation programs: GSD, LAMMPS, extended XYZ, DualSPHysics, VTK, tables."""
 
-from __future__ import annotations
-
 import json
 import struct
 from pathlib import Path

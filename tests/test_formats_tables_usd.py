@@ -1,7 +1,5 @@
 """Parquet, Arrow and USD: their own libraries as the other side, and links."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import globule as gb

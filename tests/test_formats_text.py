@@ -1,7 +1,5 @@
 """Packed files, elements, LAMMPS' atom styles, and tables as other programs write them."""
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import lzma

@@ -1,7 +1,5 @@
 """One file with several frames is a sequence."""
 
-from __future__ import annotations
-
 import copy
 import csv
 import gzip

@@ -1,7 +1,5 @@
 """The method frames, and what every method calls measured, filled and extrapolated."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

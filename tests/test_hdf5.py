@@ -1,7 +1,5 @@
 """HDF5 files of simulation programs, written by their own libraries where there are any."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a clumsy or hostile user gives is refused in one short line, and changes nothing."""
 
-from __future__ import annotations
-
 import json
 import logging
 import os

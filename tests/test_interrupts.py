@@ -1,8 +1,6 @@
 """An interrupted call leaves its object as it was, or to be made again: what follows is right to
 the bit. GLOBULE_INTERRUPTS=all: at all places of each call, not at some."""
 
-from __future__ import annotations
-
 import signal
 from functools import partial
 

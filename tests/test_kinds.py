@@ -1,7 +1,5 @@
 """What a file holds is found in its content: endings may be wrong or missing."""
 
-from __future__ import annotations
-
 import shutil
 
 import globule as gb

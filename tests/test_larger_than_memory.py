@@ -1,8 +1,6 @@
 """`Scene(...)` of particles that do not fit turns into pieces by itself, says so, draws the image
 of one scene, and refuses what pieces cannot do."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

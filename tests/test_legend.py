@@ -1,7 +1,5 @@
 """The color bar in a picture, the color maps behind it, and colors and legends of types and elements."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest

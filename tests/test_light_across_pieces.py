@@ -1,7 +1,5 @@
 """Light that turns, through particles that no rank has all of: rays go from piece to piece."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest

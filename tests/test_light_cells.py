@@ -1,7 +1,5 @@
 """Cells are made where rays can come: behind full ones only for light, cuts and eyes inside."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest

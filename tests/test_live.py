@@ -1,7 +1,5 @@
 """Frames over OpenIGTLink: as a sweep, as a volume that grows, recorded, and after a crash."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

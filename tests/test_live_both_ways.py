@@ -1,7 +1,5 @@
 """Tracker and images from two servers; volume, trust map, slice and surface sent back."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import socket

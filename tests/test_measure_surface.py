@@ -1,7 +1,5 @@
 """Gauges, meshes, volumes and areas against analysis, the float64 oracle and other programs."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import oracle

@@ -1,7 +1,5 @@
 """Distances and volumes with their uncertainty: against a Monte Carlo, on maps and on sweeps."""
 
-from __future__ import annotations
-
 import json
 
 import globule as gb

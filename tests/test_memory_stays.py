@@ -1,7 +1,5 @@
 """Objects that are made, changed, used and dropped in any order leave no memory behind."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
