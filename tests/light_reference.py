@@ -288,8 +288,7 @@ def towards(lamp, camera, p, d, generation):
 
 
 def seen(media, ground, p, to, distance, inside, below, samples):
-    """What part of a light comes through: straight on, `transmission` at each surface, and the mean
-    absorption on the way."""
+    """What part of a light comes through: `transmission` at each surface, the mean absorption between."""
     left = np.where(meet_ground(ground, p, to, below) < distance, 0.0, 1.0)
     for k, m in enumerate(media):
         ray, t, side = m.changes(p, to, inside[:, k], distance, samples)

@@ -141,10 +141,8 @@ def test_edges_behind_the_surface_are_hidden(backend):
                 along = (places - a) @ (b - a) / ((b - a) @ (b - a))
                 slack = 1.5 / np.linalg.norm(b - a)  # it ends within a pixel
                 drawn |= (along >= -slack) & (along <= 1 + slack)
-            edge = np.flatnonzero(np.diff(seen))
-            near = np.zeros(len(points), bool)
-            for e in edge:  # within a pixel or two of where it vanishes
-                near |= np.linalg.norm(places - places[e], axis=1) < 2.5
+            edge = places[np.flatnonzero(np.diff(seen))]  # within a pixel or two of where it vanishes
+            near = (np.linalg.norm(places[:, None] - edge, axis=2) < 2.5).any(axis=1)
             inside = (places > 2).all(axis=1) & (places < np.array(size) - 2).all(axis=1)
             judged = inside & ~near
             assert judged.sum() > 100
@@ -229,10 +227,8 @@ def test_legends_stand_where_they_are_asked_for(position):
         return
     rows, columns = np.nonzero(changed(after, before))
     vertical, horizontal = position.split("-")
-    assert (columns.max() < 150) == (horizontal == "left")
-    assert (columns.min() > 150) == (horizontal == "right")
-    assert (rows.max() < 140) == (vertical == "upper")
-    assert (rows.min() > 60) == (vertical == "lower")
+    assert (columns.max() < 150, columns.min() > 150) == (horizontal == "left", horizontal == "right")
+    assert (rows.max() < 140, rows.min() > 60) == (vertical == "upper", vertical == "lower")
 
 
 def test_an_outside_legend_keeps_the_size():
@@ -442,9 +438,7 @@ def test_the_command_draws_what_python_draws(files):
     assert main([*words, *flags, "-o", "a.png"]) == 0
     middle = tuple(np.mean(gb.read("frame_0.npz").bounds(), axis=0).tolist())
     camera = gb.Camera((2, 2, 3), middle)
-    frame = gb.render(
-        "frame_0.npz", camera, (200, 150), color_by="speed", annotate=notes
-    )  # fmt: skip
+    frame = gb.render("frame_0.npz", camera, (200, 150), color_by="speed", annotate=notes)
     assert (opened("a.png") == frame.image).all()
 
 
@@ -474,12 +468,9 @@ def test_transparent_and_flat_on_the_command_line(files):
     flat = opened("a.png")
     assert flat.shape == (150, 200, 4)
     assert set(np.unique(flat[..., 3])) == {0, 255}
-    frame = gb.render(
-        gb.Scene("frame_0.npz"),
-        size=(200, 150),
-        settings=dataclasses.replace(gb.load_preset("flat", gb.Scene("frame_0.npz")), transparent=True),
-        color_by="speed",
-    )
+    scene = gb.Scene("frame_0.npz")
+    settings = dataclasses.replace(gb.load_preset("flat", scene), transparent=True)
+    frame = gb.render(scene, size=(200, 150), settings=settings, color_by="speed")
     assert (frame.image == flat).all()
     assert main([*words, "--transparent", "--samples", "4", "--axes", "-o", "b.png"]) == 0
     assert len(np.unique(opened("b.png")[..., 3])) > 3

@@ -1,5 +1,4 @@
-"""Small files that claim to be large are refused before they are unpacked: at once, in one line,
-within the memory that was set."""
+"""Small files that claim to be large are refused at once, in one line, within the memory that was set."""
 
 import functools
 import gzip
@@ -46,8 +45,7 @@ MOST = 2**29  # bytes
 
 
 def opened(files: dict[str, str], *limits: float) -> list[tuple[str, float, str, int]]:
-    """What readers say of files under limits of memory that rise, all in one process: file, limit,
-    the error, and the most bytes that the process took so far."""
+    """File, limit of memory (which rises), what the reader says, and the most bytes taken so far, in one process."""
     words = [sys.executable, "-c", OPEN, json.dumps(files), *map(str, limits)]
     made = subprocess.run(words, capture_output=True, text=True, check=True)
     return json.loads(made.stdout)

@@ -245,8 +245,7 @@ def test_on_the_command_line(tmp_path, monkeypatch, capsys):
     words = ["--spheres", "tracers.npz:0.2", "--lines", "path.npz:0.05", "--mesh-color", "0.8,0,0"]
     view = ["-o", "a.png", "--eye", "0.4,0.4,9", "--look-at", "0.4,0.4,0", "--pick", "20,15"]
     facts = run_json(capsys, "render", "fluid.npz", *words, *view, *SMALL)
-    assert facts["picked"]["file"] == "tracers.npz"
-    assert facts["picked"]["face"] == 1
+    assert {"file": "tracers.npz", "face": 1}.items() <= facts["picked"].items()
     assert facts["picked"]["distance"] == pytest.approx(9 - 2.8, abs=0.05)
     run_json(capsys, "render", "fluid.npz", "--spheres", "tracers.npz", "--lines", "path.npz",
              "-o", "b.png", *SMALL)  # fmt: skip

@@ -79,9 +79,7 @@ def test_interrupted_while_it_loads(folder, script, by):
     assert process.stdout.readline() == "loading\n"
     process.send_signal(by)
     out, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 128 + by
-    assert out == ""
-    assert err == "globule: interrupted\n"
+    assert (process.returncode, out, err) == (128 + by, "", "globule: interrupted\n")
 
 
 @pytest.mark.slow

@@ -195,16 +195,11 @@ def test_refused(particles, capsys):
         assert message in refused(capsys, *words, *CPU)
 
 
-COMMANDS = [
-    ["slice", "--plane", "0,0,1,2"],
-    ["gauge", "--at", "2,2"],
-    ["mesh"],
-    ["track"],
-    ["project", "--axis", "0,0,1"],
-]
-
-
-@pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[0])
+@pytest.mark.parametrize(
+    "words",
+    [["slice", "--plane", "0,0,1,2"], ["gauge", "--at", "2,2"], ["mesh"], ["track"], ["project", "--axis", "0,0,1"]],
+    ids=lambda words: words[0],
+)
 def test_particles_that_are_left_out_are_named(words, folder, capsys):
     positions = cube(5).positions.astype(np.float64)
     positions[3], positions[4:6] = np.nan, 1e25
@@ -235,8 +230,7 @@ def test_without_packages(particles, capsys, monkeypatch):
 
 @pytest.mark.slow
 def test_one_surface_and_one_spacing_for_all(folder, capsys):
-    """info, render, mesh, gauge and project speak of the same spacing, that of the fluid's volume,
-    and giving it again changes nothing."""
+    """All commands speak of the same spacing, that of the fluid's volume; giving it again changes nothing."""
     axis = np.arange(-0.9, 1, 0.2)
     p = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
     p = p[(p**2).sum(axis=1) < 1]

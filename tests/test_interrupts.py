@@ -29,8 +29,7 @@ def on(request):
 
 @pytest.fixture
 def stops(on):
-    """`interrupts` on a device. Of two threads, the one that polls has now more of the work and now
-    less."""
+    """`interrupts` on a device. Of two threads, the one that polls has now more of the work and now less."""
 
     def on_device(prepare, call):
         sure = on.get("threads") == 1

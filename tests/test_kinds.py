@@ -108,8 +108,7 @@ def test_pictures(form):
 
 
 def test_endings_break_ties_only():
-    """Nine columns after a count are our text, but an .xyz may have such a title; what nobody
-    knows is left to the reader that the ending names, which says what is wrong."""
+    """Nine columns after a count are text, or an .xyz with such a title; what nobody knows is the ending's."""
     with open("a.xyz", "w", encoding="utf-8") as file:
         file.write("1\n1 2 3 4 5 6 7 8 9\n0 0 0\n")
     assert kind_of("a.xyz").format == "xyz"

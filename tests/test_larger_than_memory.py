@@ -1,5 +1,4 @@
-"""`Scene(...)` of particles that do not fit turns into pieces by itself, says so, draws the image
-of one scene, and refuses what pieces cannot do."""
+"""A `Scene` that does not fit is in pieces by itself, says so, draws the same, and refuses what they cannot."""
 
 import os
 import subprocess
@@ -31,8 +30,7 @@ LINE = r"^scene: 2,\d+ particles take about .* GB as one scene on .*: they are i
 
 
 class Room:
-    """Bytes that a scene may take: less than the octree of the particles, and enough for pieces of
-    a few hundred. What reads files is not so limited."""
+    """Bytes that a scene may take, less than the octree, enough for pieces of a few hundred; readers may more."""
 
     size = 90_000.0
 

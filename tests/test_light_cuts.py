@@ -57,8 +57,7 @@ def normal_of(clip, p):
 
 @functools.cache
 def changes(name, view, radii=(RADIUS,), aside=1e-4):
-    """Where rays of a view of a cut ball first change sides, which clip is there, and which of them
-    are sure: a ray a little aside, also of a ball of another radius, meets the same."""
+    """Where rays first change sides, at which clip, and which are sure: those a little aside meet the same."""
     clips, (o, d) = CUTS[name], rays(CAMERAS[view], SIZE)
     t, which = first_change(o, d, clips, radius=radii[0])
     sure = np.ones(t.shape, bool)

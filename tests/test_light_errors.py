@@ -74,21 +74,17 @@ def test_other_things_than_expected():
             call()
 
 
-MATERIALS = [
-    (ValueError, {"reflection": NAN}),
-    (TypeError, {"reflection": "shiny"}),
-    (ValueError, {"color": (1, NAN, 0)}),
-    (TypeError, {"color": "red"}),
-    (ValueError, {"absorption": (0, 0, INF)}),
-    (ValueError, {"absorption": (1, 2, 3, 4)}),
-    (TypeError, {"shininess": "very"}),
-]
-
-
-@pytest.mark.parametrize(("error", "field"), MATERIALS, ids=str)
-def test_materials(error, field):
-    ((name, value),) = field.items()
-    refused(error, name, repr(value), lambda: gb.Material(**field))
+def test_materials():
+    for error, name, value in (
+        (ValueError, "reflection", NAN),
+        (TypeError, "reflection", "shiny"),
+        (ValueError, "color", (1, NAN, 0)),
+        (TypeError, "color", "red"),
+        (ValueError, "absorption", (0, 0, INF)),
+        (ValueError, "absorption", (1, 2, 3, 4)),
+        (TypeError, "shininess", "very"),
+    ):
+        refused(error, name, repr(value), lambda name=name, value=value: gb.Material(**{name: value}))
 
 
 LIGHTS = [

@@ -24,8 +24,7 @@ def between(low, high):
 
 @pytest.mark.parametrize("shadow", [False, True])
 def test_layers_cut_by_the_same_planes(backend, shadow):
-    """Their cut faces lie in the same place: light passes all of them, seen directly and as a
-    shadow on the ground."""
+    """Their cut faces lie in the same place: light passes all of them, seen directly and as a shadow."""
     scene = block(**backend)
     veils = veil(0.9, 0.3), veil(0.8, 0.2), veil(0.7, 0.1)
     layers = [gb.Layer(scene, material) for material in veils]

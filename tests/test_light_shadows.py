@@ -140,8 +140,7 @@ def test_ambient_rays_from_the_sky(backend):
 
 
 def test_dim_light_throws_shadows_too(backend):
-    """Units of radiance do not matter: a thousandth of the light at a thousand times the exposure
-    is the same picture."""
+    """A thousandth of the light at a thousand times the exposure is the same picture."""
     scene = ball(**backend)
     pictures = []
     for k in (1.0, 1000.0):

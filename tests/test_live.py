@@ -61,8 +61,7 @@ class Server:
         self.address = f"igtl://127.0.0.1:{self.socket.getsockname()[1]}"
 
     def serve(self, *parts, between: Callable[[int], object] = lambda n: None) -> threading.Thread:
-        """One connection after the other sends its part of the frames and hangs up; a client that
-        leaves earlier is let go. between: called after each frame with the number sent."""
+        """Each connection sends its part of the frames and hangs up. between: called with the number sent."""
 
         def work():
             for part in parts:

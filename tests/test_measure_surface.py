@@ -31,8 +31,7 @@ def residual(scene: gb.Scene, vertices: np.ndarray) -> np.ndarray:
 
 
 def flat_pool_height(column: np.ndarray, support: float) -> float:
-    """Height in a lattice of spacing 1 whose topmost layer is at 0, at horizontal coordinates: by
-    bisection of the float64 sum over all particles that reach."""
+    """Height of a lattice of spacing 1 above its topmost layer: by bisection of the float64 sum."""
     n = int(np.ceil(support)) + 1
     i = np.arange(-n, n + 1)
     places = np.stack(np.meshgrid(i, i, np.arange(-3 * n, 1), indexing="ij"), -1).reshape(-1, 3)

@@ -75,8 +75,7 @@ def scanned(seed: int) -> gb.ultrasound.Sweep:
 
 @pytest.mark.slow
 def test_against_many_sweeps():
-    """What the trust map predicts holds what 16 sweeps of the phantom show, and is not far
-    above."""
+    """What the trust map predicts holds what 16 sweeps of the phantom show, and is not far above."""
     volumes, distances = [], []
     for seed in range(16):
         sweep = scanned(seed)
