@@ -78,6 +78,13 @@ def by_vtk(path: Path | str) -> Any:
     return reader.GetOutput()
 
 
+def vtk_write(writer: Any, path: Path | str, data: Any) -> None:
+    """Write a data set by a writer of VTK."""
+    writer.SetFileName(str(path))
+    writer.SetInputData(data)
+    assert writer.Write()
+
+
 def structured_points(binary: bool = True) -> bytes:
     """A legacy VTK file of 4 x 3 x 2 values 0 to 23."""
     values = np.arange(24, dtype=">i2")

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import tomli_w
 from cli_helpers import cube
-from format_helpers import sample, structured_points
+from format_helpers import sample, structured_points, vtk_write
 from globule import formats
 from globule.cli.shared import UserError
 from globule.cli.state import read_state
@@ -139,10 +139,8 @@ def _packed_vtk() -> None:
     cloud["mass"] = np.arange(20.0)
     for how in ("LZ4", "LZMA"):
         writer = vtk.vtkXMLPolyDataWriter()
-        writer.SetInputData(cloud)
         getattr(writer, f"SetCompressorTypeTo{how}")()
-        writer.SetFileName(f"{how}.vtp")
-        writer.Write()
+        vtk_write(writer, f"{how}.vtp", cloud)
 
 
 def _hdf5() -> list[str]:
@@ -195,10 +193,7 @@ def _vtk_volume(values: np.ndarray) -> None:
     image = vtk.vtkImageData()
     image.SetDimensions(*values.shape[::-1])
     image.GetPointData().SetScalars(numpy_to_vtk(values.ravel(), deep=True))
-    writer = vtk.vtkXMLImageDataWriter()
-    writer.SetFileName("zlib.vti")
-    writer.SetInputData(image)
-    writer.Write()
+    vtk_write(vtk.vtkXMLImageDataWriter(), "zlib.vti", image)
 
 
 def _dicom() -> list[str]:

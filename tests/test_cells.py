@@ -7,7 +7,7 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import run_json
-from format_helpers import by_vtk
+from format_helpers import by_vtk, vtk_write
 from globule.formats import read_contents
 from globule.formats.frames import FrameOf
 from globule.formats.triangles import has_faces
@@ -319,7 +319,7 @@ def test_areas_of_vtk(tmp_path, name):
     measured.Update()
     for ending, mode in (("vtu", "Ascii"), ("vtu", "Binary"), ("vtu", "Appended"), ("vtk", 42),
                          ("vtk", 51)):  # fmt: skip
-        path = str(tmp_path / f"a.{ending}")
+        path = tmp_path / f"a.{ending}"
         if ending == "vtu":
             writer = vtk.vtkXMLUnstructuredGridWriter()
             getattr(writer, f"SetDataModeTo{mode}")()
@@ -327,9 +327,7 @@ def test_areas_of_vtk(tmp_path, name):
             writer = vtk.vtkUnstructuredGridWriter()
             writer.SetFileVersion(mode)
             writer.SetFileTypeToBinary()
-        writer.SetFileName(path)
-        writer.SetInputData(grid)
-        writer.Write()
+        vtk_write(writer, path, grid)
         assert area(gb.Mesh(path)) == pytest.approx(measured.GetSurfaceArea(), rel=1e-6)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from format_helpers import vtk_write
 from globule.formats import FormatError, read_contents
 
 N = 30
@@ -244,16 +245,11 @@ def test_blocks_and_pieces_by_vtk(tmp_path):
     blocks.SetBlock(0, vtk_cloud())
     blocks.SetBlock(2, vtk_cloud())  # block 1 is empty
     blocks.GetMetaData(1).Set(vtk.vtkCompositeDataSet.NAME(), "none")
-    writer = vtk.vtkXMLMultiBlockDataWriter()
-    writer.SetFileName(str(tmp_path / "a.vtm"))
-    writer.SetInputData(blocks)
-    writer.Write()
+    vtk_write(vtk.vtkXMLMultiBlockDataWriter(), tmp_path / "a.vtm", blocks)
     assert len(gb.read(tmp_path / "a.vtm")) == 2 * N
     writer = vtk.vtkXMLPPolyDataWriter()
-    writer.SetFileName(str(tmp_path / "b.pvtp"))
-    writer.SetInputData(vtk_cloud())
     writer.SetNumberOfPieces(1)
-    writer.Write()
+    vtk_write(writer, tmp_path / "b.pvtp", vtk_cloud())
     particles = gb.read(tmp_path / "b.pvtp")
     assert close(particles.positions, INSIDE)
     assert close(particles.attributes["mass"], np.arange(N) + 0.5)

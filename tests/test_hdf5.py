@@ -8,6 +8,7 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import refused, run_json
+from format_helpers import vtk_write
 from globule import cli
 from globule.formats import FormatError, hdf5, read_contents
 from globule.formats.frames import FrameOf
@@ -169,35 +170,29 @@ def test_pysph(tmp_path):
 def test_openpmd(tmp_path, constant_offset):
     openpmd = pytest.importorskip("openpmd_api")
     series = openpmd.Series(str(tmp_path / "run.h5"), openpmd.Access.create)
-    offsets = np.arange(N, dtype=np.float64)
+    offsets = np.arange(N, dtype=np.float64)[:, None] * np.ones(3)
     for i in (5, 40):
         iteration = series.iterations[i]
         iteration.time, iteration.time_unit_SI = float(i), 1e-15
         electrons = iteration.particles["electrons"]
         dataset = openpmd.Dataset(np.dtype(np.float64), [N])
-        for k, axis in enumerate("xyz"):
-            component = electrons["position"][axis]
-            component.reset_dataset(dataset)
-            component.unit_SI = 1e-6
-            component.store_chunk(np.ascontiguousarray(POSITIONS[:, k] + i))
-            moved = electrons["positionOffset"][axis]
-            moved.reset_dataset(dataset)
-            moved.unit_SI = 1e-6
-            if constant_offset:
-                moved.make_constant(100.0)
-            else:
-                moved.store_chunk(offsets)
-            speed = electrons["momentum"][axis]
-            speed.reset_dataset(dataset)
-            speed.unit_SI = 2.0
-            speed.store_chunk(np.ascontiguousarray(VELOCITY[:, k].astype(float)))
+        records = {"position": (1e-6, POSITIONS + i), "positionOffset": (1e-6, offsets), "momentum": (2.0, VELOCITY)}
+        for name, (unit, values) in records.items():
+            for axis, column in zip("xyz", np.float64(values).T, strict=True):
+                component = electrons[name][axis]
+                component.reset_dataset(dataset)
+                component.unit_SI = unit
+                if name == "positionOffset" and constant_offset:
+                    component.make_constant(100.0)
+                else:
+                    component.store_chunk(np.ascontiguousarray(column))
         weighting = electrons["weighting"][openpmd.Record_Component.SCALAR]
         weighting.reset_dataset(dataset)
         weighting.store_chunk(MASS)
         series.flush()
     series.close()
     got = read_contents(tmp_path / "run.h5", frame=1, species="electrons")
-    moved = 100.0 if constant_offset else offsets[:, None]
+    moved = 100.0 if constant_offset else offsets
     assert np.allclose(got.particles.positions, 1e-6 * (POSITIONS + 40 + moved), rtol=1e-6)
     assert np.allclose(got.particles.attributes["momentum"], 2 * VELOCITY)
     assert np.array_equal(got.particles.attributes["weighting"], MASS)
@@ -217,10 +212,7 @@ def test_vtkhdf_by_vtk(tmp_path):
     speed = numpy_to_vtk(VELOCITY, deep=True)
     speed.SetName("velocity")
     cloud.GetPointData().AddArray(speed)
-    writer = vtk.vtkHDFWriter()
-    writer.SetFileName(str(tmp_path / "cloud.vtkhdf"))
-    writer.SetInputData(cloud)
-    writer.Write()
+    vtk_write(vtk.vtkHDFWriter(), tmp_path / "cloud.vtkhdf", cloud)
     particles = gb.read(tmp_path / "cloud.vtkhdf")
     assert np.array_equal(particles.positions, POSITIONS.astype(np.float32))
     assert np.array_equal(particles.attributes["velocity"], VELOCITY)
@@ -306,10 +298,7 @@ def test_meshes_by_vtks_hdf_writer(tmp_path):
     sphere = vtk.vtkSphereSource()
     for source, expected in ((grid, 2 * (6 + 8 + 12)), (sphere, None)):
         source.Update()
-        writer = vtk.vtkHDFWriter()
-        writer.SetFileName(str(tmp_path / "a.vtkhdf"))
-        writer.SetInputData(source.GetOutput())
-        writer.Write()
+        vtk_write(vtk.vtkHDFWriter(), tmp_path / "a.vtkhdf", source.GetOutput())
         if expected is None:
             mass = vtk.vtkMassProperties()
             mass.SetInputData(source.GetOutput())

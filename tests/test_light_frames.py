@@ -235,22 +235,18 @@ def test_waves_meet_what_the_oracle_meets(backend, name, octree):
 @pytest.mark.parametrize("kind", ["none", "one", "NaN", "all NaN", "negative", "mixed", "coincident", "64-bit keys"])
 def test_hard_particles_under_all_lights(backend, kind, octree):
     options = {"octree": octree, "threshold": 0.5}
-    if kind == "none":
-        p = gb.Particles(np.zeros((0, 3)), support=0.5)
-    elif kind == "one":
-        p = gb.Particles(np.zeros((1, 3)), support=0.8, reflection=0.2, refraction=0.7)
-    elif kind == "negative":
-        p = busy(200, weight=np.random.default_rng(2).uniform(-1, 1, 200))
-    elif kind == "mixed":
-        p = busy(200, support=0.5 * 10 ** np.random.default_rng(3).uniform(-2.3, 0, 200))
-    elif kind == "coincident":
-        p = dataclasses.replace(busy(200), positions=np.repeat(cloud(4, 1), 50, 0))
-    else:
-        p = busy(200)
-        if kind == "64-bit keys":
-            options["key_bits"] = 64 if octree == "sparse" else 32
-        else:
-            p.positions[:: 1 if kind == "all NaN" else 3] = np.nan
+    rng = np.random.default_rng(3)
+    p = {
+        "none": lambda: gb.Particles(np.zeros((0, 3)), support=0.5),
+        "one": lambda: gb.Particles(np.zeros((1, 3)), support=0.8, reflection=0.2, refraction=0.7),
+        "negative": lambda: busy(200, weight=rng.uniform(-1, 1, 200)),
+        "mixed": lambda: busy(200, support=0.5 * 10 ** rng.uniform(-2.3, 0, 200)),
+        "coincident": lambda: busy(200, positions=np.repeat(cloud(4, 1), 50, 0)),
+    }.get(kind, lambda: busy(200))()
+    if kind == "64-bit keys":
+        options["key_bits"] = 64 if octree == "sparse" else 32
+    if "NaN" in kind:
+        p.positions[:: 1 if kind == "all NaN" else 3] = np.nan
     scene, size = gb.Scene(p, **options, **backend), (24, 18)
     frame = look(scene, size).refine(1)
     assert np.isfinite(frame.color).all()
