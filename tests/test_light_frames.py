@@ -304,3 +304,49 @@ def test_picking_on_a_cut_face(backend):
         found = frame.pick(column, row)
         assert found.position[2] == pytest.approx(0.1, abs=1e-5)
         assert found.particle == np.argmin(np.linalg.norm(p - found.position, axis=1))
+
+
+# Cells are made where rays can come: behind full ones only for light, cuts and eyes inside.
+
+WIDE = (96, 72)
+OUTSIDE = gb.Camera((70.0, 55.0, 90.0), (0.0, 0.0, 0.0))
+SHADOWS = {"shadows": True}
+WATER = gb.Material(transmission=1.0, index=1.33)
+
+
+@pytest.fixture(scope="module")
+def bubble():
+    """A block with a bubble that no ray from outside can reach; spacing 1."""
+    at = np.arange(-18.0, 19.0)
+    points = np.stack(np.meshgrid(at, at, at), axis=-1).reshape(-1, 3)
+    return points[np.linalg.norm(points, axis=1) > 7].astype(np.float32)
+
+
+def scene_of(points, backend):
+    return gb.Scene(points, support=2.0, threshold=0.6, **backend)
+
+
+OUT_OF_REACH = {
+    "light goes inside": (OUTSIDE, {"settings": {"material": WATER, "bounces": 4}}),
+    "a cut opens it": (OUTSIDE, {"settings": SHADOWS, "clips": [gb.ClipPlane((1, 0, 0), 0.0)]}),
+    "the eye is inside": (gb.Camera((0, 0, 0), (1, 0.3, 0.2)), {"settings": SHADOWS}),
+    "from a plane": (gb.Camera((0, 0, 60), (0, 0, 0), (0, 1, 0), height=50), {"settings": SHADOWS}),
+}
+
+
+@pytest.mark.few_backends
+@pytest.mark.parametrize("case", OUT_OF_REACH)
+def test_what_was_out_of_reach_is_made_when_it_is_not(bubble, backend, case):
+    camera, how = OUT_OF_REACH[case]
+    fresh = gb.render(scene_of(bubble, backend), camera, WIDE, **how)
+    scene = scene_of(bubble, backend)
+    before = gb.render(scene, OUTSIDE, WIDE, settings=SHADOWS)
+    after = gb.render(scene, camera, WIDE, **how)
+    assert before.mask.any()
+    assert after.mask.any()
+    if case == "the eye is inside":  # it sees the bubble's wall
+        assert np.abs(after.distance - 6.7).max() < 1.0
+    np.testing.assert_array_equal(after.image, fresh.image)
+    np.testing.assert_array_equal(after.distance, fresh.distance)
+    again = gb.render(scene, OUTSIDE, WIDE, settings=SHADOWS)
+    np.testing.assert_array_equal(again.image, before.image)
