@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from format_helpers import naming
 from test_formats_simulators import INSIDE, bi4
 
 STEP = 0.1
@@ -257,21 +258,9 @@ def parts(path: Path, ending: str) -> list[str]:
     return [f"part_{k}.{ending}" for k in (0, 1)]
 
 
-def pieces(path: Path) -> None:
-    what = {".pvtp": "PPolyData", ".pvtu": "PUnstructuredGrid"}[path.suffix]
-    body = "".join(f'<Piece Source="{name}"/>' for name in parts(path, path.suffix[2:]))
-    path.write_text(xml(what, f"<{what}>{body}</{what}>"), encoding="utf-8")
-
-
-kind("pieces of PolyData", "a.pvtp")(pieces)
-kind("pieces of UnstructuredGrid", "a.pvtu")(pieces)
-
-
-@kind("blocks of ParaView", "a.vtm")
-def _(path: Path) -> None:
-    sets = "".join(f'<DataSet index="{i}" file="{f}"/>' for i, f in enumerate(parts(path, "vtp")))
-    body = f"<vtkMultiBlockDataSet>{sets}</vtkMultiBlockDataSet>"
-    path.write_text(xml("vtkMultiBlockDataSet", body), encoding="utf-8")
+kind("pieces of PolyData", "a.pvtp")(lambda path: naming("PPolyData", path, *parts(path, "vtp")))
+kind("pieces of UnstructuredGrid", "a.pvtu")(lambda path: naming("PUnstructuredGrid", path, *parts(path, "vtu")))
+kind("blocks of ParaView", "a.vtm")(lambda path: naming("vtkMultiBlockDataSet", path, *parts(path, "vtp")))
 
 
 def _two_frames(path: Path) -> list[str]:
@@ -282,10 +271,7 @@ def _two_frames(path: Path) -> list[str]:
     return names
 
 
-@kind("ParaView collection", "a.pvd", frames=2)
-def _(path: Path) -> None:
-    sets = "".join(f'<DataSet timestep="{k}" file="{f}"/>' for k, f in enumerate(_two_frames(path)))
-    path.write_text(xml("Collection", f"<Collection>{sets}</Collection>"), encoding="utf-8")
+kind("ParaView collection", "a.pvd", frames=2)(lambda path: naming("Collection", path, *_two_frames(path)))
 
 
 @kind("ParaView file series", "a.vtp.series", frames=2)

@@ -78,6 +78,15 @@ def by_vtk(path: Path | str) -> Any:
     return reader.GetOutput()
 
 
+def naming(what: str, path: Path, *files: str) -> Path:
+    """A file of VTK that names others, such as a Collection."""
+    parts = "".join(f'<DataSet index="{i}" timestep="{i}" file="{file}"/>' for i, file in enumerate(files))
+    if what[0] == "P":
+        parts = "".join(f'<Piece Source="{file}"/>' for file in files)
+    path.write_text(f'<VTKFile type="{what}" version="0.1"><{what}>{parts}</{what}></VTKFile>', encoding="utf-8")
+    return path
+
+
 def vtk_write(writer: Any, path: Path | str, data: Any) -> None:
     """Write a data set by a writer of VTK."""
     writer.SetFileName(str(path))

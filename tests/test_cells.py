@@ -2,12 +2,13 @@
 
 import json
 import re
+from functools import partial
 
 import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import run_json
-from format_helpers import by_vtk, vtk_write
+from format_helpers import by_vtk, naming, vtk_write
 from globule.formats import read_contents
 from globule.formats.frames import FrameOf
 from globule.formats.triangles import has_faces
@@ -63,27 +64,9 @@ def vtk(path, points, cells, types, more=""):
     return path
 
 
-def pieces(path, *names):
-    parts = "".join(f'<Piece Source="{name}"/>' for name in names)
-    path.write_text(
-        f'<VTKFile type="PUnstructuredGrid" version="0.1"><PUnstructuredGrid>{parts}</PUnstructuredGrid></VTKFile>'
-    )
-    return path
-
-
-def blocks(path, *names):
-    parts = "".join(f'<DataSet index="{i}" file="{name}"/>' for i, name in enumerate(names))
-    path.write_text(
-        f'<VTKFile type="vtkMultiBlockDataSet" version="1.0"><vtkMultiBlockDataSet>{parts}'
-        "</vtkMultiBlockDataSet></VTKFile>"
-    )
-    return path
-
-
-def collection(path, *names):
-    parts = "".join(f'<DataSet timestep="{i}" file="{name}"/>' for i, name in enumerate(names))
-    path.write_text(f'<VTKFile type="Collection"><Collection>{parts}</Collection></VTKFile>')
-    return path
+pieces = partial(naming, "PUnstructuredGrid")
+blocks = partial(naming, "vtkMultiBlockDataSet")
+collection = partial(naming, "Collection")
 
 
 @pytest.mark.parametrize("write", [vtu, vtk])

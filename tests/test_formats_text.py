@@ -13,6 +13,7 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import SMALL
+from format_helpers import naming
 from globule.cli import main
 from globule.formats import FormatError, kind_of, packed, read_contents, size
 from globule.formats.frames import FrameOf
@@ -83,33 +84,25 @@ def test_several_members_and_padding(ending):
 @packers
 def test_packed_hdf5_mesh_volume_and_collection(ending):
     h5py = pytest.importorskip("h5py")
-    pack = PACKERS[ending]
+    pytest.importorskip("trimesh")
+    values = RNG.random((3, 4, 5)).astype(np.float32)
     with h5py.File("a.h5", "w") as file:
         file["positions"] = X
-    Path("a.h5" + ending).write_bytes(pack(Path("a.h5").read_bytes()))
-    assert_places("a.h5" + ending)
-
-    Path("a.obj" + ending).write_bytes(pack(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"))
-    pytest.importorskip("trimesh")
-    assert gb.Mesh("a.obj" + ending, device="cpu").bounds()[1][0] == 1
-
-    values = RNG.random((3, 4, 5)).astype(np.float32)
+    Path("a.obj").write_bytes(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     gb.volumes.write_volume("a.nrrd", gb.volumes.Volume(values, np.eye(4)))
-    Path("a.nrrd" + ending).write_bytes(pack(Path("a.nrrd").read_bytes()))
-    assert np.array_equal(gb.volumes.read_volume("a.nrrd" + ending).values, values)
-
     written("part.vtp")
-    Path("part.vtp" + ending).write_bytes(pack(Path("part.vtp").read_bytes()))
-    sets = f"<DataSet timestep='1' file='part.vtp{ending}'/>"
-    text = f"<VTKFile type='Collection'><Collection>{sets}</Collection></VTKFile>"
-    Path("a.pvd" + ending).write_bytes(pack(text.encode()))
-    assert_places("a.pvd" + ending)  # the packed one names a packed one beside it
+    naming("Collection", Path("a.pvd"), f"part.vtp{ending}")  # the packed one names a packed one beside it
+    for name in ("a.h5", "a.obj", "a.nrrd", "part.vtp", "a.pvd"):
+        Path(name + ending).write_bytes(PACKERS[ending](Path(name).read_bytes()))
+    assert_places("a.h5" + ending)
+    assert gb.Mesh("a.obj" + ending, device="cpu").bounds()[1][0] == 1
+    assert np.array_equal(gb.volumes.read_volume("a.nrrd" + ending).values, values)
+    assert_places("a.pvd" + ending)
 
 
 def collection(path: str, *files: str) -> None:
-    sets = "".join(f"<DataSet timestep='{i}' file='{file}'/>" for i, file in enumerate(files))
-    text = f"<VTKFile type='Collection'><Collection>{sets}</Collection></VTKFile>"
-    Path(path).write_bytes(gzip.compress(text.encode()))
+    plain = naming("Collection", Path("plain.pvd"), *files)
+    Path(path).write_bytes(gzip.compress(plain.read_bytes()))
 
 
 def test_packed_frames_of_meshes(capsys):
