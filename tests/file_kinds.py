@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from format_helpers import naming
+from format_helpers import naming, vtu
 from test_formats_simulators import INSIDE, bi4
 
 STEP = 0.1
@@ -229,21 +229,16 @@ def polydata(x: np.ndarray, data: str = "") -> str:
     return xml("PolyData", f"<PolyData>{piece}</PolyData>")
 
 
-def grid(x: np.ndarray, data: str = "") -> str:
-    n = len(x)
-    cells = array("connectivity", np.arange(n)) + array("offsets", np.arange(1, n + 1))
-    cells += array("types", np.ones(n, "u1"))
-    points = f"<Points>{array('Points', x.astype('f4'))}</Points><Cells>{cells}</Cells>{data}"
-    piece = f'<Piece NumberOfPoints="{n}" NumberOfCells="{n}">{points}</Piece>'
-    return xml("UnstructuredGrid", f"<UnstructuredGrid>{piece}</UnstructuredGrid>")
+def grid(path: Path, x: np.ndarray, data: str = "") -> Path:
+    return vtu(path, x, [[i] for i in range(len(x))], [1] * len(x), data)
 
 
 text("SPHinXsys PolyData", "a.vtp", polydata(X))
-text("UnstructuredGrid of vertices", "a.vtu", grid(X))
+kind("UnstructuredGrid of vertices", "a.vtu")(lambda path: grid(path, X))
 _GHOSTS = np.array([0] * N + [1] * 5, "u1")
-_GHOSTLY, _MARKED = np.r_[X, X[:5]], f"<PointData>{array('vtkGhostType', _GHOSTS)}</PointData>"
-text("ghost points of UnstructuredGrid", "a.vtu", grid(_GHOSTLY, _MARKED), ghosts=True)
-text("ghost points of PolyData", "a.vtp", polydata(_GHOSTLY, _MARKED), ghosts=True)
+_GHOSTLY, _MARKED = np.r_[X, X[:5]], array("vtkGhostType", _GHOSTS)
+kind("ghost points of UnstructuredGrid", "a.vtu", ghosts=True)(lambda path: grid(path, _GHOSTLY, _MARKED))
+text("ghost points of PolyData", "a.vtp", polydata(_GHOSTLY, f"<PointData>{_MARKED}</PointData>"), ghosts=True)
 text("ghost points of legacy VTK", "a.vtk",
      f"# vtk DataFile Version 3.0\nghosts\nASCII\nDATASET POLYDATA\nPOINTS {N + 5} float\n"
      f"{rows(_GHOSTLY)}POINT_DATA {N + 5}\nSCALARS vtkGhostType unsigned_char 1\n"
@@ -252,10 +247,13 @@ text("ghost points of legacy VTK", "a.vtk",
 
 def parts(path: Path, ending: str) -> list[str]:
     """The two halves of the fluid, beside a file."""
-    made = polydata if ending == "vtp" else grid
-    for k in (0, 1):
-        path.with_name(f"part_{k}.{ending}").write_text(made(X[k::2]), encoding="utf-8")
-    return [f"part_{k}.{ending}" for k in (0, 1)]
+    names = [f"part_{k}.{ending}" for k in (0, 1)]
+    for k, name in enumerate(names):
+        if ending == "vtp":
+            path.with_name(name).write_text(polydata(X[k::2]), encoding="utf-8")
+        else:
+            grid(path.with_name(name), X[k::2])
+    return names
 
 
 kind("pieces of PolyData", "a.pvtp")(lambda path: naming("PPolyData", path, *parts(path, "vtp")))
@@ -566,11 +564,7 @@ text("polygons of ParaView", "a.vtp",
          f'{array("Points", _CORNERS)}</Points><Polys>{array("connectivity", _QUADS.ravel())}'
          f'{array("offsets", 4 * np.arange(1, 7))}</Polys></Piece></PolyData>'),
      **cube())  # fmt: skip
-text("hexahedron of meshio", "a.vtu",
-     xml("UnstructuredGrid", '<UnstructuredGrid><Piece NumberOfPoints="8" NumberOfCells="1">'
-         f'<Points>{array("Points", _CORNERS)}</Points><Cells>{array("connectivity", _HEXAHEDRON)}'
-         f'{array("offsets", np.array([8]))}{array("types", np.array([12], "u1"))}</Cells></Piece>'
-         "</UnstructuredGrid>"), **cube())  # fmt: skip
+kind("hexahedron of meshio", "a.vtu", **cube())(lambda path: vtu(path, _CORNERS, [_HEXAHEDRON], [12]))
 text("XDMF of meshio", "a.xdmf",
      '<Xdmf Version="3.0"><Domain><Grid><Geometry GeometryType="XYZ"><DataItem DataType="Float" '
      f'Dimensions="8 3" Format="XML">{rows(_CORNERS)}</DataItem></Geometry><Topology TopologyType='

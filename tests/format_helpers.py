@@ -120,3 +120,38 @@ def write_extxyz(path: str, *frames: np.ndarray) -> None:
         for x in frames:
             file.write(f'{len(x)}\nLattice="1 0 0 0 1 0 0 0 2" pbc="T T F" Properties=species:S:1:pos:R:3\n')
             file.writelines(f"H {a:.9g} {b:.9g} {c:.9g}\n" for a, b, c in x)
+
+
+def words(values) -> str:
+    return " ".join(str(v) for v in np.ravel(values))
+
+
+def data_array(name: str, kind: str, values, components: int = 1) -> str:
+    head = f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii">'
+    return f"{head}{words(values)}</DataArray>"
+
+
+def vtu(path, points, cells, types, point_data="", cell_data="", more=""):
+    corners = [i for cell in cells for i in cell]
+    ends = np.cumsum([len(cell) for cell in cells])
+    path.write_text(
+        '<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian">'
+        f'<UnstructuredGrid><Piece NumberOfPoints="{len(points)}" NumberOfCells="{len(cells)}">'
+        f"<Points>{data_array('P', 'Float64', points, 3)}</Points>"
+        f"<Cells>{data_array('connectivity', 'Int64', corners)}"
+        f"{data_array('offsets', 'Int64', ends)}{data_array('types', 'UInt8', types)}{more}</Cells>"
+        f"<PointData>{point_data}</PointData><CellData>{cell_data}</CellData>"
+        "</Piece></UnstructuredGrid></VTKFile>"
+    )
+    return path
+
+
+def vtk(path, points, cells, types, more=""):
+    rows = "\n".join(f"{len(cell)} {words(cell)}" for cell in cells)
+    n = sum(1 + len(cell) for cell in cells)
+    path.write_text(
+        "# vtk DataFile Version 3.0\ncells\nASCII\nDATASET UNSTRUCTURED_GRID\n"
+        f"POINTS {len(points)} double\n{words(points)}\nCELLS {len(cells)} {n}\n{rows}\n"
+        f"CELL_TYPES {len(cells)}\n{words(types)}\n{more}"
+    )
+    return path
