@@ -1,6 +1,7 @@
 """What is upwards in a file, and what lies across the periodic faces of its box."""
 
 import json
+from pathlib import Path
 
 import globule as gb
 import numpy as np
@@ -222,10 +223,8 @@ def test_npz_keeps_up_and_names(capsys):
     assert up_of("a.npz") == (Z_UP, "the file says so")
     np.savez("plain.npz", positions=x)
     assert (gb.read("plain.npz").up, up_of("plain.npz")) == (UP, (UP, "the default"))
-    with open("a.npz", "rb") as file:
-        data = file.read()
+    data = Path("a.npz").read_bytes()
     for other in (b'[1, {"up"', b'{"up": [0, 0, 0], "n"', b'{"up": [0, 0, {}], "'):  # of the same length
         place = data.rindex(b'{"up": [0')
-        with open("b.npz", "wb") as file:
-            file.write(data[:place] + other + data[place + len(other) :])
+        Path("b.npz").write_bytes(data[:place] + other + data[place + len(other) :])
         assert gb.read("b.npz").up == UP

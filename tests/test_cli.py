@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 
 import globule as gb
 import numpy as np
@@ -65,10 +66,9 @@ def test_interrupted(particles, folder, by):
 
 @pytest.mark.parametrize(("script", "by"), [(False, signal.SIGINT), (True, signal.SIGINT), (True, signal.SIGTERM)])
 def test_interrupted_while_it_loads(folder, script, by):
-    with open("numpy.py", "w", encoding="utf-8") as file:
-        file.write("import signal\nprint('loading', flush=True)\nsignal.pause()\n")
-    with open("globule", "w", encoding="utf-8") as file:  # as pip makes it
-        file.write("import sys\nfrom globule.__main__ import main\nsys.exit(main())\n")
+    Path("numpy.py").write_text("import signal\nprint('loading', flush=True)\nsignal.pause()\n", encoding="utf-8")
+    # As pip makes it.
+    Path("globule").write_text("import sys\nfrom globule.__main__ import main\nsys.exit(main())\n", encoding="utf-8")
     path = os.pathsep.join([os.getcwd(), os.path.dirname(os.path.dirname(gb.__file__))])
     process = subprocess.Popen(
         [sys.executable, "globule", "demo"] if script else [*COMMAND, "demo"],

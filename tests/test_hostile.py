@@ -6,6 +6,7 @@ import os
 import pickle
 import struct
 import zipfile
+from pathlib import Path
 
 import globule as gb
 import numpy as np
@@ -115,32 +116,27 @@ def test_pipes_and_devices_are_refused_at_once(reader):
 
 def test_data_beside_a_header_that_is_no_file():
     gb.volumes.write_volume("v.mha", gb.volumes.Volume(np.zeros((2, 2, 2), np.uint8), np.eye(4)))
-    with open("v.mha", "rb") as file:
-        head = file.read().partition(b"ElementDataFile")[0]
+    head = Path("v.mha").read_bytes().partition(b"ElementDataFile")[0]
     os.mkfifo("pipe")
     os.mkdir("d")
     for name in (b"pipe", b"d", b"none", b"a\0b"):
-        with open("v.mhd", "wb") as file:
-            file.write(head + b"ElementDataFile = " + name + b"\n")
+        Path("v.mhd").write_bytes(head + b"ElementDataFile = " + name + b"\n")
         with pytest.raises(FormatError, match="ElementDataFile"):
             gb.volumes.read_volume("v.mhd")
 
 
 def test_a_picture_s_damage_is_a_format_error():
     gb.save_png("a.png", np.zeros((8, 16, 3), np.uint8))
-    with open("a.png", "rb") as file:
-        content = file.read()
+    content = Path("a.png").read_bytes()
     for place, number in ((8, 5), (16, 2**31 - 1)):
         damaged = content[:place] + struct.pack(">I", number) + content[place + 4 :]
-        with open("b.png", "wb") as file:
-            file.write(damaged)
+        Path("b.png").write_bytes(damaged)
         with pytest.raises(FormatError, match=r"b\.png: "):
             gb.Environment("b.png")
 
 
 def test_an_obj_whose_vertex_lacks_a_number(caplog):
-    with open("a.obj", "w", encoding="utf-8") as file:
-        file.write("v 0 0 0\nv  0 0\nv 0 1 0\nf 1 2 3\n")
+    Path("a.obj").write_text("v 0 0 0\nv  0 0\nv 0 1 0\nf 1 2 3\n", encoding="utf-8")
     with pytest.raises(FormatError, match=r"a\.obj: "):
         gb.read("a.obj")
     assert logging.getLogger("trimesh").handlers  # else Python prints what trimesh logs
@@ -154,8 +150,7 @@ def test_a_dicom_file_that_says_it_is_larger_than_its_bytes():
     for tag in (b"\x28\0\x10\0\2\0\0\0", b"\x28\0\x11\0\2\0\0\0"):
         at = content.index(tag) + len(tag)
         content[at : at + 2] = b"\xff\xff"
-    with open("a.dcm", "wb") as file:
-        file.write(content)
+    Path("a.dcm").write_bytes(content)
     for reader in (gb.volumes.read_volume, gb.ultrasound.read_sweep):
         with pytest.raises(FormatError) as error:
             reader("a.dcm")
@@ -170,10 +165,8 @@ def test_a_name_of_two_lines_stays_one_line():
 
 
 def test_endless_nesting_is_no_crash():
-    with open("deep.toml", "w", encoding="utf-8") as file:
-        file.write("a = " + "[" * 5000)
-    with open("deep.json", "w", encoding="utf-8") as file:
-        file.write("[" * 100_000)
+    Path("deep.toml").write_text("a = " + "[" * 5000, encoding="utf-8")
+    Path("deep.json").write_text("[" * 100_000, encoding="utf-8")
     assert kind_of("deep.toml").kind == "scene"
     for call in (
         lambda: gb.Simulation("deep.toml", device="cpu"),
@@ -191,8 +184,7 @@ def test_random_bytes_are_of_some_kind_or_refused():
     refusals = []
     kinds = {"particles", "mesh", "volume", "sweep", "picture", "scene"}
     for i in range(800):
-        with open("f", "wb") as file:
-            file.write(starts[i % len(starts)] + rng.bytes(int(rng.integers(0, 300))))
+        Path("f").write_bytes(starts[i % len(starts)] + rng.bytes(int(rng.integers(0, 300))))
         try:
             assert kind_of("f").kind in kinds
         except FormatError as error:
@@ -214,8 +206,7 @@ def test_state_files(capsys):
         (b"a = " + b"[" * 5000, "expected fewer tables and lists inside each other"),
         (b"a = " + b"9" * 5000, "digits"),
     ):
-        with open("s.toml", "wb") as file:
-            file.write(content)
+        Path("s.toml").write_bytes(content)
         assert message in refused(capsys, *words, "s.toml")
     assert "none.toml: cannot be read" in refused(capsys, *words, "none.toml")
 

@@ -1,6 +1,7 @@
 """What a file holds is found in its content: endings may be wrong or missing."""
 
 import shutil
+from pathlib import Path
 
 import globule as gb
 import numpy as np
@@ -94,8 +95,7 @@ def test_content_without_an_ending():
         (bytes(128) + b"DICM", ("sweep", "dicom")),
         (b"MM\0*", ("picture", "tiff")),
     ):
-        with open("file", "wb") as file:
-            file.write(content if isinstance(content, bytes) else content.encode())
+        Path("file").write_bytes(content if isinstance(content, bytes) else content.encode())
         assert kind_of("file") == kind
 
 
@@ -109,14 +109,12 @@ def test_pictures(form):
 
 def test_endings_break_ties_only():
     """Nine columns after a count are text, or an .xyz with such a title; what nobody knows is the ending's."""
-    with open("a.xyz", "w", encoding="utf-8") as file:
-        file.write("1\n1 2 3 4 5 6 7 8 9\n0 0 0\n")
+    Path("a.xyz").write_text("1\n1 2 3 4 5 6 7 8 9\n0 0 0\n", encoding="utf-8")
     assert kind_of("a.xyz").format == "xyz"
     shutil.copy("a.xyz", "a")
     assert kind_of("a").format == "text"
     for name in ("a.npz", "a.mha", "a.ply", "a.vtu"):
-        with open(name, "wb") as file:
-            file.write(b"PK\3\4 cut off")
+        Path(name).write_bytes(b"PK\3\4 cut off")
         assert kind_of(name).format in ("npz", "metaimage", "ply", "vtu")
     assert kind_of("a.npz", "volume") == ("volume", "npz")
     assert kind_of("a.npz").kind == "particles"
@@ -124,8 +122,7 @@ def test_endings_break_ties_only():
 
 @pytest.mark.parametrize("content", [b"", b"\0\1\2\3" * 99, b"dear reader,\nnumbers: none\n", b"<html>"])
 def test_what_nobody_knows(content):
-    with open("letter", "wb") as file:
-        file.write(content)
+    Path("letter").write_bytes(content)
     for reader in (gb.read, gb.volumes.read_volume, gb.ultrasound.read_sweep):
         with pytest.raises(FormatError, match=r"letter: expected .*, got data of no known format"):
             reader("letter")
@@ -135,7 +132,6 @@ def test_what_nobody_knows(content):
 
 def test_meshes_by_content():
     pytest.importorskip("trimesh")
-    with open("a.ply", "w", encoding="utf-8") as file:
-        file.write(OBJ)
+    Path("a.ply").write_text(OBJ, encoding="utf-8")
     assert len(gb.read("a.ply")) == 3
     assert len(gb.sample_mesh("a.ply", spacing=0.5)) > 3

@@ -1,5 +1,7 @@
 """The color bar in a picture, the color maps behind it, and colors and legends of types and elements."""
 
+from pathlib import Path
+
 import globule as gb
 import numpy as np
 import pytest
@@ -140,8 +142,7 @@ def test_names_choose_the_map(name):
 
 
 def test_names_of_files():
-    with open("a.xyz", "w") as file:
-        file.write("4\n\n" + "".join(f"{w} {x} {y} {z}\n" for w, (x, y, z) in zip("BACA", X, strict=True)))
+    Path("a.xyz").write_text("4\n\n" + "".join(f"{w} {x} {y} {z}\n" for w, (x, y, z) in zip("BACA", X, strict=True)))
     found = gb.read("a.xyz")  # C is an element, A is not
     assert found.names == {"type": {1: "A", 2: "B", 3: "C"}}
     assert kinds_of(found[1:3], "type", "auto") == ((1.0, "A"), (3.0, "C"))
