@@ -170,10 +170,9 @@ def test_convert_sweeps_and_volumes(sweep, capsys):
     assert main(["convert", "v.sparse.npz", "w.nrrd"]) == 0
     assert np.array_equal(read_volume("v.sparse.npz").values, read_volume("w.nrrd").values)
     assert (about["kind"], about["size"]) == ("volume", size)
-    assert main(["convert", "w.nrrd", "w.igs.mha"]) == 2
-    assert main(["convert", "a.igs.nrrd", "w.nii"]) == 2
-    err = capsys.readouterr().err
-    assert err.count("globule: error") == 2
+    capsys.readouterr()
+    refused(capsys, "convert", "w.nrrd", "w.igs.mha")
+    refused(capsys, "convert", "a.igs.nrrd", "w.nii")
 
 
 def test_a_recording_without_calibration(capsys):
@@ -184,8 +183,8 @@ def test_a_recording_without_calibration(capsys):
     assert facts["transforms"] == ["ProbeToTracker", "ReferenceToTracker", "StylusToTracker"]
     assert main(["convert", str(source), "a.igs.nrrd"]) == 0
     assert same(gb.ultrasound.read_sweep(source, plus=plus), gb.ultrasound.read_sweep("a.igs.nrrd", plus=plus))
-    assert main(["convert", "a.igs.nrrd", "a.npz"]) == 2
-    assert "calibration" in capsys.readouterr().err
+    capsys.readouterr()
+    assert "calibration" in refused(capsys, "convert", "a.igs.nrrd", "a.npz")
 
 
 def test_convert_a_volume_to_a_picture_and_with_its_maps(sweep, capsys):
