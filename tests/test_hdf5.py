@@ -275,7 +275,7 @@ def test_cells_of_vtkhdf_are_meshes(tmp_path):
 
 
 def test_damaged_cells_of_vtkhdf(tmp_path):
-    for changed, problem in (
+    cases = [
         ({"Offsets": [0, 8, 0]}, "/VTKHDF/Offsets: expected at least 4 rows, got 3"),
         ({"Offsets": [0, 9, 0, 8, 0, 3, 6]}, "expected offsets from 0 up to"),
         ({"Offsets": [5, 2, 0, 8, 0, 3, 6]}, "expected offsets from 0 up to"),
@@ -283,10 +283,12 @@ def test_damaged_cells_of_vtkhdf(tmp_path):
         ({"NumberOfConnectivityIds": []}, "/VTKHDF/Steps: expected 1 entries, got 0"),
         ({"Connectivity": [*range(8), *range(1, 9), 0, 1, 2, 0, 2, 3]}, "expected indices from 0 to 7, got 1 to 8"),
         ({"Types": np.array([12, 42, 5, 5], np.uint8)}, "expected cells other than polyhedra"),
-    ):
-        vtkhdf_mesh(tmp_path / "a.vtkhdf", **changed)
+    ]
+    for n, (changed, problem) in enumerate(cases):
+        path = tmp_path / f"{n}.vtkhdf"  # HDF5 locks a file until nothing holds its reader
+        vtkhdf_mesh(path, **changed)
         with pytest.raises(gb.FormatError, match=re.escape(problem)):
-            gb.Mesh(tmp_path / "a.vtkhdf")
+            gb.Mesh(path)
 
 
 @pytest.mark.interop
