@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+from typing import Any
 
 import globule as gb
 import numpy as np
@@ -35,6 +36,12 @@ def refused(capsys, *words: str) -> str:
     assert err.count("\n") == 1, err
     assert sorted(os.listdir()) == before
     return err
+
+
+def output_of(capsys, *words: str) -> Any:
+    """What a command that succeeds says: out and err."""
+    assert main([*words]) == 0
+    return capsys.readouterr()
 
 
 def run_json(capsys, *words: str) -> dict:

@@ -13,7 +13,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import COMMAND, SMALL, cube, refused, run_json, volume
+from cli_helpers import COMMAND, SMALL, cube, output_of, refused, run_json, volume
 from globule.cli import COMMANDS, build_parser, convert, info, main, render
 from globule.cli.shared import join_negative
 from PIL import Image
@@ -137,8 +137,7 @@ def test_a_file_that_finds_no_room_is_named(folder):
 
 
 def test_info(particles, capsys):
-    assert main(["info", particles]) == 0
-    out = capsys.readouterr().out
+    out = output_of(capsys, "info", particles).out
     assert "216" in out
     assert "speed: float64 216, 0 to 215" in out
     assert "flow" in out
@@ -163,8 +162,7 @@ def test_info_of_troubled_particles(capsys):
     assert facts["attributes"]["v"]["min"] is None
     assert facts["attributes"]["v"]["nan"] == 3
     for file in ("a.npz", "none.npz"):
-        assert main(["info", file]) == 0
-        assert "particles" in capsys.readouterr().out
+        assert "particles" in output_of(capsys, "info", file).out
 
 
 def test_convert_says_what_is_lost(folder, capsys):
@@ -180,8 +178,7 @@ def test_convert_says_what_is_lost(folder, capsys):
         "b.bgeo": ["t"],
     }
     for output, names in lost.items():
-        assert main(["convert", "a.npz", output]) == 0
-        out, err = capsys.readouterr()
+        out, err = output_of(capsys, "convert", "a.npz", output)
         assert out == f"{output}: 8 particles\n"
         assert [line.split()[2] for line in err.splitlines()] == names
         assert (gb.read(output).positions == p.positions).all()
@@ -196,8 +193,7 @@ def test_convert_mistakes(particles, capsys):
 
 def test_demo_and_what_it_says_to_type_next(folder, capsys, monkeypatch):
     monkeypatch.setattr("globule.cli.demo.SIZE", (128, 98))
-    assert main(["demo"]) == 0
-    out, err = capsys.readouterr()
+    out, err = output_of(capsys, "demo")
     assert out.startswith("demo/splash.png: 128x98 pixels")
     assert err == ""
     assert Image.open("demo/splash.png").size == (128, 98)
@@ -216,8 +212,7 @@ def test_demo_and_what_it_says_to_type_next(folder, capsys, monkeypatch):
 def test_examples_in_the_help_are_commands(capsys):
     names = [module.__name__.rpartition(".")[2] for module in COMMANDS]
     for name in names:
-        assert main([name, "--help-all"]) == 0
-        shown = capsys.readouterr().out
+        shown = output_of(capsys, name, "--help-all").out
         lines = re.findall(r"^  globule (.*)$", shown, re.MULTILINE)
         assert lines
         for line in lines:
@@ -271,15 +266,13 @@ def test_examples_in_the_help_work(module, examples, monkeypatch):
 
 
 def test_help_and_version(capsys):
-    assert main(["--help"]) == 0
-    shown = capsys.readouterr().out
+    shown = output_of(capsys, "--help").out
     titles = ["everyone", "simulation", "tracked ultrasound", "to try it out"]
     places = [shown.index(f"{word}:\n") for word in titles]
     assert places == sorted(places)
     for name, title in (("info", 0), ("simulate", 1), ("calibrate", 2), ("demo", 3)):
         assert places[title] < shown.index(f"\n  {name} ") < [*places, 9999][title + 1]
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"globule {gb.__version__}\n"
+    assert output_of(capsys, "--version").out == f"globule {gb.__version__}\n"
 
 
 def test_a_place_that_cannot_be_written_is_refused_before_the_work(particles, capsys):

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from cli_helpers import refused, run_json
-from globule.cli import build_parser, main
+from cli_helpers import output_of, refused, run_json
+from globule.cli import build_parser
 from globule.cli.shared import UserError
 from waiting import PATIENCE
 
@@ -102,14 +102,12 @@ def test_a_word_that_is_no_value_is_refused_with_the_name_of_the_flag():
 @pytest.mark.parametrize("command", LONG)
 def test_help_fits_on_a_screen_and_help_all_has_all(command, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    assert main([command, "--help"]) == 0
-    short = capsys.readouterr().out
+    short = output_of(capsys, command, "--help").out
     assert short.count("\n") <= 40
     assert max(map(len, short.splitlines())) <= 80
     assert "--help-all" in short
     assert f"\n  globule {command} " in short
-    assert main([command, "--help-all"]) == 0
-    full = capsys.readouterr().out
+    full = output_of(capsys, command, "--help-all").out
     names = {n for c, a in flags() if c == f"globule {command}" for n in a.option_strings}
     assert names > {"--device", "--threads"}
     for name in names:
@@ -131,8 +129,7 @@ def test_bounds_are_two_corners(sweep, capsys):
 @pytest.mark.parametrize("shell", ["bash", "zsh", "tcsh"])
 def test_a_script_for_each_shell(shell, folder, capsys):
     pytest.importorskip("shtab")
-    assert main(["--print-completion", shell]) == 0
-    out, err = capsys.readouterr()
+    out, err = output_of(capsys, "--print-completion", shell)
     assert err == ""
     assert "globule" in out
     assert "reconstruct" in out
@@ -159,8 +156,7 @@ def test_bash(typed, expected, absent, folder, capsys):
     pytest.importorskip("shtab")
     for name in ("splash.npz", "other.npz", "view.toml"):
         (folder / name).write_text("")
-    assert main(["--print-completion", "bash"]) == 0
-    (folder / "completion.bash").write_text(capsys.readouterr().out)
+    (folder / "completion.bash").write_text(output_of(capsys, "--print-completion", "bash").out)
     words = " ".join(f"'{word}'" for word in typed)
     script = f"""
 source completion.bash

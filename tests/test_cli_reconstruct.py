@@ -6,7 +6,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused, run_json
+from cli_helpers import output_of, refused, run_json
 from globule.cli import main
 from globule.ultrasound.calibration import Calibration, write_calibration
 from globule.volumes.files import read_volume
@@ -19,8 +19,7 @@ pytestmark = pytest.mark.usefixtures("folder")
 
 def test_a_volume_and_its_figures(sweep, capsys):
     words = ["reconstruct", "phantom.igs.mha", "-o", "v.npz", "--voxel-size", "1", *CPU]
-    assert main(words) == 0
-    out, err = capsys.readouterr()
+    out, err = output_of(capsys, *words)
     assert re.match(r"v\.npz: .*24 frames.*measured", out, re.DOTALL)
     assert err == ""
     facts = run_json(capsys, *words, "--three-view", "v.png")
@@ -58,8 +57,7 @@ def test_cross_validation(sweep, capsys):
         assert result["n_frames"] == 22
         assert 0.5 < result["coverage"] <= 1
         assert 0 < result["mean_error"] < result["rms_error"] < 60
-    assert main(["reconstruct", *words, "--method", "vvn-om"]) == 0
-    out = capsys.readouterr().out
+    out = output_of(capsys, "reconstruct", *words, "--method", "vvn-om").out
     assert out.count("\n") == 1
     assert "vvn-om" in out
     assert "22 frames left out" in out
@@ -69,8 +67,7 @@ def test_jumping_poses_are_left_out_with_a_warning(sweep, capsys):
     sweep.world_from_image[11, :3, 3] += 60
     gb.ultrasound.write_sweep("jump.npz", sweep)
     words = ["reconstruct", "jump.npz", "-o", "v.npz", "--voxel-size", "2", *CPU]
-    assert main(words) == 0
-    assert "frame 11: the pose jumps by 105 mm" in capsys.readouterr().err
+    assert "frame 11: the pose jumps by 105 mm" in output_of(capsys, *words).err
     assert run_json(capsys, *words)["frames"]["outliers"] == [11]
     assert run_json(capsys, *words, "--keep-outliers")["frames"]["used"] == 24
 
@@ -142,8 +139,7 @@ def test_mistakes_get_one_line(sweep, capsys):
 
 
 def test_info_of_a_sweep(sweep, capsys):
-    assert main(["info", "phantom.igs.mha"]) == 0
-    out = capsys.readouterr().out
+    out = output_of(capsys, "info", "phantom.igs.mha").out
     assert "24 frames of 64x60" in out
     assert "Reference" in out
     facts = run_json(capsys, "info", "phantom.igs.mha")
@@ -154,8 +150,7 @@ def test_info_of_a_sweep(sweep, capsys):
     sweep.world_from_image[10, :3, 3] += 60
     gb.ultrasound.write_sweep("jump.npz", sweep)
     assert run_json(capsys, "info", "jump.npz")["outliers"] == [10]
-    assert main(["info", "jump.npz"]) == 0
-    assert "frame 10: the pose jumps by 105 mm" in capsys.readouterr().out
+    assert "frame 10: the pose jumps by 105 mm" in output_of(capsys, "info", "jump.npz").out
 
 
 def test_convert_sweeps_and_volumes(sweep, capsys):

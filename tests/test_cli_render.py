@@ -8,7 +8,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, cube, refused, run_json
+from cli_helpers import SMALL, cube, output_of, refused, run_json
 from globule._base.colormaps import CATEGORICAL, NAMES, colorize
 from globule.cli import main
 from PIL import Image
@@ -71,8 +71,7 @@ def test_color_by_values_that_are_not_finite(folder, capsys):
     assert "--color-by: expected a finite t of a.npz, got none; give a range" in error
     with pytest.raises(ValueError, match="color_by: expected a finite t, got none; give a range"):
         gb.color_by(gb.read("a.npz"), "t")
-    assert main([*words, "--range", "0,2"]) == 0
-    assert "216 of 216 particles without a finite t" in capsys.readouterr().err
+    assert "216 of 216 particles without a finite t" in output_of(capsys, *words, "--range", "0,2").err
     gb.write("b.npz", gb.Particles(p.positions, attributes={"t": np.arange(216.0)}))
     series = ["render", "a.npz", "b.npz", "-o", "%d.png", "--color-by", "t", *SMALL]
     assert main(series) == 0  # the range is that of b.npz
@@ -180,8 +179,7 @@ def test_a_file_without_particles_is_refused(positions, more, capsys):
 @pytest.mark.parametrize("positions", NONE)
 def test_a_frame_without_particles_shows_the_background(particles, positions, capsys):
     gb.write("none.npz", gb.Particles(positions))
-    assert main(["render", "none.npz", particles, "-o", "a_%d.png", "--json", *SMALL]) == 0
-    out, err = capsys.readouterr()
+    out, err = output_of(capsys, "render", "none.npz", particles, "-o", "a_%d.png", "--json", *SMALL)
     counts = json.loads(out)["frames"][0]["counts"]
     assert counts["particles"] == len(positions)
     assert counts["inside"] == counts["hits"] == 0
@@ -213,30 +211,24 @@ def test_particles_that_are_there_twice(capsys):
     for words in (["render", "twice.npz", "-o", "a.png", *SMALL],
                   ["mesh", "twice.npz", "-o", "a.ply"],
                   ["project", "twice.npz", "-o", "a.npz"]):  # fmt: skip
-        assert main(words) == 0
-        assert line in capsys.readouterr().err
+        assert line in output_of(capsys, *words).err
     gb.write("once.npz", gb.Particles(positions[: n + 10]))  # less than 1 % are
-    assert main(["render", "once.npz", "-o", "a.png", *SMALL]) == 0
-    assert capsys.readouterr().err == ""
-    assert main(["info", "once.npz"]) == 0
-    out = capsys.readouterr().out
+    assert output_of(capsys, "render", "once.npz", "-o", "a.png", *SMALL).err == ""
+    out = output_of(capsys, "info", "once.npz").out
     assert f"particles  {n + 10:,}, 10 of them exactly where others are" in out
     assert run_json(capsys, "info", "once.npz")["coincident"] == 10
 
 
 def test_a_threshold_that_nothing_reaches(particles, capsys):
     command = ["render", particles, "-o", "a.png", *SMALL]
-    assert main([*command, "--threshold", "1000"]) == 0
-    err = capsys.readouterr().err
+    err = output_of(capsys, *command, "--threshold", "1000").err
     assert "threshold 1000 is above the highest field" in err
-    assert main([*command, "--threshold", err.split("--threshold")[1].strip()]) == 0
-    assert capsys.readouterr().err == ""
+    assert output_of(capsys, *command, "--threshold", err.split("--threshold")[1].strip()).err == ""
 
 
 def test_a_camera_that_looks_past(particles, capsys):
     words = ["--eye", "0,0,9", "--look-at", "0,0,99"]
-    assert main(["render", particles, "-o", "a.png", *SMALL, *words]) == 0
-    assert "looks past" in capsys.readouterr().err
+    assert "looks past" in output_of(capsys, "render", particles, "-o", "a.png", *SMALL, *words).err
 
 
 def test_flags_that_would_be_ignored_are_refused(capsys):

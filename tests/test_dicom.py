@@ -6,7 +6,7 @@ import itertools
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused
+from cli_helpers import output_of, refused
 from globule.cli import main
 from globule.formats.errors import FormatError
 from globule.formats.kind import kind_of
@@ -151,8 +151,7 @@ def test_commands(capsys):
     assert main(["convert", "v.dcm", "w.mha"]) == 0
     np.testing.assert_allclose(read_volume("w.mha").world_from_voxel, read_volume("v.nrrd").world_from_voxel, atol=1e-9)
     capsys.readouterr()
-    assert main(["info", "v.dcm"]) == 0
-    assert "v.dcm: volume" in capsys.readouterr().out
+    assert "v.dcm: volume" in output_of(capsys, "info", "v.dcm").out
     error = refused(capsys, "reconstruct", "s.npz", "-o", "m.dcm", "--maps")
     assert "m.dcm: expected .vti .npz .sparse.npz for maps" in error
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, refused
+from cli_helpers import SMALL, output_of, refused
 from format_helpers import naming
 from globule.cli import main
 from globule.formats import FormatError, kind_of, packed, read_contents, size
@@ -66,8 +66,7 @@ def test_packed_particles(name, ending, capsys):
     Path(name).unlink()
     assert_places(path)
     assert kind_of(path).kind == "particles"
-    assert main(["info", path]) == 0
-    assert re.match(r"a\..*, (packed|gzipped), ", capsys.readouterr().out)
+    assert re.match(r"a\..*, (packed|gzipped), ", output_of(capsys, "info", path).out)
     Path("no_ending").write_bytes(Path(path).read_bytes())
     assert_places("no_ending")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, refused, run_json
+from cli_helpers import SMALL, output_of, refused, run_json
 from format_helpers import write_dump, write_extxyz
 from globule.cli import main
 from globule.formats import packed
@@ -47,8 +47,7 @@ def test_images_tables_and_files_of_all_frames(make, capsys):
     name = f"frames.{'lammpstrj' if make is dump else 'xyz'}"
     counts = [len(p) for p in frames]
     assert [len(gb.read(f)) for f in with_frames([name])] == counts
-    assert main(["render", name, "-o", "p_%d.png", *SMALL]) == 0
-    shown = capsys.readouterr()
+    shown = output_of(capsys, "render", name, "-o", "p_%d.png", *SMALL)
     assert sorted(p.name for p in Path().glob("p_*.png")) == [f"p_{k}.png" for k in range(N)]
     assert "those of the last frame of" in shown.err  # it has most particles
     assert main(["track", name, "-o", "t.csv"]) == 0
@@ -64,13 +63,11 @@ def test_one_image_says_which_frame_it_shows(capsys):
     frames = dump()
     assert main(["render", "frames.lammpstrj", "-o", "p.png", *SMALL]) == 0
     assert "frames.lammpstrj has 4 frames, and this is the first" in capsys.readouterr().err
-    assert main(["render", "frames.lammpstrj", "--frame", "-1", "-o", "p.png", *SMALL]) == 0
-    out, err = capsys.readouterr()
+    out, err = output_of(capsys, "render", "frames.lammpstrj", "--frame", "-1", "-o", "p.png", *SMALL)
     assert f"{len(frames[-1])} particles" in out
     assert "note: up is 0,0,1" in err
     assert err.count("\n") == 1  # and nothing about frames
-    assert main(["convert", "frames.lammpstrj", "c.vtk"]) == 0
-    assert "has 4 frames" in capsys.readouterr().err
+    assert "has 4 frames" in output_of(capsys, "convert", "frames.lammpstrj", "c.vtk").err
     assert main(["convert", "frames.lammpstrj", "c.vtk", "--frame", "1"]) == 0
     assert len(gb.read("c.vtk")) == len(frames[1])
     capsys.readouterr()

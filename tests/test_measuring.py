@@ -5,7 +5,7 @@ import json
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused, run_json
+from cli_helpers import output_of, refused, run_json
 from globule.cli import main
 from globule.ultrasound import phantoms
 from globule.ultrasound.measuring import _variance, find_error_length, measure_distance, measure_volume
@@ -162,8 +162,7 @@ def test_wires_of_a_phantom(tmp_path, capsys):
         words.append("--distance=" + ",".join(f"{v:.3f}" for v in line))
     capsys.readouterr()
     options = ["--calibration", probe, "--voxel-size", "0.3", "--width", "1.5", "--json"]
-    assert main(["measure", sweeps[1], *words, *options]) == 0
-    found = json.loads(capsys.readouterr().out)["distances"]
+    found = json.loads(output_of(capsys, "measure", sweeps[1], *words, *options).out)["distances"]
     for one, (x0, z0, x1, z1) in zip(found, pairs, strict=True):
         assert one["between"] == "echoes"
         assert one["distance"] == pytest.approx(np.hypot(x1 - x0, z1 - z0), abs=0.25)
@@ -191,8 +190,7 @@ def test_the_command(tmp_path, capsys):
         (["--below", "100", "--voxel-size", "1e6"], "--voxel-size: expected voxels smaller than"),
     ]:
         assert what in refused(capsys, *words, *more)
-    assert main([*words, "--above", "1000"]) == 0
-    captured = capsys.readouterr()
+    captured = output_of(capsys, *words, "--above", "1000")
     assert "the level 1000 separates no voxels" in captured.err
     assert "volume 0 mm^3" in captured.out
     assert "separates no voxels" in run_json(capsys, *words, "--above", "1000")["warnings"][0]
