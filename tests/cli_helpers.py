@@ -3,10 +3,12 @@
 import json
 import os
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import globule as gb
 import numpy as np
+import pytest
 from globule.cli import main
 
 COMMAND = [sys.executable, "-m", "globule"]
@@ -36,6 +38,13 @@ def refused(capsys, *words: str) -> str:
     assert err.count("\n") == 1, err
     assert sorted(os.listdir()) == before
     return err
+
+
+def refuses(message: str, call: Callable[..., object], /, *args: Any, error: Any = ValueError, **options: Any) -> None:
+    """A call with these arguments raises an error of one line that matches."""
+    with pytest.raises(error, match=message) as caught:
+        call(*args, **options)
+    assert "\n" not in str(caught.value)
 
 
 def output_of(capsys, *words: str) -> Any:

@@ -3,7 +3,7 @@
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused
+from cli_helpers import refused, refuses
 from globule.cli import main
 from oracle import field
 from PIL import Image
@@ -92,8 +92,7 @@ def test_mistakes():
         (np.tile([[1.0, 0.5, 0], [0, 1, 0], [0, 0, 1]], (N, 1, 1)), "symmetric"),
         (np.full((N, 3, 3), np.nan), "particle 0"),
     ):
-        with pytest.raises(ValueError, match=f"anisotropy: .*{why}"):
-            gb.Particles(cloud(N), anisotropy=bad)
+        refuses(f"anisotropy: .*{why}", gb.Particles, cloud(N), anisotropy=bad)
 
 
 def test_the_dense_octree_refuses():

@@ -8,7 +8,7 @@ import warnings
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import at_edge, cube, refused
+from cli_helpers import at_edge, cube, refused, refuses
 from globule.cli import main
 from globule.render import annotate, canvas
 from globule.render.annotate import draw_view, scale_bar
@@ -305,8 +305,7 @@ def test_wrong_annotations():
         ({"step": 1.5}, "step: expected"),
         ({"legend": "above"}, "legend: expected a bool or one of"),
     ):
-        with pytest.raises((TypeError, ValueError), match=what):
-            gb.Annotation(**fields)
+        refuses(what, gb.Annotation, **fields, error=(TypeError, ValueError))
 
 
 def test_wrong_uses():
@@ -315,10 +314,8 @@ def test_wrong_uses():
     with pytest.raises(ValueError, match="size: expected at least 64 pixels"):
         gb.render(cube(), size=(80, 60), annotate=gb.Annotation(axes=True))
     notes = gb.Annotation(legend="outside")
-    with pytest.raises(ValueError, match="beside the legend"):
-        gb.render(cube(), size=(90, 90), color_by="x", annotate=notes)
-    with pytest.raises(ValueError, match="image: expected"):
-        Canvas(np.zeros((80, 80)))
+    refuses("beside the legend", gb.render, cube(), size=(90, 90), color_by="x", annotate=notes)
+    refuses("image: expected", Canvas, np.zeros((80, 80)))
 
 
 def test_fitted_images_have_room_for_the_box():
@@ -385,10 +382,8 @@ def test_views_share_title_and_legend():
     assert len(found.frames) == 4
     assert (image[:, -3:] == 255).all()  # the legend's strip
     assert (image[2] == 255).all()  # the title's
-    with pytest.raises(ValueError, match="views: expected cameras or some of front, back"):
-        gb.render_views(cube(4), ["above"])
-    with pytest.raises(ValueError, match="views: expected at least one view"):
-        gb.render_views(cube(4), [])
+    refuses("views: expected cameras or some of front, back", gb.render_views, cube(4), ["above"])
+    refuses("views: expected at least one view", gb.render_views, cube(4), [])
 
 
 # Sequences and commands
@@ -406,8 +401,7 @@ def test_a_sequence_has_the_time_of_each_frame_and_one_box(tmp_path):
     again = gb.render_sequence(frames[:1], name, size=(200, 150), annotate=still)
     assert (np.asarray(Image.open(again[0])) == first).all()
     settings = {"transparent": True}
-    with pytest.raises(ValueError, match="transparent"):
-        gb.render_sequence(frames, str(tmp_path / "m.mp4"), settings=settings)
+    refuses("transparent", gb.render_sequence, frames, str(tmp_path / "m.mp4"), settings=settings)
 
 
 @pytest.fixture

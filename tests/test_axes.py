@@ -6,7 +6,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, output_of, refused, run_json
+from cli_helpers import SMALL, output_of, refused, refuses, run_json
 from format_helpers import write_dump, write_extxyz
 from globule.cli import main
 from globule.data.particles import UP, Z_UP
@@ -35,8 +35,7 @@ def test_up_of_formats():
     for name in ("a.npz", "a.csv", "a.vtk", "a.ply"):
         gb.write(name, gb.Particles(x))
         assert (gb.read(name).up, up_of(name)[0]) == (UP, UP)
-    with pytest.raises(ValueError, match=r"up: expected a direction, got \(0, 0, 0\)"):
-        gb.Particles(x, up=(0, 0, 0))
+    refuses(r"up: expected a direction, got \(0, 0, 0\)", gb.Particles, x, up=(0, 0, 0))
 
 
 def test_images_have_it_upwards(capsys):

@@ -14,7 +14,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused
+from cli_helpers import refused, refuses
 from globule._base import memory
 from globule.cli import main
 from globule.formats import FormatError
@@ -232,8 +232,7 @@ def test_limits_are_set_and_given_back():
     assert before == {"memory": None, "ratio": 200.0}
     assert gb.set_limits(**before) == {"memory": 1e9, "ratio": 7.0}
     for wrong in ({"memory": 0}, {"memory": "1"}, {"ratio": 0.5}, {"ratio": None}):
-        with pytest.raises((TypeError, ValueError), match=next(iter(wrong))):
-            gb.set_limits(**wrong)
+        refuses(next(iter(wrong)), gb.set_limits, **wrong, error=(TypeError, ValueError))
     assert memory.limits() == before
 
 
@@ -241,8 +240,7 @@ def test_limits_are_set_and_given_back():
 def test_a_sound_file_above_the_ratio_is_read_if_the_ratio_is_raised(capsys):
     volume = gb.volumes.Volume(np.zeros((300, 300, 400), np.uint16), np.eye(4))
     gb.volumes.write_volume("v.nii.gz", volume)
-    with pytest.raises(FormatError, match="expected at most 200 times"):
-        gb.volumes.read_volume("v.nii.gz")
+    refuses("expected at most 200 times", gb.volumes.read_volume, "v.nii.gz", error=FormatError)
     before = gb.set_limits(ratio=2000)
     try:
         assert gb.volumes.read_volume("v.nii.gz").shape == (300, 300, 400)

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from globule import Camera, CameraPath, orbit
 
 KEYS = [
@@ -103,8 +104,7 @@ def test_wrong_keys(tmp_path):
 )
 def test_wrong_files(tmp_path, name, text):
     (tmp_path / name).write_text(text)
-    with pytest.raises(ValueError, match=name):
-        CameraPath.load(tmp_path / name)
+    refuses(name, CameraPath.load, tmp_path / name)
 
 
 def test_orbit_is_a_circle_that_closes():
@@ -118,14 +118,12 @@ def test_orbit_is_a_circle_that_closes():
     assert eyes[2] == pytest.approx((0, 2, -3))  # anticlockwise from above
     steps = np.linalg.norm(np.roll(eyes, -1, axis=0) - eyes, axis=1)
     assert steps == pytest.approx(steps[0])
-    with pytest.raises(ValueError, match="n: "):
-        orbit(start, 1, 0)
+    refuses("n: ", orbit, start, 1, 0)
 
 
 @pytest.mark.parametrize("unit", ["time", "frame"])
 @pytest.mark.parametrize("last", [1e308, 1e18, 2**31, 2**63, 10**22, 1_000_000])
 def test_movies_without_end_are_refused(unit, last):
     keys = [{unit: 0, "eye": [2, 2, 2], "look_at": [0, 0, 0]}, {unit: last}]
-    with pytest.raises(ValueError, match=f"key 2: {unit}: expected at most 1,000,000 frames, got"):
-        CameraPath(keys)
+    refuses(f"key 2: {unit}: expected at most 1,000,000 frames, got", CameraPath, keys)
     assert CameraPath([keys[0], {unit: 30_000}]).n_frames == 30_000 * (30 if unit == "time" else 1) + 1

@@ -5,7 +5,7 @@ import functools
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, cube, refused, run_json
+from cli_helpers import SMALL, cube, refused, refuses, run_json
 from globule.render.fit import corners_of
 from light import CAMERA, CENTER, RADIUS, direction_sky, glass, glass_ball, meet_ball, quiet, rays
 from test_surface import ball, smooth
@@ -213,8 +213,7 @@ def test_new_places(backend):
     assert spheres.intersect(o, d).distance[0] == pytest.approx(8)
     spheres.update([[0, 0, 2]])
     assert spheres.intersect(o, d).distance[0] == pytest.approx(6)
-    with pytest.raises(ValueError, match="vertices: expected 1"):
-        spheres.update(np.zeros((2, 3)))
+    refuses("vertices: expected 1", spheres.update, np.zeros((2, 3)))
 
 
 def test_mistakes_are_named():
@@ -227,8 +226,7 @@ def test_mistakes_are_named():
         (lambda: gb.Lines(np.zeros((2, 2)), 1.0), "points"),
         (lambda: gb.Spheres([[0, np.nan, 0]], 1.0), "finite"),
     ):
-        with pytest.raises(ValueError, match=message):
-            make()
+        refuses(message, make)
 
 
 def test_nothing_is_drawn_of_nothing(backend):

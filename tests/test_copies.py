@@ -7,6 +7,7 @@ import pickle
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from globule.sim.emitter import Emitter
 from light import QUIET, ball
 
@@ -45,8 +46,7 @@ OWNERS = {
 def test_copies_are_refused(make):
     for made in make():
         for way in WAYS:
-            with pytest.raises(TypeError, match="cannot be copied or pickled, since it owns memory"):
-                way(made)
+            refuses("cannot be copied or pickled, since it owns memory", way, made, error=TypeError)
 
 
 def picture(settings=QUIET, camera=CAMERA, **options):

@@ -6,7 +6,7 @@ import itertools
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import output_of, refused
+from cli_helpers import output_of, refused, refuses
 from globule.cli import main
 from globule.formats.errors import FormatError
 from globule.formats.kind import kind_of
@@ -95,8 +95,7 @@ def test_small_and_odd_volumes(shape):
 def test_it_is_a_volume_and_no_sweep():
     write_volume("a.dcm", volume())
     assert kind_of("a.dcm") == ("volume", "dicom")
-    with pytest.raises(FormatError, match=r"got a volume \(dicom\).*read_volume"):
-        gb.ultrasound.read_sweep("a.dcm")
+    refuses(r"got a volume \(dicom\).*read_volume", gb.ultrasound.read_sweep, "a.dcm", error=FormatError)
 
 
 def test_what_it_cannot_hold(tmp_path):
@@ -108,8 +107,7 @@ def test_what_it_cannot_hold(tmp_path):
         (skewed, {}, "expected perpendicular axes"),
         (volume(), {"maps": True}, r"a\.dcm: expected \.vti \.npz \.sparse\.npz for maps"),
     ):
-        with pytest.raises(ValueError, match=problem):
-            write_volume("a.dcm", wrong, **options)
+        refuses(problem, write_volume, "a.dcm", wrong, **options)
         assert not list(tmp_path.iterdir())
 
 
@@ -138,8 +136,7 @@ def test_enhanced_us_volumes_of_others(even):
         assert np.array_equal(after.values, before.values)
         np.testing.assert_allclose(after.world_from_voxel, before.world_from_voxel, atol=1e-9)
     else:
-        with pytest.raises(FormatError, match="planes at even distances"):
-            read_volume("other.dcm")
+        refuses("planes at even distances", read_volume, "other.dcm", error=FormatError)
 
 
 def test_commands(capsys):
@@ -242,5 +239,4 @@ def test_regions_that_cannot_be(tmp_path):
         (region(4, 5, 20, 14, float("nan"), 0.03), "expected corners and sizes of pixels"),
     ):
         write(tmp_path / "cine.dcm", [bad_region])
-        with pytest.raises(FormatError, match=said):
-            read_sweep(tmp_path / "cine.dcm", poses=tmp_path / "poses.csv")
+        refuses(said, read_sweep, tmp_path / "cine.dcm", poses=tmp_path / "poses.csv", error=FormatError)

@@ -5,6 +5,7 @@ import sys
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from globule.formats import FormatError
 from globule.formats.pictures import environment
 from globule.formats.pictures.environment import read_environment
@@ -125,8 +126,7 @@ def test_exr_of_a_frame(openexr, tmp_path):
 
 def test_exr_refuses_images_of_different_sizes(openexr, tmp_path):
     for channels in ({"a": np.zeros((2, 2)), "b": np.zeros((2, 3))}, {}, {"a": np.zeros(3)}):
-        with pytest.raises(ValueError, match="channels: expected"):
-            write_exr(tmp_path / "a.exr", channels)
+        refuses("channels: expected", write_exr, tmp_path / "a.exr", channels)
     assert not list(tmp_path.iterdir())
 
 
@@ -175,8 +175,7 @@ def test_other_files(tmp_path, monkeypatch):
             read_environment(tmp_path / name)
     monkeypatch.setattr(environment, "MOST_PIXELS", 100)
     Image.new("RGB", (11, 10)).save(tmp_path / "a.png")
-    with pytest.raises(FormatError, match="at most 100 pixels, got 11x10"):
-        read_environment(tmp_path / "a.png")
+    refuses("at most 100 pixels, got 11x10", read_environment, tmp_path / "a.png", error=FormatError)
 
 
 def test_without_openexr(monkeypatch, tmp_path):
@@ -187,5 +186,4 @@ def test_without_openexr(monkeypatch, tmp_path):
         lambda: read_environment(tmp_path / "a.exr"),
         lambda: write_exr(tmp_path / "a.exr", {"Z": np.zeros((2, 2))}),
     ):
-        with pytest.raises(gb.MissingPackageError, match=r'OpenEXR .* install "globule\[formats'):
-            work()
+        refuses(r'OpenEXR .* install "globule\[formats', work, error=gb.MissingPackageError)

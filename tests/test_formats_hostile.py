@@ -11,6 +11,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from format_helpers import sample
 from globule import formats
 from globule.formats import FormatError
@@ -400,12 +401,10 @@ def test_what_stands_beside_the_particles_does_no_harm(tmp_path, monkeypatch):
 def test_what_is_said_of_a_number_that_is_none(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("a.csv").write_text("x,y,z,q\n" + "1,2,3,4\n" * 16 + "1,2,3,1_0\n")
-    with pytest.raises(FormatError, match="line 18, column 4: expected a number, got '1_0'"):
-        gb.read("a.csv")
+    refuses("line 18, column 4: expected a number, got '1_0'", gb.read, "a.csv", error=FormatError)
     pytest.importorskip("pxr")
     Path("a.usda").write_text('#usda 1.0\ndef Points "p" { point3f[] points = [(0,0,0) }\n')
-    with pytest.raises(FormatError, match=r"a\.usda: expected a USD layer, got text .* at line 2"):
-        gb.read("a.usda")
+    refuses(r"a\.usda: expected a USD layer, got text .* at line 2", gb.read, "a.usda", error=FormatError)
 
 
 DATA = "t\n\n{} atoms\n\nAtoms # atomic\n\n1 1 .1 .2 .3\n2 1 .4 .5 .6\n"
@@ -451,9 +450,7 @@ def test_what_a_file_says_of_its_rows_holds(tmp_path):
         path.write_text(good)
         assert 1 <= len(gb.read(path)) <= 3
         path.write_text(wrong)
-        with pytest.raises(ValueError, match=problem) as refusal:
-            gb.read(path)
-        assert "\n" not in str(refusal.value)
+        refuses(problem, gb.read, path)
 
 
 def test_tables_name_what_is_wrong(tmp_path):
@@ -464,5 +461,4 @@ def test_tables_name_what_is_wrong(tmp_path):
     ):
         path = tmp_path / "a.csv"
         path.write_text(content, encoding="utf-8")
-        with pytest.raises(ValueError, match=problem):
-            gb.read(path, columns=columns)
+        refuses(problem, gb.read, path, columns=columns)

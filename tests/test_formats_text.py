@@ -12,7 +12,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, output_of, refused
+from cli_helpers import SMALL, output_of, refused, refuses
 from format_helpers import naming
 from globule.cli import main
 from globule.formats import FormatError, kind_of, packed, read_contents, size
@@ -124,11 +124,9 @@ def test_a_packed_file_beside_stays_below_the_folder():
     (folder / "link.vtp.gz").symlink_to(Path("part.vtp.gz").resolve())
     collection("own/a.pvd.gz", "link.vtp")
     below = "expected a file below the same folder, got"
-    with pytest.raises(FormatError, match=rf"{below} 'link\.vtp'"):
-        gb.read("own/a.pvd.gz")
+    refuses(rf"{below} 'link\.vtp'", gb.read, "own/a.pvd.gz", error=FormatError)
     collection("own/a.pvd.gz", "a.pvd")
-    with pytest.raises(FormatError, match=rf"{below} 'a\.pvd'"):
-        gb.read("own/a.pvd.gz")
+    refuses(rf"{below} 'a\.pvd'", gb.read, "own/a.pvd.gz", error=FormatError)
 
 
 def test_only_files_are_opened_as_packed(capsys):
@@ -145,8 +143,7 @@ def test_damaged_ones_say_so_in_one_line_without_binary_data(ending, capsys):
     data = PACKERS[ending](Path(csv("a.csv")).read_bytes())
     path = "a.csv" + ending
     Path(path).write_bytes(data[:-9])
-    with pytest.raises(FormatError, match=rf"^a\.csv\{ending}: expected whole \w+ data, got"):
-        gb.read(path)
+    refuses(rf"^a\.csv\{ending}: expected whole \w+ data, got", gb.read, path, error=FormatError)
     for bytes_ in (data[:20], data[:12] + bytes(range(256)), RNG.bytes(300)):
         Path(path).write_bytes(bytes_)
         said = refused(capsys, "info", path)
@@ -159,22 +156,19 @@ def test_damaged_ones_say_so_in_one_line_without_binary_data(ending, capsys):
 def test_bombs_are_refused_while_they_unpack(ending, monkeypatch):
     monkeypatch.setattr(size, "ALWAYS", 1 << 20)
     Path("a.csv" + ending).write_bytes(PACKERS[ending](bytes(1 << 25)))
-    with pytest.raises(FormatError, match=rf"^a\.csv\{ending}: expected at most 200 times"):
-        gb.read("a.csv" + ending)
+    refuses(rf"^a\.csv\{ending}: expected at most 200 times", gb.read, "a.csv" + ending, error=FormatError)
 
 
 def test_a_window_larger_than_the_limit_is_refused(monkeypatch):
     monkeypatch.setattr(packed, "_MOST_MEMORY", 1 << 16)
     Path("a.csv.xz").write_bytes(lzma.compress(Path(csv("a.csv")).read_bytes()))
-    with pytest.raises(FormatError, match=r"a\.csv\.xz: expected whole xz data, got Memory"):
-        gb.read("a.csv.xz")
+    refuses(r"a\.csv\.xz: expected whole xz data, got Memory", gb.read, "a.csv.xz", error=FormatError)
 
 
 def test_zstd_without_its_package_is_named(monkeypatch):
     Path("a.csv.zst").write_bytes(zstd(b"x,y,z\n1,2,3\n"))
     monkeypatch.setitem(sys.modules, "zstandard", None)
-    with pytest.raises(ImportError, match=r"zstandard is not installed\. Install it with"):
-        gb.read("a.csv.zst")
+    refuses(r"zstandard is not installed\. Install it with", gb.read, "a.csv.zst", error=ImportError)
 
 
 # Elements
@@ -286,13 +280,11 @@ def test_what_is_guessed_is_said():
         assert_places(data_file("", "{i} 1 {x}", " 0 0 0"))  # nothing else fits
         got = assert_places(data_file("", "{i} 1 1 2.5 {x}", "", more=f"{N} ellipsoids\n"))
     assert "ellipsoidflag" in got.attributes
-    with pytest.raises(ValueError, match=r"atom_style: expected one of atomic .*, got 'sfere'"):
-        gb.read("a.data", atom_style="sfere")
+    refuses(r"atom_style: expected one of atomic .*, got 'sfere'", gb.read, "a.data", atom_style="sfere")
     with pytest.raises(FormatError, match=r"expected the columns id type x y z .atomic., got 7"):
         gb.read("a.data", atom_style="atomic")
     data_file(" # mine", "{i} 1 {x} 1 2 3 4 5 6 7 8 9 10 11 12", "")
-    with pytest.raises(FormatError, match="got 17; name it: --atom-style"):
-        gb.read("a.data")
+    refuses("got 17; name it: --atom-style", gb.read, "a.data", error=FormatError)
     assert main(["info", data_file("", ROWS["sphere"], ""), "--atom-style", "sphere"]) == 0
 
 
@@ -331,8 +323,7 @@ def test_names_of_positions(head):
 
 def test_names_that_are_no_positions():
     Path("a.csv").write_text("mx,my,mz,node1,node2\n1,2,3,4,5\n")
-    with pytest.raises(FormatError, match=r"a\.csv: line 1: .* got 'mx .*--columns x=…,y=…"):
-        gb.read("a.csv")
+    refuses(r"a\.csv: line 1: .* got 'mx .*--columns x=…,y=…", gb.read, "a.csv", error=FormatError)
     assert main(["info", "a.csv", "--columns", "x=node1,y=node2,density=mz"]) == 0
     particles = gb.read("a.csv", columns={"x": "node1", "y": "node2", "density": "mz"})
     assert particles.positions.tolist() == [[4, 5, 0]]
@@ -427,8 +418,7 @@ def test_missing_numbers(word):
         np.testing.assert_array_equal(found["n"], [1, np.nan, np.nan])
         assert [*found] == ["t", "n"]
     Path("b.csv").write_text(f"x,y,z\n0,{word},0\n")
-    with pytest.raises(FormatError, match="line 2, column 2: expected a number, got"):
-        gb.read("b.csv")
+    refuses("line 2, column 2: expected a number, got", gb.read, "b.csv", error=FormatError)
 
 
 def test_a_column_named_positions_is_an_attribute():
@@ -452,8 +442,7 @@ def test_the_box_of_ovito_has_an_origin():
     assert np.allclose(found.particles.positions, X - 0.5, atol=1e-6)  # nothing to wrap
     assert np.array_equal(found.box.origin, [-0.5] * 3)
     Path("a.xyz").write_text(Path("a.xyz").read_text().replace("-0.5 -0.5 -0.5", "a b c"))
-    with pytest.raises(FormatError, match="line 2: expected 3 numbers in Origin, got 'a b c'"):
-        gb.read("a.xyz")
+    refuses("line 2: expected 3 numbers in Origin, got 'a b c'", gb.read, "a.xyz", error=FormatError)
 
 
 def test_radii_and_colors_of_a_file_come_before_those_of_elements():
@@ -494,5 +483,4 @@ def test_tecplot_zones():
         ("VARIABLES = X Y\nZONE\n1 a\n", "line 3"),
     ):
         path.write_text(content)
-        with pytest.raises(ValueError, match=problem):
-            gb.read(path)
+        refuses(problem, gb.read, path)

@@ -6,6 +6,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from format_helpers import assert_same, sample
 from globule.formats import EXTENSIONS, FormatError, kind_of
 from globule.formats.kind import Kind
@@ -51,8 +52,7 @@ def test_volumes(extension):
         assert kind_of(name).kind == "volume"
         assert np.array_equal(gb.volumes.read_volume(name).values, volume().values)
         for reader, door in ((gb.read, "read_volume"), (gb.read, "sample_tomography")):
-            with pytest.raises(FormatError, match=rf"{name}: expected particles .*{door}"):
-                reader(name)
+            refuses(rf"{name}: expected particles .*{door}", reader, name, error=FormatError)
 
 
 @pytest.mark.parametrize("extension", [".igs.mha", ".mha", ".igs.nrrd", ".npz"])
@@ -63,8 +63,7 @@ def test_sweeps(extension):
         assert kind_of(name).kind == "sweep"
         assert np.array_equal(gb.ultrasound.read_sweep(name).frames, made.frames)
         for reader in (gb.read, gb.volumes.read_volume):
-            with pytest.raises(FormatError, match=r"got a sweep .* with globule.ultrasound.read_sweep"):
-                reader(name)
+            refuses(r"got a sweep .* with globule.ultrasound.read_sweep", reader, name, error=FormatError)
 
 
 def test_folders():
@@ -103,8 +102,7 @@ def test_content_without_an_ending():
 def test_pictures(form):
     Image.new("RGB", (4, 3)).save("file", form)
     assert kind_of("file") == ("picture", form.lower())
-    with pytest.raises(FormatError, match=r"got a picture .*globule.Environment"):
-        gb.read("file")
+    refuses(r"got a picture .*globule.Environment", gb.read, "file", error=FormatError)
 
 
 def test_endings_break_ties_only():
@@ -124,8 +122,7 @@ def test_endings_break_ties_only():
 def test_what_nobody_knows(content):
     Path("letter").write_bytes(content)
     for reader in (gb.read, gb.volumes.read_volume, gb.ultrasound.read_sweep):
-        with pytest.raises(FormatError, match=r"letter: expected .*, got data of no known format"):
-            reader("letter")
+        refuses(r"letter: expected .*, got data of no known format", reader, "letter", error=FormatError)
         with pytest.raises(FileNotFoundError):
             reader("nowhere.npz")
 

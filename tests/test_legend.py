@@ -5,7 +5,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, run_json
+from cli_helpers import SMALL, refuses, run_json
 from globule._base.colormaps import CATEGORICAL, NAMES, colorize, map_colors, to_linear
 from globule.cli import main
 from globule.data.attributes import colormap_of, kinds_of
@@ -85,8 +85,7 @@ def test_wrong_arguments():
         ((gray(100, 100), "jet", 0, 1), "colormap: expected one of"),
         ((gray(100, 100), "viridis", np.nan, 1), "range: expected two finite"),
     ):
-        with pytest.raises(ValueError, match=what):
-            add_legend(*arguments)
+        refuses(what, add_legend, *arguments)
 
 
 def test_long_labels_are_shortened():

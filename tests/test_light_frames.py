@@ -6,6 +6,7 @@ import functools
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from globule.render.lights import uniform_sky
 from light import CENTER, ONE_SKY, ball, direction_sky, quiet
 from scenes import CASES, case, cloud
@@ -125,8 +126,7 @@ def test_frames_of_moving_scenes_do_not_mix(backend, settings):
 
 @pytest.mark.parametrize("samples", [0, -1, 70000])
 def test_refine_by_no_or_too_many_samples_is_refused(samples):
-    with pytest.raises(ValueError, match="samples"):
-        look(ball(), (4, 4)).refine(samples)
+    refuses("samples", look(ball(), (4, 4)).refine, samples)
 
 
 WAYS = pytest.mark.parametrize("way", [(gb.RenderSettings(), ()), (EVERYTHING, CUTS)], ids=["plain", "everything"])
@@ -292,8 +292,7 @@ def test_pick(backend):
     none = gb.render(scene, camera, size)
     assert none.pick(0, 0) is None
     for column, row, wrong in ((61, 0, "column"), (0, 61, "row"), (-1, 0, "column")):
-        with pytest.raises(ValueError, match=wrong):
-            frame.pick(column, row)
+        refuses(wrong, frame.pick, column, row)
 
 
 def test_picking_on_a_cut_face(backend):

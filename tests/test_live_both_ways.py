@@ -9,7 +9,7 @@ import threading
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused, run_json
+from cli_helpers import refused, refuses, run_json
 from globule.formats.sweeps import messages
 from globule.ultrasound import live, live_output, senders
 from globule.ultrasound.broadcast import Broadcaster
@@ -87,10 +87,8 @@ def test_transforms_triangles_and_text_equal_those_of_pyigtl():
     words = igtl.StringMessage("3 frames", timestamp=5.5, device_name="Counts")
     assert joined(messages.text("Counts", "3 frames", 5.5)) == words.pack()
     assert joined(messages.triangles("Surface", vertices[:0], faces[:0], 5.5))  # an empty one
-    with pytest.raises(ValueError, match="1 to 20 letters"):
-        messages.transform("x" * 21, place, 0)
-    with pytest.raises(TypeError, match="bool"):
-        messages.image("Volume", np.zeros((1, 2, 3), bool), place, 0)
+    refuses("1 to 20 letters", messages.transform, "x" * 21, place, 0)
+    refuses("bool", messages.image, "Volume", np.zeros((1, 2, 3), bool), place, 0, error=TypeError)
 
 
 def blob_volume() -> gb.volumes.Volume:

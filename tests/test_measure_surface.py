@@ -4,6 +4,7 @@ import globule as gb
 import numpy as np
 import oracle
 import pytest
+from cli_helpers import refuses
 from format_helpers import by_vtk
 from globule.measure import mesh as mesh_module
 from scenes import SPLASH, lattice
@@ -92,8 +93,7 @@ def test_gauge_refused():
         ((0, 0), (0, 0, 0), "up: expected a direction along x, y or z"),
         ((0, 0), "y", "up: expected three numbers"),
     ):
-        with pytest.raises((TypeError, ValueError), match=message):
-            gb.measure.gauge(ball(device="cpu"), at, up)
+        refuses(message, gb.measure.gauge, ball(device="cpu"), at, up, error=(TypeError, ValueError))
 
 
 # Meshes
@@ -208,8 +208,7 @@ def test_mesh_files(folder):
     np.testing.assert_array_equal(vtk_to_numpy(data.GetPointData().GetArray("flow")), found.values["flow"])
     faces = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
     np.testing.assert_array_equal(faces, found.faces)
-    with pytest.raises(ValueError, match=r"path: expected a name ending in \.ply"):
-        found.save("a.glb")
+    refuses(r"path: expected a name ending in \.ply", found.save, "a.glb")
 
 
 # Volumes and areas
@@ -260,8 +259,7 @@ def test_nothing_to_measure():
 )  # fmt: skip
 def test_refused(spacing, message):
     for measure in (gb.measure.mesh_surface, gb.measure.measure_surface):
-        with pytest.raises((TypeError, ValueError), match=message):
-            measure(ball(device="cpu"), spacing)
+        refuses(message, measure, ball(device="cpu"), spacing, error=(TypeError, ValueError))
     with pytest.raises(ValueError, match=r"values: expected one of .*got speed"):
         gb.measure.mesh_surface(ball(device="cpu"), values=["speed"])
 
@@ -272,6 +270,5 @@ def test_a_mesh_file_is_no_particles(tmp_path):
     plane = gb.measure.SamplePlane((0, 0, 1), 0.1)
     works = (gb.measure.measure_surface, lambda p: gb.measure.gauge(p, (0, 0)), lambda p: gb.measure.sample(p, plane))
     for work in (*works, gb.measure.project, lambda p: gb.measure.track_surface([p])):
-        with pytest.raises(ValueError, match="expected particles or a volume, got the mesh"):
-            work(path)
+        refuses("expected particles or a volume, got the mesh", work, path)
     assert gb.measure.measure_surface(gb.read(path, spacing=0.1), device="cpu").volume > 0
