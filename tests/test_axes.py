@@ -1,6 +1,5 @@
 """What is upwards in a file, and what lies across the periodic faces of its box."""
 
-import json
 from pathlib import Path
 
 import globule as gb
@@ -150,7 +149,7 @@ def test_a_droplet_across_a_face_is_whole(capsys):
         lo, hi = gb.read(name, center=True).bounds()
         assert np.allclose(lo, (0.26, 0.26, 0.76), atol=1e-5)
         assert np.allclose(hi, (0.74, 0.74, 1.24), atol=1e-5)
-    table = track(capsys, "a.dump", "--center")
+    table = run_json(capsys, "track", "a.dump", "--center")
     assert table["volume"][0] == pytest.approx(len(x) * STEP**3, rel=0.03)
     assert table["x_max"][0] - table["x_min"][0] == pytest.approx(2 * RADIUS, abs=STEP)
     cut = run_json(capsys, "render", "a.dump", "-o", "a.png", *SMALL)
@@ -163,13 +162,9 @@ def test_a_droplet_across_a_face_is_whole(capsys):
     assert np.allclose(np.add(*part.bounds())[:2], 1, atol=1e-5)  # those that are left
 
 
-def track(capsys, *words: str) -> dict:
-    return json.loads(output_of(capsys, "track", *words, "--json").out)
-
-
 def test_a_droplet_that_leaves_through_a_face_stays_whole(capsys):
     write_dump("a.dump", *(ball((0.7 + 0.1 * k, 0.5, 1)) % (1, 1, 2) for k in range(5)))
-    table = track(capsys, "a.dump", "--center")
+    table = run_json(capsys, "track", "a.dump", "--center")
     assert np.ptp(table["x_min"]) < 1e-3
     assert np.ptp(table["volume"]) < 1e-3 * table["volume"][0]
     assert output_of(capsys, "track", "a.dump").err.count("--center shows them whole") == 1

@@ -122,6 +122,29 @@ def test_the_cut_face_shows_the_colors_inside(backend, kernel, octree):
         assert np.ptp(blend, axis=0).min() > 0.2
 
 
+@pytest.mark.parametrize("own", [False, True], ids=["material", "particles"])
+def test_light_falls_into_a_hollow(backend, own):
+    """A shadow ray that begins where the medium was taken away and meets a cut face first."""
+    k = 0.6
+    factors = (None, None) if own else (0.0, k)
+    particles = gb.Particles(C.reshape(1, 3), support=1.3, color=(1, 1, 1), reflection=[0.0], refraction=[k])
+    look = quiet(
+        lights=[gb.DirectionalLight((0, 1, 0), (1, 1, 1))],
+        shadows=True,
+        bounces=0,
+        material=gb.Material(*factors, 1.0, absorption=1.5),
+    )
+    camera = gb.Camera(C, C + (0.02, -1, 0.01), up=(0, 0, 1), fov=70)
+    clips = [gb.ClipSphere(C, 0.5 * R)]
+    frame = gb.render(gb.Scene(particles, threshold=0.6, **backend), camera, (15, 11), look, clips)
+    p = frame.position.astype(np.float64) - C
+    np.testing.assert_allclose(np.linalg.norm(p, axis=-1), 0.5 * R, rtol=1e-4)
+    up = -p[..., 1]  # straight up: past the hollow's ceiling, as high as its floor is low
+    chord = np.sqrt(R**2 - p[..., 0] ** 2 - p[..., 2] ** 2) - up
+    expected = (1 - k) * up / (0.5 * R) * k**2 * np.exp(-1.5 * chord)
+    np.testing.assert_allclose(frame.color[..., 0], expected, rtol=5e-3)
+
+
 # Where features meet
 
 DOWN = gb.Camera((0, 0, 6), (0, 0, 0), height=1.0)

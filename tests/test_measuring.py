@@ -1,7 +1,5 @@
 """Distances and volumes with their uncertainty: against a Monte Carlo, on maps and on sweeps."""
 
-import json
-
 import globule as gb
 import numpy as np
 import pytest
@@ -159,8 +157,8 @@ def test_wires_of_a_phantom(tmp_path, capsys):
         line = (outside @ place.T)[:, :3].ravel()
         words.append("--distance=" + ",".join(f"{v:.3f}" for v in line))
     capsys.readouterr()
-    options = ["--calibration", probe, "--voxel-size", "0.3", "--width", "1.5", "--json"]
-    found = json.loads(output_of(capsys, "measure", sweeps[1], *words, *options).out)["distances"]
+    options = ["--calibration", probe, "--voxel-size", "0.3", "--width", "1.5"]
+    found = run_json(capsys, "measure", sweeps[1], *words, *options)["distances"]
     for one, (x0, z0, x1, z1) in zip(found, pairs, strict=True):
         assert one["between"] == "echoes"
         assert one["distance"] == pytest.approx(np.hypot(x1 - x0, z1 - z0), abs=0.25)
