@@ -113,8 +113,7 @@ def test_the_oracle_by_dense_sampling():
             assert c.field((o + c.depth[i] * d)[None])[0][0] == pytest.approx(c.threshold, abs=1e-5)
 
 
-def test_the_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_command(folder, capsys):
     p = lattice(8, 8, 8, 0.3)
     gb.write("p.npz", gb.Particles(p, support=2.0))
     line = ["render", "p.npz", "--size", "64x48", "--device", "cpu", "-o"]

@@ -235,8 +235,7 @@ def test_nothing_is_drawn_of_nothing(backend):
     assert len(gb.Lines([], 1.0)) == 0
 
 
-def test_on_the_command_line(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_on_the_command_line(folder, capsys):
     gb.write("fluid.npz", cube())
     gb.write("tracers.npz", gb.Particles(np.array([[0.4, 0.4, 1.6], [0.4, 0.4, 2.6]])))
     gb.write("path.npz", gb.Particles(np.array([[0, 0, 1.5], [1, 0, 1.5], [1, 1, 1.5]])))

@@ -211,11 +211,10 @@ def test_damaged_cells_are_refused(tmp_path):
         gb.Mesh(vtu(tmp_path / "d.vtu", X, [[0, 1]], [3]))
 
 
-def test_render_frames_of_meshes(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    a = vtu(tmp_path / "a.vtu", X, [range(8)], [12]).name
-    b = vtu(tmp_path / "b.vtu", X, TETRAS[:1], [10]).name
-    collection(tmp_path / "t.pvd", a, b)
+def test_render_frames_of_meshes(folder, capsys):
+    a = vtu(folder / "a.vtu", X, [range(8)], [12]).name
+    b = vtu(folder / "b.vtu", X, TETRAS[:1], [10]).name
+    collection(folder / "t.pvd", a, b)
     still = run_json(capsys, "render", "t.pvd", "-o", "a.png", *SMALL)
     assert still["counts"]["triangles"] == 12
     assert "t.pvd has 2 frames, and this is the first" in still["warnings"][0]

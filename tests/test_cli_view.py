@@ -79,15 +79,14 @@ def served(monkeypatch):
     return viewers
 
 
-def test_simulate_opens_the_viewer(served, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_simulate_opens_the_viewer(served, folder, capsys):
     words = ["simulate", "dam-break", "--spacing", "0.08", "--port", "0"]
     assert main([*words, "--view", "--no-browser"]) == 0
     (viewer,) = served
     assert viewer.source.simulation.n_steps == 0
     assert viewer.state.look.preset == "water"
     assert viewer.source.simulation.settings.spacing == 0.08
-    assert not list(tmp_path.iterdir())
+    assert not list(folder.iterdir())
     assert main([*words, "--seconds", "0.05", "--no-frames"]) == 0
     assert main([*words, "--view", "--resume"]) == 0
     _, opened, viewer = served

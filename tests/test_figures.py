@@ -40,19 +40,17 @@ def test_figure(name, tmp_path):
 
 
 @needs_matplotlib
-def test_the_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_command(folder, capsys):
     words = ["figures", "3.4", "2.4", "-o", "a/b", "--dpi", "20", "--device", "cpu"]
     assert main(words) == 0
     assert capsys.readouterr().out.startswith("a/b: 2 figures")
-    assert sorted(p.name for p in (tmp_path / "a/b").iterdir()) == ["2.4.png", "3.4.png"]
+    assert sorted(p.name for p in (folder / "a/b").iterdir()) == ["2.4.png", "3.4.png"]
     assert main(["figures", "--list"]) == 0
     assert capsys.readouterr().out.count("\n") == len(FIGURES)
 
 
-def test_mistakes(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").write_text("")
+def test_mistakes(folder, monkeypatch, capsys):
+    (folder / "file").write_text("")
     assert main(["figures", "9.9"]) == 2
     err = capsys.readouterr().err
     assert "9.9" in err
@@ -61,7 +59,7 @@ def test_mistakes(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert main(["figures", "2.1"]) == 2
     assert "globule[figures]" in capsys.readouterr().err
-    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+    assert [p.name for p in folder.iterdir()] == ["file"]
 
 
 def test_the_gallery_is_complete():

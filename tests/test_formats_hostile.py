@@ -373,9 +373,8 @@ def test_npz_arrays_that_are_about_something_else_are_left_out(tmp_path):
     assert particles.support == 0.5
 
 
-def test_what_stands_beside_the_particles_does_no_harm(tmp_path, monkeypatch):
+def test_what_stands_beside_the_particles_does_no_harm(folder):
     """A title that is a section's name, and columns and names that nobody asks for."""
-    monkeypatch.chdir(tmp_path)
     Path("a.lmp").write_text(
         "Atoms in a box\n\n1 atoms\n\n0 1 xlo xhi\n0 1 ylo yhi\n0 1 zlo zhi\n\nAtoms # atomic\n\n1 1 0.5 0.5 0.5\n"
     )
@@ -398,8 +397,7 @@ def test_what_stands_beside_the_particles_does_no_harm(tmp_path, monkeypatch):
     assert len(gb.read("a.h5")) == 5
 
 
-def test_what_is_said_of_a_number_that_is_none(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_what_is_said_of_a_number_that_is_none(folder):
     Path("a.csv").write_text("x,y,z,q\n" + "1,2,3,4\n" * 16 + "1,2,3,1_0\n")
     refuses("line 18, column 4: expected a number, got '1_0'", gb.read, "a.csv", error=FormatError)
     pytest.importorskip("pxr")

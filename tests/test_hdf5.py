@@ -307,9 +307,8 @@ def test_meshes_by_vtks_hdf_writer(tmp_path):
 
 @pytest.mark.interop
 @pytest.mark.parametrize("how", ["HDF", "XML"])
-def test_xdmf_by_meshio(tmp_path, monkeypatch, how):
+def test_xdmf_by_meshio(folder, how):
     meshio = pytest.importorskip("meshio")
-    monkeypatch.chdir(tmp_path)
     data = {"mass": MASS, "velocity": VELOCITY.astype(float)}
     cells = [("vertex", np.arange(N)[:, None])]
     mesh = meshio.Mesh(POSITIONS, cells, point_data=data)

@@ -114,9 +114,8 @@ def test_updates(little, backend):
 
 
 @pytest.mark.parametrize("name", ["a.npy", "a.npz", "a.h5", "a.vtu", "a.bgeo", "a.vtk"])
-def test_files(name, little, tmp_path, monkeypatch):
+def test_files(name, little, folder, monkeypatch):
     """What has ranges is never read whole; other files are read, and then divided."""
-    monkeypatch.chdir(tmp_path)
     if name == "a.npy":
         np.save(name, POSITIONS)
     elif name == "a.h5":
@@ -222,8 +221,7 @@ def test_too_little_for_any_piece(little):
         gb.Scene(POSITIONS, support=2.0, device="cpu")
 
 
-def test_the_command_line(little, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_line(little, capsys, folder):
     np.savez("a.npz", positions=POSITIONS, speed=SPEED)
     words = ["a.npz", "--size", "96x72", "--device", "cpu", "--support", "2", "--eye", "40,30,45",
              "--look-at", "6,6,6"]  # fmt: skip
