@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from globule.volumes.volume import Volume
 from waiting import PATIENCE
 
@@ -52,8 +53,7 @@ def test_rods_are_measured_without_bias(diameter, blur, noise):
 
 
 def test_rods_that_are_not_there_are_refused():
-    with pytest.raises(ValueError, match="cylinders"):
-        measure_cylinders(rods(3.0), [(200, 0)], 3.0)
+    refuses("cylinders", measure_cylinders, rods(3.0), [(200, 0)], 3.0)
 
 
 def test_removed_slices():

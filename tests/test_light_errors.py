@@ -6,6 +6,7 @@ import re
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from light import QUIET, ball
 
 NAN, INF = float("nan"), float("inf")
@@ -70,8 +71,7 @@ def test_other_things_than_expected():
         ("settings", lambda: gb.render(ball(), settings=3)),
         ("scene", lambda: gb.render(5)),
     ):
-        with pytest.raises(TypeError, match=f"{name}: expected .*, got "):
-            call()
+        refuses(f"{name}: expected .*, got ", call, error=TypeError)
 
 
 def test_materials():
@@ -124,8 +124,7 @@ AROUND = [
 def test_environment_values(value):
     image = np.ones((4, 8, 3), np.float32)
     image[2, 3, 1] = value
-    with pytest.raises(ValueError, match="image: expected finite radiance >= 0"):
-        gb.Environment(image)
+    refuses("image: expected finite radiance >= 0", gb.Environment, image)
 
 
 CLIPS = [
