@@ -65,33 +65,14 @@ def test_edge_spacing():
 # surfaces without holes
 
 
-def silhouette(particles, size=(160, 120)):
-    scene = gb.Scene(particles, device="cpu")
-    camera = gb.Camera((0, -6, 2), (0, 0, 0), (0, 0, 1), 30)
-    return gb.render(scene, camera, size), camera
-
-
 def covered(mesh, particles) -> float:
     """The share of the rays through the mesh that hit the particles' surface."""
-    frame, camera = silhouette(particles)
+    camera, size = gb.Camera((0, -6, 2), (0, 0, 0), (0, 0, 1), 30), (160, 120)
+    mask = gb.render(gb.Scene(particles, device="cpu"), camera, size).mask
     corners = mesh.vertices[mesh.faces].astype("f4")
     dense, weights, _ = surface.sample_triangles(corners, 0.02)
-    points = np.einsum("mk,mkc->mc", weights, corners[dense])
-    eye, right, up, forward = eye_and_axes(camera)
-    local = (points - eye) @ np.stack([right, up, forward]).T
-    tangent = np.tan(np.radians(15))
-    x = (local[:, 0] / local[:, 2] / tangent / (160 / 120) + 1) / 2 * 160
-    y = (1 - local[:, 1] / local[:, 2] / tangent) / 2 * 120
-    return frame.mask[y.astype(int), x.astype(int)].mean()
-
-
-def eye_and_axes(camera):
-    eye = np.array(camera.eye, float)
-    forward = np.array(camera.look_at) - eye
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, camera.up)
-    right /= np.linalg.norm(right)
-    return eye, right, np.cross(right, forward), forward
+    x, y = camera.project(np.einsum("mk,mkc->mc", weights, corners[dense]), size).T.astype(int)
+    return mask[y, x].mean()
 
 
 @pytest.mark.parametrize("lengths", [None, 0.1])
@@ -118,20 +99,26 @@ def test_samples_are_even(trimesh):
     assert (particles.positions[:, 2] == 0).all()
 
 
-def test_too_many_samples_name_what_would_do(trimesh):
+def test_spacings_that_cannot_be(trimesh):
     with pytest.raises(ValueError, match=r"50,000,000 points, got 0.0001 .* try 0.000") as caught:
         gb.sample_mesh(trimesh.creation.box(), 1e-4)
-    enough = float(str(caught.value).split()[-1])
-    assert 1e-4 < enough < 1e-3
-
-
-@pytest.mark.parametrize("value", [0, -1, np.nan, np.inf])
-def test_wrong_spacing(value):
-    with pytest.raises(ValueError, match="spacing: expected a positive number"):
-        gb.sample_mesh("a.obj", value)
+    assert 1e-4 < float(str(caught.value).split()[-1]) < 1e-3
+    for value in (0, -1, np.nan, np.inf):
+        with pytest.raises(ValueError, match="spacing: expected a positive number"):
+            gb.sample_mesh("a.obj", value)
 
 
 # files
+
+
+TEXTURED = "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"  # OBJ
+
+
+def glb(tree: dict, chunks: bytes) -> bytes:
+    """A binary glTF of a tree and the chunks after it."""
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    return b"glTF" + np.uint32([2, 20 + len(text) + len(chunks), len(text)]).tobytes() + b"JSON" + text + chunks
 
 
 @pytest.mark.parametrize("extension", [".ply", ".obj", ".stl", ".glb"])
@@ -157,26 +144,24 @@ def test_files(trimesh, extension, tmp_path):
     assert len(gb.read(path, spacing=0.1)) > 2 * len(mesh.vertices)
 
 
-def test_ply_ascii_polygons_and_lone_vertices(tmp_path):
-    (tmp_path / "a.ply").write_text(
-        "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\n"
-        "property float z\nproperty float quality\nelement face 2\n"
-        "property list uchar int vertex_index\nend_header\n"
-        "0 0 0 1\n2 0 0 2\n2 1 0 3\n0 1 0 4\n9 9 9 5\n0 0 1 6\n4 0 1 2 3\n3 0 1 5\n"
+def ascii_ply(path, field: str, counts: tuple[int, int], rows: str) -> None:
+    """Counts of vertices, which have one more field, and of faces."""
+    axes = "".join(f"property float {name}\n" for name in ("x", "y", "z", field))
+    path.write_text(
+        f"ply\nformat ascii 1.0\nelement vertex {counts[0]}\n{axes}element face {counts[1]}\n"
+        f"property list uchar int vertex_index\nend_header\n{rows}"
     )
-    particles = gb.read(tmp_path / "a.ply")
+
+
+def test_ply_ascii_polygons_lone_vertices_and_supports(tmp_path):
+    path = tmp_path / "a.ply"
+    ascii_ply(path, "quality", (6, 2), "0 0 0 1\n2 0 0 2\n2 1 0 3\n0 1 0 4\n9 9 9 5\n0 0 1 6\n4 0 1 2 3\n3 0 1 5\n")
+    particles = gb.read(path)
     assert len(particles) == 5
     assert 5 not in particles.attributes["quality"]
     assert np.allclose(particles.support, [5**0.5, 5**0.5, 5**0.5, 2, 5**0.5])
-
-
-def test_support_of_the_file_wins(tmp_path):
-    (tmp_path / "a.ply").write_text(
-        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
-        "property float z\nproperty float support\nelement face 1\n"
-        "property list uchar int vertex_index\nend_header\n0 0 0 7\n1 0 0 7\n0 1 0 7\n3 0 1 2\n"
-    )
-    assert (gb.read(tmp_path / "a.ply").support == 7).all()
+    ascii_ply(path, "support", (3, 1), "0 0 0 7\n1 0 0 7\n0 1 0 7\n3 0 1 2\n")
+    assert (gb.read(path).support == 7).all()
 
 
 def test_coincident_vertices_are_one(trimesh):
@@ -194,9 +179,9 @@ def test_texture_is_sampled(trimesh):
 
     texture = Image.new("RGB", (64, 64), (255, 0, 0))
     texture.paste((0, 0, 255), (32, 0, 64, 64))
-    vertices = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]
-    visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], image=texture)
-    mesh = trimesh.Trimesh(vertices, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    visual = trimesh.visual.TextureVisuals(uv=corners[:, :2], image=texture)
+    mesh = trimesh.Trimesh(2 * corners, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
     particles = gb.sample_mesh(mesh, 0.05)
     x = particles.positions[:, 0]
     assert np.allclose(particles.color[x < 0.9], [1, 0, 0], atol=1e-3)
@@ -217,9 +202,7 @@ def test_textures_beside_a_mesh_are_read_and_no_other_file(trimesh, tmp_path, en
     for name in (*inside, *outside):
         if ending == "obj":
             (folder / "a.mtl").write_text(f"newmtl m\nKd 1 0 0\nmap_Kd {name}\n")
-            (folder / "a.obj").write_text(
-                "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
-            )
+            (folder / "a.obj").write_text(TEXTURED)
         else:
             visual = trimesh.visual.TextureVisuals(
                 uv=[[0, 0], [1, 0], [0, 1]], image=Image.new("RGB", (8, 8), (255, 0, 0))
@@ -229,12 +212,7 @@ def test_textures_beside_a_mesh_are_read_and_no_other_file(trimesh, tmp_path, en
             length = int.from_bytes(content[12:16], "little")
             tree = json.loads(content[20 : 20 + length])
             tree["images"] = [{"uri": name}]
-            text = json.dumps(tree).encode()
-            text += b" " * (-len(text) % 4)
-            rest = content[20 + length :]
-            sizes = ((20 + len(text) + len(rest)).to_bytes(4, "little"), len(text).to_bytes(4, "little"))
-            head = b"glTF\2\0\0\0" + sizes[0] + sizes[1] + b"JSON"
-            (folder / "a.glb").write_bytes(head + text + rest)
+            (folder / "a.glb").write_bytes(glb(tree, content[20 + length :]))
         try:
             color = gb.sample_mesh(folder / f"a.{ending}", 0.2).color
         except FormatError:
@@ -310,16 +288,9 @@ def test_obj_that_breaks_off(trimesh, line, expected, tmp_path):
 
 
 def test_glb_sizes_are_checked_before_memory_is_taken(trimesh, tmp_path):
-    count = 10**9
-    tree = {
-        "asset": {"version": "2.0"},
-        "buffers": [{"byteLength": 4}],
-        "accessors": [{"count": count, "type": "VEC3", "componentType": 5126}],
-    }
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    head = b"glTF" + np.uint32([2, 32 + len(text), len(text)]).tobytes() + b"JSON"
-    (tmp_path / "a.glb").write_bytes(head + text + np.uint32([4]).tobytes() + b"BIN\0" + bytes(4))
+    accessor = {"count": 10**9, "type": "VEC3", "componentType": 5126}
+    tree = {"asset": {"version": "2.0"}, "buffers": [{"byteLength": 4}], "accessors": [accessor]}
+    (tmp_path / "a.glb").write_bytes(glb(tree, np.uint32([4]).tobytes() + b"BIN\0" + bytes(4)))
     with pytest.raises(FormatError, match=r"expected at most .* elements, got 1000000000"):
         gb.read(tmp_path / "a.glb")
 
@@ -334,10 +305,8 @@ def test_scenes_of_too_many_triangles(trimesh, monkeypatch):
 
 
 def test_materials_without_pictures(trimesh, tmp_path):
-    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd nowhere.png\n")
-    (tmp_path / "a.obj").write_text(
-        "mtllib a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
-    )
+    (tmp_path / "a.mtl").write_text("newmtl m\nKd 1 0 0\nmap_Kd nowhere.png\n")
+    (tmp_path / "a.obj").write_text(TEXTURED)
     for options in ({}, {"spacing": 0.2}):
         assert (gb.read(tmp_path / "a.obj", **options).color == [1, 0, 0]).all()
 

@@ -67,36 +67,25 @@ def test_parent_and_children(bits):
         key = key_at(x, y, z, level, bits)
         for octant in range(8):
             child = morton.child(key, level, octant, bits)
-            assert cell(child, level + 1, bits) == (
-                2 * x + (octant & 1),
-                2 * y + (octant >> 1 & 1),
-                2 * z + (octant >> 2),
-            )
+            expected = (2 * x + (octant & 1), 2 * y + (octant >> 1 & 1), 2 * z + (octant >> 2))
+            assert cell(child, level + 1, bits) == expected
             assert morton.parent(child, level + 1, bits) == key
 
 
-def check_neighbors(x, y, z, level, bits):
-    key = key_at(x, y, z, level, bits)
-    for step in itertools.product((-1, 0, 1), repeat=3):
-        moved = (x + step[0], y + step[1], z + step[2])
-        inside = all(0 <= c < 2**level for c in moved)
-        expected = key_at(*moved, level, bits) if inside else None
-        assert morton.neighbor(key, level, *step, bits) == expected, (x, y, z, level, step)
-
-
 @pytest.mark.parametrize("bits", WIDTHS)
-@pytest.mark.parametrize("level", range(4))
-def test_neighbors_of_every_shallow_cell(bits, level):
-    for x, y, z in itertools.product(range(2**level), repeat=3):
-        check_neighbors(x, y, z, level, bits)
-
-
-@pytest.mark.parametrize("bits", WIDTHS)
-def test_neighbors_of_deep_cells(bits):
+def test_neighbors(bits):
+    """Of every shallow cell; of deep ones at borders, and with carries through all triplets, more
+    often than by chance."""
     rng = random.Random(3)
+    cells = [(level, *at) for level in range(4) for at in itertools.product(range(2**level), repeat=3)]
     for _ in range(300):
         level = rng.randint(4, LEVELS[bits])
         top = 2**level - 1
-        # Borders and carries through all triplets are likelier than by chance.
-        x, y, z = (rng.choice((0, top, top // 2, top // 2 + 1, rng.randint(0, top))) for _ in "xyz")
-        check_neighbors(x, y, z, level, bits)
+        cells.append((level, *(rng.choice((0, top, top // 2, top // 2 + 1, rng.randint(0, top))) for _ in "xyz")))
+    for level, *at in cells:
+        key = key_at(*at, level, bits)
+        for step in itertools.product((-1, 0, 1), repeat=3):
+            moved = [c + s for c, s in zip(at, step, strict=True)]
+            inside = all(0 <= c < 2**level for c in moved)
+            expected = key_at(*moved, level, bits) if inside else None
+            assert morton.neighbor(key, level, *step, bits) == expected, (at, level, step)
