@@ -20,60 +20,27 @@ STATES = {
     "surface": {"surface__threshold": 0.9, "surface__support": 0.5, "surface__kernel": "wendland_c2"},
     "color": {"color__by": "speed", "color__colormap": "turbo", "color__legend": True},
     "range": {"color__by": "y", "color__automatic": False, "color__low": -1.0, "color__high": 0.5},
-    "cuts": {
-        "cuts__plane": True,
-        "cuts__normal": (0.3, 0.1, 1.0),
-        "cuts__point": (0.0, 0.0, 0.1),
-        "cuts__box": True,
-        "cuts__lo": (0.0, -2.0, -2.0),
-        "cuts__hi": (2.0, 0.0, 2.0),
-    },
+    "cuts": {"cuts__plane": True, "cuts__normal": (0.3, 0.1, 1.0), "cuts__point": (0.0, 0.0, 0.1),
+             "cuts__box": True, "cuts__lo": (0.0, -2.0, -2.0), "cuts__hi": (2.0, 0.0, 2.0)},
     "sphere": {"cuts__sphere": True, "cuts__center": (0.5, 0.0, 0.2), "cuts__radius": 0.6},
     "water": {"look__preset": "water", "look__shadows": True, "look__bounces": 6},
-    "own": {
-        "look__lights": "own",
-        "look__azimuth": 40.0,
-        "look__matter": "own",
-        "look__reflection": 0.4,
-        "look__sky": "gradient",
-        "look__ambient_rays": 2,
-    },
+    "own": {"look__lights": "own", "look__azimuth": 40.0, "look__matter": "own", "look__reflection": 0.4,
+            "look__sky": "gradient", "look__ambient_rays": 2},
     "thesis": {"surface__root": "march"},
-    "bright": {
-        "look__preset": "water",
-        "look__exposure": 1.7,
-        "look__sky": "none",
-        "look__background": (0.1, 0.2, 0.3),
-    },
+    "bright": {"look__preset": "water", "look__exposure": 1.7, "look__sky": "none",
+               "look__background": (0.1, 0.2, 0.3)},
     "bare": {"look__preset": "clay", "look__ground": "none", "look__background": (1.0, 0.0, 0.0)},
     "checks": {"look__preset": "clay", "look__ground": "checker", "look__ambient_rays": 2},
     "plain ground": {"look__preset": "glass", "look__ground": "plain", "look__bounces": 2},
-    "crops": {
-        "cuts__sphere": True,
-        "cuts__keep_sphere": True,
-        "cuts__radius": 0.7,
-        "cuts__box": True,
-        "cuts__keep_box": True,
-        "cuts__lo": (0.0, -2.0, -2.0),
-        "cuts__hi": (2.0, 2.0, 2.0),
-    },
-    "notes": {
-        "notes__title": "- A title",
-        "notes__scale_bar": True,
-        "notes__axes": True,
-        "notes__box": True,
-        "notes__unit": "mm",
-    },
-    "legend": {
-        "color__by": "speed",
-        "color__legend_at": "upper-left",
-        "color__legend_title": "height",
-        "color__legend_unit": "m/s",
-        "notes__axes": True,
-    },
+    "crops": {"cuts__sphere": True, "cuts__keep_sphere": True, "cuts__radius": 0.7, "cuts__box": True,
+              "cuts__keep_box": True, "cuts__lo": (0.0, -2.0, -2.0), "cuts__hi": (2.0, 2.0, 2.0)},
+    "notes": {"notes__title": "- A title", "notes__scale_bar": True, "notes__axes": True, "notes__box": True,
+              "notes__unit": "mm"},
+    "legend": {"color__by": "speed", "color__legend_at": "upper-left", "color__legend_title": "height",
+               "color__legend_unit": "m/s", "notes__axes": True},
     "flat": {"look__preset": "flat", "color__by": "speed"},
     "colored clay": {"look__preset": "clay", "color__by": "speed", "color__legend": False},
-}
+}  # fmt: skip
 
 
 CAMERA, SIZE = gb.Camera((1.6, 1.2, 3.0), (0.1, 0.0, 0.0), fov=42.0), (80, 60)
@@ -98,8 +65,7 @@ def test_command_and_program_make_the_same_picture(engine, name):
 
 def picture() -> np.ndarray:
     """picture.png, which then is gone."""
-    with Image.open("picture.png") as image:
-        found = np.asarray(image.convert("RGB")).astype(int)
+    found = np.asarray(Image.open("picture.png").convert("RGB")).astype(int)
     os.unlink("picture.png")
     return found
 
