@@ -344,7 +344,7 @@ def test_values_that_would_end_every_connection_are_refused(shared, both):
         assert not other.closed
 
 
-def test_what_viser_warns_of_reaches_no_terminal(looking, recwarn, caplog):
+def test_what_viser_warns_of_reaches_no_terminal(recwarn, looking, caplog):
     for i in range(40):
         looking.say(CAMERA | {"position": [f"\x1b[2J{i}"]})
     from_the_top(looking)
