@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import urllib.request
+from contextlib import closing
 from types import SimpleNamespace
 
 import globule as gb
@@ -27,6 +28,13 @@ def viewer():
         yield made
 
 
+@pytest.fixture
+def word(viewer):
+    """With which a page's script names itself."""
+    with closing(Program(viewer.address)) as program:
+        yield until(lambda: program.word)
+
+
 def test_the_page_has_the_controls_behind_the_same_rules(viewer):
     with urllib.request.urlopen(viewer.address) as answer:
         assert b"globule/desk.js" in answer.read()
@@ -40,9 +48,7 @@ def test_the_page_has_the_controls_behind_the_same_rules(viewer):
             urllib.request.urlopen(viewer.address + path)
 
 
-def test_a_model_comes_and_actions_change_the_settings(viewer, caplog):
-    program = Program(viewer.address)
-    word = until(lambda: program.word)
+def test_a_model_comes_and_actions_change_the_settings(viewer, word, caplog):
     with talk(viewer.port, f"desk?word={word}") as connection:
         model = told(connection)
         assert model["time"]["frames"] == 2
@@ -69,20 +75,16 @@ def test_a_model_comes_and_actions_change_the_settings(viewer, caplog):
         assert viewer.state.look.exposure == 1.0
         assert viewer.state.color.by == "speed"
         assert not viewer.state.cuts.plane
-    program.close()
 
 
-def test_strangers_and_long_messages_are_refused(viewer):
+def test_strangers_and_long_messages_are_refused(viewer, word):
     from websockets.exceptions import ConnectionClosed
 
-    program = Program(viewer.address)
-    word = until(lambda: program.word)
     for path, said, code in (("desk?word=guessed", "x", 1008), (f"desk?word={word}", 100_000 * "x", 1009)):
         with talk(viewer.port, path) as one, pytest.raises(ConnectionClosed) as closed:  # noqa: PT012
             one.send(said)
             told(one, lambda model: False)
         assert closed.value.rcvd.code == code
-    program.close()
 
 
 def test_the_histogram_counts_all_particles(viewer):

@@ -82,12 +82,9 @@ def test_stillness_brings_one_sharp_picture_and_then_smoother_ones():
     link.plans.clear()
     link.run(3, lambda now: "still")
     plans = [plan for _, plan in link.plans]
-    assert not plans[0].still
-    assert plans[1].still
+    assert [p.still for p in plans[:2]] == [False, True]
     assert plans[1].size == (1280, 720)
-    assert not plans[1].refine
-    assert [p.samples for p in plans[1:]] == [1, 2, 4, 8]
-    assert all(p.refine for p in plans[2:])
+    assert [(p.samples, p.refine) for p in plans[1:]] == [(1, False), (2, True), (4, True), (8, True)]
     at = link.plans[1][0] - link.plans[0][0]
     assert STILL_AFTER - 0.02 < at < STILL_AFTER + 0.2
 
@@ -118,13 +115,8 @@ def test_what_failed_is_not_tried_again_until_something_changes():
 
 def test_settings_become_a_file_and_come_back():
     state = State()
-    state.set(
-        surface__threshold=0.75,
-        look__preset="water",
-        cuts__normal=(0.0, 1.0, 0.0),
-        color__by='a "name" \\ with\nall',
-        time__frame=3,
-    )
+    state.set(surface__threshold=0.75, look__preset="water", cuts__normal=(0.0, 1.0, 0.0), time__frame=3)
+    state.set(color__by='a "name" \\ with\nall')
     state.bookmarks["left.side"] = gb.Camera((1, 2, 3), (0, 0, 0))
     camera = gb.Camera((3, 2, 1), (0, 0, 0.5), (0, 0, 1), 35.0)
     text = state.to_toml(camera)
@@ -139,12 +131,10 @@ def test_settings_become_a_file_and_come_back():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[surface]\nthreshold = -1.0", "surface.threshold: expected a number from 1e-06 to"),
         ("[surface]\nkernel = 'cubic'", "surface.kernel: expected one of murakami"),
         ("[surface]\ncolor = 1", "surface.color: expected one of kernel, threshold"),
         ("[look]\nshadows = 1", "look.shadows: expected true or false, got 1"),
         ("[cuts]\nnormal = [1, 2]", "normal: expected three numbers"),
-        ("[cuts]\nnormal = [1, nan, 0]", "normal[1]: expected a number from -1 to 1, got nan"),
         ("[quality]\nsamples = 2.5", "samples: expected a whole number from 1 to"),
         ("lights = 3", "lights: expected one of surface"),
         ("[camera]\neye = [0, 0, 1]", "camera: expected eye, look_at"),

@@ -195,15 +195,8 @@ def test_suction_follows_its_handle(pool):
     page.set("Move sucker by hand")
     page.heard("/instruments/sucker")
     place, first = pool.viewer.placement, pool.still(page)
-    page.say(
-        {
-            "type": "TransformControlsUpdateMessage",
-            "name": "/instruments/sucker",
-            "wxyz": [1.0, 0.0, 0.0, 0.0],
-            "position": [float(v) for v in place.to_page((0.2, 0.15, 0.08))],
-            "owner": "",
-        }
-    )
+    moved = {"wxyz": [1.0, 0.0, 0.0, 0.0], "position": [float(v) for v in place.to_page((0.2, 0.15, 0.08))]}
+    page.say({"type": "TransformControlsUpdateMessage", "name": "/instruments/sucker", "owner": "", **moved})
     until(lambda: tool._wanted is not None, "for the handle to move")
     assert np.allclose(tool._wanted[:3, 3], (0.2, 0.15, 0.08), atol=1e-3)
     steps(source, 10)

@@ -162,8 +162,7 @@ def test_recent_files_are_few_and_exist(tmp_path, monkeypatch):
 def test_the_command_without_a_file(tmp_path):
     words = [sys.executable, "-m", "globule", "view", "--no-browser", "--port", "0"]
     env = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
-    run = subprocess.Popen(words, env=env, stdout=subprocess.PIPE, text=True, bufsize=1)
-    lines: list[str] = []
+    run, lines = subprocess.Popen(words, env=env, stdout=subprocess.PIPE, text=True, bufsize=1), []
     threading.Thread(target=lambda: lines.extend(iter(run.stdout.readline, "")), daemon=True).start()
     try:
         until(lambda: any("choose" in line for line in lines), "for the address")

@@ -72,22 +72,17 @@ def test_a_sequence_keeps_its_kind_of_surface():
 def test_a_mesh_may_be_first_or_alone(tmp_path):
     vertices = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], float)
     faces = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
-    mesh, state = gb.Mesh(vertices, faces), State()
+    mesh = gb.Mesh(vertices, faces)
     both = open_source([mesh, gb.Layer(water())])
     with both.lock:
-        layers = both.layers(state)
-        assert [type(layer.scene).__name__ for layer in layers] == ["Scene", "Mesh"]
+        assert [type(layer.scene) for layer in both.layers(State())] == [gb.Scene, gb.Mesh]
         assert np.allclose(both.bounds()[1], 1.0)
-    alone = open_source(mesh)
     camera = gb.Camera((2, 1.5, 3), (0.3, 0.3, 0.3))
-    seen = traced(alone, camera, (80, 60))
+    seen = traced(open_source(mesh), camera, (80, 60))
     assert np.array_equal(seen.picture, gb.render(mesh, camera, (80, 60)).picture)
-    trimesh = pytest.importorskip("trimesh")
-    trimesh.Trimesh(vertices, faces).export(tmp_path / "tank.stl")
-    read = open_source(str(tmp_path / "tank.stl"))
-    with read.lock:
-        assert len(read.layers(state)[0].scene) == 4
-    with view(read.files[0]) as viewer:
+    pytest.importorskip("trimesh").Trimesh(vertices, faces).export(tmp_path / "tank.stl")
+    with view(str(tmp_path / "tank.stl")) as viewer:
+        assert len(viewer.source.layers(State())[0].scene) == 4
         shot = viewer.screenshot(tmp_path / "tank.png", (80, 60), samples=1)
         command, code = viewer.equivalent(size=(80, 60))
     assert shot.frame.mask.any()
@@ -106,15 +101,17 @@ def test_undo_and_redo():
     assert not history.redo()
     state.set(look__exposure=2.0)
     state.set(surface__kernel="wyvill", surface__threshold=0.7)
+
+    def facts():
+        return state.look.exposure, state.surface.kernel, state.surface.threshold, history.lengths
+
     assert history.undo()
-    assert (state.surface.kernel, state.surface.threshold) == ("murakami", None)
-    assert state.look.exposure == 2.0
-    assert history.lengths == (1, 1)
+    assert facts() == (2.0, "murakami", None, (1, 1))
     assert history.undo()
-    assert state.look.exposure == 1.0
+    assert facts() == (1.0, "murakami", None, (0, 2))
     assert history.redo()
     assert history.redo()
-    assert (state.look.exposure, state.surface.kernel) == (2.0, "wyvill")
+    assert facts() == (2.0, "wyvill", 0.7, (2, 0))
     assert history.undo()
     state.set(cuts__plane=True)  # a new change ends what could be redone
     assert history.lengths == (2, 0)
@@ -124,13 +121,12 @@ def test_undo_and_redo():
     assert history.lengths == (3, 0)
     now[0] += 1.1
     state.set(surface__threshold=0.9)
-    assert history.lengths == (4, 0)
     assert history.undo()
     assert state.surface.threshold == 0.8
     assert history.undo()
     assert state.surface.threshold is None
-    state.set(cuts__plane=False)
-    state.set(cuts__plane=True)  # switches count one by one
+    for plane in (False, True):  # switches count one by one
+        state.set(cuts__plane=plane)
     assert history.lengths == (4, 0)
     assert history.undo()
     assert history.undo()
