@@ -46,15 +46,6 @@ def test_defaults():
     assert different == []
 
 
-def test_the_parser_finds_what_is_there():
-    there = defaults("render_settings", "RenderSettings")
-    assert there["bounces"] == 4
-    assert there["shadows"] is False
-    assert there["shininess"] == 60
-    assert there["ambient"] == (0.16, 0.18, 0.21)
-    assert there["ambient_distance"] is None
-
-
 def test_kernels_and_limits():
     text = (ROOT / "src/api/scene.cpp").read_text()
     table = re.search(r"KernelDefaults table\[\] = {(.*?)};", text, re.S)[1]

@@ -48,9 +48,6 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(diagnostics, "plot", lambda *_: False)
     (tmp_path / "dam.toml").write_text(TOML)
     (tmp_path / "long.toml").write_text(TOML.replace("seconds = 0.3", "seconds = 1e30"))
-    (tmp_path / "two.toml").write_text(
-        TOML + '[[fluids]]\nname = "oil"\nbox = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }\n'
-    )
     return tmp_path
 
 
@@ -59,16 +56,16 @@ def run(*words):
 
 
 def test_frames_are_read_again_in_every_format(folder, capsys):
+    last = {}
     for kind in ("vtp", "bgeo", "npz", "txt"):
         run("dam.toml", "-o", kind, "--format", kind, "--seconds", 0.1)
+        last[kind] = gb.read(f"{kind}/frame_00002.{kind}")
+        assert len(last[kind]) == 8**3  # no boundaries
+        assert np.allclose(last[kind].positions, last["vtp"].positions, atol=1e-6)
     files = sorted(os.listdir("vtp"))
     assert files[-3:] == [f"frame_{k:05d}.vtp" for k in range(3)]
     assert "checkpoint.npz" in files
-    last = [gb.read(f"{kind}/frame_00002.{kind}") for kind in ("vtp", "bgeo", "npz", "txt")]
-    for particles in last:
-        assert len(particles) == 8**3  # no boundaries
-        assert np.allclose(particles.positions, last[0].positions, atol=1e-6)
-    assert last[0].attributes["velocity"].shape == (512, 3)
+    assert last["vtp"].attributes["velocity"].shape == (512, 3)
 
 
 def test_restart_is_bit_identical(folder, capsys):
@@ -138,14 +135,8 @@ start = 0.06""",
 )
 
 
-@pytest.mark.parametrize(
-    "scene",
-    [
-        pytest.param(FALLING, id="light", marks=pytest.mark.slow),
-        pytest.param(FALLING + "speeds = [0, 3]\n", id="speeds", marks=pytest.mark.slow),
-        pytest.param(LATE, id="empty", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", [FALLING, FALLING + "speeds = [0, 3]\n", LATE], ids=["light", "speeds", "empty"])
 def test_pictures_after_a_restart_are_those_of_one_run(folder, scene):
     """Camera, light and ground are found with the first picture, which a resumed run has not."""
     (folder / "drop.toml").write_text(scene)
@@ -154,11 +145,10 @@ def test_pictures_after_a_restart_are_those_of_one_run(folder, scene):
     stopped_at(0.15, "drop.toml", "-o", "parts", "--images", "parts", *small)
     assert not Path("parts/00004.png").exists()
     run("drop.toml", "-o", "parts", "--images", "parts", "--resume", *small)
-    names = [f"{k:05d}.png" for k in range(9)] + [f"frame_{k:05d}.vtp" for k in range(9)]
-    for name in names:
-        a, b = (Path(part, name).read_bytes() for part in ("whole", "parts"))
-        assert a == b, name
-    assert len({Path("whole", name).read_bytes() for name in names[:9]}) > 6
+    images = [f"{k:05d}.png" for k in range(9)]
+    for name in (*images, *(f"frame_{k:05d}.vtp" for k in range(9))):
+        assert Path("whole", name).read_bytes() == Path("parts", name).read_bytes(), name
+    assert len({Path("whole", name).read_bytes() for name in images}) > 6
 
 
 @pytest.mark.parametrize("up", [(0, 0, 1), (1, 0, 0)])
@@ -273,13 +263,10 @@ def test_a_curve_of_one_point_is_seen(tmp_path):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["nowhere.toml"], "expected a .toml file or one of dam-break"),
         (["dam.toml", "--resume"], "--resume: expected frames/checkpoint.npz"),
         (["dam.toml", "--spacing", "9"], "spacing: expected less than half the domain, 0.2 m, got 9"),
         (["dam.toml", "--video", "a.avi"], "--video: expected a name ending in .mp4"),
-        (["dam.toml", "--format", "xls"], "argument --format"),
         (["dam.toml", "--fps", "1e6", "--seconds", "2"], "--seconds: expected at most 1,000,000"),
-        (["dam.toml", "--fps", "1e300"], "argument --fps: expected 0.001 to 1e+06, got '1e300'"),
         (["long.toml"], "error: long.toml: seconds: expected at most 1,000,000 frames, got 1e+30"),
         (["long.toml", "--seconds", "1e9"], "--seconds: expected at most 1,000,000 frames"),
         (["dam.toml", "--seconds", "0.01"], "seconds: expected at least a frame, 0.05 s, got 0.01"),
@@ -287,7 +274,6 @@ def test_a_curve_of_one_point_is_seen(tmp_path):
         (["dam.toml", "-o", "/proc/a/b"], "-o: expected a place that may be written, got /proc/a/"),
         (["dam.toml", "--images", "dam.toml"], "--images: expected a folder, got dam.toml"),
         (["dam.toml", "--video", "/proc/a.mp4"], "--video: expected a place that may be written"),
-        (["two.toml"], "two.toml: fluids[1] (oil): expected room beside fluids[0]"),
     ],
 )
 def test_mistakes_are_one_line(folder, capsys, words, expected):
@@ -353,16 +339,6 @@ def test_another_run_than_before_does_not_go_on(folder, capsys, scene, options, 
     said = refused(capsys, "simulate", scene, "-o", "out", "--resume", *options)
     assert re.search(expected, said)
     assert {path.name: path.read_bytes() for path in Path("out").iterdir()} == before
-
-
-def test_a_simulation_and_a_step_are_one_line(folder):
-    sim = gb.Simulation(SCENE, device="cpu")
-    assert repr(sim).startswith("Simulation(512 water, ")
-    assert repr(sim).endswith(" walls; 0 s in 0 steps; cpu)")
-    report = sim.step(0.001)
-    assert repr(sim).endswith("0.001 s in 1 step; cpu)")
-    assert repr(report).startswith(f"StepReport(step 1: 0.001 s, dt 0.001 s; {len(sim):,} partic")
-    assert "\n" not in repr(report)
 
 
 def test_progress_is_told_of_every_step_up_to_the_end():
