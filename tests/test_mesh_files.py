@@ -243,16 +243,13 @@ def test_a_tank_that_hides_the_particles_is_named(files, capsys):
     assert hidden in warnings("--spheres", "around.npz:9", "--eye", "99,0,0")
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("ball.ply", "--color-by", "heat"), "--color-by: expected one of x, y, z of ball.ply"),
-        (("ball.ply", "--support", "1"), "--support: expected particles beside --support"),
-        (("ball.ply", "--root", "march"), "--root: expected particles beside --root"),
-        (("fluid.ply", "--mesh", "ball.ply:brass"), "--mesh: expected a material, blood, water"),
-        (("fluid.ply", *("--mesh", "ball.ply") * 4), "--mesh: expected at most 3 files"),
-    ],
-)
+@pytest.mark.parametrize(("words", "message"), [
+    (("ball.ply", "--color-by", "heat"), "--color-by: expected one of x, y, z of ball.ply"),
+    (("ball.ply", "--support", "1"), "--support: expected particles beside --support"),
+    (("ball.ply", "--root", "march"), "--root: expected particles beside --root"),
+    (("fluid.ply", "--mesh", "ball.ply:brass"), "--mesh: expected a material, blood, water"),
+    (("fluid.ply", *("--mesh", "ball.ply") * 4), "--mesh: expected at most 3 files"),
+])  # fmt: skip
 def test_mistakes_on_the_command_line(files, capsys, words, message):
     assert main(["render", *words, "-o", "a.png", *SMALL]) != 0
     assert message in capsys.readouterr().err

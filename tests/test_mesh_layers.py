@@ -154,30 +154,25 @@ def test_closed_meshes_are_solids():
 TRIANGLE = [[0, 1, 2]]
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: gb.Mesh(np.zeros((3, 2)), TRIANGLE), "vertices: expected shape (n, 3)"),
-        (lambda: gb.Mesh(np.full((3, 3), np.nan), TRIANGLE), "vertices: expected finite coordinates"),
-        (lambda: gb.Mesh(np.zeros((3, 3)), [[0, 1, 3]]), "faces: expected indices from 0 to 2, got 0 to 3"),
-        (lambda: gb.Mesh(np.zeros((3, 3)), [[0.0, 1, 2]]), "faces: expected integers of shape (M, 3)"),
-        (lambda: gb.Mesh(np.zeros((3, 3)), None), "vertices: expected (N, 3) numbers with faces"),
-        (lambda: gb.Mesh(7), "vertices: expected (N, 3) numbers with faces"),
-        (lambda: gb.Mesh(BOX, BOX_FACES, color=(2, 0, 0)), "color: expected linear RGB from 0 to 1"),
-        (lambda: gb.Mesh(BOX, BOX_FACES, face_color=np.zeros((3, 3))), "face_color: expected shape (12, 3)"),
-        (lambda: gb.Mesh(BOX, BOX_FACES, color=(1, 1, 1), face_color=BOX[:1]), "face_color: expected no color"),
-        (lambda: gb.Mesh(BOX, BOX_FACES, pose=np.eye(3)), "pose: expected a (4, 4) matrix"),
-        (lambda: gb.Mesh(BOX, BOX_FACES, pose=np.diag([2, 2, 2, 1])), "pose: expected a rotation and a translation"),
-        (lambda: gb.Mesh(BOX, BOX_FACES, solid=1), "solid: expected True, False or None"),
-        (lambda: gb.Mesh(BOX, BOX_FACES[1:], solid=True), "solid: expected a closed mesh"),
-        (lambda: gb.Mesh(BOX, BOX_FACES).update(np.zeros((3, 3))), "vertices: expected 8, got 3"),
-        (lambda: gb.render(gb.Mesh(BOX, BOX_FACES), color_by="speed"), "color_by: expected one of x, y, z, got speed"),
-        (
-            lambda: gb.render(gb.Mesh(BOX, BOX_FACES), (8, 8)).attribute(np.zeros(8)),
-            "attribute: expected a layer of particles",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: gb.Mesh(np.zeros((3, 2)), TRIANGLE), "vertices: expected shape (n, 3)"),
+    (lambda: gb.Mesh(np.full((3, 3), np.nan), TRIANGLE), "vertices: expected finite coordinates"),
+    (lambda: gb.Mesh(np.zeros((3, 3)), [[0, 1, 3]]), "faces: expected indices from 0 to 2, got 0 to 3"),
+    (lambda: gb.Mesh(np.zeros((3, 3)), [[0.0, 1, 2]]), "faces: expected integers of shape (M, 3)"),
+    (lambda: gb.Mesh(np.zeros((3, 3)), None), "vertices: expected (N, 3) numbers with faces"),
+    (lambda: gb.Mesh(7), "vertices: expected (N, 3) numbers with faces"),
+    (lambda: gb.Mesh(BOX, BOX_FACES, color=(2, 0, 0)), "color: expected linear RGB from 0 to 1"),
+    (lambda: gb.Mesh(BOX, BOX_FACES, face_color=np.zeros((3, 3))), "face_color: expected shape (12, 3)"),
+    (lambda: gb.Mesh(BOX, BOX_FACES, color=(1, 1, 1), face_color=BOX[:1]), "face_color: expected no color"),
+    (lambda: gb.Mesh(BOX, BOX_FACES, pose=np.eye(3)), "pose: expected a (4, 4) matrix"),
+    (lambda: gb.Mesh(BOX, BOX_FACES, pose=np.diag([2, 2, 2, 1])), "pose: expected a rotation and a translation"),
+    (lambda: gb.Mesh(BOX, BOX_FACES, solid=1), "solid: expected True, False or None"),
+    (lambda: gb.Mesh(BOX, BOX_FACES[1:], solid=True), "solid: expected a closed mesh"),
+    (lambda: gb.Mesh(BOX, BOX_FACES).update(np.zeros((3, 3))), "vertices: expected 8, got 3"),
+    (lambda: gb.render(gb.Mesh(BOX, BOX_FACES), color_by="speed"), "color_by: expected one of x, y, z, got speed"),
+    (lambda: gb.render(gb.Mesh(BOX, BOX_FACES), (8, 8)).attribute(np.zeros(8)),
+     "attribute: expected a layer of particles"),
+])  # fmt: skip
 def test_mistakes_are_named(call, message):
     with pytest.raises((TypeError, ValueError)) as error:
         call()

@@ -255,16 +255,13 @@ def binary_ply(face: bytes, n_faces: int = 1) -> bytes:
     return header.encode() + TETRAHEDRON.tobytes() + face
 
 
-@pytest.mark.parametrize(
-    ("face", "n_faces", "what"),
-    [
-        (b"\x03" + np.int32([0, 1, 4]).tobytes(), 1, "expected indices below 4, got 0 to 4"),
-        (b"\x03" + np.int32([0, -1, 2]).tobytes(), 1, "expected indices below 4"),
-        (b"\x03" + np.int32([0, 1]).tobytes(), 1, "row 0"),
-        (b"\x03" + np.int32([0, 1, 2]).tobytes(), 10**12, "row 1"),
-        (b"", 5, "row 0"),
-    ],
-)
+@pytest.mark.parametrize(("face", "n_faces", "what"), [
+    (b"\x03" + np.int32([0, 1, 4]).tobytes(), 1, "expected indices below 4, got 0 to 4"),
+    (b"\x03" + np.int32([0, -1, 2]).tobytes(), 1, "expected indices below 4"),
+    (b"\x03" + np.int32([0, 1]).tobytes(), 1, "row 0"),
+    (b"\x03" + np.int32([0, 1, 2]).tobytes(), 10**12, "row 1"),
+    (b"", 5, "row 0"),
+])  # fmt: skip
 def test_bad_faces(face, n_faces, what, tmp_path):
     (tmp_path / "a.ply").write_bytes(binary_ply(face, n_faces))
     with pytest.raises(FormatError, match=what) as caught:
@@ -273,14 +270,11 @@ def test_bad_faces(face, n_faces, what, tmp_path):
     assert "a.ply" in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("v 1 0 0 0.5 0.", "last vertex: expected 6 numbers, got 5"),
-        ("v 1 0", "last vertex: expected 6 numbers, got 2"),
-        ("v 1 0 0 1 1 1\nf 1 2 3\nf 1/1 2/", "last face: expected at least 3 corners, got 2"),
-    ],
-)
+@pytest.mark.parametrize(("line", "expected"), [
+    ("v 1 0 0 0.5 0.", "last vertex: expected 6 numbers, got 5"),
+    ("v 1 0", "last vertex: expected 6 numbers, got 2"),
+    ("v 1 0 0 1 1 1\nf 1 2 3\nf 1/1 2/", "last face: expected at least 3 corners, got 2"),
+])  # fmt: skip
 def test_obj_that_breaks_off(trimesh, line, expected, tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0 1 1 1\nv 0 0 1 1 1 1\nv 0 1 1 1 1 1\n" + line)
     with pytest.raises(FormatError, match=expected):

@@ -47,24 +47,21 @@ def test_numpy_protocols_come_before_dlpack():
     assert np.shares_memory(Particles(Dlpack()).positions, positions)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({"positions": np.zeros((4, 4))}, ValueError, r"positions: expected shape \(N, 3\), got"),
-        ({"positions": ["a"]}, TypeError, "positions: expected numbers"),
-        ({"positions": [[1, 2], [3]]}, TypeError, "positions: expected an array"),
-        ({"support": np.zeros(3)}, ValueError, r"support: expected a number or shape \(4,\)"),
-        ({"support": -1}, ValueError, "support: expected numbers >= 0, got -1"),
-        ({"support": [1, 1, np.nan, 1]}, ValueError, r"got nan \(particle 2\)"),
-        ({"weight": 1e300}, ValueError, "weight: expected finite"),
-        ({"weight": "heavy"}, TypeError, "weight"),
-        ({"color": [0, 0, 1.5]}, ValueError, r"color: expected \[0, 1\], got 1.5"),
-        ({"color": [1, 1]}, ValueError, "color: expected shape"),
-        ({"attributes": {"a": np.zeros(5)}}, ValueError, r"attributes\['a'\]: expected shape"),
-        ({"attributes": {"a": np.zeros(4, complex)}}, TypeError, "attributes"),
-        ({"attributes": {"color": np.zeros(4)}}, ValueError, "a name of its own"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "error", "message"), [
+    ({"positions": np.zeros((4, 4))}, ValueError, r"positions: expected shape \(N, 3\), got"),
+    ({"positions": ["a"]}, TypeError, "positions: expected numbers"),
+    ({"positions": [[1, 2], [3]]}, TypeError, "positions: expected an array"),
+    ({"support": np.zeros(3)}, ValueError, r"support: expected a number or shape \(4,\)"),
+    ({"support": -1}, ValueError, "support: expected numbers >= 0, got -1"),
+    ({"support": [1, 1, np.nan, 1]}, ValueError, r"got nan \(particle 2\)"),
+    ({"weight": 1e300}, ValueError, "weight: expected finite"),
+    ({"weight": "heavy"}, TypeError, "weight"),
+    ({"color": [0, 0, 1.5]}, ValueError, r"color: expected \[0, 1\], got 1.5"),
+    ({"color": [1, 1]}, ValueError, "color: expected shape"),
+    ({"attributes": {"a": np.zeros(5)}}, ValueError, r"attributes\['a'\]: expected shape"),
+    ({"attributes": {"a": np.zeros(4, complex)}}, TypeError, "attributes"),
+    ({"attributes": {"color": np.zeros(4)}}, ValueError, "a name of its own"),
+])  # fmt: skip
 def test_particles_name_what_is_wrong(arguments, error, message):
     with pytest.raises(error, match=message):
         Particles(**{"positions": np.zeros((4, 3)), **arguments})

@@ -190,25 +190,20 @@ def test_configuration(tmp_path):
 STICKS = '<HoleFilling>\n<HoleFillingElement Type="STICK" NumberOfSticksToUse="1"/></HoleFilling>'
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('<!DOCTYPE x [<!ENTITY a "b">]>\n<PlusConfiguration/>', "line 1: expected a DOCTYPE"),
-        ("<PlusConfiguration>\n<a>\n</PlusConfiguration>", "line 3, column 3: expected XML"),
-        ("\n<PlusConfiguration/>", "line 2: expected an element VolumeReconstruction, got none"),
-        (XML.format("", ""),
-         "line 1, VolumeReconstruction: expected OutputSpacing, got none"),
-        (XML.format('\nOutputSpacing="1 1 x"', ""), "line 1, OutputSpacing: expected 3"),
-        (XML.format('OutputSpacing="1 1"', ""), "line 1, OutputSpacing: expected 3 numbers"),
-        (XML.format('OutputSpacing="1 1 0"', ""), "line 1, OutputSpacing: expected 1e-06 to"),
-        (XML.format('OutputSpacing="1 1 1" Interpolation="CUBIC"', ""),
-         "line 1, Interpolation: expected NEAREST"),
-        (XML.format('OutputSpacing="1 1 1" FillHoles="ON"', ""),
-         "line 1, FillHoles: expected a HoleFillingElement for ON, got none"),
-        (XML.format('OutputSpacing="1 1 1" FillHoles="ON"', STICKS),
-         "line 2, HoleFillingElement STICK: expected StickLengthLimit, got none"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "message"), [
+    ('<!DOCTYPE x [<!ENTITY a "b">]>\n<PlusConfiguration/>', "line 1: expected a DOCTYPE"),
+    ("<PlusConfiguration>\n<a>\n</PlusConfiguration>", "line 3, column 3: expected XML"),
+    ("\n<PlusConfiguration/>", "line 2: expected an element VolumeReconstruction, got none"),
+    (XML.format("", ""), "line 1, VolumeReconstruction: expected OutputSpacing, got none"),
+    (XML.format('\nOutputSpacing="1 1 x"', ""), "line 1, OutputSpacing: expected 3"),
+    (XML.format('OutputSpacing="1 1"', ""), "line 1, OutputSpacing: expected 3 numbers"),
+    (XML.format('OutputSpacing="1 1 0"', ""), "line 1, OutputSpacing: expected 1e-06 to"),
+    (XML.format('OutputSpacing="1 1 1" Interpolation="CUBIC"', ""), "line 1, Interpolation: expected NEAREST"),
+    (XML.format('OutputSpacing="1 1 1" FillHoles="ON"', ""),
+     "line 1, FillHoles: expected a HoleFillingElement for ON, got none"),
+    (XML.format('OutputSpacing="1 1 1" FillHoles="ON"', STICKS),
+     "line 2, HoleFillingElement STICK: expected StickLengthLimit, got none"),
+])  # fmt: skip
 def test_mistakes_name_the_line(text, message, tmp_path):
     path = tmp_path / "c.xml"
     path.write_text(text)
@@ -225,21 +220,18 @@ def test_importance_mask_is_needed():
         reconstruct_plus(sweep, config, importance_mask=np.ones((3, 3), np.uint8))
 
 
-@pytest.mark.parametrize(
-    ("attributes", "message"),
-    [
-        ('ClipRectangleOrigin="0 0" ClipRectangleSize="0 0"', None),
-        ('ClipRectangleOrigin="-3 -2" ClipRectangleSize="9 8"', None),
-        ('FanAngles="-40 30" FanOrigin="8 -2" FanDepth="30"', None),
-        ('FanAnglesDeg="-40 30"', None),
-        ('OutputExtent="0 9 0 9 0 9" OutputOrigin="1 2 3" NumberOfThreads="3"', None),
-        ('CompoundingMode="IMPORTANCE_MASK" ImportanceMaskFilename="nope.png"', "nope.png"),
-        ('CompoundingMode="IMPORTANCE_MASK" ImportanceMaskFilename="c.xml"', "c.xml"),
-        ('CompoundingMode="IMPORTANCE_MASK"', "importance_mask"),
-        ('ClipRectangleOrigin="90 0" ClipRectangleSize="5 5"', "region"),
-        ('FanAnglesDeg="-40 30" FanRadiusStopPixel="0"', "fan"),
-    ],
-)
+@pytest.mark.parametrize(("attributes", "message"), [
+    ('ClipRectangleOrigin="0 0" ClipRectangleSize="0 0"', None),
+    ('ClipRectangleOrigin="-3 -2" ClipRectangleSize="9 8"', None),
+    ('FanAngles="-40 30" FanOrigin="8 -2" FanDepth="30"', None),
+    ('FanAnglesDeg="-40 30"', None),
+    ('OutputExtent="0 9 0 9 0 9" OutputOrigin="1 2 3" NumberOfThreads="3"', None),
+    ('CompoundingMode="IMPORTANCE_MASK" ImportanceMaskFilename="nope.png"', "nope.png"),
+    ('CompoundingMode="IMPORTANCE_MASK" ImportanceMaskFilename="c.xml"', "c.xml"),
+    ('CompoundingMode="IMPORTANCE_MASK"', "importance_mask"),
+    ('ClipRectangleOrigin="90 0" ClipRectangleSize="5 5"', "region"),
+    ('FanAnglesDeg="-40 30" FanRadiusStopPixel="0"', "fan"),
+])  # fmt: skip
 def test_what_the_command_makes_of_a_configuration(tmp_path, monkeypatch, capsys, attributes, message):
     """A volume as the arithmetic says, or one line that names what is wrong."""
     monkeypatch.chdir(tmp_path)

@@ -231,19 +231,16 @@ def test_large_and_small_units(backend):
         assert total(found, "thickness") == pytest.approx(300 * 1e3, rel=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"values": "speed"}, "values: expected one of thickness, x,.*got speed"),
-        ({"values": "density"}, "values: expected one of"),
-        ({"view": "z"}, "view: expected three numbers"),
-        ({"view": (0, 0, 0)}, "view: expected a direction"),
-        ({"volume": -1}, "volume: expected a number or"),
-        ({"volume": "one"}, "volume: expected a number or"),
-        ({"kernel": "gauss"}, "kernel: expected murakami"),
-        ({"view": gb.Camera((0, 0, 5), (0, 0, 0)), "size": 3}, "size: expected"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"values": "speed"}, "values: expected one of thickness, x,.*got speed"),
+    ({"values": "density"}, "values: expected one of"),
+    ({"view": "z"}, "view: expected three numbers"),
+    ({"view": (0, 0, 0)}, "view: expected a direction"),
+    ({"volume": -1}, "volume: expected a number or"),
+    ({"volume": "one"}, "volume: expected a number or"),
+    ({"kernel": "gauss"}, "kernel: expected murakami"),
+    ({"view": gb.Camera((0, 0, 5), (0, 0, 0)), "size": 3}, "size: expected"),
+])  # fmt: skip
 def test_refused(arguments, message):
     p = gb.Particles(cloud(20), support=0.5)
     given = {"values": "thickness", **arguments}

@@ -83,16 +83,13 @@ def test_nothing_else_is_made(tmp_path):
     assert not ran.exists()
 
 
-@pytest.mark.parametrize(
-    ("particles", "words"),
-    [
-        ({}, "expected groups of arrays"),
-        (np.array([{}, {}], object), "expected a dictionary of arrays"),
-        ({"fluid": {"arrays": {"x": np.zeros(3)}}}, "expected arrays x, y and z of one length"),
-        ({"fluid": {"arrays": {a: np.zeros((3, 2)) for a in "xyz"}}}, "x, y and z of one length"),
-        ({"fluid": {"arrays": {a: np.array([None] * 3) for a in "xyz"}}}, "numbers of type O8"),
-    ],
-)
+@pytest.mark.parametrize(("particles", "words"), [
+    ({}, "expected groups of arrays"),
+    (np.array([{}, {}], object), "expected a dictionary of arrays"),
+    ({"fluid": {"arrays": {"x": np.zeros(3)}}}, "expected arrays x, y and z of one length"),
+    ({"fluid": {"arrays": {a: np.zeros((3, 2)) for a in "xyz"}}}, "x, y and z of one length"),
+    ({"fluid": {"arrays": {a: np.array([None] * 3) for a in "xyz"}}}, "numbers of type O8"),
+])  # fmt: skip
 def test_refusals(tmp_path, particles, words):
     with pytest.raises(FormatError, match=words):
         gb.read(written(tmp_path / "a.npz", particles))

@@ -145,13 +145,10 @@ COMMAND = ["-m", "globule", "render"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--preset", "water", "--ranks", "pieces"], "--preset"),
-        (["--memory", "1K"], "--memory: expected none on several ranks"),
-    ],
-)
+@pytest.mark.parametrize(("words", "said"), [
+    (["--preset", "water", "--ranks", "pieces"], "--preset"),
+    (["--memory", "1K"], "--memory: expected none on several ranks"),
+])  # fmt: skip
 def test_a_mistake_is_one_line(words, said, tmp_path):
     gb.write(tmp_path / "a.npz", cube(4))
     run = mpirun(2, *COMMAND, "a.npz", "-o", "a.png", *words, cwd=tmp_path)
@@ -193,14 +190,11 @@ sys.exit(main(["render", "a.npz", "-o", "a.png", "--support", "0.4"]))
 """
 
 
-@pytest.mark.parametrize(
-    ("fails", "line"),
-    [
-        pytest.param("disk", "globule: error: rank 1: a.npz: no such disk", marks=pytest.mark.slow),
-        pytest.param("all", "globule: interrupted", marks=pytest.mark.slow),
-        pytest.param("one", "globule: error: rank 1: interrupted", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("fails", "line"), [
+    pytest.param("disk", "globule: error: rank 1: a.npz: no such disk", marks=pytest.mark.slow),
+    pytest.param("all", "globule: interrupted", marks=pytest.mark.slow),
+    pytest.param("one", "globule: error: rank 1: interrupted", marks=pytest.mark.slow),
+])  # fmt: skip
 def test_a_rank_that_fails_ends_the_run(tmp_path, fails, line):
     """Rank 1 cannot read its rows, or is interrupted, as all may be: one line."""
     gb.write(tmp_path / "a.npz", cube(6))

@@ -194,22 +194,19 @@ def test_one_pixel_and_one_frame(backend):
         as_reference(sweep, backend, method, 0.8)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"method": "vnn"}, "method: expected one of frames, pvn-om"),
-        ({"spacing": 0.0}, "spacing: expected a positive number"),
-        ({"spacing": None}, "spacing, size: expected one of them, got neither"),
-        ({"threads": 100_000}, "threads: expected 0 to 4096, got 100000"),
-        ({"size": 10}, "spacing, size: expected one of them, got both"),
-        ({"max_kernel": 4}, "max_kernel: expected an odd number"),
-        ({"compounding": "mode"}, "compounding: expected one of mean"),
-        ({"method": "vvn", "compounding": "latest"}, "compounding: expected mean"),
-        ({"hole_weights": "none"}, "hole_weights: expected normalized or"),
-        ({"region": ((0, 0, 0), (1, 0, 1))}, "region: expected two corners"),
-        ({"max_distance": -1}, "max_distance: expected a number of at least 0"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"method": "vnn"}, "method: expected one of frames, pvn-om"),
+    ({"spacing": 0.0}, "spacing: expected a positive number"),
+    ({"spacing": None}, "spacing, size: expected one of them, got neither"),
+    ({"threads": 100_000}, "threads: expected 0 to 4096, got 100000"),
+    ({"size": 10}, "spacing, size: expected one of them, got both"),
+    ({"max_kernel": 4}, "max_kernel: expected an odd number"),
+    ({"compounding": "mode"}, "compounding: expected one of mean"),
+    ({"method": "vvn", "compounding": "latest"}, "compounding: expected mean"),
+    ({"hole_weights": "none"}, "hole_weights: expected normalized or"),
+    ({"region": ((0, 0, 0), (1, 0, 1))}, "region: expected two corners"),
+    ({"max_distance": -1}, "max_distance: expected a number of at least 0"),
+])  # fmt: skip
 def test_wrong_arguments(change, message):
     with pytest.raises(ValueError, match=message):
         reconstruct(make_sweep(), **{"spacing": 1.0, "device": "cpu", **change})

@@ -185,40 +185,34 @@ def test_without_xarray(monkeypatch):
         gb.measure.sample(particles(), [[0, 0, 0]], device="cpu").to_xarray()
 
 
-@pytest.mark.parametrize(
-    ("where", "values", "message"),
-    [
-        (None, None, "where: expected a SamplePlane, SampleLine, SampleGrid or points"),
-        ([1, 2, 3], None, "where: expected a SamplePlane"),
-        ("plane", None, "where: expected a SamplePlane"),
-        ([[0, 0, np.nan]], None, "where: expected finite points"),
-        ([[0, 0, 0]], "warmth", "values: expected one of field, inside, gradient, x,.*got warmth"),
-        ([[0, 0, 0]], "velocity:2", "values: expected velocity:0 to velocity:1"),
-        ([[0, 0, 0]], [], "values: expected at least one name"),
-        ([[0, 0, 0]], 3, "values: expected names, got 3"),
-        ([[0, 0, 0]], [None], "values: expected names"),
-        (gb.measure.SampleGrid(1e-4), None, "spacing: expected one that makes at most .*try 0.0"),
-        (gb.measure.SamplePlane((0, 0, 1), 0, 1e-9), None, "spacing: expected one that makes at most"),
-    ],
-)
+@pytest.mark.parametrize(("where", "values", "message"), [
+    (None, None, "where: expected a SamplePlane, SampleLine, SampleGrid or points"),
+    ([1, 2, 3], None, "where: expected a SamplePlane"),
+    ("plane", None, "where: expected a SamplePlane"),
+    ([[0, 0, np.nan]], None, "where: expected finite points"),
+    ([[0, 0, 0]], "warmth", "values: expected one of field, inside, gradient, x,.*got warmth"),
+    ([[0, 0, 0]], "velocity:2", "values: expected velocity:0 to velocity:1"),
+    ([[0, 0, 0]], [], "values: expected at least one name"),
+    ([[0, 0, 0]], 3, "values: expected names, got 3"),
+    ([[0, 0, 0]], [None], "values: expected names"),
+    (gb.measure.SampleGrid(1e-4), None, "spacing: expected one that makes at most .*try 0.0"),
+    (gb.measure.SamplePlane((0, 0, 1), 0, 1e-9), None, "spacing: expected one that makes at most"),
+])  # fmt: skip
 def test_refused(where, values, message):
     with pytest.raises((TypeError, ValueError), match=message):
         gb.measure.sample(particles(), where, values, device="cpu")
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: gb.measure.SamplePlane((0, 0, 0)), "normal: expected a direction"),
-        (lambda: gb.measure.SamplePlane((0, 0, 1), np.nan), "offset: expected a finite number"),
-        (lambda: gb.measure.SamplePlane((0, 0, 1), 0, -1), "spacing: expected a positive number"),
-        (lambda: gb.measure.SamplePlane((0, 0, 1), box=((1, 0, 0), (0, 1, 1))), "box: expected two finite"),
-        (lambda: gb.measure.SampleLine((0, 0, 0), (0, 0, 0)), "end: expected another point"),
-        (lambda: gb.measure.SampleLine((0, 0, 0), (0, 0, 1), 1), "n: expected 2 to"),
-        (lambda: gb.measure.SampleGrid(0), "spacing: expected a positive number"),
-        (lambda: gb.measure.SampleGrid(1, "box"), "box: expected two finite corners"),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    (lambda: gb.measure.SamplePlane((0, 0, 0)), "normal: expected a direction"),
+    (lambda: gb.measure.SamplePlane((0, 0, 1), np.nan), "offset: expected a finite number"),
+    (lambda: gb.measure.SamplePlane((0, 0, 1), 0, -1), "spacing: expected a positive number"),
+    (lambda: gb.measure.SamplePlane((0, 0, 1), box=((1, 0, 0), (0, 1, 1))), "box: expected two finite"),
+    (lambda: gb.measure.SampleLine((0, 0, 0), (0, 0, 0)), "end: expected another point"),
+    (lambda: gb.measure.SampleLine((0, 0, 0), (0, 0, 1), 1), "n: expected 2 to"),
+    (lambda: gb.measure.SampleGrid(0), "spacing: expected a positive number"),
+    (lambda: gb.measure.SampleGrid(1, "box"), "box: expected two finite corners"),
+])  # fmt: skip
 def test_refused_places(make, message):
     with pytest.raises((TypeError, ValueError), match=message):
         make()

@@ -94,20 +94,17 @@ def test_lzf_copies_reach_into_what_they_make():
         assert unpack_lzf(wrong, 4) is None
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ((b"POINTS 200", b"POINTS 99999999999"), "POINTS: expected at most 200 times"),
-        ((b"POINTS 200", b"POINTS -1"), "POINTS: expected a number"),
-        ((b"POINTS 200", b"POINTS 300"), "DATA: expected"),
-        ((b"DATA binary", b"DATA zip"), "DATA: expected ascii, binary or binary_compressed"),
-        ((b"DATA binary\n", b""), "header: expected a line DATA"),
-        ((b"SIZE 4", b"SIZE 3"), "x: expected a known TYPE"),
-        ((b"TYPE F F", b"TYPE F"), "FIELDS: expected as many"),
-        ((b"FIELDS x y", b"FIELDS u v"), "FIELDS: expected x, y and z"),
-        ((b"COUNT 1", b"COUNT 9999999"), "x: expected a known TYPE"),
-    ],
-)
+@pytest.mark.parametrize(("change", "said"), [
+    ((b"POINTS 200", b"POINTS 99999999999"), "POINTS: expected at most 200 times"),
+    ((b"POINTS 200", b"POINTS -1"), "POINTS: expected a number"),
+    ((b"POINTS 200", b"POINTS 300"), "DATA: expected"),
+    ((b"DATA binary", b"DATA zip"), "DATA: expected ascii, binary or binary_compressed"),
+    ((b"DATA binary\n", b""), "header: expected a line DATA"),
+    ((b"SIZE 4", b"SIZE 3"), "x: expected a known TYPE"),
+    ((b"TYPE F F", b"TYPE F"), "FIELDS: expected as many"),
+    ((b"FIELDS x y", b"FIELDS u v"), "FIELDS: expected x, y and z"),
+    ((b"COUNT 1", b"COUNT 9999999"), "x: expected a known TYPE"),
+])  # fmt: skip
 def test_damaged_pcd(tmp_path, change, said):
     write_pcd(tmp_path / "a.pcd", "binary")
     data = (tmp_path / "a.pcd").read_bytes()

@@ -117,15 +117,11 @@ def spray():
     return np.clip(at, 0.1, 4.9)
 
 
-@pytest.mark.parametrize(
-    ("size", "positions"),
-    [
-        (10 * D, 10 * D * np.random.default_rng(3).random((700, 3))),
-        (1.0, 0.3 + 0.08 * np.random.default_rng(4).random((300, 3))),
-        (5.0, spray()),
-    ],
-    ids=["periodic", "crowded", "spray"],
-)
+@pytest.mark.parametrize(("size", "positions"), [
+    (10 * D, 10 * D * np.random.default_rng(3).random((700, 3))),
+    (1.0, 0.3 + 0.08 * np.random.default_rng(4).random((300, 3))),
+    (5.0, spray()),
+], ids=["periodic", "crowded", "spray"])  # fmt: skip
 def test_lists_of_any_cloud_are_complete(backend, size, positions):
     periodic = "xyz" if size == 10 * D else ""
     sim = gb.Simulation(column(walls=False, hi=(size,) * 3, periodic=[*periodic]), **backend)

@@ -255,21 +255,18 @@ def test_wrong_scenes_are_named():
             gb.Simulation(scene(**keys), device="cpu")
 
 
-@pytest.mark.parametrize(
-    ("name", "change", "message"),
-    [
-        ("tissue_terms", lambda t: t[:-8], "tissue_terms: expected 1 to 2 terms"),
-        ("tissue_terms", lambda t: t * np.float32(-1), "tissue_terms: expected shares from 0 to 1"),
-        ("tissue_terms", lambda t: t + np.float32(0.4), "tissue_terms: expected shares|positive"),
-        ("tissue_stays", lambda t: t[:-6], "tissue_stays: expected"),
-        ("tissue_stays", lambda t: t - 1, "tissue_stays: expected positive metrics"),
-        ("tissue_stays", lambda t: t + 4, "tissue_stays: expected positive metrics"),
-        ("tissue_stays", lambda t: t * np.float32(np.nan), "tissue_stays: expected finite"),
-        ("tissue_spared", lambda t: t[:-1], "tissue_spared: expected"),
-        ("tissue_spared", lambda t: t - 1, "tissue_spared: expected densities"),
-        ("tissue_spared", lambda t: t * np.float32(np.nan), "tissue_spared: expected finite"),
-    ],
-)
+@pytest.mark.parametrize(("name", "change", "message"), [
+    ("tissue_terms", lambda t: t[:-8], "tissue_terms: expected 1 to 2 terms"),
+    ("tissue_terms", lambda t: t * np.float32(-1), "tissue_terms: expected shares from 0 to 1"),
+    ("tissue_terms", lambda t: t + np.float32(0.4), "tissue_terms: expected shares|positive"),
+    ("tissue_stays", lambda t: t[:-6], "tissue_stays: expected"),
+    ("tissue_stays", lambda t: t - 1, "tissue_stays: expected positive metrics"),
+    ("tissue_stays", lambda t: t + 4, "tissue_stays: expected positive metrics"),
+    ("tissue_stays", lambda t: t * np.float32(np.nan), "tissue_stays: expected finite"),
+    ("tissue_spared", lambda t: t[:-1], "tissue_spared: expected"),
+    ("tissue_spared", lambda t: t - 1, "tissue_spared: expected densities"),
+    ("tissue_spared", lambda t: t * np.float32(np.nan), "tissue_spared: expected finite"),
+])  # fmt: skip
 def test_states_that_cannot_be_are_refused(name, change, message):
     sim = gb.Simulation(scene(relaxation=SERIES, plastic=0.01), device="cpu")
     sim.step()

@@ -170,24 +170,21 @@ def test_tissue_torn_apart_gets_shorter_substeps(backend, seed, how):
     assert min(substeps) < max(substeps)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"model": "jelly"}, "model: expected bonds or solid"),
-        ({"poisson": 0.5}, "poisson: expected 0 to 0.49"),
-        ({"poisson": -0.1}, "poisson: expected 0 to 0.49"),
-        ({"young": 0.0}, "young"),
-        ({"young": np.nan}, "young"),
-        ({"positions": np.zeros((3, 3))}, "positions: expected particles about"),
-        ({"relaxation": [(0.5, 0.1)] * 3}, "relaxation: expected up to 2"),
-        ({"relaxation": [(0.5, 0.1), (0.5, 1.0)]}, "shares of at most 0.999 .* got 1"),
-        ({"relaxation": [(0.0, 0.1)]}, "shares between 0 and 1, got 0"),
-        ({"relaxation": [(0.5, 0.0)]}, "times from 1e-06 to .* got 0"),
-        ({"relaxation": [(0.5, np.nan)]}, "times .* got nan"),
-        ({"relaxation": [0.5, 0.1]}, "relaxation: expected up to 2"),
-        ({"relaxation": [(0.5, 0.1)], "model": "bonds"}, 'relaxation: .* model = "solid"'),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"model": "jelly"}, "model: expected bonds or solid"),
+    ({"poisson": 0.5}, "poisson: expected 0 to 0.49"),
+    ({"poisson": -0.1}, "poisson: expected 0 to 0.49"),
+    ({"young": 0.0}, "young"),
+    ({"young": np.nan}, "young"),
+    ({"positions": np.zeros((3, 3))}, "positions: expected particles about"),
+    ({"relaxation": [(0.5, 0.1)] * 3}, "relaxation: expected up to 2"),
+    ({"relaxation": [(0.5, 0.1), (0.5, 1.0)]}, "shares of at most 0.999 .* got 1"),
+    ({"relaxation": [(0.0, 0.1)]}, "shares between 0 and 1, got 0"),
+    ({"relaxation": [(0.5, 0.0)]}, "times from 1e-06 to .* got 0"),
+    ({"relaxation": [(0.5, np.nan)]}, "times .* got nan"),
+    ({"relaxation": [0.5, 0.1]}, "relaxation: expected up to 2"),
+    ({"relaxation": [(0.5, 0.1)], "model": "bonds"}, 'relaxation: .* model = "solid"'),
+])  # fmt: skip
 def test_wrong_solids_are_named(change, message):
     good = {"positions": lattice(2, 2, 2), "spacing": D, "young": 2500.0, "model": "solid"}
     with pytest.raises(ValueError, match=message):
@@ -199,19 +196,16 @@ def test_solids_do_not_iterate():
         truths.solid(lattice(2, 2, 2), device="cpu").advance(0.01, iterations=2)
 
 
-@pytest.mark.parametrize(
-    ("ids", "how", "message"),
-    [
-        ([*range(27), 3], {}, "ids: expected each particle once, got 1 again"),
-        ([0, 1, 27], {}, "ids: expected particles of tissue or of boundaries, got 1 of others"),
-        (range(27), {"young": 1e20}, "young: expected at most 100,000 substeps in a step of 0.005"),
-        (range(27), {"young": 1e20, "model": "bonds"}, "young: expected at most 100,000 substeps"),
-        (range(27), {"fixed": [True, False]}, r"fixed: expected \(27,\) bool, got \(2,\)"),
-        (range(27), {"poisson": "a"}, r"poisson: expected one number or \(27,\), got 'a'"),
-        (range(27), {"poisson": [0.3] * 26 + [0.6]}, "poisson: expected 0 to 0.49, got 0.6"),
-        (range(27), {"poisson": 0.3, "model": "bonds"}, 'poisson: expected model "solid"'),
-    ],
-)
+@pytest.mark.parametrize(("ids", "how", "message"), [
+    ([*range(27), 3], {}, "ids: expected each particle once, got 1 again"),
+    ([0, 1, 27], {}, "ids: expected particles of tissue or of boundaries, got 1 of others"),
+    (range(27), {"young": 1e20}, "young: expected at most 100,000 substeps in a step of 0.005"),
+    (range(27), {"young": 1e20, "model": "bonds"}, "young: expected at most 100,000 substeps"),
+    (range(27), {"fixed": [True, False]}, r"fixed: expected \(27,\) bool, got \(2,\)"),
+    (range(27), {"poisson": "a"}, r"poisson: expected one number or \(27,\), got 'a'"),
+    (range(27), {"poisson": [0.3] * 26 + [0.6]}, "poisson: expected 0 to 0.49, got 0.6"),
+    (range(27), {"poisson": 0.3, "model": "bonds"}, 'poisson: expected model "solid"'),
+])  # fmt: skip
 def test_bodies_made_by_hand_name_what_is_wrong(ids, how, message):
     sim = gb.Simulation(
         spacing=D, domain={"lo": [-1, -1, -1], "hi": [1, 1, 1]}, device="cpu",

@@ -149,15 +149,12 @@ def test_degenerate_blades_cut_nothing():
     assert tissue.cut(blade.sweep(along, along + [D, 0, 0])) == 0
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        (np.zeros((3, 3)), "shape"),
-        (np.full((1, 3, 3), np.nan), "finite"),
-        (([[0, 0, 0], [1, 0, 0]], [[0, 0, 0]]), "now"),
-        (([[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [1, 0, 0], [2, 0, 0]]), "now: expected 2"),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "message"), [
+    (np.zeros((3, 3)), "shape"),
+    (np.full((1, 3, 3), np.nan), "finite"),
+    (([[0, 0, 0], [1, 0, 0]], [[0, 0, 0]]), "now"),
+    (([[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [1, 0, 0], [2, 0, 0]]), "now: expected 2"),
+])  # fmt: skip
 def test_wrong_blades_are_named(wrong, message):
     with pytest.raises(ValueError, match=message):
         blade.as_blade(wrong)

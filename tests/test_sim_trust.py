@@ -131,14 +131,11 @@ def whole_energy(sim):
 
 
 @pytest.mark.few_backends
-@pytest.mark.parametrize(
-    ("name", "spacing"),
-    [
-        ("beam", 0.005),
-        pytest.param("cut-block", 0.004, marks=pytest.mark.slow),
-        pytest.param("brain-surgery", 0.008, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("name", "spacing"), [
+    ("beam", 0.005),
+    pytest.param("cut-block", 0.004, marks=pytest.mark.slow),
+    pytest.param("brain-surgery", 0.008, marks=pytest.mark.slow),
+])  # fmt: skip
 def test_energy_of_solids_does_not_grow(backend, name, spacing):
     """Strain included, in every scene with tissue, from each step to the next."""
     if name == "brain-surgery":

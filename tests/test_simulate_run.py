@@ -260,22 +260,19 @@ def test_a_curve_of_one_point_is_seen(tmp_path):
     assert colored("one.png", [{"time": 0.1, "dt": 0.1}]) > 10
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["dam.toml", "--resume"], "--resume: expected frames/checkpoint.npz"),
-        (["dam.toml", "--spacing", "9"], "spacing: expected less than half the domain, 0.2 m, got 9"),
-        (["dam.toml", "--video", "a.avi"], "--video: expected a name ending in .mp4"),
-        (["dam.toml", "--fps", "1e6", "--seconds", "2"], "--seconds: expected at most 1,000,000"),
-        (["long.toml"], "error: long.toml: seconds: expected at most 1,000,000 frames, got 1e+30"),
-        (["long.toml", "--seconds", "1e9"], "--seconds: expected at most 1,000,000 frames"),
-        (["dam.toml", "--seconds", "0.01"], "seconds: expected at least a frame, 0.05 s, got 0.01"),
-        (["dam.toml", "-o", "dam.toml"], "-o: expected a folder, got dam.toml: "),
-        (["dam.toml", "-o", "/proc/a/b"], "-o: expected a place that may be written, got /proc/a/"),
-        (["dam.toml", "--images", "dam.toml"], "--images: expected a folder, got dam.toml"),
-        (["dam.toml", "--video", "/proc/a.mp4"], "--video: expected a place that may be written"),
-    ],
-)
+@pytest.mark.parametrize(("words", "expected"), [
+    (["dam.toml", "--resume"], "--resume: expected frames/checkpoint.npz"),
+    (["dam.toml", "--spacing", "9"], "spacing: expected less than half the domain, 0.2 m, got 9"),
+    (["dam.toml", "--video", "a.avi"], "--video: expected a name ending in .mp4"),
+    (["dam.toml", "--fps", "1e6", "--seconds", "2"], "--seconds: expected at most 1,000,000"),
+    (["long.toml"], "error: long.toml: seconds: expected at most 1,000,000 frames, got 1e+30"),
+    (["long.toml", "--seconds", "1e9"], "--seconds: expected at most 1,000,000 frames"),
+    (["dam.toml", "--seconds", "0.01"], "seconds: expected at least a frame, 0.05 s, got 0.01"),
+    (["dam.toml", "-o", "dam.toml"], "-o: expected a folder, got dam.toml: "),
+    (["dam.toml", "-o", "/proc/a/b"], "-o: expected a place that may be written, got /proc/a/"),
+    (["dam.toml", "--images", "dam.toml"], "--images: expected a folder, got dam.toml"),
+    (["dam.toml", "--video", "/proc/a.mp4"], "--video: expected a place that may be written"),
+])  # fmt: skip
 def test_mistakes_are_one_line(folder, capsys, words, expected):
     assert expected in refused(capsys, "simulate", *words)
 
@@ -297,19 +294,16 @@ def test_a_frame_at_whose_time_one_stops_is_written(folder, capsys):
     assert sorted(os.listdir("out"))[-5:] == [f"frame_{k:05d}.vtp" for k in range(5)]
 
 
-@pytest.mark.parametrize(
-    ("name", "change", "expected"),
-    [
-        ("id", lambda a: np.full_like(a, 2**32 - 1), "id: expected each once"),
-        ("place", lambda a: a[:-1], "place: expected float32"),
-        ("velocity", lambda a: a * np.nan, "velocity: expected finite"),
-        ("phase", lambda a: np.full_like(a, 255), "phase: expected numbers below"),
-        ("counts", lambda a: np.full_like(a, 2**64 - 1), "counts: expected"),
-        ("motion", lambda a: a[:-3], "expected all of the bodies"),
-        ("growth", None, "'growth' is missing"),
-        ("_facts", lambda a: np.frombuffer(b"[1]", np.uint8), "expected a checkpoint"),
-    ],
-)
+@pytest.mark.parametrize(("name", "change", "expected"), [
+    ("id", lambda a: np.full_like(a, 2**32 - 1), "id: expected each once"),
+    ("place", lambda a: a[:-1], "place: expected float32"),
+    ("velocity", lambda a: a * np.nan, "velocity: expected finite"),
+    ("phase", lambda a: np.full_like(a, 255), "phase: expected numbers below"),
+    ("counts", lambda a: np.full_like(a, 2**64 - 1), "counts: expected"),
+    ("motion", lambda a: a[:-3], "expected all of the bodies"),
+    ("growth", None, "'growth' is missing"),
+    ("_facts", lambda a: np.frombuffer(b"[1]", np.uint8), "expected a checkpoint"),
+])  # fmt: skip
 def test_a_checkpoint_that_cannot_be_is_refused(folder, finished, capsys, name, change, expected):
     with np.load(finished / "checkpoint.npz") as file:
         arrays = dict(file)
@@ -323,14 +317,11 @@ def test_a_checkpoint_that_cannot_be_is_refused(folder, finished, capsys, name, 
     assert expected in said
 
 
-@pytest.mark.parametrize(
-    ("scene", "options", "expected"),
-    [
-        ("other.toml", [], "got a checkpoint with another gravity"),
-        ("dam.toml", ["--fps", "40.0"], "--resume: expected --fps 20.0, .* got 40.0"),
-        ("dam.toml", ["--format", "npz"], "--resume: expected --format vtp, .* got npz"),
-    ],
-)
+@pytest.mark.parametrize(("scene", "options", "expected"), [
+    ("other.toml", [], "got a checkpoint with another gravity"),
+    ("dam.toml", ["--fps", "40.0"], "--resume: expected --fps 20.0, .* got 40.0"),
+    ("dam.toml", ["--format", "npz"], "--resume: expected --format vtp, .* got npz"),
+])  # fmt: skip
 def test_another_run_than_before_does_not_go_on(folder, capsys, scene, options, expected):
     (folder / "other.toml").write_text("gravity = [0, 0, -1]\n" + TOML)
     run("dam.toml", "-o", "out", "--seconds", 0.1)
@@ -399,13 +390,10 @@ def test_a_folder_is_of_one_run_at_a_time(folder, capsys):
     run("dam.toml", "-o", "two", "--seconds", 0.1, "--resume")
 
 
-@pytest.mark.parametrize(
-    ("more", "said"),
-    [
-        ([], "cannot use them; delete the folder or run again"),
-        (["--checkpoint", "0.05"], "continues from frames/checkpoint.npz"),
-    ],
-)
+@pytest.mark.parametrize(("more", "said"), [
+    ([], "cannot use them; delete the folder or run again"),
+    (["--checkpoint", "0.05"], "continues from frames/checkpoint.npz"),
+])  # fmt: skip
 def test_the_first_error_is_said(folder, capsys, monkeypatch, more, said):
     """Of a full disk the frame, not the diagnostics after it; and what stays of the movie."""
     pytest.importorskip("av")

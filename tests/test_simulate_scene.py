@@ -48,26 +48,23 @@ def scene(tmp_path, text):
     return path
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "expected"),
-    [
-        ("0.001", "-1", ":11: fluids[0].viscosity: expected a number from 0 to 1e+09, got -1"),
-        ("0.001", '"thick"', ":11: fluids[0].viscosity: expected a number from 0 to 1e+09, got '"),
-        ("0.5] }", "'x'] }", ":13: fluids[0].box.hi[2]: expected a number from -1e+06 to 1e+06"),
-        ("young", "yung", ":17: solids[0].yung: expected one of name, box, "),
-        ("= 0.2", "= true", ":19: solids[0].sphere.radius: expected a number above 0, at most"),
-        ("time = 1", "time = 0", ":27: instruments[0].keys[1].time: expected more than 0, got 0"),
-        ("length = 0.1", "", ":21: instruments[0]: a scalpel: expected edge or length, got none"),
-        ('"jelly"', '"water"', ":16: solids[0].name: expected a name of its own, got 'water'"),
-        ("spacing = 0.1", "", ": expected the key spacing, got none"),
-        ("spacing = 0.1", "spacing = 3.0", ":1: spacing: expected less than half the domain"),
-        ("hi = [1, 1, 1]", "hi = [0, 1, 1]", ":4: domain: expected lo below hi in each axis"),
-        ("[domain]", "[domain", ":4: expected TOML, got: "),
-        ("young = 3000", "mesh = { file = 'no.obj' }", ":15: solids[0]: expected one"),
-        ("[[instruments]]", "[[solids]]\nname = 'bone'\nmesh.file = 'no.obj'\n[[instruments]]",
-         ":23: solids[1].mesh.file: expected a file, got /"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("old", "new", "expected"), [
+    ("0.001", "-1", ":11: fluids[0].viscosity: expected a number from 0 to 1e+09, got -1"),
+    ("0.001", '"thick"', ":11: fluids[0].viscosity: expected a number from 0 to 1e+09, got '"),
+    ("0.5] }", "'x'] }", ":13: fluids[0].box.hi[2]: expected a number from -1e+06 to 1e+06"),
+    ("young", "yung", ":17: solids[0].yung: expected one of name, box, "),
+    ("= 0.2", "= true", ":19: solids[0].sphere.radius: expected a number above 0, at most"),
+    ("time = 1", "time = 0", ":27: instruments[0].keys[1].time: expected more than 0, got 0"),
+    ("length = 0.1", "", ":21: instruments[0]: a scalpel: expected edge or length, got none"),
+    ('"jelly"', '"water"', ":16: solids[0].name: expected a name of its own, got 'water'"),
+    ("spacing = 0.1", "", ": expected the key spacing, got none"),
+    ("spacing = 0.1", "spacing = 3.0", ":1: spacing: expected less than half the domain"),
+    ("hi = [1, 1, 1]", "hi = [0, 1, 1]", ":4: domain: expected lo below hi in each axis"),
+    ("[domain]", "[domain", ":4: expected TOML, got: "),
+    ("young = 3000", "mesh = { file = 'no.obj' }", ":15: solids[0]: expected one"),
+    ("[[instruments]]", "[[solids]]\nname = 'bone'\nmesh.file = 'no.obj'\n[[instruments]]",
+     ":23: solids[1].mesh.file: expected a file, got /"),
+])  # fmt: skip
 def test_a_mistake_is_one_line_with_its_place(tmp_path, old, new, expected):
     path = scene(tmp_path, SCENE.replace(old, new, 1))
     with pytest.raises(SceneError) as caught:

@@ -25,16 +25,13 @@ def ball_grid():
     return Grid(np.linalg.norm(axes, axis=0) - 1, affine)
 
 
-@pytest.mark.parametrize(
-    ("shape", "volume"),
-    [
-        (Box((0, 0, 0), (1, 0.5, 0.25)), 0.125),
-        (Sphere((1, 2, 3), 0.6), 4 / 3 * np.pi * 0.6**3),
-        (Cylinder((0, 0, 0), (1, 1, 0), 0.4), np.pi * 0.16 * np.sqrt(2)),
-        (box_mesh(), 1.0),
-        (ball_grid(), 4 / 3 * np.pi),
-    ],
-)
+@pytest.mark.parametrize(("shape", "volume"), [
+    (Box((0, 0, 0), (1, 0.5, 0.25)), 0.125),
+    (Sphere((1, 2, 3), 0.6), 4 / 3 * np.pi * 0.6**3),
+    (Cylinder((0, 0, 0), (1, 1, 0), 0.4), np.pi * 0.16 * np.sqrt(2)),
+    (box_mesh(), 1.0),
+    (ball_grid(), 4 / 3 * np.pi),
+])  # fmt: skip
 def test_filled_volume(shape, volume):
     points = fill(shape, D)
     assert len(points) * D**3 == pytest.approx(volume, rel=0.02)

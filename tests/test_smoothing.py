@@ -119,17 +119,14 @@ def test_against_a_double_loop(monkeypatch):
     assert np.allclose(found.centers, expected_centers, atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("options", "what"),
-    [
-        ({}, "support: expected one number"),
-        ({"support": 0}, "support: expected a positive number"),
-        ({"support": 1, "radius": np.nan}, "radius: expected a positive number"),
-        ({"support": 1, "smoothing": 2}, "smoothing: expected 0 to 1"),
-        ({"support": 1, "most_stretch": 0.5}, "most_stretch: expected a number >= 1"),
-        ({"support": 1, "few_size": 0}, "few_size: expected a positive number"),
-    ],
-)
+@pytest.mark.parametrize(("options", "what"), [
+    ({}, "support: expected one number"),
+    ({"support": 0}, "support: expected a positive number"),
+    ({"support": 1, "radius": np.nan}, "radius: expected a positive number"),
+    ({"support": 1, "smoothing": 2}, "smoothing: expected 0 to 1"),
+    ({"support": 1, "most_stretch": 0.5}, "most_stretch: expected a number >= 1"),
+    ({"support": 1, "few_size": 0}, "few_size: expected a positive number"),
+])  # fmt: skip
 def test_wrong_arguments(options, what):
     with pytest.raises(ValueError, match=what):
         find_anisotropy(lattice(2, 2, 2), **options)

@@ -303,22 +303,19 @@ def test_sweep_checks_its_fields():
         Sweep(np.array([[["a"]]]), poses[:1])
 
 
-@pytest.mark.parametrize(
-    ("table", "what"),
-    [
-        ("", "empty file"),
-        ("a,b\n1,2\n", "columns"),
-        ("time,x,y,z,qx,qy,qz,qw\n", "got none"),
-        ("time,x,y,z,qx,qy,qz,qw\n0,1,2\n", "row 2"),
-        ("time,x,y,z,qx,qy,qz,qw\n0,1,2,z,0,0,0,1\n", "a number"),
-        ("time,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,5\n", "length 1"),
-        ("time,x,y,z,qx,qy,qz,qw\nnan,1,2,3,0,0,0,1\n", "finite time"),
-        ("time,x,y,z,qx,qy,qz,qw\n0,1,2,3,nan,0,0,1\n", "status OK"),
-        ("time," + ",".join(f"m{r}{c}" for r in range(3) for c in range(4)) + "\n"
-         + ",".join(["0"] * 13) + "\n", "singular"),
-        ("time,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n", "way|OK|times"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("table", "what"), [
+    ("", "empty file"),
+    ("a,b\n1,2\n", "columns"),
+    ("time,x,y,z,qx,qy,qz,qw\n", "got none"),
+    ("time,x,y,z,qx,qy,qz,qw\n0,1,2\n", "row 2"),
+    ("time,x,y,z,qx,qy,qz,qw\n0,1,2,z,0,0,0,1\n", "a number"),
+    ("time,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,5\n", "length 1"),
+    ("time,x,y,z,qx,qy,qz,qw\nnan,1,2,3,0,0,0,1\n", "finite time"),
+    ("time,x,y,z,qx,qy,qz,qw\n0,1,2,3,nan,0,0,1\n", "status OK"),
+    ("time," + ",".join(f"m{r}{c}" for r in range(3) for c in range(4)) + "\n"
+     + ",".join(["0"] * 13) + "\n", "singular"),
+    ("time,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n", "way|OK|times"),
+])  # fmt: skip
 def test_bad_pose_tables(stack, table, what):
     Path("bad.csv").write_text(table, encoding="utf-8")
     line = refused("frames", calibration="calibration.toml", poses="bad.csv", frame_times=[5] * 12)

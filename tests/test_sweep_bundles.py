@@ -220,24 +220,21 @@ def test_frames_without_a_position():
     assert read_sweep("scan.sw").valid.tolist() == [True, True, True, False, True, True]
 
 
-@pytest.mark.parametrize(
-    ("fields", "problem"),
-    [
-        ({"RES_BUF_RF": "true"}, "RES_BUF_RF: expected false, got true; save the recording as B-s"),
-        ({"RES_BUF_DICOM": "true"}, "the images are in DICOM files"),
-        ({"RES_INVERT_BSCAN": "true"}, "probe at the top"),
-        ({"RES_POS_REC": "false"}, "expected positions with the images, got none"),
-        ({"RES_BUF_FRAMES": 7}, "expected a line for each of 7 frames, got 6"),
-        ({"RES_BUF_WIDTH": 0}, "RES_BUF_WIDTH: expected a number from 1, got '0'"),
-        ({"RES_BUF_WIDTH": 15}, "expected 900 bytes of gray images, got 840 bytes in 'scan.sxi'"),
-        ({"RES_XSCALE": 0}, "expected cm per pixel above 0"),
-        ({"RES_XSCALE": "nan"}, "RES_XSCALE: expected a number, got 'nan'"),
-        ({"RES_ROLL": "a"}, "RES_ROLL: expected a number, got 'a'"),
-        ({"RES_BIN_IM_FILENAME": "gone.sxi"}, "got no file 'gone.sxi'"),
-        ({"without": "RES_YSCALE"}, "RES_YSCALE: expected a number, got ''"),
-        ({"moves": np.zeros((N, 5))}, "expected IM time x y z azimuth elevation roll"),
-    ],
-)
+@pytest.mark.parametrize(("fields", "problem"), [
+    ({"RES_BUF_RF": "true"}, "RES_BUF_RF: expected false, got true; save the recording as B-s"),
+    ({"RES_BUF_DICOM": "true"}, "the images are in DICOM files"),
+    ({"RES_INVERT_BSCAN": "true"}, "probe at the top"),
+    ({"RES_POS_REC": "false"}, "expected positions with the images, got none"),
+    ({"RES_BUF_FRAMES": 7}, "expected a line for each of 7 frames, got 6"),
+    ({"RES_BUF_WIDTH": 0}, "RES_BUF_WIDTH: expected a number from 1, got '0'"),
+    ({"RES_BUF_WIDTH": 15}, "expected 900 bytes of gray images, got 840 bytes in 'scan.sxi'"),
+    ({"RES_XSCALE": 0}, "expected cm per pixel above 0"),
+    ({"RES_XSCALE": "nan"}, "RES_XSCALE: expected a number, got 'nan'"),
+    ({"RES_ROLL": "a"}, "RES_ROLL: expected a number, got 'a'"),
+    ({"RES_BIN_IM_FILENAME": "gone.sxi"}, "got no file 'gone.sxi'"),
+    ({"without": "RES_YSCALE"}, "RES_YSCALE: expected a number, got ''"),
+    ({"moves": np.zeros((N, 5))}, "expected IM time x y z azimuth elevation roll"),
+])  # fmt: skip
 def test_what_stradwin_reads_otherwise_is_refused(fields, problem):
     if "moves" in fields:
         stradwin()

@@ -158,16 +158,13 @@ def test_dicom_series(tmp_path):
 # wrong arguments and bad files
 
 
-@pytest.mark.parametrize(
-    ("options", "what"),
-    [
-        ({"level": np.nan}, "level: expected a finite number"),
-        ({"level": 1, "labels": [1]}, "level: expected none beside labels"),
-        ({"labels": 1.5}, "labels: expected one or more whole numbers"),
-        ({"spacing": 0}, "spacing: expected a positive number"),
-        ({"spacing": 1e-4}, r"spacing: expected at least 0\.\d+ mm"),
-    ],
-)
+@pytest.mark.parametrize(("options", "what"), [
+    ({"level": np.nan}, "level: expected a finite number"),
+    ({"level": 1, "labels": [1]}, "level: expected none beside labels"),
+    ({"labels": 1.5}, "labels: expected one or more whole numbers"),
+    ({"spacing": 0}, "spacing: expected a positive number"),
+    ({"spacing": 1e-4}, r"spacing: expected at least 0\.\d+ mm"),
+])  # fmt: skip
 def test_wrong_arguments(options, what):
     with pytest.raises(ValueError, match=what):
         gb.volumes.sample_tomography(image(ramp()), **options)

@@ -124,15 +124,12 @@ def test_displayed_is_srgb():
 
 
 @pytest.mark.few_backends
-@pytest.mark.parametrize(
-    ("samples", "more"),
-    [
-        *itertools.product(
-            [{"samples": 1}, {"samples": 8}], [{}, {"shadows": True, "ambient_rays": 2}, {"sky": gb.Sky()}]
-        ),
-        ({"edge_samples": 3}, {}),
-    ],
-)
+@pytest.mark.parametrize(("samples", "more"), [
+    *itertools.product(
+        [{"samples": 1}, {"samples": 8}], [{}, {"shadows": True, "ambient_rays": 2}, {"sky": gb.Sky()}]
+    ),
+    ({"edge_samples": 3}, {}),
+])  # fmt: skip
 def test_light_of_the_hits_and_background_make_the_opaque_image(particles, samples, more, backend):
     scene = gb.Scene(particles, **backend)
     settings = gb.RenderSettings(**samples, background=(0.2, 0.4, 0.9), **more)

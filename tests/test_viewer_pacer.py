@@ -60,15 +60,11 @@ def test_a_slow_link_keeps_its_latency():
     assert len(late) > 60 * 8
 
 
-@pytest.mark.parametrize(
-    ("times", "scales", "quality"),
-    [
-        ({"trace": 0.02, "bandwidth": 1e9, "delay": 0.001}, (1.0, 1.0), MOST_QUALITY),
-        ({"trace": 2.0, "bandwidth": 1e9, "delay": 0.001}, (0.0, 0.3), 61),
-        ({"trace": 0.02, "bandwidth": 1e8, "browser": 0.3}, (0.9, 1.0), 0),
-    ],
-    ids=["fast", "slow tracing", "slow browser"],
-)
+@pytest.mark.parametrize(("times", "scales", "quality"), [
+    ({"trace": 0.02, "bandwidth": 1e9, "delay": 0.001}, (1.0, 1.0), MOST_QUALITY),
+    ({"trace": 2.0, "bandwidth": 1e9, "delay": 0.001}, (0.0, 0.3), 61),
+    ({"trace": 0.02, "bandwidth": 1e8, "browser": 0.3}, (0.9, 1.0), 0),
+], ids=["fast", "slow tracing", "slow browser"])  # fmt: skip
 def test_only_slow_tracing_makes_pictures_smaller(times, scales, quality):
     link = Link(**times)
     link.run(30, lambda now: int(now / 0.02))
@@ -128,22 +124,18 @@ def test_settings_become_a_file_and_come_back():
         assert dataclasses.asdict(getattr(other, name)) == dataclasses.asdict(getattr(state, name))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("[surface]\nkernel = 'cubic'", "surface.kernel: expected one of murakami"),
-        ("[surface]\ncolor = 1", "surface.color: expected one of kernel, threshold"),
-        ("[look]\nshadows = 1", "look.shadows: expected true or false, got 1"),
-        ("[cuts]\nnormal = [1, 2]", "normal: expected three numbers"),
-        ("[quality]\nsamples = 2.5", "samples: expected a whole number from 1 to"),
-        ("lights = 3", "lights: expected one of surface"),
-        ("[camera]\neye = [0, 0, 1]", "camera: expected eye, look_at"),
-        ("surface = 1", "surface: expected a table, got 1"),
-        ("[surface\n", "line 1"),
-        ("# " + 300_000 * "x", "at most"),
-    ],
-    ids=lambda text: text[:40],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("[surface]\nkernel = 'cubic'", "surface.kernel: expected one of murakami"),
+    ("[surface]\ncolor = 1", "surface.color: expected one of kernel, threshold"),
+    ("[look]\nshadows = 1", "look.shadows: expected true or false, got 1"),
+    ("[cuts]\nnormal = [1, 2]", "normal: expected three numbers"),
+    ("[quality]\nsamples = 2.5", "samples: expected a whole number from 1 to"),
+    ("lights = 3", "lights: expected one of surface"),
+    ("[camera]\neye = [0, 0, 1]", "camera: expected eye, look_at"),
+    ("surface = 1", "surface: expected a table, got 1"),
+    ("[surface\n", "line 1"),
+    ("# " + 300_000 * "x", "at most"),
+], ids=lambda text: text[:40])  # fmt: skip
 def test_mistakes_in_a_file_name_the_key_and_change_nothing(text, message):
     state = State()
     state.set(surface__threshold=0.9)

@@ -83,35 +83,31 @@ def test_a_preset_is_one_change(watched):
     assert state.to_toml() == before
 
 
-@pytest.mark.parametrize(
-    ("before", "change"),
-    [
-        ({}, {"surface__kernel": "wendland_c2"}),
-        ({}, {"surface__support": 0.6}),
-        ({}, {"surface__threshold": 1.5}),
-        ({}, {"surface__root": "march"}),
-        ({}, {"look__preset": "water"}),
-        ({"look__ground": "plain"}, {"look__ambient_rays": 8}),
-        ({}, {"look__sky": "gradient"}),
-        ({}, {"look__ground": "checker"}),
-        ({}, {"look__shadows": True}),
-        ({}, {"look__exposure": 2.0}),
-        ({}, {"look__background": (0.0, 0.6, 0.0)}),
-        ({}, {"look__lights": "own"}),
-        ({"look__lights": "own"}, {"look__azimuth": 120.0}),
-        ({"look__sky": "gradient"}, {"look__matter": "own", "look__reflection": 1.0}),
-        ({"look__sky": "gradient", "look__matter": "own", "look__reflection": 1.0}, {"look__bounces": 0}),
-        ({}, {"color__by": "speed"}),
-        ({"color__by": "speed"}, {"color__legend": False}),
-        ({"color__by": "speed"}, {"color__automatic": False, "color__high": 10.0}),
-        ({"color__by": "speed"}, {"color__colormap": "gray"}),
-        ({}, {"notes__scale_bar": True}),
-        ({}, {"cuts__plane": True}),
-        ({}, {"cuts__box": True, "cuts__lo": (-3.0, -3.0, 0.2), "cuts__hi": (3.0, 3.0, 3.0)}),
-        ({}, {"cuts__sphere": True, "cuts__keep_sphere": True, "cuts__radius": 0.5}),
-    ],
-    ids=lambda value: "-".join(value) or "plain",
-)
+@pytest.mark.parametrize(("before", "change"), [
+    ({}, {"surface__kernel": "wendland_c2"}),
+    ({}, {"surface__support": 0.6}),
+    ({}, {"surface__threshold": 1.5}),
+    ({}, {"surface__root": "march"}),
+    ({}, {"look__preset": "water"}),
+    ({"look__ground": "plain"}, {"look__ambient_rays": 8}),
+    ({}, {"look__sky": "gradient"}),
+    ({}, {"look__ground": "checker"}),
+    ({}, {"look__shadows": True}),
+    ({}, {"look__exposure": 2.0}),
+    ({}, {"look__background": (0.0, 0.6, 0.0)}),
+    ({}, {"look__lights": "own"}),
+    ({"look__lights": "own"}, {"look__azimuth": 120.0}),
+    ({"look__sky": "gradient"}, {"look__matter": "own", "look__reflection": 1.0}),
+    ({"look__sky": "gradient", "look__matter": "own", "look__reflection": 1.0}, {"look__bounces": 0}),
+    ({}, {"color__by": "speed"}),
+    ({"color__by": "speed"}, {"color__legend": False}),
+    ({"color__by": "speed"}, {"color__automatic": False, "color__high": 10.0}),
+    ({"color__by": "speed"}, {"color__colormap": "gray"}),
+    ({}, {"notes__scale_bar": True}),
+    ({}, {"cuts__plane": True}),
+    ({}, {"cuts__box": True, "cuts__lo": (-3.0, -3.0, 0.2), "cuts__hi": (3.0, 3.0, 3.0)}),
+    ({}, {"cuts__sphere": True, "cuts__keep_sphere": True, "cuts__radius": 0.5}),
+], ids=lambda value: "-".join(value) or "plain")  # fmt: skip
 def test_each_setting_changes_the_image(before, change):
     with engine_of(blob(100), **before) as engine:
         first = Shot(engine, FRONT, (160, 120), 1).picture

@@ -62,14 +62,11 @@ def refuse(path, place, *_):
     raise FormatError(f"{path}: {place} needs too much")
 
 
-@pytest.mark.parametrize(
-    ("what", "message"),
-    [
-        ("crash", "does not survive"),
-        ("loop", "does not survive"),  # SIGXCPU
-        ("silent", "breaks off"),
-    ],
-)
+@pytest.mark.parametrize(("what", "message"), [
+    ("crash", "does not survive"),
+    ("loop", "does not survive"),  # SIGXCPU
+    ("silent", "breaks off"),
+])  # fmt: skip
 def test_a_bad_file_ends_its_worker_and_nothing_else(opened, what, message):
     first = opened("good")
     with pytest.raises(FormatError, match=message) as caught:

@@ -271,18 +271,15 @@ def test_points_and_lines_of_xdmf_stay_particles():
         assert len(gb.read("a.xdmf")) == 8
 
 
-@pytest.mark.parametrize(
-    ("kind", "cells", "said"),
-    [
-        ("Triangle", [[0, 1, 8]], "expected indices from 0 to 7, got 0 to 8"),
-        ("Triangle", [[0, 1, np.nan]], "expected indices from 0 to 7, got "),
-        ("Triangle", [[0, 1]], "expected 3 points a cell, got 2 in all"),
-        ("Mixed", [4, 0, 1], "expected the points of mixed cells, got too few numbers"),
-        ("Mixed", [4, 0, 1, 2, 99], "expected the number of a kind of cell, got 99"),
-        ("Mixed", [3, -1, 2], "expected the points of mixed cells, got too few numbers"),
-        ("Polygon", [0, 1, 2], "expected NodesPerElement from 3, got ''"),
-    ],
-)
+@pytest.mark.parametrize(("kind", "cells", "said"), [
+    ("Triangle", [[0, 1, 8]], "expected indices from 0 to 7, got 0 to 8"),
+    ("Triangle", [[0, 1, np.nan]], "expected indices from 0 to 7, got "),
+    ("Triangle", [[0, 1]], "expected 3 points a cell, got 2 in all"),
+    ("Mixed", [4, 0, 1], "expected the points of mixed cells, got too few numbers"),
+    ("Mixed", [4, 0, 1, 2, 99], "expected the number of a kind of cell, got 99"),
+    ("Mixed", [3, -1, 2], "expected the points of mixed cells, got too few numbers"),
+    ("Polygon", [0, 1, 2], "expected NodesPerElement from 3, got ''"),
+])  # fmt: skip
 def test_damaged_cells_of_xdmf(kind, cells, said):
     xdmf(mesh(kind, item(cells)))
     with pytest.raises(FormatError, match=said):
