@@ -55,7 +55,11 @@ def test_what_stands_for_a_scene(particles):
     assert gb.fluids.measure_spacing(particles).shape == (len(p),)
 
 
-def test_a_simulation_is_shown_as_it_is():
+def test_several_scenes_and_a_simulation():
+    apart = [gb.Particles([[x, 0, 0]], support=1.0) for x in (-1.0, 1.0)]
+    both = gb.render(apart, size=SIZE)
+    same(both, gb.render(iter([gb.Scene(p) for p in apart]), size=SIZE))
+    assert repr(both) == "Frame(32 x 24, 1 sample a pixel, 2 layers, cpu)"
     sim = gb.Simulation(gb.Particles(cube().positions), spacing=0.3, device="cpu")
     expected = gb.render(sim.scene, CAMERA, SIZE)
     same(gb.render(sim, CAMERA, SIZE), expected)
@@ -65,13 +69,6 @@ def test_a_simulation_is_shown_as_it_is():
     np.testing.assert_allclose(colored.distance, expected.distance, rtol=1e-5)
     same(gb.render(sim, CAMERA, SIZE), expected)
     assert len(gb.Scene(sim)) == len(sim)
-
-
-def test_several_scenes():
-    apart = [gb.Particles([[x, 0, 0]], support=1.0) for x in (-1.0, 1.0)]
-    both = gb.render(apart, size=SIZE)
-    same(both, gb.render(iter([gb.Scene(p) for p in apart]), size=SIZE))
-    assert repr(both) == "Frame(32 x 24, 1 sample a pixel, 2 layers, cpu)"
 
 
 def test_a_size_in_the_cameras_place(scene):
@@ -369,15 +366,6 @@ def test_cameras_check(wrong, error, message):
         gb.Camera(**{"eye": (0, 0, 1), "look_at": (0, 0, 0), **wrong})
 
 
-def test_a_threshold_is_checked():
-    scene = ball()
-    for bad, error in ((0, ValueError), ("high", TypeError), (np.nan, ValueError)):
-        with pytest.raises(error, match="threshold: expected a "):
-            scene.threshold = bad
-    scene.threshold = 0.3
-    assert scene.threshold == 0.3
-
-
 def loaded(code: str) -> set[str]:
     """The modules that are imported after some code has run in a fresh Python."""
     code += "\nimport sys\nprint(*sys.modules)"
@@ -385,12 +373,14 @@ def loaded(code: str) -> set[str]:
     return set(done.stdout.split())
 
 
-def test_import_is_short():
+def test_import_is_short(particles):
     names = loaded("import globule")
     heavy = ("PIL", "viser", "matplotlib", "scipy", "av", "nibabel", "SimpleITK")
     assert not {name for name in names if name.split(".")[0] in heavy}
     rooms = ("sim", "ultrasound", "viewer", "volumes", "formats", "figures", "bench", "cli")
     assert not {name for name in names if name.startswith(tuple(f"globule.{r}" for r in rooms))}
+    code = f"import globule as gb\nprint(len(gb.Scene({particles!r}, device='cpu')), end=' ')"
+    assert str(len(gb.read(particles))) in loaded(code)
 
 
 def test_what_is_imported_later():
@@ -405,11 +395,6 @@ def test_what_is_imported_later():
     assert gb.volumes.slices.reslice is gb.volumes.reslice
     with pytest.raises(AttributeError, match="no attribute 'reder'"):
         gb.reder  # noqa: B018
-
-
-def test_files_are_read_without_asking_for_more(particles):
-    code = f"import globule as gb\nprint(len(gb.Scene({particles!r}, device='cpu')), end=' ')"
-    assert str(len(gb.read(particles))) in loaded(code)
 
 
 def test_type_checkers_see_the_same_names():
@@ -430,7 +415,7 @@ def test_the_library_logs_and_never_prints():
     assert printing == []
 
 
-def test_an_update_of_another_length_names_what_stays():
+def test_what_a_scene_is_given_is_checked():
     p = gb.Particles(np.zeros((10, 3)), color=np.ones((10, 3)), weight=np.ones(10))
     scene = gb.Scene(p, support=0.2, device="cpu")
     with pytest.raises(ValueError, match=r"positions: expected 10 rows, as weight has, got 12; "
@@ -438,3 +423,9 @@ def test_an_update_of_another_length_names_what_stays():
         scene.update(positions=np.zeros((12, 3)))
     scene.update(positions=np.zeros((12, 3)), weight=np.ones(12), color=np.ones((12, 3)))
     assert len(scene.particles) == 12
+    scene = ball()
+    for bad, error in ((0, ValueError), ("high", TypeError), (np.nan, ValueError)):
+        with pytest.raises(error, match="threshold: expected a "):
+            scene.threshold = bad
+    scene.threshold = 0.3
+    assert scene.threshold == 0.3

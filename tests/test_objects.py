@@ -43,8 +43,8 @@ def test_vtk_and_pyvista(kind):
     with pytest.raises(TypeError, match="got ImageData") as refused:
         gb.Scene(pyvista.ImageData(dimensions=(2, 2, 2)), device="cpu")
     assert "\n" not in str(refused.value)
-    plain.ShallowCopy(cloud) if kind == "PolyData" else None
     if kind == "PolyData":
+        plain.ShallowCopy(cloud)
         assert_positions(plain)
 
 

@@ -11,14 +11,9 @@ from scenes import Case, cloud, lattice
 LEVELS = {32: 10, 64: 21}
 LEAF = 32  # a cell with more particles is split
 COMBINATIONS = (
-    {"key_bits": 32},
-    {"key_bits": 64},
-    {"key_bits": 32, "level": 4},
-    {"key_bits": 64, "level": 13},
-    {"octree": "dense"},
-    {"octree": "dense", "level": 3},
-    {"level": 0},
-)
+    {"key_bits": 32}, {"key_bits": 64}, {"key_bits": 32, "level": 4}, {"key_bits": 64, "level": 13},
+    {"octree": "dense"}, {"octree": "dense", "level": 3}, {"level": 0},
+)  # fmt: skip
 ids = [" ".join(f"{k}={v}" for k, v in c.items()) for c in COMBINATIONS]
 
 
@@ -85,17 +80,19 @@ def numpy_nodes(keys: np.ndarray, bits: int, depth: int) -> tuple[int, int, int]
     raise AssertionError
 
 
+def check_keys(octree, expected):
+    order = np.argsort(expected, kind="stable")
+    keys, index = octree.sorted_keys(len(expected))
+    np.testing.assert_array_equal(keys, expected[order])
+    np.testing.assert_array_equal(index, order)
+    assert octree.n_inside == np.count_nonzero(expected)
+
+
 @pytest.mark.parametrize("bits", LEVELS)
 @pytest.mark.parametrize("name", NAMES)
 def test_sorted_keys(backend, name, bits):
     p = points(name)
-    scene = gb.Scene(p, support=0.1, key_bits=bits, **backend)
-    expected = numpy_keys(p, bits)
-    order = np.argsort(expected, kind="stable")
-    keys, index = scene.octree.sorted_keys(len(p))
-    np.testing.assert_array_equal(keys, expected[order])
-    np.testing.assert_array_equal(index, order)
-    assert scene.octree.n_inside == np.count_nonzero(expected)
+    check_keys(gb.Scene(p, support=0.1, key_bits=bits, **backend).octree, numpy_keys(p, bits))
 
 
 @pytest.mark.parametrize("bits", LEVELS)
@@ -104,16 +101,10 @@ def test_fixed_space(backend, bits):
     bounds = ((-0.5, -0.6, -0.7), (0.9, 0.8, 0.3))
     scene = gb.Scene(p, support=0.1, key_bits=bits, bounds=bounds, **backend)
     expected = numpy_keys(p, bits, bounds)
-    order = np.argsort(expected, kind="stable")
-    keys, index = scene.octree.sorted_keys(len(p))
-    np.testing.assert_array_equal(keys, expected[order])
-    np.testing.assert_array_equal(index, order)
-    inside = expected != 0
-    assert scene.octree.n_inside == inside.sum()
+    check_keys(scene.octree, expected)
     np.testing.assert_array_equal(scene.octree.lo, np.float32(bounds[0]))
-    case = Case(p[inside], support=0.1)
     at = cloud(500, 23)
-    np.testing.assert_allclose(scene.field(at), case.field(at)[0], atol=1e-6)
+    np.testing.assert_allclose(scene.field(at), Case(p[expected != 0], support=0.1).field(at)[0], atol=1e-6)
     scene.update(positions=p * np.float32(0.5))  # some re-enter
     assert scene.octree.n_inside == np.count_nonzero(numpy_keys(p * np.float32(0.5), bits, bounds))
 
@@ -129,10 +120,8 @@ def test_sparse_nodes(backend, name, bits, depth):
 
 def test_dense_nodes(backend):
     for depth, total in ((0, 1), (3, 585), (6, 299_593)):
-        scene = gb.Scene(points("cloud"), support=0.1, octree="dense", level=depth, **backend)
-        octree = scene.octree
-        assert octree.n_nodes == total
-        assert octree.n_inside == 6000
+        octree = gb.Scene(points("cloud"), support=0.1, octree="dense", level=depth, **backend).octree
+        assert (octree.n_nodes, octree.n_inside) == (total, 6000)
 
 
 @pytest.mark.parametrize("options", COMBINATIONS, ids=ids)
@@ -143,8 +132,7 @@ def test_same_bits_everywhere(backend, reference, name, options):
     particles = gb.Particles(p, support=support)
     octree = gb.Scene(particles, **options, **backend).octree
     expected = reference(particles, **options).octree
-    assert octree.key_hash == expected.key_hash
-    assert octree.node_hash == expected.node_hash
+    assert (octree.key_hash, octree.node_hash) == (expected.key_hash, expected.node_hash)
 
 
 @pytest.mark.parametrize("threads", [2, 3, 5])
@@ -153,8 +141,7 @@ def test_same_bits_for_any_number_of_threads(reference, threads):
     for bits in LEVELS:
         octree = gb.Scene(p, support=0.05, key_bits=bits, device="cpu", threads=threads).octree
         expected = reference(p, support=0.05, key_bits=bits).octree
-        assert octree.key_hash == expected.key_hash
-        assert octree.node_hash == expected.node_hash
+        assert (octree.key_hash, octree.node_hash) == (expected.key_hash, expected.node_hash)
 
 
 def rows(found) -> list[np.ndarray]:
@@ -183,11 +170,8 @@ def test_neighbors(backend, name, options):
 
 def test_neighbors_exactly_at_the_radius(backend):
     scene = gb.Scene(lattice(5, 5, 5), **backend)
-    found = rows(scene.neighbors(np.zeros((1, 3)), 1.0))[0]
-    assert len(found) == 7
-    offsets, indices = scene.neighbors(np.zeros((0, 3)), 1.0)
-    assert len(offsets) == 1
-    assert len(indices) == 0
+    assert len(rows(scene.neighbors(np.zeros((1, 3)), 1.0))[0]) == 7
+    assert [len(array) for array in scene.neighbors(np.zeros((0, 3)), 1.0)] == [1, 0]
 
 
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
@@ -197,11 +181,9 @@ def test_update(backend, octree):
     for n, seed in ((1000, 34), (5000, 35), (3, 36), (0, 37), (1500, 38), (1, 39), (40_000, 40)):
         p = cloud(n, seed, 1 + seed % 3)
         scene.update(positions=p)
-        assert len(scene) == n
-        assert scene.octree.n_inside == n
+        assert len(scene) == scene.octree.n_inside == n
         fresh = gb.Scene(p, support=0.2, octree=octree, **backend)
-        assert scene.octree.key_hash == fresh.octree.key_hash
-        assert scene.octree.node_hash == fresh.octree.node_hash
+        assert (scene.octree.key_hash, scene.octree.node_hash) == (fresh.octree.key_hash, fresh.octree.node_hash)
         if n <= 5000:
             truth = oracle.neighbors(p, at, 0.2)
             for mine, expected in zip(rows(scene.neighbors(at, 0.2)), truth, strict=True):
@@ -218,8 +200,7 @@ def test_update_of_single_fields(backend):
     np.testing.assert_allclose(scene.field(at), Case(p, 0.3, weight).field(at)[0], atol=1e-5)
     support = np.linspace(0.1, 0.5, 500).astype(np.float32)
     scene.update(support=support)
-    truth = Case(p, support, weight).field(at)[0]
-    np.testing.assert_allclose(scene.field(at), truth, atol=1e-5)
+    np.testing.assert_allclose(scene.field(at), Case(p, support, weight).field(at)[0], atol=1e-5)
     scene.update(gb.Particles(p[:100], support=0.2))
     np.testing.assert_allclose(scene.field(at), Case(p[:100], 0.2).field(at)[0], atol=1e-5)
 

@@ -25,10 +25,14 @@ def lattice(n: int = 9) -> np.ndarray:
     return np.stack(np.mgrid[:n, :n, :n], -1).reshape(-1, 3) / 8
 
 
-def read(name: str) -> gb.Particles:
+def read(name: str, how=gb.read):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return gb.read(name)
+        return how(name)
+
+
+def pixels(name: str) -> np.ndarray:
+    return np.asarray(Image.open(name)).astype(int)
 
 
 def test_float64_far_away_gets_an_origin_and_nothing_else_does():
@@ -71,8 +75,7 @@ def test_the_picture_is_that_of_the_same_particles_here(capsys):
     assert far["counts"] == near["counts"]
     x = np.subtract(near["camera"]["eye"], far["camera"]["eye"])
     np.testing.assert_allclose(x, np.subtract(far["origin"], FAR), atol=1e-4)
-    images = [np.asarray(Image.open(f"{name}.png")).astype(int) for name in ("far", "near")]
-    assert np.abs(images[0] - images[1]).max() <= 3
+    assert np.abs(pixels("far.png") - pixels("near.png")).max() <= 3
 
 
 def test_all_frames_have_one_origin(capsys):
@@ -84,8 +87,7 @@ def test_all_frames_have_one_origin(capsys):
     np.testing.assert_allclose(rows["z_min"], FAR[2] + lattice()[:, 2].min(), atol=0.2)
     np.testing.assert_allclose(rows["volume"], rows["volume"][0], rtol=1e-4)
     assert main(["render", "s_*.npy", "-o", "s_%d.png", *MACHINE]) == 0
-    images = [np.asarray(Image.open(f"s_{k}.png")).astype(int) for k in range(3)]
-    assert np.abs(images[0] - images[2]).max() > 50  # it moves
+    assert np.abs(pixels("s_0.png") - pixels("s_2.png")).max() > 50  # it moves
     capsys.readouterr()
     words = ["track", "s_0.npy", "--json", "--origin", "440750,5000000,100"]
     assert run_json(capsys, *words)["origin"] == FAR.tolist()
@@ -101,6 +103,8 @@ def test_what_is_asked_for_counts():
     for wrong in ((1, 2), "here", (0, 0, np.nan), 3):
         with pytest.raises(ValueError, match="origin: expected"):
             gb.read("a.npy", origin=wrong)
+    with pytest.warns(UserWarning, match="float32 has steps"):
+        gb.Particles(lattice(), origin=FAR).at((0, 0, 0))
 
 
 def test_scenes_keep_their_origin():
@@ -140,14 +144,12 @@ def write_triangle(name: str, place: np.ndarray) -> None:
 
 @pytest.mark.parametrize("to", [".obj", ".vtp"])
 def test_a_mesh_beside_stands_where_it_is(to, capsys):
-    images = []
     for name, place in (("near", np.zeros(3)), ("far", FAR)):
         np.save(f"{name}.npy", lattice() + place)
         write_triangle(f"{name}{to}", place)
         words = [f"{name}.npy", "-o", f"{name}.png", "--mesh", f"{name}{to}", *MACHINE]
         assert main(["render", *words]) == 0
-        images.append(np.asarray(Image.open(f"{name}.png")).astype(int))
-    assert np.abs(images[0] - images[1]).mean() < 0.1
+    assert np.abs(pixels("near.png") - pixels("far.png")).mean() < 0.1
 
 
 @pytest.mark.parametrize("to", [".obj", ".vtp"])
@@ -184,9 +186,7 @@ def test_meshes_are_written_in_world_coordinates(to, capsys):
     np.save("a.npy", lattice() + FAR)
     assert main(["mesh", "a.npy", "-o", f"b{to}"]) == 0
     said = capsys.readouterr().err
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        mesh = gb.Mesh(f"b{to}")
+    mesh = read(f"b{to}", gb.Mesh)
     middle = np.mean(mesh.bounds(), axis=0) + mesh.origin
     if to == ".stl":  # float32
         assert "b.stl: positions are given from" in said
@@ -247,9 +247,8 @@ def test_values_of_places_are_given_from_one_origin():
     assert gb.find_value_range([empty, *frames], "x") == (0, 201)
     cameras = [gb.Camera((100 * k + 0.5, 0.5, 4), (100 * k + 0.5, 0.5, 0.5)) for k in range(3)]
     gb.render_sequence(frames, "s_%d.png", cameras, (96, 72), color_by="x", range=(0, 201))
-    middles = [np.asarray(Image.open(f"s_{k}.png"))[36, 48].astype(int) for k in range(3)]
-    assert np.abs(middles[0] - middles[1]).max() > 30
-    assert np.abs(middles[1] - middles[2]).max() > 30
+    middles = np.array([pixels(f"s_{k}.png")[36, 48] for k in range(3)])
+    assert np.abs(np.diff(middles, axis=0)).max(axis=1).min() > 30
 
 
 def test_the_viewer_shows_all_frames_from_one_origin():
@@ -268,17 +267,9 @@ def test_the_viewer_shows_all_frames_from_one_origin():
             np.testing.assert_allclose(layer.scene.particles.bounds(), source.bounds(), atol=1e-4)
             source.close()
         assert open_source(["s_0.npz", "s_2.npz"]).reading["origin"] == tuple(FAR)
-
-
-def test_the_viewer_refuses_layers_of_two_origins():
     one, other, _ = (gb.Scene(frame, support=0.3) for frame in drifting())
     with pytest.raises(ValueError, match="scene: expected layers with one origin"):
         open_source([one, other])
-
-
-def test_particles_say_what_another_origin_destroys():
-    with pytest.warns(UserWarning, match="float32 has steps"):
-        gb.Particles(lattice(), origin=FAR).at((0, 0, 0))
 
 
 def test_the_viewers_command_has_the_origin_in_one_flag():

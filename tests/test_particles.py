@@ -14,10 +14,8 @@ def test_particles_convert_once_and_do_not_copy():
     p = Particles(positions, support=support, weight=2, color=[1, 0.5, 0])
     assert p.positions is positions
     assert p.support is support
-    assert p.weight == 2.0
-    assert isinstance(p.weight, float)
-    assert p.color.dtype == np.float32
-    assert p.color.shape == (3,)
+    assert (p.weight, type(p.weight)) == (2.0, float)
+    assert (p.color.dtype, p.color.shape) == (np.float32, (3,))
     p = Particles(np.zeros((4, 3)), color=np.zeros((4, 3), np.uint8) + 255)
     assert p.positions.dtype == np.float32
     assert np.all(p.color == 1)
@@ -78,9 +76,7 @@ def test_selection_and_bounds():
     assert np.array_equal(p[-1].positions[0], p.positions[-1])
     with pytest.raises(IndexError):
         p[N]
-    low, high = Particles([[0, 1, 2], [np.nan, -9, 9], [1, -1, 5]]).bounds()
-    assert np.array_equal(low, [0, -1, 2])
-    assert np.array_equal(high, [1, 1, 5])
+    assert np.array_equal(Particles([[0, 1, 2], [np.nan, -9, 9], [1, -1, 5]]).bounds(), [[0, -1, 2], [1, 1, 5]])
     with pytest.raises(ValueError, match="finite"):
         Particles([]).bounds()
     assert repr(p[:2]) == "Particles(2, support (2,), weight=3, color (3,))"
@@ -98,10 +94,7 @@ def test_gpu_arrays_stay_where_they_are():
         Particles(OnGpu((4, 3), strides=(4, 16)))
     with pytest.raises(ValueError, match="support: expected shape"):
         Particles(positions, support=OnGpu((5,)))
-
-
-def test_vectors_of_warp_on_a_gpu():
-    """wp.array(dtype=wp.vec3) has the shape (N,), and (N, 3) for other libraries."""
+    # wp.array(dtype=wp.vec3) has the shape (N,), and (N, 3) for other libraries.
     positions, velocity = OnGpu((4, 3)), OnGpu((4, 3))
     positions.shape = velocity.shape = (4,)
     p = Particles(positions, color=velocity, attributes={"velocity": velocity})
