@@ -8,6 +8,7 @@ import gzip
 import os
 import sys
 import tracemalloc
+from pathlib import Path
 
 import globule as gb
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 from cli_helpers import SMALL, refused, run_json
 from format_helpers import DATA
 from globule import _core
-from globule._base.ranks import Alone
+from globule._base.ranks import Alone, run_threads
 from globule.cli import main
 from globule.cli.ranks import replicates
 from globule.formats.ranges import has_ranges, ranges
@@ -24,7 +25,10 @@ from globule.pieces import pieces as of_pieces
 from globule.pieces import store
 from globule.pieces.partition import Partition, histogram, space_around
 from globule.pieces.pieces import Pieces
+from globule.pieces.shown import shown_scene
+from globule.render.fit import fitted
 from globule.render.pieces import shading
+from globule.render.pieces.image import fit
 from pieces_helpers import own_shapes
 from PIL import Image
 from scenes import KERNELS
@@ -43,8 +47,7 @@ def agree(scene, pieces, camera=CAMERA, **options):
     one, many = (gb.render(s, camera, SIZE, **options) for s in (scene, pieces))
     assert one.mask.mean() > 0.03
     np.testing.assert_array_equal(one.mask, many.mask)
-    apart = np.abs(one.image.astype(int) - many.image.astype(int))
-    assert apart.max() <= 1
+    assert np.abs(one.image.astype(int) - many.image.astype(int)).max() <= 1
     seen = one.mask
     np.testing.assert_allclose(one.distance[seen], many.distance[seen], atol=2e-4)
     np.testing.assert_allclose(one.position[seen], many.position[seen], atol=5e-4)
@@ -216,14 +219,12 @@ def test_ranges_of_files(name, files):
     elif name in ("a.vtu", "a.vtp", "a.bgeo"):
         gb.write(name, gb.Particles(POSITIONS, attributes={"speed": files}))
     elif name == "big_endian.vtu":
-        with open(name, "wb") as file:
-            file.write(vtu(POSITIONS.astype(">f4"), files.astype(">f8")))
+        Path(name).write_bytes(vtu(POSITIONS.astype(">f4"), files.astype(">f8")))
     elif name == "b.bgeo":  # of SPlisHSPlasH, unpacked
         real = DATA / "dam_break_frame_23_24389_particles.bgeo"
         if not real.exists():
             pytest.skip(f"no {real}")
-        with open(name, "wb") as file:
-            file.write(gzip.decompress(real.read_bytes()))
+        Path(name).write_bytes(gzip.decompress(real.read_bytes()))
     found, whole = ranges(name), gb.read(name)
     assert found.n == len(whole)
     some = found.read(100, 300)
@@ -252,31 +253,23 @@ def vtu(positions, speed):
 def test_ranges_refuse_other_files(files):
     whole = vtu(POSITIONS.astype(">f4"), files.astype(">f8"))
     longer = whole.replace(b'="2744"', b'="2745"')
-    for name, data, match in (("cut.vtu", whole[:5000], "<Appended"), ("n.vtu", longer, "bytes")):
-        with open(name, "wb") as file:
-            file.write(data)
+    for data, match in ((whole[:5000], "<Appended"), (longer, "bytes")):
+        Path("cut.vtu").write_bytes(data)
         with pytest.raises(gb.FormatError, match=match):
-            ranges(name)
-    with open("text.vtu", "wb") as file:
-        file.write(whole.replace(b"<PointData>", b'<PointData><DataArray format="ascii"/>'))
-    assert not has_ranges("text.vtu")
-
+            ranges("cut.vtu")
+    Path("text.vtu").write_bytes(whole.replace(b"<PointData>", b'<PointData><DataArray format="ascii"/>'))
     np.savez_compressed("small.npz", positions=POSITIONS)
-    assert not has_ranges("small.npz")
-    with pytest.raises(gb.FormatError, match="without compression"):
-        ranges("small.npz")
-    np.save("a.npy", POSITIONS)
-    with open("a.npy", "rb") as plain, gzip.open("a.npy.gz", "wb") as file:
-        file.write(plain.read())
+    Path("a.npy.gz").write_bytes(gzip.compress(Path("a.npy").read_bytes()))
     assert has_ranges("a.npy")
-    assert not has_ranges("a.npy.gz")
     for name in ("a.ply", "a.bgeo.gz"):
         gb.write(name, gb.Particles(POSITIONS))
+    for name, match in (
+        ("small.npz", "without compression"), ("a.ply", "globule convert"), ("text.vtu", None), ("a.npy.gz", None),
+        ("a.bgeo.gz", r"expected .*, \.bgeo without compression .* bgeo;"),
+    ):  # fmt: skip
         assert not has_ranges(name)
-    with pytest.raises(gb.FormatError, match=r"expected .*, \.bgeo without compression .* bgeo;"):
-        ranges("a.bgeo.gz")
-    with pytest.raises(gb.FormatError, match="globule convert"):
-        ranges("a.ply")
+        with pytest.raises(gb.FormatError, match=match):
+            ranges(name)
 
 
 @pytest.mark.parametrize("name", ["a.npy", "fortran.npy", "own.npz", "a.vtu", "a.bgeo", "a.h5"])
@@ -295,9 +288,7 @@ def test_a_file_that_changes_while_it_is_read(name, files):
     write(POSITIONS)
     found = ranges(name)
     np.testing.assert_array_equal(found.read(100, 300).positions, POSITIONS[100:300])
-    changes = (lambda: os.truncate(name, 700), lambda: write(POSITIONS[::-1]),
-               lambda: os.unlink(name))  # fmt: skip
-    for change in changes:
+    for change in (lambda: os.truncate(name, 700), lambda: write(POSITIONS[::-1]), lambda: os.unlink(name)):
         write(POSITIONS)
         found = ranges(name)
         change()
@@ -312,17 +303,22 @@ def little(monkeypatch):
     monkeypatch.setattr(of_pieces, "OVERHEAD", 0)
 
 
+def apart(*names) -> int:
+    """Most levels between two images."""
+    one, many = (np.asarray(Image.open(name), int) for name in names)
+    return np.abs(one - many).max()
+
+
 def test_render_with_memory(files, little, capsys):
     common = ["a.npz", "--size", "96x72", "--device", "cpu", "--support", "2", "--eye", "40,30,45",
               "--look-at", "6,6,6", "--color-by", "speed"]  # fmt: skip
+    in_pieces = [*common, "-o", "many.png", "--memory", "100000"]
     whole = run_json(capsys, "render", *common, "-o", "one.png")
-    limit = 100_000
-    many = run_json(capsys, "render", *common, "-o", "many.png", "--memory", str(limit))
+    many = run_json(capsys, "render", *in_pieces)
     assert many["counts"]["pieces"] > 1
     assert many["counts"]["hits"] == whole["counts"]["hits"]
-    images = [np.asarray(Image.open(name)).astype(int) for name in ("one.png", "many.png")]
-    assert np.abs(images[0] - images[1]).max() <= 1
-    assert main(["render", *common, "-o", "many.png", "--memory", str(limit)]) == 0
+    assert apart("one.png", "many.png") <= 1
+    assert main(["render", *in_pieces]) == 0
     assert "particles in" in capsys.readouterr().err  # a line says so
 
 
@@ -341,8 +337,7 @@ def test_pieces_are_of_the_frame_that_is_asked_for(files, little, capsys):
 
 def test_what_needs_all_particles_is_refused_with_pieces(files, little, capsys):
     words = ["render", "a.npz", "-o", "a.png", "--support", "2", "--memory", "100000"]
-    with open("b.obj", "w") as file:
-        file.write("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    Path("b.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     for flag in ("spheres", "lines", "mesh", "with"):
         error = refused(capsys, *words, f"--{flag}", "b.obj" if flag == "mesh" else "a.npz")
         assert f"--{flag}: expected none with a scene in pieces" in error
@@ -361,8 +356,7 @@ def test_pieces_have_the_radii_of_the_file(files, little, capsys):
         many = run_json(capsys, *words, "-o", "many.png", "--memory", "100000")
         assert (one["surface"], many["surface"]) == (surface, surface)
         assert many["counts"]["pieces"] > 1
-        pictures = [np.asarray(Image.open(f"{f}.png"), int) for f in ("one", "many")]
-        assert np.abs(pictures[0] - pictures[1]).max() <= 1
+        assert apart("one.png", "many.png") <= 1
 
 
 def test_radii_of_some_ranges_alone_are_none(backend):
@@ -391,11 +385,6 @@ def test_faces_are_not_drawn_in_pieces(files, little, capsys):
     assert replicates(options, light)  # on each rank of mpiexec, too
 
 
-def test_memory_that_suffices_makes_no_pieces(files, capsys):
-    words = ["render", "a.npy", "-o", "a.png", "--size", "40x30", "--device", "cpu"]
-    assert "pieces" not in run_json(capsys, *words, "--memory", "8G")["counts"]
-
-
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is full")
 def test_no_room_for_temporary_files(files, little, capsys, monkeypatch):
     monkeypatch.setattr(store.Files, "_path", lambda *_: "/dev/full")
@@ -407,17 +396,15 @@ def test_no_room_for_temporary_files(files, little, capsys, monkeypatch):
     assert not os.path.exists("full.png")
 
 
-def test_a_missing_file_is_missing(files, capsys):
-    for name in ("gone.npy", "gone.npz"):
-        error = refused(capsys, "render", name, "-o", "a.png", "--support", "2")
-        assert f"{name}: expected a file to read" in error
-
-
-def test_memory_mistakes(files, capsys):
+def test_memory_that_suffices_and_mistakes(files, capsys):
     common = ["render", "a.npy", "-o", "a.png"]
+    assert "pieces" not in run_json(capsys, *common, *SMALL, "--memory", "8G")["counts"]
     assert "8G" in refused(capsys, *common, "--memory", "much")
     assert "more than" in refused(capsys, *common, "--memory", "1M")
     assert "--preset" in refused(capsys, *common, "--memory", "1M", "--preset", "water")
+    for name in ("gone.npy", "gone.npz"):
+        error = refused(capsys, "render", name, "-o", "a.png", "--support", "2")
+        assert f"{name}: expected a file to read" in error
     np.savez("b.npz", positions=POSITIONS)
     series = ["render", "a.npz", "b.npz", "-o", "c_%d.png", "--support", "2", *SMALL]
     error = refused(capsys, *series, "--memory", "1M")
@@ -447,11 +434,6 @@ def test_particles_without_a_place_are_counted(files, little, capsys):
 @pytest.mark.parametrize("own", [False, True])  # a support that all have
 def test_what_is_measured_is_that_of_one_scene(own):
     """Surface, spacing and camera of pieces and ranks, by themselves."""
-    from globule._base.ranks import run_threads
-    from globule.pieces.shown import shown_scene
-    from globule.render.fit import fitted
-    from globule.render.pieces.image import fit
-
     rng = np.random.default_rng(3)
     points = np.stack(np.mgrid[:14, :12, :10], -1).reshape(-1, 3)
     points = (points + rng.uniform(-0.1, 0.1, points.shape)).astype("f4")

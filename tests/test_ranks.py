@@ -14,59 +14,7 @@ from globule._demo.data import splash
 from globule.cli import main
 from globule.pieces.pieces import Pieces
 from launcher import mpirun
-from pieces_helpers import CAMERA, COLOR, CUT, PARTICLES, POSITIONS, SIZE, N
 from PIL import Image
-
-PROGRAM = """
-import globule as gb, numpy as np
-from globule.pieces.pieces import Pieces
-from mpi4py import MPI
-from pieces_helpers import CAMERA, CUT, SIZE
-from test_ranks import CASES, particles_of
-
-comm = MPI.COMM_WORLD
-for case, (spread, options) in CASES.items():
-    particles = particles_of(case)
-    rows = np.arange(len(particles))
-    mine = {"all": rows % comm.size == comm.rank, "last": rows + 1 > 0}[spread]
-    if spread == "last" and comm.rank < comm.size - 1:
-        mine[:] = False
-    pieces = Pieces(particles[np.flatnonzero(mine)], comm=comm, device="cpu", **options)
-    frame = gb.render(pieces, CAMERA, SIZE, clips=[CUT])
-    if comm.rank == 0:
-        frame.save(f"{case}.npz")
-        np.save(f"{case}.npy", frame.image)
-"""
-# Whose particles are dealt out to all ranks in turn, or all on the last one.
-CASES = {
-    "plain": ("all", {"support": 2.0}),
-    "smooth": ("all", {"surface": "smooth", "spacing": 1.0}),
-    "negative": ("all", {"support": 2.0}),
-    "one": ("last", {"support": 2.0}),
-    "few": ("all", {"support": 2.0}),
-}
-
-
-def particles_of(case: str) -> gb.Particles:
-    if case == "few":
-        return PARTICLES[:2]
-    if case == "negative":
-        weight = np.where(np.arange(N) % 5 == 0, -0.6, 1.0)
-        return gb.Particles(POSITIONS, color=COLOR, weight=weight)
-    return PARTICLES
-
-
-def test_ranks_give_the_image_of_one_device(tmp_path):
-    run = mpirun(3, "-c", PROGRAM, cwd=tmp_path)
-    assert run.returncode == 0, run.stderr[-2000:]
-    for case, (_, options) in CASES.items():
-        scene = gb.Scene(particles_of(case), device="cpu", **options)
-        one = gb.render(scene, CAMERA, SIZE, clips=[CUT])
-        assert one.mask.any()
-        np.testing.assert_array_equal(one.mask, np.load(tmp_path / f"{case}.npz")["mask"])
-        image = np.load(tmp_path / f"{case}.npy")
-        assert np.abs(one.image.astype(int) - image.astype(int)).max() <= 1
-
 
 COMMANDS = """
 import shlex, sys
@@ -115,8 +63,7 @@ def test_commands_on_ranks(tmp_path, monkeypatch, capsys):
         assert run.returncode == 0, run.stderr
         return run
 
-    run = ranks(f"{plain} -o a.png", f"{light} -o many.png", f"{series} -o many_%d.png",
-                f"{movie} -o a.mp4")  # fmt: skip
+    run = ranks(f"{plain} -o a.png", f"{light} -o many.png", f"{series} -o many_%d.png", f"{movie} -o a.mp4")
     assert run.stdout.count("a.png: 512 particles") == 1
     assert run.stderr.count("in 3 pieces") == 1
     assert run.stdout.count("many.png") == 1

@@ -10,6 +10,7 @@ from globule._base.ranks import run_threads
 from globule.pieces.pieces import Pieces
 from globule.render.pieces.whole_images import nearest_image
 from globule.scene.thesis import Thesis
+from pieces_helpers import on
 
 SIZE = (140, 100)
 RNG = np.random.default_rng(1)
@@ -29,15 +30,6 @@ CASES = {
 ARRAYS = ("image", "color", "distance", "normal", "albedo", "position", "mask", "_layer")
 
 
-def shared(n, work, backend):
-    """What rank 0 of n threads has."""
-
-    def one(ranks):
-        return work({**backend, **({} if backend["device"] == "cuda" else {"threads": 1})}, ranks)
-
-    return run_threads(n, one)[0]
-
-
 @pytest.mark.few_backends
 @pytest.mark.parametrize(
     ("case", "n"),
@@ -52,7 +44,7 @@ def test_ranks_give_the_bits_of_one(case, n, backend):
         scene = gb.Scene(particles, **options, **device)
         return gb.render(scene, CAMERA, SIZE, settings, comm=ranks)
 
-    one, many = work(backend, None), shared(n, work, backend)
+    one, many = work(backend, None), on(n, work, backend)[0]
     assert one.mask.mean() > 0.1
     for name in ARRAYS:
         np.testing.assert_array_equal(getattr(one, name), getattr(many, name), err_msg=name)
@@ -71,7 +63,7 @@ def test_refined_and_other_ranks_frames(backend):
             assert not frame.image.any()
         return frame
 
-    one, many = work(backend, None), shared(2, work, backend)
+    one, many = work(backend, None), on(2, work, backend)[0]
     assert many.samples == 3
     np.testing.assert_array_equal(one.image, many.image)
     with pytest.raises(ValueError, match=r"^alpha: expected settings with transparent"):
@@ -84,7 +76,7 @@ def test_only_the_image(backend):
         frame = gb.render(gb.Scene(POSITIONS, **device), CAMERA, SIZE, comm=ranks)
         return frame.image, frame.mask
 
-    image, mask = shared(3, work, backend)
+    image, mask = on(3, work, backend)[0]
     np.testing.assert_array_equal(image, gb.render(gb.Scene(POSITIONS, **backend), CAMERA, SIZE).image)
     assert not mask.any()
 
@@ -103,7 +95,7 @@ def test_the_nearest_of_shaded_pieces(backend):
         return nearest_image(ranks, frame.distance, frame.image)
 
     one = gb.render(gb.Scene(particles, support=2.0, **backend), CAMERA, SIZE)
-    depth, image = shared(n, work, backend)
+    depth, image = on(n, work, backend)[0]
     np.testing.assert_array_equal(one.mask, np.isfinite(depth))
     np.testing.assert_allclose(one.distance[one.mask], depth[one.mask], atol=2e-4)
     assert np.abs(one.image.astype(int) - image.astype(int)).max() <= 1
