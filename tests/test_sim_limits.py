@@ -65,11 +65,8 @@ rate = 0.01
     ("center = [0.5, 0.2, 0.5]\ndirection = [0, 0, 1]", "center = [0.5, 0.2, 0.79]\n"
      "direction = [0, 1, 2]", r":10: emitters\[0\].direction: expected a way into the domain, "
      r"got \(0, 0.447214, 0.894427\), into its wall \+z, 0.01 m away"),
-    ("walls = true", "walls = true, periodic = ['x', 'x']", r"periodic\[1\]: expected each"),
     ("domain", "view = { eye = [1, 0, 0], look_at = [1, 0, 0] }\ndomain", "view.look_at: exp"),
     ("domain", "view.speeds = [2, 0]\ndomain", "view.speeds: expected"),
-    ("domain", "output.format = 'doc'\ndomain", "output.format: expected"),
-    ("domain", "seconds = 1" + 400 * "0" + "\ndomain", "seconds: expected"),
     (BOX, BOX + f'\n[[solids]]\nname = "s"\nbox = {BOX}\nyoung = 1e13\npoisson = 0.49\n'
      "density = 0.1", r":9: solids\[0\].young: expected at most 100,000 substeps in a step of "
      "0.005 s, got a modulus that needs .*; lower it"),
@@ -85,8 +82,6 @@ rate = 0.01
      r":2: solver.sound_speed: expected steps of .*; lower it"),
     ("domain", "solver = { min_iterations = 9, max_iterations = 5 }\ndomain",
      r":2: solver.min_iterations: expected at most max_iterations, 5, got 9"),
-    ("domain", "view.size = [640.5, 480]\ndomain",
-     r":2: view.size\[0\]: expected a whole number from 1 to 16384, got 640.5"),
     ("domain", "instruments = [{ name = 'k', kind = 'scalpel', keys = [{ time = 0 }], "
      "edge = [[0, 0, 1], [0, 0, 1]] }]\ndomain",
      r":2: instruments\[0\].edge: expected points apart, got \(0.0, 0.0, 1.0\) 2 times"),

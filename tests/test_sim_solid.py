@@ -20,34 +20,20 @@ D = SPACING
 MASS = DENSITY * D**3
 
 
+LONG = [
+    ("column", {"poisson": 0.45}), ("squeeze", {}), ("column", {"poisson": 0.3}), ("cantilever", {"poisson": 0.3}),
+    ("cantilever", {"poisson": 0.45}), ("turns", {}), ("cantilever", {"across": 9}), ("turned_column", {}),
+    ("vibration", {}),
+]  # fmt: skip
+
+
 @pytest.mark.few_backends
 @pytest.mark.parametrize(("experiment", "how"), [
-    ("column", {"poisson": 0.0}), ("cantilever", {"poisson": 0.0}),
-    pytest.param("column", {"poisson": 0.45}, marks=pytest.mark.slow),
-    pytest.param("squeeze", {}, marks=pytest.mark.slow),
-    ("steps", {}), ("cut_column", {}), ("momentum", {}),
-    ("vibration", {"periods": 8}),
+    ("column", {"poisson": 0.0}), ("cantilever", {"poisson": 0.0}), ("steps", {}), ("cut_column", {}),
+    ("momentum", {}), ("vibration", {"periods": 8}),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in LONG),
 ])  # fmt: skip
 def test_truths(backend, experiment, how):
-    check(getattr(truths, experiment)(**backend, **how))
-
-
-@pytest.mark.slow
-@pytest.mark.few_backends
-@pytest.mark.parametrize(("experiment", "how"), [
-    ("column", {"poisson": 0.3}), ("cantilever", {"poisson": 0.3}),
-    ("cantilever", {"poisson": 0.45}), ("turns", {}),
-])  # fmt: skip
-def test_longer_truths(backend, experiment, how):
-    check(getattr(truths, experiment)(**backend, **how))
-
-
-@pytest.mark.slow
-@pytest.mark.few_backends
-@pytest.mark.parametrize(("experiment", "how"), [
-    ("cantilever", {"across": 9}), ("turned_column", {}), ("vibration", {}),
-])  # fmt: skip
-def test_longest_truths(backend, experiment, how):
     check(getattr(truths, experiment)(**backend, **how))
 
 

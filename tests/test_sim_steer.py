@@ -140,9 +140,7 @@ WATER = "density, viscosity, implicit, surface_tension, color, reflection, refra
     (lambda sim: sim.phases["water"], "velocity", "phases['water'].velocity: cannot be "
      f"changed after the start, expected one of {WATER}"),
     (lambda sim: sim.phases["water"], "tear", "tear: expected one of density"),
-    (lambda sim: sim.phases["jelly"], "density", "cannot be changed after the start"),
     (lambda sim: sim.emitters["tap"], "speed", "emitters['tap'].speed: expected one of rate, "),
-    (lambda sim: sim.emitters["tap"], "radius", "cannot be changed after the start"),
     (lambda sim: sim.tools["scalpel"], "radius", "tools['scalpel'].radius: "
      "cannot be changed after the start, expected one of on"),
     (lambda sim: sim.tools["sucker"], "of", "expected one of on, radius, ablates, got"),
@@ -179,14 +177,11 @@ MIRROR = np.diag([-1.0, 1, 1, 1])
 @pytest.mark.parametrize(("mistake", "expected"), [
     (lambda s: setattr(s.phases["water"], "viscosity", -1),
      "phases['water'].viscosity: expected a number from 0 to 1e+09, got -1"),
-    (lambda s: setattr(s.phases["water"], "implicit", 1), "expected true or false, got 1"),
     (lambda s: setattr(s.phases["water"], "color", (0, 0, 2)),
      "phases['water'].color[2]: expected a number from 0 to 1, got 2"),
     (lambda s: setattr(s.emitters["tap"], "rate", -1), "emitters['tap'].rate: expected a number of at least 0, got -1"),
-    (lambda s: setattr(s.emitters["tap"], "rate", NAN), "rate: expected a number of at least"),
     (lambda s: setattr(s.emitters["tap"], "on", "no"), "on: expected true or false, got 'no'"),
     (lambda s: setattr(s.tools["grip"], "on", 2), "on: expected true or false, got 2"),
-    (lambda s: setattr(s.tools["grip"], "radius", 0), "radius: expected a number above"),
     (lambda s: s.steer.apply_force((0, NAN, 0)), "force: expected finite numbers, got a NaN"),
     (lambda s: s.steer.apply_force((0, 1)), "force: expected shape (3,) or ("),
     (lambda s: s.steer.apply_force("up"), "force: expected numbers, got 'up'"),
@@ -224,20 +219,13 @@ def test_what_would_take_a_million_steps_a_frame_is_refused_at_the_next_step(sim
 
 
 @pytest.mark.parametrize(("mistake", "kind", "expected"), [
-    (lambda s: s.phases["x"], KeyError, "phases: expected one of water, jelly, wall, walls, " "got 'x'"),
+    (lambda s: s.phases["x"], KeyError, "phases: expected one of water, jelly, wall, walls, got 'x'"),
     (lambda s: s.emitters["x"], KeyError, "emitters: expected one of tap, got 'x'"),
-    (lambda s: s.tools["x"], KeyError, "tools: expected one of scalpel, grip, s"),
     (lambda s: s.phases.__setitem__("water", 3), TypeError, "phases['water']: expected Phase"),
     (lambda s: gb.Simulation(3), TypeError, "scene: expected a name, a path, a dict or"),
-    (lambda s: gb.Simulation("dam-brek"), FileNotFoundError, "expected a .toml file or one of " "dam-break, droplet"),
-    (lambda s: gb.Simulation({"spacing": 0.1, "domian": {}}), ValueError, "domian: expected "
-     "one of spacing, domain, title"),
+    (lambda s: gb.Simulation("dam-brek"), FileNotFoundError, "expected a .toml file or one of dam-break, droplet"),
     (lambda s: gb.Simulation(spacing=0.1), ValueError, "expected the key domain, got none"),
     (lambda s: gb.Simulation(spacing=0.2, domain=DOMAIN | {"periodic": ["y"]}), ValueError, "at least 8 spacings"),
-    (lambda s: gb.Simulation({"spacing": 0.1, "domain": 3}), ValueError,
-     "domain: expected a table of names with values, got 3"),
-    (lambda s: setattr(s.settings, "gravity", "down"), ValueError,
-     "settings.gravity: expected three numbers, got 'down'"),
     (lambda s: setattr(s.settings, "domain", 3), AttributeError, "cannot be changed after"),
     (lambda s: s.add_phase("x"), TypeError, "phase: expected a gb.sim.Phase, got 'x'"),
     (lambda s: gb.Simulation(spacing=0.1, domain=DOMAIN).add([(0, 0, 0)]), ValueError,

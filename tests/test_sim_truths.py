@@ -12,38 +12,23 @@ from bench.tables import physics_crown, physics_fluid
 from bench.tables import physics_flows as flows
 from bench.tables.physics_fluid import lattice
 
+LONG = [
+    (physics_fluid.dam_break, {"cells": 10}), (flows.sloshing, {"cells": 24}), (flows.pipe_poiseuille, {"cells": 7}),
+    (flows.torricelli, {"cells": 16}), (physics_crown.splash, {"layers": 3}),
+    (physics_fluid.poiseuille, {"implicit": False}), (physics_fluid.poiseuille, {"implicit": True}),
+    (physics_fluid.taylor_green, {"n": 24}), (physics_fluid.oscillation, {"cells": 6}),
+    (physics_fluid.oscillation, {"cells": 8}), (flows.elliptical_drop, {}), (flows.rotating_bucket, {}),
+    (bodies.floating_box, {}), (bodies.rising_sphere, {"cells": 6}), (bodies.settling_sphere, {"cells": 6}),
+    (bodies.kleefsman, {}),
+]  # fmt: skip
+
 
 @pytest.mark.parametrize(("experiment", "how"), [
-    (physics_fluid.free_fall, {}),
-    (physics_fluid.momentum, {}),
-    (physics_fluid.hydrostatic, {"seconds": 1.0}),
-    pytest.param(physics_fluid.dam_break, {"cells": 10}, marks=pytest.mark.slow),
-    (physics_fluid.emitter, {}),
-    (flows.rotating_square, {}),
-    pytest.param(flows.sloshing, {"cells": 24}, marks=pytest.mark.slow),
-    pytest.param(flows.pipe_poiseuille, {"cells": 7}, marks=pytest.mark.slow),
-    pytest.param(flows.torricelli, {"cells": 16}, marks=pytest.mark.slow),
-    pytest.param(physics_crown.splash, {"layers": 3}, marks=pytest.mark.slow),
+    (physics_fluid.free_fall, {}), (physics_fluid.momentum, {}), (physics_fluid.hydrostatic, {"seconds": 1.0}),
+    (physics_fluid.emitter, {}), (flows.rotating_square, {}),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in LONG),
 ])  # fmt: skip
 def test_truth(experiment, how):
-    check(experiment(**how))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("experiment", "how"), [
-    (physics_fluid.poiseuille, {"implicit": False}),
-    (physics_fluid.poiseuille, {"implicit": True}),
-    (physics_fluid.taylor_green, {"n": 24}),
-    (physics_fluid.oscillation, {"cells": 6}),
-    (physics_fluid.oscillation, {"cells": 8}),
-    (flows.elliptical_drop, {}),
-    (flows.rotating_bucket, {}),
-    (bodies.floating_box, {}),
-    (bodies.rising_sphere, {"cells": 6}),
-    (bodies.settling_sphere, {"cells": 6}),
-    (bodies.kleefsman, {}),
-])  # fmt: skip
-def test_longer_truth(experiment, how):
     check(experiment(**how))
 
 
