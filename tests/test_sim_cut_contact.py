@@ -24,10 +24,8 @@ def test_truths(backend, experiment):
 def uneven(backend):
     """A solid of an uneven lattice, without gravity, and its positions."""
     x = jittered((7, 6, 6), 0.15, 5, D)
-    sim = gb.Simulation({
-        "spacing": D, "domain": {"lo": [-0.05] * 3, "hi": [0.08] * 3}, "gravity": (0, 0, 0),
-        "solids": [{"name": "tissue"}],
-    }, **backend)  # fmt: skip
+    domain = {"lo": [-0.05] * 3, "hi": [0.08] * 3}
+    sim = gb.Simulation(spacing=D, domain=domain, gravity=(0, 0, 0), solids=[{"name": "tissue"}], **backend)
     sim.tissue.bond(sim.add(x, "tissue"), 30000.0)
     return sim, x
 

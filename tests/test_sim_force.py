@@ -69,16 +69,12 @@ def test_impulses_are_what_the_tissue_gains(backend, model):
     middle = tuple(float(v) for v in x.mean(0))
     low = (middle[0], middle[1], -0.006)
     aside = (-0.006, middle[1], middle[2])
-    shapes = [
-        (BALL, low, low, 0.005, (0, 0, 0.3)),
-        (CAPSULE, aside, (aside[0], aside[1] + 0.01, aside[2]), 0.004, (0.2, 0, 0)),
-    ]
+    end = (aside[0], aside[1] + 0.01, aside[2])
+    shapes = [(BALL, low, low, 0.005, (0, 0, 0.3)), (CAPSULE, aside, end, 0.004, (0.2, 0, 0))]
     given, dt = np.zeros(3), 0.002
     for k in range(12):
-        moved = [
-            (kind, np.add(a, np.multiply(v, k * dt)), np.add(b, np.multiply(v, k * dt)), r, v)
-            for kind, a, b, r, v in shapes
-        ]
+        way = [np.multiply(v, k * dt) for *_, v in shapes]
+        moved = [(kind, a + w, b + w, r, v) for w, (kind, a, b, r, v) in zip(way, shapes, strict=True)]
         tissue.instruments([], moved)
         tissue.advance(dt)
         for number in (0, 1):

@@ -245,14 +245,13 @@ def test_states_without_memory_have_no_arrays_of_it():
     assert not {"tissue_terms", "tissue_stays"} & set(sim.arrays.state())
 
 
-def test_wrong_scenes_are_named():
-    for keys, message in (
-        ({"relaxation": [{"share": 0.5}]}, "relaxation"),
-        ({"relaxation": [{"share": 1.5, "time": 1}]}, "share: expected"),
-        ({"relaxation": [*SERIES, SERIES[0]]}, "relaxation: expected up to 2"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            gb.Simulation(scene(**keys), device="cpu")
+@pytest.mark.parametrize(("series", "message"), [
+    ([{"share": 0.5}], "relaxation"), ([{"share": 1.5, "time": 1}], "share: expected"),
+    ([*SERIES, SERIES[0]], "relaxation: expected up to 2"),
+])  # fmt: skip
+def test_wrong_scenes_are_named(series, message):
+    with pytest.raises(ValueError, match=message):
+        gb.Simulation(scene(relaxation=series), device="cpu")
 
 
 @pytest.mark.parametrize(("name", "change", "message"), [

@@ -73,16 +73,13 @@ def by_kind(sim, **backend) -> list[gb.Scene]:
     """Scenes of a simulation's tissue and fluids, smooth, and of the rest, as balls."""
     kinds = np.array([phase.kind for phase in sim.phases.values()])[sim.arrays.phase]
     particles = sim.particles
+    shown = np.array([phase.shown for phase in sim.phases.values()])[sim.arrays.phase]
     scenes = []
     for kind in ("tissue", "fluid", "boundary"):
-        some = np.isin(np.arange(len(sim)), np.flatnonzero(kinds == kind))
-        some &= np.array([phase.shown for phase in sim.phases.values()])[sim.arrays.phase]
+        some = (kinds == kind) & shown
         options = {"surface": "smooth", "spacing": 0.025} if kind != "boundary" else {}
-        part = gb.Particles(
-            particles.positions[some], support=None if options else 0.05,
-            color=particles.color[some],
-        )  # fmt: skip
-        scenes.append(gb.Scene(part, **options, **backend))
+        at, color, support = particles.positions[some], particles.color[some], None if options else 0.05
+        scenes.append(gb.Scene(gb.Particles(at, support=support, color=color), **options, **backend))
     return scenes
 
 
@@ -100,7 +97,7 @@ def test_tissue_fluids_and_the_rest_are_layers(backend):
     assert set(np.unique(a._layer[a.mask])) == {0, 1, 2}
 
 
-def test_a_program_may_want_balls(backend):
+def test_a_program_may_want_balls_and_a_threshold_of_its_own(backend):
     sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
     smooth = gb.render(sim, CAMERA, SIZE)
     sim.scene.surface = "balls"
@@ -117,6 +114,12 @@ def test_a_program_may_want_balls(backend):
     assert sim.scene.octree.build_seconds > 0
     with pytest.raises(ValueError, match="surface: expected smooth or balls, got 'spheres'"):
         sim.scene.surface = "spheres"
+    sim = simulation(backend)
+    before = gb.render(sim, CAMERA, SIZE).mask.sum()
+    sim.scene.threshold = 0.2
+    sim.step()
+    assert sim.scene.threshold == 0.2
+    assert gb.render(sim, CAMERA, SIZE).mask.sum() > before
 
 
 def test_layers_come_and_go_with_what_is_shown(backend):
@@ -181,15 +184,6 @@ def test_fluids_beside_tissue_shine(backend):
     assert np.abs(a.color - b.color).max() < 1e-5
 
 
-def test_a_threshold_of_ones_own_stays(backend):
-    sim = simulation(backend)
-    before = gb.render(sim, CAMERA, SIZE).mask.sum()
-    sim.scene.threshold = 0.2
-    sim.step()
-    assert sim.scene.threshold == 0.2
-    assert gb.render(sim, CAMERA, SIZE).mask.sum() > before
-
-
 def test_white_matter_is_of_the_same_body(tmp_path, backend):
     """A ball of 60 mm whose inner 35 mm are brighter."""
     pytest.importorskip("SimpleITK", reason="the tomography's file needs SimpleITK")
@@ -200,9 +194,8 @@ def test_white_matter_is_of_the_same_body(tmp_path, backend):
 
     def made(**keys):
         solid = {"name": "brain", "tomography": source | keys, "color": [0.4, 0.3, 0.2]}
-        return gb.Simulation(
-            {"spacing": 0.005, "domain": {"lo": [-0.1] * 3, "hi": [0.1] * 3}, "solids": [solid]}, **backend
-        )
+        domain = {"lo": [-0.1] * 3, "hi": [0.1] * 3}
+        return gb.Simulation({"spacing": 0.005, "domain": domain, "solids": [solid]}, **backend)
 
     sim = made(white=[0.9, 0.9, 0.8], white_level=150.0)
     assert list(sim.phases) == ["brain", "brain white matter"]

@@ -21,7 +21,7 @@ def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))
 
 
-def test_every_bond_stands_at_both_ends():
+def test_bonds():
     rng = np.random.default_rng(1)
     x = truths.lattice(6, 6, 6) + rng.uniform(-0.2, 0.2, (216, 3)).astype("f4") * D
     b = build_bonds(x, D, 2500.0)
@@ -31,14 +31,10 @@ def test_every_bond_stands_at_both_ends():
     distance = np.linalg.norm(x[:, None] - x[None], axis=2)
     close = (distance <= np.float32(1.5 * D)) & ~np.eye(216, dtype=bool)
     assert len(pairs) == close.sum()
-
-
-def test_stiffness_of_two_materials_is_in_series():
+    # The stiffness of two materials is in series.
     soft_hard = build_bonds(np.array([[0, 0, 0], [D, 0, 0]]), D, [1000.0, 3000.0])
     assert np.allclose(soft_hard.stiffness, 0.4 * 1500.0 * D)
-
-
-def test_bodies_are_not_bonded():
+    # Bodies are not bonded to each other.
     x = truths.lattice(2, 2, 4)
     b = build_bonds(x, D, 2500.0, body=truths.layers(x) // 2)
     assert (truths.layers(x)[b.first_ends] // 2 == truths.layers(x)[b.other] // 2).all()

@@ -74,21 +74,16 @@ def test_random_blades_cut_what_exact_arithmetic_says(backend):
 def test_sweeps_in_parts_cut_as_one(backend):
     """A bumpy sheet whose parts share edges that pass through particles."""
     x = truths.lattice(8, 8, 8)
-    y = np.arange(-2, 10, 1.0)
-    places = np.arange(-2, 10, 1.0)  # edges pass exactly through particles
+    y = places = np.arange(-2, 10, 1.0)  # edges pass exactly through particles
 
     def edge(at):
         return np.stack([0 * y + at, y, 3.0 + np.rint(np.sin(at + y))], 1) * D
 
     parts = Tissue(x, D, 2500.0, **backend)
-    n_parts = sum(parts.cut(blade.sweep(edge(a), edge(b))) for a, b in itertools.pairwise(places))
-    sheet = [
-        t
-        for a, b in itertools.pairwise(places)
-        for t in (lambda s: s.vertices[s.triangles])(blade.sweep(edge(a), edge(b)))
-    ]
+    sweeps = [blade.sweep(edge(a), edge(b)) for a, b in itertools.pairwise(places)]
+    n_parts = sum(map(parts.cut, sweeps))
     whole = Tissue(x, D, 2500.0, **backend)
-    n_whole = whole.cut(np.array(sheet))
+    n_whole = whole.cut(np.concatenate([sweep.vertices[sweep.triangles] for sweep in sweeps]))
     assert n_parts == n_whole > 5 * 64 - 32
     assert parts.n_pieces == whole.n_pieces == 2
     assert np.array_equal(parts.piece, whole.piece)
@@ -128,14 +123,10 @@ def test_pieces_are_components(backend):
 
 def test_the_knife_cuts_where_it_stands_too():
     knife = blade.scalpel(length=0.02, height=0.006)
-    x = truths.lattice(10, 4, 10)
-    tissue = Tissue(x + np.float32(1e-5), D, 2500.0, device="cpu")
-    pose = np.eye(4)
-    pose[:3, 3] = [0.0, 3.01 * D / 2, 12 * D]
-    lower = pose.copy()
-    lower[2, 3] = 9.4 * D
-    n_cut = tissue.cut(knife.sweep(pose, lower))
-    assert n_cut > 0
+    tissue = Tissue(truths.lattice(10, 4, 10) + np.float32(1e-5), D, 2500.0, device="cpu")
+    pose, lower = np.eye(4), np.eye(4)
+    pose[:3, 3], lower[:3, 3] = [0.0, 3.01 * D / 2, 12 * D], [0.0, 3.01 * D / 2, 9.4 * D]
+    assert tissue.cut(knife.sweep(pose, lower)) > 0
     assert tissue.n_pieces == 1
     assert tissue.cut(knife.sweep(lower, lower)) == 0
 
