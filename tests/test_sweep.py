@@ -46,11 +46,9 @@ def refused(*args, **kwargs) -> str:
 def test_real_sweep_with_its_plus_configuration():
     data = spine_data()
     sweep = read_sweep(data / "SpinePhantomFreehand.igs.mha", plus=data / "NNMEAN.xml")
-    assert sweep.frames.shape == (21, 616, 820)
-    assert sweep.frames.dtype == np.uint8
+    assert (sweep.frames.shape, sweep.frames.dtype) == ((21, 616, 820), np.uint8)
     assert sweep.valid.all()
-    assert sweep.mask is None
-    assert sweep.world == "Reference"
+    assert (sweep.mask, sweep.world) == (None, "Reference")
     # The published reference volume starts where the lowest corner of all frames lies.
     low, high = sweep.bounds()
     assert low == pytest.approx([-74.5217, 165.573, 29.072], abs=5e-4)  # six digits
@@ -64,9 +62,8 @@ def test_real_sweep_with_its_plus_configuration():
 def test_real_sweep_round_trip_is_exact():
     data = spine_data()
     sweep = read_sweep(data / "SpinePhantomFreehand.igs.mha", plus=data / "NNMEAN.xml")
-    for name, part in (
-        ("a.igs.mha", sweep), ("a.igs.nrrd", sweep[:2]), ("a.npz", sweep[:2]), ("folder", sweep[:2])
-    ):  # fmt: skip
+    for name in ("a.igs.nrrd", "a.npz", "folder", "a.igs.mha"):
+        part = sweep if name == "a.igs.mha" else sweep[:2]
         write_sweep(name, part)
         assert same(part, read_sweep(name)), name
         assert is_sweep(name)
@@ -94,9 +91,8 @@ def test_changed_poses_and_statuses_are_what_is_written():
     assert np.allclose(sweep.world_from_image, expected)
     write_sweep("b.igs.mha", sweep)
     fields = header("b.igs.mha")
-    assert fields["Seq_Frame0001_ProbeToTrackerTransform"] == " ".join(
-        map(repr, edges["ProbeToTracker"][1].ravel().tolist())
-    )
+    written = fields["Seq_Frame0001_ProbeToTrackerTransform"].split()
+    assert written == [repr(number) for number in edges["ProbeToTracker"][1].ravel().tolist()]
     assert "Seq_Frame0001_ImageToReferenceTransform" not in fields  # PLUS allows one way only
     assert same(sweep, read_sweep("b.igs.mha"))
     sweep.valid[2] = False
@@ -173,6 +169,9 @@ def test_temporal_offset_shifts_every_tracked_transform():
 # Image stacks with pose tables
 
 
+WORDS = {"calibration": "calibration.toml", "poses": "poses.csv"}
+
+
 @pytest.fixture
 def stack():
     """Frames of a folder, their times, and poses measured at 20 Hz in between."""
@@ -191,10 +190,7 @@ def stack():
 
 
 def test_folder_with_poses_at_other_times(stack):
-    sweep = read_sweep(
-        "frames", calibration="calibration.toml", poses="poses.csv", frame_times=10,
-        temporal_offset=0.02,
-    )  # fmt: skip
+    sweep = read_sweep("frames", **WORDS, frame_times=10, temporal_offset=0.02)
     assert np.array_equal(sweep.frames, stack)
     assert sweep.valid.all()
     assert sweep.timestamps == pytest.approx(0.1 * np.arange(12))
@@ -237,8 +233,7 @@ def test_poses_with_scale_need_no_calibration(stack):
     write_csv("scaled.csv", table._replace(matrices=table.matrices @ PIXEL))
     sweep = read_sweep("frames", poses="scaled.csv", frame_times=10)
     assert sweep.spacing == pytest.approx((0.5, 0.25))
-    line = refused("frames", poses="poses.csv", frame_times=10)
-    assert "calibration" in line
+    assert "calibration" in refused("frames", poses="poses.csv", frame_times=10)
     line = refused("frames", poses="scaled.csv", frame_times=10, calibration="calibration.toml")
     assert "without scale" in line
     assert "0.375 mm" in line
@@ -253,13 +248,11 @@ def test_regions_combine():
     painted = np.zeros(shape)
     painted[:, 15:] = 3
     both = region_mask(shape, clip, fan, painted)
-    alone = [region_mask(shape, **{k: v}) for k, v in
-             (("clip", clip), ("fan", fan), ("mask", painted))]  # fmt: skip
+    alone = [region_mask(shape, clip), region_mask(shape, fan=fan), region_mask(shape, mask=painted)]
     assert np.array_equal(both, np.logical_and.reduce(alone))
     assert alone[0].sum() == 600
-    row, column = 25, 25 + round(35 * np.tan(np.radians(29)))
-    assert alone[1][row, column]
-    assert not alone[1][row, column + 2]
+    column = 25 + round(35 * np.tan(np.radians(29)))
+    assert alone[1][25, [column, column + 2]].tolist() == [True, False]
     assert region_mask(shape) is None
     with pytest.raises(ValueError, match="got none"):
         region_mask(shape, Clip(100, 0, 5, 5))
@@ -267,7 +260,7 @@ def test_regions_combine():
 
 def test_mask_image(stack):
     Image.fromarray(np.eye(6, 7, dtype=np.uint8) * 255).save("mask.png")
-    words = {"calibration": "calibration.toml", "poses": "poses.csv", "frame_times": 10}
+    words = WORDS | {"frame_times": 10}
     sweep = read_sweep("frames", mask="mask.png", clip=(0, 0, 3, 3), **words)
     assert np.array_equal(np.argwhere(sweep.mask), [[0, 0], [1, 1], [2, 2]])
     assert "shape (6, 7)" in refused("frames", mask=np.ones((3, 3)), **words)
@@ -330,18 +323,20 @@ def test_bad_json_tables(stack):
 
 
 def test_bad_times_and_sizes(stack):
-    words = {"calibration": "calibration.toml", "poses": "poses.csv"}
-    assert "times" in refused("frames", **words)  # 40 poses for 12 frames without times
-    assert "12 finite times" in refused("frames", frame_times=[1, 2], **words)
-    assert "temporal_offset" in refused("frames", temporal_offset=np.nan, **words)
-    Image.fromarray(np.zeros((3, 3), np.uint8)).save("frames/99.png")
-    assert "99.png" in refused("frames", frame_times=10, **words)
-    Path("frames/99.png").write_bytes(b"no picture")
-    assert "99.png" in refused("frames", frame_times=10, **words)
     Path("empty").mkdir()
-    assert "pictures" in refused("empty", **words)
     Path("frames.bmp").write_bytes(b"BM\0\0")
-    assert "no known format" in refused("frames.bmp", **words)
+    for source, options, said in (
+        ("frames", {}, "times"),  # 40 poses for 12 frames without times
+        ("frames", {"frame_times": [1, 2]}, "12 finite times"),
+        ("frames", {"temporal_offset": np.nan}, "temporal_offset"),
+        ("empty", {}, "pictures"),
+        ("frames.bmp", {}, "no known format"),
+    ):
+        assert said in refused(source, **WORDS, **options)
+    Image.fromarray(np.zeros((3, 3), np.uint8)).save("frames/99.png")
+    assert "99.png" in refused("frames", frame_times=10, **WORDS)
+    Path("frames/99.png").write_bytes(b"no picture")
+    assert "99.png" in refused("frames", frame_times=10, **WORDS)
     with pytest.raises(FileNotFoundError):
         read_sweep("nowhere.igs.mha")
 
@@ -379,8 +374,7 @@ def test_truncated_and_hostile_igs_files():
 
 def test_bad_plus_configurations():
     write_igs("a.mha", {"ProbeToReference": random_poses(4)})
-    good = '<Transform From="Image" To="Probe" Matrix="{}"/>{}'
-    good = f"<PlusConfiguration>{good}</PlusConfiguration>"
+    good = '<PlusConfiguration><Transform From="Image" To="Probe" Matrix="{}"/>{}</PlusConfiguration>'
     matrix = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
     Path("a.xml").write_text(good.format(matrix, ""), encoding="utf-8")
     assert read_sweep("a.mha", plus="a.xml").valid.all()
@@ -437,12 +431,10 @@ def test_outliers_are_found_and_only_they():
         broken = sweep.world_from_image.copy()
         for k, i in enumerate(wrong):
             broken[i, :3, 3] += np.array([15, -8, 3]) * (k + 1)
-        found = check_poses(Sweep(sweep.frames, broken, sweep.timestamps))
-        assert np.flatnonzero(found.outliers).tolist() == wrong
+        assert wrong_frames(sweep, broken)[0] == wrong
     turned = sweep.world_from_image.copy()
     turned[12, :3, :3] = random_poses(1)[0, :3, :3] @ turned[12, :3, :3]
-    found = check_poses(Sweep(sweep.frames, turned, sweep.timestamps))
-    assert np.flatnonzero(found.outliers).tolist() == [12]
+    assert wrong_frames(sweep, turned)[0] == [12]
 
 
 @pytest.fixture(scope="module")
@@ -475,9 +467,7 @@ def test_a_step_is_named_and_keeps_all_frames(hand, size):
     poses[40:, 0, 3] += size
     check = check_poses(Sweep(hand.frames, poses, hand.timestamps))
     assert not check.outliers.any()
-    ((kind, first, last, found),) = check.findings
-    assert (kind, first, last) == ("step", 39, 40)
-    assert found == pytest.approx(size, rel=0.02)
+    assert check.findings == [("step", 39, 40, pytest.approx(size, rel=0.02))]
 
 
 @pytest.mark.parametrize(("first", "n"), [(20, 30), (20, 6), (60, 20)])
@@ -512,9 +502,8 @@ def test_another_speed_limit(hand):
     poses = hand.world_from_image.copy()
     poses[40, 0, 3] += 1.5
     moved = Sweep(hand.frames, poses, hand.timestamps)
-    assert not check_poses(moved).outliers.any()
-    found = check_poses(moved, most_speed=25).outliers  # mm/s, at 25 images a second
-    assert np.flatnonzero(found).tolist() == [40]
+    for limit, found in (({}, []), ({"most_speed": 25}, [40])):  # mm/s, at 25 images a second
+        assert np.flatnonzero(check_poses(moved, **limit).outliers).tolist() == found
 
 
 # Units, zeros, colors
@@ -592,13 +581,10 @@ def test_colors_of_nrrd_are_where_its_kinds_say(kinds, shape):
     frames = igs.read("made.nrrd").frames
     words = kinds.split()[::-1]
     colors = [axis for axis, word in enumerate(words) if word not in ("domain", "list")]
-    expected = values
     if colors:
-        expected = np.moveaxis(values, colors[0], -1)
-        one = expected.shape[-1] == 1
-        expected = expected[..., 0] if one else igs.to_gray(expected[..., :3])
-    expected = expected.reshape(-1, *expected.shape[-2:])
-    assert np.array_equal(frames, expected)
+        values = np.moveaxis(values, colors[0], -1)
+        values = values[..., 0] if values.shape[-1] == 1 else igs.to_gray(values[..., :3])
+    assert np.array_equal(frames, values.reshape(-1, *values.shape[-2:]))
 
 
 def test_a_colored_picture_of_metaimage_is_one_frame():

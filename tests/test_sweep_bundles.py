@@ -149,10 +149,6 @@ def test_scenes_that_cannot_be_read():
     transforms("Few.seq.mha", "ImageToReference", np.full((N, 4, 4), np.nan), TIMES)
     scene("nan.mrb", "Image-Sequence.seq.nrrd", "Few.seq.mha")
     assert "expected a frame with image and pose OK, got none" in refused("nan.mrb")
-
-
-def test_a_member_that_unpacks_to_too_much():
-    whole()
     with zipfile.ZipFile("scan.mrb", "a", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("Scan/Data/bomb.mha", bytes(200 * 2**20))
     assert "times the" in refused("scan.mrb")
@@ -174,15 +170,12 @@ def stradwin(name="scan", moves=None, frames=FRAMES, without="", **fields) -> np
     if moves is None:
         moves = np.hstack([rng.uniform(-9, 9, (N, 3)), rng.uniform(-80, 80, (N, 3))])
     own = (0.3, -1.2, 4.5, 10.0, -20.0, 30.0)
-    named = dict(zip(
-        ("RES_XTRANS", "RES_YTRANS", "RES_ZTRANS", "RES_AZIMUTH", "RES_ELEVATION", "RES_ROLL"), own,
-        strict=True,
-    ))  # fmt: skip
+    names = ("RES_XTRANS", "RES_YTRANS", "RES_ZTRANS", "RES_AZIMUTH", "RES_ELEVATION", "RES_ROLL")
     settings = {
         "RES_BUF_FRAMES": len(frames), "RES_BUF_WIDTH": WIDTH, "RES_BUF_HEIGHT": HEIGHT,
         "RES_POS_REC": "true", "RES_BUF_RF": "false", "RES_BUF_DOPPLER": "false",
-        "RES_BIN_IM_FILENAME": f"{name}.sxi", "RES_XSCALE": 0.02, "RES_YSCALE": 0.03, **named,
-        **fields,
+        "RES_BIN_IM_FILENAME": f"{name}.sxi", "RES_XSCALE": 0.02, "RES_YSCALE": 0.03,
+        **dict(zip(names, own, strict=True)), **fields,
     }  # fmt: skip
     settings.pop(without, None)
     lines = ["A comment", *(f"{key} {value}" for key, value in settings.items())]
@@ -201,15 +194,11 @@ def test_a_recording_of_stradwin():
     assert np.array_equal(sweep.frames, FRAMES)
     np.testing.assert_allclose(sweep.world_from_image, poses, atol=1e-12)
     np.testing.assert_allclose(sweep.timestamps, 0.04 * np.arange(N))
-    os.rename("scan.sw", "scan.txt")  # the content tells
-    assert np.array_equal(read_sweep("scan.txt").frames, FRAMES)
-
-
-def test_a_calibration_replaces_that_of_stradwin():
-    stradwin()
     own = Calibration(np.diag([0.5, 0.5, 0.5, 1.0]))
     scales = np.linalg.norm(read_sweep("scan.sw", own).world_from_image[:, :3, 0], axis=1)
-    np.testing.assert_allclose(scales, 0.5)
+    np.testing.assert_allclose(scales, 0.5)  # the calibration given here replaces the recording's
+    os.rename("scan.sw", "scan.txt")  # the content tells
+    assert np.array_equal(read_sweep("scan.txt").frames, FRAMES)
 
 
 def test_frames_without_a_position():
@@ -245,14 +234,10 @@ def test_what_stradwin_reads_otherwise_is_refused(fields, problem):
     assert problem in refused("scan.sw")
 
 
-def test_another_folder_is_never_looked_into():
+def test_another_folder_is_never_looked_into_and_pixels_alone_are_refused():
     """Only the name of the .sxi counts."""
     stradwin(RES_BIN_IM_FILENAME="../../scan.sxi")
     assert np.array_equal(read_sweep("scan.sw").frames, FRAMES)
-
-
-def test_the_pixels_alone():
-    stradwin()
     assert "expected the .sw of the recording" in refused("scan.sxi")
     Path("scan.sw").unlink()
     assert "expected the .sw of the recording" in refused("scan.sxi")
