@@ -16,35 +16,22 @@ from globule.ultrasound.plus.config import Filler, PlusConfig, read_plus_config
 from globule.ultrasound.plus.fan import detect_fan
 from globule.ultrasound.plus.reconstruct import _box, _voxel_from_image, reconstruct_plus
 from globule.ultrasound.plus.region import pixel_sources
+from sweep_helpers import spine_data
 from test_reconstruct import make_sweep
 
-DATA = Path(__file__).parents[2] / "shared" / "data" / "ultrasound"
-for _data in (DATA, Path(__file__).parents[1] / "shared" / "data" / "ultrasound"):
-    if _data.is_dir():
-        DATA = _data
 
-
-@pytest.mark.parametrize("name", ["LNMEAN", "NNMEAN", "NNLATE"])
-def test_public_references(backend, name):
-    equals_reference(name, **backend)
-
-
-@pytest.mark.slow
 @pytest.mark.few_backends
-@pytest.mark.parametrize("name", ["LNMAXI", "RECON"])
-def test_more_public_references(backend, name):
-    equals_reference(name, **backend)
-
-
-def equals_reference(name, **backend):
-    if not DATA.is_dir():
-        pytest.skip("../shared/data/ultrasound is not here")
-    reference = gb.volumes.read_volume(DATA / f"{name}.reference.mha")
-    sweep = gb.ultrasound.read_sweep(DATA / "SpinePhantomFreehand.igs.mha", plus=DATA / f"{name}.xml")
-    volume = reconstruct_plus(sweep, DATA / f"{name}.xml", **backend)
+@pytest.mark.parametrize("name", [
+    "LNMEAN", "NNMEAN", "NNLATE", *(pytest.param(name, marks=pytest.mark.slow) for name in ("LNMAXI", "RECON")),
+])  # fmt: skip
+def test_public_references(backend, name):
+    data = spine_data()
+    reference = gb.volumes.read_volume(data / f"{name}.reference.mha")
+    sweep = gb.ultrasound.read_sweep(data / "SpinePhantomFreehand.igs.mha", plus=data / f"{name}.xml")
+    volume = reconstruct_plus(sweep, data / f"{name}.xml", **backend)
     slab = tuple(slice(n) for n in reference.shape)
     if name == "RECON":  # comes from an older PLUS, which rounded the number of voxels down
-        older = reconstruct_plus(sweep, DATA / f"{name}.xml", extent="floor", **backend)
+        older = reconstruct_plus(sweep, data / f"{name}.xml", extent="floor", **backend)
         np.testing.assert_array_equal(older.values, reference.values)
     else:
         assert reference.shape == volume.shape

@@ -93,9 +93,8 @@ def test_exact_landmarks():
     assert found.rms < 1e-8
 
 
-@pytest.mark.parametrize(
-    ("wrong", "n_draws"), [pytest.param(2, 20, marks=pytest.mark.slow), pytest.param(None, 40, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("wrong", "n_draws"), [(2, 20), (None, 40)])
 def test_the_expected_error_at_the_wires(wrong, n_draws):
     """Draws of 0.4 mm noise: 0.35 mm true (rms of the worst end), 0.42 mm expected."""
     ends = phantom().wires.reshape(-1, 3)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import run_json
 from globule._base.colormaps import categorical
 from globule.cli import main
 from globule.formats import FormatError
@@ -42,14 +42,18 @@ def ball(n: int = 24) -> np.ndarray:
     return (1000 * (x * x + y * y + z * z < 0.5)).astype("i2")
 
 
-def test_voxels_lie_where_the_image_says():
-    """Files: test_volume_places.py."""
+def test_voxels_lie_where_the_image_says_and_reach_two():
+    """Files: test_volume_places.py. Supports are two voxels."""
     particles = gb.volumes.sample_tomography(image(ramp()), labels=list(range(50, 60)))
     assert sorted(particles.attributes["label"]) == list(range(50, 60))
     for position, value in zip(particles.positions, particles.attributes["label"], strict=True):
         index = np.unravel_index(int(value), (3, 4, 5))
         expected = np.array(ORIGIN) + ROTATION @ (np.array(SPACING) * index)
         assert np.allclose(position, expected, atol=1e-4)
+    for spacing, support in [((2, 2, 2), 4), (SPACING, 2), ((1, 1, 10), 10)]:
+        # Slices far apart: a support below their distance would leave gaps between them.
+        particles = gb.volumes.sample_tomography(image(ball(), spacing), labels=1000)
+        assert particles.support == pytest.approx(support)
 
 
 def test_series_of_one_moment(tmp_path):
@@ -60,13 +64,6 @@ def test_series_of_one_moment(tmp_path):
     sitk.WriteImage(sitk.JoinSeries([image(ramp())] * 2), str(tmp_path / "b.nii"))
     with pytest.raises(FormatError, match="expected a volume of 3 axes, got sizes"):
         gb.volumes.read_volume(tmp_path / "b.nii")
-
-
-def test_support_is_two_voxels():
-    for spacing, support in [((2, 2, 2), 4), (SPACING, 2), ((1, 1, 10), 10)]:
-        # Slices far apart: a support below their distance would leave gaps between them.
-        particles = gb.volumes.sample_tomography(image(ball(), spacing), labels=1000)
-        assert particles.support == pytest.approx(support)
 
 
 def test_labels_have_their_colors():
@@ -137,16 +134,14 @@ def test_dicom_series(tmp_path):
     values = image(ramp("i2"), (1, 1, 3), (5, 6, 7), np.eye(3))
     writer = sitk.ImageFileWriter()
     writer.KeepOriginalImageUIDOn()
-    series = [("0020|000e", "1.2.3.4", 5), ("0020|000e", "1.2.3.5", 2)]
-    for tag, uid, n in series:
+    for uid, n in (("1.2.3.4", 5), ("1.2.3.5", 2)):
         for i in range(n):
             part = values[:, :, i]
-            part.SetMetaData(tag, uid)
-            part.SetMetaData("0008|0060", "CT")
-            part.SetMetaData("0008|0018", f"{uid}.{i}")
-            part.SetMetaData("0020|0013", str(i))
-            part.SetMetaData("0020|0032", f"5\\6\\{7 + 3 * i}")
-            part.SetMetaData("0020|0037", "1\\0\\0\\0\\1\\0")
+            for tag, value in {
+                "0020|000e": uid, "0008|0060": "CT", "0008|0018": f"{uid}.{i}", "0020|0013": str(i),
+                "0020|0032": f"5\\6\\{7 + 3 * i}", "0020|0037": "1\\0\\0\\0\\1\\0",
+            }.items():  # fmt: skip
+                part.SetMetaData(tag, value)
             writer.SetFileName(str(tmp_path / f"{uid}.{i}.dcm"))
             writer.Execute(part)
     particles = gb.volumes.sample_tomography(tmp_path, labels=59)  # of the series with 5 slices
@@ -170,7 +165,7 @@ def test_wrong_arguments(options, what):
         gb.volumes.sample_tomography(image(ramp()), **options)
 
 
-def test_what_is_no_volume():
+def test_what_is_no_volume(tmp_path):
     for other in (sitk.Image(4, 4, sitk.sitkInt16), sitk.Image(4, 4, 4, sitk.sitkComplexFloat32)):
         with pytest.raises(FormatError, match="expected"):
             gb.volumes.sample_tomography(other)
@@ -178,9 +173,6 @@ def test_what_is_no_volume():
         gb.volumes.sample_tomography(sitk.Image([4, 4, 4], sitk.sitkVectorUInt8, 3))
     with pytest.raises(TypeError, match=r"expected a path, Volume or SimpleITK.Image, got list"):
         gb.volumes.sample_tomography([1, 2])
-
-
-def test_sweep_is_no_volume(tmp_path):
     made = image(ramp())
     made.SetMetaData("Seq_Frame0000_ProbeToTrackerTransform", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1")
     sitk.WriteImage(made, str(tmp_path / "a.mha"))
@@ -232,8 +224,7 @@ def test_commands(head, capsys):
     capsys.readouterr()
     assert main(["info", head, "--level", "500"]) == 0
     assert "24x24x24 voxels of 1 1 1 mm, uint16" in capsys.readouterr().out
-    assert main(["info", head, "--json", "--label", "1000"]) == 0
-    facts = json.loads(capsys.readouterr().out)
+    facts = run_json(capsys, "info", head, "--label", "1000")
     assert facts["format"] == "NIfTI volume, gzipped"
     assert facts["volume"]["size"] == [24, 24, 24]
     assert facts["attributes"]["label"]["min"] == 1000
@@ -275,10 +266,7 @@ def test_tomography_and_iso_surface_agree(shift, tmp_path):
     z, y, x = np.meshgrid(*(np.arange(n) - (n - 1) / 2,) * 3, indexing="ij")
     distance = np.linalg.norm(np.stack([x, y, z], -1) * spacing, axis=-1)
     values = (np.clip(1000 - 100 * (distance - 5), 0, 2000) + shift).astype(np.float32)
-    made = sitk.GetImageFromArray(values)
-    made.SetSpacing(spacing.tolist())
-    made.SetDirection(ROTATION.ravel().tolist())
-    sitk.WriteImage(made, str(tmp_path / "a.nii.gz"))
+    sitk.WriteImage(image(values.T, spacing.tolist(), (0, 0, 0)), str(tmp_path / "a.nii.gz"))
     volume = gb.volumes.read_volume(tmp_path / "a.nii.gz")
     for level in (None, 1000.0 + shift):
         surface = gb.volumes.extract_iso_surface(volume, level)

@@ -192,6 +192,7 @@ def test_hostile_headers():
         assert old in whole, old
         Path("bad.nrrd").write_bytes(whole.replace(old, new))
         refused("bad.nrrd")
+    sparse = {"values": np.zeros((1, 8, 8, 8)), "world_from_voxel": np.eye(4)}
     for arrays in (
         {},
         {"values": np.zeros((2, 2, 2))},
@@ -199,11 +200,9 @@ def test_hostile_headers():
         {"values": np.zeros((2, 2, 2)), "world_from_voxel": np.zeros((4, 4))},
         {"values": np.zeros((2, 2, 2)), "world_from_voxel": np.full((4, 4), np.nan)},
         {"values": np.zeros((2, 2, 2)), "world_from_voxel": np.eye(4), "space": np.array("X")},
-        {"values": np.zeros((1, 8, 8, 8)), "world_from_voxel": np.eye(4), "blocks": np.array([5]),
-         "shape": np.array([8, 8, 8])},
-        {"values": np.zeros((1, 8, 8, 8)), "world_from_voxel": np.eye(4), "blocks": np.array([0]),
-         "shape": np.array([2**40, 8, 8])},
-    ):  # fmt: skip
+        sparse | {"blocks": np.array([5]), "shape": np.array([8, 8, 8])},
+        sparse | {"blocks": np.array([0]), "shape": np.array([2**40, 8, 8])},
+    ):
         np.savez("bad.npz", **arrays)
         refused("bad.npz")
 
@@ -281,9 +280,7 @@ def test_emptiness_is_not_interpolated():
     plane[2, 3] = 2
     seen = reslice(Volume(values, np.eye(4), radius), plane, (18, 10))
     assert np.unique(seen.values).tolist() == [0, 10]
-    assert seen.origin[4, 0] == MEASURED
-    assert seen.origin[4, 8] == FILLED
-    assert seen.origin[4, 14] == EMPTY
+    assert seen.origin[4, [0, 8, 14]].tolist() == [MEASURED, FILLED, EMPTY]
     outside = plane.copy()
     outside[2, 3] = 100
     assert not reslice(Volume(values, np.eye(4), radius), outside, (4, 4)).origin.any()
@@ -303,8 +300,7 @@ def test_back_onto_the_frames():
 
 def test_three_view():
     shown = render_three_view(volume(), overlay=False)
-    assert shown.dtype == np.uint8
-    assert shown.ndim == 3
+    assert (shown.dtype, shown.ndim) == (np.uint8, 3)
     plain = Volume(np.full((10, 20, 30), 200, np.uint8), np.diag([1.0, 2, 3, 1]))
     picture = render_three_view(plain)
     assert picture.shape == (40, 30 + 30 + 40 + 16, 3)  # square pixels of 1 mm

@@ -51,16 +51,15 @@ def test_the_lattice_hardly_shows(kernel, most):
 
 
 def test_what_has_no_surface_is_refused():
-    with pytest.raises(ValueError, match="level"):
-        extract_iso_surface(ball(), 300.0)
-    with pytest.raises(ValueError, match="level"):
-        extract_iso_surface(Volume(np.zeros((3, 3, 3), np.uint8), np.eye(4)))
-    with pytest.raises(ValueError, match="kernel"):
-        extract_iso_surface(ball(), 10.0, "magic")
     shifted = ball()
     shifted.values -= 500
-    with pytest.raises(ValueError, match="level"):
-        extract_iso_surface(shifted, -500.5)
+    nothing = Volume(np.zeros((3, 3, 3), np.uint8), np.eye(4))
+    for what, said in (
+        ((ball(), 300.0), "level"), ((nothing,), "level"), ((shifted, -500.5), "level"),
+        ((ball(), 10.0, "magic"), "kernel"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=said):
+            extract_iso_surface(*what)
 
 
 def test_render_of_other_volumes(tmp_path, monkeypatch, capsys):

@@ -7,6 +7,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.volumes.volume import Volume
+from scipy.spatial.transform import Rotation
 
 EDGES = (0.7, 1.1, 1.6)  # mm
 ORIGIN = (-31.25, 42.5, 17.125)
@@ -24,11 +25,7 @@ VTK_MODES = [  # data mode, compressed, base64 in the appended data, header
 
 
 def rotation() -> np.ndarray:
-    x, y, z = np.radians((20, -35, 50))
-    about_x = [[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]]
-    about_y = [[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]]
-    about_z = [[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]]
-    return np.array(about_z) @ about_y @ about_x
+    return Rotation.from_euler("xyz", (20, -35, 50), degrees=True).as_matrix()
 
 
 @pytest.fixture(scope="module")
