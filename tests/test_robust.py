@@ -129,20 +129,11 @@ def test_what_is_not_finite_has_no_influence(backend, options):
     good = cloud(400, 81)
     bad = np.array(
         [
-            [np.nan, 0, 0],
-            [0, np.nan, 0],
-            [0, 0, np.nan],
-            [np.inf, 0, 0],
-            [0, -np.inf, 0],
-            [np.nan] * 3,
-            [np.inf] * 3,
-            [1e30, 0, 0],
-            [0, 0, -1e30],
-            [3e38] * 3,
-            [1e19, 0, 0],
+            [np.nan, 0, 0], [0, np.nan, 0], [0, 0, np.nan], [np.inf, 0, 0], [0, -np.inf, 0],
+            [np.nan] * 3, [np.inf] * 3, [1e30, 0, 0], [0, 0, -1e30], [3e38] * 3, [1e19, 0, 0],
         ],
         np.float32,
-    )
+    )  # fmt: skip
     p = np.concatenate([good, bad, bad])[rng.permutation(422)]
     scene = gb.Scene(p, support=0.4, **options, **backend)
     clean = gb.Scene(good, support=0.4, **options, **backend)

@@ -16,27 +16,10 @@ import pytest
 ROOT = Path(gb.__file__).parent
 # Each room may import from those before it. Sub-rooms of `formats` follow it in their own order.
 ROOMS = (
-    "_base",
-    "data",
-    "formats",
-    "formats/pictures",
-    "formats/volumes",
-    "formats/sweeps",
-    "scene",
-    "fluids",
-    "pieces",
-    "render",
-    "volumes",
-    "measure",
-    "pyvista",
-    "ultrasound",
-    "ultrasound/plus",
-    "napari",
-    "sim",
-    "viewer",
-    "_demo",
-    "cli",
-)
+    "_base", "data", "formats", "formats/pictures", "formats/volumes", "formats/sweeps", "scene",
+    "fluids", "pieces", "render", "volumes", "measure", "pyvista", "ultrasound", "ultrasound/plus",
+    "napari", "sim", "viewer", "_demo", "cli",
+)  # fmt: skip
 BY_NAME = {"", "formats.registry"}  # import modules by names in a table
 CHANGES = {"append", "extend", "insert", "add", "update", "setdefault", "register", "pop", "clear"}
 SHARED = {"_core", "_base", "_demo", "__version__"}  # of the whole package

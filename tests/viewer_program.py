@@ -16,17 +16,10 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": [1.0, 0.0, 0.0, 0.0],
-    "fov": 1.0,
-    "position": [0.0, 0.0, 3.0],
-    "look_at": [0.0] * 3,
-    "up_direction": [0.0, 1.0, 0.0],
-    "near": 0.1,
-    "far": 9.0,
-    "image_height": 90,
-    "image_width": 120,
-}
+    "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "fov": 1.0,
+    "position": [0.0, 0.0, 3.0], "look_at": [0.0] * 3, "up_direction": [0.0, 1.0, 0.0], "near": 0.1,
+    "far": 9.0, "image_height": 90, "image_width": 120,
+}  # fmt: skip
 MOVES = {  # of the camera, by the server: its part, and the field
     "SetCameraPositionMessage": ("position", "position"),
     "SetCameraUpDirectionMessage": ("up_direction", "position"),
