@@ -290,7 +290,7 @@ def kept(a: float, b: float) -> float:
     return 1 - ((a - b) / (a + b)) ** 2
 
 
-def test_a_slab_of_glass(backend):
+def test_slabs_of_glass(backend):
     slab = box((-2, -2, 0), (2, 2, 0.5), **backend)
     one = through(gb.Layer(slab, glass(1.5)), 2)
     np.testing.assert_allclose(one, kept(1, 1.5) ** 2, atol=2e-3)
@@ -299,6 +299,13 @@ def test_a_slab_of_glass(backend):
     filtered = gb.Mesh(slab.vertices, slab.faces, color=(0.3, 1, 1), **backend)
     once = through(gb.Layer(filtered, glass(1.0, absorption=None)), 2)
     np.testing.assert_allclose(once, 0.3, rtol=1e-4)
+    # Solids that touch, in any order, and one around the camera.
+    lower = gb.Layer(box((-2, -2, 0), (2, 2, 0.5), **backend), glass(1.0, absorption=0.4))
+    upper = gb.Layer(box((-2, -2, 0.5), (2, 2, 1.5), **backend), glass(1.0, absorption=0.2))
+    for layers in ([lower, upper], [upper, lower]):
+        np.testing.assert_allclose(through(layers, 4), np.exp(-0.4), rtol=1e-4)
+    inside = gb.Layer(box((-2, -2, -1), (2, 2, 20), **backend), glass(1.0, absorption=0.1))
+    np.testing.assert_allclose(through(inside, 2), np.exp(-1.0), rtol=1e-4)
 
 
 def test_a_slab_shifts_what_lies_behind(backend):
@@ -348,15 +355,6 @@ def test_water_touches_glass_without_a_gap(backend):
     np.testing.assert_allclose(through(same, 4), kept(1, 1.4) ** 2, atol=2e-3)
     whole = [gb.Layer(water, glass(1.33)), gb.Layer(box((-9, -9, -9), (9, 9, 9)), glass(1.5))]
     np.testing.assert_allclose(through(whole, 4), kept(1, 1.5) ** 2, atol=2e-3)
-
-
-def test_solids_that_touch_and_one_around_the_camera(backend):
-    lower = gb.Layer(box((-2, -2, 0), (2, 2, 0.5), **backend), glass(1.0, absorption=0.4))
-    upper = gb.Layer(box((-2, -2, 0.5), (2, 2, 1.5), **backend), glass(1.0, absorption=0.2))
-    for layers in ([lower, upper], [upper, lower]):
-        np.testing.assert_allclose(through(layers, 4), np.exp(-0.4), rtol=1e-4)
-    inside = gb.Layer(box((-2, -2, -1), (2, 2, 20), **backend), glass(1.0, absorption=0.1))
-    np.testing.assert_allclose(through(inside, 2), np.exp(-1.0), rtol=1e-4)
 
 
 # Cuts

@@ -41,7 +41,7 @@ def test_local_spacing_is_the_mean_of_the_nearest(k):
         assert np.allclose(gb.fluids.measure_spacing(points, k), expected, rtol=1e-5)
 
 
-def test_local_spacing_of_troubled_particles():
+def test_spacing_of_troubled_particles_and_of_edges():
     points = np.random.default_rng(2).random((50, 3)).astype("f4")
     twice = np.concatenate([points, points])
     assert np.allclose(gb.fluids.measure_spacing(twice)[:50], gb.fluids.measure_spacing(points))
@@ -55,9 +55,6 @@ def test_local_spacing_of_troubled_particles():
     found = gb.fluids.measure_spacing(far)
     assert found.max() <= 1e6 * found.min()
     gb.Scene(gb.Particles(far, support=found), device="cpu")  # refuses a larger factor
-
-
-def test_edge_spacing():
     found = spacing.edge_spacing(TETRAHEDRON, FACES)
     assert np.allclose(found, [1, 2**0.5, 2**0.5, 2**0.5])
 
@@ -164,7 +161,7 @@ def test_ply_ascii_polygons_lone_vertices_and_supports(tmp_path):
     assert (gb.read(path).support == 7).all()
 
 
-def test_coincident_vertices_are_one(trimesh):
+def test_coincident_vertices_are_one_and_nan_is_nowhere(trimesh):
     corners = TETRAHEDRON[FACES].reshape(-1, 3)
     mesh = trimesh.Trimesh(corners, np.arange(12).reshape(4, 3), process=False)
     mesh.visual.face_colors = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [0, 0, 0, 255]]
@@ -172,6 +169,12 @@ def test_coincident_vertices_are_one(trimesh):
     assert len(particles) == 4
     at_origin = np.abs(particles.positions).sum(axis=1).argmin()
     assert np.allclose(particles.color[at_origin], 1 / 3, atol=1e-6)
+    mesh = trimesh.creation.icosphere(1)
+    vertices = mesh.vertices.copy()
+    vertices[3] = np.nan
+    mesh = trimesh.Trimesh(vertices, mesh.faces, process=False, validate=False)
+    assert np.isfinite(gb.sample_mesh(mesh).support).all()
+    assert np.isfinite(gb.sample_mesh(mesh, 0.1).positions).all()
 
 
 def test_texture_is_sampled(trimesh):
@@ -305,23 +308,11 @@ def test_materials_without_pictures(trimesh, tmp_path):
         assert (gb.read(tmp_path / "a.obj", **options).color == [1, 0, 0]).all()
 
 
-def test_nan_vertices(trimesh):
-    mesh = trimesh.creation.icosphere(1)
-    vertices = mesh.vertices.copy()
-    vertices[3] = np.nan
-    mesh = trimesh.Trimesh(vertices, mesh.faces, process=False, validate=False)
-    assert np.isfinite(gb.sample_mesh(mesh).support).all()
-    assert np.isfinite(gb.sample_mesh(mesh, 0.1).positions).all()
-
-
-def test_without_trimesh(monkeypatch, tmp_path):
+def test_without_trimesh_and_with_options_of_other_formats(monkeypatch, tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\n")
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(gb.MissingPackageError, match=r'trimesh .* install "globule\[formats\]"'):
         gb.read(tmp_path / "a.obj")
-
-
-def test_options_of_other_formats(tmp_path):
     gb.write(tmp_path / "a.npz", gb.Particles(TETRAHEDRON))
     with pytest.raises(ValueError, match=r"spacing: expected no such option for .*a\.npz"):
         gb.read(tmp_path / "a.npz", spacing=1.0)

@@ -23,9 +23,7 @@ def test_volume(tmp_path):
     world = (turn @ [x, y, z, 1])[:3]
     assert np.allclose((about["affine"] @ [z, y, x, 1])[:3], world[::-1])
     assert about["metadata"]["space"] == "LPS"
-
-
-def test_origin_of_voxels():
+    # The origin of voxels is a layer of labels.
     radius = np.array([0, 3, 130, 255], np.uint8).reshape(1, 1, 4)
     volume = gb.volumes.Volume(np.ones((1, 1, 4), np.uint8), np.eye(4), radius)
     _, (labels, about, kind) = volume_layers(volume, "v")

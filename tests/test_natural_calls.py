@@ -252,7 +252,7 @@ def test_one_stands_for_a_list_of_one(scene, particles):
     np.testing.assert_array_equal(*(found["volume"] for found in tracked))
 
 
-def test_names_are_few_and_each_stands_in_one_place():
+def test_names_are_few_stand_in_one_place_and_type_checkers_see_them():
     own = [name for name in gb.__all__ if not inspect.ismodule(getattr(gb, name))]
     spaces = {name for name in gb.__all__ if name not in own}
     assert len(own) <= 45
@@ -262,6 +262,10 @@ def test_names_are_few_and_each_stands_in_one_place():
     assert len({id(thing) for thing in things.values()}) == len(things)
     for path, thing in things.items():
         assert inspect.isclass(thing) == path.rpartition(".")[2][0].isupper(), path
+    tree = ast.parse(Path(gb.__file__).read_text(encoding="utf-8"))
+    (block,) = [n for n in tree.body if isinstance(n, ast.If) and "TYPE" in ast.unparse(n.test)]
+    seen = {alias.name: node.module for node in block.body for alias in node.names}
+    assert seen == {**gb._MODULE_OF, **dict.fromkeys(gb._SPACES)}
 
 
 def test_what_shows_itself(scene):
@@ -395,13 +399,6 @@ def test_what_is_imported_later():
     assert gb.volumes.slices.reslice is gb.volumes.reslice
     with pytest.raises(AttributeError, match="no attribute 'reder'"):
         gb.reder  # noqa: B018
-
-
-def test_type_checkers_see_the_same_names():
-    tree = ast.parse(Path(gb.__file__).read_text(encoding="utf-8"))
-    (block,) = [n for n in tree.body if isinstance(n, ast.If) and "TYPE" in ast.unparse(n.test)]
-    seen = {alias.name: node.module for node in block.body for alias in node.names}
-    assert seen == {**gb._MODULE_OF, **dict.fromkeys(gb._SPACES)}
 
 
 def test_the_library_logs_and_never_prints():

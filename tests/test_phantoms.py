@@ -65,7 +65,7 @@ def test_speckle_is_fixed_in_space_and_rayleigh():
         assert least < np.corrcoef(frames[0].ravel(), frames[1].ravel())[0, 1] < most
 
 
-def test_noise_moves_the_poses_and_not_the_images():
+def test_noise_and_gaps_are_of_poses():
     clean = phantoms.cylinders(n_frames=30, size=(30, 30))
     noisy = phantoms.cylinders(n_frames=30, size=(30, 30), pose_noise=(0.5, 0.0))
     assert np.array_equal(clean.frames, noisy.frames)
@@ -74,9 +74,7 @@ def test_noise_moves_the_poses_and_not_the_images():
     turned = phantoms.cylinders(n_frames=30, size=(30, 30), pose_noise=(0.0, 1.0))
     axes = turned.world_from_image[:, :3, :3]
     assert np.allclose(np.swapaxes(axes, 1, 2) @ axes, np.eye(3) * phantoms.SPACING**2)
-
-
-def test_gaps_are_frames_without_a_pose():
+    # Gaps are frames without a pose.
     sweep = phantoms.cylinders(n_frames=60, size=(10, 10), gaps=0.4)
     assert 25 < sweep.n_valid < 48
     assert sweep.valid[[0, -1]].all()

@@ -133,9 +133,14 @@ def test_several_samples_and_alpha(backend):
     np.testing.assert_allclose(*alphas, atol=1e-3)
 
 
-def test_the_same_bits_again():
+def test_the_same_bits_again_and_files_are_removed():
     images = [gb.render(Pieces(POSITIONS, 3, support=2.0), CAMERA, SIZE).color for _ in "ab"]
     assert images[0].tobytes() == images[1].tobytes()
+    pieces = Pieces(POSITIONS, 3, support=2.0)
+    folder = pieces._files._folder.name
+    assert os.listdir(folder)
+    pieces.close()
+    assert not os.path.exists(folder)
 
 
 def test_each_piece_holds_all_that_reaches_its_cells():
@@ -184,14 +189,6 @@ def test_a_rank_takes_little_more_than_its_share(monkeypatch):
     assert peak < 1.3 * points.nbytes
     if sys.platform == "linux":  # the octree has them, and their own pages are gone
         assert np.mean(scene.particles.positions == 0) > 0.95
-
-
-def test_files_are_removed():
-    pieces = Pieces(POSITIONS, 3, support=2.0)
-    folder = pieces._files._folder.name
-    assert os.listdir(folder)
-    pieces.close()
-    assert not os.path.exists(folder)
 
 
 # Files and the command line

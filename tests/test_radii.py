@@ -93,7 +93,7 @@ def test_radii_that_are_diameters(folder, capsys):
 
 
 def test_a_packing_is_not_a_fluid(folder, capsys):
-    """A lattice of grains that touch, or press into each other by a few hundredths."""
+    """A lattice of grains that touch, or press into each other by a few hundredths; atoms."""
     g = np.stack(np.meshgrid(*[np.arange(6.0)] * 3), -1).reshape(-1, 3)
     for radius in (0.5, 0.52):
         csv(folder / "p.csv", g, np.full(len(g), radius))
@@ -108,6 +108,14 @@ def test_a_packing_is_not_a_fluid(folder, capsys):
     assert not are_spheres(gb.Particles(g))
     zero = gb.Particles(g, attributes={"radius": np.arange(len(g))})
     assert find_radii(zero) is None
+    # Nor are atoms, though bonds overlap.
+    water = np.array([[0, 0, 0], [0.96, 0, 0], [-0.24, 0.93, 0]])
+    radius = np.array([1.52, 1.2, 1.2])
+    atoms = gb.Particles(water, attributes={"radius": radius, "atomic_number": np.array([8, 1, 1])})
+    assert are_spheres(atoms)
+    assert not are_spheres(gb.Particles(0.5 * water, attributes=atoms.attributes))
+    del atoms.attributes["atomic_number"]
+    assert not are_spheres(atoms)
 
 
 def test_spheres_beside_particles_have_their_radii(folder, capsys, monkeypatch):
@@ -136,13 +144,3 @@ def test_union_of_two_spheres_and_more():
     assert union_of_spheres(x, r) == pytest.approx(expected)
     assert union_of_spheres(x + [[0, 0, 0], [0, 0, 0], [0.4, 0.5, 0]], r * [1, 1, 4]) is None
     assert union_of_spheres(x[:0], r[:0]) == (0, 0)
-
-
-def test_atoms_are_spheres_though_bonds_overlap():
-    water = np.array([[0, 0, 0], [0.96, 0, 0], [-0.24, 0.93, 0]])
-    radius = np.array([1.52, 1.2, 1.2])
-    atoms = gb.Particles(water, attributes={"radius": radius, "atomic_number": np.array([8, 1, 1])})
-    assert are_spheres(atoms)
-    assert not are_spheres(gb.Particles(0.5 * water, attributes=atoms.attributes))
-    del atoms.attributes["atomic_number"]
-    assert not are_spheres(atoms)

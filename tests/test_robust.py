@@ -312,7 +312,25 @@ def test_camera_inside(backend):
     look(scene, gb.Camera((0, 0, 9), (0, 0, 0), fov=179))
 
 
-def test_rays_that_are_none(backend):
+def test_the_support_is_measured_as_soon_as_there_are_particles():
+    cube = (np.indices((6, 6, 6)).reshape(3, -1).T * 0.05).astype(np.float32)
+    scene = gb.Scene(np.zeros((1, 3)), device="cpu")
+    scene.update(positions=cube)
+    measured = scene.support
+    assert measured == gb.Scene(cube, device="cpu").support
+    scene.update(positions=2 * cube)
+    assert scene.support == measured, "and stays"
+
+
+def test_points_and_rays_that_are_none(backend):
+    scene = gb.Scene(cloud(200, 96), support=0.4, **backend)
+    bad = np.array([[np.nan] * 3, [np.inf, 0, 0], [1e30, 0, 0], [-3e38] * 3], np.float32)
+    assert (scene.field(bad) == 0).all()
+    assert (scene.gradient(bad) == 0).all()
+    assert np.isnan(scene.blend(bad, np.ones(200, np.float32))).all()
+    assert scene.neighbors(bad, 1.0)[0][-1] == 0, "a place that is none is near to nothing"
+    assert scene.neighbors([[0, 0, 0]], 1e30)[0][-1] == 200
+    assert scene.neighbors([[0, 0, 0]], 1e-30)[0][-1] == 0
     for octree in ("sparse", "dense"):
         scene = gb.Scene(cloud(200, 95), support=0.4, octree=octree, **backend)
         good_o, good_d = np.array([0, 0, 5], np.float32), np.array([0, 0, -1], np.float32)
@@ -325,27 +343,6 @@ def test_rays_that_are_none(backend):
         assert not (depth[[0, 1, 2, 3, 4, 5, 6]] < 0).any()
         assert np.isinf(depth[:7]).all()
         assert depth[7] == pytest.approx(expected, abs=1e-4)  # good rays beside them stay good
-
-
-def test_the_support_is_measured_as_soon_as_there_are_particles():
-    cube = (np.indices((6, 6, 6)).reshape(3, -1).T * 0.05).astype(np.float32)
-    scene = gb.Scene(np.zeros((1, 3)), device="cpu")
-    scene.update(positions=cube)
-    measured = scene.support
-    assert measured == gb.Scene(cube, device="cpu").support
-    scene.update(positions=2 * cube)
-    assert scene.support == measured, "and stays"
-
-
-def test_points_that_are_none(backend):
-    scene = gb.Scene(cloud(200, 96), support=0.4, **backend)
-    bad = np.array([[np.nan] * 3, [np.inf, 0, 0], [1e30, 0, 0], [-3e38] * 3], np.float32)
-    assert (scene.field(bad) == 0).all()
-    assert (scene.gradient(bad) == 0).all()
-    assert np.isnan(scene.blend(bad, np.ones(200, np.float32))).all()
-    assert scene.neighbors(bad, 1.0)[0][-1] == 0, "a place that is none is near to nothing"
-    assert scene.neighbors([[0, 0, 0]], 1e30)[0][-1] == 200
-    assert scene.neighbors([[0, 0, 0]], 1e-30)[0][-1] == 0
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)

@@ -87,16 +87,21 @@ def test_places():
     np.testing.assert_array_equal(np.sign(default.steps), [[0, 0, 1], [1, 0, 0]])
 
 
-def test_without_a_scene(folder):
+def test_without_a_scene_and_without_particles(folder):
     gb.write("few.vtk", particles())
     for source in (particles(), "few.vtk"):
         found = gb.measure.sample(source, [[0, 0, 0], [9, 9, 9]], device="cpu")
         assert [*found.values] == ["field", "inside", "height", "velocity"]
         assert found["inside"].tolist() == [True, False]
     assert gb.measure.sample(POSITIONS, [[0, 0, 0]])["inside"].all()
+    none = gb.Particles(np.empty((0, 3)))
+    found = gb.measure.sample(none, [[0, 0, 0]], "field", device="cpu")
+    assert found["field"].tolist() == [0]
+    with pytest.raises(ValueError, match="bounds: expected a finite position"):
+        gb.measure.sample(none, gb.measure.SampleGrid(1), device="cpu")
 
 
-def test_large_values_keep_their_digits():
+def test_values_that_are_large_or_not_finite():
     p = particles()
     p.attributes["pressure"] = 101_325 + POSITIONS[:, 2].astype(np.float64)
     points = np.float32([[0.1, 0.2, 0.3], [1, 1, 1]])
@@ -104,9 +109,6 @@ def test_large_values_keep_their_digits():
     np.testing.assert_allclose(
         gb.measure.sample(gb.Scene(p, device="cpu"), points, "pressure")["pressure"], truth, atol=0.01
     )
-
-
-def test_values_that_are_not_finite():
     p = particles()
     p.attributes["velocity"][:, 1] = np.nan
     p.attributes["height"][0] = np.inf
@@ -229,11 +231,3 @@ def test_refused_files(folder):
     with pytest.raises(ValueError, match="named points"):
         gb.measure.sample(p, [[0, 0, 0]], "points", device="cpu").save("a.npz")
     assert not list(folder.iterdir())
-
-
-def test_no_particles():
-    none = gb.Particles(np.empty((0, 3)))
-    found = gb.measure.sample(none, [[0, 0, 0]], "field", device="cpu")
-    assert found["field"].tolist() == [0]
-    with pytest.raises(ValueError, match="bounds: expected a finite position"):
-        gb.measure.sample(none, gb.measure.SampleGrid(1), device="cpu")

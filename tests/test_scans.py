@@ -81,13 +81,10 @@ def test_pcd(tmp_path, how):
     assert {*got.attributes} == {"normal", "label"}
 
 
-def test_the_points_of_a_pcd_are_those_of_its_image(tmp_path):
+def test_images_of_points_and_copies_of_lzf(tmp_path):
     head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 3\nHEIGHT 2\n"
     (tmp_path / "a.pcd").write_text(head + "DATA ascii\n" + "1 2 3\n" * 6)
     assert gb.read(tmp_path / "a.pcd").positions.tolist() == [[1, 2, 3]] * 6
-
-
-def test_lzf_copies_reach_into_what_they_make():
     assert unpack_lzf(bytes([2, 97, 98, 99, 0b11100000, 3, 2]), 15) == b"abc" * 5
     assert unpack_lzf(bytes([0, 97, 0b00100000, 0]), 4) == b"aaaa"
     for wrong in (bytes([0b00100000, 0]), bytes([0b11100000]), bytes([5, 97])):

@@ -236,19 +236,6 @@ def test_a_movie_without_pyav(files, folder, monkeypatch, capsys):
     assert not list(folder.glob("m.mp4*"))
 
 
-def test_clips_cut_every_frame(folder):
-    particles = cube()
-    cut = gb.ClipPlane((1, 0, 0), float(particles.positions[:, 0].mean()))
-    camera = gb.Camera.fit(particles, size=(40, 30))
-    whole, open_ = (
-        gb.render_sequence(particles, f"{name}_%d.png", camera, (40, 30), n_frames=1, clips=clips)
-        for name, clips in (("whole", ()), ("cut", [cut]))
-    )
-    right = gb.render(particles, camera, (40, 30), clips=[cut]).image
-    np.testing.assert_array_equal(np.asarray(Image.open(open_[0])), right)
-    assert (np.asarray(Image.open(whole[0])) != right).any()
-
-
 @needs_av
 def test_interrupted_in_the_middle(files, folder):
     """Ctrl-C: whole pictures only, one word about it, and the run can go on."""
@@ -320,11 +307,22 @@ def test_sources(files):
         gb.render_sequence(files, "p.png", **options)
 
 
-def test_a_turntable_of_one_set(folder):
+def test_a_turntable_and_clips_of_one_set(folder):
     cameras = gb.orbit(gb.Camera((0.5, 0.5, 4), (0.5, 0.5, 0.5)), 1, N)
     names = gb.render_sequence(frame(0), "p_%d.png", cameras, (40, 30), device="cpu")
     assert len(names) == N
     assert gb.render_sequence(frame(0), "p_%d.png", cameras, (40, 30), resume=True) == names
+    # Clips cut every frame.
+    particles = cube()
+    cut = gb.ClipPlane((1, 0, 0), float(particles.positions[:, 0].mean()))
+    camera = gb.Camera.fit(particles, size=(40, 30))
+    whole, open_ = (
+        gb.render_sequence(particles, f"{name}_%d.png", camera, (40, 30), n_frames=1, clips=clips)
+        for name, clips in (("whole", ()), ("cut", [cut]))
+    )
+    right = gb.render(particles, camera, (40, 30), clips=[cut]).image
+    np.testing.assert_array_equal(np.asarray(Image.open(open_[0])), right)
+    assert (np.asarray(Image.open(whole[0])) != right).any()
 
 
 def emitted() -> list[gb.Particles]:

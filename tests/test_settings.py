@@ -58,6 +58,9 @@ def test_one_field_makes_everything():
         "description": "flow, l/s, 0 to 2. It is steady",
     }  # fmt: skip
     assert same(Tap, "rate", default=0.5).default == 0.5
+    for kind, wrong in ((Switch(), 1), (Number(), True), (Whole(0, 1), False)):
+        with pytest.raises(TypeError):
+            kind(wrong)
 
 
 @pytest.mark.parametrize(("table", "message"), [
@@ -111,9 +114,3 @@ def test_limits_are_the_same_everywhere(table):
                 assert one.kind.parse(repr(end)) == end
             with pytest.raises(Problem, match=r"expected .*, got "):
                 one.kind(beyond)
-
-
-def test_switches_are_no_numbers():
-    for kind, wrong in ((Switch(), 1), (Number(), True), (Whole(0, 1), False)):
-        with pytest.raises(TypeError):
-            kind(wrong)

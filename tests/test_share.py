@@ -101,17 +101,7 @@ def test_the_nearest_of_shaded_pieces(backend):
     assert np.abs(one.image.astype(int) - image.astype(int)).max() <= 1
 
 
-def test_a_thread_that_fails_ends_all():
-    def work(ranks):
-        if ranks.rank == 1:
-            raise ValueError("no such disk")
-        ranks.all(0)
-
-    with pytest.raises(ValueError, match="no such disk"):
-        run_threads(3, work)
-
-
-def test_what_cannot_be_shared():
+def test_what_cannot_be_shared_and_a_thread_that_fails():
     scene = gb.Scene(POSITIONS, device="cpu", octree="dense")
     with pytest.raises(ValueError, match=r"^comm: "):
         run_threads(1, lambda r: gb.render(scene, CAMERA, SIZE, thesis=Thesis(), comm=r))
@@ -120,6 +110,14 @@ def test_what_cannot_be_shared():
         run_threads(1, lambda r: gb.render(pieces, CAMERA, SIZE, comm=r))
     with pytest.raises(TypeError, match=r"^comm: "):
         gb.render(scene, CAMERA, SIZE, comm=3)
+
+    def work(ranks):
+        if ranks.rank == 1:
+            raise ValueError("no such disk")
+        ranks.all(0)
+
+    with pytest.raises(ValueError, match="no such disk"):
+        run_threads(3, work)
 
 
 def test_devices_are_dealt():

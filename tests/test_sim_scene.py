@@ -40,9 +40,7 @@ def test_a_fluid_is_drawn_as_render_draws_its_particles(backend):
     picked = a.pick(*np.argwhere(a.mask)[9][::-1])
     assert sim.arrays.phase[picked.particle] == 0
     assert sim.scene.octree.n_inside == len(sim.shown_particles) < len(sim)
-
-
-def test_the_surface_encloses_the_water_and_stays_inside_the_walls(backend):
+    # The surface encloses the water, and stays inside the walls.
     sim = simulation(backend)
     measure = gb.measure.measure_surface(gb.Scene(sim.shown_particles, surface="smooth", spacing=0.025))
     assert measure.volume == pytest.approx(0.2 * 0.2 * 0.3, rel=0.04)

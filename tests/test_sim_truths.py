@@ -69,17 +69,14 @@ def test_the_shape_of_a_crown_is_found():
     assert found[1] == pytest.approx(high, abs=d)
 
 
-def test_an_ellipse_keeps_its_area_and_energy():
-    """The reference itself: a b = 1, and the energy rate² (a² + b²) / 8 stays."""
+def test_the_references_themselves():
+    """An ellipse has a b = 1, and keeps the energy rate² (a² + b²) / 8."""
     rate, t, h = 100.0, 0.008, 1e-6
     b = flows.ellipse(t, rate)
     speed = (flows.ellipse(t + h, rate) - flows.ellipse(t - h, rate)) / (2 * h)
     a, rate_now = 1 / b, speed / b
     assert rate_now**2 * (a * a + b * b) == pytest.approx(2 * rate**2, rel=1e-4)
-
-
-def test_the_reference_of_heave_settles_with_its_grid():
-    """And at high frequencies, in a tank much wider and deeper, a box is slower the wider it is."""
+    # Heave settles with its grid; at high frequencies, a box is slower the wider it is.
     coarse, fine = (bodies.heave(1.0, 0.5, 0.4, 0.2, cells) for cells in (8, 16))
     assert coarse == pytest.approx(fine, rel=0.005)
     # A piston that fills its tank: the water below only rises and falls with it.

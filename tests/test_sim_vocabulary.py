@@ -216,6 +216,7 @@ def test_the_scenes_have_every_key(folder):
     assert found == {
         (kind, field.name) for kind, table in TABLES.items() for field in dataclasses.fields(table) if field.metadata
     }
+    assert {name for kind, name in ROWS if kind == "SceneFile"} == set(LISTS)
 
 
 def test_defaults_are_those_of_the_tables():
@@ -231,7 +232,3 @@ def test_defaults_are_those_of_the_tables():
     assert fluid.settings.gravity == sim.settings.gravity
     assert gb.sim.Phase("oil", viscosity=1.0).implicit
     assert not gb.sim.Phase("oil").implicit
-
-
-def test_lists_are_all_tables():
-    assert {name for kind, name in ROWS if kind == "SceneFile"} == set(LISTS)

@@ -27,7 +27,7 @@ def work(monkeypatch):
     return globule_slicer
 
 
-def test_what_pip_installs(work):
+def test_what_pip_installs(work, tmp_path):
     assert work.installed()
     assert work.requirement() == "globule[live,medical,measure]"
     wheel = Path("globule-1.0-cp312-abi3-linux_x86_64.whl")
@@ -37,6 +37,12 @@ def test_what_pip_installs(work):
         work.requirement("globule-2.0.whl")
     with pytest.raises(ValueError, match=r"globule-….whl"):
         work.requirement("numpy-2.0.whl")
+    # Into the Python of Slicer.
+    with pytest.raises(FileNotFoundError):
+        work.slicer_python(str(tmp_path))
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "PythonSlicer").write_text("")
+    assert work.slicer_python(str(tmp_path)) == str(tmp_path / "bin" / "PythonSlicer")
 
 
 def test_the_command_of_a_live_run(work):
@@ -50,14 +56,6 @@ def test_the_command_of_a_live_run(work):
         work.LiveSettings(voxel_size=0).command("python")
     with pytest.raises(ValueError, match="images: expected igtl"):
         work.LiveSettings(images="").command("python")
-
-
-def test_python_of_slicer(work, tmp_path):
-    with pytest.raises(FileNotFoundError):
-        work.slicer_python(str(tmp_path))
-    (tmp_path / "bin").mkdir()
-    (tmp_path / "bin" / "PythonSlicer").write_text("")
-    assert work.slicer_python(str(tmp_path)) == str(tmp_path / "bin" / "PythonSlicer")
 
 
 def test_a_file_and_its_frames_give_the_same_volume(work, sweep):

@@ -32,6 +32,15 @@ def test_strays_are_left_out():
         kept = remove_strays(particles, where, min_neighbors=1)
         assert list(kept.attributes["id"]) == [*range(216), 217, 218]
     assert len(remove_strays(particles, 2.0, 0)) == 219
+    # Of nothing, and mistakes.
+    for points in (np.zeros((0, 3)), np.full((4, 3), np.nan)):
+        assert len(remove_strays(gb.Particles(points), 1.0)) == 0
+    with pytest.raises(ValueError, match="radius: expected a positive number"):
+        remove_strays(gb.Particles(lattice(2, 2, 2)), -1)
+    with pytest.raises(ValueError, match="min_neighbors"):
+        remove_strays(gb.Particles(lattice(2, 2, 2)), 1, -1)
+    with pytest.raises(ValueError, match="scene: expected 8 particles, got 1"):
+        remove_strays(gb.Particles(lattice(2, 2, 2)), gb.Scene(np.zeros((1, 3)), device="cpu"))
 
 
 @pytest.mark.parametrize(("place", "others"), [((3, 3, 3), 32), ((3, 3, 0), 22), ((3, 0, 0), 15)])
@@ -44,26 +53,20 @@ def test_neighbors_of_a_lattice(place, others):
         assert (kept == np.array(place)).all(axis=1).any() == found
 
 
-def test_strays_of_nothing():
-    for points in (np.zeros((0, 3)), np.full((4, 3), np.nan)):
-        assert len(remove_strays(gb.Particles(points), 1.0)) == 0
-    with pytest.raises(ValueError, match="radius: expected a positive number"):
-        remove_strays(gb.Particles(lattice(2, 2, 2)), -1)
-    with pytest.raises(ValueError, match="min_neighbors"):
-        remove_strays(gb.Particles(lattice(2, 2, 2)), 1, -1)
-    with pytest.raises(ValueError, match="scene: expected 8 particles, got 1"):
-        remove_strays(gb.Particles(lattice(2, 2, 2)), gb.Scene(np.zeros((1, 3)), device="cpu"))
-
-
 # anisotropy
 
 
-def test_inside_of_a_lattice_kernels_are_round():
+def test_kernels_are_round_inside_and_stretched_within_a_limit_in_a_sheet():
     points = lattice(9, 9, 9)
     found = find_anisotropy(points, support=2.0)
     middle = at(points, (4, 4, 4))
     assert np.allclose(found.G[middle], np.eye(3) / 2, atol=0.01)
     assert np.allclose(found.centers[middle], points[middle], atol=1e-6)
+    sheet = lattice(15, 15, 1)
+    middle = at(sheet, (7, 7, 0))
+    for stretch in (1.0, 4.0, 9.0):
+        values = np.linalg.eigvalsh(find_anisotropy(sheet, 2.0, most_stretch=stretch).G[middle])
+        assert values[2] / values[0] == pytest.approx(stretch, rel=1e-3)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
@@ -80,15 +83,7 @@ def test_at_a_face_kernels_are_flat(scale):
     assert np.array_equal(unsmoothed.centers, points)
 
 
-def test_stretch_is_limited():
-    sheet = lattice(15, 15, 1)
-    middle = at(sheet, (7, 7, 0))
-    for stretch in (1.0, 4.0, 9.0):
-        values = np.linalg.eigvalsh(find_anisotropy(sheet, 2.0, most_stretch=stretch).G[middle])
-        assert values[2] / values[0] == pytest.approx(stretch, rel=1e-3)
-
-
-def test_few_neighbors_get_small_round_kernels():
+def test_few_neighbors_get_small_round_kernels_and_none_none():
     points = np.concatenate([lattice(9, 9, 9), [[50, 0, 0], [np.nan, 0, 0]]]).astype("f4")
     found = find_anisotropy(points, support=2.0, few_size=0.25)
     assert np.allclose(found.G[-2:], 2 * np.eye(3))
@@ -96,6 +91,9 @@ def test_few_neighbors_get_small_round_kernels():
     assert np.isfinite(found.G).all()
     coincident = find_anisotropy(np.zeros((40, 3)), support=2.0)
     assert np.isfinite(coincident.G).all()
+    found = find_anisotropy(np.zeros((0, 3)), 1.0)
+    assert found.G.shape == (0, 3, 3)
+    assert found.centers.shape == (0, 3)
 
 
 def test_against_a_double_loop(monkeypatch):
@@ -130,9 +128,3 @@ def test_against_a_double_loop(monkeypatch):
 def test_wrong_arguments(options, what):
     with pytest.raises(ValueError, match=what):
         find_anisotropy(lattice(2, 2, 2), **options)
-
-
-def test_no_particles():
-    found = find_anisotropy(np.zeros((0, 3)), 1.0)
-    assert found.G.shape == (0, 3, 3)
-    assert found.centers.shape == (0, 3)

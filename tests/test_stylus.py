@@ -86,11 +86,18 @@ def touched(seed=0, noise=0.4, wrong=None):
     return points, seen, matrix
 
 
-def test_exact_landmarks():
+def test_exact_landmarks_and_some_on_a_line():
     points, seen, matrix = touched(noise=0)
     found = register_landmarks(points, seen)
     assert np.allclose(found.matrix, matrix, atol=1e-8)
     assert found.rms < 1e-8
+    line = np.outer(np.arange(5), [1.0, 2, 3])
+    with pytest.raises(ValueError, match="line"):
+        register_landmarks(line, line)
+    with pytest.raises(ValueError, match="expected 5, got 4"):
+        register_landmarks(line, line[:4])
+    with pytest.raises(ValueError, match="N >= 3"):
+        register_landmarks(line[:2], line[:2])
 
 
 @pytest.mark.slow
@@ -108,16 +115,6 @@ def test_the_expected_error_at_the_wires(wrong, n_draws):
         assert wrong is None or found.weights[wrong] == 0
     assert np.sqrt(np.mean(np.square(true))) == pytest.approx(np.mean(expected), rel=0.4)
     assert (np.array(true) < 2.5 * np.array(expected)).mean() >= 0.9
-
-
-def test_landmarks_on_a_line_are_refused():
-    line = np.outer(np.arange(5), [1.0, 2, 3])
-    with pytest.raises(ValueError, match="line"):
-        register_landmarks(line, line)
-    with pytest.raises(ValueError, match="expected 5, got 4"):
-        register_landmarks(line, line[:4])
-    with pytest.raises(ValueError, match="N >= 3"):
-        register_landmarks(line[:2], line[:2])
 
 
 # The commands

@@ -155,9 +155,7 @@ def test_the_way_through_named_frames():
     assert sweep.world == "Tracker"
     assert np.allclose(sweep.world_from_image, np.linalg.inv(probe) @ PIXEL)
     assert "expected a way from Image" in refused("a.mha")
-
-
-def test_temporal_offset_shifts_every_tracked_transform():
+    # A temporal offset shifts every tracked transform.
     poses = np.tile(np.eye(4), (4, 1, 1))
     poses[:, 0, 3] = [0, 2, 4, 8]
     write_igs("a.mha", {"ProbeToTracker": poses})

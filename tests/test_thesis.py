@@ -148,16 +148,13 @@ def both_ways(positions, backend, **options):
     ]
 
 
-def test_surfaces_reach_into_empty_leaves(backend):
+def test_surfaces_reach_into_other_leaves(backend):
     """Fig. 5.6a: a ball near its leaf's wall is cut off there without ghosts."""
     without, ghosts, exact = both_ways([[0.02, 0.25, 0.25]], backend)
     assert without.mask.sum() < 0.8 * exact.mask.sum()
     np.testing.assert_array_equal(ghosts.mask, exact.mask)
     np.testing.assert_allclose(ghosts.distance, exact.distance, atol=1e-3)
-
-
-def test_metaballs_in_different_leaves_fuse(backend):
-    """Fig. 5.6b: without ghosts each leaf shows its own ball, with a groove between."""
+    # Fig. 5.6b: without ghosts each leaf shows its own ball, with a groove between.
     without, ghosts, exact = both_ways([[-0.18, 0.25, 0.25], [0.18, 0.25, 0.25]], backend)
     bridge = exact.mask & (np.abs(exact.position[..., 0]) < 0.02)
     assert bridge.sum() > 20
@@ -362,9 +359,7 @@ def test_the_tables(tmp_path, capsys, monkeypatch):
     assert rows[0]["hit"] > 0.01
     assert len(path.read_text().splitlines()) == 2
     assert "Table 6.2" in capsys.readouterr().out
-
-
-def test_bench_command(tmp_path, capsys, monkeypatch):
+    # The command.
     asked = []
     monkeypatch.setattr(tables, "run", lambda *given, **named: asked.append((given, named)))
     assert bench(["thesis", "--device", "cpu", "-o", str(tmp_path / "a")]) == 0

@@ -28,12 +28,14 @@ def steps(left, clock, n, cost, dt):
     return said
 
 
-def test_it_is_said_once_after_three_steps():
+def test_it_is_said_once_after_three_steps_unless_less_than_a_minute_is_left():
     clock = Clock()
     said = steps(TimeLeft(0.0, 2.0, 3, clock), clock, 9, 0.25, 1e-4)
     assert [k for k, line in enumerate(said, 1) if line] == [3]
     # 19,997 steps of 0.25 s
     assert said[2].startswith("83 min to go at 250 ms a step of 0.0001 s; Ctrl-C keeps")
+    clock = Clock()
+    assert not any(steps(TimeLeft(0.0, 0.2, 3, clock), clock, 9, 0.02, 1e-4))
 
 
 def test_a_picture_before_the_first_step_is_no_step():
@@ -45,11 +47,6 @@ def test_a_picture_before_the_first_step_is_no_step():
     left.frame(0.0)
     (said,) = filter(None, steps(left, clock, 5, 0.1, 1e-3))
     assert said.startswith("44 min to go at 100 ms a step of 0.001 s and 20 s a frame; ")
-
-
-def test_a_run_of_less_than_a_minute_says_nothing():
-    clock = Clock()
-    assert not any(steps(TimeLeft(0.0, 0.2, 3, clock), clock, 9, 0.02, 1e-4))
 
 
 def test_the_pace_is_that_of_the_last_frames():

@@ -79,7 +79,7 @@ def test_labels_have_their_colors():
     assert len(gb.volumes.sample_tomography(image(values), labels=99)) == 0
 
 
-def test_grays_follow_the_intensity():
+def test_grays_follow_the_intensity_of_finite_values():
     particles = gb.volumes.sample_tomography(image(ramp("f4")), level=10)
     order = np.argsort(particles.attributes["intensity"])
     gray = particles.color[order][particles.attributes["intensity"][order] >= 10]
@@ -87,6 +87,11 @@ def test_grays_follow_the_intensity():
     assert (np.diff(gray[:, 0]) >= 0).all()
     assert gray[0, 0] < 0.12
     assert gray[-1, 0] == 1
+    values = ramp("f4")
+    values[0, 0, 0], values[2, 3, 4] = np.nan, np.inf
+    particles = gb.volumes.sample_tomography(image(values), level=30)
+    assert (particles.attributes["intensity"] >= 30).sum() == 29
+    assert np.isfinite(particles.color).all()
 
 
 def test_otsu_parts_two_peaks():
@@ -101,15 +106,7 @@ def test_otsu_parts_two_peaks():
         otsu(np.full(5, np.nan))
 
 
-def test_nan_and_infinity_are_no_trouble():
-    values = ramp("f4")
-    values[0, 0, 0], values[2, 3, 4] = np.nan, np.inf
-    particles = gb.volumes.sample_tomography(image(values), level=30)
-    assert (particles.attributes["intensity"] >= 30).sum() == 29
-    assert np.isfinite(particles.color).all()
-
-
-def test_resampling():
+def test_resampling_and_the_spacing_that_is_enough(monkeypatch):
     fine = image(ball(48), (0.5, 0.5, 1.0))
     coarse = gb.volumes.sample_tomography(fine, level=500, spacing=2.0)
     assert coarse.support == pytest.approx(2 * surfaces.VOXELS["murakami"])
@@ -119,9 +116,6 @@ def test_resampling():
     assert np.allclose(coarse.mean(axis=0), exact.mean(axis=0), atol=0.3)
     labels = gb.volumes.sample_tomography(fine, labels=1000, spacing=0.4)
     assert set(labels.attributes["label"]) == {1000}
-
-
-def test_too_many_voxels_name_a_spacing(monkeypatch):
     monkeypatch.setattr(surfaces, "MOST_PARTICLES", 500)
     fine = image(ball(), (1, 1, 1))
     with pytest.raises(ValueError, match="at most 500 voxels to show, got") as caught:

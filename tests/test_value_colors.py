@@ -66,12 +66,19 @@ def test_flat_is_exact_inside_of_a_surface_with_samples_too(particles):
     assert edge.sum() > 100
 
 
-def test_flat_without_values_shows_the_particles_own_colors():
+def test_flat_without_values_shows_the_particles_own_colors_as_srgb():
     color = to_linear(np.array([30, 200, 120]) / 255)
     particles = gb.Particles(np.zeros((1, 3)), support=1.0, color=color.astype(np.float32))
     scene = gb.Scene(particles)
     frame = gb.render(scene, size=(64, 64), settings=gb.load_preset("flat", scene))
     assert (frame.image[frame.mask] == (30, 200, 120)).all()
+    assert (displayed(to_linear(np.arange(256) / 255).astype(np.float32)) == np.arange(256)).all()
+    assert displayed(np.float32([0, 1, 7, np.inf])).tolist() == [0, 255, 255, 255]
+    light = np.linspace(0, 3, 50)
+    curved = shoulder(light)
+    assert (curved[light <= 0.8] == light[light <= 0.8]).all()
+    assert (np.diff(curved) > 0).all()
+    assert curved.max() < 1
 
 
 def test_light_keeps_the_hue_of_values(particles, backend):
@@ -111,16 +118,6 @@ def test_lights_presets_and_highlights_that_are_asked_for_stay(particles):
     assert not plain.tone
     assert for_values(plain) == plain
     assert for_values(gb.RenderSettings(exposure=1.5)).tone
-
-
-def test_displayed_is_srgb():
-    assert (displayed(to_linear(np.arange(256) / 255).astype(np.float32)) == np.arange(256)).all()
-    assert displayed(np.float32([0, 1, 7, np.inf])).tolist() == [0, 255, 255, 255]
-    light = np.linspace(0, 3, 50)
-    curved = shoulder(light)
-    assert (curved[light <= 0.8] == light[light <= 0.8]).all()
-    assert (np.diff(curved) > 0).all()
-    assert curved.max() < 1
 
 
 @pytest.mark.few_backends

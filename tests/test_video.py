@@ -62,7 +62,7 @@ def test_the_same_pictures_make_the_same_bytes(tmp_path):
     assert len(made) == 1
 
 
-def test_no_half_movies(tmp_path):
+def test_no_half_movies_and_none_without_pyav(tmp_path, monkeypatch):
     def broken():
         yield from pictures(2, 32, 32)
         raise OSError("gone")
@@ -78,9 +78,6 @@ def test_no_half_movies(tmp_path):
         write_movie(tmp_path / "new.mp4", pictures(1, 32, 32), 0)
     assert os.listdir(tmp_path) == ["old.mp4"]
     assert (tmp_path / "old.mp4").read_bytes() == b"old"
-
-
-def test_without_pyav(monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(ImportError, match=r"globule\[video\]"):
         need_av()

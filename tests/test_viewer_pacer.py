@@ -85,7 +85,7 @@ def test_stillness_brings_one_sharp_picture_and_then_smoother_ones():
     assert STILL_AFTER - 0.02 < at < STILL_AFTER + 0.2
 
 
-def test_nothing_is_made_for_a_client_that_does_not_answer():
+def test_nothing_is_made_for_who_does_not_answer_nor_what_failed_again():
     pacer = Pacer()
     for number in range(1, 10):
         if pacer.plan(float(number), number, 8, 92, 1920) is None:
@@ -95,9 +95,7 @@ def test_nothing_is_made_for_a_client_that_does_not_answer():
     assert number == MOST_IN_FLIGHT + 1
     pacer.acknowledge(20.0, 2)
     assert pacer.plan(21.0, "more", 8, 92, 1920) is not None
-
-
-def test_what_failed_is_not_tried_again_until_something_changes():
+    # What failed is not tried again until something changes.
     pacer = Pacer()
     assert pacer.plan(0.0, "bad", 8, 92, 1920) is not None
     pacer.started()

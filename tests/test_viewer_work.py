@@ -47,9 +47,7 @@ def test_the_viewer_takes_the_surface_that_render_takes():
     assert scene_of(cloud(), surface__shape="smooth").surface == "smooth"
     own = gb.Scene(water())
     assert scene_of(own) is own  # a program's own scene stays as it is
-
-
-def test_the_image_is_that_of_render():
+    # The image is that of render.
     particles, camera = water(), gb.Camera((2, 1.5, 3), (0.35, 0.35, 0.35))
     source, size = open_source(particles), (160, 120)
     for moving, settings in ((False, None), (True, {"edge_samples": 0})):
@@ -207,11 +205,7 @@ def test_a_simulation_with_tissue_shows_its_own_scene():
     source = open_source(sim)
     code = python_code(source, State(), gb.Camera((0, -1, 0), (0, 0, 0)), (64, 48), (0, 0, 1))
     assert "scene = simulation.scene\n" in code
-
-
-def test_what_stands_beside_tissue_is_not_missing():
-    """Its scene has the tissue alone; that is no mistake in the particles."""
-    sim = gb.Simulation("cut-block", spacing=0.005, device="cpu")
+    # What stands beside the tissue is no mistake in the particles.
     assert sim.scene.octree.n_inside < len(sim)
     assert left_out(sim.scene) == []
     positions = np.eye(3)

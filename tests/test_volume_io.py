@@ -83,14 +83,11 @@ def test_structured_points_of_legacy_vtk(binary):
             read_volume("b.vtk")
 
 
-def test_a_volume_without_maps():
+def test_a_volume_without_maps_and_a_sparse_one():
     plain = Volume(np.ones((2, 3, 4), np.uint8), np.eye(4))
     write_volume("a.npz", plain, maps=True)
     with pytest.raises(ValueError, match=r"a\.npz"):
         _ = read_volume("a.npz").count
-
-
-def test_sparse_files_are_small():
     values = np.zeros((128, 128, 128), np.uint8)
     radius = np.full(values.shape, 255, np.uint8)
     values[60:68, 60:68] = 7

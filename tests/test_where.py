@@ -111,15 +111,7 @@ def file(particles, tmp_path):
     return tmp_path / "p.npz"
 
 
-def test_read(file, particles):
-    chosen = gb.read(file, where="type == 1")
-    assert len(chosen) == (particles.attributes["type"] == 1).sum()
-    assert len(gb.read(file, where="x > 2")) == 0
-    with pytest.raises(ValueError, match="where: expected one of"):
-        gb.read(file, where="mass > 2")
-
-
-def test_commands_take_it(file, particles, tmp_path, capsys):
+def test_read_and_commands_take_it(file, particles, tmp_path, capsys):
     n = int((particles.attributes["type"] == 1).sum())
     condition = ["--where", "type == 1"]
     assert main(["info", str(file), "--json", *condition]) == 0
@@ -133,6 +125,11 @@ def test_commands_take_it(file, particles, tmp_path, capsys):
     capsys.readouterr()
     assert main(["track", str(file), "--json", "--support", "0.3", *condition]) == 0
     assert json.loads(capsys.readouterr().out)
+    chosen = gb.read(file, where="type == 1")
+    assert len(chosen) == (particles.attributes["type"] == 1).sum()
+    assert len(gb.read(file, where="x > 2")) == 0
+    with pytest.raises(ValueError, match="where: expected one of"):
+        gb.read(file, where="mass > 2")
 
 
 @pytest.mark.parametrize(("words", "said"), [

@@ -83,9 +83,7 @@ def test_a_worker_that_was_killed_is_replaced(opened):
     os.kill(first, signal.SIGKILL)
     os.waitid(os.P_PID, first, os.WEXITED | os.WNOWAIT)
     assert opened("good") != first
-
-
-def test_a_fork_of_the_program_has_workers_of_its_own(opened):
+    # A fork of the program has workers of its own.
     first = opened("good")
     fork = os.fork()
     if fork == 0:
