@@ -27,8 +27,7 @@ def test_volume(tmp_path):
     radius = np.array([0, 3, 130, 255], np.uint8).reshape(1, 1, 4)
     volume = gb.volumes.Volume(np.ones((1, 1, 4), np.uint8), np.eye(4), radius)
     _, (labels, about, kind) = volume_layers(volume, "v")
-    assert kind == "labels"
-    assert labels.ravel().tolist() == [1, 2, 3, 0]
+    assert (kind, labels.ravel().tolist()) == ("labels", [1, 2, 3, 0])
     assert not about["visible"]
     assert len(volume_layers(gb.volumes.Volume(np.ones((1, 1, 4), np.uint8), np.eye(4)))) == 1
 

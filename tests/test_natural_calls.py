@@ -211,8 +211,7 @@ def test_a_sequence_in_colors(folder):
         "f_*.npz", "%d.png", SIZE, color_by="speed", settings={"samples": 2},
         progress=lambda *counts: seen.append(counts),
     )  # fmt: skip
-    assert seen == [(1, 3), (2, 3), (3, 3)]
-    assert done == ["0.png", "1.png", "2.png"]
+    assert (seen, done) == ([(1, 3), (2, 3), (3, 3)], ["0.png", "1.png", "2.png"])
     assert len({tuple(np.asarray(Image.open(name))[12, 16]) for name in done}) == 3  # the range is that of all files
     same_value = gb.render_sequence(["f_1.npz", "f_1.npz"], "s%d.png", SIZE, color_by="speed")
     assert len(same_value) == 2  # no range at all: the map's middle

@@ -146,9 +146,7 @@ def test_same_bits_for_any_number_of_threads(reference, threads):
 
 def rows(found) -> list[np.ndarray]:
     offsets, indices = found
-    assert offsets.dtype == np.uint64
-    assert indices.dtype == np.uint32
-    assert offsets[0] == 0
+    assert (offsets.dtype, indices.dtype, offsets[0]) == (np.uint64, np.uint32, 0)
     assert offsets[-1] == len(indices)
     return np.split(indices, offsets[1:-1].astype(np.int64))
 

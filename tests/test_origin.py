@@ -46,8 +46,7 @@ def test_float64_far_away_gets_an_origin_and_nothing_else_does():
     few, origin = relative(near[:2] + FAR)  # two tell a spacing
     np.testing.assert_array_equal(few + origin, near[:2] + FAR)
     flat, origin = relative((near + FAR)[:, :2])  # 2-D
-    assert flat.shape[1] == 3
-    assert origin[2] == 0
+    assert (flat.shape[1], origin[2]) == (3, 0)
 
 
 @pytest.mark.parametrize("to", [".npz", ".npy", ".csv", ".ply", ".vtk", ".vtp", ".vtu", ".txt"])

@@ -234,7 +234,6 @@ def test_what_the_command_makes_of_a_configuration(tmp_path, monkeypatch, capsys
         assert err.count("\n") == 1
         assert not Path("v.mha").exists()
         return
-    assert status == 0
-    assert err == ""
+    assert (status, err) == (0, "")
     values, _ = expected(gb.ultrasound.read_sweep("s.igs.mha", plus="c.xml"), read_plus_config("c.xml"))
     np.testing.assert_array_equal(gb.volumes.read_volume("v.mha").values, values)

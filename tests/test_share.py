@@ -121,6 +121,5 @@ def test_what_cannot_be_shared_and_a_thread_that_fails():
 
 
 def test_devices_are_dealt():
-    assert of_rank("cpu", 3) == "cpu"
-    assert of_rank("cuda:1", 0) == "cuda:1"
+    assert (of_rank("cpu", 3), of_rank("cuda:1", 0)) == ("cpu", "cuda:1")
     assert of_rank("auto", 0) in ("auto", "cuda:0")

@@ -30,8 +30,7 @@ CAMERA = gb.Camera((0.3, -0.9, 0.5), (0.15, 0.1, 0.15), (0, 0, 1), fov=30)
 def test_a_fluid_is_drawn_as_render_draws_its_particles(backend):
     sim = simulation(backend)
     sim.run(0.05)
-    assert sim.scene.surface == "smooth"
-    assert sim.scene.threshold == 0.5
+    assert (sim.scene.surface, sim.scene.threshold) == ("smooth", 0.5)
     assert sim.scene.support == pytest.approx(2.25 * 0.025)
     own = gb.Scene(sim.shown_particles, surface="smooth", spacing=0.025, **backend)
     a, b = (gb.render(scene, CAMERA, SIZE) for scene in (sim, own))

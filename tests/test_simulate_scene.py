@@ -90,8 +90,7 @@ z = {}
     lines = key_lines(text)
     assert lines[("a",)] == 1
     assert lines[("b",)] == lines[("b", "c")] == 4
-    assert lines[("t", "quo.ted", "l", 0)] == 7
-    assert lines[("t", "quo.ted", "l", 1, "k")] == 8
+    assert (lines[("t", "quo.ted", "l", 0)], lines[("t", "quo.ted", "l", 1, "k")]) == (7, 8)
     assert lines[("t", "quo.ted", "l", 1, "k", 1)] == 9
     assert (lines[("u", 0)], lines[("u", 1)], lines[("u", 1, "v")]) == (10, 11, 12)
     assert (lines[("u", 1, "w")], lines[("u", 1, "w", "z")]) == (13, 14)

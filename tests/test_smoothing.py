@@ -92,8 +92,7 @@ def test_few_neighbors_get_small_round_kernels_and_none_none():
     coincident = find_anisotropy(np.zeros((40, 3)), support=2.0)
     assert np.isfinite(coincident.G).all()
     found = find_anisotropy(np.zeros((0, 3)), 1.0)
-    assert found.G.shape == (0, 3, 3)
-    assert found.centers.shape == (0, 3)
+    assert (found.G.shape, found.centers.shape) == ((0, 3, 3), (0, 3))
 
 
 def test_against_a_double_loop(monkeypatch):

@@ -136,8 +136,7 @@ def test_hits_equal_the_references(backend):
     points = points.astype("f4")
     scene = smooth(points, **backend)
     G, weight = scene.surface_kernels()
-    n = 1500
-    rng = np.random.default_rng(5)
+    n, rng = 1500, np.random.default_rng(5)
     target = points[rng.integers(len(points), size=n)] + 1.2 * rng.normal(size=(n, 3))
     away = directions(n, 6)
     # Silhouettes by bisection, from a particle to a line that passes everything.
@@ -292,13 +291,13 @@ def test_what_is_fluid_like():
 
 def test_mistakes():
     cube = block(5, 5, 5)
-    with pytest.raises(ValueError, match="surface: expected"):
-        gb.Scene(cube, surface="rough")
-    with pytest.raises(ValueError, match="surface: 'smooth' has the kernel murakami"):
-        gb.Scene(cube, "wyvill", surface="smooth")
-    with pytest.raises(ValueError, match="spacing: expected a positive number"):
-        gb.Scene(cube, surface="smooth", spacing=-1)
-    with pytest.raises(ValueError, match="spacing: expected surface='smooth'"):
-        gb.Scene(cube, spacing=1.0)
+    for options, said in (
+        ({"surface": "rough"}, "surface: expected"),
+        ({"surface": "smooth", "kernel": "wyvill"}, "surface: 'smooth' has the kernel murakami"),
+        ({"surface": "smooth", "spacing": -1}, "spacing: expected a positive number"),
+        ({"spacing": 1.0}, "spacing: expected surface='smooth'"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            gb.Scene(cube, **options)
     with pytest.raises(ValueError, match="surface_kernels: expected a scene"):
         gb.Scene(cube, device="cpu").surface_kernels()

@@ -92,13 +92,16 @@ def test_without_exterior_spheres(backend, root):
     check("hundred", dense(case("hundred"), **backend), Thesis(root, 0.02, exterior=False))
 
 
+def down(x):
+    """Rays along -z, at y = 0."""
+    return np.float32(np.stack([x, 0 * x, 0 * x + 4], 1)), np.tile(np.float32([0, 0, -1]), (len(x), 1))
+
+
 def test_large_steps_miss_what_is_thin(backend):
     """Rays near the rim of two fused balls: the surface's chords are shorter than the step."""
     p = np.array([[0, 0, 0], [0, 0, -0.7]], np.float32)
     c = Case(p, support=1.0, threshold=0.3)
-    x = np.linspace(0.5, 0.75, 400)
-    o = np.stack([x, np.zeros(400), np.full(400, 4.0)], 1).astype(np.float32)
-    d = np.tile(np.array([0, 0, -1], np.float32), (400, 1))
+    o, d = down(np.linspace(0.5, 0.75, 400))
     expected = np.isfinite(c.first_hit(o, d))
     scene = dense(c, **backend)
 
@@ -114,9 +117,7 @@ def test_large_steps_miss_what_is_thin(backend):
 def test_terraces(backend):
     """Fig. 5.1: without refinement the depth lags by up to a step; with it there is no error."""
     c = Case(np.array([[-0.4, 0, 0], [0.4, 0, 0]], np.float32), support=1.0, threshold=0.3)
-    x = np.linspace(-0.9, 0.9, 300)
-    o = np.stack([x, np.zeros(300), np.full(300, 4.0)], 1).astype(np.float32)
-    d = np.tile(np.array([0, 0, -1], np.float32), (300, 1))
+    o, d = down(np.linspace(-0.9, 0.9, 300))
     expected = c.first_hit(o, d)
     scene = dense(c, **backend)
 
@@ -131,36 +132,28 @@ def test_terraces(backend):
     assert np.abs(fine).max() < 0.1 * terraces.max()
 
 
-def apart() -> gb.Camera:
-    return gb.Camera((0.5, 0.6, 3.2), (0, 0, 0), fov=50)
-
-
-SPACE = ((-1, -1, -1), (1, 1, 1))
-
-
-def both_ways(positions, backend, **options):
-    """Pictures without and with ghosts, and the exact one: two metaballs, leaves of edge 0.5."""
-    scene = gb.Scene(gb.Particles(np.asarray(positions, np.float32), support=0.5), threshold=0.4,
-                     octree="dense", level=2, bounds=SPACE, **backend)  # fmt: skip
-    return [
-        gb.render(scene, apart(), (120, 120), thesis=t)
-        for t in (Thesis("bezier", ghosts=False), Thesis("bezier"), None)
-    ]
+def both_ways(positions, backend):
+    """Pictures without and with ghosts, which is the exact one: metaballs, leaves of edge 0.5."""
+    space = {"octree": "dense", "level": 2, "bounds": ((-1, -1, -1), (1, 1, 1))}
+    scene = gb.Scene(positions, support=0.5, threshold=0.4, **space, **backend)
+    camera = gb.Camera((0.5, 0.6, 3.2), (0, 0, 0), fov=50)
+    without, ghosts, exact = (
+        gb.render(scene, camera, (120, 120), thesis=t) for t in (Thesis("bezier", ghosts=False), Thesis("bezier"), None)
+    )
+    np.testing.assert_array_equal(ghosts.mask, exact.mask)
+    np.testing.assert_allclose(ghosts.distance, exact.distance, atol=1e-3)
+    return without, exact
 
 
 def test_surfaces_reach_into_other_leaves(backend):
     """Fig. 5.6a: a ball near its leaf's wall is cut off there without ghosts."""
-    without, ghosts, exact = both_ways([[0.02, 0.25, 0.25]], backend)
+    without, exact = both_ways([[0.02, 0.25, 0.25]], backend)
     assert without.mask.sum() < 0.8 * exact.mask.sum()
-    np.testing.assert_array_equal(ghosts.mask, exact.mask)
-    np.testing.assert_allclose(ghosts.distance, exact.distance, atol=1e-3)
     # Fig. 5.6b: without ghosts each leaf shows its own ball, with a groove between.
-    without, ghosts, exact = both_ways([[-0.18, 0.25, 0.25], [0.18, 0.25, 0.25]], backend)
+    without, exact = both_ways([[-0.18, 0.25, 0.25], [0.18, 0.25, 0.25]], backend)
     bridge = exact.mask & (np.abs(exact.position[..., 0]) < 0.02)
     assert bridge.sum() > 20
     assert not without.mask[bridge].all()
-    np.testing.assert_array_equal(ghosts.mask, exact.mask)
-    np.testing.assert_allclose(ghosts.distance, exact.distance, atol=1e-3)
 
 
 @pytest.mark.parametrize("depth", [0, 1, 2, 3])
@@ -255,8 +248,7 @@ def test_nothing_to_see(backend, positions):
 
 def test_default_support():
     p = np.array([[0, 0, 0], [8, 4, 2]], np.float32)
-    assert default_support(p, 3) == 0.5
-    assert default_support(gb.Particles(p), 0) == 4
+    assert (default_support(p, 3), default_support(gb.Particles(p), 0)) == (0.5, 4)
 
 
 RAY = np.zeros((1, 3), np.float32), np.float32([[0, 0, 1]])
@@ -265,10 +257,7 @@ RAY = np.zeros((1, 3), np.float32), np.float32([[0, 0, 1]])
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: Thesis("newton"), "root: expected march or bezier, got 'newton'"),
     (lambda: Thesis(step=0), "step: expected a number from 0.0001 to 10000, got 0"),
-    (lambda: Thesis(step=float("nan")), "step: expected"),
-    (lambda: Thesis(step="small"), "step: expected"),
     (lambda: Thesis(thresholds=-1), "thresholds: expected a whole number from 0 to 16, got -1"),
-    (lambda: Thesis(thresholds=2.5), "thresholds: expected"),
     (lambda: default_support(cloud(9), 9), "level: expected 0 to 8, got 9"),
     (lambda: default_support(cloud(1), 3), "positions: expected some extent, got 0"),
     (lambda: gb.Scene(cloud(9)).intersect(*RAY, Thesis()), 'a scene with octree="dense"'),

@@ -219,8 +219,7 @@ def test_commands(head, capsys):
     assert main(["info", head, "--level", "500"]) == 0
     assert "24x24x24 voxels of 1 1 1 mm, uint16" in capsys.readouterr().out
     facts = run_json(capsys, "info", head, "--label", "1000")
-    assert facts["format"] == "NIfTI volume, gzipped"
-    assert facts["volume"]["size"] == [24, 24, 24]
+    assert (facts["format"], facts["volume"]["size"]) == ("NIfTI volume, gzipped", [24, 24, 24])
     assert facts["attributes"]["label"]["min"] == 1000
 
 

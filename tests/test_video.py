@@ -76,8 +76,7 @@ def test_no_half_movies_and_none_without_pyav(tmp_path, monkeypatch):
         write_movie(tmp_path / "new.mp4", [*pictures(1, 32, 32), *pictures(1, 34, 32)])
     with pytest.raises(ValueError, match="fps"):
         write_movie(tmp_path / "new.mp4", pictures(1, 32, 32), 0)
-    assert os.listdir(tmp_path) == ["old.mp4"]
-    assert (tmp_path / "old.mp4").read_bytes() == b"old"
+    assert (os.listdir(tmp_path), (tmp_path / "old.mp4").read_bytes()) == (["old.mp4"], b"old")
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(ImportError, match=r"globule\[video\]"):
         need_av()

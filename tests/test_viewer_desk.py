@@ -72,8 +72,7 @@ def test_a_model_comes_and_actions_change_the_settings(viewer, word, caplog):
         say("close")
         connection.send("[1")
         until(lambda: len([r for r in caplog.records if r.levelname == "WARNING"]) >= 6)
-        assert viewer.state.look.exposure == 1.0
-        assert viewer.state.color.by == "speed"
+        assert (viewer.state.look.exposure, viewer.state.color.by) == (1.0, "speed")
         assert not viewer.state.cuts.plane
 
 
@@ -119,8 +118,7 @@ def test_two_data_sets_share_camera_light_and_colors():
         columns = np.s_[:, 20:] if whole else np.s_[:, :20]
         assert np.array_equal(seen.picture[columns], one[columns])
     seen.refine(2)
-    assert seen.samples == 3
-    assert seen.distance.shape == (60, 80)
+    assert (seen.samples, seen.distance.shape) == (3, (60, 80))
     with pytest.raises(ValueError, match="compare: expected particles or meshes"):
         CompareSource(open_source(first), open_source([first, second]))
 

@@ -107,8 +107,7 @@ def test_reset_and_the_timeline_take_the_foam_along():
     np.testing.assert_array_equal(shown_foam(source), source.simulation.foam.positions)
     assert same(foam(source), after[source.place[0] - 1])
     source.reset()
-    assert len(source.simulation.foam) == 0
-    assert len(source.layers(State())) == 1
+    assert (len(source.simulation.foam), len(source.layers(State()))) == (0, 1)
     steps(source, N)
     assert same(foam(source), after[N - 1])
 

@@ -282,8 +282,7 @@ def test_other_servers_of_the_process_are_not_affected(monkeypatch):
         assert websockets.serve is usual is module.serve
         for place, names in zip(places, before, strict=True):
             assert {name: vars(place)[name] for name in names} == names, place
-        assert ask(viewer.port).status == 200
-        assert len(refused) == 1
+        assert (ask(viewer.port).status, len(refused)) == (200, 1)
         plain = viser.ViserServer("127.0.0.1", 0, verbose=False)
         assert "Content-Security-Policy" not in ask(plain.get_port()).headers
         plain.stop()

@@ -104,8 +104,7 @@ def test_the_widget_in_a_browser(chromium):
         page.wait_for_function("window.ready")
         page.wait_for_function("window.sent.some(m => m.type == 'camera')")
         first = page.evaluate("window.sent.at(-1)")
-        assert first["size"] == [400, 200]
-        assert first["eye"] == [0, 0, 5]
+        assert (first["size"], first["eye"]) == ([400, 200], [0, 0, 5])
         picture = np.zeros((20, 40, 3), np.uint8)
         picture[..., 0] = 250
         page.evaluate("([n, bytes]) => window.show(n, bytes)", [7, list(jpeg(picture, 95))])

@@ -78,8 +78,7 @@ def test_stillness_brings_one_sharp_picture_and_then_smoother_ones():
     link.plans.clear()
     link.run(3, lambda now: "still")
     plans = [plan for _, plan in link.plans]
-    assert [p.still for p in plans[:2]] == [False, True]
-    assert plans[1].size == (1280, 720)
+    assert ([p.still for p in plans[:2]], plans[1].size) == ([False, True], (1280, 720))
     assert [(p.samples, p.refine) for p in plans[1:]] == [(1, False), (2, True), (4, True), (8, True)]
     at = link.plans[1][0] - link.plans[0][0]
     assert STILL_AFTER - 0.02 < at < STILL_AFTER + 0.2

@@ -90,8 +90,7 @@ def test_two_uploads_are_compared(start, tmp_path):
                 assert start.source is None
         assert heard(connection, "opened")
     source = start.wait()
-    assert source.kind == "compare"
-    assert source.name == "before.npz | after.npz"
+    assert (source.kind, source.name) == ("compare", "before.npz | after.npz")
 
 
 def test_uploads_that_are_refused(start, tmp_path):

@@ -74,8 +74,7 @@ def test_render_of_other_volumes(tmp_path, monkeypatch, capsys):
     for wrong in (["--threshold", "1"], ["--level", "999"]):
         assert main(["render", "a.vti", "-o", "n.png", *machine, *wrong]) == 2
     assert capsys.readouterr().err.count("globule: error") == 2
-    assert main([*words, "--level", "100"]) == 0
-    assert capsys.readouterr().err == ""
+    assert (main([*words, "--level", "100"]), capsys.readouterr().err) == (0, "")
     pictures = [np.asarray(Image.open(f"{name}.png")) for name in "abc" if name != "b"]
     assert np.array_equal(*pictures)
     assert main([*words, "--support", "1"]) == 2
