@@ -1,7 +1,5 @@
 """Meshes from files and from objects of other packages, and on the command line."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import globule as gb
@@ -44,15 +42,13 @@ def volume(mesh: gb.Mesh) -> float:
     return float(np.sum(a * np.cross(b, c)) / 6)
 
 
-def test_ply_with_quads_and_colors(tmp_path):
+def test_ply_with_quads_and_colors_and_legacy_vtk(tmp_path):
     ply(tmp_path / "box.ply", BOX, QUADS, (BOX * 255).astype(int))
     mesh = gb.Mesh(tmp_path / "box.ply")
     assert (len(mesh), mesh.solid, volume(mesh)) == (12, True, pytest.approx(1))
     np.testing.assert_allclose(read(tmp_path / "box.ply").color, to_linear(BOX), atol=1e-6)
     assert has_faces(tmp_path / "box.ply")
 
-
-def test_legacy_vtk_polygons_and_strips(tmp_path):
     def cells(faces):
         return "\n".join(f"{len(face)} {' '.join(map(str, face))}" for face in faces)
 
@@ -115,8 +111,7 @@ def test_files_of_trimesh(tmp_path, form):
 
 def test_objects_of_meshio_and_pyvista():
     meshio = pytest.importorskip("meshio", reason="meshio is not installed")
-    mesh = gb.Mesh(meshio.Mesh(BOX, [("quad", QUADS[:3]), ("triangle", BOX_FACES[6:])]))
-    assert len(mesh) == 12
+    assert len(gb.Mesh(meshio.Mesh(BOX, [("quad", QUADS[:3]), ("triangle", BOX_FACES[6:])]))) == 12
     with pytest.raises(ValueError, match="expected a mesh with triangles or quads, got line"):
         gb.Mesh(meshio.Mesh(BOX, [("line", [[0, 1]])]))
     flat = np.insert(BOX_FACES, 0, 3, axis=1).ravel()
@@ -125,15 +120,12 @@ def test_objects_of_meshio_and_pyvista():
     assert gb.Mesh(surface).solid
 
 
-def test_a_vertex_without_a_place_names_its_file(tmp_path):
+def test_a_file_with_faces_is_drawn_as_its_triangles(tmp_path):
     pytest.importorskip("trimesh")
     path = tmp_path / "hole.obj"
     path.write_text("v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(ValueError, match=r"hole\.obj: vertices: expected finite .*\(vertex 1\)"):
         gb.Mesh(path)
-
-
-def test_a_file_with_faces_is_drawn_as_its_triangles(tmp_path):
     ply(tmp_path / "ball.ply", *BALL)
     camera = gb.Camera((0, 0, 4), (0, 0, 0), fov=30)
     frame = gb.render(str(tmp_path / "ball.ply"), camera, (40, 40))
@@ -144,12 +136,8 @@ def test_a_file_with_faces_is_drawn_as_its_triangles(tmp_path):
     assert balls.pick(20, 20).particle is not None
 
 
-# The command line
-
-
 @pytest.fixture
-def files(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def files(tmp_path, folder):
     ply(tmp_path / "ball.ply", *BALL)
     ply(tmp_path / "tank.ply", BOX * 4 - 2, QUADS)
     x = np.linspace(-1, 1, 8)
@@ -158,7 +146,7 @@ def files(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_render_a_mesh(files, capsys):
+def test_render_a_mesh_alone_and_beside_particles(files, capsys):
     report = run_json(capsys, "render", "ball.ply", "-o", "a.png", *SMALL, "--pick", "24,18")
     assert report["counts"]["triangles"] == len(BALL[1])
     assert report["closed"]
@@ -169,12 +157,24 @@ def test_render_a_mesh(files, capsys):
     report = run_json(capsys, "render", "ball.ply", "-o", "a.png", *SMALL, "--preset", "clay")
     assert report["samples"] == 4
     both = run_json(capsys, "render", "ball.ply", "fluid.ply", "-o", "{}.png", *SMALL)
-    assert both["counts"]["triangles"] == len(BALL[1])
-    assert both["counts"]["particles"] == 512
+    assert (both["counts"]["triangles"], both["counts"]["particles"]) == (len(BALL[1]), 512)
+    alone = run_json(capsys, "render", "fluid.ply", "-o", "a.png", *SMALL)
+    words = ("--mesh", "ball.ply:glass", "--mesh-color", "#ff0000")
+    beside = run_json(capsys, "render", "fluid.ply", "-o", "b.png", *SMALL, *words)
+    assert beside["warnings"] == []
+    assert beside["counts"]["hits"] == pytest.approx(alone["counts"]["hits"], rel=0.1)
+    tank = run_json(capsys, "render", "fluid.ply", "-o", "c.png", *SMALL, "--mesh", "tank.ply:glass")
+    assert "surrounds the particles: drawn as a thin wall" in tank["warnings"][0]
+    assert tank["counts"]["hits"] != alone["counts"]["hits"]  # the camera shows the tank
+    assert read_environment("c.png").shape[:2] == (36, 48)
+    seen = run_json(
+        capsys, "render", "fluid.ply", "-o", "d.png", *SMALL, "--with", "ball.ply:#00ff00",
+        "--eye", "0,0,9", "--look-at", "0,0,0", "--clip", "0,0,1,-5", "--pick", "24,18",
+    )  # fmt: skip
+    assert seen["picked"]["file"] == "ball.ply"
 
 
 def test_a_mesh_in_the_colors_of_its_values(files, capsys):
-    """Each pixel has the map's color of the value where the ray meets the mesh."""
     heat = np.linspace(0, 1, 512)
     gb.write("fluid.npz", gb.Particles(gb.read("fluid.ply").positions, attributes={"heat": heat}))
     run_json(capsys, "mesh", "fluid.npz", "-o", "fluid.vtp", "--value", "heat")
@@ -194,41 +194,11 @@ def test_a_mesh_in_the_colors_of_its_values(files, capsys):
 
     mesh = gb.Mesh("fluid.vtp")
     heights = np.asarray(mesh.vertices)[:, 2]
-    assert mesh.color_by("z") == (heights.min(), heights.max())
-    assert mesh.color_by("heat", range=(2, 1)) == (2, 1)
-    views = gb.render_views("fluid.vtp", ["front", "top"], size=(96, 48), color_by="x")
-    assert len(views.frames) == 2
+    assert (mesh.color_by("z"), mesh.color_by("heat", range=(2, 1))) == ((heights.min(), heights.max()), (2, 1))
+    assert len(gb.render_views("fluid.vtp", ["front", "top"], size=(96, 48), color_by="x").frames) == 2
 
 
-def test_render_particles_beside_meshes(files, capsys):
-    alone = run_json(capsys, "render", "fluid.ply", "-o", "a.png", *SMALL)
-    words = ("--mesh", "ball.ply:glass", "--mesh-color", "#ff0000")
-    beside = run_json(capsys, "render", "fluid.ply", "-o", "b.png", *SMALL, *words)
-    assert beside["warnings"] == []
-    assert beside["counts"]["hits"] == pytest.approx(alone["counts"]["hits"], rel=0.1)
-    tank = run_json(capsys, "render", "fluid.ply", "-o", "c.png", *SMALL, "--mesh", "tank.ply:glass")
-    assert "surrounds the particles: drawn as a thin wall" in tank["warnings"][0]
-    assert tank["counts"]["hits"] != alone["counts"]["hits"]  # the camera shows the tank
-    image = read_environment("c.png")
-    assert image.shape[:2] == (36, 48)
-    seen = run_json(
-        capsys, "render", "fluid.ply", "-o", "d.png", *SMALL, "--with", "ball.ply:#00ff00",
-        "--eye", "0,0,9", "--look-at", "0,0,0", "--clip", "0,0,1,-5", "--pick", "24,18",
-    )  # fmt: skip
-    assert seen["picked"]["file"] == "ball.ply"
-
-
-def test_a_mesh_without_an_area_is_named(folder, capsys):
-    ply(folder / "flat.ply", np.array([[0, 0, 0], [1, 1, 1], [2, 2, 2.0]]), [(0, 1, 2)] * 3)
-    words = ["render", "flat.ply", "-o", "a.png", *SMALL]
-    warning = "no pixel hits the mesh: it has no area, 3 triangles of points or lines alone"
-    assert run_json(capsys, *words)["warnings"] == [warning]
-    ply(folder / "large.ply", np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), [(0, 1, 2)])
-    words = ["render", "large.ply", "-o", "a.png", *SMALL, "--eye", "0,0,9", "--look-at", "0,0,99"]
-    assert "the camera looks past it" in run_json(capsys, *words)["warnings"][0]
-
-
-def test_a_tank_that_hides_the_particles_is_named(files, capsys):
+def test_a_tank_that_hides_the_particles_and_a_mesh_without_an_area_are_named(files, capsys, folder):
     def warnings(*words: str) -> list[str]:
         return run_json(capsys, "render", "fluid.ply", "-o", "a.png", *SMALL, *words)["warnings"]
 
@@ -241,6 +211,13 @@ def test_a_tank_that_hides_the_particles_is_named(files, capsys):
     gb.write("around.npz", gb.Particles(np.zeros((1, 3))))
     hidden = "no pixel shows the particles, only around.npz: try --clip"
     assert hidden in warnings("--spheres", "around.npz:9", "--eye", "99,0,0")
+    ply(folder / "flat.ply", np.array([[0, 0, 0], [1, 1, 1], [2, 2, 2.0]]), [(0, 1, 2)] * 3)
+    words = ["render", "flat.ply", "-o", "a.png", *SMALL]
+    warning = "no pixel hits the mesh: it has no area, 3 triangles of points or lines alone"
+    assert run_json(capsys, *words)["warnings"] == [warning]
+    ply(folder / "large.ply", np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), [(0, 1, 2)])
+    words = ["render", "large.ply", "-o", "a.png", *SMALL, "--eye", "0,0,9", "--look-at", "0,0,99"]
+    assert "the camera looks past it" in run_json(capsys, *words)["warnings"][0]
 
 
 @pytest.mark.parametrize(("words", "message"), [

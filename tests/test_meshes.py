@@ -1,7 +1,5 @@
 """Meshes as metaballs: spacings, closed surfaces, colors, and files that are none."""
 
-from __future__ import annotations
-
 import json
 import sys
 
@@ -22,20 +20,13 @@ def trimesh():
     return pytest.importorskip("trimesh", reason="trimesh is not installed")
 
 
-def brute_spacing(points: np.ndarray, k: int) -> np.ndarray:
-    apart = np.linalg.norm(points[:, None].astype(float) - points[None], axis=2)
-    return np.sort(apart, axis=1)[:, 1 : k + 1].mean(axis=1)
-
-
-# spacing
-
-
 @pytest.mark.parametrize("k", [1, 6, 20])
 def test_local_spacing_is_the_mean_of_the_nearest(k):
     rng = np.random.default_rng(1)
     even, clustered = rng.random((400, 3)), rng.normal(size=(400, 3)) ** 3
     for points in (even.astype("f4"), clustered.astype("f4")):
-        expected = brute_spacing(points, k)
+        apart = np.linalg.norm(points[:, None].astype(float) - points[None], axis=2)
+        expected = np.sort(apart, axis=1)[:, 1 : k + 1].mean(axis=1)
         middle = np.median(expected)
         expected = np.clip(expected, spacing.LEAST * middle, spacing.MOST * middle)
         assert np.allclose(gb.fluids.measure_spacing(points, k), expected, rtol=1e-5)
@@ -59,9 +50,6 @@ def test_spacing_of_troubled_particles_and_of_edges():
     assert np.allclose(found, [1, 2**0.5, 2**0.5, 2**0.5])
 
 
-# surfaces without holes
-
-
 def covered(mesh, particles) -> float:
     """The share of the rays through the mesh that hit the particles' surface."""
     camera, size = gb.Camera((0, -6, 2), (0, 0, 0), (0, 0, 1), 30), (160, 120)
@@ -80,8 +68,7 @@ def test_surfaces_are_closed(trimesh, lengths):
         assert covered(mesh, gb.sample_mesh(mesh, lengths)) == 1
 
 
-def test_samples_are_even(trimesh):
-    """A flat square of very different triangles has the same field all over."""
+def test_samples_are_even_at_spacings_that_can_be(trimesh):
     grid = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0.9, 0.2, 0]], float)
     faces = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
     particles = gb.sample_mesh(trimesh.Trimesh(grid, faces, process=False), 0.05)
@@ -94,9 +81,6 @@ def test_samples_are_even(trimesh):
     assert values.std() < 0.08 * values.mean()
     assert values.min() > 0.6
     assert (particles.positions[:, 2] == 0).all()
-
-
-def test_spacings_that_cannot_be(trimesh):
     with pytest.raises(ValueError, match=r"50,000,000 points, got 0.0001 .* try 0.000") as caught:
         gb.sample_mesh(trimesh.creation.box(), 1e-4)
     assert 1e-4 < float(str(caught.value).split()[-1]) < 1e-3
@@ -105,14 +89,10 @@ def test_spacings_that_cannot_be(trimesh):
             gb.sample_mesh("a.obj", value)
 
 
-# files
-
-
 TEXTURED = "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"  # OBJ
 
 
 def glb(tree: dict, chunks: bytes) -> bytes:
-    """A binary glTF of a tree and the chunks after it."""
     text = json.dumps(tree).encode()
     text += b" " * (-len(text) % 4)
     return b"glTF" + np.uint32([2, 20 + len(text) + len(chunks), len(text)]).tobytes() + b"JSON" + text + chunks
@@ -142,7 +122,6 @@ def test_files(trimesh, extension, tmp_path):
 
 
 def ascii_ply(path, field: str, counts: tuple[int, int], rows: str) -> None:
-    """Counts of vertices, which have one more field, and of faces."""
     axes = "".join(f"property float {name}\n" for name in ("x", "y", "z", field))
     path.write_text(
         f"ply\nformat ascii 1.0\nelement vertex {counts[0]}\n{axes}element face {counts[1]}\n"
@@ -161,7 +140,7 @@ def test_ply_ascii_polygons_lone_vertices_and_supports(tmp_path):
     assert (gb.read(path).support == 7).all()
 
 
-def test_coincident_vertices_are_one_and_nan_is_nowhere(trimesh):
+def test_coincident_vertices_are_one_nan_is_nowhere_and_texture_is_sampled(trimesh):
     corners = TETRAHEDRON[FACES].reshape(-1, 3)
     mesh = trimesh.Trimesh(corners, np.arange(12).reshape(4, 3), process=False)
     mesh.visual.face_colors = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [0, 0, 0, 255]]
@@ -175,9 +154,6 @@ def test_coincident_vertices_are_one_and_nan_is_nowhere(trimesh):
     mesh = trimesh.Trimesh(vertices, mesh.faces, process=False, validate=False)
     assert np.isfinite(gb.sample_mesh(mesh).support).all()
     assert np.isfinite(gb.sample_mesh(mesh, 0.1).positions).all()
-
-
-def test_texture_is_sampled(trimesh):
     from PIL import Image
 
     texture = Image.new("RGB", (64, 64), (255, 0, 0))
@@ -225,16 +201,19 @@ def test_textures_beside_a_mesh_are_read_and_no_other_file(trimesh, tmp_path, en
         assert green == (name in inside), name
 
 
-def test_scene_of_several_meshes(trimesh):
+def test_scene_of_several_meshes_and_materials_without_pictures(trimesh, tmp_path):
     left, right = trimesh.creation.box(), trimesh.creation.box()
     left.visual.face_colors = [255, 0, 0, 255]
     scene = trimesh.Scene()
     scene.add_geometry(left)
     scene.add_geometry(right, transform=trimesh.transformations.translation_matrix([5, 0, 0]))
     particles = gb.sample_mesh(scene)
-    assert len(particles) == 16
-    assert particles.positions[:, 0].max() == pytest.approx(5.5)
+    assert (len(particles), particles.positions[:, 0].max()) == (16, pytest.approx(5.5))
     assert np.allclose(particles.color[particles.positions[:, 0] < 1], [1, 0, 0])
+    (tmp_path / "a.mtl").write_text("newmtl m\nKd 1 0 0\nmap_Kd nowhere.png\n")
+    (tmp_path / "a.obj").write_text(TEXTURED)
+    for options in ({}, {"spacing": 0.2}):
+        assert (gb.read(tmp_path / "a.obj", **options).color == [1, 0, 0]).all()
 
 
 def test_points_without_triangles(trimesh, tmp_path):
@@ -244,9 +223,6 @@ def test_points_without_triangles(trimesh, tmp_path):
         particles = gb.read(tmp_path / "a.obj")
     assert np.allclose(particles.support, 2 * gb.fluids.measure_spacing(points.astype("f4")), rtol=1e-5)
     assert particles.support[-1] > 10 * np.median(particles.support)
-
-
-# files that are none
 
 
 def binary_ply(face: bytes, n_faces: int = 1) -> bytes:
@@ -262,8 +238,7 @@ def binary_ply(face: bytes, n_faces: int = 1) -> bytes:
     (b"\x03" + np.int32([0, 1, 4]).tobytes(), 1, "expected indices below 4, got 0 to 4"),
     (b"\x03" + np.int32([0, -1, 2]).tobytes(), 1, "expected indices below 4"),
     (b"\x03" + np.int32([0, 1]).tobytes(), 1, "row 0"),
-    (b"\x03" + np.int32([0, 1, 2]).tobytes(), 10**12, "row 1"),
-    (b"", 5, "row 0"),
+    (b"\x03" + np.int32([0, 1, 2]).tobytes(), 10**12, "row 1"), (b"", 5, "row 0"),
 ])  # fmt: skip
 def test_bad_faces(face, n_faces, what, tmp_path):
     (tmp_path / "a.ply").write_bytes(binary_ply(face, n_faces))
@@ -284,28 +259,18 @@ def test_obj_that_breaks_off(trimesh, line, expected, tmp_path):
         gb.read(tmp_path / "a.obj")
 
 
-def test_glb_sizes_are_checked_before_memory_is_taken(trimesh, tmp_path):
-    accessor = {"count": 10**9, "type": "VEC3", "componentType": 5126}
-    tree = {"asset": {"version": "2.0"}, "buffers": [{"byteLength": 4}], "accessors": [accessor]}
-    (tmp_path / "a.glb").write_bytes(glb(tree, np.uint32([4]).tobytes() + b"BIN\0" + bytes(4)))
-    with pytest.raises(FormatError, match=r"expected at most .* elements, got 1000000000"):
-        gb.read(tmp_path / "a.glb")
-
-
-def test_scenes_of_too_many_triangles(trimesh, monkeypatch):
+def test_scenes_of_too_many_triangles_and_sizes_of_glb_are_refused(trimesh, monkeypatch, tmp_path):
     monkeypatch.setattr(mesh_format, "MOST_SAMPLES", 100)
     scene = trimesh.Scene([trimesh.creation.icosphere(1)])
     assert len(gb.sample_mesh(scene)) == 42
     scene.graph.update("again", geometry=next(iter(scene.geometry)))
     with pytest.raises(FormatError, match="at most 100 triangles, got 160"):
         gb.sample_mesh(scene)
-
-
-def test_materials_without_pictures(trimesh, tmp_path):
-    (tmp_path / "a.mtl").write_text("newmtl m\nKd 1 0 0\nmap_Kd nowhere.png\n")
-    (tmp_path / "a.obj").write_text(TEXTURED)
-    for options in ({}, {"spacing": 0.2}):
-        assert (gb.read(tmp_path / "a.obj", **options).color == [1, 0, 0]).all()
+    accessor = {"count": 10**9, "type": "VEC3", "componentType": 5126}
+    tree = {"asset": {"version": "2.0"}, "buffers": [{"byteLength": 4}], "accessors": [accessor]}
+    (tmp_path / "a.glb").write_bytes(glb(tree, np.uint32([4]).tobytes() + b"BIN\0" + bytes(4)))
+    with pytest.raises(FormatError, match=r"expected at most .* elements, got 1000000000"):
+        gb.read(tmp_path / "a.glb")
 
 
 def test_without_trimesh_and_with_options_of_other_formats(monkeypatch, tmp_path):
@@ -348,8 +313,7 @@ def test_normals_where_many_corners_meet(n):
     cosine /= np.linalg.norm(frame.position[seen], axis=1)
     assert seen.any()
     assert cosine.min() > np.cos(np.radians(1.5 if n > 24 else 8))
-    rod = lathe(np.array([[0, -1], [0.5, -1], [0.5, 1], [0, 1]]), n)
-    frame = gb.render(rod, camera, (96, 96))
+    frame = gb.render(lathe(np.array([[0, -1], [0.5, -1], [0.5, 1], [0, 1]]), n), camera, (96, 96))
     place, normal = frame.position[frame.mask], frame.normal[frame.mask]
     radius = np.linalg.norm(place[:, :2], axis=1)
     cap, side = (place[:, 2] > 0.9999) & (radius < 0.47), place[:, 2] < 0.99

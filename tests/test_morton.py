@@ -12,7 +12,6 @@ WIDTHS = (32, 64)
 
 
 def interleave(x: int, y: int, z: int) -> int:
-    """One bit at a time: obviously right."""
     code = 0
     for i in range(21):
         code |= (x >> i & 1) << 3 * i | (y >> i & 1) << 3 * i + 1 | (z >> i & 1) << 3 * i + 2
@@ -20,7 +19,6 @@ def interleave(x: int, y: int, z: int) -> int:
 
 
 def cell(key: int, level: int, bits: int) -> tuple[int, int, int]:
-    """Coordinates of a level's cell, in cells."""
     x, y, z = morton.decode(key & (INSIDE[bits] - 1), bits)
     shift = LEVELS[bits] - level
     return x >> shift, y >> shift, z >> shift
@@ -32,34 +30,12 @@ def key_at(x: int, y: int, z: int, level: int, bits: int) -> int:
 
 
 @pytest.mark.parametrize("bits", WIDTHS)
-def test_dense_index_at_the_ends_of_levels(bits):
-    first = 0
-    for level in range(9):
-        last = first + 8**level - 1
-        one_level = 3 * (LEVELS[bits] - level)
-        for index in (first, (first + last) // 2, last, 8, *range(64, 73)):
-            if not first <= index <= last:
-                continue
-            key = morton.dense_key(index, bits)
-            assert key == INSIDE[bits] | (index - first) << one_level
-            assert morton.dense_index(key, level, bits) == index
-        first = last + 1
-    assert first == 19_173_961  # T(8)
-
-
-@pytest.mark.parametrize("bits", WIDTHS)
-def test_encode_and_decode_are_inverse(bits):
-    rng = random.Random(1)
-    top = 2 ** LEVELS[bits] - 1
+def test_keys_parents_children_dense_indices_and_neighbors(bits):
+    rng, top = random.Random(1), 2 ** LEVELS[bits] - 1
     some = [tuple(rng.randint(0, top) for _ in range(3)) for _ in range(3000)]
     for x, y, z in [(0, 0, 0), (top, top, top), (top, 0, 0), (0, top, 0), (0, 0, top), *some]:
         code = morton.encode(x, y, z, bits)
-        assert code == interleave(x, y, z)
-        assert morton.decode(code, bits) == (x, y, z)
-
-
-@pytest.mark.parametrize("bits", WIDTHS)
-def test_parent_and_children(bits):
+        assert (code, morton.decode(code, bits)) == (interleave(x, y, z), (x, y, z))
     rng = random.Random(2)
     for _ in range(500):
         level = rng.randint(0, LEVELS[bits] - 1)
@@ -68,14 +44,18 @@ def test_parent_and_children(bits):
         for octant in range(8):
             child = morton.child(key, level, octant, bits)
             expected = (2 * x + (octant & 1), 2 * y + (octant >> 1 & 1), 2 * z + (octant >> 2))
-            assert cell(child, level + 1, bits) == expected
-            assert morton.parent(child, level + 1, bits) == key
-
-
-@pytest.mark.parametrize("bits", WIDTHS)
-def test_neighbors(bits):
-    """Of every shallow cell; of deep ones at borders, and with carries through all triplets, more
-    often than by chance."""
+            assert (cell(child, level + 1, bits), morton.parent(child, level + 1, bits)) == (expected, key)
+    first = 0
+    for level in range(9):
+        last, one_level = first + 8**level - 1, 3 * (LEVELS[bits] - level)
+        for index in (first, (first + last) // 2, last, 8, *range(64, 73)):
+            if not first <= index <= last:
+                continue
+            key = morton.dense_key(index, bits)
+            assert key == INSIDE[bits] | (index - first) << one_level
+            assert morton.dense_index(key, level, bits) == index
+        first = last + 1
+    assert first == 19_173_961  # T(8)
     rng = random.Random(3)
     cells = [(level, *at) for level in range(4) for at in itertools.product(range(2**level), repeat=3)]
     for _ in range(300):

@@ -39,7 +39,7 @@ def same(one, other):
     assert one.mask.any()
 
 
-def test_what_stands_for_a_scene(particles):
+def test_what_stands_for_a_scene_or_several(particles):
     p = gb.read(particles)
     expected = gb.render(gb.Scene(p, surface="smooth"), CAMERA, SIZE)
     for natural in (p, particles, Path(particles), [p], gb.Layer(p), [gb.Layer(particles)]):
@@ -50,12 +50,8 @@ def test_what_stands_for_a_scene(particles):
     assert len(gb.Scene(particles)) == len(gb.Scene(gb.Scene(p))) == len(p)
     scene = gb.Scene(p[:3])
     scene.update(particles)
-    assert len(scene) == len(p)
-    assert gb.Camera.fit(particles) == gb.Camera.fit(p)
+    assert (len(scene), gb.Camera.fit(particles)) == (len(p), gb.Camera.fit(p))
     assert gb.fluids.measure_spacing(particles).shape == (len(p),)
-
-
-def test_several_scenes_and_a_simulation():
     apart = [gb.Particles([[x, 0, 0]], support=1.0) for x in (-1.0, 1.0)]
     both = gb.render(apart, size=SIZE)
     same(both, gb.render(iter([gb.Scene(p) for p in apart]), size=SIZE))
@@ -146,10 +142,9 @@ def test_what_cannot_work_says_what_to_call(call, error, message, scene, folder)
     assert len(str(caught.value)) < 320
 
 
-def test_color_by(scene, particles):
+def test_color_by_is_that_of_the_command(scene, particles):
     p = scene.particles
-    values = p.attributes["speed"]
-    by_hand = dataclasses.replace(p, color=gb.colorize(values, "magma", 1, 3))
+    by_hand = dataclasses.replace(p, color=gb.colorize(p.attributes["speed"], "magma", 1, 3))
     lit = for_values(gb.RenderSettings())
     smooth = gb.render(gb.Scene(by_hand, device="cpu", surface="smooth"), CAMERA, SIZE, lit)
     expected = gb.render(gb.Scene(by_hand, device="cpu"), CAMERA, SIZE, lit)
@@ -161,9 +156,6 @@ def test_color_by(scene, particles):
     same(gb.render(gb.Layer(scene), CAMERA, SIZE, **how), expected)
     same(gb.render(scene, CAMERA, SIZE, lit), expected)  # a scene keeps them
     assert not np.array_equal(gb.render(scene, CAMERA, SIZE, painted).image, expected.image)
-
-
-def test_color_by_is_that_of_the_command(particles):
     words = ["--eye", "3,2,4", "--look-at", "0,0,0", "--size", "32x24"]
     for option, how in [
         (["--color-by", "speed"], {"color_by": "speed"}),
@@ -196,8 +188,7 @@ def test_values_that_are_not_finite_are_gray_and_logged(scene, caplog):
     n = int((p.positions[:, 0] > 0).sum())
     assert caplog.messages == [f"{n} of {len(p)} particles have no finite speed"]
     found = attribute_colors(p, "speed")
-    assert found.n_unknown == n
-    assert len(np.unique(colored.color[p.positions[:, 0] > 0], axis=0)) == 1
+    assert (found.n_unknown, len(np.unique(colored.color[p.positions[:, 0] > 0], axis=0))) == (n, 1)
     np.testing.assert_allclose(found.range, (p.positions[:, 1].min(), p.positions[:, 1].max()))
 
 
@@ -223,7 +214,7 @@ def test_a_sequence_in_colors(folder):
     assert gb.find_value_range([one], "x") == (x.min(), x.max())
 
 
-def test_questions_take_lists_and_name_their_answers(scene):
+def test_questions_take_lists_and_one_stands_for_a_list_of_one(scene, particles):
     rays = [[0, 0, 5], [0, 9, 5]], [[0, 0, -1]] * 2
     points, values = [[0, 0, 0], [0.2, 0.1, 0]], scene.particles.attributes["speed"]
     blended = scene.blend(points, values.tolist())
@@ -232,9 +223,6 @@ def test_questions_take_lists_and_name_their_answers(scene):
     assert hits.distance is hits[0]
     assert hits.distance[0] < 5
     assert np.isinf(hits.distance[1])
-
-
-def test_one_stands_for_a_list_of_one(scene, particles):
     clip, light, layer = gb.ClipPlane((0, 0, 1), 0.1), gb.Headlight(0.5), gb.Layer(scene)
     one, several = (
         gb.render(make(gb.Layer(scene, clips=make(clip))), SIZE,
@@ -242,8 +230,7 @@ def test_one_stands_for_a_list_of_one(scene, particles):
         for make in (lambda thing: thing, lambda thing: [thing])
     )  # fmt: skip
     np.testing.assert_array_equal(one.image, several.image)
-    assert gb.RenderSettings(lights=light) == gb.RenderSettings(lights=[light])
-    assert layer.clips == ()
+    assert (gb.RenderSettings(lights=light), layer.clips) == (gb.RenderSettings(lights=[light]), ())
     whole = gb.find_value_range([particles], "speed")
     assert gb.find_value_range(Path(particles), "speed") == whole
     assert gb.find_value_range(gb.read(particles), "speed") == whole
@@ -267,17 +254,13 @@ def test_names_are_few_stand_in_one_place_and_type_checkers_see_them():
     assert seen == {**gb._MODULE_OF, **dict.fromkeys(gb._SPACES)}
 
 
-def test_what_shows_itself(scene):
+def test_what_shows_itself_and_its_progress(scene):
     frame = gb.render(scene, SIZE, settings={"samples": 3})
-    shown = np.asarray(Image.open(io.BytesIO(frame._repr_png_())))
-    np.testing.assert_array_equal(shown, frame.image)
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(frame._repr_png_()))), frame.image)
     np.testing.assert_array_equal(frame.picture, frame.image)
     assert repr(frame) == "Frame(32 x 24, 3 samples a pixel, cpu)"
     assert re.fullmatch(r"Scene\(\d+ particles, murakami, threshold 0.6, support [\d.]+, cpu\)", repr(scene))
     assert repr(CAMERA) == "Camera(eye=(2.5, 2, 3), look_at=(0, 0, 0), up=(0, 1, 0), fov=40)"
-
-
-def test_progress(scene):
     seen = []
 
     def progress(done, total):
@@ -296,8 +279,7 @@ def test_progress(scene):
     ):
         seen.clear()
         long()
-        assert seen[-1] == (len(particles), len(particles))
-        assert sorted(seen) == seen
+        assert (seen[-1], sorted(seen)) == ((len(particles), len(particles)), seen)
 
 
 def test_particles_check_what_is_assigned():
@@ -327,11 +309,9 @@ def test_attributes_are_checked():
     p = cube()
     n = len(p)
     for assign in (
-        lambda: p.attributes.__setitem__("a", np.ones(3)),
-        lambda: p.attributes.update(a=np.ones(3)),
-        lambda: p.attributes.setdefault("a", np.ones(3)),
-        lambda: p.attributes.__ior__({"a": np.ones(3)}),
-    ):
+        lambda: p.attributes.__setitem__("a", np.ones(3)), lambda: p.attributes.update(a=np.ones(3)),
+        lambda: p.attributes.setdefault("a", np.ones(3)), lambda: p.attributes.__ior__({"a": np.ones(3)}),
+    ):  # fmt: skip
         with pytest.raises(ValueError, match=r"attributes\['a'\]: expected shape"):
             assign()
     p.attributes |= {"a": np.arange(n)}
@@ -376,7 +356,7 @@ def loaded(code: str) -> set[str]:
     return set(done.stdout.split())
 
 
-def test_import_is_short(particles):
+def test_import_is_short_little_and_prints_nothing_and_scenes_are_checked(particles):
     names = loaded("import globule")
     heavy = ("PIL", "viser", "matplotlib", "scipy", "av", "nibabel", "SimpleITK")
     assert not {name for name in names if name.split(".")[0] in heavy}
@@ -384,9 +364,6 @@ def test_import_is_short(particles):
     assert not {name for name in names if name.startswith(tuple(f"globule.{r}" for r in rooms))}
     code = f"import globule as gb\nprint(len(gb.Scene({particles!r}, device='cpu')), end=' ')"
     assert str(len(gb.read(particles))) in loaded(code)
-
-
-def test_what_is_imported_later():
     assert {"globule.sim.simulation", "globule.render.render"} <= loaded(
         "import globule as gb\ngb.Simulation; assert callable(gb.render)"
     )
@@ -398,9 +375,6 @@ def test_what_is_imported_later():
     assert gb.volumes.slices.reslice is gb.volumes.reslice
     with pytest.raises(AttributeError, match="no attribute 'reder'"):
         gb.reder  # noqa: B018
-
-
-def test_the_library_logs_and_never_prints():
     printing = [
         path
         for room in ("_base", "scene", "render")
@@ -409,9 +383,6 @@ def test_the_library_logs_and_never_prints():
         if isinstance(node, ast.Call) and getattr(node.func, "id", None) == "print"
     ]
     assert printing == []
-
-
-def test_what_a_scene_is_given_is_checked():
     p = gb.Particles(np.zeros((10, 3)), color=np.ones((10, 3)), weight=np.ones(10))
     scene = gb.Scene(p, support=0.2, device="cpu")
     with pytest.raises(ValueError, match=r"positions: expected 10 rows, as weight has, got 12; "

@@ -23,8 +23,7 @@ def points(name: str) -> np.ndarray:
     if name == "cloud":
         return cloud(6000, 20)
     if name == "clusters":
-        scale = 10 ** rng.uniform(-5, 0, (4000, 1))
-        middle = rng.integers(0, 3, (4000, 1))
+        scale, middle = 10 ** rng.uniform(-5, 0, (4000, 1)), rng.integers(0, 3, (4000, 1))
         return (rng.normal(size=(4000, 3)) * scale + middle).astype(np.float32)
     if name == "flat":
         return lattice(50, 60, 1)
@@ -49,8 +48,7 @@ def numpy_keys(p: np.ndarray, bits: int, bounds=None) -> np.ndarray:
     else:
         lo, hi = np.asarray(bounds, np.float32)
         inside = ((p >= lo) & (p <= hi)).all(1)
-    cells = np.float32(2 ** LEVELS[bits])
-    extent = (hi - lo).max()
+    cells, extent = np.float32(2 ** LEVELS[bits]), (hi - lo).max()
     scale = cells / extent if extent > 0 else np.float32(0)
     q = (p[inside] - lo) * scale
     assert q.dtype == np.float32
@@ -97,8 +95,7 @@ def test_sorted_keys(backend, name, bits):
 
 @pytest.mark.parametrize("bits", LEVELS)
 def test_fixed_space(backend, bits):
-    p = points("spoilt")
-    bounds = ((-0.5, -0.6, -0.7), (0.9, 0.8, 0.3))
+    p, bounds = points("spoilt"), ((-0.5, -0.6, -0.7), (0.9, 0.8, 0.3))
     scene = gb.Scene(p, support=0.1, key_bits=bits, bounds=bounds, **backend)
     expected = numpy_keys(p, bits, bounds)
     check_keys(scene.octree, expected)
@@ -128,8 +125,7 @@ def test_dense_nodes(backend):
 @pytest.mark.parametrize("name", NAMES)
 def test_same_bits_everywhere(backend, reference, name, options):
     p = points(name)
-    support = np.random.default_rng(24).uniform(0.05, 0.2, len(p))
-    particles = gb.Particles(p, support=support)
+    particles = gb.Particles(p, support=np.random.default_rng(24).uniform(0.05, 0.2, len(p)))
     octree = gb.Scene(particles, **options, **backend).octree
     expected = reference(particles, **options).octree
     assert (octree.key_hash, octree.node_hash) == (expected.key_hash, expected.node_hash)
@@ -146,8 +142,7 @@ def test_same_bits_for_any_number_of_threads(reference, threads):
 
 def rows(found) -> list[np.ndarray]:
     offsets, indices = found
-    assert (offsets.dtype, indices.dtype, offsets[0]) == (np.uint64, np.uint32, 0)
-    assert offsets[-1] == len(indices)
+    assert (offsets.dtype, indices.dtype, offsets[0], offsets[-1]) == (np.uint64, np.uint32, 0, len(indices))
     return np.split(indices, offsets[1:-1].astype(np.int64))
 
 
@@ -158,8 +153,7 @@ def test_neighbors(backend, name, options):
     p = points(name)
     scene = gb.Scene(p, support=0.1, **options, **backend)
     for at, radius in ((cloud(120, 30, 1.2), 0.15), (p[100:160], 0.01), (cloud(5, 31), 50.0)):
-        at = at[np.isfinite(at).all(1)]
-        rank = np.empty(len(p), np.int64)
+        at, rank = at[np.isfinite(at).all(1)], np.empty(len(p), np.int64)
         rank[scene.octree.sorted_keys(len(p))[1]] = np.arange(len(p))
         for mine, truth in zip(rows(scene.neighbors(at, radius)), oracle.neighbors(p, at, radius), strict=True):
             np.testing.assert_array_equal(np.sort(mine), truth)
@@ -191,8 +185,7 @@ def test_update(backend, octree):
 
 def test_update_of_single_fields(backend):
     p = cloud(500, 41)
-    scene = gb.Scene(gb.Particles(p, support=0.3), **backend)
-    at = cloud(300, 42)
+    scene, at = gb.Scene(gb.Particles(p, support=0.3), **backend), cloud(300, 42)
     weight = np.linspace(-1, 2, 500).astype(np.float32)
     scene.update(weight=weight)
     np.testing.assert_allclose(scene.field(at), Case(p, 0.3, weight).field(at)[0], atol=1e-5)

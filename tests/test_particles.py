@@ -1,7 +1,5 @@
 """Particles themselves: converted once, checked, selected, left where they are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from format_helpers import N, sample
@@ -14,8 +12,7 @@ def test_particles_convert_once_and_do_not_copy():
     p = Particles(positions, support=support, weight=2, color=[1, 0.5, 0])
     assert p.positions is positions
     assert p.support is support
-    assert (p.weight, type(p.weight)) == (2.0, float)
-    assert (p.color.dtype, p.color.shape) == (np.float32, (3,))
+    assert (p.weight, type(p.weight), p.color.dtype, p.color.shape) == (2.0, float, np.float32, (3,))
     p = Particles(np.zeros((4, 3)), color=np.zeros((4, 3), np.uint8) + 255)
     assert p.positions.dtype == np.float32
     assert np.all(p.color == 1)
@@ -52,8 +49,7 @@ def test_numpy_protocols_come_before_dlpack():
     ({"support": np.zeros(3)}, ValueError, r"support: expected a number or shape \(4,\)"),
     ({"support": -1}, ValueError, "support: expected numbers >= 0, got -1"),
     ({"support": [1, 1, np.nan, 1]}, ValueError, r"got nan \(particle 2\)"),
-    ({"weight": 1e300}, ValueError, "weight: expected finite"),
-    ({"weight": "heavy"}, TypeError, "weight"),
+    ({"weight": 1e300}, ValueError, "weight: expected finite"), ({"weight": "heavy"}, TypeError, "weight"),
     ({"color": [0, 0, 1.5]}, ValueError, r"color: expected \[0, 1\], got 1.5"),
     ({"color": [1, 1]}, ValueError, "color: expected shape"),
     ({"attributes": {"a": np.zeros(5)}}, ValueError, r"attributes\['a'\]: expected shape"),
@@ -71,8 +67,7 @@ def test_selection_and_bounds():
     assert np.array_equal(picked.support, p.support[p.positions[:, 0] > 0])
     assert picked.weight == 3
     assert np.array_equal(picked.color, [1, 0, 0])
-    assert len(p[::2]) == N // 2
-    assert len(p[-1]) == 1
+    assert (len(p[::2]), len(p[-1])) == (N // 2, 1)
     assert np.array_equal(p[-1].positions[0], p.positions[-1])
     with pytest.raises(IndexError):
         p[N]

@@ -1,7 +1,5 @@
 """Scenes in pieces give the image of one scene: the same hits, colors within one level."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import gzip
@@ -43,7 +41,6 @@ CUT = gb.ClipPlane((1, 0.2, 0), 7.0)
 
 
 def agree(scene, pieces, camera=CAMERA, **options):
-    """0 pixels of hit or miss differ, colors by at most a level."""
     one, many = (gb.render(s, camera, SIZE, **options) for s in (scene, pieces))
     assert one.mask.mean() > 0.03
     np.testing.assert_array_equal(one.mask, many.mask)
@@ -93,24 +90,11 @@ def test_smooth_surfaces_with_samples_at_edges(cut, backend):
 @pytest.mark.parametrize("n", [2, 7])
 @pytest.mark.parametrize("radius", [0, 3])
 def test_eyes_inside(n, radius, backend):
-    """In the medium, and in a cave of it."""
     left = POSITIONS[np.linalg.norm(POSITIONS - 6.5, axis=1) >= radius]
-    camera = gb.Camera((6.5, 6.5, 6.5), (13, 9, 7))
-    check(gb.Particles(left), n, backend, camera, support=2.0)
+    check(gb.Particles(left), n, backend, gb.Camera((6.5, 6.5, 6.5), (13, 9, 7)), support=2.0)
 
 
-def test_cuts_around_an_eye_inside(backend):
-    camera = gb.Camera((6.5, 6.5, 6.5), (13, 9, 7))
-    for clip in (gb.ClipSphere((10, 7, 6), 2.0), gb.ClipSphere((6.5, 6.5, 6.5), 2.5)):
-        check(gb.Particles(POSITIONS), 3, backend, camera, [clip], support=2.0)
-
-
-def test_kernels_of_their_own(backend):
-    for particles, options in own_shapes():
-        check(particles, 4, backend, **options)
-
-
-def test_layers_and_an_orthographic_camera(backend):
+def test_layers_cuts_samples_alpha_and_kernels_of_their_own(backend):
     low, high = POSITIONS[POSITIONS[:, 1] < 7], POSITIONS[POSITIONS[:, 1] > 6]
     scenes = [gb.Scene(p, support=2.0, **backend) for p in (low, high)]
     pieces = [Pieces(p, n, support=2.0, **backend) for p, n in ((low, 3), (high, 2))]
@@ -122,18 +106,20 @@ def test_layers_and_an_orthographic_camera(backend):
         camera,
     )
     agree(scenes, [scenes[0], pieces[1]], camera)
-
-
-def test_several_samples_and_alpha(backend):
     settings = {"samples": 4, "transparent": True}
     particles = gb.Particles(POSITIONS, color=COLOR)
     check(particles, 3, backend, support=2.0, settings=settings, clips=[CUT])
     pieces, scene = Pieces(particles, 3, support=2.0), gb.Scene(particles, support=2.0)
     alphas = [gb.render(s, CAMERA, SIZE, settings).alpha for s in (pieces, scene)]
     np.testing.assert_allclose(*alphas, atol=1e-3)
+    camera = gb.Camera((6.5, 6.5, 6.5), (13, 9, 7))
+    for clip in (gb.ClipSphere((10, 7, 6), 2.0), gb.ClipSphere((6.5, 6.5, 6.5), 2.5)):
+        check(gb.Particles(POSITIONS), 3, backend, camera, [clip], support=2.0)
+    for particles, options in own_shapes():
+        check(particles, 4, backend, **options)
 
 
-def test_the_same_bits_again_and_files_are_removed():
+def test_the_same_bits_again_files_are_removed_and_mistakes():
     images = [gb.render(Pieces(POSITIONS, 3, support=2.0), CAMERA, SIZE).color for _ in "ab"]
     assert images[0].tobytes() == images[1].tobytes()
     pieces = Pieces(POSITIONS, 3, support=2.0)
@@ -141,6 +127,12 @@ def test_the_same_bits_again_and_files_are_removed():
     assert os.listdir(folder)
     pieces.close()
     assert not os.path.exists(folder)
+    with pytest.raises(ValueError, match=r"^n: "):
+        Pieces(POSITIONS, 0)
+    with pytest.raises(ValueError, match=r"^surface: "):
+        Pieces(POSITIONS, 2, surface="smooth", support=1.0)
+    with pytest.raises(MemoryError, match=r"^memory: expected more than"):
+        Pieces(POSITIONS, memory=1e6)
 
 
 def test_each_piece_holds_all_that_reaches_its_cells():
@@ -160,15 +152,6 @@ def test_each_piece_holds_all_that_reaches_its_cells():
         near = np.linalg.norm(probes - points[i], axis=1) < reach[i] + space.margin
         assert held[i, owner[near]].all()
     assert held.sum() < 400 * 5  # not everything everywhere
-
-
-def test_mistakes():
-    with pytest.raises(ValueError, match=r"^n: "):
-        Pieces(POSITIONS, 0)
-    with pytest.raises(ValueError, match=r"^surface: "):
-        Pieces(POSITIONS, 2, surface="smooth", support=1.0)
-    with pytest.raises(MemoryError, match=r"^memory: expected more than"):
-        Pieces(POSITIONS, memory=1e6)
 
 
 def test_a_rank_takes_little_more_than_its_share(monkeypatch):
@@ -191,13 +174,9 @@ def test_a_rank_takes_little_more_than_its_share(monkeypatch):
         assert np.mean(scene.particles.positions == 0) > 0.95
 
 
-# Files and the command line
-
-
 @pytest.fixture
-def files(tmp_path, monkeypatch):
+def files(folder):
     """The same particles in files whose ranges can be read."""
-    monkeypatch.chdir(tmp_path)
     speed = np.linspace(0, 1, len(POSITIONS), dtype=np.float32)
     np.save("a.npy", POSITIONS)
     np.savez("a.npz", positions=POSITIONS, speed=speed)
@@ -232,7 +211,6 @@ def test_ranges_of_files(name, files):
 
 
 def vtu(positions, speed):
-    """As other programs write it: another byte order, sizes of 32 bits."""
     n, kinds = len(positions), ("Float32", "Float64")
     blocks = [np.array(a.nbytes, ">u4").tobytes() + a.tobytes() for a in (positions, speed)]
     arrays = [f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{k}" '
@@ -301,12 +279,11 @@ def little(monkeypatch):
 
 
 def apart(*names) -> int:
-    """Most levels between two images."""
     one, many = (np.asarray(Image.open(name), int) for name in names)
     return np.abs(one - many).max()
 
 
-def test_render_with_memory(files, little, capsys):
+def test_render_with_memory_has_the_radii_of_the_file(files, little, capsys):
     common = ["a.npz", "--size", "96x72", "--device", "cpu", "--support", "2", "--eye", "40,30,45",
               "--look-at", "6,6,6", "--color-by", "speed"]  # fmt: skip
     in_pieces = [*common, "-o", "many.png", "--memory", "100000"]
@@ -317,6 +294,23 @@ def test_render_with_memory(files, little, capsys):
     assert apart("one.png", "many.png") <= 1
     assert main(["render", *in_pieces]) == 0
     assert "particles in" in capsys.readouterr().err  # a line says so
+    words = ["render", "a.npz", "-o", "a.png", "--support", "2", "--memory", "100000"]
+    Path("b.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    for flag in ("spheres", "lines", "mesh", "with"):
+        error = refused(capsys, *words, f"--{flag}", "b.obj" if flag == "mesh" else "a.npz")
+        assert f"--{flag}: expected none with a scene in pieces" in error
+    radii = RNG.uniform(0.2, 0.45, len(LATTICE))
+    atoms = {"radius": np.full(len(LATTICE), 0.9), "atomic_number": np.ones(len(LATTICE), np.int32)}
+    several = {"phase": np.arange(len(LATTICE)) // 300}
+    shown = {"g": ({"radius": radii}, "spheres"), "a": (atoms, "spheres"), "p": (several, "balls")}
+    for name, (attributes, surface) in shown.items():
+        gb.write(f"{name}.npz", gb.Particles(LATTICE, attributes=attributes))
+        words = ["render", f"{name}.npz", "--device", "cpu", "--size", "80x60"]
+        one = run_json(capsys, *words, "-o", "one.png")
+        many = run_json(capsys, *words, "-o", "many.png", "--memory", "100000")
+        assert (one["surface"], many["surface"]) == (surface, surface)
+        assert many["counts"]["pieces"] > 1
+        assert apart("one.png", "many.png") <= 1
 
 
 def test_pieces_are_of_the_frame_that_is_asked_for(files, little, capsys):
@@ -332,36 +326,10 @@ def test_pieces_are_of_the_frame_that_is_asked_for(files, little, capsys):
     assert [c["particles"] for c in counts] == [len(POSITIONS[::2]), len(POSITIONS)]
 
 
-def test_what_needs_all_particles_is_refused_with_pieces(files, little, capsys):
-    words = ["render", "a.npz", "-o", "a.png", "--support", "2", "--memory", "100000"]
-    Path("b.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    for flag in ("spheres", "lines", "mesh", "with"):
-        error = refused(capsys, *words, f"--{flag}", "b.obj" if flag == "mesh" else "a.npz")
-        assert f"--{flag}: expected none with a scene in pieces" in error
-
-
-def test_pieces_have_the_radii_of_the_file(files, little, capsys):
-    """Grains of several sizes, atoms, and phases, which are no fluid: as of one scene."""
-    radii = RNG.uniform(0.2, 0.45, len(LATTICE))
-    atoms = {"radius": np.full(len(LATTICE), 0.9), "atomic_number": np.ones(len(LATTICE), np.int32)}
-    several = {"phase": np.arange(len(LATTICE)) // 300}
-    shown = {"g": ({"radius": radii}, "spheres"), "a": (atoms, "spheres"), "p": (several, "balls")}
-    for name, (attributes, surface) in shown.items():
-        gb.write(f"{name}.npz", gb.Particles(LATTICE, attributes=attributes))
-        words = ["render", f"{name}.npz", "--device", "cpu", "--size", "80x60"]
-        one = run_json(capsys, *words, "-o", "one.png")
-        many = run_json(capsys, *words, "-o", "many.png", "--memory", "100000")
-        assert (one["surface"], many["surface"]) == (surface, surface)
-        assert many["counts"]["pieces"] > 1
-        assert apart("one.png", "many.png") <= 1
-
-
 def test_radii_of_some_ranges_alone_are_none(backend):
-    """As of one scene: spheres of half a spacing."""
     radii = np.where(np.arange(len(LATTICE)) < 1000, 0.3, np.nan)
     particles = gb.Particles(LATTICE, attributes={"radius": radii})
-    source = store.source_of(particles)._replace(size=500)
-    pieces = Pieces(source, 3, surface="spheres", **backend)
+    pieces = Pieces(store.source_of(particles)._replace(size=500), 3, surface="spheres", **backend)
     agree(gb.Scene(particles, surface="spheres", **backend), pieces)
     pieces.close()
 
@@ -373,8 +341,7 @@ def test_faces_are_not_drawn_in_pieces(files, little, capsys):
     quads = np.stack([corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]], -1)
     write_polygons("m.vtp", corners.reshape(-1, 3), {}, polys=quads.reshape(-1, 4))
     words = ["render", "m.vtp", "-o", "a.png", "--device", "cpu", "--size", "40x30"]
-    report = run_json(capsys, *words, "--memory", "100000")
-    assert report["counts"]["triangles"] == 2 * (n - 1) ** 2
+    assert run_json(capsys, *words, "--memory", "100000")["counts"]["triangles"] == 2 * (n - 1) ** 2
     names = "ranks resample level label frame species where origin center min_component scale"
     given = dict.fromkeys((*names.split(), "columns", "atom_style", "ground"))
     options = argparse.Namespace(particles=["m.vtp"], as_particles=False, radius_is="radius", **given)
@@ -410,7 +377,6 @@ def test_memory_that_suffices_and_mistakes(files, capsys):
 
 
 def test_particles_without_a_place_are_counted(files, little, capsys):
-    """In pieces as in one scene; and a file without particles."""
     lost = POSITIONS.copy()
     lost[100:103] = np.nan
     np.save("lost.npy", lost)
@@ -431,8 +397,7 @@ def test_particles_without_a_place_are_counted(files, little, capsys):
 @pytest.mark.parametrize("own", [False, True])  # a support that all have
 def test_what_is_measured_is_that_of_one_scene(own):
     """Surface, spacing and camera of pieces and ranks, by themselves."""
-    rng = np.random.default_rng(3)
-    points = np.stack(np.mgrid[:14, :12, :10], -1).reshape(-1, 3)
+    rng, points = np.random.default_rng(3), np.stack(np.mgrid[:14, :12, :10], -1).reshape(-1, 3)
     points = (points + rng.uniform(-0.1, 0.1, points.shape)).astype("f4")
     support = 2.0 if own else None
     one = shown_scene(gb.Particles(points, support=support), device="cpu")
@@ -440,8 +405,7 @@ def test_what_is_measured_is_that_of_one_scene(own):
 
     def measured(pieces):
         assert pieces.surface == one.surface == "smooth"
-        assert pieces.spacing == one.spacing
-        assert fit(pieces, (160, 120)) == camera
+        assert (pieces.spacing, fit(pieces, (160, 120))) == (one.spacing, camera)
 
     def rank(ranks):
         first, last = (len(points) * r // ranks.size for r in (ranks.rank, ranks.rank + 1))

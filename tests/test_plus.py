@@ -1,7 +1,5 @@
 """PLUS-exact reconstruction: PLUS' own reference volumes, its arithmetic pixel by pixel."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 from pathlib import Path
@@ -61,8 +59,7 @@ def expected(sweep, config, importance=None):
 def random_filler(rng):
     """A hole filler of any kind with sizes that the oracle takes in short time."""
     kind = rng.choice([
-        "STICK", "NEAREST_NEIGHBOR", "GAUSSIAN", "GAUSSIAN_ACCUMULATION",
-        "DISTANCE_WEIGHT_INVERSE",
+        "STICK", "NEAREST_NEIGHBOR", "GAUSSIAN", "GAUSSIAN_ACCUMULATION", "DISTANCE_WEIGHT_INVERSE",
     ])  # fmt: skip
     if kind == "STICK":
         return Filler("STICK", int(rng.integers(2, 13)), int(rng.integers(1, 4)))
@@ -105,7 +102,6 @@ def configurations(dtype, interpolation):
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("interpolation", ["NEAREST_NEIGHBOR", "LINEAR"])
 def test_every_configuration_is_the_oracle_s(backend, dtype, interpolation):
-    """Bit by bit."""
     filled = set()
     for sweep, config, mask, values, acc in configurations(dtype, interpolation):
         volume = reconstruct_plus(sweep, config, importance_mask=mask, **backend)
@@ -127,7 +123,7 @@ def test_saturated_accumulator(backend):
         np.testing.assert_array_equal(volume.info["accumulator"], acc)
 
 
-def test_skip_and_invalid_frames():
+def test_skip_invalid_frames_and_fan_detection():
     sweep, config = sweep_and_config(np.uint8)
     sweep.valid[2] = False
     config.skip = 2
@@ -137,14 +133,10 @@ def test_skip_and_invalid_frames():
     # Frames 0, 2 (invalid): the box is that of all valid frames, the pixels those of frame 0.
     first = reconstruct_plus(alone, config, device="cpu")
     assert volume.n_measured == first.n_measured < volume.values.size
-
-
-def test_fan_detection():
     config = PlusConfig((1, 1, 1), fan_angles=(-45, 45), fan_origin=(100, -20), fan_start=20, fan_stop=220)
     j, i = np.indices((200, 200))
     angle = np.degrees(np.arctan2(i - 100, j + 20))
-    frame = np.where((angle > -30) & (angle < 25), 120, 5).astype(np.uint8)
-    low, high = detect_fan(config, frame)
+    low, high = detect_fan(config, np.where((angle > -30) & (angle < 25), 120, 5).astype(np.uint8))
     # The window, 20 pixels long, opens early and closes late; then 3 degrees are taken off.
     assert -42 < low < -26
     assert 21 < high < 36
@@ -166,12 +158,9 @@ def test_configuration(tmp_path):
         )
     )
     config = read_plus_config(path)
-    assert config.spacing == (0.1, 0.2, 0.3)
-    assert (config.interpolation, config.optimization) == ("LINEAR", "PARTIAL")
-    assert config.compounding == "IMPORTANCE_MASK"
-    assert config.importance_file == str(tmp_path / "mask.png")
-    assert config.fillers == [Filler("GAUSSIAN", 5, 1, 0.7, 0.4)]
-    assert (config.rejection, config.skip) == (12, 3)
+    assert (config.spacing, config.interpolation, config.optimization) == ((0.1, 0.2, 0.3), "LINEAR", "PARTIAL")
+    assert (config.compounding, config.importance_file) == ("IMPORTANCE_MASK", str(tmp_path / "mask.png"))
+    assert (config.fillers, config.rejection, config.skip) == ([Filler("GAUSSIAN", 5, 1, 0.7, 0.4)], 12, 3)
 
 
 STICKS = '<HoleFilling>\n<HoleFillingElement Type="STICK" NumberOfSticksToUse="1"/></HoleFilling>'
@@ -210,8 +199,7 @@ def test_importance_mask_is_needed():
 @pytest.mark.parametrize(("attributes", "message"), [
     ('ClipRectangleOrigin="0 0" ClipRectangleSize="0 0"', None),
     ('ClipRectangleOrigin="-3 -2" ClipRectangleSize="9 8"', None),
-    ('FanAngles="-40 30" FanOrigin="8 -2" FanDepth="30"', None),
-    ('FanAnglesDeg="-40 30"', None),
+    ('FanAngles="-40 30" FanOrigin="8 -2" FanDepth="30"', None), ('FanAnglesDeg="-40 30"', None),
     ('OutputExtent="0 9 0 9 0 9" OutputOrigin="1 2 3" NumberOfThreads="3"', None),
     ('CompoundingMode="IMPORTANCE_MASK" ImportanceMaskFilename="nope.png"', "nope.png"),
     ('CompoundingMode="IMPORTANCE_MASK" ImportanceMaskFilename="c.xml"', "c.xml"),
@@ -219,15 +207,12 @@ def test_importance_mask_is_needed():
     ('ClipRectangleOrigin="90 0" ClipRectangleSize="5 5"', "region"),
     ('FanAnglesDeg="-40 30" FanRadiusStopPixel="0"', "fan"),
 ])  # fmt: skip
-def test_what_the_command_makes_of_a_configuration(tmp_path, monkeypatch, capsys, attributes, message):
-    """A volume as the arithmetic says, or one line that names what is wrong."""
-    monkeypatch.chdir(tmp_path)
+def test_what_the_command_makes_of_a_configuration(folder, capsys, attributes, message):
     made = make_sweep(n=4, shape=(14, 17), gap=1.1)
     gb.ultrasound.write_sweep("s.igs.mha", gb.ultrasound.Sweep(made.frames, made.world_from_image))
     Path("c.xml").write_text(XML.format(f'OutputSpacing="1 0.9 1.1" {attributes}', ""), encoding="utf-8")
     words = ["reconstruct", "s.igs.mha", "--plus", "c.xml", "-o", "v.mha", "--device", "cpu"]
-    status = main(words)
-    err = capsys.readouterr().err
+    status, err = main(words), capsys.readouterr().err
     if message:
         assert status == 2
         assert message in err

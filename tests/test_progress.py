@@ -1,7 +1,5 @@
 """Long calls say how far they are, and what they make is the same; objects say what they hold."""
 
-from __future__ import annotations
-
 import copy
 import functools
 import os
@@ -37,16 +35,12 @@ def followed(work):
 
 
 def heard(calls: list[tuple[int, int]], least: int) -> None:
-    """At least so many calls, growing, to the end."""
     done, totals = zip(*calls, strict=True)
     assert len(calls) >= least
-    assert len(set(totals)) == 1
-    assert list(done) == sorted(done)
-    assert done[-1] == totals[0]
+    assert (len(set(totals)), list(done), done[-1]) == (1, sorted(done), totals[0])
 
 
 def written_and_read(write, read, name, made, least):
-    """What is read again; both calls are followed."""
     for work in (lambda report: write(name, made, progress=report), lambda report: read(name, progress=report)):
         result, calls = followed(work)
         heard(calls, least)
@@ -80,8 +74,7 @@ def test_reconstruction(compounding, dtype):
     assert np.array_equal(found.radius, expected.radius)
 
 
-def test_stopped_from_progress():
-    """What the callback raises ends the call; no part of a file stays."""
+def test_stopped_from_progress_and_what_objects_hold():
 
     def stop(done: int, total: int) -> None:
         raise KeyboardInterrupt
@@ -92,9 +85,6 @@ def test_stopped_from_progress():
         with pytest.raises(KeyboardInterrupt):
             gb.ultrasound.write_sweep(name, sweep(), progress=stop)
     assert os.listdir() == []
-
-
-def test_objects_say_what_they_hold():
     volume = Volume(np.zeros((3, 4, 5), np.uint16), np.diag([0.5, 0.5, 2, 1]), space="RAS")
     assert repr(volume) == "Volume(5 x 4 x 3 uint16, 0.5 x 0.5 x 2 mm, RAS, 60 measured, 0 filled, 0 empty)"
     made, live = sweep(), gb.ultrasound.Reconstructor(4.0, device="cpu")

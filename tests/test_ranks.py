@@ -1,7 +1,5 @@
 """Scenes whose pieces lie on MPI ranks, through mpiexec."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from pathlib import Path
@@ -25,9 +23,8 @@ for words in sys.argv[1:]:
 
 
 @pytest.mark.slow
-def test_the_splash_with_defaults(tmp_path, monkeypatch):
+def test_the_splash_with_defaults(folder):
     """On ranks and in pieces, no pixel differs from one process's by more than one level."""
-    monkeypatch.chdir(tmp_path)
     np.savez_compressed("splash.npz", positions=splash()[0])  # which rank 0 reads whole
     words = ["render", "splash.npz", "--size", "640x480", "--threads", "1", "--device", "cpu"]
     assert main([*words, "-o", "one.png"]) == 0
@@ -41,13 +38,10 @@ def test_the_splash_with_defaults(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_commands_on_ranks(tmp_path, monkeypatch, capsys):
-    """One image in pieces; light that turns, replicated by itself or from rank to rank; images of a
-    sequence, dealt out and resumed; and a movie. Files are those of one process."""
+def test_commands_on_ranks(folder, capsys):
     pytest.importorskip("av")
     from globule.formats.pictures.video import movie_facts
 
-    monkeypatch.chdir(tmp_path)
     for k in range(6):  # the first has no particles: camera and support come from the second
         moved = cube(5).positions * (1 + 0.05 * k) if k else np.empty((0, 3))
         gb.write(f"f_{k}.npz", gb.Particles(moved))
@@ -55,8 +49,7 @@ def test_commands_on_ranks(tmp_path, monkeypatch, capsys):
     gb.write("b.npz", cube(5))
     plain = "a.npz --size 40x30 --support 0.3"
     light = "b.npz --size 140x100 --support 0.3 --shadows --reflection 0.3 --ambient-rays 1"
-    series = "f_*.npz --size 60x40 --color-by x"
-    movie = "f_[1-4].npz --size 60x40 --support 0.5"
+    series, movie = "f_*.npz --size 60x40 --color-by x", "f_[1-4].npz --size 60x40 --support 0.5"
 
     def ranks(*commands):
         run = mpirun(3, "-c", COMMANDS, *commands)

@@ -13,7 +13,6 @@ SIZE = (48, 36)
 
 
 def look(scene: gb.Scene, camera: gb.Camera | None = None) -> gb.Frame:
-    """Everything that can be asked of a scene."""
     frame = gb.render(scene, camera, SIZE)
     for image in ("picture", "color", "distance", "position", "normal", "albedo", "mask"):
         assert getattr(frame, image).shape[:2] == SIZE[::-1]
@@ -32,7 +31,6 @@ def look(scene: gb.Scene, camera: gb.Camera | None = None) -> gb.Frame:
 
 
 def hits(scene: gb.Scene, origins, directions) -> np.ndarray:
-    """Rays as given, each direction of unit length."""
     return scene.intersect(np.asarray(origins, np.float32), unit(directions))[0]
 
 
@@ -75,8 +73,7 @@ def test_no_particles(backend, options):
 def test_one_particle_and_nothing_else_said(backend, kernel, options):
     scene = gb.Scene(np.array([[3, 4, 5]]), kernel=kernel, **options, **backend)
     assert scene.support > 0
-    frame = look(scene)
-    assert 0.02 < frame.mask.mean() < 0.95
+    assert 0.02 < look(scene).mask.mean() < 0.95
     assert np.isfinite(hits(scene, [[3, 4, 5 + 2 * scene.support]], AHEAD)).all()
 
 
@@ -108,15 +105,13 @@ def test_very_many_at_one_place(backend, alike, octree, n):
     assert np.isinf(hits(high, o, d)).all()
     assert low.field([[0.5, 0.5, 0.5]])[0] == pytest.approx(n, rel=1e-5)
     for scene, seen in ((low, True), (half, True), (high, False)):
-        frame = gb.render(scene, gb.Camera((0.5, 0.5, 4), (0.5, 0.5, 0.5)), (4, 3))
-        assert frame.mask.any() == seen
+        assert gb.render(scene, gb.Camera((0.5, 0.5, 4), (0.5, 0.5, 0.5)), (4, 3)).mask.any() == seen
 
 
 @pytest.mark.filterwarnings("ignore:positions")
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_what_is_not_finite_has_no_influence(backend, options):
-    rng = np.random.default_rng(81)
-    good = cloud(400, 81)
+    rng, good = np.random.default_rng(81), cloud(400, 81)
     bad = np.array(
         [
             [np.nan, 0, 0], [0, np.nan, 0], [0, 0, np.nan], [np.inf, 0, 0], [0, -np.inf, 0],
@@ -150,7 +145,6 @@ def test_far_from_the_origin(backend, offset, options):
 
 @pytest.mark.parametrize("size", [1e-15, 1e-9, 1e-4, 1e4, 1e9, 1e15])
 def test_any_unit_of_length(backend, size):
-    """The same scene in light years or femtometres."""
     small = Case(cloud(300, 84), support=0.5)
     d = unit(np.random.default_rng(85).normal(size=(300, 3)))
     o = (small.positions - 3 * d).astype(np.float32)
@@ -162,8 +156,7 @@ def test_any_unit_of_length(backend, size):
 
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
 def test_zero_support(backend, octree):
-    p = cloud(300, 86)
-    support = np.where(np.arange(300) % 3, 0.4, 0.0)
+    p, support = cloud(300, 86), np.where(np.arange(300) % 3, 0.4, 0.0)
     c = Case(p, support)
     scene = c.scene(octree=octree, **backend)
     look(scene)
@@ -188,7 +181,6 @@ def scene_or_refusal(particles, backend, **options) -> gb.Scene:
 
 @pytest.mark.parametrize("support", [1e3, 1e10, 1e18, 1e30, 3e38])
 def test_huge_support(backend, support):
-    """All particles reach everywhere: inside, far from any surface."""
     scene = scene_or_refusal(cloud(200, 87), backend, support=support)
     look(scene, gb.Camera((0, 0, 5), (0, 0, 0)))
     if support <= 1e10:
@@ -280,35 +272,14 @@ def test_weights_of_any_size(backend, weight):
         np.testing.assert_allclose(depth, truth, atol=1e-4)
 
 
-def test_camera_inside(backend):
-    scene = gb.Scene(lattice(8, 8, 8), **backend)
-    frame = look(scene, gb.Camera((0, 0, 0), (1, 2, 3)))
-    assert frame.mask.all()  # the way out, seen from within
-    assert ((frame.distance > 3) & (frame.distance < 9)).all()
-    for eye, more in (((0, 0, 3.5), {}), ((1e6, 1e6, 1e6), {"fov": 1e-4}), ((0, 0, 9), {"fov": 179})):
-        look(scene, gb.Camera(eye, (0, 0, 0), **more))
-    look(scene, gb.Camera((0, 0, 9), (0, 0, 0), up=(0, 0, 1)))  # along the view
-
-
-def test_the_support_is_measured_as_soon_as_there_are_particles():
-    cube = (np.indices((6, 6, 6)).reshape(3, -1).T * 0.05).astype(np.float32)
-    scene = gb.Scene(np.zeros((1, 3)), device="cpu")
-    scene.update(positions=cube)
-    measured = scene.support
-    assert measured == gb.Scene(cube, device="cpu").support
-    scene.update(positions=2 * cube)
-    assert scene.support == measured, "and stays"
-
-
-def test_points_and_rays_that_are_none(backend):
+def test_points_and_rays_that_are_none_and_a_camera_inside(backend):
     scene = gb.Scene(cloud(200, 96), support=0.4, **backend)
     bad = np.array([[np.nan] * 3, [np.inf, 0, 0], [1e30, 0, 0], [-3e38] * 3], np.float32)
     assert (scene.field(bad) == 0).all()
     assert (scene.gradient(bad) == 0).all()
     assert np.isnan(scene.blend(bad, np.ones(200, np.float32))).all()
     assert scene.neighbors(bad, 1.0)[0][-1] == 0, "a place that is none is near to nothing"
-    assert scene.neighbors([[0, 0, 0]], 1e30)[0][-1] == 200
-    assert scene.neighbors([[0, 0, 0]], 1e-30)[0][-1] == 0
+    assert (scene.neighbors([[0, 0, 0]], 1e30)[0][-1], scene.neighbors([[0, 0, 0]], 1e-30)[0][-1]) == (200, 0)
     for octree in ("sparse", "dense"):
         scene = gb.Scene(cloud(200, 95), support=0.4, octree=octree, **backend)
         good_o, good_d = np.array([0, 0, 5], np.float32), np.array([0, 0, -1], np.float32)
@@ -320,6 +291,13 @@ def test_points_and_rays_that_are_none(backend):
         depth = scene.intersect(np.array(o, np.float32), np.array(d, np.float32))[0]
         assert (depth[:7] == np.inf).all()
         assert depth[7] == pytest.approx(expected, abs=1e-4)  # good rays beside them stay good
+    scene = gb.Scene(lattice(8, 8, 8), **backend)
+    frame = look(scene, gb.Camera((0, 0, 0), (1, 2, 3)))
+    assert frame.mask.all()  # the way out, seen from within
+    assert ((frame.distance > 3) & (frame.distance < 9)).all()
+    for eye, more in (((0, 0, 3.5), {}), ((1e6, 1e6, 1e6), {"fov": 1e-4}), ((0, 0, 9), {"fov": 179})):
+        look(scene, gb.Camera(eye, (0, 0, 0), **more))
+    look(scene, gb.Camera((0, 0, 9), (0, 0, 0), up=(0, 0, 1)))  # along the view
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
@@ -393,7 +371,7 @@ def test_mistakes_in_questions(backend):
     look(scene)  # and the scene still works
 
 
-def test_an_update_checks_what_is_new(backend):
+def test_an_update_checks_what_is_new_and_measures_the_first_support(backend):
     n = 50
     support = np.linspace(0.3, 0.5, n, dtype=np.float32)
     scene = gb.Scene(gb.Particles(cloud(n), support=support, color=(1, 0, 0)), **backend)
@@ -419,9 +397,15 @@ def test_an_update_checks_what_is_new(backend):
         scene.update(positions=cloud(n))
     was.weight = None
     scene.update(positions=cloud(n + 1), support=0.4)
-    assert len(scene) == n + 1
-    assert scene.support == 0.4
+    assert (len(scene), scene.support) == (n + 1, 0.4)
     assert look(scene).mask.any()
+    cube = (np.indices((6, 6, 6)).reshape(3, -1).T * 0.05).astype(np.float32)
+    scene = gb.Scene(np.zeros((1, 3)), device="cpu")
+    scene.update(positions=cube)
+    measured = scene.support
+    assert measured == gb.Scene(cube, device="cpu").support
+    scene.update(positions=2 * cube)
+    assert scene.support == measured, "and stays"
 
 
 def test_simd_level_by_hand(monkeypatch):

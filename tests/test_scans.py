@@ -162,8 +162,7 @@ def test_pdb(tmp_path, package, monkeypatch):
     np.testing.assert_allclose(found.particles.positions, xyz, atol=1e-5)
     np.testing.assert_allclose(found.particles.attributes["radius"], [1.52, 1.2, 1.2], atol=0.11)
     pdb(tmp_path / "one.pdb")
-    box = read_contents(tmp_path / "one.pdb").box
-    np.testing.assert_allclose(box.edges, 30 * np.eye(3), atol=1e-4)
+    np.testing.assert_allclose(read_contents(tmp_path / "one.pdb").box.edges, 30 * np.eye(3), atol=1e-4)
     assert found.units["positions"] == "Å"
 
 
@@ -174,8 +173,7 @@ def test_gro(tmp_path):
     for i, (e, x, y, z) in enumerate(WATER):
         lines.append(f"    1SOL  {e + str(i):>5s}{i + 1:5d}{x / 10:8.3f}{y / 10:8.3f}{z / 10:8.3f}")
     (tmp_path / "w.gro").write_text("\n".join([*lines, "   3.0 3.0 3.0", ""]))
-    found = read_contents(tmp_path / "w.gro")
-    xyz = np.array([row[1:] for row in WATER])
+    found, xyz = read_contents(tmp_path / "w.gro"), np.array([row[1:] for row in WATER])
     np.testing.assert_allclose(found.particles.positions, xyz, atol=0.006)
     assert found.particles.attributes["atomic_number"].tolist() == [8, 1, 1]
 

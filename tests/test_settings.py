@@ -38,8 +38,6 @@ TABLES += sorted(tables(), key=lambda table: table.__name__)
 @documented
 @dataclasses.dataclass(kw_only=True)
 class Tap(Table):
-    """A tap."""
-
     name: str = setting(Choice("hot", "cold"), help="which water it gives")
     rate: float = setting(Number(0.0, 2.0), 1.0, "flow. It is [steady](#x)", "l/s", usual="full")
     parts: list = setting(Each(Whole(1, 9), least=1, distinct=True), [], "numbers of its parts")
@@ -96,7 +94,6 @@ def test_words_of_a_command(kind, word, value):
 
 @pytest.mark.parametrize("table", TABLES, ids=lambda table: table.__name__)
 def test_limits_are_the_same_everywhere(table):
-    """In Python, on the command line and in the schema; and every setting has a help."""
     jsonschema = pytest.importorskip("jsonschema")
     for name, one in settings_of(table).items():
         assert one.help, name

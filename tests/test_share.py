@@ -1,7 +1,5 @@
 """Images shared out among ranks that all have the scene: the same bits as one rank's."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -41,8 +39,7 @@ def test_ranks_give_the_bits_of_one(case, n, backend):
     particles = gb.Particles(POSITIONS, color=COLOR)
 
     def work(device, ranks):
-        scene = gb.Scene(particles, **options, **device)
-        return gb.render(scene, CAMERA, SIZE, settings, comm=ranks)
+        return gb.render(gb.Scene(particles, **options, **device), CAMERA, SIZE, settings, comm=ranks)
 
     one, many = work(backend, None), on(n, work, backend)[0]
     assert one.mask.mean() > 0.1
@@ -52,12 +49,11 @@ def test_ranks_give_the_bits_of_one(case, n, backend):
         np.testing.assert_array_equal(one.alpha, many.alpha)
 
 
-def test_refined_and_other_ranks_frames(backend):
+def test_refined_frames_other_ranks_only_the_image_and_shaded_pieces(backend):
     settings = {"shadows": True}
 
     def work(device, ranks):
-        scene = gb.Scene(POSITIONS, **device)
-        frame = gb.render(scene, CAMERA, SIZE, settings, comm=ranks).refine(2)
+        frame = gb.render(gb.Scene(POSITIONS, **device), CAMERA, SIZE, settings, comm=ranks).refine(2)
         if ranks is not None and ranks.rank:
             assert not frame.mask.any()
             assert not frame.image.any()
@@ -69,8 +65,6 @@ def test_refined_and_other_ranks_frames(backend):
     with pytest.raises(ValueError, match=r"^alpha: expected settings with transparent"):
         many.alpha  # noqa: B018
 
-
-def test_only_the_image(backend):
     def work(device, ranks):
         ranks.only_image = True
         frame = gb.render(gb.Scene(POSITIONS, **device), CAMERA, SIZE, comm=ranks)
@@ -79,13 +73,8 @@ def test_only_the_image(backend):
     image, mask = on(3, work, backend)[0]
     np.testing.assert_array_equal(image, gb.render(gb.Scene(POSITIONS, **backend), CAMERA, SIZE).image)
     assert not mask.any()
-
-
-def test_the_nearest_of_shaded_pieces(backend):
-    """Slabs with a halo of one support: hits the same, colors within a level."""
     n = 3
-    edges = np.linspace(-1, 11, n + 1)
-    particles = gb.Particles(POSITIONS, color=COLOR)
+    edges, particles = np.linspace(-1, 11, n + 1), gb.Particles(POSITIONS, color=COLOR)
 
     def work(device, ranks):
         x, (low, high) = POSITIONS[:, 0], edges[ranks.rank : ranks.rank + 2]
@@ -101,7 +90,7 @@ def test_the_nearest_of_shaded_pieces(backend):
     assert np.abs(one.image.astype(int) - image.astype(int)).max() <= 1
 
 
-def test_what_cannot_be_shared_and_a_thread_that_fails():
+def test_what_cannot_be_shared_and_devices_are_dealt():
     scene = gb.Scene(POSITIONS, device="cpu", octree="dense")
     with pytest.raises(ValueError, match=r"^comm: "):
         run_threads(1, lambda r: gb.render(scene, CAMERA, SIZE, thesis=Thesis(), comm=r))
@@ -118,8 +107,5 @@ def test_what_cannot_be_shared_and_a_thread_that_fails():
 
     with pytest.raises(ValueError, match="no such disk"):
         run_threads(3, work)
-
-
-def test_devices_are_dealt():
     assert (of_rank("cpu", 3), of_rank("cuda:1", 0)) == ("cpu", "cuda:1")
     assert of_rank("auto", 0) in ("auto", "cuda:0")

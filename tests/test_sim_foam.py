@@ -1,7 +1,5 @@
 """Spray, foam and bubbles: closed forms of their motion, and what they must not change."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -20,7 +18,6 @@ LIVELY = {"approach": [0.2, 1], "curvature": [0.1, 1], "speed": [0.2, 2]}
 
 
 def scene(foam=(), **keys):
-    """A box of air, for particles added in Python."""
     base = {"spacing": SPACING, "domain": {"lo": [-1, -1, -1], "hi": [1, 1, 1]}, "fluids": [{"name": "water"}]}
     return gb.Simulation({**base, "foam": dict(foam), **keys}, device="cpu", threads=1)
 
@@ -30,7 +27,6 @@ def lattice(n, at=(0.0, 0.0, 0.0)):
 
 
 def meeting(foam=(), speed=3.0):
-    """Two blocks side by side, towards each other."""
     sim = scene(foam)
     sim.add(lattice(5, (-0.14, 0, 0)), "water", (speed, 0, 0))
     sim.add(lattice(5, (0.14, 0, 0)), "water", (-speed, 0, 0))
@@ -38,18 +34,37 @@ def meeting(foam=(), speed=3.0):
 
 
 def put(sim, at, velocity=(0.0, 0.0, 0.0), life=10.0):
-    """One diffuse particle, with the kind that it has there."""
     sim.foam._add(np.array([at], float), np.array([velocity], float), np.array([life]))
     sim.foam._classify(Flow(sim._solver))
 
 
 def all_potentials(sim, **limits):
-    flow = Flow(sim._solver)
-    found = limits_of(sim.file.foam, G, SPACING) | limits
+    flow, found = Flow(sim._solver), limits_of(sim.file.foam, G, SPACING) | limits
     return potentials(flow, np.flatnonzero(flow.is_fluid), found)
 
 
-def test_spray_flies_along_a_parabola():
+def test_spray_flies_foam_goes_along_a_bubble_rises_and_water_at_rest_makes_nothing():
+    sim = scene()
+    sim.add(lattice(12), "water")
+    put(sim, (0.0, 0.0, -0.1))
+    assert sim.foam.kind.tolist() == [BUBBLE]
+    speed, tau = np.sqrt(G * SPACING), np.sqrt(SPACING / G) / 2
+    for _ in range(30):  # in water that stays where it is
+        sim.foam._move(0.005)
+    rise = speed * (0.15 - tau * (1 - np.exp(-0.15 / tau)))
+    np.testing.assert_allclose(sim.foam.positions[0], [0, 0, rise - 0.1], atol=1e-6)
+    np.testing.assert_allclose(sim.foam.velocities[0, 2], speed * (1 - np.exp(-0.15 / tau)))
+    sim = scene()
+    sim.add(lattice(6), "water")
+    ids, *found = sim.foam.potentials()
+    assert ids.tolist() == list(range(216))
+    assert not np.any(found)
+    sim, at = scene(), lattice(6)
+    spin = np.array([3.0, -2.0, 5.0])
+    sim.add(at, "water", np.cross(spin, at).astype(np.float32) + np.float32([4, 1, 2]))
+    trapped, _, kinetic = all_potentials(sim, approach=(1e-4, 1.0))
+    assert not trapped.any()
+    assert kinetic.all()
     sim = scene()
     put(sim, (-0.5, 0.1, 0.2), (2.0, 0.5, 1.5))
     for dt in (0.003, 0.002, 0.005, 0.001) * 20:
@@ -60,11 +75,7 @@ def test_spray_flies_along_a_parabola():
     np.testing.assert_allclose(sim.foam.positions[0], place, atol=1e-6)
     np.testing.assert_allclose(sim.foam.velocities[0], [2, 0.5, 1.5 - G * t], atol=1e-5)
     np.testing.assert_allclose(sim.foam.age, [t], rtol=1e-6)
-
-
-def test_foam_goes_with_a_block_that_moves():
-    foam = {"approach": [1e3, 2e3], "speed": [10, 20]}
-    sim = scene(foam, gravity=[0, 0, 0])
+    sim = scene({"approach": [1e3, 2e3], "speed": [10, 20]}, gravity=[0, 0, 0])
     sim.add(lattice(6), "water", (1.0, 0.5, 0.25))
     start = np.array([0.0, 0.0, 2.9 * SPACING])  # above the top face
     put(sim, start)
@@ -76,48 +87,16 @@ def test_foam_goes_with_a_block_that_moves():
     np.testing.assert_allclose(sim.foam.velocities[0], [1, 0.5, 0.25], rtol=1e-5)
 
 
-def test_a_bubble_rises_at_the_root_of_gravity_times_spacing():
-    sim = scene()
-    sim.add(lattice(12), "water")
-    put(sim, (0.0, 0.0, -0.1))
-    assert sim.foam.kind.tolist() == [BUBBLE]
-    speed, tau = np.sqrt(G * SPACING), np.sqrt(SPACING / G) / 2
-    for _ in range(30):  # in water that stays where it is
-        sim.foam._move(0.005)
-    rise = speed * (0.15 - tau * (1 - np.exp(-0.15 / tau)))
-    np.testing.assert_allclose(sim.foam.positions[0], [0, 0, rise - 0.1], atol=1e-6)
-    np.testing.assert_allclose(sim.foam.velocities[0, 2], speed * (1 - np.exp(-0.15 / tau)))
-
-
-def test_water_at_rest_makes_nothing_and_rigid_motion_traps_no_air():
-    sim = scene()
-    sim.add(lattice(6), "water")
-    ids, *found = sim.foam.potentials()
-    assert ids.tolist() == list(range(216))
-    assert not np.any(found)
-    sim = scene()
-    at = lattice(6)
-    spin = np.array([3.0, -2.0, 5.0])
-    sim.add(at, "water", np.cross(spin, at).astype(np.float32) + np.float32([4, 1, 2]))
-    trapped, _, kinetic = all_potentials(sim, approach=(1e-4, 1.0))
-    assert not trapped.any()
-    assert kinetic.all()
-
-
-def test_a_flat_face_is_no_crest_and_an_edge_is_one():
+def test_edges_are_crests_and_blocks_that_collide_trap_air():
     sim = scene()
     sim.add(lattice(8), "water", (0.0, 0.0, 3.0))
     _, crest, _ = all_potentials(sim, curvature=(1e-4, 1.0))
-    at = np.abs(sim.positions / SPACING)
-    top = sim.positions[:, 2] > 3.4 * SPACING
+    at, top = np.abs(sim.positions / SPACING), sim.positions[:, 2] > 3.4 * SPACING
     crest = crest[np.argsort(Flow(sim._solver).ids)]
     edge = (at[:, :2] > 3.4).sum(axis=1) == 1  # at a corner, the normal is 55 degrees off
     assert crest[top & edge].all()
     assert not crest[top & (at[:, :2] < 1.6).all(axis=1)].any()  # its middle
     assert not crest[sim.positions[:, 2] < 0].any()  # what does not move along its normal
-
-
-def test_blocks_that_collide_trap_air_where_they_meet():
     sim = meeting()
     _, trapped, _, kinetic = sim.foam.potentials()
     gap = np.abs(sim.positions[:, 0])
@@ -129,7 +108,7 @@ def test_blocks_that_collide_trap_air_where_they_meet():
     assert not meeting(speed=-3.0).foam.potentials()[1].any()  # they part
 
 
-def test_the_count_is_the_rate_times_the_time():
+def test_the_count_is_the_rate_times_the_time_and_random_numbers_are_uniform():
     sim = meeting({**LIVELY, "air_rate": 3000.0, "crest_rate": 1000.0})
     ids, trapped, crest, kinetic = sim.foam.potentials()
     dt = 0.002
@@ -147,9 +126,6 @@ def test_the_count_is_the_rate_times_the_time():
     assert along.max() <= 1e-6
     assert np.hypot(way[:, 1], way[:, 2]).max() <= SPACING / 2 + 1e-6
     np.testing.assert_array_equal(sim.foam.velocities, sim.velocities[owner])
-
-
-def test_random_numbers_are_uniform_and_depend_on_each_argument():
     u = uniform(1, np.arange(40_000), 7, 0)
     assert 0 <= u.min() < u.max() < 1
     assert abs(u.mean() - 0.5) < 5 / np.sqrt(12 * 40_000)
@@ -175,7 +151,7 @@ def same_foam(one, two):
         np.testing.assert_array_equal(values, two.foam._state()[name], err_msg=name)
 
 
-def test_no_bit_of_the_fluid_changes_and_threads_change_none_of_the_foam(runs):
+def test_no_bit_changes_by_threads_or_a_checkpoint_unless_it_is_damaged(runs, tmp_path):
     without, with_, threads = runs
     assert not without.foam.on
     with pytest.raises(ValueError, match="expected a table foam"):
@@ -183,9 +159,6 @@ def test_no_bit_of_the_fluid_changes_and_threads_change_none_of_the_foam(runs):
     assert len(with_.foam) > 100
     assert (with_.hash(), with_.n_steps) == (without.hash(), without.n_steps)
     same_foam(with_, threads)
-
-
-def test_a_checkpoint_goes_on_with_the_same_foam(runs, tmp_path):
     sim = runs[1]
     sim.save(tmp_path / "dam")
     again = gb.Simulation.load(tmp_path / "dam", device="cpu", threads=1)
@@ -195,9 +168,6 @@ def test_a_checkpoint_goes_on_with_the_same_foam(runs, tmp_path):
     same_foam(sim, again)
     again.reset()
     assert len(again.foam) == 0
-
-
-def test_a_damaged_checkpoint_is_refused(runs, tmp_path):
     state = runs[1].foam._state()
     for name, value in (
         ("foam_at", state["foam_at"][:, :2]),
@@ -210,7 +180,7 @@ def test_a_damaged_checkpoint_is_refused(runs, tmp_path):
         runs[1].foam._take_up(state)
 
 
-def test_the_oldest_go_and_foam_dies():
+def test_the_oldest_go_foam_dies_and_periodic_sides_are_joined():
     sim = scene({"max_particles": 3})
     for k in range(5):
         put(sim, (0.1 * k, 0, 0))
@@ -224,9 +194,6 @@ def test_the_oldest_go_and_foam_dies():
     assert len(sim.foam) == 1  # the fast one has left the domain
     sim.step(0.006)
     assert len(sim.foam) == 0
-
-
-def test_periodic_sides_are_joined():
     domain = {"lo": [-0.5, -1, -1], "hi": [0.5, 1, 1], "periodic": ["x"]}
     sim = scene(domain=domain)
     sim.add(lattice(6, (0.35, 0, 0)), "water")
@@ -242,8 +209,7 @@ def test_periodic_sides_are_joined():
 def test_neighbors_through_periodic_sides_are_those_of_brute_force(periodic):
     size = np.array([0.4, 0.45, 0.5])
     domain = {"lo": [0, 0, 0], "hi": size.tolist(), "periodic": periodic}
-    sim = scene(domain=domain)
-    rng = np.random.default_rng(4)
+    sim, rng = scene(domain=domain), np.random.default_rng(4)
     water, places = rng.uniform(0, size, (300, 3)), rng.uniform(0, size, (100, 3))
     sim.add(water, "water", rng.normal(size=(300, 3)))
     d = places[:, None] - sim.positions.astype(float)
@@ -264,8 +230,7 @@ def test_particles_and_an_image(runs):
     assert sum(sim.foam.counts.values()) == len(sim.foam) == len(particles)
     camera = gb.Camera((0.6, -2.2, 0.6), (0.6, 0.15, 0.4), (0, 0, 1))
     plain = gb.render(sim.scene, camera, (96, 72)).color
-    white = gb.render([sim.scene, sim.foam.layer()], camera, (96, 72)).color
-    assert np.any(plain != white)
+    assert np.any(plain != gb.render([sim.scene, sim.foam.layer()], camera, (96, 72)).color)
 
 
 @pytest.mark.slow

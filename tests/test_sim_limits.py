@@ -125,9 +125,16 @@ def test_what_only_looks_like_it_is_taken(tmp_path):
     words = SCENE.replace("walls = true", "walls = true, open = ['+z']")
     path.write_text(words + TAP.replace("[0.5, 0.2, 0.5]", "[0.5, 0.2, 0.79]"))
     assert len(read_scene(path).emitters) == 1
+    path = tmp_path / "scene.toml"
+    for plate in (
+        PLATE.replace("sphere", "box") + "{ lo = [0, 0, -0.2], hi = [1, 0.4, -0.01] }",
+        "[[boundaries]]\nname = 'b'\nkeys = [{ time = 0 }]\nsphere = { center = [5, 5, 5], radius = 1 }",
+    ):
+        path.write_text(SCENE + plate)
+        assert len(bodies(read_scene(path))) == 3
 
 
-def test_the_spacing_that_would_fit_does(tmp_path, monkeypatch):
+def test_the_spacing_that_would_fit_does_and_steps_that_vanish_stop(tmp_path, monkeypatch):
     path = tmp_path / "scene.toml"
     path.write_text(SCENE)
     monkeypatch.setattr(room, "room", lambda: 2**20)
@@ -138,9 +145,6 @@ def test_the_spacing_that_would_fit_does(tmp_path, monkeypatch):
     assert 0.05 < fits < 0.1
     n = sum(len(body.positions) for body in bodies(read_scene(path, fits)))
     assert n * room.BYTES["fluids"] == pytest.approx(2**20, rel=0.3)
-
-
-def test_steps_that_vanish_stop_with_their_reason():
     sim = gb.Simulation("dam-break", spacing=0.1, device="cpu")
     sim.velocities = (0.0, 0.0, 1e30)
     with pytest.raises(ArithmeticError, match=r"steps come to 0 s .* lower speeds .*1e\+30"):
@@ -149,16 +153,14 @@ def test_steps_that_vanish_stop_with_their_reason():
 
 @pytest.mark.parametrize("kind", ["fluids", "boundaries"])
 def test_a_mesh_out_of_the_domain_is_refused(tmp_path, kind):
-    trimesh = pytest.importorskip("trimesh")
-    trimesh.creation.icosphere(2, 0.1).export(tmp_path / "ball.stl")
+    pytest.importorskip("trimesh").creation.icosphere(2, 0.1).export(tmp_path / "ball.stl")
     mesh = {"file": str(tmp_path / "ball.stl"), "move": [9, 9, 9]}
     domain = {"lo": [0, 0, 0], "hi": [1, 1, 1]}
     scene = {"spacing": 0.05, "domain": domain, kind: [{"name": "b", "mesh": mesh}]}
     with pytest.raises(SceneError, match=rf"{kind}\[0\] \(b\): .* got all outside of it"):
         gb.Simulation(scene, device="cpu")
     mesh["move"] = [0.5, 0.5, 0.5]
-    sim = gb.Simulation(scene, device="cpu")
-    assert np.allclose(sim.positions.mean(axis=0), 0.5, atol=0.01)
+    assert np.allclose(gb.Simulation(scene, device="cpu").positions.mean(axis=0), 0.5, atol=0.01)
 
 
 KINDS = {"fluids": "fluid", "solids": "tissue", "rigids": "rigid"}
@@ -175,16 +177,6 @@ def test_a_body_partly_out_of_the_domain_is_refused(kind):
             gb.Simulation(scene, device="cpu")
     body["box"] = {"lo": [0.5, 0, 0], "hi": [1.0, 0.5, 0.5]}
     assert gb.Simulation(scene, device="cpu").record.counts[KINDS[kind]] == 1000
-
-
-def test_a_boundary_beside_the_domain_or_coming_in_is_taken(tmp_path):
-    path = tmp_path / "scene.toml"
-    for plate in (
-        PLATE.replace("sphere", "box") + "{ lo = [0, 0, -0.2], hi = [1, 0.4, -0.01] }",
-        "[[boundaries]]\nname = 'b'\nkeys = [{ time = 0 }]\nsphere = { center = [5, 5, 5], radius = 1 }",
-    ):
-        path.write_text(SCENE + plate)
-        assert len(bodies(read_scene(path))) == 3
 
 
 def test_tissue_is_fixed_where_it_is():

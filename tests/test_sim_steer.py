@@ -114,19 +114,16 @@ def test_reset_forgets_what_was_said(said):
     assert (one.time, one.record.diagnostics) == (0, [])
     for sim in (one, other):
         sim.run(0.02)
-    assert len(one) == len(other)
-    assert one.hash() == other.hash()
+    assert (len(one), one.hash()) == (len(other), other.hash())
 
 
 def test_a_force_stays_with_its_particle(sim):
     ids = sim.ids[sim.arrays.phase == 0][:5]
     sim.steer.apply_force((0, 0, 0.01), ids)
     sim.remove(ids[:2])
-    more = sim.add([[0.02, -0.02, 0.03]], "water")
-    before = sim.velocities
+    more, before = sim.add([[0.02, -0.02, 0.03]], "water"), sim.velocities
     sim.step(0.0005)
-    gained = (sim.velocities - before)[:, 2]
-    at = np.searchsorted(sim.ids, [*ids[2:], *more])
+    gained, at = (sim.velocities - before)[:, 2], np.searchsorted(sim.ids, [*ids[2:], *more])
     assert (gained[at[:3]] > 0.01).all()
     assert gained[at[3]] < 0
 
@@ -153,7 +150,6 @@ def test_other_names_are_refused(sim, thing, name, expected):
 
 
 def test_names_are_those_of_a_scene_file(sim):
-    """What is changed by hand before the first step runs as if the file had said it."""
     fluid = SCENE["fluids"][0] | {"viscosity": 2.0, "surface_tension": 0.05, "density": 900.0}
     solid = SCENE["solids"][0] | {"plastic": 0.01, "creep": 20.0, "damping": 3.0, "tear": 0.4}
     told = gb.Simulation(SCENE | {"fluids": [fluid], "solids": [solid]}, device="cpu")
@@ -239,8 +235,7 @@ def test_messages_say_what_there_is(sim, mistake, kind, expected):
 
 def test_a_state_that_cannot_be_loaded_does_not_replace_one_that_can(sim, tmp_path):
     sim.save(tmp_path / "good")
-    before = (tmp_path / "good.npz").read_bytes()
-    velocity = sim._solver.read("velocity")
+    before, velocity = (tmp_path / "good.npz").read_bytes(), sim._solver.read("velocity")
     velocity[0] = NAN
     sim._solver.write("velocity", velocity)
     with pytest.raises(ValueError, match=r"good\.npz: expected a state .* velocity: expected fin"):

@@ -1,7 +1,5 @@
 """Experiments with a known answer, at small size; `python -m bench physics` shows the figures."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -54,8 +52,18 @@ def test_a_fluid_with_tension_has_a_least_viscosity():
     assert np.linalg.norm(found[2]) < 0.995 * np.linalg.norm(found[0])
 
 
-def test_the_shape_of_a_crown_is_found():
-    """A cylinder's wall on a pool, with a drop above and a jet in one direction."""
+def test_the_references_themselves_and_the_shape_of_a_crown():
+    """An ellipse has a b = 1, and keeps the energy rate² (a² + b²) / 8."""
+    rate, t, h = 100.0, 0.008, 1e-6
+    b = flows.ellipse(t, rate)
+    a, rate_now = 1 / b, (flows.ellipse(t + h, rate) - flows.ellipse(t - h, rate)) / (2 * h) / b
+    assert rate_now**2 * (a * a + b * b) == pytest.approx(2 * rate**2, rel=1e-4)
+    # Heave settles with its grid; at high frequencies, a box is slower the wider it is.
+    coarse, fine = (bodies.heave(1.0, 0.5, 0.4, 0.2, cells) for cells in (8, 16))
+    assert coarse == pytest.approx(fine, rel=0.005)
+    # A piston that fills its tank: the water below only rises and falls with it.
+    assert fine < np.sqrt(9.81 / 0.2)
+    assert bodies.heave(1.0, 0.5, 0.2, 0.2, 8) > coarse
     d, depth, high, radius = 0.001, physics_crown.DEPTH, 0.006, 0.01
     half = 0.015
     pool = lattice((-half, -half, 0), (half, half, depth), d)
@@ -65,24 +73,7 @@ def test_the_shape_of_a_crown_is_found():
     jet = lattice((radius - 2 * d, 0, depth), (radius, d, depth + 0.02), d)
     drop = np.array([[0, 0, 0.03], [radius + 3 * d, 0, depth + 2.5 * d]])
     found = physics_crown.shape_of(np.concatenate([pool, wall, jet, drop]), d)
-    assert found[0] == pytest.approx(radius, abs=d / 2)
-    assert found[1] == pytest.approx(high, abs=d)
-
-
-def test_the_references_themselves():
-    """An ellipse has a b = 1, and keeps the energy rate² (a² + b²) / 8."""
-    rate, t, h = 100.0, 0.008, 1e-6
-    b = flows.ellipse(t, rate)
-    speed = (flows.ellipse(t + h, rate) - flows.ellipse(t - h, rate)) / (2 * h)
-    a, rate_now = 1 / b, speed / b
-    assert rate_now**2 * (a * a + b * b) == pytest.approx(2 * rate**2, rel=1e-4)
-    # Heave settles with its grid; at high frequencies, a box is slower the wider it is.
-    coarse, fine = (bodies.heave(1.0, 0.5, 0.4, 0.2, cells) for cells in (8, 16))
-    assert coarse == pytest.approx(fine, rel=0.005)
-    # A piston that fills its tank: the water below only rises and falls with it.
-    free = np.sqrt(9.81 / 0.2)
-    assert fine < free
-    assert bodies.heave(1.0, 0.5, 0.2, 0.2, 8) > coarse
+    assert (found[0], found[1]) == (pytest.approx(radius, abs=d / 2), pytest.approx(high, abs=d))
 
 
 def test_vorticity_of_a_solid_rotation_is_twice_its_spin(backend):
@@ -92,8 +83,7 @@ def test_vorticity_of_a_solid_rotation_is_twice_its_spin(backend):
         "spacing": d, "domain": {"lo": (-8 * d,) * 3, "hi": (8 * d,) * 3}, "gravity": (0, 0, 0),
         "fluids": [{"name": "oil", "density": 900.0, "viscosity": 0.0}],
     }  # fmt: skip
-    sim = gb.Simulation(scene, **backend)
-    at = lattice((-4 * d,) * 3, (4 * d,) * 3, d)
+    sim, at = gb.Simulation(scene, **backend), lattice((-4 * d,) * 3, (4 * d,) * 3, d)
     at = at[np.linalg.norm(at, axis=1) < 4 * d]
     at += np.random.default_rng(2).normal(0, 0.1 * d, at.shape)
     sim.add(at, "oil", np.cross(spin, at))
@@ -105,8 +95,7 @@ def test_frames_have_pressure_density_and_vorticity(tmp_path, backend):
     domain = {"lo": (0, 0, 0), "hi": (0.5, 0.6, 0.5), "walls": True}
     scene = {"spacing": d, "domain": domain, "gravity": (0, -9.81, 0), "fluids": [{"name": "w"}]}
     sim = gb.Simulation(scene, **backend)
-    ids = sim.add(lattice((0, 0, 0), (0.5, 0.4, 0.5), d), "w")
-    before = sim.hash()
+    ids, before = sim.add(lattice((0, 0, 0), (0.5, 0.4, 0.5), d), "w"), sim.hash()
     first = sim.particles
     assert sim.hash() == before
     walls = ~np.isin(first.attributes["id"], ids)

@@ -1,7 +1,5 @@
 """What moves, cuts, lets in and takes away in scenes, and bodies from files."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -28,7 +26,7 @@ def simulation(**changes):
     return gb.Simulation(BLOCK | changes, device="cpu")
 
 
-def test_a_blade_along_its_keys_cuts_exactly():
+def test_a_blade_along_its_keys_or_by_hand_cuts_exactly():
     sim = simulation()
     for time, n_cut, n_pieces in ((0.01, 0, 1), (0.04, 5 * 6 * 6 - 4 * 6, 2)):
         sim.run_to(time)
@@ -36,9 +34,6 @@ def test_a_blade_along_its_keys_cuts_exactly():
     assert sim.record.diagnostics[-1]["n_cut"] == n_cut
     sim.record.measure()
     assert sim.record.diagnostics[-1]["n_pieces"] == 2
-
-
-def test_a_blade_by_hand():
     sim = simulation(instruments=[BLOCK["instruments"][0] | {"keys": [{"time": 99}]}])
     knife = sim.tools["knife"]
     knife.move_to((-0.01, -0.01, 0.0121))
@@ -51,7 +46,7 @@ def test_a_blade_by_hand():
     assert sim.tissue.n_pieces == 2
 
 
-def test_what_comes_in_and_what_goes_adds_up():
+def test_what_comes_in_adds_up_and_a_drop_sticks():
     tap = {"name": "tap", "fluid": "water", "center": [0, 0, 0.06], "direction": [0, 0, -1],
            "radius": 0.007, "rate": 2e-5, "start": 0.02, "end": 0.12}  # fmt: skip
     drain = {"name": "drain", "box": {"lo": [-0.05, -0.05, -0.05], "hi": [0.07, 0.07, 0]}}
@@ -63,9 +58,16 @@ def test_what_comes_in_and_what_goes_adds_up():
     assert sim.record.n_born == pytest.approx(0.1 * 2e-5 / D**3, rel=0.06)
     assert sim.record.n_removed > 0
     assert sim.record.n_born == len(sim) + sim.record.n_removed
-
-
-def test_a_drop_sticks_to_what_it_adheres_to():
+    pool = {"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.02, 0.02, 0.02]}}
+    suction = {"name": "s", "kind": "suction", "radius": 0.0045,
+               "keys": [{"time": 0.01, "position": [0.01, 0.01, 0.01]}]}  # fmt: skip
+    sim = simulation(solids=[], instruments=[suction], fluids=[pool])
+    sim.run_to(0.009)
+    assert sim.record.n_removed == 0
+    sim.run_to(0.02)
+    near = np.linalg.norm(sim.positions - [0.01, 0.01, 0.01], axis=1) < 0.0045
+    assert sim.record.n_removed > 0
+    assert not near.any()
     drop = {"name": "water", "sphere": {"center": [0.01, 0.01, 0.0065], "radius": 0.006},
             "viscosity": 0.01}  # fmt: skip
     plate = {"name": "plate", "box": {"lo": [-0.01, -0.01, -0.004], "hi": [0.03, 0.03, 0]}}
@@ -80,22 +82,8 @@ def test_a_drop_sticks_to_what_it_adheres_to():
     assert least[2] < 0
 
 
-def test_suction_takes_fluid_where_it_works():
-    pool = {"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.02, 0.02, 0.02]}}
-    suction = {"name": "s", "kind": "suction", "radius": 0.0045,
-               "keys": [{"time": 0.01, "position": [0.01, 0.01, 0.01]}]}  # fmt: skip
-    sim = simulation(solids=[], instruments=[suction], fluids=[pool])
-    sim.run_to(0.009)
-    assert sim.record.n_removed == 0
-    sim.run_to(0.02)
-    near = np.linalg.norm(sim.positions - [0.01, 0.01, 0.01], axis=1) < 0.0045
-    assert sim.record.n_removed > 0
-    assert not near.any()
-
-
-def test_bodies_from_files(tmp_path, monkeypatch):
+def test_bodies_from_files(folder):
     trimesh = pytest.importorskip("trimesh")
-    monkeypatch.chdir(tmp_path)
     trimesh.creation.icosphere(3, 10.0).export("ball.stl")  # mm
     grid = np.linalg.norm(np.mgrid[-15:16, -15:16, -15:16], axis=0) - 10
     affine = np.eye(4)

@@ -1,7 +1,5 @@
 """Runs of scenes: files, checkpoints, records, and what stops a run."""
 
-from __future__ import annotations
-
 import csv
 import errno
 import json
@@ -55,7 +53,24 @@ def run(*words):
     assert main(["simulate", *map(str, words), "--device", "cpu"]) == 0
 
 
-def test_frames_are_read_again_in_every_format(folder, capsys):
+def test_restart_is_bit_identical_and_frames_are_read_in_every_format(folder, capsys):
+    run("dam.toml", "-o", "whole", "--json")
+    whole = json.loads(capsys.readouterr().out)
+    run("dam.toml", "-o", "parts", "--seconds", 0.13, "--threads", 1)
+    run("dam.toml", "-o", "parts", "--seconds", 0.2, "--resume")
+    capsys.readouterr()
+    run("dam.toml", "-o", "parts", "--resume", "--json")
+    parts = json.loads(capsys.readouterr().out)
+    assert parts["steps"] == whole["steps"] == whole["new_steps"] > parts["new_steps"] > 0
+    assert (parts["hash"], parts["time"]) == (whole["hash"], pytest.approx(0.3))
+    for k in range(7):
+        a, b = (gb.read(f"{f}/frame_{k:05d}.vtp").positions for f in ("whole", "parts"))
+        assert (a == b).all()
+    rows, others = (
+        list(csv.DictReader(Path(f, "diagnostics.csv").read_text(encoding="utf-8").splitlines()))
+        for f in ("parts", "whole")
+    )
+    assert ([row["step"] for row in rows], rows) == ([str(i + 1) for i in range(len(rows))], others)
     last = {}
     for kind in ("vtp", "bgeo", "npz", "txt"):
         run("dam.toml", "-o", kind, "--format", kind, "--seconds", 0.1)
@@ -66,28 +81,6 @@ def test_frames_are_read_again_in_every_format(folder, capsys):
     assert files[-3:] == [f"frame_{k:05d}.vtp" for k in range(3)]
     assert "checkpoint.npz" in files
     assert last["vtp"].attributes["velocity"].shape == (512, 3)
-
-
-def test_restart_is_bit_identical(folder, capsys):
-    run("dam.toml", "-o", "whole", "--json")
-    whole = json.loads(capsys.readouterr().out)
-    run("dam.toml", "-o", "parts", "--seconds", 0.13, "--threads", 1)
-    run("dam.toml", "-o", "parts", "--seconds", 0.2, "--resume")
-    capsys.readouterr()
-    run("dam.toml", "-o", "parts", "--resume", "--json")
-    parts = json.loads(capsys.readouterr().out)
-    assert parts["steps"] == whole["steps"] == whole["new_steps"] > parts["new_steps"] > 0
-    assert parts["hash"] == whole["hash"]
-    assert parts["time"] == pytest.approx(0.3)
-    for k in range(7):
-        a, b = (gb.read(f"{f}/frame_{k:05d}.vtp").positions for f in ("whole", "parts"))
-        assert (a == b).all()
-    rows, others = (
-        list(csv.DictReader(Path(f, "diagnostics.csv").read_text(encoding="utf-8").splitlines()))
-        for f in ("parts", "whole")
-    )
-    assert [row["step"] for row in rows] == [str(i + 1) for i in range(len(rows))]
-    assert rows == others
 
 
 @pytest.mark.slow
@@ -103,8 +96,7 @@ def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder, by):
     assert said.endswith("globule: interrupted\n")
     assert "--resume continues from" in said
     assert not [name for name in os.listdir("frames") if name.endswith(".tmp")]
-    sim = gb.Simulation.load("frames/checkpoint.npz", device="cpu")
-    assert sim.time > 0.15
+    assert gb.Simulation.load("frames/checkpoint.npz", device="cpu").time > 0.15
     assert len(gb.read("frames/frame_00004.vtp")) == 512
 
 
@@ -171,25 +163,7 @@ def test_a_scene_without_particles_is_an_empty_picture(folder):
     assert len(sim.scene) == len(sim) == len(sim.particles) > 512
     sim.remove(sim.ids)
     assert len(sim.scene) == 0
-    frame = gb.render(sim.scene, gb.Camera((0, 0, 5), (0, 0, 0)), (32, 24))
-    assert not frame.mask.any()
-
-
-def test_diagnostics_add_up():
-    sim = gb.Simulation(SCENE, device="cpu")
-    first = sim.record.measure()
-    sim.run(0.1)
-    later = sim.record.measure()
-    mass = 512 * 1000 * 0.05**3
-    assert first["kinetic"] == 0
-    assert first["potential"] == pytest.approx(mass * 9.81 * 0.2, rel=1e-3)
-    assert later["potential"] < first["potential"]
-    gain = first["potential"] - later["potential"]
-    assert 0.5 * gain < later["kinetic"] <= 1.02 * gain
-    assert sim.record.diagnostics[-1]["kinetic"] == later["kinetic"]
-    times = [row["time"] for row in sim.record.diagnostics]
-    assert times == sorted(times)
-    assert times[-1] == pytest.approx(0.1)
+    assert not gb.render(sim.scene, gb.Camera((0, 0, 5), (0, 0, 0)), (32, 24)).mask.any()
 
 
 def movie_pictures(path):
@@ -199,7 +173,6 @@ def movie_pictures(path):
 
 
 def test_a_finished_movie_goes_on(folder):
-    """From images that are kept, or from the movie itself."""
     pytest.importorskip("av")
     size = ["--size", "65x48"]
     run("dam.toml", "--video", "whole.mp4", *size, "--seconds", 0.2)
@@ -234,7 +207,6 @@ def test_a_movie_without_its_first_pictures_is_refused_before_the_work(folder, c
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """The folder of a run that drew its curves."""
     path = tmp_path_factory.mktemp("run")
     (path / "dam.toml").write_text(TOML)
     run(path / "dam.toml", "-o", path / "out", "--seconds", 0.05)
@@ -278,10 +250,8 @@ def test_mistakes_are_one_line(folder, capsys, words, expected):
 
 
 def stopped_at(seconds, *words):
-    """A run that is stopped at the first step past a time."""
     with ExitStack() as held:
-        command = ["simulate", *words, "--device", "cpu"]
-        job = simulate._Job(build_parser().parse_args(command), held)
+        job = simulate._Job(build_parser().parse_args(["simulate", *words, "--device", "cpu"]), held)
         assert not job.run(lambda: job.sim.time > seconds - 1e-9)
 
 
@@ -300,8 +270,7 @@ def test_a_frame_at_whose_time_one_stops_is_written(folder, capsys):
     ("velocity", lambda a: a * np.nan, "velocity: expected finite"),
     ("phase", lambda a: np.full_like(a, 255), "phase: expected numbers below"),
     ("counts", lambda a: np.full_like(a, 2**64 - 1), "counts: expected"),
-    ("motion", lambda a: a[:-3], "expected all of the bodies"),
-    ("growth", None, "'growth' is missing"),
+    ("motion", lambda a: a[:-3], "expected all of the bodies"), ("growth", None, "'growth' is missing"),
     ("_facts", lambda a: np.frombuffer(b"[1]", np.uint8), "expected a checkpoint"),
 ])  # fmt: skip
 def test_a_checkpoint_that_cannot_be_is_refused(folder, finished, capsys, name, change, expected):
@@ -327,22 +296,31 @@ def test_another_run_than_before_does_not_go_on(folder, capsys, scene, options, 
     run("dam.toml", "-o", "out", "--seconds", 0.1)
     before = {path.name: path.read_bytes() for path in Path("out").iterdir()}
     capsys.readouterr()
-    said = refused(capsys, "simulate", scene, "-o", "out", "--resume", *options)
-    assert re.search(expected, said)
+    assert re.search(expected, refused(capsys, "simulate", scene, "-o", "out", "--resume", *options))
     assert {path.name: path.read_bytes() for path in Path("out").iterdir()} == before
 
 
-def test_progress_is_told_of_every_step_up_to_the_end():
+def test_progress_is_told_of_every_step_and_diagnostics_add_up():
     sim = gb.Simulation(SCENE | {"seconds": 0.05}, device="cpu")
     told = []
     sim.run(progress=lambda done, total: told.append((done, total)))
-    assert sim.time == pytest.approx(0.05)
-    assert len(told) == sim.n_steps
-    assert told == sorted(told)
+    assert (sim.time, len(told), told) == (pytest.approx(0.05), sim.n_steps, sorted(told))
     assert told[-1] == (1000, 1000)
     assert told[0][0] > 0
     assert sim.run() is None  # the scene has ended
     assert sim.run(0.02, stop=lambda: True).step == sim.n_steps == len(told) + 1
+    sim = gb.Simulation(SCENE, device="cpu")
+    first = sim.record.measure()
+    sim.run(0.1)
+    later, mass = sim.record.measure(), 512 * 1000 * 0.05**3
+    assert first["kinetic"] == 0
+    assert first["potential"] == pytest.approx(mass * 9.81 * 0.2, rel=1e-3)
+    assert later["potential"] < first["potential"]
+    gain = first["potential"] - later["potential"]
+    assert 0.5 * gain < later["kinetic"] <= 1.02 * gain
+    assert sim.record.diagnostics[-1]["kinetic"] == later["kinetic"]
+    times = [row["time"] for row in sim.record.diagnostics]
+    assert (times, times[-1]) == (sorted(times), pytest.approx(0.1))
 
 
 def test_the_log_says_what_was_made_and_saved(tmp_path, caplog, capsys):
@@ -365,7 +343,7 @@ def test_tissue_bonded_by_hand_is_not_forgotten_by_reset():
     assert len(sim) == 27
 
 
-def test_frames_of_a_longer_run_before_are_named(folder, capsys):
+def test_a_folder_is_of_one_run_and_frames_of_a_longer_one_are_named(folder, capsys):
     run("dam.toml", "-o", "out", "--seconds", 0.2)
     assert "earlier run" not in capsys.readouterr().err
     run("dam.toml", "-o", "out", "--seconds", 0.1)
@@ -373,9 +351,6 @@ def test_frames_of_a_longer_run_before_are_named(folder, capsys):
     assert "warning: out keeps 2 frames of an earlier run after frame_00002.vtp" in said
     run("dam.toml", "-o", "out", "--seconds", 0.2)
     assert "earlier run" not in capsys.readouterr().err
-
-
-def test_a_folder_is_of_one_run_at_a_time(folder, capsys):
     pytest.importorskip("fcntl")
     words = [sys.executable, "-m", "globule", "simulate", "long.toml", "-o", "two", "--device"]
     words += ["cpu", "--seconds", "1000"]
@@ -417,7 +392,7 @@ def test_the_first_error_is_said(folder, capsys, monkeypatch, more, said):
     assert "frame_00004.vtp" in lines[-1]
 
 
-def test_a_movie_lies_in_the_folder_that_the_run_makes(folder, capsys):
+def test_a_movie_lies_in_the_runs_folder_and_the_terminal_does_not_obey_a_scene(folder, capsys):
     pytest.importorskip("av")
     words = ["dam.toml", "-o", "new", "--seconds", 0.05, "--size", "32x24", "--no-frames"]
     run(*words, "--video", "new/v.mp4")
@@ -426,9 +401,6 @@ def test_a_movie_lies_in_the_folder_that_the_run_makes(folder, capsys):
     assert not [name for name in os.listdir("new") if name.startswith("frame_")]
     assert main(["simulate", *map(str, words), "--video", "other/v.mp4"]) == 2
     assert "--video: expected an existing folder, got other" in capsys.readouterr().err
-
-
-def test_the_terminal_does_not_obey_a_scene(folder, capsys):
     (folder / "odd.toml").write_text('title = "\\u001b[31mred"\n' + TOML)
     run("odd.toml", "-o", "a\x1bb", "--seconds", 0.05)
     out = capsys.readouterr().out

@@ -96,20 +96,16 @@ z = {}
     assert (lines[("u", 1, "w")], lines[("u", 1, "w", "z")]) == (13, 14)
 
 
-def test_bodies_of_a_scene(tmp_path):
+def test_bodies_of_a_scene_and_the_rigidity_of_nine_columns(tmp_path):
     found = {body.name: body for body in bodies(read_scene(scene(tmp_path, SCENE)))}
     assert [body.kind for body in found.values()] == ["fluid", "tissue", "boundary"]
     assert len(found["water"].positions) == 125
     assert np.allclose(found["water"].positions.min(axis=0), 0.05)
-    walls = found["walls"].positions
-    ends = [-0.1 * BEHIND, 1 + 0.1 * BEHIND]
+    walls, ends = found["walls"].positions, [-0.1 * BEHIND, 1 + 0.1 * BEHIND]
     assert len(walls) == 12**3 - 10**3
     assert np.allclose([walls.min(), walls.max()], ends)
     assert (found["jelly"].young == 3000).all()
     assert not found["jelly"].fixed.any()
-
-
-def test_rigidity_of_the_nine_columns_is_obeyed(tmp_path):
     positions = [[0.1 * i + 0.05, 0.5, 0.5] for i in range(4)]
     write(tmp_path / "p.txt", Particles(positions, rigidity=np.array([0, 0.3, 0.8, 1])))
     text = SCENE + '[[solids]]\nname = "all"\nparticles.file = "p.txt"\n'

@@ -1,7 +1,5 @@
 """Scenes of 3D Slicer (.mrb) and recordings of Stradwin (.sw, .sxi)."""
 
-from __future__ import annotations
-
 import os
 import re
 import zipfile
@@ -31,9 +29,6 @@ def refused(path, **options) -> str:
     assert str(error.value).startswith(f"{path}: ")
     assert "\n" not in str(error.value)
     return str(error.value)
-
-
-# 3D Slicer
 
 
 def sequence(name, frames=FRAMES, space="right-anterior-superior", step=1.0, times=TIMES, first=False) -> None:
@@ -72,7 +67,6 @@ def transforms(name, key, matrices, times, bad=()) -> None:
 
 
 def scene(name, *members, single="") -> None:
-    """A scene bundle of the members."""
     text = f'<?xml version="1.0"?>\n<MRML version="Slicer 5">\n{single}\n</MRML>\n'
     with zipfile.ZipFile(name, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("Scan/Scan.mrml", text)
@@ -89,7 +83,7 @@ def whole(name="scan.mrb", **options) -> np.ndarray:
     return poses
 
 
-def test_a_scene_of_slicer():
+def test_a_scene_of_slicer_and_the_place_of_the_image():
     poses = whole()
     assert kind_of("scan.mrb") == ("sweep", "mrb")
     sweep = read_sweep("scan.mrb")
@@ -99,10 +93,6 @@ def test_a_scene_of_slicer():
     assert (sweep.space, sweep.world) == ("RAS", "Reference")
     os.rename("scan.mrb", "renamed.zip")
     assert np.array_equal(gb.ultrasound.read_sweep("renamed.zip").frames, FRAMES)
-
-
-def test_the_place_of_the_image_counts():
-    """Slicer puts the image's own geometry, here LPS and 0.5 mm, before its transforms."""
     poses = whole(space="left-posterior-superior", step=0.5)
     expected = poses @ LPS_FROM_RAS @ np.diag([0.5, 0.5, 1, 1])
     np.testing.assert_allclose(read_sweep("scan.mrb").world_from_image, expected, atol=1e-12)
@@ -122,8 +112,7 @@ def test_a_probe_a_calibration_and_other_times():
         f'matrixTransformToParent="{format_matrix(calibration)}"/>'
     )
     scene("scan.mrb", "Image.seq.nrrd", "Probe.seq.mha", single=single)
-    sweep = read_sweep("scan.mrb")
-    expected = np.tile(calibration, (N, 1, 1))
+    sweep, expected = read_sweep("scan.mrb"), np.tile(calibration, (N, 1, 1))
     expected[:, 2, 3] += 30 * (TIMES - 100)
     np.testing.assert_allclose(sweep.world_from_image, expected, atol=1e-9)
     own = Calibration(np.diag([0.3, 0.3, 0.3, 1.0]))
@@ -152,9 +141,6 @@ def test_scenes_that_cannot_be_read():
     with zipfile.ZipFile("scan.mrb", "a", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("Scan/Data/bomb.mha", bytes(200 * 2**20))
     assert "times the" in refused("scan.mrb")
-
-
-# Stradwin
 
 
 def stradwin(name="scan", moves=None, frames=FRAMES, without="", **fields) -> np.ndarray:
@@ -187,7 +173,7 @@ def stradwin(name="scan", moves=None, frames=FRAMES, without="", **fields) -> np
     return np.stack([rigid(move) @ rigid(own) @ pixel for move in moves])
 
 
-def test_a_recording_of_stradwin():
+def test_a_recording_of_stradwin_and_frames_without_a_position():
     poses = stradwin()
     assert kind_of("scan.sw") == ("sweep", "stradwin")
     sweep = read_sweep("scan.sw")
@@ -199,9 +185,6 @@ def test_a_recording_of_stradwin():
     np.testing.assert_allclose(scales, 0.5)  # the calibration given here replaces the recording's
     os.rename("scan.sw", "scan.txt")  # the content tells
     assert np.array_equal(read_sweep("scan.txt").frames, FRAMES)
-
-
-def test_frames_without_a_position():
     moves = np.zeros((N, 6))
     moves[:, 2] = np.arange(N)
     moves[3] = np.nan

@@ -1,8 +1,6 @@
 """Sweeps and pose tables of other programs, each made with a library of its own where there is
 one."""
 
-from __future__ import annotations
-
 import csv
 import warnings
 from pathlib import Path
@@ -27,12 +25,10 @@ TIMES = 1_700_000_000.125 + np.arange(N) / 30  # s since 1970
 
 
 def images(dtype="uint8") -> np.ndarray:
-    rng = np.random.default_rng(5)
-    return rng.integers(0, 250, (N, 10, 14)).astype(dtype)
+    return np.random.default_rng(5).integers(0, 250, (N, 10, 14)).astype(dtype)
 
 
 def quaternions(poses: np.ndarray) -> np.ndarray:
-    """(N, 4) x y z w, by scipy."""
     return Rotation.from_matrix(poses[:, :3, :3]).as_quat()
 
 
@@ -94,8 +90,7 @@ def optitrack(unit="Meters", scale=1e-3, bodies=("Probe",), turn="Quaternion") -
     poses = random_poses(N)
     q = quaternions(poses)
     kinds = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"]
-    axes = [*"XYZW", *"XYZ", ""]
-    n = len(bodies)
+    axes, n = [*"XYZW", *"XYZ", ""], len(bodies)
     head = [
         ["Format Version", "1.23", "Take Name", "Take 1", "Capture Frame Rate", "30.000000",
          "Rotation Type", turn, "Length Units", unit, "Coordinate Space", "Global"],
@@ -114,8 +109,7 @@ def optitrack(unit="Meters", scale=1e-3, bodies=("Probe",), turn="Quaternion") -
 
 def test_optitrack():
     for unit, scale in (("Meters", 1e-3), ("Millimeters", 1.0), ("Centimeters", 0.1)):
-        poses = optitrack(unit, scale)
-        table = read_poses("take.csv")
+        poses, table = optitrack(unit, scale), read_poses("take.csv")
         assert np.array_equal(np.flatnonzero(~table.ok), [4])
         assert close(table, poses)
         assert np.allclose(table.times, np.arange(N) / 30)
@@ -154,7 +148,7 @@ def write_table(name: str, column: str, times, poses) -> None:
     write_rows(name, [head, *rows])
 
 
-def test_units_of_time():
+def test_units_of_time_and_a_tracker_s_buffer_of_plus():
     poses = random_poses(N)
     for column, unit in (
         ("time", 1), ("time", 1e3), ("timestamp", 1e6), ("t", 1e9),
@@ -165,10 +159,6 @@ def test_units_of_time():
     for column, first in (("time_ms", 0.25), ("time", 250)):  # small ones
         write_table("poses.csv", column, [250, 500] * (N // 2), poses)
         assert read_poses("poses.csv").times[0] == first
-
-
-def test_absolute_milliseconds_beside_a_frame_rate():
-    """Before: no pose surrounded any frame."""
     np.save("frames.npy", images())
     poses = random_poses(N) @ PIXEL
     write_table("poses.csv", "time", [round(t * 1000) for t in TIMES], poses)
@@ -182,10 +172,6 @@ def test_absolute_milliseconds_beside_a_frame_rate():
     write_table("poses.csv", "time", np.arange(N) / 30 + 0.1, poses)
     sweep = read_sweep("frames.npy", poses="poses.csv", frame_times=30)
     assert not sweep.valid[:3].any()
-
-
-def test_a_tracker_s_buffer_of_plus_as_poses():
-    """Transforms, and images that mean nothing."""
     poses = random_poses(N)
     about = {f"Seq_Frame{i:04d}_ImageStatus": "INVALID" for i in range(N)}
     lost = {"Seq_Frame0005_ProbeToTrackerTransformStatus": "INVALID"}
@@ -200,8 +186,7 @@ def test_a_tracker_s_buffer_of_plus_as_poses():
 
 def write_calib_matrix(titles: bool) -> np.ndarray:
     """A calib_matrix.csv, whose pixels count from 1."""
-    scale = np.diag([0.229, 0.221, 1.0, 1.0])
-    tool = random_poses(1, seed=4)[0]
+    scale, tool = np.diag([0.229, 0.221, 1.0, 1.0]), random_poses(1, seed=4)[0]
     rows: list = []
     for title, matrix in (("scaling_from_pixel_to_mm", scale), ("from_image_mm_to_tool", tool)):
         rows += [[title]] if titles else []
@@ -214,8 +199,7 @@ def write_calib_matrix(titles: bool) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["scan.h5", "scan.npz"])
 def test_tus_rec(name):
-    poses = random_poses(N)
-    frames = images()
+    poses, frames = random_poses(N), images()
     if name == "scan.h5":
         h5py = pytest.importorskip("h5py", reason="needs h5py")
         with h5py.File(name, "w") as file:
@@ -232,8 +216,7 @@ def test_tus_rec(name):
     timed = read_sweep(name, calibration="calib_matrix.csv", frame_times=20)
     assert np.allclose(timed.timestamps, np.arange(N) / 20)
     gb.ultrasound.write_sweep("again.igs.mha", timed)
-    again = read_sweep("again.igs.mha")
-    assert np.allclose(again.world_from_image, sweep.world_from_image, atol=1e-6)
+    assert np.allclose(read_sweep("again.igs.mha").world_from_image, sweep.world_from_image, atol=1e-6)
     assert "give a calibration" in refused(name)
     Path("bad.csv").write_text("1,2,3\n", encoding="utf-8")
     assert "two matrices of four rows" in refused(name, calibration="bad.csv")
@@ -291,8 +274,7 @@ def test_tiff_by_pillow_in_color():
     pages[0].save("color.tif", save_all=True, append_images=pages[1:], compression="tiff_lzw")
     write_table("poses.csv", "time", np.arange(N) / 30, random_poses(N) @ PIXEL)
     whole = read_sweep("color.tif", poses="poses.csv", frame_times=30)
-    data = Path("color.tif").read_bytes()
-    said = []
+    data, said = Path("color.tif").read_bytes(), []
     for n in range(9, len(data), 7):
         Path("cut.tif").write_bytes(data[:n])
         with warnings.catch_warnings():

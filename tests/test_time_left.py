@@ -1,7 +1,5 @@
 """What a long simulation says of its end, by a clock that the test sets."""
 
-from __future__ import annotations
-
 import re
 
 import pytest
@@ -28,7 +26,7 @@ def steps(left, clock, n, cost, dt):
     return said
 
 
-def test_it_is_said_once_after_three_steps_unless_less_than_a_minute_is_left():
+def test_it_is_said_once_by_the_pace_of_the_last_frames():
     clock = Clock()
     said = steps(TimeLeft(0.0, 2.0, 3, clock), clock, 9, 0.25, 1e-4)
     assert [k for k, line in enumerate(said, 1) if line] == [3]
@@ -36,10 +34,6 @@ def test_it_is_said_once_after_three_steps_unless_less_than_a_minute_is_left():
     assert said[2].startswith("83 min to go at 250 ms a step of 0.0001 s; Ctrl-C keeps")
     clock = Clock()
     assert not any(steps(TimeLeft(0.0, 0.2, 3, clock), clock, 9, 0.02, 1e-4))
-
-
-def test_a_picture_before_the_first_step_is_no_step():
-    """120 frames of 20 s, 2,397 steps of 0.1 s."""
     clock = Clock()
     left = TimeLeft(0.0, 2.4, 121, clock)
     left.frame(0.0)
@@ -47,10 +41,6 @@ def test_a_picture_before_the_first_step_is_no_step():
     left.frame(0.0)
     (said,) = filter(None, steps(left, clock, 5, 0.1, 1e-3))
     assert said.startswith("44 min to go at 100 ms a step of 0.001 s and 20 s a frame; ")
-
-
-def test_the_pace_is_that_of_the_last_frames():
-    """An emitter: each frame takes a second more than the one before."""
     clock = Clock()
     left = TimeLeft(0.0, 100.0, 101, clock)
     assert left.seconds(0.0) is None  # before the first step
@@ -68,5 +58,4 @@ def test_the_command_says_it(slow, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(time_left.TimeLeft.__init__, "__defaults__", (clock,))
     out = str(tmp_path / "dam")
     assert main(["simulate", "dam-break", "-o", out, "--spacing", "0.08", "--seconds", "0.1"]) == 0
-    said = re.findall(r"note: (.*) to go at .* ms a step of .*; ", capsys.readouterr().err)
-    assert len(said) == slow
+    assert len(re.findall(r"note: (.*) to go at .* ms a step of .*; ", capsys.readouterr().err)) == slow

@@ -1,7 +1,5 @@
 """What a hand and instruments feel, on the viewer's page."""
 
-from __future__ import annotations
-
 import threading
 from types import SimpleNamespace
 
@@ -26,24 +24,13 @@ from globule.viewer.state import State
 BROWSERS = True  # see hang_guard
 
 
-def test_forces_have_two_digits_and_a_unit():
-    said = {
-        123.0: "120 N", 12.34: "12 N", 1.0: "1.0 N", 0.5: "0.50 N", 0.0123: "0.012 N",
-        0.00994: "9.9 mN", 0.00999: "10 mN", 0.00072: "0.72 mN", 0.0: "0 mN",
-    }  # fmt: skip
-    assert {force: newtons(force) for force in said} == said
-
-
 def hand_at(point) -> SimpleNamespace:
-    """A hand over a point of the surface, which looks at it along -x."""
     camera = gb.Camera(tuple(np.add(point, (0.3, 0, 0))), tuple(point), (0, 0, 1))
-    frame = SimpleNamespace(size=(100, 100))
-    client = SimpleNamespace(camera=camera, frame=frame)
+    client = SimpleNamespace(camera=camera, frame=SimpleNamespace(size=(100, 100)))
     return SimpleNamespace(client=client, on_surface=lambda screens: [tuple(point)])
 
 
 def held_block():
-    """A block on a fixed foot, and the hand that holds its top."""
     scene = scene_with_grasper("bonds")
     del scene["instruments"]
     scene["solids"][0]["fixed"] = [{"box": {"lo": [-1, -1, -1], "hi": [1, 1, 0.006]}}]
@@ -53,7 +40,7 @@ def held_block():
 MIDDLE, ABOVE = (0.5, 0.5), (0.5, 0.46)
 
 
-def test_a_hand_that_pulls_is_said_its_force():
+def test_a_hand_that_pulls_is_said_its_force_in_two_digits():
     source, hand = held_block()
     sim = source.simulation
     steps(source, 2)
@@ -87,9 +74,14 @@ def test_a_hand_that_pulls_is_said_its_force():
     assert source.pull_words() == "nothing to hold here"
     source.grasp(beside, "end", MIDDLE, MIDDLE)
     assert source.pull_words() == ""
+    said = {
+        123.0: "120 N", 12.34: "12 N", 1.0: "1.0 N", 0.5: "0.50 N", 0.0123: "0.012 N",
+        0.00994: "9.9 mN", 0.00999: "10 mN", 0.00072: "0.72 mN", 0.0: "0 mN",
+    }  # fmt: skip
+    assert {force: newtons(force) for force in said} == said
 
 
-def test_the_page_does_not_wait_for_a_running_step():
+def test_the_page_does_not_wait_for_a_step_and_one_asked_for_comes_after_it():
     source, hand = held_block()
     source.grasp(hand, "start", MIDDLE, MIDDLE)
     steps(source, 2)
@@ -116,9 +108,6 @@ def test_the_page_does_not_wait_for_a_running_step():
     finally:
         go_on.set()
         thread.join()
-
-
-def test_a_step_asked_for_during_another_comes_after_it():
     source, _ = held_block()
     sim, step = source.simulation, source.simulation.step
 
@@ -187,8 +176,7 @@ def test_forces_cost_the_panel_no_update_more(held, monkeypatch):
         panel.tick()
         assert Widget.updates == n
         force = forces(source.simulation)["hand"]
-        assert (force > 0) == held
-        assert (f"hand: {newtons(force)}" in panel.status.content) == held
+        assert (force > 0, f"hand: {newtons(force)}" in panel.status.content) == (held, held)
         panel.tick()
         assert Widget.updates == n
 

@@ -1,7 +1,5 @@
 """Several people: who steers, who looks, and how many there may be."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import socket
@@ -31,7 +29,6 @@ def shared():
 
 @pytest.fixture
 def both(shared):
-    """Programs that look and that steer."""
     with closing(Program(shared.look_address)) as looking:
         until(lambda: shared.clients)
         with closing(Program(shared.address)) as steering:
@@ -71,8 +68,7 @@ def test_the_toolbar_of_who_looks(shared, looking):
     number = next(n for n, c in shared.clients.items() if c.role == LOOK)
     desk = shared.page.desk
     model = desk.model.of(SimpleNamespace(client_id=number))
-    assert (model["role"], model["people"]) == (LOOK, [2, 3])
-    assert model["tools"] == ["Rotate, pick", "Measure"]
+    assert (model["role"], model["people"], model["tools"]) == (LOOK, [2, 3], ["Rotate, pick", "Measure"])
     before = shared.state.to_toml()
     with toolbar(shared, looking, shared.look_token) as asks:
         for name in desk._actions().keys() - PRIVATE_ACTIONS:
@@ -85,7 +81,6 @@ def test_the_toolbar_of_who_looks(shared, looking):
 
 @contextmanager
 def toolbar(viewer, program, token):
-    """The connection of a page's script, with a token of its own."""
     word = until(lambda: program.word, "for the page's word")
     page = "/look" if token == viewer.look_token else ""
     with talk(viewer.port, f"desk?word={word}&token={token}", page) as connection:
@@ -183,8 +178,7 @@ def ask_for_ever(talk, action):
 def test_no_message_of_a_page_without_a_role_is_heard(shared):
     """Each handler of the server, for a connection whose role is not known."""
     server, called = shared.server._websock_server, []
-    kinds = list(server._incoming_handlers)
-    asked = VISITOR.set(None)
+    kinds, asked = list(server._incoming_handlers), VISITOR.set(None)
     try:
         for kind in kinds:
             assert server._incoming_handlers[kind], kind
@@ -254,6 +248,8 @@ def test_no_more_than_so_many_and_the_others_are_told(shared):
         arrive(shared.address)
         until(lambda: len(shared.clients) == 3)
         assert not shared.state.cuts.plane
+    with pytest.raises(ValueError, match="most_clients: expected 1 or more, got 0"):
+        view(blob(), most_clients=0)
 
 
 @pytest.mark.usefixtures("both")
@@ -285,8 +281,7 @@ class Gone:
         token = viewer.look_token if role else viewer.token
         lines = (
             f"GET {role}/?token={token} HTTP/1.1", "Host: localhost", "Upgrade: websocket",
-            "Connection: Upgrade", "Sec-WebSocket-Version: 13",
-            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+            "Connection: Upgrade", "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
             f"Sec-WebSocket-Protocol: viser-v{viser.__version__}",
         )  # fmt: skip
         self.socket.sendall("\r\n".join([*lines, "", ""]).encode())
@@ -309,11 +304,6 @@ def test_who_returns_takes_the_place_of_a_connection_that_broke(shared, role, mo
             assert dead not in shared.clients
             until(lambda: len(shared.engine.clients) == 1)
             until(lambda: shared.page.tools.hands.keys() == shared.clients.keys())
-
-
-def test_numbers_of_browsers_that_make_no_sense():
-    with pytest.raises(ValueError, match="most_clients: expected 1 or more, got 0"):
-        view(blob(), most_clients=0)
 
 
 def test_values_that_would_end_every_connection_are_refused(shared, both):

@@ -1,7 +1,5 @@
 """The start page: scenes, recent files and uploads, never a path of the browser's."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -34,7 +32,6 @@ def start(tmp_path, monkeypatch):
 
 
 def heard(connection, name):
-    """What the server says next of that name."""
     return told(connection, lambda message: name in message)[name]
 
 
@@ -93,18 +90,16 @@ def test_two_uploads_are_compared(start, tmp_path):
     assert (source.kind, source.name) == ("compare", "before.npz | after.npz")
 
 
-def test_uploads_that_are_refused(start, tmp_path):
+def test_uploads_that_are_refused_stall_or_drip(start, tmp_path, monkeypatch):
     mha = b"ObjectType = Image\nNDims = 3\nElementDataFile = /etc/passwd\n"
     nrrd = b"NRRD0004\ntype: uchar\ndimension: 1\nsizes: 9\ndata file: /etc/passwd\n\n"
     with talk(start.port, "start?token=") as connection:
         for name, data, size, why in (
             ("scene.toml", b"x", None, "expected a file with one of"),
-            ("a.npz", b"x", 1 << 50, "expected 1 to"),
-            ("a.npz", b"", -3, "expected 1 to"),
+            ("a.npz", b"x", 1 << 50, "expected 1 to"), ("a.npz", b"", -3, "expected 1 to"),
             ("a.mha", mha, None, "the name of another file"),
-            ("a.nrrd", nrrd, None, "the name of another file"),
-            ("a.npz", b"no archive", None, "a.npz"),
-        ):
+            ("a.nrrd", nrrd, None, "the name of another file"), ("a.npz", b"no archive", None, "a.npz"),
+        ):  # fmt: skip
             send(connection, name, data, size)
             said = heard(connection, "error")
             assert why in said
@@ -119,33 +114,16 @@ def test_uploads_that_are_refused(start, tmp_path):
         until(lambda: os.listdir(start._folder))
     until(lambda: not os.listdir(start._folder), "for the half file to go with its browser")
     assert start.source is None
-
-
-def test_uploads_that_stall_or_drip_are_refused(start, monkeypatch):
-    """A header without bytes, and a byte at a time."""
     with talk(start.port, "start?token=") as connection:
         send(connection, "a.npz", b"x", 100_000)
         assert heard(connection, "error") == "a.npz: expected the bytes of the file"
         monkeypatch.setattr("globule.viewer.start.STALLED", 0.01)
         send(connection, "a.npz", b"", 1000)
         said = "a.npz: expected 1,000 more bytes, got none for 0.01 s. Send it again."
-        assert heard(connection, "error") == said
-        assert os.listdir(start._folder) == []
+        assert (heard(connection, "error"), os.listdir(start._folder)) == (said, [])
 
 
-def test_another_machine_needs_the_token():
-    made = Start(open_source, "0.0.0.0")
-    try:
-        with pytest.raises(urllib.error.HTTPError) as refused:
-            urllib.request.urlopen(f"http://127.0.0.1:{made.port}/")
-        assert refused.value.code == 403
-        with urllib.request.urlopen(made.address()) as answer:
-            assert answer.status == 200
-    finally:
-        made.close()
-
-
-def test_recent_files_are_few_and_exist(tmp_path, monkeypatch):
+def test_recent_files_are_few_and_another_machine_needs_the_token(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert recent_files() == []
     for i in range(10):
@@ -155,6 +133,15 @@ def test_recent_files_are_few_and_exist(tmp_path, monkeypatch):
     assert [os.path.basename(path) for path in recent_files()][:2] == ["8.npz", "7.npz"]
     (tmp_path / "globule/recent.json").write_text("{")
     assert recent_files() == []
+    made = Start(open_source, "0.0.0.0")
+    try:
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(f"http://127.0.0.1:{made.port}/")
+        assert refused.value.code == 403
+        with urllib.request.urlopen(made.address()) as answer:
+            assert answer.status == 200
+    finally:
+        made.close()
 
 
 @pytest.mark.slow

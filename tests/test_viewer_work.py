@@ -1,7 +1,5 @@
 """The viewer's work without a browser: kinds of surface, meshes, undo, interrupted images."""
 
-from __future__ import annotations
-
 import threading
 
 import globule as gb
@@ -35,11 +33,10 @@ def scene_of(what: object, **settings: object) -> gb.Scene:
         return source.layers(state)[0].scene
 
 
-def test_the_viewer_takes_the_surface_that_render_takes():
+def test_the_viewer_takes_the_surface_that_render_takes_and_keeps_it():
     for particles in (water(), cloud()):
         assert scene_of(particles).surface == gb.fluids.choose_surface(particles)
-    assert scene_of(water()).surface == "smooth"
-    assert scene_of(water()).threshold == pytest.approx(0.5)
+    assert (scene_of(water()).surface, scene_of(water()).threshold) == ("smooth", pytest.approx(0.5))
     assert scene_of(water(), color__by="speed").surface == "smooth"
     for asked in ({"surface__kernel": "wyvill"}, {"surface__threshold": 0.6}):
         assert scene_of(water(), **asked).surface == "balls"
@@ -53,9 +50,6 @@ def test_the_viewer_takes_the_surface_that_render_takes():
     for moving, settings in ((False, None), (True, {"edge_samples": 0})):
         seen = traced(source, camera, size, moving)
         assert np.array_equal(seen.picture, gb.render(particles, camera, size, settings).picture)
-
-
-def test_a_sequence_keeps_its_kind_of_surface():
     torn = gb.Particles(water().positions, support=np.linspace(0.1, 0.3, 512))
     assert gb.fluids.choose_surface(torn) == "balls"
     source, state = open_source([water(), torn]), State()
@@ -133,8 +127,6 @@ def test_undo_and_redo():
 
 
 class Kept:
-    """A sink that notes what arrives."""
-
     def __init__(self, engine) -> None:
         self.engine, self.plans, self.errors = engine, [], []
         engine.on_error = self.errors.append
@@ -151,7 +143,7 @@ def shown():
         yield Kept(engine)
 
 
-def test_a_change_stops_a_still_image_and_the_next_one_is_complete(shown):
+def test_a_change_or_a_person_stops_a_still_image_which_then_begins_again(shown):
     client, engine = shown.client, shown.engine
     client.look(gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)), (200, 150))
     until(lambda: shown.plans and shown.plans[-1].still, "for a still image")
@@ -165,9 +157,6 @@ def test_a_change_stops_a_still_image_and_the_next_one_is_complete(shown):
     assert not shown.errors
     fresh = Shot(engine, last, (200, 150), 4).picture
     assert np.array_equal(client.frame.picture, fresh)
-
-
-def test_a_waiting_person_interrupts_a_still_image_which_then_begins_again(shown):
     client, engine = shown.client, shown.engine
     client.look(gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)), (800, 600))
     until(lambda: engine._still is not None, "for a still image to begin")
@@ -179,8 +168,7 @@ def test_a_waiting_person_interrupts_a_still_image_which_then_begins_again(shown
 
 def test_a_failed_thread_begins_again_and_says_so(shown, monkeypatch):
     client, engine = shown.client, shown.engine
-    failing = threading.Event()
-    usual = engine._next
+    failing, usual = threading.Event(), engine._next
 
     def fails():
         if not failing.is_set():
@@ -202,8 +190,7 @@ def test_a_simulation_with_tissue_shows_its_own_scene():
         shown = scene_of(sim, **asked)
         assert shown is not sim.scene
         assert (shown.surface, shown.threshold) == ("balls", 0.6)
-    source = open_source(sim)
-    code = python_code(source, State(), gb.Camera((0, -1, 0), (0, 0, 0)), (64, 48), (0, 0, 1))
+    code = python_code(open_source(sim), State(), gb.Camera((0, -1, 0), (0, 0, 0)), (64, 48), (0, 0, 1))
     assert "scene = simulation.scene\n" in code
     # What stands beside the tissue is no mistake in the particles.
     assert sim.scene.octree.n_inside < len(sim)

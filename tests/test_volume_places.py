@@ -1,8 +1,6 @@
 """One oblique volume with voxels of three different edges, written by four programs, is read as the
 same values at the same place. Our own files: test_formats_round_trips.py."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -30,7 +28,6 @@ def rotation() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def volume() -> Volume:
-    """No turned or mirrored reading of it has the same values."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation() * EDGES, ORIGIN
     return Volume(np.random.default_rng(3).integers(0, 250, (12, 16, 22), np.uint8), matrix)
@@ -39,8 +36,7 @@ def volume() -> Volume:
 def same(path, volume: Volume, tolerance: float = 1e-12) -> None:
     """`tolerance`: of the place, mm; 1e-4 where a format rounds its geometry to float32."""
     found = gb.volumes.read_volume(path)
-    assert found.space == "LPS"
-    assert found.values.dtype == volume.values.dtype
+    assert (found.space, found.values.dtype) == ("LPS", volume.values.dtype)
     assert np.array_equal(found.values, volume.values)
     assert np.abs(found.world_from_voxel - volume.world_from_voxel).max() < tolerance
 
@@ -49,8 +45,7 @@ def same(path, volume: Volume, tolerance: float = 1e-12) -> None:
 @pytest.mark.parametrize("form", ["sform", "qform"])
 @pytest.mark.interop
 def test_nibabel(kind, form, volume, tmp_path):
-    nibabel = pytest.importorskip("nibabel")
-    affine = LPS_FROM_RAS @ volume.world_from_voxel
+    nibabel, affine = pytest.importorskip("nibabel"), LPS_FROM_RAS @ volume.world_from_voxel
     made = getattr(nibabel, kind)(volume.values.T, affine)
     made.set_sform(affine if form == "sform" else None, int(form == "sform"))
     made.set_qform(affine if form == "qform" else None, int(form == "qform"))
@@ -61,8 +56,7 @@ def test_nibabel(kind, form, volume, tmp_path):
 
 @pytest.mark.interop
 def test_nibabel_in_metres_and_scaled(volume, tmp_path):
-    nibabel = pytest.importorskip("nibabel")
-    affine = LPS_FROM_RAS @ volume.world_from_voxel
+    nibabel, affine = pytest.importorskip("nibabel"), LPS_FROM_RAS @ volume.world_from_voxel
     affine[:3] /= 1000
     made = nibabel.Nifti1Image(volume.values.T.astype(np.int16), affine)
     made.header.set_xyzt_units("meter")
@@ -77,8 +71,7 @@ def test_nibabel_in_metres_and_scaled(volume, tmp_path):
 @pytest.mark.parametrize("space", ["left-posterior-superior", "right-anterior-superior"])
 @pytest.mark.interop
 def test_pynrrd(encoding, space, volume, tmp_path):
-    nrrd = pytest.importorskip("nrrd")
-    matrix = volume.world_from_voxel
+    nrrd, matrix = pytest.importorskip("nrrd"), volume.world_from_voxel
     if space.startswith("right"):
         matrix = LPS_FROM_RAS @ matrix
     header = {

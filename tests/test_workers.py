@@ -1,7 +1,5 @@
 """Processes that open files by libraries of others: kept for the next file, ended if one fails."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -30,7 +28,6 @@ def dcmread(path, **_):
 
 @pytest.fixture
 def opened(tmp_path, monkeypatch):
-    """opened(what): the process that opens a file that says `what`."""
     (tmp_path / "pydicom.py").write_text(LIBRARY)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(workers, "_idle", {})
@@ -84,8 +81,7 @@ def test_a_worker_that_was_killed_is_replaced(opened):
     os.waitid(os.P_PID, first, os.WEXITED | os.WNOWAIT)
     assert opened("good") != first
     # A fork of the program has workers of its own.
-    first = opened("good")
-    fork = os.fork()
+    first, fork = opened("good"), os.fork()
     if fork == 0:
         status = 1
         try:
@@ -93,8 +89,7 @@ def test_a_worker_that_was_killed_is_replaced(opened):
             workers._end_all()
         finally:
             os._exit(status)
-    assert os.waitstatus_to_exitcode(os.waitpid(fork, 0)[1]) == 0
-    assert opened("good") == first
+    assert (os.waitstatus_to_exitcode(os.waitpid(fork, 0)[1]), opened("good")) == (0, first)
 
 
 @pytest.mark.parametrize("end", ["", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"])
