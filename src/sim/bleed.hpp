@@ -52,7 +52,7 @@ struct Bleed {
 
 /// The nearest free place around each end that asks, in any order.  A group of lanes for each: one thread alone waits
 /// for memory longer than the rest of the step takes.
-template <class Tree> struct FindRoom {
+struct FindRoom {
     struct Nothing {};
     template <class Group> using Scratch = Nothing;
 

@@ -302,7 +302,6 @@ public:
 
     /// Blood that comes out of cut ends: the device looks for room, while the tree is that of the positions.  After
     /// gather.
-    template <class Tree>
     void bleed(const Tree& tree, const SortedParticles& particles, const sim::Sizes& sizes, float dt);
     /// The drops that it found, in the order of the tissue, not too close to each other, as long as the pools last.
     std::vector<tissue::Drop> drops();

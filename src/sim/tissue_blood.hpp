@@ -21,7 +21,6 @@ void TissueImpl<Exec>::change(const sim::Lists<Packet>& lists, const sim::State&
 }
 
 template <class Exec>
-template <class Tree>
 void TissueImpl<Exec>::bleed(const Tree& tree, const SortedParticles& particles, const sim::Sizes& sizes, float dt) {
     tissue::Vessels flowing;
     bleeds_ = false;
@@ -34,8 +33,8 @@ void TissueImpl<Exec>::bleed(const Tree& tree, const SortedParticles& particles,
     exec_.for_each(
         n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, contact_,
                 size_of_fluid_ * size_of_fluid_ * size_of_fluid_, dt, volume_.data(), &found->vessel, asking});
-    exec_.for_each_tile_of(&found->vessel, tissue::FindRoom<Tree>{tree, particles, asking, velocity_.data(), flowing,
-                                               sizes, contact_, size_of_fluid_, &found->t, found + 1});
+    exec_.for_each_tile_of(&found->vessel, tissue::FindRoom{tree, particles, asking, velocity_.data(), flowing, sizes,
+                                               contact_, size_of_fluid_, &found->t, found + 1});
 }
 
 template <class Exec> std::vector<tissue::Drop> TissueImpl<Exec>::drops() {
