@@ -198,7 +198,9 @@ def test_bodies_in_one_place_are_both_named(kind):
     other = {"name": "other", "box": {"lo": (0.12, 0.1, 0.03), "hi": (0.92, 0.9, 0.43)}}
     scene = {"spacing": 0.05, "domain": {"lo": (0, 0, 0), "hi": (1, 1, 1)}, "fluids": [pool]}
     expected = rf"{kind}\[.\] \(other\): expected room beside fluids\[0\] \(pool\), got particles"
-    with pytest.raises(SceneError, match=expected):
-        bodies(read_scene(scene | {kind: [*scene.get(kind, ()), other]}))
+    small = {"name": "other", "sphere": {"center": (0.5, 0.5, 0.25), "radius": 0.05}}  # of a large pool's volume 0.1 %
+    for within in (other, small):
+        with pytest.raises(SceneError, match=expected):
+            bodies(read_scene(scene | {kind: [*scene.get(kind, ()), within]}))
     other["box"] |= {"lo": (0.1, 0.1, 0.5), "hi": (0.9, 0.9, 0.9)}
     assert len(bodies(read_scene(scene | {kind: [*scene.get(kind, ()), other]}))) == 2
