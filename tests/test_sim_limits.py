@@ -152,15 +152,25 @@ def test_the_spacing_that_would_fit_does_and_steps_that_vanish_stop(tmp_path, mo
 
 
 @pytest.mark.parametrize("kind", ["fluids", "boundaries"])
-def test_a_mesh_out_of_the_domain_is_refused(tmp_path, kind):
-    pytest.importorskip("trimesh").creation.icosphere(2, 0.1).export(tmp_path / "ball.stl")
+def test_a_mesh_out_of_the_domain_or_with_holes_is_refused(tmp_path, kind):
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.icosphere(2, 0.1).export(tmp_path / "ball.stl")
     mesh = {"file": str(tmp_path / "ball.stl"), "move": [9, 9, 9]}
     domain = {"lo": [0, 0, 0], "hi": [1, 1, 1]}
     scene = {"spacing": 0.05, "domain": domain, kind: [{"name": "b", "mesh": mesh}]}
     with pytest.raises(SceneError, match=rf"{kind}\[0\] \(b\): .* got all outside of it"):
         gb.Simulation(scene, device="cpu")
     mesh["move"] = [0.5, 0.5, 0.5]
-    assert np.allclose(gb.Simulation(scene, device="cpu").positions.mean(axis=0), 0.5, atol=0.01)
+    sim = gb.Simulation(scene, device="cpu")
+    assert np.allclose(sim.positions.mean(axis=0), 0.5, atol=0.01)
+    ball = trimesh.creation.icosphere(2, 0.1)
+    ball.update_faces(ball.triangles_center[:, 2] < 0.06)
+    ball.export(tmp_path / "ball.stl")
+    if kind == "boundaries":  # its surface counts
+        assert len(gb.Simulation(scene, device="cpu").positions) > 0
+        return
+    with pytest.raises(SceneError, match=rf"{kind}\[0\] \(b\): expected a closed mesh, got one with holes"):
+        gb.Simulation(scene, device="cpu")
 
 
 KINDS = {"fluids": "fluid", "solids": "tissue", "rigids": "rigid"}
