@@ -81,6 +81,10 @@ def test_restart_is_bit_identical_and_frames_are_read_in_every_format(folder, ca
     assert files[-3:] == [f"frame_{k:05d}.vtp" for k in range(3)]
     assert "checkpoint.npz" in files
     assert last["vtp"].attributes["velocity"].shape == (512, 3)
+    Path("parts/frame_00001.vtp").write_bytes(Path("parts/frame_00001.vtp").read_bytes()[:700])
+    Path("parts/frame_00002.vtp").unlink()
+    run("dam.toml", "-o", "parts", "--resume")
+    assert "parts: frame_00001.vtp, frame_00002.vtp missing or damaged" in capsys.readouterr().err
 
 
 @pytest.mark.slow
