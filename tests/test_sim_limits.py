@@ -169,7 +169,7 @@ def test_a_mesh_out_of_the_domain_or_with_holes_is_refused(tmp_path, kind):
     if kind == "boundaries":  # its surface counts
         assert len(gb.Simulation(scene, device="cpu").positions) > 0
         return
-    with pytest.raises(SceneError, match=rf"{kind}\[0\] \(b\): expected a closed mesh, got one with holes"):
+    with pytest.raises(SceneError, match=rf"{kind}\[0\] \(b\): expected a closed mesh, got holes"):
         gb.Simulation(scene, device="cpu")
 
 

@@ -196,9 +196,7 @@ class Mesh:
         crossings = self.crossings(columns + spacing * np.array([1.7e-5, 2.9e-5]))
         met, one_sided = sum(len(h) > 0 for h in crossings), sum(len(h) % 2 for h in crossings)
         if one_sided > OPEN * met:
-            raise ValueError(
-                f"expected a closed mesh, got one with holes: {one_sided} of {met} lines leave through them"
-            )
+            raise ValueError(f"expected a closed mesh, got holes that {one_sided} of {met} lines pass")
         points = []
         for column, heights in zip(columns, crossings, strict=True):
             z = axes[2][np.searchsorted(heights, axes[2]) % 2 == 1]
