@@ -157,6 +157,21 @@ def test_blood_stains_tissue_and_wet_tissue_shines(backend):
     assert wet[0].color[some][darker.argmax()] == pytest.approx([0.245, 0.075, 0.075], abs=0.05)
 
 
+def test_a_cut_that_does_not_gape_bleeds_at_its_lips(backend):
+    x = block(10, 5, 6)
+    sim = make(backend, x, fixed=np.ones(len(x), bool))  # held: no face gives way
+    deep = 2.5 * D
+    sim.tissue.add_vessel(vessel([[0, 2 * D, deep], [9 * D, 2 * D, deep]], 0.8 * D, 20000.0, 1e-4))
+    blade = np.array([[4.5 * D, -D, 0.5 * D], [4.5 * D, -D, 7 * D]])
+    assert sim.tissue.cut((blade, blade + [0, 7 * D, 0])) > 0
+    while sim.time < 0.4:
+        sim.step()
+    blood = sim.positions[sim.arrays.phase == list(sim.phases).index("blood")]
+    assert len(blood) > 5
+    assert 1e-4 - sim.tissue.pools[0] == pytest.approx(len(blood) * D**3, rel=1e-6)
+    assert np.abs(blood[:, 0] - 4.5 * D).min() < D  # over the cut
+
+
 def test_free_fall_does_not_shorten_steps_but_landing_does(backend):
     """One drop at 2 m/s: steps by its speed alone would take 0.8 ms."""
     x = block(8, 8, 3)

@@ -1,5 +1,5 @@
 """One oblique volume with voxels of three different edges, written by four programs, is read as the
-same values at the same place. Our own files: test_formats_round_trips.py."""
+same values at the same place. Our own files: test_formats.py."""
 
 import globule as gb
 import numpy as np

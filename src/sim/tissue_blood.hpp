@@ -30,9 +30,14 @@ void TissueImpl<Exec>::bleed(const Tree& tree, const SortedParticles& particles,
     if (!bleeds_) return;
     tissue::Drop *asking = asking_.reserve(n_), *found = found_.reserve(n_ + 1);
     exec_.clear(found, sizeof *found);
-    exec_.for_each(
-        n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, contact_,
-                size_of_fluid_ * size_of_fluid_ * size_of_fluid_, dt, volume_.data(), &found->vessel, asking});
+    std::uint8_t* open = open_.reserve(tissue::kMaxVessels + 1);
+    exec_.clear(open, tissue::kMaxVessels + 1);
+    exec_.for_each(n_, tissue::Seep{bonds(), hold_.data(), flowing, contact_, dt, volume_.data(), whose_.data(),
+                           next_volume_.reserve(n_), next_whose_.reserve(n_), open});
+    volume_.swap(next_volume_);
+    whose_.swap(next_whose_);
+    exec_.for_each(n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, float(drop_volume()), volume_.data(),
+                           whose_.data(), open, &found->vessel, asking});
     exec_.for_each_tile_of(&found->vessel, tissue::FindRoom{tree, particles, asking, velocity_.data(), flowing, sizes,
                                                contact_, size_of_fluid_, &found->t, found + 1});
 }
