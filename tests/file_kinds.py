@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from format_helpers import naming, vtu
+from scipy.io import savemat
 from test_formats_simulators import INSIDE, bi4
 
 STEP = 0.1
@@ -402,6 +403,9 @@ def _(path: Path) -> None:
 
 kind("numpy.save", "a.npy")(lambda path: np.save(path, X))
 kind("numpy.savez by name", "a.npz", names=("speed",))(lambda path: np.savez(path, positions=X, speed=np.ones(N)))
+kind("MATLAB 5", "a.mat", **grains(names=("radius",)))(
+    lambda path: savemat(path, {"positions": CENTERS, "radius": RADII, "h": 0.1, "run": "a", "all": {"a": 1}})
+)
 kind("numpy.savez without a name", "a.npz")(lambda path: np.savez(path, X))
 
 

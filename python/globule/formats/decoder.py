@@ -1,5 +1,5 @@
 """A program of its own that opens files with libraries of others: SimpleITK, OpenEXR, h5py,
-pyarrow, usd-core.
+pyarrow, usd-core, SciPy.
 
 `workers.py` starts it. It knows nothing of globule. It loads the library that its word names, then
 runs a task for each line of standard input, in a fork of its own with limits of memory and time: a
@@ -72,7 +72,7 @@ def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
         return json.loads(request)
 
     try:
-        known = (dicom, regions, series, exr, hdf5, sweep_h5, video, arrow, usd)
+        known = (dicom, regions, series, exr, hdf5, sweep_h5, video, arrow, usd, matlab)
         tasks = {t.__name__: t for t in known}
         facts, arrays = tasks[task](path, ask)
         described = [[a.dtype.str, a.shape] for a in arrays]
@@ -381,6 +381,24 @@ def _attributes(item: Any) -> dict:
             if all(isinstance(t, str) for t in texts):
                 found[name] = [t[:200] for t in texts]
     return found
+
+
+def matlab(path: str, ask: Any) -> tuple[dict, list]:
+    """The real matrices of MATLAB 4 to 7; those of one row or column are (N,), single numbers ()."""
+    import numpy as np
+    from scipy.io import loadmat, whosmat
+
+    real = {"double", "single", "logical", *(f"{u}int{bits}" for u in ("", "u") for bits in (8, 16, 32, 64))}
+    sizes = {name: math.prod(shape) for name, shape, kind in whosmat(path, appendmat=False) if kind in real}
+    ask(8 * sum(sizes.values()))
+    names, arrays = [], []
+    for name, a in loadmat(path, appendmat=False, variable_names=[*sizes]).items():
+        if name in sizes and a.dtype.kind in "biuf":
+            names.append(name)
+            flat = a.size == 1 or (a.ndim == 2 and 1 in a.shape and a.shape != (1, 3))
+            shape = a.squeeze().shape if flat else a.shape
+            arrays.append(np.ascontiguousarray(a, a.dtype.newbyteorder("=")).reshape(shape))
+    return {"names": names}, arrays
 
 
 def arrow(path: str, ask: Any) -> tuple[dict, list]:

@@ -1,4 +1,5 @@
-"""NumPy files: .npz with arrays named like the fields of Particles, .npy with positions only.
+"""NumPy files: .npz with arrays named like the fields of Particles, .npy with positions only; and
+MATLAB 5's matrices, which are read as an .npz is.
 
 Pickled objects are never loaded; those of PySPH are read by `pysph_npz`.
 """
@@ -23,6 +24,7 @@ from . import pysph_npz
 from .contents import Contents
 from .errors import bad, shown
 from .fields import check_lengths, find_positions, particles_from
+from .guarded import decode
 from .size import bytes_of, check_size
 
 _PIECE = 1 << 22  # bytes that are read at once
@@ -72,6 +74,16 @@ def read_npz(
     particles.up, names = _facts(path)
     particles.names = {name: kinds for name, kinds in names.items() if name in particles.attributes}
     return particles
+
+
+def read_mat(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None) -> Particles:
+    """Read MATLAB 5's .mat (of -v4 to -v7): its real matrices, vectors with one axis, as arrays of an
+    .npz. Raises FormatError."""
+    facts, matrices = decode("matlab", path, "matrices of MATLAB")
+    arrays = dict(zip(facts["names"], matrices, strict=True))
+    if columns is not None:
+        arrays = {name: _named(path, arrays, column) for name, column in columns.items()}
+    return _from_arrays(path, arrays)
 
 
 def read_up(path: str | os.PathLike[str]) -> tuple[float, float, float]:

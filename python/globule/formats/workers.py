@@ -22,7 +22,7 @@ _KEPT = 2  # idle workers of a library
 # What a worker loads. pyarrow starts threads, which a fork must not have.
 _LIBRARIES = {
     "hdf5": "h5py", "sweep_h5": "h5py", "dicom": "SimpleITK", "series": "SimpleITK",
-    "regions": "pydicom", "exr": "OpenEXR", "video": "av", "usd": "pxr.UsdGeom", "arrow": "numpy",
+    "regions": "pydicom", "exr": "OpenEXR", "video": "av", "usd": "pxr.UsdGeom", "arrow": "numpy", "matlab": "scipy.io",
 }  # fmt: skip
 # By process, too: a fork of this program must not use the workers of its parent.
 _idle: dict[tuple[int, str], list[subprocess.Popen]] = {}
