@@ -7,6 +7,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "api/limits.hpp"
 #include "api/spacing.hpp"
 #include "arguments.hpp"
 #include "backends/open.hpp"
@@ -77,6 +78,17 @@ NB_MODULE(_core, m) {
     bind_picture(m);
     bind_pixels(m);
     m.attr("version") = globule::version();
+    nb::dict limits, kernels;  // support in spacings, threshold and reach in supports, by name
+    limits["particles"] = globule::kMaxParticles;
+    limits["support"] = globule::kMaxSupport;
+    limits["ratio"] = globule::kMaxRatio;
+    limits["samples"] = globule::kMaxSamples;
+    limits["lights"] = kMaxLights;
+    limits["layers"] = kMaxLayers;
+    limits["iterations"] = SimulationSettings::kIterations;
+    for (const auto& k : globule::kKernels) kernels[k.name] = nb::make_tuple(k.spacings, k.threshold, k.reach);
+    m.attr("limits") = limits;
+    m.attr("kernels") = kernels;
     m.def("cpu_backends", &cpu_backends);
     m.def("stop_at_poll", &stop_at_poll, nb::arg("poll").none());
     m.def("n_polls", [] { return counted.n.load(); });

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import globule as gb
 import pytest
-from globule.render import layers, lights, settings
-from globule.scene import scene
 
 PACKAGE, ROOT = Path(gb.__file__).parent, Path(__file__).resolve().parents[1]
 STRUCTS = {"render_settings": (gb.Headlight, gb.DirectionalLight, gb.PointLight, gb.Sky,
@@ -47,23 +45,6 @@ def test_defaults():
         assert kind is gb.ClipBox or shared >= plain, kind
         different += [(kind, n, here[n], there[n]) for n in shared if here[n] != there[n]]
     assert different == []
-
-
-def test_kernels_and_limits():
-    text = (ROOT / "src/api/scene.cpp").read_text()
-    table = re.search(r"KernelDefaults table\[\] = {(.*?)};", text, re.S)[1]
-    rows = re.findall(r"{([\d.]+), ([\d.]+), ([\d.]+)},\s*// (\w+)", table)
-    assert tuple(name for *_, name in rows) == scene.KERNELS
-    for spacings, threshold, reach, name in rows:
-        assert (scene.DEFAULTS[name], float(reach)) == ((float(spacings), float(threshold)), scene.REACH[name])
-    limits = dict(re.findall(r"constexpr (?:double|int) (k\w+) = ([\w.]+);", text))
-    assert (float(limits["kMaxSupport"]), float(limits["kMaxRatio"])) == (scene.MAX_SUPPORT, scene.MAX_RATIO)
-    assert int(limits["kMaxSamples"]) == settings.MAX_SAMPLES
-    assert "kMaxParticles = (std::size_t(1) << 31) - 64" in text
-    assert scene.MAX_PARTICLES == 2**31 - 64
-    core = "".join(path.read_text() for path in (ROOT / "src").rglob("*.hpp"))
-    assert int(re.search(r"kMaxLights = (\d+)", core)[1]) == lights.MAX_LIGHTS
-    assert int(re.search(r"kMaxLayers = (\d+)", core)[1]) == layers.MAX_LAYERS
 
 
 def declarations(text: str) -> str:

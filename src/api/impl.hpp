@@ -7,6 +7,7 @@
 
 #include "api/checks.hpp"
 #include "api/device.hpp"
+#include "api/limits.hpp"
 #include "globule/frame.hpp"
 #include "globule/mesh.hpp"
 #include "globule/scene.hpp"
@@ -118,12 +119,5 @@ struct Frame::Impl {
     core::PictureRequest request;     ///< its passes are not used
     std::shared_ptr<const void> sky;  ///< keeps the request's image alive
 };
-
-/// Support in spacings and iso-value, by kernel.
-struct KernelDefaults {
-    double spacings, threshold;
-    double reach;  ///< in supports: where b is an eighth of the threshold
-};
-const KernelDefaults& defaults_of(core::KernelName kernel);
 
 }  // namespace globule

@@ -10,12 +10,8 @@
 namespace globule {
 namespace {
 
-constexpr std::size_t kMaxParticles = (std::size_t(1) << 31) - 64;
-constexpr double kMaxSupport = 1e18;  ///< past it squares overflow float32
-constexpr double kMaxRatio = 1e6;     ///< between the largest and the smallest support
-constexpr std::size_t kDozen = 12;    ///< the spacing of so many is not kept
+constexpr std::size_t kDozen = 12;  ///< the spacing of so many is not kept
 constexpr core::float3 kColor{0.28f, 0.52f, 0.80f};
-constexpr int kMaxSamples = 65536;
 constexpr int kSmoothEdges = 3;  ///< more samples at edges of images with a smooth surface, by default
 
 /// What an update takes, checked.
@@ -157,19 +153,6 @@ Update check_update(
 }
 
 }  // namespace
-
-const KernelDefaults& defaults_of(core::KernelName kernel) {
-    static constexpr KernelDefaults table[] = {
-        {2.0, 0.6, 0.85},   // murakami
-        {2.5, 0.6, 0.78},   // nishimura
-        {2.0, 0.6, 0.82},   // wyvill
-        {3.5, 0.6, 0.47},   // blinn
-        {2.75, 0.6, 0.67},  // cubic_spline
-        {2.75, 0.6, 0.62},  // wendland_c2
-        {2.2, 0.1, 0.69},   // solid
-    };
-    return table[int(kernel)];
-}
 
 void Scene::Impl::check_whole() const {
     if (!n_of_owner && !whole)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import _core
 from .._base.arrays import on_gpu, to_host
 from .._base.checks import named, shown
 from .._base.device import Device
@@ -22,7 +23,7 @@ from ..scene.sources import as_particles
 from .clips import CLIPS, Clip
 from .materials import Material
 
-MAX_LAYERS = 4
+MAX_LAYERS: int = _core.limits["layers"]
 
 
 @named

@@ -11,11 +11,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from .. import _core
 from .._base.arrays import ColorLike, VectorLike, address
 from .._base.checks import number, three, unit
 from .._base.fixed import Fixed, fixed, read_only
 
-MAX_LIGHTS = 8
+MAX_LIGHTS: int = _core.limits["lights"]
 
 
 @read_only

@@ -19,7 +19,7 @@ from ..scene.scene import SceneBase
 from .lights import LIGHTS, MAX_LIGHTS, DirectionalLight, Environment, Ground, Headlight, Light, Sky, uniform_sky
 from .materials import Material
 
-MAX_SAMPLES = 65536
+MAX_SAMPLES: int = _core.limits["samples"]
 SMOOTH_EDGES = 3  # more samples at edges, by default, where a surface is smooth or of spheres
 
 

@@ -25,31 +25,14 @@ from .thesis import Thesis, check_tracing
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2", "solid")
-
+KERNELS = tuple(_core.kernels)
 # Default support in spacings and default threshold, by kernel. One particle alone is a ball, a
 # flat face of a lattice is flat to a few hundredths of the spacing
 # (docs/understand/conventions.md).
-DEFAULTS = {
-    "murakami": (2.0, 0.6),
-    "nishimura": (2.5, 0.6),
-    "wyvill": (2.0, 0.6),
-    "blinn": (3.5, 0.6),
-    "cubic_spline": (2.75, 0.6),
-    "wendland_c2": (2.75, 0.6),
-    "solid": (2.2, 0.1),
-}
+DEFAULTS = {name: (spacings, threshold) for name, (spacings, threshold, _) in _core.kernels.items()}
 # How far from a particle, in supports, the surface may lie: where b is an eighth of the default
 # threshold, so that it takes eight particles at one place to reach that.
-REACH = {
-    "murakami": 0.85,
-    "nishimura": 0.78,
-    "wyvill": 0.82,
-    "blinn": 0.47,
-    "cubic_spline": 0.67,
-    "wendland_c2": 0.62,
-    "solid": 0.69,
-}
+REACH = {name: reach for name, (_, _, reach) in _core.kernels.items()}
 SURFACES = ("balls", "smooth", "spheres")
 SMOOTH_SUPPORT = 2.25  # spacings: of a kernel inside the fluid, src/field/surface_kernels.hpp
 SMOOTH_THRESHOLD = 0.5
@@ -58,9 +41,9 @@ SPHERE_RADIUS, SPHERE_THRESHOLD = 0.94868, 0.01
 SPHERE_SUPPORT = 0.5 / SPHERE_RADIUS  # spacings
 DEFAULT_COLOR = (0.28, 0.52, 0.80)
 A_DOZEN = 12
-MAX_PARTICLES = 2**31 - 64
-MAX_SUPPORT = 1e18  # past it squares overflow float32
-MAX_RATIO = 1e6  # between the largest and the smallest support
+MAX_PARTICLES: int = _core.limits["particles"]
+MAX_SUPPORT: float = _core.limits["support"]  # past it squares overflow float32
+MAX_RATIO: float = _core.limits["ratio"]  # between the largest and the smallest support
 
 
 class Intersections(NamedTuple):

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from .. import _core
 from .._base.checks import shown
 from .._base.settings import (
     Choice,
@@ -50,6 +51,7 @@ RIGID_SHAPES = ("box", "sphere", "cylinder", "mesh")
 IMPLICIT_FROM = 1.0  # Pa s
 LIST = "list of [tables](#fluids), below: `[[fluids]]` …"
 WALLS = "walls"  # the phase of the domain's walls
+ITERATIONS: int = _core.limits["iterations"]
 
 
 @dataclass(kw_only=True)
@@ -79,7 +81,7 @@ class Solver(Table):
         Whole(1, 1_000_000),
         None,
         "most iterations of both solves",
-        usual="121, of velocities one for each layer of the fluids, if that is more",
+        usual=f"{ITERATIONS}, of velocities one for each layer of the fluids, if that is more",
     )
     cfl: float = setting(
         Number(1e-3, 2.0),
@@ -98,7 +100,7 @@ class Solver(Table):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        most = self.max_iterations or 121
+        most = self.max_iterations or ITERATIONS
         if self.min_iterations > most:
             expected = f"expected at most max_iterations, {most}"
             raise Problem(("min_iterations",), f"{expected}, got {self.min_iterations}")
