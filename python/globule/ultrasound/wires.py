@@ -25,6 +25,7 @@ from .region import Clip, checked_clip, region_mask
 _MOST_DOTS = 20  # of an image, the brightest
 _THRESHOLDS = (0.1, 0.2, 0.35, 0.5)  # of the image's largest value, until all wires are found
 _LARGEST_DOT = 0.08  # of the image's diagonal
+_DOT = 0.005  # of it: deviation of the weights that find a dot's middle
 _STRETCH = 1.5  # most difference of scales in a cut through parallel wires
 _NEAR = 0.12  # of the smallest distance between parallel wires: a dot is where it is expected
 
@@ -293,8 +294,8 @@ def find_wires(frames: Any, phantom: NWirePhantom) -> list[WirePoints]:
             frame = np.where(outside, 0, frame)
         of_frame, matches = _seen(frame, phantom)
         dots.append(of_frame)
-        for way, found in matches.items():
-            ways.setdefault(way, {})[i] = found
+        for way, (error, where) in matches.items():
+            ways.setdefault(way, {})[i] = error, _middle_of_dots(frame, where)
     answers = []
     for of_way in ways.values():
         points = np.full((len(frames), len(phantom.wires), 2), np.nan)
@@ -325,6 +326,24 @@ def _seen(image: np.ndarray, phantom: NWirePhantom) -> tuple[np.ndarray, dict[in
                 return dots, matches
     assert first is not None  # there are thresholds
     return first, {}
+
+
+def _middle_of_dots(image: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Places (n, 2) of the bright middles of dots: the mean of what is near, by Gaussian weights
+    around it. A dot's tail, or a reflection that touches it, then hardly pulls."""
+    size = max(_DOT * np.hypot(*image.shape), 1.0)
+    reach = np.arange(-int(3 * size) - 1, int(3 * size) + 2)
+    found = places
+    for _ in range(8):
+        columns, rows = np.rint(found).astype(int).T[:, :, None] + reach
+        inside = [np.clip(i, 0, n - 1) for i, n in ((columns, image.shape[1]), (rows, image.shape[0]))]
+        x, y = (np.exp(-0.5 * ((i - at[:, None]) / size) ** 2)
+                for i, at in ((columns, found[:, 0]), (rows, found[:, 1])))  # fmt: skip
+        light = image[inside[1][:, :, None], inside[0][:, None, :]] * y[:, :, None] * x[:, None, :]
+        total = light.sum(axis=(1, 2))
+        moved = np.stack([np.einsum("nyx,nx->n", light, inside[0]), np.einsum("nyx,ny->n", light, inside[1])], 1)
+        found = np.where(total[:, None] > 0, moved / np.maximum(total, 1e-12)[:, None], found)
+    return found
 
 
 def _above_surroundings(image: np.ndarray) -> np.ndarray:
