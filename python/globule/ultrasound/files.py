@@ -230,7 +230,8 @@ def _posed(
     times = recording.times
     if times is None and len(table.ok) == n:
         times = table.times  # one row a frame; None if the table has no times either
-    if table.times is None or times is None:
+    without_clock = table.times is not None and len(table.ok) == n > 1 and not np.ptp(table.times)
+    if table.times is None or times is None or without_clock:
         if len(table.ok) != n:
             problem = f"expected {n} poses, one a frame, or times in the table and of the frames"
             raise bad(path, "", f"{problem}, got {len(table.ok)} poses")
