@@ -263,6 +263,14 @@ def test_a_phantom_survives_its_file(tmp_path):
     assert again.landmarks["#1"].tolist() == [1.5, 2, 3]
 
 
+def test_older_configurations_call_a_pattern_nwire(tmp_path):
+    ends = [[" ".join(map(str, end)) for end in wire] for pattern in N for wire in pattern]
+    wires = [f'<Wire EndPointFront="{front}" EndPointBack="{back}"/>' for front, back in ends]
+    text = "".join(f"<NWire>{''.join(wires[i : i + 3])}</NWire>" for i in (0, 3, 6))
+    (tmp_path / "p.xml").write_text(f"<PlusConfiguration>{text}</PlusConfiguration>")
+    assert np.array_equal(read_phantom(tmp_path / "p.xml").wires, phantom().wires)
+
+
 @pytest.mark.parametrize(("name", "text", "what"), [
     ("p.toml", "wires = 3", "wires"),
     ("p.toml", "wires = [", "TOML"),

@@ -116,7 +116,7 @@ class WirePoints(NamedTuple):
 def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
     """Read the wires of a phantom: a PLUS configuration (.xml) or a table of our own (.toml).
 
-    PLUS: <PhantomDefinition> with <Pattern Type="NWire"> and <Landmarks>, and the transform from
+    PLUS: <PhantomDefinition> with <Pattern Type="NWire"> or <NWire>, and <Landmarks>, and the transform from
     Phantom to Reference. TOML: `wires`, a list of patterns of three wires, each of two ends, mm;
     and, if known, `reference_from_phantom`, `error` (mm), `spacing` (mm per pixel), `clip` (pixels)
     and a table `landmarks` of points. Raises FormatError naming the element or key.
@@ -127,9 +127,8 @@ def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
     names: list[str] = []
     wires: list[list[list[float]]] = []
     landmarks: dict[str, np.ndarray] = {}
-    for pattern in root.iter("Pattern"):
-        if pattern.get("Type") != "NWire":
-            continue
+    patterns = [pattern for pattern in root.iter("Pattern") if pattern.get("Type") == "NWire"]
+    for pattern in [*patterns, *root.iter("NWire")]:  # the latter of older configurations
         of_pattern = list(pattern.iter("Wire"))
         if len(of_pattern) != 3:
             where = f"line {pattern.line}, Pattern"
