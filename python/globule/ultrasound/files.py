@@ -238,7 +238,8 @@ def _posed(
     if table.times is None or times is None or without_clock:
         if len(table.ok) != n:
             problem = f"expected {n} poses, one a frame, or times in the table and of the frames"
-            raise bad(path, "", f"{problem}, got {len(table.ok)} poses")
+            hint = "; for more images, give a folder of them, or one file with all frames" if n == 1 else ""
+            raise bad(path, "", f"{problem}, got {len(table.ok)} poses{hint}")
         if offset:
             raise bad(path, "", "expected times in the table, for a temporal offset")
         matrices, ok = table.matrices, table.ok

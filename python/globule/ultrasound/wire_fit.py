@@ -106,7 +106,7 @@ def registration_information(phantom: NWirePhantom) -> np.ndarray:
     """(6, 6) inverse covariance of the registration's error: a shift, mm, and a turn, radians,
     about the middle of the wires. Each landmark is known to the phantom's error; without three
     landmarks, the wires' middle and what lies 20 mm away are."""
-    deviation = phantom.error / np.sqrt(3) + 1e-6
+    deviation = max(phantom.error, 1e-3) / np.sqrt(3)
     marks = np.array(list(phantom.landmarks.values())).reshape(-1, 3)
     off = marks - phantom.wires.reshape(-1, 3).mean(axis=0)
     turned = np.cross(np.eye(3), off[:, None]).transpose(0, 2, 1).reshape(-1, 3)
