@@ -385,6 +385,28 @@ def test_command(capsys):
     assert "register its landmarks" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("folder")
+def test_a_session_has_a_report_and_a_verdict(capsys):
+    """One offset in both sweeps, and then another one in the second."""
+    pytest.importorskip("matplotlib")
+    *data, _ = sweep(n=24)
+    write_recording("a.igs.mha", *data[:3])
+    write_phantom("phantom.toml", phantom())
+    words = ["calibrate", "--n-wire", "phantom.toml", "--sweep", "a.igs.mha", "--validate", "b.igs.mha", "--delay",
+             "--report", "session.html", "--json"]  # fmt: skip
+    for late, said in ((0.0, "Use this calibration."), (0.25, "b.igs.mha disagrees")):
+        *data, _ = sweep(seed=1, n=24, late=late)
+        write_recording("b.igs.mha", *data[:3])
+        assert main(words) == 0
+        facts = json.loads(capsys.readouterr().out)
+        assert any(line.startswith(said) for line in facts["verdict"]), facts["verdict"]
+        page = Path("session.html").read_text(encoding="utf-8")
+        assert said in page
+        assert page.count("data:image/png;base64,") == 2
+    assert main([word for word in words if word != "--delay"]) == 2
+    assert "--report: expected --n-wire, --sweep and --delay" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_picture(capsys):

@@ -75,6 +75,8 @@ def add_arguments(parser: Parser) -> None:
         dest="most_error")  # fmt: skip
     flags.own(parser, "--picture FILE.png", "picture of points, motions and residuals; needs "
         "matplotlib")  # fmt: skip
+    flags.own(parser, "--report FILE.html", "page with verdict, numbers and pictures of an --n-wire "
+        "session: --sweep, --validate and --delay in one run; needs matplotlib")  # fmt: skip
     flags.add(parser, "--calibration", "the result keeps its other values; default: none")
     flags.add(parser, "--json")
 
@@ -111,6 +113,8 @@ def _check(options: argparse.Namespace) -> None:
             options.phantom, "--sweep or --landmarks", options.sweep or options.landmarks
         ),
         "--landmarks": (options.landmarks, "--n-wire", options.phantom),
+        "--report": (options.report, "--n-wire, --sweep and --delay",
+                     options.phantom and options.sweep and options.delay),
         "--validate": (options.validate, "--n-wire and --sweep", options.phantom and options.sweep),
         "--poses": (options.poses, "--sweep", options.sweep),
         "--frame-times": (options.frame_times, "--sweep", options.sweep),
@@ -124,12 +128,14 @@ def _check(options: argparse.Namespace) -> None:
             raise UserError(
                 "-o: expected MARKS or --calibration for the matrix, got neither; without -o, the offset is printed"
             )
-    if options.picture:
-        check_output("--picture", options.picture, [".png"])
+    for option, path, ending in (("--picture", options.picture, ".png"), ("--report", options.report, ".html")):
+        if not path:
+            continue
+        check_output(option, path, [ending])
         try:
             import matplotlib  # noqa: F401
         except ImportError as error:
-            message = '--picture needs matplotlib: pip install "globule[figures]"'
+            message = f'{option} needs matplotlib: pip install "globule[figures]"'
             raise UserError(message) from error
 
 
@@ -288,6 +294,12 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
         },
         "left_out": int((found.weights == 0).sum()),
     }  # fmt: skip
+    if options.report:
+        from ..ultrasound.calibration_report import Session, write_report
+
+        own = _own_calibration(options, more, phantom, earlier) if options.validate else None
+        names = (options.phantom, options.sweep, options.validate)
+        report["verdict"] = write_report(options.report, Session(*names, found, validation, own), data[0], phantom)
     report["warnings"] += _wire_warnings(options, found)
     if options.picture:
         from ..ultrasound.calibration_plots import draw_wires
@@ -300,14 +312,30 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
     return report
 
 
+def _own_calibration(
+    options: argparse.Namespace, data: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    phantom: NWirePhantom, earlier: Calibration | None,
+) -> NWireCalibration | None:  # fmt: skip
+    """That of the validation's recording; None if it gives none."""
+    try:
+        return calibrate_n_wires(
+            *data, phantom, earlier.temporal_offset if earlier else 0.0, True,
+            1.0 if options.most is None else options.most,
+        )  # fmt: skip
+    except ValueError:
+        return None
+
+
 def _by_validation(
     found: NWireCalibration, validation: WireErrors, earlier: Calibration | None,
     more: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], phantom: NWirePhantom,
 ) -> NWireCalibration:  # fmt: skip
     """With a doubt where a fitted offset makes the errors of the other recording larger."""
-    if found.offset_uncertainty is None or found.offset_doubt:
+    before = earlier.temporal_offset if earlier else 0.0
+    apart = found.offset_uncertainty
+    if apart is None or found.offset_doubt or abs(found.calibration.temporal_offset - before) <= 2 * apart:
         return found
-    given = dataclasses.replace(found.calibration, temporal_offset=earlier.temporal_offset if earlier else 0.0)
+    given = dataclasses.replace(found.calibration, temporal_offset=before)
     without = validate_n_wires(given, *more, phantom)[0].summary()["mean_of_95"]
     size = validation.summary()["mean_of_95"]
     if size <= without:
@@ -498,4 +526,5 @@ def _lines_of_wires(report: dict[str, Any]) -> list[str]:
         f"  pixels of {u:.5f} x {v:.5f} mm; in 95 % of such calibrations, errors stay below "
         f"{report['center_error']:.2f} mm in the middle of the wires and "
         f"{report['corner_errors'].max():.2f} mm at the image's corners",
+        *(f"verdict: {line}" for line in report.get("verdict", [])),
     ]

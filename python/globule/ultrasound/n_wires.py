@@ -59,6 +59,7 @@ class NWireCalibration(NamedTuple):
     offset_uncertainty   s, of a temporal offset that was fitted, inf if the probe does not move
                          enough to tell; else None
     offset_doubt         why an offset that was fitted is not certain, or ""
+    by_offset            errors of the calibration images at the given offset, and at the fitted one
     better_offset        (offset, uncertainty, rms in pixels before and after) that fits better than
                          the given one, else None
     """
@@ -71,6 +72,7 @@ class NWireCalibration(NamedTuple):
     center: float
     offset_uncertainty: float | None
     offset_doubt: str
+    by_offset: tuple[WireErrors, WireErrors]
     better_offset: tuple[float, float, float, float] | None
 
 
@@ -154,7 +156,7 @@ def calibrate_n_wires(
     )  # fmt: skip
     return NWireCalibration(
         calibration, wires.source, of, fit.weights, within[:4], float(within[4]),
-        (apart if moves else np.inf) if fit_offset else None, doubt if fit_offset else "", better,
+        (apart if moves else np.inf) if fit_offset else None, doubt if fit_offset else "", (given, found), better,
     )  # fmt: skip
 
 
@@ -176,7 +178,7 @@ def _doubt(fit: WireFit, apart: float, moves: bool, given: WireErrors, found: Wi
         return (f"the recording's halves give {first:+.3f} ± {of_first:.3f} and {second:+.3f} ± "
                 f"{of_second:.3f} s beside the given one")  # fmt: skip
     before, after = (of.summary()["mean_of_95"] for of in (given, found))
-    if after > before:
+    if after > before and abs(fit.change) > 2 * apart:  # else the offset is the given one
         return f"it makes the 3-D error larger, {after:.3f} instead of {before:.3f} mm"
     return ""
 
