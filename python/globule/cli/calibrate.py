@@ -268,9 +268,9 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
     phantom = read_phantom(options.phantom)
     if options.landmarks:
         phantom = _registered(options, phantom, report)
-    if not options.sweep:
-        _write_registration(options, phantom)
-        return report
+        if not options.sweep:
+            _write_registration(options, phantom, report)
+            return report
     earlier = read_calibration(options.calibration) if options.calibration else None
     data = _timed(options.sweep, _tracked(options, options.sweep))
     found = calibrate_n_wires(
@@ -408,10 +408,12 @@ def _registered(options: argparse.Namespace, phantom: NWirePhantom, report: dict
         from ..ultrasound.calibration_plots import draw_residuals
 
         draw_residuals(options.picture, found.residuals, found.weights, "landmark")
-    return dataclasses.replace(phantom, reference_from_phantom=found.matrix, error=max(found.error, 0.05))
+    return dataclasses.replace(
+        phantom, reference_from_phantom=found.matrix, error=max(found.error, 0.05), landmark_error=None
+    )
 
 
-def _write_registration(options: argparse.Namespace, phantom: NWirePhantom) -> None:
+def _write_registration(options: argparse.Namespace, phantom: NWirePhantom, report: dict[str, Any]) -> None:
     if not options.output:
         return
     if options.output.lower().endswith(".toml"):
@@ -420,7 +422,8 @@ def _write_registration(options: argparse.Namespace, phantom: NWirePhantom) -> N
     assert phantom.reference_from_phantom is not None  # just registered
     key = ("Phantom", "Reference")
     base = options.phantom if options.phantom.lower().endswith(".xml") else None
-    write_plus(options.output, {key: phantom.reference_from_phantom}, base, {key: phantom.error})
+    rms = max(report["registration"]["rms"], 0.05)  # PLUS states the error of a landmark
+    write_plus(options.output, {key: phantom.reference_from_phantom}, base, {key: rms})
 
 
 def _stylus(options: argparse.Namespace) -> dict[str, Any]:

@@ -104,15 +104,17 @@ class WireFit(NamedTuple):
 
 def registration_information(phantom: NWirePhantom) -> np.ndarray:
     """(6, 6) inverse covariance of the registration's error: a shift, mm, and a turn, radians,
-    about the middle of the wires. Each landmark is known to the phantom's error; without three
-    landmarks, the wires' middle and what lies 20 mm away are."""
-    deviation = max(phantom.error, 1e-3) / np.sqrt(3)
-    marks = np.array(list(phantom.landmarks.values())).reshape(-1, 3)
+    about the middle of the wires. If the error of each landmark is known, it follows from these;
+    else the wires' middle and what lies 20 mm away are known to the phantom's error."""
+    of_marks = phantom.landmark_error is not None
+    marks = np.array(list(phantom.landmarks.values()) if of_marks else []).reshape(-1, 3)
     off = marks - phantom.wires.reshape(-1, 3).mean(axis=0)
     turned = np.cross(np.eye(3), off[:, None]).transpose(0, 2, 1).reshape(-1, 3)
     moved = np.column_stack([np.tile(np.eye(3), (len(off), 1)), turned])
     if len(marks) < 3 or np.linalg.matrix_rank(moved, tol=1.0) < 6:
-        moved = np.diag([1, 1, 1, 20.0, 20, 20])
+        moved, of_marks = np.diag([1, 1, 1, 20.0, 20, 20]), False
+    size = phantom.landmark_error if of_marks and phantom.landmark_error else phantom.error
+    deviation = max(size, 1e-3) / np.sqrt(3)
     return moved.T @ moved / deviation**2
 
 

@@ -41,6 +41,7 @@ class NWirePhantom:
     error       mm, of that registration; 0.5 if it is not known
     spacing     mm per pixel, about, or None
     clip        (column, row, width, height) in pixels: where dots are looked for, or None
+    landmark_error   mm, of a landmark by that registration, as PLUS states it, or None
     """
 
     names: tuple[str, ...]
@@ -50,6 +51,7 @@ class NWirePhantom:
     error: float = 0.5
     spacing: float | None = None
     clip: Clip | None = None
+    landmark_error: float | None = None
 
     def __post_init__(self) -> None:
         wires = np.asarray(self.wires, np.float64)
@@ -139,13 +141,14 @@ def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
             wires.append([_point(path, wire, end) for end in ends])
     for mark in root.iter("Landmark"):
         landmarks[mark.get("Name") or str(len(landmarks) + 1)] = np.array(_point(path, mark, "Position"))
-    matrix, error = None, 0.5
+    matrix, error, landmark_error = None, 0.5, None
     for element in root.iter("Transform"):
         if (element.get("From"), element.get("To")) == ("Phantom", "Reference"):
             where = f"line {element.line}, Transform Phantom to Reference"
             try:
                 matrix = parse_matrix(element.get("Matrix") or "")
-                error = float(element.get("Error") or error)
+                landmark_error = float(element.get("Error")) if element.get("Error") else None
+                error = error if landmark_error is None else landmark_error
             except ValueError as problem:
                 raise bad(path, where, f"expected 16 numbers, got {problem}") from None
     segmentation = next(root.iter("Segmentation"), None)
@@ -169,7 +172,7 @@ def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
             raise bad(path, where, f"expected numbers, got {problem}") from None
     if not wires:
         raise bad(path, "PhantomDefinition", 'expected <Pattern Type="NWire">, got none')
-    return _checked(path, tuple(names), wires, landmarks, matrix, error, spacing, clip)
+    return _checked(path, tuple(names), wires, landmarks, matrix, error, spacing, clip, landmark_error)
 
 
 def write_phantom(path: str | os.PathLike[str], phantom: NWirePhantom) -> None:
