@@ -54,8 +54,10 @@ def check_order(path: object, times: np.ndarray) -> None:
     back = np.flatnonzero(np.diff(times) < 0)
     if len(back):
         warnings.warn(
-            f"{path}: time stamps go back {len(back)} times, first at frame {back[0] + 1}; the frames count in the "
-            "order of the file: sort these by their stamps, or store passes in files of their own",
+            f"{path}: time stamps go back at frame {back[0] + 1}"
+            + (f" and {len(back) - 1} others" if len(back) > 1 else "")
+            + "; the frames count in the order of the file: sort these by their stamps, or store passes in files of "
+            "their own",
             stacklevel=3,
         )
 
