@@ -12,6 +12,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from globule.cli import main
 from globule.formats.errors import FormatError
 from globule.formats.sweeps import igs
 from globule.formats.sweeps.poses import PoseTable, interpolate, read_poses, write_csv
@@ -164,6 +165,7 @@ def test_the_buffer_of_a_tracker_holds_poses_alone():
     assert tracked.ok.all()
     with pytest.raises(FormatError, match="poses alone"):
         read_sweep("probe.mha", calibration)
+    assert main(["calibrate", "--delay", "--sweep", "probe.mha"]) == 2
     with pytest.raises(FormatError, match="got a sweep"):
         gb.volumes.read_volume("probe.mha")
 

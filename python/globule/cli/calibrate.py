@@ -245,6 +245,8 @@ def _with_delay(
 
 def _timed(path: str, tracked: Tracked) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Frames, their times, valid poses and their times, in the order of time."""
+    if not tracked.frames.size:
+        raise UserError(f"{path}: expected images, got poses alone")
     if tracked.times is None or tracked.pose_times is None:
         raise UserError(f"{path}: expected times of frames and poses, got none")
     ok = np.flatnonzero(tracked.ok)
