@@ -1,13 +1,14 @@
 """What the tests of the command line share: a cube of particles, commands, refusals."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import globule as gb
 import numpy as np
+import pytest
 from globule.cli import main
 
 COMMAND = [sys.executable, "-m", "globule"]
@@ -37,6 +38,19 @@ def refused(capsys, *words: str) -> str:
     assert err.count("\n") == 1, err
     assert sorted(os.listdir()) == before
     return err
+
+
+def refuses(message: str, call: Callable[..., object], /, *args: Any, error: Any = ValueError, **options: Any) -> None:
+    """A call with these arguments raises an error of one line that matches."""
+    with pytest.raises(error, match=message) as caught:
+        call(*args, **options)
+    assert "\n" not in str(caught.value)
+
+
+def output_of(capsys, *words: str) -> Any:
+    """What a command that succeeds says: out and err."""
+    assert main([*words]) == 0
+    return capsys.readouterr()
 
 
 def run_json(capsys, *words: str) -> dict:

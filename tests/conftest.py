@@ -5,8 +5,6 @@ one, and on the GPU where there is one. With --matrix it runs on every CPU level
 threads too, and tests marked `slow` run: if they are marked `few_backends` as well, on one of them.
 """
 
-from __future__ import annotations
-
 import collections
 import contextlib
 import faulthandler
@@ -78,8 +76,7 @@ def pytest_collection_modifyitems(config, items):
 
 
 def run_elsewhere(items) -> list:
-    """The cases that run on another CPU level: those of a test that is marked `few_backends` take
-    turns on the two of QUICK, and the only one of its kind runs on the best."""
+    """Cases of `few_backends` that run on another CPU level: they take turns; an only one runs on the best."""
     found, turns = [], collections.defaultdict(dict)
     for item in items:
         backend = getattr(getattr(item, "callspec", None), "params", {}).get("backend")
@@ -174,8 +171,7 @@ def pytest_collection(session):
 
 
 def pytest_configure(config):
-    """A shell that starts the tests with & has them, and all programs that they start, ignore
-    Ctrl-C."""
+    """A shell that starts the tests with & has them and their programs ignore Ctrl-C."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

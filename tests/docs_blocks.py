@@ -6,8 +6,6 @@ that begins with "not run:" and gives a reason leaves it out; one that begins wi
 Python that runs before the next block and that readers do not see.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

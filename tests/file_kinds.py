@@ -3,20 +3,18 @@
 A ball of `X` on a lattice is the fluid of most; grains are spheres that do not touch.
 """
 
-from __future__ import annotations
-
 import base64
 import bz2
 import gzip
 import json
 import lzma
 import struct
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from format_helpers import naming, vtu
 from test_formats_simulators import INSIDE, bi4
 
 STEP = 0.1
@@ -91,10 +89,8 @@ def with_radii(mark: str = " ", factor: float = 1.0) -> str:
 # Tables
 
 text("ParaView table", "a.csv", '"Points:0","Points:1","Points:2"\n' + rows(X, ","))
-text("ParaView 5.10 table", "a.csv", '"Points_0","Points_1","Points_2"\n' + rows(X, ","))
 text("pandas with its index", "a.csv", ",x,y,z\n" + numbered(X, ","))
 text("R write.csv", "a.csv", '"","x","y","z"\n' + numbered(X, ","))
-text("MATLAB writematrix", "a.csv", rows(X, ","))
 text("DualSPHysics CSV", "a.csv",
      "Pos.x [m];Pos.y [m];Pos.z [m];Idp;Rhop [kg/m^3]\n" + rows(X, ";", after=";7;1000"),
      unit="m", names=("Rhop",))  # fmt: skip
@@ -103,9 +99,6 @@ text("Excel Unicode text", "a.txt", "\ufeffX\tY\tZ\r\n" + rows(X, "\t"), "utf-16
 text("STAR-CCM+ table", "a.csv",
      '"Pressure (Pa)","X (m)","Y (m)","Z (m)"\n' + rows(X, ",", "1.0,"),
      unit="m", names=("Pressure",))  # fmt: skip
-text("Fluent ASCII", "a.csv",
-     "nodenumber,    x-coordinate,    y-coordinate,    z-coordinate\n"
-     + numbered(X, ","))  # fmt: skip
 text("CFD-Post export", "a.csv",
      "[Name]\nfluid\n\n[Data]\nX [ m ], Y [ m ], Z [ m ], Pressure [ Pa ]\n"
      + rows(X, ", ", after=", 1.0"), unit="m", names=("Pressure",))  # fmt: skip
@@ -115,13 +108,12 @@ text("EDEM export", "a.csv",
 text("COMSOL export", "a.txt",
      "% Model:              run.mph\n% Dimension:          3\n"
      "% x                       y                        z\n" + rows(X, "       "))  # fmt: skip
-text("Unity log", "a.csv", "Id,PosX,PosY,PosZ\n" + numbered(X, ","), names=("Id",))
 text("numpy.savetxt", "a.txt", "# x y z\n" + rows(X))
 text("gnuplot data", "a.dat", "# time 0.1\n# x y z\n" + rows(X) + "\n\n")
 text("CloudCompare ASCII", "a.txt", "//X Y Z R G B\n" + rows(X, after=" 255 0 0"))
 text("MeshLab XYZ with normals", "a.xyz", rows(X, after=" 0.0 0.0 1.0"))
 text("scanner's PTS", "a.pts", f"{N}\n" + rows(X, after=" -1033 12 34 56"), names=("intensity",))
-text("Yade", "a.txt", "#format x_y_z_r\n" + with_radii(), **grains(names=("radius",)))
+text("Yade", "a.txt", "#format x_y_z_r\n# periodic\n" + with_radii(), **grains(names=("radius",)))
 text("table of grains", "a.csv", "x,y,z,radius\n" + with_radii(","), **grains(names=("radius",)))
 kind("packed table", "a.csv.gz")(lambda path: path.write_bytes(gzip.compress(b"x,y,z\n" + rows(X, ",").encode())))
 kind("bzip2 table", "a.xyz.bz2")(lambda path: path.write_bytes(bz2.compress(rows(X).encode())))
@@ -166,49 +158,47 @@ text("GROMACS GRO", "a.gro", f"water\n{N}\n{_GRO}   0.90000   0.90000   0.90000\
      periodic="xyz", unit="Å", names=("radius",), package="MDAnalysis")  # fmt: skip
 
 
-@kind("HOOMD GSD", "a.gsd", frames=2, periodic="xyz", names=("type",), package="gsd.hoomd")
-def _(path: Path) -> None:
+def gsd(path: Path, frames: list[dict[str, Any]]) -> None:
+    """A file of HOOMD, each frame with these fields of the particles."""
     import gsd.hoomd
 
     with gsd.hoomd.open(path, "w") as file:
-        for x in _FRAMES:
+        for fields in frames:
             frame = gsd.hoomd.Frame()
             frame.configuration.box = [18, 18, 18, 0, 0, 0]
-            frame.particles.N, frame.particles.position = N, x
-            frame.particles.types, frame.particles.typeid = ["A", "B"], np.arange(N) % 2
+            vars(frame.particles).update(N=len(fields["position"]), **fields)
             file.append(frame)
+
+
+kind("HOOMD GSD", "a.gsd", frames=2, periodic="xyz", names=("type",), package="gsd.hoomd")(
+    lambda path: gsd(path, [{"position": x, "types": ["A", "B"], "typeid": np.arange(N) % 2} for x in _FRAMES])
+)
+kind("HOOMD grains", "a.gsd", periodic="xyz", package="gsd.hoomd", **grains(names=("diameter", "radius")))(
+    lambda path: gsd(path, [{"position": CENTERS, "diameter": 2 * RADII}])
+)
 
 
 # VTK
 
 
-def legacy(title: str, points: bytes, cells: str, data: str = "", kind: str = "POLYDATA") -> bytes:
-    head = f"# vtk DataFile Version 3.0\n{title}\nBINARY\nDATASET {kind}\nPOINTS {N} float\n"
-    return head.encode() + points + f"\n{cells}".encode() + data.encode()
-
-
-def _vertices(x: np.ndarray) -> bytes:
-    return np.column_stack([np.ones(len(x)), np.arange(len(x))]).astype(">i4").tobytes()
-
-
-_POINTS = X.astype(">f4").tobytes()
+def legacy(dataset: str, rest: bytes) -> bytes:
+    head = f"# vtk DataFile Version 3.0\nparticles\nBINARY\nDATASET {dataset}\nPOINTS {N} float\n"
+    return head.encode() + X.astype(">f4").tobytes() + b"\n" + rest
 
 
 @kind("DualSPHysics PartVTK", "a.vtk", names=("Idp", "Rhop"))
 def _(path: Path) -> None:
-    data = f"\nPOINT_DATA {N}\nSCALARS Idp unsigned_int\nLOOKUP_TABLE default\n".encode()
-    data += np.arange(N, dtype=">u4").tobytes() + b"\nSCALARS Rhop float\nLOOKUP_TABLE default\n"
-    data += np.full(N, 1000, ">f4").tobytes()
-    cells = f"VERTICES {N} {2 * N}\n".encode() + _vertices(X)
-    path.write_bytes(legacy("PartVtk", _POINTS, "") + cells + data)
+    cells = np.column_stack([np.ones(N), np.arange(N)]).astype(">i4").tobytes()
+    ids = f"\nPOINT_DATA {N}\nSCALARS Idp unsigned_int\nLOOKUP_TABLE default\n".encode()
+    ids += np.arange(N, dtype=">u4").tobytes()
+    rhop = b"\nSCALARS Rhop float\nLOOKUP_TABLE default\n" + np.full(N, 1000, ">f4").tobytes()
+    path.write_bytes(legacy("POLYDATA", f"VERTICES {N} {2 * N}\n".encode() + cells + ids + rhop))
 
 
 @kind("SPlisHSPlasH VTK", "a.vtk", names=("id",))
 def _(path: Path) -> None:
-    cells = f"CELLS 0 0\nCELL_TYPES 0\nPOINT_DATA {N}\nSCALARS id unsigned_int 1\n"
-    cells += "LOOKUP_TABLE id_table\n"
-    data = legacy("SPlisHSPlasH vtk particle data", _POINTS, cells, kind="UNSTRUCTURED_GRID")
-    path.write_bytes(data + np.arange(N, dtype=">u4").tobytes())
+    cells = f"CELLS 0 0\nCELL_TYPES 0\nPOINT_DATA {N}\nSCALARS id unsigned_int 1\nLOOKUP_TABLE id_table\n"
+    path.write_bytes(legacy("UNSTRUCTURED_GRID", cells.encode() + np.arange(N, dtype=">u4").tobytes()))
 
 
 text("LPP of LIGGGHTS", "a.vtk",
@@ -219,113 +209,67 @@ text("LPP of LIGGGHTS", "a.vtk",
      + "".join(f"{r:.6f}\n" for r in RADII), **grains(names=("radius",)))  # fmt: skip
 
 
-def xml(what: str, body: str, more: str = "") -> str:
-    order = f'byte_order="LittleEndian" header_type="UInt32"{more}'
+def xml(what: str, body: str) -> str:
+    order = 'byte_order="LittleEndian" header_type="UInt32"'
     return f'<?xml version="1.0"?>\n<VTKFile type="{what}" version="0.1" {order}>{body}</VTKFile>\n'
 
 
-def array(name: str, values: np.ndarray, packed: bool = False) -> str:
-    types = {"f": "Float", "i": "Int", "u": "UInt"}
-    raw, kind = values.tobytes(), types[values.dtype.kind] + str(8 * values.itemsize)
-    if packed:
-        data = zlib.compress(raw)
-        head = struct.pack("<4I", 1, len(raw), 0, len(data))
-        raw = base64.b64encode(head) + base64.b64encode(data)
-    else:
-        raw = base64.b64encode(struct.pack("<I", len(raw)) + raw)
+def array(name: str, values: np.ndarray) -> str:
+    kind = {"f": "Float", "i": "Int", "u": "UInt"}[values.dtype.kind] + str(8 * values.itemsize)
     k = values.shape[1] if values.ndim > 1 else 1
-    return (f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{k}" format="binary">'
-            f"{raw.decode()}</DataArray>")  # fmt: skip
+    data = base64.b64encode(struct.pack("<I", values.nbytes) + values.tobytes()).decode()
+    return f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{k}" format="binary">{data}</DataArray>'
 
 
-def polydata(x: np.ndarray, packed: bool = False, data: str = "") -> str:
+def polydata(x: np.ndarray, data: str = "") -> str:
     n = len(x)
-    verts = array("connectivity", np.arange(n), packed) + array("offsets", np.arange(1, n + 1), packed)
-    more = ' compressor="vtkZLibDataCompressor"' if packed else ""
-    points = f"<Points>{array('Points', x.astype('f4'), packed)}</Points><Verts>{verts}</Verts>"
+    verts = array("connectivity", np.arange(n)) + array("offsets", np.arange(1, n + 1))
+    points = f"<Points>{array('Points', x.astype('f4'))}</Points><Verts>{verts}</Verts>"
     piece = f'<Piece NumberOfPoints="{n}" NumberOfVerts="{n}">{points}{data}</Piece>'
-    return xml("PolyData", f"<PolyData>{piece}</PolyData>", more)
+    return xml("PolyData", f"<PolyData>{piece}</PolyData>")
 
 
-def grid(x: np.ndarray, data: str = "") -> str:
-    n = len(x)
-    cells = array("connectivity", np.arange(n)) + array("offsets", np.arange(1, n + 1))
-    cells += array("types", np.ones(n, "u1"))
-    points = f"<Points>{array('Points', x.astype('f4'))}</Points><Cells>{cells}</Cells>{data}"
-    piece = f'<Piece NumberOfPoints="{n}" NumberOfCells="{n}">{points}</Piece>'
-    return xml("UnstructuredGrid", f"<UnstructuredGrid>{piece}</UnstructuredGrid>")
+def grid(path: Path, x: np.ndarray, data: str = "") -> Path:
+    return vtu(path, x, [[i] for i in range(len(x))], [1] * len(x), data)
 
 
-text("ParaView PolyData", "a.vtp", polydata(X, packed=True))
 text("SPHinXsys PolyData", "a.vtp", polydata(X))
-text("UnstructuredGrid of vertices", "a.vtu", grid(X))
+kind("UnstructuredGrid of vertices", "a.vtu")(lambda path: grid(path, X))
 _GHOSTS = np.array([0] * N + [1] * 5, "u1")
-_GHOSTLY, _MARKED = np.r_[X, X[:5]], f"<PointData>{array('vtkGhostType', _GHOSTS)}</PointData>"
-text("ghost points of UnstructuredGrid", "a.vtu", grid(_GHOSTLY, _MARKED), ghosts=True)
-text("ghost points of PolyData", "a.vtp", polydata(_GHOSTLY, data=_MARKED), ghosts=True)
+_GHOSTLY, _MARKED = np.r_[X, X[:5]], array("vtkGhostType", _GHOSTS)
+kind("ghost points of UnstructuredGrid", "a.vtu", ghosts=True)(lambda path: grid(path, _GHOSTLY, _MARKED))
+text("ghost points of PolyData", "a.vtp", polydata(_GHOSTLY, f"<PointData>{_MARKED}</PointData>"), ghosts=True)
 text("ghost points of legacy VTK", "a.vtk",
      f"# vtk DataFile Version 3.0\nghosts\nASCII\nDATASET POLYDATA\nPOINTS {N + 5} float\n"
      f"{rows(_GHOSTLY)}POINT_DATA {N + 5}\nSCALARS vtkGhostType unsigned_char 1\n"
      f"LOOKUP_TABLE default\n{' '.join(map(str, _GHOSTS))}\n", ghosts=True)  # fmt: skip
 
 
-@kind("appended raw of PyEVTK", "a.vtu", names=("pressure",))
-def _(path: Path) -> None:
-    parts = [X.astype("f8"), np.arange(N), np.arange(1, N + 1), np.ones(N, "u1"), np.ones(N)]
-    data, tags = b"", []
-    for values in parts:
-        tags.append(f'format="appended" offset="{len(data)}"/>')
-        data += struct.pack("<I", values.nbytes) + values.tobytes()
-    p, c, o, t, s = tags
-    array = '<DataArray type="{}" Name="{}" NumberOfComponents="{}" {}'.format
-    cells = array("Int64", "connectivity", 1, c) + array("Int64", "offsets", 1, o)
-    body = f'<UnstructuredGrid><Piece NumberOfPoints="{N}" NumberOfCells="{N}"><Points>'
-    body += f"{array('Float64', 'points', 3, p)}</Points><Cells>{cells}"
-    body += f'{array("UInt8", "types", 1, t)}</Cells><PointData scalars="pressure">'
-    body += f"{array('Float64', 'pressure', 1, s)}</PointData></Piece></UnstructuredGrid>"
-    body += '<AppendedData encoding="raw">_'
-    before, after = xml("UnstructuredGrid", body + "</AppendedData>").split("</AppendedData>")
-    path.write_bytes(before.encode() + data + b"</AppendedData>" + after.encode())
-
-
 def parts(path: Path, ending: str) -> list[str]:
     """The two halves of the fluid, beside a file."""
-    made = polydata if ending == "vtp" else grid
-    for k in (0, 1):
-        path.with_name(f"part_{k}.{ending}").write_text(made(X[k::2]), encoding="utf-8")
-    return [f"part_{k}.{ending}" for k in (0, 1)]
+    names = [f"part_{k}.{ending}" for k in (0, 1)]
+    for k, name in enumerate(names):
+        if ending == "vtp":
+            path.with_name(name).write_text(polydata(X[k::2]), encoding="utf-8")
+        else:
+            grid(path.with_name(name), X[k::2])
+    return names
 
 
-@kind("pieces of PolyData", "a.pvtp")
-def _(path: Path) -> None:
-    pieces = "".join(f'<Piece Source="{name}"/>' for name in parts(path, "vtp"))
-    path.write_text(xml("PPolyData", f"<PPolyData>{pieces}</PPolyData>"), encoding="utf-8")
-
-
-@kind("pieces of UnstructuredGrid", "a.pvtu")
-def _(path: Path) -> None:
-    pieces = "".join(f'<Piece Source="{name}"/>' for name in parts(path, "vtu"))
-    body = f"<PUnstructuredGrid>{pieces}</PUnstructuredGrid>"
-    path.write_text(xml("PUnstructuredGrid", body), encoding="utf-8")
-
-
-@kind("blocks of ParaView", "a.vtm")
-def _(path: Path) -> None:
-    sets = "".join(f'<DataSet index="{i}" file="{f}"/>' for i, f in enumerate(parts(path, "vtp")))
-    body = f"<vtkMultiBlockDataSet>{sets}</vtkMultiBlockDataSet>"
-    path.write_text(xml("vtkMultiBlockDataSet", body), encoding="utf-8")
+kind("pieces of PolyData", "a.pvtp")(lambda path: naming("PPolyData", path, *parts(path, "vtp")))
+kind("pieces of UnstructuredGrid", "a.pvtu")(lambda path: naming("PUnstructuredGrid", path, *parts(path, "vtu")))
+kind("blocks of ParaView", "a.vtm")(lambda path: naming("vtkMultiBlockDataSet", path, *parts(path, "vtp")))
 
 
 def _two_frames(path: Path) -> list[str]:
-    for k, x in enumerate(_FRAMES):
-        path.with_name(f"frame_{k}.vtp").write_text(polydata(x), encoding="utf-8")
-    return ["frame_0.vtp", "frame_1.vtp"]
+    path.with_name("sub").mkdir(exist_ok=True)
+    names = ["sub/part0.vtp", "sub/part1.vtp"]
+    for name, x in zip(names, _FRAMES, strict=True):
+        (path.parent / name).write_text(polydata(x), encoding="utf-8")
+    return names
 
 
-@kind("ParaView collection", "a.pvd", frames=2)
-def _(path: Path) -> None:
-    sets = "".join(f'<DataSet timestep="{k}" file="{f}"/>' for k, f in enumerate(_two_frames(path)))
-    path.write_text(xml("Collection", f"<Collection>{sets}</Collection>"), encoding="utf-8")
+kind("ParaView collection", "a.pvd", frames=2)(lambda path: naming("Collection", path, *_two_frames(path)))
 
 
 @kind("ParaView file series", "a.vtp.series", frames=2)
@@ -353,14 +297,6 @@ def hdf5(name: str, file: str = "a.hdf5", **expected: Any) -> Callable:
     return add
 
 
-@hdf5("Gadget-4", periodic="xyz", names=("density", "mass"))
-def _(file: Any) -> None:
-    file.create_group("Header").attrs.update({"BoxSize": 9.0, "Time": 0.5, "NumPart_Total": [N]})
-    file.create_group("Parameters").attrs["PeriodicBoundariesOn"] = 1
-    file["PartType0/Coordinates"], file["PartType0/Density"] = X, np.ones(N)
-    file["PartType0/Masses"] = np.full(N, STEP**3)
-
-
 @hdf5("AREPO with a table of masses", periodic="", names=("mass",))
 def _(file: Any) -> None:
     head = {"BoxSize": 9.0, "Time": 0.5, "MassTable": [0.0, 0.5, 0, 0, 0, 0]}
@@ -374,21 +310,6 @@ def _(file: Any) -> None:
     file.create_group("HydroScheme").attrs["Kernel gamma"] = 1.825742
     file["PartType0/Coordinates"], file["PartType0/Densities"] = X, np.ones(N)
     file["PartType0/SmoothingLengths"] = np.full(N, 0.12)
-
-
-@hdf5("PySPH", volume=None, names=("h", "mass"))
-def _(file: Any) -> None:
-    arrays = dict(zip("xyz", X.T, strict=True)) | {"h": np.full(N, 0.13), "m": np.ones(N)}
-    for name, values in arrays.items():
-        file[f"particles/fluid/arrays/{name}"] = values
-    file.create_group("solver_data").attrs["t"] = 0.5
-
-
-@hdf5("H5Part", "a.h5part", frames=2, names=("id",))
-def _(file: Any) -> None:
-    for k, x in enumerate(_FRAMES):
-        group = file.create_group(f"Step#{k}")
-        group["x"], group["y"], group["z"], group["id"] = *x.T, np.arange(N)
 
 
 @hdf5("WarpX openPMD", "a.h5", unit="m", names=("weighting",))
@@ -428,14 +349,6 @@ def _(file: Any) -> None:
 @hdf5("H5MD of LAMMPS", "a.h5md.h5", frames=2, periodic="xy", unit="nm")
 def _(file: Any) -> None:
     _h5md(file, [b"periodic", b"periodic", b"none"], np.full(3, 9.0))
-
-
-@hdf5("VTKHDF", "a.vtkhdf", names=("p",))
-def _(file: Any) -> None:
-    group = file.create_group("VTKHDF")
-    group.attrs.update({"Version": [2, 0], "Type": np.bytes_("PolyData")})
-    group["Points"], group["NumberOfPoints"] = X, [N]
-    group["PointData/p"] = np.ones(N)
 
 
 @hdf5("h5py by its names", "a.h5", names=("density",))
@@ -490,7 +403,6 @@ def _(path: Path) -> None:
 kind("numpy.save", "a.npy")(lambda path: np.save(path, X))
 kind("numpy.savez by name", "a.npz", names=("speed",))(lambda path: np.savez(path, positions=X, speed=np.ones(N)))
 kind("numpy.savez without a name", "a.npz")(lambda path: np.savez(path, X))
-kind("numpy.savez of axes", "a.npz")(lambda path: np.savez(path, x=X[:, 0], y=X[:, 1], z=X[:, 2]))
 
 
 def records(x: np.ndarray) -> np.ndarray:
@@ -587,7 +499,7 @@ text("LAMMPS data of spheres", "a.lmp",
      + "".join(
          f"{i} 1 {2 * r:.6f} 2500.0 {x:.6f} {y:.6f} {z:.6f}\n"
          for i, ((x, y, z), r) in enumerate(zip(CENTERS, RADII, strict=True), 1)
-     ), **grains(names=("diameter",)), periodic="xyz")  # fmt: skip
+     ) + "\nVelocities\n\n1 0 0 0\n", **grains(names=("diameter",)), periodic="xyz")  # fmt: skip
 
 
 @kind("PCD of grains", "a.pcd", **grains(names=("radius",)))
@@ -609,19 +521,6 @@ text("XDMF with its numbers", "a.xmf",
      f'Center="Node"><DataItem Format="XML" Dimensions="{len(CENTERS)}">'
      f"{' '.join(map(str, RADII))}</DataItem></Attribute></Grid></Domain></Xdmf>",
      **grains(names=("radius",)))  # fmt: skip
-
-
-@kind("HOOMD grains", "a.gsd", periodic="xyz", package="gsd.hoomd",
-      **grains(names=("diameter", "radius")))  # fmt: skip
-def _(path: Path) -> None:
-    import gsd.hoomd
-
-    with gsd.hoomd.open(path, "w") as file:
-        frame = gsd.hoomd.Frame()
-        frame.configuration.box = [18, 18, 18, 0, 0, 0]
-        frame.particles.N, frame.particles.position = len(CENTERS), CENTERS
-        frame.particles.diameter = 2 * RADII
-        file.append(frame)
 
 
 # Meshes: a cube of edge 1
@@ -665,11 +564,7 @@ text("polygons of ParaView", "a.vtp",
          f'{array("Points", _CORNERS)}</Points><Polys>{array("connectivity", _QUADS.ravel())}'
          f'{array("offsets", 4 * np.arange(1, 7))}</Polys></Piece></PolyData>'),
      **cube())  # fmt: skip
-text("hexahedron of meshio", "a.vtu",
-     xml("UnstructuredGrid", '<UnstructuredGrid><Piece NumberOfPoints="8" NumberOfCells="1">'
-         f'<Points>{array("Points", _CORNERS)}</Points><Cells>{array("connectivity", _HEXAHEDRON)}'
-         f'{array("offsets", np.array([8]))}{array("types", np.array([12], "u1"))}</Cells></Piece>'
-         "</UnstructuredGrid>"), **cube())  # fmt: skip
+kind("hexahedron of meshio", "a.vtu", **cube())(lambda path: vtu(path, _CORNERS, [_HEXAHEDRON], [12]))
 text("XDMF of meshio", "a.xdmf",
      '<Xdmf Version="3.0"><Domain><Grid><Geometry GeometryType="XYZ"><DataItem DataType="Float" '
      f'Dimensions="8 3" Format="XML">{rows(_CORNERS)}</DataItem></Geometry><Topology TopologyType='
@@ -677,26 +572,11 @@ text("XDMF of meshio", "a.xdmf",
      f'{_faces("", _QUADS)}</DataItem></Topology></Grid></Domain></Xdmf>', **cube())  # fmt: skip
 
 
-@kind("glTF of three.js", "a.glb", **cube(package="trimesh"))
+@kind("glTF", "a.glb", **cube(package="trimesh"))
 def _(path: Path) -> None:
-    corners, faces = _CORNERS.astype("<f4").tobytes(), _TRIANGLES.astype("<u2").tobytes()
-    views = [{"buffer": 0, "byteLength": len(corners)},
-             {"buffer": 0, "byteOffset": len(corners), "byteLength": len(faces)}]  # fmt: skip
-    ends = {"min": [0, 0, 0], "max": [1, 1, 1]}
-    accessors = [
-        {"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3", **ends},
-        {"bufferView": 1, "componentType": 5123, "count": 36, "type": "SCALAR"},
-    ]
-    primitive = {"attributes": {"POSITION": 0}, "indices": 1}
-    scene = {"asset": {"version": "2.0"}, "buffers": [{"byteLength": len(corners) + len(faces)}],
-             "bufferViews": views, "accessors": accessors, "scene": 0, "scenes": [{"nodes": [0]}],
-             "nodes": [{"mesh": 0}], "meshes": [{"primitives": [primitive]}]}  # fmt: skip
-    said = json.dumps(scene).encode()
-    said += b" " * (-len(said) % 4)
-    data = corners + faces
-    chunks = struct.pack("<I4s", len(said), b"JSON") + said
-    chunks += struct.pack("<I4s", len(data), b"BIN\0") + data
-    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+    import trimesh
+
+    trimesh.Trimesh(_CORNERS, _TRIANGLES, process=False).export(path)
 
 
 # The rest

@@ -1,7 +1,5 @@
 """Particles with every field, and whether a format kept them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -80,6 +78,22 @@ def by_vtk(path: Path | str) -> Any:
     return reader.GetOutput()
 
 
+def naming(what: str, path: Path, *files: str) -> Path:
+    """A file of VTK that names others, such as a Collection."""
+    parts = "".join(f'<DataSet index="{i}" timestep="{i}" file="{file}"/>' for i, file in enumerate(files))
+    if what[0] == "P":
+        parts = "".join(f'<Piece Source="{file}"/>' for file in files)
+    path.write_text(f'<VTKFile type="{what}" version="0.1"><{what}>{parts}</{what}></VTKFile>', encoding="utf-8")
+    return path
+
+
+def vtk_write(writer: Any, path: Path | str, data: Any) -> None:
+    """Write a data set by a writer of VTK."""
+    writer.SetFileName(str(path))
+    writer.SetInputData(data)
+    assert writer.Write()
+
+
 def structured_points(binary: bool = True) -> bytes:
     """A legacy VTK file of 4 x 3 x 2 values 0 to 23."""
     values = np.arange(24, dtype=">i2")
@@ -89,3 +103,55 @@ def structured_points(binary: bool = True) -> bytes:
             f"POINT_DATA 24\nSCALARS eta short 1\nLOOKUP_TABLE default\n")  # fmt: skip
     more = b"\nVECTORS u short\n" + (bytes(144) if binary else b"0 " * 72)
     return head.encode() + body + more + b"\n"
+
+
+def write_dump(path: str, *frames: np.ndarray, faces: str = "pp pp ff") -> None:
+    """LAMMPS' dump of these positions in a box of 1 x 1 x 2."""
+    with open(path, "w", encoding="utf-8") as file:
+        for k, x in enumerate(frames):
+            file.write(f"ITEM: TIMESTEP\n{k}\nITEM: NUMBER OF ATOMS\n{len(x)}\nITEM: BOX BOUNDS {faces}\n")
+            file.write("0 1\n0 1\n0 2\nITEM: ATOMS id type x y z\n")
+            file.writelines(f"{i + 1} 1 {a:.9g} {b:.9g} {c:.9g}\n" for i, (a, b, c) in enumerate(x))
+
+
+def write_extxyz(path: str, *frames: np.ndarray) -> None:
+    """Extended XYZ of the same."""
+    with open(path, "w", encoding="utf-8") as file:
+        for x in frames:
+            file.write(f'{len(x)}\nLattice="1 0 0 0 1 0 0 0 2" pbc="T T F" Properties=species:S:1:pos:R:3\n')
+            file.writelines(f"H {a:.9g} {b:.9g} {c:.9g}\n" for a, b, c in x)
+
+
+def words(values) -> str:
+    return " ".join(str(v) for v in np.ravel(values))
+
+
+def data_array(name: str, kind: str, values, components: int = 1) -> str:
+    head = f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii">'
+    return f"{head}{words(values)}</DataArray>"
+
+
+def vtu(path, points, cells, types, point_data="", cell_data="", more=""):
+    corners = [i for cell in cells for i in cell]
+    ends = np.cumsum([len(cell) for cell in cells])
+    path.write_text(
+        '<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian">'
+        f'<UnstructuredGrid><Piece NumberOfPoints="{len(points)}" NumberOfCells="{len(cells)}">'
+        f"<Points>{data_array('P', 'Float64', points, 3)}</Points>"
+        f"<Cells>{data_array('connectivity', 'Int64', corners)}"
+        f"{data_array('offsets', 'Int64', ends)}{data_array('types', 'UInt8', types)}{more}</Cells>"
+        f"<PointData>{point_data}</PointData><CellData>{cell_data}</CellData>"
+        "</Piece></UnstructuredGrid></VTKFile>"
+    )
+    return path
+
+
+def vtk(path, points, cells, types, more=""):
+    rows = "\n".join(f"{len(cell)} {words(cell)}" for cell in cells)
+    n = sum(1 + len(cell) for cell in cells)
+    path.write_text(
+        "# vtk DataFile Version 3.0\ncells\nASCII\nDATASET UNSTRUCTURED_GRID\n"
+        f"POINTS {len(points)} double\n{words(points)}\nCELLS {len(cells)} {n}\n{rows}\n"
+        f"CELL_TYPES {len(cells)}\n{words(types)}\n{more}"
+    )
+    return path

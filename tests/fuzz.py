@@ -14,18 +14,16 @@ mutants for any number of jobs. `--together` takes one process for all files ins
 each: quicker, but what ends it is not told apart. The exit status is 1 if there was a fault.
 """
 
-from __future__ import annotations
-
 import argparse
 import collections
 import contextlib
 import gc
 import importlib
 import io
-import itertools
 import json
 import os
 import pkgutil
+import re
 import resource
 import select
 import shutil
@@ -37,6 +35,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from random import Random
 
@@ -162,6 +161,14 @@ def _be_judge(kind: str, path: str, by_command: bool, out: int) -> None:
         os._exit(0)
 
 
+Case = tuple[str, str, str, bytes, bool]  # kind, number, path, content, whether a command opens it
+
+
+def doors(kind: str) -> tuple[bool, ...]:
+    """Whether by a command: both where there is one."""
+    return (False, True) if KINDS[kind].command else (False,)
+
+
 class Fuzzer:
     """The files of each kind, in a folder of its kind, and what became of their mutants."""
 
@@ -190,17 +197,36 @@ class Fuzzer:
         for kind, place in self.places.items():
             self.places[kind] = Path(shutil.copytree(place, folder / place.name))
 
-    def mutants(self, seed: int, numbers: range) -> Iterator[tuple[str, str, str, bytes, bool]]:
-        """Number, kind, name and content of mutants, and whether a command opens each."""
-        for number in numbers:
-            random = Random(f"{seed} {number}")
-            kind = random.choices(self.kinds, self.weights)[0]
-            path, content = random.choice(self.files[kind])
-            yield (f"{seed}.{number}", kind, path, *self._damaged(random, kind, content))
-
-    def _damaged(self, random: Random, kind: str, content: bytes) -> tuple[bytes, bool]:
+    def mutant(self, seed: int, number: int) -> Case:
+        """A damaged file, which a command opens or Python."""
+        random = Random(f"{seed} {number}")
+        kind = random.choices(self.kinds, self.weights)[0]
+        path, content = random.choice(self.files[kind])
         content = mutate(random, content, [other for _, other in self.files[kind]])
-        return content, bool(KINDS[kind].command) and random.random() < SHARE_OF_COMMANDS
+        by_command = bool(KINDS[kind].command) and random.random() < SHARE_OF_COMMANDS
+        return kind, f"{seed}.{number}", path, content, by_command
+
+    def corpus(self, folder: str) -> Iterator[Case]:
+        """Files KIND@NUMBER@NAME that this machine has the originals of, by both doors."""
+        for file in sorted(Path(folder).glob("*@*@*")):
+            kind, number, name = file.name.split("@")
+            kind = kind.replace("_", " ")
+            paths = [path for path, _ in self.files.get(kind, ()) if os.path.basename(path) == name]
+            for by_command in doors(kind) if paths else ():
+                yield kind, number, paths[0], file.read_bytes(), by_command
+
+    def damaged(self) -> Iterator[Case]:
+        """A checkpoint with each of its arrays damaged in each way."""
+        for what, content in damaged_arrays(dict(self.files["checkpoints"])["all.npz"]):
+            yield "checkpoints", what, "all.npz", content, False
+
+    def numbers(self) -> Iterator[Case]:
+        """Each number of the text files that people write replaced by every extreme value."""
+        for kind, files in self.files.items():
+            for path, original in files:
+                for what, content in replaced_numbers(original) if path.endswith(TEXTS) else ():
+                    for by_command in doors(kind):
+                        yield kind, what, path, content, by_command
 
     def open(self, kind: str, path: str, content: bytes, by_command: bool) -> str:
         """What becomes of a mutant."""
@@ -217,126 +243,53 @@ class Fuzzer:
                 shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 
-class Report:
-    """Counts of what became of files, by kind, and the faults, which it prints as they come."""
-
-    def __init__(self) -> None:
-        self.counts: collections.Counter[tuple[str, str]] = collections.Counter()
-        self.begin = time.monotonic()
-
-    def add(self, kind: str, name: str, verdict: str) -> bool:
-        """One file more; whether it was a fault."""
-        good = verdict in ("loaded", "refused")
-        self.counts[kind, verdict if good else "fault"] += 1
-        if not good:
-            print(f"{name}: {verdict}", flush=True)
-        return not good
-
-    def close(self, what: str) -> int:
-        """Print the counts; returns how many faults there were."""
-        total: collections.Counter[str] = collections.Counter()
-        for kind in dict.fromkeys(kind for kind, _ in self.counts):
-            found = {what: self.counts[kind, what] for what in ("refused", "loaded", "fault")}
-            total.update(found)
-            print(f"{kind:24}", "  ".join(f"{what} {k}" for what, k in found.items()))
-        seconds = f"{time.monotonic() - self.begin:.0f} s"
-        print(f"{total['refused']} refused and {total['loaded']} loaded in {seconds}")
-        print(f"{sum(total.values())} {what}, {total['fault']} faults", flush=True)
-        return total["fault"]
-
-
-def open_kept(fuzzer: Fuzzer, folder: str) -> int:
-    """Open the files of a corpus, KIND@NUMBER@NAME, by both doors. Returns how many faults."""
-    report = Report()
-    for path in sorted(Path(folder).glob("*@*@*")):
-        kind, _, name = path.name.split("@")
-        kind = kind.replace("_", " ")
-        names = [n for n, _ in fuzzer.files.get(kind, ()) if os.path.basename(n) == name]
-        if not names:  # of a file that this machine has no original of
-            continue
-        for by_command in (False, True) if KINDS[kind].command else (False,):
-            verdict = fuzzer.open(kind, names[0], path.read_bytes(), by_command)
-            report.add(kind, path.name, verdict)
-    return report.close("kept files")
-
-
-def damage(fuzzer: Fuzzer, every: int) -> int:
-    """Damage each array of a checkpoint in each way, and open every so-many-th of these files.
-    Returns how many faults."""
-    report, kind, name = Report(), "checkpoints", "all.npz"
-    made = damaged_arrays(dict(fuzzer.files[kind])[name])
-    for what, content in itertools.islice(made, 0, None, every):
-        report.add(kind, what, fuzzer.open(kind, name, content, False))
-    return report.close("damaged arrays")
-
-
-def numbers_of(fuzzer: Fuzzer, every: int, jobs: int, keep: str) -> int:
-    """Replace every number of the text files that people write by every extreme value, and open
-    every so-many-th of these files by each door. Returns how many faults."""
-    report = Report()
-    cases = [
-        (kind, name, what, content, by_command)
-        for kind, files in fuzzer.files.items()
-        for name, original in files
-        if name.endswith(TEXTS)
-        for what, content in replaced_numbers(original)
-        for by_command in ((False, True) if KINDS[kind].command else (False,))
-    ][::every]
-
-    def share(numbers: range) -> Iterator[tuple[str, str, str]]:
-        for number in numbers:
-            kind, name, what, content, by_command = cases[number]
-            verdict = fuzzer.open(kind, name, content, by_command)
-            if verdict not in ("loaded", "refused"):
-                kept = f"{kind.replace(' ', '_')}@numbers.{number}@{os.path.basename(name)}"
-                Path(keep, kept).write_bytes(content)
-            yield kind, f"{name}: {what}", verdict
-
-    os.makedirs(keep, exist_ok=True)
-    for found in in_forks(fuzzer, [range(k, len(cases), jobs) for k in range(jobs)], share):
-        report.add(*found)
-    return report.close("extreme numbers")
-
-
-def run(fuzzer: Fuzzer, numbers: range, options: argparse.Namespace) -> int:
-    """Open mutants; prints the counts of each kind and the faults. Returns how many faults."""
-    report, faults = Report(), 0
+def run(fuzzer: Fuzzer, what: str, cases: Sequence[Case | Callable[[], Case]], options: argparse.Namespace) -> int:
+    """Open files; prints the counts of each kind and the faults. Returns how many faults."""
+    counts: collections.Counter[tuple[str, str]] = collections.Counter()
+    begin = time.monotonic()
     os.makedirs(options.keep, exist_ok=True)
 
-    def share(numbers: range) -> Iterator[tuple[str, str, str]]:
+    def share(some: Sequence[Case | Callable[[], Case]]) -> Iterator[tuple[str, str, str]]:
         """Kind, name and verdict of each."""
-        for number, kind, path, content, by_command in fuzzer.mutants(options.seed, numbers):
+        for case in some:
+            kind, number, path, content, by_command = case() if callable(case) else case
             verdict = fuzzer.open(kind, path, content, by_command)
-            kept = f"{kind.replace(' ', '_')}@{number}@{os.path.basename(path)}"
+            name = re.sub(r"[^\w.@-]", "_", f"{kind}@{number}@{os.path.basename(path)}")
             if verdict not in ("loaded", "refused"):
-                Path(options.keep, kept).write_bytes(content)
-            yield kind, kept, verdict
+                Path(options.keep, name).write_bytes(content)
+            yield kind, name, verdict
 
-    shares = [numbers[k :: options.jobs] for k in range(options.jobs)]
-    verdicts = share(numbers) if options.together else in_forks(fuzzer, shares, share)
+    shares = [cases[k :: options.jobs] for k in range(options.jobs)]
+    verdicts = share(cases) if options.together else in_forks(fuzzer, shares, share)
     with contextlib.suppress(KeyboardInterrupt):  # the counts so far
-        for done, found in enumerate(verdicts, 1):
-            faults += report.add(*found)
+        for done, (kind, name, verdict) in enumerate(verdicts, 1):
+            good = verdict in ("loaded", "refused")
+            counts[kind, verdict if good else "fault"] += 1
+            if not good:
+                print(f"{name}: {verdict}", flush=True)
             if done % 100 == 0:
-                seconds = time.monotonic() - report.begin
-                print(f"{done} in {seconds:.0f} s: {faults} faults", flush=True)
-    return report.close("mutants")
+                print(f"{done} in {time.monotonic() - begin:.0f} s", flush=True)
+    total = dict.fromkeys(("refused", "loaded", "fault"), 0)
+    for kind in dict.fromkeys(kind for kind, _ in counts):
+        print(f"{kind:24}", "  ".join(f"{found} {counts[kind, found]}" for found in total))
+        total = {found: n + counts[kind, found] for found, n in total.items()}
+    print(f"{total['refused']} refused and {total['loaded']} loaded in {time.monotonic() - begin:.0f} s")
+    print(f"{sum(total.values())} {what}, {total['fault']} faults", flush=True)
+    return total["fault"]
 
 
-def in_forks(
-    fuzzer: Fuzzer, shares: Sequence[range], work: Callable[[range], Iterator[tuple[str, str, str]]]
-) -> Iterator[tuple[str, str, str]]:
+def in_forks(fuzzer: Fuzzer, shares: list, work: Callable[..., Iterator]) -> Iterator[tuple[str, str, str]]:
     """What `work` yields, each share in a process of its own."""
     mine, theirs = os.pipe()
     children = []
-    for numbers in shares:
+    for some in shares:
         child = os.fork()
         if child == 0:
             status = 1
             try:
                 with tempfile.TemporaryDirectory() as folder:
                     fuzzer.move(Path(folder))
-                    for found in work(numbers):
+                    for found in work(some):
                         os.write(theirs, (json.dumps(found) + "\n").encode())  # whole: it is short
                     os.chdir("/")
                 status = 0
@@ -417,7 +370,6 @@ def main() -> int:
     n, faults = options.n, 0
     if n is None:
         n = 0 if options.open or options.damage or options.numbers else 20_000
-    numbers = range(options.first, options.first + n)
     if options.open:
         options.open = os.path.abspath(options.open)
     options.keep = os.path.abspath(options.keep)
@@ -426,13 +378,14 @@ def main() -> int:
         if not options.together:
             fuzzer.check()
         if options.open:
-            faults += open_kept(fuzzer, options.open)
+            faults += run(fuzzer, "kept files", [*fuzzer.corpus(options.open)], options)
         if options.damage:
-            faults += damage(fuzzer, options.damage)
+            faults += run(fuzzer, "damaged arrays", [*fuzzer.damaged()][:: options.damage], options)
         if options.numbers:
-            faults += numbers_of(fuzzer, options.numbers, options.jobs, options.keep)
-        if numbers:
-            faults += run(fuzzer, numbers, options)
+            faults += run(fuzzer, "extreme numbers", [*fuzzer.numbers()][:: options.numbers], options)
+        if n:
+            numbers = range(options.first, options.first + n)
+            faults += run(fuzzer, "mutants", [partial(fuzzer.mutant, options.seed, k) for k in numbers], options)
         os.chdir("/")
     return 1 if faults else 0
 

@@ -4,20 +4,20 @@
 them, and which command does.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import file_kinds
 import globule as gb
 import numpy as np
 import pytest
 import tomli_w
 from cli_helpers import cube
-from format_helpers import sample, structured_points
+from format_helpers import sample, structured_points, vtk_write
 from globule import formats
 from globule.cli.shared import UserError
 from globule.cli.state import read_state
@@ -28,6 +28,7 @@ from globule.ultrasound.marks import read_marks, read_tracked
 from globule.ultrasound.plus.config import read_plus_config
 from globule.viewer.state import State
 from sweep_helpers import example_files, small_sweep
+from test_environment import bright, hdr
 from test_formats_hostile import FOREIGN
 from test_sim_checkpoints import SCENE
 
@@ -102,56 +103,23 @@ def _read_ranges(path: str) -> None:
         assert len(read(first, last)) == last - first
 
 
+def _of_kinds(*packages: str) -> list[str]:
+    """Files of programs of many origins, each in a folder of its own."""
+    names = []
+    for k, kind in enumerate(file_kinds.KINDS):
+        if kind.package in packages:
+            path = Path(f"{k}", kind.file)
+            path.parent.mkdir()
+            names += _if_installed(partial(kind.make, path), str(path))
+    return names
+
+
 def _simulators() -> list[str]:
     """Files of simulation programs, as the tests have them."""
-    import test_formats_simulators as made
     import test_pysph_npz
 
-    here = Path()
-    test_pysph_npz.written(here / "pysph.npz")
-    made.dump(here / "a.dump", "xu yu zu", made.OUTSIDE)
-    Path("a.bi4").write_bytes(made.bi4())
-    made.write_parts(here, ".vtp")
-    sets = '<DataSet timestep="1" file="sub/part0.vtp"/><DataSet file="sub/part1.vtp"/>'
-    Path("a.pvd").write_text(f'<VTKFile type="Collection"><Collection>{sets}</Collection></VTKFile>', encoding="utf-8")
-    Path("a.vtp.series").write_text(
-        '{"file-series-version": "1.0", "files": [{"name": "sub/part0.vtp", "time": 1}]}', encoding="utf-8"
-    )
-    rows = "".join(f"O {x:.6f} {y:.6f} {z:.6f} 0.5 7\n" for x, y, z in made.OUTSIDE)
-    Path("a.extxyz").write_text(
-        f'{made.N}\nLattice="1 0 0 0.1 1 0 0 0 1" pbc="T T F" Time=0.5 '
-        f"Properties=species:S:1:pos:R:3:radius:R:1:kind:I:1\n{rows}",
-        encoding="utf-8",
-    )
-    atoms = "".join(f"{i} 1 {x:.6f} {y:.6f} {z:.6f}\n" for i, (x, y, z) in enumerate(made.INSIDE))
-    Path("a.lmp").write_text(
-        f"data\n\n{made.N} atoms\n0 1 xlo xhi\n0 1 ylo yhi\n0 1 zlo zhi\n\nAtoms # atomic\n\n" + atoms, encoding="utf-8"
-    )
-    numbers = " ".join(f"{v:.6f}" for v in made.INSIDE.ravel())
-    Path("a.xdmf").write_text(
-        '<Xdmf><Domain><Grid><Time Value="1"/><Geometry GeometryType="XYZ"><DataItem Format="XML" '
-        f'Dimensions="{made.N} 3">{numbers}</DataItem></Geometry></Grid></Domain></Xdmf>',
-        encoding="utf-8",
-    )
-    for name, content in made.TABLES.items():
-        Path(f"{name}.csv").write_text(content, encoding="utf-8")
-    block = '<DataSet index="0" file="sub/part0.vtp"/>'
-    Path("a.vtm").write_text(
-        f'<VTKFile type="vtkMultiBlockDataSet"><vtkMultiBlockDataSet><Block index="0">{block}'
-        "</Block></vtkMultiBlockDataSet></VTKFile>",
-        encoding="utf-8",
-    )
-    made.write_parts(here, ".vtu")
-    for kind, ending in (("PPolyData", "p"), ("PUnstructuredGrid", "u")):
-        piece = f'<Piece Source="sub/part0.vt{ending}"/>'
-        Path(f"a.pvt{ending}").write_text(
-            f'<VTKFile type="{kind}"><{kind} GhostLevel="0">{piece}</{kind}></VTKFile>', encoding="utf-8"
-        )
-    names = ["a.xdmf", "a.dump", "a.bi4", "a.pvd", "a.vtp.series", "a.extxyz", "a.lmp"]
-    names += ["a.vtm", "a.pvtp", "a.pvtu", "pysph.npz"]
-    names += [f"{name}.csv" for name in made.TABLES]
-    names += _if_installed(_gsd, "a.gsd")
-    return names + _if_installed(_packed_vtk, "LZ4.vtp", "LZMA.vtp")
+    test_pysph_npz.written(Path("pysph.npz"))
+    return ["pysph.npz", *_of_kinds("", "gsd.hoomd"), *_if_installed(_packed_vtk, "LZ4.vtp", "LZMA.vtp")]
 
 
 def _if_installed(make: Callable[[], Any], *names: str) -> list[str]:
@@ -163,19 +131,6 @@ def _if_installed(make: Callable[[], Any], *names: str) -> list[str]:
     return [*names]
 
 
-def _gsd() -> None:
-    import gsd.hoomd
-
-    with gsd.hoomd.open("a.gsd", "w") as file:
-        for step in range(2):
-            frame = gsd.hoomd.Frame()
-            frame.configuration.step, frame.configuration.box = step, [1, 1, 1, 0.1, 0, 0]
-            frame.particles.N = 12
-            frame.particles.position = np.arange(36, dtype=np.float32).reshape(12, 3) / 9
-            frame.particles.diameter = np.full(12, 0.2)
-            file.append(frame)
-
-
 def _packed_vtk() -> None:
     import pyvista
     import vtk
@@ -184,14 +139,11 @@ def _packed_vtk() -> None:
     cloud["mass"] = np.arange(20.0)
     for how in ("LZ4", "LZMA"):
         writer = vtk.vtkXMLPolyDataWriter()
-        writer.SetInputData(cloud)
         getattr(writer, f"SetCompressorTypeTo{how}")()
-        writer.SetFileName(f"{how}.vtp")
-        writer.Write()
+        vtk_write(writer, f"{how}.vtp", cloud)
 
 
 def _hdf5() -> list[str]:
-    import h5py
     import test_hdf5 as made
 
     made.gadget(Path("gadget.hdf5"))
@@ -199,14 +151,7 @@ def _hdf5() -> list[str]:
     made.h5part("run.h5part")
     made.vtkhdf("run.vtkhdf")
     made.pysph("drop.hdf5")
-    with h5py.File("pmd.h5", "w") as file:
-        file.attrs["openPMD"], file.attrs["particlesPath"] = "1.1.0", "particles/"
-        group = file.create_group("data/3/particles/e")
-        for k, axis in enumerate("xyz"):
-            group[f"position/{axis}"] = made.POSITIONS[:, k]
-            group[f"position/{axis}"].attrs["unitSI"] = 1e-6
-            group.create_group(f"positionOffset/{axis}").attrs.update(value=1.0, shape=[made.N])
-    return ["gadget.hdf5", "packed.hdf5", "run.h5part", "run.vtkhdf", "pmd.h5", "drop.hdf5"]
+    return ["gadget.hdf5", "packed.hdf5", "run.h5part", "run.vtkhdf", "drop.hdf5", *_of_kinds("h5py")]
 
 
 def _by_packages() -> list[str]:
@@ -248,10 +193,7 @@ def _vtk_volume(values: np.ndarray) -> None:
     image = vtk.vtkImageData()
     image.SetDimensions(*values.shape[::-1])
     image.GetPointData().SetScalars(numpy_to_vtk(values.ravel(), deep=True))
-    writer = vtk.vtkXMLImageDataWriter()
-    writer.SetFileName("zlib.vti")
-    writer.SetInputData(image)
-    writer.Write()
+    vtk_write(vtk.vtkXMLImageDataWriter(), "zlib.vti", image)
 
 
 def _dicom() -> list[str]:
@@ -343,16 +285,9 @@ def _pictures() -> list[str]:
     color = rng.integers(0, 255, (12, 24, 3)).astype(np.uint8)
     Image.fromarray(color).save("a.png")
     Image.fromarray(color).save("a.jpg")
-    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.5\n\n-Y 12 +X 24\n"
-    pixels = rng.integers(100, 140, (12, 24, 4)).astype(np.uint8)
-    Path("flat.hdr").write_bytes(head + pixels.tobytes())
-    rows = b""
-    for row in pixels:
-        rows += bytes((2, 2, 0, 24))
-        for plane in row.T:
-            rows += bytes((128 + 10, 7, 14)) + plane[:14].tobytes()
-    Path("runs.hdr").write_bytes(head + rows)
-    return ["a.png", "a.jpg", "flat.hdr", "runs.hdr"]
+    for coding in ("flat", "runs", "old"):
+        Path(f"{coding}.hdr").write_bytes(hdr(bright(24, 12), coding))
+    return ["a.png", "a.jpg", "flat.hdr", "runs.hdr", "old.hdr"]
 
 
 def _exr() -> list[str]:

@@ -3,8 +3,6 @@
 The questions and answers are as ever, and the limits, to which comes what this process holds.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

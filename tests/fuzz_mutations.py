@@ -1,7 +1,5 @@
 """Damage to a file: bytes, numbers in text, members of archives, what is packed, and tails."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import re

@@ -1,7 +1,5 @@
 """Calls that are interrupted at a chosen place, as by Ctrl-C, and threads beside each other."""
 
-from __future__ import annotations
-
 import contextlib
 import linecache
 import os

@@ -1,7 +1,5 @@
 """mpiexec for tests: where it is, and the environment that it needs."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Closed forms for the tests of light: a sky that tells directions, balls, glass, cuts."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import globule as gb
@@ -33,8 +31,7 @@ def ball(center=CENTER, support=SUPPORT, color=(1.0, 0.5, 0.25), **options) -> g
 
 
 def block(n=9, support=2.0, color=None, **options) -> gb.Scene:
-    """A cube of n^3 particles one apart about the origin: the field is above the threshold and
-    nearly constant inside."""
+    """A cube of n^3 particles one apart: the field inside is nearly constant, above the threshold."""
     x = np.arange(n) - (n - 1) / 2
     p = np.stack(np.meshgrid(x, x, x), -1).reshape(-1, 3).astype(np.float32)
     return gb.Scene(gb.Particles(p, support=support, color=color), threshold=0.6, **options)
@@ -103,8 +100,7 @@ def refracted(d, n, eta) -> np.ndarray:
 
 
 def glass_ball(o, d, index: float, depth: int, inside=False, absorption=0.0) -> np.ndarray:
-    """Radiance of `sky_of` through a ball of clear glass, with `depth` generations followed and the
-    rest ending in the sky. Rays that miss, see the sky."""
+    """Radiance of `sky_of` through a ball of clear glass, after `depth` generations and where missed the sky's."""
     near, far, away = meet_ball(o, d)
     out = np.where(away < RADIUS, 0.0, sky_of(d))
     weight = np.where(away < RADIUS, 1.0, 0.0)

@@ -1,7 +1,5 @@
 """A block of particles on several ranks, which are threads here, and images that must agree."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 from globule._base.ranks import run_threads
@@ -21,7 +19,6 @@ OF_A_FEW = {"one rank has all": (3, N), "more ranks than particles": (5, 2), "no
 
 
 def on(n, work, backend):
-    """What each of n ranks returns, threads of this process."""
 
     def one(ranks):
         return work({**backend, **({} if backend["device"] == "cuda" else {"threads": 1})}, ranks)

@@ -1,7 +1,5 @@
 """What the PLUS toolkit does, one pixel after another in plain Python: slow, for small sweeps."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -56,14 +54,11 @@ def rounded(x):
 
 def insert(config, frames, matrices, size, sources, importance):
     """Values and accumulator (Z, Y, X)."""
-    real = frames.dtype == np.float32
-    out = np.zeros(size[::-1], frames.dtype)
-    acc = np.zeros(size[::-1], np.int64)
-    fixed = config.optimization == "FULL"
+    real, out = frames.dtype == np.float32, np.zeros(size[::-1], frames.dtype)
+    acc, fixed = np.zeros(size[::-1], np.int64), config.optimization == "FULL"
     number = Fixed.of if fixed else float
     for frame, m in zip(frames, matrices, strict=True):
-        flat = frame.ravel()
-        m = [[number(v) for v in row] for row in m.tolist()]
+        flat, m = frame.ravel(), [[number(v) for v in row] for row in m.tolist()]
         for row, column in np.ndindex(*frame.shape):
             s = int(sources[row, column])
             if s < 0 or (config.rejection is not None and flat[s] < config.rejection):
@@ -108,8 +103,7 @@ def linear(config, out, acc, p, value, importance, size, number):
     high = [i + (float(w) != 0) for i, w in zip(low, f, strict=True)]
     if any(i < 0 or j >= n for i, j, n in zip(low, high, size, strict=True)):
         return
-    r = [number(1) - w for w in f]
-    real = out.dtype == np.float32
+    r, real = [number(1) - w for w in f], out.dtype == np.float32
     fixed = isinstance(p[0], Fixed)
     for j in range(7, -1, -1):
         bits = (j >> 2 & 1, j >> 1 & 1, j & 1)
@@ -172,8 +166,7 @@ def one(filler, values, acc, at):
     if filler.type == "STICK":
         return stick(filler, values, acc, at)
     z, y, x = at
-    half = (filler.size - 1) // 2
-    weights = filler.weights()
+    half, weights = (filler.size - 1) // 2, filler.weights()
     radii = range(1, half + 1) if filler.type == "NEAREST_NEIGHBOR" else [half]
     total = known = weight_sum = 0.0
     for r in radii:
@@ -206,8 +199,7 @@ def cast(v, dtype):
 def stick(filler, values, acc, at):
     found, weights = [], []
     for dx, dy, dz in STICKS:
-        ends = []
-        limit = filler.size - 1
+        ends, limit = [], filler.size - 1
         for sign in (1, -1):
             for j in range(1, limit + 1):
                 v = (at[0] + sign * j * dz, at[1] + sign * j * dy, at[2] + sign * j * dx)

@@ -1,7 +1,5 @@
 """Small named scenes with rays that are over-sampled where surfaces end; all seeds are fixed."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from pathlib import Path
@@ -50,7 +48,6 @@ class Case:
         return oracle.field(self.positions, self.shape(), self.weight, self.kernel, points)
 
     def smallest(self, points: np.ndarray) -> np.ndarray:
-        """The smallest support that reaches each point."""
         support = np.broadcast_to(np.asarray(self.support, np.float64), len(self.positions))
         out = np.full(len(points), support.max() if len(support) else 1.0)
         if np.ptp(support) == 0:
@@ -77,24 +74,21 @@ def with_camera(case: Case, camera: gb.Camera, pixels: int, pairs: int, halvings
             return (eye + across).astype(np.float32), unit(np.broadcast_to(forward, across.shape))
         return np.broadcast_to(eye, across.shape).astype(np.float32), unit(forward + across)
 
-    rng = np.random.default_rng(1)
-    x = (np.arange(pixels) + 0.5) * 2 / pixels - 1
+    rng, x = np.random.default_rng(1), (np.arange(pixels) + 0.5) * 2 / pixels - 1
     grid = np.stack(np.meshgrid(x, x), -1).reshape(-1, 2)
     grid = grid + rng.uniform(-0.4, 0.4, grid.shape) * 2 / pixels
     origins, directions = ([a] for a in rays(grid))
     depth = [case.first_hit(origins[0], directions[0])]
 
     far = 1e9  # stands for a miss
-    t = np.minimum(depth[0], far)
-    number = np.arange(pixels * pixels).reshape(pixels, pixels)
+    t, number = np.minimum(depth[0], far), np.arange(pixels * pixels).reshape(pixels, pixels)
     ends = np.concatenate(
         [
             np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], 1),
             np.stack([number[:-1].ravel(), number[1:].ravel()], 1),
         ]
     )
-    jump = np.abs(t[ends[:, 0]] - t[ends[:, 1]])
-    ends = ends[jump > 0.5 * np.median(np.asarray(case.support))]
+    ends = ends[np.abs(t[ends[:, 0]] - t[ends[:, 1]]) > 0.5 * np.median(np.asarray(case.support))]
     ends = rng.permutation(ends)[:pairs]
     a, b, ta, tb = grid[ends[:, 0]], grid[ends[:, 1]], t[ends[:, 0]], t[ends[:, 1]]
     for _ in range(halvings if len(ends) else 0):
@@ -133,8 +127,7 @@ def one(**options) -> Case:
     case = Case(np.array([[0.1, -0.2, 0.3]], np.float32), support=0.8, **options)
     if options:
         return with_camera(case, gb.Camera((1, 2, 3), case.positions[0]), 16, 40, 16)
-    rng = np.random.default_rng(2)
-    radius = 0.8 * np.sqrt(1 - np.sqrt(0.6))
+    rng, radius = np.random.default_rng(2), 0.8 * np.sqrt(1 - np.sqrt(0.6))
     k = rng.integers(2, 7, 2000)
     h = radius * (1 + rng.choice([-1, 1], len(k)) * 10.0**-k)
     d = unit(rng.normal(size=(len(k), 3))).astype(np.float64)
@@ -145,7 +138,6 @@ def one(**options) -> Case:
 
 
 def mixed() -> Case:
-    """Radii over two decades."""
     rng = np.random.default_rng(3)
     case = Case(cloud(600, 3), support=0.7 * 10 ** rng.uniform(-2, 0, 600))
     return with_camera(case, gb.Camera((1.2, 0.9, 3.9), (0, 0, 0)), 40, 150, 14)
@@ -154,20 +146,17 @@ def mixed() -> Case:
 def carved() -> Case:
     """Negative weights take pieces out of a block."""
     block, holes = lattice(8, 8, 8, 0.1), cloud(40, 4, 4.0)
-    positions = np.concatenate([block, holes])
     weight = np.concatenate([np.ones(len(block)), -np.linspace(0.3, 4, len(holes))])
     support = np.concatenate([np.full(len(block), 1.9), np.linspace(0.5, 3, len(holes))])
-    case = Case(positions, support, weight.astype(np.float32))
+    case = Case(np.concatenate([block, holes]), support, weight.astype(np.float32))
     return with_camera(case, gb.Camera((7, 9, 12), (0, 0, 0)), 36, 120, 14)
 
 
 def sheet() -> Case:
     """One layer seen almost edge on, from 0.3 to 3 degrees."""
-    case = Case(lattice(40, 40, 1, 0.15, 5), support=1.4)
-    rng = np.random.default_rng(5)
+    case, rng = Case(lattice(40, 40, 1, 0.15, 5), support=1.4), np.random.default_rng(5)
     n = 2400
-    angle = np.radians(rng.uniform(0.3, 3, n))
-    turn = rng.uniform(0, 2 * np.pi, n)
+    angle, turn = np.radians(rng.uniform(0.3, 3, n)), rng.uniform(0, 2 * np.pi, n)
     d = np.stack([np.cos(turn) * np.cos(angle), np.sin(turn) * np.cos(angle), -np.sin(angle)], 1)
     target = np.concatenate([rng.uniform(-18, 18, (n, 2)), rng.uniform(-0.6, 0.6, (n, 1))], 1)
     return with_rays(case, target - 40 * d, d)
@@ -192,8 +181,7 @@ def inside() -> Case:
     """Rays that begin within the medium, some of them in a hole."""
     positions = lattice(9, 9, 9, 0.2, 8)
     positions = positions[np.linalg.norm(positions - [1, 0, 0], axis=1) > 1.6]
-    case = Case(positions, support=1.8)
-    rng = np.random.default_rng(8)
+    case, rng = Case(positions, support=1.8), np.random.default_rng(8)
     return with_rays(case, rng.uniform(-4.5, 4.5, (2000, 3)), rng.normal(size=(2000, 3)))
 
 
@@ -204,8 +192,7 @@ def splash() -> Case:
     lo, hi = positions.min(0), positions.max(0)
     middle, size = (lo + hi) / 2, float((hi - lo).max())
     case = Case(positions, support=0.04)
-    camera = gb.Camera(middle + size * np.array([0.5, 0.45, 0.9]), middle)
-    return with_camera(case, camera, 36, 170, 10)
+    return with_camera(case, gb.Camera(middle + size * np.array([0.5, 0.45, 0.9]), middle), 36, 170, 10)
 
 
 def of_kernel(kernel: str, weights: bool) -> Case:
@@ -232,11 +219,8 @@ def stretched(kernel: str, weights: bool) -> Case:
     axes = 0.5 * np.random.default_rng(10).uniform(0.3, 1.6, (150, 3))
     return with_camera(
         dataclasses.replace(case, support=float(axes.min()), matrices=stretched_matrices(axes, 11)),
-        gb.Camera((1.5, 1, 2.5), (0, 0, 0)),
-        24,
-        80,
-        12,
-    )
+        gb.Camera((1.5, 1, 2.5), (0, 0, 0)), 24, 80, 12,
+    )  # fmt: skip
 
 
 CASES = {f.__name__: f for f in (one, mixed, carved, sheet, sheet_edge, hundred, orthographic, inside, splash)}

@@ -1,7 +1,5 @@
 """What tests of simulations share: rows of experiments, blocks of tissue, states on disk."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 from globule._base.settings import settings_of
@@ -21,7 +19,6 @@ def tables(table: type = SceneFile) -> set[type]:
 
 
 def check(rows) -> None:
-    """Each row of an experiment of `bench.tables` holds."""
     rows = [row if isinstance(row, dict) else row._asdict() for row in rows]
     assert rows
     assert not [row for row in rows if not row["ok"]]
@@ -68,7 +65,6 @@ def reloaded(sim: gb.Simulation, folder, change=None) -> gb.Simulation:
 
 
 def assert_same_state(one: gb.Simulation, other: gb.Simulation) -> None:
-    """Bit for bit, array by array."""
     states = one.arrays.state(), other.arrays.state()
     assert states[0].keys() == states[1].keys()
     for name, value in states[0].items():

@@ -1,7 +1,5 @@
 """A float64 reference of a solid's energy and forces."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -34,16 +32,13 @@ def yielded(stays: np.ndarray, F: np.ndarray, material: Elasticity, at: float, r
     h = 0.5 * np.log(squares)
     swelling = h.mean(1, keepdims=True)
     h -= swelling
-    strain = np.sqrt(1.5 * (h**2).sum(1)) / (1 + ratio)
-    beyond = np.maximum(1 - at / np.maximum(strain, 1e-300), 0)
+    beyond = np.maximum(1 - at / np.maximum(np.sqrt(1.5 * (h**2).sum(1)) / (1 + ratio), 1e-300), 0)
     kept = 1 - beyond * (1 - np.exp(-1.5 / (1 + ratio) * rate * dt))
-    squares = np.exp(2 * (h * kept[:, None] + swelling))
-    inner = np.linalg.inv(F) @ axes
+    squares, inner = np.exp(2 * (h * kept[:, None] + swelling)), np.linalg.inv(F) @ axes
     return (inner * squares[:, None, :]) @ inner.transpose(0, 2, 1)
 
 
 def gradients(positions: Any, rest: Any, bonds: Bonds, spacing: float) -> np.ndarray:
-    """(N, 3, 3) F of each particle."""
     return _gradients(positions, rest, bonds, spacing)[0]
 
 
@@ -55,8 +50,7 @@ def _gradients(positions: Any, rest: Any, bonds: Bonds, spacing: float) -> Any:
     r, R = x[j] - x[i], X[j] - X[i]
     shape = _summed(i, c[:, None, None] * R[:, :, None] * R[:, None, :], len(x))
     C = np.linalg.inv(shape)
-    F = _summed(i, c[:, None, None] * r[:, :, None] * R[:, None, :], len(x)) @ C
-    return F, shape, C, c, r, R
+    return _summed(i, c[:, None, None] * r[:, :, None] * R[:, None, :], len(x)) @ C, shape, C, c, r, R
 
 
 def _summed(i: np.ndarray, values: np.ndarray, n: int) -> np.ndarray:
@@ -88,13 +82,10 @@ def forces(
     """
     i, j = bonds.first_ends, bonds.other.astype(np.int64)
     F, shape, C, c, r, R = _gradients(positions, rest, bonds, spacing)
-    n = len(F)
-    J = np.linalg.det(F)
+    n, J = len(F), np.linalg.det(F)
     cofactor = J[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1)
     mu, lam, volume = material.shear, material.lame, spacing**3
-    s = (lam + mu) * (J - 1) - mu
-    P = mu[:, None, None] * F + s[:, None, None] * cofactor
-    memory = np.zeros(n)
+    P, memory = mu[:, None, None] * F + ((lam + mu) * (J - 1) - mu)[:, None, None] * cofactor, np.zeros(n)
     shares = [share for share, _ in material.relaxation][: len(past)]
     parts = [*zip(shares, past, strict=True)]
     if stays is not None:

@@ -1,7 +1,5 @@
 """What the tests of sweeps share."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +19,12 @@ DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "ultrasound"
 
 
 def spine_data() -> Path:
-    """The folder of the real sweep, or a skipped test."""
     if not (DATA / "SpinePhantomFreehand.igs.mha").is_file():
         pytest.skip("needs ../shared/data/ultrasound")
     return DATA
 
 
 def calibration_data() -> Path:
-    """The folder of real calibration sweeps, or a skipped test."""
     folder = DATA.parent / "calibration"
     if not (folder / "WaterTankBottomTranslationCombined.igs.mha").is_file():
         pytest.skip("needs ../shared/data/calibration")
@@ -36,9 +32,7 @@ def calibration_data() -> Path:
 
 
 def random_poses(n: int, seed: int = 0, reach: float = 40.0) -> np.ndarray:
-    """(n, 4, 4) rigid, mm."""
-    rng = np.random.default_rng(seed)
-    poses = np.tile(np.eye(4), (n, 1, 1))
+    rng, poses = np.random.default_rng(seed), np.tile(np.eye(4), (n, 1, 1))
     for pose in poses:
         pose[:3, :3] = Rotation.from_quat(rng.normal(size=4)).as_matrix()
         pose[:3, 3] = rng.uniform(-reach, reach, 3)
@@ -47,8 +41,7 @@ def random_poses(n: int, seed: int = 0, reach: float = 40.0) -> np.ndarray:
 
 def small_sweep(n: int = 5, dtype: str = "uint8", **fields) -> Sweep:
     """n frames of 7x6 in random poses, 0.5 mm a pixel."""
-    rng = np.random.default_rng(1)
-    frames = (rng.random((n, 6, 7)) * 250).astype(dtype)
+    frames = (np.random.default_rng(1).random((n, 6, 7)) * 250).astype(dtype)
     poses = random_poses(n) @ np.diag([0.5, 0.5, 0.5, 1.0])
     fields.setdefault("timestamps", 10 + 0.1 * np.arange(n))
     return Sweep(frames, poses, **fields)
@@ -60,8 +53,7 @@ class OnGpu:
     def __init__(self, shape, typestr="<f4", strides=None):
         self.shape = shape
         self.__cuda_array_interface__ = {
-            "shape": shape, "typestr": typestr, "data": (4096, False), "strides": strides,
-            "version": 3,
+            "shape": shape, "typestr": typestr, "data": (4096, False), "strides": strides, "version": 3,
         }  # fmt: skip
 
     def get(self):
@@ -140,7 +132,6 @@ def _wires(probe_from_image: np.ndarray, n: int = 40) -> None:
 
 
 def same(a: Sweep, b: Sweep) -> bool:
-    """Whether two sweeps hold the same bits."""
     masks = [m if m is None else m.tolist() for m in (a.mask, b.mask)]
     return (
         a.frames.dtype == b.frames.dtype

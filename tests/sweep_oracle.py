@@ -1,7 +1,5 @@
 """The float64 reference for volumes from sweeps, by brute force; for small sweeps only."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -31,10 +29,8 @@ def reconstruct(
     frames = np.ascontiguousarray(sweep.frames[valid], np.float64)
     poses = grid.poses(np.asarray(sweep.world_from_image, np.float64)[valid])
     mask = check_mask(getattr(sweep, "mask", None), frames.shape[1:])
-    whole = sweep.frames.dtype.kind == "u"
-    values = np.empty(grid.size[::-1])
-    radius = np.empty(grid.size[::-1], np.uint8)
-    reach = (max_kernel - 1) // 2
+    whole, values = sweep.frames.dtype.kind == "u", np.empty(grid.size[::-1])
+    radius, reach = np.empty(grid.size[::-1], np.uint8), (max_kernel - 1) // 2
     distance = np.zeros(grid.size[::-1])
     sizes = np.array(frames.shape, np.int32), np.array(grid.size, np.int32)
     call(
@@ -44,8 +40,7 @@ def reconstruct(
     )  # fmt: skip
     if method == "frames":
         gap = None if max_distance is None else 2 * max_distance / grid.spacing
-        path = FramePath(frames, poses / 2.0**32, mask, gap)
-        return _between_frames(path, values, radius, whole)
+        return _between_frames(FramePath(frames, poses / 2.0**32, mask, gap), values, radius, whole)
     _keep_between(values, radius, reach, extrapolate)
     if method == "bezier":
         curve = (radius == 0) & (distance > 0)
@@ -69,8 +64,7 @@ def _between_frames(
 
 def _keep_between(values: np.ndarray, radius: np.ndarray, reach: int, extrapolate: bool) -> None:
     """Empty or label filled voxels without measured ones on both sides, on any of 13 lines."""
-    measured = np.pad(radius == 0, max(reach, 1))
-    size = radius.shape
+    measured, size = np.pad(radius == 0, max(reach, 1)), radius.shape
     between = np.zeros(size, bool)
 
     def shifted(step: np.ndarray) -> np.ndarray:
@@ -78,8 +72,7 @@ def _keep_between(values: np.ndarray, radius: np.ndarray, reach: int, extrapolat
         return measured[tuple(slice(a, a + n) for a, n in zip(first, size, strict=True))]
 
     for line in list(np.ndindex(3, 3, 3))[14:]:
-        step = np.array(line) - 1
-        sides = [np.zeros(size, bool), np.zeros(size, bool)]
+        step, sides = np.array(line) - 1, [np.zeros(size, bool), np.zeros(size, bool)]
         for distance in range(1, reach + 1):
             for side, sign in zip(sides, (1, -1), strict=True):
                 side |= shifted(sign * distance * step)

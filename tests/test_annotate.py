@@ -1,7 +1,5 @@
 """What is drawn into an image, measured in its pixels: lengths, directions, edges, places."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import tracemalloc
@@ -10,11 +8,11 @@ import warnings
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import at_edge, cube, refused
+from cli_helpers import at_edge, cube, refused, refuses
 from globule.cli import main
 from globule.render import annotate, canvas
 from globule.render.annotate import draw_view, scale_bar
-from globule.render.box import _within, round_values, visible_parts
+from globule.render.box import round_values, visible_parts
 from globule.render.canvas import Canvas, sizes
 from globule.render.legend import POSITIONS
 from globule.render.views import VIEWS, Grid, view_cameras
@@ -143,10 +141,8 @@ def test_edges_behind_the_surface_are_hidden(backend):
                 along = (places - a) @ (b - a) / ((b - a) @ (b - a))
                 slack = 1.5 / np.linalg.norm(b - a)  # it ends within a pixel
                 drawn |= (along >= -slack) & (along <= 1 + slack)
-            edge = np.flatnonzero(np.diff(seen))
-            near = np.zeros(len(points), bool)
-            for e in edge:  # within a pixel or two of where it vanishes
-                near |= np.linalg.norm(places - places[e], axis=1) < 2.5
+            edge = places[np.flatnonzero(np.diff(seen))]  # within a pixel or two of where it vanishes
+            near = (np.linalg.norm(places[:, None] - edge, axis=2) < 2.5).any(axis=1)
             inside = (places > 2).all(axis=1) & (places < np.array(size) - 2).all(axis=1)
             judged = inside & ~near
             assert judged.sum() > 100
@@ -231,10 +227,8 @@ def test_legends_stand_where_they_are_asked_for(position):
         return
     rows, columns = np.nonzero(changed(after, before))
     vertical, horizontal = position.split("-")
-    assert (columns.max() < 150) == (horizontal == "left")
-    assert (columns.min() > 150) == (horizontal == "right")
-    assert (rows.max() < 140) == (vertical == "upper")
-    assert (rows.min() > 60) == (vertical == "lower")
+    assert (columns.max() < 150, columns.min() > 150) == (horizontal == "left", horizontal == "right")
+    assert (rows.max() < 140, rows.min() > 60) == (vertical == "upper", vertical == "lower")
 
 
 def test_an_outside_legend_keeps_the_size():
@@ -282,9 +276,27 @@ def test_text_on_transparent_pixels():
     assert np.abs(over - opaque).max() <= 3
 
 
-@pytest.mark.parametrize(
-    ("fields", "what"),
-    [
+def test_a_label_stays_inside_of_the_image():
+    blank = np.full((100, 120, 3), 255, np.uint8)
+    drawn = {}
+    for place in ((40.0, 50.0), (-30.0, 50.0), (200.0, 50.0), (60.0, -20.0), (60.0, 300.0)):
+        canvas = Canvas(blank)
+        canvas.text(place, "y, m", "mm", inks=((0, 0, 0), (255, 255, 255)), inside=True)
+        drawn[place] = int((canvas.pixels < 128).sum())
+    assert len(set(drawn.values())) == 1, drawn
+    assert drawn[40.0, 50.0] > 20
+
+
+def test_a_title_is_in_the_middle_of_image_and_legend():
+    blank = np.full((200, 300, 3), 255, np.uint8)
+    for strip in (0, 60):
+        image = annotate.draw_sheet(blank, gb.Annotation(title="Title"), None, strip)
+        columns = np.flatnonzero((image < 128).any(axis=(0, 2)))
+        assert (columns[0] + columns[-1]) / 2 == pytest.approx((300 + strip) / 2, abs=3)
+
+
+def test_wrong_annotations():
+    for fields, what in (
         ({"title": 3}, "title: expected a text"),
         ({"scale_bar": 0.1}, "scale_bar: expected"),
         ({"box": 3}, "box: expected a bool or"),
@@ -292,11 +304,8 @@ def test_text_on_transparent_pixels():
         ({"time": "now"}, "time: expected"),
         ({"step": 1.5}, "step: expected"),
         ({"legend": "above"}, "legend: expected a bool or one of"),
-    ],
-)
-def test_wrong_annotations(fields, what):
-    with pytest.raises((TypeError, ValueError), match=what):
-        gb.Annotation(**fields)
+    ):
+        refuses(what, gb.Annotation, **fields, error=(TypeError, ValueError))
 
 
 def test_wrong_uses():
@@ -305,10 +314,8 @@ def test_wrong_uses():
     with pytest.raises(ValueError, match="size: expected at least 64 pixels"):
         gb.render(cube(), size=(80, 60), annotate=gb.Annotation(axes=True))
     notes = gb.Annotation(legend="outside")
-    with pytest.raises(ValueError, match="beside the legend"):
-        gb.render(cube(), size=(90, 90), color_by="x", annotate=notes)
-    with pytest.raises(ValueError, match="image: expected"):
-        Canvas(np.zeros((80, 80)))
+    refuses("beside the legend", gb.render, cube(), size=(90, 90), color_by="x", annotate=notes)
+    refuses("image: expected", Canvas, np.zeros((80, 80)))
 
 
 def test_fitted_images_have_room_for_the_box():
@@ -375,10 +382,8 @@ def test_views_share_title_and_legend():
     assert len(found.frames) == 4
     assert (image[:, -3:] == 255).all()  # the legend's strip
     assert (image[2] == 255).all()  # the title's
-    with pytest.raises(ValueError, match="views: expected cameras or some of front, back"):
-        gb.render_views(cube(4), ["above"])
-    with pytest.raises(ValueError, match="views: expected at least one view"):
-        gb.render_views(cube(4), [])
+    refuses("views: expected cameras or some of front, back", gb.render_views, cube(4), ["above"])
+    refuses("views: expected at least one view", gb.render_views, cube(4), [])
 
 
 # Sequences and commands
@@ -396,8 +401,7 @@ def test_a_sequence_has_the_time_of_each_frame_and_one_box(tmp_path):
     again = gb.render_sequence(frames[:1], name, size=(200, 150), annotate=still)
     assert (np.asarray(Image.open(again[0])) == first).all()
     settings = {"transparent": True}
-    with pytest.raises(ValueError, match="transparent"):
-        gb.render_sequence(frames, str(tmp_path / "m.mp4"), settings=settings)
+    refuses("transparent", gb.render_sequence, frames, str(tmp_path / "m.mp4"), settings=settings)
 
 
 @pytest.fixture
@@ -428,9 +432,7 @@ def test_the_command_draws_what_python_draws(files):
     assert main([*words, *flags, "-o", "a.png"]) == 0
     middle = tuple(np.mean(gb.read("frame_0.npz").bounds(), axis=0).tolist())
     camera = gb.Camera((2, 2, 3), middle)
-    frame = gb.render(
-        "frame_0.npz", camera, (200, 150), color_by="speed", annotate=notes
-    )  # fmt: skip
+    frame = gb.render("frame_0.npz", camera, (200, 150), color_by="speed", annotate=notes)
     assert (opened("a.png") == frame.image).all()
 
 
@@ -460,27 +462,16 @@ def test_transparent_and_flat_on_the_command_line(files):
     flat = opened("a.png")
     assert flat.shape == (150, 200, 4)
     assert set(np.unique(flat[..., 3])) == {0, 255}
-    frame = gb.render(
-        gb.Scene("frame_0.npz"),
-        size=(200, 150),
-        settings=dataclasses.replace(gb.load_preset("flat", gb.Scene("frame_0.npz")), transparent=True),
-        color_by="speed",
-    )
+    scene = gb.Scene("frame_0.npz")
+    settings = dataclasses.replace(gb.load_preset("flat", scene), transparent=True)
+    frame = gb.render(scene, size=(200, 150), settings=settings, color_by="speed")
     assert (frame.image == flat).all()
     assert main([*words, "--transparent", "--samples", "4", "--axes", "-o", "b.png"]) == 0
     assert len(np.unique(opened("b.png")[..., 3])) > 3
 
 
-def test_views_on_the_command_line(files):
-    words = ["render", "frame_0.npz", *COMMON, "--views", "front,iso", "-o", "v.png"]
-    assert main(words) == 0
-    expected = gb.render_views("frame_0.npz", ("front", "iso"), (200, 150)).image
-    assert (opened("v.png") == expected).all()
-
-
-@pytest.mark.parametrize(
-    ("words", "what"),
-    [
+def test_mistakes_on_the_command_line(files, capsys):
+    for words, what in (
         (["--legend-at", "outside"], "expected --color-by beside a legend"),
         (["--views", "front", "--eye", "1,2,3"], "--views: expected no --eye"),
         (["--views", "front", "--pick", "1,2"], "--views: expected no --pick"),
@@ -489,10 +480,8 @@ def test_views_on_the_command_line(files):
         (["--time", "1,2,3"], "--time: expected START or START,STEP"),
         (["--turntable", "1"], "--turntable: expected a whole number from 2"),
         (["--transparent", "-o", "a.mp4"], "--transparent: expected images"),
-    ],
-)
-def test_mistakes_on_the_command_line(files, words, what, capsys):
-    assert what in refused(capsys, "render", "frame_0.npz", "-o", "a.png", *words)
+    ):
+        assert what in refused(capsys, "render", "frame_0.npz", "-o", "a.png", *words)
 
 
 @pytest.mark.parametrize("orthographic", [False, True])
@@ -513,16 +502,3 @@ def test_a_box_that_is_much_larger_than_the_image(orthographic):
             gb.render(scene, camera, (96, 72), annotate=gb.Annotation(box=True)).image  # noqa: B018
             assert tracemalloc.get_traced_memory()[1] < 50e6
             tracemalloc.stop()
-
-
-def test_the_part_of_a_line_in_the_image():
-    camera, size = gb.Camera((0, 0, 5), (0, 0, 0), fov=40.0), (100, 100)
-    half = 5 * np.tan(np.radians(20))
-    found = _within(np.array([[-1e6, 0, 0], [1e6, 0, 0.0]]), camera, size, 0.0)
-    np.testing.assert_allclose(found, [[-half, 0, 0], [half, 0, 0]], atol=1e-9)
-    through = _within(np.array([[0, 0, 9], [0, 0, -9.0]]), camera, size)  # begins behind the eye
-    assert through[0, 2] == pytest.approx(5, abs=1e-6)
-    np.testing.assert_allclose(through[1], [0, 0, -9])
-    assert _within(np.array([[9, 9, 0], [10, 9, 0.0]]), camera, size) is None
-    inside = np.array([[0, 0, 0], [0.1, 0.2, 0.3]])
-    np.testing.assert_allclose(_within(inside, camera, size), inside)

@@ -5,7 +5,7 @@ import functools
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, cube, refused, run_json
+from cli_helpers import SMALL, cube, refused, refuses, run_json
 from globule.render.fit import corners_of
 from light import CAMERA, CENTER, RADIUS, direction_sky, glass, glass_ball, meet_ball, quiet, rays
 from test_surface import ball, smooth
@@ -213,13 +213,11 @@ def test_new_places(backend):
     assert spheres.intersect(o, d).distance[0] == pytest.approx(8)
     spheres.update([[0, 0, 2]])
     assert spheres.intersect(o, d).distance[0] == pytest.approx(6)
-    with pytest.raises(ValueError, match="vertices: expected 1"):
-        spheres.update(np.zeros((2, 3)))
+    refuses("vertices: expected 1", spheres.update, np.zeros((2, 3)))
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
+def test_mistakes_are_named():
+    for make, message in (
         (lambda: gb.Spheres([[0, 0, 0]], 0.0), "radius: expected"),
         (lambda: gb.Spheres(np.zeros((3, 3)), [1, 2]), "radius: expected 3 numbers, got 2"),
         (lambda: gb.Spheres(np.zeros((2, 3)), [1, -2]), r"got -2 \(sphere 1\)"),
@@ -227,11 +225,8 @@ def test_new_places(backend):
         (lambda: gb.Lines(np.zeros((2, 3)), [1, 2]), "radius: expected one number"),
         (lambda: gb.Lines(np.zeros((2, 2)), 1.0), "points"),
         (lambda: gb.Spheres([[0, np.nan, 0]], 1.0), "finite"),
-    ],
-)
-def test_mistakes_are_named(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
+    ):
+        refuses(message, make)
 
 
 def test_nothing_is_drawn_of_nothing(backend):
@@ -240,16 +235,14 @@ def test_nothing_is_drawn_of_nothing(backend):
     assert len(gb.Lines([], 1.0)) == 0
 
 
-def test_on_the_command_line(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_on_the_command_line(folder, capsys):
     gb.write("fluid.npz", cube())
     gb.write("tracers.npz", gb.Particles(np.array([[0.4, 0.4, 1.6], [0.4, 0.4, 2.6]])))
     gb.write("path.npz", gb.Particles(np.array([[0, 0, 1.5], [1, 0, 1.5], [1, 1, 1.5]])))
     words = ["--spheres", "tracers.npz:0.2", "--lines", "path.npz:0.05", "--mesh-color", "0.8,0,0"]
     view = ["-o", "a.png", "--eye", "0.4,0.4,9", "--look-at", "0.4,0.4,0", "--pick", "20,15"]
     facts = run_json(capsys, "render", "fluid.npz", *words, *view, *SMALL)
-    assert facts["picked"]["file"] == "tracers.npz"
-    assert facts["picked"]["face"] == 1
+    assert {"file": "tracers.npz", "face": 1}.items() <= facts["picked"].items()
     assert facts["picked"]["distance"] == pytest.approx(9 - 2.8, abs=0.05)
     run_json(capsys, "render", "fluid.npz", "--spheres", "tracers.npz", "--lines", "path.npz",
              "-o", "b.png", *SMALL)  # fmt: skip

@@ -1,15 +1,14 @@
 """Cells of VTK's files: faces are triangles, data of vertices are attributes, ghosts are none."""
 
-from __future__ import annotations
-
 import json
 import re
+from functools import partial
 
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import run_json
-from format_helpers import by_vtk
+from cli_helpers import refuses, run_json
+from format_helpers import by_vtk, data_array, naming, vtk, vtk_write, vtu, words
 from globule.formats import read_contents
 from globule.formats.frames import FrameOf
 from globule.formats.triangles import has_faces
@@ -30,62 +29,9 @@ def volume(mesh: gb.Mesh) -> float:
     return float(np.sum(a * np.cross(b, c)) / 6)
 
 
-def words(values) -> str:
-    return " ".join(str(v) for v in np.ravel(values))
-
-
-def array(name: str, kind: str, values, components: int = 1) -> str:
-    head = f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii">'
-    return f"{head}{words(values)}</DataArray>"
-
-
-def vtu(path, points, cells, types, point_data="", cell_data="", more=""):
-    corners = [i for cell in cells for i in cell]
-    ends = np.cumsum([len(cell) for cell in cells])
-    path.write_text(
-        '<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian">'
-        f'<UnstructuredGrid><Piece NumberOfPoints="{len(points)}" NumberOfCells="{len(cells)}">'
-        f"<Points>{array('P', 'Float64', points, 3)}</Points>"
-        f"<Cells>{array('connectivity', 'Int64', corners)}"
-        f"{array('offsets', 'Int64', ends)}{array('types', 'UInt8', types)}{more}</Cells>"
-        f"<PointData>{point_data}</PointData><CellData>{cell_data}</CellData>"
-        "</Piece></UnstructuredGrid></VTKFile>"
-    )
-    return path
-
-
-def vtk(path, points, cells, types, more=""):
-    rows = "\n".join(f"{len(cell)} {words(cell)}" for cell in cells)
-    n = sum(1 + len(cell) for cell in cells)
-    path.write_text(
-        "# vtk DataFile Version 3.0\ncells\nASCII\nDATASET UNSTRUCTURED_GRID\n"
-        f"POINTS {len(points)} double\n{words(points)}\nCELLS {len(cells)} {n}\n{rows}\n"
-        f"CELL_TYPES {len(cells)}\n{words(types)}\n{more}"
-    )
-    return path
-
-
-def pieces(path, *names):
-    parts = "".join(f'<Piece Source="{name}"/>' for name in names)
-    path.write_text(
-        f'<VTKFile type="PUnstructuredGrid" version="0.1"><PUnstructuredGrid>{parts}</PUnstructuredGrid></VTKFile>'
-    )
-    return path
-
-
-def blocks(path, *names):
-    parts = "".join(f'<DataSet index="{i}" file="{name}"/>' for i, name in enumerate(names))
-    path.write_text(
-        f'<VTKFile type="vtkMultiBlockDataSet" version="1.0"><vtkMultiBlockDataSet>{parts}'
-        "</vtkMultiBlockDataSet></VTKFile>"
-    )
-    return path
-
-
-def collection(path, *names):
-    parts = "".join(f'<DataSet timestep="{i}" file="{name}"/>' for i, name in enumerate(names))
-    path.write_text(f'<VTKFile type="Collection"><Collection>{parts}</Collection></VTKFile>')
-    return path
+pieces = partial(naming, "PUnstructuredGrid")
+blocks = partial(naming, "vtkMultiBlockDataSet")
+collection = partial(naming, "Collection")
 
 
 @pytest.mark.parametrize("write", [vtu, vtk])
@@ -117,11 +63,11 @@ def test_outer_faces(tmp_path, write, cells, types, expected, solid):
 def test_polyhedra(tmp_path):
     faces = [[0, 4, 7, 3], [1, 2, 6, 5], [0, 1, 5, 4], [3, 7, 6, 2], [0, 3, 2, 1], [4, 5, 6, 7]]
     stream = [6, *(i for face in faces for i in (4, *face))]
-    old = array("faces", "Int64", stream) + array("faceoffsets", "Int64", [-1, len(stream)])
+    old = data_array("faces", "Int64", stream) + data_array("faceoffsets", "Int64", [-1, len(stream)])
     new = (
-        array("face_connectivity", "Int64", faces) + array("face_offsets", "Int64", range(4, 25, 4))
-        + array("polyhedron_to_faces", "Int64", range(6))
-        + array("polyhedron_offsets", "Int64", [0, 6])
+        data_array("face_connectivity", "Int64", faces) + data_array("face_offsets", "Int64", range(4, 25, 4))
+        + data_array("polyhedron_to_faces", "Int64", range(6))
+        + data_array("polyhedron_offsets", "Int64", [0, 6])
     )  # fmt: skip
     for more in (old, new):
         path = vtu(tmp_path / "a.vtu", X, [[0], range(8)], [1, 42], more=more)
@@ -153,14 +99,14 @@ def test_ghost_and_hidden_cells(tmp_path):
     x = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1, 2)])
     two = [[0, 1, 4, 3, 6, 7, 10, 9], [1, 2, 5, 4, 7, 8, 11, 10]]
     for flag, expected in ((0, 10), (1, 5), (8, 6), (32, 6)):
-        data = array("vtkGhostType", "UInt8", [0, flag])
+        data = data_array("vtkGhostType", "UInt8", [0, flag])
         path = vtu(tmp_path / "a.vtu", x, two, [12, 12], cell_data=data)
         assert area(gb.Mesh(path)) == pytest.approx(expected), flag
-    hidden = array("vtkGhostType", "UInt8", [2 * (i == 2) for i in range(12)])
+    hidden = data_array("vtkGhostType", "UInt8", [2 * (i == 2) for i in range(12)])
     path = vtu(tmp_path / "b.vtu", x, two, [12, 12], point_data=hidden)
     assert area(gb.Mesh(path)) == pytest.approx(6)
-    a = vtu(tmp_path / "a.vtu", x, two, [12, 12], cell_data=array("vtkGhostType", "UInt8", [0, 1]))
-    b = vtu(tmp_path / "b.vtu", x, two, [12, 12], cell_data=array("vtkGhostType", "UInt8", [1, 0]))
+    a = vtu(tmp_path / "a.vtu", x, two, [12, 12], cell_data=data_array("vtkGhostType", "UInt8", [0, 1]))
+    b = vtu(tmp_path / "b.vtu", x, two, [12, 12], cell_data=data_array("vtkGhostType", "UInt8", [1, 0]))
     mesh = gb.Mesh(pieces(tmp_path / "ab.pvtu", a.name, b.name))
     assert area(mesh) == pytest.approx(10)
     assert volume(mesh) == pytest.approx(2)
@@ -169,12 +115,12 @@ def test_ghost_and_hidden_cells(tmp_path):
 def test_ghost_points_are_no_particles(tmp_path):
     cells, types = [[i] for i in range(8)], [1] * 8
     flags = [0, 1, 0, 2, 0, 0, 1, 0]
-    ids = array("id", "Int64", range(8))
-    data = ids + array("vtkGhostType", "UInt8", flags)
+    ids = data_array("id", "Int64", range(8))
+    data = ids + data_array("vtkGhostType", "UInt8", flags)
     found = gb.read(vtu(tmp_path / "a.vtu", X, cells, types, point_data=data))
     assert found.attributes["id"].tolist() == [0, 2, 4, 5, 7]
     assert list(found.attributes) == ["id"]
-    on_cells = array("vtkGhostType", "UInt8", flags)
+    on_cells = data_array("vtkGhostType", "UInt8", flags)
     found = gb.read(vtu(tmp_path / "b.vtu", X, cells, types, point_data=ids, cell_data=on_cells))
     assert found.attributes["id"].tolist() == [0, 2, 3, 4, 5, 7]  # 2 means another thing on cells
     old = f"POINT_DATA 8\nSCALARS vtkGhostLevels int 1\nLOOKUP_TABLE default\n{words(flags)}\n"
@@ -198,7 +144,7 @@ def test_cell_data_of_vertices_are_attributes(tmp_path, write):
     """Vertices in another order than the points, and one point without a vertex."""
     order, mass = [3, 1, 0, 2], [30, 10, 0, 20]
     more = f"CELL_DATA 4\nSCALARS radius double 1\nLOOKUP_TABLE default\n{words(mass)}\n"
-    options = {"cell_data": array("radius", "Int32", mass)} if write is vtu else {"more": more}
+    options = {"cell_data": data_array("radius", "Int32", mass)} if write is vtu else {"more": more}
     path = write(tmp_path / f"a.{write.__name__}", X[:4], [[i] for i in order], [1] * 4, **options)
     found = gb.read(path)
     assert not has_faces(path)
@@ -207,7 +153,7 @@ def test_cell_data_of_vertices_are_attributes(tmp_path, write):
     path = write(tmp_path / f"b.{write.__name__}", X[:5], [[i] for i in order], [1] * 4, **options)
     np.testing.assert_array_equal(gb.read(path).attributes["radius"], [0, 10, 20, 30, np.nan])
     poly = [[3, 1], [0, 2]]  # two cells of two points each
-    options = {"cell_data": array("kind", "Int32", [7, 8])} if write is vtu else {
+    options = {"cell_data": data_array("kind", "Int32", [7, 8])} if write is vtu else {
         "more": "CELL_DATA 2\nSCALARS kind int 1\nLOOKUP_TABLE default\n7 8\n"}  # fmt: skip
     path = write(tmp_path / f"c.{write.__name__}", X[:4], poly, [2, 2], **options)
     assert gb.read(path).attributes["kind"].tolist() == [8, 7, 8, 7]
@@ -221,8 +167,7 @@ def test_cell_data_of_polydata(tmp_path):
     (tmp_path / "a.vtk").write_text(f"{head}{words(X[:3])}\n{lines}{data}")
     assert gb.read(tmp_path / "a.vtk").attributes["id"].tolist() == [10, 11, 12]
     (tmp_path / "b.vtk").write_text(f"{head}{words(X[:3])}\n{lines}{data.replace('A 4', 'A 3')}")
-    with pytest.raises(gb.FormatError, match="expected CELL_DATA 4, got 3"):
-        gb.read(tmp_path / "b.vtk")
+    refuses("expected CELL_DATA 4, got 3", gb.read, tmp_path / "b.vtk", error=gb.FormatError)
 
 
 def test_collections_of_meshes(tmp_path):
@@ -258,21 +203,18 @@ def test_damaged_cells_are_refused(tmp_path):
         gb.Mesh(vtk(tmp_path / "a.vtk", X, [[0, 1, -1]], [5]))
     text = vtk(tmp_path / "b.vtk", X, [[0, 1, 2]] * 2, [5, 5]).read_text()
     (tmp_path / "b.vtk").write_text(text.replace("CELL_TYPES 2\n5 5", "CELL_TYPES 1\n5"))
-    with pytest.raises(gb.FormatError, match="expected CELL_TYPES 2, got 1"):
-        gb.Mesh(tmp_path / "b.vtk")
+    refuses("expected CELL_TYPES 2, got 1", gb.Mesh, tmp_path / "b.vtk", error=gb.FormatError)
     path = vtu(tmp_path / "c.vtu", X, [[0, 1, 2]], [5])
     path.write_text(re.sub("Int64. Name=.offsets", 'Int64" Name="ends', path.read_text()))
-    with pytest.raises(gb.FormatError, match="expected the arrays connectivity and offsets"):
-        gb.Mesh(path)
+    refuses("expected the arrays connectivity and offsets", gb.Mesh, path, error=gb.FormatError)
     with pytest.raises(gb.FormatError, match="expected a mesh with faces, got none"):
         gb.Mesh(vtu(tmp_path / "d.vtu", X, [[0, 1]], [3]))
 
 
-def test_render_frames_of_meshes(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    a = vtu(tmp_path / "a.vtu", X, [range(8)], [12]).name
-    b = vtu(tmp_path / "b.vtu", X, TETRAS[:1], [10]).name
-    collection(tmp_path / "t.pvd", a, b)
+def test_render_frames_of_meshes(folder, capsys):
+    a = vtu(folder / "a.vtu", X, [range(8)], [12]).name
+    b = vtu(folder / "b.vtu", X, TETRAS[:1], [10]).name
+    collection(folder / "t.pvd", a, b)
     still = run_json(capsys, "render", "t.pvd", "-o", "a.png", *SMALL)
     assert still["counts"]["triangles"] == 12
     assert "t.pvd has 2 frames, and this is the first" in still["warnings"][0]
@@ -321,7 +263,7 @@ def test_areas_of_vtk(tmp_path, name):
     measured.Update()
     for ending, mode in (("vtu", "Ascii"), ("vtu", "Binary"), ("vtu", "Appended"), ("vtk", 42),
                          ("vtk", 51)):  # fmt: skip
-        path = str(tmp_path / f"a.{ending}")
+        path = tmp_path / f"a.{ending}"
         if ending == "vtu":
             writer = vtk.vtkXMLUnstructuredGridWriter()
             getattr(writer, f"SetDataModeTo{mode}")()
@@ -329,9 +271,7 @@ def test_areas_of_vtk(tmp_path, name):
             writer = vtk.vtkUnstructuredGridWriter()
             writer.SetFileVersion(mode)
             writer.SetFileTypeToBinary()
-        writer.SetFileName(path)
-        writer.SetInputData(grid)
-        writer.Write()
+        vtk_write(writer, path, grid)
         assert area(gb.Mesh(path)) == pytest.approx(measured.GetSurfaceArea(), rel=1e-6)
 
 
@@ -342,15 +282,15 @@ def test_cell_data_as_vtk_orders_them(tmp_path):
     path = tmp_path / "a.vtp"
     lists = {"Polys": [[0, 1, 2]], "Lines": [[0, 1]], "Verts": [[2], [1], [0]]}
     body = "".join(
-        f"<{name}>{array('connectivity', 'Int64', [i for cell in cells for i in cell])}"
-        f"{array('offsets', 'Int64', np.cumsum([len(c) for c in cells]))}</{name}>"
+        f"<{name}>{data_array('connectivity', 'Int64', [i for cell in cells for i in cell])}"
+        f"{data_array('offsets', 'Int64', np.cumsum([len(c) for c in cells]))}</{name}>"
         for name, cells in lists.items()
     )
     counts = " ".join(f'NumberOf{name}="{len(cells)}"' for name, cells in lists.items())
     path.write_text(
         f'<VTKFile type="PolyData" version="0.1"><PolyData><Piece NumberOfPoints="3" {counts} '
-        f'NumberOfStrips="0"><Points>{array("P", "Float32", X[:3], 3)}</Points><CellData>'
-        f"{array('id', 'Int32', [12, 11, 10, 5, 6])}</CellData>{body}</Piece></PolyData></VTKFile>"
+        f'NumberOfStrips="0"><Points>{data_array("P", "Float32", X[:3], 3)}</Points><CellData>'
+        f"{data_array('id', 'Int32', [12, 11, 10, 5, 6])}</CellData>{body}</Piece></PolyData></VTKFile>"
     )
     data = by_vtk(path)
     of_vertex = {}

@@ -1,13 +1,11 @@
 """Particles far from the origin or from each other: what is lost is said."""
 
-from __future__ import annotations
-
 import warnings
 
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import run_json
+from cli_helpers import refused, run_json
 from globule.cli import main
 from globule.data.spacing import normal_of
 
@@ -84,5 +82,12 @@ def test_info_of_coordinates_that_are_all_too_far(tmp_path, capsys):
     """Beyond 1e18 no position counts: refused with the file's name."""
     file = tmp_path / "far.csv"
     file.write_text("x,y,z\n1e19,0,0\n2e19,0,0\n")
-    assert main(["info", str(file)]) == 2
-    assert f"{file}: bounds: expected a finite position, got none in 2" in capsys.readouterr().err
+    assert f"{file}: bounds: expected a finite position, got none in 2" in refused(capsys, "info", str(file))
+
+
+def test_sizes_that_float32_cannot_square_are_refused(capsys):
+    for size, expected in ((1e-30, "1e-18 to 1e18 apart"), (1e30, "coordinates up to 1e+18")):
+        gb.write("a.npz", gb.Particles(lattice(8, size)))
+        said = refused(capsys, "render", "a.npz", "-o", "a.png", "--device", "cpu")
+        assert expected in said
+        assert "scale the positions" in said

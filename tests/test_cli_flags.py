@@ -1,25 +1,18 @@
-"""All flags of all commands: one meaning each, help with unit and default, words refused."""
-
-from __future__ import annotations
+"""All flags of all commands: one meaning each, help with the default, words refused."""
 
 import argparse
 import re
+import shutil
+import subprocess
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from cli_helpers import run_json
-from globule._base.settings import Color
-from globule.cli import build_parser, look, main
-from globule.cli.arguments import beside, ground
-from globule.cli.flags import columns
+from cli_helpers import output_of, refused, run_json
+from globule.cli import build_parser
 from globule.cli.shared import UserError
+from waiting import PATIENCE
 
-UNITS = re.compile(
-    r"\b(pixels?|world units?|degrees|mm|meters|seconds|gigabytes|supports|voxels|gray levels|"
-    r"frames per "
-    r"second|bits|halvings|per inch|number of|unit|direction|0 to 1|1 to 4)\b"
-)
 LONG = ("render", "view", "simulate", "reconstruct")
 
 
@@ -73,15 +66,11 @@ def lacks(action: argparse.Action) -> str:
         shown = {"0": "all cores"}.get(shown, re.sub(r"\.0$", "", shown))
         if not default[1].startswith(shown):
             return f"the default {shown}"
-    colored = isinstance(getattr(action.type, "__self__", None), Color)
-    without = (None, look.light, beside, ground, columns)
-    if not (colored or action.type in without or UNITS.search(text)):
-        return "a unit"
     unnamed = [c for c in action.choices or () if not re.search(rf"\b{re.escape(str(c))}\b", text)]
     return f"the choices {unnamed}" if unnamed and action.metavar else ""
 
 
-def test_help_says_unit_and_default():
+def test_help_says_the_default():
     known = flags()
     assert len(known) > 350
     problems = [(command, a.option_strings, lacks(a)) for command, a in known if lacks(a)]
@@ -113,14 +102,12 @@ def test_a_word_that_is_no_value_is_refused_with_the_name_of_the_flag():
 @pytest.mark.parametrize("command", LONG)
 def test_help_fits_on_a_screen_and_help_all_has_all(command, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    assert main([command, "--help"]) == 0
-    short = capsys.readouterr().out
+    short = output_of(capsys, command, "--help").out
     assert short.count("\n") <= 40
     assert max(map(len, short.splitlines())) <= 80
     assert "--help-all" in short
     assert f"\n  globule {command} " in short
-    assert main([command, "--help-all"]) == 0
-    full = capsys.readouterr().out
+    full = output_of(capsys, command, "--help-all").out
     names = {n for c, a in flags() if c == f"globule {command}" for n in a.option_strings}
     assert names > {"--device", "--threads"}
     for name in names:
@@ -134,3 +121,53 @@ def test_bounds_are_two_corners(sweep, capsys):
     facts = run_json(capsys, *words, "--voxel-size", "1", "--bounds", "-10,-5,2,10,12,8")
     assert np.abs(np.array(facts["volume"]["size"]) - (20, 17, 6)).max() <= 1
     assert np.abs(np.array(facts["volume"]["origin"]) - (-10, -5, 2)).max() <= 1
+
+
+# Scripts for shells, and what bash completes
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "tcsh"])
+def test_a_script_for_each_shell(shell, folder, capsys):
+    pytest.importorskip("shtab")
+    out, err = output_of(capsys, "--print-completion", shell)
+    assert err == ""
+    assert "globule" in out
+    assert "reconstruct" in out
+    assert "bash" in refused(capsys, "--print-completion", "fish")
+    if shutil.which(shell):
+        done = subprocess.run([shell, "-n"], input=out, text=True, capture_output=True)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+@pytest.mark.parametrize(
+    ("typed", "expected", "absent"),
+    [
+        (["globule", "re"], {"render", "reconstruct"}, {"view"}),
+        (["globule", "render", "--oct"], {"--octree", "--octree-level"}, {"--device"}),
+        (["globule", "render", "spl"], {"splash.npz"}, {"other.npz"}),
+        (["globule", "render", "splash.npz", "--state", "v"], {"view.toml"}, set()),
+        (["globule", "render", "splash.npz", "--root", ""], {"exact", "march", "bezier"}, set()),
+        (["globule", "reconstruct", "--vox"], {"--voxel-size", "--voxels"}, set()),
+    ],
+    ids=lambda value: " ".join(value[1:]) if isinstance(value, list) else "",
+)
+def test_bash(typed, expected, absent, folder, capsys):
+    pytest.importorskip("shtab")
+    for name in ("splash.npz", "other.npz", "view.toml"):
+        (folder / name).write_text("")
+    (folder / "completion.bash").write_text(output_of(capsys, "--print-completion", "bash").out)
+    words = " ".join(f"'{word}'" for word in typed)
+    script = f"""
+source completion.bash
+COMP_WORDS=({words})
+COMP_CWORD={len(typed) - 1}
+"$(complete -p globule | sed 's/.*-F \\([^ ]*\\).*/\\1/')"
+printf '%s\\n' "${{COMPREPLY[@]}}"
+"""
+    done = subprocess.run(["bash", "--norc", "-c", script], capture_output=True, text=True, timeout=PATIENCE)
+    assert done.stderr == ""
+    assert done.returncode == 0
+    found = {word.strip() for word in done.stdout.splitlines()}
+    assert expected <= found
+    assert not absent & found

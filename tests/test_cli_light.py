@@ -1,14 +1,12 @@
 """Light, matter and cuts on the command line, presets, and phases as layers."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused, run_json
+from cli_helpers import refused, refuses, run_json
 from globule.cli import main
 from globule.render.presets import PRESETS, ground_height
 from PIL import Image
@@ -37,26 +35,22 @@ def picture(*words: str) -> np.ndarray:
     return np.asarray(Image.open("a.png")).astype(int)
 
 
-@pytest.mark.parametrize(
-    ("words", "gone"),
-    [
-        ("--clip -1,0,2,0", lambda p: 2 * p[:, 2] > p[:, 0]),
-        ("--clip-box -9,-9,0,9,9,9", lambda p: p[:, 2] > 0),
-        ("--clip-sphere 0,0,1,1", lambda p: np.linalg.norm(p - [0, 0, 1], axis=1) < 1),
-        ("--crop -9,-9,-9,9,0,9", lambda p: p[:, 1] > 0),
-        ("--clip 1,0,0,0 --clip 0,1,0,0", lambda p: (p[:, 0] > 0) | (p[:, 1] > 0)),
-    ],
-)
-def test_every_cut(words, gone):
-    picture(*words.split(), "--aov", "a.npz")
-    with np.load("a.npz") as arrays:
-        seen = arrays["position"].reshape(-1, 3)
-    seen = seen[np.isfinite(seen[:, 0])]
-    outside = seen + 1e-3 * (np.float32([1, 1.2, 3]) - seen)  # towards the eye
-    inside = seen - 1e-3 * (np.float32([1, 1.2, 3]) - seen)
-    assert not gone(inside).any()
-    assert gone(outside).any()
-    assert len(seen) > 100
+EYE = gb.Camera((1, 1.2, 3), (0, 0, 0))
+
+
+def test_every_cut():
+    for words, clips in (
+        ("--clip -1,0,2,0", [gb.ClipPlane((-1, 0, 2), 0)]),
+        ("--clip-box -9,-9,0,9,9,9", [gb.ClipBox((-9, -9, 0), (9, 9, 9))]),
+        ("--clip-sphere 0,0,1,1", [gb.ClipSphere((0, 0, 1), 1)]),
+        ("--crop -9,-9,-9,9,0,9", [gb.ClipBox((-9, -9, -9), (9, 0, 9), keep=True)]),
+        ("--clip 1,0,0,0 --clip 0,1,0,0", [gb.ClipPlane((1, 0, 0), 0), gb.ClipPlane((0, 1, 0), 0)]),
+    ):
+        picture(*words.split(), "--aov", "a.npz")
+        frame = gb.render(gb.Scene(ball(), device="cpu", surface="smooth"), EYE, (48, 36), clips=clips)
+        assert frame.mask.sum() > 100
+        with np.load("a.npz") as arrays:
+            np.testing.assert_array_equal(arrays["distance"], frame.distance)
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -67,7 +61,7 @@ def test_presets(name):
     assert (seen != plain).any()
     scene = gb.Scene(ball(), device="cpu", surface="smooth")
     settings = gb.load_preset(name, scene)
-    frame = gb.render(scene, gb.Camera((1, 1.2, 3), (0, 0, 0)), (48, 36), dataclasses.replace(settings, samples=1))
+    frame = gb.render(scene, EYE, (48, 36), dataclasses.replace(settings, samples=1))
     assert (np.abs(frame.picture.astype(int) - seen) <= 1).all()
 
 
@@ -152,10 +146,7 @@ def test_a_scene_beside_shows_through():
     inner.color = np.float32([0, 1, 0])
     inner.support = 0.3
     gb.write("inner.npz", inner)
-    hidden, alone = picture("--with", "inner.npz"), picture("--opacity", "0.2")
-    shown = picture("--with", "inner.npz", "--opacity", "0.2")
-    # Edges are smoothed in pictures of one layer.
-    assert np.mean(hidden != picture()) < 0.1
+    alone, shown = picture("--opacity", "0.2"), picture("--with", "inner.npz", "--opacity", "0.2")
     middle = (slice(14, 22), slice(20, 28))
     green = [float((p[..., 1] - p[..., 0])[middle].mean()) for p in (shown, alone)]
     assert green[0] > green[1] + 30
@@ -208,16 +199,12 @@ def test_a_picked_particle_is_the_file_s(capsys):
     assert picked["particle"] == np.nanargmin(away)
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
+def test_mistakes(capsys):
+    for words, named in (
         ("--clip 0,0,0,1", "--clip"),
         ("--clip-box 0,0,0,1,1,0", "--clip-box"),
-        ("--clip-sphere 0,0,0,-1", "--clip-sphere"),
         ("--sky missing.hdr", "missing.hdr"),
-        ("--reflection 1.5", "--reflection"),
         ("--opacity 0.5 --transmission 1", "--opacity"),
-        ("--samples 0", "--samples"),
         ("--light dir:0,0,0", "--light"),
         ("--pick 48,0", "--pick"),
         ("--with missing.npz", "missing.npz"),
@@ -226,10 +213,8 @@ def test_a_picked_particle_is_the_file_s(capsys):
         ("--preset thesis --with ball.npz", "--with: expected no --with beside --preset thesis, which"),
         ("--root march --with ball.npz", "--with: expected no --with beside --root march, which"),
         ("--preset thesis --clip 1,0,0,0", "clips"),
-    ],
-)
-def test_mistakes(words, named, capsys):
-    assert named in refused(capsys, "render", "ball.npz", "-o", "a.png", *SMALL, *words.split())
+    ):
+        assert named in refused(capsys, "render", "ball.npz", "-o", "a.png", *SMALL, *words.split())
 
 
 @pytest.mark.parametrize("words", [
@@ -268,8 +253,6 @@ def test_unknown_presets_and_attributes():
         gb.load_preset("jelly", gb.Scene(particles, device="cpu"))
     with pytest.raises(ValueError, match=r"name: expected an attribute \(side\), got 'phase'"):
         gb.split_layers(particles, "phase", {0: None})
-    with pytest.raises(ValueError, match="materials: expected 1 to 4, got 5"):
-        gb.split_layers(particles, "side", dict.fromkeys(range(5)))
+    refuses("materials: expected 1 to 4, got 5", gb.split_layers, particles, "side", dict.fromkeys(range(5)))
     particles.attributes["v"] = particles.positions
-    with pytest.raises(ValueError, match=r"got 'v' \("):
-        gb.split_layers(particles, "v", {0: None})
+    refuses(r"got 'v' \(", gb.split_layers, particles, "v", {0: None})

@@ -1,13 +1,12 @@
 """`globule reconstruct`, and what info and convert do with sweeps and volumes."""
 
-from __future__ import annotations
-
+import re
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refused, run_json
+from cli_helpers import output_of, refused, run_json
 from globule.cli import main
 from globule.ultrasound.calibration import Calibration, write_calibration
 from globule.volumes.files import read_volume
@@ -20,37 +19,23 @@ pytestmark = pytest.mark.usefixtures("folder")
 
 def test_a_volume_and_its_figures(sweep, capsys):
     words = ["reconstruct", "phantom.igs.mha", "-o", "v.npz", "--voxel-size", "1", *CPU]
-    assert main(words) == 0
-    out, err = capsys.readouterr()
-    assert out.startswith("v.npz: ")
-    assert "24 frames" in out
-    assert "measured" in out
+    out, err = output_of(capsys, *words)
+    assert re.match(r"v\.npz: .*24 frames.*measured", out, re.DOTALL)
     assert err == ""
     facts = run_json(capsys, *words, "--three-view", "v.png")
     volume = read_volume("v.npz")
+    counts = facts["counts"]
     assert facts["volume"]["size"] == list(volume.values.shape[::-1])
-    assert facts["counts"]["measured"] == volume.n_measured
-    assert facts["counts"]["filled"] == volume.n_filled
-    assert sum(facts["counts"][k] for k in ("measured", "filled", "empty")) == volume.values.size
+    assert {"measured": volume.n_measured, "filled": volume.n_filled}.items() <= counts.items()
+    assert counts["measured"] + counts["filled"] + counts["empty"] == volume.values.size
     assert set(facts["times"]) == {"read", "reconstruct", "write", "total"}
-    assert facts["frames"]["used"] == 24
-    assert facts["method"] == "frames"
+    assert (facts["frames"]["used"], facts["method"]) == (24, "frames")
     assert Image.open("v.png").size[0] > 50
     low, high = sweep.bounds()
     origin = volume.world_from_voxel[:3, 3]
     assert (np.abs(origin - low) <= 1).all()
     far = origin + (np.array(volume.values.shape[::-1]) - 1) * volume.spacing
     assert (far >= high - 1).all()
-
-
-@pytest.mark.parametrize("method", ["pvn-om", "vvn-om", "pvn", "vvn", "bezier"])
-def test_every_method(sweep, capsys, method):
-    words = ["--method", method, "--voxel-size", "1.5", "--max-kernel", "5"]
-    facts = run_json(capsys, "reconstruct", "phantom.igs.mha", "-o", "v.npz", *words, *CPU)
-    assert facts["method"] == method
-    assert facts["counts"]["measured"] > 0
-    seen = read_volume("v.npz")
-    assert 40 < seen.values[seen.measured].mean() < 130
 
 
 def test_plus_exact(capsys):
@@ -72,8 +57,7 @@ def test_cross_validation(sweep, capsys):
         assert result["n_frames"] == 22
         assert 0.5 < result["coverage"] <= 1
         assert 0 < result["mean_error"] < result["rms_error"] < 60
-    assert main(["reconstruct", *words, "--method", "vvn-om"]) == 0
-    out = capsys.readouterr().out
+    out = output_of(capsys, "reconstruct", *words, "--method", "vvn-om").out
     assert out.count("\n") == 1
     assert "vvn-om" in out
     assert "22 frames left out" in out
@@ -83,8 +67,7 @@ def test_jumping_poses_are_left_out_with_a_warning(sweep, capsys):
     sweep.world_from_image[11, :3, 3] += 60
     gb.ultrasound.write_sweep("jump.npz", sweep)
     words = ["reconstruct", "jump.npz", "-o", "v.npz", "--voxel-size", "2", *CPU]
-    assert main(words) == 0
-    assert "frame 11: the pose jumps by 105 mm" in capsys.readouterr().err
+    assert "frame 11: the pose jumps by 105 mm" in output_of(capsys, *words).err
     assert run_json(capsys, *words)["frames"]["outliers"] == [11]
     assert run_json(capsys, *words, "--keep-outliers")["frames"]["used"] == 24
 
@@ -137,8 +120,6 @@ def test_mistakes_get_one_line(sweep, capsys):
         ([sweep, *out, "--image-region", "1,2"], "--image-region: expected 4"),
         ([sweep, *out, "--image-region", "900,0,5,5"], "region"),
         ([sweep, *out, "--bounds", "1,1,1,0,0,0"], "--bounds: expected two"),
-        ([sweep, *out, "--max-distance", "-1"], "--max-distance: expected a number of at least 0"),
-        ([sweep, *out, "--mask", "nowhere.png"], "nowhere.png"),
         ([sweep, *out, "--voxel-size", "1", "--voxels", "9"], "--voxels"),
         ([sweep, *out, "--max-kernel", "4"], "--max-kernel"),
         ([sweep, *out, "--voxel-size", "0.0001"], "--voxel-size: 5"),
@@ -147,7 +128,6 @@ def test_mistakes_get_one_line(sweep, capsys):
         ([sweep, *out, "--surface-image", "a.png", "--three-view", "a.png"], "a name of its own"),
         ([sweep, "--cross-validate", "1"], "--cross-validate"),
         ([sweep, "--cross-validate", "20"], "at most half"),
-        ([sweep, "--cross-validate", "500"], "--cross-validate: expected at most"),
         ([sweep, *out, "--voxel-size", "1e6"], "smaller than the sweep"),
         ([sweep, *out, "--temporal-offset", "900"], "offset of +900 s"),
         (["--live", "igtl://127.0.0.1:1", *out, "--idle", "0.3"], "expected a server"),
@@ -159,8 +139,7 @@ def test_mistakes_get_one_line(sweep, capsys):
 
 
 def test_info_of_a_sweep(sweep, capsys):
-    assert main(["info", "phantom.igs.mha"]) == 0
-    out = capsys.readouterr().out
+    out = output_of(capsys, "info", "phantom.igs.mha").out
     assert "24 frames of 64x60" in out
     assert "Reference" in out
     facts = run_json(capsys, "info", "phantom.igs.mha")
@@ -171,8 +150,7 @@ def test_info_of_a_sweep(sweep, capsys):
     sweep.world_from_image[10, :3, 3] += 60
     gb.ultrasound.write_sweep("jump.npz", sweep)
     assert run_json(capsys, "info", "jump.npz")["outliers"] == [10]
-    assert main(["info", "jump.npz"]) == 0
-    assert "frame 10: the pose jumps by 105 mm" in capsys.readouterr().out
+    assert "frame 10: the pose jumps by 105 mm" in output_of(capsys, "info", "jump.npz").out
 
 
 def test_convert_sweeps_and_volumes(sweep, capsys):
@@ -187,10 +165,9 @@ def test_convert_sweeps_and_volumes(sweep, capsys):
     assert main(["convert", "v.sparse.npz", "w.nrrd"]) == 0
     assert np.array_equal(read_volume("v.sparse.npz").values, read_volume("w.nrrd").values)
     assert (about["kind"], about["size"]) == ("volume", size)
-    assert main(["convert", "w.nrrd", "w.igs.mha"]) == 2
-    assert main(["convert", "a.igs.nrrd", "w.nii"]) == 2
-    err = capsys.readouterr().err
-    assert err.count("globule: error") == 2
+    capsys.readouterr()
+    refused(capsys, "convert", "w.nrrd", "w.igs.mha")
+    refused(capsys, "convert", "a.igs.nrrd", "w.nii")
 
 
 def test_a_recording_without_calibration(capsys):
@@ -201,8 +178,8 @@ def test_a_recording_without_calibration(capsys):
     assert facts["transforms"] == ["ProbeToTracker", "ReferenceToTracker", "StylusToTracker"]
     assert main(["convert", str(source), "a.igs.nrrd"]) == 0
     assert same(gb.ultrasound.read_sweep(source, plus=plus), gb.ultrasound.read_sweep("a.igs.nrrd", plus=plus))
-    assert main(["convert", "a.igs.nrrd", "a.npz"]) == 2
-    assert "calibration" in capsys.readouterr().err
+    capsys.readouterr()
+    assert "calibration" in refused(capsys, "convert", "a.igs.nrrd", "a.npz")
 
 
 def test_convert_a_volume_to_a_picture_and_with_its_maps(sweep, capsys):

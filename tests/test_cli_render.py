@@ -1,15 +1,14 @@
 """`globule render`: pictures of one file and of several, mistakes, particles that make trouble."""
 
-from __future__ import annotations
-
 import json
 import os
 import stat
+from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, at_edge, cube, refused, run_json
+from cli_helpers import SMALL, cube, output_of, refused, refuses, run_json
 from globule._base.colormaps import CATEGORICAL, NAMES, colorize
 from globule.cli import main
 from PIL import Image
@@ -17,37 +16,22 @@ from PIL import Image
 pytestmark = pytest.mark.usefixtures("folder")
 
 
-def test_render_writes_a_picture(particles, capsys):
-    assert main(["render", particles, "-o", "a.png", *SMALL]) == 0
-    out, err = capsys.readouterr()
-    assert out.startswith("a.png: 216 particles")
-    assert out.count("\n") == 1
-    assert err == ""
-    picture = np.asarray(Image.open("a.png"))
-    assert picture.shape == (30, 40, 3)
-    assert (picture[15, 20] != picture[0, 0]).any()
-
-
 def test_render_json(particles, capsys):
     facts = run_json(capsys, "render", particles, "-o", "a.png", "--aov", "a.npz", *SMALL)
-    assert facts["images"] == ["a.png"]
-    assert facts["aov"] == "a.npz"
+    scene = gb.Scene(gb.read(particles), device="cpu", surface="smooth")
+    hashes = {"key_hash": scene.octree.key_hash, "node_hash": scene.octree.node_hash}
+    expected = {"images": ["a.png"], "aov": "a.npz", "kernel": "murakami", "threshold": 0.5, "surface": "smooth"}
+    assert (expected | {"hashes": hashes}).items() <= facts.items()
     assert set(facts["times"]) == {"read", "build", "trace", "write", "total"}
-    assert all(t >= 0 for t in facts["times"].values())
+    assert min(facts["times"].values()) >= 0
     assert facts["memory"]["octree"] > 0
     counts = facts["counts"]
-    assert counts["particles"] == counts["inside"] == 216
-    assert counts["outside"] == 0
+    assert {"particles": 216, "inside": 216, "outside": 0}.items() <= counts.items()
     assert counts["leaves"] <= counts["nodes"]
     assert 0 < counts["hits"] < 40 * 30
     assert "CPU" in facts["device"]
-    assert facts["kernel"] == "murakami"
-    assert facts["threshold"] == 0.5
-    assert facts["surface"] == "smooth"
     assert facts["support"] == pytest.approx(2.25 * facts["spacing"])
     assert facts["spacing"] == pytest.approx(1 / 6, rel=0.02)
-    scene = gb.Scene(gb.read(particles), device="cpu", surface="smooth")
-    assert facts["hashes"] == {"key_hash": scene.octree.key_hash, "node_hash": scene.octree.node_hash}
     with np.load("a.npz") as arrays:
         assert set(arrays) == {"color", "distance", "position", "normal", "albedo", "mask"}
         assert arrays["mask"].sum() == counts["hits"]
@@ -79,24 +63,14 @@ def test_orthographic_and_octree_options(particles, capsys):
     assert run_json(capsys, *command, *words)["counts"]["hits"] > 3 * wide
 
 
-@pytest.mark.parametrize("up", ["1,0,0", "0,1,0", "0,0,1", "0,0,-1", "1,1,1"])
-def test_fit_shows_all_whatever_is_upwards(particles, up):
-    assert main(["render", particles, "-o", "a.png", "--up", up, *SMALL, "--aov", "a.npz"]) == 0
-    with np.load("a.npz") as arrays:
-        assert arrays["mask"].any()
-        assert not at_edge(arrays["mask"])
-
-
 def test_color_by_values_that_are_not_finite(folder, capsys):
     p = cube()
     gb.write("a.npz", gb.Particles(p.positions, attributes={"t": np.full(216, np.nan)}))
     words = ["render", "a.npz", "-o", "a.png", "--color-by", "t", *SMALL]
     error = refused(capsys, *words)  # a legend would show a range that no particle has
     assert "--color-by: expected a finite t of a.npz, got none; give a range" in error
-    with pytest.raises(ValueError, match="color_by: expected a finite t, got none; give a range"):
-        gb.color_by(gb.read("a.npz"), "t")
-    assert main([*words, "--range", "0,2"]) == 0
-    assert "216 of 216 particles without a finite t" in capsys.readouterr().err
+    refuses("color_by: expected a finite t, got none; give a range", gb.color_by, gb.read("a.npz"), "t")
+    assert "216 of 216 particles without a finite t" in output_of(capsys, *words, "--range", "0,2").err
     gb.write("b.npz", gb.Particles(p.positions, attributes={"t": np.arange(216.0)}))
     series = ["render", "a.npz", "b.npz", "-o", "%d.png", "--color-by", "t", *SMALL]
     assert main(series) == 0  # the range is that of b.npz
@@ -142,20 +116,15 @@ def test_several_files_need_a_pattern(particles, capsys):
     assert "twice" in refused(capsys, "render", particles, "cube.ply", "-o", "a_{}.png")
 
 
-@pytest.mark.parametrize(
-    ("words", "part"),
-    [
+def test_mistakes_of_render(particles, capsys):
+    for words, part in (
         (["-o", "a"], ".png"),
         ([], "-o"),
-        (["-o", "a.png", "--size", "0x5"], "0x5"),
         (["-o", "a.png", "--size", "99999x99999"], "99999x99999"),
-        (["-o", "a.png", "--support", "0"], "--support"),
-        (["-o", "a.png", "--threshold", "-1"], "--threshold"),
         (["-o", "a.png", "--eye", "1,2,3", "--look-at", "1,2,3"], "--look-at"),
         (["-o", "a.png", "--look-at", "1,2,3"], "--eye"),
         (["-o", "a.png", "--fit", "--eye", "1,2,3"], "--fit"),
         (["-o", "a.png", "--fov", "180"], "--fov: expected degrees"),
-        (["-o", "a.png", "--up", "0,0,0"], "--up: expected a direction"),
         (["-o", "a.png", "--octree-level", "11"], "--octree-level: expected 0 to 10"),
         (["-o", "a.png", "--octree", "dense", "--key-bits", "64"], "--key-bits: the dense"),
         (["-o", "a.png", "--color-by", "x", "--range", "0,0"], "LO,HI apart"),
@@ -167,10 +136,8 @@ def test_several_files_need_a_pattern(particles, capsys):
         (["-o", "a.png", "--aov", "cube.npz"], "cube.npz"),
         (["-o", "a.png", "--no-such-option"], "--no-such-option"),
         (["-o", "a.png", "--siz", "4x4"], "--siz"),
-    ],
-)
-def test_mistakes_of_render(particles, capsys, words, part):
-    assert part in refused(capsys, "render", particles, *words)
+    ):
+        assert part in refused(capsys, "render", particles, *words)
 
 
 def test_input_mistakes(folder, capsys):
@@ -196,12 +163,6 @@ def test_places_without_permission(particles, folder, capsys):
         os.chmod(folder / "locked", stat.S_IRWXU)
 
 
-def test_the_old_picture_stays_after_a_mistake(particles, folder, capsys):
-    (folder / "a.png").write_text("old")
-    refused(capsys, "render", particles, "-o", "a.png", "--color-by", "nothing")
-    assert (folder / "a.png").read_text() == "old"
-
-
 NONE = [np.zeros((0, 3)), np.full((3, 3), np.nan)]
 
 
@@ -217,8 +178,7 @@ def test_a_file_without_particles_is_refused(positions, more, capsys):
 @pytest.mark.parametrize("positions", NONE)
 def test_a_frame_without_particles_shows_the_background(particles, positions, capsys):
     gb.write("none.npz", gb.Particles(positions))
-    assert main(["render", "none.npz", particles, "-o", "a_%d.png", "--json", *SMALL]) == 0
-    out, err = capsys.readouterr()
+    out, err = output_of(capsys, "render", "none.npz", particles, "-o", "a_%d.png", "--json", *SMALL)
     counts = json.loads(out)["frames"][0]["counts"]
     assert counts["particles"] == len(positions)
     assert counts["inside"] == counts["hits"] == 0
@@ -250,27 +210,86 @@ def test_particles_that_are_there_twice(capsys):
     for words in (["render", "twice.npz", "-o", "a.png", *SMALL],
                   ["mesh", "twice.npz", "-o", "a.ply"],
                   ["project", "twice.npz", "-o", "a.npz"]):  # fmt: skip
-        assert main(words) == 0
-        assert line in capsys.readouterr().err
+        assert line in output_of(capsys, *words).err
     gb.write("once.npz", gb.Particles(positions[: n + 10]))  # less than 1 % are
-    assert main(["render", "once.npz", "-o", "a.png", *SMALL]) == 0
-    assert capsys.readouterr().err == ""
-    assert main(["info", "once.npz"]) == 0
-    out = capsys.readouterr().out
+    assert output_of(capsys, "render", "once.npz", "-o", "a.png", *SMALL).err == ""
+    out = output_of(capsys, "info", "once.npz").out
     assert f"particles  {n + 10:,}, 10 of them exactly where others are" in out
     assert run_json(capsys, "info", "once.npz")["coincident"] == 10
 
 
 def test_a_threshold_that_nothing_reaches(particles, capsys):
     command = ["render", particles, "-o", "a.png", *SMALL]
-    assert main([*command, "--threshold", "1000"]) == 0
-    err = capsys.readouterr().err
+    err = output_of(capsys, *command, "--threshold", "1000").err
     assert "threshold 1000 is above the highest field" in err
-    assert main([*command, "--threshold", err.split("--threshold")[1].strip()]) == 0
-    assert capsys.readouterr().err == ""
+    assert output_of(capsys, *command, "--threshold", err.split("--threshold")[1].strip()).err == ""
 
 
 def test_a_camera_that_looks_past(particles, capsys):
     words = ["--eye", "0,0,9", "--look-at", "0,0,99"]
-    assert main(["render", particles, "-o", "a.png", *SMALL, *words]) == 0
-    assert "looks past" in capsys.readouterr().err
+    assert "looks past" in output_of(capsys, "render", particles, "-o", "a.png", *SMALL, *words).err
+
+
+def test_flags_that_would_be_ignored_are_refused(capsys):
+    gb.write("a.npz", cube())
+    Path("m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    for words in (["--preset", "water", "--flat"], ["--flat", "--preset", "water"]):
+        said = refused(capsys, "render", "a.npz", "-o", "a.png", *words)
+        assert "expected one look" in said
+        assert "water" in said
+    assert main(["render", "a.npz", "-o", "a.png", *SMALL, "--flat", "--preset", "flat"]) == 0
+    capsys.readouterr()
+    said = refused(capsys, "render", "m.obj", "-o", "a.png", *SMALL, "--surface", "smooth")
+    assert "--surface: expected particles" in said
+
+
+def test_particles_left_out_are_counted(capsys):
+    positions = cube().positions
+    gb.write("a.npz", gb.Particles(positions))
+    positions[0], positions[1, 2], positions[2] = np.nan, np.inf, -np.inf
+    gb.write("n.npz", gb.Particles(positions, attributes={"speed": np.arange(216.0)}))
+    found = run_json(capsys, "render", "n.npz", "-o", "n.png", "--color-by", "speed", *SMALL)
+    counts = found["counts"]
+    assert (counts["particles"], counts["inside"], counts["outside"]) == (216, 213, 3)
+    assert counts["hits"] > 0
+    assert any("3 of 216 particles have no finite position" in w for w in found["warnings"])
+    assert main(["render", "a.npz", "-o", "a.png", *SMALL, "--spheres", "n.npz:0.1"]) == 0
+    assert "3 of 216 particles of n.npz have no finite position" in capsys.readouterr().err
+
+
+def flat() -> gb.Particles:
+    return gb.Particles(np.stack(np.mgrid[:12, :10], -1).reshape(-1, 2) * 0.5)
+
+
+@pytest.mark.parametrize("kind", ["fluid", "balls", "flat", "ortho"])
+def test_the_fitted_camera_is_given_back_by_its_flags(kind, capsys):
+    particles = {"flat": flat(), "balls": cube(support=0.4)}.get(kind, cube())
+    gb.write("a.npz", particles)
+    more = ["--ortho", "2"] if kind == "ortho" else []
+    camera = run_json(capsys, "render", "a.npz", "-o", "a.png", *SMALL, *more)["camera"]
+    assert ("height" in camera) == (kind in ("flat", "ortho"))
+    words = camera["flags"].split()
+    assert main(["render", "a.npz", "-o", "b.png", *SMALL, *words]) == 0
+    a, b = (np.asarray(Image.open(f"{name}.png")).astype(int) for name in "ab")
+    assert np.abs(a - b).max() <= 2
+    assert a.std() > 1
+
+
+@pytest.mark.parametrize("particles", [cube(), cube(support=0.4), flat()])
+def test_info_says_the_camera_of_the_image(particles, capsys):
+    gb.write("a.npz", particles)
+    told = run_json(capsys, "info", "a.npz")["camera"]
+    used = run_json(capsys, "render", "a.npz", "-o", "a.png", "--device", "cpu")["camera"]
+    assert told.keys() == used.keys()
+    for name in told.keys() - {"flags"}:
+        assert told[name] == pytest.approx(used[name], rel=1e-6, abs=1e-6), name
+    main(["info", "a.npz"])
+    assert f"camera     {told['flags']}" in capsys.readouterr().out
+
+
+def test_each_view_has_its_camera(capsys):
+    gb.write("a.npz", cube())
+    words = ["render", "a.npz", "-o", "a.png", "--size", "300x150", "--views", "front,iso"]
+    front, iso = run_json(capsys, *words)["cameras"]
+    assert "height" in front
+    assert "fov" in iso

@@ -1,7 +1,5 @@
 """`globule render --state view.toml`: what the viewer saved, and flags that win over it."""
 
-from __future__ import annotations
-
 import shlex
 
 import globule as gb

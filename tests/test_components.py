@@ -1,11 +1,9 @@
 """Small connected components are left out, and how many is said."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, run_json
+from cli_helpers import SMALL, refuses, run_json
 from globule.cli import main
 from globule.data.components import component_sizes, without_small_components
 
@@ -50,8 +48,7 @@ def test_small_ones_are_left_out():
     assert len(kept) == 512
     assert said == "2 components of fewer than 5 particles left out: 5 of 517 particles"
     assert without_small_components(kept, 512) == (kept, "")
-    with pytest.raises(ValueError, match="min_component: expected"):
-        without_small_components(particles, 0)
+    refuses("min_component: expected", without_small_components, particles, 0)
 
 
 def test_files_and_commands(capsys):

@@ -1,8 +1,6 @@
 """Calls on one object are serialized, calls on others run beside them, frames may be read from any
 thread. GLOBULE_SOAK: how many times as many calls the threads make (1)."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

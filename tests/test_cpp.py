@@ -1,7 +1,5 @@
 """The C++ interface: built outside of the tree against the installed package, equal to Python's."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -20,7 +18,8 @@ from waiting import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[1]
 DRAWN = (160, 120)
-CMAKE = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+PATH = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # cmake or MPI's compiler may be a package's
+CMAKE = shutil.which("cmake", path=PATH)
 
 
 def run(*command, **options):
@@ -44,14 +43,11 @@ def built(tmp_path_factory, pytestconfig):
         project += f'add_subdirectory("{ROOT / name / "cpp"}" {name})\n'
     (folder / "CMakeLists.txt").write_text(project)
     ninja = ["-G", "Ninja"] if shutil.which("ninja") else []
-    # MPI's compiler may be a package's: beside Python.
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     # To look for MPI and CUDA takes most of the time; only slow tests need them.
     every = pytestconfig.getoption("--matrix")
     without = ["-DCMAKE_DISABLE_FIND_PACKAGE_MPI=ON", "-DCMAKE_CUDA_COMPILER=NOTFOUND"]
     options = [*ninja, f"-Dglobule_DIR={config}", *([] if every else without)]
-    done = run(CMAKE, "-S", folder, "-B", folder / "build", *options,
-               env={**os.environ, "PATH": path})  # fmt: skip
+    done = run(CMAKE, "-S", folder, "-B", folder / "build", *options, env={**os.environ, "PATH": PATH})
     if done.returncode != 0 and "CMAKE_MAKE_PROGRAM" in done.stderr:
         pytest.skip("neither ninja nor make is there: sudo apt-get install make")
     assert done.returncode == 0, done.stderr

@@ -1,7 +1,5 @@
 """Arrays know where they lie and on which stream: used there, copied, or refused with a reason."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest

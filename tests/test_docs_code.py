@@ -1,7 +1,6 @@
-"""Every block of Python and every command of the documentation runs."""
+"""Every block of Python and every command of the documentation runs, and the reference is complete."""
 
-from __future__ import annotations
-
+import argparse
 import io
 import os
 import re
@@ -22,8 +21,12 @@ from globule.cli import build_parser
 from globule.cli.shared import UserError, join_negative
 from waiting import PATIENCE
 
-BROWSERS = True  # conftest.py: what these tests wait for has a limit of its own
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "docs" / "site"))
+
+import reference  # noqa: E402
+
+BROWSERS = True  # conftest.py: what these tests wait for has a limit of its own
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 WITH_CODE = [path for path in PAGES if any(not block.reason for block in blocks(path))]
@@ -131,15 +134,6 @@ def test_a_block_that_fails_is_named(environment, tmp_path):
         assert said in done.stderr
 
 
-def test_python_shows_the_surface_of_the_commands():
-    """A scene beside commands says which surface it has: alone, it would be balls."""
-    pages = [*DOCS.glob("how-to/measure-*.md"), DOCS / "start" / "first-image.md"]
-    code = [block.code for path in pages for block in blocks(path) if block.language == "python"]
-    calls = re.findall(r"gb\.Scene\((.*)\)", "\n".join(code))
-    assert len(calls) > 3
-    assert [call for call in calls if "surface=" not in call and "support=" not in call] == []
-
-
 def test_journeys_of_the_architecture_name_files_that_exist():
     text = (DOCS / "understand" / "architecture.md").read_text(encoding="utf-8")
     text = text.partition("## Five journeys")[2].partition("\n## ")[0]
@@ -162,3 +156,41 @@ def test_tables_are_those_of_the_measured_numbers():
     texts = [page.read_text(encoding="utf-8") for page in made["PAGES"]]
     assert sum(text.count("<!-- measured:") for text in texts) == 1 + len(made["TABLES"])
     assert [made["filled"](text, made["read"]()) for text in texts] == texts
+
+
+# The reference
+
+
+def test_every_public_name_is_on_one_page():
+    pages = reference.python_pages()
+    text = "\n".join(text for path, text in pages.items() if not path.endswith("index.md"))
+    full = {path: name for name, path in reference.FULL.items()}
+    found = re.findall(r"^\.\. auto\w+:: (globule\.[\w.]+)$", text, flags=re.M)
+    names = [full.get(path, path.removeprefix("globule.")) for path in found]
+    also = {path for paths in reference.ALSO.values() for path in paths}
+    assert sorted(n for n in names if n not in also) == sorted(reference.public())
+
+
+def test_every_command_has_a_page_with_every_flag():
+    pages = reference.command_pages()
+    commands = reference.parsers()
+    assert {"render", "view", "convert", "info", "simulate", "reconstruct"} <= commands.keys()
+    for words, parser in commands.items():
+        text = pages[f"reference/commands/{words.replace(' ', '-')}.md"]
+        for action in parser._actions:
+            if action.dest == "help" or argparse.SUPPRESS in (action.dest, action.help):
+                continue
+            for flag in action.option_strings[-1:]:
+                assert re.search(rf"^\| .*`{flag}[ `].* \|$", text, flags=re.M), flag
+
+
+def test_every_declaration_of_the_headers_is_on_its_page():
+    pages = reference.header_pages()
+    for path in reference.HEADERS.glob("*.hpp"):
+        text = pages[f"reference/headers/{path.stem}.md"]
+        code = path.read_text(encoding="utf-8")
+        declared = re.findall(r"^(?:class|struct|enum class) (?:GLOBULE_API )?(\w+)\b[^;]*$", code, flags=re.M)
+        declared += re.findall(r"^(?:GLOBULE_API|inline|constexpr) [^=;{]*?(\w+)\(", code, flags=re.M)
+        for name in declared:
+            assert f"## {name}\n" in text, f"{path.name}: {name}"
+        assert "private:" not in text

@@ -1,7 +1,5 @@
 """The site is built without a warning, opens from disk, asks nobody else, and can be searched."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -153,18 +151,6 @@ def test_search_from_disk(site, opened):
     assert all("iso" in text and "value" in text for text in texts)  # its two parts
     assert any("iso-value" in text for text in texts)
     assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
-
-
-@pytest.mark.browser
-def test_light_and_dark(site, opened):
-    page, _ = opened
-    page.goto((site / "index.html").as_uri())
-    colors = set()
-    for mode in ("light", "dark"):
-        page.locator(".theme-switch-button").first.click()
-        page.locator(f".theme-change-button[data-mode={mode}]").first.click()
-        colors.add(page.evaluate("getComputedStyle(document.body).backgroundColor"))
-    assert len(colors) == 2
 
 
 def test_a_broken_link_stops_the_build(tmp_path, capsys):

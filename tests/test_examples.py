@@ -1,7 +1,5 @@
 """Every example runs, in an empty folder, in reasonable time, and writes what it says."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

@@ -41,11 +41,6 @@ def scale(case: Case, points: np.ndarray) -> np.ndarray:
     return 1e-3 + total
 
 
-def test_kernel_names():
-    assert scene_module.KERNELS == KERNELS
-    assert set(scene_module.DEFAULTS) == set(KERNELS) == set(FORMULAS)
-
-
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_formula(backend, kernel):
     a = 1.5

@@ -1,7 +1,5 @@
 """The thesis's figures: each is drawn, and what it shows is so."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path
@@ -42,19 +40,17 @@ def test_figure(name, tmp_path):
 
 
 @needs_matplotlib
-def test_the_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_command(folder, capsys):
     words = ["figures", "3.4", "2.4", "-o", "a/b", "--dpi", "20", "--device", "cpu"]
     assert main(words) == 0
     assert capsys.readouterr().out.startswith("a/b: 2 figures")
-    assert sorted(p.name for p in (tmp_path / "a/b").iterdir()) == ["2.4.png", "3.4.png"]
+    assert sorted(p.name for p in (folder / "a/b").iterdir()) == ["2.4.png", "3.4.png"]
     assert main(["figures", "--list"]) == 0
     assert capsys.readouterr().out.count("\n") == len(FIGURES)
 
 
-def test_mistakes(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").write_text("")
+def test_mistakes(folder, monkeypatch, capsys):
+    (folder / "file").write_text("")
     assert main(["figures", "9.9"]) == 2
     err = capsys.readouterr().err
     assert "9.9" in err
@@ -63,7 +59,7 @@ def test_mistakes(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert main(["figures", "2.1"]) == 2
     assert "globule[figures]" in capsys.readouterr().err
-    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+    assert [p.name for p in folder.iterdir()] == ["file"]
 
 
 def test_the_gallery_is_complete():
@@ -76,123 +72,6 @@ def test_the_gallery_is_complete():
 
 
 # What the figures state.
-
-
-@pytest.mark.parametrize(("level", "n_axes"), [(1, 2), (3, 2), (1, 3), (2, 3)])
-def test_the_curve_visits_every_cell_once(level, n_axes):
-    from bench.figures.z_order import z_order
-
-    cells = z_order(level, n_axes)
-    n = 2**level
-    assert len(cells) == n**n_axes
-    assert len({tuple(c) for c in cells}) == len(cells)
-    assert cells.min() == 0
-    assert cells.max() == n - 1
-    # Each block of 2^n_axes steps stays within one cell of the level above.
-    blocks = (cells // 2).reshape(-1, 2**n_axes, n_axes)
-    assert (blocks == blocks[:, :1]).all()
-
-
-def test_the_drawn_leaves_are_the_octree_s():
-    from bench.figures.leaves import leaf_cells, occupied_cells, scene_and_codes
-
-    scene, codes, positions = scene_and_codes("cpu")
-    cells = leaf_cells(codes)
-    assert len(cells) == scene.octree.n_leaves
-    assert cells[:, 0].max() == scene.octree.level
-    grid = np.unique(((positions - scene.octree.lo) / scene.octree.extent * 16).astype(int), axis=0)
-    assert {tuple(c) for c in occupied_cells(codes, 4)} == {tuple(np.minimum(c, 15)) for c in grid}
-
-
-def test_two_metaballs_fuse_where_the_figure_says():
-    from bench.figures.fusing import DISTANCES, THRESHOLD, two
-
-    middle = [float(two(d, "cpu").field(np.zeros((1, 3), np.float32))[0]) for d in DISTANCES]
-    assert middle[0] < THRESHOLD
-    assert middle[1] < THRESHOLD < middle[2]
-    assert middle == sorted(middle)
-
-
-def test_octree_coordinates_are_cut_off():
-    from bench.figures.levels import octree_coordinate
-
-    places = ((200, 400), (520, 600), (50, 300), (300, 300))
-    assert [octree_coordinate(*at, "cpu") for at in places] == [512, 887, 170, 1023]
-
-
-def test_no_hit_outside_of_the_supports():
-    from bench.figures.rays import ON_A_RAY, flat_scene, sphere_events
-
-    scene = flat_scene("cpu", ON_A_RAY)
-    origin, direction = np.array([-3.2, 0, 0]), np.array([1.0, 0, 0])
-    events = sphere_events(origin, direction, ON_A_RAY)
-    entered = [i for _, i, enters in events if enters]
-    assert entered == [0, 1, 2, 3]
-    assert len(events) == 8
-    rays = np.float32([origin, [-3.2, -2.5, 0]]), np.float32([direction, direction])
-    depth = scene.intersect(*rays)[0]
-    assert events[2][0] < depth[0] < events[-1][0]
-    assert np.isinf(depth[1])
-
-
-def test_samples_crowd_near_the_surface():
-    from bench.figures.rays import THRESHOLD, flat_scene
-    from bench.figures.steps import march
-
-    scene = flat_scene("cpu")
-    origin, direction = np.array([-3.6, -0.75, 0.0]), np.array([0.9656, 0.2600, 0.0])
-    direction /= np.linalg.norm(direction)
-    t = march(scene, origin, direction, 5.0)
-    hit = float(scene.intersect(np.float32([origin]), np.float32([direction]))[0][0])
-    last = scene.field(np.float32([origin + t[-1] * direction]))[0]
-    assert t[-1] == pytest.approx(hit, abs=0.003)
-    assert last == pytest.approx(THRESHOLD, abs=0.01)
-    assert (np.abs(t - hit) < 0.05).sum() > 5 > (t < hit - 0.5).sum() >= 3
-
-
-def test_one_metaball_apart_stays_a_sphere():
-    from bench.figures.rendered import nine_leaves
-
-    scene, cells = nine_leaves("cpu")
-    positions = scene.particles.positions
-    inside = [((positions >= c) & (positions < c + 1)).all(axis=1).sum() for c in cells]
-    assert sum(inside) == 100
-    assert min(inside) > 0
-    assert inside[-1] == 1
-    offsets, _ = scene.neighbors(positions[-1:], 1.0)
-    assert offsets[-1] == 1  # nobody near
-
-
-def test_solid_mode_has_flatter_faces_and_sharper_edges():
-    from bench.figures.rendered import cube
-
-    n = 12
-    top = (n - 1) / 2
-    fall, recession = {}, {}
-    for kernel in ("murakami", "solid"):
-        scene = cube(kernel, "cpu", n)
-        x = np.float32([0, 0.25, 0.5, top + 0.25])  # amid a face, and past its outermost row
-        z = np.float32([0, 0.25, 0.5, 0.25])
-        down = np.stack([x, np.full(4, 20), z], 1).astype(np.float32)
-        height = 20 - scene.intersect(down, np.float32([[0, -1, 0]] * 4))[0]
-        fall[kernel] = height[:3].mean() - height[3]
-        corner = np.float32([[20, 20, 0.25]])
-        d = np.float32([[-1, -1, 0]]) / np.float32(np.sqrt(2))
-        reach = 20 - scene.intersect(corner, d)[0][0] / np.sqrt(2)
-        recession[kernel] = height[:3].mean() - reach
-    assert abs(fall["solid"]) < 0.04 < 0.1 < fall["murakami"]
-    assert recession["solid"] < 0.3
-    assert recession["murakami"] > 0.45
-
-
-def test_clusters_and_voids():
-    from bench.figures.rendered import clusters
-
-    positions = clusters()
-    assert positions.shape == (100_000, 3)
-    inner = positions[(np.abs(positions[:, :2] - 0.5) < 0.4).all(axis=1)]
-    counts, _ = np.histogramdd(inner[:, :2], bins=30)
-    assert counts.std() / counts.mean() > 3 * counts.mean() ** -0.5  # far from a random scatter
 
 
 def test_without_nilearn_shapes_stand_in(monkeypatch):

@@ -1,7 +1,5 @@
 """Files as programs of many origins write them: counts, bounds, volume, frames, box and units."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import warnings
@@ -18,6 +16,7 @@ from globule.formats.frames import FrameOf
 from globule.formats.registry import FORMATS
 from globule.measure.track import facts
 from globule.pieces.shown import shown_scene
+from test_cells import area
 
 MEASURED: dict[bytes, float] = {}
 
@@ -45,10 +44,7 @@ def test_what_is_read(kind):
     assert (box and "".join(np.array([*"xyz"])[list(box.periodic)])) == kind.periodic
     assert {*kind.names} <= {*particles.attributes}
     if kind.area is not None:
-        mesh = gb.Mesh(kind.file, device="cpu")
-        a, b, c = np.moveaxis(np.asarray(mesh.vertices, np.float64)[mesh.faces], 1, 0)
-        area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
-        assert area == pytest.approx(kind.area, rel=1e-6)
+        assert area(gb.Mesh(kind.file, device="cpu")) == pytest.approx(kind.area, rel=1e-6)
     if kind.frames > 1:
         second = gb.read(FrameOf(kind.file, 1))
         assert np.allclose(second.bounds()[0] - particles.bounds()[0], (1, 0, 0), atol=2e-3)

@@ -17,8 +17,7 @@ def check(c: Case, scene: gb.Scene) -> None:
 
 
 def check_depth(c: Case, depth: np.ndarray, share: float = 2e-7) -> tuple[np.ndarray, np.ndarray]:
-    """Which rays hit, and where. share: of the depth, that an error may have; 2e-7: that it is a
-    float32, counted from the eye."""
+    """Which rays hit, and where. share: of the depth, that an error may have; 2e-7: a float32's, from the eye."""
     hit = np.isfinite(c.depth)
     wrong = np.nonzero(np.isfinite(depth) != hit)[0]
     assert len(wrong) == 0, [(c.origins[i].tolist(), c.directions[i].tolist(), c.depth[i], depth[i]) for i in wrong[:5]]
@@ -151,8 +150,7 @@ def test_first_hit_at_any_extent(backend, extent, mixed):
 
 
 def random_case(seed: int) -> Case:
-    """Supports over six orders, extents and offsets of up to 1e7 of the smallest, negative weights,
-    particles at one place; rays from near and far."""
+    """Supports over six orders, extents and offsets of up to 1e7 of the smallest, negative weights, one place."""
     for further in range(seed, seed + 10**9, 10**6):  # past 1e7 a float32 cannot tell supports apart
         c = _random_case(further)
         if max(np.abs(c.positions).max(), np.abs(c.origins).max()) < 1e7 * c.support.min():

@@ -1,7 +1,4 @@
-"""What lies in memory before we write to it changes nothing: with NaN there, all results are the
-same bits. Parts of arrays that only fill up a packet of SIMD lanes are easily forgotten."""
-
-from __future__ import annotations
+"""NaN in new memory changes no bit. Parts of arrays that only fill up SIMD lanes are easily forgotten."""
 
 import os
 import shutil

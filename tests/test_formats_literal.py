@@ -1,7 +1,5 @@
 """Literal files: what each format looks like when somebody else wrote it."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import struct
@@ -96,17 +94,6 @@ def test_vtk_ascii_51(tmp_path, newline):
     assert np.array_equal(p.support, np.float32([0.5, 0.5, 1]))
 
 
-def test_vtk_ascii_old_cells(tmp_path):
-    p = read_text(
-        tmp_path,
-        "p.vtk",
-        "# vtk DataFile Version 2.0\n\nascii\ndataset unstructured_grid\npoints 2 int\n"
-        "1 2 3\n4 5 6\ncells 1 3\n2 0 1\ncell_types 1\n3\npoint_data 2\nscalars id int 1\n7 8",
-    )
-    assert np.array_equal(p.positions, [[1, 2, 3], [4, 5, 6]])
-    assert np.array_equal(p.attributes["id"], [7, 8])
-
-
 def vtu(data: str, head: str = "", n: int = 2, tail: str = "") -> str:
     return (
         f'<?xml version="1.0"?><VTKFile type="UnstructuredGrid" version="0.1" {head}>'
@@ -170,77 +157,6 @@ def test_bgeo_of_houdini(tmp_path):
         assert np.array_equal(p.attributes["name"], [0, 1])
         assert np.array_equal(p.attributes["pscale"], np.float32([0.25, 0.5]))
         assert np.array_equal(p.support, [1, 2])
-
-
-PLY = """ply
-format ascii 1.0
-comment by hand
-element face 1
-property list uchar int vertex_indices
-element vertex 2
-property float x
-property float y
-property float z
-property uchar red
-property uchar green
-property uchar blue
-property int id
-element edge 1
-property int vertex1
-end_header
-3 0 1 1
-1 2 3 255 0 51 7
-4 5 6 0 255 0 8
-0
-"""
-
-
-def test_ply_ascii(tmp_path):
-    p = read_text(tmp_path, "p.ply", PLY)
-    assert np.array_equal(p.positions, [[1, 2, 3], [4, 5, 6]])
-    # A face makes it a mesh: bytes of color are sRGB, supports are the longest edges.
-    assert np.allclose(p.color, [[1, 0, 0.0331], [0, 1, 0]], atol=1e-4)
-    assert np.allclose(p.support, 27**0.5)
-    assert np.array_equal(p.attributes["id"], [7, 8])
-
-
-def test_ply_big_endian_with_lists(tmp_path):
-    header = (
-        "ply\nformat binary_big_endian 1.0\nelement face 2\nproperty list uchar short v\n"
-        "element vertex 1\nproperty double x\nproperty double y\nproperty list uchar int l\n"
-        "property double z\nend_header\n"
-    )
-    faces = struct.pack(">B2hB", 2, 0, 1, 0)
-    p = read_text(tmp_path, "p.ply", header.encode() + faces + struct.pack(">ddBid", 1, 2, 1, 9, 3))
-    assert np.array_equal(p.positions, [[1, 2, 3]])
-    assert not p.attributes
-
-
-def test_xyz(tmp_path):
-    p = read_text(tmp_path, "p.xyz", "# any comment\n1 2 3 0.5\n\n4\t5 6 0.25 # one more\n")
-    assert np.array_equal(p.positions, [[1, 2, 3], [4, 5, 6]])
-    assert np.array_equal(p.attributes["column4"], [0.5, 0.25])
-    p = read_text(tmp_path, "p.xyz", "2\nwater # 1\nO 0 0 0\nH 0.1 0 1e-1\n")
-    assert np.array_equal(p.positions, np.float32([[0, 0, 0], [0.1, 0, 0.1]]))
-    assert p.attributes["atomic_number"].tolist() == [8, 1]
-
-
-def test_csv(tmp_path):
-    p = read_text(
-        tmp_path,
-        "p.csv",
-        '\ufeff"Points:0","Points:1","Points:2","v:0","v:1",kind,id,smoothing_length\r\n'
-        "1,2,3,0.5,0.25,a b,7,0.5\r\n4,5,6,1,2,c,8,1\r\n",
-    )
-    assert np.array_equal(p.positions, [[1, 2, 3], [4, 5, 6]])
-    assert np.array_equal(p.attributes["v"], [[0.5, 0.25], [1, 2]])
-    assert p.attributes["id"].dtype == np.int64
-    assert "kind" not in p.attributes
-    assert np.array_equal(p.support, [1, 2])
-    p = read_text(tmp_path, "p.csv", "X,Y,Z,vx,vy,vz\n1,2,3,4,5,6\n")
-    assert np.array_equal(p.attributes["velocity"], [[4, 5, 6]])
-    p = read_text(tmp_path, "p.csv", "1,2,3\n4,5,6\n")
-    assert np.array_equal(p.positions, [[1, 2, 3], [4, 5, 6]])
 
 
 def test_npz_names(tmp_path):

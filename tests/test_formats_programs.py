@@ -1,10 +1,8 @@
 """Files of VTK, meshio and plyfile, and of other people's simulations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from format_helpers import DATA, N, assert_same, by_vtk, sample
+from format_helpers import DATA, N, assert_same, by_vtk, sample, vtk_write
 from globule import formats
 from globule.data.particles import Particles
 
@@ -79,11 +77,9 @@ def test_vtk_writes_legacy(kind, binary, version, tmp_path):
     from vtkmodules.vtkIOLegacy import vtkPolyDataWriter, vtkUnstructuredGridWriter
 
     writer = vtkPolyDataWriter() if kind == "poly" else vtkUnstructuredGridWriter()
-    writer.SetFileName(str(tmp_path / "p.vtk"))
     writer.SetFileVersion(version)
     writer.SetFileType(2 if binary else 1)
-    writer.SetInputData(vtk_points(kind))
-    assert writer.Write()
+    vtk_write(writer, tmp_path / "p.vtk", vtk_points(kind))
     p = formats.read(tmp_path / "p.vtk")
     expected = sample()
     if not binary:  # VTK prints few digits
@@ -107,8 +103,6 @@ def test_vtk_writes_xml(kind, variant, tmp_path):
     path = tmp_path / ("p.vtp" if kind == "poly" else "p.vtu")
     for mode in ("ascii", "binary", "appended raw", "appended base64"):
         writer = vtkXMLPolyDataWriter() if kind == "poly" else vtkXMLUnstructuredGridWriter()
-        writer.SetFileName(str(path))
-        writer.SetInputData(vtk_points(kind))
         writer.SetDataMode(["ascii", "binary", "appended"].index(mode.split()[0]))
         writer.SetEncodeAppendedData(mode.endswith("base64"))
         writer.SetHeaderTypeToUInt32()
@@ -118,7 +112,7 @@ def test_vtk_writes_xml(kind, variant, tmp_path):
         if "big-endian 64" in variant:
             writer.SetByteOrderToBigEndian()
             writer.SetHeaderTypeToUInt64()
-        assert writer.Write()
+        vtk_write(writer, path, vtk_points(kind))
         assert_vtk_same(formats.read(path))
 
 

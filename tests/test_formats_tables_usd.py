@@ -1,12 +1,11 @@
 """Parquet, Arrow and USD: their own libraries as the other side, and links."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from globule.data.particles import Particles
 from globule.formats import FormatError, read_contents
 
@@ -36,8 +35,7 @@ def test_parquet_of_pandas_with_a_map_of_columns(tmp_path, arrow):
     })  # fmt: skip
     path = tmp_path / "run.parquet"
     pq.write_table(table, path, compression="gzip", row_group_size=7)
-    with pytest.raises(FormatError, match=r"expected columns x, y and z, got .lon .*columns="):
-        gb.read(path)
+    refuses(r"expected columns x, y and z, got .lon .*columns=", gb.read, path, error=FormatError)
     named = {"x": "lon", "y": "lat", "z": "depth", "density": "rho"}
     particles = gb.read(path, columns=named)
     assert np.array_equal(particles.positions, X)
@@ -45,10 +43,8 @@ def test_parquet_of_pandas_with_a_map_of_columns(tmp_path, arrow):
     density = particles.attributes["density"]
     assert np.isnan(density[3])
     assert np.array_equal(np.delete(density, 3), 900 + np.delete(np.arange(N), 3))
-    with pytest.raises(FormatError, match="expected the column 'u'"):
-        gb.read(path, columns={**named, "h": "u"})
-    with pytest.raises(ValueError, match="frame: expected no such option"):
-        gb.read(path, frame=1)
+    refuses("expected the column 'u'", gb.read, path, columns={**named, "h": "u"}, error=FormatError)
+    refuses("frame: expected no such option", gb.read, path, frame=1)
 
 
 def test_arrow_lists_units_and_what_pyarrow_reads_of_ours(tmp_path, arrow):
@@ -74,8 +70,7 @@ def test_arrow_lists_units_and_what_pyarrow_reads_of_ours(tmp_path, arrow):
     assert np.array_equal(theirs["vz"].to_numpy(), -X[:, 2])
     ragged = arrow.array([[0.0, 1, 2]] * (N - 1) + [[0.0, 1, 2, 3]])
     feather.write_feather(arrow.table({"positions": ragged}), path)
-    with pytest.raises(ValueError, match="rows of the same length in the column positions"):
-        gb.read(path)
+    refuses("rows of the same length in the column positions", gb.read, path)
 
 
 def _stage(path: Path, usd) -> None:
@@ -114,10 +109,8 @@ def test_usd_of_its_own_library(tmp_path, usd, ending):
     both = gb.read(path)
     assert len(both) == N + 2
     assert "velocity" not in both.attributes  # the beads have none
-    with pytest.raises(ValueError, match=r"frame: expected -3 to 2 for .*, got 3"):
-        gb.read(path, frame=3)
-    with pytest.raises(ValueError, match=r"species: expected one of .*/World/fluid.* got 'water'"):
-        gb.read(path, species="water")
+    refuses(r"frame: expected -3 to 2 for .*, got 3", gb.read, path, frame=3)
+    refuses(r"species: expected one of .*/World/fluid.* got 'water'", gb.read, path, species="water")
 
 
 def test_usd_library_reads_ours(tmp_path, usd):

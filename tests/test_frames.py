@@ -1,7 +1,5 @@
 """One file with several frames is a sequence."""
 
-from __future__ import annotations
-
 import copy
 import csv
 import gzip
@@ -12,7 +10,8 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL
+from cli_helpers import SMALL, output_of, refused, run_json
+from format_helpers import write_dump, write_extxyz
 from globule.cli import main
 from globule.formats import packed
 from globule.formats.frames import FrameOf
@@ -29,23 +28,16 @@ def lattice(n: int) -> np.ndarray:
 
 
 def dump() -> list[np.ndarray]:
-    """frames.lammpstrj: lattices of 4, 5, 6 and 7 particles an edge."""
+    """frames.lammpstrj: lattices of 5, 6, 7 and 8 particles an edge."""
     frames = [lattice(5 + k) for k in range(N)]
-    with open("frames.lammpstrj", "w") as file:
-        for step, p in enumerate(frames):
-            file.write(f"ITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{len(p)}\n")
-            file.write("ITEM: BOX BOUNDS ff ff ff\n" + 3 * "0 1\n" + "ITEM: ATOMS id type x y z\n")
-            file.writelines(f"{i + 1} 1 {x:g} {y:g} {z:g}\n" for i, (x, y, z) in enumerate(p))
+    write_dump("frames.lammpstrj", *frames, faces="ff ff ff")
     return frames
 
 
 def extended() -> list[np.ndarray]:
     """frames.xyz: the same lattices."""
     frames = [lattice(5 + k) for k in range(N)]
-    with open("frames.xyz", "w") as file:
-        for p in frames:
-            file.write(f'{len(p)}\nLattice="1 0 0 0 1 0 0 0 1" Properties=species:S:1:pos:R:3\n')
-            file.writelines(f"H {x:g} {y:g} {z:g}\n" for x, y, z in p)
+    write_extxyz("frames.xyz", *frames)
     return frames
 
 
@@ -55,8 +47,7 @@ def test_images_tables_and_files_of_all_frames(make, capsys):
     name = f"frames.{'lammpstrj' if make is dump else 'xyz'}"
     counts = [len(p) for p in frames]
     assert [len(gb.read(f)) for f in with_frames([name])] == counts
-    assert main(["render", name, "-o", "p_%d.png", *SMALL]) == 0
-    shown = capsys.readouterr()
+    shown = output_of(capsys, "render", name, "-o", "p_%d.png", *SMALL)
     assert sorted(p.name for p in Path().glob("p_*.png")) == [f"p_{k}.png" for k in range(N)]
     assert "those of the last frame of" in shown.err  # it has most particles
     assert main(["track", name, "-o", "t.csv"]) == 0
@@ -72,13 +63,26 @@ def test_one_image_says_which_frame_it_shows(capsys):
     frames = dump()
     assert main(["render", "frames.lammpstrj", "-o", "p.png", *SMALL]) == 0
     assert "frames.lammpstrj has 4 frames, and this is the first" in capsys.readouterr().err
-    assert main(["render", "frames.lammpstrj", "--frame", "-1", "-o", "p.png", *SMALL]) == 0
-    out, err = capsys.readouterr()
+    out, err = output_of(capsys, "render", "frames.lammpstrj", "--frame", "-1", "-o", "p.png", *SMALL)
     assert f"{len(frames[-1])} particles" in out
     assert "note: up is 0,0,1" in err
     assert err.count("\n") == 1  # and nothing about frames
-    assert main(["convert", "frames.lammpstrj", "c.vtk"]) == 0
-    assert "has 4 frames" in capsys.readouterr().err
+    assert "has 4 frames" in output_of(capsys, "convert", "frames.lammpstrj", "c.vtk").err
+    assert main(["convert", "frames.lammpstrj", "c.vtk", "--frame", "1"]) == 0
+    assert len(gb.read("c.vtk")) == len(frames[1])
+    capsys.readouterr()
+    assert run_json(capsys, "info", "frames.lammpstrj", "--frame", "-2")["particles"] == len(frames[-2])
+
+
+def test_options_of_files_that_do_not_have_them(capsys):
+    extended()
+    np.save("a.npy", lattice(3))
+    for words, said in (
+        (["a.npy", "--frame", "1"], "--frame: expected a file of table, "),
+        (["frames.xyz", "--species", "O"], "--species: expected a file of NumPy archive, HDF5"),
+        (["frames.xyz", "--frame", "4"], "frame: expected -4 to 3"),
+    ):
+        assert said in refused(capsys, "info", *words)
 
 
 def test_the_viewer_plays_them():
@@ -98,8 +102,7 @@ def test_the_viewer_plays_them():
 def test_the_file_itself_is_not_overwritten(capsys):
     extended()
     Path("frames.xyz").rename("f_0.xyz")
-    assert main(["convert", "f_0.xyz", "f_%d.xyz"]) == 2
-    assert "expected other files than IN" in capsys.readouterr().err
+    assert "expected other files than IN" in refused(capsys, "convert", "f_0.xyz", "f_%d.xyz")
     assert len(with_frames(["f_0.xyz"])) == N
 
 

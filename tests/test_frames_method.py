@@ -1,7 +1,5 @@
 """The method frames, and what every method calls measured, filled and extrapolated."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np
@@ -81,16 +79,6 @@ def test_hand_paths_equal_the_reference(backend, spacing, masked):
     assert volume.n_empty
 
 
-def test_any_number_of_threads_gives_the_same_bits(backend):
-    sweep = hand(passes=3, size=(40, 34))
-    volume = reconstruct(sweep, spacing=0.35, **backend)
-    for threads in (1, 3):
-        one = reconstruct(sweep, spacing=0.35, device="cpu", threads=threads)
-        np.testing.assert_array_equal(volume.values, one.values)
-        np.testing.assert_array_equal(volume.radius, one.radius)
-        np.testing.assert_array_equal(volume.uncertainty, one.uncertainty)
-
-
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_a_linear_field_is_reproduced(backend, dtype):
     """Between frames that also move sideways; a projection onto the nearer frame would not do."""
@@ -111,17 +99,6 @@ def test_a_linear_field_is_reproduced(backend, dtype):
     rounding = 20 if dtype == np.uint16 else 0  # of the frames: below 0.5 each
     error = np.abs(volume.values - field(centers(volume)))[inner]
     assert error.max() < tolerance + (0.5 if rounding else 0)
-
-
-def test_passes_are_averaged(backend):
-    """Two passes through each other, of values 100 and 200: 150 wherever both enclose a voxel."""
-    there, back = line(8, 1.0), line(8, 1.0, 0.0)[::-1]
-    sweep = sweep_at(np.concatenate([there, back]))
-    sweep.frames[:8], sweep.frames[8:] = 100, 200
-    volume = reconstruct(sweep, spacing=0.5, **backend)
-    inner = (centers(volume)[..., 2] > 0.3) & (centers(volume)[..., 2] < 6.7) & ~volume.empty
-    assert inner.sum() > 1000
-    assert set(np.unique(volume.values[inner])) == {150}
 
 
 def two_passes():

@@ -1,7 +1,5 @@
 """The fuzzer of `make fuzz`, a few mutants, and all that it ever found."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

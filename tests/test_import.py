@@ -1,7 +1,5 @@
 """What `import globule` does to the process."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

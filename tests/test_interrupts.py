@@ -1,8 +1,6 @@
 """An interrupted call leaves its object as it was, or to be made again: what follows is right to
 the bit. GLOBULE_INTERRUPTS=all: at all places of each call, not at some."""
 
-from __future__ import annotations
-
 import signal
 from functools import partial
 
@@ -31,8 +29,7 @@ def on(request):
 
 @pytest.fixture
 def stops(on):
-    """`interrupts` on a device. Of two threads, the one that polls has now more of the work and now
-    less."""
+    """`interrupts` on a device. Of two threads, the one that polls has now more of the work and now less."""
 
     def on_device(prepare, call):
         sure = on.get("threads") == 1

@@ -1,12 +1,12 @@
 """What a file holds is found in its content: endings may be wrong or missing."""
 
-from __future__ import annotations
-
 import shutil
+from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from format_helpers import assert_same, sample
 from globule.formats import EXTENSIONS, FormatError, kind_of
 from globule.formats.kind import Kind
@@ -19,9 +19,7 @@ OBJ = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 STL = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("folder")
 
 
 def names_of(file):
@@ -54,8 +52,7 @@ def test_volumes(extension):
         assert kind_of(name).kind == "volume"
         assert np.array_equal(gb.volumes.read_volume(name).values, volume().values)
         for reader, door in ((gb.read, "read_volume"), (gb.read, "sample_tomography")):
-            with pytest.raises(FormatError, match=rf"{name}: expected particles .*{door}"):
-                reader(name)
+            refuses(rf"{name}: expected particles .*{door}", reader, name, error=FormatError)
 
 
 @pytest.mark.parametrize("extension", [".igs.mha", ".mha", ".igs.nrrd", ".npz"])
@@ -66,8 +63,7 @@ def test_sweeps(extension):
         assert kind_of(name).kind == "sweep"
         assert np.array_equal(gb.ultrasound.read_sweep(name).frames, made.frames)
         for reader in (gb.read, gb.volumes.read_volume):
-            with pytest.raises(FormatError, match=r"got a sweep .* with globule.ultrasound.read_sweep"):
-                reader(name)
+            refuses(r"got a sweep .* with globule.ultrasound.read_sweep", reader, name, error=FormatError)
 
 
 def test_folders():
@@ -77,9 +73,8 @@ def test_folders():
     assert len(gb.ultrasound.read_sweep("frames")) == 3
 
 
-@pytest.mark.parametrize(
-    ("content", "kind"),
-    [
+def test_content_without_an_ending():
+    for content, kind in (
         (OBJ, ("mesh", "obj")),
         ("# made by hand\n" + OBJ, ("mesh", "obj")),
         (STL, ("mesh", "stl")),
@@ -98,33 +93,26 @@ def test_folders():
         (b"\0\0\0\x20ftypisom", ("picture", "video")),
         (bytes(128) + b"DICM", ("sweep", "dicom")),
         (b"MM\0*", ("picture", "tiff")),
-    ],
-)
-def test_content_without_an_ending(content, kind):
-    with open("file", "wb") as file:
-        file.write(content if isinstance(content, bytes) else content.encode())
-    assert kind_of("file") == kind
+    ):
+        Path("file").write_bytes(content if isinstance(content, bytes) else content.encode())
+        assert kind_of("file") == kind
 
 
 @pytest.mark.parametrize("form", ["PNG", "JPEG", "TIFF", "BMP", "GIF"])
 def test_pictures(form):
     Image.new("RGB", (4, 3)).save("file", form)
     assert kind_of("file") == ("picture", form.lower())
-    with pytest.raises(FormatError, match=r"got a picture .*globule.Environment"):
-        gb.read("file")
+    refuses(r"got a picture .*globule.Environment", gb.read, "file", error=FormatError)
 
 
 def test_endings_break_ties_only():
-    """Nine columns after a count are our text, but an .xyz may have such a title; what nobody
-    knows is left to the reader that the ending names, which says what is wrong."""
-    with open("a.xyz", "w", encoding="utf-8") as file:
-        file.write("1\n1 2 3 4 5 6 7 8 9\n0 0 0\n")
+    """Nine columns after a count are text, or an .xyz with such a title; what nobody knows is the ending's."""
+    Path("a.xyz").write_text("1\n1 2 3 4 5 6 7 8 9\n0 0 0\n", encoding="utf-8")
     assert kind_of("a.xyz").format == "xyz"
     shutil.copy("a.xyz", "a")
     assert kind_of("a").format == "text"
     for name in ("a.npz", "a.mha", "a.ply", "a.vtu"):
-        with open(name, "wb") as file:
-            file.write(b"PK\3\4 cut off")
+        Path(name).write_bytes(b"PK\3\4 cut off")
         assert kind_of(name).format in ("npz", "metaimage", "ply", "vtu")
     assert kind_of("a.npz", "volume") == ("volume", "npz")
     assert kind_of("a.npz").kind == "particles"
@@ -132,18 +120,15 @@ def test_endings_break_ties_only():
 
 @pytest.mark.parametrize("content", [b"", b"\0\1\2\3" * 99, b"dear reader,\nnumbers: none\n", b"<html>"])
 def test_what_nobody_knows(content):
-    with open("letter", "wb") as file:
-        file.write(content)
+    Path("letter").write_bytes(content)
     for reader in (gb.read, gb.volumes.read_volume, gb.ultrasound.read_sweep):
-        with pytest.raises(FormatError, match=r"letter: expected .*, got data of no known format"):
-            reader("letter")
+        refuses(r"letter: expected .*, got data of no known format", reader, "letter", error=FormatError)
         with pytest.raises(FileNotFoundError):
             reader("nowhere.npz")
 
 
 def test_meshes_by_content():
     pytest.importorskip("trimesh")
-    with open("a.ply", "w", encoding="utf-8") as file:
-        file.write(OBJ)
+    Path("a.ply").write_text(OBJ, encoding="utf-8")
     assert len(gb.read("a.ply")) == 3
     assert len(gb.sample_mesh("a.ply", spacing=0.5)) > 3

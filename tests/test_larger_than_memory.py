@@ -1,7 +1,4 @@
-"""`Scene(...)` of particles that do not fit turns into pieces by itself, says so, draws the image
-of one scene, and refuses what pieces cannot do."""
-
-from __future__ import annotations
+"""A `Scene` that does not fit is in pieces by itself, says so, draws the same, and refuses what they cannot."""
 
 import os
 import subprocess
@@ -11,7 +8,7 @@ import warnings
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import run_json
+from cli_helpers import output_of, run_json
 from globule._base import memory
 from globule.cli import main, pieces
 from globule.pieces import pieces as of_pieces
@@ -33,8 +30,7 @@ LINE = r"^scene: 2,\d+ particles take about .* GB as one scene on .*: they are i
 
 
 class Room:
-    """Bytes that a scene may take: less than the octree of the particles, and enough for pieces of
-    a few hundred. What reads files is not so limited."""
+    """Bytes that a scene may take, less than the octree, enough for pieces of a few hundred; readers may more."""
 
     size = 90_000.0
 
@@ -118,9 +114,8 @@ def test_updates(little, backend):
 
 
 @pytest.mark.parametrize("name", ["a.npy", "a.npz", "a.h5", "a.vtu", "a.bgeo", "a.vtk"])
-def test_files(name, little, tmp_path, monkeypatch):
+def test_files(name, little, folder, monkeypatch):
     """What has ranges is never read whole; other files are read, and then divided."""
-    monkeypatch.chdir(tmp_path)
     if name == "a.npy":
         np.save(name, POSITIONS)
     elif name == "a.h5":
@@ -226,15 +221,13 @@ def test_too_little_for_any_piece(little):
         gb.Scene(POSITIONS, support=2.0, device="cpu")
 
 
-def test_the_command_line(little, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_line(little, capsys, folder):
     np.savez("a.npz", positions=POSITIONS, speed=SPEED)
     words = ["a.npz", "--size", "96x72", "--device", "cpu", "--support", "2", "--eye", "40,30,45",
              "--look-at", "6,6,6"]  # fmt: skip
     many = run_json(capsys, "render", *words, "-o", "many.png")
     assert many["counts"]["pieces"] > 1
-    assert main(["render", *words, "-o", "many.png"]) == 0
-    assert "2,744 particles in" in capsys.readouterr().err
+    assert "2,744 particles in" in output_of(capsys, "render", *words, "-o", "many.png").err
     assert main(["render", *words, "-o", "other.png", "--pick", "40,30"]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 2  # a warning and an error

@@ -1,14 +1,22 @@
-"""The color bar in a picture, and the color maps behind it."""
+"""The color bar in a picture, the color maps behind it, and colors and legends of types and elements."""
 
-from __future__ import annotations
+from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import SMALL, refuses, run_json
 from globule._base.colormaps import CATEGORICAL, NAMES, colorize, map_colors, to_linear
 from globule.cli import main
+from globule.data.attributes import colormap_of, kinds_of
+from globule.render.display import displayed
 from globule.render.legend import add_legend, tick_labels
 from PIL import Image
+
+pytestmark = pytest.mark.usefixtures("folder")
+X = np.array([[0, 0, 0], [3, 0, 0], [0, 3, 0], [3, 3, 0]], float)
+JMOL = {"H": "ffffff", "C": "909090", "O": "ff0d0d"}
+OKABE_ITO = ["e69f00", "56b4e9", "009e73"]
 
 
 def gray(width: int, height: int, value: int = 240) -> np.ndarray:
@@ -42,18 +50,15 @@ def test_text_stands_out():
         assert (np.abs(label.astype(int) - value).max(axis=2) > 150).sum() > 30
 
 
-@pytest.mark.parametrize(
-    ("lo", "hi", "texts"),
-    [
+def test_ticks():
+    for lo, hi, texts in (
         (0, 1, ["0", "0.2", "0.4", "0.6", "0.8", "1"]),
         (-1.234567, 8.9, ["-1.23", "0", "2", "4", "6", "8.9"]),
         (1, 0, ["1", "0.8", "0.6", "0.4", "0.2", "0"]),
         (5, 5, ["5"]),
         (101325.2, 101327.9, ["101325.2", "101325.5", "101326", "101326.5", "101327", "101327.5", "101327.9"]),
-    ],
-)
-def test_ticks(lo, hi, texts):
-    assert [text for _, text in tick_labels(lo, hi, 6)] == texts
+    ):
+        assert [text for _, text in tick_labels(lo, hi, 6)] == texts
 
 
 @pytest.mark.parametrize("ends", [(1e300, -1e300), (-1.7e308, 1.7e308), (0, 3e-320), (5, 5 + 1e-9)])
@@ -72,19 +77,15 @@ def test_ticks_leave_room_for_the_ends():
         assert min(np.diff(shares)) > 0.6 / 5 - 1e-9, hi
 
 
-@pytest.mark.parametrize(
-    ("arguments", "what"),
-    [
+def test_wrong_arguments():
+    for arguments, what in (
         ((gray(63, 100), "viridis", 0, 1), "image: expected at least 64 pixels a side"),
         ((gray(100, 100)[..., :1], "viridis", 0, 1), "image: expected"),
         ((gray(100, 100) / 255, "viridis", 0, 1), "image: expected .*uint8"),
         ((gray(100, 100), "jet", 0, 1), "colormap: expected one of"),
         ((gray(100, 100), "viridis", np.nan, 1), "range: expected two finite"),
-    ],
-)
-def test_wrong_arguments(arguments, what):
-    with pytest.raises(ValueError, match=what):
-        add_legend(*arguments)
+    ):
+        refuses(what, add_legend, *arguments)
 
 
 def test_long_labels_are_shortened():
@@ -101,7 +102,7 @@ def test_maps_are_those_of_matplotlib(name):
     assert np.allclose(colorize(np.arange(256), name, 0, 255), to_linear(table), atol=1e-6)
 
 
-def test_command(folder):
+def test_command():
     points = np.stack(np.mgrid[0:5, 0:5, 0:5], axis=-1).reshape(-1, 3)
     gb.write("a.npz", gb.Particles(points, attributes={"speed": np.arange(125.0)}))
     words = ["render", "a.npz", "--size", "160x120", "--device", "cpu"]
@@ -110,3 +111,103 @@ def test_command(folder):
     assert main([*words, *color, "--legend", "-o", "legend.png"]) == 0
     plain, legend = (np.asarray(Image.open(f"{name}.png")) for name in ("plain", "legend"))
     assert np.array_equal(legend, add_legend(plain, "turbo", 0, 124, "speed"))
+
+
+# Types and elements
+
+
+def srgb(linear: np.ndarray) -> list[str]:
+    return [bytes(row).hex() for row in displayed(np.asarray(linear, np.float32))]
+
+
+def test_colors_of_types_and_elements():
+    assert srgb(gb.colorize([1, 2, 3, 13], "types", 0, 1)) == [*OKABE_ITO, OKABE_ITO[0]]
+    assert srgb(gb.colorize([1, 6, 8], "elements", 8, 1)) == list(JMOL.values())
+    # sRGB 0.5 is between two bytes.
+    gray = srgb(gb.colorize([np.nan, 0, 97, 1e300, -3], "elements", 0, 1))
+    assert {*gray} == {*srgb(gb.colorize([np.nan, np.inf], "types", 0, 1))} == {"7f7f7f"}
+
+
+@pytest.mark.parametrize("name", ["type", "Type", "TypeId", "species", "label"])
+def test_names_choose_the_map(name):
+    attributes = {name: np.array([1, 2, 2, 3]), "speed": np.arange(4.0)}
+    particles = gb.Particles(X, attributes=attributes)
+    colored = gb.color_by(particles, name)
+    assert srgb(colored.color) == [OKABE_ITO[k] for k in (0, 1, 1, 2)]
+    assert colormap_of(name, "auto") == "types"
+    assert colormap_of(name, "magma") == "magma"  # asked for
+    same = gb.color_by(particles, "speed").color
+    assert np.array_equal(same, gb.color_by(particles, "speed", "viridis").color)
+
+
+def test_names_of_files():
+    Path("a.xyz").write_text("4\n\n" + "".join(f"{w} {x} {y} {z}\n" for w, (x, y, z) in zip("BACA", X, strict=True)))
+    found = gb.read("a.xyz")  # C is an element, A is not
+    assert found.names == {"type": {1: "A", 2: "B", 3: "C"}}
+    assert kinds_of(found[1:3], "type", "auto") == ((1.0, "A"), (3.0, "C"))
+    with open("a.extxyz", "w") as file:
+        file.write("4\nProperties=species:S:1:pos:R:3\n")
+        file.write("".join(f"{w} {x} {y} {z}\n" for w, (x, y, z) in zip("OHHC", X, strict=True)))
+    found = gb.read("a.extxyz")
+    assert found.names == {}
+    named = ((1.0, "H"), (6.0, "C"), (8.0, "O"))
+    assert kinds_of(found, "atomic_number", "auto") == named
+    assert srgb(gb.color_by(found, "atomic_number").color) == [JMOL[w] for w in "OHHC"]
+    assert kinds_of(found, "atomic_number", "viridis") == kinds_of(found, "x", "auto") == ()
+
+
+def test_names_of_lammps():
+    with open("a.data", "w") as file:
+        file.write("# words\n\n4 atoms\n2 atom types\n0 9 xlo xhi\n0 9 ylo yhi\n0 9 zlo zhi\n\n")
+        file.write("Masses\n\n1 18.0 # water\n2 23.0 # salt\n\nAtoms # atomic\n\n")
+        file.write("".join(f"{i + 1} {1 + i % 2} {x} {y} {z}\n" for i, (x, y, z) in enumerate(X)))
+    assert gb.read("a.data").names == {"type": {1: "water", 2: "salt"}}
+    with open("a.dump", "w") as file:
+        file.write("ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n4\nITEM: ATOMS id type element x y z\n")
+        rows = zip((2, 1, 2, 1), "OHOH", X, strict=True)
+        file.write("".join(f"1 {t} {w} {x} {y} {z}\n" for t, w, (x, y, z) in rows))
+    found = gb.read("a.dump")
+    assert found.names == {"type": {2: "O", 1: "H"}}
+    assert found.attributes["atomic_number"].tolist() == [8, 1, 8, 1]
+    assert np.allclose(found.support, np.multiply(4, [1.52, 1.2, 1.52, 1.2]))
+
+
+@pytest.mark.interop
+def test_names_of_gsd():
+    hoomd = pytest.importorskip("gsd.hoomd")
+    frame = hoomd.Frame()
+    frame.configuration.box = [20, 20, 20, 0, 0, 0]
+    frame.particles.N, frame.particles.position = 4, X
+    frame.particles.types, frame.particles.typeid = ["solvent", "B-2"], [0, 1, 1, 0]
+    with hoomd.open("a.gsd", "w") as file:
+        file.append(frame)
+    found = gb.read("a.gsd")
+    assert found.names == {"type": {0: "solvent", 1: "B-2"}}
+    assert kinds_of(found, "type", "auto") == ((0.0, "solvent"), (1.0, "B-2"))
+
+
+def test_legends_list_what_there_is():
+    blank = np.full((300, 400, 3), 128, np.uint8)
+    after = gb.add_legend(blank, "types", 1, 3, "type")
+    shown = {bytes(pixel).hex() for pixel in after.reshape(-1, 3)}
+    assert {*OKABE_ITO} <= shown
+    assert "8c6bb1" not in shown
+    many = gb.add_legend(blank, "types", 0, 1000, "type")  # no room for names
+    assert (many != blank).any()
+
+
+def test_images_and_commands(capsys):
+    particles = gb.Particles(X, attributes={"type": np.array([1, 2, 2, 3])})
+    gb.write("a.npz", particles)
+    words = ["--color-by", "type", "--flat", *SMALL]
+    run_json(capsys, "render", "a.npz", "-o", "a.png", *words)
+    run_json(capsys, "render", "a.npz", "-o", "legend.png", *words, "--size", "300x200", "--legend")
+    flat = gb.load_preset("flat", gb.Scene(particles))
+    frame = gb.render(particles, (40, 30), settings=flat, color_by="type")
+    image = np.asarray(Image.open("a.png"))
+    assert np.array_equal(image, frame.image)
+    shown = {bytes(pixel).hex() for pixel in image.reshape(-1, 3)}
+    assert {*OKABE_ITO} <= shown
+    legend = np.asarray(Image.open("legend.png"))[:, 240:]
+    found = {bytes(pixel).hex() for pixel in legend.reshape(-1, 3)}
+    assert {*OKABE_ITO} <= found

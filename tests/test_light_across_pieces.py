@@ -1,10 +1,9 @@
 """Light that turns, through particles that no rank has all of: rays go from piece to piece."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from globule.pieces.pieces import Pieces
 from globule.pieces.scene import SceneOnRanks
 from globule.render.pieces import wavefront
@@ -164,8 +163,7 @@ def test_pieces_one_after_the_other(n, backend):
         many = gb.render(pieces, CAMERA, SIZE, ALL)
         one = gb.render(gb.Scene(PARTICLES, support=2.0, **backend), CAMERA, SIZE, ALL)
         same(one, many)
-        with pytest.raises(ValueError, match=r"^pick: expected one scene, got pieces"):
-            many.pick(24, 18)
+        refuses(r"^pick: expected one scene, got pieces", many.pick, 24, 18)
         many.refine(1)
         same(one.refine(1), many)
     finally:
@@ -177,8 +175,7 @@ def test_frame_after_frame(backend):
         scene = gb.Scene(mine(PARTICLES, ranks), support=2.0, comm=ranks, ranks="pieces", **device)
         images = [gb.render(scene, CAMERA, SIZE, {"shadows": True})]
         scene.update(positions=1.1 * mine(PARTICLES, ranks).positions)
-        with pytest.raises(ValueError, match=r"^refine: expected the scene as it was rendered"):
-            images[0].refine()
+        refuses(r"^refine: expected the scene as it was rendered", images[0].refine)
         return [*images, gb.render(scene, CAMERA, SIZE, {"shadows": True})]
 
     scene = gb.Scene(PARTICLES, support=2.0, **backend)
@@ -227,8 +224,7 @@ def test_a_rank_that_fails_is_named_on_all(where, monkeypatch):
 
     def work(device, ranks):
         scene = gb.Scene(mine(PARTICLES, ranks), support=2.0, comm=ranks, ranks="pieces", **device)
-        with pytest.raises(OSError, match=r"^rank 1: no such disk"):
-            gb.render(scene, CAMERA, SIZE, ALL)
+        refuses(r"^rank 1: no such disk", gb.render, scene, CAMERA, SIZE, ALL, error=OSError)
         monkeypatch.setattr(wavefront, where, own)
         ranks.all(None)
         return gb.render(scene, CAMERA, SIZE, ALL)

@@ -6,6 +6,7 @@ import re
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from light import QUIET, ball
 
 NAN, INF = float("nan"), float("inf")
@@ -35,18 +36,11 @@ SETTINGS = [
     (TypeError, "background", "white", None),
     (ValueError, "ambient", "moon", None),
     (ValueError, "ambient", -0.1, None),
-    (ValueError, "ambient_rays", -1, None),
-    (ValueError, "ambient_rays", 257, None),
     (TypeError, "ambient_rays", True, None),
     (ValueError, "ambient_distance", NAN, None),
     (ValueError, "exposure", INF, None),
-    (ValueError, "bounces", 33, None),
     (TypeError, "bounces", 2.0, None),
-    (ValueError, "cutoff", 1.5, None),
-    (ValueError, "samples", 0, None),
     (TypeError, "samples", "many", None),
-    (ValueError, "specular", -1.0, None),
-    (ValueError, "shininess", NAN, None),
     (TypeError, "sky", "blue", None),
     (TypeError, "ground", -1.0, None),
     (TypeError, "lights", ["sun"], "'sun'"),
@@ -63,9 +57,8 @@ def test_settings(error, name, value, got):
     refuse(error, name, got, settings={name: value})
 
 
-@pytest.mark.parametrize(
-    ("name", "call"),
-    [
+def test_other_things_than_expected():
+    for name, call in (
         ("material", lambda: dataclasses.replace(QUIET, material=0.5)),
         ("material", lambda: gb.Layer(ball(), "clay")),
         ("lights", lambda: dataclasses.replace(QUIET, lights=0.5)),
@@ -77,34 +70,21 @@ def test_settings(error, name, value, got):
         ("settings", lambda: gb.render(ball(), settings={"shadow": True})),
         ("settings", lambda: gb.render(ball(), settings=3)),
         ("scene", lambda: gb.render(5)),
-    ],
-)
-def test_other_things_than_expected(name, call):
-    with pytest.raises(TypeError, match=f"{name}: expected .*, got "):
-        call()
+    ):
+        refuses(f"{name}: expected .*, got ", call, error=TypeError)
 
 
-MATERIALS = [
-    (ValueError, {"reflection": 1.5}),
-    (ValueError, {"reflection": NAN}),
-    (TypeError, {"reflection": "shiny"}),
-    (ValueError, {"transmission": -1}),
-    (ValueError, {"index": 0.9}),
-    (ValueError, {"index": 5}),
-    (ValueError, {"roughness": -0.1}),
-    (ValueError, {"color": (1, NAN, 0)}),
-    (TypeError, {"color": "red"}),
-    (ValueError, {"absorption": (0, 0, INF)}),
-    (ValueError, {"absorption": (1, 2, 3, 4)}),
-    (ValueError, {"specular": -0.1}),
-    (TypeError, {"shininess": "very"}),
-]
-
-
-@pytest.mark.parametrize(("error", "field"), MATERIALS, ids=str)
-def test_materials(error, field):
-    ((name, value),) = field.items()
-    refused(error, name, repr(value), lambda: gb.Material(**field))
+def test_materials():
+    for error, name, value in (
+        (ValueError, "reflection", NAN),
+        (TypeError, "reflection", "shiny"),
+        (ValueError, "color", (1, NAN, 0)),
+        (TypeError, "color", "red"),
+        (ValueError, "absorption", (0, 0, INF)),
+        (ValueError, "absorption", (1, 2, 3, 4)),
+        (TypeError, "shininess", "very"),
+    ):
+        refused(error, name, repr(value), lambda name=name, value=value: gb.Material(**{name: value}))
 
 
 LIGHTS = [
@@ -144,8 +124,7 @@ AROUND = [
 def test_environment_values(value):
     image = np.ones((4, 8, 3), np.float32)
     image[2, 3, 1] = value
-    with pytest.raises(ValueError, match="image: expected finite radiance >= 0"):
-        gb.Environment(image)
+    refuses("image: expected finite radiance >= 0", gb.Environment, image)
 
 
 CLIPS = [
@@ -173,15 +152,11 @@ def test_layers():
     assert gb.render([ball() for _ in range(4)], CAMERA, (4, 3)).mask.shape == (3, 4)
 
 
-@pytest.mark.parametrize(
-    ("error", "size", "got"),
-    [
+def test_sizes():
+    for error, size, got in (
         (ValueError, (3, -1), "3x-1"),
         (TypeError, "big", "'big'"),
         (TypeError, (1, 2, 3), "(1, 2, 3)"),
         (ValueError, (2**20, 2**20), "1048576x"),
-    ],
-    ids=str,
-)
-def test_sizes(error, size, got):
-    refuse(error, "size", got, size=size)
+    ):
+        refuse(error, "size", got, size=size)

@@ -6,6 +6,7 @@ import functools
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import refuses
 from globule.render.lights import uniform_sky
 from light import CENTER, ONE_SKY, ball, direction_sky, quiet
 from scenes import CASES, case, cloud
@@ -125,8 +126,7 @@ def test_frames_of_moving_scenes_do_not_mix(backend, settings):
 
 @pytest.mark.parametrize("samples", [0, -1, 70000])
 def test_refine_by_no_or_too_many_samples_is_refused(samples):
-    with pytest.raises(ValueError, match="samples"):
-        look(ball(), (4, 4)).refine(samples)
+    refuses("samples", look(ball(), (4, 4)).refine, samples)
 
 
 WAYS = pytest.mark.parametrize("way", [(gb.RenderSettings(), ()), (EVERYTHING, CUTS)], ids=["plain", "everything"])
@@ -235,22 +235,18 @@ def test_waves_meet_what_the_oracle_meets(backend, name, octree):
 @pytest.mark.parametrize("kind", ["none", "one", "NaN", "all NaN", "negative", "mixed", "coincident", "64-bit keys"])
 def test_hard_particles_under_all_lights(backend, kind, octree):
     options = {"octree": octree, "threshold": 0.5}
-    if kind == "none":
-        p = gb.Particles(np.zeros((0, 3)), support=0.5)
-    elif kind == "one":
-        p = gb.Particles(np.zeros((1, 3)), support=0.8, reflection=0.2, refraction=0.7)
-    elif kind == "negative":
-        p = busy(200, weight=np.random.default_rng(2).uniform(-1, 1, 200))
-    elif kind == "mixed":
-        p = busy(200, support=0.5 * 10 ** np.random.default_rng(3).uniform(-2.3, 0, 200))
-    elif kind == "coincident":
-        p = dataclasses.replace(busy(200), positions=np.repeat(cloud(4, 1), 50, 0))
-    else:
-        p = busy(200)
-        if kind == "64-bit keys":
-            options["key_bits"] = 64 if octree == "sparse" else 32
-        else:
-            p.positions[:: 1 if kind == "all NaN" else 3] = np.nan
+    rng = np.random.default_rng(3)
+    p = {
+        "none": lambda: gb.Particles(np.zeros((0, 3)), support=0.5),
+        "one": lambda: gb.Particles(np.zeros((1, 3)), support=0.8, reflection=0.2, refraction=0.7),
+        "negative": lambda: busy(200, weight=rng.uniform(-1, 1, 200)),
+        "mixed": lambda: busy(200, support=0.5 * 10 ** rng.uniform(-2.3, 0, 200)),
+        "coincident": lambda: busy(200, positions=np.repeat(cloud(4, 1), 50, 0)),
+    }.get(kind, lambda: busy(200))()
+    if kind == "64-bit keys":
+        options["key_bits"] = 64 if octree == "sparse" else 32
+    if "NaN" in kind:
+        p.positions[:: 1 if kind == "all NaN" else 3] = np.nan
     scene, size = gb.Scene(p, **options, **backend), (24, 18)
     frame = look(scene, size).refine(1)
     assert np.isfinite(frame.color).all()
@@ -296,8 +292,7 @@ def test_pick(backend):
     none = gb.render(scene, camera, size)
     assert none.pick(0, 0) is None
     for column, row, wrong in ((61, 0, "column"), (0, 61, "row"), (-1, 0, "column")):
-        with pytest.raises(ValueError, match=wrong):
-            frame.pick(column, row)
+        refuses(wrong, frame.pick, column, row)
 
 
 def test_picking_on_a_cut_face(backend):
@@ -308,3 +303,49 @@ def test_picking_on_a_cut_face(backend):
         found = frame.pick(column, row)
         assert found.position[2] == pytest.approx(0.1, abs=1e-5)
         assert found.particle == np.argmin(np.linalg.norm(p - found.position, axis=1))
+
+
+# Cells are made where rays can come: behind full ones only for light, cuts and eyes inside.
+
+WIDE = (96, 72)
+OUTSIDE = gb.Camera((70.0, 55.0, 90.0), (0.0, 0.0, 0.0))
+SHADOWS = {"shadows": True}
+WATER = gb.Material(transmission=1.0, index=1.33)
+
+
+@pytest.fixture(scope="module")
+def bubble():
+    """A block with a bubble that no ray from outside can reach; spacing 1."""
+    at = np.arange(-18.0, 19.0)
+    points = np.stack(np.meshgrid(at, at, at), axis=-1).reshape(-1, 3)
+    return points[np.linalg.norm(points, axis=1) > 7].astype(np.float32)
+
+
+def scene_of(points, backend):
+    return gb.Scene(points, support=2.0, threshold=0.6, **backend)
+
+
+OUT_OF_REACH = {
+    "light goes inside": (OUTSIDE, {"settings": {"material": WATER, "bounces": 4}}),
+    "a cut opens it": (OUTSIDE, {"settings": SHADOWS, "clips": [gb.ClipPlane((1, 0, 0), 0.0)]}),
+    "the eye is inside": (gb.Camera((0, 0, 0), (1, 0.3, 0.2)), {"settings": SHADOWS}),
+    "from a plane": (gb.Camera((0, 0, 60), (0, 0, 0), (0, 1, 0), height=50), {"settings": SHADOWS}),
+}
+
+
+@pytest.mark.few_backends
+@pytest.mark.parametrize("case", OUT_OF_REACH)
+def test_what_was_out_of_reach_is_made_when_it_is_not(bubble, backend, case):
+    camera, how = OUT_OF_REACH[case]
+    fresh = gb.render(scene_of(bubble, backend), camera, WIDE, **how)
+    scene = scene_of(bubble, backend)
+    before = gb.render(scene, OUTSIDE, WIDE, settings=SHADOWS)
+    after = gb.render(scene, camera, WIDE, **how)
+    assert before.mask.any()
+    assert after.mask.any()
+    if case == "the eye is inside":  # it sees the bubble's wall
+        assert np.abs(after.distance - 6.7).max() < 1.0
+    np.testing.assert_array_equal(after.image, fresh.image)
+    np.testing.assert_array_equal(after.distance, fresh.distance)
+    again = gb.render(scene, OUTSIDE, WIDE, settings=SHADOWS)
+    np.testing.assert_array_equal(again.image, before.image)

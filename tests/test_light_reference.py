@@ -6,9 +6,8 @@ import globule as gb
 import light_reference
 import numpy as np
 import pytest
-from light_reference import GROUND
+from light_reference import GROUND, KERNELS, Medium
 from quick import every
-from reference_medium import KERNELS, Medium
 
 SIZE = (12, 9)
 # Shadow rays give up below 0.004.
@@ -146,8 +145,7 @@ def differences(frame, truth, pixels=None):
 
 
 def unsure(layers, camera, settings, clips, pixels):
-    """The reference at some pixels, finely, and by image where it differs for rays a little aside:
-    edges."""
+    """The reference at some pixels, finely, and by image where it differs for rays a little aside: edges."""
     shifts = 1e-3 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3), 0.1 * np.eye(3)])
     some = [light_reference.render(layers, camera, SIZE, settings, clips, pixels, shift, 1200) for shift in shifts]
     out = {}
@@ -212,8 +210,7 @@ def test_rays_from_anywhere(backend, seed):
 
 
 def test_picks(backend):
-    """The layer that is seen, and of its particles the nearest by distance over support; nothing on
-    the ground."""
+    """The layer that is seen, of its particles the nearest by distance over support; nothing on the ground."""
     layers, camera, settings, clips = random_picture(205)
     layers = build(layers, **backend)
     frame = gb.render(layers, camera, SIZE, settings, clips)

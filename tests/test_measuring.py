@@ -1,12 +1,9 @@
 """Distances and volumes with their uncertainty: against a Monte Carlo, on maps and on sweeps."""
 
-from __future__ import annotations
-
-import json
-
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import output_of, refused, refuses, run_json
 from globule.cli import main
 from globule.ultrasound import phantoms
 from globule.ultrasound.measuring import _variance, find_error_length, measure_distance, measure_volume
@@ -77,8 +74,7 @@ def scanned(seed: int) -> gb.ultrasound.Sweep:
 
 @pytest.mark.slow
 def test_against_many_sweeps():
-    """What the trust map predicts holds what 16 sweeps of the phantom show, and is not far
-    above."""
+    """What the trust map predicts holds what 16 sweeps of the phantom show, and is not far above."""
     volumes, distances = [], []
     for seed in range(16):
         sweep = scanned(seed)
@@ -124,10 +120,8 @@ def test_two_echoes():
     assert 0.01 < found.std < 0.2
     assert np.allclose(found.edges[:, 0], (-3.2, 2.0), atol=0.03)
     assert found.levels == pytest.approx((90, 10, 90), abs=12)
-    with pytest.raises(ValueError, match=r"a third is at \(6"):
-        measure_distance(wires(-6.0, 2.0, 7.0), (-8.5, 14, 0), (9, 14, 0), 1.0)
-    with pytest.raises(ValueError, match="clear edges or bright echoes"):
-        measure_distance(wires(), (-8, 14, 0), (8, 14, 0), 1.0)
+    refuses(r"a third is at \(6", measure_distance, wires(-6.0, 2.0, 7.0), (-8.5, 14, 0), (9, 14, 0), 1.0)
+    refuses("clear edges or bright echoes", measure_distance, wires(), (-8, 14, 0), (8, 14, 0), 1.0)
 
 
 @pytest.mark.slow
@@ -163,9 +157,8 @@ def test_wires_of_a_phantom(tmp_path, capsys):
         line = (outside @ place.T)[:, :3].ravel()
         words.append("--distance=" + ",".join(f"{v:.3f}" for v in line))
     capsys.readouterr()
-    options = ["--calibration", probe, "--voxel-size", "0.3", "--width", "1.5", "--json"]
-    assert main(["measure", sweeps[1], *words, *options]) == 0
-    found = json.loads(capsys.readouterr().out)["distances"]
+    options = ["--calibration", probe, "--voxel-size", "0.3", "--width", "1.5"]
+    found = run_json(capsys, "measure", sweeps[1], *words, *options)["distances"]
     for one, (x0, z0, x1, z1) in zip(found, pairs, strict=True):
         assert one["between"] == "echoes"
         assert one["distance"] == pytest.approx(np.hypot(x1 - x0, z1 - z0), abs=0.25)
@@ -174,10 +167,8 @@ def test_wires_of_a_phantom(tmp_path, capsys):
 
 def test_mistakes():
     volume = known(np.full((26, 26, 26), 50.0), np.full((26, 26, 26), 5, np.float32))
-    with pytest.raises(ValueError, match=r"^above: expected one of above and below"):
-        measure_volume(volume, 1.0)
-    with pytest.raises(ValueError, match=r"^correlation: "):
-        measure_volume(volume, 0.0, above=3)
+    refuses(r"^above: expected one of above and below", measure_volume, volume, 1.0)
+    refuses(r"^correlation: ", measure_volume, volume, 0.0, above=3)
 
 
 def test_the_command(tmp_path, capsys):
@@ -192,21 +183,13 @@ def test_the_command(tmp_path, capsys):
         (["--below", "100", "--within", "900,14,0,8"], "--within: expected voxels with data"),
         (["--below", "100", "--voxel-size", "1e6"], "--voxel-size: expected voxels smaller than"),
     ]:
-        assert main([*words, *more]) == 2
-        error = capsys.readouterr().err
-        assert what in error
-        assert error.count("\n") == 1
-    assert main([*words, "--above", "1000"]) == 0
-    captured = capsys.readouterr()
+        assert what in refused(capsys, *words, *more)
+    captured = output_of(capsys, *words, "--above", "1000")
     assert "the level 1000 separates no voxels" in captured.err
     assert "volume 0 mm^3" in captured.out
-    assert main([*words, "--above", "1000", "--json"]) == 0
-    captured = capsys.readouterr()
-    assert captured.err == ""
-    assert "separates no voxels" in json.loads(captured.out)["warnings"][0]
+    assert "separates no voxels" in run_json(capsys, *words, "--above", "1000")["warnings"][0]
 
 
 def test_transposed_poses():
     poses = scanned(0).world_from_image[:3]
-    with pytest.raises(ValueError, match="probably transposed"):
-        gb.ultrasound.Sweep(np.zeros((3, 8, 8), np.uint8), poses.swapaxes(1, 2))
+    refuses("probably transposed", gb.ultrasound.Sweep, np.zeros((3, 8, 8), np.uint8), poses.swapaxes(1, 2))

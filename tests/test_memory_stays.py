@@ -1,7 +1,5 @@
 """Objects that are made, changed, used and dropped in any order leave no memory behind."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -22,13 +20,6 @@ MOST = 5  # of each kind
 rng = np.random.default_rng(5)
 on = {"device": sys.argv[1]} | ({"threads": 2} if sys.argv[1] == "cpu" else {})
 light = gb.RenderSettings(shadows=True, ambient_rays=1, samples=2)
-water = {
-    "spacing": 0.1,
-    "domain": {"lo": [0, 0, 0], "hi": [1, 1, 1], "walls": True},
-    "fluids": [{"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.5, 0.5, 0.5]}}],
-}
-
-
 def points():
     return rng.random((int(rng.integers(1, 2000)), 3)).astype(np.float32)
 
@@ -44,19 +35,17 @@ def render(layers):
     return gb.render(layers, gb.Camera((0.5, 0.5, 3), (0.5, 0.5, 0.5)), size, look)
 
 
-held = {kind: [] for kind in ("scene", "mesh", "frame", "simulation")}
+make = {
+    "scene": lambda: gb.Scene(points(), support=0.1, **on),
+    "mesh": mesh,
+    "frame": lambda: render(some("scene")),
+    "simulation": lambda: gb.Simulation("dam-break", spacing=0.1, **on),
+}
+held = {kind: [] for kind in make}
 
 
 def some(kind):
     return held[kind][int(rng.integers(len(held[kind])))]
-
-
-def make(kind):
-    if kind == "scene":
-        return gb.Scene(points(), support=0.1, **on)
-    if kind == "mesh":
-        return mesh()
-    return gb.Simulation(water, **on) if kind == "simulation" else render(some("scene"))
 
 
 def turn():
@@ -64,7 +53,7 @@ def turn():
     what = rng.random()
     if not held[kind] or (len(held[kind]) < MOST and what < 0.2):
         if kind != "frame" or held["scene"]:
-            held[kind].append(make(kind))
+            held[kind].append(make[kind]())
     elif what < 0.35:
         held[kind].pop(int(rng.integers(len(held[kind]))))
     elif kind == "scene":
@@ -89,7 +78,7 @@ def resident():
 
 
 for kind in held:  # what many at a time need is kept for the next
-    held[kind] += [make(kind) for _ in range(MOST)]
+    held[kind] += [make[kind]() for _ in range(MOST)]
 left = []
 for k in range(4000):
     turn()

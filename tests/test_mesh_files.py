@@ -1,7 +1,5 @@
 """Meshes from files and from objects of other packages, and on the command line."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import globule as gb
@@ -44,43 +42,36 @@ def volume(mesh: gb.Mesh) -> float:
     return float(np.sum(a * np.cross(b, c)) / 6)
 
 
-def test_ply_with_quads_and_colors(tmp_path):
-    colors = (BOX * 255).astype(int)
-    ply(tmp_path / "box.ply", BOX, QUADS, colors)
+def test_ply_with_quads_and_colors_and_legacy_vtk(tmp_path):
+    ply(tmp_path / "box.ply", BOX, QUADS, (BOX * 255).astype(int))
     mesh = gb.Mesh(tmp_path / "box.ply")
-    assert len(mesh) == 12
-    assert mesh.solid
-    assert volume(mesh) == pytest.approx(1)
-    found = read(tmp_path / "box.ply")
-    np.testing.assert_allclose(found.color, to_linear(BOX), atol=1e-6)
+    assert (len(mesh), mesh.solid, volume(mesh)) == (12, True, pytest.approx(1))
+    np.testing.assert_allclose(read(tmp_path / "box.ply").color, to_linear(BOX), atol=1e-6)
     assert has_faces(tmp_path / "box.ply")
 
+    def cells(faces):
+        return "\n".join(f"{len(face)} {' '.join(map(str, face))}" for face in faces)
 
-def test_legacy_vtk_polygons_and_strips(tmp_path):
-    cells = "\n".join(f"4 {' '.join(map(str, q))}" for q in QUADS)
-    legacy(tmp_path / "a.vtk", f"POLYGONS 6 30\n{cells}")
     mixed = [[0, 1, 3], [0, 3, 2], *QUADS[1:]]
-    cells = "\n".join(f"{len(q)} {' '.join(map(str, q))}" for q in mixed)
-    legacy(tmp_path / "b.vtk", f"VERTICES 1 2\n1 0\nPOLYGONS 7 {8 + 25}\n{cells}")
     strips = [[0, 1, 2, 3], [4, 6, 5, 7], [0, 4, 1, 5], [2, 3, 6, 7], [0, 2, 4, 6], [1, 5, 3, 7]]
-    cells = "\n".join(f"4 {' '.join(map(str, q))}" for q in strips)
-    legacy(tmp_path / "c.vtk", f"TRIANGLE_STRIPS 6 30\n{cells}")
-    for name in ("a.vtk", "b.vtk", "c.vtk"):
-        mesh = gb.Mesh(tmp_path / name)
-        assert len(mesh) == 12
-        assert mesh.solid, name
-        assert volume(mesh) == pytest.approx(1)
-        assert has_faces(tmp_path / name)
-    legacy(tmp_path / "points.vtk", "VERTICES 1 2\n1 0")
-    assert not has_faces(tmp_path / "points.vtk")
-    with pytest.raises(gb.FormatError, match="expected a mesh with faces, got none"):
-        gb.Mesh(tmp_path / "points.vtk")
-    legacy(tmp_path / "far.vtk", "POLYGONS 1 4\n3 0 1 8")
-    with pytest.raises(gb.FormatError, match="expected indices from 0 to 7, got 0 to 8"):
-        gb.Mesh(tmp_path / "far.vtk")
-    legacy(tmp_path / "short.vtk", "POLYGONS 2 7\n3 0 1 2\n3 0 1")
-    with pytest.raises(gb.FormatError, match="cells"):
-        gb.Mesh(tmp_path / "short.vtk")
+    for lines in (
+        f"POLYGONS 6 30\n{cells(QUADS)}",
+        f"VERTICES 1 2\n1 0\nPOLYGONS 7 33\n{cells(mixed)}",
+        f"TRIANGLE_STRIPS 6 30\n{cells(strips)}",
+    ):
+        legacy(tmp_path / "a.vtk", lines)
+        mesh = gb.Mesh(tmp_path / "a.vtk")
+        assert (len(mesh), mesh.solid, volume(mesh)) == (12, True, pytest.approx(1)), lines
+        assert has_faces(tmp_path / "a.vtk")
+    for lines, said in (
+        ("VERTICES 1 2\n1 0", "expected a mesh with faces, got none"),
+        ("POLYGONS 1 4\n3 0 1 8", "expected indices from 0 to 7, got 0 to 8"),
+        ("POLYGONS 2 7\n3 0 1 2\n3 0 1", "cells"),
+    ):
+        legacy(tmp_path / "b.vtk", lines)
+        assert has_faces(tmp_path / "b.vtk") == lines.startswith("P")
+        with pytest.raises(gb.FormatError, match=said):
+            gb.Mesh(tmp_path / "b.vtk")
 
 
 @pytest.mark.parametrize("mode", ["ascii", "binary", "appended"])
@@ -94,10 +85,8 @@ def test_files_of_vtk(tmp_path, form, mode):
     writer = vtk.vtkXMLPolyDataWriter() if form == "vtp" else vtk.vtkPolyDataWriter()
     if form == "vtp":
         getattr(writer, f"SetDataModeTo{mode.title()}")()
-    elif mode == "ascii":
-        writer.SetFileTypeToASCII()
     else:
-        writer.SetFileTypeToBinary()
+        getattr(writer, "SetFileTypeToASCII" if mode == "ascii" else "SetFileTypeToBinary")()
     writer.SetFileName(path)
     writer.SetInputData(source.GetOutput())
     writer.Write()
@@ -122,8 +111,7 @@ def test_files_of_trimesh(tmp_path, form):
 
 def test_objects_of_meshio_and_pyvista():
     meshio = pytest.importorskip("meshio", reason="meshio is not installed")
-    mesh = gb.Mesh(meshio.Mesh(BOX, [("quad", QUADS[:3]), ("triangle", BOX_FACES[6:])]))
-    assert len(mesh) == 12
+    assert len(gb.Mesh(meshio.Mesh(BOX, [("quad", QUADS[:3]), ("triangle", BOX_FACES[6:])]))) == 12
     with pytest.raises(ValueError, match="expected a mesh with triangles or quads, got line"):
         gb.Mesh(meshio.Mesh(BOX, [("line", [[0, 1]])]))
     flat = np.insert(BOX_FACES, 0, 3, axis=1).ravel()
@@ -132,15 +120,12 @@ def test_objects_of_meshio_and_pyvista():
     assert gb.Mesh(surface).solid
 
 
-def test_a_vertex_without_a_place_names_its_file(tmp_path):
+def test_a_file_with_faces_is_drawn_as_its_triangles(tmp_path):
     pytest.importorskip("trimesh")
     path = tmp_path / "hole.obj"
     path.write_text("v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(ValueError, match=r"hole\.obj: vertices: expected finite .*\(vertex 1\)"):
         gb.Mesh(path)
-
-
-def test_a_file_with_faces_is_drawn_as_its_triangles(tmp_path):
     ply(tmp_path / "ball.ply", *BALL)
     camera = gb.Camera((0, 0, 4), (0, 0, 0), fov=30)
     frame = gb.render(str(tmp_path / "ball.ply"), camera, (40, 40))
@@ -151,12 +136,8 @@ def test_a_file_with_faces_is_drawn_as_its_triangles(tmp_path):
     assert balls.pick(20, 20).particle is not None
 
 
-# The command line
-
-
 @pytest.fixture
-def files(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def files(tmp_path, folder):
     ply(tmp_path / "ball.ply", *BALL)
     ply(tmp_path / "tank.ply", BOX * 4 - 2, QUADS)
     x = np.linspace(-1, 1, 8)
@@ -165,7 +146,7 @@ def files(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_render_a_mesh(files, capsys):
+def test_render_a_mesh_alone_and_beside_particles(files, capsys):
     report = run_json(capsys, "render", "ball.ply", "-o", "a.png", *SMALL, "--pick", "24,18")
     assert report["counts"]["triangles"] == len(BALL[1])
     assert report["closed"]
@@ -176,12 +157,24 @@ def test_render_a_mesh(files, capsys):
     report = run_json(capsys, "render", "ball.ply", "-o", "a.png", *SMALL, "--preset", "clay")
     assert report["samples"] == 4
     both = run_json(capsys, "render", "ball.ply", "fluid.ply", "-o", "{}.png", *SMALL)
-    assert both["counts"]["triangles"] == len(BALL[1])
-    assert both["counts"]["particles"] == 512
+    assert (both["counts"]["triangles"], both["counts"]["particles"]) == (len(BALL[1]), 512)
+    alone = run_json(capsys, "render", "fluid.ply", "-o", "a.png", *SMALL)
+    words = ("--mesh", "ball.ply:glass", "--mesh-color", "#ff0000")
+    beside = run_json(capsys, "render", "fluid.ply", "-o", "b.png", *SMALL, *words)
+    assert beside["warnings"] == []
+    assert beside["counts"]["hits"] == pytest.approx(alone["counts"]["hits"], rel=0.1)
+    tank = run_json(capsys, "render", "fluid.ply", "-o", "c.png", *SMALL, "--mesh", "tank.ply:glass")
+    assert "surrounds the particles: drawn as a thin wall" in tank["warnings"][0]
+    assert tank["counts"]["hits"] != alone["counts"]["hits"]  # the camera shows the tank
+    assert read_environment("c.png").shape[:2] == (36, 48)
+    seen = run_json(
+        capsys, "render", "fluid.ply", "-o", "d.png", *SMALL, "--with", "ball.ply:#00ff00",
+        "--eye", "0,0,9", "--look-at", "0,0,0", "--clip", "0,0,1,-5", "--pick", "24,18",
+    )  # fmt: skip
+    assert seen["picked"]["file"] == "ball.ply"
 
 
 def test_a_mesh_in_the_colors_of_its_values(files, capsys):
-    """Each pixel has the map's color of the value where the ray meets the mesh."""
     heat = np.linspace(0, 1, 512)
     gb.write("fluid.npz", gb.Particles(gb.read("fluid.ply").positions, attributes={"heat": heat}))
     run_json(capsys, "mesh", "fluid.npz", "-o", "fluid.vtp", "--value", "heat")
@@ -201,43 +194,11 @@ def test_a_mesh_in_the_colors_of_its_values(files, capsys):
 
     mesh = gb.Mesh("fluid.vtp")
     heights = np.asarray(mesh.vertices)[:, 2]
-    assert mesh.color_by("z") == (heights.min(), heights.max())
-    assert mesh.color_by("heat", range=(2, 1)) == (2, 1)
-    frame = gb.render(mesh, (320, 240), color_by="x", annotate=gb.Annotation(legend=True))
-    assert frame.image.shape == (240, 320, 3)
-    views = gb.render_views("fluid.vtp", ["front", "top"], size=(96, 48), color_by="x")
-    assert len(views.frames) == 2
+    assert (mesh.color_by("z"), mesh.color_by("heat", range=(2, 1))) == ((heights.min(), heights.max()), (2, 1))
+    assert len(gb.render_views("fluid.vtp", ["front", "top"], size=(96, 48), color_by="x").frames) == 2
 
 
-def test_render_particles_beside_meshes(files, capsys):
-    alone = run_json(capsys, "render", "fluid.ply", "-o", "a.png", *SMALL)
-    words = ("--mesh", "ball.ply:glass", "--mesh-color", "#ff0000")
-    beside = run_json(capsys, "render", "fluid.ply", "-o", "b.png", *SMALL, *words)
-    assert beside["warnings"] == []
-    assert beside["counts"]["hits"] == pytest.approx(alone["counts"]["hits"], rel=0.1)
-    tank = run_json(capsys, "render", "fluid.ply", "-o", "c.png", *SMALL, "--mesh", "tank.ply:glass")
-    assert "surrounds the particles: drawn as a thin wall" in tank["warnings"][0]
-    assert tank["counts"]["hits"] != alone["counts"]["hits"]  # the camera shows the tank
-    image = read_environment("c.png")
-    assert image.shape[:2] == (36, 48)
-    seen = run_json(
-        capsys, "render", "fluid.ply", "-o", "d.png", *SMALL, "--with", "ball.ply:#00ff00",
-        "--eye", "0,0,9", "--look-at", "0,0,0", "--clip", "0,0,1,-5", "--pick", "24,18",
-    )  # fmt: skip
-    assert seen["picked"]["file"] == "ball.ply"
-
-
-def test_a_mesh_without_an_area_is_named(folder, capsys):
-    ply(folder / "flat.ply", np.array([[0, 0, 0], [1, 1, 1], [2, 2, 2.0]]), [(0, 1, 2)] * 3)
-    words = ["render", "flat.ply", "-o", "a.png", *SMALL]
-    warning = "no pixel hits the mesh: it has no area, 3 triangles of points or lines alone"
-    assert run_json(capsys, *words)["warnings"] == [warning]
-    ply(folder / "large.ply", np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), [(0, 1, 2)])
-    words = ["render", "large.ply", "-o", "a.png", *SMALL, "--eye", "0,0,9", "--look-at", "0,0,99"]
-    assert "the camera looks past it" in run_json(capsys, *words)["warnings"][0]
-
-
-def test_a_tank_that_hides_the_particles_is_named(files, capsys):
+def test_a_tank_that_hides_the_particles_and_a_mesh_without_an_area_are_named(files, capsys, folder):
     def warnings(*words: str) -> list[str]:
         return run_json(capsys, "render", "fluid.ply", "-o", "a.png", *SMALL, *words)["warnings"]
 
@@ -250,20 +211,22 @@ def test_a_tank_that_hides_the_particles_is_named(files, capsys):
     gb.write("around.npz", gb.Particles(np.zeros((1, 3))))
     hidden = "no pixel shows the particles, only around.npz: try --clip"
     assert hidden in warnings("--spheres", "around.npz:9", "--eye", "99,0,0")
+    ply(folder / "flat.ply", np.array([[0, 0, 0], [1, 1, 1], [2, 2, 2.0]]), [(0, 1, 2)] * 3)
+    words = ["render", "flat.ply", "-o", "a.png", *SMALL]
+    warning = "no pixel hits the mesh: it has no area, 3 triangles of points or lines alone"
+    assert run_json(capsys, *words)["warnings"] == [warning]
+    ply(folder / "large.ply", np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), [(0, 1, 2)])
+    words = ["render", "large.ply", "-o", "a.png", *SMALL, "--eye", "0,0,9", "--look-at", "0,0,99"]
+    assert "the camera looks past it" in run_json(capsys, *words)["warnings"][0]
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("ball.ply", "--color-by", "heat"), "--color-by: expected one of x, y, z of ball.ply"),
-        (("ball.ply", "--support", "1"), "--support: expected particles beside --support"),
-        (("ball.ply", "--root", "march"), "--root: expected particles beside --root"),
-        (("fluid.ply", "--mesh", "ball.ply:brass"), "--mesh: expected a material, blood, water"),
-        (("fluid.ply", "--mesh", "none.stl"), "none.stl: expected a file to read"),
-        (("fluid.ply", "--mesh", "fluid.ply"), "expected a mesh with faces, got none"),
-        (("fluid.ply", *("--mesh", "ball.ply") * 4), "--mesh: expected at most 3 files"),
-    ],
-)
+@pytest.mark.parametrize(("words", "message"), [
+    (("ball.ply", "--color-by", "heat"), "--color-by: expected one of x, y, z of ball.ply"),
+    (("ball.ply", "--support", "1"), "--support: expected particles beside --support"),
+    (("ball.ply", "--root", "march"), "--root: expected particles beside --root"),
+    (("fluid.ply", "--mesh", "ball.ply:brass"), "--mesh: expected a material, blood, water"),
+    (("fluid.ply", *("--mesh", "ball.ply") * 4), "--mesh: expected at most 3 files"),
+])  # fmt: skip
 def test_mistakes_on_the_command_line(files, capsys, words, message):
     assert main(["render", *words, "-o", "a.png", *SMALL]) != 0
     assert message in capsys.readouterr().err

@@ -1,7 +1,5 @@
 """Meshes as metaballs: spacings, closed surfaces, colors, and files that are none."""
 
-from __future__ import annotations
-
 import json
 import sys
 
@@ -22,26 +20,19 @@ def trimesh():
     return pytest.importorskip("trimesh", reason="trimesh is not installed")
 
 
-def brute_spacing(points: np.ndarray, k: int) -> np.ndarray:
-    apart = np.linalg.norm(points[:, None].astype(float) - points[None], axis=2)
-    return np.sort(apart, axis=1)[:, 1 : k + 1].mean(axis=1)
-
-
-# spacing
-
-
 @pytest.mark.parametrize("k", [1, 6, 20])
 def test_local_spacing_is_the_mean_of_the_nearest(k):
     rng = np.random.default_rng(1)
     even, clustered = rng.random((400, 3)), rng.normal(size=(400, 3)) ** 3
     for points in (even.astype("f4"), clustered.astype("f4")):
-        expected = brute_spacing(points, k)
+        apart = np.linalg.norm(points[:, None].astype(float) - points[None], axis=2)
+        expected = np.sort(apart, axis=1)[:, 1 : k + 1].mean(axis=1)
         middle = np.median(expected)
         expected = np.clip(expected, spacing.LEAST * middle, spacing.MOST * middle)
         assert np.allclose(gb.fluids.measure_spacing(points, k), expected, rtol=1e-5)
 
 
-def test_local_spacing_of_troubled_particles():
+def test_spacing_of_troubled_particles_and_of_edges():
     points = np.random.default_rng(2).random((50, 3)).astype("f4")
     twice = np.concatenate([points, points])
     assert np.allclose(gb.fluids.measure_spacing(twice)[:50], gb.fluids.measure_spacing(points))
@@ -55,43 +46,18 @@ def test_local_spacing_of_troubled_particles():
     found = gb.fluids.measure_spacing(far)
     assert found.max() <= 1e6 * found.min()
     gb.Scene(gb.Particles(far, support=found), device="cpu")  # refuses a larger factor
-
-
-def test_edge_spacing():
     found = spacing.edge_spacing(TETRAHEDRON, FACES)
     assert np.allclose(found, [1, 2**0.5, 2**0.5, 2**0.5])
 
 
-# surfaces without holes
-
-
-def silhouette(particles, size=(160, 120)):
-    scene = gb.Scene(particles, device="cpu")
-    camera = gb.Camera((0, -6, 2), (0, 0, 0), (0, 0, 1), 30)
-    return gb.render(scene, camera, size), camera
-
-
 def covered(mesh, particles) -> float:
     """The share of the rays through the mesh that hit the particles' surface."""
-    frame, camera = silhouette(particles)
+    camera, size = gb.Camera((0, -6, 2), (0, 0, 0), (0, 0, 1), 30), (160, 120)
+    mask = gb.render(gb.Scene(particles, device="cpu"), camera, size).mask
     corners = mesh.vertices[mesh.faces].astype("f4")
     dense, weights, _ = surface.sample_triangles(corners, 0.02)
-    points = np.einsum("mk,mkc->mc", weights, corners[dense])
-    eye, right, up, forward = eye_and_axes(camera)
-    local = (points - eye) @ np.stack([right, up, forward]).T
-    tangent = np.tan(np.radians(15))
-    x = (local[:, 0] / local[:, 2] / tangent / (160 / 120) + 1) / 2 * 160
-    y = (1 - local[:, 1] / local[:, 2] / tangent) / 2 * 120
-    return frame.mask[y.astype(int), x.astype(int)].mean()
-
-
-def eye_and_axes(camera):
-    eye = np.array(camera.eye, float)
-    forward = np.array(camera.look_at) - eye
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, camera.up)
-    right /= np.linalg.norm(right)
-    return eye, right, np.cross(right, forward), forward
+    x, y = camera.project(np.einsum("mk,mkc->mc", weights, corners[dense]), size).T.astype(int)
+    return mask[y, x].mean()
 
 
 @pytest.mark.parametrize("lengths", [None, 0.1])
@@ -102,8 +68,7 @@ def test_surfaces_are_closed(trimesh, lengths):
         assert covered(mesh, gb.sample_mesh(mesh, lengths)) == 1
 
 
-def test_samples_are_even(trimesh):
-    """A flat square of very different triangles has the same field all over."""
+def test_samples_are_even_at_spacings_that_can_be(trimesh):
     grid = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0.9, 0.2, 0]], float)
     faces = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
     particles = gb.sample_mesh(trimesh.Trimesh(grid, faces, process=False), 0.05)
@@ -116,22 +81,21 @@ def test_samples_are_even(trimesh):
     assert values.std() < 0.08 * values.mean()
     assert values.min() > 0.6
     assert (particles.positions[:, 2] == 0).all()
-
-
-def test_too_many_samples_name_what_would_do(trimesh):
     with pytest.raises(ValueError, match=r"50,000,000 points, got 0.0001 .* try 0.000") as caught:
         gb.sample_mesh(trimesh.creation.box(), 1e-4)
-    enough = float(str(caught.value).split()[-1])
-    assert 1e-4 < enough < 1e-3
+    assert 1e-4 < float(str(caught.value).split()[-1]) < 1e-3
+    for value in (0, -1, np.nan, np.inf):
+        with pytest.raises(ValueError, match="spacing: expected a positive number"):
+            gb.sample_mesh("a.obj", value)
 
 
-@pytest.mark.parametrize("value", [0, -1, np.nan, np.inf])
-def test_wrong_spacing(value):
-    with pytest.raises(ValueError, match="spacing: expected a positive number"):
-        gb.sample_mesh("a.obj", value)
+TEXTURED = "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"  # OBJ
 
 
-# files
+def glb(tree: dict, chunks: bytes) -> bytes:
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    return b"glTF" + np.uint32([2, 20 + len(text) + len(chunks), len(text)]).tobytes() + b"JSON" + text + chunks
 
 
 @pytest.mark.parametrize("extension", [".ply", ".obj", ".stl", ".glb"])
@@ -157,29 +121,26 @@ def test_files(trimesh, extension, tmp_path):
     assert len(gb.read(path, spacing=0.1)) > 2 * len(mesh.vertices)
 
 
-def test_ply_ascii_polygons_and_lone_vertices(tmp_path):
-    (tmp_path / "a.ply").write_text(
-        "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\n"
-        "property float z\nproperty float quality\nelement face 2\n"
-        "property list uchar int vertex_index\nend_header\n"
-        "0 0 0 1\n2 0 0 2\n2 1 0 3\n0 1 0 4\n9 9 9 5\n0 0 1 6\n4 0 1 2 3\n3 0 1 5\n"
+def ascii_ply(path, field: str, counts: tuple[int, int], rows: str) -> None:
+    axes = "".join(f"property float {name}\n" for name in ("x", "y", "z", field))
+    path.write_text(
+        f"ply\nformat ascii 1.0\nelement vertex {counts[0]}\n{axes}element face {counts[1]}\n"
+        f"property list uchar int vertex_index\nend_header\n{rows}"
     )
-    particles = gb.read(tmp_path / "a.ply")
+
+
+def test_ply_ascii_polygons_lone_vertices_and_supports(tmp_path):
+    path = tmp_path / "a.ply"
+    ascii_ply(path, "quality", (6, 2), "0 0 0 1\n2 0 0 2\n2 1 0 3\n0 1 0 4\n9 9 9 5\n0 0 1 6\n4 0 1 2 3\n3 0 1 5\n")
+    particles = gb.read(path)
     assert len(particles) == 5
     assert 5 not in particles.attributes["quality"]
     assert np.allclose(particles.support, [5**0.5, 5**0.5, 5**0.5, 2, 5**0.5])
+    ascii_ply(path, "support", (3, 1), "0 0 0 7\n1 0 0 7\n0 1 0 7\n3 0 1 2\n")
+    assert (gb.read(path).support == 7).all()
 
 
-def test_support_of_the_file_wins(tmp_path):
-    (tmp_path / "a.ply").write_text(
-        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
-        "property float z\nproperty float support\nelement face 1\n"
-        "property list uchar int vertex_index\nend_header\n0 0 0 7\n1 0 0 7\n0 1 0 7\n3 0 1 2\n"
-    )
-    assert (gb.read(tmp_path / "a.ply").support == 7).all()
-
-
-def test_coincident_vertices_are_one(trimesh):
+def test_coincident_vertices_are_one_nan_is_nowhere_and_texture_is_sampled(trimesh):
     corners = TETRAHEDRON[FACES].reshape(-1, 3)
     mesh = trimesh.Trimesh(corners, np.arange(12).reshape(4, 3), process=False)
     mesh.visual.face_colors = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [0, 0, 0, 255]]
@@ -187,16 +148,19 @@ def test_coincident_vertices_are_one(trimesh):
     assert len(particles) == 4
     at_origin = np.abs(particles.positions).sum(axis=1).argmin()
     assert np.allclose(particles.color[at_origin], 1 / 3, atol=1e-6)
-
-
-def test_texture_is_sampled(trimesh):
+    mesh = trimesh.creation.icosphere(1)
+    vertices = mesh.vertices.copy()
+    vertices[3] = np.nan
+    mesh = trimesh.Trimesh(vertices, mesh.faces, process=False, validate=False)
+    assert np.isfinite(gb.sample_mesh(mesh).support).all()
+    assert np.isfinite(gb.sample_mesh(mesh, 0.1).positions).all()
     from PIL import Image
 
     texture = Image.new("RGB", (64, 64), (255, 0, 0))
     texture.paste((0, 0, 255), (32, 0, 64, 64))
-    vertices = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]
-    visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], image=texture)
-    mesh = trimesh.Trimesh(vertices, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    visual = trimesh.visual.TextureVisuals(uv=corners[:, :2], image=texture)
+    mesh = trimesh.Trimesh(2 * corners, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
     particles = gb.sample_mesh(mesh, 0.05)
     x = particles.positions[:, 0]
     assert np.allclose(particles.color[x < 0.9], [1, 0, 0], atol=1e-3)
@@ -217,9 +181,7 @@ def test_textures_beside_a_mesh_are_read_and_no_other_file(trimesh, tmp_path, en
     for name in (*inside, *outside):
         if ending == "obj":
             (folder / "a.mtl").write_text(f"newmtl m\nKd 1 0 0\nmap_Kd {name}\n")
-            (folder / "a.obj").write_text(
-                "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
-            )
+            (folder / "a.obj").write_text(TEXTURED)
         else:
             visual = trimesh.visual.TextureVisuals(
                 uv=[[0, 0], [1, 0], [0, 1]], image=Image.new("RGB", (8, 8), (255, 0, 0))
@@ -229,12 +191,7 @@ def test_textures_beside_a_mesh_are_read_and_no_other_file(trimesh, tmp_path, en
             length = int.from_bytes(content[12:16], "little")
             tree = json.loads(content[20 : 20 + length])
             tree["images"] = [{"uri": name}]
-            text = json.dumps(tree).encode()
-            text += b" " * (-len(text) % 4)
-            rest = content[20 + length :]
-            sizes = ((20 + len(text) + len(rest)).to_bytes(4, "little"), len(text).to_bytes(4, "little"))
-            head = b"glTF\2\0\0\0" + sizes[0] + sizes[1] + b"JSON"
-            (folder / "a.glb").write_bytes(head + text + rest)
+            (folder / "a.glb").write_bytes(glb(tree, content[20 + length :]))
         try:
             color = gb.sample_mesh(folder / f"a.{ending}", 0.2).color
         except FormatError:
@@ -244,16 +201,19 @@ def test_textures_beside_a_mesh_are_read_and_no_other_file(trimesh, tmp_path, en
         assert green == (name in inside), name
 
 
-def test_scene_of_several_meshes(trimesh):
+def test_scene_of_several_meshes_and_materials_without_pictures(trimesh, tmp_path):
     left, right = trimesh.creation.box(), trimesh.creation.box()
     left.visual.face_colors = [255, 0, 0, 255]
     scene = trimesh.Scene()
     scene.add_geometry(left)
     scene.add_geometry(right, transform=trimesh.transformations.translation_matrix([5, 0, 0]))
     particles = gb.sample_mesh(scene)
-    assert len(particles) == 16
-    assert particles.positions[:, 0].max() == pytest.approx(5.5)
+    assert (len(particles), particles.positions[:, 0].max()) == (16, pytest.approx(5.5))
     assert np.allclose(particles.color[particles.positions[:, 0] < 1], [1, 0, 0])
+    (tmp_path / "a.mtl").write_text("newmtl m\nKd 1 0 0\nmap_Kd nowhere.png\n")
+    (tmp_path / "a.obj").write_text(TEXTURED)
+    for options in ({}, {"spacing": 0.2}):
+        assert (gb.read(tmp_path / "a.obj", **options).color == [1, 0, 0]).all()
 
 
 def test_points_without_triangles(trimesh, tmp_path):
@@ -265,9 +225,6 @@ def test_points_without_triangles(trimesh, tmp_path):
     assert particles.support[-1] > 10 * np.median(particles.support)
 
 
-# files that are none
-
-
 def binary_ply(face: bytes, n_faces: int = 1) -> bytes:
     header = (
         "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\n"
@@ -277,16 +234,12 @@ def binary_ply(face: bytes, n_faces: int = 1) -> bytes:
     return header.encode() + TETRAHEDRON.tobytes() + face
 
 
-@pytest.mark.parametrize(
-    ("face", "n_faces", "what"),
-    [
-        (b"\x03" + np.int32([0, 1, 4]).tobytes(), 1, "expected indices below 4, got 0 to 4"),
-        (b"\x03" + np.int32([0, -1, 2]).tobytes(), 1, "expected indices below 4"),
-        (b"\x03" + np.int32([0, 1]).tobytes(), 1, "row 0"),
-        (b"\x03" + np.int32([0, 1, 2]).tobytes(), 10**12, "row 1"),
-        (b"", 5, "row 0"),
-    ],
-)
+@pytest.mark.parametrize(("face", "n_faces", "what"), [
+    (b"\x03" + np.int32([0, 1, 4]).tobytes(), 1, "expected indices below 4, got 0 to 4"),
+    (b"\x03" + np.int32([0, -1, 2]).tobytes(), 1, "expected indices below 4"),
+    (b"\x03" + np.int32([0, 1]).tobytes(), 1, "row 0"),
+    (b"\x03" + np.int32([0, 1, 2]).tobytes(), 10**12, "row 1"), (b"", 5, "row 0"),
+])  # fmt: skip
 def test_bad_faces(face, n_faces, what, tmp_path):
     (tmp_path / "a.ply").write_bytes(binary_ply(face, n_faces))
     with pytest.raises(FormatError, match=what) as caught:
@@ -295,70 +248,36 @@ def test_bad_faces(face, n_faces, what, tmp_path):
     assert "a.ply" in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("v 1 0 0 0.5 0.", "last vertex: expected 6 numbers, got 5"),
-        ("v 1 0", "last vertex: expected 6 numbers, got 2"),
-        ("v 1 0 0 1 1 1\nf 1 2 3\nf 1/1 2/", "last face: expected at least 3 corners, got 2"),
-    ],
-)
+@pytest.mark.parametrize(("line", "expected"), [
+    ("v 1 0 0 0.5 0.", "last vertex: expected 6 numbers, got 5"),
+    ("v 1 0", "last vertex: expected 6 numbers, got 2"),
+    ("v 1 0 0 1 1 1\nf 1 2 3\nf 1/1 2/", "last face: expected at least 3 corners, got 2"),
+])  # fmt: skip
 def test_obj_that_breaks_off(trimesh, line, expected, tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0 1 1 1\nv 0 0 1 1 1 1\nv 0 1 1 1 1 1\n" + line)
     with pytest.raises(FormatError, match=expected):
         gb.read(tmp_path / "a.obj")
 
 
-def test_glb_sizes_are_checked_before_memory_is_taken(trimesh, tmp_path):
-    count = 10**9
-    tree = {
-        "asset": {"version": "2.0"},
-        "buffers": [{"byteLength": 4}],
-        "accessors": [{"count": count, "type": "VEC3", "componentType": 5126}],
-    }
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    head = b"glTF" + np.uint32([2, 32 + len(text), len(text)]).tobytes() + b"JSON"
-    (tmp_path / "a.glb").write_bytes(head + text + np.uint32([4]).tobytes() + b"BIN\0" + bytes(4))
-    with pytest.raises(FormatError, match=r"expected at most .* elements, got 1000000000"):
-        gb.read(tmp_path / "a.glb")
-
-
-def test_scenes_of_too_many_triangles(trimesh, monkeypatch):
+def test_scenes_of_too_many_triangles_and_sizes_of_glb_are_refused(trimesh, monkeypatch, tmp_path):
     monkeypatch.setattr(mesh_format, "MOST_SAMPLES", 100)
     scene = trimesh.Scene([trimesh.creation.icosphere(1)])
     assert len(gb.sample_mesh(scene)) == 42
     scene.graph.update("again", geometry=next(iter(scene.geometry)))
     with pytest.raises(FormatError, match="at most 100 triangles, got 160"):
         gb.sample_mesh(scene)
+    accessor = {"count": 10**9, "type": "VEC3", "componentType": 5126}
+    tree = {"asset": {"version": "2.0"}, "buffers": [{"byteLength": 4}], "accessors": [accessor]}
+    (tmp_path / "a.glb").write_bytes(glb(tree, np.uint32([4]).tobytes() + b"BIN\0" + bytes(4)))
+    with pytest.raises(FormatError, match=r"expected at most .* elements, got 1000000000"):
+        gb.read(tmp_path / "a.glb")
 
 
-def test_materials_without_pictures(trimesh, tmp_path):
-    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd nowhere.png\n")
-    (tmp_path / "a.obj").write_text(
-        "mtllib a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
-    )
-    for options in ({}, {"spacing": 0.2}):
-        assert (gb.read(tmp_path / "a.obj", **options).color == [1, 0, 0]).all()
-
-
-def test_nan_vertices(trimesh):
-    mesh = trimesh.creation.icosphere(1)
-    vertices = mesh.vertices.copy()
-    vertices[3] = np.nan
-    mesh = trimesh.Trimesh(vertices, mesh.faces, process=False, validate=False)
-    assert np.isfinite(gb.sample_mesh(mesh).support).all()
-    assert np.isfinite(gb.sample_mesh(mesh, 0.1).positions).all()
-
-
-def test_without_trimesh(monkeypatch, tmp_path):
+def test_without_trimesh_and_with_options_of_other_formats(monkeypatch, tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\n")
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(gb.MissingPackageError, match=r'trimesh .* install "globule\[formats\]"'):
         gb.read(tmp_path / "a.obj")
-
-
-def test_options_of_other_formats(tmp_path):
     gb.write(tmp_path / "a.npz", gb.Particles(TETRAHEDRON))
     with pytest.raises(ValueError, match=r"spacing: expected no such option for .*a\.npz"):
         gb.read(tmp_path / "a.npz", spacing=1.0)
@@ -394,8 +313,7 @@ def test_normals_where_many_corners_meet(n):
     cosine /= np.linalg.norm(frame.position[seen], axis=1)
     assert seen.any()
     assert cosine.min() > np.cos(np.radians(1.5 if n > 24 else 8))
-    rod = lathe(np.array([[0, -1], [0.5, -1], [0.5, 1], [0, 1]]), n)
-    frame = gb.render(rod, camera, (96, 96))
+    frame = gb.render(lathe(np.array([[0, -1], [0.5, -1], [0.5, 1], [0, 1]]), n), camera, (96, 96))
     place, normal = frame.position[frame.mask], frame.normal[frame.mask]
     radius = np.linalg.norm(place[:, :2], axis=1)
     cap, side = (place[:, 2] > 0.9999) & (radius < 0.47), place[:, 2] < 0.99

@@ -12,7 +12,6 @@ WIDTHS = (32, 64)
 
 
 def interleave(x: int, y: int, z: int) -> int:
-    """One bit at a time: obviously right."""
     code = 0
     for i in range(21):
         code |= (x >> i & 1) << 3 * i | (y >> i & 1) << 3 * i + 1 | (z >> i & 1) << 3 * i + 2
@@ -20,7 +19,6 @@ def interleave(x: int, y: int, z: int) -> int:
 
 
 def cell(key: int, level: int, bits: int) -> tuple[int, int, int]:
-    """Coordinates of a level's cell, in cells."""
     x, y, z = morton.decode(key & (INSIDE[bits] - 1), bits)
     shift = LEVELS[bits] - level
     return x >> shift, y >> shift, z >> shift
@@ -32,11 +30,24 @@ def key_at(x: int, y: int, z: int, level: int, bits: int) -> int:
 
 
 @pytest.mark.parametrize("bits", WIDTHS)
-def test_dense_index_at_the_ends_of_levels(bits):
+def test_keys_parents_children_dense_indices_and_neighbors(bits):
+    rng, top = random.Random(1), 2 ** LEVELS[bits] - 1
+    some = [tuple(rng.randint(0, top) for _ in range(3)) for _ in range(3000)]
+    for x, y, z in [(0, 0, 0), (top, top, top), (top, 0, 0), (0, top, 0), (0, 0, top), *some]:
+        code = morton.encode(x, y, z, bits)
+        assert (code, morton.decode(code, bits)) == (interleave(x, y, z), (x, y, z))
+    rng = random.Random(2)
+    for _ in range(500):
+        level = rng.randint(0, LEVELS[bits] - 1)
+        x, y, z = (rng.randrange(2**level) for _ in range(3))
+        key = key_at(x, y, z, level, bits)
+        for octant in range(8):
+            child = morton.child(key, level, octant, bits)
+            expected = (2 * x + (octant & 1), 2 * y + (octant >> 1 & 1), 2 * z + (octant >> 2))
+            assert (cell(child, level + 1, bits), morton.parent(child, level + 1, bits)) == (expected, key)
     first = 0
     for level in range(9):
-        last = first + 8**level - 1
-        one_level = 3 * (LEVELS[bits] - level)
+        last, one_level = first + 8**level - 1, 3 * (LEVELS[bits] - level)
         for index in (first, (first + last) // 2, last, 8, *range(64, 73)):
             if not first <= index <= last:
                 continue
@@ -45,58 +56,16 @@ def test_dense_index_at_the_ends_of_levels(bits):
             assert morton.dense_index(key, level, bits) == index
         first = last + 1
     assert first == 19_173_961  # T(8)
-
-
-@pytest.mark.parametrize("bits", WIDTHS)
-def test_encode_and_decode_are_inverse(bits):
-    rng = random.Random(1)
-    top = 2 ** LEVELS[bits] - 1
-    some = [tuple(rng.randint(0, top) for _ in range(3)) for _ in range(3000)]
-    for x, y, z in [(0, 0, 0), (top, top, top), (top, 0, 0), (0, top, 0), (0, 0, top), *some]:
-        code = morton.encode(x, y, z, bits)
-        assert code == interleave(x, y, z)
-        assert morton.decode(code, bits) == (x, y, z)
-
-
-@pytest.mark.parametrize("bits", WIDTHS)
-def test_parent_and_children(bits):
-    rng = random.Random(2)
-    for _ in range(500):
-        level = rng.randint(0, LEVELS[bits] - 1)
-        x, y, z = (rng.randrange(2**level) for _ in range(3))
-        key = key_at(x, y, z, level, bits)
-        for octant in range(8):
-            child = morton.child(key, level, octant, bits)
-            assert cell(child, level + 1, bits) == (
-                2 * x + (octant & 1),
-                2 * y + (octant >> 1 & 1),
-                2 * z + (octant >> 2),
-            )
-            assert morton.parent(child, level + 1, bits) == key
-
-
-def check_neighbors(x, y, z, level, bits):
-    key = key_at(x, y, z, level, bits)
-    for step in itertools.product((-1, 0, 1), repeat=3):
-        moved = (x + step[0], y + step[1], z + step[2])
-        inside = all(0 <= c < 2**level for c in moved)
-        expected = key_at(*moved, level, bits) if inside else None
-        assert morton.neighbor(key, level, *step, bits) == expected, (x, y, z, level, step)
-
-
-@pytest.mark.parametrize("bits", WIDTHS)
-@pytest.mark.parametrize("level", range(4))
-def test_neighbors_of_every_shallow_cell(bits, level):
-    for x, y, z in itertools.product(range(2**level), repeat=3):
-        check_neighbors(x, y, z, level, bits)
-
-
-@pytest.mark.parametrize("bits", WIDTHS)
-def test_neighbors_of_deep_cells(bits):
     rng = random.Random(3)
+    cells = [(level, *at) for level in range(4) for at in itertools.product(range(2**level), repeat=3)]
     for _ in range(300):
         level = rng.randint(4, LEVELS[bits])
         top = 2**level - 1
-        # Borders and carries through all triplets are likelier than by chance.
-        x, y, z = (rng.choice((0, top, top // 2, top // 2 + 1, rng.randint(0, top))) for _ in "xyz")
-        check_neighbors(x, y, z, level, bits)
+        cells.append((level, *(rng.choice((0, top, top // 2, top // 2 + 1, rng.randint(0, top))) for _ in "xyz")))
+    for level, *at in cells:
+        key = key_at(*at, level, bits)
+        for step in itertools.product((-1, 0, 1), repeat=3):
+            moved = [c + s for c, s in zip(at, step, strict=True)]
+            inside = all(0 <= c < 2**level for c in moved)
+            expected = key_at(*moved, level, bits) if inside else None
+            assert morton.neighbor(key, level, *step, bits) == expected, (at, level, step)

@@ -1,7 +1,5 @@
 """The reader for napari, without napari: what it gives for volumes, sweeps and other files."""
 
-from __future__ import annotations
-
 from importlib import util
 from pathlib import Path
 
@@ -12,7 +10,7 @@ from globule.napari import get_reader, sweep_layers, volume_layers
 from sweep_helpers import small_sweep
 
 
-def test_volume(tmp_path):
+def test_volumes_and_sweeps_are_read_and_other_files_left_to_others(tmp_path):
     values = np.random.default_rng(0).integers(0, 99, (4, 5, 6)).astype(np.uint8)
     turn = np.array([[0, 0, 0.5, 7], [0.25, 0, 0, 8], [0, 2.0, 0, 9], [0, 0, 0, 1]])
     gb.volumes.write_volume(tmp_path / "a.nrrd", gb.volumes.Volume(values, turn))
@@ -20,24 +18,16 @@ def test_volume(tmp_path):
     assert kind == "image"
     assert np.array_equal(data, values)
     x, y, z = 3, 1, 2
-    world = (turn @ [x, y, z, 1])[:3]
-    assert np.allclose((about["affine"] @ [z, y, x, 1])[:3], world[::-1])
+    assert np.allclose((about["affine"] @ [z, y, x, 1])[:3], (turn @ [x, y, z, 1])[:3][::-1])
     assert about["metadata"]["space"] == "LPS"
-
-
-def test_origin_of_voxels():
+    # The origin of voxels is a layer of labels.
     radius = np.array([0, 3, 130, 255], np.uint8).reshape(1, 1, 4)
     volume = gb.volumes.Volume(np.ones((1, 1, 4), np.uint8), np.eye(4), radius)
     _, (labels, about, kind) = volume_layers(volume, "v")
-    assert kind == "labels"
-    assert labels.ravel().tolist() == [1, 2, 3, 0]
+    assert (kind, labels.ravel().tolist()) == ("labels", [1, 2, 3, 0])
     assert not about["visible"]
     assert len(volume_layers(gb.volumes.Volume(np.ones((1, 1, 4), np.uint8), np.eye(4)))) == 1
-
-
-def test_sweep(tmp_path):
-    sweep = small_sweep()
-    path = str(tmp_path / "a.igs.mha")
+    sweep, path = small_sweep(), str(tmp_path / "a.igs.mha")
     gb.ultrasound.write_sweep(path, sweep)
     (data, about, kind), = get_reader(path)(path)  # fmt: skip
     assert kind == "image"
@@ -47,9 +37,6 @@ def test_sweep(tmp_path):
     assert np.allclose(about["scale"], expected, rtol=1e-5)
     assert np.allclose(about["metadata"]["world_from_image"], sweep.world_from_image, atol=1e-5)
     assert sweep_layers(sweep)[0][1]["name"] == "sweep"
-
-
-def test_other_files_are_left_to_others(tmp_path):
     gb.write(tmp_path / "p.ply", gb.Particles(np.eye(3)))
     (tmp_path / "notes.md").write_text("no data")
     for name in ("p.ply", "notes.md", "not there.nii"):
@@ -58,8 +45,7 @@ def test_other_files_are_left_to_others(tmp_path):
 
 
 def test_manifest():
-    npe2 = pytest.importorskip("npe2")
-    folder = Path(util.find_spec("globule").origin).parent
+    npe2, folder = pytest.importorskip("npe2"), Path(util.find_spec("globule").origin).parent
     manifest = npe2.PluginManifest.from_file(folder / "napari.yaml")
     (reader,) = manifest.contributions.readers
     (command,) = manifest.contributions.commands

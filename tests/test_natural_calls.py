@@ -39,7 +39,7 @@ def same(one, other):
     assert one.mask.any()
 
 
-def test_what_stands_for_a_scene(particles):
+def test_what_stands_for_a_scene_or_several(particles):
     p = gb.read(particles)
     expected = gb.render(gb.Scene(p, surface="smooth"), CAMERA, SIZE)
     for natural in (p, particles, Path(particles), [p], gb.Layer(p), [gb.Layer(particles)]):
@@ -50,12 +50,12 @@ def test_what_stands_for_a_scene(particles):
     assert len(gb.Scene(particles)) == len(gb.Scene(gb.Scene(p))) == len(p)
     scene = gb.Scene(p[:3])
     scene.update(particles)
-    assert len(scene) == len(p)
-    assert gb.Camera.fit(particles) == gb.Camera.fit(p)
+    assert (len(scene), gb.Camera.fit(particles)) == (len(p), gb.Camera.fit(p))
     assert gb.fluids.measure_spacing(particles).shape == (len(p),)
-
-
-def test_a_simulation_is_shown_as_it_is():
+    apart = [gb.Particles([[x, 0, 0]], support=1.0) for x in (-1.0, 1.0)]
+    both = gb.render(apart, size=SIZE)
+    same(both, gb.render(iter([gb.Scene(p) for p in apart]), size=SIZE))
+    assert repr(both) == "Frame(32 x 24, 1 sample a pixel, 2 layers, cpu)"
     sim = gb.Simulation(gb.Particles(cube().positions), spacing=0.3, device="cpu")
     expected = gb.render(sim.scene, CAMERA, SIZE)
     same(gb.render(sim, CAMERA, SIZE), expected)
@@ -67,13 +67,6 @@ def test_a_simulation_is_shown_as_it_is():
     assert len(gb.Scene(sim)) == len(sim)
 
 
-def test_several_scenes():
-    apart = [gb.Particles([[x, 0, 0]], support=1.0) for x in (-1.0, 1.0)]
-    both = gb.render(apart, size=SIZE)
-    same(both, gb.render(iter([gb.Scene(p) for p in apart]), size=SIZE))
-    assert repr(both) == "Frame(32 x 24, 1 sample a pixel, 2 layers, cpu)"
-
-
 def test_a_size_in_the_cameras_place(scene):
     same(gb.render(scene, SIZE), gb.render(scene, None, SIZE))
     same(gb.render(scene, list(SIZE)), gb.render(scene, None, SIZE))
@@ -81,19 +74,15 @@ def test_a_size_in_the_cameras_place(scene):
     assert gb.render(scene, size=CAMERA).size == gb.render(scene).size == (1024, 782)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda p: gb.Particles(p, radius=1), "Particles(positions, support, weight, color, reflection, refraction, "
-         "rigidity, anisotropy, attributes, origin, up, names): got an unexpected keyword argument 'radius'"),
-        (lambda p: gb.Scene(p, surfce="smooth"), "argument 'surfce', did you mean surface?"),
-        (lambda p: gb.Camera((0, 0, 1), (0, 0, 0), heigth=1), "'heigth', did you mean height?"),
-        (lambda p: gb.load_preset("watr"), "load_preset(name, scene, up): missing a required argument: 'scene'"),
-        (lambda p: gb.load_preset("watr", gb.Scene(p)), "flat, got 'watr', did you mean water?"),
-        (lambda p: gb.Scene(p, kernel="murakamy"), "got 'murakamy', did you mean murakami?"),
-        (lambda p: gb.Simulation("dam-brake"), "brain-surgery, got dam-brake, did you mean dam-break?"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda p: gb.Particles(p, radius=1), "Particles(positions, support, weight, color, reflection, refraction, "
+     "rigidity, anisotropy, attributes, origin, up, names): got an unexpected keyword argument 'radius'"),
+    (lambda p: gb.Scene(p, surfce="smooth"), "argument 'surfce', did you mean surface?"),
+    (lambda p: gb.load_preset("watr"), "load_preset(name, scene, up): missing a required argument: 'scene'"),
+    (lambda p: gb.load_preset("watr", gb.Scene(p)), "flat, got 'watr', did you mean water?"),
+    (lambda p: gb.Scene(p, kernel="murakamy"), "got 'murakamy', did you mean murakami?"),
+    (lambda p: gb.Simulation("dam-brake"), "brain-surgery, got dam-brake, did you mean dam-break?"),
+])  # fmt: skip
 def test_words_that_are_not_known(call, message):
     with pytest.raises((TypeError, ValueError, OSError)) as raised:
         call([[0.0, 0, 0]])
@@ -101,12 +90,13 @@ def test_words_that_are_not_known(call, message):
     assert isinstance(raised.value, TypeError) == ("argument" in str(raised.value))
 
 
-@pytest.mark.parametrize("call", [
-    lambda: gb.Scene(gb.Particles(np.full((2, 3), np.nan)), device="cpu"),
-    lambda: gb.Particles(np.random.default_rng(0).random((50, 3)) + 1e9),
+@pytest.mark.parametrize(("call", "said"), [
+    (lambda: gb.Scene(gb.Particles([[0, np.nan, 0], [0, 0, 0], [0, 0, np.inf]]), device="cpu"),
+     "positions: 2 of 3 are not drawn: they have NaN or inf"),
+    (lambda: gb.Particles(np.random.default_rng(0).random((50, 3)) + 1e9), "positions: "),
 ])  # fmt: skip
-def test_warnings_name_the_line_of_the_program(call):
-    with pytest.warns(UserWarning, match="positions: ") as warned:
+def test_warnings_name_the_line_of_the_program(call, said):
+    with pytest.warns(UserWarning, match=said) as warned:
         call()
     assert [w.filename for w in warned] == [__file__]
 
@@ -114,9 +104,9 @@ def test_warnings_name_the_line_of_the_program(call):
 def test_settings_as_a_dict(scene):
     look = {"shadows": True, "samples": 2, "background": 0.5}
     expected = gb.render(scene, SIZE, settings=gb.RenderSettings(**look))
+    for given in ((SIZE, look), (None, SIZE, look)):
+        same(gb.render(scene, *given), expected)
     same(gb.render(scene, SIZE, settings=look), expected)
-    same(gb.render(scene, SIZE, look), expected)
-    same(gb.render(scene, None, SIZE, look), expected)
 
 
 MISTAKES = [
@@ -152,10 +142,9 @@ def test_what_cannot_work_says_what_to_call(call, error, message, scene, folder)
     assert len(str(caught.value)) < 320
 
 
-def test_color_by(scene, particles):
+def test_color_by_is_that_of_the_command(scene, particles):
     p = scene.particles
-    values = p.attributes["speed"]
-    by_hand = dataclasses.replace(p, color=gb.colorize(values, "magma", 1, 3))
+    by_hand = dataclasses.replace(p, color=gb.colorize(p.attributes["speed"], "magma", 1, 3))
     lit = for_values(gb.RenderSettings())
     smooth = gb.render(gb.Scene(by_hand, device="cpu", surface="smooth"), CAMERA, SIZE, lit)
     expected = gb.render(gb.Scene(by_hand, device="cpu"), CAMERA, SIZE, lit)
@@ -167,9 +156,6 @@ def test_color_by(scene, particles):
     same(gb.render(gb.Layer(scene), CAMERA, SIZE, **how), expected)
     same(gb.render(scene, CAMERA, SIZE, lit), expected)  # a scene keeps them
     assert not np.array_equal(gb.render(scene, CAMERA, SIZE, painted).image, expected.image)
-
-
-def test_color_by_is_that_of_the_command(particles):
     words = ["--eye", "3,2,4", "--look-at", "0,0,0", "--size", "32x24"]
     for option, how in [
         (["--color-by", "speed"], {"color_by": "speed"}),
@@ -182,16 +168,13 @@ def test_color_by_is_that_of_the_command(particles):
         np.testing.assert_array_equal(np.asarray(Image.open("a.png")), frame.image)
 
 
-@pytest.mark.parametrize(
-    ("how", "error", "message"),
-    [
-        ({"name": "speeed"}, ValueError, "color_by: expected one of x, y, z, .*speed, got speeed"),
-        ({"name": 3}, TypeError, "color_by: expected a name, got 3"),
-        ({"name": "speed", "colormap": "jet"}, ValueError, "colormap: expected one of viridis"),
-        ({"name": "speed", "range": (0, np.inf)}, ValueError, "range: expected a finite number"),
-        ({"name": "speed", "range": 3}, TypeError, r"range: expected \(lo, hi\), got 3"),
-    ],
-)
+@pytest.mark.parametrize(("how", "error", "message"), [
+    ({"name": "speeed"}, ValueError, "color_by: expected one of x, y, z, .*speed, got speeed"),
+    ({"name": 3}, TypeError, "color_by: expected a name, got 3"),
+    ({"name": "speed", "colormap": "jet"}, ValueError, "colormap: expected one of viridis"),
+    ({"name": "speed", "range": (0, np.inf)}, ValueError, "range: expected a finite number"),
+    ({"name": "speed", "range": 3}, TypeError, r"range: expected \(lo, hi\), got 3"),
+])  # fmt: skip
 def test_wrong_colors(scene, how, error, message):
     with pytest.raises(error, match=message):
         gb.color_by(scene.particles, **how)
@@ -205,37 +188,33 @@ def test_values_that_are_not_finite_are_gray_and_logged(scene, caplog):
     n = int((p.positions[:, 0] > 0).sum())
     assert caplog.messages == [f"{n} of {len(p)} particles have no finite speed"]
     found = attribute_colors(p, "speed")
-    assert found.n_unknown == n
-    assert len(np.unique(colored.color[p.positions[:, 0] > 0], axis=0)) == 1
+    assert (found.n_unknown, len(np.unique(colored.color[p.positions[:, 0] > 0], axis=0))) == (n, 1)
     np.testing.assert_allclose(found.range, (p.positions[:, 1].min(), p.positions[:, 1].max()))
 
 
 def test_a_sequence_in_colors(folder):
+    positions = cube().positions
     for i in range(3):
-        positions = cube().positions
-        values = {"speed": np.full(len(positions), float(i))}
-        gb.write(f"f_{i}.npz", gb.Particles(positions, support=0.5, attributes=values))
+        speed = np.full(len(positions), float(i))
+        gb.write(f"f_{i}.npz", gb.Particles(positions, support=0.5, attributes={"speed": speed}))
     seen = []
     done = gb.render_sequence(
         "f_*.npz", "%d.png", SIZE, color_by="speed", settings={"samples": 2},
         progress=lambda *counts: seen.append(counts),
     )  # fmt: skip
-    assert seen == [(1, 3), (2, 3), (3, 3)]
-    assert done == ["0.png", "1.png", "2.png"]
-    pictures = [np.asarray(Image.open(name)) for name in done]
-    assert len({tuple(p[12, 16]) for p in pictures}) == 3  # the range is that of all files
+    assert (seen, done) == ([(1, 3), (2, 3), (3, 3)], ["0.png", "1.png", "2.png"])
+    assert len({tuple(np.asarray(Image.open(name))[12, 16]) for name in done}) == 3  # the range is that of all files
     same_value = gb.render_sequence(["f_1.npz", "f_1.npz"], "s%d.png", SIZE, color_by="speed")
     assert len(same_value) == 2  # no range at all: the map's middle
     one = gb.color_by(gb.read("f_1.npz"), "speed", range=(0, 2))
-    frames = [gb.read("f_0.npz"), one]
     with pytest.raises(ValueError, match=r"range: expected \(lo, hi\)"):
-        gb.render_sequence(iter(frames), "no%d.png", SIZE, color_by="speed")
+        gb.render_sequence(iter([gb.read("f_0.npz"), one]), "no%d.png", SIZE, color_by="speed")
     assert gb.find_value_range(["f_0.npz", "f_2.npz"], "speed") == (0, 2)
-    low, high = gb.find_value_range([one], "x")
-    assert (low, high) == (one.positions[:, 0].min(), one.positions[:, 0].max())
+    x = one.positions[:, 0]
+    assert gb.find_value_range([one], "x") == (x.min(), x.max())
 
 
-def test_questions_take_lists_and_name_their_answers(scene):
+def test_questions_take_lists_and_one_stands_for_a_list_of_one(scene, particles):
     rays = [[0, 0, 5], [0, 9, 5]], [[0, 0, -1]] * 2
     points, values = [[0, 0, 0], [0.2, 0.1, 0]], scene.particles.attributes["speed"]
     blended = scene.blend(points, values.tolist())
@@ -244,9 +223,6 @@ def test_questions_take_lists_and_name_their_answers(scene):
     assert hits.distance is hits[0]
     assert hits.distance[0] < 5
     assert np.isinf(hits.distance[1])
-
-
-def test_one_stands_for_a_list_of_one(scene, particles):
     clip, light, layer = gb.ClipPlane((0, 0, 1), 0.1), gb.Headlight(0.5), gb.Layer(scene)
     one, several = (
         gb.render(make(gb.Layer(scene, clips=make(clip))), SIZE,
@@ -254,8 +230,7 @@ def test_one_stands_for_a_list_of_one(scene, particles):
         for make in (lambda thing: thing, lambda thing: [thing])
     )  # fmt: skip
     np.testing.assert_array_equal(one.image, several.image)
-    assert gb.RenderSettings(lights=light) == gb.RenderSettings(lights=[light])
-    assert layer.clips == ()
+    assert (gb.RenderSettings(lights=light), layer.clips) == (gb.RenderSettings(lights=[light]), ())
     whole = gb.find_value_range([particles], "speed")
     assert gb.find_value_range(Path(particles), "speed") == whole
     assert gb.find_value_range(gb.read(particles), "speed") == whole
@@ -263,7 +238,7 @@ def test_one_stands_for_a_list_of_one(scene, particles):
     np.testing.assert_array_equal(*(found["volume"] for found in tracked))
 
 
-def test_names_are_few_and_each_stands_in_one_place():
+def test_names_are_few_stand_in_one_place_and_type_checkers_see_them():
     own = [name for name in gb.__all__ if not inspect.ismodule(getattr(gb, name))]
     spaces = {name for name in gb.__all__ if name not in own}
     assert len(own) <= 45
@@ -273,22 +248,19 @@ def test_names_are_few_and_each_stands_in_one_place():
     assert len({id(thing) for thing in things.values()}) == len(things)
     for path, thing in things.items():
         assert inspect.isclass(thing) == path.rpartition(".")[2][0].isupper(), path
+    tree = ast.parse(Path(gb.__file__).read_text(encoding="utf-8"))
+    (block,) = [n for n in tree.body if isinstance(n, ast.If) and "TYPE" in ast.unparse(n.test)]
+    seen = {alias.name: node.module for node in block.body for alias in node.names}
+    assert seen == {**gb._MODULE_OF, **dict.fromkeys(gb._SPACES)}
 
 
-def test_what_shows_itself(scene):
+def test_what_shows_itself_and_its_progress(scene):
     frame = gb.render(scene, SIZE, settings={"samples": 3})
-    png = frame._repr_png_()
-    with Image.open(io.BytesIO(png)) as image:
-        np.testing.assert_array_equal(np.asarray(image), frame.image)
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(frame._repr_png_()))), frame.image)
     np.testing.assert_array_equal(frame.picture, frame.image)
     assert repr(frame) == "Frame(32 x 24, 3 samples a pixel, cpu)"
-    words = r"Scene\(\d+ particles, murakami, threshold 0.6, support [\d.]+, cpu\)"
-    assert re.fullmatch(words, repr(scene))
+    assert re.fullmatch(r"Scene\(\d+ particles, murakami, threshold 0.6, support [\d.]+, cpu\)", repr(scene))
     assert repr(CAMERA) == "Camera(eye=(2.5, 2, 3), look_at=(0, 0, 0), up=(0, 1, 0), fov=40)"
-    assert repr(gb.Camera((0, 0, 2), (0, 0, 0), height=3)).endswith("height=3)")
-
-
-def test_progress(scene):
     seen = []
 
     def progress(done, total):
@@ -296,21 +268,18 @@ def test_progress(scene):
 
     look = {"samples": 3, "shadows": True}
     frame = gb.render(scene, SIZE, settings=look, progress=progress)
-    assert seen == [(1, 3), (2, 3), (3, 3)]
     same(frame, gb.render(scene, SIZE, settings=look))
-    seen.clear()
     same(frame.refine(2, progress), gb.render(scene, SIZE, settings={**look, "samples": 5}))
-    assert seen == [(1, 2), (2, 2)]
-    n = len(scene)
+    assert seen == [(1, 3), (2, 3), (3, 3), (1, 2), (2, 2)]
+    particles = scene.particles
     for long in (
-        lambda: gb.fluids.find_anisotropy(scene.particles.positions, 0.5, progress=progress),
-        lambda: gb.fluids.remove_strays(scene.particles, 0.5, progress=progress),
-        lambda: gb.fluids.measure_spacing(scene.particles, progress=progress),
+        lambda: gb.fluids.find_anisotropy(particles.positions, 0.5, progress=progress),
+        lambda: gb.fluids.remove_strays(particles, 0.5, progress=progress),
+        lambda: gb.fluids.measure_spacing(particles, progress=progress),
     ):
         seen.clear()
         long()
-        assert seen[-1] == (n, n)
-        assert sorted(seen) == seen
+        assert (seen[-1], sorted(seen)) == ((len(particles), len(particles)), seen)
 
 
 def test_particles_check_what_is_assigned():
@@ -331,8 +300,6 @@ def test_particles_check_what_is_assigned():
     with pytest.raises(ValueError, match=rf"positions: expected shape \({n}, 3\), as weight has"):
         p.positions = np.zeros((2, 3))
     p.weight = None
-    if p.support is not None and np.ndim(p.support):
-        p.support = 0.5
     p.positions = np.zeros((2, 3))
     p.attributes["speed"] = [1, 2]
     assert len(p) == 2
@@ -342,11 +309,9 @@ def test_attributes_are_checked():
     p = cube()
     n = len(p)
     for assign in (
-        lambda: p.attributes.__setitem__("a", np.ones(3)),
-        lambda: p.attributes.update(a=np.ones(3)),
-        lambda: p.attributes.setdefault("a", np.ones(3)),
-        lambda: p.attributes.__ior__({"a": np.ones(3)}),
-    ):
+        lambda: p.attributes.__setitem__("a", np.ones(3)), lambda: p.attributes.update(a=np.ones(3)),
+        lambda: p.attributes.setdefault("a", np.ones(3)), lambda: p.attributes.__ior__({"a": np.ones(3)}),
+    ):  # fmt: skip
         with pytest.raises(ValueError, match=r"attributes\['a'\]: expected shape"):
             assign()
     p.attributes |= {"a": np.arange(n)}
@@ -360,53 +325,28 @@ def test_attributes_are_checked():
     assert dataclasses.asdict(p)["attributes"].keys() == {"a"}
 
 
-@pytest.mark.parametrize(
-    ("made", "name"),
-    [
-        (CAMERA, "fov"),
-        (gb.RenderSettings(), "samples"),
-        (gb.Material(), "color"),
-        (gb.Sky(), "zenith"),
-        (gb.ClipSphere((0, 0, 0), 1), "radius"),
-        (Thesis(), "step"),
-    ],
-    ids=lambda value: type(value).__name__,
-)
-def test_what_is_fixed_says_how_to_change_it(made, name):
-    kind = type(made).__name__
-    with pytest.raises(dataclasses.FrozenInstanceError, match=rf"{kind}\.{name}.*replace\(") as e:
+@pytest.mark.parametrize("made", [CAMERA, gb.RenderSettings(), gb.Sky(), gb.ClipSphere((0, 0, 0), 1), Thesis()])
+def test_what_is_fixed_says_how_to_change_it(made):
+    kind, name = type(made).__name__, dataclasses.fields(made)[0].name
+    with pytest.raises(dataclasses.FrozenInstanceError, match=rf"{kind}\.{name}.*replace\(.*{name}=\.\.\."):
         setattr(made, name, 1)
-    assert f"{name}=..." in str(e.value)
     with pytest.raises(AttributeError, match=f"{kind}: expected one of .*{name}.*, got typo"):
         made.typo = 1
 
 
-@pytest.mark.parametrize(
-    ("wrong", "error", "message"),
-    [
-        ({"eye": "above"}, TypeError, "eye: expected three numbers, got 'above'"),
-        ({"eye": (0, 1)}, ValueError, r"eye: expected three finite numbers, got \(0, 1\)"),
-        ({"up": None}, (TypeError, ValueError), "up: expected three"),
-        ({"fov": "wide"}, TypeError, "fov: expected a number, got 'wide'"),
-        ({"fov": 0}, ValueError, "fov: expected degrees between 1e-09 and 180, got 0"),
-        ({"height": "2 m"}, TypeError, "height: expected a number, got '2 m'"),
-        ({"height": 0}, ValueError, "height: expected"),
-        ({"eye": (0, np.nan, 0)}, ValueError, "eye: expected three finite numbers"),
-        ({"eye": (0, 0, 0)}, ValueError, "look_at: expected"),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "error", "message"), [
+    ({"eye": "above"}, TypeError, "eye: expected three numbers, got 'above'"),
+    ({"eye": (0, 1)}, ValueError, r"eye: expected three finite numbers, got \(0, 1\)"),
+    ({"eye": (0, np.nan, 0)}, ValueError, "eye: expected three finite numbers"),
+    ({"eye": (0, 0, 0)}, ValueError, "look_at: expected"),
+    ({"up": None}, (TypeError, ValueError), "up: expected three"),
+    ({"fov": "wide"}, TypeError, "fov: expected a number, got 'wide'"),
+    ({"fov": 0}, ValueError, "fov: expected degrees between 1e-09 and 180, got 0"),
+    ({"height": 0}, ValueError, "height: expected"),
+])  # fmt: skip
 def test_cameras_check(wrong, error, message):
     with pytest.raises(error, match=message):
         gb.Camera(**{"eye": (0, 0, 1), "look_at": (0, 0, 0), **wrong})
-
-
-def test_a_threshold_is_checked():
-    scene = ball()
-    for bad, error in ((0, ValueError), ("high", TypeError), (np.nan, ValueError)):
-        with pytest.raises(error, match="threshold: expected a "):
-            scene.threshold = bad
-    scene.threshold = 0.3
-    assert scene.threshold == 0.3
 
 
 def loaded(code: str) -> set[str]:
@@ -416,15 +356,14 @@ def loaded(code: str) -> set[str]:
     return set(done.stdout.split())
 
 
-def test_import_is_short():
+def test_import_is_short_little_and_prints_nothing_and_scenes_are_checked(particles):
     names = loaded("import globule")
     heavy = ("PIL", "viser", "matplotlib", "scipy", "av", "nibabel", "SimpleITK")
     assert not {name for name in names if name.split(".")[0] in heavy}
     rooms = ("sim", "ultrasound", "viewer", "volumes", "formats", "figures", "bench", "cli")
     assert not {name for name in names if name.startswith(tuple(f"globule.{r}" for r in rooms))}
-
-
-def test_what_is_imported_later():
+    code = f"import globule as gb\nprint(len(gb.Scene({particles!r}, device='cpu')), end=' ')"
+    assert str(len(gb.read(particles))) in loaded(code)
     assert {"globule.sim.simulation", "globule.render.render"} <= loaded(
         "import globule as gb\ngb.Simulation; assert callable(gb.render)"
     )
@@ -436,21 +375,6 @@ def test_what_is_imported_later():
     assert gb.volumes.slices.reslice is gb.volumes.reslice
     with pytest.raises(AttributeError, match="no attribute 'reder'"):
         gb.reder  # noqa: B018
-
-
-def test_files_are_read_without_asking_for_more(particles):
-    code = f"import globule as gb\nprint(len(gb.Scene({particles!r}, device='cpu')), end=' ')"
-    assert str(len(gb.read(particles))) in loaded(code)
-
-
-def test_type_checkers_see_the_same_names():
-    tree = ast.parse(Path(gb.__file__).read_text(encoding="utf-8"))
-    (block,) = [n for n in tree.body if isinstance(n, ast.If) and "TYPE" in ast.unparse(n.test)]
-    seen = {alias.name: node.module for node in block.body for alias in node.names}
-    assert seen == {**gb._MODULE_OF, **dict.fromkeys(gb._SPACES)}
-
-
-def test_the_library_logs_and_never_prints():
     printing = [
         path
         for room in ("_base", "scene", "render")
@@ -459,9 +383,6 @@ def test_the_library_logs_and_never_prints():
         if isinstance(node, ast.Call) and getattr(node.func, "id", None) == "print"
     ]
     assert printing == []
-
-
-def test_an_update_of_another_length_names_what_stays():
     p = gb.Particles(np.zeros((10, 3)), color=np.ones((10, 3)), weight=np.ones(10))
     scene = gb.Scene(p, support=0.2, device="cpu")
     with pytest.raises(ValueError, match=r"positions: expected 10 rows, as weight has, got 12; "
@@ -469,10 +390,9 @@ def test_an_update_of_another_length_names_what_stays():
         scene.update(positions=np.zeros((12, 3)))
     scene.update(positions=np.zeros((12, 3)), weight=np.ones(12), color=np.ones((12, 3)))
     assert len(scene.particles) == 12
-
-
-def test_particles_that_are_nowhere_are_said():
-    positions = np.random.default_rng(0).random((600, 3))
-    positions[7, 1], positions[300] = np.nan, np.inf
-    with pytest.warns(UserWarning, match="positions: 2 of 600 are not drawn: they have NaN or inf"):
-        gb.Scene(positions, device="cpu")
+    scene = ball()
+    for bad, error in ((0, ValueError), ("high", TypeError), (np.nan, ValueError)):
+        with pytest.raises(error, match="threshold: expected a "):
+            scene.threshold = bad
+    scene.threshold = 0.3
+    assert scene.threshold == 0.3

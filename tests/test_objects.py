@@ -1,7 +1,5 @@
 """Objects of other packages in the place of particles."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 
@@ -18,7 +16,6 @@ pytestmark = pytest.mark.interop
 
 
 def assert_positions(value: object, expected: np.ndarray = POSITIONS) -> gb.Particles:
-    """The particles of a scene that is made of an object."""
     particles = gb.Scene(value, device="cpu", threads=1).particles
     assert np.allclose(particles.positions, expected, atol=1e-5)
     return particles
@@ -37,21 +34,18 @@ def test_vtk_and_pyvista(kind):
     assert np.array_equal(particles.support, 2 * H)
     assert np.array_equal(particles.attributes["velocity"], POSITIONS)
     assert np.array_equal(particles.color, np.ones((N, 3)))
-    vtk = pytest.importorskip("vtk")
-    plain = vtk.vtkPolyData()
+    plain = pytest.importorskip("vtk").vtkPolyData()
     assert len(gb.Scene(plain, device="cpu").particles) == 0
     with pytest.raises(TypeError, match="got ImageData") as refused:
         gb.Scene(pyvista.ImageData(dimensions=(2, 2, 2)), device="cpu")
     assert "\n" not in str(refused.value)
-    plain.ShallowCopy(cloud) if kind == "PolyData" else None
     if kind == "PolyData":
+        plain.ShallowCopy(cloud)
         assert_positions(plain)
 
 
 def test_ase():
-    ase = pytest.importorskip("ase")
-    atoms = ase.Atoms("CH" * (N // 2), positions=POSITIONS)
-    particles = assert_positions(atoms)
+    particles = assert_positions(pytest.importorskip("ase").Atoms("CH" * (N // 2), positions=POSITIONS))
     assert np.allclose(particles.support[:2], [4 * 1.70, 4 * 1.20])
     assert np.allclose(particles.attributes["mass"][:2], [12.011, 1.008])
 
@@ -61,8 +55,7 @@ def test_the_elements_are_those_of_ase():
     data = pytest.importorskip("ase.data")
     colors = pytest.importorskip("ase.data.colors").jmol_colors
     others = pytest.importorskip("ase.data.vdw_alvarez").vdw_radii
-    symbols = data.chemical_symbols[1:97]
-    got = of_elements(symbols)
+    got = of_elements(data.chemical_symbols[1:97])
     assert got["atomic_number"].tolist() == [*range(1, 97)]
     bondi = data.vdw_radii[1:97]
     expected = np.where(np.isfinite(bondi), bondi, others[1:97])
@@ -73,8 +66,7 @@ def test_the_elements_are_those_of_ase():
 
 
 def test_mdanalysis():
-    mda = pytest.importorskip("MDAnalysis")
-    universe = mda.Universe.empty(N, trajectory=True)
+    universe = pytest.importorskip("MDAnalysis").Universe.empty(N, trajectory=True)
     universe.add_TopologyAttr("masses", np.arange(N) + 1.0)
     universe.add_TopologyAttr("elements", ["O"] * N)
     universe.atoms.positions = POSITIONS.astype(np.float32)
@@ -85,11 +77,9 @@ def test_mdanalysis():
 
 
 def test_pynbody():
-    pynbody = pytest.importorskip("pynbody")
-    snapshot = pynbody.new(dm=4, gas=N)
+    snapshot = pytest.importorskip("pynbody").new(dm=4, gas=N)
     snapshot.gas["pos"], snapshot.gas["smooth"] = POSITIONS, H
-    particles = assert_positions(snapshot)
-    assert np.allclose(particles.support, 2 * H)
+    assert np.allclose(assert_positions(snapshot).support, 2 * H)
 
 
 def test_yt():
@@ -110,8 +100,7 @@ def test_yt():
 def test_tables():
     pandas = pytest.importorskip("pandas")
     columns = dict(zip("xyz", POSITIONS.T, strict=True)) | {"h": H, "name": ["a"] * N}
-    particles = assert_positions(pandas.DataFrame(columns))
-    assert np.array_equal(particles.support, 2 * H)
+    assert np.array_equal(assert_positions(pandas.DataFrame(columns)).support, 2 * H)
     plane = assert_positions(pandas.DataFrame({"x": POSITIONS[:, 0], "y": POSITIONS[:, 1]}),
                              POSITIONS * [1, 1, 0])  # fmt: skip
     assert len(plane) == N

@@ -1,7 +1,5 @@
 """Volumes along other axes than the world's, voxels that are no cubes, and projections."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -20,8 +18,7 @@ FIELD = np.array([0.7, -0.4, 1.1])  # gray levels a mm
 
 def linear_sweep(turn=TURN) -> gb.ultrasound.Sweep:
     """30 frames, parallel within a degree, whose values are 120 + FIELD · place."""
-    rng = np.random.default_rng(2)
-    poses = np.tile(np.eye(4), (30, 1, 1))
+    rng, poses = np.random.default_rng(2), np.tile(np.eye(4), (30, 1, 1))
     for i, pose in enumerate(poses):
         small = Rotation.from_quat([*rng.normal(size=3) * 0.004, 1.0]).as_matrix()
         pose[:3, :3] = turn @ small @ np.diag([0.5, 0.4, 0.5])
@@ -29,12 +26,6 @@ def linear_sweep(turn=TURN) -> gb.ultrasound.Sweep:
     pixels = np.stack(np.meshgrid(np.arange(60), np.arange(50), indexing="xy"), axis=-1)
     places = np.einsum("fik,hwk->fhwi", poses[:, :3, :2], pixels) + poses[:, None, None, :3, 3]
     return gb.ultrasound.Sweep((120 + places @ FIELD).astype(np.float32), poses)
-
-
-def rotated(sweep: gb.ultrasound.Sweep, turn: np.ndarray) -> gb.ultrasound.Sweep:
-    frame = np.eye(4)
-    frame[:3, :3] = turn
-    return gb.ultrasound.Sweep(sweep.frames, frame @ sweep.world_from_image, sweep.timestamps)
 
 
 @pytest.mark.parametrize("spacing", [0.8, (0.6, 0.8, 1.7)])
@@ -59,22 +50,21 @@ def test_every_lattice_holds_the_field_s_values(spacing, axes):
     assert np.abs(error).max() < 2.0
 
 
-def test_axes_turn_with_the_sweep():
+def test_axes_turn_with_the_sweep_and_mistakes_of_axes():
     sweep = gb.ultrasound.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
+    frame = np.eye(4)
+    frame[:3, :3] = TURN
     for method in ("frames", "pvn-om"):
         plain = gb.ultrasound.reconstruct(sweep, method, spacing=1.0, device="cpu")
-        turned = gb.ultrasound.reconstruct(rotated(sweep, TURN), method, spacing=1.0, axes=TURN, device="cpu")
+        rotated = gb.ultrasound.Sweep(sweep.frames, frame @ sweep.world_from_image, sweep.timestamps)
+        turned = gb.ultrasound.reconstruct(rotated, method, spacing=1.0, axes=TURN, device="cpu")
         # A pixel on the face of two voxels may fall to the other one.
         assert plain.shape == turned.shape
         assert (plain.values != turned.values).mean() < 0.02
-        frame = np.eye(4)
-        frame[:3, :3] = TURN
         assert np.allclose(turned.world_from_voxel, frame @ plain.world_from_voxel, atol=1e-6)
         same = gb.ultrasound.reconstruct(sweep, method, spacing=(1, 1, 1), axes=np.eye(3), device="cpu")
         assert np.array_equal(same.values, plain.values)
-
-
-def test_axes_of_the_sweep_need_fewer_voxels():
+    # They need fewer voxels.
     sweep = linear_sweep()
     world = gb.ultrasound.reconstruct(sweep, spacing=0.8, device="cpu")
     along = gb.ultrasound.reconstruct(sweep, spacing=0.8, axes="sweep", device="cpu")
@@ -85,11 +75,7 @@ def test_axes_of_the_sweep_need_fewer_voxels():
     assert np.allclose(sweep_axes(straight), np.eye(3), atol=0.03)
     back = gb.ultrasound.Sweep(straight.frames, straight.world_from_image @ np.diag([-1.0, 1, -1, 1]))
     assert np.allclose(sweep_axes(back), np.eye(3), atol=0.03)
-
-
-def test_mistakes_of_axes():
-    sweep = linear_sweep()
-    region = ((-5, -5, -5), (5, 5, 5))
+    sweep, region = linear_sweep(), ((-5, -5, -5), (5, 5, 5))
     for given, message in (
         ({"axes": "probe"}, "axes: expected world, sweep"),
         ({"axes": np.diag([1, 1, 2])}, "axes: expected a 3x3 matrix with unit"),

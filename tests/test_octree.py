@@ -11,14 +11,9 @@ from scenes import Case, cloud, lattice
 LEVELS = {32: 10, 64: 21}
 LEAF = 32  # a cell with more particles is split
 COMBINATIONS = (
-    {"key_bits": 32},
-    {"key_bits": 64},
-    {"key_bits": 32, "level": 4},
-    {"key_bits": 64, "level": 13},
-    {"octree": "dense"},
-    {"octree": "dense", "level": 3},
-    {"level": 0},
-)
+    {"key_bits": 32}, {"key_bits": 64}, {"key_bits": 32, "level": 4}, {"key_bits": 64, "level": 13},
+    {"octree": "dense"}, {"octree": "dense", "level": 3}, {"level": 0},
+)  # fmt: skip
 ids = [" ".join(f"{k}={v}" for k, v in c.items()) for c in COMBINATIONS]
 
 
@@ -28,8 +23,7 @@ def points(name: str) -> np.ndarray:
     if name == "cloud":
         return cloud(6000, 20)
     if name == "clusters":
-        scale = 10 ** rng.uniform(-5, 0, (4000, 1))
-        middle = rng.integers(0, 3, (4000, 1))
+        scale, middle = 10 ** rng.uniform(-5, 0, (4000, 1)), rng.integers(0, 3, (4000, 1))
         return (rng.normal(size=(4000, 3)) * scale + middle).astype(np.float32)
     if name == "flat":
         return lattice(50, 60, 1)
@@ -54,8 +48,7 @@ def numpy_keys(p: np.ndarray, bits: int, bounds=None) -> np.ndarray:
     else:
         lo, hi = np.asarray(bounds, np.float32)
         inside = ((p >= lo) & (p <= hi)).all(1)
-    cells = np.float32(2 ** LEVELS[bits])
-    extent = (hi - lo).max()
+    cells, extent = np.float32(2 ** LEVELS[bits]), (hi - lo).max()
     scale = cells / extent if extent > 0 else np.float32(0)
     q = (p[inside] - lo) * scale
     assert q.dtype == np.float32
@@ -85,35 +78,30 @@ def numpy_nodes(keys: np.ndarray, bits: int, depth: int) -> tuple[int, int, int]
     raise AssertionError
 
 
+def check_keys(octree, expected):
+    order = np.argsort(expected, kind="stable")
+    keys, index = octree.sorted_keys(len(expected))
+    np.testing.assert_array_equal(keys, expected[order])
+    np.testing.assert_array_equal(index, order)
+    assert octree.n_inside == np.count_nonzero(expected)
+
+
 @pytest.mark.parametrize("bits", LEVELS)
 @pytest.mark.parametrize("name", NAMES)
 def test_sorted_keys(backend, name, bits):
     p = points(name)
-    scene = gb.Scene(p, support=0.1, key_bits=bits, **backend)
-    expected = numpy_keys(p, bits)
-    order = np.argsort(expected, kind="stable")
-    keys, index = scene.octree.sorted_keys(len(p))
-    np.testing.assert_array_equal(keys, expected[order])
-    np.testing.assert_array_equal(index, order)
-    assert scene.octree.n_inside == np.count_nonzero(expected)
+    check_keys(gb.Scene(p, support=0.1, key_bits=bits, **backend).octree, numpy_keys(p, bits))
 
 
 @pytest.mark.parametrize("bits", LEVELS)
 def test_fixed_space(backend, bits):
-    p = points("spoilt")
-    bounds = ((-0.5, -0.6, -0.7), (0.9, 0.8, 0.3))
+    p, bounds = points("spoilt"), ((-0.5, -0.6, -0.7), (0.9, 0.8, 0.3))
     scene = gb.Scene(p, support=0.1, key_bits=bits, bounds=bounds, **backend)
     expected = numpy_keys(p, bits, bounds)
-    order = np.argsort(expected, kind="stable")
-    keys, index = scene.octree.sorted_keys(len(p))
-    np.testing.assert_array_equal(keys, expected[order])
-    np.testing.assert_array_equal(index, order)
-    inside = expected != 0
-    assert scene.octree.n_inside == inside.sum()
+    check_keys(scene.octree, expected)
     np.testing.assert_array_equal(scene.octree.lo, np.float32(bounds[0]))
-    case = Case(p[inside], support=0.1)
     at = cloud(500, 23)
-    np.testing.assert_allclose(scene.field(at), case.field(at)[0], atol=1e-6)
+    np.testing.assert_allclose(scene.field(at), Case(p[expected != 0], support=0.1).field(at)[0], atol=1e-6)
     scene.update(positions=p * np.float32(0.5))  # some re-enter
     assert scene.octree.n_inside == np.count_nonzero(numpy_keys(p * np.float32(0.5), bits, bounds))
 
@@ -129,22 +117,18 @@ def test_sparse_nodes(backend, name, bits, depth):
 
 def test_dense_nodes(backend):
     for depth, total in ((0, 1), (3, 585), (6, 299_593)):
-        scene = gb.Scene(points("cloud"), support=0.1, octree="dense", level=depth, **backend)
-        octree = scene.octree
-        assert octree.n_nodes == total
-        assert octree.n_inside == 6000
+        octree = gb.Scene(points("cloud"), support=0.1, octree="dense", level=depth, **backend).octree
+        assert (octree.n_nodes, octree.n_inside) == (total, 6000)
 
 
 @pytest.mark.parametrize("options", COMBINATIONS, ids=ids)
 @pytest.mark.parametrize("name", NAMES)
 def test_same_bits_everywhere(backend, reference, name, options):
     p = points(name)
-    support = np.random.default_rng(24).uniform(0.05, 0.2, len(p))
-    particles = gb.Particles(p, support=support)
+    particles = gb.Particles(p, support=np.random.default_rng(24).uniform(0.05, 0.2, len(p)))
     octree = gb.Scene(particles, **options, **backend).octree
     expected = reference(particles, **options).octree
-    assert octree.key_hash == expected.key_hash
-    assert octree.node_hash == expected.node_hash
+    assert (octree.key_hash, octree.node_hash) == (expected.key_hash, expected.node_hash)
 
 
 @pytest.mark.parametrize("threads", [2, 3, 5])
@@ -153,16 +137,12 @@ def test_same_bits_for_any_number_of_threads(reference, threads):
     for bits in LEVELS:
         octree = gb.Scene(p, support=0.05, key_bits=bits, device="cpu", threads=threads).octree
         expected = reference(p, support=0.05, key_bits=bits).octree
-        assert octree.key_hash == expected.key_hash
-        assert octree.node_hash == expected.node_hash
+        assert (octree.key_hash, octree.node_hash) == (expected.key_hash, expected.node_hash)
 
 
 def rows(found) -> list[np.ndarray]:
     offsets, indices = found
-    assert offsets.dtype == np.uint64
-    assert indices.dtype == np.uint32
-    assert offsets[0] == 0
-    assert offsets[-1] == len(indices)
+    assert (offsets.dtype, indices.dtype, offsets[0], offsets[-1]) == (np.uint64, np.uint32, 0, len(indices))
     return np.split(indices, offsets[1:-1].astype(np.int64))
 
 
@@ -173,8 +153,7 @@ def test_neighbors(backend, name, options):
     p = points(name)
     scene = gb.Scene(p, support=0.1, **options, **backend)
     for at, radius in ((cloud(120, 30, 1.2), 0.15), (p[100:160], 0.01), (cloud(5, 31), 50.0)):
-        at = at[np.isfinite(at).all(1)]
-        rank = np.empty(len(p), np.int64)
+        at, rank = at[np.isfinite(at).all(1)], np.empty(len(p), np.int64)
         rank[scene.octree.sorted_keys(len(p))[1]] = np.arange(len(p))
         for mine, truth in zip(rows(scene.neighbors(at, radius)), oracle.neighbors(p, at, radius), strict=True):
             np.testing.assert_array_equal(np.sort(mine), truth)
@@ -183,11 +162,8 @@ def test_neighbors(backend, name, options):
 
 def test_neighbors_exactly_at_the_radius(backend):
     scene = gb.Scene(lattice(5, 5, 5), **backend)
-    found = rows(scene.neighbors(np.zeros((1, 3)), 1.0))[0]
-    assert len(found) == 7
-    offsets, indices = scene.neighbors(np.zeros((0, 3)), 1.0)
-    assert len(offsets) == 1
-    assert len(indices) == 0
+    assert len(rows(scene.neighbors(np.zeros((1, 3)), 1.0))[0]) == 7
+    assert [len(array) for array in scene.neighbors(np.zeros((0, 3)), 1.0)] == [1, 0]
 
 
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
@@ -197,11 +173,9 @@ def test_update(backend, octree):
     for n, seed in ((1000, 34), (5000, 35), (3, 36), (0, 37), (1500, 38), (1, 39), (40_000, 40)):
         p = cloud(n, seed, 1 + seed % 3)
         scene.update(positions=p)
-        assert len(scene) == n
-        assert scene.octree.n_inside == n
+        assert len(scene) == scene.octree.n_inside == n
         fresh = gb.Scene(p, support=0.2, octree=octree, **backend)
-        assert scene.octree.key_hash == fresh.octree.key_hash
-        assert scene.octree.node_hash == fresh.octree.node_hash
+        assert (scene.octree.key_hash, scene.octree.node_hash) == (fresh.octree.key_hash, fresh.octree.node_hash)
         if n <= 5000:
             truth = oracle.neighbors(p, at, 0.2)
             for mine, expected in zip(rows(scene.neighbors(at, 0.2)), truth, strict=True):
@@ -211,15 +185,13 @@ def test_update(backend, octree):
 
 def test_update_of_single_fields(backend):
     p = cloud(500, 41)
-    scene = gb.Scene(gb.Particles(p, support=0.3), **backend)
-    at = cloud(300, 42)
+    scene, at = gb.Scene(gb.Particles(p, support=0.3), **backend), cloud(300, 42)
     weight = np.linspace(-1, 2, 500).astype(np.float32)
     scene.update(weight=weight)
     np.testing.assert_allclose(scene.field(at), Case(p, 0.3, weight).field(at)[0], atol=1e-5)
     support = np.linspace(0.1, 0.5, 500).astype(np.float32)
     scene.update(support=support)
-    truth = Case(p, support, weight).field(at)[0]
-    np.testing.assert_allclose(scene.field(at), truth, atol=1e-5)
+    np.testing.assert_allclose(scene.field(at), Case(p, support, weight).field(at)[0], atol=1e-5)
     scene.update(gb.Particles(p[:100], support=0.2))
     np.testing.assert_allclose(scene.field(at), Case(p[:100], 0.2).field(at)[0], atol=1e-5)
 

@@ -25,10 +25,14 @@ def lattice(n: int = 9) -> np.ndarray:
     return np.stack(np.mgrid[:n, :n, :n], -1).reshape(-1, 3) / 8
 
 
-def read(name: str) -> gb.Particles:
+def read(name: str, how=gb.read):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return gb.read(name)
+        return how(name)
+
+
+def pixels(name: str) -> np.ndarray:
+    return np.asarray(Image.open(name)).astype(int)
 
 
 def test_float64_far_away_gets_an_origin_and_nothing_else_does():
@@ -42,8 +46,7 @@ def test_float64_far_away_gets_an_origin_and_nothing_else_does():
     few, origin = relative(near[:2] + FAR)  # two tell a spacing
     np.testing.assert_array_equal(few + origin, near[:2] + FAR)
     flat, origin = relative((near + FAR)[:, :2])  # 2-D
-    assert flat.shape[1] == 3
-    assert origin[2] == 0
+    assert (flat.shape[1], origin[2]) == (3, 0)
 
 
 @pytest.mark.parametrize("to", [".npz", ".npy", ".csv", ".ply", ".vtk", ".vtp", ".vtu", ".txt"])
@@ -56,26 +59,18 @@ def test_convert_keeps_what_float32_would_destroy(to, capsys):
     np.testing.assert_allclose(got.world_positions(), lattice() + FAR, rtol=0, atol=2e-9)
 
 
-def test_a_format_of_float32_refuses_them(capsys):
+def test_the_picture_is_that_of_the_same_particles_here_and_frames_have_one_origin(capsys):
     np.save("a.npy", lattice() + FAR)
     assert main(["convert", "a.npy", "b.bgeo"]) == 2
     assert "b.bgeo: positions: near 5e+06 float32 has steps of 0.5" in capsys.readouterr().err
-
-
-def test_the_picture_is_that_of_the_same_particles_here(capsys):
     np.save("far.npy", lattice() + FAR)
     np.save("near.npy", lattice())
     far = run_json(capsys, "render", "far.npy", "-o", "far.png", *MACHINE)
     near = run_json(capsys, "render", "near.npy", "-o", "near.png", *MACHINE)
-    assert near["origin"] == [0, 0, 0]
-    assert far["counts"] == near["counts"]
+    assert (near["origin"], far["counts"]) == ([0, 0, 0], near["counts"])
     x = np.subtract(near["camera"]["eye"], far["camera"]["eye"])
     np.testing.assert_allclose(x, np.subtract(far["origin"], FAR), atol=1e-4)
-    images = [np.asarray(Image.open(f"{name}.png")).astype(int) for name in ("far", "near")]
-    assert np.abs(images[0] - images[1]).max() <= 3
-
-
-def test_all_frames_have_one_origin(capsys):
+    assert np.abs(pixels("far.png") - pixels("near.png")).max() <= 3
     for k in range(3):
         np.save(f"s_{k}.npy", lattice() + FAR + (0.4 * k, 0, 0))
     assert main(["track", "s_0.npy", "s_1.npy", "s_2.npy", "-o", "t.csv"]) == 0
@@ -84,14 +79,13 @@ def test_all_frames_have_one_origin(capsys):
     np.testing.assert_allclose(rows["z_min"], FAR[2] + lattice()[:, 2].min(), atol=0.2)
     np.testing.assert_allclose(rows["volume"], rows["volume"][0], rtol=1e-4)
     assert main(["render", "s_*.npy", "-o", "s_%d.png", *MACHINE]) == 0
-    images = [np.asarray(Image.open(f"s_{k}.png")).astype(int) for k in range(3)]
-    assert np.abs(images[0] - images[2]).max() > 50  # it moves
+    assert np.abs(pixels("s_0.png") - pixels("s_2.png")).max() > 50  # it moves
     capsys.readouterr()
     words = ["track", "s_0.npy", "--json", "--origin", "440750,5000000,100"]
     assert run_json(capsys, *words)["origin"] == FAR.tolist()
 
 
-def test_what_is_asked_for_counts():
+def test_what_is_asked_for_counts_scenes_keep_it_and_pieces_have_one(capsys, monkeypatch):
     np.save("a.npy", lattice() + FAR)
     got = gb.read("a.npy", origin=FAR)
     assert got.origin == tuple(FAR)
@@ -101,9 +95,8 @@ def test_what_is_asked_for_counts():
     for wrong in ((1, 2), "here", (0, 0, np.nan), 3):
         with pytest.raises(ValueError, match="origin: expected"):
             gb.read("a.npy", origin=wrong)
-
-
-def test_scenes_keep_their_origin():
+    with pytest.warns(UserWarning, match="float32 has steps"):
+        gb.Particles(lattice(), origin=FAR).at((0, 0, 0))
     there = gb.Particles(lattice(), origin=FAR)
     assert there[3:5].origin == tuple(FAR)
     scene = gb.Scene(there, support=0.3)
@@ -112,9 +105,6 @@ def test_scenes_keep_their_origin():
     assert scene.particles.origin == tuple(FAR)
     scene.update(positions=lattice() + 2)
     assert scene.particles.origin == tuple(FAR)
-
-
-def test_pieces_of_a_file_have_one(capsys, monkeypatch):
     from globule.formats.ranges import ranges
 
     np.savez("a.npz", positions=lattice() + FAR)
@@ -139,19 +129,7 @@ def write_triangle(name: str, place: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("to", [".obj", ".vtp"])
-def test_a_mesh_beside_stands_where_it_is(to, capsys):
-    images = []
-    for name, place in (("near", np.zeros(3)), ("far", FAR)):
-        np.save(f"{name}.npy", lattice() + place)
-        write_triangle(f"{name}{to}", place)
-        words = [f"{name}.npy", "-o", f"{name}.png", "--mesh", f"{name}{to}", *MACHINE]
-        assert main(["render", *words]) == 0
-        images.append(np.asarray(Image.open(f"{name}.png")).astype(int))
-    assert np.abs(images[0] - images[1]).mean() < 0.1
-
-
-@pytest.mark.parametrize("to", [".obj", ".vtp"])
-def test_a_mesh_alone_has_an_origin(to, capsys):
+def test_a_mesh_alone_has_an_origin_and_one_beside_stands_where_it_is(to, capsys):
     write_triangle(f"far{to}", FAR)
     report = run_json(capsys, "render", f"far{to}", "-o", "far.png", *MACHINE)
     assert np.abs(np.subtract(report["origin"], FAR)).max() < 10
@@ -164,6 +142,12 @@ def test_a_mesh_alone_has_an_origin(to, capsys):
     assert np.allclose(gb.Mesh(f"far{to}", origin=FAR).vertices.max(axis=0), (1, 1, 3), atol=1e-6)
     with pytest.raises(ValueError, match="scene: expected layers with one origin"):
         gb.render([gb.Layer(there), gb.Layer(gb.Mesh(f"far{to}", origin=FAR - 1))], size=(96, 72))
+    for name, place in (("near", np.zeros(3)), ("far", FAR)):
+        np.save(f"{name}.npy", lattice() + place)
+        write_triangle(f"{name}{to}", place)
+        words = [f"{name}.npy", "-o", f"{name}.png", "--mesh", f"{name}{to}", *MACHINE]
+        assert main(["render", *words]) == 0
+    assert np.abs(pixels("near.png") - pixels("far.png")).mean() < 0.1
 
 
 def test_rigid_bodies_beside_stand_where_they_are(monkeypatch):
@@ -183,10 +167,7 @@ def test_rigid_bodies_beside_stand_where_they_are(monkeypatch):
 def test_meshes_are_written_in_world_coordinates(to, capsys):
     np.save("a.npy", lattice() + FAR)
     assert main(["mesh", "a.npy", "-o", f"b{to}"]) == 0
-    said = capsys.readouterr().err
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        mesh = gb.Mesh(f"b{to}")
+    said, mesh = capsys.readouterr().err, read(f"b{to}", gb.Mesh)
     middle = np.mean(mesh.bounds(), axis=0) + mesh.origin
     if to == ".stl":  # float32
         assert "b.stl: positions are given from" in said
@@ -211,7 +192,7 @@ def test_samples_are_written_in_world_coordinates(command, capsys):
         np.testing.assert_allclose(np.array(origin, float), world[0], rtol=0, atol=1e-6)
 
 
-def test_gauges_and_images_are_written_in_world_coordinates(capsys):
+def test_gauges_images_and_large_ids_are_said_as_in_the_world(capsys):
     np.save("a.npy", lattice() + FAR)
     words = ["gauge", "a.npy", "--at", "0.5,0.5", "--up", "0,0,-1", "--origin", "440750,5000000,100"]
     assert main([*words, "-o", "g.csv"]) == 0
@@ -220,9 +201,6 @@ def test_gauges_and_images_are_written_in_world_coordinates(capsys):
     assert main(["render", "a.npy", "-o", "a.png", "--aov", "a.npz", *MACHINE]) == 0
     aov = np.load("a.npz")
     np.testing.assert_allclose(aov["position"][aov["mask"]].mean(axis=0), FAR + 0.5, atol=0.7)
-
-
-def test_large_ids_are_said_whole(capsys):
     ids = 2**53 + 1 + 2 * np.arange(729, dtype=np.uint64)
     gb.write("a.npz", gb.Particles(lattice().astype("f4"), attributes={"id": ids}))
     assert main(["info", "a.npz"]) == 0
@@ -241,25 +219,13 @@ def drifting(n: int = 3) -> list[gb.Particles]:
     return [gb.Particles(lattice(), origin=FAR + k * shift) for k in range(n)]
 
 
-def test_values_of_places_are_given_from_one_origin():
-    frames = drifting()
-    empty = gb.Particles(np.empty((0, 3)))
-    assert gb.find_value_range([empty, *frames], "x") == (0, 201)
-    cameras = [gb.Camera((100 * k + 0.5, 0.5, 4), (100 * k + 0.5, 0.5, 0.5)) for k in range(3)]
-    gb.render_sequence(frames, "s_%d.png", cameras, (96, 72), color_by="x", range=(0, 201))
-    middles = [np.asarray(Image.open(f"s_{k}.png"))[36, 48].astype(int) for k in range(3)]
-    assert np.abs(middles[0] - middles[1]).max() > 30
-    assert np.abs(middles[1] - middles[2]).max() > 30
-
-
-def test_the_viewer_shows_all_frames_from_one_origin():
+def test_the_viewer_its_command_and_values_of_places_have_one_origin():
     for k, frame in enumerate(drifting()):
         gb.write(f"s_{k}.npz", frame)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for what in ([f"s_{k}.npz" for k in range(3)], drifting()):
-            source = open_source(what, device="cpu")
-            state = State()
+            source, state = open_source(what, device="cpu"), State()
             assert np.ptp(source.outline(), axis=0)[0] > 200
             state.time.frame = 2
             source.advance(state)
@@ -268,23 +234,18 @@ def test_the_viewer_shows_all_frames_from_one_origin():
             np.testing.assert_allclose(layer.scene.particles.bounds(), source.bounds(), atol=1e-4)
             source.close()
         assert open_source(["s_0.npz", "s_2.npz"]).reading["origin"] == tuple(FAR)
-
-
-def test_the_viewer_refuses_layers_of_two_origins():
     one, other, _ = (gb.Scene(frame, support=0.3) for frame in drifting())
     with pytest.raises(ValueError, match="scene: expected layers with one origin"):
         open_source([one, other])
-
-
-def test_particles_say_what_another_origin_destroys():
-    with pytest.warns(UserWarning, match="float32 has steps"):
-        gb.Particles(lattice(), origin=FAR).at((0, 0, 0))
-
-
-def test_the_viewers_command_has_the_origin_in_one_flag():
     from globule.viewer.source import Source
 
     source = Source.__new__(Source)
     source.reading = {"labels": [1, 2], "origin": tuple(FAR), "columns": {"x": "a"}}
     words = "--label 1 --label 2 --origin 440750,5000000,100 --columns x=a"
     assert source.option_words() == words.split()
+    frames, empty = drifting(), gb.Particles(np.empty((0, 3)))
+    assert gb.find_value_range([empty, *frames], "x") == (0, 201)
+    cameras = [gb.Camera((100 * k + 0.5, 0.5, 4), (100 * k + 0.5, 0.5, 0.5)) for k in range(3)]
+    gb.render_sequence(frames, "s_%d.png", cameras, (96, 72), color_by="x", range=(0, 201))
+    middles = np.array([pixels(f"s_{k}.png")[36, 48] for k in range(3)])
+    assert np.abs(np.diff(middles, axis=0)).max(axis=1).min() > 30

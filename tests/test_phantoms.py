@@ -1,7 +1,5 @@
 """Simulated sweeps: the truth is where it is said to be, and the same seed gives the same bytes."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np
@@ -35,23 +33,20 @@ def test_cylinders_are_as_thick_and_as_far_apart_as_asked(diameter, n_frames):
     assert set(nearest) == {-1, 0, 1}
     for k in (-1, 0, 1):
         x, y, _, _ = world[:, nearest == k]
-        assert x.mean() == pytest.approx(12.6 * k, abs=0.05)
-        assert y.mean() == pytest.approx(24, abs=0.05)
-        area = len(x) * np.prod(sweep.spacing)
-        assert 2 * np.sqrt(area / np.pi) == pytest.approx(diameter, rel=0.03)
+        assert (x.mean(), y.mean()) == (pytest.approx(12.6 * k, abs=0.05), pytest.approx(24, abs=0.05))
+        assert 2 * np.sqrt(len(x) * np.prod(sweep.spacing) / np.pi) == pytest.approx(diameter, rel=0.03)
 
 
 @pytest.mark.slow
 def test_breast_has_its_lesion():
     sweep = phantoms.breast(n_frames=9, length=2.0)
     assert phantoms.breast.__defaults__[0] == 131
-    point = np.linalg.solve(sweep.world_from_image[4], [4, 22, 0, 1])
-    column, row = np.rint(point[:2]).astype(int)
+    column, row = np.rint(np.linalg.solve(sweep.world_from_image[4], [4, 22, 0, 1])[:2]).astype(int)
     inside = sweep.frames[4][row - 15 : row + 15, column - 15 : column + 15]
     assert inside.mean() < 0.4 * sweep.frames[4].mean()
 
 
-def test_speckle_is_fixed_in_space_and_rayleigh():
+def test_speckle_is_fixed_in_space_noise_is_of_poses_and_any_volume_is_scanned():
     def flat(points):
         return np.full(points.shape[:-1], 0.3)
 
@@ -63,9 +58,6 @@ def test_speckle_is_fixed_in_space_and_rayleigh():
     for length, least, most in ((0.0, 0.5, 1.01), (3.0, -0.1, 0.1)):
         frames = phantoms.scan(flat, 2, length=length, size=(200, 200)).frames
         assert least < np.corrcoef(frames[0].ravel(), frames[1].ravel())[0, 1] < most
-
-
-def test_noise_moves_the_poses_and_not_the_images():
     clean = phantoms.cylinders(n_frames=30, size=(30, 30))
     noisy = phantoms.cylinders(n_frames=30, size=(30, 30), pose_noise=(0.5, 0.0))
     assert np.array_equal(clean.frames, noisy.frames)
@@ -74,16 +66,11 @@ def test_noise_moves_the_poses_and_not_the_images():
     turned = phantoms.cylinders(n_frames=30, size=(30, 30), pose_noise=(0.0, 1.0))
     axes = turned.world_from_image[:, :3, :3]
     assert np.allclose(np.swapaxes(axes, 1, 2) @ axes, np.eye(3) * phantoms.SPACING**2)
-
-
-def test_gaps_are_frames_without_a_pose():
+    # Gaps are frames without a pose.
     sweep = phantoms.cylinders(n_frames=60, size=(10, 10), gaps=0.4)
     assert 25 < sweep.n_valid < 48
     assert sweep.valid[[0, -1]].all()
     assert np.isnan(sweep.world_from_image[~sweep.valid]).all()
-
-
-def test_any_volume_along_a_path():
     z, y, x = np.meshgrid(np.arange(30), np.arange(30), np.arange(30), indexing="ij")
     volume = (x + 2 * y + 3 * z).astype(np.float32)
     path = phantoms.hand_path(5, 4.0, size=(20, 20), spacing=0.2)
@@ -92,9 +79,6 @@ def test_any_volume_along_a_path():
     here = np.linalg.inv(place) @ path[3] @ [7, 11, 0, 1]
     assert frames[3, 11, 7] == pytest.approx(here @ [1, 2, 3, 0], abs=1e-3)
     assert frames.shape == (5, 20, 20)
-
-
-def test_what_makes_no_sense_is_refused():
     with pytest.raises(ValueError, match="diameter"):
         phantoms.cylinders(20.0)
     with pytest.raises(ValueError, match="gaps"):

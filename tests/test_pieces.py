@@ -1,13 +1,12 @@
 """Scenes in pieces give the image of one scene: the same hits, colors within one level."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import gzip
 import os
 import sys
 import tracemalloc
+from pathlib import Path
 
 import globule as gb
 import numpy as np
@@ -15,7 +14,7 @@ import pytest
 from cli_helpers import SMALL, refused, run_json
 from format_helpers import DATA
 from globule import _core
-from globule._base.ranks import Alone
+from globule._base.ranks import Alone, run_threads
 from globule.cli import main
 from globule.cli.ranks import replicates
 from globule.formats.ranges import has_ranges, ranges
@@ -24,7 +23,10 @@ from globule.pieces import pieces as of_pieces
 from globule.pieces import store
 from globule.pieces.partition import Partition, histogram, space_around
 from globule.pieces.pieces import Pieces
+from globule.pieces.shown import shown_scene
+from globule.render.fit import fitted
 from globule.render.pieces import shading
+from globule.render.pieces.image import fit
 from pieces_helpers import own_shapes
 from PIL import Image
 from scenes import KERNELS
@@ -39,12 +41,10 @@ CUT = gb.ClipPlane((1, 0.2, 0), 7.0)
 
 
 def agree(scene, pieces, camera=CAMERA, **options):
-    """0 pixels of hit or miss differ, colors by at most a level."""
     one, many = (gb.render(s, camera, SIZE, **options) for s in (scene, pieces))
     assert one.mask.mean() > 0.03
     np.testing.assert_array_equal(one.mask, many.mask)
-    apart = np.abs(one.image.astype(int) - many.image.astype(int))
-    assert apart.max() <= 1
+    assert np.abs(one.image.astype(int) - many.image.astype(int)).max() <= 1
     seen = one.mask
     np.testing.assert_allclose(one.distance[seen], many.distance[seen], atol=2e-4)
     np.testing.assert_allclose(one.position[seen], many.position[seen], atol=5e-4)
@@ -90,24 +90,11 @@ def test_smooth_surfaces_with_samples_at_edges(cut, backend):
 @pytest.mark.parametrize("n", [2, 7])
 @pytest.mark.parametrize("radius", [0, 3])
 def test_eyes_inside(n, radius, backend):
-    """In the medium, and in a cave of it."""
     left = POSITIONS[np.linalg.norm(POSITIONS - 6.5, axis=1) >= radius]
-    camera = gb.Camera((6.5, 6.5, 6.5), (13, 9, 7))
-    check(gb.Particles(left), n, backend, camera, support=2.0)
+    check(gb.Particles(left), n, backend, gb.Camera((6.5, 6.5, 6.5), (13, 9, 7)), support=2.0)
 
 
-def test_cuts_around_an_eye_inside(backend):
-    camera = gb.Camera((6.5, 6.5, 6.5), (13, 9, 7))
-    for clip in (gb.ClipSphere((10, 7, 6), 2.0), gb.ClipSphere((6.5, 6.5, 6.5), 2.5)):
-        check(gb.Particles(POSITIONS), 3, backend, camera, [clip], support=2.0)
-
-
-def test_kernels_of_their_own(backend):
-    for particles, options in own_shapes():
-        check(particles, 4, backend, **options)
-
-
-def test_layers_and_an_orthographic_camera(backend):
+def test_layers_cuts_samples_alpha_and_kernels_of_their_own(backend):
     low, high = POSITIONS[POSITIONS[:, 1] < 7], POSITIONS[POSITIONS[:, 1] > 6]
     scenes = [gb.Scene(p, support=2.0, **backend) for p in (low, high)]
     pieces = [Pieces(p, n, support=2.0, **backend) for p, n in ((low, 3), (high, 2))]
@@ -119,20 +106,33 @@ def test_layers_and_an_orthographic_camera(backend):
         camera,
     )
     agree(scenes, [scenes[0], pieces[1]], camera)
-
-
-def test_several_samples_and_alpha(backend):
     settings = {"samples": 4, "transparent": True}
     particles = gb.Particles(POSITIONS, color=COLOR)
     check(particles, 3, backend, support=2.0, settings=settings, clips=[CUT])
     pieces, scene = Pieces(particles, 3, support=2.0), gb.Scene(particles, support=2.0)
     alphas = [gb.render(s, CAMERA, SIZE, settings).alpha for s in (pieces, scene)]
     np.testing.assert_allclose(*alphas, atol=1e-3)
+    camera = gb.Camera((6.5, 6.5, 6.5), (13, 9, 7))
+    for clip in (gb.ClipSphere((10, 7, 6), 2.0), gb.ClipSphere((6.5, 6.5, 6.5), 2.5)):
+        check(gb.Particles(POSITIONS), 3, backend, camera, [clip], support=2.0)
+    for particles, options in own_shapes():
+        check(particles, 4, backend, **options)
 
 
-def test_the_same_bits_again():
+def test_the_same_bits_again_files_are_removed_and_mistakes():
     images = [gb.render(Pieces(POSITIONS, 3, support=2.0), CAMERA, SIZE).color for _ in "ab"]
     assert images[0].tobytes() == images[1].tobytes()
+    pieces = Pieces(POSITIONS, 3, support=2.0)
+    folder = pieces._files._folder.name
+    assert os.listdir(folder)
+    pieces.close()
+    assert not os.path.exists(folder)
+    with pytest.raises(ValueError, match=r"^n: "):
+        Pieces(POSITIONS, 0)
+    with pytest.raises(ValueError, match=r"^surface: "):
+        Pieces(POSITIONS, 2, surface="smooth", support=1.0)
+    with pytest.raises(MemoryError, match=r"^memory: expected more than"):
+        Pieces(POSITIONS, memory=1e6)
 
 
 def test_each_piece_holds_all_that_reaches_its_cells():
@@ -152,15 +152,6 @@ def test_each_piece_holds_all_that_reaches_its_cells():
         near = np.linalg.norm(probes - points[i], axis=1) < reach[i] + space.margin
         assert held[i, owner[near]].all()
     assert held.sum() < 400 * 5  # not everything everywhere
-
-
-def test_mistakes():
-    with pytest.raises(ValueError, match=r"^n: "):
-        Pieces(POSITIONS, 0)
-    with pytest.raises(ValueError, match=r"^surface: "):
-        Pieces(POSITIONS, 2, surface="smooth", support=1.0)
-    with pytest.raises(MemoryError, match=r"^memory: expected more than"):
-        Pieces(POSITIONS, memory=1e6)
 
 
 def test_a_rank_takes_little_more_than_its_share(monkeypatch):
@@ -183,21 +174,9 @@ def test_a_rank_takes_little_more_than_its_share(monkeypatch):
         assert np.mean(scene.particles.positions == 0) > 0.95
 
 
-def test_files_are_removed():
-    pieces = Pieces(POSITIONS, 3, support=2.0)
-    folder = pieces._files._folder.name
-    assert os.listdir(folder)
-    pieces.close()
-    assert not os.path.exists(folder)
-
-
-# Files and the command line
-
-
 @pytest.fixture
-def files(tmp_path, monkeypatch):
+def files(folder):
     """The same particles in files whose ranges can be read."""
-    monkeypatch.chdir(tmp_path)
     speed = np.linspace(0, 1, len(POSITIONS), dtype=np.float32)
     np.save("a.npy", POSITIONS)
     np.savez("a.npz", positions=POSITIONS, speed=speed)
@@ -216,14 +195,12 @@ def test_ranges_of_files(name, files):
     elif name in ("a.vtu", "a.vtp", "a.bgeo"):
         gb.write(name, gb.Particles(POSITIONS, attributes={"speed": files}))
     elif name == "big_endian.vtu":
-        with open(name, "wb") as file:
-            file.write(vtu(POSITIONS.astype(">f4"), files.astype(">f8")))
+        Path(name).write_bytes(vtu(POSITIONS.astype(">f4"), files.astype(">f8")))
     elif name == "b.bgeo":  # of SPlisHSPlasH, unpacked
         real = DATA / "dam_break_frame_23_24389_particles.bgeo"
         if not real.exists():
             pytest.skip(f"no {real}")
-        with open(name, "wb") as file:
-            file.write(gzip.decompress(real.read_bytes()))
+        Path(name).write_bytes(gzip.decompress(real.read_bytes()))
     found, whole = ranges(name), gb.read(name)
     assert found.n == len(whole)
     some = found.read(100, 300)
@@ -234,7 +211,6 @@ def test_ranges_of_files(name, files):
 
 
 def vtu(positions, speed):
-    """As other programs write it: another byte order, sizes of 32 bits."""
     n, kinds = len(positions), ("Float32", "Float64")
     blocks = [np.array(a.nbytes, ">u4").tobytes() + a.tobytes() for a in (positions, speed)]
     arrays = [f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{k}" '
@@ -252,31 +228,23 @@ def vtu(positions, speed):
 def test_ranges_refuse_other_files(files):
     whole = vtu(POSITIONS.astype(">f4"), files.astype(">f8"))
     longer = whole.replace(b'="2744"', b'="2745"')
-    for name, data, match in (("cut.vtu", whole[:5000], "<Appended"), ("n.vtu", longer, "bytes")):
-        with open(name, "wb") as file:
-            file.write(data)
+    for data, match in ((whole[:5000], "<Appended"), (longer, "bytes")):
+        Path("cut.vtu").write_bytes(data)
         with pytest.raises(gb.FormatError, match=match):
-            ranges(name)
-    with open("text.vtu", "wb") as file:
-        file.write(whole.replace(b"<PointData>", b'<PointData><DataArray format="ascii"/>'))
-    assert not has_ranges("text.vtu")
-
+            ranges("cut.vtu")
+    Path("text.vtu").write_bytes(whole.replace(b"<PointData>", b'<PointData><DataArray format="ascii"/>'))
     np.savez_compressed("small.npz", positions=POSITIONS)
-    assert not has_ranges("small.npz")
-    with pytest.raises(gb.FormatError, match="without compression"):
-        ranges("small.npz")
-    np.save("a.npy", POSITIONS)
-    with open("a.npy", "rb") as plain, gzip.open("a.npy.gz", "wb") as file:
-        file.write(plain.read())
+    Path("a.npy.gz").write_bytes(gzip.compress(Path("a.npy").read_bytes()))
     assert has_ranges("a.npy")
-    assert not has_ranges("a.npy.gz")
     for name in ("a.ply", "a.bgeo.gz"):
         gb.write(name, gb.Particles(POSITIONS))
+    for name, match in (
+        ("small.npz", "without compression"), ("a.ply", "globule convert"), ("text.vtu", None), ("a.npy.gz", None),
+        ("a.bgeo.gz", r"expected .*, \.bgeo without compression .* bgeo;"),
+    ):  # fmt: skip
         assert not has_ranges(name)
-    with pytest.raises(gb.FormatError, match=r"expected .*, \.bgeo without compression .* bgeo;"):
-        ranges("a.bgeo.gz")
-    with pytest.raises(gb.FormatError, match="globule convert"):
-        ranges("a.ply")
+        with pytest.raises(gb.FormatError, match=match):
+            ranges(name)
 
 
 @pytest.mark.parametrize("name", ["a.npy", "fortran.npy", "own.npz", "a.vtu", "a.bgeo", "a.h5"])
@@ -295,9 +263,7 @@ def test_a_file_that_changes_while_it_is_read(name, files):
     write(POSITIONS)
     found = ranges(name)
     np.testing.assert_array_equal(found.read(100, 300).positions, POSITIONS[100:300])
-    changes = (lambda: os.truncate(name, 700), lambda: write(POSITIONS[::-1]),
-               lambda: os.unlink(name))  # fmt: skip
-    for change in changes:
+    for change in (lambda: os.truncate(name, 700), lambda: write(POSITIONS[::-1]), lambda: os.unlink(name)):
         write(POSITIONS)
         found = ranges(name)
         change()
@@ -312,18 +278,39 @@ def little(monkeypatch):
     monkeypatch.setattr(of_pieces, "OVERHEAD", 0)
 
 
-def test_render_with_memory(files, little, capsys):
+def apart(*names) -> int:
+    one, many = (np.asarray(Image.open(name), int) for name in names)
+    return np.abs(one - many).max()
+
+
+def test_render_with_memory_has_the_radii_of_the_file(files, little, capsys):
     common = ["a.npz", "--size", "96x72", "--device", "cpu", "--support", "2", "--eye", "40,30,45",
               "--look-at", "6,6,6", "--color-by", "speed"]  # fmt: skip
+    in_pieces = [*common, "-o", "many.png", "--memory", "100000"]
     whole = run_json(capsys, "render", *common, "-o", "one.png")
-    limit = 100_000
-    many = run_json(capsys, "render", *common, "-o", "many.png", "--memory", str(limit))
+    many = run_json(capsys, "render", *in_pieces)
     assert many["counts"]["pieces"] > 1
     assert many["counts"]["hits"] == whole["counts"]["hits"]
-    images = [np.asarray(Image.open(name)).astype(int) for name in ("one.png", "many.png")]
-    assert np.abs(images[0] - images[1]).max() <= 1
-    assert main(["render", *common, "-o", "many.png", "--memory", str(limit)]) == 0
+    assert apart("one.png", "many.png") <= 1
+    assert main(["render", *in_pieces]) == 0
     assert "particles in" in capsys.readouterr().err  # a line says so
+    words = ["render", "a.npz", "-o", "a.png", "--support", "2", "--memory", "100000"]
+    Path("b.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    for flag in ("spheres", "lines", "mesh", "with"):
+        error = refused(capsys, *words, f"--{flag}", "b.obj" if flag == "mesh" else "a.npz")
+        assert f"--{flag}: expected none with a scene in pieces" in error
+    radii = RNG.uniform(0.2, 0.45, len(LATTICE))
+    atoms = {"radius": np.full(len(LATTICE), 0.9), "atomic_number": np.ones(len(LATTICE), np.int32)}
+    several = {"phase": np.arange(len(LATTICE)) // 300}
+    shown = {"g": ({"radius": radii}, "spheres"), "a": (atoms, "spheres"), "p": (several, "balls")}
+    for name, (attributes, surface) in shown.items():
+        gb.write(f"{name}.npz", gb.Particles(LATTICE, attributes=attributes))
+        words = ["render", f"{name}.npz", "--device", "cpu", "--size", "80x60"]
+        one = run_json(capsys, *words, "-o", "one.png")
+        many = run_json(capsys, *words, "-o", "many.png", "--memory", "100000")
+        assert (one["surface"], many["surface"]) == (surface, surface)
+        assert many["counts"]["pieces"] > 1
+        assert apart("one.png", "many.png") <= 1
 
 
 def test_pieces_are_of_the_frame_that_is_asked_for(files, little, capsys):
@@ -339,38 +326,10 @@ def test_pieces_are_of_the_frame_that_is_asked_for(files, little, capsys):
     assert [c["particles"] for c in counts] == [len(POSITIONS[::2]), len(POSITIONS)]
 
 
-def test_what_needs_all_particles_is_refused_with_pieces(files, little, capsys):
-    words = ["render", "a.npz", "-o", "a.png", "--support", "2", "--memory", "100000"]
-    with open("b.obj", "w") as file:
-        file.write("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    for flag in ("spheres", "lines", "mesh", "with"):
-        error = refused(capsys, *words, f"--{flag}", "b.obj" if flag == "mesh" else "a.npz")
-        assert f"--{flag}: expected none with a scene in pieces" in error
-
-
-def test_pieces_have_the_radii_of_the_file(files, little, capsys):
-    """Grains of several sizes, atoms, and phases, which are no fluid: as of one scene."""
-    radii = RNG.uniform(0.2, 0.45, len(LATTICE))
-    atoms = {"radius": np.full(len(LATTICE), 0.9), "atomic_number": np.ones(len(LATTICE), np.int32)}
-    several = {"phase": np.arange(len(LATTICE)) // 300}
-    shown = {"g": ({"radius": radii}, "spheres"), "a": (atoms, "spheres"), "p": (several, "balls")}
-    for name, (attributes, surface) in shown.items():
-        gb.write(f"{name}.npz", gb.Particles(LATTICE, attributes=attributes))
-        words = ["render", f"{name}.npz", "--device", "cpu", "--size", "80x60"]
-        one = run_json(capsys, *words, "-o", "one.png")
-        many = run_json(capsys, *words, "-o", "many.png", "--memory", "100000")
-        assert (one["surface"], many["surface"]) == (surface, surface)
-        assert many["counts"]["pieces"] > 1
-        pictures = [np.asarray(Image.open(f"{f}.png"), int) for f in ("one", "many")]
-        assert np.abs(pictures[0] - pictures[1]).max() <= 1
-
-
 def test_radii_of_some_ranges_alone_are_none(backend):
-    """As of one scene: spheres of half a spacing."""
     radii = np.where(np.arange(len(LATTICE)) < 1000, 0.3, np.nan)
     particles = gb.Particles(LATTICE, attributes={"radius": radii})
-    source = store.source_of(particles)._replace(size=500)
-    pieces = Pieces(source, 3, surface="spheres", **backend)
+    pieces = Pieces(store.source_of(particles)._replace(size=500), 3, surface="spheres", **backend)
     agree(gb.Scene(particles, surface="spheres", **backend), pieces)
     pieces.close()
 
@@ -382,18 +341,12 @@ def test_faces_are_not_drawn_in_pieces(files, little, capsys):
     quads = np.stack([corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]], -1)
     write_polygons("m.vtp", corners.reshape(-1, 3), {}, polys=quads.reshape(-1, 4))
     words = ["render", "m.vtp", "-o", "a.png", "--device", "cpu", "--size", "40x30"]
-    report = run_json(capsys, *words, "--memory", "100000")
-    assert report["counts"]["triangles"] == 2 * (n - 1) ** 2
+    assert run_json(capsys, *words, "--memory", "100000")["counts"]["triangles"] == 2 * (n - 1) ** 2
     names = "ranks resample level label frame species where origin center min_component scale"
     given = dict.fromkeys((*names.split(), "columns", "atom_style", "ground"))
     options = argparse.Namespace(particles=["m.vtp"], as_particles=False, radius_is="radius", **given)
     light = argparse.Namespace(_matter={}, _own={})
     assert replicates(options, light)  # on each rank of mpiexec, too
-
-
-def test_memory_that_suffices_makes_no_pieces(files, capsys):
-    words = ["render", "a.npy", "-o", "a.png", "--size", "40x30", "--device", "cpu"]
-    assert "pieces" not in run_json(capsys, *words, "--memory", "8G")["counts"]
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is full")
@@ -407,17 +360,15 @@ def test_no_room_for_temporary_files(files, little, capsys, monkeypatch):
     assert not os.path.exists("full.png")
 
 
-def test_a_missing_file_is_missing(files, capsys):
-    for name in ("gone.npy", "gone.npz"):
-        error = refused(capsys, "render", name, "-o", "a.png", "--support", "2")
-        assert f"{name}: expected a file to read" in error
-
-
-def test_memory_mistakes(files, capsys):
+def test_memory_that_suffices_and_mistakes(files, capsys):
     common = ["render", "a.npy", "-o", "a.png"]
+    assert "pieces" not in run_json(capsys, *common, *SMALL, "--memory", "8G")["counts"]
     assert "8G" in refused(capsys, *common, "--memory", "much")
     assert "more than" in refused(capsys, *common, "--memory", "1M")
     assert "--preset" in refused(capsys, *common, "--memory", "1M", "--preset", "water")
+    for name in ("gone.npy", "gone.npz"):
+        error = refused(capsys, "render", name, "-o", "a.png", "--support", "2")
+        assert f"{name}: expected a file to read" in error
     np.savez("b.npz", positions=POSITIONS)
     series = ["render", "a.npz", "b.npz", "-o", "c_%d.png", "--support", "2", *SMALL]
     error = refused(capsys, *series, "--memory", "1M")
@@ -426,7 +377,6 @@ def test_memory_mistakes(files, capsys):
 
 
 def test_particles_without_a_place_are_counted(files, little, capsys):
-    """In pieces as in one scene; and a file without particles."""
     lost = POSITIONS.copy()
     lost[100:103] = np.nan
     np.save("lost.npy", lost)
@@ -447,13 +397,7 @@ def test_particles_without_a_place_are_counted(files, little, capsys):
 @pytest.mark.parametrize("own", [False, True])  # a support that all have
 def test_what_is_measured_is_that_of_one_scene(own):
     """Surface, spacing and camera of pieces and ranks, by themselves."""
-    from globule._base.ranks import run_threads
-    from globule.pieces.shown import shown_scene
-    from globule.render.fit import fitted
-    from globule.render.pieces.image import fit
-
-    rng = np.random.default_rng(3)
-    points = np.stack(np.mgrid[:14, :12, :10], -1).reshape(-1, 3)
+    rng, points = np.random.default_rng(3), np.stack(np.mgrid[:14, :12, :10], -1).reshape(-1, 3)
     points = (points + rng.uniform(-0.1, 0.1, points.shape)).astype("f4")
     support = 2.0 if own else None
     one = shown_scene(gb.Particles(points, support=support), device="cpu")
@@ -461,8 +405,7 @@ def test_what_is_measured_is_that_of_one_scene(own):
 
     def measured(pieces):
         assert pieces.surface == one.surface == "smooth"
-        assert pieces.spacing == one.spacing
-        assert fit(pieces, (160, 120)) == camera
+        assert (pieces.spacing, fit(pieces, (160, 120))) == (one.spacing, camera)
 
     def rank(ranks):
         first, last = (len(points) * r // ranks.size for r in (ranks.rank, ranks.rank + 1))

@@ -1,7 +1,5 @@
 """PLUS-exact reconstruction: PLUS' own reference volumes, its arithmetic pixel by pixel."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 from pathlib import Path
@@ -16,35 +14,22 @@ from globule.ultrasound.plus.config import Filler, PlusConfig, read_plus_config
 from globule.ultrasound.plus.fan import detect_fan
 from globule.ultrasound.plus.reconstruct import _box, _voxel_from_image, reconstruct_plus
 from globule.ultrasound.plus.region import pixel_sources
+from sweep_helpers import spine_data
 from test_reconstruct import make_sweep
 
-DATA = Path(__file__).parents[2] / "shared" / "data" / "ultrasound"
-for _data in (DATA, Path(__file__).parents[1] / "shared" / "data" / "ultrasound"):
-    if _data.is_dir():
-        DATA = _data
 
-
-@pytest.mark.parametrize("name", ["LNMEAN", "NNMEAN", "NNLATE"])
-def test_public_references(backend, name):
-    equals_reference(name, **backend)
-
-
-@pytest.mark.slow
 @pytest.mark.few_backends
-@pytest.mark.parametrize("name", ["LNMAXI", "RECON"])
-def test_more_public_references(backend, name):
-    equals_reference(name, **backend)
-
-
-def equals_reference(name, **backend):
-    if not DATA.is_dir():
-        pytest.skip("../shared/data/ultrasound is not here")
-    reference = gb.volumes.read_volume(DATA / f"{name}.reference.mha")
-    sweep = gb.ultrasound.read_sweep(DATA / "SpinePhantomFreehand.igs.mha", plus=DATA / f"{name}.xml")
-    volume = reconstruct_plus(sweep, DATA / f"{name}.xml", **backend)
+@pytest.mark.parametrize("name", [
+    "LNMEAN", "NNMEAN", "NNLATE", *(pytest.param(name, marks=pytest.mark.slow) for name in ("LNMAXI", "RECON")),
+])  # fmt: skip
+def test_public_references(backend, name):
+    data = spine_data()
+    reference = gb.volumes.read_volume(data / f"{name}.reference.mha")
+    sweep = gb.ultrasound.read_sweep(data / "SpinePhantomFreehand.igs.mha", plus=data / f"{name}.xml")
+    volume = reconstruct_plus(sweep, data / f"{name}.xml", **backend)
     slab = tuple(slice(n) for n in reference.shape)
     if name == "RECON":  # comes from an older PLUS, which rounded the number of voxels down
-        older = reconstruct_plus(sweep, DATA / f"{name}.xml", extent="floor", **backend)
+        older = reconstruct_plus(sweep, data / f"{name}.xml", extent="floor", **backend)
         np.testing.assert_array_equal(older.values, reference.values)
     else:
         assert reference.shape == volume.shape
@@ -74,8 +59,7 @@ def expected(sweep, config, importance=None):
 def random_filler(rng):
     """A hole filler of any kind with sizes that the oracle takes in short time."""
     kind = rng.choice([
-        "STICK", "NEAREST_NEIGHBOR", "GAUSSIAN", "GAUSSIAN_ACCUMULATION",
-        "DISTANCE_WEIGHT_INVERSE",
+        "STICK", "NEAREST_NEIGHBOR", "GAUSSIAN", "GAUSSIAN_ACCUMULATION", "DISTANCE_WEIGHT_INVERSE",
     ])  # fmt: skip
     if kind == "STICK":
         return Filler("STICK", int(rng.integers(2, 13)), int(rng.integers(1, 4)))
@@ -118,7 +102,6 @@ def configurations(dtype, interpolation):
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("interpolation", ["NEAREST_NEIGHBOR", "LINEAR"])
 def test_every_configuration_is_the_oracle_s(backend, dtype, interpolation):
-    """Bit by bit."""
     filled = set()
     for sweep, config, mask, values, acc in configurations(dtype, interpolation):
         volume = reconstruct_plus(sweep, config, importance_mask=mask, **backend)
@@ -140,7 +123,7 @@ def test_saturated_accumulator(backend):
         np.testing.assert_array_equal(volume.info["accumulator"], acc)
 
 
-def test_skip_and_invalid_frames():
+def test_skip_invalid_frames_and_fan_detection():
     sweep, config = sweep_and_config(np.uint8)
     sweep.valid[2] = False
     config.skip = 2
@@ -150,14 +133,10 @@ def test_skip_and_invalid_frames():
     # Frames 0, 2 (invalid): the box is that of all valid frames, the pixels those of frame 0.
     first = reconstruct_plus(alone, config, device="cpu")
     assert volume.n_measured == first.n_measured < volume.values.size
-
-
-def test_fan_detection():
     config = PlusConfig((1, 1, 1), fan_angles=(-45, 45), fan_origin=(100, -20), fan_start=20, fan_stop=220)
     j, i = np.indices((200, 200))
     angle = np.degrees(np.arctan2(i - 100, j + 20))
-    frame = np.where((angle > -30) & (angle < 25), 120, 5).astype(np.uint8)
-    low, high = detect_fan(config, frame)
+    low, high = detect_fan(config, np.where((angle > -30) & (angle < 25), 120, 5).astype(np.uint8))
     # The window, 20 pixels long, opens early and closes late; then 3 degrees are taken off.
     assert -42 < low < -26
     assert 21 < high < 36
@@ -179,36 +158,28 @@ def test_configuration(tmp_path):
         )
     )
     config = read_plus_config(path)
-    assert config.spacing == (0.1, 0.2, 0.3)
-    assert (config.interpolation, config.optimization) == ("LINEAR", "PARTIAL")
-    assert config.compounding == "IMPORTANCE_MASK"
-    assert config.importance_file == str(tmp_path / "mask.png")
-    assert config.fillers == [Filler("GAUSSIAN", 5, 1, 0.7, 0.4)]
-    assert (config.rejection, config.skip) == (12, 3)
+    assert (config.spacing, config.interpolation, config.optimization) == ((0.1, 0.2, 0.3), "LINEAR", "PARTIAL")
+    assert (config.compounding, config.importance_file) == ("IMPORTANCE_MASK", str(tmp_path / "mask.png"))
+    assert (config.fillers, config.rejection, config.skip) == ([Filler("GAUSSIAN", 5, 1, 0.7, 0.4)], 12, 3)
 
 
 STICKS = '<HoleFilling>\n<HoleFillingElement Type="STICK" NumberOfSticksToUse="1"/></HoleFilling>'
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('<!DOCTYPE x [<!ENTITY a "b">]>\n<PlusConfiguration/>', "line 1: expected a DOCTYPE"),
-        ("<PlusConfiguration>\n<a>\n</PlusConfiguration>", "line 3, column 3: expected XML"),
-        ("\n<PlusConfiguration/>", "line 2: expected an element VolumeReconstruction, got none"),
-        (XML.format("", ""),
-         "line 1, VolumeReconstruction: expected OutputSpacing, got none"),
-        (XML.format('\nOutputSpacing="1 1 x"', ""), "line 1, OutputSpacing: expected 3"),
-        (XML.format('OutputSpacing="1 1"', ""), "line 1, OutputSpacing: expected 3 numbers"),
-        (XML.format('OutputSpacing="1 1 0"', ""), "line 1, OutputSpacing: expected 1e-06 to"),
-        (XML.format('OutputSpacing="1 1 1" Interpolation="CUBIC"', ""),
-         "line 1, Interpolation: expected NEAREST"),
-        (XML.format('OutputSpacing="1 1 1" FillHoles="ON"', ""),
-         "line 1, FillHoles: expected a HoleFillingElement for ON, got none"),
-        (XML.format('OutputSpacing="1 1 1" FillHoles="ON"', STICKS),
-         "line 2, HoleFillingElement STICK: expected StickLengthLimit, got none"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "message"), [
+    ('<!DOCTYPE x [<!ENTITY a "b">]>\n<PlusConfiguration/>', "line 1: expected a DOCTYPE"),
+    ("<PlusConfiguration>\n<a>\n</PlusConfiguration>", "line 3, column 3: expected XML"),
+    ("\n<PlusConfiguration/>", "line 2: expected an element VolumeReconstruction, got none"),
+    (XML.format("", ""), "line 1, VolumeReconstruction: expected OutputSpacing, got none"),
+    (XML.format('\nOutputSpacing="1 1 x"', ""), "line 1, OutputSpacing: expected 3"),
+    (XML.format('OutputSpacing="1 1"', ""), "line 1, OutputSpacing: expected 3 numbers"),
+    (XML.format('OutputSpacing="1 1 0"', ""), "line 1, OutputSpacing: expected 1e-06 to"),
+    (XML.format('OutputSpacing="1 1 1" Interpolation="CUBIC"', ""), "line 1, Interpolation: expected NEAREST"),
+    (XML.format('OutputSpacing="1 1 1" FillHoles="ON"', ""),
+     "line 1, FillHoles: expected a HoleFillingElement for ON, got none"),
+    (XML.format('OutputSpacing="1 1 1" FillHoles="ON"', STICKS),
+     "line 2, HoleFillingElement STICK: expected StickLengthLimit, got none"),
+])  # fmt: skip
 def test_mistakes_name_the_line(text, message, tmp_path):
     path = tmp_path / "c.xml"
     path.write_text(text)
@@ -225,37 +196,29 @@ def test_importance_mask_is_needed():
         reconstruct_plus(sweep, config, importance_mask=np.ones((3, 3), np.uint8))
 
 
-@pytest.mark.parametrize(
-    ("attributes", "message"),
-    [
-        ('ClipRectangleOrigin="0 0" ClipRectangleSize="0 0"', None),
-        ('ClipRectangleOrigin="-3 -2" ClipRectangleSize="9 8"', None),
-        ('FanAngles="-40 30" FanOrigin="8 -2" FanDepth="30"', None),
-        ('FanAnglesDeg="-40 30"', None),
-        ('OutputExtent="0 9 0 9 0 9" OutputOrigin="1 2 3" NumberOfThreads="3"', None),
-        ('CompoundingMode="IMPORTANCE_MASK" ImportanceMaskFilename="nope.png"', "nope.png"),
-        ('CompoundingMode="IMPORTANCE_MASK" ImportanceMaskFilename="c.xml"', "c.xml"),
-        ('CompoundingMode="IMPORTANCE_MASK"', "importance_mask"),
-        ('ClipRectangleOrigin="90 0" ClipRectangleSize="5 5"', "region"),
-        ('FanAnglesDeg="-40 30" FanRadiusStopPixel="0"', "fan"),
-    ],
-)
-def test_what_the_command_makes_of_a_configuration(tmp_path, monkeypatch, capsys, attributes, message):
-    """A volume as the arithmetic says, or one line that names what is wrong."""
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.parametrize(("attributes", "message"), [
+    ('ClipRectangleOrigin="0 0" ClipRectangleSize="0 0"', None),
+    ('ClipRectangleOrigin="-3 -2" ClipRectangleSize="9 8"', None),
+    ('FanAngles="-40 30" FanOrigin="8 -2" FanDepth="30"', None), ('FanAnglesDeg="-40 30"', None),
+    ('OutputExtent="0 9 0 9 0 9" OutputOrigin="1 2 3" NumberOfThreads="3"', None),
+    ('CompoundingMode="IMPORTANCE_MASK" ImportanceMaskFilename="nope.png"', "nope.png"),
+    ('CompoundingMode="IMPORTANCE_MASK" ImportanceMaskFilename="c.xml"', "c.xml"),
+    ('CompoundingMode="IMPORTANCE_MASK"', "importance_mask"),
+    ('ClipRectangleOrigin="90 0" ClipRectangleSize="5 5"', "region"),
+    ('FanAnglesDeg="-40 30" FanRadiusStopPixel="0"', "fan"),
+])  # fmt: skip
+def test_what_the_command_makes_of_a_configuration(folder, capsys, attributes, message):
     made = make_sweep(n=4, shape=(14, 17), gap=1.1)
     gb.ultrasound.write_sweep("s.igs.mha", gb.ultrasound.Sweep(made.frames, made.world_from_image))
     Path("c.xml").write_text(XML.format(f'OutputSpacing="1 0.9 1.1" {attributes}', ""), encoding="utf-8")
     words = ["reconstruct", "s.igs.mha", "--plus", "c.xml", "-o", "v.mha", "--device", "cpu"]
-    status = main(words)
-    err = capsys.readouterr().err
+    status, err = main(words), capsys.readouterr().err
     if message:
         assert status == 2
         assert message in err
         assert err.count("\n") == 1
         assert not Path("v.mha").exists()
         return
-    assert status == 0
-    assert err == ""
+    assert (status, err) == (0, "")
     values, _ = expected(gb.ultrasound.read_sweep("s.igs.mha", plus="c.xml"), read_plus_config("c.xml"))
     np.testing.assert_array_equal(gb.volumes.read_volume("v.mha").values, values)

@@ -1,7 +1,5 @@
 """Projections: line integrals against float64 quadrature, and what must be conserved."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 
@@ -59,23 +57,19 @@ def rays(n: int, seed: int, size: float = 1.2):
 @functools.cache
 def integrals(kernel: str, kind: str):
     """Particles, values, rays and the integrals along them; the same for every backend."""
-    rng = np.random.default_rng(7)
-    n = 80
-    values = rng.uniform(-1, 2, (n, 3)).astype(np.float32)
-    support = np.full(n, 0.4, np.float32)
+    rng, n = np.random.default_rng(7), 80
+    values, support = rng.uniform(-1, 2, (n, 3)).astype(np.float32), np.full(n, 0.4, np.float32)
     if kind == "each its own":
         support = (10 ** rng.uniform(-1.5, -0.1, n)).astype(np.float32)
     matrices = np.eye(3) / support.astype(np.float64)[:, None, None]
     shape = {"support": support}
     if kind == "stretched":
-        turn = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
-        axes = rng.uniform(1.5, 5, (n, 3))
+        turn, axes = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0], rng.uniform(1.5, 5, (n, 3))
         matrices = np.einsum("nij,nj,nkj->nik", turn, axes, turn)
         matrices = ((matrices + matrices.transpose(0, 2, 1)) / 2).astype(np.float32)
         shape = {"anisotropy": matrices}
     p = gb.Particles(cloud(n, 8), weight=rng.uniform(-1, 1, n), **shape)  # weights count nothing
-    at = rays(40, 9, 0.6)
-    matrices = matrices.astype(np.float64)
+    at, matrices = rays(40, 9, 0.6), matrices.astype(np.float64)
     return p, values, at, quadrature(p.positions, matrices, values, kernel, *at)
 
 
@@ -93,7 +87,6 @@ def test_integrals_are_the_quadrature_s(kernel, kind, backend):
 
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
 def test_same_sums_on_any_octree(octree, backend, reference):
-    """All particles are met, whatever the tree; one thread gives the same bits."""
     p = gb.Particles(lattice(12, 11, 10, 0.2), support=2.0)
     values = np.random.default_rng(1).uniform(0, 1, (len(p), 11)).astype(np.float32)
     origins, directions = rays(300, 2, 8.0)
@@ -105,7 +98,7 @@ def test_same_sums_on_any_octree(octree, backend, reference):
         np.testing.assert_array_equal(one.integrate(origins, directions, values), found)
 
 
-def test_particles_on_the_ray_and_rays_that_meet_nothing(backend):
+def test_particles_on_the_ray_rays_that_meet_nothing_and_kernel_volumes(backend):
     scene = gb.Scene(np.zeros((1, 3)), support=1.0, **backend)
     found = scene.integrate(
         [[-5, 0, 0], [-5, 2, 0], [0, 0, 0], [5, 0, 0], [-5, 0, 0], [-5, 0, 0], [-5, 0.999999, 0]],
@@ -114,16 +107,16 @@ def test_particles_on_the_ray_and_rays_that_meet_nothing(backend):
     )
     whole = 16 / 15  # the integral of (1 - u^2)^2 over [-1, 1]
     np.testing.assert_allclose(found, [whole, 0, whole / 2, 0, 0, 0, 0], atol=1e-7)
-
-
-def test_kernel_volumes():
+    # Behind a camera's eye is nothing.
+    p = gb.Particles([[0, 0, 0], [0, 0, 10.0]], support=1.0)
+    camera = gb.Camera((0, 0, 5), (0, 0, 0), height=0.1)
+    both = gb.measure.project(p, camera, "thickness", (1, 1), volume=1.0, **backend)
+    first = gb.measure.project(gb.Scene(p[0], **backend), camera, "thickness", (1, 1), volume=1.0, **backend)
+    assert both["thickness"] == first["thickness"] > 0
     exact = {"murakami": 32 * np.pi / 105, "nishimura": 16 * np.pi / 81, "cubic_spline": np.pi / 8,
              "wendland_c2": 2 * np.pi / 21, "solid": 32 * np.pi / 315}  # fmt: skip
     for kernel, volume in exact.items():
         assert kernel_volume(kernel) == pytest.approx(volume, rel=1e-6)
-
-
-# Conservation
 
 
 def galaxy(n: int = 3000) -> gb.Particles:
@@ -140,7 +133,6 @@ def galaxy(n: int = 3000) -> gb.Particles:
 
 
 def total(found: gb.measure.Samples, name: str, *component: int) -> float:
-    """The integral of a map over its plane."""
     values = found[name].astype(np.float64)[(..., *component)]
     return float(values.sum()) * np.prod(np.linalg.norm(found.steps, axis=1))
 
@@ -154,15 +146,18 @@ def test_masses_add_up(kernel, axis, backend):
     assert total(found, "density") == pytest.approx(p.attributes["mass"].sum(), rel=1e-3)
 
 
-def test_supports_below_a_pixel(backend):
-    """A coarse image has the mass of all particles, though rays pass between most of them."""
+def test_values_supports_below_a_pixel_and_units(backend):
     p = galaxy()
     for spacing in (0.4, 1.0):
         found = gb.measure.project(p, gb.measure.SamplePlane((0, 0, 1), spacing=spacing), **backend)
         assert total(found, "density") == pytest.approx(p.attributes["mass"].sum(), rel=1e-3)
-
-
-def test_values(backend):
+    for unit_of_length in (1e-9, 1e15):
+        p = galaxy(300)
+        p.positions *= np.float32(unit_of_length)
+        p.support *= np.float32(unit_of_length)
+        plane = gb.measure.SamplePlane((0, 0, 1), spacing=0.05 * unit_of_length)
+        found = gb.measure.project(p, plane, volume=1e3, values="thickness", **backend)
+        assert total(found, "thickness") == pytest.approx(300 * 1e3, rel=2e-3)
     p = galaxy(500)
     found = gb.measure.project(p, values=["density", "thickness", "temperature", "velocity"], **backend)
     assert found["velocity"].shape == (*found.shape, 3)
@@ -173,18 +168,10 @@ def test_values(backend):
     assert total(found, "velocity", 1) == pytest.approx((volume * flow).sum(), rel=1e-2)
     one = gb.measure.project(p, values="temperature", volume=2.0, **backend)
     assert total(one, "temperature") == pytest.approx(2 * heat.sum(), rel=1e-3)
-
-
-def test_a_slab_is_as_thick_as_it_is(backend):
-    """Lines of sight through a lattice of 8 layers: 8 spacings of matter, wherever they pass."""
-    positions = 0.1 * lattice(30, 30, 8)
-    box = ((-0.5, -0.5, 0), (0.5, 0.5, 0))
+    positions, box = 0.1 * lattice(30, 30, 8), ((-0.5, -0.5, 0), (0.5, 0.5, 0))
     found = gb.measure.project(positions, gb.measure.SamplePlane((0, 0, 1), 0, 0.013, box), "thickness", **backend)
     np.testing.assert_allclose(found["thickness"], 0.8, rtol=0.02)
     assert found["thickness"].mean() == pytest.approx(0.8, rel=0.015)
-
-
-# Views
 
 
 def test_camera_sees_what_parallel_lines_see(backend):
@@ -198,55 +185,27 @@ def test_camera_sees_what_parallel_lines_see(backend):
     np.testing.assert_allclose(found.points[20, 40, :2], (found.coords["u"][40], -0.075), atol=1e-5)
     box = ((-4.425, -2.925, 0), (4.43, 2.93, 0))
     scene = gb.Scene(p, kernel="cubic_spline", device="cpu")
-    plane = gb.measure.SamplePlane((0, 0, 1), 0, 0.15, box)
-    values = np.ones(len(p), np.float32)
+    plane, values = gb.measure.SamplePlane((0, 0, 1), 0, 0.15, box), np.ones(len(p), np.float32)
     points = plane.lattice(scene).points().reshape(-1, 3)
     down = np.broadcast_to(np.float32([0, 0, -1]), points.shape)
     truth = scene.integrate(points + np.float32([0, 0, 50]), down, values).reshape(40, 60)
-    there = gb.Scene(p, kernel="cubic_spline", **backend)
-    flat = found.points.reshape(-1, 3)
+    there, flat = gb.Scene(p, kernel="cubic_spline", **backend), found.points.reshape(-1, 3)
     here = there.integrate(flat + np.float32([0, 0, 50]), down, values).reshape(40, 60)
     np.testing.assert_allclose(here[::-1], truth, atol=2e-4 * truth.max())
     far = gb.Camera((0, 0, 4000), (0, 0, 0), (0, 1, 0), fov=2 * np.degrees(np.arctan(3 / 4000)))
-    distant = gb.measure.project(p, far, size=(60, 40), **backend)
-    scale = found["density"].max()
+    distant, scale = gb.measure.project(p, far, size=(60, 40), **backend), found["density"].max()
     np.testing.assert_allclose(distant["density"] / scale, found["density"] / scale, atol=0.01)
 
 
-def test_behind_the_eye_is_nothing(backend):
-    p = gb.Particles([[0, 0, 0], [0, 0, 10.0]], support=1.0)
-    camera = gb.Camera((0, 0, 5), (0, 0, 0), height=0.1)
-    both = gb.measure.project(p, camera, "thickness", (1, 1), volume=1.0, **backend)
-    first = gb.measure.project(gb.Scene(p[0], **backend), camera, "thickness", (1, 1), volume=1.0, **backend)
-    assert both["thickness"] == first["thickness"] > 0
-
-
-def test_large_and_small_units(backend):
-    for unit_of_length in (1e-9, 1e15):
-        p = galaxy(300)
-        p.positions *= np.float32(unit_of_length)
-        p.support *= np.float32(unit_of_length)
-        plane = gb.measure.SamplePlane((0, 0, 1), spacing=0.05 * unit_of_length)
-        found = gb.measure.project(p, plane, volume=1e3, values="thickness", **backend)
-        assert total(found, "thickness") == pytest.approx(300 * 1e3, rel=2e-3)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"values": "speed"}, "values: expected one of thickness, x,.*got speed"),
-        ({"values": "density"}, "values: expected one of"),
-        ({"view": "z"}, "view: expected three numbers"),
-        ({"view": (0, 0, 0)}, "view: expected a direction"),
-        ({"volume": -1}, "volume: expected a number or"),
-        ({"volume": "one"}, "volume: expected a number or"),
-        ({"kernel": "gauss"}, "kernel: expected murakami"),
-        ({"view": gb.Camera((0, 0, 5), (0, 0, 0)), "size": 3}, "size: expected"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"values": "speed"}, "values: expected one of thickness, x,.*got speed"),
+    ({"values": "density"}, "values: expected one of"), ({"view": "z"}, "view: expected three numbers"),
+    ({"view": (0, 0, 0)}, "view: expected a direction"), ({"volume": -1}, "volume: expected a number or"),
+    ({"volume": "one"}, "volume: expected a number or"), ({"kernel": "gauss"}, "kernel: expected murakami"),
+    ({"view": gb.Camera((0, 0, 5), (0, 0, 0)), "size": 3}, "size: expected"),
+])  # fmt: skip
 def test_refused(arguments, message):
-    p = gb.Particles(cloud(20), support=0.5)
-    given = {"values": "thickness", **arguments}
+    p, given = gb.Particles(cloud(20), support=0.5), {"values": "thickness", **arguments}
     with pytest.raises((TypeError, ValueError), match=message):
         gb.measure.project(p, device="cpu", **given)
 

@@ -1,7 +1,5 @@
 """PySPH's .npz: pickled dictionaries, of which only numbers and arrays are taken."""
 
-from __future__ import annotations
-
 import io
 import os
 import pickle
@@ -28,7 +26,6 @@ def group(n: int) -> dict:
 
 
 def written(path, particles=None, compressed=False):
-    """As pysph.solver.output writes it."""
     save = np.savez_compressed if compressed else np.savez
     particles = {"wall": group(5), "fluid": group(N)} if particles is None else particles
     solver = {"t": 0.5, "dt": np.float64(1e-3), "count": 10}
@@ -57,8 +54,7 @@ def test_every_protocol(tmp_path, protocol):
     path = tmp_path / "a.npz"
     with zipfile.ZipFile(path, "w") as archive:
         for name, value in (("particles", {"fluid": group(N)}), ("solver_data", {"t": 1.0})):
-            file = io.BytesIO()
-            array = np.empty((), object)
+            file, array = io.BytesIO(), np.empty((), object)
             array[()] = value
             np.lib.format.write_array(file, array, allow_pickle=True)
             header = file.getvalue()[: file.getvalue().index(b"\n") + 1]
@@ -83,16 +79,12 @@ def test_nothing_else_is_made(tmp_path):
     assert not ran.exists()
 
 
-@pytest.mark.parametrize(
-    ("particles", "words"),
-    [
-        ({}, "expected groups of arrays"),
-        (np.array([{}, {}], object), "expected a dictionary of arrays"),
-        ({"fluid": {"arrays": {"x": np.zeros(3)}}}, "expected arrays x, y and z of one length"),
-        ({"fluid": {"arrays": {a: np.zeros((3, 2)) for a in "xyz"}}}, "x, y and z of one length"),
-        ({"fluid": {"arrays": {a: np.array([None] * 3) for a in "xyz"}}}, "numbers of type O8"),
-    ],
-)
+@pytest.mark.parametrize(("particles", "words"), [
+    ({}, "expected groups of arrays"), (np.array([{}, {}], object), "expected a dictionary of arrays"),
+    ({"fluid": {"arrays": {"x": np.zeros(3)}}}, "expected arrays x, y and z of one length"),
+    ({"fluid": {"arrays": {a: np.zeros((3, 2)) for a in "xyz"}}}, "x, y and z of one length"),
+    ({"fluid": {"arrays": {a: np.array([None] * 3) for a in "xyz"}}}, "numbers of type O8"),
+])  # fmt: skip
 def test_refusals(tmp_path, particles, words):
     with pytest.raises(FormatError, match=words):
         gb.read(written(tmp_path / "a.npz", particles))

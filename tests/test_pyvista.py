@@ -1,7 +1,5 @@
 """The surface in a VTK window: the same pixels as gb.render, between the window's meshes."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -42,7 +40,6 @@ def seen(plotter: object) -> np.ndarray:
 
 
 def assert_alone(plotter: object, scene: gb.Scene) -> None:
-    """Without meshes, the window shows what gb.render does."""
     image = seen(plotter)
     frame = gb.render(scene, gb.pyvista.camera_of(plotter.camera), SIZE, SETTINGS)
     hit = np.isfinite(frame.distance)
@@ -66,13 +63,11 @@ def test_the_pixels_are_those_of_render(plotter, parallel):
 
 
 def test_depth_against_a_mesh(plotter):
-    """A plane through the ball: in front of it the plane shows, behind it the ball."""
     scene = ball()
     plotter.add_mesh(pyvista.Plane(i_size=8, j_size=8), color=(255, 0, 0), lighting=False)
     actor = gb.pyvista.add_particles(plotter, scene, SETTINGS)
     look_from(plotter, (0.5, 3, 3), (0, 0, 0), (0, 0, 1))
-    image = seen(plotter)
-    frame = actor.frame
+    image, frame = seen(plotter), actor.frame
     hit = np.isfinite(frame.distance)
     above = np.zeros_like(hit)
     above[hit] = frame.position[hit][:, 2] > 0  # the eye is above the plane z = 0
@@ -81,18 +76,15 @@ def test_depth_against_a_mesh(plotter):
     assert above.sum() > 500
     assert (hit & ~above).sum() > 100
     assert np.array_equal(image[above & ~near], frame.image[above & ~near].astype(int))
-    red = (image == (255, 0, 0)).all(axis=2)
-    assert red[hit & ~above & ~near].all()
+    assert (image == (255, 0, 0)).all(axis=2)[hit & ~above & ~near].all()
 
 
 def test_a_translucent_mesh_before_the_surface(plotter):
-    scene = ball()
-    actor = gb.pyvista.add_particles(plotter, scene, SETTINGS)
+    actor = gb.pyvista.add_particles(plotter, ball(), SETTINGS)
     plane = pyvista.Plane(center=(0, 0, 2), i_size=9, j_size=9)
     plotter.add_mesh(plane, color=(0, 0, 255), opacity=0.5, lighting=False)
     look_from(plotter, (0, 0, 6), (0, 0, 0), (0, 1, 0))
-    image = seen(plotter)
-    hit = np.isfinite(actor.frame.distance)
+    image, hit = seen(plotter), np.isfinite(actor.frame.distance)
     expected = 0.5 * actor.frame.image[hit] + 0.5 * np.array([0, 0, 255])
     assert np.abs(image[hit] - expected).max() <= 2
 

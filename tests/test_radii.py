@@ -1,7 +1,5 @@
 """Particles with radii: spheres of that size, unless they overlap as a fluid's."""
 
-from __future__ import annotations
-
 import json
 
 import globule as gb
@@ -61,7 +59,7 @@ def test_volume_and_area_of_random_spheres(folder, capsys, low, high):
     assert report["z_min"][0] == pytest.approx((places[:, 2] - radii).min(), rel=1e-4, abs=1e-6)
 
 
-def test_few_spheres_are_drawn_in_their_size(folder):
+def test_few_spheres_are_drawn_in_their_size_also_from_diameters(folder, capsys):
     places, radii = np.array([[0, 0, 0], [0.7, 0, 0], [0.95, 0, 0]]), np.array([0.5, 0.2, 0.05])
     dump = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n3\nITEM: BOX BOUNDS ff ff ff\n-1 2\n-1 1\n-1 1\n"
     rows = "\n".join(f"{i} 1 {words(p)} {r}" for i, (p, r) in enumerate(zip(places, radii, strict=True)))
@@ -73,13 +71,6 @@ def test_few_spheres_are_drawn_in_their_size(folder):
     assert silhouette("d.csv", (0.25, 0, 0), 1.6) == pytest.approx((-0.5, 1), abs=0.009)
     given = gb.Scene("d.dump", surface="spheres", spacing=0.2)  # asked for: half a spacing
     assert silhouette(given, (0, 0, 0), 0.4) == pytest.approx((-0.1, 0.1), abs=0.003)
-
-
-def words(values) -> str:
-    return " ".join(f"{v:g}" for v in values)
-
-
-def test_radii_that_are_diameters(folder, capsys):
     places, radii = grains(120, 0.03, 0.06)
     csv(folder / "a.csv", places, radii)
     csv(folder / "b.csv", places, 2 * radii)
@@ -92,13 +83,15 @@ def test_radii_that_are_diameters(folder, capsys):
         gb.read("b.csv", radius_is="width")
 
 
-def test_a_packing_is_not_a_fluid(folder, capsys):
-    """A lattice of grains that touch, or press into each other by a few hundredths."""
+def words(values) -> str:
+    return " ".join(f"{v:g}" for v in values)
+
+
+def test_a_packing_is_not_a_fluid_and_spheres_beside_have_their_radii(folder, capsys, monkeypatch):
     g = np.stack(np.meshgrid(*[np.arange(6.0)] * 3), -1).reshape(-1, 3)
     for radius in (0.5, 0.52):
         csv(folder / "p.csv", g, np.full(len(g), radius))
-        report = run_json(capsys, "info", "p.csv")
-        assert report["surface"] == "spheres"
+        assert run_json(capsys, "info", "p.csv")["surface"] == "spheres"
         lens = np.pi * (2 * radius - 1) ** 2 * (1 + 4 * radius) / 12
         expected = 216 * volume_of(np.array([radius])) - 3 * 6 * 6 * 5 * lens
         assert gb.measure.measure_surface("p.csv").volume == pytest.approx(expected, rel=1e-6)
@@ -106,11 +99,15 @@ def test_a_packing_is_not_a_fluid(folder, capsys):
     assert run_json(capsys, "info", "f.csv")["surface"] == "smooth"
     assert not are_spheres(gb.read("f.csv"))
     assert not are_spheres(gb.Particles(g))
-    zero = gb.Particles(g, attributes={"radius": np.arange(len(g))})
-    assert find_radii(zero) is None
-
-
-def test_spheres_beside_particles_have_their_radii(folder, capsys, monkeypatch):
+    assert find_radii(gb.Particles(g, attributes={"radius": np.arange(len(g))})) is None
+    # Nor are atoms, though bonds overlap.
+    water = np.array([[0, 0, 0], [0.96, 0, 0], [-0.24, 0.93, 0]])
+    radius = np.array([1.52, 1.2, 1.2])
+    atoms = gb.Particles(water, attributes={"radius": radius, "atomic_number": np.array([8, 1, 1])})
+    assert are_spheres(atoms)
+    assert not are_spheres(gb.Particles(0.5 * water, attributes=atoms.attributes))
+    del atoms.attributes["atomic_number"]
+    assert not are_spheres(atoms)
     from globule.cli import meshes
 
     made = []
@@ -130,19 +127,8 @@ def test_spheres_beside_particles_have_their_radii(folder, capsys, monkeypatch):
 def test_union_of_two_spheres_and_more():
     """Two that meet, one inside another, three with a common point."""
     x, r = np.array([[0, 0, 0], [1, 0, 0], [0.1, 0, 0]]), np.array([1, 1, 0.2])
-    lens = 5 * np.pi / 12
-    expected = (8 / 3 * np.pi - lens, 8 * np.pi - 2 * np.pi)
+    expected = (8 / 3 * np.pi - 5 * np.pi / 12, 8 * np.pi - 2 * np.pi)
     assert union_of_spheres(x[:2], r[:2]) == pytest.approx(expected)
     assert union_of_spheres(x, r) == pytest.approx(expected)
     assert union_of_spheres(x + [[0, 0, 0], [0, 0, 0], [0.4, 0.5, 0]], r * [1, 1, 4]) is None
     assert union_of_spheres(x[:0], r[:0]) == (0, 0)
-
-
-def test_atoms_are_spheres_though_bonds_overlap():
-    water = np.array([[0, 0, 0], [0.96, 0, 0], [-0.24, 0.93, 0]])
-    radius = np.array([1.52, 1.2, 1.2])
-    atoms = gb.Particles(water, attributes={"radius": radius, "atomic_number": np.array([8, 1, 1])})
-    assert are_spheres(atoms)
-    assert not are_spheres(gb.Particles(0.5 * water, attributes=atoms.attributes))
-    del atoms.attributes["atomic_number"]
-    assert not are_spheres(atoms)

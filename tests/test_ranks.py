@@ -1,7 +1,5 @@
 """Scenes whose pieces lie on MPI ranks, through mpiexec."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from pathlib import Path
@@ -14,59 +12,7 @@ from globule._demo.data import splash
 from globule.cli import main
 from globule.pieces.pieces import Pieces
 from launcher import mpirun
-from pieces_helpers import CAMERA, COLOR, CUT, PARTICLES, POSITIONS, SIZE, N
 from PIL import Image
-
-PROGRAM = """
-import globule as gb, numpy as np
-from globule.pieces.pieces import Pieces
-from mpi4py import MPI
-from pieces_helpers import CAMERA, CUT, SIZE
-from test_ranks import CASES, particles_of
-
-comm = MPI.COMM_WORLD
-for case, (spread, options) in CASES.items():
-    particles = particles_of(case)
-    rows = np.arange(len(particles))
-    mine = {"all": rows % comm.size == comm.rank, "last": rows + 1 > 0}[spread]
-    if spread == "last" and comm.rank < comm.size - 1:
-        mine[:] = False
-    pieces = Pieces(particles[np.flatnonzero(mine)], comm=comm, device="cpu", **options)
-    frame = gb.render(pieces, CAMERA, SIZE, clips=[CUT])
-    if comm.rank == 0:
-        frame.save(f"{case}.npz")
-        np.save(f"{case}.npy", frame.image)
-"""
-# Whose particles are dealt out to all ranks in turn, or all on the last one.
-CASES = {
-    "plain": ("all", {"support": 2.0}),
-    "smooth": ("all", {"surface": "smooth", "spacing": 1.0}),
-    "negative": ("all", {"support": 2.0}),
-    "one": ("last", {"support": 2.0}),
-    "few": ("all", {"support": 2.0}),
-}
-
-
-def particles_of(case: str) -> gb.Particles:
-    if case == "few":
-        return PARTICLES[:2]
-    if case == "negative":
-        weight = np.where(np.arange(N) % 5 == 0, -0.6, 1.0)
-        return gb.Particles(POSITIONS, color=COLOR, weight=weight)
-    return PARTICLES
-
-
-def test_ranks_give_the_image_of_one_device(tmp_path):
-    run = mpirun(3, "-c", PROGRAM, cwd=tmp_path)
-    assert run.returncode == 0, run.stderr[-2000:]
-    for case, (_, options) in CASES.items():
-        scene = gb.Scene(particles_of(case), device="cpu", **options)
-        one = gb.render(scene, CAMERA, SIZE, clips=[CUT])
-        assert one.mask.any()
-        np.testing.assert_array_equal(one.mask, np.load(tmp_path / f"{case}.npz")["mask"])
-        image = np.load(tmp_path / f"{case}.npy")
-        assert np.abs(one.image.astype(int) - image.astype(int)).max() <= 1
-
 
 COMMANDS = """
 import shlex, sys
@@ -77,9 +23,8 @@ for words in sys.argv[1:]:
 
 
 @pytest.mark.slow
-def test_the_splash_with_defaults(tmp_path, monkeypatch):
+def test_the_splash_with_defaults(folder):
     """On ranks and in pieces, no pixel differs from one process's by more than one level."""
-    monkeypatch.chdir(tmp_path)
     np.savez_compressed("splash.npz", positions=splash()[0])  # which rank 0 reads whole
     words = ["render", "splash.npz", "--size", "640x480", "--threads", "1", "--device", "cpu"]
     assert main([*words, "-o", "one.png"]) == 0
@@ -93,13 +38,10 @@ def test_the_splash_with_defaults(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_commands_on_ranks(tmp_path, monkeypatch, capsys):
-    """One image in pieces; light that turns, replicated by itself or from rank to rank; images of a
-    sequence, dealt out and resumed; and a movie. Files are those of one process."""
+def test_commands_on_ranks(folder, capsys):
     pytest.importorskip("av")
     from globule.formats.pictures.video import movie_facts
 
-    monkeypatch.chdir(tmp_path)
     for k in range(6):  # the first has no particles: camera and support come from the second
         moved = cube(5).positions * (1 + 0.05 * k) if k else np.empty((0, 3))
         gb.write(f"f_{k}.npz", gb.Particles(moved))
@@ -107,20 +49,16 @@ def test_commands_on_ranks(tmp_path, monkeypatch, capsys):
     gb.write("b.npz", cube(5))
     plain = "a.npz --size 40x30 --support 0.3"
     light = "b.npz --size 140x100 --support 0.3 --shadows --reflection 0.3 --ambient-rays 1"
-    series = "f_*.npz --size 60x40 --color-by x"
-    movie = "f_[1-4].npz --size 60x40 --support 0.5"
+    series, movie = "f_*.npz --size 60x40 --color-by x", "f_[1-4].npz --size 60x40 --support 0.5"
 
     def ranks(*commands):
         run = mpirun(3, "-c", COMMANDS, *commands)
         assert run.returncode == 0, run.stderr
         return run
 
-    run = ranks(f"{plain} -o a.png", f"{light} -o many.png", f"{series} -o many_%d.png",
-                f"{movie} -o a.mp4")  # fmt: skip
-    assert run.stdout.count("a.png: 512 particles") == 1
-    assert run.stderr.count("in 3 pieces") == 1
-    assert run.stdout.count("many.png") == 1
-    assert run.stdout.count("a.mp4: 4 frames") == 1
+    run = ranks(f"{plain} -o a.png", f"{light} -o many.png", f"{series} -o many_%d.png", f"{movie} -o a.mp4")
+    assert (run.stdout.count("a.png: 512 particles"), run.stderr.count("in 3 pieces")) == (1, 1)
+    assert (run.stdout.count("many.png"), run.stdout.count("a.mp4: 4 frames")) == (1, 1)
     assert movie_facts("a.mp4")[0] == 4
     assert not Path("a.mp4.frames").exists()
     for words in (f"{light} -o one.png", f"{series} -o one_%d.png"):
@@ -145,13 +83,10 @@ COMMAND = ["-m", "globule", "render"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--preset", "water", "--ranks", "pieces"], "--preset"),
-        (["--memory", "1K"], "--memory: expected none on several ranks"),
-    ],
-)
+@pytest.mark.parametrize(("words", "said"), [
+    (["--preset", "water", "--ranks", "pieces"], "--preset"),
+    (["--memory", "1K"], "--memory: expected none on several ranks"),
+])  # fmt: skip
 def test_a_mistake_is_one_line(words, said, tmp_path):
     gb.write(tmp_path / "a.npz", cube(4))
     run = mpirun(2, *COMMAND, "a.npz", "-o", "a.png", *words, cwd=tmp_path)
@@ -193,14 +128,11 @@ sys.exit(main(["render", "a.npz", "-o", "a.png", "--support", "0.4"]))
 """
 
 
-@pytest.mark.parametrize(
-    ("fails", "line"),
-    [
-        pytest.param("disk", "globule: error: rank 1: a.npz: no such disk", marks=pytest.mark.slow),
-        pytest.param("all", "globule: interrupted", marks=pytest.mark.slow),
-        pytest.param("one", "globule: error: rank 1: interrupted", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("fails", "line"), [
+    pytest.param("disk", "globule: error: rank 1: a.npz: no such disk", marks=pytest.mark.slow),
+    pytest.param("all", "globule: interrupted", marks=pytest.mark.slow),
+    pytest.param("one", "globule: error: rank 1: interrupted", marks=pytest.mark.slow),
+])  # fmt: skip
 def test_a_rank_that_fails_ends_the_run(tmp_path, fails, line):
     """Rank 1 cannot read its rows, or is interrupted, as all may be: one line."""
     gb.write(tmp_path / "a.npz", cube(6))

@@ -60,7 +60,6 @@ def test_silhouette_in_pixels(backend, kernel):
 
 @pytest.mark.parametrize("height", [None, 6.0])
 def test_image_orientation(backend, height):
-    """x to the right, y up, row 0 at the top, nearer things in front."""
     p = np.array([[2, 0, 0], [0, 1.5, 0], [-2, -1.5, 0], [-2, -1.5, -1]], np.float32)
     colors = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], np.float32)
     scene = gb.Scene(gb.Particles(p, support=0.6, color=colors), **backend)
@@ -76,16 +75,14 @@ def test_image_orientation(backend, height):
 def test_up_turns_the_image(backend):
     scene = gb.Scene(np.array([[0, 1.5, 0]]), support=0.6, **backend)
     for up, (right, down) in {(1, 0, 0): (-1, 0), (0, -1, 0): (0, 1), (-1, 0, 0): (1, 0)}.items():
-        frame = gb.render(scene, gb.Camera((0, 0, 8), (0, 0, 0), up=up), (64, 64))
-        y, x = np.nonzero(frame.mask)
+        y, x = np.nonzero(gb.render(scene, gb.Camera((0, 0, 8), (0, 0, 0), up=up), (64, 64)).mask)
         assert np.sign(np.round((x.mean() - 31.5) / 10)) == right
         assert np.sign(np.round((y.mean() - 31.5) / 10)) == down
 
 
 def test_directional_and_point_light(backend):
     camera, size = CAMERAS["perspective"], (80, 60)
-    toward = np.array([1.0, 2.0, 0.5])
-    place = np.array([1.5, 0.3, 1.0])
+    toward, place = np.array([1.0, 2.0, 0.5]), np.array([1.5, 0.3, 1.0])
     radiance = (0.8, 0.6, 0.4)
     for light in (gb.DirectionalLight(toward, radiance), gb.PointLight(place, radiance)):
         look = gb.RenderSettings(lights=[light], ambient=(0.1, 0.2, 0.3), specular=0)
@@ -131,8 +128,7 @@ def blend_truth(c: Case, points: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["hundred", "weights wyvill", "cloud blinn"])
 def test_colors_and_attributes_are_blended_by_influence(backend, name):
-    c = case(name)
-    rng = np.random.default_rng(70)
+    c, rng = case(name), np.random.default_rng(70)
     n = len(c.positions)
     color, speed = rng.uniform(0, 1, (n, 3)), rng.normal(size=n).astype(np.float32)
     particles = gb.Particles(c.positions, support=c.support, weight=c.weight, color=color)
@@ -158,11 +154,9 @@ def test_colors_and_attributes_are_blended_by_influence(backend, name):
 
 def test_a_frame_outlives_the_next_one(backend):
     scene = gb.Scene(gb.Particles(cloud(3000, 72), support=0.15), **backend)
-    first = gb.render(scene, size=(64, 48))
-    kept = gb.render(scene, size=(64, 48)).picture
+    first, kept = gb.render(scene, size=(64, 48)), gb.render(scene, size=(64, 48)).picture
     scene.update(positions=cloud(500, 74), support=0.1, color=None)
-    second = gb.render(scene, CAMERAS["perspective"], size=(128, 96))
-    assert second.picture.shape == (96, 128, 3)
+    assert gb.render(scene, CAMERAS["perspective"], size=(128, 96)).picture.shape == (96, 128, 3)
     np.testing.assert_array_equal(first.picture, kept)
     del scene
     np.testing.assert_array_equal(first.picture, kept)
@@ -171,8 +165,7 @@ def test_a_frame_outlives_the_next_one(backend):
 @pytest.mark.parametrize("orthographic", [False, True])
 @pytest.mark.parametrize("size", [(160, 120), (60, 150)], ids=str)
 def test_fit_shows_everything(backend, orthographic, size):
-    p = cloud(2000, 75) * np.array([3, 1, 0.5], np.float32) + 7
-    scene = gb.Scene(p, support=0.3, **backend)
+    scene = gb.Scene(cloud(2000, 75) * np.array([3, 1, 0.5], np.float32) + 7, support=0.3, **backend)
     for direction in ((0.6, 0.45, 1), (0, 1, 0), (-1, 0, 0)):
         camera = gb.Camera.fit(scene, direction=direction, size=size, margin=0.3, orthographic=orthographic)
         mask = gb.render(scene, camera, size).mask

@@ -12,7 +12,6 @@ trimesh = pytest.importorskip("trimesh")
 
 
 def pose_bytes(position, rotation) -> bytes:
-    """Column by column, as Eigen keeps a matrix."""
     columns = np.asarray(rotation).T.ravel()
     return struct.pack("<3f", *position) + struct.pack("<9f", *columns)
 
@@ -34,7 +33,17 @@ def moves(n: int) -> list:
     return [[((k, 0, 0), np.eye(3)), ((0, k, 5), turn((0.3 * k, 0.1, -0.2 * k)).as_matrix())] for k in range(n)]
 
 
-def test_meshes_are_where_the_files_say(tmp_path):
+def test_meshes_are_where_the_files_say_and_walls_are_left_out(tmp_path):
+    write_run(tmp_path, moves(1))
+    bodies = gb.RigidBodies(tmp_path, device="cpu")
+    before = bodies.meshes[1].pose
+    bodies.place(7)
+    assert (bodies.meshes[1].pose == before).all()
+    write_run(tmp_path, moves(2), walls=(1, 0))
+    assert gb.RigidBodies(tmp_path, device="cpu").names == ["ball.obj"]
+    bodies = gb.RigidBodies(tmp_path, device="cpu", walls=True)
+    bodies.place(2)
+    assert np.allclose(bodies.meshes[0].pose[:3, 3], (1, 0, 0))
     poses = moves(12)
     write_run(tmp_path, poses)
     bodies = gb.RigidBodies(tmp_path, device="cpu")
@@ -47,27 +56,9 @@ def test_meshes_are_where_the_files_say(tmp_path):
             assert np.allclose(mesh.pose[:3, :3], rotation, atol=1e-6)
     bodies.place(3)
     position, rotation = poses[2][1]
-    own = trimesh.creation.icosphere(1).vertices * (2, 3, 4)
-    world = own @ np.asarray(rotation).T + position
+    world = trimesh.creation.icosphere(1).vertices * (2, 3, 4) @ np.asarray(rotation).T + position
     assert np.allclose(bodies.meshes[1].bounds(), [world.min(0), world.max(0)], atol=1e-5)
-    image = gb.render(list(bodies.meshes), (40, 30))
-    assert image.mask.any()
-
-
-def test_bodies_at_rest_have_one_file(tmp_path):
-    write_run(tmp_path, moves(1))
-    bodies = gb.RigidBodies(tmp_path, device="cpu")
-    before = bodies.meshes[1].pose
-    bodies.place(7)
-    assert (bodies.meshes[1].pose == before).all()
-
-
-def test_walls_are_left_out(tmp_path):
-    write_run(tmp_path, moves(2), walls=(1, 0))
-    assert gb.RigidBodies(tmp_path, device="cpu").names == ["ball.obj"]
-    bodies = gb.RigidBodies(tmp_path, device="cpu", walls=True)
-    bodies.place(2)
-    assert np.allclose(bodies.meshes[0].pose[:3, 3], (1, 0, 0))
+    assert gb.render(list(bodies.meshes), (40, 30)).mask.any()
 
 
 def test_damaged_files_are_refused(tmp_path):
@@ -93,9 +84,7 @@ def test_damaged_files_are_refused(tmp_path):
         bodies.place(2)
 
 
-def test_a_sequence_of_images_moves_them(tmp_path, monkeypatch, capsys):
-    """The bodies follow the number in the name of each particle file."""
-    monkeypatch.chdir(tmp_path)
+def test_a_sequence_of_images_moves_them(tmp_path, folder, capsys):
     (tmp_path / "bodies").mkdir()
     write_run(tmp_path / "bodies", moves(3))
     for k in (1, 3):

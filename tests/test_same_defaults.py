@@ -1,14 +1,17 @@
-"""Python and C++ have the same defaults and limits: the sources are compared."""
+"""Python and C++ have the same defaults and limits, the stub of the core is the core's."""
 
 import dataclasses
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import globule as gb
+import pytest
 from globule.render import layers, lights, settings
 from globule.scene import scene
 
-ROOT = Path(__file__).resolve().parents[1]
+PACKAGE, ROOT = Path(gb.__file__).parent, Path(__file__).resolve().parents[1]
 STRUCTS = {"render_settings": (gb.Headlight, gb.DirectionalLight, gb.PointLight, gb.Sky,
                                gb.Environment, gb.Ground, gb.Material, gb.ClipPlane, gb.ClipBox,
                                gb.ClipSphere, gb.RenderSettings),
@@ -46,29 +49,32 @@ def test_defaults():
     assert different == []
 
 
-def test_the_parser_finds_what_is_there():
-    there = defaults("render_settings", "RenderSettings")
-    assert there["bounces"] == 4
-    assert there["shadows"] is False
-    assert there["shininess"] == 60
-    assert there["ambient"] == (0.16, 0.18, 0.21)
-    assert there["ambient_distance"] is None
-
-
 def test_kernels_and_limits():
     text = (ROOT / "src/api/scene.cpp").read_text()
     table = re.search(r"KernelDefaults table\[\] = {(.*?)};", text, re.S)[1]
     rows = re.findall(r"{([\d.]+), ([\d.]+), ([\d.]+)},\s*// (\w+)", table)
     assert tuple(name for *_, name in rows) == scene.KERNELS
     for spacings, threshold, reach, name in rows:
-        assert scene.DEFAULTS[name] == (float(spacings), float(threshold))
-        assert float(reach) == scene.REACH[name]
+        assert (scene.DEFAULTS[name], float(reach)) == ((float(spacings), float(threshold)), scene.REACH[name])
     limits = dict(re.findall(r"constexpr (?:double|int) (k\w+) = ([\w.]+);", text))
-    assert float(limits["kMaxSupport"]) == scene.MAX_SUPPORT
-    assert float(limits["kMaxRatio"]) == scene.MAX_RATIO
+    assert (float(limits["kMaxSupport"]), float(limits["kMaxRatio"])) == (scene.MAX_SUPPORT, scene.MAX_RATIO)
     assert int(limits["kMaxSamples"]) == settings.MAX_SAMPLES
     assert "kMaxParticles = (std::size_t(1) << 31) - 64" in text
     assert scene.MAX_PARTICLES == 2**31 - 64
     core = "".join(path.read_text() for path in (ROOT / "src").rglob("*.hpp"))
     assert int(re.search(r"kMaxLights = (\d+)", core)[1]) == lights.MAX_LIGHTS
     assert int(re.search(r"kMaxLayers = (\d+)", core)[1]) == layers.MAX_LAYERS
+
+
+def declarations(text: str) -> str:
+    """What a stub declares, whatever its layout."""
+    return re.sub(r"""#.*|[\s(),'"]|\.\.\.""", "", text)
+
+
+def test_marker_and_stub_of_the_core(tmp_path):
+    assert (PACKAGE / "py.typed").is_file()
+    pytest.importorskip("nanobind")
+    made = tmp_path / "_core.pyi"
+    words = ["nanobind.stubgen", "-q", "-m", "globule._core", "--exclude-values", "-o", made]
+    subprocess.run([sys.executable, "-m", *words], check=True)
+    assert declarations(made.read_text()) == declarations((PACKAGE / "_core.pyi").read_text())

@@ -1,7 +1,5 @@
 """Samples of a scene: places, values against the float64 oracle, files read back by others."""
 
-from __future__ import annotations
-
 import csv
 import warnings
 
@@ -24,7 +22,6 @@ def particles() -> gb.Particles:
 
 
 def blended(points: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """sum w v / sum w in float64, over all particles."""
     x = ((points[:, None] - POSITIONS[None]).astype(np.float64) ** 2).sum(2) / 4
     w = np.where(x < 1, (1 - x) ** 2, 0)
     with np.errstate(invalid="ignore"):
@@ -59,7 +56,7 @@ def test_values_are_the_oracle_s(where, backend):
     np.testing.assert_array_equal(found["x"].ravel()[known], found["velocity"][..., 0].ravel()[known])
 
 
-def test_places():
+def test_places_and_values_that_are_not_finite(folder):
     scene = gb.Scene(particles(), device="cpu")
     lo, hi = (np.array(c, np.float64) for c in scene.particles.bounds())
     plane = gb.measure.sample(scene, PLACES["plane"], "field")
@@ -71,8 +68,7 @@ def test_places():
     assert (plane.points[-1, -1, :2] <= hi[:2] + 2).all()
     assert (plane.points[-1, -1, :2] > hi[:2] + 2 - 0.3).all()
     grid = gb.measure.sample(scene, gb.measure.SampleGrid(0.5, ((0, 0, 0), (1, 0.5, 2))), "field")
-    assert grid.shape == (5, 2, 3)
-    assert grid.dims == ("z", "y", "x")
+    assert (grid.shape, grid.dims) == ((5, 2, 3), ("z", "y", "x"))
     np.testing.assert_allclose(grid.points[4, 1, 2], (1, 0.5, 2))
     line = gb.measure.sample(scene, PLACES["line"], "field")
     np.testing.assert_allclose(line.points[[0, -1]], [(-4, 0.1, 0), (4, 0.1, 0.2)], atol=1e-6)
@@ -85,18 +81,6 @@ def test_places():
     default = gb.measure.SamplePlane((0, 1, 0)).lattice(scene)
     assert np.linalg.norm(default.steps[0]) == pytest.approx(scene.spacing / 2)
     np.testing.assert_array_equal(np.sign(default.steps), [[0, 0, 1], [1, 0, 0]])
-
-
-def test_without_a_scene(folder):
-    gb.write("few.vtk", particles())
-    for source in (particles(), "few.vtk"):
-        found = gb.measure.sample(source, [[0, 0, 0], [9, 9, 9]], device="cpu")
-        assert [*found.values] == ["field", "inside", "height", "velocity"]
-        assert found["inside"].tolist() == [True, False]
-    assert gb.measure.sample(POSITIONS, [[0, 0, 0]])["inside"].all()
-
-
-def test_large_values_keep_their_digits():
     p = particles()
     p.attributes["pressure"] = 101_325 + POSITIONS[:, 2].astype(np.float64)
     points = np.float32([[0.1, 0.2, 0.3], [1, 1, 1]])
@@ -104,9 +88,6 @@ def test_large_values_keep_their_digits():
     np.testing.assert_allclose(
         gb.measure.sample(gb.Scene(p, device="cpu"), points, "pressure")["pressure"], truth, atol=0.01
     )
-
-
-def test_values_that_are_not_finite():
     p = particles()
     p.attributes["velocity"][:, 1] = np.nan
     p.attributes["height"][0] = np.inf
@@ -117,6 +98,17 @@ def test_values_that_are_not_finite():
     assert np.isfinite(found["velocity"][:, 0]).all()
     assert found["height"][0] == np.inf
     assert np.isfinite(found["height"][1])
+    gb.write("few.vtk", particles())
+    for source in (particles(), "few.vtk"):
+        found = gb.measure.sample(source, [[0, 0, 0], [9, 9, 9]], device="cpu")
+        assert [*found.values] == ["field", "inside", "height", "velocity"]
+        assert found["inside"].tolist() == [True, False]
+    assert gb.measure.sample(POSITIONS, [[0, 0, 0]])["inside"].all()
+    none = gb.Particles(np.empty((0, 3)))
+    found = gb.measure.sample(none, [[0, 0, 0]], "field", device="cpu")
+    assert found["field"].tolist() == [0]
+    with pytest.raises(ValueError, match="bounds: expected a finite position"):
+        gb.measure.sample(none, gb.measure.SampleGrid(1), device="cpu")
 
 
 @pytest.mark.parametrize("where", PLACES.values(), ids=PLACES)
@@ -159,8 +151,7 @@ def test_vtk(where, folder):
         for i in (0, data.GetNumberOfPoints() // 3, data.GetNumberOfPoints() - 1):
             np.testing.assert_allclose(data.GetPoint(i), found.points.reshape(-1, 3)[i], atol=1e-5)
     for name in ("field", "velocity", "inside"):
-        array = vtk_to_numpy(data.GetPointData().GetArray(name))
-        d = len(found.dims)
+        array, d = vtk_to_numpy(data.GetPointData().GetArray(name)), len(found.dims)
         np.testing.assert_array_equal(array, found[name].reshape(-1, *found[name].shape[d:]))
 
 
@@ -185,43 +176,28 @@ def test_without_xarray(monkeypatch):
         gb.measure.sample(particles(), [[0, 0, 0]], device="cpu").to_xarray()
 
 
-@pytest.mark.parametrize(
-    ("where", "values", "message"),
-    [
-        (None, None, "where: expected a SamplePlane, SampleLine, SampleGrid or points"),
-        ([1, 2, 3], None, "where: expected a SamplePlane"),
-        ("plane", None, "where: expected a SamplePlane"),
-        ([[0, 0, np.nan]], None, "where: expected finite points"),
-        ([[0, 0, 0]], "warmth", "values: expected one of field, inside, gradient, x,.*got warmth"),
-        ([[0, 0, 0]], "velocity:2", "values: expected velocity:0 to velocity:1"),
-        ([[0, 0, 0]], [], "values: expected at least one name"),
-        ([[0, 0, 0]], 3, "values: expected names, got 3"),
-        ([[0, 0, 0]], [None], "values: expected names"),
-        (gb.measure.SampleGrid(1e-4), None, "spacing: expected one that makes at most .*try 0.0"),
-        (gb.measure.SamplePlane((0, 0, 1), 0, 1e-9), None, "spacing: expected one that makes at most"),
-    ],
-)
+@pytest.mark.parametrize(("where", "values", "message"), [
+    (None, None, "where: expected a SamplePlane, SampleLine, SampleGrid or points"),
+    ([1, 2, 3], None, "where: expected a SamplePlane"), ("plane", None, "where: expected a SamplePlane"),
+    ([[0, 0, np.nan]], None, "where: expected finite points"),
+    ([[0, 0, 0]], "warmth", "values: expected one of field, inside, gradient, x,.*got warmth"),
+    ([[0, 0, 0]], "velocity:2", "values: expected velocity:0 to velocity:1"),
+    ([[0, 0, 0]], [], "values: expected at least one name"),
+    ([[0, 0, 0]], 3, "values: expected names, got 3"), ([[0, 0, 0]], [None], "values: expected names"),
+    (gb.measure.SampleGrid(1e-4), None, "spacing: expected one that makes at most .*try 0.0"),
+    (gb.measure.SamplePlane((0, 0, 1), 0, 1e-9), None, "spacing: expected one that makes at most"),
+    (lambda: gb.measure.SamplePlane((0, 0, 0)), None, "normal: expected a direction"),
+    (lambda: gb.measure.SamplePlane((0, 0, 1), np.nan), None, "offset: expected a finite number"),
+    (lambda: gb.measure.SamplePlane((0, 0, 1), 0, -1), None, "spacing: expected a positive number"),
+    (lambda: gb.measure.SamplePlane((0, 0, 1), box=((1, 0, 0), (0, 1, 1))), None, "box: expected two finite"),
+    (lambda: gb.measure.SampleLine((0, 0, 0), (0, 0, 0)), None, "end: expected another point"),
+    (lambda: gb.measure.SampleLine((0, 0, 0), (0, 0, 1), 1), None, "n: expected 2 to"),
+    (lambda: gb.measure.SampleGrid(0), None, "spacing: expected a positive number"),
+    (lambda: gb.measure.SampleGrid(1, "box"), None, "box: expected two finite corners"),
+])  # fmt: skip
 def test_refused(where, values, message):
     with pytest.raises((TypeError, ValueError), match=message):
-        gb.measure.sample(particles(), where, values, device="cpu")
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: gb.measure.SamplePlane((0, 0, 0)), "normal: expected a direction"),
-        (lambda: gb.measure.SamplePlane((0, 0, 1), np.nan), "offset: expected a finite number"),
-        (lambda: gb.measure.SamplePlane((0, 0, 1), 0, -1), "spacing: expected a positive number"),
-        (lambda: gb.measure.SamplePlane((0, 0, 1), box=((1, 0, 0), (0, 1, 1))), "box: expected two finite"),
-        (lambda: gb.measure.SampleLine((0, 0, 0), (0, 0, 0)), "end: expected another point"),
-        (lambda: gb.measure.SampleLine((0, 0, 0), (0, 0, 1), 1), "n: expected 2 to"),
-        (lambda: gb.measure.SampleGrid(0), "spacing: expected a positive number"),
-        (lambda: gb.measure.SampleGrid(1, "box"), "box: expected two finite corners"),
-    ],
-)
-def test_refused_places(make, message):
-    with pytest.raises((TypeError, ValueError), match=message):
-        make()
+        gb.measure.sample(particles(), where() if callable(where) else where, values, device="cpu")
 
 
 def test_refused_files(folder):
@@ -235,11 +211,3 @@ def test_refused_files(folder):
     with pytest.raises(ValueError, match="named points"):
         gb.measure.sample(p, [[0, 0, 0]], "points", device="cpu").save("a.npz")
     assert not list(folder.iterdir())
-
-
-def test_no_particles():
-    none = gb.Particles(np.empty((0, 3)))
-    found = gb.measure.sample(none, [[0, 0, 0]], "field", device="cpu")
-    assert found["field"].tolist() == [0]
-    with pytest.raises(ValueError, match="bounds: expected a finite position"):
-        gb.measure.sample(none, gb.measure.SampleGrid(1), device="cpu")

@@ -81,33 +81,27 @@ def test_pcd(tmp_path, how):
     assert {*got.attributes} == {"normal", "label"}
 
 
-def test_the_points_of_a_pcd_are_those_of_its_image(tmp_path):
+def test_images_of_points_and_copies_of_lzf(tmp_path):
     head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 3\nHEIGHT 2\n"
     (tmp_path / "a.pcd").write_text(head + "DATA ascii\n" + "1 2 3\n" * 6)
     assert gb.read(tmp_path / "a.pcd").positions.tolist() == [[1, 2, 3]] * 6
-
-
-def test_lzf_copies_reach_into_what_they_make():
     assert unpack_lzf(bytes([2, 97, 98, 99, 0b11100000, 3, 2]), 15) == b"abc" * 5
     assert unpack_lzf(bytes([0, 97, 0b00100000, 0]), 4) == b"aaaa"
     for wrong in (bytes([0b00100000, 0]), bytes([0b11100000]), bytes([5, 97])):
         assert unpack_lzf(wrong, 4) is None
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ((b"POINTS 200", b"POINTS 99999999999"), "POINTS: expected at most 200 times"),
-        ((b"POINTS 200", b"POINTS -1"), "POINTS: expected a number"),
-        ((b"POINTS 200", b"POINTS 300"), "DATA: expected"),
-        ((b"DATA binary", b"DATA zip"), "DATA: expected ascii, binary or binary_compressed"),
-        ((b"DATA binary\n", b""), "header: expected a line DATA"),
-        ((b"SIZE 4", b"SIZE 3"), "x: expected a known TYPE"),
-        ((b"TYPE F F", b"TYPE F"), "FIELDS: expected as many"),
-        ((b"FIELDS x y", b"FIELDS u v"), "FIELDS: expected x, y and z"),
-        ((b"COUNT 1", b"COUNT 9999999"), "x: expected a known TYPE"),
-    ],
-)
+@pytest.mark.parametrize(("change", "said"), [
+    ((b"POINTS 200", b"POINTS 99999999999"), "POINTS: expected at most 200 times"),
+    ((b"POINTS 200", b"POINTS -1"), "POINTS: expected a number"),
+    ((b"POINTS 200", b"POINTS 300"), "DATA: expected"),
+    ((b"DATA binary", b"DATA zip"), "DATA: expected ascii, binary or binary_compressed"),
+    ((b"DATA binary\n", b""), "header: expected a line DATA"),
+    ((b"SIZE 4", b"SIZE 3"), "x: expected a known TYPE"),
+    ((b"TYPE F F", b"TYPE F"), "FIELDS: expected as many"),
+    ((b"FIELDS x y", b"FIELDS u v"), "FIELDS: expected x, y and z"),
+    ((b"COUNT 1", b"COUNT 9999999"), "x: expected a known TYPE"),
+])  # fmt: skip
 def test_damaged_pcd(tmp_path, change, said):
     write_pcd(tmp_path / "a.pcd", "binary")
     data = (tmp_path / "a.pcd").read_bytes()
@@ -168,8 +162,7 @@ def test_pdb(tmp_path, package, monkeypatch):
     np.testing.assert_allclose(found.particles.positions, xyz, atol=1e-5)
     np.testing.assert_allclose(found.particles.attributes["radius"], [1.52, 1.2, 1.2], atol=0.11)
     pdb(tmp_path / "one.pdb")
-    box = read_contents(tmp_path / "one.pdb").box
-    np.testing.assert_allclose(box.edges, 30 * np.eye(3), atol=1e-4)
+    np.testing.assert_allclose(read_contents(tmp_path / "one.pdb").box.edges, 30 * np.eye(3), atol=1e-4)
     assert found.units["positions"] == "Å"
 
 
@@ -180,8 +173,7 @@ def test_gro(tmp_path):
     for i, (e, x, y, z) in enumerate(WATER):
         lines.append(f"    1SOL  {e + str(i):>5s}{i + 1:5d}{x / 10:8.3f}{y / 10:8.3f}{z / 10:8.3f}")
     (tmp_path / "w.gro").write_text("\n".join([*lines, "   3.0 3.0 3.0", ""]))
-    found = read_contents(tmp_path / "w.gro")
-    xyz = np.array([row[1:] for row in WATER])
+    found, xyz = read_contents(tmp_path / "w.gro"), np.array([row[1:] for row in WATER])
     np.testing.assert_allclose(found.particles.positions, xyz, atol=0.006)
     assert found.particles.attributes["atomic_number"].tolist() == [8, 1, 1]
 

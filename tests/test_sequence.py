@@ -1,7 +1,5 @@
 """Sequences: what stays the same from picture to picture, what is kept, and how they end."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -26,11 +24,11 @@ except ImportError:
 
 needs_av = pytest.mark.skipif(av is None, reason="PyAV is not installed (the extra `video`)")
 N = 4
+AIM = ["--eye", "1,0.5,6", "--look-at", "1,0.5,0"]
 pytestmark = pytest.mark.usefixtures("folder")
 
 
 def frame(i: int) -> gb.Particles:
-    """A block that grows and moves; `speed` spans [i, i + 1]."""
     axis = np.arange(5, dtype=np.float32) / 5
     grid = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
     speed = i + np.linspace(0, 1, len(grid))
@@ -48,22 +46,31 @@ def pictures(pattern: str = "p_%d.png") -> list[np.ndarray]:
     return [np.asarray(Image.open(pattern % i)) for i in range(N)]
 
 
-def test_patterns(folder):
+def test_patterns_and_missing_frames(folder, capsys):
     (folder / "sub").mkdir()
     for name in ("f_1.ply", "f_2.ply", "f_10.ply", "f_010.ply", "f_x.ply", "sub/g1.ply"):
         (folder / name).write_text("")
-    assert find_files(["f_?.ply"]) == ["f_1.ply", "f_2.ply", "f_x.ply"]
-    assert find_files(["f_[0-9]*.ply"])[:2] == ["f_1.ply", "f_2.ply"]
-    assert find_files(["f_%d.ply"])[-2:] == ["f_010.ply", "f_10.ply"]
-    assert find_files(["f_%03d.ply"]) == ["f_010.ply"]
-    assert find_files(["sub/g%d.ply"]) == ["sub/g1.ply"]
-    # As the shell sorts them, and as somebody has put them.
-    assert find_files(["f_1.ply", "f_10.ply", "f_2.ply"]) == ["f_1.ply", "f_2.ply", "f_10.ply"]
-    assert find_files(["f_2.ply", "f_10.ply", "f_1.ply"]) == ["f_2.ply", "f_10.ply", "f_1.ply"]
     (folder / "odd[1].ply").write_text("")
-    assert find_files(["odd[1].ply"]) == ["odd[1].ply"]
+    for given, found in (
+        (["f_?.ply"], ["f_1.ply", "f_2.ply", "f_x.ply"]),
+        (["f_[0-9]*.ply"], ["f_1.ply", "f_2.ply", "f_010.ply", "f_10.ply"]),
+        (["f_%d.ply"], ["f_1.ply", "f_2.ply", "f_010.ply", "f_10.ply"]),
+        (["f_%03d.ply"], ["f_010.ply"]),
+        (["sub/g%d.ply"], ["sub/g1.ply"]),
+        (["odd[1].ply"], ["odd[1].ply"]),
+        (["f_1.ply", "f_10.ply", "f_2.ply"], ["f_1.ply", "f_2.ply", "f_10.ply"]),  # as the shell sorts them
+        (["f_2.ply", "f_10.ply", "f_1.ply"], ["f_2.ply", "f_10.ply", "f_1.ply"]),  # as somebody has put them
+    ):
+        assert find_files(given) == found
     with pytest.raises(ValueError, match=r"no_%d\.ply: expected a pattern"):
         find_files(["no_%d.ply"])
+    for i in (1, 2, 5):
+        gb.write(folder / f"m_{i}.npz", cube())
+    with pytest.warns(UserWarning, match=r"m_1.npz to m_5.npz: frames 3, 4 missing \(2 in all\)"):
+        assert len(find_files(["m_*.npz"])) == 3
+    assert main(["render", "m_*.npz", "-o", "m_%02d.png", "--size", "24x18", "--device", "cpu"]) == 0
+    said = [line for line in capsys.readouterr().err.splitlines() if "missing" in line]
+    assert said == ["globule: warning: m_1.npz to m_5.npz: frames 3, 4 missing (2 in all)"]
 
 
 @pytest.mark.parametrize(
@@ -78,17 +85,6 @@ def test_frames_that_are_missing(numbers, missing):
     assert missing_numbers([f"out/v2_{i}.vtk" for i in numbers]) == missing
     assert missing_numbers([f"out/v2_{i:08}.vtk" for i in numbers]) == missing
     assert missing_numbers(["a.vtk", "b1.vtk", "b3.vtk"]) == []
-
-
-def test_missing_frames_are_named(folder, capsys):
-    for i in (1, 2, 5):
-        gb.write(folder / f"m_{i}.npz", cube())
-    with pytest.warns(UserWarning, match=r"m_1.npz to m_5.npz: frames 3, 4 missing \(2 in all\)"):
-        assert len(find_files(["m_*.npz"])) == 3
-    command = ["render", "m_*.npz", "-o", "m_%02d.png", "--size", "24x18", "--device", "cpu"]
-    assert main(command) == 0
-    said = [line for line in capsys.readouterr().err.splitlines() if "missing" in line]
-    assert said == ["globule: warning: m_1.npz to m_5.npz: frames 3, 4 missing (2 in all)"]
 
 
 def test_reading_ahead_overlaps_and_is_bounded():
@@ -112,61 +108,46 @@ def test_reading_ahead_overlaps_and_is_bounded():
     assert list(ahead) == []
 
 
-def test_a_pattern_makes_pictures(files, capsys):
+def test_patterns_and_paths_make_pictures_and_mistakes_none(files, capsys):
     facts = run_json(capsys, "render", "f_%d.npz", "-o", "p_%d.png", *SMALL)
     assert facts["images"] == [f"p_{i}.png" for i in range(N)]
-    supports = {report["support"] for report in facts["frames"]}
-    assert len(supports) == 1  # measured on the first, although the block grows
+    assert len({report["support"] for report in facts["frames"]}) == 1  # the first's, although the block grows
     masks = [(p != p[0, 0]).any(axis=2) for p in pictures()]
-    for mask in masks:  # the camera sees all of them
-        assert mask.any()
-        assert not at_edge(mask)
+    assert [(mask.any(), at_edge(mask)) for mask in masks] == [(True, False)] * N  # the camera sees all of them
     middles = [np.argwhere(mask).mean(axis=0)[1] for mask in masks]
     assert (np.diff(middles) > 1).all()  # and the block moves through a view that stands still
-
-
-def test_the_color_range_is_constant(files):
-    command = ["--color-by", "speed", "--eye", "1,0.5,6", "--look-at", "1,0.5,0", *SMALL]
+    command = ["--color-by", "speed", *AIM, *SMALL]
     assert main(["render", *files, "-o", "a_%d.png", *command]) == 0
     assert main(["render", *files, "-o", "b_%d.png", *command, "--range", "0,4"]) == 0
     for a, b in zip(pictures("a_%d.png"), pictures("b_%d.png"), strict=True):
         assert (a == b).all()
     assert main(["render", files[0], "-o", "one.png", *command]) == 0
     assert (np.asarray(Image.open("one.png")) != pictures("a_%d.png")[0]).any()
-
-
-def test_empty_first_files_do_not_decide(files):
     gb.write("f_0.npz", gb.Particles(np.zeros((0, 3))))
     assert main(["render", *files, "-o", "p_%d.png", *SMALL]) == 0
     n_seen = [int((p != p[0, 0]).any(axis=2).sum()) for p in pictures()]
     assert n_seen[0] == 0
     assert min(n_seen[1:]) > 50
-
-
-def test_a_path_around_one_file(files):
     keys = [{"time": 0, "eye": [0.5, 0.5, 4], "look_at": [0.5, 0.5, 0.5]}, {"time": 1, "eye": [4, 0.5, 0.5]}]
     with open("path.json", "w", encoding="utf-8") as file:
         json.dump(keys, file)
-    command = ["render", files[0], "--camera-path", "path.json", "--fps", "2", *SMALL]
+    command = ["render", files[1], "--camera-path", "path.json", "--fps", "2", *SMALL]
     os.mkdir("turn")
     assert main([*command, "-o", "turn"]) == 0
-    assert sorted(os.listdir("turn")) == [f"f_0_{i:04d}.png" for i in range(3)]
-    scene = gb.Scene(gb.read(files[0]), device="cpu", surface="smooth")
-    view = gb.CameraPath(keys, fps=2)(1)
-    expected = gb.render(scene, view, (40, 30)).picture
-    assert (np.asarray(Image.open("turn/f_0_0001.png")) == expected).all()
-
-
-def test_mistakes(files, capsys):
-    assert "none_*.ply" in refused(capsys, "render", "none_*.ply", "-o", "p_%d.png")
-    assert "--fps" in refused(capsys, "render", *files, "-o", "p_%d.png", "--fps", "0")
+    assert sorted(os.listdir("turn")) == [f"f_1_{i:04d}.png" for i in range(3)]
+    scene = gb.Scene(gb.read(files[1]), device="cpu", surface="smooth")
+    expected = gb.render(scene, gb.CameraPath(keys, fps=2)(1), (40, 30)).picture
+    assert (np.asarray(Image.open("turn/f_1_0001.png")) == expected).all()
     path = ["--camera-path", "no.toml"]
-    assert "no.toml" in refused(capsys, "render", *files, "-o", "p_%d.png", *path)
-    err = refused(capsys, "render", *files, "-o", "p_%d.png", *path, "--eye", "1,2,3")
-    assert "--eye" in err
+    capsys.readouterr()
+    for words, said in (
+        (["none_*.ply"], "none_*.ply"), ([*files, "--fps", "0"], "--fps"), ([*files, *path], "no.toml"),
+        ([*files, *path, "--eye", "1,2,3"], "--eye"),
+    ):  # fmt: skip
+        assert said in refused(capsys, "render", *words, "-o", "p_%d.png")
 
 
-@pytest.mark.parametrize("aim", [[], ["--eye", "1,0.5,6", "--look-at", "1,0.5,0"]])
+@pytest.mark.parametrize("aim", [[], AIM])
 def test_pictures_before_a_broken_file_stay(files, capsys, folder, aim):
     (folder / "f_2.npz").write_bytes(b"nonsense")
     assert main(["render", *files, "-o", "p_%d.png", *aim, *SMALL]) == 2
@@ -181,12 +162,14 @@ def test_resume(files, folder, capsys):
     (folder / "p_2.npz").write_bytes(b"half")
     (folder / "p_1.png").write_bytes((folder / "p_1.png").read_bytes()[:-300])  # half
     (folder / "p_3.png").unlink()
-    before = {i: (folder / f"p_{i}.png").stat().st_mtime_ns for i in (0, 1, 2)}
+
+    def times():
+        return [(folder / f"p_{i}.png").stat().st_mtime_ns for i in (0, 1, 2)]
+
+    before = times()
     capsys.readouterr()
-    assert main([*command, "--resume"]) == 0
-    assert capsys.readouterr().out.count("\n") == 3
-    after = {i: (folder / f"p_{i}.png").stat().st_mtime_ns for i in (0, 1, 2)}
-    assert [after[i] == before[i] for i in before] == [True, False, False]
+    assert (main([*command, "--resume"]), capsys.readouterr().out.count("\n")) == (0, 3)
+    assert [a == b for a, b in zip(times(), before, strict=True)] == [True, False, False]
     with np.load("p_2.npz") as arrays:
         assert arrays["mask"].any()
     for a, b in zip(whole, pictures(), strict=True):
@@ -197,7 +180,7 @@ def test_resume(files, folder, capsys):
 
 
 @needs_av
-def test_a_movie(files, folder, capsys):
+def test_a_movie_goes_on_where_it_stopped(files, folder, capsys):
     assert main(["render", "f_*.npz", "-o", "m.mp4", "--fps", "12", "--size", "41x30"]) == 0
     out, err = capsys.readouterr()
     assert out.startswith("m.mp4: 4 frames")
@@ -208,45 +191,26 @@ def test_a_movie(files, folder, capsys):
         assert movie.streams.video[0].average_rate == 12
     assert [(f.width, f.height) for f in shown] == [(42, 30)] * N
     facts = run_json(capsys, "render", "f_*.npz", "-o", "m.mp4", *SMALL)
-    assert facts["images"] == ["m.mp4"]
-    assert facts["counts"] == {"pictures": 4, "kept": 0}
-
-
-@needs_av
-def test_a_movie_goes_on_where_it_stopped(files, folder, capsys):
+    assert (facts["images"], facts["counts"]) == (["m.mp4"], {"pictures": 4, "kept": 0})
     good = (folder / "f_2.npz").read_bytes()
     (folder / "f_2.npz").write_bytes(b"nonsense")
-    command = ["render", *files, "-o", "m.mp4", *SMALL]
-    command += ["--eye", "1,0.5,6", "--look-at", "1,0.5,0"]
+    command = ["render", *files, "-o", "n.mp4", *SMALL, *AIM]
     assert main(command) == 2
     err = capsys.readouterr().err
     assert "f_2.npz" in err
-    assert "2 finished images are in m.mp4.frames" in err
-    assert not (folder / "m.mp4").exists()
+    assert "2 finished images are in n.mp4.frames" in err
+    assert not (folder / "n.mp4").exists()
     (folder / "f_2.npz").write_bytes(good)
     assert main([*command, "--resume"]) == 0
     assert "4 frames, 2 of them finished before" in capsys.readouterr().out
-    assert (folder / "m.mp4").exists()
-    assert not (folder / "m.mp4.frames").exists()
+    assert (folder / "n.mp4").exists()
+    assert not (folder / "n.mp4.frames").exists()
 
 
 def test_a_movie_without_pyav(files, folder, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "av", None)
     assert "globule[video]" in refused(capsys, "render", *files, "-o", "m.mp4", *SMALL)
     assert not list(folder.glob("m.mp4*"))
-
-
-def test_clips_cut_every_frame(folder):
-    particles = cube()
-    cut = gb.ClipPlane((1, 0, 0), float(particles.positions[:, 0].mean()))
-    camera = gb.Camera.fit(particles, size=(40, 30))
-    whole, open_ = (
-        gb.render_sequence(particles, f"{name}_%d.png", camera, (40, 30), n_frames=1, clips=clips)
-        for name, clips in (("whole", ()), ("cut", [cut]))
-    )
-    right = gb.render(particles, camera, (40, 30), clips=[cut]).image
-    np.testing.assert_array_equal(np.asarray(Image.open(open_[0])), right)
-    assert (np.asarray(Image.open(whole[0])) != right).any()
 
 
 @needs_av
@@ -261,8 +225,7 @@ def test_interrupted_in_the_middle(files, folder):
     until(lambda: (frames / "000005.png").exists() or process.poll() is not None)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 130
-    assert out == ""
+    assert (process.returncode, out) == (130, "")
     assert err.endswith("globule: interrupted\n")
     assert "--resume continues" in err
     kept = sorted(frames.iterdir())
@@ -272,8 +235,7 @@ def test_interrupted_in_the_middle(files, folder):
 
 
 def test_a_terminal_gets_a_progress_bar(files):
-    pty = pytest.importorskip("pty")
-    ours, theirs = pty.openpty()
+    ours, theirs = pytest.importorskip("pty").openpty()
     command = [*COMMAND, "render", *files, "-o", "p_%d.png", *SMALL]
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=theirs, timeout=PATIENCE)
     os.close(theirs)
@@ -285,8 +247,6 @@ def test_a_terminal_gets_a_progress_bar(files):
 
 
 class Falling:
-    """A simulation that overwrites its own array."""
-
     def __init__(self):
         self.positions = frame(0).positions.copy()
         self.n_steps = 0
@@ -300,7 +260,7 @@ class Falling:
         self.n_steps += 1
 
 
-def test_sources(files):
+def test_sources_a_turntable_and_clips_of_one_set(files, folder):
     options = {"camera": gb.Camera((0.5, 0.5, 4), (0.5, 0.5, 0)), "size": (40, 30)}
     words = ["--eye", "0.5,0.5,4", "--look-at", "0.5,0.5,0", *SMALL]
     assert main(["render", *files, "-o", "p_%d.png", *words]) == 0
@@ -318,13 +278,20 @@ def test_sources(files):
         gb.render_sequence(falling, "p_%d.png", **options)
     with pytest.raises(ValueError, match="output"):
         gb.render_sequence(files, "p.png", **options)
-
-
-def test_a_turntable_of_one_set(folder):
     cameras = gb.orbit(gb.Camera((0.5, 0.5, 4), (0.5, 0.5, 0.5)), 1, N)
     names = gb.render_sequence(frame(0), "p_%d.png", cameras, (40, 30), device="cpu")
-    assert len(names) == N
-    assert gb.render_sequence(frame(0), "p_%d.png", cameras, (40, 30), resume=True) == names
+    assert (len(names), gb.render_sequence(frame(0), "p_%d.png", cameras, (40, 30), resume=True)) == (N, names)
+    # Clips cut every frame.
+    particles = cube()
+    cut = gb.ClipPlane((1, 0, 0), float(particles.positions[:, 0].mean()))
+    camera = gb.Camera.fit(particles, size=(40, 30))
+    whole, open_ = (
+        gb.render_sequence(particles, f"{name}_%d.png", camera, (40, 30), n_frames=1, clips=clips)
+        for name, clips in (("whole", ()), ("cut", [cut]))
+    )
+    right = gb.render(particles, camera, (40, 30), clips=[cut]).image
+    np.testing.assert_array_equal(np.asarray(Image.open(open_[0])), right)
+    assert (np.asarray(Image.open(whole[0])) != right).any()
 
 
 def emitted() -> list[gb.Particles]:
@@ -349,9 +316,6 @@ def test_the_frame_with_most_particles_decides_for_all(tmp_path):
         scene.update(frame)
         shown = np.asarray(Image.open(tmp_path / f"p_{k}.png").convert("RGB"))
         np.testing.assert_array_equal(shown, gb.render(scene, camera, size).picture)
-
-
-def test_about_as_many_are_led_by_the_first():
     assert leader([np.zeros((10, 3)), np.zeros((11, 3)), np.zeros((0, 3))]) == 0
     assert leader([np.zeros((0, 3)), np.zeros((3, 3)), np.zeros((3, 3))]) == 1
     assert leader([]) == leader(["none.npz", "nor.npz"]) == 0

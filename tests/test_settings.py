@@ -38,8 +38,6 @@ TABLES += sorted(tables(), key=lambda table: table.__name__)
 @documented
 @dataclasses.dataclass(kw_only=True)
 class Tap(Table):
-    """A tap."""
-
     name: str = setting(Choice("hot", "cold"), help="which water it gives")
     rate: float = setting(Number(0.0, 2.0), 1.0, "flow. It is [steady](#x)", "l/s", usual="full")
     parts: list = setting(Each(Whole(1, 9), least=1, distinct=True), [], "numbers of its parts")
@@ -58,38 +56,35 @@ def test_one_field_makes_everything():
         "description": "flow, l/s, 0 to 2. It is steady",
     }  # fmt: skip
     assert same(Tap, "rate", default=0.5).default == 0.5
+    for kind, wrong in ((Switch(), 1), (Number(), True), (Whole(0, 1), False)):
+        with pytest.raises(TypeError):
+            kind(wrong)
 
 
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ({"name": "warm"}, "name: expected hot or cold, got 'warm'"),
-        ({"name": "hot", "rate": 3}, "rate: expected a number from 0 to 2, got 3"),
-        ({"name": "hot", "rate": "x"}, "rate: expected a number from 0 to 2, got 'x'"),
-        ({"name": "hot", "flow": 1}, "flow: expected one of name, rate, parts, got an unknown key"),
-        ({"rate": 1}, "expected the key name, got none"),
-        ({"name": "hot", "parts": [2, 2]}, "parts[1]: expected each once, got 2 again"),
-        ({"name": "hot", "parts": [1.5]}, "parts[0]: expected a whole number from 1 to 9, got 1.5"),
-        (3, "expected a table of names with values, got 3"),
-    ],
-)
+@pytest.mark.parametrize(("table", "message"), [
+    ({"name": "warm"}, "name: expected hot or cold, got 'warm'"),
+    ({"name": "hot", "rate": 3}, "rate: expected a number from 0 to 2, got 3"),
+    ({"name": "hot", "rate": "x"}, "rate: expected a number from 0 to 2, got 'x'"),
+    ({"name": "hot", "flow": 1}, "flow: expected one of name, rate, parts, got an unknown key"),
+    ({"rate": 1}, "expected the key name, got none"),
+    ({"name": "hot", "parts": [2, 2]}, "parts[1]: expected each once, got 2 again"),
+    ({"name": "hot", "parts": [1.5]}, "parts[0]: expected a whole number from 1 to 9, got 1.5"),
+    (3, "expected a table of names with values, got 3"),
+])  # fmt: skip
 def test_mistakes_name_the_key(table, message):
     with pytest.raises(Problem) as caught:
         read_table(Tap, table)
     assert str(caught.value) == message
 
 
-@pytest.mark.parametrize(
-    ("kind", "word", "value"),
-    [
-        (Number(0.0, 1.0), "0.5", 0.5),
-        (Whole(0, 32), "32", 32),
-        (Vector(), "1,-2,3", (1.0, -2.0, 3.0)),
-        (Direction(), "0,2,0", (0.0, 1.0, 0.0)),
-        (RADIANCE, "2", (2.0, 2.0, 2.0)),
-        (Color(), "#ffffff", (1.0, 1.0, 1.0)),
-    ],
-)
+@pytest.mark.parametrize(("kind", "word", "value"), [
+    (Number(0.0, 1.0), "0.5", 0.5),
+    (Whole(0, 32), "32", 32),
+    (Vector(), "1,-2,3", (1.0, -2.0, 3.0)),
+    (Direction(), "0,2,0", (0.0, 1.0, 0.0)),
+    (RADIANCE, "2", (2.0, 2.0, 2.0)),
+    (Color(), "#ffffff", (1.0, 1.0, 1.0)),
+])  # fmt: skip
 def test_words_of_a_command(kind, word, value):
     assert kind.parse(word) == value
     for wrong in ("?", "1,x", "nan", "99,99"):
@@ -99,7 +94,6 @@ def test_words_of_a_command(kind, word, value):
 
 @pytest.mark.parametrize("table", TABLES, ids=lambda table: table.__name__)
 def test_limits_are_the_same_everywhere(table):
-    """In Python, on the command line and in the schema; and every setting has a help."""
     jsonschema = pytest.importorskip("jsonschema")
     for name, one in settings_of(table).items():
         assert one.help, name
@@ -117,9 +111,3 @@ def test_limits_are_the_same_everywhere(table):
                 assert one.kind.parse(repr(end)) == end
             with pytest.raises(Problem, match=r"expected .*, got "):
                 one.kind(beyond)
-
-
-def test_switches_are_no_numbers():
-    for kind, wrong in ((Switch(), 1), (Number(), True), (Whole(0, 1), False)):
-        with pytest.raises(TypeError):
-            kind(wrong)

@@ -1,7 +1,5 @@
 """Images shared out among ranks that all have the scene: the same bits as one rank's."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -10,6 +8,7 @@ from globule._base.ranks import run_threads
 from globule.pieces.pieces import Pieces
 from globule.render.pieces.whole_images import nearest_image
 from globule.scene.thesis import Thesis
+from pieces_helpers import on
 
 SIZE = (140, 100)
 RNG = np.random.default_rng(1)
@@ -29,15 +28,6 @@ CASES = {
 ARRAYS = ("image", "color", "distance", "normal", "albedo", "position", "mask", "_layer")
 
 
-def shared(n, work, backend):
-    """What rank 0 of n threads has."""
-
-    def one(ranks):
-        return work({**backend, **({} if backend["device"] == "cuda" else {"threads": 1})}, ranks)
-
-    return run_threads(n, one)[0]
-
-
 @pytest.mark.few_backends
 @pytest.mark.parametrize(
     ("case", "n"),
@@ -49,10 +39,9 @@ def test_ranks_give_the_bits_of_one(case, n, backend):
     particles = gb.Particles(POSITIONS, color=COLOR)
 
     def work(device, ranks):
-        scene = gb.Scene(particles, **options, **device)
-        return gb.render(scene, CAMERA, SIZE, settings, comm=ranks)
+        return gb.render(gb.Scene(particles, **options, **device), CAMERA, SIZE, settings, comm=ranks)
 
-    one, many = work(backend, None), shared(n, work, backend)
+    one, many = work(backend, None), on(n, work, backend)[0]
     assert one.mask.mean() > 0.1
     for name in ARRAYS:
         np.testing.assert_array_equal(getattr(one, name), getattr(many, name), err_msg=name)
@@ -60,40 +49,32 @@ def test_ranks_give_the_bits_of_one(case, n, backend):
         np.testing.assert_array_equal(one.alpha, many.alpha)
 
 
-def test_refined_and_other_ranks_frames(backend):
+def test_refined_frames_other_ranks_only_the_image_and_shaded_pieces(backend):
     settings = {"shadows": True}
 
     def work(device, ranks):
-        scene = gb.Scene(POSITIONS, **device)
-        frame = gb.render(scene, CAMERA, SIZE, settings, comm=ranks).refine(2)
+        frame = gb.render(gb.Scene(POSITIONS, **device), CAMERA, SIZE, settings, comm=ranks).refine(2)
         if ranks is not None and ranks.rank:
             assert not frame.mask.any()
             assert not frame.image.any()
         return frame
 
-    one, many = work(backend, None), shared(2, work, backend)
+    one, many = work(backend, None), on(2, work, backend)[0]
     assert many.samples == 3
     np.testing.assert_array_equal(one.image, many.image)
     with pytest.raises(ValueError, match=r"^alpha: expected settings with transparent"):
         many.alpha  # noqa: B018
 
-
-def test_only_the_image(backend):
     def work(device, ranks):
         ranks.only_image = True
         frame = gb.render(gb.Scene(POSITIONS, **device), CAMERA, SIZE, comm=ranks)
         return frame.image, frame.mask
 
-    image, mask = shared(3, work, backend)
+    image, mask = on(3, work, backend)[0]
     np.testing.assert_array_equal(image, gb.render(gb.Scene(POSITIONS, **backend), CAMERA, SIZE).image)
     assert not mask.any()
-
-
-def test_the_nearest_of_shaded_pieces(backend):
-    """Slabs with a halo of one support: hits the same, colors within a level."""
     n = 3
-    edges = np.linspace(-1, 11, n + 1)
-    particles = gb.Particles(POSITIONS, color=COLOR)
+    edges, particles = np.linspace(-1, 11, n + 1), gb.Particles(POSITIONS, color=COLOR)
 
     def work(device, ranks):
         x, (low, high) = POSITIONS[:, 0], edges[ranks.rank : ranks.rank + 2]
@@ -103,23 +84,13 @@ def test_the_nearest_of_shaded_pieces(backend):
         return nearest_image(ranks, frame.distance, frame.image)
 
     one = gb.render(gb.Scene(particles, support=2.0, **backend), CAMERA, SIZE)
-    depth, image = shared(n, work, backend)
+    depth, image = on(n, work, backend)[0]
     np.testing.assert_array_equal(one.mask, np.isfinite(depth))
     np.testing.assert_allclose(one.distance[one.mask], depth[one.mask], atol=2e-4)
     assert np.abs(one.image.astype(int) - image.astype(int)).max() <= 1
 
 
-def test_a_thread_that_fails_ends_all():
-    def work(ranks):
-        if ranks.rank == 1:
-            raise ValueError("no such disk")
-        ranks.all(0)
-
-    with pytest.raises(ValueError, match="no such disk"):
-        run_threads(3, work)
-
-
-def test_what_cannot_be_shared():
+def test_what_cannot_be_shared_and_devices_are_dealt():
     scene = gb.Scene(POSITIONS, device="cpu", octree="dense")
     with pytest.raises(ValueError, match=r"^comm: "):
         run_threads(1, lambda r: gb.render(scene, CAMERA, SIZE, thesis=Thesis(), comm=r))
@@ -129,8 +100,12 @@ def test_what_cannot_be_shared():
     with pytest.raises(TypeError, match=r"^comm: "):
         gb.render(scene, CAMERA, SIZE, comm=3)
 
+    def work(ranks):
+        if ranks.rank == 1:
+            raise ValueError("no such disk")
+        ranks.all(0)
 
-def test_devices_are_dealt():
-    assert of_rank("cpu", 3) == "cpu"
-    assert of_rank("cuda:1", 0) == "cuda:1"
+    with pytest.raises(ValueError, match="no such disk"):
+        run_threads(3, work)
+    assert (of_rank("cpu", 3), of_rank("cuda:1", 0)) == ("cpu", "cuda:1")
     assert of_rank("auto", 0) in ("auto", "cuda:0")

@@ -1,7 +1,5 @@
 """Checkpoints: whatever was done before, a loaded simulation goes on as the saved one does."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 from hypothesis import HealthCheck, Phase, given, settings
@@ -32,8 +30,7 @@ SCENE = {
 SHEET = np.array([[(0.0, -1, -1), (0, 1, -1), (0, 0, 1)]])
 SHARES = st.floats(0, 1)
 OPERATIONS = {
-    "step": lambda sim, x: sim.step(0.0005 + 0.002 * x),
-    "run": lambda sim, x: sim.run(0.004 * x),
+    "step": lambda sim, x: sim.step(0.0005 + 0.002 * x), "run": lambda sim, x: sim.run(0.004 * x),
     "add": lambda sim, x: sim.add([(0.05 * x, 0.04, 0.05)], "water", (0, 0, -x)),
     "remove": lambda sim, x: sim.remove(sim.ids[int(x * (len(sim) - 5)) :][:5]),
     "throw": lambda sim, x: setattr(sim, "velocities", sim.velocities * np.float32(x)),
@@ -47,8 +44,7 @@ OPERATIONS = {
     "press": lambda sim, x: sim.tools.set_pushers([(0, (-0.02, 0, 0.04), (0, 0, 0), 0.01, (0, 0, -x))]),
     "hold": lambda sim, x: setattr(sim.tools["grip"], "on", x < 0.7),
     "move": lambda sim, x: sim.tools["grip"].move_to((-0.015, 0, 0.024 + 0.002 * x)),
-    "suck": lambda sim, x: setattr(sim.tools["sucker"], "on", x < 0.7),
-    "steer": lambda sim, x: steer(sim, x),
+    "suck": lambda sim, x: setattr(sim.tools["sucker"], "on", x < 0.7), "steer": lambda sim, x: steer(sim, x),
     "spin": lambda sim, x: sim.steer.make_rigid("raft", 400.0, spin=(0, x, 0)),
     "rate": lambda sim, x: setattr(sim.emitters["tap"], "rate", 3e-4 * x),
     "thicken": lambda sim, x: setattr(sim.phases["water"], "viscosity", 0.5 * x),
@@ -57,11 +53,10 @@ OPERATIONS = {
     "tilt": lambda sim, x: setattr(sim.settings, "gravity", (x, 0, -9.81)),
     "phase": lambda sim, x: f"oil {x}" in sim.phases or sim.add_phase(gb.sim.Phase(f"oil {x}")),
     "reset": lambda sim, x: sim.reset(),
-}
+}  # fmt: skip
 
 
 def steer(sim, x):
-    """Move a boundary that was made by hand."""
     pose = np.eye(4)
     if "post" not in sim.phases:
         sim.add_phase(gb.sim.Phase("post", kind="boundary"))

@@ -1,7 +1,5 @@
 """Spray, foam and bubbles: closed forms of their motion, and what they must not change."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -12,20 +10,16 @@ from globule.sim.foam_sources import Flow, limits_of, potentials
 G = 9.81
 SPACING = 0.05
 DAM = {
-    "spacing": SPACING,
-    "domain": {"lo": [0, 0, 0], "hi": [1.2, 0.3, 1.0], "walls": True},
+    "spacing": SPACING, "domain": {"lo": [0, 0, 0], "hi": [1.2, 0.3, 1.0], "walls": True},
     "solver": {"max_error": 0.01},
     "fluids": [{"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.4, 0.3, 0.8]}}],
-}
+}  # fmt: skip
 LIVELY = {"approach": [0.2, 1], "curvature": [0.1, 1], "speed": [0.2, 2]}
 
 
 def scene(foam=(), **keys):
-    """A box of air, for particles added in Python."""
-    base = {"spacing": SPACING, "domain": {"lo": [-1, -1, -1], "hi": [1, 1, 1]}}
-    fluids = [{"name": "water"}]
-    made = {**base, "fluids": fluids, "foam": dict(foam), **keys}
-    return gb.Simulation(made, device="cpu", threads=1)
+    base = {"spacing": SPACING, "domain": {"lo": [-1, -1, -1], "hi": [1, 1, 1]}, "fluids": [{"name": "water"}]}
+    return gb.Simulation({**base, "foam": dict(foam), **keys}, device="cpu", threads=1)
 
 
 def lattice(n, at=(0.0, 0.0, 0.0)):
@@ -33,7 +27,6 @@ def lattice(n, at=(0.0, 0.0, 0.0)):
 
 
 def meeting(foam=(), speed=3.0):
-    """Two blocks side by side, towards each other."""
     sim = scene(foam)
     sim.add(lattice(5, (-0.14, 0, 0)), "water", (speed, 0, 0))
     sim.add(lattice(5, (0.14, 0, 0)), "water", (-speed, 0, 0))
@@ -41,46 +34,16 @@ def meeting(foam=(), speed=3.0):
 
 
 def put(sim, at, velocity=(0.0, 0.0, 0.0), life=10.0):
-    """One diffuse particle, with the kind that it has there."""
     sim.foam._add(np.array([at], float), np.array([velocity], float), np.array([life]))
     sim.foam._classify(Flow(sim._solver))
 
 
 def all_potentials(sim, **limits):
-    flow = Flow(sim._solver)
-    found = limits_of(sim.file.foam, G, SPACING) | limits
+    flow, found = Flow(sim._solver), limits_of(sim.file.foam, G, SPACING) | limits
     return potentials(flow, np.flatnonzero(flow.is_fluid), found)
 
 
-def test_spray_flies_along_a_parabola():
-    sim = scene()
-    put(sim, (-0.5, 0.1, 0.2), (2.0, 0.5, 1.5))
-    for dt in (0.003, 0.002, 0.005, 0.001) * 20:
-        sim.step(dt)
-    t = sim.time
-    assert sim.foam.kind.tolist() == [SPRAY]
-    place = [-0.5 + 2 * t, 0.1 + 0.5 * t, 0.2 + 1.5 * t - G * t * t / 2]
-    np.testing.assert_allclose(sim.foam.positions[0], place, atol=1e-6)
-    np.testing.assert_allclose(sim.foam.velocities[0], [2, 0.5, 1.5 - G * t], atol=1e-5)
-    np.testing.assert_allclose(sim.foam.age, [t], rtol=1e-6)
-
-
-def test_foam_goes_with_a_block_that_moves():
-    foam = {"approach": [1e3, 2e3], "speed": [10, 20]}
-    sim = scene(foam, gravity=[0, 0, 0])
-    sim.add(lattice(6), "water", (1.0, 0.5, 0.25))
-    start = np.array([0.0, 0.0, 2.9 * SPACING])  # above the top face
-    put(sim, start)
-    assert sim.foam.kind.tolist() == [FOAM]
-    for _ in range(40):
-        sim.step(0.005)
-    assert sim.foam.kind.tolist() == [FOAM]
-    np.testing.assert_allclose(sim.foam.positions[0], start + 0.2 * np.array([1, 0.5, 0.25]),
-                               atol=1e-5)  # fmt: skip
-    np.testing.assert_allclose(sim.foam.velocities[0], [1, 0.5, 0.25], rtol=1e-5)
-
-
-def test_a_bubble_rises_at_the_root_of_gravity_times_spacing():
+def test_spray_flies_foam_goes_along_a_bubble_rises_and_water_at_rest_makes_nothing():
     sim = scene()
     sim.add(lattice(12), "water")
     put(sim, (0.0, 0.0, -0.1))
@@ -91,42 +54,49 @@ def test_a_bubble_rises_at_the_root_of_gravity_times_spacing():
     rise = speed * (0.15 - tau * (1 - np.exp(-0.15 / tau)))
     np.testing.assert_allclose(sim.foam.positions[0], [0, 0, rise - 0.1], atol=1e-6)
     np.testing.assert_allclose(sim.foam.velocities[0, 2], speed * (1 - np.exp(-0.15 / tau)))
-
-
-def test_water_at_rest_makes_nothing():
     sim = scene()
     sim.add(lattice(6), "water")
     ids, *found = sim.foam.potentials()
     assert ids.tolist() == list(range(216))
     assert not np.any(found)
-
-
-def test_rigid_motion_traps_no_air():
-    sim = scene()
-    at = lattice(6)
+    sim, at = scene(), lattice(6)
     spin = np.array([3.0, -2.0, 5.0])
     sim.add(at, "water", np.cross(spin, at).astype(np.float32) + np.float32([4, 1, 2]))
     trapped, _, kinetic = all_potentials(sim, approach=(1e-4, 1.0))
     assert not trapped.any()
     assert kinetic.all()
+    sim = scene()
+    put(sim, (-0.5, 0.1, 0.2), (2.0, 0.5, 1.5))
+    for dt in (0.003, 0.002, 0.005, 0.001) * 20:
+        sim.step(dt)
+    t = sim.time
+    assert sim.foam.kind.tolist() == [SPRAY]
+    place = [-0.5 + 2 * t, 0.1 + 0.5 * t, 0.2 + 1.5 * t - G * t * t / 2]
+    np.testing.assert_allclose(sim.foam.positions[0], place, atol=1e-6)
+    np.testing.assert_allclose(sim.foam.velocities[0], [2, 0.5, 1.5 - G * t], atol=1e-5)
+    np.testing.assert_allclose(sim.foam.age, [t], rtol=1e-6)
+    sim = scene({"approach": [1e3, 2e3], "speed": [10, 20]}, gravity=[0, 0, 0])
+    sim.add(lattice(6), "water", (1.0, 0.5, 0.25))
+    start = np.array([0.0, 0.0, 2.9 * SPACING])  # above the top face
+    put(sim, start)
+    assert sim.foam.kind.tolist() == [FOAM]
+    for _ in range(40):
+        sim.step(0.005)
+    assert sim.foam.kind.tolist() == [FOAM]
+    np.testing.assert_allclose(sim.foam.positions[0], start + 0.2 * np.array([1, 0.5, 0.25]), atol=1e-5)
+    np.testing.assert_allclose(sim.foam.velocities[0], [1, 0.5, 0.25], rtol=1e-5)
 
 
-def test_a_flat_face_is_no_crest_and_an_edge_is_one():
+def test_edges_are_crests_and_blocks_that_collide_trap_air():
     sim = scene()
     sim.add(lattice(8), "water", (0.0, 0.0, 3.0))
     _, crest, _ = all_potentials(sim, curvature=(1e-4, 1.0))
-    at = np.abs(sim.positions / SPACING)
-    top = sim.positions[:, 2] > 3.4 * SPACING
-    flow = Flow(sim._solver)
-    order = np.argsort(flow.ids)
-    crest = crest[order]
+    at, top = np.abs(sim.positions / SPACING), sim.positions[:, 2] > 3.4 * SPACING
+    crest = crest[np.argsort(Flow(sim._solver).ids)]
     edge = (at[:, :2] > 3.4).sum(axis=1) == 1  # at a corner, the normal is 55 degrees off
     assert crest[top & edge].all()
     assert not crest[top & (at[:, :2] < 1.6).all(axis=1)].any()  # its middle
     assert not crest[sim.positions[:, 2] < 0].any()  # what does not move along its normal
-
-
-def test_blocks_that_collide_trap_air_where_they_meet():
     sim = meeting()
     _, trapped, _, kinetic = sim.foam.potentials()
     gap = np.abs(sim.positions[:, 0])
@@ -138,7 +108,7 @@ def test_blocks_that_collide_trap_air_where_they_meet():
     assert not meeting(speed=-3.0).foam.potentials()[1].any()  # they part
 
 
-def test_the_count_is_the_rate_times_the_time():
+def test_the_count_is_the_rate_times_the_time_and_random_numbers_are_uniform():
     sim = meeting({**LIVELY, "air_rate": 3000.0, "crest_rate": 1000.0})
     ids, trapped, crest, kinetic = sim.foam.potentials()
     dt = 0.002
@@ -156,12 +126,8 @@ def test_the_count_is_the_rate_times_the_time():
     assert along.max() <= 1e-6
     assert np.hypot(way[:, 1], way[:, 2]).max() <= SPACING / 2 + 1e-6
     np.testing.assert_array_equal(sim.foam.velocities, sim.velocities[owner])
-
-
-def test_random_numbers_are_uniform_and_depend_on_each_argument():
     u = uniform(1, np.arange(40_000), 7, 0)
-    assert u.min() >= 0
-    assert u.max() < 1
+    assert 0 <= u.min() < u.max() < 1
     assert abs(u.mean() - 0.5) < 5 / np.sqrt(12 * 40_000)
     assert abs(np.corrcoef(u[:-1], u[1:])[0, 1]) < 5 / np.sqrt(40_000)
     for other in ((2, 7, 0), (1, 8, 0), (1, 7, 1)):
@@ -180,37 +146,28 @@ def runs():
     return made
 
 
-def test_no_bit_of_the_fluid_changes(runs):
-    without, with_, _ = runs
-    assert not without.foam.on
-    with pytest.raises(ValueError, match="expected a table foam"):
-        without.foam.potentials()
-    assert len(with_.foam) > 100
-    assert with_.hash() == without.hash()
-    assert with_.n_steps == without.n_steps
-
-
-def test_any_number_of_threads_gives_the_same_bits(runs):
-    _, one, two = runs
+def same_foam(one, two):
     for name, values in one.foam._state().items():
         np.testing.assert_array_equal(values, two.foam._state()[name], err_msg=name)
 
 
-def test_a_checkpoint_goes_on_with_the_same_foam(runs, tmp_path):
+def test_no_bit_changes_by_threads_or_a_checkpoint_unless_it_is_damaged(runs, tmp_path):
+    without, with_, threads = runs
+    assert not without.foam.on
+    with pytest.raises(ValueError, match="expected a table foam"):
+        without.foam.potentials()
+    assert len(with_.foam) > 100
+    assert (with_.hash(), with_.n_steps) == (without.hash(), without.n_steps)
+    same_foam(with_, threads)
     sim = runs[1]
     sim.save(tmp_path / "dam")
     again = gb.Simulation.load(tmp_path / "dam", device="cpu", threads=1)
-    assert len(again.foam) == len(sim.foam)
     for one in (sim, again):
         for _ in range(3):
             one.step(0.002)
-    for name, values in sim.foam._state().items():
-        np.testing.assert_array_equal(values, again.foam._state()[name], err_msg=name)
+    same_foam(sim, again)
     again.reset()
     assert len(again.foam) == 0
-
-
-def test_a_damaged_checkpoint_is_refused(runs, tmp_path):
     state = runs[1].foam._state()
     for name, value in (
         ("foam_at", state["foam_at"][:, :2]),
@@ -223,7 +180,7 @@ def test_a_damaged_checkpoint_is_refused(runs, tmp_path):
         runs[1].foam._take_up(state)
 
 
-def test_the_oldest_go_and_foam_dies():
+def test_the_oldest_go_foam_dies_and_periodic_sides_are_joined():
     sim = scene({"max_particles": 3})
     for k in range(5):
         put(sim, (0.1 * k, 0, 0))
@@ -237,9 +194,6 @@ def test_the_oldest_go_and_foam_dies():
     assert len(sim.foam) == 1  # the fast one has left the domain
     sim.step(0.006)
     assert len(sim.foam) == 0
-
-
-def test_periodic_sides_are_joined():
     domain = {"lo": [-0.5, -1, -1], "hi": [0.5, 1, 1], "periodic": ["x"]}
     sim = scene(domain=domain)
     sim.add(lattice(6, (0.35, 0, 0)), "water")
@@ -255,8 +209,7 @@ def test_periodic_sides_are_joined():
 def test_neighbors_through_periodic_sides_are_those_of_brute_force(periodic):
     size = np.array([0.4, 0.45, 0.5])
     domain = {"lo": [0, 0, 0], "hi": size.tolist(), "periodic": periodic}
-    sim = scene(domain=domain)
-    rng = np.random.default_rng(4)
+    sim, rng = scene(domain=domain), np.random.default_rng(4)
     water, places = rng.uniform(0, size, (300, 3)), rng.uniform(0, size, (100, 3))
     sim.add(water, "water", rng.normal(size=(300, 3)))
     d = places[:, None] - sim.positions.astype(float)
@@ -277,22 +230,19 @@ def test_particles_and_an_image(runs):
     assert sum(sim.foam.counts.values()) == len(sim.foam) == len(particles)
     camera = gb.Camera((0.6, -2.2, 0.6), (0.6, 0.15, 0.4), (0, 0, 1))
     plain = gb.render(sim.scene, camera, (96, 72)).color
-    white = gb.render([sim.scene, sim.foam.layer()], camera, (96, 72)).color
-    assert np.any(plain != white)
+    assert np.any(plain != gb.render([sim.scene, sim.foam.layer()], camera, (96, 72)).color)
 
 
 @pytest.mark.slow
 def test_a_run_writes_foam_beside_its_frames(tmp_path, capsys):
-    (tmp_path / "dam.toml").write_text(
-        """
+    (tmp_path / "dam.toml").write_text("""
 spacing = 0.05
 seconds = 0.2
 domain = { lo = [0, 0, 0], hi = [0.8, 0.2, 0.8], walls = true }
 fluids = [{ name = "water", box = { lo = [0, 0, 0], hi = [0.4, 0.2, 0.6] } }]
 foam = { approach = [0.2, 1], speed = [0.2, 2] }
 output = { fps = 10 }
-"""
-    )
+""")
     command = ["simulate", str(tmp_path / "dam.toml"), "--device", "cpu", "--images"]
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     assert main([*command, str(whole), "--size", "64x48", "-o", str(whole)]) == 0

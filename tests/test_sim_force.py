@@ -1,7 +1,5 @@
 """What instruments feel of tissue: weights, moduli, momentum, moments; on every backend."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -48,7 +46,7 @@ def test_a_pulled_column_pulls_with_its_modulus(backend, model, share):
 
 
 @pytest.mark.parametrize("model", ["bonds", "solid"])
-def test_a_floor_carries_what_stands_on_it(backend, model):
+def test_a_floor_carries_what_stands_on_it_and_impulses_are_what_tissue_gains(backend, model):
     x = lattice(5, 5, 4)
     tissue = tissue_of(x, model, damping=20.0, **backend)
     tissue.instruments([], [(HALF_SPACE, (0, 0, 0), (0, 0, 1), 0.0, (0, 0, 0))])
@@ -59,26 +57,16 @@ def test_a_floor_carries_what_stands_on_it(backend, model):
     np.testing.assert_allclose(force, (0, 0, -weight), atol=0.02 * weight)
     arm = x.mean(0, dtype="f8")
     np.testing.assert_allclose(torque, np.cross(arm, (0, 0, -weight)), atol=0.02 * weight * arm.max())
-
-
-@pytest.mark.parametrize("model", ["bonds", "solid"])
-def test_impulses_are_what_the_tissue_gains(backend, model):
-    """A free block that a ball and a capsule hit: both impulses add up to its momentum."""
     x = lattice(5, 5, 5)
     tissue = tissue_of(x, model, **backend)
     middle = tuple(float(v) for v in x.mean(0))
-    low = (middle[0], middle[1], -0.006)
-    aside = (-0.006, middle[1], middle[2])
-    shapes = [
-        (BALL, low, low, 0.005, (0, 0, 0.3)),
-        (CAPSULE, aside, (aside[0], aside[1] + 0.01, aside[2]), 0.004, (0.2, 0, 0)),
-    ]
+    low, aside = (middle[0], middle[1], -0.006), (-0.006, middle[1], middle[2])
+    end = (aside[0], aside[1] + 0.01, aside[2])
+    shapes = [(BALL, low, low, 0.005, (0, 0, 0.3)), (CAPSULE, aside, end, 0.004, (0.2, 0, 0))]
     given, dt = np.zeros(3), 0.002
     for k in range(12):
-        moved = [
-            (kind, np.add(a, np.multiply(v, k * dt)), np.add(b, np.multiply(v, k * dt)), r, v)
-            for kind, a, b, r, v in shapes
-        ]
+        way = [np.multiply(v, k * dt) for *_, v in shapes]
+        moved = [(kind, a + w, b + w, r, v) for w, (kind, a, b, r, v) in zip(way, shapes, strict=True)]
         tissue.instruments([], moved)
         tissue.advance(dt)
         for number in (0, 1):
@@ -89,8 +77,7 @@ def test_impulses_are_what_the_tissue_gains(backend, model):
 
 
 def test_nothing_held_and_nothing_met_is_no_force(backend):
-    x = lattice(3, 3, 3)
-    tissue = tissue_of(x, "bonds", **backend)
+    tissue = tissue_of(lattice(3, 3, 3), "bonds", **backend)
     assert not np.any(tissue.grasp_force())
     tissue.instruments([], [(BALL, (1, 1, 1), (1, 1, 1), 0.01, (0, 0, 0))])
     tissue.advance(0.01)
@@ -158,8 +145,7 @@ def test_a_grasper_that_turns_feels_the_torque(backend):
         pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
         grip.move_to(pose)
         sim.step(0.01)
-    stiffness = 20000.0 / 2 * 0.1406 * across**4 / (8 * d)
-    assert 1.0 < -grip.torque[2] / angle / stiffness < 1.25
+    assert 1.0 < -grip.torque[2] / angle / (20000.0 / 2 * 0.1406 * across**4 / (8 * d)) < 1.25
     twisted = grip.torque[2]
     assert np.abs(grip.force).max() < 0.02 * abs(twisted) / across
     for grip.on in [False] * 80 + [True] * 5:  # it rings, then rests

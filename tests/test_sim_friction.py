@@ -1,8 +1,6 @@
 """Coulomb friction of tissue: it stays or slides as it should, and instruments feel it; on every
 backend."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from globule.sim import blade
@@ -45,8 +43,7 @@ def test_cut_faces_rub_and_keep_the_momentum(backend, model):
     all of the sliding, is gone; the whole keeps its momentum, and loses energy."""
     x = lattice(6, 6, 6)
     edge = np.array([[-1.0, -1.0, 2.5 * SPACING], [-1.0, 1.0, 2.5 * SPACING]])
-    upper = x[:, 2] > 2.5 * SPACING
-    found = []
+    upper, found = x[:, 2] > 2.5 * SPACING, []
     for friction in (0.0, 0.1, 0.4):
         tissue = Tissue(x, SPACING, 2500.0, DENSITY, model=model, friction=friction, **backend)
         tissue.cut(blade.sweep(edge, edge + [2.0, 0, 0]))
@@ -64,10 +61,9 @@ def test_cut_faces_rub_and_keep_the_momentum(backend, model):
     assert third < first
 
 
-def test_a_contact_has_the_larger_coefficient(backend):
+def test_friction_drags_stops_and_has_the_larger_coefficient(backend):
     """The shape's or the tissue's, whichever is given."""
-    x = lattice(4, 4, 2)
-    speeds = []
+    x, speeds = lattice(4, 4, 2), []
     for own, others in ((0.0, 0.3), (0.3, 0.0), (0.3, 0.1), (0.0, 0.0)):
         tissue = Tissue(x, SPACING, 2500.0, DENSITY, friction=own, **backend)
         tissue.velocities = (0.1, 0.0, 0.0)
@@ -77,10 +73,6 @@ def test_a_contact_has_the_larger_coefficient(backend):
         speeds.append(tissue.velocities[:, 0].mean(dtype="f8"))
     assert speeds[0] == speeds[1] == speeds[2] < 0.08
     assert abs(speeds[3] - 0.1) < 1e-6
-
-
-def test_any_friction_only_stops(backend):
-    """Far more friction than it takes stops a body, and no more: a block swings on its feet."""
     tissue = Tissue(lattice(4, 4, 2), SPACING, 2500.0, DENSITY, friction=100.0, damping=30.0, **backend)
     tissue.velocities = (0.05, 0.0, -0.01)
     tissue.instruments([], [(HALF_SPACE, (0, 0, 0), (0, 0, 1), 0.0, (0, 0, 0))])
@@ -88,13 +80,8 @@ def test_any_friction_only_stops(backend):
         tissue.advance(0.002, (0, 0, -9.81))
         assert np.abs(tissue.velocities[:, 0].mean()) < 0.05
     assert np.abs(tissue.velocities).max() < 1e-3
-
-
-def test_a_ball_drags_what_it_touches(backend):
-    """A ball that moves along a surface pulls it along, and feels the opposite."""
     x = lattice(8, 8, 3)
-    fixed = x[:, 2] < 0.5 * SPACING
-    sums = {}
+    fixed, sums = x[:, 2] < 0.5 * SPACING, {}
     for friction in (0.0, 0.5):
         tissue = Tissue(x, SPACING, 2500.0, DENSITY, fixed=fixed, damping=20.0, **backend)
         force = np.zeros(3)

@@ -1,7 +1,5 @@
 """Solids that relax or yield: against closed forms and a float64 reference, on every backend."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -40,7 +38,6 @@ def turn():
 
 
 def forces(tissue, positions, dt):
-    """One substep from these positions at rest."""
     tissue.positions = positions
     tissue.velocities = np.zeros_like(positions)
     tissue.advance(dt, substeps=1)
@@ -50,8 +47,7 @@ def forces(tissue, positions, dt):
 @pytest.mark.parametrize("poisson", [0.0, 0.45])
 def test_forces_and_energy_are_the_references(backend, poisson):
     rest, dt = jittered((4, 5, 6)), 1e-5
-    series = ((0.5, 2e-4), (0.3, 1e-3))
-    bonds = build_bonds(rest, D, MODULUS)
+    series, bonds = ((0.5, 2e-4), (0.3, 1e-3)), build_bonds(rest, D, MODULUS)
     material = materials.elasticity(MODULUS, poisson, len(rest), series)
     tissue = solid(rest, poisson, relaxation=series, **backend)
     past = np.broadcast_to(np.eye(3), (2, len(rest), 3, 3))
@@ -59,8 +55,7 @@ def test_forces_and_energy_are_the_references(backend, poisson):
         x = deformed(rest, by)
         F = solids.gradients(x, rest, bonds, D)
         for _ in range(3):
-            past = solids.relaxed(past, F, material, dt)
-            found = forces(tissue, x, dt)
+            past, found = solids.relaxed(past, F, material, dt), forces(tissue, x, dt)
         energy, expected = solids.forces(x, rest, bonds, material, D, past)
         assert np.abs(found - expected).max() < 2e-5 * np.abs(expected).max()
         tissue.positions = x
@@ -69,8 +64,7 @@ def test_forces_and_energy_are_the_references(backend, poisson):
 
 def test_the_reference_with_a_past_is_its_energys_derivative():
     rest = jittered((4, 4, 4))
-    x = deformed(rest, 0.1).astype("f8")
-    bonds = build_bonds(rest, D, MODULUS)
+    x, bonds = deformed(rest, 0.1).astype("f8"), build_bonds(rest, D, MODULUS)
     material = materials.elasticity(MODULUS, 0.4, len(rest), TWO)
     F = solids.gradients(deformed(rest), rest, bonds, D)
     past = solids.relaxed(np.broadcast_to(np.eye(3), (2, 64, 3, 3)), F, material, 0.1)
@@ -79,15 +73,13 @@ def test_the_reference_with_a_past_is_its_energys_derivative():
 
 @pytest.mark.parametrize("how", [{"relaxation": ((0.5, 2e-4), (0.3, 1e-3))}, {"plastic": 0.02, "creep": 2000.0}])
 def test_turned_bodies_have_turned_forces_and_no_less_memory(backend, how):
-    """Half way through its relaxation or flow one of two bodies is turned."""
     rest, dt, q = jittered((4, 5, 6)), 1e-5, turn()
     one, other = (solid(rest, 0.4, **how, **backend) for _ in range(2))
     x = deformed(rest, 0.1)
     fresh = forces(one, x, dt)
     forces(other, x, dt)
     for _ in range(30):
-        before = forces(one, x, dt)
-        after = forces(other, x @ q.T, dt)
+        before, after = forces(one, x, dt), forces(other, x @ q.T, dt)
     assert np.abs(before - fresh).max() > 0.05 * np.abs(fresh).max()
     assert np.abs(after - before @ q.T).max() < 1e-4 * np.abs(before).max()
 
@@ -121,17 +113,14 @@ def test_times_far_from_the_substep_are_stable(backend, time):
     assert max(energies) < 0.5 * MASS * (v**2).sum()
     x = lattice(4, 4, 4)
     sheared = (x @ np.array([[1, 0, 0], [0.2, 1, 0], [0, 0, 1]])).astype("f4")
-    fixed = np.ones(len(x), bool)
-    elastic = solid(x, 0.3, **backend)
+    fixed, elastic = np.ones(len(x), bool), solid(x, 0.3, **backend)
     relaxing = solid(x, 0.3, fixed=fixed, relaxation=((0.75, time),), **backend)
     elastic.positions = relaxing.positions = sheared
     relaxing.advance(0.001)
-    left = relaxing.elastic_energy / elastic.elastic_energy
-    assert abs(left - (0.25 if time < 1 else 1.0)) < 1e-4
+    assert abs(relaxing.elastic_energy / elastic.elastic_energy - (0.25 if time < 1 else 1.0)) < 1e-4
 
 
 def test_crushed_and_inverted_bodies_stay_finite(backend):
-    """And come back: nothing of them is lost."""
     x = lattice(5, 5, 5)
     tissue = solid(x, 0.3, damping=30.0, relaxation=TWO, plastic=0.1, creep=50.0, **backend)
     for squash in ((0.05, 1, 1), (1, -0.5, 1), (2.5, 0.2, 0.2), (0, 1, 1)):
@@ -202,15 +191,14 @@ def test_checkpoints_cuts_and_sutures_keep_the_memory(tmp_path, keys):
     assert np.array_equal(first[name], before)
 
 
-def test_bodies_with_and_without_a_past_beside_each_other(backend):
+def test_bodies_with_and_without_a_past_and_their_states(backend):
     """Added one after the other, a body keeps what it remembers; elastic bodies have none."""
     sim = gb.Simulation(
         spacing=D, domain={"lo": [-0.5] * 3, "hi": [0.5] * 3}, gravity=(0, 0, 0),
         solids=[{"name": "a"}, {"name": "b"}, {"name": "c"}], **backend,
     )  # fmt: skip
     x = lattice(3, 3, 5)
-    v = 0.1 * (x - x.mean(0)) / D * [0, 0, 1]
-    rows = 32 * -(-len(x) // 32)
+    v, rows = 0.1 * (x - x.mean(0)) / D * [0, 0, 1], 32 * -(-len(x) // 32)
 
     def terms():
         state = sim.arrays.state()["tissue_terms"].view("f4")
@@ -230,9 +218,6 @@ def test_bodies_with_and_without_a_past_beside_each_other(backend):
     assert np.array_equal(after[0][:, : 2 * rows], before[:, : 2 * rows])
     assert (after[:, 0, 2 * rows] == np.float32([0.4, 0.3])).all()
     sim.step()
-
-
-def test_states_without_memory_have_no_arrays_of_it():
     sim = gb.Simulation(scene(), device="cpu")
     sim.step()
     assert not {"tissue_terms", "tissue_stays"} & set(sim.arrays.state())
@@ -245,31 +230,27 @@ def test_states_without_memory_have_no_arrays_of_it():
     assert not {"tissue_terms", "tissue_stays"} & set(sim.arrays.state())
 
 
-def test_wrong_scenes_are_named():
-    for keys, message in (
-        ({"relaxation": [{"share": 0.5}]}, "relaxation"),
-        ({"relaxation": [{"share": 1.5, "time": 1}]}, "share: expected"),
-        ({"relaxation": [*SERIES, SERIES[0]]}, "relaxation: expected up to 2"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            gb.Simulation(scene(**keys), device="cpu")
+@pytest.mark.parametrize(("series", "message"), [
+    ([{"share": 0.5}], "relaxation"), ([{"share": 1.5, "time": 1}], "share: expected"),
+    ([*SERIES, SERIES[0]], "relaxation: expected up to 2"),
+])  # fmt: skip
+def test_wrong_scenes_are_named(series, message):
+    with pytest.raises(ValueError, match=message):
+        gb.Simulation(scene(relaxation=series), device="cpu")
 
 
-@pytest.mark.parametrize(
-    ("name", "change", "message"),
-    [
-        ("tissue_terms", lambda t: t[:-8], "tissue_terms: expected 1 to 2 terms"),
-        ("tissue_terms", lambda t: t * np.float32(-1), "tissue_terms: expected shares from 0 to 1"),
-        ("tissue_terms", lambda t: t + np.float32(0.4), "tissue_terms: expected shares|positive"),
-        ("tissue_stays", lambda t: t[:-6], "tissue_stays: expected"),
-        ("tissue_stays", lambda t: t - 1, "tissue_stays: expected positive metrics"),
-        ("tissue_stays", lambda t: t + 4, "tissue_stays: expected positive metrics"),
-        ("tissue_stays", lambda t: t * np.float32(np.nan), "tissue_stays: expected finite"),
-        ("tissue_spared", lambda t: t[:-1], "tissue_spared: expected"),
-        ("tissue_spared", lambda t: t - 1, "tissue_spared: expected densities"),
-        ("tissue_spared", lambda t: t * np.float32(np.nan), "tissue_spared: expected finite"),
-    ],
-)
+@pytest.mark.parametrize(("name", "change", "message"), [
+    ("tissue_terms", lambda t: t[:-8], "tissue_terms: expected 1 to 2 terms"),
+    ("tissue_terms", lambda t: t * np.float32(-1), "tissue_terms: expected shares from 0 to 1"),
+    ("tissue_terms", lambda t: t + np.float32(0.4), "tissue_terms: expected shares|positive"),
+    ("tissue_stays", lambda t: t[:-6], "tissue_stays: expected"),
+    ("tissue_stays", lambda t: t - 1, "tissue_stays: expected positive metrics"),
+    ("tissue_stays", lambda t: t + 4, "tissue_stays: expected positive metrics"),
+    ("tissue_stays", lambda t: t * np.float32(np.nan), "tissue_stays: expected finite"),
+    ("tissue_spared", lambda t: t[:-1], "tissue_spared: expected"),
+    ("tissue_spared", lambda t: t - 1, "tissue_spared: expected densities"),
+    ("tissue_spared", lambda t: t * np.float32(np.nan), "tissue_spared: expected finite"),
+])  # fmt: skip
 def test_states_that_cannot_be_are_refused(name, change, message):
     sim = gb.Simulation(scene(relaxation=SERIES, plastic=0.01), device="cpu")
     sim.step()

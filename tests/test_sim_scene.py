@@ -8,7 +8,6 @@ SIZE = (64, 48)
 
 
 def simulation(backend, **keys) -> gb.Simulation:
-    """A column of water in a box, and what else `keys` say."""
     scene = {
         "spacing": 0.025, "domain": {"lo": [0, 0, 0], "hi": [0.5, 0.2, 0.4], "walls": True},
         "fluids": [{"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.2, 0.2, 0.3]},
@@ -27,11 +26,10 @@ def assert_same_image(one, other) -> None:
 CAMERA = gb.Camera((0.3, -0.9, 0.5), (0.15, 0.1, 0.15), (0, 0, 1), fov=30)
 
 
-def test_a_fluid_is_drawn_as_render_draws_its_particles(backend):
+def test_a_fluid_is_drawn_as_render_draws_it_and_drawing_changes_nothing(backend):
     sim = simulation(backend)
     sim.run(0.05)
-    assert sim.scene.surface == "smooth"
-    assert sim.scene.threshold == 0.5
+    assert (sim.scene.surface, sim.scene.threshold) == ("smooth", 0.5)
     assert sim.scene.support == pytest.approx(2.25 * 0.025)
     own = gb.Scene(sim.shown_particles, surface="smooth", spacing=0.025, **backend)
     a, b = (gb.render(scene, CAMERA, SIZE) for scene in (sim, own))
@@ -40,20 +38,14 @@ def test_a_fluid_is_drawn_as_render_draws_its_particles(backend):
     picked = a.pick(*np.argwhere(a.mask)[9][::-1])
     assert sim.arrays.phase[picked.particle] == 0
     assert sim.scene.octree.n_inside == len(sim.shown_particles) < len(sim)
-
-
-def test_the_surface_encloses_the_water_and_stays_inside_the_walls(backend):
+    # The surface encloses the water, and stays inside the walls.
     sim = simulation(backend)
     measure = gb.measure.measure_surface(gb.Scene(sim.shown_particles, surface="smooth", spacing=0.025))
     assert measure.volume == pytest.approx(0.2 * 0.2 * 0.3, rel=0.04)
     top, side = sim.scene.intersect(
         np.array([[0.1, 0.1, 1.0], [0.1, -1.0, 0.1]], "f4"), np.array([[0, 0, -1], [0, 1, 0]], "f4")
     ).distance
-    assert 1.0 - top == pytest.approx(0.3, abs=0.003)
-    assert side - 1.0 == pytest.approx(0.0, abs=0.003)
-
-
-def test_drawing_changes_nothing(backend):
+    assert (1.0 - top, side - 1.0) == (pytest.approx(0.3, abs=0.003), pytest.approx(0.0, abs=0.003))
     hashes = []
     for draws in (False, True):
         sim = simulation(backend)
@@ -73,20 +65,17 @@ def by_kind(sim, **backend) -> list[gb.Scene]:
     """Scenes of a simulation's tissue and fluids, smooth, and of the rest, as balls."""
     kinds = np.array([phase.kind for phase in sim.phases.values()])[sim.arrays.phase]
     particles = sim.particles
+    shown = np.array([phase.shown for phase in sim.phases.values()])[sim.arrays.phase]
     scenes = []
     for kind in ("tissue", "fluid", "boundary"):
-        some = np.isin(np.arange(len(sim)), np.flatnonzero(kinds == kind))
-        some &= np.array([phase.shown for phase in sim.phases.values()])[sim.arrays.phase]
+        some = (kinds == kind) & shown
         options = {"surface": "smooth", "spacing": 0.025} if kind != "boundary" else {}
-        part = gb.Particles(
-            particles.positions[some], support=None if options else 0.05,
-            color=particles.color[some],
-        )  # fmt: skip
-        scenes.append(gb.Scene(part, **options, **backend))
+        at, color, support = particles.positions[some], particles.color[some], None if options else 0.05
+        scenes.append(gb.Scene(gb.Particles(at, support=support, color=color), **options, **backend))
     return scenes
 
 
-def test_tissue_fluids_and_the_rest_are_layers(backend):
+def test_tissue_fluids_and_the_rest_are_layers_and_fluids_shine(backend):
     sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
     sim.run(0.1)
     assert (sim.scene.surface, sim.scene.threshold) == ("smooth", 0.5)
@@ -98,75 +87,6 @@ def test_tissue_fluids_and_the_rest_are_layers(backend):
     assert_same_image(a, b)
     assert (a._layer == b._layer)[a.mask].all()
     assert set(np.unique(a._layer[a.mask])) == {0, 1, 2}
-
-
-def test_a_program_may_want_balls(backend):
-    sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
-    smooth = gb.render(sim, CAMERA, SIZE)
-    sim.scene.surface = "balls"
-    assert (sim.scene.surface, sim.scene.threshold, sim.scene.beside) == ("balls", 0.6, ())
-    assert sim.scene.octree.build_seconds == 0  # the solver's own tree; nobody took its time
-    p = sim.shown_particles
-    balls = gb.render(sim, CAMERA, SIZE)
-    expected = gb.render(gb.Scene(p, **backend), CAMERA, SIZE)
-    assert (balls.mask == expected.mask).all()
-    assert balls.mask.sum() > smooth.mask.sum()
-    sim.scene.surface = "smooth"
-    again = gb.render(sim, CAMERA, SIZE)
-    assert (again.mask == smooth.mask).all()
-    assert sim.scene.octree.build_seconds > 0
-    with pytest.raises(ValueError, match="surface: expected smooth or balls, got 'spheres'"):
-        sim.scene.surface = "spheres"
-
-
-def test_layers_come_and_go_with_what_is_shown(backend):
-    sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
-    everything = gb.render(sim, CAMERA, SIZE)
-    sim.phases["water"].shown = sim.phases["post"].shown = False
-    sim.step()
-    assert sim.scene.beside == ()
-    tissue = gb.render(sim, CAMERA, SIZE)
-    assert 0 < tissue.mask.sum() < everything.mask.sum()
-    sim.phases["tissue"].shown, sim.phases["water"].shown = False, True
-    sim.step()
-    assert (sim.scene.surface, sim.scene.beside) == ("smooth", ())
-    fluid = gb.render(sim, CAMERA, SIZE)
-    assert (fluid.mask & ~tissue.mask).any()
-    sim.phases["tissue"].shown = sim.phases["post"].shown = True
-    sim.step()
-    assert len(sim.scene.beside) == 2
-    again = gb.render(sim, CAMERA, SIZE)
-    assert (again.mask == everything.mask).mean() > 0.98  # two steps later
-    for name in ("water", "tissue", "post"):
-        sim.phases[name].shown = False
-    sim.step()
-    assert sim.scene.surface == "balls"
-    assert not gb.render(sim, CAMERA, SIZE).mask.any()
-
-
-def test_a_fluid_without_particles_is_no_hindrance(backend):
-    sim = simulation(backend, solids=[BLOCK], fluids=[{"name": "water"}])
-    assert len(sim.scene.beside) == 1
-    before = gb.render(sim, CAMERA, SIZE)
-    sim.phases["water"].shown = False
-    sim.step(1e-6)
-    assert (gb.render(sim, CAMERA, SIZE).mask == before.mask).all()
-    sim.phases["water"].shown = True
-    sim.add([[0.1, 0.1, 0.1]], "water")
-    assert gb.render(sim, CAMERA, SIZE).mask.sum() > before.mask.sum()
-
-
-def test_layers_of_a_simulation_count(backend):
-    sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
-    meshes = [gb.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]) for _ in range(2)]
-    frame = gb.render([gb.Layer(sim), meshes[0]], CAMERA, SIZE)
-    assert set(np.unique(frame._layer[frame.mask])) <= {0, 1, 2, 3}
-    with pytest.raises(ValueError, match="at most 4 layers, got 5"):
-        gb.render([gb.Layer(sim), *meshes], CAMERA, SIZE)
-
-
-def test_fluids_beside_tissue_shine(backend):
-    """A film of liquid is smooth: sharper and brighter highlights than the material's own."""
     sim = simulation(backend, solids=[BLOCK])
     light = {"lights": [gb.Headlight(0.3)], "ambient": 0.0, "tone": False}
     light |= {"specular": 0.3, "background": (0, 0, 0), "edge_samples": 0}
@@ -181,13 +101,66 @@ def test_fluids_beside_tissue_shine(backend):
     assert np.abs(a.color - b.color).max() < 1e-5
 
 
-def test_a_threshold_of_ones_own_stays(backend):
+def test_a_program_may_want_balls_and_a_threshold_of_its_own(backend):
+    sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
+    smooth = gb.render(sim, CAMERA, SIZE)
+    sim.scene.surface = "balls"
+    assert (sim.scene.surface, sim.scene.threshold, sim.scene.beside) == ("balls", 0.6, ())
+    assert sim.scene.octree.build_seconds == 0  # the solver's own tree; nobody took its time
+    p, balls = sim.shown_particles, gb.render(sim, CAMERA, SIZE)
+    expected = gb.render(gb.Scene(p, **backend), CAMERA, SIZE)
+    assert (balls.mask == expected.mask).all()
+    assert balls.mask.sum() > smooth.mask.sum()
+    sim.scene.surface = "smooth"
+    assert (gb.render(sim, CAMERA, SIZE).mask == smooth.mask).all()
+    assert sim.scene.octree.build_seconds > 0
+    with pytest.raises(ValueError, match="surface: expected smooth or balls, got 'spheres'"):
+        sim.scene.surface = "spheres"
     sim = simulation(backend)
     before = gb.render(sim, CAMERA, SIZE).mask.sum()
     sim.scene.threshold = 0.2
     sim.step()
     assert sim.scene.threshold == 0.2
     assert gb.render(sim, CAMERA, SIZE).mask.sum() > before
+
+
+def test_layers_come_and_go_with_what_is_shown_and_count(backend):
+    sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
+    everything = gb.render(sim, CAMERA, SIZE)
+    sim.phases["water"].shown = sim.phases["post"].shown = False
+    sim.step()
+    assert sim.scene.beside == ()
+    tissue = gb.render(sim, CAMERA, SIZE)
+    assert 0 < tissue.mask.sum() < everything.mask.sum()
+    sim.phases["tissue"].shown, sim.phases["water"].shown = False, True
+    sim.step()
+    assert (sim.scene.surface, sim.scene.beside) == ("smooth", ())
+    assert (gb.render(sim, CAMERA, SIZE).mask & ~tissue.mask).any()
+    sim.phases["tissue"].shown = sim.phases["post"].shown = True
+    sim.step()
+    assert len(sim.scene.beside) == 2
+    again = gb.render(sim, CAMERA, SIZE)
+    assert (again.mask == everything.mask).mean() > 0.98  # two steps later
+    for name in ("water", "tissue", "post"):
+        sim.phases[name].shown = False
+    sim.step()
+    assert sim.scene.surface == "balls"
+    assert not gb.render(sim, CAMERA, SIZE).mask.any()
+    sim = simulation(backend, solids=[BLOCK], fluids=[{"name": "water"}])
+    assert len(sim.scene.beside) == 1
+    before = gb.render(sim, CAMERA, SIZE)
+    sim.phases["water"].shown = False
+    sim.step(1e-6)
+    assert (gb.render(sim, CAMERA, SIZE).mask == before.mask).all()
+    sim.phases["water"].shown = True
+    sim.add([[0.1, 0.1, 0.1]], "water")
+    assert gb.render(sim, CAMERA, SIZE).mask.sum() > before.mask.sum()
+    sim = simulation(backend, solids=[BLOCK], boundaries=[POST])
+    meshes = [gb.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]) for _ in range(2)]
+    frame = gb.render([gb.Layer(sim), meshes[0]], CAMERA, SIZE)
+    assert set(np.unique(frame._layer[frame.mask])) <= {0, 1, 2, 3}
+    with pytest.raises(ValueError, match="at most 4 layers, got 5"):
+        gb.render([gb.Layer(sim), *meshes], CAMERA, SIZE)
 
 
 def test_white_matter_is_of_the_same_body(tmp_path, backend):
@@ -200,14 +173,12 @@ def test_white_matter_is_of_the_same_body(tmp_path, backend):
 
     def made(**keys):
         solid = {"name": "brain", "tomography": source | keys, "color": [0.4, 0.3, 0.2]}
-        return gb.Simulation(
-            {"spacing": 0.005, "domain": {"lo": [-0.1] * 3, "hi": [0.1] * 3}, "solids": [solid]}, **backend
-        )
+        domain = {"lo": [-0.1] * 3, "hi": [0.1] * 3}
+        return gb.Simulation({"spacing": 0.005, "domain": domain, "solids": [solid]}, **backend)
 
     sim = made(white=[0.9, 0.9, 0.8], white_level=150.0)
     assert list(sim.phases) == ["brain", "brain white matter"]
-    white = sim.arrays.phase == 1
-    distance = np.linalg.norm(sim.positions, axis=1)
+    white, distance = sim.arrays.phase == 1, np.linalg.norm(sim.positions, axis=1)
     assert (white == (distance < 0.0175)).all()
     assert 0 < white.sum() < len(sim) / 2
     plain = made()
@@ -216,8 +187,7 @@ def test_white_matter_is_of_the_same_body(tmp_path, backend):
     camera = gb.Camera((0, -0.3, 0), (0, 0, 0), (0, 0, 1), 20)
     frame = gb.render(sim, camera, (48, 48), clips=[gb.ClipPlane((0, -1, 0))])
     middle, rim = frame.albedo[24, 24], frame.albedo[24, 12]
-    assert middle == pytest.approx([0.9, 0.9, 0.8], abs=0.02)
-    assert rim == pytest.approx([0.4, 0.3, 0.2], abs=0.05)
+    assert (middle, rim) == (pytest.approx([0.9, 0.9, 0.8], abs=0.02), pytest.approx([0.4, 0.3, 0.2], abs=0.05))
     for keys in ({"white": [1, 1, 1]}, {"white_level": 150.0}):
         with pytest.raises(ValueError, match="white_level of a file, got one"):
             made(**keys)

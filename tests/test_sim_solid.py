@@ -1,7 +1,5 @@
 """Solids: forces against a float64 reference, moduli, beams, turns, cuts; on every backend."""
 
-from __future__ import annotations
-
 import itertools
 
 import globule as gb
@@ -20,39 +18,24 @@ D = SPACING
 MASS = DENSITY * D**3
 
 
+LONG = [
+    ("column", {"poisson": 0.45}), ("squeeze", {}), ("column", {"poisson": 0.3}), ("cantilever", {"poisson": 0.3}),
+    ("cantilever", {"poisson": 0.45}), ("turns", {}), ("cantilever", {"across": 9}), ("turned_column", {}),
+    ("vibration", {}),
+]  # fmt: skip
+
+
 @pytest.mark.few_backends
 @pytest.mark.parametrize(("experiment", "how"), [
-    ("column", {"poisson": 0.0}), ("cantilever", {"poisson": 0.0}),
-    pytest.param("column", {"poisson": 0.45}, marks=pytest.mark.slow),
-    pytest.param("squeeze", {}, marks=pytest.mark.slow),
-    ("steps", {}), ("cut_column", {}), ("momentum", {}),
-    ("vibration", {"periods": 8}),
+    ("column", {"poisson": 0.0}), ("cantilever", {"poisson": 0.0}), ("steps", {}), ("cut_column", {}),
+    ("momentum", {}), ("vibration", {"periods": 8}),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in LONG),
 ])  # fmt: skip
 def test_truths(backend, experiment, how):
     check(getattr(truths, experiment)(**backend, **how))
 
 
-@pytest.mark.slow
-@pytest.mark.few_backends
-@pytest.mark.parametrize(("experiment", "how"), [
-    ("column", {"poisson": 0.3}), ("cantilever", {"poisson": 0.3}),
-    ("cantilever", {"poisson": 0.45}), ("turns", {}),
-])  # fmt: skip
-def test_longer_truths(backend, experiment, how):
-    check(getattr(truths, experiment)(**backend, **how))
-
-
-@pytest.mark.slow
-@pytest.mark.few_backends
-@pytest.mark.parametrize(("experiment", "how"), [
-    ("cantilever", {"across": 9}), ("turned_column", {}), ("vibration", {}),
-])  # fmt: skip
-def test_longest_truths(backend, experiment, how):
-    check(getattr(truths, experiment)(**backend, **how))
-
-
 def strained(rest, seed=1, by=0.05):
-    """Turned, stretched, bent and shaken."""
     x = rest.astype("f8") - rest.mean(0)
     turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     turn *= np.sign(np.linalg.det(turn))
@@ -63,17 +46,14 @@ def strained(rest, seed=1, by=0.05):
 @pytest.mark.parametrize("poisson", [0.0, 0.3, 0.49])
 def test_forces_and_energy_are_the_references(backend, poisson):
     rest = jittered((5, 6, 7))
-    x = strained(rest)
-    bonds = build_bonds(rest, D, MODULUS)
-    material = materials.elasticity(MODULUS, poisson, len(rest))
-    energy, force = solids.forces(x, rest, bonds, material, D)
+    x, bonds = strained(rest), build_bonds(rest, D, MODULUS)
+    energy, force = solids.forces(x, rest, bonds, materials.elasticity(MODULUS, poisson, len(rest)), D)
     tissue = truths.solid(rest, poisson, **backend)
     tissue.positions = x
     assert abs(tissue.elastic_energy / energy - 1) < 1e-4
     dt = 1e-5
     tissue.advance(dt, substeps=1)
-    found = tissue.velocities.astype("f8") / dt * MASS
-    assert np.abs(found - force).max() < 2e-5 * np.abs(force).max()
+    assert np.abs(tissue.velocities.astype("f8") / dt * MASS - force).max() < 2e-5 * np.abs(force).max()
 
 
 def derivative(reference, x, some):
@@ -92,8 +72,7 @@ def derivative(reference, x, some):
 
 def test_the_reference_is_its_energys_derivative():
     rest = jittered((4, 4, 4))
-    x = strained(rest).astype("f8")
-    bonds = build_bonds(rest, D, MODULUS)
+    x, bonds = strained(rest).astype("f8"), build_bonds(rest, D, MODULUS)
     material = materials.elasticity(MODULUS, 0.4, len(rest))
     force = derivative(lambda y: solids.forces(y, rest, bonds, material, D), x, (0, 21, 40, 63))
     moment = np.cross(x, force).sum(0)
@@ -116,10 +95,8 @@ def test_uniform_strain_has_the_energy_of_the_material(poisson):
 
 def test_what_cannot_have_a_gradient_holds_by_springs(backend):
     """A sheet, a chain and a lone particle: their neighbors do not span space."""
-    sheet = lattice(6, 6, 1)
-    chain = lattice(1, 1, 6) + np.float32(0.1)
-    lone = np.full((1, 3), 0.2, np.float32)
-    x = np.concatenate([sheet, chain, lone])
+    sheet, chain = lattice(6, 6, 1), lattice(1, 1, 6) + np.float32(0.1)
+    x = np.concatenate([sheet, chain, np.full((1, 3), 0.2, np.float32)])
     tissue = truths.solid(x, **backend)
     assert tissue.elastic_energy < 1e-15
     tissue.velocities = np.random.default_rng(0).normal(0, 0.02, x.shape)
@@ -133,8 +110,7 @@ def test_what_cannot_have_a_gradient_holds_by_springs(backend):
 
 def dragged_about(seed, n, reach, **how):
     """Tissue that is cut and dragged about by n steps, and how many substeps each took."""
-    rng = np.random.default_rng(seed)
-    x = lattice(8, 8, 8)
+    rng, x = np.random.default_rng(seed), lattice(8, 8, 8)
     tissue = truths.solid(x, 0.45, fixed=x[:, 2] < D / 2, damping=2.0, **how)
     substeps = []
     for k in range(n):
@@ -170,24 +146,18 @@ def test_tissue_torn_apart_gets_shorter_substeps(backend, seed, how):
     assert min(substeps) < max(substeps)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"model": "jelly"}, "model: expected bonds or solid"),
-        ({"poisson": 0.5}, "poisson: expected 0 to 0.49"),
-        ({"poisson": -0.1}, "poisson: expected 0 to 0.49"),
-        ({"young": 0.0}, "young"),
-        ({"young": np.nan}, "young"),
-        ({"positions": np.zeros((3, 3))}, "positions: expected particles about"),
-        ({"relaxation": [(0.5, 0.1)] * 3}, "relaxation: expected up to 2"),
-        ({"relaxation": [(0.5, 0.1), (0.5, 1.0)]}, "shares of at most 0.999 .* got 1"),
-        ({"relaxation": [(0.0, 0.1)]}, "shares between 0 and 1, got 0"),
-        ({"relaxation": [(0.5, 0.0)]}, "times from 1e-06 to .* got 0"),
-        ({"relaxation": [(0.5, np.nan)]}, "times .* got nan"),
-        ({"relaxation": [0.5, 0.1]}, "relaxation: expected up to 2"),
-        ({"relaxation": [(0.5, 0.1)], "model": "bonds"}, 'relaxation: .* model = "solid"'),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"model": "jelly"}, "model: expected bonds or solid"), ({"poisson": 0.5}, "poisson: expected 0 to 0.49"),
+    ({"poisson": -0.1}, "poisson: expected 0 to 0.49"), ({"young": 0.0}, "young"),
+    ({"young": np.nan}, "young"), ({"positions": np.zeros((3, 3))}, "positions: expected particles about"),
+    ({"relaxation": [(0.5, 0.1)] * 3}, "relaxation: expected up to 2"),
+    ({"relaxation": [(0.5, 0.1), (0.5, 1.0)]}, "shares of at most 0.999 .* got 1"),
+    ({"relaxation": [(0.0, 0.1)]}, "shares between 0 and 1, got 0"),
+    ({"relaxation": [(0.5, 0.0)]}, "times from 1e-06 to .* got 0"),
+    ({"relaxation": [(0.5, np.nan)]}, "times .* got nan"),
+    ({"relaxation": [0.5, 0.1]}, "relaxation: expected up to 2"),
+    ({"relaxation": [(0.5, 0.1)], "model": "bonds"}, 'relaxation: .* model = "solid"'),
+])  # fmt: skip
 def test_wrong_solids_are_named(change, message):
     good = {"positions": lattice(2, 2, 2), "spacing": D, "young": 2500.0, "model": "solid"}
     with pytest.raises(ValueError, match=message):
@@ -199,19 +169,16 @@ def test_solids_do_not_iterate():
         truths.solid(lattice(2, 2, 2), device="cpu").advance(0.01, iterations=2)
 
 
-@pytest.mark.parametrize(
-    ("ids", "how", "message"),
-    [
-        ([*range(27), 3], {}, "ids: expected each particle once, got 1 again"),
-        ([0, 1, 27], {}, "ids: expected particles of tissue or of boundaries, got 1 of others"),
-        (range(27), {"young": 1e20}, "young: expected at most 100,000 substeps in a step of 0.005"),
-        (range(27), {"young": 1e20, "model": "bonds"}, "young: expected at most 100,000 substeps"),
-        (range(27), {"fixed": [True, False]}, r"fixed: expected \(27,\) bool, got \(2,\)"),
-        (range(27), {"poisson": "a"}, r"poisson: expected one number or \(27,\), got 'a'"),
-        (range(27), {"poisson": [0.3] * 26 + [0.6]}, "poisson: expected 0 to 0.49, got 0.6"),
-        (range(27), {"poisson": 0.3, "model": "bonds"}, 'poisson: expected model "solid"'),
-    ],
-)
+@pytest.mark.parametrize(("ids", "how", "message"), [
+    ([*range(27), 3], {}, "ids: expected each particle once, got 1 again"),
+    ([0, 1, 27], {}, "ids: expected particles of tissue or of boundaries, got 1 of others"),
+    (range(27), {"young": 1e20}, "young: expected at most 100,000 substeps in a step of 0.005"),
+    (range(27), {"young": 1e20, "model": "bonds"}, "young: expected at most 100,000 substeps"),
+    (range(27), {"fixed": [True, False]}, r"fixed: expected \(27,\) bool, got \(2,\)"),
+    (range(27), {"poisson": "a"}, r"poisson: expected one number or \(27,\), got 'a'"),
+    (range(27), {"poisson": [0.3] * 26 + [0.6]}, "poisson: expected 0 to 0.49, got 0.6"),
+    (range(27), {"poisson": 0.3, "model": "bonds"}, 'poisson: expected model "solid"'),
+])  # fmt: skip
 def test_bodies_made_by_hand_name_what_is_wrong(ids, how, message):
     sim = gb.Simulation(
         spacing=D, domain={"lo": [-1, -1, -1], "hi": [1, 1, 1]}, device="cpu",
@@ -266,8 +233,7 @@ def test_steps_are_as_short_as_fast_instruments_and_boundaries_need(speed):
                               "keys": [{"time": 0}, {"time": 0.1 / speed,
                                                      "position": [0, 0, 0.1]}]}]}  # fmt: skip
     for more in (pulled, struck):
-        sim = gb.Simulation({**scene, **more}, device="cpu")
-        fastest = []
+        sim, fastest = gb.Simulation({**scene, **more}, device="cpu"), []
         sim.run(0.06, stop=lambda s=sim, f=fastest: f.append(np.abs(s.velocities).max()))
         assert max(fastest) < 4 * speed
         assert np.isfinite(sim.positions).all()
@@ -284,7 +250,7 @@ def in_a_simulation(backend, gravity, **solver):
     )  # fmt: skip
 
 
-def test_a_bent_beam_does_not_tremble_in_a_simulation(backend):
+def test_a_bent_beam_does_not_tremble_and_fixed_tissue_plays_no_part(backend):
     """The density solve leaves a solid's own pairs to its stress."""
     sim = in_a_simulation(backend, (9.81, 0, 0))
     sim.phases["tissue"].damping = 20.0
@@ -300,10 +266,6 @@ def test_a_bent_beam_does_not_tremble_in_a_simulation(backend):
     off = [(v[z == k] - v[z == k].mean(0))[:, :2] for k in range(2, z.max() + 1)]
     assert np.sqrt((np.concatenate(off) ** 2).mean(0)).max() < 0.004  # m/s
     assert report.compression < 1e-3
-
-
-def test_fixed_tissue_amid_fixed_tissue_plays_no_part(backend):
-    """A beam clamped at two layers, and at eight: no stress is computed of those far inside."""
     found = []
     for clamped in (2, 8):
         x = lattice(4, 4, 12 + clamped) - [0, 0, clamped * SPACING]

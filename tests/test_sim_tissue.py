@@ -1,7 +1,5 @@
 """Bonds: stiffness, momentum, tearing, pieces, grasps; on every backend."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from globule.sim.bonds import along, build_bonds
@@ -21,7 +19,7 @@ def test_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))
 
 
-def test_every_bond_stands_at_both_ends():
+def test_bonds():
     rng = np.random.default_rng(1)
     x = truths.lattice(6, 6, 6) + rng.uniform(-0.2, 0.2, (216, 3)).astype("f4") * D
     b = build_bonds(x, D, 2500.0)
@@ -29,16 +27,11 @@ def test_every_bond_stands_at_both_ends():
     assert len(pairs) == len(b.other)
     assert all((o, t) in pairs for t, o in pairs)
     distance = np.linalg.norm(x[:, None] - x[None], axis=2)
-    close = (distance <= np.float32(1.5 * D)) & ~np.eye(216, dtype=bool)
-    assert len(pairs) == close.sum()
-
-
-def test_stiffness_of_two_materials_is_in_series():
+    assert len(pairs) == ((distance <= np.float32(1.5 * D)) & ~np.eye(216, dtype=bool)).sum()
+    # The stiffness of two materials is in series.
     soft_hard = build_bonds(np.array([[0, 0, 0], [D, 0, 0]]), D, [1000.0, 3000.0])
     assert np.allclose(soft_hard.stiffness, 0.4 * 1500.0 * D)
-
-
-def test_bodies_are_not_bonded():
+    # Bodies are not bonded to each other.
     x = truths.lattice(2, 2, 4)
     b = build_bonds(x, D, 2500.0, body=truths.layers(x) // 2)
     assert (truths.layers(x)[b.first_ends] // 2 == truths.layers(x)[b.other] // 2).all()
@@ -46,8 +39,7 @@ def test_bodies_are_not_bonded():
 
 @pytest.mark.few_backends
 def test_jittered_particles_are_about_as_stiff_as_asked(backend):
-    rng = np.random.default_rng(5)
-    x = truths.lattice(6, 6, 24)
+    rng, x = np.random.default_rng(5), truths.lattice(6, 6, 24)
     z = truths.layers(x)
     x = x + rng.uniform(-0.15, 0.15, x.shape).astype("f4") * D
     tissue = Tissue(x, D, 2500.0, fixed=z == z.max(), damping=25.0, **backend)
@@ -55,14 +47,12 @@ def test_jittered_particles_are_about_as_stiff_as_asked(backend):
     pull[z == 0, 2] = -0.003 * 2500.0 * D**2 / (1000.0 * D**3)
     tissue.accelerate(pull)
     y = truths.settle(tissue, 1.0) - x
-    stretch = (y[z == 16, 2].mean() - y[z == 8, 2].mean()) / (8 * D)
-    assert 0.75 < 0.003 / stretch < 1.15
+    assert 0.75 < 0.003 / ((y[z == 16, 2].mean() - y[z == 8, 2].mean()) / (8 * D)) < 1.15
 
 
 @pytest.mark.parametrize("model", ["bonds", "solid"])
 def test_same_bits_whatever_the_threads(model):
-    x = truths.lattice(15, 15, 15)
-    found = []
+    x, found = truths.lattice(15, 15, 15), []
     for threads in (1, 2, 3):
         fixed = x[:, 2] < D / 2
         tissue = Tissue(x, D, 2500.0, fixed=fixed, model=model, device="cpu", threads=threads)
@@ -75,28 +65,23 @@ def test_same_bits_whatever_the_threads(model):
         assert all(np.array_equal(a, b) for a, b in zip(found[0], other, strict=True))
 
 
-def test_a_moving_ball_pushes(backend):
+def test_elastic_energy_is_that_of_the_springs_and_a_ball_pushes(backend):
+    x = truths.lattice(4, 4, 5)
+    tissue = Tissue(x, D, 2500.0, model="bonds", **backend)
+    assert tissue.elastic_energy < 1e-15
+    tissue.positions = x * [1, 1, 1.05]
+    b, y = build_bonds(x, D, 2500.0), x.astype("f8") * [1, 1, 1.05]
+    stretch = np.linalg.norm(y[b.first_ends] - y[b.other], axis=1) - b.length
+    expected = (0.25 * b.stiffness * stretch**2).sum()
+    assert abs(tissue.elastic_energy / expected - 1) < 1e-4
     x = truths.lattice(8, 8, 8)
     tissue = Tissue(x, D, 2500.0, fixed=x[:, 2] < D / 2, **backend)
     center = np.array([3.5 * D, 3.5 * D, 7 * D + 0.006])
     tissue.instruments(shapes=[(BALL, tuple(center), (0, 0, 0), 0.005, (0.0, 0.0, -0.1))])
     tissue.advance(0.03)
     center = center - [0, 0, 0.003]
-    distance = np.linalg.norm(tissue.positions - center, axis=1)
-    assert distance.min() > 0.005 * (1 - 1e-3)
+    assert np.linalg.norm(tissue.positions - center, axis=1).min() > 0.005 * (1 - 1e-3)
     assert tissue.positions[:, 2].max() < 7.5 * D
-
-
-def test_elastic_energy_is_that_of_the_springs(backend):
-    x = truths.lattice(4, 4, 5)
-    tissue = Tissue(x, D, 2500.0, model="bonds", **backend)
-    assert tissue.elastic_energy < 1e-15
-    tissue.positions = x * [1, 1, 1.05]
-    b = build_bonds(x, D, 2500.0)
-    y = x.astype("f8") * [1, 1, 1.05]
-    stretch = np.linalg.norm(y[b.first_ends] - y[b.other], axis=1) - b.length
-    expected = (0.25 * b.stiffness * stretch**2).sum()
-    assert abs(tissue.elastic_energy / expected - 1) < 1e-4
 
 
 def test_what_lies_along_a_polyline():

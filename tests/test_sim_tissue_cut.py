@@ -1,7 +1,5 @@
 """The knife: exactly the bonds that cross, none missed, none twice."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 from fractions import Fraction
@@ -48,7 +46,6 @@ def crosses(triangle, p, q) -> bool:
 
 @functools.cache
 def random_blades():
-    """Particles, the number of their bonds, and blades with how many bonds each crosses."""
     rng = np.random.default_rng(11)
     x = truths.lattice(4, 4, 4) + rng.uniform(-0.2, 0.2, (64, 3)).astype("f4") * np.float32(D)
     bonds = build_bonds(x, D, 2500.0)
@@ -62,46 +59,27 @@ def random_blades():
     return x, len(pairs), blades
 
 
-def test_random_blades_cut_what_exact_arithmetic_says(backend):
-    x, n_bonds, blades = random_blades()
-    for swept, expected in blades:
-        tissue = Tissue(x, D, 2500.0, **backend)
-        assert tissue.cut(swept) == expected > 0
-        assert tissue.cut(swept) == 0
-        assert tissue.n_bonds == n_bonds - expected
-
-
-def test_sweeps_in_parts_cut_as_one(backend):
+def test_sweeps_in_parts_cut_as_one_and_a_sheet_always_separates(backend):
     """A bumpy sheet whose parts share edges that pass through particles."""
     x = truths.lattice(8, 8, 8)
-    y = np.arange(-2, 10, 1.0)
-    places = np.arange(-2, 10, 1.0)  # edges pass exactly through particles
+    y = places = np.arange(-2, 10, 1.0)  # edges pass exactly through particles
 
     def edge(at):
         return np.stack([0 * y + at, y, 3.0 + np.rint(np.sin(at + y))], 1) * D
 
     parts = Tissue(x, D, 2500.0, **backend)
-    n_parts = sum(parts.cut(blade.sweep(edge(a), edge(b))) for a, b in itertools.pairwise(places))
-    sheet = [
-        t
-        for a, b in itertools.pairwise(places)
-        for t in (lambda s: s.vertices[s.triangles])(blade.sweep(edge(a), edge(b)))
-    ]
-    whole = Tissue(x, D, 2500.0, **backend)
-    n_whole = whole.cut(np.array(sheet))
+    sweeps = [blade.sweep(edge(a), edge(b)) for a, b in itertools.pairwise(places)]
+    n_parts, whole = sum(map(parts.cut, sweeps)), Tissue(x, D, 2500.0, **backend)
+    n_whole = whole.cut(np.concatenate([sweep.vertices[sweep.triangles] for sweep in sweeps]))
     assert n_parts == n_whole > 5 * 64 - 32
     assert parts.n_pieces == whole.n_pieces == 2
     assert np.array_equal(parts.piece, whole.piece)
-
-
-def test_a_sheet_through_random_particles_always_separates(backend):
     rng = np.random.default_rng(4)
     x = truths.lattice(7, 7, 7) + rng.uniform(-0.25, 0.25, (343, 3)).astype("f4") * np.float32(D)
     for _ in range(5):
         y = np.sort(rng.uniform(-2, 9, 9))
         y[[0, -1]] = -9, 16
-        tissue = Tissue(x, D, 2500.0, **backend)
-        places = np.linspace(-3, 10, 6)
+        tissue, places = Tissue(x, D, 2500.0, **backend), np.linspace(-3, 10, 6)
         heights = rng.uniform(2, 4, (6, 9))
         edges = [np.stack([0 * y + a, y, h], 1) * D for a, h in zip(places, heights, strict=True)]
         for a, b in itertools.pairwise(edges):
@@ -111,10 +89,8 @@ def test_a_sheet_through_random_particles_always_separates(backend):
         assert tissue.piece[top] != tissue.piece[bottom]
 
 
-def test_pieces_are_components(backend):
-    """Labels against a search through the graph, after a dozen cuts at random."""
-    rng = np.random.default_rng(8)
-    x = truths.lattice(9, 9, 9)
+def test_random_blades_cut_what_exact_arithmetic_says_and_pieces_are_components(backend):
+    rng, x = np.random.default_rng(8), truths.lattice(9, 9, 9)
     tissue = Tissue(x, D, 2500.0, **backend)
     for _ in range(12):
         a, b = rng.uniform(-1, 9, (2, 3)) * D
@@ -124,40 +100,32 @@ def test_pieces_are_components(backend):
     assert len(np.unique(labels)) == tissue.n_pieces > 2
     for label in np.unique(labels):
         assert np.flatnonzero(labels == label).min() == label
+    x, n_bonds, blades = random_blades()
+    for swept, expected in blades:
+        tissue = Tissue(x, D, 2500.0, **backend)
+        assert tissue.cut(swept) == expected > 0
+        assert (tissue.cut(swept), tissue.n_bonds) == (0, n_bonds - expected)
 
 
-def test_the_knife_cuts_where_it_stands_too():
+def test_the_knife_cuts_where_it_stands_and_degenerate_blades_nothing():
     knife = blade.scalpel(length=0.02, height=0.006)
-    x = truths.lattice(10, 4, 10)
-    tissue = Tissue(x + np.float32(1e-5), D, 2500.0, device="cpu")
-    pose = np.eye(4)
-    pose[:3, 3] = [0.0, 3.01 * D / 2, 12 * D]
-    lower = pose.copy()
-    lower[2, 3] = 9.4 * D
-    n_cut = tissue.cut(knife.sweep(pose, lower))
-    assert n_cut > 0
-    assert tissue.n_pieces == 1
-    assert tissue.cut(knife.sweep(lower, lower)) == 0
-
-
-def test_degenerate_blades_cut_nothing():
+    tissue = Tissue(truths.lattice(10, 4, 10) + np.float32(1e-5), D, 2500.0, device="cpu")
+    pose, lower = np.eye(4), np.eye(4)
+    pose[:3, 3], lower[:3, 3] = [0.0, 3.01 * D / 2, 12 * D], [0.0, 3.01 * D / 2, 9.4 * D]
+    assert tissue.cut(knife.sweep(pose, lower)) > 0
+    assert (tissue.n_pieces, tissue.cut(knife.sweep(lower, lower))) == (1, 0)
     tissue = Tissue(truths.lattice(4, 4, 4), D, 2500.0, device="cpu")
-    point = np.full((1, 3, 3), 1.5 * D)
-    line = np.array([[[0, D, D], [3 * D, D, D], [D, D, D]]])
+    point, line = np.full((1, 3, 3), 1.5 * D), np.array([[[0, D, D], [3 * D, D, D], [D, D, D]]])
     assert tissue.cut(point) == tissue.cut(line) == 0
     along = np.array([[0, D, D], [3 * D, D, D]])
     assert tissue.cut(blade.sweep(along, along + [D, 0, 0])) == 0
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        (np.zeros((3, 3)), "shape"),
-        (np.full((1, 3, 3), np.nan), "finite"),
-        (([[0, 0, 0], [1, 0, 0]], [[0, 0, 0]]), "now"),
-        (([[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [1, 0, 0], [2, 0, 0]]), "now: expected 2"),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "message"), [
+    (np.zeros((3, 3)), "shape"), (np.full((1, 3, 3), np.nan), "finite"),
+    (([[0, 0, 0], [1, 0, 0]], [[0, 0, 0]]), "now"),
+    (([[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [1, 0, 0], [2, 0, 0]]), "now: expected 2"),
+])  # fmt: skip
 def test_wrong_blades_are_named(wrong, message):
     with pytest.raises(ValueError, match=message):
         blade.as_blade(wrong)

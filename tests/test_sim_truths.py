@@ -1,7 +1,5 @@
 """Experiments with a known answer, at small size; `python -m bench physics` shows the figures."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -12,44 +10,23 @@ from bench.tables import physics_crown, physics_fluid
 from bench.tables import physics_flows as flows
 from bench.tables.physics_fluid import lattice
 
+LONG = [
+    (physics_fluid.dam_break, {"cells": 10}), (flows.sloshing, {"cells": 24}), (flows.pipe_poiseuille, {"cells": 7}),
+    (flows.torricelli, {"cells": 16}), (physics_crown.splash, {"layers": 3}),
+    (physics_fluid.poiseuille, {"implicit": False}), (physics_fluid.poiseuille, {"implicit": True}),
+    (physics_fluid.taylor_green, {"n": 24}), (physics_fluid.oscillation, {"cells": 6}),
+    (physics_fluid.oscillation, {"cells": 8}), (flows.elliptical_drop, {}), (flows.rotating_bucket, {}),
+    (bodies.floating_box, {}), (bodies.rising_sphere, {"cells": 6}), (bodies.settling_sphere, {"cells": 6}),
+    (bodies.kleefsman, {}),
+]  # fmt: skip
 
-@pytest.mark.parametrize(
-    ("experiment", "how"),
-    [
-        (physics_fluid.free_fall, {}),
-        (physics_fluid.momentum, {}),
-        (physics_fluid.hydrostatic, {"seconds": 1.0}),
-        pytest.param(physics_fluid.dam_break, {"cells": 10}, marks=pytest.mark.slow),
-        (physics_fluid.emitter, {}),
-        (flows.rotating_square, {}),
-        pytest.param(flows.sloshing, {"cells": 24}, marks=pytest.mark.slow),
-        pytest.param(flows.pipe_poiseuille, {"cells": 7}, marks=pytest.mark.slow),
-        pytest.param(flows.torricelli, {"cells": 16}, marks=pytest.mark.slow),
-        pytest.param(physics_crown.splash, {"layers": 3}, marks=pytest.mark.slow),
-    ],
-)
+
+@pytest.mark.parametrize(("experiment", "how"), [
+    (physics_fluid.free_fall, {}), (physics_fluid.momentum, {}), (physics_fluid.hydrostatic, {"seconds": 1.0}),
+    (physics_fluid.emitter, {}), (flows.rotating_square, {}),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in LONG),
+])  # fmt: skip
 def test_truth(experiment, how):
-    check(experiment(**how))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("experiment", "how"),
-    [
-        (physics_fluid.poiseuille, {"implicit": False}),
-        (physics_fluid.poiseuille, {"implicit": True}),
-        (physics_fluid.taylor_green, {"n": 24}),
-        (physics_fluid.oscillation, {"cells": 6}),
-        (physics_fluid.oscillation, {"cells": 8}),
-        (flows.elliptical_drop, {}),
-        (flows.rotating_bucket, {}),
-        (bodies.floating_box, {}),
-        (bodies.rising_sphere, {"cells": 6}),
-        (bodies.settling_sphere, {"cells": 6}),
-        (bodies.kleefsman, {}),
-    ],
-)
-def test_longer_truth(experiment, how):
     check(experiment(**how))
 
 
@@ -75,8 +52,18 @@ def test_a_fluid_with_tension_has_a_least_viscosity():
     assert np.linalg.norm(found[2]) < 0.995 * np.linalg.norm(found[0])
 
 
-def test_the_shape_of_a_crown_is_found():
-    """A cylinder's wall on a pool, with a drop above and a jet in one direction."""
+def test_the_references_themselves_and_the_shape_of_a_crown():
+    """An ellipse has a b = 1, and keeps the energy rate² (a² + b²) / 8."""
+    rate, t, h = 100.0, 0.008, 1e-6
+    b = flows.ellipse(t, rate)
+    a, rate_now = 1 / b, (flows.ellipse(t + h, rate) - flows.ellipse(t - h, rate)) / (2 * h) / b
+    assert rate_now**2 * (a * a + b * b) == pytest.approx(2 * rate**2, rel=1e-4)
+    # Heave settles with its grid; at high frequencies, a box is slower the wider it is.
+    coarse, fine = (bodies.heave(1.0, 0.5, 0.4, 0.2, cells) for cells in (8, 16))
+    assert coarse == pytest.approx(fine, rel=0.005)
+    # A piston that fills its tank: the water below only rises and falls with it.
+    assert fine < np.sqrt(9.81 / 0.2)
+    assert bodies.heave(1.0, 0.5, 0.2, 0.2, 8) > coarse
     d, depth, high, radius = 0.001, physics_crown.DEPTH, 0.006, 0.01
     half = 0.015
     pool = lattice((-half, -half, 0), (half, half, depth), d)
@@ -86,27 +73,7 @@ def test_the_shape_of_a_crown_is_found():
     jet = lattice((radius - 2 * d, 0, depth), (radius, d, depth + 0.02), d)
     drop = np.array([[0, 0, 0.03], [radius + 3 * d, 0, depth + 2.5 * d]])
     found = physics_crown.shape_of(np.concatenate([pool, wall, jet, drop]), d)
-    assert found[0] == pytest.approx(radius, abs=d / 2)
-    assert found[1] == pytest.approx(high, abs=d)
-
-
-def test_an_ellipse_keeps_its_area_and_energy():
-    """The reference itself: a b = 1, and the energy rate² (a² + b²) / 8 stays."""
-    rate, t, h = 100.0, 0.008, 1e-6
-    b = flows.ellipse(t, rate)
-    speed = (flows.ellipse(t + h, rate) - flows.ellipse(t - h, rate)) / (2 * h)
-    a, rate_now = 1 / b, speed / b
-    assert rate_now**2 * (a * a + b * b) == pytest.approx(2 * rate**2, rel=1e-4)
-
-
-def test_the_reference_of_heave_settles_with_its_grid():
-    """And at high frequencies, in a tank much wider and deeper, a box is slower the wider it is."""
-    coarse, fine = (bodies.heave(1.0, 0.5, 0.4, 0.2, cells) for cells in (8, 16))
-    assert coarse == pytest.approx(fine, rel=0.005)
-    # A piston that fills its tank: the water below only rises and falls with it.
-    free = np.sqrt(9.81 / 0.2)
-    assert fine < free
-    assert bodies.heave(1.0, 0.5, 0.2, 0.2, 8) > coarse
+    assert (found[0], found[1]) == (pytest.approx(radius, abs=d / 2), pytest.approx(high, abs=d))
 
 
 def test_vorticity_of_a_solid_rotation_is_twice_its_spin(backend):
@@ -116,8 +83,7 @@ def test_vorticity_of_a_solid_rotation_is_twice_its_spin(backend):
         "spacing": d, "domain": {"lo": (-8 * d,) * 3, "hi": (8 * d,) * 3}, "gravity": (0, 0, 0),
         "fluids": [{"name": "oil", "density": 900.0, "viscosity": 0.0}],
     }  # fmt: skip
-    sim = gb.Simulation(scene, **backend)
-    at = lattice((-4 * d,) * 3, (4 * d,) * 3, d)
+    sim, at = gb.Simulation(scene, **backend), lattice((-4 * d,) * 3, (4 * d,) * 3, d)
     at = at[np.linalg.norm(at, axis=1) < 4 * d]
     at += np.random.default_rng(2).normal(0, 0.1 * d, at.shape)
     sim.add(at, "oil", np.cross(spin, at))
@@ -129,8 +95,7 @@ def test_frames_have_pressure_density_and_vorticity(tmp_path, backend):
     domain = {"lo": (0, 0, 0), "hi": (0.5, 0.6, 0.5), "walls": True}
     scene = {"spacing": d, "domain": domain, "gravity": (0, -9.81, 0), "fluids": [{"name": "w"}]}
     sim = gb.Simulation(scene, **backend)
-    ids = sim.add(lattice((0, 0, 0), (0.5, 0.4, 0.5), d), "w")
-    before = sim.hash()
+    ids, before = sim.add(lattice((0, 0, 0), (0.5, 0.4, 0.5), d), "w"), sim.hash()
     first = sim.particles
     assert sim.hash() == before
     walls = ~np.isin(first.attributes["id"], ids)

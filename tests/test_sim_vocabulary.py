@@ -1,19 +1,25 @@
 """A scene is one thing: from a file, in a dict and in Python, with every key of every table."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
+import re
+import sys
+from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
 import tomli_w
-from globule._base.settings import Table
+from globule._base.settings import Table, settings_of
+from globule._base.structured import parse_toml
 from globule.sim import instruments, scene_file
 from globule.sim.scene_file import LISTS
-from globule.sim.scene_read import as_dict, read_scene
+from globule.sim.scene_read import FOLDER, SHIPPED, as_dict, read_scene
 from sim_helpers import tables
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "docs" / "site"))
+
+import reference
 
 # Together they give every key of every table a value other than its default. The module's fixture
 # `folder` makes the files.
@@ -149,7 +155,6 @@ def folder(tmp_path_factory):
 
 
 def in_python(scene: dict) -> gb.Simulation:
-    """The same through keywords and tables, without a dict."""
 
     def table(kind, values):
         made = {}
@@ -180,8 +185,7 @@ def not_default(table) -> set[tuple[str, str]]:
     """The keys of a table, and of those in it, that have another value than by default."""
     found = set()
     for field in dataclasses.fields(table):
-        value = getattr(table, field.name)
-        usual = field.default
+        value, usual = getattr(table, field.name), field.default
         if field.default_factory is not dataclasses.MISSING:
             usual = field.default_factory()
         if field.metadata and value != usual:
@@ -204,11 +208,10 @@ def test_a_key_means_the_same_in_a_file_a_dict_and_python(name, folder):
             in_python(SCENES[name]),
         )
     )
-    assert of_file == of_dict
-    assert of_file == of_python
+    assert (of_file, of_file) == (of_dict, of_python)
 
 
-def test_the_scenes_have_every_key(folder):
+def test_the_scenes_have_every_key_and_defaults_are_those_of_the_tables(folder):
     """Each with a value other than its default, which is what the test above compares."""
     found = set()
     for scene in SCENES.values():
@@ -216,10 +219,7 @@ def test_the_scenes_have_every_key(folder):
     assert found == {
         (kind, field.name) for kind, table in TABLES.items() for field in dataclasses.fields(table) if field.metadata
     }
-
-
-def test_defaults_are_those_of_the_tables():
-    """A phase made in Python is the one of a table without keys; gravity points down z."""
+    assert {name for kind, name in ROWS if kind == "SceneFile"} == set(LISTS)
     domain = {"lo": [0, 0, 0], "hi": [0.6, 0.5, 0.4]}
     tables = {"fluids": "fluid", "solids": "tissue", "boundaries": "boundary", "rigids": "rigid"}
     for name, kind in tables.items():
@@ -233,5 +233,22 @@ def test_defaults_are_those_of_the_tables():
     assert not gb.sim.Phase("oil").implicit
 
 
-def test_lists_are_all_tables():
-    assert {name for kind, name in ROWS if kind == "SceneFile"} == set(LISTS)
+def test_every_key_is_on_the_page_and_in_the_schema():
+    page = reference.scene_pages()["reference/scene-keys.md"]
+    first = [row.split(" | ")[0] for row in page.splitlines() if row.startswith("| ")]
+    named = {re.sub(r"\W", "", word) for cell in first for word in re.split("[,:]", cell)}
+    assert len(tables()) > 20
+    for kind in tables() - {scene_file.Shape, scene_file.Relaxation}:
+        assert set(settings_of(kind)) <= named, kind
+        assert kind.__doc__
+        for name, one in settings_of(kind).items():
+            assert one.help, (kind, name)
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json.loads(reference.scene_pages()["reference/scene.schema.json"])
+    check = jsonschema.Draft202012Validator(schema)
+    check.check_schema(schema)
+    for name in SHIPPED:
+        scene = parse_toml((FOLDER / f"{name}.toml").read_text())
+        check.validate(scene)
+        for wrong in ({"spacing": -1}, {"spacin": 1}, {"solver": {"cfl": "x"}}, {"fluids": [{}]}):
+            assert not check.is_valid(scene | wrong), wrong

@@ -1,7 +1,5 @@
 """What moves, cuts, lets in and takes away in scenes, and bodies from files."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -10,8 +8,7 @@ from globule.sim.scene_read import read_scene
 
 D = 0.002
 BLOCK = {
-    "spacing": D,
-    "gravity": [0, 0, 0],
+    "spacing": D, "gravity": [0, 0, 0],
     "domain": {"lo": [-0.05, -0.05, -0.05], "hi": [0.07, 0.07, 0.08]},
     "solids": [{
         "name": "block", "box": {"lo": [0, 0, 0], "hi": [0.012, 0.012, 0.024]}, "young": 20000,
@@ -29,20 +26,14 @@ def simulation(**changes):
     return gb.Simulation(BLOCK | changes, device="cpu")
 
 
-def test_a_blade_along_its_keys_cuts_exactly():
+def test_a_blade_along_its_keys_or_by_hand_cuts_exactly():
     sim = simulation()
-    sim.run_to(0.01)
-    assert sim.record.n_cut == 0
-    assert sim.tissue.n_pieces == 1
-    sim.run_to(0.04)
-    assert sim.record.n_cut == 5 * 6 * 6 - 4 * 6
-    assert sim.tissue.n_pieces == 2
-    assert sim.record.diagnostics[-1]["n_cut"] == sim.record.n_cut
+    for time, n_cut, n_pieces in ((0.01, 0, 1), (0.04, 5 * 6 * 6 - 4 * 6, 2)):
+        sim.run_to(time)
+        assert (sim.record.n_cut, sim.tissue.n_pieces) == (n_cut, n_pieces)
+    assert sim.record.diagnostics[-1]["n_cut"] == n_cut
     sim.record.measure()
     assert sim.record.diagnostics[-1]["n_pieces"] == 2
-
-
-def test_a_blade_by_hand():
     sim = simulation(instruments=[BLOCK["instruments"][0] | {"keys": [{"time": 99}]}])
     knife = sim.tools["knife"]
     knife.move_to((-0.01, -0.01, 0.0121))
@@ -55,7 +46,7 @@ def test_a_blade_by_hand():
     assert sim.tissue.n_pieces == 2
 
 
-def test_what_comes_in_and_what_goes_adds_up():
+def test_what_comes_in_adds_up_and_a_drop_sticks():
     tap = {"name": "tap", "fluid": "water", "center": [0, 0, 0.06], "direction": [0, 0, -1],
            "radius": 0.007, "rate": 2e-5, "start": 0.02, "end": 0.12}  # fmt: skip
     drain = {"name": "drain", "box": {"lo": [-0.05, -0.05, -0.05], "hi": [0.07, 0.07, 0]}}
@@ -67,9 +58,16 @@ def test_what_comes_in_and_what_goes_adds_up():
     assert sim.record.n_born == pytest.approx(0.1 * 2e-5 / D**3, rel=0.06)
     assert sim.record.n_removed > 0
     assert sim.record.n_born == len(sim) + sim.record.n_removed
-
-
-def test_a_drop_sticks_to_what_it_adheres_to():
+    pool = {"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.02, 0.02, 0.02]}}
+    suction = {"name": "s", "kind": "suction", "radius": 0.0045,
+               "keys": [{"time": 0.01, "position": [0.01, 0.01, 0.01]}]}  # fmt: skip
+    sim = simulation(solids=[], instruments=[suction], fluids=[pool])
+    sim.run_to(0.009)
+    assert sim.record.n_removed == 0
+    sim.run_to(0.02)
+    near = np.linalg.norm(sim.positions - [0.01, 0.01, 0.01], axis=1) < 0.0045
+    assert sim.record.n_removed > 0
+    assert not near.any()
     drop = {"name": "water", "sphere": {"center": [0.01, 0.01, 0.0065], "radius": 0.006},
             "viscosity": 0.01}  # fmt: skip
     plate = {"name": "plate", "box": {"lo": [-0.01, -0.01, -0.004], "hi": [0.03, 0.03, 0]}}
@@ -84,45 +82,17 @@ def test_a_drop_sticks_to_what_it_adheres_to():
     assert least[2] < 0
 
 
-def test_suction_takes_fluid_where_it_works():
-    pool = {"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.02, 0.02, 0.02]}}
-    suction = {"name": "s", "kind": "suction", "radius": 0.0045,
-               "keys": [{"time": 0.01, "position": [0.01, 0.01, 0.01]}]}  # fmt: skip
-    sim = simulation(solids=[], instruments=[suction], fluids=[pool])
-    sim.run_to(0.009)
-    assert sim.record.n_removed == 0
-    sim.run_to(0.02)
-    near = np.linalg.norm(sim.positions - [0.01, 0.01, 0.01], axis=1) < 0.0045
-    assert sim.record.n_removed > 0
-    assert not near.any()
-
-
-def test_a_boundary_follows_its_keys():
-    paddle = {"name": "paddle", "box": {"lo": [0, 0, 0], "hi": [0.01, 0.02, 0.02]},
-              "keys": [{"time": 0, "position": [0, 0, 0]},
-                       {"time": 0.1, "position": [0.02, 0, 0]}]}  # fmt: skip
-    sim = simulation(solids=[], instruments=[], boundaries=[paddle])
-    mine = sim.arrays.phase == list(sim.phases).index("paddle")
-    before = sim.positions[mine]
-    sim.run_to(0.1)
-    assert np.allclose(sim.positions[mine] - before, [0.02, 0, 0], atol=1e-6)
-
-
-def test_bodies_from_files(tmp_path, monkeypatch):
+def test_bodies_from_files(folder):
     trimesh = pytest.importorskip("trimesh")
-    monkeypatch.chdir(tmp_path)
     trimesh.creation.icosphere(3, 10.0).export("ball.stl")  # mm
     grid = np.linalg.norm(np.mgrid[-15:16, -15:16, -15:16], axis=0) - 10
     affine = np.eye(4)
     affine[:3, 3] = -15
     gb.volumes.write_volume("hole.npz", gb.volumes.Volume(grid.T.astype(np.float32), affine))
     scene = {
-        "spacing": D,
-        "domain": BLOCK["domain"],
+        "spacing": D, "domain": BLOCK["domain"],
         "fluids": [{"name": "a", "mesh": {"file": "ball.stl", "scale": 0.001}}],
-        "boundaries": [{
-            "name": "b", "hollow": True, "distance": {"file": "hole.npz", "scale": 0.001},
-        }],
+        "boundaries": [{"name": "b", "hollow": True, "distance": {"file": "hole.npz", "scale": 0.001}}],
     }  # fmt: skip
     ball, shell = bodies(read_scene(scene))
     assert len(ball.positions) * D**3 == pytest.approx(4 / 3 * np.pi * 0.01**3, rel=0.06)

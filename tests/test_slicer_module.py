@@ -1,7 +1,5 @@
 """The work of the module for 3D Slicer, outside of Slicer."""
 
-from __future__ import annotations
-
 import ast
 import socket
 import sys
@@ -18,7 +16,6 @@ pytestmark = pytest.mark.usefixtures("folder")
 
 @pytest.fixture
 def work(monkeypatch):
-    """The module's file, as Slicer imports it."""
     if not FOLDER.is_dir():
         pytest.skip("needs integrations/slicer of the repository")
     monkeypatch.syspath_prepend(str(FOLDER))
@@ -27,7 +24,7 @@ def work(monkeypatch):
     return globule_slicer
 
 
-def test_what_pip_installs(work):
+def test_what_pip_installs_and_the_command_of_a_live_run(work, tmp_path):
     assert work.installed()
     assert work.requirement() == "globule[live,medical,measure]"
     wheel = Path("globule-1.0-cp312-abi3-linux_x86_64.whl")
@@ -37,14 +34,15 @@ def test_what_pip_installs(work):
         work.requirement("globule-2.0.whl")
     with pytest.raises(ValueError, match=r"globule-….whl"):
         work.requirement("numpy-2.0.whl")
-
-
-def test_the_command_of_a_live_run(work):
+    # Into the Python of Slicer.
+    with pytest.raises(FileNotFoundError):
+        work.slicer_python(str(tmp_path))
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "PythonSlicer").write_text("")
+    assert work.slicer_python(str(tmp_path)) == str(tmp_path / "bin" / "PythonSlicer")
     words = work.LiveSettings(tracker="igtl://t:1", record="kept").command("python")
-    assert words[:4] == ["python", "-m", "globule", "reconstruct"]
-    assert words[words.index("--space") + 1] == "RAS"
-    assert words[words.index("--tracker") + 1] == "igtl://t:1"
-    assert words[words.index("--record") + 1] == "kept"
+    assert (words[:4], words[words.index("--space") + 1]) == (["python", "-m", "globule", "reconstruct"], "RAS")
+    assert (words[words.index("--tracker") + 1], words[words.index("--record") + 1]) == ("igtl://t:1", "kept")
     assert "--calibration" not in words
     with pytest.raises(ValueError, match="voxel size"):
         work.LiveSettings(voxel_size=0).command("python")
@@ -52,17 +50,8 @@ def test_the_command_of_a_live_run(work):
         work.LiveSettings(images="").command("python")
 
 
-def test_python_of_slicer(work, tmp_path):
-    with pytest.raises(FileNotFoundError):
-        work.slicer_python(str(tmp_path))
-    (tmp_path / "bin").mkdir()
-    (tmp_path / "bin" / "PythonSlicer").write_text("")
-    assert work.slicer_python(str(tmp_path)) == str(tmp_path / "bin" / "PythonSlicer")
-
-
 def test_a_file_and_its_frames_give_the_same_volume(work, sweep):
-    of_file = work.reconstruct_file("phantom.igs.mha", 1.0)
-    ras = np.diag([-1.0, -1.0, 1.0, 1.0])
+    of_file, ras = work.reconstruct_file("phantom.igs.mha", 1.0), np.diag([-1.0, -1.0, 1.0, 1.0])
     of_frames = work.reconstruct_frames(sweep.frames, ras @ sweep.world_from_image, 1.0, sweep.timestamps)
     expected = gb.ultrasound.reconstruct(gb.ultrasound.read_sweep("phantom.igs.mha"), spacing=1.0)
     x, y, z = expected.shape[2] // 2, expected.shape[1] // 2, expected.shape[0] // 2
@@ -78,7 +67,6 @@ def test_a_file_and_its_frames_give_the_same_volume(work, sweep):
 
 @pytest.mark.slow
 def test_a_live_run_ends_with_a_volume(work, sweep):
-    """Started before its server, and stopped by the user."""
     pytest.importorskip("pyigtl", reason="live needs pyigtl")
     from test_live import Server
 
@@ -94,8 +82,7 @@ def test_a_live_run_ends_with_a_volume(work, sweep):
     text = run.stop()
     assert not run.running
     assert "24 frames" in text
-    volume = gb.volumes.read_volume("v.nrrd", space="RAS")
-    assert volume.values.max() > 100
+    assert gb.volumes.read_volume("v.nrrd", space="RAS").values.max() > 100
 
 
 def test_the_panel_s_file_names_what_exists(work):

@@ -48,15 +48,14 @@ def test_jitter(size, jitter):
 @pytest.mark.parametrize(("dimensions", "n"), [(2, 300), (2, 3000), (3, 300), (3, 900), (3, 5000)])
 def test_disorder(dimensions, n):
     """Points that know nothing of each other, in a square or cube: within 3 %."""
-    rng = np.random.default_rng(5)
-    found = []
+    rng, found = np.random.default_rng(5), []
     for k in range(2):
         points = rng.random((n, 3)) * (np.arange(3) < dimensions)
         found.append(spacing(turned(points, k)) * n ** (1 / dimensions))
     assert np.mean(found) == pytest.approx(1, abs=0.03)
 
 
-def test_other_lattices():
+def test_other_lattices_what_lies_apart_or_is_bent_and_no_spacing():
     """Close-packed, hexagonal, a ball cut out of a lattice: within 0.5 %."""
     packed = lattice(8, 8, 8)
     packed = packed[packed.sum(axis=1) % 2 == 0]
@@ -66,33 +65,20 @@ def test_other_lattices():
     assert spacing(turned(layer, 1)) == pytest.approx(0.75**0.25, rel=5e-3)
     ball = lattice(7, 7, 7) - 3
     assert spacing(ball[(ball**2).sum(axis=1) < 9.5]) == pytest.approx(1, rel=5e-3)
-
-
-def test_what_lies_apart_or_is_bent():
-    """Two blocks, a ring, a helix, a rolled sheet: within 1 %."""
     block = lattice(4, 4, 4)
     assert spacing(np.concatenate([block, block + (9, 0, 0)])) == pytest.approx(1, rel=0.01)
     angle = np.arange(50) / 8
     for height in (0.0, angle):
         curve = np.c_[8 * np.cos(angle), 8 * np.sin(angle), height + 0 * angle]
-        step = np.linalg.norm(curve[1] - curve[0])
-        assert spacing(turned(curve, 2)) == pytest.approx(step, rel=0.01)
+        assert spacing(turned(curve, 2)) == pytest.approx(np.linalg.norm(curve[1] - curve[0]), rel=0.01)
     sheet = lattice(12, 12, 1)
     rolled = np.c_[8 * np.cos(sheet[:, 0] / 8), 8 * np.sin(sheet[:, 0] / 8), sheet[:, 1]]
     assert spacing(rolled) == pytest.approx(1, rel=0.01)
     many = np.arange(3000) / 500  # on a circle, past what is tessellated as one
-    ring = np.c_[500 * np.cos(many), 500 * np.sin(many), 0 * many]
-    assert spacing(ring) == pytest.approx(1, rel=0.01)
-
-
-def test_no_spacing():
+    assert spacing(np.c_[500 * np.cos(many), 500 * np.sin(many), 0 * many]) == pytest.approx(1, rel=0.01)
     for points in (np.zeros((1, 3)), np.ones((20, 3)), np.ones((2000, 3))):
         assert spacing(points) == 0
     assert spacing(np.array([[0, 0, 0], [0, 0, 2], [np.nan, 0, 0]])) == pytest.approx(2, rel=1e-3)
-
-
-def test_scattered_points_are_spheres():
-    """Each alone, with half a measured spacing, of 24 molecules, 16 agents in a plane, a row."""
     rng = np.random.default_rng(11)
     molecules, agents = rng.random((24, 3)) * 10, rng.random((16, 3)) * (10, 10, 0)
     for points in (molecules, agents, lattice(5, 1, 1)):

@@ -1,7 +1,5 @@
 """Stylus by pivoting, phantom by landmarks, and PLUS configurations that are written."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -26,8 +24,7 @@ LANDMARKS = {
 
 
 def pivoting(seed=0, n=200, turn=30.0, noise=0.3, n_wrong=0):
-    rng = np.random.default_rng(seed)
-    time = np.linspace(0, 1, n)[:, None]
+    rng, time = np.random.default_rng(seed), np.linspace(0, 1, n)[:, None]
     waves = np.radians(turn) * np.sin(2 * np.pi * (rng.uniform(1, 3, 3) * time + rng.random(3)))
     poses = np.tile(np.eye(4), (n, 1, 1))
     for pose, vector in zip(poses, waves, strict=True):
@@ -38,28 +35,11 @@ def pivoting(seed=0, n=200, turn=30.0, noise=0.3, n_wrong=0):
     return poses
 
 
-def test_exact_pivot():
+def test_exact_pivot_unless_it_hardly_turns():
     found = calibrate_stylus(pivoting(noise=0))
-    assert found.tip == pytest.approx(TIP, abs=1e-8)
-    assert found.pivot == pytest.approx(PIVOT, abs=1e-8)
+    assert (found.tip, found.pivot) == (pytest.approx(TIP, abs=1e-8), pytest.approx(PIVOT, abs=1e-8))
     assert found.rms < 1e-8
     assert 40 < found.turn < 110
-
-
-@pytest.mark.parametrize(
-    ("turn", "n_wrong", "n_draws"), [(30, 20, 12), pytest.param(10, 0, 30, marks=pytest.mark.slow)]
-)
-def test_the_expected_error_of_the_tip(turn, n_wrong, n_draws):
-    """Over the draws the expected error is the true one (rms) within 30 %, outliers or not."""
-    draws = [calibrate_stylus(pivoting(s, turn=turn, n_wrong=n_wrong), None) for s in range(n_draws)]
-    true = np.array([np.linalg.norm(found.tip - TIP) for found in draws])
-    expected = np.array([found.error for found in draws])
-    assert np.sqrt(np.mean(true**2)) == pytest.approx(np.sqrt(np.mean(expected**2)), rel=0.3)
-    assert (true < 2.5 * expected).mean() >= 0.9
-    assert np.mean([(found.weights == 0).sum() for found in draws]) == pytest.approx(n_wrong, abs=2)
-
-
-def test_a_stylus_that_hardly_turns_is_refused():
     with pytest.raises(ValueError, match="to all sides") as caught:
         calibrate_stylus(pivoting(turn=1.5))
     assert "1 mm" in str(caught.value)
@@ -75,9 +55,21 @@ def test_a_stylus_that_hardly_turns_is_refused():
             calibrate_stylus(poses)
 
 
+@pytest.mark.parametrize(
+    ("turn", "n_wrong", "n_draws"), [(30, 20, 12), pytest.param(10, 0, 30, marks=pytest.mark.slow)]
+)
+def test_the_expected_error_of_the_tip(turn, n_wrong, n_draws):
+    """Over the draws the expected error is the true one (rms) within 30 %, outliers or not."""
+    draws = [calibrate_stylus(pivoting(s, turn=turn, n_wrong=n_wrong), None) for s in range(n_draws)]
+    true = np.array([np.linalg.norm(found.tip - TIP) for found in draws])
+    expected = np.array([found.error for found in draws])
+    assert np.sqrt(np.mean(true**2)) == pytest.approx(np.sqrt(np.mean(expected**2)), rel=0.3)
+    assert (true < 2.5 * expected).mean() >= 0.9
+    assert np.mean([(found.weights == 0).sum() for found in draws]) == pytest.approx(n_wrong, abs=2)
+
+
 def touched(seed=0, noise=0.4, wrong=None):
-    rng = np.random.default_rng(seed)
-    points = np.array(list(LANDMARKS.values()))
+    rng, points = np.random.default_rng(seed), np.array(list(LANDMARKS.values()))
     turn, place = turn_by(rng.normal(size=3)), rng.normal(0, 50, 3)
     seen = points @ turn.T + place + rng.normal(0, noise, points.shape)
     if wrong is not None:
@@ -87,16 +79,22 @@ def touched(seed=0, noise=0.4, wrong=None):
     return points, seen, matrix
 
 
-def test_exact_landmarks():
+def test_exact_landmarks_and_some_on_a_line():
     points, seen, matrix = touched(noise=0)
     found = register_landmarks(points, seen)
     assert np.allclose(found.matrix, matrix, atol=1e-8)
     assert found.rms < 1e-8
+    line = np.outer(np.arange(5), [1.0, 2, 3])
+    with pytest.raises(ValueError, match="line"):
+        register_landmarks(line, line)
+    with pytest.raises(ValueError, match="expected 5, got 4"):
+        register_landmarks(line, line[:4])
+    with pytest.raises(ValueError, match="N >= 3"):
+        register_landmarks(line[:2], line[:2])
 
 
-@pytest.mark.parametrize(
-    ("wrong", "n_draws"), [pytest.param(2, 20, marks=pytest.mark.slow), pytest.param(None, 40, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("wrong", "n_draws"), [(2, 20), (None, 40)])
 def test_the_expected_error_at_the_wires(wrong, n_draws):
     """Draws of 0.4 mm noise: 0.35 mm true (rms of the worst end), 0.42 mm expected."""
     ends = phantom().wires.reshape(-1, 3)
@@ -112,20 +110,7 @@ def test_the_expected_error_at_the_wires(wrong, n_draws):
     assert (np.array(true) < 2.5 * np.array(expected)).mean() >= 0.9
 
 
-def test_landmarks_on_a_line_are_refused():
-    line = np.outer(np.arange(5), [1.0, 2, 3])
-    with pytest.raises(ValueError, match="line"):
-        register_landmarks(line, line)
-    with pytest.raises(ValueError, match="expected 5, got 4"):
-        register_landmarks(line, line[:4])
-    with pytest.raises(ValueError, match="N >= 3"):
-        register_landmarks(line[:2], line[:2])
-
-
-# The commands
-
-
-def test_stylus_command(capsys):
+def test_stylus_and_landmark_commands(capsys):
     poses = pivoting(n_wrong=5)
     images = np.zeros((len(poses), 4, 5), np.uint8)
     write_recording("pivot.igs.mha", images, np.arange(len(poses)) / 20, poses, "Stylus")
@@ -139,9 +124,6 @@ def test_stylus_command(capsys):
     assert "tip of the stylus at 20" in capsys.readouterr().out
     matrix = read_plus("stylus.xml").edges["StylusTip", "Stylus"].matrices
     assert matrix[:3, 3] == pytest.approx(found["tip"])
-
-
-def test_landmark_command(capsys):
     phantom_file = str(calibration_data() / "spatial_calibration_1.2.xml")
     _, seen, matrix = touched(noise=0.1, wrong=3)
     rows = [f"{name},{x},{y},{z}" for name, (x, y, z) in zip(LANDMARKS, seen, strict=True)]
@@ -169,20 +151,17 @@ def test_pictures():
     poses = pivoting()
     images = np.zeros((len(poses), 4, 5), np.uint8)
     write_recording("pivot.igs.mha", images, np.arange(len(poses)) / 20, poses, "Stylus")
-    words = ["calibrate", "--stylus", "--sweep", "pivot.igs.mha", "--picture", "p.png"]
-    assert main(words) == 0
+    assert main(["calibrate", "--stylus", "--sweep", "pivot.igs.mha", "--picture", "p.png"]) == 0
     blue = np.asarray(Image.open("p.png").convert("RGB"), int) - [0x1F, 0x6F, 0xB2]
     assert (np.abs(blue).max(axis=2) < 40).sum() > 5000
 
 
 @pytest.mark.parametrize(("words", "what"), [
-    (["--stylus"], "--sweep"),
-    (["--landmarks", "a.csv"], "expected a table of marks"),
+    (["--stylus"], "--sweep"), (["--landmarks", "a.csv"], "expected a table of marks"),
     (["--n-wire", "p.toml"], "--sweep or --landmarks"),
     (["marks.csv", "--stylus", "--sweep", "s.mha"], "only one of"),
     (["marks.csv", "--validate", "s.mha"], "--n-wire and --sweep"),
-    (["marks.csv", "--landmarks", "s.csv"], "--n-wire"),
-    (["marks.csv", "--picture", "s.jpg"], "--picture"),
+    (["marks.csv", "--landmarks", "s.csv"], "--n-wire"), (["marks.csv", "--picture", "s.jpg"], "--picture"),
 ])  # fmt: skip
 def test_mistakes(words, what, capsys):
     assert main(["calibrate", *words]) == 2
@@ -191,10 +170,18 @@ def test_mistakes(words, what, capsys):
     assert error.count("\n") == 1
 
 
-# PLUS configurations
-
-
-def test_a_configuration_keeps_its_text(capsys):
+def test_a_configuration_keeps_its_text_or_is_made(capsys):
+    matrix = np.array([[0.1, 0.01, 0, 1 / 3], [0, 0.2, 0, 1e-9], [0, 0, 0.3, -7], [0, 0, 0, 1]])
+    write_plus("own.xml", {("Image", "Probe"): matrix, ("A", "B"): np.eye(4)})
+    edges = read_plus("own.xml").edges
+    assert np.array_equal(edges["Image", "Probe"].matrices, matrix)
+    assert np.array_equal(edges["A", "B"].matrices, np.eye(4))
+    Path("other.xml").write_text("<Other/>", encoding="utf-8")
+    with pytest.raises(FormatError, match="PlusConfiguration"):
+        write_plus("again.xml", {("A", "B"): np.eye(4)}, "other.xml")
+    write_plus("no.xml", {("A", "B"): np.eye(4)})
+    with pytest.raises(FormatError, match="Image to Probe"):
+        read_calibration("no.xml")
     base = calibration_data() / "spatial_calibration_1.2.xml"
     plus = read_calibration(calibration_data() / "FreehandCalibration3NWires.results.xml")
     assert plus.spacing == pytest.approx((0.07824, 0.07360), abs=1e-5)
@@ -213,17 +200,3 @@ def test_a_configuration_keeps_its_text(capsys):
     write_calibration("c.xml", plus, "windows.xml")
     written = Path("c.xml").read_bytes()
     assert written.count(b"\n") == written.count(b"\r\n") > 100
-
-
-def test_a_configuration_of_its_own():
-    matrix = np.array([[0.1, 0.01, 0, 1 / 3], [0, 0.2, 0, 1e-9], [0, 0, 0.3, -7], [0, 0, 0, 1]])
-    write_plus("own.xml", {("Image", "Probe"): matrix, ("A", "B"): np.eye(4)})
-    edges = read_plus("own.xml").edges
-    assert np.array_equal(edges["Image", "Probe"].matrices, matrix)
-    assert np.array_equal(edges["A", "B"].matrices, np.eye(4))
-    Path("other.xml").write_text("<Other/>", encoding="utf-8")
-    with pytest.raises(FormatError, match="PlusConfiguration"):
-        write_plus("again.xml", {("A", "B"): np.eye(4)}, "other.xml")
-    write_plus("no.xml", {("A", "B"): np.eye(4)})
-    with pytest.raises(FormatError, match="Image to Probe"):
-        read_calibration("no.xml")

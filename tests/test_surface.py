@@ -13,7 +13,6 @@ from bench.tables.resting_pool import resting_pool
 
 
 def block(*shape: int) -> np.ndarray:
-    """A unit lattice whose lowest particles are at 0."""
     points = lattice(*shape)
     return points - points.min(axis=0)
 
@@ -72,17 +71,14 @@ def test_boxes_and_sheets_have_their_particles_volume(shape, measured):
 @pytest.mark.parametrize("layers", [1, 2, 3, 4, 12])
 def test_a_flat_face_lies_half_a_spacing_outside(backend, layers):
     """A wave gauge on a flat pool and on sheets: within 0.05 spacings, no holes, flat."""
-    points = block(40, 40, layers)
-    scene = smooth(points, **backend)
-    x = np.linspace(13.0, 26.0, 60)
+    scene, x = smooth(block(40, 40, layers), **backend), np.linspace(13.0, 26.0, 60)
     grid = np.stack(np.meshgrid(x, x + 0.003), -1).reshape(-1, 2)
     origins = np.c_[grid, np.full(len(grid), layers + 6.0)].astype("f4")
     hits = scene.intersect(origins, np.tile(np.float32([0, 0, -1]), (len(origins), 1)))
     top = layers + 6.0 - hits.distance
     assert np.isfinite(top).all()
     assert np.abs(top - (layers - 0.5)).max() < 0.05
-    angle = np.degrees(np.arccos(np.clip(hits.normal[:, 2], -1, 1)))
-    assert np.sqrt(np.mean(angle**2)) < 1.5
+    assert np.sqrt(np.mean(np.degrees(np.arccos(np.clip(hits.normal[:, 2], -1, 1))) ** 2)) < 1.5
 
 
 @pytest.mark.slow
@@ -102,8 +98,7 @@ def test_kernels_equal_the_reference(backend, jitter):
     parts = [ball(700), ball(40) + 20, block(12, 12, 1) - 30, np.array([[50.0, 0, 0]])]
     points = np.concatenate(parts) + jitter * rng.normal(size=(sum(map(len, parts)), 3))
     points = np.concatenate([points, [[np.nan, 0, 0]]]).astype("f4") * np.float32(0.02)
-    scene = gb.Scene(points, surface="smooth", spacing=0.02, **backend)
-    G, weight = scene.surface_kernels()
+    G, weight = gb.Scene(points, surface="smooth", spacing=0.02, **backend).surface_kernels()
     expected = gb.fluids.find_surface_kernels(points, 0.02)
     there = np.isfinite(points).all(axis=1)
     np.testing.assert_allclose(G[there] * 0.02, expected.G[there] * 0.02, atol=1e-4)
@@ -113,8 +108,7 @@ def test_kernels_equal_the_reference(backend, jitter):
 @pytest.mark.slow
 def test_many_particles_have_the_kernels_of_few(backend):
     """From 524,288 particles on, a first pass finds those that are deep inside: the same ones."""
-    rng = np.random.default_rng(8)
-    points = block(84, 84, 84)
+    rng, points = np.random.default_rng(8), block(84, 84, 84)
     points = (points + rng.normal(0, 0.05, points.shape)).astype("f4")
     part = points[:, 2] < 40
     G, weight = smooth(points, **backend).surface_kernels()
@@ -136,8 +130,7 @@ def test_hits_equal_the_references(backend):
     points = points.astype("f4")
     scene = smooth(points, **backend)
     G, weight = scene.surface_kernels()
-    n = 1500
-    rng = np.random.default_rng(5)
+    n, rng = 1500, np.random.default_rng(5)
     target = points[rng.integers(len(points), size=n)] + 1.2 * rng.normal(size=(n, 3))
     away = directions(n, 6)
     # Silhouettes by bisection, from a particle to a line that passes everything.
@@ -248,18 +241,27 @@ def test_a_torn_sheet_is_closed_and_encloses_its_volume():
     assert np.mean(scene.field(scene.particles.positions) > 0.5) > 0.97
 
 
-def test_spray_is_round():
-    """Two particles that see each other, but lie apart, are two balls."""
+def test_spray_is_round_and_mistakes_are_named():
     for apart in (2.0, 2.6, 3.3):
         scene = smooth(np.array([[0, 0, 0], [apart, 0, 0]], "f4"), device="cpu")
         G, _ = scene.surface_kernels()
         np.testing.assert_allclose(G, np.tile(np.eye(3) / 1.5, (2, 1, 1)), atol=1e-5)
         assert random_volume(scene, 1.0) == pytest.approx(2, abs=0.12)
+    cube = block(5, 5, 5)
+    for options, said in (
+        ({"surface": "rough"}, "surface: expected"),
+        ({"surface": "smooth", "kernel": "wyvill"}, "surface: 'smooth' has the kernel murakami"),
+        ({"surface": "smooth", "spacing": -1}, "spacing: expected a positive number"),
+        ({"spacing": 1.0}, "spacing: expected surface='smooth'"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            gb.Scene(cube, **options)
+    with pytest.raises(ValueError, match="surface_kernels: expected a scene"):
+        gb.Scene(cube, device="cpu").surface_kernels()
 
 
 def test_what_is_fluid_like():
-    rng = np.random.default_rng(0)
-    cube = block(10, 10, 10).astype("f4")
+    rng, cube = np.random.default_rng(0), block(10, 10, 10).astype("f4")
     assert assess_fluid(gb.Particles(cube)).yes
     assert assess_fluid(gb.Particles(cube, support=2.0)).yes
     flat = block(20, 20, 1).astype("f4")
@@ -275,8 +277,7 @@ def test_what_is_fluid_like():
         (gb.Particles(flat[:, [0, 2, 1]]), "particles in a plane", "spheres"),
         (gb.Particles(cube[:1]), "all at one place", "balls"),
     ):
-        assert assess_fluid(particles) == (False, why)
-        assert gb.fluids.choose_surface(particles) == surface
+        assert (assess_fluid(particles), gb.fluids.choose_surface(particles)) == ((False, why), surface)
     for n in (2, 3, 4):
         assert gb.fluids.choose_surface(gb.Particles(block(n, n, n))) == "smooth"
     fluid = gb.Particles(cube)
@@ -288,17 +289,3 @@ def test_what_is_fluid_like():
     seen = [gb.render(one, camera, (80, 60)).image for one in scenes]
     assert (seen[0] == seen[1]).all()
     assert (seen[0] != seen[2]).any()
-
-
-def test_mistakes():
-    cube = block(5, 5, 5)
-    with pytest.raises(ValueError, match="surface: expected"):
-        gb.Scene(cube, surface="rough")
-    with pytest.raises(ValueError, match="surface: 'smooth' has the kernel murakami"):
-        gb.Scene(cube, "wyvill", surface="smooth")
-    with pytest.raises(ValueError, match="spacing: expected a positive number"):
-        gb.Scene(cube, surface="smooth", spacing=-1)
-    with pytest.raises(ValueError, match="spacing: expected surface='smooth'"):
-        gb.Scene(cube, spacing=1.0)
-    with pytest.raises(ValueError, match="surface_kernels: expected a scene"):
-        gb.Scene(cube, device="cpu").surface_kernels()

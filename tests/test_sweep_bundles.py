@@ -1,7 +1,5 @@
 """Scenes of 3D Slicer (.mrb) and recordings of Stradwin (.sw, .sxi)."""
 
-from __future__ import annotations
-
 import os
 import re
 import zipfile
@@ -31,9 +29,6 @@ def refused(path, **options) -> str:
     assert str(error.value).startswith(f"{path}: ")
     assert "\n" not in str(error.value)
     return str(error.value)
-
-
-# 3D Slicer
 
 
 def sequence(name, frames=FRAMES, space="right-anterior-superior", step=1.0, times=TIMES, first=False) -> None:
@@ -72,7 +67,6 @@ def transforms(name, key, matrices, times, bad=()) -> None:
 
 
 def scene(name, *members, single="") -> None:
-    """A scene bundle of the members."""
     text = f'<?xml version="1.0"?>\n<MRML version="Slicer 5">\n{single}\n</MRML>\n'
     with zipfile.ZipFile(name, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("Scan/Scan.mrml", text)
@@ -89,7 +83,7 @@ def whole(name="scan.mrb", **options) -> np.ndarray:
     return poses
 
 
-def test_a_scene_of_slicer():
+def test_a_scene_of_slicer_and_the_place_of_the_image():
     poses = whole()
     assert kind_of("scan.mrb") == ("sweep", "mrb")
     sweep = read_sweep("scan.mrb")
@@ -99,10 +93,6 @@ def test_a_scene_of_slicer():
     assert (sweep.space, sweep.world) == ("RAS", "Reference")
     os.rename("scan.mrb", "renamed.zip")
     assert np.array_equal(gb.ultrasound.read_sweep("renamed.zip").frames, FRAMES)
-
-
-def test_the_place_of_the_image_counts():
-    """Slicer puts the image's own geometry, here LPS and 0.5 mm, before its transforms."""
     poses = whole(space="left-posterior-superior", step=0.5)
     expected = poses @ LPS_FROM_RAS @ np.diag([0.5, 0.5, 1, 1])
     np.testing.assert_allclose(read_sweep("scan.mrb").world_from_image, expected, atol=1e-12)
@@ -122,8 +112,7 @@ def test_a_probe_a_calibration_and_other_times():
         f'matrixTransformToParent="{format_matrix(calibration)}"/>'
     )
     scene("scan.mrb", "Image.seq.nrrd", "Probe.seq.mha", single=single)
-    sweep = read_sweep("scan.mrb")
-    expected = np.tile(calibration, (N, 1, 1))
+    sweep, expected = read_sweep("scan.mrb"), np.tile(calibration, (N, 1, 1))
     expected[:, 2, 3] += 30 * (TIMES - 100)
     np.testing.assert_allclose(sweep.world_from_image, expected, atol=1e-9)
     own = Calibration(np.diag([0.3, 0.3, 0.3, 1.0]))
@@ -149,16 +138,9 @@ def test_scenes_that_cannot_be_read():
     transforms("Few.seq.mha", "ImageToReference", np.full((N, 4, 4), np.nan), TIMES)
     scene("nan.mrb", "Image-Sequence.seq.nrrd", "Few.seq.mha")
     assert "expected a frame with image and pose OK, got none" in refused("nan.mrb")
-
-
-def test_a_member_that_unpacks_to_too_much():
-    whole()
     with zipfile.ZipFile("scan.mrb", "a", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("Scan/Data/bomb.mha", bytes(200 * 2**20))
     assert "times the" in refused("scan.mrb")
-
-
-# Stradwin
 
 
 def stradwin(name="scan", moves=None, frames=FRAMES, without="", **fields) -> np.ndarray:
@@ -174,15 +156,12 @@ def stradwin(name="scan", moves=None, frames=FRAMES, without="", **fields) -> np
     if moves is None:
         moves = np.hstack([rng.uniform(-9, 9, (N, 3)), rng.uniform(-80, 80, (N, 3))])
     own = (0.3, -1.2, 4.5, 10.0, -20.0, 30.0)
-    named = dict(zip(
-        ("RES_XTRANS", "RES_YTRANS", "RES_ZTRANS", "RES_AZIMUTH", "RES_ELEVATION", "RES_ROLL"), own,
-        strict=True,
-    ))  # fmt: skip
+    names = ("RES_XTRANS", "RES_YTRANS", "RES_ZTRANS", "RES_AZIMUTH", "RES_ELEVATION", "RES_ROLL")
     settings = {
         "RES_BUF_FRAMES": len(frames), "RES_BUF_WIDTH": WIDTH, "RES_BUF_HEIGHT": HEIGHT,
         "RES_POS_REC": "true", "RES_BUF_RF": "false", "RES_BUF_DOPPLER": "false",
-        "RES_BIN_IM_FILENAME": f"{name}.sxi", "RES_XSCALE": 0.02, "RES_YSCALE": 0.03, **named,
-        **fields,
+        "RES_BIN_IM_FILENAME": f"{name}.sxi", "RES_XSCALE": 0.02, "RES_YSCALE": 0.03,
+        **dict(zip(names, own, strict=True)), **fields,
     }  # fmt: skip
     settings.pop(without, None)
     lines = ["A comment", *(f"{key} {value}" for key, value in settings.items())]
@@ -194,25 +173,18 @@ def stradwin(name="scan", moves=None, frames=FRAMES, without="", **fields) -> np
     return np.stack([rigid(move) @ rigid(own) @ pixel for move in moves])
 
 
-def test_a_recording_of_stradwin():
+def test_a_recording_of_stradwin_and_frames_without_a_position():
     poses = stradwin()
     assert kind_of("scan.sw") == ("sweep", "stradwin")
     sweep = read_sweep("scan.sw")
     assert np.array_equal(sweep.frames, FRAMES)
     np.testing.assert_allclose(sweep.world_from_image, poses, atol=1e-12)
     np.testing.assert_allclose(sweep.timestamps, 0.04 * np.arange(N))
-    os.rename("scan.sw", "scan.txt")  # the content tells
-    assert np.array_equal(read_sweep("scan.txt").frames, FRAMES)
-
-
-def test_a_calibration_replaces_that_of_stradwin():
-    stradwin()
     own = Calibration(np.diag([0.5, 0.5, 0.5, 1.0]))
     scales = np.linalg.norm(read_sweep("scan.sw", own).world_from_image[:, :3, 0], axis=1)
-    np.testing.assert_allclose(scales, 0.5)
-
-
-def test_frames_without_a_position():
+    np.testing.assert_allclose(scales, 0.5)  # the calibration given here replaces the recording's
+    os.rename("scan.sw", "scan.txt")  # the content tells
+    assert np.array_equal(read_sweep("scan.txt").frames, FRAMES)
     moves = np.zeros((N, 6))
     moves[:, 2] = np.arange(N)
     moves[3] = np.nan
@@ -220,24 +192,21 @@ def test_frames_without_a_position():
     assert read_sweep("scan.sw").valid.tolist() == [True, True, True, False, True, True]
 
 
-@pytest.mark.parametrize(
-    ("fields", "problem"),
-    [
-        ({"RES_BUF_RF": "true"}, "RES_BUF_RF: expected false, got true; save the recording as B-s"),
-        ({"RES_BUF_DICOM": "true"}, "the images are in DICOM files"),
-        ({"RES_INVERT_BSCAN": "true"}, "probe at the top"),
-        ({"RES_POS_REC": "false"}, "expected positions with the images, got none"),
-        ({"RES_BUF_FRAMES": 7}, "expected a line for each of 7 frames, got 6"),
-        ({"RES_BUF_WIDTH": 0}, "RES_BUF_WIDTH: expected a number from 1, got '0'"),
-        ({"RES_BUF_WIDTH": 15}, "expected 900 bytes of gray images, got 840 bytes in 'scan.sxi'"),
-        ({"RES_XSCALE": 0}, "expected cm per pixel above 0"),
-        ({"RES_XSCALE": "nan"}, "RES_XSCALE: expected a number, got 'nan'"),
-        ({"RES_ROLL": "a"}, "RES_ROLL: expected a number, got 'a'"),
-        ({"RES_BIN_IM_FILENAME": "gone.sxi"}, "got no file 'gone.sxi'"),
-        ({"without": "RES_YSCALE"}, "RES_YSCALE: expected a number, got ''"),
-        ({"moves": np.zeros((N, 5))}, "expected IM time x y z azimuth elevation roll"),
-    ],
-)
+@pytest.mark.parametrize(("fields", "problem"), [
+    ({"RES_BUF_RF": "true"}, "RES_BUF_RF: expected false, got true; save the recording as B-s"),
+    ({"RES_BUF_DICOM": "true"}, "the images are in DICOM files"),
+    ({"RES_INVERT_BSCAN": "true"}, "probe at the top"),
+    ({"RES_POS_REC": "false"}, "expected positions with the images, got none"),
+    ({"RES_BUF_FRAMES": 7}, "expected a line for each of 7 frames, got 6"),
+    ({"RES_BUF_WIDTH": 0}, "RES_BUF_WIDTH: expected a number from 1, got '0'"),
+    ({"RES_BUF_WIDTH": 15}, "expected 900 bytes of gray images, got 840 bytes in 'scan.sxi'"),
+    ({"RES_XSCALE": 0}, "expected cm per pixel above 0"),
+    ({"RES_XSCALE": "nan"}, "RES_XSCALE: expected a number, got 'nan'"),
+    ({"RES_ROLL": "a"}, "RES_ROLL: expected a number, got 'a'"),
+    ({"RES_BIN_IM_FILENAME": "gone.sxi"}, "got no file 'gone.sxi'"),
+    ({"without": "RES_YSCALE"}, "RES_YSCALE: expected a number, got ''"),
+    ({"moves": np.zeros((N, 5))}, "expected IM time x y z azimuth elevation roll"),
+])  # fmt: skip
 def test_what_stradwin_reads_otherwise_is_refused(fields, problem):
     if "moves" in fields:
         stradwin()
@@ -248,14 +217,10 @@ def test_what_stradwin_reads_otherwise_is_refused(fields, problem):
     assert problem in refused("scan.sw")
 
 
-def test_another_folder_is_never_looked_into():
+def test_another_folder_is_never_looked_into_and_pixels_alone_are_refused():
     """Only the name of the .sxi counts."""
     stradwin(RES_BIN_IM_FILENAME="../../scan.sxi")
     assert np.array_equal(read_sweep("scan.sw").frames, FRAMES)
-
-
-def test_the_pixels_alone():
-    stradwin()
     assert "expected the .sw of the recording" in refused("scan.sxi")
     Path("scan.sw").unlink()
     assert "expected the .sw of the recording" in refused("scan.sxi")

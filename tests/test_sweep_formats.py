@@ -1,8 +1,6 @@
 """Sweeps and pose tables of other programs, each made with a library of its own where there is
 one."""
 
-from __future__ import annotations
-
 import csv
 import warnings
 from pathlib import Path
@@ -12,13 +10,12 @@ import numpy as np
 import pytest
 from globule.formats.errors import FormatError
 from globule.formats.sweeps.poses import read_poses
-from globule.formats.sweeps.transforms import format_matrix
 from globule.ultrasound.calibration import Calibration, read_calibration
 from globule.ultrasound.files import read_sweep
 from PIL import Image
 from scipy.spatial.transform import Rotation
 from sweep_helpers import random_poses
-from test_sweep import refused
+from test_sweep import refused, write_igs
 from test_sweep_bundles import sequence
 
 pytestmark = pytest.mark.usefixtures("folder")
@@ -28,12 +25,10 @@ TIMES = 1_700_000_000.125 + np.arange(N) / 30  # s since 1970
 
 
 def images(dtype="uint8") -> np.ndarray:
-    rng = np.random.default_rng(5)
-    return rng.integers(0, 250, (N, 10, 14)).astype(dtype)
+    return np.random.default_rng(5).integers(0, 250, (N, 10, 14)).astype(dtype)
 
 
 def quaternions(poses: np.ndarray) -> np.ndarray:
-    """(N, 4) x y z w, by scipy."""
     return Rotation.from_matrix(poses[:, :3, :3]).as_quat()
 
 
@@ -58,20 +53,19 @@ def test_tum():
     table = read_poses("track.txt")
     assert close(table, poses, 1e-5)
     assert np.allclose(table.times, TIMES, atol=1e-6)
-    Path("bad.txt").write_text("1 2 3 4 0 0 0 1\n1 2 3\n", encoding="utf-8")
-    refuses("bad.txt", r"line 2: expected 8 numbers \(TUM\), got 3")
-    Path("bad.txt").write_text("1 2 3 4 0 0 0 2\n", encoding="utf-8")
-    refuses("bad.txt", "quaternion of length 1")
-    Path("other.txt").write_text("hello\n", encoding="utf-8")
-    refuses("other.txt", "expected a pose table")
+    for text, said in (
+        ("1 2 3 4 0 0 0 1\n1 2 3\n", r"line 2: expected 8 numbers \(TUM\), got 3"),
+        ("1 2 3 4 0 0 0 2\n", "quaternion of length 1"),
+        ("hello\n", "expected a pose table"),
+    ):
+        Path("bad.txt").write_text(text, encoding="utf-8")
+        refuses("bad.txt", said)
 
 
 @pytest.mark.parametrize("layout", ["rostopic", "columns", "transform"])
 def test_ros(layout):
     poses = random_poses(N)
-    place, turn = ("position", "orientation")
-    if layout == "transform":
-        place, turn = "translation", "rotation"
+    place, turn = ("translation", "rotation") if layout == "transform" else ("position", "orientation")
     prefix = {"rostopic": "field.pose.", "columns": "pose.pose.", "transform": "transform."}[layout]
     names = [f"{prefix}{place}.{a}" for a in "xyz"] + [f"{prefix}{turn}.{a}" for a in "xyzw"]
     stamps = [round(t * 1e9) for t in TIMES]
@@ -96,8 +90,7 @@ def optitrack(unit="Meters", scale=1e-3, bodies=("Probe",), turn="Quaternion") -
     poses = random_poses(N)
     q = quaternions(poses)
     kinds = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"]
-    axes = [*"XYZW", *"XYZ", ""]
-    n = len(bodies)
+    axes, n = [*"XYZW", *"XYZ", ""], len(bodies)
     head = [
         ["Format Version", "1.23", "Take Name", "Take 1", "Capture Frame Rate", "30.000000",
          "Rotation Type", turn, "Length Units", unit, "Coordinate Space", "Global"],
@@ -116,28 +109,26 @@ def optitrack(unit="Meters", scale=1e-3, bodies=("Probe",), turn="Quaternion") -
 
 def test_optitrack():
     for unit, scale in (("Meters", 1e-3), ("Millimeters", 1.0), ("Centimeters", 0.1)):
-        poses = optitrack(unit, scale)
-        table = read_poses("take.csv")
+        poses, table = optitrack(unit, scale), read_poses("take.csv")
         assert np.array_equal(np.flatnonzero(~table.ok), [4])
         assert close(table, poses)
         assert np.allclose(table.times, np.arange(N) / 30)
-    optitrack(bodies=("Probe", "Stylus"))
-    refuses("take.csv", "expected one rigid body, got Probe, Stylus")
-    optitrack(turn="XYZ")
-    refuses("take.csv", "Rotation Type: expected Quaternion")
-    optitrack(unit="Furlongs")
-    refuses("take.csv", "Length Units: expected millimeters")
+    for other, said in (
+        ({"bodies": ("Probe", "Stylus")}, "expected one rigid body, got Probe, Stylus"),
+        ({"turn": "XYZ"}, "Rotation Type: expected Quaternion"),
+        ({"unit": "Furlongs"}, "Length Units: expected millimeters"),
+    ):
+        optitrack(**other)
+        refuses("take.csv", said)
 
 
 @pytest.mark.parametrize(("separator", "angles"), [(",", False), ("\t", False), (",", True)])
 def test_ndi(separator, angles):
     """A tool's frame numbers count sixtieths of a second; a lost tool has no numbers."""
     poses = random_poses(N)
+    names, turn = ["Q0", "Qx", "Qy", "Qz"], np.roll(quaternions(poses), 1, axis=1)
     if angles:
-        names, turn = ["Rz", "Ry", "Rx"], Rotation.from_matrix(
-            poses[:, :3, :3]).as_euler("ZYX", degrees=True)  # fmt: skip
-    else:
-        names, turn = ["Q0", "Qx", "Qy", "Qz"], np.roll(quaternions(poses), 1, axis=1)
+        names, turn = ["Rz", "Ry", "Rx"], Rotation.from_matrix(poses[:, :3, :3]).as_euler("ZYX", degrees=True)
     head = ["Tools", "Frame", "Face", "State", *names, "Tx", "Ty", "Tz", "Error"]
     rows = [["Port 1", 6000 + 2 * i, 0, "OK", *turn[i], *poses[i, :3, 3], 0.1] for i in range(N)]
     rows[3][3:] = ["MISSING", *[""] * (len(head) - 4)]
@@ -157,22 +148,17 @@ def write_table(name: str, column: str, times, poses) -> None:
     write_rows(name, [head, *rows])
 
 
-def test_units_of_time():
+def test_units_of_time_and_a_tracker_s_buffer_of_plus():
     poses = random_poses(N)
-    for column, unit, tolerance in (
-        ("time", 1, 1e-6), ("time", 1e3, 1e-6), ("timestamp", 1e6, 1e-6), ("t", 1e9, 1e-6),
-        ("time_ms", 1e3, 1e-6), ("time_us", 1e6, 1e-6), ("time_ns", 1e9, 1e-6),
+    for column, unit in (
+        ("time", 1), ("time", 1e3), ("timestamp", 1e6), ("t", 1e9),
+        ("time_ms", 1e3), ("time_us", 1e6), ("time_ns", 1e9),
     ):  # fmt: skip
         write_table("poses.csv", column, [repr(float(t) * unit) for t in TIMES], poses)
-        assert np.allclose(read_poses("poses.csv").times, TIMES, atol=tolerance), column
-    write_table("poses.csv", "time_ms", [250, 500] * (N // 2), poses)  # small ones
-    assert read_poses("poses.csv").times[0] == 0.25
-    write_table("poses.csv", "time", [250, 500] * (N // 2), poses)
-    assert read_poses("poses.csv").times[0] == 250
-
-
-def test_absolute_milliseconds_beside_a_frame_rate():
-    """Before: no pose surrounded any frame."""
+        assert np.allclose(read_poses("poses.csv").times, TIMES, atol=1e-6), column
+    for column, first in (("time_ms", 0.25), ("time", 250)):  # small ones
+        write_table("poses.csv", column, [250, 500] * (N // 2), poses)
+        assert read_poses("poses.csv").times[0] == first
     np.save("frames.npy", images())
     poses = random_poses(N) @ PIXEL
     write_table("poses.csv", "time", [round(t * 1000) for t in TIMES], poses)
@@ -186,34 +172,21 @@ def test_absolute_milliseconds_beside_a_frame_rate():
     write_table("poses.csv", "time", np.arange(N) / 30 + 0.1, poses)
     sweep = read_sweep("frames.npy", poses="poses.csv", frame_times=30)
     assert not sweep.valid[:3].any()
-
-
-def test_a_tracker_s_buffer_of_plus_as_poses():
-    """Transforms, and images of one pixel that mean nothing."""
     poses = random_poses(N)
-    lines = ["ObjectType = Image", "NDims = 3", "BinaryData = True", "DimSize = 1 1 12",
-             "ElementType = MET_UCHAR"]  # fmt: skip
-    for i in range(N):
-        name = f"Seq_Frame{i:04d}_"
-        lines += [f"{name}ProbeToTrackerTransform = {format_matrix(poses[i])}",
-                  f"{name}ProbeToTrackerTransformStatus = {'OK' if i != 5 else 'INVALID'}",
-                  f"{name}Timestamp = {i / 30!r}", f"{name}ImageStatus = INVALID"]  # fmt: skip
-    text = "\n".join([*lines, "ElementDataFile = LOCAL", ""])
-    Path("tracker.igs.mha").write_bytes(text.encode() + bytes(N))
-    np.savez("frames.npz", frames=images(), timestamps=np.arange(N) / 30)
+    about = {f"Seq_Frame{i:04d}_ImageStatus": "INVALID" for i in range(N)}
+    lost = {"Seq_Frame0005_ProbeToTrackerTransformStatus": "INVALID"}
+    write_igs("tracker.igs.mha", {"ProbeToTracker": poses}, N, **about, **lost)
+    np.savez("frames.npz", frames=images(), timestamps=np.arange(N))
     sweep = read_sweep("frames.npz", Calibration(PIXEL), poses="tracker.igs.mha")
-    assert sweep.n_valid == N - 1
-    expected = poses @ PIXEL
-    assert np.allclose(sweep.world_from_image[sweep.valid], expected[sweep.valid], atol=1e-9)
-    Path("none.mha").write_bytes(text.replace("ProbeTo", "StylusTo").replace(
-        "StylusToTracker", "AToB", 1).encode() + bytes(N))  # fmt: skip
+    assert np.flatnonzero(~sweep.valid).tolist() == [5]
+    assert np.allclose(sweep.world_from_image[sweep.valid], (poses @ PIXEL)[sweep.valid], atol=1e-9)
+    write_igs("none.mha", {"StylusToTracker": poses, "AToB": poses}, N, **about)
     refuses("none.mha", "expected a transform from Probe")
 
 
 def write_calib_matrix(titles: bool) -> np.ndarray:
     """A calib_matrix.csv, whose pixels count from 1."""
-    scale = np.diag([0.229, 0.221, 1.0, 1.0])
-    tool = random_poses(1, seed=4)[0]
+    scale, tool = np.diag([0.229, 0.221, 1.0, 1.0]), random_poses(1, seed=4)[0]
     rows: list = []
     for title, matrix in (("scaling_from_pixel_to_mm", scale), ("from_image_mm_to_tool", tool)):
         rows += [[title]] if titles else []
@@ -226,8 +199,7 @@ def write_calib_matrix(titles: bool) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["scan.h5", "scan.npz"])
 def test_tus_rec(name):
-    poses = random_poses(N)
-    frames = images()
+    poses, frames = random_poses(N), images()
     if name == "scan.h5":
         h5py = pytest.importorskip("h5py", reason="needs h5py")
         with h5py.File(name, "w") as file:
@@ -244,8 +216,7 @@ def test_tus_rec(name):
     timed = read_sweep(name, calibration="calib_matrix.csv", frame_times=20)
     assert np.allclose(timed.timestamps, np.arange(N) / 20)
     gb.ultrasound.write_sweep("again.igs.mha", timed)
-    again = read_sweep("again.igs.mha")
-    assert np.allclose(again.world_from_image, sweep.world_from_image, atol=1e-6)
+    assert np.allclose(read_sweep("again.igs.mha").world_from_image, sweep.world_from_image, atol=1e-6)
     assert "give a calibration" in refused(name)
     Path("bad.csv").write_text("1,2,3\n", encoding="utf-8")
     assert "two matrices of four rows" in refused(name, calibration="bad.csv")
@@ -256,17 +227,18 @@ def test_damaged_and_foreign_h5():
     write_calib_matrix(True)
     with h5py.File("other.h5", "w") as file:
         file["PartType0"] = np.zeros(3)
-    assert "expected a scan in HDF5" in refused("other.h5", calibration="calib_matrix.csv")
     with h5py.File("shape.h5", "w") as file:
         file["frames"], file["tforms"] = images(), np.zeros((3, 4, 4))
-    assert "tforms (N, 4, 4)" in refused("shape.h5", calibration="calib_matrix.csv")
     with h5py.File("bomb.h5", "w") as file:
         file.create_dataset("frames", (2000, 2000, 2000), "u1", compression="gzip", chunks=True)
         file["tforms"] = np.zeros((2000, 4, 4))
-    assert "times the" in refused("bomb.h5", calibration="calib_matrix.csv")
     data = Path("shape.h5").read_bytes()
     Path("cut.h5").write_bytes(data[: len(data) // 3])
-    assert "expected a scan in HDF5" in refused("cut.h5", calibration="calib_matrix.csv")
+    for name, said in (
+        ("other", "expected a scan in HDF5"), ("shape", "tforms (N, 4, 4)"), ("bomb", "times the"),
+        ("cut", "expected a scan in HDF5"),
+    ):  # fmt: skip
+        assert said in refused(f"{name}.h5", calibration="calib_matrix.csv")
 
 
 @pytest.mark.parametrize("first", [True, False])
@@ -293,8 +265,7 @@ def test_tiff_stack():
         assert np.array_equal(sweep.frames, frames)
         assert sweep.frames.dtype == dtype
         assert np.allclose(sweep.world_from_image, poses)
-    data = Path("stack.tif").read_bytes()
-    Path("cut.tif").write_bytes(data[:60])
+    Path("cut.tif").write_bytes(Path("stack.tif").read_bytes()[:60])
     refused("cut.tif", poses="poses.csv", frame_times=30)
 
 
@@ -303,8 +274,7 @@ def test_tiff_by_pillow_in_color():
     pages[0].save("color.tif", save_all=True, append_images=pages[1:], compression="tiff_lzw")
     write_table("poses.csv", "time", np.arange(N) / 30, random_poses(N) @ PIXEL)
     whole = read_sweep("color.tif", poses="poses.csv", frame_times=30)
-    data = Path("color.tif").read_bytes()
-    said = []
+    data, said = Path("color.tif").read_bytes(), []
     for n in range(9, len(data), 7):
         Path("cut.tif").write_bytes(data[:n])
         with warnings.catch_warnings():
@@ -316,16 +286,14 @@ def test_tiff_by_pillow_in_color():
                 said.append(str(error))
     assert all(line.startswith("cut.tif: ") for line in said)
     assert len(said) > 0.9 * len(data) / 7
-    sweep = read_sweep("color.tif", poses="poses.csv", frame_times=30)
-    assert np.array_equal(sweep.frames[:, 0, 0], np.rint(0.299 * 10 * np.arange(N)))
+    assert np.array_equal(whole.frames[:, 0, 0], np.rint(0.299 * 10 * np.arange(N)))
 
 
 @pytest.mark.parametrize("name", ["clip.mp4", "clip.avi"])
 def test_video(name):
     av = pytest.importorskip("av", reason="needs PyAV")
     y, x = np.mgrid[:64, :96]
-    frames = np.stack([(127 + 100 * np.sin((x + 3 * i) / 12 + y / 9)) for i in range(N)])
-    frames = frames.astype(np.uint8)
+    frames = np.array([127 + 100 * np.sin((x + 3 * i) / 12 + y / 9) for i in range(N)], np.uint8)
     with av.open(name, "w") as file:
         stream = file.add_stream("mpeg4" if name == "clip.mp4" else "mjpeg", rate=25)
         stream.width, stream.height = 96, 64
@@ -343,6 +311,5 @@ def test_video(name):
     assert np.abs(sweep.frames.astype(int) - frames).mean() < 6  # lossy
     assert np.allclose(np.diff(sweep.timestamps), 1 / 25, atol=1e-3)
     assert sweep.n_valid >= N - 1
-    data = Path(name).read_bytes()
-    Path("cut.mp4").write_bytes(data[:200])
+    Path("cut.mp4").write_bytes(Path(name).read_bytes()[:200])
     refused("cut.mp4", poses="poses.csv")

@@ -1,7 +1,5 @@
 """Large texts in bulk: plain tables by pyarrow, frames of texts found once."""
 
-from __future__ import annotations
-
 import gzip
 from pathlib import Path
 
@@ -13,11 +11,7 @@ from globule.formats.frames import FrameOf
 
 RNG = np.random.default_rng(41)
 X = np.round(RNG.random((24, 3)), 6)
-
-
-@pytest.fixture(autouse=True)
-def in_a_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("folder")
 
 
 def rows(separator: str = " ") -> list[str]:
@@ -80,8 +74,7 @@ def test_large_tables_are_read_in_bulk_as_by_rows(name, monkeypatch):
     assert got.positions.tobytes() == expected.positions.tobytes()
     assert got.attributes.keys() == expected.attributes.keys()
     for key, values in expected.attributes.items():
-        assert got.attributes[key].dtype == values.dtype
-        assert got.attributes[key].tobytes() == values.tobytes()
+        assert (got.attributes[key].dtype, got.attributes[key].tobytes()) == (values.dtype, values.tobytes())
 
 
 def test_damaged_tables_read_the_same_in_bulk(monkeypatch):
@@ -143,8 +136,7 @@ def test_frames_of_texts_are_found_once(name, end, monkeypatch):
         expected = [[i + 0.5, k, 1] for i in range(counts[k])]
         assert np.array_equal(found.particles.positions, expected)
         if begin:
-            assert found.units == {"positions": "LAMMPS lj"}
-            assert found.time == (k / 2 if k % 2 else k)
+            assert (found.units, found.time) == ({"positions": "LAMMPS lj"}, k / 2 if k % 2 else k)
     if end != "\r":  # whose lines are no lines of bytes
         assert sum(scanned[1:]) < scanned[0]
     with pytest.raises(ValueError, match="frame: expected -6 to 5"):
@@ -152,15 +144,11 @@ def test_frames_of_texts_are_found_once(name, end, monkeypatch):
 
 
 @pytest.mark.parametrize("name", MANY)
-def test_a_text_that_grew_is_scanned_again(name):
+def test_a_text_that_grew_is_scanned_again_and_damage_names_its_line(name):
     for n in (2, 3):
         Path(name).write_text("".join(MANY[name](k, 4) for k in range(n)))
         assert read_contents(name, frame=1).n_frames == n
         assert read_contents(name, frame=-1).particles.positions[0][1] == n - 1
-
-
-@pytest.mark.parametrize("name", MANY)
-def test_damage_in_a_later_frame_names_its_line(name):
     text = "".join(MANY[name](k, 4) for k in range(5))
     Path(name).write_text(text.replace("2.5 3 1", "2.5 three 1"))
     line = next(i for i, row in enumerate(Path(name).read_text().splitlines(), 1) if "three" in row)

@@ -1,14 +1,12 @@
 """Tomographies as metaballs: which voxels, where in the world, in what color; bad files."""
 
-from __future__ import annotations
-
-import json
 import os
 import sys
 
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import run_json
 from globule._base.colormaps import categorical
 from globule.cli import main
 from globule.formats import FormatError
@@ -25,7 +23,6 @@ ORIGIN = (-10.0, 20.0, 30.0)
 
 
 def image(values: np.ndarray, spacing=SPACING, origin=ORIGIN, direction=ROTATION):
-    """values[x, y, z] as an image with a frame of its own."""
     made = sitk.GetImageFromArray(np.ascontiguousarray(values.transpose(2, 1, 0)))
     made.SetSpacing(spacing)
     made.SetOrigin(origin)
@@ -42,17 +39,17 @@ def ball(n: int = 24) -> np.ndarray:
     return (1000 * (x * x + y * y + z * z < 0.5)).astype("i2")
 
 
-def test_voxels_lie_where_the_image_says():
-    """Files: test_volume_places.py."""
+def test_voxels_lie_where_the_image_says_and_series_of_one_moment(tmp_path):
+    """Files: test_volume_places.py. Supports are two voxels."""
     particles = gb.volumes.sample_tomography(image(ramp()), labels=list(range(50, 60)))
     assert sorted(particles.attributes["label"]) == list(range(50, 60))
     for position, value in zip(particles.positions, particles.attributes["label"], strict=True):
         index = np.unravel_index(int(value), (3, 4, 5))
-        expected = np.array(ORIGIN) + ROTATION @ (np.array(SPACING) * index)
-        assert np.allclose(position, expected, atol=1e-4)
-
-
-def test_series_of_one_moment(tmp_path):
+        assert np.allclose(position, np.array(ORIGIN) + ROTATION @ (np.array(SPACING) * index), atol=1e-4)
+    for spacing, support in [((2, 2, 2), 4), (SPACING, 2), ((1, 1, 10), 10)]:
+        # Slices far apart: a support below their distance would leave gaps between them.
+        particles = gb.volumes.sample_tomography(image(ball(), spacing), labels=1000)
+        assert particles.support == pytest.approx(support)
     sitk.WriteImage(sitk.JoinSeries(image(ramp())), str(tmp_path / "a.nii"))
     exact = gb.volumes.sample_tomography(image(ramp()), level=50)
     read = gb.volumes.sample_tomography(tmp_path / "a.nii", level=50)
@@ -62,14 +59,7 @@ def test_series_of_one_moment(tmp_path):
         gb.volumes.read_volume(tmp_path / "b.nii")
 
 
-def test_support_is_two_voxels():
-    for spacing, support in [((2, 2, 2), 4), (SPACING, 2), ((1, 1, 10), 10)]:
-        # Slices far apart: a support below their distance would leave gaps between them.
-        particles = gb.volumes.sample_tomography(image(ball(), spacing), labels=1000)
-        assert particles.support == pytest.approx(support)
-
-
-def test_labels_have_their_colors():
+def test_colors_of_labels_and_of_finite_values_and_otsus_peaks():
     values = np.zeros((4, 4, 4), np.uint8)
     values[0], values[1], values[2] = 1, 2, 13
     particles = gb.volumes.sample_tomography(image(values), labels=[2, 13])
@@ -80,9 +70,6 @@ def test_labels_have_their_colors():
     assert not np.allclose(categorical([1]), categorical([2]))
     assert len(gb.volumes.sample_tomography(image(values), labels=1)) == 16
     assert len(gb.volumes.sample_tomography(image(values), labels=99)) == 0
-
-
-def test_grays_follow_the_intensity():
     particles = gb.volumes.sample_tomography(image(ramp("f4")), level=10)
     order = np.argsort(particles.attributes["intensity"])
     gray = particles.color[order][particles.attributes["intensity"][order] >= 10]
@@ -90,9 +77,11 @@ def test_grays_follow_the_intensity():
     assert (np.diff(gray[:, 0]) >= 0).all()
     assert gray[0, 0] < 0.12
     assert gray[-1, 0] == 1
-
-
-def test_otsu_parts_two_peaks():
+    values = ramp("f4")
+    values[0, 0, 0], values[2, 3, 4] = np.nan, np.inf
+    particles = gb.volumes.sample_tomography(image(values), level=30)
+    assert (particles.attributes["intensity"] >= 30).sum() == 29
+    assert np.isfinite(particles.color).all()
     rng = np.random.default_rng(1)
     low, high = rng.normal(100, 8, 50_000), rng.normal(400, 30, 10_000)
     values = np.concatenate([low, high, [1e6]]).astype("f4")
@@ -104,15 +93,7 @@ def test_otsu_parts_two_peaks():
         otsu(np.full(5, np.nan))
 
 
-def test_nan_and_infinity_are_no_trouble():
-    values = ramp("f4")
-    values[0, 0, 0], values[2, 3, 4] = np.nan, np.inf
-    particles = gb.volumes.sample_tomography(image(values), level=30)
-    assert (particles.attributes["intensity"] >= 30).sum() == 29
-    assert np.isfinite(particles.color).all()
-
-
-def test_resampling():
+def test_resampling_and_the_spacing_that_is_enough(monkeypatch):
     fine = image(ball(48), (0.5, 0.5, 1.0))
     coarse = gb.volumes.sample_tomography(fine, level=500, spacing=2.0)
     assert coarse.support == pytest.approx(2 * surfaces.VOXELS["murakami"])
@@ -120,11 +101,7 @@ def test_resampling():
     exact = tissue_voxels(fine, level=500)[0]
     assert 8 * len(coarse) == pytest.approx(0.25 * len(exact), rel=0.1)  # the volume in mm³
     assert np.allclose(coarse.mean(axis=0), exact.mean(axis=0), atol=0.3)
-    labels = gb.volumes.sample_tomography(fine, labels=1000, spacing=0.4)
-    assert set(labels.attributes["label"]) == {1000}
-
-
-def test_too_many_voxels_name_a_spacing(monkeypatch):
+    assert set(gb.volumes.sample_tomography(fine, labels=1000, spacing=0.4).attributes["label"]) == {1000}
     monkeypatch.setattr(surfaces, "MOST_PARTICLES", 500)
     fine = image(ball(), (1, 1, 1))
     with pytest.raises(ValueError, match="at most 500 voxels to show, got") as caught:
@@ -134,19 +111,16 @@ def test_too_many_voxels_name_a_spacing(monkeypatch):
 
 
 def test_dicom_series(tmp_path):
-    values = image(ramp("i2"), (1, 1, 3), (5, 6, 7), np.eye(3))
-    writer = sitk.ImageFileWriter()
+    values, writer = image(ramp("i2"), (1, 1, 3), (5, 6, 7), np.eye(3)), sitk.ImageFileWriter()
     writer.KeepOriginalImageUIDOn()
-    series = [("0020|000e", "1.2.3.4", 5), ("0020|000e", "1.2.3.5", 2)]
-    for tag, uid, n in series:
+    for uid, n in (("1.2.3.4", 5), ("1.2.3.5", 2)):
         for i in range(n):
             part = values[:, :, i]
-            part.SetMetaData(tag, uid)
-            part.SetMetaData("0008|0060", "CT")
-            part.SetMetaData("0008|0018", f"{uid}.{i}")
-            part.SetMetaData("0020|0013", str(i))
-            part.SetMetaData("0020|0032", f"5\\6\\{7 + 3 * i}")
-            part.SetMetaData("0020|0037", "1\\0\\0\\0\\1\\0")
+            for tag, value in {
+                "0020|000e": uid, "0008|0060": "CT", "0008|0018": f"{uid}.{i}", "0020|0013": str(i),
+                "0020|0032": f"5\\6\\{7 + 3 * i}", "0020|0037": "1\\0\\0\\0\\1\\0",
+            }.items():  # fmt: skip
+                part.SetMetaData(tag, value)
             writer.SetFileName(str(tmp_path / f"{uid}.{i}.dcm"))
             writer.Execute(part)
     particles = gb.volumes.sample_tomography(tmp_path, labels=59)  # of the series with 5 slices
@@ -155,25 +129,19 @@ def test_dicom_series(tmp_path):
     assert (volume.shape, volume.space) == ((5, 4, 3), "LPS")
 
 
-# wrong arguments and bad files
-
-
-@pytest.mark.parametrize(
-    ("options", "what"),
-    [
-        ({"level": np.nan}, "level: expected a finite number"),
-        ({"level": 1, "labels": [1]}, "level: expected none beside labels"),
-        ({"labels": 1.5}, "labels: expected one or more whole numbers"),
-        ({"spacing": 0}, "spacing: expected a positive number"),
-        ({"spacing": 1e-4}, r"spacing: expected at least 0\.\d+ mm"),
-    ],
-)
+@pytest.mark.parametrize(("options", "what"), [
+    ({"level": np.nan}, "level: expected a finite number"),
+    ({"level": 1, "labels": [1]}, "level: expected none beside labels"),
+    ({"labels": 1.5}, "labels: expected one or more whole numbers"),
+    ({"spacing": 0}, "spacing: expected a positive number"),
+    ({"spacing": 1e-4}, r"spacing: expected at least 0\.\d+ mm"),
+])  # fmt: skip
 def test_wrong_arguments(options, what):
     with pytest.raises(ValueError, match=what):
         gb.volumes.sample_tomography(image(ramp()), **options)
 
 
-def test_what_is_no_volume():
+def test_what_is_no_volume(tmp_path):
     for other in (sitk.Image(4, 4, sitk.sitkInt16), sitk.Image(4, 4, 4, sitk.sitkComplexFloat32)):
         with pytest.raises(FormatError, match="expected"):
             gb.volumes.sample_tomography(other)
@@ -181,9 +149,6 @@ def test_what_is_no_volume():
         gb.volumes.sample_tomography(sitk.Image([4, 4, 4], sitk.sitkVectorUInt8, 3))
     with pytest.raises(TypeError, match=r"expected a path, Volume or SimpleITK.Image, got list"):
         gb.volumes.sample_tomography([1, 2])
-
-
-def test_sweep_is_no_volume(tmp_path):
     made = image(ramp())
     made.SetMetaData("Seq_Frame0000_ProbeToTrackerTransform", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1")
     sitk.WriteImage(made, str(tmp_path / "a.mha"))
@@ -215,12 +180,8 @@ def test_without_the_packages(monkeypatch, tmp_path):
             gb.volumes.read_volume(tmp_path / name)
 
 
-# the command line
-
-
 @pytest.fixture
-def head(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def head(folder):
     sitk.WriteImage(image(ball(), (1, 1, 1)), "head.nii.gz")
     return "head.nii.gz"
 
@@ -235,14 +196,10 @@ def test_commands(head, capsys):
     capsys.readouterr()
     assert main(["info", head, "--level", "500"]) == 0
     assert "24x24x24 voxels of 1 1 1 mm, uint16" in capsys.readouterr().out
-    assert main(["info", head, "--json", "--label", "1000"]) == 0
-    facts = json.loads(capsys.readouterr().out)
-    assert facts["format"] == "NIfTI volume, gzipped"
-    assert facts["volume"]["size"] == [24, 24, 24]
+    facts = run_json(capsys, "info", head, "--label", "1000")
+    assert (facts["format"], facts["volume"]["size"]) == ("NIfTI volume, gzipped", [24, 24, 24])
     assert facts["attributes"]["label"]["min"] == 1000
-
-
-def test_mistakes_of_the_commands(head, capsys):
+    os.mkdir("other")
     gb.write("a.npz", gb.Particles(np.eye(3)))
     for words, what in [
         (["convert", "a.npz", "b.npz", "--level", "1"], "--level: expected a volume to read"),
@@ -252,16 +209,13 @@ def test_mistakes_of_the_commands(head, capsys):
         (["render", head, "-o", "b.png", "--level", "1e9"], "at most the highest value, 1000"),
         (["render", head, "-o", "b.png", "--label", "77"], "nii.gz: --label: expected a value"),
         (["info", head, "--label", "77", "--label", "78"], "that voxels have, got 77, 78"),
-        (["info", ".", "--level", "1"], "expected pictures or a DICOM series"),
+        (["info", "other", "--level", "1"], "expected pictures or a DICOM series"),
         (["info", head, "--resample", "0.001"], "spacing: expected at least"),
     ]:
         assert main(words) == 2
         error = capsys.readouterr().err
         assert what in error
         assert error.count("\n") == 1
-
-
-# one meaning of `level`, one frame, one door
 
 
 def test_gb_read_names_the_door_of_a_volume(tmp_path):
@@ -278,10 +232,7 @@ def test_tomography_and_iso_surface_agree(shift, tmp_path):
     z, y, x = np.meshgrid(*(np.arange(n) - (n - 1) / 2,) * 3, indexing="ij")
     distance = np.linalg.norm(np.stack([x, y, z], -1) * spacing, axis=-1)
     values = (np.clip(1000 - 100 * (distance - 5), 0, 2000) + shift).astype(np.float32)
-    made = sitk.GetImageFromArray(values)
-    made.SetSpacing(spacing.tolist())
-    made.SetDirection(ROTATION.ravel().tolist())
-    sitk.WriteImage(made, str(tmp_path / "a.nii.gz"))
+    sitk.WriteImage(image(values.T, spacing.tolist(), (0, 0, 0)), str(tmp_path / "a.nii.gz"))
     volume = gb.volumes.read_volume(tmp_path / "a.nii.gz")
     for level in (None, 1000.0 + shift):
         surface = gb.volumes.extract_iso_surface(volume, level)
@@ -296,6 +247,5 @@ def test_tomography_and_iso_surface_agree(shift, tmp_path):
     assert np.median(radius) == pytest.approx(5, abs=0.15)
     assert tissue_voxels(volume, level)[0].shape[0] == (volume.values >= level).sum()
     turned = volume.in_space("RAS")
-    again = gb.volumes.sample_tomography(turned, level)
-    assert np.array_equal(again.positions, particles.positions)
+    assert np.array_equal(gb.volumes.sample_tomography(turned, level).positions, particles.positions)
     assert np.array_equal(turned.values, volume.values)

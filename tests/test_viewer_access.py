@@ -1,7 +1,5 @@
 """The page for everyone: any size of window, keyboard only, screen readers, contrast."""
 
-from __future__ import annotations
-
 import pytest
 from viewer_helpers import PATIENCE, Watched, blob, open_folder, until
 
@@ -23,7 +21,6 @@ def watched(chromium):
 
 
 def opened(watched, width, height, **more):
-    """A page in a window of a size, without hints and with the list of layers."""
     context = watched.opened.new_context(viewport={"width": width, "height": height}, **more)
     watched.pages.append(context)
     page = context.new_page()

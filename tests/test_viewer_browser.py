@@ -1,7 +1,5 @@
 """The viewer's page in a real browser: what `make test` looks at; other files have the rest."""
 
-from __future__ import annotations
-
 import io
 from contextlib import contextmanager
 
@@ -34,7 +32,6 @@ def shared(chromium):
 
 @pytest.fixture
 def watched(shared):
-    """The same page for all tests, each with settings of its own."""
     shared.viewer.state.load_toml("[quality]\nsamples = 1\n")
     return shared
 
@@ -95,29 +92,19 @@ def test_a_stroke_with_the_tool_cut_cuts(watched):
     page.hand.use("Rotate, pick")
 
 
-def test_a_number_of_a_panel_changes_the_image(watched):
+def test_a_number_of_a_panel_changes_the_image_and_default_surface_takes_it_back(watched):
     (page,) = watched.pages
     before = silhouette(watched.still(page))
     open_folder(page, "Surface and quality")
     type_number(page, "Threshold", 1.8)
-    after = watched.still(page, lambda p: silhouette(p) < 0.9 * before)
-    assert silhouette(after) > 0
+    assert silhouette(watched.still(page, lambda p: silhouette(p) < 0.9 * before)) > 0
     assert watched.viewer.state.surface.threshold == pytest.approx(1.8)
-
-
-def test_default_surface_takes_changes_back(watched):
-    (page,) = watched.pages
-    before = silhouette(watched.still(page))
-    watched.viewer.state.set(surface__threshold=1.8)
-    watched.still(page, lambda p: silhouette(p) < 0.9 * before)
-    open_folder(page, "Surface and quality")
     page.get_by_role("button", name="Default surface").click()
     watched.still(page, lambda p: silhouette(p) == pytest.approx(before, rel=0.02))
 
 
 @contextmanager
 def looking(watched):
-    """The page of a second browser that looks, and its client."""
     (steering,) = watched.pages
     viewer = watched.viewer
     known = set(viewer.clients)
@@ -135,7 +122,7 @@ def cutting_plane(page):
 
 
 @pytest.mark.slow
-def test_who_looks_cannot_steer_and_has_a_camera_of_its_own(watched):
+def test_who_looks_cannot_steer_also_after_both_connect_again(watched):
     (steering,) = watched.pages
     viewer, before = watched.viewer, steering.client.camera
     with looking(watched) as (page, own):
@@ -148,8 +135,7 @@ def test_who_looks_cannot_steer_and_has_a_camera_of_its_own(watched):
         assert viewer.state.cuts.plane
         cutting_plane(steering).click()
         until(lambda: not viewer.state.cuts.plane)
-        other = own.camera
-        at = middle(page)
+        other, at = own.camera, middle(page)
         stroke(page, at, at + (60, 30))
         until(lambda: own.camera != other, "for the camera to move")
         assert steering.client.camera == before
@@ -158,18 +144,11 @@ def test_who_looks_cannot_steer_and_has_a_camera_of_its_own(watched):
         box.click()
         until(lambda: not box.is_checked())
         assert not viewer.state.notes.scale_bar
-
-
-@pytest.mark.slow
-def test_roles_are_the_same_after_both_connect_again(watched):
-    (steering,) = watched.pages
-    viewer = watched.viewer
     with looking(watched) as (page, _):
         known = set(viewer.clients)
         viewer.server._websock_server.disconnect_all_clients()
         until(lambda: len(set(viewer.clients) - known) == 2, "for both")
-        roles = sorted(client.role for client in viewer.clients.values())
-        assert roles == ["look", "steer"]
+        assert sorted(client.role for client in viewer.clients.values()) == ["look", "steer"]
         until(cutting_plane(page).is_disabled)
         cutting_plane(steering).click()
         until(lambda: viewer.state.cuts.plane)

@@ -1,7 +1,7 @@
 """Browsers that come and go, as programs: cameras of their own, slow ones, what they leave."""
 
-from __future__ import annotations
-
+import asyncio
+import collections
 import gc
 import subprocess
 import sys
@@ -14,6 +14,10 @@ from globule._base.memory import resident_bytes
 from viewer_helpers import PATIENCE, Watched, blob, our_threads, threads_of_browsers, until
 
 pytest.importorskip("viser")
+
+from globule.viewer.wakeups import wake_always
+from viser import _messages
+from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 
 @pytest.fixture
@@ -56,7 +60,6 @@ def test_a_browser_that_never_answers_holds_up_nobody(watched):
 
 
 def reloaded(watched, page):
-    """Another page in the place of one."""
     page.close()
     until(lambda: page.client not in watched.viewer.clients.values())
     return watched.program()
@@ -65,8 +68,7 @@ def reloaded(watched, page):
 def test_reload_and_kill_leave_nothing_behind():
     threads = threading.active_count()
     with Watched(blob(150)) as watched:
-        page = watched.program()
-        alive = threads_of_browsers()
+        page, alive = watched.program(), threads_of_browsers()
         for _ in range(3):
             page = reloaded(watched, page)
         until(lambda: threads_of_browsers() == alive, "for threads of browsers that left")
@@ -98,7 +100,6 @@ def come_and_go() -> None:
 
 @pytest.mark.slow
 def test_memory_stays_when_browsers_come_and_go():
-    """In a process whose memory no other test has used."""
     if not resident_bytes():
         pytest.skip("this system does not say how much memory is in use")
     command = [sys.executable, "-c", "import test_viewer_clients as t; t.come_and_go()"]
@@ -106,16 +107,13 @@ def test_memory_stays_when_browsers_come_and_go():
     subprocess.run(command, cwd=folder, check=True, timeout=PATIENCE)
 
 
-def test_errors_are_said_in_the_page(watched, caplog):
+def test_errors_are_said_in_the_page_and_callbacks_change_it(watched, caplog):
     page = watched.program()
     watched.viewer.state.set(surface__kernel="blinn", surface__root="bezier")
     page.heard("Bézier clipping")
     watched.viewer.state.set(surface__root="exact")
     watched.still(page)
     assert "Bézier clipping, got 'blinn'" in caplog.text
-
-
-def test_callbacks_and_own_sliders(watched):
     slider = watched.viewer.gui.add_slider("Redness", 0, 255, 1, 0)
 
     @watched.viewer.on_frame
@@ -131,11 +129,40 @@ def test_callbacks_and_own_sliders(watched):
     page = watched.program()
     page.set("Redness", 250)
     until(lambda: page.picture()[..., 0].mean() > 245, "for a red picture")
-
-
-def test_sources_change_while_they_are_seen(watched):
     page = watched.program()
     before = watched.still(page)
     watched.viewer.source.update(blob(60, seed=3))
     watched.viewer.refresh()
     watched.still(page, lambda p: p.shape == before.shape and not np.array_equal(p, before))
+
+
+class Late(collections.deque):
+    """Of those who wait for an event: one comes while another thread sets it."""
+
+    between = None
+
+    def append(self, waiter):
+        between, self.between = self.between, None
+        if between:
+            thread = threading.Thread(target=between)
+            thread.start()
+            thread.join()
+        super().append(waiter)
+
+
+@pytest.mark.parametrize("persistent", [False, True])
+def test_a_message_that_comes_between_looking_and_waiting(persistent):
+    async def first_window():
+        buffer = AsyncMessageBuffer(asyncio.get_running_loop(), persistent)
+        wake_always(buffer)
+        message = _messages.RunJavascriptMessage("")
+        buffer.message_event._waiters = waiters = Late()
+        waiters.between = lambda: buffer.push(message)
+        windows = buffer.window_generator(0)
+        try:
+            return await asyncio.wait_for(anext(windows), PATIENCE), message
+        finally:
+            await windows.aclose()
+
+    window, message = asyncio.run(first_window())
+    assert window == [message]

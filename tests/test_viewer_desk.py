@@ -1,10 +1,9 @@
 """Toolbar, timeline and list of layers: what the server says and accepts, and a real browser."""
 
-from __future__ import annotations
-
 import json
 import re
 import urllib.request
+from contextlib import closing
 from types import SimpleNamespace
 
 import globule as gb
@@ -27,7 +26,14 @@ def viewer():
         yield made
 
 
-def test_the_page_has_the_controls_behind_the_same_rules(viewer):
+@pytest.fixture
+def word(viewer):
+    """With which a page's script names itself."""
+    with closing(Program(viewer.address)) as program:
+        yield until(lambda: program.word)
+
+
+def test_the_page_has_the_controls_and_a_histogram_of_all_particles(viewer):
     with urllib.request.urlopen(viewer.address) as answer:
         assert b"globule/desk.js" in answer.read()
     for name, kind in (("desk.js", "application/javascript"), ("desk.css", "text/css")):
@@ -38,11 +44,15 @@ def test_the_page_has_the_controls_behind_the_same_rules(viewer):
     for path in ("globule/../app.py", "globule/desk.py"):
         with pytest.raises(urllib.error.HTTPError):
             urllib.request.urlopen(viewer.address + path)
+    viewer.state.set(color__by="speed")
+    viewer.engine.source.layers(viewer.state.snapshot())
+    plot = viewer.page.desk.model.of(SimpleNamespace(client_id=-1))["plot"]
+    speed = blob(150).attributes["speed"]
+    assert (sum(plot["counts"]), len(plot["colors"])) == (150, len(plot["counts"]))
+    assert (plot["lo"], plot["hi"]) == pytest.approx((speed.min(), speed.max()))
 
 
-def test_a_model_comes_and_actions_change_the_settings(viewer, caplog):
-    program = Program(viewer.address)
-    word = until(lambda: program.word)
+def test_a_model_comes_actions_change_the_settings_and_strangers_are_refused(viewer, word, caplog):
     with talk(viewer.port, f"desk?word={word}") as connection:
         model = told(connection)
         assert model["time"]["frames"] == 2
@@ -63,51 +73,26 @@ def test_a_model_comes_and_actions_change_the_settings(viewer, caplog):
         until(lambda: viewer.state.time.playing)
         for bad in ({"look__exposure": 2.0}, {"color__by": "nothing"}, "x", {"cuts__plane": 3}):
             say("set", bad)
-        say("close")
+        for absent in ("close", "step", "reset"):  # two are of simulations
+            say(absent)
         connection.send("[1")
-        until(lambda: len([r for r in caplog.records if r.levelname == "WARNING"]) >= 6)
-        assert viewer.state.look.exposure == 1.0
-        assert viewer.state.color.by == "speed"
+        until(lambda: len([r for r in caplog.records if r.levelname == "WARNING"]) >= 8)
+        assert sum("expected the name of an action" in r.message for r in caplog.records) == 3
+        assert (viewer.state.look.exposure, viewer.state.color.by) == (1.0, "speed")
         assert not viewer.state.cuts.plane
-    program.close()
-
-
-def test_strangers_and_long_messages_are_refused(viewer):
     from websockets.exceptions import ConnectionClosed
 
-    program = Program(viewer.address)
-    word = until(lambda: program.word)
     for path, said, code in (("desk?word=guessed", "x", 1008), (f"desk?word={word}", 100_000 * "x", 1009)):
         with talk(viewer.port, path) as one, pytest.raises(ConnectionClosed) as closed:  # noqa: PT012
             one.send(said)
             told(one, lambda model: False)
         assert closed.value.rcvd.code == code
-    program.close()
 
 
-def test_the_histogram_counts_all_particles(viewer):
-    viewer.state.set(color__by="speed")
-    viewer.engine.source.layers(viewer.state.snapshot())
-    plot = viewer.page.desk.model.of(SimpleNamespace(client_id=-1))["plot"]
-    speed = blob(150).attributes["speed"]
-    assert sum(plot["counts"]) == 150
-    assert len(plot["colors"]) == len(plot["counts"])
-    assert (plot["lo"], plot["hi"]) == pytest.approx((speed.min(), speed.max()))
-
-
-def test_layers_can_be_hidden():
-    source = open_source([gb.Layer(blob(150)), gb.Layer(blob(150, 2))])
-    camera, size = gb.Camera((0, 0, 6), (0, 0, 0)), (60, 40)
-    both, first, second = (traced(source, camera, size, layers__hidden=number).picture for number in ("", "2", "1"))
-    assert np.array_equal(first, gb.render(blob(150), camera, size).picture)
-    assert not np.array_equal(second, both)
-
-
-def test_two_data_sets_share_camera_light_and_colors():
+def test_two_data_sets_share_camera_and_colors_which_are_seen_through_water():
     first, second = blob(150), blob(150, 2)
     source = CompareSource(open_source(first), open_source(second))
-    look = {"color__by": "speed", "look__preset": "clay"}
-    camera = gb.Camera((0, 0, 6), (0, 0, 0))
+    look, camera = {"color__by": "speed", "look__preset": "clay"}, gb.Camera((0, 0, 6), (0, 0, 0))
     seen = traced(source, camera, (80, 60), compare__at=0.25, **look)
     values = np.concatenate([first.attributes["speed"], second.attributes["speed"]])
     assert source.maker.range == pytest.approx((values.min(), values.max()))
@@ -117,13 +102,14 @@ def test_two_data_sets_share_camera_light_and_colors():
         columns = np.s_[:, 20:] if whole else np.s_[:, :20]
         assert np.array_equal(seen.picture[columns], one[columns])
     seen.refine(2)
-    assert seen.samples == 3
-    assert seen.distance.shape == (60, 80)
+    assert (seen.samples, seen.distance.shape) == (3, (60, 80))
     with pytest.raises(ValueError, match="compare: expected particles or meshes"):
         CompareSource(open_source(first), open_source([first, second]))
-
-
-def test_colors_are_seen_through_water():
+    source = open_source([gb.Layer(blob(150)), gb.Layer(blob(150, 2))])
+    camera, size = gb.Camera((0, 0, 6), (0, 0, 0)), (60, 40)
+    both, first, second = (traced(source, camera, size, layers__hidden=number).picture for number in ("", "2", "1"))
+    assert np.array_equal(first, gb.render(blob(150), camera, size).picture)
+    assert not np.array_equal(second, both)
     with view(blob(150), preset="water") as made:
         state, desk = made.state, made.page.desk
         desk._set(None, {"color__by": "speed"})
@@ -157,14 +143,12 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
         histogram = desk.get_by_role("img", name="Histogram of speed")
         histogram.wait_for()
         box = histogram.bounding_box()
-        ends = [(box["x"] + share * box["width"], box["y"] + 20) for share in (0.25, 0.75)]
-        drag_along(page, ends)
+        drag_along(page, [(box["x"] + share * box["width"], box["y"] + 20) for share in (0.25, 0.75)])
         page.mouse.up()
         until(lambda: not state.color.automatic)
         lowest, highest = (f(watched.viewer.source.particles().attributes["speed"])
                            for f in (np.min, np.max))  # fmt: skip
-        asked = np.array([state.color.low, state.color.high])
-        shares = (asked - lowest) / (highest - lowest)
+        shares = (np.array([state.color.low, state.color.high]) - lowest) / (highest - lowest)
         assert np.allclose(shares, [0.25, 0.75], atol=0.02)
         press("Whole range")
         until(lambda: state.color.automatic)

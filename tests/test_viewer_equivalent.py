@@ -1,7 +1,5 @@
 """What the viewer prints as a command and as Python makes the viewer's picture."""
 
-from __future__ import annotations
-
 import os
 import shlex
 
@@ -20,60 +18,27 @@ STATES = {
     "surface": {"surface__threshold": 0.9, "surface__support": 0.5, "surface__kernel": "wendland_c2"},
     "color": {"color__by": "speed", "color__colormap": "turbo", "color__legend": True},
     "range": {"color__by": "y", "color__automatic": False, "color__low": -1.0, "color__high": 0.5},
-    "cuts": {
-        "cuts__plane": True,
-        "cuts__normal": (0.3, 0.1, 1.0),
-        "cuts__point": (0.0, 0.0, 0.1),
-        "cuts__box": True,
-        "cuts__lo": (0.0, -2.0, -2.0),
-        "cuts__hi": (2.0, 0.0, 2.0),
-    },
+    "cuts": {"cuts__plane": True, "cuts__normal": (0.3, 0.1, 1.0), "cuts__point": (0.0, 0.0, 0.1),
+             "cuts__box": True, "cuts__lo": (0.0, -2.0, -2.0), "cuts__hi": (2.0, 0.0, 2.0)},
     "sphere": {"cuts__sphere": True, "cuts__center": (0.5, 0.0, 0.2), "cuts__radius": 0.6},
     "water": {"look__preset": "water", "look__shadows": True, "look__bounces": 6},
-    "own": {
-        "look__lights": "own",
-        "look__azimuth": 40.0,
-        "look__matter": "own",
-        "look__reflection": 0.4,
-        "look__sky": "gradient",
-        "look__ambient_rays": 2,
-    },
+    "own": {"look__lights": "own", "look__azimuth": 40.0, "look__matter": "own", "look__reflection": 0.4,
+            "look__sky": "gradient", "look__ambient_rays": 2},
     "thesis": {"surface__root": "march"},
-    "bright": {
-        "look__preset": "water",
-        "look__exposure": 1.7,
-        "look__sky": "none",
-        "look__background": (0.1, 0.2, 0.3),
-    },
+    "bright": {"look__preset": "water", "look__exposure": 1.7, "look__sky": "none",
+               "look__background": (0.1, 0.2, 0.3)},
     "bare": {"look__preset": "clay", "look__ground": "none", "look__background": (1.0, 0.0, 0.0)},
     "checks": {"look__preset": "clay", "look__ground": "checker", "look__ambient_rays": 2},
     "plain ground": {"look__preset": "glass", "look__ground": "plain", "look__bounces": 2},
-    "crops": {
-        "cuts__sphere": True,
-        "cuts__keep_sphere": True,
-        "cuts__radius": 0.7,
-        "cuts__box": True,
-        "cuts__keep_box": True,
-        "cuts__lo": (0.0, -2.0, -2.0),
-        "cuts__hi": (2.0, 2.0, 2.0),
-    },
-    "notes": {
-        "notes__title": "- A title",
-        "notes__scale_bar": True,
-        "notes__axes": True,
-        "notes__box": True,
-        "notes__unit": "mm",
-    },
-    "legend": {
-        "color__by": "speed",
-        "color__legend_at": "upper-left",
-        "color__legend_title": "height",
-        "color__legend_unit": "m/s",
-        "notes__axes": True,
-    },
+    "crops": {"cuts__sphere": True, "cuts__keep_sphere": True, "cuts__radius": 0.7, "cuts__box": True,
+              "cuts__keep_box": True, "cuts__lo": (0.0, -2.0, -2.0), "cuts__hi": (2.0, 2.0, 2.0)},
+    "notes": {"notes__title": "- A title", "notes__scale_bar": True, "notes__axes": True, "notes__box": True,
+              "notes__unit": "mm"},
+    "legend": {"color__by": "speed", "color__legend_at": "upper-left", "color__legend_title": "height",
+               "color__legend_unit": "m/s", "notes__axes": True},
     "flat": {"look__preset": "flat", "color__by": "speed"},
     "colored clay": {"look__preset": "clay", "color__by": "speed", "color__legend": False},
-}
+}  # fmt: skip
 
 
 CAMERA, SIZE = gb.Camera((1.6, 1.2, 3.0), (0.1, 0.0, 0.0), fov=42.0), (80, 60)
@@ -83,8 +48,7 @@ pytestmark = pytest.mark.usefixtures("folder")
 
 @pytest.fixture
 def engine(folder):
-    rng = np.random.default_rng(4)
-    positions = (rng.normal(size=(200, 3)) * 0.4).astype(np.float32)
+    positions = (np.random.default_rng(4).normal(size=(200, 3)) * 0.4).astype(np.float32)
     np.savez("some cloud.npz", positions=positions, support=np.float32(0.4), speed=positions[:, 1])
     with engine_of("some cloud.npz") as made:
         yield made
@@ -97,15 +61,12 @@ def test_command_and_program_make_the_same_picture(engine, name):
 
 
 def picture() -> np.ndarray:
-    """picture.png, which then is gone."""
-    with Image.open("picture.png") as image:
-        found = np.asarray(image.convert("RGB")).astype(int)
+    found = np.asarray(Image.open("picture.png").convert("RGB")).astype(int)
     os.unlink("picture.png")
     return found
 
 
 def printed(engine, camera, size=SIZE) -> tuple[str, str]:
-    """The command and the Python code."""
     about = engine.source, engine.state, camera, size, engine.up
     return command_line(*about), python_code(*about)
 
@@ -126,16 +87,7 @@ def check(engine, camera, without: str = "", size=SIZE) -> np.ndarray:
     return shot.frame.mask
 
 
-def test_a_sequence_s_frame_of_now():
-    for i in range(3):
-        gb.write(f"frame_{i}.npz", gb.Particles(np.eye(3) * (1 + 0.2 * i), support=1.0))
-    with engine_of(["frame_*.npz"], time__frame=2, quality__samples=1) as engine:
-        until(lambda: engine.source.frame == 2)
-        assert "frame_2.npz" in printed(engine, FAR)[0]
-        check(engine, FAR)
-
-
-def test_a_volume_s_surface():
+def test_a_volume_s_surface_a_sweep_s_volume_and_a_sequence_s_frame():
     z, y, x = np.mgrid[-9:10, -9:10, -9:10]
     values = np.clip(220 - 18 * np.sqrt(x * x + y * y + z * z), 0, 255).astype(np.uint8)
     volume = gb.volumes.Volume(values, np.diag([2.0, 2.0, 2.0, 1.0]))
@@ -149,9 +101,6 @@ def test_a_volume_s_surface():
             assert check(engine, camera).mean() > 0.03
             engine.state.set(slices__shown=True, surface__threshold=0.5)
             assert printed(engine, camera)[0].endswith("# without: slices, threshold")
-
-
-def test_a_sweep_s_volume():
     made = gb.ultrasound.phantoms.cylinders(n_frames=12, size=(40, 36), spacing=1.0)
     gb.ultrasound.write_sweep("sweep.igs.mha", made)
     with engine_of("sweep.igs.mha", slices__shown=False, quality__samples=1) as engine:
@@ -164,6 +113,12 @@ def test_a_sweep_s_volume():
         check(engine, camera, "the images so far")
         source.finish("vvn")
         assert check(engine, camera).mean() > 0.02
+    for i in range(3):
+        gb.write(f"frame_{i}.npz", gb.Particles(np.eye(3) * (1 + 0.2 * i), support=1.0))
+    with engine_of(["frame_*.npz"], time__frame=2, quality__samples=1) as engine:
+        until(lambda: engine.source.frame == 2)
+        assert "frame_2.npz" in printed(engine, FAR)[0]
+        check(engine, FAR)
 
 
 @pytest.mark.parametrize("foam", ["", "foam = { approach = [0.01, 0.1], speed = [0.01, 0.1] }"])
@@ -221,23 +176,11 @@ def test_plates_and_marks_stand_where_they_are(height):
     assert abs(columns.mean() + 0.5 - x) < 0.6
     assert abs(rows.mean() + 0.5 - y) < 0.6
     origin, direction = camera.ray(size, (x / size[0], y / size[1]))
-    away = pose[:3] @ (45, 30, 0, 1) - origin
-    assert np.linalg.norm(np.cross(away, direction)) < 1e-6
+    assert np.linalg.norm(np.cross(pose[:3] @ (45, 30, 0, 1) - origin, direction)) < 1e-6
     assert np.allclose(camera.towards([pose[:3] @ (45, 30, 0, 1)])[0], direction)
 
 
-def test_sizes_of_pictures_have_limits(monkeypatch):
-    assert checked_size((1920, 1080)) == (1920, 1080)
-    for size in ((8, 100), (100, 20000), (16384, 16384 + 1)):
-        with pytest.raises(ValueError, match="size: expected"):
-            checked_size(size)
-    monkeypatch.setattr("globule.viewer.recording.free_bytes", lambda: 200_000_000)
-    assert checked_size((1000, 1000)) == (1000, 1000)
-    with pytest.raises(ValueError, match="at most 1,000,000 pixels"):
-        checked_size((1001, 1000))
-
-
-def test_a_picture_waits_for_no_change_in_between(engine):
+def test_a_picture_has_limits_and_waits_for_no_change_in_between(engine, monkeypatch):
     """Settings that change while it is traced: all its samples show one state."""
     said = []
 
@@ -249,3 +192,11 @@ def test_a_picture_waits_for_no_change_in_between(engine):
     shot = Shot(engine, CAMERA, SIZE, 4, progress=change)
     assert said == [0.25, 0.5, 0.25, 0.5, 0.75]
     assert np.array_equal(shot.picture, Shot(engine, CAMERA, SIZE, 4).picture)
+    assert checked_size((1920, 1080)) == (1920, 1080)
+    for size in ((8, 100), (100, 20000), (16384, 16384 + 1)):
+        with pytest.raises(ValueError, match="size: expected"):
+            checked_size(size)
+    monkeypatch.setattr("globule.viewer.recording.free_bytes", lambda: 200_000_000)
+    assert checked_size((1000, 1000)) == (1000, 1000)
+    with pytest.raises(ValueError, match="at most 1,000,000 pixels"):
+        checked_size((1001, 1000))

@@ -1,7 +1,5 @@
 """Spray, foam and bubbles of a simulation that the viewer runs."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import globule as gb
@@ -40,7 +38,6 @@ def seen(source, **settings) -> np.ndarray:
 
 
 def shown_foam(source) -> np.ndarray:
-    """Positions of the foam in an image."""
     return traced(source, CAMERA, SIZE)._layers[1].scene.particles.positions
 
 
@@ -49,14 +46,6 @@ def splash():
     source = open_source(made())
     steps(source, N)
     return source
-
-
-def test_the_image_shows_the_layer_that_images_of_globule_simulate_have(splash):
-    sim = splash.simulation
-    assert len(sim.foam) > 100
-    shown, wanted = seen(splash), [splash.maker.last_scene, sim.foam.layer()]
-    np.testing.assert_array_equal(shown, gb.render(wanted, CAMERA, SIZE).picture)
-    assert np.any(shown != gb.render(wanted[0], CAMERA, SIZE).picture)
 
 
 def test_colors_of_values_are_those_of_the_fluid():
@@ -72,27 +61,27 @@ def test_colors_of_values_are_those_of_the_fluid():
     assert np.ptp(flat[1], axis=2).max() < 8  # of the foam alone, which is white
 
 
-def test_the_page_lists_the_foam_and_hides_it(splash):
+def test_the_page_lists_the_foam_and_shows_what_globule_simulate_does(splash):
     hidden = seen(splash, layers__hidden="2")
-    plain = gb.render(splash.maker.last_scene, CAMERA, SIZE).picture
-    np.testing.assert_array_equal(hidden, plain)
+    np.testing.assert_array_equal(hidden, gb.render(splash.maker.last_scene, CAMERA, SIZE).picture)
     assert seen(splash, surface__root="march").any()  # the thesis traces the fluid alone
     with view(splash.simulation) as viewer:
         layers = viewer.page.desk.model.of(SimpleNamespace(client_id=-1))["layers"]
         assert [layer["name"] for layer in layers] == ["simulation", "foam"]
-
-
-def test_an_image_refines_while_others_are_made(splash):
     first = traced(splash, CAMERA, SIZE)
     traced(splash, CAMERA, (40, 30))
     first.refine()
     assert first.samples == 2
+    sim = splash.simulation
+    assert len(sim.foam) > 100
+    shown, wanted = seen(splash), [splash.maker.last_scene, sim.foam.layer()]
+    np.testing.assert_array_equal(shown, gb.render(wanted, CAMERA, SIZE).picture)
+    assert np.any(shown != gb.render(wanted[0], CAMERA, SIZE).picture)
 
 
 @pytest.mark.slow
 def test_reset_and_the_timeline_take_the_foam_along():
-    source = open_source(made())
-    after = []
+    source, after = open_source(made()), []
     for _ in range(N + 10):
         steps(source, 1)
         after.append(foam(source))
@@ -107,8 +96,7 @@ def test_reset_and_the_timeline_take_the_foam_along():
     np.testing.assert_array_equal(shown_foam(source), source.simulation.foam.positions)
     assert same(foam(source), after[source.place[0] - 1])
     source.reset()
-    assert len(source.simulation.foam) == 0
-    assert len(source.layers(State())) == 1
+    assert (len(source.simulation.foam), len(source.layers(State()))) == (0, 1)
     steps(source, N)
     assert same(foam(source), after[N - 1])
 

@@ -1,7 +1,5 @@
 """What a hand and instruments feel, on the viewer's page."""
 
-from __future__ import annotations
-
 import threading
 from types import SimpleNamespace
 
@@ -26,24 +24,13 @@ from globule.viewer.state import State
 BROWSERS = True  # see hang_guard
 
 
-def test_forces_have_two_digits_and_a_unit():
-    said = {
-        123.0: "120 N", 12.34: "12 N", 1.0: "1.0 N", 0.5: "0.50 N", 0.0123: "0.012 N",
-        0.00994: "9.9 mN", 0.00999: "10 mN", 0.00072: "0.72 mN", 0.0: "0 mN",
-    }  # fmt: skip
-    assert {force: newtons(force) for force in said} == said
-
-
 def hand_at(point) -> SimpleNamespace:
-    """A hand over a point of the surface, which looks at it along -x."""
     camera = gb.Camera(tuple(np.add(point, (0.3, 0, 0))), tuple(point), (0, 0, 1))
-    frame = SimpleNamespace(size=(100, 100))
-    client = SimpleNamespace(camera=camera, frame=frame)
+    client = SimpleNamespace(camera=camera, frame=SimpleNamespace(size=(100, 100)))
     return SimpleNamespace(client=client, on_surface=lambda screens: [tuple(point)])
 
 
 def held_block():
-    """A block on a fixed foot, and the hand that holds its top."""
     scene = scene_with_grasper("bonds")
     del scene["instruments"]
     scene["solids"][0]["fixed"] = [{"box": {"lo": [-1, -1, -1], "hi": [1, 1, 0.006]}}]
@@ -53,10 +40,9 @@ def held_block():
 MIDDLE, ABOVE = (0.5, 0.5), (0.5, 0.46)
 
 
-def test_a_hand_that_pulls_is_said_its_force():
+def test_a_hand_that_pulls_is_said_its_force_in_two_digits():
     source, hand = held_block()
     sim = source.simulation
-    assert source.pull_words() == ""
     steps(source, 2)
     assert source.pull_words() == ""
     source.grasp(hand, "start", MIDDLE, MIDDLE)
@@ -79,22 +65,23 @@ def test_a_hand_that_pulls_is_said_its_force():
     assert max(plot["y"]) == pytest.approx(np.linalg.norm(force), rel=1e-4)
     source.grasp(hand, "start", MIDDLE, MIDDLE)
     steps(source, 2)
-    assert source.pull_words()
     source.reset()
     assert source.pull_words() == ""
-
-
-def test_a_hand_beside_the_tissue_is_said_that_it_holds_nothing():
-    source, _ = held_block()
-    source.grasp(hand_at((0.03, 0.03, 0.03)), "start", MIDDLE, MIDDLE)
+    beside = hand_at((0.03, 0.03, 0.03))
+    source.grasp(beside, "start", MIDDLE, MIDDLE)
     assert source.pull_words() == ""  # until a step has looked
     steps(source, 2)
     assert source.pull_words() == "nothing to hold here"
-    source.grasp(hand_at((0.03, 0.03, 0.03)), "end", MIDDLE, MIDDLE)
+    source.grasp(beside, "end", MIDDLE, MIDDLE)
     assert source.pull_words() == ""
+    said = {
+        123.0: "120 N", 12.34: "12 N", 1.0: "1.0 N", 0.5: "0.50 N", 0.0123: "0.012 N",
+        0.00994: "9.9 mN", 0.00999: "10 mN", 0.00072: "0.72 mN", 0.0: "0 mN",
+    }  # fmt: skip
+    assert {force: newtons(force) for force in said} == said
 
 
-def test_the_page_does_not_wait_for_a_running_step():
+def test_the_page_does_not_wait_for_a_step_and_one_asked_for_comes_after_it():
     source, hand = held_block()
     source.grasp(hand, "start", MIDDLE, MIDDLE)
     steps(source, 2)
@@ -121,16 +108,13 @@ def test_the_page_does_not_wait_for_a_running_step():
     finally:
         go_on.set()
         thread.join()
-
-
-def test_a_step_asked_for_during_another_comes_after_it():
     source, _ = held_block()
     sim, step = source.simulation, source.simulation.step
 
     def once():
+        sim.step = step
         report = step()
         source.step()  # as soon as `n_steps` says that this one is done
-        sim.step = step
         return report
 
     sim.step = once
@@ -192,27 +176,20 @@ def test_forces_cost_the_panel_no_update_more(held, monkeypatch):
         panel.tick()
         assert Widget.updates == n
         force = forces(source.simulation)["hand"]
-        assert (force > 0) == held
-        assert (f"hand: {newtons(force)}" in panel.status.content) == held
+        assert (force > 0, f"hand: {newtons(force)}" in panel.status.content) == (held, held)
         panel.tick()
         assert Widget.updates == n
 
 
-@pytest.mark.parametrize(("scene", "unit", "factor"), [("small", "mm", 1e3), ("large", "m", 1.0)])
-def test_slider_and_label_say_the_depth_in_one_unit(scene, unit, factor):
-    table = scene_with_grasper("bonds")
-    if scene == "large":
-        table["domain"] = {"lo": [-1] * 3, "hi": [1] * 3}
-    with view(gb.Simulation(table, device="cpu")) as viewer:
-        source, gui = viewer.source, viewer.server.gui
-        slider = next(
-            handle for handle in gui._gui_input_handle_from_uuid.values()
-            if (handle._impl.props.label or "").startswith("Cut depth")
-        )  # fmt: skip
+@pytest.mark.parametrize(("size", "unit", "factor"), [(0.05, "mm", 1e3), (1, "m", 1.0)])
+def test_slider_and_label_say_the_depth_in_one_unit(size, unit, factor):
+    domain = {"lo": [-size] * 3, "hi": [size] * 3}
+    with view(gb.Simulation(scene_with_grasper("bonds") | {"domain": domain}, device="cpu")) as viewer:
+        source, handles = viewer.source, viewer.server.gui._gui_input_handle_from_uuid.values()
+        slider = next(h for h in handles if (h._impl.props.label or "").startswith("Cut depth"))
         assert slider.label == f"Cut depth, {unit}"
         assert slider._impl.props.hint.startswith(f"Depth below the surface, {unit};")
-        longest = source.tissue_extent()
-        assert slider.max == pytest.approx(factor * longest, rel=0.05)
+        assert slider.max == pytest.approx(factor * source.tissue_extent(), rel=0.05)
         assert slider.value == pytest.approx(factor * source.cut_depth)
         assert source.cut_words() == f"{slider.value:.3g} {unit} deep"
         slider.value = 0.5 * slider.max

@@ -1,7 +1,5 @@
 """Handles of cuts in a real browser: a person drags them, and no stroke of a tool does."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,6 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 def drag_arrow(watched, page) -> None:
-    """Drag the arrow along the plane's normal; the button stays down."""
     place, cuts = watched.viewer.placement, watched.viewer.state.cuts
     before, box = cuts.point, page.locator("canvas").first.bounding_box()
     tip = place.to_world(np.add(place.to_page(cuts.point), 0.7 * SIZE * np.array(cuts.normal)))
@@ -26,7 +23,6 @@ def drag_arrow(watched, page) -> None:
 
 
 def turn(page) -> None:
-    """A drag beside the handles, which turns the view."""
     camera, at = page.client.camera, middle(page)
     stroke(page, at + (-120, 180), at + (-80, 200))
     until(lambda: page.client.camera != camera, "for a drag to turn the view again")
@@ -51,8 +47,7 @@ def test_a_stroke_never_drags_a_handle(chromium):
             until(lambda k=k: len(drawn) == k and page.hand._catcher, "for the stroke")
             watched.still(page)
             along = np.mean([drawn[-1][0], drawn[-1][-1]], axis=0)
-            assert cuts.point == pytest.approx(along.tolist(), abs=1e-6)
-            assert page.client.camera == camera
+            assert (cuts.point, page.client.camera) == (pytest.approx(along.tolist(), abs=1e-6), camera)
         page.hand.use("Rotate, pick")
         until(lambda: handles.plane.visible, "for the handle to come back")
         drag_arrow(watched, page)

@@ -1,7 +1,5 @@
 """`globule view` as a process: Ctrl-C ends it, whatever it does."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re
@@ -23,7 +21,6 @@ from viewer_program import Program
 
 @contextlib.contextmanager
 def started(*words: str, **options):
-    """`globule view` in a process of its own, and the page's address."""
     with subprocess.Popen(
         [sys.executable, "-m", "globule", "view", *words, "--no-browser", "--port", "0"],
         stdout=subprocess.PIPE,
@@ -42,7 +39,6 @@ def started(*words: str, **options):
 
 
 def ended(process: subprocess.Popen) -> str:
-    """What the process says on stderr when Ctrl-C ends it."""
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
@@ -50,7 +46,6 @@ def ended(process: subprocess.Popen) -> str:
 
 
 def status(process: subprocess.Popen, name: str) -> str:
-    """A file of Linux about a process; "" when the process has ended."""
     if not sys.platform.startswith("linux"):
         pytest.skip("needs /proc")
     try:
@@ -104,8 +99,7 @@ def test_ctrl_c_ends_slow_pictures_too(tmp_path):
             fields = status(process, "stat").rpartition(")")[2].split()
             return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
 
-        program = Program(address)
-        program.heard(lambda message: message.get("props", {}).get("label") == "Mouse tool")
+        Program(address).heard(lambda message: message.get("props", {}).get("label") == "Mouse tool")
         begun = processor_seconds()
         until(lambda: processor_seconds() > begun + 0.5, "for a picture to be begun")
         assert ended(process) == "globule: interrupted"
@@ -113,7 +107,6 @@ def test_ctrl_c_ends_slow_pictures_too(tmp_path):
 
 @pytest.mark.slow
 def test_a_live_scanner_from_the_command_line(request):
-    """`globule view igtl://…`, and a server of pyigtl's own that replays a sweep of 20 images."""
     igtl = pytest.importorskip("pyigtl")
     server = igtl.OpenIGTLinkServer(port=0)
     request.addfinalizer(server.stop)

@@ -1,7 +1,5 @@
 """What outlasts a browser and what does not wait for an image: recordings, clicks."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -19,9 +17,8 @@ def opened():
         yield watched.viewer, watched.program(answers=False)
 
 
-def test_a_recording_outlasts_its_tab(opened, tmp_path, monkeypatch):
+def test_a_recording_outlasts_its_tab(opened, tmp_path, folder):
     av = pytest.importorskip("av")
-    monkeypatch.chdir(tmp_path)
     viewer, program = opened
     save = next(panel for panel in viewer.page.panels if type(panel).__name__ == "Save")
     save.size.value = "64x48"

@@ -1,7 +1,5 @@
 """The groups of controls: what their widgets set, what settings do to the image, downloads."""
 
-from __future__ import annotations
-
 import io
 from types import SimpleNamespace
 
@@ -36,7 +34,6 @@ def panel(watched, name):
 
 
 def another(handle, value):
-    """Another value that a widget may have."""
     if isinstance(value, bool):
         return not value
     if hasattr(handle, "options"):
@@ -51,14 +48,13 @@ def another(handle, value):
     return value + 1.0
 
 
-def test_each_widget_sets_its_setting_and_follows_it(watched):
+def test_each_widget_sets_its_setting_and_a_preset_is_one_change(watched):
     state, binder = watched.viewer.state, watched.viewer.page.binder
     page = watched.program(answers=False)  # gets few images meanwhile
     assert len(binder.widgets) > 40
     for key, handle in binder.widgets.items():
         group, name = key.split(".")
-        before = getattr(getattr(state, group), name)
-        value = another(handle, handle.value)
+        before, value = getattr(getattr(state, group), name), another(handle, handle.value)
         update = {"type": "GuiUpdateMessage", "uuid": handle._impl.uuid}
         page.say({**update, "updates": {"value": value}})
         until(lambda g=group, n=name, b=before: getattr(getattr(state, g), n) != b, key)
@@ -68,11 +64,7 @@ def test_each_widget_sets_its_setting_and_follows_it(watched):
         page.heard(
             lambda m, u=handle._impl.uuid, v=value: m.get("uuid") == u and m.get("updates", {}).get("value", v) != v
         )
-
-
-def test_a_preset_is_one_change(watched):
-    state = watched.viewer.state
-    page = watched.program(answers=False)
+    state, page = watched.viewer.state, watched.program(answers=False)
     before, version = state.to_toml(), state.version
     handle = watched.viewer.page.binder.widgets["look.preset"]
     update = {"type": "GuiUpdateMessage", "uuid": handle._impl.uuid}
@@ -83,35 +75,22 @@ def test_a_preset_is_one_change(watched):
     assert state.to_toml() == before
 
 
-@pytest.mark.parametrize(
-    ("before", "change"),
-    [
-        ({}, {"surface__kernel": "wendland_c2"}),
-        ({}, {"surface__support": 0.6}),
-        ({}, {"surface__threshold": 1.5}),
-        ({}, {"surface__root": "march"}),
-        ({}, {"look__preset": "water"}),
-        ({"look__ground": "plain"}, {"look__ambient_rays": 8}),
-        ({}, {"look__sky": "gradient"}),
-        ({}, {"look__ground": "checker"}),
-        ({}, {"look__shadows": True}),
-        ({}, {"look__exposure": 2.0}),
-        ({}, {"look__background": (0.0, 0.6, 0.0)}),
-        ({}, {"look__lights": "own"}),
-        ({"look__lights": "own"}, {"look__azimuth": 120.0}),
-        ({"look__sky": "gradient"}, {"look__matter": "own", "look__reflection": 1.0}),
-        ({"look__sky": "gradient", "look__matter": "own", "look__reflection": 1.0}, {"look__bounces": 0}),
-        ({}, {"color__by": "speed"}),
-        ({"color__by": "speed"}, {"color__legend": False}),
-        ({"color__by": "speed"}, {"color__automatic": False, "color__high": 10.0}),
-        ({"color__by": "speed"}, {"color__colormap": "gray"}),
-        ({}, {"notes__scale_bar": True}),
-        ({}, {"cuts__plane": True}),
-        ({}, {"cuts__box": True, "cuts__lo": (-3.0, -3.0, 0.2), "cuts__hi": (3.0, 3.0, 3.0)}),
-        ({}, {"cuts__sphere": True, "cuts__keep_sphere": True, "cuts__radius": 0.5}),
-    ],
-    ids=lambda value: "-".join(value) or "plain",
-)
+@pytest.mark.parametrize(("before", "change"), [
+    ({}, {"surface__kernel": "wendland_c2"}), ({}, {"surface__support": 0.6}),
+    ({}, {"surface__threshold": 1.5}), ({}, {"surface__root": "march"}), ({}, {"look__preset": "water"}),
+    ({"look__ground": "plain"}, {"look__ambient_rays": 8}), ({}, {"look__sky": "gradient"}),
+    ({}, {"look__ground": "checker"}), ({}, {"look__shadows": True}), ({}, {"look__exposure": 2.0}),
+    ({}, {"look__background": (0.0, 0.6, 0.0)}), ({}, {"look__lights": "own"}),
+    ({"look__lights": "own"}, {"look__azimuth": 120.0}),
+    ({"look__sky": "gradient"}, {"look__matter": "own", "look__reflection": 1.0}),
+    ({"look__sky": "gradient", "look__matter": "own", "look__reflection": 1.0}, {"look__bounces": 0}),
+    ({}, {"color__by": "speed"}), ({"color__by": "speed"}, {"color__legend": False}),
+    ({"color__by": "speed"}, {"color__automatic": False, "color__high": 10.0}),
+    ({"color__by": "speed"}, {"color__colormap": "gray"}), ({}, {"notes__scale_bar": True}),
+    ({}, {"cuts__plane": True}),
+    ({}, {"cuts__box": True, "cuts__lo": (-3.0, -3.0, 0.2), "cuts__hi": (3.0, 3.0, 3.0)}),
+    ({}, {"cuts__sphere": True, "cuts__keep_sphere": True, "cuts__radius": 0.5}),
+], ids=lambda value: "-".join(value) or "plain")  # fmt: skip
 def test_each_setting_changes_the_image(before, change):
     with engine_of(blob(100), **before) as engine:
         first = Shot(engine, FRONT, (160, 120), 1).picture
@@ -121,25 +100,10 @@ def test_each_setting_changes_the_image(before, change):
     if any(name.startswith("cuts") for name in change):
         assert 0 < silhouette(second) < silhouette(first)
     if change.get("color__colormap") == "gray":
-        middle = second[50:70, 70:90].astype(int)
-        assert np.ptp(middle, axis=2).max() < 40
+        assert np.ptp(second[50:70, 70:90].astype(int), axis=2).max() < 40
 
 
-def test_buttons_of_the_cut(watched, page):
-    cuts = watched.viewer.state.cuts
-    for face, normal in (("x", (1, 0, 0)), ("flip", (-1, 0, 0)), ("z", (0, 0, 1))):
-        page.set("Faces", face)
-        until(lambda normal=normal: cuts.plane and cuts.normal == normal)
-    page.set("Faces", "view")
-    until(lambda: cuts.normal != (0.0, 0.0, 1.0))
-    camera = page.client.camera
-    away = np.subtract(camera.eye, camera.look_at)
-    assert np.allclose(cuts.normal, away / np.linalg.norm(away), atol=1e-3)
-    page.set("Remove all cuts")
-    until(lambda: not cuts.plane)
-
-
-def test_a_click_says_what_is_there_and_two_clicks_measure(watched, page):
+def test_a_click_says_what_is_there_two_measure_and_buttons_cut(watched, page):
     hand = page.hand
 
     def click(x, y):
@@ -161,6 +125,17 @@ def test_a_click_says_what_is_there_and_two_clicks_measure(watched, page):
     a, b = (p.position.astype(float) for p in hand.picked)
     assert f"Distance {np.linalg.norm(b - a):.6g}" in hand.said
     assert watched.viewer.state.measure.shown
+    cuts = watched.viewer.state.cuts
+    for face, normal in (("x", (1, 0, 0)), ("flip", (-1, 0, 0)), ("z", (0, 0, 1))):
+        page.set("Faces", face)
+        until(lambda normal=normal: cuts.plane and cuts.normal == normal)
+    page.set("Faces", "view")
+    until(lambda: cuts.normal != (0.0, 0.0, 1.0))
+    camera = page.client.camera
+    away = np.subtract(camera.eye, camera.look_at)
+    assert np.allclose(cuts.normal, away / np.linalg.norm(away), atol=1e-3)
+    page.set("Remove all cuts")
+    until(lambda: not cuts.plane)
 
 
 def test_views_bookmarks_and_fit(watched, page):
@@ -277,8 +252,7 @@ def test_a_turntable_goes_once_around(tmp_path):
     assert len(found) == 12
     assert away[6] > 3
     assert away[-1] < away[6]
-    assert said == sorted(said)
-    assert (said[0], said[-1]) == (0.0, 1.0)
+    assert (said, said[0], said[-1]) == (sorted(said), 0.0, 1.0)
 
 
 def test_a_job_says_how_far_it_is():
@@ -307,7 +281,7 @@ def test_one_turntable_at_a_time_which_can_be_cancelled(watched, page):
     until(lambda: not save.cancel_button.visible, "for its button to go")
 
 
-def test_settings_are_saved_and_loaded(watched, page):
+def test_settings_are_saved_and_loaded_and_statistics_shown(watched, page):
     state = watched.viewer.state
     state.set(surface__threshold=1.2, cuts__plane=True, look__exposure=1.5)
     page.set("Save settings")
@@ -327,9 +301,6 @@ def test_settings_are_saved_and_loaded(watched, page):
     page.heard(lambda m: m["type"] == "FileTransferStartDownload")
     assert state.version == version
     assert not watched.viewer.server.gui._current_file_upload_states
-
-
-def test_statistics(watched, page):
     table = panel(watched, "Statistics").table(page.client)
     for words in ("trace", "latency", "| particles | 100 |", "| browsers | 1 |"):
         assert words in table
@@ -338,7 +309,6 @@ def test_statistics(watched, page):
 @pytest.mark.browser
 @pytest.mark.slow
 def test_each_kind_of_widget_in_a_browser(chromium, tmp_path):
-    """A slider's number, a list, a box, text, buttons, keys, a download and an upload."""
     with Watched(blob(100), chromium) as watched:
         page, state = watched.page(), watched.viewer.state
         for title in ("Surface and quality", "Color by value", "Save and record", "All settings"):
@@ -389,7 +359,6 @@ HOSTILE = ["<iframe srcdoc='<script>x</script>'>", "![x](http://x.example/)", "{
 
 
 def sent_as_markdown(program):
-    """All that a page was sent as Markdown."""
     for message in program.kept:
         for part in (message.get("props"), message.get("updates")):
             if text := (part or {}).get("_markdown"):
@@ -407,8 +376,7 @@ def hostile_simulation():
     box = {"lo": [0.2, 0.2, 0.2], "hi": [0.6, 0.6, 0.6]}
     return gb.Simulation({
         "spacing": 0.1, "domain": {"lo": [0, 0, 0], "hi": [1, 1, 1]},
-        "fluids": [{"name": HOSTILE[0], "box": box}],
-        "rigids": [{"name": HOSTILE[1], "sphere": ball}],
+        "fluids": [{"name": HOSTILE[0], "box": box}], "rigids": [{"name": HOSTILE[1], "sphere": ball}],
     }, device="cpu")  # fmt: skip
 
 
@@ -417,8 +385,7 @@ def test_names_of_a_file_are_text(make):
     """viser shows HTML that stands in Markdown."""
     shown = make()
     with Watched(shown, title=HOSTILE[0]) as made:
-        program = made.program()
-        names = made.viewer.source.color_names()
+        program, names = made.program(), made.viewer.source.color_names()
         for name in [n for n in HOSTILE if n in names] or names[:1]:
             made.viewer.state.set(color__by=name)
         program.hand._clicked(SimpleNamespace(screen_pos=(0.5, 0.5)))
@@ -435,5 +402,4 @@ def test_names_of_a_file_are_text(make):
 def test_code_ends_where_it_ends():
     from globule.viewer.markdown import code
 
-    assert code("x", "sh") == "```sh\nx\n```"
-    assert code("\n````\n<b>", "sh") == "`````sh\n\n````\n<b>\n`````"
+    assert (code("x", "sh"), code("\n````\n<b>", "sh")) == ("```sh\nx\n```", "`````sh\n\n````\n<b>\n`````")

@@ -1,7 +1,5 @@
 """The timeline of a running simulation: back, forth, and on from there."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import globule as gb
@@ -21,7 +19,6 @@ def opened(name: str = "dam-break", spacing: float = 0.1):
 
 
 def steps(source, n: int) -> list[str]:
-    """Take steps; the state's hash after each."""
     hashes = []
     for _ in range(n):
         source.step()
@@ -36,15 +33,12 @@ def go(source, to: int) -> str:
     return source.simulation.hash()
 
 
-def test_back_forth_and_on_again_are_the_same_bits():
+def test_states_are_few_and_back_forth_and_on_again_the_same_bits(monkeypatch):
     source = opened()
     sim = source.simulation
     begin, after = sim.hash(), steps(source, 9)
-    rows = [row["time"] for row in sim.record.diagnostics]
-    version = source.version
-    assert source.place == (9, 9)
-    assert go(source, 4) == after[3]
-    assert source.place == (4, 9)
+    rows, version = [row["time"] for row in sim.record.diagnostics], source.version
+    assert (source.place, go(source, 4), source.place) == ((9, 9), after[3], (4, 9))
     assert source.version > version
     assert not source.running
     assert len(sim.record.diagnostics) == 9  # the plot over time still shows all of it
@@ -55,11 +49,7 @@ def test_back_forth_and_on_again_are_the_same_bits():
     assert source.place == (7, 7)  # what came later is another story now
     assert [row["time"] for row in sim.record.diagnostics] == rows[:7]
     source.reset()
-    assert source.place == (0, 0)
-    assert go(source, 5) == begin
-
-
-def test_states_are_few_small_and_even(monkeypatch):
+    assert (source.place, go(source, 5)) == ((0, 0), begin)
     monkeypatch.setattr(past, "MOST", 8)
     source = opened()
     after = [source.simulation.hash(), *steps(source, 40)]
@@ -68,8 +58,7 @@ def test_states_are_few_small_and_even(monkeypatch):
     assert kept[0] == 0
     assert max(np.diff(kept)) <= 2 * min(np.diff(kept)[:-1])
     nearest = min([*kept, 40], key=lambda k: abs(k - 21))
-    assert go(source, 21) == after[nearest]
-    assert go(source, 40) == after[40]
+    assert (go(source, 21), go(source, 40)) == (after[nearest], after[40])
     monkeypatch.setattr(past, "BYTES", 3 * source._past._kept[0]["bytes"])
     steps(source, 30)
     assert 2 <= len(source._past._kept) <= 3
@@ -93,8 +82,7 @@ def test_a_cut_belongs_to_its_time():
     go(source, 2)
     assert sim.tissue.n_bonds == cut  # as it was left at this time
     source.undo()
-    assert sim.tissue.n_bonds == bonds
-    assert source.place == (2, 2)
+    assert (sim.tissue.n_bonds, source.place) == (bonds, (2, 2))
     source.cut_along(*across(0.02))
     go(source, 0)
     steps(source, 1)  # without the cut

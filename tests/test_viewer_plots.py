@@ -1,7 +1,5 @@
 """Plots beside the image, measurements in the settings, and what is seen as a notebook."""
 
-from __future__ import annotations
-
 import json
 
 import globule as gb
@@ -21,11 +19,27 @@ BROWSERS = True  # see hang_guard
 LINE = np.array([[-1.5, 0.1, 0.0], [1.5, 0.1, 0.2]])
 
 
-def test_values_along_a_line_are_those_of_sample():
+def test_measurements_are_settings_and_values_along_a_line_and_over_time(tmp_path):
+    source, state = open_source(blob(100)), State()
+    assert marks_of(source, state) == []
+    start, end = (tuple(p) for p in LINE.tolist())
+    state.set(measure__shown=True, measure__start=start, measure__end=end)
+    (mark,) = marks_of(source, state)
+    assert (mark.points, mark.text) == ((start, end), f"{np.linalg.norm(LINE[1] - LINE[0]):.4g}")
+    state.save(tmp_path / "view.toml")
+    other = State()
+    other.load(tmp_path / "view.toml")
+    assert marks_of(source, other) == [mark]
+    camera = gb.Camera((0, 0, 5), (0, 0, 0))
+    with engine_of(blob(100), measure__start=start, measure__end=end) as engine:
+        images = []
+        for shown in (True, False):
+            engine.state.set(measure__shown=shown)
+            images.append(Shot(engine, camera, (160, 120), 1).picture)
+    assert not np.array_equal(*images)
     particles = blob(200)
     particles.attributes["velocity"] = np.float32(particles.positions) * (1, 2, 3)
-    scene = gb.Scene(particles)
-    shares = np.linspace(0, 1, 160)
+    scene, shares = gb.Scene(particles), np.linspace(0, 1, 160)
     points = np.float32(LINE[0] + shares[:, None] * (LINE[1] - LINE[0]))
     for name in ("speed", "field", ""):
         plot = along_line(scene, LINE, name)
@@ -39,16 +53,11 @@ def test_values_along_a_line_are_those_of_sample():
     assert not reached.all()
     assert min(v for v in plot["y"] if v is not None) >= 0
     json.dumps(plot, allow_nan=False)
-    mesh = gb.Mesh(np.eye(3), [[0, 1, 2]])
-    assert along_line(mesh, LINE, "") is None
-
-
-def test_quantities_over_the_time_of_a_simulation():
+    assert along_line(gb.Mesh(np.eye(3), [[0, 1, 2]]), LINE, "") is None
     source = open_source("dam-break")
     assert over_time(source) is None
     steps(source, 3)
-    rows = source.simulation.record.diagnostics
-    plot = over_time(source, "compression")
+    rows, plot = source.simulation.record.diagnostics, over_time(source, "compression")
     assert plot["x"] == pytest.approx([row["time"] for row in rows], rel=1e-5)
     assert plot["y"] == pytest.approx([100 * row["compression"] for row in rows], rel=1e-5)
     assert (plot["name"], plot["unit"]) == ("compression", "%")
@@ -60,28 +69,10 @@ def test_quantities_over_the_time_of_a_simulation():
     assert over_time(open_source(blob(20))) is None
 
 
-def test_a_measurement_is_a_setting(tmp_path):
-    source, state = open_source(blob(100)), State()
-    assert marks_of(source, state) == []
-    start, end = (tuple(p) for p in LINE.tolist())
-    state.set(measure__shown=True, measure__start=start, measure__end=end)
-    (mark,) = marks_of(source, state)
-    assert mark.points == (start, end)
-    assert mark.text == f"{np.linalg.norm(LINE[1] - LINE[0]):.4g}"
-    state.save(tmp_path / "view.toml")
-    other = State()
-    other.load(tmp_path / "view.toml")
-    assert marks_of(source, other) == [mark]
-    camera = gb.Camera((0, 0, 5), (0, 0, 0))
-    with engine_of(blob(100), measure__start=start, measure__end=end) as engine:
-        images = []
-        for shown in (True, False):
-            engine.state.set(measure__shown=shown)
-            images.append(Shot(engine, camera, (160, 120), 1).picture)
-    assert not np.array_equal(*images)
-
-
-def test_a_notebook_has_the_code_and_the_command(folder):
+def test_a_notebook_has_the_code_the_command_and_what_it_needs(folder):
+    facts = json.loads(notebook("t", "globule reconstruct a -o b && globule render b  # x", "1\n"))
+    assert "the files of `globule reconstruct a -o b`" in "".join(facts["cells"][0]["source"])
+    assert "# x" not in "".join(facts["cells"][3]["source"])
     gb.write("particles.npz", blob(200))
     with view("particles.npz") as viewer:
         viewer.state.set(color__by="speed", quality__samples=2)
@@ -90,8 +81,7 @@ def test_a_notebook_has_the_code_and_the_command(folder):
     assert (facts["nbformat"], facts["nbformat_minor"]) == (4, 5)
     cells = ["".join(cell["source"]) for cell in facts["cells"]]
     kinds = [cell["cell_type"] for cell in facts["cells"]]
-    assert kinds == ["markdown", "code", "code", "markdown"]
-    assert cells[1] == code.rstrip("\n")
+    assert (kinds, cells[1]) == (["markdown", "code", "code", "markdown"], code.rstrip("\n"))
     assert command.startswith("globule render particles.npz")
     assert command in cells[3]
     try:
@@ -99,12 +89,6 @@ def test_a_notebook_has_the_code_and_the_command(folder):
     except ImportError:
         return
     nbformat.validate(nbformat.from_dict(facts))
-
-
-def test_a_notebook_names_what_it_needs():
-    facts = json.loads(notebook("t", "globule reconstruct a -o b && globule render b  # x", "1\n"))
-    assert "the files of `globule reconstruct a -o b`" in "".join(facts["cells"][0]["source"])
-    assert "# x" not in "".join(facts["cells"][3]["source"])
 
 
 @pytest.mark.browser

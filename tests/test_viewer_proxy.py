@@ -1,7 +1,5 @@
 """The viewer behind a reverse proxy with TLS: nginx as Debian ships it, and below a path."""
 
-from __future__ import annotations
-
 import shutil
 import socket
 import ssl
@@ -52,7 +50,6 @@ def free_port() -> int:
 
 @pytest.fixture
 def behind(tmp_path):
-    """A viewer, and its address behind nginx."""
     if NGINX is None:
         pytest.skip("no nginx: apt-get install nginx")
     if shutil.which("openssl") is None:
@@ -62,12 +59,10 @@ def behind(tmp_path):
          "/CN=localhost", "-keyout", tmp_path / "key.pem", "-out", tmp_path / "cert.pem"],
         check=True, capture_output=True,
     )  # fmt: skip
-    viewer = view(blob(300), demand_token=True)
-    port = free_port()
+    viewer, port = view(blob(300), demand_token=True), free_port()
     (tmp_path / "nginx.conf").write_text(CONFIGURATION.format(folder=tmp_path, port=port, inner=viewer.port))
     words = [NGINX, "-c", str(tmp_path / "nginx.conf"), "-e", str(tmp_path / "error.log")]
-    proxy = subprocess.Popen(words, stdout=sys.stderr)
-    address = f"https://localhost:{port}/view/"
+    proxy, address = subprocess.Popen(words, stdout=sys.stderr), f"https://localhost:{port}/view/"
 
     def answers():
         assert proxy.poll() is None, (tmp_path / "error.log").read_text()
@@ -105,8 +100,7 @@ def test_a_browser_behind_a_proxy(behind, chromium):
     context = chromium.new_context(ignore_https_errors=True, viewport=WINDOW)
     try:
         context.add_init_script("localStorage['globule-hints'] = 'seen'")
-        page = context.new_page()
-        sockets = []
+        page, sockets = context.new_page(), []
         page.on("websocket", lambda socket: sockets.append(socket.url))
         page.goto(f"{address}?token={viewer.token}")
         until(lambda: viewer.clients, "for the page to connect")

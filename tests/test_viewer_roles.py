@@ -1,7 +1,5 @@
 """Several people: who steers, who looks, and how many there may be."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import socket
@@ -19,7 +17,7 @@ import msgspec
 from globule.viewer.guard import OTHERS, OneLine
 from globule.viewer.roles import LOOK, LOOKING, PRIVATE_ACTIONS, STEER, VISITOR
 from viewer_program import CAMERA, Program
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.frames import Frame, Opcode
 
 
@@ -29,55 +27,60 @@ def shared():
         yield made
 
 
-def test_who_looks_changes_nothing_that_others_see(shared):
+@pytest.fixture
+def both(shared):
+    with closing(Program(shared.look_address)) as looking:
+        until(lambda: shared.clients)
+        with closing(Program(shared.address)) as steering:
+            until(lambda: len(shared.clients) == 2 and len(shared.page.tools.hands) == 2)
+            yield looking, steering
+
+
+@pytest.fixture
+def looking(both):
+    return both[0]
+
+
+def from_the_top(looking):
+    """One who looks moves its own camera; what it sent before has been handled then."""
+    looking.command("Look from: top")
+    looking.heard(lambda m: m["type"] == "SetCameraPositionMessage" and m["position"][1] > 1)
+
+
+def test_who_looks_changes_nothing_that_others_see(shared, both):
+    looking, steering = both
     plane = shared.page.binder.widgets["cuts.plane"]
-    looking = Program(shared.look_address)
-    until(lambda: shared.page.tools.hands)
-    (client,) = shared.clients.values()
-    assert client.role == LOOK
+    assert [c.role for c in shared.clients.values()] == [LOOK, STEER]
     looking.set("Plane")
     looking.command("Play or pause")
     back = looking.heard(lambda m: m.get("uuid") == plane._impl.uuid and "updates" in m)
     assert back["updates"] == {"value": False}
     looking.heard(lambda m: LOOKING in str(m))
-    looking.command("Look from: top")  # its own camera
-    looking.heard(lambda m: m["type"] == "SetCameraPositionMessage" and m["position"][1] > 1)
+    from_the_top(looking)
     assert not shared.state.cuts.plane
     assert not shared.state.time.playing
-
-    steering = Program(shared.address)
-    until(lambda: len(shared.clients) == 2)
-    assert [c.role for c in shared.clients.values()] == [LOOK, STEER]
     steering.set("Plane")
     steering.command("Play or pause")
     until(lambda: shared.state.cuts.plane and shared.state.time.playing)
-    looking.close()
-    steering.close()
 
 
-def test_the_toolbar_of_who_looks(shared, caplog):
-    looking = Program(shared.look_address)
-    until(lambda: shared.page.tools.hands)
-    (number,) = shared.clients
-    desk, browser = shared.page.desk, SimpleNamespace(client_id=number)
-    model = desk.model.of(browser)
-    assert (model["role"], model["people"]) == (LOOK, [1, 3])
-    assert model["tools"] == ["Rotate, pick", "Measure"]
+def test_the_toolbar_of_who_looks(shared, looking):
+    number = next(n for n, c in shared.clients.items() if c.role == LOOK)
+    desk = shared.page.desk
+    model = desk.model.of(SimpleNamespace(client_id=number))
+    assert (model["role"], model["people"], model["tools"]) == (LOOK, [2, 3], ["Rotate, pick", "Measure"])
     before = shared.state.to_toml()
-    may = {"do": "tool", "value": "Measure"}
     with toolbar(shared, looking, shared.look_token) as asks:
         for name in desk._actions().keys() - PRIVATE_ACTIONS:
             asks.send(json.dumps({"do": name, "value": {"cuts__plane": True}}))
-        asks.send(json.dumps(may))
+        asks.send(json.dumps({"do": "tool", "value": "Measure"}))
         until(lambda: shared.page.tools.hands[number].tool == "Measure")
         looking.heard(LOOKING)
         assert shared.state.to_toml() == before
-    looking.close()
 
 
 @contextmanager
 def toolbar(viewer, program, token):
-    """The connection of a page's script, with a token of its own."""
     word = until(lambda: program.word, "for the page's word")
     page = "/look" if token == viewer.look_token else ""
     with talk(viewer.port, f"desk?word={word}&token={token}", page) as connection:
@@ -87,8 +90,6 @@ def toolbar(viewer, program, token):
 def test_a_toolbar_has_no_more_rights_than_its_page_and_its_own_token(shared):
     """The page looks and its script has the token that steers, and the other way around; then the
     page goes."""
-    from websockets.exceptions import ConnectionClosed
-
     steers, looks = (shared.address, shared.token), (shared.look_address, shared.look_token)
     for page, script in ((steers[0], looks[1]), (looks[0], steers[1]), looks):
         program = Program(page)
@@ -112,10 +113,9 @@ def test_a_toolbar_has_no_more_rights_than_its_page_and_its_own_token(shared):
         talk(shared.port, f"desk?word={word}")
 
 
-def test_who_looks_presses_shared_buttons_and_changes_nothing_about_them(shared):
+def test_who_looks_presses_shared_buttons_and_changes_nothing_about_them(shared, both):
     """viser sets whatever attribute of a widget a message names."""
-    looking, steering = Program(shared.look_address), Program(shared.address)
-    until(lambda: len(shared.clients) == 2)
+    looking, steering = both
     handles = shared.server.gui._gui_input_handle_from_uuid
     labels = "Fit all", "Look from", "Save settings", "Cancel"
     uuids = [until(lambda label=label: looking.widgets.get(label), label) for label in labels]
@@ -127,21 +127,14 @@ def test_who_looks_presses_shared_buttons_and_changes_nothing_about_them(shared)
     before = facts()
     wrong = [{"update_cb": []}, {"removed": True}, {"uuid": "x"}, {"value": "<b>"}]
     for uuid in uuids:
-        for updates in wrong:
-            looking.say({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates})
-        for updates in wrong[:2]:
-            steering.say({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates})
+        for program, said in ((looking, wrong), (steering, wrong[:2])):
+            program.say(*({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates} for updates in said))
         steering.heard("expected a value that the control can hold")
-    looking.command("Look from: top")  # after all others of its connection
-    looking.heard(lambda m: m["type"] == "SetCameraPositionMessage" and m["position"][1] > 1)
+    from_the_top(looking)
     assert facts() == before
-    looking.close()
-    steering.close()
 
 
-def test_a_browser_that_left_complains_to_nobody(shared, caplog, capfd):
-    looking, steering = Program(shared.look_address), Program(shared.address)
-    until(lambda: len(shared.clients) == 2)
+def test_a_browser_that_left_complains_to_nobody(shared, looking, caplog, capfd):
     number = next(n for n, c in shared.clients.items() if c.role == LOOK)
     browser = shared.server.get_clients()[number]
     looking.close()
@@ -153,13 +146,10 @@ def test_a_browser_that_left_complains_to_nobody(shared, caplog, capfd):
                 called(SimpleNamespace(client=browser, client_id=number))
     assert not [r for r in caplog.records if r.levelname == "WARNING"]
     assert "Traceback" not in capfd.readouterr().err
-    steering.close()
 
 
-def test_an_action_in_progress_counts_after_a_new_connection(shared, monkeypatch):
+def test_an_action_in_progress_counts_after_a_new_connection(shared, both, monkeypatch):
     """Of 20 connections of one page's script, one action at a time is done."""
-    program = Program(shared.address)
-    until(lambda: shared.clients)
     running, most, go = [], [], threading.Event()
 
     def slow(browser):
@@ -171,13 +161,12 @@ def test_an_action_in_progress_counts_after_a_new_connection(shared, monkeypatch
     save = next(p for p in shared.page.panels if type(p).__name__ == "Save")
     monkeypatch.setattr(save, "picture", slow)
     for _ in range(20):
-        with toolbar(shared, program, shared.token) as asks:
+        with toolbar(shared, both[1], shared.token) as asks:
             asks.send(json.dumps({"do": "picture"}))
             until(lambda: running)
     go.set()
     until(lambda: not running)
     assert max(most) == 1
-    program.close()
 
 
 def ask_for_ever(talk, action):
@@ -188,14 +177,11 @@ def ask_for_ever(talk, action):
 
 def test_no_message_of_a_page_without_a_role_is_heard(shared):
     """Each handler of the server, for a connection whose role is not known."""
-    server = shared.server._websock_server
-    called = []
-    for kind, handlers in server._incoming_handlers.items():
-        assert handlers, kind
-    asked = VISITOR.set(None)
+    server, called = shared.server._websock_server, []
+    kinds, asked = list(server._incoming_handlers), VISITOR.set(None)
     try:
-        kinds = list(server._incoming_handlers)
         for kind in kinds:
+            assert server._incoming_handlers[kind], kind
             server._incoming_handlers[kind] = [lambda *found: called.append(found)]
             asyncio.run(server._handle_incoming_message(0, kind.__new__(kind)))
     finally:
@@ -204,11 +190,10 @@ def test_no_message_of_a_page_without_a_role_is_heard(shared):
     assert not called
 
 
-def test_who_floods_waits_and_the_others_do_not(shared, caplog):
+def test_who_floods_waits_and_the_others_do_not(shared, both, caplog):
     """1,300 wrong actions of one who looks: few lines in the log, one action at a time, and the one
     who steers is served in between."""
-    looking, steering = Program(shared.look_address), Program(shared.address)
-    until(lambda: len(shared.clients) == 2)
+    looking, steering = both
     evil = "x\nglobule: ok\x1b[2J\x1b]0;t\x07"
     with toolbar(shared, looking, shared.look_token) as flood, toolbar(shared, steering, shared.token) as asks:
         for i in range(1300):
@@ -218,16 +203,14 @@ def test_who_floods_waits_and_the_others_do_not(shared, caplog):
         until(lambda: shared.state.cuts.plane)
         told(asks, lambda model: model["plane"])
     looking.close()
-    steering.close()
     lines = [r.getMessage() for r in caplog.records if r.levelname == "WARNING"]
     assert 0 < len(lines) < 40
     assert all(line.startswith("page: ") and line.isprintable() for line in lines)
 
 
-def test_who_looks_leaves_threads_for_the_others(shared, caplog):
+def test_who_looks_leaves_threads_for_the_others(shared, both, caplog):
     """The page's buttons and keys run in 32 threads for all; these wait for the source."""
-    looking, steering = Program(shared.look_address), Program(shared.address)
-    until(lambda: len(shared.clients) == 2)
+    looking, steering = both
     with shared.source.lock:
         for _ in range(40):
             looking.command("Fit all")
@@ -240,8 +223,6 @@ def test_who_looks_leaves_threads_for_the_others(shared, caplog):
     looking.set("As command and Python")
     looking.heard("globule render")
     assert not caplog.records  # the terminal is for who steers
-    looking.close()
-    steering.close()
 
 
 def test_no_more_than_so_many_and_the_others_are_told(shared):
@@ -267,19 +248,18 @@ def test_no_more_than_so_many_and_the_others_are_told(shared):
         arrive(shared.address)
         until(lambda: len(shared.clients) == 3)
         assert not shared.state.cuts.plane
+    with pytest.raises(ValueError, match="most_clients: expected 1 or more, got 0"):
+        view(blob(), most_clients=0)
 
 
+@pytest.mark.usefixtures("both")
 def test_a_click_of_who_looks_restarts_no_image_of_others(shared):
-    looking, steering = Program(shared.look_address), Program(shared.address)
-    until(lambda: len(shared.clients) == 2)
     engine, samples = shared.engine, shared.state.quality.samples
-    until(
-        lambda: all(
-            client.frame and client.frame.samples == samples and not client.pacer.making
-            for client in shared.clients.values()
-        ),
-        "for both to have their last images",
-    )
+
+    def complete(client):
+        return client.frame and client.frame.samples == samples and not client.pacer.making
+
+    until(lambda: all(map(complete, shared.clients.values())), "for both to have their last images")
     hands = {hand.client.role: hand for hand in shared.page.tools.hands.values()}
     scene = SimpleNamespace(cancel=lambda: None)
     for whose, stopped in ((STEER, [False, True]), (LOOK, [True, True])):
@@ -289,8 +269,6 @@ def test_a_click_of_who_looks_restarts_no_image_of_others(shared):
             assert hands[asks].pick((0.5, 0.5)) is not None
             assert (engine._stopping is still) == stops, (whose, asks)
             engine._still = None
-    looking.close()
-    steering.close()
 
 
 class Gone:
@@ -303,8 +281,7 @@ class Gone:
         token = viewer.look_token if role else viewer.token
         lines = (
             f"GET {role}/?token={token} HTTP/1.1", "Host: localhost", "Upgrade: websocket",
-            "Connection: Upgrade", "Sec-WebSocket-Version: 13",
-            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+            "Connection: Upgrade", "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
             f"Sec-WebSocket-Protocol: viser-v{viser.__version__}",
         )  # fmt: skip
         self.socket.sendall("\r\n".join([*lines, "", ""]).encode())
@@ -329,14 +306,9 @@ def test_who_returns_takes_the_place_of_a_connection_that_broke(shared, role, mo
             until(lambda: shared.page.tools.hands.keys() == shared.clients.keys())
 
 
-def test_numbers_of_browsers_that_make_no_sense():
-    with pytest.raises(ValueError, match="most_clients: expected 1 or more, got 0"):
-        view(blob(), most_clients=0)
-
-
-def test_values_that_would_end_every_connection_are_refused(shared):
+def test_values_that_would_end_every_connection_are_refused(shared, both):
     """A finger that rests on a key types numbers that no message can hold."""
-    steering = Program(shared.address)
+    _, steering = both
 
     def change(key, value):
         uuid = shared.page.binder.widgets[key]._impl.uuid
@@ -357,23 +329,17 @@ def test_values_that_would_end_every_connection_are_refused(shared):
             assert widget.value == before
     change("quality.samples", 3)
     until(lambda: shared.state.quality.samples == 3)
-    other = Program(shared.address)
-    until(lambda: other.images or other.closed, "for an image")
-    assert not other.closed
-    steering.close()
-    other.close()
+    with closing(Program(shared.address)) as other:
+        until(lambda: other.images or other.closed, "for an image")
+        assert not other.closed
 
 
-def test_what_viser_warns_of_reaches_no_terminal(shared, recwarn, caplog):
-    looking = Program(shared.look_address)
-    until(lambda: shared.page.tools.hands)
+def test_what_viser_warns_of_reaches_no_terminal(recwarn, looking, caplog):
     for i in range(40):
         looking.say(CAMERA | {"position": [f"\x1b[2J{i}"]})
-    looking.command("Look from: top")
-    looking.heard(lambda m: m["type"] == "SetCameraPositionMessage" and m["position"][1] > 1)
-    assert not recwarn
+    from_the_top(looking)
+    assert not [str(w.message) for w in recwarn]
     assert not any("\x1b" in record.getMessage() for record in caplog.records)
-    looking.close()
 
 
 def test_strangers_write_few_lines(caplog):

@@ -1,7 +1,5 @@
 """Simulations: run, step, reset, cut, suck, move instruments; what paces them."""
 
-from __future__ import annotations
-
 import globule as gb
 import numpy as np
 import pytest
@@ -48,17 +46,7 @@ def test_play_advances_time_and_reset_goes_back(dam):
     until(lambda: not source.running)
 
 
-def test_slow_motion_pauses_between_steps():
-    source = open_source(gb.Simulation("dam-break", spacing=0.1))
-    sim = source.simulation
-    source.play(True)
-    for speed in (1.0, 0.1):
-        source.speed, before = speed, sim.time
-        assert source.advance(State()) == pytest.approx((sim.time - before) / speed)
-    source.close()
-
-
-def test_the_engine_keeps_the_pauses_that_a_source_asks_for():
+def test_the_engine_keeps_the_pauses_of_slow_motion():
     """Late steps are caught up, but no more than a quarter of a second of them."""
     now, begun = [100.0], []
     took = [0.0, 0.03, 0.0, 5.0, 0.0, 0.0, 0.0, 0.0]
@@ -84,6 +72,13 @@ def test_the_engine_keeps_the_pauses_that_a_source_asks_for():
     passed = np.subtract(begun, 100.0)
     assert passed[:3] == pytest.approx([0.0, 0.13, 0.2])
     assert passed[3:] == pytest.approx([5.3, 5.3, 5.3, 5.3, 5.35])
+    source = open_source(gb.Simulation("dam-break", spacing=0.1))
+    sim = source.simulation
+    source.play(True)
+    for speed in (1.0, 0.1):
+        source.speed, before = speed, sim.time
+        assert source.advance(State()) == pytest.approx((sim.time - before) / speed)
+    source.close()
 
 
 def test_a_simulation_that_fails_says_so_and_stands_still(dam):
@@ -103,7 +98,6 @@ def test_a_simulation_that_fails_says_so_and_stands_still(dam):
 
 
 def share(page, point) -> tuple[float, float]:
-    """Where a program's image shows a point: (0, 0) to (1, 1)."""
     size = page.client.frame.size
     return tuple(page.client.camera.project([point], size)[0] / size)
 
@@ -195,15 +189,8 @@ def test_suction_follows_its_handle(pool):
     page.set("Move sucker by hand")
     page.heard("/instruments/sucker")
     place, first = pool.viewer.placement, pool.still(page)
-    page.say(
-        {
-            "type": "TransformControlsUpdateMessage",
-            "name": "/instruments/sucker",
-            "wxyz": [1.0, 0.0, 0.0, 0.0],
-            "position": [float(v) for v in place.to_page((0.2, 0.15, 0.08))],
-            "owner": "",
-        }
-    )
+    moved = {"wxyz": [1.0, 0.0, 0.0, 0.0], "position": [float(v) for v in place.to_page((0.2, 0.15, 0.08))]}
+    page.say({"type": "TransformControlsUpdateMessage", "name": "/instruments/sucker", "owner": "", **moved})
     until(lambda: tool._wanted is not None, "for the handle to move")
     assert np.allclose(tool._wanted[:3, 3], (0.2, 0.15, 0.08), atol=1e-3)
     steps(source, 10)

@@ -1,7 +1,5 @@
 """Sequences, volumes and sweeps: what their controls do, and what is seen."""
 
-from __future__ import annotations
-
 import itertools
 import threading
 
@@ -23,7 +21,7 @@ def frames_that_move(n: int) -> list[gb.Particles]:
     return [gb.Particles(still * (1 + 0.25 * i), support=0.35) for i in range(n)]
 
 
-def test_a_sequence_steps_and_plays():
+def test_a_sequence_steps_and_plays_at_its_rate():
     with Watched(frames_that_move(5)) as watched:
         page, source, time = watched.program(), watched.viewer.source, watched.viewer.state.time
         first = watched.still(page)
@@ -42,9 +40,6 @@ def test_a_sequence_steps_and_plays():
         until(lambda: time.playing and source.frame < 4, "for the beginning")
         page.command("Play or pause")
         until(lambda: not time.playing)
-
-
-def test_a_sequence_plays_each_frame_at_its_rate():
     source, state = open_source(frames_that_move(3)), State()
     state.set(time__playing=True, time__rate=5.0)
     shown = []
@@ -102,8 +97,7 @@ def test_a_volume_with_slices_surface_and_overlay():
 
 
 def test_a_sweep_comes_in_and_is_undone():
-    rng = np.random.default_rng(2)
-    frames = rng.integers(80, 255, (12, 20, 24)).astype(np.uint8)
+    frames = np.random.default_rng(2).integers(80, 255, (12, 20, 24)).astype(np.uint8)
     poses = np.repeat(np.eye(4)[None], 12, axis=0)
     poses[:, 2, 3] = np.arange(12)
     sweep = gb.ultrasound.Sweep(frames, poses)

@@ -1,7 +1,5 @@
 """The start page: scenes, recent files and uploads, never a path of the browser's."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -34,7 +32,6 @@ def start(tmp_path, monkeypatch):
 
 
 def heard(connection, name):
-    """What the server says next of that name."""
     return told(connection, lambda message: name in message)[name]
 
 
@@ -90,22 +87,19 @@ def test_two_uploads_are_compared(start, tmp_path):
                 assert start.source is None
         assert heard(connection, "opened")
     source = start.wait()
-    assert source.kind == "compare"
-    assert source.name == "before.npz | after.npz"
+    assert (source.kind, source.name) == ("compare", "before.npz | after.npz")
 
 
-def test_uploads_that_are_refused(start, tmp_path):
+def test_uploads_that_are_refused_stall_or_drip(start, tmp_path, monkeypatch):
     mha = b"ObjectType = Image\nNDims = 3\nElementDataFile = /etc/passwd\n"
     nrrd = b"NRRD0004\ntype: uchar\ndimension: 1\nsizes: 9\ndata file: /etc/passwd\n\n"
     with talk(start.port, "start?token=") as connection:
         for name, data, size, why in (
             ("scene.toml", b"x", None, "expected a file with one of"),
-            ("a.npz", b"x", 1 << 50, "expected 1 to"),
-            ("a.npz", b"", -3, "expected 1 to"),
+            ("a.npz", b"x", 1 << 50, "expected 1 to"), ("a.npz", b"", -3, "expected 1 to"),
             ("a.mha", mha, None, "the name of another file"),
-            ("a.nrrd", nrrd, None, "the name of another file"),
-            ("a.npz", b"no archive", None, "a.npz"),
-        ):
+            ("a.nrrd", nrrd, None, "the name of another file"), ("a.npz", b"no archive", None, "a.npz"),
+        ):  # fmt: skip
             send(connection, name, data, size)
             said = heard(connection, "error")
             assert why in said
@@ -120,21 +114,25 @@ def test_uploads_that_are_refused(start, tmp_path):
         until(lambda: os.listdir(start._folder))
     until(lambda: not os.listdir(start._folder), "for the half file to go with its browser")
     assert start.source is None
-
-
-def test_uploads_that_stall_or_drip_are_refused(start, monkeypatch):
-    """A header without bytes, and a byte at a time."""
     with talk(start.port, "start?token=") as connection:
         send(connection, "a.npz", b"x", 100_000)
         assert heard(connection, "error") == "a.npz: expected the bytes of the file"
         monkeypatch.setattr("globule.viewer.start.STALLED", 0.01)
         send(connection, "a.npz", b"", 1000)
         said = "a.npz: expected 1,000 more bytes, got none for 0.01 s. Send it again."
-        assert heard(connection, "error") == said
-        assert os.listdir(start._folder) == []
+        assert (heard(connection, "error"), os.listdir(start._folder)) == (said, [])
 
 
-def test_another_machine_needs_the_token():
+def test_recent_files_are_few_and_another_machine_needs_the_token(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert recent_files() == []
+    for i in range(10):
+        (tmp_path / f"{i}.npz").write_bytes(b"")
+        remember(str(tmp_path / f"{i}.npz"))
+    os.remove(tmp_path / "9.npz")
+    assert [os.path.basename(path) for path in recent_files()][:2] == ["8.npz", "7.npz"]
+    (tmp_path / "globule/recent.json").write_text("{")
+    assert recent_files() == []
     made = Start(open_source, "0.0.0.0")
     try:
         with pytest.raises(urllib.error.HTTPError) as refused:
@@ -146,24 +144,11 @@ def test_another_machine_needs_the_token():
         made.close()
 
 
-def test_recent_files_are_few_and_exist(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert recent_files() == []
-    for i in range(10):
-        (tmp_path / f"{i}.npz").write_bytes(b"")
-        remember(str(tmp_path / f"{i}.npz"))
-    os.remove(tmp_path / "9.npz")
-    assert [os.path.basename(path) for path in recent_files()][:2] == ["8.npz", "7.npz"]
-    (tmp_path / "globule/recent.json").write_text("{")
-    assert recent_files() == []
-
-
 @pytest.mark.slow
 def test_the_command_without_a_file(tmp_path):
     words = [sys.executable, "-m", "globule", "view", "--no-browser", "--port", "0"]
     env = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
-    run = subprocess.Popen(words, env=env, stdout=subprocess.PIPE, text=True, bufsize=1)
-    lines: list[str] = []
+    run, lines = subprocess.Popen(words, env=env, stdout=subprocess.PIPE, text=True, bufsize=1), []
     threading.Thread(target=lambda: lines.extend(iter(run.stdout.readline, "")), daemon=True).start()
     try:
         until(lambda: any("choose" in line for line in lines), "for the address")

@@ -1,7 +1,5 @@
 """The viewer's work without a browser: kinds of surface, meshes, undo, interrupted images."""
 
-from __future__ import annotations
-
 import threading
 
 import globule as gb
@@ -35,11 +33,10 @@ def scene_of(what: object, **settings: object) -> gb.Scene:
         return source.layers(state)[0].scene
 
 
-def test_the_viewer_takes_the_surface_that_render_takes():
+def test_the_viewer_takes_the_surface_that_render_takes_and_keeps_it():
     for particles in (water(), cloud()):
         assert scene_of(particles).surface == gb.fluids.choose_surface(particles)
-    assert scene_of(water()).surface == "smooth"
-    assert scene_of(water()).threshold == pytest.approx(0.5)
+    assert (scene_of(water()).surface, scene_of(water()).threshold) == ("smooth", pytest.approx(0.5))
     assert scene_of(water(), color__by="speed").surface == "smooth"
     for asked in ({"surface__kernel": "wyvill"}, {"surface__threshold": 0.6}):
         assert scene_of(water(), **asked).surface == "balls"
@@ -47,17 +44,12 @@ def test_the_viewer_takes_the_surface_that_render_takes():
     assert scene_of(cloud(), surface__shape="smooth").surface == "smooth"
     own = gb.Scene(water())
     assert scene_of(own) is own  # a program's own scene stays as it is
-
-
-def test_the_image_is_that_of_render():
+    # The image is that of render.
     particles, camera = water(), gb.Camera((2, 1.5, 3), (0.35, 0.35, 0.35))
     source, size = open_source(particles), (160, 120)
     for moving, settings in ((False, None), (True, {"edge_samples": 0})):
         seen = traced(source, camera, size, moving)
         assert np.array_equal(seen.picture, gb.render(particles, camera, size, settings).picture)
-
-
-def test_a_sequence_keeps_its_kind_of_surface():
     torn = gb.Particles(water().positions, support=np.linspace(0.1, 0.3, 512))
     assert gb.fluids.choose_surface(torn) == "balls"
     source, state = open_source([water(), torn]), State()
@@ -72,22 +64,17 @@ def test_a_sequence_keeps_its_kind_of_surface():
 def test_a_mesh_may_be_first_or_alone(tmp_path):
     vertices = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], float)
     faces = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
-    mesh, state = gb.Mesh(vertices, faces), State()
+    mesh = gb.Mesh(vertices, faces)
     both = open_source([mesh, gb.Layer(water())])
     with both.lock:
-        layers = both.layers(state)
-        assert [type(layer.scene).__name__ for layer in layers] == ["Scene", "Mesh"]
+        assert [type(layer.scene) for layer in both.layers(State())] == [gb.Scene, gb.Mesh]
         assert np.allclose(both.bounds()[1], 1.0)
-    alone = open_source(mesh)
     camera = gb.Camera((2, 1.5, 3), (0.3, 0.3, 0.3))
-    seen = traced(alone, camera, (80, 60))
+    seen = traced(open_source(mesh), camera, (80, 60))
     assert np.array_equal(seen.picture, gb.render(mesh, camera, (80, 60)).picture)
-    trimesh = pytest.importorskip("trimesh")
-    trimesh.Trimesh(vertices, faces).export(tmp_path / "tank.stl")
-    read = open_source(str(tmp_path / "tank.stl"))
-    with read.lock:
-        assert len(read.layers(state)[0].scene) == 4
-    with view(read.files[0]) as viewer:
+    pytest.importorskip("trimesh").Trimesh(vertices, faces).export(tmp_path / "tank.stl")
+    with view(str(tmp_path / "tank.stl")) as viewer:
+        assert len(viewer.source.layers(State())[0].scene) == 4
         shot = viewer.screenshot(tmp_path / "tank.png", (80, 60), samples=1)
         command, code = viewer.equivalent(size=(80, 60))
     assert shot.frame.mask.any()
@@ -106,15 +93,17 @@ def test_undo_and_redo():
     assert not history.redo()
     state.set(look__exposure=2.0)
     state.set(surface__kernel="wyvill", surface__threshold=0.7)
+
+    def facts():
+        return state.look.exposure, state.surface.kernel, state.surface.threshold, history.lengths
+
     assert history.undo()
-    assert (state.surface.kernel, state.surface.threshold) == ("murakami", None)
-    assert state.look.exposure == 2.0
-    assert history.lengths == (1, 1)
+    assert facts() == (2.0, "murakami", None, (1, 1))
     assert history.undo()
-    assert state.look.exposure == 1.0
+    assert facts() == (1.0, "murakami", None, (0, 2))
     assert history.redo()
     assert history.redo()
-    assert (state.look.exposure, state.surface.kernel) == (2.0, "wyvill")
+    assert facts() == (2.0, "wyvill", 0.7, (2, 0))
     assert history.undo()
     state.set(cuts__plane=True)  # a new change ends what could be redone
     assert history.lengths == (2, 0)
@@ -124,13 +113,12 @@ def test_undo_and_redo():
     assert history.lengths == (3, 0)
     now[0] += 1.1
     state.set(surface__threshold=0.9)
-    assert history.lengths == (4, 0)
     assert history.undo()
     assert state.surface.threshold == 0.8
     assert history.undo()
     assert state.surface.threshold is None
-    state.set(cuts__plane=False)
-    state.set(cuts__plane=True)  # switches count one by one
+    for plane in (False, True):  # switches count one by one
+        state.set(cuts__plane=plane)
     assert history.lengths == (4, 0)
     assert history.undo()
     assert history.undo()
@@ -139,8 +127,6 @@ def test_undo_and_redo():
 
 
 class Kept:
-    """A sink that notes what arrives."""
-
     def __init__(self, engine) -> None:
         self.engine, self.plans, self.errors = engine, [], []
         engine.on_error = self.errors.append
@@ -157,7 +143,7 @@ def shown():
         yield Kept(engine)
 
 
-def test_a_change_stops_a_still_image_and_the_next_one_is_complete(shown):
+def test_a_change_or_a_person_stops_a_still_image_which_then_begins_again(shown):
     client, engine = shown.client, shown.engine
     client.look(gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)), (200, 150))
     until(lambda: shown.plans and shown.plans[-1].still, "for a still image")
@@ -171,9 +157,6 @@ def test_a_change_stops_a_still_image_and_the_next_one_is_complete(shown):
     assert not shown.errors
     fresh = Shot(engine, last, (200, 150), 4).picture
     assert np.array_equal(client.frame.picture, fresh)
-
-
-def test_a_waiting_person_interrupts_a_still_image_which_then_begins_again(shown):
     client, engine = shown.client, shown.engine
     client.look(gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)), (800, 600))
     until(lambda: engine._still is not None, "for a still image to begin")
@@ -185,8 +168,7 @@ def test_a_waiting_person_interrupts_a_still_image_which_then_begins_again(shown
 
 def test_a_failed_thread_begins_again_and_says_so(shown, monkeypatch):
     client, engine = shown.client, shown.engine
-    failing = threading.Event()
-    usual = engine._next
+    failing, usual = threading.Event(), engine._next
 
     def fails():
         if not failing.is_set():
@@ -208,14 +190,9 @@ def test_a_simulation_with_tissue_shows_its_own_scene():
         shown = scene_of(sim, **asked)
         assert shown is not sim.scene
         assert (shown.surface, shown.threshold) == ("balls", 0.6)
-    source = open_source(sim)
-    code = python_code(source, State(), gb.Camera((0, -1, 0), (0, 0, 0)), (64, 48), (0, 0, 1))
+    code = python_code(open_source(sim), State(), gb.Camera((0, -1, 0), (0, 0, 0)), (64, 48), (0, 0, 1))
     assert "scene = simulation.scene\n" in code
-
-
-def test_what_stands_beside_tissue_is_not_missing():
-    """Its scene has the tissue alone; that is no mistake in the particles."""
-    sim = gb.Simulation("cut-block", spacing=0.005, device="cpu")
+    # What stands beside the tissue is no mistake in the particles.
     assert sim.scene.octree.n_inside < len(sim)
     assert left_out(sim.scene) == []
     positions = np.eye(3)

@@ -1,7 +1,5 @@
 """Volume files, slices and three-view pictures."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path
@@ -25,8 +23,7 @@ ODD = np.array([-74.52170039, 165.57342384663468, 1 / 3])  # an origin that need
 
 def volume(dtype="uint8", turned: bool = False, space: str = "LPS") -> Volume:
     """17x19x23 voxels of 0.1, 0.3 and 1/7 mm: a measured corner, a filled one, emptiness."""
-    rng = np.random.default_rng(2)
-    values = np.zeros((17, 19, 23), dtype)
+    rng, values = np.random.default_rng(2), np.zeros((17, 19, 23), dtype)
     radius = np.full(values.shape, 255, np.uint8)
     values[:9, :5, :12] = 1 + rng.random((9, 5, 12)) * 200
     radius[:9, :5, :12] = 0
@@ -51,8 +48,7 @@ def test_maps(extension):
         expected = getattr(before, name)
         if extension in (".vti", ".npz", ".sparse.npz"):
             found = getattr(read_volume("a" + extension), name)
-            assert found.dtype == expected.dtype
-            assert read_volume("a" + extension).info["origin"] == "stored"
+            assert (found.dtype, read_volume("a" + extension).info["origin"]) == (expected.dtype, "stored")
         else:
             assert read_volume("a" + extension).info["origin"] == "assumed"
             found = read_volume(map_path("a" + extension, name)).values
@@ -83,20 +79,15 @@ def test_structured_points_of_legacy_vtk(binary):
             read_volume("b.vtk")
 
 
-def test_a_volume_without_maps():
-    plain = Volume(np.ones((2, 3, 4), np.uint8), np.eye(4))
-    write_volume("a.npz", plain, maps=True)
+def test_a_volume_without_maps_and_a_sparse_one():
+    write_volume("a.npz", Volume(np.ones((2, 3, 4), np.uint8), np.eye(4)), maps=True)
     with pytest.raises(ValueError, match=r"a\.npz"):
         _ = read_volume("a.npz").count
-
-
-def test_sparse_files_are_small():
     values = np.zeros((128, 128, 128), np.uint8)
     radius = np.full(values.shape, 255, np.uint8)
     values[60:68, 60:68] = 7
     radius[60:68, 60:68] = 0
-    sparse = Volume(values, np.eye(4), radius)
-    write_volume("a.sparse.npz", sparse)
+    write_volume("a.sparse.npz", Volume(values, np.eye(4), radius))
     assert Path("a.sparse.npz").stat().st_size < 0.03 * 2 * values.size
     assert np.array_equal(read_volume("a.sparse.npz").radius, radius)
 
@@ -117,19 +108,14 @@ def test_itk_sees_the_same_place(extension):
 
 def test_other_numbers_become_ours():
     for values, expected in [
-        (np.array([[[0, 300]]], np.int16), np.uint16),
-        (np.array([[[-1, 300]]], np.int16), np.float32),
-        (np.array([[[True, False]]]), np.uint8),
-        (np.array([[[0.5, np.nan]]]), np.float32),
-    ]:
+        (np.array([[[0, 300]]], np.int16), np.uint16), (np.array([[[-1, 300]]], np.int16), np.float32),
+        (np.array([[[True, False]]]), np.uint8), (np.array([[[0.5, np.nan]]]), np.float32),
+    ]:  # fmt: skip
         np.savez("a.npz", values=values, world_from_voxel=np.eye(4))
         found = read_volume("a.npz")
         assert found.values.dtype == expected
         assert np.isfinite(found.values).all()
     assert found.empty.tolist() == [[[False, True]]]
-
-
-# What is refused
 
 
 def refused(path) -> str:
@@ -163,79 +149,63 @@ def test_bytes_after_the_data_are_refused(extension, packed):
         form.read("a" + extension)
 
 
-def test_hostile_headers():
+def test_hostile_headers_names_and_writes_that_fail(monkeypatch):
     write_volume("a.mha", volume())
     whole = Path("a.mha").read_bytes()
     for old, new in [
         (b"DimSize = 23 19 17", b"DimSize = 100000 100000 100000"),
-        (b"DimSize = 23 19 17", b"DimSize = 1500 1500 900"),
-        (b"DimSize = 23 19 17", b"DimSize = 23 19 18"),
-        (b"DimSize = 23 19 17", b"DimSize = -23 19 17"),
-        (b"ElementSpacing = 0.1", b"ElementSpacing = nan"),
+        (b"DimSize = 23 19 17", b"DimSize = 1500 1500 900"), (b"DimSize = 23 19 17", b"DimSize = 23 19 18"),
+        (b"DimSize = 23 19 17", b"DimSize = -23 19 17"), (b"ElementSpacing = 0.1", b"ElementSpacing = nan"),
         (b"ElementSpacing = 0.1", b"ElementSpacing = 1e300"),
-        (b"ElementSpacing = 0.1", b"ElementSpacing = 0"),
-        (b"Offset = ", b"Offset = 1 "),
+        (b"ElementSpacing = 0.1", b"ElementSpacing = 0"), (b"Offset = ", b"Offset = 1 "),
         (b"TransformMatrix = 1.0 0.0", b"TransformMatrix = 0.0 0.0"),
-    ]:
+    ]:  # fmt: skip
         assert old in whole, old
         Path("bad.mha").write_bytes(whole.replace(old, new))
         refused("bad.mha")
     write_volume("a.nrrd", volume())
     whole = Path("a.nrrd").read_bytes()
     for old, new in [
-        (b"sizes: 23 19 17", b"sizes: 23 19 99999999"),
-        (b"encoding: gzip", b"encoding: bzip2"),
-        (b"left-posterior-superior", b"somewhere"),
-        (b"space directions: (", b"space directions: none ("),
+        (b"sizes: 23 19 17", b"sizes: 23 19 99999999"), (b"encoding: gzip", b"encoding: bzip2"),
+        (b"left-posterior-superior", b"somewhere"), (b"space directions: (", b"space directions: none ("),
         (b"type: uint8", b"type: block"),
-    ]:
+    ]:  # fmt: skip
         assert old in whole, old
         Path("bad.nrrd").write_bytes(whole.replace(old, new))
         refused("bad.nrrd")
+    sparse = {"values": np.zeros((1, 8, 8, 8)), "world_from_voxel": np.eye(4)}
     for arrays in (
-        {},
-        {"values": np.zeros((2, 2, 2))},
-        {"values": np.zeros((2, 2)), "world_from_voxel": np.eye(4)},
+        {}, {"values": np.zeros((2, 2, 2))}, {"values": np.zeros((2, 2)), "world_from_voxel": np.eye(4)},
         {"values": np.zeros((2, 2, 2)), "world_from_voxel": np.zeros((4, 4))},
         {"values": np.zeros((2, 2, 2)), "world_from_voxel": np.full((4, 4), np.nan)},
         {"values": np.zeros((2, 2, 2)), "world_from_voxel": np.eye(4), "space": np.array("X")},
-        {"values": np.zeros((1, 8, 8, 8)), "world_from_voxel": np.eye(4), "blocks": np.array([5]),
-         "shape": np.array([8, 8, 8])},
-        {"values": np.zeros((1, 8, 8, 8)), "world_from_voxel": np.eye(4), "blocks": np.array([0]),
-         "shape": np.array([2**40, 8, 8])},
+        sparse | {"blocks": np.array([5]), "shape": np.array([8, 8, 8])},
+        sparse | {"blocks": np.array([0]), "shape": np.array([2**40, 8, 8])},
     ):  # fmt: skip
         np.savez("bad.npz", **arrays)
         refused("bad.npz")
-
-
-def test_names():
     with pytest.raises(ValueError, match="extensions"):
         write_volume("a.stl", volume())
     gb.write("particles.npz", gb.Particles(np.eye(3)))
     with pytest.raises(FormatError, match=r"particles \(npz\): read it with globule.read$"):
         read_volume("particles.npz")
     with pytest.raises(FileNotFoundError):
-        read_volume("a.nrrd")
+        read_volume("none.nrrd")
     with pytest.raises(TypeError):
         write_volume("a.nrrd", np.zeros((2, 2, 2)))
-
-
-def test_nothing_is_left_of_a_write_that_fails(monkeypatch):
     write_volume("a.nrrd", volume())
-    before = Path("a.nrrd").read_bytes()
+    before = {path: path.read_bytes() for path in Path().iterdir()}
     monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
     with pytest.raises(OSError, match="full"):
         write_volume("a.nrrd", volume("uint16"))
-    assert [p.name for p in Path().iterdir()] == ["a.nrrd"]
-    assert Path("a.nrrd").read_bytes() == before
+    assert {path: path.read_bytes() for path in Path().iterdir()} == before
 
 
 @pytest.mark.parametrize("stop", ["write", "place"])
 def test_maps_appear_with_their_volume_or_not_at_all(monkeypatch, stop):
     """Interrupted while the third of five files is written; and when it gets its place, where it is
     too late for none."""
-    calls = {"n": 0}
-    kept = {"write": metaimage.write, "place": os.replace}
+    calls, kept = {"n": 0}, {"write": metaimage.write, "place": os.replace}
 
     def third(*arguments, **options):
         calls["n"] += 1
@@ -254,10 +224,7 @@ def test_maps_appear_with_their_volume_or_not_at_all(monkeypatch, stop):
     assert names == ([] if stop == "write" else all_five)
 
 
-# Slices
-
-
-def test_a_linear_field_is_resliced_exactly():
+def test_a_linear_field_is_resliced_exactly_also_onto_the_frames():
     z, y, x = np.meshgrid(np.arange(20), np.arange(21), np.arange(22), indexing="ij")
     ramp = Volume((2 * x + 3 * y - z + 50).astype(np.float32), np.diag([0.5, 0.5, 0.5, 1]))
     plane = random_poses(1, 4, reach=0.5)[0] @ np.diag([0.1, 0.1, 0.1, 1.0])
@@ -266,13 +233,9 @@ def test_a_linear_field_is_resliced_exactly():
     row, column = np.mgrid[:15, :25]
     at = 2 * (plane[:3, 0, None, None] * column + plane[:3, 1, None, None] * row
               + plane[:3, 3, None, None])  # fmt: skip
-    inside = ((at > 0) & (at < np.array([21, 20, 19])[:, None, None])).all(axis=0)
-    assert inside.all()
+    assert ((at > 0) & (at < np.array([21, 20, 19])[:, None, None])).all(axis=0).all()
     assert (seen.origin == MEASURED).all()
     assert np.allclose(seen.values, 2 * at[0] + 3 * at[1] - at[2] + 50, atol=1e-4)
-
-
-def test_emptiness_is_not_interpolated():
     values = np.zeros((5, 5, 5), np.float32)
     values[:, :, :3] = 10
     radius = np.where(values > 0, 0, 255).astype(np.uint8)
@@ -281,15 +244,10 @@ def test_emptiness_is_not_interpolated():
     plane[2, 3] = 2
     seen = reslice(Volume(values, np.eye(4), radius), plane, (18, 10))
     assert np.unique(seen.values).tolist() == [0, 10]
-    assert seen.origin[4, 0] == MEASURED
-    assert seen.origin[4, 8] == FILLED
-    assert seen.origin[4, 14] == EMPTY
+    assert seen.origin[4, [0, 8, 14]].tolist() == [MEASURED, FILLED, EMPTY]
     outside = plane.copy()
     outside[2, 3] = 100
     assert not reslice(Volume(values, np.eye(4), radius), outside, (4, 4)).origin.any()
-
-
-def test_back_onto_the_frames():
     sweep = gb.ultrasound.phantoms.cylinders(n_frames=4, size=(20, 30), gaps=0.4, seed=3)
     box = Volume(np.full((40, 40, 40), 9, np.uint8), np.array(
         [[2, 0, 0, -40], [0, 2, 0, -40], [0, 0, 2, -40], [0, 0, 0, 1.0]]))  # fmt: skip
@@ -301,10 +259,9 @@ def test_back_onto_the_frames():
         reslice_frame(box, sweep, lost)
 
 
-def test_three_view():
+def test_three_view_and_the_axes_of_its_planes():
     shown = render_three_view(volume(), overlay=False)
-    assert shown.dtype == np.uint8
-    assert shown.ndim == 3
+    assert (shown.dtype, shown.ndim) == (np.uint8, 3)
     plain = Volume(np.full((10, 20, 30), 200, np.uint8), np.diag([1.0, 2, 3, 1]))
     picture = render_three_view(plain)
     assert picture.shape == (40, 30 + 30 + 40 + 16, 3)  # square pixels of 1 mm
@@ -315,14 +272,10 @@ def test_three_view():
         render_three_view(plain, center=(900, 0, 0))
     nothing = Volume(np.zeros((4, 4, 4), np.uint8), np.eye(4), np.full((4, 4, 4), 255, np.uint8))
     assert render_three_view(nothing).shape[2] == 3
-
-
-def test_axes_of_the_planes_have_names_and_lengths():
     rng = np.random.default_rng(0)
     seen = Volume(rng.integers(1, 255, (60, 80, 200), np.uint8), np.diag([0.5, 0.5, 0.5, 1]))
     save_three_view("a.png", seen)
-    sheet = np.asarray(Image.open("a.png"))
-    margin = 18
+    sheet, margin = np.asarray(Image.open("a.png")), 18
     for i, picture in enumerate((render_three_view(seen), render_three_view(seen, overlay=True))):
         top = i * sheet.shape[0] // 2
         row = sheet[top : top + sheet.shape[0] // 2]

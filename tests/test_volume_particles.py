@@ -1,7 +1,5 @@
 """A volume's iso-surface through metaballs lies where the volume says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import globule as gb
@@ -15,8 +13,7 @@ from PIL import Image
 
 def ball(spacing=(0.5, 0.5, 0.5), radius: float = 6.0, slope: float = 12.0) -> Volume:
     """Values that fall linearly through 100 at `radius` mm around (3, -2, 10)."""
-    place = np.diag([*spacing, 1.0])
-    n = [int(20 / s) for s in spacing]
+    place, n = np.diag([*spacing, 1.0]), [int(20 / s) for s in spacing]
     place[:3, 3] = np.array([3, -2, 10]) - np.array(spacing) * (np.array(n) - 1) / 2
     z, y, x = np.meshgrid(*(np.arange(k) for k in n[::-1]), indexing="ij")
     world = np.stack([x, y, z], axis=-1) * spacing + place[:3, 3]
@@ -30,10 +27,8 @@ def test_the_surface_lies_at_the_level(kernel):
     for level, radius, spacing in ((100.0, 6.0, (0.5, 0.5, 0.5)), (130.0, 3.5, (0.3, 0.5, 0.6))):
         surface = extract_iso_surface(ball(spacing), level, kernel)
         scene = gb.Scene(surface.particles, kernel, surface.threshold, device="cpu")
-        camera = gb.Camera((3, -2, 60), (3, -2, 10), height=20)
-        frame = gb.render(scene, camera, (80, 80))
-        places = frame.position[frame.mask]
-        distance = np.linalg.norm(places - [3, -2, 10], axis=1)
+        frame = gb.render(scene, gb.Camera((3, -2, 60), (3, -2, 10), height=20), (80, 80))
+        distance = np.linalg.norm(frame.position[frame.mask] - [3, -2, 10], axis=1)
         assert np.median(distance) == pytest.approx(radius, abs=0.12)
         assert np.abs(distance - radius).max() < 0.4
 
@@ -51,21 +46,19 @@ def test_the_lattice_hardly_shows(kernel, most):
 
 
 def test_what_has_no_surface_is_refused():
-    with pytest.raises(ValueError, match="level"):
-        extract_iso_surface(ball(), 300.0)
-    with pytest.raises(ValueError, match="level"):
-        extract_iso_surface(Volume(np.zeros((3, 3, 3), np.uint8), np.eye(4)))
-    with pytest.raises(ValueError, match="kernel"):
-        extract_iso_surface(ball(), 10.0, "magic")
     shifted = ball()
     shifted.values -= 500
-    with pytest.raises(ValueError, match="level"):
-        extract_iso_surface(shifted, -500.5)
+    nothing = Volume(np.zeros((3, 3, 3), np.uint8), np.eye(4))
+    for what, said in (
+        ((ball(), 300.0), "level"), ((nothing,), "level"), ((shifted, -500.5), "level"),
+        ((ball(), 10.0, "magic"), "kernel"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=said):
+            extract_iso_surface(*what)
 
 
-def test_render_of_other_volumes(tmp_path, monkeypatch, capsys):
+def test_render_of_other_volumes(folder, capsys):
     """VTK files, sparse ones, several at once; tomographies where labels are asked for."""
-    monkeypatch.chdir(tmp_path)
     for name in ("a.vti", "b.sparse.npz", "c.mha"):
         gb.volumes.write_volume(name, ball())
     machine = ["--size", "60x50", "--device", "cpu"]
@@ -75,10 +68,8 @@ def test_render_of_other_volumes(tmp_path, monkeypatch, capsys):
     for wrong in (["--threshold", "1"], ["--level", "999"]):
         assert main(["render", "a.vti", "-o", "n.png", *machine, *wrong]) == 2
     assert capsys.readouterr().err.count("globule: error") == 2
-    assert main([*words, "--level", "100"]) == 0
-    assert capsys.readouterr().err == ""
-    pictures = [np.asarray(Image.open(f"{name}.png")) for name in "abc" if name != "b"]
-    assert np.array_equal(*pictures)
+    assert (main([*words, "--level", "100"]), capsys.readouterr().err) == (0, "")
+    assert np.array_equal(*[np.asarray(Image.open(f"{name}.png")) for name in "abc" if name != "b"])
     assert main([*words, "--support", "1"]) == 2
     assert capsys.readouterr().err.count("globule: error: --support") == 1
     assert main(["render", "nowhere.vti", "-o", "n.png", *machine]) == 2
@@ -93,7 +84,6 @@ def test_render_of_other_volumes(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize("edge", [1e30, 1e-30, np.nan, 0.0, 6.0])
 def test_voxels_of_any_shape(edge):
-    """Slices far apart are shown; needles and nonsense are named."""
     volume = ball()
     volume.world_from_voxel[2, 2] = edge
     if edge == 6.0:

@@ -1,12 +1,11 @@
 """One oblique volume with voxels of three different edges, written by four programs, is read as the
-same values at the same place. Our own files: test_formats_round_trips.py."""
-
-from __future__ import annotations
+same values at the same place. Our own files: test_formats.py."""
 
 import globule as gb
 import numpy as np
 import pytest
 from globule.volumes.volume import Volume
+from scipy.spatial.transform import Rotation
 
 EDGES = (0.7, 1.1, 1.6)  # mm
 ORIGIN = (-31.25, 42.5, 17.125)
@@ -24,16 +23,11 @@ VTK_MODES = [  # data mode, compressed, base64 in the appended data, header
 
 
 def rotation() -> np.ndarray:
-    x, y, z = np.radians((20, -35, 50))
-    about_x = [[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]]
-    about_y = [[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]]
-    about_z = [[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]]
-    return np.array(about_z) @ about_y @ about_x
+    return Rotation.from_euler("xyz", (20, -35, 50), degrees=True).as_matrix()
 
 
 @pytest.fixture(scope="module")
 def volume() -> Volume:
-    """No turned or mirrored reading of it has the same values."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation() * EDGES, ORIGIN
     return Volume(np.random.default_rng(3).integers(0, 250, (12, 16, 22), np.uint8), matrix)
@@ -42,8 +36,7 @@ def volume() -> Volume:
 def same(path, volume: Volume, tolerance: float = 1e-12) -> None:
     """`tolerance`: of the place, mm; 1e-4 where a format rounds its geometry to float32."""
     found = gb.volumes.read_volume(path)
-    assert found.space == "LPS"
-    assert found.values.dtype == volume.values.dtype
+    assert (found.space, found.values.dtype) == ("LPS", volume.values.dtype)
     assert np.array_equal(found.values, volume.values)
     assert np.abs(found.world_from_voxel - volume.world_from_voxel).max() < tolerance
 
@@ -52,8 +45,7 @@ def same(path, volume: Volume, tolerance: float = 1e-12) -> None:
 @pytest.mark.parametrize("form", ["sform", "qform"])
 @pytest.mark.interop
 def test_nibabel(kind, form, volume, tmp_path):
-    nibabel = pytest.importorskip("nibabel")
-    affine = LPS_FROM_RAS @ volume.world_from_voxel
+    nibabel, affine = pytest.importorskip("nibabel"), LPS_FROM_RAS @ volume.world_from_voxel
     made = getattr(nibabel, kind)(volume.values.T, affine)
     made.set_sform(affine if form == "sform" else None, int(form == "sform"))
     made.set_qform(affine if form == "qform" else None, int(form == "qform"))
@@ -64,8 +56,7 @@ def test_nibabel(kind, form, volume, tmp_path):
 
 @pytest.mark.interop
 def test_nibabel_in_metres_and_scaled(volume, tmp_path):
-    nibabel = pytest.importorskip("nibabel")
-    affine = LPS_FROM_RAS @ volume.world_from_voxel
+    nibabel, affine = pytest.importorskip("nibabel"), LPS_FROM_RAS @ volume.world_from_voxel
     affine[:3] /= 1000
     made = nibabel.Nifti1Image(volume.values.T.astype(np.int16), affine)
     made.header.set_xyzt_units("meter")
@@ -80,8 +71,7 @@ def test_nibabel_in_metres_and_scaled(volume, tmp_path):
 @pytest.mark.parametrize("space", ["left-posterior-superior", "right-anterior-superior"])
 @pytest.mark.interop
 def test_pynrrd(encoding, space, volume, tmp_path):
-    nrrd = pytest.importorskip("nrrd")
-    matrix = volume.world_from_voxel
+    nrrd, matrix = pytest.importorskip("nrrd"), volume.world_from_voxel
     if space.startswith("right"):
         matrix = LPS_FROM_RAS @ matrix
     header = {

@@ -1,7 +1,5 @@
 """Processes that open files by libraries of others: kept for the next file, ended if one fails."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -30,7 +28,6 @@ def dcmread(path, **_):
 
 @pytest.fixture
 def opened(tmp_path, monkeypatch):
-    """opened(what): the process that opens a file that says `what`."""
     (tmp_path / "pydicom.py").write_text(LIBRARY)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(workers, "_idle", {})
@@ -62,14 +59,11 @@ def refuse(path, place, *_):
     raise FormatError(f"{path}: {place} needs too much")
 
 
-@pytest.mark.parametrize(
-    ("what", "message"),
-    [
-        ("crash", "does not survive"),
-        ("loop", "does not survive"),  # SIGXCPU
-        ("silent", "breaks off"),
-    ],
-)
+@pytest.mark.parametrize(("what", "message"), [
+    ("crash", "does not survive"),
+    ("loop", "does not survive"),  # SIGXCPU
+    ("silent", "breaks off"),
+])  # fmt: skip
 def test_a_bad_file_ends_its_worker_and_nothing_else(opened, what, message):
     first = opened("good")
     with pytest.raises(FormatError, match=message) as caught:
@@ -86,11 +80,8 @@ def test_a_worker_that_was_killed_is_replaced(opened):
     os.kill(first, signal.SIGKILL)
     os.waitid(os.P_PID, first, os.WEXITED | os.WNOWAIT)
     assert opened("good") != first
-
-
-def test_a_fork_of_the_program_has_workers_of_its_own(opened):
-    first = opened("good")
-    fork = os.fork()
+    # A fork of the program has workers of its own.
+    first, fork = opened("good"), os.fork()
     if fork == 0:
         status = 1
         try:
@@ -98,8 +89,7 @@ def test_a_fork_of_the_program_has_workers_of_its_own(opened):
             workers._end_all()
         finally:
             os._exit(status)
-    assert os.waitstatus_to_exitcode(os.waitpid(fork, 0)[1]) == 0
-    assert opened("good") == first
+    assert (os.waitstatus_to_exitcode(os.waitpid(fork, 0)[1]), opened("good")) == (0, first)
 
 
 @pytest.mark.parametrize("end", ["", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"])

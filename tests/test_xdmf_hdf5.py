@@ -1,7 +1,5 @@
 """XDMF and HDF5 as everyday writers make them: items of items, XInclude, attributes of any type."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import globule as gb
@@ -20,8 +18,7 @@ GRID = '<Grid Name="g" GridType="Uniform"><Topology TopologyType="Polyvertex"/>{
 
 
 @pytest.fixture(autouse=True)
-def in_a_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def in_a_folder(folder):
     with h5py.File("x.h5", "w") as file:
         file["p"], file["steps"] = X, np.stack([X, X + 1, X + 2])
         file["mass"] = np.stack([np.arange(N), np.arange(N) + 5.0])
@@ -82,8 +79,7 @@ def test_xdmf(case):
     got = read_contents(xdmf(body, '<!DOCTYPE Xdmf SYSTEM "Xdmf.dtd" []>\n'))
     assert np.allclose(got.particles.positions, expected)
     if case == "include":
-        assert got.n_frames == 2
-        assert read_contents("a.xdmf", frame=1).time == 2
+        assert (got.n_frames, read_contents("a.xdmf", frame=1).time) == (2, 2)
 
 
 def test_attributes_of_one_step_and_an_include_of_another_file():
@@ -103,7 +99,6 @@ LOOP = '<DataItem Name="a" Reference="XML">/Xdmf/Domain/DataItem[1]</DataItem>'
 
 
 def doubled(n: int = 40) -> str:
-    """Each of n grids includes the one before twice: 2^40 elements."""
     one = "<xi:include xpointer='xpointer(/Xdmf/Domain/Grid[{0}])'/>"
     return "".join(f"<Grid>{2 * one.format(i) if i else '<Time/>'}</Grid>" for i in range(n))
 
@@ -122,10 +117,8 @@ def doubled(n: int = 40) -> str:
     (grid(slab("0 0 1 1 1e300 3", hdf("p", f"{N} 3"))), "rows up to|HyperSlab"),
     (grid(slab("-1 0 1 1 2 3", hdf("p", f"{N} 3"))), "counts from 1"),
     (grid(slab("0 0 1 1 2.5 3", hdf("p", f"{N} 3"))), "strides and counts"),
-    (grid(joined("JOIN($0, $7)")), "expected JOIN"),
-    (grid(joined("EXP($0)")), "expected JOIN"),
-    (LOOP + grid(LOOP), "in itself"),
-    (grid('<DataItem Reference="/Xdmf/No"/>'), "one DataItem, got 0"),
+    (grid(joined("JOIN($0, $7)")), "expected JOIN"), (grid(joined("EXP($0)")), "expected JOIN"),
+    (LOOP + grid(LOOP), "in itself"), (grid('<DataItem Reference="/Xdmf/No"/>'), "one DataItem, got 0"),
     (grid('<DataItem Reference="XML">a[b=c]()</DataItem>'), "expected a path"),
 ])  # fmt: skip
 def test_hostile_xdmf(body, said):
@@ -161,8 +154,7 @@ def test_attributes_of_any_type():
         file.attrs["time"] = np.longdouble(2.5)
     got = read_contents("a.h5")
     assert np.allclose(got.particles.positions, X)
-    assert got.particles.attributes["density"].tolist() == [*range(N)]
-    assert got.time == 2.5
+    assert (got.particles.attributes["density"].tolist(), got.time) == ([*range(N)], 2.5)
 
 
 def openpmd(order: str, offsets: dict[str, object], constants: dict[str, float] | None = None) -> str:
@@ -189,10 +181,8 @@ def openpmd(order: str, offsets: dict[str, object], constants: dict[str, float] 
 
 @pytest.mark.parametrize("order", ["xyz", "zyx", "yxz", "xz", "zx", "yz"])
 def test_components_of_openpmd_in_any_order(order):
-    moving = np.arange(N, dtype=float)
-    offsets = {"x": 3.0, "y": 5.0, "z": moving}
-    particles = gb.read(openpmd(order, offsets))
-    expected = np.zeros((N, 3))
+    offsets = {"x": 3.0, "y": 5.0, "z": np.arange(N, dtype=float)}
+    particles, expected = gb.read(openpmd(order, offsets)), np.zeros((N, 3))
     for k, axis in enumerate("xyz"):
         if axis in order:
             expected[:, k] = 1e-6 * X[:, k] + 1e-3 * np.asarray(offsets[axis])
@@ -202,8 +192,7 @@ def test_components_of_openpmd_in_any_order(order):
 
 
 def test_constant_components_of_openpmd():
-    particles = gb.read(openpmd("zyx", {"y": 1.0}, {"y": 7.0}))
-    expected = 1e-6 * X
+    particles, expected = gb.read(openpmd("zyx", {"y": 1.0}, {"y": 7.0})), 1e-6 * X
     expected[:, 1] = 7e-6 + 1e-3
     assert np.allclose(particles.positions, expected, rtol=1e-5)
 
@@ -250,7 +239,7 @@ def test_cells_of_xdmf_are_a_mesh(kind, connectivity, expected, capsys):
     assert len(gb.read("a.xdmf")) == 8  # its points, for who asks for particles
 
 
-def test_a_dolfinx_run_is_a_sequence_of_meshes():
+def test_a_dolfinx_run_is_a_sequence_of_meshes_and_lines_stay_particles():
     with h5py.File("x.h5", "a") as file:
         file["cells"] = np.array(KUHN)
         file["u"] = np.arange(8.0)
@@ -259,30 +248,23 @@ def test_a_dolfinx_run_is_a_sequence_of_meshes():
     steps = "".join(mesh("tetrahedron", cells, f'<Time Value="{t}"/>{u}', CORNERS * t) for t in (1, 2, 3))
     xdmf(f'<Grid CollectionType="Temporal">{steps}</Grid>', "<!DOCTYPE Xdmf SYSTEM 'Xdmf.dtd' []>")
     for k in range(3):
-        found = gb.Mesh(FrameOf("a.xdmf", k), device="cpu")
-        assert found.bounds()[1].tolist() == [k + 1] * 3
+        assert gb.Mesh(FrameOf("a.xdmf", k), device="cpu").bounds()[1].tolist() == [k + 1] * 3
     assert triangles.read("a.xdmf").attributes["u"].ravel().tolist() == list(range(8))
-
-
-def test_points_and_lines_of_xdmf_stay_particles():
     for kind, cells in (("Polyvertex", ""), ("Polyline", [[0, 1]]), ("Mixed", [1, 1, 5])):
         xdmf(mesh(kind, item(cells) if cells else ""))
         assert not triangles.has_faces("a.xdmf")
         assert len(gb.read("a.xdmf")) == 8
 
 
-@pytest.mark.parametrize(
-    ("kind", "cells", "said"),
-    [
-        ("Triangle", [[0, 1, 8]], "expected indices from 0 to 7, got 0 to 8"),
-        ("Triangle", [[0, 1, np.nan]], "expected indices from 0 to 7, got "),
-        ("Triangle", [[0, 1]], "expected 3 points a cell, got 2 in all"),
-        ("Mixed", [4, 0, 1], "expected the points of mixed cells, got too few numbers"),
-        ("Mixed", [4, 0, 1, 2, 99], "expected the number of a kind of cell, got 99"),
-        ("Mixed", [3, -1, 2], "expected the points of mixed cells, got too few numbers"),
-        ("Polygon", [0, 1, 2], "expected NodesPerElement from 3, got ''"),
-    ],
-)
+@pytest.mark.parametrize(("kind", "cells", "said"), [
+    ("Triangle", [[0, 1, 8]], "expected indices from 0 to 7, got 0 to 8"),
+    ("Triangle", [[0, 1, np.nan]], "expected indices from 0 to 7, got "),
+    ("Triangle", [[0, 1]], "expected 3 points a cell, got 2 in all"),
+    ("Mixed", [4, 0, 1], "expected the points of mixed cells, got too few numbers"),
+    ("Mixed", [4, 0, 1, 2, 99], "expected the number of a kind of cell, got 99"),
+    ("Mixed", [3, -1, 2], "expected the points of mixed cells, got too few numbers"),
+    ("Polygon", [0, 1, 2], "expected NodesPerElement from 3, got ''"),
+])  # fmt: skip
 def test_damaged_cells_of_xdmf(kind, cells, said):
     xdmf(mesh(kind, item(cells)))
     with pytest.raises(FormatError, match=said):

@@ -3,8 +3,6 @@
 compute-sanitizer --tool racecheck python tests/tour.py cuda
 """
 
-from __future__ import annotations
-
 import sys
 
 import globule as gb
@@ -17,8 +15,7 @@ SIZE = (64, 48)
 
 def scenes(device: str) -> None:
     points = np.random.default_rng(1).random((3000, 3), np.float32)
-    color = points.copy()
-    camera = gb.Camera.fit(points, size=SIZE)
+    color, camera = points.copy(), gb.Camera.fit(points, size=SIZE)
     water = gb.Material(transmission=0.9, index=1.33)
     light = gb.RenderSettings(shadows=True, ambient_rays=2, bounces=2, samples=2, material=water)
     for options in ({}, {"octree": "dense", "level": 4}, {"key_bits": 64}):
@@ -29,8 +26,7 @@ def scenes(device: str) -> None:
         scene.gradient(points[:100])
         scene.neighbors(points[:100], 0.1)
         print("scene", options, flush=True)
-    frame = gb.render(scene, camera, SIZE, clips=[gb.ClipSphere((0.5, 0.5, 0.5), 0.2)])
-    frame.refine(2)
+    gb.render(scene, camera, SIZE, clips=[gb.ClipSphere((0.5, 0.5, 0.5), 0.2)]).refine(2)
     dense = gb.Scene(points, support=0.1, device=device, octree="dense", level=4)
     gb.render(dense, camera, SIZE, thesis=Thesis())
     print("pictures", flush=True)

@@ -41,19 +41,16 @@ def browser() -> Iterator[Any]:
 
 def blob(n: int = 400, seed: int = 1) -> gb.Particles:
     """A cloud that fills the middle of its picture."""
-    rng = np.random.default_rng(seed)
-    positions = rng.normal(size=(n, 3)) * 0.4
+    positions = np.random.default_rng(seed).normal(size=(n, 3)) * 0.4
     return gb.Particles(positions, support=0.35, attributes={"speed": positions[:, 0]})
 
 
 def view(what: Any, **options: Any) -> Any:
-    """A viewer whose page nobody has opened."""
     return gb.view(what, port=0, browser=False, block=False, **options)
 
 
 @contextmanager
 def engine_of(what: Any, **settings: Any) -> Iterator[Engine]:
-    """What makes a viewer's images, without a page."""
     source = open_source(what)
     engine = Engine(source, State(), source.up)
     try:
@@ -64,7 +61,6 @@ def engine_of(what: Any, **settings: Any) -> Iterator[Engine]:
 
 
 def traced(source: Any, camera: gb.Camera, size: Any, moving: bool = False, **settings: Any) -> Any:
-    """The frame of a source that a viewer with these settings makes."""
     state = State()
     state.set(**settings)
     with source.lock:
@@ -72,7 +68,6 @@ def traced(source: Any, camera: gb.Camera, size: Any, moving: bool = False, **se
 
 
 def steps(source: Any, n: int) -> None:
-    """Take steps of a simulation."""
     for _ in range(n):
         source.step()
         source.advance(State())
@@ -86,7 +81,6 @@ def talk(port: int, path: str, page: str = "") -> Any:
 
 
 def told(connection: Any, wanted: Callable[[dict], Any] = lambda message: True) -> dict:
-    """What a server says next that is as wanted, as JSON."""
     while True:
         message = json.loads(connection.recv(timeout=PATIENCE))
         if wanted(message):
@@ -111,8 +105,7 @@ class Watched:
 
     def _arrives(self, come: Callable[[], Any]) -> Any:
         """The page or program that `come` makes, with its `client`."""
-        known = set(self.viewer.clients)
-        page = come()
+        known, page = set(self.viewer.clients), come()
         self.pages.append(page)
         number = until(lambda: set(self.viewer.clients) - known, "for the page to connect").pop()
         page.client = self.viewer.clients[number]
@@ -160,7 +153,6 @@ class Watched:
         )
 
     def still(self, page: Any, changed: Callable[[np.ndarray], bool] = lambda picture: True) -> np.ndarray:
-        """The next sharp picture of a page that is as asked, and has arrived."""
         client = page.client
 
         def settled() -> bool:
@@ -202,13 +194,11 @@ def drag_along(page: Any, places: Any, button: str = "left", each: Any = next_fr
 
 
 def stroke(page: Any, begin: Any, end: Any, steps: int = 3) -> None:
-    """A drag from one place in the window to another."""
     drag_along(page, np.linspace(begin, end, steps + 1))
     page.mouse.up()
 
 
 def middle(page: Any) -> np.ndarray:
-    """The middle of the image in the window."""
     box = page.locator("canvas").first.bounding_box()
     return np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
 
@@ -248,7 +238,6 @@ def type_number(page: Any, label: str, value: float | str) -> Any:
 
 
 def our_threads() -> list[str]:
-    """The names of our threads, one for each."""
     return sorted(t.name for t in threading.enumerate() if t.name.startswith("globule"))
 
 

@@ -1,7 +1,5 @@
 """A browser's connection to the viewer's page, by a program."""
 
-from __future__ import annotations
-
 import io
 import threading
 from typing import Any
@@ -16,17 +14,10 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": [1.0, 0.0, 0.0, 0.0],
-    "fov": 1.0,
-    "position": [0.0, 0.0, 3.0],
-    "look_at": [0.0] * 3,
-    "up_direction": [0.0, 1.0, 0.0],
-    "near": 0.1,
-    "far": 9.0,
-    "image_height": 90,
-    "image_width": 120,
-}
+    "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "fov": 1.0,
+    "position": [0.0, 0.0, 3.0], "look_at": [0.0] * 3, "up_direction": [0.0, 1.0, 0.0], "near": 0.1,
+    "far": 9.0, "image_height": 90, "image_width": 120,
+}  # fmt: skip
 MOVES = {  # of the camera, by the server: its part, and the field
     "SetCameraPositionMessage": ("position", "position"),
     "SetCameraUpDirectionMessage": ("up_direction", "position"),
@@ -87,8 +78,7 @@ class Program:
             self.closed = str(error)
 
     def _take(self, message: dict) -> None:
-        kind = message["type"]
-        label = (message.get("props") or {}).get("label")
+        kind, label = message["type"], (message.get("props") or {}).get("label")
         if kind == "RegisterCommandMessage":
             self.commands[label] = message["uuid"]
         elif kind == "GuiFolderMessage":
@@ -100,8 +90,7 @@ class Program:
         elif kind == "BackgroundImageMessage" and message["rgb_data"]:
             self.images.append(message["rgb_data"])
         elif kind == "LocalStorageGetItemRequestMessage" and self.answers:
-            asked = message["request_uuid"]
-            kind = "LocalStorageGetItemResponseMessage"
+            asked, kind = message["request_uuid"], "LocalStorageGetItemResponseMessage"
             self.say({"type": kind, "value": None, "error": None, "request_uuid": asked})
         elif kind == "RunJavascriptMessage" and 'globuleWord="' in message["source"]:
             self.word = message["source"].split('"')[1]
@@ -133,7 +122,6 @@ class Program:
         self.say({"type": "CommandTriggerMessage", "uuid": uuid})
 
     def upload(self, label: str, data: bytes) -> None:
-        """Upload a file with the button with a label."""
         file = {"source_component_uuid": self.widgets[label], "transfer_uuid": f"{len(data)}"}
         begin = {"type": "FileTransferStartUpload", "filename": "f", "mime_type": "text/plain"}
         part = {"type": "FileTransferPart", "part_index": 0, "content": data}
@@ -157,7 +145,6 @@ class Program:
         return until(found, "for a message")
 
     def picture(self, data: bytes | None = None) -> np.ndarray:
-        """An image, by default the last: (H, W, 3) uint8."""
         with Image.open(io.BytesIO(data or self.images[-1])) as image:
             return np.asarray(image.convert("RGB"))
 

@@ -1,7 +1,5 @@
 """Waits for conditions, with a time limit; tests never sleep for a fixed time."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable

@@ -38,7 +38,7 @@ GB_FN float half_thickness(float variance_across) {
 /// Spacing around sampled particles, from what their neighbors within surface::kRadius guesses add up to. Where the
 /// matter is thin, it is taken for a slab as thick as its particles' variance across it tells, off the middle by their
 /// mean.
-template <class Tree> struct FluidSpacing {
+struct FluidSpacing {
     Tree tree;
     SortedParticles particles;
     std::size_t begin, stride;

@@ -131,7 +131,7 @@ template <class F> GB_FN F raised(const F& own, const F& filled, const F& sheet)
 ///   bunch    rows that lie together (where the curve jumps, neighbors along it are far apart)
 ///   gather   the leaves around, of whose particles those near the bunch are kept
 ///   add up   each row goes through them
-template <class Tree> struct FindSurfaceKernels {
+struct FindSurfaceKernels {
     static constexpr int kNear = 416;              ///< at once; there may be more
     static constexpr std::size_t kMany = 1 << 19;  ///< most are deep inside, which fewer sums tell
     static constexpr int tile_blocks = 6;          ///< at one time on a GPU's processor

@@ -13,7 +13,7 @@
 #include "backends/status.hpp"
 #include "exec/buffer.hpp"
 #include "octree/dense.hpp"
-#include "octree/sparse.hpp"
+#include "octree/tree.hpp"
 
 namespace globule::core {
 
@@ -30,8 +30,8 @@ struct ParticleInput {
 
 struct TreeParams {
     int key_bits = 32;
-    int depth = 10;  ///< deepest level, at most 10 or 21 (dense: 8)
-    bool dense = false;
+    int depth = 10;            ///< deepest level, at most 10 or 21 (dense: 8)
+    bool dense = false;        ///< the source's array of all cells, too, for its own tracing
     bool fixed_space = false;  ///< otherwise the bounding cube of the particles
     float3 lo{0, 0, 0}, hi{0, 0, 0};
     float typical_support = 0.0f,
@@ -433,7 +433,7 @@ public:
         float* stretch = stretch_.reserve_zero(7 * padded);
         return {support_.reserve_zero(padded), weight_.reserve_zero(padded), stretch, stretch + 6 * padded};
     }
-    /// The boxes of a sparse tree anew for these shapes.
+    /// The boxes anew for these shapes.
     void reshape(const Shapes& shapes, float least_axis, float most_stretch, float most_weight) {
         sorted_.support = {shapes.support, 0.0f};
         sorted_.weight = {shapes.weight, 0.0f};
@@ -451,7 +451,7 @@ public:
             n_nodes, build::CarryBoxes{header, node_arrays(), scratch, scratch + capacity_, scratch + 2 * capacity_});
     }
 
-    SparseTree sparse() const { return {header_.data(), node_arrays()}; }
+    Tree view() const { return {header_.data(), node_arrays()}; }
     DenseTree dense() const { return {header_.data(), dense_.data()}; }
     const SortedParticles& particles() const { return sorted_; }
     const TreeParams& params() const { return params_; }
@@ -465,7 +465,7 @@ public:
     }
     std::size_t n_dense_nodes() const { return params_.dense ? morton::dense_offset(params_.depth + 1) : 0; }
     /// Nodes that there may be: numbers from the header's n_nodes on are unused.
-    std::size_t max_nodes() const { return params_.dense ? n_dense_nodes() : capacity_; }
+    std::size_t max_nodes() const { return capacity_; }
     const void* keys() const { return keys_.data(); }
     NodeArrays node_arrays() const {
         float* p = nodes_.data();
@@ -528,11 +528,12 @@ private:
         exec_.for_each(n_chunks, CountNodes<Key>{starts, n_chunks, counts});
         exec_.exclusive_scan((depth + 2) * n_chunks, counts);
         TreeHeader* header = header_.data();
-        if (!params_.dense) make_room(counts, n_chunks, n);
-        const std::size_t capacity = params_.dense ? ~std::size_t(0) : capacity_;
+        if (params_.dense) seen_ = 0;  // both have the same levels: no build stops short
+        make_room(counts, n_chunks, n);
+        const std::size_t capacity = capacity_;
         exec_.for_each(1, WriteHeader{space, n_chunks, counts, depth, capacity, header});
-        if (Exec::on_device && !params_.dense) last_.ask(exec_, header);
-        if (params_.dense) return build_dense(reinterpret_cast<const std::uint32_t*>(keys), n);
+        if (Exec::on_device) last_.ask(exec_, header);
+        if (params_.dense) build_dense(reinterpret_cast<const std::uint32_t*>(keys), n);
         std::uint32_t* scratch = scratch_.reserve(3 * capacity);
         exec_.for_each(n_chunks, EmitNodes<Key>{starts, n_chunks, counts, header, node_arrays(), scratch,
                                      scratch + capacity, scratch + 2 * capacity});

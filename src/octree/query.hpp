@@ -5,13 +5,13 @@
 #include "field/influence.hpp"
 #include "field/kernels.hpp"
 #include "octree/dense.hpp"
-#include "octree/sparse.hpp"
+#include "octree/tree.hpp"
 
 namespace globule::core {
 
 /// Depth-first over all leaves of the nodes that opens(node) accepts, in Morton order: leaf(first slot,
 /// number of particles).
-template <class Tree, class Opens, class Leaf>
+template <class Opens, class Leaf>
 GB_FN void for_each_leaf_where(const Tree& tree, const Opens& opens, const Leaf& leaf) {
     if (tree.empty()) return;
     struct Run { std::uint32_t next, end; } stack[kMaxLevels + 2];
@@ -34,8 +34,7 @@ GB_FN void for_each_leaf_where(const Tree& tree, const Opens& opens, const Leaf&
 }
 
 /// The same over all leaves whose box meets the box [lo, hi].
-template <class Tree, class Leaf>
-GB_FN void for_each_leaf(const Tree& tree, const float3& lo, const float3& hi, const Leaf& leaf) {
+template <class Leaf> GB_FN void for_each_leaf(const Tree& tree, const float3& lo, const float3& hi, const Leaf& leaf) {
     for_each_leaf_where(
         tree,
         [&](const Node& node) {
@@ -46,7 +45,7 @@ GB_FN void for_each_leaf(const Tree& tree, const float3& lo, const float3& hi, c
 }
 
 /// The same for a whole group of lanes, which looks at all children of a node at once.
-template <class Group, class Tree, class Leaf>
+template <class Group, class Leaf>
 GB_FN void for_each_leaf(Group& g, const Tree& tree, const float3& lo, const float3& hi, const Leaf& leaf) {
     using F = typename Group::F;
     if (tree.empty()) return;
@@ -95,7 +94,7 @@ GB_FN void for_each_leaf(Group& g, const Tree& tree, const float3& lo, const flo
 }
 
 /// visit(slot) for each particle of those leaves.
-template <class Tree, class Visit>
+template <class Visit>
 GB_FN void for_each_touching(const Tree& tree, const float3& lo, const float3& hi, const Visit& visit) {
     for_each_leaf(tree, lo, hi, [&](std::uint32_t first, std::uint32_t count) {
         for (std::uint32_t j = first; j < first + count; ++j) visit(j);
@@ -121,7 +120,7 @@ GB_FN void if_reaching(const SortedParticles& particles, std::uint32_t slot, con
 }
 
 /// visit(slot, v, shape) for each particle that reaches p.
-template <class F, class Tree, class Visit>
+template <class F, class Visit>
 GB_FN void for_each_reaching(const Tree& tree, const SortedParticles& particles, const Vec3<F>& p, const Visit& visit) {
     const float3 at{float(p.x), float(p.y), float(p.z)};
     for_each_touching(tree, at, at, [&](std::uint32_t j) {
@@ -130,7 +129,7 @@ GB_FN void for_each_reaching(const Tree& tree, const SortedParticles& particles,
 }
 
 /// Field and gradient at points, float64 sums: f = sum c b(r), grad f.
-template <class Tree> struct EvaluateField {
+struct EvaluateField {
     Tree tree;
     SortedParticles particles;
     AnyKernel kernel;
@@ -158,7 +157,7 @@ template <class Tree> struct EvaluateField {
 
 /// Influence-weighted mean of `channels` values a particle: sum w v / sum w, w = max(c b, 0)
 /// (§6.0.2).  NaN where nothing reaches.
-template <class Tree> struct Blend {
+struct Blend {
     Tree tree;
     SortedParticles particles;
     AnyKernel kernel;
@@ -202,7 +201,7 @@ private:
 
 /// Integrals along rays, from their origin on: sum over j of value_j times the integral of particle j's
 /// kernel, weights left out.  Float64 sums in Morton order.
-template <class Tree> struct IntegrateLines {
+struct IntegrateLines {
     static constexpr int most_channels = 8;
     Tree tree;
     SortedParticles particles;
@@ -251,7 +250,7 @@ private:
 };
 
 /// Particles within `radius` of each point, as compressed rows.  Run twice: counts, then indices.
-template <class Tree> struct FindNeighbors {
+struct FindNeighbors {
     Tree tree;
     SortedParticles particles;
     const float* points;
@@ -275,7 +274,7 @@ template <class Tree> struct FindNeighbors {
 
 /// Spacing around sampled particles, from the distance r to the 12th neighbor: a volume of
 /// 4/3 pi r^3 holds 12.5 particles.  0 where there are too few particles or too many coincide.
-template <class Tree> struct LocalSpacing {
+struct LocalSpacing {
     Tree tree;
     SortedParticles particles;
     std::size_t begin, n, stride;  ///< particles [begin, n) are inside

@@ -117,8 +117,8 @@ private:
     static void make_smooth(Exec& exec, Octree<Exec>& octree, float spacing) {
         const typename Exec::Stage stage("surface kernels");
         const auto shapes = octree.shapes();
-        const FindSurfaceKernels<SparseTree> find{octree.sparse(), octree.particles(), octree.size(), spacing,
-            shapes.support, shapes.weight, shapes.stretch, shapes.shortest};
+        const FindSurfaceKernels find{octree.view(), octree.particles(), octree.size(), spacing, shapes.support,
+            shapes.weight, shapes.stretch, shapes.shortest};
         exec.for_each_tile(ceil_div<std::size_t>(octree.size(), Exec::Group::width), find);
         octree.reshape(shapes, surface::kThin * spacing, surface::kMostStretch, surface::kFace);
     }

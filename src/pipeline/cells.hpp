@@ -25,7 +25,6 @@ public:
             (made_.everywhere || !(everywhere || made_.holds(eye))))
             return;
         known_ = false;
-        using Tree = std::decay_t<decltype(tracer.tree)>;
         using Lanes = typename Exec::Lanes;
         constexpr std::size_t block = Lanes::width * block_stride(Tracer::PerParticle, Tracer::Kernel::stretched);
         constexpr int kRounds = 3;  // between two looks whether there are more: fluids have no others
@@ -38,15 +37,14 @@ public:
             exec.for_each(Exec::on_device ? room : grid->n_bricks, ListBricks{grid, bricks, next});
         };
         for (;;) {
-            exec.for_each(
-                1, PlanCells<Tree>{tracer.tree, Tracer::Kernel::stretched, float(most), everywhere, eye, grid});
+            exec.for_each(1, PlanCells{tracer.tree, Tracer::Kernel::stretched, float(most), everywhere, eye, grid});
             exec.clear(bricks, room * sizeof *bricks);
-            exec.for_each(max_nodes, MarkBricks<Tree>{tracer.tree, max_nodes, grid, bricks});
+            exec.for_each(max_nodes, MarkBricks{tracer.tree, max_nodes, grid, bricks});
             list();
             do {
                 for (int round = 0; round < (everywhere ? 1 : kRounds); ++round) {
                     exec.for_each_tile_of(&grid->n_next,
-                        BuildCells<Lanes, Tree, std::decay_t<decltype(tracer.kernel)>, Tracer::PerParticle>{tracer.tree,
+                        BuildCells<Lanes, std::decay_t<decltype(tracer.kernel)>, Tracer::PerParticle>{tracer.tree,
                             tracer.particles, tracer.kernel, tracer.tau, grid, bricks, next, lists_.data(),
                             blocks_.data(), std::uint32_t(lists_.capacity() / kBrickCells),
                             std::uint32_t(blocks_.capacity() / block)});

@@ -27,14 +27,13 @@ public:
         exec.clear(found_looks, 8 * n * sizeof(float));
         scene.with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
-            using Tree = std::decay_t<decltype(tracer.tree)>;
             exec.for_each_walk(n, MarchPart<Tracer>{{{tracer, clips}, found}, parts});
             exec.for_each(n, SplitRays{parts.ray, origins, directions});
             const RaySource source{{}, origins, directions, n};
             exec.for_each_tile_of(
-                undecided, ResolveRays<Tree, Tracer::PerParticle>{tracer.tree, scene.octree().particles(),
-                               {field.kernel}, field.threshold, nullptr, {}, source,
-                               {found.t, nullptr, nullptr, found.undecided}, clips, found.sign, found.cap});
+                undecided, ResolveRays<Tracer::PerParticle>{tracer.tree, scene.octree().particles(), {field.kernel},
+                               field.threshold, nullptr, {}, source, {found.t, nullptr, nullptr, found.undecided},
+                               clips, found.sign, found.cap});
             exec.for_each_uneven(n, LookAtParts<Tracer>{{tracer, scene.attributes()}, parts, found, found_looks});
         });
         exec.download(t, found.t, n * sizeof(float));

@@ -14,7 +14,7 @@ inline std::uint64_t hash_bytes(const void* data, std::size_t n, std::uint64_t h
     return h;
 }
 
-template <class Tree> struct CountLeaf {
+struct CountLeaf {
     Tree tree;
     GB_FN std::uint32_t operator()(std::size_t i) const { return Node::is_leaf(tree.node(std::uint32_t(i)).meta); }
 };
@@ -40,8 +40,7 @@ public:
         f.n_inside = octree.size() - f.header.n_outside;
         f.n_nodes = octree.params().dense ? octree.n_dense_nodes() : f.header.n_nodes;
         std::uint32_t* count = count_.reserve(1);
-        with_tree(
-            octree, [&](auto tree) { exec_.reduce(f.n_nodes, CountLeaf<decltype(tree)>{tree}, Add{}, 0u, count); });
+        exec_.reduce(f.header.n_nodes, CountLeaf{octree.view()}, Add{}, 0u, count);
         std::uint32_t leaves;
         exec_.download(&leaves, count, sizeof leaves);
         f.n_leaves = leaves;
@@ -52,8 +51,8 @@ public:
 
     /// Median distance to the nearest neighbors, around up to 1024 particles; 0 where there are too few.
     float spacing(const Octree<Exec>& octree) {
-        return share_of_samples(octree, 0.5, [&](auto tree, std::size_t begin, std::size_t stride, float* out) {
-            return LocalSpacing<decltype(tree)>{tree, octree.particles(), begin, octree.size(), stride, out};
+        return share_of_samples(octree, 0.5, [&](std::size_t begin, std::size_t stride, float* out) {
+            return LocalSpacing{octree.view(), octree.particles(), begin, octree.size(), stride, out};
         });
     }
 
@@ -62,8 +61,8 @@ public:
     float fluid_spacing(const Octree<Exec>& octree) {
         float guess = spacing(octree);
         for (int i = 0; i < 3 && guess > 0.0f; ++i)
-            guess = share_of_samples(octree, 0.15, [&](auto tree, std::size_t begin, std::size_t stride, float* out) {
-                return FluidSpacing<decltype(tree)>{tree, octree.particles(), begin, stride, guess, out};
+            guess = share_of_samples(octree, 0.15, [&](std::size_t begin, std::size_t stride, float* out) {
+                return FluidSpacing{octree.view(), octree.particles(), begin, stride, guess, out};
             });
         return guess;
     }
@@ -98,10 +97,8 @@ public:
         float* gradient) {
         const float* p = bring(exec_, points_, points, 3 * n);
         float* out = results_.reserve(4 * n);
-        with_tree(octree, [&](auto tree) {
-            exec_.for_each(n, EvaluateField<decltype(tree)>{tree, octree.particles(), {kernel}, p,
-                                  value ? out : nullptr, gradient ? out + n : nullptr});
-        });
+        exec_.for_each(n, EvaluateField{octree.view(), octree.particles(), {kernel}, p, value ? out : nullptr,
+                              gradient ? out + n : nullptr});
         if (value) exec_.download(value, out, n * sizeof(float));
         if (gradient) exec_.download(gradient, out + n, 3 * n * sizeof(float));
     }
@@ -111,9 +108,7 @@ public:
         const float* p = bring(exec_, points_, points, 3 * n);
         const float* v = bring(exec_, values_, values, octree.size() * channels);
         float* out = results_.reserve(n * channels);
-        with_tree(octree, [&](auto tree) {
-            exec_.for_each(n, Blend<decltype(tree)>{tree, octree.particles(), {kernel}, p, v, channels, out});
-        });
+        exec_.for_each(n, Blend{octree.view(), octree.particles(), {kernel}, p, v, channels, out});
         exec_.download(result, out, n * channels * sizeof(float));
     }
 
@@ -122,12 +117,9 @@ public:
         const float *o = bring(exec_, points_, origins, 3 * n), *d = bring(exec_, more_points_, directions, 3 * n);
         const float* v = bring(exec_, values_, values, octree.size() * channels);
         float* out = results_.reserve(n * channels);
-        with_tree(octree, [&](auto tree) {
-            using Lines = IntegrateLines<decltype(tree)>;
-            for (int first = 0; first < channels; first += Lines::most_channels)
-                exec_.for_each(n, Lines{tree, octree.particles(), {kernel}, o, d, v, channels, first,
-                                      min(channels - first, Lines::most_channels), out});
-        });
+        for (int first = 0; first < channels; first += IntegrateLines::most_channels)
+            exec_.for_each(n, IntegrateLines{octree.view(), octree.particles(), {kernel}, o, d, v, channels, first,
+                                  min(channels - first, IntegrateLines::most_channels), out});
         exec_.download(result, out, n * channels * sizeof(float));
     }
 
@@ -137,15 +129,13 @@ public:
         exec_.clear(offsets, (n + 1) * sizeof(std::uint64_t));
         Neighbors out;
         out.offsets.resize(n + 1);
-        with_tree(octree, [&](auto tree) {
-            FindNeighbors<decltype(tree)> find{tree, octree.particles(), p, radius, offsets, nullptr};
-            exec_.for_each(n, find);
-            exec_.exclusive_scan(n + 1, offsets);
-            exec_.download(out.offsets.data(), offsets, (n + 1) * sizeof(std::uint64_t));
-            out.indices.resize(out.offsets[n]);
-            find.indices = indices_.reserve(out.indices.size());
-            exec_.for_each(n, find);
-        });
+        FindNeighbors find{octree.view(), octree.particles(), p, radius, offsets, nullptr};
+        exec_.for_each(n, find);
+        exec_.exclusive_scan(n + 1, offsets);
+        exec_.download(out.offsets.data(), offsets, (n + 1) * sizeof(std::uint64_t));
+        out.indices.resize(out.offsets[n]);
+        find.indices = indices_.reserve(out.indices.size());
+        exec_.for_each(n, find);
         exec_.download(out.indices.data(), indices_.data(), out.indices.size() * sizeof(std::uint32_t));
         return out;
     }
@@ -158,7 +148,7 @@ private:
         const std::size_t stride = max<std::size_t>(1, n_inside / 1024);
         const std::size_t samples = ceil_div<std::size_t>(n_inside, stride);
         float* out = results_.reserve(samples);
-        with_tree(octree, [&](auto tree) { exec_.for_each(samples, make(tree, begin, stride, out)); });
+        exec_.for_each(samples, make(begin, stride, out));
         std::vector<float> all(samples);
         exec_.download(all.data(), out, samples * sizeof(float));
         all.erase(std::remove_if(all.begin(), all.end(), [](float s) { return !(s > 0.0f); }), all.end());

@@ -34,7 +34,7 @@ struct OwnSpeed {
 };
 
 /// A group of lanes for each of the fast: they are few, and one thread alone would keep all others waiting.
-template <class Tree> struct Approach {
+struct Approach {
     struct Nothing {};
     template <class Group> using Scratch = Nothing;
 

@@ -17,42 +17,73 @@ struct Drop {
     std::uint32_t t, vessel;
 };
 
-/// Collects each cut end's blood until it is one particle's worth; then the end asks for room.
+/// Collects the blood of each cut end, and lets it seep along the faces of cuts, from particle to particle: where a cut
+/// does not gape, it comes out at the lips.
 /// A plane that cuts an area A of a lattice breaks 5 A / d² bonds, and both ends bleed: d² / 10 for each, d the
 /// tissue's spacing.
+struct Seep {
+    Bonds bonds;
+    const std::uint8_t* hold;
+    Vessels vessels;
+    float spacing, dt;
+    const float* volume;
+    const std::uint8_t* vessel;  ///< whose blood it is; 0: none
+    float* next_volume;
+    std::uint8_t* next_vessel;
+    std::uint8_t* open;  ///< per vessel, cleared: whether any end of it is
+
+    static constexpr float kRate = 10.0f;  ///< 1/s, of a difference to one neighbor; and
+    static constexpr float kMost = 0.05f;  ///< in a step: 18 neighbors take less than all
+    GB_FN void operator()(std::size_t i) const {
+        const std::uint32_t t = std::uint32_t(i);
+        const float own = volume[t], whole = spacing * spacing * spacing;
+        float flow = 0.0f, gain = 0.0f, most = 0.0f;
+        std::uint8_t whose = vessel[t], theirs = 0;
+        if (bonds.scarred[t] && hold[t] != kGone)
+            for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+                const std::uint32_t o = bonds.other[e];
+                if (bonds.length[e] == 0.0f || !bonds.scarred[o] || hold[o] == kGone) continue;
+                gain += volume[o] - own;
+                if (volume[o] > most && vessel[o]) most = volume[o], theirs = vessel[o];
+                if (!(bonds.length[e] < 0.0f) || vessels.speed[bonds.vessel[e]] <= 0.0f) continue;
+                whose = bonds.vessel[e];
+                flow += 0.1f * spacing * spacing * vessels.speed[whose];
+                raise_flag(&open[whose]);
+            }
+        next_volume[t] = own + max(min(flow * dt, 2.0f * whole - own), 0.0f) + min(kRate * dt, kMost) * gain;
+        next_vessel[t] = whose ? whose : theirs;
+    }
+};
+/// Who has one particle's worth, with what lies on the cut's faces around it, asks for room.  What it gives before that
+/// has come is less than none until then.
 struct Bleed {
     Bonds bonds;
     const Quad* at;
     const std::uint8_t* hold;
     Vessels vessels;
-    float spacing, share, dt;  ///< share: volume of a particle of blood, over the tissue's
-    float* volume;
+    float each;  ///< volume of a particle of blood
+    const float* volume;
+    const std::uint8_t *vessel, *open;
     std::uint32_t* n_asking;
     Drop* asking;  ///< in any order; velocity: the way outwards
 
     GB_FN void operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
-        if (!bonds.scarred[t] || hold[t] == kGone) return;
-        const float d = spacing;
-        float flow = 0.0f;
+        if (!(volume[t] > 0.0f) || hold[t] == kGone || !open[vessel[t]]) return;
         float3 inwards{0, 0, 0};
-        std::uint32_t vessel = 0;
+        float here = volume[t];
         for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
-            if (bonds.length[e] > 0.0f) inwards = inwards + normalize(at[bonds.other[e]].xyz() - at[t].xyz());
-            if (!(bonds.length[e] < 0.0f) || vessels.speed[bonds.vessel[e]] <= 0.0f) continue;
-            vessel = bonds.vessel[e];
-            flow += 0.1f * d * d * vessels.speed[vessel];
+            const std::uint32_t o = bonds.other[e];
+            if (bonds.length[e] > 0.0f) inwards = inwards + normalize(at[o].xyz() - at[t].xyz());
+            if (bonds.length[e] != 0.0f && hold[o] != kGone) here += volume[o];
         }
-        if (vessel == 0) return;
-        const float whole = d * d * d, each = share * whole;
-        volume[t] = min(volume[t] + flow * dt, 2.0f * whole);
-        if (volume[t] >= each) asking[atomic_take(n_asking, 1)] = {at[t].xyz(), normalize(inwards) * -1.0f, t, vessel};
+        if (here >= each) asking[atomic_take(n_asking, 1)] = {at[t].xyz(), normalize(inwards) * -1.0f, t, vessel[t]};
     }
 };
 
 /// The nearest free place around each end that asks, in any order.  A group of lanes for each: one thread alone waits
 /// for memory longer than the rest of the step takes.
-template <class Tree> struct FindRoom {
+struct FindRoom {
     struct Nothing {};
     template <class Group> using Scratch = Nothing;
 

@@ -12,7 +12,7 @@ inline constexpr float kWallShare = 1.2f;
 
 /// V_b = gamma / sum_b W over the boundary particles of the same phase; gamma: the plane's share of the
 /// lattice's sum, times the above.
-template <class Tree> struct BoundaryVolumes {
+struct BoundaryVolumes {
     Tree tree;
     State state;
     const Phase* phases;

@@ -21,7 +21,6 @@ namespace globule::core {
 
 template <class Exec> class Fluid {
 public:
-    using Tree = SparseTree;
     using Packet = typename Exec::Packet;
     using Lists = sim::Lists<Packet>;
 
@@ -71,7 +70,7 @@ public:
         lists_.index = list_index_.reserve(padded * places_);
         const float h = state_.spline().support;
         sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
-            const sim::FindLists<Tree, Packet, mixed> find{state_.tree().sparse(),
+            const sim::FindLists<Packet, mixed> find{state_.tree().view(),
                 {state_.tree().particles(), h, state_.sizes()}, lists_, state_.view().place, state_.period(), longest};
             exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width), find);
         });

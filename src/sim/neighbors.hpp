@@ -125,7 +125,7 @@ template <class Fn> void with_period(const Period& period, const Fn& fn) {
 ///   gather   the leaves that the box, enlarged by the support, meets; of their particles those near the box are the
 ///   bunch's candidates look     who of them is near which row (candidates.hpp) finish   lists are filled up to the
 ///   longest of the packet
-template <class Tree, class Packet, bool mixed> struct FindLists {
+template <class Packet, bool mixed> struct FindLists {
     static constexpr bool by_lane = Packet::width == 1;
     static constexpr int kCandidates = by_lane ? 192 : 384;  ///< at once; there may be more
     static constexpr int tile_blocks = 9;  ///< at one time on a GPU's processor, where its memory has room

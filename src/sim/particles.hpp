@@ -14,8 +14,6 @@ namespace globule::core {
 
 template <class Exec> class SimulationState {
 public:
-    using Tree = SparseTree;
-
     SimulationState(Exec& exec, Octree<Exec>& tree)
         : exec_(exec),
           tree_(tree),
@@ -150,7 +148,7 @@ public:
         if (volumes_stale_) {
             const float gamma = gamma_;
             exec_.for_each_uneven(
-                n, sim::BoundaryVolumes<Tree>{tree_.sparse(), view(), phases_.data(), spline_, period_, gamma});
+                n, sim::BoundaryVolumes{tree_.view(), view(), phases_.data(), spline_, period_, gamma});
             volumes_stale_ = false;
         }
         flag_rows();
@@ -168,15 +166,15 @@ public:
     /// approach others; `compression`: of the step that ends, or null.
     void summarize(const sim::Ahead* ahead, float gravity, float far, const sim::Compression* compression) {
         const sim::State s = view();
-        const TreeHeader* header = tree_.sparse().header;
+        const TreeHeader* header = tree_.view().header;
         float* limiting2 = nullptr;
         if (ahead) {
             limiting2 = limiting2_.reserve(n);
             std::uint32_t* fast = fast_.reserve(n + 1);
             exec_.clear(fast, sizeof *fast);
             exec_.for_each(n, sim::OwnSpeed{s, phases_.data(), sizes(), *ahead, limiting2, fast, fast + 1});
-            exec_.for_each_tile_of(fast,
-                sim::Approach<Tree>{tree_.sparse(), s, sizes(), *ahead, 0.5f * spline_.support, fast + 1, limiting2});
+            exec_.for_each_tile_of(
+                fast, sim::Approach{tree_.view(), s, sizes(), *ahead, 0.5f * spline_.support, fast + 1, limiting2});
         }
         exec_.reduce(n,
             sim::SpeedsOf{s.velocity, limiting2, s.growth, s.place, s.pressure, sizes(), gravity, far, header},
@@ -242,7 +240,7 @@ private:
     void flag_rows() {
         if (fine_) exec_.for_each(n + 64, sim::SizeOf{view(), phases_.data(), size_.reserve(n + 128)});
         std::uint32_t* flags = flags_.reserve(n + 65);
-        exec_.for_each(n + 1, sim::FlagRows{view(), phases_.data(), tree_.sparse().header, flags});
+        exec_.for_each(n + 1, sim::FlagRows{view(), phases_.data(), tree_.view().header, flags});
         exec_.exclusive_scan(n + 1, flags);
         exec_.for_each(n + 64, sim::WriteRows{flags, std::uint32_t(n), rows_.reserve(n + 128)});
     }

@@ -153,7 +153,7 @@ public:
         if (bodies_.carry(dt)) tissue_.moved();
         gather_tissue();
         r.n_solved = state_.n_rows;
-        tissue_.bleed(state_.tree().sparse(), state_.tree().particles(), state_.sizes(), dt);
+        tissue_.bleed(state_.tree().view(), state_.tree().particles(), state_.sizes(), dt);
         const bool begun = fluid_.has_started_lists();
         if (state_.n_rows > 0) find_lists();
         const double earlier = begun ? exec_.elapsed(kListMark, kListMark + 1) : 0.0;
@@ -472,7 +472,7 @@ private:
         contact(dt, !split);
         fluid_.shift(dt);
         float* positions = state_.positions();
-        exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(),
+        exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().view().header, state_.period(),
                                      settings_.lo, state_.phases(), positions, state_.not_a_number()});
         fluid_.end_shift();
         if (split) fluid_.end_split(dt);

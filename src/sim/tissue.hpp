@@ -41,6 +41,10 @@ public:
           stiffness_(exec),
           vessel_(exec),
           volume_(exec),
+          next_volume_(exec),
+          whose_(exec),
+          next_whose_(exec),
+          open_(exec),
           wetness_(exec),
           lambda_(exec),
           label_(exec),
@@ -302,7 +306,6 @@ public:
 
     /// Blood that comes out of cut ends: the device looks for room, while the tree is that of the positions.  After
     /// gather.
-    template <class Tree>
     void bleed(const Tree& tree, const SortedParticles& particles, const sim::Sizes& sizes, float dt);
     /// The drops that it found, in the order of the tissue, not too close to each other, as long as the pools last.
     std::vector<tissue::Drop> drops();
@@ -437,7 +440,9 @@ private:
     Buffer<std::uint32_t, Exec> first_, other_;
     Buffer<float, Exec> length_, stiffness_;
     Buffer<std::uint8_t, Exec> vessel_;
-    Buffer<float, Exec> volume_, wetness_, lambda_;
+    Buffer<float, Exec> volume_, next_volume_;              ///< of blood
+    Buffer<std::uint8_t, Exec> whose_, next_whose_, open_;  ///< the vessel that it comes from, 0: none
+    Buffer<float, Exec> wetness_, lambda_;
     Buffer<std::uint32_t, Exec> label_, least_id_, piece_, count_, of_id_;
     Buffer<tissue::GridPoint, Exec> vertices_;
     Buffer<std::uint32_t, Exec> triangles_;

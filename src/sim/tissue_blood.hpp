@@ -21,7 +21,6 @@ void TissueImpl<Exec>::change(const sim::Lists<Packet>& lists, const sim::State&
 }
 
 template <class Exec>
-template <class Tree>
 void TissueImpl<Exec>::bleed(const Tree& tree, const SortedParticles& particles, const sim::Sizes& sizes, float dt) {
     tissue::Vessels flowing;
     bleeds_ = false;
@@ -31,11 +30,16 @@ void TissueImpl<Exec>::bleed(const Tree& tree, const SortedParticles& particles,
     if (!bleeds_) return;
     tissue::Drop *asking = asking_.reserve(n_), *found = found_.reserve(n_ + 1);
     exec_.clear(found, sizeof *found);
-    exec_.for_each(
-        n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, contact_,
-                size_of_fluid_ * size_of_fluid_ * size_of_fluid_, dt, volume_.data(), &found->vessel, asking});
-    exec_.for_each_tile_of(&found->vessel, tissue::FindRoom<Tree>{tree, particles, asking, velocity_.data(), flowing,
-                                               sizes, contact_, size_of_fluid_, &found->t, found + 1});
+    std::uint8_t* open = open_.reserve(tissue::kMaxVessels + 1);
+    exec_.clear(open, tissue::kMaxVessels + 1);
+    exec_.for_each(n_, tissue::Seep{bonds(), hold_.data(), flowing, contact_, dt, volume_.data(), whose_.data(),
+                           next_volume_.reserve(n_), next_whose_.reserve(n_), open});
+    volume_.swap(next_volume_);
+    whose_.swap(next_whose_);
+    exec_.for_each(n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, float(drop_volume()), volume_.data(),
+                           whose_.data(), open, &found->vessel, asking});
+    exec_.for_each_tile_of(&found->vessel, tissue::FindRoom{tree, particles, asking, velocity_.data(), flowing, sizes,
+                                               contact_, size_of_fluid_, &found->t, found + 1});
 }
 
 template <class Exec> std::vector<tissue::Drop> TissueImpl<Exec>::drops() {

@@ -31,6 +31,7 @@ template <class Exec> void TissueImpl<Exec>::add(const TissueArrays& in) {
     extend(volume_, old, before, none.data(), in.n, 0.0f);
     extend(wetness_, old, before, none.data(), in.n, 0.0f);
     const std::vector<std::uint8_t> whole(in.n, 0);
+    extend(whose_, old, before, whole.data(), in.n, std::uint8_t(0));
     extend(scarred_, old, before, whole.data(), in.n, std::uint8_t(0));
     const std::uint32_t n_blocks = before / tissue::kBlock;
     extend(first_, n_blocks, n_blocks, blocks.first.data(), blocks.first.size(), 0u);
@@ -144,6 +145,7 @@ template <class Exec> template <class Fn> void TissueImpl<Exec>::each_array(cons
     fn("phase", phase_, n_);
     fn("scarred", scarred_, n_);
     fn("volume", volume_, n_);
+    fn("whose", whose_, n_);
     fn("wetness", wetness_, n_);
     fn("first", first_, n_ ? ceil_div<std::size_t>(n_, tissue::kBlock) + 1 : 0);
     fn("length", length_, n_entries_);

@@ -52,10 +52,10 @@ template <class Packet_, bool periodic, bool sticks, bool mixed> struct PairForc
     const Quad *place, *velocity;
     Rows rows;
     Interaction pair;
-    const float*
-        cohesion;  ///< per slot: root of a fluid's tension, of a boundary's adhesion; less than 0: of tissue's tension
-    float* diagonal;     ///< of the implicit operator less rho, over dt; or null
-    Quad* acceleration;  ///< per row
+    const float* cohesion;  ///< per slot: root of a fluid's or held tissue's tension, of a boundary's adhesion; less
+                            ///< than 0: of free tissue's tension
+    float* diagonal;        ///< of the implicit operator less rho, over dt; or null
+    Quad* acceleration;     ///< per row
     template <class Packet> GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         const std::uint32_t* slot = lists.rows + row;
@@ -119,7 +119,7 @@ struct CohesionOf {
             return;
         }
         const Phase& p = phases[state.phase[i]];
-        out[i] = state.place[i].w >= 0.0f ? sqrt(p.adhesion)
+        out[i] = state.place[i].w >= 0.0f ? sqrt(p.kind == Kind::tissue ? p.tension : p.adhesion)  // held tissue
                  : p.kind == Kind::fluid  ? sqrt(p.tension)
                                           : -sqrt(p.tension);
     }

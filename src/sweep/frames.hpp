@@ -307,7 +307,7 @@ private:
         }
         return true;
     }
-    template <class Group> GB_FN void take(Group& g, Room& room, int n, Cell first, Cell anchor) const {
+    template <class Group> GB_FN_APART void take(Group& g, Room& room, int n, Cell first, Cell anchor) const {
         g.share(n, [&](int i) {
             Pair& pair = room.pairs[i];
             pair.frame = int(room.list[i]);

@@ -14,7 +14,7 @@ inline constexpr float kAlmost = 0.4f;                     ///< bounds over a wh
 inline constexpr float kCloseBy =
     0.2f;  ///< in supports: particles no farther away tell a full brick (docs/design/cells.md)
 
-template <class Lanes, class Tree, class Kernel, bool PerParticle> struct BuildCells {
+template <class Lanes, class Kernel, bool PerParticle> struct BuildCells {
     template <class Group>
     struct Scratch : TileScratch<Group, std::conditional_t<PerParticle, BallCandidate, AlikeCandidate>> {
         CellList cell[kBrickCells];  ///< n: particles that reach; first: state until lists have places

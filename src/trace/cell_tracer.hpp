@@ -48,7 +48,7 @@ GB_FN Way step_along(const Along<float>& s, const Limits<float>& lim, float rise
     return Way::on;
 }
 
-template <class Lanes_, class Tree, class Kernel_, bool PerParticle_> struct CellTracer {
+template <class Lanes_, class Kernel_, bool PerParticle_> struct CellTracer {
     using Lanes = Lanes_;
     using Kernel = Kernel_;
     static constexpr bool PerParticle = PerParticle_;

@@ -51,7 +51,7 @@ struct Gathered {
 };
 
 /// Walks the tree along the bundle from distance z0 on; `at` is the axis point there.
-template <class Candidate, class Group, class Tree> struct Walk {
+template <class Candidate, class Group> struct Walk {
     using F = typename Group::F;
     using B = typename Group::B;
     Group& g;
@@ -95,7 +95,7 @@ template <class Candidate, class Group, class Tree> struct Walk {
 };
 
 /// Where the nearest leaf's box begins, at or after z0.
-template <class Candidate, class Group, class Tree> GB_FN float seek(Walk<Candidate, Group, Tree>& walk) {
+template <class Candidate, class Group> GB_FN float seek(Walk<Candidate, Group>& walk) {
     using F = typename Group::F;
     using B = typename Group::B;
     F nearest = F(infinity());
@@ -155,8 +155,7 @@ GB_FN bool list_particles(Group& g, TileScratch<Group, Candidate>& scratch, cons
 }
 
 /// All candidates between z0 and z0 + dz into the list.
-template <class Candidate, class Group, class Tree>
-GB_FN Gathered gather(Walk<Candidate, Group, Tree>& walk, float dz, float scale) {
+template <class Candidate, class Group> GB_FN Gathered gather(Walk<Candidate, Group>& walk, float dz, float scale) {
     using F = typename Group::F;
     using B = typename Group::B;
     Group& g = walk.g;

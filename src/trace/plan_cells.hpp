@@ -1,8 +1,7 @@
 // Where the cells of trace/cells.hpp lie, and which bricks of them something reaches.
 #pragma once
 #include "exec/bits.hpp"
-#include "octree/dense.hpp"
-#include "octree/sparse.hpp"
+#include "octree/tree.hpp"
 #include "trace/cells.hpp"
 
 namespace globule::core {
@@ -11,7 +10,7 @@ inline constexpr float kCellEdge = 0.4f;  ///< in typical supports: fewest parti
 inline constexpr float kStretchedCellEdge = 0.3f;  ///< of ellipsoids, whose support is their longest axis
 
 /// Grid over the octree's root box, which holds all supports.
-template <class Tree> struct PlanCells {
+struct PlanCells {
     Tree tree;
     bool stretched;
     float most_bricks;
@@ -54,7 +53,7 @@ template <class Tree> struct PlanCells {
 };
 
 /// Marks the bricks that a leaf's supports may reach, so that empty space costs no walk of the tree.
-template <class Tree> struct MarkBricks {
+struct MarkBricks {
     Tree tree;
     std::size_t n_nodes;
     const CellGrid* grid;

@@ -47,7 +47,7 @@ template <bool PerParticle, class Group> struct SharedListSource {
 };
 
 /// Straight from the tree: where even the thinnest slab holds more than a list can.
-template <class Tree, class Group> struct TreeSource {
+template <class Group> struct TreeSource {
     Group& g;
     const Tree& tree;
     const SortedParticles& particles;
@@ -69,7 +69,7 @@ template <class Tree, class Group> struct TreeSource {
 };
 
 /// Tile k is the k-th of out.undecided.  Leaving: rays begin outside, and may begin on the surface (march()).
-template <class Tree, bool PerParticle, bool Leaving = false> struct ResolveRays {
+template <bool PerParticle, bool Leaving = false> struct ResolveRays {
     template <class Group> using Scratch = ResolveScratch<Group, PerParticle>;
 
     Tree tree;
@@ -143,7 +143,7 @@ template <class Tree, bool PerParticle, bool Leaving = false> struct ResolveRays
         float from = out.t[i], begin, end;
         int at_begin, at_end;
         g.sync();  // all have read t
-        const TreeSource<Tree, Group> straight{g, tree, particles, kernel, {o.x, o.y, o.z}, {d.x, d.y, d.z}};
+        const TreeSource<Group> straight{g, tree, particles, kernel, {o.x, o.y, o.z}, {d.x, d.y, d.z}};
         if (!Leaving && sign && side == 0.0) {
             side = straight.template at<false>(from, {}).f > tau ? -1.0 : 1.0;
             if (g.is_first()) sign[i] = std::int8_t(side);
@@ -183,7 +183,7 @@ template <class Tree, bool PerParticle, bool Leaving = false> struct ResolveRays
         const Vec3<double> d2{d.x, d.y, d.z}, o2 = Vec3<double>{o.x, o.y, o.z} + d2 * base;
         from = max(from - base, 0.0);
         to -= base;
-        const TreeSource<Tree, Group> straight{g, tree, particles, kernel, o2, d2};
+        const TreeSource<Group> straight{g, tree, particles, kernel, o2, d2};
         const double size = double(tau) + tree.header->most_weight;
         Limits<double> lim{tau, kWindow * typical, 1e-13 * size, 1e-12 * typical, 1.0};
         if (side != 0.0) lim.sign = side;

@@ -46,14 +46,14 @@ struct Slab {
 
 /// The slab's particles.  Where the list cannot hold them narrow() may take rays from the bundle; while it returns
 /// false the slab is made thinner.  n < 0: even the thinnest holds too much.
-template <class Candidate, class Group, class Tree, class Narrow>
+template <class Candidate, class Group, class Narrow>
 GB_FN Gathered gather_slab(Group& g, TileScratch<Group, Candidate>& scratch, const Tree& tree,
     const SortedParticles& particles, const Bundle& bundle, Slab& slab, const Narrow& narrow) {
     const float scale = 1.0f / slab.typical;
     for (;;) {
         slab.dz = max(slab.dz, least_advance(slab.z));
         slab.at = bundle.axis_point(slab.z);
-        Walk<Candidate, Group, Tree> walk(g, scratch, tree, particles, bundle, slab.z, slab.at);
+        Walk<Candidate, Group> walk(g, scratch, tree, particles, bundle, slab.z, slab.at);
         const Gathered found = gather(walk, slab.dz, scale);
         if (found.n < 0 && (narrow() || slab.halve())) continue;
         if (found.n > 0 && slab.shorten(slab.typical / found.sharpest)) continue;

@@ -11,11 +11,8 @@ namespace globule::core {
 inline constexpr float kSlab = 1.5f;  ///< depth of a slab to begin with, in typical supports, where particles are balls
 inline constexpr float kSpread = 8.0f;  ///< of a flock to begin with, likewise
 
-/// What rays of tiles are for: to see the surface, also wet tissue; or shadows, which begin outside, at a surface, and
-/// ask for distances alone.
-enum class Sight { surface, wet_surface, shadow };
-
-template <class Tree, class Kernel, bool PerParticle, Sight sight = Sight::surface> struct TraceTiles {
+/// shadows: the rays begin outside, at a surface, and ask for distances alone.
+template <class Kernel, bool PerParticle, bool shadows> struct TraceTiles {
     static constexpr int tile_blocks = PerParticle ? 4 : 5;  ///< of tiles at one time on a GPU's processor
     static constexpr int tiles_of_block = Kernel::stretched ? 1 : 4;
     static constexpr float slab_depth = Kernel::stretched ? 1.25f : kSlab, window = Kernel::stretched ? 0.75f : kWindow;
@@ -31,7 +28,7 @@ template <class Tree, class Kernel, bool PerParticle, Sight sight = Sight::surfa
     float3 one_color;
     RaySource rays;
     Hits out;
-    const float* wetness = nullptr;  ///< (n,) of wet surfaces, caller's order
+    const float* wetness = nullptr;  ///< (n,) of wet tissue, caller's order, or null
     float3 film{};                   ///< its color
 
     template <class Group> std::size_t n_tiles() const { return typename TileRays<Group>::Layout{rays}.n_tiles(); }
@@ -41,8 +38,7 @@ template <class Tree, class Kernel, bool PerParticle, Sight sight = Sight::surfa
         if (rays.samples > 1 && !tile.layout.mark(g, number, scratch.marked)) return;
         const float typical = tree.header->typical_support;
         const Node box = tree.empty() ? Node{} : tree.node(0);
-        constexpr bool leaving = sight == Sight::shadow;
-        tile.start(g, tile.layout, number, box.lo, box.hi, 1e-3f * typical, leaving ? kStart * typical : 0.0f, leaving);
+        tile.start(g, tile.layout, number, box.lo, box.hi, 1e-3f * typical, shadows ? kStart * typical : 0.0f, shadows);
         for (int v = 0; tree.empty() && v < Group::vectors; ++v) tile.pending[v] = g.none();
         Flock<Group> flock;
         while (flock.choose_leader(g, tile, box.lo, box.hi)) {
@@ -68,7 +64,7 @@ private:
     GB_FN void trace(Group& g, Scratch<Group>& scratch, Tile<Group>& tile, Flock<Group>& flock, float typical) const {
         Slab slab(flock.assemble(g, tile), typical, slab_depth);
         {
-            Walk<Candidate, Group, Tree> walk(
+            Walk<Candidate, Group> walk(
                 g, scratch, tree, particles, flock.bundle, slab.z, flock.bundle.axis_point(slab.z));
             tile.advance(flock.in, slab.z = seek(walk));
         }
@@ -132,7 +128,7 @@ private:
         }
         lim.sign = tile.sign[v];
         B hit = g.none(), doubtful = g.none();
-        march<sight == Sight::shadow>(source, lim, F(slab.dz * scale), active, t, hit, doubtful);
+        march<shadows>(source, lim, F(slab.dz * scale), active, t, hit, doubtful);
         leave(g, tile, v, doubtful, F(slab.z) + t * F(typical));
         if (g.any(hit)) write_hits(g, scratch, tile, v, hit, found.n, p0 + d * t, F(slab.z) + t * F(typical));
         return hit | doubtful;
@@ -181,7 +177,7 @@ private:
     GB_FN_APART void write_hits(Group& g, const Scratch<Group>& scratch, const Tile<Group>& tile, int v,
         const typename Group::B& hit, int n, const Vec3<typename Group::F>& p, const typename Group::F& t) const {
         using F = typename Group::F;
-        if (sight == Sight::shadow || !out.normal) {
+        if (shadows || !out.normal) {
             g.per_lane(hit, [&](int lane) {
                 out.t[index(tile, v, lane)] = Group::get(t, lane);
                 write_sign(tile, v, lane, index(tile, v, lane));
@@ -196,8 +192,8 @@ private:
             const Influence<F> of = influence_of<F>(scratch, j, {p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)});
             gradient = gradient + of.half_gradient;
             const F w = max(of.value, F(0.0f));
-            if (color || sight == Sight::wet_surface) blended.add(color, particles.index[scratch.list.number(j)], w);
-            if constexpr (sight == Sight::wet_surface) wet += w * F(wetness[particles.index[scratch.list.number(j)]]);
+            if (color || wetness) blended.add(color, particles.index[scratch.list.number(j)], w);
+            if (wetness) wet += w * F(wetness[particles.index[scratch.list.number(j)]]);
         }
         const Vec3<F> normal = normalize(gradient), mean = blended.mean();
         g.per_lane(hit, [&](int lane) {
@@ -207,7 +203,7 @@ private:
             out.t[i] = Group::get(t, lane);
             write3(
                 out.normal, i, {-Group::get(normal.x, lane), -Group::get(normal.y, lane), -Group::get(normal.z, lane)});
-            if constexpr (sight == Sight::wet_surface)
+            if (wetness)
                 out.wetness[i] =
                     under_film(Group::get(wet, lane) / max(Group::get(blended.total, lane), 1e-30f), film, seen);
             write3(out.albedo, i, seen);

@@ -1,7 +1,6 @@
 // A group's walk of the octree: all lanes look at nodes together, a batch at a time.
 #pragma once
-#include "octree/dense.hpp"
-#include "octree/sparse.hpp"
+#include "octree/tree.hpp"
 
 namespace globule::core {
 
@@ -20,8 +19,7 @@ template <class Group> struct Boxes {
     typename Group::U first, meta;
 };
 template <class Group>
-GB_FN void load_boxes(
-    Group& g, const SparseTree& tree, const typename Group::Runs& runs, const typename Group::B&, Boxes<Group>& out) {
+GB_FN void load_boxes(Group& g, const Tree& tree, const typename Group::Runs& runs, Boxes<Group>& out) {
     for (int k = 0; k < 3; ++k) {
         out.lo[k] = g.load(tree.nodes.box[k], runs);
         out.hi[k] = g.load(tree.nodes.box[k + 3], runs);
@@ -29,26 +27,9 @@ GB_FN void load_boxes(
     out.first = g.load(tree.nodes.first, runs);
     out.meta = g.load(tree.nodes.meta, runs);
 }
-template <class Group>
-GB_FN void load_boxes(Group& g, const DenseTree& tree, const typename Group::Runs& runs, const typename Group::B& lanes,
-    Boxes<Group>& out) {
-    using F = typename Group::F;
-    for (int k = 0; k < 3; ++k) out.lo[k] = out.hi[k] = F(0.0f);
-    g.per_lane(lanes, [&](int lane) {
-        const Node node = tree.node(Group::index(runs, lane));
-        Group::put(out.lo[0], lane, node.lo.x);
-        Group::put(out.lo[1], lane, node.lo.y);
-        Group::put(out.lo[2], lane, node.lo.z);
-        Group::put(out.hi[0], lane, node.hi.x);
-        Group::put(out.hi[1], lane, node.hi.y);
-        Group::put(out.hi[2], lane, node.hi.z);
-        Group::put(out.first, lane, node.first);
-        Group::put(out.meta, lane, node.meta);
-    });
-}
 
 /// Where a walk begins: with the root's children, if there are any, which spares it a batch of one node.
-template <class Tree> GB_FN Siblings topmost(const Tree& tree) {
+GB_FN Siblings topmost(const Tree& tree) {
     const Node root = tree.node(0);
     const std::uint32_t n = Node::is_leaf(root.meta) ? 0 : Node::count(root.meta);
     return n ? Siblings::of(root.first, n) : Siblings::of(0, 1);
@@ -56,7 +37,7 @@ template <class Tree> GB_FN Siblings topmost(const Tree& tree) {
 
 /// Depth first from the top, a group's worth of nodes at a time.  go(lanes, boxes) says which of the
 /// nodes to open; leaf(lanes, boxes) takes the leaves among them and says whether to go on.
-template <class Group, class Tree, class Go, class Leaf>
+template <class Group, class Go, class Leaf>
 GB_FN void walk_tree(Group& g, Siblings* stack, const Tree& tree, const Go& go, const Leaf& leaf) {
     using B = typename Group::B;
     // A batch may push a group's worth of entries; what stays below still needs room to go down
@@ -75,7 +56,7 @@ GB_FN void walk_tree(Group& g, Siblings* stack, const Tree& tree, const Go& go, 
             typename Group::Runs runs;
             const B lanes = g.lay_out(entries, part, runs);
             Boxes<Group> boxes;
-            load_boxes(g, tree, runs, lanes, boxes);
+            load_boxes(g, tree, runs, boxes);
             const B open = go(lanes, boxes);
             const B is_leaf = g.is_leaf(boxes.meta);
             top = g.append(open & !is_leaf, top, [&](int lane, int place) {

@@ -1,7 +1,5 @@
 """The float64 reference by brute force: slow, obvious; everything else is tested against it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -21,12 +19,10 @@ def _particles(positions: Any, support: Any, weight: Any) -> tuple:
     else:
         a = np.zeros((n, 6))
         a[:, :3] = np.divide(1, support, out=np.zeros_like(support), where=support > 0).reshape(-1, 1)
-    w = np.ascontiguousarray(np.broadcast_to(np.asarray(weight, np.float32), n), np.float64)
-    return p, a, w
+    return p, a, np.ascontiguousarray(np.broadcast_to(np.asarray(weight, np.float32), n), np.float64)
 
 
 def field(positions: Any, support: Any, weight: Any, kernel: str, points: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Field (M,) and gradient (M, 3), float64."""
     p, a, w = _particles(positions, support, weight)
     x = np.ascontiguousarray(points, np.float64)
     value, gradient = np.empty(len(x)), np.empty((len(x), 3))
@@ -57,6 +53,5 @@ def mesh_first_hit(vertices: Any, faces: Any, origins: Any, directions: Any) -> 
 
 def neighbors(positions: Any, points: Any, radius: float) -> list[np.ndarray]:
     """Indices within `radius` (inclusive) of each point, ascending, by comparing with all."""
-    p = np.asarray(positions, np.float64)
-    r2 = float(np.float32(radius)) ** 2
+    p, r2 = np.asarray(positions, np.float64), float(np.float32(radius)) ** 2
     return [np.nonzero(((p - x) ** 2).sum(1) <= r2)[0] for x in np.asarray(points, np.float64)]

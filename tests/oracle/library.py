@@ -1,7 +1,5 @@
 """The compiled half of the reference, made when a test first asks for it."""
 
-from __future__ import annotations
-
 import ctypes
 import fcntl
 import functools

@@ -188,6 +188,7 @@ class _Job:
             held.enter_context(_alone_in(self.folder))
             self._check_output(self.sim.file.output)
             self.start_time = self.sim.time
+            self._check_frames()
             self._restore_pictures()
             if self.pictures.wanted:
                 with errors_of(options.scene):
@@ -221,6 +222,23 @@ class _Job:
             had, asked = getattr(before, name), getattr(self, name)
             if had != asked:
                 raise UserError(f"--resume: expected --{name} {had}, as before the interruption, got {asked}")
+
+    def _check_frames(self) -> None:
+        """Warn of frames from before the interruption that cannot be read: this run does not make them again."""
+        from ..formats import read
+
+        damaged = []
+        for k in range(0 if self.options.no_frames else self.n_frames):
+            path = os.path.join(self.folder, f"frame_{k:05d}.{self.format}")
+            if not self._is_before(k):
+                break
+            try:
+                read(path)
+            except (OSError, ValueError):
+                damaged.append(os.path.basename(path))
+        if damaged:
+            names = ", ".join(damaged[:3]) + (f" and {len(damaged) - 3} more" if len(damaged) > 3 else "")
+            warn(f"{self.folder}: {names} missing or damaged; --resume does not make frames again: run without it")
 
     def _is_before(self, k: int) -> bool:
         """Whether the time of frame k is not after the time of the checkpoint."""

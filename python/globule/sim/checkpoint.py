@@ -11,7 +11,7 @@ import numpy as np
 from .._base.structured import parse_json
 from ..formats.numpy_format import read_archive, write_arrays
 
-VERSION = 7
+VERSION = 8
 
 
 def path_of(name: str | os.PathLike[str]) -> str:

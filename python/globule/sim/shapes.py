@@ -133,6 +133,9 @@ class Plane(Table):
         return np.full(3, -np.inf), np.full(3, np.inf)
 
 
+OPEN = 0.01  # share of lines: fewer run along an edge
+
+
 class Mesh:
     """A closed triangle mesh: triangles (F, 3, 3), m. A point is inside where a line upwards from
     it crosses the surface an odd number of times."""
@@ -179,7 +182,11 @@ class Mesh:
         return [np.sort(h) for h in found]
 
     def inside_lattice(self, spacing: float) -> np.ndarray:
-        """Points (N, 3) of the cubic lattice `spacing` apart that are inside."""
+        """Points (N, 3) of the cubic lattice `spacing` apart that are inside.
+
+        Raises:
+            ValueError: lines that enter and do not leave.
+        """
         lo, hi = self.bounds()
         n = np.maximum(1, np.round((hi - lo) / spacing).astype(int))
         start = (lo + hi) / 2 - (n - 1) / 2 * spacing
@@ -187,6 +194,9 @@ class Mesh:
         columns = np.stack(np.meshgrid(axes[0], axes[1], indexing="ij"), axis=-1).reshape(-1, 2)
         # Off the lattice by a little, so that no line runs exactly along an edge of a regular mesh.
         crossings = self.crossings(columns + spacing * np.array([1.7e-5, 2.9e-5]))
+        met, one_sided = sum(len(h) > 0 for h in crossings), sum(len(h) % 2 for h in crossings)
+        if one_sided > OPEN * met:
+            raise ValueError(f"expected a closed mesh, got holes that {one_sided} of {met} lines pass")
         points = []
         for column, heights in zip(columns, crossings, strict=True):
             z = axes[2][np.searchsorted(heights, axes[2]) % 2 == 1]

@@ -34,7 +34,7 @@ class Placed(Table):
 
 @dataclass(kw_only=True)
 class MeshFile(Placed):
-    """A closed triangle mesh (.obj .stl .glb .ply .vtk .vtp)."""
+    """A triangle mesh, closed but for boundaries (.obj .stl .glb .ply .vtk .vtp)."""
 
     def load(self) -> Mesh:
         """The mesh in m.

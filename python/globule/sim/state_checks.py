@@ -20,7 +20,7 @@ _MOST_TRACE = 6.01  # of a metric, with what rounding adds
 _MOST_HOLD = 10  # FREE, FIXED, GONE and eight grasps
 # The arrays of tissue, whose bytes are uint8: how many a particle, or a bond's entry, has of each.
 _OF_PARTICLES = {"at": "4f4", "velocity": "4f4", "phase": "u1", "scarred": "u1", "volume": "f4",
-                 "wetness": "f4", "before": "3u4", "id": "u4"}  # fmt: skip
+                 "whose": "u1", "wetness": "f4", "before": "3u4", "id": "u4"}  # fmt: skip
 _OF_BONDS = {"length": "f4", "stiffness": "f4", "vessel": "u1"}
 
 
@@ -86,7 +86,7 @@ def check_tissue(state: Mapping[str, np.ndarray], next_id: int, n_phases: int, n
         _check_length(name, values, len(other))
     for name, values, most in (
         ("hold", hold, _MOST_HOLD), ("phase", t["phase"], min(n_phases, MAX_PHASES) - 1),
-        ("other", other, n - 1), ("vessel", bonds["vessel"], n_vessels),
+        ("other", other, n - 1), ("vessel", bonds["vessel"], n_vessels), ("whose", t["whose"], n_vessels),
     ):  # fmt: skip
         if values.max(initial=0) > max(most, 0):
             got = values.max()

@@ -161,7 +161,7 @@ class Desk:
             name: Any = asked.get("do") if isinstance(asked, dict) else None
             action = self._actions().get(name) if isinstance(name, str) else None
             if action is None:
-                raise ValueError(f"page: expected the name of an action, got {str(name)[:40]}")
+                raise ValueError(f"page: expected the name of an action that this view has, got {str(name)[:40]}")
             if not (may_ask(who.role, name) and may_ask(client.role, name)):
                 raise ValueError(LOOKING)
             action(browser, asked.get("value"))
@@ -174,7 +174,8 @@ class Desk:
         page, state, source = self.viewer.page, self.viewer.state, self.viewer.source
         panels = {type(panel).__name__: panel for panel in page.panels}
         play: Any = panels.get("Play")
-        return {
+        only_some = {"play": play, "step": hasattr(source, "step"), "reset": hasattr(source, "reset")}
+        actions = {
             "set": lambda browser, value: self._set(browser, value),
             "undo": lambda browser, value: page.undo(browser),
             "redo": lambda browser, value: state.history.redo(),
@@ -192,6 +193,7 @@ class Desk:
             "wide": lambda browser, value: browser.gui.main_panel.set_width(WIDE_PANEL),
             "dark": lambda browser, value: page.paint(browser.gui, bool(value)),
         }
+        return {name: action for name, action in actions.items() if only_some.get(name, True)}
 
     def _set(self, browser: Any, value: Any) -> None:
         """Change settings: {name: value}."""

@@ -4,7 +4,7 @@
 
 namespace globule::core {
 
-struct SparseTree {
+struct Tree {
     const TreeHeader* header;
     NodeArrays nodes;
     GB_FN bool empty() const { return header->n_nodes == 0; }
