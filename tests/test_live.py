@@ -402,6 +402,29 @@ def test_a_stream_goes_on_after_what_is_broken(sweep, capsys):
     assert len(gb.ultrasound.read_sweep("kept-2")) == 6
 
 
+def test_a_full_disk_ends_neither_stream_nor_volume(sweep, capsys, monkeypatch):
+    add, n = Recorder.add, []
+
+    def full(recorder, frame):
+        n.append(1)
+        if len(n) > 5:
+            raise OSError(28, "No space left on device")
+        add(recorder, frame)
+
+    def no_picture(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Recorder, "add", full)
+    monkeypatch.setattr("globule.cli.live.draw", no_picture)
+    words = [*GROWS, "--live", served(sweep), "-o", "v.npz", "--record", "kept"]
+    facts = run_json(capsys, *words, "--three-view", "v.png", "--refresh", "0.001")
+    assert facts["frames"]["used"] == 24
+    assert facts["live"]["recorded"] == 5
+    assert any("No space left on device (after 5 frames)" in line for line in facts["warnings"])
+    assert read_volume("v.npz").values.any()
+    assert Path("v.png").exists()
+
+
 def test_an_own_pose_beside_other_transforms(sweep):
     """A stylus or the reference leads nowhere from the image."""
     server = Server(sweep, embedded=True)

@@ -223,11 +223,11 @@ class Live:
             self.recorders.append(recorder)
         try:
             recorder.add(frame)
-        except ValueError as error:
-            if n_stored := sum(r.n_frames for r in self.recorders):
-                self._record_error = f"{error} (after {n_stored:,} frames)"
-            else:
+        except (ValueError, OSError) as error:  # a type that it cannot store, a full disk
+            n_stored = sum(r.n_frames for r in self.recorders)
+            if not n_stored:
                 raise
+            self._record_error = self._record_error or f"{error} (after {n_stored:,} frames)"
 
     def _lost(self) -> str:
         c = self.counts
@@ -278,8 +278,10 @@ class Live:
         busy = self._drawing is not None and not self._drawing.done()
         if busy or now - self._drawn < self.options.refresh:
             return
-        if self._drawing is not None:
-            self._drawing.result()  # raises the error of the last drawing
+        if self._drawing is not None and (error := self._drawing.exception()) is not None:
+            warn(f"the images are written after the last frame only: {error}")
+            self._drawn = np.inf
+            return
         self._drawn = now
         self._drawing = self._draughtsman.submit(draw, self.reconstructor.volume(), self.options, [])
         self.n_drawn += 1
