@@ -70,7 +70,7 @@ class WireFit(NamedTuple):
     """matrix (4, 4) probe_from_image; change: of the offset, s; weights (F, 3K) of the dots, from
     0; parameters (9,): eight of `matrix_of`, and the change; covariance (9, 9) of these; delays
     (D,) s: the change by draws of parts of the recording; halves: change and deviation, s, of the
-    recording's halves."""
+    recording's halves, and of_halves their parameters."""
 
     matrix: np.ndarray
     change: float
@@ -79,11 +79,18 @@ class WireFit(NamedTuple):
     covariance: np.ndarray
     delays: np.ndarray
     halves: tuple[tuple[float, float], ...]
+    of_halves: tuple[np.ndarray, ...]
     matrix_of: Callable[[np.ndarray], np.ndarray]
 
     def expected(self, pixels: np.ndarray) -> np.ndarray:
         """(K,) mm: expected error (1 sigma) of pixels (K, 2)."""
-        return np.sqrt(self._sizes(pixels).sum(axis=1))
+        return np.maximum(np.sqrt(self._sizes(pixels).sum(axis=1)), self.apart(pixels) / 2)
+
+    def apart(self, pixels: np.ndarray) -> np.ndarray:
+        """(K,) mm: how far the recording's halves place pixels (K, 2) from each other."""
+        first, second = (self.matrix_of(p) for p in self.of_halves)
+        seen = np.column_stack([pixels, np.zeros(len(pixels)), np.ones(len(pixels))])
+        return np.linalg.norm(seen @ (first - second)[:3].T, axis=1)
 
     def _sizes(self, pixels: np.ndarray) -> np.ndarray:
         """(K, 3) mm²: variances along the main axes."""
@@ -92,14 +99,17 @@ class WireFit(NamedTuple):
         return np.linalg.eigvalsh(slope @ self.covariance[:8, :8] @ slope.transpose(0, 2, 1)).clip(1e-12)
 
     def within(self, pixels: np.ndarray) -> np.ndarray:
-        """(K,) mm: how far pixels (K, 2) are off at most, in 95 % of such calibrations."""
+        """(K,) mm: how far pixels (K, 2) are off at most, in 95 % of such calibrations. Halves have
+        twice the variance, and their difference twice the deviation, of the whole; where a reference
+        or a tracker drifts, they differ more than the model knows."""
         from scipy.special import fdtri
 
         size = self._sizes(pixels)
         total, squares = size.sum(axis=1), (size**2).sum(axis=1)
         # A sum of squares of normal numbers as a scaled chi-squared one (Satterthwaite 1946), of a
         # covariance that the parts of the recording tell.
-        return np.sqrt(total * fdtri(total**2 / squares, _BLOCKS - 1, 0.95))
+        model = np.sqrt(total * fdtri(total**2 / squares, _BLOCKS - 1, 0.95))
+        return np.maximum(model, self.apart(pixels))
 
 
 def registration_information(phantom: NWirePhantom) -> np.ndarray:
@@ -176,10 +186,13 @@ def fit_wires(
     block = np.arange(n_images) * _BLOCKS // n_images
     parts = [(information[block == b].sum(axis=0), slope[block == b].sum(axis=0)) for b in range(_BLOCKS)]
     covariance = _covariance(parts, total, prior, p)
-    halves = tuple(_drawn(parts[k : k + _BLOCKS // 2], prior, p) for k in (0, _BLOCKS // 2))
+    halves = [parts[: _BLOCKS // 2], parts[_BLOCKS // 2 :]]
+    delays = [_drawn(half, prior, p) for half in halves]
+    of_halves = tuple(p - _solved(half, prior, p) for half in halves)
     return WireFit(
         start.matrix(p), float(p[8]), np.where(of_dot < 0.1, 0, of_dot), p[:_N], covariance[:_N, :_N],
-        _drawn(parts, prior, p), tuple((float(np.median(h)), float(h.std())) for h in halves), start.matrix,
+        _drawn(parts, prior, p), tuple((float(np.median(one)), float(one.std())) for one in delays), of_halves,
+        start.matrix,
     )  # fmt: skip
 
 
@@ -199,11 +212,15 @@ def _drawn(parts: list, prior: np.ndarray, p: np.ndarray) -> np.ndarray:
     rng = np.random.default_rng(0)
     found = []
     for _ in range(_DRAWS):
-        drawn = rng.integers(0, len(parts), len(parts))
-        total = sum(parts[k][0] for k in drawn) + prior
-        slope = sum(parts[k][1] for k in drawn) + prior @ p
-        found.append(p[8] - np.linalg.solve(total, slope)[8])
+        drawn = [parts[k] for k in rng.integers(0, len(parts), len(parts))]
+        found.append(p[8] - _solved(drawn, prior, p)[8])
     return np.array(found)
+
+
+def _solved(parts: list, prior: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """The step from the fit of all to that of these parts, with its sign turned."""
+    total, slope = (sum(part[k] for part in parts) for k in (0, 1))
+    return np.linalg.solve(total + prior, slope + prior @ p)
 
 
 def cuts(seen: np.ndarray, ends: np.ndarray) -> np.ndarray:
