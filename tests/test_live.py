@@ -249,7 +249,9 @@ def test_a_recording_that_was_cut_anywhere():
         assert np.array_equal(ours.image, theirs.image)
         assert np.array_equal(ours.world_from_image, theirs.world_from_image)
     # Times that run backwards: frames and rows still belong together.
-    assert np.array_equal(gb.ultrasound.read_sweep("kept").world_from_image[2], frames[2].world_from_image)
+    with pytest.warns(UserWarning, match="go back at frame 1 and 3 others"):
+        kept = gb.ultrasound.read_sweep("kept")
+    assert np.array_equal(kept.world_from_image[2], frames[2].world_from_image)
     Path("kept/frame_000003.png").write_bytes(b"no picture")
     refuses(r"frame_000003\.png", Recorder, "kept")
     Path("other").mkdir()
@@ -317,6 +319,157 @@ def test_images_of_other_types(sweep, capsys, dtype):
 def test_what_is_no_openigtlink_is_refused():
     address = stream([b"HTTP/1.1 200 OK\r\n" + b"\xff" * 200])
     refuses("OpenIGTLink", list, receive(address, {}, idle=0.5))
+
+
+class Bytes:
+    """A connection that ends after these bytes."""
+
+    def __init__(self, content: bytes):
+        self.content = memoryview(content)
+
+    def recv(self, n: int) -> bytes:
+        part, self.content = self.content[: min(n, 700)], self.content[min(n, 700) :]
+        return bytes(part)
+
+
+def received(content: bytes) -> tuple[list, list]:
+    """The messages among bytes, by their stamps, and what was broken."""
+    connection = senders._Stream(igtl.messages.MessageBase, Bytes(content), threading.Event())
+    messages, broken = [], []
+    while (message := connection.message(np.inf)) is not None:
+        if isinstance(message, senders.Broken):
+            broken.append(message.what)
+        else:
+            messages.append(getattr(message, "timestamp", message))
+    return messages, broken
+
+
+MUTATIONS = {
+    "flip": lambda rng, m: m[: (i := int(rng.integers(len(m))))] + bytes([m[i] ^ 1 << rng.integers(8)]) + m[i + 1 :],
+    "cut": lambda rng, m: m[: int(rng.integers(1, len(m)))],
+    "insert": lambda rng, m: m[: (i := int(rng.integers(len(m))))] + rng.bytes(int(rng.integers(1, 200))) + m[i:],
+    "delete": lambda rng, m: m[: (i := int(rng.integers(1, len(m))))] + m[i + int(rng.integers(1, 90)) :],
+    "garbage": lambda rng, m: rng.bytes(int(rng.integers(1, 3000))) + m,
+    "size": lambda rng, m: m[:42] + int(rng.integers(0, 2 ** int(rng.integers(1, 40)))).to_bytes(8, "big") + m[50:],
+}
+
+
+@pytest.mark.parametrize("n_streams", [10, pytest.param(350, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("mutation", MUTATIONS)
+def test_a_broken_message_costs_no_other(mutation, n_streams):
+    made = small_sweep(6)
+    whole = [message for parts in Server(made).messages for message in parts]
+    stamps, broken = received(b"".join(whole))
+    assert len(stamps) == len(whole)
+    assert not broken
+    for seed in range(n_streams):
+        rng = np.random.default_rng(seed)
+        which = int(rng.integers(1, len(whole)))
+        mutated = MUTATIONS[mutation](rng, whole[which])
+        got, broken = received(b"".join([*whole[:which], mutated, *whole[which + 1 :]]))
+        others = stamps[:which] + stamps[which + 1 :]
+        missing = list(others)
+        for stamp in got:
+            if stamp in missing:
+                missing.remove(stamp)
+        assert not missing, (seed, which)
+        assert broken or len(got) == len(whole)
+
+
+def test_a_stream_goes_on_after_what_is_broken(sweep, capsys):
+    """A malformed transform, garbage, an image of three dimensions, and images of another size."""
+    server = Server(sweep)
+    malformed = bytearray(server.messages[5][1])
+    malformed[49] = 20  # bytes of the body
+    solid = igtl.ImageMessage(np.zeros((2, 5, 5), np.uint8), timestamp=9, device_name="Image").pack()
+    server.messages[5].insert(1, bytes(malformed[: 58 + 20]))
+    server.messages[9].append(b"HTTP/1.1 200 OK\r\n" * 9)
+    server.messages[12].append(solid)
+    for i in range(18, 24):
+        part = igtl.ImageMessage(sweep.frames[i][None, :30, :40], timestamp=1000 + float(sweep.timestamps[i]),
+                                 device_name="Image")  # fmt: skip
+        server.messages[i][0] = part.pack()
+    server.serve(slice(None))
+    facts = run_json(capsys, *GROWS, "--live", server.address, "-o", "v.npz", "--record", "kept")
+    assert facts["frames"]["used"] == 18
+    assert facts["live"]["grew"]
+    assert facts["others"] == [{"output": "v-2.npz", "frames": 6, "size": [40, 30]}]
+    assert facts["live"]["counts"]["frames"] == 24
+    assert facts["live"]["recorded"] == 24
+    assert sum(facts["live"]["broken"].values()) == 3
+    assert any("3 messages skipped" in line for line in facts["warnings"])
+    assert read_volume("v-2.npz").values.any()
+    assert len(gb.ultrasound.read_sweep("kept-2")) == 6
+
+
+def test_a_full_disk_ends_neither_stream_nor_volume(sweep, capsys, monkeypatch):
+    add, n = Recorder.add, []
+
+    def full(recorder, frame):
+        n.append(1)
+        if len(n) > 5:
+            raise OSError(28, "No space left on device")
+        add(recorder, frame)
+
+    def no_picture(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Recorder, "add", full)
+    monkeypatch.setattr("globule.cli.live.draw", no_picture)
+    words = [*GROWS, "--live", served(sweep), "-o", "v.npz", "--record", "kept"]
+    facts = run_json(capsys, *words, "--three-view", "v.png", "--refresh", "0.001")
+    assert facts["frames"]["used"] == 24
+    assert facts["live"]["recorded"] == 5
+    assert any("No space left on device (after 5 frames)" in line for line in facts["warnings"])
+    assert read_volume("v.npz").values.any()
+    assert Path("v.png").exists()
+
+
+def test_an_own_pose_beside_other_transforms(sweep):
+    """A stylus or the reference leads nowhere from the image."""
+    server = Server(sweep, embedded=True)
+    for i, messages in enumerate(server.messages):
+        messages.append(igtl.TransformMessage(np.eye(4), timestamp=1000 + float(sweep.timestamps[i]),
+                                              device_name="StylusToReference").pack())  # fmt: skip
+    server.serve(slice(None))
+    assert arrived(receive_sweep(server.address, idle=0.4), sweep)
+
+
+def test_the_status_of_a_transform_counts(sweep):
+    server = Server(sweep)
+    for i in (7, 8):
+        lost = igtl.TransformMessage(np.eye(4), timestamp=1000 + float(sweep.timestamps[i]),
+                                     device_name="ImageToReference")  # fmt: skip
+        lost.header_version, lost.metadata = 2, {"TransformStatus": "OUT_OF_VIEW"}
+        server.messages[i][1] = lost.pack()
+    server.serve(slice(None))
+    counts = LiveCounts()
+    live = receive_sweep(server.address, idle=0.4, counts=counts)
+    assert np.array_equal(live.frames, np.delete(sweep.frames, [7, 8], axis=0))
+    assert counts.useless == 2
+
+
+@pytest.mark.parametrize("first", ["image", "pose"])
+def test_a_server_without_a_clock(sweep, capsys, first):
+    messages = []
+    for frame, place in zip(sweep.frames, sweep.world_from_image, strict=True):
+        pair = [igtl.ImageMessage(frame[None], timestamp=0, device_name="Image"),
+                igtl.TransformMessage(place, timestamp=0, device_name="ImageToReference")]  # fmt: skip
+        messages += pair if first == "image" else pair[::-1]
+    facts = run_json(capsys, *GROWS, "--live", stream(messages), "-o", "v.npz", "--record", "kept")
+    assert facts["frames"]["used"] == 24
+    assert any("one time stamp" in line for line in facts["warnings"])
+    kept = gb.ultrasound.read_sweep("kept")
+    assert np.array_equal(kept.frames, sweep.frames)
+    assert np.allclose(kept.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize(("name", "advice"), [
+    ("ProbeToReference", "give --calibration"), ("LinearTransform_3", "expected names as ImageToReference"),
+])  # fmt: skip
+def test_without_any_pose_the_error_says_what_to_give(sweep, name, advice):
+    with pytest.raises(ValueError, match=advice):
+        receive_sweep(served(sweep, names=(name,)), idle=0.4)
 
 
 def test_addresses():

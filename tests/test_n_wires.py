@@ -154,22 +154,34 @@ def test_a_symmetric_phantom_of_two_patterns(flip):
     assert np.median(found.errors.three_d) < 0.3
 
 
-@pytest.mark.slow
-def test_the_expected_error_covers_the_true_one():
-    """Draws with noise of dots (0.4 pixels), of poses (0.05 mm) and of the phantom's
-    registration (0.3 mm, 0.9 degrees): the corners are off by 0.51 mm (rms), 0.54 mm expected."""
-    true, expected = [], []
-    for seed in range(12):
+def draws(n_draws):
+    """Corners of calibrations: true errors and what they are stated to stay below, mm; with noise of
+    dots (0.4 pixels), of poses (0.05 mm) and of the phantom's registration (0.5 mm, 1.4 degrees)."""
+    found = []
+    for seed in range(n_draws):
         rng = np.random.default_rng((seed, 9))
-        off = rigid(rng.normal(0, 0.015 / 3**0.5, 3), rng.normal(0, 0.3 / 3**0.5, 3))
+        off = rigid(rng.normal(0, 0.025 / 3**0.5, 3), rng.normal(0, 0.5 / 3**0.5, 3))
         middle = rigid([0, 0, 0], phantom().wires.reshape(-1, 3).mean(axis=0))
-        *data, _ = sweep(seed, n=30, registered=REGISTERED @ middle @ off @ np.linalg.inv(middle))
-        found = calibrate_n_wires(*data, phantom(error=0.3))
-        true.append(corner_error(found.calibration))
-        expected.append(found.corners)
-    true, expected = np.array(true), np.array(expected)
-    assert 0.7 < np.sqrt(np.mean(true**2)) / np.sqrt(np.mean(expected**2)) < 1.4
-    assert (true.max(axis=1) < 2 * expected.max(axis=1)).sum() >= 11
+        wrong = REGISTERED @ middle @ off @ np.linalg.inv(middle)
+        *data, _ = sweep(seed, n=30, registered=wrong)
+        one = calibrate_n_wires(*data, phantom())
+        found.append([corner_error(one.calibration).max(), one.corners.max(), one.calibration.error])
+    return np.array(found).T
+
+
+@pytest.mark.parametrize("n_draws", [2, pytest.param(20, marks=pytest.mark.slow)])
+def test_the_stated_error_covers_the_true_one(n_draws):
+    """20 draws: the worst corner is off by 0.56 mm (rms); 0.88 mm are stated."""
+    true, stated, expected = draws(n_draws)
+    assert (true < stated).sum() >= 0.9 * n_draws
+    assert stated.max() < 1.5
+    assert 0.4 < np.sqrt(np.mean(true**2)) / np.mean(expected) < 2
+
+
+def test_a_probe_that_does_not_turn_is_refused():
+    *data, _ = sweep(n=15, tilt=0)
+    with pytest.raises(ValueError, match="turns about two axes"):
+        calibrate_n_wires(*data, phantom())
 
 
 @pytest.mark.slow
@@ -183,10 +195,35 @@ def test_the_temporal_offset_is_found_with_the_matrix():
     assert free.calibration.temporal_offset == pytest.approx(0.25, abs=0.02)
     assert abs(free.calibration.temporal_offset - 0.25) < 3 * free.offset_uncertainty
     assert apart < 0.02
-    assert corner_error(free.calibration).max() < corner_error(fixed.calibration).max()
+    # The delay never pulls the matrix, whether it is written or only reported.
+    assert np.array_equal(free.calibration.probe_from_image, fixed.calibration.probe_from_image)
+    assert corner_error(free.calibration).max() < 1.0
     *more, _ = sweep(seed=5, late=0.25)
     errors = [np.median(validate_n_wires(found.calibration, *more, phantom())[0].three_d) for found in (free, fixed)]
     assert errors[0] < 0.7 * errors[1]
+
+
+@pytest.mark.slow
+def test_the_offsets_of_two_sweeps_agree_within_their_uncertainties():
+    """The tracker samples at 33 Hz, the images at 12: no pose has an image's time."""
+    off = []
+    for seed in range(20):
+        frames, times, poses, _, _ = sweep(seed, n=90, late=0.1)
+        chosen = np.arange(0, 90, 3)
+        found = calibrate_n_wires(frames[chosen], times[chosen] + 0.01, poses, times, phantom(), fit_offset=True)
+        assert found.offset_doubt == ""
+        off.append((found.calibration.temporal_offset - 0.09) / found.offset_uncertainty)
+    assert (np.abs(off) < 2).sum() >= 18
+
+
+def test_an_offset_that_changes_is_in_doubt():
+    """The second half is 0.3 s later."""
+    parts = [sweep(n=60, late=late)[:3] for late in (0.0, 0.3)]
+    times = parts[0][1]
+    first = times < times.mean()
+    poses = np.where(first[:, None, None], parts[0][2], parts[1][2])
+    found = calibrate_n_wires(parts[0][0], times, poses, times, phantom(), fit_offset=True)
+    assert "halves" in found.offset_doubt or "differ" in found.offset_doubt
 
 
 def test_dots_are_regions_and_what_does_not_determine_a_calibration_is_refused():
@@ -229,6 +266,14 @@ def test_a_phantom_survives_its_file(tmp_path):
     assert again.landmarks["#1"].tolist() == [1.5, 2, 3]
 
 
+def test_older_configurations_call_a_pattern_nwire(tmp_path):
+    ends = [[" ".join(map(str, end)) for end in wire] for pattern in N for wire in pattern]
+    wires = [f'<Wire EndPointFront="{front}" EndPointBack="{back}"/>' for front, back in ends]
+    text = "".join(f"<NWire>{''.join(wires[i : i + 3])}</NWire>" for i in (0, 3, 6))
+    (tmp_path / "p.xml").write_text(f"<PlusConfiguration>{text}</PlusConfiguration>")
+    assert np.array_equal(read_phantom(tmp_path / "p.xml").wires, phantom().wires)
+
+
 @pytest.mark.parametrize(("name", "text", "what"), [
     ("p.toml", "wires = 3", "wires"),
     ("p.toml", "wires = [", "TOML"),
@@ -261,8 +306,8 @@ def plus_points(tag):
     pytest.param("Calibration", "CalibrationData", marks=pytest.mark.slow), ("Validation", "ValidationData"),
 ])  # fmt: skip
 def test_dots_are_those_of_plus(name, tag):
-    """Of 188 and 94 images, all are found; the median distance is below 1 pixel in 98.4 and 100 %
-    of them, in all 0.50 and 0.44 pixels."""
+    """Of 188 and 94 images, all are found; the median distance is below 1 pixel in 99.5 and 100 %
+    of them, in all 0.50 and 0.55 pixels."""
     folder = calibration_data()
     frames = read_tracked(folder / f"fCal_Test_{name}_3NWires.igs.mha").frames
     points = find_wires(frames, read_phantom(folder / "spatial_calibration_1.2.xml"))[0]
@@ -272,34 +317,46 @@ def test_dots_are_those_of_plus(name, tag):
     assert np.median(off) < 0.6
 
 
-def calibrated(capsys, *words):
-    folder = calibration_data()
+def calibrated(capsys, *words, phantom="1.2", names=("Calibration", "Validation")):
+    folder, ending = calibration_data(), "" if phantom == "1.2" else f"_fCal{phantom}"
+    sweeps = [folder / f"fCal_Test_{name}_3NWires{ending}.igs.mha" for name in names]
+    if not sweeps[0].is_file():
+        pytest.skip(f"needs ../shared/data/calibration of the fCal {phantom} phantom")
     assert main([
-        "calibrate", "--n-wire", str(folder / "spatial_calibration_1.2.xml"), "--sweep",
-        str(folder / "fCal_Test_Calibration_3NWires.igs.mha"), "--validate",
-        str(folder / "fCal_Test_Validation_3NWires.igs.mha"), *words, "--json",
+        "calibrate", "--n-wire", str(folder / f"spatial_calibration_{phantom}.xml"), "--sweep", str(sweeps[0]),
+        "--validate", str(sweeps[1]), *words, "--json",
     ]) == 0  # fmt: skip
     return json.loads(capsys.readouterr().out)
 
 
 @pytest.mark.slow
+def test_the_sweeps_of_another_phantom(capsys):
+    """fCal 2.0. PLUS: 0.540 ± 0.224 mm. Here 0.538 ± 0.201 mm, 0.508 mm with the offset, which both
+    sweeps have: +0.030 ± 0.010 and +0.027 ± 0.009 s."""
+    assert calibrated(capsys, phantom="2.0")["validation"]["mean_of_95"] <= 0.540
+    offsets = []
+    for names in (("Calibration", "Validation"), ("Validation", "Calibration")):
+        facts = calibrated(capsys, "--delay", phantom="2.0", names=names)
+        assert facts["warnings"] == []
+        offsets.append([facts["temporal_offset"][key] for key in ("offset", "uncertainty")])
+    (first, of_first), (second, of_second) = offsets
+    assert abs(first - second) < 2 * np.hypot(of_first, of_second)
+
+
+@pytest.mark.slow
 def test_the_sweeps_of_fcal(tmp_path, capsys):
-    """PLUS: validation error 1.247 ± 0.494 mm (best 95 %). Here 1.204 ± 0.478 mm with the same
-    poses, PLUS's matrix within twice the expected error; 0.62 ± 0.32 mm with the temporal offset
-    of 0.43 s that the images and poses of these sweeps have."""
-    plus = read_calibration(calibration_data() / "FreehandCalibration3NWires.results.xml")
+    """PLUS: validation error 1.247 ± 0.494 mm (best 95 %). Here 1.05 ± 0.41 mm with the same
+    poses, 0.70 ± 0.38 mm with the temporal offset of 0.44 s that the images and poses of these
+    sweeps have; the validation's sweep has the same offset."""
     facts = calibrated(capsys, "-o", str(tmp_path / "probe.toml"))
     validation = facts["validation"]
-    assert validation["mean_of_95"] <= 1.247
-    assert validation["deviation_of_95"] <= 0.494
+    assert validation["mean_of_95"] <= 1.10
+    assert validation["deviation_of_95"] <= 0.45
     assert facts["center_error"] < 0.6
-    corners = np.array([[0, 0, 0, 1], [819, 0, 0, 1], [0, 615, 0, 1], [819, 615, 0, 1]])
-    found = read_calibration(tmp_path / "probe.toml").probe_from_image
-    apart = np.linalg.norm((corners @ (found - plus.probe_from_image).T)[:, :3], axis=1)
-    assert (apart < 2 * np.array(facts["corner_errors"])).all()
-    assert "temporal offset of +0.43" in facts["warnings"][0]
+    assert max(facts["corner_errors"]) < 1.5
+    assert "temporal offset of +0.44" in facts["warnings"][0]
     timed = calibrated(capsys, "--delay", "-o", str(tmp_path / "timed.toml"))
-    assert timed["validation"]["mean"] < 0.7
+    assert timed["validation"]["mean"] < 0.8
     assert timed["temporal_offset"]["offset"] == pytest.approx(0.43, abs=0.03)
     assert read_calibration(tmp_path / "timed.toml").temporal_offset == timed["temporal_offset"]["offset"]
 
@@ -337,6 +394,28 @@ def test_command(capsys):
     assert "3-D errors of" in capsys.readouterr().err
     assert main(["calibrate", "--n-wire", "free.toml", "--sweep", "wires.igs.mha"]) == 2
     assert "register its landmarks" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_session_has_a_report_and_a_verdict(capsys):
+    """One offset in both sweeps, and then another one in the second."""
+    pytest.importorskip("matplotlib")
+    *data, _ = sweep(n=24)
+    write_recording("a.igs.mha", *data[:3])
+    write_phantom("phantom.toml", phantom())
+    words = ["calibrate", "--n-wire", "phantom.toml", "--sweep", "a.igs.mha", "--validate", "b.igs.mha", "--delay",
+             "--report", "session.html", "--json"]  # fmt: skip
+    for late, said in ((0.0, "Use this calibration."), (0.25, "b.igs.mha disagrees")):
+        *data, _ = sweep(seed=1, n=24, late=late)
+        write_recording("b.igs.mha", *data[:3])
+        assert main(words) == 0
+        facts = json.loads(capsys.readouterr().out)
+        assert any(line.startswith(said) for line in facts["verdict"]), facts["verdict"]
+        page = Path("session.html").read_text(encoding="utf-8")
+        assert said in page
+        assert page.count("data:image/png;base64,") == 2
+    assert main([word for word in words if word != "--delay"]) == 2
+    assert "--report: expected --n-wire, --sweep and --delay" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -114,15 +114,16 @@ def test_mistakes(phantom):
 @pytest.mark.slow
 def test_parts_of_a_real_sweep():
     """Frames 0 to 13 and 8 to 20 of a spine phantom, the second part moved by 5 mm and 5 degrees;
-    and its even against its odd frames, which share none."""
+    and its even against its odd frames, which share none: off by 0.3 mm (4 runs), 0.5 mm are stated."""
     folder = spine_data()
     sweep = gb.ultrasound.read_sweep(folder / "SpinePhantomFreehand.igs.mha", plus=folder / "RECON.xml")
     truth = motion((3, -2, 4), (4, -3, 2), np.mean(sweep.bounds(), axis=0))
     for fixed, other in ((sweep[:14], sweep[8:]), (sweep[0::2], sweep[1::2])):
         moving = displaced(other, truth)
         found = register_sweeps(fixed, moving, spacing=1.2)
-        assert error(found.fixed_from_moving, truth, moving) < 0.3 * found.spacing
-        assert found.error < 0.3 * found.spacing
+        true = error(found.fixed_from_moving, truth, moving)
+        assert true < 0.3 * found.spacing
+        assert true < found.error < 0.5 * found.spacing
         assert found.inverse_error < 0.5 * found.spacing
 
 

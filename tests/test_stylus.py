@@ -1,6 +1,7 @@
 """Stylus by pivoting, phantom by landmarks, and PLUS configurations that are written."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -194,3 +195,8 @@ def test_a_configuration_keeps_its_text_or_is_made(capsys):
     assert Path("b.xml").read_text(encoding="utf-8").count('From="Image" To="Probe"') == 1
     assert 'Error="0.25"' in Path("b.xml").read_text(encoding="utf-8")
     assert read_phantom("b.xml").names == read_phantom(base).names
+    assert re.search(r'Date="\d{4}\.\d\d\.\d\d \d\d:\d\d:\d\d"', Path("b.xml").read_text(encoding="utf-8"))
+    Path("windows.xml").write_bytes(base.read_text().replace("\n", "\r\n").encode())
+    write_calibration("c.xml", plus, "windows.xml")
+    written = Path("c.xml").read_bytes()
+    assert written.count(b"\n") == written.count(b"\r\n") > 100

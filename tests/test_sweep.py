@@ -10,12 +10,15 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from globule.cli import main
 from globule.formats.errors import FormatError
 from globule.formats.sweeps import igs
 from globule.formats.sweeps.poses import PoseTable, interpolate, read_poses, write_csv
+from globule.formats.sweeps.transforms import format_matrix
 from globule.formats.volumes import nrrd
 from globule.ultrasound.calibration import Calibration, write_calibration
 from globule.ultrasound.files import is_sweep, read_sweep, write_sweep
+from globule.ultrasound.marks import read_tracked
 from globule.ultrasound.region import Clip, Fan, region_mask
 from globule.ultrasound.sweep import Sweep
 from globule.ultrasound.trust import check_poses
@@ -103,16 +106,91 @@ def write_igs(path: str, edges: dict, n: int = 4, orientation: str = "MFA", **fi
 
 
 @pytest.mark.parametrize(
-    ("orientation", "rows", "columns"), [("MFA", 1, 1), ("UFA", 1, -1), ("MN", -1, 1), ("UND", -1, -1)]
+    ("orientation", "rows", "columns"),
+    [("MFA", 1, 1), ("UFA", 1, -1), ("MN", -1, 1), ("UND", -1, -1), ("FM", 1, 1), ("NM", -1, 1), ("FUA", 1, -1)],
 )
 def test_orientation(orientation, rows, columns):
     stored = write_igs("a.mha", {"ImageToReference": [PIXEL] * 4}, orientation=orientation)
     sweep = read_sweep("a.mha")
-    assert np.array_equal(sweep.frames, stored[:, ::rows, ::columns])
+    upright = stored.swapaxes(1, 2) if orientation[0] in "FN" else stored
+    assert np.array_equal(sweep.frames, upright[:, ::rows, ::columns])
     write_sweep("b.mha", sweep)
     assert np.array_equal(read_sweep("b.mha").frames, sweep.frames)
     assert header("b.mha")["UltrasoundImageOrientation"] == orientation
     assert zlib.decompress(Path("b.mha").read_bytes().split(b"LOCAL\n", 1)[1]) == stored.tobytes()
+
+
+def tracker_buffer(name: str, tool: str, poses, times) -> None:
+    """What PLUS records of a tracker alone: no pixels."""
+    lines = ["ObjectType = Image", "NDims = 3", f"DimSize = 0 0  {len(poses)}", "ElementType = MET_OTHER",
+             "UltrasoundImageOrientation = XX"]  # fmt: skip
+    for i, (pose, time) in enumerate(zip(poses, times, strict=True)):
+        lines += [f"Seq_Frame{i:04d}_{tool}ToTrackerTransform = {format_matrix(pose)}",
+                  f"Seq_Frame{i:04d}_{tool}ToTrackerTransformStatus = OK",
+                  f"Seq_Frame{i:04d}_ImageStatus = INVALID", f"Seq_Frame{i:04d}_Timestamp = {time}"]  # fmt: skip
+    Path(name).write_text("\n".join([*lines, "ElementDataFile = LOCAL\n"]), encoding="utf-8")
+
+
+def test_the_buffer_of_a_tracker_holds_poses_alone():
+    poses = random_poses(6)
+    tracker_buffer("probe.mha", "Probe", poses, np.arange(6) / 10)
+    np.save("frames.npy", np.arange(24, dtype=np.uint8).reshape(2, 3, 4))
+    calibration = Calibration(np.diag([0.5, 0.5, 0.5, 1.0]))
+    sweep = read_sweep("frames.npy", calibration, poses="probe.mha", frame_times=[0.1, 0.3])
+    assert np.allclose(sweep.world_from_image, poses[[1, 3]] @ calibration.probe_from_image)
+    tracker_buffer("stylus.mha", "Stylus", poses, np.arange(6) / 10)
+    tracked = read_tracked("stylus.mha", tool="Stylus")
+    assert np.allclose(tracked.poses, poses)
+    assert tracked.ok.all()
+    with pytest.raises(FormatError, match="poses alone"):
+        read_sweep("probe.mha", calibration)
+    assert main(["calibrate", "--delay", "--sweep", "probe.mha"]) == 2
+    with pytest.raises(FormatError, match="got a sweep"):
+        gb.volumes.read_volume("probe.mha")
+
+
+def test_words_that_are_no_numbers_cost_their_frame_only():
+    write_igs("a.mha", {"ImageToReference": [PIXEL] * 4})
+    text = Path("a.mha").read_bytes()
+    for word in (b"-1.#IND", b"1.#QNAN", b"-nan(ind)", b"1.#INF00"):
+        Path("b.mha").write_bytes(re.sub(rb"(Frame0002_ImageToReferenceTransform = )\S+", rb"\g<1>" + word, text))
+        assert read_sweep("b.mha").valid.tolist() == [True, True, False, True]
+    lost = re.sub(rb"(Frame0002_ImageToReferenceTransform = ).*", rb"\1?", text)
+    Path("b.mha").write_bytes(lost.replace(b"Frame0002_ImageToReferenceTransformStatus = OK",
+                                           b"Frame0002_ImageToReferenceTransformStatus = INVALID"))  # fmt: skip
+    assert read_sweep("b.mha").valid.tolist() == [True, True, False, True]
+
+
+def test_a_header_without_a_last_line_end():
+    stored = write_igs("a.mha", {"ImageToReference": [PIXEL] * 4})
+    head = Path("a.mha").read_bytes().split(b"LOCAL\n")[0]
+    Path("a.raw").write_bytes(stored.tobytes())
+    Path("b.mhd").write_bytes(head + b"a.raw")
+    assert np.array_equal(read_sweep("b.mhd").frames, stored)
+
+
+def test_time_stamps_that_go_back_are_named():
+    write_igs("a.mha", {"ImageToReference": [PIXEL] * 4})
+    Path("a.mha").write_bytes(Path("a.mha").read_bytes().replace(b"0002_Timestamp = 2", b"0002_Timestamp = 0"))
+    with pytest.warns(UserWarning, match="go back at frame 2;"):
+        assert len(read_sweep("a.mha")) == 4
+
+
+@pytest.mark.parametrize("kinds", ["list domain domain", "domain list domain", "list RGB-color domain domain"])
+def test_frames_of_an_nrrd_lie_along_its_list(kinds):
+    made = small_sweep(4)
+    write_sweep("a.igs.nrrd", made)
+    head = Path("a.igs.nrrd").read_bytes().split(b"\n\n", 1)[0].decode()
+    words = kinds.split()
+    axes = {"list": 0, "domain": [2, 1], "RGB-color": 3}
+    frames = np.repeat(made.frames[..., None], 3, -1) if "RGB-color" in words else made.frames
+    order = [axes[word] if word != "domain" else axes["domain"].pop(0) for word in words][::-1]
+    stored = np.ascontiguousarray(frames.transpose(order))
+    sizes = " ".join(map(str, stored.shape[::-1]))
+    head = re.sub("sizes: .*", f"sizes: {sizes}", re.sub("kinds: .*", f"kinds: {kinds}", head))
+    head = head.replace("encoding: gzip", "encoding: raw").replace("dimension: 3", f"dimension: {len(words)}")
+    Path("b.igs.nrrd").write_bytes(head.encode() + b"\n\n" + stored.tobytes())
+    assert np.array_equal(read_sweep("b.igs.nrrd").frames, made.frames)
 
 
 def test_statuses_missing_poses_and_the_way_through_named_frames():
@@ -315,7 +393,7 @@ def test_truncated_and_hostile_igs_files():
         (b"DimSize = 7 6 5", b"DimSize = 7 6 4"), (b"DimSize = 7 6 5", b"DimSize = 210"),
         (b"MET_UCHAR", b"MET_STRING"), (b"NDims = 3", b"NDims = x"), (b"LOCAL", b"../../etc/passwd"),
         (b"LOCAL", b"missing.raw"), (b"Seq_Frame0001_Timestamp = 10.1", b"Seq_Frame0001_Timestamp = soon"),
-        (b"MF", b"FM"),
+        (b"MF", b"FF"), (b"MF", b"XX"),
     ]:  # fmt: skip
         assert old in whole, old
         Path("bad.igs.mha").write_bytes(whole.replace(old, new))

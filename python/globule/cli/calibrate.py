@@ -43,8 +43,7 @@ EXAMPLES = """\
 
 _STRIKING = 3.0  # times the rms
 _UNLIKELY = 20.0  # pixels; larger residuals are no inaccuracy of marking
-_LARGE_ERROR = 1.0  # mm, expected in the middle of the wires
-_UNCERTAIN = 0.05  # s, of a temporal offset from wires
+_LARGE_ERROR = 1.0  # mm, in the middle of the wires
 _WRONG = 3.0  # mm; larger 3-D errors are no inaccuracy of dots
 
 
@@ -76,6 +75,8 @@ def add_arguments(parser: Parser) -> None:
         dest="most_error")  # fmt: skip
     flags.own(parser, "--picture FILE.png", "picture of points, motions and residuals; needs "
         "matplotlib")  # fmt: skip
+    flags.own(parser, "--report FILE.html", "page with verdict, numbers and pictures of an --n-wire "
+        "session: --sweep, --validate and --delay in one run; needs matplotlib")  # fmt: skip
     flags.add(parser, "--calibration", "the result keeps its other values; default: none")
     flags.add(parser, "--json")
 
@@ -112,6 +113,8 @@ def _check(options: argparse.Namespace) -> None:
             options.phantom, "--sweep or --landmarks", options.sweep or options.landmarks
         ),
         "--landmarks": (options.landmarks, "--n-wire", options.phantom),
+        "--report": (options.report, "--n-wire, --sweep and --delay",
+                     options.phantom and options.sweep and options.delay),
         "--validate": (options.validate, "--n-wire and --sweep", options.phantom and options.sweep),
         "--poses": (options.poses, "--sweep", options.sweep),
         "--frame-times": (options.frame_times, "--sweep", options.sweep),
@@ -125,12 +128,14 @@ def _check(options: argparse.Namespace) -> None:
             raise UserError(
                 "-o: expected MARKS or --calibration for the matrix, got neither; without -o, the offset is printed"
             )
-    if options.picture:
-        check_output("--picture", options.picture, [".png"])
+    for option, path, ending in (("--picture", options.picture, ".png"), ("--report", options.report, ".html")):
+        if not path:
+            continue
+        check_output(option, path, [ending])
         try:
             import matplotlib  # noqa: F401
         except ImportError as error:
-            message = '--picture needs matplotlib: pip install "globule[figures]"'
+            message = f'{option} needs matplotlib: pip install "globule[figures]"'
             raise UserError(message) from error
 
 
@@ -240,6 +245,8 @@ def _with_delay(
 
 def _timed(path: str, tracked: Tracked) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Frames, their times, valid poses and their times, in the order of time."""
+    if not tracked.frames.size:
+        raise UserError(f"{path}: expected images, got poses alone")
     if tracked.times is None or tracked.pose_times is None:
         raise UserError(f"{path}: expected times of frames and poses, got none")
     ok = np.flatnonzero(tracked.ok)
@@ -263,9 +270,9 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
     phantom = read_phantom(options.phantom)
     if options.landmarks:
         phantom = _registered(options, phantom, report)
-    if not options.sweep:
-        _write_registration(options, phantom)
-        return report
+        if not options.sweep:
+            _write_registration(options, phantom, report)
+            return report
     earlier = read_calibration(options.calibration) if options.calibration else None
     data = _timed(options.sweep, _tracked(options, options.sweep))
     found = calibrate_n_wires(
@@ -277,6 +284,7 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
     if options.validate:
         more = _timed(options.validate, _tracked(options, options.validate))
         validation, dots = validate_n_wires(calibration, *more, phantom)
+        found = _by_validation(found, validation, earlier, more, phantom)
         report["validation"] = _wire_report(phantom, validation, dots, len(more[0]))
     report |= {
         "probe_from_image": calibration.probe_from_image, "spacing": calibration.spacing,
@@ -288,6 +296,12 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
         },
         "left_out": int((found.weights == 0).sum()),
     }  # fmt: skip
+    if options.report:
+        from ..ultrasound.calibration_report import Session, write_report
+
+        own = _own_calibration(options, more, phantom, earlier) if options.validate else None
+        names = (options.phantom, options.sweep, options.validate)
+        report["verdict"] = write_report(options.report, Session(*names, found, validation, own), data[0], phantom)
     report["warnings"] += _wire_warnings(options, found)
     if options.picture:
         from ..ultrasound.calibration_plots import draw_wires
@@ -300,6 +314,38 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
     return report
 
 
+def _own_calibration(
+    options: argparse.Namespace, data: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    phantom: NWirePhantom, earlier: Calibration | None,
+) -> NWireCalibration | None:  # fmt: skip
+    """That of the validation's recording; None if it gives none."""
+    try:
+        return calibrate_n_wires(
+            *data, phantom, earlier.temporal_offset if earlier else 0.0, True,
+            1.0 if options.most is None else options.most,
+        )  # fmt: skip
+    except ValueError:
+        return None
+
+
+def _by_validation(
+    found: NWireCalibration, validation: WireErrors, earlier: Calibration | None,
+    more: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], phantom: NWirePhantom,
+) -> NWireCalibration:  # fmt: skip
+    """With a doubt where a fitted offset makes the errors of the other recording larger."""
+    before = earlier.temporal_offset if earlier else 0.0
+    apart = found.offset_uncertainty
+    if apart is None or found.offset_doubt or abs(found.calibration.temporal_offset - before) <= 2 * apart:
+        return found
+    given = dataclasses.replace(found.calibration, temporal_offset=before)
+    without = validate_n_wires(given, *more, phantom)[0].summary()["mean_of_95"]
+    size = validation.summary()["mean_of_95"]
+    if size <= without:
+        return found
+    doubt = f"it makes the validation's 3-D error larger, {size:.3f} instead of {without:.3f} mm"
+    return found._replace(offset_doubt=doubt)
+
+
 def _wire_warnings(options: argparse.Namespace, found: NWireCalibration) -> list[str]:
     messages = []
     if found.better_offset is not None:
@@ -308,13 +354,8 @@ def _wire_warnings(options: argparse.Namespace, found: NWireCalibration) -> list
             f"{options.sweep}: a temporal offset of {offset:+.3f} ± {spread:.3f} s fits better "
             f"({after:.1f} instead of {before:.1f} pixels); add --delay to find it with the matrix"
         )
-    apart = found.offset_uncertainty
-    if apart is not None and apart > _UNCERTAIN:
-        problem = (
-            f"{options.sweep}: the temporal offset is uncertain"
-            + (f" by {apart:.2f} s" if np.isfinite(apart) else "")
-            + "; the probe must move during the recording"
-        )
+    if found.offset_doubt:
+        problem = f"{options.sweep}: the temporal offset is uncertain: {found.offset_doubt}"
         if options.output:
             raise UserError(f"{problem}; {options.output} was not written")
         messages.append(problem)
@@ -326,8 +367,8 @@ def _wire_warnings(options: argparse.Namespace, found: NWireCalibration) -> list
         )
     if found.center > _LARGE_ERROR:
         messages.append(
-            f"{options.sweep}: expected an error below {_LARGE_ERROR:g} mm in the middle of the "
-            f"wires, got {found.center:.1f} mm; turn and tilt the probe more"
+            f"{options.sweep}: expected errors below {_LARGE_ERROR:g} mm in the middle of the "
+            f"wires (95 %), got {found.center:.1f} mm; turn and tilt the probe more"
         )
     return messages
 
@@ -369,10 +410,12 @@ def _registered(options: argparse.Namespace, phantom: NWirePhantom, report: dict
         from ..ultrasound.calibration_plots import draw_residuals
 
         draw_residuals(options.picture, found.residuals, found.weights, "landmark")
-    return dataclasses.replace(phantom, reference_from_phantom=found.matrix, error=max(found.error, 0.05))
+    return dataclasses.replace(
+        phantom, reference_from_phantom=found.matrix, error=max(found.error, 0.05), landmark_error=None
+    )
 
 
-def _write_registration(options: argparse.Namespace, phantom: NWirePhantom) -> None:
+def _write_registration(options: argparse.Namespace, phantom: NWirePhantom, report: dict[str, Any]) -> None:
     if not options.output:
         return
     if options.output.lower().endswith(".toml"):
@@ -381,7 +424,8 @@ def _write_registration(options: argparse.Namespace, phantom: NWirePhantom) -> N
     assert phantom.reference_from_phantom is not None  # just registered
     key = ("Phantom", "Reference")
     base = options.phantom if options.phantom.lower().endswith(".xml") else None
-    write_plus(options.output, {key: phantom.reference_from_phantom}, base, {key: phantom.error})
+    rms = max(report["registration"]["rms"], 0.05)  # PLUS states the error of a landmark
+    write_plus(options.output, {key: phantom.reference_from_phantom}, base, {key: rms})
 
 
 def _stylus(options: argparse.Namespace) -> dict[str, Any]:
@@ -484,7 +528,8 @@ def _lines_of_wires(report: dict[str, Any]) -> list[str]:
     u, v = report["spacing"]
     return [
         *lines,
-        f"  pixels of {u:.5f} x {v:.5f} mm; expected error {report['center_error']:.2f} mm in the "
-        f"middle of the wires, {report['corner_errors'].max():.2f} mm at most at the image's "
-        "corners (1 sigma)",
+        f"  pixels of {u:.5f} x {v:.5f} mm; in 95 % of such calibrations, errors stay below "
+        f"{report['center_error']:.2f} mm in the middle of the wires and "
+        f"{report['corner_errors'].max():.2f} mm at the image's corners",
+        *(f"verdict: {line}" for line in report.get("verdict", [])),
     ]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import itertools
+import os
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 
-from ..ultrasound.live import LiveCounts, LiveFrame, parse_address, receive_sweep
+from ..ultrasound.live import LiveCounts, LiveFrame, parse_address, receive_sweeps
 from ..ultrasound.sweep import Sweep
 from ..volumes.volume import Volume
 from . import flags
@@ -64,6 +66,13 @@ def check(options: argparse.Namespace) -> None:
             raise UserError(f"--{name.replace('_', '-')}: expected a SWEEP, got --live")
 
 
+def numbered(path: str, i: int) -> str:
+    """name-2.nii.gz of name.nii.gz."""
+    stem, ending = os.path.splitext(path)
+    inner, before = os.path.splitext(stem) if ending.lower() == ".gz" else (stem, "")
+    return f"{inner}-{i}{before}{ending}"
+
+
 def _served(text: str) -> tuple[str, int]:
     """Host and port of [HOST:]PORT."""
     host, _, port = text.rpartition(":")
@@ -83,7 +92,10 @@ class Live:
             raise UserError("--serve: expected --method pvn-om without a median, which can grow")
         self.options, self.progress, self.growing = options, progress, growing
         self.reconstructor: Any = None
-        self.recorder: Any = None
+        self.recorders: list[Any] = []
+        self.n_kept = 0
+        self._record_error = ""
+        self._first: tuple[Any, ...] | None = None  # size and type of the images that grow
         self.server: Any = None
         self.output: Any = None
         self.counts = LiveCounts()
@@ -92,24 +104,23 @@ class Live:
         self._drawn = -np.inf
         self._drawing: Future | None = None
 
-    def sweep(self) -> Sweep:
-        """All frames until the server stops, after the frames that an earlier run recorded."""
+    def sweeps(self) -> list[Sweep]:
+        """All frames until the server stops, after the frames that an earlier run recorded: a sweep
+        for each size of images, the longest first."""
         options = self.options
         with ThreadPoolExecutor(1) as self._draughtsman:
             try:
                 with mistakes():
                     if options.serve:
                         self._open_server()
-                    if options.record:
-                        from ..ultrasound.recorder import Recorder
-
-                        self.recorder = Recorder(options.record)
-                    earlier = self.recorder.kept if self.recorder else []
-                    return receive_sweep(
+                    earlier = self._earlier()
+                    self.n_kept = len(earlier)
+                    sweeps = receive_sweeps(
                         options.live, options.calibration, options.plus, options.idle, self._take,
                         earlier, options.space, options.temporal_offset, options.wait, self.counts,
                         options.tracker, clip=options.clip, fan=options.fan, mask=options.mask,
                     )  # fmt: skip
+                    return sorted(sweeps, key=len, reverse=True)
             except ConnectionError as error:
                 raise UserError(f"--{error}") from error
             except OSError as error:
@@ -121,14 +132,14 @@ class Live:
                     self.output.close()
                 if self.server:
                     self.server.close()
-                if self.recorder:
-                    self.recorder.close()
+                for recorder in self.recorders:
+                    recorder.close()
 
-    def volume(self) -> Volume | None:
-        """The volume of all frames so far; None if the run only collects frames, or an
-        interruption left the last frame unfinished."""
-        whole = self.reconstructor is not None and self.reconstructor.n_frames == self.n_frames
-        return self.reconstructor.volume() if whole else None
+    def volume(self, sweep: Sweep) -> Volume | None:
+        """The volume of all frames of a sweep; None if the run only collects frames, an interruption
+        left the last frame unfinished, or images of another size have grown."""
+        grown = self.reconstructor is not None and self._first == (sweep.frames.shape[1:], sweep.frames.dtype)
+        return self.reconstructor.volume() if grown and self.reconstructor.n_frames == len(sweep) else None
 
     def warnings(self) -> list[str]:
         """What became of images that are in no frame."""
@@ -136,7 +147,21 @@ class Live:
         if c.without_pose:
             lines.append(f"{count(c.without_pose, 'image')} left out: no pose came for their time")
         if c.useless:
-            lines.append(f"{count(c.useless, 'image')} left out: the pose is no regular matrix")
+            lines.append(
+                f"{count(c.useless, 'image')} left out: the pose is no regular matrix, or not OK by its status"
+            )
+        if c.broken:
+            what = "; ".join(f"{n:,} {words}" for words, n in c.broken.most_common(5))
+            lines.append(f"{count(c.broken.total(), 'message')} skipped: {what}")
+        if c.ended:
+            lines.append(f"the stream ended early: {c.ended}")
+        if c.without_clock:
+            lines.append(
+                "all images have one time stamp: each takes the transform that came next to it; let the server stamp "
+                "its messages"
+            )
+        if self._record_error:
+            lines.append(f"images that --record cannot store: {self._record_error}")
         if c.missed:
             lines.append(
                 f"{count(c.missed, 'image')} never arrived, by the gaps of the time stamps: the "
@@ -156,8 +181,8 @@ class Live:
     def figures(self) -> dict[str, Any]:
         """Seconds from the arrival of a frame until the volume has the frame."""
         facts = {"grew": bool(self.seconds), "drawn": self.n_drawn,
-                 "recorded": self.recorder.n_frames if self.recorder else 0,
-                 "counts": self.counts.as_dict(),
+                 "recorded": sum(recorder.n_frames for recorder in self.recorders),
+                 "counts": self.counts.as_dict(), "broken": dict(self.counts.broken),
                  "clock_difference": self.counts.clock_difference}  # fmt: skip
         if self.server:
             facts |= {"sent": dict(self.server.sent), "skipped": dict(self.server.skipped),
@@ -168,13 +193,41 @@ class Live:
 
     def _take(self, n: int, frame: LiveFrame) -> None:
         self.n_frames = n
-        if self.recorder and n > len(self.recorder.kept):
-            self.recorder.add(frame)
-        if self.growing is not None:
+        size = (frame.image.shape, frame.image.dtype)
+        self._first = self._first or size
+        if self.recorders and n > self.n_kept:
+            self._record(frame)
+        if self.growing is not None and size == self._first:
             self._grow(frame)
         if self.progress.shown and n % 10 == 0:
             self.progress.done -= 1
             self.progress.step(f"{n:,} frames from {self.options.live}{self._lost()}, Ctrl-C ends")
+
+    def _earlier(self) -> list[LiveFrame]:
+        """Open the folders of --record: FOLDER, and FOLDER-2 … of images of other sizes."""
+        from ..ultrasound.recorder import Recorder
+
+        folder = self.options.record
+        while folder and (not self.recorders or (self.recorders[0].kept and os.path.isdir(folder))):
+            self.recorders.append(Recorder(folder))
+            folder = numbered(self.options.record, len(self.recorders) + 1)
+        return [frame for recorder in self.recorders for frame in recorder.kept]
+
+    def _record(self, frame: LiveFrame) -> None:
+        from ..ultrasound.recorder import Recorder
+
+        recorder = next((r for r in self.recorders if r.takes(frame)), None)
+        if recorder is None:
+            names = (numbered(self.options.record, i) for i in itertools.count(len(self.recorders) + 1))
+            recorder = Recorder(next(name for name in names if not os.path.exists(name)))
+            self.recorders.append(recorder)
+        try:
+            recorder.add(frame)
+        except (ValueError, OSError) as error:  # a type that it cannot store, a full disk
+            n_stored = sum(r.n_frames for r in self.recorders)
+            if not n_stored:
+                raise
+            self._record_error = self._record_error or f"{error} (after {n_stored:,} frames)"
 
     def _lost(self) -> str:
         c = self.counts
@@ -225,8 +278,10 @@ class Live:
         busy = self._drawing is not None and not self._drawing.done()
         if busy or now - self._drawn < self.options.refresh:
             return
-        if self._drawing is not None:
-            self._drawing.result()  # raises the error of the last drawing
+        if self._drawing is not None and (error := self._drawing.exception()) is not None:
+            warn(f"the images are written after the last frame only: {error}")
+            self._drawn = np.inf
+            return
         self._drawn = now
         self._drawing = self._draughtsman.submit(draw, self.reconstructor.volume(), self.options, [])
         self.n_drawn += 1

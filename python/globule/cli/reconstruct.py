@@ -135,7 +135,7 @@ def run(options: argparse.Namespace) -> None:
     with Progress(3 + bool(options.cross_validate)) as progress:
         progress.step(f"reading {options.sweep or options.live}")
         stream = live.Live(options, progress, _growing(options)) if options.live else None
-        sweep = stream.sweep() if stream else _sweep(options)
+        sweep, *others = stream.sweeps() if stream else [_sweep(options)]
         check_voxel_size(None if options.region else options.spacing, sweep)
         read_seconds = time.perf_counter() - start
         if not stream and not sweep.n_valid:
@@ -157,7 +157,7 @@ def run(options: argparse.Namespace) -> None:
             progress.step("reconstructing")
             begun = time.perf_counter()
             with _stating(progress):
-                volume = stream.volume() if stream and not outliers else None
+                volume = stream.volume(sweep) if stream and not outliers else None
                 if volume is None:
                     volume = _volume(sweep, options)
             times["reconstruct"] = time.perf_counter() - begun
@@ -168,6 +168,7 @@ def run(options: argparse.Namespace) -> None:
                 draw(volume, options, messages)
             times["write"] = time.perf_counter() - begun
             report |= _facts(volume, options)
+            report["others"] = [_write_other(i, other, options, messages) for i, other in enumerate(others, start=2)]
     times["total"] = time.perf_counter() - start
     if stream:
         messages += stream.warnings()
@@ -191,6 +192,21 @@ def run(options: argparse.Namespace) -> None:
         print_json(report)
     else:
         print("\n".join(_lines(report)))
+
+
+def _write_other(i: int, sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> dict[str, Any]:
+    """The volume of a stream's images of another size, in a file beside the first."""
+    path, (rows, columns) = live.numbered(options.output, i), sweep.frames.shape[1:]
+    try:
+        _without_outliers(sweep, options, messages)
+        with mistakes():
+            write_volume(path, _volume(sweep, options), options.maps)
+        words = f"{count(len(sweep), 'image')} of {columns} x {rows} {sweep.frames.dtype} pixels in {path}; is the "
+        messages.append(words + "calibration theirs, too?")
+    except UserError as error:
+        messages.append(f"{count(len(sweep), 'image')} of {columns} x {rows} pixels in no volume: {error}")
+        path = ""
+    return {"output": path, "frames": len(sweep), "size": (columns, rows)}
 
 
 def _check_apart(options: argparse.Namespace) -> None:

@@ -73,6 +73,17 @@ def draw_wires(path: Any, frames: np.ndarray, found: Any, phantom: Any, validati
         figure.suptitle("orange: dot found   green: wire by the calibration", fontsize=10)
 
 
+def draw_before_and_after(path: Any, found: Any) -> None:
+    """3-D errors over the images, at the given offset and at the fitted one."""
+    with Figure(path, 11, 3.2, _DPI) as figure:
+        ax = figure.subplots()
+        for errors, color, label in zip(found.by_offset, (GRAY, BLUE), ("given offset", "fitted offset"), strict=True):
+            mean = errors.summary()["mean_of_95"]
+            ax.plot(errors.frames, errors.three_d.mean(axis=1), color=color, lw=1, label=f"{label}: {mean:.3f} mm")
+        ax.set(xlabel="image", ylabel="mean 3-D error, mm", ylim=(0, None))
+        ax.legend()
+
+
 def draw_residuals(path: Any, lengths: Any, weights: Any, what: str, held_out: Any = None) -> None:
     """A bar for each observation, mm; those that do not count in red."""
     lengths, weights = np.asarray(lengths), np.asarray(weights)

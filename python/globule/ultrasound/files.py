@@ -28,7 +28,7 @@ from ..formats.sweeps.transforms import (
 )
 from ..formats.volumes.raw import Progress
 from .calibration import Calibration
-from .plausible import check_hand, check_pixels, check_travel
+from .plausible import check_hand, check_order, check_pixels, check_travel
 from .setup import Setup
 from .sweep import Sweep, checked_frames
 
@@ -89,6 +89,8 @@ def read_sweep(
         temporal_offset = setup.temporal_offset
     number("temporal_offset", temporal_offset)
     recording, arrays = recording_of(path, progress)
+    if not recording.frames.size:
+        raise bad(path, "", "expected images, got poses alone; give the images, and this file as poses")
     if frame_times is not None:
         times = checked_frame_times(frame_times, len(recording.frames))
         recording = recording._replace(times=times)
@@ -193,6 +195,8 @@ def recording_of(
         fields: list[dict[str, str]] = [{} for _ in ok]
         recording = igs.Recording(images.frames, images.times, {}, ok, {}, fields)
         arrays = images.arrays
+    if not recording.frames.size:
+        return recording, arrays  # the buffer of a tracker
     try:
         return recording._replace(frames=np.asarray(checked_frames(recording.frames))), arrays
     except (TypeError, ValueError) as error:
@@ -230,10 +234,12 @@ def _posed(
     times = recording.times
     if times is None and len(table.ok) == n:
         times = table.times  # one row a frame; None if the table has no times either
-    if table.times is None or times is None:
+    without_clock = table.times is not None and len(table.ok) == n > 1 and not np.ptp(table.times)
+    if table.times is None or times is None or without_clock:
         if len(table.ok) != n:
             problem = f"expected {n} poses, one a frame, or times in the table and of the frames"
-            raise bad(path, "", f"{problem}, got {len(table.ok)} poses")
+            hint = "; for more images, give a folder of them, or one file with all frames" if n == 1 else ""
+            raise bad(path, "", f"{problem}, got {len(table.ok)} poses{hint}")
         if offset:
             raise bad(path, "", "expected times in the table, for a temporal offset")
         matrices, ok = table.matrices, table.ok
@@ -295,6 +301,8 @@ def _assembled(
                       metadata=metadata)  # fmt: skip
         check_pixels(matrices[valid], sweep.frames.shape[1:])
         check_hand(path, matrices[valid])
+        if recording.times is not None:
+            check_order(path, recording.times[valid])
         return sweep
     except ValueError as error:
         raise bad(path, "", str(error)) from None

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import itertools
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
@@ -22,14 +23,15 @@ import numpy as np
 
 from .._base.checks import missing
 from .._base.interrupts import Later
-from ..formats.sweeps.transforms import Edges, split_name
+from ..formats.sweeps.transforms import WORLDS, Edges, Transform, find_path, split_name
 from .matching import MOST_GAP, Matcher
-from .senders import Arrived, Clocks, arrivals
+from .senders import Arrived, Broken, Clocks, arrivals
 from .setup import Setup
 from .sweep import SPACES, Sweep, usable
 
 DEFAULT_PORT = 18944
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])  # LPS from RAS
+_OTHER_POSES = ("TDATA", "POSITION", "QTDATA", "QTRANS")  # types of messages
 _MOST_HELD = 4096  # transforms that wait until the clocks are known
 
 
@@ -56,10 +58,14 @@ class LiveCounts:
         images: images received.
         frames: images with a pose, which `receive` returned.
         without_pose: images whose pose never came.
-        useless: frames whose pose is no regular finite matrix.
+        useless: frames whose pose is no regular finite matrix, or not OK by its status.
         repeated: frames that a restarted server sent again.
         waiting: messages that waited behind the newest one when it was taken.
         clock_difference: s that the stamps of the tracker's server are moved by.
+        broken: how many messages were skipped, by what was wrong with them.
+        kinds: how many messages came that are not used, by their type.
+        unnamed: names of transforms that name no coordinate frames.
+        ended: why the stream ended early, or "".
     """
 
     def __init__(self) -> None:
@@ -67,6 +73,10 @@ class LiveCounts:
         self.connected = [0, 0]
         self.clock_difference = 0.0
         self.waiting = 0
+        self.broken: Counter[str] = Counter()
+        self.kinds: Counter[str] = Counter()
+        self.unnamed: set[str] = set()
+        self.ended = ""
         self._times: list[float] = []
         self._transform_times: dict[str, list[float]] = {}
 
@@ -78,6 +88,37 @@ class LiveCounts:
     def saw_transform(self, name: str, time: float) -> None:
         """Count a sample of a transform with this stamp, s."""
         self._transform_times.setdefault(name, []).append(time)
+
+    @property
+    def without_clock(self) -> bool:
+        """Whether all images have one time stamp."""
+        return len(self._times) > 1 and len(set(self._times)) == 1
+
+    def unused(self, constant: Edges) -> str:
+        """What came instead of poses, and what to give."""
+        lines = []
+        edges = dict(constant)
+        for name in self._transform_times:
+            if (frames := split_name(name.removesuffix("Transform"))) is not None:
+                edges[frames] = Transform(np.eye(4), np.array(True))
+        if self.unnamed:
+            which = ", ".join(sorted(self.unnamed))
+            lines.append(f"transforms that name no frames: {which}; expected names as ImageToReference")
+        starts = {name for pair in edges for name in pair}
+        if edges and not any(find_path(edges, "Image", world) for world in WORLDS):
+            known = ", ".join("To".join(pair) for pair in edges)
+            lines.append(f"no way leads from Image to {', '.join(WORLDS[:-1])} or {WORLDS[-1]} by {known}")
+            if "Image" not in starts and "Probe" in starts:
+                lines.append("give --calibration or --plus for ImageToProbe")
+        others = [f"{n:,} {kind}" for kind, n in self.kinds.items() if kind in _OTHER_POSES]
+        if others:
+            lines.append(f"{', '.join(others)} messages are not read: let the server send TRANSFORM")
+        return "; ".join(lines)
+
+    @property
+    def poses(self) -> int:
+        """Samples of transforms that came."""
+        return len(self.unnamed) + sum(map(len, self._transform_times.values()))
 
     @property
     def connections(self) -> int:
@@ -161,7 +202,8 @@ def receive(
     Raises:
         MissingPackageError: the extra `live` is not installed.
         ConnectionError: no server answers.
-        ValueError: a bad address or space, or bytes that are not OpenIGTLink.
+        ValueError: a bad address or space, or nothing but bytes that are not OpenIGTLink. Broken
+            messages among others are skipped and counted (`counts.broken`).
     """
     MessageBase = need_pyigtl()
     places = [parse_address(place) for place in (address, tracker) if place is not None]
@@ -172,12 +214,14 @@ def receive(
     wait = idle if wait is None else wait
     for arrived in arrivals(MessageBase, places, idle, wait, counts.connected):
         yield from assembler.take(arrived)
+    if counts.broken and not (counts.images or counts.poses or counts.kinds):
+        raise ValueError(f"live: expected OpenIGTLink messages, got {next(iter(counts.broken))}")
     if tracker and not counts.connected[1]:
         raise ConnectionError(f"live: expected a tracker's server at {tracker}, got none")
     yield from assembler.finish()
 
 
-def receive_sweep(
+def receive_sweeps(
     address: str,
     calibration: Any = None,
     plus: Any = None,
@@ -190,8 +234,9 @@ def receive_sweep(
     counts: LiveCounts | None = None,
     tracker: str | None = None,
     **region: Any,
-) -> Sweep:
-    """All frames of a server as one `Sweep`, until the server stops or the user interrupts.
+) -> list[Sweep]:
+    """All frames of a server, until the server stops or the user interrupts: a `Sweep` for each
+    size and type of images, in the order in which these came.
 
     Args:
         address, idle, space, wait, counts, tracker: as for `receive`.
@@ -203,24 +248,22 @@ def receive_sweep(
         region: clip, fan, mask; as for `read_sweep`.
 
     Returns:
-        The sweep, sorted by time, in LPS.
+        The sweeps, sorted by time, in LPS. An error after the first frame ends the stream only
+        (`counts.ended`).
 
     Raises:
         MissingPackageError: the extra `live` is not installed.
         ConnectionError: no server answers.
-        ValueError: no frame came with its pose, or the images differ in size.
+        ValueError: no frame came with its pose.
     """
     setup = Setup(calibration, plus, **region)
     counts = counts or LiveCounts()
     offset = setup.temporal_offset if temporal_offset is None else temporal_offset
     stream = receive(address, setup.edges, idle, space, offset, wait, counts, tracker)
-    frames: list[LiveFrame] = []
+    segments: dict[tuple[Any, ...], list[LiveFrame]] = {}
     known: set[tuple[float, int, bytes]] = set()
 
     def take(frame: LiveFrame) -> None:
-        if frames and frame.image.shape != frames[0].image.shape:
-            expected, got = frames[0].image.shape, frame.image.shape
-            raise ValueError(f"live: expected images of {expected} as the first, got {got}")
         if not usable(frame.world_from_image):
             counts.useless += 1
             return
@@ -229,28 +272,55 @@ def receive_sweep(
             counts.repeated += 1
             return
         known.add(key)
-        frames.append(frame)
+        segments.setdefault((frame.image.shape, frame.image.dtype), []).append(frame)
         if each:
-            each(len(frames), frame)
+            each(sum(map(len, segments.values())), frame)
+
+    def sound() -> Iterator[LiveFrame]:
+        try:
+            yield from stream
+        except (ValueError, OSError) as error:
+            if not segments:
+                raise
+            counts.ended = str(error)
 
     try:
-        for frame in itertools.chain(earlier, stream):
+        for frame in itertools.chain(earlier, sound()):
             with Later():  # Ctrl-C in the middle of a frame would leave locks and files half done
                 take(frame)
     except KeyboardInterrupt:
-        if not frames:
+        if not segments:
             raise
-    if not frames:
+    if not segments:
         found = "none"
         if counts.images:
             found = f"{counts.images} images and no pose within {MOST_GAP:g} s of any"
-        raise ValueError(f"live: expected images with poses from {address}, got {found}")
+        why = counts.unused(setup.edges)
+        raise ValueError(f"live: expected images with poses from {address}, got {found}" + (f"; {why}" if why else ""))
+    sweeps = []
+    for frames in segments.values():
+        try:
+            sweeps.append(_as_sweep(frames, setup))
+        except ValueError as error:  # a region that only fits the first images
+            if not sweeps:
+                raise
+            rows, columns = frames[0].image.shape
+            counts.broken[f"images of {columns} x {rows} ({error})"] += len(frames)
+    return sweeps
+
+
+def _as_sweep(frames: list[LiveFrame], setup: Setup) -> Sweep:
     frames.sort(key=lambda frame: frame.time)
     images = np.stack([frame.image for frame in frames])
     return Sweep(
         images, [frame.world_from_image for frame in frames], [frame.time for frame in frames],
         mask=setup.mask(images.shape[1:]), world=frames[0].world,
     )  # fmt: skip
+
+
+def receive_sweep(*args: Any, **options: Any) -> Sweep:
+    """The longest of `receive_sweeps`, with the same arguments."""
+    return max(receive_sweeps(*args, **options), key=len)
 
 
 class _Assembler:
@@ -266,8 +336,12 @@ class _Assembler:
 
     def take(self, arrived: Arrived) -> Iterator[LiveFrame]:
         self.counts.waiting = arrived.waiting
+        if isinstance(arrived.message, Broken):
+            self.counts.broken[arrived.message.what] += 1
+            return
         message, kind = arrived.message, getattr(arrived.message, "message_type", "")
         if kind not in ("IMAGE", "TRANSFORM"):
+            self.counts.kinds[kind or message[0]] += 1
             return
         if self.clocks:
             self.clocks.saw(arrived.server, message.timestamp, arrived.when)
@@ -278,17 +352,26 @@ class _Assembler:
         if kind == "IMAGE":
             if arrived.server:
                 return  # of the tracker's server, which is asked for poses
+            try:
+                image = _plane(message.image)
+            except ValueError as error:
+                self.counts.broken[str(error).removeprefix("live: ")] += 1
+                return
             self.counts.saw(message.timestamp)
             place = np.array(message.ijk_to_world_matrix, np.float64)
             own: np.ndarray | None = None if np.array_equal(place, np.eye(4)) else place
             if own is not None and self.space is None and message.world_coordinate_system == "ras":
                 own = _RAS @ own
-            self.matcher.add_image(message.timestamp, _plane(message.image), own)
+            self.matcher.add_image(message.timestamp, image, own)
         else:
             name = split_name(message.device_name.removesuffix("Transform"))
-            if name is not None:
+            if name is None:
+                self.counts.unnamed.add(message.device_name)
+            else:
                 self.counts.saw_transform(message.device_name, message.timestamp)
                 matrix = np.array(message.matrix, np.float64)
+                if message.metadata.get("TransformStatus", "OK") != "OK":
+                    matrix[:] = np.nan
                 self._add_transform(name, message.timestamp, matrix, arrived.server)
         yield from self._frames(False)
 

@@ -30,6 +30,7 @@ class Posed(NamedTuple):
 class _Waiting(NamedTuple):
     time: float
     image: np.ndarray
+    number: int  # in the order of arrival, of images and samples
     place: np.ndarray | None  # world_from_image of the image's own message
 
 
@@ -40,23 +41,25 @@ class _Track:
         self.times: list[float] = []
         self.matrices: list[np.ndarray] = []
         self.used: list[bool] = []
+        self.numbers: list[int] = []
 
-    def add(self, time: float, matrix: np.ndarray) -> None:
+    def add(self, time: float, matrix: np.ndarray, number: int = 0) -> None:
         at = bisect_right(self.times, time)
         self.times.insert(at, time)
         self.matrices.insert(at, matrix)
         self.used.insert(at, False)
+        self.numbers.insert(at, number)
         if len(self.times) > _MOST_SAMPLES:
-            for part in (self.times, self.matrices, self.used):
+            for part in (self.times, self.matrices, self.used, self.numbers):
                 del part[: _MOST_SAMPLES // 2]
 
-    def same(self, time: float) -> int | None:
-        """The newest sample with this stamp that no image has taken."""
-        first = bisect_left(self.times, time - _SAME)
-        for i in range(bisect_right(self.times, time + _SAME) - 1, first - 1, -1):
-            if not self.used[i]:
-                return i
-        return None
+    def same(self, time: float, number: int) -> int | None:
+        """Of the samples with this stamp that no image has taken, the last that came before the
+        image of this number, or else the first after it: servers without a clock stamp all with 0."""
+        near = range(bisect_left(self.times, time - _SAME), bisect_right(self.times, time + _SAME))
+        free = [i for i in near if not self.used[i]]
+        before = [i for i in free if self.numbers[i] < number]
+        return before[-1] if before else free[0] if free else None
 
     def around(self, time: float) -> tuple[np.ndarray | None, bool]:
         """The interpolated sample, and whether a later one may still bring it."""
@@ -101,11 +104,12 @@ class Matcher:
         self.embedded = _Track()
         self.images: list[_Waiting] = []
         self.world: str | None = None
-        self.n_without_pose = 0
+        self.n_without_pose = self._n_arrived = 0
 
     def add_transform(self, name: tuple[str, str], time: float, matrix: np.ndarray) -> None:
         """A sample of a transform (source, target)."""
-        self.tracks.setdefault(name, _Track()).add(time, matrix)
+        self._n_arrived += 1
+        self.tracks.setdefault(name, _Track()).add(time, matrix, self._n_arrived)
 
     def add_image(self, time: float, image: np.ndarray, place: np.ndarray | None) -> None:
         """An image; place: world_from_image of its own message, or None."""
@@ -113,7 +117,8 @@ class Matcher:
             # The first images have waited until another came: the best world they reach is the
             # stream's.
             self.world = self._reached()
-        self.images.append(_Waiting(time, image, place))
+        self._n_arrived += 1
+        self.images.append(_Waiting(time, image, self._n_arrived, place))
         if place is not None:
             self.embedded.add(time, place)
         while len(self.images) > _MOST_IMAGES:
@@ -145,12 +150,12 @@ class Matcher:
     def _pose(self, item: _Waiting, world: str) -> tuple[np.ndarray | None, bool]:
         """The pose of an image, and whether it may still come."""
         time = item.time + self.offset
-        if item.place is not None and not self.tracks:
-            return (item.place, False) if self.offset == 0 else self.embedded.around(time)
         names: Edges = dict(self.constant)
         for name in self.tracks:
             names[name] = Transform(np.eye(4), np.array(True))
         way = find_path(names, "Image", world)
+        if item.place is not None and (not way or not self.tracks):
+            return (item.place, False) if self.offset == 0 else self.embedded.around(time)
         if not way:
             return None, True
         edges: Edges = dict(self.constant)
@@ -160,7 +165,7 @@ class Matcher:
             if name not in self.tracks:
                 continue
             track = self.tracks[name]
-            sample = track.same(time)
+            sample = track.same(time, item.number)
             if sample is not None:
                 matrix: Any = track.matrices[sample]
                 taken.append((track, sample))

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .calibration import Calibration, Start, corner_errors, turn_by
-from .fitting import Fit, numerical_jacobian, robust_fit
+from .calibration import Calibration, Start
+from .wire_fit import Poses, WireFit, cuts, fit_wires
 from .wires import NWirePhantom, WirePoints, find_wires
 
 _FEWEST = 10  # images
-_BLOCKS = 12  # parts of the recording whose errors are taken as independent
-_TUNING = 15.0  # errors of poses are no normal noise, and gross errors only are left out
-_MOST_GAP = 5.0  # median intervals between poses
+_SEARCH = 0.02  # s between offsets that are tried
+_CLEARLY = 0.8  # of the error at the given offset: that at another one where the fit then begins
 _DISTINCT = 1.6  # times the error at the best offset: that at others (median); noise reaches 1.4
-_BETWEEN = 0.05  # of this interval: error of an offset by interpolation between noisy poses
+_BETWEEN = 0.1  # of the poses' interval: error of an offset by interpolation, and by a recorder's beat
+_UNCERTAIN = 0.05  # s, of a temporal offset
+_APART = 4.0  # deviations between the offsets of the recording's halves
+_LEAST_TURN = 0.2  # degrees (deviation), about two axes
 
 
 class WireErrors(NamedTuple):
@@ -51,11 +52,14 @@ class NWireCalibration(NamedTuple):
     calibration          with probe_from_image, temporal_offset, rms (of three_d) and error
     points               the dots found
     errors               of the calibration images
-    weights              (F' · 3K,) of the dots, 0 for those left out
-    corners              (4,) mm, expected error (1 sigma) at the image's corners
-    center               mm, expected error in the middle of the dots
+    weights              (F'', 3K) of the dots of images with poses, 0 for those left out
+    corners              (4,) mm: what the error at the image's corners stays below in 95 % of such
+                         calibrations
+    center               mm: the same in the middle of the dots
     offset_uncertainty   s, of a temporal offset that was fitted, inf if the probe does not move
                          enough to tell; else None
+    offset_doubt         why an offset that was fitted is not certain, or ""
+    by_offset            errors of the calibration images at the given offset, and at the fitted one
     better_offset        (offset, uncertainty, rms in pixels before and after) that fits better than
                          the given one, else None
     """
@@ -67,25 +71,9 @@ class NWireCalibration(NamedTuple):
     corners: np.ndarray
     center: float
     offset_uncertainty: float | None
+    offset_doubt: str
+    by_offset: tuple[WireErrors, WireErrors]
     better_offset: tuple[float, float, float, float] | None
-
-
-class Poses(NamedTuple):
-    """Poses of the probe at their times: matrices (N, 4, 4) world_from_probe, mm; times (N,) s."""
-
-    matrices: np.ndarray
-    times: np.ndarray
-
-    def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (M, 4, 4) between the known ones, and which of these have some on both sides."""
-        after = np.clip(np.searchsorted(self.times, times, side="right"), 1, len(self.times) - 1)
-        span = self.times[after] - self.times[after - 1]
-        share = np.clip((times - self.times[after - 1]) / span, 0, 1)[:, None, None]
-        mixed = (1 - share) * self.matrices[after - 1] + share * self.matrices[after]
-        left, _, right = np.linalg.svd(mixed[:, :3, :3])
-        mixed[:, :3, :3] = left @ right  # the nearest rotations
-        gap = span > _MOST_GAP * np.median(np.diff(self.times))
-        return mixed, (times >= self.times[0]) & (times <= self.times[-1]) & ~gap
 
 
 def calibrate_n_wires(
@@ -110,23 +98,24 @@ def calibrate_n_wires(
         fit_offset: fit the temporal offset, too; the probe must then move during the recording.
         most: s, the largest offset of either sign that is tried.
 
-    The diagonals' points give a linear start (Chen et al. 2009, as PLUS); then two scales, a
-    rotation and a translation, and the temporal offset if asked for, minimize the distances in the
-    image between each dot and its wire, robustly. The covariance takes errors of 12 parts of the
-    recording as independent of each other, and adds what an error of the phantom's registration
-    (phantom.error, and that over 20 mm in radians) does. Raises ValueError if too few images show
-    all wires, or if they do not determine the calibration.
+    The diagonals' points give a linear start (Chen et al. 2009, as PLUS), for every offset up to
+    `most` in steps of 0.02 s. From there, `fit_wires` finds two scales, a rotation and a
+    translation that explain the dots, with noise of dots, errors of poses, an error of the
+    phantom's registration (phantom.error) and the delay of the poses. The delay is fitted also if
+    fit_offset is false, and then only reported. Its uncertainty is that of fits to 12 parts of the
+    recording, drawn with repetition, or half the difference of its halves. `offset_doubt` is set by
+    an uncertainty above 0.05 s, halves of the recording that differ, or larger 3-D errors. Raises
+    ValueError if too few images show all wires, or if the probe hardly turns: such poses tell
+    the calibration no better than the registration and one pose are known.
     """
     if phantom.reference_from_phantom is None:
         raise ValueError("phantom: expected reference_from_phantom, got none; register its landmarks first")
     frames = np.asarray(frames)
-    frame_times, pose_times = (np.asarray(t, np.float64) for t in (frame_times, pose_times))
-    order = np.argsort(pose_times, kind="stable")
-    times, first = np.unique(pose_times[order], return_index=True)
-    tracked = Poses(np.asarray(poses, np.float64)[order][first], times)
-    if len(times) < 2:
-        raise ValueError(f"poses: expected two or more, at different times, got {len(times)}")
-    best: tuple[float, _Wires] | None = None
+    frame_times, tracked = np.asarray(frame_times, np.float64), _tracked(poses, pose_times)
+    if len(tracked.times) < 2:
+        raise ValueError(f"poses: expected two or more, at different times, got {len(tracked.times)}")
+    best: tuple[float, float, _Wires, np.ndarray] | None = None
+    scan = np.append(0.0, np.arange(-most, most + 1e-9, _SEARCH))
     answers = find_wires(frames, phantom)
     for points in answers:
         if points.found.sum() < max(_FEWEST, 0.6 * answers[0].found.sum()):
@@ -134,48 +123,70 @@ def calibrate_n_wires(
         wires = _Wires.made(points, frame_times, tracked, phantom, temporal_offset)
         if wires is None:
             continue
-        scan = np.arange(-most, most + 1e-9, 0.1) if fit_offset else np.array([0.0])
-        for change in scan:
-            trial = wires.moved(temporal_offset + change)
-            if trial is not None and (best is None or trial.linear_error < best[0]):
-                best = trial.linear_error, trial
+        errors = np.array([wires.linear(temporal_offset + change)[1] for change in scan])
+        at = int(errors.argmin())
+        at = at if errors[at] < _CLEARLY * errors[0] else 0
+        if np.isfinite(errors[at]) and (best is None or errors[at] < best[0]):
+            best = float(errors[at]), float(scan[at]), wires, errors
     if best is None:
         got = f"{int(answers[0].found.sum())} of {len(frames)}"
         raise ValueError(
             f"frames: expected {_FEWEST} or more that show all {len(phantom.wires)} wires and have poses, got {got}"
         )
-    wires = best[1]
+    _, change, wires, errors = best
+    fit = wires.fit(change)
+    given, found = (wires.errors(fit.matrix, temporal_offset + c) for c in (0.0, fit.change))
+    between = _BETWEEN * float(np.median(np.diff(tracked.times)))
+    halves = abs(fit.halves[0][0] - fit.halves[1][0]) / 2
+    apart = float(np.hypot(max(fit.delays.std(), halves), between))
+    moves = _moves(scan, errors, fit.change)
+    doubt = _doubt(fit, apart, moves, given, found)
     better = None
-    between = _BETWEEN * float(np.median(np.diff(times)))
-    if not fit_offset:
-        fit = wires.fit(False)
-        freed = wires.fit(True)
-        off, apart = freed.parameters[8], float(np.hypot(np.sqrt(freed.covariance[8, 8]), between))
-        moves = wires.moves(wires.offset + off, most)
-        if moves and abs(off) > 4 * apart and freed.sigma < 0.85 * fit.sigma:
-            scale = np.sqrt(2)
-            better = (wires.offset + off, apart, fit.sigma * scale, freed.sigma * scale)
-    else:
-        fit = wires.fit(True)
-    offset = wires.offset + (fit.parameters[8] if fit_offset else 0.0)
-    uncertainty = None
-    if fit_offset:
-        uncertainty = float(np.hypot(np.sqrt(fit.covariance[8, 8]), between))
-        uncertainty = uncertainty if wires.moves(offset, most) else np.inf
-    fit = wires.considered(fit)
+    if not fit_offset and not doubt and abs(fit.change) > 4 * apart:
+        before, after = (of.summary()["rms_pixels"] for of in (given, found))
+        if after < 0.85 * before:
+            better = (temporal_offset + fit.change, apart, before, after)
     height, width = frames.shape[1:]
     corners = [(x, y) for y in (0, height - 1) for x in (0, width - 1)]
-    middle = np.nanmean(wires.points.reshape(-1, 2), axis=0)
-    expected = corner_errors(fit, wires.start.matrix, corners)
-    errors = wires.errors(wires.start.matrix(fit.parameters), offset)
-    matrix = wires.start.matrix(fit.parameters)
+    within = fit.within(np.array([*corners, np.nanmean(wires.points.reshape(-1, 2), axis=0)]))
+    of = found if fit_offset else given
     calibration = Calibration(
-        matrix, offset, rms=float(np.sqrt((errors.three_d**2).mean())), error=float(expected.max())
-    )
-    return NWireCalibration(
-        calibration, wires.source, errors, fit.weights, expected,
-        float(corner_errors(fit, wires.start.matrix, [middle])[0]), uncertainty, better,
+        fit.matrix, temporal_offset + (fit.change if fit_offset else 0.0),
+        rms=float(np.sqrt((of.three_d**2).mean())), error=float(fit.expected(np.array(corners)).max()),
     )  # fmt: skip
+    return NWireCalibration(
+        calibration, wires.source, of, fit.weights, within[:4], float(within[4]),
+        (apart if moves else np.inf) if fit_offset else None, doubt if fit_offset else "", (given, found), better,
+    )  # fmt: skip
+
+
+def _moves(scan: np.ndarray, errors: np.ndarray, change: float) -> bool:
+    """Whether offsets elsewhere fit worse: otherwise a probe at rest, whose poses are noise, would
+    have an offset that looks exact."""
+    others = errors[(np.abs(scan - change) >= 0.15) & np.isfinite(errors)]
+    here = errors[np.abs(scan - change).argmin()]
+    return len(others) > 0 and float(np.median(others)) > _DISTINCT * here
+
+
+def _doubt(fit: WireFit, apart: float, moves: bool, given: WireErrors, found: WireErrors) -> str:
+    if not moves:
+        return "the probe must move during the recording"
+    if apart > _UNCERTAIN:
+        return f"parts of the recording differ by {apart:.2f} s (1 sigma); the probe must move more"
+    (first, of_first), (second, of_second) = fit.halves
+    if abs(first - second) > max(_APART * np.hypot(of_first, of_second), _UNCERTAIN):
+        return (f"the recording's halves give {first:+.3f} ± {of_first:.3f} and {second:+.3f} ± "
+                f"{of_second:.3f} s beside the given one")  # fmt: skip
+    before, after = (of.summary()["mean_of_95"] for of in (given, found))
+    if after > before and abs(fit.change) > 2 * apart:  # else the offset is the given one
+        return f"it makes the 3-D error larger, {after:.3f} instead of {before:.3f} mm"
+    return ""
+
+
+def _tracked(poses: Any, pose_times: Any) -> Poses:
+    """In the order of time, each time once."""
+    times, first = np.unique(np.asarray(pose_times, np.float64), return_index=True)
+    return Poses(np.asarray(poses, np.float64)[first], times)
 
 
 def validate_n_wires(
@@ -186,9 +197,7 @@ def validate_n_wires(
 
     Arguments as of `calibrate_n_wires`. Raises ValueError if no image shows all wires.
     """
-    frame_times, pose_times = (np.asarray(t, np.float64) for t in (frame_times, pose_times))
-    times, first = np.unique(pose_times, return_index=True)
-    tracked = Poses(np.asarray(poses, np.float64)[first], times)
+    frame_times, tracked = np.asarray(frame_times, np.float64), _tracked(poses, pose_times)
     matrix, offset = calibration.probe_from_image, calibration.temporal_offset
     best: tuple[float, WireErrors, WirePoints] | None = None
     for points in find_wires(frames, phantom):
@@ -204,7 +213,7 @@ def validate_n_wires(
 
 
 class _Wires(NamedTuple):
-    """Dots (F', 3K, 2) of images at times (F',), and the poses at times + offset."""
+    """Dots (F', 3K, 2) of images at times (F',), whose poses are those at times + offset."""
 
     source: WirePoints
     frames: np.ndarray
@@ -213,8 +222,6 @@ class _Wires(NamedTuple):
     tracked: Poses
     phantom: NWirePhantom
     offset: float
-    start: Any
-    linear_error: float
 
     @staticmethod
     def made(
@@ -226,90 +233,60 @@ class _Wires(NamedTuple):
         if len(frames) < fewest:
             return None
         points, times = source.points[frames], frame_times[frames]
-        made = _Wires(source, frames, points, times, tracked, phantom, offset, None, np.inf)
-        return made if fewest < _FEWEST else made.moved(offset)
+        return _Wires(source, frames, points, times, tracked, phantom, offset)
 
-    def moved(self, offset: float) -> _Wires | None:
-        """With the poses of another offset, and the linear solution for these."""
-        poses, ok = self.tracked.at(self.times + offset)
+    def linear(self, offset: float) -> tuple[Start | None, float]:
+        """The linear solution for the poses at an offset, and its median 3-D error, mm."""
+        ok = self.tracked.at(self.times + offset)[1]
         if ok.sum() < max(_FEWEST, 0.5 * len(ok)):
-            return None
-        places = self._on_probe(poses[ok], self.phantom.middles(self.points[ok]))
+            return None, np.inf
+        poses = self.tracked.smooth(self.times[ok] + offset) if offset != self.offset else (
+            self.tracked.at(self.times[ok] + offset)[0]
+        )  # fmt: skip
+        places = self._on_probe(poses, self.phantom.middles(self.points[ok]))
         pixels = self.points[ok, 1::3].reshape(-1, 2)
         design = np.column_stack([pixels, np.ones(len(pixels))])
         solution, _, rank, sizes = np.linalg.lstsq(design, places.reshape(-1, 3), rcond=None)
         if rank < 3 or sizes[-1] < 1e-6 * sizes[0]:
-            return None
-        u, v, t = solution
-        start = Start.nearest(u, v, t, np.zeros(3))
+            return None, np.inf
         off = np.linalg.norm(design @ solution - places.reshape(-1, 3), axis=1)
-        return self._replace(offset=offset, start=start, linear_error=float(np.median(off)))
+        u, v, t = solution
+        return Start.nearest(u, v, t, np.zeros(3)), float(np.median(off))
 
-    def moves(self, offset: float, most: float) -> bool:
-        """Whether offsets elsewhere fit worse: otherwise a probe at rest, whose poses are noise,
-        would have an offset that looks exact."""
-        others = offset + np.arange(-most, most + 1e-9, 0.1)
-        trials = [self.moved(other) for other in others[np.abs(others - offset) >= 0.15]]
-        here, errors = self.moved(offset), [t.linear_error for t in trials if t is not None]
-        return here is not None and bool(errors) and (
-            float(np.median(errors)) > _DISTINCT * here.linear_error
-        )  # fmt: skip
+    def fit(self, change: float) -> WireFit:
+        """The calibration, from the linear solution at offset + change."""
+        ok = self.tracked.at(self.times + self.offset + change)[1]
+        start, _ = self.linear(self.offset + change)
+        assert start is not None  # its error was finite
+        turns = _turns(self.tracked.at(self.times[ok] + self.offset)[0])
+        if turns[1] < _LEAST_TURN:
+            raise ValueError(
+                f"poses: expected a probe that turns about two axes by {_LEAST_TURN:g} degrees or more "
+                f"(standard deviation), got {turns[0]:.2f} and {turns[1]:.2f}; tilt and turn the probe"
+            )
+        return fit_wires(self.points[ok], self.times[ok], self.tracked, self.phantom, start, self.offset, change)
 
     def _on_probe(self, poses: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """(F', k, 3) mm of places (F', k, 3) or (k, 3) in the phantom."""
+        """(F', k, 3) mm of places (F', k, 3) in the phantom."""
         matrix = np.linalg.inv(poses) @ self.phantom.reference_from_phantom
-        turned = np.broadcast_to(places, (len(poses), *places.shape[-2:]))
-        return np.einsum("fij,fkj->fki", matrix[:, :3, :3], turned) + matrix[:, None, :3, 3]
-
-    def expected(self, matrix: np.ndarray, poses: np.ndarray, moved: Any = None) -> np.ndarray:
-        """(F', 3K, 2) pixels where the wires cut the images."""
-        ends = self.phantom.wires.reshape(-1, 3)
-        if moved is not None:  # the phantom, by mm and radians about its middle
-            middle = ends.mean(axis=0)
-            ends = (ends - middle) @ turn_by(moved[3:]).T + middle + moved[:3]
-        image_from_probe = np.linalg.inv(matrix)
-        seen = self._on_probe(poses, ends) @ image_from_probe[:3, :3].T + image_from_probe[:3, 3]
-        front, back = seen[:, ::2], seen[:, 1::2]
-        share = front[..., 2] / (front[..., 2] - back[..., 2])
-        return (front + share[..., None] * (back - front))[..., :2]
-
-    def fit(self, free: bool) -> Fit:
-        """Eight parameters of `Start.matrix`, and the change of the offset."""
-        ok = self.tracked.at(self.times + self.offset)[1]
-
-        @functools.lru_cache(maxsize=4)
-        def poses(change: float) -> np.ndarray:
-            return self.tracked.at(self.times + self.offset + change)[0]
-
-        def residuals(parameters: np.ndarray) -> np.ndarray:
-            at = poses(float(parameters[8]) if free else 0.0)
-            seen = self.expected(self.start.matrix(parameters), at) - self.points
-            return np.where(ok[:, None, None], seen, 0.0).reshape(-1, 2)
-
-        blocks = np.arange(len(self.times)) * _BLOCKS // len(self.times)
-        groups = np.repeat(blocks, len(self.phantom.wires))
-        return robust_fit(residuals, np.zeros(9 if free else 8), groups=groups, floor=0.01, tuning=_TUNING)
-
-    def considered(self, fit: Fit) -> Fit:
-        """The fit with the covariance that the phantom's registration adds (a consider covariance,
-        Schmidt 1966)."""
-        change = fit.parameters[8] if len(fit.parameters) > 8 else 0.0
-        poses = self.tracked.at(self.times + self.offset + change)[0]
-        matrix = self.start.matrix(fit.parameters)
-        slopes = numerical_jacobian(lambda moved: self.expected(matrix, poses, moved).reshape(-1, 2), np.zeros(6))
-        root = np.sqrt(fit.weights)[:, None, None]
-        jacobian = (root * fit.jacobian).reshape(-1, len(fit.parameters))
-        effect = np.linalg.lstsq(jacobian, (root * slopes).reshape(-1, 6), rcond=None)[0]
-        deviations = self.phantom.error * np.array([1, 1, 1, 0.05, 0.05, 0.05]) / np.sqrt(3)
-        effect = effect * deviations
-        return fit._replace(covariance=fit.covariance + effect @ effect.T)
+        return np.einsum("fij,fkj->fki", matrix[:, :3, :3], places) + matrix[:, None, :3, 3]
 
     def errors(self, matrix: np.ndarray, offset: float) -> WireErrors:
         poses, ok = self.tracked.at(self.times + offset)
-        points = self.points[ok]
-        places = self._on_probe(poses[ok], self.phantom.middles(points))
+        points, poses = self.points[ok], poses[ok]
+        places = self._on_probe(poses, self.phantom.middles(points))
         seen = points[:, 1::3] @ matrix[:3, :2].T + matrix[:3, 3]
+        from_phantom = np.linalg.inv(poses @ matrix) @ self.phantom.reference_from_phantom
         return WireErrors(
             self.frames[ok], np.linalg.norm(seen - places, axis=2),
-            points - self.expected(matrix, poses[ok]),
+            points - cuts(from_phantom, self.phantom.wires.reshape(-1, 3)),
         )  # fmt: skip
+
+
+def _turns(poses: np.ndarray) -> np.ndarray:
+    """Degrees (3,), standard deviation of the probe's rotations about the axes of most to least."""
+    from scipy.spatial.transform import Rotation
+
+    found = Rotation.from_matrix(poses[:, :3, :3])
+    vectors = (found.mean().inv() * found).as_rotvec()
+    return np.degrees(np.sqrt(np.linalg.eigvalsh(np.cov(vectors.T))[::-1].clip(0)))

@@ -49,6 +49,19 @@ def check_hand(path: object, world_from_image: np.ndarray) -> None:
         )
 
 
+def check_order(path: object, times: np.ndarray) -> None:
+    """Warn of time stamps (F,) that go back: the order of the frames is the probe's path."""
+    back = np.flatnonzero(np.diff(times) < 0)
+    if len(back):
+        warnings.warn(
+            f"{path}: time stamps go back at frame {back[0] + 1}"
+            + (f" and {len(back) - 1} others" if len(back) > 1 else "")
+            + "; the frames count in the order of the file: sort these by their stamps, or store passes in files of "
+            "their own",
+            stacklevel=3,
+        )
+
+
 def check_travel(path: object, world_from_probe: np.ndarray) -> None:
     """Warn of poses (F, 4, 4) that are probably in meters beside a calibration in millimeters."""
     places = world_from_probe[:, :3, 3]

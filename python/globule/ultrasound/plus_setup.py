@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -79,8 +80,8 @@ def write_plus(
 ) -> None:
     """Write a PLUS configuration (.xml) with transforms (4, 4) by (from, to), mm.
 
-    base     a configuration whose text is kept; its transforms of the same names are replaced.
-             Default: one with nothing but transforms
+    base     a configuration whose text and line ends are kept; its transforms of the same names are
+             replaced. Default: one with nothing but transforms
     errors   mm, by (from, to)
 
     Raises FormatError if the base is no PLUS configuration.
@@ -88,13 +89,14 @@ def write_plus(
     text = '<PlusConfiguration version="2.1">\n</PlusConfiguration>\n'
     if base is not None:
         _root(base)
-        text = Path(base).read_text(encoding="utf-8-sig")
+        text = Path(base).read_bytes().decode("utf-8-sig")
+    line_end = "\r\n" if "\r\n" in text else "\n"
     for (source, target), matrix in transforms.items():
         numbers = "\n        ".join(format_matrix(row) for row in matrix)
         error = (errors or {}).get((source, target))
         said = "" if error is None else f' Error="{error:.6g}"'
         element = f'<Transform From="{source}" To="{target}"\n      Matrix="\n        {numbers}"'
-        element += f"{said} />"
+        element += f'{said}\n      Date="{time.strftime("%Y.%m.%d %X")}" />'
         block = re.search(r"<CoordinateDefinitions\b[^>]*>.*?</CoordinateDefinitions>", text, re.S)
         if block is None:
             new = f"  <CoordinateDefinitions>\n    {element}\n  </CoordinateDefinitions>\n"
@@ -111,8 +113,9 @@ def write_plus(
             at = inside.rindex("</CoordinateDefinitions>")
             inside = f"{inside[:at].rstrip()}\n    {element}\n  {inside[at:]}"
         text = text[: block.start()] + inside + text[block.end() :]
-    with atomic_write(path, "w") as file:
-        file.write(text)
+    text = text.replace("\r\n", "\n").replace("\n", line_end)
+    with atomic_write(path) as file:
+        file.write(text.encode())
 
 
 def _root(path: str | os.PathLike[str]) -> Any:

@@ -78,7 +78,9 @@ def check_poses(sweep: Sweep, most_speed: float | None = None) -> PoseCheck:
     kept = np.flatnonzero(sweep.valid)
     if len(kept) < 3:
         return PoseCheck(outliers, speed, [])
-    times = np.arange(n, dtype=float) if sweep.timestamps is None else sweep.timestamps
+    times = sweep.timestamps
+    if times is None or not np.ptp(times[kept]):  # or a server without a clock
+        times = np.arange(n, dtype=float)
     kept = kept[np.argsort(times[kept], kind="stable")]
     corners, t = sweep.corners()[kept], times[kept]
     spans = np.maximum(np.diff(t), 1e-9)

@@ -48,10 +48,15 @@ class Recorder:
         self.folder.mkdir(exist_ok=True)
         self.kept = self._earlier(table) if table.is_file() else []
         self.n_frames = len(self.kept)
+        self._kind = (self.kept[0].image.shape, self.kept[0].image.dtype) if self.kept else None
         self._rows = open(table, "a", encoding="utf-8", newline="\n")  # noqa: SIM115 until close
         if self._rows.tell() == 0:
             self._rows.write(",".join(_COLUMNS) + "\n")
             self._rows.flush()
+
+    def takes(self, frame: LiveFrame) -> bool:
+        """Whether the folder's images have the size and the type of this one, or there are none."""
+        return self._kind in (None, (frame.image.shape, frame.image.dtype))
 
     def add(self, frame: LiveFrame) -> None:
         """Write a frame; on return it survives a killed process.
@@ -68,6 +73,7 @@ class Recorder:
         numbers = [float(frame.time), *np.asarray(frame.world_from_image, float).ravel().tolist()]
         self._rows.write(",".join([*map(repr, numbers), "OK", frame.world]) + "\n")
         self._rows.flush()
+        self._kind = frame.image.shape, frame.image.dtype
         self.n_frames += 1
 
     def close(self) -> None:

@@ -51,8 +51,8 @@ class Registration(NamedTuple):
     correlation         of the gray values of both volumes where both hold data, -1 to 1
     correlation_before  the same with the poses as they were; nan where nothing overlapped
     overlap             share of the smaller sweep's voxels that the other sweep holds, too
-    error               mm: expected error at the overlap's corners, from registrations of 4
-                        disjoint parts of the overlap
+    error               mm: expected error at the overlap's corners (1 sigma), from registrations of
+                        4 disjoint parts of the overlap and from that in the other direction
     inverse_error       mm: distance at these corners from the registration in the other direction
     agreeing            share of 6 other starts that end within two voxels of this result
     spacing             mm: voxels of the finest level
@@ -129,17 +129,18 @@ def register_sweeps(
     agreeing = float(np.mean([_apart(best, o, corners) <= _NEAR * spacing for o in others]))
     parts = [_registered(a, b, best, part) for part in range(_PARTS)]
     spread = np.mean([_apart(best, part, corners) ** 2 for part in parts])
-    # Each of n parts has n times the variance of the whole; their mean is nearly the whole's.
-    error = math.sqrt(float(spread) / (_PARTS - 1))
     say(total - 1, total)
     back = np.linalg.inv(_registered(b, a, np.linalg.inv(best)))
+    inverse_error = _apart(best, back, corners)
+    # Each of n parts has n times the variance of the whole; their mean is nearly the whole's. All of
+    # them share the error of one volume; two estimates of different volumes are sqrt(2) of it apart.
+    error = math.sqrt(float(spread) / (_PARTS - 1) + inverse_error**2 / 2)
     say(total, total)
     angle = math.degrees(math.acos(np.clip((np.trace(best[:3, :3]) - 1) / 2, -1, 1)))
     middle = corners.mean(axis=0)[None]
     report = Registration(
         best, angle, float(np.linalg.norm(_moved(best, middle) - middle)), _seen(a, b, best),
-        _seen(a, b, np.eye(4)), overlap, error, _apart(best, back, corners), agreeing,
-        spacing,
+        _seen(a, b, np.eye(4)), overlap, error, inverse_error, agreeing, spacing,
     )  # fmt: skip
     if check and (wrong := _distrust(report, limit)):
         raise RegistrationError(f"moving: expected sweeps of one anatomy that register, got {wrong}", report)

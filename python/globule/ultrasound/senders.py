@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import re
 import socket
 import threading
 import time
@@ -10,8 +11,16 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from .. import _core
+from .._base.arrays import address
+
 _HEADER = 58  # bytes
 _MOST_BODY = 2**30
+# Version, and a type of 12 bytes: letters, then zeros.
+_TYPES = b"|".join(b"[A-Z][A-Z0-9_]{%d}\\0{%d}" % (n, 11 - n) for n in range(12))
+_HEADERS = re.compile(b"\\0[\\1-\\3](?:" + _TYPES + b")")
 _CONNECT_PAUSE = 0.1  # s between attempts
 _MOST_WAITING = 256  # messages between a socket and their use; then the server waits
 OTHER_CLOCK = 1.0  # s between two clocks beyond which stamps do not mean the same time
@@ -20,7 +29,7 @@ _FIRST = 0.5  # s of messages before the difference is used
 
 
 class Arrived(NamedTuple):
-    """A message, the number of its server, when it came, s, of this machine's clock, and how many
+    """A message, or what is `Broken`; the number of its server, when it came, s, of this machine's clock, and how many
     messages wait behind it."""
 
     server: int
@@ -45,7 +54,6 @@ def arrivals(
 
     Raises:
         ConnectionError: the first server does not answer, or none of another one's messages came.
-        ValueError: bytes that are not OpenIGTLink.
     """
     came: queue.Queue[Arrived | Exception | None] = queue.Queue(_MOST_WAITING)
     stop = threading.Event()
@@ -65,6 +73,12 @@ def arrivals(
             yield item._replace(waiting=came.qsize())
     finally:
         stop.set()
+
+
+class Broken(NamedTuple):
+    """What stood in the place of a message, in words."""
+
+    what: str
 
 
 class _Reader:
@@ -109,8 +123,9 @@ class _Reader:
             self.connections[self.number] += 1
             with connection:
                 connection.settimeout(0.2)
+                stream = _Stream(self.base, connection, self.stop)
                 while not self.stop.is_set():
-                    message = _message(self.base, connection, deadline, self.stop)
+                    message = stream.message(deadline)
                     if message is None:
                         break
                     arrived = time.monotonic()
@@ -125,46 +140,83 @@ class _Reader:
 _NOTHING = object()
 
 
-def _message(base: Any, connection: socket.socket, deadline: float, stop: threading.Event) -> Any:
-    """The next message; None after the connection broke or stayed silent."""
-    header = _read(connection, _HEADER, deadline, stop)
-    if header is None:
-        return None
-    try:
-        fields = base.parse_header(header)
-    except ValueError:  # no text where the type should be
-        fields = {"body_size": -1}
-    if not 0 <= fields["body_size"] <= _MOST_BODY:
-        raise ValueError(f"live: expected an OpenIGTLink message, got {header[:14]!r}")
-    body = _read(connection, fields["body_size"], deadline + 5, stop)
-    if body is None:
-        return None
-    message = base.create_message(fields["message_type"])
-    if message is None:
-        return (fields["message_type"],)  # of a type that does not matter here
-    try:
-        message.unpack(fields, body)
-    except Exception as error:  # the parser fails in many ways
-        kind = fields["message_type"]
-        raise ValueError(f"live: expected a whole {kind} message, got: {error}") from None
-    return message
+class _Stream:
+    """Messages of one connection. Bytes that are no message are skipped up to the next header."""
 
+    def __init__(self, base: Any, connection: socket.socket, stop: threading.Event):
+        self.base, self.connection, self.stop = base, connection, stop
+        self._bytes = bytearray()
+        self._checks = False  # whether the sender's checksums were right once
+        self._lost = False  # whether bytes were skipped since the last message
 
-def _read(connection: socket.socket, n: int, deadline: float, stop: threading.Event) -> bytes | None:
-    parts = bytearray()
-    while len(parts) < n:
+    def message(self, deadline: float) -> Any:
+        """The next message, or what is `Broken`; None after the connection broke or stayed silent."""
+        while True:
+            if not self._fill(_HEADER, deadline):
+                rest, self._bytes = self._bytes, bytearray()
+                return Broken("messages that were cut off") if rest and not self._lost else None
+            header = bytes(self._bytes[:_HEADER])
+            size = int.from_bytes(header[42:50], "big")
+            named = b"\0" not in header[14:34].rstrip(b"\0")
+            if not (_HEADERS.match(header) and named and size <= _MOST_BODY):
+                found = self._skip(header)
+                if found is not None:
+                    return found
+                continue
+            kind = header[2:14].rstrip(b"\0").decode()
+            if not self._fill(_HEADER + size, deadline + 5):
+                # A message that was cut off, or a wrong size: others may stand behind its header.
+                del self._bytes[:1]
+                self._lost = True
+                return Broken("messages that were cut off")
+            body = bytes(memoryview(self._bytes)[_HEADER : _HEADER + size])
+            problem, message = self._unpacked(kind, header, body)
+            if problem:
+                del self._bytes[:1]
+                self._lost = True
+                return Broken(problem)
+            del self._bytes[: _HEADER + size]
+            self._lost = False
+            return message
+
+    def _unpacked(self, kind: str, header: bytes, body: bytes) -> tuple[str, Any]:
+        if body:
+            check = _core.crc64(address(np.frombuffer(body, np.uint8)), len(body), 0)
+            right = int.from_bytes(header[50:58], "big") == check
+            self._checks |= right
+        if body and self._checks and not right:
+            return f"{kind} messages with a wrong checksum", None
+        message = self.base.create_message(kind)
+        if message is None:
+            return "", (kind,)  # of a type that does not matter here
         try:
-            part = connection.recv(n - len(parts))
-        except TimeoutError:
-            if time.monotonic() > deadline or stop.is_set():
-                return None
-            continue
-        except OSError:
-            return None
-        if not part:
-            return None
-        parts += part
-    return bytes(parts)
+            message.unpack(self.base.parse_header(header), body)
+        except Exception as error:  # the parser fails in many ways
+            return f"{kind} messages that are no whole ones ({error})", None
+        return "", message
+
+    def _skip(self, header: bytes) -> Broken | None:
+        """Drop bytes up to what looks like a header; once for a stretch, say so."""
+        found = _HEADERS.search(self._bytes, 1)
+        del self._bytes[: found.start() if found else max(1, len(self._bytes) - _HEADER + 1)]
+        first, self._lost = not self._lost, True
+        return Broken(f"bytes that are no OpenIGTLink message ({header[:14]!r})") if first else None
+
+    def _fill(self, n: int, deadline: float) -> bool:
+        """Whether n bytes are there."""
+        while len(self._bytes) < n:
+            try:
+                part = self.connection.recv(max(n - len(self._bytes), _HEADER))
+            except TimeoutError:
+                if time.monotonic() > deadline or self.stop.is_set():
+                    return False
+                continue
+            except OSError:
+                return False
+            if not part:
+                return False
+            self._bytes += part
+        return True
 
 
 class Clocks:

@@ -25,6 +25,7 @@ from .region import Clip, checked_clip, region_mask
 _MOST_DOTS = 20  # of an image, the brightest
 _THRESHOLDS = (0.1, 0.2, 0.35, 0.5)  # of the image's largest value, until all wires are found
 _LARGEST_DOT = 0.08  # of the image's diagonal
+_DOT = 0.005  # of it: deviation of the weights that find a dot's middle
 _STRETCH = 1.5  # most difference of scales in a cut through parallel wires
 _NEAR = 0.12  # of the smallest distance between parallel wires: a dot is where it is expected
 
@@ -40,6 +41,7 @@ class NWirePhantom:
     error       mm, of that registration; 0.5 if it is not known
     spacing     mm per pixel, about, or None
     clip        (column, row, width, height) in pixels: where dots are looked for, or None
+    landmark_error   mm, of a landmark by that registration, as PLUS states it, or None
     """
 
     names: tuple[str, ...]
@@ -49,6 +51,7 @@ class NWirePhantom:
     error: float = 0.5
     spacing: float | None = None
     clip: Clip | None = None
+    landmark_error: float | None = None
 
     def __post_init__(self) -> None:
         wires = np.asarray(self.wires, np.float64)
@@ -115,7 +118,7 @@ class WirePoints(NamedTuple):
 def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
     """Read the wires of a phantom: a PLUS configuration (.xml) or a table of our own (.toml).
 
-    PLUS: <PhantomDefinition> with <Pattern Type="NWire"> and <Landmarks>, and the transform from
+    PLUS: <PhantomDefinition> with <Pattern Type="NWire"> or <NWire>, and <Landmarks>, and the transform from
     Phantom to Reference. TOML: `wires`, a list of patterns of three wires, each of two ends, mm;
     and, if known, `reference_from_phantom`, `error` (mm), `spacing` (mm per pixel), `clip` (pixels)
     and a table `landmarks` of points. Raises FormatError naming the element or key.
@@ -126,9 +129,8 @@ def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
     names: list[str] = []
     wires: list[list[list[float]]] = []
     landmarks: dict[str, np.ndarray] = {}
-    for pattern in root.iter("Pattern"):
-        if pattern.get("Type") != "NWire":
-            continue
+    patterns = [pattern for pattern in root.iter("Pattern") if pattern.get("Type") == "NWire"]
+    for pattern in [*patterns, *root.iter("NWire")]:  # the latter of older configurations
         of_pattern = list(pattern.iter("Wire"))
         if len(of_pattern) != 3:
             where = f"line {pattern.line}, Pattern"
@@ -139,13 +141,14 @@ def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
             wires.append([_point(path, wire, end) for end in ends])
     for mark in root.iter("Landmark"):
         landmarks[mark.get("Name") or str(len(landmarks) + 1)] = np.array(_point(path, mark, "Position"))
-    matrix, error = None, 0.5
+    matrix, error, landmark_error = None, 0.5, None
     for element in root.iter("Transform"):
         if (element.get("From"), element.get("To")) == ("Phantom", "Reference"):
             where = f"line {element.line}, Transform Phantom to Reference"
             try:
                 matrix = parse_matrix(element.get("Matrix") or "")
-                error = float(element.get("Error") or error)
+                landmark_error = float(element.get("Error")) if element.get("Error") else None
+                error = error if landmark_error is None else landmark_error
             except ValueError as problem:
                 raise bad(path, where, f"expected 16 numbers, got {problem}") from None
     segmentation = next(root.iter("Segmentation"), None)
@@ -169,7 +172,7 @@ def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
             raise bad(path, where, f"expected numbers, got {problem}") from None
     if not wires:
         raise bad(path, "PhantomDefinition", 'expected <Pattern Type="NWire">, got none')
-    return _checked(path, tuple(names), wires, landmarks, matrix, error, spacing, clip)
+    return _checked(path, tuple(names), wires, landmarks, matrix, error, spacing, clip, landmark_error)
 
 
 def write_phantom(path: str | os.PathLike[str], phantom: NWirePhantom) -> None:
@@ -293,8 +296,8 @@ def find_wires(frames: Any, phantom: NWirePhantom) -> list[WirePoints]:
             frame = np.where(outside, 0, frame)
         of_frame, matches = _seen(frame, phantom)
         dots.append(of_frame)
-        for way, found in matches.items():
-            ways.setdefault(way, {})[i] = found
+        for way, (error, where) in matches.items():
+            ways.setdefault(way, {})[i] = error, _middle_of_dots(frame, where)
     answers = []
     for of_way in ways.values():
         points = np.full((len(frames), len(phantom.wires), 2), np.nan)
@@ -325,6 +328,24 @@ def _seen(image: np.ndarray, phantom: NWirePhantom) -> tuple[np.ndarray, dict[in
                 return dots, matches
     assert first is not None  # there are thresholds
     return first, {}
+
+
+def _middle_of_dots(image: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Places (n, 2) of the bright middles of dots: the mean of what is near, by Gaussian weights
+    around it. A dot's tail, or a reflection that touches it, then hardly pulls."""
+    size = max(_DOT * np.hypot(*image.shape), 1.0)
+    reach = np.arange(-int(3 * size) - 1, int(3 * size) + 2)
+    found = places
+    for _ in range(8):
+        columns, rows = np.rint(found).astype(int).T[:, :, None] + reach
+        inside = [np.clip(i, 0, n - 1) for i, n in ((columns, image.shape[1]), (rows, image.shape[0]))]
+        x, y = (np.exp(-0.5 * ((i - at[:, None]) / size) ** 2)
+                for i, at in ((columns, found[:, 0]), (rows, found[:, 1])))  # fmt: skip
+        light = image[inside[1][:, :, None], inside[0][:, None, :]] * y[:, :, None] * x[:, None, :]
+        total = light.sum(axis=(1, 2))
+        moved = np.stack([np.einsum("nyx,nx->n", light, inside[0]), np.einsum("nyx,ny->n", light, inside[1])], 1)
+        found = np.where(total[:, None] > 0, moved / np.maximum(total, 1e-12)[:, None], found)
+    return found
 
 
 def _above_surroundings(image: np.ndarray) -> np.ndarray:

@@ -28,7 +28,8 @@ _ORIENTATION = "UltrasoundImageOrientation"
 class Recording(NamedTuple):
     """A file of frames as it is.
 
-    frames         (F, H, W), in MF orientation: column 0 at the marked side, row 0 at the probe
+    frames         (F, H, W), in MF orientation: column 0 at the marked side, row 0 at the probe;
+                   (F, 0, 0) of a tracker's buffer
     times          (F,) s, or None where a frame has none
     edges          transforms by (source, target), one matrix per frame
     ok             (F,) bool: the image's own status
@@ -48,7 +49,7 @@ def read(path: str | os.PathLike[str], progress: Progress = None) -> Recording:
     """Read frames and all that is said of them. Raises FormatError naming the field."""
     with open(path, "rb") as file:
         is_nrrd = file.read(4) == b"NRRD"
-    image = (nrrd if is_nrrd else metaimage).read(path, progress)
+    image = nrrd.read(path, progress) if is_nrrd else metaimage.read(path, progress, empty=True)
     frames = _planes(path, image, is_nrrd)
     n = len(frames)
     fields: dict[str, str] = {}
@@ -62,9 +63,8 @@ def read(path: str | os.PathLike[str], progress: Progress = None) -> Recording:
             frame_fields[int(match[1])][match[2]] = text
         else:
             raise bad(path, plain, f"expected fields of {n} frames (0 to {n - 1})")
-    down, right = _flips(path, _get(fields, _ORIENTATION))
-    frames = np.ascontiguousarray(frames[:, ::down, ::right])
-    ok = np.array([f.get("ImageStatus", "OK") == "OK" for f in frame_fields])
+    frames = np.ascontiguousarray(_turned(path, frames, _get(fields, _ORIENTATION)))
+    ok = np.array([f.get("ImageStatus", "OK") == "OK" or not frames.size for f in frame_fields])
     times = _times(path, frame_fields)
     if times is None and is_nrrd:
         times = _index_values(path, fields, n)
@@ -73,8 +73,7 @@ def read(path: str | os.PathLike[str], progress: Progress = None) -> Recording:
 
 def write(path: str | os.PathLike[str], recording: Recording, progress: Progress = None) -> None:
     """Write a recording, in the orientation that its fields name."""
-    down, right = _flips(path, _get(recording.fields, _ORIENTATION))
-    frames = recording.frames[:, ::down, ::right]
+    frames = _turned(path, recording.frames, _get(recording.fields, _ORIENTATION), back=True)
     is_nrrd = _is_nrrd(path)
     suffix = nrrd.KEY_VALUE if is_nrrd else ""
     header = _translated(recording.fields, is_nrrd)
@@ -118,10 +117,13 @@ def _planes(path: Any, image: RawImage, is_nrrd: bool) -> np.ndarray:
     """The frames, (F, H, W); colors become gray (ITU-R BT.601)."""
     array, channels = image.array, _channel_axis(image, is_nrrd)
     items = _item_axis(image, is_nrrd)
-    if items:
+    if channels is not None and items is not None:
+        array = np.moveaxis(array, (items, channels), (0, -1))
+    elif items is not None:
         array = np.moveaxis(array, items, 0)
-    if channels is not None:
+    elif channels is not None:
         array = np.moveaxis(array, channels, -1)
+    if channels is not None:
         if array.shape[-1] not in (1, 3, 4):
             expected = "1, 3 (RGB) or 4 (RGBA) values a pixel"
             raise bad(path, "kinds", f"expected {expected}, got {array.shape[-1]}")
@@ -136,11 +138,11 @@ def _planes(path: Any, image: RawImage, is_nrrd: bool) -> np.ndarray:
 
 
 def _item_axis(image: RawImage, is_nrrd: bool) -> int | None:
-    """The axis of the items of a sequence of 3D Slicer, which has three axes beside it."""
+    """The axis of the items of a sequence, which 3D Slicer writes as the first or the last."""
     kinds = image.fields.get("kinds", "").lower().split()
-    if not is_nrrd or sorted(kinds) != ["domain", "domain", "domain", "list"]:
+    if not is_nrrd or kinds.count("list") != 1 or len(kinds) != image.array.ndim:
         return None
-    return 3 - kinds.index("list")  # NRRD counts from the fastest axis
+    return len(kinds) - 1 - kinds.index("list")  # NRRD counts from the fastest axis
 
 
 def _index_values(path: Any, fields: dict[str, str], n: int) -> np.ndarray | None:
@@ -177,12 +179,21 @@ def to_gray(array: np.ndarray) -> np.ndarray:
     return (np.rint(gray) if array.dtype.kind in "iu" else gray).astype(array.dtype)
 
 
-def _flips(path: Any, orientation: str) -> tuple[int, int]:
-    """Steps along rows and columns that lead to MF: U columns and N rows run the other way."""
-    if orientation[:2] not in ("MF", "UF", "MN", "UN"):
-        expected = "MF, UF, MN or UN"
-        raise bad(path, _ORIENTATION, f"expected {expected}, got {shown(orientation)}")
-    return (-1 if orientation[1] == "N" else 1), (-1 if orientation[0] == "U" else 1)
+def _turned(path: Any, frames: np.ndarray, orientation: str, back: bool = False) -> np.ndarray:
+    """Frames (F, H, W) of an orientation in MF, or back. Its letters are the ways in which the
+    columns and the rows count: to the marked (M) or unmarked (U) side, far from (F) or near (N) to
+    the probe."""
+    letters = orientation[:2] if frames.size > len(frames) else "MF"  # nothing to turn
+    across = letters[:1] in ("F", "N")  # columns along the depth
+    side, depth = (letters[1:], letters[:1]) if across else (letters[:1], letters[1:])
+    if side not in ("M", "U") or depth not in ("F", "N"):
+        expected = "M or U and F or N, as MF or FM"
+        problem = f"expected {expected}, got {shown(orientation)}; the header must say how the image lies"
+        raise bad(path, _ORIENTATION, problem)
+    step = np.s_[:, :: -1 if depth == "N" else 1, :: -1 if side == "U" else 1]
+    if back:
+        return frames[step].swapaxes(1, 2) if across else frames[step]
+    return (frames.swapaxes(1, 2) if across else frames)[step]
 
 
 def _times(path: Any, frame_fields: list[dict[str, str]]) -> np.ndarray | None:
@@ -211,13 +222,15 @@ def _edges(path: Any, frame_fields: list[dict[str, str]]) -> Edges:
             if key not in edges:
                 missing = np.tile(np.full((4, 4), np.nan), (n, 1, 1))
                 edges[key] = Transform(missing, np.zeros(n, bool))
+            status = fields.get(name + "Status", "OK").strip() == "OK"
             try:
                 matrix = parse_matrix(text)
             except ValueError as error:
+                if not status:
+                    continue  # no pose, whatever stands there
                 problem = f"expected 16 numbers, got {error}"
                 raise bad(path, _name(i, name), problem) from None
             edges[key].matrices[i] = matrix
-            status = fields.get(name + "Status", "OK") == "OK"
             edges[key].ok[i] = status and is_pose(matrix)
     return edges
 

@@ -163,7 +163,8 @@ def read_numpy(path: str | os.PathLike[str]) -> Stack:
     frames = arrays.pop("frames", None)
     if frames is None or frames.ndim != 3 or frames.dtype.kind not in "biuf":
         got = "none" if frames is None else f"{frames.dtype} {frames.shape}"
-        raise bad(path, "frames", f"expected an array (F, H, W) of numbers, got {got}")
+        hint = "; np.stack makes one of several images" if frames is not None and frames.ndim == 2 else ""
+        raise bad(path, "frames", f"expected an array (F, H, W) of numbers, got {got}{hint}")
     times = arrays.pop("timestamps", None)
     if times is not None and (times.shape != frames.shape[:1] or times.dtype.kind not in "iuf"):
         expected = f"{len(frames)} numbers"

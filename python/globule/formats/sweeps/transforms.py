@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 _NAME = re.compile(r"([A-Z][A-Za-z0-9]*?)To([A-Z][A-Za-z0-9]*)")
+_NO_NUMBER = re.compile(r"[+-]?(\d\.#[A-Z]+\d*|nan\(\w*\))", re.IGNORECASE)
 WORLDS = ("Reference", "World", "Tracker")  # the first that can be reached is the world
 
 
@@ -80,8 +81,9 @@ def inverse(matrices: np.ndarray) -> np.ndarray:
 
 
 def parse_matrix(text: str) -> np.ndarray:
-    """The 4x4 matrix of 16 numbers, row by row. Raises ValueError."""
-    values = np.array([float(word) for word in text.split()])
+    """The 4x4 matrix of 16 numbers, row by row; -1.#IND and others of Windows are NaN. Raises
+    ValueError."""
+    values = np.array([np.nan if _NO_NUMBER.fullmatch(word) else float(word) for word in text.split()])
     if len(values) != 16:
         raise ValueError(f"{len(values)} numbers")
     return values.reshape(4, 4)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import zlib
+from io import BufferedReader
 from typing import IO, Any
 
 import numpy as np
@@ -23,10 +24,16 @@ _TYPES = {
 _NAMES = {code: name for name, code in _TYPES.items()}
 
 
-def read(path: str | os.PathLike[str], progress: Progress = None) -> RawImage:
-    """Read header and data. Raises FormatError naming the field that is wrong."""
+def read(path: str | os.PathLike[str], progress: Progress = None, empty: bool = False) -> RawImage:
+    """Read header and data. Raises FormatError naming the field that is wrong.
+
+    empty   allow images of 0 x 0 pixels: the buffer of a tracker, whose header holds its poses
+    """
     with open(path, "rb") as file:
         fields = _header(path, file)
+        sizes = fields.get("DimSize", "").split()
+        if empty and len(sizes) == 3 and sizes[:2] == ["0", "0"] and sizes[2].isdecimal() and len(sizes[2]) < 8:
+            return RawImage(np.zeros((int(sizes[2]), 0, 0), np.uint8), fields)
         shape, dtype = _layout(path, fields)
         name = fields.get("ElementDataFile", "")
         if name.upper() == "LOCAL":
@@ -89,12 +96,13 @@ def numbers(path: Any, fields: dict[str, str], name: str, n: int, default: list[
     return values
 
 
-def _header(path: Any, file: IO[bytes]) -> dict[str, str]:
+def _header(path: Any, file: BufferedReader) -> dict[str, str]:
     fields: dict[str, str] = {}
     while "ElementDataFile" not in fields:
         line = file.readline(LONGEST_LINE)
         where = f"line {len(fields) + 1}"
-        if not line.endswith(b"\n") or file.tell() > LONGEST_HEADER:
+        last = line.startswith(b"ElementDataFile") and not file.peek(1)  # needs no line end
+        if not (line.endswith(b"\n") or last) or file.tell() > LONGEST_HEADER:
             problem = f"expected a MetaImage header that ends in ElementDataFile, got {shown(line)}"
             raise bad(path, where, problem)
         name, equals, text = line.decode("utf-8", "replace").partition("=")
