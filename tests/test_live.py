@@ -274,6 +274,15 @@ def test_an_image_is_drawn_while_frames_come(sweep, capsys, flag, after, refresh
     assert sorted(os.listdir()) == ["phantom.igs.mha", "v.npz", "v.png"]
 
 
+def test_the_volume_is_written_while_frames_come(sweep, capsys, monkeypatch):
+    monkeypatch.setattr("globule.cli.live.AUTOSAVE", 0.0)
+    address = served(sweep, between=Redrawn("v.npz", (8, 14, 20)))
+    run_json(capsys, *GROWS, "--live", address, "-o", "v.npz")
+    once = read_volume("v.npz")
+    run_json(capsys, *GROWS, "--live", served(sweep), "-o", "w.npz")
+    assert np.array_equal(once.values, read_volume("w.npz").values)
+
+
 def test_frames_with_a_useless_pose_do_not_end_the_stream(sweep):
     sweep.world_from_image[3] = 0
     sweep.world_from_image[5, :3, 3] = np.nan
@@ -521,7 +530,7 @@ def test_a_stream_in_ras_lies_where_it_is(embedded, capsys):
             messages.append(igtl.TransformMessage(pose, timestamp=when, device_name=name))
     words = [*GROWS, "--live", stream(messages), "-o", "v.nii.gz"]
     run_json(capsys, *words, *([] if embedded else ["--space", "RAS"]))
-    volume = gb.volumes.read_volume("v.nii.gz", space="RAS")
+    volume = read_volume("v.nii.gz", space="RAS")
     z, y, x = np.unravel_index(np.argmax(volume.values), volume.shape)
     place = volume.world_from_voxel @ (x, y, z, 1)
     assert np.allclose(place[:3], (30, 20, 10), atol=0.6)

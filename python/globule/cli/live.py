@@ -13,17 +13,20 @@ import numpy as np
 
 from ..ultrasound.live import LiveCounts, LiveFrame, parse_address, receive_sweeps
 from ..ultrasound.sweep import Sweep
+from ..volumes.files import write_volume
 from ..volumes.volume import Volume
 from . import flags
 from .pictures import draw, wanted
 from .shared import Progress, UserError, check_folder, count, mistakes, positive, say, warn
 
+AUTOSAVE = 10.0  # s: a crash loses no more of the volume
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of live reconstruction."""
     group = parser.add_argument_group(
-        "live", "With --voxel-size, the volume grows with the frames, and --three-view and "
-        "--surface are written again while frames arrive.")  # fmt: skip
+        "live", f"With --voxel-size, the volume grows with the frames and is written every {AUTOSAVE:g} s, and "
+        "--three-view and --surface are written again while frames arrive.")  # fmt: skip
     flags.own(group, "--live igtl://HOST:PORT", "read frames from an OpenIGTLink server instead of "
         "SWEEP, until the server stops or Ctrl-C")  # fmt: skip
     flags.own(group, "--tracker igtl://HOST:PORT", "read transforms from this second OpenIGTLink "
@@ -103,6 +106,8 @@ class Live:
         self.n_frames = self.n_drawn = 0
         self._drawn = -np.inf
         self._drawing: Future | None = None
+        self._saved = time.monotonic()
+        self._saving: Future | None = None
 
     def sweeps(self) -> list[Sweep]:
         """All frames until the server stops, after the frames that an earlier run recorded: a sweep
@@ -250,6 +255,8 @@ class Live:
             self._serve(frame)
         if wanted(self.options):
             self._draw()
+        if self.options.output:
+            self._save()
 
     def _open_server(self) -> None:
         from ..ultrasound.broadcast import Broadcaster
@@ -285,6 +292,15 @@ class Live:
         self._drawn = now
         self._drawing = self._draughtsman.submit(draw, self.reconstructor.volume(), self.options, [])
         self.n_drawn += 1
+
+    def _save(self) -> None:
+        """Write the volume so far; the same thread does, so that frames go on."""
+        now = time.monotonic()
+        if now - self._saved < AUTOSAVE or (self._saving is not None and not self._saving.done()):
+            return
+        self._saved, options = now, self.options
+        volume = self.reconstructor.volume()
+        self._saving = self._draughtsman.submit(write_volume, options.output, volume, options.maps)
 
     def _reconstructor(self, frame: LiveFrame) -> Any:
         from ..ultrasound.reconstructor import Reconstructor
