@@ -117,8 +117,9 @@ def write_dump(path: str, *frames: np.ndarray, faces: str = "pp pp ff") -> None:
 def write_extxyz(path: str, *frames: np.ndarray) -> None:
     """Extended XYZ of the same."""
     with open(path, "w", encoding="utf-8") as file:
-        for x in frames:
-            file.write(f'{len(x)}\nLattice="1 0 0 0 1 0 0 0 2" pbc="T T F" Properties=species:S:1:pos:R:3\n')
+        for k, x in enumerate(frames):
+            file.write(f'{len(x)}\nLattice="1 0 0 0 1 0 0 0 2" pbc="T T F" Time={0.5 * k} ')
+            file.write("Properties=species:S:1:pos:R:3\n")
             file.writelines(f"H {a:.9g} {b:.9g} {c:.9g}\n" for a, b, c in x)
 
 

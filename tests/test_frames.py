@@ -13,7 +13,7 @@ import pytest
 from cli_helpers import SMALL, output_of, refused, run_json
 from format_helpers import write_dump, write_extxyz
 from globule.cli import main
-from globule.formats import packed
+from globule.formats import packed, read_contents
 from globule.formats.frames import FrameOf
 from globule.render.sequence import with_frames
 from globule.viewer.open import open_source
@@ -47,6 +47,8 @@ def test_images_tables_and_files_of_all_frames(make, capsys):
     name = f"frames.{'lammpstrj' if make is dump else 'xyz'}"
     counts = [len(p) for p in frames]
     assert [len(gb.read(f)) for f in with_frames([name])] == counts
+    times = [read_contents(name, frame=k).time for k in range(N)]
+    assert times == [k * (1.0 if make is dump else 0.5) for k in range(N)]
     shown = output_of(capsys, "render", name, "-o", "p_%d.png", *SMALL)
     assert sorted(p.name for p in Path().glob("p_*.png")) == [f"p_{k}.png" for k in range(N)]
     assert "those of the last frame of" in shown.err  # it has most particles
