@@ -81,10 +81,10 @@ def write_report(path: Any, session: Session, frames: np.ndarray, phantom: Any) 
     rows = "".join(f"<tr><th>{html.escape(a)}<td>{html.escape(b)}" for a, b in _rows(session))
     verdicts = "".join(f"<li>{html.escape(line)}" for line in said or [good])
     page = (
-        '<!doctype html><meta charset="utf-8"><title>Calibration</title>'
-        "<style>body{font:16px sans-serif;max-width:72em;margin:2em auto}img{width:100%}"
-        "th{text-align:left;padding-right:2em}</style>"
-        f"<h1>{'Repeat' if said else 'Use'}</h1><ul>{verdicts}</ul><table>{rows}</table>"
+        '<!doctype html><html lang="en"><meta charset="utf-8"><title>N-wire calibration</title>'
+        "<style>body{font:16px sans-serif;max-width:72em;margin:2em auto;padding:0 1em}img{width:100%}"
+        "th,td{text-align:left;vertical-align:top;padding:.2em 2em .2em 0}</style>"
+        f"<h1>N-wire calibration: {'repeat' if said else 'use it'}</h1><ul>{verdicts}</ul><table>{rows}</table>"
         "<h2>Dots, and residuals along the sweep</h2>"
         f'<img alt="dots on images, and errors" src="data:image/png;base64,{pictures[0]}">'
         "<h2>Before and after the temporal offset</h2>"
