@@ -191,3 +191,12 @@ def test_white_matter_is_of_the_same_body(tmp_path, backend):
     for keys in ({"white": [1, 1, 1]}, {"white_level": 150.0}):
         with pytest.raises(ValueError, match="white_level of a file, got one"):
             made(**keys)
+
+
+def test_an_image_reads_no_particles(monkeypatch):
+    """They are all of a simulation's arrays: ten times an image's time on a GPU."""
+    sim = simulation({"device": "cpu"})
+    settings = gb.load_preset("tissue", sim.scene, (0, 0, 1))
+    monkeypatch.setattr("globule.sim.arrays.Arrays.particles", lambda self: pytest.fail("read"))
+    for what in (sim, sim.scene, [gb.Layer(sim.scene)]):
+        assert gb.render(what, CAMERA, SIZE, settings).mask.any()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from inspect import getattr_static
 from typing import Any
 
 import numpy as np
@@ -182,7 +183,8 @@ _ONE = (str, os.PathLike, Layer, SceneBase, Mesh, Particles)
 def _several(scene: Any) -> tuple:
     """The scenes of a list of them, or the one scene."""
     single = isinstance(scene, (*_ONE, Mapping, np.ndarray)) or in_pieces(scene)
-    if single or on_gpu(scene) or hasattr(scene, "particles") or not hasattr(scene, "__iter__"):
+    has_particles = getattr_static(scene, "particles", None) is not None  # not read: they are all of a simulation
+    if single or on_gpu(scene) or has_particles or not hasattr(scene, "__iter__"):
         return (scene,)
     given = tuple(scene)
     named = given and (isinstance(given[0], _ONE) or in_pieces(given[0]))

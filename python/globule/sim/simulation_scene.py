@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from .._base.checks import choice, positive
-from ..data.particles import Particles
+from ..data.particles import HERE, UP, Particles
 from ..pieces.scene import Scene
 from ..scene.scene import DEFAULTS, KERNELS, SMOOTH_SUPPORT, SMOOTH_THRESHOLD
 from .arrays import Arrays
@@ -92,6 +92,16 @@ class SimulationScene(Scene):
     def particles(self) -> Particles:  # type: ignore[override]  # read-only here
         """As `Simulation.particles`."""
         return self._arrays.particles()
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """Positions are the simulation's: no image asks all particles for this."""
+        return HERE
+
+    @property
+    def up(self) -> tuple[float, float, float]:
+        """Upwards in images, as of particles that say nothing."""
+        return UP
 
     def __len__(self) -> int:
         return len(self._solver)
