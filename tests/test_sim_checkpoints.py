@@ -2,8 +2,10 @@
 
 import globule as gb
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from sim_helpers import reloaded
 
 SCENE = {
     "spacing": 0.006,
@@ -106,3 +108,12 @@ def test_every_operation_changes_the_state():
         before = whole_state(sim)
         operation(sim, 0.5)
         assert whole_state(sim) != before, name
+
+
+@pytest.mark.parametrize("name", ["hold", "phase", "vessel", "whose"])
+def test_numbers_that_point_nowhere_are_refused(tmp_path, name):
+    def change(arrays, facts):
+        arrays[f"tissue_{name}"] = np.full_like(arrays[f"tissue_{name}"], 200)
+
+    with pytest.raises(ValueError, match=f"tissue_{name}: expected numbers up to"):
+        reloaded(gb.Simulation(SCENE, device="cpu"), tmp_path, change)
