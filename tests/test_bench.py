@@ -1,6 +1,7 @@
 """`python -m bench` and the benchmarks beside others: tables are complete, truths and judges are right."""
 
 import csv
+import importlib
 import itertools
 import json
 import runpy
@@ -182,17 +183,19 @@ def test_a_plot_is_drawn(tmp_path):
     assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"
 
 
-FIELD = Path(__file__).resolve().parents[1] / "bench" / "field"
+BENCH = Path(__file__).resolve().parents[1] / "bench"
+
+
+def programs(folder: str, *names: str):
+    """Modules of a folder of programs that import each other by their names."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(BENCH / folder)
+        yield [importlib.import_module(name) for name in names]
 
 
 @pytest.fixture(scope="module")
 def field():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(FIELD)
-        import cases
-        import judging
-
-        yield judging, cases
+    yield from programs("field", "judging", "cases")
 
 
 @pytest.mark.parametrize("name", ["ball", "pool at rest", "sheet"])
@@ -274,7 +277,7 @@ def test_a_square_is_judged_by_the_particles_near_it_alone(field, stretched):
 @pytest.mark.slow
 def test_one_command(tmp_path):
     """globule draws its surfaces without a wrong pixel; a name that is not known is one line."""
-    command = [sys.executable, str(FIELD), "--size", "64x48", "--particles", "500", "-o", "out"]
+    command = [sys.executable, str(BENCH / "field"), "--size", "64x48", "--particles", "500", "-o", "out"]
     some = ["--scenes", "ball,mixed radii", "--programs", "globule, balls;globule, smooth"]
     done = subprocess.run([*command, *some], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -294,17 +297,9 @@ def test_one_command(tmp_path):
     assert "scene: expected one of ball" in bad.stderr
 
 
-PEERS = Path(__file__).resolve().parents[1] / "bench" / "peers"
-
-
 @pytest.fixture(scope="module")
 def bench():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(PEERS)
-        import fluid_judge
-        import fluids
-
-        yield fluids, fluid_judge
+    yield from programs("peers", "fluids", "fluid_judge")
 
 
 def lattice(n: int, d: float) -> np.ndarray:
@@ -356,7 +351,7 @@ def test_flow_counts_what_is_lost(bench):
 
 def run(tmp_path: Path, *words: str) -> tuple[subprocess.CompletedProcess, list[dict]]:
     out = tmp_path / "rows.json"
-    command = [sys.executable, str(PEERS / "fluids.py"), "--cases", "column", "--threads", "1"]
+    command = [sys.executable, str(BENCH / "peers" / "fluids.py"), "--cases", "column", "--threads", "1"]
     done = subprocess.run(
         [*command, "--json", str(out), "--csv", str(tmp_path / "rows.csv"), *words],
         capture_output=True, text=True, check=True, timeout=PATIENCE,

@@ -20,7 +20,7 @@ class Octree(Owner):
 
     level          deepest level that has nodes; the root is level 0
     n_nodes        nodes of all levels
-    n_leaves       nodes without children
+    n_leaves       nodes without children that hold particles
     n_inside       particles in the octree; the others have no finite position or are out of bounds
     bytes          device memory, with all buffers of the build
     build_seconds  device time of the last build; 0 where the solver of a simulation built it

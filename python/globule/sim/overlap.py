@@ -30,12 +30,12 @@ def check_overlap(scene: Any, found: Sequence[tuple[str, Any]]) -> None:
         return
     spacing = {"fluid": scene.fluid_spacing, "rigid": scene.spacing}
     loose = [(name, body) for name, body in found if body.kind in spacing and len(body.positions)]
-    for (name, body), (other, second) in combinations(loose, 2):
-        if "fluid" not in (body.kind, second.kind):
-            continue
-        lo = np.maximum(body.positions.min(0), second.positions.min(0))
-        hi = np.minimum(body.positions.max(0), second.positions.max(0))
-        if (hi < lo).any():
+    if len(loose) < 2:
+        return
+    bodies = [(name, body, *_corners(body.positions)) for name, body in loose]
+    for (name, body, *ends), (other, second, *other_ends) in combinations(bodies, 2):
+        lo, hi = np.maximum(ends[0], other_ends[0]), np.minimum(ends[1], other_ends[1])
+        if "fluid" not in (body.kind, second.kind) or (hi < lo).any():
             continue
         small, large = sorted((body, second), key=lambda b: len(b.positions) * spacing[b.kind] ** 3)
         apart = 0.5 * (spacing[small.kind] + spacing[large.kind])
@@ -51,8 +51,12 @@ def check_overlap(scene: Any, found: Sequence[tuple[str, Any]]) -> None:
             )
 
 
-def _between(positions: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> np.ndarray:
+def _corners(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Axis by axis, which takes a tenth of the time of all at once."""
+    return np.array([x.min() for x in positions.T]), np.array([x.max() for x in positions.T])
+
+
+def _between(positions: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> np.ndarray:
     inside = np.ones(len(positions), bool)
     for x, a, b in zip(positions.T, lo, hi, strict=True):
         inside &= (x >= a) & (x <= b)
