@@ -451,7 +451,10 @@ public:
             n_nodes, build::CarryBoxes{header, node_arrays(), scratch, scratch + capacity_, scratch + 2 * capacity_});
     }
 
-    Tree view() const { return {header_.data(), node_arrays()}; }
+    Tree view() {
+        if (lacks_nodes_) build_nodes(reinterpret_cast<const std::uint32_t*>(keys_.data()), n_);
+        return {header_.data(), node_arrays()};
+    }
     DenseTree dense() const { return {header_.data(), dense_.data()}; }
     const SortedParticles& particles() const { return sorted_; }
     const TreeParams& params() const { return params_; }
@@ -512,11 +515,13 @@ private:
         }
         sorted_ = {x, x + padded, x + 2 * padded, index, {support, in.support.uniform}, {weight, in.weight.uniform},
             stretch, in.most_stretch};
-        build_nodes(keys, n, space);
+        if (params_.dense) build_dense(reinterpret_cast<const std::uint32_t*>(keys), n);
+        else build_nodes(keys, n);
     }
 
-    template <class Key> void build_nodes(const Key* keys, std::size_t n, const build::SpaceOf& space) {
+    template <class Key> void build_nodes(const Key* keys, std::size_t n) {
         using namespace build;
+        lacks_nodes_ = false;
         // A node that is no leaf holds more than kLeafSize particles, and each level has each particle at most once:
         // all nodes together are fewer than 2^32, so that their sums do not wrap.
         static_assert(
@@ -531,9 +536,8 @@ private:
         if (params_.dense) seen_ = 0;  // both have the same levels: no build stops short
         make_room(counts, n_chunks, n);
         const std::size_t capacity = capacity_;
-        exec_.for_each(1, WriteHeader{space, n_chunks, counts, depth, capacity, header});
+        exec_.for_each(1, WriteHeader{{params_, bounds_.data()}, n_chunks, counts, depth, capacity, header});
         if (Exec::on_device) last_.ask(exec_, header);
-        if (params_.dense) build_dense(reinterpret_cast<const std::uint32_t*>(keys), n);
         std::uint32_t* scratch = scratch_.reserve(3 * capacity);
         exec_.for_each(n_chunks, EmitNodes<Key>{starts, n_chunks, counts, header, node_arrays(), scratch,
                                      scratch + capacity, scratch + 2 * capacity});
@@ -565,8 +569,13 @@ private:
         return !h || (h->n_wanted <= h->n_nodes && h->n_nodes >= capacity_ / 8);
     }
 
+    /// The sparse nodes are made when somebody asks for them: the thesis's tracing does not.
     void build_dense(const std::uint32_t* keys, std::size_t n) {
         using namespace build;
+        lacks_nodes_ = true;
+        std::uint32_t* none = counts_.reserve(params_.depth + 2);
+        exec_.clear(none, (params_.depth + 2) * sizeof *none);
+        exec_.for_each(1, WriteHeader{{params_, bounds_.data()}, 1, none, params_.depth, 0, header_.data()});
         DenseNode* nodes = dense_.reserve(n_dense_nodes());
         exec_.clear(nodes, n_dense_nodes() * sizeof(DenseNode));
         exec_.for_each(n, FillDense{keys, n, params_.depth, sorted_, nodes});
@@ -587,6 +596,7 @@ private:
     SortedParticles sorted_{};
     TreeParams params_;
     std::size_t n_ = 0, capacity_ = 0;
+    bool lacks_nodes_ = false;
     mutable std::size_t seen_ = 0;
     typename Exec::template Answer<TreeHeader> last_;  ///< what the last build found out
 };

@@ -16,7 +16,7 @@ struct DenseNode {
 struct DenseTree {
     const TreeHeader* header;
     const DenseNode* nodes;
-    GB_FN bool empty() const { return header->n_nodes == 0; }
+    GB_FN bool empty() const { return nodes[0].last <= nodes[0].first; }
 };
 
 }  // namespace globule::core

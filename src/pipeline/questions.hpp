@@ -34,13 +34,14 @@ public:
           indices_(exec),
           count_(exec) {}
 
-    TreeFacts facts(const Octree<Exec>& octree, bool with_hashes) {
+    TreeFacts facts(Octree<Exec>& octree, bool with_hashes) {
         TreeFacts f{};
+        const Tree tree = octree.view();
         f.header = octree.header();
         f.n_inside = octree.size() - f.header.n_outside;
         f.n_nodes = octree.params().dense ? octree.n_dense_nodes() : f.header.n_nodes;
         std::uint32_t* count = count_.reserve(1);
-        exec_.reduce(f.header.n_nodes, CountLeaf{octree.view()}, Add{}, 0u, count);
+        exec_.reduce(f.header.n_nodes, CountLeaf{tree}, Add{}, 0u, count);
         std::uint32_t leaves;
         exec_.download(&leaves, count, sizeof leaves);
         f.n_leaves = leaves;
@@ -50,7 +51,7 @@ public:
     }
 
     /// Median distance to the nearest neighbors, around up to 1024 particles; 0 where there are too few.
-    float spacing(const Octree<Exec>& octree) {
+    float spacing(Octree<Exec>& octree) {
         return share_of_samples(octree, 0.5, [&](std::size_t begin, std::size_t stride, float* out) {
             return LocalSpacing{octree.view(), octree.particles(), begin, octree.size(), stride, out};
         });
@@ -58,7 +59,7 @@ public:
 
     /// Cube root of a particle's volume, if they are those of one fluid, which is nowhere denser than at rest, but for
     /// noise.
-    float fluid_spacing(const Octree<Exec>& octree) {
+    float fluid_spacing(Octree<Exec>& octree) {
         float guess = spacing(octree);
         for (int i = 0; i < 3 && guess > 0.0f; ++i)
             guess = share_of_samples(octree, 0.15, [&](std::size_t begin, std::size_t stride, float* out) {
@@ -67,7 +68,7 @@ public:
         return guess;
     }
 
-    void sorted(const Octree<Exec>& octree, std::uint64_t* keys, std::uint32_t* index) {
+    void sorted(Octree<Exec>& octree, std::uint64_t* keys, std::uint32_t* index) {
         const std::size_t n = octree.size();
         if (octree.params().key_bits == 64) {
             exec_.download(keys, octree.keys(), n * 8);
@@ -93,7 +94,7 @@ public:
         exec_.download(albedo, hits.albedo, 3 * n * sizeof(float));
     }
 
-    void evaluate(const Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& points, float* value,
+    void evaluate(Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& points, float* value,
         float* gradient) {
         const float* p = bring(exec_, points_, points, 3 * n);
         float* out = results_.reserve(4 * n);
@@ -103,7 +104,7 @@ public:
         if (gradient) exec_.download(gradient, out + n, 3 * n * sizeof(float));
     }
 
-    void blend(const Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& points,
+    void blend(Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& points,
         const FloatArray& values, int channels, float* result) {
         const float* p = bring(exec_, points_, points, 3 * n);
         const float* v = bring(exec_, values_, values, octree.size() * channels);
@@ -112,7 +113,7 @@ public:
         exec_.download(result, out, n * channels * sizeof(float));
     }
 
-    void integrate(const Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& origins,
+    void integrate(Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& origins,
         const FloatArray& directions, const FloatArray& values, int channels, float* result) {
         const float *o = bring(exec_, points_, origins, 3 * n), *d = bring(exec_, more_points_, directions, 3 * n);
         const float* v = bring(exec_, values_, values, octree.size() * channels);
@@ -123,7 +124,7 @@ public:
         exec_.download(result, out, n * channels * sizeof(float));
     }
 
-    Neighbors neighbors(const Octree<Exec>& octree, std::size_t n, const FloatArray& points, float radius) {
+    Neighbors neighbors(Octree<Exec>& octree, std::size_t n, const FloatArray& points, float radius) {
         const float* p = bring(exec_, points_, points, 3 * n);
         std::uint64_t* offsets = offsets_.reserve(n + 1);
         exec_.clear(offsets, (n + 1) * sizeof(std::uint64_t));
@@ -142,7 +143,7 @@ public:
 
 private:
     /// Of what up to 1024 particles answer, the value that a share of them is below; 0 where nobody has an answer.
-    template <class Make> float share_of_samples(const Octree<Exec>& octree, double share, const Make& make) {
+    template <class Make> float share_of_samples(Octree<Exec>& octree, double share, const Make& make) {
         const std::size_t begin = octree.header().n_outside, n_inside = octree.size() - begin;
         if (n_inside == 0) return 0.0f;
         const std::size_t stride = max<std::size_t>(1, n_inside / 1024);
@@ -157,7 +158,7 @@ private:
         std::nth_element(all.begin(), all.begin() + place, all.end());
         return all[place];
     }
-    void hash(const Octree<Exec>& octree, TreeFacts& f) {
+    void hash(Octree<Exec>& octree, TreeFacts& f) {
         f.key_hash = hash_device(octree.keys(), octree.size() * octree.params().key_bits / 8);
         f.key_hash = hash_device(octree.particles().index, octree.size() * 4, f.key_hash);
         if (octree.params().dense) {

@@ -14,7 +14,7 @@
 namespace globule::core {
 
 /// fn(kernel, std::bool_constant<PerParticle>): particles that are all alike have faster code.
-template <class Exec, class Fn> void with_kinds(const Octree<Exec>& octree, KernelName name, const Fn& fn) {
+template <class Exec, class Fn> void with_kinds(Octree<Exec>& octree, KernelName name, const Fn& fn) {
     const SortedParticles& p = octree.particles();
     const bool alike = !p.support.data && !p.weight.data && p.weight.uniform > 0.0f;
     if (p.stretch && name == KernelName::murakami)
