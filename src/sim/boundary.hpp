@@ -2,7 +2,7 @@
 // spacing (Akinci 2012).
 #pragma once
 #include "octree/query.hpp"
-#include "sim/density.hpp"
+#include "sim/step.hpp"
 
 namespace globule::core::sim {
 
@@ -44,13 +44,8 @@ struct BoundaryVolumes {
 inline constexpr float kTouching = 0.5f, kLeastHeight = 0.15f, kHeightReach = 1.1f;  // spacings
 
 template <class Packet> struct Contact {
-    Lists<Packet> lists;
-    const float* nearest;  ///< per row
-    State state;
-    Period period;
-    Sizes sizes;
-    float spacing_of_one, dt;  ///< of particles of size 1
-    const float* share;        ///< per phase, of the change that its bodies' masses allow; null: all
+    Step<Packet> step;
+    const float* share;  ///< per phase, of the change that its bodies' masses allow; null: all
 
     struct Kept {
         bool out = false;          ///< of a boundary, whose particle `by` is the nearest
@@ -61,25 +56,25 @@ template <class Packet> struct Contact {
     GB_FN void operator()(std::size_t row) const {
         const Kept k = keep(row);
         if (!k.out) return;
-        Quad& v = state.velocity[lists.rows[row]];
-        const float3 u = share ? v.xyz() + (k.velocity - v.xyz()) * share[state.phase[k.by]] : k.velocity;
+        Quad& v = step.state.velocity[step.lists.rows[row]];
+        const float3 u = share ? v.xyz() + (k.velocity - v.xyz()) * share[step.state.phase[k.by]] : k.velocity;
         v = {u.x, u.y, u.z, v.w};
     }
     GB_FN Kept keep(std::size_t row) const {
         Kept kept;
-        const std::uint32_t slot = lists.rows[row];
-        const float spacing = spacing_of_one * (0.5f + 0.5f * sizes.at(slot));  // from one to the wall's
-        const float r = nearest[row] / spacing;
+        const std::uint32_t slot = step.lists.rows[row];
+        const float spacing = step.spacing * (0.5f + 0.5f * step.sizes.at(slot));  // from one to the wall's
+        const float r = step.rows.boundary[row] / spacing;
         if (!(r < kHeightReach)) return kept;
-        const Quad p = state.place[slot];
+        const Quad p = step.state.place[slot];
         if (!(p.w < 0.0f)) return kept;
         float3 normal{0, 0, 0}, wall{0, 0, 0};
         float total = 0.0f, most = 0.0f;
         each_of_walls(row, [&](std::uint32_t j, const Quad& q) {
-            const float3 away = period.template shortest<true>(p.xyz() - q.xyz());
+            const float3 away = step.period.template shortest<true>(p.xyz() - q.xyz());
             const float d2 = dot(away, away) / (spacing * spacing), s = q.w / (d2 * d2 + 1e-3f);  // the nearest rule
             normal = normal + away * s;
-            wall = wall + state.velocity[j].xyz() * s;
+            wall = wall + step.state.velocity[j].xyz() * s;
             total += s;
             if (s > most) most = s, kept.by = j;
         });
@@ -87,7 +82,7 @@ template <class Packet> struct Contact {
         const float3 mean = normal * (1.0f / total);
         normal = normalize(normal);
         wall = wall * (1.0f / total);
-        const Quad before = state.velocity[slot];
+        const Quad before = step.state.velocity[slot];
         Quad v = before;
         const float approach = dot(v.xyz() - wall, normal);
         if (approach < 0.0f && r < 0.8f) {
@@ -95,17 +90,17 @@ template <class Packet> struct Contact {
             v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
         }
         const float room = max(dot(mean, normal) - kLeastHeight * spacing, 0.0f),
-                    rest = dot(v.xyz() - wall, normal) * dt + room;
+                    rest = dot(v.xyz() - wall, normal) * step.dt + room;
         if (rest < 0.0f) {
-            const float s = rest / dt;
+            const float s = rest / step.dt;
             v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
         }
         if (r < kTouching)
             each_of_walls(row, [&](std::uint32_t j, const Quad& q) {
-                const float3 away = period.template shortest<true>(p.xyz() - q.xyz());
+                const float3 away = step.period.template shortest<true>(p.xyz() - q.xyz());
                 const float d2 = dot(away, away);
                 if (!(d2 < kTouching * kTouching * spacing * spacing)) return;
-                const float s = dot(v.xyz() - state.velocity[j].xyz(), away) / max(d2, 1e-12f * spacing * spacing);
+                const float s = dot(v.xyz() - step.state.velocity[j].xyz(), away) / max(d2, 1e-12f * spacing * spacing);
                 if (s < 0.0f) v = {v.x - s * away.x, v.y - s * away.y, v.z - s * away.z, v.w};
             });
         kept.out = v.x != before.x || v.y != before.y || v.z != before.z;
@@ -118,12 +113,12 @@ private:
     /// wall, and each waits for memory.
     template <class Fn> GB_FN void each_of_walls(std::size_t row, const Fn& fn) const {
         constexpr std::uint32_t kAtOnce = 8;
-        const std::uint32_t n = lists.count[row];
+        const std::uint32_t n = step.lists.count[row];
         for (std::uint32_t k = 0; k < n; k += kAtOnce) {
             std::uint32_t j[kAtOnce];
             Quad q[kAtOnce];
-            for (std::uint32_t m = 0; m < kAtOnce; ++m) j[m] = lists.index[lists.at(row, min(k + m, n - 1))];
-            for (std::uint32_t m = 0; m < kAtOnce; ++m) q[m] = state.place[j[m]];
+            for (std::uint32_t m = 0; m < kAtOnce; ++m) j[m] = step.lists.index[step.lists.at(row, min(k + m, n - 1))];
+            for (std::uint32_t m = 0; m < kAtOnce; ++m) q[m] = step.state.place[j[m]];
             for (std::uint32_t m = 0; m < kAtOnce; ++m)
                 if (k + m < n && q[m].w > 0.0f) fn(j[m], q[m]);
         }

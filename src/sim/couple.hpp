@@ -3,9 +3,7 @@
 #pragma once
 #include "exec/bits.hpp"
 #include "sim/bonds.hpp"
-#include "sim/neighbors.hpp"
-#include "sim/spline.hpp"
-#include "sim/state.hpp"
+#include "sim/step.hpp"
 
 namespace globule::core::tissue {
 
@@ -137,52 +135,49 @@ enum Beside : std::uint8_t {
 /// are therefore planes that the substeps know: no particle comes nearer than it is, or than it would be at rest.  What
 /// else it meets shortens the steps.
 template <class Packet> struct FindContacts {
-    sim::Lists<Packet> lists;
-    sim::State state;
-    const sim::Phase* phases;
+    sim::Step<Packet> step;
     Members members;
     const std::uint32_t* body;
     const Quad* rest;  ///< of solids, else null
     const std::uint8_t* scarred;
     float* spared;  ///< as in OwnPairs
-    sim::Period period;
-    sim::Spline spline;
-    float spacing;
     Quad* plane;
     float* speed;
     Quad* rub;  ///< as in Walls; null: nothing has friction
     std::uint8_t* beside;
     GB_FN void operator()(std::size_t row) const {
-        const std::uint32_t slot = lists.rows[row], t = members(state.id[slot]);
+        const std::uint32_t slot = step.lists.rows[row], t = members(step.state.id[slot]);
         if (t == kNobody) return;
-        const float3 here = state.place[slot].xyz();
+        const float3 here = step.state.place[slot].xyz();
         float3 sum{0, 0, 0}, velocity{0, 0, 0};
         float total = 0.0f;
         Smooth smooth;
         std::uint8_t near = kAlone;
-        for (std::uint32_t k = 0, n = lists.count[row]; k < n; ++k) {
-            const std::uint32_t j = lists.index[lists.at(row, k)];
-            if (j >= lists.n) continue;
-            const sim::Kind kind = phases[state.phase[j]].kind;
+        for (std::uint32_t k = 0, n = step.lists.count[row]; k < n; ++k) {
+            const std::uint32_t j = step.lists.index[step.lists.at(row, k)];
+            if (j >= step.lists.n) continue;
+            const sim::Kind kind = step.phases[step.state.phase[j]].kind;
             if (kind != sim::Kind::boundary) {
-                const std::uint32_t o = members(state.id[j]);
+                const std::uint32_t o = members(step.state.id[j]);
                 if (kind == sim::Kind::rigid || other_body(t, o)) near = kOther;
                 else if (kind == sim::Kind::fluid) near = max(near, std::uint8_t(kFluid));
-                else if (slid(t, o, here - state.place[j].xyz())) {
+                else if (slid(t, o, here - step.state.place[j].xyz())) {
                     near = max(near, std::uint8_t(kFluid));
                     if (spared[t] < 0.0f) spared[t] = kAnyDensity;  // contact begins with the next step, which is short
                 }
                 continue;
             }
-            const Quad q = state.place[j];
-            const float3 away = period.template shortest<true>(here - q.xyz());
-            const float d2 = dot(away, away) / (spacing * spacing), s = q.w / (d2 * d2 + 1e-3f);  // as in sim::Contact
+            const Quad q = step.state.place[j];
+            const float3 away = step.period.template shortest<true>(here - q.xyz());
+            const float d2 = dot(away, away) / (step.spacing * step.spacing),
+                        s = q.w / (d2 * d2 + 1e-3f);  // as in sim::Contact
             sum = sum + away * s;
-            velocity = velocity + state.velocity[j].xyz() * s;
+            velocity = velocity + step.state.velocity[j].xyz() * s;
             total += s;
             if (rub)
-                smooth.add(away, state.velocity[j].xyz(),
-                    max(phases[state.phase[slot]].friction, phases[state.phase[j]].friction), q.w, spline);
+                smooth.add(away, step.state.velocity[j].xyz(),
+                    max(step.phases[step.state.phase[slot]].friction, step.phases[step.state.phase[j]].friction), q.w,
+                    step.spline);
         }
         beside[t] = near;
         if (!(total > 0.0f)) return;
@@ -193,14 +188,14 @@ template <class Packet> struct FindContacts {
         }
         const float3 out = normalize(sum);
         const float height = dot(sum, out) / total;
-        plane[t] = {out.x, out.y, out.z, dot(here, out) + min(kWallHeight * spacing - height, 0.0f)};
+        plane[t] = {out.x, out.y, out.z, dot(here, out) + min(kWallHeight * step.spacing - height, 0.0f)};
         speed[t] = dot(velocity, out) / total;
     }
     /// Of a pair of one solid that its list still has.
     GB_FN bool slid(std::uint32_t t, std::uint32_t o, const float3& apart) const {
         if (!rest || o == kNobody || !(scarred[t] || scarred[o])) return false;
-        const float3 r = period.template shortest<true>(apart), at_rest = rest[t].xyz() - rest[o].xyz();
-        return dot(r, r) < min(kSlid * kSlid * dot(at_rest, at_rest), kClose * kClose * spacing * spacing);
+        const float3 r = step.period.template shortest<true>(apart), at_rest = rest[t].xyz() - rest[o].xyz();
+        return dot(r, r) < min(kSlid * kSlid * dot(at_rest, at_rest), kClose * kClose * step.spacing * step.spacing);
     }
     GB_FN bool other_body(std::uint32_t t, std::uint32_t o) const { return o != kNobody && body[o] != body[t]; }
 

@@ -92,13 +92,9 @@ struct RigidMass {
 
 /// Contacts of a row of tissue in its list, where there is friction.
 template <class Packet> struct PressedPairs {
-    sim::Lists<Packet> lists;
-    sim::State state;
-    const sim::Phase* phases;
+    sim::Step<Packet> step;
     Members members;
     const std::uint32_t* body;  ///< null: solids, which have in the lists only pairs that a cut has parted
-    sim::Period period;
-    float volume, per_pressure;  ///< impulse over P |g|
     Loads loads;
 
     struct Pair {
@@ -110,24 +106,26 @@ template <class Packet> struct PressedPairs {
     };
     /// fn(pair) for each of them.
     template <class Fn> GB_FN void each(std::size_t row, const Fn& fn) const {
-        const std::uint32_t i = lists.rows[row], t = members(state.id[i]);
+        const std::uint32_t i = step.lists.rows[row], t = members(step.state.id[i]);
         if (t == kNobody) return;
-        for (std::uint32_t k = 0, n = lists.count[row]; k < n; ++k) {
-            const std::size_t at = lists.at(row, k);
-            const std::uint32_t j = lists.index[at];
-            if (j >= state.n) continue;
-            const sim::Phase& other = phases[state.phase[j]];
-            const float mu = max(phases[state.phase[i]].friction, other.friction);
+        for (std::uint32_t k = 0, n = step.lists.count[row]; k < n; ++k) {
+            const std::size_t at = step.lists.at(row, k);
+            const std::uint32_t j = step.lists.index[at];
+            if (j >= step.state.n) continue;
+            const sim::Phase& other = step.phases[step.state.phase[j]];
+            const float mu = max(step.phases[step.state.phase[i]].friction, other.friction);
             if (!(mu > 0.0f) || other.kind == sim::Kind::fluid) continue;
             if (other.kind == sim::Kind::tissue) {
-                const std::uint32_t o = members(state.id[j]);
+                const std::uint32_t o = members(step.state.id[j]);
                 if (o == kNobody || (body && body[o] == body[t])) continue;
             }
-            const float p = state.pressure[i] + (state.place[j].w < 0.0f ? state.pressure[j] : 0.0f);
-            fn(Pair{j, mu, lists.one_gradient(at) * -1.0f, p});
+            const float p = step.state.pressure[i] + (step.state.place[j].w < 0.0f ? step.state.pressure[j] : 0.0f);
+            fn(Pair{j, mu, step.lists.one_gradient(at) * -1.0f, p});
         }
     }
-    GB_FN float mass(std::uint32_t i) const { return -volume / state.place[i].w; }
+    /// Impulse over P |g|.
+    GB_FN float per_pressure() const { return step.volume * step.dt / (step.flux * step.spline.support); }
+    GB_FN float mass(std::uint32_t i) const { return -step.volume / step.state.place[i].w; }
     /// Impulse on the row's particle.
     GB_FN float3 rub(std::uint32_t i, const Pair& pair) const {
         const Quad own = loads.of_slot[i];
@@ -135,20 +133,20 @@ template <class Packet> struct PressedPairs {
         if (!(size > 0.0f)) return {0, 0, 0};
         float3 normal = own.xyz();
         float c = size / own.w * mass(i), left = length(normal);
-        if (state.place[pair.j].w < 0.0f) {
+        if (step.state.place[pair.j].w < 0.0f) {
             const Quad others = loads.of_slot[pair.j];
             normal = normal - others.xyz();
             left = 0.5f * (left + length(others.xyz()));
             c = 0.5f * min(c, size / others.w * mass(pair.j));
-        } else if (phases[state.phase[pair.j]].kind == sim::Kind::rigid) {
-            const int r = state.phase[pair.j];
+        } else if (step.phases[step.state.phase[pair.j]].kind == sim::Kind::rigid) {
+            const int r = step.state.phase[pair.j];
             c = 0.5f * min(c, kGivesByTurning * float(size / loads.of_rigid[r]) * loads.mass[r]);
         }
         if (!(dot(normal, normal) > 0.0f)) return {0, 0, 0};
         normal = normalize(normal);
-        const float3 along = sliding(state.velocity[i].xyz() - state.velocity[pair.j].xyz(), normal);
+        const float3 along = sliding(step.state.velocity[i].xyz() - step.state.velocity[pair.j].xyz(), normal);
         const float speed = length(along),
-                    most = pair.mu * per_pressure * left * pair.p * max(dot(pair.out, normal), 0.0f);
+                    most = pair.mu * per_pressure() * left * pair.p * max(dot(pair.out, normal), 0.0f);
         return speed > 0.0f ? along * -min(c, most / speed) : float3{0, 0, 0};
     }
     /// A body that turns gives way more easily at its rim than its mass tells.
@@ -169,7 +167,7 @@ template <class Packet> struct FindLoads {
         const float pushed = dot(pushes, out), left = pushed > 0.0f ? max(dot(all, out), 0.0f) / pushed : 0.0f;
         if (left > 0.0f) out = normalize(out) * min(left, 1.0f);
         else out = {0, 0, 0};
-        pairs.loads.of_slot[pairs.lists.rows[row]] = {out.x, out.y, out.z, size};
+        pairs.loads.of_slot[pairs.step.lists.rows[row]] = {out.x, out.y, out.z, size};
     }
 };
 /// How hard tissue presses a rigid body.
@@ -179,7 +177,7 @@ template <class Packet> struct LoadOf {
     GB_FN double operator()(std::size_t row) const {
         double sum = 0.0;
         pairs.each(row, [&](const auto& pair) {
-            if (pairs.state.phase[pair.j] == phase) sum += pair.push();
+            if (pairs.step.state.phase[pair.j] == phase) sum += pair.push();
         });
         return sum;
     }
@@ -189,10 +187,10 @@ template <class Packet> struct RubPressed {
     PressedPairs<Packet> pairs;
     Quad* change;
     GB_FN void operator()(std::size_t row) const {
-        const std::uint32_t i = pairs.lists.rows[row];
+        const std::uint32_t i = pairs.step.lists.rows[row];
         float3 sum{0, 0, 0};
         pairs.each(row, [&](const auto& pair) { sum = sum + pairs.rub(i, pair); });
-        const float s = -pairs.state.place[i].w / pairs.volume;
+        const float s = -pairs.step.state.place[i].w / pairs.step.volume;
         change[row] = {sum.x * s, sum.y * s, sum.z * s, 0.0f};
     }
 };
@@ -203,11 +201,12 @@ template <class Packet, class Feels> struct RubImpulse {
     float3 center;
     GB_FN sim::Impulse operator()(std::size_t row) const {
         sim::Impulse sum;
-        const std::uint32_t i = pairs.lists.rows[row];
+        const std::uint32_t i = pairs.step.lists.rows[row];
         pairs.each(row, [&](const auto& pair) {
             if (!feels(pair.j)) return;
             const float3 f = pairs.rub(i, pair) * -1.0f;
-            const float3 l = cross(pairs.period.template shortest<true>(pairs.state.place[pair.j].xyz() - center), f);
+            const float3 l =
+                cross(pairs.step.period.template shortest<true>(pairs.step.state.place[pair.j].xyz() - center), f);
             sum.p[0] += f.x, sum.p[1] += f.y, sum.p[2] += f.z;
             sum.l[0] += l.x, sum.l[1] += l.y, sum.l[2] += l.z;
         });

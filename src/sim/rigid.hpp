@@ -73,26 +73,22 @@ struct OfPhase {
 /// What the pressure, or the suction, of one row's fluid does to the particles that `Feels` takes: V P g of each pair,
 /// at those.
 template <class Packet, class Feels> struct PressureImpulse {
-    Lists<Packet> lists;
-    State state;
-    const float* nearest;
+    Step<Packet> step;
     Feels feels;
-    Period period;
-    Sizes sizes;
-    float volume, support, dt, flux;  ///< volume: of a particle of size 1
     float3 center;
     GB_FN Impulse operator()(std::size_t row) const {
         Impulse sum;
-        if (nearest[row] >= support) return sum;
-        const std::uint32_t slot = lists.rows[row];
-        if (!(state.place[slot].w < 0.0f)) return sum;
-        const float s = volume * sizes.volume(slot) * dt * state.pressure[slot] / (flux * support);
-        for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
-            const std::size_t at = lists.at(row, k);
-            const std::uint32_t j = lists.index[at];
-            if (j >= state.n || !feels(j)) continue;
-            const float3 f = lists.one_gradient(at) * s;
-            const float3 l = cross(period.template shortest<true>(state.place[j].xyz() - center), f);
+        if (step.rows.boundary[row] >= step.spline.support) return sum;
+        const std::uint32_t slot = step.lists.rows[row];
+        if (!(step.state.place[slot].w < 0.0f)) return sum;
+        const float s = step.volume * step.sizes.volume(slot) * step.dt * step.state.pressure[slot] /
+                        (step.flux * step.spline.support);
+        for (std::uint32_t k = 0; k < step.lists.count[row]; ++k) {
+            const std::size_t at = step.lists.at(row, k);
+            const std::uint32_t j = step.lists.index[at];
+            if (j >= step.state.n || !feels(j)) continue;
+            const float3 f = step.lists.one_gradient(at) * s;
+            const float3 l = cross(step.period.template shortest<true>(step.state.place[j].xyz() - center), f);
             sum.p[0] += f.x, sum.p[1] += f.y, sum.p[2] += f.z;
             sum.l[0] += l.x, sum.l[1] += l.y, sum.l[2] += l.z;
         }
@@ -117,12 +113,12 @@ template <class Packet> struct BumpOf {
     float3 center;
     GB_FN Bump operator()(std::size_t row) const {
         const typename Contact<Packet>::Kept kept = contact.keep(row);
-        const State& state = contact.state;
+        const State& state = contact.step.state;
         if (!kept.out || state.phase[kept.by] != phase) return {};
-        const std::uint32_t slot = contact.lists.rows[row];
-        const float mass = volume * contact.sizes.volume(slot) / -state.place[slot].w;
+        const std::uint32_t slot = contact.step.lists.rows[row];
+        const float mass = volume * contact.step.sizes.volume(slot) / -state.place[slot].w;
         const float3 p = (state.velocity[slot].xyz() - kept.velocity) * mass,
-                     l = cross(contact.period.template shortest<true>(state.place[slot].xyz() - center), p);
+                     l = cross(contact.step.period.template shortest<true>(state.place[slot].xyz() - center), p);
         return {{{p.x, p.y, p.z}, {l.x, l.y, l.z}}, mass};
     }
 };

@@ -163,16 +163,15 @@ public:
         bodies_.solve().find_meetings(fluid_.lists(), settings_.spacing, dt);
         if (state_.n_rows == 0) bodies_.solve().kick(settings_.gravity, dt);
         if (state_.n_rows > 0) {
-            tissue_.change(fluid_.lists(), state_.view(), dt);
-            tissue_.find_contacts(
-                fluid_.lists(), state_.view(), state_.phases(), state_.period(), state_.spline(), rubs());
+            tissue_.change(context(dt));
+            tissue_.find_contacts(context(dt), rubs());
             mark("neighbors");
             fluid_.densities();
             mark("density");
             if (settings_.weakly_compressible) {
                 push(dt, r);
                 fluid_.push_by_density(dt, bodies_.solve());
-                feel_pressure(dt);
+                tissue_.feel_pressure(context(dt));
                 rub(dt);
                 mark("pressure");
             } else if (tissue_.n() == 0 && !settings_.fine_fluids && fluid_.fills_its_space()) {
@@ -191,7 +190,7 @@ public:
                     fluid_.keep_kicked();
                     const sim::Progress divergence = fluid_.correct_divergence(dt, bodies_.solve());
                     mark("divergence");
-                    feel_pressure(dt);
+                    tissue_.feel_pressure(context(dt));
                     rub(dt);
                     tissue_.hold_on(state_.view(), dt);
                     bodies_.turn(dt);
@@ -373,6 +372,11 @@ private:
             by_approach() ? &ahead : nullptr, length(settings_.gravity), float(farthest_move()), compression);
     }
 
+    /// Of lists that are there, until particles move.
+    sim::Step<Packet> context(float dt) {
+        return {fluid_.lists(), state_.view(), state_.phases(), fluid_.rows(), state_.period(), state_.sizes(),
+            state_.spline(), settings_.spacing, state_.volume(), dt, fluid_.flux()};
+    }
     /// Somebody other than a step changed something: what is known of the particles may be wrong.
     void disturbed() {
         tissue_.disturbed();
@@ -380,8 +384,7 @@ private:
     }
     void find_lists() {
         fluid_.find_lists();
-        fluid_.set_within(
-            tissue_.veto(fluid_.lists(), state_.view(), state_.period(), state_.spline(), state_.volume()));
+        fluid_.set_within(tissue_.veto(context(0.0f)));
     }
     /// What acts on velocities beside pressure: forces, then bonds.
     void push(float dt, StepReport& r) {
@@ -393,11 +396,6 @@ private:
         mark("tissue");
     }
 
-    void feel_pressure(float dt) {
-        tissue_.feel_pressure(fluid_.lists(), state_.view(), fluid_.rows().boundary, state_.period(), state_.sizes(),
-            state_.volume(), state_.spline().support, dt, fluid_.flux());
-    }
-
     /// Whether tissue has friction with anything.
     bool rubs() const {
         return std::any_of(state_.phase_table.begin(), state_.phase_table.end(),
@@ -405,8 +403,7 @@ private:
     }
     void rub(float dt) {
         if (!rubs()) return;
-        tissue_.rub(fluid_.lists(), state_.view(), state_.phases(), bodies_.masses(), state_.period(), state_.volume(),
-            state_.spline().support, dt, fluid_.flux(),
+        tissue_.rub(context(dt), bodies_.masses(),
             [&](int phase, const sim::Impulse& impulse) { bodies_.push(phase, impulse); });
     }
 
@@ -465,8 +462,7 @@ private:
     /// Nobody enters what is solid.  Velocities that last push rigid bodies back.
     void contact(float dt, bool lasts) {
         if (state_.n_rows == 0) return;
-        sim::Contact<Packet> contact{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(),
-            state_.sizes(), settings_.spacing, dt, nullptr};
+        sim::Contact<Packet> contact{context(dt), nullptr};
         if (lasts) contact.share = bodies_.push_back(contact);
         exec_.for_each(state_.n_rows, contact);
     }

@@ -259,25 +259,17 @@ public:
     bool gather(const sim::State& state, const sim::Phase* phases, const std::uint32_t* slot_of, float volume);
     /// No density across the cuts of springs, nor within solids; the density of the rows that is there without their
     /// lists, or null.
-    template <class Packet>
-    const float* veto(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Period& period,
-        const sim::Spline& spline, float volume);
+    template <class Packet> const float* veto(const sim::Step<Packet>& step);
     /// What the pressure that led to these velocities does to what is held; after push.
-    template <class Packet>
-    void feel_pressure(const sim::Lists<Packet>& lists, const sim::State& state, const float* nearest,
-        const sim::Period& period, const sim::Sizes& sizes, float volume, float support, float dt, float flux);
+    template <class Packet> void feel_pressure(const sim::Step<Packet>& step);
     /// Friction between what the pressure that led to these velocities presses together; after feel_pressure.
     /// on_rigid(phase, impulse): rigid bodies feel it, too.
     template <class Packet, class OnRigid>
-    void rub(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases,
-        const std::map<int, tissue::RigidMass>& rigids, const sim::Period& period, float volume, float support,
-        float dt, float flux, const OnRigid& on_rigid);
+    void rub(const sim::Step<Packet>& step, const std::map<int, tissue::RigidMass>& rigids, const OnRigid& on_rigid);
     /// What happens to tissue once a step, while its particles stand: it tears, and gets wet.
-    template <class Packet> void change(const sim::Lists<Packet>& lists, const sim::State& state, float dt);
+    template <class Packet> void change(const sim::Step<Packet>& step);
     /// What tissue meets: walls, which the substeps keep it out of, and others.
-    template <class Packet>
-    void find_contacts(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases,
-        const sim::Period& period, const sim::Spline& spline, bool rubs);
+    template <class Packet> void find_contacts(const sim::Step<Packet>& step, bool rubs);
     /// After a step whose next one is chosen by speeds alone: `far` is how far a particle may move in it.
     void count_as(const sim::State& state, float far) {
         const float substep = far * float(fastest_);

@@ -4,20 +4,18 @@
 
 namespace globule::core {
 
-template <class Exec>
-template <class Packet>
-void TissueImpl<Exec>::change(const sim::Lists<Packet>& lists, const sim::State& state, float dt) {
+template <class Exec> template <class Packet> void TissueImpl<Exec>::change(const sim::Step<Packet>& step) {
     if (n_ == 0) return;
-    if (tears_) tear(dt);
+    if (tears_) tear(step.dt);
     follow();
     std::uint32_t stains = 0;
     for (const BloodVessel& v : vessels_) stains |= 1u << v.phase;
     if (!stains) return;
     std::uint8_t* touched = touched_.reserve(n_);
     exec_.clear(touched, n_);
-    exec_.for_each(lists.n_rows, tissue::Touch<Packet>{lists, state, members(), stains,
-                                     1.3f * contact_ * (0.5f + 0.5f * size_of_fluid_), touched});
-    exec_.for_each(n_, tissue::Wet{touched, dt, wetness_.data()});
+    exec_.for_each(step.lists.n_rows, tissue::Touch<Packet>{step.lists, step.state, members(), stains,
+                                          1.3f * contact_ * (0.5f + 0.5f * size_of_fluid_), touched});
+    exec_.for_each(n_, tissue::Wet{touched, step.dt, wetness_.data()});
 }
 
 template <class Exec>

@@ -22,34 +22,33 @@ bool TissueImpl<Exec>::gather(
     return n[1] > 0;
 }
 
-template <class Exec>
-template <class Packet>
-const float* TissueImpl<Exec>::veto(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Period& period,
-    const sim::Spline& spline, float volume) {
+template <class Exec> template <class Packet> const float* TissueImpl<Exec>::veto(const sim::Step<Packet>& step) {
     if (n_ == 0) return nullptr;
     if (!is_solid_) {
         if (n_scars_ > 0)
-            exec_.for_each(lists.n_rows, tissue::Veto<Packet>{lists, state, members(), bonds(), slot_.data()});
+            exec_.for_each(
+                step.lists.n_rows, tissue::Veto<Packet>{step.lists, step.state, members(), bonds(), slot_.data()});
         return nullptr;
     }
-    float* within = within_.reserve(lists.n_rows + 64);
-    exec_.clear(within, (lists.n_rows + 64) * sizeof *within);
+    float* within = within_.reserve(step.lists.n_rows + 64);
+    exec_.clear(within, (step.lists.n_rows + 64) * sizeof *within);
     const float reach = kWithin * contact_;
-    const tissue::OwnPairs<Packet> pairs{lists, state, members(), rest_at_.data(), body_.data(), reach * reach};
+    const tissue::OwnPairs<Packet> pairs{
+        step.lists, step.state, members(), rest_at_.data(), body_.data(), reach * reach};
     const std::uint8_t* scarred = n_scars_ > 0 ? scarred_.data() : nullptr;
-    std::uint32_t* beside = beside_cuts_.reserve(lists.n_rows + 1);
+    std::uint32_t* beside = beside_cuts_.reserve(step.lists.n_rows + 1);
     exec_.clear(beside, sizeof *beside);
-    exec_.for_each(lists.n_rows, tissue::LeaveOut<Packet>{pairs, scarred, spline, volume, within, beside, beside + 1});
+    exec_.for_each(step.lists.n_rows,
+        tissue::LeaveOut<Packet>{pairs, scarred, step.spline, step.volume, within, beside, beside + 1});
     if (scarred)
-        exec_.for_each_tile_of(
-            beside, tissue::LeaveOutBeside<Packet>{pairs, bonds(), period, spline, volume, within, beside + 1});
+        exec_.for_each_tile_of(beside,
+            tissue::LeaveOutBeside<Packet>{pairs, bonds(), step.period, step.spline, step.volume, within, beside + 1});
     return within;
 }
 
 template <class Exec>
 template <class Packet>
-void TissueImpl<Exec>::find_contacts(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases,
-    const sim::Period& period, const sim::Spline& spline, bool rubs) {
+void TissueImpl<Exec>::find_contacts(const sim::Step<Packet>& step, bool rubs) {
     if (n_ == 0) return;
     Quad* plane = plane_.reserve(n_);
     float* speed = plane_speed_.reserve(n_);
@@ -59,56 +58,52 @@ void TissueImpl<Exec>::find_contacts(const sim::Lists<Packet>& lists, const sim:
     exec_.clear(beside, n_);
     Quad* rub = rubs ? plane_rub_.reserve(n_) : nullptr;
     if (rub) exec_.clear(rub, n_ * sizeof *rub);
-    exec_.for_each(lists.n_rows, tissue::FindContacts<Packet>{lists, state, phases, members(), body_.data(),
-                                     is_solid_ ? rest_at_.data() : nullptr, scarred_.data(), spared_.data(), period,
-                                     spline, contact_, plane, speed, rub, beside});
+    exec_.for_each(step.lists.n_rows,
+        tissue::FindContacts<Packet>{step, members(), body_.data(), is_solid_ ? rest_at_.data() : nullptr,
+            scarred_.data(), spared_.data(), plane, speed, rub, beside});
     walls_ = {plane, speed, rub};
 }
 
-template <class Exec>
-template <class Packet>
-void TissueImpl<Exec>::feel_pressure(const sim::Lists<Packet>& lists, const sim::State& state, const float* nearest,
-    const sim::Period& period, const sim::Sizes& sizes, float volume, float support, float dt, float flux) {
+template <class Exec> template <class Packet> void TissueImpl<Exec>::feel_pressure(const sim::Step<Packet>& step) {
     for (int g = 0; g < tissue::kMaxGrasps && n_ > 0 && feels_; ++g) {
         if (!(grasped_ >> g & 1u)) continue;
-        const tissue::Held held{members(), state.id, hold_.data(), std::uint8_t(tissue::kGrasped + g)};
-        const sim::PressureImpulse<Packet, tissue::Held> pressure{
-            lists, state, nearest, held, period, sizes, volume, support, dt, flux, motions_.center[g]};
-        exec_.reduce_in_order(lists.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, pressed_.data() + 2 * g);
+        const tissue::Held held{members(), step.state.id, hold_.data(), std::uint8_t(tissue::kGrasped + g)};
+        const sim::PressureImpulse<Packet, tissue::Held> pressure{step, held, motions_.center[g]};
+        exec_.reduce_in_order(step.lists.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, pressed_.data() + 2 * g);
     }
 }
 
 template <class Exec>
 template <class Packet, class OnRigid>
-void TissueImpl<Exec>::rub(const sim::Lists<Packet>& lists, const sim::State& state, const sim::Phase* phases,
-    const std::map<int, tissue::RigidMass>& rigids, const sim::Period& period, float volume, float support, float dt,
-    float flux, const OnRigid& on_rigid) {
+void TissueImpl<Exec>::rub(
+    const sim::Step<Packet>& step, const std::map<int, tissue::RigidMass>& rigids, const OnRigid& on_rigid) {
     if (n_ == 0) return;
-    tissue::PressedPairs<Packet> pairs{lists, state, phases, members(), is_solid_ ? nullptr : body_.data(), period,
-        volume, volume * dt / (flux * support), {loads_.reserve(state.n), rigid_loads_.reserve(sim::kMaxPhases)}};
-    exec_.for_each(lists.n_rows, tissue::FindLoads<Packet>{pairs});
+    tissue::PressedPairs<Packet> pairs{step, members(), is_solid_ ? nullptr : body_.data(),
+        {loads_.reserve(step.state.n), rigid_loads_.reserve(sim::kMaxPhases)}};
+    exec_.for_each(step.lists.n_rows, tissue::FindLoads<Packet>{pairs});
     for (const auto& [phase, rigid] : rigids) {
         pairs.loads.mass[phase] = rigid.mass;
-        exec_.reduce_in_order(lists.n_rows, tissue::LoadOf<Packet>{pairs, std::uint8_t(phase)}, sim::AddDouble{}, 0.0,
-            rigid_loads_.data() + phase);
+        exec_.reduce_in_order(step.lists.n_rows, tissue::LoadOf<Packet>{pairs, std::uint8_t(phase)}, sim::AddDouble{},
+            0.0, rigid_loads_.data() + phase);
     }
-    Quad* change = change_.reserve(lists.n_rows);
-    exec_.for_each(lists.n_rows, tissue::RubPressed<Packet>{pairs, change});
+    Quad* change = change_.reserve(step.lists.n_rows);
+    exec_.for_each(step.lists.n_rows, tissue::RubPressed<Packet>{pairs, change});
     for (const auto& [phase, rigid] : rigids) {
         sim::Impulse impulse, *sum = felt_sum_.reserve(1);
-        exec_.reduce_in_order(lists.n_rows,
-            tissue::RubImpulse<Packet, sim::OfPhase>{pairs, {state.phase, std::uint8_t(phase)}, rigid.center},
+        exec_.reduce_in_order(step.lists.n_rows,
+            tissue::RubImpulse<Packet, sim::OfPhase>{pairs, {step.state.phase, std::uint8_t(phase)}, rigid.center},
             sim::AddImpulse{}, sim::Impulse{}, sum);
         exec_.download(&impulse, sum, sizeof impulse);
         on_rigid(phase, impulse);
     }
     for (int g = 0; g < tissue::kMaxGrasps && feels_; ++g) {
         if (!(grasped_ >> g & 1u)) continue;
-        const tissue::Held held{members(), state.id, hold_.data(), std::uint8_t(tissue::kGrasped + g)};
-        exec_.reduce_in_order(lists.n_rows, tissue::RubImpulse<Packet, tissue::Held>{pairs, held, motions_.center[g]},
-            sim::AddImpulse{}, sim::Impulse{}, pressed_.data() + 2 * g + 1);
+        const tissue::Held held{members(), step.state.id, hold_.data(), std::uint8_t(tissue::kGrasped + g)};
+        exec_.reduce_in_order(step.lists.n_rows,
+            tissue::RubImpulse<Packet, tissue::Held>{pairs, held, motions_.center[g]}, sim::AddImpulse{},
+            sim::Impulse{}, pressed_.data() + 2 * g + 1);
     }
-    exec_.for_each(lists.n_rows, tissue::TakeChange{lists.rows, change, state.velocity});
+    exec_.for_each(step.lists.n_rows, tissue::TakeChange{step.lists.rows, change, step.state.velocity});
 }
 
 }  // namespace globule::core
