@@ -44,16 +44,21 @@ public:
             spin[k] += dw[k];
         }
     }
-    /// Angular momentum stays: the spin that turns a body is that of halfway (midpoint rule).
+    /// Angular momentum stays: the spin that turns a body is that of halfway (midpoint rule), in parts of a step small
+    /// enough for who tumbles: with turns of 0.1 rad at once, flips about the middle axis come 7 % late.
     void advance(double dt) {
         for (int k = 0; k < 3; ++k) center_[k] += dt * velocity[k];
         const V momentum = times(inertia_now(), spin);
-        const M before = rotation_;
-        rotate(spin, 0.5 * dt);
-        const V halfway = spin_of(momentum);
-        rotation_ = before;
-        rotate(halfway, dt);
-        spin = spin_of(momentum);
+        const double angle = std::hypot(spin[0], spin[1], spin[2]) * dt;
+        const int n = int(std::clamp(std::ceil(angle / kTurn), 1.0, kMostParts));
+        for (int part = 0; part < n; ++part) {
+            const M before = rotation_;
+            rotate(spin, 0.5 * dt / n);
+            const V halfway = spin_of(momentum);
+            rotation_ = before;
+            rotate(halfway, dt / n);
+            spin = spin_of(momentum);
+        }
     }
     /// A center beyond a domain that repeats comes in again on the other side.
     void wrap(const float3& lo, const float3& period) {
@@ -88,6 +93,7 @@ public:
     }
 
 private:
+    static constexpr double kTurn = 0.01, kMostParts = 1000;  ///< rad
     static V times(const M& m, const V& v) {
         V out{};
         for (int k = 0; k < 3; ++k) out[k] = m[3 * k] * v[0] + m[3 * k + 1] * v[1] + m[3 * k + 2] * v[2];
