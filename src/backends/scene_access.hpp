@@ -9,7 +9,7 @@
 namespace globule::core {
 
 struct SceneAccess {
-    void* exec;    ///< the backend's own class; what works beside the scene's pictures
+    void* exec;    ///< the backend's own class
     void* octree;  ///< Octree of that backend
     /// The particles are others now.  smooth: positions (n, 3) by index of those that are shown, NaN for the others;
     /// null: the tree itself is drawn.  fluids, things: the same for the scenes beside, null where these show nothing.
@@ -22,8 +22,6 @@ struct SceneAccess {
         float3 wet;  ///< color of what wets
     };
     std::function<void(const Shown&)> rebuilt;
-    /// What the simulation does from now on comes after the pictures that were asked for.
-    std::function<void()> let_pictures_end;
     /// Called before each use of the scene; null: the particles are gone, and so is the scene's picture.
     std::function<void(std::function<void()>)> before_use;
 };

@@ -117,7 +117,7 @@ public:
     }
     void synchronize() {}
     /// Another stream of the same device, and what is given to it from now on waits for another's work so far.
-    std::shared_ptr<Cpu> sibling(bool = false) const { return std::shared_ptr<Cpu>(new Cpu(threads_, interrupt_)); }
+    std::shared_ptr<Cpu> sibling() const { return std::shared_ptr<Cpu>(new Cpu(threads_, interrupt_)); }
     /// One that may be used beside this, by another thread; nothing stops it.
     std::shared_ptr<Cpu> reader() const {
         return std::shared_ptr<Cpu>(new Cpu(threads_, std::make_shared<Interrupt>()));

@@ -87,10 +87,9 @@ public:
     /// Waits for the last build; 0 where somebody else built the tree.
     double build_seconds() { return shared_ && now_ == 0 ? 0.0 : builder_->elapsed(0, 1); }
 
-    /// Somebody else builds the tree, on a stream of its own.
-    Octree<Exec>& share(Exec& exec) {
+    /// Somebody else builds the tree, on the scene's own stream.
+    Octree<Exec>& share() {
         shared_ = whole_ = true;
-        built_[0] = std::make_unique<Built<Exec>>(exec);
         return now().octree;
     }
     /// Instead of the shared tree, one smooth surface around particles of one spacing is drawn, or their balls; those

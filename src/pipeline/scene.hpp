@@ -138,12 +138,9 @@ public:
     void synchronize() override { builder_.synchronize(); }
 
     SceneAccess share() override {
-        if (shared_) throw Refused("simulation: expected a scene of its own, got one that has a simulation");
         shared_ = true;
-        simulation_ = exec_->sibling(true);
-        return {simulation_.get(), &builder_.share(*simulation_),
+        return {exec_.get(), &builder_.share(),
             [this](const SceneAccess::Shown& s) {
-                exec_->follow(*simulation_);
                 if (s.smooth) builder_.draw_own(s.n, s.smooth, s.spacing);
                 else builder_.draw_shared();
                 look_like(s, {s.wetness, 0.0f});
@@ -154,7 +151,6 @@ public:
                     beside_[k]->look_like(s, {nullptr, k == 0 ? 1.0f : 0.0f});
                 }
             },
-            [this] { simulation_->follow(*exec_); },
             [this](std::function<void()> before_use) {
                 if (before_use) before_use_ = std::move(before_use);
                 else before_use_ = [] { throw Stale("scene: its simulation is gone"); };
@@ -282,7 +278,6 @@ private:
     static constexpr std::size_t kWorthAsking = 10'000'000;  ///< below, memory is not asked for
 
     std::shared_ptr<Exec> exec_;
-    std::shared_ptr<Exec> simulation_;  ///< takes steps while a picture is made
     Builder<Exec> builder_;
     CellStore<Exec> cells_;
     MeshStore<Exec> mesh_;

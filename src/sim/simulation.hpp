@@ -59,7 +59,6 @@ public:
     Interrupt* whole() noexcept override { return &exec_.interrupt(); }
     void begin() override {
         if (broken_) throw Stale("simulation: an earlier call failed half way: make it anew, or load a checkpoint");
-        if (drawn_ == sim::Drawn::balls) access_.let_pictures_end();  // they trace the tree itself
     }
     void invalidate() noexcept override { broken_ = true; }
     void cancel() noexcept override {}
@@ -302,7 +301,6 @@ private:
         begin();
         if (!stale_) return;
         const Interrupt::Hold hold(exec_.interrupt());
-        access_.let_pictures_end();
         const std::size_t n = state_.n;
         if (n == 0) state_.settle();  // no step builds the octree of nothing
         // Scenes know particles by their rank among the ids that are left.
@@ -531,7 +529,7 @@ private:
         int phase;
     };
 
-    static constexpr int kFirstMark = 4, kListMark = 14;
+    static constexpr int kFirstMark = 4, kListMark = 14;  // the scene has those before
 
     std::shared_ptr<Scene> scene_;
     SceneAccess access_;
