@@ -106,7 +106,7 @@ public:
         std::vector<float> shares(sim::kMaxPhases, 1.0f);
         for (auto& [phase, body] : bodies_) {
             sim::Bump* bump = bump_.reserve(1);
-            exec_.reduce_in_order(state_.n_rows,
+            exec_.reduce_in_order(contact.step.lists.n_rows,
                 sim::BumpOf<Packet>{contact, std::uint8_t(phase), state_.volume(), body.center_float()}, sim::AddBump{},
                 sim::Bump{}, bump);
             sim::Bump b;

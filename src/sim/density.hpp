@@ -110,6 +110,7 @@ inline constexpr double kLeastStep = 1e-5;
 inline constexpr double kLayers = 60.0;  ///< with so many, velocities may leave all that is allowed
 struct Compression {
     double sum, most, n, n_free, density, height, height2;
+    double all;  ///< n, and rows that were left out
     std::uint32_t over[kSteps];
 
     /// As many evenly filled layers stand as high.
@@ -126,7 +127,7 @@ struct Compression {
 
     /// What a share of the particles exceeds: exact at the steps, between them as a power.
     double exceeded_by(double share) const {
-        const double limit = share * n;
+        const double limit = share * all;
         if (!(over[0] > limit)) return std::min(kLeastStep, most);
         for (int k = 1; k < kSteps; ++k) {
             if (over[k] > limit) continue;
@@ -149,7 +150,7 @@ struct CompressionOf {
         const double e = max(rows.density[row] - 1.0f, 0.0f);
         const float3 g{rows.gx[row], rows.gy[row], rows.gz[row]};
         const double h = dot(place[slot[row]].xyz(), up);
-        c = {e, e, 1.0, dot(g, g) > free_gradient * free_gradient ? 1.0 : 0.0, rows.density[row], h, h * h, {}};
+        c = {e, e, 1.0, dot(g, g) > free_gradient * free_gradient ? 1.0 : 0.0, rows.density[row], h, h * h, 1.0, {}};
         float step = float(kLeastStep);
         for (int k = 0; k < kSteps; ++k, step *= 2.0f) c.over[k] = e > step;
         return c;
@@ -158,10 +159,16 @@ struct CompressionOf {
 struct AddCompression {
     GB_FN Compression operator()(const Compression& a, const Compression& b) const {
         Compression c{a.sum + b.sum, a.most > b.most ? a.most : b.most, a.n + b.n, a.n_free + b.n_free,
-            a.density + b.density, a.height + b.height, a.height2 + b.height2, {}};
+            a.density + b.density, a.height + b.height, a.height2 + b.height2, a.all + b.all, {}};
         for (int k = 0; k < kSteps; ++k) c.over[k] = a.over[k] + b.over[k];
         return c;
     }
+};
+
+struct AddAlone {
+    double n;
+    Compression* compression;
+    GB_FN void operator()(std::size_t) const { compression->all += n; }
 };
 
 }  // namespace globule::core::sim

@@ -9,6 +9,7 @@
 //
 // Arrays by row are `padded` to full packets, those by slot have room for 64 more: packets read past the end.
 #pragma once
+#include "sim/alone.hpp"
 #include "sim/filled.hpp"
 #include "sim/flow.hpp"
 #include "sim/split.hpp"
@@ -30,6 +31,9 @@ public:
           settings_(settings),
           list_counts_(exec),
           list_index_(exec),
+          kept_rows_(exec),
+          kept_lists_(exec),
+          kept_within_(exec),
           list_pairs_(exec),
           list_bases_(exec),
           row_values_(exec),
@@ -59,15 +63,15 @@ public:
     /// Begins to look for neighbors.  A step does so for the next one: the device is busy while the host has other
     /// things to do.
     void start_lists() {
-        const std::size_t padded = padded_rows();
+        const std::size_t rows = padded(state_.n_rows);
         std::uint32_t* longest = most_count_.reserve(1);
         exec_.clear(longest, 4);
         lists_.n_rows = state_.n_rows;
         lists_.places = places_;
         lists_.n = std::uint32_t(state_.n);
         lists_.rows = state_.rows();
-        lists_.count = list_counts_.reserve(padded);
-        lists_.index = list_index_.reserve(padded * places_);
+        lists_.count = list_counts_.reserve(rows);
+        lists_.index = list_index_.reserve(rows * places_);
         const float h = state_.spline().support;
         sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
             const sim::FindLists<Packet, mixed> find{state_.tree().view(),
@@ -87,12 +91,40 @@ public:
             enough = longest_list_ <= places_;
             if (!enough) places_ = ceil_div(longest_list_ + longest_list_ / 4, 8u) * 8;
         }
-        lists_.pairs = list_pairs_.reserve(padded_rows() * places_ / Packet::width);
-        lists_.bases = list_bases_.reserve(padded_rows() / Packet::stride);
+        n_alone_ = 0;
+        make_room_for_pairs();
     }
 
     /// Density of the rows that their lists do not tell of, or null.
     void set_within(const float* within) { within_ = within; }
+
+    /// Tissue that has nobody in its list is no row of the solves any more: what is inside of a solid, whose own pairs
+    /// are not in the lists.  It falls, and its substeps do the rest.  Waits for the device.
+    void leave_out_alone() {
+        if (!within_) return;
+        const std::size_t all = lists_.n_rows;
+        std::uint32_t* before = kept_rows_.reserve(all + 1);
+        exec_.for_each(all + 1, sim::FlagTouching<Packet>{lists_, state_.view(), state_.phases(), before});
+        exec_.exclusive_scan(all + 1, before);
+        std::uint32_t n = 0;
+        exec_.download(&n, before + all, sizeof n);
+        const std::size_t rows = padded(n);
+        Lists kept = lists_;
+        std::uint32_t* words = kept_lists_.reserve(2 * rows + 64 + rows * places_);
+        float* within = kept_within_.reserve(rows + 64);
+        kept.n_rows = n;
+        kept.rows = words;
+        kept.count = words + rows + 64;
+        kept.index = kept.count + rows;
+        exec_.for_each(all + 64, sim::KeepTouching<Packet>{lists_, kept, before, within_, words, within});
+        n_alone_ = all - n;
+        all_rows_ = {lists_.rows, before, all};
+        lists_ = kept;
+        within_ = within;
+        make_room_for_pairs();
+    }
+    /// Rows that were left out.
+    std::size_t n_alone() const { return n_alone_; }
 
     /// The lists as compressed rows of slots.
     void read_lists(std::vector<std::uint32_t>& rows, Neighbors& out) {
@@ -114,7 +146,7 @@ public:
     /// Densities over rest density, and vorticities, 1/s, by slot; 0 for what the solver does not move.  The lists are
     /// there.
     void flow(float* density, float* vorticity) {
-        const std::size_t n = state_.n_rows;
+        const std::size_t n = lists_.n_rows;
         Quad* found = applied_.reserve(state_.n + 64);
         exec_.clear(found, (state_.n + 64) * sizeof(Quad));
         weigh();
@@ -133,7 +165,7 @@ public:
     }
 
     void densities() {
-        const std::size_t n = state_.n_rows;
+        const std::size_t n = lists_.n_rows;
         weigh();
         surface_.find(lists_, rows_, padded_rows());
         const float g = length(settings_.gravity);
@@ -141,6 +173,7 @@ public:
         exec_.reduce_in_order(n,
             sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient, lists_.rows, state_.view().place, up},
             sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
+        if (n_alone_) exec_.for_each(1, sim::AddAlone{double(n_alone_), compression_.data()});
     }
 
     /// Of the positions that densities() saw, where the device has it.
@@ -151,7 +184,7 @@ public:
     void keep_before() { keep(before_); }
     void keep_kicked() { keep(kicked_); }
     void undo() {
-        exec_.for_each(state_.n_rows,
+        exec_.for_each(lists_.n_rows,
             sim::Undo{lists_.rows, before_.data(), state_.view().velocity, state_.view().divergence_impulse});
     }
 
@@ -167,20 +200,20 @@ public:
     /// first solve.
     sim::Outcome correct_density(float dt) {
         keep(kept_);
-        exec_.reduce_in_order(state_.n_rows, sim::KineticOf{rows_.inverse_rho, kicked_.data(), kept_.data()},
+        exec_.reduce_in_order(lists_.n_rows, sim::KineticOf{rows_.inverse_rho, kicked_.data(), kept_.data()},
             sim::AddKinetic{}, sim::Kinetic{}, &outcome_.reserve_zero(1)->kinetic);
         const double mean = kAim * settings_.density_error;
         const Criterion all{mean, kOver, kLiftShare, std::max(kLiftMost, kLiftLeast / mean)};
         const sim::Outcome out = solve({rows_.alpha, lift(), kMostExcess, all, settings_.least_iterations, false,
                                            rows_.bulk, 0.0f, 0.0f, kOmegaPlain, 0.0f},
             dt, density_took_, nullptr);
-        exec_.for_each(state_.n_rows, sim::LimitPush{lists_.rows, kept_.data(), kMostPush * settings_.spacing / dt,
+        exec_.for_each(lists_.n_rows, sim::LimitPush{lists_.rows, kept_.data(), kMostPush * settings_.spacing / dt,
                                           state_.sizes(), state_.view().velocity});
         return out;
     }
     /// After the move: the velocities of the first solve.
     void end_split(float dt) {
-        exec_.for_each(state_.n_rows, sim::EndSplit{lists_.rows, kept_.data(), before_.data(), 1.0f / dt,
+        exec_.for_each(lists_.n_rows, sim::EndSplit{lists_.rows, kept_.data(), before_.data(), 1.0f / dt,
                                           state_.view().velocity, state_.view().growth});
     }
 
@@ -198,13 +231,13 @@ public:
         const sim::State s = state_.view();
         Quad* diagonal = direction_.reserve(state_.n + 64);
         Quad* rest = applied_.reserve(state_.n + 64);
-        Quad* plain = accelerations_.reserve(state_.n_rows + 64);
+        Quad* plain = accelerations_.reserve(lists_.n_rows + 64);
         exec_.for_each(state_.n + 1, sim::NoCorrection{diagonal, rest});
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
-            exec_.for_each_packet(state_.n_rows, sim::InverseMoments<Packet, periodic>{lists_, s.place, state_.period(),
+            exec_.for_each_packet(lists_.n_rows, sim::InverseMoments<Packet, periodic>{lists_, s.place, state_.period(),
                                                      state_.spline().inverse, diagonal, rest});
         });
-        exec_.for_each_packet(state_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_,
+        exec_.for_each_packet(lists_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_,
                                                  plain, state_.spline().support, state_.lattice_squares()});
         exec_.clear(s.growth, 4 * state_.n);
         const Criterion mean{sim::kFilledAim * settings_.divergence_error, kOver, 1.0, infinity()};
@@ -218,13 +251,13 @@ public:
         if (!filled_) return;
         const float d = settings_.spacing,
                     far = min(sim::kShift * std::sqrt(state_.summary.speeds.most2) * dt, sim::kMostShift * d) * d;
-        exec_.for_each(state_.n_rows,
+        exec_.for_each(lists_.n_rows,
             sim::Shift{lists_.rows, rows_.inverse_rho, accelerations_.data(), far * state_.spline().inverse / dt,
-                state_.view().velocity, residual_.reserve(state_.n_rows + 64)});
+                state_.view().velocity, residual_.reserve(lists_.n_rows + 64)});
     }
     void end_shift() {
         if (filled_)
-            exec_.for_each(state_.n_rows, sim::GiveBack{lists_.rows, residual_.data(), state_.view().velocity});
+            exec_.for_each(lists_.n_rows, sim::GiveBack{lists_.rows, residual_.data(), state_.view().velocity});
         filled_ = false;
     }
     /// Momentum that an impulse carries across a face; corrected gradients carry all of it.
@@ -239,9 +272,9 @@ public:
         exec_.clear(change, 4 * (state_.n + 64));
         exec_.clear(s.growth, 4 * state_.n);
         exec_.for_each(
-            state_.n_rows, sim::TaitPressure{lists_.rows, rows_, settings_.sound_speed, dt, s.pressure, change});
+            lists_.n_rows, sim::TaitPressure{lists_.rows, rows_, settings_.sound_speed, dt, s.pressure, change});
         exec_.for_each_packet(
-            state_.n_rows, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, state_.spline().inverse});
+            lists_.n_rows, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, state_.spline().inverse});
         bodies.start_pressure();
         bodies.push_back(*this, change, progress);
         bodies.end_pressure();
@@ -252,7 +285,7 @@ public:
     int forces(float dt, const float* user, RigidSolve<Exec>& bodies) {
         bodies.start();
         const sim::State s = state_.view();
-        const std::size_t n = state_.n_rows;
+        const std::size_t n = lists_.n_rows;
         bool viscous = settings_.extra_viscosity > 0, implicit = false, sticks = false;
         for (const sim::Phase& p : state_.phase_table) {
             viscous |= p.viscosity > 0;
@@ -268,6 +301,9 @@ public:
             bodies.pull(*this, dt);
         }
         exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, acceleration, settings_.gravity, dt, s.velocity});
+        if (n_alone_)
+            exec_.for_each(all_rows_.n,
+                sim::Fall{all_rows_.slots, all_rows_.before, s, settings_.gravity, user, 1.0f / state_.volume(), dt});
         if (user) {
             Quad* a = accelerations_.reserve(n + 64);
             exec_.for_each(
@@ -291,7 +327,7 @@ public:
             sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
                 const sim::DragOf<Packet, periodic, mixed> of{lists_, state_.view(), velocity, rows_.boundary,
                     interaction(viscous_share), cohesion, phase, center};
-                exec_.reduce_in_order(state_.n_rows, of, sim::AddDrag{}, sim::Drag{}, out);
+                exec_.reduce_in_order(lists_.n_rows, of, sim::AddDrag{}, sim::Drag{}, out);
             });
         });
     }
@@ -302,13 +338,18 @@ private:
         const Quad* place = state_.view().place;
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
             sim::with_sizes(state_.sizes(), [&]<bool mixed>(std::bool_constant<mixed>) {
-                exec_.for_each_packet(state_.n_rows,
+                exec_.for_each_packet(lists_.n_rows,
                     sim::Densities<Packet, periodic, mixed>{lists_, place, rows_, state_.spline(), state_.period(),
                         state_.volume(), state_.lattice_squares(), within_, state_.sizes()});
             });
         });
     }
-    std::size_t padded_rows() const { return ceil_div<std::size_t>(state_.n_rows, 64) * 64; }
+    static std::size_t padded(std::size_t rows) { return ceil_div<std::size_t>(rows, 64) * 64; }
+    std::size_t padded_rows() const { return padded(lists_.n_rows); }
+    void make_room_for_pairs() {
+        lists_.pairs = list_pairs_.reserve(padded_rows() * places_ / Packet::width);
+        lists_.bases = list_bases_.reserve(padded_rows() / Packet::stride);
+    }
     void reserve_rows() {
         const std::size_t padded = padded_rows();
         float* v = row_values_.reserve(8 * padded);
@@ -321,8 +362,8 @@ private:
 
     /// Tension's accelerations, added to those that are there.
     const Quad* pull_surface(bool add) {
-        Quad* out = accelerations_.reserve(state_.n_rows + 64);
-        if (!add) exec_.clear(out, state_.n_rows * sizeof(Quad));
+        Quad* out = accelerations_.reserve(lists_.n_rows + 64);
+        if (!add) exec_.clear(out, lists_.n_rows * sizeof(Quad));
         surface_.pull(lists_, rows_, out);
         return out;
     }
@@ -335,7 +376,7 @@ private:
     }
     void keep(Buffer<Quad, Exec>& where) {
         exec_.for_each(
-            state_.n_rows, sim::KeepVelocity{lists_.rows, state_.view().velocity, where.reserve(state_.n_rows + 64)});
+            lists_.n_rows, sim::KeepVelocity{lists_.rows, state_.view().velocity, where.reserve(lists_.n_rows + 64)});
     }
 
     /// When a solve is done: by the mean, by the share of particles above `over` times that mean, and by the largest,
@@ -357,7 +398,7 @@ private:
     /// `took`: iterations of the last solve of this kind; on the device the host looks at the progress only after as
     /// many.  `bodies`: those that give way, or null.
     sim::Outcome solve(const Aim& aim, float dt, int& took, RigidSolve<Exec>* bodies) {
-        const std::size_t n = state_.n_rows;
+        const std::size_t n = lists_.n_rows;
         const sim::State s = state_.view();
         const float inverse_support = state_.spline().inverse;
         float* change = change_.reserve(state_.n + 64);
@@ -380,8 +421,9 @@ private:
         const sim::Relax<Packet> relax{lists_, rows_, alpha, s.velocity, aim.impulse, change, iterate, error, turn,
             progress, inverse_support, 1.0f / dt, aim.most_excess, least_excess, aim.bulk, aim.least, aim.omega};
         const sim::Compression* there = aim.most_excess > 0.0f ? nullptr : compression();
-        const sim::Judge judge{found, dt, double(n), c.mean, c.most * c.mean, c.share, std::uint32_t(aim.iterations),
-            most_iterations(), settings_.most_iterations == 0, aim.momentum, there, settings_.density_error, progress};
+        const sim::Judge judge{found, dt, double(state_.n_rows), c.mean, c.most * c.mean, c.share,
+            std::uint32_t(aim.iterations), most_iterations(), settings_.most_iterations == 0, aim.momentum, there,
+            settings_.density_error, progress};
         const sim::ResidualsOf residuals{error, turn, float(c.over * c.mean / dt), there};
         sim::Outcome out{};
         sim::Progress& p = out.progress;
@@ -414,14 +456,14 @@ private:
     }
     const Quad* pair_forces(float viscous_share, bool sticks, float* diagonal) {
         const sim::State s = state_.view();
-        Quad* out = accelerations_.reserve(state_.n_rows + 64);
+        Quad* out = accelerations_.reserve(lists_.n_rows + 64);
         float* cohesion = cohesion_.reserve(state_.n + 64);
         if (sticks) exec_.for_each(state_.n + 1, sim::CohesionOf{s, state_.phases(), cohesion});
         const auto add = [&]<bool periodic, bool sticky, bool mixed>(
                              std::bool_constant<periodic>, std::bool_constant<sticky>, std::bool_constant<mixed>) {
             const sim::PairForces<Packet, periodic, sticky, mixed> forces{
                 lists_, s.place, s.velocity, rows_, interaction(viscous_share), cohesion, diagonal, out};
-            exec_.for_each_packet(state_.n_rows, forces);
+            exec_.for_each_packet(lists_.n_rows, forces);
         };
         sim::with_period(state_.period(), [&](auto periodic) {
             sim::with_sizes(state_.sizes(), [&](auto mixed) {
@@ -435,7 +477,7 @@ private:
     /// Conjugate gradients for what viscosity adds to the velocities; the iterations taken.
     int implicit_viscosity(float dt, RigidSolve<Exec>& bodies) {
         const sim::State s = state_.view();
-        const std::size_t n = state_.n_rows;
+        const std::size_t n = lists_.n_rows;
         float* diagonal = diagonal_.reserve(n + 64);
         Quad* residual = residual_.reserve(n + 64);
         Quad* applied = applied_.reserve(n + 64);
@@ -499,9 +541,15 @@ private:
     sim::Rows rows_{};
     std::uint32_t places_ = 64, longest_list_ = 0;
     const float* within_ = nullptr;
+    struct AllRows {
+        const std::uint32_t *slots, *before;  ///< how many of the rows before each are left
+        std::size_t n;
+    } all_rows_{};  ///< where some are left out
+    std::size_t n_alone_ = 0;
     bool filled_ = false, started_ = false;
     int divergence_took_ = 1, density_took_ = 1;
-    Buffer<std::uint32_t, Exec> list_counts_, list_index_;
+    Buffer<std::uint32_t, Exec> list_counts_, list_index_, kept_rows_, kept_lists_;
+    Buffer<float, Exec> kept_within_;
     Buffer<sim::Pairs<Packet>, Exec> list_pairs_;
     Buffer<typename Packet::Bases, Exec> list_bases_;
     Buffer<float, Exec> row_values_, change_, error_;

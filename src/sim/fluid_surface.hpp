@@ -36,7 +36,7 @@ public:
         const float d = spacing(), other = 0.5f * (settings_.spacing + d), h = state_.spline().support;
         exec_.clear(skin_.n_rows, 4);
         exec_.for_each(state_.n + 1, sim::MarkSkin{s, state_.phases(), skin_, d});
-        exec_.for_each(state_.n_rows,
+        exec_.for_each(lists.n_rows,
             sim::ListSteep{lists.rows, lists.count, s, state_.phases(), rows, sim::kSurfaceGradient * h / d, skin_});
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
             const sim::MarkTension<Packet, periodic> mark{
@@ -51,13 +51,13 @@ public:
     void pull(const Lists& lists, const sim::Rows& rows, Quad* acceleration) {
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
             const float s = state_.size_of_fluid();
-            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists, tension(), rows.inverse_rho,
-                                              1.0f / (state_.volume() * s * s * s), acceleration});
+            exec_.for_each(lists.n_rows, sim::PullSurface<Packet, periodic>{lists, tension(), rows.inverse_rho,
+                                             1.0f / (state_.volume() * s * s * s), acceleration});
             if (!has_others_) return;
             std::uint32_t* row_of = row_of_.reserve(state_.n + 64);
-            exec_.for_each(state_.n_rows, sim::RowOf{lists.rows, row_of});
-            exec_.for_each(state_.n_rows, sim::PullTissue<Packet, periodic>{{lists, tension(), row_of},
-                                              rows.inverse_rho, 1.0f / state_.volume(), acceleration});
+            exec_.for_each(lists.n_rows, sim::RowOf{lists.rows, row_of});
+            exec_.for_each(lists.n_rows, sim::PullTissue<Packet, periodic>{{lists, tension(), row_of}, rows.inverse_rho,
+                                             1.0f / state_.volume(), acceleration});
         });
     }
     /// After that: what it does to a rigid body.
@@ -65,7 +65,7 @@ public:
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
             const sim::PullBody<Packet, periodic> of{{lists, tension(), row_of_.data()}, state_.view(), state_.period(),
                 phase, center, 1.0f / state_.volume()};
-            exec_.reduce_in_order(state_.n_rows, of, sim::AddDrag{}, sim::Drag{}, out);
+            exec_.reduce_in_order(lists.n_rows, of, sim::AddDrag{}, sim::Drag{}, out);
         });
     }
 

@@ -203,8 +203,9 @@ struct Judge {
         progress->most = found->most * dt;
         progress->over = found->n_over / n;
         progress->iterations += 1;
-        const double share = there && there->n > 0.0 ? min(1.0, kTighten * allowed * there->n / max(there->sum, 1e-30))
-                                                     : 1.0,
+        const double share = there && there->n > 0.0
+                                 ? min(1.0, kTighten * allowed * there->all / max(there->sum, 1e-30))
+                                 : 1.0,
                      s = share * share * (there ? there->share_of_layers() : 1.0);
         // Pressure goes two spacings an iteration: in fewer than a column has layers it would not come through.
         const double at_most = max<double>(most_iterations, by_layers && there ? there->layers() : 0.0);

@@ -252,13 +252,13 @@ public:
     template <class Fluid> const float* start_pressure(const Fluid& fluid, const float* alpha) {
         if (bodies_.empty()) return alpha;
         start_pressure();
-        float* own = alpha_.reserve(state_.n_rows + 64);
-        exec_.copy(own, alpha, (state_.n_rows + 64) * sizeof *own);
+        float* own = alpha_.reserve(fluid.lists().n_rows + 64);
+        exec_.copy(own, alpha, (fluid.lists().n_rows + 64) * sizeof *own);
         for (std::size_t b = 0; b < host_.size(); ++b) {
             const auto hold = fluid.hold_of(host_[b].phase, host_[b].center);
-            exec_.reduce_in_order(state_.n_rows, sim::ArmOf<typename Exec::Packet>{hold}, sim::AddArm{}, sim::Arm{},
+            exec_.reduce_in_order(hold.lists.n_rows, sim::ArmOf<typename Exec::Packet>{hold}, sim::AddArm{}, sim::Arm{},
                 &device_.data()[b].reach);
-            exec_.for_each(state_.n_rows, sim::Yield<typename Exec::Packet>{hold, device_.data() + b, own});
+            exec_.for_each(hold.lists.n_rows, sim::Yield<typename Exec::Packet>{hold, device_.data() + b, own});
         }
         return own;
     }
@@ -268,7 +268,7 @@ public:
         if (bodies_.empty()) return;
         for (std::size_t b = 0; b < host_.size(); ++b) {
             const sim::PushOf<typename Exec::Packet> push{fluid.hold_of(host_[b].phase, host_[b].center), change};
-            exec_.reduce_in_order(state_.n_rows, push, sim::AddDrag{}, sim::Drag{}, &device_.data()[b].drag);
+            exec_.reduce_in_order(push.hold.lists.n_rows, push, sim::AddDrag{}, sim::Drag{}, &device_.data()[b].drag);
         }
         exec_.for_each(
             1, sim::TakePush{device_.data(), n(), meetings(device_meetings_.data(), kRoundsWithin), progress});
@@ -291,7 +291,7 @@ private:
     template <class Lists>
     bool touches(const Lists& lists, const std::pair<const int, RigidBody>& body, const sim::PhaseSet& others) {
         sim::Touch t, *found = touch_.reserve(1);
-        exec_.reduce_in_order(state_.n_rows, touch_of(lists, body, others, -1), sim::AddTouch{}, sim::Touch{}, found);
+        exec_.reduce_in_order(lists.n_rows, touch_of(lists, body, others, -1), sim::AddTouch{}, sim::Touch{}, found);
         exec_.download(&t, found, sizeof t);
         return t.weight > 0.0;
     }
@@ -302,7 +302,7 @@ private:
         sim::Touch t[sim::kOctants], *found = touch_.reserve(sim::kOctants);
         for (int o = 0; o < sim::kOctants; ++o)
             exec_.reduce_in_order(
-                state_.n_rows, touch_of(lists, body, others, o), sim::AddTouch{}, sim::Touch{}, found + o);
+                lists.n_rows, touch_of(lists, body, others, o), sim::AddTouch{}, sim::Touch{}, found + o);
         exec_.download(t, found, sizeof t);
         for (const sim::Touch& one : t)
             if (sim::Meeting m; m.prepare(host_, a, b, one, state_.period(), spacing_, dt_)) meetings_.push_back(m);

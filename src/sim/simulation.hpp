@@ -155,7 +155,10 @@ public:
         r.n_solved = state_.n_rows;
         tissue_.bleed(state_.tree().view(), state_.tree().particles(), state_.sizes(), dt);
         const bool begun = fluid_.has_started_lists();
-        if (state_.n_rows > 0) find_lists();
+        if (state_.n_rows > 0) {
+            find_lists();
+            if (by_approach()) fluid_.leave_out_alone();
+        }
         const double earlier = begun ? exec_.elapsed(kListMark, kListMark + 1) : 0.0;
         take_blood(dt);
         bool split = false;
@@ -462,7 +465,7 @@ private:
         if (state_.n_rows == 0) return;
         sim::Contact<Packet> contact{context(dt), nullptr};
         if (lasts) contact.share = bodies_.push_back(contact);
-        exec_.for_each(state_.n_rows, contact);
+        exec_.for_each(contact.step.lists.n_rows, contact);
     }
     void move(float dt, bool split) {
         contact(dt, !split);
@@ -479,7 +482,7 @@ private:
     /// `earlier`: seconds that the step's lists had taken before it began.
     void report(StepReport& r, double earlier) {
         const sim::Compression& c = state_.summary.compression;
-        r.compression = c.n > 0 ? c.sum / c.n : 0.0;
+        r.compression = c.all > 0 ? c.sum / c.all : 0.0;
         r.most_compression = c.most;
         r.high_compression = c.exceeded_by(0.001);
         r.time = time_;
