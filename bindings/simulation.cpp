@@ -124,6 +124,15 @@ void bind_simulation(nb::module_& m) {
             [](PySimulation& s, std::size_t n, Address positions, Address velocities, int phase) {
                 return call<&Simulation::emit>(s.core, n, at<float>(positions), at<float>(velocities), phase);
             })
+        .def("set_inlets",
+            [](PySimulation& s, const nb::list& inlets) {
+                std::vector<sim::Inlet> all;
+                for (nb::handle h : inlets) {
+                    const auto v = nb::cast<std::vector<float>>(h);  // center, direction, radius, length
+                    all.push_back({{v.at(0), v.at(1), v.at(2)}, {v.at(3), v.at(4), v.at(5)}, v.at(6), v.at(7)});
+                }
+                call<&Simulation::set_inlets>(s.core, all);
+            })
         .def("set_sinks",
             [](PySimulation& s, const nb::list& sinks) {
                 std::vector<sim::Sink> all;

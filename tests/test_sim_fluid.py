@@ -349,3 +349,40 @@ def test_walls_go_on_across_a_periodic_axis():
     np.testing.assert_allclose(x, D * (np.arange(10) + 0.5), atol=1e-4)
     y = np.unique(sim.positions[:, 1].round(4))
     np.testing.assert_allclose([y[0], y[-1]], [-0.555 * D, 0.5 + 0.555 * D], atol=1e-4)
+
+
+def test_an_emitter_as_wide_as_its_tube_fills_it(backend):
+    """What comes in pushes what is there: Poiseuille's flow, from a plug."""
+    radius, length, speed, d = 0.006, 0.03, 0.1, 0.0015
+    rate = np.pi * radius**2 * speed
+    tube = {"cylinder": {"start": (-0.002, 0, 0), "end": (length, 0, 0), "radius": radius}}
+    sim = gb.Simulation(
+        spacing=d, gravity=(0, 0, 0), domain={"lo": (-0.003, -0.01, -0.01), "hi": (length + 0.01, 0.01, 0.01)},
+        fluids=[{"name": "blood", "viscosity": 0.0175, "density": 1055}],
+        boundaries=[{"name": "tube", **tube, "hollow": True, "open": ["start", "end"]}],
+        emitters=[{"name": "in", "fluid": "blood", "center": (0.0005, 0, 0), "direction": (1, 0, 0),
+                   "radius": radius, "rate": rate}],
+        sinks=[{"name": "out", "box": {"lo": (length - 0.004, -0.01, -0.01), "hi": (length + 0.01, 0.01, 0.01)}}],
+        **backend,
+    )  # fmt: skip
+    sim.run(0.6)
+    fluid = np.asarray(sim.arrays.phase) == list(sim.phases).index("blood")
+    x, v = sim.positions[fluid], sim.velocities[fluid, 0]
+    there = (x[:, 0] > 0.012) & (x[:, 0] < 0.022)
+    r = np.hypot(x[:, 1], x[:, 2])
+    assert v[there].sum() * d**3 / 0.01 == pytest.approx(rate, rel=0.06)
+    assert 1.4 < v[there & (r < radius / 3)].mean() / speed < 1.9
+    assert v[there & (r > 0.75 * radius)].mean() / speed < 0.7
+    assert fluid.sum() * d**3 > 0.9 * np.pi * radius**2 * (length - 0.004)
+
+
+def test_an_emitter_under_water_throws_nothing(backend):
+    water = {"name": "water", "box": {"lo": (-0.1, -0.1, 0), "hi": (0.1, 0.1, 0.16)}}
+    tap = {"name": "tap", "fluid": "water", "center": (0, 0, 0.1), "direction": (0, 0, 1), "radius": 0.03}
+    sim = gb.Simulation(
+        spacing=0.0125, domain={"lo": (-0.1, -0.1, 0), "hi": (0.1, 0.1, 0.3), "walls": True, "open": ["+z"]},
+        fluids=[water], emitters=[{**tap, "rate": 2e-3}], **backend,
+    )  # fmt: skip
+    fastest = max(sim.step().most_speed for _ in range(60))
+    assert sim.time > 0.1
+    assert fastest < 3 * 2e-3 / (np.pi * 0.03**2)

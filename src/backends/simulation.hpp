@@ -74,6 +74,8 @@ struct Simulation : Object {
     /// As add, at the end of the next step.
     virtual std::uint32_t emit(std::size_t m, const float* positions, const float* velocities, int phase) = 0;
     virtual void set_sinks(const std::vector<sim::Sink>& sinks) = 0;
+    /// Where what is emitted keeps its velocity.
+    virtual void set_inlets(const std::vector<sim::Inlet>& inlets) = 0;
     /// A boundary's pose: now (its particles are there already), or at the end of the next step.
     virtual void capture(int phase, const sim::Pose& now) = 0;
     virtual void move_to(int phase, const sim::Pose& next) = 0;

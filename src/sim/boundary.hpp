@@ -64,13 +64,14 @@ template <class Packet> struct Contact {
         Kept kept;
         const std::uint32_t slot = step.lists.rows[row];
         const float spacing = step.spacing * (0.5f + 0.5f * step.sizes.at(slot));  // from one to the wall's
-        const float r = step.rows.boundary[row] / spacing;
+        float r = step.rows.boundary[row] / spacing;
         if (!(r < kHeightReach)) return kept;
         const Quad p = step.state.place[slot];
         if (!(p.w < 0.0f)) return kept;
         float3 normal{0, 0, 0}, wall{0, 0, 0};
         float total = 0.0f, most = 0.0f;
-        each_of_walls(row, [&](std::uint32_t j, const Quad& q) {
+        bool led = false;
+        each_of_walls(row, led, [&](std::uint32_t j, const Quad& q) {
             const float3 away = step.period.template shortest<true>(p.xyz() - q.xyz());
             const float d2 = dot(away, away) / (spacing * spacing), s = q.w / (d2 * d2 + 1e-3f);  // the nearest rule
             normal = normal + away * s;
@@ -79,6 +80,7 @@ template <class Packet> struct Contact {
             if (s > most) most = s, kept.by = j;
         });
         if (!(total > 0.0f)) return kept;
+        if (led) r = length(step.period.template shortest<true>(p.xyz() - step.state.place[kept.by].xyz())) / spacing;
         const float3 mean = normal * (1.0f / total);
         normal = normalize(normal);
         wall = wall * (1.0f / total);
@@ -96,7 +98,7 @@ template <class Packet> struct Contact {
             v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
         }
         if (r < kTouching)
-            each_of_walls(row, [&](std::uint32_t j, const Quad& q) {
+            each_of_walls(row, led, [&](std::uint32_t j, const Quad& q) {
                 const float3 away = step.period.template shortest<true>(p.xyz() - q.xyz());
                 const float d2 = dot(away, away);
                 if (!(d2 < kTouching * kTouching * spacing * spacing)) return;
@@ -109,9 +111,9 @@ template <class Packet> struct Contact {
     }
 
 private:
-    /// fn(slot, place) of each neighbor that is a boundary's.  Places are asked for some at once: few rows are near a
-    /// wall, and each waits for memory.
-    template <class Fn> GB_FN void each_of_walls(std::size_t row, const Fn& fn) const {
+    /// fn(slot, place) of each neighbor that is a boundary's; whether there is fluid of an inlet, too.  Places are
+    /// asked for some at once: few rows are near a wall, and each waits for memory.
+    template <class Fn> GB_FN void each_of_walls(std::size_t row, bool& led, const Fn& fn) const {
         constexpr std::uint32_t kAtOnce = 8;
         const std::uint32_t n = step.lists.count[row];
         for (std::uint32_t k = 0; k < n; k += kAtOnce) {
@@ -120,7 +122,10 @@ private:
             for (std::uint32_t m = 0; m < kAtOnce; ++m) j[m] = step.lists.index[step.lists.at(row, min(k + m, n - 1))];
             for (std::uint32_t m = 0; m < kAtOnce; ++m) q[m] = step.state.place[j[m]];
             for (std::uint32_t m = 0; m < kAtOnce; ++m)
-                if (k + m < n && q[m].w > 0.0f) fn(j[m], q[m]);
+                if (k + m < n && q[m].w > 0.0f) {
+                    if (step.phases[step.state.phase[j[m]]].kind == Kind::fluid) led = true;
+                    else fn(j[m], q[m]);
+                }
         }
     }
 };

@@ -28,7 +28,7 @@ struct SetMaterial {
     float w, viscosity;
     GB_FN void operator()(std::size_t i) const {
         if (state.phase[i] != phase) return;
-        if (w < 0.0f) state.place[i].w = w;
+        if (w < 0.0f && state.place[i].w < 0.0f) state.place[i].w = w;
         state.velocity[i].w = viscosity;
     }
 };
@@ -204,7 +204,7 @@ struct FlagRows {
         flags[i] = 0;
         if (i >= state.n || i < header->n_outside) return;
         const Kind kind = phases[state.phase[i]].kind;
-        flags[i] = is_solved(kind) && !(kind == Kind::tissue && state.place[i].w > 0.0f);
+        flags[i] = is_solved(kind) && !((kind == Kind::tissue || kind == Kind::fluid) && state.place[i].w > 0.0f);
     }
 };
 /// rows[before[i]] = i for the flagged ones; padded with n.

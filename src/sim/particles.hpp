@@ -88,7 +88,9 @@ public:
     }
 
     /// Behind the others, in no order yet: settle() follows.
-    std::uint32_t append(std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) {
+    /// led: fluid that keeps its velocity and pushes others as a wall does.
+    std::uint32_t append(
+        std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase, bool led = false) {
         if (n + m > 0x7fffffffull) throw Refused("simulation: expected fewer than 2^31 particles");
         if (m > 0xffffff00ull - next_id)
             throw Refused("simulation: expected fewer than 2^32 particles in all, those that have left included");
@@ -97,7 +99,8 @@ public:
         exec_.upload(p, positions, 12 * m);
         float* v = nullptr;
         if (velocities) exec_.upload(v = new_velocities_.reserve(3 * m), velocities, 12 * m);
-        exec_.for_each(m, sim::Append{view(), p, v, std::uint8_t(phase), w_of(phase), velocity, next_id});
+        exec_.for_each(m, sim::Append{view(), p, v, std::uint8_t(phase),
+                              led ? volume_ * std::pow(size_of_fluid(), 3.0f) : w_of(phase), velocity, next_id});
         const sim::Kind kind = phase_table[phase].kind;
         volumes_stale_ |= kind == sim::Kind::boundary || kind == sim::Kind::rigid;
         n += m;

@@ -39,6 +39,7 @@ public:
           tissue_(exec_),
           forces_(exec_),
           sinks_(exec_),
+          inlets_(exec_),
           totals_(exec_),
           color_(exec_),
           reflection_(exec_),
@@ -100,8 +101,12 @@ public:
     std::uint32_t emit(std::size_t m, const float* positions, const float* velocities, int phase) override {
         std::uint32_t first = state_.next_id;
         for (const Emitted& e : emitted_) first += std::uint32_t(e.positions.size() / 3);
-        emitted_.push_back({{positions, positions + 3 * m}, {velocities, velocities + 3 * m}, phase});
+        emitted_.push_back({{positions, positions + 3 * m}, {velocities, velocities + 3 * m}, phase, true});
         return first;
+    }
+    void set_inlets(const std::vector<sim::Inlet>& inlets) override {
+        n_inlets_ = int(inlets.size());
+        exec_.upload(inlets_.reserve(inlets.size() + 1), inlets.data(), inlets.size() * sizeof(sim::Inlet));
     }
     void set_sinks(const std::vector<sim::Sink>& sinks) override {
         if (sinks.size() > std::size_t(sim::kMaxSinks))
@@ -435,7 +440,8 @@ private:
         for (const tissue::Drop& d : tissue_.drops()) {
             const float3 at = d.at + d.velocity * dt;
             const int phase = tissue_.phase_of_blood(d.vessel);
-            if (emitted_.empty() || emitted_.back().phase != phase) emitted_.push_back({{}, {}, phase});
+            if (emitted_.empty() || emitted_.back().phase != phase || emitted_.back().led)
+                emitted_.push_back({{}, {}, phase, false});
             emitted_.back().positions.insert(emitted_.back().positions.end(), {at.x, at.y, at.z});
             emitted_.back().velocities.insert(
                 emitted_.back().velocities.end(), {d.velocity.x, d.velocity.y, d.velocity.z});
@@ -445,6 +451,11 @@ private:
     /// Sinks take fluid out, emitted particles come in; whether there are others now, whose positions are in the state
     /// then.
     bool take_and_give(StepReport& r) {
+        if (any_led_) {
+            exec_.for_each(
+                state_.n, sim::LetGo{state_.view(), state_.phases(), state_.positions(), inlets_.data(), n_inlets_});
+            any_led_ = n_inlets_ > 0;
+        }
         if (n_sinks_ == 0 && emitted_.empty()) return false;
         exec_.for_each(state_.n, sim::TakePositions{state_.positions(), state_.view().place});
         if (n_sinks_ > 0) {
@@ -454,8 +465,10 @@ private:
             r.n_removed = state_.keep(flags);
         }
         const bool others = r.n_removed > 0 || !emitted_.empty();
-        for (const Emitted& e : emitted_)
-            state_.append(e.positions.size() / 3, e.positions.data(), e.velocities.data(), {}, e.phase);
+        for (const Emitted& e : emitted_) {
+            state_.append(e.positions.size() / 3, e.positions.data(), e.velocities.data(), {}, e.phase, e.led);
+            any_led_ |= e.led;
+        }
         emitted_.clear();
         return others;
     }
@@ -530,6 +543,7 @@ private:
     struct Emitted {
         std::vector<float> positions, velocities;
         int phase;
+        bool led;
     };
 
     static constexpr int kFirstMark = 4, kListMark = 14;  // the scene has those before
@@ -544,9 +558,11 @@ private:
     TissueImpl<Exec> tissue_;
     Buffer<float, Exec> forces_;
     Buffer<sim::Sink, Exec> sinks_;
+    Buffer<sim::Inlet, Exec> inlets_;
     Buffer<sim::Totals, Exec> totals_;
     std::vector<Emitted> emitted_;
-    int n_sinks_ = 0;
+    int n_sinks_ = 0, n_inlets_ = 0;
+    bool any_led_ = true;  ///< fluid that keeps its velocity: a checkpoint may have some
     Buffer<float, Exec> color_, reflection_, weight_, shown_, wetness_;
     Buffer<std::uint32_t, Exec> rank_, ids_;
     sim::Drawn drawn_ = sim::Drawn::balls;

@@ -39,4 +39,33 @@ struct FlagKept {
     }
 };
 
+/// Where fluid that comes in keeps its velocity: a cylinder from a disc on, along the flow.
+struct Inlet {
+    float3 center, direction;
+    float radius, length;
+    GB_FN bool holds(const float3& p) const {
+        const float3 r = p - center;
+        const float along = dot(r, direction);
+        return along <= length && dot(r, r) - along * along <= radius * radius;
+    }
+};
+
+/// Beyond its inlet, fluid is a row of the solves like any other.
+struct LetGo {
+    State state;
+    const Phase* phases;
+    const float* positions;
+    const Inlet* inlets;
+    int n_inlets;
+    GB_FN void operator()(std::size_t i) const {
+        Quad& place = state.place[i];
+        const Phase& phase = phases[state.phase[i]];
+        if (phase.kind != Kind::fluid || !(place.w > 0.0f)) return;
+        const float3 p{positions[3 * i], positions[3 * i + 1], positions[3 * i + 2]};
+        for (int k = 0; k < n_inlets; ++k)
+            if (inlets[k].holds(p)) return;
+        place.w = -1.0f / phase.density;
+    }
+};
+
 }  // namespace globule::core::sim

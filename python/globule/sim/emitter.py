@@ -14,6 +14,7 @@ from .scene_file import check_end
 from .steered import Steered
 
 CHECKS = {"rate": Setting(Number(least=0.0)), "on": Setting(Switch())}
+LED = 2.0  # spacings, which a particle's neighbors reach
 _GIVEN = ("center", "direction", "radius", "rate", "fluid", "start", "end")
 
 
@@ -21,8 +22,9 @@ class Emitter(Steered):
     """A disc that emits fluid, with the names and limits of a scene's `[[emitters]]`.
 
     The k-th particle leaves when rate * time reaches k times a particle's volume, spacing cubed:
-    after t seconds, the emitter has emitted rate * t / spacing^3 particles, to within 1. A program
-    may change `on` and `rate` at any time.
+    after t seconds, the emitter has emitted rate * t / spacing^3 particles, to within 1. Over the
+    first two spacings they keep their velocity, whatever is before them: they push it, as a piston
+    does. A program may change `on` and `rate` at any time.
 
     Args:
         center: (3,) m.
@@ -96,6 +98,15 @@ class Emitter(Steered):
                           direction=np.array(state["direction"], float), _emitted=int(emitted),
                           _volume=float(volume), _places=None)  # fmt: skip
 
+    def _runs(self, time: float) -> bool:
+        ended = self.end is not None and time >= self.end
+        return self.on and self.rate > 0 and time >= self.start and not ended
+
+    def _inlet(self, spacing: float) -> list[float]:
+        """Where its fluid keeps its velocity and pushes what is before it, as the core takes it:
+        center, direction, radius and length."""
+        return [*self.center, *self.direction, self.radius + spacing, LED * spacing]
+
     def emit(self, spacing: float, time: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """The particles emitted during a step, at their positions at the end of the step.
 
@@ -108,8 +119,7 @@ class Emitter(Steered):
             positions (M, 3) float32 m and velocities (M, 3) float32 m/s.
         """
         none = np.empty((0, 3), np.float32)
-        ended = self.end is not None and time >= self.end
-        if not self.on or self.rate <= 0 or time < self.start or ended:
+        if not self._runs(time):
             return none, none
         if self._places is None:
             self._places = self._disc(spacing)

@@ -116,6 +116,7 @@ class Simulation(Owner):
         solver = self._solver = Solver(file, choose(device), thread_count(threads))
         self._core, self._lock = solver.core, solver.lock
         self._had_sinks = self._warned = False
+        self._inlets: list[list[float]] = []  # that the core knows
         self.file, self.settings, self.phases = file, solver.settings, solver.phases
         self.emitters: dict[str, Emitter] = Named("emitters", Emitter)
         self.tissue: BondedTissue = BondedTissue(solver)
@@ -291,8 +292,13 @@ class Simulation(Owner):
         else:
             self._warn_of(dt)
         self._prepare(dt)
+        spacing = self.settings.fluid_spacing
+        inlets = [e._inlet(spacing) for e in self.emitters.values() if e._runs(self.time)]
+        if inlets != self._inlets:
+            self._core.set_inlets(inlets)
+            self._inlets = inlets
         for emitter in self.emitters.values():
-            positions, velocities = emitter.emit(self.settings.fluid_spacing, self.time, dt)
+            positions, velocities = emitter.emit(spacing, self.time, dt)
             if n := len(positions):
                 which = self._solver.number_of(emitter.fluid)
                 self._runaway._give("emitters", float(np.linalg.norm(velocities[0])))
