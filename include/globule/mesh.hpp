@@ -1,4 +1,4 @@
-// Triangle meshes that images show as their triangles, beside particles.
+// Triangles and capsules that images show as they are, beside particles.
 #pragma once
 #include <array>
 #include <memory>
@@ -20,6 +20,14 @@ struct Triangles {
     Colors color{};     ///< (N, 3) linear RGB of the vertices in [0, 1], or one for all; default: gray
 };
 
+/// Tubes with round ends: vessels, fibers, instruments.  Mesh copies what it needs.
+struct Capsules {
+    ArrayView vertices{};  ///< (N, 3), as of triangles
+    ArrayView ends{};  ///< (M, 2), or flat, uint32 or int32 in host memory: both ends of each, which may be the same
+    Scalars radius{};  ///< (M,), or one for all, coordinates of the mesh, above 0
+    Colors color{};    ///< (N, 3) linear RGB of the vertices in [0, 1], or one for all; default: gray
+};
+
 struct MeshOptions {
     /// The mesh is closed and its normals point outwards: it refracts, absorbs, shows cut faces and displaces fluids.
     /// Otherwise it is a thin sheet with two sides.  Nothing checks this.
@@ -30,7 +38,7 @@ struct MeshOptions {
     int threads = 0;              ///< of the CPU; 0: all
 };
 
-/// Triangles on one device, ready for images: Layer::mesh.  Copies are handles of the same mesh.
+/// Triangles or capsules on one device, ready for images: Layer::mesh.  Copies are handles of the same mesh.
 ///
 /// Any thread may call any method.  All methods throw Error: invalid for an argument (nothing was changed), cancelled,
 /// memory, device.
@@ -39,6 +47,7 @@ public:
     /// An empty handle.
     Mesh() noexcept = default;
     explicit Mesh(const Triangles& triangles, const MeshOptions& options = {});
+    explicit Mesh(const Capsules& capsules, const MeshOptions& options = {});
     explicit operator bool() const noexcept { return impl_ != nullptr; }
 
     /// Other vertices, as many as before; faces, colors and the pose stay, the hierarchy is built anew.
@@ -46,7 +55,7 @@ public:
     /// world_from_mesh of a rotation and a translation, from the next image on; the hierarchy stays.
     void place(const Matrix4& world_from_mesh);
 
-    std::size_t size() const;           ///< triangles
+    std::size_t size() const;           ///< triangles, or capsules
     const std::string& device() const;  ///< "cpu" or "cuda:N"
 
 private:

@@ -107,6 +107,9 @@ public:
     /// Values of particles, (N,) or (N, K) float32, blended at points with the weights weight * b(r): (M,) or (M, K);
     /// NaN where no particle reaches.
     std::vector<float> blend(const ArrayView& points, const ArrayView& values) const;
+    /// Along rays (origins (M, 3) world, directions (M, 3)) from their origins on: sum of values of particles, (N,) or
+    /// (N, K) float32, each times the integral of weight * b(r) over the ray: (M,) or (M, K).
+    std::vector<float> integrate(const ArrayView& origins, const ArrayView& directions, const ArrayView& values) const;
     /// Particles within a radius (world, inclusive) of each point.
     Neighbors neighbors(const ArrayView& points, double radius) const;
     /// First intersections of rays with the surface; origins (M, 3) world, directions (M, 3) unit vectors; one that is

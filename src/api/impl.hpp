@@ -97,6 +97,7 @@ struct Mesh::Impl {
     struct Held {
         std::vector<std::uint32_t> faces, order,
             begins;  ///< order: corners by vertex; begins: where each vertex's begin
+        std::vector<float> radius{};
         Inputs inputs;
     };
     std::shared_ptr<Inside::SceneImpl> scene;
@@ -104,9 +105,13 @@ struct Mesh::Impl {
     std::size_t n_vertices = 0;
     core::FloatArray color;
     core::float3 one_color{};
+    std::size_t corners = 3;  ///< of a face; 2: capsules
+    float one_radius = 0;
     std::shared_ptr<const Held> held;
 
     void build(const core::FloatArray& vertices);
+    void make(const ArrayView& vertices, const ArrayView& faces, const char* name, const Colors& color,
+        const Scalars& radius);
 };
 
 /// A frame, and what refines it.

@@ -7,7 +7,7 @@
 
 namespace globule {
 
-inline constexpr std::size_t kMaxParticles = (std::size_t(1) << 31) - 64;
+using core::kMaxParticles;
 inline constexpr double kMaxSupport = 1e18;  ///< past it squares overflow float32
 inline constexpr double kMaxRatio = 1e6;     ///< between the largest and the smallest support
 inline constexpr int kMaxSamples = 65536;

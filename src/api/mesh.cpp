@@ -11,18 +11,19 @@ namespace {
 constexpr core::float3 kGray{0.62f, 0.62f, 0.62f};
 constexpr std::size_t kMaxFaces = (std::size_t(1) << 29) - 1;
 
-std::vector<std::uint32_t> faces_of(const ArrayView& view, std::size_t n_vertices) {
-    const std::size_t n = rows_of("faces", view, 3);
-    if (n > kMaxFaces) refuse("faces", "at most " + std::to_string(kMaxFaces), std::to_string(n));
-    if (view.where().device != Location::host) refuse("faces", "host memory", "memory of a GPU");
+std::vector<std::uint32_t> faces_of(
+    const char* name, const ArrayView& view, std::size_t corners, std::size_t n_vertices) {
+    const std::size_t n = rows_of(name, view, corners);
+    if (n > kMaxFaces) refuse(name, "at most " + std::to_string(kMaxFaces), std::to_string(n));
+    if (view.where().device != Location::host) refuse(name, "host memory", "memory of a GPU");
     if (view.dtype() != DType::uint32 && view.dtype() != DType::int32)
-        refuse("faces", "uint32 or int32", name_of(view.dtype()));
-    if (n && !view.data()) refuse("faces", "an address", "null");
+        refuse(name, "uint32 or int32", name_of(view.dtype()));
+    if (n && !view.data()) refuse(name, "an address", "null");
     const auto* from = static_cast<const std::uint32_t*>(view.data());  // a negative number is a very large one
-    std::vector<std::uint32_t> faces(from, from + 3 * n);
+    std::vector<std::uint32_t> faces(from, from + corners * n);
     for (const std::uint32_t v : faces)
         if (v >= n_vertices)
-            refuse("faces", "numbers of vertices below " + std::to_string(n_vertices), std::to_string(std::int32_t(v)));
+            refuse(name, "numbers of vertices below " + std::to_string(n_vertices), std::to_string(std::int32_t(v)));
     return faces;
 }
 
@@ -32,12 +33,15 @@ std::vector<std::uint32_t> faces_of(const ArrayView& view, std::size_t n_vertice
 void Mesh::Impl::build(const core::FloatArray& vertices) {
     core::MeshArrays a;
     a.n_vertices = n_vertices;
-    a.n_faces = held->faces.size() / 3;
+    a.n_faces = held->faces.size() / corners;
     a.vertices = vertices;
     a.faces = {held->faces.data()};
     a.color = color;
     a.one_color = one_color;
     a.closed = options.solid;
+    a.capsules = corners == 2;
+    if (!held->radius.empty()) a.radius = {held->radius.data()};
+    a.one_radius = one_radius;
     if (!held->order.empty()) {
         a.place_of_corner = {held->faces.data()};
         a.corners = {held->order.data()};
@@ -51,37 +55,58 @@ void Mesh::Impl::build(const core::FloatArray& vertices) {
     scene->whole = true;
 }
 
-Mesh::Mesh(const Triangles& t, const MeshOptions& o) : impl_(std::make_shared<Impl>()) {
-    Impl& m = *impl_;
-    m.options = o;
+void Mesh::Impl::make(const ArrayView& vertex_view, const ArrayView& faces, const char* name, const Colors& colors,
+    const Scalars& radius) {
+    const MeshOptions& o = options;
     number("smooth", o.smooth, 0, 180);
     const int threads = whole("threads", o.threads, 0, 4096);
-    m.scene = std::make_shared<Inside::SceneImpl>();
-    m.scene->chosen = choose(o.device);
-    m.scene->core = core::make_scene(*m.scene->chosen.backend, m.scene->chosen.index, threads, nullptr);
-    const int device = m.scene->core.device();
-    const auto held = std::make_shared<Impl::Held>(Impl::Held{{}, {}, {}, Inputs(device)});
+    scene = std::make_shared<Inside::SceneImpl>();
+    scene->chosen = choose(o.device);
+    scene->core = core::make_scene(*scene->chosen.backend, scene->chosen.index, threads, nullptr);
+    const int device = scene->core.device();
+    const auto made = std::make_shared<Held>(Held{{}, {}, {}, {}, Inputs(device)});
     Inputs inputs(device);
-    const core::FloatArray vertices = inputs.rows("vertices", t.vertices, 3, m.n_vertices);
-    check_range("vertices", vertices, m.n_vertices, 3, -1e18, 1e18);
-    held->faces = faces_of(t.faces, m.n_vertices);
-    m.one_color = t.color.one() ? three("color", *t.color.one(), 0, 1) : kGray;
-    if (t.color.each().given()) {
-        const core::FloatArray given = held->inputs.floats("color", t.color.each(), 3, m.n_vertices);
-        check_range("color", given, m.n_vertices, 3, 0, 1);
-        m.color = given.device == core::kHost ? held->inputs.keep({given.data, given.data + 3 * m.n_vertices}) : given;
+    const core::FloatArray vertices = inputs.rows("vertices", vertex_view, 3, n_vertices);
+    check_range("vertices", vertices, n_vertices, 3, -1e18, 1e18);
+    made->faces = faces_of(name, faces, corners, n_vertices);
+    one_color = colors.one() ? three("color", *colors.one(), 0, 1) : kGray;
+    if (colors.each().given()) {
+        const core::FloatArray given = made->inputs.floats("color", colors.each(), 3, n_vertices);
+        check_range("color", given, n_vertices, 3, 0, 1);
+        color = given.device == core::kHost ? made->inputs.keep({given.data, given.data + 3 * n_vertices}) : given;
     }
-    if (o.smooth > 0 && !held->faces.empty()) {  // corners by vertex
-        held->begins.assign(m.n_vertices + 1, 0);
-        for (const std::uint32_t v : held->faces) ++held->begins[v + 1];
-        for (std::size_t v = 0; v < m.n_vertices; ++v) held->begins[v + 1] += held->begins[v];
-        std::vector<std::uint32_t> next(held->begins.begin(), held->begins.end() - 1);
-        held->order.resize(held->faces.size());
-        for (std::size_t k = 0; k < held->faces.size(); ++k) held->order[next[held->faces[k]]++] = std::uint32_t(k);
+    if (corners == 2) {
+        const std::size_t n = made->faces.size() / 2;
+        if (radius.each().given()) {
+            if (radius.each().where().device != Location::host) refuse("radius", "host memory", "memory of a GPU");
+            const core::FloatArray given = inputs.floats("radius", radius.each(), 1, n);
+            check_range("radius", given, n, 1, 1e-30, 1e18);
+            made->radius.assign(given.data, given.data + n);
+        } else {
+            if (!radius.one()) refuse("radius", "one for all, or one each", "none");
+            one_radius = float(positive("radius", *radius.one()));
+        }
+    } else if (o.smooth > 0 && !made->faces.empty()) {  // corners by vertex
+        made->begins.assign(n_vertices + 1, 0);
+        for (const std::uint32_t v : made->faces) ++made->begins[v + 1];
+        for (std::size_t v = 0; v < n_vertices; ++v) made->begins[v + 1] += made->begins[v];
+        std::vector<std::uint32_t> next(made->begins.begin(), made->begins.end() - 1);
+        made->order.resize(made->faces.size());
+        for (std::size_t k = 0; k < made->faces.size(); ++k) made->order[next[made->faces[k]]++] = std::uint32_t(k);
     }
-    m.held = held;
-    m.scene->held = held;
-    m.build(vertices);
+    held = made;
+    scene->held = made;
+    build(vertices);
+}
+
+Mesh::Mesh(const Triangles& t, const MeshOptions& o) : impl_(std::make_shared<Impl>()) {
+    impl_->options = o;
+    impl_->make(t.vertices, t.faces, "faces", t.color, {});
+}
+Mesh::Mesh(const Capsules& c, const MeshOptions& o) : impl_(std::make_shared<Impl>()) {
+    impl_->options = o;
+    impl_->corners = 2;
+    impl_->make(c.vertices, c.ends, "ends", c.color, c.radius);
 }
 
 void Mesh::update(const ArrayView& vertices) {
@@ -105,7 +130,10 @@ void Mesh::place(const Matrix4& p) {
     m.scene->core.call<&core::Scene::place_mesh>(core::Pose{single(x), single(y), single(z), at});
 }
 
-std::size_t Mesh::size() const { return Inside::of(*this, "mesh").held->faces.size() / 3; }
+std::size_t Mesh::size() const {
+    const Impl& m = Inside::of(*this, "mesh");
+    return m.held->faces.size() / m.corners;
+}
 const std::string& Mesh::device() const { return Inside::of(*this, "mesh").scene->chosen.device.name; }
 
 }  // namespace globule

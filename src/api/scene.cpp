@@ -263,18 +263,40 @@ std::vector<float> Scene::gradient(const ArrayView& points) const {
     s.ask<&core::Scene::evaluate>(s.field(), m, p, static_cast<float*>(nullptr), out.data());
     return out;
 }
+namespace {
+/// Values of particles, a row each.
+struct Rows {
+    core::FloatArray data;
+    std::size_t n, channels;
+};
+Rows rows_of_values(Inputs& in, const ArrayView& values) {
+    const Shape& shape = values.shape();
+    if (shape.rank() < 1 || shape.rank() > 2 || (shape.rank() == 2 && (shape[1] < 1 || shape[1] > 1024)))
+        refuse("values", "shape (N,) or (N, K)", text(shape));
+    const std::size_t channels = shape.rank() == 2 ? shape[1] : 1;
+    return {in.floats("values", values, channels, shape[0]), shape[0], channels};
+}
+}  // namespace
+
 std::vector<float> Scene::blend(const ArrayView& points, const ArrayView& values) const {
     const Impl& s = Inside::of(*this, "scene");
     Inputs in(s.core.device());
     std::size_t m;
     const core::FloatArray p = in.rows("points", points, 3, m);
-    const Shape& shape = values.shape();
-    if (shape.rank() < 1 || shape.rank() > 2 || (shape.rank() == 2 && (shape[1] < 1 || shape[1] > 1024)))
-        refuse("values", "shape (N,) or (N, K)", text(shape));
-    const std::size_t channels = shape.rank() == 2 ? shape[1] : 1;
-    const core::FloatArray v = in.floats("values", values, channels, shape[0]);
-    std::vector<float> out(channels * m);
-    s.ask<&core::Scene::blend>(s.field(), m, p, v, shape[0], int(channels), out.data());
+    const Rows v = rows_of_values(in, values);
+    std::vector<float> out(v.channels * m);
+    s.ask<&core::Scene::blend>(s.field(), m, p, v.data, v.n, int(v.channels), out.data());
+    return out;
+}
+std::vector<float> Scene::integrate(
+    const ArrayView& origins, const ArrayView& directions, const ArrayView& values) const {
+    const Impl& s = Inside::of(*this, "scene");
+    Inputs in(s.core.device());
+    std::size_t m;
+    const core::FloatArray o = in.rows("origins", origins, 3, m), d = in.floats("directions", directions, 3, m);
+    const Rows v = rows_of_values(in, values);
+    std::vector<float> out(v.channels * m);
+    s.ask<&core::Scene::integrate>(s.field(), m, o, d, v.data, v.n, int(v.channels), out.data());
     return out;
 }
 Neighbors Scene::neighbors(const ArrayView& points, double radius) const {

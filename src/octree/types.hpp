@@ -6,6 +6,9 @@
 
 namespace globule::core {
 
+/// Of a scene: their numbers have 32 bits, and packets read 64 past the last.
+inline constexpr std::size_t kMaxParticles = (std::size_t(1) << 31) - 64;
+
 /// Particles in key order, structure of arrays, world units.
 struct SortedParticles {
     const float* x;

@@ -274,7 +274,6 @@ private:
         let_others_go_on();
     }
 
-    static constexpr std::size_t kMaxParticles = (std::size_t(1) << 31) - 64;
     static constexpr std::size_t kWorthAsking = 10'000'000;  ///< below, memory is not asked for
 
     std::shared_ptr<Exec> exec_;

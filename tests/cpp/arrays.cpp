@@ -139,6 +139,15 @@ TEST_CASE("neighbors are rows, and the field is the sum of kernels") {
     CHECK(gradient.size() == 6);
     std::vector<float> speed(p.size() / 3, 3.0f);
     CHECK(s.blend(points, speed)[0] == doctest::Approx(3));
+    // Through all balls' influence: the sum of lines of (1 - r^2 / h^2)^2, 16/15 h (1 - b^2 / h^2)^{5/2} at distance b.
+    double line = 0;
+    for (std::size_t j = 0; j < p.size(); j += 3) {
+        const double b2 = std::pow(p[j] - 0.15, 2) + std::pow(p[j + 1] - 0.15, 2);
+        if (b2 < 0.04) line += 16.0 / 15 * 0.2 * std::pow(1 - b2 / 0.04, 2.5);
+    }
+    const std::vector<float> origin{0.15f, 0.15f, 3}, down{0, 0, -1};
+    CHECK(s.integrate(origin, down, std::vector<float>(p.size() / 3, 2.0f))[0] ==
+          doctest::Approx(2 * line).epsilon(1e-4));
     const Intersections hits = s.intersect(std::vector<float>{0.15f, 0.15f, 3}, std::vector<float>{0, 0, -1});
     CHECK(hits.distance[0] == doctest::Approx(2.6).epsilon(0.05));
     std::vector<std::uint64_t> keys;

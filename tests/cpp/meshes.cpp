@@ -33,6 +33,20 @@ TEST_CASE("a mesh is a layer beside a scene") {
     CHECK(render({Layer{.mesh = mesh}}, kCamera, 9, 9, settings).mask()[40]);
 }
 
+TEST_CASE("capsules are balls along their axes") {
+    const std::vector<float> ends{-1, 0, 0, 1, 0, 0};
+    const std::vector<std::uint32_t> one{0, 1};
+    const Mesh tube(Capsules{.vertices = ends, .ends = one, .radius = 0.5}, {.device = "cpu"});
+    CHECK(tube.size() == 1);
+    CHECK(render({Layer{.mesh = tube}}, kCamera, 9, 9).distance()[40] == doctest::Approx(4.5));
+    const Mesh thick(Capsules{.vertices = ends, .ends = one, .radius = std::vector<float>{1}}, {.device = "cpu"});
+    CHECK(render({Layer{.mesh = thick}}, kCamera, 9, 9).distance()[40] == doctest::Approx(4.0));
+    const auto make = [&](const Scalars& radius) { Mesh(Capsules{.vertices = ends, .ends = one, .radius = radius}); };
+    CHECK_SAYS(make({}), "radius: expected one for all, or one each, got none");
+    CHECK_SAYS(make(-1.0), "radius: ");
+    CHECK_SAYS(Mesh(Capsules{.vertices = ends, .ends = std::vector<std::uint32_t>{0, 2}, .radius = 1.0}), "ends: ");
+}
+
 TEST_CASE("poses and new vertices move a mesh") {
     Mesh mesh({.vertices = kCorners, .faces = kFace}, {.device = "cpu"});
     Matrix4 pose{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 2, 0, 0, 0, 1};
