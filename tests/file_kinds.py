@@ -137,6 +137,13 @@ text("LIGGGHTS dump", "a.dump",
      "ITEM: BOX BOUNDS ff ff ff\n"
      "-1 9\n-1 9\n-1 9\nITEM: ATOMS x y z radius\n" + with_radii(),
      **grains(names=("radius",)), periodic="", unit="LAMMPS si")  # fmt: skip
+_YAML = "".join(
+    f"---\ncreator: LAMMPS\ntimestep: {10 * k}\nunits: lj\ntime: {k}\nnatoms: {N}\nboundary: [ p, p, p, p, f, f, ]\n"
+    "thermo:\n  - keywords: [ Step, Temp, ]\n  - data: [ 0, 3, ]\nbox:\n  - [ 0, 9 ]\n  - [ 0, 9 ]\n  - [ 0, 9 ]\n"
+    "keywords: [ type, x, y, z,  ]\ndata:\n" + rows(x, " , ", "  - [ 1 , ", " , ]") + "...\n"
+    for k, x in enumerate(_FRAMES)
+)
+text("LAMMPS dump yaml", "a.yaml", _YAML, frames=2, periodic="xy", unit="LAMMPS lj", names=("type",))
 _HEAD = f"LAMMPS data file\n\n{N} atoms\n1 atom types\n\n0 9 xlo xhi\n0 9 ylo yhi\n0 9 zlo zhi\n\n"
 _ATOMS = "".join(f"{i} 1 {row}\n" for i, row in enumerate(rows(X).splitlines(), 1))
 text("LAMMPS data", "a.lmp", f"{_HEAD}Masses\n\n1 1.0\n\nAtoms # atomic\n\n{_ATOMS}",
@@ -604,3 +611,22 @@ text("Tecplot of SPHinXsys", "a.plt",
      ), names=("ID",), frames=2)  # fmt: skip
 text("Tecplot of grains", "a.tec",
      "variables = x, y, z, radius\nzone\n" + with_radii(), **grains(names=("radius",)))  # fmt: skip
+_BLOCKS = "\n".join(" ".join(f"{v:.6f}" for v in axis) for axis in X.T).replace(" ", "\n", 40)
+text("Tecplot in blocks", "a.plt",
+     f'{_TEC}ZONE T="fluid", I={N}, DATAPACKING=BLOCK\n{_BLOCKS}\n{N}*1.5\n', names=("P",))  # fmt: skip
+text("Tecplot elements in blocks", "a.dat",
+     'VARIABLES = "X", "Y", "Z", "P"\n'
+     f"ZONE NODES={N}, ELEMENTS=2, DATAPACKING=BLOCK, ZONETYPE=FETETRAHEDRON, VARLOCATION=([4]=CELLCENTERED)\n"
+     f"{_BLOCKS}\n0.5 0.5\n1 2 3 4\n2 3 4 5\n")  # fmt: skip
+
+
+def tipsy(path: Path, order: str) -> None:
+    """A snapshot with gas and two other particles."""
+    gas = np.zeros((N, 12), order + "f4")
+    gas[:, 0], gas[:, 1:4], gas[:, 7] = 1e-3, X, 1
+    head = struct.pack(order + "dIIIIII", 0.5, N + 2, 3, N, 2, 0, 0)
+    path.write_bytes(head + gas.tobytes() + np.ones((2, 9), order + "f4").tobytes())
+
+
+kind("Tipsy", "a.tipsy", package="pynbody", names=("mass", "density"))(lambda path: tipsy(path, ">"))
+kind("Tipsy of one machine", "a.tipsy", package="pynbody", names=("mass",))(lambda path: tipsy(path, "<"))

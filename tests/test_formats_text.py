@@ -477,7 +477,11 @@ def test_tecplot_zones():
     path.write_text("VARIABLES = X Y Z\nZONE N=2, E=1, F=FEPOINT\n0 0 0\n1 0 0\n1 2 2\n")
     assert len(gb.read(path)) == 2  # elements are left out
     for content, problem in (
-        ("VARIABLES = X Y Z\nZONE DATAPACKING=BLOCK\n1 2\n", "line 2: expected DATAPACKING=POINT"),
+        ("VARIABLES = X Y Z\nZONE DATAPACKING=ROWS\n1 2\n", "line 2: expected DATAPACKING=POINT"),
+        ("VARIABLES = X Y Z\nZONE DATAPACKING=BLOCK\n1 2\n", r"line 2: expected the number of points \(I=, NODES=\)"),
+        ("VARIABLES = X Y Z\nZONE I=2, DATAPACKING=BLOCK\n1 2\n3 4\n", "line 3: expected 6 numbers in the zone, got 4"),
+        ("VARIABLES = X Y Z\nZONE I=2, DATAPACKING=BLOCK\n1 2 3 4 5 .x\n", "line 3: expected numbers in the blocks"),
+        (f"VARIABLES = X Y Z\nZONE I={10**14}, F=BLOCK\n{10**14}*0\n", "line 3: expected data that fit"),
         ("VARIABLES = A B\nZONE\n1 2\n", "expected VARIABLES with x and y among them, got 'A B'"),
         ("VARIABLES = X Y\nZONE\n", "expected a zone with rows, got none"),
         ("VARIABLES = X Y\nZONE\n1 a\n", "line 3"),
