@@ -309,6 +309,7 @@ def test_elements_of_a_data_file():
     "Points:0;Points:1;Points:2", "Position.X (mm);Position.Y (mm);Position.Z (mm)",
     "x_m;y_m;z_m", "coordinates_0;coordinates_1;coordinates_2", "particle_position_x;"
     "particle_position_y;particle_position_z", "PosX;PosY;PosZ", "X Coord;Y Coord;Z Coord", "rx;ry;rz",
+    "Location_Center_X;Location_Center_Y;Location_Center_Z", "Easting;Northing;Elevation",
 ])  # fmt: skip
 def test_names_of_positions(head):
     for name, separator in (("a.csv", ";"), ("a.csv", ","), ("a.tsv", "\t"), ("a.txt", "\t")):
@@ -463,6 +464,14 @@ def test_radii_in_capitals_give_the_support(name):
     assert np.allclose(gb.read("a.csv").support, 0.2)
     Path("a.csv").write_text("x,y,z,H\n" + "".join(f"{row},7\n" for row in rows(",")))
     assert gb.read("a.csv").support is None  # an enthalpy
+
+
+def test_exponents_of_fortran():
+    for name, head in (("a.dat", ""), ("a.csv", "x,y,z\n"), ("a.tec", "VARIABLES = x y z\nZONE\n")):
+        mark = "," if name == "a.csv" else " "
+        lines = (mark.join(f"{v:.5E}".replace("E", "D") for v in place) for place in X)
+        Path(name).write_text(head + "".join(f"{line}\n" for line in lines))
+        assert np.allclose(gb.read(name).positions, X, atol=1e-4)
 
 
 def test_tecplot_zones():

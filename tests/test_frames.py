@@ -101,10 +101,30 @@ def test_the_viewer_plays_them():
     source.close()
 
 
+def test_files_of_one_and_of_several_frames_are_one_sequence(capsys):
+    dump()
+    whole = Path("frames.lammpstrj").read_text()
+    first, second = whole.index("ITEM: TIMESTEP"), whole.index("ITEM: TIMESTEP", 1)
+    Path("a_1.dump").write_text(whole[first:second])
+    Path("a_2.dump").write_text(whole)
+    assert len(with_frames(["a_1.dump", "a_2.dump"])) == N + 1
+    assert main(["convert", "a_*.dump", "b_%d.npz"]) == 0
+    assert [len(gb.read(f"b_{k}.npz")) for k in range(N + 1)] == [len(gb.read("a_1.dump"))] + [
+        len(gb.read("a_2.dump", frame=k)) for k in range(N)
+    ]
+    assert "OUT: expected a name with %d for 2 files" in refused(capsys, "convert", "a_*.dump", "c.npz")
+
+
+def test_blank_lines_between_frames_of_xyz():
+    frame = "2\n\nH 0 0 0\nH {} 0 0\n"
+    Path("a.xyz").write_text("\n\n".join(frame.format(k) for k in (1, 2, 3)) + "\n")
+    assert [gb.read("a.xyz", frame=k).positions[1, 0] for k in (0, 1, -1)] == [1, 2, 3]
+
+
 def test_the_file_itself_is_not_overwritten(capsys):
     extended()
     Path("frames.xyz").rename("f_0.xyz")
-    assert "expected other files than IN" in refused(capsys, "convert", "f_0.xyz", "f_%d.xyz")
+    assert "expected another file than IN" in refused(capsys, "convert", "f_0.xyz", "f_%d.xyz")
     assert len(with_frames(["f_0.xyz"])) == N
 
 

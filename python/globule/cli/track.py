@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ..measure.mesh import mesh_surface
 from ..measure.samples import write_table
 from ..measure.surface import default_spacing
 from ..measure.track import facts
@@ -65,11 +64,11 @@ def run(options: argparse.Namespace) -> None:
 
         for _, path, scene in measuring.scenes(options, options.files, progress, made=made):
             with mistakes():
-                mesh = mesh_surface(scene, spacing)
-                wrong = scene.octree.n_inside and not len(mesh.faces)
+                found = facts(scene, spacing)
+                wrong = scene.octree.n_inside and not found["area"]
                 if wrong and (why := measuring.too_coarse(options, scene)):
                     raise UserError(f"{path}: {why}")
-                rows.append(facts(scene, mesh))
+                rows.append(found)
             names.append(path)
     table: dict[str, Any] = {**measuring.times(options, len(rows)), "file": np.array(names)}
     table |= {name: np.array([row[name] for row in rows]) for name in rows[0]}

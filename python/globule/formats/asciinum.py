@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -13,6 +14,7 @@ from .size import check_text, whole_file
 
 _CHUNK = 1 << 22
 _LOOKED_AT = 4096  # bytes of a text
+_FORTRAN = r"(\d\.\d*|\.\d+)[dD]([+-]?\d{1,3})\b"  # 1.5D-03
 
 
 def parse_numbers(text: bytes, dtype: np.dtype) -> np.ndarray:
@@ -188,7 +190,7 @@ def lines_of(path: Any, data: bytes) -> list[str]:
 
 def decoded(data: bytes) -> str:
     """A text in UTF-16 that says so, or has a zero beside each letter of its beginning; else in
-    UTF-8, where bytes that are none become U+FFFD."""
+    UTF-8, where bytes that are none become U+FFFD. Fortran's exponents become e."""
     begin = data[:_LOOKED_AT]
     code = "utf-8-sig"
     if begin[:2] in (b"\xff\xfe", b"\xfe\xff"):
@@ -196,4 +198,5 @@ def decoded(data: bytes) -> str:
     elif b"\0" in begin:
         even, odd = any(begin[::2]), any(begin[1::2])
         code = "utf-16-le" if even and not odd else "utf-16-be" if odd and not even else code
-    return data.decode(code, errors="replace")
+    text = data.decode(code, errors="replace")
+    return re.sub(_FORTRAN, r"\1e\2", text) if re.search(_FORTRAN, text[:_LOOKED_AT]) else text

@@ -25,7 +25,7 @@ from __future__ import annotations
 import os
 import re
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,7 @@ _POSITION_WORDS = (
     "coordinate",
     "coordinates",
     "location",
+    "locationcenter",
     "loc",
     "center",
     "centre",
@@ -206,8 +207,9 @@ def place_names(names: Iterable[str]) -> dict[str, str]:
         plain.setdefault(re.sub(r"[^a-z0-9]", "", name.lower()), name)
     forms = [(end, word) for word in _POSITION_WORDS for end in ("{1}{0}", "{0}{1}")]
     forms += [("{0}{1}", word) for word in _UNIT_WORDS] + [("{1}{0}", "r")]
-    tried = [("xyz", *form) for form in forms]
+    tried: list[tuple[Sequence[str], str, str]] = [("xyz", *form) for form in forms]
     tried += [(a, "{1}{0}", word) for word in _NUMBERED_WORDS for a in ("012", "123")]
+    tried += [(("easting", "northing", up), "{0}", "") for up in ("elevation", "altitude", "height")]
     for axes, form, word in tried:
         found = [plain.get(form.format(axis, word)) for axis in axes]
         if found[0] and found[1]:

@@ -80,14 +80,17 @@ def read_xyz(path: str | os.PathLike[str], frame: int = 0) -> Contents:
 def _frames_of_xyz(_: Any, lines: list[str]) -> list[int]:
     """Where each frame's count stands, in a file that consists of a count, a title and as many
     rows again and again; else [0]."""
-    starts, at = [], 0
-    while at < len(lines) and (line := lines[at].strip()):
+    starts: list[int] = []
+    at = 0
+    while at < len(lines):
+        if not (line := lines[at].strip()) and starts:  # a blank line between frames
+            at += 1
+            continue
         if not (line.isascii() and line.isdigit() and len(line) < 16):
             return [0]
         starts.append(at)
         at += int(line) + 2
-    rest = any(line.strip() for line in lines[at:])
-    return starts if len(starts) > 1 and at <= len(lines) and not rest else [0]
+    return starts if len(starts) > 1 and at <= len(lines) else [0]
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:

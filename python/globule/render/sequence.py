@@ -88,9 +88,12 @@ def frames_of(path: str, **options: Any) -> int:
 
 
 def with_frames(files: Sequence[str], **options: Any) -> list[str]:
-    """The files, each frame of those with several in the place of the file. Where the first has
-    one, the others are taken to have one too. options: as for `read`."""
-    if not files or isinstance(files[0], FrameOf) or frames_of(files[0], **options) == 1:
+    """The files, each frame of those with several in the place of the file. Where the first and the
+    largest have one, the others are taken to have one too. options: as for `read`."""
+    if not files or isinstance(files[0], FrameOf):
+        return list(files)
+    largest = max(files, key=lambda path: os.path.getsize(path) if os.path.isfile(path) else 0)
+    if all(frames_of(path, **options) == 1 for path in {files[0], largest}):
         return list(files)
     return [FrameOf(f, k) for f in files for k in range(frames_of(f, **options))]
 
