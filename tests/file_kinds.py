@@ -97,6 +97,9 @@ text("DualSPHysics CSV", "a.csv",
      unit="m", names=("Rhop",))  # fmt: skip
 text("Excel in German", "a.csv", "\ufeffx;y;z\r\n" + rows(X, ";").replace(".", ","))
 text("Excel Unicode text", "a.txt", "\ufeffX\tY\tZ\r\n" + rows(X, "\t"), "utf-16")
+text("EDEM radii", "a.csv", "Particle Radius (m),X (m),Y (m),Z (m)\n"
+     + "".join(f"{r:.6f},{row}\n" for r, row in zip(RADII, rows(CENTERS, ",").splitlines(), strict=True)),
+     **grains(names=("Particle Radius",)), unit="m")  # fmt: skip
 text("STAR-CCM+ table", "a.csv",
      '"Pressure (Pa)","X (m)","Y (m)","Z (m)"\n' + rows(X, ",", "1.0,"),
      unit="m", names=("Pressure",))  # fmt: skip
@@ -242,6 +245,7 @@ def grid(path: Path, x: np.ndarray, data: str = "") -> Path:
 
 
 text("SPHinXsys PolyData", "a.vtp", polydata(X))
+kind("Yade VTKRecorder", "a.vtu", **grains(names=("radii",)))(lambda path: grid(path, CENTERS, array("radii", RADII)))
 kind("UnstructuredGrid of vertices", "a.vtu")(lambda path: grid(path, X))
 _GHOSTS = np.array([0] * N + [1] * 5, "u1")
 _GHOSTLY, _MARKED = np.r_[X, X[:5]], array("vtkGhostType", _GHOSTS)

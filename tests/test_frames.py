@@ -112,6 +112,7 @@ def test_files_of_one_and_of_several_frames_are_one_sequence(capsys):
     assert [len(gb.read(f"b_{k}.npz")) for k in range(N + 1)] == [len(gb.read("a_1.dump"))] + [
         len(gb.read("a_2.dump", frame=k)) for k in range(N)
     ]
+    capsys.readouterr()
     assert "OUT: expected a name with %d for 2 files" in refused(capsys, "convert", "a_*.dump", "c.npz")
 
 

@@ -33,6 +33,7 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.terminal import place_text
 from ..data.particles import FIELDS, HERE, SCALAR_FIELDS, Particles, lost_precision, relative
+from ..data.radii import length_names
 from .errors import bad
 
 _POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
@@ -306,7 +307,7 @@ def _take_color(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: in
 
 
 def _derive_support(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int, support_per_h: float) -> None:
-    lower = {name.lower(): name for name in reversed(list(attributes)) if name != "H"}  # enthalpy
+    lower = length_names(name for name in attributes if name != "H")  # enthalpy
     for name, factor in _SUPPORT_NAMES.items():
         held = name if name in attributes else lower.get(name)
         value = _as_scalar(attributes[held], n) if held else None
