@@ -368,6 +368,13 @@ def _(file: Any) -> None:
     file["positions"], file["density"] = X, np.ones(N)
 
 
+@hdf5("PyTables", "a.h5", names=("mass",))
+def _(file: Any) -> None:
+    table = np.zeros(N, [("mass", "f4"), ("x", "f8"), ("y", "f8"), ("z", "f8"), ("name", "S4")])
+    table["x"], table["y"], table["z"] = X.T
+    file["run/particles"] = table
+
+
 def _matlab(path: Path, **matrices: np.ndarray) -> None:
     """A file as `save -v7.3` writes it: a header before HDF5, and axes in reverse."""
     import h5py
@@ -409,6 +416,17 @@ def _(path: Path) -> None:
     body = f'{head}<Xdmf Version="3.0"><Domain>{collection}</Domain></Xdmf>'
     path.write_text(body, encoding="utf-8")
 
+
+def _half(k: int) -> str:
+    return (
+        f'<Grid><Geometry GeometryType="XYZ"><DataItem Format="XML" Dimensions="{len(X[k::2])} 3">'
+        f"{rows(X[k::2])}</DataItem></Geometry></Grid>"
+    )
+
+
+text("XDMF of several domains", "a.xmf",
+     '<Xdmf><Domain><Grid GridType="Collection" CollectionType="Temporal"><Grid GridType="Collection" '
+     f'CollectionType="Spatial"><Time Value="0.5"/>{_half(0)}{_half(1)}</Grid></Grid></Domain></Xdmf>')  # fmt: skip
 
 # NumPy, points of scanners and of editors
 
