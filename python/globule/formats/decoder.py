@@ -517,10 +517,14 @@ def usd(path: str, ask: Any) -> tuple[dict, list]:
     up = str(UsdGeom.GetStageUpAxis(stage))
     claim = {"prims": list(places), "times": sorted(times), "rate": rate, "unit": unit, "up": up}
     paths, time, visible = ask(0, **claim)
-    when = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    when = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
     names, arrays = [], []
+    purposes = {place: str(UsdGeom.Imageable(places[place].GetPrim()).ComputePurpose()) for place in paths}
+    left_out = {"guide", "proxy"} if "render" in purposes.values() else {"guide"}
     for place in paths:
         prim = places[place].GetPrim()
+        if visible and purposes[place] in left_out:
+            continue
         if visible and UsdGeom.Imageable(prim).ComputeVisibility(when) == "invisible":
             continue
         found = _usd_arrays(UsdGeom, prim, places[place], when)
