@@ -116,9 +116,11 @@ def scenes(
 
 def led_by(files: Sequence[str], at: int) -> str:
     """What to say where not the first file leads."""
-    which = f"{files[at]}, the largest of {len(files):,} files"
-    if isinstance(files[at], FrameOf):
-        which = f"the last frame of {files[at]}, which is larger than the first"
+    leading = files[at]
+    which = f"{leading}, the largest of {len(files):,} files"
+    if isinstance(leading, FrameOf):
+        frame = "the last frame" if at == len(files) - 1 else f"frame {leading.frame}"
+        which = f"{frame} of {leading}, which is larger than the first"
     return f"note: surface and support are those of {which}"
 
 

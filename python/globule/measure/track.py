@@ -52,7 +52,7 @@ def track_surface(
     lead = None
     if isinstance(frames, Sequence) and (at := leader(frames)):
         lead = functools.partial(measured_particles, "frames", frames[at])
-    scenes = KeptScene(lead)
+    scenes = KeptScene(lead, grows=not isinstance(frames, Sequence))
     rows = []
     for number, frame in enumerate(frames):
         particles = measured_particles("frames", frame)
