@@ -29,7 +29,7 @@ def length_names(names: Iterable[str]) -> dict[str, str]:
 
 def find_radii(particles: Particles) -> np.ndarray | None:
     """Radii (N,) float32, world units, from the attribute `radius`, `pscale` or `diameter`; None
-    where the particles have none, or one that is not a finite number above 0."""
+    where the particles have none, one that is negative or not finite, or none above 0."""
     by_lower_name = length_names(particles.attributes)
     for lower, factor in _NAMES.items():
         if lower not in by_lower_name:
@@ -41,7 +41,7 @@ def find_radii(particles: Particles) -> np.ndarray | None:
             continue
         with np.errstate(over="ignore"):
             radii = (factor * values).astype(np.float32)
-        if (np.isfinite(radii) & (radii > 0)).all():
+        if np.isfinite(radii).all() and (radii >= 0).all() and radii.any():
             return radii
     return None
 
