@@ -116,6 +116,17 @@ def test_files_of_one_and_of_several_frames_are_one_sequence(capsys):
     assert "OUT: expected a name with %d for 2 files" in refused(capsys, "convert", "a_*.dump", "c.npz")
 
 
+def test_all_frames_become_a_collection(capsys):
+    dump()
+    assert main(["convert", "frames.lammpstrj", "all.pvd"]) == 0
+    for k in range(N):
+        one, other = read_contents("frames.lammpstrj", frame=k), read_contents("all.pvd", frame=k)
+        assert (other.n_frames, other.time) == (N, one.time)
+        np.testing.assert_array_equal(other.particles.positions, one.particles.positions)
+    assert main(["convert", "frames.lammpstrj", "one.pvd", "--frame", "1"]) == 0
+    assert read_contents("one.pvd").n_frames == 1
+
+
 def test_blank_lines_between_frames_of_xyz():
     frame = "2\n\nH 0 0 0\nH {} 0 0\n"
     Path("a.xyz").write_text("\n\n".join(frame.format(k) for k in (1, 2, 3)) + "\n")

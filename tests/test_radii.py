@@ -99,7 +99,7 @@ def test_a_packing_is_not_a_fluid_and_spheres_beside_have_their_radii(folder, ca
     assert run_json(capsys, "info", "f.csv")["surface"] == "smooth"
     assert not are_spheres(gb.read("f.csv"))
     assert not are_spheres(gb.Particles(g))
-    assert find_radii(gb.Particles(g, attributes={"radius": np.arange(len(g))})) is None
+    assert find_radii(gb.Particles(g, attributes={"radius": np.arange(len(g)) - 1})) is None
     # Nor are atoms, though bonds overlap.
     water = np.array([[0, 0, 0], [0.96, 0, 0], [-0.24, 0.93, 0]])
     radius = np.array([1.52, 1.2, 1.2])
