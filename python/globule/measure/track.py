@@ -38,8 +38,10 @@ def track_surface(
 
     Returns:
         name -> (F,) float64: "frame" (its number, from 0), "volume", "volume_error", "area" and
-        "area_error" as in `measure_surface`, "x_min", "x_max" … "z_max" in world units; NaN for a
-        frame without surface.
+        "area_error" as in `measure_surface`, "x_min", "x_max" … "z_max" in world units, NaN for a
+        frame without surface; "particles", their number, and "particle_volume", which knows
+        nothing of the surface: of a smooth surface the number times the cube of the spacing, which
+        is the one of all frames, and of spheres the sum of theirs; else NaN.
 
     Raises as `mesh_surface` does, and ValueError for a pattern without files.
     """
@@ -71,7 +73,8 @@ def track_surface(
 
 
 def facts(scene: Any, spacing: float | None = None) -> dict[str, float]:
-    """Volume, area and extent of a scene's surface; spacing: as for `measure_surface`."""
+    """Volume, area and extent of a scene's surface, and the number and volume of its particles;
+    spacing: as for `measure_surface`."""
     lo, hi = np.full((2, 3), np.nan)
     found = in_closed_form(scene)
     if found is None:
@@ -84,7 +87,13 @@ def facts(scene: Any, spacing: float | None = None) -> dict[str, float]:
         centers, radii = (a.astype(np.float64) for a in spheres)
         lo = (centers - radii[:, None]).min(axis=0)
         hi = (centers + radii[:, None]).max(axis=0)
-    return found._asdict() | dict(_extent(lo, hi))
+    n = scene.octree.n_inside
+    own = np.nan
+    if spheres is not None:
+        own = float((4 / 3 * np.pi * spheres[1].astype(np.float64) ** 3).sum())
+    elif scene.surface == "smooth":
+        own = n * scene.spacing**3
+    return found._asdict() | dict(_extent(lo, hi)) | {"particles": n, "particle_volume": own}
 
 
 def _extent(lo: np.ndarray, hi: np.ndarray) -> Iterator[tuple[str, float]]:
