@@ -432,6 +432,10 @@ text("XDMF of several domains", "a.xmf",
 
 kind("numpy.save", "a.npy")(lambda path: np.save(path, X))
 kind("numpy.savez by name", "a.npz", names=("speed",))(lambda path: np.savez(path, positions=X, speed=np.ones(N)))
+kind("frames of numpy.save", "a.npy", frames=2)(lambda path: np.save(path, np.stack(_FRAMES)))
+kind("frames of numpy.savez", "a.npz", frames=2, names=("speed",))(
+    lambda path: np.savez(path, positions=np.stack(_FRAMES), speed=np.ones((2, N)), time=[0.0, 0.1])
+)
 kind("MATLAB 5", "a.mat", **grains(names=("radius",)))(
     lambda path: savemat(path, {"positions": CENTERS, "radius": RADII, "h": 0.1, "run": "a", "all": {"a": 1}})
 )

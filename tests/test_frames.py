@@ -15,6 +15,7 @@ from format_helpers import write_dump, write_extxyz
 from globule.cli import main
 from globule.formats import packed, read_contents
 from globule.formats.frames import FrameOf
+from globule.formats.ranges import has_ranges
 from globule.render.sequence import with_frames
 from globule.viewer.open import open_source
 from globule.viewer.state import State
@@ -78,13 +79,33 @@ def test_one_image_says_which_frame_it_shows(capsys):
 
 def test_options_of_files_that_do_not_have_them(capsys):
     extended()
+    gb.write("a.ply", gb.Particles(lattice(3)))
     np.save("a.npy", lattice(3))
     for words, said in (
-        (["a.npy", "--frame", "1"], "--frame: expected a file of table, "),
+        (["a.npy", "--frame", "1"], "frame: expected -1 to 0, got 1"),
+        (["a.ply", "--frame", "1"], "--frame: expected a file of table, "),
         (["frames.xyz", "--species", "O"], "--species: expected a file of NumPy archive, HDF5"),
         (["frames.xyz", "--frame", "4"], "frame: expected -4 to 3"),
     ):
         assert said in refused(capsys, "info", *words)
+
+
+def test_arrays_of_numpy_with_frames(capsys):
+    x = np.stack([lattice(3) + k for k in range(4)])
+    np.save("a.npy", x)
+    np.savez("a.npz", pos=x, mass=np.ones(27), speed=np.arange(108.0).reshape(4, 27), t=[0, 1, 2, 3.5])
+    for name in ("a.npy", "a.npz"):
+        assert not has_ranges(name)
+        assert [one.frame for one in with_frames([name])] == [0, 1, 2, 3]
+        np.testing.assert_array_equal(gb.read(name, frame=-1).positions, x[3])
+    contents = read_contents("a.npz", frame=3)
+    assert contents.time == 3.5
+    assert contents.particles.attributes["speed"].tolist() == [*range(81, 108)]
+    assert main(["convert", "a.npz", "b.pvd"]) == 0
+    assert read_contents("b.pvd", frame=3).time == 3.5
+    np.save("rows.npy", np.ascontiguousarray(lattice(4).T))
+    with pytest.warns(UserWarning, match="expected a row for each particle, got 3 rows of 64: taken as columns"):
+        np.testing.assert_array_equal(gb.read("rows.npy").positions, lattice(4))
 
 
 def test_the_viewer_plays_them():

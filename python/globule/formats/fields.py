@@ -36,7 +36,7 @@ from ..data.particles import FIELDS, HERE, SCALAR_FIELDS, Particles, lost_precis
 from ..data.radii import length_names
 from .errors import bad
 
-_POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
+POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
 # Before or behind an axis in a column's name; behind one; and before a number.
 _POSITION_WORDS = (
     "",
@@ -190,7 +190,7 @@ def check_lengths(path: Any, arrays: Mapping[str, np.ndarray], n: int) -> None:
 def find_positions(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
     """Take the array of positions (N, 3) out of `arrays`; None if there is none."""
     by_lower_name = {name.lower(): name for name in reversed(list(arrays))}
-    for lower_name in _POSITION_NAMES:
+    for lower_name in POSITION_NAMES:
         name = by_lower_name.get(lower_name)
         if name is not None and arrays[name].ndim == 2 and arrays[name].shape[1] == 3:
             return arrays.pop(name)
