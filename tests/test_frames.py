@@ -205,3 +205,18 @@ def test_a_packed_file_is_unpacked_once_for_all_of_its_frames(monkeypatch):
     assert (gb.read(FrameOf("b.lammpstrj.gz", 0)).positions != frames[0]).any()
     assert len(unpacked) == 2
     assert not os.path.exists(kept)
+
+
+def test_what_takes_one_frame_says_which(capsys):
+    dump()
+    words = {"mesh": ["-o", "a.ply"], "slice": ["-o", "a.png", "--plane", "0,0,1,0.1"], "project": ["-o", "a.png"]}
+    for command, more in words.items():
+        assert main([command, "frames.lammpstrj", *more]) == 0
+        assert f"frames.lammpstrj has {N} frames, and this is the first" in capsys.readouterr().err
+        assert main([command, "frames.lammpstrj", "--frame", "1", *more]) == 0
+        assert "frames, and" not in capsys.readouterr().err
+    with pytest.warns(UserWarning, match=f"frames.lammpstrj has {N} frames, and this is the first"):
+        gb.render("frames.lammpstrj", (16, 12))
+    Path("empty.xyz").write_text("0\n\n1\n\n0 0 0\n")
+    said = refused(capsys, "render", "empty.xyz", "-o", "a.png")
+    assert "got none with a finite position; it has 2 frames: --frame takes another" in said

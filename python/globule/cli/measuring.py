@@ -25,6 +25,7 @@ from .shared import (
     check_device,
     check_input,
     doubled,
+    first_of,
     left_out,
     lies_across,
     mistakes,
@@ -131,6 +132,8 @@ def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]
         contents = read_file(path, True, **reading(options))
         particles, messages = contents.particles, lies_across(path, contents, options)
         options.origin = particles.origin
+        if contents.n_frames > 1 and not isinstance(path, FrameOf) and options.frame is None:
+            messages = [*messages, first_of(path, contents.n_frames, "globule track measures all")]
     messages = [*messages, *left_out(path, particles), *doubled(path, particles)]
     if options.anisotropic:
         with mistakes():
