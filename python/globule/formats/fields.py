@@ -210,9 +210,12 @@ def place_names(names: Iterable[str]) -> dict[str, str]:
     for name in names:
         plain.setdefault(re.sub(r"[^a-z0-9]", "", name.lower()), name)
     forms = [(end, word) for word in _POSITION_WORDS for end in ("{1}{0}", "{0}{1}")]
-    forms += [("{0}{1}", word) for word in _UNIT_WORDS] + [("{1}{0}", "r")]
+    forms += [("{0}{1}", word) for word in _UNIT_WORDS] + [("{1}{0}", "r"), ("{0}{1}", "p")]
+    forms += [(f"{{1}}{{0}}{unit}", word) for word in _POSITION_WORDS[1:] for unit in _UNIT_WORDS]
     tried: list[tuple[Sequence[str], str, str]] = [("xyz", *form) for form in forms]
     tried += [(a, "{1}{0}", word) for word in _NUMBERED_WORDS for a in ("012", "123")]
+    if {"x1", "x2"} <= plain.keys() and "x4" not in plain:  # two alone may be the ends of something
+        tried += [(a, "x{0}", "") for a in ("012", "123") if {f"x{k}" for k in a} <= plain.keys()]
     tried += [(("easting", "northing", up), "{0}", "") for up in ("elevation", "altitude", "height")]
     for axes, form, word in tried:
         found = [plain.get(form.format(axis, word)) for axis in axes]
