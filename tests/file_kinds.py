@@ -97,6 +97,9 @@ text("DualSPHysics CSV", "a.csv",
      unit="m", names=("Rhop",))  # fmt: skip
 text("Excel in German", "a.csv", "\ufeffx;y;z\r\n" + rows(X, ";").replace(".", ","))
 text("Excel Unicode text", "a.txt", "\ufeffX\tY\tZ\r\n" + rows(X, "\t"), "utf-16")
+text("EDEM radii", "a.csv", "Particle Radius (m),X (m),Y (m),Z (m)\n"
+     + "".join(f"{r:.6f},{row}\n" for r, row in zip(RADII, rows(CENTERS, ",").splitlines(), strict=True)),
+     **grains(names=("Particle Radius",)), unit="m")  # fmt: skip
 text("STAR-CCM+ table", "a.csv",
      '"Pressure (Pa)","X (m)","Y (m)","Z (m)"\n' + rows(X, ",", "1.0,"),
      unit="m", names=("Pressure",))  # fmt: skip
@@ -137,6 +140,13 @@ text("LIGGGHTS dump", "a.dump",
      "ITEM: BOX BOUNDS ff ff ff\n"
      "-1 9\n-1 9\n-1 9\nITEM: ATOMS x y z radius\n" + with_radii(),
      **grains(names=("radius",)), periodic="", unit="LAMMPS si")  # fmt: skip
+_YAML = "".join(
+    f"---\ncreator: LAMMPS\ntimestep: {10 * k}\nunits: lj\ntime: {k}\nnatoms: {N}\nboundary: [ p, p, p, p, f, f, ]\n"
+    "thermo:\n  - keywords: [ Step, Temp, ]\n  - data: [ 0, 3, ]\nbox:\n  - [ 0, 9 ]\n  - [ 0, 9 ]\n  - [ 0, 9 ]\n"
+    "keywords: [ type, x, y, z,  ]\ndata:\n" + rows(x, " , ", "  - [ 1 , ", " , ]") + "...\n"
+    for k, x in enumerate(_FRAMES)
+)
+text("LAMMPS dump yaml", "a.yaml", _YAML, frames=2, periodic="xy", unit="LAMMPS lj", names=("type",))
 _HEAD = f"LAMMPS data file\n\n{N} atoms\n1 atom types\n\n0 9 xlo xhi\n0 9 ylo yhi\n0 9 zlo zhi\n\n"
 _ATOMS = "".join(f"{i} 1 {row}\n" for i, row in enumerate(rows(X).splitlines(), 1))
 text("LAMMPS data", "a.lmp", f"{_HEAD}Masses\n\n1 1.0\n\nAtoms # atomic\n\n{_ATOMS}",
@@ -235,6 +245,7 @@ def grid(path: Path, x: np.ndarray, data: str = "") -> Path:
 
 
 text("SPHinXsys PolyData", "a.vtp", polydata(X))
+kind("Yade VTKRecorder", "a.vtu", **grains(names=("radii",)))(lambda path: grid(path, CENTERS, array("radii", RADII)))
 kind("UnstructuredGrid of vertices", "a.vtu")(lambda path: grid(path, X))
 _GHOSTS = np.array([0] * N + [1] * 5, "u1")
 _GHOSTLY, _MARKED = np.r_[X, X[:5]], array("vtkGhostType", _GHOSTS)
@@ -357,6 +368,13 @@ def _(file: Any) -> None:
     file["positions"], file["density"] = X, np.ones(N)
 
 
+@hdf5("PyTables", "a.h5", names=("mass",))
+def _(file: Any) -> None:
+    table = np.zeros(N, [("mass", "f4"), ("x", "f8"), ("y", "f8"), ("z", "f8"), ("name", "S4")])
+    table["x"], table["y"], table["z"] = X.T
+    file["run/particles"] = table
+
+
 def _matlab(path: Path, **matrices: np.ndarray) -> None:
     """A file as `save -v7.3` writes it: a header before HDF5, and axes in reverse."""
     import h5py
@@ -399,10 +417,25 @@ def _(path: Path) -> None:
     path.write_text(body, encoding="utf-8")
 
 
+def _half(k: int) -> str:
+    return (
+        f'<Grid><Geometry GeometryType="XYZ"><DataItem Format="XML" Dimensions="{len(X[k::2])} 3">'
+        f"{rows(X[k::2])}</DataItem></Geometry></Grid>"
+    )
+
+
+text("XDMF of several domains", "a.xmf",
+     '<Xdmf><Domain><Grid GridType="Collection" CollectionType="Temporal"><Grid GridType="Collection" '
+     f'CollectionType="Spatial"><Time Value="0.5"/>{_half(0)}{_half(1)}</Grid></Grid></Domain></Xdmf>')  # fmt: skip
+
 # NumPy, points of scanners and of editors
 
 kind("numpy.save", "a.npy")(lambda path: np.save(path, X))
 kind("numpy.savez by name", "a.npz", names=("speed",))(lambda path: np.savez(path, positions=X, speed=np.ones(N)))
+kind("frames of numpy.save", "a.npy", frames=2)(lambda path: np.save(path, np.stack(_FRAMES)))
+kind("frames of numpy.savez", "a.npz", frames=2, names=("speed",))(
+    lambda path: np.savez(path, positions=np.stack(_FRAMES), speed=np.ones((2, N)), time=[0.0, 0.1])
+)
 kind("MATLAB 5", "a.mat", **grains(names=("radius",)))(
     lambda path: savemat(path, {"positions": CENTERS, "radius": RADII, "h": 0.1, "run": "a", "all": {"a": 1}})
 )
@@ -604,3 +637,22 @@ text("Tecplot of SPHinXsys", "a.plt",
      ), names=("ID",), frames=2)  # fmt: skip
 text("Tecplot of grains", "a.tec",
      "variables = x, y, z, radius\nzone\n" + with_radii(), **grains(names=("radius",)))  # fmt: skip
+_BLOCKS = "\n".join(" ".join(f"{v:.6f}" for v in axis) for axis in X.T).replace(" ", "\n", 40)
+text("Tecplot in blocks", "a.plt",
+     f'{_TEC}ZONE T="fluid", I={N}, DATAPACKING=BLOCK\n{_BLOCKS}\n{N}*1.5\n', names=("P",))  # fmt: skip
+text("Tecplot elements in blocks", "a.dat",
+     'VARIABLES = "X", "Y", "Z", "P"\n'
+     f"ZONE NODES={N}, ELEMENTS=2, DATAPACKING=BLOCK, ZONETYPE=FETETRAHEDRON, VARLOCATION=([4]=CELLCENTERED)\n"
+     f"{_BLOCKS}\n0.5 0.5\n1 2 3 4\n2 3 4 5\n")  # fmt: skip
+
+
+def tipsy(path: Path, order: str) -> None:
+    """A snapshot with gas and two other particles."""
+    gas = np.zeros((N, 12), order + "f4")
+    gas[:, 0], gas[:, 1:4], gas[:, 7] = 1e-3, X, 1
+    head = struct.pack(order + "dIIIIII", 0.5, N + 2, 3, N, 2, 0, 0)
+    path.write_bytes(head + gas.tobytes() + np.ones((2, 9), order + "f4").tobytes())
+
+
+kind("Tipsy", "a.tipsy", package="pynbody", names=("mass", "density"))(lambda path: tipsy(path, ">"))
+kind("Tipsy of one machine", "a.tipsy", package="pynbody", names=("mass",))(lambda path: tipsy(path, "<"))

@@ -108,6 +108,10 @@ def usd_layer(path: str, up: str) -> None:
         points = UsdGeom.Points.Define(stage, f"/World/{name}")
         points.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.float32(ball((0, 0, k)))))
     UsdGeom.Points.Get(stage, "/World/hidden").MakeInvisible()
+    for name, purpose in (("guide", "guide"), ("proxy", "proxy"), ("seen", "render")):
+        UsdGeom.Points.Define(stage, f"/World/{name}").CreatePurposeAttr(purpose)
+    UsdGeom.Points.Get(stage, "/World/guide").CreatePointsAttr([(99, 99, 99)])
+    UsdGeom.Points.Get(stage, "/World/proxy").CreatePointsAttr([(99, 99, 99)])
     blinks = UsdGeom.Points.Get(stage, "/World/blinks")
     x = Vt.Vec3fArray.FromNumpy(np.float32(ball((0, 0, 2))))
     for time, word in ((0, "inherited"), (1, "invisible")):

@@ -309,6 +309,8 @@ def test_elements_of_a_data_file():
     "Points:0;Points:1;Points:2", "Position.X (mm);Position.Y (mm);Position.Z (mm)",
     "x_m;y_m;z_m", "coordinates_0;coordinates_1;coordinates_2", "particle_position_x;"
     "particle_position_y;particle_position_z", "PosX;PosY;PosZ", "X Coord;Y Coord;Z Coord", "rx;ry;rz",
+    "Location_Center_X;Location_Center_Y;Location_Center_Z", "Easting;Northing;Elevation", "xp;yp;zp",
+    "x1;x2;x3", "pos_x_mm;pos_y_mm;pos_z_mm",
 ])  # fmt: skip
 def test_names_of_positions(head):
     for name, separator in (("a.csv", ";"), ("a.csv", ","), ("a.tsv", "\t"), ("a.txt", "\t")):
@@ -465,6 +467,14 @@ def test_radii_in_capitals_give_the_support(name):
     assert gb.read("a.csv").support is None  # an enthalpy
 
 
+def test_exponents_of_fortran():
+    for name, head in (("a.dat", ""), ("a.csv", "x,y,z\n"), ("a.tec", "VARIABLES = x y z\nZONE\n")):
+        mark = "," if name == "a.csv" else " "
+        lines = (mark.join(f"{v:.5E}".replace("E", "D") for v in place) for place in X)
+        Path(name).write_text(head + "".join(f"{line}\n" for line in lines))
+        assert np.allclose(gb.read(name).positions, X, atol=1e-4)
+
+
 def test_tecplot_zones():
     path = Path("a.dat")
     both = 'VARIABLES = "X"\n"Y"\n"T"\nZONE T="a"\n1 2 3\n4 5 6\nZONE T="b"\n7 8 9\n'
@@ -477,7 +487,11 @@ def test_tecplot_zones():
     path.write_text("VARIABLES = X Y Z\nZONE N=2, E=1, F=FEPOINT\n0 0 0\n1 0 0\n1 2 2\n")
     assert len(gb.read(path)) == 2  # elements are left out
     for content, problem in (
-        ("VARIABLES = X Y Z\nZONE DATAPACKING=BLOCK\n1 2\n", "line 2: expected DATAPACKING=POINT"),
+        ("VARIABLES = X Y Z\nZONE DATAPACKING=ROWS\n1 2\n", "line 2: expected DATAPACKING=POINT"),
+        ("VARIABLES = X Y Z\nZONE DATAPACKING=BLOCK\n1 2\n", r"line 2: expected the number of points \(I=, NODES=\)"),
+        ("VARIABLES = X Y Z\nZONE I=2, DATAPACKING=BLOCK\n1 2\n3 4\n", "line 3: expected 6 numbers in the zone, got 4"),
+        ("VARIABLES = X Y Z\nZONE I=2, DATAPACKING=BLOCK\n1 2 3 4 5 .x\n", "line 3: expected numbers in the blocks"),
+        (f"VARIABLES = X Y Z\nZONE I={10**14}, F=BLOCK\n{10**14}*0\n", "line 3: expected data that fit"),
         ("VARIABLES = A B\nZONE\n1 2\n", "expected VARIABLES with x and y among them, got 'A B'"),
         ("VARIABLES = X Y\nZONE\n", "expected a zone with rows, got none"),
         ("VARIABLES = X Y\nZONE\n1 a\n", "line 3"),

@@ -15,6 +15,7 @@ from format_helpers import write_dump, write_extxyz
 from globule.cli import main
 from globule.formats import packed, read_contents
 from globule.formats.frames import FrameOf
+from globule.formats.ranges import has_ranges
 from globule.render.sequence import with_frames
 from globule.viewer.open import open_source
 from globule.viewer.state import State
@@ -78,13 +79,33 @@ def test_one_image_says_which_frame_it_shows(capsys):
 
 def test_options_of_files_that_do_not_have_them(capsys):
     extended()
+    gb.write("a.ply", gb.Particles(lattice(3)))
     np.save("a.npy", lattice(3))
     for words, said in (
-        (["a.npy", "--frame", "1"], "--frame: expected a file of table, "),
+        (["a.npy", "--frame", "1"], "frame: expected -1 to 0"),
+        (["a.ply", "--frame", "1"], "--frame: expected a file of table, "),
         (["frames.xyz", "--species", "O"], "--species: expected a file of NumPy archive, HDF5"),
         (["frames.xyz", "--frame", "4"], "frame: expected -4 to 3"),
     ):
         assert said in refused(capsys, "info", *words)
+
+
+def test_arrays_of_numpy_with_frames(capsys):
+    x = np.stack([lattice(3) + k for k in range(4)])
+    np.save("a.npy", x)
+    np.savez("a.npz", pos=x, mass=np.ones(27), speed=np.arange(108.0).reshape(4, 27), t=[0, 1, 2, 3.5])
+    for name in ("a.npy", "a.npz"):
+        assert not has_ranges(name)
+        assert [one.frame for one in with_frames([name])] == [0, 1, 2, 3]
+        np.testing.assert_array_equal(gb.read(name, frame=-1).positions, np.float32(x[3]))
+    contents = read_contents("a.npz", frame=3)
+    assert contents.time == 3.5
+    assert contents.particles.attributes["speed"].tolist() == [*range(81, 108)]
+    assert main(["convert", "a.npz", "b.pvd"]) == 0
+    assert read_contents("b.pvd", frame=3).time == 3.5
+    np.save("rows.npy", np.ascontiguousarray(lattice(4).T))
+    with pytest.warns(UserWarning, match="expected a row for each particle, got 3 rows of 64: taken as columns"):
+        np.testing.assert_array_equal(gb.read("rows.npy").positions, np.float32(lattice(4)))
 
 
 def test_the_viewer_plays_them():
@@ -101,10 +122,42 @@ def test_the_viewer_plays_them():
     source.close()
 
 
+def test_files_of_one_and_of_several_frames_are_one_sequence(capsys):
+    dump()
+    whole = Path("frames.lammpstrj").read_text()
+    first, second = whole.index("ITEM: TIMESTEP"), whole.index("ITEM: TIMESTEP", 1)
+    Path("a_1.dump").write_text(whole[first:second])
+    Path("a_2.dump").write_text(whole)
+    assert len(with_frames(["a_1.dump", "a_2.dump"])) == N + 1
+    assert main(["convert", "a_*.dump", "b_%d.npz"]) == 0
+    assert [len(gb.read(f"b_{k}.npz")) for k in range(N + 1)] == [len(gb.read("a_1.dump"))] + [
+        len(gb.read("a_2.dump", frame=k)) for k in range(N)
+    ]
+    capsys.readouterr()
+    assert "OUT: expected a name with %d for 2 files" in refused(capsys, "convert", "a_*.dump", "c.npz")
+
+
+def test_all_frames_become_a_collection(capsys):
+    dump()
+    assert main(["convert", "frames.lammpstrj", "all.pvd"]) == 0
+    for k in range(N):
+        one, other = read_contents("frames.lammpstrj", frame=k), read_contents("all.pvd", frame=k)
+        assert (other.n_frames, other.time) == (N, one.time)
+        np.testing.assert_array_equal(other.particles.positions, one.particles.positions)
+    assert main(["convert", "frames.lammpstrj", "one.pvd", "--frame", "1"]) == 0
+    assert read_contents("one.pvd").n_frames == 1
+
+
+def test_blank_lines_between_frames_of_xyz():
+    frame = "2\n\nH 0 0 0\nH {} 0 0\n"
+    Path("a.xyz").write_text("\n\n".join(frame.format(k) for k in (1, 2, 3)) + "\n")
+    assert [gb.read("a.xyz", frame=k).positions[1, 0] for k in (0, 1, -1)] == [1, 2, 3]
+
+
 def test_the_file_itself_is_not_overwritten(capsys):
     extended()
     Path("frames.xyz").rename("f_0.xyz")
-    assert "expected other files than IN" in refused(capsys, "convert", "f_0.xyz", "f_%d.xyz")
+    assert "expected another file than IN" in refused(capsys, "convert", "f_0.xyz", "f_%d.xyz")
     assert len(with_frames(["f_0.xyz"])) == N
 
 
@@ -152,3 +205,18 @@ def test_a_packed_file_is_unpacked_once_for_all_of_its_frames(monkeypatch):
     assert (gb.read(FrameOf("b.lammpstrj.gz", 0)).positions != frames[0]).any()
     assert len(unpacked) == 2
     assert not os.path.exists(kept)
+
+
+def test_what_takes_one_frame_says_which(capsys):
+    dump()
+    words = {"mesh": ["-o", "a.ply"], "slice": ["-o", "a.png", "--plane", "0,0,1,0.1"], "project": ["-o", "a.png"]}
+    for command, more in words.items():
+        assert main([command, "frames.lammpstrj", *more]) == 0
+        assert f"frames.lammpstrj has {N} frames, and this is the first" in capsys.readouterr().err
+        assert main([command, "frames.lammpstrj", "--frame", "1", *more]) == 0
+        assert "frames, and" not in capsys.readouterr().err
+    with pytest.warns(UserWarning, match=f"frames.lammpstrj has {N} frames, and this is the first"):
+        gb.render("frames.lammpstrj", (16, 12))
+    Path("empty.xyz").write_text("0\n\n1\n\n0 0 0\n")
+    said = refused(capsys, "render", "empty.xyz", "-o", "a.png")
+    assert "got none with a finite position; it has 2 frames: --frame takes another" in said

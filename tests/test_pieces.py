@@ -11,12 +11,13 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import SMALL, refused, run_json
+from cli_helpers import SMALL, cube, refused, run_json
 from format_helpers import DATA
 from globule import _core
 from globule._base.ranks import Alone, run_threads
 from globule.cli import main
 from globule.cli.ranks import replicates
+from globule.data.attributes import kinds_of
 from globule.formats.ranges import has_ranges, ranges
 from globule.formats.vtk_data import write_polygons
 from globule.pieces import pieces as of_pieces
@@ -431,3 +432,14 @@ def test_rays_of_samples_are_the_cores(height):
     t = frame.distance.reshape(-1, 1)[hit].astype(np.float64)
     places = (t * directions[hit] + origins[hit]).astype(np.float32)
     assert (places == frame.position.reshape(-1, 3)[hit]).all()
+
+
+def test_legends_of_pieces_name_types():
+    particles = cube(6)
+    particles.attributes["type"] = np.arange(216) % 3
+    particles.names = {"type": {0: "water", 1: "salt"}}
+    for name in ("type", "x"):
+        found = Pieces(particles, n=3, color_by=name, support=0.3, device="cpu").kinds
+        assert found == kinds_of(particles, name, "auto")
+    particles.attributes["type"] = np.arange(216) % 25
+    assert not Pieces(particles, n=3, color_by="type", support=0.3, device="cpu").kinds

@@ -99,7 +99,7 @@ def test_a_packing_is_not_a_fluid_and_spheres_beside_have_their_radii(folder, ca
     assert run_json(capsys, "info", "f.csv")["surface"] == "smooth"
     assert not are_spheres(gb.read("f.csv"))
     assert not are_spheres(gb.Particles(g))
-    assert find_radii(gb.Particles(g, attributes={"radius": np.arange(len(g))})) is None
+    assert find_radii(gb.Particles(g, attributes={"radius": np.arange(len(g)) - 1})) is None
     # Nor are atoms, though bonds overlap.
     water = np.array([[0, 0, 0], [0.96, 0, 0], [-0.24, 0.93, 0]])
     radius = np.array([1.52, 1.2, 1.2])
@@ -132,3 +132,15 @@ def test_union_of_two_spheres_and_more():
     assert union_of_spheres(x, r) == pytest.approx(expected)
     assert union_of_spheres(x + [[0, 0, 0], [0, 0, 0], [0.4, 0.5, 0]], r * [1, 1, 4]) is None
     assert union_of_spheres(x[:0], r[:0]) == (0, 0)
+
+
+def test_spheres_of_radius_0_are_taken_out(folder, capsys):
+    """As grains that a run has removed: they are not seen, and the others stay spheres."""
+    places = np.stack(np.mgrid[:4, :3, :2], -1).reshape(-1, 3) * 1.0
+    radii = np.where(np.arange(24) % 4, 0, 0.4)
+    gb.write("a.vtp", gb.Particles(places, attributes={"radius": radii}))
+    found = gb.measure.measure_surface(gb.read("a.vtp"))
+    assert found.volume == pytest.approx(6 * 4 / 3 * np.pi * 0.4**3, rel=1e-5)
+    assert main(["render", "a.vtp", "-o", "a.png", "--size", "40x30", "--spheres", "a.vtp"]) == 0
+    assert "warning" not in capsys.readouterr().err
+    assert find_radii(gb.Particles(places, attributes={"radius": 0 * radii})) is None

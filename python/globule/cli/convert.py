@@ -2,7 +2,8 @@
 
 The extensions of the names give the formats. Meshes become particles, and so do volumes with
 --level or --label. A volume as .png becomes an image of three planes. An OUT with %d, such as
-step_%04d.vtk, takes all frames of a file with several."""
+step_%04d.vtk, takes all frames of a file with several, and several files; so does a .pvd, which
+names .vtp files that are written beside it."""
 
 from __future__ import annotations
 
@@ -15,16 +16,18 @@ import numpy as np
 
 from ..data.particles import SCALAR_FIELDS, Particles
 from ..formats import READABLE, WRITABLE, write
-from ..render.sequence import with_frames
+from ..formats.vtk_collections import write_pvd
+from ..render.sequence import find_files, with_frames
 from . import flags, medical
 from . import medical as medical_files
 from .parser import Parser
 from .shared import UserError, check_input, check_output, count, first_of, mistakes, read_file, reading, say
 
 SUMMARY = "files from one format to another"
-USAGE = "IN OUT"
+USAGE = "IN [IN ...] OUT"
 EXAMPLES = """\
   globule convert splash.npz splash.vtk
+  globule convert frame_*.ply step_%04d.vtp
   globule convert volume.npz volume.nii.gz
   globule convert volume.npz three-view.png
   globule convert head.nii.gz head.npz --level 90"""
@@ -42,8 +45,8 @@ _FLOAT32_ONLY = (".bgeo", ".bgeo.gz")
 def add_arguments(parser: Parser) -> None:
     """The arguments of `globule convert`."""
     formats = " ".join(dict.fromkeys((*READABLE, *medical_files.EXTENSIONS)))
-    parser.add_argument("input", metavar="IN", help=f"file to read: {formats}")
-    formats = " ".join(dict.fromkeys((*WRITABLE, *medical.WRITABLE)))
+    parser.add_argument("input", nargs="+", metavar="IN", help=f"file to read: {formats}")
+    formats = " ".join(dict.fromkeys((*WRITABLE, ".pvd", *medical.WRITABLE)))
     parser.add_argument("output", metavar="OUT", help=f"file to write: {formats}")
     flags.add_reading(parser)
 
@@ -51,29 +54,36 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run `globule convert`."""
     given = reading(options)
-    both = os.path.exists(options.input) and os.path.exists(options.output)
-    if both and os.path.samefile(options.input, options.output):
-        raise UserError(f"OUT: expected another file than IN, got {options.output}")
-    kind = medical.kind_of(options.input)
+    with mistakes():
+        inputs = find_files(options.input)
+    kind = medical.kind_of(inputs[0]) if len(inputs) == 1 else None
     if kind and not given:
-        print(medical.convert(options.input, options.output, kind))
+        _check_other([inputs[0], options.output])
+        print(medical.convert(inputs[0], options.output, kind))
         return
-    check_input(options.input, list(given))
-    check_output("OUT", options.output, WRITABLE)
+    for path in inputs:
+        check_input(path, list(given))
+    check_output("OUT", options.output, (*WRITABLE, ".pvd"))
     folder, name = os.path.split(options.output)
+    of_all = options.output.lower().endswith(".pvd")
+    name = f"{name[:-4].replace('%', '_')}_%04d.vtp" if of_all else name
     number = re.search(r"%0?\d?d", name)
-    files, outputs = [options.input], [options.output]
-    if number and options.frame is None:
-        files = with_frames(files, **given)
+    files, outputs = inputs, [os.path.join(folder, name)]
+    if of_all and options.frame is not None and len(inputs) == 1:
+        outputs = [outputs[0] % 0]
+    elif number and (options.frame is None or len(inputs) > 1):
+        files = with_frames(inputs, **given) if options.frame is None else inputs
         names = [name.replace(number[0], number[0] % k) for k in range(len(files))]
         outputs = [os.path.join(folder, one) for one in names]
-    for output in outputs:
-        if os.path.exists(output) and os.path.samefile(options.input, output):
-            raise UserError(f"OUT: expected other files than IN, got {output}")
+    elif len(inputs) > 1:
+        raise UserError(f"OUT: expected a name with %d for {len(inputs)} files, got {options.output}")
+    _check_other([*inputs, *outputs], len(inputs))
     said: set[str] = set()
-    for file, output in zip(files, outputs, strict=True):
+    times: list[float] = []
+    for k, (file, output) in enumerate(zip(files, outputs, strict=True)):
         contents = read_file(file, len(files) > 1, **given)
         particles = contents.particles
+        times.append(float(k) if contents.time is None else contents.time)
         with mistakes():
             write(output, particles)
         notes = losses(particles, output) + _units_lost(contents.units, output, options.scale)
@@ -84,6 +94,18 @@ def run(options: argparse.Namespace) -> None:
                 say(f"note: {note}")
         said.update(notes)
         print(f"{output}: {count(len(particles))}")
+    if of_all:
+        with mistakes():
+            write_pvd(options.output, outputs, times)
+        print(f"{options.output}: {count(len(files), 'frame')}")
+
+
+def _check_other(paths: list[str], n: int = 1) -> None:
+    """Refuse to write on one of the first n files."""
+    read = [path for path in paths[:n] if os.path.exists(path)]
+    for output in paths[n:]:
+        if os.path.exists(output) and any(os.path.samefile(path, output) for path in read):
+            raise UserError(f"OUT: expected another file than IN, got {output}")
 
 
 def _units_lost(units: Mapping[str, str], output: str, scale: float | None) -> list[str]:

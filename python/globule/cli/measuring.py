@@ -25,6 +25,7 @@ from .shared import (
     check_device,
     check_input,
     doubled,
+    first_of,
     left_out,
     lies_across,
     mistakes,
@@ -116,9 +117,11 @@ def scenes(
 
 def led_by(files: Sequence[str], at: int) -> str:
     """What to say where not the first file leads."""
-    which = f"{files[at]}, the largest of {len(files):,} files"
-    if isinstance(files[at], FrameOf):
-        which = f"the last frame of {files[at]}, which is larger than the first"
+    leading = files[at]
+    which = f"{leading}, the largest of {len(files):,} files"
+    if isinstance(leading, FrameOf):
+        frame = "the last frame" if at == len(files) - 1 else f"frame {leading.frame}"
+        which = f"{frame} of {leading}, which is larger than the first"
     return f"note: surface and support are those of {which}"
 
 
@@ -129,6 +132,8 @@ def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]
         contents = read_file(path, True, **reading(options))
         particles, messages = contents.particles, lies_across(path, contents, options)
         options.origin = particles.origin
+        if contents.n_frames > 1 and not isinstance(path, FrameOf) and options.frame is None:
+            messages = [*messages, first_of(path, contents.n_frames, "globule track measures all")]
     messages = [*messages, *left_out(path, particles), *doubled(path, particles)]
     if options.anisotropic:
         with mistakes():

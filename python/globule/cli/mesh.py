@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 
 from ..formats.mesh_files import EXTENSIONS
-from ..measure.mesh import measured, mesh_surface
+from ..measure.mesh import in_closed_form, measured, mesh_surface
 from ..pieces.scene import Scene
 from . import flags, measuring
 from .parser import Parser
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> None:
                 mesh = mesh_surface(scene, options.spacing, options.values or ())
                 if not len(mesh.faces):
                     raise UserError(_why_empty(options, path, scene))
-                found = measured(scene, mesh)
+                found = in_closed_form(scene) or measured(scene, mesh)
                 mesh.save(options.output)
     if options.json:
         counts = {"vertices": len(mesh.vertices), "triangles": len(mesh.faces)}

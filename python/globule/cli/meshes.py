@@ -192,7 +192,8 @@ def _capsules(options: argparse.Namespace, kind: str, path: str, radius: float |
         return Lines(positions, radius or 1.0, color, **machine)
     radii = find_radii(particles) if kind == "spheres" and radius is None else None
     if radii is not None:
-        return Spheres(positions, radii, color, **machine)
+        shown = particles[radii > 0]
+        return Spheres(shown.positions, radii[radii > 0], shown.color, **machine)
     if radius is None:
         radius = 0.5 * (Scene(positions, device="cpu").spacing or 1.0)
     return Spheres(positions, radius, color, **machine)

@@ -185,7 +185,7 @@ def run(
             if options.color_by:
                 assert pieces.range is not None
                 name = options.color_by
-                colors = Colors(colormap_of(name, options.colormap), *pieces.range, name)
+                colors = Colors(colormap_of(name, options.colormap), *pieces.range, name, pieces.kinds)
             if aov:
                 frame.save(aov)
             save_png(image, notes.picture(0, [frame], [camera], colors, None))

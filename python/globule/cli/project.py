@@ -25,12 +25,13 @@ from .shared import (
     check_output,
     direction,
     doubled,
+    first_of,
     left_out,
     mistakes,
     need_particles,
     positive,
     print_json,
-    read_particles,
+    read_file,
     reading,
     warn,
 )
@@ -77,7 +78,10 @@ def run(options: argparse.Namespace) -> None:
     check_input(options.file, list(reading(options)))
     with Progress(1) as progress:
         progress.step(options.file)
-        particles = read_particles(options.file, **reading(options))
+        contents = read_file(options.file, **reading(options))
+        particles = contents.particles
+        if contents.n_frames > 1 and options.frame is None:
+            warn(first_of(options.file, contents.n_frames, "globule track measures all"))
         finite = np.isfinite(particles.positions).all(axis=1)
         messages = left_out(options.file, particles) + doubled(options.file, particles)
         for message in messages:

@@ -23,6 +23,7 @@ from ..data.particles import FARTHEST, HERE, UP, Particles
 from ..data.spacing import n_coincident
 from ..formats import FormatError, read_contents, up_of
 from ..formats.contents import Contents
+from ..formats.frames import FrameOf
 from ..formats.kind import kind_of
 from ..formats.packed import plain_name
 from ..formats.registry import format_named, formats
@@ -78,7 +79,11 @@ def doubled(path: str, particles: Particles) -> list[str]:
 def need_particles(path: str, n: int) -> None:
     """Refuse a file without particles that have a place."""
     if not n:
-        raise UserError(f"{path}: expected particles, got none with a finite position")
+        from ..render.sequence import frames_of
+
+        n_frames = 1 if isinstance(path, FrameOf) else frames_of(path)
+        advice = f"; it has {n_frames:,} frames: --frame takes another" if n_frames > 1 else ""
+        raise UserError(f"{path}: expected particles, got none with a finite position{advice}")
 
 
 def say(message: str) -> None:

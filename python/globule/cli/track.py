@@ -2,8 +2,9 @@
 
 The columns x_min to z_max hold the surface's extent, spray included: x_max is the place of a front
 that moves along x, y_max the greatest height where y points up. Volume and area have columns with
-estimates of their errors. Several files, or a quoted pattern ('frame_*.vtk'), are one sequence with
-one support and one --sample-spacing."""
+estimates of their errors. The surface rounds sharp edges; particle_volume knows nothing of it: the
+number of particles times the cube of their spacing, or the sum of the spheres. Several files, or a
+quoted pattern ('frame_*.vtk'), are one sequence with one support and one --sample-spacing."""
 
 from __future__ import annotations
 
@@ -12,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from ..measure.mesh import mesh_surface
 from ..measure.samples import write_table
 from ..measure.surface import default_spacing
 from ..measure.track import facts
@@ -25,7 +25,7 @@ USAGE = "FILE [FILE ...] [-o PATH]"
 EXAMPLES = """\
   globule track frame_0.ply frame_1.ply --fps 50 -o track.csv
   globule track frame_0.ply frame_1.ply -o track.csv --plot front.png --plot-column x_max"""
-COLUMNS = ("volume", "area", "x_min", "x_max", "y_min", "y_max", "z_min", "z_max")
+COLUMNS = ("volume", "area", "x_min", "x_max", "y_min", "y_max", "z_min", "z_max", "particle_volume")
 
 
 def add_arguments(parser: Parser) -> None:
@@ -65,20 +65,20 @@ def run(options: argparse.Namespace) -> None:
 
         for _, path, scene in measuring.scenes(options, options.files, progress, made=made):
             with mistakes():
-                mesh = mesh_surface(scene, spacing)
-                wrong = scene.octree.n_inside and not len(mesh.faces)
+                found = facts(scene, spacing)
+                wrong = scene.octree.n_inside and not found["area"]
                 if wrong and (why := measuring.too_coarse(options, scene)):
                     raise UserError(f"{path}: {why}")
-                rows.append(facts(scene, mesh))
+                rows.append(found)
             names.append(path)
     table: dict[str, Any] = {**measuring.times(options, len(rows)), "file": np.array(names)}
     table |= {name: np.array([row[name] for row in rows]) for name in rows[0]}
     at = dict(zip("xyz", scene.origin, strict=True))  # files have world coordinates
     if options.output or not options.json:
-        write_table(options.output, table | {name: table[name] + at[name[0]] for name in COLUMNS[2:]})
+        write_table(options.output, table | {name: table[name] + at[name[0]] for name in COLUMNS[2:-1]})
     if options.plot:
         name = options.plot_column
-        unit = {"volume": " cubed", "area": " squared"}.get(name, "")
+        unit = {"volume": " cubed", "particle_volume": " cubed", "area": " squared"}.get(name, "")
         measuring.plot(options.plot, table, [name], f"{name}, world units{unit}")
     if options.json:
         print_json({"file": options.output, "origin": options.origin, **table})

@@ -85,15 +85,25 @@ def colormap_of(name: str, colormap: str) -> str:
 def kinds_of(particles: Particles, name: str, colormap: str) -> tuple[tuple[float, str], ...]:
     """The values that a legend of types or elements lists, and their names; none for another color
     map, or for more than `MOST_KINDS`."""
+    return listed(found_kinds(particles, name, colormap))
+
+
+def found_kinds(particles: Particles, name: str, colormap: str) -> dict[float, str]:
+    """The lowest values of types or elements and their names, one more than a legend lists; none
+    for another color map."""
     if colormap_of(name, colormap) not in CATEGORICAL:
-        return ()
+        return {}
     values = attribute_values(particles, name)
     found = np.unique(values[np.isfinite(values)])
     symbols = {number: symbol for symbol, (number, _, _) in reversed(ELEMENTS.items())}
     of_elements = colormap_of(name, colormap) == "elements"
     names = symbols if of_elements else particles.names.get(name, {})
-    kinds = tuple((float(v), names.get(int(v), f"{v:.10g}")) for v in found[: MOST_KINDS + 1])
-    return kinds if len(kinds) <= MOST_KINDS else ()
+    return {float(v): names.get(int(v), f"{v:.10g}") for v in found[: MOST_KINDS + 1]}
+
+
+def listed(kinds: Mapping[float, str]) -> tuple[tuple[float, str], ...]:
+    """The kinds of a legend, in order; none of too many."""
+    return tuple(sorted(kinds.items())) if len(kinds) <= MOST_KINDS else ()
 
 
 def attribute_colors(

@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+
 import numpy as np
 
 from .._base.arrays import to_host
 from .particles import Particles
 
 _NAMES = {"radius": 1.0, "pscale": 1.0, "diameter": 0.5}  # in lower case, by radii
+_SAME = {"radii": "radius", "particleradius": "radius", "particleradii": "radius",
+         "diameters": "diameter", "particlediameter": "diameter"}  # fmt: skip
+
+
+def length_name(name: str) -> str:
+    """The name of an array of lengths in lower case; that of `Radii` and `Particle Radius` is
+    radius."""
+    return _SAME.get(re.sub(r"[^a-z]", "", name.lower()), name.lower())
+
+
+def length_names(names: Iterable[str]) -> dict[str, str]:
+    """Names by `length_name`; of several with one, the first, or one that has it itself."""
+    found = list(names)[::-1]
+    return {length_name(name): name for name in found} | {name.lower(): name for name in found}
 
 
 def find_radii(particles: Particles) -> np.ndarray | None:
     """Radii (N,) float32, world units, from the attribute `radius`, `pscale` or `diameter`; None
-    where the particles have none, or one that is not a finite number above 0."""
-    by_lower_name = {name.lower(): name for name in reversed(list(particles.attributes))}
+    where the particles have none, one that is negative or not finite, or none above 0."""
+    by_lower_name = length_names(particles.attributes)
     for lower, factor in _NAMES.items():
         if lower not in by_lower_name:
             continue
@@ -24,7 +41,7 @@ def find_radii(particles: Particles) -> np.ndarray | None:
             continue
         with np.errstate(over="ignore"):
             radii = (factor * values).astype(np.float32)
-        if (np.isfinite(radii) & (radii > 0)).all():
+        if np.isfinite(radii).all() and (radii >= 0).all() and radii.any():
             return radii
     return None
 
@@ -33,7 +50,7 @@ def with_halved_radii(particles: Particles) -> Particles:
     """The particles of a file whose radii are diameters, and whose support, where it follows from
     them, is twice too large; as they are without an attribute `radius` or `pscale`.
     """
-    name = next((n for n in particles.attributes if n.lower() in ("radius", "pscale")), None)
+    name = next((n for n in particles.attributes if length_name(n) in ("radius", "pscale")), None)
     if name is None:
         return particles
     radii, support = particles.attributes[name], particles.support

@@ -8,8 +8,9 @@ import numpy as np
 
 from .._base.checks import positive
 from .particles import Particles
+from .radii import length_name
 
-LENGTHS = ("radius", "pscale", "diameter", "smoothing_length", "h")  # attributes, in lower case
+LENGTHS = ("radius", "pscale", "diameter", "smoothing_length", "h")  # attributes, by `length_name`
 
 
 def scaled(particles: Particles, factor: float) -> Particles:
@@ -23,7 +24,7 @@ def scaled(particles: Particles, factor: float) -> Particles:
         return particles
     attributes = {
         name: (array * factor).astype(array.dtype if array.dtype.kind == "f" else np.float64)
-        if name.lower() in LENGTHS
+        if length_name(name) in LENGTHS
         else array
         for name, array in particles.attributes.items()
     }

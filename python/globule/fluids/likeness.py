@@ -110,7 +110,7 @@ def are_spheres(particles: Particles, scene: SceneBase | None = None) -> bool:
     if radii is None or particles.anisotropy is not None:
         return False
     positions = to_host(particles.positions)
-    inside = np.flatnonzero(np.isfinite(positions).all(axis=1))
+    inside = np.flatnonzero(np.isfinite(positions).all(axis=1) & (radii > 0))  # 0: a particle that is taken out
     if not len(inside):
         return False
     some = inside[:: max(1, len(inside) // SAMPLES)][:SAMPLES]

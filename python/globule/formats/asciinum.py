@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -13,6 +14,7 @@ from .size import check_text, whole_file
 
 _CHUNK = 1 << 22
 _LOOKED_AT = 4096  # bytes of a text
+_FORTRAN = r"(\d\.\d*|\.\d+)[dD]([+-]?\d{1,3})\b"  # 1.5D-03
 
 
 def parse_numbers(text: bytes, dtype: np.dtype) -> np.ndarray:
@@ -93,13 +95,13 @@ def parse_words(lines: Sequence[str], column: int, **options: Any) -> list[str]:
 
 
 def parse_plain(
-    data: bytes, separator: str, n_columns: int, used: Sequence[int], before: np.ndarray
-) -> np.ndarray | None:
-    """The rows `before` (m, len(used)), and behind them the columns `used` of separated rows,
-    (m + n, len(used)) float64, as `parse_rows` reads them but in a fifth of the time, by pyarrow;
-    None without it, and for a text that is not plain: quotes, comments, and what is no finite
-    number in these columns."""
-    if any(mark in data for mark in (b'"', b"#", b"%")):
+    data: bytes, start: int, separator: str, n_columns: int, used: Sequence[int], before: np.ndarray
+) -> list[np.ndarray] | None:
+    """The rows `before` (m, len(used)), and behind them those of separated text from a byte on: the
+    columns `used`, each (m + n,) float64, as `parse_rows` reads them but in a fifth of the time, by
+    pyarrow; None without it, and for a text that is not plain: quotes, comments, and what is no
+    finite number in these columns."""
+    if any(data.find(mark, start) >= 0 for mark in (b'"', b"#", b"%")):
         return None
     try:
         import pyarrow
@@ -110,7 +112,7 @@ def parse_plain(
     kept = [names[i] for i in used]
     try:
         table = pyarrow.csv.read_csv(
-            pyarrow.py_buffer(data),
+            pyarrow.py_buffer(data).slice(start),
             pyarrow.csv.ReadOptions(column_names=names, use_threads=False),
             pyarrow.csv.ParseOptions(delimiter=separator, quote_char=False),
             pyarrow.csv.ConvertOptions(
@@ -119,16 +121,14 @@ def parse_plain(
         )  # fmt: skip
     except pyarrow.ArrowInvalid:
         return None
-    rows = np.empty((len(before) + table.num_rows, len(kept)))
-    rows[: len(before)] = before
-    for i, column in enumerate(table.columns):
-        begin = len(before)
-        for chunk in column.chunks:  # not to_numpy, which loads pandas for half a second
-            values = np.frombuffer(chunk.buffers()[1], np.float64)[chunk.offset :][: len(chunk)]
-            rows[begin : begin + len(chunk), i] = values
-            begin += len(chunk)
+    columns = []
+    for first, column in zip(before.T, table.columns, strict=True):
+        chunks = [  # not to_numpy, which loads pandas for half a second
+            np.frombuffer(chunk.buffers()[1], np.float64)[chunk.offset :][: len(chunk)] for chunk in column.chunks
+        ]
+        columns.append(np.concatenate([first, *chunks]))
     # NumPy takes fewer words for them.
-    return rows if np.isfinite(rows[len(before) :].sum(axis=0)).all() else None
+    return columns if all(np.isfinite(column[len(before) :].sum()) for column in columns) else None
 
 
 def _find_fault(
@@ -190,7 +190,7 @@ def lines_of(path: Any, data: bytes) -> list[str]:
 
 def decoded(data: bytes) -> str:
     """A text in UTF-16 that says so, or has a zero beside each letter of its beginning; else in
-    UTF-8, where bytes that are none become U+FFFD."""
+    UTF-8, where bytes that are none become U+FFFD. Fortran's exponents become e."""
     begin = data[:_LOOKED_AT]
     code = "utf-8-sig"
     if begin[:2] in (b"\xff\xfe", b"\xfe\xff"):
@@ -198,4 +198,5 @@ def decoded(data: bytes) -> str:
     elif b"\0" in begin:
         even, odd = any(begin[::2]), any(begin[1::2])
         code = "utf-16-le" if even and not odd else "utf-16-be" if odd and not even else code
-    return data.decode(code, errors="replace")
+    text = data.decode(code, errors="replace")
+    return re.sub(_FORTRAN, r"\1e\2", text) if re.search(_FORTRAN, text[:_LOOKED_AT]) else text

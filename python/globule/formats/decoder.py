@@ -22,6 +22,12 @@ import re
 import sys
 from typing import Any
 
+
+class _RefusedError(BaseException):
+    """What the file claims is refused: it is closed before that is answered, so that others may
+    write it at once."""
+
+
 _DONE = 77  # exit status of a task that has answered; a library may exit with others, 0 included
 
 
@@ -65,8 +71,7 @@ def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
         tell({"claim": claim, **facts})
         request = sys.stdin.readline()
         if not request.strip():  # the claim is refused; the next line is for the next task
-            tell({})
-            os._exit(_DONE)
+            raise _RefusedError
         if memory:
             _limit("RLIMIT_DATA", memory, memory)
         return json.loads(request)
@@ -80,6 +85,8 @@ def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
         for array in arrays:
             out.write(memoryview(array).cast("B") if array.size else b"")
         out.flush()
+    except _RefusedError:
+        tell({})
     except MemoryError:
         tell({"error": "more memory than there is"})
     except Exception as error:
@@ -299,9 +306,12 @@ def hdf5(path: str, ask: Any) -> tuple[dict, list]:
         request = ask(0, tree=tree)
         arrays = []
         for name, first, n, frame in request:
-            dataset = file[name]
+            table, _, column = name.rpartition("/")
+            dataset = file[name] if name in file else file[table].fields(column)
             rows = slice(first, first + n) if frame is None else (frame, slice(first, first + n))
-            if _of_matlab(dataset):
+            if name not in file:  # a column of a table
+                values = dataset[rows]
+            elif _of_matlab(dataset):
                 values = np.squeeze(dataset[()]).T[rows]
             else:
                 values = dataset[rows] if dataset.ndim else dataset[()]
@@ -339,6 +349,14 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
             of_frames = name.endswith("/Steps") or of_parts or of_h5md
             if item.size <= (_SMALL if of_frames else 0):
                 tree[place]["values"] = item[()].tolist()
+        elif isinstance(item, h5py.Dataset) and _is_table(item):
+            tree[place] = {"attributes": _attributes(item)}
+            for column in item.dtype.names:
+                kind = item.dtype[column]
+                if kind.base.kind in "biuf" and "/" not in column:
+                    shape, long = (*item.shape, *kind.shape), kind.base.itemsize > 8
+                    dtype = "<f8" if long else kind.base.str
+                    tree[f"{place}/{column}"] = {"attributes": {}, "shape": shape, "dtype": dtype, "offset": -1}
 
 
 def _of_matlab(dataset: Any) -> bool:
@@ -350,6 +368,15 @@ def _is_numbers(dataset: Any) -> bool:
     try:
         return dataset.dtype.kind in "biuf"
     except (TypeError, ValueError):  # of a type that h5py does not know
+        return False
+
+
+def _is_table(dataset: Any) -> bool:
+    """Whether a data set has a row of named numbers for each particle."""
+    try:
+        whole = bool(dataset.dtype.names) and len(dataset.shape) == 1
+        return whole and not (dataset.is_virtual or dataset.external)
+    except (TypeError, ValueError):
         return False
 
 
@@ -490,10 +517,14 @@ def usd(path: str, ask: Any) -> tuple[dict, list]:
     up = str(UsdGeom.GetStageUpAxis(stage))
     claim = {"prims": list(places), "times": sorted(times), "rate": rate, "unit": unit, "up": up}
     paths, time, visible = ask(0, **claim)
-    when = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    when = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
     names, arrays = [], []
+    purposes = {place: str(UsdGeom.Imageable(places[place].GetPrim()).ComputePurpose()) for place in paths}
+    left_out = {"guide", "proxy"} if "render" in purposes.values() else {"guide"}
     for place in paths:
         prim = places[place].GetPrim()
+        if visible and purposes[place] in left_out:
+            continue
         if visible and UsdGeom.Imageable(prim).ComputeVisibility(when) == "invisible":
             continue
         found = _usd_arrays(UsdGeom, prim, places[place], when)

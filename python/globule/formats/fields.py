@@ -25,7 +25,7 @@ from __future__ import annotations
 import os
 import re
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,9 +33,10 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.terminal import place_text
 from ..data.particles import FIELDS, HERE, SCALAR_FIELDS, Particles, lost_precision, relative
+from ..data.radii import length_names
 from .errors import bad
 
-_POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
+POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
 # Before or behind an axis in a column's name; behind one; and before a number.
 _POSITION_WORDS = (
     "",
@@ -49,6 +50,7 @@ _POSITION_WORDS = (
     "coordinate",
     "coordinates",
     "location",
+    "locationcenter",
     "loc",
     "center",
     "centre",
@@ -110,6 +112,9 @@ def particles_from(
         if name and array.dtype.kind in "biuf" and array.ndim in (1, 2) and len(array) == n
     }
     positions, origin = relative(positions)
+    if origin == HERE and positions.dtype == np.float64:  # which float32 keeps: nobody looks again
+        with np.errstate(over="ignore"):
+            positions = positions.astype(np.float32)
     try:
         return Particles(positions, attributes=attributes, origin=origin, **fields)
     except (TypeError, ValueError) as error:
@@ -188,7 +193,7 @@ def check_lengths(path: Any, arrays: Mapping[str, np.ndarray], n: int) -> None:
 def find_positions(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
     """Take the array of positions (N, 3) out of `arrays`; None if there is none."""
     by_lower_name = {name.lower(): name for name in reversed(list(arrays))}
-    for lower_name in _POSITION_NAMES:
+    for lower_name in POSITION_NAMES:
         name = by_lower_name.get(lower_name)
         if name is not None and arrays[name].ndim == 2 and arrays[name].shape[1] == 3:
             return arrays.pop(name)
@@ -205,9 +210,13 @@ def place_names(names: Iterable[str]) -> dict[str, str]:
     for name in names:
         plain.setdefault(re.sub(r"[^a-z0-9]", "", name.lower()), name)
     forms = [(end, word) for word in _POSITION_WORDS for end in ("{1}{0}", "{0}{1}")]
-    forms += [("{0}{1}", word) for word in _UNIT_WORDS] + [("{1}{0}", "r")]
-    tried = [("xyz", *form) for form in forms]
+    forms += [("{0}{1}", word) for word in _UNIT_WORDS] + [("{1}{0}", "r"), ("{0}{1}", "p")]
+    forms += [(f"{{1}}{{0}}{unit}", word) for word in _POSITION_WORDS[1:] for unit in _UNIT_WORDS]
+    tried: list[tuple[Sequence[str], str, str]] = [("xyz", *form) for form in forms]
     tried += [(a, "{1}{0}", word) for word in _NUMBERED_WORDS for a in ("012", "123")]
+    if {"x1", "x2"} <= plain.keys() and "x4" not in plain:  # two alone may be the ends of something
+        tried += [(a, "x{0}", "") for a in ("012", "123") if {f"x{k}" for k in a} <= plain.keys()]
+    tried += [(("easting", "northing", up), "{0}", "") for up in ("elevation", "altitude", "height")]
     for axes, form, word in tried:
         found = [plain.get(form.format(axis, word)) for axis in axes]
         if found[0] and found[1]:
@@ -304,7 +313,7 @@ def _take_color(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: in
 
 
 def _derive_support(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int, support_per_h: float) -> None:
-    lower = {name.lower(): name for name in reversed(list(attributes)) if name != "H"}  # enthalpy
+    lower = length_names(name for name in attributes if name != "H")  # enthalpy
     for name, factor in _SUPPORT_NAMES.items():
         held = name if name in attributes else lower.get(name)
         value = _as_scalar(attributes[held], n) if held else None

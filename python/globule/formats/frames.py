@@ -104,3 +104,16 @@ def text_frame(path: Any, frame: int, starts_of: Callable[[Any, list[str]], list
         _known[key] = _Known(starts, [*places, len(data)], lines[:2])
     end = starts[k + 1] if k + 1 < len(starts) else len(lines)
     return TextFrame(lines[starts[k] : end], starts[k], lines[:2], len(starts))
+
+
+def bytes_of_frame(frame: FrameOf) -> int:
+    """How long a frame of a text is, if `text_frame` has read its file as it is; else 0."""
+    name = os.path.abspath(str(frame))
+    try:
+        state = os.stat(name)
+    except OSError:
+        return 0
+    for (_, *key), known in _known.items():
+        if key == [name, state.st_mtime_ns, state.st_size] and frame.frame + 1 < len(known.places):
+            return known.places[frame.frame + 1] - known.places[frame.frame]
+    return 0

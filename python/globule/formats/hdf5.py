@@ -24,7 +24,7 @@ from .size import bytes_of
 
 _WHAT = "an HDF5 file"
 _PIECE, _THREADS = 1 << 23, 4  # bytes; threads that read large arrays
-_ADVICE = "read it with h5py and pass gb.Particles(positions)"
+_ADVICE = 'name its data sets: --columns positions=/…,radius=/… or gb.read(path, columns={"positions": …})'
 
 
 def read(
@@ -206,9 +206,9 @@ def _contents(path: Any, layout: Layout, arrays: dict[str, np.ndarray]) -> Conte
     axes, moving = layout.axes
     if axes:
         placed = np.tile(np.array(layout.shift), (len(positions), 1))
-        placed[:, axes] += positions.reshape(len(positions), -1)
+        placed[:, axes] += positions.reshape(len(positions), len(axes))
         if moving:
-            placed[:, moving] += arrays.pop("offset").reshape(len(positions), -1)
+            placed[:, moving] += arrays.pop("offset").reshape(len(positions), len(moving))
         positions = placed
     if positions.ndim != 2 or positions.shape[1] not in (2, 3):
         raise bad(path, "positions", f"expected shape (N, 3), got {positions.shape}")

@@ -103,16 +103,17 @@ class Tree(dict[str, dict[str, Any]]):
         names = {k: f"{group}/{k}" for k in self.children(group) if self.is_data(f"{group}/{k}")}
         known = {_NAMES.get(name.lower(), name): place for name, place in names.items()}
         found: dict[str, list[Source]] = {}
-        for parts, vector in (("xyz", "positions"), (("vx", "vy", "vz"), "velocity"),
-                              ("uvw", "velocity")):  # fmt: skip
+        for parts, vector in (("xyz", "positions"), ("XYZ", "positions"),
+                              (("vx", "vy", "vz"), "velocity"), ("uvw", "velocity")):  # fmt: skip
             if vector not in found and vector not in known and {*parts} <= known.keys():
                 found[vector] = [self.source(known.pop(part)) for part in parts]
         for name, place in known.items():
             if self.rows(place) >= 0 and len(self[place]["shape"]) < 4:
                 found.setdefault(name, [self.source(place)])
-        for name in ("positions", "position", "pos", "points", "Points", "Position", "POS"):
-            if "positions" not in found and name in found:
-                found["positions"] = found.pop(name)
+        lower = {name.lower(): name for name in reversed(list(found))}
+        for name in ("positions", "position", "pos", "points", "coords", "xyz"):
+            if "positions" not in found and name in lower:
+                found["positions"] = found.pop(lower[name])
         if "positions" not in found:
             return {}
         n = found["positions"][0].n
@@ -349,11 +350,14 @@ def plain(tree: Tree, species: str | None, _: PickFrame) -> Layout | None:
     groups = [g for g in tree if not tree.is_data(g)]
     if species is not None:
         groups = ["/" + species.strip("/")]
+    best: dict[str, list[Source]] = {}  # a run may begin without particles
     for group in groups:
         arrays = tree.arrays(group)
+        best = best or arrays
         if arrays and tree.rows(arrays["positions"][0].place) > 0:
-            return Layout(arrays, time=_time(tree.attributes("").get("time")))
-    return None
+            best = arrays
+            break
+    return Layout(best, time=_time(tree.attributes("").get("time"))) if best else None
 
 
 def named(tree: Tree, columns: Mapping[str, str]) -> Layout:

@@ -192,9 +192,10 @@ def _registered(head: bytes, known: tuple[Format, ...]) -> Kind | None:
 
 
 def _by_magic(head: bytes, size: int) -> Kind | None:
-    if head.startswith(b"\x93NUMPY"):  # frames (F, H, W), or particles (N, 3)
-        shape = re.search(rb"'shape': *\(([^)]*)\)", head[:1024])
-        return Kind("sweep" if shape and shape[1].count(b",") == 2 else "particles", "npy")
+    if head.startswith(b"\x93NUMPY"):  # frames (F, H, W), or particles (N, 3), (F, N, 3)
+        found = re.search(rb"'shape': *\(([^)]*)\)", head[:1024])
+        shape = found[1].replace(b" ", b"").split(b",") if found else []
+        return Kind("sweep" if len(shape) == 3 and shape[2] not in (b"", b"3") else "particles", "npy")
     for magic, kind in _MAGIC:
         if head.startswith(magic):
             return kind

@@ -1,4 +1,4 @@
-"""LAMMPS and LIGGGHTS: text dumps (`dump custom`, `dump atom`) and data files (`write_data`).
+"""LAMMPS and LIGGGHTS: text dumps (`dump custom`, `dump atom`, `dump yaml`) and data files (`write_data`).
 
 A data file's atom style is that of the caller, else the one behind `Atoms #`, else the first whose
 columns fit: their number, whole numbers, types up to the header's, positions in the box.
@@ -70,6 +70,8 @@ _MOST_HEADER = 200  # lines
 def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     """Read a frame of a text dump. Raises FormatError naming the line."""
     lines, before, head, n_frames = text_frame(path, frame, _starts)
+    if lines[0].startswith("---"):
+        return _yaml_frame(path, lines, before, n_frames)
     items, sections = _items(lines)
     n = _count(path, lines, items.get("NUMBER OF ATOMS", -1), before)
     if "ATOMS" not in items:
@@ -86,14 +88,7 @@ def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     if len(rows) != n or (behind and not behind[0].startswith("ITEM:")):
         got = f"{shown(behind[0].strip())} behind them" if behind else len(rows)
         raise bad(path, where, f"expected {n} atoms, got {got}")
-    columns, kinds = _columns(path, names, rows, before + at + 2), {}
-    if rows and "element" in names and "element" not in columns:
-        column = names.index("element")
-        words = [row.split()[column] for row in rows]
-        kinds = type_names(words)
-        if "type" in columns:  # has the numbers that the words are for
-            kinds = {"type": dict(zip(columns["type"].tolist(), words, strict=True))}
-        columns = _with(of_elements(words), columns)
+    columns, kinds = _with_elements(path, names, rows, before + at + 2)
     time = _number(lines, items.get("TIMESTEP", -1))
     if "TIME" in items:
         time = _number(lines, items["TIME"])
@@ -105,8 +100,60 @@ def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     return found
 
 
+def _yaml_frame(path: Any, lines: list[str], before: int, n_frames: int) -> Contents:
+    """A frame of `dump yaml`: a line `key: value` each, and behind a key without a value a line
+    `- [ numbers ]` each."""
+    keys: dict[str, str] = {}
+    lists: dict[str, list[str]] = {}
+    first: dict[str, int] = {}
+    key = ""
+    for i, line in enumerate(lines, before + 1):
+        words = re.sub(r"[\[\],]", " ", line)
+        if words.lstrip().startswith("- ") and key:
+            lists.setdefault(key, []).append(words.replace("-", " ", 1))
+            first.setdefault(key, i)
+        elif ":" in line and not line.startswith(" "):
+            key, _, value = words.partition(":")
+            keys[key], first[f"{key}:"] = value.replace("'", " ").replace('"', " ").strip(), i
+        elif line.startswith("..."):
+            break
+    n = _count(path, [keys.get("natoms", "")], 0, first.get("natoms:", before + 1) - 1)
+    where = f"line {first.get('data:', before + 1)}"
+    rows = lists.get("data", [])
+    if len(rows) != n or "keywords" not in keys:
+        raise bad(path, where, f"expected keywords and {n} atoms, got {len(rows)}")
+    columns, kinds = _with_elements(path, keys["keywords"].split(), rows, first.get("data", before + 1))
+    box = None
+    if "box" in lists:
+        tilt = " ".join(lists["box"][3:4]).split() or ["0"] * 3
+        bounds = [f"{edge} {at}" for edge, at in zip(lists["box"][:3], tilt, strict=False)]
+        sides = keys.get("boundary", "").split()
+        periodic = " ".join(a + b for a, b in zip(sides[::2], sides[1::2], strict=False))
+        box = _dump_box(path, ["", *bounds], 0, f"xy xz yz {periodic}", first["box"] - 2)
+    time = _number([keys.get("time", keys.get("timestep", ""))], 0)
+    units = {"positions": f"LAMMPS {keys['units'][:20]}"} if "units" in keys else {}
+    found = _contents(path, where, columns, box, units, time, n_frames)
+    found.particles.names = kinds
+    return found
+
+
+def _with_elements(path: Any, names: list[str], rows: list[str], first: int) -> tuple[dict[str, Any], dict]:
+    """The columns of a dump, with what its words of elements give, and the names of types."""
+    columns, kinds = _columns(path, names, rows, first), {}
+    if rows and "element" in names and "element" not in columns:
+        column = names.index("element")
+        words = [row.split()[column] for row in rows]
+        kinds = type_names(words)
+        if "type" in columns:  # has the numbers that the words are for
+            kinds = {"type": dict(zip(columns["type"].tolist(), words, strict=True))}
+        columns = _with(of_elements(words), columns)
+    return columns, kinds
+
+
 def _starts(path: Any, lines: list[str]) -> list[int]:
     """Where each frame begins. Raises FormatError."""
+    if lines[0].startswith("---"):
+        return [i for i, line in enumerate(lines) if line.startswith("---") and any(map(str.strip, lines[i + 1 :][:2]))]
     found = (i for i, line in enumerate(lines) if line.startswith("ITEM: TIMESTEP"))
     starts = [_first_item(lines, i) for i in found]
     if not starts:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import warnings
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -21,13 +22,14 @@ from .._base.checks import unit
 from .._base.files import atomic_write
 from ..data.particles import SCALAR_FIELDS, UP, Particles
 from . import pysph_npz
-from .contents import Contents
+from .contents import Contents, frame_index
 from .errors import bad, shown
-from .fields import check_lengths, find_positions, particles_from
+from .fields import POSITION_NAMES, check_lengths, find_positions, particles_from
 from .guarded import decode
 from .size import bytes_of, check_size
 
 _PIECE = 1 << 22  # bytes that are read at once
+_MOST_COLUMNS = 32  # of two or three rows; wider ones are x, y and z of as many particles
 DAMAGED = (  # what a damaged archive raises
     zipfile.BadZipFile,
     zlib.error,
@@ -40,28 +42,34 @@ DAMAGED = (  # what a damaged archive raises
 )
 
 
-def read_npy(path: str | os.PathLike[str]) -> Particles:
+def read_npy(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     """Read .npy, (N, 2), (N, 3) or wider: the first columns are the positions, the others become
-    attributes `column4` and so on. Of a structured array, fields are as arrays of an .npz."""
+    attributes `column4` and so on; (F, N, 3) has frames. Of a structured array, fields are as arrays
+    of an .npz."""
     with open(path, "rb") as file:
         size = os.fstat(file.fileno()).st_size
         check_size(path, "array", size, size, 3.0)
         array = read_array(path, "array", file, size, records=True)
+    if array.ndim == 3:
+        return _of_frame(path, {"positions": array}, frame)
+    frame_index(path, frame, 1)
     if array.dtype.names is None:
-        return from_columns(path, array)
-    return _from_arrays(path, _fields({"array": array}))
+        return Contents(from_columns(path, array))
+    return Contents(_from_arrays(path, _fields({"array": array})))
 
 
 def read_npz(
-    path: str | os.PathLike[str], columns: Mapping[str, str] | None = None, species: str | None = None
-) -> Particles | Contents:
+    path: str | os.PathLike[str], columns: Mapping[str, str] | None = None, species: str | None = None, frame: int = 0
+) -> Contents:
     """Read .npz: positions (N, 3) or (N, 2), or x, y, z; fields per particle or as scalars;
-    attributes (N, ...). Of PySPH's: the group `species`, or "fluid".
+    attributes (N, ...). With positions (F, N, 3), arrays (F, N, ...) have frames. Of PySPH's: the
+    group `species`, or "fluid".
 
     Other arrays that do not belong to N particles are left out. `columns` is field or attribute ->
     name of an array. Raises FormatError.
     """
     if (contents := _read_pysph(path, species)) is not None:
+        frame_index(path, frame, 1)
         return contents
     if species is not None:
         raise ValueError(f"species: expected none for {path}, which has no groups")
@@ -69,11 +77,31 @@ def read_npz(
     if columns is not None:
         arrays = {name: _named(path, arrays, column) for name, column in columns.items()}
     elif len(arrays) == 1 and next(iter(arrays.values())).ndim == 2 and "positions" not in arrays:
-        return from_columns(path, *arrays.values())  # of np.savez without a name
-    particles = _from_arrays(path, arrays)
+        frame_index(path, frame, 1)
+        return Contents(from_columns(path, *arrays.values()))  # of np.savez without a name
+    contents = _of_frame(path, arrays, frame)
+    particles = contents.particles
     particles.up, names = _facts(path)
     particles.names = {name: kinds for name, kinds in names.items() if name in particles.attributes}
-    return particles
+    return contents
+
+
+def _of_frame(path: Any, arrays: dict[str, np.ndarray], frame: int) -> Contents:
+    """One frame of arrays (F, N, ...) beside positions (F, N, 3); the particles of all arrays where
+    positions have no frames."""
+    lower = {name.lower(): name for name in reversed(list(arrays))}
+    names = (lower[name] for name in POSITION_NAMES if name in lower)
+    placed = next((arrays[name] for name in names if arrays[name].ndim == 3), None)
+    if placed is None or placed.shape[2] not in (2, 3):
+        frame_index(path, frame, 1)
+        return Contents(_from_arrays(path, arrays))
+    n_frames, n = placed.shape[:2]
+    k = frame_index(path, frame, n_frames)
+    times = next((arrays[lower[name]] for name in ("time", "times", "t") if name in lower), np.empty(0))
+    time = float(times[k]) if times.shape == (n_frames,) and times.dtype.kind in "iuf" else None
+    shown = {name: array[k] if array.shape[:2] == (n_frames, n) else array for name, array in arrays.items()}
+    of_frame = {name: array for name, array in shown.items() if array is not times}
+    return Contents(_from_arrays(path, of_frame), time=time, n_frames=n_frames)
 
 
 def read_mat(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None) -> Particles:
@@ -307,5 +335,9 @@ def from_columns(path: Any, array: np.ndarray) -> Particles:
         raise bad(path, "array", f"expected numbers of shape (N, 3) or wider, got {got}")
     if array.shape[1] == 2:  # in the plane z = 0
         array = np.pad(array, ((0, 0), (0, 1)))
+    if len(array) in (2, 3) and array.shape[1] > _MOST_COLUMNS:
+        got = f"{len(array)} rows of {array.shape[1]:,}"
+        warnings.warn(f"{path}: expected a row for each particle, got {got}: taken as columns", stacklevel=2)
+        return from_columns(path, np.ascontiguousarray(array.T))
     columns = {f"column{i + 1}": array[:, i] for i in range(3, array.shape[1])}
     return particles_from(path, array[:, :3], columns)

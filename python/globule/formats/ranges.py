@@ -23,7 +23,7 @@ from ..data.scale import scaled
 from .bgeo import MappedBgeo
 from .bgeo import is_mappable as bgeo_is_mappable
 from .errors import FormatError, bad
-from .fields import find_positions, particles_from, say_origin
+from .fields import POSITION_NAMES, find_positions, particles_from, say_origin
 from .kind import kind_of
 from .numpy_format import DAMAGED, from_columns, read_header, with_places
 from .numpy_format import is_mappable as npz_is_mappable
@@ -59,9 +59,20 @@ def has_ranges(path: str | os.PathLike[str], given: Collection[str] = ()) -> boo
     if kind == "hdf5":
         return not {"where", "center", "min_component"} & {*given}
     mappable = MAPPABLE.get(kind)
+    if kind in ("npy", "npz") and _has_frames(path, kind):
+        return False
     return {*given} <= {"radius_is", "origin", "scale"} and (
         kind in FORMATS or (mappable is not None and mappable(path))
     )
+
+
+def _has_frames(path: Any, kind: str) -> bool:
+    """Whether positions have an axis of frames; False of a damaged file."""
+    try:
+        arrays = {"positions": _mapped(path, "array", 0)} if kind == "npy" else _members(path)
+    except (FormatError, OSError):
+        return False
+    return any(name.lower() in POSITION_NAMES and array.ndim == 3 for name, array in arrays.items())
 
 
 def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:

@@ -49,6 +49,7 @@ _MOST_TITLES = 20  # lines before the names of the columns
 _MOST_WHOLE = 100  # rows in which a decimal comma is looked for
 _MOST_BLANK = 10_000  # rows in which the first word of a column is looked for
 _MISSING = ("", "NA", "<NA>", "N/A", "#N/A", "n/a", "NULL", "null", "None", "--")  # in the place of a number
+_Rest = tuple[bytes, int] | None  # a text, and the byte from which its rows are plain
 
 
 class _NotPlainError(Exception):
@@ -64,7 +65,7 @@ def read_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None = N
     if len(data) >= _PLAIN:
         head = data.find(b"\n", _HEAD) + 1
         try:
-            return _read_csv(path, lines_of(path, data[:head]), columns, data[head:])
+            return _read_csv(path, lines_of(path, data[:head]), columns, (data, head))
         except (FormatError, _NotPlainError):
             pass  # as a whole, which says the line at fault
     return _read_csv(path, lines_of(path, data), columns)
@@ -79,14 +80,17 @@ def read_xyz(path: str | os.PathLike[str], frame: int = 0) -> Contents:
 def _frames_of_xyz(_: Any, lines: list[str]) -> list[int]:
     """Where each frame's count stands, in a file that consists of a count, a title and as many
     rows again and again; else [0]."""
-    starts, at = [], 0
-    while at < len(lines) and (line := lines[at].strip()):
+    starts: list[int] = []
+    at = 0
+    while at < len(lines):
+        if not (line := lines[at].strip()) and starts:  # a blank line between frames
+            at += 1
+            continue
         if not (line.isascii() and line.isdigit() and len(line) < 16):
             return [0]
         starts.append(at)
         at += int(line) + 2
-    rest = any(line.strip() for line in lines[at:])
-    return starts if len(starts) > 1 and at <= len(lines) and not rest else [0]
+    return starts if len(starts) > 1 and at <= len(lines) else [0]
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
@@ -114,7 +118,7 @@ def _quoted(name: str) -> str:
     return name
 
 
-def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = None, rest: bytes = b"") -> Contents:
+def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = None, rest: _Rest = None) -> Contents:
     """rest: plain rows behind the lines. Raises FormatError; _NotPlainError where they are not."""
     start = next((i for i, line in enumerate(lines) if _is_row(line)), None)
     if start is None:
@@ -344,7 +348,7 @@ def _assemble(
     separator: str | None,
     names_line: int | None = None,
     extra: Mapping[str, np.ndarray] | None = None,
-    rest: bytes = b"",
+    rest: _Rest = None,
 ) -> Particles:
     """Particles from rows; `words` is the first row, which tells the numbers from the words. rest:
     plain rows behind them. Raises FormatError, _NotPlainError."""
@@ -378,22 +382,23 @@ def _assemble(
         places = [k for k, i in enumerate(numeric) if names[i].lower() in ("x", "y", "z")]
         if np.isnan(rows[:, places or [0, 1, 2]]).any():
             raise
+    found_columns = list(rows.T)
     if rest:
-        whole = parse_plain(rest, separator, len(words), numeric, rows) if separator else None
+        whole = parse_plain(*rest, separator, len(words), numeric, rows) if separator else None
         if whole is None:
             raise _NotPlainError
-        rows = whole
+        found_columns = whole
     columns: dict[str, np.ndarray] = {}
-    for column, i in enumerate(numeric):
+    for column, i in zip(found_columns, numeric, strict=True):
         name = names[i] or f"column{i + 1}"
         if name in columns:
             raise bad(path, "line 1", f"expected different column names, got {shown(name)} twice")
-        if rest and is_long(rows[:, column], words[i]):
+        if rest and is_long(column, words[i]):
             raise _NotPlainError
-        columns[name] = whole_numbers(path, name, rows[:, column], words[i], lines, i, **options)
+        columns[name] = whole_numbers(path, name, column, words[i], lines, i, **options)
     lower = {name.lower(): name for name in columns}
     if "x" in lower and "y" in lower and "z" not in lower:
-        columns["z"] = np.zeros(len(rows))
+        columns["z"] = np.zeros(len(found_columns[0]))
     arrays = join_columns(columns)
     points = find_positions(arrays)
     if points is None:

@@ -114,7 +114,8 @@ def read_snapshot(path: str | os.PathLike[str]) -> Particles:
         import pynbody
     except ImportError:
         raise missing("pynbody", "programs") from None
-    with _by("pynbody", path):
+    with warnings.catch_warnings(), _by("pynbody", path):
+        warnings.simplefilter("ignore")  # of parameters in other files
         found = particles_of(pynbody.load(os.fspath(path)))
     assert found is not None
     return found

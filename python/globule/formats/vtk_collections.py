@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
+from .._base.files import atomic_write
 from .contents import Contents
 from .errors import FormatError, bad
 from .triangles import has_faces
@@ -15,6 +19,21 @@ from .vtk_parts import checked_places, join, parts_of
 def read_pvd(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     """Read all parts of one time step of a ParaView collection. Raises FormatError."""
     return _contents(path, "pvd", frame)
+
+
+def write_pvd(path: str | os.PathLike[str], files: Sequence[str], times: Sequence[float]) -> None:
+    """Write a ParaView collection of files beside it, one a time step; numbers take the place of times
+    that do not rise."""
+    if any(b <= a for a, b in pairwise(times)):
+        times = range(len(files))
+    folder = os.path.dirname(os.path.abspath(path))
+    lines = [
+        f'<DataSet timestep="{time!r}" group="" part="0" file={quoteattr(os.path.relpath(file, folder))}/>\n'
+        for file, time in zip(files, times, strict=True)
+    ]
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n<Collection>\n'
+    with atomic_write(path) as file:
+        file.write(f"{head}{''.join(lines)}</Collection>\n</VTKFile>\n".encode())
 
 
 def read_series(path: str | os.PathLike[str], frame: int = 0) -> Contents:

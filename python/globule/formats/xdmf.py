@@ -8,6 +8,7 @@ mesh.
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import re
@@ -52,25 +53,37 @@ _NUMBERED = {
 
 
 def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
-    """Read the points and node-centered attributes of a grid. Raises FormatError."""
-    return _Grid(path, frame).contents()
+    """Read the points and node-centered attributes of the grids of a frame. Raises FormatError."""
+    grids = _grids(path, frame)
+    parts = [grid.arrays() for grid in grids]
+    shapes = [{name: array.shape[1:] for name, array in arrays.items()} for _, arrays in parts]
+    shared = [k for k in shapes[0] if all(k in one and one[k] == shapes[0][k] for one in shapes)]
+    arrays = {k: np.concatenate([one[k] for _, one in parts]) for k in shared}
+    particles = particles_from(path, np.concatenate([x for x, _ in parts]), arrays)
+    return Contents(particles, time=grids[0].time, n_frames=grids[0].n_frames)
 
 
 def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
     """Read the points of a grid, of several frames the first or that of a `FrameOf`, and the faces
     of its cells as triangles (F, 3). Raises FormatError."""
-    grid = _Grid(path, getattr(path, "frame", 0))
-    particles = grid.contents().particles
-    try:
-        positions = np.asarray(particles.positions)
-        return particles, cells.triangles(positions, grid.find_cells(), {}, {})
-    except ValueError as error:
-        raise bad(path, "<Topology>", str(error)) from None
+    grids = _grids(path, getattr(path, "frame", 0))
+    faces, first = [], 0
+    for grid in grids:
+        positions = grid.arrays()[0]
+        try:
+            faces.append(cells.triangles(positions, grid.find_cells(), {}, {}) + first)
+        except ValueError as error:
+            raise bad(path, "<Topology>", str(error)) from None
+        first += len(positions)
+    return read(path, grids[0].frame).particles, np.concatenate(faces)
 
 
 def has_faces(path: str | os.PathLike[str]) -> bool:
-    """Whether a grid has cells with faces. Raises FormatError."""
-    grid = _Grid(path, getattr(path, "frame", 0))
+    """Whether a grid of the frame has cells with faces. Raises FormatError."""
+    return any(_has_faces(path, grid) for grid in _grids(path, getattr(path, "frame", 0)))
+
+
+def _has_faces(path: Any, grid: _Grid) -> bool:
     if grid.topology != "mixed":
         return grid.topology in ("polygon", *_CELLS)
     try:
@@ -79,26 +92,40 @@ def has_faces(path: str | os.PathLike[str]) -> bool:
         raise bad(path, "<Topology>", str(error)) from None
 
 
+def _grids(path: Any, frame: int) -> list[_Grid]:
+    """The grids of a frame: several of a spatial collection, else one. Raises FormatError."""
+    data = whole_file(path, 20.0)
+    root = parse_xml(path, data)
+    if root.tag != "Xdmf":
+        raise bad(path, f"<{root.tag[:40]}>", "expected <Xdmf>")
+    include(path, root)
+    temporal = [g for g in root.iter("Grid") if g.get("CollectionType", "").lower() == "temporal"]
+    drawn = (g for g in root.iter("Grid") if _is_collection(g) or g.find("Geometry") is not None)
+    frames = temporal[0].findall("Grid") if temporal else list(itertools.islice(drawn, 1))
+    if not frames:
+        raise bad(path, "<Xdmf>", "expected a <Grid> with a <Geometry>, got none")
+    at = frame_index(path, frame, len(frames))
+    one = _meant(path, root, frames[at])
+    parts = [one]
+    if _is_collection(one):
+        parts = [g for g in one.iter("Grid") if g is not one and not _is_collection(g)][:_MOST_ARRAYS] or [one]
+    time = next((t for t in (_time(g.find("Time")) for g in (one, *parts)) if t is not None), None)
+    return [_Grid(path, root, len(data), _meant(path, root, part), at, len(frames), time) for part in parts]
+
+
+def _is_collection(grid: Any) -> bool:
+    return grid.get("GridType", "").lower() in ("collection", "tree")
+
+
 class _Grid:
     """A grid of one frame."""
 
-    def __init__(self, path: Any, frame: int) -> None:
-        data = whole_file(path, 20.0)
-        self.path, self.size = path, len(data)
-        self.root = root = parse_xml(path, data)
-        if root.tag != "Xdmf":
-            raise bad(path, f"<{root.tag[:40]}>", "expected <Xdmf>")
-        include(path, root)
-        temporal = [g for g in root.iter("Grid") if g.get("CollectionType", "").lower() == "temporal"]
-        if temporal:
-            grids = temporal[0].findall("Grid")
-        else:
-            grids = [g for g in root.iter("Grid") if g.find("Geometry") is not None][:1]
-        if not grids:
-            raise bad(path, "<Xdmf>", "expected a <Grid> with a <Geometry>, got none")
-        self.n_frames = len(grids)
-        self.grid = _meant(path, root, grids[frame_index(path, frame, len(grids))])
-        self.element = _meant(path, root, self.grid.find("Topology"))
+    def __init__(
+        self, path: Any, root: Any, size: int, grid: Any, frame: int, n_frames: int, time: float | None
+    ) -> None:
+        self.path, self.root, self.size, self.grid = path, root, size, grid
+        self.frame, self.n_frames, self.time = frame, n_frames, time
+        self.element = _meant(path, root, grid.find("Topology"))
         about = {} if self.element is None else self.element.attrib
         self.topology = about.get("TopologyType", about.get("Type", "")).lower()
 
@@ -124,8 +151,8 @@ class _Grid:
         offsets = corners * np.arange(len(stream) + 1)
         return cells.Cells(np.full(len(stream), kind, np.uint8), stream.ravel(), offsets)
 
-    def contents(self) -> Contents:
-        """The points with their data."""
+    def arrays(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """The points (N, 3), and the arrays of their data."""
         path, root, grid = self.path, self.root, self.grid
         geometry = _meant(path, root, grid.find("Geometry"))
         if geometry is None:
@@ -153,8 +180,7 @@ class _Grid:
         positions = np.pad(positions, ((0, 0), (0, 3 - positions.shape[1])))
         of_points = {k: a[0] for k, a in found.items() if len(a[0]) == len(positions)}
         arrays = {k: a.reshape(len(a), -1) if a.ndim > 2 and a.size else a for k, a in of_points.items()}
-        particles = particles_from(path, positions, arrays)
-        return Contents(particles, time=_time(grid.find("Time")), n_frames=self.n_frames)
+        return positions, arrays
 
 
 def _mixed(stream: list[int]) -> cells.Cells:

@@ -150,16 +150,23 @@ def measure_surface(scene: Any, spacing: float | None = None, device: str = "aut
     """
     if not isinstance(scene, Scene):
         scene = surface_scene(scene, device=device, threads=threads)
-    return measured(scene, mesh_surface(scene, spacing))
+    if spacing is not None:
+        spacing = positive("spacing", spacing)
+    return in_closed_form(scene) or measured(scene, mesh_surface(scene, spacing))
+
+
+def in_closed_form(scene: Scene) -> SurfaceMeasure | None:
+    """Volume and area of spheres of which no three have a common point; None of other surfaces."""
+    spheres = spheres_of(scene)
+    exact = None if spheres is None else union_of_spheres(*spheres)
+    if exact is None:
+        return None
+    rounding = float(np.finfo(np.float32).eps)
+    return SurfaceMeasure(exact[0], 3 * rounding * exact[0], exact[1], 2 * rounding * exact[1])
 
 
 def measured(scene: Scene, mesh: SurfaceMesh) -> SurfaceMeasure:
-    """As `measure_surface`, of the mesh of a scene's surface."""
-    spheres = spheres_of(scene)
-    exact = None if spheres is None else union_of_spheres(*spheres)
-    if exact is not None:
-        rounding = float(np.finfo(np.float32).eps)
-        return SurfaceMeasure(exact[0], 3 * rounding * exact[0], exact[1], 2 * rounding * exact[1])
+    """Volume and area by the mesh of a scene's surface."""
     if not len(mesh.faces):
         return SurfaceMeasure(0.0, 0.0, 0.0, 0.0)
     n = len(mesh.vertices)

@@ -70,7 +70,7 @@ def spheres_of(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
         return None
     positions = to_host(scene.particles.positions)
     radii = np.broadcast_to(SPHERE_RADIUS * to_host(scene.support), len(positions))
-    there = np.isfinite(positions).all(axis=1)
+    there = np.isfinite(positions).all(axis=1) & (radii > 0)
     return positions[there], radii[there]
 
 

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from .._base.checks import positive
 from ..render.sequence import KeptScene, are_files, find_files, leader, with_frames
-from .mesh import SurfaceMesh, measured, mesh_surface
+from .mesh import in_closed_form, measured, mesh_surface
 from .surface import default_spacing, measured_particles, spheres_of, surface_scene
 
 
@@ -37,8 +38,10 @@ def track_surface(
 
     Returns:
         name -> (F,) float64: "frame" (its number, from 0), "volume", "volume_error", "area" and
-        "area_error" as in `measure_surface`, "x_min", "x_max" … "z_max" in world units; NaN for a
-        frame without surface.
+        "area_error" as in `measure_surface`, "x_min", "x_max" … "z_max" in world units, NaN for a
+        frame without surface; "particles", their number, and "particle_volume", which knows
+        nothing of the surface: of a smooth surface the number times the cube of the spacing, which
+        is the one of all frames, and of spheres the sum of theirs; else NaN.
 
     Raises as `mesh_surface` does, and ValueError for a pattern without files.
     """
@@ -47,10 +50,11 @@ def track_surface(
     elif are_files(frames):
         frames = with_frames(list(map(os.fspath, frames)))
     total = len(frames) if isinstance(frames, Sized) else 0
+    spacing = None if spacing is None else positive("spacing", spacing)
     lead = None
     if isinstance(frames, Sequence) and (at := leader(frames)):
         lead = functools.partial(measured_particles, "frames", frames[at])
-    scenes = KeptScene(lead)
+    scenes = KeptScene(lead, grows=not isinstance(frames, Sequence))
     rows = []
     for number, frame in enumerate(frames):
         particles = measured_particles("frames", frame)
@@ -61,26 +65,35 @@ def track_surface(
                 spacing = default_spacing(scene)
 
         scene = scenes.show(particles, lambda p: surface_scene(p, device=device, threads=threads), made)
-        mesh = mesh_surface(scene, spacing)
-        rows.append({"frame": number} | facts(scene, mesh))
+        rows.append({"frame": number} | facts(scene, spacing))
         if progress and total:
             progress(number + 1, total)
     names = list(rows[0]) if rows else []
     return {name: np.array([row[name] for row in rows], np.float64) for name in names}
 
 
-def facts(scene: Any, mesh: SurfaceMesh) -> dict[str, float]:
-    """Volume, area and extent of a scene's surface, of which `mesh` is the mesh."""
-    found: dict[str, float] = dict(measured(scene, mesh)._asdict())
-    nothing = np.full(3, np.nan)
-    lo = mesh.vertices.min(axis=0) if len(mesh.vertices) else nothing
-    hi = mesh.vertices.max(axis=0) if len(mesh.vertices) else nothing
+def facts(scene: Any, spacing: float | None = None) -> dict[str, float]:
+    """Volume, area and extent of a scene's surface, and the number and volume of its particles;
+    spacing: as for `measure_surface`."""
+    lo, hi = np.full((2, 3), np.nan)
+    found = in_closed_form(scene)
+    if found is None:
+        mesh = mesh_surface(scene, spacing)
+        found = measured(scene, mesh)
+        if len(mesh.vertices):
+            lo, hi = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     spheres = spheres_of(scene)
     if spheres is not None and len(spheres[0]):
         centers, radii = (a.astype(np.float64) for a in spheres)
         lo = (centers - radii[:, None]).min(axis=0)
         hi = (centers + radii[:, None]).max(axis=0)
-    return found | dict(_extent(lo, hi))
+    n = scene.octree.n_inside
+    own = np.nan
+    if spheres is not None:
+        own = float((4 / 3 * np.pi * spheres[1].astype(np.float64) ** 3).sum())
+    elif scene.surface == "smooth":
+        own = n * scene.spacing**3
+    return found._asdict() | dict(_extent(lo, hi)) | {"particles": n, "particle_volume": own}
 
 
 def _extent(lo: np.ndarray, hi: np.ndarray) -> Iterator[tuple[str, float]]:

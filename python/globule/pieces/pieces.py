@@ -15,7 +15,7 @@ from .._base.device import choose
 from .._base.memory import resident_bytes, trim
 from .._base.owner import Owner
 from .._base.ranks import ranks_of
-from ..data.attributes import attribute_values, checked_range, color_by, ends_of_map
+from ..data.attributes import MOST_KINDS, attribute_values, checked_range, color_by, ends_of_map, found_kinds, listed
 from ..data.particles import Particles
 from ..data.radii import find_radii
 from ..data.spacing import normal_of
@@ -161,7 +161,9 @@ class Pieces(Owner):
 
     def _survey(self, source: Source) -> None:
         """What must be known of all particles before they are divided."""
-        low, high, values, reach, weight, n, factors, layout = self.ranks.together(lambda: self._own_survey(source))
+        low, high, values, kinds, reach, weight, n, factors, layout = self.ranks.together(
+            lambda: self._own_survey(source)
+        )
         ranks = self.ranks
         self.n_particles = int(ranks.total(np.int64(n)))
         self.up = source.up
@@ -179,6 +181,7 @@ class Pieces(Owner):
             name, colormap, own = self._color
             known = ends[np.isfinite(ends)]
             self._color = name, colormap, own or ends_of_map(name, known, self.n_particles)
+        self.kinds = listed({value: word for one in ranks.all(kinds) for value, word in one.items()})
         layouts = [one for one in ranks.all(layout) if one is not None] or [Layout((), {})]
         check_reach(layouts)
         for one in layouts[1:]:
@@ -188,12 +191,13 @@ class Pieces(Owner):
             self._layout = self._layout.with_each("color")
 
     def _own_survey(self, source: Source) -> tuple[Any, ...]:
-        """This rank's box, values' ends, typical and largest reach, smallest weight, number of
+        """This rank's box, values' ends, kinds of a legend, typical and largest reach, smallest weight, number of
         particles, largest factor of reflection or refraction, and layout."""
         low: np.ndarray = np.full(3, np.inf)
         high: np.ndarray = np.full(3, -np.inf)
         values, reach = np.array([np.inf, -np.inf]), [0.0, 0.0, 0.0, 0.0]  # by support, by radius
         weight, n, factors = np.inf, 0, 0.0
+        kinds: dict[float, str] = {}
         layout: Layout | None = None
         for some in source.chunks():
             n += len(some)
@@ -211,12 +215,14 @@ class Pieces(Owner):
                 if axes is not None:
                     reach[k] = max(reach[k], float(np.median(axes)))
                     reach[k + 1] = max(reach[k + 1], float(np.max(axes)))
+            if self._color[0] is not None and len(kinds) <= MOST_KINDS:
+                kinds |= found_kinds(some, self._color[0], self._color[1])
             if self._color[0] is not None and self._color[2] is None:
                 found_values = attribute_values(some, self._color[0])
                 known = found_values[np.isfinite(found_values)]
                 if known.size:
                     values = np.array([min(values[0], known.min()), max(values[1], known.max())])
-        return low, high, values, reach, weight, n, factors, layout
+        return low, high, values, kinds, reach, weight, n, factors, layout
 
     @property
     def range(self) -> tuple[float, float] | None:

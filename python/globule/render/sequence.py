@@ -28,7 +28,7 @@ from ..data.attributes import attribute_values, checked_range
 from ..data.attributes import color_by as colored
 from ..data.particles import Particles
 from ..formats import read, read_contents
-from ..formats.frames import FrameOf
+from ..formats.frames import FrameOf, bytes_of_frame
 from ..formats.kind import kind_or_none
 from ..formats.pictures.video import movie_facts, need_av, read_movie, write_movie
 from ..formats.registry import format_named
@@ -45,6 +45,7 @@ from .settings import RenderSettings, as_settings, for_values
 from .trace import values_of
 
 MORE = 1.1  # times the first frame: a larger one leads
+MANY_MORE = 2  # times those of the frame that leads, where the frames to come are not known
 MOST_NAMED = 100_000  # numbers between two files: more are no frames that are missing
 
 
@@ -88,9 +89,12 @@ def frames_of(path: str, **options: Any) -> int:
 
 
 def with_frames(files: Sequence[str], **options: Any) -> list[str]:
-    """The files, each frame of those with several in the place of the file. Where the first has
-    one, the others are taken to have one too. options: as for `read`."""
-    if not files or isinstance(files[0], FrameOf) or frames_of(files[0], **options) == 1:
+    """The files, each frame of those with several in the place of the file. Where the first and the
+    largest have one, the others are taken to have one too. options: as for `read`."""
+    if not files or isinstance(files[0], FrameOf):
+        return list(files)
+    largest = max(files, key=lambda path: os.path.getsize(path) if os.path.isfile(path) else 0)
+    if all(frames_of(path, **options) == 1 for path in {files[0], largest}):
         return list(files)
     return [FrameOf(f, k) for f in files for k in range(frames_of(f, **options))]
 
@@ -219,14 +223,18 @@ def find_value_range(
 
 def leader(frames: Sequence[Any], **options: Any) -> int:
     """The number of the frame that leads, of files' names or `Particles`: the largest one, unless
-    the first is about as large; of the frames of one file, the last or the first. options: as for
-    `read`."""
-    if len(frames) > 1 and isinstance(frames[0], FrameOf):  # the ends tell enough
+    the first is about as large; of the frames of one file that is no text, the larger one of the
+    first, middle and last. options: as for `read`."""
+    n = len(frames)
+    if n > 1 and isinstance(frames[0], FrameOf):
+        longest = [bytes_of_frame(one) if isinstance(one, FrameOf) else 0 for one in frames]
+        tried = (0, n // 2, longest.index(max(longest)), n - 1)
         try:
-            first, last = (len(read(frames[k], **options)) for k in (0, -1))
+            counts = {k: len(read(frames[k], **options)) for k in tried}
         except (ValueError, OSError, ImportError):
             return 0
-        return len(frames) - 1 if last > MORE * first else 0
+        largest = max(counts, key=lambda k: (counts[k], k))
+        return largest if counts[largest] > MORE * counts[0] else 0
     sizes = [_size(frame) for frame in frames]
     most = max(sizes, default=0)
     return sizes.index(most) if sizes and most > MORE * sizes[0] else 0
@@ -257,10 +265,12 @@ class KeptScene:
 
     lead: gives the particles that lead; None, or where it fails (whoever reads that frame in its
         turn says why): the first that there are.
+    grows: whether nobody knows the frames to come: one with many more particles makes a new scene.
     """
 
-    def __init__(self, lead: Callable[[], Particles] | None = None) -> None:
+    def __init__(self, lead: Callable[[], Particles] | None = None, grows: bool = False) -> None:
         self._lead = lead
+        self._grows, self._n = grows, 0
         self.scene: Scene | None = None
         self.first = True  # whether the scene was made for the frame that it shows now
         self.settled = False  # whether a frame with particles has made it
@@ -275,7 +285,7 @@ class KeptScene:
         lead, and updated after. made: called with a new scene, of those that it was made from."""
         # Without particles no support could be measured, and no camera found.
         scene = self.scene
-        self.first = not self.settled
+        self.first = not self.settled or (self._grows and len(particles) > MANY_MORE * self._n)
         if scene is None or self.first:
             lead, self._lead = self._lead, None
             leading = None
@@ -283,7 +293,7 @@ class KeptScene:
                 with contextlib.suppress(Exception):
                     leading = lead()
             self.scene = scene = make(particles if leading is None else leading)
-            self.settled = scene.octree.n_inside > 0
+            self.settled, self._n = scene.octree.n_inside > 0, len(particles)
             made(scene)
             if leading is not None:
                 scene.update(particles)
@@ -473,7 +483,7 @@ def render_sequence(
     movie = MovieFrames(output, resume) if as_movie else None
     listed = isinstance(source, Sequence) and not isinstance(source, Particles)
     at = leader(source[:n_frames]) if listed else 0
-    kept = KeptScene((lambda: _particles_of(source[at])) if at else None)
+    kept = KeptScene((lambda: _particles_of(source[at])) if at else None, grows=not listed)
     names: list[str] = []
     together = OneOrigin()
 
