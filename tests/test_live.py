@@ -508,6 +508,20 @@ def test_the_status_of_a_transform_counts(sweep):
     assert counts.useless == 2
 
 
+@pytest.mark.parametrize("when", [1e9, 0.0])
+def test_one_wrong_stamp_costs_one_image(sweep, when):
+    """Of a transform that comes after its image: images after it had no pose, as one far ahead was known."""
+    server = Server(sweep)
+    wrong = igtl.TransformMessage(sweep.world_from_image[3], timestamp=when, device_name="ImageToReference")
+    server.messages[3][1] = wrong.pack()
+    server.serve(slice(None))
+    counts = LiveCounts()
+    live = receive_sweep(server.address, idle=0.4, counts=counts)
+    assert len(live) >= 23
+    assert counts.missed <= 1
+    assert counts.frames + counts.without_pose == 24
+
+
 @pytest.mark.parametrize("first", ["image", "pose"])
 def test_a_server_without_a_clock(sweep, capsys, first):
     messages = []

@@ -257,7 +257,7 @@ class Live:
         facts = {"grew": bool(self.seconds), "drawn": self.n_drawn,
                  "let_go": self.n_gone,
                  "recorded": sum(recorder.n_frames for recorder in self.recorders),
-                 "counts": self.counts.as_dict(), "broken": dict(self.counts.broken),
+                 "counts": self.counts.as_dict(), "broken": dict(self.counts.broken), "unused": dict(self.counts.kinds),
                  "clock_difference": self.counts.clock_difference}  # fmt: skip
         if self.server:
             facts |= {"sent": dict(self.server.sent), "skipped": dict(self.server.skipped),

@@ -33,6 +33,7 @@ DEFAULT_PORT = 18944
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])  # LPS from RAS
 _OTHER_POSES = ("TDATA", "POSITION", "QTDATA", "QTRANS")  # types of messages
 _MOST_HELD = 4096  # transforms that wait until the clocks are known
+_LONGEST = 3600.0  # s, of a gap; a longer one is a wrong stamp
 _STAMPS = 4096  # time stamps whose gaps are counted at a time
 NO_IMAGE = np.zeros((0, 0), np.uint8)  # of a frame whose image is not kept
 
@@ -176,7 +177,7 @@ def _missed(times: list[float]) -> int:
     if len(steps) < 4:
         return 0
     usual = float(np.median(steps))
-    gaps = steps[steps > 1.8 * usual]
+    gaps = steps[(steps > 1.8 * usual) & (steps < _LONGEST)]
     return int(np.rint(gaps / usual - 1).sum())
 
 
