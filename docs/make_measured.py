@@ -130,12 +130,39 @@ def rows_of(table: Table, values: Values) -> list[list[str]]:
     return rows
 
 
+LEFT_OUT = ("frames", "bezier", "b-spline", "gaussian", "rbf", "plus", "vvn-om", "pvn-om")
+
+
+def left_out(values: Values) -> list[list[str]]:
+    """Errors of frames left out, a row for each sweep; the best in bold, and in how many draws."""
+    rows = [["sweep", *LEFT_OUT, "`frames` is best in", "common pixels"]]
+    for case in dict.fromkeys(key[2] for key in values if key[0] == "left_out"):
+        found = {
+            key[3]: value
+            for key, value in values.items()
+            if key[0] == "left_out" and key[2] == case
+        }
+        least = min(found[f"{name}_rms"] for name in LEFT_OUT)
+        cells = []
+        for name in LEFT_OUT:
+            rms, low, high = (found[f"{name}_{what}"] for what in ("rms", "low", "high"))
+            text = f"**{rms:.2f}**" if rms == least else f"{rms:.2f}"
+            cells.append(f"{text} ({low:.2f}–{high:.2f})")
+        rows.append(
+            [case, *cells, f"{100 * found['frames_best']:.0f} %", f"{100 * found['common']:.0f} %"]
+        )
+    return rows
+
+
+BUILT = {"headline": headline, "frames left out": left_out}  # tables of their own form
+
+
 def filled(text: str, values: Values) -> str:
     """A page with its tables made again."""
 
     def make(match: re.Match[str]) -> str:
         name = match[1]
-        rows = headline(values) if name == "headline" else rows_of(TABLES[name], values)
+        rows = BUILT[name](values) if name in BUILT else rows_of(TABLES[name], values)
         lines = ["| " + " | ".join(row) + " |" for row in rows]
         lines.insert(1, "|" + "---|" * len(rows[0]))
         return "\n".join([f"<!-- measured: {name} -->", *lines, "<!-- /measured -->"])

@@ -253,7 +253,7 @@ def test_a_recording_that_was_cut_anywhere():
         kept = gb.ultrasound.read_sweep("kept")
     assert np.array_equal(kept.world_from_image[2], frames[2].world_from_image)
     Path("kept/frame_000003.png").write_bytes(b"no picture")
-    refuses(r"frame_000003\.png", Recorder, "kept")
+    refuses(r"frame_000003\.png", list, Recorder("kept").kept)
     Path("other").mkdir()
     Path("other/notes.txt").write_text("mine", encoding="utf-8")
     refuses("new folder", Recorder, "other")
@@ -281,6 +281,56 @@ def test_the_volume_is_written_while_frames_come(sweep, capsys, monkeypatch):
     once = read_volume("v.npz")
     run_json(capsys, *GROWS, "--live", served(sweep), "-o", "w.npz")
     assert np.array_equal(once.values, read_volume("w.npz").values)
+
+
+@pytest.mark.parametrize("wrong", [5, 22])
+def test_a_long_stream_keeps_its_last_images_only(sweep, capsys, monkeypatch, wrong):
+    """The volume is that of all images, without a frame in a wrong place, though most images are gone."""
+    sweep.world_from_image[wrong, :3, 3] += 60
+    with monkeypatch.context() as small:
+        small.setattr("globule.cli.live.HELD", 8 * sweep.frames[0].nbytes)
+        small.setattr("globule.cli.live._FEWEST", 8)
+        facts = run_json(capsys, *GROWS, "--live", served(sweep), "-o", "v.npz")
+    assert facts["frames"]["outliers"] == [wrong]
+    assert facts["frames"]["used"] == 23
+    assert facts["live"]["let_go"] >= 8
+    run_json(capsys, *GROWS, "--live", served(sweep), "-o", "w.npz")
+    thinned, whole = read_volume("v.npz"), read_volume("w.npz")
+    assert np.array_equal(thinned.world_from_voxel, whole.world_from_voxel)
+    assert np.array_equal(thinned.values, whole.values)
+
+
+def test_a_volume_that_cannot_be_read_while_frames_come(sweep, capsys, monkeypatch):
+    """Neither the stream nor the last volume ends by it."""
+    monkeypatch.setattr("globule.cli.live.AUTOSAVE", 0.0)
+    volume, n = gb.ultrasound.Reconstructor.volume, []
+
+    def fails(reconstructor):
+        n.append(1)
+        if len(n) < 4:
+            raise MemoryError("no memory for a copy") if len(n) % 2 else ValueError("no")
+        return volume(reconstructor)
+
+    monkeypatch.setattr(gb.ultrasound.Reconstructor, "volume", fails)
+    assert main([*GROWS, "--live", served(sweep), "-o", "v.npz", "--three-view", "v.png", "--refresh", "0.001"]) == 0
+    assert "could not be written: no" in capsys.readouterr().err
+    assert read_volume("v.npz").values.any()
+    assert Path("v.png").exists()
+
+
+def test_stamps_are_counted_in_a_memory_that_does_not_grow(monkeypatch):
+    monkeypatch.setattr("globule.ultrasound.live._STAMPS", 16)
+    counts = LiveCounts()
+    lost = {7, 40, 41, 99}
+    for i in range(200):
+        if i not in lost:
+            counts.saw(100 + i / 25)
+        if i == 150:  # a server that begins again
+            for k in range(140, 150):
+                counts.saw(100 + k / 25)
+    assert counts.missed == len(lost)
+    assert len(counts._times._times) < 40
+    assert not counts.without_clock
 
 
 def test_frames_with_a_useless_pose_do_not_end_the_stream(sweep):
@@ -456,6 +506,20 @@ def test_the_status_of_a_transform_counts(sweep):
     live = receive_sweep(server.address, idle=0.4, counts=counts)
     assert np.array_equal(live.frames, np.delete(sweep.frames, [7, 8], axis=0))
     assert counts.useless == 2
+
+
+@pytest.mark.parametrize("when", [1e9, 0.0])
+def test_one_wrong_stamp_costs_one_image(sweep, when):
+    """Of a transform that comes after its image: images after it had no pose, as one far ahead was known."""
+    server = Server(sweep)
+    wrong = igtl.TransformMessage(sweep.world_from_image[3], timestamp=when, device_name="ImageToReference")
+    server.messages[3][1] = wrong.pack()
+    server.serve(slice(None))
+    counts = LiveCounts()
+    live = receive_sweep(server.address, idle=0.4, counts=counts)
+    assert len(live) >= 23
+    assert counts.missed <= 1
+    assert counts.frames + counts.without_pose == 24
 
 
 @pytest.mark.parametrize("first", ["image", "pose"])

@@ -6,12 +6,15 @@ import argparse
 import itertools
 import os
 import time
+from collections import deque
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 
-from ..ultrasound.live import LiveCounts, LiveFrame, parse_address, receive_sweeps
+from ..ultrasound.live import NO_IMAGE, LiveCounts, LiveFrame, parse_address, receive_sweeps
+from ..ultrasound.pose_check import check_poses
 from ..ultrasound.sweep import Sweep
 from ..volumes.files import write_volume
 from ..volumes.volume import Volume
@@ -20,6 +23,9 @@ from .pictures import draw, wanted
 from .shared import Progress, UserError, check_folder, count, mistakes, positive, say, warn
 
 AUTOSAVE = 10.0  # s: a crash loses no more of the volume
+HELD = 1 << 27  # bytes of images that a growing volume keeps: older ones are in the volume alone
+_FEWEST = 64  # images that are kept in any case: the longest burst of wrong poses has 32
+_LATENCIES = 4096  # frames whose times are kept
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -99,10 +105,17 @@ class Live:
         self.n_kept = 0
         self._record_error = ""
         self._first: tuple[Any, ...] | None = None  # size and type of the images that grow
+        self._n_first = 0
         self.server: Any = None
         self.output: Any = None
         self.counts = LiveCounts()
-        self.seconds: list[float] = []
+        self.seconds: deque[float] = deque(maxlen=_LATENCIES)
+        self.longest = 0.0
+        self.frames: list[LiveFrame] = []  # of the images that grow, in the order of arrival
+        self.n_gone = 0  # of these, the first, whose images are not kept
+        self.removed: set[int] = set()  # of these, numbers of frames that are no longer in the volume
+        self.refused: set[int] = set()  # and of those that never were
+        self._told: set[str] = set()
         self.n_frames = self.n_drawn = 0
         self._drawn = -np.inf
         self._drawing: Future | None = None
@@ -118,12 +131,13 @@ class Live:
                 with mistakes():
                     if options.serve:
                         self._open_server()
-                    earlier = self._earlier()
-                    self.n_kept = len(earlier)
+                    self._open_recorders()
+                    self.n_kept = sum(len(recorder.kept) for recorder in self.recorders)
+                    earlier = itertools.chain.from_iterable(recorder.kept for recorder in self.recorders)
                     sweeps = receive_sweeps(
                         options.live, options.calibration, options.plus, options.idle, self._take,
                         earlier, options.space, options.temporal_offset, options.wait, self.counts,
-                        options.tracker, clip=options.clip, fan=options.fan, mask=options.mask,
+                        options.tracker, self._thin, clip=options.clip, fan=options.fan, mask=options.mask,
                     )  # fmt: skip
                     return sorted(sweeps, key=len, reverse=True)
             except ConnectionError as error:
@@ -140,11 +154,66 @@ class Live:
                 for recorder in self.recorders:
                     recorder.close()
 
-    def volume(self, sweep: Sweep) -> Volume | None:
-        """The volume of all frames of a sweep; None if the run only collects frames, an interruption
-        left the last frame unfinished, or images of another size have grown."""
-        grown = self.reconstructor is not None and self._first == (sweep.frames.shape[1:], sweep.frames.dtype)
-        return self.reconstructor.volume() if grown and self.reconstructor.n_frames == len(sweep) else None
+    def grew(self, sweep: Sweep) -> bool:
+        """Whether the volume of these frames has grown: not if the run only collects frames, or if
+        images of another size have grown."""
+        return self.reconstructor is not None and self._first == (sweep.frames.shape[1:], sweep.frames.dtype)
+
+    def volume(self, sweep: Sweep, outliers: Sequence[int], messages: list[str]) -> Volume | None:
+        """The volume without outliers, from what is kept; None if all images are, and the volume can
+        better be made anew: without outliers, or with a frame that an interruption left unfinished."""
+        if not self.grew(sweep):
+            return None
+        if not self.n_gone:
+            return None if outliers or self.reconstructor.n_frames != len(sweep) else self.reconstructor.volume()
+        late = [i for i in outliers if i not in self.removed | self.refused]
+        for i in late:
+            if self.frames[i].image is not NO_IMAGE:
+                self._remove(i)
+        left = [i for i in late if i not in self.removed]
+        if left:
+            messages.append(
+                f"{count(len(left), 'frame')} of these are in the volume, as their images are no longer kept: "
+                "--record them, and reconstruct the folder"
+            )
+        n_refused = len(self.refused - set(outliers))
+        if n_refused:
+            messages.append(f"{count(n_refused, 'frame')} did not fit into the volume")
+        sweep.valid[list(self.removed | self.refused)] = False
+        return self.reconstructor.volume()
+
+    def _thin(self, frames: list[LiveFrame]) -> None:
+        """Let images go that are in the volume, the older half of what is kept; first, frames whose
+        pose is wrong are taken out of the volume."""
+        if self.reconstructor is None or (frames[-1].image.shape, frames[-1].image.dtype) != self._first:
+            return
+        options, self.frames = self.options, frames
+        n_held = len(frames) - self.n_gone
+        if n_held * frames[-1].image.nbytes <= HELD or n_held < _FEWEST:
+            return
+        if options.cross_validate or options.maps or options.compounding != "mean":
+            return  # these need all images
+        held = frames[self.n_gone :]
+        if not options.keep_outliers:
+            sweep = Sweep([f.image for f in held], [f.world_from_image for f in held], [f.time for f in held])
+            for i in np.flatnonzero(check_poses(sweep).outliers[: n_held // 2]).tolist():
+                if self.n_gone + i not in self.refused:
+                    self._remove(self.n_gone + i)
+        for i in range(self.n_gone, self.n_gone + n_held // 2):
+            frames[i] = frames[i]._replace(image=NO_IMAGE)
+        self.n_gone += n_held // 2
+
+    def _remove(self, i: int) -> None:
+        self.removed.add(i)
+        out = self.removed | self.refused
+        rest = [frame.world_from_image for k, frame in enumerate(self.frames) if k not in out]
+        self.reconstructor.remove(self.frames[i].image, self.frames[i].world_from_image, rest)
+
+    def _once(self, what: str, error: BaseException) -> None:
+        """Warn of what fails while frames come, once."""
+        if what not in self._told:
+            self._told.add(what)
+            warn(f"{what}: {error}")
 
     def warnings(self) -> list[str]:
         """What became of images that are in no frame."""
@@ -186,15 +255,16 @@ class Live:
     def figures(self) -> dict[str, Any]:
         """Seconds from the arrival of a frame until the volume has the frame."""
         facts = {"grew": bool(self.seconds), "drawn": self.n_drawn,
+                 "let_go": self.n_gone,
                  "recorded": sum(recorder.n_frames for recorder in self.recorders),
-                 "counts": self.counts.as_dict(), "broken": dict(self.counts.broken),
+                 "counts": self.counts.as_dict(), "broken": dict(self.counts.broken), "unused": dict(self.counts.kinds),
                  "clock_difference": self.counts.clock_difference}  # fmt: skip
         if self.server:
             facts |= {"sent": dict(self.server.sent), "skipped": dict(self.server.skipped),
                       "clients": self.server.connections}  # fmt: skip
         if not self.seconds:
             return facts
-        return facts | {"median_seconds": float(np.median(self.seconds)), "longest_seconds": max(self.seconds)}
+        return facts | {"median_seconds": float(np.median(self.seconds)), "longest_seconds": self.longest}
 
     def _take(self, n: int, frame: LiveFrame) -> None:
         self.n_frames = n
@@ -203,12 +273,13 @@ class Live:
         if self.recorders and n > self.n_kept:
             self._record(frame)
         if self.growing is not None and size == self._first:
-            self._grow(frame)
+            self._grow(self._n_first, frame)
+            self._n_first += 1
         if self.progress.shown and n % 10 == 0:
             self.progress.done -= 1
             self.progress.step(f"{n:,} frames from {self.options.live}{self._lost()}, Ctrl-C ends")
 
-    def _earlier(self) -> list[LiveFrame]:
+    def _open_recorders(self) -> None:
         """Open the folders of --record: FOLDER, and FOLDER-2 … of images of other sizes."""
         from ..ultrasound.recorder import Recorder
 
@@ -216,7 +287,6 @@ class Live:
         while folder and (not self.recorders or (self.recorders[0].kept and os.path.isdir(folder))):
             self.recorders.append(Recorder(folder))
             folder = numbered(self.options.record, len(self.recorders) + 1)
-        return [frame for recorder in self.recorders for frame in recorder.kept]
 
     def _record(self, frame: LiveFrame) -> None:
         from ..ultrasound.recorder import Recorder
@@ -239,18 +309,23 @@ class Live:
         lost = c.without_pose + c.useless + c.missed
         return f" ({lost:,} lost)" if lost else ""
 
-    def _grow(self, frame: LiveFrame) -> None:
+    def _grow(self, n: int, frame: LiveFrame) -> None:
         begun = time.perf_counter()
         try:
             if self.reconstructor is None:
                 self.reconstructor = self._reconstructor(frame)
             self.reconstructor.add(frame.image, frame.world_from_image)
         except (TypeError, ValueError, MemoryError) as error:
+            if self.reconstructor is not None and self.reconstructor.n_frames:  # a pose far away
+                self.refused.add(n)
+                self._once("a frame does not fit into the volume so far", error)
+                return
             # The frames stay; the error shows again after the last frame.
             warn(f"the volume cannot grow; the command only collects frames: {error}")
             self.growing = self.reconstructor = None
             return
         self.seconds.append(time.perf_counter() - begun)
+        self.longest = max(self.longest, self.seconds[-1])
         if self.server:
             self._serve(frame)
         if wanted(self.options):
@@ -285,12 +360,15 @@ class Live:
         busy = self._drawing is not None and not self._drawing.done()
         if busy or now - self._drawn < self.options.refresh:
             return
-        if self._drawing is not None and (error := self._drawing.exception()) is not None:
+        self._drawn = now
+        try:
+            if self._drawing is not None and (error := self._drawing.exception()) is not None:
+                raise error
+            self._drawing = self._draughtsman.submit(draw, self.reconstructor.volume(), self.options, [])
+        except (ValueError, MemoryError, OSError, UserError) as error:
             warn(f"the images are written after the last frame only: {error}")
             self._drawn = np.inf
             return
-        self._drawn = now
-        self._drawing = self._draughtsman.submit(draw, self.reconstructor.volume(), self.options, [])
         self.n_drawn += 1
 
     def _save(self) -> None:
@@ -299,8 +377,14 @@ class Live:
         if now - self._saved < AUTOSAVE or (self._saving is not None and not self._saving.done()):
             return
         self._saved, options = now, self.options
-        volume = self.reconstructor.volume()
-        self._saving = self._draughtsman.submit(write_volume, options.output, volume, options.maps)
+        try:
+            if self._saving is not None and (error := self._saving.exception()) is not None:
+                raise error
+            volume = self.reconstructor.volume()
+            self._saving = self._draughtsman.submit(write_volume, options.output, volume, options.maps)
+        except (ValueError, MemoryError, OSError) as error:  # the next time may be better
+            self._saving = None
+            self._once("the volume so far could not be written", error)
 
     def _reconstructor(self, frame: LiveFrame) -> Any:
         from ..ultrasound.reconstructor import Reconstructor

@@ -157,9 +157,7 @@ def run(options: argparse.Namespace) -> None:
             progress.step("reconstructing")
             begun = time.perf_counter()
             with _stating(progress):
-                volume = stream.volume(sweep) if stream and not outliers else None
-                if volume is None:
-                    volume = _volume(sweep, options)
+                volume = _of_stream(stream, sweep, outliers, options, messages) if stream else _volume(sweep, options)
             times["reconstruct"] = time.perf_counter() - begun
             progress.step(f"writing {options.output}")
             begun = time.perf_counter()
@@ -192,6 +190,25 @@ def run(options: argparse.Namespace) -> None:
         print_json(report)
     else:
         print("\n".join(_lines(report)))
+
+
+def _of_stream(
+    stream: live.Live, sweep: Sweep, outliers: list[int], options: argparse.Namespace, messages: list[str]
+) -> Volume:
+    """The volume of a stream: as it has grown, or made anew; if that fails, what has grown."""
+    with _fitting():
+        volume = stream.volume(sweep, outliers, messages)
+    if volume is not None:
+        return volume
+    try:
+        return _volume(sweep, options)
+    except UserError as error:
+        if not stream.grew(sweep):
+            raise
+        messages.append(f"the volume is as it has grown, with all its frames: {error}")
+        with _fitting():
+            volume = stream.reconstructor.volume()
+        return volume
 
 
 def _write_other(i: int, sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> dict[str, Any]:

@@ -33,6 +33,9 @@ DEFAULT_PORT = 18944
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])  # LPS from RAS
 _OTHER_POSES = ("TDATA", "POSITION", "QTDATA", "QTRANS")  # types of messages
 _MOST_HELD = 4096  # transforms that wait until the clocks are known
+_LONGEST = 3600.0  # s, of a gap; a longer one is a wrong stamp
+_STAMPS = 4096  # time stamps whose gaps are counted at a time
+NO_IMAGE = np.zeros((0, 0), np.uint8)  # of a frame whose image is not kept
 
 
 class LiveFrame(NamedTuple):
@@ -49,6 +52,32 @@ class LiveFrame(NamedTuple):
     image: np.ndarray
     world_from_image: np.ndarray
     world: str
+
+
+class _Stamps:
+    """Time stamps, and how many are missing among them, in a memory that does not grow."""
+
+    def __init__(self) -> None:
+        self.n = 0
+        self.alike = True
+        self._first: float | None = None
+        self._times: list[float] = []
+        self._counted, self._until = 0, -np.inf  # missing ones up to a stamp
+
+    def add(self, time: float) -> None:
+        self._first = time if self._first is None else self._first
+        self.n, self.alike = self.n + 1, self.alike and time == self._first
+        if time < self._until:  # sent again
+            return
+        self._times.append(time)
+        if len(self._times) >= 2 * _STAMPS:
+            times = sorted(self._times)
+            self._counted += _missed(times[: _STAMPS + 1])
+            self._until, self._times = times[_STAMPS], times[_STAMPS:]
+
+    @property
+    def missed(self) -> int:
+        return self._counted + _missed(self._times)
 
 
 class LiveCounts:
@@ -77,22 +106,22 @@ class LiveCounts:
         self.kinds: Counter[str] = Counter()
         self.unnamed: set[str] = set()
         self.ended = ""
-        self._times: list[float] = []
-        self._transform_times: dict[str, list[float]] = {}
+        self._times = _Stamps()
+        self._transform_times: dict[str, _Stamps] = {}
 
     def saw(self, time: float) -> None:
         """Count an image with this stamp, s."""
         self.images += 1
-        self._times.append(time)
+        self._times.add(time)
 
     def saw_transform(self, name: str, time: float) -> None:
         """Count a sample of a transform with this stamp, s."""
-        self._transform_times.setdefault(name, []).append(time)
+        self._transform_times.setdefault(name, _Stamps()).add(time)
 
     @property
     def without_clock(self) -> bool:
         """Whether all images have one time stamp."""
-        return len(self._times) > 1 and len(set(self._times)) == 1
+        return self._times.n > 1 and self._times.alike
 
     def unused(self, constant: Edges) -> str:
         """What came instead of poses, and what to give."""
@@ -118,7 +147,7 @@ class LiveCounts:
     @property
     def poses(self) -> int:
         """Samples of transforms that came."""
-        return len(self.unnamed) + sum(map(len, self._transform_times.values()))
+        return len(self.unnamed) + sum(stamps.n for stamps in self._transform_times.values())
 
     @property
     def connections(self) -> int:
@@ -129,12 +158,12 @@ class LiveCounts:
     def missed(self) -> int:
         """Images that the server did not send, from gaps of the stamps of more than 1.8 usual
         intervals: the server has dropped them, or the connection was broken."""
-        return _missed(self._times)
+        return self._times.missed
 
     @property
     def missed_poses(self) -> int:
         """Samples of the transform with most losses that did not come, found as `missed`."""
-        return max(map(_missed, self._transform_times.values()), default=0)
+        return max((stamps.missed for stamps in self._transform_times.values()), default=0)
 
     def as_dict(self) -> dict[str, int]:
         """All counts by name."""
@@ -148,7 +177,7 @@ def _missed(times: list[float]) -> int:
     if len(steps) < 4:
         return 0
     usual = float(np.median(steps))
-    gaps = steps[steps > 1.8 * usual]
+    gaps = steps[(steps > 1.8 * usual) & (steps < _LONGEST)]
     return int(np.rint(gaps / usual - 1).sum())
 
 
@@ -233,6 +262,7 @@ def receive_sweeps(
     wait: float | None = None,
     counts: LiveCounts | None = None,
     tracker: str | None = None,
+    thin: Callable[[list[LiveFrame]], None] | None = None,
     **region: Any,
 ) -> list[Sweep]:
     """All frames of a server, until the server stops or the user interrupts: a `Sweep` for each
@@ -245,10 +275,13 @@ def receive_sweeps(
         earlier: frames of an interrupted run, which come first. Frames that a restarted server
             sends again are dropped.
         temporal_offset: as for `receive`; default: the calibration's, or 0.
+        thin: called after each frame with all frames of its size and type; may replace frames by
+            such with `NO_IMAGE`, which then need no memory.
         region: clip, fan, mask; as for `read_sweep`.
 
     Returns:
-        The sweeps, sorted by time, in LPS. An error after the first frame ends the stream only
+        The sweeps, in LPS, sorted by time; if images are gone, in the order of arrival and with
+        black images. An error after the first frame ends the stream only
         (`counts.ended`).
 
     Raises:
@@ -261,20 +294,26 @@ def receive_sweeps(
     offset = setup.temporal_offset if temporal_offset is None else temporal_offset
     stream = receive(address, setup.edges, idle, space, offset, wait, counts, tracker)
     segments: dict[tuple[Any, ...], list[LiveFrame]] = {}
-    known: set[tuple[float, int, bytes]] = set()
+    known: set[int] = set()
+    n_taken = 0
 
     def take(frame: LiveFrame) -> None:
+        nonlocal n_taken
         if not usable(frame.world_from_image):
             counts.useless += 1
             return
-        key = (frame.time, zlib.crc32(frame.image.data), frame.world_from_image.tobytes())
+        key = hash((frame.time, zlib.crc32(frame.image.data), frame.world_from_image.tobytes()))
         if key in known:
             counts.repeated += 1
             return
         known.add(key)
-        segments.setdefault((frame.image.shape, frame.image.dtype), []).append(frame)
+        segment = segments.setdefault((frame.image.shape, frame.image.dtype), [])
+        segment.append(frame)
+        n_taken += 1
         if each:
-            each(sum(map(len, segments.values())), frame)
+            each(n_taken, frame)
+        if thin:
+            thin(segment)
 
     def sound() -> Iterator[LiveFrame]:
         try:
@@ -298,24 +337,30 @@ def receive_sweeps(
         why = counts.unused(setup.edges)
         raise ValueError(f"live: expected images with poses from {address}, got {found}" + (f"; {why}" if why else ""))
     sweeps = []
-    for frames in segments.values():
+    for (shape, dtype), frames in segments.items():
         try:
-            sweeps.append(_as_sweep(frames, setup))
+            sweeps.append(_as_sweep(frames, setup, shape, dtype))
         except ValueError as error:  # a region that only fits the first images
             if not sweeps:
                 raise
-            rows, columns = frames[0].image.shape
+            rows, columns = shape
             counts.broken[f"images of {columns} x {rows} ({error})"] += len(frames)
     return sweeps
 
 
-def _as_sweep(frames: list[LiveFrame], setup: Setup) -> Sweep:
-    frames.sort(key=lambda frame: frame.time)
-    images = np.stack([frame.image for frame in frames])
-    return Sweep(
+def _as_sweep(frames: list[LiveFrame], setup: Setup, shape: tuple[int, int], dtype: np.dtype) -> Sweep:
+    gone = any(frame.image is NO_IMAGE for frame in frames)
+    if not gone:
+        frames.sort(key=lambda frame: frame.time)
+    images = np.zeros((len(frames), 1, 1), dtype) if gone else np.stack([frame.image for frame in frames])
+    mask, world = setup.mask(shape), frames[0].world
+    sweep = Sweep(
         images, [frame.world_from_image for frame in frames], [frame.time for frame in frames],
-        mask=setup.mask(images.shape[1:]), world=frames[0].world,
+        mask=None if gone else mask, world=world,
     )  # fmt: skip
+    if gone:
+        sweep.frames, sweep.mask = np.broadcast_to(images, (len(frames), *shape)), mask
+    return sweep
 
 
 def receive_sweep(*args: Any, **options: Any) -> Sweep:

@@ -14,6 +14,7 @@ from ..formats.sweeps.transforms import WORLDS, Edges, Transform, chain, find_pa
 
 MOST_GAP = 0.5  # s between two samples of a transform that still gives a pose between them
 _SAME = 1e-6  # s; stamps this near are the same
+_AHEAD = 10.0  # s; a sample this far ahead of an image may have a wrong stamp, and others may still come
 _MOST_IMAGES = 256  # that wait for their pose
 _MOST_SAMPLES = 4096  # of a transform that are kept
 
@@ -72,10 +73,8 @@ class _Track:
             return self.matrices[exact], False
         if j == len(times):
             return None, True
-        if i < 0:
-            return None, False
-        if times[j] - times[i] > MOST_GAP:
-            return None, False
+        if i < 0 or times[j] - times[i] > MOST_GAP:
+            return None, times[j] - time > _AHEAD
         pair = np.stack([self.matrices[i], self.matrices[j]])
         if not np.isfinite(pair).all():
             return np.full((4, 4), np.nan), False

@@ -102,8 +102,9 @@ def calibrate_n_wires(
     `most` in steps of 0.02 s. From there, `fit_wires` finds two scales, a rotation and a
     translation that explain the dots, with noise of dots, errors of poses, an error of the
     phantom's registration (phantom.error) and the delay of the poses. The delay is fitted also if
-    fit_offset is false, and then only reported. Its uncertainty is that of fits to 12 parts of the
-    recording, drawn with repetition, or half the difference of its halves. `offset_doubt` is set by
+    fit_offset is false, and then only reported. Its uncertainty is the largest of that of the fit,
+    that of fits to 12 parts of the recording, drawn with repetition, and half the difference of its
+    halves. `offset_doubt` is set by
     an uncertainty above 0.05 s, halves of the recording that differ, or larger 3-D errors. Raises
     ValueError if too few images show all wires, or if the probe hardly turns: such poses tell
     the calibration no better than the registration and one pose are known.
@@ -138,7 +139,7 @@ def calibrate_n_wires(
     given, found = (wires.errors(fit.matrix, temporal_offset + c) for c in (0.0, fit.change))
     between = _BETWEEN * float(np.median(np.diff(tracked.times)))
     halves = abs(fit.halves[0][0] - fit.halves[1][0]) / 2
-    apart = float(np.hypot(max(fit.delays.std(), halves), between))
+    apart = float(np.hypot(max(fit.delays.std(), halves, np.sqrt(fit.covariance[8, 8])), between))
     moves = _moves(scan, errors, fit.change)
     doubt = _doubt(fit, apart, moves, given, found)
     better = None

@@ -149,6 +149,20 @@ class Reconstructor(Owner):
         for added in self._added:
             self._bin(added, 1)
 
+    @whole
+    def remove(self, frame: ArrayLike, pose: ArrayLike, rest: ArrayLike) -> None:
+        """Remove one frame from a mean, whenever it was added; rest: (F, 4, 4) poses of the frames that
+        stay, which tell the volume's box. What came before can then not be undone."""
+        if self._options.compounding != "mean" or self._grid is None:
+            raise ValueError("remove: expected a mean of frames")
+        frames, poses = np.asarray(check_frames(np.asarray(frame)[None])), np.array(pose, np.float64)[None]
+        self._check_alike(frames)
+        self._bin(_Added(frames, poses, self._low, self._high, None), -1)
+        self._added, self.n_frames = [], self.n_frames - 1
+        if self._region is None and len(np.asarray(rest)):
+            box = _Added(frames, poses, *bounds(np.asarray(rest, np.float64), self._used, self._shape), None)
+            self._low, self._high = (self._place(voxel) for voxel in self._lattice(box))
+
     def volume(self) -> Volume:
         """A copy of the volume of all frames so far. Later frames do not change the copy."""
         with self._lock:

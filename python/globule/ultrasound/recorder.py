@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,21 @@ _POSES = "poses.csv"
 _COLUMNS = ("time", *MATRIX, "status", "world")
 
 
+class _Kept(Sequence[LiveFrame]):
+    """Frames on the disk."""
+
+    def __init__(self, read: Callable[[int], Any], times: Any, matrices: Any, worlds: list[str]):
+        self._read, self._times, self._matrices, self._worlds = read, times, matrices, worlds
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    def __getitem__(self, i: Any) -> Any:
+        if not 0 <= i < len(self):
+            raise IndexError(i)
+        return LiveFrame(float(self._times[i]), self._read(i), self._matrices[i], self._worlds[i])
+
+
 class Recorder:
     """Appends frames to a folder.
 
@@ -30,7 +46,8 @@ class Recorder:
         folder: new, empty, or the folder of an earlier recording, which goes on.
 
     Attributes:
-        kept: the frames of the earlier recording, in order of arrival.
+        kept: the frames of the earlier recording, in order of arrival; an image is read when it is
+            asked for.
         n_frames: frames in the folder.
 
     Raises:
@@ -46,9 +63,10 @@ class Recorder:
         if self.folder.is_dir() and any(self.folder.iterdir()) and not table.is_file():
             raise ValueError(f"{folder}: expected a new folder or an earlier recording's")
         self.folder.mkdir(exist_ok=True)
-        self.kept = self._earlier(table) if table.is_file() else []
+        self.kept: Sequence[LiveFrame] = self._earlier(table) if table.is_file() else []
         self.n_frames = len(self.kept)
-        self._kind = (self.kept[0].image.shape, self.kept[0].image.dtype) if self.kept else None
+        first = self.kept[0].image if self.kept else None
+        self._kind = None if first is None else (first.shape, first.dtype)
         self._rows = open(table, "a", encoding="utf-8", newline="\n")  # noqa: SIM115 until close
         if self._rows.tell() == 0:
             self._rows.write(",".join(_COLUMNS) + "\n")
@@ -83,7 +101,7 @@ class Recorder:
     def _picture(self, i: int) -> Path:
         return self.folder / f"frame_{i:06d}.png"
 
-    def _earlier(self, table: Path) -> list[LiveFrame]:
+    def _earlier(self, table: Path) -> Sequence[LiveFrame]:
         content = table.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]  # without a row that was cut short
         if whole != content:
@@ -98,10 +116,7 @@ class Recorder:
             rows = list(csv.DictReader(file))
         if poses.times is None or "world" not in rows[0]:
             raise bad(table, "line 1", f"expected the columns {' '.join(_COLUMNS)} of a recording")
-        frames = []
-        for i, (time, matrix) in enumerate(zip(poses.times, poses.matrices, strict=True)):
-            frames.append(LiveFrame(float(time), self._read(i), matrix, rows[i]["world"]))
-        return frames
+        return _Kept(self._read, poses.times, poses.matrices, [row["world"] for row in rows])
 
     def _read(self, i: int) -> Any:
         try:

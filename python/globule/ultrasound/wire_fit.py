@@ -3,9 +3,14 @@
 A dot is off by noise of its own; the pose of an image moves all its dots together; and an error of
 the phantom's registration moves those of all images. Distances in the image alone let the pose's
 error count nine times as nine errors of dots. Here each image has an unknown turn and shift, whose
-covariance is estimated with the calibration (a mixed model, fitted by expectation and maximization:
+variances are estimated with the calibration (a mixed model, fitted by expectation and maximization:
 Laird and Ware 1982), and the registration may move as far as its stated error allows. A delay of
 the poses is always fitted beside, because it would otherwise pull the matrix.
+
+Errors of poses change slowly, so that neighboring images have nearly the same one: beside the
+registration, a recording counts as the few images that are independent. Dots that lie off their
+wires in the same way in all images, as where a wire is not at its stated place, pull every image
+alike; no number of images averages that out, and the stated error contains it.
 """
 
 from __future__ import annotations
@@ -21,10 +26,12 @@ from .wires import NWirePhantom
 _MOST_GAP = 5.0  # median intervals between poses
 _AROUND = 9  # poses that tell the motion at a time
 _WIDTH = 1.5  # intervals: deviation of their weights
-_TAILS = 4.0  # degrees of freedom of Student's t, of dots and poses: gross errors hardly count
+_TAILS = 30.0  # degrees of freedom of Student's t, of dots and poses: gross errors count less
 _ROUNDS, _INNER = 8, 8  # linearizations, and estimates of the covariances in each
 _DELAY = 1.0  # s: deviation of a delay that nothing is known of
 _BLOCKS = 12  # parts of the recording whose errors are taken as independent
+_FEWEST_PARTS = 5  # independent images of a recording, at least
+_FITTED = 8  # of the mean residuals of an image, what its pose and the scales take away
 _DRAWS = 400  # of these parts, for the uncertainty of the delay
 _N = 9  # parameters: eight of `Start.matrix`, and the change of the offset
 _STEPS = np.array([1e-5] * 5 + [1e-3] * 3 + [5e-3])  # for slopes
@@ -152,7 +159,7 @@ def fit_wires(
     p = np.zeros(_N + 6)
     p[8] = change
     spread, noise = np.diag([0.3] * 3 + [0.005] * 3) ** 2, np.ones(2)  # of poses, mm and radians; of dots, pixels
-    of_pose, of_dot = np.ones(n_images), np.ones((n_images, n_wires))
+    of_pose, of_dot, alike = np.ones(n_images), np.ones((n_images, n_wires)), 1.0
     for _ in range(_ROUNDS):
         before = p.copy()
         x = _slopes(residuals, p, np.append(_STEPS, [1e-4] * 6))
@@ -163,8 +170,8 @@ def fit_wires(
             inner = np.linalg.inv(of_pose[:, None, None] * np.linalg.inv(spread) + dj @ j)
             across = dj @ x
             share = across.transpose(0, 2, 1) @ inner
-            information = dx.transpose(0, 2, 1) @ x - share @ across
-            slope = np.einsum("fap,fa->fp", dx, r) - np.einsum("fpi,fia,fa->fp", share, dj, r)
+            information = (dx.transpose(0, 2, 1) @ x - share @ across) / alike
+            slope = (np.einsum("fap,fa->fp", dx, r) - np.einsum("fpi,fia,fa->fp", share, dj, r)) / alike
             total = information.sum(axis=0) + prior
             step = -np.linalg.solve(total, slope.sum(axis=0) + prior @ p)
             p = p + step
@@ -177,15 +184,18 @@ def fit_wires(
             far += np.einsum("ij,fij->f", np.linalg.inv(spread), inner)
             of_dot = (_TAILS + 2) / (_TAILS + (size / noise**2).sum(axis=2))
             of_pose = (_TAILS + 6) / (_TAILS + far)
-            spread = (np.einsum("f,fi,fj->ij", of_pose, shift, shift)
-                      + np.einsum("f,fij->ij", of_pose, inner)) / n_images  # fmt: skip
+            # Six variances: the few independent errors of poses do not tell how these correlate.
+            size_of_pose = shift**2 + inner.diagonal(axis1=1, axis2=2)
+            spread = np.diag((of_pose[:, None] * size_of_pose).mean(axis=0))
             noise = np.sqrt((of_dot[:, :, None] * size).mean(axis=(0, 1))) + 1e-6
+        alike = _alike(shift)
         if (np.abs(p - before) <= 0.02 * np.sqrt(np.diag(np.linalg.inv(total))) + 1e-9).all():
             break
     slope = slope + np.einsum("fpq,q->fp", information, step)
     block = np.arange(n_images) * _BLOCKS // n_images
     parts = [(information[block == b].sum(axis=0), slope[block == b].sum(axis=0)) for b in range(_BLOCKS)]
-    covariance = _covariance(parts, total, prior, p)
+    steady = (dx.transpose(0, 2, 1) - share @ dj).sum(axis=0) / alike  # (P, 6K): what moves all dots of a wire does
+    covariance = _covariance(parts, total, prior, p) + _of_wires(left, noise, steady, total)
     halves = [parts[: _BLOCKS // 2], parts[_BLOCKS // 2 :]]
     delays = [_drawn(half, prior, p) for half in halves]
     of_halves = tuple(p - _solved(half, prior, p) for half in halves)
@@ -194,6 +204,30 @@ def fit_wires(
         _drawn(parts, prior, p), tuple((float(np.median(one)), float(one.std())) for one in delays), of_halves,
         start.matrix,
     )  # fmt: skip
+
+
+def _alike(shift: np.ndarray) -> float:
+    """How many images in a row count as one: 1 + 2 times the sum of the autocorrelations of the
+    errors of poses (F, 6), up to the first that is noise."""
+    n = len(shift)
+    z = (shift - shift.mean(axis=0)) / np.maximum(shift.std(axis=0), 1e-12)
+    found = 1.0
+    for lag in range(1, n // 2):
+        correlation = float((z[:-lag] * z[lag:]).sum() / (n * z.shape[1]))
+        if correlation < n**-0.5:
+            break
+        found += 2 * correlation
+    return min(found, max(n / _FEWEST_PARTS, 1.0))
+
+
+def _of_wires(left: np.ndarray, noise: np.ndarray, steady: np.ndarray, total: np.ndarray) -> np.ndarray:
+    """(P, P) covariance by dots that lie off their wires in the same way in all images: as far as
+    residuals (F, 6K), pixels, do on average (a consider covariance, Schmidt 1966)."""
+    off = left.mean(axis=0)
+    free = max(len(off) - _FITTED, 1)
+    size = np.sqrt(max((off**2).sum() / free - (noise**2).mean() / len(left), 0.0))
+    effect = np.linalg.solve(total, steady) * size
+    return effect @ effect.T
 
 
 def _covariance(parts: list, total: np.ndarray, prior: np.ndarray, p: np.ndarray) -> np.ndarray:
