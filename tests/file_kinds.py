@@ -100,6 +100,8 @@ text("Excel Unicode text", "a.txt", "\ufeffX\tY\tZ\r\n" + rows(X, "\t"), "utf-16
 text("EDEM radii", "a.csv", "Particle Radius (m),X (m),Y (m),Z (m)\n"
      + "".join(f"{r:.6f},{row}\n" for r, row in zip(RADII, rows(CENTERS, ",").splitlines(), strict=True)),
      **grains(names=("Particle Radius",)), unit="m")  # fmt: skip
+text("OpenFOAM cloud", "a.csv", "Points:0,Points:1,Points:2,d,origProcId\n"
+     + "".join(f"{row},0\n" for row in with_radii(",", 2.0).splitlines()), **grains(names=("d",)))  # fmt: skip
 text("STAR-CCM+ table", "a.csv",
      '"Pressure (Pa)","X (m)","Y (m)","Z (m)"\n' + rows(X, ",", "1.0,"),
      unit="m", names=("Pressure",))  # fmt: skip

@@ -22,9 +22,11 @@ def length_name(name: str) -> str:
 
 
 def length_names(names: Iterable[str]) -> dict[str, str]:
-    """Names by `length_name`; of several with one, the first, or one that has it itself."""
+    """Names by `length_name`; of several with one, the first, or one that has it itself. OpenFOAM's
+    clouds, which origProcId tells, call their diameters d."""
     found = list(names)[::-1]
-    return {length_name(name): name for name in found} | {name.lower(): name for name in found}
+    known = {"diameter": "d"} if {"origProcId", "d"} <= set(found) else {}
+    return known | {length_name(name): name for name in found} | {name.lower(): name for name in found}
 
 
 def find_radii(particles: Particles) -> np.ndarray | None:
