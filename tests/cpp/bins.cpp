@@ -1,4 +1,4 @@
-// Bins of tracked images: what falls into a voxel, pixel by pixel; holes; codes; the check of messages.
+// Bins of tracked images: what falls into a voxel, pixel by pixel; holes; the check of messages.
 #include <map>
 #include <string>
 #include <vector>
@@ -7,8 +7,6 @@
 #include "exec/cpu.hpp"
 #include "random.hpp"
 #include "sweep/between.hpp"
-#include "sweep/bezier.hpp"
-#include "sweep/plus_math.hpp"
 #include "sweep/points.hpp"
 
 namespace {
@@ -205,11 +203,6 @@ TEST_CASE("blocks, voxels and places have numbers that lead back") {
     CHECK((!grid.has_block({0, -1, 0}) && !grid.has_block({0, 0, 2})));
 }
 
-TEST_CASE("quotients are rounded down, also below zero") {
-    for (Fix a = -20; a <= 20; ++a)
-        for (const Fix b : {1, 3, 7, -2, -5}) CHECK(floor_divide(a, b) == Fix(std::floor(double(a) / double(b))));
-}
-
 TEST_CASE("means of integers are rounded to nearest, halves up") {
     CHECK(FinishBlock<std::uint8_t>::rounded(5, 2) == 3);
     CHECK(FinishBlock<std::uint8_t>::rounded(4, 3) == 1);
@@ -295,35 +288,12 @@ TEST_CASE("filled voxels stay where data lie on both sides along a line") {
     CHECK(radius[at(11, 1, 2)] == kFar);
 }
 
-TEST_CASE("curves begin and end at pixels, and their weights add up to 1") {
-    for (int degree = 0; degree < 4; ++degree)
-        for (const double t : {0.0, 0.3, 1.0}) {
-            double b[4] = {}, sum = 0, mean = 0;
-            BezierRows<float>::bernstein(degree, t, b);
-            for (int k = 0; k <= degree; ++k) sum += b[k], mean += b[k] * k;
-            if (degree) CHECK(mean == doctest::Approx(degree * t));  // points in a row stay in a row
-            CHECK(sum == doctest::Approx(1));
-        }
-}
-
 TEST_CASE("the series of exp(-q) is right to 1e-7, and falls") {
     for (int i = 0; i <= 1000; ++i) {
         const float q = float(i) / 1000;
         CHECK(std::abs(exp_of_share(q) - std::exp(-double(q))) < 2e-7);
         if (i) CHECK(exp_of_share(q) < exp_of_share(float(i - 1) / 1000));
     }
-}
-
-TEST_CASE("PLUS rounds to 16 fractional bits before it takes the integer below") {
-    using namespace core::plus;
-    CHECK(floor_of(2.999999) == 3);
-    CHECK(floor_of(2.99) == 2);
-    CHECK(floor_of(-0.25) == -1);
-    CHECK(round_of(2.5) == 3);
-    CHECK(round_of(-2.75) == -3);
-    CHECK((floor_of(Fixed::of(2.75)) == 2 && round_of(Fixed::of(2.75)) == 3 && floor_of(Fixed::of(-0.25)) == -1));
-    CHECK((Fixed::of(1.5) * Fixed::of(2.25)).value() == 3.375);
-    CHECK((Fixed::of(3.375) / Fixed::of(2.25)).value() == 1.5);
 }
 
 TEST_CASE("the cyclic check of ECMA-182, in one piece or in parts of any length") {
@@ -335,14 +305,4 @@ TEST_CASE("the cyclic check of ECMA-182, in one piece or in parts of any length"
     for (int i = 0; i < 100; ++i) text += char(i * 37);
     for (std::size_t n = 0; n <= 100; ++n) CHECK(check(text.substr(n), check(text.substr(0, n))) == check(text));
     CHECK(check("") == 0);
-}
-
-TEST_CASE("a table that grows keeps its cells, and the new ones are empty") {
-    const Growth growth{{2, 3, 2}, {4, 5, 3}, {1, 2, 0}};
-    std::vector<int> from(12), to(growth.n_cells(), -7);
-    for (int i = 0; i < 12; ++i) from[i] = i;
-    const MoveTableRow<int> move{growth, from.data(), to.data(), -1};
-    for (std::size_t row = 0; row < 15; ++row) move(row);
-    CHECK(std::count(to.begin(), to.end(), -1) == 60 - 12);
-    for (int i = 0; i < 12; ++i) CHECK(to[growth.moved(i)] == i);
 }

@@ -115,18 +115,6 @@ TEST_CASE_TEMPLATE("the 26 neighbors of a cell, and none beyond the border", Key
     }
 }
 
-TEST_CASE_TEMPLATE("a step there and a step back lead to the same cell", Key, KEYS) {
-    Some<Key> some;
-    for (int i = 0; i < 500; ++i) {
-        const int level = some.level(), axis = i % 3, way = i % 2 ? 1 : -1;
-        const Key key = some.key(some.cell(level), level);
-        Key there, back;
-        if (!morton::face_neighbor(key, level, axis, way, there)) continue;
-        REQUIRE(morton::face_neighbor(there, level, axis, -way, back));
-        CHECK(back == key);
-    }
-}
-
 TEST_CASE_TEMPLATE(
     "dense indices count all cells level by level, and the children of i are 8 i + 1 to 8 i + 8", Key, KEYS) {
     std::uint64_t index = 0;

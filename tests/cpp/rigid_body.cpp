@@ -109,14 +109,6 @@ TEST_CASE("Dzhanibekov's flips come when Euler's equations say") {
     }
 }
 
-TEST_CASE("large steps turn a body as small ones do") {
-    RigidBody coarse = body(kUneven, {3, 5, 1}), fine = coarse;
-    for (int s = 0; s < 20; ++s) coarse.advance(0.05);
-    for (int s = 0; s < 2000; ++s) fine.advance(0.0005);
-    CHECK(apart(coarse.spin, fine.spin) < 5e-4);
-    CHECK(core::length(coarse.pose().x - fine.pose().x) < 1e-4f);
-}
-
 TEST_CASE("a top's axis goes around its angular momentum with L / I") {
     RigidBody b = body(diagonal(2, 2, 3), {1, 0, 4});
     const V l = momentum(b);
@@ -125,12 +117,6 @@ TEST_CASE("a top's axis goes around its angular momentum with L / I") {
     CHECK(core::length(b.pose().z - float3{0, 0, 1}) < 1e-3f);
     for (int s = 0; s < 50; ++s) b.advance(period / 100);
     CHECK(core::length(b.pose().z - float3{0, 0, 1}) > 0.3f);
-}
-
-TEST_CASE("a ball turns about any axis evenly") {
-    RigidBody b = body(diagonal(2, 2, 2), {1, 2, 3});
-    for (int s = 0; s < 1000; ++s) b.advance(0.01);
-    CHECK(apart(b.spin, {1, 2, 3}) < 1e-9);
 }
 
 TEST_CASE("what has no inertia keeps its spin, and takes no moment") {

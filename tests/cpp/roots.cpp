@@ -1,12 +1,10 @@
-// First roots along rays: of functions that are known, of balls, of clouds of particles; and what clips keep of a ray.
+// First roots along rays: of functions that are known, of balls, and of clouds of particles.
 #include <functional>
 #include <numbers>
 
 #include "particles.hpp"
-#include "trace/clip.hpp"
 #include "trace/exact.hpp"
 #include "trace/resolve.hpp"
-#include "trace/thesis/bezier.hpp"
 
 namespace {
 
@@ -70,20 +68,18 @@ struct Rays {
     std::vector<float> t;
 
     void add(const float3& o, const float3& d) { origin.push_back(o), direction.push_back(d); }
-    void solve(Built& b, core::AnyKernel kernel, float tau, const core::Clips& clips = {}) {
+    void solve(Built& b, core::AnyKernel kernel, float tau) {
         const std::size_t n = origin.size();
         t.assign(n, 0.0f);
         normal.resize(n), albedo.resize(n);
         std::vector<std::uint32_t> all(n);
-        std::vector<std::int32_t> cap(n, -1);
         for (std::size_t i = 0; i < n; ++i) all[i] = std::uint32_t(i);
         core::RaySource source{};
         source.origins = &origin.data()->x;
         source.directions = &direction.data()->x;
         source.n = n;
         core::Hits hits{t.data(), &normal.data()->x, &albedo.data()->x, {nullptr, all.data()}};
-        core::ResolveRays<true> resolve{
-            b.tree(), b.sorted(), kernel, tau, nullptr, {0.1f, 0.2f, 0.3f}, source, hits, clips, nullptr, cap.data()};
+        core::ResolveRays<true> resolve{b.tree(), b.sorted(), kernel, tau, nullptr, {0.1f, 0.2f, 0.3f}, source, hits};
         b.cpu.for_each_tile(n, resolve);
     }
 };
@@ -172,16 +168,6 @@ TEST_CASE("a peak is met however thin it is") {
     }
 }
 
-TEST_CASE("bounds that are too wide cost steps and change no root") {
-    for (const double factor : {1.0, 10.0, 1000.0}) {
-        Curve curve = Curve::sine();
-        curve.bend *= factor;
-        const Found found = first_root(curve, 0.5, 0, 10);
-        CHECK(found.hit);
-        CHECK(found.t == doctest::Approx(kPi / 6).epsilon(1e-9));
-    }
-}
-
 TEST_CASE("what lies behind the end is not met") {
     const Found found = first_root(Curve::sine(), 0.5, 0, kPi / 6 - 1e-3);
     CHECK(!found.hit);
@@ -224,24 +210,6 @@ TEST_CASE("the field along a ray has the slope and the bounds that steps are tak
                          second = side * (along(t + d).f - 2 * along(t).f + along(t - d).f) / (d * d);
             CHECK(second <= here.rise + 1e-2);
             CHECK(-second <= here.fall + 1e-2);
-        }
-    }
-}
-
-TEST_CASE("a stretched particle with three axes as long is a ball") {
-    Random random(3);
-    const core::Limits<double> lim{0.3, 0.2, 0, 0, 1};
-    for (int i = 0; i < 50; ++i) {
-        const core::Vec3<double> v{random(-1, 1), random(-1, 1), random(-1, 1)}, d{0.6, 0.0, 0.8};
-        const double g = random(0.4, 1);
-        core::Along<double> ball{0, 0, 0, 0}, stretched = ball, ellipsoid = ball;
-        core::add<true, true, true>(ball, core::Murakami{}, v, d, g * g, 0.7, lim);
-        core::add_stretched<true, true>(stretched, core::Murakami{}, {g, g, g, 0, 0, 0}, v, d, 0.7, lim);
-        core::add_ellipsoid<true, true>(ellipsoid, core::Murakami{}, {g * g, g * g, g * g, 0, 0, 0}, 0.7, v, d, lim);
-        for (const auto& other : {stretched, ellipsoid}) {
-            CHECK(other.f == doctest::Approx(ball.f));
-            CHECK(other.slope == doctest::Approx(ball.slope));
-            CHECK(other.rise == doctest::Approx(ball.rise));
         }
     }
 }
@@ -299,17 +267,6 @@ TEST_CASE("first hits of a cloud are those of small steps, from outside and from
     CHECK(hits > 20);
 }
 
-TEST_CASE("where a plane cuts a ball the cut face is met") {
-    Built b({{0, 0, 0}}, {}, {1.0f});
-    const core::Clip half{core::ClipKind::plane, false, {0, 0, 1}, {0.1f, 0, 0}};  // takes z > 0.1 away
-    Rays rays;
-    rays.add({0, 0, 5}, {0, 0, -1});
-    rays.add({0, 0, -5}, {0, 0, 1});
-    rays.solve(b, {core::KernelName::murakami}, 0.25f, {&half, 1});
-    CHECK(rays.t[0] == doctest::Approx(4.9).epsilon(1e-6));
-    CHECK(rays.t[1] == doctest::Approx(5 - std::sqrt(0.5)).epsilon(1e-6));
-}
-
 TEST_CASE("a root is settled to float64, and a tangent stays where it was found") {
     const core::Vec3<double> o{0, 0, 0}, d{1, 0, 0};
     const auto sine = [](const core::Vec3<double>& p, bool) {
@@ -321,99 +278,4 @@ TEST_CASE("a root is settled to float64, and a tangent stays where it was found"
     double flat = kPi / 2 + 1e-3;
     core::settle(sine, 1.0 + 1e-3, 1.0, o, d, flat);
     CHECK(flat == kPi / 2 + 1e-3);
-}
-
-TEST_CASE_TEMPLATE("Bézier clipping finds the first root of a polynomial", Degree, std::integral_constant<int, 4>,
-    std::integral_constant<int, 6>) {
-    constexpr int n = Degree::value;
-    Random random(6);
-    for (int i = 0; i < 300; ++i) {
-        std::vector<double> roots;
-        double at = 0.05;
-        for (int k = 0; k < n; ++k) roots.push_back(at += random(0.05, 0.5));
-        const Curve curve = Curve::with_roots(roots, 0, 1);
-        // Bernstein coefficients by interpolation: those of a product of lines are a blossom of its roots.
-        core::thesis::Bernstein<n> g;
-        for (int k = 0; k <= n; ++k) {
-            double sum = 0;
-            int count = 0;
-            for (unsigned set = 0; set < 1u << n; ++set) {
-                if (__builtin_popcount(set) != k) continue;
-                double product = n % 2 ? 1 : -1;
-                for (int r = 0; r < n; ++r) product *= (set >> r & 1) - roots[r];
-                sum += product;
-                ++count;
-            }
-            g.c[k] = float(sum / count);
-        }
-        CHECK(g.c[n] == doctest::Approx(curve.f(1)).epsilon(1e-5));
-        const float u = g.first_root();
-        if (roots[0] < 0.99) CHECK(u == doctest::Approx(roots[0]).epsilon(2e-3));
-        if (roots[0] > 1.01) CHECK(u == 2.0f);
-        const float lo = float(random(0, 0.4)), hi = float(random(0.5, 1));
-        const auto part = g.over(lo, hi);
-        CHECK(part.c[0] == doctest::Approx(curve.f(lo)).epsilon(1e-4));
-        CHECK(part.c[n] == doctest::Approx(curve.f(hi)).epsilon(1e-4));
-    }
-}
-
-TEST_CASE("what clips keep of a ray is what point after point lies in") {
-    using core::Clip, core::ClipKind;
-    Random random(7);
-    for (int i = 0; i < 200; ++i) {
-        std::vector<Clip> clips;
-        for (std::uint64_t n = 1 + random.below(3); n > 0; --n) {
-            const bool keep = random() < 0.4;
-            const float3 p = random.point(-0.5, 0.5);
-            switch (random.below(3)) {
-                case 0:
-                    clips.push_back({ClipKind::plane, keep, random.direction(), {float(random(-1, 1)), 0, 0}});
-                    break;
-                case 1:
-                    clips.push_back({ClipKind::box, keep, p, p + random.point(0.2, 1)});
-                    break;
-                default:
-                    clips.push_back({ClipKind::sphere, keep, p, {float(random(0.2, 0.8)), 0, 0}});
-            }
-        }
-        const float3 o = random.point(-2, 2), d = random.direction();
-        const auto kept = [&](const float3& p) {
-            for (const Clip& c : clips) {
-                const bool in = c.kind == ClipKind::plane ? core::dot(c.a, p) > c.b.x
-                                : c.kind == ClipKind::box ? core::morton::is_inside(p, c.a, c.b)
-                                                          : distance(p, c.a) < c.b.x;
-                if (in != c.keep) return false;
-            }
-            return true;
-        };
-        const core::Clips all{clips.data(), int(clips.size())};
-        std::vector<std::pair<float, float>> parts;
-        float begin, end;
-        int at_begin, at_end;
-        for (float t = 0; all.next(o, d, t, begin, end, at_begin, at_end); t = end) {
-            parts.push_back({begin, end});
-            if (!(end < core::infinity())) break;
-        }
-        for (float t = 0.0123f; t < 5; t += 0.02f) {
-            bool in = false, near = false;
-            for (const auto& [from, to] : parts) {
-                in |= from < t && t < to;
-                near |= std::abs(t - from) < 1e-4f || std::abs(t - to) < 1e-4f;
-            }
-            if (!near) CHECK(in == kept(o + d * t));
-        }
-    }
-}
-
-TEST_CASE("cut faces look out of what is kept") {
-    using core::Clip, core::ClipKind;
-    for (const bool keep : {true, false}) {
-        const float s = keep ? 1.0f : -1.0f;
-        const Clip plane{ClipKind::plane, keep, {0, 0, 1}, {0, 0, 0}}, box{ClipKind::box, keep, {0, 0, 0}, {1, 2, 3}},
-            ball{ClipKind::sphere, keep, {0, 0, 0}, {1, 0, 0}};
-        CHECK(plane.normal({5, 5, 0}).z == -s);
-        CHECK(box.normal({0.5f, 2, 1}).y == s);
-        CHECK(box.normal({0, 1, 1}).x == -s);
-        CHECK(ball.normal({0, 0.6f, 0.8f}).z == doctest::Approx(0.8 * s));
-    }
 }

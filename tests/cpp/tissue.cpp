@@ -66,15 +66,6 @@ TEST_CASE("a weight on a spring comes to rest where its weight is the spring's f
     CHECK(-t.at[1].y == doctest::Approx(1 + mass * g / k).epsilon(1e-4));
 }
 
-TEST_CASE("two masses on a spring swing with the frequency of their reduced mass") {
-    const float k = 4, mass = 2, dt = 1e-3f;
-    Tissue t({{0, 0, 0}, {1, 0, 0}}, {{0, 1}}, k, mass);
-    t.at[1].x = 1.01f;
-    const double period = 2 * 3.14159265358979 * std::sqrt(0.5 * mass / k);
-    t.run(int(period / dt / 2), dt);
-    CHECK(t.at[1].x - t.at[0].x == doctest::Approx(0.99).epsilon(1e-4));
-}
-
 TEST_CASE("the energy of bonds is half the stiffness times the square of what they are stretched by") {
     Tissue t({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1}, {0, 2}}, 3.0f);
     CHECK(energy(t) == 0.0);
@@ -124,26 +115,6 @@ TEST_CASE("cut faces push each other apart and never pull") {
     }
 }
 
-TEST_CASE("without bonds particles fly as they were thrown") {
-    Tissue t(some_points(40), {});
-    const core::Quad from = t.at[33];
-    t.velocity[33].x = 2;
-    const float dt = 1e-3f;
-    t.run(1000, dt, {0, -10, 0});
-    CHECK(t.at[33].x == doctest::Approx(from.x + 2).epsilon(1e-4));
-    CHECK(t.at[33].y == doctest::Approx(from.y - 5 * (1 + dt)).epsilon(1e-4));
-    CHECK(t.velocity[33].y == doctest::Approx(-10).epsilon(1e-4));
-}
-
-TEST_CASE("damping takes exp(-rate t) of a speed") {
-    Tissue t(some_points(3), {});
-    tissue::Materials materials;
-    materials.damping[0] = 0.7f;
-    t.velocity[1].z = 3;
-    t.run(100, 0.02f, {}, materials);
-    CHECK(t.velocity[1].z == doctest::Approx(3 * std::exp(-1.4)).epsilon(1e-4));
-}
-
 TEST_CASE("a grasp takes the free particles of a ball, leads them rigidly, and lets go of those before") {
     Tissue t({{0, 0, 0}, {1, 0, 0}, {5, 0, 0}}, {{0, 1}, {1, 2}});
     t.hold[2] = tissue::kGrasped + 1;
@@ -189,18 +160,6 @@ TEST_CASE("what meets a shape leaves it, and loses of its speed what leads in an
         shapes.keep_out(away, leaving, 0.0f, 0.0f, [](int, const float3&) { FAIL("nothing is felt"); });
         CHECK((leaving.x == 4 && leaving.y == 2));
     }
-}
-
-TEST_CASE("a wall that moves takes along what it meets") {
-    const core::Quad plane{0, 1, 0, 0.0f};
-    const float speed = 0.5f;
-    const tissue::Walls walls{&plane, &speed, nullptr, 2.0f};  // it stands at y = 1 now
-    float3 x{0, 0.75f, 0}, u{1, -1, 0}, above{0, 1.25f, 0}, falling{0, -1, 0};
-    walls.keep_out(0, x, u, 0.01f);
-    CHECK(x.y == doctest::Approx(1));
-    CHECK((u.x == 1 && u.y == doctest::Approx(0.5)));
-    walls.keep_out(0, above, falling, 0.01f);
-    CHECK((above.y == 1.25f && falling.y == -1));
 }
 
 TEST_CASE("friction between cut faces is opposite at both, and slows sliding without turning it round") {
