@@ -351,13 +351,15 @@ TEST_CASE("momentum begins anew where a step led uphill") {
 
 TEST_CASE("layers are counted by the spread of heights, shares of what is compressed between powers") {
     for (const int layers : {10, 60, 300}) {
-        sim::Compression c{};
-        for (int z = 0; z < layers; ++z)
-            c = sim::AddCompression{}(c, {0, 0, 1, 0, 1, z + 0.5, (z + 0.5) * (z + 0.5), {}});
+        sim::Compression c{}, one{.n = 1};
+        for (int z = 0; z < layers; ++z) {
+            one.height = z + 0.5, one.height2 = one.height * one.height;
+            c = sim::AddCompression{}(c, one);
+        }
         CHECK(c.layers() == doctest::Approx(layers).epsilon(0.01));
         CHECK(c.share_of_layers() == doctest::Approx(layers > 60 ? 0.04 : 1.0).epsilon(0.02));
     }
-    sim::Compression c{0, 1e-3, 100, 0, 0, 0, 0, {80, 40, 10}};
+    const sim::Compression c{.most = 1e-3, .n = 90, .all = 100, .over = {80, 40, 10}};
     CHECK(c.exceeded_by(0.4) == doctest::Approx(2e-5));
     CHECK(c.exceeded_by(0.2) == doctest::Approx(2e-5 * std::sqrt(2.0)));
     CHECK(c.exceeded_by(0.9) == doctest::Approx(1e-5));

@@ -115,6 +115,17 @@ TEST_CASE("cut faces push each other apart and never pull") {
     }
 }
 
+TEST_CASE("without bonds particles fly as they were thrown") {
+    Tissue t(some_points(40), {});
+    const core::Quad from = t.at[33];
+    t.velocity[33].x = 2;
+    const float dt = 1e-2f;
+    t.run(100, dt, {0, -10, 0});
+    CHECK(t.at[33].x == doctest::Approx(from.x + 2).epsilon(1e-4));
+    CHECK(t.at[33].y == doctest::Approx(from.y - 5 * (1 + dt)).epsilon(1e-4));
+    CHECK(t.velocity[33].y == doctest::Approx(-10).epsilon(1e-4));
+}
+
 TEST_CASE("a grasp takes the free particles of a ball, leads them rigidly, and lets go of those before") {
     Tissue t({{0, 0, 0}, {1, 0, 0}, {5, 0, 0}}, {{0, 1}, {1, 2}});
     t.hold[2] = tissue::kGrasped + 1;
