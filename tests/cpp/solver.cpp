@@ -351,7 +351,8 @@ TEST_CASE("momentum begins anew where a step led uphill") {
 
 TEST_CASE("layers are counted by the spread of heights, shares of what is compressed between powers") {
     for (const int layers : {10, 60, 300}) {
-        sim::Compression c{}, one{.n = 1};
+        sim::Compression c{}, one{};
+        one.n = 1;
         for (int z = 0; z < layers; ++z) {
             one.height = z + 0.5, one.height2 = one.height * one.height;
             c = sim::AddCompression{}(c, one);
@@ -359,7 +360,9 @@ TEST_CASE("layers are counted by the spread of heights, shares of what is compre
         CHECK(c.layers() == doctest::Approx(layers).epsilon(0.01));
         CHECK(c.share_of_layers() == doctest::Approx(layers > 60 ? 0.04 : 1.0).epsilon(0.02));
     }
-    const sim::Compression c{.most = 1e-3, .n = 90, .all = 100, .over = {80, 40, 10}};
+    sim::Compression c{};
+    c.most = 1e-3, c.n = 90, c.all = 100;
+    c.over[0] = 80, c.over[1] = 40, c.over[2] = 10;
     CHECK(c.exceeded_by(0.4) == doctest::Approx(2e-5));
     CHECK(c.exceeded_by(0.2) == doctest::Approx(2e-5 * std::sqrt(2.0)));
     CHECK(c.exceeded_by(0.9) == doctest::Approx(1e-5));
