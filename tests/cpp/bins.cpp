@@ -210,25 +210,6 @@ TEST_CASE("means of integers are rounded to nearest, halves up") {
     CHECK(FinishBlock<std::uint16_t>::rounded(65535ull * 1000, 1000) == 65535);
 }
 
-TEST_CASE("the masks of a cube are the voxels within its radius along each axis") {
-    const int reach = 6, span = 2;
-    const auto masks = cube_masks(reach, span);
-    const CubeMasks cubes{reach, span, masks.data()};
-    for (int place = 0; place < kVoxels; place += 7)
-        for (int r = 0; r <= reach; ++r) {
-            const Cell l = Block::inside(place);
-            int n = 0;
-            cubes.for_each_block(l, r, [&](Cell away, std::uint64_t bits) {
-                for (int u = 0; u < kVoxels; ++u) {
-                    const Cell d = Block::voxel(away, u) - l;
-                    CHECK(bool(bits >> u & 1) == (std::max({std::abs(d.x), std::abs(d.y), std::abs(d.z)}) <= r));
-                }
-                n += core::count_bits(bits);
-            });
-            CHECK(n == (2 * r + 1) * (2 * r + 1) * (2 * r + 1));
-        }
-}
-
 TEST_CASE("a hole takes the mean of the first cube that holds anything, weighted by exp(-(d / farthest)^2)") {
     const Grid grid = grid_of(12, 12, 12);
     const int reach = 5;
@@ -286,14 +267,6 @@ TEST_CASE("filled voxels stay where data lie on both sides along a line") {
     CHECK(radius[at(11, 1, 1)] == 2);                                 // along a diagonal
     CHECK((radius[at(67, 2, 2)] == kFar && values[at(67, 2, 2)] == 0));
     CHECK(radius[at(11, 1, 2)] == kFar);
-}
-
-TEST_CASE("the series of exp(-q) is right to 1e-7, and falls") {
-    for (int i = 0; i <= 1000; ++i) {
-        const float q = float(i) / 1000;
-        CHECK(std::abs(exp_of_share(q) - std::exp(-double(q))) < 2e-7);
-        if (i) CHECK(exp_of_share(q) < exp_of_share(float(i - 1) / 1000));
-    }
 }
 
 TEST_CASE("the cyclic check of ECMA-182, in one piece or in parts of any length") {

@@ -1,6 +1,5 @@
-// The basis functions against what their bounds and integrals promise; axes of matrices.
+// The basis functions against what their bounds and integrals promise.
 #include "field/column.hpp"
-#include "field/eigen.hpp"
 
 #include <functional>
 
@@ -108,16 +107,6 @@ TEST_CASE("a kernel's column is the integral along the line") {
     });
 }
 
-TEST_CASE("integrals of powers of the distance along a line") {
-    for (const double h2 : {0.0, 1e-6, 0.3})
-        for (const double u : {0.0, 0.2, 0.8}) {
-            const core::PowersOnLine powers(h2, u);
-            for (int n = 0; n < 7; ++n)
-                CHECK(std::abs(powers.i[n] - simpson([&](double v) { return std::pow(h2 + v * v, 0.5 * n); }, 0, u)) <
-                      1e-7);
-        }
-}
-
 TEST_CASE_TEMPLATE("every kind of lanes computes the same kernels", F, float, double, core::WideF, core::WideD) {
     each_kernel([](const AnyKernel& kernel, const auto& exact) {
         for (float x = 0.0f; x <= 1.0f; x += 0.0625f) {
@@ -126,19 +115,4 @@ TEST_CASE_TEMPLATE("every kind of lanes computes the same kernels", F, float, do
             CHECK(std::abs(first(b) - exact(x)) < 2e-6);
         }
     });
-}
-
-TEST_CASE_TEMPLATE("axes of a symmetric matrix are orthonormal and compose it again", F, float, double, core::WideF) {
-    Random random(4);
-    for (int i = 0; i < 50; ++i) {
-        const core::Sym3<double> m{
-            random(-1, 1), random(-1, 1), random(-1, 1), random(-1, 1), random(-1, 1), random(-1, 1)};
-        const auto e = core::eigen(core::Sym3<F>{F(m.xx), F(m.yy), F(m.zz), F(m.xy), F(m.xz), F(m.yz)});
-        for (int a = 0; a < 3; ++a)
-            for (int b = 0; b < 3; ++b) CHECK(std::abs(first(core::dot(e.axis[a], e.axis[b])) - (a == b)) < 1e-5);
-        const auto again = e.compose(e.value);
-        const F found[6] = {again.xx, again.yy, again.zz, again.xy, again.xz, again.yz};
-        const double right[6] = {m.xx, m.yy, m.zz, m.xy, m.xz, m.yz};
-        for (int k = 0; k < 6; ++k) CHECK(std::abs(first(found[k]) - right[k]) < 1e-5);
-    }
 }

@@ -208,46 +208,6 @@ TEST_CASE("the field is the sum of its particles, its gradient the field's slope
     }
 }
 
-TEST_CASE("blended values are means by influence, of nobody NaN") {
-    const auto points = cloud(200);
-    std::vector<float> values(400);
-    for (int j = 0; j < 200; ++j) values[2 * j] = 3.0f, values[2 * j + 1] = points[j].x;
-    Built b(points, {}, std::vector<float>(200, 0.3f));
-    Random random(5);
-    for (int i = 0; i < 50; ++i) {
-        const float3 p = random.point(0.2, 0.8);
-        float out[2];
-        core::Blend{b.tree(), b.sorted(), kMurakami, &p.x, values.data(), 2, out}(0);
-        double sum = 0, total = 0;
-        for (const float3& q : points)
-            sum += murakami(distance(p, q), 0.3) * q.x, total += murakami(distance(p, q), 0.3);
-        CHECK(out[0] == doctest::Approx(3.0));
-        CHECK(out[1] == doctest::Approx(sum / total).epsilon(1e-5));
-    }
-    const float far[3] = {9, 9, 9};
-    float out;
-    core::Blend{b.tree(), b.sorted(), kMurakami, far, values.data(), 1, &out}(0);
-    CHECK(std::isnan(out));
-}
-
-TEST_CASE("an integral along a ray begins at its origin") {
-    const auto points = cloud(200);
-    const std::vector<float> values(200, 2.0f);
-    Built b(points, {}, std::vector<float>(200, 0.3f));
-    Random random(6);
-    for (int i = 0; i < 30; ++i) {
-        const float3 o = random.point(i % 2 ? -1 : 0, 1), d = random.direction();
-        float out;
-        core::IntegrateLines{b.tree(), b.sorted(), kMurakami, &o.x, &d.x, values.data(), 1, 0, 1, &out}(0);
-        double sum = 0;
-        const int n = 4000;
-        for (int s = 0; s < n; ++s)
-            for (const float3& q : points)
-                sum += 2.0 * murakami(distance(o + d * float(4.0 * (s + 0.5) / n), q), 0.3) * 4.0 / n;
-        CHECK(out == doctest::Approx(sum).epsilon(1e-3));
-    }
-}
-
 TEST_CASE("the spacing around the particles of a lattice is the lattice's") {
     for (const float spacing : {0.01f, 1.0f, 300.0f}) {
         const auto points = lattice(7, spacing);

@@ -236,18 +236,6 @@ TEST_CASE("what pressures push keeps its momentum, of one size or of two") {
     }
 }
 
-TEST_CASE("a particle that is pressed pushes its neighbors away, the near ones more") {
-    Fluid f(0.1f, {{0, 0, 0}, {0.09f, 0, 0}, {-0.12f, 0, 0}, {0.5f, 0, 0}}, fluid(4));
-    for (std::uint32_t i = 0; i < 4; ++i) f.change[i] = f.place[i].x == 0.0f ? 1.0f : 0.0f;
-    f.push();
-    for (std::uint32_t i = 0; i < 4; ++i) {
-        const float x = f.place[i].x, v = f.velocity[i].x;
-        if (x == 0.09f) CHECK(v > 0);
-        if (x == -0.12f) CHECK(v < 0);
-        if (x == 0.5f) CHECK(v == 0);
-    }
-}
-
 TEST_CASE("the pressure of a column, rho g times the depth, holds its weight") {
     const float s = 0.1f, g = 9.81f, dt = 1e-3f, flux = 1.020f;  // of a cubic lattice
     Fluid f(s, lattice(12, s), fluid(12 * 12 * 12));
@@ -337,16 +325,6 @@ TEST_CASE("a solve is over when mean, largest and share are small enough, or aft
     CHECK(!done({19, 5, 3, 0}, 5));
     CHECK(!done({19, 5, 2, 0}, 0));
     CHECK(done({1e9, 1e9, 10, 0}, 49));
-}
-
-TEST_CASE("momentum begins anew where a step led uphill") {
-    sim::Progress p{};
-    for (const double turn : {0.0, 0.0, 1.0, 0.0}) {
-        const sim::Residuals found{1e9, 1e9, 0, turn};
-        const float before = p.beta;
-        sim::Judge{&found, 1, 1, 0, 0, 0, 2, 50, false, 1.0f, nullptr, 0, &p}(0);
-        CHECK((turn > 0 ? p.beta == 0 : p.beta > before));
-    }
 }
 
 TEST_CASE("layers are counted by the spread of heights, shares of what is compressed between powers") {

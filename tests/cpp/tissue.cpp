@@ -126,21 +126,6 @@ TEST_CASE("without bonds particles fly as they were thrown") {
     CHECK(t.velocity[33].y == doctest::Approx(-10).epsilon(1e-4));
 }
 
-TEST_CASE("a grasp takes the free particles of a ball, leads them rigidly, and lets go of those before") {
-    Tissue t({{0, 0, 0}, {1, 0, 0}, {5, 0, 0}}, {{0, 1}, {1, 2}});
-    t.hold[2] = tissue::kGrasped + 1;
-    const tissue::Grasp<core::Quad> grasp{t.at.data(), t.hold.data(), {1, 0, 0}, 0.5f, 1};
-    for (std::uint32_t i = 0; i < 3; ++i) grasp(i);
-    CHECK(t.hold == std::vector<std::uint8_t>{tissue::kFree, tissue::kGrasped + 1, tissue::kFree});
-    tissue::Motions motions;
-    motions.velocity[1] = {0, 2, 0};
-    motions.spin[1] = {0, 0, 3};
-    motions.center[1] = {0, 0, 0};
-    const float3 v = motions.velocity_at(tissue::kGrasped + 1, {1, 0, 0}, {9, 9, 9});
-    CHECK(core::length(v - float3{0, 5, 0}) == 0.0f);
-    CHECK(motions.velocity_at(tissue::kFixed, {1, 0, 0}, {9, 9, 9}).x == 9.0f);
-}
-
 TEST_CASE("distances from a ball, a capsule and a half-space") {
     using tissue::Shape;
     const Shape ball{Shape::ball, {1, 0, 0}, {}, 0.5f, {}}, capsule{Shape::capsule, {0, 0, 0}, {2, 0, 0}, 0.25f, {}},
