@@ -116,7 +116,7 @@ TEST_CASE("the spline's integral is 1, and its slope its derivative") {
             if (i % 400 == 7)
                 CHECK(slope * r ==
                       doctest::Approx((spline(r + 1e-5 * h) - spline(r - 1e-5 * h)) / (2e-5 * h)).epsilon(1e-3));
-            CHECK(w == spline(r));
+            CHECK(w == doctest::Approx(spline(r)));
         }
         CHECK(sum == doctest::Approx(1).epsilon(1e-5));
         CHECK(spline(1.01 * h) == 0.0);
