@@ -17,6 +17,7 @@ from globule.render.fit import fit_camera
 from globule.scene.scene import KERNELS
 from waiting import PATIENCE
 
+BROWSERS = True  # conftest.py: what these tests wait for has a limit of its own
 ROOT = Path(__file__).resolve().parents[1]
 DRAWN = (160, 120)
 PATH = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # cmake or MPI's compiler may be a package's

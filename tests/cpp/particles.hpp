@@ -41,7 +41,7 @@ struct Built {
           cpu(core::kHost, threads, nullptr) {
         core::ParticleInput in;
         in.n = points.size();
-        in.positions = &points.data()->x;
+        in.positions = reinterpret_cast<const float*>(points.data());  // there may be none
         in.support = {support.empty() ? nullptr : support.data(), 0.1f};
         in.weight = {weight.empty() ? nullptr : weight.data(), 1.0f};
         in.stretch = stretch.empty() ? nullptr : stretch.data();
