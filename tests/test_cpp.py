@@ -11,15 +11,17 @@ import globule as gb
 import launcher
 import numpy as np
 import pytest
+from docs_blocks import blocks
 from globule._base.device import choose
 from globule.render.fit import fit_camera
 from globule.scene.scene import KERNELS
 from waiting import PATIENCE
 
+BROWSERS = True  # conftest.py: what these tests wait for has a limit of its own
 ROOT = Path(__file__).resolve().parents[1]
 DRAWN = (160, 120)
 PATH = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # cmake or MPI's compiler may be a package's
-CMAKE = shutil.which("cmake", path=PATH)
+CMAKE, CTEST = shutil.which("cmake", path=PATH), shutil.which("ctest", path=PATH)
 
 
 def run(*command, **options):
@@ -111,8 +113,23 @@ def test_doctest(built, name):
         pytest.skip("doctest.h is missing: sudo apt-get install doctest-dev")
     build(built, name)
     env = {**os.environ, "OMP_WAIT_POLICY": "passive", "GOMP_SPINCOUNT": "400"}
-    done = run(built / "tests" / name, env=env)
+    every = (CTEST, "--test-dir", built / "tests", "--output-on-failure", "--no-tests=error")
+    done = run(*(every if name == "cpp_tests" else [built / "tests" / name]), env=env)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.slow
+def test_a_program_takes_globule_in_by_fetch_content(built, tmp_path):
+    """The page's recipe, without Python and the network; test_docs_code.py runs the one for an installed globule."""
+    page = blocks(ROOT / "docs/how-to/cpp-cmake-program.md")
+    script = "".join(b.code for b in page if b.reason or "> drops.cpp" in b.code)
+    env = {**os.environ, "PATH": PATH, "GLOBULE_SOURCE": str(ROOT)}
+    command = ["bash", "-euo", "pipefail", "-c", script]
+    done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=3600)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    assert "drops.ppm: " in done.stdout
+    assert ppm(tmp_path / "drops.ppm").std() > 5
+    assert "nanobind" not in (tmp_path / "build/CMakeCache.txt").read_text(encoding="utf-8")
 
 
 def test_default_images(made):
