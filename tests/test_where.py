@@ -6,6 +6,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.cli import main
+from globule.data.radii import find_radii
 from globule.data.where import where
 
 N = 50
@@ -130,3 +131,22 @@ def test_what_a_command_says(file, words, said, tmp_path, capsys):
     assert main(["render", str(file), "-o", str(tmp_path / "a.png"), *words]) == 2
     assert said.format(file=file) in capsys.readouterr().err
     assert not (tmp_path / "a.png").exists()
+
+
+def test_places_are_the_files_whatever_the_origin(tmp_path):
+    x = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 2]]) + [691234.0, 4812345.0, 512.0]
+    for k in range(2):
+        np.savetxt(tmp_path / f"u_{k}.csv", x + [3 * k, 0, 0], "%.3f", ",", header="x,y,z", comments="")
+    assert len(gb.read(tmp_path / "u_0.csv", where="z < 513.5 and x < 691235")) == 2
+    every = gb.sequence(tmp_path / "u_*.csv", where="x > 691236 or z > 513.5")
+    assert [len(p) for p in every] == [1, 3]
+
+
+def test_diameters_beside_radii_are_not_halved_again(tmp_path):
+    rows = "\n".join(f"{k} 0 0 0.1" for k in range(3))
+    (tmp_path / "a.dump").write_text(
+        "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n3\nITEM: BOX BOUNDS pp pp pp\n0 3\n0 3\n0 3\n"
+        f"ITEM: ATOMS x y z diameter\n{rows}\n"
+    )
+    found = gb.read(tmp_path / "a.dump", radius_is="diameter")
+    assert find_radii(found) == pytest.approx([0.05] * 3)

@@ -47,7 +47,7 @@ if _TYPE_CHECKING:
     from .render.camera_path import CameraPath, orbit
     from .render.legend import add_legend
     from .render.presets import load_preset
-    from .render.sequence import find_value_range, read_ahead, render_sequence
+    from .render.sequence import find_value_range, read_ahead, render_sequence, sequence
     from .render.views import render_views
     from .scene.capsules import Lines, Spheres
     from .scene.rigid_bodies import RigidBodies
@@ -61,7 +61,7 @@ _LATER = {
     "render.camera_path": "CameraPath orbit",
     "render.legend": "add_legend",
     "render.presets": "load_preset",
-    "render.sequence": "find_value_range read_ahead render_sequence",
+    "render.sequence": "find_value_range read_ahead render_sequence sequence",
     "render.views": "render_views",
     "scene.capsules": "Lines Spheres",
     "scene.rigid_bodies": "RigidBodies",
@@ -131,6 +131,7 @@ __all__ = [
     "render_views",
     "sample_mesh",
     "save_png",
+    "sequence",
     "set_limits",
     "sim",
     "split_layers",

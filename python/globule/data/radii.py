@@ -50,8 +50,11 @@ def find_radii(particles: Particles) -> np.ndarray | None:
 
 def with_halved_radii(particles: Particles) -> Particles:
     """The particles of a file whose radii are diameters, and whose support, where it follows from
-    them, is twice too large; as they are without an attribute `radius` or `pscale`.
+    them, is twice too large; as they are without an attribute `radius` or `pscale`, or where the
+    file's diameters are beside.
     """
+    if any(length_name(n) == "diameter" for n in particles.attributes):
+        return particles
     name = next((n for n in particles.attributes if length_name(n) in ("radius", "pscale")), None)
     if name is None:
         return particles

@@ -32,10 +32,11 @@ def where(particles: Particles, condition: str) -> Particles:
     Args:
         particles: N particles.
         condition: comparisons of numbers and names, joined by `and`, `or`, `not` and brackets:
-            `type in (1, 3) and 0.2 < speed < 2`. Names are those of `attribute_values`; a
-            component of a vector is `velocity[0]`, and a name that Python would not take stands
-            in backticks: `` `Temp [K]` > 300 ``. Also + - * / % **, abs, sqrt and isfinite. NaN
-            is neither above nor below a number.
+            `type in (1, 3) and 0.2 < speed < 2`. Names are those of `attribute_values`; x, y and z
+            are the file's coordinates, whatever the origin. A component of a vector is
+            `velocity[0]`, and a name that Python would not take stands in backticks:
+            `` `Temp [K]` > 300 ``. Also + - * / % **, abs, sqrt and isfinite. NaN is neither above
+            nor below a number.
 
     Raises TypeError for a condition that is no text, ValueError that says what is wrong with it.
     """
@@ -151,6 +152,8 @@ class _Condition:
         """The values of a name; whole numbers stay whole, as ids above 2**53 must."""
         name = self._name(word)
         array = self.particles.attributes.get(name)
+        if array is None and name in ("x", "y", "z"):
+            return self.particles.world_positions()[:, "xyz".index(name)].astype(np.float64)
         if array is None or array.ndim != 1 or array.dtype.kind not in "iub":
             return attribute_values(self.particles, name)
         array = to_host(array)

@@ -99,6 +99,20 @@ def with_frames(files: Sequence[str], **options: Any) -> list[str]:
     return [FrameOf(f, k) for f in files for k in range(frames_of(f, **options))]
 
 
+def sequence(frames: str | os.PathLike[str] | Sequence[str], **options: Any) -> Iterator[Particles]:
+    """The particles of each frame of files, one after the other, and of files that hold several.
+
+    Args:
+        frames: a file, a pattern such as `run_*.vtk`, or names.
+        options: as for `read`.
+
+    Raises ValueError for a pattern without files; each frame raises what `read` does.
+    """
+    names = [os.fspath(frames)] if isinstance(frames, (str, os.PathLike)) else list(map(os.fspath, frames))
+    for name in with_frames(find_files(names), **options):
+        yield read(name, **options)
+
+
 def missing_numbers(files: Sequence[str]) -> list[int]:
     """The numbers that are left out in files whose names differ by one number, which rises by
     multiples of its least step."""
