@@ -41,6 +41,8 @@ from random import Random
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
+sys.path.append(str(Path(__file__).parents[1]))  # the package bench
+
 import globule as gb
 from fuzz_files import KINDS
 from fuzz_forks import lend, take_back
