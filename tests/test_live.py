@@ -26,6 +26,8 @@ from sweep_helpers import small_sweep, spine_data
 from waiting import PATIENCE, Waits, until
 
 igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
+from bench.live_damaged import MUTATIONS  # noqa: E402  needs pyigtl
+
 CPU = ["--device", "cpu"]
 LIVE = ["reconstruct", "--idle", "0.5", *CPU]
 GROWS = [*LIVE, "--voxel-size", "1"]
@@ -401,16 +403,6 @@ def received(content: bytes) -> tuple[list, list]:
         else:
             messages.append(getattr(message, "timestamp", message))
     return messages, broken
-
-
-MUTATIONS = {
-    "flip": lambda rng, m: m[: (i := int(rng.integers(len(m))))] + bytes([m[i] ^ 1 << rng.integers(8)]) + m[i + 1 :],
-    "cut": lambda rng, m: m[: int(rng.integers(1, len(m)))],
-    "insert": lambda rng, m: m[: (i := int(rng.integers(len(m))))] + rng.bytes(int(rng.integers(1, 200))) + m[i:],
-    "delete": lambda rng, m: m[: (i := int(rng.integers(1, len(m))))] + m[i + int(rng.integers(1, 90)) :],
-    "garbage": lambda rng, m: rng.bytes(int(rng.integers(1, 3000))) + m,
-    "size": lambda rng, m: m[:42] + int(rng.integers(0, 2 ** int(rng.integers(1, 40)))).to_bytes(8, "big") + m[50:],
-}
 
 
 @pytest.mark.parametrize("n_streams", [10, pytest.param(350, marks=pytest.mark.slow)])

@@ -123,8 +123,6 @@ public:
         within_ = within;
         make_room_for_pairs();
     }
-    /// Rows that were left out.
-    std::size_t n_alone() const { return n_alone_; }
 
     /// The lists as compressed rows of slots.
     void read_lists(std::vector<std::uint32_t>& rows, Neighbors& out) {
