@@ -28,7 +28,7 @@ import numpy as np
 from globule._base.device import choose, of_rank
 from globule._base.memory import resident_bytes
 from globule._base.ranks import Alone, Ranks, local_rank, run_threads
-from globule.render.pieces.whole_images import nearest_image
+from globule.render.pieces.whole_images import nearest_frame
 
 from .tables.scenes import pool
 
@@ -217,10 +217,10 @@ def run(options: argparse.Namespace, ranks: Alone, local: int) -> dict[str, Any]
             scene.update(positions=positions)
         if options.mode == "pieces":
             frame = gb.render(scene, camera, size, LIGHT[options.light])
-            depth, picture = frame.distance, frame.image
+            trace = frame.trace_seconds  # waits for the frame
             traced = time.perf_counter()
-            found = nearest_image(ranks, depth, picture)
-            composite, trace = time.perf_counter() - traced, frame.trace_seconds
+            found = nearest_frame(ranks, frame)
+            composite = time.perf_counter() - traced
         else:
             comm = ranks if ranks.size > 1 else None
             frame = gb.render(scene, camera, size, LIGHT[options.light], comm=comm)

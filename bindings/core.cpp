@@ -44,6 +44,16 @@ nb::ndarray<nb::numpy, T> read_image(PyFrame& f, std::size_t height, std::size_t
     return {data, std::size_t(channels > 1 ? 3 : 2), shape, owner};
 }
 
+/// 1 << Image for each name.
+unsigned bits(const std::vector<std::string>& images) {
+    constexpr const char* names[] = {"depth", "normal", "albedo", "color", "position", "picture", "layer"};
+    unsigned all = 0;
+    for (const std::string& name : images)
+        for (unsigned k = 0; k < std::size(names); ++k)
+            if (name == names[k]) all |= 1u << k;
+    return all;
+}
+
 FieldRequest field_of(int kernel, float threshold = 0.0f, const ThesisRequest* thesis = nullptr) {
     return {KernelName(kernel), threshold, thesis ? std::optional(*thesis) : std::nullopt};
 }
@@ -148,6 +158,22 @@ NB_MODULE(_core, m) {
         .def("position", &read_image<Image::position, float, 3>)
         .def("picture", &read_image<Image::picture, std::uint8_t, 3>)
         .def("layer", &read_image<Image::layer, std::uint8_t, 1>)
+        .def("lend",
+            [](PyFrame& f, const std::vector<std::string>& images) {
+                const LentPlace place = work([&] { return f.core.read<&Frame::lend>(bits(images)); });
+                return nb::bytes(&place, sizeof place);
+            })
+        .def(
+            "take",
+            [](PyFrame& f, const std::vector<std::string>& images, const std::vector<nb::bytes>& lent,
+                const CameraRays* dealt) {
+                std::vector<LentPlace> places(lent.size());
+                for (std::size_t k = 0; k < lent.size(); ++k)
+                    std::memcpy(&places[k], lent[k].c_str(), sizeof places[k]);
+                return work(
+                    [&] { return f.core.read<&Frame::take>(bits(images), places, dealt ? &dealt->share : nullptr); });
+            },
+            nb::arg("images"), nb::arg("lent"), nb::arg("dealt").none())
         .def("passes", [](PyFrame& f) { return work([&] { return f.core.read<&Frame::passes>(); }); })
         .def("trace_seconds", [](PyFrame& f) { return work([&] { return f.core.read<&Frame::trace_seconds>(); }); });
 

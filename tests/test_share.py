@@ -6,7 +6,7 @@ import pytest
 from globule._base.device import of_rank
 from globule._base.ranks import run_threads
 from globule.pieces.pieces import Pieces
-from globule.render.pieces.whole_images import nearest_image
+from globule.render.pieces.whole_images import nearest_frame, nearest_image
 from globule.scene.thesis import Thesis
 from pieces_helpers import on
 
@@ -30,15 +30,18 @@ ARRAYS = ("image", "color", "distance", "normal", "albedo", "position", "mask", 
 
 @pytest.mark.few_backends
 @pytest.mark.parametrize(
-    ("case", "n"),
-    [("plain", 1), ("plain", 3), ("plain", 7), ("edges", 7), ("light", 2), ("light and edges", 3),
-     ("samples", 4)],
+    ("case", "n", "one_host"),
+    [("plain", 1, True), ("plain", 3, True), ("plain", 3, False), ("plain", 7, True), ("plain", 17, True),
+     ("edges", 7, True), ("light", 2, True), ("light and edges", 3, True), ("light and edges", 3, False),
+     ("samples", 4, True)],
 )  # fmt: skip
-def test_ranks_give_the_bits_of_one(case, n, backend):
+def test_ranks_give_the_bits_of_one(case, n, one_host, backend):
     settings, options = CASES[case]
     particles = gb.Particles(POSITIONS, color=COLOR)
 
     def work(device, ranks):
+        if ranks is not None:
+            ranks.one_host = one_host  # else pixels go from host to host
         return gb.render(gb.Scene(particles, **options, **device), CAMERA, SIZE, settings, comm=ranks)
 
     one, many = work(backend, None), on(n, work, backend)[0]
@@ -81,7 +84,13 @@ def test_refined_frames_other_ranks_only_the_image_and_shaded_pieces(backend):
         mine = np.flatnonzero((x > low - 2.01) & (x < high + 2.01))
         assert len(mine) < len(POSITIONS)
         frame = gb.render(gb.Scene(particles[mine], support=2.0, **device), CAMERA, SIZE)
-        return nearest_image(ranks, frame.distance, frame.image)
+        by_hosts = nearest_image(ranks, frame.distance, frame.image)
+        taken = nearest_frame(ranks, frame)
+        if ranks.rank == 0:
+            np.testing.assert_array_equal(by_hosts[0], taken[0])
+            np.testing.assert_array_equal(by_hosts[1], taken[1])
+            np.testing.assert_array_equal(frame.image, taken[1])  # on its device
+        return taken
 
     one = gb.render(gb.Scene(particles, support=2.0, **backend), CAMERA, SIZE)
     depth, image = on(n, work, backend)[0]

@@ -16,6 +16,7 @@
 #include "backends/status.hpp"
 #include "backends/tissue.hpp"
 #include "base/device.hpp"
+#include "exec/lent.hpp"
 #include "field/kernels.hpp"
 #include "mesh/types.hpp"
 #include "octree/types.hpp"
@@ -93,6 +94,12 @@ struct Frame : Object {
     virtual void read(Image image, const ArrayAt<void>& out) = 0;
     virtual double trace_seconds() = 0;
     virtual int passes() = 0;
+    /// Of several ranks on one host, each of which has made a frame of the same picture: copies images (1 << Image for
+    /// each) to where the others' frames reach them, until the scene lends others.
+    virtual LentPlace lend(unsigned images) = 0;
+    /// Rank 0's frame becomes that of all, of what every rank lends: of each pixel the nearest (with Image::depth), or
+    /// as dealt.  False: this device does not reach them all.
+    virtual bool take(unsigned images, const std::vector<LentPlace>& places, const Share* dealt) = 0;
 };
 
 struct Scene;

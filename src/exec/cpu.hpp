@@ -22,6 +22,7 @@
 #include "exec/cpu_group.hpp"
 #include "exec/cpu_packet.hpp"
 #include "exec/interrupt.hpp"
+#include "exec/lent.hpp"
 
 namespace globule::core {
 
@@ -118,6 +119,23 @@ public:
     void synchronize() {}
     /// Another stream of the same device, and what is given to it from now on waits for another's work so far.
     std::shared_ptr<Cpu> sibling() const { return std::shared_ptr<Cpu>(new Cpu(threads_, interrupt_)); }
+    /// What threads of this process lend each other (exec/lent.hpp).
+    class Lent {
+    public:
+        char* reserve(std::size_t bytes, int) {
+            room_.resize(bytes);
+            return room_.data();
+        }
+        LentPlace place() const { return {getpid(), kHost, 0, room_.data(), {}}; }
+
+    private:
+        std::vector<char> room_;
+    };
+    struct Borrowed {
+        const char* reach(std::size_t, const LentPlace& place, int) {
+            return place.is_here() && place.device == kHost ? place.address : nullptr;
+        }
+    };
     /// One that may be used beside this, by another thread; nothing stops it.
     std::shared_ptr<Cpu> reader() const {
         return std::shared_ptr<Cpu>(new Cpu(threads_, std::make_shared<Interrupt>()));

@@ -14,6 +14,7 @@
 #include "base/scalar.hpp"
 #include "exec/buffer.hpp"
 #include "exec/cuda_group.hpp"
+#include "exec/cuda_lent.hpp"
 #include "exec/cuda_packet.hpp"
 #include "exec/cuda_staging.hpp"
 #include "exec/interrupt.hpp"
@@ -193,7 +194,9 @@ public:
     using Packet = CudaPacket;
     static constexpr bool on_device = true;
     static constexpr std::size_t wave_size = 1 << 22;  ///< pixels at a time
-    static constexpr std::size_t n_streams = 4;        ///< that work side by side
+    using Lent = CudaLent;
+    using Borrowed = CudaBorrowed;
+    static constexpr std::size_t n_streams = 4;  ///< that work side by side
 
     explicit Cuda(int device, int, Poll* poll) : Cuda(device, std::make_shared<Interrupt>(poll)) {}
     ~Cuda() {

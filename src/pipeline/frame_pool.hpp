@@ -5,50 +5,9 @@
 #include <mutex>
 #include <vector>
 
-#include "backends/backend.hpp"
-#include "exec/buffer.hpp"
-#include "trace/camera.hpp"
-#include "trace/shade.hpp"
+#include "pipeline/gather.hpp"
 
 namespace globule::core {
-
-/// The images of one frame, and when it was made.
-template <class Exec> struct FrameImages {
-    Buffer<float, Exec> block;  ///< per pixel: depth, normal, albedo, color, then bytes: picture, layer
-    Buffer<float, Exec> sums;   ///< over passes: light, and as displayed
-    typename Exec::Timer timer;
-    RaySource rays{};
-    int n_passes = 0;
-    bool plain = false;                 ///< made in one go, without sums
-    bool has_edges = false;             ///< some pixels have more samples than n_passes
-    std::vector<std::uint64_t> states;  ///< of the layers' scenes, each another number after it has changed
-
-    explicit FrameImages(Exec& exec) : block(exec), sums(exec), undecided_(exec) {}
-
-    void resize(const RaySource& source) {
-        rays = source;
-        block.reserve(11 * rays.n);
-        undecided(rays.n);
-    }
-    /// Room for the list of as many rays.
-    UndecidedRays undecided(std::size_t n_rays) {
-        std::uint32_t* p = undecided_.reserve(n_rays + 1);
-        return {p, p + 1};
-    }
-    Hits hits() const {
-        return {
-            block.data(), block.data() + rays.n, block.data() + 4 * rays.n, {undecided_.data(), undecided_.data() + 1}};
-    }
-    float* color() const { return block.data() + 7 * rays.n; }
-    std::uint8_t* picture() const { return reinterpret_cast<std::uint8_t*>(block.data() + 10 * rays.n); }
-    std::uint8_t* layer() const { return picture() + 3 * rays.n; }
-    /// Pixels with more samples.  A plain frame has no layers; the sums of others leave room.
-    std::uint8_t* edge() const { return plain ? layer() : reinterpret_cast<std::uint8_t*>(sums.data() + 6 * rays.n); }
-    static std::size_t floats_of_sums(std::size_t n) { return 6 * n + ceil_div<std::size_t>(n, sizeof(float)); }
-
-private:
-    Buffer<std::uint32_t, Exec> undecided_;  ///< their number, then the rays that float64 finishes
-};
 
 template <class Exec> class FramePool {
 public:
@@ -79,6 +38,18 @@ public:
         if (!keeps) free_.clear();
     }
 
+    /// Frame::lend and Frame::take.
+    LentPlace lend(const FrameImages<Exec>& frame, unsigned images) {
+        const std::lock_guard lock(reading_);
+        frame.timer.let_follow(*reader_);
+        return gatherer_.lend(*reader_, frame, images);
+    }
+    bool take(
+        const FrameImages<Exec>& frame, unsigned images, const std::vector<LentPlace>& places, const Share* dealt) {
+        const std::lock_guard lock(reading_);
+        frame.timer.let_follow(*reader_);
+        return gatherer_.take(*reader_, frame, images, places, dealt);
+    }
     /// Copies an image of a finished frame out, beside whatever the scene is doing.
     void read(const FrameImages<Exec>& images, Image image, const ArrayAt<void>& out) {
         const std::lock_guard lock(reading_);
@@ -128,6 +99,7 @@ private:
     std::vector<std::unique_ptr<FrameImages<Exec>>> free_;
     Buffer<float, Exec> room_;
     Buffer<std::uint8_t, Exec> answer_;
+    FrameGatherer<Exec> gatherer_;
 };
 
 /// A frame as it leaves the scene: its images stay until it is let go.
@@ -140,6 +112,10 @@ public:
     int device() const noexcept override { return device_; }
     void read(Image image, const ArrayAt<void>& out) override { pool_->read(*images_, image, out); }
     double trace_seconds() override { return images_->timer.seconds(); }
+    LentPlace lend(unsigned images) override { return pool_->lend(*images_, images); }
+    bool take(unsigned images, const std::vector<LentPlace>& places, const Share* dealt) override {
+        return pool_->take(*images_, images, places, dealt);
+    }
     int passes() override { return images_->n_passes; }
     FrameImages<Exec>& images() const { return *images_; }
 

@@ -13,9 +13,8 @@ struct Share {
     bool apron = false;              ///< one pixel wide
     static constexpr int kTile = 8;  ///< no tile of rays is wider or higher: rays of a tile are traced together
 
-    GB_FN bool owns(int column, int row) const {
-        return n == 1 || (column / square + row / square * step) % n == device;
-    }
+    GB_FN int owner(int column, int row) const { return (column / square + row / square * step) % n; }
+    GB_FN bool owns(int column, int row) const { return n == 1 || owner(column, row) == device; }
     /// Within `margin` of its own pixels.
     GB_FN bool near(int column, int row, int margin) const {
         if (owns(column, row)) return true;

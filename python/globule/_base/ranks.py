@@ -8,6 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,11 @@ class Alone:
     def local(self) -> tuple[int, int]:
         """This rank's number among those on the same computer, and how many these are."""
         return self.rank, self.size
+
+    @cached_property
+    def one_host(self) -> bool:
+        """Whether all ranks are on one computer; all must ask."""
+        return self.local()[1] == self.size
 
     def together(self, work: Callable[[], Any]) -> Any:
         """What `work` returns, on every rank. Where it fails on some, all raise the error of the

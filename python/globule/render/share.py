@@ -12,6 +12,7 @@ import numpy as np
 from .. import _core
 from .._base.ranks import ranks_of
 from .camera import Camera
+from .pieces.whole_images import take_all
 
 SQUARE, WITH_EDGES = 64, 128  # pixels; the search for edges traces some pixels around each
 # What the core's frame has: numbers a pixel, and their type.
@@ -59,14 +60,24 @@ class Whole:
     """The arrays of a finished image, as the core's frame has them."""
 
     def __init__(self, share: Share, own: Any):
-        self.own, self._share = own, share
-        width, height = share.size
-        self.seconds: list[float] = share.ranks.all(own.trace_seconds())
+        self.own, self._share, ranks = own, share, share.ranks
+        self.seconds: list[float] = ranks.all(own.trace_seconds())
+        self._passes = own.passes()
         start = time.perf_counter()
+        self._frame: Any = None  # with all ranks' pixels
         self._arrays: dict[str, np.ndarray] = {}
+        if ranks.size > 1 and take_all(ranks, own, share.arrays, share.view):
+            self._frame = own if ranks.rank == 0 else None
+        else:
+            self._gather()
+        self.composite_seconds = time.perf_counter() - start
+
+    def _gather(self) -> None:
+        """All ranks' squares, by way of the hosts."""
+        share, (width, height) = self._share, self._share.size
         for name in share.arrays:
             each, kind = ARRAYS[name]
-            mine = getattr(own, name)(height, width)
+            mine = getattr(self.own, name)(height, width)
             image = mine.reshape(-1).view(np.uint8)
             counts = [n * each * np.dtype(kind).itemsize for n in share.pixels]
             packed = np.empty(counts[share.ranks.rank], np.uint8)
@@ -79,8 +90,6 @@ class Whole:
                 squares = found[ends[rank - 1] : ends[rank]]
                 _core.unpack_squares(share.views[rank], squares, image)
             self._arrays[name] = mine
-        self._passes = own.passes()
-        self.composite_seconds = time.perf_counter() - start
 
     def passes(self) -> int:
         """Rays per pixel, at edges left out."""
@@ -91,6 +100,8 @@ class Whole:
         return max(self.seconds)
 
     def _take(self, name: str, height: int, width: int) -> np.ndarray:
+        if self._frame is not None and name in self._share.arrays:
+            return getattr(self._frame, name)(height, width)
         if name in self._arrays:
             return self._arrays[name]
         each, kind = ARRAYS[name]

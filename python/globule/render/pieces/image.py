@@ -23,6 +23,7 @@ from .hits import NOTHING, Hits, first_hits, nearest
 from .light import render_light, turns
 from .shading import SOME, edges, finished, light_of, rays_of, shade
 from .wavefront import skip_empty
+from .whole_images import take_all
 
 Rays = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # of numbers: origins, directions
 SAMPLES_AT_ONCE = 4  # per visit of the pieces: their hits are in memory together
@@ -35,11 +36,13 @@ class PiecesFrame(Frame):
     `refine`, `pick` and `attribute` need all particles and raise ValueError.
     """
 
-    _alpha: Any = field(default=None, repr=False)
+    _alpha: Any = field(default=None, repr=False)  # None: one ray a pixel
 
     @property
     def alpha(self) -> np.ndarray:
         """(H, W) float32: the share of the pixel's rays that hit a surface or a cut."""
+        if self._alpha is None:
+            return np.isfinite(self.distance).astype(np.float32)
         return self._alpha.reshape(self.size[1], self.size[0])
 
     def refine(self, samples: int = 1, progress: Any = None) -> Frame:
@@ -114,6 +117,12 @@ def render_pieces(
     if turns(layers, settings):
         return render_light(layers, job.camera, size, settings, job.ranks, progress)
     n, root = size[0] * size[1], job.ranks.rank == 0
+    own = job.shaded_here()
+    if own is not None and take_all(job.ranks, own, ("depth", "normal", "albedo", "color", "picture", "layer")):
+        if progress is not None:
+            progress(1, 1)
+        nothing = Images(Hits(n), lambda: job.rays(np.arange(n), 0), *(np.zeros((n, 3), t) for t in "fB"), 1)
+        return PiecesFrame(size, own if root else nothing, tuple(layers), None, settings)
     hits = job.nearest_centers()
     if root:
         color, shown = job.shaded(hits, np.arange(n), 0)
@@ -181,6 +190,24 @@ class Job:
             rays = self.rays(pixels[some], sample)
             color[some], shown[some] = shade(hits[some], *rays, self.settings, self.materials)
         return color, shown
+
+    def shaded_here(self) -> Any:
+        """The core's frame of this rank's piece, where the nearest of all ranks' is the image: one ray a pixel, no
+        cuts, no negative weights and an eye outside. No rank's hit is nearer than the whole scene's, and who owns that
+        one has it (docs/design/pieces.md). None: the image is made another way, on all ranks.
+        """
+        (layer, *more), settings = self.layers, self.settings
+        if more or layer.clips or self.ranks.size == 1 or settings.samples > 1 or self.edge_samples:
+            return None
+        scene = layer.scene
+        if scene.surface == "spheres":  # a piece of them may lie in a plane, and would have other light
+            return None
+        if scene.negative or self._inside(scene, (), self._starts()).any():
+            return None
+        ((_, part),) = scene.visit()
+        return self.ranks.together(
+            lambda: trace([Layer(part, layer.material)], self.camera, self.size, settings)._frame
+        )
 
     def nearest_centers(self) -> Hits:
         """What the rays through the pixels' centers meet, on rank 0: the core makes them."""

@@ -1,11 +1,48 @@
-"""The image of pieces that are shaded each by its own device: the nearest of each pixel."""
+"""One image of the finished frames of several ranks."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from ... import _core
 from ..._base.ranks import Alone
+
+
+def take_all(ranks: Alone, own: Any, images: Sequence[str], dealt: Any = None) -> bool:
+    """Make rank 0's frame that of all ranks of one host, on its device: images never pass the host. All ranks call it.
+
+    Of each pixel the nearest rank's is taken, or that of the rank to which the view `dealt` deals it.
+
+    Args:
+        own: the core's frame that this rank has made.
+        images: names of the core's images; "depth" among them where the nearest is taken.
+
+    Returns:
+        False: rank 0's device does not reach the others, and nothing was done.
+    """
+    taken, error = False, None
+    try:
+        lent = own.lend(images) if ranks.one_host else None
+    except Exception as own_error:
+        lent, error = None, own_error
+    places = ranks.agreed(error, lent)
+    if None in places:
+        return False
+    try:
+        taken = ranks.rank == 0 and own.take(images, places, dealt)
+    except Exception as own_error:
+        error = own_error
+    return bool(ranks.agreed(error, taken)[0])
+
+
+def nearest_frame(ranks: Alone, frame: Any) -> tuple[np.ndarray, np.ndarray] | None:
+    """`nearest_image` of finished frames, on the devices where rank 0's reaches them."""
+    if ranks.size > 1 and take_all(ranks, frame._frame, ("depth", "picture")):
+        return (frame.distance, frame.image) if ranks.rank == 0 else None
+    return nearest_image(ranks, frame.distance, frame.image)
 
 
 def nearest_image(ranks: Alone, depth: np.ndarray, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
