@@ -11,6 +11,7 @@
 //                                  a particle in a flat face, or in a sheet as thin as its particles are apart
 #pragma once
 #include "field/eigen.hpp"
+#include "field/full_cells.hpp"
 #include "octree/query.hpp"
 
 namespace globule::core {
@@ -132,10 +133,9 @@ template <class F> GB_FN F raised(const F& own, const F& filled, const F& sheet)
 ///   gather   the leaves around, of whose particles those near the bunch are kept
 ///   add up   each row goes through them
 struct FindSurfaceKernels {
-    static constexpr int kNear = 416;              ///< at once; there may be more
-    static constexpr std::size_t kMany = 1 << 19;  ///< most are deep inside, which fewer sums tell
-    static constexpr int tile_blocks = 6;          ///< at one time on a GPU's processor
-    static constexpr float kSpread = 2.0f;         ///< of a bunch from its first row, in radii
+    static constexpr int kNear = 416;       ///< at once; there may be more
+    static constexpr int tile_blocks = 6;   ///< at one time on a GPU's processor
+    static constexpr float kSpread = 2.0f;  ///< of a bunch from its first row, in radii
     template <class Group>
     using Scratch =
         typename Group::template List<kNear + Group::width>;  ///< places over the radius, from the bunch's first row
@@ -144,6 +144,7 @@ struct FindSurfaceKernels {
     SortedParticles particles;  ///< as sorted: with the support that the tree's boxes hold
     std::size_t n;
     float spacing;
+    FullCells full;  ///< where most particles are deep inside, which cells or fewer sums tell; else without counts
     float *support, *weight, *stretch, *shortest;
 
     template <class Group> GB_FN void operator()(Group& g, Scratch<Group>& near, std::size_t tile) const {
@@ -169,10 +170,13 @@ struct FindSurfaceKernels {
             });
         };
         B open = present;  // not known to be deep inside
-        if (n >= kMany) {
-            surface::Mean<V> mean;
-            add_up(mean, present);
-            open = open & !mean.inside();
+        if (full.counts) {
+            open = open & !surrounded(g, present, first);
+            if (g.any(open)) {
+                surface::Mean<V> mean;
+                add_up(mean, open);
+                open = open & !mean.inside();
+            }
         }
         surface::Shape<V> shape = surface::Shape<V>::inside();
         V filled = V(1.0f);
@@ -202,6 +206,23 @@ struct FindSurfaceKernels {
     }
 
 private:
+    /// Rows that need no look at their neighbors.
+    template <class Group>
+    GB_FN typename Group::B surrounded(Group& g, const typename Group::B& present, std::size_t first) const {
+        typename Group::B deep = g.none();
+        const FullCells::Level level = full.level();
+        if (!level.is_fine()) return deep;
+        std::uint32_t last = ~0u;  // rows that follow each other share cells
+        bool is_deep = false;
+        Group::for_lanes([&](int lane) {
+            if (!Group::get(present, lane)) return;
+            const std::uint32_t cell = full.cell_of(first + g.lane_number(lane), level.number);
+            if (cell != last) is_deep = full.surrounds(cell, level);
+            last = cell;
+            Group::put(deep, lane, is_deep);
+        });
+        return deep;
+    }
     /// look(places of the rows, number of near): all particles near the rows `left`, in `near`, in the curve's order;
     /// rows that it is not about are far from everybody.
     template <class Group, class V, class Look>

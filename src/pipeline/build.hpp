@@ -26,7 +26,13 @@ template <class Exec> struct Built {
 template <class Exec> class Builder {
 public:
     explicit Builder(std::shared_ptr<Exec> exec)
-        : lanes_{exec}, builder_(exec), positions_(*exec), support_(*exec), weight_(*exec), stretch_(*exec) {
+        : lanes_{exec},
+          builder_(exec),
+          positions_(*exec),
+          support_(*exec),
+          weight_(*exec),
+          stretch_(*exec),
+          counts_(*exec) {
         built_[0] = std::make_unique<Built<Exec>>(*exec);
     }
 
@@ -114,12 +120,24 @@ public:
 
 private:
     /// Ellipsoids and weights from the particles' neighbors, in place of their supports.
-    static void make_smooth(Exec& exec, Octree<Exec>& octree, float spacing) {
+    void make_smooth(Exec& exec, Octree<Exec>& octree, float spacing) {
         const typename Exec::Stage stage("surface kernels");
         const auto shapes = octree.shapes();
-        const FindSurfaceKernels find{octree.view(), octree.particles(), octree.size(), spacing, shapes.support,
-            shapes.weight, shapes.stretch, shapes.shortest};
-        exec.for_each_tile(ceil_div<std::size_t>(octree.size(), Exec::Group::width), find);
+        const Tree tree = octree.view();
+        const std::size_t n = octree.size();
+        FullCells full{tree.header, octree.keys(), octree.params().key_bits == 64, n, spacing, 0, nullptr, nullptr};
+        if (n >= kMany) {
+            while (std::size_t(1) << 3 * full.most_level <= n) ++full.most_level;
+            const std::size_t n_cells = std::size_t(1) << 3 * full.most_level;
+            full.counts = counts_.reserve(2 * n_cells);
+            full.blocks = full.counts + n_cells;
+            exec.clear(full.counts, n_cells);
+            exec.for_each(n, CountCells{full});
+            exec.for_each(n_cells, FindFullBlocks{full});
+        }
+        const FindSurfaceKernels find{
+            tree, octree.particles(), n, spacing, full, shapes.support, shapes.weight, shapes.stretch, shapes.shortest};
+        exec.for_each_tile(ceil_div<std::size_t>(n, Exec::Group::width), find);
         octree.reshape(shapes, surface::kThin * spacing, surface::kMostStretch, surface::kFace);
     }
 
@@ -136,7 +154,8 @@ private:
         }
     }
 
-    static constexpr float kBall = 2.0f;  ///< support, spacings
+    static constexpr float kBall = 2.0f;           ///< support, spacings
+    static constexpr std::size_t kMany = 1 << 19;  ///< particles of a smooth surface, most of them deep inside
     static constexpr int kTrees = 3;
     static constexpr int kRead = 4;  ///< and the marks behind, one a tree; marks 0 and 1: build
 
@@ -144,7 +163,8 @@ private:
     std::shared_ptr<Exec> builder_;
     std::unique_ptr<Built<Exec>> built_[kTrees];
     Buffer<float, Exec> positions_, support_, weight_,
-        stretch_;  ///< copies of what lies elsewhere, in use until the build is done
+        stretch_;                        ///< copies of what lies elsewhere, in use until the build is done
+    Buffer<std::uint8_t, Exec> counts_;  ///< of FullCells
     std::size_t n_builds_ = 0;
     unsigned turn_ = 0;
     int now_ = 0;
