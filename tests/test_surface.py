@@ -123,6 +123,35 @@ def test_many_particles_have_the_kernels_of_few(backend):
 
 
 @pytest.mark.few_backends
+def test_full_cells_tell_what_is_deep_inside_and_move_no_surface(backend):
+    """From 65,536 particles on: what rays meet from outside, and within bubbles, is what they meet without."""
+    rng, points = np.random.default_rng(9), block(46, 40, 40).astype(np.float64)
+    points += rng.uniform(-0.2, 0.2, points.shape)
+    bubbles, radius = rng.uniform(6, 33, (30, 3)), rng.uniform(1.8, 3.0, 30)
+    for center, r in zip(bubbles, radius, strict=True):
+        points = points[((points - center) ** 2).sum(axis=1) > r * r]
+    points = points.astype("f4")
+    part = points[:, 0] < 39.5
+    assert len(points) > 65536 > part.sum()
+    many, few = smooth(points, **backend), smooth(points[part], **backend)
+    d = directions(1500)
+    hidden, seen = np.repeat(bubbles, 50, axis=0), np.float64([19, 20, 20]) - 60 * d
+    origin = np.concatenate([hidden, seen[d[:, 0] > 0.3]]).astype("f4")
+    d = np.concatenate([d, d[d[:, 0] > 0.3]]).astype("f4")
+    found, expected = many.intersect(origin, d).distance, few.intersect(origin, d).distance
+    np.testing.assert_array_equal(np.isfinite(found), np.isfinite(expected))
+    hit = np.isfinite(found)
+    assert hit.mean() > 0.9
+    assert (found[hit] > 0.5).mean() > 0.9  # in a bubble, not in the fluid
+    np.testing.assert_allclose(found[hit], expected[hit], atol=2e-3)
+
+    def deep(scene):
+        return np.abs(scene.surface_kernels()[0] - np.eye(3) / 2.25).max(axis=(1, 2)) < 1e-6
+
+    assert deep(many)[part].sum() > 1.05 * deep(few).sum()  # unevenness hides some from the particles' own rule
+
+
+@pytest.mark.few_backends
 def test_hits_equal_the_references(backend):
     """Hit or miss as float64 says for the same kernels: 3,000 rays, half of them within 0.02
     spacings of a silhouette."""

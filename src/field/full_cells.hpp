@@ -8,7 +8,7 @@ namespace globule::core {
 /// Cells of one level, 0.75 to 1.5 spacings wide, and blocks of them 3 to 4.5 spacings wide.
 struct FullCells {
     static constexpr float kCell = 0.75f, kBlock = 3.0f;  ///< least widths, spacings
-    static constexpr float kShare = 0.6f;   ///< of a full block's particles: one with fewer may hold some surface
+    static constexpr float kShare = 0.64f;  ///< of a full block's particles: one with fewer may hold some surface
     static constexpr float kReach = 1.85f;  ///< how far around a particle blocks must be full, spacings
 
     const TreeHeader* header;
@@ -73,20 +73,25 @@ struct CountCells {
         cells.counts[level.index(int(c.x), int(c.y), int(c.z))] = std::uint8_t(end - i);
     }
 };
+/// A row of blocks along x.
 struct FindFullBlocks {
     FullCells cells;
-    GB_FN void operator()(std::size_t block) const {
+    GB_FN void operator()(std::size_t row) const {
         const FullCells::Level level = cells.level();
-        const int n = level.n(), across = level.across();
-        if (!level.is_fine() || block >> 3 * level.number) return;
-        const int x = int(block) & (n - 1), y = int(block >> level.number) & (n - 1),
-                  z = int(block >> 2 * level.number);
-        std::uint32_t sum = 0;
-        for (int k = z; k < min(z + across, n); ++k)
-            for (int j = y; j < min(y + across, n); ++j)
-                for (int i = x; i < min(x + across, n); ++i) sum += cells.counts[level.index(i, j, k)];
-        const float width = float(across) * level.edge;
-        cells.blocks[block] = float(sum) >= FullCells::kShare * width * width * width;
+        if (!level.is_fine() || row >> 2 * level.number) return;
+        const int n = level.n(), across = level.across(), y = int(row) & (n - 1), z = int(row >> level.number);
+        const float width = float(across) * level.edge, enough = FullCells::kShare * width * width * width;
+        std::uint32_t next[3] = {0, 0, 0};  // particles of the columns further along
+        for (int x = n - 1; x >= 0; --x) {
+            std::uint32_t here = 0;
+            for (int k = z; k < min(z + across, n); ++k)
+                for (int j = y; j < min(y + across, n); ++j) here += cells.counts[level.index(x, j, k)];
+            const std::uint32_t sum = here + next[0] + next[1] + (across > 3 ? next[2] : 0);
+            cells.blocks[level.index(x, y, z)] = float(sum) >= enough;
+            next[2] = next[1];
+            next[1] = next[0];
+            next[0] = here;
+        }
     }
 };
 

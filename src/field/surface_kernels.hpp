@@ -133,9 +133,10 @@ template <class F> GB_FN F raised(const F& own, const F& filled, const F& sheet)
 ///   gather   the leaves around, of whose particles those near the bunch are kept
 ///   add up   each row goes through them
 struct FindSurfaceKernels {
-    static constexpr int kNear = 416;       ///< at once; there may be more
-    static constexpr int tile_blocks = 6;   ///< at one time on a GPU's processor
-    static constexpr float kSpread = 2.0f;  ///< of a bunch from its first row, in radii
+    static constexpr int kNear = 416;              ///< at once; there may be more
+    static constexpr std::size_t kMany = 1 << 19;  ///< most are deep inside, which fewer sums tell
+    static constexpr int tile_blocks = 6;          ///< at one time on a GPU's processor
+    static constexpr float kSpread = 2.0f;         ///< of a bunch from its first row, in radii
     template <class Group>
     using Scratch =
         typename Group::template List<kNear + Group::width>;  ///< places over the radius, from the bunch's first row
@@ -144,7 +145,7 @@ struct FindSurfaceKernels {
     SortedParticles particles;  ///< as sorted: with the support that the tree's boxes hold
     std::size_t n;
     float spacing;
-    FullCells full;  ///< where most particles are deep inside, which cells or fewer sums tell; else without counts
+    FullCells full;  ///< without counts: not asked
     float *support, *weight, *stretch, *shortest;
 
     template <class Group> GB_FN void operator()(Group& g, Scratch<Group>& near, std::size_t tile) const {
@@ -170,13 +171,11 @@ struct FindSurfaceKernels {
             });
         };
         B open = present;  // not known to be deep inside
-        if (full.counts) {
-            open = open & !surrounded(g, present, first);
-            if (g.any(open)) {
-                surface::Mean<V> mean;
-                add_up(mean, open);
-                open = open & !mean.inside();
-            }
+        if (full.counts) open = open & !surrounded(g, present, first);
+        if (n >= kMany && g.any(open)) {
+            surface::Mean<V> mean;
+            add_up(mean, open);
+            open = open & !mean.inside();
         }
         surface::Shape<V> shape = surface::Shape<V>::inside();
         V filled = V(1.0f);

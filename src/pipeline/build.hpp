@@ -126,14 +126,14 @@ private:
         const Tree tree = octree.view();
         const std::size_t n = octree.size();
         FullCells full{tree.header, octree.keys(), octree.params().key_bits == 64, n, spacing, 0, nullptr, nullptr};
-        if (n >= kMany) {
+        if (n >= kSome) {
             while (std::size_t(1) << 3 * full.most_level <= n) ++full.most_level;
             const std::size_t n_cells = std::size_t(1) << 3 * full.most_level;
             full.counts = counts_.reserve(2 * n_cells);
             full.blocks = full.counts + n_cells;
             exec.clear(full.counts, n_cells);
             exec.for_each(n, CountCells{full});
-            exec.for_each(n_cells, FindFullBlocks{full});
+            exec.for_each(std::size_t(1) << 2 * full.most_level, FindFullBlocks{full});
         }
         const FindSurfaceKernels find{
             tree, octree.particles(), n, spacing, full, shapes.support, shapes.weight, shapes.stretch, shapes.shortest};
@@ -155,7 +155,7 @@ private:
     }
 
     static constexpr float kBall = 2.0f;           ///< support, spacings
-    static constexpr std::size_t kMany = 1 << 19;  ///< particles of a smooth surface, most of them deep inside
+    static constexpr std::size_t kSome = 1 << 16;  ///< particles of a smooth surface, many of them deep inside
     static constexpr int kTrees = 3;
     static constexpr int kRead = 4;  ///< and the marks behind, one a tree; marks 0 and 1: build
 
