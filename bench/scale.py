@@ -5,7 +5,9 @@ A jittered lattice, made on each rank from a seed. --mode pieces: each rank has 
 halo, and the nearest of all ranks' hits is the image. --mode replicate: each rank has all of it and
 traces its share of the pixels. Every frame builds the octree again, unless --still. --mode shares,
 on one device: it traces the shares of 2 and of 4 devices, one after the other. This says what each
-of so many devices would take, without their compositing.
+of so many devices would take, without their compositing. --table: all of docs/scale.md's cases, on 1, 2, 4
+and 8 of the GPUs that there are; with --record MACHINE into docs/measured.csv, of which docs/make_measured.py
+makes the page's table.
 
 Times are medians over the frames, of the slowest rank: build and trace on the device, composite
 from the ranks' finished frames to the image on rank 0, frame in all. Prints a table, and with
@@ -30,6 +32,7 @@ from globule._base.memory import resident_bytes
 from globule._base.ranks import Alone, Ranks, local_rank, run_threads
 from globule.render.pieces.whole_images import nearest_frame
 
+from .tables.report import record
 from .tables.scenes import pool
 
 HALO = 3  # lattice steps: the support, and the noise of both ends
@@ -40,6 +43,19 @@ LIGHT = {
     "ambient": {"ambient_rays": 1},
     "shadow": {"shadows": True},
 }
+# Of --table: options, and the fewest GPUs that hold it.
+TABLE = {
+    "1 billion": ("--particles 1e9", 1),
+    "1 billion, octree stays": ("--particles 1e9 --still", 1),
+    "4 billion": ("--particles 4e9", 2),
+    "8 billion": ("--particles 8e9", 4),
+    "16 billion": ("--particles 16e9", 8),
+    "750,000, water": ("--mode replicate --pool --particles 750000 --light water --frames 30", 1),
+    "170 million, ambient rays, 3840×2160": (
+        "--mode replicate --particles 170e6 --light ambient --size 3840x2160", 1,
+    ),
+}  # fmt: skip
+QUANTITIES = ("build_ms", "trace_ms", "composite_ms", "frame_ms", "fps", "octree_gib", "hits")
 POINT = """
     unsigned long long k = first + i;
     unsigned long long cell = k / width * across + k % width + begin;
@@ -122,7 +138,11 @@ def main() -> None:
     add("--csv", help="file to which a row is added")
     add("--json", action="store_true")
     add("--save", help="PNG of the image")
+    add("--table", action="store_true", help="the cases of docs/scale.md")
+    add("--record", metavar="MACHINE", help="with --table: into docs/measured.csv, too")
     options = parser.parse_args()
+    if options.table:
+        return table(parser, options.record)
     if options.mode == "shares":
         return shares(options)
     if options.threads_of_one:
@@ -132,6 +152,27 @@ def main() -> None:
         facts = run(options, ranks, local)
     if facts:
         report(options, facts)
+
+
+def table(parser: argparse.ArgumentParser, machine: str | None) -> None:
+    """All cases, each on as many GPUs as it takes and more; the same hits on any number."""
+    import cupy
+
+    there, cases = cupy.cuda.runtime.getDeviceCount(), {}
+    for case, (line, fewest) in TABLE.items():
+        found: set[tuple[Any, Any]] = set()
+        for n in (k for k in (1, 2, 4, 8) if fewest <= k <= there):
+            options = parser.parse_args([*line.split(), "--device", "cuda"])
+            facts = run_threads(n, lambda r, options=options: run(options, r, r.rank))[0]
+            report(options, facts)
+            found.add((facts["hits"], facts["mask"]) if facts["hits"] else (None, facts["image"]))
+            cases[f"{case}, {n} GPU{'s' * (n > 1)}"] = {k: facts[k] for k in QUANTITIES}
+            for k in range(there):
+                with cupy.cuda.Device(k):
+                    cupy.get_default_memory_pool().free_all_blocks()
+        assert len(found) < 2, f"{case}: other hits on another number of GPUs: {found}"
+    if machine:
+        record("scale", machine, cases)
 
 
 def _mpi() -> tuple[Alone, int]:

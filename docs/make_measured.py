@@ -1,4 +1,4 @@
-"""Fill tables of README.md and docs/measured.md from docs/measured.csv.
+"""Fill tables of README.md, docs/measured.md and docs/scale.md from docs/measured.csv.
 
 `python docs/make_measured.py`. Benches write that file (`--record MACHINE`). A table stands
 between <!-- measured: NAME --> and <!-- /measured -->; TABLES says what is in it.
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = (ROOT / "README.md", ROOT / "docs" / "measured.md")
+PAGES = (ROOT / "README.md", ROOT / "docs" / "measured.md", ROOT / "docs" / "scale.md")
 Values = dict[tuple[str, str, str, str], float]  # by bench, machine, case, quantity
 
 
@@ -61,6 +61,18 @@ TABLES = {
             Column("smooth", "smooth_ms", "{:.3g} ms"),
             Column("of which octree and kernels", "build_ms", "{:.3g} ms"),
             Column("with 3 samples at edges", "edges_ms", "{:.3g} ms"),
+        ),
+    ),
+    "several GPUs": Table(
+        "scale",
+        ("NVIDIA H200",),
+        (
+            Column("build", "build_ms", "{:.3g} ms"),
+            Column("trace", "trace_ms", "{:.3g} ms"),
+            Column("composite", "composite_ms", "{:.2g} ms"),
+            Column("frame", "frame_ms", "{:.3g} ms"),
+            Column("a second", "fps"),
+            Column("octree of each", "octree_gib", "{:.3g} GiB"),
         ),
     ),
     "simulation": Table(

@@ -78,13 +78,17 @@ class Alone:
 
     def same(self, **named: Any) -> None:
         """Raise ValueError on all ranks where one has another value than rank 0."""
-        first, *others = self.all(named)
-        for rank, own in enumerate(others, 1):
-            for name, value in own.items():
-                if value != first[name]:
+        all_named = self.all(named)
+        self.check_same(**{name: [own[name] for own in all_named] for name in named})
+
+    @staticmethod
+    def check_same(**named: Sequence[Any]) -> None:
+        """The same, of all ranks' values."""
+        for name, values in named.items():
+            for rank, value in enumerate(values):
+                if value != values[0]:
                     raise ValueError(
-                        f"{name}: expected the same on all ranks, got {first[name]} on rank 0 "
-                        f"and {value} on rank {rank}"
+                        f"{name}: expected the same on all ranks, got {values[0]} on rank 0 and {value} on rank {rank}"
                     )
 
     def exchange(self, rows: np.ndarray, counts: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from functools import partialmethod
+from functools import cached_property, partialmethod
 from math import gcd
 from typing import Any
 
@@ -33,23 +33,29 @@ class Share:
 
     def __init__(self, comm: Any, camera: Camera, size: tuple[int, int], edges: bool):
         self.ranks, self.size = ranks_of(comm), size
-        self.ranks.same(size=tuple(size))
         self.arrays = ["picture"] if self.ranks.only_image else list(ARRAYS)
         self.square = WITH_EDGES if edges else SQUARE
         n = self.ranks.size
         # A step without a common factor deals each column of squares evenly too.
-        step = next(s for s in range(max(1, round(0.618 * n)), 2 * n + 1) if gcd(s, n) == 1)
-        width, height = size
-        across, down = (-(-pixels // self.square) for pixels in size)
+        self.step = next(s for s in range(max(1, round(0.618 * n)), 2 * n + 1) if gcd(s, n) == 1)
+        self._frame = camera.frame(size).ravel().tolist(), *size, camera.height is not None
+        self._edges = edges
+        self.view = self.view_of(self.ranks.rank)
+
+    def view_of(self, rank: int) -> Any:
+        """A rank's part of the camera's rays."""
+        return _core.View(*self._frame, (rank, self.ranks.size, self.square, self.step, self._edges))
+
+    @cached_property
+    def pixels(self) -> list[int]:
+        """How many each rank makes."""
+        (width, height), n = self.size, self.ranks.size
+        across, down = (-(-pixels // self.square) for pixels in self.size)
         rows, columns = np.arange(down)[:, None], np.arange(across)[None, :]
-        owner = (columns + rows * step) % n
-        frame = camera.frame(size).ravel().tolist()
-        orthographic = camera.height is not None
-        self.views = [_core.View(frame, *size, orthographic, (rank, n, self.square, step, edges)) for rank in range(n)]
-        self.view = self.views[self.ranks.rank]
+        owner = (columns + rows * self.step) % n
         ends = [np.minimum(self.square * np.arange(k + 1), m) for k, m in ((down, height), (across, width))]
         area = np.outer(np.diff(ends[0]), np.diff(ends[1]))
-        self.pixels = [int(area[owner == rank].sum()) for rank in range(n)]
+        return [int(area[owner == rank].sum()) for rank in range(n)]
 
     def whole(self, own: Any) -> Whole:
         """The frame of all ranks, of each rank's own; without hits on other ranks than 0."""
@@ -61,12 +67,14 @@ class Whole:
 
     def __init__(self, share: Share, own: Any):
         self.own, self._share, ranks = own, share, share.ranks
-        self.seconds: list[float] = ranks.all(own.trace_seconds())
         self._passes = own.passes()
+        traced = own.trace_seconds()  # waits for the frame
         start = time.perf_counter()
         self._frame: Any = None  # with all ranks' pixels
         self._arrays: dict[str, np.ndarray] = {}
-        if ranks.size > 1 and take_all(ranks, own, share.arrays, share.view):
+        taken, facts = take_all(ranks, own, share.arrays, share.size, traced, share.view)
+        self.seconds: list[float] = facts
+        if taken:
             self._frame = own if ranks.rank == 0 else None
         else:
             self._gather()
@@ -88,7 +96,7 @@ class Whole:
             ends = np.cumsum(counts)
             for rank in range(1, share.ranks.size):  # rank 0's squares are there
                 squares = found[ends[rank - 1] : ends[rank]]
-                _core.unpack_squares(share.views[rank], squares, image)
+                _core.unpack_squares(share.view_of(rank), squares, image)
             self._arrays[name] = mine
 
     def passes(self) -> int:

@@ -26,6 +26,7 @@ from .wavefront import skip_empty
 from .whole_images import take_all
 
 Rays = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # of numbers: origins, directions
+KEPT = ("depth", "normal", "albedo", "color", "picture", "layer")  # of a frame: its position comes from the depth
 SAMPLES_AT_ONCE = 4  # per visit of the pieces: their hits are in memory together
 
 
@@ -118,10 +119,11 @@ def render_pieces(
         return render_light(layers, job.camera, size, settings, job.ranks, progress)
     n, root = size[0] * size[1], job.ranks.rank == 0
     own = job.shaded_here()
-    if own is not None and take_all(job.ranks, own, ("depth", "normal", "albedo", "color", "picture", "layer")):
+    if own is not None and take_all(job.ranks, own, KEPT, size)[0]:
         if progress is not None:
             progress(1, 1)
-        nothing = Images(Hits(n), lambda: job.rays(np.arange(n), 0), *(np.zeros((n, 3), t) for t in "fB"), 1)
+        black = np.zeros((n, 3), np.float32), np.zeros((n, 3), np.uint8)
+        nothing = Images(Hits(n), lambda: job.rays(np.arange(n), 0), *black, samples=1)
         return PiecesFrame(size, own if root else nothing, tuple(layers), None, settings)
     hits = job.nearest_centers()
     if root:

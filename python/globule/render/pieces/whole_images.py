@@ -11,7 +11,9 @@ from ... import _core
 from ..._base.ranks import Alone
 
 
-def take_all(ranks: Alone, own: Any, images: Sequence[str], dealt: Any = None) -> bool:
+def take_all(
+    ranks: Alone, own: Any, images: Sequence[str], size: tuple[int, int], fact: Any = None, dealt: Any = None
+) -> tuple[bool, list[Any]]:
     """Make rank 0's frame that of all ranks of one host, on its device: images never pass the host. All ranks call it.
 
     Of each pixel the nearest rank's is taken, or that of the rank to which the view `dealt` deals it.
@@ -19,28 +21,33 @@ def take_all(ranks: Alone, own: Any, images: Sequence[str], dealt: Any = None) -
     Args:
         own: the core's frame that this rank has made.
         images: names of the core's images; "depth" among them where the nearest is taken.
+        size: of the frame; ValueError where the ranks have others.
+        fact: of this rank, for all.
 
     Returns:
-        False: rank 0's device does not reach the others, and nothing was done.
+        Whether it was done: rank 0's device may not reach the others. All ranks' facts.
     """
-    taken, error = False, None
+    if ranks.size == 1:
+        return True, [fact]
+    lent, taken, error = None, False, None
     try:
         lent = own.lend(images) if ranks.one_host else None
     except Exception as own_error:
-        lent, error = None, own_error
-    places = ranks.agreed(error, lent)
+        error = own_error
+    places, sizes, facts = zip(*ranks.agreed(error, (lent, tuple(size), fact)), strict=True)
+    ranks.check_same(size=sizes)
     if None in places:
-        return False
+        return False, list(facts)
     try:
         taken = ranks.rank == 0 and own.take(images, places, dealt)
     except Exception as own_error:
         error = own_error
-    return bool(ranks.agreed(error, taken)[0])
+    return bool(ranks.agreed(error, taken)[0]), list(facts)
 
 
 def nearest_frame(ranks: Alone, frame: Any) -> tuple[np.ndarray, np.ndarray] | None:
     """`nearest_image` of finished frames, on the devices where rank 0's reaches them."""
-    if ranks.size > 1 and take_all(ranks, frame._frame, ("depth", "picture")):
+    if take_all(ranks, frame._frame, ("depth", "picture"), frame.size)[0]:
         return (frame.distance, frame.image) if ranks.rank == 0 else None
     return nearest_image(ranks, frame.distance, frame.image)
 
