@@ -118,3 +118,21 @@ def test_what_cannot_be_shared_and_devices_are_dealt():
         run_threads(3, work)
     assert (of_rank("cpu", 3), of_rank("cuda:1", 0)) == ("cpu", "cuda:1")
     assert of_rank("auto", 0) in ("auto", "cuda:0")
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("case", ["plain", "light and edges"])
+def test_two_gpus_give_the_bits_of_one(case):
+    cupy = pytest.importorskip("cupy")
+    if cupy.cuda.runtime.getDeviceCount() < 2:
+        pytest.skip("needs two GPUs")
+    settings, options = CASES[case]
+
+    def work(ranks):
+        scene = gb.Scene(POSITIONS, **options, device=f"cuda:{ranks.rank}")
+        return gb.render(scene, CAMERA, SIZE, settings, comm=ranks)
+
+    one = gb.render(gb.Scene(POSITIONS, **options, device="cuda:0"), CAMERA, SIZE, settings)
+    two = run_threads(2, work)[0]
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name), err_msg=name)
