@@ -38,10 +38,10 @@ from .tables.scenes import pool
 HALO = 3  # lattice steps: the support, and the noise of both ends
 WATER = gb.Material(transmission=1.0, index=1.33, absorption=(0.4, 0.1, 0.05))
 LIGHT = {
-    "plain": {},
-    "water": {"material": WATER, "sky": gb.Sky(), "bounces": 4},
-    "ambient": {"ambient_rays": 1},
-    "shadow": {"shadows": True},
+    "plain": gb.RenderSettings(),
+    "water": gb.RenderSettings(material=WATER, sky=gb.Sky(), bounces=4),
+    "ambient": gb.RenderSettings(ambient_rays=1),
+    "shadow": gb.RenderSettings(shadows=True),
 }
 # Of --table: options, and the fewest GPUs that hold it.
 TABLE = {
@@ -155,23 +155,32 @@ def main() -> None:
 
 
 def table(parser: argparse.ArgumentParser, machine: str | None) -> None:
-    """All cases, each on as many GPUs as it takes and more; the same hits on any number."""
+    """All cases, each on as many GPUs as it takes and more, or on one for each process of MPI; the
+    same hits on any number."""
     import cupy
 
+    ranks, local = _mpi()
     there, cases = cupy.cuda.runtime.getDeviceCount(), {}
+    numbers = (ranks.size,) if ranks.size > 1 else tuple(k for k in (1, 2, 4, 8) if k <= there)
     for case, (line, fewest) in TABLE.items():
+        options = parser.parse_args([*line.split(), "--device", "cuda"])
         found: set[tuple[Any, Any]] = set()
-        for n in (k for k in (1, 2, 4, 8) if fewest <= k <= there):
-            options = parser.parse_args([*line.split(), "--device", "cuda"])
-            facts = run_threads(n, lambda r, options=options: run(options, r, r.rank))[0]
-            report(options, facts)
-            found.add((facts["hits"], facts["mask"]) if facts["hits"] else (None, facts["image"]))
-            cases[f"{case}, {n} GPU{'s' * (n > 1)}"] = {k: facts[k] for k in QUANTITIES}
+        for n in (k for k in numbers if fewest <= k):
+            if ranks.size > 1:
+                facts = run(options, ranks, local)
+            else:
+                facts = run_threads(n, lambda r, options=options: run(options, r, r.rank))[0]
             for k in range(there):
                 with cupy.cuda.Device(k):
                     cupy.get_default_memory_pool().free_all_blocks()
+            if not facts:
+                continue
+            report(options, facts)
+            found.add((facts["hits"], facts["mask"]) if facts["hits"] else (None, facts["image"]))
+            one = ", 1 GPU" if n == 1 else f", {n} GPUs" + ", processes" * (ranks.size > 1)
+            cases[case + one] = {k: facts[k] for k in QUANTITIES}
         assert len(found) < 2, f"{case}: other hits on another number of GPUs: {found}"
-    if machine:
+    if machine and ranks.rank == 0:
         record("scale", machine, cases)
 
 
