@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the probe and the surface to OpenIGTLink clients that connect to this port, such as 3D "
         "Slicer; needs --voxel-size; example: --serve 18945", usual="send nothing")  # fmt: skip
     flags.own(group, "--record FOLDER", "also store each frame in this folder, which is a SWEEP; "
-        "after a crash, the same command continues the folder")  # fmt: skip
+        "after a crash, the same command continues the folder; a finished recording is refused")  # fmt: skip
     flags.own(group, "--idle S", "silence of the server that ends --live, seconds", positive, 5.0)
     flags.own(group, "--wait S", "time within which the server must start, seconds", positive,
         usual="as --idle")  # fmt: skip
@@ -133,6 +133,9 @@ class Live:
                         self._open_server()
                     self._open_recorders()
                     self.n_kept = sum(len(recorder.kept) for recorder in self.recorders)
+                    if self.n_kept:
+                        self.progress.clear()
+                        say(f"{options.record}: goes on after the {count(self.n_kept, 'image')} of an interrupted run")
                     earlier = itertools.chain.from_iterable(recorder.kept for recorder in self.recorders)
                     sweeps = receive_sweeps(
                         options.live, options.calibration, options.plus, options.idle, self._take,
@@ -281,10 +284,10 @@ class Live:
 
     def _open_recorders(self) -> None:
         """Open the folders of --record: FOLDER, and FOLDER-2 … of images of other sizes."""
-        from ..ultrasound.recorder import Recorder
+        from ..ultrasound.recorder import Recorder, is_unfinished
 
         folder = self.options.record
-        while folder and (not self.recorders or (self.recorders[0].kept and os.path.isdir(folder))):
+        while folder and (not self.recorders or (self.recorders[0].kept and is_unfinished(folder))):
             self.recorders.append(Recorder(folder))
             folder = numbered(self.options.record, len(self.recorders) + 1)
 
