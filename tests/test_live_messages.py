@@ -129,6 +129,44 @@ def test_an_own_pose_beside_other_transforms(sweep):
     assert arrived(receive_sweep(server.address, idle=0.4), sweep)
 
 
+@pytest.mark.parametrize("place", [np.eye(4), np.diag([0.5, 0.5, 1, 1]), None])
+def test_images_before_the_first_transform_have_no_pose(sweep, place):
+    """Their header's matrix, that of the identity's origin or middle or of pixels' sizes, is none in this stream."""
+    messages = []
+    for i, frame in enumerate(sweep.frames):
+        own = np.eye(4) if place is None else place.copy()
+        own[:2, 3] = 0 if place is None else [-31.5 * own[0, 0], -29.5 * own[1, 1]]
+        messages.append(igtl.ImageMessage(frame[None], own, timestamp=1000 + i / 25, device_name="Image"))
+        if i >= 4:
+            messages.append(igtl.TransformMessage(sweep.world_from_image[i], timestamp=1000 + i / 25,
+                                                  device_name="ImageToTracker"))  # fmt: skip
+    counts = LiveCounts()
+    live = receive_sweep(stream(messages), idle=0.4, counts=counts)
+    assert np.array_equal(live.frames, sweep.frames[4:])
+    assert np.allclose(live.world_from_image, sweep.world_from_image[4:], rtol=1e-5, atol=1e-4)
+    assert (counts.images, counts.without_pose, live.world) == (24, 4, "Tracker")
+
+
+def test_every_image_is_accounted_for_once(sweep, capsys):
+    """One with a wrong checksum, one cut off and sent again, one of three dimensions, and one that was not sent."""
+    server = Server(sweep)
+    wrong = bytearray(server.messages[5][0])
+    wrong[200] ^= 1
+    server.messages[5][0] = bytes(wrong)
+    solid = igtl.ImageMessage(np.zeros((2, 5, 5), np.uint8), timestamp=1000 + float(sweep.timestamps[9]))
+    server.messages[9][0] = solid.pack()
+    server.messages[12][:] = [server.messages[12][0][:900]]
+    server.messages[12:12] = [server.messages[12].copy()]
+    server.messages[13] = Server(sweep).messages[12]
+    server.serve(slice(0, 13), slice(13, 18), slice(19, None))
+    facts = run_json(capsys, *GROWS, "--live", server.address, "-o", "v.npz")
+    counts = facts["live"]["counts"]
+    assert (counts["images"], counts["broken_images"], counts["missed"]) == (21, 2, 1)
+    assert counts["frames"] == facts["frames"]["used"] == 21
+    said = "IMAGE of 5 x 5 x 2 pixels, which is not 2-D (1)"
+    assert any(line.startswith("3 messages skipped: ") and said in line for line in facts["warnings"])
+
+
 def test_the_status_of_a_transform_counts(sweep):
     server = Server(sweep)
     for i in (7, 8):
@@ -237,8 +275,8 @@ def test_stamps_of_tracker_and_image_apart():
         assert len(sweep) == 40
         assert np.allclose(sweep.world_from_image[:, 0, 3], places, atol=1e-3)
         assert counts.as_dict() == {"images": 40, "frames": 40, "without_pose": 0, "useless": 0,
-                                    "repeated": 0, "missed": 0, "missed_poses": 0,
-                                    "connections": 1}  # fmt: skip
+                                    "repeated": 0, "broken_images": 0, "missed": 0,
+                                    "missed_poses": 0, "connections": 1}  # fmt: skip
 
 
 def test_the_calibration_s_temporal_offset_counts():

@@ -147,7 +147,8 @@ class Live:
                 raise UserError(f"--{error}") from error
             except OSError as error:
                 name = error.filename or options.record or options.three_view or options.surface_image
-                message = f"{name}: cannot be written: {error.strerror or error}"
+                read = name in (options.calibration, options.plus, options.mask)
+                message = f"{name}: cannot be {'read' if read else 'written'}: {error.strerror or error}"
                 raise UserError(message) from error
             finally:
                 if self.output:
@@ -228,7 +229,7 @@ class Live:
                 f"{count(c.useless, 'image')} left out: the pose is no regular matrix, or not OK by its status"
             )
         if c.broken:
-            what = "; ".join(f"{n:,} {words}" for words, n in c.broken.most_common(5))
+            what = "; ".join(f"{words} ({n:,})" for words, n in c.broken.most_common(5))
             lines.append(f"{count(c.broken.total(), 'message')} skipped: {what}")
         if c.ended:
             lines.append(f"the stream ended early: {c.ended}")
@@ -309,7 +310,7 @@ class Live:
 
     def _lost(self) -> str:
         c = self.counts
-        lost = c.without_pose + c.useless + c.missed
+        lost = c.without_pose + c.useless + c.missed + c.broken_images
         return f" ({lost:,} lost)" if lost else ""
 
     def _grow(self, n: int, frame: LiveFrame) -> None:
