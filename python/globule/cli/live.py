@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of live reconstruction."""
     group = parser.add_argument_group(
         "live", f"With --voxel-size, the volume grows with the frames and is written every {AUTOSAVE:g} s, and "
-        "--three-view and --surface are written again while frames arrive.")  # fmt: skip
+        "--three-view and --surface-image are written again while frames arrive.")  # fmt: skip
     flags.own(group, "--live igtl://HOST:PORT", "read frames from an OpenIGTLink server instead of "
         "SWEEP, until the server stops or Ctrl-C")  # fmt: skip
     flags.own(group, "--tracker igtl://HOST:PORT", "read transforms from this second OpenIGTLink "
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     flags.own(group, "--space NAME", "axes of the world that the messages' matrices map to: LPS, "
         "RAS", ("LPS", "RAS"),
         usual="as the header of an image states, LPS for transforms")  # fmt: skip
-    flags.own(group, "--refresh S", "time between two versions of --three-view, of --surface, and "
+    flags.own(group, "--refresh S", "time between two versions of --three-view, of --surface-image, and "
         "of the trust map and surface of --serve, seconds", positive, 1.0)  # fmt: skip
 
 
