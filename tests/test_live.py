@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from cli_helpers import refuses, run_json
 from globule.cli import main
+from globule.cli.live import pressed_once
 from globule.formats.sweeps import igs
 from globule.ultrasound.live import LiveFrame, receive, receive_sweep
 from globule.ultrasound.recorder import Recorder
@@ -266,6 +267,16 @@ def test_ctrl_c_waits_for_the_end_of_a_frame(sweep):
     live = receive_sweep(served(sweep), idle=5.0, each=each)
     assert len(live) == 10
     assert whole == list(range(1, 11))
+
+
+def test_ctrl_c_pressed_twice_counts_once():
+    """The second one came while the volume was written, and no volume was there."""
+    usual = signal.getsignal(signal.SIGINT)
+    with pressed_once():
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is usual
 
 
 def test_a_jump_that_cannot_fit_leaves_the_frames(sweep, capsys):

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
 import os
+import signal
+import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -23,6 +26,7 @@ from .pictures import draw, wanted
 from .shared import Progress, UserError, check_folder, count, mistakes, positive, say, warn
 
 AUTOSAVE = 10.0  # s: a crash loses no more of the volume
+_SAME_PRESS = 1.0  # s: Ctrl-C pressed again so soon means the same
 HELD = 1 << 27  # bytes of images that a growing volume keeps: older ones are in the volume alone
 _FEWEST = 64  # images that are kept in any case: the longest burst of wrong poses has 32
 _LATENCIES = 4096  # frames whose times are kept
@@ -80,6 +84,28 @@ def numbered(path: str, i: int) -> str:
     stem, ending = os.path.splitext(path)
     inner, before = os.path.splitext(stem) if ending.lower() == ".gz" else (stem, "")
     return f"{inner}-{i}{before}{ending}"
+
+
+@contextlib.contextmanager
+def pressed_once() -> Iterator[None]:
+    """Ctrl-C that is pressed twice at once ends the stream, and not also the writing of the volume."""
+    usual: Any = signal.getsignal(signal.SIGINT)
+    last = -np.inf
+
+    def handle(number: int, frame: Any) -> None:
+        nonlocal last
+        again, last = time.monotonic() - last < _SAME_PRESS, time.monotonic()
+        if not again:
+            usual(number, frame)
+
+    if not callable(usual) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
 
 
 def _served(text: str) -> tuple[str, int]:
