@@ -239,7 +239,7 @@ def _posed(
         if len(table.ok) != n:
             problem = f"expected {n} poses, one a frame, or times in the table and of the frames"
             hint = "; for more images, give a folder of them, or one file with all frames" if n == 1 else ""
-            raise bad(path, "", f"{problem}, got {len(table.ok)} poses{hint}")
+            raise bad(path, "", f"{problem}, got {len(table.ok)}{hint}")
         if offset:
             raise bad(path, "", "expected times in the table, for a temporal offset")
         matrices, ok = table.matrices, table.ok
