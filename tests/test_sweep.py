@@ -129,7 +129,7 @@ def tracker_buffer(name: str, tool: str, poses, times) -> None:
     Path(name).write_text("\n".join([*lines, "ElementDataFile = LOCAL\n"]), encoding="utf-8")
 
 
-def test_the_buffer_of_a_tracker_holds_poses_alone():
+def test_the_buffer_of_a_tracker_holds_poses_alone(capsys):
     poses = random_poses(6)
     tracker_buffer("probe.mha", "Probe", poses, np.arange(6) / 10)
     np.save("frames.npy", np.arange(24, dtype=np.uint8).reshape(2, 3, 4))
@@ -147,6 +147,8 @@ def test_the_buffer_of_a_tracker_holds_poses_alone():
     with pytest.raises(FormatError, match="poses alone"):
         read_sweep("probe.mha", calibration)
     assert main(["calibrate", "--delay", "--sweep", "probe.mha"]) == 2
+    assert main(["info", "probe.nrrd"]) == 0
+    assert capsys.readouterr().out.startswith("probe.nrrd: poses of 6 frames without images\n")
     with pytest.raises(FormatError, match="got a sweep"):
         gb.volumes.read_volume("probe.mha")
 

@@ -178,8 +178,8 @@ def run(options: argparse.Namespace) -> None:
     report |= {
         "device": _device(options),
         "method": _method(options),
-        "frames": {"total": len(sweep), "used": sweep.n_valid, "outliers": outliers,
-                   "size": sweep.frames.shape[:0:-1], "dtype": str(sweep.frames.dtype)},
+        "frames": {"total": len(sweep), "used": report.get("figures", {}).get("frames", sweep.n_valid),
+                   "outliers": outliers, "size": sweep.frames.shape[:0:-1], "dtype": str(sweep.frames.dtype)},
         "poses": findings,
         "world": sweep.world,
         "space": sweep.space,
