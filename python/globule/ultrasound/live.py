@@ -159,6 +159,8 @@ class LiveCounts:
             if "Image" not in starts and "Probe" in starts:
                 lines.append("give --calibration or --plus for ImageToProbe")
         others = [f"{n:,} {kind}" for kind, n in self.kinds.items() if kind in _OTHER_POSES]
+        if self.images and not (edges or self.unnamed or others):
+            lines.append("no TRANSFORM came, and the headers of the images hold no pose")
         if others:
             lines.append(f"{', '.join(others)} messages are not read: let the server send TRANSFORM")
         return "; ".join(lines)
@@ -473,8 +475,10 @@ def _plane(image: np.ndarray) -> np.ndarray:
     """(1, H, W) or (1, H, W, 3) to (H, W), in native byte order."""
     from ..formats.sweeps.igs import to_gray
 
-    if image.ndim == 4:
+    if image.ndim == 4 and image.shape[-1] in (3, 4):
         image = to_gray(image[..., :3])
-    if image.ndim != 3 or image.shape[0] != 1:
-        raise ValueError(f"IMAGE of {' x '.join(map(str, image.shape[::-1]))} pixels, which is not 2-D")
+    if image.ndim != 3 or image.shape[0] != 1 or not image.size:
+        values = f", {image.shape[-1]} values each" if image.ndim == 4 else ""
+        size = " x ".join(map(str, image.shape[2::-1]))
+        raise ValueError(f"IMAGE of {size} pixels{values}, which is no 2-D image in gray or color")
     return np.ascontiguousarray(image[0], image.dtype.newbyteorder("="))

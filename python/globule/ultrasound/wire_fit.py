@@ -143,10 +143,11 @@ def registration_information(phantom: NWirePhantom) -> np.ndarray:
 
 def fit_wires(
     points: np.ndarray, times: np.ndarray, tracked: Poses, phantom: NWirePhantom, start: Start,
-    offset: float, change: float = 0.0,
+    offset: float, change: float = 0.0, fixed_wires: bool = False,
 ) -> WireFit:  # fmt: skip
     """Fit the calibration and the delay to dots (F, 3K, 2) of images at times (F,), from a start
-    and a change of the offset near the right ones."""
+    and a change of the offset near the right ones. fixed_wires: without shifts of wires, which would
+    take a part of a slip."""
     n_images, n_wires = points.shape[:2]
     ends = phantom.wires.reshape(-1, 3)
     middle = ends.mean(axis=0)
@@ -161,7 +162,7 @@ def fit_wires(
         return (cuts(seen, moved) - points).reshape(n_images, -1) + p[_OF_WIRES:]
 
     n_all = _OF_WIRES + 2 * n_wires
-    prior = np.eye(n_all)
+    prior = np.eye(n_all) * (1e6 if fixed_wires else 1.0)
     prior[:9, :9], prior[_N:_OF_WIRES, _N:_OF_WIRES] = (
         np.diag([0.0] * 8 + [_DELAY**-2]),
         registration_information(phantom),
@@ -198,6 +199,8 @@ def fit_wires(
             size_of_pose = shift**2 + inner.diagonal(axis1=1, axis2=2)
             spread = np.diag((of_pose[:, None] * size_of_pose).mean(axis=0))
             noise = np.sqrt((of_dot[:, :, None] * size).mean(axis=(0, 1))) + 1e-6
+            if fixed_wires:
+                continue
             of_wires = (p**2 + np.diag(np.linalg.inv(total)))[_OF_WIRES:].mean()
             prior[_OF_WIRES:, _OF_WIRES:] = np.eye(2 * n_wires) / max(of_wires, 1e-6)
         alike = _alike(shift)
