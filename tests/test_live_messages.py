@@ -31,6 +31,10 @@ def test_stamps_are_counted_in_a_memory_that_does_not_grow(monkeypatch):
     assert counts.missed == len(lost)
     assert len(counts._times._times) < 40
     assert not counts.without_clock
+    counts = LiveCounts()
+    for stamp in [*range(10), 6400, *range(11, 20)]:  # a wrong one, 256 s ahead, is no 6,400 images that never came
+        counts.saw(stamp / 25)
+    assert counts.missed == 1
 
 
 def test_frames_with_a_useless_pose_do_not_end_the_stream(sweep):

@@ -71,7 +71,7 @@ class Recorder:
             raise ValueError(f"{folder}: expected a new folder or that of an interrupted recording")
         self.folder.mkdir(exist_ok=True)
         if not is_unfinished(folder) and (n := len([*self.folder.glob("*.png")])):
-            got = f"a finished recording of {n:,} images; give another name"
+            got = f"a finished recording of {n:,} image{'s' * (n > 1)}; give another name"
             raise ValueError(f"{folder}: expected a new folder or that of an interrupted recording, got {got}")
         self.kept: Sequence[LiveFrame] = self._earlier(table) if table.is_file() else []
         (self.folder / _UNFINISHED).touch()
