@@ -270,12 +270,10 @@ def _assembled(
     found = {world: find_path(edges, image, world) for world in wanted}
     world, way = next(((world, found[world]) for world in wanted if found[world]), (None, None))
     if world is None or way is None:
-        if not edges:
-            got = "images without any transform: a volume, or a recording whose poses are elsewhere"
-            raise bad(path, "poses", f"expected tracked frames, got {got}; give a table of poses")
-        names = " ".join(sorted(f"{a}To{b}" for a, b in edges))
+        names = " ".join(sorted(f"{a}To{b}" for a, b in edges)) or "no transform"
         problem = f"expected a way from {image} to {' or '.join(wanted)}, got {names}"
         hint = "give a calibration, PLUS configuration or poses"
+        hint = hint if edges else "a volume has none, and a recording then needs a table of poses"
         if set(edges) == {(image, "Probe")}:
             hint = "the file holds no poses of a probe; give --poses, or leave out the calibration"
         raise bad(path, "poses", f"{problem}; {hint}")
