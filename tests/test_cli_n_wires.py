@@ -46,27 +46,31 @@ def both_agree(first, second):
 
 @pytest.mark.slow
 def test_the_sweeps_of_another_phantom(capsys):
-    """fCal 2.0. PLUS: 0.540 ± 0.224 mm. Here 0.540 ± 0.21 mm, 0.517 mm with the offset, which both
-    sweeps have within its uncertainty."""
+    """fCal 2.0. PLUS: 0.540 ± 0.224 mm, and a matrix within twice the stated error. Here
+    0.536 ± 0.20 mm, 0.512 mm with the offset, which both sweeps have within its uncertainty."""
     assert calibrated(capsys, phantom="2.0")["validation"]["mean_of_95"] <= 0.540
     both_agree(*(calibrated(capsys, "--delay", phantom="2.0", names=names) for names in EITHER))
 
 
 @pytest.mark.slow
 def test_the_sweeps_of_fcal(tmp_path, capsys):
-    """PLUS: validation error 1.247 ± 0.494 mm (best 95 %). Here 1.16 ± 0.58 mm with the same
-    poses, 0.69 ± 0.25 mm with the temporal offset of 0.45 s that the images and poses of these
-    sweeps have; the validation's sweep has the same offset. The stated error of the corners, 2.3 mm,
-    is large: the probe turns by 1.7, 0.9 and 0.2 degrees only."""
+    """PLUS: validation error 1.247 ± 0.494 mm (best 95 %). Here 1.07 ± 0.42 mm with the same
+    poses, 0.63 ± 0.34 mm with the temporal offset of 0.44 s that the images and poses of these
+    sweeps have; the validation's sweep has the same offset. PLUS's matrix lies within twice the
+    stated error, 3.1 mm: the probe turns by 1.7, 0.9 and 0.2 degrees only."""
+    plus = read_calibration(calibration_data() / "FreehandCalibration3NWires.results.xml").probe_from_image
     facts = calibrated(capsys, "-o", str(tmp_path / "probe.toml"))
-    assert facts["validation"]["mean_of_95"] <= 1.20
+    validation = facts["validation"]
+    assert validation["mean_of_95"] <= 1.10
+    assert validation["deviation_of_95"] <= 0.45
     assert facts["center_error"] < 0.75
-    assert max(facts["corner_errors"]) < 2.5
-    assert "temporal offset of +0.45" in facts["warnings"][0]
+    assert max(facts["corner_errors"]) < 3.5
+    assert (apart(facts["probe_from_image"], plus) < 2 * np.array(facts["corner_errors"])).all()
+    assert "temporal offset of +0.44" in facts["warnings"][0]
     timed = calibrated(capsys, "--delay", "-o", str(tmp_path / "timed.toml"))
-    assert timed["validation"]["mean_of_95"] < 0.75
+    assert timed["validation"]["mean"] < 0.7
     both_agree(timed, calibrated(capsys, "--delay", names=EITHER[1]))
-    assert timed["temporal_offset"]["offset"] == pytest.approx(0.45, abs=0.03)
+    assert timed["temporal_offset"]["offset"] == pytest.approx(0.43, abs=0.03)
     assert read_calibration(tmp_path / "timed.toml").temporal_offset == timed["temporal_offset"]["offset"]
 
 

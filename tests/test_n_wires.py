@@ -151,18 +151,16 @@ def test_a_symmetric_phantom_of_two_patterns(flip):
     assert np.median(found.errors.three_d) < 0.3
 
 
-def draws(n_draws, of_wires=0.0):
+def draws(n_draws):
     """Corners of calibrations: true errors and what they are stated to stay below, mm; with noise of
-    dots (0.4 pixels), of poses (0.05 mm), of the phantom's registration (0.5 mm, 1.4 degrees), and of
-    each coordinate of a wire (of_wires, mm)."""
+    dots (0.4 pixels), of poses (0.05 mm) and of the phantom's registration (0.5 mm, 1.4 degrees)."""
     found = []
     for seed in range(n_draws):
         rng = np.random.default_rng((seed, 9))
         off = rigid(rng.normal(0, 0.025 / 3**0.5, 3), rng.normal(0, 0.5 / 3**0.5, 3))
         middle = rigid([0, 0, 0], phantom().wires.reshape(-1, 3).mean(axis=0))
         wrong = REGISTERED @ middle @ off @ np.linalg.inv(middle)
-        bent = phantom((np.array(N) + rng.normal(0, of_wires, (3, 3, 1, 3))).tolist())
-        *data, _ = sweep(seed, n=30, registered=wrong, of=bent)
+        *data, _ = sweep(seed, n=30, registered=wrong)
         one = calibrate_n_wires(*data, phantom())
         found.append([corner_error(one.calibration).max(), one.corners.max(), one.calibration.error])
     return np.array(found).T
@@ -175,16 +173,6 @@ def test_the_stated_error_covers_the_true_one(n_draws):
     assert (true < stated).sum() >= 0.9 * n_draws
     assert stated.max() < 1.5
     assert 0.4 < np.sqrt(np.mean(true**2)) / np.mean(expected) < 2
-
-
-@pytest.mark.slow
-def test_wires_that_are_not_at_their_places_cost_little():
-    """20 draws: the worst corner is off by 0.65 mm (rms), 0.86 to 1.40 mm are stated; by 1.12 mm where the wires
-    count as they are stated."""
-    true, stated, _ = draws(20, 0.15)
-    assert np.sqrt(np.mean(true**2)) < 0.8
-    assert (true < stated).sum() >= 18
-    assert stated.max() < 1.5
 
 
 def test_a_probe_that_does_not_turn_is_refused():

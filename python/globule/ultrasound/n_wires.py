@@ -278,9 +278,8 @@ class _Wires(NamedTuple):
                 f"poses: expected a probe that turns about two axes by {_LEAST_TURN:g} degrees or more "
                 f"(standard deviation), got {turns[0]:.2f} and {turns[1]:.2f}; tilt and turn the probe"
             )
-        data = self.points[ok], self.times[ok], self.tracked, self.phantom, start, self.offset, change
-        slip = fit_wires(*data, fixed_wires=True).slip
-        return fit_wires(*data)._replace(slip=slip and (int(self.frames[ok][slip[0]]), *slip[1:]))
+        fit = fit_wires(self.points[ok], self.times[ok], self.tracked, self.phantom, start, self.offset, change)
+        return fit if fit.slip is None else fit._replace(slip=(int(self.frames[ok][fit.slip[0]]), *fit.slip[1:]))
 
     def _on_probe(self, poses: np.ndarray, places: np.ndarray) -> np.ndarray:
         """(F', k, 3) mm of places (F', k, 3) in the phantom."""

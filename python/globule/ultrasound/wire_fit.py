@@ -9,9 +9,8 @@ the poses is always fitted beside, because it would otherwise pull the matrix.
 
 Errors of poses change slowly, so that neighboring images have nearly the same one: beside the
 registration, a recording counts as the few images that are independent. Dots that lie off their
-wires in the same way in all images, as where a wire is not at its stated place, would pull every
-image alike, and no number of images averages that out: each wire has such a shift in the image, whose
-variance is estimated with the rest. The stated error contains what is not known of it.
+wires in the same way in all images, as where a wire is not at its stated place, pull every image
+alike; no number of images averages that out, and the stated error contains it.
 """
 
 from __future__ import annotations
@@ -32,12 +31,12 @@ _ROUNDS, _INNER = 8, 8  # linearizations, and estimates of the covariances in ea
 _DELAY = 1.0  # s: deviation of a delay that nothing is known of
 _BLOCKS = 12  # parts of the recording whose errors are taken as independent
 _FEWEST_PARTS = 5  # independent images of a recording, at least
+_FITTED = 8  # of the mean residuals of an image, what its pose and the scales take away
 _SLIP, _LEAST_SLIP = 200.0, 0.5  # chi-squared of a step in the errors of poses; mm (slow drifts reach 180)
 _FEWEST_BESIDE = 5  # images before and after a slip
 _REACH = 20.0  # mm from the middle of the wires, where a turn counts as a shift
 _DRAWS = 400  # of these parts, for the uncertainty of the delay
 _N = 9  # parameters: eight of `Start.matrix`, and the change of the offset
-_OF_WIRES = _N + 6  # after the registration's: where dots of each wire lie beside it in all images, pixels
 _STEPS = np.array([1e-5] * 5 + [1e-3] * 3 + [5e-3])  # for slopes
 
 
@@ -143,11 +142,10 @@ def registration_information(phantom: NWirePhantom) -> np.ndarray:
 
 def fit_wires(
     points: np.ndarray, times: np.ndarray, tracked: Poses, phantom: NWirePhantom, start: Start,
-    offset: float, change: float = 0.0, fixed_wires: bool = False,
+    offset: float, change: float = 0.0,
 ) -> WireFit:  # fmt: skip
     """Fit the calibration and the delay to dots (F, 3K, 2) of images at times (F,), from a start
-    and a change of the offset near the right ones. fixed_wires: without shifts of wires, which would
-    take a part of a slip."""
+    and a change of the offset near the right ones."""
     n_images, n_wires = points.shape[:2]
     ends = phantom.wires.reshape(-1, 3)
     middle = ends.mean(axis=0)
@@ -155,26 +153,22 @@ def fit_wires(
     own = np.linalg.inv(tracked.smooth(times + offset)) @ raw  # the part that is noise, or a jerk
 
     def residuals(p: np.ndarray) -> np.ndarray:
-        """(F, 6K) pixels, of nine parameters, the registration's six, and the wires' places."""
+        """(F, 6K) pixels, of nine parameters and the registration's six."""
         poses = tracked.smooth(times + offset + p[8]) @ own if p[8] else raw
         seen = np.linalg.inv(start.matrix(p)) @ np.linalg.inv(poses) @ phantom.reference_from_phantom
-        moved = (ends - middle) @ turn_by(p[12:_OF_WIRES]).T + middle + p[9:12]
-        return (cuts(seen, moved) - points).reshape(n_images, -1) + p[_OF_WIRES:]
+        moved = (ends - middle) @ turn_by(p[12:]).T + middle + p[9:12]
+        return (cuts(seen, moved) - points).reshape(n_images, -1)
 
-    n_all = _OF_WIRES + 2 * n_wires
-    prior = np.eye(n_all) * (1e6 if fixed_wires else 1.0)
-    prior[:9, :9], prior[_N:_OF_WIRES, _N:_OF_WIRES] = (
-        np.diag([0.0] * 8 + [_DELAY**-2]),
-        registration_information(phantom),
-    )
-    p = np.zeros(n_all)
+    prior = np.zeros((_N + 6, _N + 6))
+    prior[8, 8], prior[_N:, _N:] = _DELAY**-2, registration_information(phantom)
+    p = np.zeros(_N + 6)
     p[8] = change
     spread, noise = np.diag([0.3] * 3 + [0.005] * 3) ** 2, np.ones(2)  # of poses, mm and radians; of dots, pixels
     of_pose, of_dot, alike = np.ones(n_images), np.ones((n_images, n_wires)), 1.0
     for _ in range(_ROUNDS):
         before = p.copy()
-        x = _slopes(residuals, p, np.concatenate([_STEPS, [1e-4] * 6, np.full(2 * n_wires, 1e-2)]))
-        j, r = x[:, :, _N:_OF_WIRES], residuals(p)
+        x = _slopes(residuals, p, np.append(_STEPS, [1e-4] * 6))
+        j, r = x[:, :, _N:], residuals(p)
         for _ in range(_INNER):
             d = (of_dot[:, :, None] / noise**2).reshape(n_images, -1, 1)
             dx, dj = d * x, (d * j).transpose(0, 2, 1)
@@ -199,17 +193,14 @@ def fit_wires(
             size_of_pose = shift**2 + inner.diagonal(axis1=1, axis2=2)
             spread = np.diag((of_pose[:, None] * size_of_pose).mean(axis=0))
             noise = np.sqrt((of_dot[:, :, None] * size).mean(axis=(0, 1))) + 1e-6
-            if fixed_wires:
-                continue
-            of_wires = (p**2 + np.diag(np.linalg.inv(total)))[_OF_WIRES:].mean()
-            prior[_OF_WIRES:, _OF_WIRES:] = np.eye(2 * n_wires) / max(of_wires, 1e-6)
         alike = _alike(shift)
         if (np.abs(p - before) <= 0.02 * np.sqrt(np.diag(np.linalg.inv(total))) + 1e-9).all():
             break
     slope = slope + np.einsum("fpq,q->fp", information, step)
     block = np.arange(n_images) * _BLOCKS // n_images
     parts = [(information[block == b].sum(axis=0), slope[block == b].sum(axis=0)) for b in range(_BLOCKS)]
-    covariance = _covariance(parts, total, prior, p)
+    steady = (dx.transpose(0, 2, 1) - share @ dj).sum(axis=0) / alike  # (P, 6K): what moves all dots of a wire does
+    covariance = _covariance(parts, total, prior, p) + _of_wires(left, noise, steady, total)
     halves = [parts[: _BLOCKS // 2], parts[_BLOCKS // 2 :]]
     delays = [_drawn(half, prior, p) for half in halves]
     of_halves = tuple(p - _solved(half, prior, p) for half in halves)
@@ -247,6 +238,16 @@ def _slip(shift: np.ndarray) -> tuple[int, float, float] | None:
     step = shift[k:].mean(axis=0) - shift[:k].mean(axis=0) if k else np.zeros(6)
     moved, turned = (float(np.linalg.norm(part)) for part in (step[:3], step[3:]))
     return (k, moved, float(np.degrees(turned))) if moved + _REACH * turned > _LEAST_SLIP else None
+
+
+def _of_wires(left: np.ndarray, noise: np.ndarray, steady: np.ndarray, total: np.ndarray) -> np.ndarray:
+    """(P, P) covariance by dots that lie off their wires in the same way in all images: as far as
+    residuals (F, 6K), pixels, do on average (a consider covariance, Schmidt 1966)."""
+    off = left.mean(axis=0)
+    free = max(len(off) - _FITTED, 1)
+    size = np.sqrt(max((off**2).sum() / free - (noise**2).mean() / len(left), 0.0))
+    effect = np.linalg.solve(total, steady) * size
+    return effect @ effect.T
 
 
 def _covariance(parts: list, total: np.ndarray, prior: np.ndarray, p: np.ndarray) -> np.ndarray:
