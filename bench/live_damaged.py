@@ -5,7 +5,7 @@
 Each stream has 8 images with their poses and one to three of its messages changed, cut, lengthened, given
 another size, or led by garbage. Each network fault cuts or resets the connection inside of a message, is
 slow, or begins with garbage. `globule reconstruct --live` must end with a volume that can be read, and all
-images must be in a volume or in one of the counts that it reports.
+images must be in a volume or in one of the counts that it reports; none that came may count twice.
 """
 
 from __future__ import annotations
@@ -116,6 +116,8 @@ def run(parts: list[Part]) -> str:
     counts, live = facts["live"]["counts"], facts["live"]
     known = facts["frames"]["total"] + sum(other["frames"] for other in facts["others"])
     known += sum(counts[name] for name in ("without_pose", "useless", "repeated", "missed"))
+    if (came := known - counts["missed"] + counts["broken_images"]) > N:
+        return f"{came} images of {N} came: {live}"
     known += sum(live["broken"].values()) + sum(live["unused"].values())
     return "" if known >= N else f"{N - known} images are nowhere: {live}"
 

@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 from cli_helpers import cube
 from globule._base import device
-from waiting import PATIENCE
+from waiting import PATIENCE, Waits
 
 LEVELS = device.cpu_levels()
 QUICK = [*dict.fromkeys((f"{LEVELS[-1]}-2threads", f"{LEVELS[0]}-1thread"))]
@@ -257,6 +257,15 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("GLOBULE_TRACEBACK", raising=False)
     return tmp_path
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Of the client of a live run."""
+    from globule.ultrasound import senders
+
+    monkeypatch.setattr(senders, "time", waits := Waits())
+    return waits
 
 
 @pytest.fixture

@@ -1,13 +1,11 @@
 """Frames over OpenIGTLink: as a sweep, as a volume that grows, recorded, and after a crash."""
 
-import contextlib
 import os
 import signal
 import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import globule as gb
@@ -15,76 +13,17 @@ import numpy as np
 import pytest
 from cli_helpers import refuses, run_json
 from globule.cli import main
+from globule.cli.live import pressed_once
 from globule.formats.sweeps import igs
-from globule.ultrasound import senders
-from globule.ultrasound.calibration import Calibration
-from globule.ultrasound.live import LiveCounts, LiveFrame, parse_address, receive, receive_sweep
+from globule.ultrasound.live import LiveFrame, receive, receive_sweep
 from globule.ultrasound.recorder import Recorder
 from globule.volumes.files import read_volume
+from live_helpers import GROWS, LIVE, Server, arrived, igtl, served
 from PIL import Image
 from sweep_helpers import small_sweep, spine_data
-from waiting import PATIENCE, Waits, until
+from waiting import PATIENCE, until
 
-igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
-from bench.live_damaged import MUTATIONS  # noqa: E402  needs pyigtl
-
-CPU = ["--device", "cpu"]
-LIVE = ["reconstruct", "--idle", "0.5", *CPU]
-GROWS = [*LIVE, "--voxel-size", "1"]
 pytestmark = pytest.mark.usefixtures("folder", "clock")
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    """Of the client."""
-    monkeypatch.setattr(senders, "time", waits := Waits())
-    return waits
-
-
-class Server:
-    """An OpenIGTLink server that replays a sweep, on loopback."""
-
-    def __init__(self, sweep, embedded: bool = False, names=("ImageToReference",)):
-        self.messages = []
-        for i in range(len(sweep)):
-            matrix = sweep.world_from_image[i]
-            when = 1000 + float(sweep.timestamps[i])
-            place = matrix if embedded else np.eye(4)
-            image = igtl.ImageMessage(
-                sweep.frames[i][None], ijk_to_world_matrix=place, timestamp=when,
-                device_name="Image",
-            )  # fmt: skip
-            parts = [image]
-            if not embedded:
-                for name in names:
-                    parts.append(igtl.TransformMessage(matrix, timestamp=when, device_name=name))
-            self.messages.append([part.pack() for part in parts])
-        self.socket = socket.create_server(("127.0.0.1", 0))
-        self.address = f"igtl://127.0.0.1:{self.socket.getsockname()[1]}"
-
-    def serve(self, *parts, between: Callable[[int], object] = lambda n: None) -> threading.Thread:
-        """Each connection sends its part of the frames and hangs up. between: called with the number sent."""
-
-        def work():
-            for part in parts:
-                connection, _ = self.socket.accept()
-                with connection, contextlib.suppress(OSError):
-                    for n, messages in enumerate(self.messages[part], start=1):
-                        for message in messages:
-                            connection.sendall(message)
-                        between(n)
-            self.socket.close()
-
-        thread = threading.Thread(target=work, daemon=True)
-        thread.start()
-        return thread
-
-
-def served(sweep, *parts: slice, between=lambda n: None, **options) -> str:
-    """The address of a server that sends a sweep, or parts of it after each other."""
-    server = Server(sweep, **options)
-    server.serve(*(parts or (slice(None),)), between=between)
-    return server.address
 
 
 class Redrawn:
@@ -103,15 +42,6 @@ class Redrawn:
             return now > known
 
         until(drawn, f"for {self.path.name} to be drawn")
-
-
-def arrived(live, sweep) -> bool:
-    """Whether a sweep came over the line: OpenIGTLink's matrices are float32."""
-    return (
-        np.array_equal(live.frames, sweep.frames)
-        and np.allclose(live.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-4)
-        and np.allclose(np.diff(live.timestamps), np.diff(sweep.timestamps), atol=1e-6)
-    )
 
 
 def test_live_with_transforms_and_with_embedded_poses():
@@ -140,7 +70,7 @@ def test_the_real_sweep_replayed(capsys):
     assert np.array_equal(live.frames, sweep.frames)
     assert live.world == "Reference"
     assert np.allclose(live.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-3)
-    words = ["--plus", str(plus), "--method", "pvn-om", "--voxel-size", "0.5", *CPU]
+    words = ["--plus", str(plus), "--method", "pvn-om", "--voxel-size", "0.5", "--device", "cpu"]
     words += ["--live", replay(), "--idle", "1", "-o", "v.npz"]
     facts = run_json(capsys, "reconstruct", *words)
     assert facts["frames"]["used"] == 21
@@ -180,7 +110,7 @@ def test_live_reconstruct(sweep, capsys):
     # Without a spacing the frames are collected first, and the file's volume comes out.
     words = ["-o", "v.npz", "--voxels", "40"]
     assert not run_json(capsys, *LIVE, "--live", served(sweep), *words)["live"]["grew"]
-    assert main(["reconstruct", "phantom.igs.mha", "-o", "w.npz", "--voxels", "40", *CPU]) == 0
+    assert main(["reconstruct", "phantom.igs.mha", "-o", "w.npz", "--voxels", "40", "--device", "cpu"]) == 0
     live, file = read_volume("v.npz"), read_volume("w.npz")
     assert live.values.shape == file.values.shape
     # Poses in float32 move a pixel in a thousand to the next voxel.
@@ -235,6 +165,7 @@ def test_a_recording_that_was_cut_anywhere():
         for frame in frames[n:]:
             recorder.add(frame)
         recorder.close()
+        Path("kept/unfinished").touch()  # as a killed run leaves it
         return n
 
     record()
@@ -246,7 +177,7 @@ def test_a_recording_that_was_cut_anywhere():
         Path("kept/frame_000005.part").write_bytes(b"cut")
         assert record() == max(sum(end <= size for end in ends) - 1, 0)
         assert table.read_bytes() == whole
-    for ours, theirs in zip(Recorder("kept").kept, frames, strict=True):
+    for ours, theirs in zip((again := Recorder("kept")).kept, frames, strict=True):
         assert (ours.time, ours.world, ours.image.dtype) == (theirs.time, theirs.world, theirs.image.dtype)
         assert np.array_equal(ours.image, theirs.image)
         assert np.array_equal(ours.world_from_image, theirs.world_from_image)
@@ -254,7 +185,11 @@ def test_a_recording_that_was_cut_anywhere():
     with pytest.warns(UserWarning, match="go back at frame 1 and 3 others"):
         kept = gb.ultrasound.read_sweep("kept")
     assert np.array_equal(kept.world_from_image[2], frames[2].world_from_image)
+    again.close()
+    refuses("finished recording of 5 images", Recorder, "kept")
+    assert table.read_bytes() == whole
     Path("kept/frame_000003.png").write_bytes(b"no picture")
+    Path("kept/unfinished").touch()
     refuses(r"frame_000003\.png", list, Recorder("kept").kept)
     Path("other").mkdir()
     Path("other/notes.txt").write_text("mine", encoding="utf-8")
@@ -320,31 +255,6 @@ def test_a_volume_that_cannot_be_read_while_frames_come(sweep, capsys, monkeypat
     assert Path("v.png").exists()
 
 
-def test_stamps_are_counted_in_a_memory_that_does_not_grow(monkeypatch):
-    monkeypatch.setattr("globule.ultrasound.live._STAMPS", 16)
-    counts = LiveCounts()
-    lost = {7, 40, 41, 99}
-    for i in range(200):
-        if i not in lost:
-            counts.saw(100 + i / 25)
-        if i == 150:  # a server that begins again
-            for k in range(140, 150):
-                counts.saw(100 + k / 25)
-    assert counts.missed == len(lost)
-    assert len(counts._times._times) < 40
-    assert not counts.without_clock
-
-
-def test_frames_with_a_useless_pose_do_not_end_the_stream(sweep):
-    sweep.world_from_image[3] = 0
-    sweep.world_from_image[5, :3, 3] = np.nan
-    sweep.world_from_image[3, 3, 3] = 1
-    live = receive_sweep(served(sweep), idle=0.5)
-    assert len(live) == 22
-    good = np.delete(np.arange(24), [3, 5])
-    assert np.array_equal(live.frames, sweep.frames[good])
-
-
 def test_ctrl_c_waits_for_the_end_of_a_frame(sweep):
     """In the middle of a frame locks are held, and files half written."""
     whole = []
@@ -357,6 +267,16 @@ def test_ctrl_c_waits_for_the_end_of_a_frame(sweep):
     live = receive_sweep(served(sweep), idle=5.0, each=each)
     assert len(live) == 10
     assert whole == list(range(1, 11))
+
+
+def test_ctrl_c_pressed_twice_counts_once():
+    """The second one came while the volume was written, and no volume was there."""
+    usual = signal.getsignal(signal.SIGINT)
+    with pressed_once():
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is usual
 
 
 def test_a_jump_that_cannot_fit_leaves_the_frames(sweep, capsys):
@@ -375,82 +295,6 @@ def test_images_of_other_types(sweep, capsys, dtype):
     assert volume.values.max() > 400
     if dtype == np.int16:  # no type of a volume's: collected, then brought into one
         assert "only collects frames" in capsys.readouterr().err
-
-
-def test_what_is_no_openigtlink_is_refused():
-    address = stream([b"HTTP/1.1 200 OK\r\n" + b"\xff" * 200])
-    refuses("OpenIGTLink", list, receive(address, {}, idle=0.5))
-
-
-class Bytes:
-    """A connection that ends after these bytes."""
-
-    def __init__(self, content: bytes):
-        self.content = memoryview(content)
-
-    def recv(self, n: int) -> bytes:
-        part, self.content = self.content[: min(n, 700)], self.content[min(n, 700) :]
-        return bytes(part)
-
-
-def received(content: bytes) -> tuple[list, list]:
-    """The messages among bytes, by their stamps, and what was broken."""
-    connection = senders._Stream(igtl.messages.MessageBase, Bytes(content), threading.Event())
-    messages, broken = [], []
-    while (message := connection.message(np.inf)) is not None:
-        if isinstance(message, senders.Broken):
-            broken.append(message.what)
-        else:
-            messages.append(getattr(message, "timestamp", message))
-    return messages, broken
-
-
-@pytest.mark.parametrize("n_streams", [10, pytest.param(350, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("mutation", MUTATIONS)
-def test_a_broken_message_costs_no_other(mutation, n_streams):
-    made = small_sweep(6)
-    whole = [message for parts in Server(made).messages for message in parts]
-    stamps, broken = received(b"".join(whole))
-    assert len(stamps) == len(whole)
-    assert not broken
-    for seed in range(n_streams):
-        rng = np.random.default_rng(seed)
-        which = int(rng.integers(1, len(whole)))
-        mutated = MUTATIONS[mutation](rng, whole[which])
-        got, broken = received(b"".join([*whole[:which], mutated, *whole[which + 1 :]]))
-        others = stamps[:which] + stamps[which + 1 :]
-        missing = list(others)
-        for stamp in got:
-            if stamp in missing:
-                missing.remove(stamp)
-        assert not missing, (seed, which)
-        assert broken or len(got) == len(whole)
-
-
-def test_a_stream_goes_on_after_what_is_broken(sweep, capsys):
-    """A malformed transform, garbage, an image of three dimensions, and images of another size."""
-    server = Server(sweep)
-    malformed = bytearray(server.messages[5][1])
-    malformed[49] = 20  # bytes of the body
-    solid = igtl.ImageMessage(np.zeros((2, 5, 5), np.uint8), timestamp=9, device_name="Image").pack()
-    server.messages[5].insert(1, bytes(malformed[: 58 + 20]))
-    server.messages[9].append(b"HTTP/1.1 200 OK\r\n" * 9)
-    server.messages[12].append(solid)
-    for i in range(18, 24):
-        part = igtl.ImageMessage(sweep.frames[i][None, :30, :40], timestamp=1000 + float(sweep.timestamps[i]),
-                                 device_name="Image")  # fmt: skip
-        server.messages[i][0] = part.pack()
-    server.serve(slice(None))
-    facts = run_json(capsys, *GROWS, "--live", server.address, "-o", "v.npz", "--record", "kept")
-    assert facts["frames"]["used"] == 18
-    assert facts["live"]["grew"]
-    assert facts["others"] == [{"output": "v-2.npz", "frames": 6, "size": [40, 30]}]
-    assert facts["live"]["counts"]["frames"] == 24
-    assert facts["live"]["recorded"] == 24
-    assert sum(facts["live"]["broken"].values()) == 3
-    assert any("3 messages skipped" in line for line in facts["warnings"])
-    assert read_volume("v-2.npz").values.any()
-    assert len(gb.ultrasound.read_sweep("kept-2")) == 6
 
 
 def test_a_full_disk_ends_neither_stream_nor_volume(sweep, capsys, monkeypatch):
@@ -474,213 +318,6 @@ def test_a_full_disk_ends_neither_stream_nor_volume(sweep, capsys, monkeypatch):
     assert any("No space left on device (after 5 frames)" in line for line in facts["warnings"])
     assert read_volume("v.npz").values.any()
     assert Path("v.png").exists()
-
-
-def test_an_own_pose_beside_other_transforms(sweep):
-    """A stylus or the reference leads nowhere from the image."""
-    server = Server(sweep, embedded=True)
-    for i, messages in enumerate(server.messages):
-        messages.append(igtl.TransformMessage(np.eye(4), timestamp=1000 + float(sweep.timestamps[i]),
-                                              device_name="StylusToReference").pack())  # fmt: skip
-    server.serve(slice(None))
-    assert arrived(receive_sweep(server.address, idle=0.4), sweep)
-
-
-def test_the_status_of_a_transform_counts(sweep):
-    server = Server(sweep)
-    for i in (7, 8):
-        lost = igtl.TransformMessage(np.eye(4), timestamp=1000 + float(sweep.timestamps[i]),
-                                     device_name="ImageToReference")  # fmt: skip
-        lost.header_version, lost.metadata = 2, {"TransformStatus": "OUT_OF_VIEW"}
-        server.messages[i][1] = lost.pack()
-    server.serve(slice(None))
-    counts = LiveCounts()
-    live = receive_sweep(server.address, idle=0.4, counts=counts)
-    assert np.array_equal(live.frames, np.delete(sweep.frames, [7, 8], axis=0))
-    assert counts.useless == 2
-
-
-@pytest.mark.parametrize("when", [1e9, 0.0])
-def test_one_wrong_stamp_costs_one_image(sweep, when):
-    """Of a transform that comes after its image: images after it had no pose, as one far ahead was known."""
-    server = Server(sweep)
-    wrong = igtl.TransformMessage(sweep.world_from_image[3], timestamp=when, device_name="ImageToReference")
-    server.messages[3][1] = wrong.pack()
-    server.serve(slice(None))
-    counts = LiveCounts()
-    live = receive_sweep(server.address, idle=0.4, counts=counts)
-    assert len(live) >= 23
-    assert counts.missed <= 1
-    assert counts.frames + counts.without_pose == 24
-
-
-@pytest.mark.parametrize("first", ["image", "pose"])
-def test_a_server_without_a_clock(sweep, capsys, first):
-    messages = []
-    for frame, place in zip(sweep.frames, sweep.world_from_image, strict=True):
-        pair = [igtl.ImageMessage(frame[None], timestamp=0, device_name="Image"),
-                igtl.TransformMessage(place, timestamp=0, device_name="ImageToReference")]  # fmt: skip
-        messages += pair if first == "image" else pair[::-1]
-    facts = run_json(capsys, *GROWS, "--live", stream(messages), "-o", "v.npz", "--record", "kept")
-    assert facts["frames"]["used"] == 24
-    assert any("one time stamp" in line for line in facts["warnings"])
-    kept = gb.ultrasound.read_sweep("kept")
-    assert np.array_equal(kept.frames, sweep.frames)
-    assert np.allclose(kept.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-4)
-
-
-@pytest.mark.parametrize(("name", "advice"), [
-    ("ProbeToReference", "give --calibration"), ("LinearTransform_3", "expected names as ImageToReference"),
-])  # fmt: skip
-def test_without_any_pose_the_error_says_what_to_give(sweep, name, advice):
-    with pytest.raises(ValueError, match=advice):
-        receive_sweep(served(sweep, names=(name,)), idle=0.4)
-
-
-def test_addresses():
-    assert parse_address("igtl://localhost") == ("localhost", 18944)
-    assert parse_address("igtl://10.0.0.1:5000") == ("10.0.0.1", 5000)
-    for wrong in ("localhost:3", "igtl://", "igtl://:3", "igtl://a:b", "igtl://a:99999"):
-        refuses("igtl://host:port", parse_address, wrong)
-
-
-def stream(messages, ended: threading.Event | None = None) -> str:
-    """Serve messages, or bytes, on one connection, which stays until `ended`; the address."""
-    listener = socket.create_server(("127.0.0.1", 0))
-
-    def work():
-        connection, _ = listener.accept()
-        listener.close()  # nobody connects twice
-        with connection, contextlib.suppress(OSError):
-            for message in messages:
-                connection.sendall(message if isinstance(message, bytes) else message.pack())
-            if ended:
-                ended.wait(PATIENCE)
-
-    threading.Thread(target=work, daemon=True).start()
-    return f"igtl://127.0.0.1:{listener.getsockname()[1]}"
-
-
-def blob_frames(place, n=9):
-    """Frames of 21 x 21 pixels of 1 mm around a place, where one pixel shines."""
-    frames = np.zeros((n, 21, 21), np.uint8)
-    frames[n // 2, 10, 10] = 250
-    poses = np.tile(np.eye(4), (n, 1, 1))
-    poses[:, :3, 3] = np.array(place) - (10, 10, n // 2)
-    poses[:, 2, 3] += np.arange(n)
-    return frames, poses
-
-
-@pytest.mark.parametrize("embedded", [True, False])
-def test_a_stream_in_ras_lies_where_it_is(embedded, capsys):
-    """A blob at RAS (30, 20, 10): before, the volume was turned by 180 degrees about z."""
-    frames, poses = blob_frames((30, 20, 10))
-    messages = []
-    for i, (frame, pose) in enumerate(zip(frames, poses, strict=True)):
-        place, when = pose if embedded else np.eye(4), 100 + 0.1 * i
-        messages.append(igtl.ImageMessage(
-            frame[None], ijk_to_world_matrix=place, world_coordinate_system="ras", timestamp=when,
-            device_name="Image"))  # fmt: skip
-        if not embedded:
-            name = "ImageToReference"
-            messages.append(igtl.TransformMessage(pose, timestamp=when, device_name=name))
-    words = [*GROWS, "--live", stream(messages), "-o", "v.nii.gz"]
-    run_json(capsys, *words, *([] if embedded else ["--space", "RAS"]))
-    volume = read_volume("v.nii.gz", space="RAS")
-    z, y, x = np.unravel_index(np.argmax(volume.values), volume.shape)
-    place = volume.world_from_voxel @ (x, y, z, 1)
-    assert np.allclose(place[:3], (30, 20, 10), atol=0.6)
-    lps = receive_sweep(stream(messages), idle=0.5, space="LPS")
-    assert lps.space == "LPS"
-    assert np.allclose(lps.world_from_image, poses, atol=1e-4)
-
-
-def tracker_and_images(n: int = 40, shift: float = 0.0, delay: float = 0.0, clock: float = 0.0):
-    """A tracker of 60 Hz, images of 30 Hz that begin `shift` later, each message with its time (s), and
-    the places x = 20 sin t that the images show, `delay` later. clock: what the tracker's shows beyond."""
-    tracker = []
-    for i in range(2 * n):
-        matrix = np.eye(4)
-        matrix[0, 3] = 20 * np.sin(i / 60)
-        sent = igtl.TransformMessage(matrix, timestamp=1000 + i / 60 + clock, device_name="ProbeToReference")
-        tracker.append((i / 60, sent))
-    times = np.arange(n) / 30 + shift
-    pixels = np.arange(n, dtype=np.uint8)[:, None, None, None] * np.ones((1, 8, 8), np.uint8)
-    images = [
-        (t, igtl.ImageMessage(image, timestamp=1000 + t, device_name="Image"))
-        for t, image in zip(times.tolist(), pixels, strict=True)
-    ]
-    return tracker, images, 20 * np.sin(times - delay)
-
-
-def tracked(shift: float = 0.0, delay: float = 0.0):
-    """The same on one line, in the order of their times."""
-    tracker, images, places = tracker_and_images(shift=shift, delay=delay)
-    return [message for _, message in sorted([*tracker, *images], key=lambda item: item[0])], places
-
-
-def test_stamps_of_tracker_and_image_apart():
-    """Before: 4 ms apart gave no frame at all."""
-    calibration = Calibration(np.eye(4))
-    for shift in (0.0, 0.004):
-        messages, places = tracked(shift)
-        counts = LiveCounts()
-        sweep = receive_sweep(stream(messages), calibration, idle=0.5, counts=counts)
-        assert len(sweep) == 40
-        assert np.allclose(sweep.world_from_image[:, 0, 3], places, atol=1e-3)
-        assert counts.as_dict() == {"images": 40, "frames": 40, "without_pose": 0, "useless": 0,
-                                    "repeated": 0, "missed": 0, "missed_poses": 0,
-                                    "connections": 1}  # fmt: skip
-
-
-def test_the_calibration_s_temporal_offset_counts():
-    """Before: live ignored it."""
-    calibration = Calibration(np.eye(4), temporal_offset=-0.1)
-    messages, places = tracked(delay=0.1)
-    counts = LiveCounts()
-    sweep = receive_sweep(stream(messages), calibration, idle=0.5, counts=counts)
-    assert counts.images == 40
-    assert counts.without_pose == 3  # those before the first pose, of 0.1 s
-    assert np.allclose(sweep.world_from_image[:, 0, 3], places[3:], atol=1e-3)
-    other = receive_sweep(stream(messages), calibration, idle=0.5, temporal_offset=0.0)
-    assert np.abs(other.world_from_image[:, 0, 3] - places).max() > 1
-    later = Calibration(np.eye(4), temporal_offset=0.1)
-    messages, places = tracked(delay=-0.1)
-    sweep = receive_sweep(stream(messages), later, idle=0.5)
-    assert np.allclose(sweep.world_from_image[:, 0, 3], places[: len(sweep)], atol=1e-3)
-    assert len(sweep) >= 36
-
-
-def test_embedded_poses_take_the_offset_too():
-    messages = []
-    for i in range(20):
-        place = np.eye(4)
-        place[:3, 3] = i, 2, 3
-        messages.append(igtl.ImageMessage(np.full((1, 8, 8), i, np.uint8), place, timestamp=i / 10,
-                                          device_name="Image"))  # fmt: skip
-    sweep = receive_sweep(stream(messages), idle=0.5, temporal_offset=0.05)
-    assert np.allclose(sweep.world_from_image[:, 0, 3], sweep.frames[:, 0, 0] + 0.5, atol=1e-4)
-    assert len(sweep) == 19
-
-
-def test_lost_images_are_counted(sweep, capsys):
-    """The server gives up twice and goes on later, and a transform stays away for a while."""
-    server = Server(sweep)
-    for i in (15, 16):
-        del server.messages[i][1]
-    server.serve(slice(0, 8), slice(11, None))
-    facts = run_json(capsys, *GROWS, "--live", server.address, "-o", "v.npz")
-    counts = facts["live"]["counts"]
-    assert counts["images"] == 21
-    assert counts["connections"] >= 2
-    assert counts["missed"] == 3
-    assert counts["frames"] + counts["without_pose"] == 21
-    assert any("3 images never arrived" in line for line in facts["warnings"])
-    server = Server(sweep)
-    for parts in server.messages:
-        del parts[1:]
-    server.serve(slice(None))
-    refuses(r"got 24 images and no pose", receive_sweep, server.address, idle=0.5)
 
 
 def test_the_server_may_start_later(sweep, clock, monkeypatch):

@@ -19,7 +19,7 @@ from globule.ultrasound.live_output import LiveOutput, surface
 from globule.ultrasound.senders import Arrived, Clocks
 from globule.volumes.slices import reslice
 from interrupts import running
-from test_live import GROWS, served, stream, tracker_and_images
+from live_helpers import GROWS, served, stream, tracker_and_images
 from waiting import PATIENCE, Waits, until
 
 igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")

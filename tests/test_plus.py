@@ -133,6 +133,7 @@ def test_skip_invalid_frames_and_fan_detection():
     # Frames 0, 2 (invalid): the box is that of all valid frames, the pixels those of frame 0.
     first = reconstruct_plus(alone, config, device="cpu")
     assert volume.n_measured == first.n_measured < volume.values.size
+    assert volume.info["frames"] == 1
     config = PlusConfig((1, 1, 1), fan_angles=(-45, 45), fan_origin=(100, -20), fan_start=20, fan_stop=220)
     j, i = np.indices((200, 200))
     angle = np.degrees(np.arctan2(i - 100, j + 20))

@@ -68,7 +68,7 @@ def test_a_file_and_its_frames_give_the_same_volume(work, sweep):
 @pytest.mark.slow
 def test_a_live_run_ends_with_a_volume(work, sweep):
     pytest.importorskip("pyigtl", reason="live needs pyigtl")
-    from test_live import Server
+    from live_helpers import Server
 
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]

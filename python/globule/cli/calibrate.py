@@ -29,10 +29,11 @@ from ..ultrasound.n_wires import NWireCalibration, WireErrors, calibrate_n_wires
 from ..ultrasound.plus_setup import write_plus
 from ..ultrasound.stylus import calibrate_stylus, register_landmarks, write_stylus
 from ..ultrasound.temporal import METHODS
-from ..ultrasound.wires import NWirePhantom, read_phantom, write_phantom
+from ..ultrasound.wires import NWirePhantom, WirePoints, read_phantom, write_phantom
 from . import flags
+from .calibration_lines import lines_of
 from .parser import Parser
-from .shared import UserError, check_output, count, mistakes, positive, print_json, warn
+from .shared import UserError, check_output, mistakes, positive, print_json, warn
 
 SUMMARY = "marked pixels, wires or motion to the calibration of a probe"
 USAGE = "[MARKS]"
@@ -76,7 +77,8 @@ def add_arguments(parser: Parser) -> None:
     flags.own(parser, "--picture FILE.png", "picture of points, motions and residuals; needs "
         "matplotlib")  # fmt: skip
     flags.own(parser, "--report FILE.html", "page with verdict, numbers and pictures of an --n-wire "
-        "session: --sweep, --validate and --delay in one run; needs matplotlib")  # fmt: skip
+        "session: --sweep, --validate and --delay in one run; status 1 unless the verdict is to use it; needs "
+        "matplotlib")  # fmt: skip
     flags.add(parser, "--calibration", "the result keeps its other values; default: none")
     flags.add(parser, "--json")
 
@@ -95,7 +97,9 @@ def run(options: argparse.Namespace) -> None:
     if options.json:
         print_json(report)
     else:
-        print("\n".join(_lines(report)))
+        print("\n".join(lines_of(report)))
+    if not report.get("verdict", {"passed": True})["passed"]:
+        raise SystemExit(1)
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -106,22 +110,19 @@ def _check(options: argparse.Namespace) -> None:
     if not given and not options.delay:
         got = "MARKS: expected a table of marks, --n-wire, --stylus or --delay, got none"
         raise UserError(got)
+    there = {"--n-wire": options.phantom, "--sweep": options.sweep, "--delay": options.delay,
+             "--sweep or --landmarks": options.sweep or options.landmarks}  # fmt: skip
     needs = {
-        "--delay": (options.delay, "--sweep", options.sweep),
-        "--stylus": (options.stylus, "--sweep", options.sweep),
-        "--n-wire": (
-            options.phantom, "--sweep or --landmarks", options.sweep or options.landmarks
-        ),
-        "--landmarks": (options.landmarks, "--n-wire", options.phantom),
-        "--report": (options.report, "--n-wire, --sweep and --delay",
-                     options.phantom and options.sweep and options.delay),
-        "--validate": (options.validate, "--n-wire and --sweep", options.phantom and options.sweep),
-        "--poses": (options.poses, "--sweep", options.sweep),
-        "--frame-times": (options.frame_times, "--sweep", options.sweep),
+        "--delay": (options.delay, "--sweep"), "--stylus": (options.stylus, "--sweep"),
+        "--n-wire": (options.phantom, "--sweep or --landmarks"), "--landmarks": (options.landmarks, "--n-wire"),
+        "--report": (options.report, "--n-wire", "--sweep", "--delay"),
+        "--validate": (options.validate, "--n-wire", "--sweep"),
+        "--poses": (options.poses, "--sweep"), "--frame-times": (options.frame_times, "--sweep"),
     }  # fmt: skip
-    for option, (value, wanted, there) in needs.items():
-        if value and not there:
-            raise UserError(f"{option}: expected {wanted} beside {option}, got none")
+    for option, (value, *wanted) in needs.items():
+        missing = [name for name in wanted if not there[name]]
+        if value and missing:
+            raise UserError(f"{option}: expected {' and '.join(missing)} beside {option}, got none")
     if options.output:
         check_output("-o", options.output, [".toml", ".xml"])
         if not given and not options.calibration:
@@ -216,8 +217,8 @@ def _write(options: argparse.Namespace, calibration: Calibration, messages: list
     write_calibration(options.output, calibration, base)
     if options.output.lower().endswith(".xml") and calibration.temporal_offset:
         messages.append(
-            f"{options.output}: PLUS configurations hold no temporal offset of "
-            f"{calibration.temporal_offset:+.4f} s; set it where the devices are configured"
+            f"{options.output}: holds the transform alone; add {calibration.temporal_offset:+.4f} to "
+            "LocalTimeOffsetSec of the images' Device in the configuration"
         )
 
 
@@ -275,20 +276,26 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
             return report
     earlier = read_calibration(options.calibration) if options.calibration else None
     data = _timed(options.sweep, _tracked(options, options.sweep))
-    found = calibrate_n_wires(
-        *data, phantom, earlier.temporal_offset if earlier else 0.0, options.delay,
-        1.0 if options.most is None else options.most,
-    )  # fmt: skip
+    with mistakes(options.sweep):
+        found = calibrate_n_wires(
+            *data, phantom, earlier.temporal_offset if earlier else 0.0, options.delay,
+            1.0 if options.most is None else options.most,
+        )  # fmt: skip
     calibration = found.calibration
-    validation = None
-    if options.validate:
-        more = _timed(options.validate, _tracked(options, options.validate))
-        validation, dots = validate_n_wires(calibration, *more, phantom)
-        found = _by_validation(found, validation, earlier, more, phantom)
-        report["validation"] = _wire_report(phantom, validation, dots, len(more[0]))
+    validation, validated = None, options.validate
+    if validated:
+        more = _timed(validated, _tracked(options, validated))
+        with mistakes(validated):
+            validation, dots = validate_n_wires(calibration, *more, phantom)
+        report["validation"] = _wire_report(validation, dots, phantom)
+        if np.array_equal(data[0], more[0]):
+            report["warnings"].append(f"{validated}: the images of --sweep again, which validate nothing")
+            validated = None
+        else:
+            found = _by_validation(found, validation, earlier, more, phantom)
     report |= {
         "probe_from_image": calibration.probe_from_image, "spacing": calibration.spacing,
-        "calibration": _wire_report(phantom, found.errors, found.points, len(data[0])),
+        "calibration": _wire_report(found.errors, found.points, phantom),
         "corner_errors": found.corners, "center_error": found.center,
         "temporal_offset": {
             "offset": calibration.temporal_offset, "uncertainty": found.offset_uncertainty,
@@ -299,9 +306,10 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
     if options.report:
         from ..ultrasound.calibration_report import Session, write_report
 
-        own = _own_calibration(options, more, phantom, earlier) if options.validate else None
-        names = (options.phantom, options.sweep, options.validate)
-        report["verdict"] = write_report(options.report, Session(*names, found, validation, own), data[0], phantom)
+        own = _own_calibration(options, more, phantom, earlier) if validated else None
+        session = Session(options.phantom, options.sweep, validated, found, validation if validated else None, own)
+        report["verdict"] = write_report(options.report, session, data[0], phantom)
+        report["report"] = options.report
     report["warnings"] += _wire_warnings(options, found)
     if options.picture:
         from ..ultrasound.calibration_plots import draw_wires
@@ -354,11 +362,11 @@ def _wire_warnings(options: argparse.Namespace, found: NWireCalibration) -> list
             f"{options.sweep}: a temporal offset of {offset:+.3f} ± {spread:.3f} s fits better "
             f"({after:.1f} instead of {before:.1f} pixels); add --delay to find it with the matrix"
         )
-    if found.offset_doubt:
-        problem = f"{options.sweep}: the temporal offset is uncertain: {found.offset_doubt}"
+    problem = found.slip or (found.offset_doubt and f"the temporal offset is uncertain: {found.offset_doubt}")
+    if problem:
         if options.output:
-            raise UserError(f"{problem}; {options.output} was not written")
-        messages.append(problem)
+            raise UserError(f"{options.sweep}: {problem}; {options.output} was not written")
+        messages.append(f"{options.sweep}: {problem}")
     size = found.errors.summary()["median"]
     if size > _WRONG:
         messages.append(
@@ -373,9 +381,11 @@ def _wire_warnings(options: argparse.Namespace, found: NWireCalibration) -> list
     return messages
 
 
-def _wire_report(phantom: NWirePhantom, errors: WireErrors, dots: Any, n_images: int) -> dict[str, Any]:
+def _wire_report(errors: WireErrors, dots: WirePoints, phantom: NWirePhantom) -> dict[str, Any]:
+    n_found = int(dots.found.sum())
     return {
-        "images": n_images, "found": int(dots.found.sum()), "used": len(errors.frames),
+        "images": len(dots.found), "found": n_found, "used": len(errors.frames),
+        "without_pose": n_found - len(errors.frames),
         **errors.summary(),
         "wires": {
             name: {"mean_pixels": errors.two_d[:, i].mean(axis=0),
@@ -444,92 +454,3 @@ def _stylus(options: argparse.Namespace) -> dict[str, Any]:
             "turn": found.turn, "poses": len(lengths), "left_out": int((found.weights == 0).sum()),
         },
     }  # fmt: skip
-
-
-# Lines
-
-
-def _lines(report: dict[str, Any]) -> list[str]:
-    lines = []
-    if "rms" in report:
-        lengths = report["residuals"]
-        u, v = report["spacing"]
-        target = " ".join(f"{x:.2f}" for x in report["target"])
-        lines += [
-            f"{count(len(lengths), 'mark')}: rms {report['rms']:.3f} mm, median "
-            f"{np.median(lengths):.3f}, largest {lengths.max():.3f} mm (mark "
-            f"{int(lengths.argmax()) + 1})",
-            f"  pixels of {u:.5f} x {v:.5f} mm, target at {target} mm",
-            f"  expected error at the image's corners {report['corner_errors'].max():.2f} mm at "
-            f"most (1 sigma); marks left out of the fit are off by "
-            f"{np.median(report['held_out']):.2f} mm (median)",
-            "  residuals: " + " ".join(f"{x:.2f}" for x in lengths),
-        ]
-    lines += _line_of_stylus(report) + _lines_of_registration(report) + _lines_of_wires(report)
-    if "temporal_offset" in report and report["temporal_offset"]["method"] != "given":
-        found = report["temporal_offset"]
-        apart = found["uncertainty"]
-        within = f"± {apart:.4f}" if np.isfinite(apart) else "(of unknown accuracy)"
-        line = f"temporal offset {found['offset']:+.4f} s {within} from the {found['method']}"
-        if "correlation" in found:
-            line += f", correlation {found['correlation']:.2f}, reached by chance in "
-            line += f"{100 * found['chance']:.0f} %"
-        lines.append(line)
-        if found["skew"] is not None:
-            lines.append(f"  last column of the echo {found['skew']:+.3f} s beside the first")
-        if found.get("beat_extent") is not None:
-            lines.append(
-                f"  the offset varies by {found['beat_extent']:.3f} s in a sawtooth of "
-                f"{found['beat_period']:.1f} s: images are recorded at another rate than the "
-                "scanner makes them"
-            )
-    if report["output"]:
-        lines.append(f"{report['output']}: written")
-    return lines
-
-
-def _line_of_stylus(report: dict[str, Any]) -> list[str]:
-    if "stylus" not in report:
-        return []
-    found = report["stylus"]
-    tip = " ".join(f"{x:.3f}" for x in found["tip"])
-    return [
-        f"tip of the stylus at {tip} mm, ± {found['error']:.2f} mm (1 sigma)",
-        f"  {count(found['poses'], 'pose')} over {found['turn']:.0f} degrees, "
-        f"{found['left_out']:,} left out, rms {found['rms']:.3f} mm",
-    ]
-
-
-def _lines_of_registration(report: dict[str, Any]) -> list[str]:
-    if "registration" not in report:
-        return []
-    found = report["registration"]
-    residuals = ", ".join(f"{name} {size:.2f}" for name, size in zip(found["names"], found["residuals"], strict=True))
-    return [
-        f"{count(len(found['names']), 'landmark')}: rms {found['rms']:.3f} mm, expected error at "
-        f"the wires {found['error']:.2f} mm (1 sigma)",
-        f"  residuals: {residuals} mm",
-    ]
-
-
-def _lines_of_wires(report: dict[str, Any]) -> list[str]:
-    if "calibration" not in report:
-        return []
-    lines = []
-    for name in ("calibration", "validation"):
-        if name in report:
-            of = report[name]
-            lines.append(
-                f"{name}: {of['found']:,} of {count(of['images'], 'image')} show all wires; 3-D "
-                f"error {of['mean_of_95']:.3f} ± {of['deviation_of_95']:.3f} mm (best 95 %, as "
-                f"PLUS), {of['mean']:.3f} ± {of['deviation']:.3f} mm (all), "
-                f"{of['rms_pixels']:.2f} pixels rms"
-            )
-    u, v = report["spacing"]
-    return [
-        *lines,
-        f"  pixels of {u:.5f} x {v:.5f} mm; in 95 % of such calibrations, errors stay below "
-        f"{report['center_error']:.2f} mm in the middle of the wires and "
-        f"{report['corner_errors'].max():.2f} mm at the image's corners",
-        *(f"verdict: {line}" for line in report.get("verdict", [])),
-    ]

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
 import os
+import signal
+import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -23,6 +26,7 @@ from .pictures import draw, wanted
 from .shared import Progress, UserError, check_folder, count, mistakes, positive, say, warn
 
 AUTOSAVE = 10.0  # s: a crash loses no more of the volume
+_SAME_PRESS = 1.0  # s: Ctrl-C pressed again so soon means the same
 HELD = 1 << 27  # bytes of images that a growing volume keeps: older ones are in the volume alone
 _FEWEST = 64  # images that are kept in any case: the longest burst of wrong poses has 32
 _LATENCIES = 4096  # frames whose times are kept
@@ -32,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of live reconstruction."""
     group = parser.add_argument_group(
         "live", f"With --voxel-size, the volume grows with the frames and is written every {AUTOSAVE:g} s, and "
-        "--three-view and --surface are written again while frames arrive.")  # fmt: skip
+        "--three-view and --surface-image are written again while frames arrive.")  # fmt: skip
     flags.own(group, "--live igtl://HOST:PORT", "read frames from an OpenIGTLink server instead of "
         "SWEEP, until the server stops or Ctrl-C")  # fmt: skip
     flags.own(group, "--tracker igtl://HOST:PORT", "read transforms from this second OpenIGTLink "
@@ -42,14 +46,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the probe and the surface to OpenIGTLink clients that connect to this port, such as 3D "
         "Slicer; needs --voxel-size; example: --serve 18945", usual="send nothing")  # fmt: skip
     flags.own(group, "--record FOLDER", "also store each frame in this folder, which is a SWEEP; "
-        "after a crash, the same command continues the folder")  # fmt: skip
+        "after a crash, the same command continues the folder; a finished recording is refused")  # fmt: skip
     flags.own(group, "--idle S", "silence of the server that ends --live, seconds", positive, 5.0)
     flags.own(group, "--wait S", "time within which the server must start, seconds", positive,
         usual="as --idle")  # fmt: skip
     flags.own(group, "--space NAME", "axes of the world that the messages' matrices map to: LPS, "
         "RAS", ("LPS", "RAS"),
         usual="as the header of an image states, LPS for transforms")  # fmt: skip
-    flags.own(group, "--refresh S", "time between two versions of --three-view, of --surface, and "
+    flags.own(group, "--refresh S", "time between two versions of --three-view, of --surface-image, and "
         "of the trust map and surface of --serve, seconds", positive, 1.0)  # fmt: skip
 
 
@@ -80,6 +84,28 @@ def numbered(path: str, i: int) -> str:
     stem, ending = os.path.splitext(path)
     inner, before = os.path.splitext(stem) if ending.lower() == ".gz" else (stem, "")
     return f"{inner}-{i}{before}{ending}"
+
+
+@contextlib.contextmanager
+def pressed_once() -> Iterator[None]:
+    """Ctrl-C that is pressed twice at once ends the stream, and not also the writing of the volume."""
+    usual: Any = signal.getsignal(signal.SIGINT)
+    last = -np.inf
+
+    def handle(number: int, frame: Any) -> None:
+        nonlocal last
+        again, last = time.monotonic() - last < _SAME_PRESS, time.monotonic()
+        if not again:
+            usual(number, frame)
+
+    if not callable(usual) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
 
 
 def _served(text: str) -> tuple[str, int]:
@@ -133,6 +159,9 @@ class Live:
                         self._open_server()
                     self._open_recorders()
                     self.n_kept = sum(len(recorder.kept) for recorder in self.recorders)
+                    if self.n_kept:
+                        self.progress.clear()
+                        say(f"{options.record}: goes on after the {count(self.n_kept, 'image')} of an interrupted run")
                     earlier = itertools.chain.from_iterable(recorder.kept for recorder in self.recorders)
                     sweeps = receive_sweeps(
                         options.live, options.calibration, options.plus, options.idle, self._take,
@@ -144,7 +173,8 @@ class Live:
                 raise UserError(f"--{error}") from error
             except OSError as error:
                 name = error.filename or options.record or options.three_view or options.surface_image
-                message = f"{name}: cannot be written: {error.strerror or error}"
+                read = name in (options.calibration, options.plus, options.mask)
+                message = f"{name}: cannot be {'read' if read else 'written'}: {error.strerror or error}"
                 raise UserError(message) from error
             finally:
                 if self.output:
@@ -225,7 +255,7 @@ class Live:
                 f"{count(c.useless, 'image')} left out: the pose is no regular matrix, or not OK by its status"
             )
         if c.broken:
-            what = "; ".join(f"{n:,} {words}" for words, n in c.broken.most_common(5))
+            what = "; ".join(f"{words} ({n:,})" for words, n in c.broken.most_common(5))
             lines.append(f"{count(c.broken.total(), 'message')} skipped: {what}")
         if c.ended:
             lines.append(f"the stream ended early: {c.ended}")
@@ -281,10 +311,10 @@ class Live:
 
     def _open_recorders(self) -> None:
         """Open the folders of --record: FOLDER, and FOLDER-2 … of images of other sizes."""
-        from ..ultrasound.recorder import Recorder
+        from ..ultrasound.recorder import Recorder, is_unfinished
 
         folder = self.options.record
-        while folder and (not self.recorders or (self.recorders[0].kept and os.path.isdir(folder))):
+        while folder and (not self.recorders or (self.recorders[0].kept and is_unfinished(folder))):
             self.recorders.append(Recorder(folder))
             folder = numbered(self.options.record, len(self.recorders) + 1)
 
@@ -306,7 +336,7 @@ class Live:
 
     def _lost(self) -> str:
         c = self.counts
-        lost = c.without_pose + c.useless + c.missed
+        lost = c.without_pose + c.useless + c.missed + c.broken_images
         return f" ({lost:,} lost)" if lost else ""
 
     def _grow(self, n: int, frame: LiveFrame) -> None:

@@ -63,13 +63,16 @@ def lines(facts: dict[str, Any]) -> list[str]:
         ]
     size = "x".join(map(str, facts["size"]))
     n_frames = count(facts["frames"], "frame")
-    found = [f"{facts['file']}: sweep, {n_frames} of {size} {facts['dtype']}"]
+    what = f"sweep, {n_frames} of {size} {facts['dtype']}" if size != "0x0" else f"poses of {n_frames} without images"
+    found = [f"{facts['file']}: {what}"]
     if facts["transforms"]:
         found.append(f"  transforms {' '.join(facts['transforms'])}")
     if facts["seconds"] is not None:
         found.append(f"  duration   {facts['seconds']:.3f} s")
     if facts["spacing"] is None and "valid" in facts:
         return [*found, f"  poses      none is valid, in {facts['world']} ({facts['space']})"]
+    if facts["spacing"] is None and size == "0x0":
+        return found
     if facts["spacing"] is None:
         return [*found, "  poses      need a calibration: no transform leads from the image to the world"]
     spacing = " x ".join(f"{s:.6g}" for s in facts["spacing"])

@@ -24,4 +24,4 @@ def draw(volume: Volume, options: argparse.Namespace, messages: list[str]) -> No
         try:
             save_surface(options.surface_image, volume, device=options.device, threads=options.threads)
         except ValueError as error:
-            messages.append(f"--surface: no image written: {error}")
+            messages.append(f"--surface-image: no image written: {error}")

@@ -18,7 +18,7 @@ import logging
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -132,7 +132,8 @@ def run(options: argparse.Namespace) -> None:
     check_device(options)
     start = time.perf_counter()
     messages: list[str] = []
-    with Progress(3 + bool(options.cross_validate)) as progress:
+    once = live.pressed_once() if options.live else nullcontext()
+    with once, Progress(3 + bool(options.cross_validate)) as progress:
         progress.step(f"reading {options.sweep or options.live}")
         stream = live.Live(options, progress, _growing(options)) if options.live else None
         sweep, *others = stream.sweeps() if stream else [_sweep(options)]
@@ -177,8 +178,8 @@ def run(options: argparse.Namespace) -> None:
     report |= {
         "device": _device(options),
         "method": _method(options),
-        "frames": {"total": len(sweep), "used": sweep.n_valid, "outliers": outliers,
-                   "size": sweep.frames.shape[:0:-1], "dtype": str(sweep.frames.dtype)},
+        "frames": {"total": len(sweep), "used": report.get("figures", {}).get("frames", sweep.n_valid),
+                   "outliers": outliers, "size": sweep.frames.shape[:0:-1], "dtype": str(sweep.frames.dtype)},
         "poses": findings,
         "world": sweep.world,
         "space": sweep.space,

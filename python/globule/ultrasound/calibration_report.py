@@ -15,8 +15,10 @@ from .calibration_plots import draw_before_and_after, draw_wires
 from .n_wires import NWireCalibration, WireErrors
 
 _LARGE = 1.5  # mm, at the corners
+_WRONG = 3.0  # mm; larger 3-D errors (median) are no inaccuracy of dots
 _APART = 3.0  # deviations between the offsets of both sweeps
 _WORSE = 2.0  # times the calibration's 3-D error
+USE, REPEAT, OPEN = "use it", "repeat", "not validated"
 
 
 class Session(NamedTuple):
@@ -31,9 +33,29 @@ class Session(NamedTuple):
     other: NWireCalibration | None
 
 
-def verdict(session: Session) -> list[str]:
-    """What is wrong and what to do about it, a sentence each; none if nothing is."""
+def verdict(session: Session) -> dict[str, Any]:
+    """result: "use it", "repeat" or "not validated"; passed: whether it is the first; lines: what is wrong
+    and what to do about it, a sentence each, or the stated errors; limits: what the result follows from."""
+    lines = _faults(session)
+    result = REPEAT if lines else USE
+    if session.validated is None:
+        result = result if lines else OPEN
+        lines.append("Not validated: give another recording of the phantom by --validate.")
+    lines = lines if result != USE else [_bound(session.found)]
+    limits = {"corner_mm": _LARGE, "median_3d_mm": _WRONG, "validation_ratio": _WORSE, "offset_deviations": _APART}
+    return {"result": result, "passed": result == USE, "lines": lines, "limits": limits}
+
+
+def _faults(session: Session) -> list[str]:
     found, other, said = session.found, session.other, []
+    for name, of in ((session.sweep, found), (session.validated, other)):
+        if of is not None and of.slip:
+            said.append(f"{name}: {of.slip}. Fasten it, register the phantom again, and repeat both sweeps.")
+    if found.errors.summary()["median"] > _WRONG:
+        said.append(
+            f"3-D errors of {found.errors.summary()['median']:.1f} mm in {session.sweep}: check that "
+            f"{session.phantom} is this phantom, that it is registered, and that poses are in mm."
+        )
     if found.offset_doubt:
         said.append(
             f"The temporal offset of {session.sweep} is not certain: {found.offset_doubt}. "
@@ -68,10 +90,9 @@ def verdict(session: Session) -> list[str]:
     return said
 
 
-def write_report(path: Any, session: Session, frames: np.ndarray, phantom: Any) -> list[str]:
+def write_report(path: Any, session: Session, frames: np.ndarray, phantom: Any) -> dict[str, Any]:
     """Write the page; returns the verdict. Needs matplotlib."""
-    said = verdict(session)
-    good = f"Use this calibration. {_bound(session.found)}"
+    found = verdict(session)
     with tempfile.TemporaryDirectory() as folder:
         draw_wires(Path(folder) / "wires.png", frames, session.found, phantom, session.errors)
         draw_before_and_after(Path(folder) / "delay.png", session.found)
@@ -79,12 +100,14 @@ def write_report(path: Any, session: Session, frames: np.ndarray, phantom: Any) 
             base64.b64encode((Path(folder) / f"{name}.png").read_bytes()).decode() for name in ("wires", "delay")
         ]
     rows = "".join(f"<tr><th>{html.escape(a)}<td>{html.escape(b)}" for a, b in _rows(session))
-    verdicts = "".join(f"<li>{html.escape(line)}" for line in said or [good])
+    verdicts = "".join(f"<li>{html.escape(line)}" for line in found["lines"])
     page = (
         '<!doctype html><html lang="en"><meta charset="utf-8"><title>N-wire calibration</title>'
+        '<meta name="viewport" content="width=device-width">'
         "<style>body{font:16px sans-serif;max-width:72em;margin:2em auto;padding:0 1em}img{width:100%}"
-        "th,td{text-align:left;vertical-align:top;padding:.2em 2em .2em 0}</style>"
-        f"<h1>N-wire calibration: {'repeat' if said else 'use it'}</h1><ul>{verdicts}</ul><table>{rows}</table>"
+        "body{overflow-wrap:anywhere}table{width:100%}th{width:30%}td{white-space:pre-line}"
+        "th,td{text-align:left;vertical-align:top;padding:.2em 1em .2em 0}</style>"
+        f"<h1>N-wire calibration: {found['result']}</h1><ul>{verdicts}</ul><p>{_LIMITS}</p><table>{rows}</table>"
         "<h2>Dots, and residuals along the sweep</h2>"
         f'<img alt="dots on images, and errors" src="data:image/png;base64,{pictures[0]}">'
         "<h2>Before and after the temporal offset</h2>"
@@ -92,7 +115,14 @@ def write_report(path: Any, session: Session, frames: np.ndarray, phantom: Any) 
     )
     with atomic_write(path, "w") as file:
         file.write(page + "\n")
-    return said or [good]
+    return found
+
+
+_LIMITS = (
+    f"Limits of the verdict: stated errors at the image's corners up to {_LARGE:g} mm, 3-D errors (median) up to "
+    f"{_WRONG:g} mm, the validation's 3-D error up to {_WORSE:g} times the calibration's, temporal offsets of both "
+    f"sweeps within {_APART:g} standard deviations, no doubt about an offset, no slip of the reference."
+)
 
 
 def _bound(found: NWireCalibration) -> str:
@@ -104,19 +134,28 @@ def _bound(found: NWireCalibration) -> str:
 
 def _rows(session: Session) -> list[tuple[str, str]]:
     found = session.found
-    rows = [("phantom", session.phantom), ("sweep", session.sweep), ("stated errors", _bound(found))]
-    for name, of in (("calibration", found), (session.validated or "", session.other)):
+    rows = [
+        ("phantom", session.phantom), ("sweep", session.sweep), ("validation", session.validated or "none"),
+        ("stated errors", _bound(found)),
+    ]  # fmt: skip
+    for name, of in (("calibration", found), ("validation", session.other)):
         if of is not None and of.offset_uncertainty is not None:
             offset = f"{of.calibration.temporal_offset:+.4f} ± {of.offset_uncertainty:.4f} s"
             rows.append((f"temporal offset, {name}", offset))
+    advice = "An image at time t takes the pose at t + offset. In PLUS, add the offset to LocalTimeOffsetSec of the "
+    rows.append(("what the offset means", advice + "images' Device."))
+    n_found, n_used = int(found.points.found.sum()), len(found.errors.frames)
+    if n_used < n_found:
+        left = f"{n_found - n_used:,} of {n_found:,}: no pose at their time + offset"
+        rows.append(("images that are not used", left))
     errors = [("before the offset", found.by_offset[0]), ("calibration", found.errors)]
     if session.errors is not None:
-        errors.append((f"validation, {session.validated}", session.errors))
+        errors.append(("validation", session.errors))
     for name, one in errors:
         size = one.summary()
         text = f"{size['mean_of_95']:.3f} ± {size['deviation_of_95']:.3f} mm (best 95 %)"
-        text += f", {size['rms_pixels']:.2f} pixels rms"
+        text += f", {size['rms_pixels']:.2f} pixels rms, {len(one.frames):,} images"
         rows.append((f"3-D error and distances, {name}", text))
     matrix = found.calibration.probe_from_image
-    rows.append(("probe_from_image", "; ".join(" ".join(f"{x:.6g}" for x in row) for row in matrix)))
+    rows.append(("probe_from_image", "\n".join(" ".join(f"{x:.6g}" for x in row) for row in matrix)))
     return rows

@@ -239,7 +239,7 @@ def _posed(
         if len(table.ok) != n:
             problem = f"expected {n} poses, one a frame, or times in the table and of the frames"
             hint = "; for more images, give a folder of them, or one file with all frames" if n == 1 else ""
-            raise bad(path, "", f"{problem}, got {len(table.ok)} poses{hint}")
+            raise bad(path, "", f"{problem}, got {len(table.ok)}{hint}")
         if offset:
             raise bad(path, "", "expected times in the table, for a temporal offset")
         matrices, ok = table.matrices, table.ok
@@ -273,6 +273,7 @@ def _assembled(
         names = " ".join(sorted(f"{a}To{b}" for a, b in edges)) or "no transform"
         problem = f"expected a way from {image} to {' or '.join(wanted)}, got {names}"
         hint = "give a calibration, PLUS configuration or poses"
+        hint = hint if edges else "a volume has none, and a recording then needs a table of poses"
         if set(edges) == {(image, "Probe")}:
             hint = "the file holds no poses of a probe; give --poses, or leave out the calibration"
         raise bad(path, "poses", f"{problem}; {hint}")

@@ -33,7 +33,8 @@ DEFAULT_PORT = 18944
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])  # LPS from RAS
 _OTHER_POSES = ("TDATA", "POSITION", "QTDATA", "QTRANS")  # types of messages
 _MOST_HELD = 4096  # transforms that wait until the clocks are known
-_LONGEST = 3600.0  # s, of a gap; a longer one is a wrong stamp
+_LONGEST = 60.0  # s, of a gap; a longer one is a pause or a wrong stamp
+_NEAR = 10.0  # s, of the stamp of a broken image from that of the image before
 _STAMPS = 4096  # time stamps whose gaps are counted at a time
 NO_IMAGE = np.zeros((0, 0), np.uint8)  # of a frame whose image is not kept
 
@@ -75,6 +76,11 @@ class _Stamps:
             self._counted += _missed(times[: _STAMPS + 1])
             self._until, self._times = times[_STAMPS], times[_STAMPS:]
 
+    def fill(self, time: float) -> None:
+        """A stamp that is known, of a message that may be wrong: only where others are near."""
+        if self._times and abs(time - self._times[-1]) < _NEAR:
+            self._times.append(time)
+
     @property
     def missed(self) -> int:
         return self._counted + _missed(self._times)
@@ -92,13 +98,14 @@ class LiveCounts:
         waiting: messages that waited behind the newest one when it was taken.
         clock_difference: s that the stamps of the tracker's server are moved by.
         broken: how many messages were skipped, by what was wrong with them.
+        broken_images: of these, images. With `images` and `missed`, they are all images of the server.
         kinds: how many messages came that are not used, by their type.
         unnamed: names of transforms that name no coordinate frames.
         ended: why the stream ended early, or "".
     """
 
     def __init__(self) -> None:
-        self.images = self.frames = self.without_pose = self.useless = self.repeated = 0
+        self.images = self.frames = self.without_pose = self.useless = self.repeated = self.broken_images = 0
         self.connected = [0, 0]
         self.clock_difference = 0.0
         self.waiting = 0
@@ -106,13 +113,25 @@ class LiveCounts:
         self.kinds: Counter[str] = Counter()
         self.unnamed: set[str] = set()
         self.ended = ""
+        self._broken_times: set[float] = set()
         self._times = _Stamps()
         self._transform_times: dict[str, _Stamps] = {}
 
     def saw(self, time: float) -> None:
-        """Count an image with this stamp, s."""
+        """Count an image with this stamp, s; one that was broken before counts no longer as such."""
         self.images += 1
         self._times.add(time)
+        if (near := round(time, 4)) in self._broken_times:
+            self._broken_times.remove(near)
+            self.broken_images -= 1
+
+    def saw_broken(self, what: str, image_time: float | None = None) -> None:
+        """Count a message that was skipped; an image by its header's stamp, so that it does not count as missed."""
+        self.broken[what] += 1
+        if image_time is not None:
+            self.broken_images += 1
+            self._broken_times.add(round(image_time, 4))
+            self._times.fill(image_time)
 
     def saw_transform(self, name: str, time: float) -> None:
         """Count a sample of a transform with this stamp, s."""
@@ -140,6 +159,8 @@ class LiveCounts:
             if "Image" not in starts and "Probe" in starts:
                 lines.append("give --calibration or --plus for ImageToProbe")
         others = [f"{n:,} {kind}" for kind, n in self.kinds.items() if kind in _OTHER_POSES]
+        if self.images and not (edges or self.unnamed or others):
+            lines.append("no TRANSFORM came, and the headers of the images hold no pose")
         if others:
             lines.append(f"{', '.join(others)} messages are not read: let the server send TRANSFORM")
         return "; ".join(lines)
@@ -167,7 +188,7 @@ class LiveCounts:
 
     def as_dict(self) -> dict[str, int]:
         """All counts by name."""
-        names = ("images", "frames", "without_pose", "useless", "repeated", "missed",
+        names = ("images", "frames", "without_pose", "useless", "repeated", "broken_images", "missed",
                  "missed_poses", "connections")  # fmt: skip
         return {name: getattr(self, name) for name in names}
 
@@ -344,7 +365,7 @@ def receive_sweeps(
             if not sweeps:
                 raise
             rows, columns = shape
-            counts.broken[f"images of {columns} x {rows} ({error})"] += len(frames)
+            counts.broken[f"IMAGE of {columns} x {rows} pixels ({error})"] += len(frames)
     return sweeps
 
 
@@ -382,7 +403,7 @@ class _Assembler:
     def take(self, arrived: Arrived) -> Iterator[LiveFrame]:
         self.counts.waiting = arrived.waiting
         if isinstance(arrived.message, Broken):
-            self.counts.broken[arrived.message.what] += 1
+            self.counts.saw_broken(*arrived.message)
             return
         message, kind = arrived.message, getattr(arrived.message, "message_type", "")
         if kind not in ("IMAGE", "TRANSFORM"):
@@ -400,11 +421,11 @@ class _Assembler:
             try:
                 image = _plane(message.image)
             except ValueError as error:
-                self.counts.broken[str(error).removeprefix("live: ")] += 1
+                self.counts.saw_broken(str(error), message.timestamp)
                 return
             self.counts.saw(message.timestamp)
             place = np.array(message.ijk_to_world_matrix, np.float64)
-            own: np.ndarray | None = None if np.array_equal(place, np.eye(4)) else place
+            own: np.ndarray | None = None if _is_no_pose(place, image.shape) else place
             if own is not None and self.space is None and message.world_coordinate_system == "ras":
                 own = _RAS @ own
             self.matcher.add_image(message.timestamp, image, own)
@@ -443,12 +464,21 @@ class _Assembler:
         self.counts.without_pose = self.matcher.n_without_pose
 
 
+def _is_no_pose(place: np.ndarray, shape: tuple[int, int]) -> bool:
+    """Whether a header's matrix is the identity, of the first pixel or of the image's middle."""
+    middle = np.array([shape[1] - 1, shape[0] - 1, 0]) / 2
+    at_zero = not place[:3, 3].any() or np.allclose(place[:3, 3], -middle, atol=0.51)
+    return bool(at_zero and np.array_equal(place[:3, :3], np.eye(3)))
+
+
 def _plane(image: np.ndarray) -> np.ndarray:
     """(1, H, W) or (1, H, W, 3) to (H, W), in native byte order."""
     from ..formats.sweeps.igs import to_gray
 
-    if image.ndim == 4:
+    if image.ndim == 4 and image.shape[-1] in (3, 4):
         image = to_gray(image[..., :3])
-    if image.ndim != 3 or image.shape[0] != 1:
-        raise ValueError(f"live: expected 2D images, got shape {image.shape}")
+    if image.ndim != 3 or image.shape[0] != 1 or not image.size:
+        values = f", {image.shape[-1]} values each" if image.ndim == 4 else ""
+        size = " x ".join(map(str, image.shape[2::-1]))
+        raise ValueError(f"IMAGE of {size} pixels{values}, which is no 2-D image in gray or color")
     return np.ascontiguousarray(image[0], image.dtype.newbyteorder("="))

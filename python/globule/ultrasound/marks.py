@@ -45,7 +45,7 @@ def read_tracked(path: Any, poses: Any = None, frame_times: Any = None, tool: st
         ways = [find_path(recording.edges, tool, world) for world in WORLDS]
         way = next((way for way in ways if way), None)
         if way is None:
-            got = " ".join(f"{a}To{b}" for a, b in recording.edges) or "no transforms"
+            got = " ".join(f"{a}To{b}" for a, b in recording.edges) or "no transform; give a table of poses"
             raise bad(path, "", f"expected a way from {tool} to {' or '.join(WORLDS)}, got {got}")
         placed = chain(recording.edges, way, n)
         ok = placed.ok & recording.ok

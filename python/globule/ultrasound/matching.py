@@ -16,6 +16,7 @@ MOST_GAP = 0.5  # s between two samples of a transform that still gives a pose b
 _SAME = 1e-6  # s; stamps this near are the same
 _AHEAD = 10.0  # s; a sample this far ahead of an image may have a wrong stamp, and others may still come
 _MOST_IMAGES = 256  # that wait for their pose
+_FIRST_IMAGES = 16  # that wait, if their stamps are alike, before poses of their own count
 _MOST_SAMPLES = 4096  # of a transform that are kept
 
 
@@ -91,7 +92,8 @@ class Matcher:
 
     An image takes the transforms with its own stamp. Transforms with other stamps are interpolated
     to the image's time, if two samples at most 0.5 s apart surround it. With a temporal offset, the
-    pose is that at the image's time plus the offset.
+    pose is that at the image's time plus the offset. Where no transform leads from the image, the pose
+    of its own message counts; the first images wait half a second for such a transform.
 
     Attributes:
         n_without_pose: images that no pose came for.
@@ -103,6 +105,7 @@ class Matcher:
         self.embedded = _Track()
         self.images: list[_Waiting] = []
         self.world: str | None = None
+        self.own_counts = False
         self.n_without_pose = self._n_arrived = 0
 
     def add_transform(self, name: tuple[str, str], time: float, matrix: np.ndarray) -> None:
@@ -129,11 +132,20 @@ class Matcher:
         if ended and self.world is None:
             self.world = self._reached()
         world = self.world or WORLDS[0]
-        waiting = []
-        for item in sorted(self.images, key=lambda item: item.time):
-            pose, may_come = self._pose(item, world)
+        names: Edges = dict(self.constant)
+        for name in self.tracks:
+            names[name] = Transform(np.eye(4), np.array(True))
+        way = find_path(names, "Image", world)
+        by_transforms = bool(way and self.tracks)
+        items, waiting = sorted(self.images, key=lambda item: item.time), []
+        if not by_transforms and items:
+            waited = items[-1].time - items[0].time > MOST_GAP or len(items) > _FIRST_IMAGES
+            self.own_counts = self.own_counts or ended or waited
+        for item in items:
+            own = not by_transforms and item.place is not None
+            pose, may_come = self._own_pose(item) if own else self._pose(item, way)
             if pose is not None:
-                yield Posed(item.time, item.image, pose, world if item.place is None else WORLDS[0])
+                yield Posed(item.time, item.image, pose, WORLDS[0] if own else world)
             elif ended or (not may_come and self.world is not None):
                 self.n_without_pose += 1
             else:
@@ -146,17 +158,17 @@ class Matcher:
             edges[name] = Transform(np.eye(4), np.array(True))
         return next((world for world in WORLDS if find_path(edges, "Image", world)), None)
 
-    def _pose(self, item: _Waiting, world: str) -> tuple[np.ndarray | None, bool]:
-        """The pose of an image, and whether it may still come."""
-        time = item.time + self.offset
-        names: Edges = dict(self.constant)
-        for name in self.tracks:
-            names[name] = Transform(np.eye(4), np.array(True))
-        way = find_path(names, "Image", world)
-        if item.place is not None and (not way or not self.tracks):
-            return (item.place, False) if self.offset == 0 else self.embedded.around(time)
+    def _own_pose(self, item: _Waiting) -> tuple[np.ndarray | None, bool]:
+        """The pose of an image's own message, and whether it may still come."""
+        if not self.own_counts:
+            return None, True
+        return (item.place, False) if self.offset == 0 else self.embedded.around(item.time + self.offset)
+
+    def _pose(self, item: _Waiting, way: list[tuple[str, str]] | None) -> tuple[np.ndarray | None, bool]:
+        """The pose of an image by transforms, and whether it may still come."""
         if not way:
             return None, True
+        time = item.time + self.offset
         edges: Edges = dict(self.constant)
         taken: list[tuple[_Track, int]] = []
         for step in way:

@@ -59,6 +59,8 @@ class NWireCalibration(NamedTuple):
     offset_uncertainty   s, of a temporal offset that was fitted, inf if the probe does not move
                          enough to tell; else None
     offset_doubt         why an offset that was fitted is not certain, or ""
+    slip                 where and how far the reference has moved on the phantom during the
+                         recording, in words, or ""
     by_offset            errors of the calibration images at the given offset, and at the fitted one
     better_offset        (offset, uncertainty, rms in pixels before and after) that fits better than
                          the given one, else None
@@ -72,6 +74,7 @@ class NWireCalibration(NamedTuple):
     center: float
     offset_uncertainty: float | None
     offset_doubt: str
+    slip: str
     by_offset: tuple[WireErrors, WireErrors]
     better_offset: tuple[float, float, float, float] | None
 
@@ -141,9 +144,10 @@ def calibrate_n_wires(
     halves = abs(fit.halves[0][0] - fit.halves[1][0]) / 2
     apart = float(np.hypot(max(fit.delays.std(), halves, np.sqrt(fit.covariance[8, 8])), between))
     moves = _moves(scan, errors, fit.change)
-    doubt = _doubt(fit, apart, moves, given, found)
+    slip = _slipped(fit)
+    doubt = "" if slip else _doubt(fit, apart, moves, given, found)
     better = None
-    if not fit_offset and not doubt and abs(fit.change) > 4 * apart:
+    if not fit_offset and not doubt and not slip and abs(fit.change) > 4 * apart:
         before, after = (of.summary()["rms_pixels"] for of in (given, found))
         if after < 0.85 * before:
             better = (temporal_offset + fit.change, apart, before, after)
@@ -157,7 +161,7 @@ def calibrate_n_wires(
     )  # fmt: skip
     return NWireCalibration(
         calibration, wires.source, of, fit.weights, within[:4], float(within[4]),
-        (apart if moves else np.inf) if fit_offset else None, doubt if fit_offset else "", (given, found), better,
+        (apart if moves else np.inf) if fit_offset else None, doubt if fit_offset else "", slip, (given, found), better,
     )  # fmt: skip
 
 
@@ -167,6 +171,14 @@ def _moves(scan: np.ndarray, errors: np.ndarray, change: float) -> bool:
     others = errors[(np.abs(scan - change) >= 0.15) & np.isfinite(errors)]
     here = errors[np.abs(scan - change).argmin()]
     return len(others) > 0 and float(np.median(others)) > _DISTINCT * here
+
+
+def _slipped(fit: WireFit) -> str:
+    if fit.slip is None:
+        return ""
+    image, moved, turned = fit.slip
+    return (f"from image {image} on, the phantom lies {moved:.1f} mm and {turned:.1f} degrees beside its "
+            "place before: the reference has slipped on it")  # fmt: skip
 
 
 def _doubt(fit: WireFit, apart: float, moves: bool, given: WireErrors, found: WireErrors) -> str:
@@ -209,7 +221,8 @@ def validate_n_wires(
         if best is None or np.median(errors.three_d) < best[0]:
             best = float(np.median(errors.three_d)), errors, points
     if best is None:
-        raise ValueError("frames: expected some that show all wires and have poses, got none")
+        got = f"none of {len(frames)}"
+        raise ValueError(f"frames: expected some that show all {len(phantom.wires)} wires and have poses, got {got}")
     return best[1], best[2]
 
 
@@ -265,7 +278,8 @@ class _Wires(NamedTuple):
                 f"poses: expected a probe that turns about two axes by {_LEAST_TURN:g} degrees or more "
                 f"(standard deviation), got {turns[0]:.2f} and {turns[1]:.2f}; tilt and turn the probe"
             )
-        return fit_wires(self.points[ok], self.times[ok], self.tracked, self.phantom, start, self.offset, change)
+        fit = fit_wires(self.points[ok], self.times[ok], self.tracked, self.phantom, start, self.offset, change)
+        return fit if fit.slip is None else fit._replace(slip=(int(self.frames[ok][fit.slip[0]]), *fit.slip[1:]))
 
     def _on_probe(self, poses: np.ndarray, places: np.ndarray) -> np.ndarray:
         """(F', k, 3) mm of places (F', k, 3) in the phantom."""

@@ -2,7 +2,8 @@
 
 The folder is a sweep that `read_sweep` reads: frame_000000.png … and poses.csv, one row per image;
 a row's matrix is world_from_image. The recorder writes a row after its image is complete, so a
-frame with a row survives a killed process. The next run overwrites an image without a row.
+frame with a row survives a killed process. The next run overwrites an image without a row. A file
+`unfinished` stands in the folder until the recording ends in order: only what was interrupted goes on.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from ..formats.sweeps.poses import MATRIX, read_poses
 from .live import LiveFrame
 
 _POSES = "poses.csv"
+_UNFINISHED = "unfinished"
 _COLUMNS = ("time", *MATRIX, "status", "world")
 
 
@@ -39,11 +41,16 @@ class _Kept(Sequence[LiveFrame]):
         return LiveFrame(float(self._times[i]), self._read(i), self._matrices[i], self._worlds[i])
 
 
+def is_unfinished(folder: str | os.PathLike[str]) -> bool:
+    """Whether a folder holds a recording that was interrupted."""
+    return os.path.isfile(os.path.join(folder, _UNFINISHED))
+
+
 class Recorder:
     """Appends frames to a folder.
 
     Args:
-        folder: new, empty, or the folder of an earlier recording, which goes on.
+        folder: new, empty, or the folder of an interrupted recording, which goes on.
 
     Attributes:
         kept: the frames of the earlier recording, in order of arrival; an image is read when it is
@@ -51,7 +58,7 @@ class Recorder:
         n_frames: frames in the folder.
 
     Raises:
-        ValueError: the folder holds something else.
+        ValueError: the folder holds something else, such as a recording that has ended.
         OSError: the folder cannot be written.
     """
 
@@ -61,9 +68,13 @@ class Recorder:
             raise ValueError(f"{folder}: expected a folder to record to, got a file")
         table = self.folder / _POSES
         if self.folder.is_dir() and any(self.folder.iterdir()) and not table.is_file():
-            raise ValueError(f"{folder}: expected a new folder or an earlier recording's")
+            raise ValueError(f"{folder}: expected a new folder or that of an interrupted recording")
         self.folder.mkdir(exist_ok=True)
+        if not is_unfinished(folder) and (n := len([*self.folder.glob("*.png")])):
+            got = f"a finished recording of {n:,} image{'s' * (n > 1)}; give another name"
+            raise ValueError(f"{folder}: expected a new folder or that of an interrupted recording, got {got}")
         self.kept: Sequence[LiveFrame] = self._earlier(table) if table.is_file() else []
+        (self.folder / _UNFINISHED).touch()
         self.n_frames = len(self.kept)
         first = self.kept[0].image if self.kept else None
         self._kind = None if first is None else (first.shape, first.dtype)
@@ -95,8 +106,9 @@ class Recorder:
         self.n_frames += 1
 
     def close(self) -> None:
-        """Close the table of poses."""
+        """End the recording."""
         self._rows.close()
+        (self.folder / _UNFINISHED).unlink(missing_ok=True)
 
     def _picture(self, i: int) -> Path:
         return self.folder / f"frame_{i:06d}.png"

@@ -364,9 +364,9 @@ def _distrust(report: Registration, limit: float) -> str:
         return f"a correlation of {r.correlation:.2f} ({_LEAST_CORRELATION:g} needed)"
     if r.agreeing < 0.5:
         return f"{round(6 * r.agreeing)} of 6 other starts that end at the same place (3 needed)"
-    for name, value in (("error", r.error), ("inverse_error", r.inverse_error)):
+    for name, value in (("an expected error", r.error), ("a difference of both directions", r.inverse_error)):
         if not value <= limit:
-            return f"{name} {value:.2f} mm (at most {limit:.2f} mm; max_error)"
+            return f"{name} of {value:.3g} mm (at most {limit:.3g} mm; max_error)"
     return ""
 
 

@@ -76,9 +76,10 @@ def arrivals(
 
 
 class Broken(NamedTuple):
-    """What stood in the place of a message, in words."""
+    """What stood in the place of a message, in words, and of an image whose header is whole its time stamp, s."""
 
     what: str
+    image_time: float | None = None
 
 
 class _Reader:
@@ -154,7 +155,7 @@ class _Stream:
         while True:
             if not self._fill(_HEADER, deadline):
                 rest, self._bytes = self._bytes, bytearray()
-                return Broken("messages that were cut off") if rest and not self._lost else None
+                return Broken("a message that was cut off") if rest and not self._lost else None
             header = bytes(self._bytes[:_HEADER])
             size = int.from_bytes(header[42:50], "big")
             named = b"\0" not in header[14:34].rstrip(b"\0")
@@ -166,15 +167,11 @@ class _Stream:
             kind = header[2:14].rstrip(b"\0").decode()
             if not self._fill(_HEADER + size, deadline + 5):
                 # A message that was cut off, or a wrong size: others may stand behind its header.
-                del self._bytes[:1]
-                self._lost = True
-                return Broken("messages that were cut off")
+                return self._broken(f"{kind} that was cut off", header)
             body = bytes(memoryview(self._bytes)[_HEADER : _HEADER + size])
             problem, message = self._unpacked(kind, header, body)
             if problem:
-                del self._bytes[:1]
-                self._lost = True
-                return Broken(problem)
+                return self._broken(problem, header)
             del self._bytes[: _HEADER + size]
             self._lost = False
             return message
@@ -185,22 +182,29 @@ class _Stream:
             right = int.from_bytes(header[50:58], "big") == check
             self._checks |= right
         if body and self._checks and not right:
-            return f"{kind} messages with a wrong checksum", None
+            return f"{kind} with a wrong checksum", None
         message = self.base.create_message(kind)
         if message is None:
             return "", (kind,)  # of a type that does not matter here
         try:
             message.unpack(self.base.parse_header(header), body)
-        except Exception as error:  # the parser fails in many ways
-            return f"{kind} messages that are no whole ones ({error})", None
+        except Exception:  # the parser fails in many ways
+            return f"{kind} whose content does not fit its header", None
         return "", message
+
+    def _broken(self, what: str, header: bytes) -> Broken:
+        """Drop a byte, so that the search goes on for the next header."""
+        del self._bytes[:1]
+        self._lost = True
+        is_image = what.startswith("IMAGE ")
+        return Broken(what, int.from_bytes(header[34:42], "big") / 2**32 if is_image else None)
 
     def _skip(self, header: bytes) -> Broken | None:
         """Drop bytes up to what looks like a header; once for a stretch, say so."""
         found = _HEADERS.search(self._bytes, 1)
         del self._bytes[: found.start() if found else max(1, len(self._bytes) - _HEADER + 1)]
         first, self._lost = not self._lost, True
-        return Broken(f"bytes that are no OpenIGTLink message ({header[:14]!r})") if first else None
+        return Broken(f"bytes that are no OpenIGTLink message, {header[:14]!r}") if first else None
 
     def _fill(self, n: int, deadline: float) -> bool:
         """Whether n bytes are there."""

@@ -32,6 +32,9 @@ _DELAY = 1.0  # s: deviation of a delay that nothing is known of
 _BLOCKS = 12  # parts of the recording whose errors are taken as independent
 _FEWEST_PARTS = 5  # independent images of a recording, at least
 _FITTED = 8  # of the mean residuals of an image, what its pose and the scales take away
+_SLIP, _LEAST_SLIP = 200.0, 0.5  # chi-squared of a step in the errors of poses; mm (slow drifts reach 180)
+_FEWEST_BESIDE = 5  # images before and after a slip
+_REACH = 20.0  # mm from the middle of the wires, where a turn counts as a shift
 _DRAWS = 400  # of these parts, for the uncertainty of the delay
 _N = 9  # parameters: eight of `Start.matrix`, and the change of the offset
 _STEPS = np.array([1e-5] * 5 + [1e-3] * 3 + [5e-3])  # for slopes
@@ -76,7 +79,8 @@ def _rigid(mixed: np.ndarray) -> np.ndarray:
 class WireFit(NamedTuple):
     """matrix (4, 4) probe_from_image; change: of the offset, s; weights (F, 3K) of the dots, from
     0; parameters (9,): eight of `matrix_of`, and the change; covariance (9, 9) of these; delays
-    (D,) s: the change by draws of parts of the recording; halves: change and deviation, s, of the
+    (D,) s: the change by draws of parts of the recording; slip: the first image after which the
+    phantom lies elsewhere, mm, degrees, or None; halves: change and deviation, s, of the
     recording's halves, and of_halves their parameters."""
 
     matrix: np.ndarray
@@ -85,6 +89,7 @@ class WireFit(NamedTuple):
     parameters: np.ndarray
     covariance: np.ndarray
     delays: np.ndarray
+    slip: tuple[int, float, float] | None
     halves: tuple[tuple[float, float], ...]
     of_halves: tuple[np.ndarray, ...]
     matrix_of: Callable[[np.ndarray], np.ndarray]
@@ -199,10 +204,10 @@ def fit_wires(
     halves = [parts[: _BLOCKS // 2], parts[_BLOCKS // 2 :]]
     delays = [_drawn(half, prior, p) for half in halves]
     of_halves = tuple(p - _solved(half, prior, p) for half in halves)
+    of_delays = tuple((float(np.median(one)), float(one.std())) for one in delays)
     return WireFit(
         start.matrix(p), float(p[8]), np.where(of_dot < 0.1, 0, of_dot), p[:_N], covariance[:_N, :_N],
-        _drawn(parts, prior, p), tuple((float(np.median(one)), float(one.std())) for one in delays), of_halves,
-        start.matrix,
+        _drawn(parts, prior, p), _slip(shift), of_delays, of_halves, start.matrix,
     )  # fmt: skip
 
 
@@ -218,6 +223,21 @@ def _alike(shift: np.ndarray) -> float:
             break
         found += 2 * correlation
     return min(found, max(n / _FEWEST_PARTS, 1.0))
+
+
+def _slip(shift: np.ndarray) -> tuple[int, float, float] | None:
+    """Where errors of poses (F, 6) have a step: the first image after it, mm and degrees. Noise, drift
+    and a delay that changes have none."""
+    n, best = len(shift), (_SLIP, 0)
+    for k in range(_FEWEST_BESIDE, n - _FEWEST_BESIDE + 1):
+        means = shift[:k].mean(axis=0), shift[k:].mean(axis=0)
+        rest = np.concatenate([shift[:k] - means[0], shift[k:] - means[1]])
+        of_step = (rest**2).sum(axis=0) / (n - 2) * (1 / k + 1 / (n - k))
+        best = max(best, (float(((means[1] - means[0]) ** 2 / of_step).sum()) / _alike(rest), k))
+    k = best[1]
+    step = shift[k:].mean(axis=0) - shift[:k].mean(axis=0) if k else np.zeros(6)
+    moved, turned = (float(np.linalg.norm(part)) for part in (step[:3], step[3:]))
+    return (k, moved, float(np.degrees(turned))) if moved + _REACH * turned > _LEAST_SLIP else None
 
 
 def _of_wires(left: np.ndarray, noise: np.ndarray, steady: np.ndarray, total: np.ndarray) -> np.ndarray:

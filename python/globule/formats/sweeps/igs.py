@@ -49,7 +49,7 @@ def read(path: str | os.PathLike[str], progress: Progress = None) -> Recording:
     """Read frames and all that is said of them. Raises FormatError naming the field."""
     with open(path, "rb") as file:
         is_nrrd = file.read(4) == b"NRRD"
-    image = nrrd.read(path, progress) if is_nrrd else metaimage.read(path, progress, empty=True)
+    image = (nrrd if is_nrrd else metaimage).read(path, progress, empty=True)
     frames = _planes(path, image, is_nrrd)
     n = len(frames)
     fields: dict[str, str] = {}
@@ -62,7 +62,7 @@ def read(path: str | os.PathLike[str], progress: Progress = None) -> Recording:
         elif int(match[1]) < n:
             frame_fields[int(match[1])][match[2]] = text
         else:
-            raise bad(path, plain, f"expected fields of {n} frames (0 to {n - 1})")
+            raise bad(path, plain, f"expected fields of {n} frames, numbered from 0, as the sizes say")
     frames = np.ascontiguousarray(_turned(path, frames, _get(fields, _ORIENTATION)))
     ok = np.array([f.get("ImageStatus", "OK") == "OK" or not frames.size for f in frame_fields])
     times = _times(path, frame_fields)

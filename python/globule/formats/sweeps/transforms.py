@@ -83,7 +83,11 @@ def inverse(matrices: np.ndarray) -> np.ndarray:
 def parse_matrix(text: str) -> np.ndarray:
     """The 4x4 matrix of 16 numbers, row by row; -1.#IND and others of Windows are NaN. Raises
     ValueError."""
-    values = np.array([np.nan if _NO_NUMBER.fullmatch(word) else float(word) for word in text.split()])
+    words = ["nan" if _NO_NUMBER.fullmatch(word) else word for word in text.split()]
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError as error:
+        raise ValueError(str(error).removeprefix("could not convert string to float: ")) from None
     if len(values) != 16:
         raise ValueError(f"{len(values)} numbers")
     return values.reshape(4, 4)

@@ -29,10 +29,13 @@ _GZIP = zlib.MAX_WBITS + 16  # zlib's word for gzip, without a date in it
 KEY_VALUE = ":="  # fields of the user's own are stored under their name and this
 
 
-def read(path: str | os.PathLike[str], progress: Progress = None) -> RawImage:
-    """Read header and data: fields by name, those of `key:=value` lines as "key:="."""
+def read(path: str | os.PathLike[str], progress: Progress = None, empty: bool = False) -> RawImage:
+    """Read header and data: fields by name, those of `key:=value` lines as "key:=". empty: as of metaimage.read."""
     with open(path, "rb") as file:
         fields = _header(path, file)
+        sizes = fields.get("sizes", "").split()
+        if empty and len(sizes) == 3 and sizes[:2] == ["0", "0"] and sizes[2].isdecimal() and len(sizes[2]) < 8:
+            return RawImage(np.zeros((int(sizes[2]), 0, 0), np.uint8), fields)
         shape, dtype = _layout(path, fields)
         name = fields.get("data file", fields.get("datafile"))
         if name is None:

@@ -130,6 +130,7 @@ def reconstruct_plus(
         "insert_seconds": seconds[0],
         "fill_seconds": seconds[1],
         "estimated_bytes": needed,
+        "frames": len(kept),
         "accumulator": accumulator,
     }
     return Volume(values, world_from_voxel, radius, getattr(sweep, "space", "LPS"), info)
