@@ -144,3 +144,30 @@ def test_spheres_of_radius_0_are_taken_out(folder, capsys):
     assert main(["render", "a.vtp", "-o", "a.png", "--size", "40x30", "--spheres", "a.vtp"]) == 0
     assert "warning" not in capsys.readouterr().err
     assert find_radii(gb.Particles(places, attributes={"radius": 0 * radii})) is None
+
+
+def test_names_of_programs_for_sizes(folder):
+    """MFIX, PFC, Rocky, EDEM, Yade, OpenFOAM, LIGGGHTS; short words where their values may be sizes."""
+    g = np.stack(np.mgrid[:3, :3, :3], -1).reshape(-1, 3) * 1.0
+    size = 0.3 + 0.001 * np.arange(27)
+
+    def radii(name: str, values: np.ndarray = size, more: str = "", x: np.ndarray = g) -> np.ndarray | None:
+        cells = np.column_stack([x, values, *[values] * bool(more)])
+        np.savetxt("a.csv", cells, "%.6f", ",", header=f"x,y,z,{name}{more}", comments="")
+        return find_radii(gb.read("a.csv"))
+
+    for name in ("Radius", "ball_radius", "Rad", "rad", "R", "r", "r_p", "particle_rad", "Equivalent Radius"):
+        np.testing.assert_allclose(radii(name), size, rtol=1e-6)
+    for name in ("Diameter", "d_p", "Dp", "D_p", "particle_diameter", "Equivalent Diameter [m]", "diam"):
+        np.testing.assert_allclose(radii(name), size / 2, rtol=1e-6)
+    assert radii("r", np.linalg.norm(g, axis=1)) is None  # the distance from the middle
+    assert radii("R", 287.0 + size) is None  # the gas constant
+    assert radii("r", -size) is None
+    assert radii("r", more=",phi") is None
+    assert radii("dp", more=",h") is None
+    np.testing.assert_allclose(radii("rad", more=",Radius"), size, rtol=1e-6)
+    text = (folder / "a.csv").read_text().replace("rad,Radius", "d,origProcId")
+    (folder / "a.csv").write_text(text)
+    scaled = gb.read("a.csv", scale=2)
+    np.testing.assert_allclose(scaled.attributes["d"], 2 * size, rtol=1e-6)
+    np.testing.assert_allclose(scaled.support, 4 * size, rtol=1e-6)

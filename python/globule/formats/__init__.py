@@ -22,7 +22,7 @@ from .._base.checks import choice, flag
 from ..data.components import without_small_components
 from ..data.particles import UP, Z_UP, Particles
 from ..data.radii import with_halved_radii
-from ..data.scale import scaled
+from ..data.scale import lengths_of, scaled
 from ..data.where import where
 from .contents import Box, Contents
 from .errors import FormatError, bad
@@ -31,6 +31,7 @@ from .frames import FrameOf
 from .kind import Kind, kind_of, wrong_kind
 from .packed import unpacked
 from .registry import FORMATS, Format, format_named, formats, function_of
+from .units import scaled_units
 
 __all__ = ["EXTENSIONS", "READABLE", "WRITABLE", "Box", "Contents", "Format", "FormatError",
            "Kind", "kind_of", "read", "read_contents", "up_of", "write"]  # fmt: skip
@@ -54,7 +55,7 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
         origin: (x, y, z) float64, world, from which the positions are given; "auto": one near the
             particles where float32 would not keep the file's coordinates, else 0, 0, 0.
         where: a condition on the particles, such as "type == 1 and speed > 0.2"; see
-            `globule.data.where`.
+            `globule.data.where`. After `scale`: lengths in it are scaled.
         scale: factor of all lengths, such as 0.001 for a file in mm; see `globule.data.scale`.
         min_component: number of particles; components of fewer are left out, with a warning that
             says how many; see `globule.data.components`. After `where` and `center`.
@@ -106,7 +107,9 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
         contents = replace(contents, particles=with_halved_radii(contents.particles))
     if scale != 1:
         box = contents.box and contents.box.scaled(scale)
-        contents = replace(contents, particles=scaled(contents.particles, scale), box=box)
+        found = contents.particles
+        units = scaled_units(contents.units, {"positions", "support", *lengths_of(found)}, scale)
+        contents = replace(contents, particles=scaled(found, scale), box=box, units=units)
     contents = replace(contents, particles=given_from(contents.particles, origin, path))
     if condition is not None:
         contents = replace(contents, particles=where(contents.particles, condition))

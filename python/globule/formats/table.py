@@ -35,6 +35,7 @@ from .elements import of_elements, type_names
 from .errors import FormatError, bad, shown
 from .fields import COLUMNS, find_positions, join_columns, particles_from, place_names, split_columns
 from .frames import text_frame
+from .units import held_units, in_one_unit, split_units
 
 # Columns of a .pts file, by their number: the intensity, and colors up to 255.
 _POINTS = {
@@ -154,7 +155,7 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
         _fill_words(path, names, words, lines[first + 1 : first + _MOST_BLANK], separator)
     if any("#" in row or "%" in row for row in rows):
         rows = ["" if row.lstrip()[:1] in ("#", "%") else row for row in rows]
-    names, units = _units(names)
+    names, units = split_units(names)
     if named is not None:
         names = _renamed(path, names, named)
         units = {ours: units[theirs] for ours, theirs in named.items() if theirs in units}
@@ -170,12 +171,8 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
             raise bad(path, f"line {start + 1}", problem)
         rows = [_with_points(row, separator) for row in rows]
         words = [word.replace(",", ".") if has_comma(word) else word for word in words]
-    particles = _assemble(path, names, words, rows, start + 1, separator, head + 1, rest=rest)
-    known = {**particles.attributes, "support": 0, "weight": 0}
-    held = {k: u for k, u in units.items() if k in known}
-    if "x" in units:
-        held["positions"] = units["x"]
-    return Contents(particles, units=held)
+    particles = _assemble(path, names, words, rows, start + 1, separator, head + 1, rest=rest, units=units)
+    return Contents(particles, units=held_units(particles, units))
 
 
 def _titles(lines: list[str], start: int) -> int:
@@ -185,7 +182,7 @@ def _titles(lines: list[str], start: int) -> int:
         words = [word.strip('" ') for word in lines[i].split(separator_of(lines[i]))]
         if all(map(_is_number, words)):
             break
-        if place_names(_units(words)[0]):
+        if place_names(split_units(words)[0]):
             return i
     return start
 
@@ -217,22 +214,6 @@ def _with_points(row: str, separator: str | None) -> str:
     if separator != ",":
         return row.replace(",", ".")
     return re.sub(r'"([+-]?\d*),(\d*(?:[eE][+-]?\d+)?)"', r"\1.\2", row)
-
-
-def _units(names: list[str]) -> tuple[list[str], dict[str, str]]:
-    """Names without their units, and the units: `x [m]` -> x, m."""
-    plain, units = [], {}
-    for name in names:
-        found = re.fullmatch(r"(.*\S)\s*(?:\[([^\]]*)\]|\(([^)]*)\))", name)
-        unit = (found[2] or found[3] or "") if found else ""
-        if found and unit and not unit.isdigit():  # name[0] is a component
-            plain.append(found[1])
-            units[found[1]] = unit.strip()
-        else:
-            plain.append(name)
-    if len(set(plain)) < len(plain):
-        return names, {}
-    return plain, units
 
 
 def _renamed(path: Any, names: list[str], named: Mapping[str, str]) -> list[str]:
@@ -349,13 +330,15 @@ def _assemble(
     names_line: int | None = None,
     extra: Mapping[str, np.ndarray] | None = None,
     rest: _Rest = None,
+    units: dict[str, str] | None = None,
 ) -> Particles:
     """Particles from rows; `words` is the first row, which tells the numbers from the words. rest:
-    plain rows behind them. Raises FormatError, _NotPlainError."""
+    plain rows behind them. units: of columns, which are those after. Raises FormatError,
+    _NotPlainError."""
     numeric = [
         i
         for i, word in enumerate(words)
-        if (_is_number(word) or names[i].lower() in ("x", "y", "z"))  # there, a word is a mistake
+        if (_is_number(word) or names[i].lower() in ("x", "y", "z", "-z"))  # there, a word is a mistake
         and (names[i] or not any(names))
     ]
     found = shown(" ".join(names))
@@ -396,9 +379,8 @@ def _assemble(
         if rest and is_long(column, words[i]):
             raise _NotPlainError
         columns[name] = whole_numbers(path, name, column, words[i], lines, i, **options)
-    lower = {name.lower(): name for name in columns}
-    if "x" in lower and "y" in lower and "z" not in lower:
-        columns["z"] = np.zeros(len(found_columns[0]))
+    if units:
+        units.update(in_one_unit(path, columns, units))
     arrays = join_columns(columns)
     points = find_positions(arrays)
     if points is None:

@@ -22,6 +22,7 @@ from .errors import FormatError, bad, require_different, shown
 from .fields import find_positions, join_columns, particles_from, place_names
 from .size import check_memory
 from .table import whole_numbers
+from .units import held_units, in_one_unit, split_units
 
 _ROW = re.compile(r"\s*(?:[-+.\d]|nan\b|inf\b)", re.IGNORECASE)
 _ADVICE = "expected VARIABLES with x and y among them"
@@ -41,7 +42,8 @@ class _Zone(NamedTuple):
 def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     """Read the zones of one time. Raises FormatError naming the line."""
     lines = text_lines(path)
-    names, zones = _zones(path, lines)
+    said, zones = _zones(path, lines)
+    names, units = split_units(said)
     times = list(dict.fromkeys(zone.time for zone in zones))
     time = times[frame_index(path, frame, len(times))]
     axes = place_names(names)
@@ -62,12 +64,13 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
         for i, name in enumerate(names)
         if i + 1 not in of_cells
     }
-    columns.setdefault("z", np.zeros(len(numbers)))
+    units = in_one_unit(path, columns, {axes.get(name, name): unit for name, unit in units.items()})
     arrays = join_columns(columns)
     positions = find_positions(arrays)
     if positions is None:
         raise bad(path, f"line {now[0].rows[0] + 1}", "expected x, y and z of points, got those of cells")
-    return Contents(particles_from(path, positions, arrays), time=time, n_frames=len(times))
+    particles = particles_from(path, positions, arrays)
+    return Contents(particles, units=held_units(particles, units), time=time, n_frames=len(times))
 
 
 def _parsed(path: Any, rows: list[str], zone: _Zone, n: int) -> np.ndarray:
