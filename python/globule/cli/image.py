@@ -68,15 +68,22 @@ def picture(
     messages = list(found)
     read_seconds = time.perf_counter() - start
     progress.step(f"building {path}")
+
+    def made(scene: Scene | Mesh) -> None:
+        """What all images share follows from the frame that leads."""
+        lit.begin(scene)
+        lit.place(path, i)
+        series.look(scene, cameras)
+
     with mistakes():
         if isinstance(shape, Mesh):
             subject = _mesh(options, path, shape, messages)
+            made(shape)
         else:
-            subject = _particles(options, series, path, shape, messages)
+            subject = _particles(options, series, path, shape, messages, made)
         scene = subject.scene
-        lit.layers(scene)
         lit.place(path, i)
-        views = series.cameras(i, scene, cameras)
+        views = series.cameras(i)
     if series.finished(image, aov):
         return None
     frames, trace_seconds = _traced(options, lit, notes, progress, path, scene, views, thesis, comm)
@@ -125,9 +132,15 @@ def picture(
 
 
 def _particles(
-    options: argparse.Namespace, series: sequence.Series, path: str, particles: Particles, messages: list[str]
+    options: argparse.Namespace,
+    series: sequence.Series,
+    path: str,
+    particles: Particles,
+    messages: list[str],
+    made: Callable[[Scene], object],
 ) -> Subject:
-    """The scene of a file's particles that have a position, in their colors."""
+    """The scene of a file's particles that have a position, in their colors. made: as for
+    `KeptScene.show`."""
     finite = np.isfinite(particles.positions).all(axis=1)
     n = len(particles)
     if len(set(options.particles)) == 1:  # a sequence may have empty frames
@@ -144,7 +157,7 @@ def _particles(
     if options.anisotropic:
         particles = look.stretched(options, particles)
     try:
-        scene = series.scene(particles, functools.partial(_scene, options))
+        scene = series.scene(particles, functools.partial(_scene, options), made)
     except UserError as error:
         if options.support is None and str(error).startswith("support:"):  # the file's own
             raise UserError(f"{path}: {error}") from error
