@@ -44,6 +44,7 @@ class Kind(NamedTuple):
     places: np.ndarray = X
     area: float | None = None  # of a mesh
     ghosts: bool = False
+    warns: str = ""  # in the only warning
 
 
 KINDS: list[Kind] = []
@@ -645,7 +646,7 @@ text("Tecplot in blocks", "a.plt",
 text("Tecplot elements in blocks", "a.dat",
      'VARIABLES = "X", "Y", "Z", "P"\n'
      f"ZONE NODES={N}, ELEMENTS=2, DATAPACKING=BLOCK, ZONETYPE=FETETRAHEDRON, VARLOCATION=([4]=CELLCENTERED)\n"
-     f"{_BLOCKS}\n0.5 0.5\n1 2 3 4\n2 3 4 5\n")  # fmt: skip
+     f"{_BLOCKS}\n0.5 0.5\n1 2 3 4\n2 3 4 5\n", warns="values of cells are left out: P")  # fmt: skip
 
 
 def tipsy(path: Path, order: str) -> None:

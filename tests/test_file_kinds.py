@@ -32,9 +32,11 @@ def kind(request, tmp_path, monkeypatch) -> Kind:
 
 
 def test_what_is_read(kind):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
         contents = read_contents(kind.file)
+    assert len(said) == bool(kind.warns)
+    assert kind.warns in "".join(str(one.message) for one in said)
     particles = contents.particles
     assert len(particles) == kind.n
     assert np.allclose(particles.bounds(), (kind.places.min(0), kind.places.max(0)), atol=2e-3)

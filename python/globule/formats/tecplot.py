@@ -11,6 +11,7 @@ import itertools
 import math
 import os
 import re
+import warnings
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -59,6 +60,8 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     numbers = np.concatenate(rows)
     words = text[0].split()
     of_cells = frozenset().union(*(zone.of_cells for zone in now))
+    if lost := [said[i - 1] for i in sorted(of_cells) if i <= len(said)]:
+        warnings.warn(f"{path}: values of cells are left out: {', '.join(lost)[:200]}", stacklevel=2)
     columns = {
         axes.get(name, name): whole_numbers(path, name, numbers[:, i], words[i], text, i, comments="#")
         for i, name in enumerate(names)

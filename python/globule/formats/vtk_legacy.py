@@ -18,6 +18,7 @@ from .._base.files import atomic_write
 from ..data.particles import Particles
 from . import cells
 from .asciinum import end_of_tokens, parse_numbers
+from .cell_data import at_points, point_arrays
 from .cells import Cells
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
@@ -157,7 +158,7 @@ class _Reader:
         """The points that are no ghosts, with their data and that of vertex cells."""
         points = self.read()
         try:
-            arrays, kept = cells.point_arrays(len(points), self.arrays, self.cell_arrays, self.n_cells, self.cells)
+            arrays, kept = point_arrays(len(points), self.arrays, self.cell_arrays, self.n_cells, self.cells)
         except ValueError as error:
             raise self.of_cells(error) from None
         if kept is not None:
@@ -168,10 +169,11 @@ class _Reader:
         """All points with their data, and triangles (F, 3)."""
         points = self.read()
         try:
-            faces = cells.triangles(points, self.cells(), self.arrays, self.cell_arrays)
+            found = self.cells()
+            faces = cells.triangles(points, found, self.arrays, self.cell_arrays)
         except ValueError as error:
             raise self.of_cells(error) from None
-        return particles_from(self.path, points, self.arrays), faces
+        return particles_from(self.path, points, at_points(len(points), found, self.cell_arrays) | self.arrays), faces
 
     def of_cells(self, error: ValueError) -> FormatError:
         """A mistake in the cells; one of the text names its line already."""
