@@ -59,10 +59,8 @@ def at_points(n: int, cells: Cells, values: Mapping[str, np.ndarray]) -> dict[st
         here = np.zeros((n, *array.shape[1:]), array.dtype)
         if array.dtype.kind == "f":
             columns = array.reshape(len(array), -1).T
-            sums = [np.bincount(used, column[owner], n) for column in columns]
-            here[...] = np.stack(sums, axis=1).reshape(here.shape) / np.maximum(count, 1).reshape(
-                -1, *[1] * (here.ndim - 1)
-            )
+            means = [np.bincount(used, column[owner], n) / np.maximum(count, 1) for column in columns]
+            here[...] = np.stack(means, axis=1).reshape(here.shape)
         else:
             here[used] = array[owner]
         found[name] = _or_nan(here, count == 0)
