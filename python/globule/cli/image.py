@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.device import choose
-from ..data.attributes import colormap_of, kinds_of
+from ..data.attributes import colormap_of, kinds_of, place_label
 from ..data.particles import HERE, Particles
 from ..formats.frames import FrameOf
 from ..formats.kind import kind_of
@@ -25,7 +25,7 @@ from ..render.trace import points_of, values_of
 from ..scene.mesh import Mesh
 from ..scene.thesis import Thesis
 from . import annotation, camera_facts, light, look, meshes, sequence, surfaces, tracing
-from .shared import Progress, UserError, count, doubled, left_out, mistakes, need_particles, said_threads
+from .shared import Progress, UserError, count, doubled, left_out, mistakes, need_particles, none_of, said_threads
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
 FEW = 0.005  # share of the pixels below which a fitted image shows almost nothing
@@ -102,7 +102,7 @@ def picture(
             name, points = options.color_by, points_of(scene)
             kinds = kinds_of(points, name, options.colormap)
             colormap = colormap_of(name, options.colormap)
-            colors = Colors(colormap, *subject.ends, name, kinds)
+            colors = Colors(colormap, *subject.ends, place_label(name, points.origin), kinds)
             if subject.particles is not None and lit.settings(scene).is_flat:
                 ends = subject.ends
                 shown = values_of(subject.particles, name, options.colormap, ends)
@@ -146,7 +146,7 @@ def _particles(
     if len(set(options.particles)) == 1:  # a sequence may have empty frames
         need_particles(path, int(finite.sum()))
     if n == 0:
-        messages.append(f"{path} holds no particles")
+        messages.append(none_of(path, options))
     messages += left_out(path, particles, far=False)  # the octree tells those
     messages += doubled(path, particles)
     if not finite.all():

@@ -29,6 +29,7 @@ from .shared import (
     left_out,
     lies_across,
     mistakes,
+    none_of,
     positive,
     read_file,
     reading,
@@ -107,6 +108,8 @@ def scenes(
     for i, path in enumerate(files):
         progress.step(path)
         particles, messages = next(ahead)
+        if len(files) > 1 and not len(particles):
+            messages = [*messages, none_of(path, options)]
         for message in messages:
             progress.clear()
             warn(message)

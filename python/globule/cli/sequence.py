@@ -247,9 +247,10 @@ class Series:
         return [orbit(one, n=n)[i % n] for one in self._cameras] if n else self._cameras
 
     def warn(self, messages: list[str], progress: Progress) -> None:
-        """Show the messages that no earlier image has had."""
-        new = [message for message in messages if message not in self._shown]
-        self._shown.update(new)
+        """Show the messages that no earlier image has had, whatever the frame that they name."""
+        kinds = {re.sub(r"^frame \d+ of", "frame of", message): message for message in messages}
+        new = [message for what, message in kinds.items() if what not in self._shown]
+        self._shown.update(kinds)
         if new:
             progress.clear()
         for message in new:

@@ -27,7 +27,7 @@ from ..data.where import where
 from .contents import Box, Contents
 from .errors import FormatError, bad
 from .fields import check_names, given_from
-from .frames import FrameOf
+from .frames import FrameOf, said
 from .kind import Kind, kind_of, wrong_kind
 from .packed import unpacked
 from .registry import FORMATS, Format, format_named, formats, function_of
@@ -48,7 +48,8 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
     Args:
         path: of the file; one packed by gzip, bzip2, xz or zstd is unpacked.
         spacing: world units, for meshes only; see `globule.sample_mesh`.
-        frame: which frame of a file with several; negative counts from the end. Default 0.
+        frame: which frame of a file with several; negative counts from the end. Default 0, with a
+            warning where there are more.
         species: which group of particles of a file with several, by its name in the file.
         columns: field or attribute -> name of a column or data set in the file; "x", "y" and "z",
             or "positions", name the position. Everything that is not named is left out.
@@ -70,9 +71,15 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
     Raises FormatError (a ValueError) if the file has an unknown format, holds another kind of data
     (the message names the function that reads the file) or is damaged; ValueError for an option
     that the format does not have; MissingPackageError for a format whose library is not installed;
-    FileNotFoundError and other OSErrors pass unchanged.
+    FileNotFoundError and other OSErrors pass unchanged. Warns where no particle meets `where`.
     """
-    return read_contents(path, **options).particles
+    contents = read_contents(path, **options)
+    if contents.n_frames > 1 and "frame" not in options and not isinstance(path, FrameOf):
+        what = f"{os.fspath(path)} has {contents.n_frames:,} frames, and this is the first"
+        warnings.warn(f"{what}: read(path, frame=…) takes another, globule.sequence all", stacklevel=2)
+    if not len(contents.particles) and options.get("where") is not None:
+        warnings.warn(f"{said(path)}: no particle meets {options['where']!r}", stacklevel=2)
+    return contents.particles
 
 
 def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:

@@ -151,7 +151,7 @@ def say_origin(path: Any, origin: tuple[float, float, float]) -> None:
     """Warn that positions are not the file's own."""
     if origin != HERE:
         said = f"positions are given from {place_text(origin)}"
-        what = f"{said}: float32 would not keep the file's coordinates"
+        what = f"{said}, and so are cameras, cuts and legends: float32 would not keep the file's coordinates"
         warnings.warn(f"{os.fspath(path)}: {what}", stacklevel=4)
 
 
