@@ -11,10 +11,10 @@ from cli_helpers import run_json
 from globule.cli import main
 from globule.data.particles import HERE, relative
 from globule.formats.vtk_data import write_polygons
+from globule.render.canvas import Canvas
 from globule.render.legend import tick_labels
 from globule.viewer.open import open_source
 from globule.viewer.state import State
-from globule.render.canvas import Canvas
 from PIL import Image
 
 pytestmark = pytest.mark.usefixtures("folder")
