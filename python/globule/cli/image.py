@@ -29,6 +29,7 @@ from .shared import Progress, UserError, count, doubled, left_out, mistakes, nee
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
 FEW = 0.005  # share of the pixels below which a fitted image shows almost nothing
+MOST = 0.9  # of the particles that a crop keeps
 APART = 0.2  # size of the box of 99 % of the particles by that of all, where some lie far away
 
 
@@ -302,9 +303,9 @@ def spread(scene: Scene) -> str:
     inner_lo = np.percentile(positions, 1 / 6, axis=0, method="higher")
     inner_hi = np.percentile(positions, 100 - 1 / 6, axis=0, method="lower")
     size = float((inner_hi - inner_lo).max())
-    if not size < APART * float((hi - lo).max()):
-        return ""
     within = ((positions >= inner_lo) & (positions <= inner_hi)).all(axis=1).mean()
+    if not size < APART * float((hi - lo).max()) or within < MOST:
+        return ""
     room = 0.05 * size + 1e-6 * float(np.abs(inner_hi).max())
     crop = ",".join(f"{v:.6g}" for v in (*(inner_lo - room), *(inner_hi + room)))
     return (

@@ -18,7 +18,7 @@ from .._base.checks import missing
 from .._base.files import atomic_write
 from ..data.particles import Particles
 from .contents import Contents
-from .errors import bad, shown
+from .errors import bad, names_of, shown
 from .fields import COLUMNS, find_positions, join_columns, particles_from, place_names, split_columns
 from .guarded import decode, need
 from .units import held_units, in_one_unit
@@ -41,8 +41,7 @@ def read(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None)
         if columns is not None:
             for name in columns.values():
                 if name not in names:
-                    got = shown(" ".join(names))
-                    raise bad(path, "", f"expected the column {shown(name)}, got {got}")
+                    raise bad(path, "", f"expected the column {shown(name)}, got {names_of(names)}")
             names = list(dict.fromkeys(columns.values()))
         return sum(claim["columns"][name] for name in names), names
 
@@ -65,7 +64,7 @@ def read(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None)
     arrays |= {name: a for name, a in found.items() if a.ndim > 1}
     positions = find_positions(arrays)
     if positions is None:
-        got = shown(" ".join(about["columns"])) if about["columns"] else "no column of numbers"
+        got = names_of(about["columns"]) if about["columns"] else "no column of numbers"
         raise bad(path, "", f"expected columns x, y and z, got {got}; {COLUMNS}")
     particles = particles_from(path, positions, arrays)
     return Contents(particles, units=held_units(particles, units))

@@ -62,7 +62,7 @@ FORMATS = (
     Format("xyz", ".table", (".xyz",), function="read_xyz", writes=True, options=("frame",),
            about="table, blank-separated"),
     Format("csv", ".table", (".csv",), function="read_csv", writes=True, options=("columns",),
-           about="table, comma-separated"),
+           about="table"),
     Format("tsv", ".table", (".tsv",), function="read_csv", options=("columns",),
            about="table, tab-separated"),
     Format("pts", ".table", (".pts",), function="read_xyz", about="points of a scanner",

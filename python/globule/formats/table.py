@@ -32,7 +32,7 @@ from ..data.particles import Particles
 from .asciinum import format_rows, lines_of, parse_plain, parse_rows, parse_words, text_data
 from .contents import Contents
 from .elements import of_elements, type_names
-from .errors import FormatError, bad, shown
+from .errors import FormatError, bad, names_of, shown
 from .fields import COLUMNS, find_positions, join_columns, particles_from, place_names, split_columns
 from .frames import text_frame
 from .units import held_units, in_one_unit, split_units
@@ -50,6 +50,7 @@ _MOST_TITLES = 20  # lines before the names of the columns
 _MOST_WHOLE = 100  # rows in which a decimal comma is looked for
 _MOST_BLANK = 10_000  # rows in which the first word of a column is looked for
 _MISSING = ("", "NA", "<NA>", "N/A", "#N/A", "n/a", "NULL", "null", "None", "--")  # in the place of a number
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+")
 _Rest = tuple[bytes, int] | None  # a text, and the byte from which its rows are plain
 
 
@@ -155,8 +156,10 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
         _fill_words(path, names, words, lines[first + 1 : first + _MOST_BLANK], separator)
     if any("#" in row or "%" in row for row in rows):
         rows = ["" if row.lstrip()[:1] in ("#", "%") else row for row in rows]
-    names, units = split_units(names)
+    names, units = split_units(said_names := names)
+    plain_names = dict(zip(said_names, names, strict=True))
     if named is not None:
+        named = {ours: plain_names.get(theirs, theirs) for ours, theirs in named.items()}
         names = _renamed(path, names, named)
         units = {ours: units[theirs] for ours, theirs in named.items() if theirs in units}
     else:
@@ -165,13 +168,19 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
         units = {axes.get(name, name): unit for name, unit in units.items()}
     some = lines[first : first + _MOST_WHOLE] if first is not None else []
     cells = [word for row in some for word in _csv_words(path, row, 0, separator)] if "," in "".join(some) else []
+    if cells and first is not None and named is None:
+        _no_thousands(path, some, first + 1, separator)
     if comma := next(filter(has_comma, cells), ""):
         if point := next((word for word in cells if "." in word and _is_number(word)), ""):
             problem = f"expected one decimal mark in all numbers, got {shown(comma)} and {shown(point)}"
             raise bad(path, f"line {start + 1}", problem)
         rows = [_with_points(row, separator) for row in rows]
         words = [word.replace(",", ".") if has_comma(word) else word for word in words]
-    particles = _assemble(path, names, words, rows, start + 1, separator, head + 1, rest=rest, units=units)
+    try:
+        particles = _assemble(path, names, words, rows, start + 1, separator, head + 1, rest=rest, units=units)
+    except FormatError:
+        _no_thousands(path, lines[start:], start + 1, separator)
+        raise
     return Contents(particles, units=held_units(particles, units))
 
 
@@ -209,6 +218,14 @@ def has_comma(word: str) -> bool:
     return re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?|[+-]?\d+,", word) is not None
 
 
+def _no_thousands(path: Any, rows: list[str], first_line: int, separator: str | None) -> None:
+    """Raises FormatError for a number such as 1.500,25."""
+    for i, row in enumerate(rows, first_line):
+        if word := next(filter(_THOUSANDS.fullmatch, _csv_words(path, row, i - 1, separator)), ""):
+            problem = f"expected numbers without separators of thousands, got {shown(word)}"
+            raise bad(path, f"line {i}", problem) from None
+
+
 def _with_points(row: str, separator: str | None) -> str:
     """A row with decimal points in place of commas; where commas separate, in quotes alone."""
     if separator != ",":
@@ -220,8 +237,7 @@ def _renamed(path: Any, names: list[str], named: Mapping[str, str]) -> list[str]
     """Names by those that a caller gives; the others are left out, as empty names."""
     for column in named.values():
         if column not in names:
-            got = shown(" ".join(names))
-            raise bad(path, "line 1", f"expected the column {shown(column)}, got {got}")
+            raise bad(path, "line 1", f"expected the column {shown(column)}, got {names_of(names)}")
     wanted = {column: name for name, column in named.items()}
     if twice := [name for name, column in named.items() if wanted[column] != name]:
         column = named[twice[0]]
@@ -283,7 +299,8 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
             if first_words and first_words[0].isdigit():
                 elements = {"type": np.array(first_words, np.int64)}
             elif first_words:
-                elements, kinds = of_elements(first_words), type_names(first_words)
+                elements = of_elements(first_words)
+                kinds = type_names(first_words, elements)
             skip = 1 if first_words else 0
             names = ["element"] * skip + _default_names(len(words) - skip)
             words[:skip] = ["element"] * skip
@@ -341,7 +358,7 @@ def _assemble(
         if (_is_number(word) or names[i].lower() in ("x", "y", "z", "-z"))  # there, a word is a mistake
         and (names[i] or not any(names))
     ]
-    found = shown(" ".join(names))
+    found = names_of(names)
     advice = f"; {COLUMNS}" if names_line else ""
     where = f"line {names_line or first_line}"
     no_positions = bad(path, where, f"expected columns x, y and z, got {found}{advice}")

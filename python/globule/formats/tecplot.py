@@ -19,7 +19,7 @@ import numpy as np
 
 from .asciinum import parse_rows, text_lines
 from .contents import Contents, frame_index
-from .errors import FormatError, bad, require_different, shown
+from .errors import FormatError, bad, names_of, require_different, shown
 from .fields import find_positions, join_columns, particles_from, place_names
 from .size import check_memory
 from .table import whole_numbers
@@ -49,7 +49,7 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     time = times[frame_index(path, frame, len(times))]
     axes = place_names(names)
     if not axes:
-        raise bad(path, "line 1", f"{_ADVICE}, got {shown(' '.join(names))}")
+        raise bad(path, "line 1", f"{_ADVICE}, got {names_of(names)}")
     require_different(path, "VARIABLES", names)
     now = [zone for zone in zones if zone.time == time]
     rows, text = [], []

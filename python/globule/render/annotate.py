@@ -256,9 +256,9 @@ def draw_view(
     if annotation.box and box is not None:
         draw_box(canvas, camera, np.asarray(box, np.float64), distance, skin, annotation.unit, origin)
     if annotation.axes:
-        _draw_axes(canvas, camera, annotation.legend == "lower-left")
+        _draw_axes(canvas, camera, str(annotation.legend).endswith("left"))
     if annotation.scale_bar:
-        free = annotation.legend not in (True, "lower-right", "lower-left")
+        free = annotation.legend in (False, "outside")
         _draw_scale_bar(canvas, camera, annotation.unit, free)
     if name:
         canvas.text((canvas.width - canvas.margin, canvas.margin), name, "ra")
@@ -310,6 +310,7 @@ def draw_sheet(
         scale,
         strip,
         colors.kinds,
+        round(_TITLE * canvas.text_height()) if (words or annotation.title) and not header else 0,
     )
 
 
