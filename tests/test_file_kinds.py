@@ -9,13 +9,13 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from file_kinds import CENTERS, KINDS, RADII, Kind
 from globule.data.radii import find_radii
 from globule.formats import Format, kind_of, read_contents
 from globule.formats.frames import FrameOf
 from globule.formats.registry import FORMATS
 from globule.measure.track import facts
 from globule.pieces.shown import shown_scene
+from kinds import CENTERS, KINDS, RADII, Kind
 from test_cells import area
 
 MEASURED: dict[bytes, float] = {}

@@ -78,7 +78,6 @@ _MAGIC = (  # at the file's beginning
 )
 # Plane Position Sequence and Plane Position (Volume) Sequence of DICOM: frames that are planes.
 _PLANES = (b"\x20\x00\x13\x91SQ", b"\x20\x00\x0e\x93SQ")
-_GRID = re.compile(rb"# vtk DataFile[^\n]*\n[^\n]*\n\s*\w+\s+DATASET\s+STRUCTURED_POINTS\b", re.IGNORECASE)
 _XML = {
     "PolyData": Kind("particles", "vtp"),
     "UnstructuredGrid": Kind("particles", "vtu"),

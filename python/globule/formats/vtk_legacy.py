@@ -1,4 +1,5 @@
-"""Legacy VTK files (.vtk), versions up to 5.1: POLYDATA, UNSTRUCTURED_GRID, STRUCTURED_POINTS.
+"""Legacy VTK files (.vtk), versions up to 5.1: POLYDATA, UNSTRUCTURED_GRID; the grids of
+`vtk_grids`.
 
 Points and point data are read, cell data of vertices as theirs, and faces as triangles. Follows
 "VTK File Formats" (Kitware), "Simple Legacy Formats", and vtkDataReader where the text leaves a
@@ -7,7 +8,6 @@ choice.
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from typing import Any, NoReturn
@@ -68,12 +68,12 @@ _ONE_COMPONENT = ("GLOBAL_IDS", "PEDIGREE_IDS", "EDGE_FLAGS")
 
 def read(path: str | os.PathLike[str]) -> Particles:
     """Read the points and point data of a legacy VTK file, without ghosts."""
-    return _Reader(path, whole_file(path, 4.0)).particles()
+    return _reader_of(path, whole_file(path, 4.0)).particles()
 
 
 def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
     """Read all points with their data, and the faces of the cells as triangles (F, 3)."""
-    return _Reader(path, whole_file(path, 4.0)).triangles()
+    return _reader_of(path, whole_file(path, 4.0)).triangles()
 
 
 def has_faces(path: str | os.PathLike[str]) -> bool:
@@ -94,9 +94,13 @@ def has_faces(path: str | os.PathLike[str]) -> bool:
     return cells.have_faces(types)
 
 
-def read_image(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
-    """The point data of STRUCTURED_POINTS by name, each (Z, Y, X); the spacing and origin (3,)."""
-    return _Image(path, whole_file(path, 4.0)).image()
+def _reader_of(path: Any, data: bytes) -> _Reader:
+    """The reader of the file's data set."""
+    from .vtk_grids import _Grid
+
+    kind = re.search(rb"\nDATASET[ \t]+(\w+)", data[:4096], re.IGNORECASE)
+    of_grid = kind is not None and kind[1].upper().decode() in _Grid.data_sets
+    return (_Grid if of_grid else _Reader)(path, data)
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
@@ -138,7 +142,7 @@ def _decoded(word: bytes) -> str:
 
 
 class _Reader:
-    data_sets: tuple[str, ...] = ("POLYDATA", "UNSTRUCTURED_GRID")
+    data_sets: tuple[str, ...] = ("POLYDATA", "UNSTRUCTURED_GRID", "STRUCTURED_GRID", "RECTILINEAR_GRID")
 
     def __init__(self, path: Any, data: bytes) -> None:
         self.path = path
@@ -440,46 +444,3 @@ class _Reader:
             self.arrays[name] = values if k == 1 else values.reshape(-1, k)
         elif section == "CELL_DATA":
             self.cell_arrays[name] = values if k == 1 else values.reshape(-1, k)
-
-
-class _Image(_Reader):
-    """STRUCTURED_POINTS: values on a grid, with the first axis the fastest."""
-
-    data_sets = ("STRUCTURED_POINTS",)
-
-    def __init__(self, path: Any, data: bytes) -> None:
-        super().__init__(path, data)
-        self.size: tuple[int, ...] = ()  # x, y, z
-        self.spacing, self.origin = np.ones(3), np.zeros(3)
-
-    def image(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
-        self.sections()
-        found = {name: a for name, a in self.arrays.items() if a.ndim == 1}
-        if not found:
-            self.fail("expected POINT_DATA with an array of one component, got none")
-        shape = self.size[::-1]
-        return {name: a.reshape(shape) for name, a in found.items()}, self.spacing, self.origin
-
-    def geometry(self, keyword: str, words: list[bytes]) -> bool:
-        if keyword == "DIMENSIONS":
-            self.size = tuple(self.count(words, i) for i in (1, 2, 3))
-            self.n_cells = math.prod(max(n - 1, 1) for n in self.size)
-        elif keyword in ("SPACING", "ASPECT_RATIO"):
-            self.spacing = self.three(words)
-        elif keyword == "ORIGIN":
-            self.origin = self.three(words)
-        else:
-            return False
-        return True
-
-    def n_points(self) -> int:
-        return math.prod(self.size) if self.size else 0
-
-    def three(self, words: list[bytes]) -> np.ndarray:
-        try:
-            values = np.array([float(word) for word in words[1:]])
-        except ValueError:
-            values = np.empty(0)
-        if len(values) != 3 or not np.isfinite(values).all():
-            self.fail(f"expected three numbers after {shown(words[0])}")
-        return values
