@@ -18,10 +18,11 @@ from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from
 from .frames import text_frame
 
-_NAMES = {
-    8: ["x", "y", "z", "vx", "vy", "vz", "radius", "angle:0", "angle:1", "angle:2", "angular_velocity:0", "angular_velocity:1", "angular_velocity:2", "species"],
+_TURNS = [f"{name}:{i}" for name in ("angle", "angular_velocity") for i in range(3)]
+_NAMES = {  # by how many words the line before the rows has
+    8: ["x", "y", "z", "vx", "vy", "vz", "radius", *_TURNS, "species"],
     6: ["x", "y", "vx", "vy", "radius", "angle", "angular_velocity", "species"],
-}  # fmt: skip
+}
 
 
 def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
@@ -30,6 +31,8 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     head = parse_rows(path, found.lines[:1], found.before + 1, len(found.lines[0].split()))[0]
     names = _NAMES[len(head)]
     rows = parse_rows(path, found.lines[1:], found.before + 2, len(names))
+    if not np.isfinite(head).all():
+        raise bad(path, f"line {found.before + 1}", f"expected finite numbers, got {shown(found.lines[0])}")
     if len(rows) != head[0]:
         raise bad(path, f"line {found.before + 1}", f"expected {head[0]:.0f} rows, got {len(rows)}")
     columns = dict(zip(names, rows.T, strict=True))
