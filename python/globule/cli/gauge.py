@@ -102,7 +102,7 @@ def run(options: argparse.Namespace) -> None:
             found.save(options.output)
     heights = np.stack(rows)
     columns = {f"height_{k}": heights[:, k] for k in range(len(options.at or ()))}
-    table = {**measuring.times(options, names, clock), "file": np.array(names), **columns}
+    table = measuring.numbered(options, names, clock, columns)
     if not options.map and (options.output or not options.json):
         axis, sign = up_axis(scene.up if options.up is None else options.up)
         above = sign * scene.origin[axis]  # files have world coordinates

@@ -184,17 +184,18 @@ def too_coarse(options: argparse.Namespace, scene: Scene) -> str:
     )
 
 
-def times(options: argparse.Namespace, names: Sequence[str], clock: Sequence[float | None]) -> dict[str, Any]:
-    """The columns of a sequence's table that number the frames, those of one file as the file does,
-    and say their times: by --fps, else those of the files."""
+def numbered(
+    options: argparse.Namespace, names: Sequence[str], clock: Sequence[float | None], columns: dict[str, Any]
+) -> dict[str, Any]:
+    """The table of a sequence: the numbers of the frames, those of one file as the file has them, and
+    the times by --fps, before the names and columns; behind them the times of the files."""
     numbers = np.array([one.frame if isinstance(one, FrameOf) else i for i, one in enumerate(names)])
     if len({str(name) for name in names}) > 1:
         numbers = np.arange(len(names))
-    if options.fps:
-        return {"frame": numbers, "time": numbers / options.fps}
-    if None in clock or len(clock) != len(names):
-        return {"frame": numbers}
-    return {"frame": numbers, "time": np.array(clock, np.float64)}
+    before = {"frame": numbers} | ({"time": numbers / options.fps} if options.fps else {})
+    known = None not in clock and len(clock) == len(names)
+    behind = {"time": np.array(clock, np.float64)} if known and not options.fps else {}
+    return before | {"file": np.array(names)} | columns | behind
 
 
 def need_matplotlib() -> None:

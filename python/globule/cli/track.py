@@ -73,8 +73,8 @@ def run(options: argparse.Namespace) -> None:
                     raise UserError(f"{path}: {why}")
                 rows.append(found)
             names.append(path)
-    table: dict[str, Any] = {**measuring.times(options, names, clock), "file": np.array(names)}
-    table |= {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    table = measuring.numbered(options, names, clock, columns)
     at = dict(zip("xyz", scene.origin, strict=True))  # files have world coordinates
     if options.output or not options.json:
         write_table(options.output, table | {name: table[name] + at[name[0]] for name in COLUMNS[2:-1]})

@@ -152,7 +152,7 @@ def say_origin(path: Any, origin: tuple[float, float, float]) -> None:
     if origin != HERE:
         said = f"positions are given from {place_text(origin)}"
         what = f"{said}, and so are cameras, cuts and legends: float32 would not keep the file's coordinates"
-        warnings.warn(f"{os.fspath(path)}: {what}", stacklevel=4)
+        warnings.warn(f"{os.fspath(path)}: {what}", stacklevel=5)
 
 
 def given_from(particles: Particles, origin: Any, path: Any) -> Particles:
