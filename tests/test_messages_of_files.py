@@ -1,5 +1,7 @@
 """What messages call files, columns, numbers and elements."""
 
+import zipfile
+
 import globule as gb
 import numpy as np
 import pytest
@@ -101,3 +103,22 @@ def test_a_legend_in_a_corner_covers_no_other_words():
         plain, legend, both = images
         assert (np.abs(both - legend).max(2) > 0).any()
         assert not ((np.abs(both - legend).max(2) > 0) & (np.abs(legend - plain).max(2) > 0)).any(), place
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "advice"),
+    [
+        ("positions", b"FoamFile\n{\n  version 2.0;\n}\n", "OpenFOAM's own: foamToVTK writes .vtk"),
+        ("a.msh", b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "Gmsh's own"),
+        ("a.vts", b'<VTKFile type="StructuredGrid"></VTKFile>', "another VTK XML: ParaView saves"),
+    ],
+)
+def test_formats_that_are_not_read_say_what_helps(name, content, advice):
+    with open(name, "wb") as file:
+        file.write(content)
+    with pytest.raises(ValueError, match=advice):
+        gb.read(name)
+    with zipfile.ZipFile("a.xlsx", "w") as book:
+        book.writestr("xl/workbook.xml", "<workbook/>")
+    with pytest.raises(ValueError, match="an Excel workbook"):
+        gb.read("a.xlsx")

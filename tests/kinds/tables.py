@@ -4,6 +4,8 @@ import bz2
 import gzip
 import lzma
 
+import numpy as np
+
 from kinds.base import CENTERS, RADII, N, X, grains, kind, numbered, rows, text, with_radii
 
 text("ParaView table", "a.csv", '"Points:0","Points:1","Points:2"\n' + rows(X, ","))
@@ -41,3 +43,13 @@ text("table of grains", "a.csv", "x,y,z,radius\n" + with_radii(","), **grains(na
 kind("packed table", "a.csv.gz")(lambda path: path.write_bytes(gzip.compress(b"x,y,z\n" + rows(X, ",").encode())))
 kind("bzip2 table", "a.xyz.bz2")(lambda path: path.write_bytes(bz2.compress(rows(X).encode())))
 kind("xz table", "a.csv.xz")(lambda path: path.write_bytes(lzma.compress(b"x,y,z\n" + rows(X, ",").encode())))
+text("Rocky DEM", "a.csv", "Particle ID,Particle X-Coordinate [m],Particle Y-Coordinate [m],Particle Z-Coordinate [m],"
+     "Particle Equivalent Diameter [mm]\n" + numbered(np.column_stack([CENTERS, 2000 * RADII]), ","),
+     **grains(names=("Particle Equivalent Diameter",)), unit="m",
+     warns="Particle Equivalent Diameter is in mm and becomes m, as x is")  # fmt: skip
+text("STAR-CCM+ parcels", "a.csv", '"Parcel Centroid[X] (m)","Parcel Centroid[Y] (m)","Parcel Centroid[Z] (m)",'
+     '"Particle Diameter (m)"\n' + with_radii(",", 2.0), **grains(names=("Particle Diameter",)), unit="m")  # fmt: skip
+text("PFC balls", "a.csv", "id,pos-x,pos-y,pos-z,ball.radius\n"
+     + numbered(np.column_stack([CENTERS, RADII]), ","), **grains(names=("ball.radius",)))  # fmt: skip
+text("DEM with a short word", "a.txt", "x y z r\n" + with_radii(), **grains(names=("r",)))
+text("survey in UTM zones", "a.csv", "Easting [m],Northing [m],Elevation [m]\n" + rows(X, ","), unit="m")

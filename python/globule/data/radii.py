@@ -12,10 +12,8 @@ from .._base.arrays import to_host
 from .particles import Particles
 
 _NAMES = {"radius": 1.0, "pscale": 1.0, "diameter": 0.5}  # in lower case, by radii
-_SAME = {"radii": "radius", "diameters": "diameter"}
-_SAME |= {of + kind: kind for of in ("particle", "ball", "sphere", "grain", "bead", "equivalent", "physical")
-          for kind in _NAMES}  # fmt: skip
-_SAME |= {"particleradii": "radius", "particlerad": "radius", "particlediam": "diameter", "diam": "diameter"}
+_SAME = {"radii": "radius", "diameters": "diameter", "diam": "diameter", "rad": "radius"}
+_OF = re.compile(r"^(?:particle|parcel|ball|sphere|grain|bead|equivalent|physical)+")
 # Words that may mean something else, by letters and digits: radii where the values may be some.
 _SHORT = {"r": "radius", "rp": "radius", "rad": "radius", "dp": "diameter"}
 _NOT_RADIUS = {"g", "b", "green", "theta", "phi"}  # beside r: colors, or other coordinates
@@ -24,7 +22,11 @@ _NOT_RADIUS = {"g", "b", "green", "theta", "phi"}  # beside r: colors, or other 
 def length_name(name: str) -> str:
     """The name of an array of lengths in lower case; that of `Radii` and `Particle Radius` is
     radius."""
-    return _SAME.get(re.sub(r"[^a-z]", "", name.lower()), name.lower())
+    word = re.sub(r"[^a-z]", "", name.lower())
+    plain = _OF.sub("", word)
+    if plain != word and plain in _NAMES:
+        return plain
+    return _SAME[plain] if plain in _SAME and word != "rad" else name.lower()
 
 
 def length_names(arrays: Mapping[str, Any], positions: Any) -> dict[str, str]:

@@ -55,9 +55,6 @@ _POSITION_WORDS = (
     "center",
     "centre",
     "centroid",
-    "particleposition",
-    "particlepos",
-    "particle",
     "world",
 )
 _UNIT_WORDS = ("m", "mm", "cm", "um", "nm", "km", "meters", "metres", "angstrom")
@@ -212,6 +209,8 @@ def place_names(names: Iterable[str]) -> dict[str, str]:
     plain: dict[str, str] = {}
     for name in names:
         plain.setdefault(re.sub(r"[^a-z0-9]", "", name.lower()), name)
+    for key, name in list(plain.items()):  # Particle X-Coordinate, Parcel Centroid[X]
+        plain.setdefault(re.sub(r"^(?:particle|parcel|ball|grain)(?=.)", "", key), name)
     forms = [(end, word) for word in _POSITION_WORDS for end in ("{1}{0}", "{0}{1}")]
     forms += [("{0}{1}", word) for word in _UNIT_WORDS] + [("{1}{0}", "r"), ("{0}{1}", "p")]
     forms += [(f"{{1}}{{0}}{unit}", word) for word in _POSITION_WORDS[1:] for unit in _UNIT_WORDS]
