@@ -12,7 +12,7 @@ import numpy as np
 from .cells import Cells
 from .errors import shown
 from .size import check_memory, whole_file
-from .vtk_legacy import _Reader
+from .vtk_reader import VtkReader
 
 _KINDS = {1: 3, 2: 9, 3: 12}  # lines, quads and hexahedra, by the dimension of the grid
 # Corners of one, in steps along the axes that it has.
@@ -24,7 +24,7 @@ def read_image(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], np.
     return _Image(path, whole_file(path, 4.0)).image()
 
 
-class _Grid(_Reader):
+class VtkGrid(VtkReader):
     """Points in rows, columns and layers, with the first axis the fastest."""
 
     data_sets = ("STRUCTURED_GRID", "RECTILINEAR_GRID")
@@ -35,12 +35,14 @@ class _Grid(_Reader):
         self.axes: dict[str, np.ndarray] = {}
 
     def read(self) -> np.ndarray:
+        """The points (N, 3), and all arrays."""
         points = super().read()
         if len(points) != math.prod(self.size):
             self.fail(f"expected POINTS {math.prod(self.size)}, as DIMENSIONS says, got {len(points)}")
         return points
 
     def geometry(self, keyword: str, words: list[bytes]) -> bool:
+        """Read a section that says where points are; False for any other."""
         if keyword == "DIMENSIONS":
             self.size = tuple(self.count(words, i) for i in (1, 2, 3))
             self.n_cells = math.prod(max(n - 1, 1) for n in self.size)
@@ -66,7 +68,7 @@ class _Grid(_Reader):
         return Cells(np.full(n, _KINDS.get(len(wide), 1), np.uint8), corners.ravel(), k * np.arange(n + 1))
 
 
-class _Image(_Reader):
+class _Image(VtkReader):
     """STRUCTURED_POINTS: values on a grid, with the first axis the fastest."""
 
     data_sets = ("STRUCTURED_POINTS",)
