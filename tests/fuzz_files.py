@@ -11,8 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import file_kinds
 import globule as gb
+import kinds
 import numpy as np
 import pytest
 import tomli_w
@@ -106,7 +106,7 @@ def _read_ranges(path: str) -> None:
 def _of_kinds(*packages: str) -> list[str]:
     """Files of programs of many origins, each in a folder of its own."""
     names = []
-    for k, kind in enumerate(file_kinds.KINDS):
+    for k, kind in enumerate(kinds.KINDS):
         if kind.package in packages:
             path = Path(f"{k}", kind.file)
             path.parent.mkdir()

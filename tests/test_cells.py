@@ -301,3 +301,46 @@ def test_cell_data_as_vtk_orders_them(tmp_path):
     found = gb.read(path).attributes["id"]
     assert found.tolist() == [of_vertex[i] for i in range(3)] == [10, 11, 12]
     assert len(gb.Mesh(path)) == 1
+
+
+@pytest.mark.parametrize("write", [vtu, vtk])
+def test_values_of_volumes_and_faces_are_taken_to_their_points(tmp_path, write):
+    """As OpenFOAM writes them: the mean of the cells at a point; of whole numbers one of them."""
+    x = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1, 2)])
+    two = [[0, 1, 4, 3, 6, 7, 10, 9], [1, 2, 5, 4, 7, 8, 11, 10]]
+    if write is vtu:
+        data = data_array("alpha.water", "Float32", [0, 1]) + data_array("zone", "Int32", [3, 5])
+        data += data_array("U", "Float64", [[1, 0, 0], [3, 2, 0]], 3)
+        p = data_array("p", "Float64", range(12))
+        path = vtu(tmp_path / "a.vtu", x, two, [12, 12], cell_data=data, point_data=p)
+    else:
+        data = "CELL_DATA 2\nFIELD F 3\nalpha.water 1 2 float\n0 1\nzone 1 2 int\n3 5\nU 3 2 double\n1 0 0 3 2 0\n"
+        path = vtk(tmp_path / "a.vtk", x, two, [12, 12], f"{data}POINT_DATA 12\nSCALARS p double\n{words(range(12))}\n")
+    for found in (gb.read(path), gb.Mesh(path)):
+        np.testing.assert_array_equal(found.attributes["alpha.water"], x[:, 0] / 2)
+        np.testing.assert_array_equal(found.attributes["U"][:, 0], 1 + x[:, 0])
+        np.testing.assert_array_equal(found.attributes["p"], range(12))
+        assert found.attributes["zone"].dtype.kind == "i"
+        np.testing.assert_array_equal(
+            found.attributes["zone"][x[:, 0] != 1], np.where(x[:, 0] == 0, 3, 5)[x[:, 0] != 1]
+        )
+
+
+def test_values_of_cells_in_xdmf_and_vtkhdf(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    item = '<DataItem Format="XML" Dimensions="{}">{}</DataItem>'
+    values = f'<Attribute Name="a" Center="Cell">{item.format(2, "0 1")}</Attribute>'
+    places, cells = item.format("4 3", "0 0 0 1 0 0 1 1 0 0 1 0"), item.format("2 3", "0 1 2 0 2 3")
+    (tmp_path / "a.xdmf").write_text(
+        f'<Xdmf><Domain><Grid><Topology TopologyType="Triangle" NumberOfElements="2">{cells}</Topology>'
+        f'<Geometry GeometryType="XYZ">{places}</Geometry>{values}</Grid></Domain></Xdmf>'
+    )
+    for found in (gb.read(tmp_path / "a.xdmf"), gb.Mesh(tmp_path / "a.xdmf")):
+        np.testing.assert_array_equal(found.attributes["a"], [0.5, 0, 0.5, 1])
+    with h5py.File(tmp_path / "a.vtkhdf", "w") as file:
+        group = file.create_group("VTKHDF")
+        group.attrs["Type"] = np.bytes_("UnstructuredGrid")
+        group["Points"], group["NumberOfPoints"] = np.eye(3), [3]
+        group["CellData/alpha.water"] = [1.0]
+    with pytest.warns(UserWarning, match="values of cells are left out: alpha.water"):
+        gb.read(tmp_path / "a.vtkhdf")

@@ -281,3 +281,25 @@ def test_a_mesh_is_no_particles(folder, capsys):
     words = ["mesh", "hull.obj", "-o", "a.ply", *CPU]
     assert "expected particles or a volume, got a mesh" in refused(capsys, *words)
     assert main([*words, "--resample", "0.1"]) == 0
+
+
+def test_frames_have_the_numbers_and_times_of_their_file(folder, capsys):
+    g = np.stack(np.mgrid[:4, :4, :4], -1).reshape(-1, 3) * 0.1
+    with open("a.dump", "w") as file:
+        for k in range(3):
+            file.write(f"ITEM: TIMESTEP\n{500 * k}\nITEM: NUMBER OF ATOMS\n64\nITEM: BOX BOUNDS ff ff ff\n")
+            file.write("0 9\n" * 3 + "ITEM: ATOMS x y z\n")
+            np.savetxt(file, g + k, "%.6f")
+    found = run_json(capsys, "track", "a.dump")
+    assert (found["frame"], found["time"]) == ([0, 1, 2], [0, 500, 1000])
+    for frame in ("2", "-1"):
+        found = run_json(capsys, "track", "a.dump", "--frame", frame)
+        assert (found["frame"], found["time"]) == ([2], [1000])
+        assert found["x_min"][0] == pytest.approx(2, abs=0.1)
+    assert run_json(capsys, "track", "a.dump", "--frame", "1", "--fps", "10")["time"] == [0.1]
+    found = run_json(capsys, "gauge", "a.dump", "--frame", "1", "--at", "1.1,1.1")
+    assert (found["frame"], found["time"]) == ([1], [500])
+    gb.write("a_0.ply", gb.Particles(g))
+    assert "time" not in run_json(capsys, "track", "a_0.ply")
+    assert main(["track", "a.dump", "--frame", "3"]) == 2
+    assert "frame: expected -3 to 2 for a.dump, got 3" in capsys.readouterr().err

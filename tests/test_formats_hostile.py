@@ -341,7 +341,7 @@ def test_errors_name_the_place(tmp_path):
         ("a.xyz", "1 2 3\n1 2\n", "line 2: expected 3 numbers, got 2"),
         ("a.xyz", "2\n\nH 1 2 3\nH 1 b 3\n", "line 4, column 3: expected a number, got 'b'"),
         ("a.xyz", "3\n\nH 1 2 3\n", "expected 3 particles (line 1), got 1"),
-        ("a.vtk", "# vtk DataFile Version 3.0\n\nASCII\nDATASET STRUCTURED_GRID\n", "line 4: "),
+        ("a.vtk", "# vtk DataFile Version 3.0\n\nASCII\nDATASET POINTED_GRID\n", "line 4: "),
         ("a.vtk", ascii_vtk().decode().replace("DATA 25", "DATA 26"), "expected POINT_DATA 25"),
         ("a.vtk", ascii_vtk().decode().replace(" 24\n", " x\n"), "expected 25 numbers of type"),
         ("a.vtu", "<VTKFile>\n<a></VTKFile>", "line 2, column 6: expected XML, got mismatched tag"),

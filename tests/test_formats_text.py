@@ -325,7 +325,7 @@ def test_names_of_positions(head):
 
 def test_names_that_are_no_positions():
     Path("a.csv").write_text("mx,my,mz,node1,node2\n1,2,3,4,5\n")
-    refuses(r"a\.csv: line 1: .* got 'mx .*--columns x=…,y=…", gb.read, "a.csv", error=FormatError)
+    refuses(r"a\.csv: line 1: .* got 'mx, .*--columns x=…,y=…", gb.read, "a.csv", error=FormatError)
     assert main(["info", "a.csv", "--columns", "x=node1,y=node2,density=mz"]) == 0
     particles = gb.read("a.csv", columns={"x": "node1", "y": "node2", "density": "mz"})
     assert particles.positions.tolist() == [[4, 5, 0]]
@@ -492,7 +492,7 @@ def test_tecplot_zones():
         ("VARIABLES = X Y Z\nZONE I=2, DATAPACKING=BLOCK\n1 2\n3 4\n", "line 3: expected 6 numbers in the zone, got 4"),
         ("VARIABLES = X Y Z\nZONE I=2, DATAPACKING=BLOCK\n1 2 3 4 5 .x\n", "line 3: expected numbers in the blocks"),
         (f"VARIABLES = X Y Z\nZONE I={10**14}, F=BLOCK\n{10**14}*0\n", "line 3: expected data that fit"),
-        ("VARIABLES = A B\nZONE\n1 2\n", "expected VARIABLES with x and y among them, got 'A B'"),
+        ("VARIABLES = A B\nZONE\n1 2\n", "expected VARIABLES with x and y among them, got 'A, B'"),
         ("VARIABLES = X Y\nZONE\n", "expected a zone with rows, got none"),
         ("VARIABLES = X Y\nZONE\n1 a\n", "line 3"),
     ):

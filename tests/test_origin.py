@@ -11,6 +11,7 @@ from cli_helpers import run_json
 from globule.cli import main
 from globule.data.particles import HERE, relative
 from globule.formats.vtk_data import write_polygons
+from globule.render.canvas import Canvas
 from globule.render.legend import tick_labels
 from globule.viewer.open import open_source
 from globule.viewer.state import State
@@ -249,3 +250,26 @@ def test_the_viewer_its_command_and_values_of_places_have_one_origin():
     gb.render_sequence(frames, "s_%d.png", cameras, (96, 72), color_by="x", range=(0, 201))
     middles = np.array([pixels(f"s_{k}.png")[36, 48] for k in range(3)])
     assert np.abs(np.diff(middles, axis=0)).max(axis=1).min() > 30
+
+
+def test_images_say_from_where_their_numbers_are_given(monkeypatch, capsys):
+    """Axes of the box and legends of places, on the command line and in Python."""
+    words = []
+    plain = Canvas.text
+    monkeypatch.setattr(
+        Canvas, "text", lambda self, at, text, *a, **k: words.append(text) or plain(self, at, text, *a, **k)
+    )
+    np.save("a.npy", lattice() + FAR)
+    np.save("near.npy", lattice())
+    look = ["--box", "--color-by", "z", "--legend", "--size", "640x480"]
+    assert main(["render", "a.npy", "-o", "a.png", "--device", "cpu", *look]) == 0
+    assert "from 440750,5000000,100, and so are cameras, cuts and legends" in capsys.readouterr().err
+    assert {"x - 440750", "y - 5000000", "z - 100"} <= {*words}
+    assert words.count("z - 100") == 2
+    words.clear()
+    notes = gb.Annotation(box=True, legend=True)
+    gb.render(read("a.npy"), (640, 480), color_by="x", annotate=notes).save("b.png")
+    assert words.count("x - 440750") == 2
+    words.clear()
+    gb.render("near.npy", (640, 480), color_by="x", annotate=notes).save("b.png")
+    assert words.count("x") == 2

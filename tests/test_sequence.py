@@ -328,3 +328,20 @@ def test_the_frame_with_most_particles_decides_for_all(tmp_path):
     assert leader([np.zeros((10, 3)), np.zeros((11, 3)), np.zeros((0, 3))]) == 0
     assert leader([np.zeros((0, 3)), np.zeros((3, 3)), np.zeros((3, 3))]) == 1
     assert leader([]) == leader(["none.npz", "nor.npz"]) == 0
+
+
+@pytest.mark.parametrize("words", [(), ("--eye", "3,4,5"), ("--preset", "water")])
+def test_an_empty_first_frame_changes_no_other(folder, words):
+    """Camera, ground and light are those of the frame that leads, also where z is up."""
+    g = np.stack(np.mgrid[:4, :4, :8], -1).reshape(-1, 3) * 0.1
+    for name, frames in (("a", (g[:0], g[:40], g + (1, 0, 0))), ("b", (g[:40], g + (1, 0, 0)))):
+        with open(f"{name}.dump", "w") as file:
+            for k, x in enumerate(frames):
+                file.write(f"ITEM: TIMESTEP\n{k}\nITEM: NUMBER OF ATOMS\n{len(x)}\nITEM: BOX BOUNDS ff ff ff\n")
+                file.write("0 9\n" * 3 + "ITEM: ATOMS x y z\n")
+                np.savetxt(file, x, "%.6f")
+        assert main(["render", f"{name}.dump", "-o", f"{name}%d.png", "--size", "48x36", *words]) == 0
+    for k in (1, 2):
+        with Image.open(f"a{k}.png") as one, Image.open(f"b{k - 1}.png") as other:
+            assert (np.asarray(one) == np.asarray(other)).all()
+            assert len(np.unique(np.asarray(one))) > 20

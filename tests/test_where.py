@@ -150,3 +150,47 @@ def test_diameters_beside_radii_are_not_halved_again(tmp_path):
     )
     found = gb.read(tmp_path / "a.dump", radius_is="diameter")
     assert find_radii(found) == pytest.approx([0.05] * 3)
+
+
+def frames_of_xyz(*frames: np.ndarray) -> str:
+    """A file with several frames, in the folder where the test runs."""
+    with open("a.xyz", "w") as file:
+        for x in frames:
+            file.write(f"{len(x)}\n\n" + "".join(f"{a} {b} {c}\n" for a, b, c in x))
+    return "a.xyz"
+
+
+def test_frames_are_named_where_one_is_taken_or_none_is_left(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    g = np.stack(np.mgrid[:3, :3, :3], -1).reshape(-1, 3) * 1.0
+    name = frames_of_xyz(g, g - 9.0, g + 1.0)
+    with pytest.warns(UserWarning, match="a.xyz has 3 frames, and this is the first: read"):
+        assert len(gb.read(name)) == 27
+    with pytest.warns(UserWarning, match="^frame 1 of a.xyz: no particle meets 'x > 1'"):
+        assert [len(one) for one in gb.sequence(name, where="x > 1")] == [9, 0, 18]
+    with pytest.warns(UserWarning, match="^a.xyz: no particle meets 'x > 5'"):
+        gb.read(name, frame=0, where="x > 5")
+    assert gb.find_value_range([name], "x") == gb.find_value_range(name, "x") == (-9, 3)
+    with pytest.raises(ValueError, match=r"got speed \(frame 0 of a.xyz\)"):
+        gb.find_value_range(name, "speed")
+    words = ["--where", "x > 1", "--size", "32x24"]
+    assert main(["render", name, "-o", "p%d.png", *words]) == 0
+    assert capsys.readouterr().err.count("warning: frame 1 of a.xyz: no particle meets --where 'x > 1'") == 1
+    assert main(["track", name, "-o", "t.csv", *words[:2]]) == 0
+    assert "warning: frame 1 of a.xyz: no particle meets --where 'x > 1'" in capsys.readouterr().err
+    assert main(["render", name, "-o", "p.png", "--frame", "1", *words]) == 2
+    assert "--where: expected a condition that some particle meets" in capsys.readouterr().err
+
+
+def test_frames_far_away_have_one_origin_which_is_said_once(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    g = np.stack(np.mgrid[:4, :4, :4], -1).reshape(-1, 3) * 0.1 + (691234.0, 4812345.0, 512.0)
+    name = frames_of_xyz(g[:0], g, g + (30.0, 0, 0), g + (60.0, 0, 0))
+    with pytest.warns(UserWarning, match="positions are given from") as said:
+        frames = list(gb.sequence(name))
+    assert len(said) == 1
+    assert {one.origin for one in frames[1:]} == {frames[1].origin}
+    np.testing.assert_allclose(frames[3].world_positions(), g + (60.0, 0, 0), atol=1e-5)
+    for words in (["render", name, "-o", "p%d.png", "--size", "32x24"], ["track", name], ["convert", name, "a%d.ply"]):
+        main(words)
+        assert capsys.readouterr().err.count("given from") <= 1, words

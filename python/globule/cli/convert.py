@@ -17,11 +17,22 @@ import numpy as np
 from ..data.particles import SCALAR_FIELDS, Particles
 from ..formats import READABLE, WRITABLE, write
 from ..formats.vtk_collections import write_pvd
-from ..render.sequence import find_files, with_frames
+from ..render.sequence import find_files, leader, with_frames
 from . import flags, medical
 from . import medical as medical_files
 from .parser import Parser
-from .shared import UserError, check_input, check_output, count, first_of, mistakes, read_file, reading, say
+from .shared import (
+    UserError,
+    check_input,
+    check_output,
+    count,
+    first_of,
+    mistakes,
+    read_file,
+    reading,
+    say,
+    settle_origin,
+)
 
 SUMMARY = "files from one format to another"
 USAGE = "IN [IN ...] OUT"
@@ -78,6 +89,9 @@ def run(options: argparse.Namespace) -> None:
     elif len(inputs) > 1:
         raise UserError(f"OUT: expected a name with %d for {len(inputs)} files, got {options.output}")
     _check_other([*inputs, *outputs], len(inputs))
+    if len(files) > 1:
+        settle_origin(options, files[leader(files, **given)])
+        given = reading(options)
     said: set[str] = set()
     times: list[float] = []
     for k, (file, output) in enumerate(zip(files, outputs, strict=True)):

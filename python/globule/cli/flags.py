@@ -109,7 +109,7 @@ FLAGS: dict[str, dict[str, Any]] = {
         Whole(1, 2**31).parse),
     "--where": row("CONDITION", "only the particles for which it holds, such as 'type == 1 and "
         "speed > 0.2': attributes, numbers, comparisons, in, and, or, not, + - * / **, abs, "
-        "sqrt, isfinite"),
+        "sqrt, isfinite; after --scale, before --center and --min-component"),
     "--species": row("NAME", "group of particles in a file with several, by its name there"),
     "--columns": row("FIELD=NAME,…", "names of a table's columns, or an HDF5 file's data sets, for "
         "x, y, z and fields", columns),

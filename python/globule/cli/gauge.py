@@ -55,7 +55,7 @@ def add_arguments(parser: Parser) -> None:
         place, action="append")  # fmt: skip
     flags.own(one, "--map", "heights all over the ground of one file")
     flags.add(parser, "--up", "along x, y or z; default: by format")
-    flags.add(parser, "--fps", "adds a column of times; default: none")
+    flags.add(parser, "--fps", "for the column of times; default: the times of the files")
     flags.own(parser, "--plot FILE.png", "also draw the columns as curves")
     measuring.add_sample_spacing(parser)
     flags.add(parser, "--json")
@@ -79,8 +79,9 @@ def run(options: argparse.Namespace) -> None:
         check_output("--plot", options.plot, (".png",))
         measuring.need_matplotlib()
     names, rows = [], []
+    clock: list[float | None] = []
     with Progress(len(options.files)) as progress:
-        for i, path, scene in measuring.scenes(options, options.files, progress, one=options.map):
+        for i, path, scene in measuring.scenes(options, options.files, progress, one=options.map, clock=clock):
             if not i:
                 settle_up(options, path)
                 if options.said_up:
@@ -101,13 +102,13 @@ def run(options: argparse.Namespace) -> None:
             found.save(options.output)
     heights = np.stack(rows)
     columns = {f"height_{k}": heights[:, k] for k in range(len(options.at or ()))}
-    table = {**measuring.times(options, len(rows)), "file": np.array(names), **columns}
+    table = measuring.numbered(options, names, clock, columns)
     if not options.map and (options.output or not options.json):
         axis, sign = up_axis(scene.up if options.up is None else options.up)
         above = sign * scene.origin[axis]  # files have world coordinates
         write_table(options.output, table | {name: column + above for name, column in columns.items()})
     if options.plot:
-        measuring.plot(options.plot, table, list(columns), "height, world units")
+        measuring.plot(options, table, list(columns), "height, world units")
     if options.json:
         whole = {"map": heights[0].reshape(found.shape)} if options.map else table
         print_json({"file": options.output, "origin": options.origin, **whole})

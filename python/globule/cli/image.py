@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.device import choose
-from ..data.attributes import colormap_of, kinds_of
+from ..data.attributes import colormap_of, kinds_of, place_label
 from ..data.particles import HERE, Particles
 from ..formats.frames import FrameOf
 from ..formats.kind import kind_of
@@ -25,10 +25,11 @@ from ..render.trace import points_of, values_of
 from ..scene.mesh import Mesh
 from ..scene.thesis import Thesis
 from . import annotation, camera_facts, light, look, meshes, sequence, surfaces, tracing
-from .shared import Progress, UserError, count, doubled, left_out, mistakes, need_particles, said_threads
+from .shared import Progress, UserError, count, doubled, left_out, mistakes, need_particles, none_of, said_threads
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
 FEW = 0.005  # share of the pixels below which a fitted image shows almost nothing
+MOST = 0.9  # of the particles that a crop keeps
 APART = 0.2  # size of the box of 99 % of the particles by that of all, where some lie far away
 
 
@@ -68,15 +69,22 @@ def picture(
     messages = list(found)
     read_seconds = time.perf_counter() - start
     progress.step(f"building {path}")
+
+    def made(scene: Scene | Mesh) -> None:
+        """What all images share follows from the frame that leads."""
+        lit.begin(scene)
+        lit.place(path, i)
+        series.look(scene, cameras)
+
     with mistakes():
         if isinstance(shape, Mesh):
             subject = _mesh(options, path, shape, messages)
+            made(shape)
         else:
-            subject = _particles(options, series, path, shape, messages)
+            subject = _particles(options, series, path, shape, messages, made)
         scene = subject.scene
-        lit.layers(scene)
         lit.place(path, i)
-        views = series.cameras(i, scene, cameras)
+        views = series.cameras(i)
     if series.finished(image, aov):
         return None
     frames, trace_seconds = _traced(options, lit, notes, progress, path, scene, views, thesis, comm)
@@ -95,7 +103,7 @@ def picture(
             name, points = options.color_by, points_of(scene)
             kinds = kinds_of(points, name, options.colormap)
             colormap = colormap_of(name, options.colormap)
-            colors = Colors(colormap, *subject.ends, name, kinds)
+            colors = Colors(colormap, *subject.ends, place_label(name, points.origin), kinds)
             if subject.particles is not None and lit.settings(scene).is_flat:
                 ends = subject.ends
                 shown = values_of(subject.particles, name, options.colormap, ends)
@@ -125,15 +133,21 @@ def picture(
 
 
 def _particles(
-    options: argparse.Namespace, series: sequence.Series, path: str, particles: Particles, messages: list[str]
+    options: argparse.Namespace,
+    series: sequence.Series,
+    path: str,
+    particles: Particles,
+    messages: list[str],
+    made: Callable[[Scene], object],
 ) -> Subject:
-    """The scene of a file's particles that have a position, in their colors."""
+    """The scene of a file's particles that have a position, in their colors. made: as for
+    `KeptScene.show`."""
     finite = np.isfinite(particles.positions).all(axis=1)
     n = len(particles)
     if len(set(options.particles)) == 1:  # a sequence may have empty frames
         need_particles(path, int(finite.sum()))
     if n == 0:
-        messages.append(f"{path} holds no particles")
+        messages.append(none_of(path, options))
     messages += left_out(path, particles, far=False)  # the octree tells those
     messages += doubled(path, particles)
     if not finite.all():
@@ -144,7 +158,7 @@ def _particles(
     if options.anisotropic:
         particles = look.stretched(options, particles)
     try:
-        scene = series.scene(particles, functools.partial(_scene, options))
+        scene = series.scene(particles, functools.partial(_scene, options), made)
     except UserError as error:
         if options.support is None and str(error).startswith("support:"):  # the file's own
             raise UserError(f"{path}: {error}") from error
@@ -289,9 +303,9 @@ def spread(scene: Scene) -> str:
     inner_lo = np.percentile(positions, 1 / 6, axis=0, method="higher")
     inner_hi = np.percentile(positions, 100 - 1 / 6, axis=0, method="lower")
     size = float((inner_hi - inner_lo).max())
-    if not size < APART * float((hi - lo).max()):
-        return ""
     within = ((positions >= inner_lo) & (positions <= inner_hi)).all(axis=1).mean()
+    if not size < APART * float((hi - lo).max()) or within < MOST:
+        return ""
     room = 0.05 * size + 1e-6 * float(np.abs(inner_hi).max())
     crop = ",".join(f"{v:.6g}" for v in (*(inner_lo - room), *(inner_hi + room)))
     return (

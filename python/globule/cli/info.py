@@ -20,7 +20,7 @@ from ..formats import READABLE
 from ..formats.contents import Contents
 from ..formats.kind import kind_of
 from ..formats.packed import plain_name
-from ..formats.registry import FORMATS
+from ..formats.registry import formats
 from ..formats.triangles import has_faces
 from ..pieces.scene import Scene
 from ..pieces.shown import shown_scene
@@ -38,10 +38,8 @@ EXAMPLES = """\
   globule info sweep.igs.mha --json
   globule info head.nii.gz --level 90"""
 
-_TABLES = ("xyz", "csv", "text")  # which endings do not tell apart
 SIZE = (1024, 782)  # of an image of `globule render`
-_FORMATS = {
-    **{ending: form.about for form in FORMATS for ending in form.endings},
+_ENDINGS = {  # by endings that say more than the content's format
     ".bgeo.gz": "Houdini classic geometry, gzipped",
     ".nii": "NIfTI volume",
     ".nii.gz": "NIfTI volume, gzipped",
@@ -157,15 +155,14 @@ def _camera(path: str, particles: Particles, scene: Scene, surface: str) -> Came
 
 
 def _format_name(path: str) -> str:
-    found = kind_of(path)
-    about = next((form.about for form in FORMATS if form.name == found.format), "")
-    plain = about if found.format in _TABLES else f"{found.kind} ({found.format})"
-    for name, more in ((path, ""), (plain_name(path), ", packed")):
-        endings = [ending for ending in _FORMATS if name.lower().endswith(ending)]
-        if endings:
-            by_ending = _FORMATS[max(endings, key=len)]
-            return (plain if found.format in _TABLES else by_ending) + more
-    return plain
+    """What the content is."""
+    found, name = kind_of(path), path.lower()
+    form = next((form for form in formats() if form.name == found.format), None)
+    ending = max((ending for ending in _ENDINGS if name.endswith(ending)), key=len, default="")
+    if ending and (form is None or form.name == "bgeo"):
+        return _ENDINGS[ending]
+    about = form.about if form else f"{found.kind} ({found.format})"
+    return about + (", packed" if plain_name(name) != name else "")
 
 
 def _size(path: str) -> int:

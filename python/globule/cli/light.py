@@ -110,6 +110,12 @@ class Light:
             check_input(path)
         meshes.check_meshes(options)
 
+    def begin(self, scene: Scene | Mesh) -> None:
+        """Make the settings and the layers beside by the scene of the frame that leads."""
+        self._settings = None
+        self.layers(scene)
+        self.settings(scene)
+
     def settings(self, scene: Scene | Mesh) -> RenderSettings:
         """The preset's settings, changed by the options."""
         if self._settings is None:

@@ -16,7 +16,7 @@ from ..formats.kind import kind_of
 from ..formats.triangles import has_faces
 from ..measure.surface import default_spacing
 from ..pieces.scene import Scene
-from ..render.sequence import KeptScene, find_files, leader, read_ahead, with_frames
+from ..render.sequence import KeptScene, find_files, frames_of, leader, read_ahead, with_frames
 from . import flags, look, surfaces
 from .parser import Parser
 from .shared import (
@@ -29,6 +29,7 @@ from .shared import (
     left_out,
     lies_across,
     mistakes,
+    none_of,
     positive,
     read_file,
     reading,
@@ -77,9 +78,11 @@ def scenes(
     progress: Progress,
     one: bool = False,
     made: Callable[[Scene], object] = lambda scene: None,
+    clock: list[float | None] | None = None,
 ) -> Iterator[tuple[int, str, Scene]]:
     """Number, file and scene of each file; one scene serves all, with the support of the one that
-    leads. one: of a file with several frames, only one is meant. made: as for `KeptScene.show`."""
+    leads. one: of a file with several frames, only one is meant. made: as for `KeptScene.show`.
+    clock: takes the time of each file or frame, as the file says it."""
     check_device(options)
     with mistakes():
         files = find_files(names)
@@ -91,22 +94,27 @@ def scenes(
             check_input(path, list(reading(options)))
     if not one and options.frame is None:
         files = with_frames(files, **reading(options))
+    elif options.frame is not None:
+        files = [FrameOf(f, options.frame if options.frame >= 0 else frames_of(f) + options.frame) for f in files]
     at = leader(files, **reading(options))
     if len({*files}) > 1:
         settle_origin(options, files[at])
 
     def lead() -> Particles:
-        particles = _read(files[at], options)[0]
+        particles = _read(files[at], options, [])[0]
         progress.clear()
         say(led_by(files, at))
         return particles
 
     kept = KeptScene(lead if at else None)
-    ahead = read_ahead(_read(path, options) for path in files)
+    clock = [] if clock is None else clock
+    ahead = read_ahead(_read(path, options, clock) for path in files)
     progress.n_steps = len(files)
     for i, path in enumerate(files):
         progress.step(path)
         particles, messages = next(ahead)
+        if len(files) > 1 and not len(particles):
+            messages = [*messages, none_of(path, options)]
         for message in messages:
             progress.clear()
             warn(message)
@@ -125,15 +133,17 @@ def led_by(files: Sequence[str], at: int) -> str:
     return f"note: surface and support are those of {which}"
 
 
-def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:
+def _read(path: str, options: argparse.Namespace, clock: list[float | None]) -> tuple[Particles, list[str]]:
+    time = None
     if is_surface(path, options):
         particles, messages = read_surface(path, options)
     else:
         contents = read_file(path, True, **reading(options))
         particles, messages = contents.particles, lies_across(path, contents, options)
-        options.origin = particles.origin
+        options.origin, time = particles.origin, contents.time
         if contents.n_frames > 1 and not isinstance(path, FrameOf) and options.frame is None:
             messages = [*messages, first_of(path, contents.n_frames, "globule track measures all")]
+    clock.append(time)
     messages = [*messages, *left_out(path, particles), *doubled(path, particles)]
     if options.anisotropic:
         with mistakes():
@@ -174,10 +184,18 @@ def too_coarse(options: argparse.Namespace, scene: Scene) -> str:
     )
 
 
-def times(options: argparse.Namespace, n: int) -> dict[str, Any]:
-    """The columns of a sequence's table that number the frames."""
-    numbers = np.arange(n)
-    return {"frame": numbers} | ({"time": numbers / options.fps} if options.fps else {})
+def numbered(
+    options: argparse.Namespace, names: Sequence[str], clock: Sequence[float | None], columns: dict[str, Any]
+) -> dict[str, Any]:
+    """The table of a sequence: the numbers of the frames, those of one file as the file has them, and
+    the times by --fps, before the names and columns; behind them the times of the files."""
+    numbers = np.array([one.frame if isinstance(one, FrameOf) else i for i, one in enumerate(names)])
+    if len({str(name) for name in names}) > 1:
+        numbers = np.arange(len(names))
+    before = {"frame": numbers} | ({"time": numbers / options.fps} if options.fps else {})
+    known = None not in clock and len(clock) == len(names)
+    behind = {"time": np.array(clock, np.float64)} if known and not options.fps else {}
+    return before | {"file": np.array(names)} | columns | behind
 
 
 def need_matplotlib() -> None:
@@ -189,7 +207,7 @@ def need_matplotlib() -> None:
             raise missing("matplotlib", "figures") from None
 
 
-def plot(path: str, table: dict[str, Any], names: Sequence[str], ylabel: str) -> None:
+def plot(options: argparse.Namespace, table: dict[str, Any], names: Sequence[str], ylabel: str) -> None:
     """Columns of a table over time, or over the frames' numbers, as a .png."""
     from matplotlib.figure import Figure
 
@@ -200,10 +218,10 @@ def plot(path: str, table: dict[str, Any], names: Sequence[str], ylabel: str) ->
     axes = figure.add_subplot()
     for name in names:
         axes.plot(table[along], table[name], ".-", label=name)
-    axes.set_xlabel("time, seconds" if along == "time" else "frame")
+    axes.set_xlabel("time, seconds" if options.fps else along)
     axes.set_ylabel(ylabel)
     axes.grid(alpha=0.3)
     if len(names) > 1:
         axes.legend()
-    with atomic_write(path) as file:
+    with atomic_write(options.plot) as file:
         figure.savefig(file, format="png")

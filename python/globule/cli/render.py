@@ -271,7 +271,7 @@ def camera(
 
     around: (M, 3) points to show, world units; default: the scene's particles.
     """
-    nothing = scene is None or (isinstance(scene, Scene) and scene.octree.n_inside == 0)
+    nothing = scene is None or (around is None and isinstance(scene, Scene) and scene.octree.n_inside == 0)
     fov = options.fov or FOV
     if not options.eye:
         base = DEFAULT_VIEW

@@ -79,7 +79,7 @@ class Series:
         self._looking = False  # at a file that another rank may draw
         self.path: CameraPath | None = None
         self.movie: MovieFrames | None = None
-        self._cameras: list[Camera] | None = None
+        self._cameras: list[Camera] = []
         self.box: np.ndarray | None = None  # corners (8, 3) of the box of all files
         self._shown: set[str] = set()
         self._ahead: Iterator[tuple[Particles | Mesh, list[str]]] = iter(())
@@ -220,9 +220,9 @@ class Series:
             return False
         return aov is None or zipfile.is_zipfile(aov)
 
-    def scene(self, particles: Particles, make: Callable[[Particles], Scene]) -> Scene:
+    def scene(self, particles: Particles, make: Callable[[Particles], Scene], made: Callable[[Scene], object]) -> Scene:
         """The scene of all images, with the particles of this image."""
-        return self._kept.show(particles, make)
+        return self._kept.show(particles, make, made)
 
     def _leading(self) -> Particles:
         """The particles that lead."""
@@ -233,20 +233,24 @@ class Series:
         particles = particles[_finite(particles)]
         return look.stretched(self.options, particles) if self.options.anisotropic else particles
 
-    def cameras(self, i: int, scene: Any, find: Callable[[Any, Any], list[Camera]]) -> list[Camera]:
-        """The cameras of the views of image i: the path's, or the first that `find` found, turned
-        where a turntable is asked for."""
+    def look(self, scene: Any, find: Callable[[Any, Any], list[Camera]]) -> None:
+        """Find the cameras of all images by the scene of the frame that leads."""
+        if not self.path:
+            self._cameras = find(scene, self.box)
+
+    def cameras(self, i: int) -> list[Camera]:
+        """The cameras of the views of image i: the path's, or those found, turned where a turntable
+        is asked for."""
         if self.path:
             return [self.path(i)]
-        if self._cameras is None or self._kept.first:
-            self._cameras = find(scene, self.box)
         n = self.options.turntable
         return [orbit(one, n=n)[i % n] for one in self._cameras] if n else self._cameras
 
     def warn(self, messages: list[str], progress: Progress) -> None:
-        """Show the messages that no earlier image has had."""
-        new = [message for message in messages if message not in self._shown]
-        self._shown.update(new)
+        """Show the messages that no earlier image has had, whatever the frame that they name."""
+        kinds = {re.sub(r"^frame \d+ of", "frame of", message): message for message in messages}
+        new = [message for what, message in kinds.items() if what not in self._shown]
+        self._shown.update(kinds)
         if new:
             progress.clear()
         for message in new:

@@ -23,7 +23,7 @@ from ..data.particles import FARTHEST, HERE, UP, Particles
 from ..data.spacing import n_coincident
 from ..formats import FormatError, read_contents, up_of
 from ..formats.contents import Contents
-from ..formats.frames import FrameOf
+from ..formats.frames import FrameOf, said
 from ..formats.kind import kind_of
 from ..formats.packed import plain_name
 from ..formats.registry import format_named, formats
@@ -275,14 +275,21 @@ def read_file(path: str, may_be_empty: bool = False, **given: Any) -> Contents:
             raise UserError(f"{path}: --level: expected an iso-value that voxels reach, got {given['level']:g}")
         if given.get("min_component", 1) > 1:
             expected = "expected a component of so many particles"
-            raise UserError(f"{path}: --min-component: {expected}, got {given['min_component']}")
+            raise UserError(f"{said(path)}: --min-component: {expected}, got {given['min_component']}")
         if "where" in given:
             expected = "expected a condition that some particle meets"
-            raise UserError(f"{path}: --where: {expected}, got {given['where']!r}")
+            raise UserError(f"{said(path)}: --where: {expected}, got {given['where']!r}")
         if "labels" in given:
             labels = ", ".join(map(str, given["labels"]))
             raise UserError(f"{path}: --label: expected a value that voxels have, got {labels}")
     return contents
+
+
+def none_of(path: str, options: argparse.Namespace) -> str:
+    """What to say of a frame without particles."""
+    if options.where is not None:
+        return f"{said(path)}: no particle meets --where {options.where!r}"
+    return f"{said(path)} holds no particles"
 
 
 def first_of(path: str, n_frames: int, all_of_them: str) -> str:

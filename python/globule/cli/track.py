@@ -4,7 +4,8 @@ The columns x_min to z_max hold the surface's extent, spray included: x_max is t
 that moves along x, y_max the greatest height where y points up. Volume and area have columns with
 estimates of their errors. The surface rounds sharp edges; particle_volume knows nothing of it: the
 number of particles times the cube of their spacing, or the sum of the spheres. Several files, or a
-quoted pattern ('frame_*.vtk'), are one sequence with one support and one --sample-spacing."""
+quoted pattern ('frame_*.vtk'), are one sequence with one support and one --sample-spacing. The
+column time holds what --fps says, else what the files say (of a LAMMPS dump without times, its steps)."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ def add_arguments(parser: Parser) -> None:
     """The arguments of `globule track`."""
     parser.add_argument("files", nargs="+", metavar="FILE", help="particles, mesh or volume")
     flags.add(parser, "--output", "track.csv; default: printed")
-    flags.add(parser, "--fps", "adds a column of times; default: none")
+    flags.add(parser, "--fps", "for the column of times; default: the times of the files")
     flags.own(parser, "--plot FILE.png", "also draw the columns as curves")
     parser.add_argument(
         "--plot-column",
@@ -54,6 +55,7 @@ def run(options: argparse.Namespace) -> None:
         check_output("--plot", options.plot, (".png",))
         measuring.need_matplotlib()
     names: list[str] = []
+    clock: list[float | None] = []
     rows: list[dict[str, float]] = []
     spacing = options.spacing
     with Progress(len(options.files)) as progress:
@@ -63,7 +65,7 @@ def run(options: argparse.Namespace) -> None:
             if spacing is None and scene.octree.n_inside:
                 spacing = default_spacing(scene)
 
-        for _, path, scene in measuring.scenes(options, options.files, progress, made=made):
+        for _, path, scene in measuring.scenes(options, options.files, progress, made=made, clock=clock):
             with mistakes():
                 found = facts(scene, spacing)
                 wrong = scene.octree.n_inside and not found["area"]
@@ -71,15 +73,15 @@ def run(options: argparse.Namespace) -> None:
                     raise UserError(f"{path}: {why}")
                 rows.append(found)
             names.append(path)
-    table: dict[str, Any] = {**measuring.times(options, len(rows)), "file": np.array(names)}
-    table |= {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    table = measuring.numbered(options, names, clock, columns)
     at = dict(zip("xyz", scene.origin, strict=True))  # files have world coordinates
     if options.output or not options.json:
         write_table(options.output, table | {name: table[name] + at[name[0]] for name in COLUMNS[2:-1]})
     if options.plot:
         name = options.plot_column
         unit = {"volume": " cubed", "particle_volume": " cubed", "area": " squared"}.get(name, "")
-        measuring.plot(options.plot, table, [name], f"{name}, world units{unit}")
+        measuring.plot(options, table, [name], f"{name}, world units{unit}")
     if options.json:
         print_json({"file": options.output, "origin": options.origin, **table})
         return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -71,6 +71,13 @@ def attribute_values(particles: Particles, name: str) -> np.ndarray:
             raise ValueError(f"expected {stem}:0 to {stem}:{k - 1}, got {name}")
         return np.asarray(to_host(arrays[stem]), np.float64)[:, int(index)]
     raise ValueError(f"expected one of {', '.join(arrays)}, got {name}")
+
+
+def place_label(name: str, origin: Iterable[float]) -> str:
+    """The name of values for a legend or an axis: that of an axis, x, y or z, with what its numbers
+    are counted from."""
+    start = dict(zip("xyz", origin, strict=True)).get(name, 0.0)
+    return f"{name} - {start:.15g}".replace("- -", "+ ") if start else name
 
 
 def colormap_of(name: str, colormap: str) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -11,28 +12,62 @@ from .._base.arrays import to_host
 from .particles import Particles
 
 _NAMES = {"radius": 1.0, "pscale": 1.0, "diameter": 0.5}  # in lower case, by radii
-_SAME = {"radii": "radius", "particleradius": "radius", "particleradii": "radius",
-         "diameters": "diameter", "particlediameter": "diameter"}  # fmt: skip
+_SAME = {"radii": "radius", "diameters": "diameter", "diam": "diameter", "rad": "radius"}
+_OF = re.compile(r"^(?:particle|parcel|ball|sphere|grain|bead|equivalent|physical)+")
+# Words that may mean something else, by letters and digits: radii where the values may be some.
+_SHORT = {"r": "radius", "rp": "radius", "rad": "radius", "dp": "diameter"}
+_NOT_RADIUS = {"g", "b", "green", "theta", "phi"}  # beside r: colors, or other coordinates
 
 
 def length_name(name: str) -> str:
     """The name of an array of lengths in lower case; that of `Radii` and `Particle Radius` is
     radius."""
-    return _SAME.get(re.sub(r"[^a-z]", "", name.lower()), name.lower())
+    word = re.sub(r"[^a-z]", "", name.lower())
+    plain = _OF.sub("", word)
+    if plain != word and plain in _NAMES:
+        return plain
+    return _SAME[plain] if plain in _SAME and word != "rad" else name.lower()
 
 
-def length_names(names: Iterable[str]) -> dict[str, str]:
-    """Names by `length_name`; of several with one, the first, or one that has it itself. OpenFOAM's
-    clouds, which origProcId tells, call their diameters d."""
-    found = list(names)[::-1]
-    known = {"diameter": "d"} if {"origProcId", "d"} <= set(found) else {}
-    return known | {length_name(name): name for name in found} | {name.lower(): name for name in found}
+def length_names(arrays: Mapping[str, Any], positions: Any) -> dict[str, str]:
+    """Names of arrays (N,) of particles at positions (N, 3) by `length_name`; of several with one,
+    the first, or one that has it itself.
+
+    `r`, `rad`, `d_p` and `Dp` are sizes where no array has a longer name for them, and the values
+    may be some. OpenFOAM's clouds, which origProcId tells, call their diameters d.
+    """
+    names = list(arrays)[::-1]
+    known = {length_name(name): name for name in names} | {name.lower(): name for name in names}
+    if not known.keys() & {*_NAMES, "h", "smoothing_length"}:
+        if {"origProcId", "d"} <= known.keys() | arrays.keys():
+            return known | {"diameter": "d"}
+        for name in names:
+            kind = _SHORT.get(re.sub(r"[^a-z0-9]", "", name.lower()))
+            if kind and not known.keys() & _NOT_RADIUS and _may_be_sizes(to_host(arrays[name]), positions):
+                known[kind] = name
+    return known
+
+
+def _may_be_sizes(values: Any, positions: Any) -> bool:
+    """Whether values (N,) may be radii of particles: above 0, smaller than what the particles
+    extend over, and not their distances from the origin or from an axis."""
+    x = to_host(positions)
+    if values.ndim != 1 or values.dtype.kind not in "iuf" or len(values) != len(x) or not len(x):
+        return False
+    if not (np.isfinite(values).all() and (values >= 0).all() and values.any() and np.isfinite(x).all()):
+        return False
+    if len(x) > 1 and np.median(values) > np.ptp(x, axis=0).max():
+        return False
+    x = x[:1000].astype(np.float64)
+    axes = ([0, 1, 2], [0, 1], [0, 2], [1, 2], [0], [1], [2])
+    distances = [np.linalg.norm(x[:, some], axis=1) for some in axes if max(some) < x.shape[1]]
+    return len(x) < 2 or not any(np.allclose(values[:1000], d, rtol=1e-3) for d in distances)
 
 
 def find_radii(particles: Particles) -> np.ndarray | None:
     """Radii (N,) float32, world units, from the attribute `radius`, `pscale` or `diameter`; None
     where the particles have none, one that is negative or not finite, or none above 0."""
-    by_lower_name = length_names(particles.attributes)
+    by_lower_name = length_names(particles.attributes, particles.positions)
     for lower, factor in _NAMES.items():
         if lower not in by_lower_name:
             continue
@@ -53,10 +88,9 @@ def with_halved_radii(particles: Particles) -> Particles:
     them, is twice too large; as they are without an attribute `radius` or `pscale`, or where the
     file's diameters are beside.
     """
-    if any(length_name(n) == "diameter" for n in particles.attributes):
-        return particles
-    name = next((n for n in particles.attributes if length_name(n) in ("radius", "pscale")), None)
-    if name is None:
+    known = length_names(particles.attributes, particles.positions)
+    name = known.get("radius", known.get("pscale"))
+    if name is None or "diameter" in known:
         return particles
     radii, support = particles.attributes[name], particles.support
     halved = particles[:]

@@ -8,9 +8,16 @@ import numpy as np
 
 from .._base.checks import positive
 from .particles import Particles
-from .radii import length_name
+from .radii import length_name, length_names
 
 LENGTHS = ("radius", "pscale", "diameter", "smoothing_length", "h")  # attributes, by `length_name`
+
+
+def lengths_of(particles: Particles) -> set[str]:
+    """The names of attributes that are lengths."""
+    found = length_names(particles.attributes, particles.positions)
+    known = {found[kind] for kind in LENGTHS if kind in found}
+    return known | {name for name in particles.attributes if length_name(name) in LENGTHS}
 
 
 def scaled(particles: Particles, factor: float) -> Particles:
@@ -22,9 +29,10 @@ def scaled(particles: Particles, factor: float) -> Particles:
     factor = positive("scale", factor)
     if factor == 1:
         return particles
+    lengths = lengths_of(particles)
     attributes = {
         name: (array * factor).astype(array.dtype if array.dtype.kind == "f" else np.float64)
-        if length_name(name) in LENGTHS
+        if name in lengths
         else array
         for name, array in particles.attributes.items()
     }

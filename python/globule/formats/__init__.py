@@ -22,15 +22,16 @@ from .._base.checks import choice, flag
 from ..data.components import without_small_components
 from ..data.particles import UP, Z_UP, Particles
 from ..data.radii import with_halved_radii
-from ..data.scale import scaled
+from ..data.scale import lengths_of, scaled
 from ..data.where import where
 from .contents import Box, Contents
 from .errors import FormatError, bad
 from .fields import check_names, given_from
-from .frames import FrameOf
+from .frames import FrameOf, said
 from .kind import Kind, kind_of, wrong_kind
 from .packed import unpacked
 from .registry import FORMATS, Format, format_named, formats, function_of
+from .units import scaled_units
 
 __all__ = ["EXTENSIONS", "READABLE", "WRITABLE", "Box", "Contents", "Format", "FormatError",
            "Kind", "kind_of", "read", "read_contents", "up_of", "write"]  # fmt: skip
@@ -47,14 +48,15 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
     Args:
         path: of the file; one packed by gzip, bzip2, xz or zstd is unpacked.
         spacing: world units, for meshes only; see `globule.sample_mesh`.
-        frame: which frame of a file with several; negative counts from the end. Default 0.
+        frame: which frame of a file with several; negative counts from the end. Default 0, with a
+            warning where there are more.
         species: which group of particles of a file with several, by its name in the file.
         columns: field or attribute -> name of a column or data set in the file; "x", "y" and "z",
             or "positions", name the position. Everything that is not named is left out.
         origin: (x, y, z) float64, world, from which the positions are given; "auto": one near the
             particles where float32 would not keep the file's coordinates, else 0, 0, 0.
         where: a condition on the particles, such as "type == 1 and speed > 0.2"; see
-            `globule.data.where`.
+            `globule.data.where`. After `scale`: lengths in it are scaled.
         scale: factor of all lengths, such as 0.001 for a file in mm; see `globule.data.scale`.
         min_component: number of particles; components of fewer are left out, with a warning that
             says how many; see `globule.data.components`. After `where` and `center`.
@@ -69,9 +71,15 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
     Raises FormatError (a ValueError) if the file has an unknown format, holds another kind of data
     (the message names the function that reads the file) or is damaged; ValueError for an option
     that the format does not have; MissingPackageError for a format whose library is not installed;
-    FileNotFoundError and other OSErrors pass unchanged.
+    FileNotFoundError and other OSErrors pass unchanged. Warns where no particle meets `where`.
     """
-    return read_contents(path, **options).particles
+    contents = read_contents(path, **options)
+    if contents.n_frames > 1 and "frame" not in options and not isinstance(path, FrameOf):
+        what = f"{os.fspath(path)} has {contents.n_frames:,} frames, and this is the first"
+        warnings.warn(f"{what}: read(path, frame=…) takes another, globule.sequence all", stacklevel=2)
+    if not len(contents.particles) and options.get("where") is not None:
+        warnings.warn(f"{said(path)}: no particle meets {options['where']!r}", stacklevel=2)
+    return contents.particles
 
 
 def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
@@ -106,7 +114,9 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
         contents = replace(contents, particles=with_halved_radii(contents.particles))
     if scale != 1:
         box = contents.box and contents.box.scaled(scale)
-        contents = replace(contents, particles=scaled(contents.particles, scale), box=box)
+        found = contents.particles
+        units = scaled_units(contents.units, {"positions", "support", *lengths_of(found)}, scale)
+        contents = replace(contents, particles=scaled(found, scale), box=box, units=units)
     contents = replace(contents, particles=given_from(contents.particles, origin, path))
     if condition is not None:
         contents = replace(contents, particles=where(contents.particles, condition))

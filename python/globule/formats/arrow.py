@@ -18,9 +18,10 @@ from .._base.checks import missing
 from .._base.files import atomic_write
 from ..data.particles import Particles
 from .contents import Contents
-from .errors import bad, shown
+from .errors import bad, names_of, shown
 from .fields import COLUMNS, find_positions, join_columns, particles_from, place_names, split_columns
 from .guarded import decode, need
+from .units import held_units, in_one_unit
 
 
 def read(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None) -> Contents:
@@ -40,8 +41,7 @@ def read(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None)
         if columns is not None:
             for name in columns.values():
                 if name not in names:
-                    got = shown(" ".join(names))
-                    raise bad(path, "", f"expected the column {shown(name)}, got {got}")
+                    raise bad(path, "", f"expected the column {shown(name)}, got {names_of(names)}")
             names = list(dict.fromkeys(columns.values()))
         return sum(claim["columns"][name] for name in names), names
 
@@ -59,19 +59,15 @@ def read(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None)
         axes = place_names(found)
         found = {axes.get(name, name): array for name, array in found.items()}
         units = {axes.get(name, name): unit for name, unit in units.items()}
-    lower = {name.lower(): name for name in found}
-    if "x" in lower and "y" in lower and "z" not in lower:
-        found["z"] = np.zeros(len(found[lower["x"]]))
+    units = in_one_unit(path, found, units)
     arrays = join_columns({name: a for name, a in found.items() if a.ndim == 1})
     arrays |= {name: a for name, a in found.items() if a.ndim > 1}
     positions = find_positions(arrays)
     if positions is None:
-        got = shown(" ".join(about["columns"])) if about["columns"] else "no column of numbers"
+        got = names_of(about["columns"]) if about["columns"] else "no column of numbers"
         raise bad(path, "", f"expected columns x, y and z, got {got}; {COLUMNS}")
-    unit = units.pop("x", units.pop("positions", None))
     particles = particles_from(path, positions, arrays)
-    held = {name: u for name, u in units.items() if name in particles.attributes}
-    return Contents(particles, units={**held, **({"positions": unit} if unit else {})})
+    return Contents(particles, units=held_units(particles, units))
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:

@@ -1,4 +1,4 @@
-"""Cells of VTK's files: the triangles that show faces and volumes, and the data of vertices.
+"""Cells of VTK's files: the triangles that show faces and volumes.
 
 Numbers of cell types, orders of nodes and ghost flags follow vtkCellType.h, "VTK File Formats"
 (Kitware) and vtkDataSetAttributes.h. A face with nodes on its edges is cut at these nodes; cells of
@@ -8,7 +8,7 @@ an order above two are drawn by their corners.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -16,10 +16,10 @@ import numpy as np
 
 VERTICES, LINES, STRIPS, POLYGONS = 2, 4, 6, 7  # the types of all cells of these lists of PolyData
 POLYHEDRON = 42
-_VERTEX, _PIXEL, _QUADRATIC_POLYGON = 1, 8, 36
+VERTEX, _PIXEL, _QUADRATIC_POLYGON = 1, 8, 36
 GHOSTS = ("vtkGhostType", "vtkGhostLevels")
-_HIDDEN_POINT, _GHOST_POINT = 2, 1 | 2  # the second: or another piece has it
-_GHOST_CELL, _HIDDEN_CELL = 1, 8 | 32  # another piece has it; refined by others, or hidden
+_HIDDEN_POINT, GHOST_POINT = 2, 1 | 2  # the second: or another piece has it
+GHOST_CELL, HIDDEN_CELL = 1, 8 | 32  # another piece has it; refined by others, or hidden
 _MOST_CORNERS = 4096  # of a polygon that is cut ear by ear
 
 # Faces of volumes, seen from outside counterclockwise, as indices of a cell's corners.
@@ -237,13 +237,13 @@ def triangles(
         raise ValueError(problem)
     flags = ghost_flags(dict(cell_arrays), len(cells.types))
     flags = np.zeros(len(cells.types), np.uint8) if flags is None else flags
-    there = (flags & _HIDDEN_CELL) == 0
+    there = (flags & HIDDEN_CELL) == 0
     hidden = ghost_flags(dict(arrays), len(points))
     if hidden is not None:
         owner = np.repeat(np.arange(len(there)), np.diff(cells.offsets))
         used = cells.connectivity[cells.offsets[0] : cells.offsets[-1]]
         there[owner[(hidden[used] & _HIDDEN_POINT) != 0]] = False
-    elsewhere = (flags & _GHOST_CELL) != 0
+    elsewhere = (flags & GHOST_CELL) != 0
     faces = _Faces(np.asarray(points, np.float64))
     sizes = np.diff(cells.offsets)
     for kind in np.unique(cells.types[there]).tolist():
@@ -449,40 +449,3 @@ def ghost_flags(arrays: dict[str, np.ndarray], n: int) -> np.ndarray | None:
             levels = found > 0  # of older files: levels of pieces around, not flags
             flags |= found.astype(np.uint8) if name == GHOSTS[0] else levels.astype(np.uint8)
     return flags if flags.any() else None
-
-
-def point_arrays(
-    n: int, arrays: dict[str, np.ndarray], cell_arrays: dict[str, np.ndarray], n_cells: int, cells: Callable[[], Cells]
-) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
-    """The arrays of points, with those of vertex cells, and which points (n,) are no ghosts; None:
-    all of them. cells: called where the cells matter.
-
-    Raises ValueError for cells whose offsets or points do not exist.
-    """
-    arrays, cell_arrays = dict(arrays), dict(cell_arrays)
-    flags, of_cells = ghost_flags(arrays, n), ghost_flags(cell_arrays, n_cells)
-    lost = np.zeros(n, bool) if flags is None else (flags & _GHOST_POINT) != 0
-    new = {name: a for name, a in cell_arrays.items() if name not in arrays}
-    if not new and of_cells is None:
-        return arrays, None if flags is None else ~lost
-    found = cells()
-    if problem := found.problem(n):
-        raise ValueError(problem)
-    sizes = np.diff(found.offsets)
-    used = found.connectivity[found.offsets[0] : found.offsets[-1]]
-    owner = np.repeat(np.arange(len(sizes)), sizes)
-    if of_cells is not None:
-        own = (of_cells & (_GHOST_CELL | _HIDDEN_CELL)) == 0
-        lost |= (np.bincount(used, minlength=n) > 0) & ~(np.bincount(used[own[owner]], minlength=n) > 0)
-    vertices = np.isin(found.types, (_VERTEX, VERTICES))[owner]
-    cell_of = np.full(n, -1)
-    cell_of[used[vertices]] = owner[vertices]
-    if vertices.any():
-        bare = cell_of < 0
-        for name, values in new.items():
-            here = values[cell_of]
-            if bare.any():
-                here = here.astype(np.result_type(here, np.float32))
-                here[bare] = np.nan
-            arrays[name] = here
-    return arrays, ~lost if lost.any() else None

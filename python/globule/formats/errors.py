@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 _MOST_ODD = 3  # letters of a text that cannot be printed
@@ -26,13 +26,18 @@ def require_different(path: Any, where: str, names: Sequence[str]) -> None:
         raise bad(path, where, f"expected different names, got {shown(twice[0])} twice")
 
 
-def shown(text: str | bytes) -> str:
+def shown(text: str | bytes, most: int = 40) -> str:
     """A piece of a file, safe and short enough for an error message."""
     if isinstance(text, bytes):
         text = text.decode("latin-1")
     if sum(map(_is_odd, text[:40])) > _MOST_ODD:
         return "binary data"
-    return repr(text if len(text) <= 40 else text[:37] + "...")
+    return repr(text if len(text) <= most else text[: most - 3] + "...")
+
+
+def names_of(names: Iterable[str]) -> str:
+    """The names of a file's columns, as many as have room in an error message."""
+    return shown(", ".join(names), 140)
 
 
 def _is_odd(letter: str) -> bool:

@@ -48,14 +48,15 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     box = _box(path, where, about)
     time = about.get("Time", about.get("time", ""))
     seconds = float(time) if re.fullmatch(r"[-+\d.eE]+", time) and _is_number(time) else None
-    if n and "species" in words:
-        of_species = of_elements(words["species"])
+    of_species = of_elements(words["species"]) if n and "species" in words else {}
+    kinds = type_names(words.get("species", []), of_species)
+    if of_species:
         if "diameter" in arrays:
             of_species.pop("radius", None)
         arrays = of_species | arrays
     wrapped = positions if box is None else box.wrap(positions)
     particles = particles_from(path, wrapped, arrays)
-    particles.names = type_names(words.get("species", []))
+    particles.names = kinds
     return Contents(particles, box, {"positions": "Å"}, seconds, n_frames)
 
 

@@ -55,13 +55,12 @@ _POSITION_WORDS = (
     "center",
     "centre",
     "centroid",
-    "particleposition",
-    "particlepos",
-    "particle",
     "world",
 )
 _UNIT_WORDS = ("m", "mm", "cm", "um", "nm", "km", "meters", "metres", "angstrom")
 _NUMBERED_WORDS = ("pos", "position", "positions", "points", "coord", "coords", "coordinates")
+_EAST_NORTH = (("easting", "northing"), ("east", "north"), ("utme", "utmn"), ("utmx", "utmy"))
+_HEIGHTS = ("z", "elevation", "elev", "altitude", "alt", "height", "h", "up", "u", "depth")
 COLUMNS = 'name them: --columns x=…,y=…,z=… or gb.read(path, columns={"x": …})'  # for messages
 _COLOR_NAMES = ("color", "rgb", "cd", "colors", "rgba")
 _SUPPORT_NAMES = {"smoothing_length": 2, "h": 2, "radius": 4, "pscale": 4, "diameter": 2}
@@ -105,7 +104,7 @@ def particles_from(
     if "color" not in fields:
         _take_color(fields, attributes, n)
     if "support" not in fields:
-        _derive_support(fields, attributes, n, support_per_h)
+        _derive_support(fields, attributes, positions, support_per_h)
     attributes = {
         name: array
         for name, array in attributes.items()
@@ -149,8 +148,8 @@ def say_origin(path: Any, origin: tuple[float, float, float]) -> None:
     """Warn that positions are not the file's own."""
     if origin != HERE:
         said = f"positions are given from {place_text(origin)}"
-        what = f"{said}: float32 would not keep the file's coordinates"
-        warnings.warn(f"{os.fspath(path)}: {what}", stacklevel=4)
+        what = f"{said}, and so are cameras, cuts and legends: float32 would not keep the file's coordinates"
+        warnings.warn(f"{os.fspath(path)}: {what}", stacklevel=5)
 
 
 def given_from(particles: Particles, origin: Any, path: Any) -> Particles:
@@ -204,11 +203,14 @@ def place_names(names: Iterable[str]) -> dict[str, str]:
     """Which of a table's columns are x, y and z: column -> axis, empty where none are.
 
     Columns x and y come first, in either case; else those of a word for positions and an axis:
-    `Pos.x`, `Points_0`, `pos[0]`, `X-coordinate`, `x_m`. Without a third, a table lies in a plane.
+    `Pos.x`, `Points_0`, `pos[0]`, `X-coordinate`, `x_m`; else Easting, Northing and Height, or the
+    like. Without a third, a table lies in a plane. The axis of a depth is -z.
     """
     plain: dict[str, str] = {}
     for name in names:
         plain.setdefault(re.sub(r"[^a-z0-9]", "", name.lower()), name)
+    for key, name in list(plain.items()):  # Particle X-Coordinate, Parcel Centroid[X]
+        plain.setdefault(re.sub(r"^(?:particle|parcel|ball|grain)(?=.)", "", key), name)
     forms = [(end, word) for word in _POSITION_WORDS for end in ("{1}{0}", "{0}{1}")]
     forms += [("{0}{1}", word) for word in _UNIT_WORDS] + [("{1}{0}", "r"), ("{0}{1}", "p")]
     forms += [(f"{{1}}{{0}}{unit}", word) for word in _POSITION_WORDS[1:] for unit in _UNIT_WORDS]
@@ -216,19 +218,26 @@ def place_names(names: Iterable[str]) -> dict[str, str]:
     tried += [(a, "{1}{0}", word) for word in _NUMBERED_WORDS for a in ("012", "123")]
     if {"x1", "x2"} <= plain.keys() and "x4" not in plain:  # two alone may be the ends of something
         tried += [(a, "x{0}", "") for a in ("012", "123") if {f"x{k}" for k in a} <= plain.keys()]
-    tried += [(("easting", "northing", up), "{0}", "") for up in ("elevation", "altitude", "height")]
+    up = next((word for word in _HEIGHTS if word in plain), "")
+    tried += [((east, north, up), "{0}", "") for east, north in _EAST_NORTH]
     for axes, form, word in tried:
         found = [plain.get(form.format(axis, word)) for axis in axes]
         if found[0] and found[1]:
-            return {name: axis for name, axis in zip(found, "xyz", strict=True) if name}
+            names = ("x", "y", "-z" if axes[2] == "depth" else "z")
+            return {name: axis for name, axis in zip(found, names, strict=True) if name}
     return {}
 
 
 def join_columns(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns (N,) gathered to arrays: x y z -> positions, v:0 v:1 -> v (N, 2), and so on."""
+    """Columns (N,) gathered to arrays: x y z -> positions, v:0 v:1 -> v (N, 2), and so on. A depth
+    -z counts down; x and y without z lie in the plane z = 0."""
     columns = dict(columns)
     arrays: dict[str, np.ndarray] = {}
+    if "-z" in columns:
+        columns["z"] = -columns.pop("-z")
     by_lower_name = {name.lower(): name for name in reversed(list(columns))}
+    if by_lower_name.keys() >= {"x", "y"} and "z" not in by_lower_name:
+        by_lower_name["z"], columns["z"] = "z", np.zeros(len(columns[by_lower_name["x"]]))
     if "positions" in columns and by_lower_name.keys() >= {"x", "y", "z"}:
         columns["positions_attribute"] = columns.pop("positions")
     for components, vector in _VECTORS.items():
@@ -312,8 +321,11 @@ def _take_color(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: in
         return
 
 
-def _derive_support(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int, support_per_h: float) -> None:
-    lower = length_names(name for name in attributes if name != "H")  # enthalpy
+def _derive_support(
+    fields: dict[str, Any], attributes: dict[str, np.ndarray], positions: np.ndarray, support_per_h: float
+) -> None:
+    n = len(positions)
+    lower = length_names({name: a for name, a in attributes.items() if name != "H"}, positions)  # enthalpy
     for name, factor in _SUPPORT_NAMES.items():
         held = name if name in attributes else lower.get(name)
         value = _as_scalar(attributes[held], n) if held else None

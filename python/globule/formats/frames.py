@@ -44,6 +44,11 @@ class FrameOf(str):
         return hash((str.__hash__(self), self.frame))
 
 
+def said(path: str | os.PathLike[str]) -> str:
+    """What a message calls a file, or a frame of one."""
+    return f"frame {path.frame} of {path}" if isinstance(path, FrameOf) else os.fspath(path)
+
+
 class TextFrame(NamedTuple):
     """One frame of a text file.
 

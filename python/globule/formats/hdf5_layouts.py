@@ -311,6 +311,8 @@ def vtkhdf(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:
         for name in tree.children("/VTKHDF/PointData")
         if tree.rows(f"/VTKHDF/PointData/{name}") >= 0
     }
+    if lost := [name for name in tree.children("/VTKHDF/CellData") if name not in (*data, "vtkGhostType")]:
+        warnings.warn(f"{tree.path}: values of cells are left out: {', '.join(lost)[:200]}", stacklevel=2)
     time, n_frames = None, 1
     first, n = 0, sum(counts)
     begins = dict.fromkeys(data, 0)

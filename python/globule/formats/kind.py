@@ -10,7 +10,7 @@ import os
 import re
 import stat
 import zipfile
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from .._base.checks import a_path
 from .._base.structured import parse_toml
@@ -78,7 +78,6 @@ _MAGIC = (  # at the file's beginning
 )
 # Plane Position Sequence and Plane Position (Volume) Sequence of DICOM: frames that are planes.
 _PLANES = (b"\x20\x00\x13\x91SQ", b"\x20\x00\x0e\x93SQ")
-_GRID = re.compile(rb"# vtk DataFile[^\n]*\n[^\n]*\n\s*\w+\s+DATASET\s+STRUCTURED_POINTS\b", re.IGNORECASE)
 _XML = {
     "PolyData": Kind("particles", "vtp"),
     "UnstructuredGrid": Kind("particles", "vtu"),
@@ -92,6 +91,12 @@ _SHARED = {  # formats that hold several kinds
     "dicom": ("volume", "sweep"),
 }
 _OBJ_WORDS = {"v", "vn", "vt", "f", "o", "g", "s", "l", "p", "mtllib", "usemtl"}
+_OTHERS = (  # formats that are not read, and what makes one that is
+    (rb"[\s\S]{0,2000}\bFoamFile\b", "OpenFOAM's own: foamToVTK writes .vtk"),
+    (rb"\$MeshFormat", "Gmsh's own: gmsh -save -format vtk writes .vtk"),
+    (rb"PK\x03\x04[\s\S]*xl/", "an Excel workbook: save it as .csv"),
+    (rb"\s*<[\s\S]{0,2000}VTKFile\b[^>]*\btype *= *[\"']\w+", "another VTK XML: ParaView saves it as .vtk or .vtu"),
+)
 _READERS = {  # who reads a kind, for error messages
     "particles": "globule.read",
     "mesh": "globule.read",
@@ -122,8 +127,15 @@ def kind_of(path: str | os.PathLike[str], wanted: str | None = None) -> Kind:
     found = found or _by_ending(path, wanted)
     if found is None:
         expected = "particles, a mesh, a volume, a sweep, a picture or a scene"
-        raise bad(path, "", f"expected {expected}, got data of no known format")
+        raise bad(path, "", f"expected {expected}, got {_other(path)}")
     return found
+
+
+def _other(path: Any) -> str:
+    """What to call a file that is not read."""
+    with open(path, "rb") as file:
+        head = file.read(_HEAD)
+    return next((said for content, said in _OTHERS if re.match(content, head)), "data of no known format")
 
 
 def kind_or_none(path: str | os.PathLike[str]) -> Kind | None:
@@ -234,6 +246,8 @@ def _in_archive(path: str | os.PathLike[str], wanted: str | None) -> Kind | None
         return None  # its reader says what is wrong
     if any(name.lower().endswith(".mrml") for name in names):
         return Kind("sweep", "mrb")
+    if any(name.startswith("xl/") for name in names):
+        return None  # an Excel workbook
     if "positions" in names:
         return Kind("particles", "npz")
     if {"values", "world_from_voxel"} <= names:

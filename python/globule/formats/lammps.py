@@ -143,10 +143,11 @@ def _with_elements(path: Any, names: list[str], rows: list[str], first: int) -> 
     if rows and "element" in names and "element" not in columns:
         column = names.index("element")
         words = [row.split()[column] for row in rows]
-        kinds = type_names(words)
+        found = of_elements(words)
+        kinds = type_names(words, found)
         if "type" in columns:  # has the numbers that the words are for
             kinds = {"type": dict(zip(columns["type"].tolist(), words, strict=True))}
-        columns = _with(of_elements(words), columns)
+        columns = _with(found, columns)
     return columns, kinds
 
 
@@ -213,8 +214,9 @@ def read_data(path: str | os.PathLike[str], atom_style: str | None = None) -> Co
     if rows and "type" in names and "type" not in columns:
         column = names.index("type")
         words = [line.split()[column] for _, line in rows]
-        kinds = type_names(words)
-        columns = _with(of_elements(words), columns)
+        of_words = of_elements(words)
+        kinds = type_names(words, of_words)
+        columns = _with(of_words, columns)
     elif "type" in columns and {*np.unique(columns["type"]).tolist()} <= elements.keys():
         numbers, place = np.unique(columns["type"], return_inverse=True)
         of_types = of_elements([elements[number] for number in numbers.tolist()])

@@ -50,6 +50,13 @@ def _vtk(kind: bytes) -> bytes:
     return rb"\s*<[\s\S]{0,4000}?VTKFile\b[^>]*?\btype *= *[\"']" + kind + rb"[\"']"
 
 
+def _rows(*counts: int) -> bytes:
+    """Lines of so many numbers, the first a whole one."""
+    number = rb"[-+.\deE]+"
+    lines = (rb"[ \t]*" + rb"[ \t]+".join([number] * n) + rb"[ \t]*\r?\n" for n in counts)
+    return rb"\s*(?=\d+[ \t])" + b"".join(lines)
+
+
 # fmt: off
 FORMATS = (
     Format("text", ".text", (".txt", ".dat"), writes=True, about="nine-column text"),
@@ -62,7 +69,7 @@ FORMATS = (
     Format("xyz", ".table", (".xyz",), function="read_xyz", writes=True, options=("frame",),
            about="table, blank-separated"),
     Format("csv", ".table", (".csv",), function="read_csv", writes=True, options=("columns",),
-           about="table, comma-separated"),
+           about="table"),
     Format("tsv", ".table", (".tsv",), function="read_csv", options=("columns",),
            about="table, tab-separated"),
     Format("pts", ".table", (".pts",), function="read_xyz", about="points of a scanner",
@@ -109,6 +116,8 @@ FORMATS = (
            options=("frame", "species", "columns"), about="HDF5"),
     Format("arrow", ".arrow", (".parquet", ".arrow", ".feather"), rb"PAR1|ARROW1\0\0", writes=True,
            options=("columns",), about="Parquet or Arrow table", package="pyarrow"),
+    Format("mercury", ".mercury", (), _rows(8, 14) + b"|" + _rows(6, 8),
+           options=("frame",), about="MercuryDPM", up="z"),
     Format("pcd", ".pcd", (".pcd",), rb"(?:#[^\n]*\n\s*)*VERSION\s+\.?\d",
            about="Point Cloud Library", up="z"),
     Format("las", ".through", (".las", ".laz"), b"LASF", function="read_las", about="laser scan",

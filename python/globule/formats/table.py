@@ -32,9 +32,10 @@ from ..data.particles import Particles
 from .asciinum import format_rows, lines_of, parse_plain, parse_rows, parse_words, text_data
 from .contents import Contents
 from .elements import of_elements, type_names
-from .errors import FormatError, bad, shown
+from .errors import FormatError, bad, names_of, shown
 from .fields import COLUMNS, find_positions, join_columns, particles_from, place_names, split_columns
 from .frames import text_frame
+from .units import held_units, in_one_unit, split_units
 
 # Columns of a .pts file, by their number: the intensity, and colors up to 255.
 _POINTS = {
@@ -49,6 +50,7 @@ _MOST_TITLES = 20  # lines before the names of the columns
 _MOST_WHOLE = 100  # rows in which a decimal comma is looked for
 _MOST_BLANK = 10_000  # rows in which the first word of a column is looked for
 _MISSING = ("", "NA", "<NA>", "N/A", "#N/A", "n/a", "NULL", "null", "None", "--")  # in the place of a number
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+")
 _Rest = tuple[bytes, int] | None  # a text, and the byte from which its rows are plain
 
 
@@ -154,8 +156,10 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
         _fill_words(path, names, words, lines[first + 1 : first + _MOST_BLANK], separator)
     if any("#" in row or "%" in row for row in rows):
         rows = ["" if row.lstrip()[:1] in ("#", "%") else row for row in rows]
-    names, units = _units(names)
+    names, units = split_units(said_names := names)
+    plain_names = dict(zip(said_names, names, strict=True))
     if named is not None:
+        named = {ours: plain_names.get(theirs, theirs) for ours, theirs in named.items()}
         names = _renamed(path, names, named)
         units = {ours: units[theirs] for ours, theirs in named.items() if theirs in units}
     else:
@@ -164,18 +168,20 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
         units = {axes.get(name, name): unit for name, unit in units.items()}
     some = lines[first : first + _MOST_WHOLE] if first is not None else []
     cells = [word for row in some for word in _csv_words(path, row, 0, separator)] if "," in "".join(some) else []
+    if cells and first is not None and named is None:
+        _no_thousands(path, some, first + 1, separator)
     if comma := next(filter(has_comma, cells), ""):
         if point := next((word for word in cells if "." in word and _is_number(word)), ""):
             problem = f"expected one decimal mark in all numbers, got {shown(comma)} and {shown(point)}"
             raise bad(path, f"line {start + 1}", problem)
         rows = [_with_points(row, separator) for row in rows]
         words = [word.replace(",", ".") if has_comma(word) else word for word in words]
-    particles = _assemble(path, names, words, rows, start + 1, separator, head + 1, rest=rest)
-    known = {**particles.attributes, "support": 0, "weight": 0}
-    held = {k: u for k, u in units.items() if k in known}
-    if "x" in units:
-        held["positions"] = units["x"]
-    return Contents(particles, units=held)
+    try:
+        particles = _assemble(path, names, words, rows, start + 1, separator, head + 1, rest=rest, units=units)
+    except FormatError:
+        _no_thousands(path, lines[start:], start + 1, separator)
+        raise
+    return Contents(particles, units=held_units(particles, units))
 
 
 def _titles(lines: list[str], start: int) -> int:
@@ -185,7 +191,7 @@ def _titles(lines: list[str], start: int) -> int:
         words = [word.strip('" ') for word in lines[i].split(separator_of(lines[i]))]
         if all(map(_is_number, words)):
             break
-        if place_names(_units(words)[0]):
+        if place_names(split_units(words)[0]):
             return i
     return start
 
@@ -212,6 +218,14 @@ def has_comma(word: str) -> bool:
     return re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?|[+-]?\d+,", word) is not None
 
 
+def _no_thousands(path: Any, rows: list[str], first_line: int, separator: str | None) -> None:
+    """Raises FormatError for a number such as 1.500,25."""
+    for i, row in enumerate(rows, first_line):
+        if word := next(filter(_THOUSANDS.fullmatch, _csv_words(path, row, i - 1, separator)), ""):
+            problem = f"expected numbers without separators of thousands, got {shown(word)}"
+            raise bad(path, f"line {i}", problem) from None
+
+
 def _with_points(row: str, separator: str | None) -> str:
     """A row with decimal points in place of commas; where commas separate, in quotes alone."""
     if separator != ",":
@@ -219,28 +233,11 @@ def _with_points(row: str, separator: str | None) -> str:
     return re.sub(r'"([+-]?\d*),(\d*(?:[eE][+-]?\d+)?)"', r"\1.\2", row)
 
 
-def _units(names: list[str]) -> tuple[list[str], dict[str, str]]:
-    """Names without their units, and the units: `x [m]` -> x, m."""
-    plain, units = [], {}
-    for name in names:
-        found = re.fullmatch(r"(.*\S)\s*(?:\[([^\]]*)\]|\(([^)]*)\))", name)
-        unit = (found[2] or found[3] or "") if found else ""
-        if found and unit and not unit.isdigit():  # name[0] is a component
-            plain.append(found[1])
-            units[found[1]] = unit.strip()
-        else:
-            plain.append(name)
-    if len(set(plain)) < len(plain):
-        return names, {}
-    return plain, units
-
-
 def _renamed(path: Any, names: list[str], named: Mapping[str, str]) -> list[str]:
     """Names by those that a caller gives; the others are left out, as empty names."""
     for column in named.values():
         if column not in names:
-            got = shown(" ".join(names))
-            raise bad(path, "line 1", f"expected the column {shown(column)}, got {got}")
+            raise bad(path, "line 1", f"expected the column {shown(column)}, got {names_of(names)}")
     wanted = {column: name for name, column in named.items()}
     if twice := [name for name, column in named.items() if wanted[column] != name]:
         column = named[twice[0]]
@@ -302,7 +299,8 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
             if first_words and first_words[0].isdigit():
                 elements = {"type": np.array(first_words, np.int64)}
             elif first_words:
-                elements, kinds = of_elements(first_words), type_names(first_words)
+                elements = of_elements(first_words)
+                kinds = type_names(first_words, elements)
             skip = 1 if first_words else 0
             names = ["element"] * skip + _default_names(len(words) - skip)
             words[:skip] = ["element"] * skip
@@ -349,16 +347,18 @@ def _assemble(
     names_line: int | None = None,
     extra: Mapping[str, np.ndarray] | None = None,
     rest: _Rest = None,
+    units: dict[str, str] | None = None,
 ) -> Particles:
     """Particles from rows; `words` is the first row, which tells the numbers from the words. rest:
-    plain rows behind them. Raises FormatError, _NotPlainError."""
+    plain rows behind them. units: of columns, which are those after. Raises FormatError,
+    _NotPlainError."""
     numeric = [
         i
         for i, word in enumerate(words)
-        if (_is_number(word) or names[i].lower() in ("x", "y", "z"))  # there, a word is a mistake
+        if (_is_number(word) or names[i].lower() in ("x", "y", "z", "-z"))  # there, a word is a mistake
         and (names[i] or not any(names))
     ]
-    found = shown(" ".join(names))
+    found = names_of(names)
     advice = f"; {COLUMNS}" if names_line else ""
     where = f"line {names_line or first_line}"
     no_positions = bad(path, where, f"expected columns x, y and z, got {found}{advice}")
@@ -396,9 +396,8 @@ def _assemble(
         if rest and is_long(column, words[i]):
             raise _NotPlainError
         columns[name] = whole_numbers(path, name, column, words[i], lines, i, **options)
-    lower = {name.lower(): name for name in columns}
-    if "x" in lower and "y" in lower and "z" not in lower:
-        columns["z"] = np.zeros(len(found_columns[0]))
+    if units:
+        units.update(in_one_unit(path, columns, units))
     arrays = join_columns(columns)
     points = find_positions(arrays)
     if points is None:

@@ -11,6 +11,7 @@ import itertools
 import math
 import os
 import re
+import warnings
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -18,10 +19,11 @@ import numpy as np
 
 from .asciinum import parse_rows, text_lines
 from .contents import Contents, frame_index
-from .errors import FormatError, bad, require_different, shown
+from .errors import FormatError, bad, names_of, require_different, shown
 from .fields import find_positions, join_columns, particles_from, place_names
 from .size import check_memory
 from .table import whole_numbers
+from .units import held_units, in_one_unit, split_units
 
 _ROW = re.compile(r"\s*(?:[-+.\d]|nan\b|inf\b)", re.IGNORECASE)
 _ADVICE = "expected VARIABLES with x and y among them"
@@ -41,12 +43,13 @@ class _Zone(NamedTuple):
 def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     """Read the zones of one time. Raises FormatError naming the line."""
     lines = text_lines(path)
-    names, zones = _zones(path, lines)
+    said, zones = _zones(path, lines)
+    names, units = split_units(said)
     times = list(dict.fromkeys(zone.time for zone in zones))
     time = times[frame_index(path, frame, len(times))]
     axes = place_names(names)
     if not axes:
-        raise bad(path, "line 1", f"{_ADVICE}, got {shown(' '.join(names))}")
+        raise bad(path, "line 1", f"{_ADVICE}, got {names_of(names)}")
     require_different(path, "VARIABLES", names)
     now = [zone for zone in zones if zone.time == time]
     rows, text = [], []
@@ -57,17 +60,20 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     numbers = np.concatenate(rows)
     words = text[0].split()
     of_cells = frozenset().union(*(zone.of_cells for zone in now))
+    if lost := [said[i - 1] for i in sorted(of_cells) if i <= len(said)]:
+        warnings.warn(f"{path}: values of cells are left out: {', '.join(lost)[:200]}", stacklevel=2)
     columns = {
         axes.get(name, name): whole_numbers(path, name, numbers[:, i], words[i], text, i, comments="#")
         for i, name in enumerate(names)
         if i + 1 not in of_cells
     }
-    columns.setdefault("z", np.zeros(len(numbers)))
+    units = in_one_unit(path, columns, {axes.get(name, name): unit for name, unit in units.items()})
     arrays = join_columns(columns)
     positions = find_positions(arrays)
     if positions is None:
         raise bad(path, f"line {now[0].rows[0] + 1}", "expected x, y and z of points, got those of cells")
-    return Contents(particles_from(path, positions, arrays), time=time, n_frames=len(times))
+    particles = particles_from(path, positions, arrays)
+    return Contents(particles, units=held_units(particles, units), time=time, n_frames=len(times))
 
 
 def _parsed(path: Any, rows: list[str], zone: _Zone, n: int) -> np.ndarray:

@@ -18,6 +18,7 @@ from .._base.files import atomic_write
 from ..data.particles import Particles
 from . import cells
 from .asciinum import parse_numbers
+from .cell_data import at_points, point_arrays
 from .cells import Cells
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
@@ -185,11 +186,13 @@ class VtkXml:
         for element in self.pieces():
             arrays = self.piece(element)
             points = arrays["", 3]
+            of_cells = self.cell_arrays(element)
             try:
-                faces = cells.triangles(points, self.cells(element), _named(arrays), self.cell_arrays(element))
+                own = self.cells(element)
+                faces = cells.triangles(points, own, _named(arrays), of_cells)
             except ValueError as error:
                 raise self.of_cells(error) from None
-            pieces.append(arrays)
+            pieces.append(_keyed(at_points(len(points), own, of_cells) | _named(arrays)) | {("", 3): points})
             found.append(faces + first)
             first += len(points)
         return self.together(pieces), np.concatenate(found)
@@ -210,14 +213,13 @@ class VtkXml:
         points = arrays.pop(("", 3))
         n_cells = sum(self.count(element, name, "0") for name in _counts(element))
         try:
-            found, kept = cells.point_arrays(
+            found, kept = point_arrays(
                 len(points), _named(arrays), self.cell_arrays(element), n_cells,
                 lambda: self.cells(element),
             )  # fmt: skip
         except ValueError as error:
             raise self.of_cells(error) from None
-        keyed = {(name, 1 if a.ndim == 1 else a.shape[1]): a for name, a in found.items()}
-        keyed["", 3] = points
+        keyed = _keyed(found) | {("", 3): points}
         return keyed if kept is None else {key: a[kept] for key, a in keyed.items()}
 
     def of_cells(self, error: ValueError) -> FormatError:
@@ -426,6 +428,10 @@ def is_mappable(path: str | os.PathLike[str]) -> bool:
 
 def _named(arrays: dict[tuple[str, int], np.ndarray]) -> dict[str, np.ndarray]:
     return {name: a for (name, _), a in arrays.items() if name}
+
+
+def _keyed(arrays: dict[str, np.ndarray]) -> dict[tuple[str, int], np.ndarray]:
+    return {(name, 1 if a.ndim == 1 else a.shape[1]): a for name, a in arrays.items()}
 
 
 def _counts(element: Any) -> tuple[str, ...]:

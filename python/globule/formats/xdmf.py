@@ -20,6 +20,7 @@ import numpy as np
 from ..data.particles import Particles
 from . import cells
 from .asciinum import parse_numbers
+from .cell_data import at_points
 from .contents import Contents, frame_index
 from .errors import bad, shown
 from .fields import particles_from
@@ -53,7 +54,7 @@ _NUMBERED = {
 
 
 def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
-    """Read the points and node-centered attributes of the grids of a frame. Raises FormatError."""
+    """Read the points of the grids of a frame, and attributes of nodes and cells. Raises FormatError."""
     grids = _grids(path, frame)
     parts = [grid.arrays() for grid in grids]
     shapes = [{name: array.shape[1:] for name, array in arrays.items()} for _, arrays in parts]
@@ -161,11 +162,14 @@ class _Grid:
         if kind not in ("XYZ", "XY", "X_Y_Z", "X_Y"):
             raise bad(path, "<Geometry>", f"expected GeometryType XYZ or X_Y_Z, got {shown(kind)}")
         items = {"positions": geometry.findall("DataItem")}
+        of_cells: set[str] = set()
         for element in grid.findall("Attribute")[:_MOST_ARRAYS]:
             element = _meant(path, root, element)
             name = element.get("Name", "")
-            if element.get("Center", "Node").lower() == "node" and name and name not in items:
+            center = element.get("Center", "Node").lower()
+            if center in ("node", "cell") and name and (name not in items or (center == "node" and name in of_cells)):
                 items[name] = element.findall("DataItem")[:1]
+                (of_cells.add if center == "cell" else of_cells.discard)(name)
         found = _arrays(path, root, items, self.size)
         parts = found.pop("positions")
         if "_" in kind:
@@ -179,6 +183,16 @@ class _Grid:
             raise bad(path, "<Geometry>", f"expected shape (N, 3), got {positions.shape}")
         positions = np.pad(positions, ((0, 0), (0, 3 - positions.shape[1])))
         of_points = {k: a[0] for k, a in found.items() if len(a[0]) == len(positions)}
+        if of_cells and self.topology in ("mixed", "polygon", *_CELLS):
+            try:
+                own = self.find_cells()
+                if problem := own.problem(len(positions)):
+                    raise ValueError(problem)
+            except ValueError as error:
+                raise bad(path, "<Topology>", str(error)) from None
+            values = {k: found[k][0] for k in of_cells if len(found[k][0]) == len(own.types)}
+            of_points = {k: a for k, a in of_points.items() if k not in of_cells}
+            of_points |= at_points(len(positions), own, values)
         arrays = {k: a.reshape(len(a), -1) if a.ndim > 2 and a.size else a for k, a in of_points.items()}
         return positions, arrays
 

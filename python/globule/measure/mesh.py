@@ -16,7 +16,7 @@ from ..formats.fields import say_origin
 from ..formats.mesh_files import EXTENSIONS, write_mesh
 from ..pieces.scene import Scene
 from .sample import names_of, values_at
-from .spheres import union_of_spheres
+from .spheres import sampled_union, union_of_spheres
 from .surface import BLOCK, MOST_PLACES, box_of, default_spacing, in_blocks, spheres_of, surface_scene
 
 TOLERANCE = 1e-5  # |field - threshold| / |gradient| at a vertex, in edges of the grid
@@ -138,7 +138,7 @@ def measure_surface(scene: Any, spacing: float | None = None, device: str = "aut
     extrapolation (1911) takes it away. The error is the sum of the magnitudes of this correction
     over all triangles, plus that of float32 coordinates. It does not cover parts of the surface
     that are smaller than a cell. Spheres of which no three have a common point are measured in
-    closed form.
+    closed form, others by points on and in each of them.
 
     Args:
         scene, spacing, device, threads: as for `mesh_surface`.
@@ -156,11 +156,15 @@ def measure_surface(scene: Any, spacing: float | None = None, device: str = "aut
 
 
 def in_closed_form(scene: Scene) -> SurfaceMeasure | None:
-    """Volume and area of spheres of which no three have a common point; None of other surfaces."""
+    """Volume and area of spheres, in closed form where no three have a common point; None of other
+    surfaces."""
     spheres = spheres_of(scene)
-    exact = None if spheres is None else union_of_spheres(*spheres)
-    if exact is None:
+    if spheres is None:
         return None
+    exact = union_of_spheres(*spheres)
+    if exact is None:
+        found = sampled_union(*spheres)
+        return None if found is None else SurfaceMeasure(*found)
     rounding = float(np.finfo(np.float32).eps)
     return SurfaceMeasure(exact[0], 3 * rounding * exact[0], exact[1], 2 * rounding * exact[1])
 

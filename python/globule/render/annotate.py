@@ -16,6 +16,7 @@ from .._base.arrays import to_host
 from .._base.checks import shown, three
 from .._base.fixed import Fixed, read_only
 from .._base.settings import Choice, Kind, Number, Switch, Text, Whole, WrongType, check_all, setting
+from ..data.particles import HERE
 from ..scene.scene import SceneBase
 from .box import corner, draw_box, short
 from .camera import Camera
@@ -165,6 +166,11 @@ def bounds_of(scenes: Iterable[SceneBase]) -> tuple[np.ndarray, np.ndarray] | No
     return np.min([lo for lo, _ in found], axis=0), np.max([hi for _, hi in found], axis=0)
 
 
+def origin_of(scenes: Sequence[SceneBase]) -> tuple[float, float, float]:
+    """From where the places of an image's scenes are given, (x, y, z), world."""
+    return getattr(scenes[0], "origin", None) or HERE
+
+
 def skin_of(scenes: Iterable[SceneBase]) -> float:
     """How far a ray may run between a surface and the box of its particles' centers inside it,
     world units."""
@@ -194,7 +200,7 @@ def drawing(
 
     def draw(image: np.ndarray, frame: Any) -> np.ndarray:
         distance = frame.distance if annotation.box else None
-        image = draw_view(image, annotation, camera, bounds, distance, skin)
+        image = draw_view(image, annotation, camera, bounds, distance, skin, origin=origin_of(scenes))
         return draw_sheet(image, annotation, colors, strip)
 
     return draw
@@ -231,6 +237,7 @@ def draw_view(
     skin: float = 0.0,
     name: str = "",
     scale: float = 1.0,
+    origin: Any = HERE,
 ) -> np.ndarray:
     """The image with box, axes, scale bar and the view's name.
 
@@ -242,15 +249,16 @@ def draw_view(
         skin: what lies less than this behind the surface is not hidden, world units.
         name: of the view, for the upper right corner.
         scale: factor of all sizes.
+        origin: (x, y, z), world, from which places are given.
     """
     canvas = Canvas(image, scale)
     box = annotation.box if not isinstance(annotation.box, bool) else bounds
     if annotation.box and box is not None:
-        draw_box(canvas, camera, np.asarray(box, np.float64), distance, skin, annotation.unit)
+        draw_box(canvas, camera, np.asarray(box, np.float64), distance, skin, annotation.unit, origin)
     if annotation.axes:
-        _draw_axes(canvas, camera, annotation.legend == "lower-left")
+        _draw_axes(canvas, camera, str(annotation.legend).endswith("left"))
     if annotation.scale_bar:
-        free = annotation.legend not in (True, "lower-right", "lower-left")
+        free = annotation.legend in (False, "outside")
         _draw_scale_bar(canvas, camera, annotation.unit, free)
     if name:
         canvas.text((canvas.width - canvas.margin, canvas.margin), name, "ra")
@@ -302,6 +310,7 @@ def draw_sheet(
         scale,
         strip,
         colors.kinds,
+        round(_TITLE * canvas.text_height()) if (words or annotation.title) and not header else 0,
     )
 
 

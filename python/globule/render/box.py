@@ -8,15 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from ..data.attributes import place_label
 from .camera import Camera
 from .canvas import Canvas, Color
 
 _MOST_PIECES = 4000  # of an edge that are tested for being hidden
 
 
-def draw_box(canvas: Canvas, camera: Camera, box: np.ndarray, distance: Any, skin: float, unit: str) -> None:
-    """Draw the box (2, 3), world; distance, skin: as for `annotate.draw_view`; unit: of the ticks'
-    coordinates."""
+def draw_box(
+    canvas: Canvas, camera: Camera, box: np.ndarray, distance: Any, skin: float, unit: str, origin: Any
+) -> None:
+    """Draw the box (2, 3), world; distance, skin, origin: as for `annotate.draw_view`; unit: of the
+    ticks' coordinates."""
     size = (canvas.width, canvas.height)
     inks = canvas.ink(0, 0, *size)
     runs = []
@@ -29,7 +32,8 @@ def draw_box(canvas: Canvas, camera: Camera, box: np.ndarray, distance: Any, ski
     for axis in range(3):
         edge = _labelled_edge(box, axis, camera, size)
         if edge is not None and np.isfinite(middle).all():
-            _draw_ticks(canvas, camera, edge, axis, middle, unit, inks)
+            name = place_label("xyz"[axis], origin) + (f", {unit}" if unit else "")
+            _draw_ticks(canvas, camera, edge, axis, middle, name, inks)
 
 
 def _edges() -> list[tuple[int, np.ndarray]]:
@@ -143,10 +147,10 @@ def _draw_ticks(
     ends: np.ndarray,
     axis: int,
     middle: np.ndarray,
-    unit: str,
+    name: str,
     inks: tuple[Color, Color],
 ) -> None:
-    """Ticks with coordinates along an edge (2, 3), and the name of the axis."""
+    """Ticks with coordinates along an edge (2, 3), and a name in their middle."""
     size, font = (canvas.width, canvas.height), canvas.font
     part = _within(ends, camera, size, 0.0)
     if part is None:
@@ -177,7 +181,6 @@ def _draw_ticks(
         canvas.text(tuple(place + 1.7 * tick * out), text, anchor, inks=inks, inside=True)
     widest = max((canvas.text_width(text) for text in texts), default=0.0)
     far = 2.6 * tick + abs(out[0]) * widest + abs(out[1]) * canvas.text_height()
-    name = "xyz"[axis] + (f", {unit}" if unit else "")
     canvas.text(tuple(line.mean(axis=0) + far * out), name, anchor, inks=inks, inside=True)
 
 

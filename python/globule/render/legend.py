@@ -73,9 +73,11 @@ def draw_legend(
     scale: float,
     strip: int,
     kinds: Sequence[tuple[float, str]] = (),
+    below: int = 0,
 ) -> np.ndarray:
     """As `add_legend`; `strip`: by how many pixels a legend outside makes the image wider; `kinds`:
-    values and names that a legend of types or elements lists; default: whole numbers from lo to hi.
+    values and names that a legend of types or elements lists; default: whole numbers from lo to hi;
+    `below`: how much lower an upper one is, pixels.
     """
     canvas = Canvas(image, scale)
     if colormap not in NAMES:
@@ -85,7 +87,7 @@ def draw_legend(
     if position not in POSITIONS:
         raise ValueError(f"position: expected one of {', '.join(POSITIONS)}, got {position!r}")
     label = ", ".join(word for word in (" ".join(label.split()), unit) if word)
-    most = int(_HIGHEST * canvas.height / (_ROW * canvas.text_height()))
+    most = int((_HIGHEST * canvas.height - below) / (_ROW * canvas.text_height()))
     if colormap in CATEGORICAL and not kinds and hi - lo < most:
         kinds = [(float(k), str(k)) for k in range(math.ceil(lo), math.floor(hi) + 1)]
     shown = _Shown(colormap, lo, hi, tuple(kinds[:most]))
@@ -94,7 +96,7 @@ def draw_legend(
         canvas.widen(strip, _PAPER)
         _draw(canvas, shown, label, "middle-left", start)
     else:
-        _draw(canvas, shown, label, position, 0)
+        _draw(canvas, shown, label, position, 0, below)
     return canvas.pixels
 
 
@@ -131,8 +133,9 @@ def strip_width(size: tuple[int, int], scale: float = 1.0) -> int:
     return round(2 * margin + 1.5 * max(4, round(_BAR_WIDTH * side)) + 0.6 * _LONGEST_TICK * font)
 
 
-def _draw(canvas: Canvas, shown: _Shown, label: str, position: str, start: int) -> None:
-    """Draw bar, ticks and label at a position of the image that begins with column `start`."""
+def _draw(canvas: Canvas, shown: _Shown, label: str, position: str, start: int, below: int = 0) -> None:
+    """Draw bar, ticks and label at a position of the image that begins with column `start`; below:
+    as for `draw_legend`."""
     margin, line, text_height = canvas.margin, canvas.line, canvas.text_height()
     bar = max(4, round(_BAR_WIDTH * canvas.side))
     length = max(round(_BAR_HEIGHT * canvas.side), round(_ROW * text_height * len(shown.kinds)))
@@ -145,7 +148,7 @@ def _draw(canvas: Canvas, shown: _Shown, label: str, position: str, start: int) 
     if vertical == "lower":
         bottom = canvas.height - margin - text_height // 2
     elif vertical == "upper":
-        bottom = margin + 2 * text_height + line + length
+        bottom = below + margin + 2 * text_height + line + length
     else:
         bottom = (canvas.height + length + 2 * text_height) // 2
     top = bottom - length

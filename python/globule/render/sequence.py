@@ -28,7 +28,7 @@ from ..data.attributes import attribute_values, checked_range
 from ..data.attributes import color_by as colored
 from ..data.particles import Particles
 from ..formats import read, read_contents
-from ..formats.frames import FrameOf, bytes_of_frame
+from ..formats.frames import FrameOf, bytes_of_frame, said
 from ..formats.kind import kind_or_none
 from ..formats.pictures.video import movie_facts, need_av, read_movie, write_movie
 from ..formats.registry import format_named
@@ -72,6 +72,14 @@ def find_files(names: Sequence[str]) -> list[str]:
     return found
 
 
+@contextlib.contextmanager
+def _quietly() -> Iterator[None]:
+    """Without warnings about a file that is read again later."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
 def frames_of(path: str, **options: Any) -> int:
     """How many frames a file holds; 1 where its format knows none, or where it cannot be read:
     whoever reads it says why. options: as for `read`."""
@@ -83,7 +91,8 @@ def frames_of(path: str, **options: Any) -> int:
         if "frame" not in known:
             return 1
         given = {name: value for name, value in options.items() if name in known}
-        return read_contents(path, **given).n_frames
+        with _quietly():
+            return read_contents(path, **given).n_frames
     except (ValueError, OSError, ImportError):
         return 1
 
@@ -106,11 +115,15 @@ def sequence(frames: str | os.PathLike[str] | Sequence[str], **options: Any) -> 
         frames: a file, a pattern such as `run_*.vtk`, or names.
         options: as for `read`.
 
-    Raises ValueError for a pattern without files; each frame raises what `read` does.
+    Positions are given from the origin of the first frame that has particles. Raises ValueError for
+    a pattern without files; each frame raises what `read` does.
     """
     names = [os.fspath(frames)] if isinstance(frames, (str, os.PathLike)) else list(map(os.fspath, frames))
     for name in with_frames(find_files(names), **options):
-        yield read(name, **options)
+        found = read(name, **options)
+        if len(found):
+            options["origin"] = found.origin
+        yield found
 
 
 def missing_numbers(files: Sequence[str]) -> list[int]:
@@ -205,8 +218,8 @@ def find_value_range(
     given from the origin of the first frame that has particles.
 
     Args:
-        frames: `Particles`, or files' names; or a single one, a pattern such as "frame_*.vtk", or a
-            file with several frames.
+        frames: `Particles`, or files' names; or a single one, a pattern such as "frame_*.vtk"; each
+            frame of files with several.
         name: as for `color_by`: an axis, a field, an attribute (a vector's length), or NAME:0 …
         progress: called as progress(done, total) after each frame; total is 0 if `frames` has no
             length. May raise to stop.
@@ -218,6 +231,8 @@ def find_value_range(
         frames = [frames]
     elif isinstance(frames, (str, os.PathLike)):
         frames = with_frames(find_files([os.fspath(frames)]))
+    elif are_files(frames):
+        frames = with_frames([os.fspath(one) for one in frames])  # type: ignore[arg-type]
     lo, hi = np.inf, -np.inf
     together = OneOrigin()
     n = len(frames) if isinstance(frames, Sized) else 0
@@ -227,7 +242,8 @@ def find_value_range(
         try:
             values = attribute_values(particles, name)
         except ValueError as error:
-            raise ValueError(f"name: {error}") from None
+            of = said(frame) if isinstance(frame, (str, os.PathLike)) else f"frame {i}"
+            raise ValueError(f"name: {error} ({of})") from None
         values = values[np.isfinite(values)]
         lo, hi = min(lo, values.min(initial=np.inf)), max(hi, values.max(initial=-np.inf))
         if progress:
@@ -244,7 +260,8 @@ def leader(frames: Sequence[Any], **options: Any) -> int:
         longest = [bytes_of_frame(one) if isinstance(one, FrameOf) else 0 for one in frames]
         tried = (0, n // 2, longest.index(max(longest)), n - 1)
         try:
-            counts = {k: len(read(frames[k], **options)) for k in tried}
+            with _quietly():
+                counts = {k: len(read(frames[k], **options)) for k in tried}
         except (ValueError, OSError, ImportError):
             return 0
         largest = max(counts, key=lambda k: (counts[k], k))

@@ -131,11 +131,12 @@ def values_of(
     particles: Particles, name: str, colormap: str, range: tuple[float, float] | None
 ) -> tuple[np.ndarray, str, float, float, str, tuple[tuple[float, str], ...]]:
     """What an image of colors by value shows: the particles' values (N,), color map, values of the
-    map's ends, name, kinds of `Colors`."""
+    map's ends, label, kinds of `Colors`."""
     values = attributes.attribute_values(particles, name)
     if range is None:
         known = values[np.isfinite(values)]
         range = attributes.ends_of_map(name, known, len(values))
     kinds = attributes.kinds_of(particles, name, colormap)
     lo, hi = attributes.checked_range(range)
-    return values, attributes.colormap_of(name, colormap), lo, hi, name, kinds
+    label = attributes.place_label(name, particles.origin)
+    return values, attributes.colormap_of(name, colormap), lo, hi, label, kinds

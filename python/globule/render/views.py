@@ -15,7 +15,7 @@ from .._base.checks import image_size, named, shown
 from ..fluids.likeness import shows_flat
 from ..scene.scene import SceneBase
 from ..scene.thesis import Thesis
-from .annotate import Annotation, Colors, bounds_of, draw_sheet, draw_view, skin_of, traced_size
+from .annotate import Annotation, Colors, bounds_of, draw_sheet, draw_view, origin_of, skin_of, traced_size
 from .camera import Camera, first_direction, view_axes
 from .clips import Clip
 from .fit import fitted
@@ -173,7 +173,7 @@ def draw_views(
         image = frame.image
         if name or notes.draws:
             distance = frame.distance if notes.box else None
-            image = draw_view(image, notes, camera, bounds, distance, skin, name, scale)
+            image = draw_view(image, notes, camera, bounds, distance, skin, name, scale, origin_of(scenes))
         images.append(image)
     whole = images[0] if len(images) == 1 else grid.together(images)
     return draw_sheet(whole, notes, colors, strip, header) if notes.draws else whole

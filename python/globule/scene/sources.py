@@ -4,7 +4,6 @@ particles, of globule or of another package."""
 from __future__ import annotations
 
 import os
-import warnings
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
@@ -74,11 +73,6 @@ def _read(name: str, path: str) -> Particles:
             f"{name}: expected one file, got the pattern {path!r}; "
             "globule.render_sequence renders every file of a pattern"
         )
-    from ..formats import read_contents  # formats are loaded when they are needed
-    from ..formats.frames import FrameOf
+    from ..formats import read  # formats are loaded when they are needed
 
-    contents = read_contents(path)
-    if contents.n_frames > 1 and not isinstance(path, FrameOf):
-        what = f"{path} has {contents.n_frames:,} frames, and this is the first"
-        warnings.warn(f"{what}: read(path, frame=…) takes another, render_sequence all", stacklevel=4)
-    return contents.particles
+    return read(path)

@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from ..vtk_legacy import read_image
+from ..vtk_grids import read_image
 from .geometry import VolumeData, place
 
 

@@ -1,0 +1,124 @@
+"""What messages call files, columns, numbers and elements."""
+
+import zipfile
+
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import run_json
+from globule.cli import main
+from globule.data.radii import find_radii
+from PIL import Image
+
+pytestmark = pytest.mark.usefixtures("folder")
+X = np.stack(np.mgrid[:4, :4, :4], -1).reshape(-1, 3) * 0.1
+
+
+def rows(mark: str = " ", before: str = "") -> str:
+    return "".join(before + mark.join(f"{v:.4f}" for v in place) + "\n" for place in X)
+
+
+def text(name: str, content: str) -> str:
+    with open(name, "w", encoding="utf-8") as file:
+        file.write(content)
+    return name
+
+
+CAMERA = gb.Camera((0.15, 0.15, 3), (0.15, 0.15, 0))
+DUMP = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n64\nITEM: BOX BOUNDS ff ff ff\n0 9\n0 9\n0 9\nITEM: ATOMS x y z\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "called"),
+    [
+        ("a.csv", f"x;y;z\n{rows(';')}", "table"),
+        ("a.txt", f"x\ty\tz\n{rows(chr(9))}", "table"),
+        ("a.xyz", rows(), "table, blank-separated"),
+        ("a.txt", DUMP + rows(), "LAMMPS dump"),
+        ("a.dat", f"64\nProperties=species:S:1:pos:R:3\n{rows(before='Ar ')}", "extended XYZ"),
+    ],
+)
+def test_a_file_is_called_by_its_content(name, content, called, capsys):
+    assert run_json(capsys, "info", text(name, content))["format"] == called
+
+
+def test_columns_are_named_as_in_the_file_and_all_listed():
+    names = [f"column_{k}" for k in range(12)]
+    head = ",".join(["X [mm]", "Y [mm]", "Z [mm]", *names])
+    text("a.csv", f"{head}\n" + "".join(f"{row}{',1' * 12}\n" for row in rows(",").splitlines()))
+    for unit in ("", " [mm]"):
+        found = gb.read("a.csv", columns={"x": f"X{unit}", "y": f"Y{unit}", "z": "Z", "a": "column_3"})
+        np.testing.assert_allclose(found.positions, X, atol=1e-6)
+        assert [*found.attributes] == ["a"]
+    with pytest.raises(ValueError, match=r"the column 'Q', got 'X, Y, Z, .*column_10, column_11'"):
+        gb.read("a.csv", columns={"x": "X", "y": "Q"})
+
+
+@pytest.mark.parametrize(
+    ("row", "word"),
+    [("1500,25;2,5;1.500,25", "1.500,25"), ("1,500.25;2.5;3.5", "1,500.25"), ("1.000.000,5;2,5;3,5", "1.000.000,5")],
+)
+def test_thousands_are_quoted_as_they_stand(row, word):
+    text("a.csv", f"x;y;z\n0{word[-3 if word[-3] in ',.' else -2]}5;1;1\n{row}\n")
+    with pytest.raises(ValueError, match=f"line 3: .*separators of thousands, got '{word}'"):
+        gb.read("a.csv")
+    text("b.csv", 'x,y,z\n1,2,3\n"1,500.25",2,3\n')
+    with pytest.raises(ValueError, match=r"line 3: .*got '1,500.25'"):
+        gb.read("b.csv")
+
+
+def test_few_words_that_are_no_elements_are_said():
+    words = ["Qq", *["O"] * 32, *["C"] * 31]
+    text("a.xyz", "64\n\n" + "".join(f"{w} {row}\n" for w, row in zip(words, rows().splitlines(), strict=True)))
+    with pytest.warns(UserWarning, match="'Qq': no such element; it has the mean radius of the others"):
+        found = gb.read("a.xyz")
+    radii = find_radii(found)
+    assert radii[0] == pytest.approx(radii[1:].mean(), rel=1e-6)
+    assert found.attributes["atomic_number"][:2].tolist() == [0, 8]
+    text("b.xyz", "64\n\n" + "".join(f"{'AB'[i % 2]} {row}\n" for i, row in enumerate(rows().splitlines())))
+    found = gb.read("b.xyz")
+    assert found.names == {"type": {1: "A", 2: "B"}}
+    assert find_radii(found) is None
+
+
+def test_no_crop_is_advised_that_would_take_most_away(capsys):
+    few = np.r_[np.random.default_rng(0).random((5, 3)), [[1000, 0, 0]]]
+    gb.write("a.npz", gb.Particles(few))
+    assert main(["render", "a.npz", "-o", "a.png", "--size", "64x48"]) == 0
+    said = capsys.readouterr().err
+    assert "smaller than a pixel" in said
+    assert "--crop" not in said
+
+
+def test_a_legend_in_a_corner_covers_no_other_words():
+    """Nothing of it is drawn where the time, the axes or the scale bar are."""
+    p = gb.Particles(X, attributes={"type": np.arange(64) % 12})
+    words = {"time": 1.5, "step": 10, "axes": True, "scale_bar": True}
+    for place in ("upper-left", "upper-right", "lower-left", "lower-right"):
+        images = []
+        for legend, more in ((False, {}), (place, {}), (place, words)):
+            notes = gb.Annotation(title="A title", legend=legend, **more)
+            gb.render(p, CAMERA, (320, 240), color_by="type", annotate=notes).save("a.png")
+            images.append(np.asarray(Image.open("a.png").convert("RGB")).astype(int))
+        plain, legend, both = images
+        assert (np.abs(both - legend).max(2) > 0).any()
+        assert not ((np.abs(both - legend).max(2) > 0) & (np.abs(legend - plain).max(2) > 0)).any(), place
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "advice"),
+    [
+        ("positions", b"FoamFile\n{\n  version 2.0;\n}\n", "OpenFOAM's own: foamToVTK writes .vtk"),
+        ("a.msh", b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "Gmsh's own"),
+        ("a.vts", b'<VTKFile type="StructuredGrid"></VTKFile>', "another VTK XML: ParaView saves"),
+    ],
+)
+def test_formats_that_are_not_read_say_what_helps(name, content, advice):
+    with open(name, "wb") as file:
+        file.write(content)
+    with pytest.raises(ValueError, match=advice):
+        gb.read(name)
+    with zipfile.ZipFile("a.xlsx", "w") as book:
+        book.writestr("xl/workbook.xml", "<workbook/>")
+    with pytest.raises(ValueError, match="an Excel workbook"):
+        gb.read("a.xlsx")
