@@ -108,7 +108,7 @@ void bind_sweep(nb::module_& m) {
             [](PyReconstructor& s, int method, Array values, Address poses, Address mask, int n, int h, int w,
                 int reach, Address weights, int kind, Address out, Address radius, bool extrapolate, double max_gap,
                 Address spread, Address contrast) {
-                s.grid<&SweepGrid::fill>(FillMethod(method), Frames(s, values, poses, mask, n, h, w, 0).view,
+                s.grid<&SweepGrid::fill>(globule::FillMethod(method), Frames(s, values, poses, mask, n, h, w, 0).view,
                     FillRequest{reach, at<const std::uint32_t>(weights), kind, at<void>(out), at<std::uint8_t>(radius),
                         extrapolate, max_gap, at<float>(spread), at<float>(contrast)});
             })
@@ -132,7 +132,7 @@ void bind_sweep(nb::module_& m) {
                                Address out) { s.grid<&SweepGrid::source_map>(pixels, at<std::int32_t>(out)); })
         .def("facts",
             [](PyReconstructor& s) {
-                const VolumeFacts f = s.grid<&SweepGrid::facts>();
+                const globule::VolumeFacts f = s.grid<&SweepGrid::facts>();
                 nb::dict d;
                 d["n_blocks"] = f.n_blocks;
                 d["bytes"] = f.bytes;

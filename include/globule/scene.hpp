@@ -14,6 +14,7 @@
 #include "globule/mesh.hpp"
 #include "globule/particles.hpp"
 #include "globule/render_settings.hpp"
+#include "globule/values.hpp"
 
 namespace globule {
 
@@ -61,12 +62,6 @@ struct OctreeFacts {
     double typical_support = 0;                 ///< geometric mean of the smallest and the largest support, world
     double most_weight = 0;                     ///< largest |weight|
     std::uint64_t key_hash = 0, node_hash = 0;  ///< the same on every device; 0 unless asked for
-};
-
-/// Rows of particles: that of point i is indices[offsets[i]] to indices[offsets[i + 1] - 1].
-struct Neighbors {
-    std::vector<std::uint64_t> offsets{};  ///< (M + 1,)
-    std::vector<std::uint32_t> indices{};  ///< in Morton order, the same on every device
 };
 
 /// Where rays meet the surface.

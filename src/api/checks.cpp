@@ -71,6 +71,16 @@ std::size_t rows_of(const char* name, const ArrayView& view, std::size_t columns
     refuse(name, columns == 1 ? "shape (N,)" : "shape (N, " + each + ") or (" + each + " N,)", text(s));
 }
 
+const void* on_host(const std::string& name, const ArrayView& view, DType type, std::size_t n) {
+    if (!view.given()) return nullptr;
+    if (view.where().device != Location::host || view.dtype() != type)
+        refuse(name, std::string(name_of(type)) + " in host memory",
+            view.where().device == Location::host ? name_of(view.dtype()) : "memory of a GPU");
+    if (view.shape().size() != n) refuse(name, std::to_string(n) + " numbers", text(view.shape()));
+    if (n && !view.data()) refuse(name, "an address", "null");
+    return view.data();
+}
+
 core::FloatArray Inputs::floats(const char* name, const ArrayView& view, std::size_t columns, std::size_t n) {
     if (const std::size_t there = rows_of(name, view, columns); there != n)
         refuse(name, std::to_string(n) + " rows", std::to_string(there));

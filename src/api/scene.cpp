@@ -304,8 +304,7 @@ Neighbors Scene::neighbors(const ArrayView& points, double radius) const {
     Inputs in(s.core.device());
     std::size_t m;
     const core::FloatArray p = in.rows("points", points, 3, m);
-    core::Neighbors found = s.ask<&core::Scene::neighbors>(m, p, float(positive("radius", radius)));
-    return {std::move(found.offsets), std::move(found.indices)};
+    return s.ask<&core::Scene::neighbors>(m, p, float(positive("radius", radius)));
 }
 Intersections Scene::intersect(const ArrayView& origins, const ArrayView& directions) const {
     const Impl& s = Inside::of(*this, "scene");

@@ -252,11 +252,11 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     if (o.method == bezier) g.call<&core::SweepGrid::bezier>(view);
     else if (o.method == pvn_om && o.compounding == Compounding::median) g.call<&core::SweepGrid::median>(view);
     else if (o.method == pvn_om || o.method == along_path) g.call<&core::SweepGrid::add>(view, 1);
-    const core::FillMethod fill = o.method == vvn_om       ? core::FillMethod::points
-                                  : o.method == pvn        ? core::FillMethod::plain_bins
-                                  : o.method == vvn        ? core::FillMethod::plain_points
-                                  : o.method == along_path ? core::FillMethod::frames
-                                                           : core::FillMethod::bins;
+    const FillMethod fill = o.method == vvn_om       ? FillMethod::points
+                            : o.method == pvn        ? FillMethod::plain_bins
+                            : o.method == vvn        ? FillMethod::plain_points
+                            : o.method == along_path ? FillMethod::frames
+                                                     : FillMethod::bins;
     g.call<&core::SweepGrid::fill>(fill, view,
         core::FillRequest{reach, weights.empty() ? nullptr : weights.data(), 0, volume.bytes.data(),
             volume.radius.data(), o.extrapolate,
@@ -429,7 +429,7 @@ Volume Reconstructor::Impl::volume() {
     }
     const std::vector<std::uint32_t> weights = hole_weights(reach());
     Volume v = made(part, dtype);
-    core_grid.call<&core::SweepGrid::fill>(core::FillMethod::bins, core::FramesView{},
+    core_grid.call<&core::SweepGrid::fill>(FillMethod::bins, core::FramesView{},
         core::FillRequest{
             reach(), weights.empty() ? nullptr : weights.data(), 0, nullptr, nullptr, options.extrapolate});
     core_grid.call<&core::SweepGrid::read_filled>(first, size, core::DenseArrays{v.bytes.data(), v.radius.data()});
