@@ -41,6 +41,16 @@ struct BloodVessel {
 /// What a grid's holes are filled from: bins, or pixels, by growing kernels or without the octree; or neighboring
 /// images along the probe's path.
 enum class FillMethod : int { bins, points, plain_bins, plain_points, frames };
+/// How holes weigh their voxels by distance: by weights that sum up to 1, or as the thesis prints it.
+enum class HoleWeights : int { normalized, printed };
+/// An element of PLUS's hole filling.
+struct PlusFiller {
+    int type = 0;  ///< Gaussian, Gaussian of the accumulator, inverse distance, nearest neighbor, stick
+    int size = 0;  ///< of the window, or the longest stick
+    int n_sticks = 0;
+    float least_ratio = 0;
+    std::vector<float> weights{};
+};
 /// What a volume's grid takes.
 struct VolumeFacts {
     std::uint64_t n_blocks = 0, bytes = 0;

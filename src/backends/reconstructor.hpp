@@ -26,11 +26,7 @@ struct PlusRequest {
     int interpolation, optimization, compounding;
     bool rejects;
     double rejection;
-    struct Filler {
-        int type, size, n_sticks;
-        float least_ratio;
-        std::vector<float> weights;
-    };
+    using Filler = PlusFiller;
     std::vector<Filler> fillers;  ///< none: holes stay
     bool fill_holes;
     void* values;                         ///< out: (z, y, x) of the frames' type
