@@ -2,6 +2,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -44,6 +45,7 @@ struct ReconstructOptions {
     std::string device = "auto";           ///< "auto", "cpu", "cuda" or "cuda:N"
     int threads = 0;                       ///< of the CPU; 0: all
     Poll* poll = nullptr;
+    std::function<void(std::size_t done, std::size_t of)> progress{};  ///< called on this thread: images
 };
 
 /// Cubic voxels and where their values come from.

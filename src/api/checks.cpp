@@ -2,6 +2,8 @@
 
 #include <cstdio>
 
+#include "backends/open.hpp"
+
 namespace globule {
 
 std::string text(double value) {
@@ -102,6 +104,25 @@ core::FloatArray Inputs::floats(const char* name, const ArrayView& view, std::si
         for (std::size_t i = 0; i < to.size(); ++i) to[i] = float(from[i]) / 255.0f;
     }
     return {to.data(), core::kHost, 0};
+}
+
+Output::Output(const char* name, const MutableArrayView& view, DType type, std::size_t n) {
+    const std::size_t bytes = n * size_of(type);
+    if (!view.shape().rank()) {
+        room_.resize(bytes);
+        return;
+    }
+    if (view.dtype() != type) refuse(name, std::string("an array of ") + name_of(type), name_of(view.dtype()));
+    if (view.shape().size() != n) refuse(name, std::to_string(n) + " numbers", text(view.shape()));
+    if (n && !view.data()) refuse(name, "an address", "null");
+    const core::AnyArray found =
+        core::Arrays(core::kHost + 1).reach_bytes(name, {view.data(), view.where().device, view.where().stream}, bytes);
+    to_ = {view.data(), found.device, found.stream};
+    if (found.device != core::kHost) room_.resize(bytes);
+}
+void Output::deliver() const {
+    if (to_.data && !room_.empty())
+        core::check_status(core::open_backend("cuda").deliver(to_, room_.data(), room_.size()));
 }
 
 void check_range(

@@ -86,6 +86,18 @@ private:
     std::vector<std::vector<float>> converted_;
 };
 
+/// An array of results, in host memory or that of any GPU, to which they are copied.  No array: nobody wants them.
+class Output {
+public:
+    Output(const char* name, const MutableArrayView& view, DType type, std::size_t n);
+    template <class T> T* as() { return static_cast<T*>(room_.empty() ? to_.data : room_.data()); }
+    void deliver() const;
+
+private:
+    core::ArrayAt<void> to_;
+    std::vector<char> room_;
+};
+
 /// Throws unless all numbers of a host array are finite and in [least, most]; arrays on a GPU are not looked at.
 void check_range(
     const char* name, const core::FloatArray& array, std::size_t n, std::size_t columns, double least, double most);

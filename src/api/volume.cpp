@@ -220,7 +220,19 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     g.call<&core::SweepGrid::start>(request_of(frames.type, o.compounding, wide, scale, grid));
     if (o.method == bezier) g.call<&core::SweepGrid::bezier>(view);
     else if (o.method == pvn_om && o.compounding == Compounding::median) g.call<&core::SweepGrid::median>(view);
-    else if (o.method == pvn_om || o.method == along_path) g.call<&core::SweepGrid::add>(view, 1);
+    else if (o.method == pvn_om || o.method == along_path) {
+        const int step = o.progress ? (frames.n + 31) / 32 : frames.n;  // the bits are the same
+        for (int first = 0; first < frames.n; first += step) {
+            core::FramesView part = view;
+            const std::size_t before = std::size_t(first) * frames.height * frames.width;
+            part.values.data = static_cast<const char*>(view.values.data) + before * frames.item;
+            part.poses = poses[std::size_t(first)].data();
+            part.n = std::min(step, frames.n - first);
+            part.first_order = std::uint32_t(before);
+            g.call<&core::SweepGrid::add>(part, 1);
+            if (o.progress && first + part.n < frames.n) o.progress(std::size_t(first + part.n), std::size_t(frames.n));
+        }
+    }
     const FillMethod fill = o.method == vvn_om       ? FillMethod::points
                             : o.method == pvn        ? FillMethod::plain_bins
                             : o.method == vvn        ? FillMethod::plain_points
@@ -230,6 +242,7 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
         core::FillRequest{reach, weights.empty() ? nullptr : weights.data(), 0, volume.bytes.data(),
             volume.radius.data(), o.extrapolate,
             o.method == along_path && o.max_distance ? 2 * *o.max_distance / grid.spacing : -1});
+    if (o.progress) o.progress(std::size_t(frames.n), std::size_t(frames.n));
     return volume;
 }
 
