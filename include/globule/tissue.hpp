@@ -114,7 +114,8 @@ public:
     void set_vessel(std::size_t number, const BloodVessel& vessel);
     std::vector<BloodVessel> vessels() const;
 
-    /// The state, for checkpoints and to change bonds: names and bytes of its arrays.  Write "hold" first, then
+    /// The state, for checkpoints and to change bonds: names and bytes of its arrays.  Nothing checks that they fit
+    /// together.  Write "hold" first, then
     /// "other".
     std::vector<std::pair<std::string, std::size_t>> arrays() const;
     std::vector<std::uint8_t> read(const std::string& name) const;

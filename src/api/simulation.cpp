@@ -135,6 +135,7 @@ struct Simulation::Impl {
     SimulationSettings settings;
     std::vector<Phase> phases;
     std::size_t n = 0;
+    std::uint32_t captured = 0, bodies = 0;  ///< bits of phases; of a checkpoint, which alone knows, all
 
     core::Gates gates() const { return core::Gates({core.gate().get()}); }
     template <auto Method, class... A> auto call(const core::Gates& inside, A&&... arguments) const {
@@ -366,20 +367,27 @@ void Simulation::set_sinks(const std::vector<Sink>& sinks) {
 }
 
 void Simulation::capture(const WhichPhase& phase, const Matrix4& now) {
-    const Impl& s = Inside::of(*this, "simulation");
-    const core::Gates inside = s.gates();
-    s.call<&core::Simulation::capture>(inside, s.number_of(phase), pose("now", now));
+    Inside::of(*this, "simulation");
+    const core::Gates inside = impl_->gates();
+    const int which = impl_->number_of(phase);
+    impl_->call<&core::Simulation::capture>(inside, which, pose("now", now));
+    impl_->captured |= 1u << which;
 }
 void Simulation::move_to(const WhichPhase& phase, const Matrix4& next) {
     const Impl& s = Inside::of(*this, "simulation");
     const core::Gates inside = s.gates();
-    s.call<&core::Simulation::move_to>(inside, s.number_of(phase), pose("next", next));
+    const int which = s.number_of(phase);
+    if (!(s.captured >> which & 1))
+        refuse("phase", "one that capture() knows", "\"" + s.phases[std::size_t(which)].name + "\"");
+    s.call<&core::Simulation::move_to>(inside, which, pose("next", next));
 }
 void Simulation::make_body(
     const WhichPhase& phase, double mass, const std::array<double, 9>& inertia, const BodyMotion& start) {
     Inside::of(*this, "simulation");
     positive("mass", mass);
-    for (const double v : inertia) number("inertia", v);
+    const Vec3 x{inertia[0], inertia[1], inertia[2]}, y{inertia[3], inertia[4], inertia[5]};
+    if (!(dot(cross(x, y), {inertia[6], inertia[7], inertia[8]}) > 0))
+        throw Error(ErrorCode::invalid, "inertia: expected a positive determinant, got another");
     for (const Vec3* v : {&start.center, &start.velocity, &start.spin}) three("start", *v);
     const core::Gates inside = impl_->gates();
     const int which = impl_->number_of(phase);
@@ -387,11 +395,14 @@ void Simulation::make_body(
         refuse("phase", "one of kind rigid", "\"" + impl_->phases[std::size_t(which)].name + "\"");
     impl_->call<&core::Simulation::make_body>(
         inside, which, mass, start.center.data(), inertia.data(), start.velocity.data(), start.spin.data());
+    impl_->bodies |= 1u << which;
 }
 BodyMotion Simulation::body(const WhichPhase& phase) const {
     const Impl& s = Inside::of(*this, "simulation");
     const core::Gates inside = s.gates();
-    const std::vector<double> v = s.call<&core::Simulation::body>(inside, s.number_of(phase));
+    const int which = s.number_of(phase);
+    if (!(s.bodies >> which & 1)) refuse("phase", "a body", "\"" + s.phases[std::size_t(which)].name + "\"");
+    const std::vector<double> v = s.call<&core::Simulation::body>(inside, which);
     BodyMotion m{{v[0], v[1], v[2]}, {v[3], v[4], v[5]}, {v[6], v[7], v[8]}};
     std::copy_n(v.begin() + 9, 9, m.rotation.begin());
     return m;
@@ -492,7 +503,14 @@ void Simulation::write(const std::string& name, const ArrayView& values) {
     const StateArray& a = state_array(name);
     const core::Gates inside = s.gates();
     const void* from = on_host(name, values, a.type, a.columns * s.n);
-    if (from && s.n) s.call<&core::Simulation::write>(inside, name, from);
+    const auto below = [&](const auto* values, std::size_t end) {
+        for (std::size_t i = 0; i < s.n; ++i)
+            if (values[i] >= end) refuse(name, "numbers below " + std::to_string(end), std::to_string(values[i]));
+    };
+    if (!from || !s.n) return;
+    if (name == "phase") below(static_cast<const std::uint8_t*>(from), s.phases.size());
+    if (name == "id") below(static_cast<const std::uint32_t*>(from), s.call<&core::Simulation::next_id>(inside));
+    s.call<&core::Simulation::write>(inside, name, from);
 }
 void Simulation::set_forces(const ArrayView& forces) {
     const Impl& s = Inside::of(*this, "simulation");
@@ -523,6 +541,8 @@ std::vector<char> Simulation::motion() const {
 }
 void Simulation::set_motion(const std::vector<char>& bytes) {
     Inside::of(*this, "simulation").ask<&core::Simulation::set_motion>(bytes);
+    const core::Gates inside = impl_->gates();
+    impl_->captured = impl_->bodies = ~0u;
 }
 
 }  // namespace globule

@@ -188,3 +188,38 @@ TEST_CASE("PLUS puts the nearest pixel into each voxel, and a hole's neighbors i
     CHECK_SAYS(g.plus(plus), "compounding: expected 0 to 3, got 4");
     CHECK(g.device() == "cpu");
 }
+
+TEST_CASE("answers reach a GPU's memory") {
+    if (devices().size() == 1) return;
+    const std::vector<float> ones(kPixels, 1.0f), p = cube(8);
+    std::vector<float> points;
+    for (int i = 0; i < int(kVoxels); ++i)
+        for (const int k : {i % 8, i / 8 % 8, i / 64}) points.push_back(0.1f * float(k) + 0.03f);
+    const Images images;
+    GridFrames frames = images.here();
+    frames.frames = ArrayView(ones.data(), {kFrames, kHeight, kWidth});
+    SweepGrid g({.device = "cuda:0"});  // whose volume is such memory
+    g.start({.dtype = DType::float32, .size = kSize});
+    g.add(frames);
+    g.fill({}, {.reach = 1});
+    const ArrayView there = g.filled().first;
+    const auto view = [&](Shape shape, Location where) {
+        return MutableArrayView(const_cast<void*>(there.data()), DType::float32, shape, where);
+    };
+    for (const char* device : {"cpu", "cuda:0"}) {
+        const Scene s({.positions = p}, {.support = 0.2, .device = device});
+        std::vector<float> found(kVoxels), first(1);
+        for (const Location where : {there.where(), on_gpu()}) {
+            s.field(points, view({8, 8, 8}, where));
+            g.read_filled({0, 0, 0}, kSize, found, {});
+            CHECK(found == s.field(points));
+            s.blend(points, std::vector<float>(512, 2.0f), view({kVoxels}, where));
+            g.read_filled({0, 0, 0}, kSize, found, {});
+            CHECK(found == s.blend(points, std::vector<float>(512, 2.0f)));
+        }
+        const std::vector<float> above{0.35f, 0.35f, 3}, down{0, 0, -1};
+        s.intersect(above, down, view({1}, there.where()));
+        g.read_filled({0, 0, 0}, {1, 1, 1}, first, {});
+        CHECK(first == s.intersect(above, down).distance);
+    }
+}

@@ -103,6 +103,8 @@ TEST_CASE("a rigid body falls and turns as it was made to") {
     const std::array<double, 9> inertia{0.04, 0, 0, 0, 0.04, 0, 0, 0, 0.04};
     CHECK_SAYS(sim.make_body("water", 1, inertia, {}), "phase: expected one of kind rigid, got \"water\"");
     CHECK_SAYS(sim.make_body("stone", 0, inertia, {}), "mass: expected a positive number");
+    CHECK_SAYS(sim.make_body("stone", 1, {}, {}), "inertia: expected a positive determinant");
+    CHECK_SAYS(sim.body("stone"), "phase: expected a body, got \"stone\"");
     sim.make_body("stone", 8, inertia, {.center = {1, 1, 1.2}, .velocity = {0.5, 0, 0}, .spin = {0, 0, 1}});
     for (int i = 0; i < 10; ++i) sim.step(0.01);
     const BodyMotion m = sim.body("stone");
@@ -136,8 +138,9 @@ TEST_CASE("a boundary goes where it is led") {
     Simulation sim(in_a_box, {.phases = {{"plate", PhaseKind::boundary}}, .device = "cpu"});
     sim.add(block(3, 3, 1));
     const auto at = [](double x) { return Matrix4{1, 0, 0, x, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}; };
-    CHECK_SAYS(sim.move_to("plate", at(NAN)), "next: expected a finite number");
+    CHECK_SAYS(sim.move_to("plate", at(0)), "phase: expected one that capture() knows, got \"plate\"");
     sim.capture("plate", at(0));
+    CHECK_SAYS(sim.move_to("plate", at(NAN)), "next: expected a finite number");
     sim.move_to("plate", at(0.02));
     sim.step(0.01);
     CHECK(sim.positions()[0] == doctest::Approx(0.57));
@@ -200,6 +203,8 @@ TEST_CASE("a checkpoint goes on with the same bits") {
     std::vector<std::uint8_t> phase(a.size());
     a.read("id", id), a.read("phase", phase);
     b.write("id", id), b.write("phase", phase);
+    CHECK_SAYS(b.write("phase", std::vector<std::uint8_t>(a.size(), 3)), "phase: expected numbers below 3, got 3");
+    CHECK_SAYS(b.write("id", std::vector<std::uint32_t>(a.size(), a.next_id())), "id: expected numbers below");
     b.settle();
     b.set_motion(a.motion());
     const double dt = a.next_dt();
