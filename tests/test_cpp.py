@@ -369,6 +369,7 @@ def test_cut_tissue(built, tmp_path):
     assert len(np.unique(ppm(tmp_path / "cut_tissue.ppm").reshape(-1, 3), axis=0)) > 100
 
 
+@pytest.mark.slow
 def test_volume_from_sweep(built, tmp_path):
     build(built, "volume_from_sweep")
     done = run(built / "examples" / "volume_from_sweep", "cpu", cwd=tmp_path)
