@@ -17,11 +17,10 @@ import time
 import globule as gb
 import numpy as np
 from globule import _core
-from globule._base.arrays import address, located
 from globule._base.device import choose
 from globule.ultrasound.grid import bounds, make_grid
 from globule.ultrasound.options import METHODS, Options
-from globule.ultrasound.reconstruct import crowded, fill, start
+from globule.ultrasound.reconstruct import crowded, fill, located_frames, start
 
 from .speed import write_csv
 from .tables.sweep_speed import placed
@@ -63,25 +62,25 @@ def measure(sweep: gb.ultrasound.Sweep, size: int, method: str, device: str, thr
     region = np.array([middle - half, middle + half])
     grid = make_grid(low, high, None, (size, size, size), region)
     poses = grid.poses(sweep.world_from_image)
-    whole = (located(frames), address(poses), 0, *frames.shape)
-    core = _core.Reconstructor(chosen.backend, chosen.index, threads)
+    whole = located_frames(frames, poses, None)
+    core = _core.SweepGrid(chosen.name, threads)
     best = {"bin_ms": np.inf, "fill_ms": np.inf, "total_ms": np.inf}
     dense = None
     there_frames = placed(sweep, device).frames
-    there = (located(there_frames), *whole[1:])
+    there = whole if there_frames is frames else located_frames(there_frames, poses, None)
     for run in range(2 * runs + 1):  # the first run takes the memory
         source = whole if run % 2 == 0 else there
         begin = time.perf_counter()
         start(core, grid, frames, options, crowded(poses, frames.shape[1:]))
         if method == "pvn-om":
-            core.add(*source, 0, 1)
+            core.add(source, 1)
         elif method == "bezier":
-            core.bezier(*source)
+            core.bezier(source)
         dense = fill(core, grid, frames.dtype, options, source, dense)
         total = time.perf_counter() - begin
         facts = core.facts()
         times = {"total_ms": total} if source is whole else {}
-        if source is there or there == whole:
+        if source is there or there is whole:
             times |= {"bin_ms": facts["bin_seconds"], "fill_ms": facts["fill_seconds"]}
         for name, value in times.items():
             best[name] = min(best[name], 1e3 * value)

@@ -349,14 +349,11 @@ NB_MODULE(_core, m) {
             })
         .def("neighbors",
             [](PyScene& s, std::size_t n, Array points, float radius) {
-                auto* found = new Neighbors(work([&] {
+                globule::Neighbors found = work([&] {
                     Arrays all(s.core.device());
                     return s.core.call<&Scene::neighbors>(n, all.reach("points", array(points), 3 * n), radius);
-                }));
-                nb::capsule owner(found, [](void* p) noexcept { delete static_cast<Neighbors*>(p); });
-                return nb::make_tuple(
-                    nb::ndarray<nb::numpy, std::uint64_t>(found->offsets.data(), {found->offsets.size()}, owner),
-                    nb::ndarray<nb::numpy, std::uint32_t>(found->indices.data(), {found->indices.size()}, owner));
+                });
+                return nb::make_tuple(owned(std::move(found.offsets)), owned(std::move(found.indices)));
             })
         .def("synchronize", [](PyScene& s) { call<&Scene::synchronize>(s.core); })
         .def("cancel", [](PyScene& s) { s.core.object()->cancel(); })

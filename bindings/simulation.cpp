@@ -1,64 +1,41 @@
-// Particle simulations: addresses in, addresses out, as in arguments.hpp.
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
-#include <nanobind/stl/string.h>
-#include <nanobind/stl/tuple.h>
-#include <nanobind/stl/vector.h>
-
+// Particle simulations.
 #include "arguments.hpp"
-#include "picture.hpp"
+#include "globule/simulation.hpp"
 #include "handles.hpp"
-#include "tissue.hpp"
 
-using namespace globule::core;
+using namespace globule;
+namespace nb = nanobind;
+using core::item, core::owned, core::plain, core::work;
 
 namespace {
 
-struct PySimulation { Handle<Simulation> core; };
-
+Vec3 three(const nb::dict& d, const char* name) { return item<Vec3>(d, name); }
 SimulationSettings settings(const nb::dict& d) {
     SimulationSettings s;
-    s.spacing = item<float>(d, "spacing");
+    s.spacing = item<double>(d, "spacing");
     s.fine_fluids = item<bool>(d, "fine_fluids");
-    s.lo = vec(item<std::vector<float>>(d, "lo"));
-    s.hi = vec(item<std::vector<float>>(d, "hi"));
-    s.gravity = vec(item<std::vector<float>>(d, "gravity"));
-    const auto periodic = item<std::vector<bool>>(d, "periodic");
-    for (int k = 0; k < 3; ++k) s.periodic[k] = periodic.at(k);
-    s.cfl = item<float>(d, "cfl");
-    s.longest_step = item<float>(d, "longest_step");
-    s.density_error = item<float>(d, "density_error");
-    s.divergence_error = item<float>(d, "divergence_error");
-    s.least_iterations = item<int>(d, "least_iterations");
-    s.most_iterations = item<int>(d, "most_iterations");
+    s.domain = {three(d, "lo"), three(d, "hi")};
+    s.gravity = three(d, "gravity");
+    s.periodic = item<std::array<bool, 3>>(d, "periodic");
+    s.cfl = item<double>(d, "cfl");
+    s.max_dt = item<double>(d, "longest_step");
+    s.max_error = item<double>(d, "density_error");
+    s.divergence_error = item<double>(d, "divergence_error");
+    s.min_iterations = item<int>(d, "least_iterations");
+    if (const int most = item<int>(d, "most_iterations")) s.max_iterations = most;
     s.viscosity_error = item<double>(d, "viscosity_error");
     s.weakly_compressible = item<bool>(d, "weakly_compressible");
-    s.sound_speed = item<float>(d, "sound_speed");
-    s.extra_viscosity = item<float>(d, "extra_viscosity");
+    if (const double speed = item<double>(d, "sound_speed"); speed > 0) s.sound_speed = speed;
+    s.extra_viscosity = item<double>(d, "extra_viscosity");
+    s.least_dt = 0;  // Python has checked materials
     return s;
 }
 
-/// 16 numbers, a 4 x 4 world_from_body row by row.
-sim::Pose pose(const std::vector<float>& m) {
-    return {{m.at(0), m.at(4), m.at(8)}, {m.at(1), m.at(5), m.at(9)}, {m.at(2), m.at(6), m.at(10)},
-        {m.at(3), m.at(7), m.at(11)}};
-}
-
-sim::Phase phase(const nb::dict& d) {
-    sim::Phase p;
-    p.kind = sim::Kind(item<int>(d, "kind"));
-    p.density = item<float>(d, "density");
-    p.viscosity = item<float>(d, "viscosity");
-    p.tension = item<float>(d, "tension");
-    p.adhesion = item<float>(d, "adhesion");
-    p.friction = item<float>(d, "friction");
-    const auto color = item<std::vector<float>>(d, "color");
-    for (int k = 0; k < 3; ++k) p.color[k] = color.at(k);
-    p.reflection = item<float>(d, "reflection");
-    p.refraction = item<float>(d, "refraction");
-    p.implicit_viscosity = item<bool>(d, "implicit_viscosity");
-    p.shown = item<bool>(d, "shown");
-    return p;
+Phase phase(const nb::dict& d) {
+    return {item<std::string>(d, "name"), PhaseKind(item<int>(d, "kind")), item<double>(d, "density"),
+        item<double>(d, "viscosity"), item<bool>(d, "implicit"), item<double>(d, "surface_tension"),
+        item<double>(d, "adhesion"), item<double>(d, "friction"), three(d, "color"), item<double>(d, "reflection"),
+        item<double>(d, "refraction"), item<bool>(d, "shown")};
 }
 
 nb::dict report(const StepReport& r) {
@@ -87,130 +64,104 @@ nb::dict report(const StepReport& r) {
     return d;
 }
 
-nb::dict step(PySimulation& s, double dt) {
-    const StepReport r = call<&Simulation::step>(s.core, dt);
-    nb::dict d = report(r);
-    if (r.lost)
-        d["lost"] = nb::make_tuple(
-            r.lost->id, r.lost->phase, nb::make_tuple(r.lost->position.x, r.lost->position.y, r.lost->position.z));
-    return d;
-}
-
-/// A method that takes and gives plain values.
-template <auto Method, class... A> auto plain(PySimulation& s, A... arguments) {
-    return call<Method>(s.core, arguments...);
-}
-
 }  // namespace
 
 void bind_simulation(nb::module_& m) {
-    nb::class_<PySimulation>(m, "Simulation")
+    nb::class_<Simulation>(m, "Simulation")
         .def("__init__",
-            [](PySimulation* self, PyScene& scene) {
-                new (self) PySimulation{work([&] { return make_simulation(scene.core); })};
+            [](Simulation* self, const std::string& device, int threads, const nb::dict& d) {
+                const SimulationSettings s = settings(d);
+                new (self) Simulation(work([&] {
+                    return Simulation(
+                        s, {.phases = {}, .device = device, .threads = threads, .poll = &core::poll_signals});
+                }));
             })
-        .def("configure", [](PySimulation& s, const nb::dict& d) { call<&Simulation::configure>(s.core, settings(d)); })
-        .def("set_phase", [](PySimulation& s, int which,
-                              const nb::dict& d) { call<&Simulation::set_phase>(s.core, which, phase(d)); })
-        .def("add",
-            [](PySimulation& s, std::size_t n, Address positions, Address velocities, std::vector<float> velocity,
-                int phase) {
-                return call<&Simulation::add>(
-                    s.core, n, at<float>(positions), at<float>(velocities), vec(velocity), phase);
+        .def(
+            "scene", [](Simulation& s) { return core::PyScene{work([&] { return Inside::shared(s.scene())->core; })}; })
+        .def("configure", [](Simulation& s, const nb::dict& d) { work([&, o = settings(d)] { s.configure(o); }); })
+        .def("set_phase", [](Simulation& s, const nb::dict& d) { work([&, p = phase(d)] { s.set_phase(p); }); })
+        .def(
+            "add",
+            [](Simulation& s, const ArrayView& positions, int phase, const ArrayView& each, const Vec3& one) {
+                const Property<Vec3> velocities = each.given() ? Property<Vec3>(each) : Property<Vec3>(one);
+                return work([&] { return s.add(positions, phase, velocities); });
+            },
+            nb::arg("positions"), nb::arg("phase"), nb::arg("velocities").none(), nb::arg("velocity"))
+        .def("remove",
+            [](Simulation& s, const ArrayView& ids) {
+                const auto* first = static_cast<const std::uint32_t*>(ids.data());
+                work([&] { s.remove({first, first + ids.shape().size()}); });
             })
-        .def("remove", [](PySimulation& s, std::size_t n,
-                           Address ids) { call<&Simulation::remove>(s.core, n, at<std::uint32_t>(ids)); })
         .def("emit",
-            [](PySimulation& s, std::size_t n, Address positions, Address velocities, int phase) {
-                return call<&Simulation::emit>(s.core, n, at<float>(positions), at<float>(velocities), phase);
+            [](Simulation& s, const ArrayView& positions, int phase, const ArrayView& velocities) {
+                return work([&] { return s.emit(positions, phase, velocities); });
             })
         .def("set_inlets",
-            [](PySimulation& s, const nb::list& inlets) {
-                std::vector<sim::Inlet> all;
-                for (nb::handle h : inlets) {
-                    const auto v = nb::cast<std::vector<float>>(h);  // center, direction, radius, length
-                    all.push_back({{v.at(0), v.at(1), v.at(2)}, {v.at(3), v.at(4), v.at(5)}, v.at(6), v.at(7)});
-                }
-                call<&Simulation::set_inlets>(s.core, all);
+            [](Simulation& s, const std::vector<std::array<double, 8>>& inlets) {
+                std::vector<Inlet> all;  // center, direction, radius, length
+                for (const auto& v : inlets) all.push_back({{v[0], v[1], v[2]}, {v[3], v[4], v[5]}, v[6], v[7]});
+                work([&] { s.set_inlets(all); });
             })
         .def("set_sinks",
-            [](PySimulation& s, const nb::list& sinks) {
-                std::vector<sim::Sink> all;
-                for (nb::handle h : sinks) {
-                    const auto v = nb::cast<std::vector<float>>(h);  // lo, hi, center, radius
-                    all.push_back({{v.at(0), v.at(1), v.at(2)}, {v.at(3), v.at(4), v.at(5)},
-                        {v.at(6), v.at(7), v.at(8)}, v.at(9)});
-                }
-                call<&Simulation::set_sinks>(s.core, all);
+            [](Simulation& s, const std::vector<std::array<double, 10>>& sinks) {
+                std::vector<Sink> all;  // lo, hi, center, radius
+                for (const auto& v : sinks)
+                    all.push_back({{{v[0], v[1], v[2]}, {v[3], v[4], v[5]}}, {v[6], v[7], v[8]}, v[9]});
+                work([&] { s.set_sinks(all); });
             })
-        .def("capture", [](PySimulation& s, int phase,
-                            std::vector<float> m) { call<&Simulation::capture>(s.core, phase, pose(m)); })
-        .def("move_to", [](PySimulation& s, int phase,
-                            std::vector<float> m) { call<&Simulation::move_to>(s.core, phase, pose(m)); })
+        .def("capture", [](Simulation& s, int phase, const Matrix4& m) { work([&] { s.capture(phase, m); }); })
+        .def("move_to", [](Simulation& s, int phase, const Matrix4& m) { work([&] { s.move_to(phase, m); }); })
         .def("make_body",
-            [](PySimulation& s, int phase, double mass, std::vector<double> v) {
-                if (v.size() != 18) throw nb::value_error("make_body: expected center, inertia, velocity and spin");
-                const double* p = v.data();
-                call<&Simulation::make_body>(s.core, phase, mass, p, p + 3, p + 12, p + 15);
+            [](Simulation& s, int phase, double mass, const std::array<double, 9>& inertia, const Vec3& center,
+                const Vec3& velocity,
+                const Vec3& spin) { work([&] { s.make_body(phase, mass, inertia, {center, velocity, spin}); }); })
+        .def("body",
+            [](Simulation& s, int phase) {
+                const BodyMotion b = work([&] { return s.body(phase); });
+                return nb::make_tuple(b.center, b.velocity, b.spin, b.rotation);
             })
-        .def("body", [](PySimulation& s, int phase) { return call<&Simulation::body>(s.core, phase); })
         .def("motion",
-            [](PySimulation& s) {
-                const std::vector<char> bytes = call<&Simulation::motion>(s.core);
+            [](Simulation& s) {
+                const std::vector<char> bytes = work([&] { return s.motion(); });
                 return nb::bytes(bytes.data(), bytes.size());
             })
         .def("set_motion",
-            [](PySimulation& s, nb::bytes b) {
+            [](Simulation& s, nb::bytes b) {
                 const std::vector<char> bytes(b.c_str(), b.c_str() + b.size());
-                call<&Simulation::set_motion>(s.core, bytes);
+                work([&] { s.set_motion(bytes); });
             })
         .def("totals",
-            [](PySimulation& s) {
-                const sim::Totals t = call<&Simulation::totals>(s.core);
+            [](Simulation& s) {
+                const Totals t = work([&] { return s.totals(); });
                 nb::dict d;
                 d["mass"] = t.mass;
                 d["kinetic"] = t.kinetic;
                 d["potential"] = t.potential;
-                d["momentum"] = nb::make_tuple(t.momentum[0], t.momentum[1], t.momentum[2]);
-                d["angular_momentum"] = nb::make_tuple(t.angular[0], t.angular[1], t.angular[2]);
-                d["center"] = nb::make_tuple(t.center[0], t.center[1], t.center[2]);
+                d["momentum"] = nb::tuple(nb::cast(t.momentum));
+                d["angular_momentum"] = nb::tuple(nb::cast(t.angular_momentum));
+                d["center"] = nb::tuple(nb::cast(t.center));
                 return d;
             })
-        .def("step", &step)
-        .def("next_dt", &plain<&Simulation::next_dt>)
-        .def("draw", [](PySimulation& s, int what) { call<&Simulation::draw>(s.core, sim::Drawn(what)); })
-        .def("size", &plain<&Simulation::size>)
-        .def("time", &plain<&Simulation::time>)
-        .def("n_steps", &plain<&Simulation::n_steps>)
-        .def("next_id", &plain<&Simulation::next_id>)
-        .def("read", [](PySimulation& s, const std::string& name,
-                         Address out) { call<&Simulation::read>(s.core, name, at<void>(out)); })
-        .def("write", [](PySimulation& s, const std::string& name,
-                          Address in) { call<&Simulation::write>(s.core, name, at<const void>(in)); })
-        .def("resize", [](PySimulation& s, std::size_t n, std::uint32_t next_id, double time,
-                           std::uint64_t n_steps) { call<&Simulation::resize>(s.core, n, next_id, time, n_steps); })
-        .def("settle", [](PySimulation& s) { call<&Simulation::settle>(s.core); })
-        .def("set_forces",
-            [](PySimulation& s, Address forces) { call<&Simulation::set_forces>(s.core, at<const float>(forces)); })
+        .def("step", [](Simulation& s, double dt) { return report(work([&] { return s.step(dt); })); })
+        .def("next_dt", plain<&Simulation::next_dt>)
+        .def("draw", [](Simulation& s, int what) { work([&] { s.draw(Drawn(what)); }); })
+        .def("size", plain<&Simulation::size>)
+        .def("time", plain<&Simulation::time>)
+        .def("n_steps", plain<&Simulation::n_steps>)
+        .def("next_id", plain<&Simulation::next_id>)
+        .def("read", plain<&Simulation::read>)
+        .def("write", plain<&Simulation::write>)
+        .def("resize", plain<&Simulation::resize>)
+        .def("settle", plain<&Simulation::settle>)
+        .def("set_forces", plain<&Simulation::set_forces>)
         .def("neighbors",
-            [](PySimulation& s) {
-                auto* rows = new std::vector<std::uint32_t>();
-                nb::capsule row_owner(
-                    rows, [](void* p) noexcept { delete static_cast<std::vector<std::uint32_t>*>(p); });
-                auto* found = new Neighbors();
-                nb::capsule owner(found, [](void* p) noexcept { delete static_cast<Neighbors*>(p); });
-                work([&] { s.core.call<&Simulation::neighbors>(*rows, *found); });
-                return nb::make_tuple(nb::ndarray<nb::numpy, std::uint32_t>(rows->data(), {rows->size()}, row_owner),
-                    nb::ndarray<nb::numpy, std::uint64_t>(found->offsets.data(), {found->offsets.size()}, owner),
-                    nb::ndarray<nb::numpy, std::uint32_t>(found->indices.data(), {found->indices.size()}, owner));
+            [](Simulation& s) {
+                std::vector<std::uint32_t> rows;
+                Neighbors found;
+                work([&] { s.neighbors(rows, found); });
+                return nb::make_tuple(
+                    owned(std::move(rows)), owned(std::move(found.offsets)), owned(std::move(found.indices)));
             })
-        .def("flow",
-            [](PySimulation& s, Address density, Address vorticity) {
-                call<&Simulation::flow>(s.core, at<float>(density), at<float>(vorticity));
-            })
-        .def("tissue", [](PySimulation& s) {
-            Tissue* tissue = call<&Simulation::tissue>(s.core);
-            // Alive as long as its simulation.
-            return PyTissue{{s.core.backend(), std::shared_ptr<Tissue>(s.core.object(), tissue), s.core.gate()}};
-        });
+        .def("flow", plain<&Simulation::flow>)
+        .def("tissue", plain<&Simulation::tissue>);
 }

@@ -1,138 +1,81 @@
-// Volumes from tracked sweeps: addresses in, addresses out, as in arguments.hpp.
-#include <nanobind/nanobind.h>
-#include <nanobind/stl/array.h>
-#include <nanobind/stl/string.h>
-#include <nanobind/stl/tuple.h>
-#include <nanobind/stl/vector.h>
-
+// Volumes from tracked sweeps.
 #include "arguments.hpp"
-#include "backends/open.hpp"
+#include "globule/volume.hpp"
 
-using namespace globule::core;
+using namespace globule;
+namespace nb = nanobind;
+using core::item, core::plain, core::work;
 
 namespace {
 
-struct PyReconstructor {
-    Handle<Reconstructor> core;
-    ScalarType type = ScalarType::u8;
+DType dtype(int type) { return std::array{DType::uint8, DType::uint16, DType::float32}.at(std::size_t(type)); }
 
-    /// Calls a method of the grid for frames of the present type.
-    template <auto Method, class... A> auto grid(const A&... arguments) const {
-        return work([&] {
-            const Gates inside({core.gate().get()});
-            SweepGrid* grid = core.call_inside<&Reconstructor::grid>(inside, type);
-            const Handle<SweepGrid> handle(core.backend(), std::shared_ptr<SweepGrid>(core.object(), grid), nullptr);
-            return handle.call_inside<Method>(inside, arguments...);
-        });
-    }
+/// Frames of host or device memory; Python keeps them, this keeps what belongs to them.
+struct PyFrames {
+    GridFrames view;
+    nb::object poses, mask;
 };
-
-/// Frames where the reconstructor can use them.
-struct Frames {
-    Arrays arrays;
-    FramesView view;
-
-    Frames(const PyReconstructor& s, const Array& values, Address poses, Address mask, int n, int height, int width,
-        std::uint32_t first_order)
-        : arrays(s.core.device()) {
-        const std::size_t item = s.type == ScalarType::u8 ? 1 : s.type == ScalarType::u16 ? 2 : 4;
-        const AnyArray reached =
-            work([&] { return arrays.reach_bytes("frames", array<const void>(values), item * n * height * width); });
-        view = {reached, at<const std::int64_t>(poses), at<const std::uint8_t>(mask), n, height, width, first_order};
-    }
-};
-
-nb::tuple plus(PyReconstructor& self, const nb::dict& d, const nb::list& fillers) {
-    PlusRequest r{};
-    const AnyArray frames = array<const void>(item<Array>(d, "frames"));
-    r.type = ScalarType(item<int>(d, "type"));
-    r.n_frames = item<int>(d, "n_frames");
-    r.height = item<int>(d, "height");
-    r.width = item<int>(d, "width");
-    r.voxel_from_image = at<const double>(item<Address>(d, "voxel_from_image"));
-    r.sources = at<const std::int32_t>(item<Address>(d, "sources"));
-    r.n_masks = item<int>(d, "n_masks");
-    r.mask_of_frame = at<const std::uint32_t>(item<Address>(d, "mask_of_frame"));
-    r.importance = at<const std::uint8_t>(item<Address>(d, "importance"));
-    const auto size = item<std::vector<int>>(d, "size");
-    for (int k = 0; k < 3; ++k) r.size[k] = size.at(k);
-    r.interpolation = item<int>(d, "interpolation");
-    r.optimization = item<int>(d, "optimization");
-    r.compounding = item<int>(d, "compounding");
-    r.rejects = item<bool>(d, "rejects");
-    r.rejection = item<double>(d, "rejection");
-    r.fill_holes = item<bool>(d, "fill_holes");
-    r.values = at<void>(item<Address>(d, "values"));
-    r.accumulator = at<std::uint16_t>(item<Address>(d, "accumulator"));
-    r.origin = at<std::uint8_t>(item<Address>(d, "origin"));
-    for (nb::handle h : fillers) {
-        auto [type, length, n_sticks, ratio, weights] =
-            nb::cast<std::tuple<int, int, int, float, std::vector<float>>>(h);
-        r.fillers.push_back({type, length, n_sticks, ratio, std::move(weights)});
-    }
-    work([&] {
-        Arrays arrays(self.core.device());
-        const std::size_t item_bytes = r.type == ScalarType::u8 ? 1 : r.type == ScalarType::u16 ? 2 : 4;
-        r.frames = arrays.reach_bytes("frames", frames, item_bytes * r.n_frames * r.height * r.width);
-        self.core.call<&Reconstructor::plus>(r);
-    });
-    return nb::make_tuple(r.insert_seconds, r.fill_seconds);
+ArrayView frames(const core::Array& a, int type, const std::array<std::size_t, 3>& shape) {
+    const auto [address, device, stream] = a;
+    return {core::at<const void>(address), dtype(type), Shape(shape[0], shape[1], shape[2]), {device, stream}};
 }
+ArrayView given(nb::handle array) { return array.is_none() ? ArrayView() : nb::cast<ArrayView>(array); }
 
 using Three = std::array<int, 3>;  ///< along x, y, z
 
 }  // namespace
 
 void bind_sweep(nb::module_& m) {
-    nb::class_<PyReconstructor>(m, "Reconstructor")
+    nb::class_<PyFrames>(m, "SweepFrames")
+        .def(
+            "__init__",
+            [](PyFrames* self, const core::Array& values, int type, const std::array<std::size_t, 3>& shape,
+                nb::object poses, nb::object mask, std::uint32_t first_order) {
+                new (self) PyFrames{{frames(values, type, shape), given(poses), given(mask), first_order}, poses, mask};
+            },
+            nb::arg("values"), nb::arg("type"), nb::arg("shape"), nb::arg("poses"), nb::arg("mask").none(),
+            nb::arg("first_order"));
+    nb::class_<SweepGrid>(m, "SweepGrid")
         .def("__init__",
-            [](PyReconstructor* self, const std::string& backend, int index, int threads) {
-                new (self) PyReconstructor{
-                    work([&] { return make_reconstructor(open_backend(backend), index, threads, &poll_signals); })};
+            [](SweepGrid* self, const std::string& device, int threads) {
+                new (self) SweepGrid(work([&] { return SweepGrid({device, threads, &core::poll_signals}); }));
             })
         .def("start",
-            [](PyReconstructor& s, int type, int compounding, bool wide, double scale, int nx, int ny, int nz) {
-                s.type = ScalarType(type);
-                s.grid<&SweepGrid::start>(GridRequest{s.type, compounding, wide, scale, {nx, ny, nz}});
+            [](SweepGrid& s, int type, int compounding, bool wide, double scale, const Three& size) {
+                work([&] { s.start({dtype(type), Compounding(compounding), wide, scale, size}); });
             })
-        .def("grow",
-            [](PyReconstructor& s, Three size, Three shift) { s.grid<&SweepGrid::grow>(size.data(), shift.data()); })
-        .def("add",
-            [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, std::uint32_t order,
-                int sign) { s.grid<&SweepGrid::add>(Frames(s, values, poses, mask, n, h, w, order).view, sign); })
-        .def("median", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h,
-                           int w) { s.grid<&SweepGrid::median>(Frames(s, values, poses, mask, n, h, w, 0).view); })
-        .def("bezier", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h,
-                           int w) { s.grid<&SweepGrid::bezier>(Frames(s, values, poses, mask, n, h, w, 0).view); })
-        .def("fill",
-            [](PyReconstructor& s, int method, Array values, Address poses, Address mask, int n, int h, int w,
-                int reach, Address weights, int kind, Address out, Address radius, bool extrapolate, double max_gap,
-                Address spread, Address contrast) {
-                s.grid<&SweepGrid::fill>(FillMethod(method), Frames(s, values, poses, mask, n, h, w, 0).view,
-                    FillRequest{reach, at<const std::uint32_t>(weights), kind, at<void>(out), at<std::uint8_t>(radius),
-                        extrapolate, max_gap, at<float>(spread), at<float>(contrast)});
-            })
-        .def("filled",
-            [](PyReconstructor& s) {
-                const DenseArrays a = s.grid<&SweepGrid::filled>();
-                return nb::make_tuple(reinterpret_cast<Address>(a.values), reinterpret_cast<Address>(a.radius));
-            })
-        .def("read_filled",
-            [](PyReconstructor& s, Three first, Three size, Address values, Address radius) {
-                s.grid<&SweepGrid::read_filled>(
-                    first.data(), size.data(), DenseArrays{at<void>(values), at<std::uint8_t>(radius)});
-            })
+        .def("grow", plain<&SweepGrid::grow>)
+        .def("add", [](SweepGrid& s, const PyFrames& f, int sign) { work([&] { s.add(f.view, sign); }); })
+        .def("median", [](SweepGrid& s, const PyFrames& f) { work([&] { s.median(f.view); }); })
+        .def("bezier", [](SweepGrid& s, const PyFrames& f) { work([&] { s.bezier(f.view); }); })
         .def(
-            "count_map", [](PyReconstructor& s, Address out) { s.grid<&SweepGrid::count_map>(at<std::uint32_t>(out)); })
-        .def("variance_map",
-            [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, Address out) {
-                s.grid<&SweepGrid::variance_map>(Frames(s, values, poses, mask, n, h, w, 0).view, at<float>(out));
+            "fill",
+            [](SweepGrid& s, int method, const PyFrames* f, int reach, const ArrayView& weights, int kind,
+                bool extrapolate, double max_gap, const MutableArrayView& values, const MutableArrayView& radius,
+                const MutableArrayView& spread, const MutableArrayView& contrast) {
+                work([&] {
+                    s.fill(f ? f->view : GridFrames(), {FillMethod(method), reach, weights, HoleWeights(kind),
+                                                           extrapolate, max_gap, values, radius, spread, contrast});
+                });
+            },
+            nb::arg("method"), nb::arg("frames").none(), nb::arg("reach"), nb::arg("weights").none(), nb::arg("kind"),
+            nb::arg("extrapolate"), nb::arg("max_gap"), nb::arg("values").none() = nb::none(),
+            nb::arg("radius").none() = nb::none(), nb::arg("spread").none() = nb::none(),
+            nb::arg("contrast").none() = nb::none())
+        .def("filled",
+            [](SweepGrid& s) {
+                const auto [values, radius] = work([&] { return s.filled(); });
+                return nb::make_tuple(core::Address(values.data()), core::Address(radius.data()));
             })
-        .def("source_map", [](PyReconstructor& s, std::uint32_t pixels,
-                               Address out) { s.grid<&SweepGrid::source_map>(pixels, at<std::int32_t>(out)); })
+        .def("read_filled", plain<&SweepGrid::read_filled>, nb::arg("first"), nb::arg("size"),
+            nb::arg("values").none() = nb::none(), nb::arg("radius").none() = nb::none())
+        .def("count_map", plain<&SweepGrid::count_map>)
+        .def("variance_map", [](SweepGrid& s, const PyFrames& f,
+                                 const MutableArrayView& out) { work([&] { s.variance_map(f.view, out); }); })
+        .def("source_map", plain<&SweepGrid::source_map>)
         .def("facts",
-            [](PyReconstructor& s) {
-                const VolumeFacts f = s.grid<&SweepGrid::facts>();
+            [](SweepGrid& s) {
+                const VolumeFacts f = work([&] { return s.facts(); });
                 nb::dict d;
                 d["n_blocks"] = f.n_blocks;
                 d["bytes"] = f.bytes;
@@ -140,6 +83,27 @@ void bind_sweep(nb::module_& m) {
                 d["fill_seconds"] = f.fill_seconds;
                 return d;
             })
-        .def("free_bytes", [](PyReconstructor& s) { return call<&Reconstructor::free_bytes>(s.core); })
-        .def("plus", &plus);
+        .def("free_bytes", plain<&SweepGrid::free_bytes>)
+        .def("plus", [](SweepGrid& s, const nb::dict& d) {
+            PlusSweep p;
+            p.frames = frames(
+                item<core::Array>(d, "frames"), item<int>(d, "type"), item<std::array<std::size_t, 3>>(d, "shape"));
+            p.voxel_from_image = item<ArrayView>(d, "voxel_from_image");
+            p.sources = item<ArrayView>(d, "sources");
+            p.source_of_frame = item<ArrayView>(d, "source_of_frame");
+            p.importance = given(d["importance"]);
+            p.size = item<Three>(d, "size");
+            p.interpolation = item<int>(d, "interpolation");
+            p.optimization = item<int>(d, "optimization");
+            p.compounding = item<int>(d, "compounding");
+            p.rejection = item<std::optional<double>>(d, "rejection");
+            p.fill_holes = item<bool>(d, "fill_holes");
+            for (nb::handle h : nb::cast<nb::list>(d["fillers"]))
+                p.fillers.push_back({nb::cast<int>(h[0]), nb::cast<int>(h[1]), nb::cast<int>(h[2]),
+                    nb::cast<float>(h[3]), nb::cast<std::vector<float>>(h[4])});
+            p.values = item<MutableArrayView>(d, "values");
+            p.accumulator = item<MutableArrayView>(d, "accumulator");
+            p.origin = item<MutableArrayView>(d, "origin");
+            return work([&] { return s.plus(p); });
+        });
 }

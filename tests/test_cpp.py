@@ -358,6 +358,18 @@ def test_insitu_mpi(built, tmp_path):
 
 
 @pytest.mark.slow
+def test_cut_tissue(built, tmp_path):
+    build(built, "cut_tissue")
+    done = run(built / "examples" / "cut_tissue", "cpu", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    cut, pieces, after, before = map(float, re.findall(r"(?<![-.\d])[\d.]+(?= )", done.stdout))
+    assert cut > 100
+    assert pieces == 1
+    assert 0 < after < 0.9 * before
+    assert len(np.unique(ppm(tmp_path / "cut_tissue.ppm").reshape(-1, 3), axis=0)) > 100
+
+
+@pytest.mark.slow
 def test_volume_from_sweep(built, tmp_path):
     build(built, "volume_from_sweep")
     done = run(built / "examples" / "volume_from_sweep", "cpu", cwd=tmp_path)

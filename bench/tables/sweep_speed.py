@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 from globule import _core
-from globule._base.arrays import address, located
 from globule._base.device import choose
 from globule.ultrasound import phantoms
 from globule.ultrasound.grid import bounds, make_grid
 from globule.ultrasound.options import Options
 from globule.ultrasound.plus.config import Filler, PlusConfig
 from globule.ultrasound.plus.reconstruct import reconstruct_plus
-from globule.ultrasound.reconstruct import crowded, reconstruct, start
+from globule.ultrasound.reconstruct import crowded, located_frames, reconstruct, start
 from globule.ultrasound.reconstructor import Reconstructor
 from globule.ultrasound.sweep import Sweep
 
@@ -85,13 +84,12 @@ def _binning_cores(setting: Setting, sweep: Sweep, size: int) -> float:
     low, high = bounds(sweep.world_from_image, None, frames.shape[1:])
     grid = make_grid(low, high, None, size, None)
     poses = grid.poses(sweep.world_from_image)
-    core = _core.Reconstructor(chosen.backend, chosen.index, setting.threads)
+    core = _core.SweepGrid(chosen.name, setting.threads)
     seconds = []
-    n, height, width = frames.shape
     for _ in range(_RUNS):
         start(core, grid, frames, Options(), crowded(poses, frames.shape[1:]))
         begun = time.process_time()
-        core.add(located(frames), address(poses), 0, n, height, width, 0, 1)
+        core.add(located_frames(frames, poses, None), 1)
         seconds.append(time.process_time() - begun)
     return min(seconds)
 

@@ -81,8 +81,9 @@ class MutableArrayView {
 public:
     MutableArrayView() = default;
     template <Element T>
-    MutableArrayView(T* data, Shape shape, Location where = {})
-        : data_(data), type_(dtype_of<T>()), shape_(shape), where_(where) {}
+    MutableArrayView(T* data, Shape shape, Location where = {}) : MutableArrayView(data, dtype_of<T>(), shape, where) {}
+    MutableArrayView(void* data, DType type, Shape shape, Location where = {})
+        : data_(data), type_(type), shape_(shape), where_(where) {}
     template <Element T>
     MutableArrayView(std::vector<T>& values) : MutableArrayView(values.data(), Shape(values.size())) {}
     template <Element T>
@@ -108,8 +109,9 @@ public:
     /// No array.
     ArrayView() = default;
     template <Element T>
-    ArrayView(const T* data, Shape shape, Location where = {})
-        : data_(data), type_(dtype_of<T>()), shape_(shape), where_(where) {}
+    ArrayView(const T* data, Shape shape, Location where = {}) : ArrayView(data, dtype_of<T>(), shape, where) {}
+    ArrayView(const void* data, DType type, Shape shape, Location where = {})
+        : data_(data), type_(type), shape_(shape), where_(where) {}
     /// (n,) in host memory.
     template <Element T> ArrayView(const std::vector<T>& values) : ArrayView(values.data(), Shape(values.size())) {}
     template <Element T> ArrayView(std::span<const T> values) : ArrayView(values.data(), Shape(values.size())) {}

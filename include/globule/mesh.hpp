@@ -8,6 +8,7 @@
 #include "globule/array.hpp"
 #include "globule/error.hpp"
 #include "globule/particles.hpp"
+#include "globule/poll.hpp"
 #include "globule/vector.hpp"
 
 namespace globule {
@@ -36,6 +37,7 @@ struct MeshOptions {
     double smooth = 30;
     std::string device = "auto";  ///< "auto", "cpu", "cuda" or "cuda:N": the device of the image's scenes
     int threads = 0;              ///< of the CPU; 0: all
+    Poll* poll = nullptr;
 };
 
 /// Triangles or capsules on one device, ready for images: Layer::mesh.  Copies are handles of the same mesh.

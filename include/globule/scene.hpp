@@ -13,7 +13,9 @@
 #include "globule/frame.hpp"
 #include "globule/mesh.hpp"
 #include "globule/particles.hpp"
+#include "globule/poll.hpp"
 #include "globule/render_settings.hpp"
+#include "globule/values.hpp"
 
 namespace globule {
 
@@ -47,6 +49,7 @@ struct SceneOptions {
     /// support, and largest |weight|, of all pieces.  With `bounds`, pieces then trace rays as the whole would.  0: of
     /// this scene.
     double typical_support = 0, most_weight = 0;
+    Poll* poll = nullptr;
 };
 
 /// The octree as built last.
@@ -61,12 +64,6 @@ struct OctreeFacts {
     double typical_support = 0;                 ///< geometric mean of the smallest and the largest support, world
     double most_weight = 0;                     ///< largest |weight|
     std::uint64_t key_hash = 0, node_hash = 0;  ///< the same on every device; 0 unless asked for
-};
-
-/// Rows of particles: that of point i is indices[offsets[i]] to indices[offsets[i + 1] - 1].
-struct Neighbors {
-    std::vector<std::uint64_t> offsets{};  ///< (M + 1,)
-    std::vector<std::uint32_t> indices{};  ///< in Morton order, the same on every device
 };
 
 /// Where rays meet the surface.
@@ -115,6 +112,20 @@ public:
     /// First intersections of rays with the surface; origins (M, 3) world, directions (M, 3) unit vectors; one that is
     /// zero or not finite meets nothing.
     Intersections intersect(const ArrayView& origins, const ArrayView& directions) const;
+
+    // The same into arrays of the caller's, float32: in host memory, or in that of a GPU in the order of its stream.
+    void field(const ArrayView& points, const MutableArrayView& out) const;
+    void gradient(const ArrayView& points, const MutableArrayView& out) const;
+    void blend(const ArrayView& points, const ArrayView& values, const MutableArrayView& out) const;
+    void integrate(const ArrayView& origins, const ArrayView& directions, const ArrayView& values,
+        const MutableArrayView& out) const;
+    /// offsets (M + 1,) uint64; indices uint32, as many as there are: returns their number, and writes none where the
+    /// array has no room for all.
+    std::size_t neighbors(const ArrayView& points, double radius, const MutableArrayView& offsets,
+        const MutableArrayView& indices = {}) const;
+    /// Each of them may be left out.
+    void intersect(const ArrayView& origins, const ArrayView& directions, const MutableArrayView& distance,
+        const MutableArrayView& normal = {}, const MutableArrayView& albedo = {}) const;
 
     /// Spacing of the particles, world; 0 where all are at one place.  Of fewer than 1000, and of those in a plane or
     /// line, from their tessellation; of more balls the median around up to 1024 of them; of a smooth surface the one

@@ -2,14 +2,18 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "globule/array.hpp"
 #include "globule/error.hpp"
+#include "globule/poll.hpp"
+#include "globule/values.hpp"
 #include "globule/vector.hpp"
 
 namespace globule {
@@ -40,6 +44,8 @@ struct ReconstructOptions {
     bool extrapolate = false;              ///< also fill holes without data on both sides
     std::string device = "auto";           ///< "auto", "cpu", "cuda" or "cuda:N"
     int threads = 0;                       ///< of the CPU; 0: all
+    Poll* poll = nullptr;
+    std::function<void(std::size_t done, std::size_t of)> progress{};  ///< called on this thread: images
 };
 
 /// Cubic voxels and where their values come from.
@@ -80,6 +86,7 @@ struct ReconstructorOptions {
     std::vector<std::uint8_t> mask{};  ///< (H, W) pixels that count; default: all
     std::string device = "auto";
     int threads = 0;
+    Poll* poll = nullptr;
 };
 
 /// Bins images as they come (PVN-OM); the volume equals that of all images at once.  Voxels lie on a lattice that the
@@ -104,6 +111,111 @@ public:
     const std::string& device() const;
 
     /// From any thread: the call that is running, if any, is to stop; it throws Error: cancelled.
+    void cancel() const noexcept;
+
+private:
+    friend struct Inside;
+    struct Impl;
+    std::shared_ptr<Impl> impl_;
+};
+
+/// Frames with their places in a grid.
+struct GridFrames {
+    ArrayView frames{};             ///< (F, H, W) of the grid's type
+    ArrayView poses{};              ///< (F, 9) int64, host: origin, column step, row step; voxels, 32 fractional bits
+    ArrayView mask{};               ///< (H, W) uint8, host; default: all
+    std::uint32_t first_order = 0;  ///< of the first pixel, for latest and first
+};
+
+/// How a grid keeps values.
+struct GridLayout {
+    DType dtype = DType::uint8;
+    Compounding compounding = Compounding::mean;
+    bool wide = true;           ///< a voxel may hold 2^24 pixels or more; always of floats and of bezier
+    double scale = 1;           ///< what values are multiplied with before they are summed as integers
+    std::array<int, 3> size{};  ///< voxels along x, y, z
+};
+
+struct FillOptions {
+    FillMethod method = FillMethod::bins;
+    int reach = 4;        ///< largest radius of a hole's kernel, voxels
+    ArrayView weights{};  ///< (3 reach^2 + 1) squared uint32: [sigma^2][d^2], 2^24 = 1; default: computed where needed
+    HoleWeights kind = HoleWeights::normalized;
+    bool extrapolate = false;
+    double max_gap = -1;  ///< of frames: farthest that joined images may be apart, voxels; below 0: five usual steps
+    MutableArrayView values{};  ///< (Z, Y, X) of the grid's type; default: the grid keeps the volume, and fills of bins
+                                ///< only what changed
+    MutableArrayView radius{};  ///< (Z, Y, X) uint8, beside values
+    MutableArrayView spread{};  ///< of frames, (Z, Y, X) float32: mean of |d0 d1| / |d0 - d1|, voxels; -1: none
+    MutableArrayView contrast{};  ///< of frames, (Z, Y, X) float32: mean square of both images' difference; -1: none
+};
+
+/// A reconstruction as the PLUS toolkit makes it, bit by bit.  Arrays but the frames are in host memory.
+struct PlusSweep {
+    ArrayView frames{};                 ///< (F, H, W) uint8, uint16 or float32
+    ArrayView voxel_from_image{};       ///< (F, 3, 4) float64
+    ArrayView sources{};                ///< (K, H, W) int32: the pixel that each one's value comes from; below 0: none
+    ArrayView source_of_frame{};        ///< (F,) uint32, which of them
+    ArrayView importance{};             ///< (H, W) uint8, for the compounding by it
+    std::array<int, 3> size{};          ///< voxels along x, y, z
+    int interpolation = 0;              ///< nearest neighbor, linear
+    int optimization = 0;               ///< none, partial, full
+    int compounding = 0;                ///< latest, maximum, mean, importance mask
+    std::optional<double> rejection{};  ///< pixels below it do not count
+    bool fill_holes = false;
+    std::vector<PlusFiller> fillers{};  ///< at most 16
+    MutableArrayView values{};          ///< (Z, Y, X) of the frames' type
+    MutableArrayView accumulator{};     ///< (Z, Y, X) uint16
+    MutableArrayView origin{};          ///< (Z, Y, X) uint8: 0 measured, 1 filled, 255 neither
+};
+
+struct SweepGridOptions {
+    std::string device = "auto";
+    int threads = 0;
+    Poll* poll = nullptr;
+};
+
+/// The sparse grid under a Reconstructor, step by step: for own lattices, maps of what voxels hold, and PLUS.  Copies
+/// are handles of the same grid.
+///
+/// Any thread may call any method; calls on one grid wait for each other.  Errors are those of Reconstructor.
+class GLOBULE_API SweepGrid {
+public:
+    /// An empty handle.
+    SweepGrid() noexcept = default;
+    explicit SweepGrid(const SweepGridOptions& options);
+    explicit operator bool() const noexcept { return impl_ != nullptr; }
+
+    /// Forgets all frames.
+    void start(const GridLayout& layout);
+    GridLayout layout() const;
+    /// A larger grid that holds the old one `shift` blocks of 4 voxels inside, along x a multiple of 16 blocks.  New
+    /// blocks must be farther from all data than a kernel reaches.
+    void grow(const std::array<int, 3>& size, const std::array<int, 3>& shift);
+    /// Bins frames; sign -1 takes them out of a mean again.
+    void add(const GridFrames& frames, int sign = 1);
+    void median(const GridFrames& frames);
+    void bezier(const GridFrames& frames);
+    /// Methods on points and frames take the frames, the others what was added.
+    void fill(const GridFrames& frames, const FillOptions& options);
+
+    /// Of the volume that a grid on a GPU keeps: values and radii (Z, Y, X) where they lie, until the grid changes.
+    std::pair<ArrayView, ArrayView> filled() const;
+    /// A box of it; either array may be left out.
+    void read_filled(const std::array<int, 3>& first, const std::array<int, 3>& size, const MutableArrayView& values,
+        const MutableArrayView& radius) const;
+
+    // Maps (Z, Y, X) of what was added.
+    void count_map(const MutableArrayView& out) const;                               ///< uint32: pixels
+    void variance_map(const GridFrames& frames, const MutableArrayView& out) const;  ///< float32
+    void source_map(std::uint32_t pixels, const MutableArrayView& out) const;        ///< int32: frame of so many pixels
+
+    VolumeFacts facts() const;
+    /// Memory that may still be taken, bytes; 0 where unknown.
+    std::uint64_t free_bytes() const;
+    /// Seconds for pixels, and for holes.
+    std::pair<double, double> plus(const PlusSweep& sweep) const;
+    const std::string& device() const;
     void cancel() const noexcept;
 
 private:

@@ -2,6 +2,8 @@
 
 #include <cstdio>
 
+#include "backends/open.hpp"
+
 namespace globule {
 
 std::string text(double value) {
@@ -71,6 +73,16 @@ std::size_t rows_of(const char* name, const ArrayView& view, std::size_t columns
     refuse(name, columns == 1 ? "shape (N,)" : "shape (N, " + each + ") or (" + each + " N,)", text(s));
 }
 
+const void* on_host(const std::string& name, const ArrayView& view, DType type, std::size_t n) {
+    if (!view.given()) return nullptr;
+    if (view.where().device != Location::host || view.dtype() != type)
+        refuse(name, std::string(name_of(type)) + " in host memory",
+            view.where().device == Location::host ? name_of(view.dtype()) : "memory of a GPU");
+    if (view.shape().size() != n) refuse(name, std::to_string(n) + " numbers", text(view.shape()));
+    if (n && !view.data()) refuse(name, "an address", "null");
+    return view.data();
+}
+
 core::FloatArray Inputs::floats(const char* name, const ArrayView& view, std::size_t columns, std::size_t n) {
     if (const std::size_t there = rows_of(name, view, columns); there != n)
         refuse(name, std::to_string(n) + " rows", std::to_string(there));
@@ -92,6 +104,25 @@ core::FloatArray Inputs::floats(const char* name, const ArrayView& view, std::si
         for (std::size_t i = 0; i < to.size(); ++i) to[i] = float(from[i]) / 255.0f;
     }
     return {to.data(), core::kHost, 0};
+}
+
+Output::Output(const char* name, const MutableArrayView& view, DType type, std::size_t n) {
+    const std::size_t bytes = n * size_of(type);
+    if (!view.shape().rank()) {
+        room_.resize(bytes);
+        return;
+    }
+    if (view.dtype() != type) refuse(name, std::string("an array of ") + name_of(type), name_of(view.dtype()));
+    if (view.shape().size() != n) refuse(name, std::to_string(n) + " numbers", text(view.shape()));
+    if (n && !view.data()) refuse(name, "an address", "null");
+    const core::AnyArray found =
+        core::Arrays(core::kHost + 1).reach_bytes(name, {view.data(), view.where().device, view.where().stream}, bytes);
+    to_ = {view.data(), found.device, found.stream};
+    if (found.device != core::kHost) room_.resize(bytes);
+}
+void Output::deliver() const {
+    if (to_.data && !room_.empty())
+        core::check_status(core::open_backend("cuda").deliver(to_, room_.data(), room_.size()));
 }
 
 void check_range(

@@ -49,6 +49,15 @@ inline Vec3 operator-(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] 
 /// Rows of a view that holds `columns` numbers in each: (n, columns) or flat; columns 1: (n,) or (n, 1).
 std::size_t rows_of(const char* name, const ArrayView& view, std::size_t columns);
 
+/// Of n numbers of one type in host memory; null where none is given.
+const void* on_host(const std::string& name, const ArrayView& view, DType type, std::size_t n);
+template <class T> const T* on_host(const std::string& name, const ArrayView& view, std::size_t n) {
+    return static_cast<const T*>(on_host(name, view, dtype_of<T>(), n));
+}
+template <class T> T* out_on_host(const std::string& name, const MutableArrayView& view, std::size_t n) {
+    return static_cast<T*>(const_cast<void*>(on_host(name, view, dtype_of<T>(), n)));
+}
+
 /// Arrays that an object on `device` reads, as float32, and the copies that this takes; it lives as long as they are
 /// read.
 class Inputs {
@@ -75,6 +84,18 @@ private:
     core::Arrays arrays_;
     int device_;
     std::vector<std::vector<float>> converted_;
+};
+
+/// An array of results, in host memory or that of any GPU, to which they are copied.  No array: nobody wants them.
+class Output {
+public:
+    Output(const char* name, const MutableArrayView& view, DType type, std::size_t n);
+    template <class T> T* as() { return static_cast<T*>(room_.empty() ? to_.data : room_.data()); }
+    void deliver() const;
+
+private:
+    core::ArrayAt<void> to_;
+    std::vector<char> room_;
 };
 
 /// Throws unless all numbers of a host array are finite and in [least, most]; arrays on a GPU are not looked at.

@@ -11,6 +11,7 @@
 #include "globule/frame.hpp"
 #include "globule/mesh.hpp"
 #include "globule/scene.hpp"
+#include "globule/tissue.hpp"
 
 namespace globule {
 
@@ -55,6 +56,7 @@ struct Inside {
         f.impl_ = std::move(impl);
         return f;
     }
+    static Tissue tissue(core::Handle<core::Tissue> core);
 };
 
 struct Scene::Impl {
@@ -113,6 +115,8 @@ struct Mesh::Impl {
     void make(const ArrayView& vertices, const ArrayView& faces, const char* name, const Colors& color,
         const Scalars& radius);
 };
+
+struct Tissue::Impl { core::Handle<core::Tissue> core; };
 
 /// A frame, and what refines it.
 struct Frame::Impl {

@@ -62,7 +62,7 @@ void Mesh::Impl::make(const ArrayView& vertex_view, const ArrayView& faces, cons
     const int threads = whole("threads", o.threads, 0, 4096);
     scene = std::make_shared<Inside::SceneImpl>();
     scene->chosen = choose(o.device);
-    scene->core = core::make_scene(*scene->chosen.backend, scene->chosen.index, threads, nullptr);
+    scene->core = core::make_scene(*scene->chosen.backend, scene->chosen.index, threads, o.poll);
     const int device = scene->core.device();
     const auto made = std::make_shared<Held>(Held{{}, {}, {}, {}, Inputs(device)});
     Inputs inputs(device);

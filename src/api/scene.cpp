@@ -234,7 +234,7 @@ Scene::Scene(const SceneOptions& o) : impl_(std::make_shared<Impl>()) {
     if (o.support) impl_->own_support = positive("support", *o.support);
     const int threads = globule::whole("threads", o.threads, 0, 4096);
     impl_->chosen = choose(o.device);
-    impl_->core = core::make_scene(*impl_->chosen.backend, impl_->chosen.index, threads, nullptr);
+    impl_->core = core::make_scene(*impl_->chosen.backend, impl_->chosen.index, threads, o.poll);
 }
 Scene::Scene(const Particles& particles, const SceneOptions& options) : Scene(options) { impl_->update(particles); }
 
@@ -245,23 +245,23 @@ Frame Scene::render(
     return globule::render({Layer{.scene = *this}}, camera, width, height, settings, clips);
 }
 
-std::vector<float> Scene::field(const ArrayView& points) const {
+void Scene::field(const ArrayView& points, const MutableArrayView& out) const {
     const Impl& s = Inside::of(*this, "scene");
     Inputs in(s.core.device());
     std::size_t m;
     const core::FloatArray p = in.rows("points", points, 3, m);
-    std::vector<float> out(m);
-    s.ask<&core::Scene::evaluate>(s.field(), m, p, out.data(), static_cast<float*>(nullptr));
-    return out;
+    Output result("out", out, DType::float32, m);
+    s.ask<&core::Scene::evaluate>(s.field(), m, p, result.as<float>(), static_cast<float*>(nullptr));
+    result.deliver();
 }
-std::vector<float> Scene::gradient(const ArrayView& points) const {
+void Scene::gradient(const ArrayView& points, const MutableArrayView& out) const {
     const Impl& s = Inside::of(*this, "scene");
     Inputs in(s.core.device());
     std::size_t m;
     const core::FloatArray p = in.rows("points", points, 3, m);
-    std::vector<float> out(3 * m);
-    s.ask<&core::Scene::evaluate>(s.field(), m, p, static_cast<float*>(nullptr), out.data());
-    return out;
+    Output result("out", out, DType::float32, 3 * m);
+    s.ask<&core::Scene::evaluate>(s.field(), m, p, static_cast<float*>(nullptr), result.as<float>());
+    result.deliver();
 }
 namespace {
 /// Values of particles, a row each.
@@ -269,45 +269,61 @@ struct Rows {
     core::FloatArray data;
     std::size_t n, channels;
 };
-Rows rows_of_values(Inputs& in, const ArrayView& values) {
+std::size_t channels_of(const ArrayView& values) {
     const Shape& shape = values.shape();
     if (shape.rank() < 1 || shape.rank() > 2 || (shape.rank() == 2 && (shape[1] < 1 || shape[1] > 1024)))
         refuse("values", "shape (N,) or (N, K)", text(shape));
-    const std::size_t channels = shape.rank() == 2 ? shape[1] : 1;
-    return {in.floats("values", values, channels, shape[0]), shape[0], channels};
+    return shape.rank() == 2 ? shape[1] : 1;
+}
+Rows rows_of_values(Inputs& in, const ArrayView& values) {
+    const std::size_t channels = channels_of(values), n = values.shape()[0];
+    return {in.floats("values", values, channels, n), n, channels};
 }
 }  // namespace
 
-std::vector<float> Scene::blend(const ArrayView& points, const ArrayView& values) const {
+void Scene::blend(const ArrayView& points, const ArrayView& values, const MutableArrayView& out) const {
     const Impl& s = Inside::of(*this, "scene");
     Inputs in(s.core.device());
     std::size_t m;
     const core::FloatArray p = in.rows("points", points, 3, m);
     const Rows v = rows_of_values(in, values);
-    std::vector<float> out(v.channels * m);
-    s.ask<&core::Scene::blend>(s.field(), m, p, v.data, v.n, int(v.channels), out.data());
-    return out;
+    Output result("out", out, DType::float32, v.channels * m);
+    s.ask<&core::Scene::blend>(s.field(), m, p, v.data, v.n, int(v.channels), result.as<float>());
+    result.deliver();
 }
-std::vector<float> Scene::integrate(
-    const ArrayView& origins, const ArrayView& directions, const ArrayView& values) const {
+void Scene::integrate(
+    const ArrayView& origins, const ArrayView& directions, const ArrayView& values, const MutableArrayView& out) const {
     const Impl& s = Inside::of(*this, "scene");
     Inputs in(s.core.device());
     std::size_t m;
     const core::FloatArray o = in.rows("origins", origins, 3, m), d = in.floats("directions", directions, 3, m);
     const Rows v = rows_of_values(in, values);
-    std::vector<float> out(v.channels * m);
-    s.ask<&core::Scene::integrate>(s.field(), m, o, d, v.data, v.n, int(v.channels), out.data());
-    return out;
+    Output result("out", out, DType::float32, v.channels * m);
+    s.ask<&core::Scene::integrate>(s.field(), m, o, d, v.data, v.n, int(v.channels), result.as<float>());
+    result.deliver();
 }
 Neighbors Scene::neighbors(const ArrayView& points, double radius) const {
     const Impl& s = Inside::of(*this, "scene");
     Inputs in(s.core.device());
     std::size_t m;
     const core::FloatArray p = in.rows("points", points, 3, m);
-    core::Neighbors found = s.ask<&core::Scene::neighbors>(m, p, float(positive("radius", radius)));
-    return {std::move(found.offsets), std::move(found.indices)};
+    return s.ask<&core::Scene::neighbors>(m, p, float(positive("radius", radius)));
 }
-Intersections Scene::intersect(const ArrayView& origins, const ArrayView& directions) const {
+std::size_t Scene::neighbors(
+    const ArrayView& points, double radius, const MutableArrayView& offsets, const MutableArrayView& indices) const {
+    const Neighbors found = neighbors(points, radius);
+    const std::size_t n = found.indices.size();
+    Output ends("offsets", offsets, DType::uint64, found.offsets.size());
+    std::ranges::copy(found.offsets, ends.as<std::uint64_t>());
+    ends.deliver();
+    if (n > indices.shape().size()) return n;
+    Output all("indices", {indices.data(), indices.dtype(), Shape(n), indices.where()}, DType::uint32, n);
+    std::ranges::copy(found.indices, all.as<std::uint32_t>());
+    all.deliver();
+    return n;
+}
+void Scene::intersect(const ArrayView& origins, const ArrayView& directions, const MutableArrayView& distance,
+    const MutableArrayView& normal, const MutableArrayView& albedo) const {
     const Impl& s = Inside::of(*this, "scene");
     Inputs in(s.core.device());
     std::size_t m;
@@ -325,12 +341,33 @@ Intersections Scene::intersect(const ArrayView& origins, const ArrayView& direct
         else if (std::abs(length - 1) > 5e-4)
             refuse("directions", "unit vectors", "length " + text(length) + " (ray " + std::to_string(i) + ")");
     }
-    Intersections out;
-    out.distance.resize(m);
-    out.normal.resize(3 * m);
-    out.albedo.resize(3 * m);
-    s.ask<&core::Scene::intersect>(s.field(), m, o, d, out.distance.data(), out.normal.data(), out.albedo.data());
-    return out;
+    Output t("distance", distance, DType::float32, m), n("normal", normal, DType::float32, 3 * m),
+        a("albedo", albedo, DType::float32, 3 * m);
+    s.ask<&core::Scene::intersect>(s.field(), m, o, d, t.as<float>(), n.as<float>(), a.as<float>());
+    for (const Output* result : {&t, &n, &a}) result->deliver();
+}
+
+std::vector<float> Scene::field(const ArrayView& points) const {
+    std::vector<float> out(rows_of("points", points, 3));
+    return field(points, out), out;
+}
+std::vector<float> Scene::gradient(const ArrayView& points) const {
+    std::vector<float> out(3 * rows_of("points", points, 3));
+    return gradient(points, out), out;
+}
+std::vector<float> Scene::blend(const ArrayView& points, const ArrayView& values) const {
+    std::vector<float> out(channels_of(values) * rows_of("points", points, 3));
+    return blend(points, values, out), out;
+}
+std::vector<float> Scene::integrate(
+    const ArrayView& origins, const ArrayView& directions, const ArrayView& values) const {
+    std::vector<float> out(channels_of(values) * rows_of("origins", origins, 3));
+    return integrate(origins, directions, values, out), out;
+}
+Intersections Scene::intersect(const ArrayView& origins, const ArrayView& directions) const {
+    const std::size_t m = rows_of("origins", origins, 3);
+    Intersections out{std::vector<float>(m), std::vector<float>(3 * m), std::vector<float>(3 * m)};
+    return intersect(origins, directions, out.distance, out.normal, out.albedo), out;
 }
 
 double Scene::spacing() const {

@@ -11,11 +11,10 @@
 namespace globule {
 namespace {
 
-constexpr double kLeastStep = 1.0 / 30 / 1e6;  ///< s: materials that allow only shorter steps are refused
-
 core::SimulationSettings packed(const SimulationSettings& s) {
     core::SimulationSettings p;
     p.spacing = float(positive("spacing", s.spacing));
+    p.fine_fluids = s.fine_fluids;
     p.lo = three("domain.low", s.domain.low);
     p.hi = three("domain.high", s.domain.high);
     for (int k = 0; k < 3; ++k) {
@@ -43,28 +42,36 @@ core::SimulationSettings packed(const SimulationSettings& s) {
     return p;
 }
 
-core::sim::Phase packed(const Phase& f, double spacing) {
+/// Of a phase's particles.
+double spacing_of(const SimulationSettings& s, PhaseKind kind) {
+    return s.fine_fluids && kind == PhaseKind::fluid ? 0.5 * s.spacing : s.spacing;
+}
+
+core::sim::Phase packed(const Phase& f, const SimulationSettings& settings) {
     const std::string of = "phases[\"" + f.name + "\"].";
-    if (f.kind != PhaseKind::fluid && f.kind != PhaseKind::boundary)
-        refuse(of + "kind", "fluid or boundary", std::to_string(int(f.kind)));
+    if (f.name.empty()) refuse("phases", "names", "an empty one");
+    if (int(f.kind) < 0 || f.kind > PhaseKind::rigid)
+        refuse(of + "kind", "fluid, tissue, boundary or rigid", std::to_string(int(f.kind)));
     core::sim::Phase p;
     p.kind = core::sim::Kind(f.kind);
     p.density = number((of + "density").c_str(), f.density, 1e-3, 1e6);
     p.viscosity = number((of + "viscosity").c_str(), f.viscosity, 0, 1e9);
     p.tension = number((of + "surface_tension").c_str(), f.surface_tension, 0, 1e3);
     p.adhesion = number((of + "adhesion").c_str(), f.adhesion, 0, 1e3);
+    p.friction = number((of + "friction").c_str(), f.friction, 0);
     const core::float3 color = three((of + "color").c_str(), f.color, 0, 1);
     p.color[0] = color.x, p.color[1] = color.y, p.color[2] = color.z;
     p.reflection = number((of + "reflection").c_str(), f.reflection, 0, 1);
     p.refraction = number((of + "refraction").c_str(), f.refraction, 0, 1);
     p.implicit_viscosity = f.implicit;
-    p.shown = f.shown.value_or(f.kind == PhaseKind::fluid);
+    p.shown = f.shown.value_or(f.kind != PhaseKind::boundary);
     if (f.kind == PhaseKind::fluid) {
         const auto check = [&](const char* name, double step) {
-            if (step < kLeastStep)
-                refuse(of + name, "a value that allows steps of at least " + text(kLeastStep) + " s",
+            if (step < settings.least_dt)
+                refuse(of + name, "a value that allows steps of at least " + text(settings.least_dt) + " s",
                     "one that allows " + text(step) + " s");
         };
+        const double spacing = spacing_of(settings, f.kind);
         if (f.viscosity > 0 && !f.implicit) check("viscosity", 0.125 * spacing * spacing * f.density / f.viscosity);
         if (f.surface_tension > 0)
             check("surface_tension",
@@ -109,27 +116,17 @@ std::vector<float> box_walls(const Box& box, double spacing, const std::array<bo
     return out;
 }
 
-StepReport told(const core::StepReport& r) {
-    StepReport out;
-    out.time = r.time, out.dt = r.dt, out.step = r.step;
-    out.iterations = r.iterations, out.divergence_iterations = r.divergence_iterations,
-    out.viscosity_iterations = r.viscosity_iterations;
-    out.error = r.error, out.divergence_error = r.divergence_error;
-    out.most_error = r.most_error, out.most_divergence_error = r.most_divergence_error;
-    out.compression = r.compression, out.high_compression = r.high_compression,
-    out.most_compression = r.most_compression;
-    out.n_halved = r.n_halved;
-    out.n = r.n, out.n_solved = r.n_solved, out.n_escaped = r.n_escaped;
-    out.most_speed = r.most_speed;
-    out.seconds = r.seconds;
-    return out;
+core::sim::Pose pose(const char* name, const Matrix4& m) {
+    for (const double v : m) number(name, v);
+    const auto column = [&](int k) { return single({m[k], m[4 + k], m[8 + k]}); };
+    return {column(0), column(1), column(2), column(3)};
 }
 
 }  // namespace
 
 struct Simulation::Impl {
     Chosen chosen;
-    core::Handle<core::Scene> scene;
+    core::Handle<core::Scene> scene, beside[2];  ///< fluids, and other things, beside tissue
     core::Handle<core::Simulation> core;
 
     std::atomic<bool> stop{false};
@@ -138,24 +135,43 @@ struct Simulation::Impl {
     SimulationSettings settings;
     std::vector<Phase> phases;
     std::size_t n = 0;
+    std::uint32_t captured = 0, bodies = 0;  ///< bits of phases; of a checkpoint, which alone knows, all
 
     core::Gates gates() const { return core::Gates({core.gate().get()}); }
     template <auto Method, class... A> auto call(const core::Gates& inside, A&&... arguments) const {
         return core.call_inside<Method>(inside, std::forward<A>(arguments)...);
     }
-    template <auto Method> auto ask() const {
+    template <auto Method, class... A> auto ask(A&&... arguments) const {
         const core::Gates inside = gates();
-        return call<Method>(inside);
+        return call<Method>(inside, std::forward<A>(arguments)...);
     }
 
-    int number_of(const std::string& phase) const {
-        if (phase.empty()) return 0;
+    int number_of(const WhichPhase& which) const {
+        const int* number = std::get_if<int>(&which);
+        if (number && *number >= 0 && *number < int(phases.size())) return *number;
         std::string all;
         for (std::size_t k = 0; k < phases.size(); ++k) {
-            if (phases[k].name == phase) return int(k);
+            if (!number && phases[k].name == std::get<std::string>(which)) return int(k);
             all += (k ? ", " : "") + phases[k].name;
         }
-        refuse("phase", "one of " + all, "\"" + phase + "\"");
+        refuse("phase", "one of " + all, number ? std::to_string(*number) : "\"" + std::get<std::string>(which) + "\"");
+    }
+    /// A new name is another phase.
+    void set_phase(const core::Gates& inside, const Phase& phase) {
+        const core::sim::Phase sent = packed(phase, settings);
+        const auto old = std::ranges::find(phases, phase.name, &Phase::name);
+        if (old == phases.end() && phases.size() == core::sim::kMaxPhases)
+            refuse("phases", "at most " + std::to_string(core::sim::kMaxPhases) + ", walls included", "another");
+        if (old != phases.end() && phase.kind != old->kind)
+            throw Error(
+                ErrorCode::invalid, "phases[\"" + phase.name + "\"].kind: expected that of the start, got another");
+        call<&core::Simulation::set_phase>(inside, int(old - phases.begin()), sent);
+        if (old == phases.end()) phases.push_back(phase);
+        else *old = phase;
+    }
+    bool shows(PhaseKind kind) const {
+        return std::ranges::any_of(
+            phases, [&](const Phase& p) { return p.kind == kind && p.shown.value_or(kind != PhaseKind::boundary); });
     }
     std::uint32_t add(const core::Gates& inside, const float* positions, std::size_t m, const float* velocities,
         core::float3 velocity, int phase) {
@@ -180,7 +196,7 @@ struct Simulation::Impl {
                     text(Vec3{p.x, p.y, p.z}) + " got a velocity that is not a number in step " +
                     std::to_string(r.step) + " at " + text(r.time) + " s");
         }
-        return told(r);
+        return r;
     }
 
     template <class T> std::vector<T> read(const core::Gates& inside, const char* name, std::size_t columns) const {
@@ -207,53 +223,71 @@ Simulation::Simulation(const SimulationSettings& settings, const SimulationOptio
     : impl_(std::make_shared<Impl>()) {
     Impl& s = *impl_;
     s.settings = settings;
-    s.phases = o.phases;
-    if (o.phases.empty()) refuse("phases", "at least one", "none");
-    if (o.walls && std::none_of(o.phases.begin(), o.phases.end(), [](const Phase& p) { return p.name == "walls"; })) {
-        Phase walls;
-        walls.name = "walls";
-        walls.kind = PhaseKind::boundary;
-        s.phases.push_back(walls);
-    }
-    if (s.phases.size() > core::sim::kMaxPhases)
+    std::vector<Phase> phases = o.phases;
+    if (o.walls && std::ranges::find(phases, "walls", &Phase::name) == phases.end())
+        phases.push_back({.name = "walls", .kind = PhaseKind::boundary});
+    if (phases.size() > core::sim::kMaxPhases)
         refuse("phases", "at most " + std::to_string(core::sim::kMaxPhases) + ", walls included",
-            std::to_string(s.phases.size()));
-    for (std::size_t k = 0; k < s.phases.size(); ++k) {
-        if (s.phases[k].name.empty()) refuse("phases", "names", "an empty one");
-        for (std::size_t j = 0; j < k; ++j)
-            if (s.phases[j].name == s.phases[k].name)
-                refuse("phases", "different names", "\"" + s.phases[k].name + "\" twice");
-    }
+            std::to_string(phases.size()));
+    for (auto p = phases.begin(); p != phases.end(); ++p)
+        if (std::ranges::find(p + 1, phases.end(), p->name, &Phase::name) != phases.end())
+            refuse("phases", "different names", "\"" + p->name + "\" twice");
     const core::SimulationSettings sent = packed(settings);
-    std::vector<core::sim::Phase> materials;
-    for (const Phase& p : s.phases) materials.push_back(packed(p, settings.spacing));
+    for (const Phase& p : phases) packed(p, settings);
     const int threads = whole("threads", o.threads, 0, 4096);
     const std::vector<float> walls =
         o.walls ? box_walls(settings.domain, settings.spacing, settings.periodic) : std::vector<float>();
     s.chosen = choose(o.device);
-    s.scene = core::make_scene(*s.chosen.backend, s.chosen.index, threads, nullptr);
+    s.scene = core::make_scene(*s.chosen.backend, s.chosen.index, threads, o.poll);
+    for (int k = 0; k < 2; ++k)  // before the simulation looks whom it has to show
+        s.beside[k] = {s.scene.backend(), {s.scene.object(), s.scene.call<&core::Scene::beside>(k)}, s.scene.gate()};
     s.core = core::make_simulation(s.scene);
     const core::Gates inside = s.gates();
     s.call<&core::Simulation::configure>(inside, sent);
-    for (std::size_t k = 0; k < materials.size(); ++k)
-        s.call<&core::Simulation::set_phase>(inside, int(k), materials[k]);
+    for (const Phase& p : phases) s.set_phase(inside, p);
     if (!walls.empty()) s.add(inside, walls.data(), walls.size() / 3, nullptr, {0, 0, 0}, s.number_of("walls"));
 }
 
-std::uint32_t Simulation::add(const ArrayView& positions, const std::string& phase, const Property<Vec3>& velocities) {
+namespace {
+
+/// Particles that come.
+struct Coming {
+    Inputs in{core::kHost};
+    std::size_t m = 0;
+    core::FloatArray positions, velocities;
+    core::float3 one{0, 0, 0};
+
+    Coming(const ArrayView& p, const Property<Vec3>& v) {
+        positions = in.rows("positions", p, 3, m);
+        if (v.each().given()) velocities = in.floats("velocities", v.each(), 3, m);
+        check_range("positions", positions, m, 3, -kInfinity, kInfinity);
+        check_range("velocities", velocities, m, 3, -kInfinity, kInfinity);
+        if (v.one()) one = three("velocities", *v.one());
+    }
+};
+
+}  // namespace
+
+std::uint32_t Simulation::add(const ArrayView& positions, const WhichPhase& phase, const Property<Vec3>& velocities) {
     Inside::of(*this, "simulation");
-    Inputs in(core::kHost);
-    std::size_t m;
-    const core::FloatArray p = in.rows("positions", positions, 3, m);
-    const core::FloatArray v =
-        velocities.each().given() ? in.floats("velocities", velocities.each(), 3, m) : core::FloatArray{};
-    check_range("positions", p, m, 3, -kInfinity, kInfinity);
-    check_range("velocities", v, m, 3, -kInfinity, kInfinity);
-    const core::float3 one = velocities.one() ? three("velocities", *velocities.one()) : core::float3{0, 0, 0};
+    const Coming c(positions, velocities);
     const core::Gates inside = impl_->gates();
     const int which = impl_->number_of(phase);
-    if (m == 0) return impl_->call<&core::Simulation::next_id>(inside);
-    return impl_->add(inside, p.data, m, v.data, one, which);
+    if (c.m == 0) return impl_->call<&core::Simulation::next_id>(inside);
+    return impl_->add(inside, c.positions.data, c.m, c.velocities.data, c.one, which);
+}
+
+std::uint32_t Simulation::emit(const ArrayView& positions, const WhichPhase& phase, const Property<Vec3>& velocities) {
+    Inside::of(*this, "simulation");
+    Coming c(positions, velocities);
+    if (!c.velocities.data) {
+        std::vector<float> each;
+        for (std::size_t i = 0; i < c.m; ++i) each.insert(each.end(), {c.one.x, c.one.y, c.one.z});
+        c.velocities = c.in.keep(std::move(each));
+    }
+    const core::Gates inside = impl_->gates();
+    return impl_->call<&core::Simulation::emit>(
+        inside, c.m, c.positions.data, c.velocities.data, impl_->number_of(phase));
 }
 
 void Simulation::remove(const std::vector<std::uint32_t>& ids) {
@@ -274,13 +308,13 @@ StepReport Simulation::step(std::optional<double> dt) {
     return impl_->step(inside, dt ? *dt : impl_->next_dt(inside));
 }
 
-std::optional<StepReport> Simulation::run(double seconds) {
+std::optional<StepReport> Simulation::run(double seconds, const std::function<bool(const StepReport&)>& each) {
     Inside::of(*this, "simulation");
     number("seconds", seconds, 0);
     impl_->stop = false;
     const double end = time() + seconds;
     std::optional<StepReport> report;
-    for (;;) {
+    while (!report || !each || each(*report)) {
         const core::Gates inside = impl_->gates();  // for each step: others may look between two
         if (impl_->stop)
             throw Error(
@@ -304,6 +338,8 @@ void Simulation::configure(const SimulationSettings& settings) {
     const SimulationSettings& old = impl_->settings;
     if (settings.spacing != old.spacing)
         refuse("spacing", text(old.spacing) + " as at the start", text(settings.spacing));
+    if (settings.fine_fluids != old.fine_fluids)
+        throw Error(ErrorCode::invalid, "fine_fluids: expected that of the start, got another");
     if (settings.domain.low != old.domain.low || settings.domain.high != old.domain.high)
         throw Error(ErrorCode::invalid, "domain: expected that of the start, got another");
     impl_->call<&core::Simulation::configure>(inside, sent);
@@ -312,22 +348,76 @@ void Simulation::configure(const SimulationSettings& settings) {
 void Simulation::set_phase(const Phase& phase) {
     Inside::of(*this, "simulation");
     const core::Gates inside = impl_->gates();
-    const int which = impl_->number_of(phase.name);
-    Phase& old = impl_->phases[std::size_t(which)];
-    if (phase.kind != old.kind)
-        throw Error(ErrorCode::invalid, "phases[\"" + phase.name + "\"].kind: expected that of the start, got another");
-    impl_->call<&core::Simulation::set_phase>(inside, which, packed(phase, impl_->settings.spacing));
-    old = phase;
+    impl_->set_phase(inside, phase);
+}
+
+void Simulation::set_inlets(const std::vector<Inlet>& inlets) {
+    std::vector<core::sim::Inlet> all;
+    for (const Inlet& i : inlets)
+        all.push_back({three("center", i.center), three("direction", i.direction), number("radius", i.radius, 0),
+            number("length", i.length, 0)});
+    Inside::of(*this, "simulation").ask<&core::Simulation::set_inlets>(all);
+}
+void Simulation::set_sinks(const std::vector<Sink>& sinks) {
+    std::vector<core::sim::Sink> all;
+    for (const Sink& s : sinks)
+        all.push_back({three("low", s.box.low), three("high", s.box.high), three("center", s.center),
+            number("radius", s.radius, 0)});
+    Inside::of(*this, "simulation").ask<&core::Simulation::set_sinks>(all);
+}
+
+void Simulation::capture(const WhichPhase& phase, const Matrix4& now) {
+    Inside::of(*this, "simulation");
+    const core::Gates inside = impl_->gates();
+    const int which = impl_->number_of(phase);
+    impl_->call<&core::Simulation::capture>(inside, which, pose("now", now));
+    impl_->captured |= 1u << which;
+}
+void Simulation::move_to(const WhichPhase& phase, const Matrix4& next) {
+    const Impl& s = Inside::of(*this, "simulation");
+    const core::Gates inside = s.gates();
+    const int which = s.number_of(phase);
+    if (!(s.captured >> which & 1))
+        refuse("phase", "one that capture() knows", "\"" + s.phases[std::size_t(which)].name + "\"");
+    s.call<&core::Simulation::move_to>(inside, which, pose("next", next));
+}
+void Simulation::make_body(
+    const WhichPhase& phase, double mass, const std::array<double, 9>& inertia, const BodyMotion& start) {
+    Inside::of(*this, "simulation");
+    positive("mass", mass);
+    const Vec3 x{inertia[0], inertia[1], inertia[2]}, y{inertia[3], inertia[4], inertia[5]};
+    if (!(dot(cross(x, y), {inertia[6], inertia[7], inertia[8]}) > 0))
+        throw Error(ErrorCode::invalid, "inertia: expected a positive determinant, got another");
+    for (const Vec3* v : {&start.center, &start.velocity, &start.spin}) three("start", *v);
+    const core::Gates inside = impl_->gates();
+    const int which = impl_->number_of(phase);
+    if (impl_->phases[std::size_t(which)].kind != PhaseKind::rigid)
+        refuse("phase", "one of kind rigid", "\"" + impl_->phases[std::size_t(which)].name + "\"");
+    impl_->call<&core::Simulation::make_body>(
+        inside, which, mass, start.center.data(), inertia.data(), start.velocity.data(), start.spin.data());
+    impl_->bodies |= 1u << which;
+}
+BodyMotion Simulation::body(const WhichPhase& phase) const {
+    const Impl& s = Inside::of(*this, "simulation");
+    const core::Gates inside = s.gates();
+    const int which = s.number_of(phase);
+    if (!(s.bodies >> which & 1)) refuse("phase", "a body", "\"" + s.phases[std::size_t(which)].name + "\"");
+    const std::vector<double> v = s.call<&core::Simulation::body>(inside, which);
+    BodyMotion m{{v[0], v[1], v[2]}, {v[3], v[4], v[5]}, {v[6], v[7], v[8]}};
+    std::copy_n(v.begin() + 9, 9, m.rotation.begin());
+    return m;
+}
+
+Tissue Simulation::tissue() const {
+    const Impl& s = Inside::of(*this, "simulation");
+    core::Tissue* tissue = s.ask<&core::Simulation::tissue>();
+    return Inside::tissue({s.core.backend(), std::shared_ptr<core::Tissue>(s.core.object(), tissue), s.core.gate()});
 }
 
 std::size_t Simulation::size() const { return Inside::of(*this, "simulation").ask<&core::Simulation::size>(); }
 double Simulation::time() const { return Inside::of(*this, "simulation").ask<&core::Simulation::time>(); }
 std::uint64_t Simulation::n_steps() const { return Inside::of(*this, "simulation").ask<&core::Simulation::n_steps>(); }
-double Simulation::next_dt() const {
-    const Impl& s = Inside::of(*this, "simulation");
-    const core::Gates inside = s.gates();
-    return s.next_dt(inside);
-}
+double Simulation::next_dt() const { return Inside::of(*this, "simulation").ask<&core::Simulation::next_dt>(); }
 const std::string& Simulation::device() const { return Inside::of(*this, "simulation").chosen.device.name; }
 
 std::vector<std::uint32_t> Simulation::ids() const {
@@ -346,21 +436,113 @@ std::vector<std::uint8_t> Simulation::phase() const {
     return Inside::of(*this, "simulation").in_order<std::uint8_t>("phase", 1, 1);
 }
 
-Scene Simulation::scene() const {
+Totals Simulation::totals() const {
+    const core::sim::Totals t = Inside::of(*this, "simulation").ask<&core::Simulation::totals>();
+    const double mass = t.mass != 0 ? t.mass : 1;
+    return {t.mass, t.kinetic, t.potential, {t.momentum[0], t.momentum[1], t.momentum[2]},
+        {t.angular[0], t.angular[1], t.angular[2]}, {t.center[0] / mass, t.center[1] / mass, t.center[2] / mass}};
+}
+
+void Simulation::draw(Drawn what) {
+    Inside::of(*this, "simulation").ask<&core::Simulation::draw>(core::sim::Drawn(what));
+}
+Scene Simulation::scene() const { return layers()[0].scene; }
+std::vector<Layer> Simulation::layers() const {
     const Impl& s = Inside::of(*this, "simulation");
-    auto scene = std::make_shared<Inside::SceneImpl>();
-    scene->core = s.scene;
-    scene->chosen = s.chosen;
-    scene->kernel = core::KernelName::murakami;
-    // What is shown of a fluid has a smooth surface; here is no tissue.
-    scene->smooth = std::ranges::any_of(
-        s.phases, [](const Phase& p) { return p.kind == PhaseKind::fluid && p.shown.value_or(true); });
     const core::Gates inside = s.gates();
-    s.call<&core::Simulation::draw>(inside, scene->smooth ? core::sim::Drawn::smooth : core::sim::Drawn::balls);
-    scene->threshold = scene->smooth ? double(core::surface::kThreshold) : defaults_of(scene->kernel).threshold;
-    scene->support = scene->largest_support = (scene->smooth ? double(core::surface::kAxis) : 2.0) * s.settings.spacing;
-    scene->n_of_owner = {impl_, &s.n};
-    return Inside::scene(std::move(scene));
+    const bool tissue = s.shows(PhaseKind::tissue), fluid = s.shows(PhaseKind::fluid);
+    s.call<&core::Simulation::draw>(inside, tissue  ? core::sim::Drawn::tissue
+                                            : fluid ? core::sim::Drawn::smooth
+                                                    : core::sim::Drawn::balls);
+    const auto layer = [&](const core::Handle<core::Scene>& core, bool smooth, double spacing) {
+        auto scene = std::make_shared<Inside::SceneImpl>();
+        scene->core = core;
+        scene->chosen = s.chosen;
+        scene->kernel = core::KernelName::murakami;
+        scene->smooth = smooth;
+        scene->threshold = smooth ? double(core::surface::kThreshold) : defaults_of(scene->kernel).threshold;
+        scene->support = scene->largest_support = (smooth ? double(core::surface::kAxis) : 2.0) * spacing;
+        scene->n_of_owner = {impl_, &s.n};
+        return Layer{Inside::scene(std::move(scene))};
+    };
+    const double of_fluids = spacing_of(s.settings, PhaseKind::fluid);
+    std::vector<Layer> all{layer(s.scene, tissue || fluid, fluid && !tissue ? of_fluids : s.settings.spacing)};
+    if (tissue && fluid) all.push_back(layer(s.beside[0], true, of_fluids));
+    if (tissue && (s.shows(PhaseKind::boundary) || s.shows(PhaseKind::rigid)))
+        all.push_back(layer(s.beside[1], false, s.settings.spacing));
+    return all;
+}
+
+namespace {
+
+struct StateArray {
+    const char* name;
+    DType type;
+    std::size_t columns;
+};
+const StateArray& state_array(const std::string& name) {
+    using enum DType;
+    static constexpr StateArray arrays[] = {{"place", float32, 4}, {"velocity", float32, 4}, {"id", uint32, 1},
+        {"phase", uint8, 1}, {"pressure", float32, 1}, {"growth", float32, 1}, {"divergence_impulse", float32, 1}};
+    for (const StateArray& a : arrays)
+        if (name == a.name) return a;
+    refuse("name", "that of an array of the state", "\"" + name + "\"");
+}
+
+}  // namespace
+
+void Simulation::read(const std::string& name, const MutableArrayView& out) const {
+    const Impl& s = Inside::of(*this, "simulation");
+    const StateArray& a = state_array(name);
+    const core::Gates inside = s.gates();
+    const void* to = on_host(name, out, a.type, a.columns * s.n);
+    if (to && s.n) s.call<&core::Simulation::read>(inside, name, const_cast<void*>(to));
+}
+void Simulation::write(const std::string& name, const ArrayView& values) {
+    const Impl& s = Inside::of(*this, "simulation");
+    const StateArray& a = state_array(name);
+    const core::Gates inside = s.gates();
+    const void* from = on_host(name, values, a.type, a.columns * s.n);
+    const auto below = [&](const auto* values, std::size_t end) {
+        for (std::size_t i = 0; i < s.n; ++i)
+            if (values[i] >= end) refuse(name, "numbers below " + std::to_string(end), std::to_string(values[i]));
+    };
+    if (!from || !s.n) return;
+    if (name == "phase") below(static_cast<const std::uint8_t*>(from), s.phases.size());
+    if (name == "id") below(static_cast<const std::uint32_t*>(from), s.call<&core::Simulation::next_id>(inside));
+    s.call<&core::Simulation::write>(inside, name, from);
+}
+void Simulation::set_forces(const ArrayView& forces) {
+    const Impl& s = Inside::of(*this, "simulation");
+    const core::Gates inside = s.gates();
+    s.call<&core::Simulation::set_forces>(inside, on_host<float>("forces", forces, 3 * s.n));
+}
+void Simulation::neighbors(std::vector<std::uint32_t>& rows, Neighbors& lists) const {
+    Inside::of(*this, "simulation").ask<&core::Simulation::neighbors>(rows, lists);
+}
+void Simulation::flow(const MutableArrayView& density, const MutableArrayView& vorticity) const {
+    const Impl& s = Inside::of(*this, "simulation");
+    const core::Gates inside = s.gates();
+    float *d = out_on_host<float>("density", density, s.n), *v = out_on_host<float>("vorticity", vorticity, 3 * s.n);
+    if (!d || !v) refuse("flow", "two arrays", "one");
+    s.call<&core::Simulation::flow>(inside, d, v);
+}
+
+std::uint32_t Simulation::next_id() const { return Inside::of(*this, "simulation").ask<&core::Simulation::next_id>(); }
+void Simulation::resize(std::size_t n, std::uint32_t next_id, double time, std::uint64_t n_steps) {
+    Inside::of(*this, "simulation");
+    const core::Gates inside = impl_->gates();
+    impl_->call<&core::Simulation::resize>(inside, n, next_id, time, n_steps);
+    impl_->n = n;
+}
+void Simulation::settle() { Inside::of(*this, "simulation").ask<&core::Simulation::settle>(); }
+std::vector<char> Simulation::motion() const {
+    return Inside::of(*this, "simulation").ask<&core::Simulation::motion>();
+}
+void Simulation::set_motion(const std::vector<char>& bytes) {
+    Inside::of(*this, "simulation").ask<&core::Simulation::set_motion>(bytes);
+    const core::Gates inside = impl_->gates();
+    impl_->captured = impl_->bodies = ~0u;
 }
 
 }  // namespace globule

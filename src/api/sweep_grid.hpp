@@ -58,4 +58,24 @@ void check_memory(const VoxelGrid& grid, const std::vector<FixedPose>& poses, co
 /// Bytes of main memory that programs can still take; 0 where the system does not say.
 std::uint64_t free_host_bytes();
 
+core::ScalarType scalar(const char* name, DType type);
+
+/// The grid of a reconstructor in a backend, its gate held.
+class CoreGrid {
+public:
+    CoreGrid(const core::Handle<core::Reconstructor>& core, core::ScalarType type, const core::Gates& inside)
+        : inside_(inside),
+          handle_(core.backend(),
+              std::shared_ptr<core::SweepGrid>(
+                  core.object(), core.call_inside<&core::Reconstructor::grid>(inside, type)),
+              nullptr) {}
+    template <auto Method, class... A> auto call(A&&... arguments) const {
+        return handle_.call_inside<Method>(inside_, std::forward<A>(arguments)...);
+    }
+
+private:
+    const core::Gates& inside_;
+    core::Handle<core::SweepGrid> handle_;
+};
+
 }  // namespace globule

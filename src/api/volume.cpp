@@ -15,19 +15,6 @@ namespace {
 constexpr int kMaxKernel = 253, kLargestTable = 31;  ///< radius up to which hole weights come from a table
 constexpr int kBlock = 4, kTile = 16;  ///< voxels; blocks of x: the grid grows by whole blocks, along x by whole tiles
 
-core::ScalarType scalar(const char* name, DType type) {
-    switch (type) {
-        case DType::uint8:
-            return core::ScalarType::u8;
-        case DType::uint16:
-            return core::ScalarType::u16;
-        case DType::float32:
-            return core::ScalarType::f32;
-        default:
-            refuse(name, "uint8, uint16 or float32", name_of(type));
-    }
-}
-
 /// Largest radius of a hole's kernel, voxels.
 int reach_of(int max_kernel, const std::optional<double>& max_distance, double spacing) {
     int reach = (max_kernel - 1) / 2;
@@ -138,24 +125,6 @@ struct Frames {
     }
 };
 
-/// The grid of a reconstructor in a backend, its gate held.
-class Grid {
-public:
-    Grid(const core::Handle<core::Reconstructor>& core, core::ScalarType type, const core::Gates& inside)
-        : inside_(inside),
-          handle_(core.backend(),
-              std::shared_ptr<core::SweepGrid>(
-                  core.object(), core.call_inside<&core::Reconstructor::grid>(inside, type)),
-              nullptr) {}
-    template <auto Method, class... A> auto call(A&&... arguments) const {
-        return handle_.call_inside<Method>(inside_, std::forward<A>(arguments)...);
-    }
-
-private:
-    const core::Gates& inside_;
-    core::Handle<core::SweepGrid> handle_;
-};
-
 Volume made(const VoxelGrid& grid, DType dtype) {
     Volume v;
     for (int k = 0; k < 3; ++k) v.size[k] = std::size_t(grid.size[k]);
@@ -203,7 +172,7 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     const int threads = whole("threads", o.threads, 0, 4096);
     const Chosen chosen = choose(o.device);
     const core::Handle<core::Reconstructor> core =
-        core::make_reconstructor(*chosen.backend, chosen.index, threads, nullptr);
+        core::make_reconstructor(*chosen.backend, chosen.index, threads, o.poll);
 
     if (sweep.frames.shape().rank() != 3) refuse("frames", "shape (F, H, W)", text(sweep.frames.shape()));
     Frames frames(sweep.frames, core.device());
@@ -247,20 +216,33 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     const std::vector<std::uint32_t> weights = hole_weights(reach);
     Volume volume = made(grid, frames.dtype);
     const core::Gates inside({core.gate().get()});
-    const Grid g(core, frames.type, inside);
+    const CoreGrid g(core, frames.type, inside);
     g.call<&core::SweepGrid::start>(request_of(frames.type, o.compounding, wide, scale, grid));
     if (o.method == bezier) g.call<&core::SweepGrid::bezier>(view);
     else if (o.method == pvn_om && o.compounding == Compounding::median) g.call<&core::SweepGrid::median>(view);
-    else if (o.method == pvn_om || o.method == along_path) g.call<&core::SweepGrid::add>(view, 1);
-    const core::FillMethod fill = o.method == vvn_om       ? core::FillMethod::points
-                                  : o.method == pvn        ? core::FillMethod::plain_bins
-                                  : o.method == vvn        ? core::FillMethod::plain_points
-                                  : o.method == along_path ? core::FillMethod::frames
-                                                           : core::FillMethod::bins;
+    else if (o.method == pvn_om || o.method == along_path) {
+        const int step = o.progress ? (frames.n + 31) / 32 : frames.n;  // the bits are the same
+        for (int first = 0; first < frames.n; first += step) {
+            core::FramesView part = view;
+            const std::size_t before = std::size_t(first) * frames.height * frames.width;
+            part.values.data = static_cast<const char*>(view.values.data) + before * frames.item;
+            part.poses = poses[std::size_t(first)].data();
+            part.n = std::min(step, frames.n - first);
+            part.first_order = std::uint32_t(before);
+            g.call<&core::SweepGrid::add>(part, 1);
+            if (o.progress && first + part.n < frames.n) o.progress(std::size_t(first + part.n), std::size_t(frames.n));
+        }
+    }
+    const FillMethod fill = o.method == vvn_om       ? FillMethod::points
+                            : o.method == pvn        ? FillMethod::plain_bins
+                            : o.method == vvn        ? FillMethod::plain_points
+                            : o.method == along_path ? FillMethod::frames
+                                                     : FillMethod::bins;
     g.call<&core::SweepGrid::fill>(fill, view,
         core::FillRequest{reach, weights.empty() ? nullptr : weights.data(), 0, volume.bytes.data(),
             volume.radius.data(), o.extrapolate,
             o.method == along_path && o.max_distance ? 2 * *o.max_distance / grid.spacing : -1});
+    if (o.progress) o.progress(std::size_t(frames.n), std::size_t(frames.n));
     return volume;
 }
 
@@ -315,7 +297,7 @@ struct Reconstructor::Impl {
 
 void Reconstructor::Impl::make_room(const Poses& poses, const core::Gates& inside) {
     const Box box = bounds(poses, shape());
-    const Grid core_grid(core, type, inside);
+    const CoreGrid core_grid(core, type, inside);
     if (!grid) {
         const Vec3 anchor = bounds({poses[0]}, shape()).low;
         for (int k = 0; k < 3; ++k) face[k] = anchor[k] - 0.5 * options.spacing;
@@ -411,7 +393,7 @@ void Reconstructor::Impl::add(const ArrayView& frames_view, const ArrayView& wor
     const std::vector<FixedPose> fixed = grid->poses(poses);
     const core::FramesView view{
         frames.at, fixed[0].data(), shape().mask, frames.n, height, width, std::uint32_t(order)};
-    Grid(core, type, inside).call<&core::SweepGrid::add>(view, 1);
+    CoreGrid(core, type, inside).call<&core::SweepGrid::add>(view, 1);
     order += frames.pixels();
     n_frames += std::size_t(frames.n);
 }
@@ -419,7 +401,7 @@ void Reconstructor::Impl::add(const ArrayView& frames_view, const ArrayView& wor
 Volume Reconstructor::Impl::volume() {
     const core::Gates inside({core.gate().get()});
     if (!grid) throw Error(ErrorCode::invalid, "volume: expected frames to be added first, got none");
-    const Grid core_grid(core, type, inside);
+    const CoreGrid core_grid(core, type, inside);
     VoxelGrid part{place(low), options.spacing, {}};
     int first[3], size[3];
     for (int k = 0; k < 3; ++k) {
@@ -429,7 +411,7 @@ Volume Reconstructor::Impl::volume() {
     }
     const std::vector<std::uint32_t> weights = hole_weights(reach());
     Volume v = made(part, dtype);
-    core_grid.call<&core::SweepGrid::fill>(core::FillMethod::bins, core::FramesView{},
+    core_grid.call<&core::SweepGrid::fill>(FillMethod::bins, core::FramesView{},
         core::FillRequest{
             reach(), weights.empty() ? nullptr : weights.data(), 0, nullptr, nullptr, options.extrapolate});
     core_grid.call<&core::SweepGrid::read_filled>(first, size, core::DenseArrays{v.bytes.data(), v.radius.data()});
@@ -447,7 +429,7 @@ Reconstructor::Reconstructor(const ReconstructorOptions& o) : impl_(std::make_sh
     impl_->options = o;
     for (std::uint8_t& v : impl_->options.mask) v = v != 0;
     impl_->chosen = choose(o.device);
-    impl_->core = core::make_reconstructor(*impl_->chosen.backend, impl_->chosen.index, threads, nullptr);
+    impl_->core = core::make_reconstructor(*impl_->chosen.backend, impl_->chosen.index, threads, o.poll);
     impl_->margin = (impl_->reach() + kBlock - 1) / kBlock;
 }
 void Reconstructor::add(const ArrayView& frames, const ArrayView& world_from_image) {

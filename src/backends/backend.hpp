@@ -213,6 +213,8 @@ struct BackendApi {
     Status (*locate)(const void* address, int* device) noexcept;
     /// A GPU's array to host memory; complete when it returns.
     Status (*fetch)(void* to, const AnyArray& from, std::size_t bytes) noexcept;
+    /// The reverse, in the order of the array's stream; complete when it returns where it has none.
+    Status (*deliver)(const ArrayAt<void>& to, const void* from, std::size_t bytes) noexcept;
     /// What is given to a caller's stream from now on finds all done that objects on the device were asked for.
     Status (*let_wait)(int device, std::uintptr_t stream) noexcept;
     /// Host memory that this backend's devices write by themselves, null where there is none; kept for the next that

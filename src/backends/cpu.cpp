@@ -37,13 +37,16 @@ Status locate(const void*, int* device) noexcept {
 Status fetch(void*, const AnyArray&, std::size_t) noexcept {
     return caught([] { throw Refused("the CPU backend reads no GPU memory"); });
 }
+Status deliver(const ArrayAt<void>&, const void*, std::size_t) noexcept {
+    return caught([] { throw Refused("the CPU backend writes no GPU memory"); });
+}
 
 Status let_wait(int, std::uintptr_t) noexcept { return {}; }
 void* take_pinned(std::size_t) noexcept { return nullptr; }
 void give_pinned_back(void*, std::size_t) noexcept {}
 
-constexpr BackendApi kApi{scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned,
-    give_pinned_back, run<Scope>};
+constexpr BackendApi kApi{scene, describe, reconstructor, simulation, tissue, locate, fetch, deliver, let_wait,
+    take_pinned, give_pinned_back, run<Scope>};
 
 }  // namespace
 }  // namespace globule::core

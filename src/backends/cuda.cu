@@ -77,6 +77,14 @@ Status fetch(void* to, const AnyArray& from, std::size_t bytes) noexcept {
         check(cudaStreamSynchronize(stream));
     });
 }
+Status deliver(const ArrayAt<void>& to, const void* from, std::size_t bytes) noexcept {
+    return caught([&] {
+        const Scope scope(to.device);
+        const auto stream = reinterpret_cast<cudaStream_t>(to.stream);
+        check(cudaMemcpyAsync(to.data, from, bytes, cudaMemcpyHostToDevice, stream));
+        if (!to.stream) check(cudaStreamSynchronize(stream));
+    });
+}
 
 Status let_wait(int device, std::uintptr_t stream) noexcept {
     return caught([&] {
@@ -97,8 +105,8 @@ void give_pinned_back(void* room, std::size_t bytes) noexcept {
     caught([&] { PinnedImages::give_back(room, bytes); });
 }
 
-constexpr BackendApi kApi{scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned,
-    give_pinned_back, run<Scope>};
+constexpr BackendApi kApi{scene, describe, reconstructor, simulation, tissue, locate, fetch, deliver, let_wait,
+    take_pinned, give_pinned_back, run<Scope>};
 
 }  // namespace
 }  // namespace globule::core

@@ -6,6 +6,7 @@
 
 #include "backends/object.hpp"
 #include "base/device.hpp"
+#include "globule/values.hpp"
 
 namespace globule::core {
 
@@ -25,11 +26,7 @@ struct PlusRequest {
     int interpolation, optimization, compounding;
     bool rejects;
     double rejection;
-    struct Filler {
-        int type, size, n_sticks;
-        float least_ratio;
-        std::vector<float> weights;
-    };
+    using Filler = PlusFiller;
     std::vector<Filler> fillers;  ///< none: holes stay
     bool fill_holes;
     void* values;                         ///< out: (z, y, x) of the frames' type
@@ -55,8 +52,6 @@ struct FramesView {
     std::uint32_t first_order;
 };
 
-enum class FillMethod { bins, points, plain_bins, plain_points, frames };
-
 struct FillRequest {
     int reach;                     ///< largest radius of a kernel, voxels
     const std::uint32_t* weights;  ///< (3 reach^2 + 1) squared: [sigma^2][d^2], 2^24 = 1
@@ -75,11 +70,6 @@ struct FillRequest {
 struct DenseArrays {
     void* values;
     std::uint8_t* radius;
-};
-
-struct VolumeFacts {
-    std::uint64_t n_blocks, bytes;
-    double bin_seconds, fill_seconds;
 };
 
 /// The sparse grid of one volume.

@@ -11,6 +11,7 @@
 #include "sim/energy.hpp"
 #include "sim/rigid.hpp"
 #include "backends/tissue.hpp"
+#include "globule/values.hpp"
 
 namespace globule::core {
 
@@ -39,27 +40,8 @@ struct LostParticle {
     float3 position;  ///< the last one
 };
 
-struct StepReport {
-    double dt = 0, time = 0;
-    std::uint64_t step = 0;
-    int iterations = 0, divergence_iterations = 0, viscosity_iterations = 0;
-    double error = 0, divergence_error = 0;            ///< as the solvers left them, mean and relative
-    double most_error = 0, most_divergence_error = 0;  ///< the largest
-    double compression = 0, high_compression = 0,
-           most_compression =
-               0;  ///< max(rho/rho0 - 1, 0) of the positions that the step began with: mean, what 0.1 % exceed, largest
-    int n_halved = 0;  ///< how often it was made anew, half as long, since energy came from nowhere
-    std::uint64_t n = 0, n_solved = 0, n_escaped = 0;
-    std::uint64_t n_removed = 0;  ///< by sinks, in this step
-    double most_speed = 0;
-    std::vector<std::pair<std::string, double>> seconds;  ///< per stage
-    std::optional<LostParticle> lost;                     ///< the step was made, but cannot be trusted
-};
-
-/// Rows of neighbors, compressed.
-struct Neighbors {
-    std::vector<std::uint64_t> offsets;
-    std::vector<std::uint32_t> indices;
+struct StepReport : globule::StepReport {
+    std::optional<LostParticle> lost;  ///< the step was made, but cannot be trusted
 };
 
 struct Scene;

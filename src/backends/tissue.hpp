@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "backends/object.hpp"
+#include "globule/values.hpp"
 #include "sim/blade.hpp"
 #include "sim/bonds.hpp"
 
@@ -48,13 +49,6 @@ struct BladeSweep {
     std::uint32_t n_triangles;
 };
 
-/// What bleeds: its numbers count from 1.
-struct BloodVessel {
-    float speed;  ///< m/s of blood at a cut end
-    double pool;  ///< m³ that is left
-    int phase;    ///< of the blood
-};
-
 struct Tissue : Object {
     /// One more body; bonds' numbers count from its own first particle.
     virtual void add(const TissueArrays& body) = 0;
@@ -79,7 +73,7 @@ struct Tissue : Object {
     virtual void set(const float* positions, const float* velocities) = 0;
     /// (n, 3) m/s², beside gravity, until others are set; null: none.
     virtual void accelerate(const float* accelerations) = 0;
-    /// number: from 1; vessels before it that were never set do not bleed.
+    /// What bleeds.  number: from 1; vessels before it that were never set do not bleed.
     virtual void set_vessel(std::size_t number, const BloodVessel& vessel) = 0;
     virtual std::vector<BloodVessel> vessels() = 0;
     /// All that a checkpoint needs: arrays by name, with their bytes.

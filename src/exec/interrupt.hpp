@@ -3,14 +3,9 @@
 #include <atomic>
 #include <chrono>
 
-namespace globule::core {
+#include "globule/poll.hpp"
 
-/// What the thread that made a call asks now and then.
-struct Poll {
-    static constexpr int kPause = 50;   ///< ms
-    bool (*stop)();                     ///< true asks to stop
-    std::atomic<int> pause_ms{kPause};  ///< between two questions, and before the first of a call
-};
+namespace globule::core {
 
 /// Thrown where work stops; what it was making is half made then.
 struct Cancelled {};

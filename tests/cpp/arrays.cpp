@@ -159,6 +159,38 @@ TEST_CASE("neighbors are rows, and the field is the sum of kernels") {
     CHECK(s.octree(true).key_hash != 0);
 }
 
+TEST_CASE("answers go into arrays of the caller's") {
+    const std::vector<float> p = cube(4), points{0.15f, 0.15f, 0.15f, 0.05f, 0.1f, 0.2f}, two(128, 2.0f);
+    const Scene s({.positions = p}, {.support = 0.2, .device = "cpu"});
+    const ArrayView values(two.data(), {64, 2});
+    std::vector<float> field(2), gradient(6), blended(4), lines(4), t(2), normal(6);
+    s.field(points, field);
+    s.gradient(points, MutableArrayView(gradient.data(), {2, 3}));
+    s.blend(points, values, blended);
+    const std::vector<float> down{0, 0, -1, 0, 0, -1}, above{0.15f, 0.15f, 3, 0.05f, 0.1f, 3};
+    s.integrate(above, down, values, lines);
+    s.intersect(above, down, t, normal);
+    CHECK(field == s.field(points));
+    CHECK(gradient == s.gradient(points));
+    CHECK(blended == s.blend(points, values));
+    CHECK(lines == s.integrate(above, down, values));
+    CHECK(t == s.intersect(above, down).distance);
+    CHECK(normal == s.intersect(above, down).normal);
+    const Neighbors expected = s.neighbors(points, 0.12);
+    std::vector<std::uint64_t> offsets(3);
+    std::vector<std::uint32_t> few(1, 77), enough(100, 77);
+    CHECK(s.neighbors(points, 0.12, offsets, few) == expected.indices.size());
+    CHECK(few[0] == 77);
+    CHECK(s.neighbors(points, 0.12, offsets, enough) == expected.indices.size());
+    CHECK(offsets == expected.offsets);
+    CHECK(std::equal(expected.indices.begin(), expected.indices.end(), enough.begin()));
+    CHECK(enough[expected.indices.size()] == 77);
+    CHECK_SAYS(s.field(points, gradient), "out: expected 2 numbers, got (6,)");
+    CHECK_SAYS(s.gradient(points, offsets), "out: expected an array of float32, got uint64");
+    if (devices().size() == 1)
+        CHECK_SAYS(s.field(points, MutableArrayView(field.data(), {2}, on_gpu())), "out: expected memory that can be");
+}
+
 TEST_CASE("pieces of a scene share their space") {
     const std::vector<float> p = cube(4), half(p.begin(), p.begin() + 96);
     const Scene all({.positions = p}, {.support = 0.2, .device = "cpu"});

@@ -18,6 +18,7 @@ TEST_CASE("empty handles are refused") {
     Frame frame;
     Reconstructor reconstructor;
     Simulation simulation;
+    Tissue tissue;
     CHECK(!scene);
     CHECK(!frame);
     CHECK_SAYS(scene.spacing(), "scene: expected a scene, got an empty handle");
@@ -25,6 +26,7 @@ TEST_CASE("empty handles are refused") {
     CHECK_SAYS(frame.color(), "frame: expected a frame");
     CHECK_SAYS(reconstructor.volume(), "reconstructor: expected a reconstructor");
     CHECK_SAYS(simulation.step(), "simulation: expected a simulation");
+    CHECK_SAYS(tissue.tear(1), "tissue: expected a tissue");
     scene.cancel();  // nothing is running
     reconstructor.cancel();
 }
@@ -137,7 +139,6 @@ TEST_CASE("a frame is refined only of the scene that it shows") {
 TEST_CASE("a simulation, its arrays and its scene") {
     SimulationSettings settings{.spacing = 0.1, .domain = {{0, 0, 0}, {1, 1, 1}}};
     CHECK_SAYS(Simulation(SimulationSettings{}), "spacing: expected a positive number");
-    CHECK_SAYS(Simulation(settings, {.phases = {}}), "phases: expected at least one");
     Simulation sim(settings, {.walls = true, .device = "cpu"});
     const std::size_t walls = sim.size();
     CHECK(walls == 12 * 12 * 12 - 10 * 10 * 10);

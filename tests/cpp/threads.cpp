@@ -156,3 +156,41 @@ TEST_CASE("a reconstruction that is stopped is right at the next call, or says t
     }
     CHECK(wrong == 0);
 }
+
+TEST_CASE("what is asked while calls work can end them") {
+    static std::atomic<int> n_asked;
+    static std::atomic<bool> stops;
+    n_asked = 0, stops = false;
+    Poll poll{[] { return ++n_asked, stops.load(); }};
+    poll.pause_ms = 0;
+    const std::vector<float> p = cube(30);
+    Scene s({.positions = p}, {.device = "cpu", .poll = &poll});
+    CHECK(n_asked > 0);
+    stops = true;
+    error_of([&] { s.update({.positions = p}); }, ErrorCode::cancelled);
+    stops = false;
+    s.update({.positions = p});
+    CHECK(s.octree().n_inside == 27000);
+}
+
+TEST_CASE("a reconstruction tells how far it is") {
+    const std::vector<std::uint8_t> frames(std::size_t(40) * 16, 100);
+    std::vector<double> poses;
+    for (int f = 0; f < 40; ++f) {
+        const Matrix4 m{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, double(f), 0, 0, 0, 1};
+        poses.insert(poses.end(), m.begin(), m.end());
+    }
+    const Sweep sweep{.frames = ArrayView(frames.data(), {40, 4, 4}), .world_from_image = poses};
+    std::vector<std::size_t> told;
+    const auto tell = [&](std::size_t done, std::size_t of) {
+        CHECK(of == 40);
+        told.push_back(done);
+    };
+    const ReconstructOptions quiet{.spacing = 1, .compounding = Compounding::latest, .device = "cpu"};
+    ReconstructOptions telling = quiet;
+    telling.progress = tell;
+    CHECK(reconstruct(sweep, telling).bytes == reconstruct(sweep, quiet).bytes);
+    CHECK(told.size() == 20);
+    CHECK(told.front() == 2);
+    CHECK(told.back() == 40);
+}

@@ -36,7 +36,6 @@ class View(NamedTuple):
 
 
 ABSENT = View(0, HOST, 0, (), None)
-NOWHERE = ABSENT.place
 
 
 def on_gpu(array: Any) -> bool:

@@ -417,7 +417,7 @@ class SceneOnRanks(Scene):
         """Bytes that this rank can take for a scene."""
         if self.device.backend != "cuda":
             return (free_bytes() or np.inf) / self._here
-        return float(_core.Reconstructor("cuda", self.device.index, 0).free_bytes())
+        return float(_core.SweepGrid(self.device.name, 0).free_bytes())
 
     def _color_by(self, name: str, colormap: str, range: tuple[float, float] | None) -> None:
         """Colors by a value; without a range from the lowest to the highest of all ranks."""

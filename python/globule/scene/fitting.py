@@ -29,7 +29,7 @@ def room_on(device: Device) -> float:
     `set_limits` has set."""
     if device.backend != "cuda":
         return room()
-    free = float(_core.Reconstructor("cuda", device.index, 0).free_bytes())
+    free = float(_core.SweepGrid(device.name, 0).free_bytes())
     return min(free, limits()["memory"] or math.inf)
 
 

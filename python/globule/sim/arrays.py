@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import address, to_host
+from .._base.arrays import to_host
 from .._base.checks import shown
 from .._base.interrupts import whole
 from ..data.particles import Particles
@@ -144,7 +144,7 @@ class Arrays(Part):
         order, rho = self._solver.order(), self._solver.read("place")[:, 3]
         density, vorticity = np.empty(len(order), np.float32), np.empty((len(order), 3), np.float32)
         if len(order):
-            self._solver.core.flow(address(density), address(vorticity))
+            self._solver.core.flow(density, vorticity)
             density[rho < 0] /= -rho[rho < 0]  # a fluid's place holds -1 / density
         return density[order], vorticity[order]
 

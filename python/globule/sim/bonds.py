@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import address
 from ..data.particles import Particles
 from ..scene.scene import SceneBase
 from .materials import Elasticity
@@ -144,22 +143,15 @@ def add_body(
     n = len(ids)
     movable = hold == 0
     inverse_mass = np.where(movable, 1 / np.asarray(mass, np.float64), 0)
-    arrays: dict[str, np.ndarray] = {
-        "positions": np.ascontiguousarray(positions, np.float32),
-        "ids": np.ascontiguousarray(ids, np.uint32),
-        "inverse_mass": np.ascontiguousarray(np.broadcast_to(inverse_mass, (n,)), np.float32),
-        "hold": np.ascontiguousarray(hold, np.uint8),
-        "phase": np.ascontiguousarray(phase, np.uint8),
-        "bound": bonds.bound,
-        "offsets": bonds.offsets,
-        "other": bonds.other,
-        "length": bonds.length,
-        "stiffness": bonds.stiffness,
-    }
-    numbers: dict[str, Any] = {"n": n, "contact": spacing}
+    elasticity: dict[str, Any] = {}
     if solid is not None:
-        arrays["lame"], numbers["frequency"] = solid.arrays(mass, spacing)
+        elasticity["lame"], elasticity["frequency"] = solid.arrays(mass, spacing)
         pairs = [(share, 1 / time) for share, time in solid.relaxation]
-        arrays["relaxation"] = np.array(pairs, np.float32).reshape(-1, 2)
-        numbers["n_terms"] = len(pairs)
-    core.add({**numbers, **{k: address(a) for k, a in arrays.items()}})
+        elasticity["relaxation"] = np.array(pairs, np.float32).reshape(-1, 2)
+    core.add(
+        positions=np.ascontiguousarray(positions, np.float32), ids=np.ascontiguousarray(ids, np.uint32),
+        inverse_mass=np.ascontiguousarray(np.broadcast_to(inverse_mass, (n,)), np.float32),
+        hold=np.ascontiguousarray(hold, np.uint8), phase=np.ascontiguousarray(phase, np.uint8),
+        offsets=bonds.offsets, other=bonds.other, length=bonds.length, stiffness=bonds.stiffness,
+        bound=bonds.bound, contact=spacing, **elasticity,
+    )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import VectorLike, address
+from .._base.arrays import VectorLike
 from .._base.checks import number, shown
 from .._base.interrupts import whole
 from .arrays import check_finite, ids_of, vector
@@ -38,7 +38,7 @@ class BondedTissue(Part):
     def __init__(self, solver: Solver):
         super().__init__(solver)
         self.vessels: list[Vessel] = []
-        self._materials_sent: list[list[float]] | None = None
+        self._materials_sent: list[list[Any]] | None = None
 
     @property
     def _core(self) -> Any:
@@ -84,7 +84,7 @@ class BondedTissue(Part):
         if n_again := len(ids) - len(np.unique(ids)):
             raise ValueError(f"ids: expected each particle once, got {n_again} again")
         bonded = np.empty(self._core.n(), np.uint32)
-        self._core.get(0, 0, 0, 0, address(bonded))
+        self._core.get(ids=bonded)
         if n_bonded := int(np.isin(ids, bonded).sum()):
             raise ValueError(f"ids: expected particles of no body yet, got {n_bonded} of another")
         positions, phase = solver.positions()[at], solver.phase()[at]
@@ -173,7 +173,7 @@ class BondedTissue(Part):
     def _gone(self) -> np.ndarray:
         """Ids of tissue that was removed or has left the domain."""
         hold, ids = np.empty(self._core.n(), np.uint8), np.empty(self._core.n(), np.uint32)
-        self._core.get(0, 0, 0, address(hold), address(ids))
+        self._core.get(hold=hold, ids=ids)
         return ids[hold == GONE]
 
     @whole
@@ -198,15 +198,15 @@ class BondedTissue(Part):
         core = self._core
         if core.n() == 0:
             return 0
-        arrays = self._arrays()
+        arrays = core.arrays()
         length = arrays["length"].view(np.float32)
         entries, apart = _within(arrays, core.n(), np.flatnonzero(length < 0), *ball)
         joined = entries[apart <= CLOSE * -length[entries]]
         if len(joined):
             length[joined] *= -1
-            core.write("length", address(length), length.nbytes)
+            core.write("length", length.view(np.uint8))
             ids = arrays["id"]
-            core.write("id", address(ids), ids.nbytes)  # what follows from bonds is made anew
+            core.write("id", ids)  # what follows from bonds is made anew
         return len(joined) // 2  # each stands at both of its ends
 
     @whole
@@ -227,12 +227,12 @@ class BondedTissue(Part):
         core = self._core
         if core.n() == 0:
             return 0
-        arrays = self._arrays()
+        arrays = core.arrays()
         tag, length = arrays["vessel"], arrays["length"].view(np.float32)
         entries, _ = _within(arrays, core.n(), np.flatnonzero((tag != 0) & (length != 0)), *ball)
         if len(entries):
             tag[entries] = 0
-            core.write("vessel", address(tag), tag.nbytes)
+            core.write("vessel", tag)
         return len(entries) // 2
 
     @whole
@@ -258,13 +258,13 @@ class BondedTissue(Part):
         if core.n() == 0:
             raise ValueError(f"vessels[{vessel.name!r}]: expected tissue with bonds, got none")
         which = self._solver.number_of(vessel.fluid)
-        arrays = self._arrays()
+        arrays = core.arrays()
         first, tag = _first_ends(arrays["first"], core.n()), arrays["vessel"]
         at = arrays["at"].view(np.float32).reshape(-1, 4)[:, :3].astype(np.float64)
         other = arrays["other"].view(np.uint32)
         real = arrays["length"].view(np.float32) != 0
         tag[real & along(vessel.path, vessel.radius, 0.5 * (at[first] + at[other]))] = number
-        core.write("vessel", address(tag), tag.nbytes)
+        core.write("vessel", tag)
         core.set_vessel(number, vessel.pressure * CONDUCTANCE, vessel.pool, which)
         self.vessels.append(vessel)
         return number
@@ -296,7 +296,7 @@ class BondedTissue(Part):
         particles that are not tissue."""
         core = self._core
         piece, ids = np.empty(core.n(), np.uint32), np.empty(core.n(), np.uint32)
-        core.get(0, 0, address(piece), 0, address(ids))
+        core.get(piece=piece, ids=ids)
         all_ids = self._solver.ids()
         out = np.full(len(all_ids), NOBODY, np.uint32)
         there = np.isin(ids, all_ids)
@@ -306,11 +306,9 @@ class BondedTissue(Part):
     def _send(self) -> None:
         """Tissue's materials, where they changed."""
         phases = self._solver.phases.values()
-        packed = [[getattr(p, name) for p in phases] for name in ("damping", "tear", "plastic")]
-        packed.append([p.creep if p.plastic else 0.0 for p in phases])
-        packed.append([p.friction for p in phases])
+        packed = [[p.damping, p.tear, p.plastic, p.creep if p.plastic else 0.0, p.friction] for p in phases]
         if self._materials_sent != packed:
-            self._core.materials(*packed)
+            self._core.materials(packed)
             self._materials_sent = packed
 
     def _by_hand(self) -> dict[str, Any]:
@@ -321,16 +319,9 @@ class BondedTissue(Part):
         """From what `_by_hand` returned."""
         self.vessels = [Vessel(**values) for values in by_hand["vessels"]]
 
-    def _arrays(self) -> dict[str, np.ndarray]:
-        core, found = self._core, {}
-        for name, size in core.arrays().items():
-            found[name] = np.empty(size, np.uint8)
-            core.read(name, address(found[name]))
-        return found
-
     def _state(self) -> dict[str, np.ndarray]:
         """What a checkpoint keeps of the tissue."""
-        arrays = {f"tissue_{k}": v for k, v in self._arrays().items() if len(v)}
+        arrays = {f"tissue_{k}": v for k, v in self._core.arrays().items() if len(v)}
         return {**arrays, "tissue_pools": np.array(self.pools)}
 
     def _check_state(self, state: Mapping[str, np.ndarray]) -> None:
@@ -350,8 +341,7 @@ class BondedTissue(Part):
         core = self._core
         for name in core.arrays():
             if (key := f"tissue_{name}") in state:
-                values = np.ascontiguousarray(state[key], np.uint8)
-                core.write(name, address(values), len(values))
+                core.write(name, np.ascontiguousarray(state[key], np.uint8))
         for k, pool in enumerate(np.atleast_1d(state.get("tissue_pools", [])), start=1):
             vessel = self.vessels[k - 1]
             which = self._solver.number_of(vessel.fluid)

@@ -93,9 +93,7 @@ class Record(Part):
     def totals(self) -> dict[str, Any]:
         """Totals of fluid and tissue: mass kg, kinetic and potential energy J, momentum kg m/s,
         angular_momentum kg m²/s about the origin, center of mass m."""
-        t = self._solver.core.totals()
-        mass = t["mass"] or 1.0
-        return {**t, "center": tuple(c / mass for c in t["center"])}
+        return self._solver.core.totals()
 
     @whole
     def measure(self) -> dict[str, float]:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.arrays import address
 from .._base.checks import named, number, shown, thread_count
 from .._base.device import choose
 from .._base.interrupts import whole
@@ -234,7 +233,7 @@ class Simulation(Owner):
         each = np.ascontiguousarray(v) if v.shape == p.shape else None
         one = [0.0, 0.0, 0.0] if each is not None else np.broadcast_to(v, 3).tolist()
         self._solver.pushed = True
-        first = self._core.add(len(p), address(p), 0 if each is None else address(each), one, which)
+        first = self._core.add(p, which, each, one)
         return np.arange(first, first + len(p), dtype=np.uint32)
 
     @whole
@@ -299,22 +298,13 @@ class Simulation(Owner):
             self._inlets = inlets
         for emitter in self.emitters.values():
             positions, velocities = emitter.emit(spacing, self.time, dt)
-            if n := len(positions):
+            if len(positions):
                 which = self._solver.number_of(emitter.fluid)
                 self._runaway._give("emitters", float(np.linalg.norm(velocities[0])))
-                self._core.emit(n, address(positions), address(velocities), which)
+                self._core.emit(positions, which, velocities)
         self._runaway._before(dt)
         self.steer._send_forces()
-        done = self._core.step(dt)
-        if "lost" in done:
-            id_, phase, position = done["lost"]
-            time, step = done["time"], done["step"]
-            where = ", ".join(f"{x:g}" for x in position)
-            raise ArithmeticError(
-                f"particle {id_} ({list(self.phases)[phase]}) at ({where}) got a velocity that is "
-                f"not a number in step {step} at {time:g} s"
-            )
-        report = StepReport(**done)
+        report = StepReport(**self._core.step(dt))
         self.tools._move_pushers(dt)
         for tool in self.tools.values():
             self.record.n_cut += tool.operate(self.tissue, self.time)

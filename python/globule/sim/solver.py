@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from .._base.arrays import address
 from .._base.device import Device
 from .limits import check_densities, check_material
 from .scene_file import SceneFile
@@ -47,12 +46,12 @@ class Solver:
         self.file, self.device = file, device
         self.settings = settings_in(file)
         self.phases: dict[str, Phase] = Kept("phases", Phase)
-        self.traced = _core.Scene(device.backend, device.index, threads)
-        self.core = _core.Simulation(self.traced)
+        self._settings_sent = self.settings._pack()
+        self.core = _core.Simulation(device.name, threads, self._settings_sent)
+        self.traced = self.core.scene()
         self.pushed = self.changed = True
         self.n_removed = 0
         self._phases_sent: list[dict[str, Any]] = []
-        self._settings_sent: dict[str, Any] = {}
 
     def __len__(self) -> int:
         return self.core.size()
@@ -95,7 +94,7 @@ class Solver:
                 self._phases_sent.append({})
             if packed != self._phases_sent[i]:
                 check_material(phase, self.spacing_of(phase), frame)
-                self.core.set_phase(i, packed)
+                self.core.set_phase(packed)
                 self._phases_sent[i] = packed
                 self.changed = True
 
@@ -105,14 +104,14 @@ class Solver:
         n = len(self)
         out = np.empty((n, columns) if columns > 1 else n, dtype)
         if n:
-            self.core.read(name, address(out))
+            self.core.read(name, out)
         return out
 
     def write(self, name: str, values: np.ndarray) -> None:
         """Replace an array of `ARRAYS`, in the solver's order."""
         self.pushed = True
         if len(self):
-            self.core.write(name, address(np.ascontiguousarray(values, ARRAYS[name][0])))
+            self.core.write(name, np.ascontiguousarray(values, ARRAYS[name][0]))
 
     def order(self) -> np.ndarray:
         """(N,) from the solver's order to that of ids."""
@@ -134,5 +133,5 @@ class Solver:
         """Remove particles by their ids (M,) uint32; unknown ones have no effect."""
         if len(ids):
             n_before = len(self)
-            self.core.remove(len(ids), address(ids))
+            self.core.remove(ids)
             self.n_removed += n_before - len(self)

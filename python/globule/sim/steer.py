@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import VectorLike, address
+from .._base.arrays import VectorLike
 from .._base.checks import number, shown
 from .._base.interrupts import whole
 from .arrays import check_finite, ids_of, numbers, vector
@@ -129,8 +129,7 @@ class Steer(Part):
         # A particle's own cube keeps the inertia of a few from being singular.
         own = each * solver.settings.spacing**2 / 6
         inertia = np.eye(3) * (each * (x**2).sum() + own * len(x)) - each * x.T @ x
-        values = np.concatenate([center, inertia.ravel(), velocity, spin]).astype(float)
-        solver.core.make_body(which, each * len(at), values.tolist())
+        solver.core.make_body(which, each * len(at), inertia.ravel(), center, velocity, spin)
         self._bodies.add(which)
         fastest = np.linalg.norm(velocity) + np.linalg.norm(spin) * np.linalg.norm(x, axis=1).max()
         self._fastest_body = max(self._fastest_body, float(fastest))
@@ -146,14 +145,14 @@ class Steer(Part):
         which = self._solver.number_of(phase)
         if which not in self._bodies:
             raise ValueError(f"phase: expected a rigid body, got {phase!r}")
-        v = np.array(self._solver.core.body(which))
-        return {"center": v[:3], "velocity": v[3:6], "spin": v[6:9], "rotation": v[9:].reshape(3, 3)}
+        center, velocity, spin, rotation = map(np.array, self._solver.core.body(which))
+        return {"center": center, "velocity": velocity, "spin": spin, "rotation": rotation.reshape(3, 3)}
 
     def _send_forces(self) -> None:
         """Hand the forces of the next step to the core, and forget them."""
         if len(self._forces[0]):
             forces = self._forces_of(self._solver.read("id"))
-            self._solver.core.set_forces(address(forces))
+            self._solver.core.set_forces(forces)
             self._forces = self._forces[0][:0], self._forces[1][:0]
 
     def _state(self) -> dict[str, np.ndarray]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from .._base.arrays import VectorLike, address
+from .._base.arrays import VectorLike
 from .._base.device import choose
 from .._base.owner import Owner
 from .blade import Blade, as_blade
@@ -78,14 +78,14 @@ class Tissue(Owner):
         if fixed is not None:
             hold[np.asarray(fixed, bool)[self.order]] = FIXED
         chosen = choose(device)
-        self._core = _core.Tissue(chosen.backend, chosen.index, threads)
+        self._core = _core.Tissue(chosen.name, threads)
         add_body(
             self._core, positions[self.order], self.order, bonds, hold, np.zeros(n),
             density * spacing**3, spacing,
             elasticity(young, _arranged(poisson, self.order), n, relaxation)
             if model == "solid" else None,
         )  # fmt: skip
-        self._core.materials([damping], [tear], [plastic], [creep], [friction])
+        self._core.materials([[damping, tear, plastic, creep, friction]])
 
     def __len__(self) -> int:
         return self._n
@@ -102,7 +102,7 @@ class Tissue(Owner):
 
     def advance(self, dt: float, gravity: VectorLike = (0, 0, 0), substeps: int = 0, iterations: int = 1) -> int:
         """Move by dt seconds under gravity (3,) m/s²; returns the number of substeps."""
-        return self._core.advance(dt, substeps, iterations, [float(g) for g in gravity])
+        return self._core.advance(dt, [float(g) for g in gravity], substeps, iterations)
 
     def tear(self, dt: float) -> int:
         """Break overstretched bonds and let others creep for dt seconds; returns how many broke."""
@@ -157,43 +157,42 @@ class Tissue(Owner):
     @property
     def positions(self) -> np.ndarray:
         """(N, 3) float32 m."""
-        return self._get(np.empty((self._n, 3), np.float32), 0)
+        return self._get("positions", np.empty((self._n, 3), np.float32))
 
     @positions.setter
     def positions(self, value: Any) -> None:
-        self._core.set(address(self._arranged(value)), 0)
+        self._core.set(positions=self._arranged(value))
 
     @property
     def velocities(self) -> np.ndarray:
         """(N, 3) float32 m/s."""
-        return self._get(np.empty((self._n, 3), np.float32), 1)
+        return self._get("velocities", np.empty((self._n, 3), np.float32))
 
     @velocities.setter
     def velocities(self, value: Any) -> None:
-        self._core.set(0, address(self._arranged(value)))
+        self._core.set(velocities=self._arranged(value))
 
     def accelerate(self, accelerations: Any) -> None:
         """Accelerations (N, 3) or (3,) m/s² beside gravity, from now on."""
-        self._core.accelerate(address(self._arranged(accelerations)))
+        self._core.accelerate(self._arranged(accelerations))
 
     @property
     def piece(self) -> np.ndarray:
         """(N,) uint32: the least particle of each particle's piece."""
-        return self._get(np.empty(self._n, np.uint32), 2)
+        return self._get("piece", np.empty(self._n, np.uint32))
 
     @property
     def hold(self) -> np.ndarray:
         """(N,) uint8: FREE, FIXED, GONE, or GRASPED + the grasp's number."""
-        return self._get(np.empty(self._n, np.uint8), 3)
+        return self._get("hold", np.empty(self._n, np.uint8))
 
-    def _get(self, out: np.ndarray, which: int) -> np.ndarray:
-        self._core.get(*[address(out) if k == which else 0 for k in range(5)])
+    def _get(self, name: str, out: np.ndarray) -> np.ndarray:
+        self._core.get(**{name: out})
         return out[self._place]
 
     def _arranged(self, value: Any) -> np.ndarray:
         value = np.broadcast_to(np.asarray(value, np.float32), (self._n, 3))
-        self._kept = np.ascontiguousarray(value[self.order])
-        return self._kept
+        return np.ascontiguousarray(value[self.order])
 
 
 def _arranged(value: Any, order: np.ndarray) -> np.ndarray:
@@ -206,4 +205,4 @@ def cut(core: Any, blade: Blade) -> int:
     """Cut bonds of a core's tissue; returns their number."""
     vertices = np.ascontiguousarray(blade.vertices, np.float64)
     corners = np.ascontiguousarray(blade.triangles, np.uint32)
-    return core.cut(address(vertices), len(vertices), blade.n_moving, address(corners), len(corners))
+    return core.cut(vertices, corners, blade.n_moving)

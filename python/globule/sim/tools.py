@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import VectorLike, address
+from .._base.arrays import VectorLike
 from .._base.checks import number as finite
 from .._base.checks import shown
 from .._base.checks import whole as int_in
@@ -245,7 +245,7 @@ class Tools(Owner, Named):
         tissue = self._solver.core.tissue()
         tissue.grasp(at, radius, _grasp_number(number))
         hold = np.empty(tissue.n(), np.uint8)
-        tissue.get(0, 0, 0, address(hold), 0)
+        tissue.get(hold=hold)
         return int(np.count_nonzero(hold == GRASPED + number))
 
     @whole

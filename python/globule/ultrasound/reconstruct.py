@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base.arrays import NOWHERE, DeviceArray, address, located
+from .._base.arrays import DeviceArray, located
 from .._base.checks import thread_count
 from .._base.device import choose
 from .._base.memory import free_bytes as free_host_bytes
@@ -125,7 +125,7 @@ def reconstruct(
         raise ValueError(f"region: expected a box that meets the frames', {box} mm, got {region!r}")
     poses = grid.poses(world_from_image)
 
-    core = _core.Reconstructor(chosen.backend, chosen.index, thread_count(threads))
+    core = _core.SweepGrid(chosen.name, thread_count(threads))
     needed = check_memory(
         lambda times: estimate_bytes(
             grid.coarser(times), poses / times, frames.shape[1:], frames.itemsize, options.method
@@ -133,15 +133,15 @@ def reconstruct(
         core.free_bytes() or free_host_bytes(),
         grid,
     )
-    whole = (located(frames), address(poses), 0 if mask is None else address(mask), *frames.shape)
+    whole = located_frames(frames, poses, mask)
     start(core, grid, frames, options, crowded(poses, frames.shape[1:]))
     if options.method == "bezier":
-        core.bezier(*whole)
+        core.bezier(whole)
     elif options.method in ("frames", "pvn-om"):
         if options.compounding == "median":
-            core.median(*whole)
+            core.median(whole)
         else:
-            _add(core, whole, frames.itemsize, poses, progress)
+            _add(core, frames, poses, mask, progress)
     values: Any
     radius: Any
     if isinstance(frames, DeviceArray):
@@ -160,20 +160,30 @@ def reconstruct(
     return Volume(values, place, radius, getattr(sweep, "space", "LPS"), info, source.make)
 
 
+def located_frames(
+    frames: np.ndarray | DeviceArray, poses: np.ndarray, mask: np.ndarray | None, first: int = 0,
+    n: int | None = None, order: int = 0,
+) -> _core.SweepFrames:  # fmt: skip
+    """Where `n` frames from `first` on and what belongs to them are, for a grid; the frames must stay alive.
+    order: of the first one's first pixel."""
+    last = len(frames) if n is None else first + n
+    _, h, w = frames.shape
+    address, device, stream = located(frames)
+    at = (address + first * h * w * frames.itemsize, device, stream)
+    return _core.SweepFrames(at, _TYPES[frames.dtype], (last - first, h, w), poses[first:last], mask, order)
+
+
 def _add(
-    core: Any, whole: tuple, itemsize: int, poses: np.ndarray, progress: Callable[[int, int], None] | None
-) -> None:
+    core: Any, frames: np.ndarray | DeviceArray, poses: np.ndarray, mask: np.ndarray | None,
+    progress: Callable[[int, int], None] | None,
+) -> None:  # fmt: skip
     """Bin all frames, in pieces if somebody wants to hear of them; the bits are the same."""
-    if progress is None:
-        core.add(*whole, 0, 1)
-        return
-    (place, *where), _, mask, n, h, w = whole
-    step = -(-n // _PIECES)
+    n, h, w = frames.shape
+    step = n if progress is None else -(-n // _PIECES)
     for first in range(0, n, step):
         part = min(step, n - first)
-        at = (place + first * h * w * itemsize, *where)
-        core.add(at, address(poses[first:]), mask, part, h, w, first * h * w, 1)
-        if first + part < n:  # the last ones count when holes are filled
+        core.add(located_frames(frames, poses, mask, first, part, first * h * w), 1)
+        if progress and first + part < n:  # the last ones count when holes are filled
             progress(first + part, n)
 
 
@@ -185,7 +195,7 @@ def start(
     wide = wide or frames.dtype == np.float32 or options.method == "bezier"
     if scale is None:
         scale = value_scale(frames, options.method)
-    core.start(_TYPES[frames.dtype], compounding, wide, scale, *grid.size)
+    core.start(_TYPES[frames.dtype], compounding, wide, scale, grid.size)
 
 
 def crowded(poses: np.ndarray, shape: tuple[int, int]) -> bool:
@@ -209,70 +219,54 @@ def value_scale(frames: np.ndarray, method: str = "pvn-om") -> float:
 
 
 def fill(
-    core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple, last: tuple | None = None
+    core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: Any, last: tuple | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Dense values and kernel radii (Z, Y, X), in the arrays `last` of a call before if given."""
     values, radius = last if last is not None else empty_volume(grid.size, dtype)
-    _fill(core, grid, options, whole, address(values), address(radius))
+    _fill(core, grid, options, whole, values, radius)
     return values, radius
 
 
 def update(core: Any, grid: VoxelGrid, options: Options) -> None:
     """Fill the volume that `core` keeps, where binned frames have changed it."""
-    _fill(core, grid, options, (NOWHERE, 0, 0, 0, 0, 0), 0, 0)
+    _fill(core, grid, options, None)
 
 
 def read_kept(core: Any, first: Sequence[int], size: Sequence[int], dtype: Any) -> tuple[np.ndarray, np.ndarray]:
     """Values and radii of a box of the volume that `core` keeps; voxels x, y, z."""
     values, radius = empty_volume(size, dtype)
-    core.read_filled(first, size, address(values), address(radius))
+    core.read_filled(first, size, values, radius)
     return values, radius
 
 
 def filled_on_device(
-    core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple, device: int
+    core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: Any, device: int
 ) -> tuple[DeviceArray, DeviceArray]:
     """The same, left in the GPU's memory."""
-    _fill(core, grid, options, whole, 0, 0)
+    _fill(core, grid, options, whole)
     arrays = []
     for k, (place, kind) in enumerate(zip(core.filled(), (dtype, np.uint8), strict=True)):
 
         def fetch(k: int = k, kind: Any = kind) -> np.ndarray:
             out = np.empty(grid.size[::-1], kind)
-            places = (address(out) if k == i else 0 for i in (0, 1))
-            core.read_filled((0, 0, 0), grid.size, *places)
+            core.read_filled((0, 0, 0), grid.size, *(out if k == i else None for i in (0, 1)))
             return out
 
         arrays.append(DeviceArray(place, grid.size[::-1], kind, core, fetch, device))
     return arrays[0], arrays[1]
 
 
-def _fill(
-    core: Any,
-    grid: VoxelGrid,
-    options: Options,
-    whole: tuple,
-    values: int,
-    radius: int,
-    spread: int = 0,
-    contrast: int = 0,
-) -> None:
+def _fill(core: Any, grid: VoxelGrid, options: Options, whole: Any, *out: np.ndarray) -> None:
+    """out: values, radius, spread, contrast; without, the grid keeps the volume."""
     reach = options.reach(grid.spacing)
     weights = hole_weight_table(reach) if reach <= _LARGEST_TABLE else None
     max_gap = options.max_gap(grid.spacing)
     core.fill(
-        _FILL[options.method],
-        *whole,
-        reach,
-        0 if weights is None else address(weights),
-        HOLE_WEIGHTS.index(options.hole_weights),
-        values,
-        radius,
-        options.extrapolate,
-        -1.0 if max_gap is None else max_gap,
-        spread,
-        contrast,
-    )
+        method=_FILL[options.method], frames=whole, reach=reach, weights=weights,
+        kind=HOLE_WEIGHTS.index(options.hole_weights), extrapolate=options.extrapolate,
+        max_gap=-1.0 if max_gap is None else max_gap,
+        **dict(zip(("values", "radius", "spread", "contrast"), out, strict=False)),
+    )  # fmt: skip
 
 
 def empty_volume(size: Sequence[int], dtype: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -320,16 +314,13 @@ class FrameMaps:
         error = self.error() if self.options.method == "frames" else None
         if error is None:
             raise ValueError("uncertainty: expected a volume of method frames with three frames side by side")
-        core = _core.Reconstructor(self.chosen.backend, self.chosen.index, self.threads)
-        n, height, width = self.frames.shape
-        mask = 0 if self.mask is None else address(self.mask)
-        whole = (located(self.frames), address(self.poses), mask, n, height, width)
-        start(core, self.grid, self.frames, self.options, crowded(self.poses, (height, width)))
-        core.add(*whole, 0, 1)
+        core = _core.SweepGrid(self.chosen.name, self.threads)
+        whole = located_frames(self.frames, self.poses, self.mask)
+        start(core, self.grid, self.frames, self.options, crowded(self.poses, self.frames.shape[1:]))
+        core.add(whole, 1)
         values, radius = empty_volume(self.grid.size, self.frames.dtype)
         spread, contrast = (np.empty(radius.shape, np.float32) for _ in range(2))
-        places = (address(array) for array in (values, radius, spread, contrast))
-        _fill(core, self.grid, self.options, whole, *places)
+        _fill(core, self.grid, self.options, whole, values, radius, spread, contrast)
         return error.at(spread, contrast)
 
     def make(self, name: str) -> np.ndarray:
@@ -337,26 +328,24 @@ class FrameMaps:
         (Z, Y, X)."""
         if name == "uncertainty":
             return self.uncertainty()
-        core = _core.Reconstructor(self.chosen.backend, self.chosen.index, self.threads)
-        n, height, width = self.frames.shape
-        mask = 0 if self.mask is None else address(self.mask)
-        whole = (located(self.frames), address(self.poses), mask, n, height, width)
+        core = _core.SweepGrid(self.chosen.name, self.threads)
+        whole = located_frames(self.frames, self.poses, self.mask)
         kind = {"count": np.uint32, "variance": np.float32, "source": np.int32}[name]
         out = np.empty(self.grid.size[::-1], kind)
         if name == "source":
             start(core, self.grid, self.frames, Options(compounding="latest"))
-            core.add(*whole, 0, 1)
-            core.source_map(height * width, address(out))
+            core.add(whole, 1)
+            core.source_map(math.prod(self.frames.shape[1:]), out)
             return np.where(out >= 0, self.index[out].astype(np.int32), -1)
         scale = value_scale(self.frames)
         if self.frames.dtype == np.float32:
             scale /= 2.0**15  # so that squares fit
-        core.start(_TYPES[self.frames.dtype], 0, True, scale, *self.grid.size)
-        core.add(*whole, 0, 1)
+        core.start(_TYPES[self.frames.dtype], 0, True, scale, self.grid.size)
+        core.add(whole, 1)
         if name == "count":
-            core.count_map(address(out))
+            core.count_map(out)
         else:
-            core.variance_map(*whole, address(out))
+            core.variance_map(whole, out)
         return out
 
 

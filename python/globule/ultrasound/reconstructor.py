@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base.arrays import address, located, to_host
+from .._base.arrays import to_host
 from .._base.checks import thread_count
 from .._base.device import choose
 from .._base.interrupts import whole
@@ -18,7 +18,17 @@ from .._base.owner import Owner
 from ..volumes.volume import Volume
 from .grid import MAX_AXIS, VoxelGrid, bounds, check_memory, estimate_bytes, make_grid, on_lattice
 from .options import Options
-from .reconstruct import FrameMaps, check_frames, check_mask, check_poses, read_kept, start, update, value_scale
+from .reconstruct import (
+    FrameMaps,
+    check_frames,
+    check_mask,
+    check_poses,
+    located_frames,
+    read_kept,
+    start,
+    update,
+    value_scale,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -80,7 +90,7 @@ class Reconstructor(Owner):
         self._history = history if compounding == "mean" else None
         self._space = space
         self._chosen, self._threads = choose(device), thread_count(threads)
-        self._core = _core.Reconstructor(self._chosen.backend, self._chosen.index, self._threads)
+        self._core = _core.SweepGrid(self._chosen.name, self._threads)
         self._grid: VoxelGrid | None = None
         self._face = np.zeros(3)  # a corner of the lattice of voxels
         self._first = np.zeros(3, int)  # the grid's first voxel on the lattice
@@ -283,10 +293,8 @@ class Reconstructor(Owner):
 
     def _bin(self, added: _Added, sign: int) -> None:
         assert self._grid is not None
-        n, height, width = added.frames.shape
         poses = self._grid.poses(added.world_from_image)
-        mask = 0 if self._used is None else address(self._used)
-        self._core.add(located(added.frames), address(poses), mask, n, height, width, self._order % 2**32, sign)
+        self._core.add(located_frames(added.frames, poses, self._used, order=self._order % 2**32), sign)
         if sign > 0:
             self._order += added.frames.size
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ... import _core
-from ..._base.arrays import address, located
+from ..._base.arrays import located
 from ..._base.checks import thread_count
 from ..._base.device import choose
 from ..._base.memory import free_bytes as free_host_bytes
@@ -74,7 +74,7 @@ def reconstruct_plus(
     origin, spacing, size = _box(config, poses, (h, w), extent)
     mask = _importance(config, importance_mask, (h, w))
     chosen = choose(device)
-    core = _core.Reconstructor(chosen.backend, chosen.index, thread_count(threads))
+    core = _core.SweepGrid(chosen.name, thread_count(threads))
     grid = VoxelGrid(np.array(origin), min(spacing), tuple(size))
     bytes_each = 2 * (2 * frames.itemsize + 3)  # values, filled, accumulator, origin; here and there
     needed = check_memory(
@@ -100,29 +100,25 @@ def reconstruct_plus(
         {
             "frames": located(picked),
             "type": _TYPES[frames.dtype],
-            "n_frames": len(kept),
-            "height": h,
-            "width": w,
-            "voxel_from_image": address(matrices),
-            "sources": address(sources),
-            "n_masks": len(sources),
-            "mask_of_frame": address(mask_of_frame),
-            "importance": 0 if mask is None else address(mask),
+            "shape": picked.shape,
+            "voxel_from_image": matrices,
+            "sources": sources,
+            "source_of_frame": mask_of_frame,
+            "importance": mask,
             "size": list(size),
             "interpolation": INTERPOLATIONS.index(config.interpolation),
             "optimization": OPTIMIZATIONS.index(config.optimization),
             "compounding": COMPOUNDINGS.index(config.compounding),
-            "rejects": config.rejection is not None,
-            "rejection": config.rejection or 0.0,
+            "rejection": config.rejection,
             "fill_holes": config.fill_holes,
-            "values": address(values),
-            "accumulator": address(accumulator),
-            "origin": address(radius),
-        },
-        [
-            (FILLERS.index(f.type), f.size, f.n_sticks, f.least_ratio, f.weights().ravel().tolist())
-            for f in config.fillers
-        ],
+            "fillers": [
+                (FILLERS.index(f.type), f.size, f.n_sticks, f.least_ratio, f.weights().ravel().tolist())
+                for f in config.fillers
+            ],
+            "values": values,
+            "accumulator": accumulator,
+            "origin": radius,
+        }
     )
     world_from_voxel = np.diag([*spacing, 1.0])
     world_from_voxel[:3, 3] = origin
