@@ -256,7 +256,7 @@ def draw_view(
     if annotation.box and box is not None:
         draw_box(canvas, camera, np.asarray(box, np.float64), distance, skin, annotation.unit, origin)
     if annotation.axes:
-        _draw_axes(canvas, camera, str(annotation.legend).endswith("left"))
+        _draw_axes(canvas, camera, annotation.legend == "lower-left")
     if annotation.scale_bar:
         free = annotation.legend in (False, "outside")
         _draw_scale_bar(canvas, camera, annotation.unit, free)
