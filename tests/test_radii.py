@@ -216,3 +216,14 @@ def test_only_a_particle_without_a_radius_is_left_out(folder, capsys, bad, name,
         out = capsys.readouterr()
         assert out.err.count("has no radius") == 1
         assert json.loads(out.out)["volume"][-1] == pytest.approx(volume_of(radii[1:]), rel=1e-5)
+
+
+@pytest.mark.parametrize("where", [[], ["--where", "radius > 1"]])
+def test_no_particles_with_radii_are_a_row_of_zeros(folder, capsys, where):
+    csv(folder / "grains.csv", *(grains(8, 0.03, 0.03) if where else ([], [])))
+    assert main(["track", "grains.csv", "--json", *where]) == 0
+    out = capsys.readouterr()
+    table = json.loads(out.out)
+    assert [table[name] for name in ("particles", "volume", "area", "particle_volume")] == [[0]] * 4
+    assert ("no particle meets" if where else "holds no particles") in out.err
+    assert main(["gauge", "grains.csv", "--at", "0,0", *where]) == 0
