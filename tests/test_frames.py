@@ -255,3 +255,18 @@ def test_files_of_one_frame_beside_those_of_several(capsys, order):
     assert [len(p) for p in gb.sequence(files)] == report["particles"]
     assert main(["render", *files, "-o", "p_%d.png", *SMALL]) == 0
     assert os.path.exists("p_4.png")
+
+
+def test_the_frames_before_a_broken_one_are_measured(capsys):
+    dump()
+    text = Path("frames.lammpstrj").read_text().splitlines(keepends=True)
+    Path("cut.lammpstrj").write_text("".join(text[:-9]))
+    for command, name in (["track"], "particles"), (["gauge", "--at", "0.2,0.2"], "height_0"):
+        assert main([*command, "cut.lammpstrj", "-o", "rows.csv"]) == 2
+        assert "expected 512 atoms, got 503" in capsys.readouterr().err
+        with open("rows.csv", newline="") as file:
+            rows = [float(row[name]) for row in csv.DictReader(file)]
+        assert len(rows) == 3
+        assert name != "particles" or rows == [125, 216, 343]
+    assert main(["track", "cut.lammpstrj", "--frame", "3", "-o", "none.csv"]) == 2
+    assert not os.path.exists("none.csv")

@@ -64,6 +64,11 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run `globule gauge`."""
+    with measuring.Broken() as broken:
+        _run(options, broken)
+
+
+def _run(options: argparse.Namespace, broken: measuring.Broken) -> None:
     if options.output:
         check_output("-o", options.output, EXTENSIONS if options.map else (".csv",))
     elif options.map:
@@ -81,7 +86,8 @@ def run(options: argparse.Namespace) -> None:
     names, rows = [], []
     clock: list[float | None] = []
     with Progress(len(options.files)) as progress:
-        for i, path, scene in measuring.scenes(options, options.files, progress, one=options.map, clock=clock):
+        scenes = measuring.scenes(options, options.files, progress, one=options.map, clock=clock)
+        for i, path, scene in broken.before(scenes):
             if not i:
                 settle_up(options, path)
                 if options.said_up:

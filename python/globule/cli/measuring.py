@@ -124,6 +124,33 @@ def scenes(
         yield i, path, scene
 
 
+class Broken:
+    """A file or frame that cannot be read ends a sequence. Of those before it the results are
+    written: its error is raised behind them, at the end of the `with`."""
+
+    def __init__(self) -> None:
+        self._error: UserError | None = None
+
+    def before(self, scenes: Iterator[tuple[int, str, Scene]]) -> Iterator[tuple[int, str, Scene]]:
+        """The scenes before the error, which is raised where there are none."""
+        n = 0
+        try:
+            for one in scenes:
+                n += 1
+                yield one
+        except UserError as error:
+            if not n:
+                raise
+            self._error = error
+
+    def __enter__(self) -> Broken:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None and self._error is not None:
+            raise self._error
+
+
 def led_by(files: Sequence[str], at: int) -> str:
     """What to say where not the first file leads."""
     leading = files[at]
