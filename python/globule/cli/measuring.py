@@ -114,7 +114,7 @@ def scenes(
     for i, path in enumerate(files):
         progress.step(path)
         particles, messages = next(ahead)
-        if not len(particles):
+        if not (len(particles) or (one and len(files) == 1)):  # for one, need_particles says it
             messages = [*messages, none_of(path, options)]
         for message in messages:
             progress.clear()
