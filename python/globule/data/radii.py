@@ -74,11 +74,16 @@ def sizes_of(values: np.ndarray) -> np.ndarray | None:
     return sizes if sizes.any() else None
 
 
-def find_radii(particles: Particles) -> np.ndarray | None:
+def find_radii(particles: Particles, of_all: bool = True) -> np.ndarray | None:
     """Radii (N,) float32, world units, from the attribute `radius`, `pscale` or `diameter`, 0 for
-    those that are negative or not finite; None where no particle has one above 0."""
-    found = _radii_of(particles)
-    return None if found is None else sizes_of(found[1] * found[0])
+    those that are negative or not finite; None where no particle has one above 0.
+
+    of_all: whether these are all particles; of a range, all radii may be 0."""
+    found = _radii_of(particles, of_all)
+    if found is None:
+        return None
+    radii = sizes_of(found[1] * found[0])
+    return np.zeros(len(particles), np.float32) if radii is None else radii
 
 
 def n_without_radius(particles: Particles) -> int:
@@ -87,7 +92,7 @@ def n_without_radius(particles: Particles) -> int:
     return 0 if found is None else int(np.count_nonzero(~(np.isfinite(found[1]) & (found[1] >= 0))))
 
 
-def _radii_of(particles: Particles) -> tuple[float, np.ndarray] | None:
+def _radii_of(particles: Particles, of_all: bool = True) -> tuple[float, np.ndarray] | None:
     """A factor, and the array (N,) that gives radii times it; None where no value is above 0."""
     by_lower_name = length_names(particles.attributes, particles.positions)
     for lower, factor in _NAMES.items():
@@ -98,7 +103,7 @@ def _radii_of(particles: Particles) -> tuple[float, np.ndarray] | None:
             values = values[:, 0]
         if values.ndim != 1 or values.dtype.kind not in "iuf" or not len(values):
             continue
-        if sizes_of(values) is not None:
+        if not of_all or sizes_of(values) is not None:
             return factor, values
     return None
 

@@ -156,7 +156,8 @@ def say_radii(path: Any, particles: Particles) -> None:
     """Warn of particles without a radius, where others have radii."""
     if n := n_without_radius(particles):
         have = "have" if n > 1 else "has"
-        what = f"{n:,} of {len(particles):,} particles {have} no radius, or a negative one: left out"
+        without = f"{n:,} of {len(particles):,} particles {have} no radius, or a negative one"
+        what = f"{without}: left out, except of a smooth surface"
         warnings.warn(f"{os.fspath(path)}: {what}", stacklevel=5)
 
 
