@@ -70,6 +70,8 @@ def sizes_of(values: np.ndarray) -> np.ndarray | None:
     """The values as float32, 0 for those that are negative or not finite; None where none is above 0."""
     with np.errstate(over="ignore", invalid="ignore"):
         sizes = np.asarray(values).astype(np.float32)
+        if sizes.size and sizes.min() >= 0 and np.isfinite(most := sizes.max()):  # fast, of most files
+            return sizes if most > 0 else None
         sizes = np.where(np.isfinite(sizes) & (sizes > 0), sizes, np.float32(0))
     return sizes if sizes.any() else None
 
@@ -89,7 +91,9 @@ def find_radii(particles: Particles, of_all: bool = True) -> np.ndarray | None:
 def n_without_radius(particles: Particles) -> int:
     """How many particles have a negative radius or none that is finite, where others have radii."""
     found = _radii_of(particles)
-    return 0 if found is None else int(np.count_nonzero(~(np.isfinite(found[1]) & (found[1] >= 0))))
+    if found is None or (found[1].min() >= 0 and np.isfinite(found[1].max())):
+        return 0
+    return int(np.count_nonzero(~(np.isfinite(found[1]) & (found[1] >= 0))))
 
 
 def _radii_of(particles: Particles, of_all: bool = True) -> tuple[float, np.ndarray] | None:

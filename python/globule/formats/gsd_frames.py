@@ -40,7 +40,7 @@ def _diameter(words: bytes) -> float:
     try:
         shape = json.loads(words.split(b"\0")[0])
         return float(shape["diameter"]) if shape["type"] == "Sphere" else np.nan
-    except (ValueError, TypeError, KeyError, RecursionError):
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
         return np.nan
 
 
