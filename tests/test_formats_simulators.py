@@ -7,8 +7,9 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from cli_helpers import refuses
+from cli_helpers import refuses, run_json
 from format_helpers import vtk_write
+from globule.data.radii import find_radii
 from globule.formats import FormatError, read_contents
 
 N = 30
@@ -64,10 +65,39 @@ def test_gsd_with_the_box_that_is_not_written(tmp_path):
         frame.configuration.box = [1, 1, 1, 0, 0, 0]
         frame.particles.N, frame.particles.position = 1, [[0.75, 0, 0]]
         file.append(frame)
-    got = read_contents(tmp_path / "run.gsd")
+    with pytest.warns(UserWarning, match="no diameters"):
+        got = read_contents(tmp_path / "run.gsd")
     assert got.box.periodic == (True, True, True)
     assert np.array_equal(got.box.edges, np.eye(3))
     assert close(got.particles.positions, [[-0.25, 0, 0]])
+
+
+@pytest.mark.interop
+@pytest.mark.parametrize("second", [None, 0.8, "shape"])
+def test_gsd_with_diameters_that_are_not_written(tmp_path, second, recwarn, capsys):
+    """HOOMD leaves out diameters of 1: they are known by another frame, or by spheres of types."""
+    hoomd = pytest.importorskip("gsd.hoomd")
+    places = [[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]]
+    with hoomd.open(tmp_path / "run.gsd", "w") as file:
+        for diameter in (1, second) if second == 0.8 else (1,):
+            frame = hoomd.Frame()
+            frame.configuration.box = [9, 9, 9, 0, 0, 0]
+            frame.particles.N, frame.particles.position = 4, places
+            frame.particles.diameter = np.full(4, diameter, np.float32)
+            if second == "shape":
+                frame.particles.types, frame.particles.typeid = ["A", "B"], [0, 0, 1, 1]
+                frame.particles.type_shapes = [{"type": "Sphere", "diameter": d} for d in (0.5, 1.5)]
+            file.append(frame)
+    radii = find_radii(gb.read(tmp_path / "run.gsd", frame=0))
+    said = [str(one.message) for one in recwarn if "no diameters" in str(one.message)]
+    assert len(said) == (second is None)
+    if second is None:
+        assert radii is None
+        how = said[0].partition("they are, ")[2].partition(" draws")[0].split()
+        volume = run_json(capsys, "track", str(tmp_path / "run.gsd"), *how)["volume"]
+        assert volume == pytest.approx([4 * np.pi / 6], rel=1e-5)
+    else:
+        assert close(radii, [0.25, 0.25, 0.75, 0.75] if second == "shape" else [0.5] * 4)
 
 
 DUMP = """ITEM: TIME

@@ -220,3 +220,53 @@ def test_what_takes_one_frame_says_which(capsys):
     Path("empty.xyz").write_text("0\n\n1\n\n0 0 0\n")
     said = refused(capsys, "render", "empty.xyz", "-o", "a.png")
     assert "got none with a finite position; it has 2 frames: --frame takes another" in said
+
+
+def test_one_frame_of_a_sequence_comes_once():
+    dump()
+    assert [len(p) for p in gb.sequence("frames.lammpstrj", frame=2)] == [343]
+    assert [len(p) for p in gb.sequence("frames.lammpstrj", frame=-1)] == [512]
+
+
+@pytest.mark.parametrize(
+    ("frame", "name", "made"), [("2", "a_%d.png", "a_2"), ("-1", "a_%03d.png", "a_003"), ("1", "a_%04d.xyz", "a_0001")]
+)
+def test_the_number_of_one_frame_is_in_the_name(frame, name, made):
+    dump()
+    how = [name] if name.endswith("xyz") else ["-o", name, *SMALL]
+    command = "convert" if name.endswith("xyz") else "render"
+    assert main([command, "frames.lammpstrj", *how, "--frame", frame]) == 0
+    assert os.path.exists(made + name[-4:])
+
+
+def test_a_file_of_one_frame_has_a_number_and_a_name():
+    np.savetxt("one.csv", lattice(5), delimiter=",", header="x,y,z", comments="")
+    assert main(["render", "one.csv", "-o", "{}_%03d.png", *SMALL]) == 0
+    assert os.path.exists("one_000.png")
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_files_of_one_frame_beside_those_of_several(capsys, order):
+    dump()
+    np.savetxt("one.csv", lattice(4), delimiter=",", header="x,y,z", comments="")
+    files = ["one.csv", "frames.lammpstrj"][::order]
+    report = run_json(capsys, "track", *files, "--sample-spacing", "0.05")
+    assert report["particles"] == [64, 125, 216, 343, 512] if order > 0 else [125, 216, 343, 512, 64]
+    assert [len(p) for p in gb.sequence(files)] == report["particles"]
+    assert main(["render", *files, "-o", "p_%d.png", *SMALL]) == 0
+    assert os.path.exists("p_4.png")
+
+
+def test_the_frames_before_a_broken_one_are_measured(capsys):
+    dump()
+    text = Path("frames.lammpstrj").read_text().splitlines(keepends=True)
+    Path("cut.lammpstrj").write_text("".join(text[:-9]))
+    for command, name in (["track"], "particles"), (["gauge", "--at", "0.2,0.2"], "height_0"):
+        assert main([*command, "cut.lammpstrj", "-o", "rows.csv"]) == 2
+        assert "expected 512 atoms, got 503" in capsys.readouterr().err
+        with open("rows.csv", newline="") as file:
+            rows = [float(row[name]) for row in csv.DictReader(file)]
+        assert len(rows) == 3
+        assert name != "particles" or rows == [125, 216, 343]
+    assert main(["track", "cut.lammpstrj", "--frame", "3", "-o", "none.csv"]) == 2
+    assert not os.path.exists("none.csv")

@@ -122,3 +122,12 @@ def test_formats_that_are_not_read_say_what_helps(name, content, advice):
         book.writestr("xl/workbook.xml", "<workbook/>")
     with pytest.raises(ValueError, match="an Excel workbook"):
         gb.read("a.xlsx")
+
+
+@pytest.mark.parametrize("files", [["one.csv"], ["one.csv", "two.csv"]])
+def test_names_of_images_and_movies_are_said(folder, capsys, files):
+    for name in files:
+        (folder / name).write_text("x,y,z\n0,0,0\n1,0,0\n")
+    assert main(["render", *files, "-o", "m.gif"]) == 2
+    expected = "-o: expected a name ending in .png (images) or .mp4 (a movie), got m.gif"
+    assert expected in capsys.readouterr().err

@@ -195,7 +195,7 @@ def test_samples_are_written_in_world_coordinates(command, capsys):
 
 def test_gauges_images_and_large_ids_are_said_as_in_the_world(capsys):
     np.save("a.npy", lattice() + FAR)
-    words = ["gauge", "a.npy", "--at", "0.5,0.5", "--up", "0,0,-1", "--origin", "440750,5000000,100"]
+    words = ["gauge", "a.npy", "--at", "440750.5,5000000.5", "--up", "0,0,-1", "--origin", "440750,5000000,100"]
     assert main([*words, "-o", "g.csv"]) == 0
     height = np.genfromtxt("g.csv", delimiter=",", names=True)["height_0"]
     np.testing.assert_allclose(height, -FAR[2], atol=0.2)  # that of the lowest layer

@@ -327,8 +327,9 @@ def test_pieces_are_of_the_frame_that_is_asked_for(files, little, capsys):
     assert [c["particles"] for c in counts] == [len(POSITIONS[::2]), len(POSITIONS)]
 
 
-def test_radii_of_some_ranges_alone_are_none(backend):
-    radii = np.where(np.arange(len(LATTICE)) < 1000, 0.3, np.nan)
+@pytest.mark.parametrize("radius", [0.3, -0.3])
+def test_ranges_without_radii_beside_those_with(backend, radius):
+    radii = np.where(np.arange(len(LATTICE)) < 1000, radius, np.nan)
     particles = gb.Particles(LATTICE, attributes={"radius": radii})
     pieces = Pieces(store.source_of(particles)._replace(size=500), 3, surface="spheres", **backend)
     agree(gb.Scene(particles, surface="spheres", **backend), pieces)

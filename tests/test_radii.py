@@ -12,6 +12,7 @@ from globule.data.radii import find_radii
 from globule.fluids.likeness import are_spheres
 from globule.measure.mesh import measured
 from globule.measure.spheres import sampled_union, union_of_spheres
+from globule.measure.track import track_surface
 from globule.scene.capsules import Spheres
 
 SMALL = ("--size", "64x48", "--device", "cpu")
@@ -101,7 +102,7 @@ def test_a_packing_is_not_a_fluid_and_spheres_beside_have_their_radii(folder, ca
     assert run_json(capsys, "info", "f.csv")["surface"] == "smooth"
     assert not are_spheres(gb.read("f.csv"))
     assert not are_spheres(gb.Particles(g))
-    assert find_radii(gb.Particles(g, attributes={"radius": np.arange(len(g)) - 1})) is None
+    assert find_radii(gb.Particles(g, attributes={"radius": -np.arange(len(g))})) is None
     # Nor are atoms, though bonds overlap.
     water = np.array([[0, 0, 0], [0.96, 0, 0], [-0.24, 0.93, 0]])
     radius = np.array([1.52, 1.2, 1.2])
@@ -195,3 +196,34 @@ def test_union_of_any_spheres_by_points():
     volume, wide, _, _ = sampled_union(places, np.full(10_000, 0.005))
     assert time.process_time() - start < 5
     assert abs(volume - 0.00391322) < 3 * wide  # with 60 million points
+
+
+@pytest.mark.parametrize("bad", ["", "nan", "-0.5", "inf"])
+@pytest.mark.parametrize(("name", "factor"), [("radius", 1), ("diameter", 2)])
+def test_only_a_particle_without_a_radius_is_left_out(folder, capsys, bad, name, factor):
+    places, radii = grains(60, 0.03, 0.03)
+    lines = (folder / csv(folder / "grains.csv", places, factor * radii, name)).read_text().split("\n")
+    lines[11] = ",".join([*lines[11].split(",")[:3], bad])
+    (folder / "grains.csv").write_text("\n".join(lines))
+    (folder / "first.csv").write_text(f"x,y,z,{name}\n")
+    with pytest.warns(UserWarning, match="1 of 60 particles has no radius, or a negative one: left out"):
+        particles = gb.read("grains.csv")
+    assert list(np.flatnonzero(find_radii(particles) == 0)) == [10]
+    assert find_radii(particles)[11] == pytest.approx(0.03)
+    assert track_surface([particles])["volume"][0] == pytest.approx(volume_of(radii[1:]), rel=1e-5)
+    for files in ["grains.csv"], ["first.csv", "grains.csv"]:
+        assert main(["track", *files, "--json"]) == 0
+        out = capsys.readouterr()
+        assert out.err.count("has no radius") == 1
+        assert json.loads(out.out)["volume"][-1] == pytest.approx(volume_of(radii[1:]), rel=1e-5)
+
+
+@pytest.mark.parametrize("where", [[], ["--where", "radius > 1"]])
+def test_no_particles_with_radii_are_a_row_of_zeros(folder, capsys, where):
+    csv(folder / "grains.csv", *(grains(8, 0.03, 0.03) if where else ([], [])))
+    assert main(["track", "grains.csv", "--json", *where]) == 0
+    out = capsys.readouterr()
+    table = json.loads(out.out)
+    assert [table[name] for name in ("particles", "volume", "area", "particle_volume")] == [[0]] * 4
+    assert ("no particle meets" if where else "holds no particles") in out.err
+    assert main(["gauge", "grains.csv", "--at", "0,0", *where]) == 0

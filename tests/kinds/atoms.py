@@ -62,7 +62,7 @@ def gsd(path: Path, frames: list[dict[str, Any]]) -> None:
             file.append(frame)
 
 
-kind("HOOMD GSD", "a.gsd", frames=2, periodic="xyz", names=("type",), package="gsd.hoomd")(
+kind("HOOMD GSD", "a.gsd", frames=2, periodic="xyz", names=("type",), package="gsd.hoomd", warns="no diameters")(
     lambda path: gsd(path, [{"position": x, "types": ["A", "B"], "typeid": np.arange(N) % 2} for x in FRAMES])
 )
 kind("HOOMD grains", "a.gsd", periodic="xyz", package="gsd.hoomd", **grains(names=("diameter", "radius")))(

@@ -110,7 +110,7 @@ def status_of(run: Callable[[list[str]], None], argv: list[str]) -> int:
     """Run a program of ours and return its exit status."""
     try:
         with warnings.catch_warnings(), contextlib.redirect_stdout(_plain_stdout()):
-            warnings.showwarning = _show_warning
+            warnings.showwarning = _once()
             run(argv)
         if sys.stdout:
             sys.stdout.flush()  # here, so that a closed pipe is noticed here
@@ -179,9 +179,16 @@ def _plain_stdout() -> Any:
     return sys.stdout and Plain(sys.stdout)
 
 
-def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    """The library's warnings, and others', as one line."""
-    warn(str(message))
+def _once() -> Callable[..., None]:
+    """What shows the library's warnings, and others', as one line each; the same one once a run."""
+    said = set()
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        if (text := str(message)) not in said:
+            said.add(text)
+            warn(text)
+
+    return show
 
 
 def _fail(status: int, problem: object) -> int:

@@ -27,6 +27,7 @@ from .shared import (
     check_output,
     count,
     first_of,
+    frame_number,
     mistakes,
     read_file,
     reading,
@@ -82,7 +83,10 @@ def run(options: argparse.Namespace) -> None:
     files, outputs = inputs, [os.path.join(folder, name)]
     if of_all and options.frame is not None and len(inputs) == 1:
         outputs = [outputs[0] % 0]
-    elif number and (options.frame is None or len(inputs) > 1):
+    elif number and options.frame is not None and len(inputs) == 1:
+        at = frame_number(inputs[0], options.frame)
+        outputs = [os.path.join(folder, name.replace(number[0], number[0] % at))]
+    elif number:
         files = with_frames(inputs, **given) if options.frame is None else inputs
         names = [name.replace(number[0], number[0] % k) for k in range(len(files))]
         outputs = [os.path.join(folder, one) for one in names]

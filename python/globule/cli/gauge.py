@@ -9,6 +9,7 @@ Several files, or a quoted pattern ('frame_*.vtk'), are one sequence with one su
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 import numpy as np
 
@@ -51,8 +52,8 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="particles, mesh or volume")
     flags.add(parser, "--output", "heights.csv; a --map also .npz .vti .vtp; default: printed")
     one = parser.add_mutually_exclusive_group(required=True)
-    flags.own(one, "--at A,B", "horizontal coordinates of a gauge, world units; may be repeated",
-        place, action="append")  # fmt: skip
+    flags.own(one, "--at A,B", "horizontal coordinates of a gauge, those of the file also far from the "
+        "origin; may be repeated", place, action="append")  # fmt: skip
     flags.own(one, "--map", "heights all over the ground of one file")
     flags.add(parser, "--up", "along x, y or z; default: by format")
     flags.add(parser, "--fps", "for the column of times; default: the times of the files")
@@ -62,8 +63,19 @@ def add_arguments(parser: Parser) -> None:
     measuring.add_surface(parser)
 
 
+def _local(options: argparse.Namespace, scene: Any) -> np.ndarray:
+    """The places of --at (K, 2), given from the scene's origin."""
+    axis, _ = up_axis(scene.up if options.up is None else options.up)
+    return np.array(options.at) - np.delete(scene.origin, axis)
+
+
 def run(options: argparse.Namespace) -> None:
     """Run `globule gauge`."""
+    with measuring.Broken() as broken:
+        _run(options, broken)
+
+
+def _run(options: argparse.Namespace, broken: measuring.Broken) -> None:
     if options.output:
         check_output("-o", options.output, EXTENSIONS if options.map else (".csv",))
     elif options.map:
@@ -81,7 +93,8 @@ def run(options: argparse.Namespace) -> None:
     names, rows = [], []
     clock: list[float | None] = []
     with Progress(len(options.files)) as progress:
-        for i, path, scene in measuring.scenes(options, options.files, progress, one=options.map, clock=clock):
+        scenes = measuring.scenes(options, options.files, progress, one=options.map, clock=clock)
+        for i, path, scene in broken.before(scenes):
             if not i:
                 settle_up(options, path)
                 if options.said_up:
@@ -95,7 +108,7 @@ def run(options: argparse.Namespace) -> None:
                 rows.append(found["height"].ravel())
             else:
                 with mistakes():
-                    rows.append(gauge(scene, options.at, options.up))
+                    rows.append(gauge(scene, _local(options, scene), options.up))
             names.append(path)
     if options.map:
         with mistakes():

@@ -16,7 +16,7 @@ from ..formats.kind import kind_of
 from ..formats.triangles import has_faces
 from ..measure.surface import default_spacing
 from ..pieces.scene import Scene
-from ..render.sequence import KeptScene, find_files, frames_of, leader, read_ahead, with_frames
+from ..render.sequence import KeptScene, find_files, leader, read_ahead, with_frames
 from . import flags, look, surfaces
 from .parser import Parser
 from .shared import (
@@ -26,6 +26,7 @@ from .shared import (
     check_input,
     doubled,
     first_of,
+    frame_number,
     left_out,
     lies_across,
     mistakes,
@@ -95,7 +96,7 @@ def scenes(
     if not one and options.frame is None:
         files = with_frames(files, **reading(options))
     elif options.frame is not None:
-        files = [FrameOf(f, options.frame if options.frame >= 0 else frames_of(f) + options.frame) for f in files]
+        files = [FrameOf(f, frame_number(f, options.frame)) for f in files]
     at = leader(files, **reading(options))
     if len({*files}) > 1:
         settle_origin(options, files[at])
@@ -113,7 +114,7 @@ def scenes(
     for i, path in enumerate(files):
         progress.step(path)
         particles, messages = next(ahead)
-        if len(files) > 1 and not len(particles):
+        if not (len(particles) or (one and len(files) == 1)):  # for one, need_particles says it
             messages = [*messages, none_of(path, options)]
         for message in messages:
             progress.clear()
@@ -121,6 +122,33 @@ def scenes(
         with mistakes(path):
             scene = kept.show(particles, functools.partial(_scene, options, path), made)
         yield i, path, scene
+
+
+class Broken:
+    """A file or frame that cannot be read ends a sequence. Of those before it the results are
+    written: its error is raised behind them, at the end of the `with`."""
+
+    def __init__(self) -> None:
+        self._error: UserError | None = None
+
+    def before(self, scenes: Iterator[tuple[int, str, Scene]]) -> Iterator[tuple[int, str, Scene]]:
+        """The scenes before the error, which is raised where there are none."""
+        n = 0
+        try:
+            for one in scenes:
+                n += 1
+                yield one
+        except UserError as error:
+            if not n:
+                raise
+            self._error = error
+
+    def __enter__(self) -> Broken:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None and self._error is not None:
+            raise self._error
 
 
 def led_by(files: Sequence[str], at: int) -> str:

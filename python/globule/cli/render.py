@@ -58,6 +58,7 @@ from .shared import (
     check_input,
     check_output,
     count,
+    frame_number,
     mistakes,
     print_json,
     reading,
@@ -231,10 +232,10 @@ def outputs(options: argparse.Namespace, images: list[str] | None) -> tuple[list
             meshes.check_mesh(path, options)
         else:
             check_input(path, list(reading(options)))
-    images = images or _names("-o", options.output, options.particles, ".png")
+    images = images or _names("-o", options.output, options.particles, ".png", options.frame)
     arrays: list[str | None] = [None] * len(images)
     if options.aov:
-        arrays = list(_names("--aov", options.aov, options.particles, ".npz"))
+        arrays = list(_names("--aov", options.aov, options.particles, ".npz", options.frame))
     inputs = {os.path.realpath(path) for path in options.particles}
     for path in arrays:
         if path and os.path.realpath(path) in inputs:
@@ -242,10 +243,12 @@ def outputs(options: argparse.Namespace, images: list[str] | None) -> tuple[list
     return images, arrays
 
 
-def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list[str]:
+def _names(option: str, pattern: str, inputs: list[str], extension: str, frame: int | None) -> list[str]:
     folder = os.path.isdir(pattern) or pattern.endswith("/")
     name = "{}" if len({str(path) for path in inputs}) == len(inputs) else "{}_%04d"
     full = os.path.join(pattern, name + extension) if folder else pattern
+    if option == "-o" and not full.lower().endswith(extension):
+        raise UserError(f"-o: expected a name ending in {extension} (images) or .mp4 (a movie), got {pattern}")
     number = re.search(r"%(0?\d?)d", os.path.basename(full))
     if len(inputs) > 1 and not number and "{}" not in os.path.basename(full):
         message = f"a folder or a name with {{}} or %d for {len(inputs)} files"
@@ -253,10 +256,9 @@ def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list
     names = []
     for i, path in enumerate(inputs):
         head, name = os.path.split(full)
-        if len(inputs) > 1 or folder:
-            if number:
-                name = name.replace(number[0], number[0] % i)
-            name = name.replace("{}", stem(path))
+        if number:
+            name = name.replace(number[0], number[0] % (i if len(inputs) > 1 else frame_number(path, frame)))
+        name = name.replace("{}", stem(path))
         names.append(os.path.join(head, name))
         check_output(option, names[-1], [extension])
         if names[-1] in names[:-1]:

@@ -298,6 +298,15 @@ def first_of(path: str, n_frames: int, all_of_them: str) -> str:
     return f"{which}: --frame takes another, {all_of_them}"
 
 
+def frame_number(path: str, frame: int | None) -> int:
+    """The number of the frame that --frame chooses of a file; 0 without it."""
+    from ..render.sequence import frames_of
+
+    if isinstance(path, FrameOf):
+        return path.frame
+    return frames_of(path) + frame if frame is not None and frame < 0 else frame or 0
+
+
 def stem(path: str) -> str:
     """A file's name without folder and extension."""
     from ..formats import READABLE

@@ -49,6 +49,11 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run `globule track`."""
+    with measuring.Broken() as broken:
+        _run(options, broken)
+
+
+def _run(options: argparse.Namespace, broken: measuring.Broken) -> None:
     if options.output:
         check_output("-o", options.output, (".csv",))
     if options.plot:
@@ -65,7 +70,8 @@ def run(options: argparse.Namespace) -> None:
             if spacing is None and scene.octree.n_inside:
                 spacing = default_spacing(scene)
 
-        for _, path, scene in measuring.scenes(options, options.files, progress, made=made, clock=clock):
+        scenes = measuring.scenes(options, options.files, progress, made=made, clock=clock)
+        for _, path, scene in broken.before(scenes):
             with mistakes():
                 found = facts(scene, spacing)
                 wrong = scene.octree.n_inside and not found["area"]

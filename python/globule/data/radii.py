@@ -54,7 +54,9 @@ def _may_be_sizes(values: Any, positions: Any) -> bool:
     x = to_host(positions)
     if values.ndim != 1 or values.dtype.kind not in "iuf" or len(values) != len(x) or not len(x):
         return False
-    if not (np.isfinite(values).all() and (values >= 0).all() and values.any() and np.isfinite(x).all()):
+    there = np.isfinite(values) & np.isfinite(x).all(axis=1)
+    values, x = values[there], x[there]
+    if not ((values >= 0).all() and values.any()):
         return False
     if len(x) > 1 and np.median(values) > np.ptp(x, axis=0).max():
         return False
@@ -64,9 +66,38 @@ def _may_be_sizes(values: Any, positions: Any) -> bool:
     return len(x) < 2 or not any(np.allclose(values[:1000], d, rtol=1e-3) for d in distances)
 
 
-def find_radii(particles: Particles) -> np.ndarray | None:
-    """Radii (N,) float32, world units, from the attribute `radius`, `pscale` or `diameter`; None
-    where the particles have none, one that is negative or not finite, or none above 0."""
+def sizes_of(values: np.ndarray) -> np.ndarray | None:
+    """The values as float32, 0 for those that are negative or not finite; None where none is above 0."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        sizes = np.asarray(values).astype(np.float32)
+        if sizes.size and sizes.min() >= 0 and np.isfinite(most := sizes.max()):  # fast, of most files
+            return sizes if most > 0 else None
+        sizes = np.where(np.isfinite(sizes) & (sizes > 0), sizes, np.float32(0))
+    return sizes if sizes.any() else None
+
+
+def find_radii(particles: Particles, of_all: bool = True) -> np.ndarray | None:
+    """Radii (N,) float32, world units, from the attribute `radius`, `pscale` or `diameter`, 0 for
+    those that are negative or not finite; None where no particle has one above 0.
+
+    of_all: whether these are all particles; of a range, all radii may be 0."""
+    found = _radii_of(particles, of_all)
+    if found is None:
+        return None
+    radii = sizes_of(found[1] * found[0])
+    return np.zeros(len(particles), np.float32) if radii is None else radii
+
+
+def n_without_radius(particles: Particles) -> int:
+    """How many particles have a negative radius or none that is finite, where others have radii."""
+    found = _radii_of(particles)
+    if found is None or (found[1].min() >= 0 and np.isfinite(found[1].max())):
+        return 0
+    return int(np.count_nonzero(~(np.isfinite(found[1]) & (found[1] >= 0))))
+
+
+def _radii_of(particles: Particles, of_all: bool = True) -> tuple[float, np.ndarray] | None:
+    """A factor, and the array (N,) that gives radii times it; None where no value is above 0."""
     by_lower_name = length_names(particles.attributes, particles.positions)
     for lower, factor in _NAMES.items():
         if lower not in by_lower_name:
@@ -76,10 +107,8 @@ def find_radii(particles: Particles) -> np.ndarray | None:
             values = values[:, 0]
         if values.ndim != 1 or values.dtype.kind not in "iuf" or not len(values):
             continue
-        with np.errstate(over="ignore"):
-            radii = (factor * values).astype(np.float32)
-        if np.isfinite(radii).all() and (radii >= 0).all() and radii.any():
-            return radii
+        if not of_all or sizes_of(values) is not None:
+            return factor, values
     return None
 
 
@@ -95,6 +124,6 @@ def with_halved_radii(particles: Particles) -> Particles:
     radii, support = particles.attributes[name], particles.support
     halved = particles[:]
     halved.attributes = {**particles.attributes, name: radii / 2}
-    if support is not None and np.array_equal(support, 4 * radii.astype(np.float32)):
+    if support is not None and (sizes := sizes_of(radii)) is not None and np.array_equal(support, 4 * sizes):
         halved.support = support / 2
     return halved

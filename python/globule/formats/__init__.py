@@ -26,7 +26,7 @@ from ..data.scale import lengths_of, scaled
 from ..data.where import where
 from .contents import Box, Contents
 from .errors import FormatError, bad
-from .fields import check_names, given_from
+from .fields import check_names, given_from, say_radii
 from .frames import FrameOf, said
 from .kind import Kind, kind_of, wrong_kind
 from .packed import unpacked
@@ -120,12 +120,13 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     contents = replace(contents, particles=given_from(contents.particles, origin, path))
     if condition is not None:
         contents = replace(contents, particles=where(contents.particles, condition))
+    say_radii(said(path), contents.particles)
     contents = _centered(contents) if center else contents
     if least != 1:
-        kept, said = without_small_components(contents.particles, least)
+        kept, left = without_small_components(contents.particles, least)
         contents = replace(contents, particles=kept)
-        if said:
-            warnings.warn(f"{os.fspath(path)}: {said}", stacklevel=3)
+        if left:
+            warnings.warn(f"{os.fspath(path)}: {left}", stacklevel=3)
     return contents
 
 

@@ -33,7 +33,7 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.terminal import place_text
 from ..data.particles import FIELDS, HERE, SCALAR_FIELDS, Particles, lost_precision, relative
-from ..data.radii import length_names
+from ..data.radii import length_names, n_without_radius, sizes_of
 from .errors import bad
 
 POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
@@ -149,6 +149,15 @@ def say_origin(path: Any, origin: tuple[float, float, float]) -> None:
     if origin != HERE:
         said = f"positions are given from {place_text(origin)}"
         what = f"{said}, and so are cameras, cuts and legends: float32 would not keep the file's coordinates"
+        warnings.warn(f"{os.fspath(path)}: {what}", stacklevel=5)
+
+
+def say_radii(path: Any, particles: Particles) -> None:
+    """Warn of particles without a radius, where others have radii."""
+    if n := n_without_radius(particles):
+        have = "have" if n > 1 else "has"
+        without = f"{n:,} of {len(particles):,} particles {have} no radius, or a negative one"
+        what = f"{without}: left out, except of a smooth surface"
         warnings.warn(f"{os.fspath(path)}: {what}", stacklevel=5)
 
 
@@ -329,10 +338,14 @@ def _derive_support(
     for name, factor in _SUPPORT_NAMES.items():
         held = name if name in attributes else lower.get(name)
         value = _as_scalar(attributes[held], n) if held else None
-        if value is not None and bool((np.isfinite(value) & (value >= 0)).all()):
+        if value is None:
+            continue
+        sizes = sizes_of(value) if name not in _LENGTH_NAMES else None
+        if sizes is not None or bool((np.isfinite(value) & (value >= 0)).all()):
             of_h = name in _LENGTH_NAMES
             with np.errstate(over="ignore"):
-                fields["support"] = (support_per_h if of_h else factor) * value.astype(np.float32)
+                known = value.astype(np.float32) if sizes is None else sizes
+                fields["support"] = (support_per_h if of_h else factor) * known
             if of_h and "weight" not in fields and value.shape == (n,):
                 _derive_weight(fields, attributes, n)
             return

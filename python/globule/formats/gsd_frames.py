@@ -6,8 +6,10 @@ A frame leaves out what is as in frame 0. The support of a sphere follows from i
 
 from __future__ import annotations
 
+import json
 import os
 import struct
+import warnings
 from typing import Any
 
 import numpy as np
@@ -31,6 +33,15 @@ def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     with open(path, "rb") as file:
         found = _Gsd(path, file)
         return found.contents(frame_index(path, frame, found.n_frames))
+
+
+def _diameter(words: bytes) -> float:
+    """The diameter of a type whose shape is a sphere; else NaN."""
+    try:
+        shape = json.loads(words.split(b"\0")[0])
+        return float(shape["diameter"]) if shape["type"] == "Sphere" else np.nan
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
+        return np.nan
 
 
 class _Gsd:
@@ -114,6 +125,8 @@ class _Gsd:
             values = self.chunk(frame, name)
             if values is not None and len(values) == n:
                 arrays[_NAMES.get(field, field)] = values
+        if "diameter" not in arrays and (known := self.diameters(frame, n, arrays.get("type"))) is not None:
+            arrays["diameter"] = known
         diameter = arrays.get("diameter")
         if diameter is not None and diameter.ndim == 1:
             arrays.setdefault("radius", diameter / 2)
@@ -127,6 +140,23 @@ class _Gsd:
             kinds = {k: row.tobytes().split(b"\0")[0].decode("utf-8", "replace") for k, row in rows}
             particles.names = {"type": kinds}
         return Contents(particles, box, {}, time, self.n_frames)
+
+    def diameters(self, frame: int, n: int, types: np.ndarray | None) -> np.ndarray | None:
+        """Diameters (N,) of particles for which a frame has none: those of their types where the file
+        says that these are spheres, else 1, the schema's default, where another frame has some."""
+        shapes = self.chunk(frame, "particles/type_shapes")
+        if shapes is not None and shapes.ndim == 2 and n:
+            kinds = np.zeros(n, np.int64) if types is None else types.astype(np.int64)
+            sizes = np.array([_diameter(row.astype(np.uint8).tobytes()) for row in shapes])
+            if kinds.max() < len(sizes) and np.isfinite(sizes[kinds]).all():
+                return sizes[kinds].astype(np.float32)
+        if "particles/diameter" in self.names:
+            return np.ones(n, np.float32)
+        if n:
+            missing = "no diameters: GSD leaves them out where all are 1"
+            options = "--surface spheres --particle-spacing 1"
+            warnings.warn(f"{self.path}: {missing}; if they are, {options} draws such spheres", stacklevel=2)
+        return None
 
     def box(self, frame: int) -> Box | None:
         """The box [Lx, Ly, Lz, xy, xz, yz], around the origin; Lz = 0 stands for two dimensions."""

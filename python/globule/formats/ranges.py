@@ -23,7 +23,7 @@ from ..data.scale import scaled
 from .bgeo import MappedBgeo
 from .bgeo import is_mappable as bgeo_is_mappable
 from .errors import FormatError, bad
-from .fields import POSITION_NAMES, find_positions, particles_from, say_origin
+from .fields import POSITION_NAMES, find_positions, particles_from, say_origin, say_radii
 from .kind import kind_of
 from .numpy_format import DAMAGED, from_columns, read_header, with_places
 from .numpy_format import is_mappable as npz_is_mappable
@@ -105,7 +105,9 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
     def unchanged(first: int, last: int) -> Particles:
         # Other contents may also look damaged: what has changed comes first.
         try:
-            return given(first, last).at(start())
+            rows = given(first, last).at(start())
+            say_radii(path, rows)
+            return rows
         finally:
             if _state(path) != before:
                 raise bad(path, "", "expected a file that stays as it is, got one that changed "

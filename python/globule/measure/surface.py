@@ -80,7 +80,7 @@ def default_spacing(scene: Scene) -> float:
     spheres = spheres_of(scene)
     if spheres is not None and np.ndim(scene.support) and len(spheres[1]):
         return float(np.median(spheres[1])) / 2
-    support = float(np.max(to_host(scene.support)))
+    support = float(np.max(to_host(scene.support), initial=0))
     return min(scene.spacing / 2, support / 4) or support / 8
 
 

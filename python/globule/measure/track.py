@@ -88,10 +88,10 @@ def facts(scene: Any, spacing: float | None = None) -> dict[str, float]:
         lo = (centers - radii[:, None]).min(axis=0)
         hi = (centers + radii[:, None]).max(axis=0)
     n = scene.octree.n_inside
-    own = np.nan
+    own = np.nan if n else 0.0
     if spheres is not None:
         own = float((4 / 3 * np.pi * spheres[1].astype(np.float64) ** 3).sum())
-    elif scene.surface == "smooth":
+    elif n and scene.surface == "smooth":
         own = n * scene.spacing**3
     return found._asdict() | dict(_extent(lo, hi)) | {"particles": n, "particle_volume": own}
 

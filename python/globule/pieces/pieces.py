@@ -297,7 +297,8 @@ class Pieces(Owner):
     @property
     def _has_radii(self) -> bool:
         """Whether spheres have radii of their own."""
-        return self.spacing is None and ("radius" in self._layout.each or not self.n_particles)
+        known = "radius" in self._layout.each and self._radii[1] > 0
+        return self.spacing is None and (known or not self.n_particles)
 
     def _space(self, slack: float) -> Space:
         """The cells around all particles, and so much of their extent on each side."""
@@ -536,7 +537,7 @@ def _reach(particles: Particles, support: float | None) -> Any:
 
 def _radii(particles: Particles) -> Any:
     """How far spheres reach: (N,); None where the particles have no radii."""
-    radii = find_radii(particles)
+    radii = find_radii(particles, of_all=False)
     return None if radii is None else radii / SPHERE_RADIUS
 
 

@@ -22,7 +22,7 @@ COLUMNS = {"positions": 3, "support": 1, "weight": 1, "color": 3, "anisotropy": 
            "reflection": 1, "refraction": 1}  # fmt: skip
 # Attributes by which the surface is chosen.
 TELLING: dict[str, Callable[[Particles], np.ndarray | None]] = {
-    "radius": find_radii,
+    "radius": lambda particles: find_radii(particles, of_all=False),
     "phase": lambda particles: _told(particles, ("phase", "phases")),
     "element": lambda particles: _told(particles, ELEMENT_NAMES),
 }

@@ -99,13 +99,20 @@ def frames_of(path: str, **options: Any) -> int:
 
 def with_frames(files: Sequence[str], **options: Any) -> list[str]:
     """The files, each frame of those with several in the place of the file. Where the first and the
-    largest have one, the others are taken to have one too. options: as for `read`."""
-    if not files or isinstance(files[0], FrameOf):
+    largest of one ending have one frame, the others are taken to have one too. options: as for
+    `read`; with a frame, the files as they are."""
+    if any(isinstance(f, FrameOf) for f in files) or options.get("frame") is not None:
         return list(files)
-    largest = max(files, key=lambda path: os.path.getsize(path) if os.path.isfile(path) else 0)
-    if all(frames_of(path, **options) == 1 for path in {files[0], largest}):
-        return list(files)
-    return [FrameOf(f, k) for f in files for k in range(frames_of(f, **options))]
+    found: list[str] = []
+    alike: dict[str, list[str]] = {}
+    for f in files:
+        alike.setdefault(os.path.splitext(f)[1].lower(), []).append(f)
+    ones = {end for end, some in alike.items()
+            if all(frames_of(f, **options) == 1 for f in {some[0], max(some, key=_size)})}  # fmt: skip
+    for f in files:
+        n = 1 if os.path.splitext(f)[1].lower() in ones else frames_of(f, **options)
+        found += [f] if n == 1 else [FrameOf(f, k) for k in range(n)]
+    return found
 
 
 def sequence(frames: str | os.PathLike[str] | Sequence[str], **options: Any) -> Iterator[Particles]:
@@ -256,14 +263,15 @@ def leader(frames: Sequence[Any], **options: Any) -> int:
     the first is about as large; of the frames of one file that is no text, the larger one of the
     first, middle and last. options: as for `read`."""
     n = len(frames)
-    if n > 1 and isinstance(frames[0], FrameOf):
-        longest = [bytes_of_frame(one) if isinstance(one, FrameOf) else 0 for one in frames]
+    if n > 1 and any(isinstance(one, FrameOf) for one in frames):
+        longest = [bytes_of_frame(one) if isinstance(one, FrameOf) else _size(one) for one in frames]
         tried = (0, n // 2, longest.index(max(longest)), n - 1)
-        try:
-            with _quietly():
-                counts = {k: len(read(frames[k], **options)) for k in tried}
-        except (ValueError, OSError, ImportError):
-            return 0
+        counts = {0: 0}
+        for k in (*tried, n - 2):  # whoever reads a broken one in its turn says why
+            if k == n - 2 and n - 1 in counts:
+                break
+            with _quietly(), contextlib.suppress(ValueError, OSError, ImportError):
+                counts[k] = len(read(frames[k], **options))
         largest = max(counts, key=lambda k: (counts[k], k))
         return largest if counts[largest] > MORE * counts[0] else 0
     sizes = [_size(frame) for frame in frames]
