@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from globule.ultrasound.calibration import Calibration, read_calibration, write_
 from globule.ultrasound.n_wires import calibrate_n_wires
 from globule.ultrasound.wires import write_phantom
 from sweep_helpers import calibration_data, write_recording
-from test_n_wires import TRUTH, corner_error, phantom, sweep
+from test_n_wires import REGISTERED, TRUTH, corner_error, phantom, rigid, sweep
 
 
 def calibrated(capsys, *words, phantom="1.2", names=("Calibration", "Validation")):
@@ -154,6 +155,30 @@ def test_a_reference_that_slips_is_named(capsys):
     drifts = poses.copy()
     drifts[:, :3, 3] += np.linspace(0, 0.8, 40)[:, None]
     assert calibrate_n_wires(frames, times, drifts, times, phantom()).slip == ""
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(("degrees", "place", "moved"), [(0.0, (5, 5, 0), 50**0.5), (3.0, (0, 0, 0), 0.0)])
+def test_a_phantom_that_is_not_where_it_is_registered_is_named(degrees, place, moved, capsys):
+    """The error of the registration was stated as 0.3 mm; the right one raises nothing."""
+    pytest.importorskip("matplotlib")
+    for name, seed in (("a.igs.mha", 0), ("b.igs.mha", 3)):
+        *data, _ = sweep(seed=seed)
+        write_recording(name, *data[:3])
+    known = phantom(error=0.3)
+    assert calibrate_n_wires(*data, known).misplaced == ""
+    turn, middle = [0, 0, np.radians(degrees)], known.wires.reshape(-1, 3).mean(axis=0)
+    about_middle = rigid([0, 0, 0], middle) @ rigid(turn, place) @ rigid([0, 0, 0], -middle)
+    wrong = dataclasses.replace(known, reference_from_phantom=REGISTERED @ about_middle)
+    write_phantom("phantom.toml", wrong)
+    words = ["calibrate", "--n-wire", "phantom.toml", "--sweep", "a.igs.mha", "--validate", "b.igs.mha", "--delay"]
+    assert main([*words, "--json", "--report", "session.html"]) == 1
+    verdict = json.loads(capsys.readouterr().out)["verdict"]
+    assert verdict["result"] == "repeat"
+    line = next(line for line in verdict["lines"] if "Register phantom.toml again" in line)
+    found = [float(number) for number in re.search(r"lies ([\d.]+) mm and ([\d.]+) degrees", line).groups()]
+    assert found == pytest.approx([moved, degrees], abs=0.7)
+    assert found[0] == pytest.approx(moved, abs=0.3)
 
 
 @pytest.mark.usefixtures("folder")

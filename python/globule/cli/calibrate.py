@@ -367,6 +367,8 @@ def _wire_warnings(options: argparse.Namespace, found: NWireCalibration) -> list
         if options.output:
             raise UserError(f"{options.sweep}: {problem}; {options.output} was not written")
         messages.append(f"{options.sweep}: {problem}")
+    if found.misplaced:
+        messages.append(f"{options.sweep}: do not use this calibration: {found.misplaced}; register the phantom again")
     size = found.errors.summary()["median"]
     if size > _WRONG:
         messages.append(

@@ -51,6 +51,13 @@ def _faults(session: Session) -> list[str]:
     for name, of in ((session.sweep, found), (session.validated, other)):
         if of is not None and of.slip:
             said.append(f"{name}: {of.slip}. Fasten it, register the phantom again, and repeat both sweeps.")
+    for name, of in ((session.sweep, found), (session.validated, other)):
+        if of is not None and of.misplaced:
+            said.append(
+                f"{name}: {of.misplaced}. Register {session.phantom} again (--landmarks), and check that the "
+                "reference has not moved on the phantom."
+            )
+            break
     if found.errors.summary()["median"] > _WRONG:
         said.append(
             f"3-D errors of {found.errors.summary()['median']:.1f} mm in {session.sweep}: check that "
@@ -121,7 +128,8 @@ def write_report(path: Any, session: Session, frames: np.ndarray, phantom: Any) 
 _LIMITS = (
     f"Limits of the verdict: stated errors at the image's corners up to {_LARGE:g} mm, 3-D errors (median) up to "
     f"{_WRONG:g} mm, the validation's 3-D error up to {_WORSE:g} times the calibration's, temporal offsets of both "
-    f"sweeps within {_APART:g} standard deviations, no doubt about an offset, no slip of the reference."
+    f"sweeps within {_APART:g} standard deviations, no doubt about an offset, no slip of the reference, and a phantom "
+    "that lies where it is registered."
 )
 
 
