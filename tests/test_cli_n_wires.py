@@ -130,8 +130,11 @@ def test_a_session_has_a_report_and_a_verdict(capsys):
         assert f"<h1>N-wire calibration: {result}</h1>" in page
         assert f"corners up to {verdict['limits']['corner_mm']} mm" in page
         assert page.count("data:image/png;base64,") == 2
-    Path("copy.igs.mha").write_bytes(Path("a.igs.mha").read_bytes())
-    for same in ([], ["--validate", "copy.igs.mha"]):
+    frames, times, poses, *_ = sweep(n=24)
+    write_recording("copy.igs.mha", frames, times, poses)
+    write_recording("rest.igs.mha", frames[1:], times[1:], poses[1:])
+    write_recording("brighter.igs.mha", np.clip(frames.astype(int) + 1, 0, 255).astype(np.uint8), times, poses)
+    for same in ([], *(["--validate", f"{name}.igs.mha"] for name in ("copy", "rest", "brighter"))):
         assert main([*words, *same]) == 1
         assert json.loads(capsys.readouterr().out)["verdict"]["result"] == "not validated"
     assert main([word for word in words if word != "--delay"]) == 2

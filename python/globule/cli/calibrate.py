@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -25,7 +26,13 @@ from ..ultrasound.calibration import (
     write_calibration,
 )
 from ..ultrasound.marks import Tracked, read_landmarks, read_marks, read_tracked
-from ..ultrasound.n_wires import NWireCalibration, WireErrors, calibrate_n_wires, validate_n_wires
+from ..ultrasound.n_wires import (
+    NWireCalibration,
+    WireErrors,
+    calibrate_n_wires,
+    tracked_poses,
+    validate_n_wires,
+)
 from ..ultrasound.plus_setup import write_plus
 from ..ultrasound.stylus import calibrate_stylus, register_landmarks, write_stylus
 from ..ultrasound.temporal import METHODS
@@ -45,6 +52,7 @@ EXAMPLES = """\
 _STRIKING = 3.0  # times the rms
 _UNLIKELY = 20.0  # pixels; larger residuals are no inaccuracy of marking
 _LARGE_ERROR = 1.0  # mm, in the middle of the wires
+_MOST_AGAIN = 0.5  # of a validation's images: those of the calibration's recording
 _WRONG = 3.0  # mm; larger 3-D errors are no inaccuracy of dots
 
 
@@ -288,8 +296,10 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
         with mistakes(validated):
             validation, dots = validate_n_wires(calibration, *more, phantom)
         report["validation"] = _wire_report(validation, dots, phantom)
-        if np.array_equal(data[0], more[0]):
-            report["warnings"].append(f"{validated}: the images of --sweep again, which validate nothing")
+        n_again = _n_again(data, more)
+        if n_again > _MOST_AGAIN * len(more[0]):
+            which = "the images" if n_again == len(more[0]) else f"{n_again:,} of {len(more[0]):,} images are those"
+            report["warnings"].append(f"{validated}: {which} of --sweep again, which validate nothing")
             validated = None
         else:
             found = _by_validation(found, validation, earlier, more, phantom)
@@ -320,6 +330,19 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
             calibration = dataclasses.replace(calibration, clip=earlier.clip, fan=earlier.fan)
         _write(options, calibration, report["warnings"])
     return report
+
+
+def _n_again(data: tuple[np.ndarray, ...], more: tuple[np.ndarray, ...]) -> int:
+    """How many images of a recording have the pixels, or the pose, of an image of another one."""
+
+    def marks(frames: np.ndarray, times: np.ndarray, poses: np.ndarray, pose_times: np.ndarray) -> list[tuple]:
+        at, ok = tracked_poses(poses, pose_times).at(times)
+        words = np.round(at[:, :3].reshape(len(at), -1), 6) + 0.0
+        return [(crc32(np.ascontiguousarray(frame)), pose.tobytes() if known else None)
+                for frame, pose, known in zip(frames, words, ok, strict=True)]  # fmt: skip
+
+    pixels, places = (set(one) for one in zip(*marks(*data), strict=True))
+    return sum(a in pixels or (b is not None and b in places) for a, b in marks(*more))
 
 
 def _own_calibration(

@@ -118,7 +118,7 @@ def calibrate_n_wires(
     if phantom.reference_from_phantom is None:
         raise ValueError("phantom: expected reference_from_phantom, got none; register its landmarks first")
     frames = np.asarray(frames)
-    frame_times, tracked = np.asarray(frame_times, np.float64), _tracked(poses, pose_times)
+    frame_times, tracked = np.asarray(frame_times, np.float64), tracked_poses(poses, pose_times)
     if len(tracked.times) < 2:
         raise ValueError(f"poses: expected two or more, at different times, got {len(tracked.times)}")
     best: tuple[float, float, _Wires, np.ndarray] | None = None
@@ -200,7 +200,7 @@ def _doubt(fit: WireFit, apart: float, moves: bool, given: WireErrors, found: Wi
     return ""
 
 
-def _tracked(poses: Any, pose_times: Any) -> Poses:
+def tracked_poses(poses: Any, pose_times: Any) -> Poses:
     """In the order of time, each time once."""
     times, first = np.unique(np.asarray(pose_times, np.float64), return_index=True)
     return Poses(np.asarray(poses, np.float64)[first], times)
@@ -214,7 +214,7 @@ def validate_n_wires(
 
     Arguments as of `calibrate_n_wires`. Raises ValueError if no image shows all wires.
     """
-    frame_times, tracked = np.asarray(frame_times, np.float64), _tracked(poses, pose_times)
+    frame_times, tracked = np.asarray(frame_times, np.float64), tracked_poses(poses, pose_times)
     matrix, offset = calibration.probe_from_image, calibration.temporal_offset
     best: tuple[float, WireErrors, WirePoints] | None = None
     for points in find_wires(frames, phantom):
