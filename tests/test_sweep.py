@@ -118,6 +118,14 @@ def test_orientation(orientation, rows, columns):
     assert zlib.decompress(Path("b.mha").read_bytes().split(b"LOCAL\n", 1)[1]) == stored.tobytes()
 
 
+def test_an_orientation_that_is_unknown_is_refused():
+    """UNK begins as UN does."""
+    for orientation in ("UNK", "XX", "MFX"):
+        write_igs("a.mha", {"ImageToReference": [PIXEL] * 4}, orientation=orientation)
+        with pytest.raises(FormatError, match=f"UltrasoundImageOrientation: expected .*, got '{orientation}'"):
+            read_sweep("a.mha")
+
+
 def tracker_buffer(name: str, tool: str, poses, times) -> None:
     """What PLUS records of a tracker alone: no pixels."""
     lines = ["ObjectType = Image", "NDims = 3", f"DimSize = 0 0  {len(poses)}", "ElementType = MET_OTHER",

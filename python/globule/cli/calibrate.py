@@ -26,13 +26,7 @@ from ..ultrasound.calibration import (
     write_calibration,
 )
 from ..ultrasound.marks import Tracked, read_landmarks, read_marks, read_tracked
-from ..ultrasound.n_wires import (
-    NWireCalibration,
-    WireErrors,
-    calibrate_n_wires,
-    tracked_poses,
-    validate_n_wires,
-)
+from ..ultrasound.n_wires import NWireCalibration, WireErrors, calibrate_n_wires, tracked_poses, validate_n_wires
 from ..ultrasound.plus_setup import write_plus
 from ..ultrasound.stylus import calibrate_stylus, register_landmarks, write_stylus
 from ..ultrasound.temporal import METHODS
@@ -338,7 +332,7 @@ def _n_again(data: tuple[np.ndarray, ...], more: tuple[np.ndarray, ...]) -> int:
     def marks(frames: np.ndarray, times: np.ndarray, poses: np.ndarray, pose_times: np.ndarray) -> list[tuple]:
         at, ok = tracked_poses(poses, pose_times).at(times)
         words = np.round(at[:, :3].reshape(len(at), -1), 6) + 0.0
-        return [(crc32(np.ascontiguousarray(frame)), pose.tobytes() if known else None)
+        return [(crc32(frame.tobytes()), pose.tobytes() if known else None)
                 for frame, pose, known in zip(frames, words, ok, strict=True)]  # fmt: skip
 
     pixels, places = (set(one) for one in zip(*marks(*data), strict=True))
