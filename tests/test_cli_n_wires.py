@@ -104,8 +104,8 @@ def test_command(capsys):
     inverted = np.linalg.inv(data[2])
     write_recording("inverted.igs.mha", *data[:2], inverted)
     capsys.readouterr()
-    assert main([*words[:-1], "inverted.igs.mha"]) == 0
-    assert "3-D errors of" in capsys.readouterr().err
+    assert main([*words[:-1], "inverted.igs.mha"]) == 1
+    assert "do not use this calibration: inverted.igs.mha: 3-D errors of" in capsys.readouterr().err
     assert main(["calibrate", "--n-wire", "free.toml", "--sweep", "wires.igs.mha"]) == 2
     assert "register its landmarks" in capsys.readouterr().err
 
@@ -139,6 +139,32 @@ def test_a_session_has_a_report_and_a_verdict(capsys):
         assert json.loads(capsys.readouterr().out)["verdict"]["result"] == "not validated"
     assert main([word for word in words if word != "--delay"]) == 2
     assert "--report: expected --delay beside --report" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_calibration_that_is_wrong_or_uncertain_has_status_1(capsys):
+    """Poses in meters; and a probe at rest, of which the page and the verdict are written, and no calibration."""
+    pytest.importorskip("matplotlib")
+    frames, times, poses, *_ = sweep(n=24)
+    write_recording("b.igs.mha", frames, times, poses)
+    write_phantom("phantom.toml", phantom())
+    frames, times, poses, *_ = sweep(seed=1, n=24)
+    meters = poses.copy()
+    meters[:, :3, 3] /= 1000
+    write_recording("a.igs.mha", frames, times, meters)
+    words = ["calibrate", "--n-wire", "phantom.toml", "--sweep", "a.igs.mha", "--validate", "b.igs.mha"]
+    assert main([*words, "-o", "probe.toml", "--json"]) == 1
+    facts = json.loads(capsys.readouterr().out)
+    assert not facts["usable"]
+    assert sum(line.startswith("do not use this calibration: ") for line in facts["warnings"]) >= 2
+    write_recording("a.igs.mha", frames[:11], times[:11], poses[:11])
+    assert main([*words, "--delay", "--report", "session.html", "-o", "still.toml"]) == 1
+    out, err = capsys.readouterr()
+    assert "verdict: repeat" in out
+    assert "The temporal offset of a.igs.mha is not certain" in out
+    assert "session.html: written" in out
+    assert "still.toml was not written" in err
+    assert not Path("still.toml").exists()
 
 
 @pytest.mark.usefixtures("folder")
