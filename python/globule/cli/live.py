@@ -339,7 +339,10 @@ class Live:
             recorder.add(frame)
         except (ValueError, OSError) as error:  # a type that it cannot store, a full disk
             n_stored = sum(r.n_frames for r in self.recorders)
-            if not n_stored:
+            if isinstance(error, ValueError):
+                advice = ValueError(f"{error}: let the server send 8-bit images to record them; the volume goes on")
+                self._once("images are not stored", advice)
+            elif not n_stored:
                 raise
             self._record_error = self._record_error or f"{error} (after {n_stored:,} frames)"
 
