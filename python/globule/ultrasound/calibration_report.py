@@ -55,7 +55,7 @@ def _faults(session: Session) -> list[str]:
         if of is not None and of.misplaced:
             said.append(
                 f"{name}: {of.misplaced}. Register {session.phantom} again (--landmarks), and check that the "
-                "reference has not moved on the phantom."
+                "reference neither has moved nor drifts on the phantom."
             )
             break
     if found.errors.summary()["median"] > WRONG:
