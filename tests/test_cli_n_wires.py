@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from globule.ultrasound.calibration import Calibration, read_calibration, write_
 from globule.ultrasound.n_wires import calibrate_n_wires
 from globule.ultrasound.wires import write_phantom
 from sweep_helpers import calibration_data, write_recording
-from test_n_wires import TRUTH, corner_error, phantom, sweep
+from test_n_wires import REGISTERED, TRUTH, corner_error, phantom, rigid, sweep
 
 
 def calibrated(capsys, *words, phantom="1.2", names=("Calibration", "Validation")):
@@ -103,8 +104,8 @@ def test_command(capsys):
     inverted = np.linalg.inv(data[2])
     write_recording("inverted.igs.mha", *data[:2], inverted)
     capsys.readouterr()
-    assert main([*words[:-1], "inverted.igs.mha"]) == 0
-    assert "3-D errors of" in capsys.readouterr().err
+    assert main([*words[:-1], "inverted.igs.mha"]) == 1
+    assert "do not use this calibration: inverted.igs.mha: 3-D errors of" in capsys.readouterr().err
     assert main(["calibrate", "--n-wire", "free.toml", "--sweep", "wires.igs.mha"]) == 2
     assert "register its landmarks" in capsys.readouterr().err
 
@@ -129,12 +130,41 @@ def test_a_session_has_a_report_and_a_verdict(capsys):
         assert f"<h1>N-wire calibration: {result}</h1>" in page
         assert f"corners up to {verdict['limits']['corner_mm']} mm" in page
         assert page.count("data:image/png;base64,") == 2
-    Path("copy.igs.mha").write_bytes(Path("a.igs.mha").read_bytes())
-    for same in ([], ["--validate", "copy.igs.mha"]):
+    frames, times, poses, *_ = sweep(n=24)
+    write_recording("copy.igs.mha", frames, times, poses)
+    write_recording("rest.igs.mha", frames[1:], times[1:], poses[1:])
+    write_recording("brighter.igs.mha", np.clip(frames.astype(int) + 1, 0, 255).astype(np.uint8), times, poses)
+    for same in ([], *(["--validate", f"{name}.igs.mha"] for name in ("copy", "rest", "brighter"))):
         assert main([*words, *same]) == 1
         assert json.loads(capsys.readouterr().out)["verdict"]["result"] == "not validated"
     assert main([word for word in words if word != "--delay"]) == 2
     assert "--report: expected --delay beside --report" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_calibration_that_is_wrong_or_uncertain_has_status_1(capsys):
+    """Poses in meters; and a probe at rest, of which the page and the verdict are written, and no calibration."""
+    pytest.importorskip("matplotlib")
+    frames, times, poses, *_ = sweep(n=24)
+    write_recording("b.igs.mha", frames, times, poses)
+    write_phantom("phantom.toml", phantom())
+    frames, times, poses, *_ = sweep(seed=1, n=24)
+    meters = poses.copy()
+    meters[:, :3, 3] /= 1000
+    write_recording("a.igs.mha", frames, times, meters)
+    words = ["calibrate", "--n-wire", "phantom.toml", "--sweep", "a.igs.mha", "--validate", "b.igs.mha"]
+    assert main([*words, "-o", "probe.toml", "--json"]) == 1
+    facts = json.loads(capsys.readouterr().out)
+    assert not facts["usable"]
+    assert sum(line.startswith("do not use this calibration: ") for line in facts["warnings"]) >= 2
+    write_recording("a.igs.mha", frames[:11], times[:11], poses[:11])
+    assert main([*words, "--delay", "--report", "session.html", "-o", "still.toml"]) == 1
+    out, err = capsys.readouterr()
+    assert "verdict: repeat" in out
+    assert "The temporal offset of a.igs.mha is not certain" in out
+    assert "session.html: written" in out
+    assert "still.toml was not written" in err
+    assert not Path("still.toml").exists()
 
 
 @pytest.mark.usefixtures("folder")
@@ -154,6 +184,30 @@ def test_a_reference_that_slips_is_named(capsys):
     drifts = poses.copy()
     drifts[:, :3, 3] += np.linspace(0, 0.8, 40)[:, None]
     assert calibrate_n_wires(frames, times, drifts, times, phantom()).slip == ""
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(("degrees", "place", "moved"), [(0.0, (5, 5, 0), 50**0.5), (3.0, (0, 0, 0), 0.0)])
+def test_a_phantom_that_is_not_where_it_is_registered_is_named(degrees, place, moved, capsys):
+    """The error of the registration was stated as 0.3 mm; the right one raises nothing."""
+    pytest.importorskip("matplotlib")
+    for name, seed in (("a.igs.mha", 0), ("b.igs.mha", 3)):
+        *data, _ = sweep(seed=seed)
+        write_recording(name, *data[:3])
+    known = phantom(error=0.3)
+    assert calibrate_n_wires(*data, known).misplaced == ""
+    turn, middle = [0, 0, np.radians(degrees)], known.wires.reshape(-1, 3).mean(axis=0)
+    about_middle = rigid([0, 0, 0], middle) @ rigid(turn, place) @ rigid([0, 0, 0], -middle)
+    wrong = dataclasses.replace(known, reference_from_phantom=REGISTERED @ about_middle)
+    write_phantom("phantom.toml", wrong)
+    words = ["calibrate", "--n-wire", "phantom.toml", "--sweep", "a.igs.mha", "--validate", "b.igs.mha", "--delay"]
+    assert main([*words, "--json", "--report", "session.html"]) == 1
+    verdict = json.loads(capsys.readouterr().out)["verdict"]
+    assert verdict["result"] == "repeat"
+    line = next(line for line in verdict["lines"] if "Register phantom.toml again" in line)
+    found = [float(number) for number in re.search(r"lies ([\d.]+) mm and ([\d.]+) degrees", line).groups()]
+    assert found == pytest.approx([moved, degrees], abs=0.7)
+    assert found[0] == pytest.approx(moved, abs=0.3)
 
 
 @pytest.mark.usefixtures("folder")

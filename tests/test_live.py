@@ -290,11 +290,14 @@ def test_a_jump_that_cannot_fit_leaves_the_frames(sweep, capsys):
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32, np.int16])
 def test_images_of_other_types(sweep, capsys, dtype):
     sweep.frames = sweep.frames.astype(dtype) * dtype(3)
-    assert main([*GROWS, "--live", served(sweep), "-o", "v.npz"]) == 0
+    assert main([*GROWS, "--live", served(sweep), "-o", "v.npz", "--record", "kept"]) == 0
     volume = read_volume("v.npz")
     assert volume.values.max() > 400
+    err = capsys.readouterr().err
     if dtype == np.int16:  # no type of a volume's: collected, then brought into one
-        assert "only collects frames" in capsys.readouterr().err
+        assert "only collects frames" in err
+    assert len([*Path("kept").glob("*.png")]) == (24 if dtype == np.uint16 else 0)
+    assert ("let the server send 8-bit images" in err) == (dtype != np.uint16)
 
 
 def test_a_full_disk_ends_neither_stream_nor_volume(sweep, capsys, monkeypatch):

@@ -217,6 +217,21 @@ def test_a_server_without_a_clock(sweep, capsys, first):
     assert np.allclose(kept.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-4)
 
 
+def test_of_two_devices_the_first_counts(sweep, capsys):
+    """The other shows the negative at the same times."""
+    server = Server(sweep)
+    for i, messages in enumerate(server.messages):
+        other = igtl.ImageMessage(255 - sweep.frames[i][None], timestamp=1000 + float(sweep.timestamps[i]),
+                                  device_name="Video")  # fmt: skip
+        messages.insert(1, other.pack())
+    server.serve(slice(None))
+    facts = run_json(capsys, *GROWS, "--live", server.address, "-o", "v.npz", "--record", "kept")
+    assert facts["frames"]["used"] == facts["live"]["counts"]["images"] == 24
+    assert facts["live"]["other_devices"] == {"Video": 24}
+    assert any("of 2 devices came: those of Image count" in line for line in facts["warnings"])
+    assert np.array_equal(gb.ultrasound.read_sweep("kept").frames, sweep.frames)
+
+
 @pytest.mark.parametrize(("name", "advice"), [
     ("ProbeToReference", "give --calibration"), ("LinearTransform_3", "expected names as ImageToReference"),
 ])  # fmt: skip

@@ -118,6 +118,14 @@ def test_orientation(orientation, rows, columns):
     assert zlib.decompress(Path("b.mha").read_bytes().split(b"LOCAL\n", 1)[1]) == stored.tobytes()
 
 
+def test_an_orientation_that_is_unknown_is_refused():
+    """UNK begins as UN does."""
+    for orientation in ("UNK", "XX", "MFX"):
+        write_igs("a.mha", {"ImageToReference": [PIXEL] * 4}, orientation=orientation)
+        with pytest.raises(FormatError, match=f"UltrasoundImageOrientation: expected .*, got '{orientation}'"):
+            read_sweep("a.mha")
+
+
 def tracker_buffer(name: str, tool: str, poses, times) -> None:
     """What PLUS records of a tracker alone: no pixels."""
     lines = ["ObjectType = Image", "NDims = 3", f"DimSize = 0 0  {len(poses)}", "ElementType = MET_OTHER",
@@ -263,6 +271,34 @@ def test_folder_with_poses_at_other_times_in_tables_of_all_kinds(stack):
         other = read_poses(name)
         assert np.array_equal(other.times, table.times)
         assert np.allclose(other.matrices, table.matrices, atol=1e-12)
+
+
+def test_times_of_poses_in_milliseconds_are_told(stack):
+    rows = Path("poses.csv").read_text().splitlines()
+    cells = [row.split(",", 1) for row in rows[1:]]
+    for head, said in (("time", "call the column time_ms"), ("time_ms", "")):
+        lines = [rows[0].replace("time", head), *(f"{1000 * float(time)!r},{rest}" for time, rest in cells)]
+        Path("ms.csv").write_text("\n".join(lines) + "\n")
+        words = {"calibration": "calibration.toml", "poses": "ms.csv", "frame_times": 10}
+        if said:
+            assert said in refused("frames", **words)
+            with pytest.raises(FormatError, match=said):
+                read_tracked("frames", "ms.csv", 10)
+        else:
+            right = read_sweep("frames", **WORDS, frame_times=10)
+            assert np.allclose(read_sweep("frames", **words).world_from_image, right.world_from_image)
+
+
+def test_a_missing_picture_of_a_numbered_folder_is_named(stack):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_sweep("frames", **WORDS, frame_times=10)
+    Path("frames/5.png").unlink()
+    missing = r"missing between 4\.png and 6\.png; at a given rate"
+    with pytest.warns(UserWarning, match=missing):
+        read_sweep("frames", **WORDS, frame_times=10)
+    with pytest.warns(UserWarning, match=missing):
+        read_tracked("frames", "poses.csv", 10)
 
 
 def test_gaps_are_not_bridged():

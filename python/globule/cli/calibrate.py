@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -24,8 +25,9 @@ from ..ultrasound.calibration import (
     temporal_offset,
     write_calibration,
 )
+from ..ultrasound.calibration_report import WORSE, WRONG
 from ..ultrasound.marks import Tracked, read_landmarks, read_marks, read_tracked
-from ..ultrasound.n_wires import NWireCalibration, WireErrors, calibrate_n_wires, validate_n_wires
+from ..ultrasound.n_wires import NWireCalibration, WireErrors, calibrate_n_wires, tracked_poses, validate_n_wires
 from ..ultrasound.plus_setup import write_plus
 from ..ultrasound.stylus import calibrate_stylus, register_landmarks, write_stylus
 from ..ultrasound.temporal import METHODS
@@ -45,7 +47,7 @@ EXAMPLES = """\
 _STRIKING = 3.0  # times the rms
 _UNLIKELY = 20.0  # pixels; larger residuals are no inaccuracy of marking
 _LARGE_ERROR = 1.0  # mm, in the middle of the wires
-_WRONG = 3.0  # mm; larger 3-D errors are no inaccuracy of dots
+_MOST_AGAIN = 0.5  # of a validation's images: those of the calibration's recording
 
 
 def add_arguments(parser: Parser) -> None:
@@ -98,7 +100,7 @@ def run(options: argparse.Namespace) -> None:
         print_json(report)
     else:
         print("\n".join(lines_of(report)))
-    if not report.get("verdict", {"passed": True})["passed"]:
+    if not report.get("usable", True) or not report.get("verdict", {"passed": True})["passed"]:
         raise SystemExit(1)
 
 
@@ -288,8 +290,10 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
         with mistakes(validated):
             validation, dots = validate_n_wires(calibration, *more, phantom)
         report["validation"] = _wire_report(validation, dots, phantom)
-        if np.array_equal(data[0], more[0]):
-            report["warnings"].append(f"{validated}: the images of --sweep again, which validate nothing")
+        n_again = _n_again(data, more)
+        if n_again > _MOST_AGAIN * len(more[0]):
+            which = "the images" if n_again == len(more[0]) else f"{n_again:,} of {len(more[0]):,} images are those"
+            report["warnings"].append(f"{validated}: {which} of --sweep again, which validate nothing")
             validated = None
         else:
             found = _by_validation(found, validation, earlier, more, phantom)
@@ -310,16 +314,39 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
         session = Session(options.phantom, options.sweep, validated, found, validation if validated else None, own)
         report["verdict"] = write_report(options.report, session, data[0], phantom)
         report["report"] = options.report
+    problem = found.slip or (found.offset_doubt and f"the temporal offset is uncertain: {found.offset_doubt}")
+    if problem:
+        problem = f"{options.sweep}: {problem}" + (f"; {options.output} was not written" if options.output else "")
+        if options.output and not options.report:
+            raise UserError(problem)
+        report["warnings"].append(problem)
+        report["output"] = None
+    wrong = _why_unusable(options, found, validation if validated else None)
+    report["usable"] = not wrong
+    report["warnings"] += [f"do not use this calibration: {message}" for message in wrong]
     report["warnings"] += _wire_warnings(options, found)
     if options.picture:
         from ..ultrasound.calibration_plots import draw_wires
 
         draw_wires(options.picture, data[0], found, phantom, validation)
-    if options.output:
+    if options.output and not problem:
         if earlier is not None:
             calibration = dataclasses.replace(calibration, clip=earlier.clip, fan=earlier.fan)
         _write(options, calibration, report["warnings"])
     return report
+
+
+def _n_again(data: tuple[np.ndarray, ...], more: tuple[np.ndarray, ...]) -> int:
+    """How many images of a recording have the pixels, or the pose, of an image of another one."""
+
+    def marks(frames: np.ndarray, times: np.ndarray, poses: np.ndarray, pose_times: np.ndarray) -> list[tuple]:
+        at, ok = tracked_poses(poses, pose_times).at(times)
+        words = np.round(at[:, :3].reshape(len(at), -1), 6) + 0.0
+        return [(crc32(frame.tobytes()), pose.tobytes() if known else None)
+                for frame, pose, known in zip(frames, words, ok, strict=True)]  # fmt: skip
+
+    pixels, places = (set(one) for one in zip(*marks(*data), strict=True))
+    return sum(a in pixels or (b is not None and b in places) for a, b in marks(*more))
 
 
 def _own_calibration(
@@ -362,22 +389,29 @@ def _wire_warnings(options: argparse.Namespace, found: NWireCalibration) -> list
             f"{options.sweep}: a temporal offset of {offset:+.3f} ± {spread:.3f} s fits better "
             f"({after:.1f} instead of {before:.1f} pixels); add --delay to find it with the matrix"
         )
-    problem = found.slip or (found.offset_doubt and f"the temporal offset is uncertain: {found.offset_doubt}")
-    if problem:
-        if options.output:
-            raise UserError(f"{options.sweep}: {problem}; {options.output} was not written")
-        messages.append(f"{options.sweep}: {problem}")
-    size = found.errors.summary()["median"]
-    if size > _WRONG:
-        messages.append(
-            f"{options.sweep}: 3-D errors of {size:.1f} mm; expected the registration of this "
-            "phantom, and poses of the probe in mm in the frame of its reference"
-        )
     if found.center > _LARGE_ERROR:
         messages.append(
             f"{options.sweep}: expected errors below {_LARGE_ERROR:g} mm in the middle of the "
             f"wires (95 %), got {found.center:.1f} mm; turn and tilt the probe more"
         )
+    return messages
+
+
+def _why_unusable(options: argparse.Namespace, found: NWireCalibration, validation: WireErrors | None) -> list[str]:
+    """What makes a calibration wrong, and not only inaccurate."""
+    messages = []
+    if found.misplaced:
+        messages.append(f"{options.sweep}: {found.misplaced}; register the phantom again")
+    size = found.errors.summary()["median"]
+    if size > WRONG:
+        messages.append(
+            f"{options.sweep}: 3-D errors of {size:.1f} mm; expected the registration of this "
+            "phantom, and poses of the probe in mm in the frame of its reference"
+        )
+    if validation is not None:
+        other, own = (of.summary()["mean_of_95"] for of in (validation, found.errors))
+        if other > WORSE * own:
+            messages.append(f"{options.validate}: 3-D errors of {other:.2f} mm, in {options.sweep} {own:.2f} mm")
     return messages
 
 

@@ -257,6 +257,14 @@ class Live:
         if c.broken:
             what = "; ".join(f"{words} ({n:,})" for words, n in c.broken.most_common(5))
             lines.append(f"{count(c.broken.total(), 'message')} skipped: {what}")
+        if c.other_devices:
+            others = ", ".join(f"{device or 'one without a name'} ({n:,})" for device, n in c.other_devices.items())
+            taken = ", ".join(dict.fromkeys(device or "the one without a name" for device in c.devices.values()))
+            n = len({*c.devices.values(), *c.other_devices})
+            lines.append(
+                f"images of {count(n, 'device')} came: those of {taken} count, which came first; left out are those of "
+                f"{others}: let the server send one device"
+            )
         if c.ended:
             lines.append(f"the stream ended early: {c.ended}")
         if c.without_clock:
@@ -288,6 +296,7 @@ class Live:
                  "let_go": self.n_gone,
                  "recorded": sum(recorder.n_frames for recorder in self.recorders),
                  "counts": self.counts.as_dict(), "broken": dict(self.counts.broken), "unused": dict(self.counts.kinds),
+                 "other_devices": dict(self.counts.other_devices),
                  "clock_difference": self.counts.clock_difference}  # fmt: skip
         if self.server:
             facts |= {"sent": dict(self.server.sent), "skipped": dict(self.server.skipped),
@@ -330,7 +339,10 @@ class Live:
             recorder.add(frame)
         except (ValueError, OSError) as error:  # a type that it cannot store, a full disk
             n_stored = sum(r.n_frames for r in self.recorders)
-            if not n_stored:
+            if isinstance(error, ValueError):
+                advice = ValueError(f"{error}: let the server send 8-bit images to record them; the volume goes on")
+                self._once("images are not stored", advice)
+            elif not n_stored:
                 raise
             self._record_error = self._record_error or f"{error} (after {n_stored:,} frames)"
 

@@ -15,9 +15,9 @@ from .calibration_plots import draw_before_and_after, draw_wires
 from .n_wires import NWireCalibration, WireErrors
 
 _LARGE = 1.5  # mm, at the corners
-_WRONG = 3.0  # mm; larger 3-D errors (median) are no inaccuracy of dots
+WRONG = 3.0  # mm; larger 3-D errors (median) are no inaccuracy of dots
 _APART = 3.0  # deviations between the offsets of both sweeps
-_WORSE = 2.0  # times the calibration's 3-D error
+WORSE = 2.0  # times the calibration's 3-D error
 USE, REPEAT, OPEN = "use it", "repeat", "not validated"
 
 
@@ -42,7 +42,7 @@ def verdict(session: Session) -> dict[str, Any]:
         result = result if lines else OPEN
         lines.append("Not validated: give another recording of the phantom by --validate.")
     lines = lines if result != USE else [_bound(session.found)]
-    limits = {"corner_mm": _LARGE, "median_3d_mm": _WRONG, "validation_ratio": _WORSE, "offset_deviations": _APART}
+    limits = {"corner_mm": _LARGE, "median_3d_mm": WRONG, "validation_ratio": WORSE, "offset_deviations": _APART}
     return {"result": result, "passed": result == USE, "lines": lines, "limits": limits}
 
 
@@ -51,7 +51,14 @@ def _faults(session: Session) -> list[str]:
     for name, of in ((session.sweep, found), (session.validated, other)):
         if of is not None and of.slip:
             said.append(f"{name}: {of.slip}. Fasten it, register the phantom again, and repeat both sweeps.")
-    if found.errors.summary()["median"] > _WRONG:
+    for name, of in ((session.sweep, found), (session.validated, other)):
+        if of is not None and of.misplaced:
+            said.append(
+                f"{name}: {of.misplaced}. Register {session.phantom} again (--landmarks), and check that the "
+                "reference neither has moved nor drifts on the phantom."
+            )
+            break
+    if found.errors.summary()["median"] > WRONG:
         said.append(
             f"3-D errors of {found.errors.summary()['median']:.1f} mm in {session.sweep}: check that "
             f"{session.phantom} is this phantom, that it is registered, and that poses are in mm."
@@ -68,7 +75,7 @@ def _faults(session: Session) -> list[str]:
         )
     if session.errors is not None:
         size, own = (of.summary()["mean_of_95"] for of in (session.errors, found.errors))
-        if size > _WORSE * own:
+        if size > WORSE * own:
             said.append(
                 f"{session.validated} disagrees: its 3-D error is {size:.2f} mm, that of {session.sweep} "
                 f"{own:.2f} mm. Repeat {session.validated} slower; if it stays, the reference has moved on the phantom."
@@ -120,8 +127,9 @@ def write_report(path: Any, session: Session, frames: np.ndarray, phantom: Any) 
 
 _LIMITS = (
     f"Limits of the verdict: stated errors at the image's corners up to {_LARGE:g} mm, 3-D errors (median) up to "
-    f"{_WRONG:g} mm, the validation's 3-D error up to {_WORSE:g} times the calibration's, temporal offsets of both "
-    f"sweeps within {_APART:g} standard deviations, no doubt about an offset, no slip of the reference."
+    f"{WRONG:g} mm, the validation's 3-D error up to {WORSE:g} times the calibration's, temporal offsets of both "
+    f"sweeps within {_APART:g} standard deviations, no doubt about an offset, no slip of the reference, and a phantom "
+    "that lies where it is registered."
 )
 
 

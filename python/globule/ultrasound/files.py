@@ -28,7 +28,7 @@ from ..formats.sweeps.transforms import (
 )
 from ..formats.volumes.raw import Progress
 from .calibration import Calibration
-from .plausible import check_hand, check_order, check_pixels, check_travel
+from .plausible import check_hand, check_order, check_pixels, check_seconds, check_travel
 from .setup import Setup
 from .sweep import Sweep, checked_frames
 
@@ -95,12 +95,15 @@ def read_sweep(
         times = checked_frame_times(frame_times, len(recording.frames))
         recording = recording._replace(times=times)
     rated = frame_times is not None and np.ndim(frame_times) == 0
+    if rated:
+        stack.check_numbers(path)
     edges = dict(setup.edges)
     if poses is None and os.path.isdir(path) and (Path(path) / _POSES_BESIDE).is_file():
         poses = Path(path) / _POSES_BESIDE
     metadata: dict[str, Any] = {"fields": recording.fields}
     if poses is not None:
         table = read_poses(poses)
+        check_seconds(poses, table.times, recording.times)
         if rated and table.times is not None:
             table = _on_frame_clock(poses, table, recording.times)
         table = _with_pixel_size(table, arrays, setup)

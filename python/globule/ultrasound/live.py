@@ -100,6 +100,8 @@ class LiveCounts:
         broken: how many messages were skipped, by what was wrong with them.
         broken_images: of these, images. With `images` and `missed`, they are all images of the server.
         kinds: how many messages came that are not used, by their type.
+        devices: the devices of the images, by their size and type.
+        other_devices: images that are left out, by their device: one of the same size came first.
         unnamed: names of transforms that name no coordinate frames.
         ended: why the stream ended early, or "".
     """
@@ -111,6 +113,8 @@ class LiveCounts:
         self.waiting = 0
         self.broken: Counter[str] = Counter()
         self.kinds: Counter[str] = Counter()
+        self.devices: dict[tuple[Any, ...], str] = {}
+        self.other_devices: Counter[str] = Counter()
         self.unnamed: set[str] = set()
         self.ended = ""
         self._broken_times: set[float] = set()
@@ -349,7 +353,7 @@ def receive_sweeps(
             with Later():  # Ctrl-C in the middle of a frame would leave locks and files half done
                 take(frame)
     except KeyboardInterrupt:
-        if not segments:
+        if not segments and not counts.images:
             raise
     if not segments:
         found = "none"
@@ -422,6 +426,10 @@ class _Assembler:
                 image = _plane(message.image)
             except ValueError as error:
                 self.counts.saw_broken(str(error), message.timestamp)
+                return
+            device = message.device_name
+            if self.counts.devices.setdefault((image.shape, image.dtype), device) != device:
+                self.counts.other_devices[device] += 1  # two devices show different things
                 return
             self.counts.saw(message.timestamp)
             place = np.array(message.ijk_to_world_matrix, np.float64)

@@ -15,8 +15,10 @@ import numpy as np
 from ..formats.errors import bad, shown
 from ..formats.size import whole_text
 from ..formats.sweeps.poses import csv_rows, interpolate, number_of, read_poses
+from ..formats.sweeps.stack import check_numbers
 from ..formats.sweeps.transforms import WORLDS, chain, find_path
 from .files import checked_frame_times, recording_of
+from .plausible import check_seconds
 
 
 class Tracked(NamedTuple):
@@ -50,6 +52,8 @@ def read_tracked(path: Any, poses: Any = None, frame_times: Any = None, tool: st
         placed = chain(recording.edges, way, n)
         ok = placed.ok & recording.ok
         return Tracked(recording.frames, times, placed.matrices, ok, times, placed.matrices, ok)
+    if frame_times is not None and np.ndim(frame_times) == 0:
+        check_numbers(path)
     table = read_poses(poses)
     if table.times is None:
         if len(table.matrices) != n:
@@ -58,6 +62,7 @@ def read_tracked(path: Any, poses: Any = None, frame_times: Any = None, tool: st
         return Tracked(recording.frames, times, *table[1:], times, *table[1:])
     if times is None:
         raise bad(path, "", "expected frames that know their times; give them (frame_times)")
+    check_seconds(poses, table.times, times)
     by_frame = interpolate(table, times)
     return Tracked(recording.frames, times, *table[1:], table.times, *by_frame)
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .calibration import Calibration, Start
-from .wire_fit import Poses, WireFit, cuts, fit_wires
+from .wire_fit import Poses, WireFit, cuts, fit_wires, free, misplaced
 from .wires import NWirePhantom, WirePoints, find_wires
 
 _FEWEST = 10  # images
@@ -61,6 +61,8 @@ class NWireCalibration(NamedTuple):
     offset_doubt         why an offset that was fitted is not certain, or ""
     slip                 where and how far the reference has moved on the phantom during the
                          recording, in words, or ""
+    misplaced            how far the phantom lies from its registration, where the images tell that
+                         the registration's stated error is too small, in words, or ""
     by_offset            errors of the calibration images at the given offset, and at the fitted one
     better_offset        (offset, uncertainty, rms in pixels before and after) that fits better than
                          the given one, else None
@@ -75,6 +77,7 @@ class NWireCalibration(NamedTuple):
     offset_uncertainty: float | None
     offset_doubt: str
     slip: str
+    misplaced: str
     by_offset: tuple[WireErrors, WireErrors]
     better_offset: tuple[float, float, float, float] | None
 
@@ -115,7 +118,7 @@ def calibrate_n_wires(
     if phantom.reference_from_phantom is None:
         raise ValueError("phantom: expected reference_from_phantom, got none; register its landmarks first")
     frames = np.asarray(frames)
-    frame_times, tracked = np.asarray(frame_times, np.float64), _tracked(poses, pose_times)
+    frame_times, tracked = np.asarray(frame_times, np.float64), tracked_poses(poses, pose_times)
     if len(tracked.times) < 2:
         raise ValueError(f"poses: expected two or more, at different times, got {len(tracked.times)}")
     best: tuple[float, float, _Wires, np.ndarray] | None = None
@@ -161,7 +164,8 @@ def calibrate_n_wires(
     )  # fmt: skip
     return NWireCalibration(
         calibration, wires.source, of, fit.weights, within[:4], float(within[4]),
-        (apart if moves else np.inf) if fit_offset else None, doubt if fit_offset else "", slip, (given, found), better,
+        (apart if moves else np.inf) if fit_offset else None, doubt if fit_offset else "", slip,
+        "" if slip else wires.misplaced(fit), (given, found), better,
     )  # fmt: skip
 
 
@@ -196,7 +200,7 @@ def _doubt(fit: WireFit, apart: float, moves: bool, given: WireErrors, found: Wi
     return ""
 
 
-def _tracked(poses: Any, pose_times: Any) -> Poses:
+def tracked_poses(poses: Any, pose_times: Any) -> Poses:
     """In the order of time, each time once."""
     times, first = np.unique(np.asarray(pose_times, np.float64), return_index=True)
     return Poses(np.asarray(poses, np.float64)[first], times)
@@ -210,7 +214,7 @@ def validate_n_wires(
 
     Arguments as of `calibrate_n_wires`. Raises ValueError if no image shows all wires.
     """
-    frame_times, tracked = np.asarray(frame_times, np.float64), _tracked(poses, pose_times)
+    frame_times, tracked = np.asarray(frame_times, np.float64), tracked_poses(poses, pose_times)
     matrix, offset = calibration.probe_from_image, calibration.temporal_offset
     best: tuple[float, WireErrors, WirePoints] | None = None
     for points in find_wires(frames, phantom):
@@ -280,6 +284,21 @@ class _Wires(NamedTuple):
             )
         fit = fit_wires(self.points[ok], self.times[ok], self.tracked, self.phantom, start, self.offset, change)
         return fit if fit.slip is None else fit._replace(slip=(int(self.frames[ok][fit.slip[0]]), *fit.slip[1:]))
+
+    def misplaced(self, fit: WireFit) -> str:
+        """How far the phantom lies from its registration, in words, or ""."""
+        ok = self.tracked.at(self.times + self.offset + fit.change)[1]
+        start = self.linear(self.offset + fit.change)[0]
+        if start is None:
+            return ""
+        loose = fit_wires(
+            self.points[ok], self.times[ok], self.tracked, free(self.phantom), start, self.offset, fit.change
+        )
+        found = misplaced(loose, self.phantom)
+        if found is None:
+            return ""
+        return (f"the phantom lies {found[0]:.1f} mm and {found[1]:.1f} degrees beside its registration, whose "
+                f"stated error is {self.phantom.error:.2g} mm")  # fmt: skip
 
     def _on_probe(self, poses: np.ndarray, places: np.ndarray) -> np.ndarray:
         """(F', k, 3) mm of places (F', k, 3) in the phantom."""

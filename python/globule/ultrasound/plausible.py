@@ -6,9 +6,13 @@ import warnings
 
 import numpy as np
 
+from ..formats.errors import FormatError
+
 _SMALLEST, _LARGEST = 0.003, 3.0  # mm per pixel, beyond which no scanner is
 _WIDEST = 500.0  # mm, of an image; a small one may have larger pixels
 _USUAL = (0.01, 2.0)  # mm per pixel
+_LONGER, _SLOWEST = 300.0, 1.0  # times the frames' span; s between poses
+_FRACTIONS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _UNITS = (("meters", 1000.0), ("centimeters", 10.0), ("micrometers", 0.001))
 
 
@@ -60,6 +64,22 @@ def check_order(path: object, times: np.ndarray) -> None:
             "their own",
             stacklevel=3,
         )
+
+
+def check_seconds(path: object, pose_times: np.ndarray | None, times: np.ndarray | None) -> None:
+    """Refuse times of poses (N,) in another unit than those of the frames (F,), s: hundreds of times as
+    long, and further from each other than any tracker's."""
+    if pose_times is None or times is None or len(pose_times) < 2 or len(times) < 2:
+        return
+    poses, frames = float(np.ptp(pose_times)), float(np.ptp(times))
+    step = float(np.median(np.diff(np.sort(pose_times))))
+    if not frames or poses < _LONGER * frames or step < _SLOWEST:
+        return
+    unit = min(_FRACTIONS, key=lambda name: abs(np.log(poses / frames * _FRACTIONS[name])))
+    raise FormatError(
+        f"{path}: expected times in seconds, got poses over {poses:,.6g} s beside frames over {frames:,.4g} s; they "
+        f"are probably in {unit}: call the column time_{unit}, or multiply the times by {_FRACTIONS[unit]:g}"
+    )
 
 
 def check_travel(path: object, world_from_probe: np.ndarray) -> None:

@@ -15,6 +15,7 @@ alike; no number of images averages that out, and the stated error contains it.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -34,6 +35,8 @@ _FEWEST_PARTS = 5  # independent images of a recording, at least
 _FITTED = 8  # of the mean residuals of an image, what its pose and the scales take away
 _SLIP, _LEAST_SLIP = 200.0, 0.5  # chi-squared of a step in the errors of poses; mm (slow drifts reach 180)
 _FEWEST_BESIDE = 5  # images before and after a slip
+_FREE, _UNTOLD = 30.0, 1.0  # mm: error of a free registration; deviation above which its fit does not tell
+_MISPLACED = 30.0  # chi-squared (6) of the registration: by its stated error, one in 25,000
 _REACH = 20.0  # mm from the middle of the wires, where a turn counts as a shift
 _DRAWS = 400  # of these parts, for the uncertainty of the delay
 _N = 9  # parameters: eight of `Start.matrix`, and the change of the offset
@@ -81,7 +84,8 @@ class WireFit(NamedTuple):
     0; parameters (9,): eight of `matrix_of`, and the change; covariance (9, 9) of these; delays
     (D,) s: the change by draws of parts of the recording; slip: the first image after which the
     phantom lies elsewhere, mm, degrees, or None; halves: change and deviation, s, of the
-    recording's halves, and of_halves their parameters."""
+    recording's halves, and of_halves their parameters; registered (6,): how far the fit moves the
+    phantom, mm and radians about the middle of its wires, and registered_covariance (6, 6) of these."""
 
     matrix: np.ndarray
     change: float
@@ -92,6 +96,8 @@ class WireFit(NamedTuple):
     slip: tuple[int, float, float] | None
     halves: tuple[tuple[float, float], ...]
     of_halves: tuple[np.ndarray, ...]
+    registered: np.ndarray
+    registered_covariance: np.ndarray
     matrix_of: Callable[[np.ndarray], np.ndarray]
 
     def expected(self, pixels: np.ndarray) -> np.ndarray:
@@ -138,6 +144,24 @@ def registration_information(phantom: NWirePhantom) -> np.ndarray:
     size = phantom.landmark_error if of_marks and phantom.landmark_error else phantom.error
     deviation = max(size, 1e-3) / np.sqrt(3)
     return moved.T @ moved / deviation**2
+
+
+def misplaced(fit: WireFit, phantom: NWirePhantom) -> tuple[float, float] | None:
+    """How far the phantom lies from its registration, mm and degrees, by a fit in which it is free
+    to move (`free`); None where that fit does not tell, or where the stated error explains it."""
+    moved, own = fit.registered, fit.registered_covariance
+    size = np.array([1, 1, 1, _REACH, _REACH, _REACH])
+    if (np.sqrt(np.diag(own)) * size).max() > _UNTOLD:
+        return None
+    stated = np.linalg.inv(registration_information(phantom))
+    if moved @ np.linalg.solve(stated + own, moved) < _MISPLACED:
+        return None
+    return float(np.linalg.norm(moved[:3])), float(np.degrees(np.linalg.norm(moved[3:])))
+
+
+def free(phantom: NWirePhantom) -> NWirePhantom:
+    """The phantom with a registration of which hardly anything is known."""
+    return dataclasses.replace(phantom, error=_FREE, landmark_error=None)
 
 
 def fit_wires(
@@ -207,7 +231,7 @@ def fit_wires(
     of_delays = tuple((float(np.median(one)), float(one.std())) for one in delays)
     return WireFit(
         start.matrix(p), float(p[8]), np.where(of_dot < 0.1, 0, of_dot), p[:_N], covariance[:_N, :_N],
-        _drawn(parts, prior, p), _slip(shift), of_delays, of_halves, start.matrix,
+        _drawn(parts, prior, p), _slip(shift), of_delays, of_halves, p[_N:], covariance[_N:, _N:], start.matrix,
     )  # fmt: skip
 
 

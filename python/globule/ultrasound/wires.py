@@ -27,6 +27,7 @@ _THRESHOLDS = (0.1, 0.2, 0.35, 0.5)  # of the image's largest value, until all w
 _LARGEST_DOT = 0.08  # of the image's diagonal
 _DOT = 0.005  # of it: deviation of the weights that find a dot's middle
 _STRETCH = 1.5  # most difference of scales in a cut through parallel wires
+_RIGID = 0.01  # products of axes of a rotation may be off by so much: it was written with few digits
 _NEAR = 0.12  # of the smallest distance between parallel wires: a dot is where it is expected
 
 
@@ -68,6 +69,12 @@ class NWirePhantom:
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         if np.abs(along @ along[0]).min() < np.cos(np.radians(3)):
             raise ValueError("wires: expected the first and third wire of every N to be parallel")
+        for name in ("error", "landmark_error"):
+            size = getattr(self, name)
+            if size is not None and not 0 <= size < np.inf:
+                raise ValueError(f"{name}: expected millimeters from 0, got {size:g}")
+        if self.reference_from_phantom is not None:
+            _check_rigid("reference_from_phantom", self.reference_from_phantom)
 
     @property
     def outer(self) -> np.ndarray:
@@ -100,6 +107,17 @@ class NWirePhantom:
             found.append(middle[0] + ((share * width - first) / (last - first))[:, None]
                          * (middle[1] - middle[0]))  # fmt: skip
         return np.stack(found, axis=1)
+
+
+def _check_rigid(name: str, matrix: np.ndarray) -> None:
+    turn = np.asarray(matrix, np.float64)[:3, :3]
+    if not np.isfinite(matrix).all() or not np.array_equal(matrix[3], (0, 0, 0, 1)):
+        raise ValueError(f"{name}: expected finite numbers and 0 0 0 1 as the last row, got others")
+    lengths = np.linalg.norm(turn, axis=0)
+    if not np.allclose(turn.T @ turn, np.eye(3), atol=_RIGID) or np.linalg.det(turn) < 0:
+        got = " x ".join(f"{length:.4g}" for length in lengths)
+        got = f"axes of length {got}" if np.abs(lengths - 1).max() > _RIGID / 2 else "skew or left-handed axes"
+        raise ValueError(f"{name}: expected a rotation and a shift in mm, got {got}")
 
 
 class WirePoints(NamedTuple):

@@ -182,12 +182,13 @@ def to_gray(array: np.ndarray) -> np.ndarray:
 def _turned(path: Any, frames: np.ndarray, orientation: str, back: bool = False) -> np.ndarray:
     """Frames (F, H, W) of an orientation in MF, or back. Its letters are the ways in which the
     columns and the rows count: to the marked (M) or unmarked (U) side, far from (F) or near (N) to
-    the probe."""
+    the probe; a third one, A or D, is that of volumes."""
     letters = orientation[:2] if frames.size > len(frames) else "MF"  # nothing to turn
     across = letters[:1] in ("F", "N")  # columns along the depth
     side, depth = (letters[1:], letters[:1]) if across else (letters[:1], letters[1:])
-    if side not in ("M", "U") or depth not in ("F", "N"):
-        expected = "M or U and F or N, as MF or FM"
+    known = side in ("M", "U") and depth in ("F", "N") and orientation[2:] in ("", "A", "D")
+    if not known and frames.size > len(frames):
+        expected = "M or U and F or N (and A or D), as MF or FMA"
         problem = f"expected {expected}, got {shown(orientation)}; the header must say how the image lies"
         raise bad(path, _ORIENTATION, problem)
     step = np.s_[:, :: -1 if depth == "N" else 1, :: -1 if side == "U" else 1]

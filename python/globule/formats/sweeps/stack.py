@@ -24,6 +24,7 @@ from . import igs
 
 DICOM = (".dcm", ".dicom")
 MASK = "mask.png"  # of a folder: not a frame
+_FEW = 0.1  # of the pictures of a folder: gaps in their numbers
 _TISSUE, _CM = 1, 3  # Region Spatial Format 2D; Physical Units cm
 # What Pillow raises for a damaged file.
 _DAMAGED = (
@@ -99,6 +100,30 @@ def read_folder(path: str | os.PathLike[str], progress: Progress = None) -> Stac
         if progress:
             progress(i + 1, len(names))
     return Stack(frames, None, {})
+
+
+def check_numbers(path: str | os.PathLike[str]) -> None:
+    """Warn of a folder whose pictures are numbered and lack a few: at a given rate, those after a gap
+    would count as earlier than they are."""
+    if not os.path.isdir(path):
+        return
+    names = [name for name in os.listdir(path) if name.lower().endswith(PICTURE_ENDINGS) and name.lower() != MASK]
+    names.sort(key=_by_numbers)
+    numbers = [[int(word) for word in re.findall(r"\d+", name)] for name in names]
+    if len(names) < 3 or not numbers[0] or len({len(of) for of in numbers}) > 1:
+        return
+    steps = np.diff(np.array([of[-1] for of in numbers], float))
+    usual = np.median(steps)
+    gaps = np.flatnonzero(steps > usual)
+    if usual <= 0 or not len(gaps) or len(gaps) > max(1, _FEW * len(names)) or (steps < usual).any():
+        return
+    others = f", and {len(gaps) - 1} others" if len(gaps) > 1 else ""
+    warnings.warn(
+        f"{path}: pictures are missing between {names[gaps[0]]} and {names[gaps[0] + 1]}{others}; at a given rate, "
+        "later pictures take the poses of earlier ones: add the missing pictures, or give the time of each in Python "
+        "(frame_times)",
+        stacklevel=3,
+    )
 
 
 def read_tiff(path: str | os.PathLike[str]) -> Stack:
