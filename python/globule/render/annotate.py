@@ -14,6 +14,7 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import shown, three
+from .._base.colormaps import CATEGORICAL
 from .._base.fixed import Fixed, read_only
 from .._base.settings import Choice, Kind, Number, Switch, Text, Whole, WrongType, check_all, setting
 from ..data.particles import HERE
@@ -200,7 +201,7 @@ def drawing(
 
     def draw(image: np.ndarray, frame: Any) -> np.ndarray:
         distance = frame.distance if annotation.box else None
-        image = draw_view(image, annotation, camera, bounds, distance, skin, origin=origin_of(scenes))
+        image = draw_view(image, annotation, camera, bounds, distance, skin, origin=origin_of(scenes), colors=colors)
         return draw_sheet(image, annotation, colors, strip)
 
     return draw
@@ -238,6 +239,7 @@ def draw_view(
     name: str = "",
     scale: float = 1.0,
     origin: Any = HERE,
+    colors: Colors | None = None,
 ) -> np.ndarray:
     """The image with box, axes, scale bar and the view's name.
 
@@ -250,13 +252,15 @@ def draw_view(
         name: of the view, for the upper right corner.
         scale: factor of all sizes.
         origin: (x, y, z), world, from which places are given.
+        colors: of a legend that is drawn later; one of many kinds reaches from corner to corner.
     """
     canvas = Canvas(image, scale)
     box = annotation.box if not isinstance(annotation.box, bool) else bounds
     if annotation.box and box is not None:
         draw_box(canvas, camera, np.asarray(box, np.float64), distance, skin, annotation.unit, origin)
     if annotation.axes:
-        _draw_axes(canvas, camera, annotation.legend == "lower-left")
+        high = annotation.legend == "upper-left" and colors is not None and colors.colormap in CATEGORICAL
+        _draw_axes(canvas, camera, annotation.legend == "lower-left" or high)
     if annotation.scale_bar:
         free = annotation.legend in (False, "outside")
         _draw_scale_bar(canvas, camera, annotation.unit, free)

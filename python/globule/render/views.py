@@ -173,7 +173,7 @@ def draw_views(
         image = frame.image
         if name or notes.draws:
             distance = frame.distance if notes.box else None
-            image = draw_view(image, notes, camera, bounds, distance, skin, name, scale, origin_of(scenes))
+            image = draw_view(image, notes, camera, bounds, distance, skin, name, scale, origin_of(scenes), colors)
         images.append(image)
     whole = images[0] if len(images) == 1 else grid.together(images)
     return draw_sheet(whole, notes, colors, strip, header) if notes.draws else whole
