@@ -7,6 +7,7 @@ namespace globule::core {
 
 /// Cells of one level, 0.75 to 1.5 spacings wide, and blocks of them 3 to 4.5 spacings wide.
 struct FullCells {
+    static constexpr int kMostLevel = 8;                  ///< 34 MB for counts and blocks; keys have more levels
     static constexpr float kCell = 0.75f, kBlock = 3.0f;  ///< least widths, spacings
     static constexpr float kShare = 0.64f;  ///< of a full block's particles: one with fewer may hold some surface
     static constexpr float kReach = 1.85f;  ///< how far around a particle blocks must be full, spacings

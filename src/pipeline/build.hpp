@@ -127,7 +127,8 @@ private:
         const std::size_t n = octree.size();
         FullCells full{tree.header, octree.keys(), octree.params().key_bits == 64, n, spacing, 0, nullptr, nullptr};
         if (n >= kSome) {
-            while (std::size_t(1) << 3 * full.most_level <= n) ++full.most_level;
+            while (full.most_level < FullCells::kMostLevel && std::size_t(1) << 3 * full.most_level <= n)
+                ++full.most_level;
             const std::size_t n_cells = std::size_t(1) << 3 * full.most_level;
             full.counts = counts_.reserve(2 * n_cells);
             full.blocks = full.counts + n_cells;
