@@ -163,5 +163,9 @@ void bind_simulation(nb::module_& m) {
                     owned(std::move(rows)), owned(std::move(found.offsets)), owned(std::move(found.indices)));
             })
         .def("flow", plain<&Simulation::flow>)
+        .def("force_on",
+            [](Simulation& s, int phase, const std::array<double, 3>& about) {
+                return nb::tuple(nb::cast(work([&] { return s.force_on(phase, about); })));
+            })
         .def("tissue", plain<&Simulation::tissue>);
 }

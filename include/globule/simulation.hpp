@@ -180,6 +180,9 @@ public:
     void neighbors(std::vector<std::uint32_t>& rows, Neighbors& lists) const;
     /// (N,) density over rest density; (N, 3) vorticity, 1/s.
     void flow(const MutableArrayView& density, const MutableArrayView& vorticity) const;
+    /// Force, N, and moment about a point, N m, of fluid and tissue on the particles of a phase, a boundary or a rigid
+    /// body: by the pressures of the last step, and by the viscosity of the present velocities.
+    std::array<double, 6> force_on(int phase, const std::array<double, 3>& about = {}) const;
 
     // A checkpoint: resize, write all arrays, settle, set_motion, and the tissue's.
     std::uint32_t next_id() const;

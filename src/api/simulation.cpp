@@ -528,6 +528,11 @@ void Simulation::flow(const MutableArrayView& density, const MutableArrayView& v
     s.call<&core::Simulation::flow>(inside, d, v);
 }
 
+std::array<double, 6> Simulation::force_on(int phase, const std::array<double, 3>& about) const {
+    return Inside::of(*this, "simulation")
+        .ask<&core::Simulation::force_on>(phase, core::float3{float(about[0]), float(about[1]), float(about[2])});
+}
+
 std::uint32_t Simulation::next_id() const { return Inside::of(*this, "simulation").ask<&core::Simulation::next_id>(); }
 void Simulation::resize(std::size_t n, std::uint32_t next_id, double time, std::uint64_t n_steps) {
     Inside::of(*this, "simulation");

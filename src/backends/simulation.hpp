@@ -86,6 +86,8 @@ struct Simulation : Object {
     virtual void neighbors(std::vector<std::uint32_t>& rows, Neighbors& out) = 0;
     /// Densities over rest density (n), and vorticities (n, 3), 1/s, by slot.
     virtual void flow(float* density, float* vorticity) = 0;
+    /// Force, N, and moment about a point, N m, of fluid and tissue on what a phase is made of: a boundary or a body.
+    virtual std::array<double, 6> force_on(int phase, float3 about) = 0;
     /// What the scene draws from now on; balls at first.
     virtual void draw(sim::Drawn what) = 0;
     /// The tissue, as the particles are now.

@@ -49,6 +49,7 @@ public:
           kicked_(exec),
           compression_(exec),
           most_count_(exec),
+          drags_(exec),
           cohesion_(exec),
           diagonal_(exec),
           residual_(exec),
@@ -160,6 +161,20 @@ public:
             vorticity[3 * i + 1] = all[i].y;
             vorticity[3 * i + 2] = all[i].z;
         }
+    }
+
+    /// What fluid and tissue do to a boundary or body, by the pressures of the last step and the viscosity of the
+    /// velocities that are there; over the volume of a particle of size 1.  The lists are there.
+    sim::Impulse force_on(std::uint8_t phase, const float3& about) {
+        weigh();
+        sim::Drag found[2], *out = drags_.reserve(2);
+        const float* pressure =
+            settings_.weakly_compressible ? state_.view().pressure : state_.view().divergence_impulse;
+        exec_.reduce_in_order(
+            lists_.n_rows, sim::PushOf<Packet>{hold_of(phase, about), pressure}, sim::AddDrag{}, sim::Drag{}, out);
+        find_drag(state_.view().velocity, 1.0f, nullptr, phase, about, out + 1);
+        exec_.download(found, out, sizeof found);
+        return sim::AddImpulse{}(found[0].force, found[1].force);
     }
 
     void densities() {
@@ -558,6 +573,7 @@ private:
     Buffer<Quad, Exec> kept_, before_, kicked_;
     Buffer<sim::Compression, Exec> compression_;
     Buffer<std::uint32_t, Exec> most_count_;
+    Buffer<sim::Drag, Exec> drags_;
     Buffer<float, Exec> cohesion_, diagonal_;
     Buffer<Quad, Exec> residual_, direction_, applied_;
     Buffer<sim::Conjugate, Exec> conjugate_;

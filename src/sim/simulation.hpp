@@ -292,6 +292,19 @@ public:
         fluid_.flow(density, vorticity);
     }
 
+    std::array<double, 6> force_on(int phase, float3 about) override {
+        gather_tissue();
+        if (state_.n_rows == 0) return {};
+        find_lists();
+        const sim::Impulse found = fluid_.force_on(std::uint8_t(phase), about);
+        std::array<double, 6> out;
+        for (int k = 0; k < 3; ++k) {
+            out[k] = found.p[k] * state_.volume();
+            out[3 + k] = found.l[k] * state_.volume();
+        }
+        return out;
+    }
+
     void draw(sim::Drawn what) override {
         if (drawn_ == what) return;
         drawn_ = what;

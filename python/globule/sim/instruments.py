@@ -6,6 +6,7 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -103,6 +104,32 @@ class Motion:
         if i < 0 or i + 1 >= len(self.times):
             return max(0, min(i, len(self.times) - 1)), 0.0
         return i, (time - self.times[i]) / (self.times[i + 1] - self.times[i])
+
+
+class Steady:
+    """A pose for every time, of what moves and turns at a constant rate; as `Motion` has it.
+
+    Args:
+        velocity: (3,), m/s.
+        spin: (3,), rad/s.
+        about: (3,), m: the point that it turns about, which moves with `velocity`.
+    """
+
+    def __init__(self, velocity: Any, spin: Any, about: Any):
+        self._velocity, self._about = np.array(velocity, float), np.array(about, float)
+        self._rate = float(np.linalg.norm(spin))
+        self._turn = _Turn(None, 0.0, np.array(spin, float) / self._rate if self._rate else None, 1.0)
+
+    def pose(self, time: float) -> np.ndarray:
+        """(4, 4) world_from_body at a time, s; m."""
+        pose = np.eye(4)
+        pose[:3, 3] = self._about + time * self._velocity
+        pose[:3, :3] = self._turn.at(math.fmod(self._rate * time, 2 * math.pi))
+        return pose
+
+    def way(self, start: float, end: float, reach: float) -> float:
+        """How far a point moves at most, m, between two times, s; reach: from `about`, m."""
+        return (end - start) * (float(np.linalg.norm(self._velocity)) + reach * self._rate)
 
 
 class _Turn:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from .._base.interrupts import whole
+from .arrays import vector
 from .limits import OVERFULL
 from .operate import BondedTissue
 from .part import Part
@@ -94,6 +96,30 @@ class Record(Part):
         """Totals of fluid and tissue: mass kg, kinetic and potential energy J, momentum kg m/s,
         angular_momentum kg m²/s about the origin, center of mass m."""
         return self._solver.core.totals()
+
+    @whole
+    def force(self, name: str, about: Sequence[float] = (0.0, 0.0, 0.0)) -> tuple[np.ndarray, np.ndarray]:
+        """What fluids and tissue do to a boundary or a rigid body: (3,) force, N, and (3,) moment
+        about a point, N m, float64.
+
+        By the pressures of the last step, none before the first, and by the viscosity of the
+        present velocities. Blows that stop single particles at a wall and surface tension are not
+        in it.
+
+        Args:
+            name: of a boundary or a rigid body; "walls": those of the domain.
+            about: (3,) point, m.
+
+        Raises:
+            KeyError: a name that there is not.
+            ValueError: a fluid or tissue, or a point that is not three finite numbers.
+        """
+        names = list(self._solver.phases)
+        kind = self._solver.phases[name].kind
+        if kind not in ("boundary", "rigid"):
+            raise ValueError(f"force: expected a boundary or a rigid body, got {name!r}, of kind {kind}")
+        felt = self._solver.core.force_on(names.index(name), vector("about", about))
+        return np.array(felt[:3]), np.array(felt[3:])
 
     @whole
     def measure(self) -> dict[str, float]:

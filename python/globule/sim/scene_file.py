@@ -25,7 +25,7 @@ from .._base.settings import (
 )
 from ..formats import EXTENSIONS
 from . import limits
-from .instruments import Instrument, Key, Motion
+from .instruments import Instrument, Key, Motion, Steady
 from .materials import LONGEST, MODEL, MODELS, MOST_POISSON, MOST_SHARE, SHORTEST, check_model, prony_series
 from .sampling import ENDS, FACES
 from .schema import (
@@ -319,6 +319,16 @@ class Boundary(Body):
         'missing faces: of a box "-x" … "+z", of a cylinder "start", "end"',
     )
     keys: list = setting(Each(Key), [], "[key frames](#key-frames) that move the boundary", usual="none: at rest")
+    velocity: tuple = setting(
+        Vector(least=-1e6, most=1e6), (0.0, 0.0, 0.0), "instead of `keys`: it moves all the time", "m/s"
+    )
+    spin: tuple = setting(
+        Vector(least=-1e6, most=1e6),
+        (0.0, 0.0, 0.0),
+        "instead of `keys`: it turns all the time, to the right about this axis",
+        "rad/s",
+    )
+    about: tuple = setting(PLACE, (0.0, 0.0, 0.0), "point that it turns about with `spin`; moves with `velocity`", "m")
     adhesion: float = setting(
         TENSION, 0.0, "fluids with a surface tension stick to the body as to a fluid of that tension", "N/m"
     )
@@ -333,10 +343,16 @@ class Boundary(Body):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        try:
-            self.motion = Motion(self.keys) if self.keys else None
-        except Problem as problem:
-            raise Problem(("keys", *problem.path), problem.message) from None
+        self.motion: Motion | Steady | None = None
+        if any(self.velocity) or any(self.spin):
+            if self.keys:
+                raise ValueError("expected keys, or velocity and spin, got both")
+            self.motion = Steady(self.velocity, self.spin, self.about)
+        elif self.keys:
+            try:
+                self.motion = Motion(self.keys)
+            except Problem as problem:
+                raise Problem(("keys", *problem.path), problem.message) from None
 
 
 @dataclass(kw_only=True)
