@@ -560,8 +560,12 @@ def test_a_column_that_tells_frames(capsys):
     assert_places("a.csv", X + 1, where="time == 0.5")
     assert len(output_of(capsys, "track", "a.csv", "--where", "time == 0.5").out.splitlines()) == 2
     assert len(output_of(capsys, "track", "a.csv", "--where", "id < 20").out.splitlines()) == 4
-    assert main(["convert", "a.csv", "b_%d.npz"]) == 0
+    output_of(capsys, "convert", "a.csv", "b_%d.npz")
     assert_places("b_2.npz", X + 2)
+    text = Path("a.csv").read_text(encoding="utf-8")
+    Path("d.xyz").write_text("# " + text.replace(",", " "), encoding="utf-8")
+    assert_places("d.xyz", X + 1, frame=1)
+    assert len(output_of(capsys, "track", "d.xyz", "--where", "time == 0.5").out.splitlines()) == 2
     Path("c.csv.gz").write_bytes(gzip.compress(Path("a.csv").read_bytes()))
     assert_places("c.csv.gz", X + 1, frame=1)
 

@@ -92,10 +92,10 @@ def frames_of(path: str, **options: Any) -> int:
         if "frame" not in known:
             return 1
         given = {name: value for name, value in options.items() if name in known}
-        if found.format in ("csv", "tsv"):
-            if options.get("columns") is None and not may_have_frames(path):
-                return 1
-            given |= {name: options[name] for name in ("where",) if options.get(name) is not None}
+        if found.format in ("csv", "tsv") and options.get("columns") is None and not may_have_frames(path):
+            return 1
+        if found.format in ("csv", "tsv", "xyz") and options.get("where") is not None:
+            given["where"] = options["where"]  # one of a column that tells frames leaves none
         with _quietly():
             return read_contents(path, **given).n_frames
     except (ValueError, OSError, ImportError):
