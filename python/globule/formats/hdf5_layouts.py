@@ -395,7 +395,7 @@ def _of_frame(
     number of frames, and its time; the arrays as they are where positions have no frames."""
     first = arrays["positions"][0]
     shape = tree[first.place]["shape"]
-    if len(arrays["positions"]) > 1 or len(shape) != 3 or shape[2] not in (2, 3):
+    if len(arrays["positions"]) > 1 or len(shape) != 3 or shape[2] not in (2, 3) or shape[1] < 4:  # or (N, 3, F)
         return arrays, 1, None
     (n_frames, n), k = shape[:2], pick(shape[0])
     found = {"positions": [Source(first.place, 0, n, frame=k)]}
