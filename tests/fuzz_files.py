@@ -98,7 +98,7 @@ def _with_ranges() -> list[str]:
 def _read_ranges(path: str) -> None:
     if not has_ranges(path):
         raise formats.FormatError(f"{path}: expected ranges, got none")
-    n, read = ranges(path)
+    n, read, _ = ranges(path)
     for first, last in ((0, n // 2), (n // 2, n)):
         assert len(read(first, last)) == last - first
 

@@ -17,6 +17,7 @@ from format_helpers import naming
 from globule.cli import main
 from globule.formats import FormatError, kind_of, packed, read_contents, size
 from globule.formats.frames import FrameOf
+from globule.formats.ranges import ranges
 
 N = 24
 RNG = np.random.default_rng(41)
@@ -498,3 +499,89 @@ def test_tecplot_zones():
     ):
         path.write_text(content)
         refuses(problem, gb.read, path)
+
+
+@pytest.mark.parametrize("content", [
+    "0 0.5 0 0.1\n1 0.5 0 0.1\n2 0.5 0 0.1\n",  # spheres in a row
+    "0 0 0 0.1\n1 1 1 0.1\n2 2 2 0.1\n",
+    "0.0 0.5 0.1 0.1\n1.0 0.2 0.3 0.1\n2.0 0.1 0.7 0.1\n",  # written with a point
+    "0 0.5 0.1 0.1\n1 0.2 0.3 0.1\n1 0.1 0.7 0.1\n",
+    "0 0.5 0.1\n1 0.2 0.3\n2 0.1 0.7\n",
+    "# x y z column4\n0 0.5 0.1 0.1\n1 0.2 0.3 0.1\n2 0.1 0.7 0.1\n",
+])  # fmt: skip
+def test_first_columns_that_are_places(content):
+    Path("a.txt").write_text(content, encoding="utf-8")
+    expected = np.loadtxt("a.txt")[:, :3]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert_places("a.txt", expected)
+
+
+def test_ranges_of_rows_that_are_numbered():
+    np.save("a.npy", np.column_stack([np.arange(N), X]))
+    with pytest.warns(UserWarning, match=r"a\.npy: the first column numbers the rows: taken as id, x, y, z"):
+        rows = ranges("a.npy")
+    some = rows.read(5, 7)  # two rows do not tell it
+    np.testing.assert_allclose(some.positions, X[5:7].astype("f4"))
+    assert some.attributes["id"].tolist() == [5, 6]
+
+
+@pytest.mark.parametrize("content", ["x y z\n", "# x y z\n", "# id x y z\n", "# x y z radius\n", "0\n", "0\ntitle\n"])
+def test_tables_of_no_particles(content):
+    Path("a.xyz").write_text(content, encoding="utf-8")
+    assert len(gb.read("a.xyz")) == 0
+    Path("b.xyz").write_text("# x y z\n" + "\n".join(rows()), encoding="utf-8")
+    assert [len(p) for p in gb.sequence(["a.xyz", "b.xyz"])] == [0, N]
+
+
+def test_degrees_are_no_lengths(capsys):
+    Path("a.csv").write_text("Lat,Lon,Alt\n" + "\n".join(rows(",")), encoding="utf-8")
+    advice = "these are degrees: project them (to UTM), or take them so: --columns x=Lon,y=Lat,z=Alt"
+    assert advice in refused(capsys, "info", "a.csv")
+    assert_places("a.csv", X[:, [1, 0, 2]], columns={"x": "Lon", "y": "Lat", "z": "Alt"})
+
+
+def tracks(path: str, head: str = "time,id,x,y,z") -> None:
+    """Three frames of the particles, each moved by 1."""
+    lines = [f"{k / 2},{i}," + ",".join(f"{v + k:.6f}" for v in x) for k in range(3) for i, x in enumerate(X)]
+    Path(path).write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
+
+
+def test_a_column_that_tells_frames(capsys):
+    tracks("a.csv")
+    assert [read_contents("a.csv", frame=k).time for k in range(3)] == [0, 0.5, 1]
+    assert_places("a.csv", X + 2, frame=-1)
+    with pytest.warns(UserWarning, match="a.csv has 3 frames"):
+        gb.read("a.csv")
+    columns = {"x": "x", "y": "y", "z": "z", "frame": "time"}
+    assert [len(p) for p in gb.sequence("a.csv", columns=columns)] == [N, N, N]
+    assert len(gb.read("a.csv", columns={"x": "x", "y": "y", "z": "z"})) == 3 * N
+    # A condition on it chooses from all rows, and what is left is no sequence.
+    assert_places("a.csv", X + 1, where="time == 0.5")
+    assert len(output_of(capsys, "track", "a.csv", "--where", "time == 0.5").out.splitlines()) == 2
+    assert len(output_of(capsys, "track", "a.csv", "--where", "id < 20").out.splitlines()) == 4
+    output_of(capsys, "convert", "a.csv", "b_%d.npz")
+    assert_places("b_2.npz", X + 2)
+    text = Path("a.csv").read_text(encoding="utf-8")
+    Path("d.xyz").write_text("# " + text.replace(",", " "), encoding="utf-8")
+    assert_places("d.xyz", X + 1, frame=1)
+    assert len(output_of(capsys, "track", "d.xyz", "--where", "time == 0.5").out.splitlines()) == 2
+    Path("c.csv.gz").write_bytes(gzip.compress(Path("a.csv").read_bytes()))
+    assert_places("c.csv.gz", X + 1, frame=1)
+
+
+@pytest.mark.parametrize("head", ["time,id,x,y,z", "t,part,x,y,z", "age,id,x,y,z"])
+def test_columns_that_tell_no_frames(head):
+    """Ids that come once, times of single rows, and another name."""
+    lines = [f"{i // 2},{i},{row}" for i, row in enumerate(rows(","))]
+    Path("a.csv").write_text("\n".join([head, *lines]), encoding="utf-8")
+    assert read_contents("a.csv").n_frames == 1
+    assert_places("a.csv")
+
+
+def test_parquet_of_several_frames_is_said():
+    pytest.importorskip("pyarrow")
+    values = {"frame": np.repeat([0, 1], N), "id": np.tile(np.arange(N), 2)}
+    gb.write("a.parquet", gb.Particles(np.r_[X, X + 1], attributes=values))
+    with pytest.warns(UserWarning, match=r"a\.parquet: the rows are those of several frames, by 'frame'"):
+        assert len(gb.read("a.parquet")) == 2 * N

@@ -109,12 +109,12 @@ def test_what_is_asked_for_counts_scenes_keep_it_and_pieces_have_one(capsys, mon
     from globule.formats.ranges import ranges
 
     np.savez("a.npz", positions=lattice() + FAR)
-    n, rows = ranges("a.npz")  # who only counts is told nothing
+    n, rows, start = ranges("a.npz")  # who only counts is told nothing
     with pytest.warns(UserWarning, match="positions are given from"):
         rows(0, 1)
     origins = {rows(k, k + 100).origin for k in range(0, n, 100)}
     assert len(origins) == 1
-    assert origins != {HERE}
+    assert origins == {start()} != {HERE}
     whole = np.concatenate([rows(k, k + 100).world_positions() for k in range(0, n, 100)])
     np.testing.assert_allclose(whole, lattice() + FAR, atol=1e-7)
 
@@ -191,6 +191,24 @@ def test_samples_are_written_in_world_coordinates(command, capsys):
         origin = re.search(rb'Origin="([^"]*)"', file.read())[1].split()
     if name != "gauge":  # whose points have heights
         np.testing.assert_allclose(np.array(origin, float), world[0], rtol=0, atol=1e-6)
+
+
+def test_planes_and_lines_are_of_the_world(capsys):
+    heights = lattice().astype("f8")[:, 2]
+    for name, start in (("far", FAR), ("near", np.zeros(3))):
+        np.savez(f"{name}.npz", positions=lattice() + start, height=heights)
+        level, (x, y, z) = 2 * start[2] + 1, start + 0.5
+        for words, to in (
+            (["--plane", f"0,0,2,{float(level)!r}"], "plane"),
+            ([f"--line={float(x)!r},{float(y)!r},{float(z)!r},{float(x)!r},{float(y)!r},{float(z + 0.5)!r}"], "line"),
+        ):
+            assert main(["slice", f"{name}.npz", *words, "--sample-spacing", "0.1", "-o", f"{name}-{to}.csv"]) == 0
+    for to in ("plane", "line"):
+        far, near = (np.genfromtxt(f"{name}-{to}.csv", delimiter=",", names=True) for name in ("far", "near"))
+        assert np.isfinite(far["height"]).any()
+        np.testing.assert_allclose(far["height"], near["height"], atol=1e-5)
+        for axis, start in zip("xyz", FAR, strict=True):
+            np.testing.assert_allclose(far[axis] - start, near[axis], atol=1e-6)
 
 
 def test_gauges_images_and_large_ids_are_said_as_in_the_world(capsys):

@@ -314,6 +314,19 @@ def test_render_with_memory_has_the_radii_of_the_file(files, little, capsys):
         assert apart("one.png", "many.png") <= 1
 
 
+def test_legend_and_box_of_pieces_far_from_the_origin(files, little, capsys):
+    start = np.array([440_750.0, 3_750_150.0, 100.0])
+    np.savez("far.npz", positions=LATTICE + start)
+    words = ["render", "far.npz", "--device", "cpu", "--size", "320x240", "--support", "2", "--color-by", "x",
+             "--legend", "--box"]  # fmt: skip
+    one = run_json(capsys, *words, "-o", "one.png")
+    many = run_json(capsys, *words, "-o", "many.png", "--memory", "100000")
+    assert many["counts"]["pieces"] > 1
+    assert many["origin"] == one["origin"] != [0, 0, 0]
+    assert many["camera"] == one["camera"]  # with room for the legend
+    assert apart("one.png", "many.png") <= 1
+
+
 def test_pieces_are_of_the_frame_that_is_asked_for(files, little, capsys):
     h5py = pytest.importorskip("h5py")
     with h5py.File("run.h5part", "w") as file:

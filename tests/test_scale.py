@@ -26,7 +26,7 @@ def test_all_lengths_follow_also_far_away_and_of_boxes():
     np.testing.assert_allclose(got.attributes["radius"], 0.025, rtol=1e-6)
     assert (got.attributes["mass"] == 1).all()
     assert got.weight == 2
-    n, rows = ranges("a.npz", scale=1e-3)
+    n, rows, _ = ranges("a.npz", scale=1e-3)
     np.testing.assert_array_equal(rows(3, 9).positions, got.positions[3:9])
     for wrong in (0, -1, np.nan, "mm"):
         with pytest.raises((ValueError, TypeError), match="scale: expected"):

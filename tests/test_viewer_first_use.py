@@ -13,7 +13,7 @@ pytest.importorskip("viser")
 from globule.viewer.first_view import FIRST_SIZE, first_camera, for_window
 from globule.viewer.guard import Guard
 from globule.viewer.open import open_source
-from globule.viewer.overlay import Mark, draw_marks, finish, free_below
+from globule.viewer.overlay import Mark, draw_marks, finish, free_below, origin_seen
 from globule.viewer.page import LONGEST_NAME, shortened
 from globule.viewer.page.tools import Hand
 from globule.viewer.simulation_source import SimulationSource
@@ -21,6 +21,25 @@ from globule.viewer.state import State
 from viewer_helpers import blob, view
 
 CAMERA = Camera((0, 0, 5), (0, 0, 0))
+
+
+def test_the_overlay_says_from_where_places_are_given():
+    state = State()
+    state.set(color__by="y", notes__box=True)
+    picture = np.full((480, 640, 3), 200, np.uint8)
+    more = {"bounds": np.array([(-1, -1, -1), (1, 1, 1)]), "size": (640, 480)}
+    depth = np.full((480, 640), np.inf, np.float32)
+    near, far = (
+        finish(picture, state, CAMERA, [], [], depth, (0.0, 1.0), origin=origin, **more)
+        for origin in ((0.0, 0.0, 0.0), (0.0, 5e6, 0.0))
+    )
+    changed = np.argwhere((near != far).any(axis=2))
+    assert len(changed)
+    assert changed[:, 1].max() > 500  # beside the legend
+    assert changed[:, 1].min() < 320  # and at the box
+    particles = gb.Particles(np.random.default_rng(0).random((99, 3)), origin=(440_750.0, 5e6, 0.0))
+    frame = gb.render(gb.Scene(particles), (32, 24))
+    assert origin_seen(frame) == (440_750.0, 5e6, 0.0)
 
 
 def test_names_are_sharp_none_covers_another_and_a_click_takes_the_nearest():

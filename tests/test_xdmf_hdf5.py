@@ -270,3 +270,13 @@ def test_damaged_cells_of_xdmf(kind, cells, said):
     with pytest.raises(FormatError, match=said):
         triangles.read("a.xdmf")
     triangles.has_faces("a.xdmf")  # says what it can
+
+
+@pytest.mark.parametrize(("kind", "numbers", "expected"), [
+    ("HyperSlab", "0.5 0.25 2", [0.5, 0.75]), ("List", "1 7", [1, 7]), ("Range", "0 1", [None, None]),
+    ("List", "1", [1, None]), ("HyperSlab", "a b", [None, None]),
+])  # fmt: skip
+def test_times_of_a_collection(kind, numbers, expected):
+    time = f'<Time TimeType="{kind}"><DataItem Format="XML">{numbers}</DataItem></Time>'
+    xdmf(f'<Grid GridType="Collection" CollectionType="Temporal">{time}{2 * POINTS}</Grid>')
+    assert [read_contents("a.xdmf", frame=k).time for k in range(2)] == expected

@@ -84,6 +84,23 @@ def _(file: Any) -> None:
     file["positions"], file["density"] = X, np.ones(N)
 
 
+@hdf5("h5py by groups of frames", "a.h5", frames=2)
+def _(file: Any) -> None:
+    for k, step in ((0, 9), (1, 10)):
+        file[f"frame_{step}/positions"] = FRAMES[k]
+
+
+@hdf5("h5py by frames", "a.h5", frames=2, names=("density", "mass"))
+def _(file: Any) -> None:
+    file["pos"], file["density"], file["mass"] = np.stack(FRAMES), np.ones((2, N)), np.ones(N)
+    file["time"] = [0.0, 0.5]
+
+
+@hdf5("h5py by columns", "a.h5")
+def _(file: Any) -> None:
+    file["x"], file["y"], file["z"] = X[:, :1], X[:, 1:2], X[:, 2:]
+
+
 @hdf5("PyTables", "a.h5", names=("mass",))
 def _(file: Any) -> None:
     table = np.zeros(N, [("mass", "f4"), ("x", "f8"), ("y", "f8"), ("z", "f8"), ("name", "S4")])

@@ -49,6 +49,14 @@ text("polygons of ParaView", "a.vtp",
          f'{array("offsets", 4 * np.arange(1, 7))}</Polys></Piece></PolyData>'),
      **cube())  # fmt: skip
 kind("hexahedron of meshio", "a.vtu", **cube())(lambda path: vtu(path, _CORNERS, [_HEXAHEDRON], [12]))
+# Corners, middles of edges, and of the faces across x and y.
+_MIDDLES = [[0.5, 0, 0], [1, 0.5, 0], [0.5, 1, 0], [0, 0.5, 0], [0.5, 0, 1], [1, 0.5, 1], [0.5, 1, 1], [0, 0.5, 1],
+            [0, 0, 0.5], [1, 0, 0.5], [1, 1, 0.5], [0, 1, 0.5], [0, 0.5, 0.5], [1, 0.5, 0.5], [0.5, 0, 0.5],
+            [0.5, 1, 0.5]]  # fmt: skip
+_BIQUADRATIC = np.concatenate([_CORNERS[_HEXAHEDRON], _MIDDLES])
+kind("biquadratic hexahedron of VTK", "a.vtu", **cube(n=24, places=_BIQUADRATIC))(
+    lambda path: vtu(path, _BIQUADRATIC, [np.arange(24)], [33])
+)
 text("XDMF of meshio", "a.xdmf",
      '<Xdmf Version="3.0"><Domain><Grid><Geometry GeometryType="XYZ"><DataItem DataType="Float" '
      f'Dimensions="8 3" Format="XML">{rows(_CORNERS)}</DataItem></Geometry><Topology TopologyType='

@@ -18,6 +18,13 @@ kind("frames of numpy.savez", "a.npz", frames=2, names=("speed",))(
 kind("MATLAB 5", "a.mat", **grains(names=("radius",)))(
     lambda path: savemat(path, {"positions": CENTERS, "radius": RADII, "h": 0.1, "run": "a", "all": {"a": 1}})
 )
+kind("numpy.save with ids", "a.npy", names=("id",), warns="taken as id, x, y, z")(
+    lambda path: np.save(path, np.column_stack([np.arange(N), X]))
+)
+kind("numpy.savez of columns", "a.npz", names=("speed",))(
+    lambda path: np.savez(path, pos_x=X[:, 0], pos_y=X[:, 1], pos_z=X[:, 2], speed=np.ones(N))
+)
+kind("numpy.savez of coords", "a.npz")(lambda path: np.savez(path, coords=X))
 kind("numpy.savez without a name", "a.npz")(lambda path: np.savez(path, X))
 
 

@@ -6,7 +6,7 @@ import lzma
 
 import numpy as np
 
-from kinds.base import CENTERS, RADII, N, X, grains, kind, numbered, rows, text, with_radii
+from kinds.base import CENTERS, FRAMES, RADII, N, X, grains, kind, numbered, rows, text, with_radii
 
 text("ParaView table", "a.csv", '"Points:0","Points:1","Points:2"\n' + rows(X, ","))
 text("pandas with its index", "a.csv", ",x,y,z\n" + numbered(X, ","))
@@ -53,3 +53,18 @@ text("PFC balls", "a.csv", "id,pos-x,pos-y,pos-z,ball.radius\n"
      + numbered(np.column_stack([CENTERS, RADII]), ","), **grains(names=("ball.radius",)))  # fmt: skip
 text("DEM with a short word", "a.txt", "x y z r\n" + with_radii(), **grains(names=("r",)))
 text("survey in UTM zones", "a.csv", "Easting [m],Northing [m],Elevation [m]\n" + rows(X, ","), unit="m")
+text("ids without names", "a.txt", numbered(X), names=("id",), warns="taken as id, x, y, z")
+text("ids and types without names", "a.csv",
+     "".join(f"{i};2;{row}\n" for i, row in enumerate(rows(X, ";").splitlines(), 7)),
+     names=("id", "type"), warns="taken as id, type, x, y, z")  # fmt: skip
+_TRACKS = [f"{k},{i},{row}\n" for k, x in enumerate(FRAMES) for i, row in enumerate(rows(x, ",").splitlines())]
+text("tracks by frame", "a.csv", "Time [s],id,x,y,z\n" + "".join(_TRACKS), frames=2, names=("Time", "id"))
+text("tracks by particle", "a.csv", "frame,particle,x,y,z\n" + "".join(sorted(_TRACKS, key=lambda t: t.split(",")[1])),
+     frames=2, names=("frame", "particle"))  # fmt: skip
+text("frames after each other", "a.txt",
+     "# step x y z\n" + "".join(rows(x, before=f"{10 * k} ") for k, x in enumerate(FRAMES)),
+     frames=2, names=("step",))  # fmt: skip
+text("elevations", "a.csv", "POINT_X,POINT_Y,Elevation\n" + rows(X, ","))
+text("units behind names", "a.csv", "x_m,y_m,z_m,radius_mm\n" + "".join(
+     f"{row},{1000 * r:.6f}\n" for r, row in zip(RADII, rows(CENTERS, ",").splitlines(), strict=True)),
+     **grains(names=("radius_mm",)), unit="m", warns="radius_mm is in mm and becomes m, as x is")  # fmt: skip

@@ -15,15 +15,16 @@ import numpy as np
 from .._base.checks import MissingPackageError
 from .._base.device import choose
 from .._base.memory import GIGABYTE, resident_bytes, room
-from ..data.attributes import colormap_of
+from ..data.attributes import colormap_of, place_label
 from ..data.particles import FARTHEST
 from ..formats import FormatError
 from ..formats.kind import kind_of
 from ..formats.ranges import NAMES, counted_rows, has_ranges, ranges
 from ..pieces.pieces import BYTES, Pieces
 from ..pieces.store import Source, source_of
-from ..render.annotate import Colors
+from ..render.annotate import Colors, corners_to_fit
 from ..render.camera import Camera
+from ..render.fit import with_room
 from ..render.frame import save_png
 from ..render.layers import Layer
 from ..render.pieces.image import fit
@@ -127,11 +128,12 @@ def _wanted(options: argparse.Namespace, path: str) -> bool:
 def _share(path: str, given: Mapping[str, Any], comm: Any) -> Source:
     """This rank's rows of a file; rank 0's are all where ranges cannot be read."""
     if has_ranges(path, given):
-        whole = Source(*ranges(path, **given))
+        n, read, origin = ranges(path, **given)
+        whole = Source(n, read, origin=origin)
         if comm is None:
             return whole
         first, last = (whole.n * r // comm.size for r in (comm.rank, comm.rank + 1))
-        return Source(last - first, lambda a, b: whole.read(first + a, first + b), whole.size)
+        return Source(last - first, lambda a, b: whole.read(first + a, first + b), whole.size, origin=origin)
     nothing = np.empty((0, 3), np.float32)
     return source_of(nothing if comm.rank else read_particles(path, **given))
 
@@ -176,7 +178,7 @@ def run(
         if root and not options.json:
             say(f"{count(len(pieces))} in {n} pieces, {where}")
         with mistakes():
-            camera = _camera(options, pieces, notes.size, towards)
+            camera = _camera(options, pieces, notes, towards)
             settings = lit.settings(pieces)  # type: ignore[arg-type]  # no preset asks it
             frame = render([Layer(pieces, clips=lit.clips)], camera, notes.size, settings)
             if not root:
@@ -185,7 +187,9 @@ def run(
             if options.color_by:
                 assert pieces.range is not None
                 name = options.color_by
-                colors = Colors(colormap_of(name, options.colormap), *pieces.range, name, pieces.kinds)
+                colors = Colors(
+                    colormap_of(name, options.colormap), *pieces.range, place_label(name, pieces.origin), pieces.kinds
+                )
             if aov:
                 frame.save(aov)
             save_png(image, notes.picture(0, [frame], [camera], colors, None))
@@ -203,7 +207,7 @@ def run(
         "samples": frame.samples, "times": {"read": built - start, "total": end - start},
         "device": device, "kernel": pieces.kernel,
         "threshold": pieces.threshold, "surface": pieces.surface, "support": pieces.support,
-        "spacing": pieces.spacing, "ranks": comm.size if comm else 1,
+        "spacing": pieces.spacing, "origin": list(pieces.origin), "ranks": comm.size if comm else 1,
         "memory": {"limit": limit}, "camera": camera_facts.facts(camera),
         "counts": {"particles": len(pieces), "pieces": n, "hits": hits},
     })  # fmt: skip
@@ -217,12 +221,14 @@ def _memory(options: argparse.Namespace) -> Iterator[None]:
         raise UserError(f"--{error}") from error
 
 
-def _camera(options: argparse.Namespace, pieces: Pieces, size: tuple[int, int], towards: Mapping[str, Any]) -> Camera:
+def _camera(options: argparse.Namespace, pieces: Pieces, notes: annotation.Notes, towards: Mapping[str, Any]) -> Camera:
     """The camera that the options ask for."""
     middle = options.look_at or (pieces.low + pieces.high) / 2
     if options.eye:
         if np.array_equal(middle, options.eye):
             middle = np.add(options.eye, (0, 0, -1))
         return Camera(options.eye, middle, options.up, towards["fov"], options.ortho)
-    base = fit(pieces, size, **towards)
+    around = corners_to_fit(notes.annotation, pieces, None)
+    flat = pieces.normal is not None
+    base = with_room(notes.size, notes.annotation, flat, lambda size: fit(pieces, size, around, **towards))
     return Camera(base.eye, base.look_at, options.up, towards["fov"], options.ortho)

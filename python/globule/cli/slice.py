@@ -117,19 +117,21 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _where(options: argparse.Namespace, scene: Any) -> SamplePlane | SampleLine | SampleGrid:
+    """The places, given from the scene's origin; --plane and --line are in the file's coordinates."""
     spacing = options.spacing
     if options.grid:
         return SampleGrid(spacing)
     if options.plane:
-        plane = SamplePlane(options.plane.normal, options.plane.offset, spacing)
+        normal = options.plane.normal
+        plane = SamplePlane(normal, options.plane.offset - float(np.dot(normal, scene.origin)), spacing)
         if spacing is None and options.output.lower().endswith(".png"):
             lattice = plane.lattice(scene)  # small ones are drawn larger
             finer = default_spacing(scene) * min(1.0, max(lattice.shape) / PIXELS)
             plane = SamplePlane(plane.normal, plane.offset, finer)
         return plane
-    length = float(np.linalg.norm(np.subtract(options.line.end, options.line.start)))
-    n = counts(np.array([length]), spacing or default_spacing(scene))[0]
-    return SampleLine(options.line.start, options.line.end, max(2, n))
+    start, end = (np.subtract(place, scene.origin) for place in (options.line.start, options.line.end))
+    n = counts(np.array([np.linalg.norm(end - start)]), spacing or default_spacing(scene))[0]
+    return SampleLine(start, end, max(2, n))
 
 
 def _length(array: np.ndarray, dims: tuple[str, ...]) -> np.ndarray:

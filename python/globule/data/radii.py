@@ -12,19 +12,20 @@ from .._base.arrays import to_host
 from .particles import Particles
 
 _NAMES = {"radius": 1.0, "pscale": 1.0, "diameter": 0.5}  # in lower case, by radii
-_SAME = {"radii": "radius", "diameters": "diameter", "diam": "diameter", "rad": "radius"}
+_SAME = {"radii": "radius", "diameters": "diameter", "diam": "diameter", "dia": "diameter", "rad": "radius"}
 _OF = re.compile(r"^(?:particle|parcel|ball|sphere|grain|bead|equivalent|physical)+")
 # Words that may mean something else, by letters and digits: radii where the values may be some.
 _SHORT = {"r": "radius", "rp": "radius", "rad": "radius", "dp": "diameter"}
+_UNIT = re.compile(r"[ _.](?:nm|um|mm|cm|m)$")  # behind a name: radius_m
 _NOT_RADIUS = {"g", "b", "green", "theta", "phi"}  # beside r: colors, or other coordinates
 
 
 def length_name(name: str) -> str:
     """The name of an array of lengths in lower case; that of `Radii` and `Particle Radius` is
     radius."""
-    word = re.sub(r"[^a-z]", "", name.lower())
+    word = re.sub(r"[^a-z]", "", _UNIT.sub("", name.lower()))
     plain = _OF.sub("", word)
-    if plain != word and plain in _NAMES:
+    if plain in _NAMES and (plain != word or _UNIT.search(name.lower())):
         return plain
     return _SAME[plain] if plain in _SAME and word != "rad" else name.lower()
 

@@ -11,6 +11,7 @@ Which array of a file becomes which field of Particles is the same for all of th
 from __future__ import annotations
 
 import os
+import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -27,7 +28,7 @@ from ..data.where import where
 from .contents import Box, Contents
 from .errors import FormatError, bad
 from .fields import check_names, given_from, say_radii
-from .frames import FrameOf, said
+from .frames import FrameOf, said, tells_frames
 from .kind import Kind, kind_of, wrong_kind
 from .packed import unpacked
 from .registry import FORMATS, Format, format_named, formats, function_of
@@ -36,6 +37,7 @@ from .units import scaled_units
 __all__ = ["EXTENSIONS", "READABLE", "WRITABLE", "Box", "Contents", "Format", "FormatError",
            "Kind", "kind_of", "read", "read_contents", "up_of", "write"]  # fmt: skip
 
+_TABLES = ("csv", "tsv", "xyz")  # formats whose rows may be those of several frames
 # Read and written; by globule alone, and by all that is installed.
 EXTENSIONS = tuple(e for f in FORMATS if f.writes and not f.package for e in f.endings)
 WRITABLE = (*EXTENSIONS, *(e for f in FORMATS if f.writes and f.package for e in f.endings))
@@ -98,6 +100,8 @@ def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
     form = format_named(kind.format)
     if isinstance(path, FrameOf):
         options = {"frame": path.frame, **options}
+    elif form.name in _TABLES and condition is not None and any(map(tells_frames, re.findall(r"\w+", condition))):
+        options = {"frame": None, **options}  # the condition chooses of all rows
     for name in options:
         if name not in form.options:
             raise ValueError(f"{name}: expected no such option for {os.fspath(path)}, "

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import os
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,7 +20,8 @@ from .._base.files import atomic_write
 from ..data.particles import Particles
 from .contents import Contents
 from .errors import bad, names_of, shown
-from .fields import COLUMNS, find_positions, join_columns, particles_from, place_names, split_columns
+from .fields import columns_advice, find_positions, join_columns, particles_from, place_names, split_columns
+from .frames import frames_by_column
 from .guarded import decode, need
 from .units import held_units, in_one_unit
 
@@ -65,8 +67,12 @@ def read(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None)
     positions = find_positions(arrays)
     if positions is None:
         got = names_of(about["columns"]) if about["columns"] else "no column of numbers"
-        raise bad(path, "", f"expected columns x, y and z, got {got}; {COLUMNS}")
+        raise bad(path, "", f"expected columns x, y and z, got {got}; {columns_advice(about['columns'])}")
     particles = particles_from(path, positions, arrays)
+    if name := frames_by_column(particles):
+        advice = f'--where "{name} == …", where=, chooses one; a .csv of it is a sequence'
+        warnings.warn(f"{path}: the rows are those of several frames, by {shown(name)}, all read: {advice}",
+                      stacklevel=2)  # fmt: skip
     return Contents(particles, units=held_units(particles, units))
 
 

@@ -87,7 +87,7 @@ _QUADRATIC = {
     30: _LINEAR_QUAD._replace(edges=((0, 1), (2, 3))),
     31: _LINEAR[13]._replace(edges=_OF_WEDGE[:6]),
     32: _LINEAR[13]._replace(edges=_OF_WEDGE, middles=(2, 3, 4)),
-    33: _LINEAR[12]._replace(edges=_OF_HEXAHEDRON, middles=(2, 1, 3, 0)),
+    33: _LINEAR[12]._replace(edges=_OF_HEXAHEDRON, middles=(0, 1, 2, 3)),
     34: _LINEAR_TRIANGLE._replace(edges=_OF_TRIANGLE, middles=(0,)),
     37: _LINEAR[14]._replace(edges=_OF_PYRAMID, middles=(0,)),
 }

@@ -346,7 +346,7 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
             }
             of_h5md = name.endswith(("/box", "/edges")) or place.endswith("/position/time")
             of_parts = key in ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
-            of_frames = name.endswith("/Steps") or of_parts or of_h5md
+            of_frames = name.endswith("/Steps") or of_parts or of_h5md or key.lower() in ("t", "time", "times")
             if item.size <= (_SMALL if of_frames else 0):
                 tree[place]["values"] = item[()].tolist()
         elif isinstance(item, h5py.Dataset) and _is_table(item):

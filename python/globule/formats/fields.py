@@ -36,7 +36,7 @@ from ..data.particles import FIELDS, HERE, SCALAR_FIELDS, Particles, lost_precis
 from ..data.radii import length_names, n_without_radius, sizes_of
 from .errors import bad
 
-POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
+POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "coords", "xyz", "x")
 # Before or behind an axis in a column's name; behind one; and before a number.
 _POSITION_WORDS = (
     "",
@@ -61,6 +61,9 @@ _UNIT_WORDS = ("m", "mm", "cm", "um", "nm", "km", "meters", "metres", "angstrom"
 _NUMBERED_WORDS = ("pos", "position", "positions", "points", "coord", "coords", "coordinates")
 _EAST_NORTH = (("easting", "northing"), ("east", "north"), ("utme", "utmn"), ("utmx", "utmy"))
 _HEIGHTS = ("z", "elevation", "elev", "altitude", "alt", "height", "h", "up", "u", "depth")
+MOST_LOOKED_AT = 10_000  # rows that tell whether a column numbers them
+_LATITUDES = ("lat", "latitude", "latdeg", "latitudedeg", "gpslat", "gpslatitude")
+_LONGITUDES = ("lon", "long", "lng", "longitude", "londeg", "longitudedeg", "gpslon", "gpslongitude")
 COLUMNS = 'name them: --columns x=…,y=…,z=… or gb.read(path, columns={"x": …})'  # for messages
 _COLOR_NAMES = ("color", "rgb", "cd", "colors", "rgba")
 _SUPPORT_NAMES = {"smoothing_length": 2, "h": 2, "radius": 4, "pscale": 4, "diameter": 2}
@@ -75,6 +78,16 @@ _VECTORS = {
     ("r", "g", "b"): "color",
 }
 _COMPONENTS = {"velocity": ("vx", "vy", "vz"), "normal": ("nx", "ny", "nz"), "color": ("red", "green", "blue")}
+
+
+def columns_advice(names: Iterable[str]) -> str:
+    """What to do about a table whose columns are named so, none of them a place."""
+    plain = {re.sub("[^a-z]", "", name.lower()): name for name in names}
+    north, east = (next((plain[w] for w in words if w in plain), "") for words in (_LATITUDES, _LONGITUDES))
+    if not (north and east):
+        return COLUMNS
+    up = next((f",z={plain[w]}" for w in _HEIGHTS if w in plain), "")
+    return f"these are degrees: project them (to UTM), or take them so: --columns x={east},y={north}{up}"
 
 
 def particles_from(
@@ -213,7 +226,7 @@ def place_names(names: Iterable[str]) -> dict[str, str]:
 
     Columns x and y come first, in either case; else those of a word for positions and an axis:
     `Pos.x`, `Points_0`, `pos[0]`, `X-coordinate`, `x_m`; else Easting, Northing and Height, or the
-    like. Without a third, a table lies in a plane. The axis of a depth is -z.
+    like. Without a third, and an elevation, a table lies in a plane. The axis of a depth is -z.
     """
     plain: dict[str, str] = {}
     for name in names:
@@ -232,9 +245,45 @@ def place_names(names: Iterable[str]) -> dict[str, str]:
     for axes, form, word in tried:
         found = [plain.get(form.format(axis, word)) for axis in axes]
         if found[0] and found[1]:
+            if not found[2] and axes == "xyz":  # X, Y, Elevation
+                found[2] = next((plain[word] for word in ("elevation", "elev", "altitude") if word in plain), None)
             names = ("x", "y", "-z" if axes[2] == "depth" else "z")
             return {name: axis for name, axis in zip(found, names, strict=True) if name}
     return {}
+
+
+def names_with_id(path: Any, names: list[str], head: np.ndarray, last: float, n: int) -> list[str]:
+    """Names of columns x, y, z, column4 … that nobody has named; id, x, y, z, column5 … where the first
+    numbers the rows, and id, type, x, y, z, column6 … where the second has whole numbers and the
+    next three have not, with a warning.
+
+    The first numbers the rows if it rises by one from each to the next, and x or y behind it are not
+    those of a straight row of lattice points.
+
+    Args:
+        path: of the file, for the warning.
+        names: of all columns.
+        head: (up to MOST_LOOKED_AT, at least 4) the first rows.
+        last: the first column's last value.
+        n: rows.
+    """
+    if len(names) < 4 or n < 3:
+        return names
+    some = head[:, :5].astype(np.float64)
+    first = some[0, 0]
+    if first != np.rint(first) or last != first + n - 1 or not (np.diff(some[:, 0]) == 1).all():
+        return names
+    whole = (some == np.rint(some)).all(axis=0)
+    steps = np.diff(some[:, 1:3], axis=0)
+    turns = (steps < 0).any(axis=0) & (steps > 0).any(axis=0)
+    if not ((steps != 0).any(axis=0) & (~whole[1:3] | turns)).any():
+        return names
+    heads = ["id", "x", "y", "z"]
+    if len(names) > 4 and whole[1] and not whole[2:5].any():
+        heads.insert(1, "type")
+    said = f"the first column numbers the rows: taken as {', '.join(heads)}; names in the first line say otherwise"
+    warnings.warn(f"{path}: {said}", stacklevel=2)
+    return [*heads, *names[len(heads) :]]
 
 
 def join_columns(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -4,16 +4,24 @@ Where the frames of a text begin is found once."""
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..data.particles import Particles
 from .asciinum import lines_of, text_data
-from .contents import frame_index
+from .contents import Contents, frame_index
 from .size import check_text
 
 _MOST_KNOWN = 64  # files whose frames are kept in mind
+# Names of a column that tells the frame of each row, by their letters; alone, without ids; and of ids.
+_FRAME_NAMES = {"frame", "frames", "frameid", "frameno", "framenumber", "frameindex", "timestep", "step", "snapshot"}
+_TIME_NAMES = {"time", "simulationtime", "timevalue"}
+_ID_NAMES = {"id", "ids", "pid", "idp", "particle", "particleid", "particleindex", "particles", "track", "trackid",
+             "tag", "atomid", "agent", "agentid"}  # fmt: skip
 
 
 class FrameOf(str):
@@ -47,6 +55,53 @@ class FrameOf(str):
 def said(path: str | os.PathLike[str]) -> str:
     """What a message calls a file, or a frame of one."""
     return f"frame {path.frame} of {path}" if isinstance(path, FrameOf) else os.fspath(path)
+
+
+def tells_frames(name: str) -> bool:
+    """Whether a column of this name may tell the frame of each row."""
+    return _letters(name) in {*_FRAME_NAMES, *_TIME_NAMES, "t"}
+
+
+def frames_by_column(particles: Particles) -> str | None:
+    """The attribute that tells the frame of each particle of a table with one row a particle and
+    frame; None where the particles are those of one frame.
+
+    Ids are in each frame once, and some are in several. Without ids, the rows of a frame follow each
+    other, several a frame; as many in each, where the column is called a time.
+    """
+    flat = {name: a for name, a in particles.attributes.items() if a.ndim == 1 and a.dtype.kind in "iuf"}
+    name = next((name for name in flat if tells_frames(name)), None)
+    if name is None or not np.isfinite(flat[name]).all():
+        return None
+    _, of_frame, sizes = np.unique(flat[name], return_inverse=True, return_counts=True)
+    if len(sizes) < 2:
+        return None
+    ids = next((flat[one] for one in flat if _letters(one) in _ID_NAMES), None)
+    if ids is not None:
+        order = np.lexsort((of_frame, ids))
+        same = np.diff(ids[order]) == 0
+        return name if same.any() and np.diff(of_frame[order])[same].all() else None
+    if sizes.min() < 2 or (np.diff(of_frame) < 0).any():
+        return None
+    alone = _letters(name) in _FRAME_NAMES or (_letters(name) in _TIME_NAMES and (sizes == sizes[0]).all())
+    return name if alone else None
+
+
+def frame_by_column(path: Any, contents: Contents, frame: int) -> Contents:
+    """One frame of a table whose particles are those of all frames; the table as it is where they are
+    of one. Raises ValueError for a frame that it does not have."""
+    particles = contents.particles
+    name = frames_by_column(particles)
+    if name is None:
+        frame_index(path, frame, 1)
+        return contents
+    times, of_frame = np.unique(particles.attributes[name], return_inverse=True)
+    k = frame_index(path, frame, len(times))
+    return replace(contents, particles=particles[of_frame == k], time=float(times[k]), n_frames=len(times))
+
+
+def _letters(name: str) -> str:
+    return re.sub("[^a-z]", "", name.lower())
 
 
 class TextFrame(NamedTuple):

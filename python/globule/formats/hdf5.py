@@ -126,6 +126,8 @@ def read_layout(path: Any, layout_of: Callable[[Tree], Layout]) -> tuple[Layout,
             for source in sources:
                 offset = _offset(tree, source)
                 part = next(coming) if offset < 0 else _from_file(tree, source, offset, file)
+                if len(sources) > 1 and part.shape[1:] == (1,):
+                    part = part[:, 0]
                 parts.append(part * source.scale if source.scale != 1.0 else part)
             arrays[name] = parts[0] if len(parts) == 1 else np.stack(parts, axis=1)
     return layout, arrays

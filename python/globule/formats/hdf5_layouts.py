@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -26,6 +27,10 @@ _NAMES = {
     "density": "density", "smoothinglength": "smoothing_length",
     "smoothinglengths": "smoothing_length", "particleids": "id", "rho": "density", "m": "mass",
 }  # fmt: skip
+_PLACES = {name: None for name in ("positions", "position", "pos", "points", "coords", "xyz")}  # in this order
+# Words in the names of groups that are frames, beside their number.
+_STEPS = {"frame", "frames", "step", "steps", "timestep", "t", "time", "it", "iter", "iteration", "snapshot", "snap",
+          "state", "dump", "output", "cycle"}  # fmt: skip
 _H5MD_NAMES = {"position": "positions", "species": "type"}
 # Smoothing lengths by SWIFT are those of Dehnen & Aly 2012; the kernel ends at this many of them.
 _SWIFT_GAMMA = 1.825742  # cubic spline, the default of SWIFT
@@ -107,11 +112,17 @@ class Tree(dict[str, dict[str, Any]]):
                               (("vx", "vy", "vz"), "velocity"), ("uvw", "velocity")):  # fmt: skip
             if vector not in found and vector not in known and {*parts} <= known.keys():
                 found[vector] = [self.source(known.pop(part)) for part in parts]
+        flat = [parts for parts in ("xy", "XY") if {*parts} <= known.keys()]
+        if "positions" not in found and not known.keys() & _PLACES and flat:  # in the plane z = 0
+            x, y = (self.source(known[part]) for part in flat[0])
+            if x.n == y.n:
+                found["positions"] = [x, y]
+                known = {name: place for name, place in known.items() if name not in flat[0]}
         for name, place in known.items():
             if self.rows(place) >= 0 and len(self[place]["shape"]) < 4:
                 found.setdefault(name, [self.source(place)])
         lower = {name.lower(): name for name in reversed(list(found))}
-        for name in ("positions", "position", "pos", "points", "coords", "xyz"):
+        for name in _PLACES:
             if "positions" not in found and name in lower:
                 found["positions"] = found.pop(lower[name])
         if "positions" not in found:
@@ -347,27 +358,70 @@ def vtkhdf_parts(tree: Tree, frame: int, n_parts: int) -> tuple[int, int]:
     return first, first + frame_entry(tree, _values(steps, "NumberOfParts"), frame, 1)
 
 
-def plain(tree: Tree, species: str | None, _: PickFrame) -> Layout | None:
-    """Data sets named positions, Coordinates or x, y, z, at the root or in a group."""
+def plain(tree: Tree, species: str | None, pick: PickFrame) -> Layout | None:
+    """Data sets named positions, Coordinates or x, y, z, at the root or in a group. Groups such as
+    frame_0, frame_1 are frames, and so are positions (F, N, 3); others are species."""
     groups = [g for g in tree if not tree.is_data(g)]
     if species is not None:
         groups = ["/" + species.strip("/")]
-    best: dict[str, list[Source]] = {}  # a run may begin without particles
+    found: dict[str, dict[str, list[Source]]] = {}
     for group in groups:
-        arrays = tree.arrays(group)
-        best = best or arrays
-        if arrays and tree.rows(arrays["positions"][0].place) > 0:
-            best = arrays
-            break
-    return Layout(best, time=_time(tree.attributes("").get("time"))) if best else None
+        try:
+            if arrays := tree.arrays(group):
+                found[group] = arrays
+        except FormatError:
+            if not found:
+                raise
+    if not found:
+        return None
+    filled = [g for g, arrays in found.items() if tree.rows(arrays["positions"][0].place) > 0]
+    stems = {re.sub(r"\d+", "0", g) for g in found}
+    numbered = [part for part in next(iter(stems)).lower().split("/") if "0" in part]
+    if len(found) > 1 and len(stems) == 1 and {*re.findall("[a-z]+", " ".join(numbered))} <= _STEPS:
+        frames = sorted(found, key=lambda g: [int(k) for k in re.findall(r"\d+", g)])
+        chosen = frames[pick(len(frames))]
+        about = [tree.attributes(place).get("time") for place in (chosen, "")]
+        return Layout(found[chosen], time=_time(next((t for t in about if t is not None), None)), n_frames=len(frames))
+    chosen = (filled or list(found))[0]  # a run may begin without particles
+    names = tuple(g.strip("/") for g in found) if len(found) > 1 and "" not in found else ()
+    arrays, n_frames, time = _of_frame(tree, chosen, found[chosen], pick)
+    return Layout(arrays, time=_time(tree.attributes("").get("time", time)), n_frames=n_frames, species=names)
+
+
+def _of_frame(
+    tree: Tree, group: str, arrays: dict[str, list[Source]], pick: PickFrame
+) -> tuple[dict[str, list[Source]], int, float | None]:
+    """One frame of positions (F, N, 3) and of what has such axes, with what has one axis of N, the
+    number of frames, and its time; the arrays as they are where positions have no frames."""
+    first = arrays["positions"][0]
+    shape = tree[first.place]["shape"]
+    if len(arrays["positions"]) > 1 or len(shape) != 3 or shape[2] not in (2, 3) or shape[1] < 4:  # or (N, 3, F)
+        return arrays, 1, None
+    (n_frames, n), k = shape[:2], pick(shape[0])
+    found = {"positions": [Source(first.place, 0, n, frame=k)]}
+    time = None
+    for name in tree.children(group):
+        place = f"{group}/{name}"
+        one = tree.get(place, {}).get("shape", [])
+        key = _NAMES.get(name.lower(), name)
+        if place == first.place or not one or len(one) > 3:
+            continue
+        if one[:2] == [n_frames, n]:
+            found[key] = [Source(place, 0, n, frame=k)]
+        elif one == [n_frames] and name.lower() in ("t", "time", "times"):
+            values = tree[place].get("values")
+            time = _time(values[k]) if isinstance(values, list) and len(values) == n_frames else None
+        elif one[0] == n and n != n_frames:
+            found[key] = [Source(place, 0, n)]
+    return found, n_frames, time
 
 
 def named(tree: Tree, columns: Mapping[str, str]) -> Layout:
     """The data sets that a caller names: field -> place."""
     places = {name: "/" + str(place).strip("/") for name, place in columns.items()}
     found = {name: [tree.source(place)] for name, place in places.items()}
-    if {"x", "y", "z"} <= found.keys():
-        found["positions"] = [found.pop(c)[0] for c in "xyz"]
+    if {"x", "y"} <= found.keys():
+        found["positions"] = [found.pop(c)[0] for c in "xyz" if c in found]
     if "positions" not in found:
         raise ValueError("columns: expected positions, or x, y and z; "
                          f"got {', '.join(map(repr, columns))}")  # fmt: skip

@@ -300,6 +300,8 @@ def _in_table(lines: list[str], ending: Kind | None) -> Kind | None:
         return Kind("particles", "csv") if _n_numbers(cells) >= fewest else None
     names = place_names(rows[0])
     head = len(names) >= 2 or (named in _TABLES and not _n_numbers(rows[0]))
+    if len(rows) == 1 and len(names) >= 2 and named in _TABLES:  # of no particles
+        return Kind("particles", "csv")
     if head and _n_numbers(rows[-1]) == len(rows[-1]) == len(rows[0]) >= fewest:
         return Kind("particles", "csv")
     if len(rows[0]) == 1 and rows[0][0].isdigit():  # a count: nine columns follow, or a title

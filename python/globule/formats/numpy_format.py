@@ -24,7 +24,15 @@ from ..data.particles import SCALAR_FIELDS, UP, Particles
 from . import pysph_npz
 from .contents import Contents, frame_index
 from .errors import bad, shown
-from .fields import POSITION_NAMES, check_lengths, find_positions, particles_from
+from .fields import (
+    MOST_LOOKED_AT,
+    POSITION_NAMES,
+    check_lengths,
+    find_positions,
+    names_with_id,
+    particles_from,
+    place_names,
+)
 from .guarded import decode
 from .size import bytes_of, check_size
 
@@ -78,7 +86,7 @@ def read_npz(
         arrays = {name: _named(path, arrays, column) for name, column in columns.items()}
     elif len(arrays) == 1 and next(iter(arrays.values())).ndim == 2 and "positions" not in arrays:
         frame_index(path, frame, 1)
-        return Contents(from_columns(path, *arrays.values()))  # of np.savez without a name
+        return Contents(from_columns(path, next(iter(arrays.values()))))  # of np.savez without a name
     contents = _of_frame(path, arrays, frame)
     particles = contents.particles
     particles.up, names = _facts(path)
@@ -197,19 +205,24 @@ def _named(path: Any, arrays: dict[str, np.ndarray], column: str) -> np.ndarray:
 def with_places(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """With x, y and z joined to positions, and z = 0 for data in a plane."""
     found = dict(arrays)
-    for name in ("positions", "position", "pos", "points", "coordinates"):
+    for name in ("positions", "position", "pos", "points", "coordinates", "coords", "xy"):
         array = found.get(name)
         if array is not None and array.ndim == 2 and array.shape[1] == 2:
-            found[name] = np.pad(array, ((0, 0), (0, 1)))
+            found["positions" if name == "xy" else name] = np.pad(array, ((0, 0), (0, 1)))
+            found.pop("xy", None)
             return found
+    if not {name.lower() for name in found} & {*POSITION_NAMES}:  # pos_x, pos_y, pos_z
+        axes = place_names(name for name, array in found.items() if array.ndim == 1 and array.dtype.kind in "biuf")
+        if "-z" not in axes.values():
+            found = {axes.get(name, name): array for name, array in found.items()}
     lower = {name.lower(): name for name in reversed(list(found))}
-    axes = [lower[axis] for axis in "xyz" if axis in lower]
-    shapes = {found[name].shape for name in axes}
-    plain = all(found[name].ndim == 1 and found[name].dtype.kind in "biuf" for name in axes)
+    parts = [lower[axis] for axis in "xyz" if axis in lower]
+    shapes = {found[name].shape for name in parts}
+    plain = all(found[name].ndim == 1 and found[name].dtype.kind in "biuf" for name in parts)
     if {"x", "y"} <= lower.keys() and len(shapes) == 1 and plain:
-        parts = [found.pop(name) for name in axes]
-        parts += [np.zeros(len(parts[0]))] * (3 - len(parts))
-        found["positions"] = np.stack(parts, axis=1)
+        columns = [found.pop(name) for name in parts]
+        columns += [np.zeros(len(columns[0]))] * (3 - len(columns))
+        found["positions"] = np.stack(columns, axis=1)
     return found
 
 
@@ -328,8 +341,9 @@ def read_array(path: Any, name: str, file: IO[bytes], file_size: int, records: b
     return np.ascontiguousarray(array, dtype.newbyteorder("=")).reshape(shape)
 
 
-def from_columns(path: Any, array: np.ndarray) -> Particles:
-    """Particles of columns x, y and perhaps z and others. Raises FormatError."""
+def from_columns(path: Any, array: np.ndarray, names: list[str] | None = None) -> Particles:
+    """Particles of columns x, y and perhaps z and others; names: those of `names_of_columns`. Raises
+    FormatError."""
     if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind not in "biuf":
         got = f"{array.dtype} {array.shape}"
         raise bad(path, "array", f"expected numbers of shape (N, 3) or wider, got {got}")
@@ -339,5 +353,18 @@ def from_columns(path: Any, array: np.ndarray) -> Particles:
         got = f"{len(array)} rows of {array.shape[1]:,}"
         warnings.warn(f"{path}: expected a row for each particle, got {got}: taken as columns", stacklevel=2)
         return from_columns(path, np.ascontiguousarray(array.T))
-    columns = {f"column{i + 1}": array[:, i] for i in range(3, array.shape[1])}
-    return particles_from(path, array[:, :3], columns)
+    if names is None:
+        names = names_of_columns(path, array)
+    first = names.index("x")
+    columns = {name: array[:, i] for i, name in enumerate(names) if not first <= i < first + 3}
+    if "id" in columns:
+        columns["id"] = columns["id"].astype(np.int64)
+    return particles_from(path, array[:, first : first + 3], columns)
+
+
+def names_of_columns(path: Any, array: np.ndarray) -> list[str]:
+    """x, y, z, column4 … of an array (N, k), behind an id and a type where it has them."""
+    names = ["x", "y", "z", *(f"column{i}" for i in range(4, array.shape[1] + 1))]
+    if len(names) < 4 or len(array) < 3 or array.dtype.kind not in "iuf":
+        return names
+    return names_with_id(path, names, array[:MOST_LOOKED_AT], float(array[-1, 0]), len(array))

@@ -17,7 +17,7 @@ import numpy as np
 
 from .._base.checks import MissingPackageError
 from .._base.memory import always_fits, largest_ratio
-from ..data.particles import FIELDS, Particles
+from ..data.particles import FIELDS, HERE, Particles
 from ..data.radii import with_halved_radii
 from ..data.scale import scaled
 from .bgeo import MappedBgeo
@@ -25,7 +25,7 @@ from .bgeo import is_mappable as bgeo_is_mappable
 from .errors import FormatError, bad
 from .fields import POSITION_NAMES, find_positions, particles_from, say_origin, say_radii
 from .kind import kind_of
-from .numpy_format import DAMAGED, from_columns, read_header, with_places
+from .numpy_format import DAMAGED, from_columns, names_of_columns, read_header, with_places
 from .numpy_format import is_mappable as npz_is_mappable
 from .packed import is_packed
 from .vtk_xml import MappedVtk
@@ -43,12 +43,14 @@ _LOCAL_HEADER = 30  # bytes before a zip member's name and extra field
 class Ranges(NamedTuple):
     """A file that is read range by range.
 
-    n     particles
-    read  read(first, last) -> Particles, rows [first, last)
+    n       particles
+    read    read(first, last) -> Particles, rows [first, last)
+    origin  origin() -> (x, y, z), world, from which positions are given
     """
 
     n: int
     read: Callable[[int, int], Particles]
+    origin: Callable[[], tuple[float, float, float]] = lambda: HERE
 
 
 def has_ranges(path: str | os.PathLike[str], given: Collection[str] = ()) -> bool:
@@ -87,7 +89,7 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
     """
     halved = options.pop("radius_is", "radius") == "diameter"
     origin, scale = options.pop("origin", "auto"), options.pop("scale", 1.0)
-    before, (n, read) = _state(path), _ranges(path, **options)
+    before, (n, read, _) = _state(path), _ranges(path, **options)
 
     def given(first: int, last: int) -> Particles:
         rows = read(first, last)
@@ -113,7 +115,7 @@ def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
                 raise bad(path, "", "expected a file that stays as it is, got one that changed "
                           "while it was read")  # fmt: skip
 
-    return Ranges(n, unchanged)
+    return Ranges(n, unchanged, start)
 
 
 def _state(path: str | os.PathLike[str]) -> tuple[int, ...] | None:
@@ -150,7 +152,7 @@ def counted_rows(path: str, **options: Any) -> tuple[int, float] | None:
         most = os.path.getsize(path) * max(largest_ratio(), MOST_BYTES)
         if always_fits(most) or not has_ranges(path, options):
             return None
-        n, read = ranges(path, **options)
+        n, read, _ = ranges(path, **options)
         first = read(0, min(n, 1))
     except (ValueError, TypeError, OSError, MissingPackageError):
         return None  # who reads it says what is wrong
@@ -197,7 +199,8 @@ def _mapped(path: Any, name: str, offset: int) -> np.ndarray:
 def _of_array(path: Any, array: np.ndarray) -> Ranges:
     if array.ndim != 2:
         raise bad(path, "array", f"expected numbers of shape (N, 3) or wider, got {array.shape}")
-    return Ranges(len(array), lambda first, last: from_columns(path, _rows(array, first, last)))
+    names = names_of_columns(path, array) if array.shape[1] > 3 else None
+    return Ranges(len(array), lambda first, last: from_columns(path, _rows(array, first, last), names))
 
 
 def _rows(array: np.ndarray, first: int, last: int) -> np.ndarray:
@@ -249,7 +252,7 @@ def _of_arrays(path: Any, arrays: Mapping[str, np.ndarray]) -> Ranges:
         found = ", ".join(arrays)
         raise bad(path, "archive", f"expected positions (N, 3), or x, y and z (N,), got {found}")
     n = max((len(a) for a in arrays.values() if a.ndim), default=0)
-    for name in ("positions", "position", "pos", "points", "coordinates", "x"):
+    for name in ("positions", "position", "pos", "points", "coordinates", "coords", "xyz", "xy", "x"):
         if name in arrays and arrays[name].ndim:
             n = len(arrays[name])
             break

@@ -29,12 +29,22 @@ import numpy as np
 
 from .._base.files import atomic_write
 from ..data.particles import Particles
-from .asciinum import format_rows, lines_of, parse_plain, parse_rows, parse_words, text_data
+from .asciinum import decoded, format_rows, lines_of, parse_plain, parse_rows, parse_words, text_data
 from .contents import Contents
 from .elements import of_elements, type_names
 from .errors import FormatError, bad, names_of, shown
-from .fields import COLUMNS, find_positions, join_columns, particles_from, place_names, split_columns
-from .frames import text_frame
+from .fields import (
+    MOST_LOOKED_AT,
+    columns_advice,
+    find_positions,
+    join_columns,
+    names_with_id,
+    particles_from,
+    place_names,
+    split_columns,
+)
+from .frames import frame_by_column, tells_frames, text_frame
+from .packed import is_packed, unpacked_head
 from .units import held_units, in_one_unit, split_units
 
 # Columns of a .pts file, by their number: the intensity, and colors up to 255.
@@ -51,18 +61,50 @@ _MOST_WHOLE = 100  # rows in which a decimal comma is looked for
 _MOST_BLANK = 10_000  # rows in which the first word of a column is looked for
 _MISSING = ("", "NA", "<NA>", "N/A", "#N/A", "n/a", "NULL", "null", "None", "--")  # in the place of a number
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+")
+_NAMED = 1 << 13  # bytes in which the names of columns are looked for
 _Rest = tuple[bytes, int] | None  # a text, and the byte from which its rows are plain
+
+
+# The last table of several frames that was read: what tells its state, and all of it.
+_table: tuple[tuple, Contents] | None = None
 
 
 class _NotPlainError(Exception):
     """A table that needs more than its first rows to tell how it is read."""
 
 
-def read_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None) -> Contents:
+def read_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None, frame: int | None = 0) -> Contents:
     """Read a .csv. Columns of whole numbers without a point become int64, others float64.
 
-    `columns`: field or attribute -> column; "x", "y" and "z" are the position.
+    `columns`: field or attribute -> column; "x", "y" and "z" are the position. `frame`: of a table of
+    several, which `frames_by_column` tells; None: all rows.
     """
+    global _table
+    state = os.stat(str(path))  # also of a packed one, which has another copy each time
+    key = (os.path.abspath(str(path)), state.st_mtime_ns, state.st_size, tuple((columns or {}).items()))
+    if frame is None:
+        return _whole_csv(path, columns)
+    known = _table
+    if known is not None and known[0] == key:
+        return frame_by_column(path, known[1], frame)
+    contents = _whole_csv(path, columns)
+    found = frame_by_column(path, contents, frame)
+    _table = (key, contents) if found.n_frames > 1 else None
+    return found
+
+
+def may_have_frames(path: str | os.PathLike[str]) -> bool:
+    """Whether a name in the first lines of a table may be that of a column that tells frames."""
+    if is_packed(path):
+        head = unpacked_head(path, _NAMED)
+    else:
+        with open(path, "rb") as file:
+            head = file.read(_NAMED)
+    lines = decoded(head).splitlines()[: _MOST_TITLES + 1]
+    return any(tells_frames(word) for line in lines for word in re.split(r'[\s;,|"\[(]+', line))
+
+
+def _whole_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None) -> Contents:
     data = text_data(path)
     if len(data) >= _PLAIN:
         head = data.find(b"\n", _HEAD) + 1
@@ -73,10 +115,14 @@ def read_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None = N
     return _read_csv(path, lines_of(path, data), columns)
 
 
-def read_xyz(path: str | os.PathLike[str], frame: int = 0) -> Contents:
-    """Read an .xyz. Columns of whole numbers without a point become int64, others float64."""
-    found = text_frame(path, frame, _frames_of_xyz)
-    return Contents(_read_xyz(path, found.lines, found.before), n_frames=found.n_frames)
+def read_xyz(path: str | os.PathLike[str], frame: int | None = 0) -> Contents:
+    """Read an .xyz. Columns of whole numbers without a point become int64, others float64. frame: as
+    for `read_csv` where a comment names the columns."""
+    with open(path, "rb") as file:
+        named = file.read(1) == b"#"
+    found = text_frame(path, 0 if named else frame or 0, _frames_of_xyz)
+    contents = Contents(_read_xyz(path, found.lines, found.before), n_frames=found.n_frames)
+    return frame_by_column(path, contents, frame) if named and frame is not None else contents
 
 
 def _frames_of_xyz(_: Any, lines: list[str]) -> list[int]:
@@ -127,7 +173,7 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
         raise bad(path, "line 1", "expected column names or numbers, got an empty file")
     start = _titles(lines, start)
     separator = separator_of(lines[start])
-    names, head = _csv_words(path, lines[start], start, separator), start
+    names, head, unnamed = _csv_words(path, lines[start], start, separator), start, False
     if all(_is_number(name) or has_comma(name) for name in names):
         comments = [i for i, line in enumerate(lines[:start]) if line.strip()]
         said: list[str] = []
@@ -140,6 +186,7 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
                     break
         words_only = said and not any(map(_is_number, said))
         names = said if words_only else _default_names(len(names))
+        unnamed = not words_only
     else:
         start += 1
     first = next((i for i in range(start, len(lines)) if _is_row(lines[i])), None)
@@ -159,6 +206,7 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     names, units = split_units(said_names := names)
     plain_names = dict(zip(said_names, names, strict=True))
     if named is not None:
+        unnamed = False
         named = {ours: plain_names.get(theirs, theirs) for ours, theirs in named.items()}
         names = _renamed(path, names, named)
         units = {ours: units[theirs] for ours, theirs in named.items() if theirs in units}
@@ -177,7 +225,8 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
         rows = [_with_points(row, separator) for row in rows]
         words = [word.replace(",", ".") if has_comma(word) else word for word in words]
     try:
-        particles = _assemble(path, names, words, rows, start + 1, separator, head + 1, rest=rest, units=units)
+        particles = _assemble(path, names, words, rows, start + 1, separator, head + 1, rest=rest, units=units,
+                              unnamed=unnamed)  # fmt: skip
     except FormatError:
         _no_thousands(path, lines[start:], start + 1, separator)
         raise
@@ -283,8 +332,8 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
         names = [axes.get(name, name) for name in names]
     first = next((line for line in lines[start:] if line.strip() and not line.strip().startswith("#")), "")
     words = first.partition("#")[0].split()
-    if not words and names and [name.lower() for name in names[:3]] == ["x", "y", "z"]:
-        words = ["0"] * len(names)  # our own file of no particles
+    if not words and names and {name.lower() for name in names} >= {"x", "y"}:
+        words = ["0"] * len(names)  # a file of no particles
     if not words and count != 0:
         raise bad(path, f"line {len(lines)}", "expected rows x y z, got none")
     rows = lines[start:]
@@ -292,7 +341,9 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
         rows = [line.partition("#")[0] for line in rows]
     elements: dict[str, np.ndarray] = {}
     kinds: dict[str, dict[int, str]] = {}
+    unnamed = False
     if names is None or len(names) != len(words):
+        unnamed = start != 1
         names = _POINTS.get(len(words), _default_names(len(words)))
         if start != 1:
             first_words = _first_words(rows, words, count)
@@ -306,7 +357,7 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
             words[:skip] = ["element"] * skip
     if count == 0:
         names = words = _default_names(3)
-    particles = _assemble(path, names, words, rows, before + start + 1, None, extra=elements)
+    particles = _assemble(path, names, words, rows, before + start + 1, None, extra=elements, unnamed=unnamed)
     particles.names = kinds
     if count is not None and len(particles) != count:
         problem = f"expected {count} particles (line {before + 1}), got {len(particles)}"
@@ -348,10 +399,11 @@ def _assemble(
     extra: Mapping[str, np.ndarray] | None = None,
     rest: _Rest = None,
     units: dict[str, str] | None = None,
+    unnamed: bool = False,
 ) -> Particles:
     """Particles from rows; `words` is the first row, which tells the numbers from the words. rest:
-    plain rows behind them. units: of columns, which are those after. Raises FormatError,
-    _NotPlainError."""
+    plain rows behind them. units: of columns, which are those after. unnamed: the file has no names.
+    Raises FormatError, _NotPlainError."""
     numeric = [
         i
         for i, word in enumerate(words)
@@ -359,7 +411,7 @@ def _assemble(
         and (names[i] or not any(names))
     ]
     found = names_of(names)
-    advice = f"; {COLUMNS}" if names_line else ""
+    advice = f"; {columns_advice(names)}" if names_line else ""
     where = f"line {names_line or first_line}"
     no_positions = bad(path, where, f"expected columns x, y and z, got {found}{advice}")
     # Two numbers beside a word without a name are not a place in a plane: one of three is damaged.
@@ -398,12 +450,22 @@ def _assemble(
         columns[name] = whole_numbers(path, name, column, words[i], lines, i, **options)
     if units:
         units.update(in_one_unit(path, columns, units))
+    if unnamed and _is_whole(words[0]):
+        columns = dict(zip(_names_with_id(path, columns), columns.values(), strict=True))
     arrays = join_columns(columns)
     points = find_positions(arrays)
     if points is None:
         raise no_positions
     more = {name: array for name, array in (extra or {}).items() if len(array) == len(points)}
     return particles_from(path, points, more | arrays)
+
+
+def _names_with_id(path: Any, columns: Mapping[str, np.ndarray]) -> list[str]:
+    first = next(iter(columns.values()))
+    if len(first) < 3:
+        return list(columns)
+    head = np.stack([column[:MOST_LOOKED_AT] for column in columns.values()], axis=1)
+    return names_with_id(path, list(columns), head, float(first[-1]), len(first))
 
 
 def _with_nan(lines: list[str], separator: str | None) -> list[str]:

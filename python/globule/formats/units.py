@@ -21,6 +21,8 @@ _METERS = {
 }  # fmt: skip
 _PREFIXES = {"": 1.0, "nano": 1e-9, "micro": 1e-6, "milli": 1e-3, "centi": 1e-2, "kilo": 1e3}
 _METERS |= {p + meter: factor for p, factor in _PREFIXES.items() for meter in ("meter", "metre")}
+_BEHIND = re.compile(r"(.+)[ _.](nm|um|mm|cm|m)")  # a unit at the end of a column's name
+_PLACE = re.compile(r"(?:pos|position|positions|coord|coords|coordinate|point|points)?[ _.]?[xyz]")
 _PLACES = ("x", "y", "z", "-z", "positions")
 
 
@@ -37,6 +39,9 @@ def split_units(names: list[str]) -> tuple[list[str], dict[str, str]]:
             units[found[1]] = unit
         else:  # name[0] is a component
             plain.append(name)
+            behind = _BEHIND.fullmatch(name.lower())
+            if behind and (_PLACE.fullmatch(behind[1]) or length_name(behind[1]) in LENGTHS):
+                units[name] = behind[2]  # x_m, radius_mm
     if len(set(plain)) < len(plain):
         return names, {}
     return plain, units

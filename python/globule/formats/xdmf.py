@@ -111,6 +111,8 @@ def _grids(path: Any, frame: int) -> list[_Grid]:
     if _is_collection(one):
         parts = [g for g in one.iter("Grid") if g is not one and not _is_collection(g)][:_MOST_ARRAYS] or [one]
     time = next((t for t in (_time(g.find("Time")) for g in (one, *parts)) if t is not None), None)
+    if time is None and temporal:
+        time = _time_of_frame(temporal[0].find("Time"), at)
     return [_Grid(path, root, len(data), _meant(path, root, part), at, len(frames), time) for part in parts]
 
 
@@ -239,6 +241,20 @@ def _time(element: Any) -> float | None:
     except (AttributeError, ValueError):
         return None
     return value if math.isfinite(value) else None
+
+
+def _time_of_frame(element: Any, frame: int) -> float | None:
+    """Of a collection's list of times, or of its first time, step and count, in the XML."""
+    item = None if element is None else element.find("DataItem")
+    if item is None or item.get("Format", "XML").upper() != "XML":
+        return None
+    kind = element.get("TimeType", element.get("Type", "")).lower()
+    try:
+        values = [float(word) for word in (item.text or "").split()]
+        time = values[0] + values[1] * frame if kind == "hyperslab" else values[frame] if kind == "list" else math.nan
+    except (ValueError, IndexError):
+        return None
+    return time if math.isfinite(time) else None
 
 
 def _arrays(path: Any, root: Any, items: dict[str, list[Any]], held: int) -> dict[str, list[np.ndarray]]:

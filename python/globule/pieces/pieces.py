@@ -166,7 +166,7 @@ class Pieces(Owner):
         )
         ranks = self.ranks
         self.n_particles = int(ranks.total(np.int64(n)))
-        self.up = source.up
+        self.up, self._origin = source.up, source.origin
         self._outlined = source if self.n_particles <= WHOLE else None
         lows, highs = ranks.least(low), ranks.most(high)
         empty = not np.isfinite(lows).all()
@@ -223,6 +223,11 @@ class Pieces(Owner):
                 if known.size:
                     values = np.array([min(values[0], known.min()), max(values[1], known.max())])
         return low, high, values, kinds, reach, weight, n, factors, layout
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """(x, y, z) float64, world, from which positions are given."""
+        return self._origin()
 
     @property
     def range(self) -> tuple[float, float] | None:

@@ -19,7 +19,7 @@ from .._base.device import Device, choose, of_rank
 from .._base.memory import free_bytes, resident_bytes, room
 from .._base.ranks import ranks_of
 from ..data.attributes import attribute_values, checked_range, color_by, ends_of_map
-from ..data.particles import FIELDS, HERE, Particles
+from ..data.particles import FIELDS, Particles
 from ..scene.fitting import counted, lacking
 from ..scene.scene import KERNELS, SURFACES, SceneBase, check_choices
 from ..scene.sources import as_particles
@@ -253,8 +253,8 @@ class SceneInPieces(Scene):
 
     @property
     def origin(self) -> tuple[float, float, float]:
-        """That of the particles that were given; a file's pieces say their own."""
-        return getattr(self._given, "origin", HERE)
+        """That of the particles that were given, or of the file."""
+        return getattr(self._given, "origin", None) or self.pieces.origin
 
     @property
     def up(self) -> tuple[float, float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._base.arrays import to_host
 from ..data.attributes import ELEMENT_NAMES
-from ..data.particles import FARTHEST, UP, Particles
+from ..data.particles import FARTHEST, HERE, UP, Particles
 from ..data.radii import find_radii
 from ..scene.fitting import is_positions
 from ..scene.scene import DEFAULT_COLOR
@@ -42,6 +42,7 @@ class Source(NamedTuple):
     read: Callable[[int, int], Particles]
     size: int = CHUNK
     up: tuple[float, float, float] = UP
+    origin: Callable[[], tuple[float, float, float]] = lambda: HERE
 
     def chunks(self, first: int = 0, last: int | None = None) -> Iterator[Particles]:
         """All particles that have a position, or those from `first` to `last`, range by range."""
@@ -61,13 +62,13 @@ def source_of(value: Any) -> Source:
         from ..formats import up_of  # formats are loaded when they are needed
         from ..formats.ranges import ranges
 
-        n, read = ranges(value)
-        return Source(n, read, up=up_of(value)[0])
+        n, read, start = ranges(value)
+        return Source(n, read, up=up_of(value)[0], origin=start)
     if is_positions(value):  # of a file mapped into memory, perhaps: never all of them
         return Source(len(value), lambda first, last: Particles(value[first:last]))
     particles = as_particles("particles", value)
-    n, up = len(particles), particles.up
-    return Source(n, lambda first, last: particles[first:last], up=up)
+    n, up, origin = len(particles), particles.up, particles.origin
+    return Source(n, lambda first, last: particles[first:last], up=up, origin=lambda: origin)
 
 
 class Layout(NamedTuple):

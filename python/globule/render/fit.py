@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -59,9 +60,17 @@ def fitted(
 ) -> Camera:
     """`fit_camera` with room for an annotation and its box."""
     around = corners_to_fit(annotation, scene, around)
+    return with_room(size, annotation, shows_flat(scene), lambda size: fit_camera(scene, size, around, **options))
+
+
+def with_room(
+    size: tuple[int, int], annotation: Annotation | None, flat: bool, fit: Callable[[tuple[int, int]], Camera]
+) -> Camera:
+    """The camera that `fit` makes for a size (width, height), with room for an annotation. flat:
+    whether the scene is 2-D data, which fill the image."""
     legend, more = annotation and annotation.legend, room(annotation)
-    strip = strip_width(size) if legend and legend != "outside" and shows_flat(scene) else 0
-    camera = fit_camera(scene, (max(1, size[0] - strip), size[1]), around, **options)
+    strip = strip_width(size) if legend and legend != "outside" and flat else 0
+    camera = fit((max(1, size[0] - strip), size[1]))
     if strip and camera.height is not None:  # 2-D data fill the image: a legend stands beside them
         aside = -1 if str(legend).endswith("left") else 1
         right = camera.frame((1, 1))[2] * aside * strip / size[1]

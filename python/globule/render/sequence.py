@@ -32,6 +32,7 @@ from ..formats.frames import FrameOf, bytes_of_frame, said
 from ..formats.kind import kind_or_none
 from ..formats.pictures.video import movie_facts, need_av, read_movie, write_movie
 from ..formats.registry import format_named
+from ..formats.table import may_have_frames
 from ..pieces.scene import Scene
 from ..pieces.shown import shown_scene
 from .annotate import Annotation, bounds_of, drawing, traced_size
@@ -91,6 +92,10 @@ def frames_of(path: str, **options: Any) -> int:
         if "frame" not in known:
             return 1
         given = {name: value for name, value in options.items() if name in known}
+        if found.format in ("csv", "tsv") and options.get("columns") is None and not may_have_frames(path):
+            return 1
+        if found.format in ("csv", "tsv", "xyz") and options.get("where") is not None:
+            given["where"] = options["where"]  # one of a column that tells frames leaves none
         with _quietly():
             return read_contents(path, **given).n_frames
     except (ValueError, OSError, ImportError):

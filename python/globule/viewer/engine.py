@@ -19,7 +19,7 @@ from ..render.frame import Frame
 from .compare_source import Split
 from .encode import jpeg
 from .log import Repeats
-from .overlay import Mark, box_of, finish
+from .overlay import Mark, box_of, finish, origin_seen
 from .pacer import Pacer, Plan, limited
 from .picture import trace
 from .plots import along_line, marks_of, measured_line
@@ -323,6 +323,7 @@ class Engine:
                     "depth": frame.distance if plates or state.notes.box else None,
                     "ends": source.maker.range,
                     "kinds": source.maker.kinds,
+                    "origin": origin_seen(frame),
                     **box_of(frame, state),
                 }
                 picture = frame.picture

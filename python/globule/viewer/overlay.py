@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..data.attributes import colormap_of
-from ..render.annotate import Annotation, Colors, bounds_of, draw_sheet, draw_view, skin_of
+from ..data.attributes import colormap_of, place_label
+from ..data.particles import HERE
+from ..render.annotate import Annotation, Colors, bounds_of, draw_sheet, draw_view, origin_of, skin_of
 from ..render.camera import Camera
 from ..render.canvas import LEAST_SIDE
 from ..render.frame import Frame
@@ -69,6 +70,12 @@ def box_of(frame: Frame | Any, state: State) -> dict[str, Any]:
     return {"bounds": bounds_of(scenes), "skin": skin_of(scenes)}
 
 
+def origin_seen(frame: Frame | Any) -> tuple[float, float, float]:
+    """From where the places of a frame's scenes are given. The caller holds the source's lock."""
+    scenes = [layer.scene for layer in getattr(frame, "_layers", ())]
+    return origin_of(scenes) if scenes else HERE
+
+
 def finish(
     picture: np.ndarray,
     state: State,
@@ -81,6 +88,7 @@ def finish(
     bounds: Any = None,
     skin: float = 0.0,
     kinds: tuple[tuple[float, str], ...] = (),
+    origin: tuple[float, float, float] = HERE,
 ) -> np.ndarray:
     """The image (H, W, 3) uint8 sRGB with its overlay.
 
@@ -95,6 +103,7 @@ def finish(
             before marks and annotations are drawn, so that they stay sharp.
         bounds, skin: as for `draw_view`.
         kinds: as those of `Colors`.
+        origin: world, from which the scene's places are given.
     """
     if plates and depth is not None:
         picture = draw_plates(picture, depth, camera, plates)
@@ -104,12 +113,12 @@ def finish(
     drawn = notes.draws and min(picture.shape[:2]) >= LEAST_SIDE
     scale = 1.0 if size is None else ON_SCREEN
     if drawn:
-        picture = draw_view(picture, notes, camera, bounds, depth, skin, scale=scale)
+        picture = draw_view(picture, notes, camera, bounds, depth, skin, scale=scale, origin=origin)
     if marks:
         picture = draw_marks(picture, camera, marks)
     if drawn:
         colormap = colormap_of(state.color.by, state.color.colormap)
-        colors = Colors(colormap, *ends, state.color.by, kinds)
+        colors = Colors(colormap, *ends, place_label(state.color.by, origin), kinds)
         picture = draw_sheet(picture, notes, colors, scale=scale)
     return picture
 

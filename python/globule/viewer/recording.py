@@ -23,7 +23,7 @@ from ..render.camera import Camera
 from ..render.camera_path import orbit
 from ..render.frame import save_png
 from .engine import Engine
-from .overlay import Mark, box_of, finish
+from .overlay import Mark, box_of, finish, origin_seen
 from .picture import trace
 from .plots import marks_of
 
@@ -96,14 +96,14 @@ class Shot:
             plates = source.plates(state)
             ends, kinds = source.maker.range, source.maker.kinds
             marks = self._marks + marks_of(source, state)
-            box = box_of(frame, state)
+            box = {"origin": origin_seen(frame), **box_of(frame, state)}
         while frame.samples < self._samples:
             self._progress(frame.samples / self._samples)
             with lock:
                 if (engine.state.version, source.version) != before:
                     return False
                 frame.refine()
-        depth = frame.distance if plates or box else None
+        depth = frame.distance if plates or state.notes.box else None
         self.frame = frame
         self.picture = finish(frame.picture, state, camera, marks, plates, depth, ends, kinds=kinds, **box)
         return True

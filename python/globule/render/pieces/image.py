@@ -346,9 +346,9 @@ def in_turn(
     return t, normal, albedo
 
 
-def fit(scene: Pieces, size: tuple[int, int], **options: Any) -> Camera:
-    """The camera of one scene with all particles, with room for the surface."""
+def fit(scene: Pieces, size: tuple[int, int], around: Any = None, **options: Any) -> Camera:
+    """The camera of one scene with all particles, or for points (M, 3), with room for the surface."""
     if scene.normal is not None and not options:
         options = along_normal(scene.normal)
     options = {"up": scene.up} | options
-    return Camera.fit(scene.outline(), size=size, margin=scene.outside, **options)
+    return Camera.fit(scene.outline() if around is None else around, size=size, margin=scene.outside, **options)
