@@ -206,6 +206,41 @@ def u_tube(device: str = "cpu", threads: int = 0, cells: tuple[int, int] = (6, 1
     return twice("U-tube: frequency, rad/s", frequency, truth, cells, 0.05, 0.02)
 
 
+def capillary_wave(
+    device: str = "cpu", threads: int = 0, gravity: float = 0.0, cells: tuple[int, int] = (16, 24)
+) -> list[Row]:
+    """A standing wave that surface tension drives: ω² = (g k + sigma k³ / rho) tanh(k h)."""
+    sigma, d, deep = 0.07, 0.001, 0.5
+
+    def ratio(n: int) -> float:
+        length = n * d
+        k, high = 2 * np.pi / length, round(deep * n) * d
+        truth = np.sqrt((gravity * k + sigma * k**3 / 1000) * np.tanh(k * high))
+        domain = {"lo": (0, 0, 0), "hi": (length, 8 * d, high + 8 * d), "periodic": ["x", "y"], "walls": True}
+        water = {"name": "water", "viscosity": 1e-4, "surface_tension": sigma}
+        scene = {"spacing": d, "domain": domain | {"open": ["+z"]}, "gravity": (0, 0, -gravity), "fluids": [water]}
+        sim = Simulation(scene, device, threads)
+
+        def mode(p: np.ndarray) -> np.ndarray:
+            x, z = k * p[:, 0].astype(float), k * p[:, 2].astype(float)
+            return np.stack([-np.sin(x) * np.cosh(z), 0 * x, np.cos(x) * np.sinh(z)], 1) / np.sinh(k * high)
+
+        at = lattice((0, 0, 0), (length, 8 * d, high), d)
+        ids = sim.add(at, "water", 0.25 / k * truth * mode(at))
+        times, swing = [], []
+        while sim.time < 1.4 * 2 * np.pi / truth:
+            sim.step()
+            m = mode(sim.positions[ids])
+            times.append(sim.time)
+            swing.append((sim.velocities[ids] * m).sum() / (m**2).sum())
+        t, y = np.array(times), np.array(swing)
+        i = np.flatnonzero((y[1:] > 0) != (y[:-1] > 0))
+        crossing = t[i] - y[i] * (t[i + 1] - t[i]) / (y[i + 1] - y[i])
+        return float(np.pi / np.diff(crossing).mean() / truth) if len(i) > 1 else 0.0
+
+    return twice(f"capillary wave, g = {gravity:g}: frequency over the truth", ratio, 1.0, cells, 0.03)
+
+
 def sphere_array(
     device: str = "cpu", threads: int = 0, share: float = 0.125, cells: tuple[int, int] = (12, 18)
 ) -> list[Row]:
@@ -339,5 +374,5 @@ def flips(device: str = "cpu", threads: int = 0, cells: tuple[int, int] = (4, 8)
 
 
 EXPERIMENTS = (
-    couette_start, couette_far, cavity, u_tube, sphere_array, bar_wave, elastica, flips,
+    couette_start, couette_far, cavity, u_tube, capillary_wave, sphere_array, bar_wave, elastica, flips,
 )  # fmt: skip
