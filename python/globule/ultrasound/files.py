@@ -234,11 +234,12 @@ def _posed(
     n = len(recording.frames)
     if not table.ok.any():
         raise bad(path, "", f"expected a pose with status OK, got none in {len(table.ok)}")
-    times = recording.times
+    times, row_by_row = recording.times, False
     if times is None and len(table.ok) == n:
         times = table.times  # one row a frame; None if the table has no times either
+        row_by_row = not offset  # also where stamps come twice
     without_clock = table.times is not None and len(table.ok) == n > 1 and not np.ptp(table.times)
-    if table.times is None or times is None or without_clock:
+    if table.times is None or times is None or without_clock or row_by_row:
         if len(table.ok) != n:
             problem = f"expected {n} poses, one a frame, or times in the table and of the frames"
             hint = "; for more images, give a folder of them, or one file with all frames" if n == 1 else ""
