@@ -205,6 +205,36 @@ def test_frames_of_an_nrrd_lie_along_its_list(kinds):
     assert np.array_equal(read_sweep("b.igs.nrrd").frames, made.frames)
 
 
+@pytest.mark.parametrize("fields", [True, False])
+@pytest.mark.parametrize(("axis", "directions"), [(0, ""), (1, ""), (2, ""), (2, "none (1,0,0) (0,1,0)")])
+def test_an_nrrd_without_kinds_says_how_it_was_read(axis, directions, fields):
+    """By its fields or the directions of its axes; else along the last one, with a warning."""
+    made = small_sweep(5)
+    write_sweep("a.igs.nrrd", made)
+    write_csv("poses.csv", PoseTable(None, made.world_from_image, made.valid))
+    head = Path("a.igs.nrrd").read_bytes().split(b"\n\n", 1)[0].decode()
+    stored = np.ascontiguousarray(np.moveaxis(made.frames, 0, axis))
+    sizes = " ".join(map(str, stored.shape[::-1]))
+    head = re.sub("\nkinds: .*", "\nspace: LPS" * bool(directions), re.sub("sizes: .*", f"sizes: {sizes}", head))
+    head = head.replace("encoding: gzip", "encoding: raw")
+    head += f"\nspace directions: {directions}" if directions else ""
+    if not fields:
+        head = "\n".join(line for line in head.split("\n") if "Seq_Frame" not in line)
+    Path("b.igs.nrrd").write_bytes(head.encode() + b"\n\n" + stored.tobytes())
+    words = {} if fields else {"poses": "poses.csv"}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        if axis and not fields and not directions:
+            with pytest.raises(FormatError, match="poses, one a frame"):
+                read_sweep("b.igs.nrrd", **words)
+        else:
+            assert np.array_equal(read_sweep("b.igs.nrrd", **words).frames, made.frames)
+    said = [str(one.message) for one in caught if "no kinds say" in str(one.message)]
+    assert len(said) == (not directions and (axis > 0 or not fields))
+    if said and fields:
+        assert re.search("read as 5 frames, along its .* axis, as it has fields of 5", said[0])
+
+
 def test_statuses_missing_poses_and_the_way_through_named_frames():
     write_igs(
         "a.mha", {"ImageToReference": [PIXEL] * 4}, Seq_Frame0001_ImageToReferenceTransformStatus="MISSING",
