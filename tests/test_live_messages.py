@@ -301,10 +301,17 @@ def test_of_two_devices_the_first_counts(sweep, capsys):
 
 @pytest.mark.parametrize(("name", "advice"), [
     ("ProbeToReference", "give --calibration"), ("LinearTransform_3", "expected names as ImageToReference"),
+    ("", "name no frames: one without a name; expected names as ImageToReference"),
 ])  # fmt: skip
 def test_without_any_pose_the_error_says_what_to_give(sweep, name, advice):
     with pytest.raises(ValueError, match=advice):
         receive_sweep(served(sweep, names=(name,)), idle=0.4)
+
+
+def test_without_any_pose_that_is_ok_the_error_says_so(sweep):
+    sweep.world_from_image[:] = np.nan
+    with pytest.raises(ValueError, match="24 images with a pose that is no regular matrix"):
+        receive_sweep(served(sweep), idle=0.4)
 
 
 def test_addresses():

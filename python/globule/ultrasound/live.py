@@ -201,7 +201,7 @@ class LiveCounts:
             if (frames := split_name(name.removesuffix("Transform"))) is not None:
                 edges[frames] = Transform(np.eye(4), np.array(True))
         if self.unnamed:
-            which = ", ".join(sorted(self.unnamed))
+            which = ", ".join(sorted(name or "one without a name" for name in self.unnamed))
             lines.append(f"transforms that name no frames: {which}; expected names as ImageToReference")
         starts = {name for pair in edges for name in pair}
         if edges and not any(find_path(edges, "Image", world) for world in WORLDS):
@@ -407,6 +407,8 @@ def receive_sweeps(
         found = "none"
         if counts.images:
             found = f"{counts.images} images and no pose within {MOST_GAP:g} s of any"
+        if counts.useless:
+            found = f"{counts.useless} images with a pose that is no regular matrix, or not OK by its status"
         why = counts.unused(setup.edges)
         raise ValueError(f"live: expected images with poses from {address}, got {found}" + (f"; {why}" if why else ""))
     sweeps = []
