@@ -205,6 +205,27 @@ def test_frames_of_an_nrrd_lie_along_its_list(kinds):
     assert np.array_equal(read_sweep("b.igs.nrrd").frames, made.frames)
 
 
+def test_frames_or_poses_with_one_time_stamp_are_refused_unless_rows_tell():
+    """Frames of one stamp took one pose of a table that runs on."""
+    made = small_sweep(4)
+    poses = made.world_from_image
+    for name, stamps in (("run", np.arange(4.0)), ("still", np.full(4, 1.0)), ("twice", np.array([0, 1.0, 0, 1]))):
+        write_csv(f"{name}.csv", PoseTable(stamps, poses, made.valid))
+        fields = [{"Timestamp": repr(stamp)} for stamp in stamps.tolist()]
+        igs.write(f"{name}.mha", igs.Recording(made.frames, None, {}, made.valid, {}, fields))
+    write_csv("more.csv", PoseTable(np.full(8, 1.0), np.concatenate([poses, poses]), np.ones(8, bool)))
+    assert "got 1 s for all frames; give the frames' rate" in refused("still.mha", poses="run.csv")
+    assert "got 1 s for all poses; give the frames' rate" in refused("run.mha", poses="more.csv")
+    write_igs("own.mha", {"ImageToReference": [PIXEL] * 4})
+    Path("own.mha").write_bytes(re.sub(rb"Timestamp = .*", b"Timestamp = 1", Path("own.mha").read_bytes()))
+    assert "times that advance, for a temporal offset, got 1 s" in refused("own.mha", temporal_offset=0.1)
+    for frames, table in (("run", "still"), ("still", "still"), ("twice", "twice")):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            read = read_sweep(f"{frames}.mha", poses=f"{table}.csv")
+        assert np.allclose(read.world_from_image, made.world_from_image)
+
+
 @pytest.mark.parametrize("fields", [True, False])
 @pytest.mark.parametrize(("axis", "directions"), [(0, ""), (1, ""), (2, ""), (2, "none (1,0,0) (0,1,0)")])
 def test_an_nrrd_without_kinds_says_how_it_was_read(axis, directions, fields):
