@@ -284,6 +284,17 @@ def test_images_or_transforms_with_one_stamp_take_no_wrong_pose(sweep, capsys, w
         assert len(gb.ultrasound.read_sweep("kept")) == 1
 
 
+def test_an_image_that_is_sent_again_without_its_pose_counts_once(sweep):
+    server = Server(sweep)
+    for messages in server.messages:
+        messages.append(messages[0])
+    server.serve(slice(None))
+    counts = LiveCounts()
+    assert len(receive_sweep(server.address, idle=0.4, counts=counts)) == 24
+    assert counts.repeated >= 23  # the last one comes after all poses
+    assert counts.repeated + counts.without_pose == 24
+
+
 def test_of_two_devices_the_first_counts(sweep, capsys):
     """The other shows the negative at the same times."""
     server = Server(sweep)

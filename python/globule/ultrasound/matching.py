@@ -168,6 +168,7 @@ class Matcher:
         self.clock = 0
         self._order = Order()
         self._back = 0  # number of the image whose stamp went back
+        self._image = np.zeros((0, 0), np.uint8)  # the newest one
 
     def add_transform(self, name: tuple[str, str], time: float, matrix: np.ndarray) -> None:
         """A sample of a transform (source, target)."""
@@ -192,7 +193,8 @@ class Matcher:
         if how == "back":
             self.clock += 1
             self._back = number
-        alone = how in ("none", "again", "back")
+        alone = how in ("none", "back") or (how == "again" and not np.array_equal(image, self._image))
+        self._image = image
         self.images.append(_Waiting(time, image, number, place, shown, self.clock, alone))
         if place is not None:
             self.embedded.add(time, place, self._n_arrived)
