@@ -118,7 +118,7 @@ def run(parts: list[Part]) -> str:
     known += sum(counts[name] for name in ("without_pose", "useless", "repeated", "missed"))
     if (came := known - counts["missed"] + counts["broken_images"]) > N:
         return f"{came} images of {N} came: {live}"
-    known += sum(live["broken"].values()) + sum(live["unused"].values())
+    known += sum(sum(live[name].values()) for name in ("broken", "unused", "other_devices"))
     return "" if known >= N else f"{N - known} images are nowhere: {live}"
 
 

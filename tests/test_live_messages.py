@@ -1,11 +1,13 @@
 """What messages say: broken ones, stamps, poses, status and axes; every image is accounted for."""
 
 import threading
+import warnings
 
 import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import refuses, run_json
+from globule.cli import main
 from globule.ultrasound import senders
 from globule.ultrasound.calibration import Calibration
 from globule.ultrasound.live import LiveCounts, parse_address, receive, receive_sweep
@@ -217,6 +219,82 @@ def test_a_server_without_a_clock(sweep, capsys, first):
     assert np.allclose(kept.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-4)
 
 
+STAMPS = {  # what stamps of a server do from image 12 on, and what is said of it
+    "none": (lambda i: 0.0 if i >= 12 else 1000 + i / 25, "12 of 24 images have no time stamp"),
+    "none for a while": (lambda i: 0.0 if 12 <= i < 16 else 1000 + i / 25, "4 of 24 images have no time stamp"),
+    "every other none": (lambda i: 0.0 if i % 2 else 1000 + i / 25, "12 of 24 images have no time stamp"),
+    "back a little": (lambda i: 1000 + i / 25 - 0.47 * (i >= 12), "was set back once"),
+    "back to the start": (lambda i: 1000 * (i < 12) + i / 25, "was set back once"),
+    "backwards": (lambda i: 1000 - i / 25, ""),
+}
+
+
+@pytest.mark.parametrize("first", ["image", "pose"])
+@pytest.mark.parametrize("name", STAMPS)
+def test_stamps_that_end_or_begin_anew(sweep, capsys, name, first):
+    """Each image has its own pose, in the order of arrival; none counts as lost."""
+    stamp, said = STAMPS[name]
+    messages = []
+    for i, (frame, place) in enumerate(zip(sweep.frames, sweep.world_from_image, strict=True)):
+        pair = [igtl.ImageMessage(frame[None], timestamp=stamp(i), device_name="Image"),
+                igtl.TransformMessage(place, timestamp=stamp(i), device_name="ImageToReference")]  # fmt: skip
+        messages += pair if first == "image" else pair[::-1]
+    facts = run_json(capsys, *GROWS, "--live", stream(messages), "-o", "v.npz", "--record", "kept")
+    assert facts["frames"]["used"] == 24
+    assert facts["live"]["counts"]["missed"] == facts["live"]["counts"]["missed_poses"] == 0
+    assert any(said in line for line in facts["warnings"]) or not said
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        kept = gb.ultrasound.read_sweep("kept")
+    order = [int(np.flatnonzero((sweep.frames == frame).all(axis=(1, 2)))[0]) for frame in kept.frames]
+    assert sorted(order) == list(range(24))
+    assert np.allclose(kept.world_from_image, sweep.world_from_image[order], rtol=1e-5, atol=1e-4)
+
+
+def test_a_clock_set_back_with_a_tracker_on_stamps_of_its_own():
+    """Poses between samples go on after the first image of the new clock, and none is of the old one."""
+    tracker, images, truth = tracker_and_images(60)
+    messages = []
+    for when, message in sorted([*tracker, *images], key=lambda item: item[0]):
+        message.timestamp -= 0.9 if when >= 1 else 0
+        messages.append(message)
+    live = receive_sweep(stream(messages), Calibration(np.eye(4)), idle=0.5)
+    assert len(live) >= 57
+    number = live.frames[:, 0, 0]
+    assert np.allclose(live.world_from_image[:, 0, 3], truth[number], atol=0.01)
+    assert (np.diff(number.astype(int)) > 0).all()
+
+
+@pytest.mark.parametrize(("which", "said"), [
+    ("images", "all images have one time stamp, and transforms have others"),
+    ("poses", "all messages of ImageToReference have one time stamp"),
+])  # fmt: skip
+@pytest.mark.parametrize("stamp", [0.0, 1000.0])
+def test_images_or_transforms_with_one_stamp_take_no_wrong_pose(sweep, capsys, which, said, stamp):
+    messages = []
+    for i, (frame, place) in enumerate(zip(sweep.frames, sweep.world_from_image, strict=True)):
+        times = {"images": 1000 + i / 25, "poses": 1000 + i / 25} | {which: stamp}
+        messages.append(igtl.ImageMessage(frame[None], timestamp=times["images"], device_name="Image"))
+        messages.append(igtl.TransformMessage(place, timestamp=times["poses"], device_name="ImageToReference"))
+    status = main([*GROWS, "--live", stream(messages), "-o", "v.npz", "--record", "kept"])
+    out = capsys.readouterr()
+    assert said in out.err
+    assert status == (2 if stamp == 0 else 0)
+    if stamp:
+        assert len(gb.ultrasound.read_sweep("kept")) == 1
+
+
+def test_an_image_that_is_sent_again_without_its_pose_counts_once(sweep):
+    server = Server(sweep)
+    for messages in server.messages:
+        messages.append(messages[0])
+    server.serve(slice(None))
+    counts = LiveCounts()
+    assert len(receive_sweep(server.address, idle=0.4, counts=counts)) == 24
+    assert counts.repeated >= 23  # the last one comes after all poses
+    assert counts.repeated + counts.without_pose == 24
+
+
 def test_of_two_devices_the_first_counts(sweep, capsys):
     """The other shows the negative at the same times."""
     server = Server(sweep)
@@ -234,10 +312,17 @@ def test_of_two_devices_the_first_counts(sweep, capsys):
 
 @pytest.mark.parametrize(("name", "advice"), [
     ("ProbeToReference", "give --calibration"), ("LinearTransform_3", "expected names as ImageToReference"),
+    ("", "name no frames: one without a name; expected names as ImageToReference"),
 ])  # fmt: skip
 def test_without_any_pose_the_error_says_what_to_give(sweep, name, advice):
     with pytest.raises(ValueError, match=advice):
         receive_sweep(served(sweep, names=(name,)), idle=0.4)
+
+
+def test_without_any_pose_that_is_ok_the_error_says_so(sweep):
+    sweep.world_from_image[:] = np.nan
+    with pytest.raises(ValueError, match="24 images with a pose that is no regular matrix"):
+        receive_sweep(served(sweep), idle=0.4)
 
 
 def test_addresses():

@@ -87,3 +87,15 @@ def test_a_tracker_slower_than_the_images_and_another_speed_limit(hand):
     moved = Sweep(hand.frames, poses, hand.timestamps)
     for limit, found in (({}, []), ({"most_speed": 25}, [40])):  # mm/s, at 25 images a second
         assert np.flatnonzero(check_poses(moved, **limit).outliers).tolist() == found
+
+
+@pytest.mark.parametrize("back", ["to the start", "a little", "a second pass", "none"])
+def test_a_clock_that_is_set_back_makes_no_jumps(hand, back):
+    """Also two passes in one file, and stamps of 0."""
+    poses, times = hand.world_from_image.copy(), np.arange(80) / 25 + 100
+    times[40:] = 0 if back == "none" else times[40:] - (times[40] if back == "to the start" else 0.55)
+    if back == "a second pass":
+        poses[40:, 0, 3] += 40
+    assert not check_poses(Sweep(hand.frames, poses, times)).findings
+    poses[60, 0, 3] += 15
+    assert np.flatnonzero(check_poses(Sweep(hand.frames, poses, times)).outliers).tolist() == [60]

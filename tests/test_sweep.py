@@ -205,6 +205,57 @@ def test_frames_of_an_nrrd_lie_along_its_list(kinds):
     assert np.array_equal(read_sweep("b.igs.nrrd").frames, made.frames)
 
 
+def test_frames_or_poses_with_one_time_stamp_are_refused_unless_rows_tell():
+    """Frames of one stamp took one pose of a table that runs on."""
+    made = small_sweep(4)
+    poses = made.world_from_image
+    for name, stamps in (("run", np.arange(4.0)), ("still", np.full(4, 1.0)), ("twice", np.array([0, 1.0, 0, 1]))):
+        write_csv(f"{name}.csv", PoseTable(stamps, poses, made.valid))
+        fields = [{"Timestamp": repr(stamp)} for stamp in stamps.tolist()]
+        igs.write(f"{name}.mha", igs.Recording(made.frames, None, {}, made.valid, {}, fields))
+    write_csv("more.csv", PoseTable(np.full(8, 1.0), np.concatenate([poses, poses]), np.ones(8, bool)))
+    assert "got 1 s for all frames; give the frames' rate" in refused("still.mha", poses="run.csv")
+    assert "got 1 s for all poses; give the frames' rate" in refused("run.mha", poses="more.csv")
+    write_igs("own.mha", {"ImageToReference": [PIXEL] * 4})
+    Path("own.mha").write_bytes(re.sub(rb"Timestamp = .*", b"Timestamp = 1", Path("own.mha").read_bytes()))
+    assert "times that advance, for a temporal offset, got 1 s" in refused("own.mha", temporal_offset=0.1)
+    for frames, table in (("run", "still"), ("still", "still"), ("twice", "twice")):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            read = read_sweep(f"{frames}.mha", poses=f"{table}.csv")
+        assert np.allclose(read.world_from_image, made.world_from_image)
+
+
+@pytest.mark.parametrize("fields", [True, False])
+@pytest.mark.parametrize(("axis", "directions"), [(0, ""), (1, ""), (2, ""), (2, "none (1,0,0) (0,1,0)")])
+def test_an_nrrd_without_kinds_says_how_it_was_read(axis, directions, fields):
+    """By its fields or the directions of its axes; else along the last one, with a warning."""
+    made = small_sweep(5)
+    write_sweep("a.igs.nrrd", made)
+    write_csv("poses.csv", PoseTable(None, made.world_from_image, made.valid))
+    head = Path("a.igs.nrrd").read_bytes().split(b"\n\n", 1)[0].decode()
+    stored = np.ascontiguousarray(np.moveaxis(made.frames, 0, axis))
+    sizes = " ".join(map(str, stored.shape[::-1]))
+    head = re.sub("\nkinds: .*", "\nspace: LPS" * bool(directions), re.sub("sizes: .*", f"sizes: {sizes}", head))
+    head = head.replace("encoding: gzip", "encoding: raw")
+    head += f"\nspace directions: {directions}" if directions else ""
+    if not fields:
+        head = "\n".join(line for line in head.split("\n") if "Seq_Frame" not in line)
+    Path("b.igs.nrrd").write_bytes(head.encode() + b"\n\n" + stored.tobytes())
+    words = {} if fields else {"poses": "poses.csv"}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        if axis and not fields and not directions:
+            with pytest.raises(FormatError, match="poses, one a frame"):
+                read_sweep("b.igs.nrrd", **words)
+        else:
+            assert np.array_equal(read_sweep("b.igs.nrrd", **words).frames, made.frames)
+    said = [str(one.message) for one in caught if "no kinds say" in str(one.message)]
+    assert len(said) == (not directions and (axis > 0 or not fields))
+    if said and fields:
+        assert re.search("read as 5 frames, along its .* axis, as it has fields of 5", said[0])
+
+
 def test_statuses_missing_poses_and_the_way_through_named_frames():
     write_igs(
         "a.mha", {"ImageToReference": [PIXEL] * 4}, Seq_Frame0001_ImageToReferenceTransformStatus="MISSING",

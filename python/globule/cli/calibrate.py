@@ -441,7 +441,7 @@ def _registered(options: argparse.Namespace, phantom: NWirePhantom, report: dict
     found = register_landmarks(own, touched, phantom.wires.reshape(-1, 3))
     report["registration"] = {
         "reference_from_phantom": found.matrix, "rms": found.rms, "error": found.error,
-        "names": names, "residuals": found.residuals, "weights": found.weights,
+        "bound": found.bound, "names": names, "residuals": found.residuals, "weights": found.weights,
     }  # fmt: skip
     wrong = [
         f"{name} ({size:.1f} mm)"

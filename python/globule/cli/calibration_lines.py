@@ -71,7 +71,7 @@ def _lines_of_registration(report: dict[str, Any]) -> list[str]:
     residuals = ", ".join(f"{name} {size:.2f}" for name, size in zip(found["names"], found["residuals"], strict=True))
     return [
         f"{count(len(found['names']), 'landmark')}: rms {found['rms']:.3f} mm, expected error at "
-        f"the wires {found['error']:.2f} mm (1 sigma)",
+        f"the wires {found['error']:.2f} mm (1 sigma), below {found['bound']:.2f} mm in 95 % of such registrations",
         f"  residuals: {residuals} mm",
     ]
 

@@ -267,11 +267,7 @@ class Live:
             )
         if c.ended:
             lines.append(f"the stream ended early: {c.ended}")
-        if c.without_clock:
-            lines.append(
-                "all images have one time stamp: each takes the transform that came next to it; let the server stamp "
-                "its messages"
-            )
+        lines += c.clock_lines()
         if self._record_error:
             lines.append(f"images that --record cannot store: {self._record_error}")
         if c.missed:

@@ -237,8 +237,10 @@ def _posed(
     times = recording.times
     if times is None and len(table.ok) == n:
         times = table.times  # one row a frame; None if the table has no times either
-    without_clock = table.times is not None and len(table.ok) == n > 1 and not np.ptp(table.times)
-    if table.times is None or times is None or without_clock:
+    # Also where stamps come twice.
+    row_by_row = not offset and times is not None and table.times is not None and np.array_equal(times, table.times)
+    without_clock = len(table.ok) == n > 1 and _is_still(table.times)
+    if table.times is None or times is None or without_clock or row_by_row:
         if len(table.ok) != n:
             problem = f"expected {n} poses, one a frame, or times in the table and of the frames"
             hint = "; for more images, give a folder of them, or one file with all frames" if n == 1 else ""
@@ -247,6 +249,10 @@ def _posed(
             raise bad(path, "", "expected times in the table, for a temporal offset")
         matrices, ok = table.matrices, table.ok
     else:
+        for what, stamps in (("frames", times), ("poses", table.times)):
+            if _is_still(stamps):
+                advice = "give the frames' rate, or a table without times and with one row a frame"
+                raise bad(path, "", f"expected time stamps that advance, got {stamps[0]:g} s for all {what}; {advice}")
         try:
             matrices, ok = interpolate(table, times + offset)
         except ValueError as error:
@@ -261,6 +267,11 @@ def _posed(
     name = ("Probe" if setup.calibrated else setup.image, "Reference")
     edges = {name: Transform(matrices, ok)}
     return recording._replace(times=times, edges=edges), name
+
+
+def _is_still(times: np.ndarray | None) -> bool:
+    """Whether there are several stamps, all alike."""
+    return times is not None and len(times) > 1 and not np.ptp(times)
 
 
 def _assembled(
@@ -316,6 +327,9 @@ def _shifted(path: Any, recording: igs.Recording, edges: Edges, way: list[tuple[
     """The tracker's transforms on the way, each at offset later than its frame."""
     if recording.times is None:
         raise bad(path, "Timestamp", "expected a time in every frame, for a temporal offset")
+    if _is_still(recording.times):
+        got = f"{recording.times[0]:g} s for all frames"
+        raise bad(path, "Timestamp", f"expected times that advance, for a temporal offset, got {got}")
     order = np.argsort(recording.times, kind="stable")
     shifted = dict(edges)
     for key in (*way, *((b, a) for a, b in way)):
@@ -329,7 +343,7 @@ def _shifted(path: Any, recording: igs.Recording, edges: Edges, way: list[tuple[
 def _on_frame_clock(path: Any, table: PoseTable, times: np.ndarray | None) -> PoseTable:
     """The table with its first pose at the first frame, if its clock is another than that of
     frames, of which only the rate is known."""
-    if table.times is None or times is None or len(times) < 2:
+    if table.times is None or times is None or len(times) < 2 or _is_still(table.times):
         return table
     low, high = float(table.times.min()), float(table.times.max())
     if low <= times[-1] and high >= times[0]:

@@ -24,7 +24,7 @@ import numpy as np
 from .._base.checks import missing
 from .._base.interrupts import Later
 from ..formats.sweeps.transforms import WORLDS, Edges, Transform, find_path, split_name
-from .matching import MOST_GAP, Matcher
+from .matching import MOST_GAP, Matcher, Order
 from .senders import Arrived, Broken, Clocks, arrivals
 from .setup import Setup
 from .sweep import SPACES, Sweep, usable
@@ -47,27 +47,41 @@ class LiveFrame(NamedTuple):
         image: (H, W).
         world_from_image: (4, 4), maps the pixel (column, row, 0, 1) to the world, mm, LPS.
         world: name of the world's coordinate frame.
+        clock: how often the stamps began anew before; they order frames of one clock only.
     """
 
     time: float
     image: np.ndarray
     world_from_image: np.ndarray
     world: str
+    clock: int = 0
 
 
 class _Stamps:
     """Time stamps, and how many are missing among them, in a memory that does not grow."""
 
     def __init__(self) -> None:
-        self.n = 0
+        self.n = self.n_without = self.n_back = 0  # stamps; those of 0; how often a clock was set back
         self.alike = True
-        self._first: float | None = None
+        self.first: float | None = None
+        self._order = Order()
+        self._back: float | None = None
         self._times: list[float] = []
         self._counted, self._until = 0, -np.inf  # missing ones up to a stamp
 
     def add(self, time: float) -> None:
-        self._first = time if self._first is None else self._first
-        self.n, self.alike = self.n + 1, self.alike and time == self._first
+        self.first = time if self.first is None else self.first
+        self.n, self.alike = self.n + 1, self.alike and time == self.first
+        likely, how = self._order.next, self._order.add(time)
+        self.n_without += how == "none"
+        back, self._back = self._back, time if how == "back" else None
+        if how == "anew" and back is not None and back not in self._times:
+            self._counted, self._until, self._times = self.missed, -np.inf, [back]
+            self.n_back += 1
+        if how != "back":  # it may be wrong
+            self._add(likely if how == "none" else time)
+
+    def _add(self, time: float) -> None:
         if time < self._until:  # sent again
             return
         self._times.append(time)
@@ -146,6 +160,39 @@ class LiveCounts:
         """Whether all images have one time stamp."""
         return self._times.n > 1 and self._times.alike
 
+    def clock_lines(self) -> list[str]:
+        """What is wrong with the time stamps, and what it means."""
+        still = [name for name, stamps in self._transform_times.items() if stamps.n > 1 and stamps.alike]
+        moves = any(stamps.n > 1 and not stamps.alike for stamps in self._transform_times.values())
+        lines, images = [], self._times
+        if self.without_clock and moves:
+            lines.append(
+                "all images have one time stamp, and transforms have others: an image takes only the transform with "
+                "its own stamp; let the server stamp its images"
+            )
+        elif self.without_clock:
+            lines.append(
+                "all images have one time stamp: each takes the transform that came next to it; let the server stamp "
+                "its messages"
+            )
+        elif still and images.n > 1:
+            lines.append(
+                f"all messages of {', '.join(still)} have one time stamp, and the images others: let the server stamp "
+                "its transforms"
+            )
+        if images.n_without and not images.alike:
+            lines.append(
+                f"{images.n_without:,} of {images.n:,} images have no time stamp (0): each takes the transform without "
+                "a stamp that came next to it; let the server stamp its messages"
+            )
+        for name, stamps in self._transform_times.items():
+            if stamps.n_without and not stamps.alike and not images.n_without:
+                lines.append(f"{stamps.n_without:,} of {stamps.n:,} messages of {name} have no time stamp (0)")
+        if images.n_back:
+            times = "once" if images.n_back == 1 else f"{images.n_back:,} times"
+            lines.append(f"the clock of the images was set back {times}: the frames count in the order of arrival")
+        return lines
+
     def unused(self, constant: Edges) -> str:
         """What came instead of poses, and what to give."""
         lines = []
@@ -154,7 +201,7 @@ class LiveCounts:
             if (frames := split_name(name.removesuffix("Transform"))) is not None:
                 edges[frames] = Transform(np.eye(4), np.array(True))
         if self.unnamed:
-            which = ", ".join(sorted(self.unnamed))
+            which = ", ".join(sorted(name or "one without a name" for name in self.unnamed))
             lines.append(f"transforms that name no frames: {which}; expected names as ImageToReference")
         starts = {name for pair in edges for name in pair}
         if edges and not any(find_path(edges, "Image", world) for world in WORLDS):
@@ -165,6 +212,7 @@ class LiveCounts:
         others = [f"{n:,} {kind}" for kind, n in self.kinds.items() if kind in _OTHER_POSES]
         if self.images and not (edges or self.unnamed or others):
             lines.append("no TRANSFORM came, and the headers of the images hold no pose")
+        lines += self.clock_lines()
         if others:
             lines.append(f"{', '.join(others)} messages are not read: let the server send TRANSFORM")
         return "; ".join(lines)
@@ -359,6 +407,8 @@ def receive_sweeps(
         found = "none"
         if counts.images:
             found = f"{counts.images} images and no pose within {MOST_GAP:g} s of any"
+        if counts.useless:
+            found = f"{counts.useless} images with a pose that is no regular matrix, or not OK by its status"
         why = counts.unused(setup.edges)
         raise ValueError(f"live: expected images with poses from {address}, got {found}" + (f"; {why}" if why else ""))
     sweeps = []
@@ -376,7 +426,7 @@ def receive_sweeps(
 def _as_sweep(frames: list[LiveFrame], setup: Setup, shape: tuple[int, int], dtype: np.dtype) -> Sweep:
     gone = any(frame.image is NO_IMAGE for frame in frames)
     if not gone:
-        frames.sort(key=lambda frame: frame.time)
+        frames.sort(key=lambda frame: (frame.clock, frame.time))
     images = np.zeros((len(frames), 1, 1), dtype) if gone else np.stack([frame.image for frame in frames])
     mask, world = setup.mask(shape), frames[0].world
     sweep = Sweep(
@@ -468,7 +518,8 @@ class _Assembler:
         for frame in self.matcher.frames(ended):
             self.counts.frames += 1
             place = frame.world_from_image
-            yield LiveFrame(frame.time, frame.image, _RAS @ place if self.space == "RAS" else place, frame.world)
+            place = _RAS @ place if self.space == "RAS" else place
+            yield LiveFrame(frame.time, frame.image, place, frame.world, frame.clock)
         self.counts.without_pose = self.matcher.n_without_pose
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._base.arrays import DeviceArray
+from .matching import Order
 from .sweep import Sweep
 
 _FAST = 5.0  # times the sweep's speed; faster between two frames is a jump
@@ -15,6 +16,7 @@ _LONGEST = 32  # frames of a burst, at most
 _STEP = 12.0  # cost of a step: as many frames left out, or a quarter of a short sweep
 _SMOOTH = 0.7  # second differences of poses beside first ones where a probe moves steadily
 _FROZEN = 4  # frames of one pose
+_PAUSE = 100.0  # steps between a clock that was set back and before: nobody knows how long
 
 
 class PoseFinding(NamedTuple):
@@ -81,6 +83,7 @@ def check_poses(sweep: Sweep, most_speed: float | None = None) -> PoseCheck:
     times = sweep.timestamps
     if times is None or not np.ptp(times[kept]):  # or a server without a clock
         times = np.arange(n, dtype=float)
+    times = _on_one_clock(times)
     kept = kept[np.argsort(times[kept], kind="stable")]
     corners, t = sweep.corners()[kept], times[kept]
     spans = np.maximum(np.diff(t), 1e-9)
@@ -108,6 +111,22 @@ def check_poses(sweep: Sweep, most_speed: float | None = None) -> PoseCheck:
             findings.append(PoseFinding("step", int(kept[a]), int(kept[b]), size))
     outliers[kept[~on_path]] = True
     return PoseCheck(outliers, speed, sorted(findings, key=lambda f: (f.first, f.last)))
+
+
+def _on_one_clock(times: np.ndarray) -> np.ndarray:
+    """Stamps (F,) that run on where a clock was set back, after a pause, or a stamp is missing (0)."""
+    if (np.diff(times) >= 0).all():
+        return times
+    order, found, anew = Order(), times.copy(), []
+    for i, time in enumerate(times.tolist()):
+        likely, how = order.next, order.add(time)
+        found[i] = likely if how == "none" else time
+        if how == "anew":
+            anew.append(i - 1)
+    step = float(np.median(np.abs(np.diff(times))))
+    for i in anew:
+        found[i:] += found[:i].max() + _PAUSE * step - found[i]
+    return found
 
 
 def _distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -43,6 +43,7 @@ class Registration(NamedTuple):
     matrix      (4, 4) reference from phantom, mm
     rms         mm, of the residuals (fiducial registration error), without outliers
     error       mm, expected (1 sigma) at the worst of the targets (target registration error)
+    bound       mm, that the error at the worst of the targets stays below in 95 % of such registrations
     residuals   (N,) mm
     weights     (N,) from 0, an outlier, to 1
     """
@@ -50,6 +51,7 @@ class Registration(NamedTuple):
     matrix: np.ndarray
     rms: float
     error: float
+    bound: float
     residuals: np.ndarray
     weights: np.ndarray
 
@@ -95,8 +97,8 @@ def register_landmarks(
         targets: (M, 3) mm, phantom: where the expected error counts, for example the wires' ends;
             default: the landmarks.
 
-    A rotation and a translation (Arun et al. 1987) start a robust fit. Raises ValueError for
-    landmarks on a line.
+    A rotation and a translation (Arun et al. 1987) start a robust fit, which finds wrong landmarks; the others
+    count alike. Raises ValueError for landmarks on a line.
     """
     phantom, reference = (_points(name, value) for name, value in (
         ("phantom_points", phantom_points), ("reference_points", reference_points)
@@ -116,22 +118,43 @@ def register_landmarks(
         return (points - middle) @ about.T + center + parameters[3:]
 
     fit = robust_fit(lambda p: places(p, phantom) - reference, np.zeros(6))
+    kept = fit.weights > 0
+    if kept.sum() < 3:
+        raise ValueError("reference_points: expected landmarks that fit together, got none")
+    exact = robust_fit(lambda p: places(p, phantom[kept]) - reference[kept], fit.parameters, robust=False)
+    # Few residuals tell their noise badly: Student's t. A landmark that was left out took a residual with it.
+    squares = float((exact.residuals**2).sum())
+    free = max(3 * int(kept.sum()) - 6 - int((~kept).sum()), 1)
+    unit = np.linalg.pinv(np.einsum("nkp,nkq->pq", exact.jacobian, exact.jacobian), rcond=1e-14)
+    covariance = squares / free * unit
     where = phantom if targets is None else _points("targets", targets, 1)
     slopes = []
     for i in range(6):
         step = np.zeros(6)
         step[i] = 1e-5
-        ahead, behind = places(fit.parameters + step, where), places(fit.parameters - step, where)
+        ahead, behind = places(exact.parameters + step, where), places(exact.parameters - step, where)
         slopes.append((ahead - behind) / 2e-5)
     slope = np.array(slopes)
-    variance = np.einsum("pkx,pq,qkx->k", slope, fit.covariance, slope)
+    spread = np.einsum("pkx,pq,qky->kxy", slope, covariance, slope)
+    variance = np.einsum("kxx->k", spread)
     matrix = np.eye(4)
-    matrix[:3, :3] = turn_by(fit.parameters[:3]) @ turned
-    matrix[:3, 3] = places(fit.parameters, np.zeros((1, 3)))[0]
+    matrix[:3, :3] = turn_by(exact.parameters[:3]) @ turned
+    matrix[:3, 3] = places(exact.parameters, np.zeros((1, 3)))[0]
+    residuals = np.linalg.norm(places(exact.parameters, phantom) - reference, axis=1)
     return Registration(
-        matrix, _rms(fit), float(np.sqrt(variance.max())),
-        np.linalg.norm(fit.residuals, axis=1), fit.weights,
+        matrix, float(np.sqrt(squares / kept.sum())), float(np.sqrt(variance.max())),
+        float(np.sqrt((variance * _quantile(spread, free)).max())), residuals, fit.weights,
     )  # fmt: skip
+
+
+def _quantile(spread: np.ndarray, free: int) -> np.ndarray:
+    """Of the squared length of errors with covariances (K, 3, 3), in units of their traces, what 95 % stay below:
+    of F, with as many directions as count (Satterthwaite). 97 % of one target are 95 % of the worst of all."""
+    from scipy.special import fdtri
+
+    squares = np.einsum("kxy,kyx->k", spread, spread)
+    n = np.einsum("kxx->k", spread) ** 2 / np.maximum(squares, 1e-300)
+    return fdtri(np.clip(n, 1, 3), free, 0.97)
 
 
 def write_stylus(path: str | os.PathLike[str], pivot: Pivot) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -117,6 +118,8 @@ def _planes(path: Any, image: RawImage, is_nrrd: bool) -> np.ndarray:
     """The frames, (F, H, W); colors become gray (ITU-R BT.601)."""
     array, channels = image.array, _channel_axis(image, is_nrrd)
     items = _item_axis(image, is_nrrd)
+    if items is None and is_nrrd and image.array.ndim == 3 and channels is None:
+        items = _likely_axis(path, image)
     if channels is not None and items is not None:
         array = np.moveaxis(array, (items, channels), (0, -1))
     elif items is not None:
@@ -143,6 +146,30 @@ def _item_axis(image: RawImage, is_nrrd: bool) -> int | None:
     if not is_nrrd or kinds.count("list") != 1 or len(kinds) != image.array.ndim:
         return None
     return len(kinds) - 1 - kinds.index("list")  # NRRD counts from the fastest axis
+
+
+def _likely_axis(path: Any, image: RawImage) -> int | None:
+    """The axis of the frames where no kinds say it: the one without a direction in space, or as long as there are
+    frames with fields. Warns of how the file was read, unless that is sure."""
+    shape = image.array.shape
+    if image.fields.get("kinds", "").strip("? ").lower():
+        return None
+    directions = re.findall(r"none|\([^)]*\)", image.fields.get("space directions", "").lower())
+    if len(directions) == 3 and directions.count("none") == 1:
+        return 2 - directions.index("none")
+    fields = (_FRAME_FIELD.fullmatch(name.removesuffix(nrrd.KEY_VALUE)) for name in image.fields)
+    n = 1 + max((int(match[1]) for match in fields if match), default=-1)
+    axis = next((axis for axis in (0, 2, 1) if shape[axis] == n), 0)
+    if shape[0] != n:
+        read = f"{shape[axis]:,} frames, along its {('last', 'middle', 'first')[axis]} axis"
+        why = f", as it has fields of {n:,}" if shape[axis] == n else ""
+        example = "list domain domain" if axis != 2 else "domain domain list"
+        warnings.warn(
+            f"{path}: no kinds say which axis counts the frames: read as {read}{why}; a line as 'kinds: {example}' in "
+            "its header says otherwise",
+            stacklevel=2,
+        )
+    return axis
 
 
 def _index_values(path: Any, fields: dict[str, str], n: int) -> np.ndarray | None:
