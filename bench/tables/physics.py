@@ -21,6 +21,7 @@ from . import (
     physics_fluid,
     physics_friction,
     physics_memory,
+    physics_orders,
     physics_solid,
     physics_tissue,
 )
@@ -32,7 +33,7 @@ PAGE = """\
 
 Made by `{command}`: {n} truths, {n_met} met; {machine}.
 The experiments are `bench.tables.physics_fluid`, `physics_flows`, `physics_bodies`,
-`physics_crown`, `physics_tissue`, `physics_solid`, `physics_memory`, `physics_friction` and
+`physics_crown`, `physics_orders`, `physics_tissue`, `physics_solid`, `physics_memory`, `physics_friction` and
 `physics_cuts`; the tests run the small ones.
 
 {tables}
@@ -90,6 +91,7 @@ def experiments(quick: bool) -> Iterator[tuple[str, Callable[[str, int], Any]]]:
         partial(physics_crown.run, quick=quick),
     ]
     yield from (("Fluids", experiment) for experiment in fluids)
+    yield from (("At two resolutions", experiment) for experiment in physics_orders.EXPERIMENTS)
     yield "Tissue of springs, and the knife", partial(physics_tissue.run, quick=quick)
     yield "Solids", partial(physics_solid.run, quick=quick)
     yield "Solids that relax or yield", physics_memory.run
