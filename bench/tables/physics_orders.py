@@ -282,8 +282,8 @@ def bar_wave(device: str = "cpu", threads: int = 0, cells: tuple[int, int] = (12
         tissue.velocities = np.stack([0 * z, 0 * z, 1e-3 * np.sqrt(MODULUS / DENSITY) * mode], 1)
         period = 2 * length * np.sqrt(DENSITY / MODULUS)
         times, swing, dt = [], [], period / 60
-        for k in range(150):
-            times.append(k * dt)
+        for step in range(150):
+            times.append(step * dt)
             swing.append((tissue.velocities[:, 2].astype(float) * mode).sum())
             tissue.advance(dt)
         t, y = np.array(times), np.array(swing)
