@@ -107,7 +107,7 @@ template <class Packet_, bool periodic, bool mixed> struct Densities {
 /// compressed by more than kLeastStep 2^k.
 inline constexpr int kSteps = 16;
 inline constexpr double kLeastStep = 1e-5;
-inline constexpr double kLayers = 60.0;  ///< with so many, velocities may leave all that is allowed
+inline constexpr double kLayers = 30.0;  ///< with so many, velocities may leave all that is allowed
 struct Compression {
     double sum, most, n, n_free, density, height, height2;
     double all;  ///< n, and rows that were left out
@@ -121,8 +121,8 @@ struct Compression {
     /// Share of its tolerance that a solve for velocities may leave: what is left in each layer adds up to a column's
     /// fall, and under its pressure steps are shorter.
     GB_FN double share_of_layers() const {
-        const double share = kLayers / max(layers(), kLayers);
-        return share * share;
+        const double few = kLayers / max(layers(), kLayers), many = 2.0 * few;
+        return max(few * few, min(0.25, many * many));
     }
 
     /// What a share of the particles exceeds: exact at the steps, between them as a power.
