@@ -81,6 +81,7 @@ public:
           loads_(exec),
           change_(exec),
           rub_(exec),
+          contact_loads_(exec),
           rigid_loads_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
@@ -319,8 +320,10 @@ private:
                            kSubstepsByOthers = 2.0f;  ///< of a step, where tissue is beside these
     static constexpr float kJumpOfPart = 0.5f, kReachOfGrasp = 8.0f,
                            kMostJumps =
-                               4096.0f;         ///< spacings that a grasp moves; that what it holds is from its center
-    static constexpr int kSubstepsOfPart = 16;  ///< after as many the strain is looked at again
+                               4096.0f;  ///< spacings that a grasp moves; that what it holds is from its center
+    static constexpr float kSubstepsOfLoad = 64.0f,
+                           kGapOfContact = 0.05f;      ///< spacings
+    static constexpr int kSubstepsOfPart = 16;         ///< after as many the strain is looked at again
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
     static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
 
@@ -353,6 +356,9 @@ private:
 
     /// Nothing is felt yet; where the substeps of a step add it up.
     tissue::Felt begin_felt(float dt, const float3& gravity);
+
+    /// Where the substeps of a step keep what presses walls and shapes.
+    void begin_rub();
 
     /// How many times as many substeps as at rest the next ones of `dt` seconds need.  They are stable up to four times
     /// the stiffness at rest; the stiffest particle tells how much more there is, and the pair that strains fastest how
@@ -466,6 +472,8 @@ private:
     Buffer<float, Exec> plane_speed_;
     Buffer<Quad, Exec> plane_rub_, loads_, change_;  ///< friction: of planes, of what is pressed together
     Buffer<float3, Exec> rub_;                       ///< of cut faces
+    Buffer<Quad, Exec> contact_loads_;               ///< (2, n) as in MeanLoads, of walls and of shapes
+    bool loaded_ = false;                            ///< contact_loads_ is there
     Buffer<double, Exec> rigid_loads_;
 };
 

@@ -9,6 +9,7 @@ template <class Exec> void TissueImpl<Exec>::add(const TissueArrays& in) {
     if (n_ > 0 && is_solid_ != (in.lame != nullptr))
         throw Refused("tissue: expected bodies of one model, got solids beside bonds");
     disturbed();
+    loaded_ = false;
     is_solid_ = in.lame != nullptr;
     contact_ = in.contact;
     const std::uint32_t before = ceil_div<std::uint32_t>(n_, tissue::kBlock) * tissue::kBlock, old = n_;
@@ -98,12 +99,13 @@ template <class Exec> void TissueImpl<Exec>::write(const std::string& name, cons
     if (name == "hold") n_ = std::uint32_t(bytes);
     if (name == "hold" || name == "id") is_written_ = name == "hold";
     if (name == "other") n_entries_ = std::uint32_t(bytes / 4);
-    if (name == "hold") is_solid_ = yielded_ = false, n_terms_ = 0;
+    if (name == "hold") is_solid_ = yielded_ = loaded_ = false, n_terms_ = 0;
     if (name == "rest") is_solid_ = bytes > 0;
     if (name == "terms" && n_)
         n_terms_ = std::uint32_t(
             std::min<std::size_t>(bytes / (sizeof(float) * tissue::kTermRows * stride()), tissue::kMostTerms));
     if (name == "stays") yielded_ = bytes > 0;
+    if (name == "loads") loaded_ = bytes > 0;
     if (name == "hold" || name == "body") bodies_known_ = name == "body" && bytes > 0;
     if (name == "hold") {
         grasped_ = 0;
@@ -137,6 +139,7 @@ template <class Exec> template <class Fn> void TissueImpl<Exec>::each_array(cons
     fn("lame", lame_, is_solid_ ? 2 * stride() : 0);
     fn("terms", terms_, n_terms_ * std::size_t(tissue::kTermRows) * stride());
     fn("stays", stays_, yielded_ ? 6 * std::size_t(stride()) : 0);
+    fn("loads", contact_loads_, loaded_ ? 2 * std::size_t(n_) : 0);
     fn("frequency", frequency_, is_solid_ ? 1 : 0);
     fn("body", body_, n_);
     fn("spared", spared_, is_solid_ ? n_ : 0);
