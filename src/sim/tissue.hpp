@@ -29,6 +29,7 @@ public:
           pull_(exec),
           before_(exec),
           rest_(exec),
+          by_pressure_(exec),
           id_(exec),
           slot_(exec),
           hold_(exec),
@@ -284,11 +285,17 @@ public:
     /// After the forces: the bonds' substeps, into the state's velocities.
     void push(const sim::State& state, float dt, const float3& gravity) {
         if (n_ == 0) return;
-        exec_.for_each(
-            n_, tissue::TakeAcceleration{state, slot_.data(), velocity_.data(), 1.0f / dt, acceleration_.data()});
+        // Springs hold their own pressure, which would lag in long steps.
+        const float share = is_solid_ ? 1.0f : 0.0f;
+        exec_.for_each(n_, tissue::TakeAcceleration{state, slot_.data(), velocity_.data(), by_pressure_.data(),
+                               1.0f / dt, share, acceleration_.data()});
         take_substeps(dt, 0, 1, gravity);
-        exec_.for_each(
-            n_, tissue::GiveVelocity{state, slot_.data(), at_.data(), velocity_.data(), 1.0f / dt, rest_.data()});
+        exec_.for_each(n_, tissue::GiveVelocity{state, slot_.data(), at_.data(), velocity_.data(), hold_.data(),
+                               share * dt, 1.0f / dt, rest_.data(), by_pressure_.data()});
+    }
+    /// After the divergence solve and its friction.
+    void take_pressed(const sim::State& state, float dt) {
+        exec_.for_each(n_, tissue::TakePressed{state, slot_.data(), hold_.data(), 1.0f / dt, by_pressure_.data()});
     }
     /// After the density solve, before particles move.
     void hold_on(const sim::State& state, float dt) {
@@ -433,6 +440,7 @@ private:
     std::vector<BloodVessel> vessels_;
     Buffer<Quad, Exec> at_, next_, velocity_;
     Buffer<float3, Exec> acceleration_, pull_, before_, rest_;
+    Buffer<float3, Exec> by_pressure_;  ///< acceleration in the last step; within a step, the velocity before pressure
     Buffer<std::uint32_t, Exec> id_, slot_;
     Buffer<std::uint8_t, Exec> hold_, phase_, scarred_, touched_;
     Buffer<std::uint32_t, Exec> first_, other_;

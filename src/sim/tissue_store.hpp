@@ -29,6 +29,8 @@ template <class Exec> void TissueImpl<Exec>::add(const TissueArrays& in) {
     extend(hold_, old, before, in.hold, in.n, tissue::kGone);
     extend(phase_, old, before, in.phase, in.n, std::uint8_t(0));
     const std::vector<float> none(in.n, 0.0f);
+    const std::vector<float3> still(in.n, float3{0, 0, 0});
+    extend(by_pressure_, old, before, still.data(), in.n, float3{0, 0, 0});
     extend(volume_, old, before, none.data(), in.n, 0.0f);
     extend(wetness_, old, before, none.data(), in.n, 0.0f);
     const std::vector<std::uint8_t> whole(in.n, 0);
@@ -108,6 +110,7 @@ template <class Exec> void TissueImpl<Exec>::write(const std::string& name, cons
     if (name == "loads") loaded_ = bytes > 0;
     if (name == "hold" || name == "body") bodies_known_ = name == "body" && bytes > 0;
     if (name == "hold") {
+        exec_.clear(by_pressure_.reserve(n_), n_ * sizeof(float3));  // earlier versions did not save it
         grasped_ = 0;
         for (std::size_t t = 0; t < bytes; ++t)
             if (const int g = static_cast<const std::uint8_t*>(in)[t] - tissue::kGrasped;
@@ -155,6 +158,7 @@ template <class Exec> template <class Fn> void TissueImpl<Exec>::each_array(cons
     fn("stiffness", stiffness_, n_entries_);
     fn("vessel", vessel_, n_entries_);
     fn("before", before_, n_);
+    fn("pressed", by_pressure_, n_);
     fn("id", id_, n_);
 }
 
