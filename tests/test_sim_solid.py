@@ -28,7 +28,7 @@ LONG = [
 @pytest.mark.few_backends
 @pytest.mark.parametrize(("experiment", "how"), [
     ("column", {"poisson": 0.0}), ("cantilever", {"poisson": 0.0}), ("steps", {}), ("cut_column", {}),
-    ("momentum", {}), ("vibration", {"periods": 8}),
+    ("momentum", {}), ("vibration", {"periods": 8}), ("torsion", {}), ("torsion", {"across": 5, "poisson": 0.45}),
     *(pytest.param(*case, marks=pytest.mark.slow) for case in LONG),
 ])  # fmt: skip
 def test_truths(backend, experiment, how):

@@ -321,7 +321,7 @@ public:
 private:
     static constexpr float kWithin =
         2.6f;  ///< spacings at rest: a solid's pairs that are closer are its stress's, not the density solve's
-    static constexpr double kBorne = 1.5, kMostStiffening = 64.0;
+    static constexpr double kBorne = 1.5, kMostStiffening = 256.0;
     static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
     static constexpr float kSubstepsByFluid = 4.0f,
                            kSubstepsByOthers = 2.0f;  ///< of a step, where tissue is beside these
