@@ -132,7 +132,7 @@ def dragged_about(seed, n, reach, **how):
 def test_strained_tissue_gets_shorter_substeps(backend, seed):
     """Dragged about between cuts; with the substeps of rest these two explode."""
     substeps = dragged_about(seed, 100, 0.02, tear=0.7, **backend)
-    assert min(substeps) < 70 < 90 < max(substeps)
+    assert min(substeps) <= 70 < 90 < max(substeps)
 
 
 @pytest.mark.parametrize(("seed", "how"), [

@@ -286,7 +286,7 @@ public:
     void push(const sim::State& state, float dt, const float3& gravity) {
         if (n_ == 0) return;
         // Springs hold their own pressure, which would lag in long steps.
-        const float share = is_solid_ ? 1.0f : 0.0f;
+        const float share = is_solid_ ? kPressureWithin : 0.0f;
         exec_.for_each(n_, tissue::TakeAcceleration{state, slot_.data(), velocity_.data(), by_pressure_.data(),
                                1.0f / dt, share, acceleration_.data()});
         take_substeps(dt, 0, 1, gravity);
@@ -330,6 +330,7 @@ private:
                                4096.0f;  ///< spacings that a grasp moves; that what it holds is from its center
     static constexpr float kSubstepsOfLoad = 64.0f,
                            kGapOfContact = 0.05f;      ///< spacings
+    static constexpr float kPressureWithin = 0.6f;     ///< share of the last pressure that acts in the substeps
     static constexpr int kSubstepsOfPart = 16;         ///< after as many the strain is looked at again
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
     static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
