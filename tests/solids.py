@@ -6,14 +6,14 @@ import numpy as np
 from globule.sim.bonds import Bonds
 from globule.sim.materials import Elasticity
 
-STEADINESS = 4.5  # energy against zero-energy modes, shear moduli; src/sim/solid.hpp has the same
+STEADINESS = 3.0  # energy against zero-energy modes, shear moduli; src/sim/solid.hpp has the same
 LEAST_STEADY = 0.1  # of it, however much of the shear modulus relaxes; as there
 
 
 def weight(q: np.ndarray) -> np.ndarray:
-    """-W'(q) / q of the cubic spline with a support of two spacings, but for a factor; q: distances
-    in spacings."""
-    return np.where(q < 1, 3 - 2.25 * q, 0.75 * np.maximum(2 - q, 0) ** 2 / np.maximum(q, 1))
+    """-W'(q) / q of the cubic spline with a support of two spacings, but for a factor and a faster
+    fall beyond one spacing; q: distances in spacings."""
+    return np.where(q < 1, 3 - 2.25 * q, 0.75 * np.maximum(2 - q, 0) ** 4 / np.maximum(q, 1))
 
 
 def relaxed(past: np.ndarray, F: np.ndarray, material: Elasticity, dt: float) -> np.ndarray:

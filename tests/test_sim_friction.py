@@ -1,6 +1,7 @@
 """Coulomb friction of tissue: it stays or slides as it should, and instruments feel it; on every
 backend."""
 
+import globule as gb
 import numpy as np
 import pytest
 from globule.sim import blade
@@ -28,6 +29,54 @@ ON_TISSUE = [pytest.param(f"{kind} tissue", "solid", marks=pytest.mark.slow) for
 def test_a_block_on_a_tilted_floor(backend, floor, model, friction, degrees):
     how = {"floor": floor, "model": model, "friction": friction, "degrees": degrees}
     check(truths.tilted_floor(**backend, **how))
+
+
+@pytest.mark.few_backends
+@pytest.mark.parametrize("floor", ["wall", "shape"])
+@pytest.mark.parametrize("friction", [0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.2])
+def test_the_limit_of_coulomb(backend, friction, floor):
+    """An elastic block without damping, on a slope that is suddenly there: a degree below the limit
+    it comes to rest, a degree above it slides as Coulomb has it."""
+    for off in (-1.0, 1.0):
+        slope = np.arctan(friction) + np.radians(off)
+        gravity = 9.81 * np.array([np.sin(slope), 0.0, -np.cos(slope)])
+        way, speeds = _slides(backend, floor, friction, gravity)
+        if off < 0:
+            assert way < 0.5 * SPACING
+            assert abs(speeds[-1]) < 1e-3
+        else:
+            expected = gravity[0] + friction * gravity[2]
+            assert (speeds[-1] - speeds[0]) / 0.1 == pytest.approx(expected, rel=0.15)
+
+
+def _slides(backend, floor, friction, gravity):
+    """The way of a block in 0.3 s, and its speeds after 0.2 and 0.3 s."""
+    d, speeds = SPACING, []
+    if floor == "wall":
+        solid = {"name": "block", "box": {"lo": (0, 0, 0), "hi": (12 * d, 8 * d, 4 * d)},
+                 "young": 50000.0, "poisson": 0.3}  # fmt: skip
+        sim = gb.Simulation({
+            "spacing": d, "gravity": gravity.tolist(),
+            "domain": {"lo": (-0.05, -0.05, -0.02), "hi": (0.15, 0.1, 0.1)},
+            "boundaries": [{"name": "floor", "friction": friction,
+                            "box": {"lo": (-0.05, -0.05, -0.012), "hi": (0.15, 0.1, 0)}}],
+            "solids": [solid],
+        }, **backend)  # fmt: skip
+        mine = sim.arrays.phase == list(sim.phases).index("block")
+        first = sim.positions[mine]
+        for t in (0.2, 0.3):
+            sim.run_to(t)
+            speeds.append(float(sim.velocities[mine, 0].mean(dtype="f8")))
+        return float((sim.positions[mine] - first)[:, 0].mean(dtype="f8")), speeds
+    x = lattice(12, 8, 4)
+    tissue = Tissue(x, d, 50000.0, DENSITY, poisson=0.3, **backend)
+    at = (0, 0, x[:, 2].min())
+    tissue.instruments([], [(HALF_SPACE, at, (0, 0, 1), 0.0, (0, 0, 0), friction)])
+    for n in (200, 100):
+        for _ in range(n):
+            tissue.advance(0.001, gravity)
+        speeds.append(float(tissue.velocities[:, 0].mean(dtype="f8")))
+    return float((tissue.positions - x)[:, 0].mean(dtype="f8")), speeds
 
 
 @pytest.mark.few_backends

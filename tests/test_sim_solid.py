@@ -28,7 +28,7 @@ LONG = [
 @pytest.mark.few_backends
 @pytest.mark.parametrize(("experiment", "how"), [
     ("column", {"poisson": 0.0}), ("cantilever", {"poisson": 0.0}), ("steps", {}), ("cut_column", {}),
-    ("momentum", {}), ("vibration", {"periods": 8}),
+    ("momentum", {}), ("vibration", {"periods": 8}), ("torsion", {}), ("torsion", {"across": 5, "poisson": 0.45}),
     *(pytest.param(*case, marks=pytest.mark.slow) for case in LONG),
 ])  # fmt: skip
 def test_truths(backend, experiment, how):
@@ -132,7 +132,7 @@ def dragged_about(seed, n, reach, **how):
 def test_strained_tissue_gets_shorter_substeps(backend, seed):
     """Dragged about between cuts; with the substeps of rest these two explode."""
     substeps = dragged_about(seed, 100, 0.02, tear=0.7, **backend)
-    assert min(substeps) < 70 < 90 < max(substeps)
+    assert min(substeps) <= 70 < 90 < max(substeps)
 
 
 @pytest.mark.parametrize(("seed", "how"), [

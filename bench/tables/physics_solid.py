@@ -100,6 +100,34 @@ def cantilever(
     return [row(truth, 1.0, measured, abs(measured - 1) < (0.06 if across < 9 else 0.03))]
 
 
+def torsion(
+    device: str, threads: int = 0, across: int = 4, poisson: float = 0.3
+) -> list[Row]:  # fmt: skip
+    """A square bar that a couple turns at its end: the twist between its quarters against
+    Saint-Venant's."""
+    x = lattice(across, across, 6 * across + 2)
+    z, d = layers(x) - 1, SPACING
+    shear, side = MODULUS / (2 * (1 + poisson)), across * d
+    slowest = 0.5 * np.pi * np.sqrt(0.844) * _SPEED / np.sqrt(2 * (1 + poisson)) / (6 * across * d)
+    tissue = solid(x, poisson, fixed=z <= 0, damping=2 * slowest, device=device, threads=threads)
+    tip, r = z == z.max(), x[:, :2] - x[:, :2].mean(0)
+    rate = 0.2 / (6 * across * d)  # radians per meter
+    couple = rate * shear * 0.1406 * side**4
+    pull = np.zeros_like(x)
+    pull[tip, 0], pull[tip, 1] = -r[tip, 1], r[tip, 0]
+    pull *= couple / (_MASS * (r[tip] ** 2).sum())
+    tissue.accelerate(pull)
+    moved = settle(tissue, 10.0 / slowest) - x
+    ends, angles = (round(1.5 * across), round(4.5 * across)), []
+    for end in ends:
+        i = z == end
+        across_r = r[i, 0] * moved[i, 1] - r[i, 1] * moved[i, 0]
+        angles.append(np.arcsin(across_r.sum() / (r[i] ** 2).sum()))
+    found = float((angles[1] - angles[0]) / ((ends[1] - ends[0]) * d) / rate)
+    truth = f"solid bar, {across} across, ratio {poisson:g}: twist / Saint-Venant's"
+    return [row(truth, 1.0, found, abs(found - 1) < 0.05)]
+
+
 def turns(device: str, threads: int = 0, kind: str = "solid", **how: Any) -> list[Row]:
     """A free body that turns ten times keeps its shape: springs of no centrifugal force."""
     x = lattice(5, 5, 9)
@@ -252,6 +280,8 @@ def run(device: str, threads: int = 0, quick: bool = False) -> list[Row]:
     rows = []
     for poisson in (0.0, 0.3, 0.45):
         rows += column(device, threads, 5, poisson) + cantilever(device, threads, 5, poisson)
+    for across in (4,) if quick else (4, 5, 6):
+        rows += torsion(device, threads, across)
     if not quick:
         rows += cantilever(device, threads, 9)
     for experiment in (turned_column, turns, squeeze, steps, vibration, cut_column, momentum):

@@ -77,7 +77,7 @@ struct Felt {
     /// x and u leave the shapes, which feel it.
     GB_FN void keep_out(const Shapes& shapes, std::uint32_t t, float3& x, float3& u, float inverse_mass, float friction,
         float dt) const {
-        shapes.keep_out(x, u, friction, dt, [&](int s, const float3& change) {
+        shapes.keep_out(t, x, u, friction, dt, [&](int s, const float3& change) {
             if (felt && inverse_mass > 0.0f) add(1 + s, t, change * (-1.0f / inverse_mass), x - shapes.shape[s].a);
         });
     }

@@ -16,6 +16,30 @@ GB_FN float3 rubbed(const float3& along, float most) {
 /// The velocity along a contact of normal n.
 GB_FN float3 sliding(const float3& u, const float3& n) { return u - n * dot(u, n); }
 
+/// What presses a contact, over some tens of substeps.  An elastic body that trembles presses its floor by fits and
+/// starts, and slides between them; with the load of the substep alone, it creeps down slopes on which it should stay.
+struct MeanLoads {
+    Quad* of = nullptr;     ///< per particle: mean acceleration into the contact; share of the time that this is the
+                            ///< mean of; velocity into it that no friction has answered yet; null: nothing has friction
+    float per_time = 0.0f;  ///< 1/s: over 1 / this the mean goes
+    float gap = 0.0f;       ///< what is farther away has left the contact
+
+    GB_FN void leave(std::uint32_t t) const {
+        if (of[t].y > 0.0f) of[t] = {0, 0, 0, 0};
+    }
+    /// Change of a velocity `along` the contact, in a substep that took `into` from that into it.  No more than μ times
+    /// what all substeps took.
+    GB_FN float3 rub(std::uint32_t t, const float3& along, float into, float mu, float dt) const {
+        Quad& load = of[t];
+        if (!(into > 0.0f || load.y > 0.0f)) return {0, 0, 0};
+        const float k = min(per_time * dt, 1.0f), mean = load.x + k * (into / dt - load.x),
+                    age = load.y + k * (1.0f - load.y), left = min(load.z + into, mean / per_time);
+        const float3 change = rubbed(along, mu * min(mean / age * dt, left));
+        load = {mean, age, max(left - length(change) / mu, 0.0f), 0.0f};
+        return change;
+    }
+};
+
 struct Shape {
     enum Kind : std::int32_t { ball, capsule, half_space };
     Kind kind;
@@ -46,27 +70,40 @@ struct Shape {
 struct Shapes {
     Shape shape[kMaxShapes] = {};
     int n = 0;
+    MeanLoads loads;
 
-    /// Moves x out of every shape; u loses what of it goes in, and what friction takes: met(shape, its change).  `dt`
-    /// has led u to x.
-    template <class Met> GB_FN void keep_out(float3& x, float3& u, float friction, float dt, const Met& met) const {
+    /// Moves x out of every shape; u loses what of it goes in, and what friction with the nearest takes: met(shape, its
+    /// change).  `dt` has led u to x.
+    template <class Met>
+    GB_FN void keep_out(std::uint32_t t, float3& x, float3& u, float friction, float dt, const Met& met) const {
+        float pressed = 0.0f, nearest = loads.gap;
+        float3 normal{0, 0, 0};
+        int by = -1;
         for (int s = 0; s < n; ++s) {
             float3 out;
             const float depth = shape[s].distance(x, out);
+            if (loads.of && depth < nearest) nearest = depth, normal = out, by = s;
             if (depth >= 0.0f) continue;
             x = x - out * depth;
             const float into = dot(u - shape[s].velocity, out);
             if (!(into < 0.0f)) continue;
             u = u - out * into;
-            float3 change = out * (0.0f - into);
-            if (const float mu = max(friction, shape[s].friction); mu > 0.0f) {
-                const float3 rub = rubbed(sliding(u - shape[s].velocity, out), mu * (0.0f - into));
-                u = u + rub;
-                x = x + rub * dt;
-                change = change + rub;
-            }
-            met(s, change);
+            pressed -= into;
+            met(s, out * (0.0f - into));
         }
+        if (!loads.of) return;
+        if (by < 0) return loads.leave(t);
+        const float mu = max(friction, shape[by].friction);
+        if (!(mu > 0.0f)) return;
+        const float3 rub = loads.rub(t, sliding(u - shape[by].velocity, normal), pressed, mu, dt);
+        u = u + rub;
+        x = x + rub * dt;
+        met(by, rub);
+    }
+    bool any_friction() const {
+        bool any = false;
+        for (int s = 0; s < n; ++s) any |= shape[s].friction > 0.0f;
+        return any;
     }
     /// Where the shapes are after dt.
     void move(float dt) {
@@ -84,18 +121,22 @@ struct Walls {
     const float* speed = nullptr;  ///< of the plane along its normal
     const Quad* rub = nullptr;     ///< the plane's velocity, and the coefficient of friction; null: none has any
     float elapsed = 0.0f;
+    MeanLoads loads;
 
     /// Moves x out; u loses what of it goes in, and what friction takes.  `dt` has led u to x.
     GB_FN void keep_out(std::uint32_t t, float3& x, float3& u, float dt) const {
         if (!plane) return;
         const float3 out = plane[t].xyz();
         const float depth = plane[t].w + speed[t] * elapsed - dot(x, out);
-        if (!(depth > 0.0f)) return;
-        x = x + out * depth;
-        const float into = max(speed[t] - dot(u, out), 0.0f);
-        u = u + out * into;
+        float into = 0.0f;
+        if (depth > 0.0f) {
+            x = x + out * depth;
+            into = max(speed[t] - dot(u, out), 0.0f);
+            u = u + out * into;
+        }
         if (!rub || !(rub[t].w > 0.0f)) return;
-        const float3 change = rubbed(sliding(u - rub[t].xyz(), out), rub[t].w * into);
+        if (depth < -loads.gap) return loads.leave(t);
+        const float3 change = loads.rub(t, sliding(u - rub[t].xyz(), out), into, rub[t].w, dt);
         u = u + change;
         x = x + change * dt;
     }

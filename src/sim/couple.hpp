@@ -12,6 +12,7 @@ inline constexpr float kSlid =
     0.95f;  ///< of the distance at rest: particles on both sides of a cut that are closer have slid along it
 inline constexpr float kAnyDensity = 1e30f;
 inline constexpr float kClose = 1.5f;  ///< spacings: what is farther from each other does not press
+inline constexpr float kLiftShare = 0.1f, kLiftRate = 0.1f;  ///< of the height that lacks, in a step; spacings a second
 inline constexpr float kWallHeight =
     1.1f;  ///< above a wall's particles, spacings, a little more than where it leaves a lattice at rest (1.055)
 
@@ -62,33 +63,53 @@ struct TakeVelocity {
     }
 };
 
-/// What the forces added to the velocity since then, as an acceleration for the substeps.
+/// What the forces added to the velocity since then, as an acceleration for the substeps.  What pressure and its
+/// friction did in the last step acts there, too: what rests is at rest within the step.
 struct TakeAcceleration {
     sim::State state;
     const std::uint32_t* slot;
     const Quad* velocity;
-    float per_dt;
+    const float3* pressed;  ///< acceleration by pressure
+    float per_dt, share;
     float3* acceleration;
     GB_FN void operator()(std::size_t t) const {
-        acceleration[t] =
-            slot[t] == sim::kGone ? float3{0, 0, 0} : (state.velocity[slot[t]].xyz() - velocity[t].xyz()) * per_dt;
+        acceleration[t] = slot[t] == sim::kGone
+                              ? float3{0, 0, 0}
+                              : (state.velocity[slot[t]].xyz() - velocity[t].xyz()) * per_dt + pressed[t] * share;
     }
 };
 
-/// The density solve sees the velocity that led through all substeps; what it differs from the last
-/// substep's is kept, and added when the particles have moved.
+/// The density solve sees the velocity that led through all substeps, without what the last pressure did there: that
+/// was no impulse of anybody's.  What it differs from the last substep's is kept, and added when the particles have
+/// moved.
 struct GiveVelocity {
     sim::State state;
     const std::uint32_t* slot;
     const Quad *at, *velocity;
-    float per_dt;
-    float3* rest;
+    const std::uint8_t* hold;
+    float dt, per_dt;  ///< dt: times the share of the pressure
+    float3 *rest, *pressed;
     GB_FN void operator()(std::size_t t) const {
         const std::uint32_t s = slot[t];
         if (s == sim::kGone) return;
-        const float3 v = (at[t].xyz() - state.place[s].xyz()) * per_dt;
-        rest[t] = velocity[t].xyz() - v;
+        const float3 led = (at[t].xyz() - state.place[s].xyz()) * per_dt;
+        rest[t] = velocity[t].xyz() - led;
+        const float3 v = hold[t] == kFree ? led - pressed[t] * dt : led;
+        pressed[t] = v;
         state.velocity[s] = {v.x, v.y, v.z, state.velocity[s].w};
+    }
+};
+/// What pressure has changed since then.
+struct TakePressed {
+    sim::State state;
+    const std::uint32_t* slot;
+    const std::uint8_t* hold;
+    float per_dt;
+    float3* pressed;
+    GB_FN void operator()(std::size_t t) const {
+        const std::uint32_t s = slot[t];
+        pressed[t] =
+            s == sim::kGone || hold[t] != kFree ? float3{0, 0, 0} : (state.velocity[s].xyz() - pressed[t]) * per_dt;
     }
 };
 /// What is held goes where it is led, whatever the pressure.
@@ -174,22 +195,27 @@ template <class Packet> struct FindContacts {
             sum = sum + away * s;
             velocity = velocity + step.state.velocity[j].xyz() * s;
             total += s;
-            if (rub)
-                smooth.add(away, step.state.velocity[j].xyz(),
-                    max(step.phases[step.state.phase[slot]].friction, step.phases[step.state.phase[j]].friction), q.w,
-                    step.spline);
+            smooth.add(away, step.state.velocity[j].xyz(),
+                max(step.phases[step.state.phase[slot]].friction, step.phases[step.state.phase[j]].friction), q.w,
+                step.spline);
         }
         beside[t] = near;
         if (!(total > 0.0f)) return;
-        if (smooth.friction > 0.0f) {
+        if (smooth.total > 0.0f) {
             sum = smooth.sum, velocity = smooth.velocity, total = smooth.total;
             const float3 u = velocity * (1.0f / total);
-            rub[t] = {u.x, u.y, u.z, smooth.friction / total};
+            if (rub) rub[t] = {u.x, u.y, u.z, smooth.friction / total};
         }
         const float3 out = normalize(sum);
         const float height = dot(sum, out) / total;
-        plane[t] = {out.x, out.y, out.z, dot(here, out) + min(kWallHeight * step.spacing - height, 0.0f)};
+        plane[t] = {
+            out.x, out.y, out.z, dot(here, out) + lifted(kWallHeight * step.spacing - height, smooth.friction > 0.0f)};
         speed[t] = dot(velocity, out) / total;
+    }
+    /// How far a plane is beyond the particle, which lacks `low` of the height at rest: what has sunk, as into a wall's
+    /// hollows, comes back by and by, unless friction keeps it out of these.
+    GB_FN float lifted(float low, bool rubs) const {
+        return low > 0.0f && rest && !rubs ? min(kLiftShare * low, kLiftRate * step.dt * step.spacing) : min(low, 0.0f);
     }
     /// Of a pair of one solid that its list still has.
     GB_FN bool slid(std::uint32_t t, std::uint32_t o, const float3& apart) const {
@@ -199,15 +225,15 @@ template <class Packet> struct FindContacts {
     }
     GB_FN bool other_body(std::uint32_t t, std::uint32_t o) const { return o != kNobody && body[o] != body[t]; }
 
-    /// The same sums weighted by the kernel's slope.  The nearest particles' rule gives a wall bumps, which slow what
-    /// slides by a tenth.
+    /// The same sums weighted by the kernel's slope, the nearest less.  The nearest particles' rule gives a wall bumps
+    /// of 5 degrees, which slow what slides by a tenth and throw it to and fro.
     struct Smooth {
         float3 sum{0, 0, 0}, velocity{0, 0, 0};
         float total = 0.0f, friction = 0.0f;
         GB_FN void add(const float3& away, const float3& v, float mu, float volume, const sim::Spline& spline) {
             float w, slope;
             spline(length(away), w, slope);
-            const float s = volume * max(-slope, 0.0f);
+            const float s = volume * max(-slope, 0.0f) * max(spline.support - length(away), 0.0f);
             sum = sum + away * s;
             velocity = velocity + v * s;
             total += s;

@@ -180,6 +180,7 @@ public:
                 fluid_.push_by_density(dt, bodies_.solve());
                 tissue_.feel_pressure(context(dt));
                 rub(dt);
+                tissue_.take_pressed(state_.view(), dt);
                 mark("pressure");
             } else if (tissue_.n() == 0 && !settings_.fine_fluids && fluid_.fills_its_space()) {
                 push(dt, r);
@@ -199,6 +200,7 @@ public:
                     mark("divergence");
                     tissue_.feel_pressure(context(dt));
                     rub(dt);
+                    tissue_.take_pressed(state_.view(), dt);
                     tissue_.hold_on(state_.view(), dt);
                     bodies_.turn(dt);
                     contact(dt, true);

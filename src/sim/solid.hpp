@@ -14,16 +14,17 @@ namespace globule::core::tissue {
 
 /// Energy that holds each neighbor at the place that F gives it, per volume, in shear moduli.  The outermost particles'
 /// F is that of a place inside of them; without this share, bending would be too soft.
-inline constexpr float kSteadiness = 4.5f;
+inline constexpr float kSteadiness = 3.0f;
 /// The least of it that bodies keep whose shear modulus relaxes: theirs is that of the part that lasts.
 inline constexpr double kLeastSteady = 0.1;
 /// Particles whose gradient is less certain than this, in 1/spacings, have springs instead of a deformation gradient.
 inline constexpr float kSteepest = 4.0f;
 
-/// -W'(q) / q of the cubic spline whose support is two spacings, but for a factor.
+/// -W'(q) / q of the cubic spline whose support is two spacings, but for a factor; beyond one spacing it falls faster:
+/// pairs across the lattice's squares would make torsion too stiff.
 template <class F> GB_FN F solid_weight(const F& q) {
     const F beyond = max(F(2.0f) - q, F(0.0f));
-    return select(q < F(1.0f), F(3.0f) - F(2.25f) * q, F(0.75f) * beyond * beyond / max(q, F(1.0f)));
+    return select(q < F(1.0f), F(3.0f) - F(2.25f) * q, F(0.75f) * beyond * beyond * beyond * beyond / max(q, F(1.0f)));
 }
 
 /// What particles are made of, and their place in the body at rest; arrays have room for whole blocks.

@@ -29,6 +29,7 @@ public:
           pull_(exec),
           before_(exec),
           rest_(exec),
+          by_pressure_(exec),
           id_(exec),
           slot_(exec),
           hold_(exec),
@@ -81,6 +82,7 @@ public:
           loads_(exec),
           change_(exec),
           rub_(exec),
+          contact_loads_(exec),
           rigid_loads_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
@@ -283,11 +285,17 @@ public:
     /// After the forces: the bonds' substeps, into the state's velocities.
     void push(const sim::State& state, float dt, const float3& gravity) {
         if (n_ == 0) return;
-        exec_.for_each(
-            n_, tissue::TakeAcceleration{state, slot_.data(), velocity_.data(), 1.0f / dt, acceleration_.data()});
+        // Springs hold their own pressure, which would lag in long steps.
+        const float share = is_solid_ ? kPressureWithin : 0.0f;
+        exec_.for_each(n_, tissue::TakeAcceleration{state, slot_.data(), velocity_.data(), by_pressure_.data(),
+                               1.0f / dt, share, acceleration_.data()});
         take_substeps(dt, 0, 1, gravity);
-        exec_.for_each(
-            n_, tissue::GiveVelocity{state, slot_.data(), at_.data(), velocity_.data(), 1.0f / dt, rest_.data()});
+        exec_.for_each(n_, tissue::GiveVelocity{state, slot_.data(), at_.data(), velocity_.data(), hold_.data(),
+                               share * dt, 1.0f / dt, rest_.data(), by_pressure_.data()});
+    }
+    /// After the divergence solve and its friction.
+    void take_pressed(const sim::State& state, float dt) {
+        exec_.for_each(n_, tissue::TakePressed{state, slot_.data(), hold_.data(), 1.0f / dt, by_pressure_.data()});
     }
     /// After the density solve, before particles move.
     void hold_on(const sim::State& state, float dt) {
@@ -313,14 +321,17 @@ public:
 private:
     static constexpr float kWithin =
         2.6f;  ///< spacings at rest: a solid's pairs that are closer are its stress's, not the density solve's
-    static constexpr double kBorne = 1.5, kMostStiffening = 64.0;
+    static constexpr double kBorne = 1.5, kMostStiffening = 256.0;
     static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
     static constexpr float kSubstepsByFluid = 4.0f,
                            kSubstepsByOthers = 2.0f;  ///< of a step, where tissue is beside these
     static constexpr float kJumpOfPart = 0.5f, kReachOfGrasp = 8.0f,
                            kMostJumps =
-                               4096.0f;         ///< spacings that a grasp moves; that what it holds is from its center
-    static constexpr int kSubstepsOfPart = 16;  ///< after as many the strain is looked at again
+                               4096.0f;  ///< spacings that a grasp moves; that what it holds is from its center
+    static constexpr float kSubstepsOfLoad = 64.0f,
+                           kGapOfContact = 0.05f;      ///< spacings
+    static constexpr float kPressureWithin = 0.6f;     ///< share of the last pressure that acts in the substeps
+    static constexpr int kSubstepsOfPart = 16;         ///< after as many the strain is looked at again
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
     static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
 
@@ -353,6 +364,9 @@ private:
 
     /// Nothing is felt yet; where the substeps of a step add it up.
     tissue::Felt begin_felt(float dt, const float3& gravity);
+
+    /// Where the substeps of a step keep what presses walls and shapes.
+    void begin_rub();
 
     /// How many times as many substeps as at rest the next ones of `dt` seconds need.  They are stable up to four times
     /// the stiffness at rest; the stiffest particle tells how much more there is, and the pair that strains fastest how
@@ -427,6 +441,7 @@ private:
     std::vector<BloodVessel> vessels_;
     Buffer<Quad, Exec> at_, next_, velocity_;
     Buffer<float3, Exec> acceleration_, pull_, before_, rest_;
+    Buffer<float3, Exec> by_pressure_;  ///< acceleration in the last step; within a step, the velocity before pressure
     Buffer<std::uint32_t, Exec> id_, slot_;
     Buffer<std::uint8_t, Exec> hold_, phase_, scarred_, touched_;
     Buffer<std::uint32_t, Exec> first_, other_;
@@ -466,6 +481,8 @@ private:
     Buffer<float, Exec> plane_speed_;
     Buffer<Quad, Exec> plane_rub_, loads_, change_;  ///< friction: of planes, of what is pressed together
     Buffer<float3, Exec> rub_;                       ///< of cut faces
+    Buffer<Quad, Exec> contact_loads_;               ///< (2, n) as in MeanLoads, of walls and of shapes
+    bool loaded_ = false;                            ///< contact_loads_ is there
     Buffer<double, Exec> rigid_loads_;
 };
 

@@ -9,6 +9,7 @@ template <class Exec> void TissueImpl<Exec>::add(const TissueArrays& in) {
     if (n_ > 0 && is_solid_ != (in.lame != nullptr))
         throw Refused("tissue: expected bodies of one model, got solids beside bonds");
     disturbed();
+    loaded_ = false;
     is_solid_ = in.lame != nullptr;
     contact_ = in.contact;
     const std::uint32_t before = ceil_div<std::uint32_t>(n_, tissue::kBlock) * tissue::kBlock, old = n_;
@@ -28,6 +29,8 @@ template <class Exec> void TissueImpl<Exec>::add(const TissueArrays& in) {
     extend(hold_, old, before, in.hold, in.n, tissue::kGone);
     extend(phase_, old, before, in.phase, in.n, std::uint8_t(0));
     const std::vector<float> none(in.n, 0.0f);
+    const std::vector<float3> still(in.n, float3{0, 0, 0});
+    extend(by_pressure_, old, before, still.data(), in.n, float3{0, 0, 0});
     extend(volume_, old, before, none.data(), in.n, 0.0f);
     extend(wetness_, old, before, none.data(), in.n, 0.0f);
     const std::vector<std::uint8_t> whole(in.n, 0);
@@ -98,14 +101,16 @@ template <class Exec> void TissueImpl<Exec>::write(const std::string& name, cons
     if (name == "hold") n_ = std::uint32_t(bytes);
     if (name == "hold" || name == "id") is_written_ = name == "hold";
     if (name == "other") n_entries_ = std::uint32_t(bytes / 4);
-    if (name == "hold") is_solid_ = yielded_ = false, n_terms_ = 0;
+    if (name == "hold") is_solid_ = yielded_ = loaded_ = false, n_terms_ = 0;
     if (name == "rest") is_solid_ = bytes > 0;
     if (name == "terms" && n_)
         n_terms_ = std::uint32_t(
             std::min<std::size_t>(bytes / (sizeof(float) * tissue::kTermRows * stride()), tissue::kMostTerms));
     if (name == "stays") yielded_ = bytes > 0;
+    if (name == "loads") loaded_ = bytes > 0;
     if (name == "hold" || name == "body") bodies_known_ = name == "body" && bytes > 0;
     if (name == "hold") {
+        exec_.clear(by_pressure_.reserve(n_), n_ * sizeof(float3));  // earlier versions did not save it
         grasped_ = 0;
         for (std::size_t t = 0; t < bytes; ++t)
             if (const int g = static_cast<const std::uint8_t*>(in)[t] - tissue::kGrasped;
@@ -137,6 +142,7 @@ template <class Exec> template <class Fn> void TissueImpl<Exec>::each_array(cons
     fn("lame", lame_, is_solid_ ? 2 * stride() : 0);
     fn("terms", terms_, n_terms_ * std::size_t(tissue::kTermRows) * stride());
     fn("stays", stays_, yielded_ ? 6 * std::size_t(stride()) : 0);
+    fn("loads", contact_loads_, loaded_ ? 2 * std::size_t(n_) : 0);
     fn("frequency", frequency_, is_solid_ ? 1 : 0);
     fn("body", body_, n_);
     fn("spared", spared_, is_solid_ ? n_ : 0);
@@ -152,6 +158,7 @@ template <class Exec> template <class Fn> void TissueImpl<Exec>::each_array(cons
     fn("stiffness", stiffness_, n_entries_);
     fn("vessel", vessel_, n_entries_);
     fn("before", before_, n_);
+    fn("pressed", by_pressure_, n_);
     fn("id", id_, n_);
 }
 

@@ -15,6 +15,18 @@ template <class Exec> tissue::Felt TissueImpl<Exec>::begin_felt(float dt, const 
     return {felt_.data(), n_, gravity};
 }
 
+template <class Exec> void TissueImpl<Exec>::begin_rub() {
+    const bool rubs = rubs_ || walls_.rub || shapes_.any_friction();
+    if (rubs && !loaded_) {
+        exec_.clear(contact_loads_.reserve(2 * std::size_t(n_)), 2 * std::size_t(n_) * sizeof(Quad));
+        loaded_ = true;
+    }
+    const tissue::MeanLoads loads{
+        rubs ? contact_loads_.data() : nullptr, float(fastest_) / kSubstepsOfLoad, kGapOfContact * contact_};
+    walls_.loads = shapes_.loads = loads;
+    if (rubs) shapes_.loads.of += n_;
+}
+
 template <class Exec> double TissueImpl<Exec>::hurry(const Quad* at, float dt) {
     tissue::Strained most, *out = strained_.reserve(1 + std::size_t(n_)), *each = out + 1;
     exec_.for_each(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr,
@@ -43,6 +55,7 @@ template <class Exec> int TissueImpl<Exec>::take_solid_substeps(float whole_dt, 
         yielded_ = true;
     }
     const tissue::Felt felt = begin_felt(whole_dt, gravity);
+    begin_rub();
     Quad *at = at_.data(), *next = next_.data();
     const int n_parts = asked > 0 ? 1 : std::max(ceil_div(substeps(whole_dt), kSubstepsOfPart), jumps(whole_dt));
     const float part_dt = whole_dt / float(n_parts);
@@ -80,6 +93,7 @@ int TissueImpl<Exec>::take_substeps(float whole_dt, int asked, int iterations, c
     const float dt = whole_dt / float(n_substeps);
     exec_.for_each(n_, tissue::Predict{at_.data(), velocity_.data(), acceleration_.data(), hold_.data(), motions_, dt});
     const tissue::Felt felt = begin_felt(whole_dt, gravity);
+    begin_rub();
     float* lambda = iterations > 1 ? lambda_.reserve(n_entries_) : nullptr;
     Quad *at = at_.data(), *next = next_.data();
     const auto relax = [&]<bool single>(std::bool_constant<single>, int s, int k) {

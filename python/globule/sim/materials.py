@@ -18,8 +18,8 @@ MOST_TERMS = 2  # of a Prony series; src/sim/memory.hpp has the same
 MOST_SHARE = 0.999  # of the shear modulus that relaxes: a solid stays one
 SHORTEST, LONGEST = 1e-6, 1e6  # relaxation times, s
 MOST_SUBSTEPS = 100_000  # of tissue in the longest step
-# Stiffest motions of blocks of a lattice: density (frequency spacing)² <= 6 λ + 11.1 μ.
-_STIFFEST_LAME, _STIFFEST_SHEAR = 6.0, 11.1
+# Stiffest motions of blocks of a lattice: density (frequency spacing)² <= 7 λ + 13 μ.
+_STIFFEST_LAME, _STIFFEST_SHEAR = 7.0, 13.0
 _STIFFEST_SPRINGS = 2.45  # substeps of bonds in the time that sound takes for a spacing
 
 

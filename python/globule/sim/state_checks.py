@@ -103,6 +103,13 @@ def check_tissue(state: Mapping[str, np.ndarray], next_id: int, n_phases: int, n
     _check_length("body", _numbers(state, "body", "u4"), n)
     ends = np.repeat(np.arange(len(steps)), steps)  # blocks; at.w is the inverse of the mass
     lane = (np.arange(len(other)) - first[ends]) % _BLOCK
+    if "tissue_pressed" in state:
+        _check_length("pressed", _numbers(state, "pressed", "3f4"), n)
+    if "tissue_loads" in state:
+        loads = _numbers(state, "loads", "4f4")
+        _check_length("loads", loads, 2 * n)
+        if (loads < 0).any() or (loads[:, 1] > 1).any():
+            raise ValueError("tissue_loads: expected loads of at least 0 and shares from 0 to 1")
     if "tissue_rest" in state:
         _check_solid(state, n, longest)
         if (bonds["stiffness"] < 0).any():
