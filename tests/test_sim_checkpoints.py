@@ -34,7 +34,7 @@ SHARES = st.floats(0, 1)
 OPERATIONS = {
     "step": lambda sim, x: sim.step(0.0005 + 0.002 * x), "run": lambda sim, x: sim.run(0.004 * x),
     "add": lambda sim, x: sim.add([(0.05 * x, 0.04, 0.05)], "water", (0, 0, -x)),
-    "remove": lambda sim, x: sim.remove(sim.ids[int(x * (len(sim) - 5)) :][:5]),
+    "remove": lambda sim, x: remove(sim, x),
     "throw": lambda sim, x: setattr(sim, "velocities", sim.velocities * np.float32(x)),
     "push": lambda sim, x: sim.steer.apply_force((1e-4 * x, 0, 0), sim.ids[::3]),
     "sink": lambda sim, x: sim.steer.set_sinks([((0.04, 0, 0.02 * x), 0.006)]),
@@ -56,6 +56,11 @@ OPERATIONS = {
     "phase": lambda sim, x: f"oil {x}" in sim.phases or sim.add_phase(gb.sim.Phase(f"oil {x}")),
     "reset": lambda sim, x: sim.reset(),
 }  # fmt: skip
+
+
+def remove(sim, x):
+    free = sim.ids[sim.arrays.phase != list(sim.phases).index("raft")]  # a body keeps its particles
+    sim.remove(free[int(x * (len(free) - 5)) :][:5])
 
 
 def steer(sim, x):
