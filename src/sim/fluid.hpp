@@ -234,8 +234,8 @@ public:
     bool fills_its_space() {
         sim::Compression c{};
         exec_.download(&c, compression(), sizeof c);
-        // Half a layer is less than any column's surface.
-        const double free = std::min(sim::kFreeShare, 0.5 / std::max(c.layers(), 1.0));
+        // A tenth of a layer is less than any column's surface, disordered ones included.
+        const double free = std::min(sim::kFreeShare, 0.1 / std::max(c.layers(), 1.0));
         return c.n_free <= free * c.n && c.density >= sim::kLeastFilling * c.n;
     }
     /// Velocities without divergence, of fluid that fills its space; the next move shifts.
