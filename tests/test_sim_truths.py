@@ -25,7 +25,7 @@ LONG = [
 
 @pytest.mark.parametrize(("experiment", "how"), [
     (physics_fluid.free_fall, {}), (physics_fluid.momentum, {}), (physics_fluid.hydrostatic, {"seconds": 1.0}),
-    (physics_fluid.emitter, {}), (flows.rotating_square, {}), (orders.bar_wave, {}),
+    (physics_fluid.emitter, {}), (flows.rotating_square, {}), (orders.bar_wave, {}), (orders.rebound, {}),
     *(pytest.param(*case, marks=pytest.mark.slow) for case in LONG),
 ])  # fmt: skip
 def test_truth(experiment, how):

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from globule.sim.simulation import Simulation
+from globule.sim.tissue import HALF_SPACE
 
 from .physics_fluid import GRAVITY, Row, at_least, at_most, lattice, near
 from .physics_solid import solid
@@ -294,6 +295,35 @@ def bar_wave(device: str = "cpu", threads: int = 0, cells: tuple[int, int] = (12
     return twice("waves along a bar: speed / sqrt(E / rho)", speed, 1.0, cells, 0.02, 0.005)
 
 
+def rebound(device: str = "cpu", threads: int = 0, cells: tuple[int, int] = (12, 24)) -> list[Row]:
+    """A bar that flies against a wall, end on, comes back as fast as it came, when a wave has gone to and fro."""
+    share = 0.01  # of the waves' speed
+
+    def meet(n: int) -> tuple[float, float]:
+        x = lattice_of(3, 3, n).astype(float)
+        x[:, 2] += 0.05 * SPACING - x[:, 2].min()
+        tissue = solid(x, 0.0, device=device, threads=threads)
+        waves = np.sqrt(MODULUS / DENSITY)
+        tissue.velocities = np.broadcast_to((0.0, 0.0, -share * waves), x.shape)
+        tissue.instruments(shapes=[(HALF_SPACE, (0, 0, 0), (0, 0, 1), 0.0, (0, 0, 0))])
+        period = 2 * n * SPACING / waves
+        speeds = []
+        for _ in range(400):
+            tissue.advance(period / 200)
+            speeds.append(tissue.velocities[:, 2].mean(dtype="f8") / (share * waves))
+        v = np.array(speeds)
+        there = np.flatnonzero(v > 0.98 * v[-1])[0] - np.flatnonzero(v > -0.99)[0]
+        return v[-1], there / 200
+
+    found = [meet(n) for n in cells]
+    rows = []
+    for k, (what, relative) in enumerate((("speed after / before", 0.1), ("time of contact / 2 L / c", 0.06))):
+        name = f"bar against a wall: {what}"
+        rows.append(near(f"{name}, {cells[1]} spacings", 1.0, found[1][k], relative))
+        rows.append(orders(name, *cells, [f[k] - 1 for f in found], 0.005))
+    return rows
+
+
 # Mattiasson 1981: load P L² / (E I) -> how far a clamped beam's tip goes aside, over its length.
 ELASTICA = {1.0: 0.30172, 2.0: 0.49346}
 
@@ -374,5 +404,5 @@ def flips(device: str = "cpu", threads: int = 0, cells: tuple[int, int] = (4, 8)
 
 
 EXPERIMENTS = (
-    couette_start, couette_far, cavity, u_tube, capillary_wave, sphere_array, bar_wave, elastica, flips,
+    couette_start, couette_far, cavity, u_tube, capillary_wave, sphere_array, bar_wave, rebound, elastica, flips,
 )  # fmt: skip
