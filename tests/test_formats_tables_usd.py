@@ -35,7 +35,7 @@ def test_parquet_of_pandas_with_a_map_of_columns(tmp_path, arrow):
     })  # fmt: skip
     path = tmp_path / "run.parquet"
     pq.write_table(table, path, compression="gzip", row_group_size=7)
-    refuses(r"expected columns x, y and z, got 'lon, .*columns=", gb.read, path, error=FormatError)
+    refuses(r"expected columns x, y and z, got 'lon, .*--columns x", gb.read, path, error=FormatError)
     named = {"x": "lon", "y": "lat", "z": "depth", "density": "rho"}
     particles = gb.read(path, columns=named)
     assert np.array_equal(particles.positions, X)

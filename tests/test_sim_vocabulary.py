@@ -113,6 +113,8 @@ FILES = {
     ],
     "boundaries": [
         {"name": "hole", "distance": {"file": "hole.npz", "scale": 1.2, "move": [3, 0, 0]}},
+        {"name": "wheel", "sphere": {"center": [0.3, 0.3, 0.3], "radius": 0.1}, "velocity": [0.1, 0, 0],
+         "spin": [0, 0, 1], "about": [0.3, 0.3, 0.3]},
         {"name": "wall", **mesh(3.5)},
     ],
     "rigids": [{"name": "raft", **mesh(4)}],

@@ -148,12 +148,12 @@ TEST_CASE("what meets a shape leaves it, and loses of its speed what leads in an
     for (const float mu : {0.0f, 0.2f, 5.0f}) {
         shapes.shape[0] = {tissue::Shape::half_space, {0, 0, 0}, {0, 1, 0}, 0, {1, 0, 0}, mu};
         float3 x{0, -0.1f, 0}, u{4, -2, 0};
-        shapes.keep_out(x, u, 0.0f, 0.0f, [](int, const float3&) {});
+        shapes.keep_out(0, x, u, 0.0f, 0.0f, [](int, const float3&) {});
         CHECK(x.y == doctest::Approx(0));
         CHECK(u.y == doctest::Approx(0));
         CHECK(u.x == doctest::Approx(std::max(4 - mu * 2, 1.0f)));  // to the shape's own speed and no slower
         float3 away{0, -0.1f, 0}, leaving{4, 2, 0};
-        shapes.keep_out(away, leaving, 0.0f, 0.0f, [](int, const float3&) { FAIL("nothing is felt"); });
+        shapes.keep_out(0, away, leaving, 0.0f, 0.0f, [](int, const float3&) { FAIL("nothing is felt"); });
         CHECK((leaving.x == 4 && leaving.y == 2));
     }
 }
