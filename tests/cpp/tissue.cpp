@@ -143,18 +143,29 @@ TEST_CASE("distances from a ball, a capsule and a half-space") {
 }
 
 TEST_CASE("what meets a shape leaves it, and loses of its speed what leads in and what friction takes") {
+    constexpr float dt = 0.1f;
     tissue::Shapes shapes;
     shapes.n = 1;
     for (const float mu : {0.0f, 0.2f, 5.0f}) {
         shapes.shape[0] = {tissue::Shape::half_space, {0, 0, 0}, {0, 1, 0}, 0, {1, 0, 0}, mu};
-        float3 x{0, -0.1f, 0}, u{4, -2, 0};
-        shapes.keep_out(0, x, u, 0.0f, 0.0f, [](int, const float3&) {});
+        Quad load{0, 0, 0, 0};
+        shapes.loads = {&load, 1 / dt, 0.05f};  // the mean of one substep
+        float3 x{0, -0.1f, 0}, u{4, -2, 0}, felt{0, 0, 0};
+        shapes.keep_out(0, x, u, 0.0f, dt, [&](int, const float3& change) { felt = felt + change; });
         CHECK(x.y == doctest::Approx(0));
         CHECK(u.y == doctest::Approx(0));
         CHECK(u.x == doctest::Approx(std::max(4 - mu * 2, 1.0f)));  // to the shape's own speed and no slower
+        CHECK(felt.y == doctest::Approx(2));
+        CHECK(felt.x == doctest::Approx(u.x - 4));
+        CHECK(x.x == doctest::Approx((u.x - 4) * dt));
+        load = {0, 0, 0, 0};
         float3 away{0, -0.1f, 0}, leaving{4, 2, 0};
-        shapes.keep_out(0, away, leaving, 0.0f, 0.0f, [](int, const float3&) { FAIL("nothing is felt"); });
+        shapes.keep_out(0, away, leaving, 0.0f, dt, [](int, const float3& change) { CHECK(length(change) == 0.0f); });
         CHECK((leaving.x == 4 && leaving.y == 2));
+        shapes.loads = {};
+        float3 smooth{0, -0.1f, 0}, sliding{4, -2, 0};
+        shapes.keep_out(0, smooth, sliding, 0.0f, dt, [](int, const float3&) {});
+        CHECK(sliding.x == 4);  // nothing has friction
     }
 }
 
