@@ -148,7 +148,7 @@ TEST_CASE("what meets a shape leaves it, and loses of its speed what leads in an
     shapes.n = 1;
     for (const float mu : {0.0f, 0.2f, 5.0f}) {
         shapes.shape[0] = {tissue::Shape::half_space, {0, 0, 0}, {0, 1, 0}, 0, {1, 0, 0}, mu};
-        Quad load{0, 0, 0, 0};
+        core::Quad load{0, 0, 0, 0};
         shapes.loads = {&load, 1 / dt, 0.05f};  // the mean of one substep
         float3 x{0, -0.1f, 0}, u{4, -2, 0}, felt{0, 0, 0};
         shapes.keep_out(0, x, u, 0.0f, dt, [&](int, const float3& change) { felt = felt + change; });
