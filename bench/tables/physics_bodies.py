@@ -12,7 +12,7 @@ from globule.sim.sampling import BEHIND
 from globule.sim.settings import Phase
 from globule.sim.simulation import Simulation
 
-from .physics_flows import ring, swing_of
+from .physics_flows import potential_flow, ring, swing_of
 from .physics_fluid import GRAVITY, Row, at_most, ball, lattice, near, tank
 
 # Kleefsman et al. 2005, the experiment of SPHERIC's test 2: time in s, depths in m at the gauges
@@ -38,34 +38,18 @@ def heave(length: float, depth: float, wide: float, draft: float, cells: int = 1
     bottom and the surface's rise then make an eigenvalue problem, whose mode that moves the box
     most is taken. All lengths in m; the box has the density of the water that it displaces.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.linalg import splu
-
     s = draft / cells
     nx, ny, nb = round(length / 2 / s), round(depth / s), round(wide / 2 / s)
-    number = np.full((nx, ny), -1)
     fluid = np.ones((nx, ny), bool)
     fluid[:nb, ny - cells :] = False
-    n = int(fluid.sum())
-    number[fluid] = np.arange(n)
-    ends = []
-    for a, b in ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:])):
-        both = (a >= 0) & (b >= 0)
-        ends.append(np.stack([a[both], b[both]]))
-    first, other = np.concatenate(ends, 1)
-    diagonal = np.bincount(np.concatenate([first, other]), minlength=n).astype(float)
+    number, solve = potential_flow(fluid)
     top, bottom = number[nb:, -1], number[:nb, ny - cells - 1]
-    diagonal[top] += 2  # half a cell below the surface
-    values = np.concatenate([-np.ones(2 * len(first)), diagonal])
-    rows = np.concatenate([first, other, np.arange(n)])
-    columns = np.concatenate([other, first, np.arange(n)])
-    laplace = splu(coo_matrix((values, (rows, columns))).tocsc())
     # Unknowns: potentials of the surface's cells, then the box's speed.
     m = len(top)
-    given = np.zeros((n, m + 1))
+    given = np.zeros((fluid.sum(), m + 1))
     given[top, np.arange(m)] = 2.0
     given[bottom, m] = s
-    potential = laplace.solve(given)
+    potential = solve(given)
     rise = (np.eye(m) - potential[top, :m]) * 2 / s
     by_box = -potential[top, m] * 2 / s
     under = potential[bottom].sum(0) * s

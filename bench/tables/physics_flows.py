@@ -6,6 +6,7 @@ As in `physics_fluid`, each experiment takes a device and a number of threads, a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -120,6 +121,28 @@ def waves(
     t, y = np.array(times), np.array(swing)
     measured, decay = swing_of(t, y, omega)
     return measured, decay, k
+
+
+def potential_flow(fluid: np.ndarray) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+    """Laplace's equation on the cells (nx, ny) of a slice that are fluid: the number of each, -1 elsewhere, and a
+    solver for right sides (n, ...). The potential is given half a cell above the uppermost row: twice it there."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.linalg import splu
+
+    number = np.full(fluid.shape, -1)
+    n = int(fluid.sum())
+    number[fluid] = np.arange(n)
+    ends = []
+    for a, b in ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:])):
+        both = (a >= 0) & (b >= 0)
+        ends.append(np.stack([a[both], b[both]]))
+    first, other = np.concatenate(ends, 1)
+    diagonal = np.bincount(np.concatenate([first, other]), minlength=n).astype(float)
+    diagonal[number[:, -1][fluid[:, -1]]] += 2
+    values = np.concatenate([-np.ones(2 * len(first)), diagonal])
+    rows = np.concatenate([first, other, np.arange(n)])
+    columns = np.concatenate([other, first, np.arange(n)])
+    return number, splu(coo_matrix((values, (rows, columns))).tocsc()).solve
 
 
 def swing_of(t: np.ndarray, y: np.ndarray, guess: float) -> tuple[float, float]:

@@ -13,6 +13,7 @@ import numpy as np
 from globule.sim.simulation import Simulation
 from globule.sim.tissue import HALF_SPACE
 
+from .physics_flows import potential_flow, swing_of
 from .physics_fluid import GRAVITY, Row, at_least, at_most, lattice, near
 from .physics_solid import solid
 from .physics_tissue import DENSITY, MODULUS, SPACING, layers, settle
@@ -47,6 +48,13 @@ def twice(
         near(f"{what}, {cells[1]} spacings", truth, found[1], relative),
         orders(what, *cells, [f / truth - 1 for f in found], noise),
     ]
+
+
+def crossings(times: Sequence[float], values: Sequence[float]) -> np.ndarray:
+    """When a swing goes through 0, by straight lines between its values."""
+    t, y = np.array(times), np.array(values)
+    k = np.flatnonzero((y[1:] > 0) != (y[:-1] > 0))
+    return t[k] - y[k] * (t[k + 1] - t[k]) / (y[k + 1] - y[k])
 
 
 def moving_plate(n: int, device: str, threads: int, speed: float, mu: float, high: float = 0.02) -> Simulation:
@@ -147,31 +155,14 @@ def cavity(
 def u_tube_length(leg: float, wide: float, apart: float, cells: int = 16) -> float:
     """Length, over one leg's cross-section, of the water that swings in a U of two legs and a tube of the same width:
     potential flow on a grid of `cells` to the width."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.linalg import spsolve
-
     s = wide / cells
-    nx, nz = round((2 * wide + apart) / s), round(leg / s)
-    inside = np.ones((nx, nz), bool)
-    inside[cells : nx - cells, cells:] = False
-    number = np.full((nx, nz), -1)
-    n = int(inside.sum())
-    number[inside] = np.arange(n)
-    ends = []
-    for a, b in ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:])):
-        both = (a >= 0) & (b >= 0)
-        ends.append(np.stack([a[both], b[both]]))
-    i, j = np.concatenate(ends, 1)
-    diagonal = np.bincount(np.concatenate([i, j]), minlength=n).astype(float)
-    left, right = number[:cells, -1], number[nx - cells :, -1]
-    diagonal[np.concatenate([left, right])] += 2  # half a cell below each surface
-    given = np.zeros(n)
+    fluid = np.ones((round((2 * wide + apart) / s), round(leg / s)), bool)
+    fluid[cells:-cells, cells:] = False
+    number, solve = potential_flow(fluid)
+    left = number[:cells, -1]
+    given = np.zeros(fluid.sum())
     given[left] = 2.0
-    rows = np.concatenate([i, j, np.arange(n)])
-    columns = np.concatenate([j, i, np.arange(n)])
-    matrix = coo_matrix((np.concatenate([-np.ones(2 * len(i)), diagonal]), (rows, columns))).tocsc()
-    flux = 2 * (1 - spsolve(matrix, given)[left]).sum()
-    return wide / flux
+    return wide / (2 * (1 - solve(given)[left]).sum())
 
 
 def u_tube(device: str = "cpu", threads: int = 0, cells: tuple[int, int] = (6, 10)) -> list[Row]:
@@ -180,8 +171,6 @@ def u_tube(device: str = "cpu", threads: int = 0, cells: tuple[int, int] = (6, 1
     Half of the height is lost in each half period, whatever the resolution here: the frequency is
     no closer with the finer one.
     """
-    from scipy.optimize import curve_fit
-
     wide, apart, leg, rise = 0.1, 0.1, 0.4, 0.02
     truth = float(np.sqrt(2 * GRAVITY / u_tube_length(leg, wide, apart)))
 
@@ -203,13 +192,7 @@ def u_tube(device: str = "cpu", threads: int = 0, cells: tuple[int, int] = (6, 1
             up = (p[:, 2] > wide) & (p[:, 2] < leg - 2 * rise)
             times.append(sim.time)
             swing.append(v[up & (p[:, 0] < wide)].mean() - v[up & (p[:, 0] > wide + apart)].mean())
-        t, y = np.array(times), np.array(swing)
-
-        def damped(t: np.ndarray, size: float, decay: float, omega: float, phase: float) -> np.ndarray:
-            return size * np.exp(-decay * t) * np.sin(omega * t + phase)
-
-        fitted, _ = curve_fit(damped, t, y, (y.min(), 0.5, truth, 0.0))
-        return float(np.hypot(fitted[1], fitted[2]))
+        return float(np.hypot(*swing_of(np.array(times), np.array(swing), truth)))
 
     found = [frequency(n) for n in cells]
     return [near(f"U-tube: frequency, rad/s, {n} spacings", truth, f, 0.15) for n, f in zip(cells, found, strict=True)]
@@ -242,10 +225,8 @@ def capillary_wave(
             m = mode(sim.positions[ids])
             times.append(sim.time)
             swing.append((sim.velocities[ids] * m).sum() / (m**2).sum())
-        t, y = np.array(times), np.array(swing)
-        i = np.flatnonzero((y[1:] > 0) != (y[:-1] > 0))
-        crossing = t[i] - y[i] * (t[i + 1] - t[i]) / (y[i + 1] - y[i])
-        return float(np.pi / np.diff(crossing).mean() / truth) if len(i) > 1 else 0.0
+        zeros = crossings(times, swing)
+        return float(np.pi / np.diff(zeros).mean() / truth) if len(zeros) > 1 else 0.0
 
     return twice(f"capillary wave, g = {gravity:g}: frequency over the truth", ratio, 1.0, cells, 0.03)
 
@@ -295,10 +276,7 @@ def bar_wave(device: str = "cpu", threads: int = 0, cells: tuple[int, int] = (12
             times.append(step * dt)
             swing.append((tissue.velocities[:, 2].astype(float) * mode).sum())
             tissue.advance(dt)
-        t, y = np.array(times), np.array(swing)
-        k = np.flatnonzero((y[1:] > 0) != (y[:-1] > 0))
-        crossing = t[k] - y[k] * (t[k + 1] - t[k]) / (y[k + 1] - y[k])
-        return float(period / 2 / np.diff(crossing).mean())
+        return float(period / 2 / np.diff(crossings(times, swing)).mean())
 
     return twice("waves along a bar: speed / sqrt(E / rho)", speed, 1.0, cells, 0.02, 0.005)
 
@@ -399,9 +377,7 @@ def flips(device: str = "cpu", threads: int = 0, cells: tuple[int, int] = (4, 8)
             times.append(sim.time)
             own_spin = body["rotation"].T @ body["spin"]
             signs.append(own_spin[2])
-        t, y = np.array(times), np.array(signs)
-        k = np.flatnonzero((y[1:] > 0) != (y[:-1] > 0))
-        found = t[k] - y[k] * (t[k + 1] - t[k]) / (y[k + 1] - y[k])
+        found = crossings(times, signs)
         name = f"brick that flips, {n} spacings thin"
         rows += [
             Row(f"{name}: flips in {until:g} s", len(truth), len(found), len(found) == len(truth)),

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from .._base.arrays import VectorLike
 from .._base.interrupts import whole
 from .arrays import vector
 from .limits import OVERFULL
@@ -98,7 +98,7 @@ class Record(Part):
         return self._solver.core.totals()
 
     @whole
-    def force(self, name: str, about: Sequence[float] = (0.0, 0.0, 0.0)) -> tuple[np.ndarray, np.ndarray]:
+    def force(self, name: str, about: VectorLike = (0.0, 0.0, 0.0)) -> tuple[np.ndarray, np.ndarray]:
         """What fluids and tissue do to a boundary or a rigid body: (3,) force, N, and (3,) moment
         about a point, N m, float64.
 
@@ -114,11 +114,10 @@ class Record(Part):
             KeyError: a name that there is not.
             ValueError: a fluid or tissue, or a point that is not three finite numbers.
         """
-        names = list(self._solver.phases)
         kind = self._solver.phases[name].kind
         if kind not in ("boundary", "rigid"):
             raise ValueError(f"force: expected a boundary or a rigid body, got {name!r}, of kind {kind}")
-        felt = self._solver.core.force_on(names.index(name), vector("about", about))
+        felt = self._solver.core.force_on(self._solver.number_of(name), vector("about", about))
         return np.array(felt[:3]), np.array(felt[3:])
 
     @whole
