@@ -25,9 +25,11 @@ inline constexpr float kAlong = 1.5f;                           ///< ratio of th
 inline constexpr float kTwoLayers = 0.18f, kFaceEigen = 0.36f;  ///< least eigenvalue
 inline constexpr float kFlat = 0.3f, kInside = 1.0f;            ///< eigenvalue across a face, and inside
 inline constexpr float kFace = 0.73f;                           ///< field at a particle in a flat face
-inline constexpr float kDroplet = 0.12f,
+inline constexpr float kDroplet = 0.09f,
                        kCrowd = 0.36f;  ///< share of the neighborhood that is filled: weights are raised below
-inline constexpr float kAlone = 0.04f, kSome = 0.2f;  ///< the same: kernels are round below
+inline constexpr float kEdgeCrowd = 0.5f, kEdge = 0.86f;  ///< the same, and raised to, at edges, which are rounded off
+inline constexpr float kEdgeFrom = 0.04f, kEdgeTo = 0.137f;  ///< square of the neighbors' mean over the radius: an edge
+inline constexpr float kAlone = 0.04f, kSome = 0.2f;         ///< the same: kernels are round below
 inline constexpr float kSheet = 0.16f;  ///< the same: what is flat is a sheet in full from here, and none below kAlone
 inline constexpr float kRow = 0.3f, kWide = 0.8f;  ///< second eigenvalue of a row of particles, of a sheet
 inline constexpr float kFull = 0.85f,
@@ -80,18 +82,20 @@ template <class F> struct Shape {
     F longest, shortest;  ///< axes, in spacings
     F mass;               ///< factor that makes the kernel's integral one particle's volume
     F sheet;              ///< 1 in a sheet of one layer, 0 in a body, a row or a droplet
+    F edge;               ///< 1 at an edge, a corner or in a clump, 0 in a face, a row or a droplet
 
     /// Where nothing but fluid is near.
     GB_FN static Shape inside() {
         const F round = F(kRadius / kAxis), none = F(0.0f);
-        return {{round, round, round, none, none, none}, F(kAxis), F(kAxis), F(kMass / (kAxis * kAxis * kAxis)), none};
+        return {{round, round, round, none, none, none}, F(kAxis), F(kAxis), F(kMass / (kAxis * kAxis * kAxis)), none,
+            none};
     }
     template <class B> GB_FN Shape where(const B& m, const Shape& other) const {
         const Sym3<F>&a = matrix, &b = other.matrix;
         return {{select(m, a.xx, b.xx), select(m, a.yy, b.yy), select(m, a.zz, b.zz), select(m, a.xy, b.xy),
                     select(m, a.xz, b.xz), select(m, a.yz, b.yz)},
             select(m, longest, other.longest), select(m, shortest, other.shortest), select(m, mass, other.mass),
-            select(m, sheet, other.sheet)};
+            select(m, sheet, other.sheet), select(m, edge, other.edge)};
     }
 };
 template <class F> GB_FN Shape<F> shape(const Moments<F>& moments, const F& filled) {
@@ -111,18 +115,22 @@ template <class F> GB_FN Shape<F> shape(const Moments<F>& moments, const F& fill
         inverse[k] = F(kRadius) / a;
         mass = mass / a;
     }
-    const F sheet = smooth_step(filled, kAlone, kSheet) * smooth_step(middle, kRow, kWide) *
-                    (F(1.0f) - smooth_step(least, 0.0f, kTwoLayers));
-    return {e.compose(inverse), longest, shortest, mass, sheet};
+    const F some = smooth_step(filled, kAlone, kSheet);
+    const F sheet = some * smooth_step(middle, kRow, kWide) * (F(1.0f) - smooth_step(least, 0.0f, kTwoLayers));
+    const F off = dot(moments.first, moments.first) / (moments.sum * moments.sum);
+    return {e.compose(inverse), longest, shortest, mass, sheet, some * smooth_step(off, kEdgeFrom, kEdgeTo)};
 }
 /// own: the particle's field at its place, with weights of mass 1.
-template <class F> GB_FN F raised(const F& own, const F& filled, const F& sheet) {
-    const F few = F(1.0f) - smooth_step(filled, kDroplet, kCrowd);
+template <class F> GB_FN F raised(const F& own, const F& filled, const Shape<F>& shape) {
+    // smooth_step(filled, kDroplet, kCrowd), and at an edge up to kEdgeCrowd
+    const F crowd = F(kCrowd - kDroplet) + F(kEdgeCrowd - kCrowd) * shape.edge;
+    const F few = F(1.0f) - smooth_step((filled - F(kDroplet)) / crowd, 0.0f, 1.0f);
+    const F full = F(kFace) + F(kEdge - kFace) * shape.edge;
     // A sheet of t particles in a square spacing is t spacings thick: c (1 - (t / 2)^2 / kThin^2)^3 = 1/2, t = own /
     // kFace.
     const F t = min(own * F(1.0f / (2.0f * kThin * kFace)), F(0.4f)), rest = F(1.0f) - t * t;
     const F in_sheet = min(F(kThreshold) / (rest * rest * rest), F(kFace));
-    return F(1.0f) + few * max((F(kFace) + sheet * (in_sheet - F(kFace))) / own - F(1.0f), F(0.0f));
+    return F(1.0f) + few * max((full + shape.sheet * (in_sheet - full)) / own - F(1.0f), F(0.0f));
 }
 
 }  // namespace surface
@@ -187,7 +195,7 @@ struct FindSurfaceKernels {
             filled = select(open, moments.filled(), filled);
             shape = surface::shape(moments, filled).where(open, shape);
         }
-        const B alone = present & (filled < V(surface::kCrowd));
+        const B alone = present & (filled < V(surface::kCrowd) + V(surface::kEdgeCrowd - surface::kCrowd) * shape.edge);
         V factor = V(1.0f);
         if (g.any(alone)) {
             V sum = V(0.0f);
@@ -199,7 +207,7 @@ struct FindSurfaceKernels {
                     sum = sum + rest * rest;
                 }
             });
-            factor = select(alone, surface::raised(max(sum, V(1.0f)) * shape.mass, filled, shape.sheet), factor);
+            factor = select(alone, surface::raised(max(sum, V(1.0f)) * shape.mass, filled, shape), factor);
         }
         write(g, first, present, shape, factor);
     }
