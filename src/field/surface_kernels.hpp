@@ -25,11 +25,12 @@ inline constexpr float kAlong = 1.5f;                           ///< ratio of th
 inline constexpr float kTwoLayers = 0.18f, kFaceEigen = 0.36f;  ///< least eigenvalue
 inline constexpr float kFlat = 0.3f, kInside = 1.0f;            ///< eigenvalue across a face, and inside
 inline constexpr float kFace = 0.73f;                           ///< field at a particle in a flat face
-inline constexpr float kDroplet = 0.09f,
+inline constexpr float kDroplet = 0.1f,
                        kCrowd = 0.36f;  ///< share of the neighborhood that is filled: weights are raised below
-inline constexpr float kEdgeCrowd = 0.5f, kEdge = 0.86f;  ///< the same, and raised to, at edges, which are rounded off
-inline constexpr float kEdgeFrom = 0.04f, kEdgeTo = 0.137f;  ///< square of the neighbors' mean over the radius: an edge
-inline constexpr float kAlone = 0.04f, kSome = 0.2f;         ///< the same: kernels are round below
+inline constexpr float kEdgeCrowd = 0.5f, kEdge = 0.82f;  ///< the same, and raised to, at edges, which are rounded off
+inline constexpr float kEdgeFrom = 0.04f,
+                       kEdgeTo = 0.1225f;             ///< square of the neighbors' mean over the radius: an edge
+inline constexpr float kAlone = 0.04f, kSome = 0.2f;  ///< the same: kernels are round below
 inline constexpr float kSheet = 0.16f;  ///< the same: what is flat is a sheet in full from here, and none below kAlone
 inline constexpr float kRow = 0.3f, kWide = 0.8f;  ///< second eigenvalue of a row of particles, of a sheet
 inline constexpr float kFull = 0.85f,
@@ -115,10 +116,10 @@ template <class F> GB_FN Shape<F> shape(const Moments<F>& moments, const F& fill
         inverse[k] = F(kRadius) / a;
         mass = mass / a;
     }
-    const F some = smooth_step(filled, kAlone, kSheet);
-    const F sheet = some * smooth_step(middle, kRow, kWide) * (F(1.0f) - smooth_step(least, 0.0f, kTwoLayers));
+    const F sheet = smooth_step(filled, kAlone, kSheet) * smooth_step(middle, kRow, kWide) *
+                    (F(1.0f) - smooth_step(least, 0.0f, kTwoLayers));
     const F off = dot(moments.first, moments.first) / (moments.sum * moments.sum);
-    return {e.compose(inverse), longest, shortest, mass, sheet, some * smooth_step(off, kEdgeFrom, kEdgeTo)};
+    return {e.compose(inverse), longest, shortest, mass, sheet, company * smooth_step(off, kEdgeFrom, kEdgeTo)};
 }
 /// own: the particle's field at its place, with weights of mass 1.
 template <class F> GB_FN F raised(const F& own, const F& filled, const Shape<F>& shape) {

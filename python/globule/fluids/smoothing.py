@@ -162,9 +162,9 @@ ALONG = 1.5  # ratio of the supports along and across the surface
 TWO_LAYERS, FACE_EIGENVALUE = 0.18, 0.36  # least eigenvalue
 FLAT, INSIDE = 0.3, 1.0  # eigenvalue across a face, and inside
 FACE = 0.73  # field at a particle in a flat face
-DROPLET, CROWD = 0.09, 0.36  # share of the neighborhood that is filled: weights are raised below
-EDGE_CROWD, EDGE = 0.5, 0.86  # the same, and raised to, at edges, which are rounded off
-EDGE_FROM, EDGE_TO = 0.04, 0.137  # square of the neighbors' mean over the radius: an edge
+DROPLET, CROWD = 0.1, 0.36  # share of the neighborhood that is filled: weights are raised below
+EDGE_CROWD, EDGE = 0.5, 0.82  # the same, and raised to, at edges, which are rounded off
+EDGE_FROM, EDGE_TO = 0.04, 0.1225  # square of the neighbors' mean over the radius: an edge
 ALONE, SOME = 0.04, 0.2  # the same: kernels are round below
 SHEET = 0.16  # the same: what is flat is a sheet in full from here, and none below ALONE
 ROW, WIDE = 0.3, 0.8  # second eigenvalue of a row of particles, of a sheet
@@ -225,14 +225,13 @@ def find_surface_kernels(
         seen = np.einsum("nij,nj->ni", G[rows][own], away)
         b = np.maximum(1 - np.einsum("ni,ni->n", seen, seen), 0) ** 2
         field = mass * np.bincount(own, np.where(squares < 1, b, 0), len(rows))
-        some = _smooth_step(filled, ALONE, SHEET)
-        edge = some * _smooth_step(np.einsum("ni,ni->n", mean, mean) / radius**2, EDGE_FROM, EDGE_TO)
+        edge = company * _smooth_step(np.einsum("ni,ni->n", mean, mean) / radius**2, EDGE_FROM, EDGE_TO)
         few = 1 - _smooth_step((filled - DROPLET) / (CROWD + (EDGE_CROWD - CROWD) * edge - DROPLET), 0, 1)
         # A sheet of t particles in a square spacing is t spacings thick:
         # c (1 - (t / 2)² / THIN²)³ = 1/2, t = field / FACE.
         thickness = field / FACE
         in_sheet = 0.5 / (1 - np.minimum(thickness / 2 / THIN, 0.4) ** 2) ** 3
-        sheet = some * _smooth_step(values[:, 1], ROW, WIDE)
+        sheet = _smooth_step(filled, ALONE, SHEET) * _smooth_step(values[:, 1], ROW, WIDE)
         sheet *= 1 - _smooth_step(values[:, 0], 0.0, TWO_LAYERS)
         full = FACE + (EDGE - FACE) * edge
         target = full + sheet * (np.minimum(in_sheet, FACE) - full)
