@@ -186,6 +186,7 @@ private:
         source.directions = direction;
         source.only = wanted;
         source.of_pixels = !source.packed;
+        source.apart = source.of_pixels && lighting.has_size();
         for (int which = 0; which < lighting.n_visibilities(); ++which) {
             exec.for_each(
                 n, AimShadows{lighting, rays, hits, k, which, visibility, origin, direction, distance, wanted});

@@ -44,6 +44,7 @@ public:
         other_ = &sides_[1];
         rays_ = {{camera, nullptr, nullptr, n_pixels, first_row, pass, only}, nullptr, nullptr,
             side_->ids.reserve(2 * n_pixels)};
+        rays_.source.dithered = !only;
         std::uint32_t* layer = layer_.reserve(n_pixels);
         float* more = first_.reserve(3 * n_pixels);
         hits_now_ =
@@ -92,8 +93,8 @@ public:
         float* block = other_->floats.reserve(9 * n);
         std::uint32_t* ids = other_->ids.reserve(2 * n);
         const RaySource& now = rays_.source;
-        const WaveRays next{
-            {now.camera, block, block + 3 * n, n, now.first_row, now.pass}, block + 6 * n, ids + n, ids};
+        WaveRays next{{now.camera, block, block + 3 * n, n, now.first_row, now.pass}, block + 6 * n, ids + n, ids};
+        next.source.dithered = now.dithered;
         exec_->for_each(items, Spawn{lighting, rays_, hits_now_, generation_, place, next, block, block + 3 * n});
         rays_ = next;
         std::swap(side_, other_);

@@ -56,6 +56,8 @@ struct RaySource {
     const std::uint8_t* only = nullptr;  ///< pixels that have a ray where it is not 0; null: all
     std::uint32_t samples = 1;  ///< rays of each pixel of `only`, of as many passes: ray k n + i is pixel i's k-th
     bool of_pixels = false;     ///< origins: one for each of the camera's pixels, whose tiles they form
+    bool dithered = true;       ///< pixels see different points of a light (trace/wave_rays.hpp)
+    bool apart = false;         ///< tiles of pixels have those that see the same one
     std::uint32_t packed =
         0;  ///< not 0: origins are the camera's rays of some pixels, so many for each (trace/packed.hpp)
     GB_FN std::size_t n_rays() const { return n * samples; }

@@ -63,24 +63,35 @@ struct Lighting {
         return Border::medium;
     }
     GB_FN bool casts(int k) const { return shadows && lights[k].kind != LightKind::head; }
+    /// Whether shadows are soft.
+    bool has_size() const {
+        return std::any_of(lights, lights + n_lights, [](const Light& light) { return light.size > 0.0f; });
+    }
     GB_FN int n_visibilities() const {
         int n = ambient_rays;
         for (int k = 0; k < n_lights; ++k) n += casts(k);
         return n;
     }
-    /// Direction and distance from p to light k, somewhere on its face.
-    GB_FN void towards(int k, const float3& p, const Pair& at, float3& l, float& distance) const {
+    /// Direction and distance from p to the middle of light k.
+    GB_FN void towards(int k, const float3& p, float3& l, float& distance) const {
         const Light& light = lights[k];
-        float3 to = light.kind == LightKind::point ? light.place - p : light.place;
+        const float3 to = light.kind == LightKind::point ? light.place - p : light.place;
         distance = light.kind == LightKind::point ? length(to) : infinity();
         l = normalize(to);
-        if (light.size > 0.0f) {
-            float3 s, t;
-            tangents(l, s, t);
-            const Pair on = disc(at);
-            const float radius = light.kind == LightKind::point ? light.size / max(distance, 1e-20f) : light.size;
-            l = normalize(l + s * (on.u * radius) + t * (on.v * radius));
-        }
+    }
+    /// Of its face, a disc, at distance 1.
+    GB_FN float radius(int k, float distance) const {
+        const Light& light = lights[k];
+        return light.kind == LightKind::point ? light.size / max(distance, 1e-20f) : light.size;
+    }
+    /// Direction to a place on its face, from the direction to its middle.
+    GB_FN float3 on_face(int k, const float3& l, float distance, const Pair& at) const {
+        if (!(lights[k].size > 0.0f)) return l;
+        float3 s, t;
+        tangents(l, s, t);
+        const Pair on = disc(at);
+        const float radius = this->radius(k, distance);
+        return normalize(l + s * (on.u * radius) + t * (on.v * radius));
     }
 };
 

@@ -74,16 +74,22 @@ private:
         }
         for (int k = 0; k < lighting.n_lights; ++k) {
             float3 l = h.d * -1.0f;
-            float seen = 1.0f, distance;
+            float seen = 1.0f, matte = share, wide = 1.0f, distance;
             if (lighting.lights[k].kind != LightKind::head) {
-                lighting.towards(k, h.p, sample(pixel, 16 + which, rays.pass_of(i)), l, distance);
+                // The mean over a soft light's face, without noise: of the directions to it, a unit long each; and a
+                // highlight, as a power of a cosine nearly a Gaussian of variance 1 / shininess, widened by the half
+                // vectors' radius^2 / 16.
+                lighting.towards(k, h.p, l, distance);
+                const float radius = lighting.radius(k, distance), square = radius * radius;
+                matte *= 2.0f / (1.0f + sqrt(1.0f + square));
+                wide = 1.0f / (1.0f + h.shininess * square * 0.0625f);
             } else if (!rays.primary()) {
                 const CameraRays& camera = rays.source.camera;
                 l = camera.orthographic ? camera.forward * -1.0f : normalize(camera.eye - h.p);
             }
             if (lighting.casts(k)) seen = visibility[which++ * n + i];
-            c = c + reflected_light(
-                        h.albedo * share, h.specular, h.shininess, h.normal, h.d, l, lighting.lights[k].radiance) *
+            c = c + reflected_light(h.albedo * matte, h.specular * wide, h.shininess * wide, h.normal, h.d, l,
+                        lighting.lights[k].radiance) *
                         seen;
         }
         return c;

@@ -29,25 +29,29 @@ struct ShadowRay {
         if (layer == 0) *out = 1.0f;
         if (hits.layer[i] == kMissed || *out == 0.0f) return false;
         const Point h = point_of(lighting, rays, hits, i);
-        const std::uint32_t pixel = rays.pixel_of(i), stream = 16 + std::uint32_t(which);
+        const std::uint32_t number = std::uint32_t(which);
         if (which < lighting.ambient_rays) {
             if (h.split.matte * largest(rays.throughput_of(i)) < 0.25f * lighting.cutoff) return false;
             d = cosine_direction(
-                h.normal, sample(pixel, 8, rays.pass_of(i) * std::uint32_t(lighting.ambient_rays) + which));
+                h.normal, sample(rays.pixel_of(i), 8, rays.pass_of(i) * std::uint32_t(lighting.ambient_rays) + which));
             distance = lighting.ambient_distance;
         } else {
             which -= lighting.ambient_rays;
             int light = 0;
             for (;; ++light)
                 if (lighting.casts(light) && which-- == 0) break;
-            lighting.towards(light, h.p, sample(pixel, stream, rays.pass_of(i)), d, distance);
+            lighting.towards(light, h.p, d, distance);
             // From behind, or too little to matter even in full view.
             const float3 full =
                 rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, h.specular, h.shininess, h.normal,
                                             h.d, d, lighting.lights[light].radiance);
-            if (largest(full) * lighting.exposure < 0.125f * lighting.cutoff) return false;
+            if (largest(full) * lighting.exposure < 0.125f * lighting.cutoff || dot(d, h.normal) <= 0.0f) return false;
+            d = lighting.on_face(light, d, distance, rays.light_sample(i, number));
         }
-        if (dot(d, h.normal) <= 0.0f) return false;
+        if (dot(d, h.normal) <= 0.0f) {  // behind the surface
+            *out = 0.0f;
+            return false;
+        }
         if (layer == 0 && lighting.ground.present && lighting.ground.meet(h.p, d, rays.inside[i]) < distance) {
             *out = 0.0f;
             return false;

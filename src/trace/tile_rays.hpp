@@ -5,8 +5,9 @@
 
 namespace globule::core {
 
-/// Tiles of `size` rays: of a picture, rectangles of pixels `across` wide; else rays that follow one another.  Where
-/// pixels have several rays, a rectangle has as many tiles, which its marked pixels' rays fill one after the other.
+/// Tiles of `size` rays: of a picture, rectangles of pixels `across` wide, or of all kDither-th pixels of larger ones;
+/// else rays that follow one another.  Where pixels have several rays, a rectangle has as many tiles, which its marked
+/// pixels' rays fill one after the other.
 template <int across, int size> struct TileLayout {
     const RaySource& rays;
     std::uint32_t* marked = nullptr;  ///< pixels of the rectangle that have several rays
@@ -16,7 +17,9 @@ template <int across, int size> struct TileLayout {
 
     GB_FN std::size_t n_tiles() const {
         if (rays.origins && !rays.of_pixels) return ceil_div<std::size_t>(rays.n, size);
-        return std::size_t(ceil_div(rays.camera.width, across)) * ceil_div(rays.rows(), kHeight) * rays.samples;
+        const int step = rays.apart ? int(kDither) : 1;
+        return std::size_t(ceil_div(rays.camera.width, across * step)) * ceil_div(rays.rows(), kHeight * step) * step *
+               step * rays.samples;
     }
     /// Ray k of a tile; rays.n_rays(): none.
     GB_FN std::size_t ray(std::size_t tile, int k) const {
@@ -45,9 +48,11 @@ template <int across, int size> struct TileLayout {
 private:
     /// Pixel k of a rectangle; rays.n: none.
     GB_FN std::size_t pixel(std::uint32_t at, int k) const {
-        const std::uint32_t columns = ceil_div(rays.camera.width, across);
-        const int x = int(at % columns) * across + k % across;
-        const int y = int(at / columns) * kHeight + k / across;
+        const std::uint32_t step = rays.apart ? kDither : 1, which = at % (step * step);
+        at /= step * step;
+        const std::uint32_t columns = ceil_div(rays.camera.width, across * int(step));
+        const int x = int((at % columns * across + k % across) * step + which % step);
+        const int y = int((at / columns * kHeight + k / across) * step + which / step);
         return x < rays.camera.width && y < rays.rows() ? std::size_t(y) * rays.camera.width + x : rays.n;
     }
 };

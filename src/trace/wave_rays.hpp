@@ -21,6 +21,13 @@ struct WaveRays {
     GB_FN std::uint32_t pass_of(std::size_t i) const {
         return source.packed ? source.pass + std::uint32_t(i % source.packed) : source.pass;
     }
+    /// Of a light that has a size, the point that ray i's shadow ray goes to.  Tiles of shadow rays need few
+    /// directions: those of a pass share one that a pattern of pixels moves, samples at edges share it as it is.
+    GB_FN Pair light_sample(std::size_t i, std::uint32_t light) const {
+        const Pair at = sample(0, 16 + light, pass_of(i));
+        const std::uint32_t pixel = pixel_of(i), width = std::uint32_t(source.camera.width);
+        return source.dithered ? dithered(at, pixel % width, pixel / width) : at;
+    }
     GB_FN float3 throughput_of(std::size_t i) const {
         return throughput ? float3{throughput[3 * i], throughput[3 * i + 1], throughput[3 * i + 2]} : float3{1, 1, 1};
     }
