@@ -14,7 +14,7 @@ from globule.cli import build_parser
 from globule.cli.shared import UserError
 from waiting import PATIENCE
 
-LONG = ("render", "view", "simulate", "reconstruct")
+LONG = ("render", "figure", "view", "simulate", "reconstruct")
 
 
 def parsers(parser: argparse.ArgumentParser | None = None) -> Iterator[argparse.ArgumentParser]:

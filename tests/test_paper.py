@@ -151,6 +151,21 @@ def test_a_state_of_the_viewer(run, capsys):
     assert "without --box" in err
 
 
+def test_it_has_the_flags_of_render_but_those_of_whole_images():
+    from globule.cli import figure, render
+    from globule.cli.parser import Parser
+
+    names = []
+    for command in (render, figure):
+        parser = Parser()
+        command.add_arguments(parser)
+        names.append({name for action in parser._actions for name in action.option_strings})
+    assert names[0] - names[1] == {
+        "--size", "--aov", "--pick", "--legend-at", "--box", "--step-number", "--frame", "--camera-path",
+        "--turntable", "--fps", "--resume", "--ranks", "--memory",
+    }  # fmt: skip
+
+
 def test_mistakes_name_the_flag_and_write_nothing(run, capsys, folder, monkeypatch):
     for words, said in (
         (["--frames", "5"], "--frames: expected numbers of 5 frames, -5 to 4, got 5"),

@@ -50,12 +50,11 @@ from .shared import Progress, UserError, check_device, check_output, count, mist
 SUMMARY = "panels over time, legend and scale bar, for a paper"
 USAGE = "FILE [FILE ...] -o figure.pdf"
 EXAMPLES = """\
-  globule figure splash.npz -o splash.pdf --color-by speed --legend-unit m/s --unit m
-  globule figure frame_0.ply frame_1.ply -o both.pdf --figure-width double --aspect 2:1
-  globule figure splash.npz -o views.svg --views front,top --font-size 7"""
-ESSENTIAL = ("--output", "--panels", "--frames", "--times", "--figure-width", "--aspect", "--per-row", "--color-by",
-             "--range", "--legend-title", "--legend-unit", "--unit", "--eye", "--look-at", "--up", "--views",
-             "--clip", "--state")  # fmt: skip
+  globule figure splash.npz -o splash.pdf --color-by speed --unit m
+  globule figure frame_0.ply frame_1.ply -o both.pdf --figure-width double
+  globule figure splash.npz -o views.svg --views front,top --aspect 2:1 --font-size 7"""
+ESSENTIAL = ("--output", "--panels", "--frames", "--times", "--figure-width", "--aspect", "--color-by",
+             "--legend-unit", "--unit", "--eye", "--up", "--views", "--state")  # fmt: skip
 
 MOST = 100  # panels
 WIDE = 120.0  # mm, from where on the legend stands at the right
