@@ -7,6 +7,7 @@
 #pragma once
 #include <globule/globule.hpp>
 
+#include <array>
 #include <vector>
 
 namespace globule::adaptors {
@@ -20,21 +21,25 @@ public:
     /// Forget the tiles of the last step; the memory stays.
     void clear() { positions_.clear(), values_.clear(); }
 
-    /// The particles of a tile (amrex::ParticleTile), without those that AMReX has marked as gone (id <= 0).
-    /// component: of the real ones in the tile's struct of arrays, for `values`; -1: none.
+    /// The particles of a tile (amrex::ParticleTile, also of a container that is a pure struct of arrays), without
+    /// those that AMReX has marked as gone.  component: of the real ones in the tile's struct of arrays, for `values`;
+    /// -1: none.
     template <class Tile> void add(const Tile& tile, int component = -1) {
-        const auto& structs = tile.GetArrayOfStructs();
-        const std::size_t n = std::size_t(structs.numParticles()), before = positions_.size() / 3;
-        positions_.resize(3 * (before + n));
-        float* out = positions_.data() + 3 * before;
-        const auto* values = component < 0 ? nullptr : tile.GetStructOfArrays().GetRealData(component).data();
-        for (std::size_t i = 0; i < n; ++i) {
-            const auto& particle = structs[i];
-            if (!(particle.id() > 0)) continue;
-            for (int k = 0; k < 3; ++k) *out++ = float(particle.pos(k) - origin_[std::size_t(k)]);
-            if (values) values_.push_back(float(values[i]));
+        const auto& arrays = tile.GetStructOfArrays();
+        const auto* values = component < 0 ? nullptr : arrays.GetRealData(component).data();
+        if constexpr (requires { requires Tile::ParticleType::is_soa_particle; }) {
+            const auto* ids = arrays.GetIdCPUData().data();
+            const std::array at{
+                arrays.GetRealData(0).data(), arrays.GetRealData(1).data(), arrays.GetRealData(2).data()};
+            each(
+                std::size_t(tile.numParticles()), values, [&](std::size_t i) { return bool(ids[i] >> 63); },
+                [&](std::size_t i, int k) { return at[k][i]; });
+        } else {
+            const auto& structs = tile.GetArrayOfStructs();
+            each(
+                std::size_t(tile.numParticles()), values, [&](std::size_t i) { return structs[int(i)].id() > 0; },
+                [&](std::size_t i, int k) { return structs[int(i)].pos(k); });
         }
-        positions_.resize(std::size_t(out - positions_.data()));
     }
 
     /// All particles that were added.  They stay valid until the next `clear` or `add`.
@@ -44,6 +49,19 @@ public:
     std::size_t size() const { return positions_.size() / 3; }
 
 private:
+    template <class Value, class There, class Place>
+    void each(std::size_t n, const Value* values, const There& there, const Place& place) {
+        const std::size_t before = positions_.size();
+        positions_.resize(before + 3 * n);
+        float* out = positions_.data() + before;
+        for (std::size_t i = 0; i < n; ++i) {
+            if (!there(i)) continue;
+            for (int k = 0; k < 3; ++k) *out++ = float(place(i, k) - origin_[std::size_t(k)]);
+            if (values) values_.push_back(float(values[i]));
+        }
+        positions_.resize(std::size_t(out - positions_.data()));
+    }
+
     Vec3 origin_;
     std::vector<float> positions_{}, values_{};
 };

@@ -7,6 +7,7 @@
 namespace amrex_like {
 
 template <int NReal, int NInt> struct Particle {
+    static constexpr bool is_soa_particle = false;
     double m_pos[3];
     double m_rdata[NReal];
     std::uint64_t m_idcpu;
@@ -23,7 +24,7 @@ template <int NReal, int NInt> struct Particle {
 };
 
 template <int NReal, int NInt> struct ArrayOfStructs : std::vector<Particle<NReal, NInt>> {
-    int numParticles() const { return int(this->size()); }
+    const Particle<NReal, NInt>& operator[](int i) const { return this->begin()[i]; }
 };
 
 struct StructOfArrays {
@@ -32,9 +33,10 @@ struct StructOfArrays {
 };
 
 template <int NReal, int NInt> struct ParticleTile {
-    using particle = Particle<NReal, NInt>;
+    using ParticleType = Particle<NReal, NInt>;
     ArrayOfStructs<NReal, NInt> aos{};
     StructOfArrays soa{};
+    int numParticles() const { return int(aos.size()); }
     const auto& GetArrayOfStructs() const { return aos; }
     const auto& GetStructOfArrays() const { return soa; }
 };

@@ -12,7 +12,7 @@ int main() {
         const auto places = drop();
         const auto add = [&](std::size_t i, std::int64_t id, double up) {
             Tile& tile = tiles[i % tiles.size()];
-            Tile::particle particle{};
+            Tile::ParticleType particle{};
             for (std::size_t k = 0; k < 3; ++k) particle.m_pos[k] = places[i][k] + origin[k];
             particle.m_pos[1] += up;
             particle.set_id(id);
