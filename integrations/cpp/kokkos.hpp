@@ -3,6 +3,7 @@
 #include <globule/globule.hpp>
 
 #include <Kokkos_Core.hpp>
+#include <optional>
 #include <type_traits>
 
 namespace globule::adaptors {
@@ -25,10 +26,10 @@ public:
                                                 view.span_is_contiguous();
         in_place_ = rows && (host || std::is_same_v<T, float>);  // a GPU's arrays are float32
         if (in_place_) return {view.data(), shape(n, columns, View::rank), where};
-        if (buffer_.extent(0) != n || buffer_.extent(1) != columns)
-            buffer_ = Buffer(Kokkos::view_alloc(Kokkos::WithoutInitializing, "globule"), n, columns);
-        fill(view, buffer_, n, columns);
-        return {buffer_.data(), shape(n, columns, View::rank), where};
+        if (!buffer_ || buffer_->extent(0) != n || buffer_->extent(1) != columns)
+            buffer_.emplace(Kokkos::view_alloc(Kokkos::WithoutInitializing, "globule"), n, columns);
+        fill(view, *buffer_, n, columns);
+        return {buffer_->data(), shape(n, columns, View::rank), where};
     }
 
     /// Whether the last array is the view's own memory.
@@ -53,7 +54,7 @@ private:
         return rank == 2 ? Shape(n, columns) : Shape(n);
     }
 
-    Buffer buffer_{};
+    std::optional<Buffer> buffer_{};
     bool in_place_ = false;
 };
 
