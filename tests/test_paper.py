@@ -79,6 +79,22 @@ def test_each_choice_of_frames(run, capsys):
     assert [one["words"] for one in facts["panels"]] == ["t = 12 s", "t = 18 s"]
 
 
+def test_panels_have_the_shape_of_their_content(run, capsys):
+    found = {}
+    for name, sides in (("wide", (2.5, 1, 0.5)), ("high", (1, 1.6, 0.5)), ("thin", (1, 90, 1))):
+        places = np.stack(np.meshgrid(*[np.linspace(0, side, 12) for side in sides]), -1).reshape(-1, 3)
+        gb.write(f"{name}.npz", gb.Particles(places, support=0.1))
+        facts = run_json(capsys, "figure", f"{name}.npz", "-o", "a.png", "--views", "front", *SMALL)
+        width, height = facts["panel_size"]
+        found[name] = width / height
+    assert 2 < found["wide"] < 2.5  # the surface reaches around the particles
+    assert 0.625 < found["high"] < 0.8
+    assert found["thin"] == pytest.approx(0.5, rel=0.01)
+    for words, shape in ((["--aspect", "3:1"], 3), (["--eye", "1,2,9"], 4 / 3)):
+        width, height = run_json(capsys, "figure", "wide.npz", "-o", "a.png", *words, *SMALL)["panel_size"]
+        assert width / height == pytest.approx(shape, rel=0.02), words
+
+
 def test_views_are_rows_and_share_a_scale(run, capsys):
     facts = run_json(capsys, "figure", run, "-o", "a.svg", "--views", "front,top", "--panels", "3", *SMALL)
     found = facts["panels"]

@@ -94,12 +94,14 @@ class Pictures(Protocol):
     """What becomes of the images of a run.
 
     Attributes:
-        size: (width, height) to trace for each view.
         annotation: of the first image.
     """
 
-    size: tuple[int, int]
     annotation: Annotation
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) to trace for each view."""
 
     def write(
         self, path: str, i: int, frames: list[Frame], cameras: list[Camera], colors: Colors | None, box: Any

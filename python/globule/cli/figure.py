@@ -42,6 +42,7 @@ from ..render.frame import Frame
 from ..render.paper import ENDINGS, WIDTHS, Panel, Sheet, letter, need_matplotlib, versions
 from ..render.presets import PRESETS, load_preset
 from ..render.sequence import find_files, time_of, with_frames
+from ..render.views import view_cameras
 from . import annotation, flags, light, render, sequence, state, tracing
 from .image import picture
 from .parser import Parser
@@ -112,7 +113,8 @@ def add_arguments(parser: Parser) -> None:
         "of the files or of --time", times, usual="spread evenly")  # fmt: skip
     flags.own(group, "--per-row N", "panels side by side", Whole(1, MOST).parse,
         usual="as many as are 42 mm wide")  # fmt: skip
-    flags.own(group, "--aspect W:H", "width of a panel by its height", aspect, usual="4:3")
+    flags.own(group, "--aspect W:H", "width of a panel by its height", aspect,
+        usual="as the content, 1:2 to 3:1; 4:3 with --eye or --fov")  # fmt: skip
     group.add_argument("--letters", action=argparse.BooleanOptionalAction,
         help="put (a), (b) … above the panels (default: with several)")  # fmt: skip
     group = parser.add_argument_group("page")
@@ -137,19 +139,24 @@ class Panels:
     """Keeps the images of a run, in place of `annotation.Notes`, which writes each.
 
     Attributes:
-        size: (width, height) to trace for each panel.
+        sheet: where they will be; its panels get the shape of what they show.
         annotation: what the fitted camera leaves room for.
         found: of each frame, the panels of its views.
         colors: of all panels.
     """
 
-    def __init__(self, options: argparse.Namespace, size: tuple[int, int]):
-        self.size = size
+    def __init__(self, options: argparse.Namespace, sheet: Sheet):
+        self.sheet = sheet
         with mistakes():
-            self.annotation = Annotation(scale_bar=options.scale_bar is not False, axes=options.axes)
+            self.annotation = Annotation(axes=options.axes)
         self.found: list[list[Panel]] = []
         self.colors: Colors | None = None
         self._paper = not options.transparent
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) to trace for each panel."""
+        return self.sheet.size
 
     def write(
         self, path: str, i: int, frames: list[Frame], cameras: list[Camera], colors: Colors | None, box: Any
@@ -188,7 +195,7 @@ def run(options: argparse.Namespace) -> None:
         options.size = sheet.size
         render.check_inputs(options)
         series = sequence.Series(options, None, options.particles)
-        panels = Panels(options, sheet.size)
+        panels = Panels(options, sheet)
         with mistakes():
             lit = _lit(options)
             thesis = tracing.settle(options)
@@ -203,7 +210,7 @@ def run(options: argparse.Namespace) -> None:
             assert report is not None
             reports.append(report)
         clock = [_time(options, k, facts.get(path)) for k, path in zip(chosen, options.particles, strict=True)]
-        told = _write(options, sheet, panels, clock)
+        told = _write(options, panels, clock)
     told["frames"] = [r | {"images": [], "number": k, "time": t}
                       for r, k, t in zip(reports, chosen, clock, strict=True)]  # fmt: skip
     told["times"] = {"total": time.perf_counter() - start}
@@ -212,7 +219,7 @@ def run(options: argparse.Namespace) -> None:
         return
     wide, high = told["size_mm"]
     n = sum(map(len, panels.found))
-    what = f"{count(n, 'panel')} of {sheet.size[0]}x{sheet.size[1]} pixels on {wide:g} x {high:g} mm"
+    what = f"{count(n, 'panel')} of {panels.size[0]}x{panels.size[1]} pixels on {wide:g} x {high:g} mm"
     print(f"{options.output}: {what}, {told['times']['total']:.2f} s in all on {reports[0]['device']}")
 
 
@@ -262,8 +269,8 @@ def _time(options: argparse.Namespace, k: int, facts: Any) -> float | None:
     return facts[0] if facts else None
 
 
-def _sheet(options: argparse.Namespace, n_frames: int) -> Sheet:
-    """Where everything will be."""
+def _sheet(options: argparse.Namespace, n_frames: int, shape: float = 4 / 3) -> Sheet:
+    """Where everything will be. shape: width of a panel by its height where --aspect gives none."""
     n_views = len(options.views or ("",))
     if options.letters is None:
         options.letters = n_frames * n_views > 1
@@ -272,11 +279,14 @@ def _sheet(options: argparse.Namespace, n_frames: int) -> Sheet:
         listed = colormap_of(options.color_by, options.colormap) in CATEGORICAL
         legend = "right" if listed or (options.figure_width or WIDTHS["single"]) >= WIDE else "below"
     per_row = n_frames if n_views > 1 and options.per_row is None else options.per_row
+    flat = options.views or options.ortho or not (options.eye or options.fov)
+    bars = options.scale_bar if options.scale_bar is not None else flat
     captions = options.letters or n_frames * n_views > 1 or options.time is not None
     try:
         return Sheet(
-            n_frames * n_views, options.figure_width or WIDTHS["single"], options.dpi, options.aspect or 4 / 3,
-            per_row, options.font_size, legend, captions, options.title,
+            n_frames * n_views, options.figure_width or WIDTHS["single"], options.dpi, options.aspect or shape,
+            per_row, options.font_size, legend, captions, (n_views if bars else 0),
+            options.title,
         )  # fmt: skip
     except ValueError as error:
         raise UserError(f"--figure-width: {str(error).partition(': ')[2]}") from error
@@ -306,15 +316,29 @@ def _lit(options: argparse.Namespace) -> light.Light:
 
 def _cameras(options: argparse.Namespace, lit: light.Light, panels: Panels, scene: Any, around: Any) -> list[Camera]:
     """The cameras of all views of a frame; orthographic unless the options say otherwise."""
-    found = render.cameras(options, lit, panels, scene, around)
-    if options.views or options.eye or options.fov or options.ortho or shows_flat(scene):
-        return found
-    towards = {"direction": first_direction(options.up), "up": options.up, "orthographic": True}
-    return [fitted(scene, panels.size, panels.annotation, lit.around(scene, around), **towards)]
+    if options.eye or ((options.fov or options.ortho) and not options.views):
+        return render.cameras(options, lit, panels, scene, around)
+    around = lit.around(scene, around)
+    towards: dict[str, Any] = {} if shows_flat(scene) else {"direction": first_direction(options.up), "up": options.up}
+
+    def cameras(size: tuple[int, int], room: Annotation | None = None) -> list[Camera]:
+        if options.views:
+            return view_cameras(scene, options.views, size, options.up, options.fov or render.FOV, around, room)
+        return [fitted(scene, size, room, around, orthographic=True, **towards)]
+
+    if not options.aspect:  # in an image that is long and thin, only one side counts
+        wide, high = cameras((10_000, 1)), cameras((1, 10_000))
+        sides = [(b.height / 10_000, a.height) for a, b in zip(wide, high, strict=True) if a.height and b.height]
+        if sides:
+            across, up = (max(side) for side in zip(*sides, strict=True))
+            panels.sheet = _sheet(options, len(options.particles), min(max(across / up, 0.5), 3.0))
+            options.size = panels.size
+    return cameras(panels.size, panels.annotation)
 
 
-def _write(options: argparse.Namespace, sheet: Sheet, panels: Panels, clock: Sequence[float | None]) -> dict[str, Any]:
+def _write(options: argparse.Namespace, panels: Panels, clock: Sequence[float | None]) -> dict[str, Any]:
     """Write the figure; what it shows, for the report."""
+    sheet = panels.sheet
     names = options.views or ("",)
     n_frames = len(clock)
     units: dict[str, str] = {}

@@ -103,9 +103,9 @@ def imshow(ax: Any, frame: Frame, *, unit: str = "", scale_bar: bool = False, di
             raise ValueError("frame: expected one with a camera, got one of a scene in pieces")
         bottom = image[-max(1, len(image) // 8) :]
         if scale_bar:
-            draw_scale_bar(ax, camera, frame.size, unit, _ink(bottom))
+            _draw_scale_bar(ax, camera, frame.size, unit, _ink(bottom))
         if directions:
-            draw_directions(ax, camera, frame.size)
+            _draw_directions(ax, camera, frame.size)
     if frame._asked is not None:
         _give_colors(shown, Colors(*values_of(points_of(frame._layers[0].scene), *frame._asked)[1:]))
     return shown
@@ -154,25 +154,19 @@ def _ink(pixels: np.ndarray) -> str:
     return _INK if light > 110 else _PAPER
 
 
-def draw_scale_bar(
-    ax: Any, camera: Camera, size: tuple[int, int], unit: str, ink: str = _INK, font: float = 8.0, right: bool = True
-) -> float:
-    """Draw the scale bar of an image of a size into a lower corner of its axes; returns its length,
-    world units."""
+def _draw_scale_bar(ax: Any, camera: Camera, size: tuple[int, int], unit: str, ink: str) -> None:
+    """Draw the scale bar of an image of a size into the lower right corner of its axes."""
     length, pixels = scale_bar(camera, size)
     share, pad = pixels / size[0], 0.03
-    start = 1 - pad - share if right else pad
-    above = pad * size[0] / size[1]
+    start, above = 1 - pad - share, pad * size[0] / size[1]
     how = {"transform": ax.transAxes, "color": ink, "clip_on": False}
     ax.plot([start, start + share], [above, above], lw=1.6, solid_capstyle="butt", scalex=False, scaley=False, **how)
-    ax.annotate(
-        f"{short(length)} {unit}".rstrip(), (start + share / 2, above), (0, 1.6), "axes fraction",
-        "offset points", color=ink, fontsize=font, ha="center", va="bottom",
-    )  # fmt: skip
-    return length
+    text, middle = f"{short(length)} {unit}".rstrip(), (start + share / 2, above)
+    how = {"color": ink, "fontsize": 8, "ha": "center", "va": "bottom"}
+    ax.annotate(text, middle, (0, 1.6), "axes fraction", "offset points", **how)
 
 
-def draw_directions(ax: Any, camera: Camera, size: tuple[int, int], font: float = 8.0) -> None:
+def _draw_directions(ax: Any, camera: Camera, size: tuple[int, int], font: float = 8.0) -> None:
     """Draw the directions of x, y and z into the lower left corner of axes."""
     _, forward, right, up = camera.frame(size)
     ways = np.stack([right / np.linalg.norm(right), up / np.linalg.norm(up)], axis=1)  # (3, 2)
@@ -211,6 +205,7 @@ class Sheet:
         font: size of the text, points.
         legend: "", "right" or "below".
         captions: whether panels have letters or words above them.
+        bar_rows: rows, from the first on, with room for a scale bar below their panels.
         title: over all.
 
     Raises ValueError for panels that would be less than 32 pixels wide or high.
@@ -224,6 +219,7 @@ class Sheet:
     font: float = 8.0
     legend: str = ""
     captions: bool = True
+    bar_rows: int = 0
     title: str = ""
     size: tuple[int, int] = field(init=False)  # of a panel, pixels
     whole: tuple[int, int] = field(init=False)  # of the figure, pixels
@@ -245,7 +241,8 @@ class Sheet:
         self._top = round(1.5 * line) if self.title else 0
         self._row = self.size[1] + gap + (line if self.captions else 0)
         below = round(self._pixels(_BAR + 1) + 2 * line) + gap if self.legend == "below" else 0
-        self.whole = width, self._top + self.rows * self._row - gap + below
+        self.bar_rows = min(self.bar_rows, self.rows)
+        self.whole = width, self._top + self.rows * self._row + self.bar_rows * line - gap + below
         if max(self.whole) > _MOST:
             raise ValueError(f"width: expected at most {_MOST:,} pixels a side, got {self.whole[0]}x{self.whole[1]}")
 
@@ -269,7 +266,8 @@ class Sheet:
         """Column and row of the pixel in the upper left corner of panel i."""
         row, column = divmod(i, self.per_row or 1)
         above = self._line if self.captions else 0
-        return column * (self.size[0] + self._pixels(_GAP)), self._top + row * self._row + above
+        y = self._top + row * self._row + min(row, self.bar_rows) * self._line + above
+        return column * (self.size[0] + self._pixels(_GAP)), y
 
     def save(
         self,
@@ -291,7 +289,7 @@ class Sheet:
             colors: of all panels, for the legend.
             label: of the legend.
             unit: of lengths.
-            bars: numbers of the panels with a scale bar.
+            bars: numbers of the panels with a scale bar, in rows that have room.
             directions: whether the first panel of them, or of all, shows x, y and z.
             letters: whether panels are (a), (b) …
             info: what the file says of itself: command, versions.
@@ -311,10 +309,9 @@ class Sheet:
                 words = " ".join(filter(None, [f"({letter(i)})" if letters else "", panel.words]))
                 self._text(figure, column, row - 0.3 * self._em, words, va="baseline")
                 if i in bars:
-                    ink = _ink(panel.image[-self.size[1] // 8 :, -self.size[0] // 2 :])
-                    lengths.append(draw_scale_bar(ax, panel.camera, self.size, unit, ink, self.font))
+                    lengths.append(self._draw_bar(figure, i, panel.camera, unit))
                 if directions and i == min(bars, default=0):
-                    draw_directions(ax, panel.camera, self.size, self.font)
+                    _draw_directions(ax, panel.camera, self.size, self.font)
             if self.title:
                 self._text(figure, self.whole[0] / 2, 0.2 * self._em, self.title, ha="center", va="top", grow=1.15)
             if colors is not None and self.legend:
@@ -334,6 +331,20 @@ class Sheet:
         if words:
             w, h = self.whole
             figure.text(x / w, 1 - y / h, words, fontsize=grow * self.font, color=_INK, **how)
+
+    def _draw_bar(self, figure: Any, i: int, camera: Camera, unit: str) -> float:
+        """Draw the scale bar of panel i below it, in front of nothing; its length, world units."""
+        from matplotlib.lines import Line2D
+
+        length, pixels = scale_bar(camera, self.size)
+        column, row = self.corner(i)
+        right, below = column + self.size[0], row + self.size[1] + 0.65 * self._line
+        places = [(right - pixels) / self.whole[0], right / self.whole[0]]
+        heights = [1 - below / self.whole[1]] * 2
+        figure.add_artist(Line2D(places, heights, lw=1.6, color=_INK, solid_capstyle="butt"))
+        text = f"{short(length)} {unit}".rstrip()
+        self._text(figure, right - pixels - 0.4 * self._em, below, text, ha="right", va="center_baseline")
+        return length
 
     def _draw_legend(self, figure: Any, colors: Colors, label: str) -> None:
         kinds = list(colors.kinds)
