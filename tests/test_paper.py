@@ -140,6 +140,20 @@ def test_the_same_command_makes_the_same_bytes_whatever_the_user_s_style(run, ca
     assert {"type", "0", "1", "2", "3", "4"} <= {*texts("a.svg")}  # the types of all panels
 
 
+def test_words_that_are_too_long_are_smaller_and_all_types_are_listed(run, capsys):
+    many = cube(6, attributes={"type": np.arange(216) % 30})
+    gb.write("many.npz", many)
+    words = ["figure", "many.npz", "-o", "a.svg", "--color-by", "type", "--legend-title", "m" * 90, *SMALL]
+    facts = run_json(capsys, *words)
+    sizes = {}
+    for one in ET.parse("a.svg").iter(f"{SVG}text"):
+        sizes["".join(one.itertext()).strip()] = float(re.search(r"font(?:-size)?: ([\d.]+)px", one.get("style"))[1])
+    assert {str(k) for k in range(30)} <= {*sizes}
+    assert sizes["m" * 90] < 2
+    assert 30 * sizes["29"] < facts["size_mm"][1] / 25.4 * 72  # points
+    assert facts["legend"]["label"] == "m" * 90
+
+
 @pytest.mark.parametrize(("width", "mm"), [("single", 89), ("double", 183), ("120", 120)])
 def test_widths_of_journals(run, capsys, width, mm):
     facts = run_json(capsys, "figure", run, "-o", "a.png", "--figure-width", width, "--color-by", "speed", *SMALL)

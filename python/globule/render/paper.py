@@ -307,13 +307,15 @@ class Sheet:
                 ax.imshow(panel.image, interpolation="none", aspect="auto")
                 ax.set_axis_off()
                 words = " ".join(filter(None, [f"({letter(i)})" if letters else "", panel.words]))
-                self._text(figure, column, row - 0.3 * self._em, words, va="baseline")
+                self._text(figure, column, row - 0.3 * self._em, words, self.size[0], va="baseline")
                 if i in bars:
                     lengths.append(self._draw_bar(figure, i, panel.camera, unit))
                 if directions and i == min(bars, default=0):
                     _draw_directions(ax, panel.camera, self.size, self.font)
             if self.title:
-                self._text(figure, self.whole[0] / 2, 0.2 * self._em, self.title, ha="center", va="top", grow=1.15)
+                self._text(
+                    figure, self.whole[0] / 2, 0.2 * self._em, self.title, self.whole[0], 1.15, ha="center", va="top"
+                )
             if colors is not None and self.legend:
                 self._draw_legend(figure, colors, label)
             drawn = io.BytesIO()
@@ -327,10 +329,12 @@ class Sheet:
         w, h = self.whole
         return figure.add_axes((x / w, 1 - (y + height) / h, width / w, height / h))
 
-    def _text(self, figure: Any, x: float, y: float, words: str, grow: float = 1.0, **how: Any) -> None:
+    def _text(self, figure: Any, x: float, y: float, words: str, room: float, grow: float = 1.0, **how: Any) -> None:
+        """Write words at a pixel; smaller where they are longer than `room`, pixels."""
         if words:
             w, h = self.whole
-            figure.text(x / w, 1 - y / h, words, fontsize=grow * self.font, color=_INK, **how)
+            size = self.font * min(grow, room / _text_width(words, self._em))
+            figure.text(x / w, 1 - y / h, words, fontsize=size, color=_INK, **how)
 
     def _draw_bar(self, figure: Any, i: int, camera: Camera, unit: str) -> float:
         """Draw the scale bar of panel i below it, in front of nothing; its length, world units."""
@@ -343,7 +347,7 @@ class Sheet:
         heights = [1 - below / self.whole[1]] * 2
         figure.add_artist(Line2D(places, heights, lw=1.6, color=_INK, solid_capstyle="butt"))
         text = f"{short(length)} {unit}".rstrip()
-        self._text(figure, right - pixels - 0.4 * self._em, below, text, ha="right", va="center_baseline")
+        self._text(figure, right - pixels - 0.4 * self._em, below, text, self.size[0], ha="right", va="center_baseline")
         return length
 
     def _draw_legend(self, figure: Any, colors: Colors, label: str) -> None:
@@ -359,15 +363,14 @@ class Sheet:
             ax.imshow(_colors_of(colors, 256)[None], aspect="auto", extent=(0, 1, 0, 1), interpolation="none")
             ax.set(yticks=[], xlim=(0, 1), ylim=(0, 1))
             ax.set_xticks([share for share, _ in ticks], [text for _, text in ticks])
-            self._text(figure, self.whole[0] / 2, self.whole[1] - 0.3 * self._em, label, ha="center", va="baseline")
+            x, y = self.whole[0] / 2, self.whole[1] - 0.3 * self._em
+            self._text(figure, x, y, label, self.whole[0], ha="center", va="baseline")
         else:
             top, bottom = self.corner(0)[1], self.corner(self.n_panels - 1)[1] + self.size[1]
             left = self.whole[0] - self._strip + gap
             high = min(bottom - top - self._line, self._pixels(60))  # the ends' text needs room
-            most = max(1, int(high / (1.4 * self._em)))
             if kinds:
-                kinds = kinds[:most]
-                high = round(len(kinds) * 1.4 * self._em)
+                high = min(bottom - top, round(len(kinds) * 1.4 * self._em))
             ax = self._axes(figure, left, (top + bottom - high) / 2, bar, high)
             if kinds:
                 strip = displayed(colorize([v for v, _ in kinds], colors.colormap, colors.lo, colors.hi))[:, None]
@@ -382,9 +385,11 @@ class Sheet:
         wide = max(_text_width(text, self._em) for _, text in ticks)
         room = self._strip - gap - bar - self._line - 2 * tick
         shrunk = min(1.0, room / wide) if self.legend == "right" else 1.0
+        if kinds:
+            shrunk = min(shrunk, high / (1.3 * len(kinds) * self._em))
         if self.legend == "right":
             x = left + bar + 2 * tick + shrunk * wide + 0.4 * self._em
-            self._text(figure, x, (top + bottom) / 2, label, rotation=90, ha="left", va="center")
+            self._text(figure, x, (top + bottom) / 2, label, bottom - top, rotation=90, ha="left", va="center")
         points = 72 / self.dpi
         ax.tick_params(length=tick * points, width=0.5, pad=tick * points, labelsize=self.font * shrunk, colors=_INK)
         if kinds:
