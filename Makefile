@@ -87,7 +87,7 @@ wheel: $(VENV)/has-wheel
 check: $(VENV)/has-test
 	@$(PY) -m ruff check -q python tests bench examples docs
 	@$(PY) -m ruff format --check -q python tests bench examples docs
-	@$(VENV)/bin/clang-format --dry-run --Werror $$(find src include bindings tests examples bench -name '*.[ch]pp' -o -name '*.cu')
+	@$(VENV)/bin/clang-format --dry-run --Werror $$(find src include bindings tests examples bench integrations -name '*.[ch]pp' -o -name '*.cu')
 	@$(PY) -m mypy --no-error-summary
 
 docs: $(VENV)/has-docs

@@ -1,6 +1,7 @@
 """All flags of all commands: one meaning each, help with the default, words refused."""
 
 import argparse
+import functools
 import re
 import shutil
 import subprocess
@@ -13,7 +14,7 @@ from globule.cli import build_parser
 from globule.cli.shared import UserError
 from waiting import PATIENCE
 
-LONG = ("render", "view", "simulate", "reconstruct")
+LONG = ("render", "figure", "view", "simulate", "reconstruct")
 
 
 def parsers(parser: argparse.ArgumentParser | None = None) -> Iterator[argparse.ArgumentParser]:
@@ -42,6 +43,8 @@ def test_a_flag_means_the_same_in_every_command():
     for command, action in flags():
         for name in action.option_strings:
             kind = getattr(action.type, "__qualname__", action.type)
+            if isinstance(kind, functools.partial):
+                kind = (kind.func, kind.args, *kind.keywords.items())
             facts = (sentence(action), action.metavar, kind)
             assert known.setdefault(name, facts) == facts, f"{command} {name}"
             if known[name] is not facts:

@@ -41,7 +41,7 @@ def built(tmp_path_factory, pytestconfig):
         pytest.skip(str(error))
     folder = tmp_path_factory.mktemp("cpp")
     project = "cmake_minimum_required(VERSION 3.22)\nproject(all CXX)\n"
-    for name in ("tests", "examples"):
+    for name in ("tests", "examples", "integrations"):
         project += f'add_subdirectory("{ROOT / name / "cpp"}" {name})\n'
     (folder / "CMakeLists.txt").write_text(project)
     ninja = ["-G", "Ninja"] if shutil.which("ninja") else []
@@ -283,6 +283,55 @@ def test_load_and_draw(built, made, tmp_path):
     done = run(program, "p.npy", "image.ppm", "gpu", cwd=tmp_path)
     assert done.returncode == 1
     assert done.stderr.startswith("device: expected auto, cpu")
+
+
+def drop() -> np.ndarray:
+    """(N, 3) float64, as in integrations/cpp/drop.hpp."""
+    index = np.stack(np.meshgrid(*[np.arange(-8, 9)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    return 0.05 * index[(index**2).sum(1) <= 64]
+
+
+def drawn_by(built, name, folder) -> dict[str, str]:
+    """What a program that tries an adaptor says of each image: in place, or copied."""
+    if name not in targets(built):
+        pytest.skip("no Kokkos was found")
+    build(built, name)
+    done = run(built / "integrations" / name, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return dict(re.findall(r"^(\w+)\.ppm: 2109 particles, (.+)$", done.stdout, re.M))
+
+
+def shows_the_drop(folder, name, positions=None, order=None) -> None:
+    """The image is Python's, and values are those of the particles in their order."""
+    p = drop() if positions is None else positions
+    order = np.arange(len(p)) if order is None else order
+    scene = gb.Scene(p[order].astype(np.float32), surface="smooth", spacing=0.05, device="cpu")
+    expected = gb.render(scene, gb.Camera((1, 0.7, 1.6), (0, 0, 0)), DRAWN).picture
+    assert np.array_equal(ppm(folder / f"{name}.ppm"), expected), name
+    values = np.fromfile(folder / f"{name}.raw", np.float32)
+    np.testing.assert_allclose(values, (order / len(p)).astype(np.float32), rtol=1e-6)
+
+
+def test_arrays_of_dualsphysics(built, tmp_path):
+    said = drawn_by(built, "try_dualsphysics", tmp_path)
+    assert said == {"dualsphysics": "in place", "dualsphysics_floating": "copied"}
+    for name in said:
+        shows_the_drop(tmp_path, name)
+
+
+def test_tiles_like_amrex(built, tmp_path):
+    assert drawn_by(built, "try_amrex", tmp_path) == {"amrex": "copied"}
+    origin = np.array([1e6, -2e6, 0])
+    order = np.concatenate([np.arange(len(drop()))[t::3] for t in range(3)])
+    shows_the_drop(tmp_path, "amrex", (drop() + origin) - origin, order)
+
+
+def test_views_of_kokkos(built, tmp_path):
+    said = drawn_by(built, "try_kokkos", tmp_path)
+    assert said == {"kokkos_right": "in place", "kokkos_double": "in place",
+                    "kokkos_left": "copied", "kokkos_left_double": "copied"}  # fmt: skip
+    for name in said:
+        shows_the_drop(tmp_path, name)
 
 
 def toy(folder, name, spacing, counts, green):

@@ -46,6 +46,7 @@ if _TYPE_CHECKING:
     from .formats.mesh import sample_mesh
     from .render.camera_path import CameraPath, orbit
     from .render.legend import add_legend
+    from .render.paper import imshow
     from .render.presets import load_preset
     from .render.sequence import find_value_range, read_ahead, render_sequence, sequence
     from .render.views import render_views
@@ -60,6 +61,7 @@ _LATER = {
     "formats.mesh": "sample_mesh",
     "render.camera_path": "CameraPath orbit",
     "render.legend": "add_legend",
+    "render.paper": "imshow",
     "render.presets": "load_preset",
     "render.sequence": "find_value_range read_ahead render_sequence sequence",
     "render.views": "render_views",
@@ -120,6 +122,7 @@ __all__ = [
     "colorize",
     "find_value_range",
     "fluids",
+    "imshow",
     "include_dir",
     "load_preset",
     "measure",

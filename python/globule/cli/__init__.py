@@ -20,6 +20,7 @@ from . import (
     calibrate,
     convert,
     demo,
+    figure,
     flags,
     gauge,
     info,
@@ -40,7 +41,7 @@ from .shared import UserError, join_negative, say, text_of, warn
 
 # Who uses them: the title in `globule --help`, and the commands' modules.
 GROUPS = {
-    "everyone": (render, view, convert, info),
+    "everyone": (render, figure, view, convert, info),
     "measured from the surface": (slice, gauge, mesh, track, project),
     "simulation": (simulate,),
     "tracked ultrasound": (reconstruct, calibrate, register, measure),
@@ -149,6 +150,7 @@ def _run(argv: list[str]) -> None:
     if hasattr(options, "prepare"):
         options.parser.set_defaults(**options.prepare(options))
         options = parser.parse_args(argv)
+    options.argv = argv
     before = limits()
     if memory := getattr(options, "max_memory", None):
         set_limits(**{**before, "memory": memory * GIGABYTE})

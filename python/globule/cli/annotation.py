@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from ..render.annotate import Annotation, Colors, bounds_of, traced_size
 from ..render.camera import Camera
 from ..render.canvas import LEAST_SIDE
-from ..render.frame import Frame
+from ..render.frame import Frame, save_png
 from ..render.legend import POSITIONS
 from ..render.views import VIEWS, Grid, draw_views
 from . import flags
@@ -54,17 +54,59 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of legend and annotations."""
     group = parser.add_argument_group("annotations, drawn into the image")
     given = functools.partial(flags.add_settings, group, Annotation)
-    given("legend", action="store_true")
+    add_words(group)
     flags.own(group, "--legend-at PLACE", "place of the legend: lower-right, lower-left, "
         "upper-right, upper-left, or outside, on a strip that takes a part of the image's width",
         POSITIONS, usual="lower-right, with --views outside")  # fmt: skip
+    given("scale_bar", "box", action="store_true")
+    flags.own(group, "--step-number N", "number of the first image to draw into it, rising by 1 "
+        "from image to image", int)  # fmt: skip
+
+
+def add_words(group: Any) -> None:
+    """The flags of annotations that a figure for a paper has too."""
+    given = functools.partial(flags.add_settings, group, Annotation)
+    given("legend", "axes", action="store_true")
     given("legend_title", "legend_unit", "title", "unit", default="")
-    given("scale_bar", "axes", "box", action="store_true")
     flags.own(group, "--time T[,DT]", "time to draw into the first image, and from one image to "
         "the next, in the unit of --time-unit", start_and_step)  # fmt: skip
     given("time_unit", default="s")
-    flags.own(group, "--step-number N", "number of the first image to draw into it, rising by 1 "
-        "from image to image", int)  # fmt: skip
+
+
+def check(options: argparse.Namespace) -> None:
+    """Refuse flags of legend and views that contradict others."""
+    legend = options.legend_at or options.legend_title or options.legend_unit
+    if not options.color_by and (options.legend or legend):
+        flag = "--legend" if options.legend else "--legend-at, --legend-title or --legend-unit"
+        raise UserError(f"{flag}: expected --color-by beside a legend, got none")
+    if options.range and not options.color_by:
+        raise UserError("--range: expected --color-by beside it, got none")
+    if options.views:
+        for name in ("fit", "eye", "look_at", "ortho", "camera_path", "pick", "aov"):
+            if getattr(options, name):
+                flag = name.replace("_", "-")
+                raise UserError(f"--views: expected no --{flag} beside --views, got both")
+    if options.transparent and options.output.lower().endswith(".mp4"):
+        raise UserError("--transparent: expected images, .png, got a movie")
+
+
+class Pictures(Protocol):
+    """What becomes of the images of a run.
+
+    Attributes:
+        annotation: of the first image.
+    """
+
+    annotation: Annotation
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) to trace for each view."""
+
+    def write(
+        self, path: str, i: int, frames: list[Frame], cameras: list[Camera], colors: Colors | None, box: Any
+    ) -> None:
+        """Take the views of image i. box: points (M, 3) of all images, or None."""
 
 
 class Notes:
@@ -77,19 +119,8 @@ class Notes:
     """
 
     def __init__(self, options: argparse.Namespace):
+        check(options)
         legend = options.legend_at or options.legend_title or options.legend_unit
-        if not options.color_by and (options.legend or legend):
-            flag = "--legend" if options.legend else "--legend-at, --legend-title or --legend-unit"
-            raise UserError(f"{flag}: expected --color-by beside a legend, got none")
-        if options.range and not options.color_by:
-            raise UserError("--range: expected --color-by beside it, got none")
-        if options.views:
-            for name in ("fit", "eye", "look_at", "ortho", "camera_path", "pick", "aov"):
-                if getattr(options, name):
-                    flag = name.replace("_", "-")
-                    raise UserError(f"--views: expected no --{flag} beside --views, got both")
-        if options.transparent and options.output.lower().endswith(".mp4"):
-            raise UserError("--transparent: expected images, .png, got a movie")
         time = options.time or (None, 0.0)
         with mistakes():
             self.annotation = Annotation(
@@ -133,3 +164,9 @@ class Notes:
             frames, cameras, self.names, self._grid, self.annotation.at(i), colors, None,
             self._strip, self._header,
         )  # fmt: skip
+
+    def write(
+        self, path: str, i: int, frames: list[Frame], cameras: list[Camera], colors: Colors | None, box: Any
+    ) -> None:
+        """Write the picture i."""
+        save_png(path, self.picture(i, frames, cameras, colors, box))

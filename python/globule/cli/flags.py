@@ -205,8 +205,9 @@ def add_device(group: Any) -> None:
     add(group, "--threads", "default: all cores", default=0)
 
 
-def add_reading(parser: argparse.ArgumentParser) -> None:
-    """The flags that say what to take from volumes, meshes and simulation files."""
+def add_reading(parser: argparse.ArgumentParser, of_frames: bool = True) -> None:
+    """The flags that say what to take from volumes, meshes and simulation files. of_frames: with
+    --frame."""
     group = parser.add_argument_group("volumes and meshes")
     add(group, "--level", "default: Otsu's threshold")
     add(group, "--label", "may be repeated; default: all above --level")
@@ -217,7 +218,8 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add(group, "--origin", "default: auto")
     add(group, "--center")
     add(group, "--min-component", "default: 1")
-    add(group, "--frame", "default: 0")
+    if of_frames:
+        add(group, "--frame", "default: 0")
     add(group, "--radius-is", "default: radius", default="radius")
     add(group, "--species", "default: gas, else the first or all")
     group = parser.add_argument_group("tables and LAMMPS data")

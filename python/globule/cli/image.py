@@ -19,7 +19,7 @@ from ..formats.kind import kind_of
 from ..pieces.scene import Scene
 from ..render.annotate import Colors
 from ..render.camera import Camera
-from ..render.frame import Frame, save_png
+from ..render.frame import Frame
 from ..render.render import render
 from ..render.trace import points_of, values_of
 from ..scene.mesh import Mesh
@@ -47,7 +47,7 @@ class Subject(NamedTuple):
 def picture(
     options: argparse.Namespace,
     lit: light.Light,
-    notes: annotation.Notes,
+    notes: annotation.Pictures,
     thesis: Thesis | None,
     progress: Progress,
     series: sequence.Series,
@@ -112,7 +112,7 @@ def picture(
         series.prepare()
         if aov:
             frames[0].save(aov)
-        save_png(image, notes.picture(i, frames, views, colors, series.box))
+        notes.write(image, i, frames, views, colors, series.box)
     end = time.perf_counter()
     series.warn(messages, progress)
     times = {
@@ -244,7 +244,7 @@ def _facts(options: argparse.Namespace, subject: Subject, hits: int) -> dict[str
 def _traced(
     options: argparse.Namespace,
     lit: light.Light,
-    notes: annotation.Notes,
+    notes: annotation.Pictures,
     progress: Progress,
     path: str,
     scene: Scene | Mesh,

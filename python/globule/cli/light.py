@@ -29,7 +29,7 @@ from ..render.settings import RenderSettings, extent_of, for_flat_data, for_valu
 from ..scene.mesh import Mesh
 from ..scene.rigid_bodies import RigidBodies
 from . import flags, look, meshes
-from .arguments import ball, beside, box, ground, pixel
+from .arguments import ball, beside, box, ground
 from .shared import UserError, check_input, mistakes, read_particles
 
 MATTER = ("reflection", "transmission", "index", "roughness", "absorption")
@@ -76,8 +76,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "world units", functools.partial(box, keep=True), usual="all")  # fmt: skip
     flags.own(group, "--crop-sphere X,Y,Z,R", "keep only the inside of a ball, world units",
         functools.partial(ball, keep=True), usual="all")  # fmt: skip
-    flags.own(group, "--pick COLUMN,ROW", "print position, particle and attributes behind a pixel, "
-        "counted from the top left corner", pixel)  # fmt: skip
 
 
 class Light:

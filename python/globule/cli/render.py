@@ -49,6 +49,7 @@ from ..render.settings import RenderSettings
 from ..render.views import view_cameras
 from ..scene.mesh import Mesh
 from . import annotation, flags, light, look, meshes, pieces, ranks, sequence, state, surfaces, tracing
+from .arguments import pixel
 from .image import picture
 from .parser import Parser
 from .shared import (
@@ -96,7 +97,27 @@ def add_arguments(parser: Parser) -> None:
     flags.add(parser, "--state", "default: none")
     flags.own(parser, "--aov FILE.npz", "also write the arrays color, distance, position, normal, "
         "albedo and mask")  # fmt: skip
+    flags.own(parser, "--pick COLUMN,ROW", "print position, particle and attributes behind a pixel, "
+        "counted from the top left corner", pixel)  # fmt: skip
     flags.add(parser, "--json")
+    add_look(parser)
+    annotation.add_arguments(parser)
+    flags.add_reading(parser)
+    sequence.add_arguments(parser)
+    machine = parser.add_argument_group("machine")
+    flags.add_device(machine)
+    flags.own(machine, "--ranks NAME", "what each rank of mpiexec has of one image: replicate (all "
+        "particles, and some of the pixels) or pieces (a part of the particles; rays of light go "
+        "from rank to rank)", ranks.MODES,
+        usual="pieces, or replicate where light turns and all particles fit")  # fmt: skip
+    flags.own(machine, "--memory SIZE", "number of bytes that the command may take, such as 8G: "
+        "particles that need more are read, built and traced in pieces (HDF5, raw .vtu; .npy, .npz "
+        "and .bgeo without compression)", pieces.memory, usual="what is free")  # fmt: skip
+    parser.set_defaults(prepare=functools.partial(state.defaults, parser))
+
+
+def add_look(parser: Parser) -> None:
+    """The flags of camera, surface, colors, light, cuts and meshes, which `figure` has too."""
     camera = parser.add_argument_group("camera")
     flags.own(camera, "--fit", "show all particles (the default)")
     flags.add(camera, "--eye", "default: all is visible; 2-D along the normal")
@@ -141,19 +162,6 @@ def add_arguments(parser: Parser) -> None:
         "2 --samples on")  # fmt: skip
     light.add_arguments(parser)
     meshes.add_arguments(parser)
-    annotation.add_arguments(parser)
-    flags.add_reading(parser)
-    sequence.add_arguments(parser)
-    machine = parser.add_argument_group("machine")
-    flags.add_device(machine)
-    flags.own(machine, "--ranks NAME", "what each rank of mpiexec has of one image: replicate (all "
-        "particles, and some of the pixels) or pieces (a part of the particles; rays of light go "
-        "from rank to rank)", ranks.MODES,
-        usual="pieces, or replicate where light turns and all particles fit")  # fmt: skip
-    flags.own(machine, "--memory SIZE", "number of bytes that the command may take, such as 8G: "
-        "particles that need more are read, built and traced in pieces (HDF5, raw .vtu; .npy, .npz "
-        "and .bgeo without compression)", pieces.memory, usual="what is free")  # fmt: skip
-    parser.set_defaults(prepare=functools.partial(state.defaults, parser))
 
 
 def run(options: argparse.Namespace) -> None:
@@ -165,10 +173,7 @@ def run(options: argparse.Namespace) -> None:
 
 def _run(options: argparse.Namespace, comm: Any) -> None:
     start = time.perf_counter()
-    if options.fit and (options.eye or options.look_at):
-        raise UserError("--fit: expected no --eye and no --look-at beside --fit")
-    if options.look_at and not options.eye:
-        raise UserError("--look-at: expected --eye beside --look-at, got none")
+    check_camera(options)
     notes = annotation.Notes(options)
     series = sequence.Series(options, comm)
     with mistakes():
@@ -221,9 +226,16 @@ def _run(options: argparse.Namespace, comm: Any) -> None:
             print(light.say_picked(options, report["picked"]))
 
 
-def outputs(options: argparse.Namespace, images: list[str] | None) -> tuple[list[str], list[str | None]]:
-    """The files to write, one image and perhaps one .npz per input, all checked to be writable.
-    images: those of a movie."""
+def check_camera(options: argparse.Namespace) -> None:
+    """Refuse flags of the camera that contradict each other."""
+    if options.fit and (options.eye or options.look_at):
+        raise UserError("--fit: expected no --eye and no --look-at beside --fit")
+    if options.look_at and not options.eye:
+        raise UserError("--look-at: expected --eye beside --look-at, got none")
+
+
+def check_inputs(options: argparse.Namespace) -> None:
+    """Refuse input files that cannot be read as the options say, before any work."""
     for path in options.particles:
         if is_surface(path, options):
             check_surface(path, options)
@@ -232,6 +244,12 @@ def outputs(options: argparse.Namespace, images: list[str] | None) -> tuple[list
             meshes.check_mesh(path, options)
         else:
             check_input(path, list(reading(options)))
+
+
+def outputs(options: argparse.Namespace, images: list[str] | None) -> tuple[list[str], list[str | None]]:
+    """The files to write, one image and perhaps one .npz per input, all checked to be writable.
+    images: those of a movie."""
+    check_inputs(options)
     images = images or _names("-o", options.output, options.particles, ".png", options.frame)
     arrays: list[str | None] = [None] * len(images)
     if options.aov:
@@ -267,7 +285,7 @@ def _names(option: str, pattern: str, inputs: list[str], extension: str, frame: 
 
 
 def camera(
-    options: argparse.Namespace, scene: Scene | Mesh | None, notes: annotation.Notes, around: Any = None
+    options: argparse.Namespace, scene: Scene | Mesh | None, notes: annotation.Pictures, around: Any = None
 ) -> Camera:
     """The camera that the options ask for; without a scene, only the options are checked.
 
@@ -297,7 +315,7 @@ def camera(
 
 
 def cameras(
-    options: argparse.Namespace, lit: light.Light, notes: annotation.Notes, scene: Scene | Mesh, around: Any
+    options: argparse.Namespace, lit: light.Light, notes: annotation.Pictures, scene: Scene | Mesh, around: Any
 ) -> list[Camera]:
     """The cameras of all views of an image."""
     around = lit.around(scene, around)

@@ -71,10 +71,10 @@ class Series:
     """The images of one run: files read ahead, and one scene, camera and color range for all.
 
     `options.particles` becomes the list of files, one per image. On the ranks of `comm` the images
-    are dealt one by one.
+    are dealt one by one. files: to show, instead of `options.particles`.
     """
 
-    def __init__(self, options: argparse.Namespace, comm: Any = None):
+    def __init__(self, options: argparse.Namespace, comm: Any = None, files: list[str] | None = None):
         self.options, self.comm = options, comm
         self._looking = False  # at a file that another rank may draw
         self.path: CameraPath | None = None
@@ -84,7 +84,7 @@ class Series:
         self._shown: set[str] = set()
         self._ahead: Iterator[tuple[Particles | Mesh, list[str]]] = iter(())
         with mistakes():
-            files = find_files(options.particles)
+            files = find_files(options.particles) if files is None else files
             if options.frame is None and shows_all(options.output):
                 files = with_frames(files, **reading(options))
             if options.camera_path and options.turntable:
@@ -345,6 +345,8 @@ def _read(path: str, options: argparse.Namespace) -> tuple[Particles | Mesh, lis
         return read_surface(path, options)
     contents = read_file(path, len(set(options.particles)) > 1, **reading(options))
     options.origin = contents.particles.origin
+    if (facts := vars(options).get("facts")) is not None:
+        facts[path] = contents.time, contents.units
     messages = lies_across(path, contents, options)
     if contents.n_frames > 1 and not isinstance(path, FrameOf) and options.frame is None:
         messages.append(first_of(path, contents.n_frames, "an output with %d or .mp4 shows all"))

@@ -58,8 +58,10 @@ def defaults(parser: argparse.ArgumentParser, options: argparse.Namespace) -> di
             words += ["--level", repr(state.slices.level)]
         if state.slices.shown:
             say(f"note: {options.state}: the image has no slices, which only the viewer shows")
-    saved = parser.parse_args(["FILE", "-o", "PATH", *join_negative(words)])
-    named = {a.dest for a in parser._actions if any(word in words for word in a.option_strings)}
+    words = _known(parser, join_negative(words), options.state)
+    saved = parser.parse_args(["FILE", "-o", "PATH", *words])
+    flags = {word.partition("=")[0] for word in words}
+    named = {a.dest for a in parser._actions if flags.intersection(a.option_strings)}
     given = {
         action.dest
         for action in parser._actions
@@ -67,6 +69,19 @@ def defaults(parser: argparse.ArgumentParser, options: argparse.Namespace) -> di
     }
     gone = given.union(*(REPLACED.get(name, ()) for name in given))
     return {name: getattr(saved, name) for name in named - gone}
+
+
+def _known(parser: argparse.ArgumentParser, words: list[str], path: str) -> list[str]:
+    """The flags of `render` and their values without those that another command does not have."""
+    kept: list[str] = []
+    left: list[str] = []
+    for word in words:
+        if word.startswith("--"):
+            into = kept if word.partition("=")[0] in parser._option_string_actions else left
+        into.append(word)
+    if gone := [word for word in left if word.startswith("--")]:
+        say(f"note: {path}: without {', '.join(gone)}, which only `globule render` has")
+    return kept
 
 
 def _no_sky(state: State, up: Any) -> bool:

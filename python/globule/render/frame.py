@@ -67,6 +67,8 @@ class Frame(Owner):
     # Of the first scene's particles (N,), color map, and values of the map's ends.
     _values: tuple[Any, str, float, float] | None = field(default=None, repr=False)
     _finish: Any = field(default=None, repr=False)  # draws annotations into the image
+    _camera: Any = field(default=None, repr=False)  # `Camera`; None of a scene in pieces
+    _asked: Any = field(default=None, repr=False)  # color_by, colormap, range; None: no values
 
     def __repr__(self) -> str:
         n = len(self._layers)

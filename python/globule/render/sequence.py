@@ -33,6 +33,7 @@ from ..formats.kind import kind_or_none
 from ..formats.pictures.video import movie_facts, need_av, read_movie, write_movie
 from ..formats.registry import format_named
 from ..formats.table import may_have_frames
+from ..formats.vtk_parts import parts_of
 from ..pieces.scene import Scene
 from ..pieces.shown import shown_scene
 from .annotate import Annotation, bounds_of, drawing, traced_size
@@ -136,6 +137,17 @@ def sequence(frames: str | os.PathLike[str] | Sequence[str], **options: Any) -> 
         if len(found):
             options["origin"] = found.origin
         yield found
+
+
+def time_of(path: str, **options: Any) -> float | None:
+    """The time that a file says of itself, or of the frame that its name stands for; None where it
+    says none. Collections of files say it without reading them. Raises what `read` does."""
+    found = kind_or_none(path)
+    if found is not None and found.kind not in ("particles", "mesh"):
+        return None
+    if found is not None and found.format in ("pvd", "series"):
+        return parts_of(path, found.format, path.frame if isinstance(path, FrameOf) else 0).time
+    return read_contents(path, **options).time
 
 
 def missing_numbers(files: Sequence[str]) -> list[int]:

@@ -112,7 +112,7 @@ def trace(
     else:
         first_pass = traced(1, None, replace(settings, edge_samples=0)._look(scenes))
     blended = values[:4] if values and isinstance(first, SceneBase) else None
-    frame = Frame(size, first_pass, layers, traced, settings, behind, blended, finish)
+    frame = Frame(size, first_pass, layers, traced, settings, behind, blended, finish, camera, color)
     if progress is not None:
         progress(1, n)
         if n > 1:
