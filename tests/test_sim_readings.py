@@ -58,6 +58,11 @@ def test_what_reads_no_force_is_named():
         sim.record.force("walls", (0, 0))
 
 
+def test_a_point_to_turn_about_without_a_spin():
+    with pytest.raises(ValueError, match="about: expected a spin"):
+        turning(about=(0.1, 0, 0))
+
+
 def turning(**how) -> gb.Simulation:
     domain = {"lo": (-1, -1, -1), "hi": (1, 1, 1)}
     blade = {"name": "blade", "box": {"lo": (0.2, -0.1, -0.1), "hi": (0.6, 0.1, 0.1)}} | how

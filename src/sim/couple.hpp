@@ -170,8 +170,6 @@ template <class Packet> struct FindContacts {
         const std::uint32_t slot = step.lists.rows[row], t = members(step.state.id[slot]);
         if (t == kNobody) return;
         const float3 here = step.state.place[slot].xyz();
-        float3 sum{0, 0, 0}, velocity{0, 0, 0};
-        float total = 0.0f;
         Smooth smooth;
         std::uint8_t near = kAlone;
         for (std::uint32_t k = 0, n = step.lists.count[row]; k < n; ++k) {
@@ -189,28 +187,19 @@ template <class Packet> struct FindContacts {
                 continue;
             }
             const Quad q = step.state.place[j];
-            const float3 away = step.period.template shortest<true>(here - q.xyz());
-            const float d2 = dot(away, away) / (step.spacing * step.spacing),
-                        s = q.w / (d2 * d2 + 1e-3f);  // as in sim::Contact
-            sum = sum + away * s;
-            velocity = velocity + step.state.velocity[j].xyz() * s;
-            total += s;
-            smooth.add(away, step.state.velocity[j].xyz(),
+            smooth.add(step.period.template shortest<true>(here - q.xyz()), step.state.velocity[j].xyz(),
                 max(step.phases[step.state.phase[slot]].friction, step.phases[step.state.phase[j]].friction), q.w,
                 step.spline);
         }
         beside[t] = near;
-        if (!(total > 0.0f)) return;
-        if (smooth.total > 0.0f) {
-            sum = smooth.sum, velocity = smooth.velocity, total = smooth.total;
-            const float3 u = velocity * (1.0f / total);
-            if (rub) rub[t] = {u.x, u.y, u.z, smooth.friction / total};
-        }
-        const float3 out = normalize(sum);
-        const float height = dot(sum, out) / total;
+        if (!(smooth.total > 0.0f)) return;
+        const float by = 1.0f / smooth.total;
+        const float3 u = smooth.velocity * by, out = normalize(smooth.sum);
+        if (rub) rub[t] = {u.x, u.y, u.z, smooth.friction * by};
+        const float height = dot(smooth.sum, out) * by;
         plane[t] = {
             out.x, out.y, out.z, dot(here, out) + lifted(kWallHeight * step.spacing - height, smooth.friction > 0.0f)};
-        speed[t] = dot(velocity, out) / total;
+        speed[t] = dot(u, out);
     }
     /// How far a plane is beyond the particle, which lacks `low` of the height at rest: what has sunk, as into a wall's
     /// hollows, comes back by and by, unless friction keeps it out of these.
@@ -225,8 +214,8 @@ template <class Packet> struct FindContacts {
     }
     GB_FN bool other_body(std::uint32_t t, std::uint32_t o) const { return o != kNobody && body[o] != body[t]; }
 
-    /// The same sums weighted by the kernel's slope, the nearest less.  The nearest particles' rule gives a wall bumps
-    /// of 5 degrees, which slow what slides by a tenth and throw it to and fro.
+    /// Sums over a wall's particles, weighted by the kernel's slope, the nearest less.  The weights of sim::Contact give
+    /// a wall bumps of 5 degrees, which slow what slides by a tenth and throw it to and fro.
     struct Smooth {
         float3 sum{0, 0, 0}, velocity{0, 0, 0};
         float total = 0.0f, friction = 0.0f;

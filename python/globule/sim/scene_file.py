@@ -344,6 +344,8 @@ class Boundary(Body):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.motion: Motion | Steady | None = None
+        if any(self.about) and not any(self.spin):
+            raise ValueError("about: expected a spin about this point, got none")
         if any(self.velocity) or any(self.spin):
             if self.keys:
                 raise ValueError("expected keys, or velocity and spin, got both")
