@@ -133,8 +133,14 @@ def test_the_octree_makes_no_difference(backend):
 
 def test_a_far_eye(backend, monkeypatch):
     """Its rays begin at the space; here, those of a near eye do."""
+
+    def work(device, ranks):
+        scene = gb.Scene(mine(PARTICLES, ranks), comm=ranks, ranks="pieces", support=2.0, **device)
+        return gb.render(scene, CAMERA, SIZE, {"shadows": True, "lights": [LAMP]})
+
+    near = on(3, work, backend)
     monkeypatch.setattr(wavefront, "FAR", 0.0)
-    check(PARTICLES, 3, backend, {"shadows": True, "lights": [LAMP]}, support=2.0)
+    same(near, on(3, work, backend))
 
 
 def test_layers_and_meshes(backend):

@@ -90,8 +90,9 @@ def test_tissue_fluids_and_the_rest_are_layers_and_fluids_shine(backend):
     sim = simulation(backend, solids=[BLOCK])
     light = {"lights": [gb.Headlight(0.3)], "ambient": 0.0, "tone": False}
     light |= {"specular": 0.3, "background": (0, 0, 0), "edge_samples": 0}
-    own = gb.render(by_kind(sim, **backend)[:2], CAMERA, SIZE, light)
-    shines = gb.render(sim, CAMERA, SIZE, light)
+    fine = (256, 192)  # a highlight is small
+    own = gb.render(by_kind(sim, **backend)[:2], CAMERA, fine, light)
+    shines = gb.render(sim, CAMERA, fine, light)
     water, tissue = (own._layer == k for k in (1, 0))
     assert (own._layer == shines._layer)[own.mask].all()
     assert shines.color[water].max() > own.color[water].max() + 0.03
