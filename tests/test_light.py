@@ -264,6 +264,29 @@ def test_penumbra(backend, name):
     assert np.abs(error).max() < 0.05
 
 
+def test_one_sample_of_a_soft_light_is_an_even_pattern(backend):
+    """Lit and dark places have no noise; in a penumbra, the mean of any 4 x 4 pixels is near that of many samples."""
+    light = gb.DirectionalLight((0.3, 1.0, 0.1), (1, 1, 1), angle=10)
+    camera = gb.Camera((-0.4, 30, 0.3), (-0.4, -1.0, 0.3), height=2.4, up=(0, 0, -1))
+    look = quiet(lights=[light], shadows=True, ground=GROUND, edge_samples=0)
+    frame = gb.render(ball(**backend), camera, (128, 88), look)
+    one = frame.color[..., 0].copy()
+    many = frame.refine(63).color[..., 0]
+    o, d = rays(camera, (128, 88))
+    ground = (meet_ball(o, d)[2] > 1.2 * RADIUS)[..., 0]
+    full = many[ground].max()
+    lit, dark = ground & (many > 0.999 * full), ground & (many == 0)
+    assert lit.sum() > 1000
+    assert dark.sum() > 50
+    assert np.abs(one[lit] - full).max() < 2e-3
+    assert one[dark].max() == 0
+    blocks = lambda v: v.reshape(22, 4, 32, 4).mean(axis=(1, 3))  # noqa: E731
+    whole = blocks(ground.astype(float)) == 1
+    off = np.abs(blocks(one) - blocks(many))[whole]
+    assert off.max() < 0.2
+    assert off.mean() < 0.01
+
+
 def test_ambient_occlusion_of_an_open_half_space(backend):
     """Over the flat face of a cut block nothing is hidden."""
     look = quiet(ambient=1.0, ambient_rays=16, ambient_distance=50.0, material=CLAY, samples=2)

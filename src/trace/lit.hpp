@@ -76,13 +76,18 @@ private:
             float3 l = h.d * -1.0f;
             float seen = 1.0f, matte = share, wide = 1.0f, distance;
             if (lighting.lights[k].kind != LightKind::head) {
-                // The mean over a soft light's face, without noise: of the directions to it, a unit long each; and a
-                // highlight, as a power of a cosine nearly a Gaussian of variance 1 / shininess, widened by the half
-                // vectors' radius^2 / 16.
                 lighting.towards(k, h.p, l, distance);
                 const float radius = lighting.radius(k, distance), square = radius * radius;
-                matte *= 2.0f / (1.0f + sqrt(1.0f + square));
-                wide = 1.0f / (1.0f + h.shininess * square * 0.0625f);
+                if (rays.source.dithered && rays.pass_of(i) > 0) {
+                    l = lighting.on_face(k, l, distance, rays.light_sample(i, std::uint32_t(which)));
+                } else {
+                    // In an image of one sample, the mean over a soft light's face, without noise: of the directions to
+                    // it, a unit long each; and a highlight, as a power of a cosine nearly a Gaussian of variance
+                    // 1 / shininess, widened by the half vectors' radius^2 / 16.  It takes all of the face to be as
+                    // hidden as the place that is looked at: further samples have their own directions.
+                    matte *= 2.0f / (1.0f + sqrt(1.0f + square));
+                    wide = 1.0f / (1.0f + h.shininess * square * 0.0625f);
+                }
             } else if (!rays.primary()) {
                 const CameraRays& camera = rays.source.camera;
                 l = camera.orthographic ? camera.forward * -1.0f : normalize(camera.eye - h.p);
