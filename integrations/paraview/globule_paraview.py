@@ -270,7 +270,8 @@ class GlobuleImage(OfParticles):
         for view in views:
             renderer = view.GetClientSideObject().GetRenderer()
             if renderer not in self.actors:
-                settings = None if preset == "none" else replace(gb.load_preset(preset, self.scene), ground=None)
+                settings = gb.RenderSettings() if preset == "none" else gb.load_preset(preset, self.scene)
+                settings = replace(settings, ground=None, edge_samples=1)  # ParaView smooths edges itself
                 show = renderer.AddObserver("StartEvent", shown(weakref.ref(self), renderer, view, me), 1.0)
                 self.actors[renderer] = gb.pyvista.add_particles(renderer, self.scene, settings, **looks), show
         if self.watched is None:

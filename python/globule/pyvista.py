@@ -164,15 +164,17 @@ class ParticlesActor:
         """Before each frame: render if the view is another one, and place the depths."""
         if not self.actor.GetVisibility():
             return
-        view, size = self._renderer.GetActiveCamera(), tuple(self._renderer.GetSize())
+        view, whole = self._renderer.GetActiveCamera(), self._renderer.GetSize()
+        parts = self._renderer.GetRenderWindow().GetTileScale()  # of an image that is larger than the window
+        size = whole[0] // parts[0], whole[1] // parts[1]
         if min(size) < 1 or max(size) > 16384:
             return
-        camera, whole, corner = _around(view, size)
+        camera, around, corner = _around(view, size)
         origin = self._origin()
         camera = replace(camera, eye=np.subtract(camera.eye, origin), look_at=np.subtract(camera.look_at, origin))
-        wanted = (camera, whole, self._version)
+        wanted = (camera, around, self._version)
         if wanted != self._of_frame:
-            self.frame = render(self.scene, camera, whole, self._settings, **self._options)
+            self.frame = render(self.scene, camera, around, self._settings, **self._options)
             self._of_frame = wanted
         matrix = view.GetCompositeProjectionTransformMatrix(size[0] / size[1], -1.0, 1.0)
         rows = tuple(matrix.GetElement(i, j) for i in (2, 3) for j in range(4))
