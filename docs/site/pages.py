@@ -25,11 +25,8 @@ SECTIONS = {  # title: its pages first, in this order; the folder's others follo
     "reference": ("Reference", ["python/index", "commands/index", "headers/index"]),
     "understand": ("Understand", ["architecture", "conventions"]),
 }
-GROUPS = {
-    "cpp": "C++",
-    "files": "Files",
-    **dict.fromkeys(("paraview", "blender", "slicer"), "Other programs"),
-}
+GROUPS = {"cpp": "C++", "files": "Files"}
+GROUPS |= dict.fromkeys(("paraview", "blender", "slicer"), "Other programs")
 
 
 def write(folder: Path) -> None:
