@@ -79,7 +79,8 @@ def test_a_sequence_as_surfaces_and_as_points(blender):
     for i, particles in enumerate(given):
         gb.write(f"run_{i}.vtp", particles)
     found = blender("""
-found["done"] = list(bpy.ops.import_scene.globule(filepath="run_%d.vtp", start=5, color_by="speed", high=2, seconds=0.5 / 24))
+settings = dict(start=5, color_by="speed", high=2, seconds=0.5 / 24)
+found["done"] = list(bpy.ops.import_scene.globule(filepath="run_%d.vtp", **settings))
 thing = bpy.context.view_layer.objects.active
 found["turned"] = thing.rotation_euler.x
 for frame in (1, 5, 6, 7, 30):
