@@ -3,6 +3,7 @@
 import functools
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -301,3 +302,25 @@ def test_the_exact_surface_of_several_processes(paraview):
     paraview(program.replace("{sys.argv[1:]}", "2"), ranks=2, screen=True)
     assert picture("image1.png").any()
     assert (np.abs(picture("image1.png") - picture("image2.png")).max(axis=2) > 3).mean() < 0.002
+
+
+def test_the_programs_of_the_how_to(paraview):
+    """A script, and a simulation that hands its particles to ParaView while it runs."""
+    page = PLUGIN.parents[1] / "docs" / "how-to" / "paraview.md"
+    script, pipeline, run = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+    Path("globule").symlink_to(PLUGIN.parents[1])
+    Path("demo").mkdir()
+    gb.write("demo/splash.npz", frames(1)[0])
+    for name, text in (("script.py", script), ("pipeline.py", pipeline), ("run.py", run)):
+        Path(name).write_text(text.replace("range(100)", "range(3)"))
+    python = "/usr/bin/python3"
+    has = subprocess.run([python, "-c", "import paraview.catalyst"], capture_output=True, timeout=PATIENCE)
+    if has.returncode or shutil.which("xvfb-run") is None:
+        pytest.skip("no pvpython of the system's Python, or no xvfb-run")
+    for command, made in ((["pvpython", "script.py"], "image.png surface.vtp state.pvsm"),
+                          ([python, "run.py"], "datasets/step_0000.png datasets/step_0003.png")):  # fmt: skip
+        done = subprocess.run(["xvfb-run", "-a", *command], capture_output=True, text=True, timeout=PATIENCE)
+        assert "volume" in done.stdout, done.stdout + done.stderr
+        assert "Traceback" not in done.stderr, done.stderr
+        assert [name for name in made.split() if not Path(name).is_file()] == []
+    assert len(np.unique(picture("image.png").reshape(-1, 3), axis=0)) > 50
