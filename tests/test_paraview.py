@@ -252,8 +252,12 @@ Hide(image, view)
 SaveScreenshot("hidden.png", view)
 Show(image, view)
 SaveScreenshot("again.png", view)
+props = view.GetClientSideObject().GetRenderer().GetViewProps()
+found["props"] = [props.GetNumberOfItems()]
 Delete(image)
+del image
 SaveScreenshot("deleted.png", view)
+found["props"] += [props.GetNumberOfItems()]
 """, screen=True)  # fmt: skip
     given = frames()
     scene = gb.Scene(given[0], surface="smooth")
@@ -279,6 +283,7 @@ SaveScreenshot("deleted.png", view)
     assert not picture("hidden.png").any()
     assert np.array_equal(picture("again.png"), alone)
     assert not picture("deleted.png").any()
+    assert found["props"][1] < found["props"][0]
     # In another program, from the state's file.
     paraview("""
 LoadState("state.pvsm")

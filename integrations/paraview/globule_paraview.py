@@ -236,8 +236,9 @@ class GlobuleImage(OfParticles):
     def changed(self):
         """Everything is made anew."""
         OfParticles.changed(self)
-        for actor, _ in self.actors.values():
+        for renderer, (actor, show) in self.actors.items():
             actor.remove()
+            renderer.RemoveObserver(show)
         self.actors = {}
 
     def RequestData(self, request, inputs, output):
@@ -260,8 +261,7 @@ class GlobuleImage(OfParticles):
         if self.scene is None:
             return
         sources, views = of_views()
-        me = next((one for one in sources if one.GetClientSideObject() is self), None)
-        if me is None:
+        if all(one.GetClientSideObject() is not self for one in sources):
             return
         preset = self.value("Preset", "none")
         looks = {"color_by": self.value("ColorBy"), "colormap": self.value("Colormap", "auto")}
@@ -272,8 +272,9 @@ class GlobuleImage(OfParticles):
             if renderer not in self.actors:
                 settings = gb.RenderSettings() if preset == "none" else gb.load_preset(preset, self.scene)
                 settings = replace(settings, ground=None, edge_samples=1)  # ParaView smooths edges itself
-                show = renderer.AddObserver("StartEvent", shown(weakref.ref(self), renderer, view, me), 1.0)
-                self.actors[renderer] = gb.pyvista.add_particles(renderer, self.scene, settings, **looks), show
+                actor = gb.pyvista.add_particles(renderer, self.scene, settings, **looks)
+                # Before the actor's own observer, which draws.
+                self.actors[renderer] = actor, renderer.AddObserver("StartEvent", shown(weakref.ref(self), actor), 1.0)
         if self.watched is None:
             it = weakref.ref(self)
             self.watched = views[0].GetSessionProxyManager() if views else None

@@ -76,15 +76,22 @@ def of_views():
     return found["sources"], [one for one in found["views"] if hasattr(one.GetClientSideObject(), "GetRenderer")]
 
 
-def shown(it, renderer, view, source):
-    """What shows or hides the surface before each image: as the filter is shown in this view."""
+def shown(it, actor):
+    """What shows or hides an actor before each image: as the filter, of which `it` is a weak reference,
+    is shown in the view."""
     from paraview.modules.vtkRemotingServerManager import vtkSMPropertyHelper
 
-    def before(*_):
-        me = it()
-        actor = me and me.actors.get(renderer)
-        if actor:
+    def before(renderer, _):
+        me, visible = it(), False
+        if me is None:  # the filter was deleted
+            actor.remove()
+            return
+        sources, views = of_views()
+        source = next((one for one in sources if one.GetClientSideObject() is me), None)
+        view = next((one for one in views if one.GetClientSideObject().GetRenderer() is renderer), None)
+        if source is not None and view is not None:
             made = view.FindRepresentation(source, 0)
-            actor[0].actor.SetVisibility(bool(made and vtkSMPropertyHelper(made, "Visibility").GetAsInt()))
+            visible = made is not None and bool(vtkSMPropertyHelper(made, "Visibility").GetAsInt())
+        actor.actor.SetVisibility(visible)
 
     return before
