@@ -134,6 +134,48 @@ def test_blocks_leave_no_seam(name, monkeypatch):
         assert found.volume == pytest.approx(whole.volume, rel=1e-6)
 
 
+def spray():
+    """A smooth surface: a body with a bubble, thin sheets, drops of a few particles."""
+    rng = np.random.default_rng(3)
+    body = lattice(12, 10, 9, 1.0)
+    body = body[np.linalg.norm(body - body.mean(axis=0), axis=1) > 1.2]
+    drops = rng.uniform(-4, 16, (150, 3))
+    drops = drops[np.abs(drops[:, None] - body).max(axis=2).min(axis=1) > 1.5]
+    sheet = lattice(20, 1, 14, 1.0) - (0, 7, 0)
+    return np.concatenate([body, drops, sheet, drops[:9] + (0.7, 0, 0)]) + rng.normal(0, 0.05, 3)
+
+
+@pytest.mark.parametrize("spacing", [0.8, 0.4])
+def test_where_no_surface_is_the_field_is_not_asked(spacing, monkeypatch):
+    """The mesh is the one of a field that is known at every node."""
+    scene, asked = gb.Scene(spray(), surface="smooth", spacing=1.0, device="cpu"), []
+    known = gb.Scene.field
+    monkeypatch.setattr(gb.Scene, "field", lambda self, points: asked.append(len(points)) or known(self, points))
+    found = gb.measure.mesh_surface(scene, spacing)
+    few = sum(asked)
+    asked.clear()
+    monkeypatch.setattr(mesh_module, "_may_skip", lambda *_: False)
+    whole = gb.measure.mesh_surface(scene, spacing)
+    assert few < 0.6 * sum(asked)
+    np.testing.assert_array_equal(found.vertices, whole.vertices)
+    np.testing.assert_array_equal(found.faces, whole.faces)
+    np.testing.assert_array_equal(found.normals, whole.normals)
+
+
+def test_parts_are_the_whole():
+    scene = gb.Scene(spray(), surface="smooth", spacing=1.0, device="cpu")
+    whole = gb.measure.mesh_surface(scene, 0.25)
+    corners = {tuple(c) for c in whole.vertices.tolist()}
+    parts = [gb.measure.mesh_surface(scene, 0.25, part=(i, 3)) for i in range(3)]
+    assert sum(len(part.faces) for part in parts) == len(whole.faces)
+    assert all(len(part.faces) > 0 for part in parts)
+    assert {tuple(c) for part in parts for c in part.vertices.tolist()} == corners
+    assert sum(part.area for part in parts) == pytest.approx(whole.area, rel=1e-6)
+    for wrong in ((1, 1), (-1, 2), 3, (0.5, 2)):
+        with pytest.raises(ValueError, match=r"part: expected \(i, n\)"):
+            gb.measure.mesh_surface(scene, part=wrong)
+
+
 def test_a_drop_far_away():
     """Empty space costs nothing, and mixed supports lose nothing."""
     p = gb.Particles([[0, 0, 0], [1000, -500, 2000], [1, 0, 0]], support=[0.8, 0.8, 3.0])

@@ -114,6 +114,23 @@ def test_update_and_remove(plotter):
     assert not seen(plotter).any()
 
 
+@pytest.mark.parametrize("parallel", [False, True])
+def test_an_image_larger_than_the_window(plotter, parallel):
+    """VTK makes it of parts, whose views are off their axis."""
+    scene = ball()
+    gb.pyvista.add_particles(plotter, scene, SETTINGS)
+    if parallel:
+        plotter.enable_parallel_projection()
+        plotter.camera.parallel_scale = 1.7
+    look_from(plotter, (3, 2, 4), (0.2, 0, 0), (0, 1, 0.2))
+    frame = gb.render(scene, gb.pyvista.camera_of(plotter.camera), (320, 240), SETTINGS)
+    image = np.asarray(plotter.screenshot(return_img=True, scale=2))[..., :3].astype(int)
+    differ = np.abs(image - frame.image.astype(int)).max(axis=2) > 1
+    assert image.shape == (240, 320, 3)
+    assert np.isfinite(frame.distance).mean() > 0.1
+    assert differ[np.isfinite(frame.distance)].mean() < 0.01
+
+
 def test_the_window_fits_the_particles(plotter):
     gb.pyvista.add_particles(plotter, ball(), SETTINGS)
     low, high = np.array(plotter.bounds).reshape(3, 2).T

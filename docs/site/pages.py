@@ -26,6 +26,7 @@ SECTIONS = {  # title: its pages first, in this order; the folder's others follo
     "understand": ("Understand", ["architecture", "conventions"]),
 }
 GROUPS = {"cpp": "C++", "files": "Files"}
+GROUPS |= dict.fromkeys(("paraview", "blender", "slicer"), "Other programs")
 
 
 def write(folder: Path) -> None:

@@ -164,29 +164,33 @@ class ParticlesActor:
         """Before each frame: render if the view is another one, and place the depths."""
         if not self.actor.GetVisibility():
             return
-        view, size = self._renderer.GetActiveCamera(), tuple(self._renderer.GetSize())
+        view, whole = self._renderer.GetActiveCamera(), self._renderer.GetSize()
+        parts = self._renderer.GetRenderWindow().GetTileScale()  # of an image that is larger than the window
+        size = whole[0] // parts[0], whole[1] // parts[1]
         if min(size) < 1 or max(size) > 16384:
             return
-        camera, origin = camera_of(view), self._origin()
+        camera, around, corner = _around(view, size)
+        origin = self._origin()
         camera = replace(camera, eye=np.subtract(camera.eye, origin), look_at=np.subtract(camera.look_at, origin))
-        wanted = (camera, size, self._version)
+        wanted = (camera, around, self._version)
         if wanted != self._of_frame:
-            self.frame = render(self.scene, camera, size, self._settings, **self._options)
+            self.frame = render(self.scene, camera, around, self._settings, **self._options)
             self._of_frame = wanted
         matrix = view.GetCompositeProjectionTransformMatrix(size[0] / size[1], -1.0, 1.0)
         rows = tuple(matrix.GetElement(i, j) for i in (2, 3) for j in range(4))
-        if (wanted, rows) != self._of_depth:
-            self._place(np.array(rows).reshape(2, 4))
-            self._of_depth = wanted, rows
+        if (wanted, rows, corner) != self._of_depth:
+            part = np.s_[corner[1] : corner[1] + size[1], corner[0] : corner[0] + size[0]]
+            self._place(np.array(rows).reshape(2, 4), part)
+            self._of_depth = wanted, rows, corner
 
-    def _place(self, rows: np.ndarray) -> None:
-        """Color and window depth of each pixel as the texture; `rows` are z and w of the clip
-        space."""
+    def _place(self, rows: np.ndarray, part: Any) -> None:
+        """Color and window depth of each pixel of a part of the frame as the texture; `rows` are z
+        and w of the clip space."""
         assert self.frame is not None
-        pixels = np.full((*self.frame.image.shape[:2], 4), _MISS, np.float32)
-        hit = np.isfinite(self.frame.distance)
-        pixels[..., :3] = self.frame.image[..., :3] / np.float32(255)
-        where = self.frame.position[hit] + self._origin()
+        hit = np.isfinite(self.frame.distance[part])
+        pixels = np.full((*hit.shape, 4), _MISS, np.float32)
+        pixels[..., :3] = self.frame.image[part][..., :3] / np.float32(255)
+        where = self.frame.position[part][hit] + self._origin()
         z, w = where @ rows[:, :3].T[:, 0] + rows[0, 3], where @ rows[1, :3] + rows[1, 3]
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = 0.5 + 0.5 * z / w
@@ -203,6 +207,23 @@ class ParticlesActor:
         self._image.GetPointData().SetScalars(values)
         self._image.Modified()
         self._texture.Modified()
+
+
+def _around(view: Any, size: tuple[int, int]) -> tuple[Camera, tuple[int, int], tuple[int, int]]:
+    """The camera on whose axis a window lies that is a part of a larger image, as programs make images
+    larger than their window; the size of the image around the axis, and the window's left upper corner
+    in it."""
+    center = view.GetWindowCenter()
+    if tuple(center) == (0.0, 0.0):
+        return camera_of(view), size, (0, 0)
+    wide, high = (1 + abs(c) for c in center)
+    larger = type(view)()
+    larger.DeepCopy(view)
+    larger.SetWindowCenter(0, 0)
+    larger.SetViewAngle(math.degrees(2 * math.atan(high * math.tan(math.radians(view.GetViewAngle()) / 2))))
+    larger.SetParallelScale(high * view.GetParallelScale())
+    corner = (wide + center[0] - 1) * size[0] / 2, (high - center[1] - 1) * size[1] / 2
+    return camera_of(larger), (round(wide * size[0]), round(high * size[1])), (round(corner[0]), round(corner[1]))
 
 
 def camera_of(view: Any) -> Camera:

@@ -34,6 +34,7 @@ class GlobuleWidget(ScriptedLoadableModuleWidget):
         """Make the panel."""
         ScriptedLoadableModuleWidget.setup(self)
         self.run = self.connector = None
+        self.seen = False  # whether the live volume is in the slice views
         self.timer = qt.QTimer()
         self.timer.setInterval(500)
         self.timer.timeout.connect(self.onTick)
@@ -42,6 +43,13 @@ class GlobuleWidget(ScriptedLoadableModuleWidget):
         self.wheel = ctk.ctkPathLineEdit()
         form.addRow("Wheel (empty: released version)", self.wheel)
         self._button(form, "Install globule", self.onInstall)
+
+        form = self._section("Calibration")
+        self.phantom, self.wires, self.more = (ctk.ctkPathLineEdit() for _ in range(3))
+        form.addRow("N-wire phantom (.xml, .toml)", self.phantom)
+        form.addRow("Sweep of it", self.wires)
+        form.addRow("Another sweep, to validate", self.more)
+        self._button(form, "Calibrate", self.onCalibrate)
 
         form = self._section("Live")
         self.images = qt.QLineEdit("igtl://localhost:18944")
@@ -92,6 +100,17 @@ class GlobuleWidget(ScriptedLoadableModuleWidget):
             slicer.util.pip_install(work.requirement(self.wheel.currentPath))
             self.status.text = "globule is installed"
 
+    def onCalibrate(self):
+        """Calibrate by an N-wire phantom, show the report, and take the calibration if it may be used."""
+        with slicer.util.tryWithErrorDisplay("No calibration", waitCursor=True):
+            found = work.calibrate(
+                self.phantom.currentPath, self.wires.currentPath, self.more.currentPath,
+                slicer.app.temporaryPath, work.slicer_python(slicer.app.slicerHome))  # fmt: skip
+            if found.passed:
+                self.calibration.currentPath = found.calibration
+            self.status.text = found.text
+            qt.QDesktopServices.openUrl(qt.QUrl.fromLocalFile(found.report))
+
     def onStart(self):
         """Start the live reconstruction, and a connector that receives its volume."""
         with slicer.util.tryWithErrorDisplay("Live reconstruction does not start"):
@@ -110,6 +129,7 @@ class GlobuleWidget(ScriptedLoadableModuleWidget):
                 self.connector.SetName("Globule")
             self.connector.SetTypeClient("localhost", settings.port)
             self.connector.Start()
+            self.seen = False
             self.start.enabled, self.stop.enabled = False, True
             self.timer.start()
 
@@ -124,7 +144,11 @@ class GlobuleWidget(ScriptedLoadableModuleWidget):
         self.start.enabled, self.stop.enabled = True, False
 
     def onTick(self):
-        """Show the counts; notice an end."""
+        """Show the counts, and the volume as soon as it is there; notice an end."""
+        volume = slicer.mrmlScene.GetFirstNodeByName("Volume")
+        if volume is not None and volume.IsA("vtkMRMLScalarVolumeNode") and not self.seen:
+            slicer.util.setSliceViewerLayers(background=volume, fit=True)
+            self.seen = True
         counts = slicer.mrmlScene.GetFirstNodeByName("Counts")
         if counts is not None and counts.IsA("vtkMRMLTextNode"):
             self.status.text = counts.GetText()

@@ -1,5 +1,5 @@
 """The module's work, without Slicer: install words, the live command, volumes from files and
-frames.
+frames, calibration.
 
 Slicer's coordinates are RAS; matrices that enter and leave this file are RAS.
 """
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-EXTRAS = "live,medical,measure"
+EXTRAS = "live,medical,measure,figures"
 DEVICES = ("Volume", "Trust", "Slice", "Surface", "LiveImageToReference", "Counts")
 
 
@@ -115,6 +115,43 @@ class LiveRun:
         except subprocess.TimeoutExpired:
             self.process.kill()
             return self.process.communicate()[0]
+
+
+class Calibrated(NamedTuple):
+    """A calibration by an N-wire phantom.
+
+    calibration  file for the other sections; "" where none was written
+    report       page with verdict, numbers and pictures
+    passed       whether the verdict is to use it
+    text         what the command printed
+    """
+
+    calibration: str
+    report: str
+    passed: bool
+    text: str
+
+
+def calibrate(phantom: str, sweep: str, validate: str, folder: str, python: str = sys.executable) -> Calibrated:
+    """Calibrate by a recording of an N-wire phantom; another one, `validate`, may be "".
+
+    Raises ValueError for files that are not given, RuntimeError with what `globule calibrate` says.
+    """
+    for name, path in (("phantom", phantom), ("sweep", sweep)):
+        if not path:
+            raise ValueError(f"{name}: expected a file, got none")
+    made = {name: os.path.join(folder, f"globule_{name}") for name in ("probe.toml", "report.html")}
+    for path in made.values():
+        if os.path.exists(path):
+            os.remove(path)
+    words = [python, "-m", "globule", "calibrate", "--n-wire", phantom, "--sweep", sweep, "--delay",
+             "-o", made["probe.toml"], "--report", made["report.html"]]  # fmt: skip
+    words += ["--validate", validate] if validate else []
+    done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    there = {name: path if os.path.isfile(path) else "" for name, path in made.items()}
+    if done.returncode not in (0, 1) or not there["report.html"]:
+        raise RuntimeError(done.stdout.strip() or f"globule calibrate ended with {done.returncode}")
+    return Calibrated(there["probe.toml"], there["report.html"], done.returncode == 0, done.stdout)
 
 
 class Shown(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.arrays import to_host
-from .._base.checks import a_path, missing, positive
+from .._base.checks import a_path, missing, positive, shown
 from ..data.particles import FARTHEST, HERE
 from ..formats.fields import say_origin
 from ..formats.mesh_files import EXTENSIONS, write_mesh
@@ -20,7 +20,9 @@ from .spheres import sampled_union, union_of_spheres
 from .surface import BLOCK, MOST_PLACES, box_of, default_spacing, in_blocks, spheres_of, surface_scene
 
 TOLERANCE = 1e-5  # |field - threshold| / |gradient| at a vertex, in edges of the grid
-CELLS = 32  # along the edge of a block
+CELLS = 24  # along the edge of a block
+_COARSE = 0.75  # of a support: the largest cell that tells where the surface is not
+_FAR_INSIDE, _FAR_OUTSIDE = 1.4, 0.05  # of the threshold, at all corners of such a cell
 _SIDE = 2**19  # blocks along an axis
 _NEWTON_STEPS = 12
 _BISECTIONS = 40
@@ -100,7 +102,13 @@ class SurfaceMesh:
 
 
 def mesh_surface(
-    scene: Any, spacing: float | None = None, values: Sequence[str] | str = (), device: str = "auto", threads: int = 0
+    scene: Any,
+    spacing: float | None = None,
+    values: Sequence[str] | str = (),
+    device: str = "auto",
+    threads: int = 0,
+    *,
+    part: tuple[int, int] = (0, 1),
 ) -> SurfaceMesh:
     """The surface as triangles, by marching cubes (Lewiner et al. 2003, scikit-image).
 
@@ -114,6 +122,8 @@ def mesh_surface(
         spacing: edge of the cubic cells, world units; default: half the particles' spacing.
         values: names of attributes, or a single one, to blend at the vertices; see `sample`.
         device, threads: as for `Scene`, if a scene must be made.
+        part: (i, n): the i-th of n parts, from 0, which have about as much work. Together they are
+            the whole; vertices between two parts are in both, with the same coordinates.
 
     Raises ValueError for a spacing that makes too many cells, TypeError and ValueError naming the
     argument; MissingPackageError without scikit-image.
@@ -122,8 +132,8 @@ def mesh_surface(
         scene = surface_scene(scene, device=device, threads=threads)
     spacing = default_spacing(scene) if spacing is None else positive("spacing", spacing)
     names = names_of(scene, values)
-    vertices, faces = _triangles(scene, spacing)
-    normals = -in_blocks(scene.gradient, vertices)
+    vertices, faces, gradient = _triangles(scene, spacing, *_checked_part(part))
+    normals = -gradient
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
     found = values_at(scene, vertices, names)
@@ -178,7 +188,7 @@ def measured(scene: Scene, mesh: SurfaceMesh) -> SurfaceMeasure:
     ends = np.sort(np.stack([np.stack([a, b], 1), np.stack([b, c], 1), np.stack([c, a], 1)]), 2)
     edges, which = np.unique(ends[..., 0] * n + ends[..., 1], return_inverse=True)
     flat = (mesh.vertices[edges // n].astype(np.float64) + mesh.vertices[edges % n]) / 2
-    middle = _onto_surface(scene, flat.copy(), mesh.spacing, 1e-3)
+    middle, _ = _onto_surface(scene, flat.copy(), mesh.spacing, 1e-3)
     p, q, r = which.reshape(3, -1) + n  # on the edges ab, bc, ca
     finer = np.concatenate([np.stack(f, 1) for f in ((a, p, r), (p, b, q), (r, q, c), (p, q, r))])
     vertices = np.concatenate([mesh.vertices.astype(np.float64), middle])
@@ -203,14 +213,26 @@ def measured(scene: Scene, mesh: SurfaceMesh) -> SurfaceMeasure:
     )
 
 
-def _triangles(scene: Scene, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V, 3) float32 on the surface and faces (F, 3) int32."""
+def _checked_part(part: Any) -> tuple[int, int]:
+    """The number of a part, and how many there are. Raises ValueError."""
+    try:
+        i, n = part
+        if 0 <= int(i) < int(n) and (int(i), int(n)) == (i, n):
+            return int(i), int(n)
+    except (TypeError, ValueError):
+        pass
+    raise ValueError(f"part: expected (i, n) with 0 <= i < n, got {shown(part)}")
+
+
+def _triangles(scene: Scene, spacing: float, part: int, n_parts: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of a part: vertices (V, 3) float32 on the surface, faces (F, 3) int32, the field's gradient
+    (V, 3)."""
     try:
         from skimage.measure import marching_cubes
     except ImportError:
         raise missing("scikit-image", "measure") from None
     if not len(scene.particles.finite_positions()):
-        return np.empty((0, 3), np.float32), np.empty((0, 3), np.int32)
+        return np.empty((0, 3), np.float32), np.empty((0, 3), np.int32), np.empty((0, 3), np.float32)
     # One cell more on each side: a surface never reaches the end of the grid.
     lo = box_of(scene)[0] - spacing
     edge = CELLS * max(1, int(np.ceil(float(np.max(to_host(scene.support))) / spacing / CELLS)))
@@ -222,6 +244,7 @@ def _triangles(scene: Scene, spacing: float) -> tuple[np.ndarray, np.ndarray]:
             f"spacing: expected one that makes at most {MOST_PLACES:,} places, got {spacing:g} "
             f"for {n_places:,.0f}; try {enough:.3g}"
         )
+    blocks = blocks[len(blocks) * part // n_parts : len(blocks) * (part + 1) // n_parts]
     level = np.float32(scene.threshold)
     least = np.float32(1e-3) * level
     places, faces, n = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
@@ -235,8 +258,8 @@ def _triangles(scene: Scene, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         faces.append(corners + n)
         n += len(at)
     at, corners = _welded(np.concatenate(places), np.concatenate(faces), edge)
-    vertices = _onto_surface(scene, lo + spacing * at, spacing)
-    return vertices.astype(np.float32), corners.astype(np.int32)
+    vertices, gradient = _onto_surface(scene, lo + spacing * at, spacing)
+    return vertices.astype(np.float32), corners.astype(np.int32), gradient
 
 
 def _blocks(scene: Scene, lo: np.ndarray, edge: float) -> np.ndarray:
@@ -279,11 +302,57 @@ def _fields(
     z, y, x = np.meshgrid(*3 * [np.arange(n)], indexing="ij")
     nodes = np.stack([x, y, z], axis=-1).reshape(-1, 3)
     many = max(1, BLOCK // n**3)
+    coarse = _may_skip(scene, edge, spacing)
     for begin in range(0, len(blocks), many):
         part = blocks[begin : begin + many]
-        places = lo + spacing * (edge * part[:, None] + nodes)
-        fields = in_blocks(scene.field, places.reshape(-1, 3).astype(np.float32))
-        yield from zip(part, fields.reshape(-1, n, n, n), strict=True)
+        if coarse:
+            fields = _near_the_surface(scene, part, lo, edge, spacing)
+        else:
+            places = lo + spacing * (edge * part[:, None] + nodes)
+            fields = in_blocks(scene.field, places.reshape(-1, 3).astype(np.float32)).reshape(-1, n, n, n)
+        yield from zip(part, fields, strict=True)
+
+
+def _may_skip(scene: Scene, edge: int, spacing: float) -> bool:
+    """Whether cells of twice the edge tell where the surface is not: those of a smooth surface, whose
+    kernels reach farther than such a cell."""
+    if scene.surface != "smooth" or edge % 2:
+        return False
+    return 2 * spacing <= _COARSE * float(np.min(to_host(scene.support)))
+
+
+def _near_the_surface(scene: Scene, blocks: np.ndarray, lo: np.ndarray, edge: int, spacing: float) -> np.ndarray:
+    """The field (B, n, n, n) of blocks, as `_fields` has it; in cells of twice the edge that are far
+    inside or outside of the surface, 0 or twice the threshold."""
+    level, n = np.float32(scene.threshold), edge + 1
+    # Places along each axis, of each block.
+    x, y, z = (lo + spacing * (edge * blocks[:, None] + np.arange(n)[:, None])).astype(np.float32).transpose(2, 0, 1)
+
+    def ask(at: tuple[np.ndarray, ...]) -> np.ndarray:
+        b, k, j, i = at
+        return in_blocks(scene.field, np.stack([x[b, i], y[b, j], z[b, k]], axis=-1))
+
+    half = edge // 2 + 1
+    at = np.indices((len(blocks), half, half, half), np.int32).reshape(4, -1)
+    known = ask((at[0], *(2 * at[1:]))).reshape(-1, half, half, half)
+    least, most = known, known
+    for axis in (1, 2, 3):
+        a, b = [slice(None)] * 4, [slice(None)] * 4
+        a[axis], b[axis] = slice(None, -1), slice(1, None)
+        least = np.minimum(least[tuple(a)], least[tuple(b)])
+        most = np.maximum(most[tuple(a)], most[tuple(b)])
+    inside, outside = least >= _FAR_INSIDE * level, most <= _FAR_OUTSIDE * level
+    near = ~(inside | outside)
+    wanted = np.zeros((len(blocks), n, n, n), bool)
+    fields = np.zeros(wanted.shape, np.float32)
+    for step in np.ndindex(3, 3, 3):  # the nodes of a cell
+        those = (slice(None), *(slice(k, k + edge - 1, 2) for k in step))
+        wanted[those] |= near
+        fields[those][inside] = 2 * level
+    wanted[:, ::2, ::2, ::2] = False
+    fields[:, ::2, ::2, ::2] = known
+    fields[wanted] = ask(np.nonzero(wanted))
+    return fields
 
 
 def _welded(places: np.ndarray, faces: np.ndarray, edge: int) -> tuple[np.ndarray, np.ndarray]:
@@ -303,24 +372,27 @@ def _welded(places: np.ndarray, faces: np.ndarray, edge: int) -> tuple[np.ndarra
     return places[kept], number[same[faces]]
 
 
-def _onto_surface(scene: Scene, points: np.ndarray, spacing: float, tolerance: float = TOLERANCE) -> np.ndarray:
-    """Points (V, 3) float64 near the surface, moved onto it along the gradient; the tolerance is in
-    spacings."""
+def _onto_surface(
+    scene: Scene, points: np.ndarray, spacing: float, tolerance: float = TOLERANCE
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points (V, 3) float64 near the surface, moved onto it along the gradient, and the gradient
+    (V, 3) float32 there; the tolerance is in spacings."""
     start, level = points.copy(), scene.threshold
     left = np.arange(len(points))  # those that are not there yet
     best = np.full(len(points), np.inf)
-    result = points.copy()
+    result, slope = points.copy(), np.zeros(points.shape, np.float32)
     for _ in range(_NEWTON_STEPS):
         if not len(left):
             break
         at = points[left].astype(np.float32)
-        miss = level - in_blocks(scene.field, at).astype(np.float64)
-        gradient = in_blocks(scene.gradient, at).astype(np.float64)
+        both = in_blocks(scene._field_and_gradient, at)
+        miss, gradient = level - both[:, 0].astype(np.float64), both[:, 1:].astype(np.float64)
         steep = np.linalg.norm(gradient, axis=1)
         with np.errstate(all="ignore"):
             distance = np.abs(miss) / steep
             better = distance < best[left]
             result[left[better]], best[left[better]] = at[better], distance[better]
+            slope[left[better]] = both[better, 1:]
             step = np.clip(miss / steep, -spacing / 4, spacing / 4)
             move = gradient * (step / steep)[:, None]
         move[~np.isfinite(move)] = 0.0
@@ -328,8 +400,10 @@ def _onto_surface(scene: Scene, points: np.ndarray, spacing: float, tolerance: f
         strayed = np.linalg.norm(points[left] - start[left], axis=1) > spacing
         left = left[(distance > tolerance * spacing) & (steep > 0) & ~strayed]
     bad = np.flatnonzero(~(best <= 10 * tolerance * spacing))
-    result[bad] = _bisected(scene, start[bad], spacing)
-    return result
+    if len(bad):
+        result[bad] = _bisected(scene, start[bad], spacing)
+        slope[bad] = in_blocks(scene.gradient, result[bad].astype(np.float32))
+    return result, slope
 
 
 def _bisected(scene: Scene, points: np.ndarray, spacing: float) -> np.ndarray:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 OF_THE_FIELD = ("field", "inside", "gradient")
+_MOST_COLUMNS = 64  # of values that are blended at once
 
 
 def sample(
@@ -70,26 +71,46 @@ def values_at(scene: Scene, points: np.ndarray, names: Sequence[str]) -> dict[st
         found["inside"] = found["field"] >= np.float32(scene.threshold)
     if "gradient" in names:
         found["gradient"] = in_blocks(scene.gradient, flat)
-    for name in names:
-        if name not in OF_THE_FIELD:
-            found[name] = _blended(scene, flat, name)
+    found |= _blended(scene, flat, [name for name in names if name not in OF_THE_FIELD])
     return {name: found[name].reshape(*shape, *found[name].shape[1:]) for name in names}
 
 
-def _blended(scene: Scene, points: np.ndarray, name: str) -> np.ndarray:
+def _blended(scene: Scene, points: np.ndarray, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Name -> blended values; several at once, since the weights of all are the same."""
+    arrays = [_less_middle(scene, name) for name in names]
+    found: dict[str, np.ndarray] = {}
+    while arrays:
+        n = 1
+        while n < len(arrays) and sum(_columns(less) for less, _ in arrays[: n + 1]) <= _MOST_COLUMNS:
+            n += 1
+        some, arrays = arrays[:n], arrays[n:]
+        ends = np.cumsum([_columns(less) for less, _ in some])
+        together = np.column_stack([less for less, _ in some]) if n > 1 else some[0][0]
+        values = in_blocks(lambda p, v=together: scene.blend(p, v), points).reshape(len(points), -1)
+        for (less, middle), part in zip(some, np.split(values, ends[:-1], axis=1), strict=True):
+            name = names[len(found)]
+            found[name] = (part.reshape(len(points), *less.shape[1:]) + middle).astype(np.float32)
+    return found
+
+
+def _columns(array: np.ndarray) -> int:
+    return int(np.prod(array.shape[1:]))
+
+
+def _less_middle(scene: Scene, name: str) -> tuple[np.ndarray, Any]:
+    """Values of the particles less their middle, and the middle: the blend's sums are float32, and a
+    pressure of 101,325 Pa varies little."""
     array = scene.particles.attributes.get(name)
     if array is None or len(array.shape) == 1:
         array = attribute_values(scene.particles, name)
     array = np.asarray(to_host(array), np.float64)
-    # Less their middle: the blend's sums are float32, and a pressure of 101,325 Pa varies little.
     finite = np.where(np.isfinite(array), array, np.nan)
     with np.errstate(all="ignore"):
         middle: Any = np.zeros(array.shape[1:])
         if np.isfinite(finite).any():
             middle = (np.fmax.reduce(finite) + np.fmin.reduce(finite)) / 2
             middle = np.where(np.isfinite(middle), middle, 0.0)
-    less = array - middle
-    return in_blocks(lambda p: (scene.blend(p, less) + middle).astype(np.float32), points)
+    return array - middle, middle
 
 
 def names_of(scene: Scene, values: Any) -> list[str]:

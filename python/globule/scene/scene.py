@@ -397,6 +397,14 @@ class SceneBase(Owner):
         self._scene.evaluate(self._kernel, p.shape[0], p.place, 0, address(out))
         return out
 
+    def _field_and_gradient(self, points: ArrayLike) -> np.ndarray:
+        """The field and the gradient at points (M, 3): (M, 4) float32, in less time than one after
+        the other."""
+        p = view("points", points, 3)
+        field, gradient = np.empty(p.shape[0], np.float32), np.empty((p.shape[0], 3), np.float32)
+        self._scene.evaluate(self._kernel, p.shape[0], p.place, address(field), address(gradient))
+        return np.column_stack([field, gradient])
+
     def intersect(self, origins: ArrayLike, directions: ArrayLike, thesis: Thesis | None = None) -> Intersections:
         """First intersection of arbitrary rays with the surface.
 
