@@ -211,8 +211,8 @@ def test_a_slice_says_its_voxel_a_sweep_what_to_do_and_the_tab_its_name():
     inside = [((np.array(corner.lo) < at) & (at < corner.hi)).all() for at in (middle + step, middle - step)]
     assert inside == [True, False]
     source, state = open_source(a_sweep()), State()
-    assert "Press Start" in source.status()
-    assert "press Start" in source.marks()[0].text
+    assert "Press Play" in source.status()
+    assert "press Play" in source.marks()[0].text
     source.start()
     assert source.marks() == []
     while source.advance(state) is not None:

@@ -2,6 +2,7 @@
 
 import itertools
 import threading
+from collections import OrderedDict
 
 import globule as gb
 import numpy as np
@@ -50,22 +51,28 @@ def test_a_sequence_steps_and_plays_at_its_rate():
     source.close()
 
 
-def test_a_broken_frame_stops_the_show_until_it_is_mended(tmp_path):
+def test_playback_passes_over_a_broken_frame_and_the_time_says_what_is_shown(tmp_path):
     paths = [str(tmp_path / f"frame_{i}.npz") for i in range(4)]
     for path, particles in zip(paths, frames_that_move(4), strict=True):
         gb.write(path, particles)
     (tmp_path / "frame_2.npz").write_bytes(b"no archive")
     with Watched(paths) as watched:
         page, source, state = watched.program(), watched.viewer.source, watched.viewer.state
-        page.set("Play")
+        state.set(time__loop=False, time__playing=True)
         page.heard("frame_2.npz: archive")
         until(lambda: not state.time.playing)
-        assert source.frame == 1
-        page.set("Frame", 3)
-        until(lambda: source.frame == 3)
+        assert source.frame == 3  # the broken one was passed over
+        state.time.frame = 2
+        until(lambda: state.time.frame == 3, "for the number of what is shown")
         gb.write(paths[2], frames_that_move(4)[2])
-        page.set("Frame", 2)
+        state.time.frame = 2
         until(lambda: source.frame == 2)
+    source, state = open_source(frames_that_move(2)), State()
+    source._frames, source._kept = ["none.npz", "neither.npz"], OrderedDict()
+    state.set(time__playing=True)
+    with pytest.raises(OSError, match=r"none|neither"):
+        source.advance(state)
+    assert not state.time.playing
 
 
 def test_a_volume_with_slices_surface_and_overlay():

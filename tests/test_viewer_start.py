@@ -24,6 +24,8 @@ PARTICLES = gb.Particles(np.random.default_rng(1).normal(size=(200, 3)), support
 @pytest.fixture
 def start(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
     gb.write(tmp_path / "known.npz", PARTICLES)
     remember(str(tmp_path / "known.npz"))
     made = Start(open_source)
@@ -125,6 +127,10 @@ def test_uploads_that_are_refused_stall_or_drip(start, tmp_path, monkeypatch):
 
 def test_recent_files_are_few_and_another_machine_needs_the_token(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    (tmp_path / "temporary/gone-soon.npz").write_bytes(b"")
+    remember(str(tmp_path / "temporary/gone-soon.npz"))
     assert recent_files() == []
     for i in range(10):
         (tmp_path / f"{i}.npz").write_bytes(b"")

@@ -11,7 +11,7 @@ import threading
 import time
 import webbrowser
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,7 @@ from .placement import Placement
 from .recording import Shot
 from .roles import LOOK, MOST_CLIENTS, REFUSED, STEER, visitor
 from .source import Source
-from .state import MOST_BYTES, State
+from .state import GROUPS, MOST_BYTES, State
 from .wakeups import wake_always
 
 PAGE_EYE = (3.0, 3.0, 3.0)  # of viser's page before it gets a camera, page units
@@ -55,7 +55,8 @@ class Viewer:
         most_clients: number of browsers that are shown images at a time.
 
     Attributes:
-        state: the settings; `viewer.state.set(surface__threshold=0.5)`.
+        state: the settings; `viewer.surface.threshold = 0.5` is short for
+            `viewer.state.surface.threshold = 0.5`.
         source: what the viewer shows.
         port: that the server listens on.
         most_clients: number of browsers that are shown images at a time.
@@ -128,6 +129,12 @@ class Viewer:
         self._guard.desk, self._guard.roles = self.page.desk, self.page.roles
         self.server.on_client_connect(self._connected)
         self.server.on_client_disconnect(self._disconnected)
+
+    def __getattr__(self, name: str) -> Any:
+        """The groups of settings: `viewer.surface.threshold = 0.5`."""
+        if name in GROUPS:
+            return getattr(self.state, name)
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     @property
     def gui(self) -> Any:
@@ -362,6 +369,10 @@ class Viewer:
         """
         state, camera = self.state.snapshot(), camera or self.first_camera
         with self.source.lock:
+            self.source.scene(state)
+            if self.source.maker.beyond and state.color.by and state.color.automatic:
+                low, high = self.source.maker.range
+                state.color = replace(state.color, automatic=False, low=low, high=high)
             return (
                 command_line(self.source, state, camera, size, self.up),
                 python_code(self.source, state, camera, size, self.up),
@@ -416,6 +427,7 @@ class Viewer:
             self.page.desk.close()
         self.engine.close(seconds)
         if hasattr(self, "server"):
+            self._guard.end()
             with contextlib.redirect_stdout(io.StringIO()):
                 self.server.stop()
                 self.server._thread_executor.shutdown(wait=False)

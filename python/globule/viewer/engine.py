@@ -268,7 +268,11 @@ class Engine:
     # Tracing
 
     def _what(self, client: Client) -> tuple:
-        return (client.camera, self.state.version, self.source.version, tuple(client.marks))
+        return (client.camera, self.state.traced, self.source.version)
+
+    def _over(self, client: Client) -> tuple:
+        """What is drawn over a client's trace."""
+        return (self.state.version, tuple(client.marks))
 
     def _next(self) -> tuple[Client, Plan, float, tuple] | None:
         """The next client and its plan; waits for one. The caller holds `wake`."""
@@ -278,7 +282,8 @@ class Engine:
             for i in range(len(self.clients)):
                 client = self.clients[(self._turn + i) % len(self.clients)]
                 what = self._what(client)
-                plan = client.pacer.plan(now, what, quality.samples, quality.sharpness, quality.width)
+                over = self._over(client)
+                plan = client.pacer.plan(now, what, quality.samples, quality.sharpness, quality.width, over)
                 if plan is not None:
                     self._turn = (self._turn + i + 1) % len(self.clients)
                     return client, plan, client.pacer.started(), what
@@ -368,6 +373,8 @@ class Engine:
             try:
                 started = self.clock()
                 pause = self.source.advance(self.state)
+                while self.source.troubles:
+                    self.report(self.source.troubles.pop(0))
             except Exception as error:
                 self.report(error)
                 self.source.stand_still()

@@ -16,6 +16,7 @@ whether the socket was opened through the guard.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import functools
 import gzip
 import hashlib
@@ -28,6 +29,7 @@ import logging
 import re
 import secrets
 import warnings
+import weakref
 from types import FunctionType
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -82,6 +84,13 @@ class Guard:
         nonce = secrets.token_urlsafe(18)
         self._policy, self._nonce = POLICY.format(nonce=nonce), nonce.encode()
         self._pages: dict[bytes, bytes] = {}  # viser's page to ours
+        self._open: weakref.WeakSet[Any] = weakref.WeakSet()  # connections
+
+    def end(self) -> None:
+        """End all connections; one whose browser reads nothing would be waited for. Any thread."""
+        for connection in list(self._open):
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                connection.loop.call_soon_threadsafe(connection.transport.abort)
 
     def refusal(self, path: str, headers: Any) -> str | None:
         """The reason to refuse a request, or None.
@@ -164,6 +173,7 @@ class Guard:
 
             def __init__(own, *given: Any, **more: Any):
                 super().__init__(*given, **more)
+                known.add(own)
                 own.messages, own.frames = Allowance(*FLOOD), Allowance(*FLOOD)
 
             async def recv(own, *given: Any, **more: Any) -> Any:
@@ -181,7 +191,7 @@ class Guard:
                     return
                 super().process_event(event)
 
-        inner = options.pop("process_request")
+        inner, known = options.pop("process_request"), self._open
 
         def check(connection: Any, request: Any) -> Any:
             try:

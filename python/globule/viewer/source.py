@@ -98,6 +98,7 @@ class Source:
         reading: keywords with which the files were read.
         maker: of the scene.
         beside: layers after the first one, which the settings do not change.
+        troubles: errors that did not stop the time, which the engine reports and removes.
         kind: "scene", "sequence", "simulation", "volume" or "sweep".
         n_frames: of a sequence.
         grows: size and place become known in time only.
@@ -128,6 +129,7 @@ class Source:
         self.version = 0
         self.maker = SceneMaker()
         self._preset: tuple | None = None
+        self.troubles: list[Exception] = []
         self.beside: list[Layer] = []
 
     def layers(self, state: State) -> list[Layer]:

@@ -143,6 +143,7 @@ class Start:
                     self.port = server.sockets[0].getsockname()[1]
                     self._ready.set()
                     await stop.wait()
+                    guard.end()
                 return
             except OSError as error:
                 self._error = error
@@ -293,7 +294,9 @@ def remember(path: str) -> None:
     """Note a file that `globule view` shows; a folder that cannot be written to is no error."""
     if path in SHIPPED or not os.path.isfile(path):
         return
-    whole = os.path.abspath(path)
+    whole = os.path.realpath(path)
+    if Path(whole).is_relative_to(os.path.realpath(tempfile.gettempdir())):  # it will not stay
+        return
     known = [whole, *(other for other in recent_files() if other != whole)][:MOST_RECENT]
     with contextlib.suppress(OSError):
         _recent_path().parent.mkdir(parents=True, exist_ok=True)

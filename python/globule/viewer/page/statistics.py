@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from typing import Any
 
@@ -12,6 +13,11 @@ from ..markdown import table
 from .panel import Panel
 
 EVERY = 0.5  # s
+
+
+def used(device: str, threads: int) -> str:
+    """The words of a device, with the number of threads that a scene uses of it; 0: all."""
+    return re.sub(r"\d+ threads?", f"{threads} thread{'s' * (threads > 1)}", device) if threads else device
 
 
 class Statistics(Panel):
@@ -62,7 +68,7 @@ class Statistics(Panel):
             rows["build"] = f"{1e3 * octree.build_seconds:.1f} ms"
             rows["particles"] = f"{n:,}"
             rows["octree"] = f"{octree.bytes / 1e6:.1f} MB"
-            rows["device"] = scene.device.description
+            rows["device"] = used(scene.device.description, source.maker.threads)
         rows["memory"] = f"{resident_bytes() / 1e6:.0f} MB"
         rows["browsers"] = str(len(self.viewer.clients))
         rows.update(source.facts())
