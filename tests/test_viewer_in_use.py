@@ -57,6 +57,24 @@ def test_window_and_level_of_a_volume():
         state.set(slices__window=-1.0)
 
 
+def test_flat_slices_stand_along_the_lower_edge():
+    values = np.arange(6 * 8 * 10, dtype=np.float32).reshape(6, 8, 10)
+    volume = gb.volumes.Volume(values, np.diag([1.0, 2.0, 3.0, 1.0]), np.zeros(values.shape, np.uint8))
+    with engine_of(volume) as engine:
+        engine.state.set(slices__x=0.25)
+        flats = engine.source.flats(engine.state)
+        assert not flats
+        camera = gb.Camera((40, -60, 40), (5, 7, 7), (0, 0, 1))
+        plain = Shot(engine, camera, (200, 160), 1).picture
+        engine.state.set(slices__flat=True)
+        flats = engine.source.flats(engine.state)
+        assert [flat.title for flat in flats] == ["x 2.2 mm", "y 7.0 mm", "z 7.5 mm"]
+        assert [flat.ratio for flat in flats] == pytest.approx([14 / 15, 9 / 15, 9 / 14])
+        assert [flat.cross for flat in flats] == [(0.5, 0.5), (0.25, 0.5), (0.25, 0.5)]
+        changed = np.argwhere((Shot(engine, camera, (200, 160), 1).picture != plain).any(axis=2))
+        assert changed[:, 0].min() > 90
+
+
 def test_settings_are_assigned_and_a_slip_is_an_error():
     with view(blob(60)) as viewer:
         version = viewer.state.version

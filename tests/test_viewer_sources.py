@@ -26,17 +26,17 @@ def test_a_sequence_steps_and_plays_at_its_rate():
     with Watched(frames_that_move(5)) as watched:
         page, source, time = watched.program(), watched.viewer.source, watched.viewer.state.time
         first = watched.still(page)
-        for step, frame in (("next", 1), ("last", 4), ("back", 3), ("first", 0)):
-            page.set("Step", step)
+        for frame in (1, 4, 3, 0):
+            page.ask("set", {"time__playing": False, "time__frame": frame})
             until(lambda frame=frame: source.frame == frame)
         watched.still(page, lambda p: np.array_equal(p, first))
-        page.set("Frame", 2)
+        page.ask("set", {"time__frame": 2})
         until(lambda: source.frame == 2)
-        page.set("Loop", False)
+        page.ask("set", {"time__loop": False})
         until(lambda: not time.loop)
-        page.set("Play")
+        page.ask("play")
         until(lambda: source.frame == 4 and not time.playing, "for the end")
-        page.set("Loop", True)
+        page.ask("set", {"time__loop": True})
         page.command("Play or pause")
         until(lambda: time.playing and source.frame < 4, "for the beginning")
         page.command("Play or pause")
@@ -112,7 +112,7 @@ def test_a_sweep_comes_in_and_is_undone():
         page, source = watched.program(), watched.viewer.source
         source._open = played(sweep, 1e6)
         empty = watched.still(page)
-        page.set("Start")
+        page.ask("play")
         until(lambda: not source.running and source._reconstructor.n_frames == 12)
         full = watched.still(page, lambda p: np.abs(p.astype(int) - empty).mean() > 1)
         page.set("Images", "Undo")
@@ -134,9 +134,9 @@ def test_a_sweep_comes_in_and_is_undone():
             yield frames[3], poses[3]
 
         source._open = slow
-        page.set("Start")
+        page.ask("play")
         until(lambda: source._reconstructor.n_frames == 3)
-        page.set("Start")  # it says Stop now
+        page.ask("play")
         until(lambda: not source.running)
         goes_on.set()
         page.heard("**stopped** · 3 images")

@@ -402,28 +402,3 @@ def no_uploads(browser: Any) -> None:
     for message in (_messages.FileTransferStartUpload, _messages.FileTransferPart):
         if message in browser._websock_connection._incoming_handlers:
             browser._websock_connection.unregister_handler(message)
-
-
-def limit_messages(server: Any, most_bytes: int) -> None:
-    """Refuse large uploads and requests to share the page.
-
-    Any browser could ask viser to share the page through viser's own server on the internet.
-
-    Args:
-        server: a `viser.ViserServer`.
-        most_bytes: of one upload.
-    """
-    from viser import _messages
-
-    gui, websocket = server.gui, server._websock_server
-    for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
-        websocket.unregister_handler(message)
-    begin = gui._handle_file_transfer_start
-    websocket.unregister_handler(_messages.FileTransferStartUpload, begin)
-
-    def check(client_id: int, message: Any) -> None:
-        if message.size_bytes <= most_bytes and message.part_count <= 1:
-            gui._drop_uploads_from_client(client_id)  # one of each browser waits for its bytes
-            begin(client_id, message)
-
-    websocket.register_handler(_messages.FileTransferStartUpload, check)

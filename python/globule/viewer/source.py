@@ -22,7 +22,7 @@ from ..render.presets import load_preset
 from ..render.settings import RenderSettings
 from ..scene.mesh import Mesh
 from .locks import FairLock
-from .overlay import Mark, Plate
+from .overlay import Flat, Mark, Plate
 from .scenes import SceneMaker
 from .state import State
 
@@ -194,6 +194,10 @@ class Source:
 
     def plates(self, state: State) -> list[Plate]:
         """Flat images in space to draw with the layers. The caller holds `lock`."""
+        return []
+
+    def flats(self, state: State) -> list[Flat]:
+        """Images to draw flat along the lower edge. The caller holds `lock`."""
         return []
 
     def marks(self) -> list[Mark]:

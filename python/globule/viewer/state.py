@@ -211,6 +211,7 @@ class Slices(Group):
     x: float = setting(SHARE, 0.5, "position along the volume's first axis", label="x slice")
     y: float = setting(SHARE, 0.5, "position along the volume's second axis", label="y slice")
     z: float = setting(SHARE, 0.5, "position along the volume's third axis", label="z slice")
+    flat: bool = setting(Switch(), False, "the three slices seen from straight above, too", label="Flat slices")
     overlay: bool = setting(
         Switch(), False, "tint filled voxels orange and empty voxels blue", label="Measured / filled"
     )

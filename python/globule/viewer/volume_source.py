@@ -16,7 +16,7 @@ from ..ultrasound.sweep import Sweep
 from ..volumes.iso_surface import default_level, extract_iso_surface
 from ..volumes.slices import reslice, tinted
 from ..volumes.volume import EMPTY, Volume
-from .overlay import Plate
+from .overlay import Flat, Plate
 from .scenes import SceneMaker
 from .source import Origin, Probed, Source
 from .state import Slices, State
@@ -222,6 +222,23 @@ class VolumeSource(Source):
                 plates += self._frame(self.sweep, min(shown.number, len(self.sweep) - 1))
             self._plates = key, plates
         return self._plates[1]
+
+    def flats(self, state: State) -> list[Flat]:
+        """The three slices from straight above, with lines where the other two are. The caller holds
+        `lock`."""
+        shown = state.slices
+        if not (shown.flat and self.has_volume):
+            return []
+        places, lengths = (shown.x, shown.y, shown.z), self.lengths()
+        found = []
+        self._window = self.window(shown)
+        for axis, place in enumerate(places):
+            across, down = (a for a in (0, 1, 2) if a != axis)
+            texture = self.slice(axis, place, shown.overlay).texture
+            title = f"{'xyz'[axis]} {place * lengths[axis]:.1f} mm"
+            ratio = float(lengths[across] / lengths[down]) if lengths[down] else 1.0
+            found.append(Flat(texture, ratio, (places[across], places[down]), title))
+        return found
 
     def slice(self, axis: int, share: float, overlay: bool) -> Plate:
         """A slice across a voxel axis.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import threading
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,6 @@ import numpy as np
 from ..._base.memory import resident_bytes
 from ..markdown import table
 from .panel import Panel
-
-EVERY = 0.5  # s
 
 
 def used(device: str, threads: int) -> str:
@@ -26,27 +23,7 @@ class Statistics(Panel):
     title = "Statistics"
 
     def build(self) -> None:
-        """Make the widgets."""
-        self._texts: dict[int, tuple[Any, Any]] = {}
-        threading.Thread(target=self._keep_saying, name="globule statistics", daemon=True).start()
-
-    def connected(self, browser: Any, client: Any) -> None:
-        """Add a table for a browser."""
-        with self.folder:
-            self._texts[browser.client_id] = browser.gui.add_markdown("…"), client
-
-    def disconnected(self, browser: Any) -> None:
-        """Remove the table of a browser."""
-        self._texts.pop(browser.client_id, None)
-
-    def _keep_saying(self) -> None:
-        viewer = self.viewer
-        while not viewer._closed.wait(EVERY):
-            for text, client in list(self._texts.values()):
-                content = self.table(client)
-                connection = client.sink._connection.get_message_buffer()
-                if not connection.done and text.content != content:
-                    text.content = content
+        """The table stands in the page's model: it is each browser's own."""
 
     def table(self, client: Any) -> str:
         """The table of a `Client` as Markdown."""
