@@ -230,17 +230,13 @@
   const words = make("span");
   time.append(run, back, scrub, next, words, again, reset);
 
-  // The image: each new one is drawn over the last, at the resolution of the screen
-  const pen = image.getContext("2d");
+  // The image: each new one takes the place of the last without a copy; the browser's compositor scales those that
+  // are smaller than the window, which is filtered. At rest, a pixel of the image is one of the screen.
+  const pen = image.getContext("bitmaprenderer");
   const paint = async (bytes) => {
     const number = bytes.slice(0, 4);
     try {
-      const picture = await createImageBitmap(new Blob([bytes.slice(4)], { type: "image/jpeg" }));
-      const [w, h] = [Math.round(innerWidth * devicePixelRatio), Math.round(innerHeight * devicePixelRatio)];
-      if (image.width !== w || image.height !== h) { image.width = w; image.height = h; }
-      pen.imageSmoothingQuality = "high";
-      pen.drawImage(picture, 0, 0, w, h);
-      picture.close();
+      pen.transferFromImageBitmap(await createImageBitmap(new Blob([bytes.slice(4)], { type: "image/jpeg" })));
     } finally { if (socket?.readyState === 1) socket.send(number); }
   };
   let drawn = Promise.resolve();  // images in their order
