@@ -34,7 +34,7 @@ FLAGS = ["--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-
 MOST = 60.0  # s, for a task
 # The image, then all controls over it: left, top, right, bottom, pixels.
 BOXES = """() => [document.querySelector("#root canvas"), ...document.querySelectorAll(
-    "#globule-desk > *, .mantine-Paper-root, .mantine-Notification-root")]
+    "#globule-desk > *, .note, .banner")]
   .map((part) => part.getBoundingClientRect())
   .map((b) => [b.left, b.top, b.right, b.bottom].map(Math.round))
   .filter(([left, top, right, bottom]) => right > left && bottom > top)"""

@@ -37,15 +37,19 @@ def splash() -> gb.Particles:
     return gb.Particles(positions, support=2 * spacing, color=colors)
 
 
-def folder(page: Any, title: str) -> None:
-    heading = f"xpath=//*[not(self::em) and normalize-space(text())='{title}']"
-    page.locator(heading).first.click()
+def section(page: Any, title: str) -> None:
+    """Show a section of the inspector."""
+    page.get_by_role("tab", name=title, exact=True).click()
     page.wait_for_timeout(500)
 
 
+def press(page: Any, name: str) -> None:
+    """Press a button of the toolbar or the timeline."""
+    page.locator("#globule-desk").get_by_role("button", name=name, exact=True).click()
+
+
 def choose(page: Any, label: str, option: str) -> None:
-    page.get_by_label(label, exact=True).first.click()
-    page.get_by_role("option", name=option, exact=True).click()
+    page.get_by_label(label, exact=True).first.select_option(option)
 
 
 def check(page: Any, label: str) -> None:
@@ -57,15 +61,14 @@ def first(page: Any, viewer: Any) -> None:
 
 
 def cut(page: Any, viewer: Any) -> None:
-    folder(page, "View")
     viewer.state.set(color__by="y", color__legend=False)
-    folder(page, "Cut")
+    section(page, "Cut")
     check(page, "Plane")
     viewer.state.set(cuts__normal=(0.5, 0.0, 0.85))
 
 
 def stroke(page: Any, viewer: Any) -> None:
-    choose(page, "Mouse tool", "Cut")
+    press(page, "Cut")
     page.wait_for_timeout(1500)
     page.mouse.move(120, 380)
     page.mouse.down()
@@ -75,34 +78,29 @@ def stroke(page: Any, viewer: Any) -> None:
 
 
 def color(page: Any, viewer: Any) -> None:
-    folder(page, "View")
-    folder(page, "Color by value")
+    section(page, "Layer")
     choose(page, "Color by", "y")
     choose(page, "Color map", "turbo")
 
 
 def light(page: Any, viewer: Any) -> None:
-    folder(page, "View")
-    folder(page, "Material and light")
+    section(page, "Light")
     choose(page, "Preset", "water")
 
 
 def surface(page: Any, viewer: Any) -> None:
-    folder(page, "View")
-    folder(page, "Surface and quality")
+    section(page, "Layer")
 
 
 def measure(page: Any, viewer: Any) -> None:
-    choose(page, "Mouse tool", "Measure")
-    page.mouse.click(250, 520)
+    press(page, "Measure")
+    page.mouse.click(470, 560)
     page.wait_for_timeout(1500)
-    page.mouse.click(640, 480)
+    page.mouse.click(720, 540)
 
 
 def record(page: Any, viewer: Any) -> None:
-    folder(page, "View")
-    folder(page, "Save and record")
-    folder(page, "All settings")
+    section(page, "Save")
 
 
 def equivalent(page: Any, viewer: Any) -> None:
@@ -112,22 +110,21 @@ def equivalent(page: Any, viewer: Any) -> None:
 
 
 def help_panel(page: Any, viewer: Any) -> None:
-    folder(page, "View")
-    folder(page, "Statistics")
+    section(page, "Statistics")
     page.mouse.move(300, 400)
     page.keyboard.press("h")
 
 
 def run(page: Any, viewer: Any) -> None:
-    page.get_by_role("button", name="Run", exact=True).click()
+    press(page, "Play or pause")
     while viewer.source.simulation.time < 0.45:
         page.wait_for_timeout(200)
-    page.get_by_role("button", name="Pause", exact=True).click()
+    press(page, "Play or pause")
 
 
 def scalpel(page: Any, viewer: Any) -> None:
     viewer.source.cut_depth = None  # all through
-    choose(page, "Mouse tool", "Cut")
+    press(page, "Cut")
     page.wait_for_timeout(1500)
     page.mouse.move(620, 110)
     page.mouse.down()
@@ -136,27 +133,26 @@ def scalpel(page: Any, viewer: Any) -> None:
         page.wait_for_timeout(60)
     page.mouse.up()
     page.wait_for_timeout(1500)
-    page.get_by_role("button", name="Run", exact=True).click()
+    press(page, "Play or pause")
     while viewer.source.simulation.time < 0.07:
         page.wait_for_timeout(50)
-    page.get_by_role("button", name="Pause", exact=True).click()
+    press(page, "Play or pause")
 
 
 def slices(page: Any, viewer: Any) -> None:
-    folder(page, "View")
+    section(page, "Volume")
     viewer.state.set(slices__overlay=False, look__preset="plain", slices__x=0.35)
 
 
 def overlay(page: Any, viewer: Any) -> None:
-    folder(page, "View")
+    section(page, "Volume")
     check(page, "Measured / filled")
     check(page, "Show sweep image")
     viewer.state.set(slices__number=10)
 
 
 def sweep(page: Any, viewer: Any) -> None:
-    folder(page, "View")
-    page.get_by_role("button", name="Start", exact=True).click()
+    press(page, "Play or pause")
     page.wait_for_timeout(6000)
     viewer.state.set(slices__level=60.0)
 
@@ -245,8 +241,7 @@ def main() -> None:
             page = chromium.new_page(viewport=SIZE)
             page.set_default_timeout(240_000)  # a busy machine
             page.goto(viewer.address)
-            page.get_by_text("Help (H)").wait_for()
-            page.get_by_role("button", name="Skip").click()  # the hints
+            page.get_by_role("button", name="Inspector").wait_for()
             while not settled(viewer, 1):
                 time.sleep(0.1)
             act(page, viewer)

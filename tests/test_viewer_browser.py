@@ -11,7 +11,7 @@ from viewer_helpers import (
     blob,
     drag_along,
     middle,
-    open_folder,
+    open_section,
     silhouette,
     stroke,
     take_tool,
@@ -92,10 +92,10 @@ def test_a_stroke_with_the_tool_cut_cuts(watched):
     page.hand.use("Rotate, pick")
 
 
-def test_a_number_of_a_panel_changes_the_image_and_default_surface_takes_it_back(watched):
+def test_a_number_of_the_inspector_changes_the_image_and_default_surface_takes_it_back(watched):
     (page,) = watched.pages
     before = silhouette(watched.still(page))
-    open_folder(page, "Surface and quality")
+    open_section(page, "Layer")
     type_number(page, "Threshold", 1.8)
     assert silhouette(watched.still(page, lambda p: silhouette(p) < 0.9 * before)) > 0
     assert watched.viewer.state.surface.threshold == pytest.approx(1.8)
@@ -127,7 +127,9 @@ def test_who_looks_cannot_steer_also_after_both_connect_again(watched):
     viewer, before = watched.viewer, steering.client.camera
     with looking(watched) as (page, own):
         assert (steering.client.role, own.role) == ("steer", "look")
+        page.get_by_role("button", name="Layers").click()
         page.locator("#globule-desk").get_by_text("You look · 2 of 16 browsers").wait_for()
+        page.get_by_role("button", name="Layers").click()
         plane = cutting_plane(page)
         assert plane.is_disabled()
         cutting_plane(steering).click()
@@ -139,11 +141,8 @@ def test_who_looks_cannot_steer_also_after_both_connect_again(watched):
         stroke(page, at, at + (60, 30))
         until(lambda: own.camera != other, "for the camera to move")
         assert steering.client.camera == before
-        open_folder(page, "Annotations")
-        box = page.get_by_label("Scale bar", exact=True).first
-        box.click()
-        until(lambda: not box.is_checked())
-        assert not viewer.state.notes.scale_bar
+        open_section(page, "Image")
+        assert page.get_by_label("Scale bar", exact=True).is_disabled()
     with looking(watched) as (page, _):
         known = set(viewer.clients)
         viewer.server._websock_server.disconnect_all_clients()

@@ -1,7 +1,6 @@
 """Toolbar, timeline and list of layers: what the server says and accepts, and a real browser."""
 
 import json
-import re
 import urllib.request
 from contextlib import closing
 from types import SimpleNamespace
@@ -9,7 +8,7 @@ from types import SimpleNamespace
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, blob, drag_along, open_folder, talk, told, traced, until, view
+from viewer_helpers import Watched, blob, drag_along, open_section, talk, told, traced, until, view
 
 pytest.importorskip("viser")
 
@@ -29,14 +28,15 @@ def viewer():
 @pytest.fixture
 def word(viewer):
     """With which a page's script names itself."""
-    with closing(Program(viewer.address)) as program:
+    with closing(Program(viewer.address, script=False)) as program:
         yield until(lambda: program.word)
 
 
 def test_the_page_has_the_controls_and_a_histogram_of_all_particles(viewer):
     with urllib.request.urlopen(viewer.address) as answer:
         assert b"globule/desk.js" in answer.read()
-    for name, kind in (("desk.js", "application/javascript"), ("desk.css", "text/css")):
+    scripts = [(f"{name}.js", "application/javascript") for name in ("desk", "inspector", "upload")]
+    for name, kind in [*scripts, ("desk.css", "text/css")]:
         with urllib.request.urlopen(f"{viewer.address}globule/{name}") as answer:
             assert answer.headers["Content-Type"].startswith(kind)
             assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
@@ -124,19 +124,12 @@ def test_two_data_sets_share_camera_and_colors_which_are_seen_through_water():
 @pytest.mark.slow
 def test_toolbar_layers_and_timeline_in_a_browser(chromium):
     with Watched([blob(150), blob(150, 2), blob(150, 3)], chromium) as watched:
-        page, state = watched.page(hints=True), watched.viewer.state
+        page, state = watched.page(), watched.viewer.state
         desk = page.locator("#globule-desk")
 
         def press(name):
             desk.get_by_role("button", name=name, exact=True).click()
 
-        def folder(title, arrow):
-            heads = page.locator("#root .mantine-Paper-root", has_text=re.compile(f"^{title}$"))
-            return heads.locator(f"> svg.tabler-icon-chevron-{arrow}")
-
-        press("Next hint")
-        press("Next hint")
-        press("Done")
         press("Layers")
         desk.get_by_label("Color by").select_option("speed")
         until(lambda: state.color.by == "speed")
@@ -152,6 +145,7 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
         assert np.allclose(shares, [0.25, 0.75], atol=0.02)
         press("Whole range")
         until(lambda: state.color.automatic)
+        press("Layers")
         press("Measure")
         until(lambda: page.hand.tool == "Measure")
         press("Cutting plane")
@@ -163,24 +157,75 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
         desk.get_by_label("Position in time").focus()
         page.keyboard.press("End")
         until(lambda: watched.viewer.source.frame == 2)
+        desk.get_by_text("3 / 3").wait_for()
         with page.expect_download() as got:
             press("Save the view")
         assert 'by = "speed"' in got.value.path().read_text()
         press("Play or pause")
         until(lambda: state.time.playing)
-        press("Play or pause")
+        page.keyboard.press("Space")  # the mouse pressed that button: it is no button's now
         until(lambda: not state.time.playing)
         names = desk.locator("button, select, input").evaluate_all(
-            "all => all.map(e => e.getAttribute('aria-label') || e.closest('label')?.innerText || e.innerText)"
+            "all => all.map(e => e.getAttribute('aria-label') || e.labels?.[0]?.innerText || e.innerText)"
         )
         assert all(name and name.strip() for name in names)
-        folder("View", "up").click()  # closes it
-        folder("View", "down").wait_for()
-        open_folder(page, "Annotations")
-        folder("Annotations", "up").wait_for()
-        page.wait_for_function("JSON.parse(localStorage['globule-folders'] ?? '{}').Annotations")
-        page.reload()  # the list and folders stay as they are, and the hints do not come again
-        folder("View", "down").wait_for()
-        folder("Annotations", "up").wait_for()
-        desk.get_by_label("Color by").wait_for()
-        assert not desk.get_by_role("button", name="Next hint").count()
+        open_section(page, "Camera")
+        camera = page.client.camera
+        page.reload()  # camera, tool and section stay as they are
+        until(lambda: len(watched.viewer.clients) == 1 and page not in watched.viewer.clients)
+        desk.get_by_role("button", name="Measure", pressed=True).wait_for()
+        again = until(lambda: [c for c in watched.viewer.clients.values() if c is not page.client])[0]
+        until(lambda: np.allclose(again.camera.eye, camera.eye, atol=1e-4), "for the camera")
+        desk.get_by_role("tab", name="Camera", selected=True).wait_for()
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+def test_keys_reach_the_view_and_a_server_that_ended_is_said(chromium):
+    with Watched(blob(150), chromium) as watched:
+        page, state = watched.page(), watched.viewer.state
+        page.get_by_role("button", name="Layers").click()
+        by = page.get_by_label("Color by")
+        by.select_option("speed")
+        by.focus()
+        page.keyboard.press("c")  # while a list has the focus
+        until(lambda: state.cuts.plane)
+        assert by.input_value() == "speed"
+        banner = page.get_by_role("alert")
+        until(lambda: not banner.is_visible())
+        page.set_viewport_size({"width": 500, "height": 480})
+        watched.viewer.close()
+        page.get_by_text("The viewer does not answer").wait_for()
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+def test_a_finger_picks_and_cuts(chromium):
+    with Watched(blob(150)) as watched:
+        context = chromium.new_context(has_touch=True, is_mobile=True, viewport={"width": 390, "height": 700})
+        page = context.new_page()
+        page.goto(watched.viewer.address)
+        client = until(lambda: next(iter(watched.viewer.clients.values()), None))
+        page.client, hand = client, until(lambda: next(iter(watched.viewer.page.tools.hands.values()), None))
+        watched.still(page)
+        until(lambda: client.room.top > 0 and client.pacer.full == (390, 700))
+        watched.still(page)
+        seen = client.frame.mask
+        rows, columns = (int(v) for v in np.argwhere(seen).mean(axis=0) / seen.shape * (700, 390))
+        page.touchscreen.tap(columns, rows)
+        until(lambda: hand.picked, "for the tap to pick")
+        page.get_by_role("button", name="Cut", exact=True).tap()
+        until(lambda: hand.tool == "Cut")
+        talk = context.new_cdp_session(page)
+        page.get_by_role("button", name="Cut", exact=True, pressed=True).wait_for()
+
+        def touch(kind, *places):
+            points = [{"x": x, "y": y, "id": 1} for x, y in places]
+            talk.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+        touch("touchStart", (columns - 60, rows - 40))
+        for i in range(8):
+            touch("touchMove", (columns - 60 + 15 * i, rows - 40 + 10 * i))
+        touch("touchEnd")
+        until(lambda: watched.viewer.state.cuts.plane, "for the finger's stroke to cut")
+        context.close()

@@ -14,7 +14,6 @@ from globule.viewer.first_view import FIRST_SIZE, first_camera, for_window
 from globule.viewer.guard import Guard
 from globule.viewer.open import open_source
 from globule.viewer.overlay import Mark, draw_marks, finish, free_below, origin_seen
-from globule.viewer.page import LONGEST_NAME, shortened
 from globule.viewer.page.tools import Hand
 from globule.viewer.simulation_source import SimulationSource
 from globule.viewer.state import State
@@ -195,7 +194,7 @@ def head() -> gb.volumes.Volume:
 
 def test_a_slice_says_its_voxel_a_sweep_what_to_do_and_the_tab_its_name():
     source, state = open_source(head()), State()
-    assert "**28.0** of 54.0 mm" in source.places(state)
+    assert source.lengths() == pytest.approx((54, 46, 38))
     camera = Camera((28, 24, 200), (28, 24, 20), (0, 1, 0))
     found = source.probe(state, camera, (400, 400), (0.5, 0.5), np.inf).words
     assert (found["value"], found["voxel"]) == ("77", "14, 12, 10")
@@ -211,8 +210,8 @@ def test_a_slice_says_its_voxel_a_sweep_what_to_do_and_the_tab_its_name():
     inside = [((np.array(corner.lo) < at) & (at < corner.hi)).all() for at in (middle + step, middle - step)]
     assert inside == [True, False]
     source, state = open_source(a_sweep()), State()
-    assert "Press Start" in source.status()
-    assert "press Start" in source.marks()[0].text
+    assert "Press Play" in source.status()
+    assert "press Play" in source.marks()[0].text
     source.start()
     assert source.marks() == []
     while source.advance(state) is not None:
@@ -226,8 +225,6 @@ def test_a_slice_says_its_voxel_a_sweep_what_to_do_and_the_tab_its_name():
         guard._finish(answer)
         assert "<title>a &lt;b&gt; · globule</title>".encode() in unpack(answer.body)
         assert answer.headers["Content-Length"] == str(len(answer.body))
-    assert shortened("splash.npz") == "splash.npz"
-    assert len(shortened("frame_of_a_very_long_name_00000.vtp")) == LONGEST_NAME
 
 
 def a_sweep():
@@ -236,8 +233,7 @@ def a_sweep():
     return gb.ultrasound.Sweep(frames, poses)
 
 
-@pytest.mark.parametrize("order", [1, -1])
-def test_a_range_is_kept_whichever_callback_comes_first(order):
+def test_a_range_is_kept():
     particles = blob()
     with view(particles) as viewer:
         color, widgets = viewer.state.color, viewer.page.binder.widgets
@@ -249,10 +245,7 @@ def test_a_range_is_kept_whichever_callback_comes_first(order):
 
         def person(name: str, value: object) -> None:
             """As a browser does; its callbacks run in several threads, in any order."""
-            widget = widgets[name]
-            widget._impl.value = value
-            for called in widget._impl.update_cb[::order]:
-                called(SimpleNamespace(client=SimpleNamespace(client_id=-1), target=widget))
+            widgets[name].take(SimpleNamespace(client_id=-1), value)
 
         person("color.automatic", False)
         assert (color.automatic, color.low, color.high) == (False, lo, hi)
@@ -276,7 +269,6 @@ def test_saved_settings_open_the_same_view(tmp_path):
 def test_every_control_says_what_it_does(what):
     made = {"sequence": [blob(50), blob(50, 2)], "sweep": a_sweep()}.get(what, what)
     with view(made) as viewer:
-        handles = viewer.gui._gui_input_handle_from_uuid.values()
-        silent = [h._impl.props.label for h in handles if not h._impl.props.hint]
-        assert len(handles) > 40
-        assert not silent
+        controls = [one for one in viewer.gui.controls.values() if one.kind != "markdown"]
+        assert len(controls) > 40
+        assert not [one.label for one in controls if not one.hint]

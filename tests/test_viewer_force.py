@@ -127,7 +127,7 @@ def test_the_page_does_not_wait_for_a_step_and_one_asked_for_comes_after_it():
 
 def test_instruments_have_their_force_in_record_panel_and_plot():
     with view(gb.Simulation(scene_with_grasper("bonds"), device="cpu")) as viewer:
-        source, panel = viewer.source, viewer.page.panels[0]
+        source, panel = viewer.source, next(p for p in viewer.page.panels if isinstance(p, Play))
         sim = source.simulation
         assert "Force" not in panel.status.content
         sim.tools.set_pushers([(BALL, (0, 0, 0.002), (0, 0, 0.002), 0.004, (0, 0, 0))])
@@ -170,7 +170,7 @@ def test_forces_cost_the_panel_no_update_more(held, monkeypatch):
         source.grasp(hand, "start", MIDDLE, ABOVE)
     panel = object.__new__(Play)
     panel.viewer = SimpleNamespace(source=source)
-    panel.run_button, panel.status = Widget(), Widget()
+    panel.status = Widget()
     for n in range(1, 6):
         steps(source, 1)
         panel.tick()
@@ -185,18 +185,18 @@ def test_forces_cost_the_panel_no_update_more(held, monkeypatch):
 def test_slider_and_label_say_the_depth_in_one_unit(size, unit, factor):
     domain = {"lo": [-size] * 3, "hi": [size] * 3}
     with view(gb.Simulation(scene_with_grasper("bonds") | {"domain": domain}, device="cpu")) as viewer:
-        source, handles = viewer.source, viewer.server.gui._gui_input_handle_from_uuid.values()
-        slider = next(h for h in handles if (h._impl.props.label or "").startswith("Cut depth"))
+        source, controls = viewer.source, viewer.gui.controls.values()
+        slider = next(one for one in controls if one.label.startswith("Cut depth"))
         assert slider.label == f"Cut depth, {unit}"
-        assert slider._impl.props.hint.startswith(f"Depth below the surface, {unit};")
+        assert slider.hint.startswith(f"Depth below the surface, {unit};")
         assert slider.max == pytest.approx(factor * source.tissue_extent(), rel=0.05)
         assert slider.value == pytest.approx(factor * source.cut_depth)
         assert source.cut_words() == f"{slider.value:.3g} {unit} deep"
-        slider.value = 0.5 * slider.max
-        until(lambda: source.cut_depth == pytest.approx(0.5 * slider.max / factor))
+        slider.take(None, 0.5 * slider.max)
+        assert source.cut_depth == pytest.approx(0.5 * slider.max / factor)
         assert source.cut_words() == f"{0.5 * slider.max:.3g} {unit} deep"
-        slider.value = slider.max
-        until(lambda: source.cut_words() == "all through")
+        slider.take(None, slider.max)
+        assert source.cut_words() == "all through"
 
 
 @pytest.mark.browser

@@ -75,7 +75,7 @@ def test_ctrl_c_keeps_what_is_being_recorded(tmp_path):
 def test_ctrl_c_twice_while_a_simulation_runs():
     with started("cut-block") as (process, address):
         program = Program(address)
-        program.set("Run")
+        program.ask("play")
         program.heard("**running")
         process.send_signal(signal.SIGINT)
         bit = 1 << (signal.SIGINT - 1)
@@ -99,7 +99,7 @@ def test_ctrl_c_ends_slow_pictures_too(tmp_path):
             fields = status(process, "stat").rpartition(")")[2].split()
             return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
 
-        Program(address).heard(lambda message: message.get("props", {}).get("label") == "Mouse tool")
+        Program(address).heard(lambda message: message.get("controls"))
         begun = processor_seconds()
         until(lambda: processor_seconds() > begun + 0.5, "for a picture to be begun")
         assert ended(process) == "globule: interrupted"
@@ -126,9 +126,10 @@ def test_a_live_scanner_from_the_command_line(request):
     scanner = f"igtl://127.0.0.1:{server.server_address[1]}"
     with started(scanner) as (process, address):
         program = Program(address)
-        program.set("Start")
+        program.ask("section", "Statistics")
+        program.ask("play")
         program.heard("| images | 20 |")
-        program.set("Start", True)  # the button that says Stop now
+        program.ask("play")  # it stops now
         program.heard("**stopped**")
         program.set("Images", "Undo")
         program.heard("| images | 19 |")

@@ -1,5 +1,6 @@
 """The notebook's widget: its messages, and its JavaScript in a real browser."""
 
+import base64
 import io
 import json
 from contextlib import closing
@@ -64,6 +65,24 @@ def test_a_cell_that_does_not_answer_gets_two_pictures_and_errors(made):
     assert made.sent[-1][0]["type"] == "error"
 
 
+def test_a_click_says_values_the_bar_sets_and_a_saved_notebook_holds_the_image(made):
+    say(made, type="camera", size=[160, 120], **made.view)
+    until(lambda: made.client.frame is not None and made.client.frame.mask.any())
+    say(made, type="set", color__by="speed", cuts__plane=True)
+    assert (made.state.color.by, made.state.cuts.plane) == ("speed", True)
+    say(made, type="set", color__by="nothing")
+    assert made.sent[-1][0]["message"].startswith("color: expected one of")
+    rows, columns = np.nonzero(made.client.frame.mask)
+    size = made.client.frame.size
+    say(made, type="click", place=[(columns[0] + 0.5) / size[0], (rows[0] + 0.5) / size[1]])
+    text = until(lambda: [c["text"] for c, _ in made.sent if c["type"] == "said"])[-1]
+    assert "speed" in text or "no surface" in text
+    bundle = made._repr_mimebundle_()
+    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    with Image.open(io.BytesIO(base64.b64decode(data["image/png"]))) as image:
+        assert image.size == (640, 150)
+
+
 PAGE = """
 <div id=here style="width:400px"></div>
 <script type=module>
@@ -73,7 +92,7 @@ const widget = (await import(url)).default;
 window.sent = [];
 const heard = [];
 const model = {
-  get: (name) => ({height: 200, view: {eye: [0, 0, 5], look_at: [0, 0, 0], up: [0, 1, 0],
+  get: (name) => ({height: 200, names: ["speed"], view: {eye: [0, 0, 5], look_at: [0, 0, 0], up: [0, 1, 0],
                                        fov: 40}})[name],
   send: (message) => window.sent.push(message),
   on: (_, called) => heard.push(called), off: () => {},
@@ -107,6 +126,12 @@ def test_the_widget_in_a_browser(chromium):
             shown = np.asarray(image.convert("RGB"))
         assert shown[100, 200, 0] > 230
         assert shown[100, 200, 1] < 20
+        box = page.locator("img").bounding_box()
+        page.mouse.click(box["x"] + 100, box["y"] + 50)
+        page.wait_for_function("window.sent.at(-1).type == 'click'")
+        assert page.evaluate("window.sent.at(-1).place") == pytest.approx([0.25, 0.25], abs=0.01)
+        page.get_by_label("Color by").select_option("speed")
+        page.wait_for_function("window.sent.at(-1).color__by == 'speed'")
         page.mouse.move(200, 100)
         page.mouse.down()
         page.mouse.move(300, 100, steps=4)

@@ -24,20 +24,20 @@ def dam():
 def test_play_advances_time_and_reset_goes_back(dam):
     page, source = dam.program(), dam.viewer.source
     sim, first, begin = source.simulation, dam.still(page), source.simulation.hash()
-    page.set("Time", "Step")
+    page.ask("step")
     until(lambda: sim.n_steps == 1 and "paused" in source.status())
     dam.still(page, lambda p: not np.array_equal(p, first))
     dam.viewer.state.set(color__by="speed")
-    page.set("Run")
+    page.ask("play")
     page.heard("**running**")
     until(lambda: sim.n_steps > 20)
-    page.set("Run")
+    page.ask("play")
     page.heard("**paused**")
     at = until(lambda: not source._stepping and sim.n_steps)
     until(lambda: dam.still(page) is not None and source.maker.range[1] > 0.1)
     assert sim.n_steps == at
     dam.viewer.state.set(color__by="")
-    page.set("Time", "Reset")
+    page.ask("reset")
     until(lambda: sim.n_steps == 0 and sim.hash() == begin, "for the state of the start")
     dam.still(page, lambda p: np.array_equal(p, first))
     page.command("Play or pause")
@@ -89,11 +89,11 @@ def test_a_simulation_that_fails_says_so_and_stands_still(dam):
         raise ArithmeticError("particle 7 (water) got a velocity that is not a number")
 
     source.simulation.step = broken
-    page.set("Run")
+    page.ask("play")
     page.heard("particle 7 (water)")
     until(lambda: not source.running)
     source.simulation.step = step
-    page.set("Time", "Step")
+    page.ask("step")
     until(lambda: source.simulation.n_steps == 1)
 
 
@@ -139,17 +139,16 @@ def test_an_emitter_is_switched_off_and_on():
         sim = source.simulation
         page.set("Emitter tap", False)
         until(lambda: not sim.emitters["tap"].on)
-        page.set("Run")
+        page.ask("play")
         until(lambda: sim.n_steps > 6)
         assert sim.emitters["tap"].emitted == 0
         page.set("Emitter tap")
         until(lambda: sim.emitters["tap"].emitted > 5, "for water to come")
         page.set("Emitter tap", False)
         until(lambda: not sim.emitters["tap"].on)
-        page.set("Time", "Reset")
+        page.ask("reset")
         until(lambda: sim.emitters["tap"].on, "for the start")
-        box = page.widgets["Emitter tap"]
-        page.heard(lambda m: m.get("uuid") == box and m.get("updates") == {"value": True})
+        until(lambda: page.controls["Emitter tap"]["value"] is True, "for the control to say it")
         assert not source.by_hand
         assert sim.emitters["tap"].emitted == 0
 
@@ -187,7 +186,8 @@ def test_suction_follows_its_handle(pool):
     page, source = pool.program(), pool.viewer.source
     sim, tool = source.simulation, source.simulation.tools["sucker"]
     page.set("Move sucker by hand")
-    page.heard("/instruments/sucker")
+    (play,) = (panel for panel in pool.viewer.page.panels if hasattr(panel, "shared"))
+    until(lambda: play.shared["/instruments/sucker"].visible, "for the handle")
     place, first = pool.viewer.placement, pool.still(page)
     moved = {"wxyz": [1.0, 0.0, 0.0, 0.0], "position": [float(v) for v in place.to_page((0.2, 0.15, 0.08))]}
     page.say({"type": "TransformControlsUpdateMessage", "name": "/instruments/sucker", "owner": "", **moved})

@@ -2,6 +2,7 @@
 
 import itertools
 import threading
+from collections import OrderedDict
 
 import globule as gb
 import numpy as np
@@ -25,17 +26,17 @@ def test_a_sequence_steps_and_plays_at_its_rate():
     with Watched(frames_that_move(5)) as watched:
         page, source, time = watched.program(), watched.viewer.source, watched.viewer.state.time
         first = watched.still(page)
-        for step, frame in (("next", 1), ("last", 4), ("back", 3), ("first", 0)):
-            page.set("Step", step)
+        for frame in (1, 4, 3, 0):
+            page.ask("set", {"time__playing": False, "time__frame": frame})
             until(lambda frame=frame: source.frame == frame)
         watched.still(page, lambda p: np.array_equal(p, first))
-        page.set("Frame", 2)
+        page.ask("set", {"time__frame": 2})
         until(lambda: source.frame == 2)
-        page.set("Loop", False)
+        page.ask("set", {"time__loop": False})
         until(lambda: not time.loop)
-        page.set("Play")
+        page.ask("play")
         until(lambda: source.frame == 4 and not time.playing, "for the end")
-        page.set("Loop", True)
+        page.ask("set", {"time__loop": True})
         page.command("Play or pause")
         until(lambda: time.playing and source.frame < 4, "for the beginning")
         page.command("Play or pause")
@@ -50,22 +51,28 @@ def test_a_sequence_steps_and_plays_at_its_rate():
     source.close()
 
 
-def test_a_broken_frame_stops_the_show_until_it_is_mended(tmp_path):
+def test_playback_passes_over_a_broken_frame_and_the_time_says_what_is_shown(tmp_path):
     paths = [str(tmp_path / f"frame_{i}.npz") for i in range(4)]
     for path, particles in zip(paths, frames_that_move(4), strict=True):
         gb.write(path, particles)
     (tmp_path / "frame_2.npz").write_bytes(b"no archive")
     with Watched(paths) as watched:
         page, source, state = watched.program(), watched.viewer.source, watched.viewer.state
-        page.set("Play")
+        state.set(time__loop=False, time__playing=True)
         page.heard("frame_2.npz: archive")
         until(lambda: not state.time.playing)
-        assert source.frame == 1
-        page.set("Frame", 3)
-        until(lambda: source.frame == 3)
+        assert source.frame == 3  # the broken one was passed over
+        state.time.frame = 2
+        until(lambda: state.time.frame == 3, "for the number of what is shown")
         gb.write(paths[2], frames_that_move(4)[2])
-        page.set("Frame", 2)
+        state.time.frame = 2
         until(lambda: source.frame == 2)
+    source, state = open_source(frames_that_move(2)), State()
+    source._frames, source._kept = ["none.npz", "neither.npz"], OrderedDict()
+    state.set(time__playing=True)
+    with pytest.raises(OSError, match=r"none|neither"):
+        source.advance(state)
+    assert not state.time.playing
 
 
 def test_a_volume_with_slices_surface_and_overlay():
@@ -105,7 +112,7 @@ def test_a_sweep_comes_in_and_is_undone():
         page, source = watched.program(), watched.viewer.source
         source._open = played(sweep, 1e6)
         empty = watched.still(page)
-        page.set("Start")
+        page.ask("play")
         until(lambda: not source.running and source._reconstructor.n_frames == 12)
         full = watched.still(page, lambda p: np.abs(p.astype(int) - empty).mean() > 1)
         page.set("Images", "Undo")
@@ -127,9 +134,9 @@ def test_a_sweep_comes_in_and_is_undone():
             yield frames[3], poses[3]
 
         source._open = slow
-        page.set("Start")
+        page.ask("play")
         until(lambda: source._reconstructor.n_frames == 3)
-        page.set("Start")  # it says Stop now
+        page.ask("play")
         until(lambda: not source.running)
         goes_on.set()
         page.heard("**stopped** · 3 images")

@@ -18,12 +18,15 @@ pytest.importorskip("viser")
 from globule.viewer.open import open_source
 from globule.viewer.start import MOST_PART, Start, recent_files, remember
 
+BROWSERS = True  # see hang_guard
 PARTICLES = gb.Particles(np.random.default_rng(1).normal(size=(200, 3)), support=0.4)
 
 
 @pytest.fixture
 def start(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
     gb.write(tmp_path / "known.npz", PARTICLES)
     remember(str(tmp_path / "known.npz"))
     made = Start(open_source)
@@ -81,13 +84,25 @@ def test_two_uploads_are_compared(start, tmp_path):
     data = (tmp_path / "known.npz").read_bytes()
     with talk(start.port, "start?token=") as connection:
         for name in ("before.npz", "after.npz"):
-            send(connection, name, data, compare=name[0] == "b")
+            send(connection, name, data, more=name[0] == "b")
             if name[0] == "b":
                 assert heard(connection, "kept") == name
                 assert start.source is None
         assert heard(connection, "opened")
     source = start.wait()
     assert (source.kind, source.name) == ("compare", "before.npz | after.npz")
+
+
+def test_three_uploads_are_a_sequence(start, tmp_path):
+    data = (tmp_path / "known.npz").read_bytes()
+    with talk(start.port, "start?token=") as connection:
+        for i in range(3):
+            send(connection, f"frame_{i}.npz", data, more=2 - i)
+            if i < 2:
+                assert heard(connection, "kept") == f"frame_{i}.npz"
+        assert heard(connection, "opened")
+    source = start.wait()
+    assert (source.kind, source.n_frames, source.name) == ("sequence", 3, "frame_*.npz, 3 frames")
 
 
 def test_uploads_that_are_refused_stall_or_drip(start, tmp_path, monkeypatch):
@@ -105,7 +120,7 @@ def test_uploads_that_are_refused_stall_or_drip(start, tmp_path, monkeypatch):
             assert why in said
             assert said.startswith(f"{name}: ")  # without the folder of the copy
             assert os.listdir(start._folder) == []
-        send(connection, "kept.npz", (tmp_path / "known.npz").read_bytes(), compare=True)
+        send(connection, "kept.npz", (tmp_path / "known.npz").read_bytes(), more=1)
         assert heard(connection, "kept") == "kept.npz"
         send(connection, "a.npz", b"no archive")
         heard(connection, "error")
@@ -125,6 +140,10 @@ def test_uploads_that_are_refused_stall_or_drip(start, tmp_path, monkeypatch):
 
 def test_recent_files_are_few_and_another_machine_needs_the_token(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    (tmp_path / "temporary/gone-soon.npz").write_bytes(b"")
+    remember(str(tmp_path / "temporary/gone-soon.npz"))
     assert recent_files() == []
     for i in range(10):
         (tmp_path / f"{i}.npz").write_bytes(b"")
@@ -142,6 +161,31 @@ def test_recent_files_are_few_and_another_machine_needs_the_token(tmp_path, monk
             assert answer.status == 200
     finally:
         made.close()
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+def test_files_are_opened_in_a_running_viewer(chromium, tmp_path):
+    """The start page takes the viewer's place, and the next viewer that of the start page."""
+    for i in range(3):
+        gb.write(tmp_path / f"frame_{i}.npz", PARTICLES)
+    gb.write(tmp_path / "first.npz", PARTICLES)
+    words = [sys.executable, "-m", "globule", "view", "first.npz", "--no-browser", "--port", "0"]
+    run = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, text=True, bufsize=1)
+    try:
+        address = next(line for line in run.stdout if "http" in line).split()[-1]
+        page = chromium.new_page()
+        page.goto(address)
+        page.get_by_text("first.npz").first.wait_for()
+        with page.expect_file_chooser() as chooser:
+            page.get_by_role("button", name="Open files").click()
+        chooser.value.set_files([str(tmp_path / f"frame_{i}.npz") for i in range(3)])
+        page.get_by_text("1 / 3").wait_for(timeout=60_000)
+        assert page.url == address
+        page.close()
+    finally:
+        run.terminate()
+        run.wait(PATIENCE)
 
 
 @pytest.mark.slow

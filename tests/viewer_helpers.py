@@ -6,14 +6,13 @@ import json
 import shutil
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import globule as gb
 import numpy as np
 import pytest
 from globule.viewer.engine import Engine
-from globule.viewer.first_view import for_window
 from globule.viewer.open import open_source
 from globule.viewer.picture import trace
 from globule.viewer.state import State
@@ -82,9 +81,13 @@ def talk(port: int, path: str, page: str = "") -> Any:
 
 def told(connection: Any, wanted: Callable[[dict], Any] = lambda message: True) -> dict:
     while True:
-        message = json.loads(connection.recv(timeout=PATIENCE))
-        if wanted(message):
-            return message
+        data = connection.recv(timeout=PATIENCE)
+        if isinstance(data, bytes):
+            continue  # an image
+        message = json.loads(data)
+        with suppress(KeyError):  # of another kind
+            if wanted(message):
+                return message
 
 
 class Watched:
@@ -121,21 +124,19 @@ class Watched:
             self.still(program)
         return program
 
-    def page(self, hints: bool = False) -> Any:
-        """A new browser window that has its first sharp picture; hints: as at the first time."""
+    def page(self) -> Any:
+        """A new browser window that has its first sharp picture."""
 
         def come() -> Any:
             page = self.opened.new_page(viewport=WINDOW, accept_downloads=True)
             page.set_default_timeout(1000 * PATIENCE)
-            if not hints:
-                page.add_init_script("localStorage['globule-hints'] = 'seen'")
             page.on("request", lambda request: self.requests.append(request.url))
             page.on("websocket", lambda socket: self.requests.append(socket.url))
             page.goto(self.viewer.address)
             return page
 
         page = self._arrives(come)
-        page.get_by_text("Help (H)").wait_for()
+        page.get_by_role("button", name="Inspector").wait_for()
         if self.fitted:  # once more when the panel has taken its room
             until(lambda: self._fits(page), "for the view to fit its window")
         self.still(page)
@@ -147,9 +148,11 @@ class Watched:
         box = page.locator("canvas").first.bounding_box()
         size = (round(box["width"]), round(box["height"]))
         viewer, client = self.viewer, page.client
-        fitted = for_window(viewer.first_camera, size[0] / size[1], viewer._outline)
-        return client.pacer.full == size and np.allclose(
-            client.camera.eye, fitted.eye, atol=0.02 * viewer.placement.extent
+        fitted = viewer._fitted(client, size[0] / size[1])
+        return (
+            client.room.top > 0
+            and client.pacer.full == size
+            and np.allclose(client.camera.eye, fitted.eye, atol=0.02 * viewer.placement.extent)
         )
 
     def still(self, page: Any, changed: Callable[[np.ndarray], bool] = lambda picture: True) -> np.ndarray:
@@ -159,7 +162,8 @@ class Watched:
             pacer = client.pacer
             if client.frame is None or pacer.in_flight or pacer.making or pacer._changed is not None:
                 return False
-            if pacer._wanted != self.viewer.engine._what(client):
+            engine = self.viewer.engine
+            if (pacer._wanted, pacer._marks) != (engine._what(client), engine._over(client)):
                 return False  # of settings that are no more
             shown = [f for f in self.shown if f.camera == client.camera and f.still]
             return bool(shown) and pacer._samples > 0 and changed(shown[-1].picture)
@@ -204,13 +208,11 @@ def middle(page: Any) -> np.ndarray:
 
 
 def take_tool(page: Any, tool: str) -> None:
-    """Take a tool with which drags draw, and wait until the browser catches them."""
+    """Take a tool with which drags draw, and wait until the page knows."""
     page.hand.use(tool)
-    page.wait_for_function(
-        "() => window.__viserSceneTree?.getState()['/strokes']?.dragBindings?.length"
-        " && window.__viserMutable?.nodeRefFromName?.['/strokes']"
-    )
-    next_frame(page)
+    page.locator("#globule-desk .tools").get_by_role(
+        "button", name=tool.split(",")[0], exact=True, pressed=True
+    ).wait_for()
 
 
 def silhouette(picture: np.ndarray) -> float:
@@ -219,19 +221,17 @@ def silhouette(picture: np.ndarray) -> float:
     return float((np.abs(picture.astype(int) - corner).sum(axis=2) > 30).mean())
 
 
-def open_folder(page: Any, title: str) -> None:
-    """Open a folder of the panel, unless it is; it stays as an earlier page left it."""
-    heading = page.locator(f"xpath=//*[not(self::em) and normalize-space(text())='{title}']").first
-    head = heading.locator("xpath=ancestor-or-self::*[contains(@class,'mantine-Paper-root')][1]")
-    head.and_(page.locator("[data-known]")).wait_for()  # the page has put it as it was
-    if not head.locator(".tabler-icon-chevron-up:visible").count():
-        heading.click()
+def open_section(page: Any, title: str) -> None:
+    """Show a section of the inspector."""
+    button = page.get_by_role("button", name="Inspector")
+    if button.get_attribute("aria-pressed") != "true":
+        button.click()
+    page.get_by_role("tab", name=title, exact=True).click()
 
 
 def type_number(page: Any, label: str, value: float | str) -> Any:
     """Type into the number beside a slider; the box."""
-    row = page.locator(f"xpath=//label[.='{label}']/ancestor::div[2]/..").first
-    box = row.locator("input[inputmode]").first
+    box = page.get_by_label(f"{label}, value", exact=True)
     box.fill(str(value))
     box.press("Enter")
     return box

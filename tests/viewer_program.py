@@ -1,7 +1,9 @@
-"""A browser's connection to the viewer's page, by a program."""
+"""A browser's connections to the viewer's page, by a program."""
 
 import io
+import json
 import threading
+from contextlib import suppress
 from typing import Any
 
 import msgspec
@@ -10,7 +12,7 @@ import viser
 import zstandard
 from PIL import Image
 from waiting import until
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.sync.client import connect
 
 CAMERA = {
@@ -27,25 +29,30 @@ MOVES = {  # of the camera, by the server: its part, and the field
 
 
 class Program:
-    """A browser's connection, by a program.
+    """A browser's two connections, by a program: of viser's page, and of our script.
 
     Args:
         address: of the page, as `viewer.address` says it.
         answers: say that an image has arrived, as a page does.
+        script: connect our script, too.
 
     Attributes:
-        widgets, commands: identifiers by labels.
+        controls: what is known of each control, by labels.
+        commands: names.
         images: JPEGs that have come.
         kept: all messages that have come.
+        desk: our script's connection, or None.
         files: that were downloaded, by name.
         camera: that it has; it follows the server's moves.
         word: with which its script names itself; "" before it came.
     """
 
-    def __init__(self, address: str, answers: bool = True):
-        self.answers = answers
-        self.widgets: dict[str, str] = {}
-        self.commands: dict[str, str] = {}
+    def __init__(self, address: str, answers: bool = True, script: bool = True):
+        self.answers, self.script = answers, script
+        self.controls: dict[str, dict] = {}
+        self.commands: list[str] = []
+        self.desk: Any = None
+        self._address = address
         self.camera = dict(CAMERA)
         self.images: list[bytes] = []
         self.files: dict[str, bytes] = {}
@@ -78,22 +85,13 @@ class Program:
             self.closed = str(error)
 
     def _take(self, message: dict) -> None:
-        kind, label = message["type"], (message.get("props") or {}).get("label")
-        if kind == "RegisterCommandMessage":
-            self.commands[label] = message["uuid"]
-        elif kind == "GuiFolderMessage":
-            pass
-        elif label:
-            self.widgets[label] = message["uuid"]
-        elif kind in MOVES:
+        kind = message["type"]
+        if kind in MOVES:
             self.camera[MOVES[kind][0]] = message[MOVES[kind][1]]
-        elif kind == "BackgroundImageMessage" and message["rgb_data"]:
-            self.images.append(message["rgb_data"])
-        elif kind == "LocalStorageGetItemRequestMessage" and self.answers:
-            asked, kind = message["request_uuid"], "LocalStorageGetItemResponseMessage"
-            self.say({"type": kind, "value": None, "error": None, "request_uuid": asked})
         elif kind == "RunJavascriptMessage" and 'globuleWord="' in message["source"]:
             self.word = message["source"].split('"')[1]
+            if self.script:
+                threading.Thread(target=self._talk, daemon=True).start()
         elif kind == "FileTransferStartDownload":
             self._names[message["transfer_uuid"]] = message["filename"]
         elif kind == "FileTransferPart":
@@ -101,6 +99,29 @@ class Program:
             self.files[name] = self.files.get(name, b"") + message["content"]
         self._messages.append(message)
         self.kept.append(message)
+
+    def _talk(self) -> None:
+        """What the page's script does."""
+        begin, _, query = self._address.partition("?")
+        path = f"{begin.replace('http', 'ws', 1)}globule/desk?word={self.word}&{query}"
+        with suppress(WebSocketException, OSError, EOFError):
+            self.desk = connect(path, max_size=None, ping_interval=None)
+            for data in self.desk:
+                if isinstance(data, bytes):
+                    self.images.append(data[4:])
+                    if self.answers:
+                        self.desk.send(data[:4])
+                    continue
+                message = json.loads(data)
+                for control in message.get("controls", ()):
+                    self.controls[control["label"] or control.get("content", "")] = control
+                self.commands = [name for name, *_ in message.get("commands", ())] or self.commands
+                self.kept.append({"type": "desk", **message})
+                self._messages.append({"type": "desk", **message})
+
+    def ask(self, name: str, value: Any = None) -> None:
+        """Ask for an action, as our script does."""
+        until(lambda: self.desk, "for the script's connection").send(json.dumps({"do": name, "value": value}))
 
     def say(self, *messages: dict) -> None:
         for message in messages:
@@ -112,20 +133,13 @@ class Program:
         self.say(self.camera)
 
     def set(self, label: str, value: Any = True) -> None:
-        """Use the widget with a label; for a button, the value is True."""
-        uuid = until(lambda: self.widgets.get(label), f"for {label}")
-        self.say({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}})
+        """Use the control with a label; for a button, the value is True."""
+        self.ask("control", [until(lambda: self.controls.get(label), f"for {label}")["id"], value])
 
     def command(self, label: str) -> None:
         """Give a command, as its key does."""
-        uuid = until(lambda: self.commands.get(label), f"for {label}")
-        self.say({"type": "CommandTriggerMessage", "uuid": uuid})
-
-    def upload(self, label: str, data: bytes) -> None:
-        file = {"source_component_uuid": self.widgets[label], "transfer_uuid": f"{len(data)}"}
-        begin = {"type": "FileTransferStartUpload", "filename": "f", "mime_type": "text/plain"}
-        part = {"type": "FileTransferPart", "part_index": 0, "content": data}
-        self.say(begin | file | {"part_count": 1, "size_bytes": len(data)}, part | file)
+        until(lambda: label in self.commands, f"for {label}")
+        self.ask("command", label)
 
     def heard(self, wanted: Any) -> dict:
         """The next message that is as wanted, or has a text in it."""
@@ -150,3 +164,5 @@ class Program:
 
     def close(self) -> None:
         self.connection.close()
+        if self.desk is not None:
+            self.desk.close()

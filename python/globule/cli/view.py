@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import argparse
 import socket
+import threading
 import webbrowser
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -127,14 +129,33 @@ def run(options: argparse.Namespace) -> None:
     except OSError as error:
         name = error.filename or options.what[0]
         raise UserError(f"{name}: cannot be read: {error.strerror or error}") from error
-    try:
-        viewer.wait()
-    finally:
-        if start is not None:
-            start.close()
+    while True:
+        ends: list[threading.Thread] = []
+        viewer.on_open = _ending(viewer, ends)
+        try:
+            viewer.wait()
+        finally:
+            if start is not None:
+                start.close()
+        if not ends:
+            return
+        ends[0].join()  # and the port is free
+        token, options.port, options.no_browser = viewer.token, viewer.port, True
+        start, source = start_page(options, given, token)
+        viewer = serve(source, options, preset=source.preset, token=token)
 
 
-def start_page(options: argparse.Namespace, given: dict[str, Any]) -> tuple[Start, Source]:
+def _ending(viewer: Viewer, ends: list[threading.Thread]) -> Callable[[], None]:
+    """A function that ends a viewer in a thread, which it adds to a list."""
+
+    def end() -> None:
+        ends.append(threading.Thread(target=viewer.close, args=(1.0,), name="globule open"))
+        ends[0].start()
+
+    return end
+
+
+def start_page(options: argparse.Namespace, given: dict[str, Any], token: str | None = None) -> tuple[Start, Source]:
     """Wait until a person has chosen on the start page what to show."""
     from .._demo.data import dam_break_particles
     from ..viewer.guard import LOCAL
@@ -142,12 +163,12 @@ def start_page(options: argparse.Namespace, given: dict[str, Any]) -> tuple[Star
     from ..viewer.source import SceneSource
     from ..viewer.start import SPLASH, Start
 
-    def chosen(name: str) -> Source:
+    def chosen(name: Any) -> Source:
         if name == SPLASH:
             return SceneSource(SPLASH, dam_break_particles()[0])
         return open_source(name, options.device, options.threads, **given)
 
-    start = Start(chosen, options.host, options.port, options.demand_token)
+    start = Start(chosen, options.host, options.port, options.demand_token, token)
     address = start.address("127.0.0.1" if start.host in LOCAL else socket.gethostname())
     print(f"globule: choose what to show at {address}", flush=True)
     print("globule: press Ctrl-C to stop", flush=True)

@@ -11,7 +11,7 @@ import threading
 import time
 import webbrowser
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,18 +19,20 @@ import numpy as np
 from .._base.checks import how_to_install, missing
 from .._base.terminal import escaped
 from ..render.camera import Camera
+from .desk import DeskSink
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
 from .export import notebook
 from .first_view import FIRST_SIZE, first_camera, for_window, left_out, outermost
-from .guard import LOCAL, LOOK_PATH, Guard, limit_messages, no_uploads, quiet_tasks, silent
+from .guard import LOCAL, LOOK_PATH, Guard, no_uploads, quiet_tasks, silent
 from .log import log
 from .pacer import Plan
 from .placement import Placement
 from .recording import Shot
 from .roles import LOOK, MOST_CLIENTS, REFUSED, STEER, visitor
+from .room import Room
 from .source import Source
-from .state import MOST_BYTES, State
+from .state import GROUPS, State
 from .wakeups import wake_always
 
 PAGE_EYE = (3.0, 3.0, 3.0)  # of viser's page before it gets a camera, page units
@@ -55,7 +57,8 @@ class Viewer:
         most_clients: number of browsers that are shown images at a time.
 
     Attributes:
-        state: the settings; `viewer.state.set(surface__threshold=0.5)`.
+        state: the settings; `viewer.surface.threshold = 0.5` is short for
+            `viewer.state.surface.threshold = 0.5`.
         source: what the viewer shows.
         port: that the server listens on.
         most_clients: number of browsers that are shown images at a time.
@@ -105,6 +108,7 @@ class Viewer:
         self._frame_callbacks: list[Callable[[Any], Any]] = []
         self._closed = threading.Event()
         self._met = False  # a browser has connected
+        self.on_open: Callable[[], Any] | None = None  # shows the start page instead
         self.clients: dict[int, Client] = {}
         self.engine = Engine(source, self.state, self.up)
         self.engine.on_picture = self._on_picture
@@ -118,7 +122,6 @@ class Viewer:
                 f"viewer: viser {viser.__version__} opens its server in an unknown way. Install "
                 f"the version that globule needs: {how_to_install('view')}"
             )
-        limit_messages(self.server, MOST_BYTES)
         wake_always(self.server._websock_server.get_message_buffer())
         quiet_tasks(self.server)
         self.host, self.port = host, self.server.get_port()
@@ -129,10 +132,16 @@ class Viewer:
         self.server.on_client_connect(self._connected)
         self.server.on_client_disconnect(self._disconnected)
 
+    def __getattr__(self, name: str) -> Any:
+        """The groups of settings: `viewer.surface.threshold = 0.5`."""
+        if name in GROUPS:
+            return getattr(self.state, name)
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
     @property
     def gui(self) -> Any:
-        """The panel of the page (`viser.GuiApi`), for sliders and buttons of the program."""
-        return self.server.gui
+        """The inspector (`globule.viewer.gui.Gui`), for sliders and buttons of the program."""
+        return self.page.gui
 
     @property
     def address(self) -> str:
@@ -179,33 +188,27 @@ class Viewer:
             log.warning("%s", escaped(str(error) or type(error).__name__))
 
     async def _welcome(self, browser: Any) -> None:
-        from .viser_sink import ViserSink
-
         who = visitor()
         if self._is_full(who.role):
             for number in await silent(self.server, list(self.clients), ANSWERS):
                 self._leave(number)
         if self._is_full(who.role):
             who.role = REFUSED
-            browser.add_notification(
-                "No free place",
-                f"This viewer serves at most {self.most_clients} browsers, and all places are "
-                "taken. Reload this page when another one is closed.",
-                color="red",
-                with_close_button=False,
-            )
+            words = f"This viewer serves at most {self.most_clients} browsers, and all places are taken."
+            self.page.desk.connected(browser)
+            self.page.desk.send(browser, {"full": f"{words} Reload this page when another one is closed."})
             return
         if not self._met:  # what a person can undo begins here
             self._met = True
             self.state.history.clear()
         no_uploads(browser)
         wake_always(browser._websock_connection.get_message_buffer())
-        sink = ViserSink(browser, lambda number: client.acknowledge(number))
-        client = self.engine.add(sink, self.first_camera)
+        client = self.engine.add(DeskSink(self.page.desk, browser), self.first_camera)
         client.role = who.role
         self.clients[browser.client_id] = client
 
         first: dict[str, Any] = {} if self._camera_given else {"aspect": 1e-9}
+        client.first = first
 
         async def moved(camera: Any) -> None:
             try:
@@ -243,14 +246,45 @@ class Viewer:
         back = to_start <= near < to_last
         if not back and abs(aspect / first["aspect"] - 1) <= 0.01:
             return
-        camera = for_window(self.first_camera, aspect, self._outline)
+        camera = self._fitted(self.clients[browser.client_id], aspect)
         # The next message of the browser may be older than this move.
         first.update(aspect=aspect, eyes=[*known, camera.eye])
         self.move(browser, camera)
 
+    def _fitted(self, client: Client, aspect: float) -> Camera:
+        """The first camera for a window with bars."""
+        size = (round(1000 * aspect), 1000)
+        width, height = client.room.free(size)
+        return client.room.seated(for_window(self.first_camera, width / height, self._outline), size)
+
+    def give_room(self, browser: Any, value: Any) -> None:
+        """A browser says which shares of its window bars cover: left, top, right, bottom."""
+        if not (isinstance(value, list) and len(value) == 4 and all(type(v) in (int, float) for v in value)):
+            raise ValueError(f"page: expected four shares, got {str(value)[:40]}")
+        client = self.clients[browser.client_id]
+        room = Room(*(float(np.clip(np.nan_to_num(v), 0, 1)) for v in value))
+        if room != client.room:
+            client.room = room
+            if client.first:  # nobody has moved the camera
+                client.first["aspect"] = 1e-9
+                width, height = client.pacer.full
+                self._fit_window(browser, client.first, width / height)
+
+    def begin_plane(self, browser: Any) -> None:
+        """Put a cutting plane that nobody has set yet where something of what is seen stays."""
+        for panel in self.page.panels:
+            if hasattr(panel, "begin_plane"):
+                panel.begin_plane(browser)
+
+    def open_another(self) -> None:
+        """Show the start page instead, where a person chooses what to open."""
+        assert self.on_open is not None  # as the page offers it
+        self.on_open()
+
     async def _disconnected(self, browser: Any) -> None:
+        client = self.clients.get(browser.client_id)
         self._leave(browser.client_id)
-        self.page.disconnected(browser)
+        self.page.disconnected(browser, client)
 
     def _leave(self, number: int) -> None:
         """Free the place of a browser."""
@@ -362,6 +396,10 @@ class Viewer:
         """
         state, camera = self.state.snapshot(), camera or self.first_camera
         with self.source.lock:
+            self.source.scene(state)
+            if self.source.maker.beyond and state.color.by and state.color.automatic:
+                low, high = self.source.maker.range
+                state.color = replace(state.color, automatic=False, low=low, high=high)
             return (
                 command_line(self.source, state, camera, size, self.up),
                 python_code(self.source, state, camera, size, self.up),
@@ -416,6 +454,7 @@ class Viewer:
             self.page.desk.close()
         self.engine.close(seconds)
         if hasattr(self, "server"):
+            self._guard.end()
             with contextlib.redirect_stdout(io.StringIO()):
                 self.server.stop()
                 self.server._thread_executor.shutdown(wait=False)

@@ -12,6 +12,7 @@ from ..data.attributes import attribute_values
 from ..data.particles import Particles
 from ..render.frame import Frame, Picked
 from ..render.layers import Layer
+from .scenes import usual_range
 from .source import Origin, Source
 from .state import State
 
@@ -79,8 +80,7 @@ class CompareSource(Source):
         if not (state.color.by and state.color.automatic):
             return state
         found = [attribute_values(source.particles(), state.color.by) for source in (self.first, self.second)]
-        values = np.concatenate([one[np.isfinite(one)] for one in found])
-        lo, hi = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+        (lo, hi), _ = usual_range(np.concatenate([one[np.isfinite(one)] for one in found]))
         other = state.snapshot()
         other.color = dataclasses.replace(state.color, automatic=False, low=lo, high=hi)
         return other

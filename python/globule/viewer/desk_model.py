@@ -9,7 +9,6 @@ import numpy as np
 from .._base.colormaps import colorize
 from ..data.attributes import attribute_values, colormap_of
 from ..render.display import displayed
-from ..render.presets import PRESETS
 from ..scene.mesh import Mesh
 from .layers import hidden, layer_names
 from .plots import over_time
@@ -17,6 +16,7 @@ from .roles import LOOK
 
 BINS = 48
 MOST_COUNTED = 1_000_000  # particles of a histogram
+SLOW = 1.5  # s that an image takes before the person is told
 
 
 class Model:
@@ -29,6 +29,7 @@ class Model:
     def __init__(self, viewer: Any):
         self.viewer = viewer
         self.series: dict[int, str] = {}  # what a browser plots over time
+        self.sections: dict[int, str] = {}  # which section of the inspector it shows
         self._counted: tuple = ()
         self._plot: dict[str, Any] | None = None
 
@@ -45,10 +46,15 @@ class Model:
             "role": client.role if client else LOOK,
             "people": [len(self.viewer.clients), self.viewer.most_clients],
             "tool": hand.tool if hand else page.tools.choices[0],
+            "picked": hand.text if hand and hand.picked else "",
+            "banner": self._banner(client),
+            "facts": self._facts(browser, client),
+            "tissue": self.viewer.source.has_tissue,
+            "opens": self.viewer.on_open is not None,
             "undo": undo + page.cut_is_newest,
             "redo": redo,
             "plane": state.cuts.plane,
-            "recording": browser.client_id in saving._recorders,
+            "recording": saving.records(browser),
             "time": self._time(),
             "pull": self.pull(),
             "said": hand.said if hand else "",
@@ -59,9 +65,8 @@ class Model:
                 "low": state.color.low,
                 "high": state.color.high,
                 "automatic": state.color.automatic,
+                "beyond": self.viewer.source.maker.beyond if state.color.by and state.color.automatic else 0,
             },
-            "surface": {"shape": state.surface.shape, "shown": self._shown()},
-            "preset": {"name": state.look.preset, "options": ["plain", *PRESETS]},
             "plot": self._histogram(),
             "line": self._line(client),
             "series": over_time(self.viewer.source, self.series.get(browser.client_id, "")),
@@ -78,9 +83,22 @@ class Model:
         profile = client.profile if client else None
         return profile and {**profile, "unit": self.viewer.source.unit}
 
-    def _shown(self) -> str:
-        scene = self.viewer.source.maker.last_scene
-        return "" if scene is None else getattr(scene, "surface", "")
+    def _banner(self, client: Any) -> str:
+        """What the person waits for."""
+        if client is None:
+            return ""
+        if not client.number:
+            return "Making the first image …"
+        engine = self.viewer.engine
+        since = client.since
+        return "Computing the image …" if since is not None and engine.clock() - since > SLOW else ""
+
+    def _facts(self, browser: Any, client: Any) -> str:
+        """The table of statistics, for a browser that shows it."""
+        if client is None or self.sections.get(browser.client_id) != "Statistics":
+            return ""
+        panel = next(p for p in self.viewer.page.panels if type(p).__name__ == "Statistics")
+        return panel.table(client)
 
     def _time(self) -> dict[str, Any] | None:
         source, time = self.viewer.source, self.viewer.state.time

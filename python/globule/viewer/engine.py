@@ -10,6 +10,7 @@ import atexit
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,9 +22,10 @@ from .encode import jpeg
 from .log import Repeats
 from .overlay import Mark, box_of, finish, origin_seen
 from .pacer import Pacer, Plan, limited
-from .picture import trace
-from .plots import along_line, marks_of, measured_line
+from .picture import in_the_dark, trace
+from .plots import along_line, marks_of, measured_line, outline_of_plane
 from .roles import AT_ONCE, STEER, Allowance
+from .room import Room
 from .source import Source
 from .state import State
 
@@ -48,9 +50,14 @@ class Client:
     def __init__(self, engine: Engine, sink: Sink, camera: Camera):
         self.engine, self.sink, self.camera = engine, sink, camera
         self.pacer = Pacer()
+        self.room = Room()  # of its window that no bar covers
+        self.first: dict[str, Any] = {}  # of its first view, until somebody moves the camera
+        self.since: float | None = None  # when the image began that is made now
         self.frame: Frame | Split | None = None  # the last traced; only the tracing thread changes it
         self.frame_version: Any = None
         self.number = 0
+        self.dark = False  # its page is dark
+        self.shown: tuple[tuple, np.ndarray] | None = None  # the sharp image on its page, and of what
         self.role = STEER
         self.complaints = Allowance(10, 2.0)  # of its own mistakes
         self.turns = threading.Semaphore(AT_ONCE)  # if it looks
@@ -82,6 +89,25 @@ class Client:
         """Note that an image has arrived."""
         with self.engine.wake:
             self.pacer.acknowledge(self.engine.clock(), number)
+            self.engine.wake.notify_all()
+
+    def sharp(self) -> np.ndarray | None:
+        """The image (H, W, 3) uint8 sRGB on the client's page, if it is sharp and of what is set."""
+        shown, key = self.shown, (self.engine._what(self), self.engine._over(self))
+        return shown[1] if shown is not None and shown[0] == key else None
+
+    def darken(self, dark: bool) -> None:
+        """Show the scene on a dark background, or on the usual one."""
+        with self.engine.wake:
+            self.dark = dark
+            self.engine.interrupt(self)
+            self.engine.wake.notify_all()
+
+    def again(self) -> None:
+        """Images on their way are lost: count them as arrived, and make the next one."""
+        with self.engine.wake:
+            self.pacer.acknowledge(self.engine.clock(), self.number)
+            self.pacer.change(self.engine.clock())
             self.engine.wake.notify_all()
 
     def hand(self, job: tuple) -> None:
@@ -117,7 +143,7 @@ class Client:
                     self.pacer.given_up()
                 self.engine.report(error)
 
-    def _send(self, plan: Plan, seen: float, picture: np.ndarray, more: dict[str, Any]) -> None:
+    def _send(self, plan: Plan, seen: float, picture: np.ndarray, more: dict[str, Any], key: tuple) -> None:
         started = self.engine.clock()
         seen_at = limited(self.pacer.full, more["state"].quality.width)
         picture = finish(picture, size=seen_at, **more)
@@ -126,6 +152,7 @@ class Client:
             number = self.number
         if self.engine.on_picture is not None:
             picture = self.engine.on_picture(self, number, picture, plan)
+        self.shown = (key, picture) if plan.still else None
         data = jpeg(picture, plan.quality, sharp=plan.still)
         with self.engine.wake:
             now = self.engine.clock()
@@ -268,7 +295,11 @@ class Engine:
     # Tracing
 
     def _what(self, client: Client) -> tuple:
-        return (client.camera, self.state.version, self.source.version, tuple(client.marks))
+        return (client.camera, self.state.traced, self.source.version, client.dark)
+
+    def _over(self, client: Client) -> tuple:
+        """What is drawn over a client's trace."""
+        return (self.state.version, tuple(client.marks))
 
     def _next(self) -> tuple[Client, Plan, float, tuple] | None:
         """The next client and its plan; waits for one. The caller holds `wake`."""
@@ -278,8 +309,10 @@ class Engine:
             for i in range(len(self.clients)):
                 client = self.clients[(self._turn + i) % len(self.clients)]
                 what = self._what(client)
-                plan = client.pacer.plan(now, what, quality.samples, quality.sharpness, quality.width)
+                over = self._over(client)
+                plan = client.pacer.plan(now, what, quality.samples, quality.sharpness, quality.width, over)
                 if plan is not None:
+                    client.since = None if plan.refine else now
                     self._turn = (self._turn + i + 1) % len(self.clients)
                     return client, plan, client.pacer.started(), what
                 due.append(client.pacer.wake_at(now))
@@ -296,6 +329,7 @@ class Engine:
             client, plan, seen, what = found
             try:
                 self._make(client, plan, seen, what)
+                client.since = None
             except KeyboardInterrupt:  # `interrupt`
                 with self.wake:
                     client.pacer.interrupted(seen)
@@ -305,7 +339,8 @@ class Engine:
                 self.report(error)
 
     def _make(self, client: Client, plan: Plan, seen: float, what: tuple) -> None:
-        state = self.state.snapshot()
+        over = self._over(client)
+        state = in_the_dark(self.state.snapshot()) if client.dark else self.state.snapshot()
         camera, source = client.camera, self.source
         with source.lock:
             started = self.clock()
@@ -319,11 +354,15 @@ class Engine:
                     "state": state,
                     "camera": camera,
                     "plates": plates,
-                    "marks": client.marks + marks_of(source, state),
+                    "flats": source.flats(state),
+                    "marks": client.marks
+                    + marks_of(source, state)
+                    + (outline_of_plane(state, *source.bounds()) if state.cuts.plane else []),
                     "depth": frame.distance if plates or state.notes.box else None,
                     "ends": source.maker.range,
                     "kinds": source.maker.kinds,
                     "origin": origin_seen(frame),
+                    "room": client.room,
                     **box_of(frame, state),
                 }
                 picture = frame.picture
@@ -338,8 +377,9 @@ class Engine:
         seconds = self.clock() - started
         with self.wake:
             self.trace_seconds = seconds
-            client.pacer.traced(plan, seconds, state.quality.rate)
-        client.hand((plan, seen, picture, more))
+            done = replace(plan, samples=min(plan.samples, frame.samples)) if plan.refine else plan
+            client.pacer.traced(done, seconds, state.quality.rate)
+        client.hand((plan, seen, picture, more, (what, over)))
 
     def _profile(self, client: Client, state: State) -> dict[str, Any] | None:
         """Values along the measured line. The caller holds the source's lock."""
@@ -349,10 +389,10 @@ class Engine:
 
     def _traced(self, client: Client, plan: Plan, what: tuple, state: State, camera: Camera) -> Frame | Split:
         """The next frame of a client. The caller holds the source's lock."""
-        frame = client.frame
+        frame, over = client.frame, self._over(client)
         if not (plan.refine and frame is not None and client.frame_version == what):
             return trace(self.source, state, camera, plan.size, self.up, moving=not plan.still)
-        while frame.samples < plan.samples and self._what(client) == what:
+        while frame.samples < plan.samples and (self._what(client), self._over(client)) == (what, over):
             frame.refine()
         return frame
 
@@ -368,6 +408,8 @@ class Engine:
             try:
                 started = self.clock()
                 pause = self.source.advance(self.state)
+                while self.source.troubles:
+                    self.report(self.source.troubles.pop(0))
             except Exception as error:
                 self.report(error)
                 self.source.stand_still()

@@ -16,6 +16,7 @@ whether the socket was opened through the guard.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import functools
 import gzip
 import hashlib
@@ -28,6 +29,7 @@ import logging
 import re
 import secrets
 import warnings
+import weakref
 from types import FunctionType
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -82,6 +84,13 @@ class Guard:
         nonce = secrets.token_urlsafe(18)
         self._policy, self._nonce = POLICY.format(nonce=nonce), nonce.encode()
         self._pages: dict[bytes, bytes] = {}  # viser's page to ours
+        self._open: weakref.WeakSet[Any] = weakref.WeakSet()  # connections
+
+    def end(self) -> None:
+        """End all connections; one whose browser reads nothing would be waited for. Any thread."""
+        for connection in list(self._open):
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                connection.loop.call_soon_threadsafe(connection.transport.abort)
 
     def refusal(self, path: str, headers: Any) -> str | None:
         """The reason to refuse a request, or None.
@@ -164,6 +173,7 @@ class Guard:
 
             def __init__(own, *given: Any, **more: Any):
                 super().__init__(*given, **more)
+                known.add(own)
                 own.messages, own.frames = Allowance(*FLOOD), Allowance(*FLOOD)
 
             async def recv(own, *given: Any, **more: Any) -> Any:
@@ -181,7 +191,7 @@ class Guard:
                     return
                 super().process_event(event)
 
-        inner = options.pop("process_request")
+        inner, known = options.pop("process_request"), self._open
 
         def check(connection: Any, request: Any) -> Any:
             try:
@@ -392,28 +402,3 @@ def no_uploads(browser: Any) -> None:
     for message in (_messages.FileTransferStartUpload, _messages.FileTransferPart):
         if message in browser._websock_connection._incoming_handlers:
             browser._websock_connection.unregister_handler(message)
-
-
-def limit_messages(server: Any, most_bytes: int) -> None:
-    """Refuse large uploads and requests to share the page.
-
-    Any browser could ask viser to share the page through viser's own server on the internet.
-
-    Args:
-        server: a `viser.ViserServer`.
-        most_bytes: of one upload.
-    """
-    from viser import _messages
-
-    gui, websocket = server.gui, server._websock_server
-    for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
-        websocket.unregister_handler(message)
-    begin = gui._handle_file_transfer_start
-    websocket.unregister_handler(_messages.FileTransferStartUpload, begin)
-
-    def check(client_id: int, message: Any) -> None:
-        if message.size_bytes <= most_bytes and message.part_count <= 1:
-            gui._drop_uploads_from_client(client_id)  # one of each browser waits for its bytes
-            begin(client_id, message)
-
-    websocket.register_handler(_messages.FileTransferStartUpload, check)

@@ -1,4 +1,4 @@
-// Shows images, acknowledges each on arrival, and moves the camera.
+// Shows images, acknowledges each on arrival, moves the camera, and asks for what is at a click.
 
 const sub = (a, b) => a.map((v, i) => v - b[i]);
 const add = (a, b, s = 1) => a.map((v, i) => v + s * b[i]);
@@ -15,12 +15,29 @@ function turned(v, axis, angle) {  // Rodrigues
 
 function render({ model, el }) {
   const image = document.createElement("img");
-  const note = document.createElement("div");
+  const note = document.createElement("div"), bar = document.createElement("div");
   image.draggable = false;
+  image.alt = "The scene; drag to rotate, click to read its values";
+  bar.style = "display:flex;gap:8px;align-items:center;font:13px system-ui,sans-serif;padding:4px 0";
+  const button = (words, does) => {
+    const made = Object.assign(document.createElement("button"), { type: "button", textContent: words });
+    made.addEventListener("click", does);
+    return made;
+  };
+  const by = document.createElement("select");
+  by.ariaLabel = "Color by";
+  by.append(...["", ...(model.get("names") ?? [])].map((name) => Object.assign(document.createElement("option"), { value: name, textContent: name || "own colors" })));
+  by.addEventListener("change", () => model.send({ type: "set", color__by: by.value }));
+  let plane = false;
+  const cut = button("Plane", () => { plane = !plane; cut.ariaPressed = String(plane); model.send({ type: "set", cuts__plane: plane }); });
+  const value = document.createElement("span");
+  value.role = "status";
+  const home = structuredClone(model.get("view"));
+  bar.append(button("Fit", () => { Object.assign(view, structuredClone(home)); look(); }), cut, by, value);
   image.style = `width:100%;height:${model.get("height")}px;object-fit:fill;` +
     "touch-action:none;cursor:grab;display:block;background:#eee";
   note.style = "color:#b00;font:13px sans-serif";
-  el.append(image, note);
+  el.append(bar, image, note);
   const view = structuredClone(model.get("view"));
 
   const look = () => {
@@ -45,8 +62,9 @@ function render({ model, el }) {
       view[name] = add(add(view[name], right, -dx * step), up, dy * step);
   };
 
-  let held = null;
+  let held = null, pressed = null;
   image.addEventListener("pointerdown", (event) => {
+    pressed = event.button === 0 ? [event.clientX, event.clientY] : null;
     held = event.button === 2 || event.shiftKey ? move : rotate;
     image.setPointerCapture(event.pointerId);
   });
@@ -55,7 +73,12 @@ function render({ model, el }) {
     held(event.movementX, event.movementY);
     look();
   });
-  image.addEventListener("pointerup", () => { held = null; });
+  image.addEventListener("pointerup", (event) => {
+    held = null;
+    if (!pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 5) return;
+    const box = image.getBoundingClientRect();
+    model.send({ type: "click", place: [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height] });
+  });
   image.addEventListener("contextmenu", (event) => event.preventDefault());
   image.addEventListener("wheel", (event) => {
     event.preventDefault();
@@ -66,6 +89,7 @@ function render({ model, el }) {
 
   let address = null;
   const heard = async (message, buffers) => {
+    if (message.type === "said") value.textContent = message.text;
     if (message.type === "error") note.textContent = message.message;
     if (message.type !== "picture") return;
     const next = URL.createObjectURL(new Blob([buffers[0]], { type: "image/jpeg" }));

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ from ..render.annotate import Annotation, Colors, bounds_of, draw_sheet, draw_vi
 from ..render.camera import Camera
 from ..render.canvas import LEAST_SIDE
 from ..render.frame import Frame
+from .room import Room
 from .state import State
 
 ON_SCREEN = 0.65  # scale of annotations on the page, relative to saved images
@@ -49,6 +51,23 @@ class Plate:
     texture: np.ndarray
     world_from_plate: np.ndarray
     mask: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Flat:
+    """An image that is drawn flat along the lower edge.
+
+    Attributes:
+        texture: (H, W, 3) uint8 sRGB.
+        ratio: of its width to its height, as it is drawn.
+        cross: shares of its width and height at which two lines cross.
+        title: above it.
+    """
+
+    texture: np.ndarray
+    ratio: float
+    cross: tuple[float, float]
+    title: str
 
 
 def annotation_of(state: State) -> Annotation:
@@ -89,6 +108,8 @@ def finish(
     skin: float = 0.0,
     kinds: tuple[tuple[float, str], ...] = (),
     origin: tuple[float, float, float] = HERE,
+    room: Room | None = None,
+    flats: Sequence[Flat] = (),
 ) -> np.ndarray:
     """The image (H, W, 3) uint8 sRGB with its overlay.
 
@@ -104,13 +125,19 @@ def finish(
         bounds, skin: as for `draw_view`.
         kinds: as those of `Colors`.
         origin: world, from which the scene's places are given.
+        room: the part of the image that no bar of the page covers, for legend, title and flats.
+        flats: to draw along the lower edge.
     """
     if plates and depth is not None:
         picture = draw_plates(picture, depth, camera, plates)
     notes = annotation_of(state)
-    if size is not None and (marks or notes.draws):
+    if size is not None and (marks or notes.draws or flats):
         picture = enlarged(picture, size)
     drawn = notes.draws and min(picture.shape[:2]) >= LEAST_SIDE
+    if flats and min(picture.shape[:2]) >= LEAST_SIDE:
+        picture = np.array(picture)
+        free = picture[(room or Room()).part(picture.shape)]
+        free[...] = draw_flats(free, flats)
     scale = 1.0 if size is None else ON_SCREEN
     if drawn:
         picture = draw_view(picture, notes, camera, bounds, depth, skin, scale=scale, origin=origin)
@@ -119,7 +146,10 @@ def finish(
     if drawn:
         colormap = colormap_of(state.color.by, state.color.colormap)
         colors = Colors(colormap, *ends, place_label(state.color.by, origin), kinds)
-        picture = draw_sheet(picture, notes, colors, scale=scale)
+        picture = np.array(picture)
+        free = picture[(room or Room()).part(picture.shape)]
+        if min(free.shape[:2]) >= LEAST_SIDE:
+            free[...] = draw_sheet(np.ascontiguousarray(free), notes, colors, scale=scale)
     return picture
 
 
@@ -175,6 +205,29 @@ def draw_plates(picture: np.ndarray, depth: np.ndarray, camera: Camera, plates: 
         out[at] = plate.texture[pixels]
         nearest[at] = along[at]
     return out.reshape(picture.shape)
+
+
+def draw_flats(picture: np.ndarray, flats: Sequence[Flat]) -> np.ndarray:
+    """The image (H, W, 3) uint8 with flat images along its lower edge."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    image = Image.fromarray(np.ascontiguousarray(picture))
+    draw, gap = ImageDraw.Draw(image), round(0.012 * image.width)
+    widest = (image.width - gap * (len(flats) + 1)) / sum(flat.ratio for flat in flats)
+    tall = max(1, round(min(0.32 * image.height, widest)))
+    font = ImageFont.load_default(size=max(10, round(tall / 14)))
+    x = gap
+    for flat in flats:
+        size = max(1, round(flat.ratio * tall)), tall
+        y = image.height - tall - gap
+        image.paste(Image.fromarray(flat.texture).resize(size, Image.Resampling.BILINEAR), (x, y))
+        across, down = x + flat.cross[0] * size[0], y + flat.cross[1] * tall
+        draw.line([(across, y), (across, y + tall)], fill=AMBER)
+        draw.line([(x, down), (x + size[0], down)], fill=AMBER)
+        draw.rectangle([x, y, x + size[0], y + tall], outline=STEEL)
+        draw.text((x + 4, y + 2), flat.title, (255, 255, 255), font, stroke_width=2, stroke_fill=(20, 24, 30))
+        x += size[0] + gap
+    return np.asarray(image)
 
 
 def draw_marks(picture: np.ndarray, camera: Camera, marks: list[Mark]) -> np.ndarray:

@@ -67,6 +67,7 @@ class Pacer:
         self._last_change = -1e9
         self._wanted: Any = None
         self._hopeless: Any = None
+        self._marks: Any = None  # of the last image
         self._samples = 0  # of the last still image; 0 while something moves
         self._still_size: tuple[int, int] | None = None
         self._ways: deque[tuple[float, float]] = deque(maxlen=32)  # bytes in flight, and s
@@ -75,12 +76,14 @@ class Pacer:
         self.acknowledged: deque[float] = deque(maxlen=WINDOW)  # when
         self.n_bytes = 0
 
-    def plan(self, now: float, what: Any, samples: int, sharpness: int, widest: int) -> Plan | None:
+    def plan(self, now: float, what: Any, samples: int, sharpness: int, widest: int, marks: Any = None) -> Plan | None:
         """The image to make now, or None.
 
         Args:
             now: time.
             what: identifies the content: camera, settings and source.
+            marks: identifies what is drawn over the content. Where only that changes, it is drawn
+                over the last sharp image at once.
             samples: rays per pixel of a still image, in the end.
             sharpness: JPEG quality of still images.
             widest: most pixels in a row.
@@ -93,6 +96,11 @@ class Pacer:
         if min(self.full) < 1:  # the window is not known yet
             return None
         full = limited(self.full, widest)
+        sharp = self._samples > 0 and self._changed is None and self._still_size == full
+        if sharp and marks != self._marks:
+            self._marks = marks
+            return Plan(full, sharpness, True, self._samples, refine=True)
+        self._marks = marks
         if now - self._last_change < STILL_AFTER:
             if self._changed is None:
                 return None

@@ -24,6 +24,7 @@ from .scenes import thesis_of
 from .source import Source
 from .state import Cuts, Look, State
 
+NIGHT = (0.012, 0.014, 0.018)  # linear; the background of a dark page
 MOST_MOVING_AMBIENT = 2  # rays per sample for ambient occlusion while something moves
 
 
@@ -118,6 +119,16 @@ def preset_look(source: Source, state: State, name: str, up: Any) -> Look:
         ambient_rays=settings.ambient_rays,
         exposure=settings.exposure,
     )
+
+
+def in_the_dark(state: State) -> State:
+    """The settings with a dark background, where neither a person nor a preset has chosen one."""
+    look = state.look
+    if (look.preset, look.background) != ("plain", Look().background):
+        return state
+    dark = state.snapshot()
+    dark.look = dataclasses.replace(look, background=NIGHT)
+    return dark
 
 
 def background(look: Look, base: RenderSettings) -> Any:

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import to_host
+from .._base.arrays import box_corners, to_host
 from ..data.attributes import attribute_values
 from ..scene.mesh import Mesh
 from .forces import by_name
-from .overlay import AMBER, Mark
+from .overlay import AMBER, STEEL, Mark
 from .state import State
 
 N_ALONG = 160  # points along a line
@@ -46,6 +46,31 @@ def marks_of(source: Any, state: State) -> list[Mark]:
     line = measured_line(state)
     unit = f" {source.unit}".rstrip()
     return source.marks() + ([] if line is None else [line_mark(line, unit)])
+
+
+def outline_of_plane(state: State, lo: Any, hi: Any) -> list[Mark]:
+    """The edge of the cutting plane in the box of the scene (corners (3,), world), if it cuts it."""
+    cuts, middle = state.cuts, (np.add(lo, hi)) / 2
+    normal = np.asarray(cuts.normal, float)
+    if not cuts.plane or not normal.any():
+        return []
+    half = 1.04 * (np.subtract(hi, lo)) / 2
+    corners = box_corners(middle - half, middle + half)
+    far = (corners - np.asarray(cuts.point, float)) @ normal
+    ends = []
+    for a in range(8):
+        for b in range(a):
+            edge = np.count_nonzero(corners[a] != corners[b]) == 1
+            if edge and far[a] * far[b] < 0:
+                ends.append(corners[a] + far[a] / (far[a] - far[b]) * (corners[b] - corners[a]))
+    if len(ends) < 3:
+        return []
+    points = np.array(ends) - np.mean(ends, axis=0)
+    first = points[0] / np.linalg.norm(points[0])
+    second = np.cross(normal / np.linalg.norm(normal), first)
+    order = np.argsort(np.arctan2(points @ second, points @ first))
+    around = np.array(ends)[[*order, order[0]]]
+    return [Mark(tuple(map(tuple, around.tolist())), color=STEEL, thin=True)]
 
 
 def along_line(scene: Any, line: np.ndarray, name: str) -> dict[str, Any] | None:

@@ -24,7 +24,7 @@ from ..render.camera_path import orbit
 from ..render.frame import save_png
 from .engine import Engine
 from .overlay import Mark, box_of, finish, origin_seen
-from .picture import trace
+from .picture import in_the_dark, trace
 from .plots import marks_of
 
 MOST_SIDE = 16384
@@ -57,6 +57,7 @@ class Shot:
         samples: per pixel.
         marks: to draw over the image.
         progress: called with the finished share, 0 to 1.
+        dark: on the background of a dark page.
 
     Attributes:
         picture: (H, W, 3) uint8 sRGB, with slices, marks and annotations.
@@ -74,7 +75,9 @@ class Shot:
         samples: int,
         marks: list[Mark] | None = None,
         progress: Callable[[float], Any] = lambda share: None,
+        dark: bool = False,
     ):
+        self._dark = dark
         self._engine, self._camera, self._size = engine, camera, checked_size(size)
         self._marks, self._samples, self._progress = marks or [], samples, progress
         lock = engine.source.lock
@@ -89,11 +92,11 @@ class Shot:
         Returns False if the scene or the settings changed between two samples.
         """
         engine, source, camera = self._engine, self._engine.source, self._camera
-        state = engine.state.snapshot()
+        state = in_the_dark(engine.state.snapshot()) if self._dark else engine.state.snapshot()
         with lock:
             frame = trace(source, state, camera, self._size, engine.up)
             before = state.version, source.version
-            plates = source.plates(state)
+            plates, flats = source.plates(state), source.flats(state)
             ends, kinds = source.maker.range, source.maker.kinds
             marks = self._marks + marks_of(source, state)
             box = {"origin": origin_seen(frame), **box_of(frame, state)}
@@ -105,7 +108,7 @@ class Shot:
                 frame.refine()
         depth = frame.distance if plates or state.notes.box else None
         self.frame = frame
-        self.picture = finish(frame.picture, state, camera, marks, plates, depth, ends, kinds=kinds, **box)
+        self.picture = finish(frame.picture, state, camera, marks, plates, depth, ends, kinds=kinds, flats=flats, **box)
         return True
 
     def save(self, path: str | os.PathLike[str]) -> None:

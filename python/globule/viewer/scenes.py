@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +18,10 @@ from ..scene.scene import threshold_of
 from ..scene.thesis import Thesis, fitting_level
 from .state import State
 
+PERCENTILES = 0.5, 99.5
+STRETCHED = 3.0  # times the range between the percentiles; beyond it the percentiles are shown
+MOST_LOOKED_AT = 1 << 20  # values for the percentiles
+
 
 class SceneMaker:
     """Keeps one scene for all images.
@@ -30,13 +35,16 @@ class SceneMaker:
 
     Attributes:
         fluids: whether particles like those of a fluid get a smooth surface; not those of volumes.
+        threads: that scenes use; 0: all.
         range: values at the two ends of the color map.
+        beyond: how many values lie beyond an automatic range.
         lead: gives the particles of a sequence that decide which surface all frames have, and its
             support; None: those that are shown first.
     """
 
     def __init__(self, device: str = "auto", threads: int = 0, given: Scene | None = None):
         self._options: dict[str, Any] = {"device": device, "threads": threads}
+        self.threads = threads
         if given is not None:
             self._options["device"] = given.device.name
         self._given = self._scene = given
@@ -51,6 +59,7 @@ class SceneMaker:
         self._shown: Any = None if given is None else (given.particles, "")
         self._other: Scene | None = None
         self.range = (0.0, 1.0)  # of the color map
+        self.beyond = 0
         self.kinds: tuple = ()  # of `Colors`
 
     def shape(self, particles: Particles, state: State, threshold: float | None = None) -> str:
@@ -137,16 +146,27 @@ class SceneMaker:
             return particles
         values = attribute_values(particles, color.by)
         known = values[np.isfinite(values)]
-        lo, hi = color.low, color.high
+        self.range, self.beyond = (color.low, color.high), 0
         if color.automatic:
-            lo, hi = (known.min(), known.max()) if known.size else (0.0, 1.0)
-        self.range = float(lo), float(hi)
-        fields = {
-            name: getattr(particles, name) for name in ("support", "weight", "reflection", "refraction", "rigidity")
-        }
+            self.range, self.beyond = usual_range(known)
         self.kinds = kinds_of(particles, color.by, color.colormap)
         colors = colorize(values, colormap_of(color.by, color.colormap), *self.range)
-        return Particles(particles.positions, color=colors, attributes=particles.attributes, **fields)
+        return dataclasses.replace(particles, color=colors)
+
+
+def usual_range(values: np.ndarray) -> tuple[tuple[float, float], int]:
+    """The ends of the color map for finite values, and how many lie beyond them.
+
+    From the lowest to the highest, unless few values stretch that range far: then from the 0.5th to
+    the 99.5th percentile.
+    """
+    if not values.size:
+        return (0.0, 1.0), 0
+    lowest, highest = float(values.min()), float(values.max())
+    low, high = (float(v) for v in np.percentile(values[:: 1 + len(values) // MOST_LOOKED_AT], PERCENTILES))
+    if not (high > low and highest - lowest > STRETCHED * (high - low)):
+        return (lowest, highest), 0
+    return (low, high), int(np.count_nonzero((values < low) | (values > high)))
 
 
 def scene_options(

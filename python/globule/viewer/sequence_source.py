@@ -21,6 +21,7 @@ from .source import Origin, Source
 from .state import State
 
 KEPT_BYTES = 1 << 30  # of frames in memory
+AHEAD = 3  # frames that are read before they are shown
 
 
 class SequenceSource(Source):
@@ -89,22 +90,46 @@ class SequenceSource(Source):
         """Go to the frame of the settings, or during playback to the next one."""
         time = state.time
         wanted = min(time.frame, self.n_frames - 1)
-        if time.playing and wanted == self.frame:
-            wanted += 1
-            if wanted >= self.n_frames:
-                wanted = 0 if time.loop else self.n_frames - 1
-                if not time.loop:
-                    state.set(time__playing=False)
+        onwards = time.playing and wanted == self.frame
+        try:
+            found = self._following(time.loop) if onwards else (wanted, self._fetch(wanted).result())
+        except (ValueError, OSError):
+            state.set(time__playing=False, time__frame=self.frame)  # what is shown, and said
+            raise
+        if found is None:
+            state.set(time__playing=False)
+            return None
+        wanted, particles = found
         if wanted == self.frame:
             return None
-        particles = self._fetch(wanted).result()
-        self._fetch((wanted + 1) % self.n_frames)
+        for ahead in range(1, min(AHEAD, self.n_frames - 1) + 1):
+            self._fetch((wanted + ahead) % self.n_frames)
         with self.lock:
             self._now, self.frame = particles, wanted
             self.version += 1
         if time.playing:
             state.set(time__frame=wanted)
         return 1 / time.rate
+
+    def _following(self, loop: bool) -> tuple[int, Particles] | None:
+        """The next frame that can be read, with its number; None at the end. Others are passed over,
+        and said. Raises what the last one did if none can be read."""
+        last: Exception | None = None
+        for step in range(1, self.n_frames + 1):
+            at = self.frame + step
+            if at >= self.n_frames and not loop:
+                return None
+            at %= self.n_frames
+            if at == self.frame:
+                break
+            try:
+                return at, self._fetch(at).result()
+            except (ValueError, OSError) as error:
+                last = error
+                self.troubles.append(error)
+        if last is not None:
+            raise last
+        return None
 
     def origin(self, state: State) -> Origin:
         """The file of the current frame."""

@@ -378,7 +378,7 @@ class SimulationSource(Source):
             self.version += 1
             pieces = self.simulation.tissue.n_pieces
         return f"**Cut {self.n_cut:,} bonds**, {pieces:,} {'piece' if pieces == 1 else 'pieces'}." + (
-            "" if self.running else " Press Run to see it open."
+            "" if self.running else " Press Play to see it open."
         )
 
     def note_settings(self, n: int) -> None:

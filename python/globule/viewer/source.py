@@ -22,7 +22,7 @@ from ..render.presets import load_preset
 from ..render.settings import RenderSettings
 from ..scene.mesh import Mesh
 from .locks import FairLock
-from .overlay import Mark, Plate
+from .overlay import Flat, Mark, Plate
 from .scenes import SceneMaker
 from .state import State
 
@@ -98,6 +98,7 @@ class Source:
         reading: keywords with which the files were read.
         maker: of the scene.
         beside: layers after the first one, which the settings do not change.
+        troubles: errors that did not stop the time, which the engine reports and removes.
         kind: "scene", "sequence", "simulation", "volume" or "sweep".
         n_frames: of a sequence.
         grows: size and place become known in time only.
@@ -128,6 +129,7 @@ class Source:
         self.version = 0
         self.maker = SceneMaker()
         self._preset: tuple | None = None
+        self.troubles: list[Exception] = []
         self.beside: list[Layer] = []
 
     def layers(self, state: State) -> list[Layer]:
@@ -192,6 +194,10 @@ class Source:
 
     def plates(self, state: State) -> list[Plate]:
         """Flat images in space to draw with the layers. The caller holds `lock`."""
+        return []
+
+    def flats(self, state: State) -> list[Flat]:
+        """Images to draw flat along the lower edge. The caller holds `lock`."""
         return []
 
     def marks(self) -> list[Mark]:

@@ -1,8 +1,8 @@
-"""The start page of `globule view` without a file: scenes, recent files, one or two dropped files.
+"""The start page of `globule view` without a file: scenes, recent files, dropped files.
 
-The page never sends a path: a scene by its name, a recent file by its number, or the bytes of a
-file. Two dropped files are compared. When the choice has been opened, the start page's server ends
-and the viewer takes its port.
+The page never sends a path: a scene by its name, a recent file by its number, or the bytes of
+files. Two dropped files are compared, more are a sequence. When the choice has been opened, the
+start page's server ends and the viewer takes its port.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ MOST_UPLOAD = 1 << 30  # bytes
 LEAST_PART, MOST_PART = 64 * 1024, 512 * 1024  # bytes of an upload at once, but for the last ones
 STALLED = 60.0  # s after which a part of an upload comes no more
 MOST_RECENT = 8
+MOST_FILES = 1000  # of a sequence
 # Formats whose files never name another file.
 ENDINGS = (
     ".vtk",
@@ -46,6 +47,30 @@ ENDINGS = (
     ".dat",
     ".npz",
     ".npy",
+    ".tsv",
+    ".parquet",
+    ".arrow",
+    ".feather",
+    ".pts",
+    ".tec",
+    ".plt",
+    ".mat",
+    ".gsd",
+    ".dump",
+    ".lammpstrj",
+    ".lmp",
+    ".lammps",
+    ".extxyz",
+    ".bi4",
+    ".pcd",
+    ".las",
+    ".laz",
+    ".pdb",
+    ".ent",
+    ".gro",
+    ".tipsy",
+    ".gadget",
+    ".gadget2",
     ".obj",
     ".stl",
     ".glb",
@@ -72,10 +97,11 @@ class Start:
     """The server of the start page.
 
     Args:
-        open_what: returns a `Source` for a path or the name of a scene; `SPLASH` is one.
+        open_what: returns a `Source` for a path, the name of a scene (`SPLASH` is one), or several
+            paths, a sequence.
         host: the address to listen on; any but a loopback address demands a token.
         port: the first port to try; 0 takes any free one.
-        demand_token: as for `Viewer`.
+        demand_token, token: as for `Viewer`.
 
     Attributes:
         port: that the server listens on.
@@ -86,11 +112,16 @@ class Start:
     """
 
     def __init__(
-        self, open_what: Callable[[str], Source], host: str = "127.0.0.1", port: int = 0, demand_token: bool = False
+        self,
+        open_what: Callable[[Any], Source],
+        host: str = "127.0.0.1",
+        port: int = 0,
+        demand_token: bool = False,
+        token: str | None = None,
     ):
         self._open, self.host = open_what, host
         tokens = host not in LOCAL or demand_token
-        self.token = secrets.token_urlsafe(24) if tokens else None
+        self.token = (token or secrets.token_urlsafe(24)) if tokens else None
         self.source: Source | None = None
         self.port = 0
         self._recent = recent_files()
@@ -143,6 +174,7 @@ class Start:
                     self.port = server.sockets[0].getsockname()[1]
                     self._ready.set()
                     await stop.wait()
+                    guard.end()
                 return
             except OSError as error:
                 self._error = error
@@ -182,7 +214,7 @@ class Start:
         elif what == "upload":
             name = await self._receive(connection, str(asked.get("name")), asked.get("size"))
             first.append(name)
-            if asked.get("compare") and len(first) == 1:
+            if asked.get("more") and len(first) < MOST_FILES:
                 await connection.send(json.dumps({"kept": os.path.basename(name)}))
                 return
         else:
@@ -212,6 +244,9 @@ class Start:
     def _take(self, names: list[str]) -> None:
         with self._busy:
             if self.source is not None:
+                return
+            if len(names) > 2:
+                self.source = self._open(names)
                 return
             sources = [self._open(name) for name in names]
             self.source = sources[0] if len(sources) == 1 else CompareSource(*sources)
@@ -293,7 +328,9 @@ def remember(path: str) -> None:
     """Note a file that `globule view` shows; a folder that cannot be written to is no error."""
     if path in SHIPPED or not os.path.isfile(path):
         return
-    whole = os.path.abspath(path)
+    whole = os.path.realpath(path)
+    if Path(whole).is_relative_to(os.path.realpath(tempfile.gettempdir())):  # it will not stay
+        return
     known = [whole, *(other for other in recent_files() if other != whole)][:MOST_RECENT]
     with contextlib.suppress(OSError):
         _recent_path().parent.mkdir(parents=True, exist_ok=True)

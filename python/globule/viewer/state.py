@@ -51,10 +51,31 @@ PLACE = Vector(3, -FAR, FAR)
 ORIGIN = (0.0, 0.0, 0.0)
 TEXT = Text(empty=True, longest=200)
 OWN = ("preset", "own")
+# Settings that need no new trace
+OVER = ("measure.", "notes.", "time.", "quality.rate", "quality.sharpness", "color.legend")
+
+
+class Group:
+    """A group of settings. Assigning to one of a `State` is what `State.set` does."""
+
+    __slots__ = ("_owner",)  # the state and the group's name in it; a copy belongs to no state
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        known = settings_of(type(self))
+        if name not in known:
+            raise AttributeError(f"{name[:60]}: expected one of {', '.join(known)}")
+        owner = getattr(self, "_owner", None)
+        if owner is None:
+            object.__setattr__(self, name, value)
+        else:
+            owner[0].set(**{f"{owner[1]}__{name}": value})
+
+    def __copy__(self) -> Any:
+        return type(self)(**vars(self))
 
 
 @dataclass
-class Surface:
+class Surface(Group):
     """The implicit surface of the particles."""
 
     kernel: str = setting(Choice(*KERNELS), "murakami", "kernel of the particles")
@@ -89,7 +110,7 @@ class Surface:
 
 
 @dataclass
-class Look:
+class Look(Group):
     """Material, lights and surroundings."""
 
     preset: str = setting(Choice("plain", *PRESETS), "plain", "material, lights and surroundings")
@@ -117,7 +138,7 @@ class Look:
 
 
 @dataclass
-class Coloring:
+class Coloring(Group):
     """Colors by the values of a field or attribute."""
 
     by: str = setting(TEXT, "", "field or attribute of the particles that gives the color", label="Color by")
@@ -136,7 +157,7 @@ class Coloring:
 
 
 @dataclass
-class Notes:
+class Notes(Group):
     """Annotations of the image."""
 
     title: str = same(Annotation, "title")
@@ -147,7 +168,7 @@ class Notes:
 
 
 @dataclass
-class Cuts:
+class Cuts(Group):
     """Clips: a plane, a box and a sphere. Coordinates are in world units."""
 
     plane: bool = setting(Switch(), False, "remove one side of a plane")
@@ -164,7 +185,7 @@ class Cuts:
 
 
 @dataclass
-class Quality:
+class Quality(Group):
     """Samples, size and JPEG quality of the images on the page."""
 
     samples: int = same(RenderSettings, "samples", default=16)
@@ -179,17 +200,18 @@ class Quality:
     sharpness: int = setting(
         Whole(30, 100), 92, "JPEG quality of images while nothing moves", label="JPEG quality when still", step=1
     )
-    width: int = setting(Whole(160, 7680), 1920, "largest width of an image", "pixels", label="Largest width")
+    width: int = setting(Whole(160, 7680), 3840, "largest width of an image", "pixels", label="Largest width")
 
 
 @dataclass
-class Slices:
+class Slices(Group):
     """The visible parts of a volume: slices, the iso-surface, images of its sweep."""
 
     shown: bool = setting(Switch(), True, "three orthogonal planes through the volume", label="Show slices")
     x: float = setting(SHARE, 0.5, "position along the volume's first axis", label="x slice")
     y: float = setting(SHARE, 0.5, "position along the volume's second axis", label="y slice")
     z: float = setting(SHARE, 0.5, "position along the volume's third axis", label="z slice")
+    flat: bool = setting(Switch(), False, "the three slices seen from straight above, too", label="Flat slices")
     overlay: bool = setting(
         Switch(), False, "tint filled voxels orange and empty voxels blue", label="Measured / filled"
     )
@@ -198,26 +220,41 @@ class Slices:
     level: float | None = setting(
         Number(1e-6, 1e9), None, "of the surface", "in the units of the volume", label="Iso-value"
     )
+    window: float | None = setting(
+        Number(above=0, most=1e9),
+        None,
+        "values from black to white",
+        "in the units of the volume",
+        usual="nearly all values",
+    )
+    center: float | None = setting(
+        Number(-1e9, 1e9),
+        None,
+        "the value in the middle of the window",
+        "in the units of the volume",
+        usual="of nearly all values",
+        label="Level",
+    )
     frame: bool = setting(Switch(), False, "one image of the sweep at its place", label="Show sweep image")
     number: int = setting(Whole(0, 1_000_000), 0, "index in the sweep", label="Sweep image")
 
 
 @dataclass
-class Layers:
+class Layers(Group):
     """The layers of the image."""
 
     hidden: str = setting(TEXT, "", "numbers of layers, from 1, such as 2 3", label="Hidden layers")
 
 
 @dataclass
-class Compare:
+class Compare(Group):
     """Two data sets in one image."""
 
     at: float = setting(SHARE, 0.5, "share of the image, from the left, of the first", label="Divider")
 
 
 @dataclass
-class Measure:
+class Measure(Group):
     """A measured distance."""
 
     shown: bool = setting(Switch(), False, "a line with its length", label="Measurement")
@@ -226,7 +263,7 @@ class Measure:
 
 
 @dataclass
-class Time:
+class Time(Group):
     """Playback of a sequence."""
 
     frame: int = setting(Whole(0, 10_000_000), 0, "index in the sequence")
@@ -263,13 +300,14 @@ GROUPS = {
 class State:
     """The groups of settings as attributes: `state.surface.threshold`.
 
-    Change settings with `set`, so that pages and images follow. Any thread may call `set`.
+    Assign to one, or change several with `set`; pages and images follow. Any thread may do so.
 
     Attributes:
         surface, look, color, notes, cuts, quality, slices, layers, compare, measure, time: the
             groups.
         bookmarks: cameras by the name that a person gave them.
         version: counts the changes.
+        traced: counts those that need a new trace; all others are drawn over the last one.
         history: undoes and redoes changes.
     """
 
@@ -288,8 +326,9 @@ class State:
     def __init__(self) -> None:
         for name, make in GROUPS.items():
             setattr(self, name, make())
+            object.__setattr__(getattr(self, name), "_owner", (self, name))
         self.bookmarks: dict[str, Camera] = {}
-        self.version = 0
+        self.version = self.traced = 0
         self._lock = threading.RLock()
         self._listeners: list[Callable[[Names], None]] = []
         self.history = History(self.get, self.set, self._lock)
@@ -319,13 +358,14 @@ class State:
                 group, _, name = key.partition("__")
                 old = getattr(getattr(self, group), name)
                 if old != value:
-                    setattr(getattr(self, group), name, value)
+                    object.__setattr__(getattr(self, group), name, value)
                     before[key] = old
             if not before:
                 return
             self.version += 1
-            self.history.note(before)
             changed = {key.replace("__", ".", 1) for key in before}
+            self.traced += not all(key.startswith(OVER) for key in changed)
+            self.history.note(before)
         self.tell(changed)
 
     def tell(self, changed: Names) -> None:
@@ -340,7 +380,7 @@ class State:
             for name in GROUPS:
                 setattr(other, name, copy.copy(getattr(self, name)))
             other.bookmarks = dict(self.bookmarks)
-            other.version = self.version
+            other.version, other.traced = self.version, self.traced
             return other
 
     # As a file

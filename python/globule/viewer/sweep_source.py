@@ -14,7 +14,7 @@ from ..ultrasound.reconstructor import Reconstructor
 from ..ultrasound.sweep import Sweep
 from ..volumes.volume import Volume
 from .locks import FairLock
-from .overlay import Mark
+from .overlay import Mark, Plate
 from .source import Origin
 from .state import State
 from .volume_source import VolumeSource
@@ -64,6 +64,18 @@ class SweepSource(VolumeSource):
         self._method: str | None = None  # of the volume that is shown
         self.reset()
 
+    @property
+    def has_volume(self) -> bool:  # type: ignore[override]  # read-only here
+        """Whether an image has come."""
+        return bool(self._taken)
+
+    def plates(self, state: State) -> list[Plate]:
+        """The slices; before there are any, the sweep's first image. The caller holds `lock`."""
+        if self.has_volume or self.sweep is None or not self.sweep.valid.any():
+            return super().plates(state)
+        self._window = 0.0, float(max(1, self.sweep.frames[0].max(initial=1)))
+        return self._frame(self.sweep, int(np.argmax(self.sweep.valid)))
+
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner (3,) of the sweep or the volume, mm."""
         return super().bounds() if self._region is None else self._region
@@ -97,8 +109,8 @@ class SweepSource(VolumeSource):
         if self._method is not None:
             return f"**volume by {self._method}** from {n}; Clear starts again"
         if self._taken:
-            return f"**stopped** · {n}; Start continues"
-        return "**Press Start** to receive images. The volume grows with each image."
+            return f"**stopped** · {n}; Play continues"
+        return "**Press Play** to receive images. The volume grows with each image."
 
     def marks(self) -> list[Mark]:
         """A hint while there is no image."""
@@ -106,7 +118,7 @@ class SweepSource(VolumeSource):
             return []
         lo, hi = self.bounds()
         middle = tuple(((np.asarray(lo) + hi) / 2).tolist())
-        return [Mark((middle,), "No image yet: press Start in the panel", thin=True)]
+        return [Mark((middle,), "No image yet: press Play", thin=True)]
 
     def stand_still(self) -> None:
         """Stop receiving."""
@@ -141,7 +153,7 @@ class SweepSource(VolumeSource):
         self.running = False
         with self._binning:
             if not self._taken:
-                raise ValueError("sweep: expected images, got none yet. Press Start to receive images.")
+                raise ValueError("sweep: expected images, got none yet. Press Play to receive images.")
             frames, poses = (np.stack(arrays) for arrays in zip(*self._taken, strict=True))
         mask = None if self.sweep is None else self.sweep.mask
         self._making = method

@@ -16,13 +16,14 @@ from ..ultrasound.sweep import Sweep
 from ..volumes.iso_surface import default_level, extract_iso_surface
 from ..volumes.slices import reslice, tinted
 from ..volumes.volume import EMPTY, Volume
-from .overlay import Plate
+from .overlay import Flat, Plate
 from .scenes import SceneMaker
 from .source import Origin, Probed, Source
 from .state import Slices, State
 
 NOTHING = np.zeros((0, 3), np.float32)
 MOST_PIXELS = 1024  # of a slice's side
+MOST_LOOKED_AT = 1 << 20  # values for what is black
 
 
 class VolumeSource(Source):
@@ -37,11 +38,13 @@ class VolumeSource(Source):
     Attributes:
         level: iso-value of the surface where the settings have none (Otsu).
         least_level, most_level: ends of its slider.
+        gray: values that are black and white where the settings have no window and level.
     """
 
     kind = "volume"
     up = (0.0, 0.0, 1.0)
     unit = "mm"
+    has_volume = True  # False: nothing has come yet
 
     def __init__(self, name: str, volume: Volume, sweep: Sweep | None = None, device: str = "auto", threads: int = 0):
         super().__init__(name)
@@ -52,6 +55,7 @@ class VolumeSource(Source):
         self._made: tuple | None = None
         self._plates: tuple | None = None
         self._slices: dict[int, tuple] = {}
+        self._window = 0.0, 1.0  # black and white now
         self._take(volume)
 
     def _take(self, volume: Volume) -> None:
@@ -62,7 +66,10 @@ class VolumeSource(Source):
         highest = 255 if volume.values.dtype == np.uint8 else volume.values.max(initial=0)
         self.most_level = float(max(highest, 1))
         self.least_level = self.most_level / 100
-        self._white = float(np.percentile(known, 99.9)) if known.size else 1.0
+        few = volume.values.ravel()[:: 1 + volume.values.size // MOST_LOOKED_AT]
+        black = float(np.percentile(few, 0.1)) if few.min(initial=0) < 0 else 0.0
+        white = float(np.percentile(known, 99.9)) if known.size else 1.0
+        self.gray = black, white if white > black else black + 1.0
         self._made, self._slices = None, {}
         self.version += 1
 
@@ -130,8 +137,20 @@ class VolumeSource(Source):
                 self._made = "none", nothing, None
             return [Layer(self.maker.scene(self._made[1], state))]
         particles, threshold = self._surface(shown.level or self.level, state.surface.kernel)
-        corner = self._corner(shown) if shown.shown and shown.open else []
+        corner = self._corner(shown) if shown.shown and shown.open and self.has_volume else []
         return [Layer(self.maker.scene(particles, state, threshold), None, corner)]
+
+    def window(self, shown: Slices) -> tuple[float, float]:
+        """The values that are black and white."""
+        low, high = self.gray
+        width = shown.window or high - low
+        middle = (low + high) / 2 if shown.center is None else shown.center
+        return middle - width / 2, middle + width / 2
+
+    def lengths(self) -> np.ndarray:
+        """From the first to the last voxel along each axis (3,), mm."""
+        edges = np.linalg.norm(self.volume.world_from_voxel[:3, :3], axis=0)
+        return (np.array(self.volume.values.shape[::-1]) - 1) * edges
 
     def _at(self, shown: Slices) -> np.ndarray:
         """The voxel (3,) in which the slices cross."""
@@ -196,12 +215,30 @@ class VolumeSource(Source):
         shown = state.slices
         key = self.version, dataclasses.replace(shown)
         if self._plates is None or self._plates[0] != key:
-            places = (shown.x, shown.y, shown.z) if shown.shown else ()
+            self._window = self.window(shown)
+            places = (shown.x, shown.y, shown.z) if shown.shown and self.has_volume else ()
             plates = [self.slice(i, at, shown.overlay) for i, at in enumerate(places)]
             if shown.frame and self.sweep is not None:
                 plates += self._frame(self.sweep, min(shown.number, len(self.sweep) - 1))
             self._plates = key, plates
         return self._plates[1]
+
+    def flats(self, state: State) -> list[Flat]:
+        """The three slices from straight above, with lines where the other two are. The caller holds
+        `lock`."""
+        shown = state.slices
+        if not (shown.flat and self.has_volume):
+            return []
+        places, lengths = (shown.x, shown.y, shown.z), self.lengths()
+        found = []
+        self._window = self.window(shown)
+        for axis, place in enumerate(places):
+            across, down = (a for a in (0, 1, 2) if a != axis)
+            texture = self.slice(axis, place, shown.overlay).texture
+            title = f"{'xyz'[axis]} {place * lengths[axis]:.1f} mm"
+            ratio = float(lengths[across] / lengths[down]) if lengths[down] else 1.0
+            found.append(Flat(texture, ratio, (places[across], places[down]), title))
+        return found
 
     def slice(self, axis: int, share: float, overlay: bool) -> Plate:
         """A slice across a voxel axis.
@@ -211,7 +248,7 @@ class VolumeSource(Source):
             share: position along the axis, 0 to 1.
             overlay: tint filled and empty voxels.
         """
-        asked = (share, overlay)
+        asked = (share, overlay, self._window)
         if axis in self._slices and self._slices[axis][0] == asked:
             return self._slices[axis][1]
         sizes = np.array(self.volume.values.shape[::-1])
@@ -233,7 +270,8 @@ class VolumeSource(Source):
 
     def _gray(self, values: np.ndarray, origin: np.ndarray | None = None) -> np.ndarray:
         """`tinted` image of values (H, W) of the volume or the sweep."""
-        return tinted(np.clip(255.0 * values / self._white, 0, 255), origin)
+        low, high = self._window
+        return tinted(np.clip(255.0 * (values - low) / (high - low), 0, 255), origin)
 
     def _frame(self, sweep: Sweep, i: int) -> list[Plate]:
         if not sweep.valid[i]:

@@ -1,4 +1,4 @@
-"""The page: panels beside the image, each in a file of its own."""
+"""The page: the sections of the inspector, each in a file of its own, and what stands over the image."""
 
 from __future__ import annotations
 
@@ -7,20 +7,13 @@ from typing import Any
 
 from ..._base.terminal import escaped
 from ..desk import Desk
+from ..gui import Gui
 from ..log import log
-from ..markdown import plain
 from ..roles import Roles
 from . import color, cuts, help, look, notes, play, save, statistics, surface, tools, volume, widgets
 from . import view as view_panel
 
-WELCOME = (
-    "**Drag** to rotate, **wheel** to zoom, **right-drag** to pan.  \n"
-    "**Click** the surface to read its values. **R** records a movie, **H** shows the help."
-)
-
-
 TICK = 0.3  # s
-LONGEST_NAME = 24  # letters that fit into the panel's heading
 LONGEST_COMPLAINT = 500  # characters
 
 
@@ -37,42 +30,32 @@ class Page:
         self.viewer = viewer
         self.server = server = viewer.server
         self.roles = Roles(viewer)
-        self.paint(server.gui)
-        server.gui.main_panel.dock_right()
-        server.gui.set_panel_label(shortened(viewer.title))
         server.scene.set_up_direction(viewer.up)
         server.scene.world_axes.visible = False
         self._first_camera()
-        self.binder = widgets.Binder(server.gui, viewer.state, self.complain)
-        server.gui.add_markdown(WELCOME)
-        for line in viewer.warnings:
-            server.gui.add_markdown(f"**{plain(line)}**")
+        self.gui = Gui()
+        self.binder = widgets.Binder(self.gui, viewer.state, self.complain, viewer.source.unit)
         self.tools = tools.Tools(self)
         self.panels = [
-            play.Play(self),
-            volume.VolumePanel(self),
-            view_panel.View(self),
-            cuts.CutPanel(self),
             color.Color(self),
-            notes.NotesPanel(self),
-            look.LookPanel(self),
             surface.SurfacePanel(self),
+            volume.VolumePanel(self),
+            play.Play(self),
+            cuts.CutPanel(self),
+            view_panel.View(self),
+            look.LookPanel(self),
+            notes.NotesPanel(self),
+            surface.QualityPanel(self),
             save.Save(self),
             statistics.Statistics(self),
             help.Help(self),
         ]
-        self.desk = Desk(viewer)
-        undo = server.gui.add_command("Undo the last change", hotkey="Z", modifier="cmd/ctrl")
+        self.desk = Desk(viewer, self.gui)
+        undo = self.gui.add_command("Undo the last change", "Ctrl+Z")
         undo.on_trigger(widgets.safe(self)(lambda event: self.undo(event.client)))
-        redo = server.gui.add_command("Redo the setting", hotkey="Z", modifier="cmd/ctrl+shift")
+        redo = self.gui.add_command("Redo the setting", "Ctrl+Shift+Z")
         redo.on_trigger(widgets.safe(self)(lambda event: viewer.state.history.redo()))
         threading.Thread(target=self._keep_ticking, name="globule page", daemon=True).start()
-
-    def paint(self, gui: Any, dark: bool = False) -> None:
-        """The theme of the page, of all browsers or of one; gui: `viser.GuiApi`."""
-        gui.configure_theme(
-            show_logo=False, show_share_button=False, control_width="medium", brand_color=(26, 76, 134), dark_mode=dark
-        )
 
     def _keep_ticking(self) -> None:
         while not self.viewer._closed.wait(TICK):
@@ -88,13 +71,15 @@ class Page:
         """Show the page to a new browser."""
         self.tools.connected(browser, client)
         self.desk.connected(browser)
+        for line in self.viewer.warnings:
+            self.desk.note(browser, "Not shown", line)
         for panel in self.panels:
             panel.connected(browser, client)
 
-    def disconnected(self, browser: Any) -> None:
+    def disconnected(self, browser: Any, client: Any = None) -> None:
         """Forget a browser that has left."""
+        self.desk.disconnected(browser, client)
         self.tools.disconnected(browser)
-        self.desk.disconnected(browser)
         for panel in self.panels:
             panel.disconnected(browser)
 
@@ -111,7 +96,7 @@ class Page:
         said = self.viewer.source.undo()
         self.viewer.engine.notify()
         if browser is not None and browser.client_id in self.tools.hands:
-            self.tools.hands[browser.client_id].text.content = said
+            self.tools.hands[browser.client_id].say(said)
 
     def complain(self, browser: Any, message: str) -> None:
         """Show an error to the browser that caused it (None: to all) and log it as one line; of a
@@ -123,11 +108,3 @@ class Page:
         log.warning("%s", escaped(message))
         for one in [client] if client is not None else list(self.viewer.clients.values()):
             one.sink.error(message)
-
-
-def shortened(name: str) -> str:
-    """A name without its middle, if it is too long for the heading."""
-    if len(name) <= LONGEST_NAME:
-        return name
-    end = LONGEST_NAME // 2
-    return f"{name[: LONGEST_NAME - end - 1]}…{name[-end:]}"

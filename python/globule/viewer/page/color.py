@@ -9,8 +9,6 @@ import numpy as np
 from ..picture import settings_of
 from .panel import Panel
 
-NONE = "(own colors)"
-
 
 def opaque(viewer: Any, by: str) -> dict[str, Any]:
     """Settings that go with another setting "color by": through water no colors are seen.
@@ -34,12 +32,11 @@ def opaque(viewer: Any, by: str) -> dict[str, Any]:
 class Color(Panel):
     """Attribute, color map, range and legend."""
 
-    title = "Color by value"
+    title = "Layer"
 
     def build(self) -> None:
         """Make the widgets."""
-        names = (NONE, *self.viewer.source.color_names())
-        by: Any = self.add("color", "by", options=names, none=NONE, also=lambda: self._opaque(by.value))
+        begin = len(self.gui.controls)
         self.add("color", "colormap")
         automatic: Any = self.add(
             "color", "automatic", also=lambda: {} if automatic.value else self._shown("low", "high")
@@ -51,9 +48,8 @@ class Color(Panel):
         for name in ("legend", "legend_at", "legend_title", "legend_unit"):
             self.add("color", name)
         self.button("Keep this range", self.take_range, "Do not adapt the range to the values")
-
-    def _opaque(self, name: str) -> dict[str, Any]:
-        return opaque(self.viewer, "" if name == NONE else name)
+        self.of_colors = list(self.gui.controls.values())[begin:]
+        self.tick()
 
     def take_range(self, browser: Any) -> None:
         """Make the current automatic range the fixed one."""
@@ -74,6 +70,8 @@ class Color(Panel):
     def tick(self) -> None:
         """Show the automatic range."""
         color = self.state.color
+        for control in self.of_colors:
+            control.visible = bool(color.by)
         if not (color.automatic and color.by):
             return
         low, high = self.viewer.source.maker.range
@@ -81,5 +79,4 @@ class Color(Panel):
         for widget, value in zip(self.ends.values(), (low, high), strict=True):
             value = round(value, max(0, digits))
             if widget.value != value:
-                widget.precision = max(0, digits)
                 widget.value = value

@@ -27,20 +27,22 @@ class CutHandles:
         self.panel, self.browser = panel, browser
         self.state, self.place = panel.state, panel.viewer.placement
         self._dragged: Any = None
-        self.plane = self._add("plane", {"cuts__point": "at", "cuts__normal": "axis"})
+        self.plane = self._add("plane", {"cuts__point": "at", "cuts__normal": "axis"}, along_normal=True)
         self.lo = self._add("low corner", {"cuts__lo": "at"})
         self.hi = self._add("high corner", {"cuts__hi": "at"})
         self.ball = self._add("ball", {"cuts__center": "at"})
         self.follow()
 
-    def _add(self, name: str, settings: dict[str, str]) -> Any:
-        """A handle; settings: which of them get its place and which its x axis."""
+    def _add(self, name: str, settings: dict[str, str], along_normal: bool = False) -> Any:
+        """A handle; settings: which of them get its place and which its x axis; along_normal: it is
+        one arrow, along its x axis."""
         handle = self.browser.scene.add_transform_controls(
             f"/cut/{name}",
             scale=SIZE,
             depth_test=False,
             visible=False,
-            disable_rotations="axis" not in settings.values(),
+            active_axes=(True, not along_normal, not along_normal),
+            disable_rotations=True,
         )
 
         @handle.on_update

@@ -22,11 +22,12 @@ class CutPanel(Panel):
         """Make the widgets."""
         self.handles: dict[int, CutHandles] = {}  # by browser
         extent = self.viewer.placement.extent
-        cuts, plain = self.state.cuts, type(self.state.cuts)()
-        if cuts == plain:  # no file was loaded
+        self.fresh = self.state.cuts == type(self.state.cuts)()  # no file was loaded, no plane was set
+        if self.fresh:
             self._begin()
-        self.gui.add_markdown("Switch on a plane, box or sphere, then drag its handles in the image.")
-        self.add("cuts", "plane")
+        self.gui.add_markdown("Switch on a plane, box or sphere, then drag its handle in the image.")
+        plane: Any = self.add("cuts", "plane")
+        plane._called.insert(0, self._begin_with)
         faces = self.gui.add_button_group("Faces", ("x", "y", "z", "view", "flip"), hint=FACES)
         faces.on_click(self.safe(self._face))
         self.add("cuts", "normal", step=0.05)
@@ -41,7 +42,24 @@ class CutPanel(Panel):
         self.state.listen(self._follow)
 
     def _turn(self, browser: Any) -> None:
+        if not self.state.cuts.plane:
+            self.begin_plane(browser)
         self.state.set(cuts__plane=not self.state.cuts.plane)
+
+    def _begin_with(self, event: Any) -> None:
+        if event.target.value:
+            self.begin_plane(event.client)
+
+    def begin_plane(self, browser: Any) -> None:
+        """Put a plane that nobody has set yet through the surface nearest to the middle of what a
+        browser sees: something of it always stays."""
+        hand = None if browser is None else self.page.tools.hands.get(browser.client_id)
+        if not self.fresh or hand is None:
+            return
+        self.fresh = False
+        point = hand.in_the_middle()
+        if point is not None:
+            self.state.set(cuts__point=point)
 
     def _begin(self) -> None:
         """Start plane, box and sphere in the middle of the scene."""
@@ -66,14 +84,14 @@ class CutPanel(Panel):
         if not moved:
             return
         extent, cuts = self.viewer.placement.extent, self.state.cuts
-        self.radius.min, self.radius.max = extent / 100, extent
-        self.radius.step = extent / 200
+        self.radius.min, self.radius.max, self.radius.step = extent / 100, extent, extent / 200
         if not (cuts.plane or cuts.box or cuts.sphere):
             self._begin()
         self._follow({"cuts."})
 
     def _face(self, event: Any) -> None:
         name, cuts = event.target.value, self.state.cuts
+        self.begin_plane(event.client)
         if name == "flip":
             normal = tuple(-v for v in cuts.normal)
         elif name == "view":
@@ -102,5 +120,6 @@ class CutPanel(Panel):
 
     def _follow(self, changed: set[str]) -> None:
         if any(name.startswith("cuts.") for name in changed):
+            self.fresh &= "cuts.normal" not in changed and "cuts.point" not in changed
             for handles in list(self.handles.values()):
                 handles.follow()

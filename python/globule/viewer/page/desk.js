@@ -1,4 +1,4 @@
-// Toolbar, timeline, list of layers and hints over the image; see desk.py.
+// Toolbar, timeline, layers and inspector over the image, which comes here, too; see desk.py.
 (() => {
   const ICONS = {
     Rotate: "M4 12a8 8 0 1 0 3-6M4 4v4h4M12 9v6M9 12h6",
@@ -13,8 +13,7 @@
     camera: "M4 8h3l2-3h6l2 3h3v11H4zM12 10a3.5 3.5 0 1 0 0 7 3.5 3.5 0 1 0 0-7",
     film: "M3 7h12v10H3zM15 11l6-3v8l-6-3",
     layers: "M12 3 3 8l9 5 9-5zM3 12l9 5 9-5M3 16l9 5 9-5",
-    moon: "M20 14A8 8 0 1 1 10 4a6.5 6.5 0 0 0 10 10",
-    help: "M9 9a3 3 0 1 1 4 3c-1 .6-1 1-1 2M12 18v.1",
+    folder: "M3 6h6l2 3h10v10H3z", load: "M12 4v11M7 10l5 5 5-5M4 20h16", help: "M9 9a3 3 0 1 1 4 3c-1 .6-1 1-1 2M12 18v.1",
     play: "M7 4l13 8-13 8z", pause: "M8 5v14M16 5v14", back: "M17 5 8 12l9 7zM6 5v14",
     next: "M7 5l9 7-9 7zM18 5v14", loop: "M4 12a7 7 0 0 1 12-5l3 3M20 12a7 7 0 0 1-12 5l-3-3M19 5v5h-5M5 19v-5h5",
     disk: "M5 4h11l4 4v12H4V4zM8 4v5h7V4M8 20v-6h8v6",
@@ -23,29 +22,14 @@
     sliders: "M4 7h9M17 7h3M15 4v6M4 17h3M11 17h9M9 14v6",
     off: "M2 12s4-7 10-7 10 7 10 7-4 7-10 7S2 12 2 12M4 4l16 16",
   };
+  const { make, at, starting, arrived } = globule;
   const narrow = matchMedia("(max-width: 640px)");
-  const HINTS = [
-    matchMedia("(pointer: coarse)").matches
-      ? "Drag to rotate, pinch to zoom, drag with two fingers to pan. The frame in the toolbar shows everything again."
-      : "Drag to rotate, turn the wheel to zoom, right-drag to pan. Press F to see everything again.",
-    "Click the surface to read its values. The toolbar measures, cuts, saves an image and records a movie.",
-    narrow.matches
-      ? "Layers in the toolbar colors by value. The sliders in the toolbar open all settings."
-      : "The list of layers at the left colors by value. The panel at the right has all settings; H lists all keys.",
-  ];
   const kept = (name, usual) => { try { return localStorage.getItem("globule-" + name) ?? usual; } catch { return usual; } };
   const keep = (name, value) => { try { localStorage.setItem("globule-" + name, value); } catch { /* private window */ } };
-  let socket, model, wait = 500, sent = 0;
+  const tab = (() => { try { return (sessionStorage["globule-tab"] ??= crypto.getRandomValues(new Uint32Array(4)).join("-").slice(0, 64)); } catch { return "no-storage"; } })();
+  let socket, model, wait = 500, sent = 0, lost = true, full = "", commands = [];
   const say = (name, value) => { if (socket?.readyState === 1) socket.send(JSON.stringify({ do: name, value })); };
   const set = (values) => say("set", values);
-
-  const make = (tag, facts = {}, ...inside) => {
-    const made = document.createElement(tag);
-    for (const [name, value] of Object.entries(facts))
-      name.startsWith("on") ? made.addEventListener(name.slice(2), value) : made.setAttribute(name, value);
-    made.append(...inside);
-    return made;
-  };
   const icon = (name) => {
     const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
     svg.setAttribute("viewBox", "0 0 24 24"); svg.setAttribute("aria-hidden", "true");
@@ -57,61 +41,63 @@
   const draw = (made, name) => { if (made.dataset.icon !== name) { made.dataset.icon = name; made.replaceChildren(icon(name)); } };
 
   // What stands where
-  const desk = make("div", { id: "globule-desk", role: "region", "aria-label": "Tools, layers and time", hidden: "" });
+  const image = make("canvas", { id: "globule-image", role: "img", "aria-label": "Image of the scene" });
+  const desk = make("div", { id: "globule-desk", role: "region", "aria-label": "Tools, layers, inspector and time", hidden: "" });
   const tools = make("div", { class: "bar tools", role: "toolbar", "aria-label": "Tools" });
   const layers = make("section", { class: "bar layers", "aria-label": "Layers" });
   const time = make("div", { class: "bar time", role: "group", "aria-label": "Timeline", hidden: "" });
-  const hint = make("div", { class: "card hint", role: "status", hidden: "" });
   const split = make("div", { class: "split", role: "slider", tabindex: "0", "aria-label": "Divider between the two data sets", "aria-valuemin": "0", "aria-valuemax": "100", hidden: "" });
   const plots = make("section", { class: "bar plots", "aria-label": "Plots", hidden: "" });
-  const people = make("div", { class: "card people", role: "status", hidden: "" });
+  const people = make("span", { class: "people", role: "status", hidden: "" });
   const said = make("div", { class: "card said", role: "status", hidden: "" });
+  const banner = make("div", { class: "card banner", role: "alert" }, "Connecting …");
+  const notes = make("div", { class: "notes", role: "log", "aria-label": "Notes" });
   const force = make("div", { class: "force", "aria-hidden": "true", hidden: "" });
-  desk.append(tools, layers, time, plots, hint, split, people, said, force);
+  const inspector = globule.inspector(say, keep, kept);
+  const sheet = inspector.card;
+  desk.append(tools, layers, sheet, time, plots, split, said, force);
 
+  const file = make("input", { type: "file", accept: ".toml,text/plain", hidden: "", "aria-label": "Settings to load", onchange: async () => { if (file.files[0]) say("load", [file.files[0].name, await file.files[0].text()]); file.value = ""; } });
+  const data = make("input", { type: "file", multiple: "", hidden: "", "aria-label": "Files to open", onchange: () => { openFiles([...data.files]); data.value = ""; } });
   const of = {
-    plane: button("plane", "Cutting plane", () => set({ cuts__plane: !model.plane }), "Cutting plane on or off; drag its handles (key C)"),
+    plane: button("plane", "Cutting plane", () => { set({ cuts__plane: !model.plane }); if (!model.plane) show_("Cut"); }, "Cutting plane on or off; drag its arrow (key C)"),
     fit: button("fit", "Fit the whole scene", () => say("fit"), "Show the whole scene (key F)"),
     undo: button("undo", "Undo the last change", () => say("undo"), "Undo the last change of a setting, or the last cut of tissue (Ctrl+Z)"),
     redo: button("redo", "Redo the setting", () => say("redo"), "Redo (Ctrl+Shift+Z)"),
-    camera: button("camera", "Screenshot", () => say("picture"), "Download a screenshot (key P); its size is set in Save and record"),
-    disk: button("disk", "Save the view", () => say("state"), "Download all settings and the camera as a file; Load settings opens it again"),
+    folder: button("folder", "Open files", () => data.click(), "Open files instead; or drop them on the image"),
+    disk: button("disk", "Save the view", () => say("state"), "Download all settings and the camera as a file; Load opens it again"),
+    load: button("load", "Load a view", () => file.click(), "Load settings and a camera that were saved as a file"),
+    camera: button("camera", "Screenshot", () => say("picture"), "Download the image as it is shown (key P)"),
     film: button("film", "Movie", () => say("record"), "Record a movie; press again to stop and download it (key R)"),
-    layers: button("layers", "Layers", () => open(layers.hidden), "List of layers: color, surface, material"),
-    moon: button("moon", "Dark or light", () => paint(!desk.classList.contains("dark"), true), "Dark or light page"),
-    sliders: button("sliders", "All settings", () => settings(!document.documentElement.classList.contains("globule-settings")), "Show or hide the panel of all settings"),
-    help: button("help", "Hints", () => tour(0), "Show the three hints again"),
+    layers: button("layers", "Layers", () => open(layers.hidden), "List of layers: what is seen, and its colors"),
+    sliders: button("sliders", "Inspector", () => settings(sheet.hidden), "Show or hide the settings of what is selected"),
+    help: button("help", "Help", () => say("command", "Help"), "Mouse and keys (key H)"),
   };
   const choices = {};
+  const show_ = (section) => { inspector.choose(section); if (!narrow.matches) settings(true); };
   const row = () => {
     const hints = { Rotate: "Rotate the view; click to read values (key T: next tool)", Measure: "Measure the distance of two clicks", Cut: "Draw a line across the surface to cut it", Grasp: "Drag a part of the surface", Suction: "Drag over the fluid to remove it" };
     for (const name of model.tools) {
       const first = name.split(",")[0];
-      choices[name] = button(first in ICONS ? first : "Rotate", first, () => say("tool", name), hints[first]);
+      choices[name] = button(first in ICONS ? first : "Rotate", first, () => { say("tool", name); show_({ Cut: model.tissue ? "Simulation" : "Cut", Measure: "Pick" }[first] ?? inspector.chosen()); }, hints[first]);
     }
     const gap = () => make("hr", { "aria-hidden": "true" });
-    tools.replaceChildren(...Object.values(choices), of.plane, gap(), of.fit, of.undo, of.redo, gap(), of.camera, of.film, of.disk, gap(), of.layers, of.sliders, of.moon, of.help);
-    of.sliders.classList.add("only-narrow");
+    tools.replaceChildren(...Object.values(choices), of.plane, gap(), of.fit, of.undo, of.redo, gap(), of.folder, of.load, of.disk, of.camera, of.film, gap(), of.layers, of.sliders, of.help, file, data);
     // Names below the icons, where the window is wide enough; the buttons' own names contain them
-    const words = { plane: "Plane", fit: "Fit", undo: "Undo", redo: "Redo", camera: "Screenshot", film: "Movie", disk: "Save", layers: "Layers", sliders: "Settings", moon: "Dark", help: "Hints" };
+    const words = { plane: "Plane", fit: "Fit", undo: "Undo", redo: "Redo", folder: "Open", load: "Load", disk: "Save", camera: "Screenshot", film: "Movie", layers: "Layers", sliders: "Inspector", help: "Help" };
     const labels = [...Object.entries(choices).map(([name, made]) => [made, name.split(",")[0]]), ...Object.entries(words).map(([key, word]) => [of[key], word])];
     for (const [made, word] of labels) made.append(make("span", { class: "word", "aria-hidden": "true" }, word));
   };
 
   // The list of layers
   const list = make("div");
-  const field = (label, hintText, does) => {
-    const select = make("select", { title: hintText, onchange: () => does(select.value) });
-    return [make("label", {}, label, select), select];
-  };
-  const [byLabel, by] = field("Color by", "Color the particles by a field or attribute", (v) => set({ color__by: v }));
-  const [shapeLabel, shape] = field("Surface", "smooth: one surface around a fluid; auto decides by the particles", (v) => set({ surface__shape: v }));
-  const [presetLabel, preset] = field("Material", "Material, lights and surroundings", (v) => set({ look__preset: v }));
-  const plot = make("canvas", { class: "plot", role: "img", tabindex: "0", width: "432", height: "128" });
-  const ends = make("div", { class: "ends" });
-  const all = make("button", { type: "button", class: "text", title: "Color map from the lowest to the highest value", onclick: () => set({ color__automatic: true }) }, "Whole range");
-  const graph = make("div", { hidden: "" }, plot, ends, all);
-  layers.append(make("h2", {}, "Layers"), list, byLabel, graph, shapeLabel, presetLabel);
+  const by = make("select", { id: "globule-by", title: "Color the particles by a field or attribute", onchange: () => { set({ color__by: by.value }); inspector.choose("Layer"); by.blur(); } });
+  const byLabel = make("div", { class: "field" }, make("label", { for: "globule-by" }, "Color by"), by);
+  const plot = make("canvas", { class: "plot", role: "img", tabindex: "0", width: "432", height: "112" });
+  const ends = make("div", { class: "ends" }), beyond = make("p", { class: "small" });
+  const all = make("button", { type: "button", class: "text", title: "Color map from the lowest to the highest usual value", onclick: () => set({ color__automatic: true }) }, "Whole range");
+  const graph = make("div", { hidden: "" }, plot, ends, beyond, all);
+  layers.append(make("div", { class: "row" }, make("h2", {}, "Layers"), people), list, byLabel, graph);
   const fill = (select, options, value) => {
     const words = options.map(([v, t]) => v + "\n" + t).join("\n");
     if (select.dataset.words !== words) {
@@ -121,16 +107,24 @@
     if (document.activeElement !== select || select.value !== value) select.value = value;
   };
   const settings = (on) => {
-    document.documentElement.classList.toggle("globule-settings", on);
+    sheet.hidden = !on;
     of.sliders.setAttribute("aria-pressed", String(on));
-    if (on && narrow.matches) open(false);
+    if (!narrow.matches) keep("inspector", on ? "1" : "0");
+    else if (on) open(false);
+    place();
   };
-  const open = (on) => { if (on && narrow.matches) settings(false); layers.hidden = !on; of.layers.setAttribute("aria-pressed", String(on)); keep("layers", on ? "1" : "0"); };
+  const open = (on) => {
+    if (on && narrow.matches) settings(false);
+    layers.hidden = !on; of.layers.setAttribute("aria-pressed", String(on));
+    if (!narrow.matches) keep("layers", on ? "1" : "0");
+    place();
+  };
   const hide = (i, on) => {
     const gone = model.layers.map((one, k) => ((k === i ? !on : !one.shown) ? k + 1 : 0)).filter(Boolean);
     if (gone.length < model.layers.length) set({ layers__hidden: gone.join(" ") });
   };
   const short = (v) => Number(v.toPrecision(4)).toString();
+  const ink = (name) => getComputedStyle(desk).getPropertyValue(name).trim();
 
   // The histogram; a drag over it chooses the range of the color map
   let brush = null;
@@ -157,7 +151,7 @@
       pen.fillRect(i * step, h - tall, step - 1, tall);
     });
     const [a, b] = brush ? [Math.min(...brush), Math.max(...brush)] : [model.plot.from, model.plot.to];
-    pen.fillStyle = "#ffffffa0";
+    pen.fillStyle = ink("--paper") + "b0";
     const x = (v) => w * Math.min(1, Math.max(0, (v - lo) / (hi - lo)));
     pen.fillRect(0, 0, x(a), h); pen.fillRect(x(b), 0, w - x(b), h);
     plot.setAttribute("aria-label", `Histogram of ${name}, ${short(lo)} to ${short(hi)}, logarithmic; colors from ${short(a)} to ${short(b)}`);
@@ -182,8 +176,8 @@
     const px = (v) => edge + (w - 2 * edge) * (v - x0) / (x1 - x0 || 1), py = (v) => h - edge - (h - 2 * edge) * (v - lo) / (hi - lo || 1);
     const at = canvas.at;
     pen.clearRect(0, 0, w, h);
-    if (brushed) { pen.fillStyle = "#c9dcf2"; pen.fillRect(px(Math.min(...brushed)), 0, Math.abs(px(brushed[1]) - px(brushed[0])), h); }
-    pen.strokeStyle = "#1f5c9e"; pen.lineWidth = 3; pen.beginPath();
+    if (brushed) { pen.fillStyle = ink("--soft"); pen.fillRect(px(Math.min(...brushed)), 0, Math.abs(px(brushed[1]) - px(brushed[0])), h); }
+    pen.strokeStyle = ink("--mark"); pen.lineWidth = 3; pen.beginPath();
     data.y.forEach((v, i) => v !== null && (i && data.y[i - 1] !== null ? pen.lineTo(px(data.x[i]), py(v)) : pen.moveTo(px(data.x[i]), py(v))));
     pen.stroke();
     const words = (v, unit) => (unit ? `${short(v)} ${unit}` : short(v));
@@ -232,70 +226,160 @@
   const next = button("next", "Next frame", () => (model.time.kind === "sequence" ? goto(model.time.frame + 1) : say("step")), "One frame or step forward");
   const scrub = make("input", { type: "range", min: "0", "aria-label": "Position in time", title: "Drag to any time that has passed", oninput: () => { sent = Date.now(); goto(Number(scrub.value)); } });
   const again = button("loop", "Repeat", () => set({ time__loop: !model.time.loop }), "Begin again after the last frame");
-  const reset = button("reset", "From the beginning", () => say("reset"), "Start the simulation again");
+  const reset = button("reset", "From the beginning", () => say("reset"), "Begin again");
   const words = make("span");
   time.append(run, back, scrub, next, words, again, reset);
 
-  // Hints
-  let shown = HINTS.length;
-  const done = (i) => { if (shown === i) tour(i + 1); };  // a person has done what the hint says
-  const tour = (i) => {
-    shown = i;
-    hint.hidden = i >= HINTS.length;
-    if (hint.hidden) { keep("hints", "seen"); return; }
-    const last = i === HINTS.length - 1;
-    hint.replaceChildren(
-      make("p", {}, `${i + 1} of ${HINTS.length}. ${HINTS[i]}`),
-      make("button", { type: "button", class: "text", onclick: () => tour(i + 1) }, last ? "Done" : "Next hint"),
-      ...(last ? [] : [" ", make("button", { type: "button", class: "text", onclick: () => tour(HINTS.length) }, "Skip")]));
+  // The image: each new one takes the place of the last without a copy; the browser's compositor scales those that
+  // are smaller than the window, which is filtered. At rest, a pixel of the image is one of the screen.
+  const pen = image.getContext("bitmaprenderer");
+  const paint = async (bytes) => {
+    const number = bytes.slice(0, 4);
+    try {
+      pen.transferFromImageBitmap(await createImageBitmap(new Blob([bytes.slice(4)], { type: "image/jpeg" })));
+    } finally { if (socket?.readyState === 1) socket.send(number); }
   };
+  let drawn = Promise.resolve();  // images in their order
 
-  let pressed = null;  // where a mouse went down on the image
-  addEventListener("pointerdown", (e) => { pressed = e.target.closest("#globule-desk, .mantine-Paper-root") ? null : [e.clientX, e.clientY]; }, true);
-  addEventListener("pointerup", (e) => {
-    if (pressed) done(Math.hypot(e.clientX - pressed[0], e.clientY - pressed[1]) > 8 ? 0 : 1);
-    pressed = null;
+  // Clicks and strokes in the image; all else moves viser's camera and handles
+  const DRAWS = ["Cut", "Grasp", "Suction"];
+  const isImage = (e) => e.target instanceof HTMLCanvasElement && e.target.closest("#root");
+  const spot = (e) => [e.clientX / innerWidth, e.clientY / innerHeight];
+  let press = null, stroke = null, moved = null, corner;
+  addEventListener("pointerdown", (e) => {
+    if (!model || e.button !== 0 || !isImage(e)) { press = null; return; }
+    if (press && e.pointerType === "touch") { press = null; return; }  // a second finger
+    press = { x: e.clientX, y: e.clientY, at: Date.now(), id: e.pointerId };
+    if (!DRAWS.includes(model.tool)) return;
+    e.stopPropagation(); e.preventDefault();
+    stroke = spot(e); say("drag", ["start", stroke, stroke]);
+    corner = { left: 0, top: 0 }; follow(e); feel(model.pull);
   }, true);
-  tools.addEventListener("click", (e) => { if (e.target.closest("button") !== of.help) done(1); });
-  layers.addEventListener("change", () => done(2));
+  addEventListener("pointermove", (e) => {
+    if (!stroke) return;
+    e.stopPropagation(); follow(e);
+    if (!moved) requestAnimationFrame(() => { if (stroke && moved) say("drag", ["move", stroke, moved]); moved = null; });
+    moved = spot(e);
+  }, true);
+  const ended = (e) => {
+    if (stroke) { e.stopPropagation(); say("drag", ["end", stroke, spot(e)]); stroke = moved = null; feel(""); }
+    else if (press && press.id === e.pointerId && e.type === "pointerup" && Date.now() - press.at < 800 && Math.hypot(e.clientX - press.x, e.clientY - press.y) < (e.pointerType === "touch" ? 12 : 5)) {
+      say("click", spot(e)); asked = true;
+    }
+    press = null;
+  };
+  for (const end of ["pointerup", "pointercancel"]) addEventListener(end, ended, true);
+  let asked = false;  // a click whose answer has not come
+  // A button that the mouse has pressed does not take the space bar.
+  addEventListener("click", (e) => { if (e.detail && e.target.closest?.("#globule-desk button")) document.activeElement?.blur(); });
 
   // Two data sets side by side
   const divide = (share) => { if (model.role === "look") return; sent = Date.now(); split.style.left = `${100 * share}%`; set({ compare__at: Math.min(1, Math.max(0, share)) }); };
   split.addEventListener("pointerdown", (e) => split.setPointerCapture(e.pointerId));
-  split.addEventListener("pointermove", (e) => { if (e.buttons) { const box = desk.getBoundingClientRect(); divide((e.clientX - box.left) / box.width); } });
+  split.addEventListener("pointermove", (e) => { if (e.buttons) divide(e.clientX / innerWidth); });
   split.addEventListener("keydown", (e) => {
     const way = { ArrowLeft: -0.02, ArrowRight: 0.02 }[e.key];
     if (way) divide(Math.min(1, Math.max(0, model.compare + way)));
   });
 
   // The force on a hand that holds tissue, beside its pointer; the server says it, "" for none
-  let pulls = false, corner;
   const feel = (words) => {
     if (force.textContent !== words) force.textContent = words;
-    force.hidden = !pulls || !words;
+    force.hidden = !stroke || model?.tool !== "Grasp" || !words;
   };
-  const follow = (e) => { force.style.translate = `${e.clientX - corner.left}px ${e.clientY - corner.top}px`; };  // without a new layout
-  addEventListener("pointerdown", (e) => { pulls = model?.tool === "Grasp" && !e.target.closest("#globule-desk, .mantine-Paper-root"); if (pulls) { corner = desk.getBoundingClientRect(); follow(e); } feel(model?.pull ?? ""); }, true);
-  addEventListener("pointermove", (e) => { if (pulls) follow(e); }, true);
-  for (const end of ["pointerup", "pointercancel"]) addEventListener(end, () => { if (pulls) { pulls = false; feel(""); } }, true);
+  const follow = (e) => { force.style.translate = `${e.clientX}px ${e.clientY}px`; };  // without a new layout
 
-  const paint = (dark, chosen) => {
-    desk.classList.toggle("dark", dark);
-    if (chosen) keep("dark", dark ? "1" : "0");
-    say("dark", dark);
+  // Keys: of commands, wherever the focus is, but in a field
+  const keyOf = (e) => `${e.ctrlKey || e.metaKey ? "Ctrl+" : ""}${e.shiftKey && (e.ctrlKey || e.metaKey) ? "Shift+" : ""}${e.key === " " ? "space" : e.key.length === 1 ? e.key.toUpperCase() : e.key}`;
+  addEventListener("keydown", (e) => {
+    const here = document.activeElement, field = here?.matches?.("input:not([type=range], [type=checkbox]), textarea");
+    if (document.querySelector("dialog[open]")) return;
+    if (e.key === "Escape") { here?.blur?.(); if (model?.tools) say("tool", model.tools[0]); return; }
+    if (keyOf(e) === "Ctrl+K") { e.preventDefault(); e.stopImmediatePropagation(); palette(); return; }
+    if (field) { e.stopPropagation(); return; }
+    const inDesk = here?.closest?.("#globule-desk");
+    if (inDesk && /^(Arrow|Home|End|Page|Enter|Tab)/.test(e.key)) { if (e.key !== "Tab") stopAfter(e); return; }
+    if (inDesk && e.key === " " && here.matches("button, input, select, [tabindex]") && here.matches(":focus-visible")) return;
+    if (e.altKey || e.repeat) return;
+    const found = commands.find(([, key]) => key === keyOf(e));
+    if (found) { e.preventDefault(); e.stopPropagation(); say("command", found[0]); if (found[0].startsWith("Cutting plane") && !model.plane) inspector.choose("Cut"); }
+  }, true);
+  // Keys that a control uses must not move the camera, too.
+  const stopAfter = (e) => { const stop = (later) => { if (later === e) later.stopPropagation(); }; desk.addEventListener("keydown", stop, { once: true }); };
+
+  // Dialogs, one at a time; Escape closes them
+  const dialog = make("dialog", { "aria-labelledby": "globule-title" });
+  dialog.addEventListener("click", (e) => { if (e.target === dialog) dialog.close(); });
+  const pop = (title, ...inside) => {
+    dialog.replaceChildren(make("h2", { id: "globule-title" }, title), ...inside, make("button", { type: "button", class: "text", onclick: () => dialog.close() }, "Close"));
+    if (!dialog.open) dialog.showModal();
+  };
+  const palette = () => {
+    const all = [...commands.map(([name, key]) => [key ? `${name} (${key})` : name, "", () => say("command", name)]), ...inspector.find().map(([label, section, does]) => [`${section}: ${label}`, "", () => { settings(true); does(); }])];
+    const results = make("ul", { role: "listbox", "aria-label": "Commands and settings" });
+    const filter = make("input", { type: "text", "aria-label": "Search commands and settings", placeholder: "Search commands and settings" });
+    const shown = () => all.filter(([name]) => name.toLowerCase().includes(filter.value.toLowerCase())).slice(0, 12);
+    const list_ = () => results.replaceChildren(...shown().map(([name, , does]) => make("li", {}, make("button", { type: "button", onclick: () => { dialog.close(); does(); } }, name))));
+    filter.addEventListener("input", list_);
+    filter.addEventListener("keydown", (e) => { if (e.key === "Enter" && shown()[0]) { e.preventDefault(); dialog.close(); shown()[0][2](); } });
+    list_(); pop("All commands", filter, results); filter.focus();
+  };
+
+  // Notes: errors stay until they are closed
+  const shownNotes = new Map();
+  const note = (n) => {
+    let one = shownNotes.get(n.number);
+    if (n.gone) { one?.remove(); shownNotes.delete(n.number); return; }
+    if (!one) {
+      one = make("div", { class: "card note" });
+      shownNotes.set(n.number, one); notes.append(one);
+      if (notes.children.length > 4) notes.firstElementChild.remove();
+    }
+    one.classList.toggle("wrong", Boolean(n.wrong));
+    const shut = button("close", "Close the note", () => { one.remove(); shownNotes.delete(n.number); });
+    one.replaceChildren(make("div", {}, make("strong", {}, n.title), make("p", {}, n.body)), n.loading ? make("progress", { "aria-label": n.title }) : shut);
+  };
+
+  // Files: the start page takes the place of the viewer, and then another viewer that of the start page.
+  const openFiles = async (files) => {
+    if (!files.length) return;
+    if (files.length === 1 && files[0].name.endsWith(".toml") && files[0].size < 2 ** 18) { say("load", [files[0].name, await files[0].text()]); return; }
+    if (!model?.opens) { note({ number: -1, title: "Not possible", body: "This viewer belongs to a program, which opens its files. Start `globule view` to open others here.", wrong: true }); return; }
+    full = `Sending ${files[0].name} …`; tell();
+    say("open");
+    await arrived("globule start page");
+    const talk = starting((m) => {
+      if (m.scenes) talk.send(files);
+      else if (m.error) { full = ""; tell(); note({ number: -1, title: "Not possible", body: m.error, wrong: true }); setTimeout(() => location.reload(), 6000); }
+      else if (m.share) { full = `Sending ${m.name}: ${Math.round(100 * m.share)} %`; tell(); }
+      else if (m.opening) { full = `Opening ${m.opening} …`; tell(); }
+      else if (m.opened) arrived("globule/desk.js").then(() => location.reload());
+    }, () => {});
+  };
+  addEventListener("dragover", (e) => { e.preventDefault(); document.documentElement.classList.add("globule-drop"); });
+  addEventListener("dragleave", (e) => { if (!e.relatedTarget) document.documentElement.classList.remove("globule-drop"); });
+  addEventListener("drop", (e) => { e.preventDefault(); document.documentElement.classList.remove("globule-drop"); openFiles([...e.dataTransfer.files]); });
+
+  // One banner over the image: why nothing happens
+  const tell = () => {
+    const words = full || (lost ? (model ? "The viewer does not answer. Trying again …" : "Connecting …") : model?.banner ?? "");
+    if (banner.textContent !== words) banner.textContent = words;
+    banner.hidden = !words;
+    document.documentElement.classList.toggle("globule-lost", lost && Boolean(model));
   };
 
   const show = () => {
     if (desk.hidden) {  // a browser for which there is no place gets none of this
       row();
       desk.hidden = false;
-      if (kept("hints", "") !== "seen") tour(0);
+      say("tab", tab); say("dark", night.matches);
     }
     for (const [name, made] of Object.entries(choices)) made.setAttribute("aria-pressed", String(name === model.tool));
     of.plane.setAttribute("aria-pressed", String(model.plane));
     const looks = model.role === "look", [here, most] = model.people;
-    for (const made of [of.plane, of.film, by, shape, preset, all, run, back, next, scrub, again, reset]) made.disabled = looks;
+    for (const made of [of.plane, of.film, of.load, of.folder, by, all, run, back, next, scrub, again, reset]) made.disabled = looks;
     of.undo.disabled = looks || !model.undo; of.redo.disabled = looks || !model.redo;
+    inspector.may(!looks);
     people.hidden = !looks && here < 2;
     const told = `${looks ? "You look" : "You steer"} · ${here} of ${most} browsers`;
     if (people.textContent !== told) people.textContent = told;
@@ -305,7 +389,7 @@
     if (list.dataset.rows !== rows) {
       list.dataset.rows = rows;
       list.replaceChildren(...model.layers.map((one, i) => {
-        const label = make("span", { title: one.name }, one.name);
+        const label = make("button", { type: "button", class: "name", title: `Settings of ${one.name}`, onclick: () => show_("Layer") }, one.name);
         if (model.layers.length === 1) return make("div", { class: "row" }, label);
         const eye = button(one.shown ? "eye" : "off", `Layer ${one.name} visible`, () => hide(i, !one.shown), "Show or hide this layer");
         eye.disabled = looks;
@@ -314,12 +398,10 @@
       }));
     }
     byLabel.hidden = !model.color.options.length;
-    byLabel.style.display = shapeLabel.style.display = model.color.options.length ? "" : "none";
     fill(by, [["", "own colors"], ...model.color.options.map((n) => [n, n])], model.color.by);
-    fill(shape, ["auto", "smooth", "balls"].map((n) => [n, n === "auto" && model.surface.shown ? `auto (${model.surface.shown})` : n]), model.surface.shape);
-    fill(preset, model.preset.options.map((n) => [n, n]), model.preset.name);
     graph.hidden = !model.plot;
     all.hidden = model.color.automatic;
+    beyond.textContent = model.color.beyond ? `0.5th to 99.5th percentile; ${model.color.beyond} values lie beyond` : "";
     if (model.plot && !brush) bars();
     plots.hidden = !model.line && !model.series;
     lineBox.hidden = !model.line; seriesBox.hidden = !model.series;
@@ -328,14 +410,13 @@
     if (model.series) { fill(seriesOf, model.series.names.map((n) => [n, n]), model.series.name); drawSeries(); }
     const t = model.time;
     time.hidden = !t;
-    time.classList.toggle("beside", Boolean(model.color.by));
     if (t) {
       draw(run, t.running ? "pause" : "play");
       run.setAttribute("aria-pressed", String(t.running));
       const frames = t.kind === "sequence", ran = t.kind === "simulation" && t.frames > 0;
       back.hidden = again.hidden = !frames;
       scrub.hidden = !frames && !ran;
-      reset.hidden = t.kind !== "simulation"; next.hidden = t.kind === "sweep";
+      reset.hidden = frames; next.hidden = t.kind === "sweep";
       words.className = frames ? "" : "wide"; words.textContent = t.words;
       if (frames || ran) {
         scrub.max = String(ran ? t.frames : t.frames - 1);
@@ -345,6 +426,11 @@
       }
     }
     feel(model.pull);
+    inspector.tell("Pick", model.picked || "Click the surface to read its values there. *Measure* gives the distance of two clicks, and the values between them.", 0);
+    if (model.facts || inspector.chosen() === "Statistics") inspector.tell("Statistics", model.facts || "…", 2e8);
+    else inspector.tell("Statistics", "…", 2e8);
+    if (asked && model.picked && model.picked !== picked) { asked = false; show_("Pick"); }
+    picked = model.picked;
     said.hidden = !model.said || (narrow.matches && !layers.hidden);
     if (said.textContent !== model.said) said.textContent = model.said;
     split.hidden = model.compare === null;
@@ -355,83 +441,60 @@
     if (model.compare !== null && Date.now() - sent > 700) split.style.left = `${100 * model.compare}%`;
     split.setAttribute("aria-valuenow", String(Math.round(100 * (model.compare ?? 0))));
   };
+  let picked = "";
 
-  // Names for screen readers where viser's panel has none
-  const named = () => {
-    for (const part of document.querySelectorAll('#root [role="slider"][aria-label=""], #root input:not([aria-label], [type="checkbox"], [type="file"])')) {
-      if (part.labels?.length) continue;
-      let row = part.parentElement;
-      while (row && !row.querySelector("label")) row = row.parentElement;
-      const words = row?.querySelector("label")?.textContent;
-      if (words) part.setAttribute("aria-label", part.inputMode ? `${words}, value` : words);
-    }
-    document.querySelectorAll("#root button:not([aria-label])").forEach((part) => {
-      if (part.className.includes("Notification-closeButton")) part.setAttribute("aria-label", "Close the note");
-      else if (!part.textContent.trim() && part.querySelector("svg")) {
-        const first = part.previousElementSibling?.tagName !== "BUTTON";
-        part.setAttribute("aria-label", first ? "All commands" : "Settings of the page");
-      }
-    });
-  };
-
-  // viser forgets which folders of its panel are open
-  const folders = (() => { try { return JSON.parse(kept("folders", "{}")); } catch { return {}; } })();
-  const known = new WeakMap();
-  const remember = () => {
-    for (const arrow of document.querySelectorAll("#root svg.tabler-icon-chevron-up, #root svg.tabler-icon-chevron-down")) {
-      const head = arrow.parentElement, title = head.textContent;
-      if (!head.matches(".mantine-Paper-root") || getComputedStyle(arrow).display === "none") continue;
-      const opened = arrow.matches(".tabler-icon-chevron-up"), wanted = folders[title] ?? opened;
-      if (known.has(head) && known.get(head) !== opened) { folders[title] = opened; keep("folders", JSON.stringify(folders)); }
-      else if (!known.has(head) && wanted !== opened) { head.click(); known.set(head, wanted); continue; }
-      known.set(head, opened);
-      head.dataset.known = "";  // it is as it was
-    }
-  };
-
-  // Over the image, wherever viser puts it
+  // Cards stand below the toolbar; the server fits scenes into what they leave free.
+  let room = "";
   const place = () => {
-    // The image comes from the server: a browser without a GPU shows it just as fast.
-    for (const title of document.querySelectorAll(".mantine-Notification-title"))
-      if (title.textContent.startsWith("Software WebGL")) title.closest(".mantine-Notification-root").style.display = "none";
-    const image = document.querySelector("#root canvas");
-    if (!image) return;
-    const box = image.getBoundingClientRect();
-    for (const part of narrow.matches ? document.querySelectorAll("#root .mantine-Paper-root:not(.globule-panel)") : [])
-      if (getComputedStyle(part).position === "fixed") part.classList.add("globule-panel");
-    document.documentElement.style.setProperty("--globule-left", layers.hidden || narrow.matches ? "10px" : `${layers.offsetLeft + layers.offsetWidth + 9}px`);
-    layers.style.top = said.style.top = `${tools.offsetTop + tools.offsetHeight + 9}px`;
-    Object.assign(desk.style, { left: `${box.left}px`, top: `${box.top}px`, width: `${box.width}px`, height: `${box.height}px` });
+    if (desk.hidden) return;
+    const top = tools.offsetTop + tools.offsetHeight + 8;
+    desk.style.setProperty("--top", `${top}px`);
+    desk.style.setProperty("--low", `${time.hidden ? 8 : time.offsetHeight + 16}px`);
+    const edge = (part, across) => (part.hidden || narrow.matches ? 0 : across);
+    const shares = [edge(layers, layers.offsetLeft + layers.offsetWidth) / innerWidth, top / innerHeight, edge(sheet, innerWidth - sheet.offsetLeft) / innerWidth, (time.hidden ? 0 : time.offsetHeight + 8) / innerHeight];
+    const words = JSON.stringify(shares.map((v) => Math.round(1000 * v) / 1000));
+    if (words !== room && socket?.readyState === 1) { room = words; say("room", JSON.parse(words)); }
   };
 
+  const night = matchMedia("(prefers-color-scheme: dark)");
+  night.addEventListener("change", () => { say("dark", night.matches); if (model) show(); });
+
+  const heard = (m) => {
+    if (m.controls) inspector.take(m);
+    else if (m.note) note(m.note);
+    else if (m.dialog) pop(m.dialog.title, inspector.markdown(m.dialog.text));
+    else if (m.commands) commands = m.commands;
+    else if (m.full) { full = m.full; tell(); }
+    else { model = m; show(); tell(); place(); }
+  };
   const connect = () => {
     const word = globalThis.globuleWord;
     if (!word) return;
     socket?.close();
-    // Relative, so that a proxy may put the page below a path.
-    const address = new URL("globule/desk" + location.search, location.href.split(/[?#]/)[0]);
+    const address = new URL(at("globule/desk"));
     address.searchParams.set("word", word);
-    const own = socket = new WebSocket(address.href.replace(/^http/, "ws"));
-    own.onopen = () => {
-      wait = 500; paint(desk.classList.contains("dark"));
-      if (matchMedia("(min-width: 2560px)").matches) say("wide");
+    const own = socket = new WebSocket(address.href);
+    own.binaryType = "arraybuffer";
+    own.onopen = () => { wait = 500; lost = false; room = ""; full = ""; inspector.again(); tell(); if (!desk.hidden) { say("tab", tab); say("dark", night.matches); } };
+    own.onmessage = ({ data }) => {
+      if (own !== socket) return;
+      if (data instanceof ArrayBuffer) drawn = drawn.then(() => paint(data)).catch(() => {});
+      else heard(JSON.parse(data));
     };
-    own.onmessage = (event) => { if (own === socket) { model = JSON.parse(event.data); show(); place(); } };
-    own.onclose = () => { feel(""); if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
+    own.onclose = () => { if (own !== socket) return; lost = true; feel(""); tell(); setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
   };
 
   addEventListener("DOMContentLoaded", () => {
     document.documentElement.lang = "en";
-    document.getElementById("root").setAttribute("role", "main");
+    const root = document.getElementById("root");
+    root.setAttribute("role", "region"); root.setAttribute("aria-label", "Handles in the image");
     desk.prepend(make("h1", { class: "unseen" }, document.title));
-    document.body.append(desk);
-    // Keys that a control uses must not move the camera, too.
-    desk.addEventListener("keydown", (e) => { if (/^(Arrow|Home|End|Enter| )/.test(e.key)) e.stopPropagation(); });
-    desk.classList.toggle("dark", kept("dark", matchMedia("(prefers-color-scheme: dark)").matches ? "1" : "0") === "1");
-    open(kept("layers", innerWidth >= 1200 ? "1" : "0") === "1");
-    setInterval(() => { place(); named(); remember(); }, 400);
+    document.body.append(desk, banner, notes, dialog); document.body.prepend(make("main", {}, image));
+    settings(!narrow.matches && kept("inspector", innerWidth >= 900 ? "1" : "0") === "1");
+    open(!narrow.matches && kept("layers", innerWidth >= 900 ? "1" : "0") === "1");
+    setInterval(place, 400);
     addEventListener("resize", place);
     addEventListener("globule", connect);
-    connect();
+    connect(); tell();
   });
 })();

@@ -36,17 +36,17 @@ TEXT = """\
 **Cut**: choose the tool *Cut* and draw a line across the surface. Or open *Cut*, switch on a plane,
 box or sphere, and drag its handles.
 
-**Record**: press R, or *Record* in *Save and record*. Press it again to stop; the browser then
-downloads the movie.
+**Record**: press R, or *Movie* in the toolbar. Press it again to stop; the browser then downloads
+the movie.
 """
 
 
 class Help(Panel):
-    """The help, in the panel and as a dialog."""
+    """The help, as a section and as a dialog."""
 
-    title = "Help (H)"
+    title = "Help"
 
     def build(self) -> None:
         """Make the widgets."""
         self.gui.add_markdown(TEXT)
-        self.command("Help", "H", lambda browser: self.dialog(browser, "Help", TEXT), True)
+        self.command("Help", "H", lambda browser: self.page.desk.dialog(browser, "Help", TEXT), True)

@@ -16,14 +16,14 @@ class Job:
     """A job and its note in the browser.
 
     Args:
-        browser: `viser.ClientHandle`.
+        note: makes a note: called with title, text and more.
         title: of the note.
         clock: gives the time, s.
     """
 
-    def __init__(self, browser: Any, title: str, clock: Callable[[], float] = time.monotonic):
+    def __init__(self, note: Callable[..., Any], title: str, clock: Callable[[], float] = time.monotonic):
         self.title, self.cancelled, self._clock = title, False, clock
-        self._note = browser.add_notification(title, "0 %", loading=True, with_close_button=False)
+        self._note = note(title, "0 %", loading=True)
         self._started = self._said = clock()
 
     def progress(self, share: float) -> None:
@@ -34,7 +34,7 @@ class Job:
         if now - self._said > 0.3:
             self._said = now
             left = (now - self._started) * (1 - share) / share if share > 0 else 0
-            rest = f", {left:.0f} s left. To stop: Cancel in Save and record" if left > 2 else ""
+            rest = f", {left:.0f} s left. To stop: Cancel in Save" if left > 2 else ""
             self._note.body = f"{100 * share:.0f} %{rest}"
 
     def end(self) -> None:

@@ -13,7 +13,7 @@ _OF_PRESETS = ("matter", "lights", "sky", "ground", "shadows", "bounces", "ambie
 class LookPanel(Panel):
     """Preset, material, lights and surroundings."""
 
-    title = "Material and light"
+    title = "Light"
 
     def build(self) -> None:
         """Make the widgets."""
@@ -25,10 +25,10 @@ class LookPanel(Panel):
         self.add("look", "sky")
         self.add("look", "ground")
         self.add("look", "background")
-        with self.gui.add_folder("Own material", expand_by_default=False):
+        with self.gui.add_folder("Own material"):
             for name in ("matter", "reflection", "transmission", "index", "roughness"):
                 self.add("look", name)
-        with self.gui.add_folder("Own lights", expand_by_default=False):
+        with self.gui.add_folder("Own lights"):
             for name in ("lights", "azimuth", "elevation", "angle", "headlight"):
                 self.add("look", name)
 

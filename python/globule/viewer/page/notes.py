@@ -8,7 +8,7 @@ from .panel import Panel
 class NotesPanel(Panel):
     """Title, scale bar, axes and bounding box."""
 
-    title = "Annotations"
+    title = "Image"
 
     def build(self) -> None:
         """Make the widgets."""

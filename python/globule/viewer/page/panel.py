@@ -8,26 +8,24 @@ from .widgets import safe
 
 
 class Panel:
-    """A part of the page.
+    """A section of the inspector; panels with one title share it.
 
     Args:
         page: `globule.viewer.page.Page`.
 
     Attributes:
-        title: heading.
-        opened: the panel is open at the start.
+        title: of the section.
     """
 
     title = ""
-    opened = False
 
     def __init__(self, page: Any):
         self.page, self.viewer = page, page.viewer
-        self.gui, self.state, self.add = page.server.gui, page.viewer.state, page.binder.add
+        self.gui, self.state, self.add = page.gui, page.viewer.state, page.binder.add
         self.safe = safe(page)
         if not self.wanted():
             return
-        with self.gui.add_folder(self.title, expand_by_default=self.opened) as self.folder:
+        with self.gui.add_folder(self.title):
             self.build()
 
     def wanted(self) -> bool:
@@ -35,7 +33,7 @@ class Panel:
         return True
 
     def build(self) -> None:
-        """Make the widgets."""
+        """Make the controls."""
 
     def button(self, label: str, called: Any, hint: str = "", private: bool = False, key: str = "") -> Any:
         """A button; `called` gets the browser (`viser.ClientHandle`) in which it was pressed.
@@ -45,23 +43,15 @@ class Panel:
         """
         if key:
             self.command(label, key, called, private)
-        button = self.gui.add_button(label, hint=hint or None)
+        button = self.gui.add_button(label, hint, private=private)
         button.on_click(self.safe(lambda event: called(event.client)))
-        return self.page.roles.private(button) if private else button
+        return button
 
     def command(self, label: str, key: str, called: Any, private: bool = False) -> None:
         """A command with a key; `called` and `private` as for `button`."""
-        command = self.gui.add_command(label, hotkey=key)
+        command = self.gui.add_command(label, key)
         command.on_trigger(self.safe(lambda event: called(event.client)))
-        if private:
-            self.page.roles.private(command)
-
-    def dialog(self, browser: Any, title: str, text: str) -> None:
-        """Show Markdown to a browser until it is closed."""
-        gui = browser.gui
-        with gui.add_modal(title) as modal:
-            gui.add_markdown(text)
-            gui.add_button("Close").on_click(self.safe(lambda _: modal.close()))
+        command.private = private
 
     def grew(self, moved: bool) -> None:
         """React to a source that has grown; moved: the page's units have changed."""
@@ -77,6 +67,9 @@ class Panel:
 
     def disconnected(self, browser: Any) -> None:
         """React to a browser that has left."""
+
+    def put_back(self, name: str) -> None:
+        """Show a handle where it is, after a browser that looks has dragged it."""
 
     def close(self) -> None:
         """React to the end of the viewer."""

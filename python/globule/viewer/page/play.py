@@ -15,23 +15,23 @@ from ..sweep_source import COMPOUNDING
 from .panel import Panel
 from .widgets import bounded
 
-TITLES = {"sequence": "Play", "simulation": "Simulation", "sweep": "Live sweep"}
-STEPS = "Go to a frame of the sequence"
-TIME = "Step: one step of time. Reset: back to the beginning."
+TITLES = {"sequence": "Time", "simulation": "Simulation", "sweep": "Live sweep"}
 IMAGES = "Undo: remove the newest images. Clear: remove all."
 
 
 class Play(Panel):
     """Playback, steps and what else changes in time."""
 
-    opened = True
-    run_button: Any = None
     status: Any = None
 
     @property
     def title(self) -> str:  # type: ignore[override]  # read-only here
         """The heading for the kind of source."""
         return TITLES[self.viewer.source.kind]
+
+    def __init__(self, page: Any):
+        self.shared: dict[str, Any] = {}  # handles of instruments, by their names on the page
+        super().__init__(page)
 
     def wanted(self) -> bool:
         """Whether the source changes in time."""
@@ -44,18 +44,13 @@ class Play(Panel):
         self.command("Play or pause", "space", lambda browser: self.toggle())
 
     def tick(self) -> None:
-        """Update the button and the status below it."""
-        if self.run_button is None:
+        """Update the status."""
+        if self.status is None:
             return
         source = self.viewer.source
-        label, color = ("Pause", "orange") if source.running else ("Run", None)
-        if source.kind == "sweep":
-            label = "Stop" if source.running else "Start"
-        if self.run_button.label != label:
-            self.run_button.label, self.run_button.color = label, color
         words = source.status()
         if source.kind == "simulation" and (felt := force_words(forces(source.simulation))):
-            words += "  \n" + felt  # one text: a browser draws each of them anew
+            words += "  \n" + felt
         if self.status.content != words:
             self.status.content = words
 
@@ -76,18 +71,7 @@ class Play(Panel):
     # Sequences
 
     def _sequence(self) -> None:
-        last = max(1, self.viewer.source.n_frames - 1)
-        self.add("time", "playing")
-        self.add("time", "frame", most=last)
-        steps = self.gui.add_button_group("Step", ("first", "back", "next", "last"), hint=STEPS)
-        steps.on_click(self.safe(self._step))
-        self.add("time", "loop")
         self.add("time", "rate")
-
-    def _step(self, event: Any) -> None:
-        last, now = self.viewer.source.n_frames - 1, self.state.time.frame
-        to = {"first": 0, "back": now - 1, "next": now + 1, "last": last}[event.target.value]
-        self.state.set(time__playing=False, time__frame=min(max(to, 0), last))
 
     # Simulations
 
@@ -95,16 +79,12 @@ class Play(Panel):
         gui, source = self.gui, self.viewer.source
         sim = source.simulation
         self.switches: list[tuple[Any, Callable[[], bool]]] = []
-        self._run_and_status("Run")
-        buttons = gui.add_button_group("Time", ("Step", "Reset"), hint=TIME)
-        buttons.on_click(self.safe(self._time))
+        self.status = gui.add_markdown(source.status())
         hint = "Simulated seconds per second, if the machine is fast enough"
         speed = gui.add_slider("Speed", 0.01, 2.0, 0.01, source.speed, hint=hint)
         speed.on_update(self.safe(lambda event: setattr(source, "speed", bounded(speed))))
         if source.has_tissue:
             self._cut_depth()
-            hint = "Go back to before the last cut; at most 5 cuts (key U)"
-            self.button("Undo the cut", self._undo, hint)
             self.command("Undo the last cut of tissue", "U", self._undo)
         for name, emitter in _named(sim, "emitters"):
             self._switch(f"Emitter {name}", emitter, partial(getattr, emitter, "on"))
@@ -129,37 +109,34 @@ class Play(Panel):
 
         depth.on_update(self.safe(changed))
 
-    def _run_and_status(self, label: str) -> None:
-        self.run_button = self.button(label, lambda browser: self.toggle(), "Key: space bar")
-        self.status = self.gui.add_markdown(self.viewer.source.status())
-
-    def _time(self, event: Any) -> None:
-        source = self.viewer.source
-        if event.target.value == "Step":
-            source.step()
-        else:
-            source.reset()
-            for box, on in self.switches:
-                box.value = on()
+    def reset(self) -> None:
+        """Go back to the beginning."""
+        self.viewer.source.reset()
+        for box, on in getattr(self, "switches", ()):
+            box.value = on()
         self.tick()
         self.viewer.engine.notify()
 
     def _undo(self, browser: Any) -> None:
         done = self.viewer.source.undo()
-        self.page.tools.hands[browser.client_id].text.content = done
+        self.page.tools.hands[browser.client_id].say(done)
         self.viewer.engine.notify()
 
     def run(self, running: bool) -> None:
         """Run or pause the simulation."""
         self.viewer.source.play(running)
 
+    def put_back(self, name: str) -> None:
+        """Show the handle of an instrument where it is."""
+        handle = self.shared.get(name)
+        if handle is not None:
+            handle.position, handle.wxyz = handle.position, handle.wxyz
+
     def _switch(self, label: str, thing: Any, on: Callable[[], bool]) -> None:
         box = self.gui.add_checkbox(label, on(), hint="On or off; until then it follows the scene")
         self.switches.append((box, on))
 
         def changed(event: Any) -> None:
-            if event.client is None:  # set by the program after a reset
-                return
             with self.viewer.source.lock:
                 thing.on = box.value
                 self.viewer.source.by_hand = True
@@ -172,6 +149,7 @@ class Play(Panel):
         handle = self.page.server.scene.add_transform_controls(
             f"/instruments/{name}", scale=0.35, depth_test=False, visible=False
         )
+        self.shared[f"/instruments/{name}"] = handle
         shown = self.gui.add_checkbox(
             f"Move {name} by hand", False, hint="Show handles in the image that move and turn it"
         )
@@ -203,12 +181,12 @@ class Play(Panel):
 
     def _sweep(self) -> None:
         gui, source = self.gui, self.viewer.source
-        self._run_and_status("Start")
+        self.status = gui.add_markdown(source.status())
         buttons = gui.add_button_group("Images", ("Undo", "Clear"), hint=IMAGES)
         buttons.on_click(self.safe(self._record))
         hint = "Edge of a voxel, mm; takes effect after Clear"
-        ends = {"min": 0.01, "max": 100.0, "step": 0.1}
-        spacing = gui.add_number("Spacing, mm", source.spacing, **ends, hint=hint)
+        ends = {"min": 0.01, "max": 100.0, "step": 0.1, "unit": "mm"}
+        spacing = gui.add_number("Spacing", source.spacing, **ends, hint=hint)
         hint = "How the values in a voxel are combined; takes effect after Clear"
         first = source.compounding
         way = gui.add_dropdown("Compounding", COMPOUNDING, initial_value=first, hint=hint)

@@ -7,6 +7,8 @@ interrupts is kept in the working folder.
 from __future__ import annotations
 
 import contextlib
+import functools
+import io
 import os
 import re
 import shutil
@@ -17,17 +19,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from PIL import Image
+
+from ..first_view import FIRST_SIZE
 from ..log import log
 from ..markdown import code
-from ..recording import Recorder, Shot, checked_size, keep, turntable
+from ..recording import LEAST_SIDE, Recorder, Shot, checked_size, keep, turntable
 from ..roles import STEER
-from ..state import MOST_BYTES
 from .jobs import Cancelled, Job
 from .panel import Panel
 from .widgets import bounded
 
-FIRST_SIZE = "1280x720"
-LOAD = "A TOML file of Save settings; at most 256 KiB"
+AS_SHOWN = "as shown"
 FORMATS = ("PNG", "EXR")
 SLOW = "finishing the recording; press Ctrl-C again to discard it"
 MOST_KEPT = 16  # recordings of closed tabs that a viewer keeps; they fill the disk
@@ -37,7 +41,7 @@ MOST_CANCELLING = 1.0  # s that the end of the viewer waits for cancelled jobs
 class Save(Panel):
     """Downloads of images, movies, settings and commands."""
 
-    title = "Save and record"
+    title = "Save"
 
     def build(self) -> None:
         """Make the widgets."""
@@ -46,37 +50,46 @@ class Save(Panel):
         self._jobs: dict[int, list[Job]] = {}  # by browser
         self._lock = threading.Lock()
         self._n_kept = 0
-        self.size = gui.add_text("Size", FIRST_SIZE, hint="Width x height in pixels")
+        self.size = gui.add_text("Size", AS_SHOWN, hint="Of images and movies: as shown, or WIDTHxHEIGHT in pixels")
         hint = "Rays per pixel of a saved image"
         self.samples = gui.add_slider("Samples", 1, 256, 1, 16, hint=hint)
         hint = "EXR: linear light, distance and normals"
         self.format = gui.add_dropdown("Image format", FORMATS, hint=hint)
-        hint = "Download an image of this view (key P)"
-        self.button("Save image", self.picture, hint, True, "P")
+        self.command("Save image", "P", self.picture, True)
         hint = "Of movies, frames per second"
         self.fps = gui.add_slider("Movie frame rate", 5, 60, 1, 30, hint=hint)
-        hint = "Start or stop a movie of this view (key R)"
-        self.record_button = self.button("Record", self.record, hint, key="R")
-        self.seconds = gui.add_slider("Turntable, s", 1, 60, 1, 8, hint="Length of the movie, s")
+        self.command("Record", "R", self.record)
+        self.seconds = gui.add_slider("Turntable", 1, 60, 1, 8, hint="Length of the movie", unit="s")
         self.button("Turntable movie", self.turntable, "One turn around the scene")
         hint = "Stop the image or turntable in progress"
         self.cancel_button = self.button("Cancel", self.cancel, hint, True)
         self.cancel_button.visible = False
-        with gui.add_folder("All settings", expand_by_default=False):
-            self.button("Save settings", self.save_state, "As a TOML file", True)
-            self.upload = gui.add_upload_button("Load settings", mime_type=".toml,text/plain", hint=LOAD)
-            self.upload.on_upload(self.safe(self._load))
+        with gui.add_folder("The same without the viewer"):
             hint = "Both make the same image"
             self.button("As command and Python", self.show_equivalent, hint, True)
             hint = "A Jupyter notebook that makes this image"
             self.button("As a notebook", self.save_notebook, hint, True)
 
-    def chosen_size(self) -> tuple[int, int]:
-        """(width, height), pixels. Raises ValueError."""
-        match = re.fullmatch(r"\s*(\d{1,5})\s*[x×,]\s*(\d{1,5})\s*", self.size.value)
+    @property
+    def is_as_shown(self) -> bool:
+        """Whether images have the size of the view."""
+        return str(self.size.value).strip() in (AS_SHOWN, "")
+
+    def chosen_size(self, browser: Any = None) -> tuple[int, int]:
+        """(width, height), pixels; as shown: of the browser's view. Raises ValueError."""
+        words = str(self.size.value).strip()
+        if self.is_as_shown:
+            client = None if browser is None else self.viewer.clients.get(browser.client_id)
+            return FIRST_SIZE if client is None else checked_size(np.maximum(client.pacer.full, LEAST_SIDE))
+        match = re.fullmatch(r"(\d{1,5})\s*[x×,]\s*(\d{1,5})", words)
         if not match:
-            raise ValueError(f"Size: expected WIDTHxHEIGHT such as {FIRST_SIZE}, got {self.size.value!r}")
+            raise ValueError(f"Size: expected {AS_SHOWN}, or WIDTHxHEIGHT such as 1280x720, got {self.size.value!r}")
         return checked_size((match[1], match[2]))
+
+    def name(self, ending: str) -> str:
+        """The name of a download: that of the data."""
+        stem = re.sub(r"[^A-Za-z0-9_-]+", "_", self.viewer.title.partition(".")[0].partition(", ")[0]).strip("_")
+        return f"{stem or 'globule'}{ending}"
 
     def chosen_extension(self) -> str:
         """The extension, .png or .exr. Raises ValueError, since a browser may send anything."""
@@ -85,25 +98,33 @@ class Save(Panel):
             raise ValueError(f"Image format: expected {expected}, got {self.format.value!r}")
         return "." + self.format.value.lower()
 
+    def records(self, browser: Any) -> bool:
+        """Whether a browser records a movie."""
+        return browser.client_id in self._recorders
+
     def _client(self, browser: Any) -> Any:
         return self.viewer.clients[browser.client_id]
 
     def picture(self, browser: Any) -> None:
         """Give the browser an image of its view."""
         extension, client = self.chosen_extension(), self._client(browser)
-        size, samples = self.chosen_size(), int(bounded(self.samples))
-        self._make(
-            browser,
-            "Image",
-            f"globule{extension}",
-            lambda progress: Shot(self.viewer.engine, client.camera, size, samples, client.marks, progress).encoded(
-                extension
-            ),
-        )
+        size, samples = self.chosen_size(browser), int(bounded(self.samples))
+        seen = client.sharp() if self.is_as_shown and extension == ".png" else None
+        if seen is not None and seen.shape[1::-1] == tuple(size):
+            data = io.BytesIO()
+            Image.fromarray(seen).save(data, "PNG")
+            give(browser, self.name(extension), data.getvalue())
+            return
+
+        def made(progress: Callable[[float], None]) -> bytes:
+            shot = Shot(self.viewer.engine, client.camera, size, samples, client.marks, progress, client.dark)
+            return shot.encoded(extension)
+
+        self._make(browser, "Image", self.name(extension), made)
 
     def turntable(self, browser: Any) -> None:
         """Give the browser a movie of one turn around its view."""
-        camera, size = self._client(browser).camera, self.chosen_size()
+        camera, size = self._client(browser).camera, even(self.chosen_size(browser))
         seconds, fps = bounded(self.seconds), bounded(self.fps)
 
         def made(progress: Callable[[float], None]) -> bytes:
@@ -112,7 +133,7 @@ class Save(Panel):
                 turntable(self.viewer.engine, camera, path, size, seconds, fps, progress=progress)
                 return Path(path).read_bytes()
 
-        self._make(browser, "Turntable", "turntable.mp4", made)
+        self._make(browser, "Turntable", self.name("-turntable.mp4"), made)
 
     def _make(self, browser: Any, title: str, name: str, made: Callable[[Callable[[float], None]], bytes]) -> None:
         """Make the bytes of a file with a note about the progress; give them to the browser."""
@@ -120,21 +141,29 @@ class Save(Panel):
         with self._lock:
             if any(job.title == title for job in self._jobs.get(key, ())):
                 raise ValueError(f"{title.lower()}: one is in progress. Press Cancel to stop it.")
-            job = Job(browser, title)
+            job = Job(functools.partial(self.page.desk.note, browser), title)
             self._jobs.setdefault(key, []).append(job)
             self.cancel_button.visible = True
+        threading.Thread(target=self._work, args=(browser, job, name, made), name="globule save", daemon=True).start()
+
+    def _work(self, browser: Any, job: Job, name: str, made: Callable[[Callable[[float], None]], bytes]) -> None:
+        key, data, wrong = browser.client_id, None, None
         try:
             data = made(job.progress)
         except Cancelled:
-            return
-        finally:
-            with self._lock:
-                self._jobs[key].remove(job)
-                if not self._jobs[key]:
-                    del self._jobs[key]
-                self.cancel_button.visible = bool(self._jobs)
-            job.end()
-        give(browser, name, data)
+            pass
+        except Exception as error:
+            wrong = str(error) or type(error).__name__
+        with self._lock:
+            self._jobs[key].remove(job)
+            if not self._jobs[key]:
+                del self._jobs[key]
+            self.cancel_button.visible = bool(self._jobs)
+        job.end()
+        if wrong is not None:
+            self.page.complain(browser, wrong)
+        elif data is not None:
+            give(browser, name, data)
 
     def cancel(self, browser: Any) -> None:
         """Cancel the jobs of a browser."""
@@ -150,58 +179,52 @@ class Save(Panel):
         with self._lock:
             running = self._recorders.pop(browser.client_id, None)
             if running is None:
-                client, size, fps = self._client(browser), self.chosen_size(), bounded(self.fps)
+                client, size, fps = self._client(browser), even(self.chosen_size(browser)), bounded(self.fps)
                 path = os.path.join(tempfile.mkdtemp(prefix="globule-"), "movie.mp4")
                 recorder = Recorder(self.viewer.engine, lambda: client.camera, path, size, fps)
-                hint, usual = "Press R or the button to stop", {"with_close_button": False}
-                note = browser.add_notification("Recording", hint, loading=True, **usual)
+                note = self.page.desk.note(browser, "Recording", "Press R or the button to stop", loading=True)
                 self._recorders[browser.client_id] = recorder, path, note
-                self.record_button.label, self.record_button.color = "Stop recording", "red"
                 return
         recorder, path, note = running
         note.remove()
         try:
-            self._stop(recorder)
-            give(browser, "globule.mp4", Path(path).read_bytes())
+            recorder.stop()
+            give(browser, self.name(".mp4"), Path(path).read_bytes())
         finally:
             _remove(path)
-
-    def _stop(self, recorder: Recorder) -> None:
-        """Finish the file."""
-        if not self._recorders:
-            self.record_button.label, self.record_button.color = "Record", None
-        recorder.stop()
 
     # Settings
 
     def save_state(self, browser: Any) -> None:
         """Give the browser all settings as TOML."""
         text = self.state.to_toml(self._client(browser).camera)
-        give(browser, "globule-view.toml", text.encode())
+        give(browser, self.name("-view.toml"), text.encode())
 
-    def _load(self, event: Any) -> None:
-        content = self.upload.value.content
-        if len(content) > MOST_BYTES:
-            raise ValueError(f"settings: expected at most {MOST_BYTES} bytes, got {len(content)}")
-        camera = self.state.load_toml(
-            content.decode("utf-8"), lambda key, value: self.page.binder.nearest(event.client, key, value)
-        )
+    def load(self, browser: Any, value: Any) -> None:
+        """Take the settings of a file of the browser: [its name, its text]. Raises ValueError."""
+        if not (isinstance(value, list) and len(value) == 2 and all(isinstance(v, str) for v in value)):
+            raise ValueError("settings: expected the name and the text of a file")
+        name, text = value[0][-60:], value[1]
+        try:
+            camera = self.state.load_toml(text, lambda key, value: self.page.binder.nearest(browser, key, value))
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
         if camera is not None:
-            self.viewer.move(event.client, camera)
+            self.viewer.move(browser, camera)
 
     def save_notebook(self, browser: Any) -> None:
         """Give the browser a notebook that makes the image."""
-        text = self.viewer.notebook(self._client(browser).camera, self.chosen_size())
-        give(browser, "globule.ipynb", text.encode())
+        text = self.viewer.notebook(self._client(browser).camera, self.chosen_size(browser))
+        give(browser, self.name(".ipynb"), text.encode())
 
     def show_equivalent(self, browser: Any) -> None:
         """Show a command and a program that make the image; of who steers, log them, too."""
         client = self._client(browser)
-        command, program = self.viewer.equivalent(client.camera, self.chosen_size())
+        command, program = self.viewer.equivalent(client.camera, self.chosen_size(browser))
         if client.role == STEER:
             log.info("the same image:\n%s\n\n%s", command, program)
         text = f"{code(command, 'sh')}\n\n{code(program, 'python')}"
-        self.dialog(browser, "The same image", text)
+        self.page.desk.dialog(browser, "The same image", text)
 
     def close(self) -> None:
         """Cancel images and turntables, and keep recordings."""
@@ -221,7 +244,7 @@ class Save(Panel):
         slow = threading.Timer(1.0, log.info, [SLOW])
         slow.start()
         try:
-            self._stop(recorder)
+            recorder.stop()
             name = f"movie-{time.strftime('%Y%m%d-%H%M%S')}"
             try:
                 kept = keep(path, name)
@@ -240,12 +263,10 @@ class Save(Panel):
         if not self.viewer._closed.is_set():
             for other in list(self.page.server.get_clients().values()):
                 with contextlib.suppress(Exception):  # it has left, too
-                    other.add_notification("Recording", words)
+                    self.page.desk.note(other, "Recording", words)
             return
         with contextlib.suppress(Exception):  # the browser may have left
-            note.title, note.body, note.loading = "Recording", words, False
-            note.with_close_button = True
-            self.viewer.server.flush()
+            note.loading, note.body = False, words
             time.sleep(0.2)  # until it is there
 
     def disconnected(self, browser: Any) -> None:
@@ -262,9 +283,14 @@ class Save(Panel):
     def _drop(self, recorder: Recorder, path: str, note: Any) -> None:
         log.info("a closed tab's recording is lost: %s have been kept already", MOST_KEPT)
         try:
-            self._stop(recorder)
+            recorder.stop()
         finally:
             _remove(path)
+
+
+def even(size: tuple[int, int]) -> tuple[int, int]:
+    """A size for movies, whose sides are even."""
+    return size[0] // 2 * 2, size[1] // 2 * 2
 
 
 def give(browser: Any, name: str, data: bytes) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+import re
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,10 @@ from ..._base.memory import resident_bytes
 from ..markdown import table
 from .panel import Panel
 
-EVERY = 0.5  # s
+
+def used(device: str, threads: int) -> str:
+    """The words of a device, with the number of threads that a scene uses of it; 0: all."""
+    return re.sub(r"\d+ threads?", f"{threads} thread{'s' * (threads > 1)}", device) if threads else device
 
 
 class Statistics(Panel):
@@ -20,27 +23,7 @@ class Statistics(Panel):
     title = "Statistics"
 
     def build(self) -> None:
-        """Make the widgets."""
-        self._texts: dict[int, tuple[Any, Any]] = {}
-        threading.Thread(target=self._keep_saying, name="globule statistics", daemon=True).start()
-
-    def connected(self, browser: Any, client: Any) -> None:
-        """Add a table for a browser."""
-        with self.folder:
-            self._texts[browser.client_id] = browser.gui.add_markdown("…"), client
-
-    def disconnected(self, browser: Any) -> None:
-        """Remove the table of a browser."""
-        self._texts.pop(browser.client_id, None)
-
-    def _keep_saying(self) -> None:
-        viewer = self.viewer
-        while not viewer._closed.wait(EVERY):
-            for text, client in list(self._texts.values()):
-                content = self.table(client)
-                connection = client.sink._connection.get_message_buffer()
-                if not connection.done and text.content != content:
-                    text.content = content
+        """The table stands in the page's model: it is each browser's own."""
 
     def table(self, client: Any) -> str:
         """The table of a `Client` as Markdown."""
@@ -62,7 +45,7 @@ class Statistics(Panel):
             rows["build"] = f"{1e3 * octree.build_seconds:.1f} ms"
             rows["particles"] = f"{n:,}"
             rows["octree"] = f"{octree.bytes / 1e6:.1f} MB"
-            rows["device"] = scene.device.description
+            rows["device"] = used(scene.device.description, source.maker.threads)
         rows["memory"] = f"{resident_bytes() / 1e6:.0f} MB"
         rows["browsers"] = str(len(self.viewer.clients))
         rows.update(source.facts())

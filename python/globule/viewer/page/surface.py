@@ -12,9 +12,9 @@ from .panel import Panel
 
 
 class SurfacePanel(Panel):
-    """The implicit surface, and the quality of its image."""
+    """The implicit surface."""
 
-    title = "Surface and quality"
+    title = "Layer"
 
     def build(self) -> None:
         """Make the widgets."""
@@ -22,11 +22,8 @@ class SurfacePanel(Panel):
             scene = self.viewer.source.scene(self.state.snapshot())
         if isinstance(scene, Scene):
             self._surface(scene)
-        for name in ("samples", "rate", "sharpness", "width"):
-            self.add("quality", name)
 
     def _surface(self, scene: Scene) -> None:
-        viewer = self.viewer
         support = float(np.median(to_host(scene.support))) if len(scene) else 1.0
         self.threshold = self.add(
             "surface",
@@ -37,13 +34,11 @@ class SurfacePanel(Panel):
             usual=scene.threshold,
             also=self._stay,
         )
-        unit = viewer.source.unit and f", {viewer.source.unit}"
-        self.add("surface", "support", label=f"Support{unit}", least=0.25 * support, most=4 * support, usual=support)
+        self.add("surface", "support", least=0.25 * support, most=4 * support, usual=support)
         self.add("surface", "shape")
         self.add("surface", "kernel")
         self.add("surface", "root")
         self.button("Default surface", self.defaults, "Reset the five settings above")
-        self.gui.add_divider()
 
     def _stay(self) -> dict[str, str]:
         """Keep a smooth surface smooth while a person moves its threshold."""
@@ -58,3 +53,15 @@ class SurfacePanel(Panel):
         with self.viewer.source.lock:
             scene = self.viewer.source.scene(self.state.snapshot())
             self.threshold.value = scene.threshold
+
+
+class QualityPanel(Panel):
+    """Size and quality of the image on the page."""
+
+    title = "Image"
+
+    def build(self) -> None:
+        """Make the controls."""
+        with self.gui.add_folder("Quality"):
+            for name in ("samples", "rate", "sharpness", "width"):
+                self.add("quality", name)

@@ -20,7 +20,13 @@ from .widgets import safe
 ROTATE, MEASURE, CUT = "Rotate, pick", "Measure", "Cut"
 GRASP, SUCTION = "Grasp", "Suction"
 DRAGGED = (CUT, GRASP, SUCTION)  # tools with which a drag does not rotate the view
-HINT = "*Cut* cuts along a line that you draw. *Measure* gives the distance of two clicks."
+SAID = {
+    ROTATE: "",
+    MEASURE: "Click two points of the surface.",
+    CUT: "Draw a line across the surface to cut it.",
+    GRASP: "Run the simulation, then drag a part of the surface.",
+    SUCTION: "Run the simulation, then drag over the fluid to remove it.",
+}
 MOST_POINTS = 400  # of a stroke
 MISSED = 0.01  # of the image's height, by which a click may miss the surface
 STAYS = 4.0  # s that a stroke is shown
@@ -34,16 +40,14 @@ class Tools:
     def __init__(self, page: Any):
         self.page = page
         self.hands: dict[int, Hand] = {}
-        gui = page.server.gui
         self.unit = f" {page.viewer.source.unit}".rstrip()
         self.choices: tuple[str, ...] = (ROTATE, MEASURE, CUT)
         if hasattr(page.viewer.source, "grasp"):
             self.choices += (GRASP,)
         if getattr(page.viewer.source, "suction", lambda: None)():
             self.choices += (SUCTION,)
-        with gui.add_folder("Tool") as self.folder:
-            pass
-        command = page.roles.private(gui.add_command("Next tool", hotkey="T"))
+        command = page.gui.add_command("Next tool", "T")
+        command.private = True
         command.on_trigger(safe(page)(lambda event: self.hands[event.client_id].next_tool()))
 
     def choices_of(self, client: Client) -> tuple[str, ...]:
@@ -70,92 +74,67 @@ class Hand:
         self.picked: list[Picked | Probed] = []
         self.unit = tools.unit
         self.stroke: list[tuple[float, float]] = []
+        self.tool, self.text = ROTATE, ""
         self._drawing = False
-        self._catcher: Any = None
         self._seen: tuple[Any, np.ndarray] | None = None
-        with tools.folder:
-            self.choice = browser.gui.add_dropdown(
-                "Mouse tool", self.choices, initial_value=ROTATE, hint="Key T selects the next tool"
-            )
-            self.text = browser.gui.add_markdown(HINT)
-        caught = safe(self.page)
-        self.choice.on_update(caught(lambda event: self.take(self.choice.value)))
-        browser.scene.on_click()(caught(self._clicked))
-
-    @property
-    def tool(self) -> str:
-        """The name of the current tool."""
-        return self.choice.value
 
     @property
     def said(self) -> str:
         """What the tool asks for or has found, for a note below the toolbar: the first line;
         without the values of a picked point, which are a table."""
-        text = self.text.content.partition("\n")[0].strip()
+        text = self.text.partition("\n")[0].strip()
         if self.tool == MEASURE and text.startswith("|"):
             return "Click the second point."
-        return "" if text == HINT or text.startswith("|") else text.replace("*", "")
+        return "" if text.startswith("|") else text.replace("*", "")
+
+    def say(self, text: str) -> None:
+        """Say a sentence in Markdown."""
+        self.text = text
+        self.page.desk.refresh()
 
     def next_tool(self) -> None:
         """Select the next tool."""
-        at = self.choices.index(self.tool)
-        self.choice.value = self.choices[(at + 1) % len(self.choices)]
-        self.take(self.choice.value)
+        self.use(self.choices[(self.choices.index(self.tool) + 1) % len(self.choices)])
 
     def use(self, tool: Any) -> None:
-        """Select a tool by its name. Raises ValueError."""
+        """Select a tool by its name and remove the marks of the last one. Raises ValueError."""
         if tool not in self.choices:
             expected = ", ".join(self.choices)
             raise ValueError(f"tool: expected one of {expected}, got {str(tool)[:40]}")
-        self.choice.value = tool
-        self.take(tool)
-
-    def take(self, tool: str) -> None:
-        """Select a tool and remove the marks of the last one."""
-        if tool not in self.choices:  # a browser may send any value
-            self.choice.value = tool = ROTATE
+        self.tool = tool
         self.picked = []
         self.client.line = None
         self.client.mark([])
-        self.text.content = {
-            ROTATE: HINT,
-            MEASURE: "Click two points of the surface.",
-            CUT: "Draw a line across the surface to cut it.",
-            GRASP: "Run the simulation, then drag a part of the surface.",
-            SUCTION: "Run the simulation, then drag over the fluid to remove it.",
-        }[tool]
-        if self._catcher is not None:
-            self._catcher.remove()
-            self._catcher = None
-        if tool in DRAGGED:
-            self._catch()
+        self.say(SAID[tool])
         for panel in self.page.panels:
             panel.took(self.browser)
 
     # Clicks
 
-    def _clicked(self, event: Any) -> None:
+    def click(self, place: tuple[float, float]) -> None:
+        """A click or tap at a place (0, 0) to (1, 1) of the image."""
         if self.tool in DRAGGED:
             return
-        found = self.pick(event.screen_pos)
+        found = self.pick(place)
         if found is None:
             if self.tool != MEASURE:  # whose first point stays
                 self.picked = []
                 self.client.mark([])
-            self.text.content = "There is no surface here."
+            self.say("There is no surface here.")
             return
         self.picked = [*self.picked, found][-2:] if self.tool == MEASURE else [found]
         if self.tool == MEASURE and len(self.picked) == 2:
             a, b = (np.asarray(p.position, np.float64) for p in self.picked)
             distance = float(np.linalg.norm(b - a))
-            self.text.content = f"**Distance {distance:.6g}{self.unit}**  \nfrom {_words(a)} to {_words(b)}"
+            self.say(f"**Distance {distance:.6g}{self.unit}**  \nfrom {_words(a)} to {_words(b)}")
             self._keep_line(a, b)
             return
         x, y, z = (float(v) for v in found.position)
         if isinstance(found, Probed):
-            title, self.text.content = found.words.get("value", ""), table(found.words)
+            title, told = found.words.get("value", ""), table(found.words)
         else:
-            title, self.text.content = f"particle {found.particle:,}", describe(found, self.unit)
+            title, told = titled(found, self.viewer.state.color.by, self.unit), describe(found, self.unit)
+        self.say(told)
         self.client.mark([Mark(((x, y, z),), "" if self.tool == MEASURE else title, RED)])
 
     def _keep_line(self, a: np.ndarray, b: np.ndarray) -> None:
@@ -208,24 +187,15 @@ class Hand:
 
     # Strokes
 
-    def _catch(self) -> None:
-        """Add an invisible box around everything, which catches drags."""
-        self._catcher = self.browser.scene.add_box(
-            "/strokes",
-            dimensions=(800.0, 800.0, 800.0),
-            opacity=0.0,
-            material="toon3",  # a browser without a GPU compiles the usual one for many seconds
-            side="double",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+    def drag(self, value: Any) -> None:
+        """A part of a drag: its phase ("start", "move", "end"), its first place and the present one,
+        (0, 0) to (1, 1) of the image. Raises ValueError."""
+        from ..desk import place_of
 
-        @self._catcher.on_drag("left")
-        async def _(event: Any) -> None:  # runs in the event loop
-            try:
-                self._drawn(event.phase, tuple(event.start_screen_pos), tuple(event.end_screen_pos))
-            except Exception as error:
-                self.page.complain(self.browser, str(error) or type(error).__name__)
+        if not (isinstance(value, list) and len(value) == 3 and value[0] in ("start", "move", "end")):
+            raise ValueError(f"page: expected a part of a drag, got {str(value)[:40]}")
+        if self.tool in DRAGGED:
+            self._drawn(value[0], place_of(value[1]), place_of(value[2]))
 
     def _drawn(self, phase: str, start: tuple, here: tuple) -> None:
         if phase == "start":
@@ -249,7 +219,7 @@ class Hand:
         self.client.mark([])
         if len(points) > 1:
             said = self.page.viewer.cut_along(points, self.client.camera)
-            self.text.content = said
+            self.say(said)
             self._leave(Mark(tuple(points), "", WOUND, thin=True))
 
     def _leave(self, mark: Mark) -> None:
@@ -293,11 +263,36 @@ class Hand:
             points.append(tuple((origin + far * direction).tolist()))
         return points
 
+    def in_the_middle(self) -> tuple[float, float, float] | None:
+        """The point of the surface that is nearest to the middle of the image, world."""
+        frame = self.client.frame
+        if frame is None:
+            return None
+        depth = self._depth(frame)
+        rows, columns = np.nonzero(np.isfinite(depth))
+        if not len(rows):
+            return None
+        height, width = depth.shape
+        i = int(np.hypot(columns - width / 2, rows - height / 2).argmin())
+        place = (columns[i] + 0.5) / width, (rows[i] + 0.5) / height
+        origin, direction = self.client.camera.ray(frame.size, place)
+        x, y, z = (origin + depth[rows[i], columns[i]] * direction).tolist()
+        return x, y, z
+
     def _depth(self, frame: Any) -> np.ndarray:
         """The distances (H, W) of the frame, fetched once."""
         if self._seen is None or self._seen[0] is not frame:
             self._seen = frame, frame.distance
         return self._seen[1]
+
+
+def titled(found: Picked, by: str, unit: str = "") -> str:
+    """What stands beside a picked point: the value that colors it, else its particle."""
+    if by in found.attributes:
+        return f"{by} {_words(found.attributes[by])}"
+    if by in ("x", "y", "z"):
+        return f"{by} {_words(found.position['xyz'.index(by)])}{unit}"
+    return f"particle {found.particle:,}"
 
 
 def describe(found: Picked, unit: str = "") -> str:

@@ -19,20 +19,18 @@ FOV = 40.0  # degrees, vertical, after an orthographic view
 class View(Panel):
     """The camera of the browser."""
 
-    title = "View"
-    opened = True
+    title = "Camera"
 
     def build(self) -> None:
         """Make the widgets."""
-        hint = "Show everything from this direction (key F)"
-        self.button("Fit all", self.fit, hint, True, "F")
+        self.command("Fit all", "F", self.fit, True)
         for label, views, keys in (("Look from", VIEWS[:3], "1, 2, 3"), ("", VIEWS[3:], "4, 5, 6")):
             hint = f"Show everything from a side (keys {keys})"
-            group = self.page.roles.private(self.gui.add_button_group(label, views, hint=hint))
+            group = self.gui.add_button_group(label, views, hint=hint, private=True)
             group.on_click(self.safe(lambda event: self.stand(event.client, event.target.value)))
         hint = "Orthographic: distance does not make things smaller (key O)"
         self.button("Perspective / orthographic", self.flatten, hint, True)
-        with self.gui.add_folder("Bookmarks", expand_by_default=False):
+        with self.gui.add_folder("Bookmarks"):
             self.name = self.gui.add_text("Name", "view 1", hint="Of the view to save")
             self.button("Save view", self.keep, "Keep this camera under the name above")
             self.names = self.gui.add_dropdown("Go to", self._names(), hint="A saved view")
@@ -79,16 +77,17 @@ class View(Panel):
 
     def _see(self, browser: Any, towards: Any) -> None:
         viewer = self.viewer
+        client = viewer.clients[browser.client_id]
         with viewer.source.lock:
             scene = viewer.source.scene(viewer.state.snapshot())
-            size = (browser.camera.image_width, browser.camera.image_height)
+            size = client.room.free(client.pacer.full)
             around = viewer.source.outline()
             if around is None and scene.octree.n_inside == 0:
                 raise ValueError("fit: expected particles to show, got none")
             now = viewer.camera_of(browser.camera)
             how = {"direction": towards, "up": viewer.up, "fov": now.fov}
             camera = fit_camera(scene, size, around, orthographic=now.height is not None, **how)
-        viewer.move(browser, camera)
+        viewer.move(browser, client.room.seated(camera, client.pacer.full))
 
     # Bookmarks
 

@@ -9,7 +9,6 @@ class VolumePanel(Panel):
     """Slices, iso-value, and the image of the sweep to show."""
 
     title = "Volume"
-    opened = True
     _found: tuple = ()  # automatic iso-value and largest value
 
     def wanted(self) -> bool:
@@ -19,9 +18,13 @@ class VolumePanel(Panel):
     def build(self) -> None:
         """Make the widgets."""
         self.add("slices", "shown")
-        for name in "xyz":
-            self.add("slices", name)
-        self.places = self.gui.add_markdown(self.viewer.source.places(self.state))
+        self.slices = [self.add("slices", name, unit="mm") for name in "xyz"]
+        self.add("slices", "flat")
+        low, high = self.viewer.source.gray
+        ends = {"least": 0.01 * (high - low), "most": 2 * (high - low), "usual": high - low}
+        self.gray = [self.add("slices", "window", **ends)]
+        ends = {"least": low - (high - low) / 2, "most": high, "usual": (low + high) / 2}
+        self.gray.append(self.add("slices", "center", **ends))
         self.add("slices", "overlay")
         self.add("slices", "surface")
         self.add("slices", "open")
@@ -32,15 +35,22 @@ class VolumePanel(Panel):
             self.add("slices", "number", most=max(1, source.n_sweep_frames - 1))
 
     def tick(self) -> None:
-        """Update the positions of the slices."""
+        """Positions of slices in millimeters, of the volume that is shown now."""
         if self.wanted():
-            places = self.viewer.source.places(self.state)
-            if self.places.content != places:
-                self.places.content = places
+            for slider, whole in zip(self.slices, self.viewer.source.lengths().tolist(), strict=True):
+                slider.factor = round(whole, 3) or 1.0
 
     def grew(self, moved: bool) -> None:
         """Adapt the automatic iso-value to the volume."""
         source = self.viewer.source
+        low, high = source.gray
+        for slider, least, most, usual in zip(
+            self.gray, (0.01 * (high - low), low - (high - low) / 2), (2 * (high - low), high),
+            (high - low, (low + high) / 2), strict=True,
+        ):  # fmt: skip
+            slider.min, slider.max, slider.step = least, most, (most - least) / 200
+            if self.state.slices.window is self.state.slices.center is None:
+                slider.value = usual
         found = source.level, source.most_level
         if self.state.slices.level is None and found != self._found:
             self._found = found

@@ -1,58 +1,51 @@
-"""Widgets that set and show the settings."""
+"""Controls that set and show the settings."""
 
 from __future__ import annotations
 
 import functools
 import math
-import threading
 from collections.abc import Callable
 from typing import Any
-
-from viser import GuiSliderHandle
 
 from ..._base.settings import Choice, Number, Setting, Switch, Text, Vector, Whole, sentence
 from ..state import FAR, State, field_of
 
 WIDGETS: dict[str, Any] = {"switch": Switch, "whole": Whole, "real": Number, "triple": Vector,
                            "choice": (Choice, Text)}  # fmt: skip
-PATIENCE = 2.0  # s that a person may take to type a number whose first digits are out of range
+UNITS = {"degrees": "°", "pixels": "px", "frames per second": "/ s"}
 
 
 class Binder:
-    """The widgets of all settings.
-
-    A browser sends a message for every key that is pressed in a field. The binder therefore writes
-    nothing back into the field that has just changed, which would disturb typing. A number out of
-    range waits for further digits.
+    """The controls of all settings.
 
     Args:
-        gui: `viser.GuiApi`.
+        gui: `globule.viewer.gui.Gui`.
         state: whose settings are shown.
         on_error: called with the browser and a message.
+        unit: of lengths.
 
     Attributes:
         widgets: by setting, such as "surface.kernel".
     """
 
-    def __init__(self, gui: Any, state: State, on_error: Callable[[Any, str], None]):
+    def __init__(self, gui: Any, state: State, on_error: Callable[[Any, str], None], unit: str = ""):
         self.gui, self.state, self.on_error = gui, state, on_error
+        self.units = {**UNITS, "world units": unit}
         self.widgets: dict[str, Any] = {}
         self._shown: dict[str, Callable[[Any], Any]] = {}
-        self._waiting: dict[str, threading.Timer] = {}
-        self._lock = threading.RLock()  # the last key counts
-        self._own = threading.local()  # .key: the setting that this thread reads from its widget
         state.listen(self._follow)
 
     def add(self, group: str, name: str, **given: Any) -> Any:
-        """Add the widget of a setting.
+        """Add the control of a setting.
 
         Args:
             group, name: of the setting.
             given: replaces facts of its field: label, least, most, step, options; `usual` is shown
                 while the setting is None; `none` is the option that stands for ""; `also` returns
-                further settings that a person's change makes.
+                further settings that a person's change makes; `factor` and `unit` of what is shown.
         """
-        facts = {**facts_of(field_of(group, name)), **given}
+        one = field_of(group, name)
+        facts = {"unit": self.units.get(one.unit, ""), **facts_of(one), **given}
         for end in ("least", "most", "step"):
             if isinstance(facts.get(end), float):
                 facts[end] = float(f"{facts[end]:.3g}")  # short enough to be read on a slider
@@ -64,42 +57,25 @@ class Binder:
         widget = self._make(facts, to_page(value))
         key = f"{group}.{name}"
         self.widgets[key], self._shown[key] = widget, to_page
-
-        @widget.on_update
-        def _(event: Any) -> None:
-            if event.client is not None:  # None: set by the program
-                self._take(key, facts, event.client)
-
+        widget.on_update(lambda event: self._take(key, facts, event.client))
         return widget
 
-    def _take(self, key: str, facts: dict, browser: Any, stayed: bool = False) -> None:
-        """Set a setting to its widget's value; one that stays out of range: to the nearest end."""
-        with self._lock:
-            waiting = self._waiting.pop(key, None)
-            if waiting is not None:
-                waiting.cancel()
-            asked = self._from_page(facts, self.widgets[key].value)
-            value = within(self.widgets[key], facts, asked)
-            beyond = value != asked and asked == asked  # not NaN
-            if beyond and not stayed:
-                later = threading.Timer(PATIENCE, self._take, (key, facts, browser, True))
-                later.daemon = True
-                self._waiting[key] = later
-                later.start()
-                return
-            self._own.key = key
-            try:
-                self.state.set(**{key.replace(".", "__"): value}, **facts.get("also", dict)())
-            except ValueError as error:
-                self.on_error(browser, str(error))
-            finally:
-                self._own.key = None
-        if beyond:
+    def _take(self, key: str, facts: dict, browser: Any) -> None:
+        """Set a setting to its control's value, or to the nearest end of its range."""
+        asked = self._from_page(facts, self.widgets[key].value)
+        value = within(self.widgets[key], facts, asked)
+        try:
+            self.state.set(**{key.replace(".", "__"): value}, **facts.get("also", dict)())
+        except ValueError as error:
+            self.on_error(browser, str(error))
+        self._follow({key})
+        if value != asked and asked == asked:  # not NaN
             least, most = ends(self.widgets[key], facts)
             self.on_error(browser, outside(facts["label"], least, most, asked, value))
 
     def _make(self, facts: dict, value: Any) -> Any:
         gui, label, hint = self.gui, facts["label"], facts.get("hint") or None
+        more = {"unit": facts["unit"] or None, "factor": facts.get("factor")}
         kind = facts["kind"]
         if kind == "switch":
             return gui.add_checkbox(label, value, hint=hint)
@@ -108,14 +84,14 @@ class Binder:
         if kind == "choice":
             return gui.add_dropdown(label, facts["options"], initial_value=value, hint=hint)
         if kind == "triple":
-            return gui.add_vector3(label, value, step=facts.get("step", 0.01), hint=hint)
+            return gui.add_vector3(label, value, step=facts.get("step", 0.01), hint=hint, **more)
         least, most = facts["least"], facts["most"]
         if kind == "whole":
-            return gui.add_slider(label, int(least), int(most), 1, int(value), hint=hint)
+            return gui.add_slider(label, int(least), int(most), 1, int(value), hint=hint, **more)
         if facts.get("typed"):
-            return gui.add_number(label, float(value), step=facts.get("step"), hint=hint)
+            return gui.add_number(label, float(value), step=facts.get("step"), hint=hint, **more)
         step = facts.get("step") or (most - least) / 200
-        return gui.add_slider(label, least, most, step, min(max(value, least), most), hint=hint)
+        return gui.add_slider(label, least, most, step, min(max(value, least), most), hint=hint, **more)
 
     def _to_page(self, facts: dict) -> Callable[[Any], Any]:
         def to_page(value: Any) -> Any:
@@ -150,7 +126,7 @@ class Binder:
         group, _, name = key.partition("__")
         widget = self.widgets.get(f"{group}.{name}")
         unlimited = getattr(field_of(group, name).kind, "most", 0.0) == FAR
-        if value is None or not unlimited or not isinstance(widget, GuiSliderHandle):
+        if value is None or not unlimited or widget is None or widget.kind != "slider":
             return value
         near = min(max(value, type(value)(widget.min)), type(value)(widget.max))
         if near != value:
@@ -158,15 +134,13 @@ class Binder:
         return near
 
     def _follow(self, changed: set[str]) -> None:
-        for key in changed & set(self.widgets) - {getattr(self._own, "key", None)}:
+        for key in changed & set(self.widgets):
             group, _, name = key.partition(".")
-            value = self._shown[key](getattr(getattr(self.state, group), name))
-            if self.widgets[key].value != value:
-                self.widgets[key].value = value
+            self.widgets[key].value = self._shown[key](getattr(getattr(self.state, group), name))
 
 
 def facts_of(one: Setting) -> dict[str, Any]:
-    """What the widget of a setting shows."""
+    """What the control of a setting shows."""
     name = next(name for name, kinds in WIDGETS.items() if isinstance(one.kind, kinds))
     number = one.kind.each if name == "triple" else one.kind
     least, most = one.slider or (getattr(number, "least", None), getattr(number, "most", None))
@@ -177,13 +151,13 @@ def facts_of(one: Setting) -> dict[str, Any]:
 
 
 def ends(widget: Any, facts: dict) -> tuple[float, float]:
-    """Least and most value of a number's widget; those of a slider may have changed."""
+    """Least and most value of a number's control; those of a slider may have changed."""
     slider = facts["kind"] != "triple" and not facts.get("typed")
     return (widget.min, widget.max) if slider else (facts["least"], facts["most"])
 
 
 def within(widget: Any, facts: dict, value: Any) -> Any:
-    """The nearest value in the range of a widget; a browser may send any value."""
+    """The nearest value in the range of a control; a browser may send any value."""
     if isinstance(value, tuple):
         return tuple(within(widget, facts, v) for v in value)
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
