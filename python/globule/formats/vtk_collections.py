@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 from .._base.files import atomic_write
 from .contents import Contents
 from .errors import FormatError, bad
-from .triangles import has_faces
+from .triangles import part_has_faces
 from .vtk_parts import checked_places, join, parts_of
 
 
@@ -42,12 +42,12 @@ def read_series(path: str | os.PathLike[str], frame: int = 0) -> Contents:
 
 
 def read_pieces(path: str | os.PathLike[str]) -> Contents:
-    """Read all pieces of a .pvtp or .pvtu. Raises FormatError."""
+    """Read all pieces of a .pvtp, .pvtu, .pvts or .pvtr. Raises FormatError."""
     return _contents(path, "pvtu", 0)
 
 
 def read_blocks(path: str | os.PathLike[str]) -> Contents:
-    """Read all blocks of a .vtm. Raises FormatError."""
+    """Read all blocks of a .vtm, .vtpc or .vtpd. Raises FormatError."""
     return _contents(path, "vtm", 0)
 
 
@@ -63,7 +63,7 @@ def _contents(path: Any, form: str, frame: int) -> Contents:
     except FormatError as error:
         raise bad(path, "", str(error)) from None
     filled = [(part, file) for part, file in zip(parts, files, strict=True) if len(part)]
-    meshes = [has_faces(file) for _, file in filled]
+    meshes = [part_has_faces(file) for _, file in filled]
     if any(meshes) and not all(meshes):
         n = sum(meshes)
         parts = [part for (part, _), mesh in zip(filled, meshes, strict=True) if not mesh]

@@ -1,5 +1,5 @@
-"""The files that collections of VTK XML files name: .pvd (time), .pvtp and .pvtu (pieces), .vtm
-(blocks), and .series (time) in JSON.
+"""The files that collections of VTK XML files name: .pvd (time), .pvtp, .pvtu, .pvts and .pvtr
+(pieces), .vtm, .vtpc and .vtpd (blocks), and .series (time) in JSON.
 
 Only files below the collection's own folder are opened.
 """
@@ -23,7 +23,10 @@ from .size import check_size, whole_file
 from .xml import parse_xml
 
 _MOST_FILES = 100_000
-_RANKS = {"pvd": 3, "series": 3, "vtm": 2, "pvtp": 1, "pvtu": 1}  # each holds lower ones alone
+# Each holds lower ones alone.
+_RANKS = {"pvd": 4, "series": 4, "vtm": 3, "vtpc": 3, "vtpd": 2, "pvtp": 1, "pvtu": 1, "pvts": 1, "pvtr": 1}
+_PIECES = ("PPolyData", "PUnstructuredGrid", "PStructuredGrid", "PRectilinearGrid")
+_BLOCKS = ("vtkMultiBlockDataSet", "vtkPartitionedDataSet", "vtkPartitionedDataSetCollection")
 FORMATS = tuple(_RANKS)
 
 
@@ -44,11 +47,11 @@ def places(path: str | os.PathLike[str], form: str) -> list[str]:
 
 def parts_of(path: Any, form: str, frame: int) -> Parts:
     """The names of one frame's files in a collection of a format. Raises FormatError."""
-    if form in ("pvtp", "pvtu"):
-        root = _root(path, "PPolyData", "PUnstructuredGrid")
+    if _RANKS[form] == 1:
+        root = _root(path, *_PIECES)
         return Parts([e.get("Source", "") for e in root.iter("Piece")])
-    if form == "vtm":
-        root = _root(path, "vtkMultiBlockDataSet")
+    if form in ("vtm", "vtpc", "vtpd"):
+        root = _root(path, *_BLOCKS)
         files = [e.get("file") for e in root.iter("DataSet")]  # an empty block has none
         return Parts([name for name in files if name is not None])
     steps = _of_series(path) if form == "series" else _of_pvd(path)
@@ -103,7 +106,7 @@ def checked_places(path: Any, names: list[str], form: str) -> list[str]:
         held += os.path.getsize(place)
         if len(names) > 1:  # all of them together, and once more when they are joined
             check_size(path, name, held, held, 2.0)
-        kind = kind_or_none(place)
+        kind = kind_or_none(place, "particles")
         known = kind is not None and kind.kind in ("particles", "mesh")
         if kind is None or not known or _RANKS.get(kind.format, 0) >= _RANKS[form]:
             raise bad(path, name, "expected a file of particles, got another one")
