@@ -3,7 +3,11 @@
 import globule as gb
 import numpy as np
 import pytest
+from format_helpers import naming
+from globule.cli import main
+from globule.data.radii import find_radii
 from globule.formats import read_contents
+from globule.render.sequence import time_of
 
 TURNED = np.array([[0, 2, 0], [-3, 0, 0], [1, 0, 4]], float)  # edges of a box
 CORNER = np.array([10, 20, -5.0])
@@ -54,3 +58,124 @@ def test_encodings(tmp_path, encoding, name):
     assert len(found) == 30
     assert np.allclose(found.positions, SHARES, atol=1e-6)
     assert list(found.attributes) == ["größe"]
+
+
+CENTERS = np.stack(np.mgrid[:4, :3, :2], -1).reshape(-1, 3) * 0.5
+RADII = 0.1 + 0.005 * np.arange(24)
+SPHERES = np.column_stack([CENTERS, RADII])
+
+
+def is_spheres(particles) -> bool:
+    return np.allclose(particles.positions, CENTERS, atol=1e-6) and np.allclose(find_radii(particles), RADII, rtol=1e-5)
+
+
+def liggghts(again: str = "1") -> str:
+    """A dump as the tutorials of LIGGGHTS have it, with the column of types twice."""
+    rows = "".join(f"{i} 1 {again} {line} \n" for i, line in enumerate(lines(SPHERES).splitlines(), 1))
+    head = "ITEM: TIMESTEP\n5\nITEM: NUMBER OF ATOMS\n24\nITEM: BOX BOUNDS ff ff ff\n-1 9\n-1 9\n-1 9\n"
+    return f"{head}ITEM: ATOMS id type type x y z radius \n{rows}"
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("name", ["dump5.liggghts", "dump.5", "a.dump"])
+def test_a_column_twice_in_a_dump(tmp_path, name, end):
+    (tmp_path / name).write_text(liggghts(), newline=end)
+    assert is_spheres(gb.read(tmp_path / name))
+    (tmp_path / name).write_text(liggghts("2"))
+    with pytest.raises(gb.FormatError, match="expected different names, got 'type' twice"):
+        gb.read(tmp_path / name)
+
+
+@pytest.mark.parametrize("nothing", [";;;", '"";"";"";""', ";;; ", "\t;;;"])
+def test_rows_of_separators_alone(tmp_path, nothing):
+    rows = lines(SPHERES).replace(" ", ";").replace(".", ",").splitlines()
+    table = "\r\n".join(['"X";"Y";"Z";"Radius"', nothing, *rows[:9], nothing, *rows[9:], nothing, nothing, ""])
+    (tmp_path / "a.csv").write_text(table, encoding="utf-16", newline="")
+    assert is_spheres(gb.read(tmp_path / "a.csv"))
+
+
+def test_a_missing_place_is_a_mistake(tmp_path):
+    (tmp_path / "a.csv").write_text("x,y,z,a\n1,2,3,4\n,,,5\n1,2,3,4\n")
+    with pytest.raises(gb.FormatError, match="line 3"):
+        gb.read(tmp_path / "a.csv")
+
+
+def test_letters_of_windows(tmp_path):
+    for name, text in (("a.csv", "x,y,z,Größe °C\n"), ("b.csv", "# Łódź \ufffd\nx,y,z,Größe °C\n")):
+        for code in ("latin-1", "utf-8"):
+            if "Ł" in text and code == "latin-1":
+                continue
+            (tmp_path / name).write_bytes(f"{text}1,2,3,20\n4,5,6,21\n".encode(code))
+            assert list(gb.read(tmp_path / name).attributes) == ["Größe °C"]
+    many = "x,y,z,größe\n" + 5000 * "1,2,3,4\n"  # a letter lies across the place up to which is looked
+    for shift in range(4):
+        (tmp_path / "c.csv").write_text(f"#{'é' * 2040}{' ' * shift}\n{many}", encoding="utf-8")
+        assert list(gb.read(tmp_path / "c.csv").attributes) == ["größe"]
+
+
+def test_a_collection_of_windows(tmp_path):
+    (tmp_path / "sub dir").mkdir()
+    for k in (0, 1):
+        gb.write(tmp_path / "sub dir" / f"p{k}.vtp", gb.Particles(CENTERS + k))
+    sets = "".join(f'<DataSet timestep="{k}" file=".\\sub dir\\p{k}.vtp"/>' for k in (0, 1))
+    (tmp_path / "a.pvd").write_text(f'<VTKFile type="Collection"><Collection>{sets}</Collection></VTKFile>')
+    found = read_contents(tmp_path / "a.pvd", frame=1)
+    assert (found.n_frames, found.time) == (2, 1.0)
+    assert np.allclose(found.particles.positions, CENTERS + 1)
+    (tmp_path / "out.vtp").write_bytes((tmp_path / "sub dir" / "p0.vtp").read_bytes())
+    (tmp_path / "sub dir" / "b.pvd").write_text(
+        '<VTKFile type="Collection"><Collection><DataSet file="..\\out.vtp"/></Collection></VTKFile>'
+    )
+    with pytest.raises(gb.FormatError, match="below the same folder"):
+        gb.read(tmp_path / "sub dir" / "b.pvd")
+
+
+IMAGE = (
+    '<VTKFile type="ImageData"><ImageData WholeExtent="0 1 0 1 0 1"><Piece Extent="0 1 0 1 0 1"><PointData>'
+    '<DataArray type="Float32" Name="p" format="ascii">0 0 0 0 1 1 1 1</DataArray></PointData></Piece></ImageData>'
+    "</VTKFile>"
+)
+
+
+def test_a_volume_beside_particles_is_left_out(tmp_path):
+    gb.write(tmp_path / "p.vtp", gb.Particles(CENTERS))
+    (tmp_path / "i.vti").write_text(IMAGE)
+    with pytest.warns(UserWarning, match="volumes are left out beside the particles: i.vti"):
+        found = gb.read(naming("vtkMultiBlockDataSet", tmp_path / "a.vtm", "p.vtp", "i.vti"))
+    assert len(found) == 24
+    with pytest.raises(gb.FormatError, match=r"i\.vti: expected a file of particles, got a volume"):
+        gb.read(naming("vtkMultiBlockDataSet", tmp_path / "b.vtm", "i.vti"))
+
+
+def test_points_without_faces_are_a_fluid_as_in_other_files(tmp_path):
+    pytest.importorskip("trimesh")
+    (tmp_path / "a.obj").write_text("# points\n" + "".join(f"v {line}\n" for line in lines(CENTERS).splitlines()))
+    with pytest.warns(UserWarning, match="its 24 vertices are shown as points"):
+        found = gb.read(tmp_path / "a.obj")
+    assert found.support is None
+    assert np.allclose(found.positions, CENTERS)
+
+
+@pytest.mark.parametrize("name", ["TimeValue", "TIME"])
+def test_the_time_of_vtk_files(tmp_path, name):
+    data = f'<FieldData><DataArray type="Float64" Name="{name}" NumberOfTuples="1">2.5</DataArray></FieldData>'
+    for k, ending in enumerate((".vtp", ".vtu")):
+        path = tmp_path / f"a{ending}"
+        gb.write(path, gb.Particles(CENTERS))
+        kind = ("PolyData", "UnstructuredGrid")[k]
+        path.write_bytes(path.read_bytes().replace(f"<{kind}>".encode(), f"<{kind}>{data}".encode(), 1))
+        assert read_contents(path).time == 2.5
+        assert time_of(str(path)) == 2.5
+        assert read_contents(naming(f"P{kind}", tmp_path / f"a.p{ending[1:]}", path.name)).time == 2.5
+    head = f"# vtk DataFile Version 2.0\ntitle\nASCII\nDATASET POLYDATA\nFIELD FieldData 1\n{name} 1 1 double\n2.5\n"
+    (tmp_path / "a.vtk").write_text(f"{head}POINTS 24 float\n{lines(CENTERS)}")
+    assert read_contents(tmp_path / "a.vtk").time == 2.5
+    assert read_contents(naming("Collection", tmp_path / "a.pvd", "a.vtk")).time == 0  # it says its own
+
+
+def test_a_file_in_a_folder_is_not_called_packed(tmp_path, capsys):
+    gb.write(tmp_path / "a.vtp", gb.Particles(CENTERS))
+    assert main(["info", str(tmp_path / "a.vtp")]) == 0
+    said = capsys.readouterr().out
+    assert "VTK XML PolyData, " in said
+    assert "packed" not in said

@@ -439,16 +439,20 @@ def _columns(path: Any, names: list[str], rows: list[str], first: int) -> dict[s
     if len(words) != len(names):
         raise bad(path, f"line {first}", f"expected {len(names)} columns, got {len(words)}")
     numeric = [i for i, word in enumerate(words) if _is_number(word)]
-    require_different(path, f"line {first - 1}", names)
+    again = [i for i, name in enumerate(names) if name in names[:i]]  # LIGGGHTS' own dumps: id type type x y z
     if not numeric:
         raise bad(path, f"line {first}", f"expected columns of numbers, got {shown(rows[0])}")
     options: dict[str, Any] = {"comments": "#"}
     if len(numeric) < len(words):
         options["usecols"] = numeric
     table = parse_rows(path, rows, first, len(numeric), **options)
+    of_name = {names[i]: table[:, k] for k, i in reversed([*enumerate(numeric)])}
+    if not all(i in numeric and np.array_equal(table[:, numeric.index(i)], of_name[names[i]]) for i in again):
+        require_different(path, f"line {first - 1}", names)
     return {
         names[i]: whole_numbers(path, names[i], table[:, k], words[i], rows, i, comments="#")
         for k, i in enumerate(numeric)
+        if i not in again
     }
 
 

@@ -247,7 +247,7 @@ def _titles(lines: list[str], start: int) -> int:
 
 def _is_row(line: str) -> bool:
     text = line.strip()
-    return bool(text) and text[0] not in "#%"
+    return bool(text.strip(';,|\t"')) and text[0] not in "#%"  # Excel writes rows of separators alone
 
 
 def separator_of(line: str) -> str | None:
@@ -427,8 +427,11 @@ def _assemble(
     try:
         rows = parse_rows(path, lines, first_line, len(numeric), **options)
     except FormatError:  # a missing number of an attribute is NaN; a missing position is a mistake
+        whole = lines
+        if separator:
+            lines = [line if line.strip(f'{separator} \t\r"') else "" for line in lines]
         filled = _with_nan(lines, separator)
-        if filled == lines:
+        if filled == whole:
             raise
         rows, lines = parse_rows(path, filled, first_line, len(numeric), **options), filled
         places = [k for k, i in enumerate(numeric) if names[i].lower() in ("x", "y", "z")]

@@ -54,14 +54,16 @@ def read_blocks(path: str | os.PathLike[str]) -> Contents:
 def _contents(path: Any, form: str, frame: int) -> Contents:
     """The particles of one frame. Where some parts are meshes and others particles, the meshes are
     left out, with a warning."""
-    from . import read
+    from . import read_contents
 
     found = parts_of(path, form, frame)
-    files = checked_places(path, found.names, form)
+    files = checked_places(path, found.names, form, warn=True)
     try:
-        parts = [read(file) for file in files]
+        contents = [read_contents(file) for file in files]
     except FormatError as error:
         raise bad(path, "", str(error)) from None
+    parts = [one.particles for one in contents]
+    time = found.time if found.time is not None or found.n_frames > 1 else contents[0].time
     filled = [(part, file) for part, file in zip(parts, files, strict=True) if len(part)]
     meshes = [part_has_faces(file) for _, file in filled]
     if any(meshes) and not all(meshes):
@@ -69,4 +71,4 @@ def _contents(path: Any, form: str, frame: int) -> Contents:
         parts = [part for (part, _), mesh in zip(filled, meshes, strict=True) if not mesh]
         left_out = "a mesh is" if n == 1 else f"{n} meshes are"
         warnings.warn(f"{os.fspath(path)}: {left_out} left out beside the particles; --mesh draws meshes", stacklevel=2)
-    return Contents(join(parts), time=found.time, n_frames=found.n_frames)
+    return Contents(join(parts), time=time, n_frames=found.n_frames)

@@ -18,6 +18,7 @@ from .._base.files import atomic_write
 from ..data.particles import Particles
 from . import cells
 from .asciinum import end_of_tokens, parse_numbers
+from .contents import Contents
 from .fields import per_particle
 from .size import whole_file
 from .vtk_grids import VtkGrid
@@ -38,9 +39,10 @@ _WRITTEN = {
 }
 
 
-def read(path: str | os.PathLike[str]) -> Particles:
+def read(path: str | os.PathLike[str]) -> Contents:
     """Read the points and point data of a legacy VTK file, without ghosts."""
-    return _reader_of(path, whole_file(path, 4.0)).particles()
+    file = _reader_of(path, whole_file(path, 4.0))
+    return Contents(file.particles(), time=file.time)
 
 
 def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -94,9 +95,11 @@ def _time(value: Any) -> float | None:
     return time if math.isfinite(time) else None
 
 
-def checked_places(path: Any, names: list[str], form: str) -> list[str]:
-    """The files of names in a collection. Raises FormatError."""
+def checked_places(path: Any, names: list[str], form: str, warn: bool = False) -> list[str]:
+    """The files of names in a collection, without volumes beside others, of which is warned if `warn`.
+    Raises FormatError."""
     found, held = [], 0
+    volumes: list[str] = []
     if not names:
         raise bad(path, "", "expected the name of a file, got none")
     if len(names) > _MOST_FILES:
@@ -109,8 +112,16 @@ def checked_places(path: Any, names: list[str], form: str) -> list[str]:
         kind = kind_or_none(place, "particles")
         known = kind is not None and kind.kind in ("particles", "mesh")
         if kind is None or not known or _RANKS.get(kind.format, 0) >= _RANKS[form]:
-            raise bad(path, name, "expected a file of particles, got another one")
+            if kind is None or kind.kind != "volume":
+                raise bad(path, name, "expected a file of particles, got another one")
+            volumes.append(name)
+            continue
         found.append(place)
+    if not found:
+        raise bad(path, volumes[0], "expected a file of particles, got a volume")
+    if volumes and warn:
+        names_of_them = ", ".join(volumes)[:200]
+        warnings.warn(f"{os.fspath(path)}: volumes are left out beside the particles: {names_of_them}", stacklevel=2)
     return found
 
 
@@ -123,6 +134,8 @@ def below(path: Any, name: str) -> str:
     own = os.path.realpath(str(path))
     folder = os.path.realpath(os.path.dirname(str(path)))
     beside = os.path.join(folder, name) if "\0" not in name else ""
+    if "\\" in name and beside and not os.path.exists(beside):  # as Windows has them
+        beside = os.path.join(folder, name.replace("\\", "/"))
     packed = (beside + ending for ending in ("", *ENDINGS))
     place = os.path.realpath(next((found for found in packed if os.path.isfile(found)), beside))
     if not name or not place.startswith(os.path.join(folder, "")) or place == own:

@@ -20,6 +20,7 @@ from . import cells
 from .asciinum import parse_numbers
 from .cell_data import at_points, point_arrays
 from .cells import Cells
+from .contents import Contents
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
 from .guarded import need
@@ -38,6 +39,7 @@ TYPES = {
     "Float32": "f4",
     "Float64": "f8",
 }
+TIMES = ("TimeValue", "TIME")  # of ParaView and VisIt
 _LISTS = {  # of PolyData, in the order of the cells' data
     "Verts": cells.VERTICES,
     "Lines": cells.LINES,
@@ -48,9 +50,10 @@ _APPENDED = re.compile(rb"<AppendedData\b([^>]*)>\s*")
 _WRITTEN = {code: name for name, code in TYPES.items()} | {"b1": "UInt8"}
 
 
-def read(path: str | os.PathLike[str]) -> Particles:
+def read(path: str | os.PathLike[str]) -> Contents:
     """Read the points and point data of a .vtp or .vtu file, without ghosts."""
-    return VtkXml(path, whole_file(path, 2.0)).particles()
+    file = VtkXml(path, whole_file(path, 2.0))
+    return Contents(file.particles(), time=file.time())
 
 
 def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
@@ -177,6 +180,14 @@ class VtkXml:
         if not found:
             raise self.bad(kind, "expected a <Piece>, got none")
         return found
+
+    def time(self) -> float | None:
+        """The time that ParaView writes among the data of the file; None without it."""
+        for array in self.root.iterfind("*/FieldData/DataArray"):
+            if array.get("Name") in TIMES and array.get("type") in TYPES and array.get("NumberOfTuples", "1") == "1":
+                values = self.array(array, 1).ravel()
+                return float(values[0]) if len(values) == 1 and np.isfinite(values[0]) else None
+        return None
 
     def particles(self) -> Particles:
         """The points of all pieces that are no ghosts, with their data and that of vertex cells."""

@@ -12,6 +12,7 @@ import numpy as np
 from ..data.particles import Particles
 from . import vtk_legacy
 from .cells import Cells
+from .contents import Contents
 from .errors import FormatError, shown
 from .size import check_memory, whole_file
 from .vtk_grids import grid_cells, n_cells, volume_of
@@ -20,9 +21,10 @@ from .vtk_xml import VtkXml, named
 _MOST_POINTS = 1 << 40
 
 
-def read(path: str | os.PathLike[str]) -> Particles:
+def read(path: str | os.PathLike[str]) -> Contents:
     """Read the points and point data of a .vts or .vtr file, without ghosts."""
-    return _XmlGrid(path, whole_file(path, 2.0)).particles()
+    file = _XmlGrid(path, whole_file(path, 2.0))
+    return Contents(file.particles(), time=file.time())
 
 
 def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
