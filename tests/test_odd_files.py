@@ -179,3 +179,32 @@ def test_a_file_in_a_folder_is_not_called_packed(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "VTK XML PolyData, " in said
     assert "packed" not in said
+
+
+@pytest.mark.parametrize(
+    ("name", "head"),
+    [
+        ("a.csv", "'x','y','z','radius'\n"),
+        ("a.csv", "x,y,z,radius\nm,m,m,m\n"),
+        ("a.csv", "X,Y,Z,Radius\n[m],[m],[m],[m]\n"),
+        ("a.txt", "% Model: a.mph\n% Nodes: 24\n% x     y     z     radius (m)\n"),
+        ("a.txt", "% Model: a.mph\n% x     y     z     Particle radius (m)\n"),
+        ("a.txt", "# x (m) y (m) z (m) radius (m)\n"),
+    ],
+)
+def test_heads_of_tables(tmp_path, name, head):
+    rows = lines(SPHERES).replace(" ", "," if name == "a.csv" else "     ")
+    (tmp_path / name).write_text(head + rows)
+    assert is_spheres(gb.read(tmp_path / name))
+
+
+def test_a_row_of_units(tmp_path):
+    table = np.column_stack([CENTERS, 1000 * RADII])
+    (tmp_path / "a.csv").write_text("x,y,z,radius\nm,m,m,mm\n" + lines(table).replace(" ", ","))
+    with pytest.warns(UserWarning, match="radius is in mm and becomes m"):
+        found = read_contents(tmp_path / "a.csv")
+    assert is_spheres(found.particles)
+    assert found.units["positions"] == "m"
+    (tmp_path / "b.csv").write_text("x,y,z\na,b,c\n1,2,3\n")
+    with pytest.raises(gb.FormatError, match="line 2, column 1: expected a number, got 'a'"):
+        gb.read(tmp_path / "b.csv")
