@@ -208,3 +208,46 @@ def test_a_row_of_units(tmp_path):
     (tmp_path / "b.csv").write_text("x,y,z\na,b,c\n1,2,3\n")
     with pytest.raises(gb.FormatError, match="line 2, column 1: expected a number, got 'a'"):
         gb.read(tmp_path / "b.csv")
+
+
+@pytest.mark.parametrize(
+    ("endian", "dtype", "width"), [("Big", ">f8", 8), ("Little", "<f4", 4), ("Native", "f4", None)]
+)
+def test_binary_data_of_xdmf(tmp_path, endian, dtype, width):
+    (tmp_path / "a.bin").write_bytes(b"12345" + CENTERS.astype(dtype).tobytes() + RADII.astype(dtype).tobytes())
+    about = f'NumberType="Float" Endian="{endian}" Format="Binary"' + (f' Precision="{width}"' if width else "")
+    size = CENTERS.astype(dtype).nbytes
+
+    def xdmf(rows: int) -> None:
+        (tmp_path / "a.xdmf").write_text(
+            f'<Xdmf Version="3.0"><Domain><Grid><Geometry GeometryType="XYZ"><DataItem Dimensions="{rows} 3" Seek="5" '
+            f'{about}>a.bin</DataItem></Geometry><Attribute Name="radius" Center="Node"><DataItem Dimensions="24" '
+            f'Seek="{5 + size}" {about}>\na.bin\n</DataItem></Attribute></Grid></Domain></Xdmf>'
+        )
+
+    xdmf(24)
+    assert is_spheres(gb.read(tmp_path / "a.xdmf"))
+    xdmf(10**12)
+    with pytest.raises(gb.FormatError, match=r"expected .* bytes from '5' in 'a.bin', got"):
+        gb.read(tmp_path / "a.xdmf")
+
+
+def test_instances_of_spheres_in_usd(tmp_path):
+    pytest.importorskip("pxr")
+
+    def usd(scales) -> None:
+        (tmp_path / "a.usda").write_text(
+            '#usda 1.0\ndef PointInstancer "i"\n{\n rel prototypes = [</i/s>, </i/t>]\n'
+            f" int[] protoIndices = [{', '.join(str(i % 2) for i in range(24))}]\n"
+            f" point3f[] positions = [{', '.join(f'({a}, {b}, {c})' for a, b, c in CENTERS)}]\n"
+            f" float3[] scales = [{', '.join(str(tuple(s)) for s in scales.tolist())}]\n"
+            ' def Sphere "s"\n {\n  double radius = 0.5\n }\n'
+            ' def Sphere "t"\n {\n  double radius = 1\n  float3 xformOp:scale = (2, 2, 2)\n'
+            '  uniform token[] xformOpOrder = ["xformOp:scale"]\n }\n}\n'
+        )
+
+    sizes = RADII / np.where(np.arange(24) % 2, 2, 0.5)
+    usd(np.repeat(sizes[:, None], 3, axis=1))
+    assert is_spheres(gb.read(tmp_path / "a.usda"))
+    usd(np.column_stack([sizes, sizes, 2 * sizes]))  # no spheres
+    assert find_radii(gb.read(tmp_path / "a.usda")) is None
