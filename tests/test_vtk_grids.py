@@ -7,6 +7,7 @@ from format_helpers import naming, vtk_write
 from globule.formats import kind_of
 from globule.formats.ranges import ranges
 from globule.formats.triangles import has_faces
+from globule.measure.mesh import measure_surface
 from globule.volumes import read_volume
 from test_cells import area
 
@@ -270,3 +271,13 @@ def test_collections_of_vtkhdf(tmp_path, joined):
 
 def ball_points(x, n):
     return np.random.default_rng(1).random((n, 3)) + (x, 0, 0)
+
+
+def test_an_even_grid_by_name_in_a_program_is_its_outer_faces(tmp_path):
+    grid, path = rectilinear(*EVEN), tmp_path / "a.vtr"
+    grid.GetPointData().SetScalars(numbers("rho", np.arange(120.0)))
+    vtk_write(WRITERS[".vtr"](), path, grid)
+    frames = [gb.render(scene, size=(40, 30)) for scene in (str(path), gb.Mesh(path))]
+    assert np.array_equal(*(frame.image for frame in frames))
+    with pytest.raises(ValueError, match="got the mesh"):
+        measure_surface(str(path))

@@ -81,7 +81,7 @@ def has_faces(path: str | os.PathLike[str]) -> bool:
 
 
 def part_has_faces(path: str | os.PathLike[str]) -> bool:
-    """As `has_faces`, of a part of a collection, where grids are no volumes."""
+    """As `has_faces`, where evenly spaced grids are no volumes: of a part of a collection, by name in a program."""
     return _some_have_faces(path, "mesh")
 
 
