@@ -8,6 +8,7 @@ from globule.cli import main
 from globule.data.radii import find_radii
 from globule.formats import read_contents
 from globule.render.sequence import time_of
+from test_cells import area
 
 TURNED = np.array([[0, 2, 0], [-3, 0, 0], [1, 0, 4]], float)  # edges of a box
 CORNER = np.array([10, 20, -5.0])
@@ -251,3 +252,30 @@ def test_instances_of_spheres_in_usd(tmp_path):
     assert is_spheres(gb.read(tmp_path / "a.usda"))
     usd(np.column_stack([sizes, sizes, 2 * sizes]))  # no spheres
     assert find_radii(gb.read(tmp_path / "a.usda")) is None
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_strips_of_triangles_in_ply(tmp_path, form):
+    """A square of two strips, all of whose triangles look along z, and a strip that is none."""
+    points = np.stack(np.mgrid[:3, :3], -1).reshape(-1, 2) @ np.eye(2, 3)
+    strips = [0, 3, 1, 4, 2, 5, -1, 3, 6, 4, 7, 5, 8, -1, 0, 1]
+    head = (
+        f"ply\nformat {form} 1.0\nelement vertex 9\nproperty float x\nproperty float y\nproperty float z\n"
+        "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    )
+    numbers = np.array([len(strips), *strips], "<i4")
+    body = points.astype("<f4").tobytes() + numbers.tobytes()
+    if form == "ascii":
+        body = (lines(points) + " ".join(map(str, numbers)) + "\n").encode()
+    (tmp_path / "a.ply").write_bytes(head.encode() + body)
+    mesh = gb.Mesh(tmp_path / "a.ply", device="cpu")
+    assert area(mesh) == pytest.approx(4)
+    a, b, c = (np.asarray(mesh.vertices)[mesh.faces[:, k]] for k in range(3))
+    assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+    (tmp_path / "b.ply").write_bytes(
+        (head.encode() + body).replace(b" 8 -1 0 1", b" 9 -1 0 1") if form == "ascii" else b"ply"
+    )
+    with pytest.raises(
+        gb.FormatError, match="tristrips: expected indices below 9, got 0 to 9" if form == "ascii" else ""
+    ):
+        gb.Mesh(tmp_path / "b.ply", device="cpu")

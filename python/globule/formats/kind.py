@@ -247,7 +247,7 @@ def _by_magic(head: bytes, size: int) -> Kind | None:
     if re.match(rb"\s*(ObjectType|NDims|Comment)\s*=", head) and b"DimSize" in head:
         return Kind(_tracked(head.split(b"ElementDataFile")[0]), "metaimage")
     if head[:4] in (b"ply\n", b"ply\r"):
-        faces = re.search(rb"^element face +0*[1-9]", head.split(b"end_header")[0], re.MULTILINE)
+        faces = re.search(rb"^element (?:face|tristrips) +0*[1-9]", head.split(b"end_header")[0], re.MULTILINE)
         return Kind("mesh" if faces else "particles", "ply")
     if len(head) >= 84 and size == 84 + 50 * int.from_bytes(head[80:84], "little"):
         return Kind("mesh", "stl")
