@@ -272,10 +272,7 @@ def test_strips_of_triangles_in_ply(tmp_path, form):
     assert area(mesh) == pytest.approx(4)
     a, b, c = (np.asarray(mesh.vertices)[mesh.faces[:, k]] for k in range(3))
     assert (np.cross(b - a, c - a)[:, 2] > 0).all()
-    (tmp_path / "b.ply").write_bytes(
-        (head.encode() + body).replace(b" 8 -1 0 1", b" 9 -1 0 1") if form == "ascii" else b"ply"
-    )
-    with pytest.raises(
-        gb.FormatError, match="tristrips: expected indices below 9, got 0 to 9" if form == "ascii" else ""
-    ):
-        gb.Mesh(tmp_path / "b.ply", device="cpu")
+    if form == "ascii":
+        (tmp_path / "b.ply").write_bytes((head.encode() + body).replace(b" 8 -1 0 1", b" 9 -1 0 1"))
+        with pytest.raises(gb.FormatError, match="tristrips: expected indices below 9, got 0 to 9"):
+            gb.Mesh(tmp_path / "b.ply", device="cpu")
